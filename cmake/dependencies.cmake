@@ -16,6 +16,8 @@ pkg_check_modules(png REQUIRED IMPORTED_TARGET libpng)
 find_package(JPEG REQUIRED) # libjpeg-turbo: JPEG::JPEG
 find_package(meshoptimizer 0.18 REQUIRED) # meshoptimizer::meshoptimizer
 pkg_check_modules(draco REQUIRED IMPORTED_TARGET draco>=1.5)
+pkg_check_modules(webp REQUIRED IMPORTED_TARGET libwebp)
+pkg_check_modules(avif REQUIRED IMPORTED_TARGET libavif>=0.11)
 pkg_check_modules(assimp REQUIRED IMPORTED_TARGET assimp>=5.2)
 pkg_check_modules(inih REQUIRED IMPORTED_TARGET inih)
 pkg_check_modules(jansson REQUIRED IMPORTED_TARGET jansson)
@@ -45,6 +47,8 @@ add_library(openssl::crypto ALIAS PkgConfig::crypto)
 add_library(zstd::zstd ALIAS PkgConfig::zstd)
 add_library(xxhash::xxhash ALIAS PkgConfig::xxhash)
 add_library(draco::cpp ALIAS PkgConfig::draco)
+add_library(webp::webp ALIAS PkgConfig::webp)
+add_library(avif::avif ALIAS PkgConfig::avif)
 add_library(PNG::png ALIAS PkgConfig::png)
 add_library(assimp::c ALIAS PkgConfig::assimp) # its C interface; Debian's own CMake target names a config we lack
 add_library(inih::inih ALIAS PkgConfig::inih)

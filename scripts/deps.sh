@@ -11,7 +11,7 @@ packages=(
     libprotobuf-c-dev protobuf-c-compiler protobuf-compiler
     libzstd-dev libxxhash-dev libjansson-dev libinih-dev
     libopenexr-dev libpng-dev libjpeg62-turbo-dev libassimp-dev libstb-dev libsdl2-dev
-    libmeshoptimizer-dev libdraco-dev # compressed glTF
+    libmeshoptimizer-dev libdraco-dev libwebp-dev libavif-dev # compressed glTF
     libepoxy-dev libegl-dev libegl1 libgl1-mesa-dri
     gnuplot-nox
     libcmocka-dev

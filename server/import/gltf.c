@@ -16,6 +16,8 @@ static enum lw_status convert_parts(struct lw_gltf_document *document, struct lw
     if (meshes->builder.degenerate_count)
         lw_log(LW_LOG_WARNING, "%s: %llu triangles without area are left out", document->name,
                (unsigned long long)meshes->builder.degenerate_count);
+    lw_tally_warn(&meshes->materials->without_image, document->name,
+                  "textures have no image in a format that is read; a colour stands in");
     lw_tally_warn(&meshes->materials->bright, document->name, "base colours above 1 are lowered to 1");
     lw_tally_warn(&meshes->bright, document->name, "vertex colours above 1 are lowered to 1");
     if (scene->object_count == 0)

@@ -24,8 +24,9 @@ static const char *const warning_text[LW_GLTF_WARNING_COUNT] = {
 };
 
 static const char *const supported_extensions[] = {
-    "EXT_meshopt_compression",         "KHR_draco_mesh_compression", "KHR_lights_punctual",
-    "KHR_materials_emissive_strength", "KHR_mesh_quantization",      "KHR_texture_transform",
+    "EXT_meshopt_compression",    "EXT_texture_avif",      "EXT_texture_webp",
+    "KHR_draco_mesh_compression", "KHR_lights_punctual",   "KHR_materials_emissive_strength",
+    "KHR_mesh_quantization",      "KHR_texture_transform",
 };
 
 void lw_gltf_document_warn(struct lw_gltf_document *document, enum lw_gltf_warning warning) {

@@ -132,17 +132,37 @@ static uint32_t find_texture(const struct lw_scene *scene, const struct lw_textu
     return LW_SCENE_NONE;
 }
 
+/* The image of a texture; *out stays LW_SCENE_NONE if it has none that can be read. */
+static enum lw_status find_image(const struct lw_gltf_document *document, const json_t *texture,
+                                 uint32_t *out, struct lw_error *err) {
+    static const char *const extensions[] = {"EXT_texture_avif", "EXT_texture_webp"};
+    for (size_t i = 0; i < sizeof extensions / sizeof *extensions; i++) {
+        const json_t *extension = NULL;
+        if (lw_gltf_json_extension(texture, extensions[i], &extension, err) ||
+            (extension && lw_gltf_document_index(document, extension, "source", LW_GLTF_IMAGES, out, err))) {
+            lw_status_context(err, "%s", extensions[i]);
+            return err->status;
+        }
+        if (*out != LW_SCENE_NONE) return LW_OK;
+    }
+    return lw_gltf_document_index(document, texture, "source", LW_GLTF_IMAGES, out, err);
+}
+
 /* *out stays LW_SCENE_NONE if the picture is unreadable. */
 static enum lw_status convert_texture(struct lw_gltf_materials *materials, uint32_t index, uint32_t *out,
                                       struct lw_error *err) {
     const struct lw_gltf_document *document = materials->document;
     const json_t *object = lw_gltf_document_item(document, LW_GLTF_TEXTURES, index);
     uint32_t image = LW_SCENE_NONE, sampler = LW_SCENE_NONE;
-    if (lw_gltf_document_index(document, object, "source", LW_GLTF_IMAGES, &image, err) ||
+    if (find_image(document, object, &image, err) ||
         lw_gltf_document_index(document, object, "sampler", LW_GLTF_SAMPLERS, &sampler, err))
         return err->status;
-    if (image == LW_SCENE_NONE)
-        return lw_status_fail(err, LW_BAD_DATA, "source: is missing; only PNG and JPEG images are read");
+    if (image == LW_SCENE_NONE) { /* it names one in an extension that is not read */
+        char name[32];
+        snprintf(name, sizeof name, "textures[%u]", index);
+        lw_tally_add(&materials->without_image, name);
+        return LW_OK;
+    }
     struct lw_texture texture = {0};
     const json_t *sampler_object =
         sampler == LW_SCENE_NONE ? NULL : lw_gltf_document_item(document, LW_GLTF_SAMPLERS, sampler);

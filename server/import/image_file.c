@@ -5,9 +5,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <avif/avif.h>
 #include <jerror.h>
 #include <jpeglib.h>
 #include <png.h>
+#include <webp/decode.h>
 
 /* A progressive JPEG of a few kilobytes may ask for thousands of passes over a large picture. */
 #define JPEG_SCANS_MAX 200
@@ -143,18 +145,98 @@ static bool run_jpeg(struct decoder *decoder) {
     return true;
 }
 
-/* ---- both ---- */
+/* ---- WebP ---- */
+
+static const char *webp_reason(VP8StatusCode status) {
+    return status == VP8_STATUS_NOT_ENOUGH_DATA ? "it is truncated"
+           : status == VP8_STATUS_OUT_OF_MEMORY ? "out of memory"
+                                                : "it is corrupt";
+}
+
+static bool run_webp(struct decoder *decoder) {
+    WebPDecoderConfig config;
+    WebPInitDecoderConfig(&config);
+    VP8StatusCode status = WebPGetFeatures(decoder->bytes, decoder->size, &config.input);
+    if (status == VP8_STATUS_OK) {
+        decoder->width = (uint32_t)config.input.width;
+        decoder->height = (uint32_t)config.input.height;
+        if (decoder->header_only) return true;
+        if (!allocate(decoder)) status = VP8_STATUS_OUT_OF_MEMORY;
+    }
+    if (status == VP8_STATUS_OK) {
+        config.output.colorspace = MODE_RGBA;
+        config.output.is_external_memory = 1;
+        config.output.u.RGBA = (WebPRGBABuffer){.rgba = decoder->rgba,
+                                                .stride = (int)decoder->width * 4,
+                                                .size = (size_t)decoder->width * decoder->height * 4};
+        status = WebPDecode(decoder->bytes, decoder->size, &config);
+    }
+    if (status == VP8_STATUS_UNSUPPORTED_FEATURE)
+        snprintf(decoder->reason, sizeof decoder->reason, "it is animated");
+    else if (status != VP8_STATUS_OK)
+        snprintf(decoder->reason, sizeof decoder->reason, "%s", webp_reason(status));
+    return status == VP8_STATUS_OK;
+}
+
+/* ---- AVIF ---- */
+
+/* Strict checks would refuse what encoders of some years ago wrote, and add no safety. */
+static avifResult read_avif(struct decoder *decoder, avifDecoder *avif) {
+    avif->maxThreads = 1;
+    avif->ignoreExif = avif->ignoreXMP = AVIF_TRUE;
+    avif->imageDimensionLimit = LW_SCENE_TEXTURE_SIDE_MAX;
+    avif->imageCountLimit = 1;
+    avif->strictFlags = AVIF_STRICT_DISABLED;
+    avifResult result = avifDecoderSetIOMemory(avif, decoder->bytes, decoder->size);
+    if (result == AVIF_RESULT_OK) result = avifDecoderParse(avif);
+    if (result != AVIF_RESULT_OK) return result;
+    decoder->width = avif->image->width;
+    decoder->height = avif->image->height;
+    if (decoder->header_only) return AVIF_RESULT_OK;
+    if ((result = avifDecoderNextImage(avif)) != AVIF_RESULT_OK) return result;
+    if (avif->image->width != decoder->width || avif->image->height != decoder->height)
+        return AVIF_RESULT_BMFF_PARSE_FAILED;
+    if (!allocate(decoder)) return AVIF_RESULT_OUT_OF_MEMORY;
+    avifRGBImage out;
+    avifRGBImageSetDefaults(&out, avif->image);
+    out.format = AVIF_RGB_FORMAT_RGBA;
+    out.depth = 8;
+    out.pixels = decoder->rgba;
+    out.rowBytes = decoder->width * 4;
+    return avifImageYUVToRGB(avif->image, &out);
+}
+
+static bool run_avif(struct decoder *decoder) {
+    avifDecoder *avif = avifDecoderCreate();
+    avifResult result = avif ? read_avif(decoder, avif) : AVIF_RESULT_OUT_OF_MEMORY;
+    if (avif) avifDecoderDestroy(avif);
+    snprintf(decoder->reason, sizeof decoder->reason, "%s", avifResultToString(result));
+    return result == AVIF_RESULT_OK;
+}
+
+static bool is_avif(const uint8_t *bytes, size_t size) {
+    const avifROData data = {bytes, size};
+    return size >= 12 && memcmp(bytes + 4, "ftyp", 4) == 0 && avifPeekCompatibleFileType(&data);
+}
+
+/* ---- all ---- */
+
+/* What the first bytes say; NULL: none of these. */
+static bool (*find_format(const uint8_t *bytes, size_t size))(struct decoder *decoder) {
+    static const uint8_t jpeg_magic[3] = {0xff, 0xd8, 0xff};
+    if (size >= 8 && png_sig_cmp(bytes, 0, 8) == 0) return run_png;
+    if (size >= 3 && memcmp(bytes, jpeg_magic, 3) == 0) return run_jpeg;
+    if (size >= 12 && memcmp(bytes, "RIFF", 4) == 0 && memcmp(bytes + 8, "WEBP", 4) == 0) return run_webp;
+    return is_avif(bytes, size) ? run_avif : NULL;
+}
 
 static enum lw_status run(struct decoder *decoder, struct lw_error *err) {
-    static const uint8_t jpeg_magic[3] = {0xff, 0xd8, 0xff};
     if (decoder->size > LW_IMAGE_FILE_SIZE_MAX)
         return lw_status_fail(err, LW_BAD_DATA, "has %zu bytes; the limit is %u", decoder->size,
                               LW_IMAGE_FILE_SIZE_MAX);
-    bool is_png = decoder->size >= 8 && png_sig_cmp(decoder->bytes, 0, 8) == 0;
-    bool is_jpeg = decoder->size >= 3 && memcmp(decoder->bytes, jpeg_magic, 3) == 0;
-    if (!is_png && !is_jpeg) return lw_status_fail(err, LW_BAD_DATA, "is neither PNG nor JPEG");
-    if (!(is_png ? run_png(decoder) : run_jpeg(decoder)))
-        return lw_status_fail(err, LW_BAD_DATA, "cannot be decoded: %s", decoder->reason);
+    bool (*decode)(struct decoder *) = find_format(decoder->bytes, decoder->size);
+    if (!decode) return lw_status_fail(err, LW_BAD_DATA, "is not " LW_IMAGE_FILE_FORMATS);
+    if (!decode(decoder)) return lw_status_fail(err, LW_BAD_DATA, "cannot be decoded: %s", decoder->reason);
     return LW_OK;
 }
 

@@ -1,11 +1,13 @@
-/* image_file.h: decodes PNG and JPEG to 8-bit RGBA, within bounds that are checked before a texel is decoded.
- * libpng and libjpeg-turbo, because Debian mends them: stb_image's JPEG decoder of 2022 writes out of bounds
+/* image_file.h: decodes PNG, JPEG, WebP and AVIF to 8-bit RGBA, within bounds that are checked before a texel is decoded.
+ * By the formats' own libraries, because Debian mends them: stb_image's JPEG decoder of 2022 writes out of bounds
  * by a Huffman table of more than 256 codes, which fuzzing found within seconds.
  * Threads: [any]. */
 #ifndef LW_IMPORT_IMAGE_FILE_H
 #define LW_IMPORT_IMAGE_FILE_H
 
 #include "common/scene/scene.h"
+
+#define LW_IMAGE_FILE_FORMATS "PNG, JPEG, WebP or AVIF"
 
 #define LW_IMAGE_FILE_SIZE_MAX   (256u << 20) /* bytes of an encoded image */
 #define LW_IMAGE_FILE_TEXELS_MAX (1ull << 30) /* of all images of a scene together: 4 GiB decoded */
@@ -14,7 +16,7 @@
  * white beside a texture, and a white room would be far too bright. */
 #define LW_IMAGE_FILE_STAND_IN_ALBEDO 0.5f
 
-/** Size of an image from its header. Errors: LW_BAD_DATA (not PNG or JPEG, larger than
+/** Size of an image from its header. Errors: LW_BAD_DATA (no such format, larger than
  * LW_SCENE_TEXTURE_SIDE_MAX). */
 LW_MUST_CHECK enum lw_status lw_image_file_size(const uint8_t *bytes, size_t size, uint32_t *out_width,
                                                 uint32_t *out_height, struct lw_error *err);

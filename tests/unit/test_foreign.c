@@ -347,7 +347,7 @@ static void unreadable_textures_have_a_stand_in(void **state) {
     static const struct {
         const char *name, *reason;
     } cases[] = {{"none.png", "texture \"none.png\": is not there"},
-                 {"old.tga", "texture \"old.tga\": is neither PNG nor JPEG"},
+                 {"old.tga", "texture \"old.tga\": is not PNG, JPEG, WebP or AVIF"},
                  {"cut.png", "texture \"cut.png\": cannot be decoded"}};
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         char text[256];

@@ -20,6 +20,18 @@
 #define PNG_TOO_WIDE                                                                                         \
     "iVBORw0KGgoAAAANSUhEUgAAnEAAAAABCAYAAAC9YMuEAAAACElEQVR4nAMAAAAAAUgGidIAAAAASUVORK5CYII="
 
+/* the same texels in other formats */
+#define WEBP "UklGRiAAAABXRUJQVlA4TBQAAAAvAQAAEA8wgPs//w/6Dy1UIKL/AQ=="
+#define AVIF                                                                                                 \
+    "AAAAIGZ0eXBhdmlmAAAAAGF2aWZtaWYxbWlhZk1BMUEAAAGNbWV0YQAAAAAAAAAoaGRscgAAAAAAAAAAcGljdAAAAAAAAAAA"       \
+    "AAAAAGxpYmF2aWYAAAAADnBpdG0AAAAAAAEAAAAsaWxvYwAAAABEAAACAAEAAAABAAABzgAAADYAAgAAAAEAAAG1AAAAGQAA"       \
+    "AEJpaW5mAAAAAAACAAAAGmluZmUCAAAAAAEAAGF2MDFDb2xvcgAAAAAaaW5mZQIAAAAAAgAAYXYwMUFscGhhAAAAABppcmVm"       \
+    "AAAAAAAAAA5hdXhsAAIAAQABAAAAw2lwcnAAAACdaXBjbwAAABRpc3BlAAAAAAAAAAIAAAABAAAAEHBpeGkAAAAAAwgICAAA"       \
+    "AAxhdjFDgSAAAAAAABNjb2xybmNseAACAAIAAIAAAAAOcGl4aQAAAAABCAAAAAxhdjFDgQAcAAAAADhhdXhDAAAAAHVybjpt"       \
+    "cGVnOm1wZWdCOmNpY3A6c3lzdGVtczphdXhpbGlhcnk6YWxwaGEAAAAAHmlwbWEAAAAAAAAAAgABBAECgwQAAgQBBYYHAAAA"       \
+    "V21kYXQSAAoEGAAuVTIPEACG0okppdY/cr1yvYOAEgAKBzgALlAgIAkyKRAAAIu7FZWxIsAzAMwDaVAW/9VnFzqLWI9Yj2+e"       \
+    "1Re9U38GGfIJ8gp5"
+
 /* The binary part of the base scene: a square in the x-y plane, and a path of two keys. */
 struct base_data {
     float position[4][3], normal[4][3], uv[4][2];
@@ -257,7 +269,8 @@ static const struct {
     {"'doubleSided':true", "'doubleSided':1", "doubleSided: must be true or false"},
     {"'baseColorTexture':{'index':0}", "'baseColorTexture':{'index':1}", "baseColorTexture: index"},
     {"'baseColorTexture':{'index':0}", "'baseColorTexture':{}", "baseColorTexture: index: is required"},
-    {"{'source':0,'sampler':0}", "{'sampler':0}", "textures[0]: source: is missing"},
+    {"{'source':0,'sampler':0}", "{'extensions':{'EXT_texture_webp':{'source':4}}}",
+     "textures[0]: EXT_texture_webp: source: must be an index into images"},
     {"{'source':0,'sampler':0}", "{'source':0,'sampler':9}", "textures[0]: sampler: must be an index"},
     {"'wrapS':33071", "'wrapS':1", "samplers[0]: wrapS"},
     {"'images':[{'uri':", "'images':[{'bufferView':0,'uri':",
@@ -714,9 +727,12 @@ static void unreadable_pictures_have_a_stand_in(void **state) {
         struct change change;
         const char *text;
     } failures[] = {
-        {{"'uri':'data:image/png;base64," PNG "'", "'bufferView':0"}, "images[0]: is neither PNG nor JPEG"},
+        {{"'uri':'data:image/png;base64," PNG "'", "'bufferView':0"},
+         "images[0]: is not PNG, JPEG, WebP or AVIF"},
         {{"data:image/png;base64," PNG, "data:image/png;base64," PNG_TOO_WIDE}, "Invalid IHDR data"},
         {{"data:image/png;base64," PNG, "data:image/png;base64,iVBORw0KGgoAAAANSUhEUg"}, "it is truncated"},
+        {{"{'source':0,'sampler':0}", "{'extensions':{'KHR_texture_basisu':{'source':0}}}"},
+         "have no image in a format that is read; a colour stands in: \"textures[0]\""},
     };
     char talk[4096];
     for (size_t i = 0; i < sizeof failures / sizeof *failures; i++) {
@@ -733,6 +749,30 @@ static void unreadable_pictures_have_a_stand_in(void **state) {
         assert_float_equal(material->emission[0], 0, 0);
         lw_scene_destroy(scene);
     }
+}
+
+static void pictures_of_extensions_are_read(void **state) {
+    (void)state;
+    static const struct {
+        const char *extension, *uri;
+    } formats[] = {{"EXT_texture_webp", "data:image/webp;base64," WEBP},
+                   {"EXT_texture_avif", "data:image/avif;base64," AVIF}};
+    for (size_t i = 0; i < sizeof formats / sizeof *formats; i++)
+        for (int fallback = 0; fallback < 2; fallback++) {
+            char texture[128], required[128];
+            snprintf(texture, sizeof texture, "{%s'sampler':0,'extensions':{'%s':{'source':0}}}",
+                     fallback ? "'source':1," : "", formats[i].extension);
+            snprintf(required, sizeof required, "'asset':{'version':'2.0'},'extensionsRequired':['%s']",
+                     formats[i].extension);
+            struct lw_scene *scene;
+            LOAD(scene, base_data, {"{'source':0,'sampler':0}", texture},
+                 {"'asset':{'version':'2.0'}", required},
+                 {"data:image/png;base64," PNG "'}", "@'},{'uri':'@'}"}, {"@", formats[i].uri});
+            const uint8_t texels[8] = {255, 0, 0, 255, 0, 128, 255, 64};
+            assert_int_equal(scene->texture_count, 1);
+            assert_memory_equal(scene->texture[0].rgba, texels, sizeof texels);
+            lw_scene_destroy(scene);
+        }
 }
 
 /* Exporters write a spot without a soft edge with equal cones, though glTF forbids it. */
@@ -983,6 +1023,7 @@ int main(void) {
         cmocka_unit_test(a_texture_transform_moves_its_coordinates),
         cmocka_unit_test(images_are_decoded_once),
         cmocka_unit_test(unreadable_pictures_have_a_stand_in),
+        cmocka_unit_test(pictures_of_extensions_are_read),
         cmocka_unit_test(a_spot_without_a_soft_edge_is_read),
         cmocka_unit_test(emission_is_strength_times_texture),
         cmocka_unit_test(albedo_above_one_is_lowered_and_told_once),

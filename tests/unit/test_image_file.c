@@ -7,8 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <avif/avif.h>
 #include <jpeglib.h>
 #include <png.h>
+#include <webp/encode.h>
 
 struct bytes {
     uint8_t data[1 << 16];
@@ -166,14 +168,14 @@ static void a_cut_picture_is_refused(void **state) {
     for (int i = 0; i < 16 * 48; i++) rows[i / 48][i % 48] = (uint8_t)(i * i * 31 >> 3);
     write_png(&bytes, 16, 16, 8, PNG_COLOR_TYPE_RGB, PNG_INTERLACE_NONE, rows[0], sizeof rows[0]);
     for (size_t size = 0; size < bytes.size; size++)
-        refuse(bytes.data, size, size < 8 ? "neither" : "truncated");
+        refuse(bytes.data, size, size < 8 ? "is not PNG" : "truncated");
     bytes.data[bytes.size - 20] ^= 1; /* in the compressed data */
     refuse(bytes.data, bytes.size, "cannot be decoded");
 
     const uint8_t colour[3] = {200, 100, 50};
     write_jpeg(&bytes, 64, false, 3, colour);
     for (size_t size = 0; size < bytes.size - 2; size++)
-        refuse(bytes.data, size, size < 3 ? "neither" : "cannot be decoded");
+        refuse(bytes.data, size, size < 3 ? "is not PNG" : "cannot be decoded");
 }
 
 static void oversized_pictures_are_refused_by_their_header(void **state) {
@@ -213,11 +215,99 @@ static void a_jpeg_of_endless_scans_is_refused(void **state) {
     refuse(jpeg.data, end + 2, "more than 200 scans");
 }
 
+/* A picture of many colours, so that a format that mixes up rows or channels shows. */
+#define WIDE 19
+#define HIGH 13
+static void paint(uint8_t rgba[HIGH][WIDE][4]) {
+    for (int y = 0; y < HIGH; y++)
+        for (int x = 0; x < WIDE; x++) {
+            const uint8_t colour[4] = {(uint8_t)(13 * x), (uint8_t)(19 * y), (uint8_t)(7 * x + 5 * y),
+                                       (uint8_t)(255 - 11 * y)};
+            memcpy(rgba[y][x], colour, 4);
+        }
+}
+
+static void take(struct bytes *out, const uint8_t *data, size_t size) {
+    assert_in_range(size, 1, sizeof out->data);
+    memcpy(out->data, data, size);
+    out->size = size;
+}
+
+static void write_webp(struct bytes *out) {
+    uint8_t rgba[HIGH][WIDE][4], *encoded = NULL;
+    paint(rgba);
+    size_t size = WebPEncodeLosslessRGBA(rgba[0][0], WIDE, HIGH, WIDE * 4, &encoded);
+    take(out, encoded, size);
+    WebPFree(encoded);
+}
+
+/* Lossless: no quantisation, and red, green and blue as they are. */
+static void write_avif(struct bytes *out) {
+    uint8_t rgba[HIGH][WIDE][4];
+    avifRGBImage rgb;
+    avifRWData encoded = AVIF_DATA_EMPTY;
+    avifImage *image = avifImageCreate(WIDE, HIGH, 8, AVIF_PIXEL_FORMAT_YUV444);
+    avifEncoder *encoder = avifEncoderCreate();
+    paint(rgba);
+    image->matrixCoefficients = AVIF_MATRIX_COEFFICIENTS_IDENTITY;
+    avifRGBImageSetDefaults(&rgb, image);
+    rgb.pixels = rgba[0][0];
+    rgb.rowBytes = WIDE * 4;
+    encoder->minQuantizer = encoder->maxQuantizer = 0;
+    encoder->minQuantizerAlpha = encoder->maxQuantizerAlpha = 0;
+    assert_int_equal(avifImageRGBToYUV(image, &rgb), AVIF_RESULT_OK);
+    assert_int_equal(avifEncoderWrite(encoder, image, &encoded), AVIF_RESULT_OK);
+    take(out, encoded.data, encoded.size);
+    avifRWDataFree(&encoded);
+    avifEncoderDestroy(encoder);
+    avifImageDestroy(image);
+}
+
+static void webp_and_avif_become_rgba(void **state) {
+    (void)state;
+    static struct bytes bytes;
+    uint8_t expected[HIGH][WIDE][4];
+    paint(expected);
+    for (int avif = 0; avif < 2; avif++) {
+        (avif ? write_avif : write_webp)(&bytes);
+        uint8_t *rgba = decode(&bytes, WIDE, HIGH);
+        assert_memory_equal(rgba, expected, sizeof expected);
+        free(rgba);
+    }
+}
+
+/* Cut at any place, or with a wrong bit anywhere, they are read or refused: no crash, no leak. */
+static void damaged_webp_and_avif_are_read_or_refused(void **state) {
+    (void)state;
+    static struct bytes bytes;
+    unsigned refused = 0;
+    for (int avif = 0; avif < 2; avif++) {
+        (avif ? write_avif : write_webp)(&bytes);
+        for (size_t size = 0; size < bytes.size; size++) refuse(bytes.data, size, "");
+        for (size_t i = 0; i < bytes.size; i++) {
+            struct lw_error err = {0};
+            uint32_t width = 0, height = 0;
+            uint8_t *rgba = NULL;
+            bytes.data[i] ^= (uint8_t)(1 << i % 8);
+            enum lw_status status = lw_image_file_size(bytes.data, bytes.size, &width, &height, &err);
+            if (status == LW_OK && (uint64_t)width * height < 1u << 22)
+                status = lw_image_file_decode(bytes.data, bytes.size, &rgba, &err);
+            assert_true(status == LW_OK || (status == LW_BAD_DATA && err.text[0] && !rgba));
+            refused += status != LW_OK;
+            free(rgba);
+            bytes.data[i] ^= (uint8_t)(1 << i % 8);
+        }
+    }
+    assert_true(refused > 0);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_kind_of_png_becomes_rgba),
         cmocka_unit_test(interlaced_png_is_whole),
         cmocka_unit_test(jpeg_becomes_rgba),
+        cmocka_unit_test(webp_and_avif_become_rgba),
+        cmocka_unit_test(damaged_webp_and_avif_are_read_or_refused),
         cmocka_unit_test(a_cut_picture_is_refused),
         cmocka_unit_test(oversized_pictures_are_refused_by_their_header),
         cmocka_unit_test(a_jpeg_of_endless_scans_is_refused),
