@@ -80,10 +80,6 @@ struct lw_server_desc {
     unsigned excess_timeout_ms;  /* 0: LW_SERVER_EXCESS_TIMEOUT_S */
     unsigned package_timeout_ms; /* 0: LW_SERVER_PACKAGE_TIMEOUT_S */
     unsigned silence_timeout_ms; /* 0: LW_SERVER_SILENCE_S */
-    /* Called at each SIGHUP while the server runs: files are to be read again. [loop]; NULL: the signal has its
-     * default effect. */
-    void (*reload)(void *context);
-    void *reload_context;
 };
 
 /** Sessions are peers that were welcomed; refused counts the refusals sent. */
