@@ -175,13 +175,12 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
 
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct lw_cell_solver *s = (const struct lw_cell_solver *)solver;
-    const size_t per_texel = lw_tiles_texel_bytes(&s->tiles) + sizeof(uint32_t) * s->desc.indirect_samples;
-    return per_texel * s->tiles.texel_count + lw_seams_light_memory_bytes(&s->welds[LW_LIGHT_FORM_FULL]) +
-           lw_seams_light_memory_bytes(&s->welds[LW_LIGHT_FORM_SPLIT]) +
-           lw_denoise_memory_bytes(&s->denoise) + lw_scheduler_memory_bytes(&s->scheduler) +
-           s->tiles.block_count * sizeof *s->tiles.block +
-           (s->has_probes ? lw_probes_memory_bytes(&s->probes) : 0) +
-           (s->geometry == &s->own_geometry ? lw_geometry_memory_bytes(s->geometry) : 0);
+    size_t bytes = (size_t)s->tiles.texel_count * s->desc.indirect_samples * sizeof *s->end +
+                   lw_tiles_memory_bytes(&s->tiles) + lw_denoise_memory_bytes(&s->denoise) +
+                   lw_scheduler_memory_bytes(&s->scheduler);
+    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) bytes += lw_seams_light_memory_bytes(&s->welds[f]);
+    if (s->has_probes) bytes += lw_probes_memory_bytes(&s->probes);
+    return bytes + (s->geometry == &s->own_geometry ? lw_geometry_memory_bytes(s->geometry) : 0);
 }
 
 static void destroy(struct lw_solver *solver) {

@@ -147,15 +147,6 @@ enum lw_status lw_geometry_find_seams(struct lw_geometry *geometry, const struct
 void lw_geometry_forget_tiles(struct lw_geometry *geometry) { (void)end_search(geometry, false); }
 
 size_t lw_geometry_memory_bytes(const struct lw_geometry *geometry) {
-    const struct lw_texels *texels = &geometry->texels;
-    size_t mesh_texels = 0, places = 0;
-    for (uint32_t m = 0; m < geometry->scene->mesh_count; m++) {
-        const struct lw_mesh_texels *mesh = &texels->mesh[m];
-        mesh_texels += mesh->texel_count;
-        if (mesh->footprint.first) places += mesh->footprint.first[mesh->texel_count];
-    }
-    return texels->count * (3 + sizeof *texels->source) + /* covered, usable, filled; source */
-           mesh_texels * (14 * sizeof(float) + 2 * sizeof(uint32_t) + 1) +
-           places * sizeof(struct lw_sample_points_place) + geometry->pairs.bytes +
+    return lw_texels_memory_bytes(&geometry->texels) + lw_denoise_pairs_memory_bytes(&geometry->pairs) +
            lw_seams_memory_bytes(&geometry->seams) + lw_trace_memory_bytes(geometry->trace);
 }

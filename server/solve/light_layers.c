@@ -197,6 +197,16 @@ static bool allocate_sums(struct layers *s) {
     return ok;
 }
 
+static size_t sums_bytes(const struct layers *s) {
+    size_t planes = 0;
+    for (int c = 0; c < 3; c++) {
+        planes += (s->direct[c] != NULL) + (s->indirect[c] != NULL);
+        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) planes += s->light[f][c] != NULL;
+    }
+    return planes * s->geometry.texels.count * sizeof(float) +
+           (s->solved_frame ? s->desc.atlas_map->tile_count * sizeof *s->solved_frame : 0);
+}
+
 /* The weighted sum of one plane of a tile, of those `part` takes from a layer's tiles; returns whether it is another than before. */
 static bool sum_plane(const struct layers *s, lw_tile_id id, int c,
                       float *(*part)(const struct lw_tiles *tiles, int c), float *plane) {
@@ -565,8 +575,7 @@ static size_t memory_bytes(const struct lw_solver *solver) {
     size_t bytes = lw_geometry_memory_bytes(&s->geometry);
     for (uint32_t k = 0; k < s->count; k++)
         bytes += s->layer[k].solver->ops->memory_bytes(s->layer[k].solver);
-    const size_t planes = parts_drawn(s) ? 4 : 3;
-    return bytes + (s->sums ? s->geometry.texels.count * 3 * planes * sizeof(float) : 0);
+    return bytes + sums_bytes(s);
 }
 
 static void destroy(struct lw_solver *solver) {

@@ -28,6 +28,7 @@ enum lw_status lw_scheduler_init(struct lw_scheduler *scheduler, uint32_t ids, u
                                        .ended = true,
                                        .ids = ids,
                                        .samples = indirect_samples,
+                                       .tile_count = tile_count,
                                        .turn = calloc(tile_count + 1ul, sizeof *scheduler->turn)};
     return scheduler->turn ? LW_OK : LW_NO_MEMORY;
 }
@@ -36,6 +37,10 @@ void lw_scheduler_finish(struct lw_scheduler *scheduler) {
     lw_scheduler_forget_interest(scheduler);
     free(scheduler->turn);
     scheduler->turn = NULL;
+}
+
+size_t lw_scheduler_memory_bytes(const struct lw_scheduler *scheduler) {
+    return scheduler->tile_count * sizeof *scheduler->turn + lw_scheduler_interest_bytes(scheduler);
 }
 
 /* ---- order: interest before its contributors, near to what has moved before far from it ---- */

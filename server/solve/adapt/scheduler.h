@@ -72,8 +72,8 @@ struct lw_scheduler_count {
 struct lw_scheduler {
     /* -- interest and importance; the planes are NULL until somebody names tiles -- */
     enum lw_scheduler_scope scope;
-    /* lw_tile_ids of the scene. */
-    uint32_t ids;
+    /* lw_tile_ids of the scene; of these, tiles of level 0. */
+    uint32_t ids, tile_count;
     /* Bounce rays per texel. */
     uint32_t samples;
     /* Per lw_tile_id: 0, or 1 + the finest level that is seen. */
@@ -155,6 +155,7 @@ LW_MUST_CHECK enum lw_status lw_scheduler_init(struct lw_scheduler *scheduler, u
 /** A zeroed one is fine. */
 void lw_scheduler_finish(struct lw_scheduler *scheduler);
 
+/** Bytes held. */
 size_t lw_scheduler_memory_bytes(const struct lw_scheduler *scheduler);
 
 /* ---- interest (scheduler_rounds.c) ---- */
@@ -165,6 +166,9 @@ LW_MUST_CHECK enum lw_status lw_scheduler_set_interest(struct lw_scheduler *sche
 
 /** Frees what is kept of the interest set. */
 void lw_scheduler_forget_interest(struct lw_scheduler *scheduler);
+
+/** Bytes of that. */
+size_t lw_scheduler_interest_bytes(const struct lw_scheduler *scheduler);
 
 /** Whether there is any interest: else no light matters. */
 static inline bool lw_scheduler_has_interest(const struct lw_scheduler *scheduler) {

@@ -39,6 +39,12 @@ static bool allocate(struct lw_scheduler *scheduler) {
     return scheduler->wanted && scheduler->hits && scheduler->importance && scheduler->weight;
 }
 
+size_t lw_scheduler_interest_bytes(const struct lw_scheduler *scheduler) {
+    if (!scheduler->wanted) return 0;
+    return scheduler->ids * (sizeof *scheduler->wanted + sizeof *scheduler->hits +
+                             sizeof *scheduler->importance + sizeof *scheduler->weight);
+}
+
 enum lw_status lw_scheduler_set_interest(struct lw_scheduler *scheduler, const uint8_t *wanted) {
     if (!wanted) {
         scheduler->scope = LW_SCHEDULER_EVERYTHING;
@@ -251,8 +257,4 @@ void lw_scheduler_note_hits(struct lw_scheduler *scheduler, const struct lw_tile
                                __ATOMIC_RELAXED);
         }
     }
-}
-
-size_t lw_scheduler_memory_bytes(const struct lw_scheduler *scheduler) {
-    return scheduler->wanted ? (size_t)scheduler->ids * 11 : 0;
 }

@@ -99,9 +99,14 @@ static void weigh_row(const struct lw_mesh_texels *mesh, uint32_t y, uint32_t st
     }
 }
 
+/* The pairs of a mesh. */
+static size_t mesh_bytes(const struct lw_mesh_texels *mesh) {
+    return LW_DENOISE_PASSES * DIRECTIONS * area_of(mesh) + SPARE;
+}
+
 static uint8_t *weigh_mesh(const struct lw_mesh_texels *mesh, int threads) {
     const size_t area = area_of(mesh);
-    uint8_t *pair = calloc(LW_DENOISE_PASSES * DIRECTIONS * area + SPARE, 1);
+    uint8_t *pair = calloc(mesh_bytes(mesh), 1);
     if (!pair) return NULL;
     const float side = texel_side(mesh);
 #pragma omp parallel for schedule(static) num_threads(threads)
@@ -123,11 +128,18 @@ enum lw_status lw_denoise_pairs_init(struct lw_denoise_pairs *pairs, const struc
         const uint32_t m = scene->object[o].mesh;
         if (pairs->pair[m] || !texels->mesh[m].texel_count) continue;
         ok = (pairs->pair[m] = weigh_mesh(&texels->mesh[m], threads)) != NULL;
-        pairs->bytes += LW_DENOISE_PASSES * DIRECTIONS * area_of(&texels->mesh[m]);
     }
     if (ok) return LW_OK;
     lw_denoise_pairs_finish(pairs);
     return LW_NO_MEMORY;
+}
+
+size_t lw_denoise_pairs_memory_bytes(const struct lw_denoise_pairs *pairs) {
+    if (!pairs->pair) return 0;
+    size_t bytes = pairs->scene->mesh_count * sizeof *pairs->pair;
+    for (uint32_t m = 0; m < pairs->scene->mesh_count; m++)
+        if (pairs->pair[m]) bytes += mesh_bytes(&pairs->texels->mesh[m]);
+    return bytes;
 }
 
 void lw_denoise_pairs_finish(struct lw_denoise_pairs *pairs) {
@@ -479,7 +491,8 @@ void lw_denoise_finish(struct lw_denoise *denoise) {
 
 size_t lw_denoise_memory_bytes(const struct lw_denoise *denoise) {
     if (!denoise->pairs) return 0;
-    return denoise->tiles->block_count + (size_t)denoise->threads * sizeof *denoise->planes;
+    return denoise->tiles->block_count * sizeof *denoise->marked +
+           (size_t)denoise->threads * sizeof *denoise->planes;
 }
 
 /* Marks the block of a tile at a column and row of its object's blocks, if there is one. */

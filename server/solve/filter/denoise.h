@@ -31,7 +31,6 @@ struct lw_denoise_pairs {
     const struct lw_texels *texels; /* likewise */
     uint8_t *
         *pair; /* per mesh: weights of the pairs of all passes and directions, or NULL: it has no texels */
-    size_t bytes;
 };
 
 /** Errors: LW_NO_MEMORY. */
@@ -39,6 +38,9 @@ LW_MUST_CHECK enum lw_status lw_denoise_pairs_init(struct lw_denoise_pairs *pair
                                                    const struct lw_scene *scene,
                                                    const struct lw_texels *texels, int threads);
 void lw_denoise_pairs_finish(struct lw_denoise_pairs *pairs);
+
+/** Bytes held. */
+size_t lw_denoise_pairs_memory_bytes(const struct lw_denoise_pairs *pairs);
 
 /** What the filter of one solve needs beside its tiles. */
 struct lw_denoise {

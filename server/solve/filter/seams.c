@@ -293,6 +293,8 @@ static bool list_blocks(struct builder *b) {
             }
         }
         s->first_block[s->component_count] = s->block_count;
+        uint32_t *fits = realloc(s->block, ((size_t)s->block_count + 1) * sizeof *fits);
+        if (fits) s->block = fits;
     }
     free(last);
     return ok;
@@ -343,8 +345,9 @@ void lw_seams_finish(struct lw_seams *seams) {
 }
 
 size_t lw_seams_memory_bytes(const struct lw_seams *s) {
-    return s->row_count * sizeof *s->row + s->member_count * (sizeof *s->member + sizeof *s->guess) +
-           s->block_count * sizeof *s->block + s->component_count * 3 * sizeof(uint32_t) +
+    return s->row_count * sizeof *s->row + s->block_count * sizeof *s->block +
+           s->member_count * (sizeof *s->member + sizeof *s->guess) +
+           s->component_count * (sizeof *s->first_row + sizeof *s->first_member + sizeof *s->first_block) +
            lw_seam_gutters_memory_bytes(&s->gutters);
 }
 
@@ -379,7 +382,9 @@ void lw_seams_light_finish(struct lw_seams_light *light) {
 }
 
 size_t lw_seams_light_memory_bytes(const struct lw_seams_light *light) {
-    return light->member_count * (5 * sizeof(float[4]) + 3 * sizeof(float)) + light->component_count;
+    const size_t member = sizeof *light->light + sizeof *light->welded + 3 * sizeof *light->scratch[0] +
+                          3 * sizeof *light->correction;
+    return light->member_count * member + light->component_count * sizeof *light->active;
 }
 
 /* ---- each frame ---- */

@@ -4,40 +4,80 @@
 
 #include <stdlib.h>
 
-static bool allocate_sums(struct lw_tiles *tiles) {
+/* A plane: where it hangs, and floats for each texel. All that allocates, frees or counts them goes by these lists. */
+struct plane {
+    float **at;
+    uint32_t floats;
+};
+#define PLANES_MAX (3 * (LW_TILES_BOUNCES_MAX + LW_TILES_ESTIMATES + 3) + LW_TILES_BOUNCES_MAX + 2)
+
+/* Of light, of its bounces and of its noise. */
+static uint32_t list_planes(struct lw_tiles *tiles, struct plane out[PLANES_MAX]) {
+    uint32_t n = 0;
+    for (int c = 0; c < 3; c++) {
+        out[n++] = (struct plane){&tiles->direct[c], 1};
+        out[n++] = (struct plane){&tiles->indirect[c], 1};
+        out[n++] = (struct plane){&tiles->light[LW_LIGHT_FORM_FULL][c], 1};
+        for (uint32_t k = 0; k < tiles->bounces; k++) out[n++] = (struct plane){&tiles->order[k][c], 1};
+        for (int k = 0; k < LW_TILES_ESTIMATES; k++) out[n++] = (struct plane){&tiles->estimate[k][c], 1};
+    }
+    for (uint32_t k = 0; k < tiles->bounces; k++) out[n++] = (struct plane){&tiles->radiance[k], 4};
+    out[n++] = (struct plane){&tiles->mean, 1};
+    out[n++] = (struct plane){&tiles->spread, 1};
+    return n;
+}
+
+/* Of what client lights give. */
+static uint32_t list_drawn(struct lw_tiles *tiles, struct plane out[PLANES_MAX]) {
+    uint32_t n = 0;
+    for (int c = 0; c < 3; c++) {
+        out[n++] = (struct plane){&tiles->drawn[c], 1};
+        out[n++] = (struct plane){&tiles->drawn_estimate[c], 1};
+        out[n++] = (struct plane){&tiles->light[LW_LIGHT_FORM_SPLIT][c], 1};
+    }
+    out[n++] = (struct plane){&tiles->split_mean, 1};
+    out[n++] = (struct plane){&tiles->split_spread, 1};
+    return n;
+}
+
+static bool allocate(const struct lw_tiles *tiles, const struct plane *plane, uint32_t planes) {
     const size_t count = tiles->texel_count ? tiles->texel_count : 1;
     bool ok = true;
-    for (int c = 0; c < 3; c++) {
-        ok &= (tiles->direct[c] = calloc(count, sizeof(float))) != NULL;
-        ok &= (tiles->indirect[c] = calloc(count, sizeof(float))) != NULL;
-        ok &= (tiles->light[LW_LIGHT_FORM_FULL][c] = calloc(count, sizeof(float))) != NULL;
-        for (uint32_t k = 0; k < tiles->bounces; k++)
-            ok &= (tiles->order[k][c] = calloc(count, sizeof(float))) != NULL;
-    }
-    for (uint32_t k = 0; k < tiles->bounces; k++) {
-        ok &= (tiles->radiance[k] = calloc(count, 4 * sizeof(float))) != NULL;
+    for (uint32_t i = 0; i < planes; i++)
+        ok &= (*plane[i].at = calloc(count, plane[i].floats * sizeof(float))) != NULL;
+    return ok;
+}
+
+static void free_planes(const struct plane *plane, uint32_t planes) {
+    for (uint32_t i = 0; i < planes; i++) free(*plane[i].at);
+}
+
+static bool allocate_sums(struct lw_tiles *tiles) {
+    struct plane plane[PLANES_MAX];
+    bool ok = allocate(tiles, plane, list_planes(tiles, plane));
+    for (uint32_t k = 0; k < tiles->bounces; k++)
         ok &= (tiles->radiance_change[k] =
                    calloc((size_t)tiles->block_count + 1, sizeof *tiles->radiance_change[k])) != NULL;
-    }
-    for (int k = 0; k < LW_TILES_ESTIMATES; k++)
-        for (int c = 0; c < 3; c++) ok &= (tiles->estimate[k][c] = calloc(count, sizeof(float))) != NULL;
-    ok &= (tiles->mean = calloc(count, sizeof(float))) != NULL;
-    ok &= (tiles->spread = calloc(count, sizeof(float))) != NULL;
     tiles->judged_spread = tiles->spread;
     return ok;
 }
 
 enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles) {
-    const size_t count = tiles->texel_count ? tiles->texel_count : 1;
-    bool ok = true;
-    for (int c = 0; c < 3; c++) {
-        ok &= (tiles->drawn[c] = calloc(count, sizeof(float))) != NULL;
-        ok &= (tiles->drawn_estimate[c] = calloc(count, sizeof(float))) != NULL;
-        ok &= (tiles->light[LW_LIGHT_FORM_SPLIT][c] = calloc(count, sizeof(float))) != NULL;
-    }
-    ok &= (tiles->split_mean = calloc(count, sizeof(float))) != NULL;
-    ok &= (tiles->split_spread = calloc(count, sizeof(float))) != NULL;
-    return ok ? LW_OK : LW_NO_MEMORY;
+    struct plane plane[PLANES_MAX];
+    return allocate(tiles, plane, list_drawn(tiles, plane)) ? LW_OK : LW_NO_MEMORY;
+}
+
+size_t lw_tiles_memory_bytes(const struct lw_tiles *tiles) {
+    struct lw_tiles copy = *tiles; /* the lists hold places to write to */
+    struct plane plane[PLANES_MAX];
+    size_t floats = 0;
+    for (uint32_t i = 0, n = list_planes(&copy, plane); i < n; i++) floats += plane[i].floats;
+    for (uint32_t i = 0, n = list_drawn(&copy, plane); tiles->drawn[0] && i < n; i++)
+        floats += plane[i].floats;
+    return tiles->texel_count * (floats * sizeof(float) + sizeof *tiles->block_of_texel) +
+           tiles->count * sizeof *tiles->tile + tiles->id_count * sizeof *tiles->slot_of_id +
+           tiles->block_count * (sizeof *tiles->block + LW_PACKETS_MAX * sizeof *tiles->packet +
+                                 tiles->bounces * sizeof *tiles->radiance_change[0]);
 }
 
 bool lw_tiles_judge_forms(struct lw_tiles *tiles, unsigned forms, int threads) {
@@ -59,12 +99,6 @@ void lw_tiles_sum_variance(struct lw_tiles *tiles, int threads) {
                 lw_tiles_block(tile, i % tile->width, i / tile->width)->variance +=
                     (double)tiles->judged_spread[tile->first + i];
     }
-}
-
-size_t lw_tiles_texel_bytes(const struct lw_tiles *tiles) {
-    const size_t planes =
-        3 * (3 + LW_TILES_ESTIMATES + (size_t)tiles->bounces) + 4 * (size_t)tiles->bounces + 2;
-    return sizeof(uint32_t) + sizeof(float) * (planes + (tiles->drawn[0] ? 11 : 0));
 }
 
 struct box {
@@ -138,7 +172,10 @@ static uint32_t blocks_along(uint32_t texels) { return (texels + LW_TILE_BLOCK -
 enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scene,
                              const struct lw_atlas_map *map, const struct lw_texels *texels, uint32_t bounces,
                              int threads) {
-    *tiles = (struct lw_tiles){.bounces = bounces, .texel_count = texels->count, .covered = texels->covered};
+    *tiles = (struct lw_tiles){.id_count = map->tile_count,
+                               .bounces = bounces,
+                               .texel_count = texels->count,
+                               .covered = texels->covered};
     for (uint32_t id = 0; id < map->tile_count; id++) {
         if (map->place[id].level != 0) continue;
         tiles->count++;
@@ -223,24 +260,10 @@ void lw_tiles_recount(struct lw_tiles *tiles, int threads) {
 }
 
 void lw_tiles_finish(struct lw_tiles *tiles) {
-    for (int c = 0; c < 3; c++) {
-        free(tiles->direct[c]);
-        free(tiles->indirect[c]);
-        free(tiles->drawn[c]);
-        free(tiles->drawn_estimate[c]);
-        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) free(tiles->light[f][c]);
-        for (uint32_t k = 0; k < LW_TILES_BOUNCES_MAX; k++) free(tiles->order[k][c]);
-    }
-    for (uint32_t k = 0; k < LW_TILES_BOUNCES_MAX; k++) {
-        free(tiles->radiance[k]);
-        free(tiles->radiance_change[k]);
-    }
-    for (int k = 0; k < LW_TILES_ESTIMATES; k++)
-        for (int c = 0; c < 3; c++) free(tiles->estimate[k][c]);
-    free(tiles->mean);
-    free(tiles->spread);
-    free(tiles->split_mean);
-    free(tiles->split_spread);
+    struct plane plane[PLANES_MAX];
+    free_planes(plane, list_planes(tiles, plane));
+    free_planes(plane, list_drawn(tiles, plane));
+    for (uint32_t k = 0; k < tiles->bounces; k++) free(tiles->radiance_change[k]);
     free(tiles->slot_of_id);
     free(tiles->block_of_texel);
     free(tiles->packet);

@@ -107,8 +107,8 @@ struct lw_solve_tile {
 };
 
 struct lw_tiles {
-    uint32_t count, bounces, texel_count;
-    struct lw_solve_tile *tile; /* in the order in which they are solved: by cell */
+    uint32_t count, id_count, bounces, texel_count; /* id_count: lw_tile_ids of the scene */
+    struct lw_solve_tile *tile;                     /* in the order in which they are solved: by cell */
     uint32_t *slot_of_id; /* lw_tile_id -> index into tile, or UINT32_MAX for ids that are not level 0 */
     struct lw_solve_block *block; /* of all tiles, in the order of their ids */
     uint32_t block_count;
@@ -154,8 +154,8 @@ bool lw_tiles_judge_forms(struct lw_tiles *tiles, unsigned forms, int threads);
 /** Sums the variance of all blocks again, from judged_spread. */
 void lw_tiles_sum_variance(struct lw_tiles *tiles, int threads);
 
-/** Bytes for each texel. */
-size_t lw_tiles_texel_bytes(const struct lw_tiles *tiles);
+/** Bytes held. */
+size_t lw_tiles_memory_bytes(const struct lw_tiles *tiles);
 
 /** Direct light that the server keeps in both forms: without what is drawn. Never less than none, whatever
  * rounding says. */

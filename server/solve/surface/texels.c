@@ -538,6 +538,27 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
     return LW_OK;
 }
 
+static size_t mesh_bytes(const struct lw_mesh_texels *t, const struct lw_mesh *mesh) {
+    const size_t vectors =
+        sizeof *t->position[0] + sizeof *t->normal[0] + sizeof *t->geometric[0] + sizeof *t->albedo[0];
+    const struct lw_sample_points *points = &t->footprint;
+    return t->texel_count * (3 * vectors + sizeof *t->covered + sizeof *t->chart + sizeof *points->first +
+                             sizeof *points->reach + sizeof *points->lift) +
+           (points->first ? points->first[t->texel_count] * sizeof *points->place : 0) +
+           mesh->triangle_count * sizeof *t->triangle;
+}
+
+size_t lw_texels_memory_bytes(const struct lw_texels *texels) {
+    const struct lw_scene *scene = texels->scene;
+    size_t bytes = texels->count * (sizeof *texels->covered + sizeof *texels->usable +
+                                    sizeof *texels->filled + sizeof *texels->source) +
+                   scene->mesh_count * sizeof *texels->mesh + scene->object_count * sizeof *texels->first +
+                   scene->material_count * sizeof *texels->base_colour;
+    for (uint32_t m = 0; m < scene->mesh_count; m++)
+        if (texels->mesh[m].texel_count) bytes += mesh_bytes(&texels->mesh[m], &scene->mesh[m]);
+    return bytes;
+}
+
 static void free_mesh(struct lw_mesh_texels *mesh) {
     for (int c = 0; c < 3; c++) {
         free(mesh->position[c]);

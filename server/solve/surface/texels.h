@@ -55,6 +55,9 @@ LW_MUST_CHECK enum lw_status lw_texels_init(struct lw_texels *texels, const stru
                                             unsigned threads, struct lw_error *err);
 void lw_texels_finish(struct lw_texels *texels);
 
+/** Bytes held. */
+size_t lw_texels_memory_bytes(const struct lw_texels *texels);
+
 /** Takes over the albedo of meshes of which a material has changed its base colour: rasterises them anew, at the price of
  * their share of lw_texels_init(). Errors: LW_NO_MEMORY; some meshes may then have their new albedo already. */
 LW_MUST_CHECK enum lw_status lw_texels_set_albedo(struct lw_texels *texels, int threads);
