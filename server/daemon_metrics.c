@@ -141,7 +141,7 @@ static void write_solve(struct lw_exposition *e, const struct lw_daemon_metrics_
     lw_exposition_gauge(e, "lightwell_tiles", sums->tiles, "Level-0 tiles of the scene.");
     lw_exposition_gauge(e, "lightwell_converged_tiles", sums->tiles_converged,
                         "Level-0 tiles that are converged: they cost no ray.");
-    lw_exposition_gauge(e, "lightwell_wanted_tiles", sums->tiles_wanted,
+    lw_exposition_gauge(e, "lightwell_interest_tiles", sums->tiles_wanted,
                         "Level-0 tiles in the interest set of all clients together.");
     lw_exposition_counter(e, "lightwell_scene_changes_total", (double)sums->changes,
                           "Changes of the scene that clients made.");

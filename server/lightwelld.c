@@ -300,8 +300,8 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          0, NULL},
         {"freeze", "SECONDS", "hold the animation at this time", LW_OPTION_REAL, &s->freeze_s, 0, 1e9,
          &s->freeze},
-        {"error", "E", "relative error at which a tile rests (default 0.02)", LW_OPTION_REAL, &s->error, 1e-6,
-         1, NULL},
+        {"error", "E", "relative error at which blocks converge (default 0.02)", LW_OPTION_REAL, &s->error,
+         1e-6, 1, NULL},
         {"frames", "N", "stop after this many frames (default: never)", LW_OPTION_INT, &s->frames, 1, 1e15,
          NULL},
         {"stall-limit", "SECONDS",
@@ -499,8 +499,8 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
     put_count(line, "tiles_solved", solve->tiles_solved);
     put_count(line, "tiles_converged", solve->tiles_converged);
     put_count(line, "tiles", solve->tiles);
-    put_count(line, "tiles_wanted", solve->tiles_wanted);
-    put_count(line, "tiles_feeding", solve->tiles_feeding);
+    put_count(line, "tiles_interest", solve->tiles_wanted);
+    put_count(line, "tiles_contributing", solve->tiles_feeding);
     put_count(line, "tiles_encoded", publish->tiles_encoded);
     put_count(line, "bytes_encoded", publish->bytes_encoded);
     put_count(line, "split_tiles_encoded", publish->split_tiles_encoded);

@@ -25,7 +25,7 @@ SETTLE, LAMP, VASE, REST = 32, 16, 8, 40  # frames of each part
 FRESH = 48  # frames of the new solve
 PICTURES = 8
 EXPOSURE = "-2"
-COUNTERS = ["frame", "changes", "rays_shadow", "rays_bounce", "texels_solved", "tiles_solved", "tiles_wanted", "tiles_feeding",
+COUNTERS = ["frame", "changes", "rays_shadow", "rays_bounce", "texels_solved", "tiles_solved", "tiles_interest", "tiles_contributing",
             "tiles_encoded", "bytes_encoded", "solve_cpu_ms", "publish_cpu_ms"]
 
 
@@ -72,7 +72,7 @@ class Stage:
         self.daemon.frame()
         self.viewers = subprocess.Popen(view(tools, self.daemon.address, CAMERA, "--wait", "seconds:100000", "--out",
                                               os.path.join(folder, name, "none.exr")), stderr=subprocess.DEVNULL)
-        while not self.daemon.frame()["tiles_wanted"]:
+        while not self.daemon.frame()["tiles_interest"]:
             time.sleep(0.5)
 
     def step(self, command):

@@ -64,9 +64,9 @@ def light(tools, scene, mode, camera, frames, options, folder):
         view(tools, daemon.address, camera, "--wait", "seconds:100000", "--out", os.path.join(folder, "none.exr")),
         stderr=subprocess.DEVNULL)
     said = {}
-    while not said.get("tiles_wanted") or not said["sessions"]:  # frames before it looks are not counted
+    while not said.get("tiles_interest") or not said["sessions"]:  # frames before it looks are not counted
         time.sleep(0.5)
-        said = daemon.frame() if mode == "seen" else {"tiles_wanted": 1, "sessions": 1}
+        said = daemon.frame() if mode == "seen" else {"tiles_interest": 1, "sessions": 1}
     if mode == "whole":
         time.sleep(5)
     lines = []
@@ -101,7 +101,7 @@ def main():
     tools, scene, frames, cameras = arguments[0], arguments[1], int(arguments[2]), arguments[3:]
     scene_options = [o for i, o in enumerate(options) if o == "--sky" or (i and options[i - 1] == "--sky")]
     still = "--freeze" in options
-    print("| camera | light | wanted | feeding | of | M rays/frame | texels/frame | solve ms | publish ms | relMSE to reference "
+    print("| camera | light | interest | contributing | of | M rays/frame | texels/frame | solve ms | publish ms | relMSE to reference "
           "| to whole | rays to whole | at equal error |")
     print("|---|---|---|---|---|---|---|---|---|---|---|---|---|")
     for camera in cameras:
@@ -122,7 +122,7 @@ def main():
                 else:
                     whole = {"picture": picture, "rays": rays(lines), "error": error}
                 print("| %s | %s | %.0f | %.0f | %d | %.2f | %.0f | %.1f | %.1f | %.4f | %s |" % (
-                    camera, mode, mean(lines, "tiles_wanted"), mean(lines, "tiles_feeding"), lines[-1]["tiles"],
+                    camera, mode, mean(lines, "tiles_interest"), mean(lines, "tiles_contributing"), lines[-1]["tiles"],
                     1e-6 * rays(lines), mean(lines, "texels_solved"), mean(lines, "solve_cpu_ms"),
                     mean(lines, "publish_cpu_ms"), error, compared), flush=True)
 

@@ -115,17 +115,17 @@ static void clients_come_and_go(void **state) {
     uint32_t object[2];
     find_objects(lw_client_atlas_map(client[0]), object);
     const double one = look_at(0, object[0]);
-    wait_for(&daemon, "tiles_wanted", 1, one);
+    wait_for(&daemon, "tiles_interest", 1, one);
     const double first = solved_over(&daemon, 10);
-    assert_true(lw_process_newest(&daemon, "tiles_feeding") > 0);
+    assert_true(lw_process_newest(&daemon, "tiles_contributing") > 0);
     /* a second one elsewhere; both see theirs change */
     join(&daemon, 1, true);
     const double both = one + look_at(1, object[1]);
-    wait_for(&daemon, "tiles_wanted", lw_process_newest(&daemon, "tiles_wanted") + 1, both);
+    wait_for(&daemon, "tiles_interest", lw_process_newest(&daemon, "tiles_interest") + 1, both);
     const double second = solved_over(&daemon, 10);
     /* somebody who wants everything */
     join(&daemon, 2, false);
-    wait_for(&daemon, "tiles_feeding", 0, 0);
+    wait_for(&daemon, "tiles_contributing", 0, 0);
     const double all = solved_over(&daemon, 5);
     if (!(first < 0.7 * all && first < second && second < all))
         fail_msg("texels per frame: one wall %g, two %g, all %g", first, second, all);
@@ -145,14 +145,14 @@ static void clients_come_and_go(void **state) {
     /* they leave one by one */
     lw_client_destroy(client[2]);
     client[2] = NULL;
-    wait_for(&daemon, "tiles_wanted", 1, both);
+    wait_for(&daemon, "tiles_interest", 1, both);
     lw_client_destroy(client[1]);
     client[1] = NULL;
-    wait_for(&daemon, "tiles_wanted", 1, one);
+    wait_for(&daemon, "tiles_interest", 1, one);
     lw_client_destroy(client[0]);
     client[0] = NULL;
     wait_for(&daemon, "tiles_solved", 0, 0);
-    assert_int_equal(lw_process_newest(&daemon, "tiles_wanted"), 0);
+    assert_int_equal(lw_process_newest(&daemon, "tiles_interest"), 0);
     assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
 }
 
@@ -179,7 +179,7 @@ static void a_viewer_asks_for_what_it_sees(void **state) {
     lw_process_start(&viewer, "lightwell-view", arguments);
     assert_int_equal(lw_process_finish(&viewer, LIMIT_S), 0);
     wait_for(&daemon, "tiles_solved", 0, 0);
-    const double wanted = most(&daemon, "tiles_wanted"), tiles = most(&daemon, "tiles");
+    const double wanted = most(&daemon, "tiles_interest"), tiles = most(&daemon, "tiles");
     if (!(wanted > 0 && wanted < 0.8 * tiles)) fail_msg("%g of %g tiles", wanted, tiles);
     assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
 }
