@@ -548,7 +548,7 @@ static size_t lists_size(const struct lw_message *m) {
 size_t lw_message_size(const struct lw_message *message) {
     union wire wire;
     fill_scalars(&wire, message);
-    return LW_FRAME_HEADER_SIZE + protobuf_c_message_get_packed_size(&wire.base) + lists_size(message);
+    return LW_FRAMING_HEADER_SIZE + protobuf_c_message_get_packed_size(&wire.base) + lists_size(message);
 }
 
 static uint32_t body_max(unsigned type) {
@@ -561,9 +561,9 @@ static uint32_t body_max(unsigned type) {
     case LW_MESSAGE_PONG:
     case LW_MESSAGE_UPDATE:
     case LW_MESSAGE_HOLDS:
-        return LW_FRAME_CLIENT_BODY_MAX;
+        return LW_FRAMING_CLIENT_BODY_MAX;
     default:
-        return LW_FRAME_BODY_MAX;
+        return LW_FRAMING_BODY_MAX;
     }
 }
 
@@ -571,18 +571,18 @@ enum lw_status lw_message_encode(const struct lw_message *message, uint8_t *dst,
                                  size_t *out_size) {
     if (lw_message_validate(message, NULL) != LW_OK) return LW_INTERNAL;
     size_t size = lw_message_size(message), words = list_words(message);
-    if (dst_capacity < size || size - LW_FRAME_HEADER_SIZE > body_max(message->type)) return LW_INTERNAL;
+    if (dst_capacity < size || size - LW_FRAMING_HEADER_SIZE > body_max(message->type)) return LW_INTERNAL;
     void *lists = message->scratch && message->scratch_size >= words * 4 ? message->scratch : NULL,
          *own = NULL;
     if (words && !lists && !(lists = own = malloc(words * 4))) return LW_NO_MEMORY;
     union wire wire;
     fill_scalars(&wire, message);
     if (words) fill_lists(&wire, message, lists);
-    size_t body_size = protobuf_c_message_pack(&wire.base, dst + LW_FRAME_HEADER_SIZE);
+    size_t body_size = protobuf_c_message_pack(&wire.base, dst + LW_FRAMING_HEADER_SIZE);
     free(own);
-    assert(body_size == size - LW_FRAME_HEADER_SIZE);
-    lw_frame_write_header(
-        dst, (struct lw_frame_header){.body_size = (uint32_t)body_size, .type = (uint16_t)message->type});
+    assert(body_size == size - LW_FRAMING_HEADER_SIZE);
+    lw_framing_write_header(
+        dst, (struct lw_framing_header){.body_size = (uint32_t)body_size, .type = (uint16_t)message->type});
     *out_size = size;
     return LW_OK;
 }
@@ -933,7 +933,7 @@ static enum lw_status read_wire(const union wire *w, struct lw_message *m, struc
     return LW_INTERNAL;
 }
 
-static enum lw_status decode_body(struct lw_frame_header header, const uint8_t *body,
+static enum lw_status decode_body(struct lw_framing_header header, const uint8_t *body,
                                   struct lw_message_memory *memory, struct lw_message *m,
                                   struct lw_error *err) {
     enum lw_status status = check_fields(body, header.body_size, err);
@@ -951,12 +951,12 @@ static enum lw_status decode_body(struct lw_frame_header header, const uint8_t *
     return status == LW_OK ? check_values(m, err) : status;
 }
 
-enum lw_status lw_message_decode(struct lw_frame_header header, const uint8_t *body,
+enum lw_status lw_message_decode(struct lw_framing_header header, const uint8_t *body,
                                  struct lw_message *out_message, struct lw_error *err) {
     return lw_message_decode_with(header, body, NULL, out_message, err);
 }
 
-enum lw_status lw_message_decode_with(struct lw_frame_header header, const uint8_t *body,
+enum lw_status lw_message_decode_with(struct lw_framing_header header, const uint8_t *body,
                                       struct lw_message_memory *memory, struct lw_message *out_message,
                                       struct lw_error *err) {
     const char *name = lw_message_name(header.type);

@@ -13,7 +13,7 @@
 #include "common/scene/scene_change.h"
 #include "common/token.h"
 #include "common/vec.h"
-#include "proto/frame.h"
+#include "proto/framing.h"
 
 #define LW_MESSAGE_NAME_MAX             64u   /* bytes of a client's or server's name */
 #define LW_MESSAGE_TEXT_MAX             256u  /* bytes of a refusal's text */
@@ -250,11 +250,11 @@ LW_MUST_CHECK enum lw_status lw_message_encode_alloc(const struct lw_message *me
 LW_MUST_CHECK enum lw_status lw_message_validate(const struct lw_message *message, struct lw_error *err);
 
 /** Decodes one body whose header was read. Errors: LW_PROTOCOL naming message and field; LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_message_decode(struct lw_frame_header header, const uint8_t *body,
+LW_MUST_CHECK enum lw_status lw_message_decode(struct lw_framing_header header, const uint8_t *body,
                                                struct lw_message *out_message, struct lw_error *err);
 /** The same with memory that is used again; NULL: as lw_message_decode(). Of one memory a message is alive at a time:
  * finish it before the next is decoded. */
-LW_MUST_CHECK enum lw_status lw_message_decode_with(struct lw_frame_header header, const uint8_t *body,
+LW_MUST_CHECK enum lw_status lw_message_decode_with(struct lw_framing_header header, const uint8_t *body,
                                                     struct lw_message_memory *memory,
                                                     struct lw_message *out_message, struct lw_error *err);
 void lw_message_finish(struct lw_message *message);

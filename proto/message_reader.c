@@ -41,27 +41,27 @@ static bool top_up(struct lw_message_reader *r, size_t size) {
 
 /* At the front of `size` bytes. */
 static enum lw_status read_front(const struct lw_message_reader *r, const uint8_t *bytes, size_t size,
-                                 struct lw_frame_header *out_header, const uint8_t **out_body,
+                                 struct lw_framing_header *out_header, const uint8_t **out_body,
                                  struct lw_error *err) {
     *out_body = NULL;
-    if (size < LW_FRAME_HEADER_SIZE) return LW_OK;
-    const enum lw_status status = lw_frame_read_header(bytes, r->body_max, out_header, err);
-    if (status == LW_OK && size - LW_FRAME_HEADER_SIZE >= out_header->body_size)
-        *out_body = bytes + LW_FRAME_HEADER_SIZE;
+    if (size < LW_FRAMING_HEADER_SIZE) return LW_OK;
+    const enum lw_status status = lw_framing_read_header(bytes, r->body_max, out_header, err);
+    if (status == LW_OK && size - LW_FRAMING_HEADER_SIZE >= out_header->body_size)
+        *out_body = bytes + LW_FRAMING_HEADER_SIZE;
     return status;
 }
 
-static enum lw_status take_kept(struct lw_message_reader *r, struct lw_frame_header *header,
+static enum lw_status take_kept(struct lw_message_reader *r, struct lw_framing_header *header,
                                 const uint8_t **body, struct lw_error *err) {
-    if (!top_up(r, LW_FRAME_HEADER_SIZE)) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    if (!top_up(r, LW_FRAMING_HEADER_SIZE)) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     enum lw_status status = read_front(r, r->kept + r->begin, r->end - r->begin, header, body, err);
-    if (status != LW_OK || *body || r->end - r->begin < LW_FRAME_HEADER_SIZE) return status;
-    if (!top_up(r, LW_FRAME_HEADER_SIZE + (size_t)header->body_size))
+    if (status != LW_OK || *body || r->end - r->begin < LW_FRAMING_HEADER_SIZE) return status;
+    if (!top_up(r, LW_FRAMING_HEADER_SIZE + (size_t)header->body_size))
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory for a message");
     return read_front(r, r->kept + r->begin, r->end - r->begin, header, body, err);
 }
 
-enum lw_status lw_message_reader_take(struct lw_message_reader *r, struct lw_frame_header *out_header,
+enum lw_status lw_message_reader_take(struct lw_message_reader *r, struct lw_framing_header *out_header,
                                       const uint8_t **out_body, struct lw_error *err) {
     const bool is_kept = r->begin < r->end;
     *out_body = NULL;
@@ -69,7 +69,7 @@ enum lw_status lw_message_reader_take(struct lw_message_reader *r, struct lw_fra
     const enum lw_status status = is_kept ? take_kept(r, out_header, out_body, err)
                                           : read_front(r, r->lent, r->lent_size, out_header, out_body, err);
     if (status != LW_OK || !*out_body) return status;
-    const size_t size = LW_FRAME_HEADER_SIZE + (size_t)out_header->body_size;
+    const size_t size = LW_FRAMING_HEADER_SIZE + (size_t)out_header->body_size;
     if (is_kept) {
         r->begin += size;
     } else {

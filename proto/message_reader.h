@@ -6,13 +6,13 @@
 #ifndef LW_PROTO_MESSAGE_READER_H
 #define LW_PROTO_MESSAGE_READER_H
 
-#include "proto/frame.h"
+#include "proto/framing.h"
 
 #include <stddef.h>
 
 /** Zero but for body_max is a reader without a byte. */
 struct lw_message_reader {
-    uint32_t body_max; /* LW_FRAME_BODY_MAX, or LW_FRAME_CLIENT_BODY_MAX */
+    uint32_t body_max; /* LW_FRAMING_BODY_MAX, or LW_FRAMING_CLIENT_BODY_MAX */
     uint8_t *kept;     /* bytes [begin, end) were not taken yet; what was lent comes after them */
     size_t begin, end, capacity;
     const uint8_t *lent; /* the caller's */
@@ -23,9 +23,9 @@ struct lw_message_reader {
 void lw_message_reader_lend(struct lw_message_reader *reader, const uint8_t *bytes, size_t size);
 
 /** Takes the next whole message. *out_body is NULL if there is none; it is valid until the next call.
- * Errors: LW_PROTOCOL as lw_frame_read_header(), on each further call too; LW_NO_MEMORY. */
+ * Errors: LW_PROTOCOL as lw_framing_read_header(), on each further call too; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_message_reader_take(struct lw_message_reader *reader,
-                                                    struct lw_frame_header *out_header,
+                                                    struct lw_framing_header *out_header,
                                                     const uint8_t **out_body, struct lw_error *err);
 
 /** Copies what is left of the lent bytes, which are the caller's again. Errors: LW_NO_MEMORY. */

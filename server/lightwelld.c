@@ -554,8 +554,8 @@ static void wait_until(const struct daemon *d, uint64_t deadline_ns) {
 
 /* Tells the solver what clients look at, if that has changed. */
 static enum lw_status follow_clients(struct daemon *d, struct lw_error *err) {
-    struct lw_server_wanted wanted;
-    if (d->settings.light != LIGHT_SEEN || !lw_server_take_wanted(d->server, &wanted)) return LW_OK;
+    struct lw_server_interest wanted;
+    if (d->settings.light != LIGHT_SEEN || !lw_server_take_interest(d->server, &wanted)) return LW_OK;
     enum lw_status status = d->solver->ops->want(d->solver, wanted.levels, err);
     free(wanted.levels);
     return status;

@@ -294,7 +294,7 @@ static enum lw_status handle_message(struct lw_client *c, const struct lw_messag
 /* Handles the next whole message, if there is one. Types that we do not know are from a newer server:
  * skipped. */
 static enum lw_status take_one(struct lw_client *c, bool *out_taken, struct lw_error *err) {
-    struct lw_frame_header header;
+    struct lw_framing_header header;
     struct lw_message message;
     const uint8_t *body;
     enum lw_status status = lw_link_take(&c->link, &header, &body, err);

@@ -94,7 +94,7 @@ enum lw_status lw_link_connect(struct lw_link *link, const char *host, uint16_t 
         lw_link_finish(link);
         return lw_status_fail(err, LW_NO_MEMORY, "cannot connect to %s: out of memory", link->address);
     }
-    link->reader.body_max = LW_FRAME_BODY_MAX;
+    link->reader.body_max = LW_FRAMING_BODY_MAX;
     link->heard_ns = link->pinged_ns = link->looked_ns = lw_clock_ns();
     return LW_OK;
 }
@@ -197,7 +197,7 @@ enum lw_status lw_link_receive(struct lw_link *link, size_t *out_size, struct lw
     return LW_OK;
 }
 
-enum lw_status lw_link_take(struct lw_link *link, struct lw_frame_header *out_header,
+enum lw_status lw_link_take(struct lw_link *link, struct lw_framing_header *out_header,
                             const uint8_t **out_body, struct lw_error *err) {
     return lw_message_reader_take(&link->reader, out_header, out_body, err);
 }

@@ -52,7 +52,7 @@ LW_MUST_CHECK enum lw_status lw_link_receive(struct lw_link *link, size_t *out_s
 /** Takes the next whole message; *out_body is NULL if there is none, and valid until the next call on the
  * link.
  * Errors: LW_PROTOCOL, LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_link_take(struct lw_link *link, struct lw_frame_header *out_header,
+LW_MUST_CHECK enum lw_status lw_link_take(struct lw_link *link, struct lw_framing_header *out_header,
                                           const uint8_t **out_body, struct lw_error *err);
 
 #endif

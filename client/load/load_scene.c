@@ -66,7 +66,7 @@ static enum lw_status handle(struct scout *s, const struct lw_message *m, struct
 
 /* Handles the next whole message, if there is one and the package is not complete yet. */
 static enum lw_status take_one(struct scout *s, bool *out_taken, struct lw_error *err) {
-    struct lw_frame_header header;
+    struct lw_framing_header header;
     struct lw_message message;
     const uint8_t *body;
     *out_taken = false;

@@ -574,7 +574,7 @@ static void handle_message(struct lw_load_session *s, const struct lw_message *m
 
 /* Takes one message; returns whether there was one that did not break the session. */
 static bool take_message(struct lw_load_session *s, uint64_t now_ns) {
-    struct lw_frame_header header;
+    struct lw_framing_header header;
     struct lw_message message;
     struct lw_error err = {0};
     const uint8_t *body;
@@ -710,7 +710,7 @@ static enum lw_status start(struct lw_load_shared *shared, uint32_t number, enum
         return cannot_start(shared, result);
     }
     s->tcp.data = s;
-    s->input.body_max = LW_FRAME_BODY_MAX;
+    s->input.body_max = LW_FRAMING_BODY_MAX;
     s->shared = shared;
     s->number = number;
     s->reader = reader;

@@ -104,12 +104,12 @@ static enum lw_status take_messages(struct reader *reader, const uint8_t *at, si
                                     struct lw_error *err) {
     enum lw_status status = LW_OK;
     while (status == LW_OK && left) {
-        struct lw_frame_header header;
+        struct lw_framing_header header;
         struct lw_message message;
-        if (left < LW_FRAME_HEADER_SIZE) return lw_status_fail(err, LW_BAD_DATA, "ends inside a message");
-        if (lw_frame_read_header(at, LW_FRAME_BODY_MAX, &header, err) != LW_OK) return LW_BAD_DATA;
-        at += LW_FRAME_HEADER_SIZE;
-        left -= LW_FRAME_HEADER_SIZE;
+        if (left < LW_FRAMING_HEADER_SIZE) return lw_status_fail(err, LW_BAD_DATA, "ends inside a message");
+        if (lw_framing_read_header(at, LW_FRAMING_BODY_MAX, &header, err) != LW_OK) return LW_BAD_DATA;
+        at += LW_FRAMING_HEADER_SIZE;
+        left -= LW_FRAMING_HEADER_SIZE;
         if (header.body_size > left) return lw_status_fail(err, LW_BAD_DATA, "ends inside a message");
         status = lw_message_decode(header, at, &message, err);
         if (status != LW_OK) return status == LW_PROTOCOL ? LW_BAD_DATA : status;

@@ -7,9 +7,10 @@
  * with which it would begin, is no smaller. */
 #define FINE_SHARE (1.0f / 3)
 
-enum lw_status lw_deltas_init(struct lw_deltas *deltas, uint32_t tile_count, struct lw_recoder *recoder) {
+enum lw_status lw_deltas_init(struct lw_deltas *deltas, uint32_t tile_count,
+                              struct lw_transcoder *transcoder) {
     *deltas = (struct lw_deltas){.tile_count = tile_count,
-                                 .recoder = recoder,
+                                 .transcoder = transcoder,
                                  .tile = calloc((size_t)tile_count + 1, sizeof *deltas->tile),
                                  .coarse = calloc((size_t)tile_count + 1, sizeof *deltas->coarse)};
     if (deltas->tile && deltas->coarse) return LW_OK;
@@ -80,14 +81,15 @@ static struct lw_delta_base *find(struct lw_deltas_of_tile *of, uint64_t version
 /* Over one version there is a delta already. False if there is nothing to wait for. */
 static bool wait_for_jump(struct lw_deltas *deltas, uint32_t tile, bool coarse, struct lw_delta_base *base) {
     const struct lw_deltas_of_tile *of = coarse ? &deltas->coarse[tile] : &deltas->tile[tile];
-    if (!deltas->recoder || !base || base + 1 == of->base + of->count || base->is_known) return false;
+    if (!deltas->transcoder || !base || base + 1 == of->base + of->count || base->is_known) return false;
     if (!base->is_asked)
-        base->is_asked = lw_recoder_ask(deltas->recoder, &(struct lw_recoder_job){.tile = tile,
-                                                                                  .coarse = coarse,
-                                                                                  .base = base->version,
-                                                                                  .version = of->version,
-                                                                                  .from = base->whole,
-                                                                                  .to = of->whole});
+        base->is_asked =
+            lw_transcoder_ask(deltas->transcoder, &(struct lw_transcoder_job){.tile = tile,
+                                                                              .coarse = coarse,
+                                                                              .base = base->version,
+                                                                              .version = of->version,
+                                                                              .from = base->whole,
+                                                                              .to = of->whole});
     return base->is_asked;
 }
 
@@ -100,11 +102,11 @@ static bool wait_for_coarse(struct lw_deltas *deltas, uint32_t tile) {
     const struct lw_deltas_of_tile *fine = &deltas->tile[tile];
     struct lw_deltas_of_tile *of = &deltas->coarse[tile];
     const uint64_t version = coarse_version(deltas, tile);
-    if (!deltas->recoder || of->known >= version) return false;
+    if (!deltas->transcoder || of->known >= version) return false;
     if (of->asked < version &&
-        lw_recoder_ask(
-            deltas->recoder,
-            &(struct lw_recoder_job){.tile = tile, .coarse = true, .version = version, .to = fine->whole}))
+        lw_transcoder_ask(
+            deltas->transcoder,
+            &(struct lw_transcoder_job){.tile = tile, .coarse = true, .version = version, .to = fine->whole}))
         of->asked = version;
     return of->asked >= version;
 }
@@ -149,7 +151,8 @@ void lw_deltas_prepare(struct lw_deltas *deltas, uint32_t tile, uint64_t from, b
 
 bool lw_deltas_collect(struct lw_deltas *deltas) {
     bool any = false;
-    for (struct lw_recoder_result r; deltas->recoder && lw_recoder_collect(deltas->recoder, &r); any = true) {
+    for (struct lw_transcoder_result r; deltas->transcoder && lw_transcoder_collect(deltas->transcoder, &r);
+         any = true) {
         struct lw_deltas_of_tile *of = r.coarse ? &deltas->coarse[r.tile] : &deltas->tile[r.tile];
         struct lw_delta_base *base = of->version == r.version ? find(of, r.base) : NULL;
         if (r.coarse && !r.base) {

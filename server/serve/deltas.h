@@ -2,25 +2,25 @@
  * to the next, and from any of them to the newest, which is fewer bytes than all between, and often than the tile whole. The same once more
  * for the tiles in wider steps, for those whose links take too little: their versions are made when somebody wants them.
  * Flow:    snapshots -> [deltas] -> sessions
- *          versions -> [deltas] -> recoder -> coarse forms, and deltas over several versions -> [deltas]
+ *          versions -> [deltas] -> transcoder -> coarse forms, and deltas over several versions -> [deltas]
  * Threads: [loop].
  * Memory:  of a tile, twice: references to LW_DELTAS_KEPT whole versions at most, as many deltas from each to the next, and as many to the
- *          newest; where coarse forms are wanted, the recoder's history as well (24 KB). */
+ *          newest; where coarse forms are wanted, the transcoder's history as well (24 KB). */
 #ifndef LW_SERVE_DELTAS_H
 #define LW_SERVE_DELTAS_H
 
-#include "server/serve/recoder.h"
+#include "server/serve/transcoder.h"
 
 #define LW_DELTAS_KEPT 8u /* versions of a tile from which there is a way */
 
 struct lw_deltas {
     uint32_t tile_count;
-    struct lw_recoder *recoder; /* NULL: there are only those that snapshots bring */
+    struct lw_transcoder *transcoder; /* NULL: there are only those that snapshots bring */
     struct lw_deltas_of_tile {
         uint64_t version;      /* the newest; 0: none */
         struct lw_blob *whole; /* of it */
         uint64_t asked,
-            known; /* of coarse forms: the last ones that the recoder was asked for, and has answered */
+            known; /* of coarse forms: the last ones that the transcoder was asked for, and has answered */
         uint32_t count;
         struct lw_delta_base {
             uint64_t version;
@@ -35,7 +35,7 @@ struct lw_deltas {
 enum lw_deltas_way {
     LW_DELTAS_WHOLE = 0,
     LW_DELTAS_DELTA,
-    LW_DELTAS_WAIT /* the recoder is asked, and will say what is shortest */
+    LW_DELTAS_WAIT /* the transcoder is asked, and will say what is shortest */
 };
 
 struct lw_delta {
@@ -43,24 +43,24 @@ struct lw_delta {
     struct lw_blob *blob; /* as it is in `deltas` */
 };
 
-/** recoder: outlives it, or NULL. Errors: LW_NO_MEMORY. */
+/** transcoder: outlives it, or NULL. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_deltas_init(struct lw_deltas *deltas, uint32_t tile_count,
-                                            struct lw_recoder *recoder);
+                                            struct lw_transcoder *transcoder);
 void lw_deltas_finish(struct lw_deltas *deltas);
 
 /** A tile's new version, with its delta or without one. What does not lead there is forgotten. */
 void lw_deltas_add(struct lw_deltas *deltas, uint32_t tile, const struct lw_snapshot_tile *version);
 
 /** What whoever has version `from` of a tile takes next, on the way to the newest, for the fewest bytes.
- * coarse     to that in wider steps; where there is no such form, or the recoder has too much to do, to the newest itself
+ * coarse     to that in wider steps; where there is no such form, or the transcoder has too much to do, to the newest itself
  * out_delta  written unless it has to wait */
 enum lw_deltas_way lw_deltas_next(struct lw_deltas *deltas, uint32_t tile, uint64_t from, bool coarse,
                                   struct lw_delta *out_delta);
 
-/** Asks the recoder, if there is something to ask, for what lw_deltas_next() would wait for. */
+/** Asks the transcoder, if there is something to ask, for what lw_deltas_next() would wait for. */
 void lw_deltas_prepare(struct lw_deltas *deltas, uint32_t tile, uint64_t from, bool coarse);
 
-/** Takes what the recoder has done; whether that was anything. */
+/** Takes what the transcoder has done; whether that was anything. */
 bool lw_deltas_collect(struct lw_deltas *deltas);
 
 #endif

@@ -51,9 +51,10 @@ bool lw_message_rates_wait(struct lw_message_rates *rates, uint64_t now_ns) {
     return rates->waits;
 }
 
-bool lw_message_rates_count(struct lw_message_rates *rates, struct lw_frame_header header, uint64_t now_ns) {
+bool lw_message_rates_count(struct lw_message_rates *rates, struct lw_framing_header header,
+                            uint64_t now_ns) {
     const enum lw_message_rates_kind kind = kind_of(header.type);
-    const double bytes = (double)(LW_FRAME_HEADER_SIZE + header.body_size);
+    const double bytes = (double)(LW_FRAMING_HEADER_SIZE + header.body_size);
     if (kind < LW_MESSAGE_RATES_COUNT) rates->left[kind] -= 1;
     if (kind != LW_MESSAGE_RATES_HOLDS)
         rates->left[LW_MESSAGE_RATES_BYTES] -= rates->trusted ? bytes / LW_MESSAGE_RATES_TRUST : bytes;

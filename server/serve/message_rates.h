@@ -7,7 +7,7 @@
 #ifndef LW_SERVE_MESSAGE_RATES_H
 #define LW_SERVE_MESSAGE_RATES_H
 
-#include "proto/frame.h"
+#include "proto/framing.h"
 
 /* name, messages or bytes a second, at once */
 #define LW_MESSAGE_RATES_MAP(X)                                                                              \
@@ -40,7 +40,7 @@ void lw_message_rates_init(struct lw_message_rates *rates, uint64_t now_ns);
 void lw_message_rates_trust(struct lw_message_rates *rates, bool trusted);
 
 /** Counts a message. Returns whether the next one has to wait. */
-bool lw_message_rates_count(struct lw_message_rates *rates, struct lw_frame_header header, uint64_t now_ns);
+bool lw_message_rates_count(struct lw_message_rates *rates, struct lw_framing_header header, uint64_t now_ns);
 
 /** Fills the buckets. Returns whether the next message still has to wait. */
 bool lw_message_rates_wait(struct lw_message_rates *rates, uint64_t now_ns);

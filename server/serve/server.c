@@ -53,10 +53,10 @@ struct lw_server {
     struct lw_web_server *web;         /* NULL: there is no HTTP */
     struct lw_web_server *metrics_web; /* NULL: there is no monitoring */
 
-    uv_mutex_t mutex;               /* guards what follows; held for an assignment only */
-    struct lw_snapshot *latest;     /* handed over, not yet seen by the loop */
-    struct lw_server_wanted wanted; /* handed over, not yet taken by the solver */
-    bool has_wanted, stop_requested;
+    uv_mutex_t mutex;                   /* guards what follows; held for an assignment only */
+    struct lw_snapshot *latest;         /* handed over, not yet seen by the loop */
+    struct lw_server_interest interest; /* handed over, not yet taken by the solver */
+    bool has_interest, stop_requested;
     bool runs;           /* the loop's thread is in lw_server_run() */
     clockid_t cpu_clock; /* its CPU clock; valid while it runs */
 };
@@ -175,19 +175,19 @@ static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_
 static void note_changed(const struct lw_server *server, struct lw_session_form *form,
                          const struct lw_snapshot *after) {
     const struct lw_snapshot *before = form->snapshot;
-    lw_urgency_list_begin(&form->urgency);
+    lw_priority_list_begin(&form->priority);
     for (uint32_t i = 0; i < after->tile_count; i++) {
         const uint32_t id = server->order[i];
         const struct lw_snapshot_tile *tile = &after->tile[form->form][id];
         const uint64_t had = before ? before->tile[form->form][id].version : 0;
         if (tile->version <= had) continue;
         lw_deltas_add(&form->deltas, id, tile);
-        lw_urgency_note(&form->urgency, id, lw_snapshot_frame_of(tile->version), tile->change);
-        lw_urgency_list(&form->urgency, id,
-                        lw_urgency_of(&form->urgency, id, lw_snapshot_frame_of(had), after->frame));
+        lw_priority_note(&form->priority, id, lw_snapshot_frame_of(tile->version), tile->change);
+        lw_priority_list(&form->priority, id,
+                         lw_priority_of(&form->priority, id, lw_snapshot_frame_of(had), after->frame));
     }
-    form->changed_count = form->urgency.listed_count;
-    lw_urgency_list_end(&form->urgency, form->changed);
+    form->changed_count = form->priority.listed_count;
+    lw_priority_list_end(&form->priority, form->changed);
 }
 
 static bool is_served(const struct lw_session_form *form) { return form->changed; }
@@ -229,38 +229,39 @@ static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     for (struct lw_session *s = shared->first; s; s = lw_session_next(s)) lw_session_set_due(s, false);
 }
 
-static void free_wanted(struct lw_server_wanted *wanted) {
-    free(wanted->levels);
-    *wanted = (struct lw_server_wanted){0};
+static void free_interest(struct lw_server_interest *interest) {
+    free(interest->levels);
+    *interest = (struct lw_server_interest){0};
 }
 
 /* A list is made only once the solver has taken the last one: however often sessions change their minds, that is one for
  * each frame. */
-static void hand_over_wanted(struct lw_server *server) {
-    struct lw_wanted *wanted = &server->shared.wanted;
-    if (!wanted->changed) return;
+static void hand_over_interest(struct lw_server *server) {
+    struct lw_interest_union *interest_union = &server->shared.interest_union;
+    if (!interest_union->changed) return;
     uv_mutex_lock(&server->mutex);
-    bool untaken = server->has_wanted;
+    bool untaken = server->has_interest;
     uv_mutex_unlock(&server->mutex);
     if (untaken) return; /* the taker wakes the loop */
-    struct lw_server_wanted list = {.everything = wanted->everything > 0};
+    struct lw_server_interest list = {.everything = interest_union->everything > 0};
     if (!list.everything) {
-        if (!(list.levels = malloc((size_t)wanted->atlas_map->tile_count + 1))) return; /* later, perhaps */
-        lw_wanted_levels(wanted, list.levels);
+        if (!(list.levels = malloc((size_t)interest_union->atlas_map->tile_count + 1)))
+            return; /* later, perhaps */
+        lw_interest_union_levels(interest_union, list.levels);
     }
-    wanted->changed = false;
+    interest_union->changed = false;
     uv_mutex_lock(&server->mutex);
-    server->wanted = list;
-    server->has_wanted = true;
+    server->interest = list;
+    server->has_interest = true;
     uv_mutex_unlock(&server->mutex);
 }
 
-bool lw_server_take_wanted(struct lw_server *server, struct lw_server_wanted *out_wanted) {
+bool lw_server_take_interest(struct lw_server *server, struct lw_server_interest *out_interest) {
     uv_mutex_lock(&server->mutex);
-    bool news = server->has_wanted;
-    if (news) *out_wanted = server->wanted;
-    server->has_wanted = false;
-    server->wanted = (struct lw_server_wanted){0};
+    bool news = server->has_interest;
+    if (news) *out_interest = server->interest;
+    server->has_interest = false;
+    server->interest = (struct lw_server_interest){0};
     uv_mutex_unlock(&server->mutex);
     if (news) uv_async_send(&server->wake); /* there may be more by now */
     return news;
@@ -288,7 +289,7 @@ static void keep_busy(struct lw_server *server) {
 }
 
 static void on_prepare(uv_prepare_t *handle) {
-    hand_over_wanted(handle->data);
+    hand_over_interest(handle->data);
     keep_busy(handle->data);
 }
 
@@ -613,15 +614,15 @@ static enum lw_status init_form(struct lw_server *server, const struct lw_server
     form->changed = malloc((tiles ? tiles : 1) * sizeof *form->changed);
     enum lw_status status = form->changed ? LW_OK : LW_NO_MEMORY;
     if (status == LW_OK && (desc->features & LW_FEATURE_DCT))
-        status = lw_recoder_create(desc->atlas_map, wake_loop, server, &form->recoder);
-    if (status == LW_OK) status = lw_deltas_init(&form->deltas, tiles, form->recoder);
-    return status == LW_OK ? lw_urgency_init(&form->urgency, desc->atlas_map) : status;
+        status = lw_transcoder_create(desc->atlas_map, wake_loop, server, &form->transcoder);
+    if (status == LW_OK) status = lw_deltas_init(&form->deltas, tiles, form->transcoder);
+    return status == LW_OK ? lw_priority_init(&form->priority, desc->atlas_map) : status;
 }
 
 static void finish_form(struct lw_session_form *form) {
     lw_snapshot_unref(form->snapshot);
     lw_deltas_finish(&form->deltas);
-    lw_urgency_finish(&form->urgency);
+    lw_priority_finish(&form->priority);
     free(form->changed);
 }
 
@@ -679,7 +680,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     enum lw_status status = make_order(desc->atlas_map, &server->order);
     if (status == LW_OK && !(shared->listed = calloc(tiles / 64 + 1, sizeof *shared->listed)))
         status = LW_NO_MEMORY;
-    if (status == LW_OK) status = lw_wanted_init(&shared->wanted, desc->atlas_map);
+    if (status == LW_OK) status = lw_interest_union_init(&shared->interest_union, desc->atlas_map);
     if (status == LW_OK) status = init_form(server, desc, LW_LIGHT_FORM_FULL);
     if (status == LW_OK) status = init_split(server, desc);
     if (status == LW_OK && shared->scene) status = lw_scene_roster_init(&shared->roster, shared->scene);
@@ -814,8 +815,8 @@ void lw_server_destroy(struct lw_server *server) {
     if (!server) return;
     struct lw_session_shared *shared = &server->shared;
     for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) {
-        lw_recoder_destroy(shared->form[f].recoder); /* it wakes the loop, which goes now */
-        shared->form[f].recoder = shared->form[f].deltas.recoder = NULL;
+        lw_transcoder_destroy(shared->form[f].transcoder); /* it wakes the loop, which goes now */
+        shared->form[f].transcoder = shared->form[f].deltas.transcoder = NULL;
     }
     if (server->loop.data) {
         while (shared->first) lw_session_close(shared->first, "the server ends");
@@ -837,8 +838,8 @@ void lw_server_destroy(struct lw_server *server) {
     for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) finish_form(&shared->form[f]);
     free(shared->listed);
     free(server->order);
-    free_wanted(&server->wanted);
-    lw_wanted_finish(&shared->wanted);
+    free_interest(&server->interest);
+    lw_interest_union_finish(&shared->interest_union);
     lw_updates_finish(&shared->updates);
     lw_address_places_finish(&shared->places);
     lw_scene_roster_finish(&shared->roster);

@@ -2,7 +2,7 @@
  * Flow:    snapshots -> [server: per session, what it lacks] -> writev -> link
  *          what each session wants -> [server] -> what any of them wants -> solver
  *          updates of the scene -> [server: checked, in order] -> solver -> published -> answered
- * Threads: the loop owns all sessions [loop]; lw_server_publish(), lw_server_take_wanted(),
+ * Threads: the loop owns all sessions [loop]; lw_server_publish(), lw_server_take_interest(),
  * lw_server_forms_taken(),
  *          lw_server_take_updates() and lw_server_stop() are [any]: they hand over and wake the loop, and never wait for it. */
 #ifndef LW_SERVE_SERVER_H
@@ -120,13 +120,13 @@ LW_MUST_CHECK enum lw_status lw_server_run(struct lw_server *server, struct lw_e
 /** Hands over a snapshot: takes a reference of its own. Newer snapshots replace older ones not yet seen. [any] */
 void lw_server_publish(struct lw_server *server, struct lw_snapshot *snapshot);
 /** What all sessions together want. */
-struct lw_server_wanted {
+struct lw_server_interest {
     bool everything; /* some session wants every tile; then there is no list */
-    uint8_t *levels; /* per lw_tile_id, as lw_wanted_levels() lists them; the taker's to free() */
+    uint8_t *levels; /* per lw_tile_id, as lw_interest_union_levels() lists them; the taker's to free() */
 };
 /** Takes what sessions want if it is not what was last taken; before the first time, that is nothing. One taker, at its
  * own pace: changes in between are put together. Returns whether there is news. [any] */
-bool lw_server_take_wanted(struct lw_server *server, struct lw_server_wanted *out_wanted);
+bool lw_server_take_interest(struct lw_server *server, struct lw_server_interest *out_interest);
 /** In which forms sessions take light now: bit per enum lw_light_form; 0: nobody takes any. A session gets
  * frames once there is a snapshot with its form. [any] */
 uint32_t lw_server_forms_taken(const struct lw_server *server);

@@ -17,7 +17,7 @@
 #define TURN_BATCHES     4u                        /* written at once before others get their turn */
 #define LINGER_NS        1000000000u               /* from a refusal to the close */
 #define TURN_MESSAGES    256u                      /* handled at once before others get their turn */
-#define AHEAD            32u                       /* tiles for which a session asks the recoder at once */
+#define AHEAD            32u                       /* tiles for which a session asks the transcoder at once */
 #define FULL_GRACE_COUNT 1024u                     /* refused connections that may wait for their close */
 
 _Static_assert(BATCH_BYTES + LW_SESSION_CHUNK + 64 <= LW_SERVER_QUEUE_MAX, "a batch keeps within the queue");
@@ -88,12 +88,11 @@ struct lw_session {
     uint64_t interest_epoch; /* of the server, when interest was last taken up */
     uint64_t *
         wanted; /* bit per tile: to be sent; NULL: everything. Then once more: those that are not stand-ins */
-    uint64_t generation; /* of the snapshot that the walk below goes over */
-    uint32_t
-        *lacked; /* what the walk goes over: tiles that it lacks, the most urgent first; NULL: those that the
+    uint64_t generation;  /* of the snapshot that the walk below goes over */
+    uint32_t *lacked;     /* what the walk goes over: tiles that it lacks, by priority; NULL: those that the
                                 snapshot changed, as it had all of the one before */
     bool delta_follows;   /* to the delta sent last: of the tile that is looked at next */
-    bool waits;           /* for what the recoder makes of that tile */
+    bool waits;           /* for what the transcoder makes of that tile */
     bool is_narrow;       /* its link takes less than changes: it gets coarse tiles before finer ones */
     bool refines;         /* narrow: it has all of these, and the walk goes over what they lack */
     bool link_was_full;   /* since the snapshot was new; */
@@ -222,8 +221,8 @@ static bool lacks(const struct lw_session *s, uint32_t tile) {
     const bool covers = is_set(s->wanted, tile);
     if (covers && map->place[tile].level <= LW_ATLAS_READ_MAX) return true;
     if (!covers && !(s->interest.stand_ins && is_coarsest(map, tile))) return false;
-    return lw_urgency_is_due_to_stand_in(&s->form->urgency, tile, lw_snapshot_frame_of(s->sent[tile]),
-                                         lw_snapshot_frame_of(now->version));
+    return lw_priority_is_due_to_stand_in(&s->form->priority, tile, lw_snapshot_frame_of(s->sent[tile]),
+                                          lw_snapshot_frame_of(now->version));
 }
 
 static void end_walk(struct lw_session *s) {
@@ -236,30 +235,30 @@ static void end_walk(struct lw_session *s) {
 /* Makes the list of what a session lacks of the newest snapshot. */
 static void walk_lacked(struct lw_session *s) {
     const struct lw_session_shared *shared = s->shared;
-    struct lw_urgency *urgency = &s->form->urgency;
+    struct lw_priority *priority = &s->form->priority;
     end_walk(s);
-    lw_urgency_list_begin(urgency);
+    lw_priority_list_begin(priority);
     for (uint32_t i = 0; i < shared->atlas_map->tile_count; i++) {
         const uint32_t id = shared->order[i];
         if (!lacks(s, id)) continue;
-        lw_urgency_list(
-            urgency, id,
-            lw_urgency_of(urgency, id, lw_snapshot_frame_of(s->sent[id]), s->form->snapshot->frame));
+        lw_priority_list(
+            priority, id,
+            lw_priority_of(priority, id, lw_snapshot_frame_of(s->sent[id]), s->form->snapshot->frame));
     }
-    if (!urgency->listed_count) return;
-    if (!(s->lacked = malloc(urgency->listed_count * sizeof *s->lacked))) {
+    if (!priority->listed_count) return;
+    if (!(s->lacked = malloc(priority->listed_count * sizeof *s->lacked))) {
         lw_session_close(s, "out of memory");
         return;
     }
-    lw_urgency_list_end(urgency, s->lacked);
-    s->walk_left = urgency->listed_count;
+    lw_priority_list_end(priority, s->lacked);
+    s->walk_left = priority->listed_count;
 }
 
 /* Whoever has not had all of the last snapshot when the next one comes, and not for want of turns, is on a narrow link. */
 static void judge_link(struct lw_session *s) {
     if (s->judged == s->form->generation) return;
     s->judged = s->form->generation;
-    if (s->walk_left && s->link_was_full && s->form->recoder) s->is_narrow = true;
+    if (s->walk_left && s->link_was_full && s->form->transcoder) s->is_narrow = true;
     s->link_was_full = false;
 }
 
@@ -399,16 +398,16 @@ static void count_taker(struct lw_session_form *form, _Atomic uint32_t *forms_ta
 
 static void count_in(struct lw_session *s, const struct interest *interest) {
     if (interest->everything)
-        lw_wanted_add_everything(&s->shared->wanted);
+        lw_interest_union_add_everything(&s->shared->interest_union);
     else
-        lw_wanted_add(&s->shared->wanted, interest->tile, interest->tile_count);
+        lw_interest_union_add(&s->shared->interest_union, interest->tile, interest->tile_count);
 }
 
 static void count_out(struct lw_session *s, const struct interest *interest) {
     if (interest->everything)
-        lw_wanted_remove_everything(&s->shared->wanted);
+        lw_interest_union_remove_everything(&s->shared->interest_union);
     else
-        lw_wanted_remove(&s->shared->wanted, interest->tile, interest->tile_count);
+        lw_interest_union_remove(&s->shared->interest_union, interest->tile, interest->tile_count);
 }
 
 /* What has waited holds from now on. */
@@ -776,11 +775,11 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
 /* A request from inside a chunk: the rest of that chunk becomes a message of its own. */
 static enum lw_status cut_chunk(struct lw_session *s, uint32_t chunk_index, uint64_t offset) {
     const struct lw_blob *whole = s->shared->chunk[chunk_index].blob;
-    struct lw_frame_header header;
+    struct lw_framing_header header;
     struct lw_message message;
-    enum lw_status status = lw_frame_read_header(whole->bytes, LW_FRAME_BODY_MAX, &header, NULL);
+    enum lw_status status = lw_framing_read_header(whole->bytes, LW_FRAMING_BODY_MAX, &header, NULL);
     if (status == LW_OK)
-        status = lw_message_decode(header, whole->bytes + LW_FRAME_HEADER_SIZE, &message, NULL);
+        status = lw_message_decode(header, whole->bytes + LW_FRAMING_HEADER_SIZE, &message, NULL);
     if (status != LW_OK) return status;
     struct lw_message_package_chunk *chunk = &message.package_chunk;
     size_t skip = (size_t)(offset - chunk->offset);
@@ -1015,7 +1014,7 @@ static void handle_message(struct lw_session *s, const struct lw_message *m) {
 
 /* Takes one message; false: none is whole yet, or the session came to its end. */
 static bool take_message(struct lw_session *s) {
-    struct lw_frame_header header;
+    struct lw_framing_header header;
     struct lw_message message;
     struct lw_error err = {0};
     const uint8_t *body;
@@ -1095,7 +1094,7 @@ struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_s
     s->link = link;
     s->shared = shared;
     s->peer = *peer;
-    s->input.body_max = LW_FRAME_CLIENT_BODY_MAX;
+    s->input.body_max = LW_FRAMING_CLIENT_BODY_MAX;
     s->form = &shared->form[LW_LIGHT_FORM_FULL];
     s->interest.everything = true;
     s->number = ++shared->number;

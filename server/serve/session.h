@@ -7,13 +7,13 @@
 #include "common/histogram.h"
 #include "common/scene/scene_roster.h"
 #include "server/serve/deltas.h"
+#include "server/serve/interest_union.h"
 #include "server/serve/peer_log.h"
+#include "server/serve/priority.h"
 #include "server/serve/server.h"
 #include "server/serve/session_transport.h"
 #include "server/serve/tokens.h"
 #include "server/serve/updates.h"
-#include "server/serve/urgency.h"
-#include "server/serve/wanted.h"
 
 #include <uv.h>
 
@@ -31,12 +31,12 @@ struct lw_session_shared {
         uint32_t part;        /* of the package */
     } * chunk;                /* the compressed package, each part cut into LW_SESSION_CHUNK bytes */
     uint32_t chunk_count;
-    const uint32_t *order;        /* tile ids: every object's coarsest level first */
-    uint64_t *listed;             /* bit per tile, all 0: for whoever looks for those that a list has twice */
-    struct lw_wanted wanted;      /* by all sessions that are streamed to, whatever their form */
-    const struct lw_scene *scene; /* what updates are checked against; NULL: there are none */
-    struct lw_scene_roster roster; /* of it, after all updates so far */
-    struct lw_updates updates;     /* of all sessions */
+    const uint32_t *order; /* tile ids: every object's coarsest level first */
+    uint64_t *listed;      /* bit per tile, all 0: for whoever looks for those that a list has twice */
+    struct lw_interest_union interest_union; /* by all sessions that are streamed to, whatever their form */
+    const struct lw_scene *scene;            /* what updates are checked against; NULL: there are none */
+    struct lw_scene_roster roster;           /* of it, after all updates so far */
+    struct lw_updates updates;               /* of all sessions */
     uint64_t epoch; /* counts ticks and snapshots seen: in each, a session may change its mind once */
     struct lw_snapshot *snapshot; /* newest; NULL before the first */
     uint64_t generation;          /* counts the snapshots that the loop has seen */
@@ -45,11 +45,11 @@ struct lw_session_shared {
         uint32_t session_count;       /* that are streamed to */
         struct lw_snapshot *snapshot; /* newest that has this form; NULL before the first */
         uint64_t generation;          /* counts those */
-        uint32_t *changed; /* tile ids, the most urgent first, that it changed against the one before */
+        uint32_t *changed;            /* tile ids, by priority, that it changed against the one before */
         uint32_t changed_count;
-        struct lw_recoder *recoder; /* NULL: tiles are of a codec that has no deltas */
-        struct lw_deltas deltas;    /* that lead to that snapshot */
-        struct lw_urgency urgency;
+        struct lw_transcoder *transcoder; /* NULL: tiles are of a codec that has no deltas */
+        struct lw_deltas deltas;          /* that lead to that snapshot */
+        struct lw_priority priority;
     } form
         [LW_LIGHT_FORM_COUNT]; /* by enum lw_light_form; the split one is there if there are client lights */
     _Atomic uint32_t forms_taken; /* bit per form: some session is streamed to in it */
@@ -66,7 +66,7 @@ struct lw_session_shared {
         struct lw_session *first, *last;
     } due[2]; /* those of them that have a turn coming, in order: who asked, and the others */
     struct lw_session_queue paced;   /* those whose rate limit lets nothing more through for now */
-    struct lw_session_queue waiting; /* those who have nothing to send before the recoder has answered */
+    struct lw_session_queue waiting; /* those who have nothing to send before the transcoder has answered */
     struct lw_session_inbox {
         struct lw_session *first, *last;
     } unread, slowed; /* those with messages that came and had no turn; those whose messages have to wait */
@@ -115,7 +115,7 @@ void lw_session_serve_paced(struct lw_session_shared *shared);
 /** Handles messages that came and had no turn, a share of each session. */
 void lw_session_read_on(struct lw_session_shared *shared);
 
-/** Takes what the recoder has made, and gives a turn to those who wait for it. */
+/** Takes what the transcoder has made, and gives a turn to those who wait for it. */
 void lw_session_collect(struct lw_session_shared *shared);
 
 /** Whether somebody has a turn, or messages that are to be handled. */

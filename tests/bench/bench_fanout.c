@@ -161,12 +161,12 @@ static void greet(int s, uint64_t package_compressed_size) {
 /* A client that has the package needs only its compressed size, from the WELCOME. */
 static uint64_t ask_size(uint16_t port) {
     uint8_t bytes[1024];
-    struct lw_frame_header header;
+    struct lw_framing_header header;
     struct lw_message message;
     int s = dial(port);
     say(s, &(struct lw_message){.type = LW_MESSAGE_HELLO, .hello.version = LW_WIRE_VERSION});
-    if (recv(s, bytes, LW_FRAME_HEADER_SIZE, MSG_WAITALL) != LW_FRAME_HEADER_SIZE ||
-        lw_frame_read_header(bytes, sizeof bytes, &header, NULL) != LW_OK ||
+    if (recv(s, bytes, LW_FRAMING_HEADER_SIZE, MSG_WAITALL) != LW_FRAMING_HEADER_SIZE ||
+        lw_framing_read_header(bytes, sizeof bytes, &header, NULL) != LW_OK ||
         recv(s, bytes, header.body_size, MSG_WAITALL) != (ssize_t)header.body_size ||
         lw_message_decode(header, bytes, &message, NULL) != LW_OK || message.type != LW_MESSAGE_WELCOME)
         give_up("the server's welcome");

@@ -33,7 +33,7 @@
 #include "common/scene/package.h"
 #include "common/scene/scene_motion.h"
 #include "common/tile/tile_codec.h"
-#include "proto/frame.h"
+#include "proto/framing.h"
 #include "server/publish/levels.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
@@ -162,11 +162,11 @@ static enum lw_status take_sent(struct job *job, const struct lw_snapshot *snaps
         if (tile->version != lw_snapshot_version(snapshot->frame)) continue;
         const struct lw_tile_place *place = &job->map.place[id];
         copy_tile(&job->levels[place->object], &job->sent_levels[place->object], place);
-        struct lw_frame_header header;
+        struct lw_framing_header header;
         struct lw_message message;
-        enum lw_status status = lw_frame_read_header(tile->blob->bytes, LW_FRAME_BODY_MAX, &header, err);
+        enum lw_status status = lw_framing_read_header(tile->blob->bytes, LW_FRAMING_BODY_MAX, &header, err);
         if (status == LW_OK)
-            status = lw_message_decode(header, tile->blob->bytes + LW_FRAME_HEADER_SIZE, &message, err);
+            status = lw_message_decode(header, tile->blob->bytes + LW_FRAMING_HEADER_SIZE, &message, err);
         if (status != LW_OK) return status;
         status = lw_replica_take_tile(job->replica, &message.tile, err);
         lw_message_finish(&message);

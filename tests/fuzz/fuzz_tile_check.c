@@ -36,11 +36,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
     uint64_t *known = calloc(2 * (size_t)map.tile_count, sizeof *known);
     struct lw_tile_held *held; /* of the second session */
     require(known != NULL && lw_tile_held_create(&map, &held) == LW_OK);
-    struct lw_frame_header header;
-    for (size_t at = 0, turn = 0; size - at >= LW_FRAME_HEADER_SIZE; turn++) {
+    struct lw_framing_header header;
+    for (size_t at = 0, turn = 0; size - at >= LW_FRAMING_HEADER_SIZE; turn++) {
         struct lw_message message;
-        if (lw_frame_read_header(bytes + at, LW_FRAME_BODY_MAX, &header, NULL) != LW_OK) break;
-        at += LW_FRAME_HEADER_SIZE;
+        if (lw_framing_read_header(bytes + at, LW_FRAMING_BODY_MAX, &header, NULL) != LW_OK) break;
+        at += LW_FRAMING_HEADER_SIZE;
         if (header.body_size > size - at) break;
         const uint8_t *body = bytes + at;
         at += header.body_size;

@@ -299,12 +299,12 @@ static const char *path_of(const char *file) {
 
 static enum lw_status decode(const uint8_t *bytes, size_t size, struct lw_message *out,
                              struct lw_error *err) {
-    struct lw_frame_header header;
-    assert_true(size >= LW_FRAME_HEADER_SIZE);
-    enum lw_status status = lw_frame_read_header(bytes, LW_FRAME_BODY_MAX, &header, err);
+    struct lw_framing_header header;
+    assert_true(size >= LW_FRAMING_HEADER_SIZE);
+    enum lw_status status = lw_framing_read_header(bytes, LW_FRAMING_BODY_MAX, &header, err);
     if (status != LW_OK) return status;
-    assert_int_equal(header.body_size, size - LW_FRAME_HEADER_SIZE);
-    return lw_message_decode(header, bytes + LW_FRAME_HEADER_SIZE, out, err);
+    assert_int_equal(header.body_size, size - LW_FRAMING_HEADER_SIZE);
+    return lw_message_decode(header, bytes + LW_FRAMING_HEADER_SIZE, out, err);
 }
 
 static void test_valid(void **state) {

@@ -323,7 +323,7 @@ static struct peer dial(bool is_web) {
     return (struct peer){.socket =
                              is_web ? lw_web_peer_open(web_port) : lw_web_peer_dial(daemon_process.port),
                          .is_web = is_web,
-                         .reader.body_max = LW_FRAME_BODY_MAX};
+                         .reader.body_max = LW_FRAMING_BODY_MAX};
 }
 
 static void hang_up(struct peer *p) {
@@ -381,7 +381,7 @@ static bool read_more(struct peer *p) {
 }
 
 /* The next message; false: the session is over. */
-static bool get(struct peer *p, struct lw_frame_header *header, const uint8_t **body) {
+static bool get(struct peer *p, struct lw_framing_header *header, const uint8_t **body) {
     for (;;) {
         lw_support_ok(lw_message_reader_take(&p->reader, header, body, NULL), NULL);
         if (*body) return true;
@@ -390,7 +390,7 @@ static bool get(struct peer *p, struct lw_frame_header *header, const uint8_t **
 }
 
 static void expect_refusal(struct peer *p, enum lw_refusal code) {
-    struct lw_frame_header header;
+    struct lw_framing_header header;
     const uint8_t *body;
     struct lw_message m;
     do {
@@ -419,7 +419,7 @@ static size_t take_session(struct peer *p, uint8_t **out_bytes) {
     size_t size = 0, capacity = 0;
     uint8_t *all = NULL;
     for (uint16_t type = 0; type != LW_MESSAGE_SETTLED;) {
-        struct lw_frame_header header;
+        struct lw_framing_header header;
         const uint8_t *body;
         assert_true(get(p, &header, &body));
         type = header.type;
@@ -691,7 +691,7 @@ static void test_log(void **state) {
     liar.hello.name = "x\") left: bye; session 7: \\";
     struct peer p = dial(true);
     put(&p, &liar);
-    struct lw_frame_header header;
+    struct lw_framing_header header;
     const uint8_t *body;
     assert_true(get(&p, &header, &body));
     hang_up(&p);

@@ -1468,8 +1468,8 @@ static void test_stale_tiles(void **state) {
 /* Polls until the server has news of what is wanted; expects so many level-0 tiles. */
 static void expect_wanted(struct lw_server *server, struct lw_client *client, const struct world *w,
                           bool everything, uint32_t tiles) {
-    struct lw_server_wanted wanted;
-    for (uint64_t end_ns = lw_clock_ns() + WAIT_NS; !lw_server_take_wanted(server, &wanted);) {
+    struct lw_server_interest wanted;
+    for (uint64_t end_ns = lw_clock_ns() + WAIT_NS; !lw_server_take_interest(server, &wanted);) {
         assert_true(lw_clock_ns() < end_ns);
         lw_support_ok(lw_client_poll(client, 5, NULL), NULL);
     }
@@ -1500,8 +1500,8 @@ static void test_want(void **state) {
                      none = {w.map.tile_count};
     assert_int_equal(lw_client_want(client, tile, 1), LW_USAGE); /* there is no scene yet */
     while (!lw_client_scene(client)) lw_support_ok(lw_client_poll(client, 100, &err), &err);
-    struct lw_server_wanted nothing;
-    assert_false(lw_server_take_wanted(server, &nothing)); /* not for a moment was everything wanted */
+    struct lw_server_interest nothing;
+    assert_false(lw_server_take_interest(server, &nothing)); /* not for a moment was everything wanted */
     assert_int_equal(lw_client_want(client, &none, 1), LW_USAGE);
     lw_support_ok(lw_client_want(client, tile, 3), NULL);
     expect_wanted(server, client, &w, false, 2);

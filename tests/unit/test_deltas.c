@@ -79,7 +79,7 @@ static void test_what_does_not_lead_on_is_forgotten(void **state) {
     lw_deltas_finish(&deltas);
 }
 
-/* ---- real tiles, and a recoder ---- */
+/* ---- real tiles, and a transcoder ---- */
 
 struct fixture {
     struct lw_scene *scene;
@@ -87,7 +87,7 @@ struct fixture {
     struct lw_tile_codec *codec;
     struct lw_tile_dct_history history;
     uint8_t *payload, *delta;
-    struct lw_recoder *recoder;
+    struct lw_transcoder *transcoder;
     struct lw_deltas deltas;
     pthread_mutex_t mutex;
     bool woken;
@@ -109,12 +109,12 @@ static void set_up(struct fixture *f) {
     f->payload = malloc(lw_tile_codec_bound());
     f->delta = malloc(lw_tile_codec_bound());
     assert_true(f->payload && f->delta);
-    lw_support_ok(lw_recoder_create(&f->map, note_wake, f, &f->recoder), NULL);
-    lw_support_ok(lw_deltas_init(&f->deltas, f->map.tile_count, f->recoder), NULL);
+    lw_support_ok(lw_transcoder_create(&f->map, note_wake, f, &f->transcoder), NULL);
+    lw_support_ok(lw_deltas_init(&f->deltas, f->map.tile_count, f->transcoder), NULL);
 }
 
 static void tear_down(struct fixture *f) {
-    lw_recoder_destroy(f->recoder);
+    lw_transcoder_destroy(f->transcoder);
     lw_deltas_finish(&f->deltas);
     free(f->delta);
     free(f->payload);
@@ -172,10 +172,10 @@ static void wait_until_made(struct fixture *f) {
 /* What a client has after a blob. */
 static void decode(struct fixture *f, const struct lw_blob *blob, uint64_t base, uint64_t version,
                    struct lw_tile_dct_coefficients *levels, float *rgb) {
-    struct lw_frame_header header;
+    struct lw_framing_header header;
     struct lw_message m;
-    lw_support_ok(lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL), NULL);
-    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAME_HEADER_SIZE, &m, NULL), NULL);
+    lw_support_ok(lw_framing_read_header(blob->bytes, LW_FRAMING_BODY_MAX, &header, NULL), NULL);
+    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAMING_HEADER_SIZE, &m, NULL), NULL);
     assert_int_equal(m.tile.base, base);
     assert_int_equal(m.tile.version, version);
     assert_true(m.tile.error == 0.25f && m.tile.bounces == 3);
@@ -300,25 +300,25 @@ static void test_no_coarse_form(void **state) {
     tear_down(&f);
 }
 
-/* Nobody waits for a recoder that has too much to do; and what it is never asked for again goes with it. */
+/* Nobody waits for a transcoder that has too much to do; and what it is never asked for again goes with it. */
 static void test_a_recoder_takes_no_more_than_it_says(void **state) {
     (void)state;
     struct fixture f;
-    struct lw_recoder_result result;
+    struct lw_transcoder_result result;
     set_up(&f);
     struct lw_blob *damaged = tile_blob(0, 1, 1, nothing, 9);
-    const struct lw_recoder_job job = {.base = 1, .version = 2, .from = damaged, .to = damaged};
-    for (uint32_t i = 0; i < LW_RECODER_JOBS_MAX; i++) assert_true(lw_recoder_ask(f.recoder, &job));
-    assert_false(lw_recoder_ask(f.recoder, &job));
+    const struct lw_transcoder_job job = {.base = 1, .version = 2, .from = damaged, .to = damaged};
+    for (uint32_t i = 0; i < LW_TRANSCODER_JOBS_MAX; i++) assert_true(lw_transcoder_ask(f.transcoder, &job));
+    assert_false(lw_transcoder_ask(f.transcoder, &job));
     for (uint64_t version = 1; version <= 3; version++) add_real(&f, version);
     struct lw_delta delta;
     assert_int_equal(lw_deltas_next(&f.deltas, 0, 1, false, &delta), LW_DELTAS_DELTA);
     assert_int_equal(delta.version, 2); /* one after another */
-    while (!lw_recoder_collect(f.recoder, &result)) usleep(100);
+    while (!lw_transcoder_collect(f.transcoder, &result)) usleep(100);
     assert_null(result.blob); /* there is nothing between what is damaged */
     assert_true(result.tile == 0 && result.base == 1 && result.version == 2);
-    assert_true(lw_recoder_ask(f.recoder, &job));
-    assert_false(lw_recoder_ask(f.recoder, &job));
+    assert_true(lw_transcoder_ask(f.transcoder, &job));
+    assert_false(lw_transcoder_ask(f.transcoder, &job));
     tear_down(&f);
     assert_int_equal(atomic_load(&damaged->references), 1);
     lw_blob_unref(damaged);

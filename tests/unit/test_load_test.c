@@ -126,14 +126,16 @@ static void say_package(struct fake *f, uint8_t spoil) {
 
 /* Reads one whole message; returns its type, 0 at the end of the link. */
 static uint16_t hear(struct fake *f, struct lw_message *out_message) {
-    uint8_t bytes[LW_FRAME_HEADER_SIZE + 1024];
-    struct lw_frame_header header;
-    if (recv(f->peer, bytes, LW_FRAME_HEADER_SIZE, MSG_WAITALL) != (ssize_t)LW_FRAME_HEADER_SIZE) return 0;
-    lw_support_ok(lw_frame_read_header(bytes, 1024, &header, NULL), NULL);
-    ssize_t body_size = (ssize_t)header.body_size; /* with none, recv() would wait for the next message */
-    if (body_size && recv(f->peer, bytes + LW_FRAME_HEADER_SIZE, (size_t)body_size, MSG_WAITALL) != body_size)
+    uint8_t bytes[LW_FRAMING_HEADER_SIZE + 1024];
+    struct lw_framing_header header;
+    if (recv(f->peer, bytes, LW_FRAMING_HEADER_SIZE, MSG_WAITALL) != (ssize_t)LW_FRAMING_HEADER_SIZE)
         return 0;
-    lw_support_ok(lw_message_decode(header, bytes + LW_FRAME_HEADER_SIZE, out_message, NULL), NULL);
+    lw_support_ok(lw_framing_read_header(bytes, 1024, &header, NULL), NULL);
+    ssize_t body_size = (ssize_t)header.body_size; /* with none, recv() would wait for the next message */
+    if (body_size &&
+        recv(f->peer, bytes + LW_FRAMING_HEADER_SIZE, (size_t)body_size, MSG_WAITALL) != body_size)
+        return 0;
+    lw_support_ok(lw_message_decode(header, bytes + LW_FRAMING_HEADER_SIZE, out_message, NULL), NULL);
     return header.type;
 }
 

@@ -244,7 +244,7 @@ static enum lw_status decode_exact(enum lw_message_type type, const uint8_t *bod
     uint8_t *exact = malloc(size ? size : 1);
     assert_non_null(exact);
     if (size) memcpy(exact, body, size);
-    struct lw_frame_header header = {.body_size = (uint32_t)size, .type = (uint16_t)type};
+    struct lw_framing_header header = {.body_size = (uint32_t)size, .type = (uint16_t)type};
     enum lw_status status = lw_message_decode(header, exact, out, err);
     free(exact); /* what was decoded must not point into it */
     return status;
@@ -255,16 +255,17 @@ static void test_round_trip(void **state) {
     for (size_t i = 0; i < SAMPLES; i++) {
         uint8_t *bytes;
         size_t size;
-        struct lw_frame_header header;
+        struct lw_framing_header header;
         struct lw_message back;
         struct lw_error err = {0};
         lw_support_ok(lw_message_encode_alloc(&samples[i], &bytes, &size), NULL);
         assert_int_equal(size, lw_message_size(&samples[i]));
-        lw_support_ok(lw_frame_read_header(bytes, LW_FRAME_BODY_MAX, &header, &err), &err);
+        lw_support_ok(lw_framing_read_header(bytes, LW_FRAMING_BODY_MAX, &header, &err), &err);
         assert_int_equal(header.type, samples[i].type);
-        assert_int_equal(header.body_size, size - LW_FRAME_HEADER_SIZE);
+        assert_int_equal(header.body_size, size - LW_FRAMING_HEADER_SIZE);
         lw_support_ok(
-            decode_exact(samples[i].type, bytes + LW_FRAME_HEADER_SIZE, header.body_size, &back, &err), &err);
+            decode_exact(samples[i].type, bytes + LW_FRAMING_HEADER_SIZE, header.body_size, &back, &err),
+            &err);
         expect_equal(&samples[i], &back);
         lw_message_finish(&back);
         lw_message_finish(&back); /* twice is fine */
@@ -292,13 +293,13 @@ static void test_truncated(void **state) {
         uint8_t *bytes;
         size_t size, refused = 0;
         lw_support_ok(lw_message_encode_alloc(&samples[i], &bytes, &size), NULL);
-        size -= LW_FRAME_HEADER_SIZE;
+        size -= LW_FRAMING_HEADER_SIZE;
         for (size_t cut = 0; cut < size; cut++) {
             /* a cut between two fields is a message with fewer fields, and may be fine */
             struct lw_message back = {.storage = NULL};
             struct lw_error err = {0};
             enum lw_status status =
-                decode_exact(samples[i].type, bytes + LW_FRAME_HEADER_SIZE, cut, &back, &err);
+                decode_exact(samples[i].type, bytes + LW_FRAMING_HEADER_SIZE, cut, &back, &err);
             if (status == LW_OK) {
                 lw_message_finish(&back);
                 continue;
@@ -319,11 +320,11 @@ static void test_flipped_bits(void **state) {
         uint8_t *bytes;
         size_t size;
         lw_support_ok(lw_message_encode_alloc(&samples[i], &bytes, &size), NULL);
-        for (size_t bit = 8 * LW_FRAME_HEADER_SIZE; bit < 8 * size; bit++) {
+        for (size_t bit = 8 * LW_FRAMING_HEADER_SIZE; bit < 8 * size; bit++) {
             bytes[bit / 8] ^= (uint8_t)(1u << (bit % 8));
             struct lw_message back;
-            enum lw_status status = decode_exact(samples[i].type, bytes + LW_FRAME_HEADER_SIZE,
-                                                 size - LW_FRAME_HEADER_SIZE, &back, NULL);
+            enum lw_status status = decode_exact(samples[i].type, bytes + LW_FRAMING_HEADER_SIZE,
+                                                 size - LW_FRAMING_HEADER_SIZE, &back, NULL);
             if (status == LW_OK) {
                 assert_int_equal(lw_message_validate(&back, NULL), LW_OK);
                 lw_message_finish(&back);
@@ -534,7 +535,7 @@ static void test_interest(void **state) {
     struct body b = {0};
     for (size_t over = 0; over < 2; over++) {
         for (unsigned field = 2; field <= 4; field++) put_zeros(&b, field, LW_MESSAGE_INTEREST_MAX + over);
-        assert_true(b.size <= LW_FRAME_CLIENT_BODY_MAX);
+        assert_true(b.size <= LW_FRAMING_CLIENT_BODY_MAX);
         expect_decode(LW_MESSAGE_INTEREST, &b, over ? "tile has over 4096 entries" : NULL);
     }
     for (unsigned longer = 2; longer <= 4; longer++) {
@@ -554,7 +555,7 @@ static void test_holds(void **state) {
     for (size_t over = 0; over < 2; over++) {
         for (unsigned field = 1; field <= 4; field++)
             put_zeros(&b, field, (field == 4 ? 2 : 1) * (LW_MESSAGE_HOLDS_MAX + over));
-        assert_true(b.size <= LW_FRAME_CLIENT_BODY_MAX);
+        assert_true(b.size <= LW_FRAMING_CLIENT_BODY_MAX);
         expect_decode(LW_MESSAGE_HOLDS, &b, over ? "tile has over 2048 entries" : NULL);
     }
     for (unsigned longer = 1; longer <= 4; longer++) {
@@ -579,7 +580,7 @@ static void test_frame_counts(void **state) {
     const size_t none[3] = {0, 0, 0}, T = LW_MESSAGE_TRANSFORMS_MAX, L = LW_MESSAGE_LIGHTS_MAX;
     struct body b = {0};
     put_frame(&b, T, 12 * T, L, (size_t[3]){3 * L, 3 * L, 3 * L});
-    assert_true(b.size <= LW_FRAME_BODY_MAX);
+    assert_true(b.size <= LW_FRAMING_BODY_MAX);
     expect_decode(LW_MESSAGE_FRAME, &b, NULL);
     put_frame(&b, T + 1, 12 * (T + 1), 0, none);
     expect_decode(LW_MESSAGE_FRAME, &b, "transform_object has over 8192 entries");
@@ -624,7 +625,7 @@ static void test_frame_state_counts(void **state) {
     put_zeros(&b, 16, M);
     put_zeros(&b, 17, 3 * M);
     put_zeros(&b, 18, 3 * M);
-    assert_true(b.size <= LW_FRAME_BODY_MAX); /* everything that may be in one, at its limit */
+    assert_true(b.size <= LW_FRAMING_BODY_MAX); /* everything that may be in one, at its limit */
     expect_decode(LW_MESSAGE_FRAME, &b, NULL);
     put_frame_state(&b, V + 1, 0, 0, 0, 0);
     expect_decode(LW_MESSAGE_FRAME, &b, "hidden_object has over 8192 entries");
@@ -664,7 +665,7 @@ static void test_update_counts(void **state) {
     struct body b = {0};
     put_update(&b, C, C, C, V, C * V);
     put_number(&b, 1, UINT64_MAX);
-    assert_true(b.size <= LW_FRAME_CLIENT_BODY_MAX); /* the largest that a client may send */
+    assert_true(b.size <= LW_FRAMING_CLIENT_BODY_MAX); /* the largest that a client may send */
     expect_decode(LW_MESSAGE_UPDATE, &b, NULL);
     put_update(&b, C + 1, C + 1, C + 1, 0, 0);
     expect_decode(LW_MESSAGE_UPDATE, &b, "kind has over 1024 entries");
@@ -703,7 +704,7 @@ static void test_updated_text(void **state) {
 static void expect_invalid(const struct lw_message *message, const char *text) {
     struct lw_error err = {0};
     size_t size = 0;
-    static uint8_t bytes[LW_FRAME_BODY_MAX];
+    static uint8_t bytes[LW_FRAMING_BODY_MAX];
     lw_support_fails(lw_message_validate(message, &err), LW_PROTOCOL, &err, text);
     assert_int_equal(lw_message_encode(message, bytes, sizeof bytes, &size), LW_INTERNAL);
     assert_int_equal(size, 0);
@@ -851,11 +852,11 @@ static void test_out_of_memory(void **state) {
         for (needed = 0; status != LW_OK; needed++) {
             struct lw_message m = {.storage = NULL};
             struct lw_error err = {0};
-            struct lw_frame_header header = {.body_size = (uint32_t)(size - LW_FRAME_HEADER_SIZE),
-                                             .type = (uint16_t)samples[i].type};
+            struct lw_framing_header header = {.body_size = (uint32_t)(size - LW_FRAMING_HEADER_SIZE),
+                                               .type = (uint16_t)samples[i].type};
             assert_true(needed < 100);
             allocations_left = needed;
-            status = lw_message_decode(header, bytes + LW_FRAME_HEADER_SIZE, &m, &err);
+            status = lw_message_decode(header, bytes + LW_FRAMING_HEADER_SIZE, &m, &err);
             allocations_left = -1;
             if (status == LW_OK) {
                 expect_equal(&samples[i], &m);
@@ -877,7 +878,8 @@ static void test_unknown_type(void **state) {
         struct lw_message m;
         struct lw_error err = {0};
         assert_null(lw_message_name(types[i]));
-        enum lw_status status = lw_message_decode((struct lw_frame_header){.type = types[i]}, NULL, &m, &err);
+        enum lw_status status =
+            lw_message_decode((struct lw_framing_header){.type = types[i]}, NULL, &m, &err);
         lw_support_fails(status, LW_PROTOCOL, &err, "unknown");
         m = (struct lw_message){.type = (enum lw_message_type)types[i]};
         err = (struct lw_error){0};

@@ -7,7 +7,7 @@
 #define SECOND_NS 1000000000ull
 #define LIMIT_S   10u
 
-static const struct lw_frame_header ping = {.type = LW_MESSAGE_PING, .body_size = 2};
+static const struct lw_framing_header ping = {.type = LW_MESSAGE_PING, .body_size = 2};
 
 static void test_burst_and_rate(void **state) {
     (void)state;
@@ -28,12 +28,12 @@ static void test_burst_and_rate(void **state) {
 static void test_bytes(void **state) {
     (void)state;
     struct lw_message_rates rates;
-    const struct lw_frame_header large = {.type = LW_MESSAGE_PACKAGE_REQUEST,
-                                          .body_size = LW_FRAME_CLIENT_BODY_MAX};
+    const struct lw_framing_header large = {.type = LW_MESSAGE_PACKAGE_REQUEST,
+                                            .body_size = LW_FRAMING_CLIENT_BODY_MAX};
     lw_message_rates_init(&rates, 0);
     unsigned count = 1;
     while (!lw_message_rates_count(&rates, large, 0)) count++;
-    assert_int_equal(count, 1048576 / (LW_FRAME_CLIENT_BODY_MAX + LW_FRAME_HEADER_SIZE) + 1);
+    assert_int_equal(count, 1048576 / (LW_FRAMING_CLIENT_BODY_MAX + LW_FRAMING_HEADER_SIZE) + 1);
 }
 
 /* Who may change the scene may say more; what is held is counted by messages alone. */
@@ -43,11 +43,13 @@ static void test_trust_and_holds(void **state) {
     lw_message_rates_init(&rates, 0);
     lw_message_rates_trust(&rates, true);
     unsigned count = 1;
-    const struct lw_frame_header update = {.type = LW_MESSAGE_UPDATE, .body_size = LW_FRAME_CLIENT_BODY_MAX};
+    const struct lw_framing_header update = {.type = LW_MESSAGE_UPDATE,
+                                             .body_size = LW_FRAMING_CLIENT_BODY_MAX};
     while (!lw_message_rates_count(&rates, update, 0)) count++;
-    assert_int_equal(count, 8 * 1048576 / (LW_FRAME_CLIENT_BODY_MAX + LW_FRAME_HEADER_SIZE) + 1);
+    assert_int_equal(count, 8 * 1048576 / (LW_FRAMING_CLIENT_BODY_MAX + LW_FRAMING_HEADER_SIZE) + 1);
     lw_message_rates_init(&rates, 0);
-    const struct lw_frame_header holds = {.type = LW_MESSAGE_HOLDS, .body_size = LW_FRAME_CLIENT_BODY_MAX};
+    const struct lw_framing_header holds = {.type = LW_MESSAGE_HOLDS,
+                                            .body_size = LW_FRAMING_CLIENT_BODY_MAX};
     for (count = 1; !lw_message_rates_count(&rates, holds, 0); count++) {
     }
     assert_int_equal(count, 512 + 1);

@@ -14,7 +14,7 @@ static bool no_memory;
 
 void *__wrap_realloc(void *memory, size_t size) { return no_memory ? NULL : __real_realloc(memory, size); }
 
-static uint8_t stream[MESSAGES * (LW_FRAME_HEADER_SIZE + BODY_MAX)];
+static uint8_t stream[MESSAGES * (LW_FRAMING_HEADER_SIZE + BODY_MAX)];
 static size_t stream_size;
 
 static size_t body_size(unsigned i) { return i % 7 == 3 ? 0 : i * 97 % (BODY_MAX + 1); }
@@ -22,10 +22,10 @@ static size_t body_size(unsigned i) { return i % 7 == 3 ? 0 : i * 97 % (BODY_MAX
 static void write_stream(void) {
     stream_size = 0;
     for (unsigned i = 0; i < MESSAGES; i++) {
-        lw_frame_write_header(
+        lw_framing_write_header(
             stream + stream_size,
-            (struct lw_frame_header){.body_size = (uint32_t)body_size(i), .type = (uint16_t)(i + 1)});
-        stream_size += LW_FRAME_HEADER_SIZE;
+            (struct lw_framing_header){.body_size = (uint32_t)body_size(i), .type = (uint16_t)(i + 1)});
+        stream_size += LW_FRAMING_HEADER_SIZE;
         memset(stream + stream_size, (int)i, body_size(i));
         stream_size += body_size(i);
     }
@@ -33,7 +33,7 @@ static void write_stream(void) {
 
 /* Takes what there is, at most `most` messages, from number *i on. */
 static void take(struct lw_message_reader *reader, unsigned *i, unsigned most) {
-    struct lw_frame_header header;
+    struct lw_framing_header header;
     const uint8_t *body;
     for (unsigned taken = 0; taken < most; taken++) {
         lw_support_ok(lw_message_reader_take(reader, &header, &body, NULL), NULL);
@@ -88,12 +88,12 @@ static void test_no_copy(void **state) {
 
 static void test_bad_header(void **state) {
     (void)state;
-    uint8_t bytes[LW_FRAME_HEADER_SIZE];
+    uint8_t bytes[LW_FRAMING_HEADER_SIZE];
     struct lw_message_reader reader = {.body_max = BODY_MAX};
-    struct lw_frame_header header;
+    struct lw_framing_header header;
     const uint8_t *body;
-    lw_frame_write_header(bytes, (struct lw_frame_header){.body_size = BODY_MAX + 1, .type = 1});
-    for (size_t kept = 0; kept < LW_FRAME_HEADER_SIZE; kept += 7) {
+    lw_framing_write_header(bytes, (struct lw_framing_header){.body_size = BODY_MAX + 1, .type = 1});
+    for (size_t kept = 0; kept < LW_FRAMING_HEADER_SIZE; kept += 7) {
         lw_message_reader_lend(&reader, bytes, kept);
         lw_support_ok(lw_message_reader_keep(&reader), NULL);
         lw_message_reader_lend(&reader, bytes + kept, sizeof bytes - kept);
@@ -110,7 +110,7 @@ static void test_bad_header(void **state) {
 static void test_no_memory(void **state) {
     (void)state;
     struct lw_message_reader reader = {.body_max = BODY_MAX};
-    struct lw_frame_header header;
+    struct lw_framing_header header;
     const uint8_t *body;
     write_stream();
     lw_message_reader_lend(&reader, stream, 5);

@@ -93,10 +93,10 @@ static struct lw_snapshot *publish(struct world *w, uint64_t frame) { return pub
 /* What a client makes of a blob; returns the payload's size. */
 static size_t decode(const struct world *w, const struct lw_blob *blob, uint64_t version, uint64_t base,
                      struct lw_tile_dct_coefficients *levels, float *rgb, float *out_scale) {
-    struct lw_frame_header header;
+    struct lw_framing_header header;
     struct lw_message m;
-    lw_support_ok(lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL), NULL);
-    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAME_HEADER_SIZE, &m, NULL), NULL);
+    lw_support_ok(lw_framing_read_header(blob->bytes, LW_FRAMING_BODY_MAX, &header, NULL), NULL);
+    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAMING_HEADER_SIZE, &m, NULL), NULL);
     assert_int_equal(m.type, LW_MESSAGE_TILE);
     assert_int_equal(m.tile.version, lw_snapshot_version(version));
     assert_int_equal(m.tile.base, lw_snapshot_version(base));
@@ -147,10 +147,10 @@ static void test_deltas(void **state) {
 }
 
 static struct lw_message frame_of(const struct lw_blob *blob) {
-    struct lw_frame_header header;
+    struct lw_framing_header header;
     struct lw_message m;
-    lw_support_ok(lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL), NULL);
-    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAME_HEADER_SIZE, &m, NULL), NULL);
+    lw_support_ok(lw_framing_read_header(blob->bytes, LW_FRAMING_BODY_MAX, &header, NULL), NULL);
+    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAMING_HEADER_SIZE, &m, NULL), NULL);
     assert_int_equal(m.type, LW_MESSAGE_FRAME);
     return m;
 }
@@ -270,15 +270,15 @@ static void expect_form(const struct world *w, const struct lw_snapshot *s, enum
                         uint64_t version, float value) {
     static float rgb[SIDE * SIDE * 3];
     float scale;
-    struct lw_frame_header header;
+    struct lw_framing_header header;
     struct lw_message m;
     assert_true(lw_snapshot_has(s, form));
     const struct lw_blob *blob = s->tile[form][0].blob;
     assert_int_equal(s->tile[form][0].version, lw_snapshot_version(version));
     decode(w, blob, version, 0, NULL, rgb, &scale);
     assert_true(fabsf(rgb[0] / value - 1) < 0.001f);
-    lw_support_ok(lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL), NULL);
-    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAME_HEADER_SIZE, &m, NULL), NULL);
+    lw_support_ok(lw_framing_read_header(blob->bytes, LW_FRAMING_BODY_MAX, &header, NULL), NULL);
+    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAMING_HEADER_SIZE, &m, NULL), NULL);
     assert_int_equal(m.tile.layer, form);
     lw_message_finish(&m);
 }
@@ -327,10 +327,10 @@ static void test_forms(void **state) {
 }
 
 static uint8_t step_q(const struct lw_blob *blob) {
-    struct lw_frame_header header;
+    struct lw_framing_header header;
     struct lw_message m;
-    lw_support_ok(lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL), NULL);
-    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAME_HEADER_SIZE, &m, NULL), NULL);
+    lw_support_ok(lw_framing_read_header(blob->bytes, LW_FRAMING_BODY_MAX, &header, NULL), NULL);
+    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAMING_HEADER_SIZE, &m, NULL), NULL);
     const uint8_t q = m.tile.payload[1]; /* a step is 2^(1 - q/8) */
     lw_message_finish(&m);
     return q;

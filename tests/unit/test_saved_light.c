@@ -77,10 +77,10 @@ static int finish_world(void **state) {
 }
 
 static void decode(const struct lw_blob *blob, struct lw_message *out_message, size_t *out_size) {
-    struct lw_frame_header header;
-    lw_support_ok(lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL), NULL);
-    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAME_HEADER_SIZE, out_message, NULL), NULL);
-    *out_size = LW_FRAME_HEADER_SIZE + header.body_size;
+    struct lw_framing_header header;
+    lw_support_ok(lw_framing_read_header(blob->bytes, LW_FRAMING_BODY_MAX, &header, NULL), NULL);
+    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAMING_HEADER_SIZE, out_message, NULL), NULL);
+    *out_size = LW_FRAMING_HEADER_SIZE + header.body_size;
 }
 
 static struct lw_snapshot *keep_and_load(const struct world *w, bool steady) {

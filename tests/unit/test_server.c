@@ -3,8 +3,8 @@
 #include "common/clock.h"
 #include "common/scene/scene_spares.h"
 #include "common/tile/tile_codec.h"
+#include "server/serve/priority.h"
 #include "server/serve/server.h"
-#include "server/serve/urgency.h"
 
 #include <arpa/inet.h>
 #include <errno.h>
@@ -230,12 +230,12 @@ static void check_form(struct lw_message *m) {
 
 /* Reads the next message; false at the end of the stream. */
 static bool get(int s, struct lw_message *out) {
-    static uint8_t body[LW_FRAME_BODY_MAX];
-    uint8_t bytes[LW_FRAME_HEADER_SIZE];
-    struct lw_frame_header header;
+    static uint8_t body[LW_FRAMING_BODY_MAX];
+    uint8_t bytes[LW_FRAMING_HEADER_SIZE];
+    struct lw_framing_header header;
     struct lw_error err = {0};
     if (!get_bytes(s, bytes, sizeof bytes)) return false;
-    lw_support_ok(lw_frame_read_header(bytes, LW_FRAME_BODY_MAX, &header, &err), &err);
+    lw_support_ok(lw_framing_read_header(bytes, LW_FRAMING_BODY_MAX, &header, &err), &err);
     if (!get_bytes(s, body, header.body_size)) return false;
     lw_support_ok(lw_message_decode(header, body, out, &err), &err);
     check_form(out);
@@ -574,10 +574,10 @@ static void test_deltas(void **state) {
     struct lw_snapshot *second = make_snapshot(f, 2, 1);
     for (uint32_t t = 0; t < f->map.tile_count; t++) {
         struct lw_message m;
-        struct lw_frame_header header;
+        struct lw_framing_header header;
         const struct lw_blob *blob = second->tile[form][t].blob;
-        lw_support_ok(lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL), NULL);
-        lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAME_HEADER_SIZE, &m, NULL), NULL);
+        lw_support_ok(lw_framing_read_header(blob->bytes, LW_FRAMING_BODY_MAX, &header, NULL), NULL);
+        lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAMING_HEADER_SIZE, &m, NULL), NULL);
         m.tile.base = 1;
         second->tile[form][t].delta = blob_of(&m);
         second->tile[form][t].base = t == 5 ? 7 : 1;
@@ -863,12 +863,12 @@ static void test_stand_ins_wait(void **state) {
     put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
                                 .interest = {.tile = wanted, .tile_count = 1, .stand_ins = true}});
     ask_for_package(s, PACKAGE_SIZE);
-    const uint64_t far = 3, old = far + 2 * LW_URGENCY_STAND_IN_FRAMES; /* versions, two a frame */
+    const uint64_t far = 3, old = far + 2 * LW_PRIORITY_STAND_IN_FRAMES; /* versions, two a frame */
     for (uint64_t frame = 1; frame <= old; frame++) {
         struct lw_snapshot *snapshot = make_snapshot(f, frame, frame - 1);
         for (uint32_t t = 0; t < f->map.tile_count; t++)
             snapshot->tile[form][t].change =
-                frame == far ? 2 * LW_URGENCY_STAND_IN_OFF : LW_URGENCY_STAND_IN_OFF / 10;
+                frame == far ? 2 * LW_PRIORITY_STAND_IN_OFF : LW_PRIORITY_STAND_IN_OFF / 10;
         publish(f, snapshot);
         struct lw_message m;
         do {
@@ -885,8 +885,8 @@ static void test_stand_ins_wait(void **state) {
 
 /* Waits for news of what is wanted, and expects so many level-0 tiles; UINT32_MAX: everything. */
 static void expect_wanted(const struct fixture *f, uint32_t tiles) {
-    struct lw_server_wanted wanted;
-    for (uint64_t end_ns = lw_clock_ns() + WAIT_MS * 1000000ull; !lw_server_take_wanted(f->server, &wanted);
+    struct lw_server_interest wanted;
+    for (uint64_t end_ns = lw_clock_ns() + WAIT_MS * 1000000ull; !lw_server_take_interest(f->server, &wanted);
          usleep(1000))
         assert_true(lw_clock_ns() < end_ns);
     uint32_t count = 0;
@@ -903,9 +903,9 @@ static void want(int s, const struct lw_message_interest_tile *tile, size_t coun
 static void test_union_of_interest(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){0});
-    struct lw_server_wanted none;
+    struct lw_server_interest none;
     const struct lw_message_interest_tile corner[] = {{1, 0, 7}}, half[] = {{1, 1, 1}, {0, 0, 0}};
-    assert_false(lw_server_take_wanted(f->server, &none));
+    assert_false(lw_server_take_interest(f->server, &none));
     int first = dial_and_greet(f), second = dial_and_greet(f), third = dial_and_greet(f);
     want(first, corner, 1);
     ask_for_package(first, PACKAGE_SIZE);
@@ -939,10 +939,10 @@ static void test_flood_of_interest(void **state) {
     publish(f, make_snapshot(f, 1, 0));
     expect_light(f, good, 1);
     close(good);
-    struct lw_server_wanted wanted = {0};
+    struct lw_server_interest wanted = {0};
     unsigned news = 0;
     for (uint32_t count = 0; count != 1;) { /* everything, then as it comes, then one tile */
-        if (!lw_server_take_wanted(f->server, &wanted)) {
+        if (!lw_server_take_interest(f->server, &wanted)) {
             usleep(1000);
             continue;
         }
@@ -1303,10 +1303,10 @@ static bool recite(const struct fixture *f, const uint8_t *bytes, size_t size) {
     put_bytes(s, bytes, size);
     assert_int_equal(shutdown(s, SHUT_WR), 0);
     /* what was on its way when the server saw our end may be cut off */
-    for (uint8_t header[LW_FRAME_HEADER_SIZE]; get_bytes(s, header, sizeof header);) {
-        static uint8_t body[LW_FRAME_BODY_MAX];
-        struct lw_frame_header h;
-        lw_support_ok(lw_frame_read_header(header, LW_FRAME_BODY_MAX, &h, NULL), NULL);
+    for (uint8_t header[LW_FRAMING_HEADER_SIZE]; get_bytes(s, header, sizeof header);) {
+        static uint8_t body[LW_FRAMING_BODY_MAX];
+        struct lw_framing_header h;
+        lw_support_ok(lw_framing_read_header(header, LW_FRAMING_BODY_MAX, &h, NULL), NULL);
         if (!get_bytes(s, body, h.body_size)) break;
         lw_support_ok(lw_message_decode(h, body, &m, NULL), NULL);
         refused = m.type == LW_MESSAGE_REFUSAL;
@@ -1354,22 +1354,22 @@ static void test_garbage(void **state) {
     put_bytes(s, "GET / HTTP/1.1\r\n\r\n", 18);
     expect_refusal(s, LW_REFUSAL_PROTOCOL);
     s = dial(f); /* a body one byte over the limit, found from the header alone */
-    uint8_t header[LW_FRAME_HEADER_SIZE];
-    lw_frame_write_header(header, (struct lw_frame_header){.body_size = LW_FRAME_CLIENT_BODY_MAX + 1,
-                                                           .type = LW_MESSAGE_HELLO});
+    uint8_t header[LW_FRAMING_HEADER_SIZE];
+    lw_framing_write_header(header, (struct lw_framing_header){.body_size = LW_FRAMING_CLIENT_BODY_MAX + 1,
+                                                               .type = LW_MESSAGE_HELLO});
     put_bytes(s, header, sizeof header);
     expect_refusal(s, LW_REFUSAL_PROTOCOL);
     s = dial(f); /* flags of the future */
-    lw_frame_write_header(header, (struct lw_frame_header){.type = LW_MESSAGE_HELLO, .flags = 1});
+    lw_framing_write_header(header, (struct lw_framing_header){.type = LW_MESSAGE_HELLO, .flags = 1});
     put_bytes(s, header, sizeof header);
     expect_refusal(s, LW_REFUSAL_PROTOCOL);
     s = dial(f); /* a body that is no protobuf */
-    lw_frame_write_header(header, (struct lw_frame_header){.body_size = 2, .type = LW_MESSAGE_HELLO});
+    lw_framing_write_header(header, (struct lw_framing_header){.body_size = 2, .type = LW_MESSAGE_HELLO});
     put_bytes(s, header, sizeof header);
     put_bytes(s, "\xff\xff", 2);
     expect_refusal(s, LW_REFUSAL_PROTOCOL);
     s = dial_and_greet(f); /* a type that no version has */
-    lw_frame_write_header(header, (struct lw_frame_header){.type = 99});
+    lw_framing_write_header(header, (struct lw_framing_header){.type = 99});
     put_bytes(s, header, sizeof header);
     expect_refusal(s, LW_REFUSAL_PROTOCOL);
     publish(f, make_snapshot(f, 1, 0));

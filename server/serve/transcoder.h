@@ -1,22 +1,22 @@
-/* recoder.h: what sessions want whose links take too little, made when the first one wants it and shared by all: deltas over several
+/* transcoder.h: what sessions want whose links take too little, made when the first one wants it and shared by all: deltas over several
  * versions of a tile, and tiles in wider steps.
- * Flow:    deltas: two versions of a tile -> [recoder] -> a delta from one to the other -> deltas -> sessions
- *          deltas: a tile -> [recoder] -> the same in wider steps, whole and as a delta to what was last made so -> deltas -> sessions
+ * Flow:    deltas: two versions of a tile -> [transcoder] -> a delta from one to the other -> deltas -> sessions
+ *          deltas: a tile -> [transcoder] -> the same in wider steps, whole and as a delta to what was last made so -> deltas -> sessions
  * Threads: [loop]; a thread of its own does the work, since some 100 us a tile are too much for the network's. */
-#ifndef LW_SERVE_RECODER_H
-#define LW_SERVE_RECODER_H
+#ifndef LW_SERVE_TRANSCODER_H
+#define LW_SERVE_TRANSCODER_H
 
 #include "server/publish/snapshot.h"
 
-#define LW_RECODER_JOBS_MAX 256u /* that are asked for and not collected */
+#define LW_TRANSCODER_JOBS_MAX 256u /* that are asked for and not collected */
 
-/* Steps of coarse tiles are 2^(LW_RECODER_COARSER_Q / 8) times those of the tile: two fifths of the bytes, and a view that is off by
+/* Steps of coarse tiles are 2^(LW_TRANSCODER_COARSER_Q / 8) times those of the tile: two fifths of the bytes, and a view that is off by
  * 4 to 6 % (docs/results/streaming.md). */
-#define LW_RECODER_COARSER_Q 16u
+#define LW_TRANSCODER_COARSER_Q 16u
 
 /** What is asked for: how version `version` of a tile differs from version `base`; or the coarse form of a tile, to be called
  * `version`. The coarse forms of a tile are asked for in the order of their versions. */
-struct lw_recoder_job {
+struct lw_transcoder_job {
     uint32_t tile; /* lw_tile_id */
     bool coarse;   /* it is a coarse form, or between two of these */
     uint64_t base, version;
@@ -27,7 +27,7 @@ struct lw_recoder_job {
 
 /** What came of it. Its blobs are LW_MESSAGE_TILE, the collector's to unref; NULL where one would be no smaller than `to`, or cannot be
  * made. */
-struct lw_recoder_result {
+struct lw_transcoder_result {
     uint32_t tile;
     bool coarse;
     uint64_t base, version; /* base: 0 of a coarse form */
@@ -37,20 +37,20 @@ struct lw_recoder_result {
     uint64_t delta_base;
 };
 
-struct lw_recoder;
+struct lw_transcoder;
 
 /** atlas_map outlives it. wake is called by its thread whenever something is there to be collected.
  * Errors: LW_NO_MEMORY, LW_OS. */
-LW_MUST_CHECK enum lw_status lw_recoder_create(const struct lw_atlas_map *atlas_map,
-                                               void (*wake)(void *context), void *context,
-                                               struct lw_recoder **out_recoder);
+LW_MUST_CHECK enum lw_status lw_transcoder_create(const struct lw_atlas_map *atlas_map,
+                                                  void (*wake)(void *context), void *context,
+                                                  struct lw_transcoder **out_recoder);
 /** Ends its thread; what was asked for is dropped. */
-void lw_recoder_destroy(struct lw_recoder *recoder);
+void lw_transcoder_destroy(struct lw_transcoder *transcoder);
 
-/** Takes references of its own. False if there are LW_RECODER_JOBS_MAX. */
-bool lw_recoder_ask(struct lw_recoder *recoder, const struct lw_recoder_job *job);
+/** Takes references of its own. False if there are LW_TRANSCODER_JOBS_MAX. */
+bool lw_transcoder_ask(struct lw_transcoder *transcoder, const struct lw_transcoder_job *job);
 
 /** The next one that is done, in the order of asking; false: none is. */
-bool lw_recoder_collect(struct lw_recoder *recoder, struct lw_recoder_result *out_result);
+bool lw_transcoder_collect(struct lw_transcoder *transcoder, struct lw_transcoder_result *out_result);
 
 #endif

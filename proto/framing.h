@@ -1,20 +1,20 @@
-/* frame.h: messages on a byte stream: 8 bytes of header, then a body. Normative: proto/wire_format.md.
+/* framing.h: messages on a byte stream: 8 bytes of header, then a body. Normative: proto/wire_format.md.
  * Threads: pure functions, [any].
  *
  *   offset 0  u32 LE  body length in bytes
  *   offset 4  u16 LE  message type (enum lw_message_type)
  *   offset 6  u16 LE  flags, 0 in version 1 */
-#ifndef LW_PROTO_FRAME_H
-#define LW_PROTO_FRAME_H
+#ifndef LW_PROTO_FRAMING_H
+#define LW_PROTO_FRAMING_H
 
 #include "common/status.h"
 
 #include <stdint.h>
 
-#define LW_WIRE_VERSION          1u
-#define LW_FRAME_HEADER_SIZE     8u
-#define LW_FRAME_BODY_MAX        (1u << 20) /* bytes, server to client */
-#define LW_FRAME_CLIENT_BODY_MAX (1u << 16) /* bytes, client to server */
+#define LW_WIRE_VERSION            1u
+#define LW_FRAMING_HEADER_SIZE     8u
+#define LW_FRAMING_BODY_MAX        (1u << 20) /* bytes, server to client */
+#define LW_FRAMING_CLIENT_BODY_MAX (1u << 16) /* bytes, client to server */
 
 /* Values are forever. */
 enum lw_message_type {
@@ -35,16 +35,17 @@ enum lw_message_type {
     LW_MESSAGE_HOLDS = 15    /* client -> server: tiles of an earlier session */
 };
 
-struct lw_frame_header {
+struct lw_framing_header {
     uint32_t body_size;
     uint16_t type, flags;
 };
 
-void lw_frame_write_header(uint8_t dst[LW_FRAME_HEADER_SIZE], struct lw_frame_header header);
+void lw_framing_write_header(uint8_t dst[LW_FRAMING_HEADER_SIZE], struct lw_framing_header header);
 
 /** Reads a header. Errors: LW_PROTOCOL for a length above body_max or flags that are not 0; an unknown type is for
  * the caller to judge. */
-LW_MUST_CHECK enum lw_status lw_frame_read_header(const uint8_t src[LW_FRAME_HEADER_SIZE], uint32_t body_max,
-                                                  struct lw_frame_header *out_header, struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_framing_read_header(const uint8_t src[LW_FRAMING_HEADER_SIZE],
+                                                    uint32_t body_max, struct lw_framing_header *out_header,
+                                                    struct lw_error *err);
 
 #endif

@@ -1,12 +1,12 @@
 /* wanted.h: the union of what sessions want: how many of them want each tile.
  * Flow:    sessions' INTEREST -> [wanted] -> which level-0 tiles are looked at, from which level -> solver
  * Threads: [loop]. */
-#ifndef LW_SERVE_WANTED_H
-#define LW_SERVE_WANTED_H
+#ifndef LW_SERVE_INTEREST_UNION_H
+#define LW_SERVE_INTEREST_UNION_H
 
 #include "common/tile/atlas.h"
 
-struct lw_wanted {
+struct lw_interest_union {
     const struct lw_atlas_map *atlas_map;
     uint32_t everything; /* sessions that want every tile */
     uint32_t *count;     /* per lw_tile_id: sessions that want this one */
@@ -14,21 +14,22 @@ struct lw_wanted {
 };
 
 /** atlas_map outlives it. Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_wanted_init(struct lw_wanted *wanted, const struct lw_atlas_map *atlas_map);
-void lw_wanted_finish(struct lw_wanted *wanted);
+LW_MUST_CHECK enum lw_status lw_interest_union_init(struct lw_interest_union *wanted,
+                                                    const struct lw_atlas_map *atlas_map);
+void lw_interest_union_finish(struct lw_interest_union *wanted);
 
 /** One session more, or less, that wants everything. */
-void lw_wanted_add_everything(struct lw_wanted *wanted);
-void lw_wanted_remove_everything(struct lw_wanted *wanted);
+void lw_interest_union_add_everything(struct lw_interest_union *wanted);
+void lw_interest_union_remove_everything(struct lw_interest_union *wanted);
 
 /** One session more, or less, that wants these tiles, each listed once. */
-void lw_wanted_add(struct lw_wanted *wanted, const uint32_t *tile, size_t count);
-void lw_wanted_remove(struct lw_wanted *wanted, const uint32_t *tile, size_t count);
+void lw_interest_union_add(struct lw_interest_union *wanted, const uint32_t *tile, size_t count);
+void lw_interest_union_remove(struct lw_interest_union *wanted, const uint32_t *tile, size_t count);
 
 /** Lists what the solver is to look after, unless somebody wants everything.
  *
  * out_levels  per lw_tile_id: 1 + the finest level from which somebody looks at what the tile covers, for tiles of
  *             level 0; else 0. A wanted tile of level k covers 2^k x 2^k of them. */
-void lw_wanted_levels(const struct lw_wanted *wanted, uint8_t *out_levels);
+void lw_interest_union_levels(const struct lw_interest_union *wanted, uint8_t *out_levels);
 
 #endif

@@ -1,4 +1,4 @@
-#include "server/serve/recoder.h"
+#include "server/serve/transcoder.h"
 
 #include "common/tile/tile_codec.h"
 
@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-struct lw_recoder {
+struct lw_transcoder {
     const struct lw_atlas_map *atlas_map;
     void (*wake)(void *context);
     void *context;
@@ -23,17 +23,17 @@ struct lw_recoder {
 
     pthread_mutex_t mutex; /* guards what follows */
     pthread_cond_t asked_for;
-    uint64_t asked, done, collected; /* jobs so far: each at its number modulo LW_RECODER_JOBS_MAX */
+    uint64_t asked, done, collected; /* jobs so far: each at its number modulo LW_TRANSCODER_JOBS_MAX */
     bool stops;
-    struct lw_recoder_job job[LW_RECODER_JOBS_MAX];
-    struct lw_recoder_result made[LW_RECODER_JOBS_MAX]; /* of those that are done */
+    struct lw_transcoder_job job[LW_TRANSCODER_JOBS_MAX];
+    struct lw_transcoder_result made[LW_TRANSCODER_JOBS_MAX]; /* of those that are done */
 };
 
 static enum lw_status read_tile(const struct lw_blob *blob, struct lw_message *out_message) {
-    struct lw_frame_header header;
-    enum lw_status status = lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL);
+    struct lw_framing_header header;
+    enum lw_status status = lw_framing_read_header(blob->bytes, LW_FRAMING_BODY_MAX, &header, NULL);
     if (status == LW_OK)
-        status = lw_message_decode(header, blob->bytes + LW_FRAME_HEADER_SIZE, out_message, NULL);
+        status = lw_message_decode(header, blob->bytes + LW_FRAMING_HEADER_SIZE, out_message, NULL);
     if (status == LW_OK && (out_message->type != LW_MESSAGE_TILE || out_message->tile.base ||
                             out_message->tile.codec != LW_TILE_CODEC_DCT)) {
         lw_message_finish(out_message);
@@ -43,7 +43,7 @@ static enum lw_status read_tile(const struct lw_blob *blob, struct lw_message *o
 }
 
 /* NULL is no failure that anybody must hear of: there are other ways to the version. */
-static struct lw_blob *make_delta(struct lw_recoder *r, const struct lw_recoder_job *job) {
+static struct lw_blob *make_delta(struct lw_transcoder *r, const struct lw_transcoder_job *job) {
     const struct lw_tile_place *place = &r->atlas_map->place[job->tile];
     struct lw_message from, to;
     struct lw_blob *blob = NULL;
@@ -72,10 +72,10 @@ static struct lw_blob *make_delta(struct lw_recoder *r, const struct lw_recoder_
 static float dark_for(float scale) { return 0.75f * scale; }
 
 static float coarse_step(uint32_t q) {
-    return exp2f(1 - (float)(q < LW_RECODER_COARSER_Q ? 0 : q - LW_RECODER_COARSER_Q) / 8);
+    return exp2f(1 - (float)(q < LW_TRANSCODER_COARSER_Q ? 0 : q - LW_TRANSCODER_COARSER_Q) / 8);
 }
 
-static enum lw_status encode_coarse(struct lw_recoder *r, uint32_t id, const struct lw_message_tile *tile,
+static enum lw_status encode_coarse(struct lw_transcoder *r, uint32_t id, const struct lw_message_tile *tile,
                                     struct lw_tile_dct_coded *out_coded) {
     const struct lw_tile_place *place = &r->atlas_map->place[id];
     struct coarse *coarse = &r->coarse[id];
@@ -96,8 +96,8 @@ static enum lw_status encode_coarse(struct lw_recoder *r, uint32_t id, const str
                                     coarse->history, r->payload, r->delta, lw_tile_codec_bound(), out_coded);
 }
 
-static void make_coarse(struct lw_recoder *r, const struct lw_recoder_job *job,
-                        struct lw_recoder_result *out) {
+static void make_coarse(struct lw_transcoder *r, const struct lw_transcoder_job *job,
+                        struct lw_transcoder_result *out) {
     struct coarse *coarse = &r->coarse[job->tile];
     struct lw_message m;
     struct lw_tile_dct_coded coded = {0};
@@ -121,17 +121,17 @@ static void make_coarse(struct lw_recoder *r, const struct lw_recoder_job *job,
 }
 
 static void *work(void *context) {
-    struct lw_recoder *r = context;
+    struct lw_transcoder *r = context;
     pthread_mutex_lock(&r->mutex);
     while (!r->stops) {
         if (r->done == r->asked) {
             pthread_cond_wait(&r->asked_for, &r->mutex);
             continue;
         }
-        const uint64_t at = r->done % LW_RECODER_JOBS_MAX;
-        const struct lw_recoder_job job = r->job[at];
+        const uint64_t at = r->done % LW_TRANSCODER_JOBS_MAX;
+        const struct lw_transcoder_job job = r->job[at];
         pthread_mutex_unlock(&r->mutex);
-        struct lw_recoder_result made = {
+        struct lw_transcoder_result made = {
             .tile = job.tile, .coarse = job.coarse, .base = job.base, .version = job.version};
         if (job.from)
             made.blob = make_delta(r, &job);
@@ -146,7 +146,7 @@ static void *work(void *context) {
     return NULL;
 }
 
-static void free_recoder(struct lw_recoder *r) {
+static void free_recoder(struct lw_transcoder *r) {
     for (uint32_t t = 0; r->coarse && t < r->atlas_map->tile_count; t++) free(r->coarse[t].history);
     free(r->coarse);
     lw_tile_codec_destroy(r->codec);
@@ -155,11 +155,11 @@ static void free_recoder(struct lw_recoder *r) {
     free(r);
 }
 
-enum lw_status lw_recoder_create(const struct lw_atlas_map *atlas_map, void (*wake)(void *context),
-                                 void *context, struct lw_recoder **out_recoder) {
-    struct lw_recoder *r = calloc(1, sizeof *r);
+enum lw_status lw_transcoder_create(const struct lw_atlas_map *atlas_map, void (*wake)(void *context),
+                                    void *context, struct lw_transcoder **out_recoder) {
+    struct lw_transcoder *r = calloc(1, sizeof *r);
     if (!r) return LW_NO_MEMORY;
-    *r = (struct lw_recoder){.atlas_map = atlas_map, .wake = wake, .context = context};
+    *r = (struct lw_transcoder){.atlas_map = atlas_map, .wake = wake, .context = context};
     enum lw_status status = lw_tile_codec_create(&r->codec);
     r->payload = malloc(lw_tile_codec_bound());
     r->delta = malloc(lw_tile_codec_bound());
@@ -181,33 +181,33 @@ enum lw_status lw_recoder_create(const struct lw_atlas_map *atlas_map, void (*wa
     return LW_OK;
 }
 
-static void unref_job(struct lw_recoder_job *job) {
+static void unref_job(struct lw_transcoder_job *job) {
     lw_blob_unref(job->from);
     lw_blob_unref(job->to);
 }
 
-void lw_recoder_destroy(struct lw_recoder *r) {
+void lw_transcoder_destroy(struct lw_transcoder *r) {
     if (!r) return;
     pthread_mutex_lock(&r->mutex);
     r->stops = true;
     pthread_cond_signal(&r->asked_for);
     pthread_mutex_unlock(&r->mutex);
     pthread_join(r->thread, NULL);
-    for (struct lw_recoder_result result; lw_recoder_collect(r, &result);) {
+    for (struct lw_transcoder_result result; lw_transcoder_collect(r, &result);) {
         lw_blob_unref(result.blob);
         lw_blob_unref(result.delta);
     }
-    for (; r->done < r->asked; r->done++) unref_job(&r->job[r->done % LW_RECODER_JOBS_MAX]);
+    for (; r->done < r->asked; r->done++) unref_job(&r->job[r->done % LW_TRANSCODER_JOBS_MAX]);
     pthread_cond_destroy(&r->asked_for);
     pthread_mutex_destroy(&r->mutex);
     free_recoder(r);
 }
 
-bool lw_recoder_ask(struct lw_recoder *r, const struct lw_recoder_job *job) {
+bool lw_transcoder_ask(struct lw_transcoder *r, const struct lw_transcoder_job *job) {
     pthread_mutex_lock(&r->mutex);
-    const bool fits = r->asked - r->collected < LW_RECODER_JOBS_MAX;
+    const bool fits = r->asked - r->collected < LW_TRANSCODER_JOBS_MAX;
     if (fits) {
-        struct lw_recoder_job *at = &r->job[r->asked % LW_RECODER_JOBS_MAX];
+        struct lw_transcoder_job *at = &r->job[r->asked % LW_TRANSCODER_JOBS_MAX];
         *at = *job;
         if (at->from) lw_blob_ref(at->from);
         lw_blob_ref(at->to);
@@ -218,12 +218,12 @@ bool lw_recoder_ask(struct lw_recoder *r, const struct lw_recoder_job *job) {
     return fits;
 }
 
-bool lw_recoder_collect(struct lw_recoder *r, struct lw_recoder_result *out_result) {
+bool lw_transcoder_collect(struct lw_transcoder *r, struct lw_transcoder_result *out_result) {
     pthread_mutex_lock(&r->mutex);
     const bool any = r->collected < r->done;
-    struct lw_recoder_job job;
+    struct lw_transcoder_job job;
     if (any) {
-        const uint64_t at = r->collected++ % LW_RECODER_JOBS_MAX;
+        const uint64_t at = r->collected++ % LW_TRANSCODER_JOBS_MAX;
         job = r->job[at];
         *out_result = r->made[at];
     }

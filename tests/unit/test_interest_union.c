@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "server/serve/wanted.h"
+#include "server/serve/interest_union.h"
 
 #include <string.h>
 
@@ -9,7 +9,7 @@
 struct fixture {
     struct lw_scene *scene;
     struct lw_atlas_map map;
-    struct lw_wanted wanted;
+    struct lw_interest_union interest_union;
 };
 
 static void start(struct fixture *f) {
@@ -18,11 +18,11 @@ static void start(struct fixture *f) {
     f->scene->mesh[0].atlas_height = 100;
     lw_support_ok(lw_atlas_map_init(&f->map, f->scene), NULL);
     assert_int_equal(f->map.tile_count, 2 * 13);
-    lw_support_ok(lw_wanted_init(&f->wanted, &f->map), NULL);
+    lw_support_ok(lw_interest_union_init(&f->interest_union, &f->map), NULL);
 }
 
 static void end(struct fixture *f) {
-    lw_wanted_finish(&f->wanted);
+    lw_interest_union_finish(&f->interest_union);
     lw_atlas_map_finish(&f->map);
     lw_scene_destroy(f->scene);
 }
@@ -38,7 +38,7 @@ static void expect(const struct fixture *f, const char *digits) {
     uint8_t levels[26];
     char text[18] = "";
     memset(levels, 77, sizeof levels);
-    lw_wanted_levels(&f->wanted, levels);
+    lw_interest_union_levels(&f->interest_union, levels);
     for (uint32_t t = 0, n = 0; t < 26; t++) {
         if (f->map.place[t].level)
             assert_int_equal(levels[t], 0);
@@ -54,16 +54,16 @@ static void test_levels_cover_what_is_below(void **state) {
     start(&f);
     expect(&f, "0000000000000000");
     const uint32_t one[] = {id(&f, 0, 0, 2, 1)};
-    lw_wanted_add(&f.wanted, one, 1);
+    lw_interest_union_add(&f.interest_union, one, 1);
     expect(&f, "0000001000000000");
     const uint32_t right_half[] = {id(&f, 0, 1, 1, 0)};
-    lw_wanted_add(&f.wanted, right_half, 1);
+    lw_interest_union_add(&f.interest_union, right_half, 1);
     expect(&f, "0022001200000000");
     const uint32_t coarsest[] = {id(&f, 0, 4, 0, 0), id(&f, 1, 2, 0, 0)};
-    lw_wanted_add(&f.wanted, coarsest, 2);
+    lw_interest_union_add(&f.interest_union, coarsest, 2);
     expect(&f, "5522551233333333");
-    lw_wanted_remove(&f.wanted, one, 1);
-    lw_wanted_remove(&f.wanted, coarsest, 2);
+    lw_interest_union_remove(&f.interest_union, one, 1);
+    lw_interest_union_remove(&f.interest_union, coarsest, 2);
     expect(&f, "0022002200000000");
     end(&f);
 }
@@ -74,25 +74,25 @@ static void test_counts(void **state) {
     struct fixture f;
     start(&f);
     const uint32_t a[] = {id(&f, 0, 0, 0, 0), id(&f, 0, 0, 1, 0)}, b[] = {id(&f, 0, 0, 1, 0)};
-    assert_false(f.wanted.changed);
+    assert_false(f.interest_union.changed);
     for (int i = 0; i < 1000; i++) {
-        f.wanted.changed = false;
-        lw_wanted_add(&f.wanted, a, 2);
-        lw_wanted_add(&f.wanted, b, 1);
-        lw_wanted_add_everything(&f.wanted);
-        assert_int_equal(f.wanted.changed, i == 0);
+        f.interest_union.changed = false;
+        lw_interest_union_add(&f.interest_union, a, 2);
+        lw_interest_union_add(&f.interest_union, b, 1);
+        lw_interest_union_add_everything(&f.interest_union);
+        assert_int_equal(f.interest_union.changed, i == 0);
     }
-    assert_int_equal(f.wanted.everything, 1000);
-    for (int i = 0; i < 999; i++) lw_wanted_remove(&f.wanted, a, 2);
-    for (int i = 0; i < 999; i++) lw_wanted_remove_everything(&f.wanted);
-    for (int i = 0; i < 1000; i++) lw_wanted_remove(&f.wanted, b, 1);
-    assert_false(f.wanted.changed);
+    assert_int_equal(f.interest_union.everything, 1000);
+    for (int i = 0; i < 999; i++) lw_interest_union_remove(&f.interest_union, a, 2);
+    for (int i = 0; i < 999; i++) lw_interest_union_remove_everything(&f.interest_union);
+    for (int i = 0; i < 1000; i++) lw_interest_union_remove(&f.interest_union, b, 1);
+    assert_false(f.interest_union.changed);
     expect(&f, "1100000000000000");
-    lw_wanted_remove_everything(&f.wanted);
-    assert_true(f.wanted.changed);
-    f.wanted.changed = false;
-    lw_wanted_remove(&f.wanted, a, 2);
-    assert_true(f.wanted.changed);
+    lw_interest_union_remove_everything(&f.interest_union);
+    assert_true(f.interest_union.changed);
+    f.interest_union.changed = false;
+    lw_interest_union_remove(&f.interest_union, a, 2);
+    assert_true(f.interest_union.changed);
     expect(&f, "0000000000000000");
     end(&f);
 }
