@@ -16,6 +16,6 @@ void lw_wait_passively(char **argv) {
         self[length] = 0;
         execv(self, argv);
     }
-    lw_log(LW_LOG_WARNING, "idle threads spin (cannot start anew with OMP_WAIT_POLICY=passive: %s)",
+    lw_log(LW_LOG_WARNING, "idle threads spin (cannot start again with OMP_WAIT_POLICY=passive: %s)",
            strerror(errno));
 }

@@ -202,7 +202,7 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
          .help =
              "What to wait for: any light at all; every tile of the view with all bounces; that it is good "
              "to look at, by its estimated error, or gets no better (default); that every tile's error is "
-             "below the server's target; or so many seconds.",
+             "below the server's target; or S seconds.",
          .kind = LW_OPTION_STRING,
          .value = &raw.wait},
         {.name = "timeout",
@@ -265,7 +265,7 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
          .value = &o.path.open.path},
         {.name = "spp",
          .argument = "N",
-         .help = "Samples per pixel (default 64; with --error, at most so many).",
+         .help = "Samples per pixel (default 64; with --error, at most N).",
          .kind = LW_OPTION_INT,
          .value = &raw.samples,
          .min = 1,

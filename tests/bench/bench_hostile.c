@@ -5,7 +5,7 @@
  *       everything INTEREST of everything and of nothing, in turn
  *       ack        ACK of a frame that was had, likewise
  *       hello      HELLO and nothing more
- *       connect    garbage, then anew once it is refused
+ *       connect    garbage, then again once it is refused
  *       mixed      all of them in turn, by number
  * COUNT sessions, each opened again when it is closed. One line at the end: what was written, how often they were closed. */
 #include "common/clock.h"

@@ -32,7 +32,7 @@
 /* Growth of the daemon's memory that is no leak: a peer's queue has a bound far below. */
 #define MEMORY_SLACK_KB 4096
 
-/* All of the scene, whoever looks: what --light seen does is test_seen's. */
+/* All of the scene, with or without clients: what --light seen does is test_seen's. */
 #define CORNELL     "builtin:cornell --texels-per-metre 8 --clock step --json --light whole "
 #define CONVERGES   CORNELL "--error 0.3 "  /* converges after a few dozen frames */
 #define NEVER_RESTS CORNELL "--error 1e-6 " /* hundreds of frames a second, for ever */

@@ -139,7 +139,7 @@ static void a_converged_scene_costs_no_ray_again(void **state) {
         assert_true(said(&run, "showing frame") && said(&run, "going on after"));
         assert_true(lw_process_newest(&run.daemon, "rays_total") == 0);
         assert_true(lw_process_newest(&run.daemon, "frame") >
-                    frames); /* versions go on, whoever has seen which */
+                    frames); /* versions go on, since clients may hold any of them */
         assert_true(fabs(total_light(run.client) - light) < 0.01 * light);
         end(&run);
     }

@@ -275,7 +275,7 @@ static bool said(const char *text) {
     return found;
 }
 
-/* Kept light is that of the scene with so many spares; what was added ends with the server. */
+/* Saved light is that of the scene with this number of spares; what was added ends with the server. */
 static void kept_light_knows_spares(void **state) {
     (void)state;
     char arguments[512];

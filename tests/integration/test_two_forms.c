@@ -156,7 +156,7 @@ static void a_form_that_is_taken_late_comes_at_once(void **state) {
     assert_int_equal(tiles_of(SPLIT), before);
 }
 
-/* The same while a scene moves, by the real clock, and where only what is looked at is lit. */
+/* The same while a scene moves, by the real clock, and where only the interest set is lit. */
 static void who_draws_joins_a_scene_that_moves(void **state) {
     (void)state;
     struct lw_client_stats stats;
@@ -215,7 +215,7 @@ static void both_forms_follow_changes(void **state) {
         }
 }
 
-/* Whoever's link takes little gets all of it in the end. */
+/* A session with a slow link gets all of it in the end. */
 static void a_narrow_link_carries_the_second_form(void **state) {
     (void)state;
     lw_process_serve(&server, CORNELL "--link-rate 0.3");

@@ -80,7 +80,7 @@ static void expect_squares(const struct squares *got, const struct squares *want
 static void test_no_ghost_stays(void **state) {
     (void)state;
     const struct room here = make_room(8, 1.4f), there = make_room(8, 2.4f);
-    struct room_solution s, anew;
+    struct room_solution s, fresh;
     uint64_t frame = 400; /* long means, which forget slowly when asked to remember */
     room_solve(&s, &here, desc, 400);
     const struct squares before = light_of_floor(&s);
@@ -90,13 +90,13 @@ static void test_no_ghost_stays(void **state) {
     }
     s.rays = 0;
     solve_on(&s, &frame, 300);
-    room_solve(&anew, &there, desc, 400);
-    const struct squares after = light_of_floor(&s), want = light_of_floor(&anew);
+    room_solve(&fresh, &there, desc, 400);
+    const struct squares after = light_of_floor(&s), want = light_of_floor(&fresh);
     unsigned changed = 0;
     expect_squares(&after, &want);
     for (int i = 0; i < SQUARES; i++) changed += off(&before, &want, i) > 0.1;
     assert_true(changed >= 3);
-    room_finish(&anew);
+    room_finish(&fresh);
     room_finish(&s);
 }
 
@@ -123,7 +123,7 @@ static void test_asked_in_many_frames(void **state) {
     (void)state;
     const struct room here = make_room(8, 1.4f), there = make_room(8, 2.4f);
     struct lw_solver_desc slow = desc;
-    struct room_solution s, anew;
+    struct room_solution s, fresh;
     uint64_t frame = 0;
     slow.frame_budget_s = 1e-12;
     room_solve(&s, &here, slow, 0);
@@ -134,10 +134,10 @@ static void test_asked_in_many_frames(void **state) {
     solve_on(&s, &frame, 1);
     assert_true(s.stats.rays_shadow > 0);
     solve_on(&s, &frame, 200 * tiles);
-    room_solve(&anew, &there, desc, 400);
-    const struct squares after = light_of_floor(&s), want = light_of_floor(&anew);
+    room_solve(&fresh, &there, desc, 400);
+    const struct squares after = light_of_floor(&s), want = light_of_floor(&fresh);
     expect_squares(&after, &want);
-    room_finish(&anew);
+    room_finish(&fresh);
     room_finish(&s);
 }
 
@@ -263,19 +263,19 @@ static double share_of_change(const struct squares *now, const struct squares *f
 static double share_after_six_frames(bool filtered) {
     struct room here = make_room(8, 1.4f), there = make_room(8, 1.55f);
     struct lw_solver_desc settings = desc;
-    struct room_solution s, anew;
+    struct room_solution s, fresh;
     uint64_t frame = 400;
     settings.denoise = filtered;
     here.light_count = there.light_count = 0;
     room_quad(&here, lw_vec3(1.2f, 1.6f, 0.4f), lw_vec3(1.2f, 0, 0), lw_vec3(0, 0, 1.2f), 0, 10);
     room_quad(&there, lw_vec3(1.2f, 1.6f, 0.4f), lw_vec3(1.2f, 0, 0), lw_vec3(0, 0, 1.2f), 0, 10);
     room_solve(&s, &here, settings, 400);
-    room_solve(&anew, &there, settings, 400);
-    const struct squares before = light_of_floor(&s), after = light_of_floor(&anew);
+    room_solve(&fresh, &there, settings, 400);
+    const struct squares before = light_of_floor(&s), after = light_of_floor(&fresh);
     shift(&s, PLATE, 0.15f);
     solve_on(&s, &frame, 6);
     const struct squares now = light_of_floor(&s);
-    room_finish(&anew);
+    room_finish(&fresh);
     room_finish(&s);
     return share_of_change(&now, &before, &after);
 }
@@ -401,11 +401,11 @@ static double mean_error_after(const struct squares *reference, bool lit, unsign
     return sum / SEEDS;
 }
 
-static void expect_about_as_anew(const struct squares *reference, bool lit, unsigned before, double anew,
-                                 double times) {
+static void expect_about_as_fresh(const struct squares *reference, bool lit, unsigned before, double fresh,
+                                  double times) {
     const double was = mean_error_after(reference, lit, before);
-    if (!(was <= times * anew))
-        fail_msg("%g times the error of a solve that begins: the lamp was %s after %u frames", was / anew,
+    if (!(was <= times * fresh))
+        fail_msg("%g times the error of a solve that begins: the lamp was %s after %u frames", was / fresh,
                  lit ? "lit" : "put out", before);
 }
 
@@ -415,9 +415,9 @@ static void test_memory_does_no_harm(void **state) {
     (void)state;
     const struct squares dark = light_of_two_lamps(false), lit = light_of_two_lamps(true);
     const double dark_anew = mean_error_after(&dark, false, 0), lit_anew = mean_error_after(&lit, true, 0);
-    expect_about_as_anew(&dark, false, 1, dark_anew, 2.2);
-    expect_about_as_anew(&dark, false, 30, dark_anew, 1.2);
-    expect_about_as_anew(&lit, true, 30, lit_anew, 1.1);
+    expect_about_as_fresh(&dark, false, 1, dark_anew, 2.2);
+    expect_about_as_fresh(&dark, false, 30, dark_anew, 1.2);
+    expect_about_as_fresh(&lit, true, 30, lit_anew, 1.1);
 }
 
 /* A converged block whose texels' indirect light comes out otherwise, by `each` up or down, in the mean over a

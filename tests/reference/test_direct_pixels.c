@@ -92,8 +92,8 @@ static void render(struct lw_compose *compose, const struct world *w, uint32_t s
     for (uint32_t i = 0; i < VALUES; i++) assert_true(isfinite(rgb[i]) && rgb[i] >= 0);
 }
 
-/* Without light in texels a stand-in is shown; what is drawn is the difference to that. Mean of so many
- * pictures. */
+/* Without light in texels a stand-in is shown; what is drawn is the difference to that. Mean of
+ * `pictures` pictures. */
 static float *draw(const struct world *w, uint32_t pictures, unsigned threads) {
     float *sum = new_picture(), *rgb = new_picture();
     struct lw_compose *drawing = new_compose(w, true, threads), *without = new_compose(w, false, threads);

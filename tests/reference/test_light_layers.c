@@ -61,12 +61,12 @@ static void expect_same_light(const struct room_solution *a, const struct room_s
 
 /* The light is that of a room solved from the start, in one layer. */
 static void expect_light_of(const struct room_solution *s, const struct room *room, double tolerance) {
-    struct room_solution anew;
+    struct room_solution fresh;
     uint64_t frame = 0;
-    room_solve_scene(&anew, room_scene(room), room->texels_per_metre, desc, 0);
-    room_solve_until_rest(&anew, &frame);
-    expect_same_light(s, &anew, tolerance);
-    room_finish(&anew);
+    room_solve_scene(&fresh, room_scene(room), room->texels_per_metre, desc, 0);
+    room_solve_until_rest(&fresh, &frame);
+    expect_same_light(s, &fresh, tolerance);
+    room_finish(&fresh);
 }
 
 /* However it is parted, light is the same. */

@@ -358,8 +358,8 @@ static void test_what_has_changed_most_comes_first(void **state) {
     lw_scheduler_finish(&schedule);
 }
 
-/* At the end of a round somebody waits for the frame to end: the round is shown in the next frame, whoever
- * waits then. */
+/* At the end of a round somebody waits for the frame to end: the round is shown in the next frame, even if
+ * somebody waits then. */
 static void test_a_round_is_put_off_once(void **state) {
     (void)state;
     struct room room = two_rooms();

@@ -639,7 +639,8 @@ static struct lw_snapshot *change_half(const struct world *w, const struct lw_sn
     return snapshot;
 }
 
-/* A client that reads nothing for longer than the server waits is closed; it comes back and gets what has changed, not what it has. */
+/* A client that reads nothing for longer than the server waits is closed; it comes back and gets what has
+ * changed, not what it has. */
 static void test_who_stopped_reading_comes_back(void **state) {
     (void)state;
     struct world w = make_world();
@@ -1048,7 +1049,8 @@ static void test_what_comes_with_the_welcome(void **state) {
     finish_world(&w);
 }
 
-/* A download that was cut short goes on where it was, if the server is the same; otherwise it begins again. */
+/* A download that was cut short goes on where it was, if the server is the same; otherwise it begins
+ * again. */
 static void test_download_goes_on(void **state) {
     (void)state;
     struct world w = make_world();
@@ -1369,7 +1371,8 @@ static void test_bytes_gone_wrong(void **state) {
 
 /* ---- the replica by itself ---- */
 
-/* A delta looks as the same version sent whole; on another version, or on a tile of codec 1, it is refused. */
+/* A delta looks as the same version sent whole; on another version, or on a tile of codec 1, it is
+ * refused. */
 static void test_tiles_that_build_on_others(void **state) {
     (void)state;
     struct world w = make_world();
@@ -1465,7 +1468,7 @@ static void test_stale_tiles(void **state) {
 
 /* ---- silence ---- */
 
-/* Polls until the server has news of what is wanted; expects so many level-0 tiles. */
+/* Polls until the server has news of the interest sets; expects `tiles` level-0 tiles in their union. */
 static void expect_wanted(struct lw_server *server, struct lw_client *client, const struct world *w,
                           bool everything, uint32_t tiles) {
     struct lw_server_interest wanted;

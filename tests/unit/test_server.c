@@ -131,7 +131,8 @@ static struct lw_blob *frame_blob(uint64_t frame, double time_s) {
         &(struct lw_message){.type = LW_MESSAGE_FRAME, .frame = {.frame = frame, .time_s = time_s}});
 }
 
-/* All tiles of version `frame`, which is a number of its own: two of them are a frame to the server. The full frame message has time 1, the delta time 2, to tell them apart. */
+/* All tiles of version `frame`, which is a number of its own: two of them are a frame to the server. The full
+ * frame message has time 1, the delta time 2, to tell them apart. */
 static struct lw_snapshot *make_snapshot(const struct fixture *f, uint64_t frame, uint64_t previous) {
     static const uint8_t payload[PAYLOAD_SIZE] = {1};
     struct lw_snapshot *snapshot;
@@ -616,7 +617,8 @@ static void expect_settled(int s, uint64_t frame) {
     lw_message_finish(&m);
 }
 
-/* Whoever has fallen behind by two versions takes two deltas, if they are fewer bytes than the tile, and there is no one delta. */
+/* A session that lacks two versions takes two deltas, if they are fewer bytes than the tile and no single
+ * delta is there. */
 static void test_deltas_to_catch_up(void **state) {
     (void)state;
     enum { FRAMES = 4 };
@@ -701,8 +703,8 @@ static struct lw_snapshot *make_moving(const struct fixture *f, struct lw_tile_c
     return snapshot;
 }
 
-/* Whoever is behind by several versions takes one delta over all of them, made for the first who wants it and the same for the
- * next; SETTLED waits for it. */
+/* A session that lacks several versions takes one delta over all of them, made for the first who wants it and
+ * the same for the next; SETTLED waits for it. */
 static void test_a_jump_to_catch_up(void **state) {
     (void)state;
     enum { FRAMES = 6 };
@@ -750,8 +752,8 @@ static void test_a_jump_to_catch_up(void **state) {
     end(f);
 }
 
-/* Whose link takes less than changes gets tiles in wider steps, and what they leave out once nothing changes any more; that is
- * when all has been sent. */
+/* Whose link takes less than changes gets tiles in wider steps, and what they leave out once nothing changes
+ * any more; that is when all has been sent. */
 static void test_a_narrow_link(void **state) {
     (void)state;
     enum { FRAMES = 10 };
@@ -883,7 +885,8 @@ static void test_stand_ins_wait(void **state) {
     end(f);
 }
 
-/* Waits for news of what is wanted, and expects so many level-0 tiles; UINT32_MAX: everything. */
+/* Waits for news of the interest sets, and expects `tiles` level-0 tiles in their union; UINT32_MAX:
+ * everything. */
 static void expect_wanted(const struct fixture *f, uint32_t tiles) {
     struct lw_server_interest wanted;
     for (uint64_t end_ns = lw_clock_ns() + WAIT_MS * 1000000ull; !lw_server_take_interest(f->server, &wanted);
@@ -925,7 +928,8 @@ static void test_union_of_interest(void **state) {
     end(f);
 }
 
-/* Who changes its mind a thousand times between two frames is heard once, with what it said last; nobody else waits. */
+/* Who changes its mind a thousand times between two frames is heard once, with what it said last; nobody else
+ * waits. */
 static void test_flood_of_interest(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){0});
@@ -1102,7 +1106,8 @@ int __wrap_uv_try_write(uv_stream_t *stream, const uv_buf_t buffer[], unsigned c
     return __real_uv_try_write(stream, buffer, count);
 }
 
-/* Handing a snapshot out takes a second; who asks for something meanwhile is not kept waiting for all of it. */
+/* Handing a snapshot out takes a second; who asks for something meanwhile is not kept waiting for all of
+ * it. */
 static void test_questions_do_not_wait_for_a_snapshot(void **state) {
     (void)state;
     enum { READERS = 100 };
@@ -1136,8 +1141,8 @@ static void test_questions_do_not_wait_for_a_snapshot(void **state) {
     end(f);
 }
 
-/* What a limit of 1 MB/s lets through: a tenth of a second's worth at once, then that rate; who has none does not notice. What is
- * not tiles does not wait. */
+/* What a limit of 1 MB/s lets through: a tenth of a second's worth at once, then that rate; who has none does
+ * not notice. What is not tiles does not wait. */
 static void test_rate_limits(void **state) {
     (void)state;
     static const struct {
@@ -1175,7 +1180,8 @@ static void test_rate_limits(void **state) {
     }
 }
 
-/* A link that takes one tile after another gets first what has changed most; who is behind, what has since it had it last. */
+/* A link that takes one tile after another gets first what has changed most; who is behind, what has since it
+ * had it last. */
 static void test_the_most_visible_change_goes_first(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){.rate_limit_bytes_hz = 10 * PAYLOAD_SIZE});
@@ -1295,7 +1301,8 @@ static size_t write_script(uint8_t *dst, size_t capacity, uint64_t package_compr
     return size;
 }
 
-/* Says these bytes and no more, and reads to the end: what the server answers is sound. Returns whether it was a refusal. */
+/* Says these bytes and no more, and reads to the end: what the server answers is sound. Returns whether it
+ * was a refusal. */
 static bool recite(const struct fixture *f, const uint8_t *bytes, size_t size) {
     bool refused = false;
     struct lw_message m;
@@ -1744,7 +1751,7 @@ static void expect_added(int s, uint64_t request, const uint32_t *object, size_t
     lw_message_finish(&m);
 }
 
-/* Waits until so many updates have arrived, and takes them for a frame. */
+/* Waits until `updates` updates have arrived, and takes them for a frame. */
 static struct lw_scene_change *take(const struct fixture *f, uint64_t frame, size_t updates, size_t changes) {
     struct lw_scene_change *all = NULL;
     size_t taken = 0, count = 0;
@@ -2102,7 +2109,8 @@ static void take_refusal(int s, enum lw_refusal code, char text[LW_MESSAGE_TEXT_
     close(s);
 }
 
-/* Most of a second's flood is not read: it stays in the sockets of both sides. Who goes on is refused, and told why. */
+/* Most of a second's flood is not read: it stays in the sockets of both sides. Who goes on is refused, and
+ * told why. */
 static void test_flood_of_messages(void **state) {
     (void)state;
     static const struct {
