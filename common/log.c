@@ -54,7 +54,7 @@ static char *append(char *at, const char *end, const char *text) {
     return at;
 }
 
-/* Nothing that is not async-signal-safe: no stdio, whose lock the interrupted thread may hold. */
+/* Async-signal-safe calls alone: no stdio, whose lock the interrupted thread may hold. */
 void lw_log_in_handler(const char *text) {
     if (!lw_log_shows(LW_LOG_INFO)) return;
     const int error = errno;

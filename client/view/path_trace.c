@@ -43,7 +43,8 @@ struct job {
  * correlates the noise of these pixels, and does not change the error of any one.
  *
  * Paths per CPU second, as multiples of the first line (one thread, 640 x 360, direct light and 2 bounces;
- * Cornell 320 x 320, 3 bounces; the coherent flag where it helps):                Cornell  atrium  Sponza
+ * Cornell 320 x 320, 3 bounces; the coherent flag where it helps):
+ *                                                              Cornell  atrium  Sponza
  *   every path its own numbers, packets of 4 x 4 pixels           1       1       1
  *   the same, 1,024 paths sorted by normal and place              0.96    1.05    0.98
  *   shared by every 4th pixel of 64 x 64, as sets in the solve    1.85    1.40    1.28

@@ -15,7 +15,7 @@ static const char *keep_string(struct lw_builtin_stage *stage, const char *text)
 }
 
 /** One more element of the list that `list_pointer` points to the pointer of, or NULL when out of memory. The
- * list doubles whenever its count is a power of two; the outgrown copies, less than what it ends up with,
+ * list doubles whenever its count is a power of two; the outgrown copies, shorter together than the last one,
  * stay with the scene. */
 static void *append(struct lw_builtin_stage *stage, void *list_pointer, uint32_t *count, size_t size) {
     if (stage->failed) return NULL;

@@ -30,8 +30,8 @@ struct lw_client_lights {
  *          materials, separated by commas. NULL: as "auto". A material that does not emit now stays with the
  *          server
  *  pose     where the pieces are measured
- *  Errors   LW_USAGE for a name that the scene does not have, or of a material that does not shine, or of no
- *           letters; LW_NO_MEMORY. *client is zeroed then */
+ *  Errors   LW_USAGE for a name that the scene lacks, a material that emits nothing, or an empty name;
+ *           LW_NO_MEMORY. *client is zeroed then */
 LW_MUST_CHECK enum lw_status lw_client_lights_init(struct lw_client_lights *client,
                                                    const struct lw_scene *scene, const struct lw_pose *pose,
                                                    const char *names, struct lw_error *err);

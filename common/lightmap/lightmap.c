@@ -373,9 +373,9 @@ static double estimate(const struct drive *drive, double density, double most) {
     return sum;
 }
 
-/* Densities relative to `even`, which would give every metre the same: where one object (the ground to the
- * horizon) would take more than SHARE_MAX of the texels, it gets that share, and the others what it leaves,
- * up to the density that is wanted; what they cannot use goes back to it. */
+/* Densities relative to `even`, which would give every metre the same. Where one object (the ground to the
+ * horizon) would take more than SHARE_MAX of the texels, it gets that share. The others get what it leaves,
+ * up to the density that was asked for. What they cannot use goes back to it. */
 static void share_texels(struct drive *drive, double even) {
     double density = drive->density_max, target = drive->texels_max, most = SHARE_MAX * target;
     const bool useful = estimate(drive, density, most) >= target;

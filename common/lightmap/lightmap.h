@@ -2,12 +2,12 @@
  * Flow:    scene (imported or built in) -> [lightmap] -> package
  * Threads: one call per scene; meshes are worked on in parallel inside.
  *
- * A chart is a connected piece of surface, unfolded with bounded stretch. Charts own blocks: no block of 4x4
- * texels is touched by two charts, and a chart stays LW_LIGHTMAP_GUTTER texels away from every block that is
- * not its own, so that levels 0, 1 and 2 of the mip pyramid never mix two charts, bilinear lookups included.
+ * A chart is a connected piece of surface, unfolded with bounded stretch. Charts own blocks: two charts never
+ * touch one block of 4 x 4 texels, and a chart stays LW_LIGHTMAP_GUTTER texels away from every block of
+ * another. So bilinear look-ups at mip levels 0, 1 and 2 never mix two charts.
  * Exception: neighbouring slivers, charts no wider than 8 texels and small hollow ones (rings, arcs), share a
- * rectangle of blocks: at level 0 no texel is read by two of them, levels 1 and 2 mix them
- * (lw_lightmap_coarsest). Parts of one chart that are far apart in space keep away from each other likewise.
+ * rectangle of blocks. At level 0 no texel is read by two of them; levels 1 and 2 mix them
+ * (lw_lightmap_coarsest). Parts of one chart that are far apart in space keep apart in the same way.
  * No chart runs across a hard edge, where light may change from one texel to the next. A file's own UV set is
  * free of overlaps, but gives no such promise about blocks or lookups.
  */
@@ -47,10 +47,10 @@
 
 struct lw_lightmap_desc {
     float texels_per_metre; /* 0: LW_LIGHTMAP_DENSITY_DEFAULT, or what gives LW_LIGHTMAP_TEXELS_MIN */
-    /* covered texels of all objects, about; what would have more gets a lower density, which is that of all
-     * objects unless one of them, such as a ground that reaches to the horizon, would take over half of
-     * these. 0: with texels_per_metre none, else LW_LIGHTMAP_TEXELS_MAX, or half the triangles of all objects
-     * if that is more */
+    /* Covered texels of all objects, about. A scene that would have more gets a lower density, the same for
+     * all objects; only an object that would take over half of the texels, such as a ground to the horizon,
+     * gets less than the others. 0: no bound with texels_per_metre; else LW_LIGHTMAP_TEXELS_MAX, or half the
+     * triangles of all objects if that is more. */
     uint32_t texels_max;
     /* texels; 0: LW_LIGHTMAP_SIDE_DEFAULT. A mesh that needs more gets a lower density. */
     uint32_t atlas_side_max;

@@ -15,8 +15,8 @@
 #include <stb_rect_pack.h>
 #pragma GCC diagnostic pop
 
-/* A chart's content is a whole number of blocks: what a chart lacks to the next block would be an empty
- * margin, so it is widened by up to this factor, or narrowed by up to this share if it barely touches a
+/* A chart's content is a whole number of blocks, and the remainder to the next block would be an empty
+ * margin. So a chart is widened by up to this factor, or narrowed by up to this share if it barely touches a
  * block. */
 #define WIDEN       1.12f
 #define NARROW      0.05f

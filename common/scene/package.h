@@ -23,9 +23,9 @@ struct lw_package_hash {
 LW_MUST_CHECK enum lw_status lw_package_write(const struct lw_scene *scene, uint8_t **out_bytes,
                                               size_t *out_size, struct lw_error *err);
 
-/** Reads a package from outside: every offset, count, index and number is checked before use; never reads out
- * of bounds, never allocates by a length that the bytes do not back. The scene copies or keeps what it
- * needs: `bytes` may be freed afterwards. Errors: LW_BAD_DATA naming the section and field; LW_NO_MEMORY. */
+/** Reads a package from outside. Checks every offset, count, index and number before use, stays within
+ * bounds, and allocates only for bytes that are there. The scene has copies: `bytes` may be freed afterwards.
+ * Errors: LW_BAD_DATA naming the section and field; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_package_read(const uint8_t *bytes, size_t size, struct lw_scene **out_scene,
                                              struct lw_error *err);
 

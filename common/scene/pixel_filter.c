@@ -22,7 +22,8 @@ void lw_pixel_filter_apply(const uint8_t *rgba, uint32_t width, uint32_t height,
         out_bytes[2 * count + i] = (uint8_t)(rgba[4 * i + 2] - rgba[4 * i + 1]);
         out_bytes[3 * count + i] = rgba[4 * i + 3];
     }
-    for (uint32_t c = 0; c < 4; c++) /* from the end, so that what is expected is made of values */
+    for (uint32_t c = 0; c < 4;
+         c++) /* from the end: predictions use the values before differences replace them */
         for (uint32_t y = height; y-- > 0;)
             for (uint32_t x = width; x-- > 0;) {
                 uint8_t *at = out_bytes + c * count + (size_t)y * width + x;

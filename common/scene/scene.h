@@ -292,16 +292,18 @@ static inline struct lw_vec3 lw_scene_light_normal(struct lw_vec3 shading, struc
     return lw_vec3_dot(shading, geometric) <= 0.01f ? geometric : shading;
 }
 
-/** Where light rays start on a smooth-shaded triangle, object space: above its flat face, on what the
- * corners' normals say the surface is, so that a coarse mesh does not shade itself along its edges (Hanika,
+/** Where light rays start on a smooth-shaded triangle, object space: above its flat face, on the curved
+ * surface that the corners' normals describe. So a coarse mesh does not shade itself along its edges (Hanika,
  * Hacking the Shadow Terminator, in Ray Tracing Gems II, 2021):
  *     p + sum over corners of w_i k_i max(0, (v_i - p) . n_i) n_i
- * w_i: barycentric weight; v_i, n_i: the corner and its normal, turned over for the back; k_i falls from 1
- * to 0 between 41 and 60 degrees off the face: normals that lean so far smooth over a sharp edge, where
- * lifted rays would start beyond what stands next to it. It is the point itself on flat and on hollow
- * triangles. Not yet lifted by a rounding error. A direction above the shading normal's plane but below the
- * face then runs over the neighbouring faces of a bulge; in a hollow it meets the own face from in front, as
- * it would soon meet the true surface: trace it, and read what it meets. */
+ *   w_i       barycentric weight
+ *   v_i, n_i  the corner and its normal, turned over for the back
+ *   k_i       falls from 1 to 0 between 41 and 60 degrees off the face: normals that lean farther smooth over
+ *             a sharp edge, where lifted rays would start beyond a neighbouring surface
+ * On flat and on hollow triangles it is the point itself. It is not lifted by a rounding error yet. Trace
+ * also directions above the shading normal's plane but below the face. On a bulge they run over the
+ * neighbouring faces. In a hollow they meet the own face from in front, as they would soon meet the true
+ * surface. */
 struct lw_vec3 lw_scene_shadow_origin(const struct lw_mesh *mesh, uint32_t triangle, float u, float v,
                                       bool back);
 

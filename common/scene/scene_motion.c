@@ -11,7 +11,7 @@
  * surfaces. */
 #define CIRCLE_SHARE       0.05f
 #define CIRCLE_SHARE_LEAST 0.005f
-/* So many times nearer than its radius a circle may come to a surface: there the light of a point has no
+/* A circle's distance to a surface is at least its radius over this: close to a point light, light has no
  * bound. */
 #define CIRCLE_NEAREST 10.0f
 #define SWING          (5.0f * LW_PI / 180)

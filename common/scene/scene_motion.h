@@ -49,9 +49,9 @@ struct lw_scene_motion_report {
 /** Drops the animation that does not belong to a motion; cameras keep theirs, and so does the animation's
  * length. Where the scene has none that belongs to it, one mover is made, in a loop of some 4 s:
  *  - a light: the strongest point or spot light, or else an emissive object, goes round a circle of 5 % of
- *    the scene's longest side, less (down to 0.5 %) where a point or spot would come nearer to a surface
- *    than a tenth of its radius; where there is neither, the strongest directional light swings by 5 degrees
- *    to either side;
+ *    the scene's longest side. The circle is smaller (down to 0.5 %) where a point or spot would come nearer
+ *    to a surface than a tenth of the radius. Without either, the strongest directional light swings by 5
+ *    degrees to either side;
  *  - an object: of those that measure at most half the scene's longest side the one with the largest surface
  *    turns about its vertical axis.
  * The last four motions drop all animation but cameras'. Its length becomes 16 s where no camera moves or it

@@ -14,8 +14,8 @@ static float clamp(float x, float low, float high) {
     return x < high ? x : high;
 }
 
-/* Brings a texture coordinate into the wrap mode's period, so that the texel index fits an int whatever the
- * file says. Finite inputs may still have overflowed in the UV transform; NaN and infinities end at 0. */
+/* Brings a texture coordinate into the wrap mode's period, so that the texel index fits an int for any
+ * file. Finite inputs may still have overflowed in the UV transform; NaN and infinities end at 0. */
 static inline float reduce(float u, uint8_t wrap) {
     switch ((enum lw_wrap)wrap) {
     case LW_WRAP_REPEAT:

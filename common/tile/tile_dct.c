@@ -196,7 +196,7 @@ LW_WIDE static void put_texels(const struct lw_tile_dct *dct, uint32_t width, ui
         }
 }
 
-/* ---- transforms: rows of eight, whatever the block's size; the bases are 0 past it ---- */
+/* ---- transforms: always rows of eight; the bases are 0 past the block's size ---- */
 
 /* In place. Coefficients past the diagonal `diagonals - 1` are 0. */
 LW_WIDE_INLINE void inverse(const struct lw_tile_dct *dct, float *block, uint32_t stride, uint32_t width,

@@ -8,8 +8,8 @@
 #include <embree3/rtcore.h>
 
 /** Opens Embree's device with the instruction set that LW_TRACE_ISA in the environment names (sse4.2, avx2 or
- * avx512), or with the best that the processor has, and checks that Embree took the one that was asked for.
- * One build thread: the structure must not depend on timing, or results would.
+ * avx512); without it, with the best that the processor has. Checks that Embree took the set that was asked
+ * for. Uses one build thread, so that structure and results do not depend on timing.
  * Errors: LW_USAGE for a name that is none of the three; LW_UNAVAILABLE for a set that the processor lacks;
  * LW_NO_MEMORY; LW_INTERNAL where Embree takes another set. All name LW_TRACE_ISA where it is set. */
 LW_MUST_CHECK enum lw_status lw_trace_isa_open(RTCDevice *out_device, struct lw_error *err);

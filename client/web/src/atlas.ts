@@ -67,7 +67,7 @@ export class AtlasMap {
     return this.atlas[this.meshOf[object]!]!;
   }
 
-  /** -1: there is none, whatever the numbers. */
+  /** -1: there is none; any numbers are safe. */
   find(object: number, level: number, tile: number): number {
     if (object >= this.meshOf.length) return -1;
     const at = this.of(object).levels[level];
@@ -101,7 +101,8 @@ export class AtlasMap {
 const COARSE_NOISE = 0.25;
 const MIDDLE_NOISE = 0.1;
 
-/** The finest level at which views bear a tile of a relative error of which so much is left in its texels. */
+/** The finest level at which views read a tile. error: relative; noiseShown: the share of it left in
+ * texels. */
 export function noiseLevelMin(error: number, noiseShown: number): number {
   const noise = error * noiseShown;
   return noise <= MIDDLE_NOISE ? 0 : noise > COARSE_NOISE ? 2 : 1;

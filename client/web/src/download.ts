@@ -70,7 +70,7 @@ export class Download {
     throw new ProtocolError(`scene package: ${what}`);
   }
 
-  /** Takes what is kept. */
+  /** Takes the parts that the browser has kept. */
   async begin(): Promise<void> {
     for (const slot of this.slots) {
       const compressed = await this.store.find(hex(slot.hash));
@@ -86,7 +86,7 @@ export class Download {
     while (this.slots[this.at]?.held) this.at++;
   }
 
-  /** What to ask for: an offset, and the parts that are held. */
+  /** The request: an offset, and the parts that are held. */
   request(): { offset: number; held: Uint8Array } {
     const held = new Uint8Array(this.slots.length > 1 ? Math.ceil(this.slots.length / 8) : 0);
     if (this.slots.length > 1)
@@ -135,7 +135,7 @@ export class Download {
     this.skipHeld();
   }
 
-  /** The package, once all of it is there and is what was promised. */
+  /** The package, once all of it is there and has the hash that was announced. */
   finished(): Uint8Array<ArrayBuffer> | null {
     if (this.at < this.slots.length) return null;
     if (hex(this.tiles.hash(this.bytes)) !== hex(this.welcome.packageHash))

@@ -96,7 +96,7 @@ function split(mesh: Mesh, coarsest: Uint8Array | null): Split {
   return { source, tag, index };
 }
 
-/** Of so many numbers a vertex, with the vertices that are there again; where the mesh has none, `fill`. */
+/** `width` numbers a vertex, with the repeated vertices; `fill` where the mesh has none. */
 function spread(
   from: Float32Array | null,
   width: number,

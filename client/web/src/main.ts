@@ -311,7 +311,7 @@ class App {
     if (stats.tiles && !stats.firstMs) stats.firstMs = performance.now();
   }
 
-  /** Makes the canvas show the picture of now, as good as it gets. */
+  /** Draws the current view on the canvas, with all samples of a still picture. */
   finish(): void {
     do this.draw();
     while (this.samples <= SAMPLES_STILL);

@@ -1,5 +1,5 @@
-// pages.ts: where the levels of all atlases lie in the layers of one texture. A level is one rectangle, whose
-// look-ups are clamped to it, so that none needs a border.
+// pages.ts: where the levels of all atlases lie in the layers of one texture. A level is one rectangle.
+// Look-ups are clamped to it, so none needs a border.
 import type { AtlasMap } from './atlas.ts';
 import { LimitError } from './failure.ts';
 

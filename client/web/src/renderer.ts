@@ -1,5 +1,5 @@
 // renderer.ts: draws the scene in the light that has come.
-// Flow: geometry, frames, tiles -> [renderer] -> picture on the canvas; which tiles the view needs
+// Flow: geometry, frames, tiles -> [renderer] -> picture on the canvas; tiles that the view needs
 import { AtlasMap } from './atlas.ts';
 import type { View } from './camera.ts';
 import { autoStops } from './exposure.ts';
@@ -22,16 +22,15 @@ import {
 } from './shaders.ts';
 import type { Frame } from './wire.ts';
 
-/** A survey sees so much more than the view, in each direction, and is so many pixels wide or high. */
-const SURVEY_MARGIN = 1.4;
-const SURVEY_SIDE = 192;
+const SURVEY_MARGIN = 1.4; // a survey's picture is wider and higher than the view by this factor
+const SURVEY_SIDE = 192; // pixels of its longer side
 const SPHERE = 5; // numbers for each object
 const METER_WIDTH = 128;
 const METER_HEIGHT = 72;
 const SAMPLES = 4;
-/** Where nothing moves so many more make a better picture, each with one sample, elsewhere in the pixels. */
+/** Pictures that are added to a still one, each through other places of the pixels. */
 export const SAMPLES_STILL = 16;
-/** They take textures so much sharper, in levels. */
+/** Their textures are read at finer mip levels, by this many. */
 const SHARPER = -3;
 
 export type Curve = 'reinhard' | 'aces' | 'none';
@@ -197,7 +196,7 @@ export class Renderer {
     data.index = new Uint32Array(this.keepBlended());
   }
 
-  /** Gives back what the GPU holds; nothing may be called any more. */
+  /** Frees the GPU's memory; call nothing afterwards. */
   destroy(): void {
     const { gl } = this;
     for (const target of [this.target, this.single, this.average, this.surveyTarget, this.meterTarget])
@@ -742,7 +741,7 @@ export class Renderer {
     });
   }
 
-  /** The mean of what was drawn and of so many samples before. */
+  /** The mean of the picture just drawn and of `before` earlier ones. */
   private addSample(before: number): void {
     const { gl } = this;
     const { width, height, resolved } = this.average!;

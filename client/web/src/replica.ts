@@ -1,5 +1,5 @@
-// replica.ts: what the client has of the lit scene: where things are, and which version of each tile; as
-// client/lib/replica.h. Outlives connections. Texels are not kept: they go on to the renderer.
+// replica.ts: the client's copy of the lit scene: where things are, and which version of each tile is here;
+// as client/lib/replica.h. Outlives connections. Texels are not kept: they go on to the renderer.
 import { AtlasMap, noiseLevelMin } from './atlas.ts';
 import { ProtocolError } from './failure.ts';
 import { NONE, type Scene } from './package.ts';
@@ -29,7 +29,8 @@ export class Replica {
   private sumTexels = 0;
   private coarsestMissing = 0;
   private visibleChanged = true;
-  private batch: { id: number[]; noiseLevel: number[]; texels: Uint32Array[]; size: number } = this.emptyBatch();
+  private batch: { id: number[]; noiseLevel: number[]; texels: Uint32Array[]; size: number } =
+    this.emptyBatch();
 
   constructor(
     readonly scene: Scene,
@@ -60,8 +61,8 @@ export class Replica {
     for (const levels of this.levels) if (levels) this.tiles.freeCoefficients(levels);
   }
 
-  /** The server has begun again, or nothing of before is left: versions that come now are newer than all that
-   * are there. */
+  /** The server has started again, or the old light is gone: versions that come now count as newer than all
+   * that are there. */
   beginRun(): void {
     this.version.fill(0n);
   }
@@ -95,7 +96,7 @@ export class Replica {
     return this.hiddenNow.map((hidden, o) => (hidden || this.unlit[o] ? 0 : 1)) as Uint8Array<ArrayBuffer>;
   }
 
-  /** Decodes a tile into the batch, unless it is not newer than what is there. */
+  /** Decodes a tile into the batch. Ignores one that is no newer than the tile there. */
   takeTile(t: Tile, noiseShown: number): void {
     const id = this.map.find(t.object, t.level, t.tile);
     const where = `message TILE: object ${t.object}, level ${t.level}, tile ${t.tile}`;
@@ -147,8 +148,8 @@ export class Replica {
     }
   }
 
-  /** Mean irradiance of what has arrived, W/m^2: what shows where nothing has. Before that, light that shows
-   * a surface as its albedo. */
+  /** Mean irradiance of the tiles that have arrived, W/m^2: it stands in for the others. Before any has, the
+   * light that shows a surface as its albedo. */
   meanIrradiance(): [number, number, number] {
     const all = this.sum[0]! + this.sum[1]! + this.sum[2]!;
     if (!(this.sumTexels > 0 && all > 0)) return [Math.PI, Math.PI, Math.PI];
@@ -171,7 +172,8 @@ export class Replica {
       texels.set(tile, at);
       at += tile.length;
     }
-    const batch = { id: Uint32Array.from(this.batch.id), noiseLevel: Uint8Array.from(this.batch.noiseLevel), texels };
+    const noiseLevel = Uint8Array.from(this.batch.noiseLevel);
+    const batch = { id: Uint32Array.from(this.batch.id), noiseLevel, texels };
     this.batch = this.emptyBatch();
     return batch;
   }

@@ -11,17 +11,17 @@ const PING_MS = 5000;
 const SILENCE_MS = 15000;
 const BATCH_TILES = 64;
 
-// A browser takes whatever comes, so a client that is slow to decode cannot let the link fill up. With more
-// than HIGH bytes waiting it wants no tile, until there are under LOW.
+// A browser buffers all that comes, so a slow client cannot slow the server by a full link. With more than
+// HIGH bytes waiting its interest set is empty, until there are under LOW.
 const BACKLOG_HIGH = 4 << 20;
 const BACKLOG_LOW = 256 << 10;
-// Tiles that the renderer has not taken over yet; no more are decoded until it has.
+// Decoded tiles that wait for the renderer, at most: then none is decoded until it has taken some.
 const UNTAKEN_MAX = 512;
 
 /** A server ended the session, or refused it; later it may not. */
 export class ClosedError extends Error {}
 
-/** The server's client lights are more than the client draws: it is to ask again without offering to. */
+/** The server leaves more lights to clients than this one draws: ask again without offering to draw any. */
 export class DrawsTooMuch extends Error {}
 
 export interface FrameNews {
@@ -57,8 +57,8 @@ export class Session {
   private asked = false; // for the package
   private lastFrame = 0n;
   private readonly interest = new Interest();
-  private held = false; // no tile is wanted until the backlog is shorter
-  private paused = false; // nobody looks
+  private held = false; // the interest set is empty until the backlog is shorter
+  private paused = false; // the page is hidden
   private untaken = 0;
   private closed = false;
   private heardMs: number;
@@ -172,7 +172,7 @@ export class Session {
     this.host.tiles(replica.takeBatch(), replica.meanIrradiance(), replica.takeVisible());
   }
 
-  /** The renderer has taken over so many tiles. */
+  /** The renderer has taken over `count` tiles. */
   taken(count: number): void {
     this.untaken -= count;
   }
@@ -185,18 +185,18 @@ export class Session {
     this.interest.forget();
   }
 
-  /** Nobody looks, or somebody does again. */
+  /** The page is hidden, or is visible again. */
   pause(paused: boolean): void {
     this.paused = paused;
     this.mindBacklog();
   }
 
-  /** The tiles that the view wants; more than a message takes is everything. */
+  /** The view's interest set; more tiles than a message takes are everything. */
   setInterest(ids: Uint32Array): void {
     this.interest.set(ids);
   }
 
-  /** To be called now and then: interest, pings, silence. */
+  /** Call it a few times a second: interest, pings, silence. */
   tick(nowMs: number): void {
     if (nowMs - this.heardMs > SILENCE_MS) throw new ClosedError('the server has been silent for 15 s');
     if (!this.welcome) return;

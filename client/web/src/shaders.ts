@@ -44,7 +44,7 @@ out vec3 vAt; // from the eye
 out vec4 vUv;
 out vec4 vColour;
 out vec2 vLightmap;
-centroid out vec2 vLightmapIn; // within the triangle, whatever the sample
+centroid out vec2 vLightmapIn; // within the triangle, at every sample
 flat out uint vTag;
 flat out uint vObject;
 void main() {
@@ -198,7 +198,9 @@ void main() {
     // more
     uint noiseLevel = unfiltered ? 0u : max(stateOf(f.tile), 1u) - 1u;
     noiseLevel = min(noiseLevel, min(coarsest, count - 1u));
-    e = noiseLevel <= level && isThere(f) ? irradianceAt(f) : standInFor(first, count, max(noiseLevel, level), uv);
+    e = noiseLevel <= level && isThere(f)
+      ? irradianceAt(f)
+      : standInFor(first, count, max(noiseLevel, level), uv);
   }
 #ifdef DIRECT
   e += directLight();

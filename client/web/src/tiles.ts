@@ -93,8 +93,8 @@ export class Tiles {
     this.wasm.lw_web_tiles_free(coefficients);
   }
 
-  /** Decodes a payload of codec 4. delta: it builds on `coefficients`, which become those of this version. False:
-   * it is damaged. */
+  /** Decodes a payload of codec 4. delta: it builds on `coefficients`, which become those of this version.
+   * False: it is damaged. */
   decode(
     delta: boolean,
     payload: Uint8Array,
@@ -148,7 +148,7 @@ export class Tiles {
     return out;
   }
 
-  /** One zstd frame of so many bytes uncompressed; null if it is none. */
+  /** Decompresses one zstd frame of `size` bytes; null if it is none. */
   decompress(frame: Uint8Array, size: number): Uint8Array | null {
     const bytes = this.zstd.decode(frame, size);
     return bytes.length === size ? bytes : null;
@@ -198,9 +198,9 @@ export class Tiles {
       height,
       at[3],
     );
-    const coefficients = new Uint8Array(this.wasm.memory.buffer, at[3], triangles).slice();
+    const levels = new Uint8Array(this.wasm.memory.buffer, at[3], triangles).slice();
     for (const place of at) this.wasm.lw_web_tiles_free(place);
     if (!ok) throw new LimitError('this page has no memory left for the scene');
-    return coefficients;
+    return levels;
   }
 }

@@ -1,5 +1,5 @@
 // wire.ts: messages as bytes: proto/wire_format.md, sections 1 and 2.
-// Whatever breaks a "must" there is a ProtocolError that names message and field.
+// A broken "must" there is a ProtocolError that names message and field.
 import { ProtocolError } from './failure.ts';
 
 export const HEADER_BYTES = 8;
@@ -146,7 +146,7 @@ class Reader {
     return value;
   }
 
-  /** A packed list, whose elements have so many bytes each, as memory of its own. */
+  /** A packed list of elements of `width` bytes, as memory of its own. */
   private packed(width: number, max: number): ArrayBuffer {
     const bytes = this.blob(width * max);
     if (bytes.length % width) this.fail(`field ${this.no} has ${bytes.length} bytes`);
