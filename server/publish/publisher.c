@@ -306,13 +306,12 @@ static enum lw_status encode_tile(const struct lw_publisher *p, struct worker *w
     if (!sent->history && !(sent->history = aligned_alloc(_Alignof(struct lw_tile_dct_history), size)))
         return LW_NO_MEMORY;
     if (!sent->version) memset(sent->history, 0, size);
-    const float widest = form->layer == LW_LIGHT_FORM_SPLIT ? LW_PUBLISHER_SPLIT_WIDER * p->desc.step_widest
-                                                            : p->desc.step_widest;
+    const float step = lw_publisher_step(error, p->desc.noise_shown, place->level, p->desc.step_widest);
     return lw_tile_codec_encode_dct(
         worker->codec,
-        &(struct lw_tile_dct_source){worker->rgb, worker->covered, place->width, place->height,
-                                     lw_publisher_step(error, p->desc.noise_shown, place->level, widest),
-                                     form->dark},
+        &(struct lw_tile_dct_source){
+            worker->rgb, worker->covered, place->width, place->height,
+            form->layer == LW_LIGHT_FORM_SPLIT ? LW_PUBLISHER_SPLIT_WIDER * step : step, form->dark},
         sent->history, worker->payload, worker->delta, lw_tile_codec_bound(), out_coded);
 }
 

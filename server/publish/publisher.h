@@ -26,10 +26,10 @@
 /* about 1 % error: invisible, and below the error of converged tiles */
 #define LW_PUBLISHER_STEP_MIN    0x1p-5f
 #define LW_PUBLISHER_STEP_WIDEST 0.1f
-/* Steps of LW_LIGHT_FORM_SPLIT are wider by this factor. The light that clients draw has no coding error, so
- * the picture's error is no larger than with tiles of all light (tests/bench/bench_split.c). Steps by each
- * block's share of drawn light were tried: 1.5 % fewer bits, for 1 dB. */
-#define LW_PUBLISHER_SPLIT_WIDER 1.25f
+/* All steps of LW_LIGHT_FORM_SPLIT are wider by this factor. The light that clients draw has no coding error,
+ * so the view's error is that of tiles with all light, for a quarter of the bytes less than with the same
+ * steps (docs/results/codec.md). */
+#define LW_PUBLISHER_SPLIT_WIDER 2.0f
 
 static inline float lw_publisher_step(float error, float noise_shown, uint32_t level, float widest) {
     if (level == 0 && lw_atlas_noise_level_min(error, noise_shown) > 0) return 2 * widest;

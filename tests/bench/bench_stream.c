@@ -2,7 +2,7 @@
  *
  *     bench_stream [--frames N] [--hz HZ] [--motion light] [--width W] [--height H] [--links MBIT,...]
  *     [--slow S]
- *                  [--step-widest STEP] [--csv FILE] SCENE...
+ *                  [--step-widest STEP] [--direct tiles|auto] [--csv FILE] SCENE...
  *
  * The scene is solved as lightwelld does by default, --hz frames for a second of the scene. Of each frame
  * three things are kept: the snapshot that the publisher makes; the view of somebody who walks through the
@@ -28,6 +28,7 @@
 #include "client/measure/views.h"
 #include "client/view/attention.h"
 #include "client/view/compose.h"
+#include "client/view/drawn_lights.h"
 #include "common/clock.h"
 #include "common/folders.h"
 #include "common/scene/package.h"
@@ -57,7 +58,7 @@
 struct settings {
     struct lw_scene_open open;
     int64_t frames, width, height;
-    int motion;
+    int motion, direct;
     double hz, slow, step_widest;
     const char *links, *csv_path;
 };
@@ -79,6 +80,10 @@ struct job {
     struct lw_scene *scene;
     struct lw_pose pose;
     struct lw_atlas_map map;
+    struct lw_client_lights drawn; /* by the client; nothing with --direct tiles */
+    uint8_t *light_bits, *material_bits;
+    size_t light_bytes, material_bytes;
+    enum lw_light_form form;
     struct lw_levels *levels; /* per object */
     struct lw_client_tile *tile;
     struct lw_levels *sent_levels; /* as it was when it was last sent, uncoded */
@@ -128,6 +133,7 @@ static void take_light(struct job *job, const struct lw_solver *solver) {
             .version = 1, .bounces = 2, .error = lw_publisher_error(map, solver, (lw_tile_id){id}, NULL)};
         if (place->level) continue;
         solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
+        if (job->form == LW_LIGHT_FORM_SPLIT) memcpy(tile.light, tile.split, sizeof tile.light);
         lw_levels_load_tile(&job->levels[place->object], place, &tile);
     }
     for (uint32_t o = 0; o < map->object_count; o++)
@@ -158,7 +164,7 @@ static void copy_tile(const struct lw_levels *from, struct lw_levels *to, const 
 
 static enum lw_status take_sent(struct job *job, const struct lw_snapshot *snapshot, struct lw_error *err) {
     for (uint32_t id = 0; id < snapshot->tile_count; id++) {
-        const struct lw_snapshot_tile *tile = &snapshot->tile[LW_LIGHT_FORM_FULL][id];
+        const struct lw_snapshot_tile *tile = &snapshot->tile[job->form][id];
         if (tile->version != lw_snapshot_version(snapshot->frame)) continue;
         const struct lw_tile_place *place = &job->map.place[id];
         copy_tile(&job->levels[place->object], &job->sent_levels[place->object], place);
@@ -218,12 +224,15 @@ static enum lw_status open_light(struct job *job, struct light *light, struct lw
         status = lw_compose_create(&(struct lw_compose_desc){.scene = job->scene,
                                                              .map = &job->map,
                                                              .trace = light->trace,
+                                                             .drawn = &job->drawn,
+                                                             .pose = &job->pose,
                                                              .threads = (unsigned)s->open.threads},
                                    &light->compose, err);
     if (status == LW_OK)
         status = lw_solvers_create(NULL,
                                    &(struct lw_solver_desc){.scene = job->scene,
                                                             .atlas_map = &job->map,
+                                                            .client_lights = &job->drawn,
                                                             .bounces = 2,
                                                             .tracing_range_m = INFINITY,
                                                             .direct_samples = 1,
@@ -243,6 +252,8 @@ static enum lw_status open_light(struct job *job, struct light *light, struct lw
                                                                  .step_widest = (float)s->step_widest,
                                                                  .threads = (unsigned)s->open.threads},
                                      &light->publisher);
+    if (status == LW_OK) status = lw_publisher_set_forms(light->publisher, lw_light_form_bit(job->form));
+    if (status == LW_OK) light->solver->ops->show(light->solver, lw_light_form_bit(job->form));
     return status;
 }
 
@@ -317,12 +328,14 @@ struct client {
     struct lw_pose pose;
     struct lw_trace *trace;
     struct lw_compose *compose;
+    struct lw_client_lights drawn;
     struct lw_attention attention;
 };
 
 static void close_client(struct client *c) {
     lw_attention_finish(&c->attention);
     lw_compose_destroy(c->compose);
+    lw_client_lights_finish(&c->drawn);
     lw_trace_destroy(c->trace);
     lw_pose_finish(&c->pose);
     lw_client_destroy(c->link);
@@ -343,6 +356,7 @@ static enum lw_status open_client(const struct job *job, uint16_t port, struct c
                                         .port = port,
                                         .name = "bench_stream",
                                         .cache_folder = job->cache,
+                                        .draws_direct = job->form == LW_LIGHT_FORM_SPLIT,
                                         .wants_nothing = true};
     enum lw_status status = lw_client_create(&desc, &c->link, err);
     for (uint64_t end_ns = lw_clock_ns() + PACKAGE_S * 1000000000ull;
@@ -353,9 +367,12 @@ static enum lw_status open_client(const struct job *job, uint16_t port, struct c
     if (!scene) return lw_status_fail(err, LW_TIMED_OUT, "the scene has not arrived in %u s", PACKAGE_S);
     if ((status = lw_pose_init(&c->pose, scene)) != LW_OK) return status;
     if ((status = lw_trace_create(scene, &c->pose, &c->trace, err)) != LW_OK) return status;
+    if ((status = lw_drawn_lights_init(&c->drawn, c->link)) != LW_OK) return status;
     status = lw_compose_create(&(struct lw_compose_desc){.scene = scene,
                                                          .map = lw_client_atlas_map(c->link),
                                                          .trace = c->trace,
+                                                         .drawn = &c->drawn,
+                                                         .pose = &c->pose,
                                                          .threads = (unsigned)job->settings->open.threads},
                                &c->compose, err);
     return status == LW_OK ? lw_attention_init(&c->attention, job->map.tile_count) : status;
@@ -374,6 +391,7 @@ static enum lw_status compose(const struct job *job, struct client *c, const str
                               struct lw_error *err) {
     for (uint32_t o = 0; o < job->scene->object_count; o++)
         c->pose.object_to_world[o] = *lw_client_object_to_world(c->link, o);
+    lw_drawn_lights_follow(&c->drawn, c->link, &c->pose);
     enum lw_status status = lw_trace_set_pose(c->trace, &c->pose, err);
     const struct lw_compose_source source = lw_compose_source_of(c->link);
     struct lw_compose_report report;
@@ -476,6 +494,10 @@ static enum lw_status run_link(struct job *job, double link, bool quiet, struct 
                                                   .target_error = TARGET_ERROR,
                                                   .noise_shown = LW_DENOISE_NOISE_SHOWN,
                                                   .rate_limit_bytes_hz = (uint64_t)(link * 1e6 / 8 / s->slow),
+                                                  .client_lights = job->light_bits,
+                                                  .client_lights_size = job->light_bytes,
+                                                  .client_materials = job->material_bits,
+                                                  .client_materials_size = job->material_bytes,
                                                   .features = LW_FEATURE_DCT},
                          &server, err);
     if (status != LW_OK) return status;
@@ -495,6 +517,21 @@ static enum lw_status run_link(struct job *job, double link, bool quiet, struct 
 
 /* ---- a scene ---- */
 
+static enum lw_status choose_drawn(struct job *job, struct lw_error *err) {
+    const struct lw_scene *scene = job->scene;
+    enum lw_status status =
+        lw_client_lights_init(&job->drawn, scene, &job->pose, job->settings->direct ? "auto" : "none", err);
+    if (status != LW_OK) return status;
+    job->form = lw_client_lights_any(&job->drawn) ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL;
+    job->light_bytes = lw_client_lights_bytes(scene->light_count);
+    job->material_bytes = lw_client_lights_bytes(scene->material_count);
+    job->light_bits = calloc(job->light_bytes + 1, 1);
+    job->material_bits = calloc(job->material_bytes + 1, 1);
+    if (!job->light_bits || !job->material_bits) return LW_NO_MEMORY;
+    lw_client_lights_write(&job->drawn, job->light_bits, job->material_bits);
+    return LW_OK;
+}
+
 static enum lw_status prepare(struct job *job, struct lw_error *err) {
     const struct settings *s = job->settings;
     job->levels = calloc((size_t)job->map.object_count + 1, sizeof *job->levels);
@@ -508,9 +545,11 @@ static enum lw_status prepare(struct job *job, struct lw_error *err) {
         if (status == LW_OK) status = lw_levels_init(&job->sent_levels[o], &job->map.atlas[o]);
         if (status != LW_OK) return status;
     }
-    enum lw_status status = lw_folders_make_temporary(job->cache, sizeof job->cache, err);
+    enum lw_status status = choose_drawn(job, err);
+    if (status == LW_OK) status = lw_folders_make_temporary(job->cache, sizeof job->cache, err);
     if (status == LW_OK) status = lw_package_write(job->scene, &job->package, &job->package_size, err);
     if (status == LW_OK) status = lw_replica_create(job->package, job->package_size, &job->replica, err);
+    if (status == LW_OK) lw_replica_set_form(job->replica, job->form);
     return status;
 }
 
@@ -559,6 +598,9 @@ static void close_job(struct job *job) {
     free(job->tile);
     free(job->picture);
     free(job->package);
+    free(job->light_bits);
+    free(job->material_bits);
+    lw_client_lights_finish(&job->drawn);
     bench_close(job->scene, &job->pose, &job->map);
 }
 
@@ -591,6 +633,8 @@ int main(int argc, char **argv) {
         {"hz", "HZ", "of them for a second of the scene (default 10)", LW_OPTION_REAL, &s.hz, 0.1, 60, NULL},
         {"motion", "own|light", "what moves: as the scene says (default), or lamps alone", LW_OPTION_CHOICE,
          &s.motion, 0, 0, NULL},
+        {"direct", "tiles|auto", "tiles hold all light (default), or the client draws sun and lamps",
+         LW_OPTION_CHOICE, &s.direct, 0, 0, NULL},
         {"width", "PIXELS", "of the view (default 1280)", LW_OPTION_INT, &s.width, 16, 4096, NULL},
         {"height", "PIXELS", "of the view (default 720)", LW_OPTION_INT, &s.height, 16, 4096, NULL},
         {"links", "MBIT,...", "limits of the link, Mbit/s; 0: none (default 0,3,1)", LW_OPTION_STRING,
