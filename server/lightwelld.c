@@ -67,7 +67,7 @@ struct settings {
     bool check_config, print_config;
     const char *listen, *port_file, *http, *http_port_file, *http_hosts, *http_origins, *web_root;
     const char *metrics, *metrics_port_file;
-    const char *tokens;
+    const char *tokens, *control_socket;
     const char *keep, *spares, *light_groups, *client_lights, *solver;
     const struct lw_solvers_entry *entry; /* of that name */
     int64_t address_sessions;             /* 0: the server's default */
@@ -227,6 +227,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          LW_OPTION_STRING, &s->metrics, 0, 0, NULL},
         {"metrics-port-file", "FILE", "write that port there once it serves", LW_OPTION_STRING,
          &s->metrics_port_file, 0, 0, NULL},
+        {"control-socket", "PATH|auto|none",
+         "a Unix socket by which this user and root change the scene (default auto: PORT.sock in "
+         "$XDG_RUNTIME_DIR/lightwell or /run/lightwell, where lightwellctl looks for it)",
+         LW_OPTION_STRING, &s->control_socket, 0, 0, NULL},
         {"tokens", "FILE",
          "tokens that clients must have, a line each: view TOKEN or control TOKEN (lightwellctl token makes "
          "one); read again at SIGHUP. credential:NAME is a credential of systemd (default: none is needed)",
@@ -960,6 +964,8 @@ static enum lw_status create_server(struct daemon *d, struct lw_error *err) {
     struct lw_server_desc desc = {.host = s->host,
                                   .port = s->port,
                                   .tokens = s->tokens,
+                                  .control_socket =
+                                      strcmp(s->control_socket, "none") ? s->control_socket : NULL,
                                   .http_host = *s->http_host ? s->http_host : NULL,
                                   .http_port = s->http_port,
                                   .http_hosts = s->http_hosts,
@@ -1021,6 +1027,7 @@ int main(int argc, char **argv) {
         .forms = 1u << LW_LIGHT_FORM_FULL,
         .settings = {.listen = LW_OPTIONS_ADDRESS,
                      .http = HTTP_ADDRESS,
+                     .control_socket = "auto",
                      .bounces = 2,
                      .tracing_range = (double)INFINITY,
                      .direct_samples = 1,

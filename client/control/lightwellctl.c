@@ -87,14 +87,14 @@ static enum lw_status parse(struct ctl *c, int argc, char **argv, bool *out_done
         {"timeout", "SECONDS", "give up after that time (default 30)", LW_OPTION_REAL, &c->timeout_s, 0.001,
          1e6, NULL},
     };
-    const struct lw_options options = {.program = "lightwellctl",
-                                       .synopsis =
-                                           "[HOST:PORT | HOST | PORT] COMMAND [-- COMMAND]... [OPTIONS]",
-                                       .about = about,
-                                       .table = table,
-                                       .count = sizeof table / sizeof *table,
-                                       .positional = address,
-                                       .positional_max = 1};
+    const struct lw_options options = {
+        .program = "lightwellctl",
+        .synopsis = "[HOST:PORT | HOST | PORT | unix:PATH] COMMAND [-- COMMAND]... [OPTIONS]",
+        .about = about,
+        .table = table,
+        .count = sizeof table / sizeof *table,
+        .positional = address,
+        .positional_max = 1};
     enum lw_status status = lw_options_parse(&options, rest_count, rest, NULL, out_done, err);
     free(rest);
     if (status != LW_OK || *out_done) return status;
@@ -107,7 +107,7 @@ static enum lw_status parse(struct ctl *c, int argc, char **argv, bool *out_done
         const bool first = !is_address(c->address) && (!c->word_count || lw_ctl_command_near(c->address));
         if (first || c->word_count) return lw_ctl_command_fail_unknown(first ? c->address : c->word[0], err);
     }
-    status = lw_options_address(c->address, c->host, sizeof c->host, &c->port, err);
+    status = lw_access_address(c->address, c->host, sizeof c->host, &c->port, err);
     if (status == LW_OK && !c->batch && !c->word_count)
         return lw_status_fail(err, LW_USAGE, "a command is missing: lightwellctl --help lists them");
     return status == LW_OK ? lw_access_read(&c->access_options, &c->access, err) : status;

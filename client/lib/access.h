@@ -7,6 +7,8 @@
 #include "common/options.h"
 #include "common/token.h"
 
+#define LW_ACCESS_UNIX "unix:" /* begins a host that is the path of a Unix socket */
+
 /** Zero: without a token. */
 struct lw_access {
     bool has_token;
@@ -28,6 +30,10 @@ struct lw_access_options {
         .name = "token-file", .argument = "FILE", .help = LW_ACCESS_TOKEN_HELP, .kind = LW_OPTION_STRING,    \
         .value = &(options)->token_file                                                                      \
     }
+
+/** Where a server is: as lw_options_address(), or unix:PATH, which is then the host. Errors: LW_USAGE. */
+LW_MUST_CHECK enum lw_status lw_access_address(const char *text, char *out_host, size_t host_size,
+                                               uint16_t *out_port, struct lw_error *err);
 
 /** Takes them up. Errors: as lw_token_read(), naming the option; LW_USAGE: the environment has no token. */
 LW_MUST_CHECK enum lw_status lw_access_read(const struct lw_access_options *options,

@@ -526,7 +526,13 @@ static enum lw_status connect_and_greet(struct lw_client *c, struct lw_error *er
     struct lw_link *fresh = malloc(sizeof *fresh); /* the client's own may be looked at meanwhile */
     if (!fresh) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     if (c->watch.leave) c->watch.leave(c->watch.context);
-    enum lw_status status = lw_link_connect(fresh, c->host, c->port, c->timeout_ms, err);
+    enum lw_status status =
+        lw_link_connect(fresh,
+                        &(struct lw_link_desc){.host = c->host,
+                                               .port = c->port,
+                                               .timeout_ms = c->timeout_ms,
+                                               .prefers_local = c->control && !c->access.has_token},
+                        err);
     if (c->watch.enter) c->watch.enter(c->watch.context);
     if (status == LW_OK) c->link = *fresh;
     free(fresh);

@@ -1,7 +1,10 @@
 #include "client/lib/link.h"
 
+#include "client/lib/access.h"
 #include "common/clock.h"
+#include "common/control_path.h"
 
+#include <arpa/inet.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <netdb.h>
@@ -12,6 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <sys/un.h>
 #include <unistd.h>
 
 #define INPUT_SIZE (256u << 10) /* bytes in one read */
@@ -64,6 +68,7 @@ static enum lw_status connect_failure(struct lw_error *err, const char *address,
     case ECONNREFUSED:
     case EHOSTUNREACH:
     case ENETUNREACH:
+    case ENOENT: /* no such Unix socket */
         return lw_status_fail(err, LW_UNAVAILABLE, "cannot connect to %s: %s: is lightwelld running?",
                               address, strerror(failure));
     default:
@@ -71,13 +76,39 @@ static enum lw_status connect_failure(struct lw_error *err, const char *address,
     }
 }
 
-enum lw_status lw_link_connect(struct lw_link *link, const char *host, uint16_t port, unsigned timeout_ms,
-                               struct lw_error *err) {
-    uint64_t deadline_ns = lw_clock_ns() + timeout_ms * 1000000ull;
+/* Returns a connected, non-blocking socket, or -1 with errno. */
+static int connect_to_path(const char *path, uint64_t deadline_ns) {
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    if (strlen(path) >= sizeof address.sun_path) {
+        errno = ENAMETOOLONG;
+        return -1;
+    }
+    strcpy(address.sun_path, path);
+    const struct addrinfo info = {.ai_family = AF_UNIX,
+                                  .ai_socktype = SOCK_STREAM,
+                                  .ai_addr = (struct sockaddr *)&address,
+                                  .ai_addrlen = sizeof address};
+    return connect_to(&info, deadline_ns);
+}
+
+static bool is_own_machine(const char *host) {
+    struct in_addr v4;
+    return strcmp(host, "localhost") == 0 || strcmp(host, "::1") == 0 ||
+           (inet_pton(AF_INET, host, &v4) == 1 && ntohl(v4.s_addr) >> 24 == 127);
+}
+
+/* The Unix socket of the server at this port; -1: there is none that answers. */
+static int connect_locally(uint16_t port, uint64_t deadline_ns) {
+    char path[LW_CONTROL_PATH_SIZE];
+    int descriptor = -1;
+    for (unsigned i = 0; descriptor < 0 && lw_control_path_find(port, i, path); i++)
+        descriptor = connect_to_path(path, deadline_ns);
+    return descriptor;
+}
+
+static enum lw_status connect_by_name(struct lw_link *link, const char *host, uint16_t port,
+                                      uint64_t deadline_ns, struct lw_error *err) {
     char service[8];
-    *link = (struct lw_link){.socket = -1};
-    snprintf(link->address, sizeof link->address, strchr(host, ':') ? "[%s]:%u" : "%s:%u", host,
-             (unsigned)port);
     snprintf(service, sizeof service, "%u", (unsigned)port);
     struct addrinfo hints = {.ai_socktype = SOCK_STREAM, .ai_flags = AI_NUMERICSERV}, *found;
     int result = getaddrinfo(host, service, &hints, &found);
@@ -88,7 +119,27 @@ enum lw_status lw_link_connect(struct lw_link *link, const char *host, uint16_t 
         link->socket = connect_to(a, deadline_ns);
     int failure = errno;
     freeaddrinfo(found);
-    if (link->socket < 0) return connect_failure(err, link->address, failure);
+    return link->socket < 0 ? connect_failure(err, link->address, failure) : LW_OK;
+}
+
+enum lw_status lw_link_connect(struct lw_link *link, const struct lw_link_desc *desc, struct lw_error *err) {
+    const uint64_t deadline_ns = lw_clock_ns() + desc->timeout_ms * 1000000ull;
+    const bool is_path = strncmp(desc->host, LW_ACCESS_UNIX, strlen(LW_ACCESS_UNIX)) == 0;
+    enum lw_status status = LW_OK;
+    *link = (struct lw_link){.socket = -1};
+    if (is_path)
+        snprintf(link->address, sizeof link->address, "%s", desc->host);
+    else
+        snprintf(link->address, sizeof link->address, strchr(desc->host, ':') ? "[%s]:%u" : "%s:%u",
+                 desc->host, (unsigned)desc->port);
+    if (is_path) {
+        link->socket = connect_to_path(desc->host + strlen(LW_ACCESS_UNIX), deadline_ns);
+        if (link->socket < 0) return connect_failure(err, link->address, errno);
+    }
+    if (link->socket < 0 && desc->prefers_local && is_own_machine(desc->host))
+        link->socket = connect_locally(desc->port, deadline_ns);
+    if (link->socket < 0) status = connect_by_name(link, desc->host, desc->port, deadline_ns, err);
+    if (status != LW_OK) return status;
     link->input = malloc(INPUT_SIZE);
     if (!link->input) {
         lw_link_finish(link);

@@ -1,4 +1,4 @@
-/* link.h: the client's end of the TCP connection: framed messages in, framed messages out, silence noticed.
+/* link.h: the client's end of the connection, by TCP or a Unix socket: framed messages in, framed messages out, silence noticed.
  * Flow:    server -> socket -> [link] -> messages -> client
  * Threads: one thread at a time. */
 #ifndef LIGHTWELL_LINK_H
@@ -24,10 +24,20 @@ struct lw_link {
     uint64_t heard_ns, pinged_ns, looked_ns;
 };
 
-/** Connects within a time limit. Errors: LW_NO_HOST, LW_UNAVAILABLE, LW_TIMED_OUT, LW_OS, LW_NO_MEMORY, each
- * naming the address. lw_link_finish() is needed after success only. */
-LW_MUST_CHECK enum lw_status lw_link_connect(struct lw_link *link, const char *host, uint16_t port,
-                                             unsigned timeout_ms, struct lw_error *err);
+/** Where to connect, and how. */
+struct lw_link_desc {
+    const char *host; /* a name or address; "unix:PATH": a Unix socket */
+    uint16_t port;
+    unsigned timeout_ms;
+    /* To change the scene without a token: on the own machine (127.0.0.0/8, ::1, localhost) the server's Unix
+     * socket is tried first. */
+    bool prefers_local;
+};
+
+/** Connects within a time limit. Errors: LW_NO_HOST, LW_UNAVAILABLE, LW_TIMED_OUT, LW_OS, LW_NO_MEMORY, each naming the
+ * address. lw_link_finish() is needed after success only. */
+LW_MUST_CHECK enum lw_status lw_link_connect(struct lw_link *link, const struct lw_link_desc *desc,
+                                             struct lw_error *err);
 void lw_link_finish(struct lw_link *link);
 /** Ends the connection for both sides; the descriptor stays until lw_link_finish(). */
 void lw_link_hang_up(struct lw_link *link);

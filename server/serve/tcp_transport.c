@@ -1,5 +1,7 @@
 #include "server/serve/tcp_transport.h"
 
+#include "server/serve/control_socket.h"
+
 #include <assert.h>
 #if defined(__linux__)
 #include <linux/sockios.h>
@@ -23,7 +25,11 @@ struct pending_write {
 
 struct link {
     struct lw_session_transport transport;
-    uv_tcp_t tcp;
+    union {
+        uv_stream_t stream;
+        uv_tcp_t tcp;
+        uv_pipe_t pipe; /* on a Unix socket */
+    } on;
     uv_shutdown_t shutdown;
     struct lw_session *session; /* NULL: it never got one */
     struct lw_tcp_transport_shared *shared;
@@ -65,7 +71,7 @@ static int queue_rest(struct link *link, struct lw_blob *const *blob, uv_buf_t *
         pending->request.data = link;
         pending->blob_count = left;
         memcpy(pending->blob, blob + first, left * sizeof(struct lw_blob *));
-        result = uv_write(&pending->request, (uv_stream_t *)&link->tcp, buffer + first, left, on_written);
+        result = uv_write(&pending->request, &link->on.stream, buffer + first, left, on_written);
     }
     if (result == 0) {
         link->pending = pending;
@@ -86,7 +92,7 @@ static int write_blobs(struct lw_session_transport *transport, struct lw_blob *c
         buffer[i] = uv_buf_init((char *)blob[i]->bytes, (unsigned)blob[i]->size);
         bytes += blob[i]->size;
     }
-    int result = uv_try_write((uv_stream_t *)&link->tcp, buffer, count);
+    int result = uv_try_write(&link->on.stream, buffer, count);
     if (result < 0 && result != UV_EAGAIN) {
         unref_all(blob, count);
         return result;
@@ -109,14 +115,14 @@ static int end_writing(struct lw_session_transport *transport, enum lw_refusal c
     struct link *link = link_of(transport);
     (void)code; /* the REFUSAL has said so */
     (void)text;
-    return uv_shutdown(&link->shutdown, (uv_stream_t *)&link->tcp, on_shutdown);
+    return uv_shutdown(&link->shutdown, &link->on.stream, on_shutdown);
 }
 
 static void waiting(const struct lw_session_transport *transport, size_t *out_ours, size_t *out_socket) {
     const struct link *link = (const struct link *)transport;
     uv_os_fd_t descriptor;
-    *out_ours = uv_stream_get_write_queue_size((const uv_stream_t *)&link->tcp);
-    *out_socket = uv_fileno((const uv_handle_t *)&link->tcp, &descriptor) == 0
+    *out_ours = uv_stream_get_write_queue_size(&link->on.stream);
+    *out_socket = uv_fileno((const uv_handle_t *)&link->on.stream, &descriptor) == 0
                       ? lw_tcp_transport_socket_waiting(descriptor)
                       : 0;
 }
@@ -143,7 +149,7 @@ static void on_read(uv_stream_t *stream, ssize_t size, const uv_buf_t *buffer) {
 }
 
 static void read_on(struct lw_session_transport *transport, bool on) {
-    uv_stream_t *stream = (uv_stream_t *)&link_of(transport)->tcp;
+    uv_stream_t *stream = &link_of(transport)->on.stream;
     if (on)
         (void)uv_read_start(stream, on_alloc, on_read); /* fails for what is closing alone */
     else
@@ -160,27 +166,41 @@ static void on_closed(uv_handle_t *handle) {
 }
 
 static void close_link(struct lw_session_transport *transport) {
-    uv_close((uv_handle_t *)&link_of(transport)->tcp, on_closed);
+    uv_close((uv_handle_t *)&link_of(transport)->on.stream, on_closed);
 }
 
 static const struct lw_session_transport_ops ops = {write_blobs, read_on, end_writing, close_link, waiting};
+
+static int init_stream(struct link *link, uv_stream_t *listener) {
+    if (listener->type == UV_NAMED_PIPE) return uv_pipe_init(listener->loop, &link->on.pipe, 0);
+    return uv_tcp_init(listener->loop, &link->on.tcp);
+}
+
+/* On a Unix socket nobody is served but the server's user and root. */
+static void open_session(struct link *link, int descriptor) {
+    const bool is_local = link->on.stream.type == UV_NAMED_PIPE;
+    const struct lw_session_peer peer =
+        is_local ? lw_control_socket_peer(descriptor) : lw_tcp_transport_peer(descriptor);
+    if (!is_local) lw_tcp_transport_set_options(descriptor);
+    link->session = lw_session_open(link->shared->sessions, &link->transport, &peer);
+    if (link->session && is_local && !peer.may_control)
+        lw_session_refuse(link->session, LW_REFUSAL_NOT_ALLOWED,
+                          "this socket is for the server's own user and root alone");
+}
 
 enum lw_status lw_tcp_transport_accept(struct lw_tcp_transport_shared *shared, uv_stream_t *listener) {
     struct link *link = calloc(1, sizeof *link);
     if (!link) return LW_NO_MEMORY;
     *link = (struct link){.transport = {&ops}, .shared = shared, .turn = UINT64_MAX};
-    if (uv_tcp_init(listener->loop, &link->tcp) < 0) {
+    if (init_stream(link, listener) < 0) {
         free(link);
         return LW_OS;
     }
-    link->tcp.data = link;
+    link->on.stream.data = link;
     uv_os_fd_t descriptor;
-    if (uv_accept(listener, (uv_stream_t *)&link->tcp) == 0 &&
-        uv_fileno((const uv_handle_t *)&link->tcp, &descriptor) == 0) {
-        const struct lw_session_peer peer = lw_tcp_transport_peer(descriptor);
-        lw_tcp_transport_set_options(descriptor);
-        link->session = lw_session_open(shared->sessions, &link->transport, &peer);
-    }
+    if (uv_accept(listener, &link->on.stream) == 0 &&
+        uv_fileno((const uv_handle_t *)&link->on.stream, &descriptor) == 0)
+        open_session(link, descriptor);
     if (!link->session) {
         close_link(&link->transport);
         return LW_OS;
@@ -198,7 +218,6 @@ struct lw_session_peer lw_tcp_transport_peer(int socket) {
     char host[48] = "?";
     if (getpeername(socket, (struct sockaddr *)&address, &length) != 0) return peer;
     peer.at = lw_address_of((const struct sockaddr *)&address);
-    peer.may_control = peer.at.is_loopback;
     if (address.ss_family == AF_INET6) {
         const struct sockaddr_in6 *v6 = (const struct sockaddr_in6 *)&address;
         uv_ip6_name(v6, host, sizeof host);

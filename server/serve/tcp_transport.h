@@ -1,4 +1,4 @@
-/* tcp_transport.h: sessions that are a TCP stream each.
+/* tcp_transport.h: sessions that are a TCP stream each, or one of a Unix socket (control_socket.h).
  * Flow:    listener -> [tcp_transport] <-> session
  * Threads: everything here is [loop]. */
 #ifndef LW_SERVE_TCP_TRANSPORT_H
@@ -22,7 +22,7 @@ LW_MUST_CHECK enum lw_status lw_tcp_transport_accept(struct lw_tcp_transport_sha
 
 /* For any transport that is on a socket. */
 
-/** Who is at the other end. may_control is set for the own machine: 127.0.0.0/8, ::1. */
+/** Who is at the other end. May control by a token alone. */
 struct lw_session_peer lw_tcp_transport_peer(int socket);
 /** What a connected socket that carries light should be set to. */
 void lw_tcp_transport_set_options(int socket);

@@ -2,7 +2,7 @@
  * Flow:    web_server <-> [ws_transport] <-> session
  * Threads: everything here is [loop].
  *
- * A session here never controls: any page that a user of this machine looks at could try to. */
+ * A session here controls by its token alone: any page that a user of this machine looks at could try to. */
 #ifndef LW_SERVE_WS_TRANSPORT_H
 #define LW_SERVE_WS_TRANSPORT_H
 

@@ -1,4 +1,4 @@
-/* Who may connect, with the real programs: tokens. */
+/* Who may connect, with the real programs: tokens, the Unix socket. */
 #include "tests/support/process.h"
 
 #include "common/token.h"
@@ -42,7 +42,8 @@ static void serve_with_tokens(const char *view, const char *control) {
     assert_int_equal(fclose(file), 0);
     assert_int_equal(chmod(path, 0600), 0);
     char arguments[400];
-    snprintf(arguments, sizeof arguments, "builtin:cornell --http none --freeze 0 --tokens %s", path);
+    snprintf(arguments, sizeof arguments,
+             "builtin:cornell --http none --freeze 0 --control-socket none --tokens %s", path);
     lw_process_serve(&server, arguments);
 }
 
@@ -94,9 +95,33 @@ static void test_programs_with_tokens(void **state) {
     assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
 }
 
+static void test_programs_by_the_control_socket(void **state) {
+    (void)state;
+    char path[200], arguments[300];
+    snprintf(path, sizeof path, "%s", lw_support_temporary("control.sock"));
+    setenv("XDG_RUNTIME_DIR", lw_support_temporary("runtime"), 1);
+    assert_int_equal(mkdir(lw_support_temporary("runtime"), 0700), 0);
+    lw_process_serve(&server, "builtin:cornell --http none --freeze 0");
+    assert_int_equal(run("lightwellctl", "sky 1 1 1", NULL, NULL), 0); /* found by the port */
+    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+    snprintf(arguments, sizeof arguments, "builtin:cornell --http none --freeze 0 --control-socket %s", path);
+    lw_process_serve(&server, arguments);
+    assert_int_equal(run("lightwellctl", "sky 1 1 1", NULL, "a token for control"), 69);
+    struct lw_process ctl;
+    snprintf(arguments, sizeof arguments, "unix:%s sky 1 1 1", path);
+    lw_process_start(&ctl, "lightwellctl", arguments);
+    lw_process_expect(&ctl, lw_process_finish(&ctl, 60), 0);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+    assert_int_equal(rmdir(lw_support_temporary("runtime/lightwell")), 0); /* the socket has gone */
+    assert_int_equal(rmdir(lw_support_temporary("runtime")), 0);
+    lw_process_start(&ctl, "lightwellctl", arguments);
+    lw_process_expect(&ctl, lw_process_finish(&ctl, 60), 69);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(test_programs_with_tokens, lw_process_teardown),
+        cmocka_unit_test_teardown(test_programs_by_the_control_socket, lw_process_teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

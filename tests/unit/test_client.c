@@ -319,7 +319,8 @@ static void test_updates(void **state) {
     struct world w = make_world();
     struct lw_client *client, *other;
     struct lw_error err = {0};
-    struct running r = start_server_with(&w, (struct lw_server_desc){.scene = w.scene});
+    struct running r =
+        start_server_with(&w, (struct lw_server_desc){.scene = w.scene, .control_socket = "auto"});
     struct lw_server *server = r.server;
     struct lw_client_desc desc = {.host = "127.0.0.1", .port = lw_server_port(server), .control = true};
     lw_support_ok(lw_client_create(&desc, &client, &err), &err);
@@ -1546,7 +1547,8 @@ static void test_silence(void **state) {
     struct lw_link link;
     struct lw_error err = {0};
     begin(&s);
-    lw_support_ok(lw_link_connect(&link, "127.0.0.1", s.port, 1000, &err), &err);
+    lw_support_ok(lw_link_connect(&link, &(struct lw_link_desc){"127.0.0.1", s.port, 1000, false}, &err),
+                  &err);
     uint64_t second = 1000000000, now_ns = lw_clock_ns();
     link.heard_ns = now_ns - (LW_LINK_SILENCE_S - 1) * second;
     link.looked_ns = now_ns;
@@ -1573,7 +1575,9 @@ static void test_ping(void **state) {
     assert_int_equal(getsockname(listener, (struct sockaddr *)&address, &size), 0);
     struct lw_link link;
     struct lw_error err = {0};
-    lw_support_ok(lw_link_connect(&link, "127.0.0.1", ntohs(address.sin_port), 1000, &err), &err);
+    lw_support_ok(lw_link_connect(
+                      &link, &(struct lw_link_desc){"127.0.0.1", ntohs(address.sin_port), 1000, false}, &err),
+                  &err);
     int peer = accept(listener, NULL, NULL);
     link.pinged_ns = lw_clock_ns() - LW_LINK_PING_S * 1000000000ull;
     lw_support_ok(lw_link_wait(&link, 0, &err), &err);

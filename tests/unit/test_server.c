@@ -21,6 +21,8 @@
 #include <sys/resource.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/un.h>
+#include <sys/wait.h>
 #include <unistd.h>
 #include <uv.h>
 #include <zstd.h>
@@ -1709,13 +1711,24 @@ static struct fixture *start_controlled_with(struct lw_server_desc desc) {
     static struct lw_scene *scene; /* of the same counts as every fixture's */
     if (!scene) scene = lw_support_squares(OBJECTS, 1.0f);
     desc.scene = scene;
+    desc.control_socket = lw_support_temporary("control.sock");
     return start(&desc);
 }
 
 static struct fixture *start_controlled(void) { return start_controlled_with((struct lw_server_desc){0}); }
 
+static int dial_locally(void) {
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    snprintf(address.sun_path, sizeof address.sun_path, "%s", lw_support_temporary("control.sock"));
+    int s = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    assert_true(s >= 0);
+    assert_int_equal(connect(s, (struct sockaddr *)&address, sizeof address), 0);
+    return s;
+}
+
 static int dial_and_control(const struct fixture *f, bool stream) {
-    int s = dial(f);
+    (void)f;
+    int s = dial_locally();
     struct lw_message m, control = hello;
     control.hello.features = LW_FEATURE_CONTROL;
     put(s, &control);
@@ -1836,7 +1849,8 @@ static void test_spares_are_given_out_in_order(void **state) {
     struct lw_scene *scene = lw_support_squares(OBJECTS, 1);
     struct lw_error err = {0};
     lw_support_ok(lw_scene_spares_add(scene, "2", &err), &err);
-    struct fixture *f = start(&(struct lw_server_desc){.scene = scene});
+    struct fixture *f = start(
+        &(struct lw_server_desc){.scene = scene, .control_socket = lw_support_temporary("control.sock")});
     int a = dial_and_control(f, false), b = dial_and_control(f, false);
     const struct lw_scene_change hide_second = {LW_SCENE_CHANGE_OBJECT_HIDE, OBJECTS + 1, 0, {0}};
     update(a, 1, (struct lw_scene_change[]){add, hide_second}, 2); /* refused, and so it takes none */
@@ -2026,6 +2040,74 @@ static void test_tokens_are_read_again(void **state) {
     end(f);
 }
 
+static void test_the_control_socket(void **state) {
+    (void)state;
+    const char *path = lw_support_temporary("control.sock");
+    struct fixture *f =
+        start_controlled_with((struct lw_server_desc){.tokens = write_tokens(view_token, NULL)});
+    struct stat info;
+    assert_int_equal(stat(path, &info), 0);
+    assert_int_equal(info.st_mode & 0777, 0600);
+    close(dial_and_control(f, false)); /* it needs no token */
+    struct lw_server_desc desc = {
+        .control_socket = path, .atlas_map = &f->map, .package = f->package, .package_size = PACKAGE_SIZE};
+    struct lw_server *second;
+    struct lw_error err = {0};
+    lw_support_fails(lw_server_create(&desc, &second, &err), LW_UNAVAILABLE, &err, "is there already");
+    close(dial_and_control(f, false)); /* it is still the first one's */
+    end(f);
+    assert_int_equal(access(path, F_OK), -1);
+    int left = socket(AF_UNIX, SOCK_STREAM, 0); /* as a server leaves it that was killed */
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    snprintf(address.sun_path, sizeof address.sun_path, "%s", path);
+    assert_int_equal(bind(left, (struct sockaddr *)&address, sizeof address), 0);
+    close(left);
+    f = start_controlled();
+    close(dial_and_control(f, false));
+    end(f);
+    lw_support_write_file(path, "mine", 4); /* what is no socket stays */
+    f = start(&(struct lw_server_desc){0});
+    err = (struct lw_error){0};
+    lw_support_fails(lw_server_create(&desc, &second, &err), LW_UNAVAILABLE, &err, path);
+    assert_int_equal(stat(path, &info), 0);
+    assert_int_equal(info.st_size, 4);
+    end(f);
+    unlink(path);
+}
+
+/* In a child that has become somebody else: 0 if it is refused as it should be. */
+static int try_as_somebody_else(void) {
+    struct lw_message m;
+    if (setuid(65534) != 0) return 1;
+    int s = dial_locally();
+    put_hello(s, NULL);
+    if (!get(s, &m) || m.type != LW_MESSAGE_REFUSAL) return 2;
+    return m.refusal.code == LW_REFUSAL_NOT_ALLOWED ? 0 : 3;
+}
+
+static void test_the_control_socket_knows_its_user(void **state) {
+    (void)state;
+    if (geteuid() != 0) {
+        print_message("skipped: only root can become another user\n");
+        skip();
+    }
+    struct fixture *f = start_controlled();
+    /* the file's permissions would keep it out: this is about what is behind them */
+    const char *path = lw_support_temporary("control.sock");
+    char folder[200];
+    snprintf(folder, sizeof folder, "%.*s", (int)(strrchr(path, '/') - path), path);
+    assert_int_equal(chmod(folder, 0755), 0);
+    assert_int_equal(chmod(path, 0666), 0);
+    const pid_t child = fork();
+    if (child == 0) _exit(try_as_somebody_else());
+    int status;
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_true(WIFEXITED(status));
+    assert_int_equal(WEXITSTATUS(status), 0);
+    close(dial_and_control(f, false));
+    end(f);
+}
+
 static void test_token_files_that_cannot_be_used(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){0});
@@ -2045,7 +2127,10 @@ static void test_updates_want_the_role(void **state) {
     int s = dial_and_greet(f); /* without the feature */
     update(s, 1, &hide_1, 1);
     expect_refusal(s, LW_REFUSAL_NOT_ALLOWED);
-    s = dial(f); /* before hello */
+    s = dial_with_token(f, NULL, 0); /* from this machine, but over TCP */
+    update(s, 1, &hide_1, 1);
+    expect_refusal(s, LW_REFUSAL_NOT_ALLOWED);
+    s = dial_locally(); /* before hello */
     update(s, 1, &hide_1, 1);
     expect_refusal(s, LW_REFUSAL_PROTOCOL);
     end(f);
@@ -2336,6 +2421,8 @@ int main(void) {
         cmocka_unit_test(test_updates_want_the_role),
         cmocka_unit_test(test_answers_that_nobody_reads_end_the_session),
         cmocka_unit_test(test_tokens),
+        cmocka_unit_test(test_the_control_socket),
+        cmocka_unit_test(test_the_control_socket_knows_its_user),
         cmocka_unit_test(test_tokens_are_read_again),
         cmocka_unit_test(test_token_files_that_cannot_be_used),
         cmocka_unit_test(test_join),
