@@ -134,6 +134,8 @@ static enum lw_status check_welcome(const struct lw_message_welcome *w, struct l
 static enum lw_status check_refusal(const struct lw_message_refusal *r, struct lw_error *err) {
     if ((unsigned)r->code < 1 || (unsigned)r->code > LW_MESSAGE_REFUSAL_MAX)
         return invalid(err, "code", "is not in 1..65535");
+    if (r->retry_after_ms > LW_MESSAGE_RETRY_AFTER_MAX)
+        return invalid(err, "retry_after_ms", "is over 3600000");
     return check_text(r->text, LW_MESSAGE_TEXT_MAX, "text", err);
 }
 
@@ -332,6 +334,7 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
     case LW_MESSAGE_REFUSAL:
         wire->refusal.code = (uint32_t)m->refusal.code;
         wire->refusal.text = text_of(m->refusal.text);
+        wire->refusal.retry_after_ms = m->refusal.retry_after_ms;
         break;
     case LW_MESSAGE_PACKAGE_REQUEST:
         wire->package_request.offset = m->package_request.offset;
@@ -893,7 +896,8 @@ static enum lw_status read_wire(const union wire *w, struct lw_message *m, struc
         return read_welcome(&w->welcome, m, err);
     case LW_MESSAGE_REFUSAL:
         if (w->refusal.code > LW_MESSAGE_REFUSAL_MAX) return invalid(err, "code", "is not in 1..65535");
-        m->refusal = (struct lw_message_refusal){(enum lw_refusal)w->refusal.code, w->refusal.text};
+        m->refusal = (struct lw_message_refusal){(enum lw_refusal)w->refusal.code, w->refusal.text,
+                                                 w->refusal.retry_after_ms};
         return LW_OK;
     case LW_MESSAGE_PACKAGE_REQUEST:
         m->package_request = (struct lw_message_package_request){

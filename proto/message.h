@@ -31,6 +31,7 @@
 #define LW_MESSAGE_CLIENT_LIGHTS_MAX    (LW_SCENE_LIGHTS_MAX / 8)    /* bytes: a bit for each */
 #define LW_MESSAGE_CLIENT_MATERIALS_MAX (LW_SCENE_MATERIALS_MAX / 8) /* likewise */
 #define LW_MESSAGE_REFUSAL_MAX          65535u /* largest code; those not named below are refusals all the same */
+#define LW_MESSAGE_RETRY_AFTER_MAX      3600000u /* ms */
 #define LW_MESSAGE_FIELDS_MAX           64u /* protobuf fields of a body, a packed list counting as one */
 #define LW_MESSAGE_COMPRESSED_MAX                                                                            \
     (LW_PACKAGE_SIZE_MAX + (LW_PACKAGE_SIZE_MAX >> 8)) /* zstd's bound for a package */
@@ -88,7 +89,8 @@ enum lw_refusal {
 
 struct lw_message_refusal {
     enum lw_refusal code;
-    const char *text; /* one line for people */
+    const char *text;        /* one line for people */
+    uint32_t retry_after_ms; /* when to come back; 0: not told */
 };
 
 struct lw_message_package_request {

@@ -48,6 +48,8 @@
 #define STALL_S      600.0
 #define STALL_FIRST  6.0 /* times that, until first light: texels are placed, and rays' structure is built */
 #define STATUS_MS    10000u
+#define RETURN_S     2.0
+#define STOP_WAIT_S  3u /* for the end of a frame */
 #define STEP_HZ      30 /* scene time advances by 1/30 s a frame under --clock step */
 /* A form of light that no client takes any more is published for this long, since clients come back after a
  * broken link. */
@@ -74,7 +76,7 @@ struct settings {
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
     int probe_form, denoise;
     double tracing_range, cell_size, probe_spacing, frame_rate, frame_budget_ms, freeze_s, error, link_rate,
-        tile_step, stall_s;
+        tile_step, stall_s, return_s;
     bool animate, freeze, json;
     int clock, light, codec;
     char host[256], http_host[256]; /* http_host "": none */
@@ -312,6 +314,9 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "a frame that takes longer counts as a hang, which a service manager ends (default 600; six times "
          "that until first light)",
          LW_OPTION_REAL, &s->stall_s, 0.001, 1e9, NULL},
+        {"return-after", "SECONDS",
+         "clients are told at the end to come back after so long; 0: nothing is told (default 2)",
+         LW_OPTION_REAL, &s->return_s, 0, 3600, NULL},
         {"keep", "FOLDER",
          "keep the light there over a restart: what was shown, and of a scene that never changed the sums as "
          "well",
@@ -737,6 +742,12 @@ static bool await_line(const struct daemon *d) {
     return false;
 }
 
+/* solver: NULL in the middle of a frame */
+static void save_light(struct daemon *d, const struct lw_solver *solver) {
+    if (!d->settings.keep || lw_light_store_save(&d->light_store, solver, &d->solver_error) == LW_OK) return;
+    lw_daemon_metrics_save_failed(&d->metrics);
+}
+
 static void solve_frames(struct daemon *d) {
     const struct settings *s = &d->settings;
     const uint64_t interval_ns = (uint64_t)(1e9 / s->frame_rate);
@@ -748,7 +759,10 @@ static void solve_frames(struct daemon *d) {
         expect_progress(d);
         uint64_t began = lw_clock_ns();
         enum lw_status status = run_frame(d, frame, &rested, &d->solver_error);
-        if (status != LW_OK) return; /* LW_CLOSED, without an error: stopped in the middle of a frame */
+        if (status != LW_OK) { /* LW_CLOSED, without an error: stopped in the middle of a frame */
+            if (status == LW_CLOSED) save_light(d, NULL);
+            return;
+        }
         /* Under the step clock frames follow each other at once while there is work; at rest they keep the
          * pace. */
         if (s->clock == CLOCK_REAL || (s->clock == CLOCK_STEP && rested && !s->frames)) {
@@ -757,8 +771,7 @@ static void solve_frames(struct daemon *d) {
         }
     }
     expect_progress(d);
-    if (s->keep && lw_light_store_save(&d->light_store, d->solver, &d->solver_error) != LW_OK)
-        lw_daemon_metrics_save_failed(&d->metrics);
+    save_light(d, d->solver);
 }
 
 /* Lowers the priority of the solver's thread; its workers inherit that. The loop's thread needs a core for
@@ -866,6 +879,18 @@ static void explain_memory(const struct daemon *d, struct lw_error *err) {
                    (unsigned long long)triangles, (unsigned long long)texels / 2);
 }
 
+/* Saved light is of a whole frame: one that ends soon is waited for; a longer one is given up, and the light of the
+ * frame before it is saved, without sums. */
+static void join_solver(struct daemon *d) {
+    const struct timespec until = {.tv_sec = (time_t)(lw_clock_read_ns(CLOCK_REALTIME) / 1000000000u) +
+                                             STOP_WAIT_S};
+    d->cancel = !d->settings.keep || !d->lit;
+    if (pthread_timedjoin_np(d->solver_thread, NULL, &until) == 0) return;
+    lw_log(LW_LOG_INFO, "the frame under way is given up: it takes longer than %u s", STOP_WAIT_S);
+    d->cancel = true;
+    pthread_join(d->solver_thread, NULL);
+}
+
 static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     enum lw_status status = write_port_files(d, err);
@@ -887,8 +912,7 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     lw_service_notify("READY=1\nSTATUS=serving at %s, no light yet", address);
     status = lw_server_run(d->server, err);
     d->stopping = true;
-    d->cancel = !s->keep || !d->lit; /* saved light must be of a whole frame */
-    pthread_join(d->solver_thread, NULL);
+    join_solver(d);
     if (status == LW_OK && d->solver_error.status != LW_OK) {
         *err = d->solver_error;
         status = err->status;
@@ -986,6 +1010,7 @@ static enum lw_status create_server(struct daemon *d, struct lw_error *err) {
                                   .client_materials_size = lw_client_lights_bytes(d->scene->material_count),
                                   .scene = d->scene,
                                   .hooks = hooks_of(d),
+                                  .retry_after_ms = (uint32_t)(1000 * s->return_s),
                                   .address_sessions_max = (uint32_t)s->address_sessions,
                                   .rate_limit_bytes_hz = (uint64_t)(s->link_rate * 1e6 / 8),
                                   .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0};
@@ -1040,6 +1065,7 @@ int main(int argc, char **argv) {
                      .frame_budget_ms = 33,
                      .seed = 1,
                      .stall_s = STALL_S,
+                     .return_s = RETURN_S,
                      .error = (double)TARGET_ERROR,
                      .scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG, .cancel = &signalled}}};
     struct lw_error err = {0};

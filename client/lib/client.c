@@ -45,6 +45,7 @@ struct lw_client {
     struct lw_draws draws;
     struct lw_interest interest;
     bool may_update;
+    uint32_t retry_after_ms; /* as the last REFUSAL said */
     uint64_t updates_sent;
     struct lw_client_answer *answer; /* LW_CLIENT_UPDATES_MAX of them, or NULL: a ring */
     uint32_t answer_first, answer_count;
@@ -178,9 +179,10 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
     return c->replica ? begin_light(c, err) : begin_download(c, welcome, same_run, err);
 }
 
-static enum lw_status handle_refusal(const struct lw_client *c, const struct lw_message_refusal *refusal,
+static enum lw_status handle_refusal(struct lw_client *c, const struct lw_message_refusal *refusal,
                                      struct lw_error *err) {
     const char *text = refusal->text && *refusal->text ? refusal->text : "it did not say why";
+    c->retry_after_ms = refusal->retry_after_ms;
     if (refusal->code == LW_REFUSAL_TOKEN)
         return lw_status_fail(err, LW_NOT_ALLOWED, "it refused us: %s%s", text,
                               c->access.has_token ? "" : " (--token-file, LIGHTWELL_TOKEN)");
@@ -545,6 +547,7 @@ enum lw_status lw_client_reconnect(struct lw_client *c, struct lw_error *err) {
     c->link.bytes_received = c->link.outbox_size = 0;
     c->bytes_before = bytes_before;
     c->welcomed = c->may_update = false;
+    c->retry_after_ms = 0;
     c->unanswered = 0;
     c->frame_acked = c->stats.frame; /* the next one that comes is news to the server */
     lw_interest_forget(&c->interest);
@@ -558,6 +561,13 @@ unsigned lw_client_backoff_ms(unsigned attempt, uint32_t seed) {
     const unsigned least = attempt < 4 ? BACKOFF_FIRST_MS << attempt : BACKOFF_MOST_MS;
     return least + lw_random_hash2(seed, attempt) % (least + 1);
 }
+
+unsigned lw_client_return_ms(uint32_t told_ms, unsigned attempt, uint32_t seed) {
+    if (!told_ms || attempt) return lw_client_backoff_ms(attempt, seed);
+    return told_ms + lw_random_hash2(seed, told_ms) % (told_ms / 2 + 1);
+}
+
+uint32_t lw_client_retry_after_ms(const struct lw_client *c) { return c->retry_after_ms; }
 
 enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_client **out_client,
                                 struct lw_error *err) {

@@ -83,6 +83,12 @@ LW_MUST_CHECK enum lw_status lw_client_reconnect(struct lw_client *client, struc
  * seed  something that differs from client to client */
 unsigned lw_client_backoff_ms(unsigned attempt, uint32_t seed);
 
+/** The same where the server has said when to come back (0: it has not): the first attempt waits that long, and up to
+ * half of it more. */
+unsigned lw_client_return_ms(uint32_t told_ms, unsigned attempt, uint32_t seed);
+/** When to come back, as the server said with its last REFUSAL, ms; 0: it did not. */
+uint32_t lw_client_retry_after_ms(const struct lw_client *client);
+
 /** Waits up to timeout_ms for something to arrive (0: does not wait), then takes in all that is there
  * (bounded per call).
  * Errors: LW_CLOSED when the server ended the session (text says why), LW_PROTOCOL, LW_NO_MEMORY. After an

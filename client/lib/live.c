@@ -188,8 +188,8 @@ static bool is_passing(enum lw_status status) {
 
 static enum lw_status connect_again(struct lw_live *live, unsigned attempt, struct lw_error *err) {
     const uint32_t seed = (uint32_t)((uintptr_t)live >> 4) ^ (uint32_t)getpid();
-    if (!wait_for(live, -1, false, lw_clock_ns() + lw_client_backoff_ms(attempt, seed) * 1000000ull))
-        return LW_OK;
+    const unsigned wait_ms = lw_client_return_ms(lw_client_retry_after_ms(live->client), attempt, seed);
+    if (!wait_for(live, -1, false, lw_clock_ns() + wait_ms * 1000000ull)) return LW_OK;
     enum lw_status status = lw_client_reconnect(live->client, err);
     live->is_connected = status == LW_OK;
     live->sessions += status == LW_OK;

@@ -43,9 +43,10 @@ struct lw_load_session {
     bool counts; /* its times go into the figures: not those of a few odd readers among others */
     enum state state;
     uint64_t began_ns, welcomed_ns, heard_ns, pinged_ns;
-    uint64_t run;      /* of the server, which `known` is about */
-    bool returns;      /* it was here before... */
-    uint64_t broke_ns; /* ...until then */
+    uint32_t retry_after_ms; /* as the last REFUSAL said */
+    uint64_t run;            /* of the server, which `known` is about */
+    bool returns;            /* it was here before... */
+    uint64_t broke_ns;       /* ...until then */
     unsigned attempt;
     uint64_t quiet_ns; /* STOPPED or LEAVING since */
 
@@ -170,7 +171,8 @@ static bool plan_return(struct lw_load_session *s, uint64_t now_ns) {
                                  .number = s->number,
                                  .reader = s->reader,
                                  .attempt = attempt,
-                                 .due_ns = now_ns + lw_client_backoff_ms(attempt, seed) * 1000000ull,
+                                 .due_ns = now_ns +
+                                           lw_client_return_ms(s->retry_after_ms, attempt, seed) * 1000000ull,
                                  .broke_ns = s->welcomed_ns || !s->returns ? now_ns : s->broke_ns,
                                  .run = s->run,
                                  .known = s->known};
@@ -543,6 +545,7 @@ static void handle_message(struct lw_load_session *s, const struct lw_message *m
         handle_welcome(s, &m->welcome, now_ns);
         break;
     case LW_MESSAGE_REFUSAL:
+        s->retry_after_ms = m->refusal.retry_after_ms;
         fail(s, s->welcomed_ns ? LW_LOAD_FAULT_LOST : LW_LOAD_FAULT_REFUSED, "%s",
              m->refusal.text && *m->refusal.text ? m->refusal.text : "the server did not say why");
         break;

@@ -65,15 +65,15 @@ void lw_seeker_destroy(struct lw_seeker *seeker) {
     free(seeker);
 }
 
-static void wait_for_the_next(struct lw_seeker *seeker) {
+static void wait_for_the_next(struct lw_seeker *seeker, uint32_t told_ms) {
     seeker->next_ns =
-        lw_clock_ns() + lw_client_backoff_ms(seeker->attempt++, (uint32_t)getpid()) * 1000000ull;
+        lw_clock_ns() + lw_client_return_ms(told_ms, seeker->attempt++, (uint32_t)getpid()) * 1000000ull;
 }
 
-void lw_seeker_start(struct lw_seeker *seeker) {
+void lw_seeker_start(struct lw_seeker *seeker, uint32_t told_ms) {
     if (seeker->seeking) return;
     seeker->seeking = true;
-    wait_for_the_next(seeker);
+    wait_for_the_next(seeker, told_ms);
 }
 
 struct lw_client *lw_seeker_take(struct lw_seeker *seeker) {
@@ -82,7 +82,7 @@ struct lw_client *lw_seeker_take(struct lw_seeker *seeker) {
         if (lw_clock_ns() < seeker->next_ns) return NULL;
         atomic_store(&seeker->done, false);
         seeker->under_way = pthread_create(&seeker->thread, NULL, attempt, seeker) == 0;
-        if (!seeker->under_way) wait_for_the_next(seeker);
+        if (!seeker->under_way) wait_for_the_next(seeker, 0);
         return NULL;
     }
     if (!atomic_load_explicit(&seeker->done, memory_order_acquire)) return NULL;
@@ -93,7 +93,7 @@ struct lw_client *lw_seeker_take(struct lw_seeker *seeker) {
     if (client != NULL)
         seeker->seeking = false;
     else
-        wait_for_the_next(seeker);
+        wait_for_the_next(seeker, 0);
     return client;
 }
 

@@ -90,9 +90,9 @@ static void drop_incoming(struct window *w) {
     w->incoming = NULL;
 }
 
-static void seek_again(struct window *w, const struct lw_error *err) {
+static void seek_again(struct window *w, const struct lw_client *lost, const struct lw_error *err) {
     lw_log(LW_LOG_WARNING, "%s; looking for the server again", err->text);
-    lw_seeker_start(w->seeker);
+    lw_seeker_start(w->seeker, lw_client_retry_after_ms(lost));
 }
 
 static void go_to_camera(struct window *w, uint32_t camera) {
@@ -194,8 +194,8 @@ static enum lw_status serve_incoming(struct window *w, struct lw_error *err) {
     if (w->incoming == NULL) return LW_OK;
     struct lw_error lost = {0};
     if (lw_client_poll(w->incoming, 0, &lost) != LW_OK) {
+        seek_again(w, w->incoming, &lost);
         drop_incoming(w);
-        seek_again(w, &lost);
         return LW_OK;
     }
     if (!is_ready(w, w->incoming)) return LW_OK;
@@ -208,7 +208,7 @@ static enum lw_status serve_shown(struct window *w, struct lw_error *err) {
     struct lw_error lost = {0};
     if (!w->lost && lw_client_poll(w->client, 0, &lost) != LW_OK) {
         w->lost = true;
-        seek_again(w, &lost);
+        seek_again(w, w->client, &lost);
     }
     struct lw_client_stats stats;
     lw_client_get_stats(w->client, &stats);

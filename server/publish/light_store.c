@@ -123,7 +123,7 @@ static enum lw_status save(struct lw_light_store *store, const struct lw_solver 
                            struct lw_error *err) {
     enum lw_status status =
         lw_saved_light_save(store->shown_path, store->key, store->newest, !store->changed, err);
-    if (status == LW_OK && !store->changed)
+    if (status == LW_OK && solver && !store->changed)
         status = solver->ops->save(solver, store->sums_path, store->key, err);
     store->saved_ns = lw_clock_ns();
     store->due = false;

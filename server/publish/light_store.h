@@ -52,7 +52,8 @@ void lw_light_store_note(struct lw_light_store *store, struct lw_snapshot *snaps
 /** Saves new light, between two frames, if LW_LIGHT_STORE_INTERVAL_S have passed since the last time. A failure is
  * logged, and the server goes on. Returns false on failure. */
 bool lw_light_store_save_sometimes(struct lw_light_store *store, const struct lw_solver *solver);
-/** Saves new light at the end. Errors: LW_IO naming the file. */
+/** Saves new light at the end. solver: NULL in the middle of a frame, when sums cannot be saved. Errors: LW_IO naming
+ * the file. */
 LW_MUST_CHECK enum lw_status lw_light_store_save(struct lw_light_store *store, const struct lw_solver *solver,
                                                  struct lw_error *err);
 

@@ -58,7 +58,7 @@ struct lw_server {
     uv_mutex_t mutex;                   /* guards what follows; held for an assignment only */
     struct lw_snapshot *latest;         /* handed over, not yet seen by the loop */
     struct lw_server_interest interest; /* handed over, not yet taken by the solver */
-    bool has_interest, stop_requested;
+    bool has_interest, stop_requested, relay_requested;
     bool runs;           /* the loop's thread is in lw_server_run() */
     clockid_t cpu_clock; /* its CPU clock; valid while it runs */
 };
@@ -376,6 +376,7 @@ static void on_wake(uv_async_t *handle) {
     uv_mutex_lock(&server->mutex);
     struct lw_snapshot *snapshot = server->latest;
     bool stop = server->stop_requested;
+    if (server->relay_requested) server->shared.retry_after_ms = LW_SERVER_RELAY_MS;
     server->latest = NULL;
     uv_mutex_unlock(&server->mutex);
     if (snapshot) adopt(server, snapshot);
@@ -684,6 +685,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     shared->server = server;
     server->tcp.sessions = shared;
     shared->rate_limit_bytes_hz = desc->rate_limit_bytes_hz;
+    shared->retry_after_ms = desc->retry_after_ms;
     shared->hello_timeout_ns = timeout_ns(desc->hello_timeout_ms, LW_SERVER_HELLO_TIMEOUT_S);
     shared->stall_timeout_ns = timeout_ns(desc->stall_timeout_ms, LW_SERVER_STALL_TIMEOUT_S);
     shared->excess_timeout_ns = timeout_ns(desc->excess_timeout_ms, LW_SERVER_EXCESS_TIMEOUT_S);
@@ -804,6 +806,13 @@ void lw_server_stop(struct lw_server *server) {
     server->stop_requested = true;
     uv_mutex_unlock(&server->mutex);
     uv_async_send(&server->wake);
+}
+
+void lw_server_relay(struct lw_server *server) {
+    uv_mutex_lock(&server->mutex);
+    server->relay_requested = true;
+    uv_mutex_unlock(&server->mutex);
+    lw_server_stop(server);
 }
 
 void lw_server_get_stats(const struct lw_server *server, struct lw_server_stats *out_stats) {

@@ -24,6 +24,7 @@
     (256u << 10) /* bytes waiting per session before tiles are held back; the newest state
                                             of a tile is chosen when there is room, so a slow reader skips versions */
 
+#define LW_SERVER_RELAY_MS    200u
 #define LW_SERVER_BURST_MS    100u  /* a session under a rate limit may have so much of it at once */
 #define LW_SERVER_ANSWERS_MAX 4096u /* to updates, that wait for a session to read them; more end it */
 #define LW_SERVER_WINDOW_S    5u    /* over which delays are told */
@@ -77,6 +78,7 @@ struct lw_server_desc {
     uint32_t
         address_sessions_max; /* 0: a tenth of them for each address, for the own machine all but a tenth */
     uint64_t rate_limit_bytes_hz; /* to each session; 0: whatever its link takes */
+    uint32_t retry_after_ms;      /* clients are told at the end when to come back; 0: nothing */
     struct lw_server_hooks hooks;
     unsigned hello_timeout_ms;   /* 0: LW_SERVER_HELLO_TIMEOUT_S */
     unsigned stall_timeout_ms;   /* 0: LW_SERVER_STALL_TIMEOUT_S */
@@ -144,6 +146,8 @@ const _Atomic bool *lw_server_updates_wait(const struct lw_server *server);
 /** Asks the loop to refuse new sessions, say goodbye and return from lw_server_run(). [any], and from signal handlers
  * by way of the loop's own SIGINT/SIGTERM watchers, which lw_server_run() installs. */
 void lw_server_stop(struct lw_server *server);
+/** The same for one that is followed by another at once: clients are told LW_SERVER_RELAY_MS. [any] */
+void lw_server_relay(struct lw_server *server);
 /** A consistent copy. [any] */
 void lw_server_get_stats(const struct lw_server *server, struct lw_server_stats *out_stats);
 void lw_server_destroy(struct lw_server *server);

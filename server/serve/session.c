@@ -683,7 +683,8 @@ void lw_session_refuse(struct lw_session *s, enum lw_refusal code, const char *f
     s->shared->leaving_count++;
     lw_blob_unref(s->control);
     s->control = NULL;
-    struct lw_message message = {.type = LW_MESSAGE_REFUSAL, .refusal = {code, text}};
+    struct lw_message message = {.type = LW_MESSAGE_REFUSAL, .refusal = {code, text, 0}};
+    if (code == LW_REFUSAL_SHUTDOWN) message.refusal.retry_after_ms = s->shared->retry_after_ms;
     if (lw_blob_from_message(&message, &s->control) != LW_OK)
         lw_session_close(s, "out of memory");
     else

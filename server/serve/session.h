@@ -75,6 +75,7 @@ struct lw_session_shared {
     uint64_t number;           /* of the last session */
     uv_mutex_t stats_mutex;
     struct lw_server_stats stats; /* guarded by stats_mutex */
+    uint32_t retry_after_ms;      /* told with LW_REFUSAL_SHUTDOWN */
     uint32_t sessions_max;
     uint32_t address_sessions_max;   /* of one address; 0: lw_address_places_share() */
     struct lw_address_places places; /* of sessions that were not refused */

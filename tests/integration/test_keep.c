@@ -227,6 +227,22 @@ static void a_folder_that_cannot_be_is_named(void **state) {
     free(err);
 }
 
+/* Frames of some ten seconds do not keep a stop waiting: the light of the last whole one is saved, without sums. */
+static void a_long_frame_is_given_up(void **state) {
+    (void)state;
+    struct run run;
+    char path[512];
+    begin(&run, "builtin:cornell --texels-per-metre 50 --threads 1 --indirect-samples 1024 --light whole "
+                "--frame-budget-ms inf --error 1e-6");
+    wait_for_all(&run);
+    end(&run);
+    assert_true(said(&run, "the frame under way is given up"));
+    snprintf(path, sizeof path, "%s/shown", folder);
+    assert_int_equal(access(path, F_OK), 0);
+    snprintf(path, sizeof path, "%s/sums", folder);
+    assert_int_equal(access(path, F_OK), -1);
+}
+
 static void two_servers_share_no_folder(void **state) {
     (void)state;
     struct run run;
@@ -283,6 +299,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(moving_light_is_shown_until_there_is_more, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(other_options_light_afresh, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(a_folder_that_cannot_be_is_named, choose_folder, end_all),
+        cmocka_unit_test_setup_teardown(a_long_frame_is_given_up, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(two_servers_share_no_folder, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(light_that_cannot_be_kept_is_a_failure, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(unfinished_saves_are_removed, choose_folder, end_all),

@@ -66,6 +66,7 @@ static const struct lw_message samples[] = {
                  .client_materials_size = 1}},
     {.type = LW_MESSAGE_REFUSAL, .refusal = {LW_REFUSAL_FULL, "no more sessions"}},
     {.type = LW_MESSAGE_REFUSAL, .refusal = {(enum lw_refusal)LW_MESSAGE_REFUSAL_MAX, ""}},
+    {.type = LW_MESSAGE_REFUSAL, .refusal = {LW_REFUSAL_SHUTDOWN, "", LW_MESSAGE_RETRY_AFTER_MAX}},
     {.type = LW_MESSAGE_PACKAGE_REQUEST, .package_request.offset = LW_MESSAGE_COMPRESSED_MAX},
     {.type = LW_MESSAGE_PACKAGE_CHUNK, .package_chunk = {77777, bytes_of_data, sizeof bytes_of_data}},
     {.type = LW_MESSAGE_INTEREST, .interest = {.everything = true}},
@@ -145,6 +146,7 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
     case LW_MESSAGE_REFUSAL:
         assert_int_equal(a->refusal.code, b->refusal.code);
         expect_text(a->refusal.text, b->refusal.text);
+        assert_int_equal(a->refusal.retry_after_ms, b->refusal.retry_after_ms);
         break;
     case LW_MESSAGE_PACKAGE_REQUEST:
         assert_int_equal(a->package_request.offset, b->package_request.offset);

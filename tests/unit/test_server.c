@@ -250,7 +250,7 @@ static void expect(int s, enum lw_message_type type, struct lw_message *out) {
     assert_int_equal(out->type, type);
 }
 
-static void expect_refusal(int s, enum lw_refusal code) {
+static void expect_return_told(int s, enum lw_refusal code, uint32_t retry_after_ms) {
     struct lw_message m;
     while (get(s, &m)) {
         if (m.type != LW_MESSAGE_REFUSAL) {
@@ -258,6 +258,7 @@ static void expect_refusal(int s, enum lw_refusal code) {
             continue;
         }
         assert_int_equal(m.refusal.code, code);
+        assert_int_equal(m.refusal.retry_after_ms, retry_after_ms);
         assert_true(strlen(m.refusal.text) > 0);
         lw_message_finish(&m);
         uint8_t byte;
@@ -267,6 +268,8 @@ static void expect_refusal(int s, enum lw_refusal code) {
     }
     fail_msg("closed without a refusal");
 }
+
+static void expect_refusal(int s, enum lw_refusal code) { expect_return_told(s, code, 0); }
 
 static const struct lw_message hello = {.type = LW_MESSAGE_HELLO,
                                         .hello = {.version = LW_WIRE_VERSION, .name = "test"}};
@@ -1621,6 +1624,23 @@ static void test_stop_before_and_without_run(void **state) {
     discard(f);
 }
 
+/* At the end clients are told when to come back: as the owner says, or soon if another server follows at once. */
+static void test_stop_says_when_to_come_back(void **state) {
+    (void)state;
+    for (int relayed = 0; relayed < 2; relayed++) {
+        struct fixture *f = start(&(struct lw_server_desc){.retry_after_ms = 1234});
+        int s = dial_and_greet(f), wrong = dial(f);
+        put_bytes(wrong, "nonsense", 8);
+        expect_refusal(wrong, LW_REFUSAL_PROTOCOL);
+        if (relayed)
+            lw_server_relay(f->server);
+        else
+            lw_server_stop(f->server);
+        expect_return_told(s, LW_REFUSAL_SHUTDOWN, relayed ? LW_SERVER_RELAY_MS : 1234);
+        end(f);
+    }
+}
+
 static void note_reload(void *context) { *(_Atomic int *)context += 1; }
 
 static void test_hangup_reloads(void **state) {
@@ -2464,6 +2484,7 @@ int main(void) {
         cmocka_unit_test(test_an_address_has_its_places),
         cmocka_unit_test(test_stop_while_sending),
         cmocka_unit_test(test_stop_before_and_without_run),
+        cmocka_unit_test(test_stop_says_when_to_come_back),
         cmocka_unit_test(test_hangup_reloads),
         cmocka_unit_test(test_signal),
         cmocka_unit_test(test_address_errors),

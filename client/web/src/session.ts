@@ -19,7 +19,10 @@ const BACKLOG_LOW = 256 << 10;
 const UNTAKEN_MAX = 512;
 
 /** A server ended the session, or refused it; later it may not. */
-export class ClosedError extends Error {}
+export class ClosedError extends Error {
+  /** When to come back, as the server said, ms; 0: it did not. */
+  retryAfterMs = 0;
+}
 
 /** The server leaves more lights to clients than this one draws: ask again without offering to draw any. */
 export class DrawsTooMuch extends Error {}
@@ -257,12 +260,14 @@ export class Session {
       throw new ProtocolError(`a message of type ${type}, which servers do not send`);
   }
 
-  private takeRefusal(refusal: { code: number; text: string }): void {
+  private takeRefusal(refusal: { code: number; text: string; retryAfterMs: number }): void {
     const text = refusal.text || 'it did not say why';
     const { VERSION, PROTOCOL, FEATURES } = wire.Refusal;
     if ([VERSION, PROTOCOL, FEATURES].includes(refusal.code as 1 | 3 | 6))
       throw new ProtocolError(`it refused us: ${text}`);
-    throw new ClosedError(`it ended the session: ${text}`);
+    const closed = new ClosedError(`it ended the session: ${text}`);
+    closed.retryAfterMs = refusal.retryAfterMs;
+    throw closed;
   }
 
   private async takeWelcome(welcome: wire.Welcome): Promise<void> {

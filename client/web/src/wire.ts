@@ -8,6 +8,7 @@ export const INTEREST_MAX = 4096;
 export const HOLDS_MAX = 2048;
 const FIELDS_MAX = 64;
 const TEXT_MAX = 256;
+const RETRY_AFTER_MAX = 3_600_000;
 const NAME_MAX = 64;
 const PAYLOAD_MAX = 1 << 18;
 const PARTS_MAX = (1 << 14) + 2;
@@ -280,12 +281,13 @@ export function readWelcome(body: Uint8Array): Welcome {
   return w;
 }
 
-export function readRefusal(body: Uint8Array): { code: number; text: string } {
+export function readRefusal(body: Uint8Array): { code: number; text: string; retryAfterMs: number } {
   const r = new Reader('REFUSAL', body);
-  const refusal = { code: 0, text: '' };
+  const refusal = { code: 0, text: '', retryAfterMs: 0 };
   while (r.next()) {
     if (r.no === 1) refusal.code = r.uint(65535);
     else if (r.no === 2) refusal.text = r.string(TEXT_MAX);
+    else if (r.no === 3) refusal.retryAfterMs = r.uint(RETRY_AFTER_MAX);
     else r.skip();
   }
   if (!refusal.code) r.fail('code 0');

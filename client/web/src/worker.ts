@@ -159,7 +159,7 @@ class Link {
       this.draws = false;
       this.drop();
       this.connect();
-    } else if (error instanceof ClosedError) this.reconnect(text);
+    } else if (error instanceof ClosedError) this.reconnect(text, error.retryAfterMs);
     else if (error instanceof ProtocolError || error instanceof LimitError) this.end(text);
     else
       this.end(
@@ -181,12 +181,13 @@ class Link {
     post({ kind: 'state', text, final: true });
   }
 
-  private reconnect(text: string): void {
+  private reconnect(text: string, toldMs = 0): void {
     if (this.over) return;
     this.drop();
     post({ kind: 'state', text: `${text}; trying again`, final: false });
     clearTimeout(this.retry);
-    this.retry = setTimeout(() => this.connect(), this.retryMs * Math.random());
+    const waitMs = toldMs ? toldMs * (1 + Math.random() / 2) : this.retryMs * Math.random();
+    this.retry = setTimeout(() => this.connect(), waitMs);
     this.retryMs = Math.min(2 * this.retryMs, RETRY_MAX_MS);
   }
 

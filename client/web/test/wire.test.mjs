@@ -74,6 +74,8 @@ test('what they say', () => {
   assert.deepEqual(Array.from(frame.transform), [1, 0, 0, 0.5, 0, 0, -1, 2, 0, 1, 0, -3]);
   assert.deepEqual(Array.from(read('frame_spares.bin').hidden.slice(0, 2)), [8, 9]);
   assert.equal(read('refusal.bin').code > 0, true);
+  assert.equal(read('refusal.bin').retryAfterMs, 0);
+  assert.equal(read('refusal_retry_after.bin').retryAfterMs, 2000);
 });
 
 function list(...tiles) {
