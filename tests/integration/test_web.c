@@ -519,7 +519,7 @@ static void test_unless_it_has_a_token_for_control(void **state) {
     with_token.hello.token = token;
     web = dial(true);
     put(&web, &with_token);
-    struct lw_frame_header header;
+    struct lw_framing_header header;
     const uint8_t *body;
     assert_true(get(&web, &header, &body));
     lw_support_ok(lw_message_decode(header, body, &m, NULL), NULL);
