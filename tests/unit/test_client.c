@@ -995,14 +995,15 @@ static void test_not_a_lightwelld(void **state) {
 static void test_refused(void **state) {
     (void)state;
     struct script s = {0};
-    say(&s,
-        &(struct lw_message){.type = LW_MESSAGE_REFUSAL, .refusal = {LW_REFUSAL_VERSION, "speak version 2"}});
+    say(&s, &(struct lw_message){.type = LW_MESSAGE_REFUSAL,
+                                 .refusal = {.code = LW_REFUSAL_VERSION, .text = "speak version 2"}});
     expect_failure(&s, LW_PROTOCOL, "it refused us: speak version 2", false);
-    say(&s,
-        &(struct lw_message){.type = LW_MESSAGE_REFUSAL, .refusal = {LW_REFUSAL_FULL, "come back later"}});
+    say(&s, &(struct lw_message){.type = LW_MESSAGE_REFUSAL,
+                                 .refusal = {.code = LW_REFUSAL_FULL, .text = "come back later"}});
     s.closes = true;
     expect_failure(&s, LW_UNAVAILABLE, "it refused us: come back later", false);
-    say(&s, &(struct lw_message){.type = LW_MESSAGE_REFUSAL, .refusal = {(enum lw_refusal)999, ""}});
+    say(&s, &(struct lw_message){.type = LW_MESSAGE_REFUSAL,
+                                 .refusal = {.code = (enum lw_refusal)999, .text = ""}});
     expect_failure(&s, LW_UNAVAILABLE, "it did not say why", false);
     struct world w = make_world();
     struct lw_message welcome = welcome_of(&w);
@@ -1023,7 +1024,8 @@ static void test_unknown_types_are_skipped(void **state) {
     say_bytes(&s, future, sizeof future);
     say(&s, &(struct lw_message){.type = LW_MESSAGE_PING, .ping.token = 1});
     say_package(&s, &w);
-    say(&s, &(struct lw_message){.type = LW_MESSAGE_REFUSAL, .refusal = {LW_REFUSAL_SHUTDOWN, "good night"}});
+    say(&s, &(struct lw_message){.type = LW_MESSAGE_REFUSAL,
+                                 .refusal = {.code = LW_REFUSAL_SHUTDOWN, .text = "good night"}});
     expect_failure(&s, LW_CLOSED, "it ended the session: good night", true);
     finish_world(&w);
 }

@@ -329,14 +329,15 @@ static void test_downloads_of_all(void **state) {
 
 static void refuse(struct fake *f, uint32_t user) {
     (void)user;
-    say(f, &(struct lw_message){.type = LW_MESSAGE_REFUSAL,
-                                .refusal = {LW_REFUSAL_FULL, "the server has its 0 sessions"}});
+    say(f,
+        &(struct lw_message){.type = LW_MESSAGE_REFUSAL,
+                             .refusal = {.code = LW_REFUSAL_FULL, .text = "the server has its 0 sessions"}});
 }
 static void send_away(struct fake *f, uint32_t user) {
     (void)user;
     say_frame(f, 1);
     say(f, &(struct lw_message){.type = LW_MESSAGE_REFUSAL,
-                                .refusal = {LW_REFUSAL_SHUTDOWN, "the server ends"}});
+                                .refusal = {.code = LW_REFUSAL_SHUTDOWN, .text = "the server ends"}});
 }
 static void welcome_to_another(struct fake *f, uint32_t user) {
     (void)user;

@@ -1410,7 +1410,8 @@ static void test_out_of_order(void **state) {
     ask_for_package(s, LW_MESSAGE_COMPRESSED_MAX);
     expect_refusal(s, LW_REFUSAL_PROTOCOL);
     s = dial_and_greet(f); /* what only a server says */
-    put(s, &(struct lw_message){.type = LW_MESSAGE_REFUSAL, .refusal = {LW_REFUSAL_FULL, "no"}});
+    put(s,
+        &(struct lw_message){.type = LW_MESSAGE_REFUSAL, .refusal = {.code = LW_REFUSAL_FULL, .text = "no"}});
     expect_refusal(s, LW_REFUSAL_PROTOCOL);
     end(f);
 }
@@ -1651,8 +1652,11 @@ static void test_hangup_reloads(void **state) {
     close(dial_and_greet(f)); /* it runs, and watches */
     for (int i = 1; i <= 2; i++) {
         kill(getpid(), SIGHUP);
-        for (uint64_t end_ns = lw_clock_ns() + WAIT_MS * 1000000ull; reloads < i; usleep(1000))
+        uint64_t end_ns = lw_clock_ns() + WAIT_MS * 1000000ull;
+        while (atomic_load(&reloads) < i) {
             assert_true(lw_clock_ns() < end_ns);
+            usleep(1000);
+        }
     }
     close(dial_and_greet(f));
     end(f);
