@@ -5,6 +5,7 @@
 #include "server/serve/control_socket.h"
 #include "server/serve/session.h"
 #include "server/serve/tcp_transport.h"
+#include "server/serve/turns.h"
 #include "server/serve/web_server.h"
 
 #include <assert.h>
@@ -228,7 +229,7 @@ static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     shared->recent[shared->generation % LW_SESSION_RECENT] =
         (struct lw_session_recent){snapshot->frame, lw_clock_ns()};
     answer_updates(shared);
-    for (struct lw_session *s = shared->first; s; s = lw_session_next(s)) lw_session_set_due(s, false);
+    for (struct lw_session *s = shared->first; s; s = lw_session_next(s)) lw_turns_set_due(s, false);
 }
 
 static void free_interest(struct lw_server_interest *interest) {
@@ -284,7 +285,7 @@ static void on_busy(uv_idle_t *handle) { (void)handle; }
 
 /* Whoever is due once the loop would wait: it must not. */
 static void keep_busy(struct lw_server *server) {
-    if (lw_session_any_due(&server->shared))
+    if (lw_turns_any_due(&server->shared))
         uv_idle_start(&server->busy, on_busy);
     else
         uv_idle_stop(&server->busy);
@@ -299,8 +300,8 @@ static void on_prepare(uv_prepare_t *handle) {
 static void on_check(uv_check_t *handle) {
     struct lw_server *server = handle->data;
     server->tcp.turn++;
-    lw_session_read_on(&server->shared);
-    lw_session_serve_due(&server->shared, lw_clock_ns() + TURN_NS);
+    lw_turns_read_on(&server->shared);
+    lw_turns_serve_due(&server->shared, lw_clock_ns() + TURN_NS);
 }
 
 /* ---- the end ---- */
@@ -380,7 +381,7 @@ static void on_wake(uv_async_t *handle) {
     server->latest = NULL;
     uv_mutex_unlock(&server->mutex);
     if (snapshot) adopt(server, snapshot);
-    lw_session_collect(&server->shared);
+    lw_turns_collect(&server->shared);
     if (stop) begin_stop(server, false);
 }
 
@@ -433,7 +434,7 @@ static void on_lag(uv_timer_t *handle) {
     add_lag(server, late_ns);
     for (; late_ns > interval_ns; late_ns -= interval_ns) add_lag(server, late_ns - interval_ns);
     server->lagged_ns = now_ns;
-    lw_session_serve_paced(&server->shared);
+    lw_turns_serve_paced(&server->shared);
     if (now_ns - server->window_ns >= LW_SERVER_WINDOW_S * 1000000000ull) end_window(server, now_ns);
 }
 

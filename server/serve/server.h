@@ -10,33 +10,9 @@
 
 #include "common/scene/scene_change.h"
 #include "server/publish/snapshot.h"
-#include "server/serve/durations.h"
-
-#define LW_SERVER_SESSIONS_MAX    10000u
-#define LW_SERVER_HELLO_TIMEOUT_S 10u /* a peer that has not said hello by then is refused */
-#define LW_SERVER_STALL_TIMEOUT_S 15u /* a peer that takes no byte for so long though bytes wait is closed */
-#define LW_SERVER_EXCESS_TIMEOUT_S                                                                           \
-    10u /* a peer that says too much (message_rates.h) for so long is refused */
-#define LW_SERVER_PACKAGE_TIMEOUT_S                                                                          \
-    60u                         /* so is one that has not asked for the package by then, unless it controls */
-#define LW_SERVER_SILENCE_S 60u /* a peer that says nothing is pinged after half of it, and refused then */
-#define LW_SERVER_QUEUE_MAX                                                                                  \
-    (256u << 10) /* bytes waiting per session before tiles are held back; the newest state
-                                            of a tile is chosen when there is room, so a slow reader skips versions */
-
-#define LW_SERVER_RELAY_MS    200u
-#define LW_SERVER_BURST_MS    100u  /* a session under a rate limit may have so much of it at once */
-#define LW_SERVER_ANSWERS_MAX 4096u /* to updates, that wait for a session to read them; more end it */
-#define LW_SERVER_WINDOW_S    5u    /* over which delays are told */
-#define LW_SERVER_LOOKS_HZ    4u    /* looks at time limits and at what waits */
-
-/** A page of the monitoring port. */
-struct lw_server_page {
-    unsigned status;  /* of HTTP */
-    const char *type; /* Content-Type; outlives the server */
-    char *text;       /* the server free()s it */
-    size_t size;      /* bytes */
-};
+#include "server/serve/server_limits.h"
+#include "server/serve/server_page.h"
+#include "server/serve/server_stats.h"
 
 /** What the loop asks of whoever runs the server, and tells him; all of it [loop]. Zero: nothing. */
 struct lw_server_hooks {
@@ -85,22 +61,6 @@ struct lw_server_desc {
     unsigned excess_timeout_ms;  /* 0: LW_SERVER_EXCESS_TIMEOUT_S */
     unsigned package_timeout_ms; /* 0: LW_SERVER_PACKAGE_TIMEOUT_S */
     unsigned silence_timeout_ms; /* 0: LW_SERVER_SILENCE_S */
-};
-
-/** Sessions are peers that were welcomed; refused counts the refusals sent. */
-struct lw_server_stats {
-    uint64_t sessions_now, sessions_total, bytes_sent, tiles_sent, refused;
-    uint64_t sessions_drawing; /* of those now: they get LW_LIGHT_FORM_SPLIT */
-    uint64_t loop_cpu_ns;      /* CPU time of the loop's thread; 0 before lw_server_run() */
-    /* Of the last whole window of LW_SERVER_WINDOW_S with connections; 0 before there was one. */
-    uint64_t loop_lag_p99_ns, loop_lag_max_ns; /* how late the loop came to what was due */
-    uint64_t ack_p99_ns; /* from the moment the loop had a frame to a session's ACK of it */
-    /* As of the last look, LW_SERVER_LOOKS_HZ times a second. */
-    uint64_t waiting_bytes, waiting_bytes_max; /* that links have not taken: in all, and of one session */
-    uint64_t socket_bytes;                     /* that they have, and the peers' systems have not: in all */
-    /* Since the start, as of the same look. */
-    uint64_t session_ns;               /* that sessions lasted, added up */
-    struct lw_durations loop_lag, ack; /* of the windows above, all of them together */
 };
 
 struct lw_server;

@@ -1,6 +1,7 @@
 /* session.h: one connected peer: what it said, what it was sent, what it gets next.
  * Flow:    transport -> messages -> [session] -> what it lacks of the newest snapshot -> transport
- * Threads: everything here is [loop]. For server.c and the transports alone. */
+ * Threads: everything here is [loop]. For server.c and the transports alone.
+ * session_private.h says which file does what. */
 #ifndef LW_SERVE_SESSION_H
 #define LW_SERVE_SESSION_H
 
@@ -10,7 +11,8 @@
 #include "server/serve/interest_union.h"
 #include "server/serve/peer_log.h"
 #include "server/serve/priority.h"
-#include "server/serve/server.h"
+#include "server/serve/server_limits.h"
+#include "server/serve/server_stats.h"
 #include "server/serve/session_transport.h"
 #include "server/serve/tokens.h"
 #include "server/serve/updates.h"
@@ -25,14 +27,15 @@ struct lw_session;
 struct lw_session_shared {
     const struct lw_atlas_map *atlas_map;
     struct lw_message_welcome welcome; /* without the session's number */
+    /* The compressed package, each part cut into LW_SESSION_CHUNK bytes. */
     struct lw_session_chunk {
         struct lw_blob *blob; /* the message */
         uint64_t end;         /* of its data, in the compressed package */
         uint32_t part;        /* of the package */
-    } * chunk;                /* the compressed package, each part cut into LW_SESSION_CHUNK bytes */
+    } * chunk;
     uint32_t chunk_count;
-    const uint32_t *order; /* tile ids: every object's coarsest level first */
-    uint64_t *listed;      /* bit per tile, all 0: for whoever looks for those that a list has twice */
+    const uint32_t *order;                   /* tile ids: every object's coarsest level first */
+    uint64_t *listed;                        /* bit per tile, all 0: to find those that a list has twice */
     struct lw_interest_union interest_union; /* by all sessions that are streamed to, whatever their form */
     const struct lw_scene *scene;            /* what updates are checked against; NULL: there are none */
     struct lw_scene_roster roster;           /* of it, after all updates so far */
@@ -40,6 +43,7 @@ struct lw_session_shared {
     uint64_t epoch; /* counts ticks and snapshots seen: in each, a session may change its mind once */
     struct lw_snapshot *snapshot; /* newest; NULL before the first */
     uint64_t generation;          /* counts the snapshots that the loop has seen */
+    /* By enum lw_light_form; the split one is there if there are client lights. */
     struct lw_session_form {
         enum lw_light_form form;
         uint32_t session_count;       /* that are streamed to */
@@ -50,8 +54,7 @@ struct lw_session_shared {
         struct lw_transcoder *transcoder; /* NULL: tiles are of a codec that has no deltas */
         struct lw_deltas deltas;          /* that lead to that snapshot */
         struct lw_priority priority;
-    } form
-        [LW_LIGHT_FORM_COUNT]; /* by enum lw_light_form; the split one is there if there are client lights */
+    } form[LW_LIGHT_FORM_COUNT];
     _Atomic uint32_t forms_taken; /* bit per form: some session is streamed to in it */
     struct lw_session_recent {
         uint64_t frame, at_ns;
@@ -88,8 +91,8 @@ struct lw_session_shared {
 
 #define LW_SESSION_CHUNK (64u << 10) /* bytes of package data in a PACKAGE_CHUNK */
 
-/** A session on a link that is there; the link outlives it. It may be refused at once. NULL: there is no memory, or too many
- * wait for their close. */
+/** A session on a link that is there; the link outlives it. It may be refused at once. NULL: there is no memory,
+ * or too many wait for their close. */
 struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_session_transport *link,
                                    const struct lw_session_peer *peer);
 
@@ -103,24 +106,6 @@ void lw_session_written(struct lw_session *session, int result, bool was_full);
 void lw_session_lost(struct lw_session *session, int result);
 /** The link is gone, after its close(): frees the session. */
 void lw_session_closed(struct lw_session *session);
-
-/** Gives it a turn: there may be something to send. Call when a new snapshot is there.
- * asked  for an answer: it does not wait for those who did not, nor they for it */
-void lw_session_set_due(struct lw_session *session, bool asked);
-
-/** Sends to those who have a turn, each its share, from both queues in turn, until nobody has or the deadline (lw_clock_ns)
- * has passed. Whoever was left out comes first next time. */
-void lw_session_serve_due(struct lw_session_shared *shared, uint64_t deadline_ns);
-/** Gives a turn to whoever's rate limit was in the way, of what it gets or of what it says. Call some fifty times a second. */
-void lw_session_serve_paced(struct lw_session_shared *shared);
-/** Handles messages that came and had no turn, a share of each session. */
-void lw_session_read_on(struct lw_session_shared *shared);
-
-/** Takes what the transcoder has made, and gives a turn to those who wait for it. */
-void lw_session_collect(struct lw_session_shared *shared);
-
-/** Whether somebody has a turn, or messages that are to be handled. */
-bool lw_session_any_due(const struct lw_session_shared *shared);
 
 /** Answers an update of the session, which is still there. */
 void lw_session_answer(struct lw_session *session, const struct lw_message_updated *answer);

@@ -6,6 +6,7 @@
 #ifndef LW_SERVE_WEB_SERVER_H
 #define LW_SERVE_WEB_SERVER_H
 
+#include "server/serve/server_page.h"
 #include "server/serve/session.h"
 
 #define LW_WEB_SERVER_CONNECTIONS_MAX 1024u /* that are no sessions (yet) */

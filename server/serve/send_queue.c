@@ -1,0 +1,183 @@
+#include "server/serve/session_private.h"
+
+#include "common/clock.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define BATCH_BYTES  (LW_SERVER_QUEUE_MAX / 2) /* one more chunk or tile keeps within LW_SERVER_QUEUE_MAX */
+#define TURN_BATCHES 4u                        /* written at once before others get their turn */
+
+_Static_assert(BATCH_BYTES + LW_SESSION_CHUNK + 64 <= LW_SERVER_QUEUE_MAX, "a batch keeps within the queue");
+_Static_assert(LW_SESSION_CHUNK <= LW_MESSAGE_CHUNK_MAX, "a chunk is a legal message");
+
+static struct lw_blob *next_pong(struct lw_session *s) {
+    if (!s->pong_due) return NULL;
+    s->pong_due = false;
+    struct lw_blob *blob = NULL;
+    struct lw_message message = {.type = LW_MESSAGE_PONG, .pong.token = s->pong_token};
+    return lw_blob_from_message(&message, &blob) == LW_OK ? blob : NULL; /* a client can do without */
+}
+
+static struct lw_blob *next_ping(struct lw_session *s) {
+    if (!s->ping_due) return NULL;
+    s->ping_due = false;
+    struct lw_blob *blob = NULL;
+    struct lw_message message = {.type = LW_MESSAGE_PING, .ping.token = s->number};
+    return lw_blob_from_message(&message, &blob) == LW_OK ? blob : NULL; /* then it is not answered either */
+}
+
+static struct lw_blob *next_answer(struct lw_session *s) {
+    struct lw_session_answer_entry *answer = s->first_answer;
+    if (!answer) return NULL;
+    struct lw_blob *blob = answer->blob;
+    s->first_answer = answer->next;
+    if (!s->first_answer) s->last_answer = NULL;
+    s->answer_count--;
+    free(answer);
+    return blob;
+}
+
+static bool holds_part(const struct lw_session *s, uint32_t part) {
+    return s->held && s->held[part / 8] >> (part % 8) & 1;
+}
+
+/* What comes next is a chunk that the peer asked for, or the end. */
+static void skip_held(struct lw_session *s) {
+    const struct lw_session_shared *shared = s->shared;
+    while (s->next_chunk < shared->chunk_count && holds_part(s, shared->chunk[s->next_chunk].part))
+        s->next_chunk++;
+}
+
+static struct lw_blob *next_chunk(struct lw_session *s) {
+    struct lw_blob *blob = s->partial_chunk;
+    s->partial_chunk = NULL;
+    if (blob || s->next_chunk == s->shared->chunk_count) return blob;
+    blob = lw_blob_ref(s->shared->chunk[s->next_chunk++].blob);
+    skip_held(s);
+    return blob;
+}
+
+/* A request from inside a chunk: the rest of that chunk becomes a message of its own. */
+static enum lw_status cut_chunk(struct lw_session *s, uint32_t chunk_index, uint64_t offset) {
+    const struct lw_blob *whole = s->shared->chunk[chunk_index].blob;
+    struct lw_framing_header header;
+    struct lw_message message;
+    enum lw_status status = lw_framing_read_header(whole->bytes, LW_FRAMING_BODY_MAX, &header, NULL);
+    if (status == LW_OK)
+        status = lw_message_decode(header, whole->bytes + LW_FRAMING_HEADER_SIZE, &message, NULL);
+    if (status != LW_OK) return status;
+    struct lw_message_package_chunk *chunk = &message.package_chunk;
+    size_t skip = (size_t)(offset - chunk->offset);
+    struct lw_message rest = {.type = LW_MESSAGE_PACKAGE_CHUNK,
+                              .package_chunk = {offset, chunk->data + skip, chunk->size - skip}};
+    status = lw_blob_from_message(&rest, &s->partial_chunk);
+    lw_message_finish(&message);
+    return status;
+}
+
+/* False if there is no memory. */
+static bool take_up_held(struct lw_session *s, const struct lw_message_package_request *request) {
+    const size_t size = s->shared->welcome.part_count / 8 + 1;
+    if (!request->held_size) return true;
+    if (!(s->held = calloc(size, 1))) return false;
+    memcpy(s->held, request->held, request->held_size < size ? request->held_size : size);
+    return true;
+}
+
+bool lw_send_queue_start_package(struct lw_session *s, const struct lw_message_package_request *request) {
+    const struct lw_session_shared *shared = s->shared;
+    if (!take_up_held(s, request)) return false;
+    uint32_t at = 0;
+    while (at < shared->chunk_count && shared->chunk[at].end <= request->offset) at++;
+    const bool inside = request->offset > (at ? shared->chunk[at - 1].end : 0);
+    if (inside && !holds_part(s, shared->chunk[at].part) && cut_chunk(s, at, request->offset) != LW_OK)
+        return false;
+    s->next_chunk = at + inside;
+    skip_held(s);
+    return true;
+}
+
+/* Whether the rate limit lets light through, or the package: what may be large and can wait. */
+static bool is_allowed(struct lw_session *s) {
+    if (s->rate_limit_bytes_hz && s->allowance <= 0) s->is_paced = s->link_was_full = true;
+    return !s->is_paced;
+}
+
+/* A reference to the next blob to send, or NULL if the session lacks nothing, or may not have it now. */
+static struct lw_blob *next_blob(struct lw_session *s, bool *out_tile) {
+    *out_tile = false;
+    struct lw_blob *blob = s->control;
+    s->control = NULL;
+    if (blob || s->state == LW_SESSION_LEAVING) return blob;
+    if ((blob = next_pong(s)) || (blob = next_ping(s))) return blob;
+    const bool framed = s->state == LW_SESSION_STREAMING && !s->partial_chunk &&
+                        s->next_chunk == s->shared->chunk_count && lw_tile_stream_has_light(s);
+    if (framed && (blob = lw_tile_stream_next_frame(s))) return blob;
+    if ((blob = next_answer(s))) return blob; /* after the frame that shows what it answers */
+    if (!is_allowed(s)) return NULL;
+    if (!framed) return s->state == LW_SESSION_STREAMING ? next_chunk(s) : NULL;
+    blob = lw_tile_stream_next_tile(s);
+    *out_tile = blob != NULL;
+    return blob ? blob : lw_tile_stream_next_settled(s);
+}
+
+struct batch {
+    uint32_t blob_count, tile_count;
+    size_t bytes;
+    struct lw_blob *blob[LW_SESSION_TRANSPORT_BLOBS];
+};
+
+static void take_batch(struct lw_session *s, struct batch *batch) {
+    batch->blob_count = batch->tile_count = 0;
+    batch->bytes = 0;
+    while (batch->blob_count < LW_SESSION_TRANSPORT_BLOBS && batch->bytes < BATCH_BYTES) {
+        bool tile;
+        struct lw_blob *blob = next_blob(s, &tile);
+        if (!blob) break;
+        batch->blob[batch->blob_count++] = blob;
+        batch->bytes += blob->size;
+        batch->tile_count += tile;
+        s->allowance -= (double)blob->size;
+    }
+}
+
+/* Returns 0 or libuv's error. */
+static int write_batch(struct lw_session *s, const struct batch *batch) {
+    const int written = s->link->ops->write(s->link, batch->blob, batch->blob_count);
+    if (written < 0) return written;
+    s->given += batch->bytes;
+    s->writing = batch->bytes - (size_t)written;
+    s->is_writing = s->writing > 0;
+    lw_session_count(s->shared, &s->shared->stats.tiles_sent, batch->tile_count);
+    lw_session_count(s->shared, &s->shared->stats.bytes_sent, written);
+    return 0;
+}
+
+/* Writes until the link is full, nothing is left, or others should have their turn. */
+bool lw_send_queue_write(struct lw_session *s) {
+    for (unsigned round = 0; round < TURN_BATCHES && !s->is_writing && s->state != LW_SESSION_CLOSED;
+         round++) {
+        struct batch batch;
+        take_batch(s, &batch);
+        if (!batch.blob_count) return true;
+        int result = write_batch(s, &batch);
+        if (result < 0) lw_session_lost(s, result);
+    }
+    return false;
+}
+
+void lw_send_queue_renew_allowance(struct lw_session *s, uint64_t now_ns) {
+    const double rate_hz = (double)s->rate_limit_bytes_hz, since_s = 1e-9 * (double)(now_ns - s->allowed_ns);
+    s->allowance = fmin(s->allowance + rate_hz * since_s, 1e-3 * LW_SERVER_BURST_MS * rate_hz);
+    s->allowed_ns = now_ns;
+    s->is_paced = false;
+}
+
+void lw_send_queue_finish(struct lw_session *s) {
+    lw_blob_unref(s->control);
+    for (struct lw_blob *blob; (blob = next_answer(s));) lw_blob_unref(blob);
+    lw_blob_unref(s->partial_chunk);
+    free(s->held);
+}

@@ -1,0 +1,24 @@
+/* server_limits.h: what a server allows its sessions. docs/operations.md tells users. */
+#ifndef LW_SERVE_SERVER_LIMITS_H
+#define LW_SERVE_SERVER_LIMITS_H
+
+#define LW_SERVER_SESSIONS_MAX 10000u
+
+/* A peer is refused, or closed, after so long: */
+#define LW_SERVER_HELLO_TIMEOUT_S   10u /* without a HELLO */
+#define LW_SERVER_PACKAGE_TIMEOUT_S 60u /* without a request for the package, unless it controls */
+#define LW_SERVER_STALL_TIMEOUT_S   15u /* in which it takes no byte, though bytes wait */
+#define LW_SERVER_EXCESS_TIMEOUT_S  10u /* of saying too much (message_rates.h) */
+#define LW_SERVER_SILENCE_S         60u /* of saying nothing; it is pinged after half of it */
+
+/* Bytes that wait per session before tiles are held back. The newest state of a tile is chosen when there is
+ * room, so a slow reader skips versions. */
+#define LW_SERVER_QUEUE_MAX   (256u << 10)
+#define LW_SERVER_ANSWERS_MAX 4096u /* to updates, that wait for a session to read them; more end it */
+#define LW_SERVER_BURST_MS    100u  /* a session under a rate limit may have this much of it at once */
+
+#define LW_SERVER_RELAY_MS 200u /* when clients come back to a server that is followed by another at once */
+#define LW_SERVER_WINDOW_S 5u   /* over which delays are told */
+#define LW_SERVER_LOOKS_HZ 4u   /* looks at time limits and at what waits */
+
+#endif

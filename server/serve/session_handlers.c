@@ -1,0 +1,312 @@
+#include "server/serve/session_private.h"
+
+#include "common/clock.h"
+#include "server/serve/turns.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define TURN_MESSAGES 256u /* handled at once before others get their turn */
+
+/* Who draws direct light gets the rest; all others get all of it, and are not told who would draw what. */
+static void choose_form(struct lw_session *s, const struct lw_message_hello *hello,
+                        struct lw_message_welcome *welcome) {
+    if ((hello->features & LW_FEATURE_DRAWS) &&
+        (welcome->client_lights_size || welcome->client_materials_size)) {
+        s->form = &s->shared->form[LW_LIGHT_FORM_SPLIT];
+        welcome->features |= LW_FEATURE_DRAWS;
+        return;
+    }
+    welcome->client_lights = welcome->client_materials = NULL;
+    welcome->client_lights_size = welcome->client_materials_size = 0;
+}
+
+/* Notes what the peer may do; false: it is refused. */
+static bool admit(struct lw_session *s, const struct lw_message_hello *hello) {
+    if (!s->shared->tokens || s->peer.may_control) return true;
+    s->role = lw_tokens_role(s->shared->tokens, hello->token);
+    if (s->role == LW_TOKENS_NONE) {
+        lw_session_refuse(s, LW_REFUSAL_TOKEN, "%s",
+                          hello->token ? "the token is not one of this server's"
+                                       : "this server wants a token");
+        return false;
+    }
+    memcpy(s->token.bytes, hello->token, sizeof s->token.bytes);
+    s->peer.may_control = s->role == LW_TOKENS_CONTROL;
+    return true;
+}
+
+static void handle_hello(struct lw_session *s, const struct lw_message_hello *hello) {
+    lw_peer_log_quote(s->name, sizeof s->name, hello->name && *hello->name ? hello->name : "nameless");
+    if (hello->version != LW_WIRE_VERSION) {
+        lw_session_refuse(s, LW_REFUSAL_VERSION, "this server speaks version %u of the protocol, not %u",
+                          LW_WIRE_VERSION, hello->version);
+        return;
+    }
+    if (!admit(s, hello)) return;
+    const uint64_t lacking = s->shared->welcome.features & ~hello->features;
+    if (lacking & LW_FEATURE_DCT) { /* tiles are encoded once: there are no others */
+        lw_session_refuse(s, LW_REFUSAL_FEATURES,
+                          "this server sends tiles of codec 4 (dct), which the client does not read: a newer "
+                          "client does, and lightwelld --codec half sends others");
+        return;
+    }
+    if (lacking) { /* so is the package */
+        lw_session_refuse(s, LW_REFUSAL_FEATURES,
+                          "this server's scene has textures, which are parts of the package that the client "
+                          "does not read: a newer client does");
+        return;
+    }
+    struct lw_message message = {.type = LW_MESSAGE_WELCOME, .welcome = s->shared->welcome};
+    message.welcome.session = s->number;
+    choose_form(s, hello, &message.welcome);
+    s->controls = s->peer.may_control && s->shared->scene && (hello->features & LW_FEATURE_CONTROL);
+    if (s->controls) message.welcome.features |= LW_FEATURE_CONTROL;
+    lw_message_rates_trust(&s->rates, s->controls);
+    s->resumes = hello->features & LW_FEATURE_RESUME;
+    if (s->resumes) message.welcome.features |= LW_FEATURE_RESUME;
+    if (lw_blob_from_message(&message, &s->control) != LW_OK) {
+        lw_session_close(s, "out of memory");
+        return;
+    }
+    s->rate_limit_bytes_hz = s->shared->rate_limit_bytes_hz;
+    if (hello->rate_limit_bytes_hz &&
+        (!s->rate_limit_bytes_hz || hello->rate_limit_bytes_hz < s->rate_limit_bytes_hz))
+        s->rate_limit_bytes_hz = hello->rate_limit_bytes_hz;
+    s->allowed_ns = lw_clock_ns();
+    s->state = LW_SESSION_WELCOMED;
+    s->welcomed = true;
+    lw_turns_set_due(s, true);
+    lw_session_count(s->shared, &s->shared->stats.sessions_total, 1);
+    lw_session_count_one(s, 1);
+    lw_session_tell(s, "joined%s", s->form->form == LW_LIGHT_FORM_SPLIT ? ", draws direct light" : "");
+}
+
+static bool make_sent(struct lw_session *s) {
+    if (!s->sent) s->sent = calloc(s->shared->atlas_map->tile_count, sizeof *s->sent);
+    return s->sent;
+}
+
+/* What an earlier session of the peer was sent counts as sent. */
+static void handle_holds(struct lw_session *s, const struct lw_message_holds *holds) {
+    const struct lw_snapshot *snapshot = s->form->snapshot;
+    if (!make_sent(s)) {
+        lw_session_close(s, "out of memory");
+        return;
+    }
+    for (size_t i = 0; i < holds->tile_count; i++) {
+        struct lw_message_held t = holds->tile[i];
+        uint32_t id = lw_atlas_map_find_tile(s->shared->atlas_map, t.object, t.level, t.tile).v;
+        if (id == UINT32_MAX || !snapshot || t.version > snapshot->tile[s->form->form][id].version) {
+            lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
+                              "message HOLDS: there is no object %u, level %u, tile %u of version %" PRIu64,
+                              t.object, t.level, t.tile, t.version);
+            return;
+        }
+        s->sent[id] = t.version;
+    }
+}
+
+static bool names_parts_that_exist(const struct lw_session *s,
+                                   const struct lw_message_package_request *request) {
+    for (size_t i = s->shared->welcome.part_count; i < 8 * request->held_size; i++)
+        if (request->held[i / 8] >> (i % 8) & 1) return false;
+    return true;
+}
+
+static void handle_package_request(struct lw_session *s, const struct lw_message_package_request *request) {
+    const struct lw_session_shared *shared = s->shared;
+    if (request->offset > shared->welcome.package_compressed_size) {
+        lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
+                          "message PACKAGE_REQUEST: offset is past the package's end");
+        return;
+    }
+    if (!names_parts_that_exist(s, request)) {
+        lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
+                          "message PACKAGE_REQUEST: held names a part that is not there");
+        return;
+    }
+    if (!make_sent(s) || !lw_send_queue_start_package(s, request)) {
+        lw_session_close(s, "out of memory");
+        return;
+    }
+    s->state = LW_SESSION_STREAMING;
+    lw_turns_set_due(s, true);
+    lw_tile_stream_join(s);
+}
+
+/* Notes a session's interest. A peer may say it as often as it likes: the first holds at once, later ones wait
+ * for the next snapshot or tick, the last of them alone. */
+static void handle_interest(struct lw_session *s, const struct lw_message_interest *said) {
+    struct lw_session_interest interest = {.everything = said->everything, .stand_ins = said->stand_ins};
+    if (said->tile_count && !(interest.tile = malloc(said->tile_count * sizeof *interest.tile))) {
+        lw_session_close(s, "out of memory");
+        return;
+    }
+    for (size_t i = 0; i < said->tile_count; i++) {
+        struct lw_message_interest_tile t = said->tile[i];
+        uint32_t id = lw_atlas_map_find_tile(s->shared->atlas_map, t.object, t.level, t.tile).v;
+        if (id == UINT32_MAX) {
+            free(interest.tile);
+            lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
+                              "message INTEREST: there is no object %u, level %u, tile %u", t.object, t.level,
+                              t.tile);
+            return;
+        }
+        interest.tile[i] = id;
+    }
+    uint64_t *listed = s->shared->listed;
+    for (size_t i = 0; i < said->tile_count; i++)
+        if (!lw_tile_stream_test_and_set(listed, interest.tile[i]))
+            interest.tile[interest.tile_count++] = interest.tile[i];
+    for (uint32_t i = 0; i < interest.tile_count; i++) listed[interest.tile[i] / 64] = 0;
+    free(s->waiting.tile);
+    s->waiting = interest;
+    s->has_waiting = true;
+    if (s->interest_epoch == s->shared->epoch) return;
+    lw_tile_stream_take_up_interest(s);
+    lw_turns_set_due(s, true);
+}
+
+static void handle_update(struct lw_session *s, const struct lw_message_update *update) {
+    struct lw_session_shared *shared = s->shared;
+    struct lw_message_updated refused = {.request = update->request};
+    struct lw_error err = {0};
+    uint32_t added[LW_MESSAGE_CHANGES_MAX], object;
+    size_t added_count = 0;
+    lw_scene_roster_save(&shared->roster);
+    for (size_t i = 0; i < update->change_count && !refused.code; i++) {
+        const struct lw_scene_change *change = &update->change[i];
+        refused.code = lw_scene_change_check(shared->scene, change, &err);
+        if (!refused.code) refused.code = lw_scene_roster_take(&shared->roster, change, &object, &err);
+        if (!refused.code && change->kind == LW_SCENE_CHANGE_OBJECT_ADD) added[added_count++] = object;
+        refused.change = refused.code ? (uint32_t)i : 0;
+    }
+    refused.text = err.text;
+    if (!refused.code && !lw_updates_add(&shared->updates, s, update->request, update->change,
+                                         update->change_count, added, added_count)) {
+        refused.code = LW_SCENE_CHANGE_BUSY;
+        refused.text = lw_scene_change_text(LW_SCENE_CHANGE_BUSY);
+    }
+    if (!refused.code) return;
+    lw_scene_roster_go_back(&shared->roster); /* nothing of it is done */
+    lw_session_answer(s, &refused);
+}
+
+/* Says that the peer has the light of a frame; how long that took is what we measure of links. */
+static void handle_ack(struct lw_session *s, uint64_t frame) {
+    const struct lw_session_shared *shared = s->shared;
+    if (frame == 0 || frame > s->frame_sent || frame < s->frame_acked) {
+        lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "message ACK: frame %" PRIu64 " %s", frame,
+                          frame && frame <= s->frame_sent ? "after a later one" : "was not sent");
+        return;
+    }
+    if (frame == s->frame_acked) return;
+    const bool first = s->frame_acked == 0;
+    s->frame_acked = frame;
+    if (first) return; /* that frame may have been there long before the session was */
+    for (uint64_t back = 0; back < LW_SESSION_RECENT && back < shared->generation; back++) {
+        const struct lw_session_recent *recent =
+            &shared->recent[(shared->generation - back) % LW_SESSION_RECENT];
+        if (recent->frame > frame) continue;
+        if (recent->frame == frame) {
+            const uint64_t ack_ns = lw_clock_ns() - recent->at_ns;
+            lw_histogram_add(&s->shared->ack, ack_ns);
+            lw_durations_add(&s->shared->ack_all, ack_ns);
+        }
+        return;
+    }
+}
+
+static void handle_message(struct lw_session *s, const struct lw_message *m) {
+    bool in_order = m->type == LW_MESSAGE_HELLO             ? s->state == LW_SESSION_EXPECTS_HELLO
+                    : m->type == LW_MESSAGE_PACKAGE_REQUEST ? s->state == LW_SESSION_WELCOMED
+                    : m->type == LW_MESSAGE_HOLDS
+                        ? s->state == LW_SESSION_WELCOMED && s->resumes
+                        : s->state == LW_SESSION_WELCOMED || s->state == LW_SESSION_STREAMING;
+    if (!in_order) {
+        lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "message %s: out of order",
+                          lw_message_name((uint16_t)m->type));
+        return;
+    }
+    switch (m->type) {
+    case LW_MESSAGE_HELLO:
+        handle_hello(s, &m->hello);
+        break;
+    case LW_MESSAGE_PACKAGE_REQUEST:
+        handle_package_request(s, &m->package_request);
+        break;
+    case LW_MESSAGE_HOLDS:
+        handle_holds(s, &m->holds);
+        break;
+    case LW_MESSAGE_INTEREST:
+        handle_interest(s, &m->interest);
+        break;
+    case LW_MESSAGE_UPDATE:
+        if (s->controls)
+            handle_update(s, &m->update);
+        else
+            lw_session_refuse(s, LW_REFUSAL_NOT_ALLOWED,
+                              "message UPDATE: this session may not change the scene");
+        break;
+    case LW_MESSAGE_PING:
+        s->pong_due = true;
+        s->pong_token = m->ping.token;
+        lw_turns_set_due(s, true);
+        break;
+    case LW_MESSAGE_ACK:
+        handle_ack(s, m->ack.frame);
+        break;
+    case LW_MESSAGE_PONG: /* this server does not ping */
+        break;
+    default:
+        lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "message %s: not one that a client sends",
+                          lw_message_name((uint16_t)m->type));
+    }
+}
+
+/* Takes one message; false: none is whole yet, or the session came to its end. */
+static bool take_message(struct lw_session *s) {
+    struct lw_framing_header header;
+    struct lw_message message;
+    struct lw_error err = {0};
+    const uint8_t *body;
+    enum lw_status status = lw_message_reader_take(&s->input, &header, &body, &err);
+    if (status == LW_OK && !body) return false;
+    if (status == LW_OK) status = lw_message_decode(header, body, &message, &err);
+    if (status == LW_NO_MEMORY) {
+        lw_session_close(s, "out of memory");
+        return false;
+    }
+    if (status != LW_OK) {
+        lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "%s", err.text);
+        return false;
+    }
+    handle_message(s, &message);
+    lw_message_finish(&message);
+    (void)lw_message_rates_count(&s->rates, header, lw_clock_ns());
+    return true;
+}
+
+/* Handles what is there, as far as others do not have to wait for it and the peer keeps to its rates. */
+void lw_session_handlers_take(struct lw_session *s) {
+    unsigned count = 0;
+    bool more = true;
+    while (s->state < LW_SESSION_LEAVING && !s->rates.waits && count < TURN_MESSAGES && more) {
+        more = take_message(s);
+        count++;
+    }
+    if (s->state >= LW_SESSION_LEAVING) {
+        lw_message_reader_clear(&s->input);
+    } else if (lw_message_reader_keep(&s->input) != LW_OK) {
+        lw_session_close(s, "out of memory");
+    } else if (s->rates.waits) {
+        lw_turns_enter_inbox(s, &s->shared->slowed);
+    } else if (more) {
+        lw_turns_enter_inbox(s, &s->shared->unread);
+    } else if (s->inbox) {
+        lw_turns_leave_inbox(s);
+        s->link->ops->read(s->link, true);
+    }
+}

@@ -1,0 +1,158 @@
+/* session_private.h: a session's state, and what its five files do for one another:
+ *
+ *   session.c           begins, ends, keeps time limits
+ *   session_handlers.c  handles what the peer says
+ *   tile_stream.c       interest, and the tiles of the newest snapshot that the session lacks
+ *   send_queue.c        what is sent next, in batches, within the rate limit
+ *   turns.c             which session has its turn
+ *
+ * Threads: everything here is [loop]. For these files alone. */
+#ifndef LW_SERVE_SESSION_PRIVATE_H
+#define LW_SERVE_SESSION_PRIVATE_H
+
+#include "proto/message_reader.h"
+#include "server/serve/message_rates.h"
+#include "server/serve/session.h"
+
+enum lw_session_state {
+    LW_SESSION_EXPECTS_HELLO,
+    LW_SESSION_WELCOMED,  /* may ask for the package */
+    LW_SESSION_STREAMING, /* package chunks, then frames and tiles */
+    LW_SESSION_LEAVING,   /* was refused: what it sends is dropped */
+    LW_SESSION_CLOSED     /* waits for its link */
+};
+
+/* One UPDATED. */
+struct lw_session_answer_entry {
+    struct lw_session_answer_entry *next;
+    struct lw_blob *blob;
+};
+
+/* What an INTEREST said. */
+struct lw_session_interest {
+    bool everything, stand_ins;
+    uint32_t tile_count;
+    uint32_t *tile; /* lw_tile_id, each once */
+};
+
+struct lw_session {
+    struct lw_session_transport *link;
+    struct lw_session_shared *shared;
+    struct lw_session *previous, *next;
+    struct lw_session_form *form;   /* of light, that it gets */
+    struct lw_session_queue *queue; /* in which it waits for its turn; NULL: in none */
+    struct lw_session *previous_due, *next_due;
+    enum lw_session_state state;
+    bool ended, welcomed;
+    bool has_place;           /* of its address */
+    bool controls;            /* may send updates */
+    enum lw_tokens_role role; /* by its token; NONE: it needed none */
+    struct lw_token token;    /* then, of that role */
+    bool resumes;             /* may say what it has */
+    uint64_t number;
+    struct lw_session_peer peer;
+    char name[2 * LW_MESSAGE_NAME_MAX + 4]; /* in quotes; "": no HELLO yet */
+    uint64_t since_ns;                      /* connected; in LW_SESSION_LEAVING: refused */
+    struct lw_message_reader input;
+    struct lw_message_rates rates;  /* of what it says */
+    struct lw_session_inbox *inbox; /* in which it is: then nothing is read; NULL: in none */
+    struct lw_session *previous_unread, *next_unread;
+    uint64_t looked_ns; /* when the tick last came */
+    uint64_t heard_ns;  /* when bytes last came */
+
+    struct lw_blob *control; /* welcome or refusal */
+    enum lw_refusal refusal; /* in LW_SESSION_LEAVING */
+    char refusal_text[LW_MESSAGE_TEXT_MAX + 1];
+    bool pong_due, ping_due;
+    bool pinged; /* since it was heard */
+    uint64_t pong_token;
+    struct lw_session_answer_entry *first_answer, *last_answer; /* to updates, not sent yet */
+    uint32_t answer_count;
+    struct lw_blob *partial_chunk; /* where a package request starts inside a chunk */
+    uint32_t next_chunk;
+    uint8_t *held; /* bit per part of the package that is not sent; NULL: all are */
+    uint64_t frame_sent, frame_acked;
+    bool settled_due;                             /* of the one sent */
+    uint64_t *sent;                               /* per tile: the version sent; NULL before that matters */
+    struct lw_session_interest interest, waiting; /* what holds; what came since, if has_waiting */
+    bool has_waiting;
+    uint64_t interest_epoch; /* of the server, when interest was last taken up */
+    /* Bit per tile: to be sent; then a bit per tile again: those that are not stand-ins. NULL: everything. */
+    uint64_t *interest_bits;
+    uint64_t generation; /* of the snapshot that the walk below goes over */
+    /* What the walk goes over: tiles that it lacks, by priority. NULL: it had all of the snapshot before, and
+     * the walk goes over what this one changed. */
+    uint32_t *lacked;
+    bool delta_follows;   /* to the delta sent last: of the walk's next tile */
+    bool waits;           /* for what the transcoder makes of that tile */
+    bool is_narrow;       /* its link takes less than changes: it gets coarse tiles before finer ones */
+    bool refines;         /* narrow: it has all of these, and the walk goes over what they lack */
+    bool link_was_full;   /* since the snapshot was new; */
+    uint64_t judged;      /* its generation */
+    uint32_t walk_left;   /* tiles still to look at */
+    uint32_t walk_cursor; /* in lacked, or in changed */
+
+    uint64_t rate_limit_bytes_hz; /* 0: none */
+    double allowance;             /* bytes that it may be sent now; below 0: it has had too much */
+    uint64_t allowed_ns;          /* as of then */
+    bool is_paced;                /* something would have been sent but for that */
+
+    bool is_writing;     /* the link has not taken all yet */
+    uint64_t writing;    /* bytes of that */
+    uint64_t given;      /* bytes handed to the link so far */
+    uint64_t taken_last; /* of these the peer's, at the last look at progress */
+    uint64_t progress_ns;
+};
+
+/* ---- session.c ---- */
+
+/** Adds to a counter of shared->stats. */
+void lw_session_count(struct lw_session_shared *shared, uint64_t *counter, int64_t change);
+/** One session more, or less, that was welcomed. */
+void lw_session_count_one(const struct lw_session *s, int64_t change);
+/** Logs a line about a peer, unless there were many. */
+void lw_session_tell(const struct lw_session *s, const char *format, ...) LW_PRINTF(2, 3);
+
+/* ---- session_handlers.c ---- */
+
+/** Handles what is in s->input, within a turn's messages and the peer's rates. The rest waits in an inbox. */
+void lw_session_handlers_take(struct lw_session *s);
+
+/* ---- tile_stream.c ---- */
+
+/** Sets a tile's bit; returns whether it was set. */
+bool lw_tile_stream_test_and_set(uint64_t *bits, uint32_t tile);
+/** s->waiting holds from now on. */
+void lw_tile_stream_take_up_interest(struct lw_session *s);
+/** The session's interest and form count, from when it is streamed to until it is no more. */
+void lw_tile_stream_join(struct lw_session *s);
+void lw_tile_stream_leave(struct lw_session *s);
+/** Whether there is a snapshot for the session. */
+bool lw_tile_stream_has_light(const struct lw_session *s);
+/** References to what is to be sent next, in this order. NULL: nothing, or (tiles, with s->waits) what the
+ * transcoder makes. */
+struct lw_blob *lw_tile_stream_next_frame(struct lw_session *s);
+struct lw_blob *lw_tile_stream_next_tile(struct lw_session *s);
+struct lw_blob *lw_tile_stream_next_settled(struct lw_session *s);
+
+/* ---- send_queue.c ---- */
+
+/** Chunks of the package are sent as a valid request asks. false: there is no memory. */
+bool lw_send_queue_start_package(struct lw_session *s, const struct lw_message_package_request *request);
+/** Adds what the rate limit has let through since the last call. */
+void lw_send_queue_renew_allowance(struct lw_session *s, uint64_t now_ns);
+/** Writes a turn's batches. true: nothing is left that may be sent now; false: the link is full, or the turn
+ * is over. */
+bool lw_send_queue_write(struct lw_session *s);
+/** Frees what waits. */
+void lw_send_queue_finish(struct lw_session *s);
+
+/* ---- turns.c; more in turns.h ---- */
+
+/** Out of the queue that it is in, if any. */
+void lw_turns_dequeue(struct lw_session *s);
+/** Into an inbox, at its end: nothing is read meanwhile. The link keeps what it has, and so does the peer. */
+void lw_turns_enter_inbox(struct lw_session *s, struct lw_session_inbox *inbox);
+void lw_turns_leave_inbox(struct lw_session *s);
+
+#endif
