@@ -9,7 +9,8 @@
 #include <stdint.h>
 #include <sys/socket.h>
 
-/** Who counts as one: an IPv4 address, or the 64 bits of an IPv6 address that a network has. Loopback is told apart. */
+/** Who counts as one: an IPv4 address, or the 64 bits of an IPv6 address that a network
+ * has. Loopback is told apart. */
 struct lw_address {
     uint8_t bytes[16];
     bool is_loopback; /* 127.0.0.0/8, ::1, and the former as ::ffff:127.0.0.0/104 */
@@ -36,7 +37,8 @@ LW_MUST_CHECK bool lw_address_places_take(struct lw_address_places *places, cons
 void lw_address_places_give(struct lw_address_places *places, const struct lw_address *address);
 void lw_address_places_finish(struct lw_address_places *places);
 
-/** Of so many places in all, how many one address may take: a tenth, the own machine all but a tenth; at least one. */
+/** Of so many places in all, how many one address may take: a tenth, the own machine
+ * all but a tenth; at least one. */
 uint32_t lw_address_places_share(const struct lw_address *address, uint32_t all);
 
 #endif

@@ -1,11 +1,13 @@
-/* deltas.h: the ways from the last few versions of each tile to the newest, for sessions that have fallen behind: from one version
- * to the next, and from any of them to the newest, which is fewer bytes than all between, and often than the tile whole. The same once more
- * for the tiles in wider steps, for those whose links take too little: their versions are made when somebody wants them.
+/* deltas.h: the ways from the last few versions of each tile to the newest, for sessions that have fallen
+ * behind: from one version to the next, and from any of them to the newest, which is fewer bytes than all
+ * between, and often than the tile whole. The same once more for the tiles in wider steps, for those whose
+ * links take too little: their versions are made when somebody wants them.
  * Flow:    snapshots -> [deltas] -> sessions
  *          versions -> [deltas] -> transcoder -> coarse forms, and deltas over several versions -> [deltas]
  * Threads: [loop].
- * Memory:  of a tile, twice: references to LW_DELTAS_KEPT whole versions at most, as many deltas from each to the next, and as many to the
- *          newest; where coarse forms are wanted, the transcoder's history as well (24 KB). */
+ * Memory:  of a tile, twice: references to LW_DELTAS_KEPT whole versions at most, as many deltas from
+ *          each to the next, and as many to the newest; where coarse forms are wanted, the
+ *          transcoder's history as well (24 KB). */
 #ifndef LW_SERVE_DELTAS_H
 #define LW_SERVE_DELTAS_H
 
@@ -52,7 +54,8 @@ void lw_deltas_finish(struct lw_deltas *deltas);
 void lw_deltas_add(struct lw_deltas *deltas, uint32_t tile, const struct lw_snapshot_tile *version);
 
 /** What whoever has version `from` of a tile takes next, on the way to the newest, for the fewest bytes.
- * coarse     to that in wider steps; where there is no such form, or the transcoder has too much to do, to the newest itself
+ * coarse     to that in wider steps; where there is no such form, or the transcoder has too
+ *            much to do, to the newest itself
  * out_delta  written unless it has to wait */
 enum lw_deltas_way lw_deltas_next(struct lw_deltas *deltas, uint32_t tile, uint64_t from, bool coarse,
                                   struct lw_delta *out_delta);

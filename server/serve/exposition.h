@@ -19,7 +19,8 @@ struct lw_exposition {
 
 /** Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_exposition_begin(struct lw_exposition *exposition);
-/** The text, the caller's to free(), with a terminator that *out_size does not count. Errors: LW_NO_MEMORY. */
+/** The text, the caller's to free(), with a terminator that *out_size does not
+ * count. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_exposition_end(struct lw_exposition *exposition, char **out_text,
                                                size_t *out_size);
 

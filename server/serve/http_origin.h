@@ -2,8 +2,9 @@
  * Flow:    headers Host, Origin -> [http_origin] -> yes or no
  * Threads: pure functions, [any].
  *
- * A page of another site must not reach a server on its visitor's machine: neither by a WebSocket, which no same-origin
- * policy holds back (RFC 6455, 10.2), nor by a name of its own that leads here (DNS rebinding). */
+ * A page of another site must not reach a server on its visitor's machine: neither by a
+ * WebSocket, which no same-origin policy holds back (RFC 6455, 10.2), nor by a name of its own
+ * that leads here (DNS rebinding). */
 #ifndef LW_SERVE_HTTP_ORIGIN_H
 #define LW_SERVE_HTTP_ORIGIN_H
 

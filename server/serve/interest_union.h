@@ -28,8 +28,8 @@ void lw_interest_union_remove(struct lw_interest_union *wanted, const uint32_t *
 
 /** Lists what the solver is to look after, unless somebody wants everything.
  *
- * out_levels  per lw_tile_id: 1 + the finest level from which somebody looks at what the tile covers, for tiles of
- *             level 0; else 0. A wanted tile of level k covers 2^k x 2^k of them. */
+ * out_levels  per lw_tile_id: 1 + the finest level from which somebody looks at what the tile covers, for
+ *             tiles of level 0; else 0. A wanted tile of level k covers 2^k x 2^k of them. */
 void lw_interest_union_levels(const struct lw_interest_union *wanted, uint8_t *out_levels);
 
 #endif

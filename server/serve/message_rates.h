@@ -2,8 +2,8 @@
  * Flow:    message -> [message_rates] -> go on reading, or wait; waited for long: refuse
  * Threads: one thread at a time.
  *
- * A bucket for each kind holds what may be said at once and fills by its rate. A message that finds less than itself in its
- * bucket is still taken; the peer's next ones wait until no bucket lacks anything. */
+ * A bucket for each kind holds what may be said at once and fills by its rate. A message that finds less than
+ * itself in its bucket is still taken; the peer's next ones wait until no bucket lacks anything. */
 #ifndef LW_SERVE_MESSAGE_RATES_H
 #define LW_SERVE_MESSAGE_RATES_H
 
@@ -45,8 +45,8 @@ bool lw_message_rates_count(struct lw_message_rates *rates, struct lw_framing_he
 /** Fills the buckets. Returns whether the next message still has to wait. */
 bool lw_message_rates_wait(struct lw_message_rates *rates, uint64_t now_ns);
 
-/** What the peer says too much of: "more than 20 PING a second"; NULL: it has not waited for so long, as far as that is not made
- * good by as much time without. Call a few times a second.
+/** What the peer says too much of: "more than 20 PING a second"; NULL: it has not waited for so long, as far
+ * as that is not made good by as much time without. Call a few times a second.
  * elapsed_ns  since the last call */
 const char *lw_message_rates_judge(struct lw_message_rates *rates, uint64_t elapsed_ns, uint64_t limit_ns);
 

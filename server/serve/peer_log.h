@@ -32,7 +32,8 @@ bool lw_peer_log_allows(struct lw_peer_log *log, const struct lw_address *addres
 /** Says what was left out, every LW_PEER_LOG_TELL_S. Call now and then. */
 void lw_peer_log_tell(struct lw_peer_log *log, uint64_t now_ns);
 
-/** Quotes a name that a peer has chosen, so that it cannot look like ours: "name", with \" and \\. Cut where dst ends. */
+/** Quotes a name that a peer has chosen, so that it cannot look like ours: "name", with \"
+ * and \\. Cut where dst ends. */
 void lw_peer_log_quote(char *dst, size_t dst_size, const char *name);
 
 #endif

@@ -1,12 +1,16 @@
-/* priority.h: which of the tiles that a session lacks it should get first: those by which what it shows is furthest off.
- * Flow:    snapshots: how far each tile has moved -> [priority] -> order in which a session is sent what it lacks
+/* priority.h: which of the tiles that a session lacks it should get first: those by which
+ * what it shows is furthest off.
+ * Flow:    snapshots: how far each tile has moved -> [priority] -> order in which
+ *          a session is sent what it lacks
  * Threads: [loop].
  *
- * What counts is the relative error of what the session has, in the root mean square over what it covers, times how long it has been
- * wrong. The square of a tile's error is the sum of the squares of its changes since the version that the session has, of which the
- * last few are remembered: most of a change is noise, which goes to and fro. A tile of a coarser level covers more, for as many bytes, and
- * views read coarser levels as long as light is noisy. Time counts as much as error, so that tiles which change alike take turns: by error
- * alone, or error per byte, what fell behind would starve on a link that takes less than changes. */
+ * What counts is the relative error of what the session has, in the root mean square over what it
+ * covers, times how long it has been wrong. The square of a tile's error is the sum of the squares of
+ * its changes since the version that the session has, of which the last few are remembered: most of a
+ * change is noise, which goes to and fro. A tile of a coarser level covers more, for as many bytes, and
+ * views read coarser levels as long as light is noisy. Time counts as much as error, so that tiles which
+ * change alike take turns: by error alone, or error per byte, what fell behind would starve on a link
+ * that takes less than changes. */
 #ifndef LW_SERVE_PRIORITY_H
 #define LW_SERVE_PRIORITY_H
 
@@ -16,8 +20,8 @@
 #define LW_PRIORITY_LACKING 1.0f /* relative error of what stands in for a tile that a session never had */
 #define LW_PRIORITY_BINS    512u /* four to an octave */
 
-/* What stands in for finer tiles, and is not read beside them, need not be the newest: it is sent again when it is so far off, or so
- * old. */
+/* What stands in for finer tiles, and is not read beside them, need not be the newest: it is sent again when
+ * it is so far off, or so old. */
 #define LW_PRIORITY_STAND_IN_OFF    0.1f /* relative, root mean square */
 #define LW_PRIORITY_STAND_IN_FRAMES 16u
 
@@ -41,19 +45,22 @@ void lw_priority_finish(struct lw_priority *priority);
 
 /* Versions are counted by their frames here (lw_snapshot_frame_of()). */
 
-/** A tile has a new version. change: relative, root mean square, against the version before; 0: not known, taken for 1. */
+/** A tile has a new version. change: relative, root mean square, against the version
+ * before; 0: not known, taken for 1. */
 void lw_priority_note(struct lw_priority *priority, uint32_t tile, uint64_t version, float change);
 
-/** How much it would help a session to be sent a tile, of which it has version `has` (0: none), in its newest version.
+/** How much it would help a session to be sent a tile, of which it has version `has`
+ * (0: none), in its newest version.
  * frame: the newest. An object's coarsest level counts more than all else, if it has none of it. */
 float lw_priority_of(const struct lw_priority *priority, uint32_t tile, uint64_t has, uint64_t frame);
 
-/** Whether a session that has version `has` of a tile, which only stands in for others, should be sent its newest one, `version`. */
+/** Whether a session that has version `has` of a tile, which only stands in for others, should be
+ * sent its newest one, `version`. */
 bool lw_priority_is_due_to_stand_in(const struct lw_priority *priority, uint32_t tile, uint64_t has,
                                     uint64_t version);
 
-/** Puts tiles in order, by priority and equal ones (to a quarter of an octave) as they were listed: begin, list each,
- * end. out_tile: as many as were listed, atlas_map->tile_count at most. */
+/** Puts tiles in order, by priority and equal ones (to a quarter of an octave) as they were listed: begin,
+ * list each, end. out_tile: as many as were listed, atlas_map->tile_count at most. */
 void lw_priority_list_begin(struct lw_priority *priority);
 void lw_priority_list(struct lw_priority *priority, uint32_t tile, float value);
 void lw_priority_list_end(const struct lw_priority *priority, uint32_t *out_tile);

@@ -153,8 +153,8 @@ static enum lw_status compress_package(struct lw_session_shared *shared, const u
 
 /* ---- the order of tiles ---- */
 
-/* Levels count from fine to coarse and objects differ in their number of levels: what goes first is each object's
- * coarsest level, then each one's next finer, down to level 0. */
+/* Levels count from fine to coarse and objects differ in their number of levels: what goes first is each
+ * object's coarsest level, then each one's next finer, down to level 0. */
 static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_order) {
     uint32_t *order = malloc((map->tile_count ? map->tile_count : 1) * sizeof *order), filled = 0;
     if (!order) return LW_NO_MEMORY;
@@ -237,8 +237,8 @@ static void free_interest(struct lw_server_interest *interest) {
     *interest = (struct lw_server_interest){0};
 }
 
-/* A list is made only once the solver has taken the last one: however often sessions change their minds, that is one for
- * each frame. */
+/* A list is made only once the solver has taken the last one: however often sessions change their minds,
+ * that is one for each frame. */
 static void hand_over_interest(struct lw_server *server) {
     struct lw_interest_union *interest_union = &server->shared.interest_union;
     if (!interest_union->changed) return;
@@ -335,8 +335,8 @@ static void on_session_closed(void *context) {
     stop_when_empty(server);
 }
 
-/* signalled: without a watcher the next signal has its default effect: whoever cannot wait asks twice. Else watchers stay until the end:
- * who goes away ends our input, and then sends a signal. */
+/* signalled: without a watcher the next signal has its default effect: whoever cannot wait asks twice. Else
+ * watchers stay until the end: who goes away ends our input, and then sends a signal. */
 static void begin_stop(struct lw_server *server, bool signalled) {
     if (signalled) {
         uv_signal_stop(&server->interrupt);
@@ -424,8 +424,8 @@ static void add_lag(struct lw_server *server, uint64_t late_ns) {
     lw_durations_add(&server->lag_all, late_ns);
 }
 
-/* What came at any moment while the loop was away had to wait for its return: a long absence counts as often as it would
- * have been looked for. */
+/* What came at any moment while the loop was away had to wait for its return: a long absence counts as often
+ * as it would have been looked for. */
 static void on_lag(uv_timer_t *handle) {
     struct lw_server *server = handle->data;
     const uint64_t now_ns = lw_clock_ns(), interval_ns = LAG_MS * 1000000u,
@@ -714,8 +714,8 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     return status == LW_OK ? compress_package(shared, desc->package, desc->package_size) : status;
 }
 
-/* Every session is a descriptor. Failing to get more of them is no failure: accept() will say so when they run out. More than
- * these are of no use, and libwebsockets keeps a table of as many as there may be. */
+/* Every session is a descriptor. Failing to get more of them is no failure: accept() will say so when they
+ * run out. More than these are of no use, and libwebsockets keeps a table of as many as there may be. */
 static void set_descriptor_limit(void) {
     struct rlimit limit;
     if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;

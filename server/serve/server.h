@@ -1,10 +1,11 @@
-/* server.h: sessions over TCP and WebSocket on one libuv loop: hello, package, then tiles of the newest snapshot, coarse first.
+/* server.h: sessions over TCP and WebSocket on one libuv loop: hello, package, then tiles of the
+ * newest snapshot, coarse first.
  * Flow:    snapshots -> [server: per session, what it lacks] -> writev -> link
  *          what each session wants -> [server] -> what any of them wants -> solver
  *          updates of the scene -> [server: checked, in order] -> solver -> published -> answered
- * Threads: the loop owns all sessions [loop]; lw_server_publish(), lw_server_take_interest(),
- * lw_server_forms_taken(),
- *          lw_server_take_updates() and lw_server_stop() are [any]: they hand over and wake the loop, and never wait for it. */
+ * Threads: the loop owns all sessions [loop]. lw_server_publish(), lw_server_take_interest(),
+ *          lw_server_forms_taken(), lw_server_take_updates() and lw_server_stop() are [any]: they hand over,
+ *          wake the loop and never wait for it. */
 #ifndef LW_SERVE_SERVER_H
 #define LW_SERVE_SERVER_H
 
@@ -45,14 +46,15 @@ struct lw_server_desc {
     float target_error; /* for the welcome */
     float noise_shown;  /* likewise; 0: nothing filters */
     uint64_t features;  /* LW_FEATURE_* that a client must have: what its tiles are made of */
-    /* For the welcome: who draws (message.h). Without a bit set there is LW_LIGHT_FORM_FULL alone. They outlive it. */
+    /* For the welcome: who draws (message.h). Without a bit set there is
+     * LW_LIGHT_FORM_FULL alone. They outlive it. */
     const uint8_t *client_lights, *client_materials;
     size_t client_lights_size, client_materials_size;
-    const struct lw_scene
-        *scene;            /* what updates are checked against, immutable; NULL: no session may send any */
+    /* What updates are checked against, immutable; NULL: no session may send any. */
+    const struct lw_scene *scene;
     uint32_t sessions_max; /* 0: LW_SERVER_SESSIONS_MAX */
-    uint32_t
-        address_sessions_max; /* 0: a tenth of them for each address, for the own machine all but a tenth */
+    /* 0: a tenth of them for each address, for the own machine all but a tenth. */
+    uint32_t address_sessions_max;
     uint64_t rate_limit_bytes_hz; /* to each session; 0: whatever its link takes */
     uint32_t retry_after_ms;      /* clients are told at the end when to come back; 0: nothing */
     struct lw_server_hooks hooks;
@@ -69,8 +71,8 @@ struct lw_server;
  * Errors: LW_UNAVAILABLE naming the address in use and what to do; LW_NO_HOST; LW_OS; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_server_create(const struct lw_server_desc *desc,
                                               struct lw_server **out_server, struct lw_error *err);
-/** Reads its files again: tokens. Sessions whose token has gone, or changed its role, are refused. Where a file
- * cannot be used what was read before holds. Logs what became of it. [loop], as hooks.reload */
+/** Reads its files again: tokens. Sessions whose token has gone, or changed its role, are refused. Where a
+ * file cannot be used what was read before holds. Logs what became of it. [loop], as hooks.reload */
 void lw_server_reload(struct lw_server *server);
 /** The port that it listens on. */
 uint16_t lw_server_port(const struct lw_server *server);
@@ -78,33 +80,34 @@ uint16_t lw_server_port(const struct lw_server *server);
 uint16_t lw_server_http_port(const struct lw_server *server);
 /** The same for monitoring. */
 uint16_t lw_server_metrics_port(const struct lw_server *server);
-/** Serves until lw_server_stop(), SIGINT or SIGTERM; a second signal has its default effect. With hooks.reload
- * SIGHUP calls it, but stops a server whose terminal has gone. SIGPIPE is ignored from here on, in the whole
- * process. Call from one thread, once; that thread is the loop. Errors: LW_OS. */
+/** Serves until lw_server_stop(), SIGINT or SIGTERM; a second signal has its default effect. With
+ * hooks.reload SIGHUP calls it, but stops a server whose terminal has gone. SIGPIPE is ignored from here on,
+ * in the whole process. Call from one thread, once; that thread is the loop. Errors: LW_OS. */
 LW_MUST_CHECK enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err);
-/** Hands over a snapshot: takes a reference of its own. Newer snapshots replace older ones not yet seen. [any] */
+/** Hands over a snapshot: takes a reference of its own. Newer snapshots replace
+ * older ones not yet seen. [any] */
 void lw_server_publish(struct lw_server *server, struct lw_snapshot *snapshot);
 /** What all sessions together want. */
 struct lw_server_interest {
     bool everything; /* some session wants every tile; then there is no list */
     uint8_t *levels; /* per lw_tile_id, as lw_interest_union_levels() lists them; the taker's to free() */
 };
-/** Takes what sessions want if it is not what was last taken; before the first time, that is nothing. One taker, at its
- * own pace: changes in between are put together. Returns whether there is news. [any] */
+/** Takes what sessions want if it is not what was last taken; before the first time, that is nothing. One
+ * taker, at its own pace: changes in between are put together. Returns whether there is news. [any] */
 bool lw_server_take_interest(struct lw_server *server, struct lw_server_interest *out_interest);
 /** In which forms sessions take light now: bit per enum lw_light_form; 0: nobody takes any. A session gets
  * frames once there is a snapshot with its form. [any] */
 uint32_t lw_server_forms_taken(const struct lw_server *server);
-/** Takes the updates that sessions have sent, for frame `frame`: they are answered once that one, or a later one, has been
- * handed over by lw_server_publish(). One taker, at the beginning of each frame.
+/** Takes the updates that sessions have sent, for frame `frame`: they are answered once that one, or a later
+ * one, has been handed over by lw_server_publish(). One taker, at the beginning of each frame.
  * *out_change: their changes, in order, all passed by lw_scene_change_check(); the taker's to free().
  * Returns how many updates; some may be without a change. [any] */
 size_t lw_server_take_updates(struct lw_server *server, uint64_t frame, struct lw_scene_change **out_change,
                               size_t *out_change_count);
 /** True while updates wait to be taken. Valid as long as the server. [any] */
 const _Atomic bool *lw_server_updates_wait(const struct lw_server *server);
-/** Asks the loop to refuse new sessions, say goodbye and return from lw_server_run(). [any], and from signal handlers
- * by way of the loop's own SIGINT/SIGTERM watchers, which lw_server_run() installs. */
+/** Asks the loop to refuse new sessions, say goodbye and return from lw_server_run(). [any], and from signal
+ * handlers by way of the loop's own SIGINT/SIGTERM watchers, which lw_server_run() installs. */
 void lw_server_stop(struct lw_server *server);
 /** The same for one that is followed by another at once: clients are told LW_SERVER_RELAY_MS. [any] */
 void lw_server_relay(struct lw_server *server);

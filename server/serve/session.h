@@ -91,8 +91,8 @@ struct lw_session_shared {
 
 #define LW_SESSION_CHUNK (64u << 10) /* bytes of package data in a PACKAGE_CHUNK */
 
-/** A session on a link that is there; the link outlives it. It may be refused at once. NULL: there is no memory,
- * or too many wait for their close. */
+/** A session on a link that is there; the link outlives it. It may be refused at once. NULL: there is no
+ * memory, or too many wait for their close. */
 struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_session_transport *link,
                                    const struct lw_session_peer *peer);
 

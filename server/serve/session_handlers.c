@@ -136,8 +136,8 @@ static void handle_package_request(struct lw_session *s, const struct lw_message
     lw_tile_stream_join(s);
 }
 
-/* Notes a session's interest. A peer may say it as often as it likes: the first holds at once, later ones wait
- * for the next snapshot or tick, the last of them alone. */
+/* Notes a session's interest. A peer may say it as often as it likes: the first holds at once, later ones
+ * wait for the next snapshot or tick, the last of them alone. */
 static void handle_interest(struct lw_session *s, const struct lw_message_interest *said) {
     struct lw_session_interest interest = {.everything = said->everything, .stand_ins = said->stand_ins};
     if (said->tile_count && !(interest.tile = malloc(said->tile_count * sizeof *interest.tile))) {

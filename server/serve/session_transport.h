@@ -1,9 +1,11 @@
-/* session_transport.h: what a session knows of the link that it runs on. There are tcp_transport.h and ws_transport.h.
+/* session_transport.h: what a session knows of the link that it runs on. There are
+ * tcp_transport.h and ws_transport.h.
  * Flow:    session -> blobs -> [transport] -> link; link -> bytes -> lw_session_receive()
  * Threads: everything here is [loop].
  *
- * A transport calls lw_session_open() when its link is there, then lw_session_receive(), lw_session_written() and
- * lw_session_lost() as they come, and lw_session_closed() last, once, when the link is gone: a call to close() ends there. */
+ * A transport calls lw_session_open() when its link is there, then lw_session_receive(),
+ * lw_session_written() and lw_session_lost() as they come, and lw_session_closed() last, once, when the link
+ * is gone: a call to close() ends there. */
 #ifndef LW_SERVE_SESSION_TRANSPORT_H
 #define LW_SERVE_SESSION_TRANSPORT_H
 
@@ -15,8 +17,8 @@
 
 struct lw_session_transport {
     const struct lw_session_transport_ops {
-        /** Sends blobs one after another, LW_SESSION_TRANSPORT_BLOBS at most, and takes over the references. The next call has to wait for
-         * lw_session_written() unless this one took all.
+        /** Sends blobs one after another, LW_SESSION_TRANSPORT_BLOBS at most, and takes over the references.
+         * The next call has to wait for lw_session_written() unless this one took all.
          * Returns how many bytes the link took at once, or libuv's error: then none of it is sent. */
         int (*write)(struct lw_session_transport *link, struct lw_blob *const *blob, uint32_t blob_count);
         /** Whether bytes are to come in: those that do not stay with the peer. They do, to begin with. */

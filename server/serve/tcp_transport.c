@@ -54,7 +54,8 @@ static void on_written(uv_write_t *request, int result) {
     lw_session_written(link->session, result, true);
 }
 
-/* Leaves the rest, from byte `written` on, to libuv. Takes over the references. Returns 0 or libuv's error. */
+/* Leaves the rest, from byte `written` on, to libuv. Takes over the references.
+ * Returns 0 or libuv's error. */
 static int queue_rest(struct link *link, struct lw_blob *const *blob, uv_buf_t *buffer, uint32_t count,
                       size_t written) {
     uint32_t first = 0;
@@ -129,8 +130,8 @@ static void waiting(const struct lw_session_transport *transport, size_t *out_ou
 
 /* ---- reading ---- */
 
-/* libuv would read 32 times in a row from whoever sends without end. Without a buffer it stops, and tells on_read
- * UV_ENOBUFS; the rest is still there in the next turn. */
+/* libuv would read 32 times in a row from whoever sends without end. Without a buffer it stops, and tells
+ * on_read UV_ENOBUFS; the rest is still there in the next turn. */
 static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *out_buffer) {
     struct link *link = handle->data;
     const bool had_turn = link->turn == link->shared->turn;

@@ -6,8 +6,8 @@
 
 #include "server/serve/session.h"
 
-#define LW_TCP_TRANSPORT_READ                                                                                \
-    (16u << 10) /* bytes of one peer in one turn of the loop: others wait for them */
+/* Bytes of one peer in one turn of the loop: others wait for them. */
+#define LW_TCP_TRANSPORT_READ (16u << 10)
 
 /** What all of a server's share. Filled in by the owner. */
 struct lw_tcp_transport_shared {

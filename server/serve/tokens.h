@@ -26,7 +26,8 @@ struct lw_tokens {
     } entry[];
 };
 
-/** Reads a file's text. Errors: LW_BAD_DATA naming the line, but no token; none at all is one; LW_NO_MEMORY. */
+/** Reads a file's text. Errors: LW_BAD_DATA naming the line, but no token; none
+ * at all is one; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_tokens_parse(const char *text, size_t size, struct lw_tokens **out_tokens,
                                              struct lw_error *err);
 

@@ -1,8 +1,11 @@
-/* transcoder.h: what sessions want whose links take too little, made when the first one wants it and shared by all: deltas over several
- * versions of a tile, and tiles in wider steps.
- * Flow:    deltas: two versions of a tile -> [transcoder] -> a delta from one to the other -> deltas -> sessions
- *          deltas: a tile -> [transcoder] -> the same in wider steps, whole and as a delta to what was last made so -> deltas -> sessions
- * Threads: [loop]; a thread of its own does the work, since some 100 us a tile are too much for the network's. */
+/* transcoder.h: what sessions want whose links take too little, made when the first one wants it and shared
+ * by all: deltas over several versions of a tile, and tiles in wider steps.
+ * Flow:    deltas: two versions of a tile -> [transcoder] -> a delta from one to
+ *          the other -> deltas -> sessions
+ *          deltas: a tile -> [transcoder] -> the same in wider steps, whole and as a delta to what was
+ *          last made so -> deltas -> sessions
+ * Threads: [loop]; a thread of its own does the work, since some 100 us a tile are
+ *          too much for the network's. */
 #ifndef LW_SERVE_TRANSCODER_H
 #define LW_SERVE_TRANSCODER_H
 
@@ -10,30 +13,30 @@
 
 #define LW_TRANSCODER_JOBS_MAX 256u /* that are asked for and not collected */
 
-/* Steps of coarse tiles are 2^(LW_TRANSCODER_COARSER_Q / 8) times those of the tile: two fifths of the bytes, and a view that is off by
- * 4 to 6 % (docs/results/streaming.md). */
+/* Steps of coarse tiles are 2^(LW_TRANSCODER_COARSER_Q / 8) times those of the tile: two fifths of the bytes,
+ * and a view that is off by 4 to 6 % (docs/results/streaming.md). */
 #define LW_TRANSCODER_COARSER_Q 16u
 
-/** What is asked for: how version `version` of a tile differs from version `base`; or the coarse form of a tile, to be called
- * `version`. The coarse forms of a tile are asked for in the order of their versions. */
+/** What is asked for: how version `version` of a tile differs from version `base`; or the coarse form of a
+ * tile, to be called `version`. The coarse forms of a tile are asked for in the order of their versions. */
 struct lw_transcoder_job {
     uint32_t tile; /* lw_tile_id */
     bool coarse;   /* it is a coarse form, or between two of these */
     uint64_t base, version;
-    struct lw_blob *
-        from; /* LW_MESSAGE_TILE of version base, no delta; NULL: `to` is a tile of which a coarse form is wanted */
+    /* LW_MESSAGE_TILE of version base, no delta; NULL: `to` is a tile of which a coarse form is wanted. */
+    struct lw_blob *from;
     struct lw_blob *to; /* the same of version `version` */
 };
 
-/** What came of it. Its blobs are LW_MESSAGE_TILE, the collector's to unref; NULL where one would be no smaller than `to`, or cannot be
- * made. */
+/** What came of it. Its blobs are LW_MESSAGE_TILE, the collector's to unref; NULL where one would be no
+ * smaller than `to`, or cannot be made. */
 struct lw_transcoder_result {
     uint32_t tile;
     bool coarse;
     uint64_t base, version; /* base: 0 of a coarse form */
     struct lw_blob *blob;
-    struct lw_blob
-        *delta; /* of a coarse form: what it differs by from version delta_base, the coarse form before */
+    /* Of a coarse form: what it differs by from version delta_base, the coarse form before. */
+    struct lw_blob *delta;
     uint64_t delta_base;
 };
 

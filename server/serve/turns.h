@@ -8,7 +8,8 @@
 #include "server/serve/session.h"
 
 /** Gives it a turn: there may be something to send. Call when a new snapshot is there.
- * asked  for an answer: sessions that did not ask have another queue, and neither queue waits for the other */
+ * asked  for an answer: sessions that did not ask have another queue, and
+ *        neither queue waits for the other */
 void lw_turns_set_due(struct lw_session *session, bool asked);
 
 /** Sends to those who have a turn, each its share, alternately from both queues, until nobody has one or the

@@ -1,6 +1,8 @@
 /* updates.h: updates of the scene between the session that sent them and the frame that shows them.
- * Flow:    session -> [waiting] -> taken for a frame by the solver -> [taken] -> answered when that frame is published
- * Threads: lw_updates_take() [any], everything else [loop]; a mutex inside, held for an assignment or a short walk. */
+ * Flow:    session -> [waiting] -> taken for a frame by the solver -> [taken] ->
+ *          answered when that frame is published
+ * Threads: lw_updates_take() [any], everything else [loop]; a mutex inside, held for an
+ *          assignment or a short walk. */
 #ifndef LW_SERVE_UPDATES_H
 #define LW_SERVE_UPDATES_H
 
@@ -27,13 +29,15 @@ struct lw_updates {
 LW_MUST_CHECK enum lw_status lw_updates_init(struct lw_updates *updates);
 void lw_updates_finish(struct lw_updates *updates);
 
-/** Adds an update, whose changes are checked and copied, as is what its answer will say: the objects that it adds.
+/** Adds an update, whose changes are checked and copied, as is what its answer will
+ * say: the objects that it adds.
  * false: there are too many, or there is no memory for it. [loop] */
 bool lw_updates_add(struct lw_updates *updates, struct lw_session *session, uint64_t request,
                     const struct lw_scene_change *change, size_t count, const uint32_t *added,
                     size_t added_count);
 
-/** Takes all that wait, for a frame. *out_change: theirs, in order; the taker's to free(). Returns how many updates that
+/** Takes all that wait, for a frame. *out_change: theirs, in order; the taker's to
+ * free(). Returns how many updates that
  * were: none may have a change, and of all changes there may be none. [any] */
 size_t lw_updates_take(struct lw_updates *updates, uint64_t frame, struct lw_scene_change **out_change,
                        size_t *out_change_count);

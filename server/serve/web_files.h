@@ -2,8 +2,8 @@
  * Flow:    folder -> [web_files] -> path -> bytes -> web_server
  * Threads: built once; after that immutable, [any].
  *
- * A path is looked up in a list of what was found, so that none leads out of the folder. Links and names that begin with a dot
- * are left out. */
+ * A path is looked up in a list of what was found, so that none leads out of the folder. Links and names that
+ * begin with a dot are left out. */
 #ifndef LW_SERVE_WEB_FILES_H
 #define LW_SERVE_WEB_FILES_H
 
@@ -28,12 +28,14 @@ struct lw_web_files {
 };
 
 /** Reads all files of a folder and of the folders in it.
- * Errors, naming the file: LW_NO_INPUT, there is no such folder; LW_BAD_DATA, over one of the limits; LW_IO; LW_NO_MEMORY. */
+ * Errors, naming the file: LW_NO_INPUT, there is no such folder; LW_BAD_DATA, over one of the
+ * limits; LW_IO; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_web_files_read(const char *folder, struct lw_web_files *out_files,
                                                struct lw_error *err);
 void lw_web_files_finish(struct lw_web_files *files);
 
-/** The file at a URL's path, which is decoded; at a folder's, that ends with a slash, its index.html. NULL: there is none. */
+/** The file at a URL's path, which is decoded; at a folder's, that ends with a slash, its
+ * index.html. NULL: there is none. */
 const struct lw_web_file *lw_web_files_find(const struct lw_web_files *files, const char *path);
 
 #endif

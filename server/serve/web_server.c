@@ -61,7 +61,8 @@ static bool add_header(struct lws *wsi, uint8_t **at, uint8_t *end, const char *
                                        (int)strlen(value), at, end) == 0;
 }
 
-/* What a page of ours may do: nothing but our own files and our own WebSocket. The Host was looked at before. */
+/* What a page of ours may do: nothing but our own files and our own WebSocket.
+ * The Host was looked at before. */
 static bool add_policy(struct lws *wsi, const struct connection *c, uint8_t **at, uint8_t *end) {
     char policy[3 * LW_HTTP_ORIGIN_MAX + 300];
     snprintf(policy, sizeof policy,
@@ -102,7 +103,8 @@ static int write_headers(struct lws *wsi, struct connection *c, unsigned status,
 /* The next request may come. */
 static int end_answer(struct lws *wsi) { return lws_http_transaction_completed(wsi) ? -1 : 0; }
 
-/* A short answer in one go; after it the connection is closed: what else the peer sends makes no difference. */
+/* A short answer in one go; after it the connection is closed: what else the
+ * peer sends makes no difference. */
 static int refuse(struct lws *wsi, struct connection *c, unsigned status, const char *text) {
     const size_t size = strlen(text);
     if (write_headers(wsi, c, status, "text/plain; charset=utf-8", size, "no-store", NULL) < 0) return -1;

@@ -2,7 +2,8 @@
  * Flow:    listener -> [web_server] -> web_files, or ws_transport -> session
  * Threads: everything here is [loop], but for what it reads at the start.
  *
- * libwebsockets does HTTP on the server's own loop; this says what is answered. Limits are those of docs/operations.md. */
+ * libwebsockets does HTTP on the server's own loop; this says what is answered. Limits are
+ * those of docs/operations.md. */
 #ifndef LW_SERVE_WEB_SERVER_H
 #define LW_SERVE_WEB_SERVER_H
 
@@ -21,7 +22,8 @@ struct lw_web_server_desc {
     const char *host;    /* that it listens on: a Host may name it */
     const char *hosts;   /* further names that a Host may have, by commas; NULL: none */
     const char *origins; /* further Origins that may open a WebSocket, by commas; NULL: none */
-    /* For monitoring: pages are made when they are asked for, and there are neither files nor WebSockets. May be NULL. */
+    /* For monitoring: pages are made when they are asked for, and there are neither files
+     * nor WebSockets. May be NULL. */
     bool (*page)(void *context, const char *path, struct lw_server_page *out_page);
     void *page_context;
 };
@@ -36,7 +38,8 @@ LW_MUST_CHECK enum lw_status lw_web_server_create(const struct lw_web_server_des
 /** Takes the next connection of a listener, or closes it. */
 void lw_web_server_accept(struct lw_web_server *server, uv_stream_t *listener);
 
-/** Begins to close all connections. Then run the loop until it has nothing left, and destroy. NULL is fine. */
+/** Begins to close all connections. Then run the loop until it has nothing
+ * left, and destroy. NULL is fine. */
 void lw_web_server_close(struct lw_web_server *server);
 void lw_web_server_destroy(struct lw_web_server *server);
 

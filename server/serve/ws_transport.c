@@ -46,8 +46,8 @@ static void read_on(struct lw_session_transport *transport, bool on) {
     if (!link->lost) lws_rx_flow_control(link->wsi, on);
 }
 
-/* A Close with a reason. To return from writeable() would not do: a debug build of libwebsockets, as Debian's is, then
- * closes twice, the second time at once. */
+/* A Close with a reason. To return from writeable() would not do: a debug build of libwebsockets, as Debian's
+ * is, then closes twice, the second time at once. */
 static int end_writing(struct lw_session_transport *transport, enum lw_refusal code, const char *text) {
     struct lw_ws_transport *link = link_of(transport);
     char reason[REASON_MAX];

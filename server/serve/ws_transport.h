@@ -1,4 +1,5 @@
-/* ws_transport.h: sessions that are a WebSocket each: binary messages carry the bytes of a TCP stream, cut anywhere.
+/* ws_transport.h: sessions that are a WebSocket each: binary messages carry the bytes
+ * of a TCP stream, cut anywhere.
  * Flow:    web_server <-> [ws_transport] <-> session
  * Threads: everything here is [loop].
  *
@@ -25,7 +26,8 @@ struct lw_ws_transport_shared {
 
 struct lw_ws_transport;
 
-/** Begins a session on a WebSocket whose handshake is done. NULL: there is no memory, or too many wait for their close. */
+/** Begins a session on a WebSocket whose handshake is done. NULL: there is no memory, or
+ * too many wait for their close. */
 struct lw_ws_transport *lw_ws_transport_open(struct lw_ws_transport_shared *shared, struct lws *wsi);
 
 /* Events of libwebsockets. What is not 0 is for its callback to return: the WebSocket is to be closed. */
