@@ -28,6 +28,6 @@ install(FILES packaging/systemd/lightwelld.conf DESTINATION ${CMAKE_INSTALL_DOCD
 install(DIRECTORY packaging/prometheus DESTINATION ${CMAKE_INSTALL_DOCDIR})
 
 # Documents name each other by their place in this tree, so they keep it, too.
-install(FILES LICENSE README.md CHANGELOG.md CONTRIBUTING.md DESTINATION ${CMAKE_INSTALL_DOCDIR})
+install(FILES LICENSE README.md CHANGELOG.md CONTRIBUTING.md SECURITY.md DESTINATION ${CMAKE_INSTALL_DOCDIR})
 install(FILES proto/lightwell.proto proto/wire_format.md DESTINATION ${CMAKE_INSTALL_DOCDIR}/proto)
 install(DIRECTORY docs examples DESTINATION ${CMAKE_INSTALL_DOCDIR})

@@ -8,6 +8,7 @@
 set -euo pipefail
 folder=${1:+$(realpath --canonicalize-missing "$1")}
 cd "$(dirname "$0")/.."
+. packaging/debian_root.sh
 
 die() {
     echo "docker/test.sh: $1" >&2
@@ -39,25 +40,11 @@ trap finish EXIT
 
 # make_base: $work/base, as debian:12-slim is
 make_base() {
-    # shellcheck disable=SC2016 # apt's variables
-    apt-get indextargets --format 'deb $(REPO_URI) $(RELEASE) $(COMPONENT)' \
-        'Created-By: Packages' 'Origin: Debian' |
-        grep -E ' bookworm(-[a-z]+)? ' | sort -u >"$work/sources.list" ||
-        die "apt knows no source of Debian 12 (bookworm) here: apt-get update"
-    apt-config dump | grep -E '^Acquire::(http|https|Check-Date|Check-Valid-Until)' >"$work/apt.conf" || true
-    local certificates=()
-    if grep -q ' https:' "$work/sources.list"; then
-        # shellcheck disable=SC2016 # the hook's variable
-        certificates=('--setup-hook=cp --parents /etc/ssl/certs/ca-certificates.crt "$1"')
-    fi
     echo "docker/test.sh: the base of both stages" >&2
-    # usr-is-merged stands in for a package that wants perl
-    mmdebstrap --quiet --variant=minbase --aptopt="$work/apt.conf" "${certificates[@]}" \
-        --include=usr-is-merged --hook-dir=/usr/share/mmdebstrap/hooks/merged-usr \
+    make_debian_root "$work" "$work/base" \
         --dpkgopt='path-exclude=/usr/share/man/*' --dpkgopt='path-exclude=/usr/share/locale/*' \
-        --dpkgopt='path-exclude=/usr/share/doc/*' --dpkgopt='path-include=/usr/share/doc/*/copyright' \
-        bookworm "$work/base" - <"$work/sources.list" >"$work/base.log" 2>&1 ||
-        die "mmdebstrap: $(cat "$work/base.log")"
+        --dpkgopt='path-exclude=/usr/share/doc/*' --dpkgopt='path-include=/usr/share/doc/*/copyright' ||
+        die "there is no base"
     echo 'APT::Keep-Downloaded-Packages "false"; Dir::Cache { pkgcache ""; srcpkgcache ""; };' \
         >"$work/base/etc/apt/apt.conf.d/docker-clean"
 }
