@@ -1,6 +1,7 @@
 #!/bin/bash
 # Runs the steps of docker/Dockerfile without Docker, each stage in a root folder that mmdebstrap makes; then
-# what Docker would run: the server, as the image's user and as process 1, and its HEALTHCHECK.
+# what Docker would run: the server, as the image's user and as process 1, in a root that it cannot write, and its
+# HEALTHCHECK.
 #     docker/test.sh            in a temporary folder, which it removes
 #     docker/test.sh FOLDER     in FOLDER, a new one, which stays
 # Wants root, mmdebstrap, iproute2, a Debian 12 whose apt sources and proxies it passes on, 3 GB and minutes.
@@ -171,6 +172,21 @@ run_dockerfile() {
 
 # ---- the server ----
 
+# make_read_only: from here on the stage's root is as docker run --read-only --tmpfs /tmp gives it, with a volume at
+# the user's home
+make_read_only() {
+    local written=$root home
+    home=$(awk -F: -v user="$user" '$1 == user { print $6 }' "$root/etc/passwd")
+    root=$work/read_only
+    mkdir "$root"
+    mount --bind "$written" "$root"
+    mount -o remount,bind,ro "$root"
+    mount -t proc proc "$root/proc"
+    mount -t tmpfs -o mode=1777 tmpfs "$root/tmp"
+    mount --bind "$written$home" "$root$home"
+    stage_changed
+}
+
 in_network() { nsenter --net="$work/net" "$@"; }
 is_healthy() {
     in_network timeout "$health_timeout" "${enter[@]}" "${healthcheck[@]}" >"$work/health.log" 2>&1
@@ -217,6 +233,7 @@ for program in $programs; do
     "${enter[@]}" "$program" --help >/dev/null || die "$program does not start"
 done
 
+make_read_only
 touch "$work/net"
 unshare --net="$work/net" ip link set lo up
 serve "${cmd[@]}"

@@ -140,6 +140,24 @@ while read -r document; do
     done < <(grep -oP '`\K(common|proto|server|client|tests|docs|scripts|cmake)/[\w./*-]+(?=`)' "$document")
 done < <(git ls-files '*.md')
 
+# The Dockerfile, by an npm package, where scripts/deps.sh has fetched it. A warning counts, too.
+docker_lint=client/web/node_modules/dockerfile-utils/bin/dockerfile-utils
+if command -v node >/dev/null && [ -e $docker_lint ]; then
+    found=$(node $docker_lint lint docker/Dockerfile 2>&1 || true)
+    if [ -n "$found" ]; then complain "docker/Dockerfile:"$'\n'"$found"; fi
+else
+    echo "lint: docker/Dockerfile is not looked at: there is no dockerfile-utils (scripts/deps.sh)" >&2
+fi
+
+# What the Debian packages are built from is what scripts/deps.sh installs; the library's symbols are those of its header.
+unknown=$(sed -n '/^Build-Depends:/,/^Standards/p' debian/control | grep -oP '^ \K[a-z0-9.+-]+' | grep -vx debhelper-compat |
+    while read -r package; do grep -qE "(^|[ (])$package([ )]|\$)" scripts/deps.sh || echo "$package"; done)
+if [ -n "$unknown" ]; then complain "debian/control: scripts/deps.sh does not install ${unknown//$'\n'/, }"; fi
+symbols=$(diff <(grep -oP '^ \Klw_live_[a-z0-9_]+(?=@Base)' debian/liblightwell1.symbols | sort) \
+    <(tr '\n' ' ' <client/include/lightwell/lightwell.h | grep -oP 'LW_LIVE_API[^(;]*?\b\Klw_live_[a-z0-9_]+(?= *\()' |
+        sort -u) || true)
+if [ -n "$symbols" ]; then complain "debian/liblightwell1.symbols (<) and lightwell.h (>) differ:"$'\n'"$symbols"; fi
+
 bin=build/release/bin
 programs='lightwelld lightwellctl lightwell-view lightwell-bake lightwell-import lightwell-load'
 missing=$(for program in $programs; do [ -x $bin/$program ] || echo $program; done)
