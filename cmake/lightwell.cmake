@@ -77,6 +77,8 @@ endfunction()
 function(lw_test_environment name)
   # tests run beside each other: threads that have nothing to do should not spin
   set_property(TEST ${name} APPEND PROPERTY ENVIRONMENT "OMP_WAIT_POLICY=passive")
+  # scripts read what lightwelld says
+  set_property(TEST ${name} APPEND PROPERTY ENVIRONMENT "LIGHTWELL_LOG_FORMAT=text")
   if(LW_SANITIZE MATCHES "thread")
     # libomp, Embree and TBB are not instrumented: archer (part of libomp) tells TSan of OpenMP's barriers, and memory
     # that only those libraries touch is not looked at; threads are joined before the end, so nothing is waited for

@@ -18,8 +18,6 @@
 #define BAR_CELLS_MAX   40u
 #define COLUMNS_UNKNOWN 80u
 
-static bool on_terminal(void) { return isatty(STDERR_FILENO); }
-
 static unsigned terminal_columns(void) {
     struct winsize size;
     return ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col ? size.ws_col : COLUMNS_UNKNOWN;
@@ -91,7 +89,7 @@ void lw_progress_step(struct lw_progress *p, uint64_t steps) {
     uint64_t now = lw_clock_ns(), elapsed = now - p->started_ns;
     if (elapsed < QUIET_NS) return;
     uint64_t shown = atomic_load_explicit(&p->shown_ns, memory_order_relaxed);
-    bool bar = on_terminal();
+    bool bar = lw_log_is_drawn();
     /* another thread may have read the clock later and shown since: then shown > now */
     if (shown && (shown > now || now - shown < (bar ? BAR_EVERY_NS : LINE_EVERY_NS))) return;
     /* of several threads that find it due, one shows */

@@ -167,7 +167,7 @@ if [ -z "$missing" ]; then
         sed -n '/^#/p' scripts/crossover.sh
     } | grep -oP -- '--[a-z][a-z-]*' | sort -u)
     for document in README.md docs/{architecture,solve,change,serving,composing,limitations,operations,baking,importing,planning}.md; do
-        unknown=$(sed 's/systemctl .*//; s/`systemd-analyze [^`]*`//' $document | grep -oP -- '(?<![\w-])--[a-z][a-z-]*' |
+        unknown=$(sed 's/systemctl .*//; s/dpkg-buildpackage .*//; s/`systemd-analyze [^`]*`//' $document | grep -oP -- '(?<![\w-])--[a-z][a-z-]*' |
             sort -u | comm -23 - <(echo "$options") || true)
         if [ -n "$unknown" ]; then complain "$document: no program has ${unknown//$'\n'/, }"; fi
     done

@@ -78,7 +78,7 @@ struct settings {
     double tracing_range, cell_size, probe_spacing, frame_rate, frame_budget_ms, freeze_s, error, link_rate,
         tile_step, stall_s, return_s;
     bool animate, freeze, json;
-    int clock, light, codec;
+    int clock, light, codec, log_format, log_level;
     char host[256], http_host[256]; /* http_host "": none */
     char metrics_host[256];         /* "": none */
     uint16_t port, http_port, metrics_port;
@@ -326,6 +326,12 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "Costs the "
          "memory of as many objects, and no ray (default: none; what is removed can be added again)",
          LW_OPTION_STRING, &s->spares, 0, 0, NULL},
+        {"log-format", LW_LOG_FORMATS,
+         "lines on stderr: text for people, or a JSON object each (default auto: text on a terminal, else "
+         "JSON)",
+         LW_OPTION_CHOICE, &s->log_format, 0, 0, NULL},
+        {"log-level", LW_LOG_LEVELS, "the most verbose lines that are shown (default info)", LW_OPTION_CHOICE,
+         &s->log_level, 0, 0, NULL},
         {"json", NULL, "print one JSON object per frame to stdout", LW_OPTION_FLAG, &s->json, 0, 0, NULL},
         LW_SCENE_OPEN_OPTIONS(&s->scene),
     };
@@ -657,6 +663,10 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
                                                               .solve = &solve,
                                                               .publish = &publish});
     d->frame_count++;
+    if (solve.tiles_solved || news)
+        lw_log(LW_LOG_DEBUG, "frame %llu: %.1f ms, %u tiles solved, %u shown, %zu changes",
+               (unsigned long long)frame, (double)cost.wall_ns * 1e-6, (unsigned)solve.tiles_solved,
+               (unsigned)solve.tiles_shown, cost.changes);
     if (d->settings.json) print_frame(d, frame, &cost, &solve, &publish);
     return LW_OK;
 }
@@ -1066,6 +1076,7 @@ int main(int argc, char **argv) {
                      .seed = 1,
                      .stall_s = STALL_S,
                      .return_s = RETURN_S,
+                     .log_level = LW_LOG_INFO,
                      .error = (double)TARGET_ERROR,
                      .scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG, .cancel = &signalled}}};
     struct lw_error err = {0};
@@ -1074,6 +1085,10 @@ int main(int argc, char **argv) {
     lw_wait_passively(argv);
     d.program = argv[0];
     enum lw_status status = parse(&d.settings, argc, argv, &done, &err);
+    if (status == LW_OK) { /* a mistake in the options is told as text */
+        lw_log_init("lightwelld", (enum lw_log_level)d.settings.log_level);
+        lw_log_set_format((enum lw_log_format)d.settings.log_format);
+    }
     if (status == LW_OK && !done) status = lw_trace_check_isa(&d.isa, &err); /* before anybody is served */
     if (status == LW_OK && !done) {
         lw_interrupt_watch(on_early_signal, NULL);

@@ -51,8 +51,8 @@ static enum lw_status spawn(struct lw_own_server *s, const char *scene, struct l
     char program[PATH_MAX];
     int failure[2], error = 0;
     lw_program_path("lightwelld", program, sizeof program);
-    const char *const arguments[] = {program,       scene,        "--listen", "127.0.0.1:0",
-                                     "--port-file", s->port_file, NULL};
+    const char *const arguments[] = {program, scene,         "--listen",   "127.0.0.1:0", "--log-format",
+                                     "text",  "--port-file", s->port_file, NULL};
     if (pipe2(failure, O_CLOEXEC) < 0)
         return lw_status_fail(err, LW_OS, "cannot make a pipe: %s", strerror(errno));
     const pid_t parent = getpid(), pid = fork();

@@ -89,7 +89,7 @@ static int set_attributes(posix_spawnattr_t *attributes) {
 
 static enum lw_status start(struct importer *importer, struct lw_error *err) {
     const struct lw_import_spawn_desc *desc = importer->desc;
-    char density[64], most[32], side[32], threads[32], failure[32],
+    char density[64], most[32], side[32], threads[32], failure[32], level[32],
         environment[PATH_MAX + sizeof "--environment="];
     snprintf(density, sizeof density, "--texels-per-metre=%.9g", desc->texels_per_metre);
     snprintf(most, sizeof most, "--max-texels=%u", desc->texels_max);
@@ -99,8 +99,11 @@ static enum lw_status start(struct importer *importer, struct lw_error *err) {
     if (desc->environment && strlen(desc->environment) >= PATH_MAX)
         return lw_status_fail(err, LW_NO_INPUT, "%.200s...: the path is too long", desc->environment);
     snprintf(environment, sizeof environment, "--environment=%s", desc->environment ? desc->environment : "");
-    const char *arguments[14] = {importer->program, "-o", importer->package, failure};
+    snprintf(level, sizeof level, "--log-level=%s", lw_log_level_name(lw_log_get_level()));
+    const char *arguments[16] = {importer->program, "-o", importer->package, failure};
     size_t count = 4;
+    if (lw_log_get_level() != LW_LOG_INFO) arguments[count++] = level;
+    if (lw_log_get_format() == LW_LOG_JSON) arguments[count++] = "--log-format=json";
     if (desc->texels_per_metre > 0) arguments[count++] = density;
     if (desc->texels_max) arguments[count++] = most;
     if (desc->atlas_side_max) arguments[count++] = side;

@@ -44,6 +44,7 @@ struct arguments {
     double texels_per_metre;
     double scale, read_seconds;
     int sides; /* enum lw_foreign_sides */
+    int log_format, log_level;
     int64_t texels_max, atlas_side_max, threads, failure_fd;
     bool json, report, lightmap_unused;
 };
@@ -176,6 +177,15 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
          .value = &arguments->failure_fd,
          .min = 3,
          .max = 1 << 20},
+        /* The same: what they chose for their own lines. */
+        {.name = "log-format",
+         .argument = LW_LOG_FORMATS,
+         .kind = LW_OPTION_CHOICE,
+         .value = &arguments->log_format},
+        {.name = "log-level",
+         .argument = LW_LOG_LEVELS,
+         .kind = LW_OPTION_CHOICE,
+         .value = &arguments->log_level},
     };
     const struct lw_options options = {
         .program = PROGRAM,
@@ -410,7 +420,7 @@ static enum lw_status report_on(const struct arguments *arguments, const struct 
     if (sum_up(scene, report, &totals, err)) return err->status;
     if (arguments->report)
         print_table(scene, report, &totals, UINT32_MAX);
-    else if (!arguments->json && isatty(STDERR_FILENO))
+    else if (!arguments->json && lw_log_is_drawn())
         print_table(scene, report, &totals, TABLE_ROWS);
     return arguments->json ? print_json(arguments, scene, report, &totals, seconds, err) : LW_OK;
 }
@@ -512,10 +522,12 @@ static enum lw_status follow_starter(int failure_fd, struct lw_error *err) {
 
 int main(int argc, char **argv) {
     struct lw_error err = {0};
-    struct arguments arguments = {.scale = 1};
+    struct arguments arguments = {.scale = 1, .log_format = LW_LOG_TEXT, .log_level = LW_LOG_INFO};
     bool done = false;
     lw_log_init(PROGRAM, LW_LOG_INFO);
     enum lw_status status = parse(argc, argv, &arguments, &done, &err);
+    lw_log_init(PROGRAM, (enum lw_log_level)arguments.log_level);
+    lw_log_set_format((enum lw_log_format)arguments.log_format);
     if (status == LW_OK && arguments.failure_fd) status = follow_starter((int)arguments.failure_fd, &err);
     if (status == LW_OK && !done) status = run(&arguments, &err);
     if (status == LW_OK) return 0;

@@ -47,6 +47,7 @@ static void become(const char *path, char **argv, const int outputs[2], pid_t pa
     if (getppid() != parent) _exit(FAILED_EXEC);
     setenv("TMPDIR", lw_support_temporary("tmp"), 1);
     setenv("XDG_CACHE_HOME", lw_support_temporary("caches"), 1);
+    setenv("LIGHTWELL_LOG_FORMAT", "text", 0); /* tests read what the daemon says */
     unsetenv("DISPLAY");
     unsetenv("WAYLAND_DISPLAY");
     dup2(outputs[0], STDOUT_FILENO);

@@ -17,8 +17,8 @@ struct lw_process {
 };
 
 /** Starts a program of the build; `arguments` are words separated by blanks. It finds no display; $TMPDIR is
- * lw_support_temporary("tmp"), made if it is not there, $XDG_CACHE_HOME lw_support_temporary("caches"). Ends
- * the test where it cannot be started. */
+ * lw_support_temporary("tmp"), made if it is not there, $XDG_CACHE_HOME lw_support_temporary("caches"), and
+ * $LIGHTWELL_LOG_FORMAT text unless the test has set it. Ends the test where it cannot be started. */
 void lw_process_start(struct lw_process *process, const char *program, const char *arguments);
 
 /** Starts lightwelld on a free port of 127.0.0.1, or on a --listen among the arguments, and waits until it

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 #include <unistd.h>
 
 static char text[1 << 20]; /* what stderr received */
@@ -83,6 +84,81 @@ static void a_failure_gives_its_exit_code(void **state) {
     assert_int_equal(codes[3], 71);
 }
 
+/* "time" apart, which is checked for its form. */
+static const char *without_time(const char *line) {
+    static const char form[] = "{\"time\":\"dddd-dd-ddTdd:dd:dd.dddZ\",";
+    for (size_t i = 0; i < sizeof form - 1; i++)
+        if (form[i] == 'd' && i > 8 ? line[i] < '0' || line[i] > '9' : line[i] != form[i])
+            fail_msg("no time at the beginning of: %s", line);
+    return line + sizeof form - 1;
+}
+
+static void json_has_one_object_a_line(void **state) {
+    (void)state;
+    lw_log_init("tester", LW_LOG_DEBUG);
+    lw_log_set_format(LW_LOG_JSON);
+    lw_log(LW_LOG_WARNING, "a \"quoted\" \\ name\nand \303\251, \xff, \355\240\200");
+    const char *out = end_capture();
+    lw_log_set_format(LW_LOG_TEXT);
+    assert_string_equal(without_time(out), "\"level\":\"warning\",\"program\":\"tester\",\"message\":"
+                                           "\"a \\\"quoted\\\" \\\\ name?and \303\251, ?, ???\"}\n");
+}
+
+/* The year and day of the line's time are the system's. */
+static void json_tells_the_time(void **state) {
+    (void)state;
+    char before[32], after[32];
+    time_t now = time(NULL);
+    strftime(before, sizeof before, "%Y-%m-%dT%H:%M", gmtime(&now));
+    lw_log_init("tester", LW_LOG_INFO);
+    lw_log_set_format(LW_LOG_JSON);
+    lw_log(LW_LOG_INFO, "x");
+    now = time(NULL);
+    strftime(after, sizeof after, "%Y-%m-%dT%H:%M", gmtime(&now));
+    const char *out = end_capture() + strlen("{\"time\":\"");
+    lw_log_set_format(LW_LOG_TEXT);
+    assert_true(memcmp(out, before, strlen(before)) == 0 || memcmp(out, after, strlen(after)) == 0);
+}
+
+static void json_is_bounded(void **state) {
+    (void)state;
+    lw_log_init("tester", LW_LOG_INFO);
+    lw_log_set_format(LW_LOG_JSON);
+    char longer[5000];
+    memset(longer, '"', sizeof longer - 1);
+    longer[sizeof longer - 1] = 0;
+    lw_log(LW_LOG_INFO, "%s", longer);
+    const char *out = end_capture();
+    lw_log_set_format(LW_LOG_TEXT);
+    const size_t size = strlen(out);
+    assert_true(size > 1000 && size < 2400);
+    assert_string_equal(out + size - 5, "\\\"\"}\n");
+    size_t quotes = 0, backslashes = 0;
+    for (const char *c = strstr(out, "\"message\":\"") + 11; *c; c++)
+        quotes += *c == '"', backslashes += *c == '\\';
+    assert_int_equal(quotes, backslashes + 1);
+}
+
+static void a_handlers_line_has_the_same_form(void **state) {
+    (void)state;
+    lw_log_init("tester", LW_LOG_INFO);
+    lw_log_set_format(LW_LOG_JSON);
+    lw_log_in_handler("stopping");
+    const char *out = end_capture();
+    lw_log_set_format(LW_LOG_TEXT);
+    assert_string_equal(without_time(out),
+                        "\"level\":\"info\",\"program\":\"tester\",\"message\":\"stopping\"}\n");
+}
+
+static void auto_is_json_where_there_is_no_terminal(void **state) {
+    (void)state; /* stderr is a file */
+    lw_log_set_format(LW_LOG_AUTO);
+    const enum lw_log_format format = lw_log_get_format();
+    lw_log_set_format(LW_LOG_TEXT);
+    end_capture();
+    assert_int_equal(format, LW_LOG_JSON);
+}
+
 enum { THREADS = 4, LINES = 500 };
 
 static void *chatter(void *name) {
@@ -114,6 +190,11 @@ int main(void) {
         cmocka_unit_test_setup(talk_beyond_the_level_is_silent, start_capture),
         cmocka_unit_test_setup(a_line_stays_one_line_and_bounded, start_capture),
         cmocka_unit_test_setup(a_failure_gives_its_exit_code, start_capture),
+        cmocka_unit_test_setup(json_has_one_object_a_line, start_capture),
+        cmocka_unit_test_setup(json_tells_the_time, start_capture),
+        cmocka_unit_test_setup(json_is_bounded, start_capture),
+        cmocka_unit_test_setup(a_handlers_line_has_the_same_form, start_capture),
+        cmocka_unit_test_setup(auto_is_json_where_there_is_no_terminal, start_capture),
         cmocka_unit_test_setup(lines_of_threads_never_interleave, start_capture),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
