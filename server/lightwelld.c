@@ -69,7 +69,7 @@ struct settings {
     bool check_config, print_config;
     const char *listen, *port_file, *http, *http_port_file, *http_hosts, *http_origins, *web_root;
     const char *metrics, *metrics_port_file;
-    const char *tokens, *control_socket;
+    const char *tokens, *control_socket, *tls_certificate, *tls_key;
     const char *keep, *spares, *light_groups, *client_lights, *solver;
     const struct lw_solvers_entry *entry; /* of that name */
     int64_t address_sessions;             /* 0: the server's default */
@@ -163,6 +163,8 @@ static enum lw_status check(struct settings *s, struct lw_error *err) {
     }
     if (s->animate && s->freeze)
         return lw_status_fail(err, LW_USAGE, "--animate and --freeze exclude each other");
+    if (!s->tls_certificate != !s->tls_key)
+        return lw_status_fail(err, LW_USAGE, "--tls-certificate and --tls-key need each other");
     status = lw_options_address(s->listen, s->host, sizeof s->host, &s->port, err);
     if (status != LW_OK) {
         lw_status_context(err, "--listen");
@@ -237,6 +239,16 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "tokens that clients must have, a line each: view TOKEN or control TOKEN (lightwellctl token makes "
          "one); read again at SIGHUP. credential:NAME is a credential of systemd (default: none is needed)",
          LW_OPTION_STRING, &s->tokens, 0, 0, NULL},
+        {"tls-certificate", "FILE",
+         "speak TLS 1.3 alone, by TCP and to browsers, as whom this certificate in PEM names, with its "
+         "issuers "
+         "below it; read again at SIGHUP. credential:NAME is a credential of systemd (default: no TLS)",
+         LW_OPTION_STRING, &s->tls_certificate, 0, 0, NULL},
+        {"tls-key", "FILE",
+         "the certificate's key in PEM, which nobody but its owner and its group may read; credential:NAME "
+         "as "
+         "above",
+         LW_OPTION_STRING, &s->tls_key, 0, 0, NULL},
         {"solver", "NAME", solvers, LW_OPTION_STRING, &s->solver, 0, 0, NULL},
         {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
          NULL},
@@ -859,7 +871,7 @@ static void tell_http(const struct daemon *d) {
     char address[sizeof s->http_host + 16];
     if (!lw_server_http_port(d->server)) return;
     format_address(address, sizeof address, s->http_host, lw_server_http_port(d->server));
-    lw_log(LW_LOG_INFO, "in a browser: http://%s/", address);
+    lw_log(LW_LOG_INFO, "in a browser: http%s://%s/", s->tls_certificate ? "s" : "", address);
 }
 
 static void tell_metrics(const struct daemon *d) {
@@ -998,6 +1010,7 @@ static enum lw_status create_server(struct daemon *d, struct lw_error *err) {
     struct lw_server_desc desc = {.host = s->host,
                                   .port = s->port,
                                   .tokens = s->tokens,
+                                  .tls = {s->tls_certificate, s->tls_key},
                                   .control_socket =
                                       strcmp(s->control_socket, "none") ? s->control_socket : NULL,
                                   .http_host = *s->http_host ? s->http_host : NULL,

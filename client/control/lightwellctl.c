@@ -42,7 +42,7 @@ static bool is_address(const char *text) {
 
 static bool takes_value(const char *option) {
     return strcmp(option, "--timeout") == 0 || strcmp(option, "--cache") == 0 ||
-           strcmp(option, "--token-file") == 0;
+           strcmp(option, "--token-file") == 0 || strcmp(option, "--ca") == 0;
 }
 
 /* Options may stand anywhere, negative numbers and "--" belong to the commands: these are taken out before

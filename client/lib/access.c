@@ -16,7 +16,11 @@ enum lw_status lw_access_address(const char *text, char *out_host, size_t host_s
 
 enum lw_status lw_access_read(const struct lw_access_options *options, struct lw_access *out_access,
                               struct lw_error *err) {
-    struct lw_access access = {0};
+    struct lw_access access = {.tls = {.wanted = options->tls || options->ca || options->tls_insecure,
+                                       .ca = options->ca,
+                                       .trusts_all = options->tls_insecure}};
+    if (options->ca && options->tls_insecure)
+        return lw_status_fail(err, LW_USAGE, "--ca and --tls-insecure exclude each other");
     const char *text = getenv("LIGHTWELL_TOKEN");
     if (options->token_file) {
         enum lw_status status = lw_token_read(options->token_file, &access.token, err);

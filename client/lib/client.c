@@ -24,6 +24,7 @@ struct lw_client {
     char *host, *name, *cache_folder; /* as given */
     uint16_t port;
     struct lw_access access;
+    struct ssl_ctx_st *trust; /* by TLS: whom it believes; NULL: in plain */
     unsigned timeout_ms;
     bool control, draws_direct;
     uint64_t rate_limit_bytes_hz, budget_ns;
@@ -533,7 +534,8 @@ static enum lw_status connect_and_greet(struct lw_client *c, struct lw_error *er
                         &(struct lw_link_desc){.host = c->host,
                                                .port = c->port,
                                                .timeout_ms = c->timeout_ms,
-                                               .prefers_local = c->control && !c->access.has_token},
+                                               .prefers_local = c->control && !c->access.has_token,
+                                               .tls = c->trust},
                         err);
     if (c->watch.enter) c->watch.enter(c->watch.context);
     if (status == LW_OK) c->link = *fresh;
@@ -590,8 +592,10 @@ enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_cli
     c->name = strdup(desc->name ? desc->name : "liblightwell");
     c->cache_folder = desc->cache_folder ? strdup(desc->cache_folder) : NULL;
     enum lw_status status = c->host && c->name && (c->cache_folder || !desc->cache_folder)
-                                ? connect_and_greet(c, err)
+                                ? lw_tls_trust_create(&c->access.tls, &c->trust, err)
                                 : lw_status_fail(err, LW_NO_MEMORY, "cannot create a client: out of memory");
+    c->access.tls.ca = NULL; /* it is the caller's */
+    if (status == LW_OK) status = connect_and_greet(c, err);
     if (status == LW_OK)
         *out_client = c;
     else
@@ -605,6 +609,7 @@ void lw_client_destroy(struct lw_client *c) {
     lw_download_finish(&c->download);
     lw_draws_finish(&c->draws);
     lw_link_finish(&c->link);
+    lw_tls_trust_unref(c->trust);
     lw_interest_finish(&c->interest);
     for (uint32_t i = 0; i < c->answer_count; i++)
         free((uint32_t *)c->answer[(c->answer_first + i) % LW_CLIENT_UPDATES_MAX].added);

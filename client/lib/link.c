@@ -1,6 +1,7 @@
 #include "client/lib/link.h"
 
 #include "client/lib/access.h"
+#include "client/lib/tls_trust.h"
 #include "common/clock.h"
 #include "common/control_path.h"
 
@@ -19,7 +20,9 @@
 #include <unistd.h>
 
 #define INPUT_SIZE (256u << 10) /* bytes in one read */
-#define SECOND_NS  1000000000ull
+#define SEALED_MORE                                                                                          \
+    (2u * LW_TLS_STREAM_RECORD) /* that TLS may have kept of the read before, and one to ask into */
+#define SECOND_NS 1000000000ull
 
 /* Milliseconds until a deadline, rounded up so that waiting does not spin, and 0 once it has passed. */
 static int milliseconds_until(uint64_t deadline_ns) {
@@ -122,11 +125,77 @@ static enum lw_status connect_by_name(struct lw_link *link, const char *host, ui
     return link->socket < 0 ? connect_failure(err, link->address, failure) : LW_OK;
 }
 
+/* ---- TLS ---- */
+
+/* Sends what TLS has made, as far as the socket takes it. Returns 0 or errno's value. */
+static int send_sealed(struct lw_link *link) {
+    struct lw_tls_output *sealed = &link->sealed;
+    while (link->sealed_sent < sealed->size) {
+        ssize_t sent = send(link->socket, sealed->bytes + link->sealed_sent, sealed->size - link->sealed_sent,
+                            MSG_NOSIGNAL);
+        if (sent < 0 && errno == EINTR) continue;
+        if (sent < 0) return errno == EWOULDBLOCK ? EAGAIN : errno;
+        link->sealed_sent += (size_t)sent;
+    }
+    sealed->size = link->sealed_sent = 0;
+    return 0;
+}
+
+/* Opens what has come; all of it goes into link->input, whose first *size bytes are in use. */
+static enum lw_status unseal(struct lw_link *link, size_t *size, struct lw_error *err) {
+    for (size_t got = 1; got;) {
+        enum lw_status status = lw_tls_stream_read(
+            link->tls, link->input + *size, INPUT_SIZE + SEALED_MORE - *size, &got, &link->sealed, err);
+        if (status != LW_OK) return status;
+        *size += got;
+    }
+    return LW_OK;
+}
+
+static enum lw_status read_sealed(struct lw_link *link, uint64_t deadline_ns, size_t *size,
+                                  struct lw_error *cause) {
+    struct pollfd wait = {.fd = link->socket, .events = POLLIN | (link->sealed.size ? POLLOUT : 0)};
+    if (poll(&wait, 1, milliseconds_until(deadline_ns)) == 0)
+        return lw_status_fail(cause, LW_TIMED_OUT, "it does not answer");
+    const ssize_t got = recv(link->socket, link->sealed_input, INPUT_SIZE, 0);
+    if (got < 0 && (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR)) return LW_OK;
+    if (got <= 0)
+        return lw_status_fail(cause, LW_CLOSED, "it hung up: %s", got ? strerror(errno) : "without a word");
+    if (link->first_byte < 0) link->first_byte = link->sealed_input[0];
+    lw_tls_stream_lend(link->tls, link->sealed_input, (size_t)got);
+    return unseal(link, size, cause);
+}
+
+/* What a server says right after is lent to the reader, as all that comes later. */
+static enum lw_status shake_hands(struct lw_link *link, const struct lw_link_desc *desc, uint64_t deadline_ns,
+                                  struct lw_error *err) {
+    struct lw_error cause = {0};
+    size_t size = 0;
+    link->sealed_input = malloc(INPUT_SIZE);
+    if (!link->sealed_input || lw_tls_stream_create(desc->tls, desc->host, &link->tls) != LW_OK)
+        return lw_status_fail(err, LW_NO_MEMORY, "cannot connect to %s: out of memory", link->address);
+    enum lw_status status = unseal(link, &size, &cause);
+    while (status == LW_OK && !lw_tls_stream_is_ready(link->tls)) {
+        const int failure = send_sealed(link);
+        if (failure && failure != EAGAIN)
+            status = lw_status_fail(&cause, LW_CLOSED, "%s", strerror(failure));
+        else
+            status = read_sealed(link, deadline_ns, &size, &cause);
+    }
+    const int failure = send_sealed(link); /* also what tells a server why it is not believed */
+    if (status == LW_OK && failure && failure != EAGAIN)
+        status = lw_status_fail(&cause, LW_CLOSED, "%s", strerror(failure));
+    if (status != LW_OK) return lw_tls_trust_explain(err, link->address, &cause, link->first_byte);
+    lw_message_reader_lend(&link->reader, link->input, size);
+    link->bytes_received += size;
+    return LW_OK;
+}
+
 enum lw_status lw_link_connect(struct lw_link *link, const struct lw_link_desc *desc, struct lw_error *err) {
     const uint64_t deadline_ns = lw_clock_ns() + desc->timeout_ms * 1000000ull;
     const bool is_path = strncmp(desc->host, LW_ACCESS_UNIX, strlen(LW_ACCESS_UNIX)) == 0;
     enum lw_status status = LW_OK;
-    *link = (struct lw_link){.socket = -1};
+    *link = (struct lw_link){.socket = -1, .first_byte = -1};
     if (is_path)
         snprintf(link->address, sizeof link->address, "%s", desc->host);
     else
@@ -138,14 +207,19 @@ enum lw_status lw_link_connect(struct lw_link *link, const struct lw_link_desc *
     }
     if (link->socket < 0 && desc->prefers_local && is_own_machine(desc->host))
         link->socket = connect_locally(desc->port, deadline_ns);
+    const bool by_tls = link->socket < 0 && desc->tls;
     if (link->socket < 0) status = connect_by_name(link, desc->host, desc->port, deadline_ns, err);
     if (status != LW_OK) return status;
-    link->input = malloc(INPUT_SIZE);
+    link->input = malloc(INPUT_SIZE + (by_tls ? SEALED_MORE : 0));
     if (!link->input) {
         lw_link_finish(link);
         return lw_status_fail(err, LW_NO_MEMORY, "cannot connect to %s: out of memory", link->address);
     }
     link->reader.body_max = LW_FRAMING_BODY_MAX;
+    if (by_tls && (status = shake_hands(link, desc, deadline_ns, err)) != LW_OK) {
+        lw_link_finish(link);
+        return status;
+    }
     link->heard_ns = link->pinged_ns = link->looked_ns = lw_clock_ns();
     return LW_OK;
 }
@@ -153,9 +227,14 @@ enum lw_status lw_link_connect(struct lw_link *link, const struct lw_link_desc *
 void lw_link_finish(struct lw_link *link) {
     if (link->socket >= 0) close(link->socket);
     lw_message_reader_clear(&link->reader);
+    lw_tls_stream_destroy(link->tls);
+    lw_tls_output_finish(&link->sealed);
     free(link->input);
+    free(link->sealed_input);
     link->socket = -1;
-    link->input = NULL;
+    link->tls = NULL;
+    link->sealed_sent = 0;
+    link->input = link->sealed_input = NULL;
 }
 
 void lw_link_hang_up(struct lw_link *link) { (void)shutdown(link->socket, SHUT_RDWR); }
@@ -164,7 +243,20 @@ static enum lw_status closed(const struct lw_link *link, const char *why, struct
     return lw_status_fail(err, LW_CLOSED, "%s closed the connection: %s", link->address, why);
 }
 
+/* What goes to TLS counts as sent: it can be no less than all of it. */
+static enum lw_status flush_by_tls(struct lw_link *link, struct lw_error *err) {
+    int failure = send_sealed(link);
+    if (!failure && link->outbox_size) {
+        if (lw_tls_stream_write(link->tls, link->outbox, link->outbox_size, &link->sealed) != LW_OK)
+            return closed(link, "TLS failed", err);
+        link->outbox_size = 0;
+        failure = send_sealed(link);
+    }
+    return failure && failure != EAGAIN ? closed(link, strerror(failure), err) : LW_OK;
+}
+
 static enum lw_status flush(struct lw_link *link, struct lw_error *err) {
+    if (link->tls) return flush_by_tls(link, err);
     while (link->outbox_size) {
         ssize_t sent = send(link->socket, link->outbox, link->outbox_size, MSG_NOSIGNAL);
         if (sent < 0 && errno == EINTR) continue;
@@ -215,7 +307,7 @@ enum lw_status lw_link_wait(struct lw_link *link, uint64_t deadline_ns, struct l
     for (;;) {
         uint64_t now_ns = lw_clock_ns(), ping_ns = link->pinged_ns + LW_LINK_PING_S * SECOND_NS;
         struct pollfd wait = {.fd = link->socket, .events = POLLIN};
-        if (link->outbox_size) wait.events |= POLLOUT;
+        if (link->outbox_size || link->sealed.size) wait.events |= POLLOUT;
         int ready = poll(&wait, 1, milliseconds_until(deadline_ns < ping_ns ? deadline_ns : ping_ns));
         if (ready < 0 && errno != EINTR)
             return lw_status_fail(err, LW_OS, "%s: cannot wait: %s", link->address, strerror(errno));
@@ -230,20 +322,32 @@ enum lw_status lw_link_wait(struct lw_link *link, uint64_t deadline_ns, struct l
     }
 }
 
+static enum lw_status receive_by_tls(struct lw_link *link, size_t sealed_size, size_t *out_size,
+                                     struct lw_error *err) {
+    struct lw_error cause = {0};
+    lw_tls_stream_lend(link->tls, link->sealed_input, sealed_size);
+    const enum lw_status status = unseal(link, out_size, &cause);
+    lw_message_reader_lend(&link->reader, link->input, *out_size);
+    if (status == LW_CLOSED) return closed(link, "it ended the session", err);
+    if (status != LW_OK) return lw_status_fail(err, status, "%s: TLS: %s", link->address, cause.text);
+    return flush(link, err); /* answers of TLS itself */
+}
+
 enum lw_status lw_link_receive(struct lw_link *link, size_t *out_size, struct lw_error *err) {
     *out_size = 0;
     if (lw_message_reader_keep(&link->reader) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory for a message", link->address);
     ssize_t size;
     do {
-        size = recv(link->socket, link->input, INPUT_SIZE, 0);
+        size = recv(link->socket, link->tls ? link->sealed_input : link->input, INPUT_SIZE, 0);
     } while (size < 0 && errno == EINTR);
     if (size < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return LW_OK;
     if (size < 0) return closed(link, strerror(errno), err);
     if (size == 0) return closed(link, "it ended the session", err);
-    lw_message_reader_lend(&link->reader, link->input, (size_t)size);
     link->bytes_received += (uint64_t)size;
     link->heard_ns = link->looked_ns = lw_clock_ns();
+    if (link->tls) return receive_by_tls(link, (size_t)size, out_size, err);
+    lw_message_reader_lend(&link->reader, link->input, (size_t)size);
     *out_size = (size_t)size;
     return LW_OK;
 }

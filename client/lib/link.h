@@ -1,9 +1,11 @@
-/* link.h: the client's end of the connection, by TCP or a Unix socket: framed messages in, framed messages out, silence noticed.
+/* link.h: the client's end of the connection, by TCP, in plain or by TLS, or a Unix socket: framed messages in,
+ * framed messages out, silence noticed.
  * Flow:    server -> socket -> [link] -> messages -> client
  * Threads: one thread at a time. */
 #ifndef LIGHTWELL_LINK_H
 #define LIGHTWELL_LINK_H
 
+#include "common/tls/tls_stream.h"
 #include "proto/message.h"
 #include "proto/message_reader.h"
 
@@ -20,6 +22,11 @@ struct lw_link {
     struct lw_message_reader reader;    /* to it that is lent */
     uint8_t outbox[LW_LINK_OUTBOX_SIZE];
     size_t outbox_size;
+    struct lw_tls_stream *tls;   /* NULL: it is plain */
+    struct lw_tls_output sealed; /* by TLS, of what was in the outbox */
+    size_t sealed_sent;
+    uint8_t *sealed_input; /* what was read last, before TLS */
+    int first_byte;        /* of that, of all; negative: nothing came */
     uint64_t bytes_received;
     uint64_t heard_ns, pinged_ns, looked_ns;
 };
@@ -32,10 +39,11 @@ struct lw_link_desc {
     /* To change the scene without a token: on the own machine (127.0.0.0/8, ::1, localhost) the server's Unix
      * socket is tried first. */
     bool prefers_local;
+    struct ssl_ctx_st *tls; /* by TLS, but on a Unix socket: whom to believe (tls_trust.h); NULL: in plain */
 };
 
-/** Connects within a time limit. Errors: LW_NO_HOST, LW_UNAVAILABLE, LW_TIMED_OUT, LW_OS, LW_NO_MEMORY, each naming the
- * address. lw_link_finish() is needed after success only. */
+/** Connects within a time limit, and shakes hands where there is TLS. Errors: LW_NO_HOST, LW_UNAVAILABLE,
+ * LW_TIMED_OUT, LW_OS, LW_NO_MEMORY, with TLS LW_NOT_ALLOWED and LW_PROTOCOL, each naming the address. lw_link_finish() is needed after success only. */
 LW_MUST_CHECK enum lw_status lw_link_connect(struct lw_link *link, const struct lw_link_desc *desc,
                                              struct lw_error *err);
 void lw_link_finish(struct lw_link *link);

@@ -247,7 +247,12 @@ static enum lw_status start_thread(struct lw_live *live, struct lw_error *err) {
 static enum lw_status open_client(struct lw_live *live, const struct lw_live_desc *desc,
                                   struct lw_error *err) {
     const bool has_thread = desc->flags & LW_LIVE_THREAD;
-    struct lw_access access = {.has_token = desc->token != NULL};
+    struct lw_access access = {.has_token = desc->token != NULL,
+                               .tls = {.wanted = desc->flags & (LW_LIVE_TLS | LW_LIVE_TLS_INSECURE),
+                                       .ca = desc->ca_file,
+                                       .trusts_all = desc->flags & LW_LIVE_TLS_INSECURE}};
+    if (desc->ca_file && (desc->flags & (LW_LIVE_TLS | LW_LIVE_TLS_INSECURE)) != LW_LIVE_TLS)
+        return lw_status_fail(err, LW_USAGE, "lw_live_desc: ca_file goes with LW_LIVE_TLS alone");
     if (desc->token && !lw_token_parse(desc->token, strlen(desc->token), &access.token))
         return lw_status_fail(err, LW_USAGE, "lw_live_desc: token is not 64 hexadecimal digits");
     struct lw_client_desc client = {
@@ -275,7 +280,7 @@ static enum lw_status open_client(struct lw_live *live, const struct lw_live_des
     return has_thread ? start_thread(live, err) : LW_OK;
 }
 
-/* As it was before it had a token. */
+/* As it was before it had a token and ca_file. */
 static bool read_first_desc(struct lw_live_desc *dst, const struct lw_live_desc *src) {
     const size_t size = offsetof(struct lw_live_desc, token);
     return size_in(src) == size && lw_live_read_struct(dst, size, src);
@@ -284,8 +289,8 @@ static bool read_first_desc(struct lw_live_desc *dst, const struct lw_live_desc 
 enum lw_live_status lw_live_open(const struct lw_live_desc *desc, struct lw_live **out_live,
                                  struct lw_live_error *err) {
     struct lw_live_desc d = {0};
-    const uint32_t flags =
-        LW_LIVE_THREAD | LW_LIVE_WANTS_NOTHING | LW_LIVE_DRAWS_DIRECT | LW_LIVE_CONTROL | LW_LIVE_AS_IT_IS;
+    const uint32_t flags = LW_LIVE_THREAD | LW_LIVE_WANTS_NOTHING | LW_LIVE_DRAWS_DIRECT | LW_LIVE_CONTROL |
+                           LW_LIVE_AS_IT_IS | LW_LIVE_TLS | LW_LIVE_TLS_INSECURE;
     if (!out_live) return lw_live_fail(err, LW_LIVE_USAGE, "out_live is NULL");
     if (!lw_live_read_struct(&d, sizeof d, desc) && !read_first_desc(&d, desc))
         return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_desc: struct_size is not sizeof desc");

@@ -126,9 +126,16 @@ enum lw_status lw_load_scene_fetch(const char *host, uint16_t port, const struct
     struct scout scout = {.scene = scene, .access = access, .keep = keep_compressed};
     *scene = (struct lw_load_scene){0};
     uint64_t began_ns = lw_clock_ns();
-    enum lw_status status = lw_link_connect(
-        &scout.link, &(struct lw_link_desc){.host = host, .port = port, .timeout_ms = TIMEOUT_MS}, err);
+    enum lw_status status = lw_tls_trust_create(&access->tls, &scene->trust, err);
     if (status != LW_OK) return status;
+    status = lw_link_connect(
+        &scout.link,
+        &(struct lw_link_desc){.host = host, .port = port, .timeout_ms = TIMEOUT_MS, .tls = scene->trust},
+        err);
+    if (status != LW_OK) {
+        lw_load_scene_finish(scene);
+        return status;
+    }
     socklen_t size = sizeof scene->address;
     struct lw_error cause = {0};
     if (getpeername(scout.link.socket, (struct sockaddr *)&scene->address, &size) != 0)
@@ -151,5 +158,6 @@ void lw_load_scene_finish(struct lw_load_scene *scene) {
     lw_viewer_model_destroy(scene->viewer_model);
     lw_atlas_map_finish(&scene->map);
     free(scene->compressed);
+    lw_tls_trust_unref(scene->trust);
     *scene = (struct lw_load_scene){0};
 }

@@ -12,6 +12,7 @@
 
 struct lw_load_scene {
     struct sockaddr_storage address; /* that answered */
+    struct ssl_ctx_st *trust;        /* by TLS: whom users believe; NULL: they connect in plain */
     struct lw_package_hash hash;     /* of the package */
     uint64_t package_size, compressed_size;
     uint8_t *compressed; /* the package as it came; NULL if it was not to be kept */
@@ -22,7 +23,7 @@ struct lw_load_scene {
 };
 
 /** Connects, downloads the package, reads it, leaves.
- * access            with which token
+ * access            with which token, and whether by TLS
  * keep_compressed   keep the package's bytes, to compare what others get
  * with_model        find out where tiles are
  * out_scene         must not be moved afterwards; all zero on failure

@@ -50,6 +50,8 @@ struct lw_load_session {
     unsigned attempt;
     uint64_t quiet_ns; /* STOPPED or LEAVING since */
 
+    struct lw_tls_stream *tls; /* NULL: it is plain */
+    int first_byte;            /* of what the server sent; negative: nothing came */
     struct lw_message_reader input;
     double allowance; /* bytes that a slow reader may read now */
     uint64_t allowed_ns;
@@ -88,6 +90,7 @@ static void on_closed(uv_handle_t *handle) {
     lw_message_reader_clear(&s->input);
     if (s->held) s->shared->held_bytes -= lw_tile_held_bytes_max(&s->shared->scene->map);
     lw_tile_held_destroy(s->held);
+    lw_tls_stream_destroy(s->tls);
     free(s->known);
     free(s->wanted);
     free(s->fresh);
@@ -249,14 +252,8 @@ static int queue(struct lw_load_session *s, uint8_t *bytes, size_t sent, size_t 
     return result;
 }
 
-static void send_message(struct lw_load_session *s, const struct lw_message *message) {
-    uint8_t *bytes;
-    size_t size;
-    if (is_over(s) || uv_stream_get_write_queue_size((uv_stream_t *)&s->tcp) > OUTBOX_MAX) return;
-    if (lw_message_encode_alloc(message, &bytes, &size) != LW_OK) {
-        fail(s, LW_LOAD_FAULT_SYSTEM, "out of memory for a message");
-        return;
-    }
+/* Sends what the link takes at once, and leaves the rest to libuv. Takes over `bytes`. */
+static void send_bytes(struct lw_load_session *s, uint8_t *bytes, size_t size) {
     uv_buf_t all = uv_buf_init((char *)bytes, (unsigned)size);
     int result = uv_try_write((uv_stream_t *)&s->tcp, &all, 1);
     size_t sent = result > 0 ? (size_t)result : 0;
@@ -266,6 +263,46 @@ static void send_message(struct lw_load_session *s, const struct lw_message *mes
         free(bytes);
     }
     if (result < 0) lose(s, uv_strerror(result));
+}
+
+/* Sends what TLS has made. */
+static void send_output(struct lw_load_session *s) {
+    struct lw_tls_output *output = &s->shared->output;
+    const size_t size = output->size;
+    output->size = 0;
+    if (!size) return;
+    uint8_t *bytes = malloc(size);
+    if (!bytes) {
+        fail(s, LW_LOAD_FAULT_SYSTEM, "out of memory for a message");
+        return;
+    }
+    memcpy(bytes, output->bytes, size);
+    send_bytes(s, bytes, size);
+}
+
+static void send_by_tls(struct lw_load_session *s, const uint8_t *bytes, size_t size) {
+    if (lw_tls_stream_write(s->tls, bytes, size, &s->shared->output) != LW_OK) {
+        s->shared->output.size = 0;
+        lose(s, "TLS failed");
+        return;
+    }
+    send_output(s);
+}
+
+static void send_message(struct lw_load_session *s, const struct lw_message *message) {
+    uint8_t *bytes;
+    size_t size;
+    if (is_over(s) || uv_stream_get_write_queue_size((uv_stream_t *)&s->tcp) > OUTBOX_MAX) return;
+    if (lw_message_encode_alloc(message, &bytes, &size) != LW_OK) {
+        fail(s, LW_LOAD_FAULT_SYSTEM, "out of memory for a message");
+        return;
+    }
+    if (!s->tls) {
+        send_bytes(s, bytes, size);
+        return;
+    }
+    send_by_tls(s, bytes, size);
+    free(bytes);
 }
 
 static void ping(struct lw_load_session *s, uint64_t now_ns) {
@@ -626,6 +663,50 @@ static void acknowledge(struct lw_load_session *s) {
     send_message(s, &(struct lw_message){.type = LW_MESSAGE_ACK, .ack.frame = s->frame});
 }
 
+/* ---- TLS ---- */
+
+static void greet(struct lw_load_session *s) {
+    s->state = GREETING;
+    s->heard_ns = lw_clock_ns();
+    const struct lw_access *access = &s->shared->options->access;
+    send_message(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
+                                         .hello = {.version = LW_WIRE_VERSION,
+                                                   .features = LW_FEATURES_READ,
+                                                   .name = "lightwell-load",
+                                                   .token = access->has_token ? access->token.bytes : NULL}});
+}
+
+static void fail_tls(struct lw_load_session *s, const struct lw_error *cause) {
+    struct lw_error err = {0};
+    if (s->state != CONNECTING) {
+        lose(s, cause->text);
+        return;
+    }
+    (void)lw_tls_trust_explain(&err, "the server", cause, s->first_byte);
+    fail(s, LW_LOAD_FAULT_CONNECT, "%s", err.text);
+}
+
+/* Opens what has come, and hands it on. */
+static void receive_by_tls(struct lw_load_session *s, const uint8_t *data, size_t size, uint64_t now_ns) {
+    struct lw_error cause = {0};
+    enum lw_status status;
+    size_t got;
+    if (size && s->first_byte < 0) s->first_byte = data[0];
+    lw_tls_stream_lend(s->tls, data, size);
+    do {
+        got = 0;
+        status = lw_tls_stream_read(s->tls, s->shared->record, sizeof s->shared->record, &got,
+                                    &s->shared->output, &cause);
+        send_output(s);
+        if (status == LW_OK && got && !is_over(s)) receive(s, s->shared->record, got, now_ns);
+    } while (status == LW_OK && got && s->state != CLOSED);
+    if (s->state == CLOSED) return;
+    if (status != LW_OK)
+        fail_tls(s, &cause);
+    else if (s->state == CONNECTING && lw_tls_stream_is_ready(s->tls))
+        greet(s);
+}
+
 static void on_read(uv_stream_t *stream, ssize_t size, const uv_buf_t *buffer) {
     struct lw_load_session *s = stream->data;
     if (size == UV_EOF) {
@@ -641,7 +722,10 @@ static void on_read(uv_stream_t *stream, ssize_t size, const uv_buf_t *buffer) {
     s->heard_ns = now_ns;
     s->shared->figures->bytes += (uint64_t)size;
     s->second_bytes += (uint64_t)size;
-    receive(s, (const uint8_t *)buffer->base, (size_t)size, now_ns);
+    if (s->tls)
+        receive_by_tls(s, (const uint8_t *)buffer->base, (size_t)size, now_ns);
+    else
+        receive(s, (const uint8_t *)buffer->base, (size_t)size, now_ns);
     if (s->state == STREAMING) acknowledge(s);
     s->allowance -= (double)size;
     if (s->reader == LW_LOAD_SLOW && s->allowance < 1 && s->state < STOPPED) {
@@ -661,14 +745,10 @@ static void on_connected(uv_connect_t *request, int result) {
         return;
     }
     (void)uv_tcp_nodelay(&s->tcp, 1);
-    s->state = GREETING;
-    s->heard_ns = lw_clock_ns();
-    const struct lw_access *access = &s->shared->options->access;
-    send_message(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
-                                         .hello = {.version = LW_WIRE_VERSION,
-                                                   .features = LW_FEATURES_READ,
-                                                   .name = "lightwell-load",
-                                                   .token = access->has_token ? access->token.bytes : NULL}});
+    if (s->tls)
+        receive_by_tls(s, NULL, 0, lw_clock_ns()); /* a client speaks first */
+    else
+        greet(s);
 }
 
 /* The kernel's buffers would read a few megabytes for someone who reads slowly. */
@@ -681,6 +761,9 @@ static void keep_buffers_small(struct lw_load_session *s) {
 static enum lw_status allocate(struct lw_load_session *s) {
     const uint32_t tiles = s->shared->scene->map.tile_count;
     s->missing = tiles;
+    if (s->shared->scene->trust &&
+        lw_tls_stream_create(s->shared->scene->trust, s->shared->options->host, &s->tls) != LW_OK)
+        return LW_NO_MEMORY;
     const size_t held_bytes = lw_tile_held_bytes_max(&s->shared->scene->map);
     /* of who comes back with versions, but without the light of them, nothing can be followed */
     if (!s->known && s->number % LW_LOAD_FOLLOWED_ONE_IN == 1 &&
@@ -713,6 +796,7 @@ static enum lw_status start(struct lw_load_shared *shared, uint32_t number, enum
         return cannot_start(shared, result);
     }
     s->tcp.data = s;
+    s->first_byte = -1;
     s->input.body_max = LW_FRAMING_BODY_MAX;
     s->shared = shared;
     s->number = number;

@@ -10,6 +10,7 @@
 #include "client/load/load_options.h"
 #include "client/load/load_scene.h"
 #include "client/load/tile_check.h"
+#include "common/tls/tls_stream.h"
 
 #include <uv.h>
 
@@ -47,11 +48,13 @@ struct lw_load_shared {
     struct lw_load_return *returning; /* in no order */
     size_t held_bytes;                /* that followed sessions may take */
     struct lw_load_figures *figures;
-    struct lw_load_session *first;   /* all that have not ended, also those that have said goodbye */
-    uint32_t live_count;             /* of them: those that have not said goodbye */
-    uint32_t session_count;          /* whose handles are not closed yet */
-    uint64_t measured_from_ns;       /* while figures->measuring */
-    uint8_t read_buffer[256u << 10]; /* libuv hands a read over before it starts the next */
+    struct lw_load_session *first;        /* all that have not ended, also those that have said goodbye */
+    uint32_t live_count;                  /* of them: those that have not said goodbye */
+    uint32_t session_count;               /* whose handles are not closed yet */
+    uint64_t measured_from_ns;            /* while figures->measuring */
+    uint8_t read_buffer[256u << 10];      /* libuv hands a read over before it starts the next */
+    uint8_t record[LW_TLS_STREAM_RECORD]; /* what TLS reads, in plain */
+    struct lw_tls_output output;          /* what it made: empty between calls; the owner finishes it */
     lw_tile_id chosen[LW_MESSAGE_INTEREST_MAX];
     struct lw_message_interest_tile named[LW_MESSAGE_INTEREST_MAX];
 };

@@ -326,6 +326,7 @@ enum lw_status lw_load_test_run(const struct lw_load_options *options, struct lw
     lw_load_session_forget_returning(&s->shared);
     lw_tile_check_destroy(s->shared.check);
     lw_frame_clock_finish(&s->shared.clock);
+    lw_tls_output_finish(&s->shared.output);
     lw_load_scene_finish(&s->scene);
     free(s);
     if (status == LW_OK)

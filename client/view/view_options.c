@@ -24,9 +24,9 @@ struct raw {
 static const char *const of_every_way[] = {"camera",   "camera-name", "size",    "tonemap",
                                            "exposure", "threads",     "version", NULL};
 static const char *const of_a_server[] = {"headless", "wait", "timeout", "cache", "samples-per-pixel", NULL};
-static const char *const of_viewers[] = {"direct", "renderer", "token-file",
-                                         NULL};              /* --headless and the window */
-static const char *const of_files[] = {"out", "json", NULL}; /* --headless and --path-trace */
+static const char *const of_viewers[] = {"direct", "renderer",     "token-file", "tls",
+                                         "ca",     "tls-insecure", NULL}; /* --headless and the window */
+static const char *const of_files[] = {"out", "json", NULL};              /* --headless and --path-trace */
 
 static bool is_among(const char *name, const char *const *list) {
     for (; *list; list++)

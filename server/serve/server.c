@@ -465,7 +465,22 @@ static void on_connection(uv_stream_t *listener, int result) {
 
 /* ---- files that are read again ---- */
 
-void lw_server_reload(struct lw_server *server) {
+static void tell_certificate(const struct lw_server *server) {
+    char about[256];
+    lw_tls_context_about(server->tcp.tls, about, sizeof about);
+    lw_log(LW_LOG_INFO, "TLS: %s", about);
+}
+
+static void reload_certificate(struct lw_server *server) {
+    struct lw_error err = {0};
+    if (!server->tcp.tls) return;
+    if (lw_tls_context_reload(server->tcp.tls, &err) == LW_OK)
+        tell_certificate(server);
+    else
+        lw_log(LW_LOG_ERROR, "the certificate stays as it was: %s", err.text);
+}
+
+static void reload_tokens(struct lw_server *server) {
     struct lw_session_shared *shared = &server->shared;
     struct lw_error err = {0};
     struct lw_tokens *tokens;
@@ -481,6 +496,22 @@ void lw_server_reload(struct lw_server *server) {
         next = lw_session_next(s);
         lw_session_check_token(s);
     }
+}
+
+void lw_server_reload(struct lw_server *server) {
+    reload_certificate(server);
+    reload_tokens(server);
+}
+
+static enum lw_status read_certificate(struct lw_server *server, const struct lw_server_desc *desc,
+                                       struct lw_error *err) {
+    if (!desc->tls.certificate) return LW_OK;
+    const enum lw_status status = lw_tls_context_create(&desc->tls, &server->tcp.tls, err);
+    if (status != LW_OK)
+        lw_status_context(err, "--tls-certificate, --tls-key");
+    else
+        tell_certificate(server);
+    return status;
 }
 
 static enum lw_status read_tokens(struct lw_server *server, const struct lw_server_desc *desc,
@@ -567,6 +598,7 @@ static enum lw_status start_http(struct lw_server *server, const struct lw_serve
                                  struct lw_error *err) {
     const struct lw_web_server_desc web = {.loop = &server->loop,
                                            .sessions = &server->shared,
+                                           .tls = server->tcp.tls,
                                            .root = desc->http_root,
                                            .host = desc->http_host,
                                            .hosts = desc->http_hosts,
@@ -751,6 +783,7 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
     set_descriptor_limit();
     enum lw_status status = init_handles(server, err);
     if (status == LW_OK) status = read_tokens(server, desc, err);
+    if (status == LW_OK) status = read_certificate(server, desc, err);
     if (status == LW_OK)
         status = start_listening(&server->listener, desc->host ? desc->host : "127.0.0.1", desc->port,
                                  "--listen", &server->port, err);
@@ -873,6 +906,8 @@ void lw_server_destroy(struct lw_server *server) {
     lw_address_places_finish(&shared->places);
     lw_scene_roster_finish(&shared->roster);
     lw_tokens_destroy(shared->tokens);
+    lw_tls_context_destroy(server->tcp.tls);
+    lw_tls_output_finish(&server->tcp.output);
     free(server->tokens_path);
     uv_mutex_destroy(&shared->stats_mutex);
     uv_mutex_destroy(&server->mutex);

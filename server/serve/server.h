@@ -14,6 +14,7 @@
 #include "server/serve/server_limits.h"
 #include "server/serve/server_page.h"
 #include "server/serve/server_stats.h"
+#include "server/serve/tls_context.h"
 
 /** What the loop asks of whoever runs the server, and tells him; all of it [loop]. Zero: nothing. */
 struct lw_server_hooks {
@@ -31,8 +32,9 @@ struct lw_server_desc {
     /* Where the server's user and root change the scene: a path, or "auto" (control_path.h), whose failure is
      * a warning; NULL: nowhere. Copied. */
     const char *control_socket;
-    const char *tokens; /* file of tokens.h: each session needs one of them; NULL: none does */
-    uint16_t port;      /* 0: the system picks one */
+    const char *tokens;             /* file of tokens.h: each session needs one of them; NULL: none does */
+    struct lw_tls_context_desc tls; /* certificate NULL: TCP and HTTP are plain. It outlives the server */
+    uint16_t port;                  /* 0: the system picks one */
     /* HTTP and WebSocket, if http_host is not NULL: web_server.h says what the strings mean. */
     const char *http_host, *http_root, *http_hosts, *http_origins;
     uint16_t http_port;                   /* 0: the system picks one */
@@ -71,8 +73,9 @@ struct lw_server;
  * Errors: LW_UNAVAILABLE naming the address in use and what to do; LW_NO_HOST; LW_OS; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_server_create(const struct lw_server_desc *desc,
                                               struct lw_server **out_server, struct lw_error *err);
-/** Reads its files again: tokens. Sessions whose token has gone, or changed its role, are refused. Where a
- * file cannot be used what was read before holds. Logs what became of it. [loop], as hooks.reload */
+/** Reads its files again: certificate and key, tokens. Sessions whose token has gone, or changed its role, are
+ * refused. Where a file cannot be used what was read before holds. Logs what became of it. [loop], as
+ * hooks.reload */
 void lw_server_reload(struct lw_server *server);
 /** The port that it listens on. */
 uint16_t lw_server_port(const struct lw_server *server);

@@ -1,5 +1,6 @@
 #include "server/serve/tcp_transport.h"
 
+#include "common/clock.h"
 #include "server/serve/control_socket.h"
 
 #include <assert.h>
@@ -15,12 +16,29 @@
 
 #define KEEPALIVE_S   30
 #define NOTSENT_LOWAT (128 << 10) /* bytes; what the kernel holds cannot be replaced by a newer version */
+#define HANDSHAKES_NS 2000000u    /* of a turn of the loop: the others go on in the next one */
+#define ASIDE_MAX     (32u << 10) /* bytes that TLS itself may have waiting: answers to whoever reads none */
 
 /* A write that libuv has not finished: it holds the blobs meanwhile. */
 struct pending_write {
     uv_write_t request;
     uint32_t blob_count;
     struct lw_blob *blob[];
+};
+
+/* The same of TLS, whose bytes are of this link alone. */
+struct tls_write {
+    uv_write_t request;
+    bool of_session; /* which waits for it */
+    uint8_t bytes[];
+};
+
+enum tls {
+    TLS_NONE,    /* a Unix socket, or a server without a certificate */
+    TLS_EXPECTS, /* nothing has come */
+    TLS_SHAKES_HANDS,
+    TLS_READY,
+    TLS_FAILED /* nothing can be said any more */
 };
 
 struct link {
@@ -35,6 +53,10 @@ struct link {
     struct lw_tcp_transport_shared *shared;
     struct pending_write *pending;
     uint64_t turn; /* of the loop, in which it was last read */
+    bool is_new;   /* nothing has come */
+    enum tls tls;
+    struct lw_tls_stream *stream;
+    struct lw_blob *held; /* what the session said before TLS was ready */
 };
 
 /* ---- writing ---- */
@@ -83,6 +105,88 @@ static int queue_rest(struct link *link, struct lw_blob *const *blob, uv_buf_t *
     return result;
 }
 
+/* ---- writing by TLS ---- */
+
+static void on_tls_written(uv_write_t *request, int result) {
+    struct tls_write *write = request->data;
+    struct link *link = request->handle->data;
+    const bool of_session = write->of_session;
+    free(write);
+    if (of_session) lw_session_written(link->session, result, true);
+}
+
+/* Sends what TLS has made. of_session: which is told when the link has taken the rest.
+ * Returns how many bytes the link took at once, or libuv's error. */
+static int send_output(struct link *link, bool of_session) {
+    struct lw_tls_output *output = &link->shared->output;
+    const size_t size = output->size;
+    output->size = 0;
+    if (!size) return 0;
+    uv_buf_t buffer = uv_buf_init((char *)output->bytes, (unsigned)size);
+    int result = uv_try_write(&link->on.stream, &buffer, 1);
+    if (result < 0 && result != UV_EAGAIN) return result;
+    const size_t sent = result < 0 ? 0 : (size_t)result;
+    if (sent == size) return (int)size;
+    struct tls_write *write = malloc(sizeof *write + size - sent);
+    if (!write) return UV_ENOMEM;
+    write->of_session = of_session;
+    write->request.data = write;
+    memcpy(write->bytes, output->bytes + sent, size - sent);
+    buffer = uv_buf_init((char *)write->bytes, (unsigned)(size - sent));
+    result = uv_write(&write->request, &link->on.stream, &buffer, 1, on_tls_written);
+    if (result < 0) free(write);
+    return result < 0 ? result : (int)sent;
+}
+
+/* Tiles are small: several go into a record. */
+static enum lw_status encrypt(struct link *link, struct lw_blob *const *blob, uint32_t count) {
+    struct lw_tcp_transport_shared *shared = link->shared;
+    enum lw_status status = LW_OK;
+    size_t filled = 0;
+    for (uint32_t i = 0; i < count && status == LW_OK; i++) {
+        const uint8_t *bytes = blob[i]->bytes;
+        for (size_t left = blob[i]->size; left && status == LW_OK;) {
+            const size_t room = sizeof shared->record - filled, size = left < room ? left : room;
+            if (size == sizeof shared->record) {
+                status = lw_tls_stream_write(link->stream, bytes, size, &shared->output);
+            } else {
+                memcpy(shared->record + filled, bytes, size);
+                filled += size;
+                if (filled == sizeof shared->record) {
+                    status = lw_tls_stream_write(link->stream, shared->record, filled, &shared->output);
+                    filled = 0;
+                }
+            }
+            bytes += size;
+            left -= size;
+        }
+    }
+    return status == LW_OK ? lw_tls_stream_write(link->stream, shared->record, filled, &shared->output)
+                           : status;
+}
+
+/* As write_blobs(): what the link took of the records, told in bytes of the blobs. */
+static int write_by_tls(struct link *link, struct lw_blob *const *blob, uint32_t count, size_t bytes) {
+    link->shared->output.size = 0;
+    const enum lw_status status = encrypt(link, blob, count);
+    unref_all(blob, count);
+    if (status != LW_OK) return status == LW_NO_MEMORY ? UV_ENOMEM : UV_EPROTO;
+    const size_t size = link->shared->output.size;
+    const int sent = send_output(link, true);
+    if (sent < 0) return sent;
+    if ((size_t)sent == size) return (int)bytes;
+    const size_t share = (size_t)((double)bytes * (double)sent / (double)size);
+    return (int)(share < bytes ? share : bytes - 1); /* not all: the rest is waited for */
+}
+
+/* Before the handshake is done a session says one thing: that it is refused. */
+static int hold(struct link *link, struct lw_blob *const *blob, uint32_t count) {
+    assert(count == 1 && !link->held);
+    (void)count;
+    link->held = blob[0];
+    return 0;
+}
+
 static int write_blobs(struct lw_session_transport *transport, struct lw_blob *const *blob, uint32_t count) {
     struct link *link = link_of(transport);
     uv_buf_t buffer[LW_SESSION_TRANSPORT_BLOBS] = {{0}};
@@ -92,6 +196,12 @@ static int write_blobs(struct lw_session_transport *transport, struct lw_blob *c
     for (uint32_t i = 0; i < count; i++) {
         buffer[i] = uv_buf_init((char *)blob[i]->bytes, (unsigned)blob[i]->size);
         bytes += blob[i]->size;
+    }
+    if (link->tls == TLS_READY) return write_by_tls(link, blob, count, bytes);
+    if (link->tls == TLS_EXPECTS || link->tls == TLS_SHAKES_HANDS) return hold(link, blob, count);
+    if (link->tls == TLS_FAILED) {
+        unref_all(blob, count);
+        return (int)bytes;
     }
     int result = uv_try_write(&link->on.stream, buffer, count);
     if (result < 0 && result != UV_EAGAIN) {
@@ -116,6 +226,10 @@ static int end_writing(struct lw_session_transport *transport, enum lw_refusal c
     struct link *link = link_of(transport);
     (void)code; /* the REFUSAL has said so */
     (void)text;
+    if (link->stream) {
+        lw_tls_stream_end(link->stream, &link->shared->output);
+        (void)send_output(link, false); /* if that fails so does the next */
+    }
     return uv_shutdown(&link->shutdown, &link->on.stream, on_shutdown);
 }
 
@@ -130,11 +244,104 @@ static void waiting(const struct lw_session_transport *transport, size_t *out_ou
 
 /* ---- reading ---- */
 
-/* libuv would read 32 times in a row from whoever sends without end. Without a buffer it stops, and tells
- * on_read UV_ENOBUFS; the rest is still there in the next turn. */
+/* What was held may go now. */
+static void let_go(struct link *link) {
+    struct lw_blob *blob = link->held;
+    link->held = NULL;
+    if (!blob) return;
+    const size_t size = blob->size;
+    const int written = write_blobs(&link->transport, &blob, 1);
+    if (written < 0 || (size_t)written == size)
+        lw_session_written(link->session, written < 0 ? written : 0, false);
+}
+
+/* What came first is no TLS. A message of ours in plain is answered so: whoever sent it can read that. */
+static void refuse_plain(struct link *link) {
+    link->tls = TLS_NONE;
+    lw_tls_stream_destroy(link->stream);
+    link->stream = NULL;
+    let_go(link);
+    lw_session_refuse(link->session, LW_REFUSAL_PROTOCOL, "this server speaks TLS alone: connect with --tls");
+}
+
+static void fail_tls(struct link *link, enum lw_status status, const char *why) {
+    if (status == LW_CLOSED) {
+        lw_session_lost(link->session, UV_EOF);
+        return;
+    }
+    link->tls = TLS_FAILED;
+    let_go(link);
+    lw_session_refuse(link->session, LW_REFUSAL_PROTOCOL, "TLS: %s", why);
+}
+
+/* Decrypts what came, and hands it on. A session that is refused or closed meanwhile is told nothing more. */
+static void receive_by_tls(struct link *link, const uint8_t *bytes, size_t size) {
+    struct lw_tcp_transport_shared *shared = link->shared;
+    const bool shakes_hands = link->tls == TLS_SHAKES_HANDS;
+    const uint64_t began_ns = shakes_hands ? lw_clock_ns() : 0;
+    struct lw_error err = {0};
+    enum lw_status status;
+    size_t got;
+    lw_tls_stream_lend(link->stream, bytes, size);
+    do {
+        shared->output.size = got = 0;
+        status = lw_tls_stream_read(link->stream, shared->record, sizeof shared->record, &got,
+                                    &shared->output, &err);
+        const bool sent = send_output(link, false) >= 0;
+        if (!sent || uv_stream_get_write_queue_size(&link->on.stream) > LW_SERVER_QUEUE_MAX * 2 + ASIDE_MAX) {
+            lw_session_lost(link->session, UV_EPIPE);
+            return;
+        }
+        if (status == LW_OK && got) lw_session_receive(link->session, shared->record, got);
+    } while (status == LW_OK && got && !uv_is_closing((uv_handle_t *)&link->on.stream));
+    if (uv_is_closing((uv_handle_t *)&link->on.stream)) return;
+    if (shakes_hands) shared->handshakes_ns += lw_clock_ns() - began_ns;
+    if (status == LW_OK && shakes_hands && lw_tls_stream_is_ready(link->stream)) {
+        link->tls = TLS_READY;
+        let_go(link);
+    }
+    if (status != LW_OK) fail_tls(link, status, err.text);
+}
+
+/* A record of a handshake, as 5.1 of RFC 8446 has it. As a message of ours it would be longer than any is. */
+static bool is_tls(const uint8_t *bytes, size_t size) {
+    return bytes[0] == 0x16 && (size < 2 || bytes[1] == 3) && (size < 3 || (bytes[2] && bytes[2] <= 4));
+}
+
+static void receive(struct link *link, const uint8_t *bytes, size_t size) {
+    const bool is_first = link->is_new;
+    link->is_new = false;
+    if (is_first && link->tls == TLS_EXPECTS) {
+        if (is_tls(bytes, size)) {
+            link->tls = TLS_SHAKES_HANDS;
+        } else {
+            refuse_plain(link);
+            return;
+        }
+    }
+    if (link->tls == TLS_SHAKES_HANDS || link->tls == TLS_READY)
+        receive_by_tls(link, bytes, size);
+    else if (is_first && size > 2 && is_tls(bytes, size))
+        lw_session_refuse(link->session, LW_REFUSAL_PROTOCOL,
+                          "it speaks TLS, and this server has no certificate (--tls-certificate)");
+    else if (link->tls == TLS_NONE)
+        lw_session_receive(link->session, bytes, size);
+}
+
+/* Handshakes take the most of a turn of all that newcomers ask for. */
+static bool is_over_budget(struct link *link) {
+    struct lw_tcp_transport_shared *shared = link->shared;
+    if (link->tls != TLS_EXPECTS && link->tls != TLS_SHAKES_HANDS) return false;
+    if (shared->handshakes_turn != shared->turn) shared->handshakes_ns = 0;
+    shared->handshakes_turn = shared->turn;
+    return shared->handshakes_ns > HANDSHAKES_NS;
+}
+
+/* libuv would read 32 times in a row from whoever sends without end. Without a buffer it stops, and tells on_read
+ * UV_ENOBUFS; the rest is still there in the next turn. */
 static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *out_buffer) {
     struct link *link = handle->data;
-    const bool had_turn = link->turn == link->shared->turn;
+    const bool had_turn = link->turn == link->shared->turn || is_over_budget(link);
     (void)suggested;
     link->turn = link->shared->turn;
     *out_buffer =
@@ -146,7 +353,7 @@ static void on_read(uv_stream_t *stream, ssize_t size, const uv_buf_t *buffer) {
     if (size < 0 && size != UV_ENOBUFS)
         lw_session_lost(link->session, (int)size);
     else if (size > 0)
-        lw_session_receive(link->session, (const uint8_t *)buffer->base, (size_t)size);
+        receive(link, (const uint8_t *)buffer->base, (size_t)size);
 }
 
 static void read_on(struct lw_session_transport *transport, bool on) {
@@ -163,6 +370,8 @@ static void on_closed(uv_handle_t *handle) {
     struct link *link = handle->data;
     assert(!link->pending); /* libuv cancels writes before it calls back */
     if (link->session) lw_session_closed(link->session);
+    lw_blob_unref(link->held);
+    lw_tls_stream_destroy(link->stream);
     free(link);
 }
 
@@ -192,8 +401,19 @@ static void open_session(struct link *link, int descriptor) {
 enum lw_status lw_tcp_transport_accept(struct lw_tcp_transport_shared *shared, uv_stream_t *listener) {
     struct link *link = calloc(1, sizeof *link);
     if (!link) return LW_NO_MEMORY;
-    *link = (struct link){.transport = {&ops}, .shared = shared, .turn = UINT64_MAX};
+    *link = (struct link){.transport = {&ops}, .shared = shared, .turn = UINT64_MAX, .is_new = true};
+    const bool by_tls = shared->tls && listener->type != UV_NAMED_PIPE;
+    if (by_tls) {
+        link->tls = TLS_EXPECTS;
+        const enum lw_status status =
+            lw_tls_stream_create(lw_tls_context_ssl(shared->tls), NULL, &link->stream);
+        if (status != LW_OK) {
+            free(link);
+            return status;
+        }
+    }
     if (init_stream(link, listener) < 0) {
+        lw_tls_stream_destroy(link->stream);
         free(link);
         return LW_OS;
     }

@@ -2,6 +2,7 @@
 
 #include "server/serve/http_origin.h"
 #include "server/serve/tcp_transport.h"
+#include "server/serve/tls_context.h"
 #include "server/serve/web_files.h"
 #include "server/serve/ws_transport.h"
 
@@ -26,6 +27,8 @@ struct lw_web_server {
     struct lws_vhost *vhost;
     struct lws_protocols protocols[3];
     struct lw_web_files files;
+    struct lw_tls_context *tls; /* NULL: it speaks plain */
+    struct ssl_ctx_st *ssl;     /* of libwebsockets, while there is a vhost; follows tls */
     char *host, *hosts, *origins;
     bool (*page)(void *context, const char *path, struct lw_server_page *out_page);
     void *page_context;
@@ -203,11 +206,20 @@ static int answer_page(struct lws *wsi, struct connection *c, const char *path, 
     return answer(wsi, c, made.status, made.type, (const uint8_t *)made.text, made.size, NULL, head);
 }
 
+static bool is_plain_at_tls(struct lws *wsi, const struct connection *c) {
+    return c->server->tls && !lws_is_ssl(wsi);
+}
+
+static int refuse_plain(struct lws *wsi, struct connection *c) {
+    return refuse(wsi, c, 400, "This server speaks TLS alone: its addresses begin with https.\n");
+}
+
 static int handle_request(struct lws *wsi, struct connection *c, const char *path) {
     struct lw_web_server *server = c->server;
     char *uri, tag[64];
     int uri_length;
     const int method = lws_http_get_uri_and_method(wsi, &uri, &uri_length);
+    if (is_plain_at_tls(wsi, c)) return refuse_plain(wsi, c);
     if (!check_host(wsi, c)) return refuse_host(wsi, c);
     if (method != GET && method != HEAD) return refuse(wsi, c, 405, "There is GET and HEAD.\n");
     if (has_header(wsi, WSI_TOKEN_HTTP_CONTENT_LENGTH) || has_header(wsi, WSI_TOKEN_HTTP_TRANSFER_ENCODING))
@@ -227,6 +239,7 @@ static int handle_request(struct lws *wsi, struct connection *c, const char *pat
 /* Returns 0: libwebsockets goes on with the handshake. */
 static int handle_upgrade(struct lws *wsi, struct connection *c, const char *what) {
     char path[sizeof ENDPOINT + 1];
+    if (is_plain_at_tls(wsi, c)) return refuse_plain(wsi, c);
     if (!check_host(wsi, c)) return refuse_host(wsi, c);
     if (c->server->page || strcasecmp(what, "websocket") != 0 ||
         !get_header(wsi, WSI_TOKEN_GET_URI, path, sizeof path) || strcmp(path, ENDPOINT) != 0)
@@ -266,9 +279,17 @@ static void forget(struct lws *wsi, struct connection *c) {
     free(c);
 }
 
+/* libwebsockets has made an SSL_CTX. */
+static int follow(struct lw_web_server *server, struct ssl_ctx_st *ssl) {
+    if (!server->tls || lw_tls_context_lead(server->tls, ssl) != LW_OK) return 1;
+    server->ssl = ssl;
+    return 0;
+}
+
 static int on_http(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t size) {
-    (void)user;
     (void)size;
+    if (reason == LWS_CALLBACK_OPENSSL_LOAD_EXTRA_SERVER_VERIFY_CERTS)
+        return follow(lws_context_user(lws_get_context(wsi)), user);
     struct connection *c = wsi ? connection_of(wsi) : NULL;
     if (!c) return 0;
     switch (reason) {
@@ -385,12 +406,18 @@ static enum lw_status start(struct lw_web_server *server, uv_loop_t *loop, struc
     server->protocols[1] = (struct lws_protocols){
         .name = LW_WS_TRANSPORT_PROTOCOL, .callback = on_socket, .rx_buffer_size = RECEIVE_SIZE};
     lws_set_log_level(0, NULL); /* peers could fill a log */
+    const uint64_t tls = server->tls
+                             ? LWS_SERVER_OPTION_DO_SSL_GLOBAL_INIT | LWS_SERVER_OPTION_CREATE_VHOST_SSL_CTX |
+                                   LWS_SERVER_OPTION_ALLOW_NON_SSL_ON_SSL_PORT |
+                                   LWS_SERVER_OPTION_ALLOW_HTTP_ON_HTTPS_LISTENER
+                             : 0; /* plain HTTP is answered, with what is wrong: refuse_plain() */
     const struct lws_context_creation_info info = {
         .port = CONTEXT_PORT_NO_LISTEN_SERVER,
         .protocols = server->protocols,
         .options = LWS_SERVER_OPTION_LIBUV | LWS_SERVER_OPTION_EXPLICIT_VHOSTS |
-                   LWS_SERVER_OPTION_SKIP_SERVER_CANONICAL_NAME | LWS_SERVER_OPTION_DISABLE_OS_CA_CERTS,
+                   LWS_SERVER_OPTION_SKIP_SERVER_CANONICAL_NAME | LWS_SERVER_OPTION_DISABLE_OS_CA_CERTS | tls,
         .foreign_loops = loops,
+        .alpn = "http/1.1",
         .user = server,
         .timeout_secs = LW_WEB_SERVER_REQUEST_S,
         .timeout_secs_ah_idle = LW_WEB_SERVER_REQUEST_S,
@@ -413,6 +440,7 @@ enum lw_status lw_web_server_create(const struct lw_web_server_desc *desc, struc
     struct lw_web_server *server = calloc(1, sizeof *server);
     if (!server) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     server->sockets.sessions = desc->sessions;
+    server->tls = desc->tls;
     server->places.seed = desc->sessions->places.seed;
     server->host = copy(desc->host);
     server->hosts = copy(desc->hosts);
@@ -434,7 +462,9 @@ enum lw_status lw_web_server_create(const struct lw_web_server_desc *desc, struc
 }
 
 void lw_web_server_close(struct lw_web_server *server) {
-    if (server && server->context) lws_context_destroy(server->context);
+    if (!server || !server->context) return;
+    if (server->tls) lw_tls_context_let_go(server->tls, server->ssl);
+    lws_context_destroy(server->context);
 }
 
 /* The second call frees what the first one has closed. */

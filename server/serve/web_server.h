@@ -18,10 +18,11 @@
 struct lw_web_server_desc {
     uv_loop_t *loop;
     struct lw_session_shared *sessions;
-    const char *root;    /* folder of the client's files */
-    const char *host;    /* that it listens on: a Host may name it */
-    const char *hosts;   /* further names that a Host may have, by commas; NULL: none */
-    const char *origins; /* further Origins that may open a WebSocket, by commas; NULL: none */
+    struct lw_tls_context *tls; /* HTTPS alone, by that; NULL: HTTP. Outlives it */
+    const char *root;           /* folder of the client's files */
+    const char *host;           /* that it listens on: a Host may name it */
+    const char *hosts;          /* further names that a Host may have, by commas; NULL: none */
+    const char *origins;        /* further Origins that may open a WebSocket, by commas; NULL: none */
     /* For monitoring: pages are made when they are asked for, and there are neither files
      * nor WebSockets. May be NULL. */
     bool (*page)(void *context, const char *path, struct lw_server_page *out_page);

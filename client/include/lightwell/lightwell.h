@@ -64,7 +64,8 @@ enum lw_live_status {
     LW_LIVE_PROTOCOL = 9,    /**< What is there is no lightwelld, or of another version, or sends nonsense. */
     LW_LIVE_CLOSED = 10,     /**< The session is over. */
     LW_LIVE_NOT_READY = 11,  /**< The scene has not arrived yet. */
-    LW_LIVE_NOT_ALLOWED = 12 /**< The server takes no such token, or wants one. */
+    LW_LIVE_NOT_ALLOWED =
+        12 /**< The server takes no such token, or wants one; or by TLS it is not believed. */
 };
 
 /** A failure with its detail. A call that succeeds leaves it alone. */
@@ -88,6 +89,8 @@ struct lw_live;
 #define LW_LIVE_DRAWS_DIRECT  4u  /**< You draw the direct light of what is_client_light marks. */
 #define LW_LIVE_CONTROL       8u  /**< You may call lw_live_change(). */
 #define LW_LIVE_AS_IT_IS      16u /**< lw_live_read() gives texels as they came: see there. */
+#define LW_LIVE_TLS           32u /**< By TLS 1.3; the server's certificate must be for `host`. */
+#define LW_LIVE_TLS_INSECURE  64u /**< By TLS with whoever answers. For tests. */
 
 /** How to open a session. */
 struct lw_live_desc {
@@ -102,6 +105,8 @@ struct lw_live_desc {
     uint64_t rate_limit_bytes_per_s; /**< That the server may send; 0: what the link takes. */
     /* so far in 0.1.0 */
     const char *token; /**< 64 hexadecimal digits; NULL: none. Copied. */
+    const char *
+        ca_file; /**< With LW_LIVE_TLS: certificates in PEM, of the server or its issuer; NULL: the system's. */
 };
 
 /** Connects, and returns once the server has welcomed us; the scene and its light come with lw_live_poll().

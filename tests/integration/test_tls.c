@@ -1,0 +1,264 @@
+/* TLS with the real programs: who is believed, what each end says of the other's mistakes, new files at SIGHUP. */
+#include "tests/support/certificate.h"
+#include "tests/support/process.h"
+#include "tests/support/web_peer.h"
+
+#include "client/lib/tls_trust.h"
+#include "common/tls/tls_stream.h"
+
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#define LIMIT_MS 60000
+
+static struct lw_process server;
+static char certificate[200], key[200], http_file[200];
+
+static void make_files(const char *names) {
+    snprintf(certificate, sizeof certificate, "%s", lw_support_temporary("certificate.pem"));
+    snprintf(key, sizeof key, "%s", lw_support_temporary("key.pem"));
+    lw_certificate_make(certificate, key, names, 10);
+}
+
+static void serve(const char *more) {
+    char arguments[1000];
+    make_files("DNS:localhost,IP:127.0.0.1");
+    snprintf(http_file, sizeof http_file, "%s", lw_support_temporary("http_port"));
+    snprintf(arguments, sizeof arguments,
+             "builtin:cornell --freeze 0 --control-socket none --http 127.0.0.1:0 --http-port-file %s "
+             "--tls-certificate %s --tls-key %s%s",
+             http_file, certificate, key, more);
+    lw_process_serve(&server, arguments);
+}
+
+static uint16_t http_port(void) {
+    size_t size;
+    char *text = (char *)lw_support_read_file(http_file, &size);
+    const uint16_t port = (uint16_t)strtoul(text, NULL, 10);
+    free(text);
+    return port;
+}
+
+/* Runs it on the server's port; ends the test unless it ends with this code and says this on stderr. */
+static void runs(const char *program, const char *options, int code, const char *said) {
+    struct lw_process process;
+    char arguments[700];
+    snprintf(arguments, sizeof arguments, "%u %s", server.port, options);
+    lw_process_start(&process, program, arguments);
+    lw_process_expect(&process, lw_process_finish(&process, 120), code);
+    char *text = lw_process_err(&process);
+    if (said && !strstr(text, said)) fail_msg("%s %s said %s", program, arguments, text);
+    free(text);
+}
+
+static void trusting(const char *program, const char *options) {
+    char arguments[500];
+    snprintf(arguments, sizeof arguments, "%s --ca %s", options, certificate);
+    runs(program, arguments, 0, NULL);
+}
+
+static void test_programs_by_tls(void **state) {
+    (void)state;
+    serve("");
+    trusting("lightwellctl", "status");
+    trusting("lightwell-load", "--users 5 --seconds 1");
+    trusting("lightwell-view", "--headless --wait first --json");
+    runs("lightwellctl", "status --tls-insecure", 0, NULL);
+    runs("lightwellctl", "status --tls", 77, "is not trusted");
+    runs("lightwell-load", "--users 1 --seconds 1 --tls", 77, "is not trusted");
+    runs("lightwellctl", "status", 76, "this server speaks TLS alone: connect with --tls");
+    char both[300];
+    snprintf(both, sizeof both, "status --tls-insecure --ca %s", certificate);
+    runs("lightwellctl", both, 64, "exclude each other");
+    runs("lightwellctl", "status --ca /nowhere", 66, "/nowhere");
+    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+}
+
+static void test_plain_server(void **state) {
+    (void)state;
+    lw_process_serve(&server, "builtin:cornell --freeze 0 --control-socket none --http none");
+    runs("lightwellctl", "status --tls-insecure", 76, "does not speak TLS: connect without --tls and --ca");
+    runs("lightwell-load", "--users 1 --seconds 1 --tls", 76, "does not speak TLS");
+    char *log = lw_process_err(&server);
+    assert_non_null(strstr(log, "it speaks TLS, and this server has no certificate"));
+    free(log);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+}
+
+/* ---- at the browsers' port ---- */
+
+struct peer {
+    int socket;
+    struct lw_tls_stream *stream;
+    struct lw_tls_output output;
+};
+
+static void flush(struct peer *peer) {
+    if (peer->output.size)
+        assert_int_equal(send(peer->socket, peer->output.bytes, peer->output.size, MSG_NOSIGNAL),
+                         (ssize_t)peer->output.size);
+    peer->output.size = 0;
+}
+
+/* Reads until what came contains `until`, or the server has ended it. */
+static void read_until(struct peer *peer, const char *until, char *dst, size_t capacity) {
+    static uint8_t sealed[65536];
+    size_t size = 0;
+    *dst = 0;
+    for (;;) {
+        struct pollfd wait = {.fd = peer->socket, .events = POLLIN};
+        size_t got;
+        struct lw_error err = {0};
+        do {
+            got = 0;
+            enum lw_status status = lw_tls_stream_read(peer->stream, (uint8_t *)dst + size,
+                                                       capacity - 1 - size, &got, &peer->output, &err);
+            if (status == LW_CLOSED) return;
+            lw_support_ok(status, &err);
+            size += got;
+            dst[size] = 0;
+        } while (got);
+        flush(peer);
+        if (until ? strstr(dst, until) != NULL : lw_tls_stream_is_ready(peer->stream)) return;
+        assert_int_equal(poll(&wait, 1, LIMIT_MS), 1);
+        ssize_t came = recv(peer->socket, sealed, sizeof sealed, 0);
+        assert_true(came >= 0);
+        if (came == 0) return;
+        lw_tls_stream_lend(peer->stream, sealed, (size_t)came);
+    }
+}
+
+static void dial(struct peer *peer, uint16_t port) {
+    struct lw_error err = {0};
+    struct ssl_ctx_st *trust;
+    char nothing[16];
+    lw_support_ok(lw_tls_trust_create(&(struct lw_tls_trust_desc){true, certificate, false}, &trust, &err),
+                  &err);
+    *peer = (struct peer){.socket = lw_web_peer_dial(port)};
+    lw_support_ok(lw_tls_stream_create(trust, "localhost", &peer->stream), NULL);
+    lw_tls_trust_unref(trust);
+    read_until(peer, NULL, nothing, sizeof nothing);
+}
+
+static void hang_up(struct peer *peer) {
+    lw_tls_stream_destroy(peer->stream);
+    lw_tls_output_finish(&peer->output);
+    close(peer->socket);
+}
+
+static void ask(struct peer *peer, const char *request, const char *until, char *answer, size_t capacity) {
+    lw_support_ok(lw_tls_stream_write(peer->stream, (const uint8_t *)request, strlen(request), &peer->output),
+                  NULL);
+    flush(peer);
+    read_until(peer, until, answer, capacity);
+}
+
+static void test_https_and_wss(void **state) {
+    (void)state;
+    static char answer[100000];
+    struct peer peer;
+    serve("");
+    dial(&peer, http_port());
+    ask(&peer, "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n", "</html>", answer, sizeof answer);
+    assert_non_null(strstr(answer, "HTTP/1.1 200"));
+    hang_up(&peer);
+    dial(&peer, http_port());
+    ask(&peer,
+        "GET /ws HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
+        "Sec-WebSocket-Protocol: lightwell\r\n\r\n",
+        "\r\n\r\n", answer, sizeof answer);
+    assert_non_null(strstr(answer, "HTTP/1.1 101"));
+    hang_up(&peer);
+    const int plain = lw_web_peer_dial(http_port());
+    char *text = lw_web_peer_ask(plain, "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n", false, NULL);
+    assert_non_null(strstr(text, "HTTP/1.1 400"));
+    assert_non_null(strstr(text, "This server speaks TLS alone"));
+    free(text);
+    close(plain);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+}
+
+/* ---- SIGHUP ---- */
+
+/* Waits until the server has said this so many times. */
+static void await_lines(const char *text, unsigned count) {
+    for (unsigned waited = 0; waited < LIMIT_MS; waited += 20) {
+        char *log = lw_process_err(&server);
+        unsigned there = 0;
+        for (const char *at = log; (at = strstr(at, text)); at++) there++;
+        free(log);
+        if (there >= count) return;
+        lw_process_sleep_ms(20);
+    }
+    fail_msg("the server did not say %u times %s", count, text);
+}
+
+static void test_new_files(void **state) {
+    (void)state;
+    serve("");
+    struct peer before, web;
+    dial(&before, server.port);
+    lw_support_write_file(key, "nonsense", 8);
+    assert_int_equal(kill(server.pid, SIGHUP), 0);
+    await_lines("the certificate stays as it was: ", 1);
+    trusting("lightwellctl", "status");
+    make_files("DNS:localhost,IP:127.0.0.1,DNS:other.example");
+    assert_int_equal(kill(server.pid, SIGHUP), 0);
+    await_lines("TLS: certificate of /CN=lightwell test", 2); /* once at the start */
+    trusting("lightwellctl", "status");                       /* which believes the new one alone */
+    dial(&web, http_port());
+    hang_up(&web);
+    lw_support_ok(lw_tls_stream_write(before.stream, (const uint8_t *)"\0\0\0\0", 4, &before.output), NULL);
+    flush(&before); /* who was there before stays */
+    hang_up(&before);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+}
+
+static void test_bad_options(void **state) {
+    (void)state;
+    char arguments[700];
+    make_files("DNS:localhost");
+    snprintf(arguments, sizeof arguments, "builtin:cornell --listen 127.0.0.1:0 --tls-certificate %s",
+             certificate);
+    lw_process_refuses("lightwelld", arguments, 64, "--tls-certificate and --tls-key need each other", 60);
+    snprintf(arguments, sizeof arguments,
+             "builtin:cornell --listen 127.0.0.1:0 --http none --tls-certificate %s --tls-key /nowhere",
+             certificate);
+    lw_process_refuses("lightwelld", arguments, 66, "/nowhere", 60);
+}
+
+/* What is no TLS, or begins as if it were, harms nobody. */
+static void test_garbage(void **state) {
+    (void)state;
+    static const char *const said[] = {"GET / HTTP/1.1\r\n\r\n",   "\x16",
+                                       "\x16\x03\x01\xff\xff",     "\x80\x2e\x01\x03",
+                                       "\x15\x03\x03\x02\x02\x46", "\x17\x03\x03\x40\x01"};
+    serve("");
+    int peers[60];
+    for (unsigned i = 0; i < 60; i++) {
+        const char *text = said[i % (sizeof said / sizeof *said)];
+        peers[i] = lw_web_peer_dial(i % 2 ? server.port : http_port());
+        (void)lw_web_peer_put(peers[i], text);
+    }
+    trusting("lightwellctl", "status");
+    for (unsigned i = 0; i < 60; i++) close(peers[i]);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(test_programs_by_tls, lw_process_teardown),
+        cmocka_unit_test_teardown(test_plain_server, lw_process_teardown),
+        cmocka_unit_test_teardown(test_https_and_wss, lw_process_teardown),
+        cmocka_unit_test_teardown(test_new_files, lw_process_teardown),
+        cmocka_unit_test_teardown(test_bad_options, lw_process_teardown),
+        cmocka_unit_test_teardown(test_garbage, lw_process_teardown),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
