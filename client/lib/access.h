@@ -50,7 +50,7 @@ struct lw_access_options {
          .value = &(options)->ca},                                                                           \
     {                                                                                                        \
         .name = "tls-insecure",                                                                              \
-        .help = "TLS with whoever answers: anybody in between can read and change "                          \
+        .help = "TLS with anybody who answers: whom it goes through can read and change "                    \
                 "all of it. For tests.",                                                                     \
         .kind = LW_OPTION_FLAG, .value = &(options)->tls_insecure                                            \
     }

@@ -12,7 +12,7 @@ struct ssl_ctx_st; /* OpenSSL's SSL_CTX */
 struct lw_tls_trust_desc {
     bool wanted;
     const char *ca;  /* a file of certificates in PEM whose servers are believed; NULL: those of the system */
-    bool trusts_all; /* whoever answers is believed: for tests */
+    bool trusts_all; /* anybody is believed: for tests */
 };
 
 /** Reads the certificates; NULL without TLS. For lw_link_connect(), and then lw_tls_trust_unref().

@@ -1549,8 +1549,8 @@ static void test_silence(void **state) {
     struct lw_link link;
     struct lw_error err = {0};
     begin(&s);
-    lw_support_ok(lw_link_connect(&link, &(struct lw_link_desc){"127.0.0.1", s.port, 1000, false, NULL}, &err),
-                  &err);
+    lw_support_ok(
+        lw_link_connect(&link, &(struct lw_link_desc){"127.0.0.1", s.port, 1000, false, NULL}, &err), &err);
     uint64_t second = 1000000000, now_ns = lw_clock_ns();
     link.heard_ns = now_ns - (LW_LINK_SILENCE_S - 1) * second;
     link.looked_ns = now_ns;
@@ -1577,9 +1577,10 @@ static void test_ping(void **state) {
     assert_int_equal(getsockname(listener, (struct sockaddr *)&address, &size), 0);
     struct lw_link link;
     struct lw_error err = {0};
-    lw_support_ok(lw_link_connect(
-                      &link, &(struct lw_link_desc){"127.0.0.1", ntohs(address.sin_port), 1000, false, NULL}, &err),
-                  &err);
+    lw_support_ok(
+        lw_link_connect(
+            &link, &(struct lw_link_desc){"127.0.0.1", ntohs(address.sin_port), 1000, false, NULL}, &err),
+        &err);
     int peer = accept(listener, NULL, NULL);
     link.pinged_ns = lw_clock_ns() - LW_LINK_PING_S * 1000000000ull;
     lw_support_ok(lw_link_wait(&link, 0, &err), &err);

@@ -90,7 +90,7 @@ struct lw_live;
 #define LW_LIVE_CONTROL       8u  /**< You may call lw_live_change(). */
 #define LW_LIVE_AS_IT_IS      16u /**< lw_live_read() gives texels as they came: see there. */
 #define LW_LIVE_TLS           32u /**< By TLS 1.3; the server's certificate must be for `host`. */
-#define LW_LIVE_TLS_INSECURE  64u /**< By TLS with whoever answers. For tests. */
+#define LW_LIVE_TLS_INSECURE  64u /**< By TLS with anybody who answers. For tests. */
 
 /** How to open a session. */
 struct lw_live_desc {
