@@ -477,6 +477,10 @@ enum lw_status lw_options_address_or(const char *text, uint16_t port_default, ch
     if (colon && (!bracket || colon > bracket)) {
         port = colon + 1;
         host_length = (size_t)(colon - text);
+        if (!host_length && *port) { /* of this machine, as PORT alone */
+            host = LW_OPTIONS_HOST;
+            host_length = strlen(host);
+        }
     } else if (host_length && !text[strspn(text, "0123456789")]) {
         port = text;
         host = LW_OPTIONS_HOST;
@@ -492,7 +496,8 @@ enum lw_status lw_options_address_or(const char *text, uint16_t port_default, ch
     }
     if (!host_length || memchr(host, '[', host_length) || memchr(host, ']', host_length))
         return lw_status_fail(err, LW_USAGE,
-                              "address \"%.200s\" is not HOST:PORT, HOST or PORT, e.g. 127.0.0.1:7780", text);
+                              "address \"%.200s\" is not HOST:PORT, HOST, PORT or :PORT, e.g. 127.0.0.1:7780",
+                              text);
     int64_t number = port_default;
     if (port && (*port == '+' || *port == '-' || !parse_int(port, &number) || number > UINT16_MAX))
         return lw_status_fail(err, LW_USAGE, "address \"%.200s\": the port is a whole number from 0 to 65535",

@@ -345,6 +345,9 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         {"log-level", LW_LOG_LEVELS, "the most verbose lines that are shown (default info)", LW_OPTION_CHOICE,
          &s->log_level, 0, 0, NULL},
         {"json", NULL, "print one JSON object per frame to stdout", LW_OPTION_FLAG, &s->json, 0, 0, NULL},
+        {"plain-sky", NULL,
+         "where nothing shines in the scene, light it by an even sky of 1 W/(m^2 sr) instead of refusing it",
+         LW_OPTION_FLAG, &s->scene.plain_sky, 0, 0, NULL},
         LW_SCENE_OPEN_OPTIONS(&s->scene),
     };
     const struct lw_options options = {.program = "lightwelld",

@@ -3,8 +3,8 @@
  * Threads: that of the context, which must be current in each call.
  *
  * What it draws is the composer's picture (client/view/compose.h), whose rays are the reference, but that BLEND
- * surfaces are blended in the order of their objects, and that shadows are those of maps. Of many lights that it is to
- * draw it takes LW_GL_LIGHTS_MAX, those that give most where the eye is. */
+ * surfaces are blended by the distance of their instances' boxes, farthest first, each in the order of its triangles, and
+ * that shadows are those of maps. Of many lights that it is to draw it takes LW_GL_LIGHTS_MAX, those that give most where the eye is. */
 #ifndef LW_CLIENT_GL_RENDERER_H
 #define LW_CLIENT_GL_RENDERER_H
 

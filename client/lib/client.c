@@ -9,6 +9,7 @@
 #include "common/clock.h"
 #include "common/random.h"
 
+#include <assert.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -601,6 +602,11 @@ enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_cli
     else
         lw_client_destroy(c);
     return status;
+}
+
+const uint8_t *lw_client_package_hash(const struct lw_client *c) {
+    static_assert(sizeof c->package_hash.bytes == LW_CLIENT_HASH_SIZE, "client.h says how long it is");
+    return c->package_hash.bytes;
 }
 
 void lw_client_destroy(struct lw_client *c) {

@@ -109,6 +109,11 @@ float lw_client_package_progress(const struct lw_client *client);
 /** The tiles of the scene, for walking over atlases; NULL before the scene is there. */
 const struct lw_atlas_map *lw_client_atlas_map(const struct lw_client *client);
 
+/** Hash of the scene's package, which tells whether two clients have the same scene: LW_CLIENT_HASH_SIZE bytes, zeros
+ * before the scene is there. */
+#define LW_CLIENT_HASH_SIZE 16
+const uint8_t *lw_client_package_hash(const struct lw_client *client);
+
 /** Where an object is now. */
 const struct lw_affine *lw_client_object_to_world(const struct lw_client *client, uint32_t object);
 

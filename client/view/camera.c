@@ -17,6 +17,15 @@ struct lw_camera_view lw_camera_look_at(struct lw_vec3 position, struct lw_vec3 
                                    .fov_y = fov_y};
 }
 
+void lw_camera_format(const struct lw_camera_view *view, char out[LW_CAMERA_TEXT_SIZE]) {
+    const struct lw_vec3 p = view->position;
+    /* as far away as the eye is from the origin: else the direction is lost in the digits of the place */
+    const float away = fmaxf(1, lw_vec3_max_abs(p));
+    const struct lw_vec3 t = lw_vec3_mad(p, view->forward, away);
+    snprintf(out, LW_CAMERA_TEXT_SIZE, "%.7g,%.7g,%.7g:%.7g,%.7g,%.7g:%.5g", (double)p.x, (double)p.y,
+             (double)p.z, (double)t.x, (double)t.y, (double)t.z, (double)(view->fov_y / LW_PI * 180));
+}
+
 /* Reads `count` comma-separated finite numbers and the character after them. */
 static enum lw_status parse_numbers(const char **text, const char *part, int count, char after, float *out,
                                     struct lw_error *err) {

@@ -22,6 +22,10 @@ struct lw_camera_view lw_camera_look_at(struct lw_vec3 position, struct lw_vec3 
 LW_MUST_CHECK enum lw_status lw_camera_parse(const char *text, struct lw_camera_view *out_view,
                                              struct lw_error *err);
 
+/** Writes a view as lw_camera_parse() reads it; it is upright then. */
+#define LW_CAMERA_TEXT_SIZE 160
+void lw_camera_format(const struct lw_camera_view *view, char out[LW_CAMERA_TEXT_SIZE]);
+
 /** A camera of the scene, where the pose has it. */
 struct lw_camera_view lw_camera_of_scene(const struct lw_scene *scene, const struct lw_pose *pose,
                                          uint32_t camera);

@@ -33,3 +33,20 @@ void lw_flight_move(struct lw_flight *flight, float right, float up, float forwa
     step.y += up;
     flight->position = lw_vec3_mad(flight->position, step, flight->speed * seconds);
 }
+
+void lw_flight_walk(struct lw_flight *flight, float right, float forward, float seconds) {
+    const struct lw_vec3 ahead = lw_vec3(sinf(flight->yaw), 0, -cosf(flight->yaw)),
+                         aside = lw_vec3(cosf(flight->yaw), 0, sinf(flight->yaw));
+    const struct lw_vec3 step = lw_vec3_mad(lw_vec3_scale(ahead, forward), aside, right);
+    flight->position = lw_vec3_mad(flight->position, step, flight->speed * seconds);
+}
+
+void lw_flight_advance(struct lw_flight *flight, float way_m) {
+    flight->position = lw_vec3_mad(flight->position, forward_of(flight), way_m);
+}
+
+void lw_flight_orbit(struct lw_flight *flight, float distance_m, float right, float up) {
+    lw_flight_advance(flight, distance_m);
+    lw_flight_turn(flight, right, up);
+    lw_flight_advance(flight, -distance_m);
+}

@@ -24,4 +24,13 @@ void lw_flight_turn(struct lw_flight *flight, float right, float up);
 /** Moves for some seconds: right and forward as one looks, up as the world has it; each -1..1, times the speed. */
 void lw_flight_move(struct lw_flight *flight, float right, float up, float forward, float seconds);
 
+/** The same for one who walks: forward is level, whatever the pitch. */
+void lw_flight_walk(struct lw_flight *flight, float right, float forward, float seconds);
+
+/** Goes some way along the view; m, negative: back. */
+void lw_flight_advance(struct lw_flight *flight, float way_m);
+
+/** Turns by radians about the point at that distance in the middle of the view, which stays there. */
+void lw_flight_orbit(struct lw_flight *flight, float distance_m, float right, float up);
+
 #endif

@@ -16,9 +16,11 @@ int main(int argc, char **argv) {
     bool done = false, stopped = false;
     enum lw_status status = lw_view_options_parse(argc, argv, &options, &done, &err);
     struct lw_own_server *server = NULL;
-    if (status == LW_OK && !done && options.scene) status = lw_export_check(&options, &err);
-    if (status == LW_OK && !done && options.scene)
-        status = lw_own_server_start(options.scene, &server, &options.port, &err);
+    /* a window starts the server of its scene itself, to show that it imports */
+    const bool own = status == LW_OK && !done && options.scene && options.headless;
+    if (own) status = lw_export_check(&options, &err);
+    if (own && status == LW_OK) status = lw_own_server_start(&options.own, &server, &err);
+    if (own && status == LW_OK) status = lw_own_server_wait(server, &options.port, &err);
     if (status == LW_OK && !done)
         status = options.path.open.path ? lw_path_command_run(&options, &stopped, &err)
                  : options.headless     ? lw_headless_run(&options, &stopped, &err)

@@ -1,20 +1,40 @@
 #include "client/view/overlay.h"
 
+#include <math.h>
 #include <stdio.h>
 
-#define ERROR_TOLD 0.5f /* the largest that is */
+#define ERROR_TOLD 0.26f /* the largest that is told: 1 % */
 
 const char *const lw_overlay_keys[LW_OVERLAY_KEYS] = {
     "click       look around with the mouse",
-    "W A S D     fly; E, Q: up and down",
+    "W A S D     move; E, Q: up and down",
     "Shift       fast; wheel: speed",
+    "M           fly, walk, orbit",
     "C           next camera of the scene",
     "1 to 9      that camera",
     "0           back to the first view",
+    "K           copy the camera as a command",
+    "P           save the picture: PNG and EXR",
+    "+ -         exposure; X: by the picture",
     "F1          figures on and off",
+    "F11         full screen",
     "H           these keys on and off",
     "Esc         free the mouse; again: quit",
 };
+
+/* Never 100 before it is over. */
+static unsigned percent(double share) { return (unsigned)fmin(fmax(100 * share, 0), 99); }
+
+static unsigned percent_there(const struct lw_compose_report *r) {
+    const unsigned lacking = r->tiles_missing + r->tiles_unfinished;
+    return percent(lacking < r->tiles_needed ? 1 - (double)lacking / (double)r->tiles_needed : 0);
+}
+
+/* Of the samples that a good picture takes: the error of a mean falls by the root of their number. */
+static unsigned percent_good(const struct lw_compose_report *r) {
+    const double share = (double)LW_COMPOSE_GOOD_ERROR / (double)r->shown_error;
+    return percent(share * share);
+}
 
 void lw_overlay_state(const struct lw_overlay_state *state, char out[LW_OVERLAY_LINE_SIZE]) {
     const struct lw_compose_report *r = &state->report;
@@ -24,13 +44,13 @@ void lw_overlay_state(const struct lw_overlay_state *state, char out[LW_OVERLAY_
     else if (!state->lit)
         snprintf(out, size, "waiting for the first light");
     else if (!r->complete)
-        snprintf(out, size, "%u of %u tiles to come", r->tiles_missing + r->tiles_unfinished,
-                 r->tiles_needed);
+        snprintf(out, size, "light is arriving, %u %%", percent_there(r));
     else if (r->converged)
-        snprintf(out, size, "converged");
+        snprintf(out, size, "finished");
+    else if (r->good)
+        snprintf(out, size, "good, the last noise is fading");
     else if (r->shown_error <= ERROR_TOLD)
-        snprintf(out, size, "%s, error %.1f %%", r->good ? "good" : "sharpening",
-                 (double)r->shown_error * 100.0);
+        snprintf(out, size, "sharpening, %u %%", percent_good(r));
     else
         snprintf(out, size, "sharpening");
 }

@@ -11,19 +11,15 @@ static enum lw_status open_gl(struct lw_screen *s, struct lw_error *err) {
 static enum lw_status open_plain(struct lw_screen *s, struct lw_error *err) {
     s->renderer = SDL_CreateRenderer(s->handle, -1, SDL_RENDERER_PRESENTVSYNC);
     if (s->renderer == NULL) s->renderer = SDL_CreateRenderer(s->handle, -1, SDL_RENDERER_SOFTWARE);
-    if (s->renderer != NULL)
-        s->panel = SDL_CreateTexture(s->renderer, SDL_PIXELFORMAT_ARGB8888, SDL_TEXTUREACCESS_STREAMING,
-                                     s->panel_width, s->panel_height);
-    if (s->panel == NULL)
+    if (s->renderer == NULL)
         return lw_status_fail(err, LW_UNAVAILABLE, "cannot draw in a window: %s; use --headless",
                               SDL_GetError());
-    SDL_SetTextureBlendMode(s->panel, SDL_BLENDMODE_BLEND);
     return LW_OK;
 }
 
-enum lw_status lw_screen_open(struct lw_screen *s, const char *title, int width, int height, int panel_width,
-                              int panel_height, bool gl, struct lw_error *err) {
-    *s = (struct lw_screen){.panel_width = panel_width, .panel_height = panel_height};
+enum lw_status lw_screen_open(struct lw_screen *s, const char *title, int width, int height, bool gl,
+                              struct lw_error *err) {
+    *s = (struct lw_screen){0};
     if (gl) {
         SDL_GL_SetAttribute(SDL_GL_CONTEXT_MAJOR_VERSION, 3);
         SDL_GL_SetAttribute(SDL_GL_CONTEXT_MINOR_VERSION, 3);
@@ -65,6 +61,12 @@ bool lw_screen_size(const struct lw_screen *s, int *out_width, int *out_height) 
     return *out_width > 0 && *out_height > 0;
 }
 
+int lw_screen_points(const struct lw_screen *s) {
+    int width, height;
+    SDL_GetWindowSize(s->handle, &width, &height);
+    return height;
+}
+
 enum lw_status lw_screen_resize(struct lw_screen *s, int width, int height, struct lw_error *err) {
     if (s->context != NULL) return LW_OK;
     if (s->picture != NULL) SDL_DestroyTexture(s->picture);
@@ -104,6 +106,15 @@ void lw_screen_draw_panel(struct lw_screen *s, const uint32_t *argb, int width, 
             lw_gl_panel_draw(&s->gl_panel, argb, width, height, x, y, frame_width, frame_height);
         return;
     }
+    if (width > s->panel_width || height > s->panel_height) {
+        if (s->panel != NULL) SDL_DestroyTexture(s->panel);
+        s->panel_width = width > s->panel_width ? width : s->panel_width;
+        s->panel_height = height > s->panel_height ? height : s->panel_height;
+        s->panel = SDL_CreateTexture(s->renderer, SDL_PIXELFORMAT_ARGB8888, SDL_TEXTUREACCESS_STREAMING,
+                                     s->panel_width, s->panel_height);
+        if (s->panel != NULL) SDL_SetTextureBlendMode(s->panel, SDL_BLENDMODE_BLEND);
+    }
+    if (s->panel == NULL) return; /* a picture without text is better than none */
     const SDL_Rect part = {0, 0, width, height};
     SDL_UpdateTexture(s->panel, &part, argb, width * (int)sizeof *argb);
     SDL_RenderCopy(s->renderer, s->panel, &part, &(SDL_Rect){x, y, width, height});

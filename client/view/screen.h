@@ -16,20 +16,22 @@ struct lw_screen {
     SDL_Renderer *renderer; /* without OpenGL, as the next two */
     SDL_Texture *picture;   /* as large as the window; a smaller picture fills its corner */
     SDL_Texture *panel;
-    int panel_width, panel_height; /* of the largest panel */
+    int panel_width, panel_height; /* of the largest panel so far */
 };
 
-/** Opens a window whose panels are at most so large. Zeroed on failure.
+/** Opens a window. Zeroed on failure.
  * gl   by OpenGL 3.3
  * Errors: LW_UNAVAILABLE saying what is missing. */
 LW_MUST_CHECK enum lw_status lw_screen_open(struct lw_screen *screen, const char *title, int width,
-                                            int height, int panel_width, int panel_height, bool gl,
-                                            struct lw_error *err);
+                                            int height, bool gl, struct lw_error *err);
 /** A zeroed one is fine. What was made in its context must be gone by then. */
 void lw_screen_close(struct lw_screen *screen);
 
 /** Pixels of the window; false where it has none now. */
 bool lw_screen_size(const struct lw_screen *screen, int *out_width, int *out_height);
+
+/** Height of the window in the system's own units, of which there are fewer than pixels on dense screens. */
+int lw_screen_points(const struct lw_screen *screen);
 
 /** Makes room for the CPU's pictures of the window's size; with OpenGL there is nothing to do. Errors: LW_OS. */
 LW_MUST_CHECK enum lw_status lw_screen_resize(struct lw_screen *screen, int width, int height,

@@ -35,6 +35,7 @@ static void *attempt(void *argument) {
                                                   .timeout_ms = CONNECT_TIMEOUT_MS,
                                                   .cache_folder = seeker->cache_folder,
                                                   .wants_nothing = true,
+                                                  .budget_ns = LW_SEEKER_BUDGET_NS,
                                                   .draws_direct = seeker->draws_direct},
                          &client, &err) == LW_OK)
         seeker->client = client;

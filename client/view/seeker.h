@@ -5,6 +5,10 @@
 
 #include "client/lib/client.h"
 
+/* How long a client takes messages in at a time: a window's picture has little more than 16 ms, and a fourth of that
+ * is what tiles may take (bench_take). */
+#define LW_SEEKER_BUDGET_NS 2000000u
+
 struct lw_seeker;
 
 /** access, name, cache_folder, draws_direct: as for lw_client_create(); name and cache_folder outlive the seeker. Errors:

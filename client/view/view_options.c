@@ -19,14 +19,16 @@ struct raw {
     bool samples_given;
 };
 
-/* Options of one of the three ways to run: in a window, --headless, --path-trace. The scene's, which are many, are those of
- * --path-trace, like all that are not named here. */
+/* Options of one of the three ways to run: in a window, --headless, --path-trace; what is not named here is of
+ * --path-trace alone. */
 static const char *const of_every_way[] = {"camera",   "camera-name", "size",    "tonemap",
                                            "exposure", "threads",     "version", NULL};
 static const char *const of_a_server[] = {"headless", "wait", "timeout", "cache", "samples-per-pixel", NULL};
 static const char *const of_viewers[] = {"direct", "renderer",     "token-file", "tls",
                                          "ca",     "tls-insecure", NULL}; /* --headless and the window */
-static const char *const of_files[] = {"out", "json", NULL};              /* --headless and --path-trace */
+static const char *const of_scenes[] = {"texels-per-metre", "max-texels", "atlas-max", "sky",
+                                        "environment",      "sun-angle",  NULL}; /* where we open one */
+static const char *const of_files[] = {"out", "json", NULL}; /* --headless and --path-trace */
 
 static bool is_among(const char *name, const char *const *list) {
     for (; *list; list++)
@@ -95,13 +97,21 @@ static enum lw_status parse_out(struct lw_view_options *out, struct lw_error *er
     return LW_OK;
 }
 
+/* A scene in place of an address. */
+static bool is_own(const struct raw *raw) { return raw->address && lw_scene_open_is_scene(raw->address); }
+
 /* Refuses what the chosen way does not know. */
-static enum lw_status check_way(const struct lw_view_options *o, const struct lw_option *table, size_t count,
-                                struct lw_error *err) {
+static enum lw_status check_way(const struct lw_view_options *o, bool own, const struct lw_option *table,
+                                size_t count, struct lw_error *err) {
     const bool path = o->path.open.path != NULL;
     for (size_t i = 0; i < count; i++) {
         const char *name = table[i].name;
         if (!*table[i].given || is_among(name, of_every_way)) continue;
+        if (is_among(name, of_scenes)) {
+            if (path || own) continue;
+            return lw_status_fail(err, LW_USAGE, "--%s works with a scene only: a server's has its own",
+                                  name);
+        }
         const bool viewer = is_among(name, of_viewers);
         const bool served = viewer || is_among(name, of_a_server), file = is_among(name, of_files);
         if (path && served)
@@ -132,8 +142,9 @@ static enum lw_status check_together(const struct lw_view_options *o, const stru
 
 static enum lw_status interpret(const struct raw *raw, struct lw_view_options *out, struct lw_error *err) {
     const char *address = raw->address ? raw->address : LW_OPTIONS_ADDRESS;
-    if (raw->address && lw_scene_open_is_scene(address)) {
-        out->scene = raw->address;
+    if (is_own(raw)) {
+        out->own = out->path.open;
+        out->own.path = out->scene = raw->address;
         address = OWN_ADDRESS;
     }
     enum lw_status status = lw_access_address(address, out->host, sizeof out->host, &out->port, err);
@@ -317,12 +328,14 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
         if (table[i].given == NULL) table[i].given = &given[i];
     const struct lw_options options = {
         .program = "lightwell-view",
-        .synopsis = "[HOST:PORT | HOST | PORT | SCENE | --path-trace SCENE] [OPTIONS]",
+        .synopsis = "[HOST:PORT | HOST | :PORT | SCENE | --path-trace SCENE] [OPTIONS]",
         .about =
             "Shows the scene that a lightwelld lights (default " LW_OPTIONS_ADDRESS
-            "; HOST alone: its port 7780, PORT alone: this machine; SCENE: a file or builtin:NAME, lit by a "
-            "lightwelld of its own), in a window: click, then fly "
-            "with mouse, W A S D, Q and E; C for the next camera; F1 for the figures; Esc to leave. With "
+            "; HOST alone: its port 7780, PORT or :PORT alone: this machine; SCENE: a file or builtin:NAME, "
+            "lit by "
+            "a lightwelld of its own, by a plain sky if nothing shines in it), in a window, where H shows "
+            "the "
+            "keys. With "
             "--headless it renders one view: lightwell-view --headless --camera-name main --out view.png\n"
             "With --path-trace it works the light out by itself, slowly and exactly: "
             "lightwell-view --path-trace SCENE --error 0.02 --out reference.exr\n"
@@ -335,7 +348,7 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
         .positional_max = 1};
     enum lw_status status = lw_options_parse(&options, argc, argv, NULL, out_done, err);
     if (status != LW_OK || *out_done) return status;
-    status = check_way(&o, table, COUNT, err);
+    status = check_way(&o, is_own(&raw), table, COUNT, err);
     if (status == LW_OK) status = interpret(&raw, &o, err);
     if (status == LW_OK) *out_options = o;
     return status;

@@ -52,6 +52,7 @@ struct lw_view_path {
 struct lw_view_options {
     const char
         *scene; /* to light by a server of our own; NULL: there is one, at host and port. Points into argv */
+    struct lw_scene_open own; /* of scene, if that is not NULL */
     char host[256];
     struct lw_access access;
     uint16_t port; /* 0 with a scene, until its server listens */

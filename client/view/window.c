@@ -1,11 +1,12 @@
 #include "client/view/window.h"
 
 #include "client/gl/gl_view.h"
-#include "client/view/flight.h"
-#include "client/view/font.h"
 #include "client/view/overlay.h"
+#include "client/view/own_server.h"
 #include "client/view/pace.h"
+#include "client/view/panel.h"
 #include "client/view/picture.h"
+#include "client/view/saved_picture.h"
 #include "client/view/screen.h"
 #include "client/view/seeker.h"
 #include "client/view/stage.h"
@@ -13,6 +14,7 @@
 #include "common/log.h"
 
 #include <SDL.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -23,24 +25,18 @@
 #define REST_AFTER_NS     200000000u /* without motion: then the picture sharpens */
 #define FIGURES_EVERY_NS  500000000u
 #define KEYS_SHOWN_NS     20000000000u /* of the first picture, unless somebody presses a key before */
+#define NOTICE_SHOWN_NS   4000000000u
 #define RADIANS_PER_PIXEL 0.0025f
 #define FAST              4.0f
 #define TILES_A_PICTURE   48u /* that OpenGL takes over at most: a few ms */
 #define MSAA              4u
+#define SAVED_SAMPLES     16u /* of a pixel of a picture that is saved */
 #define SURVEY_EVERY_NS   250000000u
 #define STEP_S_MAX        0.1f /* a hitch must not throw the camera across the room */
+#define STOPS_A_KEY       0.25f
 
-#define TEXT_SCALE   2
-#define PANEL_MARGIN 10
-#define PANEL_PITCH  (TEXT_SCALE * (LW_FONT_HEIGHT + 2))
-#define PANEL_WIDTH  520
-#define PANEL_HEIGHT (LW_OVERLAY_KEYS * PANEL_PITCH + 2 * PANEL_MARGIN)
-#define PANEL_LINES  4
-#define PANEL_INSET  12          /* from the window's edges */
-#define TEXT_COLOUR  0xfff2f2f2u /* ARGB, as the rest */
-#define HINT_COLOUR  0xffffc860u
-#define PANEL_COLOUR 0xa0101418u
-#define BAR_COLOUR   0xff5aa0e0u
+#define PANEL_LINES 4
+#define PANEL_INSET 12 /* from the window's edges */
 
 /* What the overlay says; taken twice a second so that it can be read. */
 struct figures {
@@ -49,14 +45,16 @@ struct figures {
     double pictures_per_s, kbit_per_s;
 };
 
-struct window {
+struct lw_window {
     const struct lw_view_options *options;
     struct lw_screen screen;
-    uint32_t panel[PANEL_WIDTH * PANEL_HEIGHT]; /* scratch */
-    uint32_t width, height;
+    struct lw_panel panel;
+    uint32_t width, height; /* 0: it has no pixels yet */
     char address[280];
 
-    struct lw_client *client; /* whose light is shown; may have lost its server */
+    struct lw_own_server *server; /* NULL: somebody else's */
+    uint64_t importing_ns;        /* since when it imports its scene; 0: it does not */
+    struct lw_client *client;     /* whose light is shown; may have lost its server */
     bool lost;
     struct lw_stage stage;
     bool staged;
@@ -67,76 +65,107 @@ struct window {
     struct lw_client *incoming; /* connected, its scene or first light not there yet */
     struct lw_seeker *seeker;
 
-    struct lw_flight flight;
+    struct lw_steering steering;
     struct lw_camera_view start;
+    float size_m; /* of the scene */
     uint32_t next_camera;
-    bool captured, hide_figures, quit;
+    bool captured, hide_figures, quit, full_screen;
+    bool held[SDL_NUM_SCANCODES]; /* keys */
     bool show_keys;
     uint64_t keys_until_ns; /* 0: until somebody hides them */
+    char notice[160];
+    uint64_t notice_until_ns; /* 0: there is none */
+    char says[160];
 
     struct lw_picture picture;
     struct lw_pace pace;
     bool stale;  /* the picture is not of what is there now */
     bool redraw; /* the overlay is not */
-    uint64_t moved_ns, stepped_ns;
+    bool busy;   /* the last step had something to do */
+    uint64_t moved_ns, stepped_ns, pictures;
     uint64_t seen_tiles, seen_frame;
     struct figures figures;
 };
 
+static void touch(struct lw_window *w) {
+    w->moved_ns = lw_clock_ns();
+    w->stale = true;
+}
+
+/* Says something for some seconds. */
+__attribute__((format(printf, 2, 3))) static void notify(struct lw_window *w, const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(w->notice, sizeof w->notice, format, arguments);
+    va_end(arguments);
+    snprintf(w->says, sizeof w->says, "%s", w->notice);
+    w->notice_until_ns = lw_clock_ns() + NOTICE_SHOWN_NS;
+    w->redraw = true;
+}
+
+static void show_message(struct lw_window *w, const char *text, float fraction);
+
 /* ---- the server ---- */
 
-static void drop_incoming(struct window *w) {
+static void drop_incoming(struct lw_window *w) {
     lw_client_destroy(w->incoming);
     w->incoming = NULL;
 }
 
-static void seek_again(struct window *w, const struct lw_client *lost, const struct lw_error *err) {
+static void seek_again(struct lw_window *w, const struct lw_client *lost, const struct lw_error *err) {
     lw_log(LW_LOG_WARNING, "%s; looking for the server again", err->text);
     lw_seeker_start(w->seeker, lw_client_retry_after_ms(lost));
 }
 
-static void go_to_camera(struct window *w, uint32_t camera) {
-    struct lw_camera_view view = lw_camera_of_scene(w->stage.scene, &w->stage.pose, camera);
-    lw_flight_take(&w->flight, &view);
-    w->next_camera = (camera + 1) % w->stage.scene->camera_count;
-    w->stale = true;
-    w->moved_ns = lw_clock_ns();
+static void go_to_camera(struct lw_window *w, uint32_t camera) {
+    const struct lw_scene *scene = w->stage.scene;
+    struct lw_camera_view view = lw_camera_of_scene(scene, &w->stage.pose, camera);
+    lw_flight_take(&w->steering.flight, &view);
+    lw_steering_set(&w->steering, w->steering.mode == LW_STEERING_WALK ? LW_STEERING_FLY : w->steering.mode,
+                    w->stage.trace, w->size_m);
+    w->next_camera = (camera + 1) % scene->camera_count;
+    notify(w, "camera %u of %u: %.60s", camera + 1, scene->camera_count, scene->camera[camera].name);
+    touch(w);
 }
 
-static enum lw_status choose_start(struct window *w, struct lw_error *err) {
+/* first: the command line's camera counts; else the scene is another one, which has its own. */
+static enum lw_status choose_start(struct lw_window *w, bool first, struct lw_error *err) {
     const struct lw_scene *scene = w->stage.scene;
     uint32_t camera = 0;
-    if (w->options->camera_name != NULL) {
+    if (first && w->options->camera_name != NULL) {
         enum lw_status status = lw_camera_find(scene, w->options->camera_name, &camera, err);
         if (status != LW_OK) return status;
     }
-    if (w->options->camera_given)
+    if (first && w->options->camera_given)
         w->start = w->options->camera;
     else if (camera < scene->camera_count)
         w->start = lw_camera_of_scene(scene, &w->stage.pose, camera);
     else
-        w->start =
-            lw_camera_default(scene, &w->stage.pose, w->stage.trace, (float)w->width / (float)w->height);
+        w->start = lw_camera_default(scene, &w->stage.pose, w->stage.trace,
+                                     w->height > 0 ? (float)w->width / (float)w->height : 1);
     w->next_camera = scene->camera_count > 1 ? camera + 1 : 0;
     struct lw_vec3 low, high;
-    w->flight.speed = 2.0f;
-    if (lw_pose_bounds(&w->stage.pose, scene, &low, &high))
-        w->flight.speed = fmaxf(lw_vec3_length(lw_vec3_sub(high, low)) / 10.0f, 0.05f);
-    lw_flight_take(&w->flight, &w->start);
+    float high_m = 0;
+    w->size_m = 0;
+    if (lw_pose_bounds(&w->stage.pose, scene, &low, &high)) {
+        w->size_m = lw_vec3_length(lw_vec3_sub(high, low));
+        high_m = high.y - low.y;
+    }
+    lw_steering_start(&w->steering, &w->start, w->size_m, high_m);
+    touch(w);
     return LW_OK;
 }
 
-static enum lw_status resize(struct window *w, struct lw_error *err);
+static enum lw_status resize(struct lw_window *w, struct lw_error *err);
 
-static enum lw_status open_screen(struct window *w, bool gl, struct lw_error *err) {
+static enum lw_status open_screen(struct lw_window *w, bool gl, struct lw_error *err) {
     char title[320];
-    snprintf(title, sizeof title, "lightwell %s", w->address);
-    return lw_screen_open(&w->screen, title, (int)w->options->width, (int)w->options->height, PANEL_WIDTH,
-                          PANEL_HEIGHT, gl, err);
+    snprintf(title, sizeof title, "lightwell %s", w->options->scene ? w->options->scene : w->address);
+    return lw_screen_open(&w->screen, title, (int)w->options->width, (int)w->options->height, gl, err);
 }
 
 /* OpenGL has failed: on with the CPU, if nobody has asked for OpenGL. */
-static enum lw_status leave_gl(struct window *w, struct lw_error *err) {
+static enum lw_status leave_gl(struct lw_window *w, struct lw_error *err) {
     if (w->options->renderer == LW_VIEW_RENDERER_GL) {
         lw_status_context(err, "--renderer gl");
         return err->status;
@@ -151,8 +180,11 @@ static enum lw_status leave_gl(struct window *w, struct lw_error *err) {
 }
 
 /* Shows the incoming client in place of what is shown. */
-static enum lw_status stage_incoming(struct window *w, struct lw_error *err) {
-    bool first = !w->staged, moved;
+static enum lw_status stage_incoming(struct lw_window *w, struct lw_error *err) {
+    const bool first = !w->staged;
+    const bool other = first || memcmp(lw_client_package_hash(w->client), lw_client_package_hash(w->incoming),
+                                       LW_CLIENT_HASH_SIZE) != 0;
+    bool moved;
     struct lw_stage stage;
     enum lw_status status = lw_stage_init(&stage, w->incoming, w->options->threads, err);
     if (status != LW_OK) return status;
@@ -175,21 +207,21 @@ static enum lw_status stage_incoming(struct window *w, struct lw_error *err) {
         status = leave_gl(w, err);
         if (status != LW_OK) return status;
     }
-    if (!first) lw_log(LW_LOG_INFO, "%s: connected again", w->address);
+    if (!first) lw_log(LW_LOG_INFO, "%s: connected again%s", w->address, other ? ", to another scene" : "");
+    if (!first && other) notify(w, "the scene is another one");
     if (first && w->show_keys) w->keys_until_ns = lw_clock_ns() + KEYS_SHOWN_NS;
-    return first ? choose_start(w, err) : LW_OK;
+    return other ? choose_start(w, first, err) : LW_OK;
 }
 
-static bool is_ready(const struct window *w, struct lw_client *client) {
+static bool is_ready(const struct lw_window *w, struct lw_client *client) {
     struct lw_client_stats stats;
     lw_client_get_stats(client, &stats);
     /* The old light is better than none: it stays until the first of the new server's is there. */
     return lw_client_scene(client) != NULL && (!w->staged || stats.first_ns != 0);
 }
 
-static void show_message(struct window *w, const char *text, float fraction);
-
-static enum lw_status serve_incoming(struct window *w, struct lw_error *err) {
+static enum lw_status serve_incoming(struct lw_window *w, struct lw_error *err) {
+    if (w->seeker == NULL) return LW_OK; /* a server of our own is not there yet */
     if (w->incoming == NULL) w->incoming = lw_seeker_take(w->seeker);
     if (w->incoming == NULL) return LW_OK;
     struct lw_error lost = {0};
@@ -203,7 +235,7 @@ static enum lw_status serve_incoming(struct window *w, struct lw_error *err) {
     return stage_incoming(w, err);
 }
 
-static enum lw_status serve_shown(struct window *w, struct lw_error *err) {
+static enum lw_status serve_shown(struct lw_window *w, struct lw_error *err) {
     if (!w->staged) return LW_OK;
     struct lw_error lost = {0};
     if (!w->lost && lw_client_poll(w->client, 0, &lost) != LW_OK) {
@@ -218,27 +250,124 @@ static enum lw_status serve_shown(struct window *w, struct lw_error *err) {
     w->seen_frame = stats.frame;
     bool moved;
     enum lw_status status = lw_stage_follow(&w->stage, &moved, err);
-    if (status == LW_OK && moved) {
-        w->moved_ns = lw_clock_ns();
-        w->stale = true;
-    }
+    if (status == LW_OK && moved) touch(w);
     return status;
+}
+
+static enum lw_status connect_first(struct lw_window *w, uint16_t port, struct lw_error *err) {
+    const struct lw_view_options *o = w->options;
+    snprintf(w->address, sizeof w->address, strchr(o->host, ':') ? "[%s]:%u" : "%s:%u", o->host, port);
+    enum lw_status status = lw_seeker_create(o->host, port, &o->access, CLIENT_NAME, o->cache_folder,
+                                             o->draws_direct, &w->seeker, err);
+    if (status != LW_OK) return status;
+    return lw_client_create(&(struct lw_client_desc){.host = o->host,
+                                                     .port = port,
+                                                     .access = &o->access,
+                                                     .name = CLIENT_NAME,
+                                                     .timeout_ms = CONNECT_MS,
+                                                     .cache_folder = o->cache_folder,
+                                                     .wants_nothing = true,
+                                                     .budget_ns = LW_SEEKER_BUDGET_NS,
+                                                     .draws_direct = o->draws_direct},
+                            &w->incoming, err);
+}
+
+/* A server of our own listens once it has imported its scene. */
+static enum lw_status await_own_server(struct lw_window *w, struct lw_error *err) {
+    uint16_t port = 0;
+    if (w->importing_ns == 0) return LW_OK;
+    enum lw_status status = lw_own_server_poll(w->server, &port, err);
+    if (status != LW_OK || port == 0) return status;
+    w->importing_ns = 0;
+    return connect_first(w, port, err);
 }
 
 /* ---- the user ---- */
 
-static void capture(struct window *w, bool on) {
+static void capture(struct lw_window *w, bool on) {
     w->captured = on;
     SDL_SetRelativeMouseMode(on ? SDL_TRUE : SDL_FALSE);
 }
 
-static void show_keys(struct window *w, bool on) {
+static void show_keys(struct lw_window *w, bool on) {
     w->show_keys = on;
     w->keys_until_ns = 0;
     w->redraw = true;
 }
 
-static void press(struct window *w, SDL_Keycode key) {
+/* The camera as a command: to the clipboard, and to the terminal, where there may be no clipboard. */
+static void copy_camera(struct lw_window *w) {
+    const struct lw_view_options *o = w->options;
+    const struct lw_camera_view view = lw_flight_view(&w->steering.flight);
+    char camera[LW_CAMERA_TEXT_SIZE], exposure[32] = "", command[1024];
+    lw_camera_format(&view, camera);
+    if (!w->picture.auto_exposure)
+        snprintf(exposure, sizeof exposure, " --exposure %.3g", (double)w->picture.stops);
+    snprintf(command, sizeof command, "lightwell-view %.600s --camera %s --size %ux%u%s",
+             o->scene ? o->scene : w->address, camera, w->width, w->height, exposure);
+    fprintf(stderr, "%s\n", command);
+    if (SDL_SetClipboardText(command) == 0)
+        notify(w, "camera copied as a command line");
+    else
+        notify(w, "the camera's command line is in the terminal");
+}
+
+static void set_exposure(struct lw_window *w, bool by_picture, float stops) {
+    w->picture.auto_exposure = by_picture;
+    if (by_picture) {
+        w->surveyed_ns = 0; /* metered again */
+        notify(w, "exposure by the picture");
+    } else {
+        w->picture.stops_wanted = fminf(fmaxf(stops, -LW_TONEMAP_STOPS_MAX), LW_TONEMAP_STOPS_MAX);
+        w->picture.stops_known = true;
+        notify(w, "exposure %+.2f stops", (double)w->picture.stops_wanted);
+    }
+    w->stale = true;
+}
+
+static void set_mode(struct lw_window *w, enum lw_steering_mode mode) {
+    lw_steering_set(&w->steering, mode, w->stage.trace, w->size_m);
+    notify(w, "%s", lw_steering_names[mode]);
+    touch(w);
+}
+
+static void set_full_screen(struct lw_window *w, bool on) {
+    if (SDL_SetWindowFullscreen(w->screen.handle, on ? (Uint32)SDL_WINDOW_FULLSCREEN_DESKTOP : 0) == 0)
+        w->full_screen = on;
+    else
+        notify(w, "no full screen here: %.100s", SDL_GetError());
+}
+
+static enum lw_status save_picture(struct lw_window *w, struct lw_error *err);
+
+static void try_to_save(struct lw_window *w) {
+    struct lw_error err = {0};
+    if (w->width == 0) return;
+    if (save_picture(w, &err) == LW_OK) return;
+    lw_log(LW_LOG_WARNING, "%s", err.text);
+    notify(w, "not saved: %.140s", err.text);
+}
+
+static void press_staged(struct lw_window *w, SDL_Keycode key) {
+    const uint32_t cameras = w->stage.scene->camera_count;
+    const float stops = w->picture.auto_exposure ? w->picture.stops : w->picture.stops_wanted;
+    if (key == SDLK_c && cameras > 0) go_to_camera(w, w->next_camera);
+    if (key >= SDLK_1 && key <= SDLK_9 && (uint32_t)(key - SDLK_1) < cameras)
+        go_to_camera(w, (uint32_t)(key - SDLK_1));
+    if (key == SDLK_0) {
+        lw_flight_take(&w->steering.flight, &w->start);
+        set_mode(w, LW_STEERING_FLY);
+    }
+    if (key == SDLK_m) set_mode(w, (enum lw_steering_mode)((w->steering.mode + 1) % LW_STEERING_MODES));
+    if (key == SDLK_k) copy_camera(w);
+    if (key == SDLK_p) try_to_save(w);
+    if (key == SDLK_PLUS || key == SDLK_EQUALS || key == SDLK_KP_PLUS)
+        set_exposure(w, false, stops + STOPS_A_KEY);
+    if (key == SDLK_MINUS || key == SDLK_KP_MINUS) set_exposure(w, false, stops - STOPS_A_KEY);
+    if (key == SDLK_x) set_exposure(w, true, 0);
+}
+
+static void press(struct lw_window *w, SDL_Keycode key) {
     show_keys(w, key == SDLK_h && !w->show_keys);
     if (key == SDLK_ESCAPE) {
         if (w->captured)
@@ -247,21 +376,15 @@ static void press(struct window *w, SDL_Keycode key) {
             w->quit = true;
     }
     if (key == SDLK_F1) w->hide_figures = !w->hide_figures;
-    if (!w->staged) return;
-    uint32_t cameras = w->stage.scene->camera_count;
-    if (key == SDLK_c && cameras > 0) go_to_camera(w, w->next_camera);
-    if (key >= SDLK_1 && key <= SDLK_9 && (uint32_t)(key - SDLK_1) < cameras)
-        go_to_camera(w, (uint32_t)(key - SDLK_1));
-    if (key == SDLK_0) {
-        lw_flight_take(&w->flight, &w->start);
-        w->stale = true;
-        w->moved_ns = lw_clock_ns();
-    }
+    if (key == SDLK_F11) set_full_screen(w, !w->full_screen);
+    if (w->staged) press_staged(w, key);
 }
 
-static enum lw_status resize(struct window *w, struct lw_error *err) {
+static enum lw_status resize(struct lw_window *w, struct lw_error *err) {
     int width, height;
-    if (!lw_screen_size(&w->screen, &width, &height)) return LW_OK;
+    if (!lw_screen_size(&w->screen, &width, &height)) return LW_OK; /* minimised: as before */
+    w->panel.scale = lw_panel_scale(lw_screen_points(&w->screen), height);
+    w->redraw = true;
     if (width > (int)LW_VIEW_SIDE_MAX) width = (int)LW_VIEW_SIDE_MAX;
     if (height > (int)LW_VIEW_SIDE_MAX) height = (int)LW_VIEW_SIDE_MAX;
     if ((uint32_t)width == w->width && (uint32_t)height == w->height) return LW_OK;
@@ -275,7 +398,11 @@ static enum lw_status resize(struct window *w, struct lw_error *err) {
     return LW_OK;
 }
 
-static enum lw_status take_events(struct window *w, int wait_ms, struct lw_error *err) {
+static void hold(struct lw_window *w, SDL_Scancode key, bool down) {
+    if ((unsigned)key < SDL_NUM_SCANCODES) w->held[key] = down;
+}
+
+static enum lw_status take_events(struct lw_window *w, int wait_ms, struct lw_error *err) {
     SDL_Event event;
     bool resized = false;
     for (int some = wait_ms > 0 ? SDL_WaitEventTimeout(&event, wait_ms) : SDL_PollEvent(&event); some;
@@ -284,7 +411,11 @@ static enum lw_status take_events(struct window *w, int wait_ms, struct lw_error
         case SDL_QUIT:
             w->quit = true;
             break;
+        case SDL_KEYUP:
+            hold(w, event.key.keysym.scancode, false);
+            break;
         case SDL_KEYDOWN:
+            hold(w, event.key.keysym.scancode, true);
             if (!event.key.repeat) press(w, event.key.keysym.sym);
             break;
         case SDL_MOUSEBUTTONDOWN:
@@ -293,16 +424,20 @@ static enum lw_status take_events(struct window *w, int wait_ms, struct lw_error
             break;
         case SDL_MOUSEMOTION:
             if (!w->captured || !w->staged) break;
-            lw_flight_turn(&w->flight, RADIANS_PER_PIXEL * (float)event.motion.xrel,
-                           -RADIANS_PER_PIXEL * (float)event.motion.yrel);
-            w->moved_ns = lw_clock_ns();
-            w->stale = true;
+            lw_steering_turn(&w->steering, RADIANS_PER_PIXEL * (float)event.motion.xrel,
+                             -RADIANS_PER_PIXEL * (float)event.motion.yrel);
+            touch(w);
             break;
         case SDL_MOUSEWHEEL:
-            w->flight.speed *= exp2f(0.25f * (float)event.wheel.y);
+            if (!w->staged) break;
+            lw_steering_wheel(&w->steering, (float)event.wheel.y);
+            if (w->steering.mode == LW_STEERING_ORBIT) touch(w);
             break;
         case SDL_WINDOWEVENT:
-            if (event.window.event == SDL_WINDOWEVENT_FOCUS_LOST) capture(w, false);
+            if (event.window.event == SDL_WINDOWEVENT_FOCUS_LOST) {
+                capture(w, false);
+                memset(w->held, 0, sizeof w->held); /* nobody tells of their release */
+            }
             resized |= event.window.event == SDL_WINDOWEVENT_SIZE_CHANGED;
             break;
         default:
@@ -312,76 +447,71 @@ static enum lw_status take_events(struct window *w, int wait_ms, struct lw_error
     return resized ? resize(w, err) : LW_OK;
 }
 
-static float axis(const Uint8 *keys, SDL_Scancode positive, SDL_Scancode negative) {
+static float axis(const bool *keys, SDL_Scancode positive, SDL_Scancode negative) {
     return (float)keys[positive] - (float)keys[negative];
 }
 
-static void fly(struct window *w, float seconds) {
-    const Uint8 *keys = SDL_GetKeyboardState(NULL);
+static void move(struct lw_window *w, float seconds) {
+    const bool *keys = w->held;
     float right = axis(keys, SDL_SCANCODE_D, SDL_SCANCODE_A), up = axis(keys, SDL_SCANCODE_E, SDL_SCANCODE_Q),
           forward = axis(keys, SDL_SCANCODE_W, SDL_SCANCODE_S);
-    if (!w->staged || (right == 0 && up == 0 && forward == 0)) return;
-    if (keys[SDL_SCANCODE_LSHIFT] || keys[SDL_SCANCODE_RSHIFT]) seconds *= FAST;
-    lw_flight_move(&w->flight, right, up, forward, seconds);
-    w->moved_ns = lw_clock_ns();
-    w->stale = true;
+    if (!w->staged) return;
+    const float pace = keys[SDL_SCANCODE_LSHIFT] || keys[SDL_SCANCODE_RSHIFT] ? FAST : 1;
+    if (lw_steering_move(&w->steering, w->stage.trace, pace * right, pace * up, pace * forward, seconds))
+        touch(w);
 }
 
 /* ---- the screen ---- */
-
-static void fill(const struct lw_font_canvas *canvas, int x, int y, int width, int height, uint32_t colour) {
-    for (int j = y; j < y + height && j < canvas->height; j++)
-        for (int i = x; i < x + width && i < canvas->width; i++)
-            canvas->pixel[(size_t)j * canvas->stride + (size_t)i] = colour;
-}
 
 /* Places of a panel in the window other than pixels from its upper left corner. */
 enum { MIDDLE = -1, LOW = -2 };
 
 /* Draws lines of text, and a bar below them unless its fraction is negative, on a panel at (x, y) of the window. */
-static void show_panel(struct window *w, int x, int y, const char *const *line, int count, float fraction,
+static void show_panel(struct lw_window *w, int x, int y, const char *const *line, int count, float fraction,
                        uint32_t colour) {
-    int width = fraction >= 0 ? PANEL_WIDTH - 2 * PANEL_MARGIN : 0;
-    for (int i = 0; i < count; i++) {
-        int needed = lw_font_width(line[i], TEXT_SCALE);
-        if (needed > width) width = needed;
-    }
-    if (width > PANEL_WIDTH - 2 * PANEL_MARGIN) width = PANEL_WIDTH - 2 * PANEL_MARGIN;
-    int height = count * PANEL_PITCH + (fraction >= 0 ? PANEL_PITCH : 0);
-    struct lw_font_canvas canvas = {
-        .pixel = w->panel, .width = width + 2 * PANEL_MARGIN, .height = height + 2 * PANEL_MARGIN - 4};
-    canvas.stride = (size_t)canvas.width;
-    fill(&canvas, 0, 0, canvas.width, canvas.height, PANEL_COLOUR);
-    for (int i = 0; i < count; i++)
-        lw_font_draw(&canvas, PANEL_MARGIN, PANEL_MARGIN + i * PANEL_PITCH, TEXT_SCALE, colour, line[i]);
-    if (fraction >= 0) {
-        int top = PANEL_MARGIN + count * PANEL_PITCH, full = (int)((float)width * fminf(fraction, 1));
-        fill(&canvas, PANEL_MARGIN, top, width, PANEL_PITCH / 2, 0xff303840u);
-        fill(&canvas, PANEL_MARGIN, top, full, PANEL_PITCH / 2, BAR_COLOUR);
-    }
-    if (x == MIDDLE) x = ((int)w->width - canvas.width) / 2;
+    struct lw_error err = {0};
+    if (lw_panel_draw(&w->panel, line, count, fraction, colour, &err) != LW_OK)
+        return; /* a picture without text */
+    if (x == MIDDLE) x = ((int)w->width - w->panel.width) / 2;
     if (y == MIDDLE)
-        y = ((int)w->height - canvas.height) / 2;
+        y = ((int)w->height - w->panel.height) / 2;
     else if (y == LOW)
-        y = (int)w->height - canvas.height - PANEL_INSET;
-    lw_screen_draw_panel(&w->screen, w->panel, canvas.width, canvas.height, x, y);
+        y = (int)w->height - w->panel.height - PANEL_INSET;
+    lw_screen_draw_panel(&w->screen, w->panel.pixel, w->panel.width, w->panel.height, x, y);
 }
 
-static void draw_keys(struct window *w) {
-    if (w->show_keys) show_panel(w, PANEL_INSET, LOW, lw_overlay_keys, LW_OVERLAY_KEYS, -1, TEXT_COLOUR);
+static void draw_keys(struct lw_window *w) {
+    if (w->show_keys) show_panel(w, PANEL_INSET, LOW, lw_overlay_keys, LW_OVERLAY_KEYS, -1, LW_PANEL_TEXT);
 }
 
-static void show_message(struct window *w, const char *text, float fraction) {
+static void draw_notice(struct lw_window *w) {
+    if (w->notice_until_ns != 0)
+        show_panel(w, MIDDLE, LOW, (const char *const[]){w->notice}, 1, -1, LW_PANEL_TEXT);
+}
+
+static void show_message(struct lw_window *w, const char *text, float fraction) {
+    snprintf(w->says, sizeof w->says, "%s", text);
     lw_screen_clear(&w->screen);
     draw_keys(w);
-    show_panel(w, MIDDLE, MIDDLE, (const char *const[]){text}, 1, fraction, TEXT_COLOUR);
+    show_panel(w, MIDDLE, MIDDLE, (const char *const[]){text}, 1, fraction, LW_PANEL_TEXT);
     lw_screen_present(&w->screen);
 }
 
-static void show_waiting(struct window *w) {
-    char text[64];
+static const char *file_of(const char *path) {
+    const char *slash = strrchr(path, '/');
+    return slash ? slash + 1 : path;
+}
+
+static void show_waiting(struct lw_window *w) {
+    char text[96];
+    if (w->importing_ns != 0) {
+        snprintf(text, sizeof text, "importing %.60s, %.0f s", file_of(w->options->scene),
+                 (double)(lw_clock_ns() - w->importing_ns) * 1e-9);
+        show_message(w, text, -1);
+        return;
+    }
     if (w->incoming == NULL) {
-        snprintf(text, sizeof text, "looking for %.40s", w->address);
+        snprintf(text, sizeof text, "looking for %.60s", w->address);
         show_message(w, text, -1);
         return;
     }
@@ -390,7 +520,7 @@ static void show_waiting(struct window *w) {
     show_message(w, text, fraction);
 }
 
-static void take_figures(struct window *w, const struct lw_client_stats *stats, uint64_t now_ns) {
+static void take_figures(struct lw_window *w, const struct lw_client_stats *stats, uint64_t now_ns) {
     struct figures *f = &w->figures;
     if (now_ns - f->since_ns < FIGURES_EVERY_NS) return;
     double seconds = (double)(now_ns - f->since_ns) * 1e-9;
@@ -402,13 +532,13 @@ static void take_figures(struct window *w, const struct lw_client_stats *stats, 
     f->since_ns = now_ns;
 }
 
-static void show_figures(struct window *w) {
+static void show_figures(struct lw_window *w) {
     struct lw_client_stats stats;
     lw_client_get_stats(w->client, &stats);
     take_figures(w, &stats, lw_clock_ns());
     char line[PANEL_LINES][LW_OVERLAY_LINE_SIZE];
-    snprintf(line[0], sizeof line[0], "%3.0f frames/s  %ux%u", w->figures.pictures_per_s, w->picture.width,
-             w->picture.height);
+    snprintf(line[0], sizeof line[0], "%3.0f frames/s  %ux%u  %s", w->figures.pictures_per_s,
+             w->picture.width, w->picture.height, lw_steering_names[w->steering.mode]);
     snprintf(line[1], sizeof line[1], "%.0f kbit/s", w->figures.kbit_per_s);
     const struct lw_overlay_state state = {.lost = w->lost,
                                            .receiving = w->incoming != NULL,
@@ -422,13 +552,13 @@ static void show_figures(struct window *w) {
     bool hint = state.lost || !state.lit;
     if (!w->hide_figures)
         show_panel(w, PANEL_INSET, PANEL_INSET, (const char *const[]){line[0], line[1], line[2], line[3]},
-                   PANEL_LINES, -1, hint ? HINT_COLOUR : TEXT_COLOUR);
+                   PANEL_LINES, -1, hint ? LW_PANEL_HINT : LW_PANEL_TEXT);
     else if (hint)
-        show_panel(w, PANEL_INSET, PANEL_INSET, (const char *const[]){line[3]}, 1, -1, HINT_COLOUR);
+        show_panel(w, PANEL_INSET, PANEL_INSET, (const char *const[]){line[3]}, 1, -1, LW_PANEL_HINT);
 }
 
 /* What the view needs, how well that is served, and how bright the picture is: four times a second. */
-static enum lw_status survey(struct window *w, const struct lw_compose_view *view, struct lw_error *err) {
+static enum lw_status survey(struct lw_window *w, const struct lw_compose_view *view, struct lw_error *err) {
     const uint64_t now_ns = lw_clock_ns();
     w->unsurveyed = now_ns - w->surveyed_ns < SURVEY_EVERY_NS;
     if (w->unsurveyed) return LW_OK;
@@ -442,7 +572,7 @@ static enum lw_status survey(struct window *w, const struct lw_compose_view *vie
 }
 
 /* The same by OpenGL: in full where that is quick enough, and at rest. */
-static enum lw_status renew_by_gl(struct window *w, float seconds, bool *out_busy, struct lw_error *err) {
+static enum lw_status renew_by_gl(struct lw_window *w, float seconds, bool *out_busy, struct lw_error *err) {
     const uint64_t start_ns = lw_clock_ns();
     const bool at_rest = start_ns - w->moved_ns > REST_AFTER_NS;
     struct lw_picture *p = &w->picture;
@@ -452,7 +582,7 @@ static enum lw_status renew_by_gl(struct window *w, float seconds, bool *out_bus
     const bool render = w->stale || w->waiting > 0 || p->width != width || p->height != height ||
                         (w->unsurveyed && start_ns - w->surveyed_ns >= SURVEY_EVERY_NS);
     const struct lw_compose_view view = {
-        .camera = lw_flight_view(&w->flight), .width = width, .height = height};
+        .camera = lw_flight_view(&w->steering.flight), .width = width, .height = height};
     enum lw_status status = LW_OK;
     if (render) {
         status = lw_gl_view_take(&w->gl, &w->stage, TILES_A_PICTURE, &w->waiting, err);
@@ -461,6 +591,7 @@ static enum lw_status renew_by_gl(struct window *w, float seconds, bool *out_bus
         if (status != LW_OK) return status;
         w->stale = false;
         w->figures.pictures++;
+        w->pictures++;
         p->width = width, p->height = height, p->samples = samples;
     }
     *out_busy = lw_picture_adapt(p, seconds) || render;
@@ -474,7 +605,7 @@ static enum lw_status renew_by_gl(struct window *w, float seconds, bool *out_bus
 }
 
 /* Renders if there is something new or something to sharpen; returns whether it did. */
-static bool renew_picture(struct window *w, float seconds) {
+static bool renew_picture(struct lw_window *w, float seconds) {
     uint64_t start_ns = lw_clock_ns();
     bool at_rest = start_ns - w->moved_ns > REST_AFTER_NS;
     uint32_t width = w->width, height = w->height;
@@ -483,7 +614,7 @@ static bool renew_picture(struct window *w, float seconds) {
                    (at_rest && w->picture.samples < LW_PICTURE_SAMPLES_MAX);
     bool render = w->stale || sharpen;
     if (render) {
-        struct lw_camera_view camera = lw_flight_view(&w->flight);
+        struct lw_camera_view camera = lw_flight_view(&w->steering.flight);
         /* at rest all pixels have more samples soon */
         const bool whole = width == w->width && height == w->height;
         const uint64_t edge_time_ns =
@@ -491,6 +622,7 @@ static bool renew_picture(struct window *w, float seconds) {
         lw_picture_render(&w->picture, &w->stage, &camera, width, height, w->stale, edge_time_ns);
         w->stale = false;
         w->figures.pictures++;
+        w->pictures++;
     }
     if (!lw_picture_adapt(&w->picture, seconds) && !render) return false;
     lw_picture_develop(&w->picture);
@@ -500,19 +632,50 @@ static bool renew_picture(struct window *w, float seconds) {
     return true;
 }
 
-static void show_picture(struct window *w) {
+/* The view of now with all its samples, whatever size it has while things move. */
+static enum lw_status render_whole(struct lw_window *w, float *rgb, struct lw_error *err) {
+    const struct lw_compose_view view = {
+        .camera = lw_flight_view(&w->steering.flight), .width = w->width, .height = w->height};
+    if (w->gl.renderer != NULL) return lw_gl_view_average(&w->gl, &view, SAVED_SAMPLES, rgb, err);
+    struct lw_antialias antialias = {0};
+    enum lw_status status = lw_antialias_reserve(&antialias, (size_t)w->width * w->height, err);
+    if (status != LW_OK) return status;
+    const struct lw_compose_source source = lw_compose_source_of(w->stage.client);
+    struct lw_compose_report report;
+    lw_antialias_render(&antialias, w->stage.compose, &source, &w->stage.pose, &view, SAVED_SAMPLES, rgb,
+                        &report);
+    lw_antialias_finish(&antialias);
+    return LW_OK;
+}
+
+static enum lw_status save_picture(struct lw_window *w, struct lw_error *err) {
+    char name[LW_SAVED_PICTURE_NAME_SIZE];
+    float *rgb = malloc(sizeof *rgb * 3 * w->width * w->height);
+    if (rgb == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the picture");
+    enum lw_status status = render_whole(w, rgb, err);
+    if (status == LW_OK)
+        status =
+            lw_saved_picture_write(rgb, w->width, w->height, w->options->curve, w->picture.stops, name, err);
+    free(rgb);
+    if (status == LW_OK) notify(w, "saved %s.png and .exr", name);
+    w->stale = true; /* what the renderer has in hand is another picture now */
+    return status;
+}
+
+static void show_picture(struct lw_window *w) {
     if (w->gl.renderer != NULL)
         lw_gl_renderer_show(w->gl.renderer, w->options->curve, w->picture.stops, w->width, w->height);
     else
         lw_screen_show(&w->screen, w->picture.width, w->picture.height);
     show_figures(w);
     draw_keys(w);
+    draw_notice(w);
     lw_screen_present(&w->screen);
 }
 
 /* ---- the whole ---- */
 
-static enum lw_status open_window(struct window *w, struct lw_error *err) {
+static enum lw_status open_window(struct lw_window *w, struct lw_error *err) {
     const bool gl = w->options->renderer != LW_VIEW_RENDERER_CPU;
     enum lw_status status = open_screen(w, gl, err);
     /* shadow maps on the CPU take three times as long as its shadow rays (bench_gl) */
@@ -523,77 +686,123 @@ static enum lw_status open_window(struct window *w, struct lw_error *err) {
     return resize(w, err);
 }
 
-static enum lw_status connect_first(struct window *w, struct lw_error *err) {
-    const struct lw_view_options *o = w->options;
-    snprintf(w->address, sizeof w->address, strchr(o->host, ':') ? "[%s]:%u" : "%s:%u", o->host, o->port);
-    enum lw_status status = lw_seeker_create(o->host, o->port, &o->access, CLIENT_NAME, o->cache_folder,
-                                             o->draws_direct, &w->seeker, err);
-    if (status != LW_OK) return status;
-    return lw_client_create(&(struct lw_client_desc){.host = o->host,
-                                                     .port = o->port,
-                                                     .access = &o->access,
-                                                     .name = CLIENT_NAME,
-                                                     .timeout_ms = CONNECT_MS,
-                                                     .cache_folder = o->cache_folder,
-                                                     .wants_nothing = true,
-                                                     .draws_direct = o->draws_direct},
-                            &w->incoming, err);
-}
-
-static enum lw_status run_loop(struct window *w, struct lw_error *err) {
-    bool busy = true;
-    w->stepped_ns = w->figures.since_ns = lw_clock_ns();
-    while (!w->quit) {
-        enum lw_status status = take_events(w, busy ? 0 : IDLE_WAIT_MS, err);
-        uint64_t now_ns = lw_clock_ns();
-        float seconds = fminf((float)(now_ns - w->stepped_ns) * 1e-9f, STEP_S_MAX);
-        w->stepped_ns = now_ns;
-        fly(w, seconds);
-        if (status == LW_OK) status = serve_shown(w, err);
-        if (status == LW_OK) status = serve_incoming(w, err);
-        if (status != LW_OK) return status;
-        if (!w->staged) {
-            show_waiting(w);
-            busy = false;
-            continue;
-        }
-        if (w->gl.renderer != NULL) {
-            if (renew_by_gl(w, seconds, &busy, err) != LW_OK) status = leave_gl(w, err);
-            if (status != LW_OK) return status;
-        }
-        if (w->gl.renderer == NULL) busy = renew_picture(w, seconds);
-        struct lw_camera_view camera = lw_flight_view(&w->flight);
-        status = lw_stage_look(&w->stage, &camera, w->width, w->height, err);
-        if (status != LW_OK) return status;
-        if (w->keys_until_ns != 0 && now_ns > w->keys_until_ns) show_keys(w, false);
-        if (busy || w->redraw || now_ns - w->figures.since_ns >= FIGURES_EVERY_NS) show_picture(w);
-        w->redraw = false;
-    }
-    return LW_OK;
-}
-
 /* Asked for before SDL is: without a display it takes a driver that shows nothing to nobody. */
 static bool has_display(void) {
     return getenv("DISPLAY") != NULL || getenv("WAYLAND_DISPLAY") != NULL ||
            getenv("SDL_VIDEODRIVER") != NULL;
 }
 
-enum lw_status lw_window_run(const struct lw_view_options *options, struct lw_error *err) {
+static enum lw_status begin(struct lw_window *w, struct lw_error *err) {
+    const struct lw_view_options *o = w->options;
+    if (o->scene == NULL) {
+        enum lw_status status = connect_first(w, o->port, err);
+        return status == LW_OK ? open_window(w, err) : status;
+    }
+    enum lw_status status = lw_own_server_start(&o->own, &w->server, err);
+    w->importing_ns = lw_clock_ns();
+    return status == LW_OK ? open_window(w, err) : status;
+}
+
+enum lw_status lw_window_create(const struct lw_view_options *options, struct lw_window **out_window,
+                                struct lw_error *err) {
     SDL_SetHint(SDL_HINT_VIDEO_X11_FORCE_EGL, "1"); /* GLX ends the program where its driver is missing */
     if (!has_display() || SDL_Init(SDL_INIT_VIDEO) != 0)
         return lw_status_fail(err, LW_UNAVAILABLE, "no display: use --headless");
-    struct window w = {.options = options, .show_keys = true};
-    lw_picture_init(&w.picture, options->curve, options->auto_exposure, options->stops, options->threads);
-    enum lw_status status = connect_first(&w, err);
-    if (status == LW_OK) status = open_window(&w, err);
-    if (status == LW_OK) status = run_loop(&w, err);
-    lw_gl_view_finish(&w.gl);
-    lw_stage_finish(&w.stage);
-    lw_client_destroy(w.client);
-    lw_client_destroy(w.incoming);
-    lw_seeker_destroy(w.seeker);
-    lw_picture_finish(&w.picture);
-    lw_screen_close(&w.screen);
+    struct lw_window *w = calloc(1, sizeof *w);
+    if (w == NULL) {
+        SDL_Quit();
+        return lw_status_fail(err, LW_NO_MEMORY, "no memory for a window");
+    }
+    w->options = options;
+    w->show_keys = w->busy = true;
+    w->panel.scale = 1;
+    lw_picture_init(&w->picture, options->curve, options->auto_exposure, options->stops, options->threads);
+    enum lw_status status = begin(w, err);
+    w->stepped_ns = w->figures.since_ns = lw_clock_ns();
+    if (status == LW_OK)
+        *out_window = w;
+    else
+        lw_window_destroy(w);
+    return status;
+}
+
+void lw_window_destroy(struct lw_window *w) {
+    if (w == NULL) return;
+    lw_gl_view_finish(&w->gl);
+    lw_stage_finish(&w->stage);
+    lw_client_destroy(w->client);
+    lw_client_destroy(w->incoming);
+    lw_seeker_destroy(w->seeker);
+    lw_picture_finish(&w->picture);
+    lw_panel_finish(&w->panel);
+    lw_screen_close(&w->screen);
     SDL_Quit();
+    lw_own_server_stop(w->server);
+    free(w);
+}
+
+/* One picture, if there is something new or somebody looks at the figures. */
+static enum lw_status draw(struct lw_window *w, float seconds, uint64_t now_ns, struct lw_error *err) {
+    enum lw_status status = LW_OK;
+    if (w->gl.renderer != NULL) {
+        if (renew_by_gl(w, seconds, &w->busy, err) != LW_OK) status = leave_gl(w, err);
+        if (status != LW_OK) return status;
+    }
+    if (w->gl.renderer == NULL) w->busy = renew_picture(w, seconds);
+    const struct lw_camera_view camera = lw_flight_view(&w->steering.flight);
+    status = lw_stage_look(&w->stage, &camera, w->width, w->height, err);
+    if (status != LW_OK) return status;
+    if (w->keys_until_ns != 0 && now_ns > w->keys_until_ns) show_keys(w, false);
+    if (w->notice_until_ns != 0 && now_ns > w->notice_until_ns) w->notice_until_ns = 0, w->redraw = true;
+    if (w->busy || w->redraw || now_ns - w->figures.since_ns >= FIGURES_EVERY_NS) show_picture(w);
+    w->redraw = false;
+    return LW_OK;
+}
+
+enum lw_status lw_window_step(struct lw_window *w, struct lw_error *err) {
+    enum lw_status status = take_events(w, w->busy ? 0 : IDLE_WAIT_MS, err);
+    const uint64_t now_ns = lw_clock_ns();
+    const float seconds = fminf((float)(now_ns - w->stepped_ns) * 1e-9f, STEP_S_MAX);
+    w->stepped_ns = now_ns;
+    move(w, seconds);
+    if (status == LW_OK) status = await_own_server(w, err);
+    if (status == LW_OK) status = serve_shown(w, err);
+    if (status == LW_OK) status = serve_incoming(w, err);
+    if (status != LW_OK) return status;
+    w->busy = false;
+    if (w->width == 0) return resize(w, err); /* it began without pixels */
+    if (w->staged) return draw(w, seconds, now_ns, err);
+    show_waiting(w);
+    return LW_OK;
+}
+
+struct lw_window_state lw_window_state(const struct lw_window *w) {
+    struct lw_client_stats stats = {0};
+    if (w->staged) lw_client_get_stats(w->client, &stats);
+    return (struct lw_window_state){.quit = w->quit,
+                                    .staged = w->staged,
+                                    .lit = stats.first_ns != 0,
+                                    .says = w->says,
+                                    .pictures = w->pictures,
+                                    .steering = w->steering,
+                                    .start = w->start,
+                                    .stops =
+                                        w->picture.auto_exposure ? w->picture.stops : w->picture.stops_wanted,
+                                    .auto_exposure = w->picture.auto_exposure,
+                                    .keys_shown = w->show_keys,
+                                    .figures_shown = !w->hide_figures,
+                                    .full_screen = w->full_screen,
+                                    .by_gl = w->gl.renderer != NULL,
+                                    .width = w->width,
+                                    .height = w->height,
+                                    .text_scale = w->panel.scale};
+}
+
+enum lw_status lw_window_run(const struct lw_view_options *options, struct lw_error *err) {
+    struct lw_window *w;
+    enum lw_status status = lw_window_create(options, &w, err);
+    if (status != LW_OK) return status;
+    while (status == LW_OK && !w->quit) status = lw_window_step(w, err);
+    lw_window_destroy(w);
     return status;
 }

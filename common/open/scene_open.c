@@ -1,5 +1,7 @@
 #include "common/open/scene_open.h"
 
+#include "common/log.h"
+
 #include <string.h>
 #include <strings.h>
 #include <sys/stat.h>
@@ -40,6 +42,11 @@ enum lw_status lw_scene_open(const struct lw_scene_open *open, struct lw_scene *
     enum lw_status status = lw_import_spawn(&import, &scene, err);
     if (status != LW_OK) return status;
     override_lights(scene, open);
+    if (open->plain_sky && !lw_scene_has_light(scene)) {
+        for (int c = 0; c < 3; c++) scene->sky[c] = LW_SCENE_OPEN_PLAIN_SKY;
+        lw_log(LW_LOG_WARNING, "%s: nothing shines in it: lit by a plain sky (--sky R,G,B sets it)",
+               open->path);
+    }
     if (!lw_scene_has_light(scene)) {
         lw_scene_destroy(scene);
         return lw_status_fail(

@@ -11,6 +11,9 @@
 /* The default angular diameter of directional lights: the sun's. */
 #define LW_SCENE_OPEN_SUN_DIAMETER_DEG 0.53
 
+/* Radiance of the even sky of scenes without a light, where that is asked for, W/(m^2 sr). */
+#define LW_SCENE_OPEN_PLAIN_SKY 1.0f
+
 /** What the shared options say. {0} with sun_angle_deg set to the constant above is all defaults. */
 struct lw_scene_open {
     const char *path;        /* .lwscene, any format that lightwell-import reads, or "builtin:NAME" */
@@ -23,6 +26,7 @@ struct lw_scene_open {
     float sky[3];            /* W/(m^2 sr) */
     const char *environment; /* an equirectangular EXR, in place of the scene's; or NULL */
     double sun_angle_deg;
+    bool plain_sky;                      /* where nothing shines: a sky of LW_SCENE_OPEN_PLAIN_SKY */
     const volatile sig_atomic_t *cancel; /* may be NULL */
 };
 

@@ -188,7 +188,8 @@ static void test_failures(void **state) {
              lw_support_temporary("folder.png"));
     assert_int_equal(mkdir(lw_support_temporary("folder.png"), 0700), 0);
     view_fails(arguments, 73, "is a folder");
-    view_fails("room.glb", 66, "cannot open \"room.glb\"");
+    view_fails("room.glb --headless --json", 66, "cannot open \"room.glb\"");
+    view_fails("builtin:city", 69, "no display: use --headless"); /* before it is imported */
     view_fails("builtin:cornell --headless --out /nowhere/view.png", 73, "there is no folder /nowhere");
     view_fails("127.0.0.1:1 --headless --json", 69, "127.0.0.1:1");
     view_fails(address, 69, "no display: use --headless");
@@ -210,6 +211,34 @@ static void test_own_server(void **state) {
     assert_int_equal(json[0], '{'); /* the server says nothing there */
     free(json);
     free(err);
+}
+
+static void write_square(const char *path) {
+    static const char text[] = "v 0 0 0\nv 1 0 0\nv 1 0 -1\nv 0 0 -1\nf 1 2 3 4\n";
+    lw_support_write_file(path, text, sizeof text - 1);
+}
+
+/* A scene in which nothing shines has a plain sky; options say how its server opens it. */
+static void test_own_server_without_light(void **state) {
+    (void)state;
+    char arguments[512], scene[256];
+    snprintf(scene, sizeof scene, "%s", lw_support_temporary("dark.obj"));
+    write_square(scene);
+    static const double sky[] = {1, 3};
+    for (int i = 0; i < 2; i++) {
+        snprintf(arguments, sizeof arguments,
+                 "%s --headless --wait complete --size 32x18 --json --camera 0.5,1,-0.5:0.5,0,-0.5001:30%s",
+                 scene, i ? " --sky 3,3,3 --texels-per-metre 9" : "");
+        const int code = run_view(arguments);
+        char *err = lw_process_err(&view), *json = lw_process_out(&view);
+        if (code != 0) fail_msg("ended with %d: %s", code, err);
+        assert_true((strstr(err, "nothing shines in it: lit by a plain sky") != NULL) == (i == 0));
+        /* a square under an even sky L is as bright as its albedo, 0.8 or so, times that */
+        const double red = atof(strchr(strstr(json, "\"mean_rgb\""), '[') + 1);
+        if (!(red > 0.4 * sky[i] && red < sky[i])) fail_msg("%g: %s", red, json);
+        free(json);
+        free(err);
+    }
 }
 
 /* ---- signals ---- */
@@ -425,6 +454,7 @@ int main(void) {
         cmocka_unit_test(test_late),
         cmocka_unit_test(test_failures),
         cmocka_unit_test(test_own_server),
+        cmocka_unit_test(test_own_server_without_light),
         cmocka_unit_test(test_a_wait_that_is_stopped_writes_what_there_is),
         cmocka_unit_test(test_a_wait_in_the_dark_that_is_stopped_writes_nothing),
         cmocka_unit_test(test_path_trace),

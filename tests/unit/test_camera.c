@@ -60,6 +60,27 @@ static void test_parse_names_the_part(void **state) {
     lw_support_ok(lw_camera_parse("1,2,3:4,5,6:179", &view, &err), &err);
 }
 
+/* What is written is read as the same view, near the origin and far from it. */
+static void test_format(void **state) {
+    (void)state;
+    static const struct lw_vec3 place[] = {{0, 0, 0}, {1, 2, 3}, {-1234.5f, 0.02f, 4000}};
+    for (size_t i = 0; i < 30; i++) {
+        const float yaw = 0.7f * (float)i, pitch = 1.4f * sinf((float)i);
+        const struct lw_vec3 way = lw_vec3(sinf(yaw) * cosf(pitch), sinf(pitch), -cosf(yaw) * cosf(pitch));
+        const struct lw_vec3 from = place[i % 3];
+        const struct lw_camera_view view =
+            lw_camera_look_at(from, lw_vec3_add(from, lw_vec3_scale(way, 1e4f)), 0.9f);
+        struct lw_camera_view again;
+        struct lw_error err = {0};
+        char text[LW_CAMERA_TEXT_SIZE];
+        lw_camera_format(&view, text);
+        lw_support_ok(lw_camera_parse(text, &again, &err), &err);
+        assert_true(lw_vec3_length(lw_vec3_sub(again.position, view.position)) < 1e-3f);
+        assert_true(lw_vec3_length(lw_vec3_sub(again.forward, view.forward)) < 2e-4f);
+        assert_float_equal(again.fov_y, view.fov_y, 1e-4f);
+    }
+}
+
 static void test_direction(void **state) {
     (void)state;
     struct lw_camera_view view = lw_camera_look_at(lw_vec3(0, 0, 0), lw_vec3(0, 0, -1), LW_PI / 2);
@@ -305,6 +326,7 @@ static void test_default_of_nothing(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_format),
         cmocka_unit_test(test_parse),
         cmocka_unit_test(test_parse_names_the_part),
         cmocka_unit_test(test_direction),

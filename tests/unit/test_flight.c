@@ -50,6 +50,29 @@ static void test_turns_and_moves(void **state) {
     assert_true(fabsf(flight.yaw) <= 3.15f);
 }
 
+/* What is in the middle of the view stays there, at its distance; a walker's forward is level. */
+static void test_orbits_and_walks(void **state) {
+    (void)state;
+    struct lw_flight flight = {.position = {1, 2, 3}, .yaw = 0.4f, .pitch = -0.3f, .fov_y = 1, .speed = 2};
+    struct lw_camera_view view = lw_flight_view(&flight);
+    const struct lw_vec3 pivot = lw_vec3_mad(view.position, view.forward, 5);
+    for (int i = 0; i < 20; i++) {
+        lw_flight_orbit(&flight, 5, 0.3f, i < 10 ? 0.2f : -0.4f);
+        view = lw_flight_view(&flight);
+        const struct lw_vec3 middle = lw_vec3_mad(view.position, view.forward, 5);
+        assert_vec(middle, pivot.x, pivot.y, pivot.z);
+        assert_true(view.up.y > 0);
+    }
+    flight = (struct lw_flight){.pitch = -1, .speed = 2};
+    lw_flight_walk(&flight, 0, 1, 0.5f);
+    assert_vec(flight.position, 0, 0, -1);
+    lw_flight_walk(&flight, 1, 0, 0.5f);
+    assert_vec(flight.position, 1, 0, -1);
+    flight.pitch = LW_PI / 6;
+    lw_flight_advance(&flight, 2);
+    assert_vec(flight.position, 1, 1, -1 - sqrtf(3));
+}
+
 static void test_pace(void **state) {
     (void)state;
     struct lw_pace pace = {0};
@@ -72,6 +95,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_takes_any_view),
         cmocka_unit_test(test_turns_and_moves),
+        cmocka_unit_test(test_orbits_and_walks),
         cmocka_unit_test(test_pace),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -325,10 +325,14 @@ static void addresses_split(void **state) {
     lw_support_ok(lw_options_address("99", host, sizeof host, &port, &err), &err);
     assert_string_equal(host, LW_OPTIONS_HOST);
     assert_int_equal(port, 99);
+    lw_support_ok(lw_options_address(":80", host, sizeof host, &port, &err), &err);
+    assert_string_equal(host, LW_OPTIONS_HOST);
+    assert_int_equal(port, 80);
     static const char *const bad[] = {"",
                                       ":",
                                       "65536",
-                                      ":80",
+                                      ":80x",
+                                      "::",
                                       "host:",
                                       "host:x",
                                       "host:80x",

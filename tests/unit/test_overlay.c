@@ -17,7 +17,11 @@ static void test_state(void **unused) {
     s.lit = true;
     s.report = (struct lw_compose_report){
         .tiles_needed = 90, .tiles_missing = 5, .tiles_unfinished = 7, .shown_error = 1};
-    assert_says(&s, "12 of 90 tiles to come");
+    assert_says(&s, "light is arriving, 86 %");
+    s.report.tiles_missing = s.report.tiles_needed;
+    assert_says(&s, "light is arriving, 0 %");
+    s.report = (struct lw_compose_report){.tiles_needed = 0, .shown_error = 1};
+    assert_says(&s, "light is arriving, 0 %"); /* nothing is known of the view yet */
     s.report = (struct lw_compose_report){.tiles_needed = 90, .tiles_noisy = 9, .shown_error = 1};
     s.report.complete = true;
     assert_says(&s, "sharpening"); /* nothing is known of the error yet */
@@ -27,12 +31,16 @@ static void test_state(void **unused) {
     assert_says(&s, "sharpening");
     s.report.shown_error = 0.123f;
     s.report.max_error = 1; /* of one tile, perhaps of a single pixel */
-    assert_says(&s, "sharpening, error 12.3 %");
+    assert_says(&s, "sharpening, 4 %");
+    s.report.shown_error = 0.029f;
+    assert_says(&s, "sharpening, 80 %");
+    s.report.shown_error = 0.0260001f;
+    assert_says(&s, "sharpening, 99 %"); /* not 100 before it is */
     s.report.shown_error = 0.019f;
     s.report.good = true;
-    assert_says(&s, "good, error 1.9 %");
+    assert_says(&s, "good, the last noise is fading");
     s.report.converged = true;
-    assert_says(&s, "converged");
+    assert_says(&s, "finished");
     s.lost = true;
     assert_says(&s, "server gone: looking for it");
     s.receiving = true;

@@ -77,6 +77,9 @@ static void test_addresses(void **state) {
     lw_support_ok(parse("99", &o, &err), &err);
     assert_string_equal(o.host, "127.0.0.1");
     assert_int_equal(o.port, 99);
+    lw_support_ok(parse(":99", &o, &err), &err);
+    assert_string_equal(o.host, "127.0.0.1");
+    assert_int_equal(o.port, 99);
 }
 
 /* What people try first is answered with what they want. */
@@ -100,6 +103,21 @@ static void test_a_scene_is_no_server(void **state) {
     assert_string_equal(o.scene, file);
     lw_support_ok(parse("room.local:7781", &o, &err), &err);
     assert_null(o.scene);
+    /* how it is opened is for its server */
+    lw_support_ok(parse("room.glb --sky 1,2,3 --environment e.exr --texels-per-metre 5 --max-texels 7 "
+                        "--atlas-max 64 --sun-angle 1 --threads 2",
+                        &o, &err),
+                  &err);
+    assert_string_equal(o.own.path, "room.glb");
+    assert_true(o.own.sky_given && o.own.sky[2] == 3 && o.own.sun_angle_given && o.own.threads == 2);
+    assert_string_equal(o.own.environment, "e.exr");
+    assert_float_equal(o.own.texels_per_metre, 5, 0);
+    assert_int_equal(o.own.texels_max, 7);
+    assert_int_equal(o.own.atlas_side_max, 64);
+    lw_support_ok(parse("room.glb --headless --json --sky 1,2,3", &o, &err), &err);
+    assert_true(o.own.sky_given);
+    lw_support_fails(parse("room.local:7781 --sky 1,2,3", &o, &err), LW_USAGE, &err,
+                     "--sky works with a scene");
 }
 
 static void test_path_trace(void **state) {
@@ -226,6 +244,7 @@ static void test_errors_name_the_option(void **state) {
         {"--headless --json --seed 1", "--seed"},
         {"--headless --json --pixel box", "--pixel"},
         {"--headless --json --sky 1,1,1", "--sky"},
+        {"room.glb --spp 4", "--spp"},
         {"--headless --json --sun-angle 1", "--sun-angle"},
         {"--headless --json --texels-per-metre 8", "--texels-per-metre"},
         {"--headless --json --atlas-max 64", "--atlas-max"},

@@ -1,0 +1,324 @@
+/* The window of lightwell-view, by SDL's driver that shows nothing: keys, mouse and sizes as events, the light of a real
+ * lightwelld. */
+#include "tests/support/process.h"
+
+#include "client/view/window.h"
+#include "common/clock.h"
+
+#include <SDL.h>
+#include <dirent.h>
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define LIMIT_NS 120000000000u
+
+static struct lw_process server;
+static char address[16];
+static struct lw_view_options options;
+static struct lw_window *window;
+
+static void parse(const char *line) {
+    static char storage[512]; /* the options point into it */
+    char *argv[32] = {storage};
+    int argc = 0;
+    bool done = false;
+    struct lw_error err = {0};
+    snprintf(storage, sizeof storage, "lightwell-view %s", line);
+    for (char *word = strtok(storage, " "); word; word = strtok(NULL, " ")) argv[argc++] = word;
+    lw_support_ok(lw_view_options_parse(argc, argv, &options, &done, &err), &err);
+}
+
+/* what    an address's port, or a scene */
+static void open_window(const char *what, const char *rest) {
+    char line[256];
+    struct lw_error err = {0};
+    snprintf(line, sizeof line, "%s --renderer cpu --size 160x90 %s", what, rest);
+    parse(line);
+    lw_support_ok(lw_window_create(&options, &window, &err), &err);
+}
+
+static void close_window(void) {
+    lw_window_destroy(window);
+    window = NULL;
+}
+
+static struct lw_window_state now(void) { return lw_window_state(window); }
+
+static struct lw_camera_view view_now(void) {
+    const struct lw_window_state state = now();
+    return lw_flight_view(&state.steering.flight);
+}
+
+static void step(void) {
+    struct lw_error err = {0};
+    lw_support_ok(lw_window_step(window, &err), &err);
+}
+
+static void steps(int count) {
+    while (count-- > 0) step();
+}
+
+static void step_until(bool (*there)(void), const char *what) {
+    const uint64_t deadline_ns = lw_clock_ns() + LIMIT_NS;
+    while (!there()) {
+        step();
+        if (lw_clock_ns() > deadline_ns) fail_msg("%s: never; it says \"%s\"", what, now().says);
+    }
+}
+
+static bool is_lit(void) { return now().staged && now().lit && now().pictures > 0; }
+static bool is_of_another_scene(void) { return strcmp(now().says, "the scene is another one") == 0; }
+
+static void key(SDL_Keycode sym, bool down) {
+    SDL_Event event = {.type = down ? SDL_KEYDOWN : SDL_KEYUP};
+    event.key.keysym.sym = sym;
+    event.key.keysym.scancode = SDL_GetScancodeFromKey(sym);
+    assert_int_equal(SDL_PushEvent(&event), 1);
+}
+
+/* Pressed and let go. */
+static void press(SDL_Keycode sym) {
+    key(sym, true);
+    key(sym, false);
+    step();
+}
+
+static void drag(int right, int down) {
+    SDL_Event event = {.type = SDL_MOUSEMOTION};
+    event.motion.xrel = right, event.motion.yrel = down;
+    assert_int_equal(SDL_PushEvent(&event), 1);
+    step();
+}
+
+static void click(void) {
+    SDL_Event event = {.type = SDL_MOUSEBUTTONDOWN};
+    assert_int_equal(SDL_PushEvent(&event), 1);
+    step();
+}
+
+static void wheel(int notches) {
+    SDL_Event event = {.type = SDL_MOUSEWHEEL};
+    event.wheel.y = notches;
+    assert_int_equal(SDL_PushEvent(&event), 1);
+    step();
+}
+
+static float apart(struct lw_vec3 a, struct lw_vec3 b) { return lw_vec3_length(lw_vec3_sub(a, b)); }
+
+/* A key that is held for some pictures. */
+static void hold(SDL_Keycode sym, int pictures) {
+    key(sym, true);
+    for (int i = 0; i < pictures; i++) {
+        lw_process_sleep_ms(5);
+        step();
+    }
+    key(sym, false);
+    step();
+}
+
+static int start(void **state) {
+    (void)state;
+    setenv("SDL_VIDEODRIVER", "dummy", 1);
+    setenv("TMPDIR", lw_support_temporary(""), 1);
+    lw_process_serve(&server, "builtin:cornell --texels-per-metre 8");
+    snprintf(address, sizeof address, "%u", server.port);
+    return 0;
+}
+
+static int stop(void **state) {
+    (void)state;
+    close_window();
+    const int code = server.pid ? lw_process_stop(&server, SIGTERM, 60) : 0;
+    lw_process_kill_all();
+    return code;
+}
+
+static void test_keys(void **state) {
+    (void)state;
+    open_window(address, "");
+    step_until(is_lit, "light");
+    assert_true(now().keys_shown && now().figures_shown && !now().full_screen && now().auto_exposure);
+    press(SDLK_h);
+    assert_false(now().keys_shown);
+    press(SDLK_h);
+    assert_true(now().keys_shown);
+    press(SDLK_F1);
+    assert_false(now().figures_shown || now().keys_shown);
+    press(SDLK_F1);
+    assert_true(now().figures_shown);
+    press(SDLK_F11);
+    assert_true(now().full_screen || strstr(now().says, "no full screen here"));
+    if (now().full_screen) press(SDLK_F11);
+    assert_false(now().full_screen);
+
+    const float stops = now().stops;
+    press(SDLK_EQUALS);
+    press(SDLK_KP_PLUS);
+    assert_false(now().auto_exposure);
+    assert_float_equal(now().stops, stops + 0.5f, 0.05f);
+    press(SDLK_MINUS);
+    assert_float_equal(now().stops, stops + 0.25f, 0.05f);
+    press(SDLK_x);
+    assert_true(now().auto_exposure);
+    assert_string_equal(now().says, "exposure by the picture");
+
+    press(SDLK_ESCAPE);
+    assert_true(now().quit);
+    close_window();
+}
+
+static void test_moves(void **state) {
+    (void)state;
+    open_window(address, "");
+    step_until(is_lit, "light");
+    const struct lw_vec3 first = now().steering.flight.position;
+    assert_float_equal(apart(first, now().start.position), 0, 1e-6f);
+    hold(SDLK_w, 5);
+    const struct lw_vec3 ahead = lw_vec3_sub(now().steering.flight.position, first);
+    assert_true(lw_vec3_dot(ahead, now().start.forward) > 0);
+    drag(100, 0); /* nobody has clicked */
+    assert_float_equal(
+        lw_vec3_dot(lw_flight_view(&(struct lw_flight){.yaw = now().steering.flight.yaw}).right,
+                    now().start.right),
+        1, 1e-4f);
+    click();
+    const float yaw = now().steering.flight.yaw, speed = now().steering.flight.speed;
+    drag(100, 0);
+    assert_float_equal(remainderf(now().steering.flight.yaw - yaw, 2 * LW_PI), 0.25f, 1e-4f);
+    wheel(4);
+    assert_float_equal(now().steering.flight.speed, 2 * speed, 1e-3f * speed);
+    press(SDLK_ESCAPE); /* frees the mouse alone */
+    assert_false(now().quit);
+
+    press(SDLK_0);
+    assert_float_equal(apart(now().steering.flight.position, now().start.position), 0, 1e-5f);
+    press(SDLK_m);
+    assert_int_equal(now().steering.mode, LW_STEERING_WALK);
+    assert_string_equal(now().says, "walk");
+    press(SDLK_m);
+    assert_int_equal(now().steering.mode, LW_STEERING_ORBIT);
+    const struct lw_camera_view view = view_now();
+    const struct lw_vec3 pivot = lw_vec3_mad(view.position, view.forward, now().steering.distance_m);
+    click();
+    drag(300, -100);
+    const struct lw_camera_view turned = view_now();
+    assert_true(apart(turned.position, view.position) > 0.1f * now().steering.distance_m);
+    assert_float_equal(apart(lw_vec3_mad(turned.position, turned.forward, now().steering.distance_m), pivot),
+                       0, 1e-3f);
+    press(SDLK_1);
+    assert_non_null(strstr(now().says, "camera 1 of "));
+    close_window();
+}
+
+/* The camera as a command that shows the same; pictures as files. */
+static void test_copies(void **state) {
+    (void)state;
+    char line[1024], folder[256];
+    struct lw_camera_view view;
+    struct lw_error err = {0};
+    open_window(address, "--exposure 1.5");
+    step_until(is_lit, "light");
+    click();
+    drag(40, 30);
+    press(SDLK_k);
+    assert_non_null(strstr(now().says, "camera"));
+    view = view_now();
+    char *text = SDL_GetClipboardText();
+    snprintf(line, sizeof line, "%s", text);
+    SDL_free(text);
+    char expected[64];
+    snprintf(expected, sizeof expected, "lightwell-view 127.0.0.1:%u --camera ", server.port);
+    assert_memory_equal(line, expected, strlen(expected));
+    assert_non_null(strstr(line, " --size 160x90 --exposure 1.5"));
+    parse(line + strlen("lightwell-view "));
+    assert_true(options.camera_given);
+    assert_true(apart(options.camera.position, view.position) < 1e-5f);
+    assert_true(apart(options.camera.forward, view.forward) < 1e-5f);
+    assert_float_equal(options.camera.fov_y, view.fov_y, 1e-4f);
+
+    char here[1024];
+    assert_non_null(getcwd(here, sizeof here));
+    snprintf(folder, sizeof folder, "%s", lw_support_temporary("saved"));
+    assert_int_equal(mkdir(folder, 0700), 0);
+    assert_int_equal(chdir(folder), 0);
+    press(SDLK_p);
+    press(SDLK_p);
+    assert_int_equal(chdir(here), 0);
+    assert_non_null(strstr(now().says, "saved lightwell_"));
+    int png = 0, exr = 0;
+    DIR *dir = opendir(folder);
+    assert_non_null(dir);
+    for (struct dirent *entry; (entry = readdir(dir));) {
+        png += strstr(entry->d_name, ".png") != NULL;
+        exr += strstr(entry->d_name, ".exr") != NULL;
+    }
+    closedir(dir);
+    assert_int_equal(png, 2);
+    assert_int_equal(exr, 2);
+    assert_int_equal(chmod(folder, 0500), 0);
+    if (getuid() != 0) { /* nothing is forbidden to root */
+        assert_int_equal(chdir(folder), 0);
+        press(SDLK_p);
+        assert_int_equal(chdir(here), 0);
+        assert_non_null(strstr(now().says, "not saved: "));
+    }
+    close_window();
+    (void)err;
+}
+
+/* Another server at the same address: the camera is that of its scene. The same scene again: the camera stays. */
+static void test_another_scene(void **state) {
+    (void)state;
+    char line[256];
+    struct lw_process first;
+    lw_process_serve(&first, "builtin:cornell --texels-per-metre 8");
+    snprintf(line, sizeof line, ":%u", first.port);
+    open_window(line, "");
+    step_until(is_lit, "light");
+    const struct lw_camera_view start = now().start;
+    press(SDLK_m);
+    assert_int_equal(lw_process_stop(&first, SIGTERM, 60), 0);
+    struct lw_process second;
+    snprintf(line, sizeof line, "builtin:atrium --listen 127.0.0.1:%u --texels-per-metre 2", first.port);
+    lw_process_serve(&second, line);
+    step_until(is_of_another_scene, "another scene");
+    assert_true(apart(now().start.position, start.position) > 0.1f);
+    assert_float_equal(apart(now().steering.flight.position, now().start.position), 0, 1e-5f);
+    assert_int_equal(now().steering.mode, LW_STEERING_FLY);
+    steps(3);
+    close_window();
+    assert_int_equal(lw_process_stop(&second, SIGTERM, 60), 0);
+}
+
+static bool imports(void) { return strstr(now().says, "importing builtin:cornell, ") != NULL; }
+
+/* The window is there before its server listens, and says what it waits for. */
+static void test_own_server(void **state) {
+    (void)state;
+    open_window("builtin:cornell", "--texels-per-metre 9");
+    step_until(imports, "the import");
+    assert_false(now().staged);
+    step_until(is_lit, "light");
+    press(SDLK_k);
+    char *text = SDL_GetClipboardText();
+    assert_memory_equal(text, "lightwell-view builtin:cornell --camera ", 40);
+    SDL_free(text);
+    close_window();
+    struct lw_error err = {0};
+    parse("/nowhere/room.glb");
+    lw_support_fails(lw_window_create(&options, &window, &err), LW_NO_INPUT, &err, "/nowhere/room.glb");
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_keys),       cmocka_unit_test(test_moves),
+        cmocka_unit_test(test_copies),     cmocka_unit_test(test_another_scene),
+        cmocka_unit_test(test_own_server),
+    };
+    return cmocka_run_group_tests(tests, start, stop);
+}
