@@ -36,7 +36,8 @@ enum variant {
     VARIANT_MSAA = 1024,
     VARIANT_LIT = 2048,
     VARIANT_SHADOW = 4096,
-    VARIANTS = 8192
+    VARIANT_SHOWN = 8192, /* something else than light: lw_show */
+    VARIANTS = 16384
 };
 
 /* Texture units. */
@@ -51,13 +52,14 @@ enum {
     UNIT_LIGHTS,
     UNIT_SHAPES,
     UNIT_SUN_MAPS,
-    UNIT_LAMP_MAPS
+    UNIT_LAMP_MAPS,
+    UNIT_TILE_COLOURS
 };
 
 struct program {
     GLuint name;
     GLint first, eye, clip, base_uv, glow_uv, base_colour, emission, cutoff, stand_in, unscale, finer,
-        coarsest, reach, light, light_count, noise, faint;
+        coarsest, reach, light, light_count, noise, faint, show;
 };
 
 struct object {
@@ -89,6 +91,8 @@ struct lw_gl_renderer {
     float near_m;
 
     GLuint objects, object_buffer, instances, instance_buffer;
+    GLuint tile_colours, tile_colour_buffer; /* made when a chart of tiles is first drawn */
+    float *tile_colour;                      /* scratch: 4 floats a tile */
     struct object *object;
     uint32_t *by_mesh;    /* objects in the order of their meshes */
     uint32_t *first_of;   /* per mesh, and one more: in by_mesh */
@@ -139,12 +143,21 @@ static void set_taps(const struct program *p) {
     glUniform2fv(glGetUniformLocation(p->name, "u_tap"), TAPS, tap[0]);
 }
 
+static void set_level_colours(const struct program *p) {
+    float colour[4][3];
+    for (unsigned k = 0; k < 4; k++) {
+        const struct lw_vec3 c = lw_show_level_colour(k);
+        colour[k][0] = c.x, colour[k][1] = c.y, colour[k][2] = c.z;
+    }
+    glUniform3fv(glGetUniformLocation(p->name, "u_level_colours"), 4, colour[0]);
+}
+
 /* The program of a variant, made when it is first drawn with. */
 static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, const struct program **out,
                                    struct lw_error *err) {
     static const char *const names[] = {"BASE", "GLOW",  "BASE_UV1", "GLOW_UV1", "COLOUR",
                                         "MASK", "BLEND", "LIGHTMAP", "FEEDBACK", "SETTLED",
-                                        "MSAA", "LIT",   "SHADOW"};
+                                        "MSAA", "LIT",   "SHADOW",   "SHOWN"};
     struct program *p = &r->program[variant];
     *out = p;
     if (p->name) return LW_OK;
@@ -175,6 +188,7 @@ static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, c
     p->light_count = glGetUniformLocation(p->name, "u_light_count");
     p->noise = glGetUniformLocation(p->name, "u_noise");
     p->faint = glGetUniformLocation(p->name, "u_faint");
+    p->show = glGetUniformLocation(p->name, "u_show");
     glUseProgram(p->name);
     glUniform1i(glGetUniformLocation(p->name, "u_base"), UNIT_BASE);
     glUniform1i(glGetUniformLocation(p->name, "u_glow"), UNIT_GLOW);
@@ -187,7 +201,9 @@ static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, c
     glUniform1i(glGetUniformLocation(p->name, "u_shapes"), UNIT_SHAPES);
     glUniform1i(glGetUniformLocation(p->name, "u_sun_maps"), UNIT_SUN_MAPS);
     glUniform1i(glGetUniformLocation(p->name, "u_lamp_maps"), UNIT_LAMP_MAPS);
+    glUniform1i(glGetUniformLocation(p->name, "u_tile_colours"), UNIT_TILE_COLOURS);
     if (variant & VARIANT_LIT) set_taps(p);
+    if (variant & VARIANT_SHOWN) set_level_colours(p);
     glUniform2f(glGetUniformLocation(p->name, "u_depth"), r->upside_down ? 0 : 1, r->upside_down ? 1 : -1);
     glUniform1f(glGetUniformLocation(p->name, "u_page_texel"), 1.0f / (float)r->light.side);
     return LW_OK;
@@ -286,12 +302,15 @@ void lw_gl_renderer_destroy(struct lw_gl_renderer *r) {
     if (r->instances) glDeleteTextures(1, &r->instances);
     if (r->object_buffer) glDeleteBuffers(1, &r->object_buffer);
     if (r->instance_buffer) glDeleteBuffers(1, &r->instance_buffer);
+    if (r->tile_colours) glDeleteTextures(1, &r->tile_colours);
+    if (r->tile_colour_buffer) glDeleteBuffers(1, &r->tile_colour_buffer);
     lw_gl_target_finish(&r->metered);
     lw_gl_target_finish(&r->survey);
     lw_gl_target_finish(&r->picture);
     lw_gl_lights_finish(&r->lights);
     lw_gl_light_finish(&r->light);
     lw_gl_scene_finish(&r->scene);
+    free(r->tile_colour);
     free(r->tiles);
     free(r->moved);
     free(r->blends);
@@ -385,6 +404,7 @@ struct view {
     float clip[16];                /* columns */
     float finer;
     float reach, noise; /* of a shadow map; of a picture */
+    enum lw_show show;
     unsigned variant;
 };
 
@@ -396,6 +416,7 @@ static struct view make_view(const struct lw_gl_renderer *r, const struct lw_com
                        .half_height = tanf(0.5f * v->camera.fov_y),
                        .shift_x = -2 * v->offset_x / (float)v->width,
                        .shift_y = 2 * v->offset_y / (float)v->height,
+                       .show = LW_SHOW_ALL,
                        .finer = 1};
     out.half_width = out.half_height * (float)v->width / (float)v->height;
     const struct lw_vec3 x = lw_vec3_scale(out.right, 1 / out.half_width),
@@ -539,7 +560,7 @@ static enum lw_status draw_batch(struct lw_gl_renderer *r, const struct view *v,
     const struct program *p;
     unsigned variant = v->variant | variant_of(mesh, &r->desc.scene->mesh[d->mesh], m);
     if (v->variant & VARIANT_SHADOW) variant = shadow_variant(variant);
-    if (mesh->lit && d->settled && !(variant & (VARIANT_FEEDBACK | VARIANT_SHADOW)))
+    if (mesh->lit && d->settled && !(variant & (VARIANT_FEEDBACK | VARIANT_SHADOW | VARIANT_SHOWN)))
         variant |= VARIANT_SETTLED;
     enum lw_status status = find_program(r, variant, &p, err);
     if (status != LW_OK) return status;
@@ -561,6 +582,7 @@ static enum lw_status draw_batch(struct lw_gl_renderer *r, const struct view *v,
         glUniform2f(p->noise, 5.588238f * v->noise, 3.217711f * v->noise);
     }
     if (variant & VARIANT_SHADOW) glUniform1f(p->reach, v->reach);
+    if (variant & VARIANT_SHOWN) glUniform1i(p->show, (GLint)v->show);
     if (m->double_sided || (variant & VARIANT_SHADOW)) /* a back is a black wall for light */
         glDisable(GL_CULL_FACE);
     else
@@ -586,8 +608,11 @@ static enum lw_status draw_mesh(struct lw_gl_renderer *r, const struct view *v, 
     return status;
 }
 
+static bool shows_sky(enum lw_show show) { return show == LW_SHOW_ALL || show == LW_SHOW_DIRECT; }
+
 static void draw_sky(struct lw_gl_renderer *r, const struct view *v) {
-    if (!r->scene.environment) return; /* an even one is what the picture is cleared to */
+    /* an even one is what the picture is cleared to */
+    if (!r->scene.environment || !shows_sky(v->show)) return;
     const struct lw_vec3 middle = lw_vec3_mad(lw_vec3_mad(v->forward, v->right, -v->shift_x * v->half_width),
                                               v->up, -v->shift_y * v->half_height);
     glUseProgram(r->sky);
@@ -699,6 +724,29 @@ static enum lw_status draw_maps(struct lw_gl_renderer *r, const struct lw_compos
 
 /* ---- pictures ---- */
 
+/* The colours of a chart of tiles. */
+static enum lw_status take_tile_colours(struct lw_gl_renderer *r, const struct lw_compose_view *view,
+                                        struct lw_error *err) {
+    const uint32_t count = r->desc.map->tile_count;
+    const size_t size = 4 * (count + 1ul) * sizeof *r->tile_colour;
+    if (r->tile_colour == NULL) {
+        r->tile_colour = calloc(1, size);
+        if (r->tile_colour == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a chart");
+        make_table(GL_RGBA32F, size, &r->tile_colour_buffer, &r->tile_colours);
+    }
+    if (lw_show_is_of_tiles(view->show)) {
+        for (uint32_t t = 0; t < count; t++) {
+            const struct lw_vec3 c = view->tile_colour[t];
+            float *out = r->tile_colour + 4ul * t;
+            out[0] = c.x, out[1] = c.y, out[2] = c.z;
+        }
+        glBindBuffer(GL_TEXTURE_BUFFER, r->tile_colour_buffer);
+        glBufferData(GL_TEXTURE_BUFFER, (GLsizeiptr)size, r->tile_colour, GL_DYNAMIC_DRAW);
+    }
+    bind(UNIT_TILE_COLOURS, GL_TEXTURE_BUFFER, r->tile_colours);
+    return LW_OK;
+}
+
 enum lw_status lw_gl_renderer_draw(struct lw_gl_renderer *r, const struct lw_compose_view *view,
                                    unsigned samples, struct lw_error *err) {
     enum lw_status status = lw_gl_target_resize(&r->picture, view->width, view->height, samples, err);
@@ -711,9 +759,19 @@ enum lw_status lw_gl_renderer_draw(struct lw_gl_renderer *r, const struct lw_com
         v.variant |= VARIANT_LIT;
         v.noise = (float)view->sample;
     }
+    if (view->show != LW_SHOW_ALL) {
+        v.show = view->show;
+        v.variant |= VARIANT_SHOWN;
+        status = take_tile_colours(r, view, err);
+        if (status != LW_OK) return status;
+    }
     begin(r);
     lw_gl_target_bind(&r->picture);
-    glClearColor(r->sky_radiance.x, r->sky_radiance.y, r->sky_radiance.z, 1);
+    const float behind = lw_show_is_chart(v.show) ? LW_SHOW_BEHIND : 0;
+    if (shows_sky(v.show))
+        glClearColor(r->sky_radiance.x, r->sky_radiance.y, r->sky_radiance.z, 1);
+    else
+        glClearColor(behind, behind, behind, 1);
     glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
     status = draw_scene(r, &v, err);
     end(r);

@@ -227,8 +227,9 @@ struct lw_client_tile {
     /* 0: not here yet. Grows; compare it with the last one you uploaded to see whether the tile has
      * changed. */
     uint64_t version;
-    uint32_t bounces; /* indirect bounces in it */
-    float error;      /* relative standard error */
+    uint32_t bounces;    /* indirect bounces in it */
+    float error;         /* relative standard error */
+    uint64_t arrived_ns; /* lw_clock_ns() when this version came */
 };
 struct lw_client_tile lw_client_get_tile(const struct lw_client *client, lw_tile_id tile);
 

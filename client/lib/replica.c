@@ -1,5 +1,6 @@
 #include "client/lib/replica.h"
 
+#include "common/clock.h"
 #include "common/tile/tile_codec.h"
 
 #include <stdlib.h>
@@ -278,7 +279,8 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
     copy_into_level(r, place);
     if (!known->version && is_coarsest) r->coarsest_missing--;
     if (is_coarsest && !r->pose.object_spare[t->object]) r->unlit[t->object] = false;
-    *known = (struct lw_client_tile){.version = version, .bounces = t->bounces, .error = t->error};
+    *known = (struct lw_client_tile){
+        .version = version, .bounces = t->bounces, .error = t->error, .arrived_ns = lw_clock_ns()};
     if (version > r->version_max) r->version_max = version;
     if (r->watch) r->watch(r->watch_context, id);
     return LW_OK;

@@ -98,6 +98,8 @@ struct lw_compose {
     struct worker *worker;           /* per thread; likewise */
 
     /* this render's */
+    enum lw_show show;
+    const struct lw_vec3 *tile_colour;
     const struct lw_pose *pose;
     struct lw_vec3 sky;
     struct lw_vec3 stand_in; /* irradiance where nothing at all has arrived */
@@ -335,17 +337,20 @@ static void mark_needed(struct lw_compose *compose, const struct footprint *f) {
 
 /* What stands in for a level: the next coarser one that can be read, or else a finer one. */
 static struct lw_vec3 stand_in(const struct lw_compose *compose, const struct object *object, unsigned first,
-                               struct lw_vec2 uv) {
+                               struct lw_vec2 uv, unsigned *out_level) {
     struct lw_vec3 e;
     struct footprint f;
     for (unsigned k = first; k < object->level_count; k++) {
         footprint_at(&object->level[k], k, uv, &f);
+        *out_level = k;
         if (read_level(compose, &object->level[k], &f, &e)) return e;
     }
     for (unsigned k = first; k-- > 0;) {
         footprint_at(&object->level[k], k, uv, &f);
+        *out_level = k;
         if (read_level(compose, &object->level[k], &f, &e)) return e;
     }
+    *out_level = LW_ATLAS_LEVELS_MAX;
     return compose->stand_in;
 }
 
@@ -480,8 +485,10 @@ static void look_at(const struct lw_compose *compose, struct patches *patches, c
     __builtin_prefetch(texel_at(finest, out->footprint.x.low, out->footprint.y.high));
 }
 
-static struct lw_vec3 irradiance(struct lw_compose *compose, const struct look *look) {
+/* out_level: that it is read at; LW_ATLAS_LEVELS_MAX: none */
+static struct lw_vec3 irradiance(struct lw_compose *compose, const struct look *look, unsigned *out_level) {
     const struct object *object = look->object;
+    *out_level = LW_ATLAS_LEVELS_MAX;
     if (object->level_count == 0) return compose->stand_in;
     mark_needed(compose, &look->footprint);
     /* Fresh light is noise, but a texel of level 2 is the mean of 4 x 4: until the error has fallen, less is
@@ -491,9 +498,53 @@ static struct lw_vec3 irradiance(struct lw_compose *compose, const struct look *
     unsigned level = noise_level < look->patch->coarsest ? noise_level : look->patch->coarsest;
     if (level > last) level = last;
     struct lw_vec3 e;
+    *out_level = look->level;
     if (level <= look->level && read_level(compose, &object->level[look->level], &look->footprint, &e))
         return e;
-    return stand_in(compose, object, level > look->level ? level : look->level, look->uv);
+    return stand_in(compose, object, level > look->level ? level : look->level, look->uv, out_level);
+}
+
+static struct lw_vec3 grey(float value) { return lw_vec3(value, value, value); }
+
+/* The colour of a chart at a hit; level: that its light is read at. */
+static struct lw_vec3 chart(const struct lw_compose *compose, const struct look *look, unsigned level) {
+    const uint32_t tile = look->footprint.tile[0];
+    if (look->object->level_count == 0) return grey(LW_SHOW_UNLIT);
+    if (lw_show_is_of_tiles(compose->show)) return compose->tile_colour[tile];
+    if (compose->show == LW_SHOW_LEVEL) return lw_show_level_colour(level);
+    if (level >= look->object->level_count) return grey(LW_SHOW_UNLIT);
+    const float scale = 1.0f / (float)(1u << level);
+    const int64_t x = (int64_t)floorf(look->uv.x * scale), y = (int64_t)floorf(look->uv.y * scale);
+    return grey((x + y) & 1 ? LW_SHOW_BRIGHT : LW_SHOW_DARK);
+}
+
+/* What a hit sends to the eye, of what the view shows. reflects: the albedo, set to what of the lights' light that are drawn
+ * it shows. */
+static struct lw_vec3 leaving(const struct lw_compose *compose, const struct look *look,
+                              struct lw_vec3 emission, struct lw_vec3 reflected, struct lw_vec3 e,
+                              unsigned level, struct lw_vec3 *reflects) {
+    switch (compose->show) {
+    case LW_SHOW_ALL:
+        return lw_vec3_add(reflected, emission);
+    case LW_SHOW_DIRECT:
+        return emission;
+    case LW_SHOW_INDIRECT:
+        *reflects = grey(0);
+        return reflected;
+    case LW_SHOW_IRRADIANCE:
+        *reflects = grey(1);
+        return lw_vec3_scale(e, 1.0f / LW_PI);
+    default:
+        *reflects = grey(0);
+        return chart(compose, look, level);
+    }
+}
+
+/* What is seen behind all surfaces. */
+static struct lw_vec3 behind(const struct lw_compose *compose, struct lw_vec3 direction) {
+    if (lw_show_is_chart(compose->show)) return grey(LW_SHOW_BEHIND);
+    if (compose->show == LW_SHOW_INDIRECT || compose->show == LW_SHOW_IRRADIANCE) return grey(0);
+    return lw_vec3_add(compose->sky, lw_environment_radiance(&compose->scene->environment, direction));
 }
 
 /* Takes in one hit; true if the ray goes on behind it. */
@@ -503,9 +554,7 @@ static bool shade(struct lw_compose *compose, struct packet *p, const struct loo
     p->reflects[i] = lw_vec3(0, 0, 0);
     if (look->patch == NULL) {
         struct lw_vec3 direction = lw_vec3(p->rays.dir_x[i], p->rays.dir_y[i], p->rays.dir_z[i]);
-        struct lw_vec3 outside =
-            lw_vec3_add(compose->sky, lw_environment_radiance(&compose->scene->environment, direction));
-        *radiance = lw_vec3_mad(*radiance, outside, p->transmittance[i]);
+        *radiance = lw_vec3_mad(*radiance, behind(compose, direction), p->transmittance[i]);
         return false;
     }
     const struct lw_facet *facet = &look->patch->facet;
@@ -514,15 +563,17 @@ static bool shade(struct lw_compose *compose, struct packet *p, const struct loo
     float alpha = 1.0f;
     if (facet->material->alpha_mode == LW_ALPHA_BLEND && !last) alpha = surface.alpha;
     if (alpha > 0) {
-        const struct lw_vec3 e = irradiance(compose, look);
+        unsigned level;
+        const struct lw_vec3 e = irradiance(compose, look, &level);
         struct lw_vec3 reflected = lw_vec3_scale(lw_vec3_mul(surface.albedo, e), 1.0f / LW_PI);
-        struct lw_vec3 leaving = lw_vec3_add(reflected, surface.emission);
+        struct lw_vec3 reflects = surface.albedo;
+        const struct lw_vec3 shown = leaving(compose, look, surface.emission, reflected, e, level, &reflects);
         const float weight = p->transmittance[i] * alpha, light = weight * lw_colour_luminance(reflected);
-        *radiance = lw_vec3_mad(*radiance, leaving, weight);
+        *radiance = lw_vec3_mad(*radiance, shown, weight);
         if (light > p->reflected[i] && look->object->level_count > 0)
             p->reflected[i] = light, p->tile[i] = look->footprint.tile[0];
         p->base[i] = lw_colour_luminance(e);
-        p->reflects[i] = lw_vec3_scale(surface.albedo, weight * (1.0f / LW_PI));
+        p->reflects[i] = lw_vec3_scale(reflects, weight * (1.0f / LW_PI));
         p->transmittance[i] *= 1.0f - alpha;
     }
     if (!(p->transmittance[i] > TRANSMITTANCE_MIN)) return false;
@@ -760,6 +811,8 @@ void lw_compose_render(struct lw_compose *compose, const struct lw_compose_sourc
                        const struct lw_pose *pose, const struct lw_compose_view *view, float *out_rgb,
                        struct lw_compose_report *out_report) {
     begin(compose, source, pose);
+    compose->show = view->show;
+    compose->tile_colour = view->tile_colour;
     memset(compose->shown, 0, compose->map->tile_count * sizeof *compose->shown);
     compose->pixel_count = (uint64_t)view->width * view->height;
     if (compose->direct) begin_direct(compose, view->sample);
@@ -848,6 +901,7 @@ void lw_compose_survey(struct lw_compose *compose, const struct lw_compose_sourc
     plane.pixel = lw_camera_plane(&view->camera, view->width, view->height).pixel;
     swap_needed(compose);
     begin(compose, source, pose);
+    compose->show = LW_SHOW_ALL;
     compose->surveys = true;
     render(compose, &wide, &plane, false, compose->survey);
     compose->surveys = false;

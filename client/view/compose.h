@@ -8,6 +8,7 @@
 
 #include "client/lib/client.h"
 #include "client/view/camera.h"
+#include "client/view/show.h"
 #include "common/light/client_lights.h"
 #include "common/tile/atlas.h"
 #include "common/trace/trace.h"
@@ -54,6 +55,8 @@ struct lw_compose_view {
     uint32_t width, height;   /* pixels */
     float offset_x, offset_y; /* where in the pixel its ray goes, from the centre; pixels */
     uint32_t sample;          /* index among the pictures that are averaged; shadow rays differ by it */
+    enum lw_show show;        /* LW_SHOW_ALL: the light */
+    const struct lw_vec3 *tile_colour; /* per tile, where lw_show_is_of_tiles() */
 };
 
 /* A picture that shows less error is good to look at (docs/results/look.md). */

@@ -20,8 +20,11 @@ enum lw_status lw_export_picture(const struct lw_view_options *o, const float *r
     uint8_t *srgb = malloc(pixel_count * 3);
     if (srgb == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the picture");
     struct lw_tonemap tonemap;
-    lw_tonemap_init(&tonemap, o->curve,
-                    o->auto_exposure ? lw_tonemap_auto_stops(rgb, pixel_count) : o->stops);
+    if (lw_show_is_chart(o->show))
+        lw_tonemap_init(&tonemap, LW_TONEMAP_NONE, 0);
+    else
+        lw_tonemap_init(&tonemap, o->curve,
+                        o->auto_exposure ? lw_tonemap_auto_stops(rgb, pixel_count) : o->stops);
     lw_tonemap_encode(&tonemap, rgb, pixel_count, 3, srgb);
     enum lw_status status = lw_image_write_png(o->out, srgb, o->width, o->height, err);
     free(srgb);

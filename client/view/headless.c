@@ -141,13 +141,15 @@ static enum lw_status start_gl(struct headless *h, struct lw_error *err) {
 static enum lw_status finish_picture(struct headless *h, struct lw_error *out_err) {
     const uint32_t samples = h->options->samples_per_pixel;
     struct lw_error err = {0};
+    enum lw_status shown = lw_stage_show(&h->stage, h->options->show, &h->view, out_err);
+    if (shown != LW_OK) return shown;
     if (h->gl.renderer != NULL) { /* nothing is in it yet */
         uint64_t began_ns = lw_clock_ns();
         enum lw_status status = lw_gl_view_average(&h->gl, &h->view, samples, h->rgb, out_err);
         h->compose_ns = lw_clock_ns() - began_ns;
         return status;
     }
-    if (samples == 1) return LW_OK;
+    if (samples == 1 && h->options->show == LW_SHOW_ALL) return LW_OK;
     if (lw_antialias_reserve(&h->antialias, pixel_count(h), &err) != LW_OK) {
         lw_log(LW_LOG_WARNING, "%s: the picture has one", err.text);
         return LW_OK;

@@ -13,6 +13,8 @@ const char *const lw_overlay_keys[LW_OVERLAY_KEYS] = {
     "C           next camera of the scene",
     "1 to 9      that camera",
     "0           back to the first view",
+    "T           a path tracer: beside, difference",
+    "V           charts and parts of the light",
     "K           copy the camera as a command",
     "P           save the picture: PNG and EXR",
     "+ -         exposure; X: by the picture",

@@ -9,7 +9,7 @@
 #define LW_OVERLAY_LINE_SIZE 64
 
 /** The keys of the window, a line each. */
-#define LW_OVERLAY_KEYS 14
+#define LW_OVERLAY_KEYS 16
 extern const char *const lw_overlay_keys[LW_OVERLAY_KEYS];
 
 struct lw_overlay_state {

@@ -101,6 +101,8 @@ void lw_picture_render(struct lw_picture *picture, struct lw_stage *stage,
                                    .sample = picture->samples,
                                    .offset_x = sample_offset(picture->samples, 0.75487767f),
                                    .offset_y = sample_offset(picture->samples, 0.56984029f)};
+    struct lw_error err = {0};
+    if (lw_stage_show(stage, picture->show, &view, &err) != LW_OK) view.show = LW_SHOW_ALL; /* no memory */
     size_t count = (size_t)width * height * 3;
     float *target = picture->samples == 0 ? picture->sum : picture->sample;
     struct lw_compose_report report;
@@ -111,7 +113,7 @@ void lw_picture_render(struct lw_picture *picture, struct lw_stage *stage,
         picture->report = report;
         picture->edge_samples = 0;
         if (edge_time_ns > 0) refine_edges(picture, stage, &view, lw_clock_ns() - start_ns, edge_time_ns);
-        if (picture->auto_exposure) meter(picture);
+        if (picture->auto_exposure && !lw_show_is_chart(picture->show)) meter(picture);
     } else {
         for (size_t i = 0; i < count; i++) picture->sum[i] += picture->sample[i];
     }
@@ -127,14 +129,17 @@ bool lw_picture_adapt(struct lw_picture *picture, float seconds) {
 
 void lw_picture_develop(struct lw_picture *picture) {
     if (picture->samples == 0) return;
-    lw_tonemap_set_stops(&picture->tonemap, picture->stops - log2f((float)picture->samples));
+    struct lw_tonemap tonemap = picture->tonemap;
+    const bool chart = lw_show_is_chart(picture->show);
+    if (chart) tonemap.curve = LW_TONEMAP_NONE;
+    lw_tonemap_set_stops(&tonemap, (chart ? 0 : picture->stops) - log2f((float)picture->samples));
     uint32_t chunks = (picture->height + ROWS_PER_CHUNK - 1) / ROWS_PER_CHUNK;
 #pragma omp parallel for schedule(dynamic) num_threads(picture->threads)
     for (uint32_t chunk = 0; chunk < chunks; chunk++) {
         uint32_t first = chunk * ROWS_PER_CHUNK, last = first + ROWS_PER_CHUNK;
         if (last > picture->height) last = picture->height;
         size_t at = (size_t)first * picture->width;
-        lw_tonemap_encode(&picture->tonemap, picture->sum + 3 * at, (size_t)(last - first) * picture->width,
-                          4, (uint8_t *)(picture->rgba + at));
+        lw_tonemap_encode(&tonemap, picture->sum + 3 * at, (size_t)(last - first) * picture->width, 4,
+                          (uint8_t *)(picture->rgba + at));
     }
 }

@@ -23,6 +23,7 @@ struct lw_picture {
     uint32_t *rgba;        /* bytes R, G, B, 255; width * height */
     struct lw_compose_report report;
     struct lw_tonemap tonemap;
+    enum lw_show show;
     bool auto_exposure;
     float stops, stops_wanted;
     bool stops_known;

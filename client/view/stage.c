@@ -2,6 +2,7 @@
 
 #include "common/clock.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 #define LOOK_NS 100000000u /* from one look around to the next */
@@ -41,6 +42,7 @@ fail:
 }
 
 void lw_stage_finish(struct lw_stage *stage) {
+    free(stage->tile_colour);
     lw_attention_finish(&stage->attention);
     lw_compose_destroy(stage->compose);
     lw_client_lights_finish(&stage->drawn);
@@ -110,4 +112,24 @@ enum lw_status lw_stage_look(struct lw_stage *stage, const struct lw_camera_view
     lw_attention_list(a, lw_compose_needed(stage->compose), lw_compose_around(stage->compose), now_ns);
     enum lw_status status = lw_client_want(stage->client, a->list, a->list_count);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "no memory for what the view needs");
+}
+
+enum lw_status lw_stage_show(struct lw_stage *stage, enum lw_show show, struct lw_compose_view *view,
+                             struct lw_error *err) {
+    view->show = show;
+    view->tile_colour = NULL;
+    if (!lw_show_is_of_tiles(show)) return LW_OK;
+    const uint32_t count = lw_client_atlas_map(stage->client)->tile_count;
+    if (stage->tile_colour == NULL) stage->tile_colour = calloc(count + 1ul, sizeof *stage->tile_colour);
+    if (stage->tile_colour == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a chart");
+    const struct lw_compose_source source = lw_compose_source_of(stage->client);
+    const struct lw_show_tiles tiles = {.count = count,
+                                        .context = source.context,
+                                        .tile = source.tile,
+                                        .now_ns = lw_clock_ns(),
+                                        .attention = &stage->attention,
+                                        .around = lw_compose_around(stage->compose)};
+    lw_show_colour_tiles(show, &tiles, stage->tile_colour);
+    view->tile_colour = stage->tile_colour;
+    return LW_OK;
 }

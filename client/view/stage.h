@@ -19,7 +19,8 @@ struct lw_stage {
     struct lw_client_lights drawn; /* whose direct light the composer draws, if the client asked for that */
     uint64_t changed_frame;        /* of the materials that the last picture had */
     struct lw_attention attention;
-    uint64_t looked_ns; /* when the interest set was last listed */
+    uint64_t looked_ns;          /* when the interest set was last listed */
+    struct lw_vec3 *tile_colour; /* of the chart that is shown; NULL: there was none */
 };
 
 /** Builds a stage for a client whose scene is there. The client must outlive it. Zeroed on failure.
@@ -38,5 +39,10 @@ LW_MUST_CHECK enum lw_status lw_stage_follow(struct lw_stage *stage, bool *out_m
  * picture: most calls do nothing. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_stage_look(struct lw_stage *stage, const struct lw_camera_view *camera,
                                            uint32_t width, uint32_t height, struct lw_error *err);
+
+/** Sets what a view shows, with the colours of tiles as they are now where that is a chart of them; they are good until
+ * the next call. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_stage_show(struct lw_stage *stage, enum lw_show show,
+                                           struct lw_compose_view *view, struct lw_error *err);
 
 #endif

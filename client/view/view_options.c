@@ -15,14 +15,14 @@ struct raw {
     struct lw_access_options access;
     const char *address, *camera, *size, *wait, *exposure;
     int64_t samples, bounces, seed, samples_per_pixel;
-    int curve, pixel, part, direct, renderer;
+    int curve, pixel, show, direct, renderer;
     bool samples_given;
 };
 
 /* Options of one of the three ways to run: in a window, --headless, --path-trace; what is not named here is of
  * --path-trace alone. */
-static const char *const of_every_way[] = {"camera",   "camera-name", "size",    "tonemap",
-                                           "exposure", "threads",     "version", NULL};
+static const char *const of_every_way[] = {"camera",  "camera-name", "size",    "tonemap", "exposure",
+                                           "threads", "show",        "version", NULL};
 static const char *const of_a_server[] = {"headless", "wait", "timeout", "cache", "samples-per-pixel", NULL};
 static const char *const of_viewers[] = {"direct", "renderer",     "token-file", "tls",
                                          "ca",     "tls-insecure", NULL}; /* --headless and the window */
@@ -134,6 +134,9 @@ static enum lw_status check_together(const struct lw_view_options *o, const stru
     if (path && raw->address != NULL)
         return lw_status_fail(err, LW_USAGE, "\"%.60s\" is of no use with --path-trace, which asks no server",
                               raw->address);
+    if (path && raw->show > LW_SHOW_INDIRECT)
+        return lw_status_fail(err, LW_USAGE, "--show %s is of no use with --path-trace, which has no tiles",
+                              lw_show_name((enum lw_show)raw->show));
     if ((o->headless || path) && o->out == NULL && !o->json)
         return lw_status_fail(err, LW_USAGE, "--%s needs --out FILE.exr or FILE.png (or --json alone)",
                               path ? "path-trace" : "headless");
@@ -171,7 +174,8 @@ static enum lw_status interpret(const struct raw *raw, struct lw_view_options *o
     out->path.bounces = (uint32_t)raw->bounces;
     out->path.seed = (uint32_t)raw->seed;
     out->path.pixel = (enum lw_path_pixel)raw->pixel;
-    out->path.part = (enum lw_path_part)raw->part;
+    out->show = (enum lw_show)raw->show;
+    out->path.part = (enum lw_path_part)raw->show; /* the same, as far as paths know them */
     out->renderer = (enum lw_view_renderer)raw->renderer;
     out->draws_direct = raw->direct == 0;
     out->curve = (enum lw_tonemap_curve)raw->curve;
@@ -302,10 +306,13 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
          .kind = LW_OPTION_CHOICE,
          .value = &raw.pixel},
         {.name = "show",
-         .argument = LW_VIEW_PART_CHOICES,
-         .help = "All light (default); what shines and what lights shine on; or what arrives by bounces.",
+         .argument = LW_SHOW_CHOICES,
+         .help =
+             "All light (default); direct: what shines and the light of lamps that are drawn here; "
+             "indirect: the light of tiles (of --path-trace: by bounces); irradiance: what arrives; or a "
+             "chart of texels, of tiles' age and error, of the level that is read, or of the interest set.",
          .kind = LW_OPTION_CHOICE,
-         .value = &raw.part},
+         .value = &raw.show},
         {.name = "time",
          .argument = "SECONDS",
          .help = "Moment of the scene's animation (default 0).",

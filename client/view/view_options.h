@@ -6,6 +6,7 @@
 #include "client/lib/access.h"
 #include "client/view/camera.h"
 #include "client/view/path_trace.h"
+#include "client/view/show.h"
 #include "client/view/tonemap.h"
 #include "common/open/scene_open.h"
 #include "common/status.h"
@@ -29,8 +30,7 @@ enum lw_view_format { LW_VIEW_NO_FILE, LW_VIEW_EXR, LW_VIEW_PNG };
 
 /* How many samples a pixel takes by --path-trace where nobody says. */
 #define LW_VIEW_SPP           64
-#define LW_VIEW_PIXEL_CHOICES "box|centre"          /* in the order of enum lw_path_pixel */
-#define LW_VIEW_PART_CHOICES  "all|direct|indirect" /* in the order of enum lw_path_part */
+#define LW_VIEW_PIXEL_CHOICES "box|centre" /* in the order of enum lw_path_pixel */
 
 #define LW_VIEW_DIRECT_CHOICES "auto|tiles"
 
@@ -73,6 +73,7 @@ struct lw_view_options {
     double timeout_s;
     const char *cache_folder; /* of scene packages; NULL: none; points into argv */
     enum lw_view_renderer renderer;
+    enum lw_show show; /* in place of all light; of --path-trace, too, which knows the first three */
     bool draws_direct; /* the direct light of the server's client lights is drawn here */
     struct lw_view_path path;
 };

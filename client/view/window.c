@@ -1,6 +1,7 @@
 #include "client/view/window.h"
 
 #include "client/gl/gl_view.h"
+#include "client/view/comparison.h"
 #include "client/view/overlay.h"
 #include "client/view/own_server.h"
 #include "client/view/pace.h"
@@ -34,6 +35,7 @@
 #define SURVEY_EVERY_NS   250000000u
 #define STEP_S_MAX        0.1f /* a hitch must not throw the camera across the room */
 #define STOPS_A_KEY       0.25f
+#define TRACED_SHARE      2 /* a traced picture has one pixel for so many, each way */
 
 #define PANEL_LINES 4
 #define PANEL_INSET 12 /* from the window's edges */
@@ -44,6 +46,9 @@ struct figures {
     unsigned pictures;
     double pictures_per_s, kbit_per_s;
 };
+
+/* What is shown of a path tracer's picture of the same view. */
+enum compare { COMPARE_NONE, COMPARE_SIDE_BY_SIDE, COMPARE_DIFFERENCE, COMPARES };
 
 struct lw_window {
     const struct lw_view_options *options;
@@ -77,15 +82,30 @@ struct lw_window {
     uint64_t notice_until_ns; /* 0: there is none */
     char says[160];
 
+    enum compare compare;
+    struct lw_comparison *comparison; /* of the stage; NULL: nothing is compared */
+    struct lw_comparison_picture traced;
+    bool scene_changed;               /* since the path tracer was told */
+    float wipe;                       /* of the window's width: where the traced picture begins */
+    uint32_t *over;                   /* pixels over the picture */
+    float *light;                     /* the picture that is compared */
+    uint32_t over_width, over_height; /* of the window, that there is room for */
+
     struct lw_picture picture;
     struct lw_pace pace;
     bool stale;  /* the picture is not of what is there now */
     bool redraw; /* the overlay is not */
     bool busy;   /* the last step had something to do */
-    uint64_t moved_ns, stepped_ns, pictures;
+    uint64_t moved_ns, stepped_ns, coloured_ns, pictures;
     uint64_t seen_tiles, seen_frame;
     struct figures figures;
 };
+
+static void stop_comparing(struct lw_window *w) {
+    lw_comparison_destroy(w->comparison);
+    w->comparison = NULL;
+    w->traced = (struct lw_comparison_picture){0};
+}
 
 static void touch(struct lw_window *w) {
     w->moved_ns = lw_clock_ns();
@@ -193,6 +213,7 @@ static enum lw_status stage_incoming(struct lw_window *w, struct lw_error *err) 
         lw_stage_finish(&stage);
         return status;
     }
+    stop_comparing(w); /* it looks at that scene; the next picture begins again */
     lw_gl_view_finish(&w->gl);
     lw_stage_finish(&w->stage);
     lw_client_destroy(w->client);
@@ -245,12 +266,20 @@ static enum lw_status serve_shown(struct lw_window *w, struct lw_error *err) {
     struct lw_client_stats stats;
     lw_client_get_stats(w->client, &stats);
     if (stats.tiles != w->seen_tiles) w->stale = true;
+    /* tiles grow old, and are asked for, without a word of the server */
+    if (lw_show_is_of_tiles(w->picture.show) && lw_clock_ns() - w->coloured_ns > FIGURES_EVERY_NS) {
+        w->coloured_ns = lw_clock_ns();
+        w->stale = true;
+    }
     if (stats.frame == w->seen_frame && stats.tiles == w->seen_tiles) return LW_OK;
     w->seen_tiles = stats.tiles;
     w->seen_frame = stats.frame;
     bool moved;
     enum lw_status status = lw_stage_follow(&w->stage, &moved, err);
-    if (status == LW_OK && moved) touch(w);
+    if (status == LW_OK && moved) {
+        w->scene_changed = true;
+        touch(w);
+    }
     return status;
 }
 
@@ -325,6 +354,24 @@ static void set_exposure(struct lw_window *w, bool by_picture, float stops) {
     w->stale = true;
 }
 
+/* The next one, or the one before. */
+static void set_show(struct lw_window *w, int step) {
+    w->picture.show = (enum lw_show)(((int)w->picture.show + step + LW_SHOW_COUNT) % LW_SHOW_COUNT);
+    notify(w, "%s: %s", lw_show_name(w->picture.show), lw_show_about(w->picture.show));
+    w->stale = true;
+}
+
+static void set_compare(struct lw_window *w, enum compare compare) {
+    static const char *const says[COMPARES] = {"the light of tiles alone",
+                                               "side by side with a path tracer: the mouse moves the line",
+                                               "difference from a path tracer"};
+    w->compare = compare;
+    if (compare == COMPARE_NONE) stop_comparing(w);
+    w->picture.show = LW_SHOW_ALL;
+    notify(w, "%s", says[compare]);
+    w->stale = true;
+}
+
 static void set_mode(struct lw_window *w, enum lw_steering_mode mode) {
     lw_steering_set(&w->steering, mode, w->stage.trace, w->size_m);
     notify(w, "%s", lw_steering_names[mode]);
@@ -348,7 +395,7 @@ static void try_to_save(struct lw_window *w) {
     notify(w, "not saved: %.140s", err.text);
 }
 
-static void press_staged(struct lw_window *w, SDL_Keycode key) {
+static void press_staged(struct lw_window *w, SDL_Keycode key, bool shift) {
     const uint32_t cameras = w->stage.scene->camera_count;
     const float stops = w->picture.auto_exposure ? w->picture.stops : w->picture.stops_wanted;
     if (key == SDLK_c && cameras > 0) go_to_camera(w, w->next_camera);
@@ -359,6 +406,8 @@ static void press_staged(struct lw_window *w, SDL_Keycode key) {
         set_mode(w, LW_STEERING_FLY);
     }
     if (key == SDLK_m) set_mode(w, (enum lw_steering_mode)((w->steering.mode + 1) % LW_STEERING_MODES));
+    if (key == SDLK_t) set_compare(w, (enum compare)((w->compare + 1) % COMPARES));
+    if (key == SDLK_v) set_show(w, shift ? -1 : 1);
     if (key == SDLK_k) copy_camera(w);
     if (key == SDLK_p) try_to_save(w);
     if (key == SDLK_PLUS || key == SDLK_EQUALS || key == SDLK_KP_PLUS)
@@ -367,7 +416,7 @@ static void press_staged(struct lw_window *w, SDL_Keycode key) {
     if (key == SDLK_x) set_exposure(w, true, 0);
 }
 
-static void press(struct lw_window *w, SDL_Keycode key) {
+static void press(struct lw_window *w, SDL_Keycode key, bool shift) {
     show_keys(w, key == SDLK_h && !w->show_keys);
     if (key == SDLK_ESCAPE) {
         if (w->captured)
@@ -377,7 +426,7 @@ static void press(struct lw_window *w, SDL_Keycode key) {
     }
     if (key == SDLK_F1) w->hide_figures = !w->hide_figures;
     if (key == SDLK_F11) set_full_screen(w, !w->full_screen);
-    if (w->staged) press_staged(w, key);
+    if (w->staged) press_staged(w, key, shift);
 }
 
 static enum lw_status resize(struct lw_window *w, struct lw_error *err) {
@@ -398,6 +447,13 @@ static enum lw_status resize(struct lw_window *w, struct lw_error *err) {
     return LW_OK;
 }
 
+static void set_wipe(struct lw_window *w, int x) {
+    int width = 0, height;
+    SDL_GetWindowSize(w->screen.handle, &width, &height);
+    if (width > 0) w->wipe = fminf(fmaxf((float)x / (float)width, 0), 1);
+    if (w->compare == COMPARE_SIDE_BY_SIDE) w->redraw = true;
+}
+
 static void hold(struct lw_window *w, SDL_Scancode key, bool down) {
     if ((unsigned)key < SDL_NUM_SCANCODES) w->held[key] = down;
 }
@@ -416,13 +472,14 @@ static enum lw_status take_events(struct lw_window *w, int wait_ms, struct lw_er
             break;
         case SDL_KEYDOWN:
             hold(w, event.key.keysym.scancode, true);
-            if (!event.key.repeat) press(w, event.key.keysym.sym);
+            if (!event.key.repeat) press(w, event.key.keysym.sym, (event.key.keysym.mod & KMOD_SHIFT) != 0);
             break;
         case SDL_MOUSEBUTTONDOWN:
             capture(w, true);
             show_keys(w, false);
             break;
         case SDL_MOUSEMOTION:
+            if (!w->captured) set_wipe(w, event.motion.x);
             if (!w->captured || !w->staged) break;
             lw_steering_turn(&w->steering, RADIANS_PER_PIXEL * (float)event.motion.xrel,
                              -RADIANS_PER_PIXEL * (float)event.motion.yrel);
@@ -464,7 +521,7 @@ static void move(struct lw_window *w, float seconds) {
 /* ---- the screen ---- */
 
 /* Places of a panel in the window other than pixels from its upper left corner. */
-enum { MIDDLE = -1, LOW = -2 };
+enum { MIDDLE = -1, LOW = -2, RIGHT = -3 };
 
 /* Draws lines of text, and a bar below them unless its fraction is negative, on a panel at (x, y) of the window. */
 static void show_panel(struct lw_window *w, int x, int y, const char *const *line, int count, float fraction,
@@ -473,6 +530,7 @@ static void show_panel(struct lw_window *w, int x, int y, const char *const *lin
     if (lw_panel_draw(&w->panel, line, count, fraction, colour, &err) != LW_OK)
         return; /* a picture without text */
     if (x == MIDDLE) x = ((int)w->width - w->panel.width) / 2;
+    if (x == RIGHT) x = (int)w->width - w->panel.width - PANEL_INSET;
     if (y == MIDDLE)
         y = ((int)w->height - w->panel.height) / 2;
     else if (y == LOW)
@@ -565,10 +623,23 @@ static enum lw_status survey(struct lw_window *w, const struct lw_compose_view *
     w->surveyed_ns = now_ns;
     enum lw_status status = lw_gl_view_survey(&w->gl, &w->stage, view, &w->picture.report, err);
     if (status != LW_OK || !w->picture.auto_exposure) return status;
+    if (lw_show_is_chart(w->picture.show)) return LW_OK;
     status = lw_gl_renderer_meter(w->gl.renderer, &w->picture.stops_wanted, err);
     if (!w->picture.stops_known) w->picture.stops = w->picture.stops_wanted;
     w->picture.stops_known = status == LW_OK;
     return status;
+}
+
+static enum lw_tonemap_curve curve_of(const struct lw_window *w) {
+    return lw_show_is_chart(w->picture.show) ? LW_TONEMAP_NONE : w->options->curve;
+}
+
+static float stops_of(const struct lw_window *w) {
+    return lw_show_is_chart(w->picture.show) ? 0 : w->picture.stops;
+}
+
+static void show_by_gl(struct lw_window *w) {
+    lw_gl_renderer_show(w->gl.renderer, curve_of(w), stops_of(w), w->width, w->height);
 }
 
 /* The same by OpenGL: in full where that is quick enough, and at rest. */
@@ -581,11 +652,12 @@ static enum lw_status renew_by_gl(struct lw_window *w, float seconds, bool *out_
     const unsigned samples = width == w->width ? MSAA : 1;
     const bool render = w->stale || w->waiting > 0 || p->width != width || p->height != height ||
                         (w->unsurveyed && start_ns - w->surveyed_ns >= SURVEY_EVERY_NS);
-    const struct lw_compose_view view = {
+    struct lw_compose_view view = {
         .camera = lw_flight_view(&w->steering.flight), .width = width, .height = height};
     enum lw_status status = LW_OK;
     if (render) {
-        status = lw_gl_view_take(&w->gl, &w->stage, TILES_A_PICTURE, &w->waiting, err);
+        status = lw_stage_show(&w->stage, w->picture.show, &view, err);
+        if (status == LW_OK) status = lw_gl_view_take(&w->gl, &w->stage, TILES_A_PICTURE, &w->waiting, err);
         if (status == LW_OK) status = lw_gl_renderer_draw(w->gl.renderer, &view, samples, err);
         if (status == LW_OK) status = survey(w, &view, err);
         if (status != LW_OK) return status;
@@ -596,7 +668,7 @@ static enum lw_status renew_by_gl(struct lw_window *w, float seconds, bool *out_
     }
     *out_busy = lw_picture_adapt(p, seconds) || render;
     if (!*out_busy) return LW_OK;
-    lw_gl_renderer_show(w->gl.renderer, w->options->curve, p->stops, w->width, w->height);
+    show_by_gl(w);
     glFinish(); /* else nothing is known of what it costs */
     if (render && samples == 1) lw_pace_note(&w->pace, (uint64_t)width * height, lw_clock_ns() - start_ns);
     if (render && samples > 1) /* without a GPU it costs two or three times as much */
@@ -634,11 +706,13 @@ static bool renew_picture(struct lw_window *w, float seconds) {
 
 /* The view of now with all its samples, whatever size it has while things move. */
 static enum lw_status render_whole(struct lw_window *w, float *rgb, struct lw_error *err) {
-    const struct lw_compose_view view = {
+    struct lw_compose_view view = {
         .camera = lw_flight_view(&w->steering.flight), .width = w->width, .height = w->height};
+    enum lw_status status = lw_stage_show(&w->stage, w->picture.show, &view, err);
+    if (status != LW_OK) return status;
     if (w->gl.renderer != NULL) return lw_gl_view_average(&w->gl, &view, SAVED_SAMPLES, rgb, err);
     struct lw_antialias antialias = {0};
-    enum lw_status status = lw_antialias_reserve(&antialias, (size_t)w->width * w->height, err);
+    status = lw_antialias_reserve(&antialias, (size_t)w->width * w->height, err);
     if (status != LW_OK) return status;
     const struct lw_compose_source source = lw_compose_source_of(w->stage.client);
     struct lw_compose_report report;
@@ -654,19 +728,85 @@ static enum lw_status save_picture(struct lw_window *w, struct lw_error *err) {
     if (rgb == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the picture");
     enum lw_status status = render_whole(w, rgb, err);
     if (status == LW_OK)
-        status =
-            lw_saved_picture_write(rgb, w->width, w->height, w->options->curve, w->picture.stops, name, err);
+        status = lw_saved_picture_write(rgb, w->width, w->height, curve_of(w), stops_of(w), name, err);
     free(rgb);
     if (status == LW_OK) notify(w, "saved %s.png and .exr", name);
     w->stale = true; /* what the renderer has in hand is another picture now */
     return status;
 }
 
+/* ---- beside a path tracer ---- */
+
+static enum lw_status follow_comparison(struct lw_window *w, const struct lw_camera_view *camera,
+                                        struct lw_error *err) {
+    if (w->compare == COMPARE_NONE) return LW_OK;
+    enum lw_status status = LW_OK;
+    if (w->comparison == NULL) status = lw_comparison_create(0, &w->comparison, err);
+    if (status == LW_OK)
+        status = lw_comparison_follow(w->comparison, &w->stage, camera, (w->width + 1) / TRACED_SHARE,
+                                      (w->height + 1) / TRACED_SHARE, w->scene_changed, err);
+    if (status != LW_OK) return status;
+    w->scene_changed = false;
+    if (lw_comparison_take(w->comparison, &w->traced)) w->redraw = true;
+    return LW_OK;
+}
+
+static bool make_room_over(struct lw_window *w) {
+    const size_t count = (size_t)w->width * w->height;
+    if (w->over_width == w->width && w->over_height == w->height) return true;
+    free(w->over);
+    free(w->light);
+    w->over = malloc(count * sizeof *w->over);
+    w->light = malloc(3 * count * sizeof *w->light);
+    w->over_width = w->over && w->light ? w->width : 0;
+    w->over_height = w->height;
+    return w->over_width != 0;
+}
+
+/* The window's own picture as floats; its size. */
+static bool take_light(struct lw_window *w, uint32_t *out_width, uint32_t *out_height) {
+    const struct lw_picture *p = &w->picture;
+    struct lw_error err = {0};
+    *out_width = p->width, *out_height = p->height;
+    if (p->width == 0 || (size_t)p->width * p->height > (size_t)w->over_width * w->over_height) return false;
+    if (w->gl.renderer != NULL) return lw_gl_renderer_read(w->gl.renderer, w->light, &err) == LW_OK;
+    for (size_t i = 0; i < 3ul * p->width * p->height; i++) w->light[i] = p->sum[i] / (float)p->samples;
+    return true;
+}
+
+static void draw_comparison(struct lw_window *w) {
+    const struct lw_comparison_picture *t = &w->traced;
+    char text[2][96] = {"a path tracer begins", ""};
+    int lines = 1;
+    uint32_t width, height;
+    if (w->compare == COMPARE_NONE) return;
+    if (t->samples > 0 && make_room_over(w)) {
+        char noise[32] = "";
+        if (isfinite(t->error)) snprintf(noise, sizeof noise, ", noise %.1f %%", 100 * t->error);
+        snprintf(text[0], sizeof text[0], "paths: %u a pixel%s", t->samples, noise);
+        if (w->compare == COMPARE_SIDE_BY_SIDE) {
+            const uint32_t left = (uint32_t)lrintf(w->wipe * (float)w->width);
+            lw_comparison_wipe(t, w->options->curve, w->picture.stops, w->width, w->height, left, w->over);
+            if (left < w->width)
+                lw_screen_draw_panel(&w->screen, w->over, (int)(w->width - left), (int)w->height, (int)left,
+                                     0);
+        } else if (take_light(w, &width, &height)) {
+            const double off =
+                lw_comparison_difference(t, w->light, width, height, w->width, w->height, w->over);
+            lw_screen_draw_panel(&w->screen, w->over, (int)w->width, (int)w->height, 0, 0);
+            snprintf(text[1], sizeof text[1], "differs by %.1f %%: blue 0.1, green 3, red 100 %%", 100 * off);
+            lines = 2;
+        }
+    }
+    show_panel(w, RIGHT, PANEL_INSET, (const char *const[]){text[0], text[1]}, lines, -1, LW_PANEL_TEXT);
+}
+
 static void show_picture(struct lw_window *w) {
     if (w->gl.renderer != NULL)
-        lw_gl_renderer_show(w->gl.renderer, w->options->curve, w->picture.stops, w->width, w->height);
+        show_by_gl(w);
     else
         lw_screen_show(&w->screen, w->picture.width, w->picture.height);
+    draw_comparison(w);
     show_figures(w);
     draw_keys(w);
     draw_notice(w);
@@ -715,8 +855,10 @@ enum lw_status lw_window_create(const struct lw_view_options *options, struct lw
     }
     w->options = options;
     w->show_keys = w->busy = true;
+    w->wipe = 0.5f;
     w->panel.scale = 1;
     lw_picture_init(&w->picture, options->curve, options->auto_exposure, options->stops, options->threads);
+    w->picture.show = options->show;
     enum lw_status status = begin(w, err);
     w->stepped_ns = w->figures.since_ns = lw_clock_ns();
     if (status == LW_OK)
@@ -728,6 +870,9 @@ enum lw_status lw_window_create(const struct lw_view_options *options, struct lw
 
 void lw_window_destroy(struct lw_window *w) {
     if (w == NULL) return;
+    stop_comparing(w);
+    free(w->over);
+    free(w->light);
     lw_gl_view_finish(&w->gl);
     lw_stage_finish(&w->stage);
     lw_client_destroy(w->client);
@@ -751,6 +896,7 @@ static enum lw_status draw(struct lw_window *w, float seconds, uint64_t now_ns, 
     if (w->gl.renderer == NULL) w->busy = renew_picture(w, seconds);
     const struct lw_camera_view camera = lw_flight_view(&w->steering.flight);
     status = lw_stage_look(&w->stage, &camera, w->width, w->height, err);
+    if (status == LW_OK) status = follow_comparison(w, &camera, err);
     if (status != LW_OK) return status;
     if (w->keys_until_ns != 0 && now_ns > w->keys_until_ns) show_keys(w, false);
     if (w->notice_until_ns != 0 && now_ns > w->notice_until_ns) w->notice_until_ns = 0, w->redraw = true;
@@ -793,6 +939,10 @@ struct lw_window_state lw_window_state(const struct lw_window *w) {
                                     .figures_shown = !w->hide_figures,
                                     .full_screen = w->full_screen,
                                     .by_gl = w->gl.renderer != NULL,
+                                    .show = w->picture.show,
+                                    .compares = w->compare != COMPARE_NONE,
+                                    .traced = w->traced,
+                                    .wipe = w->wipe,
                                     .width = w->width,
                                     .height = w->height,
                                     .text_scale = w->panel.scale};

@@ -5,6 +5,7 @@
 #ifndef LW_CLIENT_VIEW_WINDOW_H
 #define LW_CLIENT_VIEW_WINDOW_H
 
+#include "client/view/comparison.h"
 #include "client/view/steering.h"
 #include "client/view/view_options.h"
 
@@ -37,7 +38,11 @@ struct lw_window_state {
     struct lw_camera_view start;
     float stops;
     bool auto_exposure, keys_shown, figures_shown, full_screen, by_gl;
-    uint32_t width, height; /* of the window, pixels */
+    enum lw_show show;
+    bool compares;
+    struct lw_comparison_picture traced; /* beside it */
+    float wipe;                          /* where that begins, 0..1 of the width */
+    uint32_t width, height;              /* of the window, pixels */
     int text_scale;
 };
 struct lw_window_state lw_window_state(const struct lw_window *window);

@@ -271,6 +271,53 @@ static void test_copies(void **state) {
     (void)err;
 }
 
+/* Each chart is another picture, by key. */
+static void test_charts(void **state) {
+    (void)state;
+    open_window(address, "--show level");
+    step_until(is_lit, "light");
+    assert_int_equal(now().show, LW_SHOW_LEVEL);
+    press(SDLK_v);
+    assert_int_equal(now().show, LW_SHOW_INTEREST);
+    assert_memory_equal(now().says, "interest: ", 10);
+    press(SDLK_v);
+    assert_int_equal(now().show, LW_SHOW_ALL);
+    for (int i = 0; i < LW_SHOW_COUNT; i++) {
+        press(SDLK_v);
+        steps(2);
+    }
+    assert_int_equal(now().show, LW_SHOW_ALL);
+    close_window();
+}
+
+static bool is_traced(void) { return now().traced.samples >= 2; }
+
+/* A path tracer beside it; it begins again with another view, and ends with the window. */
+static void test_comparison(void **state) {
+    (void)state;
+    open_window(address, "");
+    step_until(is_lit, "light");
+    assert_false(now().compares);
+    press(SDLK_t);
+    assert_true(now().compares);
+    step_until(is_traced, "paths");
+    assert_int_equal(now().traced.width, 80);
+    assert_int_equal(now().traced.height, 45);
+    drag(0, 0); /* the mouse, not captured, moves the line to the left edge */
+    assert_float_equal(now().wipe, 0, 0);
+    press(SDLK_t);
+    steps(3);
+    click();
+    drag(100, 0);
+    press(SDLK_ESCAPE);
+    assert_true(now().compares);
+    step_until(is_traced, "paths of another view");
+    press(SDLK_t);
+    assert_false(now().compares);
+    press(SDLK_t);
+    close_window(); /* while it traces */
+}
+
 /* Another server at the same address: the camera is that of its scene. The same scene again: the camera stays. */
 static void test_another_scene(void **state) {
     (void)state;
@@ -318,6 +365,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_keys),       cmocka_unit_test(test_moves),
         cmocka_unit_test(test_copies),     cmocka_unit_test(test_another_scene),
+        cmocka_unit_test(test_charts),     cmocka_unit_test(test_comparison),
         cmocka_unit_test(test_own_server),
     };
     return cmocka_run_group_tests(tests, start, stop);

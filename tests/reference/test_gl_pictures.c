@@ -202,22 +202,27 @@ static void test_same_picture(const char *name, const char *camera) {
     finish(&w);
 }
 
-/* The same with lights that the client draws, beside as much other light as there may be with them. */
-static void test_drawn(const char *name, const char *camera, float scale) {
-    struct world w;
+/* With lights that the client draws, beside as much other light as there may be with them. */
+static void start_drawn(struct world *w, const char *name, float scale) {
     struct lw_error err = {0};
-    start(&w, open_scene(name), 0, scale);
-    lw_support_ok(lw_client_lights_init(&w.drawn, w.scene, &w.pose, "auto", &err), &err);
-    if (camera) lw_support_ok(lw_camera_parse(camera, &w.view.camera, &err), &err);
-    lw_compose_destroy(w.compose);
+    start(w, open_scene(name), 0, scale);
+    lw_support_ok(lw_client_lights_init(&w->drawn, w->scene, &w->pose, "auto", &err), &err);
+    lw_compose_destroy(w->compose);
     lw_support_ok(
         lw_compose_create(
             &(struct lw_compose_desc){
-                .scene = w.scene, .map = &w.map, .trace = w.trace, .drawn = &w.drawn, .pose = &w.pose},
-            &w.compose, &err),
+                .scene = w->scene, .map = &w->map, .trace = w->trace, .drawn = &w->drawn, .pose = &w->pose},
+            &w->compose, &err),
         &err);
-    finish_renderer(&w);
-    start_renderer(&w);
+    finish_renderer(w);
+    start_renderer(w);
+}
+
+static void test_drawn(const char *name, const char *camera, float scale) {
+    struct world w;
+    struct lw_error err = {0};
+    start_drawn(&w, name, scale);
+    if (camera) lw_support_ok(lw_camera_parse(camera, &w.view.camera, &err), &err);
     draw(&w);
     compare(name, &w);
     const uint64_t maps = lw_gl_renderer_figures(w.renderer).maps_drawn;
@@ -390,6 +395,43 @@ static void test_uploads(void **state) {
     finish(&w);
 }
 
+/* Parts of the light, and charts, are the same by both; the parts add up. */
+static void test_shows(void **state) {
+    (void)state;
+    struct world w;
+    struct lw_error err = {0};
+    start_drawn(&w, "builtin:cornell", 0.02f);
+    struct lw_vec3 *colour = calloc(w.map.tile_count, sizeof *colour);
+    float *sum = calloc((size_t)3 * PIXELS, sizeof *sum);
+    assert_true(colour && sum);
+    for (uint32_t t = 0; t < w.map.tile_count; t++)
+        w.tile[t].error = 0.002f * (float)(1 + (t * 2654435761u >> 16) % 7);
+    for (int show = LW_SHOW_DIRECT; show < LW_SHOW_COUNT; show++) {
+        char name[64];
+        const struct lw_show_tiles tiles = {
+            .count = w.map.tile_count, .context = &w, .tile = tile, .now_ns = 5000000000u};
+        lw_show_colour_tiles(LW_SHOW_ERROR, &tiles, colour);
+        w.view.show = (enum lw_show)show, w.view.tile_colour = colour;
+        draw(&w);
+        snprintf(name, sizeof name, "builtin:cornell, %s", lw_show_name((enum lw_show)show));
+        compare(name, &w);
+        if (show <= LW_SHOW_INDIRECT)
+            for (size_t i = 0; i < (size_t)3 * PIXELS; i++) sum[i] += w.by_cpu[i];
+    }
+    w.view.show = LW_SHOW_ALL;
+    draw(&w);
+    double off = 0, all = 0;
+    for (size_t i = 0; i < (size_t)3 * PIXELS; i++) {
+        off += fabs((double)sum[i] - (double)w.by_cpu[i]);
+        all += (double)w.by_cpu[i];
+    }
+    assert_true(off < 1e-5 * all);
+    (void)err;
+    free(sum);
+    free(colour);
+    finish(&w);
+}
+
 /* The tiles of a survey are those that the composer needs, but for few that cover a pixel or two. */
 static void test_survey(void **state) {
     (void)state;
@@ -462,12 +504,13 @@ static void test_sponza(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_atrium),       cmocka_unit_test(test_cornell),
-        cmocka_unit_test(test_panels),       cmocka_unit_test(test_no_light),
-        cmocka_unit_test(test_uploads),      cmocka_unit_test(test_survey),
-        cmocka_unit_test(test_pack),         cmocka_unit_test(test_sizes),
-        cmocka_unit_test(test_sponza),       cmocka_unit_test(test_drawn_cornell),
-        cmocka_unit_test(test_drawn_atrium), cmocka_unit_test(test_drawn_sponza),
+        cmocka_unit_test(test_atrium),        cmocka_unit_test(test_cornell),
+        cmocka_unit_test(test_panels),        cmocka_unit_test(test_no_light),
+        cmocka_unit_test(test_shows),         cmocka_unit_test(test_uploads),
+        cmocka_unit_test(test_survey),        cmocka_unit_test(test_pack),
+        cmocka_unit_test(test_sizes),         cmocka_unit_test(test_sponza),
+        cmocka_unit_test(test_drawn_cornell), cmocka_unit_test(test_drawn_atrium),
+        cmocka_unit_test(test_drawn_sponza),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -103,6 +103,10 @@ static void test_a_scene_is_no_server(void **state) {
     assert_string_equal(o.scene, file);
     lw_support_ok(parse("room.local:7781", &o, &err), &err);
     assert_null(o.scene);
+    lw_support_ok(parse("--show error", &o, &err), &err);
+    assert_int_equal(o.show, LW_SHOW_ERROR);
+    lw_support_ok(parse("--path-trace room.glb --json --show indirect", &o, &err), &err);
+    assert_int_equal(o.path.part, LW_PATH_PART_INDIRECT);
     /* how it is opened is for its server */
     lw_support_ok(parse("room.glb --sky 1,2,3 --environment e.exr --texels-per-metre 5 --max-texels 7 "
                         "--atlas-max 64 --sun-angle 1 --threads 2",
@@ -245,6 +249,8 @@ static void test_errors_name_the_option(void **state) {
         {"--headless --json --pixel box", "--pixel"},
         {"--headless --json --sky 1,1,1", "--sky"},
         {"room.glb --spp 4", "--spp"},
+        {"--show shadows", "--show"},
+        {"--path-trace room.glb --json --show level", "--show level"},
         {"--headless --json --sun-angle 1", "--sun-angle"},
         {"--headless --json --texels-per-metre 8", "--texels-per-metre"},
         {"--headless --json --atlas-max 64", "--atlas-max"},
