@@ -28,8 +28,21 @@ const zstdApart = {
     });
   },
 };
+// shaders are text that no bundler shortens: without comments and needless blanks the page is 0.9 kB smaller
+const plainShaders = {
+  name: 'plain-shaders',
+  setup({ onLoad }) {
+    onLoad({ filter: /shaders\.ts$/ }, ({ path }) => ({
+      contents: readFileSync(path, 'utf8')
+        .replace(/^\s*\/\/.*\n/gm, '')
+        .replace(/^ +/gm, '')
+        .replace(/ ([-+*/=<>?:&|]+|[<>=!]=) /g, '$1'),
+      loader: 'ts',
+    }));
+  },
+};
 await build({
-  plugins: [zstdApart],
+  plugins: [zstdApart, plainShaders],
   entryPoints: { lightwell: here('src/main.ts'), worker: here('src/worker.ts') },
   outdir: out,
   bundle: true,

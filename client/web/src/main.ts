@@ -97,7 +97,8 @@ class App {
     if (!this.openGraphics()) return;
     const url = this.address();
     if (!url) return;
-    this.tell({ kind: 'connect', url, draws: false });
+    const draws = this.parameters.get('direct') !== 'tiles';
+    this.tell({ kind: 'connect', url, draws, clusters: draws });
     requestAnimationFrame((now) => this.step(now));
     this.showMessage();
   }
@@ -158,6 +159,7 @@ class App {
       this.showMessage();
     } else if (message.kind === 'scene') this.takeScene(message);
     else if (message.kind === 'camera') this.goTo(message.place);
+    else if (message.kind === 'clusters') this.renderer?.takeClusters(message.clusters);
     else if (message.kind === 'frame') {
       this.renderer?.takeFrame(message.frame, message.visible);
       this.frameMs = performance.now();
@@ -180,7 +182,8 @@ class App {
     this.cameras = message.cameras;
     try {
       const before = this.renderer;
-      this.renderer = new Renderer(this.gl, message.data);
+      const { draws, clientLights: lights, clusters } = message;
+      this.renderer = new Renderer(this.gl, message.data, draws ? { lights, clusters } : null);
       before?.destroy();
     } catch (error) {
       if (!(error instanceof LimitError)) throw error;
@@ -403,6 +406,10 @@ class App {
 
   exposure(): number {
     return this.renderer?.stops ?? 0;
+  }
+
+  lightsDrawn(): { lights: number; maps: number } {
+    return this.renderer?.lightsDrawn() ?? { lights: 0, maps: 0 };
   }
 
   view(): string {

@@ -1,4 +1,5 @@
 // protocol.ts: what page and worker tell each other.
+import type { Cluster } from './clusters.ts';
 import type { SceneData } from './geometry.ts';
 import type { TileBatch } from './replica.ts';
 import type { Frame } from './wire.ts';
@@ -10,7 +11,8 @@ export interface CameraPlace {
 }
 
 export type ToWorker =
-  | { kind: 'connect'; url: string; draws: boolean }
+  // draws: suns, points and spots of the server's; clusters: and small emissive meshes
+  | { kind: 'connect'; url: string; draws: boolean; clusters: boolean }
   | { kind: 'interest'; ids: Uint32Array<ArrayBuffer> }
   | { kind: 'taken'; count: number }
   | { kind: 'pause'; paused: boolean }
@@ -27,8 +29,9 @@ export type FromWorker =
       cameras: CameraPlace[];
       draws: boolean;
       clientLights: Uint8Array;
-      clientMaterials: Uint8Array;
+      clusters: number; // of emissive meshes to draw as lamps
     }
+  | { kind: 'clusters'; clusters: Cluster[] } // before the frame that they belong to
   | { kind: 'frame'; frame: Frame; visible: Uint8Array | null }
   | {
       kind: 'tiles';

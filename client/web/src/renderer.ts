@@ -1,11 +1,14 @@
 // renderer.ts: draws the scene in the light that has come.
 // Flow: geometry, frames, tiles -> [renderer] -> picture on the canvas; tiles that the view needs
 import { AtlasMap } from './atlas.ts';
-import type { View } from './camera.ts';
+import { add, dot, type Vec3, type View } from './camera.ts';
+import type { Cluster } from './clusters.ts';
 import { autoStops } from './exposure.ts';
 import { LimitError } from './failure.ts';
 import { type Group, isBlended, MATERIAL_TEXELS, type SceneData } from './geometry.ts';
 import { createProgram, type GL, LaterPixels, nearest, type Program, Table } from './gpu.ts';
+import { type Box, Lights, type ShadowMap } from './lights.ts';
+import { LAMP_SIDE, SUN_SIDE } from './limits.ts';
 import { AlphaMode, NONE } from './package.ts';
 import { layOut, type Pages } from './pages.ts';
 import type { TileBatch } from './replica.ts';
@@ -32,6 +35,13 @@ const SAMPLES = 4;
 export const SAMPLES_STILL = 16;
 /** Their textures are read at finer mip levels, by this many. */
 const SHARPER = -3;
+/** Share of the mean light from which on a lamp is drawn on an object. */
+const FAINT = 2e-3;
+/** Places on a disc at which shadow maps are read: a spiral, every second one as far out as all of them. */
+const TAPS = Float32Array.from({ length: 32 }, (_, i) => {
+  const [tap, radius] = [i >> 1, Math.sqrt(((i >> 1) + 0.5) / 16)];
+  return radius * (i & 1 ? Math.sin : Math.cos)(2.399963 * tap);
+});
 
 export type Curve = 'reinhard' | 'aces' | 'none';
 const CURVES: Curve[] = ['reinhard', 'aces', 'none'];
@@ -51,11 +61,6 @@ function placeOf(sample: number): [number, number] {
   return [(index + 0.5) / SAMPLES_STILL - 0.5, (reversed + 0.5) / SAMPLES_STILL - 0.5];
 }
 
-interface Box {
-  low: [number, number, number];
-  high: [number, number, number];
-}
-
 interface Draw {
   mesh: number;
   group: Group;
@@ -71,6 +76,18 @@ interface Target {
   resolved: WebGLFramebuffer;
   picture: WebGLTexture; // of resolved
   owned: (() => void)[];
+}
+
+const emptyBox = (): Box => ({
+  low: [Infinity, Infinity, Infinity],
+  high: [-Infinity, -Infinity, -Infinity],
+});
+
+function widen(box: Box, by: Box): void {
+  for (const i of [0, 1, 2] as const) {
+    box.low[i] = Math.min(box.low[i], by.low[i]);
+    box.high[i] = Math.max(box.high[i], by.high[i]);
+  }
 }
 
 export class Renderer {
@@ -108,6 +125,7 @@ export class Renderer {
   private box: Box | null | undefined; // undefined: to be found
   private surveyNumber = 0;
   private meteredExposure = 1;
+  private readonly lights: Lights | null;
   stops = 0;
   curve: Curve = 'reinhard';
   unfiltered = false;
@@ -115,6 +133,7 @@ export class Renderer {
   constructor(
     private readonly gl: GL,
     private readonly data: SceneData,
+    drawn: { lights: Uint8Array; clusters: number } | null,
   ) {
     if (!gl.getExtension('EXT_color_buffer_float') && !gl.getExtension('EXT_color_buffer_half_float'))
       throw new LimitError('the graphics here cannot draw into 16-bit floats');
@@ -159,6 +178,9 @@ export class Renderer {
       );
     });
 
+    const lights = drawn && new Lights(gl, data.lights, drawn.lights, drawn.clusters, this.reversed);
+    this.lights = lights?.count() ? lights : null;
+    if (!this.lights) lights?.destroy();
     this.white = this.createTexture({
       width: 1,
       height: 1,
@@ -185,9 +207,9 @@ export class Renderer {
     this.samples = Math.min(SAMPLES, most[0] ?? 1);
     for (const fragment of [SKY_FRAGMENT, TONEMAP_FRAGMENT, METER_FRAGMENT])
       this.programOf(SCREEN_VERTEX, fragment, []);
-    for (const { defines } of this.draws)
-      for (const extra of [[], ['SURVEY']])
-        this.programOf(SURFACE_VERTEX, SURFACE_FRAGMENT, [...defines, ...extra]);
+    for (const draw of this.draws)
+      for (const extra of [this.lights ? 'DIRECT' : '', 'SURVEY', ...(this.lights ? ['SHADOW'] : [])])
+        this.programOf(SURFACE_VERTEX, SURFACE_FRAGMENT, this.definesWith(draw, extra));
     this.surveyPixels = new LaterPixels(gl);
     this.meterPixels = new LaterPixels(gl);
     if (gl.getError() === gl.OUT_OF_MEMORY)
@@ -207,6 +229,7 @@ export class Renderer {
     for (const buffer of this.buffers) gl.deleteBuffer(buffer);
     gl.deleteVertexArray(this.vertices);
     gl.deleteVertexArray(this.nothing);
+    this.lights?.destroy();
     for (const program of this.programs.values()) gl.deleteProgram(program.program);
   }
 
@@ -302,6 +325,7 @@ export class Renderer {
     put(data.uv[1], Attribute.UV1, 2);
     put(data.colour, Attribute.COLOUR, 4);
     put(data.tag, Attribute.TAG, 1, gl.UNSIGNED_INT);
+    if (this.lights) put(data.normal, Attribute.NORMAL, 4, gl.BYTE);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.instances);
     gl.enableVertexAttribArray(Attribute.OBJECT);
     gl.vertexAttribDivisor(Attribute.OBJECT, 1);
@@ -332,6 +356,13 @@ export class Renderer {
     return defines;
   }
 
+  /** extra: '', DIRECT, SURVEY or SHADOW; a shadow wants little: where a surface is, and where it has holes. */
+  private definesWith(draw: Draw, extra: string): string[] {
+    if (extra !== 'SHADOW') return extra ? [...draw.defines, extra] : draw.defines;
+    const holes = draw.group.alphaMode !== AlphaMode.OPAQUE;
+    return [...(holes ? draw.defines.filter((name) => name !== 'GLOW_TEXTURE' && name !== 'REVERSED') : []), extra];
+  }
+
   private programOf(vertex: string, fragment: string, defines: string[]): Program {
     const key = `${defines.join()} ${fragment}`;
     let program = this.programs.get(key);
@@ -345,9 +376,14 @@ export class Renderer {
   // ---- what comes ----
 
   takeFrame(frame: Frame, visible: Uint8Array | null): void {
+    this.lights?.takeFrame(frame);
     frame.object.forEach((object, i) => {
       const at = OBJECT_TEXELS * object;
-      this.objects.values.set(frame.transform.subarray(12 * i, 12 * i + 12), 4 * at);
+      const transform = frame.transform.subarray(12 * i, 12 * i + 12);
+      if (this.lights && transform.every((x, k) => x === this.objects.values[4 * at + k])) return;
+      this.touch(object);
+      this.objects.values.set(transform, 4 * at);
+      this.touch(object);
       this.objects.touch(at);
       this.objects.touch(at + OBJECT_TEXELS - 1);
       this.placeSphere(object);
@@ -364,7 +400,21 @@ export class Renderer {
     if (visible) this.setVisible(visible);
   }
 
+  takeClusters(clusters: Cluster[]): void {
+    this.lights?.takeClusters(clusters);
+  }
+
+  /** An object throws other shadows than before. */
+  private touch(object: number): void {
+    if (this.lights && this.visible[object]) this.lights.touch(this.boxOf(object));
+  }
+
   setVisible(visible: Uint8Array): void {
+    visible.forEach((shown, object) => {
+      if (shown === this.visible[object]) return;
+      this.visible[object] = 1;
+      this.touch(object);
+    });
     this.visible.set(visible);
     this.box = undefined;
   }
@@ -416,22 +466,28 @@ export class Renderer {
   }
 
   private findBounds(): Box | null {
-    const low: [number, number, number] = [Infinity, Infinity, Infinity];
-    const high: [number, number, number] = [-Infinity, -Infinity, -Infinity];
+    const all = emptyBox();
     this.visible.forEach((shown, object) => {
-      if (!shown) return;
-      const m = this.objects.values.subarray(4 * OBJECT_TEXELS * object);
-      const shape = this.data.meshes[this.data.objectMesh[object]!]!;
-      for (let corner = 0; corner < 8; corner++)
-        for (let i = 0; i < 3; i++) {
-          let x = m[4 * i + 3]!;
-          for (let k = 0; k < 3; k++)
-            x += m[4 * i + k]! * (corner & (1 << k) ? shape.high : shape.low)[k as 0];
-          low[i as 0] = Math.min(low[i as 0], x);
-          high[i as 0] = Math.max(high[i as 0], x);
-        }
+      if (shown) widen(all, this.boxOf(object));
     });
-    return low[0] <= high[0] ? { low, high } : null;
+    return all.low[0] <= all.high[0] ? all : null;
+  }
+
+  private boxOf(object: number): Box {
+    const box = emptyBox();
+    const m = this.objects.values.subarray(4 * OBJECT_TEXELS * object);
+    const shape = this.data.meshes[this.data.objectMesh[object]!]!;
+    for (let i = 0 as 0 | 1 | 2; i < 3; i++) {
+      let [low, high] = [m[4 * i + 3]!, m[4 * i + 3]!];
+      for (let k = 0; k < 3; k++) {
+        const [a, b] = [m[4 * i + k]! * shape.low[k as 0], m[4 * i + k]! * shape.high[k as 0]];
+        low += Math.min(a, b);
+        high += Math.max(a, b);
+      }
+      box.low[i] = low;
+      box.high[i] = high;
+    }
+    return box;
   }
 
   private placeSphere(object: number): void {
@@ -516,33 +572,31 @@ export class Renderer {
     gl.uniform1i(program.at(name), unit);
   }
 
-  /** Objects in view, by mesh, those that are mirrored apart. */
-  private findVisible(view: View, scale: [number, number]): Map<number, [number[], number[]]> {
+  /** Objects by mesh, those that are mirrored apart. isIn: whether a sphere is in view. */
+  private findVisible(isIn: (centre: Vec3, radius: number) => boolean): Map<number, [number[], number[]]> {
     const found = new Map<number, [number[], number[]]>();
-    const sides = [1 / scale[0], 1 / scale[1]].map((tangent) => [tangent, Math.hypot(1, tangent)] as const);
     this.objectsOf.forEach((objects, mesh) => {
       for (const object of objects) {
         if (!this.visible[object]) continue;
-        const at = SPHERE * object;
-        const radius = this.sphere[at + 3]!;
-        const mirrored = this.sphere[at + 4];
-        const [x, y, z] = view.position.map((from, i) => this.sphere[at + i]! - from) as [
-          number,
-          number,
-          number,
-        ];
-        const along = (axis: readonly number[]) => x * axis[0]! + y * axis[1]! + z * axis[2]!;
-        const depth = along(view.forward);
-        if (depth < -radius) continue;
-        const out = [along(view.right), along(view.up)].some(
-          (offset, i) => Math.abs(offset) - depth * sides[i]![0] > radius * sides[i]![1],
-        );
-        if (out) continue;
+        const [x, y, z, radius, mirrored] = this.sphere.subarray(SPHERE * object, SPHERE * (object + 1));
+        if (!isIn([x!, y!, z!], radius!)) continue;
         if (!found.has(mesh)) found.set(mesh, [[], []]);
         found.get(mesh)![mirrored ? 1 : 0].push(object);
       }
     });
     return found;
+  }
+
+  private inView(view: View, scale: [number, number]): (centre: Vec3, radius: number) => boolean {
+    const sides = [1 / scale[0], 1 / scale[1]].map((tangent) => [tangent, Math.hypot(1, tangent)] as const);
+    return (centre, radius) => {
+      const from = add(centre, view.position, -1);
+      const depth = dot(from, view.forward);
+      if (depth < -radius) return false;
+      return [view.right, view.up].every(
+        (axis, i) => Math.abs(dot(from, axis)) - depth * sides[i]![0] <= radius * sides[i]![1],
+      );
+    };
   }
 
   private near(): number {
@@ -551,14 +605,17 @@ export class Renderer {
     return Math.min(0.02, 0.001 * size) * (this.reversed ? 0.1 : 1);
   }
 
+  /** extra: '', DIRECT, SURVEY or SHADOW. */
   private drawSurfaces(
     view: View,
     scale: [number, number],
-    extra: string[],
+    extra: string,
     set: (program: Program) => void,
+    isIn = this.inView(view, scale),
   ): void {
     const { gl } = this;
-    const found = this.findVisible(view, scale);
+    const found = this.findVisible(isIn);
+    const shadow = extra === 'SHADOW';
     const ids: number[] = [];
     const ranges = new Map<number, { first: number; count: number; mirrored: boolean }[]>();
     for (const [mesh, both] of found)
@@ -574,14 +631,13 @@ export class Renderer {
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(this.reversed ? gl.GEQUAL : gl.LEQUAL);
     const near = this.near();
-    const extras = extra.join();
     let current: Program | null = null;
     let group: Group | null = null;
     const prepare = (draw: Draw) => {
-      let program = draw.programs.get(extras);
+      let program = draw.programs.get(extra);
       if (!program) {
-        program = this.programOf(SURFACE_VERTEX, SURFACE_FRAGMENT, [...draw.defines, ...extra]);
-        draw.programs.set(extras, program);
+        program = this.programOf(SURFACE_VERTEX, SURFACE_FRAGMENT, this.definesWith(draw, extra));
+        draw.programs.set(extra, program);
       }
       if (program !== current) {
         program.use();
@@ -603,11 +659,13 @@ export class Renderer {
         this.bind(program, 5, 'baseTexture', gl.TEXTURE_2D, this.textures[draw.group.base] ?? this.white);
         this.bind(program, 6, 'glowTexture', gl.TEXTURE_2D, this.textures[draw.group.glow] ?? this.white);
       }
-      if (draw.group.doubleSided) gl.disable(gl.CULL_FACE);
+      // a back is a black wall for light
+      if (draw.group.doubleSided || shadow) gl.disable(gl.CULL_FACE);
       else gl.enable(gl.CULL_FACE);
       group = draw.group;
     };
     const run = (draw: Draw, first: number, count: number, mirrored: boolean) => {
+      if (extra === 'DIRECT') this.setLights(current!, ids.slice(first, first + count));
       gl.frontFace(mirrored ? gl.CW : gl.CCW);
       gl.vertexAttribIPointer(Attribute.OBJECT, 1, gl.UNSIGNED_INT, 4, 4 * first);
       gl.drawElementsInstanced(gl.TRIANGLES, draw.group.count, gl.UNSIGNED_INT, 4 * draw.group.first, count);
@@ -615,7 +673,7 @@ export class Renderer {
     const blended: { draw: Draw; at: number; object: number; mirrored: boolean; depth: number }[] = [];
     for (const draw of this.draws)
       for (const range of ranges.get(draw.mesh) ?? []) {
-        if (isBlended(draw.group) && !extra.includes('SURVEY')) {
+        if (isBlended(draw.group) && extra !== 'SURVEY' && !shadow) {
           for (let i = 0; i < range.count; i++) {
             const object = ids[range.first + i]!;
             const depth = Math.hypot(
@@ -641,6 +699,46 @@ export class Renderer {
     gl.disable(gl.BLEND);
     gl.disable(gl.CULL_FACE);
     gl.bindVertexArray(null);
+  }
+
+  /** The lights that shine on objects. */
+  private setLights(program: Program, objects: number[]): void {
+    const { gl } = this;
+    const box = emptyBox();
+    for (const object of objects) widen(box, this.boxOf(object));
+    const list = this.lights!.near(box, FAINT * this.meanLuminance());
+    if (list.length) gl.uniform1iv(program.at('light'), list);
+    gl.uniform1i(program.at('lightCount'), list.length);
+  }
+
+  private meanLuminance(): number {
+    return 0.2126 * this.mean[0] + 0.7152 * this.mean[1] + 0.0722 * this.mean[2];
+  }
+
+  private drawMap(map: ShadowMap): void {
+    const { gl } = this;
+    const lights = this.lights!;
+    const side = map.sun ? SUN_SIDE : LAMP_SIDE;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, lights.frame);
+    const texture = map.sun ? lights.sunMaps : lights.lampMaps;
+    gl.framebufferTextureLayer(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, texture, 0, map.layer);
+    gl.drawBuffers([gl.NONE]);
+    this.clear(lights.frame, side, side);
+    const view: View = { position: map.eye, right: [0, 0, 0], up: [0, 0, 0], forward: [0, 0, 0], fovY: 1 };
+    this.drawSurfaces(
+      view,
+      [1, 1],
+      'SHADOW',
+      (program) => {
+        gl.uniformMatrix4fv(program.at('clip'), false, map.clip);
+        gl.uniform1f(program.at('reach'), map.reach);
+      },
+      (centre, radius) => {
+        const from = add(centre, map.eye, -1);
+        return map.side.every((n) => dot(n, from) + map.beyond + radius * Math.hypot(...n) >= 0);
+      },
+    );
+    map.dirty = false;
   }
 
   /** Triangles of a blended group, the farthest first. */
@@ -704,6 +802,8 @@ export class Renderer {
       this.average = this.fitted(this.average, width, height, gl.RGBA16F, 1);
     }
     const target = sample ? this.single! : this.target;
+    const bounds = this.lights && this.bounds();
+    if (bounds) for (const map of this.lights!.choose(view, bounds)) this.drawMap(map);
     const scaleY = 1 / Math.tan(view.fovY / 2);
     const scale: [number, number] = [(scaleY * height) / width, scaleY];
     const exposure = 2 ** this.stops;
@@ -719,7 +819,17 @@ export class Renderer {
       gl.uniform1i(program.at('hasEnvironment'), this.environment ? 1 : 0);
       this.bind(program, 0, 'environment', gl.TEXTURE_2D, this.environment ?? this.white);
     });
-    this.drawSurfaces(view, scale, [], (program) => {
+    const { lights } = this;
+    this.drawSurfaces(view, scale, lights ? 'DIRECT' : '', (program) => {
+      if (lights) {
+        this.bind(program, 7, 'lights', gl.TEXTURE_2D, lights.table);
+        this.bind(program, 8, 'shapes', gl.TEXTURE_2D, lights.shapes);
+        this.bind(program, 9, 'sunMaps', gl.TEXTURE_2D_ARRAY, lights.sunMaps);
+        this.bind(program, 10, 'lampMaps', gl.TEXTURE_2D_ARRAY, lights.lampMaps);
+        gl.uniform2fv(program.at('tap'), TAPS);
+        gl.uniform1f(program.at('pictureNumber'), sample);
+        gl.uniform1f(program.at('faint'), FAINT * this.meanLuminance());
+      }
       gl.uniform2f(program.at('offset'), ...offset);
       gl.uniform1f(program.at('exposure'), exposure);
       gl.uniform1f(program.at('pixelArea'), 1);
@@ -803,7 +913,7 @@ export class Renderer {
     this.clear(this.surveyTarget.framebuffer, w, h);
     gl.clearBufferuiv(gl.COLOR, 0, [0, 0, 0, 0]);
     const pixel = (SURVEY_MARGIN * height) / h;
-    this.drawSurfaces(jittered, scale, ['SURVEY'], (program) => {
+    this.drawSurfaces(jittered, scale, 'SURVEY', (program) => {
       gl.uniform2f(program.at('offset'), 0, 0);
       gl.uniform1f(program.at('sharper'), 0);
       gl.uniform1f(program.at('pixelArea'), 1 / (pixel * pixel));
@@ -836,6 +946,11 @@ export class Renderer {
       if (flags === 3) set.add(tile + row);
     }
     return { inPicture: Uint32Array.from(inPicture), around: Uint32Array.from(around) };
+  }
+
+  /** How many lights it draws, and how many of their shadow maps it has drawn so far. */
+  lightsDrawn(): { lights: number; maps: number } {
+    return { lights: this.lights?.count() ?? 0, maps: this.lights?.mapsDrawn ?? 0 };
   }
 
   /** How many tiles are there. */

@@ -33,6 +33,7 @@ export interface FrameNews {
 }
 
 export interface SessionHost extends PartStore {
+  drawsMaterials?: boolean; // or lights alone
   send(bytes: Uint8Array<ArrayBuffer>): void;
   progress(fraction: number): void;
   scene(replica: Replica): void;
@@ -45,12 +46,13 @@ export interface SessionHost extends PartStore {
 export interface Kept {
   replica: Replica | null;
   packageHash: string;
+  drawn: string; // which lights the client draws
   run: bigint;
   download: Download | null;
 }
 
 export function nothingKept(): Kept {
-  return { replica: null, packageHash: '', run: 0n, download: null };
+  return { replica: null, packageHash: '', drawn: '', run: 0n, download: null };
 }
 
 export class Session {
@@ -275,19 +277,21 @@ export class Session {
     if (welcome.features & ~offered)
       throw new ProtocolError('message WELCOME: features that were not offered');
     const { clientMaterials } = welcome;
-    if (welcome.features & wire.Feature.DRAWS && clientMaterials.some((bits) => bits !== 0))
+    if (welcome.features & wire.Feature.DRAWS && !this.host.drawsMaterials && clientMaterials.some((bits) => bits))
       throw new DrawsTooMuch();
     this.welcome = welcome;
     const { kept } = this;
     const layer = welcome.features & wire.Feature.DRAWS ? 1 : 0;
+    const drawn = layer ? `${hex(welcome.clientLights)} ${hex(clientMaterials)}` : '';
     const sameRun = !!welcome.run && welcome.run === kept.run;
     const samePackage = hex(welcome.packageHash) === kept.packageHash;
     kept.run = welcome.run;
     kept.packageHash = hex(welcome.packageHash);
-    if (kept.replica && (!samePackage || kept.replica.layer !== layer)) {
+    if (kept.replica && (!samePackage || kept.replica.layer !== layer || kept.drawn !== drawn)) {
       kept.replica.destroy();
       kept.replica = null;
     }
+    kept.drawn = drawn;
     if (kept.replica) {
       if (sameRun) this.sendHolds(kept.replica);
       else kept.replica.beginRun();

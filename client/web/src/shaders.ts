@@ -2,6 +2,7 @@
 // level whose texels are as large as pixels, or what stands in for it.
 
 import { MATERIAL_TEXELS } from './geometry.ts';
+import { CASCADES, LAMP_SIDE, LIGHTS_MAX, SUN_SIDE } from './limits.ts';
 
 /** Width of textures that hold numbers by index. */
 export const TABLE_WIDTH = 2048;
@@ -36,7 +37,9 @@ layout(location = ${Attribute.UV1}) in vec2 uv1;
 layout(location = ${Attribute.COLOUR}) in vec4 colour;
 layout(location = ${Attribute.TAG}) in uint tag;
 layout(location = ${Attribute.OBJECT}) in uint object;
+layout(location = ${Attribute.NORMAL}) in vec3 normal;
 uniform sampler2D objects;
+uniform mat4 clip;
 uniform vec3 eye, right, up, forward;
 uniform vec2 scale, offset;
 uniform float near;
@@ -47,18 +50,28 @@ out vec2 vLightmap;
 centroid out vec2 vLightmapIn; // within the triangle, at every sample
 flat out uint vTag;
 flat out uint vObject;
+#ifdef DIRECT
+out vec3 vNormal;
+#endif
 void main() {
-  vec4 p = vec4(position, 1);
-  vec3 world;
-  for (uint i = 0u; i < 3u; i++)
-    world[i] = dot(texelFetch(objects, at(${OBJECT_TEXELS}u * object + i), 0), p);
-  vAt = world - eye;
+  vec4 p = vec4(position, 1), row[3];
+  for (uint i = 0u; i < 3u; i++) row[i] = texelFetch(objects, at(${OBJECT_TEXELS}u * object + i), 0);
+  vAt = vec3(dot(row[0], p), dot(row[1], p), dot(row[2], p)) - eye;
+#ifdef DIRECT
+  // by cofactors, outward under mirroring
+  vec3 xy = cross(row[0].xyz, row[1].xyz), yz = cross(row[1].xyz, row[2].xyz);
+  vec3 zx = cross(row[2].xyz, row[0].xyz);
+  vNormal = vec3(dot(yz, normal), dot(zx, normal), dot(xy, normal)) * sign(dot(yz, row[0].xyz));
+#endif
   vUv = vec4(uv0, uv1);
   vColour = colour;
   vLightmap = lightmap;
   vLightmapIn = lightmap;
   vTag = tag;
   vObject = object;
+#ifdef SHADOW
+  gl_Position = clip * vec4(vAt, 1);
+#else
   float depth = dot(vAt, forward);
 #ifdef REVERSED
   gl_Position = vec4(dot(vAt, right) * scale.x, dot(vAt, up) * scale.y, near, depth);
@@ -66,7 +79,158 @@ void main() {
   gl_Position = vec4(dot(vAt, right) * scale.x, dot(vAt, up) * scale.y, depth - 2.0 * near, depth);
 #endif
   gl_Position.xy -= offset * depth;
+#endif
 }`;
+
+// The direct light of the lights that the page draws: client/gl/gl_shaders.c's direct().
+const DIRECT = `
+#define SOUGHT 8
+#define TAPS 16
+uniform sampler2D lights, shapes;
+uniform sampler2DArray sunMaps, lampMaps;
+uniform int light[${LIGHTS_MAX}], lightCount;
+uniform float pictureNumber, faint;
+uniform vec2 tap[TAPS]; // on the unit disc
+in vec3 vNormal;
+
+// what of a depth is near / distance
+#ifdef REVERSED
+float nearness(float d) { return d; }
+#else
+float nearness(float d) { return 1.0 - d; }
+#endif
+
+// from pixel to pixel, and from picture to picture
+mat2 turnOf(vec2 at) {
+  at += vec2(5.588238, 3.217711) * pictureNumber;
+  float angle = 6.2831853 * fract(52.9829189 * fract(dot(at, vec2(0.06711056, 0.00583715))));
+  return mat2(cos(angle), sin(angle), -sin(angle), cos(angle));
+}
+
+vec4 lightRow(int i, int k) { return texelFetch(lights, ivec2(k, i), 0); }
+
+float sunHeight(vec2 at, float layer, float size) {
+  return size * (2.0 * nearness(textureLod(sunMaps, vec3(at * 0.5 + 0.5, layer), 0.0).r) - 1.0);
+}
+
+// share of a sun that p sees; g: the face
+float sunSeen(int i, vec3 to, float spread, vec3 p, vec3 g, mat2 turn) {
+  vec4 right = lightRow(i, 2), up = lightRow(i, 3), box = lightRow(i, 4);
+  float layer = up.w;
+  for (int c = 1; c < ${CASCADES}; c++) {
+    vec3 q = p - box.xyz;
+    if (max(abs(dot(q, right.xyz)), abs(dot(q, up.xyz))) > 0.97 * box.w) {
+      box = lightRow(i, 4 + c);
+      layer = up.w + float(c);
+    }
+  }
+  float texel = 2.0 * box.w / ${SUN_SIDE}.0, facing = max(dot(g, to), 0.02);
+  vec3 q = p + g * (0.5 * texel) - box.xyz;
+  vec2 here = vec2(dot(q, right.xyz), dot(q, up.xyz)) / box.w;
+  float height = dot(q, to);
+  vec2 slope = clamp(-vec2(dot(g, right.xyz), dot(g, up.xyz)) / facing, -8.0, 8.0);
+  float bias = texel * (0.5 + 0.5 * (abs(slope.x) + abs(slope.y)));
+  float wide = clamp(spread * (right.w * 0.3), 2.0 * texel, 0.1 * box.w), sum = 0.0, count = 0.0;
+  for (int k = 0; k < SOUGHT; k++) {
+    vec2 o = wide * (turn * tap[2 * k]);
+    float blocker = sunHeight(here + o / box.w, layer, right.w) - height;
+    if (blocker > dot(slope, o) + bias + 0.02 * wide) {
+      sum += blocker;
+      count += 1.0;
+    }
+  }
+  // of a pixel that sees all or nothing no tap is taken
+  if (count == 0.0 || count == float(SOUGHT)) return count == 0.0 ? 1.0 : 0.0;
+  wide = clamp(spread * sum / count, 0.75 * texel, wide);
+  float seen = 0.0;
+  for (int k = 0; k < TAPS; k++) {
+    vec2 o = wide * (turn * tap[k]);
+    seen += float(sunHeight(here + o / box.w, layer, right.w) - height <= dot(slope, o) + bias);
+  }
+  return seen / float(TAPS);
+}
+
+// the distance along its side's axis of what a lamp sees in direction q, over that of q itself
+float lampReach(vec3 q, float layer, float near) {
+  vec3 a = abs(q);
+  float major = max(a.x, max(a.y, a.z));
+  vec2 st = a.x == major ? q.yz : a.y == major ? q.zx : q.xy;
+  layer += a.x == major ? float(q.x < 0.0) : a.y == major ? 2.0 + float(q.y < 0.0) : 4.0 + float(q.z < 0.0);
+  float d = nearness(textureLod(lampMaps, vec3(st / major * 0.5 + 0.5, layer), 0.0).r);
+  return near / (max(d, 1e-9) * major);
+}
+
+// v: from the lamp to the point; maps: near, layer, reach
+float lampSeen(vec4 maps, float radius, vec3 v, vec3 g, mat2 turn) {
+  float far = length(v);
+  if (far <= maps.z * 1.02 || far <= maps.x) return 1.0;
+  float texel = 2.0 * far / ${LAMP_SIDE}.0;
+  vec3 q = v + g * texel;
+  vec3 side = normalize(cross(v, abs(v.z) < 0.7 * far ? vec3(0, 0, 1) : vec3(1, 0, 0)));
+  vec3 across = cross(side, v / far);
+  float facing = dot(g, q), wide = clamp(2.0 * radius, texel, 0.15 * far), sum = 0.0, count = 0.0;
+  if (radius > 0.0) {
+    for (int k = 0; k < SOUGHT; k++) {
+      vec2 o = wide * (turn * tap[2 * k]);
+      vec3 t = q + o.x * side + o.y * across;
+      float blocker = lampReach(t, maps.y, maps.x) / clamp(facing / min(dot(g, t), -1e-6), 0.7, 1.4);
+      if (blocker < 0.985) {
+        sum += blocker;
+        count += 1.0;
+      }
+    }
+    if (count == 0.0 || count == float(SOUGHT)) return count == 0.0 ? 1.0 : 0.0;
+  }
+  wide = count > 0.0 ? clamp(radius * (count / max(sum, 1e-3) - 1.0), 0.75 * texel, wide) : 0.75 * texel;
+  float seen = 0.0;
+  for (int k = 0; k < TAPS; k++) {
+    vec2 o = wide * (turn * tap[k]);
+    vec3 t = q + o.x * side + o.y * across;
+    seen += float(lampReach(t, maps.y, maps.x) >= 0.99 * clamp(facing / min(dot(g, t), -1e-6), 0.7, 1.4));
+  }
+  return seen / float(TAPS);
+}
+
+// an emitter's intensity by direction: an octahedron laid flat
+float shape(int row, int first, vec3 d) {
+  d /= abs(d.x) + abs(d.y) + abs(d.z) + 1e-30;
+  vec2 sides = vec2(d.x < 0.0 ? -1.0 : 1.0, d.y < 0.0 ? -1.0 : 1.0);
+  vec2 place = (0.5 + 0.5 * (d.z < 0.0 ? (1.0 - abs(d.yx)) * sides : d.xy)) * 16.0;
+  ivec2 low = clamp(ivec2(place), ivec2(0), ivec2(15));
+  vec2 f = place - vec2(low);
+  ivec2 i = ivec2(first + 17 * low.y + low.x, row);
+  return mix(mix(texelFetch(shapes, i, 0).r, texelFetch(shapes, i + ivec2(1, 0), 0).r, f.x),
+    mix(texelFetch(shapes, i + ivec2(17, 0), 0).r, texelFetch(shapes, i + ivec2(18, 0), 0).r, f.x), f.y);
+}
+
+vec3 directLight() {
+  vec3 p = vAt, g = normalize(cross(dFdx(p), dFdy(p))), sum = vec3(0);
+  if (dot(g, p) > 0.0) g = -g;
+  vec3 n = normalize(gl_FrontFacing ? vNormal : -vNormal);
+  if (!(dot(n, g) > 0.01)) n = g;
+  mat2 turn = turnOf(gl_FragCoord.xy);
+  for (int k = 0; k < lightCount; k++) {
+    int i = light[k];
+    vec4 place = lightRow(i, 0), colour = lightRow(i, 1), axis = lightRow(i, 2), maps = lightRow(i, 3);
+    bool sun = place.w == 0.0;
+    vec3 to = sun ? place.xyz : place.xyz - p;
+    float far2 = dot(to, to) + 1e-20, far = sqrt(far2), e = dot(n, to) / (sun ? 1.0 : far2 * far);
+    if (place.w == 2.0) {
+      float falls = clamp((dot(axis.xyz, -to) / far - axis.w) * maps.w, 0.0, 1.0);
+      e *= falls * falls;
+    }
+    if (place.w == 3.0) {
+      // reach is 1.5 radii; nearer than 5 of them an emitter is open
+      e *= shape(int(axis.x), far * 1.5 < 5.0 * maps.z ? 289 : 0, -to);
+      e *= far2 / max(far2, maps.z * maps.z);
+    }
+    if (e * dot(colour.rgb, vec3(0.2126, 0.7152, 0.0722)) <= faint) continue;
+    float seen = sun ? sunSeen(i, to, colour.w, p, n, turn) : lampSeen(maps, colour.w, -to, n, turn);
+    sum += colour.rgb * (e * seen);
+  }
+  return sum;
+}
+`;
 
 export const SURFACE_FRAGMENT = `${HEAD}
 in vec3 vAt;
@@ -86,6 +250,8 @@ uniform bool unfiltered;
 #ifdef SURVEY
 uniform uint surveyNumber;
 out uvec4 needed;
+#elif defined(SHADOW)
+uniform float reach;
 #else
 out vec4 radiance;
 #endif
@@ -157,6 +323,10 @@ vec3 sampleTexture(sampler2D image, uint row, out float alpha) {
   return value.rgb;
 }
 
+#ifdef DIRECT
+${DIRECT}
+#endif
+
 void main() {
   uint m = ${MATERIAL_TEXELS}u * (vTag & 0xffffu);
   vec4 base = texelFetch(materials, at(m), 0);
@@ -173,6 +343,16 @@ void main() {
 #endif
   albedo = clamp(albedo * vColour.rgb, 0.0, 1.0);
   alpha *= vColour.a;
+#ifdef SHADOW
+  if (dot(vAt, vAt) < reach * reach) discard;
+#ifdef MASK
+  if (alpha < glow.w) discard;
+#endif
+#ifdef BLEND
+  // that share of the texels, in no pattern, lets light pass
+  if (alpha <= fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(0.06711056, 0.00583715))))) discard;
+#endif
+#else
   vec4 object = texelFetch(objects, at(${OBJECT_TEXELS}u * vObject + 3u), 0);
   uint first = uint(object.x), count = uint(object.y), coarsest = vTag >> 16;
   uint level = min(levelFor(coarsest), max(count, 1u) - 1u); // before any pixel leaves: it takes differences
@@ -210,6 +390,7 @@ void main() {
   radiance = vec4(min(leaving * exposure, 6e4), clamp(alpha, 0.0, 1.0));
 #else
   radiance = vec4(min(leaving * exposure, 6e4), 1);
+#endif
 #endif
 #endif
 }`;

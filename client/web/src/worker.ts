@@ -1,7 +1,10 @@
 // worker.ts: the link to the server, beside the page: socket, session, decoding, reconnecting.
 import { ClosedError, DrawsTooMuch, nothingKept, Session, type SessionHost } from './session.ts';
+import { Clusters } from './clusters.ts';
 import { LimitError, ProtocolError } from './failure.ts';
 import { buffersOf, buildGeometry } from './geometry.ts';
+import { LAMPS_MAX, SUNS_MAX } from './limits.ts';
+import { LightKind } from './package.ts';
 import { nodeToWorld } from './pose.ts';
 import type { CameraPlace, FromWorker, ToWorker } from './protocol.ts';
 import type { Replica } from './replica.ts';
@@ -27,10 +30,12 @@ class Link {
   private paused = false;
   private over = false;
   private received = 0;
+  private clusters: Clusters | null = null;
 
   constructor(
     private readonly url: string,
     private draws: boolean,
+    private readonly drawsMaterials: boolean,
     private readonly tiles: Tiles,
     private readonly store: Store,
   ) {
@@ -77,6 +82,7 @@ class Link {
 
   private hostOf(socket: WebSocket): SessionHost {
     return {
+      drawsMaterials: this.drawsMaterials,
       find: (hash) => this.store.find(hash),
       keep: (hash, bytes) => this.store.keep(hash, bytes),
       send: (bytes) => {
@@ -87,6 +93,9 @@ class Link {
       frame: (news) => {
         this.retryMs = RETRY_FIRST_MS;
         post({ kind: 'state', text: '', final: false });
+        this.clusters?.takeFrame(news.frame);
+        const clusters = this.clusters?.take();
+        if (clusters) post({ kind: 'clusters', clusters });
         post({ kind: 'frame', ...news });
       },
       tiles: (batch, mean, visible) =>
@@ -98,15 +107,24 @@ class Link {
   }
 
   private postScene(replica: Replica): void {
-    const data = buildGeometry(replica.scene, this.tiles);
     const { clientLights, clientMaterials } = this.session!.draws();
+    this.clusters = null;
+    if (replica.layer === 1) {
+      this.clusters = new Clusters(replica.scene, clientMaterials);
+      // a page with more lights than it has maps for gets all light in tiles
+      const drawn = replica.scene.lights.filter((_, i) => (clientLights[i >> 3]! >> (i & 7)) & 1);
+      const suns = drawn.filter(({ kind }) => kind === LightKind.DIRECTIONAL).length;
+      const lamps = drawn.length - suns + this.clusters.count();
+      if (suns > SUNS_MAX || lamps > LAMPS_MAX) throw new DrawsTooMuch();
+    }
+    const data = buildGeometry(replica.scene, this.tiles);
     const scene: FromWorker = {
       kind: 'scene',
       data,
       cameras: this.cameras(replica, 0),
       draws: replica.layer === 1,
       clientLights,
-      clientMaterials,
+      clusters: this.clusters?.count() ?? 0,
     };
     post(scene, buffersOf(data));
   }
@@ -217,20 +235,20 @@ class Link {
 
 let link: Promise<Link> | null = null;
 
-async function open(url: string, draws: boolean): Promise<Link> {
+async function open(url: string, draws: boolean, clusters: boolean): Promise<Link> {
   const response = await fetch('lightwell_tiles.wasm');
   if (!response.ok) throw new Error(`lightwell_tiles.wasm: ${response.status} ${response.statusText}`);
   const [tiles, store] = await Promise.all([
     response.arrayBuffer().then((bytes) => Tiles.create(bytes)),
     Store.open(),
   ]);
-  return new Link(url, draws, tiles, store);
+  return new Link(url, draws, clusters, tiles, store);
 }
 
 self.onmessage = (event: MessageEvent<ToWorker>) => {
   const message = event.data;
   if (message.kind === 'connect') {
-    link = open(message.url, message.draws);
+    link = open(message.url, message.draws, message.clusters);
     link.catch((error: Error) => post({ kind: 'state', text: error.message, final: true }));
   } else void link?.then((it) => it.take(message));
 };

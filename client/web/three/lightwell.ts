@@ -74,7 +74,7 @@ export class Lightwell {
     this.worker.onmessage = (event: MessageEvent<FromWorker>) => this.take(event.data);
     this.worker.onerror = (event) =>
       this.failed?.(new Error(`worker.js: ${event.message || 'it does not load'}`));
-    this.tell({ kind: 'connect', url, draws: options.keyLights ?? true });
+    this.tell({ kind: 'connect', url, draws: options.keyLights ?? true, clusters: false });
   }
 
   /** Resolves once the scene has its first light. Rejects with one line if the server cannot be used. */

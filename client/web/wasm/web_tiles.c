@@ -28,6 +28,13 @@
 #define HALF_LARGEST 0x7bffu
 #define VALUES_MAX   (LW_TILE_TEXELS_MAX * 3u)
 
+/* The C library's, for cosines beyond 2^20: 7 kB that this page would load for the decoder's table of angles below
+ * 2 pi. */
+__attribute__((used)) int __rem_pio2_large(double *x, double *y, int e0, int nx, int prec) { // NOLINT: the library's name
+    (void)x, (void)y, (void)e0, (void)nx, (void)prec;
+    __builtin_trap();
+}
+
 static struct lw_tile_dct dct;
 static float rgb[VALUES_MAX];
 static uint32_t packed[LW_TILE_TEXELS_MAX];
