@@ -1,7 +1,8 @@
-// clusters.ts: small emissive meshes as lamps: which triangles are one, and how bright it is in each direction;
-// as client/view/emitter_clusters.h from afar. The renderer draws their light with a shadow map.
+// clusters.ts: small emissive meshes as lamps: which triangles are one, and how bright it is in each
+// direction; as client/view/emitter_clusters.h from afar. The renderer draws their light with a shadow map.
 // Flow:   scene, frames -> [clusters] -> lights.ts
-import { AlphaMode, type Material, NONE, type Scene } from './package.ts';
+import { LAMPS_MAX, SUNS_MAX } from './limits.ts';
+import { AlphaMode, type Light, LightKind, type Material, NONE, type Scene } from './package.ts';
 import { nodeToWorld } from './pose.ts';
 import type { Frame } from './wire.ts';
 
@@ -25,6 +26,13 @@ export interface Cluster {
   colour: number[]; // of unit luminance
   intensity: number; // the most in any direction, luminance, W/sr
   shapes: Float32Array; // luminance by direction, W/sr: behind what stands close, and without that
+}
+
+/** Whether the page has maps for the lights whose bits are set, and these clusters. */
+export function fitsMaps(lights: Light[], drawn: Uint8Array, clusters: number): boolean {
+  const those = lights.filter((_, i) => (drawn[i >> 3]! >> (i & 7)) & 1);
+  const suns = those.filter(({ kind }) => kind === LightKind.DIRECTIONAL).length;
+  return suns <= SUNS_MAX && those.length - suns + clusters <= LAMPS_MAX;
 }
 
 interface Emitter {
@@ -121,7 +129,9 @@ export class Clusters {
           const uv = mesh.uv[use.uvSet as 0];
           if (!texture || !uv) return [1, 1, 1, 1];
           const [a, b, c] = [0, 1, 2].map((k) => 2 * mesh.triangle[3 * t + k]!) as [number, number, number];
-          const x = [0, 1].map((k) => uv[a + k]! + at[0] * (uv[b + k]! - uv[a + k]!) + at[1] * (uv[c + k]! - uv[a + k]!));
+          const x = [0, 1].map(
+            (k) => uv[a + k]! + at[0] * (uv[b + k]! - uv[a + k]!) + at[1] * (uv[c + k]! - uv[a + k]!),
+          );
           const place = [0, 3].map((row, k) => {
             const u = use.transform[row]! * x[0]! + use.transform[row + 1]! * x[1]! + use.transform[row + 2]!;
             const side = k ? texture.height : texture.width;
@@ -177,7 +187,9 @@ export class Clusters {
   /** Nine numbers, world space. */
   private cornersOf(e: Emitter): number[] {
     const mesh = this.scene.meshes[this.scene.objectMesh[e.object]!]!;
-    return [0, 1, 2].flatMap((k) => apply(this.toWorld[e.object]!, mesh.position, 3 * mesh.triangle[e.corner + k]!));
+    return [0, 1, 2].flatMap((k) =>
+      apply(this.toWorld[e.object]!, mesh.position, 3 * mesh.triangle[e.corner + k]!),
+    );
   }
 
   // ---- what changes ----
@@ -196,7 +208,10 @@ export class Clusters {
       this.toWorld[object] = row.slice();
       touch(object);
     });
-    for (const [list, value] of [[frame.hidden, 1], [frame.shown, 0]] as const)
+    for (const [list, value] of [
+      [frame.hidden, 1],
+      [frame.shown, 0],
+    ] as const)
       for (const object of list)
         if (this.hidden[object] !== value) {
           this.hidden[object] = value;
@@ -261,7 +276,10 @@ export class Clusters {
     for (const e of members) {
       const corners = this.cornersOf(e);
       box = widen(box, corners);
-      const [u, v] = [3, 6].map((at) => [0, 1, 2].map((k) => corners[at + k]! - corners[k]!)) as [number[], number[]];
+      const [u, v] = [3, 6].map((at) => [0, 1, 2].map((k) => corners[at + k]! - corners[k]!)) as [
+        number[],
+        number[],
+      ];
       const normal = cross(u, v);
       const twice = Math.hypot(...normal);
       const radiance = e.share.map((x, c) => x * this.emission[e.material]![c]!);
@@ -310,8 +328,11 @@ export class Clusters {
         const [u, v] = a + b > 1 ? [1 - a, 1 - b] : [a, b];
         const at = [0, 1, 2].map(
           (k) =>
-            corners[k]! + u * (corners[3 + k]! - corners[k]!) + v * (corners[6 + k]! - corners[k]!) +
-            1e-4 * reach * normal[k]! - centre[k]!,
+            corners[k]! +
+            u * (corners[3 + k]! - corners[k]!) +
+            v * (corners[6 + k]! - corners[k]!) +
+            1e-4 * reach * normal[k]! -
+            centre[k]!,
         );
         points.push({ at, normal });
       }
@@ -364,7 +385,14 @@ export class Clusters {
 function passes(near: number[], from: number[], d: readonly number[], end: number): number {
   let share = 1;
   for (let i = 0; i < near.length; i += 10) {
-    const [ux, uy, uz, vx, vy, vz] = [near[i + 3]!, near[i + 4]!, near[i + 5]!, near[i + 6]!, near[i + 7]!, near[i + 8]!];
+    const [ux, uy, uz, vx, vy, vz] = [
+      near[i + 3]!,
+      near[i + 4]!,
+      near[i + 5]!,
+      near[i + 6]!,
+      near[i + 7]!,
+      near[i + 8]!,
+    ];
     const [px, py, pz] = [d[1]! * vz - d[2]! * vy, d[2]! * vx - d[0]! * vz, d[0]! * vy - d[1]! * vx];
     const det = ux * px + uy * py + uz * pz;
     if (det === 0) continue;

@@ -1,8 +1,8 @@
 // lights.ts: the lights that the page draws, as shaders read them, and which of their shadow maps are out of
 // date; as client/gl/gl_lights.h.
 // Flow: scene, frames, clusters -> [lights] -> renderer draws the maps, then the picture
-// A sun has CASCADES maps: the last one of the whole scene, each of the others a quarter as wide, about what is
-// before the eye. Points, spots and small emissive meshes have the six sides of a cube.
+// A sun has CASCADES maps: the last one of the whole scene, each of the others a quarter as wide, about what
+// is before the eye. Points, spots and small emissive meshes have the six sides of a cube.
 import type { Vec3, View } from './camera.ts';
 import { add, cross, dot, normalize } from './camera.ts';
 import { type Cluster, MAP_SIDE } from './clusters.ts';
@@ -80,7 +80,10 @@ export class Lights {
   readonly frame: WebGLFramebuffer;
   private readonly sources: Source[] = [];
   private readonly suns: number;
-  private readonly scene: Box = { low: [Infinity, Infinity, Infinity], high: [-Infinity, -Infinity, -Infinity] };
+  private readonly scene: Box = {
+    low: [Infinity, Infinity, Infinity],
+    high: [-Infinity, -Infinity, -Infinity],
+  };
   mapsDrawn = 0;
 
   /** drawn: a bit for each of the scene's lights; clusters: how many there are. */
@@ -183,7 +186,17 @@ export class Lights {
       source.colour = cluster.colour as Vec3;
       source.intensity = cluster.intensity;
       source.radius = cluster.radius;
-      gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, first + i - this.suns, SHAPE, 1, gl.RED, gl.FLOAT, cluster.shapes);
+      gl.texSubImage2D(
+        gl.TEXTURE_2D,
+        0,
+        0,
+        first + i - this.suns,
+        SHAPE,
+        1,
+        gl.RED,
+        gl.FLOAT,
+        cluster.shapes,
+      );
     });
   }
 
@@ -218,7 +231,9 @@ export class Lights {
     });
     gl.bindTexture(gl.TEXTURE_2D, this.table);
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, LIGHT_TEXELS, LIGHTS_MAX, gl.RGBA, gl.FLOAT, table);
-    const dirty = this.sources.flatMap((source) => (source.intensity > 0 ? source.maps : [])).filter((map) => map.dirty);
+    const dirty = this.sources
+      .flatMap((source) => (source.intensity > 0 ? source.maps : []))
+      .filter((map) => map.dirty);
     this.mapsDrawn += dirty.length;
     return dirty;
   }
@@ -233,9 +248,7 @@ export class Lights {
       eye: source.position,
       side: [x!, y!].flatMap((axis) => [add(z!, axis), add(z!, axis, -1)]),
       beyond: 0,
-      clip: this.reversed
-        ? clipOf(x!, y!, [0, 0, 0], z!, near, 0)
-        : clipOf(x!, y!, z!, z!, -2 * near, 0),
+      clip: this.reversed ? clipOf(x!, y!, [0, 0, 0], z!, near, 0) : clipOf(x!, y!, z!, z!, -2 * near, 0),
       reach: source.reach,
       dirty: true,
     }));

@@ -15,6 +15,7 @@ const STILL_MS = 3000;
 const REFINE_MS = 200; // after the view has moved, its pictures get better
 const LEGEND_MS = 500;
 const PIXEL_RATIO_MAX = 2;
+const UPLOADS_KEPT = 1000;
 const ADAPTATION_MS = 400; // of the exposure
 const METER_MS = 250;
 
@@ -62,7 +63,7 @@ class App {
     tiles: 0,
     settled: 0,
     first: false,
-    uploadMsMax: 0,
+    uploadMs: [] as number[], // of the last pictures into which tiles were taken
     surveys: 0,
     interest: 0,
     missing: 0,
@@ -333,7 +334,8 @@ class App {
     }
     if (!taken) return;
     this.stats.tiles += taken;
-    this.stats.uploadMsMax = Math.max(this.stats.uploadMsMax, performance.now() - begin);
+    this.stats.uploadMs.push(performance.now() - begin);
+    if (this.stats.uploadMs.length > UPLOADS_KEPT) this.stats.uploadMs.shift();
     this.tell({ kind: 'taken', count: taken });
     this.dirty = true;
   }

@@ -208,7 +208,7 @@ export class Renderer {
     for (const fragment of [SKY_FRAGMENT, TONEMAP_FRAGMENT, METER_FRAGMENT])
       this.programOf(SCREEN_VERTEX, fragment, []);
     for (const draw of this.draws)
-      for (const extra of [this.lights ? 'DIRECT' : '', 'SURVEY', ...(this.lights ? ['SHADOW'] : [])])
+      for (const extra of this.lights ? ['DIRECT', 'DEPTH', 'SHADOW', 'SURVEY'] : ['', 'SURVEY'])
         this.programOf(SURFACE_VERTEX, SURFACE_FRAGMENT, this.definesWith(draw, extra));
     this.surveyPixels = new LaterPixels(gl);
     this.meterPixels = new LaterPixels(gl);
@@ -356,11 +356,13 @@ export class Renderer {
     return defines;
   }
 
-  /** extra: '', DIRECT, SURVEY or SHADOW; a shadow wants little: where a surface is, and where it has holes. */
+  /** extra: '', DIRECT, DEPTH, SHADOW or SURVEY. Depth wants little: where a surface and its holes are. */
   private definesWith(draw: Draw, extra: string): string[] {
-    if (extra !== 'SHADOW') return extra ? [...draw.defines, extra] : draw.defines;
+    if (extra !== 'SHADOW' && extra !== 'DEPTH') return extra ? [...draw.defines, extra] : draw.defines;
     const holes = draw.group.alphaMode !== AlphaMode.OPAQUE;
-    return [...(holes ? draw.defines.filter((name) => name !== 'GLOW_TEXTURE' && name !== 'REVERSED') : []), extra];
+    const needed = (name: string) =>
+      name === 'REVERSED' ? extra === 'DEPTH' : holes && name !== 'GLOW_TEXTURE';
+    return [...draw.defines.filter(needed), extra];
   }
 
   private programOf(vertex: string, fragment: string, defines: string[]): Program {
@@ -605,7 +607,7 @@ export class Renderer {
     return Math.min(0.02, 0.001 * size) * (this.reversed ? 0.1 : 1);
   }
 
-  /** extra: '', DIRECT, SURVEY or SHADOW. */
+  /** extra: '', DIRECT, DEPTH, SHADOW or SURVEY. */
   private drawSurfaces(
     view: View,
     scale: [number, number],
@@ -673,6 +675,7 @@ export class Renderer {
     const blended: { draw: Draw; at: number; object: number; mirrored: boolean; depth: number }[] = [];
     for (const draw of this.draws)
       for (const range of ranges.get(draw.mesh) ?? []) {
+        if (isBlended(draw.group) && extra === 'DEPTH') continue;
         if (isBlended(draw.group) && extra !== 'SURVEY' && !shadow) {
           for (let i = 0; i < range.count; i++) {
             const object = ids[range.first + i]!;
@@ -820,7 +823,18 @@ export class Renderer {
       this.bind(program, 0, 'environment', gl.TEXTURE_2D, this.environment ?? this.white);
     });
     const { lights } = this;
+    const place = (program: Program) => {
+      gl.uniform2f(program.at('offset'), ...offset);
+      gl.uniform1f(program.at('sharper'), sample ? SHARPER : 0);
+    };
+    // direct light is dear: depth first, so that only what is seen is lit
+    if (lights) {
+      gl.colorMask(false, false, false, false);
+      this.drawSurfaces(view, scale, 'DEPTH', place);
+      gl.colorMask(true, true, true, true);
+    }
     this.drawSurfaces(view, scale, lights ? 'DIRECT' : '', (program) => {
+      place(program);
       if (lights) {
         this.bind(program, 7, 'lights', gl.TEXTURE_2D, lights.table);
         this.bind(program, 8, 'shapes', gl.TEXTURE_2D, lights.shapes);
@@ -830,10 +844,8 @@ export class Renderer {
         gl.uniform1f(program.at('pictureNumber'), sample);
         gl.uniform1f(program.at('faint'), FAINT * this.meanLuminance());
       }
-      gl.uniform2f(program.at('offset'), ...offset);
       gl.uniform1f(program.at('exposure'), exposure);
       gl.uniform1f(program.at('pixelArea'), 1);
-      gl.uniform1f(program.at('sharper'), sample ? SHARPER : 0);
     });
     if (target.framebuffer !== target.resolved) {
       gl.bindFramebuffer(gl.READ_FRAMEBUFFER, target.framebuffer);

@@ -277,7 +277,11 @@ export class Session {
     if (welcome.features & ~offered)
       throw new ProtocolError('message WELCOME: features that were not offered');
     const { clientMaterials } = welcome;
-    if (welcome.features & wire.Feature.DRAWS && !this.host.drawsMaterials && clientMaterials.some((bits) => bits))
+    if (
+      welcome.features & wire.Feature.DRAWS &&
+      !this.host.drawsMaterials &&
+      clientMaterials.some((bits) => bits)
+    )
       throw new DrawsTooMuch();
     this.welcome = welcome;
     const { kept } = this;

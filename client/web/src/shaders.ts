@@ -43,6 +43,7 @@ uniform mat4 clip;
 uniform vec3 eye, right, up, forward;
 uniform vec2 scale, offset;
 uniform float near;
+invariant gl_Position; // depth alone and the picture are of different programs
 out vec3 vAt; // from the eye
 out vec4 vUv;
 out vec4 vColour;
@@ -343,10 +344,14 @@ void main() {
 #endif
   albedo = clamp(albedo * vColour.rgb, 0.0, 1.0);
   alpha *= vColour.a;
-#ifdef SHADOW
-  if (dot(vAt, vAt) < reach * reach) discard;
+#if defined(SHADOW) || defined(DEPTH)
 #ifdef MASK
   if (alpha < glow.w) discard;
+#endif
+#ifdef SHADOW
+  if (dot(vAt, vAt) < reach * reach) discard;
+#else
+  radiance = vec4(0);
 #endif
 #ifdef BLEND
   // that share of the texels, in no pattern, lets light pass

@@ -1,10 +1,8 @@
 // worker.ts: the link to the server, beside the page: socket, session, decoding, reconnecting.
 import { ClosedError, DrawsTooMuch, nothingKept, Session, type SessionHost } from './session.ts';
-import { Clusters } from './clusters.ts';
+import { Clusters, fitsMaps } from './clusters.ts';
 import { LimitError, ProtocolError } from './failure.ts';
 import { buffersOf, buildGeometry } from './geometry.ts';
-import { LAMPS_MAX, SUNS_MAX } from './limits.ts';
-import { LightKind } from './package.ts';
 import { nodeToWorld } from './pose.ts';
 import type { CameraPlace, FromWorker, ToWorker } from './protocol.ts';
 import type { Replica } from './replica.ts';
@@ -111,11 +109,8 @@ class Link {
     this.clusters = null;
     if (replica.layer === 1) {
       this.clusters = new Clusters(replica.scene, clientMaterials);
-      // a page with more lights than it has maps for gets all light in tiles
-      const drawn = replica.scene.lights.filter((_, i) => (clientLights[i >> 3]! >> (i & 7)) & 1);
-      const suns = drawn.filter(({ kind }) => kind === LightKind.DIRECTIONAL).length;
-      const lamps = drawn.length - suns + this.clusters.count();
-      if (suns > SUNS_MAX || lamps > LAMPS_MAX) throw new DrawsTooMuch();
+      // with more of them all light comes in tiles
+      if (!fitsMaps(replica.scene.lights, clientLights, this.clusters.count())) throw new DrawsTooMuch();
     }
     const data = buildGeometry(replica.scene, this.tiles);
     const scene: FromWorker = {

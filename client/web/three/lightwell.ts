@@ -58,6 +58,7 @@ export class Lightwell {
   private interestMs = 0;
   private solveMs = 0;
   private frameMs = 0;
+  private renderer: THREE.WebGLRenderer | null = null; // once it has drawn one of the meshes
   private ready: (() => void) | null = null;
   private failed: ((error: Error) => void) | null = null;
   /** Number of the server's newest frame that has come. */
@@ -135,7 +136,13 @@ export class Lightwell {
       if (!node) return void this.missing.push(data.objectName[object]!);
       const shape = data.meshes[index]!;
       if (!geometries.has(index)) geometries.set(index, geometryOf(data, shape));
-      this.placed[object] = place(node, geometries.get(index)!, data, shape, names);
+      const placed = place(node, geometries.get(index)!, data, shape, names);
+      this.placed[object] = placed;
+      const before = placed.mesh.onBeforeRender;
+      placed.mesh.onBeforeRender = (renderer, ...rest) => {
+        this.renderer = renderer;
+        before.call(placed.mesh, renderer, ...rest);
+      };
     });
     this.placeLights(data, draws, clientLights);
   }
@@ -265,12 +272,50 @@ export class Lightwell {
       const place = this.map!.place(batch.id[first.at]!);
       const size = place.width * place.height;
       const lightmap = this.placed[place.object]?.lightmap;
-      if (lightmap) takeTile(lightmap, place, batch.texels.subarray(first.texel, first.texel + size));
+      if (lightmap) {
+        takeTile(lightmap, place, batch.texels.subarray(first.texel, first.texel + size));
+        this.upload(lightmap, place);
+      }
       first.texel += size;
       first.at++;
     } while (first.at < batch.id.length && performance.now() < untilMs);
     if (first.at === batch.id.length) this.queue.shift();
     this.tell({ kind: 'taken', count: first.at - from });
+  }
+
+  /** A texture that the GPU has gets the tile alone; one that it has not, all of it with the next picture. */
+  private upload(map: Lightmap, { level, x, y, width, height }: ReturnType<AtlasMap['place']>): void {
+    const { renderer } = this;
+    const kept = renderer?.properties.get(map.texture) as
+      { __webglTexture?: WebGLTexture; __version?: number } | undefined;
+    if (!renderer || !kept?.__webglTexture || kept.__version !== map.texture.version) {
+      map.texture.needsUpdate = true;
+      return;
+    }
+    const gl = renderer.getContext() as WebGL2RenderingContext;
+    const [left, top] = [x << level, y << level];
+    const [right, bottom] = [(x + width) << level, (y + height) << level];
+    renderer.state.bindTexture(gl.TEXTURE_2D, kept.__webglTexture);
+    gl.pixelStorei(gl.UNPACK_FLIP_Y_WEBGL, false);
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
+    const from = [
+      [gl.UNPACK_ROW_LENGTH, map.width],
+      [gl.UNPACK_SKIP_PIXELS, left],
+      [gl.UNPACK_SKIP_ROWS, top],
+    ] as const;
+    for (const [name, value] of from) gl.pixelStorei(name, value);
+    gl.texSubImage2D(
+      gl.TEXTURE_2D,
+      0,
+      left,
+      top,
+      Math.min(map.width, right) - left,
+      Math.min(map.height, bottom) - top,
+      gl.RGB,
+      gl.UNSIGNED_INT_5_9_9_9_REV,
+      map.texels,
+    );
+    for (const [name] of from) gl.pixelStorei(name, 0);
   }
 
   /** All tiles of objects in view, of the level whose texels are as large as pixels. */
@@ -316,7 +361,6 @@ function takeTile(map: Lightmap, place: ReturnType<AtlasMap['place']>, texels: U
       map.texels[at] = texels[from + (column >> level)]!;
     }
   }
-  map.texture.needsUpdate = true;
 }
 
 function materialsOf(mesh: THREE.Mesh): THREE.Material[] {
