@@ -30,7 +30,7 @@
 
 /* The C library's, for cosines beyond 2^20: 7 kB that this page would load for the decoder's table of angles below
  * 2 pi. */
-__attribute__((used)) int __rem_pio2_large(double *x, double *y, int e0, int nx, int prec) { // NOLINT: the library's name
+__attribute__((used)) int __rem_pio2_large(double *x, double *y, int e0, int nx, int prec) {
     (void)x, (void)y, (void)e0, (void)nx, (void)prec;
     __builtin_trap();
 }
