@@ -6,6 +6,7 @@
 #include "server/import/beside.h"
 #include "server/import/image_file.h"
 #include "server/import/mesh_builder.h"
+#include "server/import/mirror.h"
 
 #include <assimp/material.h>
 #include <math.h>
@@ -13,11 +14,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A diffuse colour this dark beside a specular one this bright is that of a mirror or of glass. Below: black
- * rubber, with the highlight that exporters put on everything (0.2 in FBX, 0.4 in Collada, 0.5 in MTL files
- * of some). */
-#define BLACK  0.02f
-#define BRIGHT 0.55f
 /* What Assimp puts where a file names no diffuse colour. */
 #define ASSIMP_GREY         0.6f
 #define ASSIMP_DEFAULT_NAME "DefaultMaterial"
@@ -355,7 +351,7 @@ static enum lw_status read_colour(const struct aiMaterial *ai, const char *key, 
     return LW_OK;
 }
 
-static float brightest(const float c[3]) { return fmaxf(c[0], fmaxf(c[1], c[2])); }
+static float brightest(const float c[3]) { return lw_mirror_brightest(c); }
 static bool is_white(const float c[3]) { return c[0] == 1 && c[1] == 1 && c[2] == 1; }
 
 /* Next to a texture FBX and Collada mean the texture alone; an MTL file means the product, but a colour that
@@ -385,9 +381,9 @@ static enum lw_status read_albedo(struct lw_foreign_materials *materials, const 
         colour_beside_texture(materials->import->desc->format, out);
         return LW_OK;
     }
-    if (brightest(out) > BLACK || emits(ai)) return LW_OK;
+    if (emits(ai)) return LW_OK;
     if (read_colour(ai, AI_MATKEY_COLOR_SPECULAR, "specular", specular, &there, err)) return err->status;
-    if (brightest(specular) >= BRIGHT) memcpy(out, specular, sizeof specular);
+    if (lw_mirror_is(out, specular)) memcpy(out, specular, sizeof specular);
     return LW_OK;
 }
 

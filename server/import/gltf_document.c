@@ -24,10 +24,29 @@ static const char *const warning_text[LW_GLTF_WARNING_COUNT] = {
 };
 
 static const char *const supported_extensions[] = {
-    "EXT_meshopt_compression",    "EXT_texture_avif",      "EXT_texture_webp",
-    "KHR_draco_mesh_compression", "KHR_lights_punctual",   "KHR_materials_emissive_strength",
-    "KHR_mesh_quantization",      "KHR_texture_transform",
+    "EXT_meshopt_compression",
+    "EXT_texture_avif",
+    "EXT_texture_webp",
+    "KHR_draco_mesh_compression",
+    "KHR_lights_punctual",
+    "KHR_materials_emissive_strength",
+    "KHR_mesh_quantization",
+    "KHR_node_visibility",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_texture_transform",
+    "MSFT_lod",
 };
+
+/* What is ignored also where it is required: without it a diffuse surface has the same light, or nearly. */
+static const char *const harmless_extensions[] = {
+    "KHR_materials_anisotropy", "KHR_materials_clearcoat", "KHR_materials_diffuse_transmission",
+    "KHR_materials_dispersion", "KHR_materials_ior",       "KHR_materials_iridescence",
+    "KHR_materials_sheen",      "KHR_materials_specular",  "KHR_materials_transmission",
+    "KHR_materials_unlit",      "KHR_materials_variants",  "KHR_materials_volume",
+    "KHR_xmp_json_ld",
+};
+
+#define EXTENSIONS_TOLD_MAX 10 /* that are ignored, by name */
 
 void lw_gltf_document_warn(struct lw_gltf_document *document, enum lw_gltf_warning warning) {
     if (document->warned & 1u << warning) return;
@@ -194,9 +213,16 @@ static enum lw_status open_container(struct lw_gltf_document *document, struct l
         return lw_status_fail(err, LW_BAD_DATA, "is binary glTF %u; only version 2 is read",
                               little_endian(bytes.data + 4));
     uint32_t length = little_endian(bytes.data + 8);
-    if (length != bytes.size)
-        return lw_status_fail(err, LW_BAD_DATA, "has %zu bytes, its header says %u: %s", bytes.size, length,
-                              length > bytes.size ? "it is truncated" : "something follows its end");
+    if (length > bytes.size)
+        return lw_status_fail(err, LW_BAD_DATA, "has %zu bytes, its header says %u: it is truncated",
+                              bytes.size, length);
+    if (length < 20)
+        return lw_status_fail(err, LW_BAD_DATA, "its header says %u bytes: it is truncated", length);
+    if (length < bytes.size) {
+        lw_log(LW_LOG_WARNING, "%s: %zu bytes after its end are ignored", document->name,
+               bytes.size - length);
+        bytes.size = length;
+    }
     size_t at = 12;
     for (unsigned chunk = 0; at < bytes.size; chunk++) {
         if (bytes.size - at < 8)
@@ -226,6 +252,11 @@ static enum lw_status parse_json(struct lw_gltf_document *document, struct lw_gl
         return lw_status_fail(err, LW_BAD_DATA, "its JSON has %zu bytes; the limit is %llu", json.size,
                               (unsigned long long)LW_GLTF_JSON_SIZE_MAX);
     json_error_t cause;
+    if (json.size >= 3 && memcmp(json.data, "\xEF\xBB\xBF", 3) == 0) {
+        lw_log(LW_LOG_WARNING, "%s: its JSON starts with a byte order mark, which is ignored",
+               document->name);
+        json = (struct lw_gltf_bytes){json.data + 3, json.size - 3};
+    }
     document->root = json_loadb((const char *)json.data, json.size, JSON_REJECT_DUPLICATES, &cause);
     if (!document->root && json_error_code(&cause) == json_error_out_of_memory)
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory for its JSON");
@@ -255,36 +286,53 @@ static enum lw_status check_asset(const json_t *root, struct lw_error *err) {
     return LW_OK;
 }
 
-static bool is_supported(const char *extension) {
-    for (size_t i = 0; i < sizeof supported_extensions / sizeof *supported_extensions; i++)
-        if (strcmp(extension, supported_extensions[i]) == 0) return true;
+static bool is_among(const char *extension, const char *const *names, size_t count) {
+    for (size_t i = 0; i < count; i++)
+        if (strcmp(extension, names[i]) == 0) return true;
     return false;
+}
+
+static bool is_supported(const char *extension) {
+    return is_among(extension, supported_extensions,
+                    sizeof supported_extensions / sizeof *supported_extensions);
+}
+
+static enum lw_status check_required(const char *extension, struct lw_error *err) {
+    if (is_supported(extension) ||
+        is_among(extension, harmless_extensions, sizeof harmless_extensions / sizeof *harmless_extensions))
+        return LW_OK;
+    if (strcmp(extension, "KHR_texture_basisu") == 0)
+        return lw_status_fail(err, LW_BAD_DATA,
+                              "requires the extension KHR_texture_basisu (KTX2 textures), which is not "
+                              "supported; convert it: gltf-transform ktxdecompress IN.glb OUT.glb");
+    return lw_status_fail(
+        err, LW_BAD_DATA,
+        "requires the extension %.100s, which is not supported; export the scene without it", extension);
 }
 
 static enum lw_status check_extensions(struct lw_gltf_document *document, struct lw_error *err) {
     const json_t *required = NULL, *used = NULL, *item;
-    size_t i;
+    size_t i, ignored = 0;
     if (lw_gltf_json_array(document->root, "extensionsRequired", &required, err) ||
         lw_gltf_json_array(document->root, "extensionsUsed", &used, err))
         return err->status;
     json_array_foreach(required, i, item) {
         if (!json_is_string(item))
             return lw_status_fail(err, LW_BAD_DATA, "extensionsRequired[%zu]: must be a string", i);
-        if (!is_supported(json_string_value(item)))
-            return lw_status_fail(
-                err, LW_BAD_DATA,
-                "requires the extension %.100s, which is not supported; export the scene without it",
-                json_string_value(item));
+        if (check_required(json_string_value(item), err)) return err->status;
         document->quantized |= strcmp(json_string_value(item), "KHR_mesh_quantization") == 0;
     }
     json_array_foreach(used, i, item) {
         if (!json_is_string(item))
             return lw_status_fail(err, LW_BAD_DATA, "extensionsUsed[%zu]: must be a string", i);
         document->quantized |= strcmp(json_string_value(item), "KHR_mesh_quantization") == 0;
-        if (is_supported(json_string_value(item))) continue;
+        if (is_supported(json_string_value(item)) || ++ignored > EXTENSIONS_TOLD_MAX) continue;
         lw_log(LW_LOG_WARNING, "%s: the extension %.100s is ignored", document->name,
                json_string_value(item));
     }
+    if (ignored > EXTENSIONS_TOLD_MAX)
+        lw_log(LW_LOG_WARNING, "%s: %zu more extensions are ignored", document->name,
+               ignored - EXTENSIONS_TOLD_MAX);
     return LW_OK;
 }
 
@@ -458,8 +506,8 @@ enum lw_status lw_gltf_document_index(const struct lw_gltf_document *document, c
                                       struct lw_error *err) {
     const json_t *value = json_object_get(object, key);
     if (!value) return LW_OK;
-    json_int_t index = json_integer_value(value);
-    if (!json_is_integer(value) || index < 0 || index >= (json_int_t)document->count[list])
+    uint64_t index;
+    if (!lw_gltf_json_whole(value, &index) || index >= document->count[list])
         return lw_status_fail(err, LW_BAD_DATA, "%s: must be an index into %s, which has %u elements", key,
                               list_key[list], document->count[list]);
     *out = (uint32_t)index;

@@ -49,15 +49,27 @@ enum lw_status lw_gltf_json_flag(const json_t *object, const char *key, bool *ou
     return LW_OK;
 }
 
+bool lw_gltf_json_whole(const json_t *value, uint64_t *out) {
+    const double exact_max = 9007199254740992.0; /* 2^53: the integers that a double holds */
+    double real = json_real_value(value);
+    if (json_is_integer(value) && json_integer_value(value) >= 0)
+        *out = (uint64_t)json_integer_value(value);
+    else if (json_is_real(value) && real >= 0 && real <= exact_max && real == floor(real))
+        *out = (uint64_t)real;
+    else
+        return false;
+    return true;
+}
+
 enum lw_status lw_gltf_json_integer(const json_t *object, const char *key, uint64_t min, uint64_t max,
                                     uint64_t *out, struct lw_error *err) {
     const json_t *value = json_object_get(object, key);
+    uint64_t integer;
     if (!value) return LW_OK;
-    json_int_t integer = json_integer_value(value);
-    if (!json_is_integer(value) || integer < 0 || (uint64_t)integer < min || (uint64_t)integer > max)
+    if (!lw_gltf_json_whole(value, &integer) || integer < min || integer > max)
         return lw_status_fail(err, LW_BAD_DATA, "%s: must be an integer from %llu to %llu", key,
                               (unsigned long long)min, (unsigned long long)max);
-    *out = (uint64_t)integer;
+    *out = integer;
     return LW_OK;
 }
 

@@ -2,6 +2,7 @@
 
 #include "common/log.h"
 #include "server/import/image_file.h"
+#include "server/import/mirror.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -61,8 +62,8 @@ static enum lw_status decode_image(struct lw_gltf_materials *materials, struct l
     return LW_OK;
 }
 
-/* A picture that is not there or is none spoils one material, not the scene: it is told and something stands
- * in. Wrong JSON and URIs that lead elsewhere are errors of the document. */
+/* A picture that is not there, is none or lies outside of the scene's folder spoils one material, not the
+ * scene: it is told and something stands in. Wrong JSON is an error of the document. */
 static enum lw_status give_up_image(struct lw_gltf_materials *materials, uint32_t index,
                                     struct lw_error *err) {
     if (err->status != LW_BAD_DATA && err->status != LW_NO_INPUT) return err->status;
@@ -94,7 +95,7 @@ static enum lw_status load_image(struct lw_gltf_materials *materials, uint32_t i
     uint8_t *storage;
     size_t size;
     if (lw_gltf_document_fetch(document, uri, 0, LW_IMAGE_FILE_SIZE_MAX, true, &storage, &size, err))
-        return err->status == LW_NO_INPUT ? give_up_image(materials, index, err) : err->status;
+        return give_up_image(materials, index, err);
     if (decode_image(materials, (struct lw_gltf_bytes){storage, size}, slot, err))
         lw_status_context(err, "uri \"%.*s\"", strncasecmp(uri, "data:", 5) == 0 ? 40 : 200, uri);
     free(storage);
@@ -247,15 +248,31 @@ static enum lw_status read_texture_use(struct lw_gltf_materials *materials, cons
 
 /* ---- materials ---- */
 
+/* KHR_materials_pbrSpecularGlossiness: a black diffuse colour under a bright specular one is a metal, by the
+ * rule as in MTL: it reflects its specular colour. */
+static enum lw_status read_specular(const json_t *extension, struct lw_material *out, struct lw_error *err) {
+    float specular[3] = {0, 0, 0};
+    if (lw_gltf_json_reals(extension, "specularFactor", 3, 0, HUGE_VAL, specular, err)) return err->status;
+    if (!json_object_get(extension, "diffuseTexture") && lw_mirror_is(out->base_colour, specular))
+        memcpy(out->base_colour, specular, sizeof specular);
+    return LW_OK;
+}
+
 static enum lw_status read_base_colour(struct lw_gltf_materials *materials, const json_t *object,
                                        struct lw_material *out, bool *out_bright, struct lw_error *err) {
-    const json_t *pbr = NULL;
+    const json_t *pbr = NULL, *glossy = NULL;
     bool unreadable;
-    if (lw_gltf_json_object(object, "pbrMetallicRoughness", &pbr, err)) return err->status;
+    if (lw_gltf_json_object(object, "pbrMetallicRoughness", &pbr, err) ||
+        lw_gltf_json_extension(object, "KHR_materials_pbrSpecularGlossiness", &glossy, err))
+        return err->status;
+    if (glossy) pbr = glossy;
     if (!pbr) return LW_OK;
-    if (lw_gltf_json_reals(pbr, "baseColorFactor", 4, 0, HUGE_VAL, out->base_colour, err) ||
-        read_texture_use(materials, pbr, "baseColorTexture", &out->base_colour_texture, &unreadable, err)) {
-        lw_status_context(err, "pbrMetallicRoughness");
+    const char *factor = glossy ? "diffuseFactor" : "baseColorFactor";
+    const char *texture = glossy ? "diffuseTexture" : "baseColorTexture";
+    if (lw_gltf_json_reals(pbr, factor, 4, 0, HUGE_VAL, out->base_colour, err) ||
+        read_texture_use(materials, pbr, texture, &out->base_colour_texture, &unreadable, err) ||
+        (glossy && read_specular(glossy, out, err))) {
+        lw_status_context(err, glossy ? "KHR_materials_pbrSpecularGlossiness" : "pbrMetallicRoughness");
         return err->status;
     }
     for (int c = 0; c < 4; c++) {

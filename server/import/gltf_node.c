@@ -10,6 +10,7 @@ struct conversion {
     uint32_t *parent;  /* per glTF node: its parent, or LW_SCENE_NONE */
     uint32_t *queue;   /* glTF nodes in the order of the scene's nodes */
     uint32_t *node_of; /* the inverse of queue */
+    bool *hidden;      /* per glTF node: its mesh and its light are left out */
     /* glTF mesh -> scene mesh; LW_SCENE_NONE: not converted yet, MESH_EMPTY: no triangles */
     uint32_t *mesh_of;
 };
@@ -25,9 +26,8 @@ static enum lw_status read_children(const struct lw_gltf_document *document, uin
 
 static enum lw_status read_node_index(const struct lw_gltf_document *document, const json_t *array, size_t i,
                                       uint32_t *out, struct lw_error *err) {
-    const json_t *value = json_array_get(array, i);
-    json_int_t index = json_integer_value(value);
-    if (!json_is_integer(value) || index < 0 || index >= (json_int_t)document->count[LW_GLTF_NODES])
+    uint64_t index;
+    if (!lw_gltf_json_whole(json_array_get(array, i), &index) || index >= document->count[LW_GLTF_NODES])
         return lw_status_fail(err, LW_BAD_DATA, "[%zu] must be an index into nodes, which has %u elements", i,
                               document->count[LW_GLTF_NODES]);
     *out = (uint32_t)index;
@@ -128,11 +128,58 @@ static void queue_descendants(struct conversion *conversion) {
         const json_t *children = json_object_get(object, "children"), *value;
         size_t i;
         json_array_foreach(children, i, value) {
-            uint32_t child = (uint32_t)json_integer_value(value);
+            uint64_t child = 0;
+            if (!lw_gltf_json_whole(value, &child)) continue; /* never: see above */
             conversion->node_of[child] = scene->node_count;
-            conversion->queue[scene->node_count++] = child;
+            conversion->queue[scene->node_count++] = (uint32_t)child;
         }
     }
+}
+
+/* ---- what is not shown ---- */
+
+/* KHR_node_visibility: a node that is not visible hides what is below it. */
+static enum lw_status read_visibility(const json_t *object, bool *out, struct lw_error *err) {
+    const json_t *extension = NULL;
+    if (lw_gltf_json_extension(object, "KHR_node_visibility", &extension, err)) return err->status;
+    if (extension && lw_gltf_json_flag(extension, "visible", out, err))
+        lw_status_context(err, "KHR_node_visibility");
+    return err->status;
+}
+
+/* MSFT_lod: the node is the finest level, and ids names its coarser ones, which are not drawn beside it. */
+static enum lw_status hide_coarser(struct conversion *conversion, const json_t *object,
+                                   struct lw_error *err) {
+    const json_t *extension = NULL, *ids = NULL;
+    if (lw_gltf_json_extension(object, "MSFT_lod", &extension, err)) return err->status;
+    if (extension && !lw_gltf_json_array(extension, "ids", &ids, err))
+        for (size_t i = 0; i < json_array_size(ids); i++) {
+            uint32_t level = 0;
+            if (read_node_index(conversion->document, ids, i, &level, err)) break;
+            if (lw_gltf_document_item(conversion->document, LW_GLTF_NODES, level) != object)
+                conversion->hidden[level] = true;
+        }
+    if (err->status) lw_status_context(err, "MSFT_lod");
+    return err->status;
+}
+
+static enum lw_status find_hidden(struct conversion *conversion, struct lw_error *err) {
+    const struct lw_scene *scene = conversion->scene;
+    for (uint32_t at = 0; at < scene->node_count; at++) {
+        uint32_t node = conversion->queue[at];
+        const json_t *object = lw_gltf_document_item(conversion->document, LW_GLTF_NODES, node);
+        bool visible = true;
+        if (read_visibility(object, &visible, err) || hide_coarser(conversion, object, err)) {
+            lw_status_context(err, "nodes[%u]", node);
+            return err->status;
+        }
+        conversion->hidden[node] |= !visible;
+    }
+    for (uint32_t at = 0; at < scene->node_count; at++) { /* parents first */
+        uint32_t node = conversion->queue[at], parent = conversion->parent[node];
+        if (parent != LW_SCENE_NONE) conversion->hidden[node] |= conversion->hidden[parent];
+    }
+    return LW_OK;
 }
 
 /* ---- places ---- */
@@ -340,10 +387,10 @@ static enum lw_status read_node(struct conversion *conversion, const json_t *obj
     }
     if (!(out->name = lw_scene_string(scene, name)))
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
-    if (add_object(conversion, object, node, err) || add_light(conversion, object, node, err) ||
-        add_camera(conversion, object, node, err))
+    if (!conversion->hidden[conversion->queue[node]] &&
+        (add_object(conversion, object, node, err) || add_light(conversion, object, node, err)))
         return err->status;
-    return LW_OK;
+    return add_camera(conversion, object, node, err);
 }
 
 static size_t smaller(size_t a, size_t b) { return a < b ? a : b; }
@@ -361,6 +408,7 @@ static enum lw_status allocate(struct conversion *conversion, struct lw_error *e
                               LW_SCENE_MESHES_MAX);
     conversion->parent = malloc((node_count + 1) * sizeof *conversion->parent);
     conversion->queue = malloc((node_count + 1) * sizeof *conversion->queue);
+    conversion->hidden = calloc(node_count + 1, sizeof *conversion->hidden);
     conversion->mesh_of = malloc((mesh_count + 1) * sizeof *conversion->mesh_of);
     scene->node = lw_scene_alloc(scene, node_count + 1, sizeof *scene->node);
     scene->mesh = lw_scene_alloc(scene, mesh_count + 1, sizeof *scene->mesh);
@@ -369,8 +417,8 @@ static enum lw_status allocate(struct conversion *conversion, struct lw_error *e
     scene->light = lw_scene_alloc(scene, smaller(node_count, LW_SCENE_LIGHTS_MAX) + 1, sizeof *scene->light);
     scene->camera =
         lw_scene_alloc(scene, smaller(node_count, LW_SCENE_CAMERAS_MAX) + 1, sizeof *scene->camera);
-    if (!conversion->parent || !conversion->queue || !conversion->mesh_of || !scene->node || !scene->mesh ||
-        !scene->object || !scene->light || !scene->camera)
+    if (!conversion->parent || !conversion->queue || !conversion->hidden || !conversion->mesh_of ||
+        !scene->node || !scene->mesh || !scene->object || !scene->light || !scene->camera)
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory for %zu nodes", node_count);
     for (size_t i = 0; i < node_count; i++) conversion->parent[i] = conversion->node_of[i] = LW_SCENE_NONE;
     for (size_t i = 0; i < mesh_count; i++) conversion->mesh_of[i] = LW_SCENE_NONE;
@@ -382,6 +430,7 @@ static enum lw_status convert(struct conversion *conversion, struct lw_error *er
         refuse_cycles(conversion, conversion->queue, err) || find_roots(conversion, err))
         return err->status;
     queue_descendants(conversion);
+    if (find_hidden(conversion, err)) return err->status;
     for (uint32_t node = 0; node < conversion->scene->node_count; node++)
         if (read_node(conversion,
                       lw_gltf_document_item(conversion->document, LW_GLTF_NODES, conversion->queue[node]),
@@ -396,6 +445,7 @@ enum lw_status lw_gltf_node_convert(struct lw_gltf_document *document, struct lw
         .document = document, .meshes = meshes, .scene = scene, .node_of = out_node_of};
     enum lw_status status = convert(&conversion, err);
     free(conversion.mesh_of);
+    free(conversion.hidden);
     free(conversion.queue);
     free(conversion.parent);
     return status;

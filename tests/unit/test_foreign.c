@@ -797,6 +797,22 @@ static char *replaced(const char *text, const char *old, const char *new) {
     return out;
 }
 
+/* Assimp draws a tetrahedron for each node of a file that has no mesh, unless it is told not to. */
+static void lamps_alone_are_no_triangles(void **state) {
+    (void)state;
+    char *text = replaced(dae, "<library_geometries>", "<!--"), *cut = text;
+    text = replaced(cut, "</library_geometries>", "-->");
+    free(cut);
+    cut = text;
+    text = replaced(cut, "<node id=\"mover\"", "<!--<node id=\"mover\"");
+    free(cut);
+    cut = text;
+    text = replaced(cut, "<node id=\"lp\"", "--><node id=\"lp\"");
+    free(cut);
+    refuse_text("lamps.dae", text, "no triangles");
+    free(text);
+}
+
 /* One of two keys at the same time counts, here the one that Assimp leaves; with none beside it things stand
  * there. */
 static void equal_key_times_are_one_key(void **state) {
@@ -991,6 +1007,7 @@ int main(void) {
         cmocka_unit_test(collada_arrives_in_metres_and_upright),
         cmocka_unit_test(fbx_arrives_in_metres_and_upright),
         cmocka_unit_test(equal_key_times_are_one_key),
+        cmocka_unit_test(lamps_alone_are_no_triangles),
         cmocka_unit_test(fbx_units_are_centimetres),
         cmocka_unit_test(broken_files_are_refused_in_one_line),
         cmocka_unit_test(claims_do_not_cost_memory),

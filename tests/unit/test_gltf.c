@@ -205,9 +205,19 @@ static const struct {
     {"'version':'2.0'", "'version':2.0", "asset: version: must be a string"},
     {"'asset':{'version':'2.0'}", "'asset':[]", "asset: must be an object"},
     {"'asset'", "'Asset'", "asset: is required"},
-    {"'scene':0", "'extensionsRequired':['KHR_texture_basisu']", "KHR_texture_basisu"},
+    {"'scene':0", "'extensionsRequired':['KHR_texture_basisu']",
+     "KHR_texture_basisu (KTX2 textures), which is not supported; convert it: gltf-transform ktxdecompress"},
+    {"'scene':0", "'extensionsRequired':['ACME_holes']", "requires the extension ACME_holes"},
     {"'scene':0", "'scene':1", "scene: must be an index into scenes"},
-    {"'scene':0", "'scene':0.0", "scene: must be an index"},
+    {"'scene':0", "'scene':0.5", "scene: must be an index"},
+    {"'scene':0", "'scene':-0.5", "scene: must be an index"},
+    {"'count':4,", "'count':4.5,", "accessor 0: count: must be an integer"},
+    {"'count':4,", "'count':1e300,", "accessor 0: count: must be an integer"},
+    {"'children':[1]", "'children':[1.25]", "nodes[0].children: [0] must be an index"},
+    {"{'mesh':0}", "{'mesh':0,'extensions':{'KHR_node_visibility':{'visible':1}}}",
+     "nodes[1]: KHR_node_visibility: visible: must be true or false"},
+    {"{'mesh':0}", "{'mesh':0,'extensions':{'MSFT_lod':{'ids':[3]}}}",
+     "nodes[1]: MSFT_lod: [0] must be an index into nodes"},
     {"'scene':0", "'scene':-1", "scene: must be an index"},
     {"'nodes':[0,2]", "'nodes':[0,2,0]", "scenes[0]: nodes: nodes[0] is listed twice"},
     {"'nodes':[0,2]", "'nodes':[0,1]", "nodes[1] is a root of the scene and a child of nodes[0]"},
@@ -275,18 +285,6 @@ static const struct {
     {"'wrapS':33071", "'wrapS':1", "samplers[0]: wrapS"},
     {"'images':[{'uri':", "'images':[{'bufferView':0,'uri':",
      "images[0]: must have either uri or bufferView"},
-    {"data:image/png;base64,", "data:image/png;base64,!", "is not base64"},
-    {"data:image/png;base64,", "data:image/png,", "must be data:TYPE;base64"},
-    {"data:image/png;base64," PNG, "http://host/a.png", "http://host/a.png"},
-    {"data:image/png;base64," PNG, "file:///etc/passwd", "only data: and relative paths"},
-    {"data:image/png;base64," PNG, "/etc/passwd", "leaves the folder"},
-    {"data:image/png;base64," PNG, "../a.png", "uri \"../a.png\": leaves the folder"},
-    {"data:image/png;base64," PNG, "a/%2e%2e/%2E./a.png", "leaves the folder"},
-    {"data:image/png;base64," PNG, "%2fetc/passwd", "leaves the folder"},
-    {"data:image/png;base64," PNG, "a%00.png", "wrong %-escape"},
-    {"data:image/png;base64," PNG, "a%4", "wrong %-escape"},
-    {"data:image/png;base64," PNG, "", "must have 1 to"},
-    {"data:image/png;base64," PNG, "a\\n\\u001b[31m.png", "a??[31m.png"},
     {"'path':'translation'", "'path':'rotation'", "accessor 5: type VEC3 cannot be used here"},
     {"'target':{'node':0,", "'target':{'node':3,", "animations[0]: channels[0]: node: must be an index"},
     {"'channels':[", "'channels':[{'sampler':0,'target':{'node':0,'path':'translation'}},",
@@ -733,6 +731,19 @@ static void unreadable_pictures_have_a_stand_in(void **state) {
         {{"data:image/png;base64," PNG, "data:image/png;base64,iVBORw0KGgoAAAANSUhEUg"}, "it is truncated"},
         {{"{'source':0,'sampler':0}", "{'extensions':{'KHR_texture_basisu':{'source':0}}}"},
          "have no image in a format that is read; a colour stands in: \"textures[0]\""},
+        {{"data:image/png;base64,", "data:image/png;base64,!"}, "is not base64"},
+        {{"data:image/png;base64,", "data:image/png,"}, "must be data:TYPE;base64"},
+        {{"data:image/png;base64," PNG, "http://host/a.png"}, "http://host/a.png"},
+        {{"data:image/png;base64," PNG, "file:///etc/passwd"}, "only data: and relative paths"},
+        {{"data:image/png;base64," PNG, "C:\\\\textures\\\\a.png"}, "only data: and relative paths"},
+        {{"data:image/png;base64," PNG, "/etc/passwd"}, "leaves the folder"},
+        {{"data:image/png;base64," PNG, "../textures/a.png"}, "uri \"../textures/a.png\": leaves the folder"},
+        {{"data:image/png;base64," PNG, "a/%2e%2e/%2E./a.png"}, "leaves the folder"},
+        {{"data:image/png;base64," PNG, "%2fetc/passwd"}, "leaves the folder"},
+        {{"data:image/png;base64," PNG, "a%00.png"}, "wrong %-escape"},
+        {{"data:image/png;base64," PNG, "a%4"}, "wrong %-escape"},
+        {{"data:image/png;base64," PNG, ""}, "must have 1 to"},
+        {{"data:image/png;base64," PNG, "a\\n\\u001b[31m.png"}, "a??[31m.png"},
     };
     char talk[4096];
     for (size_t i = 0; i < sizeof failures / sizeof *failures; i++) {
@@ -839,6 +850,113 @@ static void albedo_above_one_is_lowered_and_told_once(void **state) {
     } *)(void *)&negative)
         ->colour[1][2] = -0.5f;
     REFUSE("attributes.COLOR_0: accessor 6: element 1 is negative", negative, FLOAT_COLOUR);
+}
+
+/* ---- extensions ---- */
+
+static void hidden_nodes_have_no_objects_and_no_lights(void **state) {
+    (void)state;
+#define HIDDEN "'extensions':{'KHR_node_visibility':{'visible':false}}"
+    struct lw_scene *scene;
+    /* three squares: one below a hidden node, one hidden, one shown; a lamp below a hidden node */
+    LOAD(scene, base_data, {"{'name':'top',", "{'name':'top'," HIDDEN ","},
+         {"{'name':'lamp',", "{'mesh':0,'name':'lamp',"}, {"'nodes':[0,2]", "'nodes':[0,2,3,4]"},
+         {"{'light':0}}}]",
+          "{'light':0}}},{'mesh':0," HIDDEN "},{" HIDDEN ",'children':[5]},{'camera':0,'extensions':"
+          "{'KHR_lights_punctual':{'light':0},'KHR_node_visibility':{'visible':true}}}]"});
+    assert_int_equal(scene->object_count, 1);
+    assert_string_equal(scene->object[0].name, "lamp");
+    assert_int_equal(scene->light_count, 1);
+    assert_string_equal(scene->node[scene->light[0].node].name, "lamp");
+    assert_int_equal(scene->camera_count, 2); /* a camera is no thing to see */
+    lw_scene_destroy(scene);
+}
+
+static void coarser_levels_are_left_out(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    LOAD(scene, base_data, {"'nodes':[0,2]", "'nodes':[0,2,3]"},
+         {"{'mesh':0}", "{'mesh':0,'extensions':{'MSFT_lod':{'ids':[3,1]}}}"},
+         {"{'light':0}}}]", "{'light':0}}},{'children':[4]},{'mesh':0}]"});
+    assert_int_equal(scene->object_count, 1);
+    assert_int_equal(scene->node[scene->object[0].node].parent, 0);
+    lw_scene_destroy(scene);
+}
+
+static void specular_glossiness_gives_its_diffuse_colour(void **state) {
+    (void)state;
+#define GLOSSY(fields)                                                                                       \
+    {                                                                                                        \
+        "{'KHR_materials_emissive_strength':",                                                               \
+            "{'KHR_materials_pbrSpecularGlossiness':{" fields "},'KHR_materials_emissive_strength':"         \
+    }
+    struct lw_scene *scene;
+    LOAD(scene, base_data, GLOSSY("'diffuseFactor':[0.125,0.5,0.75,0.5],'specularFactor':[0.9,0.9,0.9]"),
+         {"'scene':0", "'scene':0,'extensionsRequired':['KHR_materials_pbrSpecularGlossiness']"});
+    const float expected[4] = {0.125f, 0.5f, 0.75f, 0.5f};
+    for (int c = 0; c < 4; c++) assert_float_equal(scene->material[0].base_colour[c], expected[c], 0);
+    assert_int_equal(scene->material[0].base_colour_texture.texture, LW_SCENE_NONE);
+    lw_scene_destroy(scene);
+    /* its texture; white is its default */
+    LOAD(scene, base_data, GLOSSY("'diffuseTexture':{'index':0}"));
+    assert_float_equal(scene->material[0].base_colour[0], 1, 0);
+    assert_int_equal(scene->material[0].base_colour_texture.texture, 0);
+    lw_scene_destroy(scene);
+    /* a metal: black below a bright specular colour */
+    LOAD(scene, base_data, GLOSSY("'diffuseFactor':[0,0,0,1],'specularFactor':[0.9,0.6,0.3]"));
+    assert_float_equal(scene->material[0].base_colour[1], 0.6f, 0);
+    lw_scene_destroy(scene);
+    LOAD(scene, base_data, GLOSSY("'diffuseFactor':[0,0,0,1],'specularFactor':[0.5,0.5,0.5]"));
+    assert_float_equal(scene->material[0].base_colour[1], 0, 0);
+    lw_scene_destroy(scene);
+    REFUSE("materials[0]: KHR_materials_pbrSpecularGlossiness: diffuseFactor", base_data,
+           GLOSSY("'diffuseFactor':[1,1,1]"));
+}
+
+static void harmless_extensions_may_be_required(void **state) {
+    (void)state;
+    static const char *const names[] = {
+        "anisotropy", "clearcoat", "diffuse_transmission", "dispersion", "ior",   "iridescence", "sheen",
+        "specular",   "variants",  "transmission",         "unlit",      "volume"};
+    char talk[4096], change[256], line[128];
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        snprintf(change, sizeof change,
+                 "'extensionsRequired':['KHR_materials_%s'],'extensionsUsed':['KHR_materials_%s',", names[i],
+                 names[i]);
+        snprintf(line, sizeof line, "the extension KHR_materials_%s is ignored", names[i]);
+        const struct change changes[] = {{"'extensionsUsed':[", change}};
+        struct lw_scene *scene = load_and_listen(changes, 1, &base_data, sizeof base_data, talk, sizeof talk);
+        if (!strstr(talk, line) || count_lines(talk) != 1) fail_msg("talk is \"%s\"", talk);
+        lw_scene_destroy(scene);
+    }
+}
+
+static void many_unknown_extensions_take_eleven_lines(void **state) {
+    (void)state;
+    enum { COUNT = 20000 };
+    char *list = malloc(COUNT * 16 + 64), *at = list, talk[4096];
+    at += sprintf(at, "'extensionsUsed':[");
+    for (int i = 0; i < COUNT; i++) at += sprintf(at, "'ACME_%d',", i);
+    const struct change changes[] = {{"'extensionsUsed':[", list}};
+    struct lw_scene *scene = load_and_listen(changes, 1, &base_data, sizeof base_data, talk, sizeof talk);
+    assert_int_equal(count_lines(talk), 11);
+    assert_non_null(strstr(talk, "ACME_9 is ignored"));
+    assert_null(strstr(talk, "ACME_10 "));
+    assert_non_null(strstr(talk, "19990 more extensions are ignored"));
+    lw_scene_destroy(scene);
+    free(list);
+}
+
+static void integers_may_have_a_point(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    LOAD(scene, base_data, {"{'buffer':0,'byteLength':48}", "{'buffer':0.0,'byteLength':48.0}"},
+         {"'children':[1]", "'children':[1.0]"}, {"'nodes':[0,2]", "'nodes':[0.0,2]"},
+         {"'count':4,", "'count':4.0,"}, {"'scene':0", "'scene':0.0"});
+    assert_int_equal(scene->object_count, 1);
+    assert_int_equal(scene->node[scene->object[0].node].parent, 0);
+    assert_int_equal(scene->mesh[0].vertex_count, 4);
+    lw_scene_destroy(scene);
 }
 
 static void rotations_are_normalised(void **state) {
@@ -960,8 +1078,10 @@ static void broken_containers_are_refused(void **state) {
     lw_glb_put_word(glb + 4, 1);
     expect_bytes_refused(glb, size, "is binary glTF 1");
     lw_glb_put_word(glb + 4, 2);
-    lw_glb_put_word(glb + 8, size - 4);
-    expect_bytes_refused(glb, size, "something follows its end");
+    lw_glb_put_word(glb + 8, 19);
+    expect_bytes_refused(glb, size, "its header says 19 bytes: it is truncated");
+    lw_glb_put_word(glb + 8, size - 4); /* what follows the end is not read: here the BIN chunk loses it */
+    expect_bytes_refused(glb, size, "reach past the end");
     lw_glb_put_word(glb + 8, size);
     lw_glb_put_word(glb + binary, 12);
     expect_bytes_refused(glb, size, "chunk 1: its 12 bytes reach past the end");
@@ -981,6 +1101,28 @@ static void broken_containers_are_refused(void **state) {
     expect_bytes_refused(glb, size, "the first chunk, and no other, must be JSON");
     memcpy(glb + 16, "BIN", 4);
     expect_bytes_refused(glb, size, "the first chunk, and no other, must be JSON");
+    free(glb);
+}
+
+/* Validators warn of both, and programs write them. */
+static void bytes_around_a_document_are_told(void **state) {
+    (void)state;
+    size_t size;
+    uint8_t *glb = lw_glb_pack(base_json, &base_data, sizeof base_data, &size);
+    uint8_t *longer = calloc(1, size + 5);
+    memcpy(longer, glb, size);
+    struct lw_scene *scene = NULL;
+    struct lw_error err = {0};
+    lw_support_ok(lw_gltf_load_memory(longer, size + 5, "x.glb", &scene, &err), &err);
+    assert_int_equal(scene->object_count, 1);
+    lw_scene_destroy(scene);
+    free(longer);
+
+    /* a .gltf with a byte order mark; without its buffer it comes to the line that asks for it */
+    static const char marked[] =
+        "\xEF\xBB\xBF{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":4}]}";
+    expect_bytes_refused((const uint8_t *)marked, sizeof marked - 1, "buffers[0]: uri: is missing");
+    expect_bytes_refused((const uint8_t *)marked, 3, "x.glb: ");
     free(glb);
 }
 
@@ -1033,6 +1175,13 @@ int main(void) {
         cmocka_unit_test(shared_children_are_refused),
         cmocka_unit_test(deep_json_is_refused),
         cmocka_unit_test(broken_containers_are_refused),
+        cmocka_unit_test(bytes_around_a_document_are_told),
+        cmocka_unit_test(hidden_nodes_have_no_objects_and_no_lights),
+        cmocka_unit_test(coarser_levels_are_left_out),
+        cmocka_unit_test(specular_glossiness_gives_its_diffuse_colour),
+        cmocka_unit_test(harmless_extensions_may_be_required),
+        cmocka_unit_test(many_unknown_extensions_take_eleven_lines),
+        cmocka_unit_test(integers_may_have_a_point),
         cmocka_unit_test(damaged_files_are_read_or_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
