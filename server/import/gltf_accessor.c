@@ -19,7 +19,7 @@ static unsigned components_of(const char *type) {
     static const char *const names[] = {"SCALAR", "VEC2", "VEC3", "VEC4"};
     for (unsigned i = 0; i < 4; i++)
         if (strcmp(type, names[i]) == 0) return i + 1;
-    return 0;
+    return strcmp(type, "MAT4") == 0 ? 16 : 0;
 }
 
 static unsigned class_of(enum lw_gltf_component type, bool normalized) {
@@ -208,7 +208,7 @@ static const uint8_t *element(const struct lw_gltf_accessor *accessor, uint32_t 
     return accessor->data ? accessor->data + (size_t)i * accessor->stride : NULL;
 }
 
-void lw_gltf_accessor_read(const struct lw_gltf_accessor *accessor, uint32_t i, float out[4]) {
+void lw_gltf_accessor_read(const struct lw_gltf_accessor *accessor, uint32_t i, float *out) {
     const uint8_t *at = element(accessor, i);
     size_t size = component_size(accessor->type);
     for (unsigned c = 0; c < accessor->components; c++)

@@ -35,7 +35,7 @@ enum {
 struct lw_gltf_accessor {
     uint32_t index; /* in the document */
     uint32_t count;
-    uint8_t components; /* per element: 1 to 4 */
+    uint8_t components; /* per element: 1 to 4, or 16: a matrix, column-major */
     bool normalized;
     enum lw_gltf_component type;
     const uint8_t *data; /* NULL: zeros */
@@ -55,7 +55,7 @@ LW_MUST_CHECK enum lw_status lw_gltf_accessor_open(const struct lw_gltf_document
                                                    struct lw_error *err);
 
 /** Element i < count as numbers; writes `components` floats, which may be NaN or infinite. */
-void lw_gltf_accessor_read(const struct lw_gltf_accessor *accessor, uint32_t i, float out[4]);
+void lw_gltf_accessor_read(const struct lw_gltf_accessor *accessor, uint32_t i, float *out);
 
 /** Element i < count of an accessor that was opened with LW_GLTF_ACCEPT_INDEX. */
 uint32_t lw_gltf_accessor_integer(const struct lw_gltf_accessor *accessor, uint32_t i);

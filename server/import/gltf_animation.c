@@ -129,6 +129,8 @@ static enum lw_status read_target(struct conversion *conversion, const json_t *o
         return err->status;
     if (node == LW_SCENE_NONE || conversion->node_of[node] == LW_SCENE_NONE) return LW_OK;
     channel->node = conversion->node_of[node];
+    if (conversion->document->moves_skin[node])
+        lw_gltf_document_warn(conversion->document, LW_GLTF_WARN_SKIN);
     while (channel->path < 3 && strcmp(path, paths[channel->path]) != 0) channel->path++;
     if (channel->path == 3) {
         lw_gltf_document_warn(conversion->document, strcmp(path, "weights") == 0

@@ -24,6 +24,7 @@ static const char *const warning_text[LW_GLTF_WARNING_COUNT] = {
 };
 
 static const char *const supported_extensions[] = {
+    "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_avif",
     "EXT_texture_webp",
@@ -492,6 +493,7 @@ void lw_gltf_document_finish(struct lw_gltf_document *document) {
     free(document->buffer_storage);
     free(document->buffer);
     json_decref(document->root);
+    free(document->moves_skin);
     free(document->folder);
     *document = (struct lw_gltf_document){0};
 }

@@ -29,6 +29,7 @@
     X(NODES, "nodes")                                                                                        \
     X(SAMPLERS, "samplers")                                                                                  \
     X(SCENES, "scenes")                                                                                      \
+    X(SKINS, "skins")                                                                                        \
     X(TEXTURES, "textures")
 
 enum lw_gltf_list {
@@ -41,8 +42,7 @@ enum lw_gltf_list {
 /* Ignored features; one warning each per file. */
 #define LW_GLTF_WARNING_MAP(X)                                                                               \
     X(NORMAL_MAP, "normal maps are ignored")                                                                 \
-    X(SKIN, "skins are ignored: skinned meshes keep their rest pose")                                        \
-    X(MORPH, "morph targets are ignored")                                                                    \
+    X(SKIN, "skins are not animated: skinned meshes keep their rest pose")                                   \
     X(POINTS, "points and lines are ignored: only triangles are lit")                                        \
     X(ORTHOGRAPHIC, "orthographic cameras are ignored")                                                      \
     X(LIGHT_RANGE, "the range of lights is ignored: light falls off with the square of distance")            \
@@ -50,7 +50,7 @@ enum lw_gltf_list {
     X(UV_SET, "textures that use TEXCOORD_2 or higher are ignored")                                          \
     X(UV_MISSING,                                                                                            \
       "a material has a texture for which its primitive has no texture coordinates: (0, 0) is used")         \
-    X(CHANNEL_WEIGHTS, "animated morph weights are ignored")                                                 \
+    X(CHANNEL_WEIGHTS, "morph weights are not animated: meshes keep those they have at rest")                \
     X(CHANNEL_OTHER, "animation channels other than translation, rotation and scale are ignored")            \
     X(CHANNEL_TWICE, "several animations move the same node: the first one counts")
 
@@ -82,6 +82,7 @@ struct lw_gltf_document {
     uint8_t **buffer_storage;     /* what of them we allocated */
     struct lw_gltf_buffer_view *view;
     uint8_t **view_storage; /* of views that were compressed */
+    bool *moves_skin;       /* per node: its place is part of a skin's; NULL before nodes are read */
     bool quantized;         /* KHR_mesh_quantization is in use */
     uint32_t warned;        /* bit per enum lw_gltf_warning */
 };

@@ -21,6 +21,7 @@ struct primitive {
     uint32_t corner_count; /* indices, or vertices if there are none */
     const json_t *draco;   /* KHR_draco_mesh_compression, or NULL */
     struct lw_draco_mesh *draco_mesh;
+    struct lw_gltf_shape shape;
 };
 
 void lw_gltf_meshes_init(struct lw_gltf_meshes *meshes, struct lw_gltf_materials *materials) {
@@ -106,14 +107,13 @@ static enum lw_status read_draco(const struct lw_gltf_document *document, struct
     return err->status;
 }
 
-static void warn_about(struct lw_gltf_meshes *meshes, const json_t *object, const struct primitive *p) {
+static void warn_about(struct lw_gltf_meshes *meshes, const struct primitive *p) {
     struct lw_gltf_document *document = meshes->materials->document;
     const struct lw_material *material = &meshes->materials->scene->material[p->material];
     const struct lw_texture_use *uses[] = {&material->base_colour_texture, &material->emission_texture};
     for (int i = 0; i < 2; i++)
         if (uses[i]->texture != LW_SCENE_NONE && !p->uv[uses[i]->uv_set].count)
             lw_gltf_document_warn(document, LW_GLTF_WARN_UV_MISSING);
-    if (json_object_get(object, "targets")) lw_gltf_document_warn(document, LW_GLTF_WARN_MORPH);
 }
 
 static enum lw_status open_primitive(struct lw_gltf_meshes *meshes, const json_t *object, struct primitive *p,
@@ -133,7 +133,7 @@ static enum lw_status open_primitive(struct lw_gltf_meshes *meshes, const json_t
     if (open_indices(document, object, p, err) || read_draco(document, p, err) ||
         lw_gltf_materials_get(meshes->materials, material, &p->material, err))
         return err->status;
-    warn_about(meshes, object, p);
+    warn_about(meshes, p);
     return LW_OK;
 }
 
@@ -160,6 +160,11 @@ static enum lw_status read_position(const struct primitive *p, uint32_t i, struc
                                   "attributes.POSITION: accessor %u: element %u is farther than %g m",
                                   p->position.index, i, (double)LW_SCENE_COORDINATE_MAX);
     *out = lw_vec3(v[0], v[1], v[2]);
+    if (lw_gltf_shape_position(&p->shape, i, out, err)) return err->status;
+    if (lw_vec3_max_abs(*out) > LW_SCENE_COORDINATE_MAX)
+        return lw_status_fail(err, LW_BAD_DATA,
+                              "vertex %u is moved farther than %g m by its targets and skin", i,
+                              (double)LW_SCENE_COORDINATE_MAX);
     return LW_OK;
 }
 
@@ -173,6 +178,9 @@ static enum lw_status read_vertex(struct lw_gltf_meshes *meshes, const struct pr
     if (read_position(p, i, &out->position, err)) return err->status;
     if (p->normal.count) {
         if (read_finite(&p->normal, "NORMAL", i, v, err)) return err->status;
+        struct lw_vec3 moved = lw_vec3(v[0], v[1], v[2]);
+        if (lw_gltf_shape_normal(&p->shape, i, &moved, err)) return err->status;
+        v[0] = moved.x, v[1] = moved.y, v[2] = moved.z;
         double length =
             sqrt((double)v[0] * (double)v[0] + (double)v[1] * (double)v[1] + (double)v[2] * (double)v[2]);
         if (length > 1e-20)
@@ -236,8 +244,13 @@ static enum lw_status add_triangle(struct lw_gltf_meshes *meshes, const struct p
                 err, LW_BAD_DATA,
                 "indices: accessor %u: triangle %u uses vertex %u, POSITION has %u vertices",
                 p->indices.index, triangle, index[k], p->position.count);
-        if (read_position(p, index[k], &position[k], err)) return err->status;
     }
+    if (lw_gltf_shape_mirrors(&p->shape, index[0])) {
+        const uint32_t second = index[1];
+        index[1] = index[2], index[2] = second;
+    }
+    for (unsigned k = 0; k < 3; k++)
+        if (read_position(p, index[k], &position[k], err)) return err->status;
     if (!lw_mesh_builder_normal(position, &normal)) {
         meshes->builder.degenerate_count++;
         return LW_OK;
@@ -277,8 +290,8 @@ static enum lw_status add_triangles(struct lw_gltf_meshes *meshes, const struct 
     return LW_OK;
 }
 
-static enum lw_status add_primitive(struct lw_gltf_meshes *meshes, const json_t *object,
-                                    struct lw_error *err) {
+static enum lw_status add_primitive(struct lw_gltf_meshes *meshes, const json_t *mesh, const json_t *object,
+                                    const struct lw_gltf_look *look, struct lw_error *err) {
     struct primitive p = {.mode = MODE_TRIANGLES};
     if (lw_gltf_json_integer(object, "mode", 0, MODE_FAN, &p.mode, err)) return err->status;
     if (p.mode < MODE_TRIANGLES) {
@@ -286,15 +299,19 @@ static enum lw_status add_primitive(struct lw_gltf_meshes *meshes, const json_t 
         return LW_OK;
     }
     enum lw_status status = open_primitive(meshes, object, &p, err);
+    if (status == LW_OK)
+        status = lw_gltf_shape_init(&p.shape, meshes->materials->document, mesh, object, look,
+                                    p.position.count, err);
     if (status == LW_OK) status = add_triangles(meshes, &p, err);
+    lw_gltf_shape_finish(&p.shape);
     lw_draco_mesh_destroy(p.draco_mesh);
     return status;
 }
 
 /* ---- the mesh ---- */
 
-static enum lw_status convert(struct lw_gltf_meshes *meshes, const json_t *object, struct lw_mesh *out,
-                              struct lw_error *err) {
+static enum lw_status convert(struct lw_gltf_meshes *meshes, const json_t *object,
+                              const struct lw_gltf_look *look, struct lw_mesh *out, struct lw_error *err) {
     const json_t *primitives = NULL, *primitive;
     const char *name = "";
     size_t i;
@@ -306,7 +323,7 @@ static enum lw_status convert(struct lw_gltf_meshes *meshes, const json_t *objec
     json_array_foreach(primitives, i, primitive) {
         if (!json_is_object(primitive))
             return lw_status_fail(err, LW_BAD_DATA, "primitives[%zu]: must be an object", i);
-        if (add_primitive(meshes, primitive, err)) {
+        if (add_primitive(meshes, object, primitive, look, err)) {
             lw_status_context(err, "primitives[%zu]", i);
             return err->status;
         }
@@ -318,9 +335,11 @@ static enum lw_status convert(struct lw_gltf_meshes *meshes, const json_t *objec
     return lw_mesh_builder_end(&meshes->builder, meshes->materials->scene, name, out, err);
 }
 
-enum lw_status lw_gltf_meshes_convert(struct lw_gltf_meshes *meshes, uint32_t index, struct lw_mesh *out,
+enum lw_status lw_gltf_meshes_convert(struct lw_gltf_meshes *meshes, uint32_t index,
+                                      const struct lw_gltf_look *look, struct lw_mesh *out,
                                       struct lw_error *err) {
-    if (convert(meshes, lw_gltf_document_item(meshes->materials->document, LW_GLTF_MESHES, index), out, err))
+    if (convert(meshes, lw_gltf_document_item(meshes->materials->document, LW_GLTF_MESHES, index), look, out,
+                err))
         lw_status_context(err, "meshes[%u]", index);
     if (meshes->is_bright) {
         char name[160];

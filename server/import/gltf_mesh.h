@@ -5,6 +5,7 @@
 #define LW_IMPORT_GLTF_MESH_H
 
 #include "server/import/gltf_material.h"
+#include "server/import/gltf_shape.h"
 #include "server/import/mesh_builder.h"
 
 struct lw_gltf_meshes {
@@ -23,9 +24,10 @@ struct lw_gltf_meshes {
 void lw_gltf_meshes_init(struct lw_gltf_meshes *meshes, struct lw_gltf_materials *materials);
 void lw_gltf_meshes_finish(struct lw_gltf_meshes *meshes);
 
-/** Converts glTF mesh `index` into *out, whose triangle_count may be 0.
+/** Converts glTF mesh `index` into *out, whose triangle_count may be 0, as a node shows it.
  * Errors: LW_BAD_DATA that starts with "meshes[N]"; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_gltf_meshes_convert(struct lw_gltf_meshes *meshes, uint32_t index,
-                                                    struct lw_mesh *out, struct lw_error *err);
+                                                    const struct lw_gltf_look *look, struct lw_mesh *out,
+                                                    struct lw_error *err);
 
 #endif

@@ -1,5 +1,9 @@
 #include "server/import/gltf_node.h"
 
+#include "common/scene/pose.h"
+#include "server/import/gltf_instances.h"
+
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -11,8 +15,10 @@ struct conversion {
     uint32_t *queue;   /* glTF nodes in the order of the scene's nodes */
     uint32_t *node_of; /* the inverse of queue */
     bool *hidden;      /* per glTF node: its mesh and its light are left out */
-    /* glTF mesh -> scene mesh; LW_SCENE_NONE: not converted yet, MESH_EMPTY: no triangles */
+    /* glTF mesh -> scene mesh, as the mesh itself says; LW_SCENE_NONE: not converted yet, MESH_EMPTY: no
+     * triangles */
     uint32_t *mesh_of;
+    struct lw_pose pose; /* places at rest, for skins */
 };
 #define MESH_EMPTY (UINT32_MAX - 1)
 
@@ -214,32 +220,106 @@ static enum lw_status read_place(const json_t *object, struct lw_node *out, stru
 
 /* ---- what hangs on a node ---- */
 
-static enum lw_status find_mesh(struct conversion *conversion, uint32_t index, uint32_t *out,
-                                struct lw_error *err) {
+/* Nodes that look alike share a mesh. A skin and weights of a node's own make one more. */
+static enum lw_status find_mesh(struct conversion *conversion, uint32_t index,
+                                const struct lw_gltf_look *look, uint32_t *out, struct lw_error *err) {
     struct lw_scene *scene = conversion->scene;
-    uint32_t *slot = &conversion->mesh_of[index];
+    uint32_t own = LW_SCENE_NONE;
+    uint32_t *slot = look->skin || look->weights ? &own : &conversion->mesh_of[index];
     if (*slot == LW_SCENE_NONE) {
         struct lw_mesh *mesh = &scene->mesh[scene->mesh_count];
-        if (lw_gltf_meshes_convert(conversion->meshes, index, mesh, err)) return err->status;
+        if (lw_gltf_meshes_convert(conversion->meshes, index, look, mesh, err)) return err->status;
         *slot = mesh->triangle_count ? scene->mesh_count++ : MESH_EMPTY;
     }
     *out = *slot;
     return LW_OK;
 }
 
+static enum lw_status add_instances(struct conversion *conversion, const struct lw_gltf_instances *instances,
+                                    uint32_t mesh, uint32_t node, struct lw_error *err) {
+    struct lw_scene *scene = conversion->scene;
+    for (uint32_t i = 0; i < instances->count; i++) {
+        struct lw_node *place = &scene->node[scene->node_count];
+        const char *name = scene->node[node].name;
+        char numbered[200];
+        snprintf(numbered, sizeof numbered, "%.180s %u", name, i);
+        *place = (struct lw_node){
+            .parent = node, .rotation = {0, 0, 0, 1}, .scale = {1, 1, 1}, .matrix = LW_AFFINE_IDENTITY};
+        if (lw_gltf_instances_read(instances, i, place, err)) return err->status;
+        place->name = *name ? lw_scene_string(scene, numbered) : name;
+        if (!place->name) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+        if (lw_scene_add_object(scene, mesh, scene->node_count++, err)) return err->status;
+    }
+    return LW_OK;
+}
+
+/* A skinned mesh is in world space already: it hangs on a node of its own at the root. */
+static enum lw_status add_skinned(struct conversion *conversion, uint32_t mesh, uint32_t node,
+                                  struct lw_error *err) {
+    struct lw_scene *scene = conversion->scene;
+    scene->node[scene->node_count] = (struct lw_node){.name = scene->node[node].name,
+                                                      .parent = LW_SCENE_NONE,
+                                                      .rotation = {0, 0, 0, 1},
+                                                      .scale = {1, 1, 1},
+                                                      .matrix = LW_AFFINE_IDENTITY};
+    return lw_scene_add_object(scene, mesh, scene->node_count++, err);
+}
+
+/* The joints of skins and what is above them: their animation is told. */
+static void mark_joints(struct conversion *conversion, const struct lw_gltf_skin *skin) {
+    for (uint32_t i = 0; i < skin->joint_count; i++)
+        for (uint32_t node = skin->joint[i]; node != LW_SCENE_NONE && !conversion->document->moves_skin[node];
+             node = conversion->parent[node])
+            conversion->document->moves_skin[node] = true;
+}
+
+static enum lw_status add_skin(struct conversion *conversion, uint32_t skin, const struct lw_gltf_look *look,
+                               uint32_t mesh_index, uint32_t node, struct lw_error *err) {
+    struct lw_gltf_look skinned = *look;
+    struct lw_gltf_skin opened;
+    uint32_t mesh = MESH_EMPTY;
+    if (!conversion->pose.node_to_world && lw_pose_init(&conversion->pose, conversion->scene))
+        return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    skinned.skin = &opened;
+    enum lw_status status = lw_gltf_skin_init(&opened, conversion->document, skin, conversion->node_of,
+                                              conversion->pose.node_to_world, err);
+    if (status == LW_OK) status = find_mesh(conversion, mesh_index, &skinned, &mesh, err);
+    if (status == LW_OK) mark_joints(conversion, &opened);
+    if (status == LW_OK && mesh != MESH_EMPTY) status = add_skinned(conversion, mesh, node, err);
+    lw_gltf_skin_finish(&opened);
+    return status;
+}
+
+/* What a node says of its mesh. Values stay where it says nothing. */
+static enum lw_status read_look(const struct lw_gltf_document *document, const json_t *object, uint32_t *mesh,
+                                uint32_t *skin, struct lw_gltf_look *look,
+                                struct lw_gltf_instances *instances, struct lw_error *err) {
+    if (lw_gltf_document_index(document, object, "mesh", LW_GLTF_MESHES, mesh, err) ||
+        lw_gltf_document_index(document, object, "skin", LW_GLTF_SKINS, skin, err) ||
+        lw_gltf_json_array(object, "weights", &look->weights, err) ||
+        lw_gltf_instances_open(document, object, instances, err))
+        return err->status;
+    return LW_OK;
+}
+
 static enum lw_status add_object(struct conversion *conversion, const json_t *object, uint32_t node,
                                  struct lw_error *err) {
     struct lw_scene *scene = conversion->scene;
-    uint32_t index = LW_SCENE_NONE, mesh = MESH_EMPTY;
-    if (lw_gltf_document_index(conversion->document, object, "mesh", LW_GLTF_MESHES, &index, err)) {
+    uint32_t index = LW_SCENE_NONE, skin = LW_SCENE_NONE, mesh = MESH_EMPTY;
+    struct lw_gltf_look look = {0};
+    struct lw_gltf_instances instances = {0};
+    if (read_look(conversion->document, object, &index, &skin, &look, &instances, err)) {
         lw_status_context(err, "nodes[%u]", conversion->queue[node]);
         return err->status;
     }
     if (index == LW_SCENE_NONE) return LW_OK;
-    if (json_object_get(object, "skin")) lw_gltf_document_warn(conversion->document, LW_GLTF_WARN_SKIN);
-    if (find_mesh(conversion, index, &mesh, err)) return err->status;
+    if (skin != LW_SCENE_NONE) return add_skin(conversion, skin, &look, index, node, err);
+    if (find_mesh(conversion, index, &look, &mesh, err)) return err->status;
     if (mesh == MESH_EMPTY) return LW_OK;
-    return lw_scene_add_object(scene, mesh, node, err);
+    if (!instances.count) return lw_scene_add_object(scene, mesh, node, err);
+    if (add_instances(conversion, &instances, mesh, node, err))
+        lw_status_context(err, "nodes[%u]", conversion->queue[node]);
+    return err->status;
 }
 
 static enum lw_status read_spot(struct conversion *conversion, const json_t *object, struct lw_light *out,
@@ -387,10 +467,27 @@ static enum lw_status read_node(struct conversion *conversion, const json_t *obj
     }
     if (!(out->name = lw_scene_string(scene, name)))
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
-    if (!conversion->hidden[conversion->queue[node]] &&
-        (add_object(conversion, object, node, err) || add_light(conversion, object, node, err)))
+    if (!conversion->hidden[conversion->queue[node]] && add_light(conversion, object, node, err))
         return err->status;
     return add_camera(conversion, object, node, err);
+}
+
+/* Nodes, meshes and objects that a node may add to those of the document. */
+static enum lw_status count_more(const struct conversion *conversion, size_t *nodes, size_t *meshes,
+                                 struct lw_error *err) {
+    const struct lw_gltf_document *document = conversion->document;
+    *nodes = *meshes = 0;
+    for (uint32_t node = 0; node < document->count[LW_GLTF_NODES]; node++) {
+        const json_t *object = lw_gltf_document_item(document, LW_GLTF_NODES, node);
+        struct lw_gltf_instances instances = {0};
+        if (lw_gltf_instances_open(document, object, &instances, err)) {
+            lw_status_context(err, "nodes[%u]", node);
+            return err->status;
+        }
+        *nodes += instances.count + (json_object_get(object, "skin") != NULL);
+        *meshes += json_object_get(object, "skin") || json_object_get(object, "weights");
+    }
+    return LW_OK;
 }
 
 static size_t smaller(size_t a, size_t b) { return a < b ? a : b; }
@@ -399,6 +496,10 @@ static enum lw_status allocate(struct conversion *conversion, struct lw_error *e
     const struct lw_gltf_document *document = conversion->document;
     struct lw_scene *scene = conversion->scene;
     size_t node_count = document->count[LW_GLTF_NODES], mesh_count = document->count[LW_GLTF_MESHES];
+    size_t more_nodes, more_meshes;
+    if (count_more(conversion, &more_nodes, &more_meshes, err)) return err->status;
+    node_count += more_nodes;
+    mesh_count += more_meshes;
     if (node_count > LW_SCENE_NODES_MAX)
         return lw_status_fail(err, LW_BAD_DATA,
                               "has %zu nodes; the limit is %u: join what stands together into one mesh",
@@ -408,6 +509,7 @@ static enum lw_status allocate(struct conversion *conversion, struct lw_error *e
                               LW_SCENE_MESHES_MAX);
     conversion->parent = malloc((node_count + 1) * sizeof *conversion->parent);
     conversion->queue = malloc((node_count + 1) * sizeof *conversion->queue);
+    conversion->document->moves_skin = calloc(node_count + 1, sizeof *conversion->document->moves_skin);
     conversion->hidden = calloc(node_count + 1, sizeof *conversion->hidden);
     conversion->mesh_of = malloc((mesh_count + 1) * sizeof *conversion->mesh_of);
     scene->node = lw_scene_alloc(scene, node_count + 1, sizeof *scene->node);
@@ -417,10 +519,12 @@ static enum lw_status allocate(struct conversion *conversion, struct lw_error *e
     scene->light = lw_scene_alloc(scene, smaller(node_count, LW_SCENE_LIGHTS_MAX) + 1, sizeof *scene->light);
     scene->camera =
         lw_scene_alloc(scene, smaller(node_count, LW_SCENE_CAMERAS_MAX) + 1, sizeof *scene->camera);
-    if (!conversion->parent || !conversion->queue || !conversion->hidden || !conversion->mesh_of ||
-        !scene->node || !scene->mesh || !scene->object || !scene->light || !scene->camera)
+    if (!conversion->parent || !conversion->queue || !conversion->hidden ||
+        !conversion->document->moves_skin || !conversion->mesh_of || !scene->node || !scene->mesh ||
+        !scene->object || !scene->light || !scene->camera)
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory for %zu nodes", node_count);
-    for (size_t i = 0; i < node_count; i++) conversion->parent[i] = conversion->node_of[i] = LW_SCENE_NONE;
+    for (size_t i = 0; i < document->count[LW_GLTF_NODES]; i++)
+        conversion->parent[i] = conversion->node_of[i] = LW_SCENE_NONE;
     for (size_t i = 0; i < mesh_count; i++) conversion->mesh_of[i] = LW_SCENE_NONE;
     return LW_OK;
 }
@@ -431,11 +535,18 @@ static enum lw_status convert(struct conversion *conversion, struct lw_error *er
         return err->status;
     queue_descendants(conversion);
     if (find_hidden(conversion, err)) return err->status;
-    for (uint32_t node = 0; node < conversion->scene->node_count; node++)
-        if (read_node(conversion,
-                      lw_gltf_document_item(conversion->document, LW_GLTF_NODES, conversion->queue[node]),
+    const struct lw_gltf_document *document = conversion->document;
+    const uint32_t count = conversion->scene->node_count; /* instances and skins add more */
+    for (uint32_t node = 0; node < count; node++)
+        if (read_node(conversion, lw_gltf_document_item(document, LW_GLTF_NODES, conversion->queue[node]),
                       node, err))
             return err->status;
+    for (uint32_t node = 0; node < count; node++) {
+        const uint32_t index = conversion->queue[node];
+        if (!conversion->hidden[index] &&
+            add_object(conversion, lw_gltf_document_item(document, LW_GLTF_NODES, index), node, err))
+            return err->status;
+    }
     return LW_OK;
 }
 
@@ -444,6 +555,7 @@ enum lw_status lw_gltf_node_convert(struct lw_gltf_document *document, struct lw
     struct conversion conversion = {
         .document = document, .meshes = meshes, .scene = scene, .node_of = out_node_of};
     enum lw_status status = convert(&conversion, err);
+    lw_pose_finish(&conversion.pose);
     free(conversion.mesh_of);
     free(conversion.hidden);
     free(conversion.queue);

@@ -1,5 +1,8 @@
 #include "server/import/image_file.h"
 
+#include "server/import/image_bmp.h"
+#include "server/import/image_tga.h"
+
 #include <setjmp.h>
 #include <stdio.h> /* before jpeglib.h, which needs FILE */
 #include <stdlib.h>
@@ -219,6 +222,33 @@ static bool is_avif(const uint8_t *bytes, size_t size) {
     return size >= 12 && memcmp(bytes + 4, "ftyp", 4) == 0 && avifPeekCompatibleFileType(&data);
 }
 
+/* ---- TGA and BMP ---- */
+
+typedef enum lw_status read_size(const uint8_t *bytes, size_t size, uint32_t *out_width, uint32_t *out_height,
+                                 struct lw_error *err);
+typedef enum lw_status read_texels(const uint8_t *bytes, size_t size, uint8_t *out_rgba,
+                                   struct lw_error *err);
+
+static bool run_own(struct decoder *decoder, read_size *size, read_texels *texels) {
+    struct lw_error err = {0};
+    enum lw_status status = size(decoder->bytes, decoder->size, &decoder->width, &decoder->height, &err);
+    if (status == LW_OK && !decoder->header_only) {
+        if (allocate(decoder))
+            status = texels(decoder->bytes, decoder->size, decoder->rgba, &err);
+        else
+            status = lw_status_fail(&err, LW_NO_MEMORY, "out of memory");
+    }
+    snprintf(decoder->reason, sizeof decoder->reason, "%s", err.text);
+    return status == LW_OK;
+}
+
+static bool run_tga(struct decoder *decoder) {
+    return run_own(decoder, lw_image_tga_size, lw_image_tga_decode);
+}
+static bool run_bmp(struct decoder *decoder) {
+    return run_own(decoder, lw_image_bmp_size, lw_image_bmp_decode);
+}
+
 /* ---- all ---- */
 
 /* What the first bytes say; NULL: none of these. */
@@ -227,7 +257,9 @@ static bool (*find_format(const uint8_t *bytes, size_t size))(struct decoder *de
     if (size >= 8 && png_sig_cmp(bytes, 0, 8) == 0) return run_png;
     if (size >= 3 && memcmp(bytes, jpeg_magic, 3) == 0) return run_jpeg;
     if (size >= 12 && memcmp(bytes, "RIFF", 4) == 0 && memcmp(bytes + 8, "WEBP", 4) == 0) return run_webp;
-    return is_avif(bytes, size) ? run_avif : NULL;
+    if (is_avif(bytes, size)) return run_avif;
+    if (lw_image_bmp_is(bytes, size)) return run_bmp;
+    return lw_image_tga_is(bytes, size) ? run_tga : NULL;
 }
 
 static enum lw_status run(struct decoder *decoder, struct lw_error *err) {

@@ -1,5 +1,5 @@
-/* image_file.h: decodes PNG, JPEG, WebP and AVIF to 8-bit RGBA, within bounds that are checked before a texel is decoded.
- * By the formats' own libraries, because Debian mends them: stb_image's JPEG decoder of 2022 writes out of bounds
+/* image_file.h: decodes PNG, JPEG, WebP, AVIF, TGA and BMP to 8-bit RGBA, within bounds that are checked before a
+ * texel is decoded. The first four by the formats' own libraries, because Debian mends them: stb_image's JPEG decoder of 2022 writes out of bounds
  * by a Huffman table of more than 256 codes, which fuzzing found within seconds.
  * Threads: [any]. */
 #ifndef LW_IMPORT_IMAGE_FILE_H
@@ -7,7 +7,7 @@
 
 #include "common/scene/scene.h"
 
-#define LW_IMAGE_FILE_FORMATS "PNG, JPEG, WebP or AVIF"
+#define LW_IMAGE_FILE_FORMATS "PNG, JPEG, WebP, AVIF, TGA or BMP"
 
 #define LW_IMAGE_FILE_SIZE_MAX   (256u << 20) /* bytes of an encoded image */
 #define LW_IMAGE_FILE_TEXELS_MAX (1ull << 30) /* of all images of a scene together: 4 GiB decoded */

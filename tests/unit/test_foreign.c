@@ -341,13 +341,12 @@ static void textures_are_found_by_name(void **state) {
 
 static void unreadable_textures_have_a_stand_in(void **state) {
     (void)state;
-    static const uint8_t tga[18 + 3] = {0, 0, 2, [12] = 1, [14] = 1, [16] = 24};
-    write_bytes("old.tga", tga, sizeof tga);
+    write_text("old.dds", "DDS |and so on, for more bytes than a header has");
     write_text("cut.png", "\x89PNG\r\n\x1a\n");
     static const struct {
         const char *name, *reason;
     } cases[] = {{"none.png", "texture \"none.png\": is not there"},
-                 {"old.tga", "texture \"old.tga\": is not PNG, JPEG, WebP or AVIF"},
+                 {"old.dds", "texture \"old.dds\": is not PNG, JPEG, WebP, AVIF, TGA or BMP"},
                  {"cut.png", "texture \"cut.png\": cannot be decoded"}};
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         char text[256];

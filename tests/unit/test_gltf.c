@@ -4,6 +4,7 @@
 #include "tests/support/support.h"
 
 #include "common/log.h"
+#include "common/scene/pose.h"
 #include "server/import/gltf.h"
 
 #include <fcntl.h>
@@ -726,7 +727,7 @@ static void unreadable_pictures_have_a_stand_in(void **state) {
         const char *text;
     } failures[] = {
         {{"'uri':'data:image/png;base64," PNG "'", "'bufferView':0"},
-         "images[0]: is not PNG, JPEG, WebP or AVIF"},
+         "images[0]: is not PNG, JPEG, WebP, AVIF, TGA or BMP"},
         {{"data:image/png;base64," PNG, "data:image/png;base64," PNG_TOO_WIDE}, "Invalid IHDR data"},
         {{"data:image/png;base64," PNG, "data:image/png;base64,iVBORw0KGgoAAAANSUhEUg"}, "it is truncated"},
         {{"{'source':0,'sampler':0}", "{'extensions':{'KHR_texture_basisu':{'source':0}}}"},
@@ -913,6 +914,170 @@ static void specular_glossiness_gives_its_diffuse_colour(void **state) {
            GLOSSY("'diffuseFactor':[1,1,1]"));
 }
 
+static void instances_are_objects_of_one_mesh(void **state) {
+    (void)state;
+    const struct {
+        struct base_data base;
+        float translation[3][3], scale[3][3];
+        int8_t rotation[3][4];
+    } data = {base_data,
+              {{1, 0, 0}, {0, 2, 0}, {0, 0, 3}},
+              {{1, 1, 1}, {2, 2, 2}, {1, 1, 1}},
+              {{0, 0, 0, 127}, {0, 0, 0, 127}, {0, 0, 127, 0}}};
+#define INSTANCES(attributes)                                                                                \
+    {"{'mesh':0}",                                                                                           \
+     "{'mesh':0,'name':'tree','extensions':{'EXT_mesh_gpu_instancing':{'attributes':" attributes "}}}"},     \
+        {"'count':2,'type':'VEC3'}",                                                                         \
+         "'count':2,'type':'VEC3'},{'bufferView':6,'componentType':5126,'count':3,'type':'VEC3'},"           \
+         "{'bufferView':6,'byteOffset':36,'componentType':5126,'count':3,'type':'VEC3'},"                    \
+         "{'bufferView':6,'byteOffset':72,'componentType':5120,'normalized':true,'count':3,'type':'VEC4'}"}, \
+        {"'byteOffset':148,'byteLength':24}",                                                                \
+         "'byteOffset':148,'byteLength':24},{'buffer':0,'byteOffset':172,'byteLength':84}"},                 \
+        {"'byteLength':172", "'byteLength':256"}, {                                                          \
+        "'scene':0", "'scene':0,'extensionsRequired':['EXT_mesh_gpu_instancing']"                            \
+    }
+    struct lw_scene *scene;
+    LOAD(scene, data, INSTANCES("{'TRANSLATION':6,'SCALE':7,'ROTATION':8}"));
+    struct lw_pose pose;
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    assert_int_equal(scene->mesh_count, 1);
+    assert_int_equal(scene->object_count, 3);
+    assert_string_equal(scene->object[2].name, "tree 2");
+    /* the corner (1, 1, 0); at 0 s 'top' moves all of them up by 1 */
+    const struct lw_vec3 expected[3] = {{2, 2, 0}, {2, 5, 0}, {-1, 0, 3}};
+    for (int i = 0; i < 3; i++) {
+        struct lw_vec3 p = lw_affine_point(&pose.object_to_world[i], lw_vec3(1, 1, 0));
+        assert_float_equal(lw_vec3_length(lw_vec3_sub(p, expected[i])), 0, 1e-6);
+    }
+    lw_pose_finish(&pose);
+    lw_scene_destroy(scene);
+    REFUSE("nodes[1]: EXT_mesh_gpu_instancing: SCALE: accessor 0 has 4 elements, others have 3", data,
+           INSTANCES("{'TRANSLATION':6,'SCALE':0}"));
+    REFUSE("nodes[1]: EXT_mesh_gpu_instancing: ROTATION: accessor 6: type VEC3", data,
+           INSTANCES("{'ROTATION':6}"));
+    REFUSE("nodes[1]: EXT_mesh_gpu_instancing: attributes: is required", base_data,
+           {"{'mesh':0}", "{'mesh':0,'extensions':{'EXT_mesh_gpu_instancing':{}}}"});
+}
+
+static void morph_weights_move_vertices(void **state) {
+    (void)state;
+    const struct {
+        struct base_data base;
+        float position[2][4][3], normal[4][3];
+    } data = {base_data,
+              {{{0, 0, 1}, {0, 0, 1}, {0, 0, 1}, {0, 0, 1}}, {{4, 0, 0}, {4, 0, 0}, {4, 0, 0}, {8, 0, 0}}},
+              {{2, 0, 0}, {2, 0, 0}, {2, 0, 0}, {2, 0, 0}}};
+#define MORPH                                                                                                \
+    {"'indices':3", "'indices':3,'targets':[{'POSITION':6,'NORMAL':8},{'POSITION':7}]"},                     \
+        {"'count':2,'type':'VEC3'}",                                                                         \
+         "'count':2,'type':'VEC3'},{'bufferView':6,'componentType':5126,'count':4,'type':'VEC3'},"           \
+         "{'bufferView':6,'byteOffset':48,'componentType':5126,'count':4,'type':'VEC3'},"                    \
+         "{'bufferView':6,'byteOffset':96,'componentType':5126,'count':4,'type':'VEC3'}"},                   \
+        {"'byteOffset':148,'byteLength':24}",                                                                \
+         "'byteOffset':148,'byteLength':24},{'buffer':0,'byteOffset':172,'byteLength':144}"},                \
+    {                                                                                                        \
+        "'byteLength':172", "'byteLength':316"                                                               \
+    }
+    struct lw_scene *scene;
+    LOAD(scene, data, MORPH); /* without weights nothing moves */
+    assert_float_equal(scene->mesh[0].position[3].z, 0, 0);
+    lw_scene_destroy(scene);
+
+    LOAD(scene, data, MORPH, {"'name':'square'", "'name':'square','weights':[0.5,0.25]"});
+    assert_float_equal(scene->mesh[0].position[3].x, 1 + 0.25f * 8, 0);
+    assert_float_equal(scene->mesh[0].position[3].z, 0.5, 0);
+    assert_float_equal(scene->mesh[0].normal[0].x, sqrt(0.5), 1e-6); /* (0, 0, 1) + 0.5 (2, 0, 0) */
+    assert_float_equal(scene->mesh[0].normal[0].z, sqrt(0.5), 1e-6);
+    lw_scene_destroy(scene);
+
+    /* a node's weights go before the mesh's, for that node alone */
+    LOAD(scene, data, MORPH, {"'name':'square'", "'name':'square','weights':[0.5,0]"},
+         {"{'mesh':0}", "{'mesh':0,'weights':[-1,0]}"}, {"'name':'lamp',", "'name':'lamp','mesh':0,"});
+    assert_int_equal(scene->object_count, 2);
+    const float expected[2] = {-1, 0.5f};
+    for (int i = 0; i < 2; i++) {
+        const bool own = strcmp(scene->object[i].name, "lamp") != 0;
+        assert_float_equal(scene->mesh[scene->object[i].mesh].position[0].z, expected[!own], 0);
+    }
+    lw_scene_destroy(scene);
+    REFUSE("weights[1]: must be a number", data, MORPH,
+           {"'name':'square'", "'name':'square','weights':[1,'2']"});
+    REFUSE("targets[0]: POSITION: accessor 5 has 2 elements, POSITION has 4", data, MORPH,
+           {"'POSITION':6", "'POSITION':5"}, {"'name':'square'", "'name':'square','weights':[1]"});
+}
+
+/* Two joints: the first at (1, 2, 3) and twice as large, the second below it, a quarter turn about z. The
+ * place of the mesh's own node does not count. */
+static void skins_stand_as_their_joints_do(void **state) {
+    (void)state;
+    struct skinned {
+        struct base_data base;
+        float weight[4][4], bind[2][16];
+        uint8_t joint[4][4];
+    } data = {
+        base_data,
+        {{1}, {1}, {0.5f, 0.5f}, {0, 0.25f}},
+        {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, -1, 0, 0, 1}, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}},
+        {{0}, {1}, {0, 1}, {0, 1}}};
+#define SKIN(scale)                                                                                          \
+    {"{'mesh':0}", "{'mesh':0,'skin':0,'translation':[100,0,0]}"}, {"'nodes':[0,2]", "'nodes':[0,2,3]"},     \
+        {"{'light':0}}}]",                                                                                   \
+         "{'light':0}}},{'name':'hip','translation':[1,2,3],'scale':" scale ",'children':[4]},"              \
+         "{'rotation':[0,0,0.70710678,0.70710678]}],'skins':[{'joints':[3,4],'inverseBindMatrices':7}]"},    \
+        {"'POSITION':0", "'POSITION':0,'JOINTS_0':8,'WEIGHTS_0':6"},                                         \
+        {"'count':2,'type':'VEC3'}",                                                                         \
+         "'count':2,'type':'VEC3'},{'bufferView':6,'componentType':5126,'count':4,'type':'VEC4'},"           \
+         "{'bufferView':6,'byteOffset':64,'componentType':5126,'count':2,'type':'MAT4'},"                    \
+         "{'bufferView':6,'byteOffset':192,'componentType':5121,'count':4,'type':'VEC4'}"},                  \
+        {"'byteOffset':148,'byteLength':24}",                                                                \
+         "'byteOffset':148,'byteLength':24},{'buffer':0,'byteOffset':172,'byteLength':208}"},                \
+    {                                                                                                        \
+        "'byteLength':172", "'byteLength':380"                                                               \
+    }
+    struct lw_scene *scene;
+    LOAD(scene, data, SKIN("[2,2,2]"));
+    const struct lw_mesh *mesh = &scene->mesh[0];
+    assert_int_equal(scene->object_count, 1);
+    assert_int_equal(scene->node[scene->object[0].node].parent, LW_SCENE_NONE);
+    assert_int_equal(mesh->triangle_count, 2);
+    const struct lw_vec3 expected[4] = {{-1, 2, 3}, {1, 4, 3}, {-1, 3, 3}, {-1, 4, 3}};
+    for (int i = 0; i < 4; i++) {
+        assert_float_equal(lw_vec3_length(lw_vec3_sub(mesh->position[i], expected[i])), 0, 1e-5);
+        assert_float_equal(mesh->normal[i].z, 1, 1e-5);
+    }
+    lw_scene_destroy(scene);
+
+    /* a mirroring joint: faces stay on the side of their normals */
+    memset(data.weight, 0, sizeof data.weight);
+    for (int i = 0; i < 4; i++) data.weight[i][0] = 1;
+    memset(data.joint, 0, sizeof data.joint);
+    LOAD(scene, data, SKIN("[-2,2,2]"));
+    for (uint32_t t = 0; t < 2; t++)
+        assert_true(lw_vec3_dot(face(&scene->mesh[0], t), scene->mesh[0].normal[0]) > 0);
+    lw_scene_destroy(scene);
+
+    char talk[4096];
+    const struct change animated[] = {SKIN("[1,1,1]"), {"'target':{'node':0", "'target':{'node':3"}};
+    scene =
+        load_and_listen(animated, sizeof animated / sizeof *animated, &data, sizeof data, talk, sizeof talk);
+    if (!strstr(talk, "skins are not animated") || count_lines(talk) != 1) fail_msg("talk is \"%s\"", talk);
+    lw_scene_destroy(scene);
+
+    data.joint[2][0] = 7;
+    REFUSE("JOINTS_0: element 2 names joint 7 of 2", data, SKIN("[1,1,1]"));
+    data.joint[2][0] = 0;
+    data.weight[1][0] = NAN;
+    REFUSE("WEIGHTS_0: element 1 is not a weight", data, SKIN("[1,1,1]"));
+    data.weight[1][0] = 1;
+    data.bind[0][5] = INFINITY;
+    REFUSE("skins[0]: inverseBindMatrices: accessor 7: element 0 is not finite", data, SKIN("[1,1,1]"));
+    data.bind[0][5] = 1;
+    REFUSE("skins[0]: joints: nodes[3] is not in the default scene", data, SKIN("[1,1,1]"),
+           {"'nodes':[0,2,3]", "'nodes':[0,2]"});
+    REFUSE("accessor 7 has 2 elements for 3 joints", data, SKIN("[1,1,1]"), {"[3,4]", "[3,4,4]"});
+    REFUSE("JOINTS_0 and WEIGHTS_0 come together", data, SKIN("[1,1,1]"), {",'WEIGHTS_0':6", ""});
+}
+
 static void harmless_extensions_may_be_required(void **state) {
     (void)state;
     static const char *const names[] = {
@@ -984,7 +1149,7 @@ static void what_is_not_used_is_no_error(void **state) {
     (void)state;
     struct lw_scene *scene;
     LOAD(scene, base_data, {"'KHR_texture_transform'", "'KHR_texture_transform','KHR_materials_clearcoat'"},
-         {"{'mesh':0}", "{'mesh':0,'skin':0,'weights':[1]}"}, {"'indices':3", "'indices':3,'targets':[{}]"},
+         {"{'mesh':0}", "{'mesh':0,'weights':[1]}"}, {"'indices':3", "'indices':3,'targets':[{}]"},
          {"'path':'translation'", "'path':'weights'"}, {"'type':'perspective'", "'type':'orthographic'"},
          {"'intensity':8", "'intensity':8,'range':3"},
          {"'baseColorTexture':{'index':0}", "'baseColorTexture':{'index':0,'texCoord':2}"},
@@ -1179,6 +1344,9 @@ int main(void) {
         cmocka_unit_test(hidden_nodes_have_no_objects_and_no_lights),
         cmocka_unit_test(coarser_levels_are_left_out),
         cmocka_unit_test(specular_glossiness_gives_its_diffuse_colour),
+        cmocka_unit_test(instances_are_objects_of_one_mesh),
+        cmocka_unit_test(morph_weights_move_vertices),
+        cmocka_unit_test(skins_stand_as_their_joints_do),
         cmocka_unit_test(harmless_extensions_may_be_required),
         cmocka_unit_test(many_unknown_extensions_take_eleven_lines),
         cmocka_unit_test(integers_may_have_a_point),

@@ -301,6 +301,137 @@ static void damaged_webp_and_avif_are_read_or_refused(void **state) {
     assert_true(refused > 0);
 }
 
+/* ---- TGA and BMP, by our own readers ---- */
+
+/* Decodes bytes of exactly this size, so that a sanitizer sees a read past them. */
+static void expect_texels(const uint8_t *data, size_t size, uint32_t width, uint32_t height,
+                          const uint8_t *expected) {
+    struct lw_error err = {0};
+    uint32_t got_width = 0, got_height = 0;
+    uint8_t *rgba = NULL, *exact = malloc(size);
+    memcpy(exact, data, size);
+    lw_support_ok(lw_image_file_size(exact, size, &got_width, &got_height, &err), &err);
+    assert_int_equal(got_width, width);
+    assert_int_equal(got_height, height);
+    lw_support_ok(lw_image_file_decode(exact, size, &rgba, &err), &err);
+    assert_memory_equal(rgba, expected, (size_t)width * height * 4);
+    free(rgba);
+    free(exact);
+}
+
+/* Header of a TGA: type, size, bits, descriptor; without a palette. */
+#define TGA(type, width, height, bits, descriptor)                                                           \
+    0, 0, type, 0, 0, 0, 0, 0, 0, 0, 0, 0, width, 0, height, 0, bits, descriptor
+
+static void every_kind_of_tga_becomes_rgba(void **state) {
+    (void)state;
+    /* two rows of two, the lower one first */
+    static const uint8_t colour[] = {TGA(2, 2, 2, 24, 0), 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12};
+    static const uint8_t up[16] = {9, 8, 7, 255, 12, 11, 10, 255, 3, 2, 1, 255, 6, 5, 4, 255};
+    expect_texels(colour, sizeof colour, 2, 2, up);
+    /* from the top and the right; alpha */
+    static const uint8_t alpha[] = {TGA(2, 2, 1, 32, 0x38), 1, 2, 3, 128, 4, 5, 6, 0};
+    static const uint8_t turned[8] = {6, 5, 4, 0, 3, 2, 1, 128};
+    expect_texels(alpha, sizeof alpha, 2, 1, turned);
+    /* an alpha of 0 everywhere is one that nobody wrote */
+    static const uint8_t unwritten[] = {TGA(2, 1, 1, 32, 0), 1, 2, 3, 0};
+    static const uint8_t opaque[4] = {3, 2, 1, 255};
+    expect_texels(unwritten, sizeof unwritten, 1, 1, opaque);
+    /* five bits each: 31, 16, 1 */
+    static const uint8_t narrow[] = {TGA(2, 1, 1, 16, 0), 0x01, 0x7E};
+    static const uint8_t widened[4] = {255, 132, 8, 255};
+    expect_texels(narrow, sizeof narrow, 1, 1, widened);
+    static const uint8_t grey[] = {TGA(3, 2, 1, 8, 0x20), 7, 200};
+    static const uint8_t greys[8] = {7, 7, 7, 255, 200, 200, 200, 255};
+    expect_texels(grey, sizeof grey, 2, 1, greys);
+    /* runs: three of one, one as it is; they cross the row */
+    static const uint8_t runs[] = {TGA(10, 2, 2, 24, 0x20), 0x82, 1, 2, 3, 0x00, 4, 5, 6};
+    static const uint8_t spread[16] = {3, 2, 1, 255, 3, 2, 1, 255, 3, 2, 1, 255, 6, 5, 4, 255};
+    expect_texels(runs, sizeof runs, 2, 2, spread);
+    /* a palette that starts at 5, behind a text of two bytes */
+    static const uint8_t palette[] = {2, 1, 1, 5,    0,   2,   0, 24, 0, 0, 0, 0, 2, 0,
+                                      1, 0, 8, 0x20, 'h', 'i', 1, 2,  3, 4, 5, 6, 6, 5};
+    static const uint8_t picked[8] = {6, 5, 4, 255, 3, 2, 1, 255};
+    expect_texels(palette, sizeof palette, 2, 1, picked);
+
+    uint8_t outside[sizeof palette];
+    memcpy(outside, palette, sizeof palette);
+    outside[sizeof palette - 1] = 7;
+    refuse(outside, sizeof outside, "texel 1 is past its palette");
+    outside[sizeof palette - 1] = 4;
+    refuse(outside, sizeof outside, "texel 1 is past its palette");
+    for (size_t size = 0; size < sizeof runs; size++)
+        refuse(runs, size, size < 18 ? "is not PNG" : "it is truncated");
+    for (size_t size = 18; size < sizeof palette; size++) refuse(palette, size, "it is truncated");
+    static const uint8_t large[] = {0, 0, 10, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 64, 0, 64, 24, 0, 0xFF, 1, 2, 3};
+    refuse(large, sizeof large, "it is truncated"); /* 16,384 a side in 22 bytes: no memory is taken */
+}
+
+#define LONG(value) (value) & 255, (value) >> 8 & 255, (value) >> 16 & 255, (value) >> 24 & 255
+/* The two headers of a BMP; `more` bytes of header and palette follow. */
+#define BMP(header, more, width, height, bits, compression, used)                                            \
+    'B', 'M', LONG(0), LONG(0), LONG(54 + (more)), LONG(header), LONG(width), LONG(height), 1, 0, bits, 0,   \
+        LONG(compression), LONG(0), LONG(0), LONG(0), LONG(used), LONG(0)
+
+static void every_kind_of_bmp_becomes_rgba(void **state) {
+    (void)state;
+    /* rows of two texels fill up to 8 bytes; the lower one first */
+    static const uint8_t colour[] = {
+        BMP(40, 0, 2, 2, 24, 0, 0), 1, 2, 3, 4, 5, 6, 0, 0, 7, 8, 9, 10, 11, 12, 0, 0};
+    static const uint8_t up[16] = {9, 8, 7, 255, 12, 11, 10, 255, 3, 2, 1, 255, 6, 5, 4, 255};
+    expect_texels(colour, sizeof colour, 2, 2, up);
+    static const uint8_t down[] = {BMP(40, 0, 1, -2, 24, 0, 0), 1, 2, 3, 0, 4, 5, 6, 0};
+    static const uint8_t from_top[8] = {3, 2, 1, 255, 6, 5, 4, 255};
+    expect_texels(down, sizeof down, 1, 2, from_top);
+    /* 32 bits have no alpha unless fields say so */
+    static const uint8_t plain[] = {BMP(40, 0, 1, 1, 32, 0, 0), 1, 2, 3, 128};
+    static const uint8_t opaque[4] = {3, 2, 1, 255};
+    expect_texels(plain, sizeof plain, 1, 1, opaque);
+    static const uint8_t fields[] = {BMP(56, 16, 1, 1, 32, 3, 0),
+                                     LONG(0xFF),
+                                     LONG(0xFF00),
+                                     LONG(0xFF0000),
+                                     LONG(0xFF000000u),
+                                     1,
+                                     2,
+                                     3,
+                                     128};
+    static const uint8_t in_order[4] = {1, 2, 3, 128};
+    expect_texels(fields, sizeof fields, 1, 1, in_order);
+    /* 5, 6, 5 bits: 31, 32, 0 */
+    static const uint8_t narrow[] = {
+        BMP(40, 12, 1, 1, 16, 3, 0), LONG(0xF800), LONG(0x7E0), LONG(0x1F), 0x00, 0xFC, 0, 0};
+    static const uint8_t widened[4] = {255, 129, 0, 255};
+    expect_texels(narrow, sizeof narrow, 1, 1, widened);
+    /* 4 bits, two colours */
+    static const uint8_t palette[] = {BMP(40, 8, 3, 1, 4, 0, 2), 1, 2, 3, 0, 4, 5, 6, 0, 0x10, 0x10, 0, 0};
+    static const uint8_t picked[12] = {6, 5, 4, 255, 3, 2, 1, 255, 6, 5, 4, 255};
+    expect_texels(palette, sizeof palette, 3, 1, picked);
+    /* OS/2: 1 bit, colours of three bytes */
+    static const uint8_t core[] = {'B', 'M', LONG(0), LONG(0), LONG(32), LONG(12), 2, 0, 1,    0, 1, 0,
+                                   1,   0,   1,       2,       3,        4,        5, 6, 0x40, 0, 0, 0};
+    static const uint8_t bits[8] = {3, 2, 1, 255, 6, 5, 4, 255};
+    expect_texels(core, sizeof core, 2, 1, bits);
+
+    uint8_t wrong[sizeof palette];
+    memcpy(wrong, palette, sizeof palette);
+    wrong[sizeof palette - 4] = 0x12;
+    refuse(wrong, sizeof wrong, "colour 2 is past its palette");
+    static const uint8_t runs[] = {BMP(40, 0, 1, 1, 8, 1, 0), 1, 0, 0, 1};
+    refuse(runs, sizeof runs, "its compression 1 is not read");
+    static const uint8_t odd[] = {BMP(40, 0, 1, 1, 2, 0, 0), 1, 0, 0, 1};
+    refuse(odd, sizeof odd, "it has 2 bits a texel");
+    static const uint8_t gaps[] = {
+        BMP(40, 12, 1, 1, 16, 3, 0), LONG(0xF801), LONG(0x7E0), LONG(0x1F), 0, 0, 0, 0};
+    refuse(gaps, sizeof gaps, "its bit fields have gaps");
+    static const uint8_t none[] = {BMP(40, 0, 0, 1, 24, 0, 0), 0, 0, 0, 0};
+    refuse(none, sizeof none, "it has no texels");
+    static const uint8_t wide[] = {BMP(40, 0, 0x7FFFFFFF, 0x7FFFFFFF, 32, 0, 0), 0, 0, 0, 0};
+    refuse(wide, sizeof wide, "it is truncated");
+    for (size_t size = 26; size < sizeof palette; size++) refuse(palette, size, "truncated");
+    for (size_t size = 54; size < sizeof fields; size++) refuse(fields, size, "truncated");
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_kind_of_png_becomes_rgba),
@@ -308,6 +439,8 @@ int main(void) {
         cmocka_unit_test(jpeg_becomes_rgba),
         cmocka_unit_test(webp_and_avif_become_rgba),
         cmocka_unit_test(damaged_webp_and_avif_are_read_or_refused),
+        cmocka_unit_test(every_kind_of_tga_becomes_rgba),
+        cmocka_unit_test(every_kind_of_bmp_becomes_rgba),
         cmocka_unit_test(a_cut_picture_is_refused),
         cmocka_unit_test(oversized_pictures_are_refused_by_their_header),
         cmocka_unit_test(a_jpeg_of_endless_scans_is_refused),
