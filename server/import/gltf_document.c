@@ -34,6 +34,7 @@ static const char *const supported_extensions[] = {
     "KHR_mesh_quantization",
     "KHR_node_visibility",
     "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_transmission",
     "KHR_texture_transform",
     "MSFT_lod",
 };
@@ -42,9 +43,8 @@ static const char *const supported_extensions[] = {
 static const char *const harmless_extensions[] = {
     "KHR_materials_anisotropy", "KHR_materials_clearcoat", "KHR_materials_diffuse_transmission",
     "KHR_materials_dispersion", "KHR_materials_ior",       "KHR_materials_iridescence",
-    "KHR_materials_sheen",      "KHR_materials_specular",  "KHR_materials_transmission",
-    "KHR_materials_unlit",      "KHR_materials_variants",  "KHR_materials_volume",
-    "KHR_xmp_json_ld",
+    "KHR_materials_sheen",      "KHR_materials_specular",  "KHR_materials_unlit",
+    "KHR_materials_variants",   "KHR_materials_volume",    "KHR_xmp_json_ld",
 };
 
 #define EXTENSIONS_TOLD_MAX 10 /* that are ignored, by name */

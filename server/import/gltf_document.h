@@ -43,6 +43,7 @@ enum lw_gltf_list {
 #define LW_GLTF_WARNING_MAP(X)                                                                               \
     X(NORMAL_MAP, "normal maps are ignored")                                                                 \
     X(SKIN, "skins are not animated: skinned meshes keep their rest pose")                                   \
+    X(TRANSMISSION, "transmission by a texture is ignored: such materials stay as opaque as they are")       \
     X(POINTS, "points and lines are ignored: only triangles are lit")                                        \
     X(ORTHOGRAPHIC, "orthographic cameras are ignored")                                                      \
     X(LIGHT_RANGE, "the range of lights is ignored: light falls off with the square of distance")            \

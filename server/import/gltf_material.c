@@ -326,6 +326,32 @@ static enum lw_status read_alpha(const json_t *object, struct lw_material *out, 
     return LW_OK;
 }
 
+/* KHR_materials_transmission on a thin surface: of light, the factor t times the base colour c passes, and (1 - t)
+ * c is reflected. Surfaces here let light of all colours pass alike, so the colour of what passes is lost and its
+ * luminance L(c) kept: 1 - alpha = t L(c), and the albedo is what alpha times it must be, (1 - t) c. A base colour
+ * texture counts as the reflection's alone. */
+static enum lw_status read_transmission(struct lw_gltf_materials *materials, const json_t *object,
+                                        struct lw_material *out, struct lw_error *err) {
+    const json_t *extension = NULL;
+    float t = 0;
+    if (lw_gltf_json_extension(object, "KHR_materials_transmission", &extension, err)) return err->status;
+    if (extension && lw_gltf_json_real(extension, "transmissionFactor", 0, 1, &t, err))
+        lw_status_context(err, "KHR_materials_transmission");
+    if (err->status || !(t > 0) || out->alpha_mode == LW_ALPHA_MASK) return err->status;
+    if (json_object_get(extension, "transmissionTexture")) {
+        lw_gltf_document_warn(materials->document, LW_GLTF_WARN_TRANSMISSION);
+        return LW_OK;
+    }
+    if (out->alpha_mode == LW_ALPHA_OPAQUE) out->base_colour[3] = 1;
+    const float *c = out->base_colour;
+    const float passed = t * (0.2126f * c[0] + 0.7152f * c[1] + 0.0722f * c[2]), alpha = 1 - passed;
+    for (int k = 0; k < 3; k++)
+        out->base_colour[k] = alpha > 0 ? fminf((1 - t) * out->base_colour[k] / alpha, 1) : 0;
+    out->base_colour[3] *= alpha;
+    out->alpha_mode = LW_ALPHA_BLEND;
+    return LW_OK;
+}
+
 static enum lw_status convert_material(struct lw_gltf_materials *materials, const json_t *object,
                                        struct lw_material *out, bool *out_bright, struct lw_error *err) {
     static const struct lw_texture_use no_texture = {.texture = LW_SCENE_NONE,
@@ -340,6 +366,7 @@ static enum lw_status convert_material(struct lw_gltf_materials *materials, cons
         if (lw_gltf_json_string(object, "name", &name, err) ||
             read_base_colour(materials, object, out, out_bright, err) ||
             read_emission(materials, object, out, err) || read_alpha(object, out, err) ||
+            read_transmission(materials, object, out, err) ||
             lw_gltf_json_object(object, "normalTexture", &normal_map, err) ||
             lw_gltf_json_drawn_by(object, &out->drawn_by, err))
             return err->status;

@@ -914,6 +914,38 @@ static void specular_glossiness_gives_its_diffuse_colour(void **state) {
            GLOSSY("'diffuseFactor':[1,1,1]"));
 }
 
+/* Thin glass: t c passes, (1 - t) c is reflected; the colour of what passes becomes its luminance. */
+static void transmission_lets_light_through(void **state) {
+    (void)state;
+    static const struct {
+        float t, colour[3];
+    } panes[] = {
+        {1, {1, 1, 1}}, {0.5f, {0.2f, 0.8f, 0.4f}}, {1, {0, 0.5f, 0}}, {0.25f, {1, 1, 1}}, {0, {1, 1, 0}}};
+    for (size_t i = 0; i < sizeof panes / sizeof *panes; i++) {
+        char glass[256];
+        const float *c = panes[i].colour, t = panes[i].t;
+        snprintf(glass, sizeof glass,
+                 "'baseColorFactor':[%g,%g,%g,1]},'alphaMode':'OPAQUE','extensions':{"
+                 "'KHR_materials_transmission':{'transmissionFactor':%g}}}],",
+                 (double)c[0], (double)c[1], (double)c[2], (double)t);
+        struct lw_scene *scene;
+        LOAD(scene, base_data,
+             {"'baseColorFactor':[0.5,0.25,0.125,1],'baseColorTexture':{'index':0}},"
+              "'emissiveFactor':[1,0.5,0],"
+              "'extensions':{'KHR_materials_emissive_strength':{'emissiveStrength':4}},"
+              "'alphaMode':'MASK','alphaCutoff':0.25,'doubleSided':true}],",
+              glass},
+             {"'scene':0", "'scene':0,'extensionsRequired':['KHR_materials_transmission']"});
+        struct lw_surface surface;
+        lw_scene_surface(scene, &scene->mesh[0], 0, 0.25f, 0.25f, &surface);
+        const float luminance = 0.2126f * c[0] + 0.7152f * c[1] + 0.0722f * c[2];
+        assert_float_equal(1 - surface.alpha, t * luminance, 1e-6);
+        assert_float_equal(surface.alpha * surface.albedo.x, (1 - t) * c[0], 1e-6);
+        assert_float_equal(surface.alpha * surface.albedo.y, (1 - t) * c[1], 1e-6);
+        lw_scene_destroy(scene);
+    }
+}
+
 static void instances_are_objects_of_one_mesh(void **state) {
     (void)state;
     const struct {
@@ -1080,9 +1112,10 @@ static void skins_stand_as_their_joints_do(void **state) {
 
 static void harmless_extensions_may_be_required(void **state) {
     (void)state;
-    static const char *const names[] = {
-        "anisotropy", "clearcoat", "diffuse_transmission", "dispersion", "ior",   "iridescence", "sheen",
-        "specular",   "variants",  "transmission",         "unlit",      "volume"};
+    static const char *const names[] = {"anisotropy", "clearcoat", "diffuse_transmission",
+                                        "dispersion", "ior",       "iridescence",
+                                        "sheen",      "specular",  "variants",
+                                        "unlit",      "volume"};
     char talk[4096], change[256], line[128];
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         snprintf(change, sizeof change,
@@ -1344,6 +1377,7 @@ int main(void) {
         cmocka_unit_test(hidden_nodes_have_no_objects_and_no_lights),
         cmocka_unit_test(coarser_levels_are_left_out),
         cmocka_unit_test(specular_glossiness_gives_its_diffuse_colour),
+        cmocka_unit_test(transmission_lets_light_through),
         cmocka_unit_test(instances_are_objects_of_one_mesh),
         cmocka_unit_test(morph_weights_move_vertices),
         cmocka_unit_test(skins_stand_as_their_joints_do),
