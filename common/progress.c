@@ -46,8 +46,12 @@ static void write_state(char *out, size_t out_size, const struct lw_progress *p,
         write_duration(time, sizeof time, elapsed_s);
         snprintf(out, out_size, "0 %%, %s so far", time);
     } else {
-        write_duration(time, sizeof time, elapsed_s * (double)(p->total - done) / (double)done);
-        snprintf(out, out_size, "%.0f %%, %s left", 100.0 * (double)done / (double)p->total, time);
+        double left_s = elapsed_s * (double)(p->total - done) / (double)done;
+        const bool limited = p->limit_s > 0 && p->limit_s - elapsed_s < left_s;
+        if (limited) left_s = fmax(p->limit_s - elapsed_s, 0);
+        write_duration(time, sizeof time, left_s);
+        snprintf(out, out_size, "%.0f %%, %s left%s", 100.0 * (double)done / (double)p->total, time,
+                 limited ? " by the time limit" : "");
     }
 }
 
@@ -80,6 +84,7 @@ void lw_progress_init(struct lw_progress *p, const char *stage, uint64_t total) 
     p->started_ns = lw_clock_ns();
     atomic_init(&p->done, 0);
     atomic_init(&p->shown_ns, 0);
+    p->limit_s = 0;
     p->wanted = NULL;
 }
 

@@ -16,6 +16,7 @@
 #include "server/bake/glb_scene.h"
 #include "server/bake/manifest.h"
 #include "server/bake/map_names.h"
+#include "server/bake/sides.h"
 #include "server/solve/solvers.h"
 
 #include <errno.h>
@@ -33,6 +34,7 @@
 #define STATE_NAME       ".lightwell-bake-state"
 #define MANIFEST_NAME    "index.json"
 #define NOISIEST_SHOWN   3
+#define BOTH_SIDES_SHARE 0.1 /* of an object's double-sided area: from here on it is named */
 
 struct settings {
     struct lw_scene_open scene;
@@ -41,7 +43,7 @@ struct settings {
     int64_t samples, bounces, seed;
     double error, time_s, limit_s, interval_s, tracing_range, cell_size, probe_spacing;
     bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, denoise, restart, indirect_only;
-    int convention, probe_form;
+    int convention, probe_form, sides;
 };
 
 struct baker {
@@ -61,6 +63,9 @@ struct baker {
     struct lw_glb_scene glb;
     char *state_path, *map_folder;
     uint32_t maps_as_float;
+    struct lw_sides sides;
+    uint32_t one_sided_count; /* maps of which one side is shown though both matter */
+    const char *one_sided;    /* the first one's object */
     struct noisy {
         const char *object;
         float error;
@@ -97,6 +102,9 @@ static enum lw_status check(const struct settings *s, struct lw_error *err) {
     if ((s->gltf_lights || s->gltf_split_sides) && !s->gltf_out)
         return lw_status_fail(err, LW_USAGE, "--gltf-%s is for --gltf-out FILE.glb",
                               s->gltf_lights ? "lights" : "split-sides");
+    if (s->gltf_split_sides && s->sides != LW_SIDES_AUTO)
+        return lw_status_fail(err, LW_USAGE,
+                              "--gltf-split-sides shows both sides: --sides has no use beside it");
     if (s->gltf_out) {
         const size_t length = strlen(s->gltf_out);
         if (length < 5 || strcasecmp(s->gltf_out + length - 4, ".glb") != 0)
@@ -159,6 +167,11 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         {"gltf-split-sides", NULL,
          "write double-sided triangles there once for each side, so that each shows its own light",
          LW_OPTION_FLAG, &s->gltf_split_sides, 0, 0, NULL},
+        {"sides", LW_SIDES_CHOICES,
+         "whose light double-sided triangles show in that file: auto: the side that its cameras see, else "
+         "the "
+         "one with more light (default); front; back",
+         LW_OPTION_CHOICE, &s->sides, 0, 0, NULL},
         {"time", "SECONDS", "moment of the scene's animation (default 0)", LW_OPTION_REAL, &s->time_s, 0, 1e9,
          NULL},
         {"time-limit", "SECONDS", "stop lighting after this time, with what is there (default: none)",
@@ -388,6 +401,16 @@ static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
     return LW_OK;
 }
 
+/* It cannot say how far it is: it is told when it begins, and how long it took. */
+static enum lw_status filter(struct baker *b, struct lw_error *err) {
+    struct lw_progress progress;
+    lw_log(LW_LOG_INFO, "filtering the maps");
+    lw_progress_init(&progress, "filtering", 0);
+    enum lw_status status = b->solver->ops->filter(b->solver, err);
+    if (status == LW_OK) lw_progress_finish(&progress);
+    return status;
+}
+
 static enum lw_status solve(struct baker *b, struct lw_error *err) {
     uint64_t frames;
     if (b->settings.restart) lw_bake_forget(&b->bake);
@@ -400,7 +423,7 @@ static enum lw_status solve(struct baker *b, struct lw_error *err) {
     lw_interrupt_enter(&lighting);
     status = lw_bake_run(&b->bake, frames, &b->result, err);
     lw_interrupt_enter(&writing);
-    if (status == LW_OK && b->settings.denoise) status = b->solver->ops->filter(b->solver, err);
+    if (status == LW_OK && b->settings.denoise) status = filter(b, err);
     return status;
 }
 
@@ -451,7 +474,8 @@ static enum lw_status write_exr(struct baker *b, const struct lw_map *map, bool 
 }
 
 /* The map as MOZ_lightmap wants it, irradiance whatever the convention of the EXRs. */
-static enum lw_status add_to_glb(struct baker *b, const struct lw_map *map, struct lw_error *err) {
+static enum lw_status add_to_glb(struct baker *b, const struct lw_map *map,
+                                 const struct lw_sides_shown *shown, struct lw_error *err) {
     struct lw_map irradiance = {0};
     uint8_t *rgb;
     float scale;
@@ -460,7 +484,7 @@ static enum lw_status add_to_glb(struct baker *b, const struct lw_map *map, stru
     if (status != LW_OK) return status;
     status = lw_map_to_8_bit(&irradiance, &rgb, &scale);
     if (status == LW_OK) {
-        lw_glb_scene_add(&b->glb, map, b->names.file[map->object], rgb, scale);
+        lw_glb_scene_add(&b->glb, map, shown, b->names.file[map->object], rgb, scale);
         free(rgb);
     } else
         lw_status_fail(err, status, "out of memory");
@@ -468,8 +492,14 @@ static enum lw_status add_to_glb(struct baker *b, const struct lw_map *map, stru
     return status;
 }
 
+static void note_sides(struct baker *b, const struct lw_map *map, const struct lw_sides_shown *shown) {
+    if (!(shown->both_m2 > BOTH_SIDES_SHARE * shown->total_m2)) return;
+    if (!b->one_sided_count++) b->one_sided = b->scene->object[map->object].name;
+}
+
 static enum lw_status write_map(struct baker *b, uint32_t object, struct lw_error *err) {
     struct lw_map map;
+    struct lw_sides_shown shown = {0};
     enum lw_status status =
         lw_map_build(&map, b->scene, &b->atlas_map, b->solver, b->form, object, b->convention, err);
     if (status != LW_OK) return status;
@@ -477,10 +507,13 @@ static enum lw_status write_map(struct baker *b, uint32_t object, struct lw_erro
     b->maps_as_float += !map.fits_half;
     note_noise(b, &map);
     status = write_exr(b, &map, half, err);
+    if (status == LW_OK) status = lw_sides_choose(&b->sides, &map, &shown, err);
+    note_sides(b, &map, &shown);
     if (status == LW_OK &&
-        lw_manifest_add(&b->manifest, b->scene, &map, b->names.file[object], half) != LW_OK)
+        lw_manifest_add(&b->manifest, b->scene, &map, &shown, b->names.file[object], half) != LW_OK)
         status = out_of_memory(err);
-    if (status == LW_OK && b->settings.gltf_out) status = add_to_glb(b, &map, err);
+    if (status == LW_OK && b->settings.gltf_out) status = add_to_glb(b, &map, &shown, err);
+    lw_sides_release(&shown);
     lw_map_finish(&map);
     return status;
 }
@@ -516,6 +549,8 @@ static enum lw_status begin_index(struct baker *b, struct lw_error *err) {
 static enum lw_status write_all(struct baker *b, struct lw_error *err) {
     struct lw_progress progress;
     enum lw_status status = begin_index(b, err);
+    if (status == LW_OK)
+        status = lw_sides_init(&b->sides, b->scene, &b->pose, (enum lw_sides_choice)b->settings.sides, err);
     lw_progress_init(&progress, "writing maps", b->scene->object_count);
     for (uint32_t o = 0; status == LW_OK && o < b->scene->object_count; o++) {
         status = write_map(b, o, err);
@@ -548,6 +583,12 @@ static void report(const struct baker *b) {
                lamps, lamps == 1 ? "" : "s", materials, materials == 1 ? "" : "s");
     if (b->maps_as_float && !s->as_float)
         lw_log(LW_LOG_INFO, "%u of them with 32 bits: 16 would lose light", b->maps_as_float);
+    if (b->one_sided_count && s->gltf_out && !s->gltf_split_sides)
+        lw_log(
+            LW_LOG_INFO,
+            "%u double-sided objects show the light of one side in %s, though both matter (\"%.60s\" is one; "
+            "both_sides in index.json): --gltf-split-sides shows both",
+            b->one_sided_count, s->gltf_out, b->one_sided);
     if (!r->tiles_open) return;
     lw_log(LW_LOG_WARNING, "not finished: %u of %u tiles are short of %s %g; the same command goes on",
            r->tiles_open, r->tiles, s->samples ? "--samples" : "--error",
@@ -575,6 +616,7 @@ static enum lw_status run(struct baker *b, struct lw_error *err) {
 static void finish(struct baker *b) {
     if (b->glb.mesh) lw_glb_scene_finish(&b->glb);
     lw_manifest_finish(&b->manifest);
+    lw_sides_finish(&b->sides);
     lw_map_names_finish(&b->names);
     if (b->solver) b->solver->ops->destroy(b->solver);
     lw_client_lights_finish(&b->left_out);

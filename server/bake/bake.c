@@ -70,6 +70,7 @@ enum lw_status lw_bake_run(const struct lw_bake_desc *desc, uint64_t frames,
     struct lw_bake_result result = {.frames = frames};
     struct run run = {.desc = desc, .began_ns = lw_clock_ns(), .saved_ns = lw_clock_ns()};
     lw_progress_init(&run.progress, "baking", 0);
+    run.progress.limit_s = desc->limit_s;
     for (;;) {
         struct lw_solver_stats stats = {0};
         enum lw_status status =

@@ -178,8 +178,34 @@ static uint32_t add_normals(struct lw_glb_scene *g, const struct lw_mesh *mesh, 
     return accessor;
 }
 
-/* Texel coordinates over the size of the atlas: v = 0 is the upper edge of row 0, as in glTF. */
-static uint32_t add_lightmap_uv(struct lw_glb_scene *g, const struct lw_mesh *mesh, uint32_t rows_down) {
+/* The back of split sides lies behind the front by this part of the mesh's largest side: renderers that do not
+ * cull, such as Cycles, would find both at the same distance. */
+#define BACK_BEHIND 1e-4f
+
+static uint32_t add_back_positions(struct lw_glb_scene *g, const struct lw_mesh *mesh) {
+    struct lw_vec3 low = mesh->position[0], high = low;
+    for (uint32_t i = 1; i < mesh->vertex_count; i++) {
+        const struct lw_vec3 p = mesh->position[i];
+        low = lw_vec3(fminf(low.x, p.x), fminf(low.y, p.y), fminf(low.z, p.z));
+        high = lw_vec3(fmaxf(high.x, p.x), fmaxf(high.y, p.y), fmaxf(high.z, p.z));
+    }
+    const float behind = BACK_BEHIND * lw_vec3_max_abs(lw_vec3_sub(high, low));
+    struct lw_vec3 *position = malloc((size_t)mesh->vertex_count * sizeof *position);
+    if (!position) {
+        out_of_memory(g);
+        return LW_GLB_NONE;
+    }
+    for (uint32_t i = 0; i < mesh->vertex_count; i++)
+        position[i] = lw_vec3_mad(mesh->position[i], lw_vec3_normalize(mesh->normal[i]), -behind);
+    const uint32_t accessor = add_vertices(g, position, mesh->vertex_count, "VEC3", true);
+    free(position);
+    return accessor;
+}
+
+/* Texel coordinates over the size of the atlas: v = 0 is the upper edge of row 0, as in glTF.
+ * back: per vertex, whether it points at the back; NULL: none does. */
+static uint32_t add_lightmap_uv(struct lw_glb_scene *g, const struct lw_mesh *mesh, const uint8_t *back,
+                                uint32_t rows_down) {
     struct lw_vec2 *uv = malloc((size_t)mesh->vertex_count * sizeof *uv);
     if (!uv) {
         out_of_memory(g);
@@ -187,7 +213,8 @@ static uint32_t add_lightmap_uv(struct lw_glb_scene *g, const struct lw_mesh *me
     }
     for (uint32_t i = 0; i < mesh->vertex_count; i++)
         uv[i] = (struct lw_vec2){mesh->lightmap_uv[i].x / (float)mesh->atlas_width,
-                                 (mesh->lightmap_uv[i].y + (float)rows_down) / (float)mesh->atlas_height};
+                                 (mesh->lightmap_uv[i].y + (float)(!back || back[i] ? rows_down : 0)) /
+                                     (float)mesh->atlas_height};
     const uint32_t accessor = add_vertices(g, uv, mesh->vertex_count, "VEC2", false);
     free(uv);
     return accessor;
@@ -198,15 +225,16 @@ static void add_attributes(struct lw_glb_scene *g, const struct lw_mesh *mesh, s
     uint32_t *a = out->attribute;
     a[POSITION] = add_vertices(g, mesh->position, n, "VEC3", true);
     a[NORMAL] = add_normals(g, mesh, 1);
-    a[TEXCOORD_1] = add_lightmap_uv(g, mesh, 0);
+    a[TEXCOORD_1] = add_lightmap_uv(g, mesh, NULL, 0);
     /* sets must begin with 0 and leave none out */
     a[TEXCOORD_0] = mesh->uv[0] ? add_vertices(g, mesh->uv[0], n, "VEC2", false) : a[TEXCOORD_1];
     if (uses_uv_set_1(g->desc.scene, mesh)) a[TEXCOORD_2] = add_vertices(g, mesh->uv[1], n, "VEC2", false);
     if (mesh->colour) a[COLOR_0] = add_vertices(g, mesh->colour, n, "VEC4", false);
-    out->back_normal = out->back_uv = LW_GLB_NONE;
+    out->back_position = out->back_normal = out->back_uv = LW_GLB_NONE;
     if (!g->desc.split_sides || !mesh->back_offset) return;
+    out->back_position = add_back_positions(g, mesh);
     out->back_normal = add_normals(g, mesh, -1);
-    out->back_uv = add_lightmap_uv(g, mesh, mesh->back_offset);
+    out->back_uv = add_lightmap_uv(g, mesh, NULL, mesh->back_offset);
 }
 
 /* Whether a material's triangles on this mesh are written once for each side. */
@@ -375,23 +403,27 @@ static uint32_t add_material(struct lw_glb_scene *g, const struct lw_material *m
 /* ---- objects ---- */
 
 /* What an engine's script needs to load the EXR in place of the picture. */
-static json_t *make_extras(const struct lw_glb_scene *g, const struct lw_map *map, const char *file) {
+static json_t *make_extras(const struct lw_glb_scene *g, const struct lw_map *map, const char *file,
+                           const char *side) {
     char *path = NULL;
     if (asprintf(&path, "%s%s", g->desc.map_folder, file) < 0) return NULL;
-    json_t *extras =
-        json_pack("{s:o, s:s, s:s, s:s, s:i, s:I, s:I, s:I}", "lightmap", lw_manifest_text(path),
-                  "convention", g->desc.convention->name, "quantity", g->desc.convention->quantity, "units",
-                  g->desc.convention->units, "texCoord", UV_LIGHTMAP, "width", (json_int_t)map->width,
-                  "height", (json_int_t)map->height, "back_offset", (json_int_t)map->back_offset);
+    json_t *extras = json_pack(
+        "{s:o, s:s, s:s, s:s, s:i, s:I, s:I, s:I, s:s}", "lightmap", lw_manifest_text(path), "convention",
+        g->desc.convention->name, "quantity", g->desc.convention->quantity, "units",
+        g->desc.convention->units, "texCoord", UV_LIGHTMAP, "width", (json_int_t)map->width, "height",
+        (json_int_t)map->height, "back_offset", (json_int_t)map->back_offset, "side", side);
     free(path);
     return extras;
 }
 
+/* lightmap_uv: the accessor of the object's own coordinates, or LW_GLB_NONE: those of its mesh */
 static json_t *make_primitive(const struct lw_glb_mesh *mesh, uint32_t primitive, uint32_t material,
-                              bool back) {
+                              bool back, uint32_t lightmap_uv) {
     json_t *attributes = json_object();
     for (int i = 0; i < ATTRIBUTE_COUNT; i++) {
         uint32_t accessor = mesh->attribute[i];
+        if (lightmap_uv != LW_GLB_NONE && accessor == mesh->attribute[TEXCOORD_1]) accessor = lightmap_uv;
+        if (back && i == POSITION) accessor = mesh->back_position;
         if (back && i == NORMAL) accessor = mesh->back_normal;
         if (back && i == TEXCOORD_1) accessor = mesh->back_uv;
         if (accessor != LW_GLB_NONE) set(attributes, attribute_name[i], json_integer(accessor));
@@ -401,21 +433,25 @@ static json_t *make_primitive(const struct lw_glb_mesh *mesh, uint32_t primitive
                      (json_int_t)material);
 }
 
-void lw_glb_scene_add(struct lw_glb_scene *g, const struct lw_map *map, const char *file,
-                      const uint8_t *irradiance_rgb, float scale) {
+void lw_glb_scene_add(struct lw_glb_scene *g, const struct lw_map *map, const struct lw_sides_shown *shown,
+                      const char *file, const uint8_t *irradiance_rgb, float scale) {
     const struct lw_scene *scene = g->desc.scene;
     const struct lw_object *object = &scene->object[map->object];
     const struct lw_mesh *mesh = &scene->mesh[object->mesh];
     const struct lw_glb_mesh *written = get_mesh(g, object->mesh);
     const uint32_t lightmap = add_lightmap_texture(g, map, file, irradiance_rgb);
-    json_t *extras = g->object_extras[map->object] = make_extras(g, map, file), *primitives = json_array();
+    const bool own_uv = shown->back && !g->desc.split_sides;
+    const uint32_t uv = own_uv ? add_lightmap_uv(g, mesh, shown->back, mesh->back_offset) : LW_GLB_NONE;
+    json_t *extras = g->object_extras[map->object] =
+        make_extras(g, map, file, g->desc.split_sides ? "each" : lw_sides_name(shown));
+    json_t *primitives = json_array();
     if (!extras) out_of_memory(g);
     for (uint32_t p = 0; p < written->primitive_count && g->glb.error.status == LW_OK; p++) {
         const uint32_t material =
             add_material(g, &scene->material[written->material[p]], mesh, lightmap, scale, extras);
-        json_array_append_new(primitives, make_primitive(written, p, material, false));
+        json_array_append_new(primitives, make_primitive(written, p, material, false, uv));
         if (written->back_indices[p] != LW_GLB_NONE)
-            json_array_append_new(primitives, make_primitive(written, p, material, true));
+            json_array_append_new(primitives, make_primitive(written, p, material, true, uv));
     }
     g->object_mesh[map->object] =
         lw_glb_add(&g->glb, "meshes",

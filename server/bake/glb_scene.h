@@ -10,6 +10,7 @@
 
 #include "server/bake/glb.h"
 #include "server/bake/map.h"
+#include "server/bake/sides.h"
 
 struct lw_glb_scene_desc {
     const struct lw_scene *scene;
@@ -23,9 +24,9 @@ struct lw_glb_scene_desc {
 
 /* A mesh in the file: the data that its objects share. */
 struct lw_glb_mesh {
-    uint32_t *attribute;                         /* accessors; NULL: not written yet */
-    uint32_t back_normal, back_uv;               /* accessors of the back of split sides; or LW_GLB_NONE */
-    uint32_t *material, *indices, *back_indices; /* per primitive: the scene's material; accessors */
+    uint32_t *attribute;                          /* accessors; NULL: not written yet */
+    uint32_t back_position, back_normal, back_uv; /* accessors of the back of split sides; or LW_GLB_NONE */
+    uint32_t *material, *indices, *back_indices;  /* per primitive: the scene's material; accessors */
     uint32_t primitive_count;
 };
 
@@ -44,10 +45,11 @@ struct lw_glb_scene {
 LW_MUST_CHECK enum lw_status lw_glb_scene_init(struct lw_glb_scene *g, const struct lw_glb_scene_desc *desc);
 void lw_glb_scene_finish(struct lw_glb_scene *g);
 
-/** Adds an object with its map. irradiance: the map in 8 bits, W/m^2 per unit = scale, for MOZ_lightmap.
- * file: the EXR's name. Failures are kept for lw_glb_scene_write(). */
-void lw_glb_scene_add(struct lw_glb_scene *g, const struct lw_map *map, const char *file,
-                      const uint8_t *irradiance_rgb, float scale);
+/** Adds an object with its map. shown: which sides its lightmap coordinates point at; of split sides each shows
+ * its own. irradiance: the map in 8 bits, W/m^2 per unit = scale, for MOZ_lightmap. file: the EXR's name.
+ * Failures are kept for lw_glb_scene_write(). */
+void lw_glb_scene_add(struct lw_glb_scene *g, const struct lw_map *map, const struct lw_sides_shown *shown,
+                      const char *file, const uint8_t *irradiance_rgb, float scale);
 
 /** After all objects: adds the rest of the scene and writes the file. Errors: as lw_glb_write(). */
 LW_MUST_CHECK enum lw_status lw_glb_scene_write(struct lw_glb_scene *g, const char *path,

@@ -60,17 +60,19 @@ void lw_manifest_finish(struct lw_manifest *manifest) {
 }
 
 enum lw_status lw_manifest_add(struct lw_manifest *manifest, const struct lw_scene *scene,
-                               const struct lw_map *map, const char *file, bool half) {
+                               const struct lw_map *map, const struct lw_sides_shown *shown, const char *file,
+                               bool half) {
     const struct lw_object *object = &scene->object[map->object];
     json_t *entry =
-        json_pack("{s:I, s:o, s:o, s:o, s:s, s:I, s:I, s:s, s:I, s:I, s:I, s:f, s:f, s:f}", "object",
-                  (json_int_t)map->object, "name", lw_manifest_text(object->name), "mesh",
+        json_pack("{s:I, s:o, s:o, s:o, s:s, s:I, s:I, s:s, s:I, s:I, s:I, s:f, s:f, s:f, s:s, s:f}",
+                  "object", (json_int_t)map->object, "name", lw_manifest_text(object->name), "mesh",
                   lw_manifest_text(scene->mesh[object->mesh].name), "node",
                   lw_manifest_text(scene->node[object->node].name), "file", file, "width",
                   (json_int_t)map->width, "height", (json_int_t)map->height, "type", half ? "half" : "float",
                   "back_offset", (json_int_t)map->back_offset, "covered_texels", (json_int_t)map->covered,
                   "samples", (json_int_t)map->samples, "error", (double)map->error, "error_worst",
-                  (double)map->error_worst, "largest", (double)map->largest);
+                  (double)map->error_worst, "largest", (double)map->largest, "side", lw_sides_name(shown),
+                  "both_sides", shown->total_m2 > 0 ? shown->both_m2 / shown->total_m2 : 0);
     return entry && json_array_append_new(manifest->maps, entry) == 0 ? LW_OK : LW_NO_MEMORY;
 }
 

@@ -538,7 +538,9 @@ static void memory_is_bounded(void **state) {
     const struct lw_import_spawn_desc desc = {
         .scene = "x.glb",
         .memory_max = 64 << 20,
-        .program = write_program("#!/bin/sh\nsleep 0.2\n[ $(ulimit -v) = 65536 ] && exit 71\nexit 1\n")};
+        .program =
+            write_program("#!/bin/sh\ni=0\nwhile [ $i -lt 300 ]\ndo\n[ $(ulimit -v) = 65536 ] && exit 71\n"
+                          "sleep 0.1\ni=$((i + 1))\ndone\nexit 1\n")}; /* the limit comes after the start */
     lw_support_fails(spawn(&desc, &s, &scene, &err), LW_NO_MEMORY, &err, "out of memory");
 }
 

@@ -20,6 +20,8 @@ struct written {
 };
 
 static bool split_sides;
+static const uint8_t
+    *first_shows; /* per vertex: what the first object shows; NULL: fronts, as the others do */
 
 static void write_scene(struct written *w, struct lw_scene *scene, bool with_lights) {
     const char *path = lw_support_temporary("scene.glb");
@@ -44,7 +46,9 @@ static void write_scene(struct written *w, struct lw_scene *scene, bool with_lig
         uint8_t *rgb = calloc((size_t)map.width * map.height, 3);
         assert_non_null(rgb);
         memset(rgb, (int)o, (size_t)map.width * map.height * 3);
-        lw_glb_scene_add(&g, &map, "name.exr", rgb, 2.5f);
+        const struct lw_sides_shown shown = {
+            .back = o == 0 ? (uint8_t *)first_shows : NULL, .back_m2 = 1, .total_m2 = 1};
+        lw_glb_scene_add(&g, &map, &shown, "name.exr", rgb, 2.5f);
         free(rgb);
     }
     lw_support_ok(lw_glb_scene_write(&g, path, &err), &err);
@@ -316,7 +320,11 @@ static void sides_are_split(void **state) {
     json_t *front = json_array_get(primitives, 0), *back = json_array_get(primitives, 1);
     assert_true(number(front, "material") == number(back, "material"));
     assert_null(json_object_get(at(w.json, "materials", (size_t)number(front, "material")), "doubleSided"));
-    assert_true(number(front, "attributes/POSITION") == number(back, "attributes/POSITION"));
+    /* the back lies behind the front by a ten-thousandth of the mesh, so that nothing flickers */
+    const float *front_at =
+                    floats_of(&w, at(w.json, "accessors", (size_t)number(front, "attributes/POSITION"))),
+                *back_at =
+                    floats_of(&w, at(w.json, "accessors", (size_t)number(back, "attributes/POSITION")));
     const float *front_uv =
                     floats_of(&w, at(w.json, "accessors", (size_t)number(front, "attributes/TEXCOORD_1"))),
                 *back_uv =
@@ -330,13 +338,42 @@ static void sides_are_split(void **state) {
         assert_true(back_uv[v * 2] == front_uv[v * 2]);
         assert_true(fabsf((back_uv[v * 2 + 1] - front_uv[v * 2 + 1]) * (float)mesh->atlas_height -
                           (float)mesh->back_offset) < 1e-3f);
-        for (uint32_t c = 0; c < 3; c++) assert_true(back_normal[v * 3 + c] == -front_normal[v * 3 + c]);
+        float behind = 0;
+        for (uint32_t c = 0; c < 3; c++) {
+            assert_true(back_normal[v * 3 + c] == -front_normal[v * 3 + c]);
+            behind += (front_at[v * 3 + c] - back_at[v * 3 + c]) * front_normal[v * 3 + c];
+        }
+        assert_true(behind > 0 && behind < 1e-3f);
     }
     const uint16_t *a = (const uint16_t *)(const void *)floats_of(
                        &w, at(w.json, "accessors", (size_t)number(front, "indices"))),
                    *b = (const uint16_t *)(const void *)floats_of(
                        &w, at(w.json, "accessors", (size_t)number(back, "indices")));
     for (int k = 0; k < 3; k++) assert_int_equal(a[k], b[2 - k]);
+    finish(&w);
+}
+
+/* Two objects of a mesh: of the first one a vertex's chart shows the back. */
+static void an_object_may_show_its_backs(void **state) {
+    (void)state;
+    struct written w;
+    static const uint8_t second_vertex[64] = {[1] = 1};
+    first_shows = second_vertex;
+    write_scene(&w, lw_support_everything(), false);
+    first_shows = NULL;
+    const struct lw_mesh *mesh = &w.scene->mesh[0];
+    json_t *own = down(at(w.json, "meshes", 0), "primitives/0/attributes"),
+           *other = down(at(w.json, "meshes", 1), "primitives/0/attributes");
+    assert_true(number(own, "POSITION") == number(other, "POSITION"));
+    const float *own_uv = floats_of(&w, at(w.json, "accessors", (size_t)number(own, "TEXCOORD_1"))),
+                *other_uv = floats_of(&w, at(w.json, "accessors", (size_t)number(other, "TEXCOORD_1")));
+    for (uint32_t v = 0; v < mesh->vertex_count; v++) {
+        assert_true(own_uv[v * 2] == other_uv[v * 2]);
+        const float rows = (own_uv[v * 2 + 1] - other_uv[v * 2 + 1]) * (float)mesh->atlas_height;
+        assert_true(fabsf(rows - (v == 1 ? (float)mesh->back_offset : 0)) < 1e-3f);
+    }
+    json_t *lightwell = down(at(w.json, "materials", 0), "extras/lightwell");
+    assert_string_equal(json_string_value(down(lightwell, "side")), "back");
     finish(&w);
 }
 
@@ -369,6 +406,7 @@ int main(void) {
         cmocka_unit_test(textures_keep_pixels_and_wraps),
         cmocka_unit_test(a_texture_without_coordinates_becomes_a_factor),
         cmocka_unit_test(sides_are_split),
+        cmocka_unit_test(an_object_may_show_its_backs),
         cmocka_unit_test(failures_name_the_file),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

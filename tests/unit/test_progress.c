@@ -100,6 +100,25 @@ static void plain_lines_come_every_two_seconds(void **state) {
                                  "tester: packing: done in 10 s\n");
 }
 
+/* Of two ends the nearer one is told. */
+static void a_time_limit_is_an_end(void **state) {
+    (void)state;
+    struct lw_progress p;
+    lw_progress_init(&p, "baking", 100);
+    p.limit_s = 60;
+    pass_ms(4000);
+    lw_progress_step(&p, 2);
+    assert_string_equal(shown(), "tester: baking: 2 %, 56 s left by the time limit\n");
+    pass_ms(26000);
+    lw_progress_step(&p, 58);
+    assert_string_equal(shown(), "tester: baking: 60 %, 20 s left\n");
+    pass_ms(34000);
+    lw_progress_step(&p, 0);
+    assert_string_equal(shown(), "tester: baking: 60 %, 0.0 s left by the time limit\n");
+    lw_progress_stop(&p);
+    assert_string_equal(shown(), "tester: baking: stopped at 60 % after 64 s\n");
+}
+
 static void long_times_change_their_unit(void **state) {
     (void)state;
     struct lw_progress p;
@@ -254,6 +273,7 @@ int main(void) {
 #define TERMINAL(name) cmocka_unit_test_setup_teardown(name, capture_terminal, end_capture)
         PLAIN(fast_work_is_quiet),
         PLAIN(plain_lines_come_every_two_seconds),
+        PLAIN(a_time_limit_is_an_end),
         PLAIN(long_times_change_their_unit),
         PLAIN(an_unknown_total_shows_the_count),
         PLAIN(more_steps_than_announced_stay_at_the_end),
