@@ -42,7 +42,8 @@ struct lw_crossover_references {
     struct lw_crossover_reference late[LW_CROSSOVER_LATES][LW_CROSSOVER_VIEWS];
     bool dark[LW_CROSSOVER_VIEWS];
     uint32_t dark_count;
-    double mean_square; /* of all judged references, or of those a second before if that is more */
+    /* of all judged references, or of those a second before if that is more; of pixels that do not shine */
+    double mean_square;
     float stops;        /* exposure at which they are shown */
 };
 

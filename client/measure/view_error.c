@@ -291,12 +291,3 @@ struct lw_view_error lw_view_error_of(struct lw_view_error_sum *sum) {
     if (sum->lag_count) find_lag(sum, &error);
     return error;
 }
-
-void lw_view_error_mean_square(const struct lw_view_error_reference *reference, double *sum,
-                               uint64_t *count) {
-    for (size_t p = 0; p < pixels_of(reference); p++) {
-        if (!counts(reference, p)) continue;
-        for (size_t i = 3 * p; i < 3 * p + 3; i++) *sum += mean_of(reference, i) * mean_of(reference, i);
-        *count += 3;
-    }
-}

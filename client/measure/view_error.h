@@ -33,8 +33,8 @@
 #define LW_VIEW_ERROR_WORST_SHARE   1e-3 /* of all pixels, which the trimmed relMSE leaves out */
 
 struct lw_view_error_desc {
-    /* (W/(m^2 sr))^2, of relMSE, flicker and lag; usually 1 % of the mean square of all references
-     * (lw_view_error_mean_square()). Where the reference is black only 0 is right. */
+    /* (W/(m^2 sr))^2, of relMSE, flicker and lag; usually 1 % of the mean square of all references. Where the
+     * reference is black only 0 is right. */
     double epsilon;
     enum lw_tonemap_curve curve; /* how FLIP's display shows pictures */
     float stops;
@@ -116,8 +116,5 @@ LW_MUST_CHECK enum lw_status lw_view_error_append(struct lw_view_error_sum *sum,
 
 /** The figures. Reorders what is inside; more may be added afterwards. */
 struct lw_view_error lw_view_error_of(struct lw_view_error_sum *sum);
-
-/** Adds the squares of a reference's values to a sum, and their number to a count. */
-void lw_view_error_mean_square(const struct lw_view_error_reference *reference, double *sum, uint64_t *count);
 
 #endif

@@ -135,19 +135,21 @@ static float mean_luminance(const float *rgb, size_t pixels) {
 }
 
 /* The mean of a picture of few pixels; 0 without memory for it. */
-static float glance(const struct lw_path_renderer *r, const struct lw_path_view *like) {
+static float glance(const struct lw_path_renderer *r, const struct lw_path_view *like,
+                    struct lw_path_count *count) {
     struct lw_path_view view = *like;
     struct lw_path_film film;
     const uint32_t height = GLANCE_SIDE * r->desc.height / r->desc.width;
     if (lw_path_film_init(&film, GLANCE_SIDE, height ? height : 1, NULL) != LW_OK) return 0;
-    lw_path_trace_render(r->desc.tracer, &view, 2, &film, NULL);
+    lw_path_trace_render(r->desc.tracer, &view, 2, &film, count);
     lw_path_film_resolve(&film, film.half[0]);
     const float mean = mean_luminance(film.half[0], (size_t)film.width * film.height);
     lw_path_film_finish(&film);
     return mean;
 }
 
-static struct lw_path_view view_of(struct lw_path_renderer *r, const struct lw_path_frame *frame) {
+static struct lw_path_view view_of(struct lw_path_renderer *r, const struct lw_path_frame *frame,
+                                   struct lw_path_count *count) {
     const bool remembers = lw_path_renderer_remembers(r->desc.kind);
     struct lw_path_view view = {.camera = frame->camera,
                                 .bounces = r->desc.bounces,
@@ -162,14 +164,14 @@ static struct lw_path_view view_of(struct lw_path_renderer *r, const struct lw_p
         /* one sequence goes on while nothing moves; every other frame has its own */
         view.seed = lw_random_hash2(frame->seed, frame->still ? 0 : frame->number);
     }
-    if (view.all_lights) view.clamp = CLAMP_MEANS * (r->mean > 0 ? r->mean : glance(r, &view));
+    if (view.all_lights) view.clamp = CLAMP_MEANS * (r->mean > 0 ? r->mean : glance(r, &view, count));
     return view;
 }
 
 /* Traces what bounces bring to the quarter. Its pixels take turns within their squares while anything moves;
  * in a still picture a history of many frames wants them in one place. */
 static void trace_quarter(struct lw_path_renderer *r, const struct lw_path_view *like, uint32_t number,
-                          uint32_t samples) {
+                          uint32_t samples, struct lw_path_count *count) {
     static const uint8_t x[] = {0, 1, 1, 0}, y[] = {0, 1, 0, 1}; /* neighbours in time far apart */
     struct quarter *q = &r->quarter;
     struct lw_path_view view = *like;
@@ -178,7 +180,7 @@ static void trace_quarter(struct lw_path_renderer *r, const struct lw_path_view 
     view.part = LW_PATH_PART_INDIRECT;
     view.first_hits = &q->gbuffer;
     lw_path_film_clear(&q->film);
-    lw_path_trace_render(r->desc.tracer, &view, samples, &q->film, NULL);
+    lw_path_trace_render(r->desc.tracer, &view, samples, &q->film, count);
     lw_path_film_resolve(&q->film, q->radiance);
 }
 
@@ -191,15 +193,16 @@ const float *lw_path_renderer_frame(struct lw_path_renderer *r, const struct lw_
     const bool remembers = lw_path_renderer_remembers(r->desc.kind);
     const size_t pixels = (size_t)r->desc.width * r->desc.height;
     const uint64_t began_ns = lw_clock_process_cpu_ns();
-    struct lw_path_view view = view_of(r, frame);
+    struct lw_path_count count = {.rays_primary = remembers ? pixels : 0};
+    struct lw_path_view view = view_of(r, frame, &count);
     if (remembers) lw_gbuffer_render(&r->gbuffer, frame->pose, &frame->camera);
     if (has_quarter(r)) {
-        trace_quarter(r, &view, frame->number, frame->samples);
+        trace_quarter(r, &view, frame->number, frame->samples, &count);
         view.part = LW_PATH_PART_DIRECT;
     }
     if (remembers) view.first_hits = &r->gbuffer;
     if (remembers || !frame->still) lw_path_film_clear(&r->film);
-    lw_path_trace_render(r->desc.tracer, &view, frame->samples, &r->film, NULL);
+    lw_path_trace_render(r->desc.tracer, &view, frame->samples, &r->film, &count);
     lw_path_film_resolve(&r->film, r->rgb);
     const uint64_t traced_ns = lw_clock_process_cpu_ns();
     if (remembers) lw_svgf_filter(r->svgf, &r->gbuffer, r->rgb, r->rgb);
@@ -212,6 +215,7 @@ const float *lw_path_renderer_frame(struct lw_path_renderer *r, const struct lw_
     if (out_cost) {
         out_cost->trace_s += 1e-9 * (double)(traced_ns - began_ns);
         out_cost->filter_s += 1e-9 * (double)(lw_clock_process_cpu_ns() - traced_ns);
+        out_cost->rays += count.rays_primary + count.rays_shadow + count.rays_bounce;
     }
     return r->rgb;
 }

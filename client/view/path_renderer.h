@@ -60,9 +60,10 @@ struct lw_path_frame {
     bool still;       /* nothing has moved since the last frame: renderers without a history add up samples */
 };
 
-/** CPU seconds of a frame, all threads. */
+/** CPU seconds of a frame, all threads, and the rays that it took. */
 struct lw_path_frame_cost {
     double trace_s, filter_s;
+    uint64_t rays; /* of first hits, towards lights and of bounces; a first hit that is shared counts once */
 };
 
 /** Renders a frame.

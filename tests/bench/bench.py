@@ -3,7 +3,7 @@
 
     tests/bench/bench.py [--bin DIR] [--rounds N] [--out FILE] [SCENE...]
 
-Runs bench_solve and bench_compose, shows their tables, then a row per scene of what is worth following from commit to commit,
+Runs bench_solve, bench_compose and bench_renderers, shows their tables, then a row per scene of what is worth following from commit to commit,
 and writes all of it to FILE (default bench.json). SCENE: what lightwelld takes; by default Cornell, the atrium, city:2, and
 Sponza where LW_TEST_SCENES (default ../shared/scenes) has it.
 """
@@ -19,7 +19,8 @@ ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)
 SPONZA = "sponza/Sponza_lit.gltf"
 SPONZA_CAMERA = "@-8,1.8,-0.3:5,4,-0.3:75"  # the only one of the scenes that brings no camera
 SHOWN = ["direct_over_raw", "scatter_over_raw", "compose_over_raw", "drawn_over_compose", "shadow_rays_a_pixel",
-         "speed_up", "serial_percent"]
+         "speed_up", "serial_percent", "svgf_over_raw", "svgf_quarter_over_raw"]
+PATHS = ["--width", "320", "--height", "180", "--reference", "32", "--spp-max", "1"]  # of the crossover's opponents
 
 
 def git(*words):
@@ -90,6 +91,10 @@ def measure(tools, scene, rounds):
             out["compose_over_raw"] = row["compose_over_raw"]
             out["drawn_over_compose"] = row["drawn_over_compose"]
             out["shadow_rays_a_pixel"] = row["shadow_rays_a_pixel"]  # over the bare rays, one a pixel
+    print()
+    out["renderers"] = {row.pop("renderer"): row for row in rows_of(tools + "/bench_renderers", *PATHS, view)}
+    out["svgf_over_raw"] = out["renderers"]["svgf"]["over_raw"]
+    out["svgf_quarter_over_raw"] = out["renderers"]["svgf-quarter"]["over_raw"]
     return out
 
 

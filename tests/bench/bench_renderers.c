@@ -6,20 +6,26 @@
  * A camera moves and turns through each scene for --frames pictures while its animation runs; the last
  * one is compared with a path trace of --reference samples. One table in Markdown per scene: relMSE =
  * mean((x-t)^2 / (t^2 + eps)), eps = 1 % of the mean of t^2, less what the reference's own noise adds; CPU
- * seconds per picture: of first hits and paths, and of the filter. With -o DIR also the pictures: of
- * each renderer, and the reference. */
+ * seconds per picture: of first hits and paths, and of the filter. over_raw: a renderer's rays a CPU second,
+ * with all that it does, over those of bare rays through the same pixels, 16 neighbours at a time. Bounce rays
+ * are not parallel, so that 1 cannot be reached. With -o DIR also the pictures: of each renderer, and the
+ * reference. */
 #include "client/view/path_renderer.h"
 #include "client/view/tonemap.h"
+#include "common/clock.h"
 #include "common/image/image.h"
 #include "common/scene/scene_motion.h"
 #include "tests/bench/bench_setup.h"
 #include "tests/bench/bench_view.h"
 #include "tests/support/support.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+
+#define BARE_ROUNDS 5
 
 struct settings {
     struct lw_scene_open open;
@@ -39,6 +45,7 @@ struct scene {
     struct lw_camera_view camera; /* of the first frame */
     float *reference;
     double reference_error; /* relMSE */
+    double bare_rate;       /* rays a CPU second */
 };
 
 static size_t value_count(const struct scene *s) {
@@ -92,6 +99,34 @@ static double error_of(const struct scene *s, const float *rgb) {
     return lw_support_relmse(rgb, s->reference, value_count(s)) - s->reference_error;
 }
 
+/* CPU seconds of a bare ray through each pixel, with nothing asked of what it meets. */
+static double bare_rays_s(const struct scene *s) {
+    const uint32_t width = (uint32_t)s->settings->width, height = (uint32_t)s->settings->height;
+    const struct lw_camera_view camera = camera_at(s, s->settings->frames - 1);
+    const struct lw_camera_plane plane = lw_camera_plane(&camera, width, height);
+    const uint64_t began_ns = lw_clock_thread_cpu_ns();
+    for (uint32_t top = 0; top < height; top += 4)
+        for (uint32_t left = 0; left < width; left += 4) {
+            struct lw_ray16 rays = {.salt = 0};
+            struct lw_hit16 hits;
+            for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++) {
+                const float x = (float)(left + i % 4) + 0.5f, y = (float)(top + i / 4) + 0.5f;
+                const struct lw_vec3 d = lw_camera_direction(&plane, x, y);
+                lw_trace_set_ray(&rays, i, camera.position, d, INFINITY);
+            }
+            lw_trace_closest16(s->trace, LW_TRACE_VIEW | LW_TRACE_COHERENT, 0xffff, &rays, &hits);
+        }
+    return 1e-9 * (double)(lw_clock_thread_cpu_ns() - began_ns);
+}
+
+/* Rays a CPU second; the best of some rounds, since other programs can only make it slower. */
+static double bare_rate(const struct scene *s) {
+    double least_s = bare_rays_s(s);
+    for (int i = 1; i < BARE_ROUNDS; i++) least_s = fmin(least_s, bare_rays_s(s));
+    const double across = ceil((double)s->settings->width / 4), down = ceil((double)s->settings->height / 4);
+    return LW_TRACE_WIDTH * across * down / least_s;
+}
+
 static enum lw_status write_picture(const struct scene *s, const char *name, const char *what, int64_t spp,
                                     const float *rgb, struct lw_error *err) {
     char path[512];
@@ -137,8 +172,9 @@ static enum lw_status measure(struct scene *s, const char *name, enum lw_path_re
     }
     if (status == LW_OK) {
         const double n = (double)o->frames, total_s = (cost.trace_s + cost.filter_s) / n;
-        printf("| %s | %u | %.4g | %.3f | %.3f | %.3f |\n", lw_path_renderer_name(kind), spp,
-               error_of(s, rgb), cost.trace_s / n, cost.filter_s / n, total_s);
+        printf("| %s | %u | %.4g | %.3f | %.3f | %.3f | %.3f | %.3f |\n", lw_path_renderer_name(kind), spp,
+               error_of(s, rgb), cost.trace_s / n, cost.filter_s / n, total_s, 1e-6 * (double)cost.rays / n,
+               (double)cost.rays / (total_s * n) / s->bare_rate);
         fflush(stdout);
         status = write_picture(s, name, lw_path_renderer_name(kind), spp, rgb, err);
     }
@@ -184,10 +220,12 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     enum lw_status status = set_up(&s, name, err);
     if (status == LW_OK) status = trace_reference(&s, err);
     if (status == LW_OK) {
-        printf("\n%s, %dx%d, %d frames; relMSE of the reference %.2g\n\n", name, (int)settings->width,
-               (int)settings->height, (int)settings->frames, s.reference_error);
-        printf("| renderer | spp | relMSE | paths, CPU s | filter, CPU s | frame, CPU s |\n");
-        printf("|---|---|---|---|---|---|\n");
+        s.bare_rate = bare_rate(&s);
+        printf("\n%s, %dx%d, %d frames; relMSE of the reference %.2g; %.3g M bare rays a CPU second\n\n", name,
+               (int)settings->width, (int)settings->height, (int)settings->frames, s.reference_error,
+               1e-6 * s.bare_rate);
+        printf("| renderer | spp | relMSE | paths, CPU s | filter, CPU s | frame, CPU s | Mrays | over_raw |\n");
+        printf("|---|---|---|---|---|---|---|---|\n");
         status = write_picture(&s, name, "reference", settings->reference, s.reference, err);
     }
     for (int64_t spp = settings->spp_min; status == LW_OK && spp <= settings->spp_max; spp *= 2)

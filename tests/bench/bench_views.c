@@ -4,10 +4,11 @@
  *
  * Prints the views as rows of a table in fixed_views.c, each with its mean luminance; with --pick those that
  * the rule finds, whether or not there is a table. With --motion NAME and --lag also, per view, relMSE of
- * light that is a second late, at --moments times from 2 to 6 s: whether a measurement of that motion tells
- * old light from new. Pixels count that show the same object both times and do not shine; eps is 1 % of the
- * mean square of those, of the view or of all views. With few samples noise in the divisor makes it too
- * large: take off what --motion static has. With -o DIR a picture of each view. */
+ * light that is a second late: whether a measurement of that motion tells old light from new. It is taken at
+ * --moments times from 2 to 6 s; one is at 2 s, when lightwell-load crossover judges. Pixels count that show
+ * the same object both times and do not shine; eps is 1 % of the mean square of those, of the view or of all
+ * views. With few samples noise in the divisor makes it too large: take off what --motion static has. With
+ * -o DIR a picture of each view. */
 #include "client/measure/fixed_views.h"
 #include "client/measure/reference.h"
 #include "client/view/tonemap.h"
@@ -172,7 +173,7 @@ static enum lw_status measure_lag(struct scene *s, struct lw_error *err) {
     enum lw_status status = pair ? LW_OK : lw_status_fail(err, LW_NO_MEMORY, "no memory for views");
     for (size_t i = 0; status == LW_OK && i < count; i++) {
         const size_t k = i % moments;
-        const double share = moments > 1 ? (double)k / (double)(moments - 1) : 0.5;
+        const double share = moments > 1 ? (double)k / (double)(moments - 1) : 0;
         status = trace_pair(s, (uint32_t)(i / moments), (uint32_t)k, FIRST_S + share * (LAST_S - FIRST_S),
                             &pair[i], err);
     }
@@ -244,7 +245,7 @@ int main(int argc, char **argv) {
         {"motion", LW_SCENE_MOTION_CHOICES, "what moves (default static)", LW_OPTION_CHOICE, &s.motion, 0, 0,
          NULL},
         {"lag", NULL, "measure light that is a second late", LW_OPTION_FLAG, &s.lag, 0, 0, NULL},
-        {"moments", "N", "at which it is measured (default 3)", LW_OPTION_INT, &s.moments, 1, 1000, NULL},
+        {"moments", "N", "from 2 to 6 s at which it is measured (default 3; 1: at 2 s)", LW_OPTION_INT, &s.moments, 1, 1000, NULL},
         {"at", "S", "the pictures' moment (default 3)", LW_OPTION_REAL, &s.at_s, 0, 1e6, NULL},
         {"width", "N", "of pictures (default 192)", LW_OPTION_INT, &s.width, 16, 4096, NULL},
         {"height", "N", "of pictures (default 108)", LW_OPTION_INT, &s.height, 16, 4096, NULL},

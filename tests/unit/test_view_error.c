@@ -63,11 +63,10 @@ static void relmse_is_the_references(void **state) {
     }
     const struct lw_view_error_reference reference = reference_of(half[0], half[1]);
     struct lw_reference same = {.width = WIDTH, .height = HEIGHT, .half = {half[0], half[1]}};
-    double square = 0;
-    uint64_t count = 0;
-    lw_view_error_mean_square(&reference, &square, &count);
-    assert_int_equal(count, VALUES);
-    same.mean_square = square / VALUES;
+    for (size_t i = 0; i < VALUES; i++) {
+        const double mean = 0.5 * ((double)half[0][i] + (double)half[1][i]);
+        same.mean_square += mean * mean / VALUES;
+    }
     struct lw_view_error_sum sum = start(0.01 * same.mean_square);
     add(&sum, &reference, picture);
     const struct lw_view_error error = lw_view_error_of(&sum);
