@@ -78,7 +78,7 @@ static const struct table tables[] = {
           "along the lamp's gallery, the court to the left"},
          {{-2.15f, 1.60f, -7.69f}, {-7.10f, 0.90f, -7.83f}, 60, "the opposite gallery, patches of sun"},
          {{-9.50f, 1.60f, 3.00f}, {-5.00f, 1.30f, 7.50f}, 60, "from the court into the lamp's gallery"},
-         {{6.46f, 1.45f, 4.25f}, {2.81f, 1.84f, 7.65f}, 60, "through an arch: lamp and hanging lamp"},
+         {{-2.60f, 1.60f, 6.90f}, {-6.90f, 1.50f, 8.10f}, 60, "along the lamp's gallery, towards the lamp"},
          {{4.20f, 1.45f, -1.71f}, {2.64f, 0.68f, 2.98f}, 60, "the court's floor and the lamp's arches"},
          {{13.76f, 6.45f, -0.58f}, {12.42f, 5.73f, -5.34f}, 60, "the upper gallery, the balustrade's shadow"},
          {{-1.13f, 1.45f, 3.62f}, {2.93f, 2.25f, 0.81f}, 60, "the court, armillary and sunlit arches"},

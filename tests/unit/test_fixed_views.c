@@ -5,12 +5,15 @@
 #include "client/measure/views.h"
 #include "common/builtin/builtin.h"
 #include "common/open/scene_open.h"
+#include "common/scene/scene_motion.h"
 
 #include <math.h>
 #include <string.h>
 
 #define WIDTH  48u
 #define HEIGHT 27u
+#define LAMP_M 0.3f /* its own surface is not in the way */
+#define NEAR_M 8.0f
 
 static struct lw_scene *build(const char *name) {
     struct lw_scene *scene;
@@ -83,6 +86,47 @@ static void tables_show_something(void **state) {
     }
 }
 
+/* Whether a view has a point in its middle part, with nothing before it. */
+static bool sees(const struct lw_path_world *world, const struct lw_camera_view *camera, struct lw_vec3 at) {
+    const struct lw_vec3 way = lw_vec3_sub(at, camera->position);
+    const float length = lw_vec3_length(way), ahead = lw_vec3_dot(way, camera->forward);
+    if (!(ahead > length * cosf(25 * LW_PI / 180))) return false;
+    struct lw_ray16 rays = {.salt = 0};
+    lw_trace_set_ray(&rays, 0, camera->position, lw_vec3_scale(way, 1 / length), length - LAMP_M);
+    return !lw_trace_occluded16(world->trace, 0, 1, &rays);
+}
+
+/* Rows are judged at 2 s and compared with the light of 1 s: the lamp must be near by then, in some views. */
+static void the_atriums_lamp_walks_by(void **state) {
+    (void)state;
+    struct lw_scene *scene = build("builtin:atrium");
+    struct lw_fixed_views views;
+    struct lw_path_world world;
+    struct lw_scene_motion_way way;
+    struct lw_error err = {0};
+    lw_support_ok(lw_fixed_views_init(&views, scene, 0, &err), &err);
+    lw_support_ok(lw_scene_motion_find_way(scene, LW_SCENE_MOTION_LAMP_WALK, &way, &err), &err);
+    lw_support_ok(lw_path_world_init(&world, scene, 0, 0, &err), &err);
+    const struct lw_vec3 step = lw_vec3_scale(
+        lw_vec3_normalize(lw_vec3_sub(way.to_ws, way.from_ws)), LW_SCENE_MOTION_WALK_M_S);
+    unsigned see = 0;
+    for (uint32_t v = 0; v < LW_FIXED_VIEWS_COUNT; v++) {
+        bool near = false;
+        for (uint32_t k = 0; k <= 40; k++) { /* to 8 s */
+            const float time_s = 0.2f * (float)k;
+            const struct lw_camera_view camera = lw_fixed_views_at(&views, v, (double)time_s);
+            const struct lw_vec3 at = lw_vec3_mad(way.from_ws, step, time_s);
+            const float distance = lw_vec3_length(lw_vec3_sub(at, camera.position));
+            if (distance < 1) fail_msg("view %u: the lamp comes as near as %g m", v, (double)distance);
+            near |= k >= 5 && k <= 10 && distance < NEAR_M && sees(&world, &camera, at);
+        }
+        see += near;
+    }
+    if (see < 3) fail_msg("only %u views see the lamp from 1 to 2 s", see);
+    lw_path_world_finish(&world);
+    lw_scene_destroy(scene);
+}
+
 static void sponza_has_a_table(void **state) {
     (void)state;
     const struct lw_scene_open open = {.path = lw_support_scene("sponza/Sponza_lit.gltf"),
@@ -145,6 +189,7 @@ static void a_scene_with_nothing_to_see_is_refused(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(tables_show_something),
+        cmocka_unit_test(the_atriums_lamp_walks_by),
         cmocka_unit_test(sponza_has_a_table),
         cmocka_unit_test(a_name_is_not_enough),
         cmocka_unit_test(every_second_view_drifts),
