@@ -44,7 +44,7 @@ struct lw_crossover_references {
     uint32_t dark_count;
     /* of all judged references, or of those a second before if that is more; of pixels that do not shine */
     double mean_square;
-    float stops;        /* exposure at which they are shown */
+    float stops; /* exposure at which they are shown */
 };
 
 struct lw_crossover_references_desc {

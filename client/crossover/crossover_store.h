@@ -25,7 +25,7 @@
 
 /* tag, column, what it is */
 #define LW_CROSSOVER_COIN_MAP(X)                                                                             \
-    X(RELMSE, "relmse", "relMSE, ε = 1 % of the mean square over all views, without what shines")                                 \
+    X(RELMSE, "relmse", "relMSE, ε = 1 % of the mean square over all views, without what shines")            \
     X(RELMSE_SMALL, "relmse_1e-4", "relMSE, ε = 10⁻⁴")                                                       \
     X(RELMSE_TRIMMED, "relmse_999", "relMSE without the worst 0.1 % of the pixels")                          \
     X(FLIP, "flip", "ꟻLIP, 67 pixels per degree")                                                            \

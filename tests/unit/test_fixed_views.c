@@ -107,8 +107,8 @@ static void the_atriums_lamp_walks_by(void **state) {
     lw_support_ok(lw_fixed_views_init(&views, scene, 0, &err), &err);
     lw_support_ok(lw_scene_motion_find_way(scene, LW_SCENE_MOTION_LAMP_WALK, &way, &err), &err);
     lw_support_ok(lw_path_world_init(&world, scene, 0, 0, &err), &err);
-    const struct lw_vec3 step = lw_vec3_scale(
-        lw_vec3_normalize(lw_vec3_sub(way.to_ws, way.from_ws)), LW_SCENE_MOTION_WALK_M_S);
+    const struct lw_vec3 step =
+        lw_vec3_scale(lw_vec3_normalize(lw_vec3_sub(way.to_ws, way.from_ws)), LW_SCENE_MOTION_WALK_M_S);
     unsigned see = 0;
     for (uint32_t v = 0; v < LW_FIXED_VIEWS_COUNT; v++) {
         bool near = false;
@@ -188,12 +188,9 @@ static void a_scene_with_nothing_to_see_is_refused(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(tables_show_something),
-        cmocka_unit_test(the_atriums_lamp_walks_by),
-        cmocka_unit_test(sponza_has_a_table),
-        cmocka_unit_test(a_name_is_not_enough),
-        cmocka_unit_test(every_second_view_drifts),
-        cmocka_unit_test(a_scene_with_nothing_to_see_is_refused),
+        cmocka_unit_test(tables_show_something),    cmocka_unit_test(the_atriums_lamp_walks_by),
+        cmocka_unit_test(sponza_has_a_table),       cmocka_unit_test(a_name_is_not_enough),
+        cmocka_unit_test(every_second_view_drifts), cmocka_unit_test(a_scene_with_nothing_to_see_is_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
