@@ -69,7 +69,7 @@ void lw_daemon_metrics_frame(struct lw_daemon_metrics *metrics, const struct lw_
     sums->newest_frame = frame->number;
     sums->tiles = solve->tiles;
     sums->tiles_converged = solve->tiles_converged;
-    sums->tiles_wanted = solve->tiles_wanted;
+    sums->tiles_interest = solve->tiles_interest;
     pthread_mutex_unlock(&metrics->mutex);
 }
 
@@ -141,7 +141,7 @@ static void write_solve(struct lw_exposition *e, const struct lw_daemon_metrics_
     lw_exposition_gauge(e, "lightwell_tiles", sums->tiles, "Level-0 tiles of the scene.");
     lw_exposition_gauge(e, "lightwell_converged_tiles", sums->tiles_converged,
                         "Level-0 tiles that are converged: they cost no ray.");
-    lw_exposition_gauge(e, "lightwell_interest_tiles", sums->tiles_wanted,
+    lw_exposition_gauge(e, "lightwell_interest_tiles", sums->tiles_interest,
                         "Level-0 tiles in the interest set of all clients together.");
     lw_exposition_counter(e, "lightwell_scene_changes_total", (double)sums->changes,
                           "Changes of the scene that clients made.");

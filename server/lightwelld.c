@@ -465,7 +465,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
     if (s->light == LIGHT_SEEN) { /* by nobody, to begin with */
         uint8_t *nothing = calloc((size_t)d->atlas_map.tile_count + 1, 1);
         if (!nothing) return lw_status_fail(err, LW_NO_MEMORY, "tiles");
-        status = d->solver->ops->want(d->solver, nothing, err);
+        status = d->solver->ops->set_interest(d->solver, nothing, err);
         free(nothing);
         if (status != LW_OK) return status;
     }
@@ -529,8 +529,8 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
     put_count(line, "tiles_solved", solve->tiles_solved);
     put_count(line, "tiles_converged", solve->tiles_converged);
     put_count(line, "tiles", solve->tiles);
-    put_count(line, "tiles_interest", solve->tiles_wanted);
-    put_count(line, "tiles_contributing", solve->tiles_feeding);
+    put_count(line, "tiles_interest", solve->tiles_interest);
+    put_count(line, "tiles_contributing", solve->tiles_contributing);
     put_count(line, "tiles_encoded", publish->tiles_encoded);
     put_count(line, "bytes_encoded", publish->bytes_encoded);
     put_count(line, "split_tiles_encoded", publish->split_tiles_encoded);
@@ -586,7 +586,7 @@ static void wait_until(const struct daemon *d, uint64_t deadline_ns) {
 static enum lw_status follow_clients(struct daemon *d, struct lw_error *err) {
     struct lw_server_interest wanted;
     if (d->settings.light != LIGHT_SEEN || !lw_server_take_interest(d->server, &wanted)) return LW_OK;
-    enum lw_status status = d->solver->ops->want(d->solver, wanted.levels, err);
+    enum lw_status status = d->solver->ops->set_interest(d->solver, wanted.levels, err);
     free(wanted.levels);
     return status;
 }

@@ -18,9 +18,10 @@ enum lw_status lw_bake_resume(const struct lw_bake_desc *desc, uint64_t *out_fra
 
 /* Frames that a tile still needs. Its error falls with the root of their number. */
 static double frames_left(const struct lw_bake_desc *desc, const struct lw_solver_tile *tile) {
-    if (desc->samples) return tile->frames < desc->samples ? desc->samples - tile->frames : 0;
-    const double seen = tile->frames ? tile->frames : 1, ratio = (double)tile->error / (double)desc->error;
-    if (tile->frames >= LW_CONVERGED_FRAMES_MIN && ratio <= 1) return 0;
+    if (desc->samples) return tile->sample_count < desc->samples ? desc->samples - tile->sample_count : 0;
+    const double seen = tile->sample_count ? tile->sample_count : 1,
+                 ratio = (double)tile->error / (double)desc->error;
+    if (tile->sample_count >= LW_CONVERGED_FRAMES_MIN && ratio <= 1) return 0;
     return fmax(fmax(1, LW_CONVERGED_FRAMES_MIN - seen), seen * ratio * ratio - seen);
 }
 

@@ -33,14 +33,14 @@ double lw_map_half_loss(const float *value, size_t count) {
 static void convert_tile(struct lw_solver_tile *tile, const struct lw_convention *convention,
                          float plane[3][LW_TILE_TEXELS_MAX]) {
     for (uint32_t i = 0; i < tile->width * tile->height; i++) {
-        const struct lw_vec3 texel =
-            lw_convention_texel(convention, lw_vec3(tile->light[0][i], tile->light[1][i], tile->light[2][i]),
-                                lw_vec3(tile->albedo[0][i], tile->albedo[1][i], tile->albedo[2][i]));
+        const struct lw_vec3 texel = lw_convention_texel(
+            convention, lw_vec3(tile->irradiance[0][i], tile->irradiance[1][i], tile->irradiance[2][i]),
+            lw_vec3(tile->albedo[0][i], tile->albedo[1][i], tile->albedo[2][i]));
         plane[0][i] = texel.x;
         plane[1][i] = texel.y;
         plane[2][i] = texel.z;
     }
-    for (int c = 0; c < 3; c++) tile->light[c] = plane[c];
+    for (int c = 0; c < 3; c++) tile->irradiance[c] = plane[c];
 }
 
 static void load_tiles(struct lw_map *map, struct lw_levels *levels, const struct lw_atlas_map *atlas_map,
@@ -53,7 +53,7 @@ static void load_tiles(struct lw_map *map, struct lw_levels *levels, const struc
         const lw_tile_id id = {atlas_map->first_tile[map->object] + level->first_tile + t};
         struct lw_solver_tile tile;
         solver->ops->read_tile(solver, id, &tile);
-        if (form == LW_LIGHT_FORM_SPLIT) memcpy(tile.light, tile.split, sizeof tile.light);
+        if (form == LW_LIGHT_FORM_SPLIT) memcpy(tile.irradiance, tile.split, sizeof tile.irradiance);
         convert_tile(&tile, convention, plane);
         lw_levels_load_tile(levels, &atlas_map->place[id.v], &tile);
         uint32_t covered = 0;
@@ -62,7 +62,7 @@ static void load_tiles(struct lw_map *map, struct lw_levels *levels, const struc
         map->covered += covered;
         squares += (double)covered * (double)tile.error * (double)tile.error;
         if (tile.error > map->error_worst) map->error_worst = tile.error;
-        if (tile.frames < map->samples) map->samples = tile.frames;
+        if (tile.sample_count < map->samples) map->samples = tile.sample_count;
     }
     if (map->covered)
         map->error = (float)sqrt(squares / map->covered);

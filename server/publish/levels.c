@@ -58,7 +58,7 @@ void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *p
             const bool filled = tile->filled && tile->filled[from];
             image->covered[to] = tile->covered[from] ? 1 : filled ? GIVEN : 0;
             for (int c = 0; c < 3; c++)
-                image->rgb[to * 3 + (size_t)c] = image->covered[to] ? tile->light[c][from] : 0;
+                image->rgb[to * 3 + (size_t)c] = image->covered[to] ? tile->irradiance[c][from] : 0;
         }
     levels->part[place->y * levels->columns + place->x] = LOADED;
 }

@@ -20,8 +20,8 @@ static char *join(const char *folder, const char *name) {
     return path;
 }
 
-/* The folder itself is locked: no file has to be made, and the system takes the lock back however the process ends. File
- * systems without locks are used without. */
+/* The folder itself is locked: no file has to be made, and the system takes the lock back however the process
+ * ends. File systems without locks are used without. */
 static enum lw_status lock(const char *folder, int *out_descriptor, struct lw_error *err) {
     const int descriptor = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (descriptor < 0)

@@ -26,8 +26,9 @@ struct lw_light_store {
     int lock; /* descriptor of the folder, which is locked */
 };
 
-/** Makes the folder if it does not exist, locks it until the end of the process or lw_light_store_finish(), and
- * removes what saves left that were killed. key: a hash of the scene and of all options that the light depends on.
+/** Makes the folder if it does not exist, locks it until the end of the process or
+ * lw_light_store_finish(), and removes what saves left that were killed. key: a hash of the scene and of
+ * all options that the light depends on.
  * Errors: LW_CANNOT_CREATE naming the folder; LW_UNAVAILABLE: another process has it; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_light_store_init(struct lw_light_store *store, const char *folder,
                                                  const uint8_t key[LW_SAVED_LIGHT_KEY_SIZE],
@@ -49,11 +50,11 @@ uint64_t lw_light_store_resume(struct lw_light_store *store, const struct lw_atl
 void lw_light_store_note(struct lw_light_store *store, struct lw_snapshot *snapshot, bool solved,
                          bool changed);
 
-/** Saves new light, between two frames, if LW_LIGHT_STORE_INTERVAL_S have passed since the last time. A failure is
- * logged, and the server goes on. Returns false on failure. */
+/** Saves new light, between two frames, if LW_LIGHT_STORE_INTERVAL_S have passed since the last time. A
+ * failure is logged, and the server goes on. Returns false on failure. */
 bool lw_light_store_save_sometimes(struct lw_light_store *store, const struct lw_solver *solver);
-/** Saves new light at the end. solver: NULL in the middle of a frame, when sums cannot be saved. Errors: LW_IO naming
- * the file. */
+/** Saves new light at the end. solver: NULL in the middle of a frame, when sums cannot be saved.
+ * Errors: LW_IO naming the file. */
 LW_MUST_CHECK enum lw_status lw_light_store_save(struct lw_light_store *store, const struct lw_solver *solver,
                                                  struct lw_error *err);
 

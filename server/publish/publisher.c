@@ -198,7 +198,7 @@ static bool refresh_levels(const struct lw_publisher *p, struct form *form, uint
         solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
         if (tile.solved_frame != frame && form->sent[id].version) continue;
         if (form->all_light) sum_blocks(&tile, &form->all_light[id]);
-        if (form->layer == LW_LIGHT_FORM_SPLIT) memcpy(tile.light, tile.split, sizeof tile.light);
+        if (form->layer == LW_LIGHT_FORM_SPLIT) memcpy(tile.irradiance, tile.split, sizeof tile.irradiance);
         lw_levels_load_tile(&form->levels[object], &map->place[id], &tile);
         changed = true;
     }
@@ -214,7 +214,7 @@ static bool is_lit(const struct lw_publisher *p, uint32_t object, uint64_t since
     for (uint32_t id = first; id < first + count; id++) {
         struct lw_solver_tile tile;
         p->desc.solver->ops->read_tile(p->desc.solver, (lw_tile_id){id}, &tile);
-        if ((tile.solved_frame < since || !tile.frames) &&
+        if ((tile.solved_frame < since || !tile.sample_count) &&
             memchr(tile.covered, 1, (size_t)tile.width * tile.height))
             return false;
     }

@@ -1,13 +1,14 @@
-/* deltas.h: the ways from the last few versions of each tile to the newest, for sessions that have fallen
- * behind: from one version to the next, and from any of them to the newest, which is fewer bytes than all
- * between, and often than the tile whole. The same once more for the tiles in wider steps, for those whose
- * links take too little: their versions are made when somebody wants them.
+/* deltas.h: the ways from the last few versions of each tile to the newest, for sessions that lag.
  * Flow:    snapshots -> [deltas] -> sessions
  *          versions -> [deltas] -> transcoder -> coarse forms, and deltas over several versions -> [deltas]
  * Threads: [loop].
- * Memory:  of a tile, twice: references to LW_DELTAS_KEPT whole versions at most, as many deltas from
- *          each to the next, and as many to the newest; where coarse forms are wanted, the
- *          transcoder's history as well (24 KB). */
+ * Memory:  of a tile, twice: references to at most LW_DELTAS_KEPT whole versions, a delta from each
+ *          to the next, and one from each to the newest; where coarse forms are wanted, the
+ *          transcoder's history as well (24 KB).
+ *
+ * There are deltas from one version to the next, and from any of them to the newest. The latter is fewer
+ * bytes than all between, and often than the whole tile. Sessions on narrow links get tiles in wider steps,
+ * with deltas of their own. These versions are made when a session first needs them. */
 #ifndef LW_SERVE_DELTAS_H
 #define LW_SERVE_DELTAS_H
 

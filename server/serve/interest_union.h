@@ -1,5 +1,6 @@
-/* wanted.h: the union of what sessions want: how many of them want each tile.
- * Flow:    sessions' INTEREST -> [wanted] -> which level-0 tiles are looked at, from which level -> solver
+/* interest_union.h: the union of all interest sets: how many sessions want each tile.
+ * Flow:    each session's interest -> [interest_union] -> level-0 tiles of
+ *          interest, from which level -> solver
  * Threads: [loop]. */
 #ifndef LW_SERVE_INTEREST_UNION_H
 #define LW_SERVE_INTEREST_UNION_H

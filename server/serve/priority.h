@@ -1,16 +1,15 @@
-/* priority.h: which of the tiles that a session lacks it should get first: those by which
- * what it shows is furthest off.
+/* priority.h: in which order a session gets the tiles that it lacks: first those whose error shows most.
  * Flow:    snapshots: how far each tile has moved -> [priority] -> order in which
  *          a session is sent what it lacks
  * Threads: [loop].
  *
- * What counts is the relative error of what the session has, in the root mean square over what it
- * covers, times how long it has been wrong. The square of a tile's error is the sum of the squares of
- * its changes since the version that the session has, of which the last few are remembered: most of a
- * change is noise, which goes to and fro. A tile of a coarser level covers more, for as many bytes, and
- * views read coarser levels as long as light is noisy. Time counts as much as error, so that tiles which
- * change alike take turns: by error alone, or error per byte, what fell behind would starve on a link
- * that takes less than changes. */
+ *   priority = relative error of what the session has, root mean square over the area it covers, x its age
+ *   error^2  = sum of the squared changes since the version that the session has; the last few are remembered
+ *
+ * Squares are summed because most of a change is noise, which goes to and fro. A tile of a coarser level
+ * covers more for as many bytes, and views read coarser levels as long as light is noisy. Age counts as much
+ * as error, so that tiles which change alike take turns. By error alone, or error per byte, a tile that lags
+ * would starve on a link that takes less than changes. */
 #ifndef LW_SERVE_PRIORITY_H
 #define LW_SERVE_PRIORITY_H
 

@@ -1,11 +1,13 @@
-/* transcoder.h: what sessions want whose links take too little, made when the first one wants it and shared
- * by all: deltas over several versions of a tile, and tiles in wider steps.
+/* transcoder.h: what sessions on narrow links need: deltas over several versions
+ * of a tile, tiles in wider steps.
  * Flow:    deltas: two versions of a tile -> [transcoder] -> a delta from one to
  *          the other -> deltas -> sessions
- *          deltas: a tile -> [transcoder] -> the same in wider steps, whole and as a delta to what was
- *          last made so -> deltas -> sessions
- * Threads: [loop]; a thread of its own does the work, since some 100 us a tile are
- *          too much for the network's. */
+ *          deltas: a tile -> [transcoder] -> the same in wider steps, whole and
+ *          as a delta -> deltas -> sessions
+ * Threads: [loop]; a thread of its own does the work, since some 100 us a tile
+ *          are too much for the network's.
+ *
+ * It is made when the first session needs it, and shared by all. */
 #ifndef LW_SERVE_TRANSCODER_H
 #define LW_SERVE_TRANSCODER_H
 

@@ -10,7 +10,7 @@
 #include <stddef.h>
 #include <string.h>
 
-/* Of a frame's budget, what is left for solving at least, however long it takes to ask what has changed. */
+/* Of a frame's budget, what is left for solving at least, however long verification takes. */
 #define SOLVING_SHARE 0.5
 
 /* A frame under way. */
@@ -29,7 +29,8 @@ struct frame {
     bool changing;
 };
 
-/* Seams that hold an object which has begun to move may do so a little longer where frames have a time to keep. */
+/* Seams that hold an object which has begun to move may do so a little longer where
+ * frames have a time to keep. */
 enum lw_status lw_cell_frame_find_seams(struct lw_cell_solver *s) {
     enum lw_status status = lw_geometry_find_seams(s->geometry, &s->tiles, s->desc.frame_budget_s > 0);
     if (status != LW_OK || s->seams_found == s->geometry->seams_found) return status;
@@ -61,7 +62,7 @@ struct lw_transport lw_cell_frame_transport(struct lw_cell_solver *s) {
                                  .cells = &s->cells,
                                  .probes = s->has_probes ? &s->probes : NULL,
                                  .tiles = &s->tiles,
-                                 .end = s->end,
+                                 .ray_hit = s->ray_hit,
                                  .direct_samples = s->desc.direct_samples,
                                  .indirect_samples = s->desc.indirect_samples,
                                  .seed = s->desc.seed,
@@ -73,7 +74,7 @@ static struct lw_scheduler_frame following_of(const struct lw_cell_solver *s,
                                               const struct lw_transport *passes) {
     return (struct lw_scheduler_frame){.passes = passes,
 
-                                       .rest = lw_cell_frame_converged(s),
+                                       .converged = lw_cell_frame_converged(s),
                                        .budget_s = s->turn.budget_s,
                                        .mode = s->turn.mode,
                                        .filtered = s->desc.denoise,
@@ -157,8 +158,8 @@ static enum lw_status take_pose(struct frame *f, struct lw_error *err) {
     return LW_OK;
 }
 
-/* What appears is lit at once, whatever the interest: there is nothing without light (scheduler.h). That what went was
- * gone must be known by then. */
+/* What appears is lit at once, whatever the interest: there is nothing without light (scheduler.h). That what
+ * went was gone must be known by then. */
 static enum lw_status place_if_seen(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     const bool looked_at = lw_scheduler_has_interest(&s->scheduler);
@@ -179,8 +180,8 @@ static enum lw_status verify(struct frame *f, struct lw_error *err) {
 
 /* ---- stages: what the frame solves ---- */
 
-/* How many texels a frame may solve, of what has woken and in all. The first frame lights everything. Before all have been asked, what
- * has woken is solved alone. */
+/* How many texels a frame may solve: of invalidated blocks, and in all. The first frame lights everything.
+ * Until all tiles are verified, invalidated blocks alone are solved. */
 static struct lw_scheduler_room room_in_time(const struct lw_cell_solver *s, uint64_t asking_ns) {
     if (s->turn.mode == LW_SCHEDULER_UNLIMITED || s->frames == 0)
         return (struct lw_scheduler_room){UINT64_MAX, UINT64_MAX};
@@ -190,18 +191,18 @@ static struct lw_scheduler_room room_in_time(const struct lw_cell_solver *s, uin
     const bool yields = s->turn.mode == LW_SCHEDULER_YIELD;
     bool waits = yields;
     for (uint32_t i = 0; i < s->tiles.count && s->turn.mode == LW_SCHEDULER_ONSET && !waits; i++)
-        waits = s->scheduler.moves && s->tiles.tile[i].serves && s->tiles.tile[i].unasked;
+        waits = s->scheduler.moves && s->tiles.tile[i].contributes && s->tiles.tile[i].unverified;
     return (struct lw_scheduler_room){yields ? 0 : texels, waits ? 0 : texels};
 }
 
-/* Of the tiles that are due, the blocks; of an urgent one those alone that have woken. */
+/* The blocks of the tiles that are due; of an invalidated one its invalidated blocks alone. */
 static void choose_blocks(struct lw_cell_solver *s) {
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         LW_TILES_EACH_BLOCK (tile, block)
-            block->due =
-                tile->work && block->state != LW_BLOCK_CONVERGED &&
-                (tile->work == LW_TILE_WORK_ALL || lw_gradient_is_urgent(&block->change) || !block->frames);
+            block->due = tile->work && block->state != LW_BLOCK_CONVERGED &&
+                         (tile->work == LW_TILE_WORK_ALL || lw_gradient_is_strong(&block->change) ||
+                          !block->sample_count);
         if (tile->work) tile->solved_tick = s->scheduler.round;
     }
 }
@@ -212,8 +213,8 @@ static enum lw_status choose(struct frame *f, struct lw_error *err) {
     struct lw_scheduler_count count;
     enum lw_status status = LW_OK;
     lw_scheduler_choose(&s->scheduler, &s->tiles, room_in_time(s, f->stats.change_ns), &count);
-    f->stats.tiles_wanted = count.wanted;
-    f->stats.tiles_feeding = count.feeding;
+    f->stats.tiles_interest = count.interest;
+    f->stats.tiles_contributing = count.contributing;
     f->solves = count.due > 0;
     f->changing = lw_scheduler_is_changing(&s->scheduler);
     lw_scheduler_note_work(&s->scheduler, f->solves);
@@ -222,7 +223,7 @@ static enum lw_status choose(struct frame *f, struct lw_error *err) {
     return status;
 }
 
-/* After place(): what that makes of new materials has been asked about already. */
+/* After place(): its new materials were verified before. */
 static enum lw_status weigh_direct(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     struct lw_ray_count rays = {0};
@@ -274,15 +275,15 @@ static void run_direct(struct lw_cell_solver *s, const struct lw_transport *pass
     stats->rays_shadow += shadow;
 }
 
-static void run_trace_ends(struct lw_cell_solver *s, const struct lw_transport *passes,
-                           struct lw_solver_stats *stats) {
+static void run_trace_bounces(struct lw_cell_solver *s, const struct lw_transport *passes,
+                              struct lw_solver_stats *stats) {
     uint64_t bounce = 0;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : bounce)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         if (!has_work(s, &s->tiles.tile[i])) continue;
         struct lw_ray_count count = {0};
         lw_bounces_trace(passes, &s->tiles.tile[i], &count);
-        lw_scheduler_note_hits(&s->scheduler, &s->tiles, &s->tiles.tile[i], s->end);
+        lw_scheduler_note_hits(&s->scheduler, &s->tiles, &s->tiles.tile[i], s->ray_hit);
         bounce += count.bounce;
         lw_progress_step(&s->progress, 1);
     }
@@ -295,7 +296,8 @@ static void run_radiate(struct lw_cell_solver *s, const struct lw_transport *pas
         if (has_work(s, &s->tiles.tile[i])) lw_bounces_radiate(passes, &s->tiles.tile[i], bounce);
 }
 
-/* Light of earlier frames follows what direct light is now; along rays that new ones are about to take the place of. */
+/* Light of earlier frames follows what direct light is now; along rays that new ones are
+ * about to take the place of. */
 static void run_reread(struct lw_cell_solver *s, const struct lw_transport *passes) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
     for (uint32_t i = 0; i < s->tiles.count; i++)
@@ -342,7 +344,7 @@ static enum lw_status trace_bounces(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     (void)err;
     if (s->desc.bounces && f->changing) run_reread(s, &f->transport);
-    if (s->desc.bounces) run_trace_ends(s, &f->transport, &f->stats);
+    if (s->desc.bounces) run_trace_bounces(s, &f->transport, &f->stats);
     weigh_indirect(s);
     return LW_OK;
 }
@@ -403,7 +405,8 @@ static enum lw_status accumulate(struct frame *f, struct lw_error *err) {
         if (tile->work) lw_estimates_finish_tile(&f->transport, tile);
         LW_TILES_EACH_BLOCK (tile, block) {
             block->unseen |= tile->work && block->due && block->covered_count;
-            if (!(block->unseen && tile->shows) && !(s->shows_all && block->covered_count && block->frames))
+            if (!(block->unseen && tile->shows) &&
+                !(s->shows_all && block->covered_count && block->sample_count))
                 continue;
             block->unseen = tile->begins = false;
             block->shown_frame = tile->solved_frame = frame;
@@ -440,12 +443,12 @@ static enum lw_status weld(struct frame *f, struct lw_error *err) {
     return f->stats.tiles_shown ? lw_cell_frame_weld(f->s, f->number, err) : LW_OK;
 }
 
-/* Blocks whose error is low enough rest until their light changes. */
+/* Blocks whose error is low enough stay converged until their light changes. */
 static void settle_tile(const struct lw_cell_solver *s, struct lw_solve_tile *tile) {
-    const struct lw_converged rest = lw_cell_frame_converged(s);
+    const struct lw_converged converged = lw_cell_frame_converged(s);
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->due || !block->covered_count) continue;
-        block->state = lw_converged_is(&rest, block)                       ? LW_BLOCK_CONVERGED
+        block->state = lw_converged_is(&converged, block)                  ? LW_BLOCK_CONVERGED
                        : lw_gradient_is_stale(block, s->desc.target_error) ? LW_BLOCK_STALE
                                                                            : LW_BLOCK_SAMPLED;
         if (block->state == LW_BLOCK_CONVERGED) block->change.strength = 0;

@@ -2,7 +2,8 @@
  * Flow:    pose -> [take pose, verify, choose, solve bounce by bounce, show, settle] -> tiles
  * Threads: one thread calls; each stage runs its own workers.
  *
- * Every frame runs the same list (the table in cell_frame.c). Stages that solve are left out where nothing is due. */
+ * Every frame runs the same list (the table in cell_frame.c). Stages that solve are
+ * left out where nothing is due. */
 #ifndef LW_SOLVE_CELL_FRAME_H
 #define LW_SOLVE_CELL_FRAME_H
 
@@ -36,7 +37,7 @@ struct lw_cell_solver {
     /* Empty unless the desc asks for it. */
     struct lw_denoise denoise;
     /* Ray hits: of each texel, indirect_samples words (transport.h). */
-    uint32_t *end;
+    uint32_t *ray_hit;
     /* The last one given. */
     struct lw_pose pose;
     struct lw_progress progress;

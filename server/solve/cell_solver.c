@@ -40,13 +40,13 @@ unsigned lw_cell_layer_backlog(const struct lw_solver *solver) {
 void lw_cell_layer_review(struct lw_solver *solver) {
     struct lw_cell_solver *s = (struct lw_cell_solver *)solver;
     const struct lw_transport passes = lw_cell_frame_transport(s);
-    const struct lw_converged rest = lw_cell_frame_converged(s);
+    const struct lw_converged converged = lw_cell_frame_converged(s);
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         lw_estimates_judge(&passes, tile);
         LW_TILES_EACH_BLOCK (tile, block) {
             if (block->state != LW_BLOCK_CONVERGED || !block->covered_count) continue;
-            if (!lw_converged_may(&rest, tile, block)) block->state = LW_BLOCK_SAMPLED;
+            if (!lw_converged_may(&converged, tile, block)) block->state = LW_BLOCK_SAMPLED;
             lw_gradient_review(block, s->desc.target_error);
         }
         lw_tiles_sum_up(tile);
@@ -54,9 +54,9 @@ void lw_cell_layer_review(struct lw_solver *solver) {
     s->scheduler.still_rounds = 0;
 }
 
-static enum lw_status want(struct lw_solver *solver, const uint8_t *wanted, struct lw_error *err) {
+static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *interest, struct lw_error *err) {
     struct lw_cell_solver *s = (struct lw_cell_solver *)solver;
-    enum lw_status status = lw_scheduler_set_interest(&s->scheduler, wanted);
+    enum lw_status status = lw_scheduler_set_interest(&s->scheduler, interest);
     return status == LW_OK ? LW_OK
                            : lw_status_fail(err, status, "schedule of %u texels", s->geometry->texels.count);
 }
@@ -103,15 +103,15 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
                                         .width = tile->width,
                                         .height = tile->height,
                                         .bounces = s->desc.bounces,
-                                        .frames = tile->frames,
+                                        .sample_count = tile->sample_count,
                                         .error = tile->covered_count ? tile->error : 0,
                                         .solved_frame = tile->solved_frame};
     for (int c = 0; c < 3; c++) {
         out_tile->direct[c] = s->tiles.direct[c] + tile->first;
         out_tile->indirect[c] = s->tiles.indirect[c] + tile->first;
-        out_tile->light[c] = s->tiles.light[LW_LIGHT_FORM_FULL][c] + tile->first;
+        out_tile->irradiance[c] = s->tiles.irradiance[LW_LIGHT_FORM_FULL][c] + tile->first;
         if (s->forms & lw_light_form_bit(LW_LIGHT_FORM_SPLIT))
-            out_tile->split[c] = s->tiles.light[LW_LIGHT_FORM_SPLIT][c] + tile->first;
+            out_tile->split[c] = s->tiles.irradiance[LW_LIGHT_FORM_SPLIT][c] + tile->first;
         out_tile->albedo[c] = tile->mesh->albedo[c] + tile->local;
     }
 }
@@ -145,7 +145,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
                            uint64_t *out_frames, struct lw_error *err) {
     struct lw_cell_solver *s = (struct lw_cell_solver *)solver;
     struct remembered remembered;
-    const struct lw_converged rest = lw_cell_frame_converged(s);
+    const struct lw_converged converged = lw_cell_frame_converged(s);
     struct lw_checkpoint_part part[PARTS_MAX];
     const uint32_t parts = list_parts(s, &remembered, part);
     enum lw_status status = lw_checkpoint_load(path, key, &s->tiles, part, parts, err);
@@ -162,20 +162,21 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         LW_TILES_EACH_BLOCK (tile, block) {
-            block->state = lw_converged_may(&rest, tile, block) ? LW_BLOCK_CONVERGED : LW_BLOCK_SAMPLED;
+            block->state = lw_converged_may(&converged, tile, block) ? LW_BLOCK_CONVERGED : LW_BLOCK_SAMPLED;
             block->change.moves = s->scheduler.moves;
         }
         lw_tiles_sum_up(tile);
     }
     lw_cell_frame_radiate_all(
-        s); /* which a checkpoint does not keep; those at rest are read before they are solved again */
+        /* which a checkpoint does not keep; converged tiles are read before they are solved again. */
+        s);
     *out_frames = s->frames;
     return LW_OK;
 }
 
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct lw_cell_solver *s = (const struct lw_cell_solver *)solver;
-    size_t bytes = (size_t)s->tiles.texel_count * s->desc.indirect_samples * sizeof *s->end +
+    size_t bytes = (size_t)s->tiles.texel_count * s->desc.indirect_samples * sizeof *s->ray_hit +
                    lw_tiles_memory_bytes(&s->tiles) + lw_denoise_memory_bytes(&s->denoise) +
                    lw_scheduler_memory_bytes(&s->scheduler);
     for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) bytes += lw_seams_light_memory_bytes(&s->welds[f]);
@@ -196,13 +197,13 @@ static void destroy(struct lw_solver *solver) {
     lw_geometry_finish(&s->own_geometry);
     lw_pose_finish(&s->pose);
     lw_scheduler_finish(&s->scheduler);
-    free(s->end);
+    free(s->ray_hit);
     free(s);
 }
 
 static const struct lw_solver_ops ops = {.name = "cells",
                                          .frame = frame,
-                                         .want = want,
+                                         .set_interest = set_interest,
                                          .show = show_forms,
                                          .filter = filter,
                                          .read_tile = read_tile,
@@ -265,9 +266,9 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
     if (s->has_probes && (status = place_probes(s, lo, hi)) != LW_OK)
         return lw_status_fail(err, status, "probes");
     if (s->desc.denoise && (status = set_up_denoise(s, err)) != LW_OK) return status;
-    s->end = calloc((size_t)texels->count * s->desc.indirect_samples + 1, sizeof *s->end);
-    if (!s->end || lw_scheduler_init(&s->scheduler, s->desc.atlas_map->tile_count, s->tiles.count,
-                                     s->desc.indirect_samples) != LW_OK)
+    s->ray_hit = calloc((size_t)texels->count * s->desc.indirect_samples + 1, sizeof *s->ray_hit);
+    if (!s->ray_hit || lw_scheduler_init(&s->scheduler, s->desc.atlas_map->tile_count, s->tiles.count,
+                                         s->desc.indirect_samples) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", texels->count);
     return LW_OK;
 }

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Seams of which the texels are those of now, and the objects too: neither changes while it lasts. */
+/* A search for seams. Its texels and objects do not change while it lasts. */
 struct lw_geometry_search {
     pthread_t thread;
     const struct lw_scene *scene;
@@ -28,11 +28,11 @@ enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_sc
     lw_pose_copy(&geometry->pose, pose, scene);
     if ((status = lw_trace_create(scene, &geometry->pose, &geometry->trace, err)) != LW_OK) return status;
     if ((status = lw_texels_init(&geometry->texels, scene, (unsigned)threads, err)) != LW_OK) return status;
-    const uint64_t buried =
+    const uint64_t invalid =
         lw_invalid_texels_find(&geometry->texels, &geometry->pose, geometry->trace, threads);
-    if (buried)
+    if (invalid)
         lw_log(LW_LOG_INFO, "%llu of %u texels lie inside other objects and are left out",
-               (unsigned long long)buried, geometry->texels.count);
+               (unsigned long long)invalid, geometry->texels.count);
     return LW_OK;
 }
 
@@ -74,14 +74,14 @@ static void take_seams(struct lw_geometry *geometry, struct lw_seams *seams) {
     geometry->seams_outdated = false;
 }
 
-/* Waits for the search, if there is one, and takes what it has found, if it is wanted. */
-static enum lw_status end_search(struct lw_geometry *geometry, bool wanted) {
+/* Waits for the search, if there is one, and takes what it has found, if it is to be kept. */
+static enum lw_status end_search(struct lw_geometry *geometry, bool keep) {
     struct lw_geometry_search *search = geometry->search;
     enum lw_status status = LW_OK;
     if (!search) return LW_OK;
     geometry->search = NULL;
     pthread_join(search->thread, NULL);
-    if (wanted && (status = search->status) == LW_OK) take_seams(geometry, &search->seams);
+    if (keep && (status = search->status) == LW_OK) take_seams(geometry, &search->seams);
     search_destroy(search);
     return status;
 }

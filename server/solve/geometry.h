@@ -1,5 +1,6 @@
-/* geometry.h: what all light of a scene shares: the rays' structure, the texels, what a filter asks of those, and their seams.
- * Flow:    scene, pose -> [geometry] -> cell_solver, one for each layer of light (layers.h)
+/* geometry.h: what all light of a scene shares: the rays' structure, the texels,
+ * pairs for a filter, and seams.
+ * Flow:    scene, pose -> [geometry] -> cell_solver, one for each layer of light (light_layers.h)
  * Threads: one caller at a time, workers inside; between two calls [any] may read. */
 #ifndef LW_SOLVE_GEOMETRY_H
 #define LW_SOLVE_GEOMETRY_H
@@ -21,15 +22,17 @@ struct lw_geometry {
     int threads;
 };
 
-/** Builds structure and texels at a pose. scene outlives the geometry. Errors: LW_NO_MEMORY, LW_INTERNAL; LW_BAD_DATA for more texels than fit. */
+/** Builds structure and texels at a pose. scene outlives the geometry. Errors: LW_NO_MEMORY, LW_INTERNAL;
+ * LW_BAD_DATA for more texels than fit. */
 LW_MUST_CHECK enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_scene *scene,
                                               const struct lw_pose *pose, int threads, struct lw_error *err);
 /** A zeroed one is fine. */
 void lw_geometry_finish(struct lw_geometry *geometry);
 
-/** Moves to another pose, and takes over what base colours the scene has now. Where objects that stood still may move from now on
- * (LW_POSE_DYNAMIC), what they buried comes to light: texels are covered that were not, and seams are those of before until they are
- * found again. A pose at which it is already costs nothing. later: as for lw_trace_set_pose_soon().
+/** Moves to another pose, and takes over what base colours the scene has now. Where objects that stood still
+ * may move from now on (LW_POSE_DYNAMIC), what they buried comes to light: texels are covered that were not,
+ * and seams are those of before until they are found again. A pose at which it is already costs nothing.
+ * later: as for lw_trace_set_pose_soon().
  * Errors: LW_NO_MEMORY, LW_INTERNAL. */
 LW_MUST_CHECK enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct lw_pose *pose,
                                                   bool later, struct lw_error *err);
@@ -37,9 +40,10 @@ LW_MUST_CHECK enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, 
 /** Weighs the pairs, unless they are. Errors: LW_NO_MEMORY; there are none then. */
 LW_MUST_CHECK enum lw_status lw_geometry_weigh_pairs(struct lw_geometry *geometry);
 
-/** Finds the seams, unless they are those of now; seams_found tells.
+/** Finds the seams, unless they are current; seams_found tells.
  * tiles   any over its texels
- * later   seams of before may serve for a while: others are sought in a thread, and taken by the first call after it has ended
+ * later   seams of before may serve for a while: others are sought in a thread, and taken by
+ *         the first call after it has ended
  * Errors  LW_NO_MEMORY; those of before stay then */
 LW_MUST_CHECK enum lw_status lw_geometry_find_seams(struct lw_geometry *geometry,
                                                     const struct lw_tiles *tiles, bool later);

@@ -2,8 +2,8 @@
  * Flow:    scene, names -> [light_groups] -> layers
  * Threads: built once; then [any].
  *
- * Lights are the punctual ones, materials that emit (all surfaces that have them), and the sky. A scene's own choice: what its
- * animation moves gets layers, the rest is the first one's. */
+ * Lights are the punctual ones, materials that emit (all surfaces that have them), and the sky. A scene's own
+ * choice: what its animation moves gets layers, the rest is the first one's. */
 #ifndef LW_SOLVE_LIGHT_GROUPS_H
 #define LW_SOLVE_LIGHT_GROUPS_H
 
@@ -19,9 +19,11 @@ struct lw_light_groups {
     uint8_t sky;       /* the sky's, and the environment's */
 };
 
-/** names: groups apart by ';', lights of one by ',': those, materials and "sky", by name; "none": there is but one group. NULL: as
- * the scene's animation has it. What is not named is in the first group; where nothing of that shines, in that of the first ones named.
- * Errors: LW_USAGE naming what the scene does not have, or more than LW_LIGHT_GROUPS_MAX - 1; LW_NO_MEMORY. */
+/** names: groups apart by ';', lights of one by ',': those, materials and "sky", by name; "none": there is
+ * but one group. NULL: as the scene's animation has it. What is not named is in the first group; where
+ * nothing of that shines, in that of the first ones named.
+ * Errors: LW_USAGE naming what the scene does not have, or more than
+ *         LW_LIGHT_GROUPS_MAX - 1; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_light_groups_init(struct lw_light_groups *groups,
                                                   const struct lw_scene *scene, const struct lw_pose *pose,
                                                   const char *names, struct lw_error *err);

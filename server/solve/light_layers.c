@@ -13,12 +13,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Of the other layers' light, what counts for one's errors once nothing moves: what gives less than this share of the light at a
- * place is all but invisible there, even alone. */
+/* Of the other layers' light, what counts for one's errors once nothing moves: what gives less than this
+ * share of the light at a place is all but invisible there, even alone. */
 #define STILL_SHARE (1.0f / 64)
 /* Weights below this count as this where one layer's light is measured against another's. */
 #define WEIGHT_MIN (1.0f / 16)
-/* Weights of a layer's lights that agree to this are one. Above the other, a layer was solved too dark for what it is now. */
+/* Weights of a layer's lights that agree to this are one. Above the other, a layer was solved
+ * too dark for what it is now. */
 #define WEIGHT_SAME 1e-5f
 #define WEIGHT_MAX  1e6f
 
@@ -37,9 +38,10 @@ struct layer {
     uint32_t light_count;
     float environment[3]; /* stands for the sky's picture, a light that never changes */
     float weight[3];      /* by which what is solved is summed */
-    bool lenient;         /* its blocks rest while measured against all light */
-    bool begun;           /* it has had a frame */
-    bool ran;             /* the last one */
+    /* its blocks converge while measured against all light. */
+    bool lenient;
+    bool begun; /* it has had a frame */
+    bool ran;   /* the last one */
 };
 
 struct layers {
@@ -56,7 +58,8 @@ struct layers {
     bool shows_all;  /* a form is new: the next frame shows everything */
     bool sums;       /* what is shown is in the planes below; else it is the one layer's own */
     unsigned forms;  /* that are shown (light_form.h) */
-    float *direct[3], *indirect[3], *light[LW_LIGHT_FORM_COUNT][3]; /* SPLIT: NULL without client lights */
+    /* SPLIT: NULL without client lights. */
+    float *direct[3], *indirect[3], *irradiance[LW_LIGHT_FORM_COUNT][3];
     uint64_t *solved_frame; /* per lw_tile_id: that last changed them */
     int threads;
 };
@@ -77,12 +80,14 @@ static float mean_weight(const struct layer *layer) {
     return lw_colour_luminance(lw_vec3(layer->weight[0], layer->weight[1], layer->weight[2]));
 }
 
-/* Whether a layer takes part in a frame. The first one's first frame always is, so that there is something to show in the dark. */
+/* Whether a layer takes part in a frame. The first one's first frame always is, so that there is
+ * something to show in the dark. */
 static bool runs(const struct layers *s, const struct layer *layer) {
     return (layer == s->layer && !layer->begun) || (!is_off(layer) && shines(layer));
 }
 
-/* The weight of a channel that makes of all lights as they are solved what they are now; < 0: there is none. */
+/* The weight of a channel that makes of all lights as they are solved what they
+ * are now; < 0: there is none. */
 static float weigh_channel(const struct layer *layer, int c) {
     float weight = -1;
     for (uint32_t i = 0; i < layer->light_count; i++) {
@@ -108,7 +113,8 @@ static bool weigh(const struct layer *layer, float out_weight[3]) {
     return all;
 }
 
-/* What is solved from now on: lights as they are. One alone shines in every channel, so that it may take any colour later. */
+/* What is solved from now on: lights as they are. One alone shines in every channel, so that
+ * it may take any colour later. */
 static void solve_as_it_is(struct layer *layer) {
     uint32_t shining = 0;
     for (uint32_t i = 0; i < layer->light_count; i++) shining += most_of(layer->light[i].now) > 0;
@@ -120,7 +126,8 @@ static void solve_as_it_is(struct layer *layer) {
     (void)weigh(layer, layer->weight);
 }
 
-/* Weighs the layer's lights as they are now; where no weight does, they are solved anew. Returns whether the weight is another. */
+/* Weighs the layer's lights as they are now; where no weight does, they are solved again. Returns
+ * whether the weight is another. */
 static bool take_lights(struct layer *layer) {
     float weight[3];
     if (!weigh(layer, weight)) {
@@ -191,7 +198,7 @@ static bool allocate_sums(struct layers *s) {
         ok &= (s->indirect[c] = calloc(count, sizeof(float))) != NULL;
         for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
             if (f == LW_LIGHT_FORM_FULL || parts_drawn(s))
-                ok &= (s->light[f][c] = calloc(count, sizeof(float))) != NULL;
+                ok &= (s->irradiance[f][c] = calloc(count, sizeof(float))) != NULL;
     }
     ok &= (s->solved_frame = calloc(s->desc.atlas_map->tile_count + 1ul, sizeof *s->solved_frame)) != NULL;
     return ok;
@@ -201,13 +208,14 @@ static size_t sums_bytes(const struct layers *s) {
     size_t planes = 0;
     for (int c = 0; c < 3; c++) {
         planes += (s->direct[c] != NULL) + (s->indirect[c] != NULL);
-        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) planes += s->light[f][c] != NULL;
+        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) planes += s->irradiance[f][c] != NULL;
     }
     return planes * s->geometry.texels.count * sizeof(float) +
            (s->solved_frame ? s->desc.atlas_map->tile_count * sizeof *s->solved_frame : 0);
 }
 
-/* The weighted sum of one plane of a tile, of those `part` takes from a layer's tiles; returns whether it is another than before. */
+/* The weighted sum of one plane of a tile, of those `part` takes from a layer's tiles; returns
+ * whether it is another than before. */
 static bool sum_plane(const struct layers *s, lw_tile_id id, int c,
                       float *(*part)(const struct lw_tiles *tiles, int c), float *plane) {
     const struct lw_solve_tile *place = tile_of(s->layer, id);
@@ -226,8 +234,12 @@ static bool sum_plane(const struct layers *s, lw_tile_id id, int c,
 
 static float *direct_of(const struct lw_tiles *tiles, int c) { return tiles->direct[c]; }
 static float *indirect_of(const struct lw_tiles *tiles, int c) { return tiles->indirect[c]; }
-static float *full_of(const struct lw_tiles *tiles, int c) { return tiles->light[LW_LIGHT_FORM_FULL][c]; }
-static float *split_of(const struct lw_tiles *tiles, int c) { return tiles->light[LW_LIGHT_FORM_SPLIT][c]; }
+static float *full_of(const struct lw_tiles *tiles, int c) {
+    return tiles->irradiance[LW_LIGHT_FORM_FULL][c];
+}
+static float *split_of(const struct lw_tiles *tiles, int c) {
+    return tiles->irradiance[LW_LIGHT_FORM_SPLIT][c];
+}
 static float *(*const light_of[LW_LIGHT_FORM_COUNT])(const struct lw_tiles *tiles, int c) = {full_of,
                                                                                              split_of};
 
@@ -238,12 +250,14 @@ static bool sum_tile(const struct layers *s, lw_tile_id id) {
         sum_plane(s, id, c, direct_of, s->direct[c]);
         sum_plane(s, id, c, indirect_of, s->indirect[c]);
         for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-            if (s->forms & lw_light_form_bit(f)) other |= sum_plane(s, id, c, light_of[f], s->light[f][c]);
+            if (s->forms & lw_light_form_bit(f))
+                other |= sum_plane(s, id, c, light_of[f], s->irradiance[f][c]);
     }
     return other;
 }
 
-/* Sums tiles that this frame shows of any layer; `all`: every tile, because weights are others. Returns how many are shown. */
+/* Sums tiles that this frame shows of any layer; `all`: every tile, because weights are others.
+ * Returns how many are shown. */
 static uint32_t sum_tiles(struct layers *s, uint64_t frame, bool all) {
     const struct lw_atlas_map *map = s->desc.atlas_map;
     uint32_t shown = 0;
@@ -278,7 +292,8 @@ static float error_of(const struct layers *s, lw_tile_id id) {
         for (uint32_t k = 0; k < s->count; k++) {
             const struct lw_solve_block *block = &tile[k]->block[b];
             const double weight = (double)mean_weight(&s->layer[k]);
-            const double off = weight * (double)block->error * (double)(block->light + block->beside);
+            const double off =
+                weight * (double)block->error * (double)(block->reference_luminance + block->other_luminance);
             if (!(weight > 0)) continue;
             light += weight * block->luminance / n;
             noise += off * off;
@@ -297,14 +312,15 @@ static float error_of(const struct layers *s, lw_tile_id id) {
 static void set_beside(const struct layers *s, const struct layer *layer) {
     struct lw_tiles *tiles = lw_cell_layer_tiles(layer->solver);
     const float share = s->still_frames < LW_CELL_LAYER_FADE_FRAMES ? 1 : STILL_SHARE;
-    for (uint32_t b = 0; b < tiles->block_count; b++) tiles->block[b].beside = 0;
+    for (uint32_t b = 0; b < tiles->block_count; b++) tiles->block[b].other_luminance = 0;
     for (const struct layer *other = s->layer; other < s->layer + s->count; other++) {
         if (other == layer || !runs(s, other)) continue;
         const struct lw_solve_block *block = tiles_of(other)->block;
         const float weight = share * mean_weight(other) / fmaxf(mean_weight(layer), WEIGHT_MIN);
         for (uint32_t b = 0; b < tiles->block_count; b++)
             if (block[b].covered_count)
-                tiles->block[b].beside += weight * (float)block[b].luminance / (float)block[b].covered_count;
+                tiles->block[b].other_luminance +=
+                    weight * (float)block[b].luminance / (float)block[b].covered_count;
     }
 }
 
@@ -332,24 +348,25 @@ static void add_stats(struct lw_solver_stats *sum, const struct lw_solver_stats 
     sum->weld_ns += stats->weld_ns;
     sum->texels_solved += stats->texels_solved;
     sum->tiles_shown += stats->tiles_shown;
-    if (stats->tiles_wanted > sum->tiles_wanted) sum->tiles_wanted = stats->tiles_wanted;
-    if (stats->tiles_feeding > sum->tiles_feeding) sum->tiles_feeding = stats->tiles_feeding;
+    if (stats->tiles_interest > sum->tiles_interest) sum->tiles_interest = stats->tiles_interest;
+    if (stats->tiles_contributing > sum->tiles_contributing)
+        sum->tiles_contributing = stats->tiles_contributing;
 }
 
-/* How many tiles there are, were solved in this frame, and rest, over all layers that run. */
+/* How many tiles there are, were solved in this frame, and have converged, over all layers that run. */
 static void count_tiles(const struct layers *s, struct lw_solver_stats *stats) {
     const struct lw_tiles *first = tiles_of(s->layer);
     stats->tiles = first->count;
     for (uint32_t i = 0; i < first->count; i++) {
-        bool solved = false, rests = true;
+        bool solved = false, converged = true;
         for (uint32_t k = 0; k < s->count; k++) {
             if (!s->layer[k].ran) continue;
             const struct lw_solve_tile *tile = tile_of(&s->layer[k], first->tile[i].id);
             solved |= tile->work != LW_TILE_WORK_NONE;
-            rests &= tile->state == LW_BLOCK_CONVERGED;
+            converged &= tile->state == LW_BLOCK_CONVERGED;
         }
         stats->tiles_solved += solved;
-        stats->tiles_converged += rests;
+        stats->tiles_converged += converged;
     }
 }
 
@@ -373,7 +390,7 @@ static void show_first(struct layers *s) {
         memcpy(s->direct[c], tiles->direct[c], size);
         memcpy(s->indirect[c], tiles->indirect[c], size);
         for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-            if (s->light[f][c]) memcpy(s->light[f][c], tiles->light[f][c], size);
+            if (s->irradiance[f][c]) memcpy(s->irradiance[f][c], tiles->irradiance[f][c], size);
     }
     for (uint32_t id = 0; id < s->desc.atlas_map->tile_count; id++)
         if (s->desc.atlas_map->place[id].level == 0)
@@ -389,14 +406,14 @@ static enum lw_status begin_sums(struct layers *s, struct lw_error *err) {
     return LW_OK;
 }
 
-/* Where light has just changed more in one layer than in another, the other waits with what else it has, for so many frames in a row; of
- * the time it has this share, to ask what has changed. */
+/* Where light has just changed more in one layer than in another, the other waits with what else it has, for
+ * at most YIELDS_MAX frames in a row. It keeps this share of the time, for verification. */
 #define YIELDS_MAX   16u
 #define YIELDS_SHARE 0.25
-/* While lights of the other have moved and not all that is looked at knows: next to nothing. */
+/* While lights of the other have moved and not all of the interest set is verified: next to nothing. */
 #define YIELDS_SHARE_LEAST 1e-3
-/* Frames after the first in which there was no time for all that had changed may take so many times theirs: to filter, weld and encode what
- * is shown takes half as long as a budget. */
+/* Frames after the first in which there was no time for all that had changed may take this many budgets: to
+ * filter, weld and encode what is shown takes half as long as a budget. */
 #define HURRY_SHARE 2.0
 /* And the first frame of a movement this share: something of it is to be seen soon. */
 #define BEGIN_SHARE 0.5
@@ -411,7 +428,7 @@ static void give_time(struct layers *s, bool moved) {
         running += layer->ran;
         most = hurry > most ? hurry : most;
     }
-    /* Under steady movement all that is looked at has its turn. */
+    /* Under steady movement all of the interest set has its turn. */
     s->hasty = moved ? s->still_frames > LW_SCHEDULER_STILL_FRAMES
                      : s->hasty && (most || s->still_frames <= LW_SCHEDULER_STILL_FRAMES);
     if (moved || !s->hasty || s->yields >= YIELDS_MAX) most = 0;
@@ -466,11 +483,11 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     return LW_OK;
 }
 
-static enum lw_status want(struct lw_solver *solver, const uint8_t *wanted, struct lw_error *err) {
+static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *interest, struct lw_error *err) {
     struct layers *s = (struct layers *)solver;
     enum lw_status status = LW_OK;
     for (uint32_t k = 0; k < s->count && status == LW_OK; k++)
-        status = s->layer[k].solver->ops->want(s->layer[k].solver, wanted, err);
+        status = s->layer[k].solver->ops->set_interest(s->layer[k].solver, interest, err);
     return status;
 }
 
@@ -511,13 +528,13 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
     for (int c = 0; c < 3; c++) {
         out_tile->direct[c] = s->direct[c] + first;
         out_tile->indirect[c] = s->indirect[c] + first;
-        out_tile->light[c] = s->light[LW_LIGHT_FORM_FULL][c] + first;
+        out_tile->irradiance[c] = s->irradiance[LW_LIGHT_FORM_FULL][c] + first;
         if (s->forms & lw_light_form_bit(LW_LIGHT_FORM_SPLIT))
-            out_tile->split[c] = s->light[LW_LIGHT_FORM_SPLIT][c] + first;
+            out_tile->split[c] = s->irradiance[LW_LIGHT_FORM_SPLIT][c] + first;
     }
     for (uint32_t k = 1; k < s->count; k++) {
-        const uint32_t frames = tile_of(&s->layer[k], id)->frames;
-        if (runs(s, &s->layer[k]) && frames < out_tile->frames) out_tile->frames = frames;
+        const uint32_t frames = tile_of(&s->layer[k], id)->sample_count;
+        if (runs(s, &s->layer[k]) && frames < out_tile->sample_count) out_tile->sample_count = frames;
     }
     out_tile->error = tile_of(s->layer, id)->covered_count ? error_of(s, id) : 0;
     out_tile->solved_frame = s->solved_frame[id.v];
@@ -591,7 +608,7 @@ static void destroy(struct lw_solver *solver) {
     for (int c = 0; c < 3; c++) {
         free(s->direct[c]);
         free(s->indirect[c]);
-        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) free(s->light[f][c]);
+        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) free(s->irradiance[f][c]);
     }
     free(s->solved_frame);
     lw_geometry_finish(&s->geometry);
@@ -602,7 +619,7 @@ static void destroy(struct lw_solver *solver) {
 
 static const struct lw_solver_ops ops = {.name = "layers",
                                          .frame = frame,
-                                         .want = want,
+                                         .set_interest = set_interest,
                                          .show = show,
                                          .filter = filter,
                                          .read_tile = read_tile,

@@ -1,4 +1,5 @@
-/* solver.h: the interface that every solver implements. A solver turns a scene and a pose into irradiance per texel.
+/* solver.h: the interface that every solver implements. A solver turns a scene and a
+ * pose into irradiance per texel.
  * Flow:    scene, pose -> [solver: direct, (probes, cells) x bounces, accumulate] -> tiles of E -> publish
  * Threads: one thread calls; the solver runs its own workers inside a call. */
 #ifndef LW_SOLVE_SOLVER_H
@@ -28,51 +29,59 @@ struct lw_solver_desc {
     enum lw_probe_projection probe_projection;
     uint32_t direct_samples;   /* per texel and frame, on area lights and sky */
     uint32_t indirect_samples; /* per texel, bounce and frame */
-    float target_error;        /* relative standard error at which a tile rests; < 0: at none */
-    uint32_t frames_max;       /* frames after which a tile rests in any case; 0: no limit */
-    unsigned threads;          /* 0: all */
+    /* relative standard error at which a tile converges; < 0: at none. */
+    float target_error;
+    /* frames after which a tile counts as converged in any case; 0: no limit. */
+    uint32_t frames_max;
+    unsigned threads; /* 0: all */
     uint32_t seed;
-    /* Whose direct light can be left out of what is shown (client_lights.h); outlives the solver. NULL: nobody's. */
+    /* Whose direct light can be left out of what is shown (client_lights.h); outlives
+     * the solver. NULL: nobody's. */
     const struct lw_client_lights *client_lights;
-    /* Groups of lights whose light is kept in layers, so that another intensity takes no ray (light_groups.h); copied.
-     * NULL: one layer of all light as it is. */
+    /* Groups of lights whose light is kept in layers, so that another intensity takes no ray
+     * (light_groups.h); copied. NULL: one layer of all light as it is. */
     const struct lw_light_groups *light_groups;
-    bool
-        denoise; /* filters what is shown, in every frame (denoise.h); direct and indirect stay as they are */
-    double
-        frame_budget_s; /* wall time in which a frame solves, about; 0: as long as it takes, the same bytes every time */
+    /* Filters what is shown, in every frame (denoise.h); direct and indirect stay as they are. */
+    bool denoise;
+    /* Wall time in which a frame solves, about; 0: as long as it takes, the same bytes every time. */
+    double frame_budget_s;
     const _Atomic bool *cancel;    /* may be NULL; once true, a frame under way ends within a tile */
     const _Atomic bool *finishing; /* may be NULL; once true, frames say how far they are */
-    const _Atomic bool *
-        awaited; /* may be NULL; while true, changes wait for the end of the frame under way, which shows nothing that may wait */
+    /* May be NULL; while true, changes wait for the end of the frame under way, which
+     * shows nothing that may wait. */
+    const _Atomic bool *awaited;
 };
 
 /** What one frame cost. Times are wall time of the calling thread. */
 struct lw_solver_stats {
     uint64_t rays_shadow, rays_bounce, rays_probe; /* of this frame */
     uint64_t pose_ns, direct_ns, probe_ns, scatter_ns, denoise_ns, weld_ns;
-    uint64_t change_ns; /* asking what has changed */
+    /* verification. */
+    uint64_t change_ns;
     uint64_t texels_solved;
-    uint32_t tiles_solved, tiles_converged, tiles; /* level-0 tiles: of this frame; at rest; in all */
-    uint32_t tiles_wanted,
-        tiles_feeding;    /* those with surface: looked at; solved for the light that they give */
+    /* level-0 tiles: of this frame; converged; in all. */
+    uint32_t tiles_solved, tiles_converged, tiles;
+    uint32_t tiles_interest,
+        /* those with surface: of interest; solved for the light that they give. */
+        tiles_contributing;
     uint32_t tiles_shown; /* whose light to be seen has changed */
     bool moved;           /* the pose is another than in the frame before */
 };
 
-/** One level-0 tile as the solver holds it: planar, tile-contiguous. Valid until the next call on the solver. */
+/** One level-0 tile as the solver holds it: planar, tile-contiguous. Valid until
+ * the next call on the solver. */
 struct lw_solver_tile {
-    const float *direct[3];   /* E of bounce 0, W/m^2 per channel; width*height each */
-    const float *indirect[3]; /* sum over bounces 1..N */
-    const float *light[3];    /* what is shown: direct + indirect, filtered and welded as the desc says */
+    const float *direct[3];     /* E of bounce 0, W/m^2 per channel; width*height each */
+    const float *indirect[3];   /* sum over bounces 1..N */
+    const float *irradiance[3]; /* what is shown: direct + indirect, filtered and welded as the desc says */
     const float *split[3];  /* the same without the direct light of client lights; NULL: not shown (show()) */
     const float *albedo[3]; /* mean over each texel */
     const uint8_t *covered; /* 1: a texel with surface; others hold 0 */
     const uint8_t *filled;  /* 1: a gutter, with the light and albedo of its chart; NULL: there are none */
     uint32_t width, height;
-    uint32_t bounces; /* indirect bounces that it holds */
-    uint32_t frames;  /* frames whose samples it has seen */
-    float error;      /* relative standard error, estimated; of SPLIT alone (show()) against all light too */
+    uint32_t bounces;      /* indirect bounces that it holds */
+    uint32_t sample_count; /* frames whose samples it holds */
+    float error; /* relative standard error, estimated; of SPLIT alone (show()) against all light too */
     uint64_t solved_frame; /* last frame that changed what is shown of it; 0: never */
 };
 
@@ -82,28 +91,31 @@ struct lw_solver {
 
 struct lw_solver_ops {
     const char *name;
-    /** Solves one frame at a pose. Tiles at rest cost nothing unless the pose changed.
-     * Same desc, sequence of poses and of what is wanted: same bytes, at any thread count. Errors: LW_CLOSED if cancelled; LW_NO_MEMORY, LW_INTERNAL. */
+    /** Solves one frame at a pose. Converged tiles cost nothing unless the pose changed. Same desc,
+     * sequence of poses and of interest: same bytes, at any thread count. Errors: LW_CLOSED if
+     * cancelled; LW_NO_MEMORY, LW_INTERNAL. */
     enum lw_status (*frame)(struct lw_solver *solver, const struct lw_pose *pose, uint64_t frame,
                             struct lw_solver_stats *out_stats, struct lw_error *err);
-    /** Says what is looked at; from the next frame on that alone is solved, with what lights it (scheduler.h).
-     * wanted: per lw_tile_id, 0 or 1 + the finest level that is looked at; entries of level 0 are read, before it returns;
-     * NULL: everything, as in a new solver. What nobody looks at keeps its sums; when somebody does again they count as
-     * far as they are right: in full if nothing has moved since. Errors: LW_NO_MEMORY; nothing is changed then. */
-    enum lw_status (*want)(struct lw_solver *solver, const uint8_t *wanted, struct lw_error *err);
-    /** Says in which forms light is shown (light_form.h), from the next frame on: a set of bits, not empty. A form
-     * that was not shown before is made of everything in that frame, whether it solves anything or not; one that no
-     * longer is stays as it was. FULL alone, to begin with; without client lights nothing else is ever shown.
-     * While SPLIT is shown alone errors are those of its noise, against all light. Tiles at rest for which that makes
-     * a difference go on when FULL is shown again. */
+    /** Sets the interest set; from the next frame on it alone is solved, with its contributors (scheduler.h).
+     * interest: per lw_tile_id, 0 or 1 + the finest level of interest; entries of level 0 are read, before it
+     * returns; NULL: everything, as in a new solver. Tiles of no interest keep their sums. When they are of
+     * interest again these count as far as they are right: in full if nothing has moved since. Errors:
+     * LW_NO_MEMORY; nothing is changed then. */
+    enum lw_status (*set_interest)(struct lw_solver *solver, const uint8_t *interest, struct lw_error *err);
+    /** Says in which forms light is shown (light_form.h), from the next frame on: a set of bits, not empty. A
+     * form that was not shown before is made of everything in that frame, whether it solves anything or not;
+     * one that no longer is stays as it was. FULL alone, to begin with; without client lights nothing else is
+     * ever shown. While SPLIT is shown alone errors are those of its noise, against all light. Converged
+     * tiles for which that makes a difference go on when FULL is shown again. */
     void (*show)(struct lw_solver *solver, unsigned forms);
-    /** Filters the noise out of every tile's light, between two frames and whatever the desc says of it: for those who
-     * read once, at the end. The next frame begins from the sums as ever. Errors: LW_NO_MEMORY. */
+    /** Filters the noise out of every tile's light, between two frames and whatever the desc says of it: for
+     * those who read once, at the end. The next frame begins from the sums as ever. Errors: LW_NO_MEMORY. */
     enum lw_status (*filter)(struct lw_solver *solver, struct lw_error *err);
     /** Reads a level-0 tile. */
     void (*read_tile)(const struct lw_solver *solver, lw_tile_id tile, struct lw_solver_tile *out_tile);
-    /** Saves, between two frames, what the next one depends on. key: 16 bytes that name the scene, the pose and what of
-     * the desc decides a sample; target_error, frames_max and threads may be others when it is read.
+    /** Saves, between two frames, what the next one depends on. key: 16 bytes that name the
+     * scene, the pose and what of the desc decides a sample; target_error, frames_max and threads
+     * may be others when it is read.
      * Errors: as lw_checkpoint_save(). */
     enum lw_status (*save)(const struct lw_solver *solver, const char *path, const uint8_t key[16],
                            struct lw_error *err);

@@ -6,15 +6,18 @@
  * The solver lights the scene for a few frames; what texels then send out stays as it is. Its bounce rays
  * then estimate the light that arrives, one order, on every n-th tile at the density and with the structure
  * of the real scene: each way of bundling draws N rays per texel, tile by tile, in the order in which
- * passes.c would. Ways:
+ * bounces.c would. Ways:
  *   independent   each texel a sequence of its own; packets of 4 x 4 neighbours
  *   block         one direction for a block of 16 x 16 texels; packets of 4 x 4 neighbours
  *   4x4           16 directions interleaved over 4 x 4 texels, a packet is 16 texels of one, with the
- *   sequence of sampling.h 2x2           4 directions interleaved over 2 x 2 texels, a packet is 16 texels of
- *   one, from 8 x 8 jitter-4      as 4x4-dealt, but each texel a point of its own in the shared one's cell of
- *   4 x 4 over the square jitter-16     the same with cells of 16 x 16
- *   filled        the packets of packets.h, with the sequence of sampling.h: what passes.c does
+ *                 sequence of sampling.h
+ *   2x2           4 directions interleaved over 2 x 2 texels, a packet is 16 texels of one, from 8 x 8
+ *   jitter-4      as 4x4-dealt, but each texel a point of its own in the shared one's cell of 4 x 4 over the
+ *                 square
+ *   jitter-16     the same with cells of 16 x 16
+ *   filled        the packets of packets.h, with the sequence of sampling.h: what bounces.c does
  *   4x4-dealt     as 4x4, but the 16 deal out one sequence among themselves
+ *
  * Columns: rays per texel so far; CPU microseconds per texel of drawing, tracing and reading them, by one
  * worker; millions of rays per CPU second; relMSE of texels, and of means over 4 x 4 and 16 x 16 texels,
  * which is what shared directions leave for the eye and for a filter. relMSE = mean((x - a)(x - b) / (t^2 +
@@ -130,10 +133,10 @@ static void trace_packet(const struct bundle *b, const uint32_t texel[LANES], ui
     for (uint32_t lane = 0; lane < LANES; lane++) {
         const uint32_t i = texel[active >> lane & 1 ? lane : (uint32_t)__builtin_ctz(active)];
         local_texel[lane] = tile->local + i;
-        place[lane] = tile->mesh->footprint.first[tile->local + i] +
+        place[lane] = tile->mesh->sample_points.first[tile->local + i] +
                       lw_sample_points_choose(p->texels->usable[tile->first + i], sample, turn);
     }
-    lw_sample_points_load(&tile->mesh->footprint, tile->mesh->position, local_texel, place, &lanes);
+    lw_sample_points_load(&tile->mesh->sample_points, tile->mesh->position, local_texel, place, &lanes);
     lw_sample_points_to_world(&b->frame, &lanes);
     const struct lw_points16 *at = &lanes.at;
     const bool each = b->way->own || b->way->cells;

@@ -58,7 +58,7 @@ static void read_coded(const struct lw_solver *solver, lw_tile_id id, struct lw_
     const uint32_t texels = tile->width * tile->height;
     for (uint32_t i = 0; i < texels; i++) {
         coded->covered[i] = tile->covered[i] || (tile->filled && tile->filled[i]);
-        for (uint32_t c = 0; c < 3; c++) coded->rgb[i * 3 + c] = tile->light[c][i];
+        for (uint32_t c = 0; c < 3; c++) coded->rgb[i * 3 + c] = tile->irradiance[c][i];
     }
     struct lw_tile_dct_coded result;
     enum lw_status status = lw_tile_codec_encode_dct(
@@ -76,7 +76,7 @@ static void read_coded(const struct lw_solver *solver, lw_tile_id id, struct lw_
     if (status != LW_OK) abort();
     for (uint32_t c = 0; c < 3; c++) {
         for (uint32_t i = 0; i < texels; i++) coded->light[c][i] = coded->rgb[i * 3 + c];
-        tile->light[c] = coded->light[c];
+        tile->irradiance[c] = coded->light[c];
     }
 }
 

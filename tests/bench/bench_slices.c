@@ -66,7 +66,7 @@ static enum lw_status slice(struct job *job, uint32_t part, bool spread, struct 
         job->wanted[id] = (spread ? n % part : n * part / job->tiles) == turn;
         n++;
     }
-    enum lw_status status = job->runner.solver->ops->want(job->runner.solver, job->wanted, err);
+    enum lw_status status = job->runner.solver->ops->set_interest(job->runner.solver, job->wanted, err);
     if (status == LW_OK)
         status = bench_runner_frame(&job->runner, &job->pose,
                                     &(struct bench_meter_desc){.stride = UINT32_MAX}, out_cost, err);

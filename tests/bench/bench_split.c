@@ -42,7 +42,7 @@ static enum lw_status build_levels(struct job *job, enum lw_light_form form) {
         struct lw_solver_tile tile;
         if (map->place[id].level) continue;
         job->solver->ops->read_tile(job->solver, (lw_tile_id){id}, &tile);
-        if (form == LW_LIGHT_FORM_SPLIT) memcpy(tile.light, tile.split, sizeof tile.light);
+        if (form == LW_LIGHT_FORM_SPLIT) memcpy(tile.irradiance, tile.split, sizeof tile.irradiance);
         lw_levels_load_tile(&levels[map->place[id].object], &map->place[id], &tile);
     }
     for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++)

@@ -133,7 +133,7 @@ static void take_light(struct job *job, const struct lw_solver *solver) {
             .version = 1, .bounces = 2, .error = lw_publisher_error(map, solver, (lw_tile_id){id}, NULL)};
         if (place->level) continue;
         solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
-        if (job->form == LW_LIGHT_FORM_SPLIT) memcpy(tile.light, tile.split, sizeof tile.light);
+        if (job->form == LW_LIGHT_FORM_SPLIT) memcpy(tile.irradiance, tile.split, sizeof tile.irradiance);
         lw_levels_load_tile(&job->levels[place->object], place, &tile);
     }
     for (uint32_t o = 0; o < map->object_count; o++)

@@ -142,7 +142,7 @@ static void what_is_added_is_lit_from_the_first(void **state) {
     }
 }
 
-/* To a hundredth, with a breath of sky: other light, not the same with another weight (layers.h). */
+/* To a hundredth, with a breath of sky: other light, not the same with another weight (light_layers.h). */
 static void dim_lamp(struct lw_client *client) {
     const struct lw_scene *scene = lw_client_scene(client);
     for (uint32_t m = 0; m < scene->material_count; m++) {

@@ -274,7 +274,7 @@ uint32_t room_expect_same(const struct room_solution *a, const struct room_solut
         for (int c = 0; c < 3; c++) {
             assert_memory_equal(x.direct[c], y.direct[c], bytes);
             assert_memory_equal(x.indirect[c], y.indirect[c], bytes);
-            assert_memory_equal(x.light[c], y.light[c], bytes);
+            assert_memory_equal(x.irradiance[c], y.irradiance[c], bytes);
         }
         assert_memory_equal(&x.error, &y.error, sizeof x.error);
         assert_int_equal(x.solved_frame, y.solved_frame);

@@ -428,7 +428,7 @@ static bool wakes(float each) {
                                    .packet = packet,
                                    .packet_count = LW_PACKETS_MAX,
                                    .state = LW_BLOCK_CONVERGED,
-                                   .light = 1};
+                                   .reference_luminance = 1};
     for (uint32_t set = 0; set < LW_PACKETS_MAX; set++) {
         packet[set].count = LW_TRACE_WIDTH;
         for (uint32_t k = 0; k < LW_TRACE_WIDTH; k++) /* every fourth texel in both directions */
@@ -438,7 +438,7 @@ static bool wakes(float each) {
             block.change.packet[set].indirect_square[r] = 4 * each * each;
         }
     }
-    lw_gradient_wake(&block, 0.02f, false);
+    lw_gradient_invalidate(&block, 0.02f, false);
     return block.state != LW_BLOCK_CONVERGED;
 }
 

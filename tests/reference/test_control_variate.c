@@ -73,7 +73,7 @@ static struct sums add_up(const struct lit *lit) {
  * and by `noise` up or down besides. */
 static void find(struct lit *lit, float first, float later, float noise) {
     struct lw_change_block *change = &lit->block->change;
-    change->told = change->asked = lw_change_all_packets(lit->block);
+    change->told = change->verified = lw_change_all_packets(lit->block);
     for (uint32_t set = 0; set < lit->block->packet_count; set++) {
         struct lw_change_packet *packet = &change->packet[set];
         memset(packet, 0, sizeof *packet);
@@ -143,7 +143,7 @@ static void test_noise_is_left(void **state) {
     struct lit lit;
     light_room(&lit);
     const struct sums before = add_up(&lit);
-    const float light = lit.block->light;
+    const float light = lit.block->reference_luminance;
     find(&lit, 0.05f * light, 0, 5 * light); /* 256 texels: known to a third of the light */
     assert_false(lw_control_variate_indirect(lit.tiles, lit.tile, 0.02f, true));
     find(&lit, 0.01f * light, 0, 0);
@@ -200,9 +200,9 @@ static void test_packets_that_differ(void **state) {
             lw_ray_launch_init(&launch, lit.tile, lit.block, set);
             lw_control_variate_direct(lit.tiles, lit.tile, lit.block, set, &launch, off, NULL);
         }
-        lw_control_variate_doubt_direct(lit.tile);
+        lw_control_variate_note_error(lit.tile);
         for (uint32_t set = 0; set < lit.block->packet_count; set++)
-            doubt += lit.block->change.packet[set].direct_doubt;
+            doubt += lit.block->change.packet[set].direct_error;
         const double variance = differ ? 0.01 : 0; /* of 0 and 0.2 */
         if (fabs((double)doubt / texels(&lit) - variance) > 0.1 * variance + 1e-6)
             fail_msg("%g W/m^2 in doubt", sqrt((double)doubt / texels(&lit)));
@@ -228,8 +228,8 @@ static void test_what_may_be_missed(void **state) {
                 lw_control_variate_direct(lit.tiles, lit.tile, block, set, &launch, off, NULL);
             }
         }
-        lw_control_variate_doubt_direct(lit.tile);
-        const float doubt = lit.block->change.packet[0].direct_doubt / LW_TRACE_WIDTH;
+        lw_control_variate_note_error(lit.tile);
+        const float doubt = lit.block->change.packet[0].direct_error / LW_TRACE_WIDTH;
         if (noisy)
             assert_true(doubt > 0.02f && doubt < 0.04f);
         else

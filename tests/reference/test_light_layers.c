@@ -38,7 +38,7 @@ static struct picture look(const struct room_solution *s) {
         s->solver->ops->read_tile(s->solver, (lw_tile_id){s->map.first_tile[0] + t}, &tile);
         const size_t texels = tile.width * tile.height;
         for (int c = 0; c < 3; c++)
-            memcpy(picture.light[c] + picture.count, tile.light[c], texels * sizeof(float));
+            memcpy(picture.light[c] + picture.count, tile.irradiance[c], texels * sizeof(float));
         picture.count += texels;
     }
     return picture;
@@ -218,7 +218,7 @@ static void test_what_is_hidden_costs_nothing(void **state) {
     s.pose.light[1].position_ws.x -= 0.2f;
     for (unsigned i = 0; i < LW_CELL_LAYER_FADE_FRAMES + 8; i++) step(&s, &frame);
     s.solver->ops->read_tile(s.solver, (lw_tile_id){s.map.first_tile[ROOM_PLATE]}, &tile);
-    assert_int_equal(tile.frames, 0);
+    assert_int_equal(tile.sample_count, 0);
     room_finish(&s);
 }
 

@@ -268,7 +268,7 @@ static void test_a_strip_has_eight_places(void **state) {
     struct lw_texels texels;
     lw_support_ok(lw_texels_init(&texels, solution.scene, 1, &err), &err);
     const struct lw_mesh_texels *mesh = &texels.mesh[0];
-    const struct lw_sample_points *footprint = &mesh->footprint;
+    const struct lw_sample_points *footprint = &mesh->sample_points;
     unsigned whole = 0;
     for (uint32_t i = 0; i < mesh->texel_count; i++) {
         const uint32_t places = footprint->first[i + 1] - footprint->first[i];

@@ -43,7 +43,7 @@ static uint8_t *looks_at(const struct room_solution *s, uint32_t first, uint32_t
 
 static void look(struct room_solution *s, uint32_t first, uint32_t count, uint32_t level) {
     uint8_t *wanted = looks_at(s, first, count, level);
-    lw_support_ok(s->solver->ops->want(s->solver, wanted, NULL), NULL);
+    lw_support_ok(s->solver->ops->set_interest(s->solver, wanted, NULL), NULL);
     free(wanted);
 }
 
@@ -79,11 +79,11 @@ static void test_wanted_tiles_are_lit_as_in_a_whole_solve(void **state) {
     /* The floor's own 4 x 256 rays of each texel are the same; what they read has had an eighth of the
      * samples and more. */
     expect_near(b.indirect, a.indirect, 0.004);
-    assert_int_equal(seen.stats.tiles_wanted, 1);
-    assert_int_equal(seen.stats.tiles_feeding, 6); /* the other faces, the lamp */
+    assert_int_equal(seen.stats.tiles_interest, 1);
+    assert_int_equal(seen.stats.tiles_contributing, 6); /* the other faces, the lamp */
     assert_true(3 * seen.rays < 2 * whole.rays);
     for (uint32_t o = 0; o < 6; o++) {
-        const uint32_t frames = first_tile(&seen, o).frames;
+        const uint32_t frames = first_tile(&seen, o).sample_count;
         if (o == FLOOR)
             assert_int_equal(frames, 256);
         else
@@ -105,7 +105,7 @@ static void test_far_tiles_are_solved_less_often(void **state) {
         uint64_t frame = 64 * level;
         look(&s, 0, 1, level);
         solve_on(&s, &frame, 64);
-        const uint32_t now = first_tile(&s, 0).frames;
+        const uint32_t now = first_tile(&s, 0).sample_count;
         assert_in_range(now - before, frames[level] - 2, frames[level]);
         before = now;
     }
@@ -123,7 +123,7 @@ static float *copy_light(const struct room_solution *s, size_t *out_size) {
         struct lw_solver_tile tile;
         s->solver->ops->read_tile(s->solver, (lw_tile_id){id}, &tile);
         for (int c = 0; c < 3; c++, to += tile.width * tile.height)
-            memcpy(to, tile.light[c], sizeof *to * tile.width * tile.height);
+            memcpy(to, tile.irradiance[c], sizeof *to * tile.width * tile.height);
     }
     *out_size = floats * sizeof *copy;
     return copy;
@@ -173,14 +173,14 @@ static void test_nobody_looks_nothing_is_traced(void **state) {
     for (unsigned i = 0; i < 4; i++) {
         s.pose.light[0].intensity.x += 1;
         solve_on(&s, &frame, 2);
-        assert_int_equal(s.stats.tiles_solved + s.stats.tiles_wanted + s.stats.tiles_feeding, 0);
+        assert_int_equal(s.stats.tiles_solved + s.stats.tiles_interest + s.stats.tiles_contributing, 0);
         assert_int_equal(s.stats.tiles, 12);
     }
     assert_true(s.rays == rays);
-    lw_support_ok(s.solver->ops->want(s.solver, NULL, NULL), NULL);
+    lw_support_ok(s.solver->ops->set_interest(s.solver, NULL, NULL), NULL);
     solve_on(&s, &frame, 1);
     assert_int_equal(s.stats.tiles_solved, 12);
-    assert_int_equal(s.stats.tiles_wanted, 12);
+    assert_int_equal(s.stats.tiles_interest, 12);
     room_finish(&s);
 }
 
@@ -194,8 +194,8 @@ static void test_what_neither_is_seen_nor_lights_it_sleeps(void **state) {
     solve_on(&s, &frame, 1);
     const struct room_mean asleep = room_object_mean(&s, 6 + FLOOR);
     solve_on(&s, &frame, 40);
-    assert_int_equal(s.stats.tiles_feeding, 5);
-    for (uint32_t o = 6; o < 12; o++) assert_int_equal(first_tile(&s, o).frames, 1);
+    assert_int_equal(s.stats.tiles_contributing, 5);
+    for (uint32_t o = 6; o < 12; o++) assert_int_equal(first_tile(&s, o).sample_count, 1);
     assert_true(room_object_mean(&s, 6 + FLOOR).total == asleep.total);
     /* Somebody looks there, and nothing has moved: the old sample counts as much as the new ones. */
     look(&s, 6 + FLOOR, 1, 0);
@@ -217,7 +217,7 @@ static void test_rests_with_what_is_looked_at(void **state) {
     look(&s, FLOOR, 1, 0);
     solve_on(&s, &frame, 200);
     assert_int_equal(s.stats.tiles_solved, 0);
-    assert_int_equal(s.stats.tiles_feeding, 0);
+    assert_int_equal(s.stats.tiles_contributing, 0);
     assert_true(first_tile(&s, FLOOR).error <= 0.1f);
     assert_true(first_tile(&s, CEILING).error > 0.1f); /* had not to */
     room_finish(&s);
@@ -313,7 +313,7 @@ static void test_a_round_in_many_frames(void **state) {
             assert_int_equal(s.stats.tiles_solved, 1);
             assert_int_equal(s.stats.tiles_shown, f + 1 < tiles ? 0 : tiles);
         }
-        for (uint32_t o = 0; o < 12; o++) assert_int_equal(first_tile(&s, o).frames, round + 1);
+        for (uint32_t o = 0; o < 12; o++) assert_int_equal(first_tile(&s, o).sample_count, round + 1);
     }
     const double before = room_object_mean(&s, 6 + FLOOR).direct;
     dim(&s, 1, 2);
@@ -328,7 +328,7 @@ static void test_a_round_in_many_frames(void **state) {
  * shown, the next in the next frame, and only then, in its round, what has hardly changed. */
 static void test_what_has_changed_most_comes_first(void **state) {
     (void)state;
-    static const float urgency[] = {0, 0.02f, 0.5f, 0};
+    static const float priority[] = {0, 0.02f, 0.5f, 0};
     struct lw_solve_tile tile[4];
     struct lw_tiles tiles = {.count = 4, .tile = tile};
     struct lw_scheduler schedule;
@@ -338,11 +338,11 @@ static void test_what_has_changed_most_comes_first(void **state) {
     for (uint32_t i = 0; i < 4; i++)
         tile[i] = (struct lw_solve_tile){.id = {i},
                                          .covered_count = 100,
-                                         .frames = 1,
+                                         .sample_count = 1,
                                          .state = i ? LW_BLOCK_STALE : LW_BLOCK_SAMPLED,
-                                         .woken = i > 0,
-                                         .woken_count = 50,
-                                         .urgency = urgency[i]};
+                                         .invalidated = i > 0,
+                                         .invalidated_count = 50,
+                                         .priority = priority[i]};
     static const uint32_t order[] = {2, 1};
     for (uint32_t k = 0; k < 2; k++) {
         lw_scheduler_choose(&schedule, &tiles, room, &count);

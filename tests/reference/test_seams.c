@@ -118,7 +118,7 @@ static void solve_ball_in_parts(struct room_solution *s, uint32_t parts) {
         assert_true(frame < 1000);
         for (uint32_t id = 0; id < s->map.tile_count; id++)
             wanted[id] = s->map.place[id].level == 0 && id % parts == frame % parts;
-        lw_support_ok(s->solver->ops->want(s->solver, wanted, NULL), NULL);
+        lw_support_ok(s->solver->ops->set_interest(s->solver, wanted, NULL), NULL);
         lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, frame, &s->stats, NULL), NULL);
     }
     free(wanted);
@@ -139,7 +139,7 @@ static void test_parts_of_a_frame(void **state) {
         parts.solver->ops->read_tile(parts.solver, (lw_tile_id){id}, &y);
         for (uint32_t i = 0; i < x.width * x.height; i++) {
             if (!x.covered[i]) continue;
-            const double a = (double)x.light[0][i], b = (double)y.light[0][i],
+            const double a = (double)x.irradiance[0][i], b = (double)y.irradiance[0][i],
                          sum = (double)x.direct[0][i] + (double)x.indirect[0][i];
             off = fmax(off, fabs(a - b) / (a + 0.01));
             square += (a - b) * (a - b);

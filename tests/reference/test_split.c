@@ -62,7 +62,7 @@ static struct shown look(const struct parted *p, uint32_t object) {
         p->s.solver->ops->read_tile(p->s.solver, (lw_tile_id){p->s.map.first_tile[object] + t}, &tile);
         for (uint32_t i = 0; i < tile.width * tile.height; i++) {
             if (!tile.covered[i]) continue;
-            const double full = (double)tile.light[0][i],
+            const double full = (double)tile.irradiance[0][i],
                          split = (double)(tile.split[0] ? tile.split[0][i] : 0);
             shown.full += full;
             shown.split += split;
@@ -250,9 +250,9 @@ static void test_noise_of_what_is_drawn_filters_nothing(void **state) {
         p.s.solver->ops->read_tile(p.s.solver, (lw_tile_id){id}, &x);
         sharp.s.solver->ops->read_tile(sharp.s.solver, (lw_tile_id){id}, &y);
         for (uint32_t i = 0; i < x.width * x.height; i++) {
-            const double off = x.covered[i] ? (double)(x.split[0][i] - y.light[0][i]) : 0;
+            const double off = x.covered[i] ? (double)(x.split[0][i] - y.irradiance[0][i]) : 0;
             change += off * off;
-            light += x.covered[i] ? (double)(y.light[0][i] * y.light[0][i]) : 0;
+            light += x.covered[i] ? (double)(y.irradiance[0][i] * y.irradiance[0][i]) : 0;
         }
     }
     print_message("relative squared change %.2g\n", change / light);

@@ -44,7 +44,7 @@ enum lw_status seam_walk_init(struct seam_walk *walk, const struct lw_scene *sce
             }
             if (unwelded) {
                 tile.filled = NULL;
-                for (int c = 0; c < 3; c++) tile.light[c] = plain;
+                for (int c = 0; c < 3; c++) tile.irradiance[c] = plain;
             }
             lw_levels_load_tile(&walk->levels[o], &map->place[id], &tile);
         }
@@ -170,7 +170,7 @@ void seam_walk_mean_change(const struct lw_atlas_map *map, const struct lw_solve
             for (uint32_t i = 0; i < tile.width * tile.height; i++) {
                 if (!tile.covered[i]) continue;
                 sum[0] += (double)(tile.direct[1][i] + tile.indirect[1][i]);
-                sum[1] += (double)tile.light[1][i];
+                sum[1] += (double)tile.irradiance[1][i];
                 count++;
             }
         }

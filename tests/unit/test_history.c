@@ -18,10 +18,10 @@ static void test_nothing_is_left_without_room(void **state) {
     struct lw_history m = {0};
     for (int n = 0; n < 100; n++) (void)lw_history_take(&m, INFINITY);
     expect_close(lw_history_take(&m, 0), 1, 0);
-    expect_close(m.frames, 1, 0);
+    expect_close(m.sample_count, 1, 0);
 }
 
-/* What a mean is out of date by, as change.c keeps it. */
+/* A mean's staleness, as gradient.c keeps it. */
 static float take_stale(struct lw_history *m, float variance, float *stale) {
     const float weight = lw_history_take(m, *stale > 0 ? lw_history_max(variance, *stale) : INFINITY);
     *stale *= 1 - weight;
@@ -38,12 +38,12 @@ static void test_one_change(void **state) {
     for (int n = 0; n < 400; n++) (void)take_stale(&m, variance, &stale);
     stale = change;
     (void)take_stale(&m, variance, &stale);
-    expect_close(m.frames, variance / (change * change) + 1, 1e-4f);
+    expect_close(m.sample_count, variance / (change * change) + 1, 1e-4f);
     for (int n = 0; n < 300; n++) {
         (void)take_stale(&m, variance, &stale);
-        assert_true(stale * stale < 1.05f * variance / m.frames);
+        assert_true(stale * stale < 1.05f * variance / m.sample_count);
     }
-    expect_close(m.frames, 326, 0.01f);
+    expect_close(m.sample_count, 326, 0.01f);
     expect_close(stale, change * 25 / 326, 0.05f);
 }
 
@@ -57,8 +57,8 @@ static void test_steady_change(void **state) {
             stale += drift;
             (void)take_stale(&m, 1, &stale);
         }
-        expect_close(m.frames, cbrtf(1 / (drift * drift)), 0.2f);
-        expect_close(stale, drift * (m.frames - 1), 0.05f);
+        expect_close(m.sample_count, cbrtf(1 / (drift * drift)), 0.2f);
+        expect_close(stale, drift * (m.sample_count - 1), 0.05f);
     }
 }
 

@@ -16,7 +16,7 @@ static void load(struct lw_levels *levels) {
     lw_atlas_init(&atlas, SIDE, SIDE);
     lw_support_ok(lw_levels_init(levels, &atlas), NULL);
     struct lw_solver_tile tile = {.covered = covered, .width = SIDE, .height = SIDE};
-    for (int c = 0; c < 3; c++) tile.light[c] = plane[c];
+    for (int c = 0; c < 3; c++) tile.irradiance[c] = plane[c];
     lw_levels_load_tile(levels, &place, &tile);
     lw_levels_build(levels);
 }
@@ -72,7 +72,7 @@ static void test_filled_gutters_are_kept(void **state) {
     lw_atlas_init(&atlas, SIDE, SIDE);
     lw_support_ok(lw_levels_init(&levels, &atlas), NULL);
     struct lw_solver_tile tile = {.covered = covered, .filled = filled, .width = SIDE, .height = SIDE};
-    for (int c = 0; c < 3; c++) tile.light[c] = plane[c];
+    for (int c = 0; c < 3; c++) tile.irradiance[c] = plane[c];
     lw_levels_load_tile(&levels, &place, &tile);
     lw_levels_build(&levels);
     assert_true(red(&levels, 0, 1, 0) == 10);
@@ -153,7 +153,7 @@ static void load_tile(struct solved *s, uint32_t t, struct lw_levels *levels) {
                                   .filled = s->filled[t],
                                   .width = s->place[t].width,
                                   .height = s->place[t].height};
-    for (int c = 0; c < 3; c++) tile.light[c] = s->light[t][c];
+    for (int c = 0; c < 3; c++) tile.irradiance[c] = s->light[t][c];
     lw_levels_load_tile(levels, &s->place[t], &tile);
 }
 

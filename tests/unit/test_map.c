@@ -40,9 +40,9 @@ static void fake_read_tile(const struct lw_solver *solver, lw_tile_id id, struct
                                    .width = place->width,
                                    .height = place->height,
                                    .error = place->x ? 0.3f : 0.1f,
-                                   .frames = 7 + place->x};
+                                   .sample_count = 7 + place->x};
     for (int c = 0; c < 3; c++) {
-        out->light[c] = fake->light[c];
+        out->irradiance[c] = fake->light[c];
         out->albedo[c] = fake->albedo[c];
     }
 }

@@ -28,7 +28,7 @@ static struct block *flat(void) {
     struct block *b = calloc(1, sizeof *b);
     assert_non_null(b);
     for (int c = 0; c < 3; c++) b->mesh.position[c] = b->position[c], b->mesh.normal[c] = b->normal[c];
-    b->mesh.footprint.reach = b->reach;
+    b->mesh.sample_points.reach = b->reach;
     for (uint32_t i = 0; i < COUNT; i++) {
         set_texel(b, i, lw_vec3(0.1f * (float)(i % SIDE), 0, 0.1f * (float)(i / SIDE)), lw_vec3(0, 1, 0));
         b->reach[i] = 0.05f;

@@ -17,7 +17,7 @@ static uint64_t solved_frame;
 static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *tile) {
     (void)solver;
     assert_int_equal(id.v, 0);
-    *tile = (struct lw_solver_tile){.light = {light[0], light[1], light[2]},
+    *tile = (struct lw_solver_tile){.irradiance = {light[0], light[1], light[2]},
                                     .split = {split[0], split[1], split[2]},
                                     .direct = {light[0], light[1], light[2]},
                                     .indirect = {nothing, nothing, nothing},
@@ -25,7 +25,7 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
                                     .width = SIDE,
                                     .height = SIDE,
                                     .bounces = 2,
-                                    .frames = 1,
+                                    .sample_count = 1,
                                     .error = error,
                                     .solved_frame = solved_frame};
 }

@@ -103,7 +103,7 @@ static void expect_cells_counted(const char *name, float texels_per_metre) {
     lw_support_ok(lw_cell_layer_create(&geometry, &desc, &f.pose, &solver, &err), &err);
     uint8_t *wanted = calloc(f.map.tile_count, 1);
     assert_non_null(wanted);
-    lw_support_ok(solver->ops->want(solver, wanted, &err), &err);
+    lw_support_ok(solver->ops->set_interest(solver, wanted, &err), &err);
     free(wanted);
     run_frame(solver, &f);
     expect_counted(name,

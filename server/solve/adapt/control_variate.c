@@ -5,14 +5,17 @@
 #include <math.h>
 
 #define LANES LW_TRACE_WIDTH
-/* Of the variance of what a surface has found, what counts against believing it: noise is averaged by those who look, change is not. */
+/* Of the variance of what a surface has found, what counts against believing it: noise is averaged by
+ * those who look, change is not. */
 #define NOISE_COUNTS 0.125f
-/* Indirect light is in doubt by this share of its correction: few rays may all have missed the same bright spot. And by this share of the
- * variance of what a surface has found: that is noise, of what its rays end on, which the samples of the next solves have as well.
- * (Counted in full, it kept means at three frames for as long as light was taken to be changing: docs/results/dynamic.md.) */
-#define DOUBT_MIN   0.25f
-#define DOUBT_NOISE 0.3f
-/* Shares of a block's light: less is not corrected; nor is less than this of what may be off at rest; less is not shown for its own sake. */
+/* The standard error of indirect light is this share of its correction: few rays may all have missed the same
+ * bright spot. And by this share of the variance of what a surface has found: that is noise, of what its rays
+ * end on, which the samples of the next solves have as well. (Counted in full, it kept means at three frames
+ * for as long as light was taken to be changing: docs/results/dynamic.md.) */
+#define ERROR_MIN   0.25f
+#define ERROR_NOISE 0.3f
+/* Shares of a block's light: less is not corrected; nor is less than this of a converged block's error; less
+ * is not shown for its own sake. */
 #define TAKEN_MIN       2e-3f
 #define TAKEN_OF_TARGET 0.25f
 #define SHOWN_MIN       2e-2f
@@ -29,7 +32,8 @@ static float luminance(float r, float g, float b) { return lw_colour_luminance(l
 
 /* ---- direct light ---- */
 
-/* Square by square, what is left of the differences of one channel when the plane that fits them best is taken off. */
+/* Square by square, what is left of the differences of one channel when the plane that
+ * fits them best is taken off. */
 static float roughness(const struct lw_solve_tile *tile, const struct lw_ray_launch *launch,
                        const struct lw_vec3 off[LANES], uint32_t lanes, int channel) {
     const float n = (float)lanes;
@@ -51,8 +55,8 @@ static float roughness(const struct lw_solve_tile *tile, const struct lw_ray_lau
     return fmaxf(dd - along_x * xd - along_y * yd, 0) * n / (n - 3);
 }
 
-/* What was once `then` is `now`: light that comes is added; of light that goes, the mean loses the same share as the sample, so that its noise
- * becomes less with it. */
+/* What was once `then` is `now`: light that comes is added; of light that goes, the mean loses the same share
+ * as the sample, so that its noise becomes less with it. */
 static float changed(float mean, float then, float now) {
     if (now >= then || !(then > 0)) return fmaxf(mean + now - then, 0);
     return mean * fmaxf(now, 0) / then;
@@ -120,13 +124,13 @@ static bool was_corrected(const struct lw_solve_block *block) {
     return block->packet_count && block->change.direct == lw_change_all_packets(block);
 }
 
-/* What a tile's packets were corrected by: the mean square of a texel; of the squares, the share that is in doubt where packets lie among
- * others. */
-struct doubt {
+/* What a tile's packets were corrected by: the mean square of a texel; of the squares, the share that is
+ * uncertain where packets lie among others. */
+struct tile_change {
     float square, share;
 };
 
-static struct doubt doubt_of(const struct lw_solve_tile *tile) {
+static struct tile_change change_of(const struct lw_solve_tile *tile) {
     double square = 0, texels = 0, among = 0, variance = 0;
     LW_TILES_EACH_BLOCK (tile, block) {
         if (was_corrected(block)) EACH_SURFACE(block, first) {
@@ -140,27 +144,29 @@ static struct doubt doubt_of(const struct lw_solve_tile *tile) {
                 }
             }
     }
-    return (struct doubt){.square = texels > 0 ? (float)(square / texels) : 0,
-                          .share = among > 0 ? (float)fmin(1, variance / among) : 1};
+    return (struct tile_change){.square = texels > 0 ? (float)(square / texels) : 0,
+                                .share = among > 0 ? (float)fmin(1, variance / among) : 1};
 }
 
-/* What changes may be missed by samples that are as noisy as the block's are, but is not more than the tile has changed elsewhere. */
-static float may_be_missed(const struct lw_solve_block *block, const struct doubt *doubt) {
+/* What changes may be missed by samples that are as noisy as the block's are, but is not more than the
+ * tile has changed elsewhere. */
+static float may_be_missed(const struct lw_solve_block *block, const struct tile_change *whole) {
     const float noise = block->noise[LW_TILES_DIRECT];
-    return noise < 0 ? doubt->square : fminf(noise * block->light * block->light, doubt->square);
+    return noise < 0 ? whole->square
+                     : fminf(noise * block->reference_luminance * block->reference_luminance, whole->square);
 }
 
-void lw_control_variate_doubt_direct(struct lw_solve_tile *tile) {
-    const struct doubt doubt = doubt_of(tile);
+void lw_control_variate_note_error(struct lw_solve_tile *tile) {
+    const struct tile_change tile_change = change_of(tile);
     LW_TILES_EACH_BLOCK (tile, block) {
-        const float missed = may_be_missed(block, &doubt);
+        const float missed = may_be_missed(block, &tile_change);
         if (was_corrected(block)) EACH_SURFACE(block, first) {
                 const bool alone = block->packet[first].group < 2;
                 const float variance = variance_of(block, first);
                 EACH_PACKET(block, first, set) {
                     struct lw_change_packet *packet = &block->change.packet[set];
-                    const float off = alone ? doubt.share * most_square(packet->direct) : variance;
-                    packet->direct_doubt =
+                    const float off = alone ? tile_change.share * most_square(packet->direct) : variance;
+                    packet->direct_error =
                         packet->direct_rough + block->packet[set].count * fmaxf(off, missed);
                 }
             }
@@ -196,7 +202,7 @@ static struct finding find(const struct lw_solve_block *block, uint32_t first) {
     return f;
 }
 
-/* Mean difference of so many texels, and the square of its standard error. */
+/* Mean difference of `lanes` texels, and the square of its standard error. */
 struct mean {
     struct lw_vec3 of[LW_CHANGE_ORDERS], all;
     float square, error;
@@ -225,8 +231,8 @@ static struct mean mean_of(const struct finding *f, uint32_t first, uint32_t las
 
 static struct mean mean_of_surface(const struct finding *f) { return mean_of(f, 0, LW_CHANGE_REGIONS - 1); }
 
-/* Mean square by which the surfaces of a tile have changed, less what is noise, and what that may be by chance (a standard deviation, if
- * nothing has changed). */
+/* Mean square by which the surfaces of a tile have changed, less what is noise, and what that may be by
+ * chance (a standard deviation, if nothing has changed). */
 static float spread_of(const struct lw_solve_tile *tile) {
     double square = 0, chance = 0, lanes = 0;
     LW_TILES_EACH_BLOCK (tile, block) {
@@ -271,7 +277,7 @@ static void take_from(struct lw_solve_block *block, uint32_t first, const struct
     EACH_PACKET(block, first, set) {
         struct lw_change_packet *packet = &block->change.packet[set];
         uint32_t lanes[LW_CHANGE_REGIONS] = {0};
-        if (!(block->change.asked >> set & 1)) continue;
+        if (!(block->change.verified >> set & 1)) continue;
         count_lanes(&block->packet[set], lanes);
         for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) {
             const float n = (float)lanes[r];
@@ -298,14 +304,16 @@ struct sum {
     uint32_t texels;
 };
 
-/* Light that comes is added evenly; of light that goes each texel loses the same share, so that none has less than none. */
+/* Light that comes is added evenly; of light that goes each texel loses the same share, so
+ * that none has less than none. */
 static float shifted(float value, float shift, double light, uint32_t texels) {
     if (shift >= 0) return value + shift;
     const double left = light + (double)shift * texels;
     return left > 0 ? value * (float)(left / light) : 0;
 }
 
-/* Under this share of what they become, a texel's later bounces do not tell how that is to be shared out among them. */
+/* Under this share of what they become, a texel's later bounces do not tell how that is
+ * to be shared out among them. */
 #define SHARED_MIN 1e-6f
 
 /* Returns by how much the texel is brighter. */
@@ -325,13 +333,13 @@ static float shift_texel(struct lw_tiles *tiles, uint32_t texel, int c, const st
 }
 
 /* The texels of a surface, with the quarter that each lies in. */
-struct places {
+struct texels {
     uint32_t texel[LW_TILE_BLOCK * LW_TILE_BLOCK], count;
     uint8_t region[LW_TILE_BLOCK * LW_TILE_BLOCK];
 };
 
-static void list_places(const struct lw_solve_tile *tile, const struct lw_solve_block *block, uint32_t first,
-                        struct places *out) {
+static void list_texels(const struct lw_solve_tile *tile, const struct lw_solve_block *block, uint32_t first,
+                        struct texels *out) {
     out->count = 0;
     EACH_PACKET(block, first, set) {
         struct lw_ray_launch launch;
@@ -344,19 +352,19 @@ static void list_places(const struct lw_solve_tile *tile, const struct lw_solve_
     }
 }
 
-static void shift_surface(struct lw_tiles *tiles, struct lw_solve_block *block, const struct places *places,
+static void shift_surface(struct lw_tiles *tiles, struct lw_solve_block *block, const struct texels *texels,
                           const struct shift *shift, bool estimates) {
     static const float weight[3] = {0.2126f, 0.7152f, 0.0722f};
     for (int c = 0; c < 3; c++) {
         struct sum sum[LW_CHANGE_REGIONS] = {{{0}, 0}};
-        for (uint32_t i = 0; i < places->count; i++) {
-            struct sum *region = &sum[places->region[i]];
-            region->light[LW_CHANGE_FIRST] += (double)tiles->order[0][c][places->texel[i]];
-            region->light[LW_CHANGE_LATER] += (double)later_of(tiles, c, places->texel[i]);
+        for (uint32_t i = 0; i < texels->count; i++) {
+            struct sum *region = &sum[texels->region[i]];
+            region->light[LW_CHANGE_FIRST] += (double)tiles->order[0][c][texels->texel[i]];
+            region->light[LW_CHANGE_LATER] += (double)later_of(tiles, c, texels->texel[i]);
             region->texels++;
         }
-        for (uint32_t i = 0; i < places->count; i++) {
-            const uint32_t texel = places->texel[i], r = places->region[i];
+        for (uint32_t i = 0; i < texels->count; i++) {
+            const uint32_t texel = texels->texel[i], r = texels->region[i];
             const float by[LW_CHANGE_ORDERS] = {(&shift->of[LW_CHANGE_FIRST][r].x)[c],
                                                 (&shift->of[LW_CHANGE_LATER][r].x)[c]};
             const float brighter = weight[c] * shift_texel(tiles, texel, c, &sum[r], by);
@@ -376,17 +384,19 @@ static bool correct_surface(struct lw_tiles *tiles, const struct lw_solve_tile *
     const struct mean whole = mean_of_surface(&f);
     if (!whole.lanes) return false;
     struct shift shift;
-    struct places places;
-    const float believed = choose_shift(&f, &whole, spread, &shift), all = block->light + block->beside,
+    struct texels texels;
+    const float believed = choose_shift(&f, &whole, spread, &shift),
+                all = block->reference_luminance + block->other_luminance,
                 square = believed * believed * whole.square, light = all * all;
     if (!(square > least * least * light)) return false;
-    list_places(tile, block, first, &places);
-    shift_surface(tiles, block, &places, &shift, estimates);
+    list_texels(tile, block, first, &texels);
+    shift_surface(tiles, block, &texels, &shift, estimates);
     take_from(block, first, &shift);
     const bool much = square > SHOWN_MIN * SHOWN_MIN * light;
-    const float doubt = DOUBT_NOISE * believed * whole.error + (much ? DOUBT_MIN * DOUBT_MIN * square : 0),
-                share = (float)places.count / (float)block->covered_count;
-    block->change.doubt = sqrtf(block->change.doubt * block->change.doubt + share * doubt);
+    const float variance = ERROR_NOISE * believed * whole.error + (much ? ERROR_MIN * ERROR_MIN * square : 0),
+                share = (float)texels.count / (float)block->covered_count;
+    block->change.standard_error =
+        sqrtf(block->change.standard_error * block->change.standard_error + share * variance);
     block->unseen |= much;
     return true;
 }

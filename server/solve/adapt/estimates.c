@@ -3,7 +3,8 @@
 #include "common/colour.h"
 #include "server/solve/adapt/gradient.h"
 
-/* This many samples without light count as an error of 1; a full tile converges after some 25 frames at 0.02. */
+/* This many samples without light count as an error of 1; a full tile converges
+ * after some 25 frames at 0.02. */
 #define DARK_SAMPLES 2000.0
 /* What is known of a block's noise holds while its light is within this factor of what it was. */
 #define LIKE 4.0
@@ -37,15 +38,17 @@ static void note_estimate(struct lw_tiles *tiles, uint32_t texel, float weight) 
                    weight);
 }
 
-/* What has seen no light yet: what light it may have missed falls with the samples that found none, as 1/N. A scene that
- * casts no light on it at all is found dark as soon as one that hides its light behind a pinhole could be. */
+/* What has seen no light yet: what light it may have missed falls with the samples that found none,
+ * as 1/N. A scene that casts no light on it at all is found dark as soon as one that hides its
+ * light behind a pinhole could be. */
 static float error_of_darkness(double samples) { return (float)fmin(1.0, DARK_SAMPLES / fmax(1, samples)); }
 
-/* What an estimate is off the mean that it has entered with weight 1/m is (m-1)/m of what it is off the others' mean, which
- * has a noise of its own: V (m-1)/m in the mean of squares. */
+/* What an estimate is off the mean that it has entered with weight 1/m is (m-1)/m of what it is off the
+ * others' mean, which has a noise of its own: V (m-1)/m in the mean of squares. */
 static void note_noise(float *noise, double off_square, double light, const struct lw_history *memory) {
-    if (memory->frames < 2 || !(light > 0)) return;
-    const float now = (float)(off_square / (light * light)) * memory->frames / (memory->frames - 1);
+    if (memory->sample_count < 2 || !(light > 0)) return;
+    const float now =
+        (float)(off_square / (light * light)) * memory->sample_count / (memory->sample_count - 1);
     *noise = *noise < 0 ? now : *noise + (now - *noise) * NOISE_WEIGHT;
 }
 
@@ -80,7 +83,7 @@ static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *til
     for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
         for (int part = 0; texels[r] && part < LW_TILES_PARTS; part++)
             lw_gradient_note_drift(block, part, r, drift[part][r] / (float)texels[r]);
-    block->frames++;
+    block->sample_count++;
     block->variance = variance;
     block->luminance = luminance;
 }
@@ -92,22 +95,24 @@ void lw_estimates_judge(const struct lw_transport *t, struct lw_solve_tile *tile
     double luminance = 0, looks = 0, square = 0;
     LW_TILES_EACH_BLOCK (tile, block) {
         luminance += block->luminance;
-        looks += (double)block->frames * samples * block->covered_count;
+        looks += (double)block->sample_count * samples * block->covered_count;
     }
     const double tile_mean = luminance / tile->covered_count;
     LW_TILES_EACH_BLOCK (tile, block) {
         const double n = block->covered_count, light = n > 0 ? fmax(block->luminance / n, tile_mean) : 0;
         if (!(n > 0)) continue;
-        if (!(light < LIKE * (double)block->light && (double)block->light < LIKE * light))
+        if (!(light < LIKE * (double)block->reference_luminance &&
+              (double)block->reference_luminance < LIKE * light))
             block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;
-        block->light = (float)light;
-        /* variance is that of one estimate; the mean of h of them has 1/(h-1) of it (Bessel's correction in it). */
-        const double others = (double)block->indirect.frames - 1;
+        block->reference_luminance = (float)light;
+        /* variance is that of one estimate; the mean of h of them has 1/(h-1) of it
+         * (Bessel's correction in it). */
+        const double others = (double)block->indirect.sample_count - 1;
         if (others < 1)
             block->error = 1;
         else if (light > 0)
             block->error =
-                (float)fmin(1, sqrt(block->variance / n / others) / (light + (double)block->beside));
+                (float)fmin(1, sqrt(block->variance / n / others) / (light + (double)block->other_luminance));
         else
             block->error = error_of_darkness(looks);
         square += n * (double)block->error * (double)block->error;

@@ -6,8 +6,9 @@
 
 #include "server/solve/transport/transport.h"
 
-/** Sets the errors of a tile and its blocks. A block's noise is measured against its own light or the tile's, whichever is more, so
- * that a dark corner of a lit tile need not be known better than the rest; and what comes from elsewhere. */
+/** Sets the errors of a tile and its blocks. A block's noise is measured against its own light or the
+ * tile's, whichever is more, so that a dark corner of a lit tile need not be known better than the others;
+ * and what comes from elsewhere. */
 void lw_estimates_judge(const struct lw_transport *transport, struct lw_solve_tile *tile);
 
 /** After the last bounce: sums the orders, updates the noise estimates, judges. */

@@ -6,44 +6,50 @@
 #include <math.h>
 #include <string.h>
 
-/* Of the noise's variance, what counts against light that is out of date. Noise is each texel's own: pixels, and far more a filter,
- * average it over many; light is out of date over many at once, most so where it is indirect. Of what the filter leaves, these
- * bring a change through in a quarter of the frames for a tenth more error while a lamp walks (docs/results/dynamic.md). */
+/* Of the noise's variance, what counts against light that is out of date. Noise is each texel's own: pixels,
+ * and far more a filter, average it over many; light is out of date over many at once, most so where it is
+ * indirect. Of what the filter leaves, these bring a change through in a quarter of the frames for a tenth
+ * more error while a lamp walks (docs/results/dynamic.md). */
 static const float counted[2][LW_TILES_PARTS] = {
     [false] = {[LW_TILES_DIRECT] = 1.0f / 4, [LW_TILES_INDIRECT] = 1.0f / 16},
     [true] = {[LW_TILES_DIRECT] = 1.0f / 64, [LW_TILES_INDIRECT] = 1.0f / 256}};
-/* Indirect light is out of date over the whole block, where noise is each texel's own: less of it is borne at rest. */
+/* Indirect light is out of date over the whole block, where noise is each texel's own:
+ * less of it is allowed in a converged block. */
 #define COHERENT 2.0f
-/* Where something begins to move and one packet finds that so much of the light has changed, the others need not be asked. */
-#define STRONG 1.0f
-/* Where one packet has woken a block in a hurry and less than this share of its light has changed, the others are asked before it forgets
+/* Where something begins to move and one packet finds that so much of the light has changed,
+ * the others need not be verified. */
+#define CERTAIN 1.0f
+/* Where one packet has invalidated a block under a budget and less than this share of its light has changed,
+ * the others are verified before it forgets
  * any: a packet's sixteen texels are few for noise. */
 #define SURE 0.1f
-/* What has been solved because it had woken is as if so much of that had changed yet. */
+/* A block that was solved because it was invalidated counts as changed by this share of it still. */
 #define AGAIN 0.5f
-/* And less than this is not heard of in a hurry: the noise of a packet would wake half of all blocks. Their turns will find it. */
+/* And less than this does not count under a budget: the noise of a packet would invalidate half of all
+ * blocks. Their turns will find it. */
 #define HASTY 0.06f
-/* Of drift: what one solve brings; of its mean square, what its mean is more than by chance (4 standard errors); solves after a
- * movement in which it counts. */
+/* Of drift: what one solve brings; of its mean square, what its mean is more than by chance (4 standard
+ * errors); solves after a movement in which it counts. */
 #define DRIFT_WEIGHT 0.0625f
 #define DRIFT_SHARE  0.6f
 #define DRIFT_SOLVES 64u
-/* A block that nobody looked at for so many rounds is asked as if nothing had moved for a while before. */
+/* A block that did not contribute for this many rounds is verified as at an onset. */
 #define ROUNDS_MAX 16u
 
-/* What changes on one surface says nothing of another. Where something begins to move, one packet of so many of a block's surfaces is
- * asked, and so many at most. */
+/* What changes on one surface says nothing of another. At an onset one packet is verified for this many of a
+ * block's surfaces, and at most WITNESSES_MAX. */
 #define SURFACES_EACH 2u
 #define WITNESSES_MAX 4u
 
 static uint32_t witnesses_of(const struct lw_solve_block *block) {
     uint32_t surfaces = 0;
     for (uint32_t set = 0; set < block->packet_count; set += block->packet[set].group) surfaces++;
-    const uint32_t wanted = (surfaces + SURFACES_EACH - 1) / SURFACES_EACH;
-    return wanted < WITNESSES_MAX ? wanted : WITNESSES_MAX;
+    const uint32_t count = (surfaces + SURFACES_EACH - 1) / SURFACES_EACH;
+    return count < WITNESSES_MAX ? count : WITNESSES_MAX;
 }
 
-/* So many packets. Those of a surface follow each other: if they are far apart in their row, they are of different ones. */
+/* Takes `count` packets. Those of a surface follow each other: if they are far apart in their row,
+ * they are of different ones. */
 static uint16_t take_turn(struct lw_solve_block *block, uint32_t count) {
     const uint32_t turns = block->packet_count / count;
     uint16_t packets = 0;
@@ -52,21 +58,21 @@ static uint16_t take_turn(struct lw_solve_block *block, uint32_t count) {
     return packets;
 }
 
-static void ask(struct lw_change_block *change, uint16_t packets) {
+static void verify_packets(struct lw_change_block *change, uint16_t packets) {
     change->compare = packets;
     change->told |= packets;
-    change->asked |= packets;
+    change->verified |= packets;
     change->retrace = packets & change->unchecked;
     change->direct |= change->retrace;
     change->unchecked &= (uint16_t)~packets;
 }
 
 /* Along the rays that there are: what arrives may have changed. */
-static void ask_again(struct lw_solve_block *block) {
+static void reread_packets(struct lw_solve_block *block) {
     struct lw_change_block *change = &block->change;
     change->compare = lw_change_all_packets(block);
     change->told |= change->compare;
-    change->asked |= change->compare;
+    change->verified |= change->compare;
 }
 
 bool lw_gradient_choose(struct lw_solve_block *block, const struct lw_gradient_round *round) {
@@ -75,37 +81,37 @@ bool lw_gradient_choose(struct lw_solve_block *block, const struct lw_gradient_r
                first = change->moves < round->began,
                lit = (missed || first) && change->moves < round->light_moves;
     change->compare = change->retrace = change->direct = 0;
-    change->verified = LW_CHANGE_VERIFIED_NONE;
+    change->verify = LW_CHANGE_VERIFIED_NONE;
     change->tick = round->tick;
-    if (!block->packet_count || !block->frames) return false;
+    if (!block->packet_count || !block->sample_count) return false;
     const bool begins =
         moved &&
         (missed || first || (block->state == LW_BLOCK_CONVERGED ? !change->unchecked : !change->moving));
     if (!begins && round->spreads && !lw_gradient_is_invalidated(change) &&
         !(round->turn && block->state == LW_BLOCK_CONVERGED)) {
-        ask_again(block);
-        change->verified = LW_CHANGE_VERIFIED_RAYS;
+        reread_packets(block);
+        change->verify = LW_CHANGE_VERIFIED_RAYS;
         return true;
     }
     if (block->state != LW_BLOCK_CONVERGED && !begins) return false;
     if (moved) change->unchecked = lw_change_all_packets(block);
     change->moves = round->moves;
     change->moving = true;
-    if (begins) change->asked = 0;
+    if (begins) change->verified = 0;
     if (!change->unchecked && !round->active) return false;
     /* Each packet once in LW_PACKETS_MAX rounds, however few a block has. */
     if (!begins && (!round->turn ||
                     (round->tick + lw_random_hash(block->tile_id)) % LW_PACKETS_MAX >= block->packet_count))
         return false;
-    change->verified = begins ? LW_CHANGE_VERIFIED_ONSET : LW_CHANGE_VERIFIED_TURN;
+    change->verify = begins ? LW_CHANGE_VERIFIED_ONSET : LW_CHANGE_VERIFIED_TURN;
     if (lit) {
         if (!round->hurried) {
-            ask_again(block);
-            change->verified = LW_CHANGE_VERIFIED_ALL;
+            reread_packets(block);
+            change->verify = LW_CHANGE_VERIFIED_ALL;
         }
-        change->direct = change->asked = lw_change_all_packets(block);
+        change->direct = change->verified = lw_change_all_packets(block);
     } else {
-        ask(change, take_turn(block, first ? witnesses_of(block) : 1));
+        verify_packets(change, take_turn(block, first ? witnesses_of(block) : 1));
     }
     return true;
 }
@@ -113,11 +119,11 @@ bool lw_gradient_choose(struct lw_solve_block *block, const struct lw_gradient_r
 bool lw_gradient_choose_all(struct lw_solve_block *block, uint32_t moves) {
     struct lw_change_block *change = &block->change;
     change->compare = change->retrace = change->direct = 0;
-    if (!block->packet_count || !block->frames) return false;
+    if (!block->packet_count || !block->sample_count) return false;
     change->moves = moves;
-    ask_again(block);
-    change->verified =
-        change->verified > LW_CHANGE_VERIFIED_RAYS ? LW_CHANGE_VERIFIED_ALL : LW_CHANGE_VERIFIED_RAYS;
+    reread_packets(block);
+    change->verify =
+        change->verify > LW_CHANGE_VERIFIED_RAYS ? LW_CHANGE_VERIFIED_ALL : LW_CHANGE_VERIFIED_RAYS;
     change->direct = change->compare;
     return true;
 }
@@ -128,10 +134,11 @@ struct off {
     struct lw_vec3 indirect[LW_CHANGE_REGIONS];
 };
 
-/* What rays end on has noise too, and new noise whenever it is solved: texels differ each in its own way, where light that changes
- * does so for many. Of the sums, the share that chance does not explain: the squares of the regions' means, less those of their standard
- * errors. (Without that, noise that was taken for change shortened memories, which made noise: indirect light of the atrium never
- * came to rest after a movement. Twice the errors overlooks changes.) */
+/* What rays end on has noise too, and new noise whenever it is solved: texels differ each in its own way,
+ * where light that changes does so for many. Of the sums, the share that chance does not explain: the squares
+ * of the regions' means, less those of their standard errors. (Without that, noise that was taken for change
+ * shortened memories, which made noise: indirect light of the atrium never converged after a movement. Twice
+ * the errors overlooks changes.) */
 static float share_known(const struct off *sum, const float square[LW_CHANGE_REGIONS],
                          const uint32_t lanes[LW_CHANGE_REGIONS]) {
     float means = 0, errors = 0;
@@ -145,7 +152,8 @@ static float share_known(const struct off *sum, const float square[LW_CHANGE_REG
     return means > 0 ? sqrtf(fmaxf(0, 1 - errors / means)) : 1;
 }
 
-/* What a block's means are out of date by, and what the packets of a mask have found, in the mean over their texels. */
+/* What a block's means are out of date by, and what the packets of a mask have found, in
+ * the mean over their texels. */
 static struct off add_up(const struct lw_solve_block *block, uint16_t packets) {
     const struct lw_change_block *change = &block->change;
     struct off off = {0};
@@ -153,7 +161,7 @@ static struct off add_up(const struct lw_solve_block *block, uint16_t packets) {
     float square[LW_CHANGE_REGIONS] = {0};
     for (uint32_t set = 0; set < block->packet_count; set++) {
         if (!(packets >> set & 1)) continue;
-        off.direct += change->packet[set].direct_square + change->packet[set].direct_doubt;
+        off.direct += change->packet[set].direct_square + change->packet[set].direct_error;
         texels += block->packet[set].count;
         for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
             off.indirect[r] = lw_vec3_add(off.indirect[r], lw_change_both_orders(&change->packet[set], r)),
@@ -164,10 +172,10 @@ static struct off add_up(const struct lw_solve_block *block, uint16_t packets) {
         }
     }
     const float known = share_known(&off, square, lanes);
-    off.direct = change->stale_direct + (texels ? sqrtf(off.direct / (float)texels) : 0);
+    off.direct = change->staleness_direct + (texels ? sqrtf(off.direct / (float)texels) : 0);
     for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
-        off.indirect[r] =
-            lw_vec3_mad(change->stale_indirect[r], off.indirect[r], lanes[r] ? known / (float)lanes[r] : 0);
+        off.indirect[r] = lw_vec3_mad(change->staleness_indirect[r], off.indirect[r],
+                                      lanes[r] ? known / (float)lanes[r] : 0);
     return off;
 }
 
@@ -182,61 +190,61 @@ static float mean_over(const struct lw_vec3 region[LW_CHANGE_REGIONS]) {
 /* Of indirect light: what it is off, and may be off besides. */
 static float off_indirect(const struct lw_solve_block *block,
                           const struct lw_vec3 region[LW_CHANGE_REGIONS]) {
-    return hypotf(mean_over(region), block->change.doubt);
+    return hypotf(mean_over(region), block->change.standard_error);
 }
 
 static bool is_too_much(const struct lw_solve_block *block, const struct off *off, float target_error) {
-    const float may_be = (block->light + block->beside) * fmaxf(target_error, 0);
+    const float may_be = (block->reference_luminance + block->other_luminance) * fmaxf(target_error, 0);
     return off->direct > may_be || COHERENT * off_indirect(block, off->indirect) > may_be;
 }
 
 /* What share of a block's light is out of date, about. */
 static float share_of(const struct lw_solve_block *block, const struct off *off) {
-    const float light = block->light + block->beside,
+    const float light = block->reference_luminance + block->other_luminance,
                 all = fmaxf(off->direct, COHERENT * off_indirect(block, off->indirect));
     return light > 0 ? all / light : 1;
 }
 
-/* Whether a block would have to wake if all of it were as these packets are, or, of all packets, as it is. */
+/* Whether a block would have to be invalidated if all of it were as these packets are. */
 static bool has_changed(const struct lw_solve_block *block, uint16_t packets, float target_error) {
     const struct off off = add_up(block, packets);
     return is_too_much(block, &off, target_error);
 }
 
 static bool rereads(const struct lw_change_block *change) {
-    return change->verified == LW_CHANGE_VERIFIED_RAYS || change->verified == LW_CHANGE_VERIFIED_ALL;
+    return change->verify == LW_CHANGE_VERIFIED_RAYS || change->verify == LW_CHANGE_VERIFIED_ALL;
 }
 
 /* What this frame has found is not added to what was found before. */
 static bool stands_alone(const struct lw_change_block *change) {
-    return change->verified == LW_CHANGE_VERIFIED_ONSET || rereads(change);
+    return change->verify == LW_CHANGE_VERIFIED_ONSET || rereads(change);
 }
 
 /* Packets whose mean stands for the block: what begins to move is not told by what was found before. */
 static uint16_t witnesses(const struct lw_solve_block *block) {
-    return stands_alone(&block->change) ? block->change.asked : lw_change_all_packets(block);
+    return stands_alone(&block->change) ? block->change.verified : lw_change_all_packets(block);
 }
 
-void lw_gradient_note_rest(struct lw_solve_block *block) {
+void lw_gradient_note_staleness(struct lw_solve_block *block) {
     struct lw_change_block *change = &block->change;
     const struct off off = add_up(block, lw_change_all_packets(block));
-    memcpy(change->stale_indirect, off.indirect, sizeof off.indirect);
+    memcpy(change->staleness_indirect, off.indirect, sizeof off.indirect);
     memset(change->packet, 0, sizeof change->packet);
-    change->asked = change->told = 0;
+    change->verified = change->told = 0;
 }
 
 bool lw_gradient_choose_more(struct lw_solve_block *block, float target_error, bool hurried) {
     struct lw_change_block *change = &block->change;
-    const uint16_t asked = change->compare, found = witnesses(block);
+    const uint16_t verified = change->compare, found = witnesses(block);
     change->compare = change->direct = 0;
-    if (!asked || rereads(change) || !has_changed(block, found, target_error)) return false;
-    if (change->verified == LW_CHANGE_VERIFIED_ONSET && (hurried || has_changed(block, found, STRONG)))
+    if (!verified || rereads(change) || !has_changed(block, found, target_error)) return false;
+    if (change->verify == LW_CHANGE_VERIFIED_ONSET && (hurried || has_changed(block, found, CERTAIN)))
         return false;
-    ask(change, lw_change_all_packets(block) & (uint16_t)~asked);
+    verify_packets(change, lw_change_all_packets(block) & (uint16_t)~verified);
     return change->compare != 0;
 }
 
-void lw_gradient_wake(struct lw_solve_block *block, float target_error, bool hurried) {
+void lw_gradient_invalidate(struct lw_solve_block *block, float target_error, bool hurried) {
     struct lw_change_block *change = &block->change;
     change->compare = change->direct = 0;
     const struct off off = add_up(block, witnesses(block));
@@ -250,31 +258,32 @@ void lw_gradient_wake(struct lw_solve_block *block, float target_error, bool hur
 }
 
 void lw_gradient_review(struct lw_solve_block *block, float target_error) {
-    if (block->change.verified == LW_CHANGE_VERIFIED_ONSET) block->change.verified = LW_CHANGE_VERIFIED_TURN;
-    lw_gradient_wake(block, target_error, false);
+    if (block->change.verify == LW_CHANGE_VERIFIED_ONSET) block->change.verify = LW_CHANGE_VERIFIED_TURN;
+    lw_gradient_invalidate(block, target_error, false);
 }
 
 bool lw_gradient_choose_due(struct lw_solve_block *block, uint32_t moves) {
     struct lw_change_block *change = &block->change;
     const bool moved = moves != change->moves;
-    if (!block->packet_count || !block->frames) return false;
+    if (!block->packet_count || !block->sample_count) return false;
     if (lw_gradient_is_invalidated(change) && change->strength < SURE &&
         change->judged != lw_change_all_packets(block)) {
-        ask(change, lw_change_all_packets(block) & (uint16_t)~change->judged);
+        verify_packets(change, lw_change_all_packets(block) & (uint16_t)~change->judged);
         change->judged = lw_change_all_packets(block);
         return true;
     }
-    if (change->verified > LW_CHANGE_VERIFIED_RAYS || lw_gradient_is_invalidated(change)) return false;
+    if (change->verify > LW_CHANGE_VERIFIED_RAYS || lw_gradient_is_invalidated(change)) return false;
     if (moved) change->unchecked = lw_change_all_packets(block);
-    if (moved) ask(change, change->asked ? change->asked : take_turn(block, 1));
+    if (moved) verify_packets(change, change->verified ? change->verified : take_turn(block, 1));
     return moved;
 }
 
-static float room_for(const struct lw_solve_block *block, int part, float stale, bool filtered) {
+static float room_for(const struct lw_solve_block *block, int part, float staleness, bool filtered) {
     const float noise = block->noise[part];
-    if (!(stale > 0)) return INFINITY;
+    if (!(staleness > 0)) return INFINITY;
     if (noise < 0) return 1; /* not known before there are two */
-    return lw_history_max(counted[filtered][part] * noise * block->light * block->light, stale);
+    return lw_history_max(
+        counted[filtered][part] * noise * block->reference_luminance * block->reference_luminance, staleness);
 }
 
 void lw_gradient_note_drift(struct lw_solve_block *block, int part, uint32_t region, float off) {
@@ -283,7 +292,7 @@ void lw_gradient_note_drift(struct lw_solve_block *block, int part, uint32_t reg
     drift->square += (off * off - drift->square) * DRIFT_WEIGHT;
 }
 
-/* What a region's mean is off for sure, which is then begun anew; else 0. */
+/* By how much a region's mean is surely off, which then starts again; else 0. */
 static float take_drift(struct lw_change_drift *drift) {
     const float off = fabsf(drift->mean);
     if (!(off * off > DRIFT_SHARE * drift->square)) return 0;
@@ -304,29 +313,30 @@ static void add_drift(struct lw_change_block *change, struct off *off) {
 
 void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered, bool hurried) {
     struct lw_change_block *change = &block->change;
-    struct off off = add_up(block, lw_gradient_is_invalidated(change) ? change->judged : change->asked);
+    struct off off = add_up(block, lw_gradient_is_invalidated(change) ? change->judged : change->verified);
     change->still_solves = moves != change->solved_moves ? 0 : change->still_solves + 1;
     if (moves && change->still_solves < DRIFT_SOLVES) add_drift(change, &off);
     const float weight =
         lw_history_take(&block->direct, room_for(block, LW_TILES_DIRECT, off.direct, filtered));
-    change->stale_direct = off.direct * (1 - weight);
-    memcpy(change->stale_indirect, off.indirect, sizeof off.indirect);
+    change->staleness_direct = off.direct * (1 - weight);
+    memcpy(change->staleness_indirect, off.indirect, sizeof off.indirect);
     memset(change->packet, 0, sizeof change->packet);
     change->moving = moves != change->solved_moves;
     change->moves = change->solved_moves = moves;
-    change->compare = change->retrace = change->direct = change->asked = change->told = change->unchecked = 0;
+    change->compare = change->retrace = change->direct = change->verified = change->told = change->unchecked =
+        0;
     change->strength *= hurried ? AGAIN : 0;
-    if (!lw_gradient_is_urgent(change)) change->strength = 0;
+    if (!lw_gradient_is_strong(change)) change->strength = 0;
 }
 
 void lw_gradient_weigh_indirect(struct lw_solve_block *block, float most_frames, bool filtered) {
     struct lw_change_block *change = &block->change;
     const float room =
-        room_for(block, LW_TILES_INDIRECT, off_indirect(block, change->stale_indirect), filtered);
+        room_for(block, LW_TILES_INDIRECT, off_indirect(block, change->staleness_indirect), filtered);
     const float weight = lw_history_take(&block->indirect, fminf(room, most_frames));
     for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
-        change->stale_indirect[r] = lw_vec3_scale(change->stale_indirect[r], 1 - weight);
-    change->doubt *= 1 - weight;
+        change->staleness_indirect[r] = lw_vec3_scale(change->staleness_indirect[r], 1 - weight);
+    change->standard_error *= 1 - weight;
 }
 
 bool lw_gradient_is_stale(const struct lw_solve_block *block, float target_error) {

@@ -1,33 +1,44 @@
-/* change.h: how much a block's light has changed since it was last solved.
- * Flow:    movement -> [choose packets] -> lw_verify_compare() -> correction.h -> [judge] -> which blocks wake, what their means forget
+/* gradient.h: how much a block's light has changed since it was last solved.
+ * Flow:    movement -> [choose packets] -> lw_verify_compare() -> control_variate.h ->
+ *          [judge] -> which blocks are invalidated, what their means forget
  * Threads: a block's change is read and written by the one worker that has its tile.
  *
- * The samples of a block's last frame are taken again now, with the same random numbers, and compared with what they were then
- * (temporal gradients, Schied et al. 2018): whatever does not come out the same has changed, and nothing else, so that the
- * difference has none of the noise of the estimates themselves. Direct light and bounce rays are traced again where something has
- * moved since; where not, what arrives along the rays' ends is read again, which costs no ray: so a change follows the
- * bounces. What nobody looks at and what lights nobody's view is not asked.
- *   where something begins to move   one packet, or up to four of a block of several surfaces, and all at once if these have found a
- *                                    difference; in a hurry, not those before they are solved, and then only if it was a small one
- *   where lights begin to move, or have since the block last served   all packets, about direct light; without hurry, both
- *   where others' light has just changed               all packets, along the rays that there are
- *   while lights keep moving                           all packets, about both, some tiles a frame
- *   at rest   one packet in turn, so that all have been asked 16 rounds after the last movement
- *   awake     one packet before each solve while something moves; all, along the rays that there are, while light changes
- * Of what they find the means are corrected (correction.h); what follows is about the rest, and the doubt that a correction leaves.
- * The packets asked may lie on another surface of the block than what has changed, and miss it. So the estimates of a block that is solved
- * after a movement are held against their means as well, for nothing: where they stay off to one side, the means are out of date.
- * A block wakes when what its packets have found adds up to more than its target error.
- * Others that are solved in the same frame change what arrives in that frame: of direct light that is read along the block's old rays
- * before new ones are traced (lw_verify_reread()); of bounces, the mean by which the radiance of each block differs from the frame
- * before is looked up at the ends of the new ones (lw_verify_arrive()).
- * A block with no change in its samples may still be wrong by what fewer than one ray in 512 of it would see. */
+ * The samples of a block's last solve are taken again with the same random numbers, and compared with what
+ * they were (temporal gradients, Schied et al. 2018). Only what has changed differs, so the difference has
+ * none of the noise of the estimates. Where something has moved since, rays are traced again. Elsewhere the
+ * light that arrives along the ray hits is read again, which costs no ray: so a change follows the bounces.
+ * Tiles that are neither of interest nor contribute are not verified.
+ *
+ *   situation of a block                         packets that are verified
+ *   something begins to move                     one, or up to four of a block with several surfaces; all
+ *                                                where these found a difference (under a budget: only before
+ *                                                it is solved, and if the difference was small)
+ *   lights begin to move, or have since it       all, about direct light; without a budget along the ray
+ *   last contributed                             hits too
+ *   the light of other blocks has just changed   all, along the ray hits
+ *   lights keep moving                           all, about both, some tiles a frame
+ *   converged                                    one a round, until all were: 16 rounds after a movement
+ *   not converged                                one before each solve while something moves; all, along the
+ *                                                ray hits, while light changes
+ *
+ * The means are corrected by what is found (control_variate.h). What follows here is about what that leaves,
+ * and about its standard error. A block is invalidated when that adds up to more than its target error.
+ *
+ * The verified packets may lie on another surface than the change, and miss it. So a block that
+ * is solved after a movement also compares its estimates with its means: where they stay off to
+ * one side, the means are stale.
+ *
+ * Blocks that are solved in the same frame change what arrives in it. Direct light is therefore read along a
+ * block's old ray hits before new rays are traced (lw_verify_reread()). For bounces, the mean change of each
+ * block's radiance since the frame before is looked up at the new ray hits (lw_verify_arrive()).
+ *
+ * A change that fewer than one ray in 512 of a block meets may still be overlooked. */
 #ifndef LW_ADAPT_GRADIENT_H
 #define LW_ADAPT_GRADIENT_H
 
 #include "server/solve/state/tiles.h"
 
-/* What is asked of all blocks in a frame. */
+/* What is verified of all blocks in a frame. */
 struct lw_gradient_round {
     uint32_t moves, began,
         light_moves; /* of the scene, so far; when it last began to move; when its lights last did */
@@ -38,17 +49,18 @@ struct lw_gradient_round {
     bool hurried; /* time is short */
 };
 
-/** Chooses the packets that are asked of a block before it is known what this frame solves: mostly one, or none; of a block that does
- * not rest only where something begins to move. Where light spreads, all along the rays that there are; where lights have begun to move, or
- * have since the block last served, all about direct light, and, if there is time, along the rays. Returns whether there are any. */
+/** Chooses the packets of a block that are verified before it is known what this frame solves. See the
+ * table above: mostly one, or none; of a block that has not converged only where something begins to move.
+ * Returns whether there are any. */
 bool lw_gradient_choose(struct lw_solve_block *block, const struct lw_gradient_round *round);
 
-/** Chooses all packets, about direct light and along the rays that there are. Returns whether there are any. */
+/** Chooses all packets, about direct light and along the ray hits. Returns whether there are any. */
 bool lw_gradient_choose_all(struct lw_solve_block *block, uint32_t moves);
 
-/** After their answers: chooses the packets that are to be asked besides, before lw_gradient_wake(): all, if those asked have found so
- * much that the block might have to wake, but not so much that it must. hurried: where something begins to move none are: one packet is
- * enough to wake. Returns whether there are any. */
+/** After lw_verify_compare() of those: chooses the packets that are verified besides, before
+ * lw_gradient_invalidate(). These are all, if the first ones found so much that the block may have to be
+ * invalidated, but not so much that it must. hurried: none at an onset, where one packet is enough.
+ * Returns whether there are any. */
 bool lw_gradient_choose_more(struct lw_solve_block *block, float target_error, bool hurried);
 
 /* Its light has changed by more than its target error allows, and it was not solved since. */
@@ -57,37 +69,41 @@ static inline bool lw_gradient_is_invalidated(const struct lw_change_block *chan
 }
 
 /* A block of whose light so much has changed is solved before all else. */
-#define LW_GRADIENT_URGENT 0.03f
-static inline bool lw_gradient_is_urgent(const struct lw_change_block *change) {
-    return change->strength >= LW_GRADIENT_URGENT;
+#define LW_GRADIENT_STRONG 0.03f
+static inline bool lw_gradient_is_strong(const struct lw_change_block *change) {
+    return change->strength >= LW_GRADIENT_STRONG;
 }
 
 /** Notes what the estimates of a solve are off their means, in the mean over the texels of a region. */
 void lw_gradient_note_drift(struct lw_solve_block *block, int part, uint32_t region, float off);
 
-/** Keeps what is left of what all packets have found as out of date. */
-void lw_gradient_note_rest(struct lw_solve_block *block);
+/** Keeps what corrections have left of the packets' differences as staleness. */
+void lw_gradient_note_staleness(struct lw_solve_block *block);
 
-/** Wakes a block if what its packets have found is more than its target error allows; hurried: where that is of few packets, and more than
- * their noise may be. */
-void lw_gradient_wake(struct lw_solve_block *block, float target_error, bool hurried);
+/** Invalidates a block if its packets' differences exceed its target error. hurried: those of few packets
+ * must also exceed their noise. */
+void lw_gradient_invalidate(struct lw_solve_block *block, float target_error, bool hurried);
 
-/** Chooses the packets of a block that is to be solved, unless it was asked in this frame or has woken: one where
- * something has moved since. Returns whether there are any. */
+/** Chooses the packets of a block that is to be solved, unless it was verified in this frame or is
+ * invalidated: one, if something has moved since. Returns whether there are any. */
 bool lw_gradient_choose_due(struct lw_solve_block *block, uint32_t moves);
 
-/** Begins a due block's frame with what its packets have found, which is then forgotten; sets the weight of its next estimate of
- * direct light. filtered: what is shown is (denoise.h), so that noise matters less, and means remember less of light that has
- * changed. hurried: what has changed much is woken again, with half the strength: its new light has hardly any samples. */
+/** Begins a due block's frame: cuts its means to their staleness, forgets what its packets have found, and
+ * sets the weight of its next estimate of direct light. filtered: what is shown is (denoise.h), so that noise
+ * matters less, and means of changed light stand for fewer frames. hurried: a block that has changed much is
+ * invalidated again, with half the strength, since its new light has hardly any samples. */
 void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered, bool hurried);
 
-/** After lw_verify_arrive() of the first bounce: that of indirect light. most: frames that it may remember in any case. */
+/** After lw_verify_arrive() of the first bounce: the same for indirect light. most:
+ *       frames that its mean may stand
+ * for in any case. */
 void lw_gradient_weigh_indirect(struct lw_solve_block *block, float most, bool filtered);
 
-/** Wakes a block at rest if all that was found since it was solved is more than its target error allows, as that is now. */
+/** Invalidates a converged block if its differences since it was solved exceed its
+ * target error as that is now. */
 void lw_gradient_review(struct lw_solve_block *block, float target_error);
 
-/** Whether more of a block's means is out of date than may be at rest. */
+/** Whether a block's means are too stale for it to converge. */
 bool lw_gradient_is_stale(const struct lw_solve_block *block, float target_error);
 
 #endif

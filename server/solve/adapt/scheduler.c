@@ -12,15 +12,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Of a frame's budget, what goes into asking what has changed once some has been found, and at most before. */
-#define ASKING_SHARE 0.5
+/* Of a frame's budget, what goes into verification once a change has been found, and at most before. */
+#define VERIFY_SHARE 0.5
 #define SEARCH_SHARE 1.0
 /* While lights keep moving: what goes into correcting what they light. */
 #define SWEEP_SHARE 0.5
-/* So many rounds after the last light that was known to be out of date, what it lights has followed. */
+/* After this many rounds without a stale block, what the last one lights has followed. */
 #define CHANGING_ROUNDS 2u
-/* A block at rest whose light has been corrected rests on with so many times its target error: less of the light, and it is noisier. */
-#define RESTS_ON 1.5f
+/* A converged block whose light has been corrected stays converged up to this many times its target error:
+ * less of the light, and it is noisier. */
+#define CONVERGED_FACTOR 1.5f
 
 enum lw_status lw_scheduler_init(struct lw_scheduler *scheduler, uint32_t ids, uint32_t tile_count,
                                  uint32_t indirect_samples) {
@@ -62,7 +63,7 @@ static void note_places(struct lw_scheduler *scheduler, struct lw_tiles *tiles, 
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
         const uint32_t object = tile->object;
-        tile->unasked = true;
+        tile->unverified = true;
         tile->moved = lw_pose_object_differs(was, is, object);
         if (object == last || !tile->moved) continue;
         last = object;
@@ -71,7 +72,7 @@ static void note_places(struct lw_scheduler *scheduler, struct lw_tiles *tiles, 
     }
 }
 
-/* The least is asked first. */
+/* The tile of the least rank is verified first. */
 static float rank_of(const struct lw_scheduler *scheduler, const struct lw_solve_tile *tile) {
     float distance = scheduler->place_count ? INFINITY : 0;
     for (uint32_t k = 0; k < scheduler->place_count; k++)
@@ -91,7 +92,7 @@ static int compare_turns(const void *a, const void *b) {
 static void sort_tiles(struct lw_scheduler *scheduler, const struct lw_tiles *tiles, bool limited) {
     bool any = false;
     for (uint32_t i = 0; limited && i < tiles->count; i++)
-        any |= tiles->tile[i].serves && tiles->tile[i].unasked;
+        any |= tiles->tile[i].contributes && tiles->tile[i].unverified;
     for (uint32_t i = 0; i < tiles->count; i++)
         scheduler->turn[i] = (struct lw_scheduler_turn){any ? rank_of(scheduler, &tiles->tile[i]) : 0, i};
     if (any) qsort(scheduler->turn, tiles->count, sizeof *scheduler->turn, compare_turns);
@@ -133,43 +134,44 @@ static bool is_onset(const struct lw_scheduler_frame *frame) {
 
 void lw_scheduler_sum_invalidated(struct lw_solve_tile *tile) {
     double square = 0;
-    tile->woken_count = 0;
-    tile->woken = false;
+    tile->invalidated_count = 0;
+    tile->invalidated = false;
     LW_TILES_EACH_BLOCK (tile, block) {
         const double share = fmin(1, (double)block->change.strength);
-        tile->woken |= lw_gradient_is_invalidated(&block->change);
-        if (!lw_gradient_is_urgent(&block->change)) continue;
+        tile->invalidated |= lw_gradient_is_invalidated(&block->change);
+        if (!lw_gradient_is_strong(&block->change)) continue;
         square += share * share * block->covered_count;
-        tile->woken_count += block->covered_count;
+        tile->invalidated_count += block->covered_count;
     }
-    tile->urgency = tile->woken_count ? (float)(square / tile->woken_count) : 0;
+    tile->priority = tile->invalidated_count ? (float)(square / tile->invalidated_count) : 0;
 }
 
-/* After their answers: indirect light of a tile is corrected, and what has been is judged anew. */
+/* After the comparison: corrects indirect light of a tile, and judges again what was corrected. */
 static void take_over(const struct lw_scheduler_frame *frame, struct lw_solve_tile *tile) {
     const struct lw_transport *passes = frame->passes;
-    tile->corrected |= lw_control_variate_indirect(passes->tiles, tile, frame->rest.target_error, true);
+    tile->corrected |= lw_control_variate_indirect(passes->tiles, tile, frame->converged.target_error, true);
     if (tile->corrected) lw_estimates_judge(passes, tile);
 }
 
 /* ---- where something begins to move, and in turn ---- */
 
-/* Direct light has changed everywhere: all packets are asked about it, so that it need not be solved. */
-static bool asks_all(const struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame) {
+/* Direct light has changed everywhere: all packets are verified about it, so that it need not be solved. */
+static bool verifies_all(const struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame) {
     return is_onset(frame) && scheduler->shone;
 }
 
-/* Whether something that is looked at is yet to be asked about the last movement. */
-static bool is_unasked(const struct lw_scheduler *scheduler, const struct lw_tiles *tiles) {
+/* Whether a tile of interest is yet to be verified after the last movement. */
+static bool is_unverified(const struct lw_scheduler *scheduler, const struct lw_tiles *tiles) {
     for (uint32_t i = 0; i < tiles->count; i++) {
         const struct lw_solve_tile *tile = &tiles->tile[i];
-        if (tile->unasked && tile->serves && lw_scheduler_is_of_interest(scheduler, tile)) return true;
+        if (tile->unverified && tile->contributes && lw_scheduler_is_of_interest(scheduler, tile))
+            return true;
     }
     return false;
 }
 
 bool lw_scheduler_is_behind(const struct lw_scheduler *scheduler, const struct lw_tiles *tiles) {
-    return scheduler->shone && is_unasked(scheduler, tiles);
+    return scheduler->shone && is_unverified(scheduler, tiles);
 }
 
 /* A frame's round of questions. */
@@ -180,46 +182,46 @@ struct search {
     bool begun, found; /* by any worker: a question that there was no time for, a change */
 };
 
-/* Whether there is no time for another tile that is yet to be asked; but one is asked in any case. There should be time to solve what is
- * found. */
+/* Whether there is no time to verify another tile; but one is verified in any case. There should be
+ * time to solve what is found. */
 static bool is_time_over(const struct lw_scheduler *scheduler, struct search *search) {
     const struct lw_scheduler_frame *frame = search->frame;
     const bool found = __atomic_load_n(&search->found, __ATOMIC_RELAXED);
-    const double budgets = found && !asks_all(scheduler, frame) ? ASKING_SHARE : SEARCH_SHARE;
+    const double budgets = found && !verifies_all(scheduler, frame) ? VERIFY_SHARE : SEARCH_SHARE;
     return is_hurried(frame) &&
            (double)(lw_clock_ns() - search->began_ns) > budgets * frame->budget_s * 1e9 &&
            __atomic_exchange_n(&search->begun, true, __ATOMIC_RELAXED);
 }
 
-/* Asks one tile; adds its rays to count. Returns whether its direct light has been corrected. */
-static bool ask_tile(struct search *search, struct lw_solve_tile *tile, struct lw_ray_count *count) {
+/* Verifies one tile; adds its rays to count. Returns whether its direct light has been corrected. */
+static bool verify_tile(struct search *search, struct lw_solve_tile *tile, struct lw_ray_count *count) {
     const struct lw_scheduler_frame *frame = search->frame;
-    const float target_error = frame->rest.target_error;
+    const float target_error = frame->converged.target_error;
     const bool hurried = is_hurried(frame);
-    bool asked = false, more = false;
-    tile->unasked = false;
-    LW_TILES_EACH_BLOCK (tile, block) asked |= lw_gradient_choose(block, &search->round);
-    if (!asked) return false;
+    bool any = false, more = false;
+    tile->unverified = false;
+    LW_TILES_EACH_BLOCK (tile, block) any |= lw_gradient_choose(block, &search->round);
+    if (!any) return false;
     const bool direct = tile->corrected = lw_verify_compare(frame->passes, tile, count);
     LW_TILES_EACH_BLOCK (tile, block) more |= lw_gradient_choose_more(block, target_error, hurried);
     if (more) tile->corrected |= lw_verify_compare(frame->passes, tile, count);
     take_over(frame, tile);
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->covered_count) continue;
-        lw_gradient_wake(block, target_error, hurried);
-        if (tile->corrected && block->error > RESTS_ON * target_error && block->state == LW_BLOCK_CONVERGED &&
-            !lw_converged_may(&frame->rest, tile, block))
+        lw_gradient_invalidate(block, target_error, hurried);
+        if (tile->corrected && block->error > CONVERGED_FACTOR * target_error &&
+            block->state == LW_BLOCK_CONVERGED && !lw_converged_may(&frame->converged, tile, block))
             block->state = LW_BLOCK_SAMPLED;
     }
     lw_scheduler_sum_invalidated(tile);
     lw_tiles_sum_up(tile);
-    if (tile->woken) __atomic_store_n(&search->found, true, __ATOMIC_RELAXED);
+    if (tile->invalidated) __atomic_store_n(&search->found, true, __ATOMIC_RELAXED);
     return direct;
 }
 
-/* Wakes blocks at rest whose light is no longer what it was; where something begins to move, asks those that are awake too. */
-static void ask(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
-                struct lw_ray_count *count) {
+/* Invalidates converged blocks whose light has changed; at an onset it verifies the others too. */
+static void verify_tiles(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
+                         struct lw_ray_count *count) {
     struct lw_tiles *tiles = frame->passes->tiles;
     struct search search = {
         .frame = frame,
@@ -229,28 +231,31 @@ static void ask(struct lw_scheduler *scheduler, const struct lw_scheduler_frame 
                   .light_moves = scheduler->light_moves,
                   .tick = scheduler->round,
                   .turn = scheduler->ended,
-                  .active = scheduler->still_rounds <= LW_PACKETS_MAX, /* not all were asked */
-                  .spreads = is_at_once(frame) && scheduler->passes > 0 && !is_unasked(scheduler, tiles),
+                  /* not all were verified */
+                  .active = scheduler->still_rounds <= LW_PACKETS_MAX,
+                  .spreads = is_at_once(frame) && scheduler->passes > 0 && !is_unverified(scheduler, tiles),
                   .hurried = is_hurried(frame)}};
     uint64_t shadow = 0, bounce = 0;
     bool direct = false;
     sort_tiles(scheduler, tiles, is_hurried(frame));
-#pragma omp parallel for schedule(dynamic, 1) num_threads(frame->threads) reduction(+ : shadow, bounce) reduction(|| : direct)
+#pragma omp parallel for schedule(dynamic, 1) num_threads(frame->threads) reduction(+ : shadow, bounce) \
+    reduction(|| : direct)
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[scheduler->turn[i].tile];
         struct lw_ray_count of_tile = {0};
-        if (!tile->serves || (tile->unasked && is_time_over(scheduler, &search))) continue;
-        direct |= ask_tile(&search, tile, &of_tile);
+        if (!tile->contributes || (tile->unverified && is_time_over(scheduler, &search))) continue;
+        direct |= verify_tile(&search, tile, &of_tile);
         shadow += of_tile.shadow;
         bounce += of_tile.bounce;
     }
     count->shadow += shadow;
     count->bounce += bounce;
-    /* As many as there are bounces, once direct light has changed, and again once nothing urgent is left to solve. */
-    scheduler->solved_urgent |= scheduler->urgent > 0;
-    if (direct || (scheduler->solved_urgent && !scheduler->passes && !scheduler->backlog)) {
+    /* As many as there are bounces, once direct light has changed, and again once
+     * nothing invalidated is left to solve. */
+    scheduler->solved_invalidated |= scheduler->solved_first > 0;
+    if (direct || (scheduler->solved_invalidated && !scheduler->passes && !scheduler->backlog)) {
         scheduler->passes = tiles->bounces;
-        scheduler->solved_urgent = false;
+        scheduler->solved_invalidated = false;
     } else if (search.round.spreads) {
         scheduler->passes--;
     }
@@ -258,33 +263,34 @@ static void ask(struct lw_scheduler *scheduler, const struct lw_scheduler_frame 
 
 /* ---- while lights keep moving ---- */
 
-/* Corrects all light of a tile: direct light by new shadow rays, indirect light along the rays that there are. */
+/* Corrects all light of a tile: direct light by new shadow rays, indirect light
+ * along the rays that there are. */
 static void correct_tile(const struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
                          struct lw_solve_tile *tile, struct lw_ray_count *count) {
-    bool asked = false;
-    LW_TILES_EACH_BLOCK (tile, block) asked |= lw_gradient_choose_all(block, scheduler->moves);
-    if (!asked) return;
+    bool any = false;
+    LW_TILES_EACH_BLOCK (tile, block) any |= lw_gradient_choose_all(block, scheduler->moves);
+    if (!any) return;
     tile->corrected |= lw_verify_compare(frame->passes, tile, count);
     take_over(frame, tile);
     LW_TILES_EACH_BLOCK (tile, block) {
         if (block->state == LW_BLOCK_CONVERGED && block->covered_count)
-            lw_gradient_wake(block, frame->rest.target_error, true);
+            lw_gradient_invalidate(block, frame->converged.target_error, true);
         block->change.compare = block->change.direct = 0;
     }
     lw_scheduler_sum_invalidated(tile);
     lw_tiles_sum_up(tile);
 }
 
-/* A round is too long to wait for: a share of each frame goes on with what is looked at, until all has been corrected since the last
- * movement. */
+/* A round is too long to wait for. A share of each frame goes on through the interest set, until all of it
+ * has been corrected since the last movement. */
 static void sweep(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
                   struct lw_ray_count *count) {
     const struct lw_tiles *tiles = frame->passes->tiles;
     const uint64_t until_ns = lw_clock_ns() + (uint64_t)(SWEEP_SHARE * frame->budget_s * 1e9);
     uint64_t shadow = 0, bounce = 0;
     scheduler->sweep.ended = false;
-    if (is_at_once(frame))
-        scheduler->sweep.moves = scheduler->light_moves; /* all are asked at once, or solved */
+    if (is_at_once(frame)) /* all are verified at once, or solved */
+        scheduler->sweep.moves = scheduler->light_moves;
     if (scheduler->sweep.next == 0 && scheduler->sweep.moves == scheduler->light_moves) return;
     if (scheduler->sweep.next == 0) scheduler->sweep.moves = scheduler->light_moves;
     uint32_t next = scheduler->sweep.next;
@@ -294,7 +300,7 @@ static void sweep(struct lw_scheduler *scheduler, const struct lw_scheduler_fram
         struct lw_ray_count of_tile = {0};
         if (i >= tiles->count) break;
         struct lw_solve_tile *tile = &tiles->tile[i];
-        if (!tile->serves || !lw_scheduler_is_of_interest(scheduler, tile)) continue;
+        if (!tile->contributes || !lw_scheduler_is_of_interest(scheduler, tile)) continue;
         correct_tile(scheduler, frame, tile, &of_tile);
         shadow += of_tile.shadow;
         bounce += of_tile.bounce;
@@ -310,14 +316,14 @@ static void sweep(struct lw_scheduler *scheduler, const struct lw_scheduler_fram
 
 static bool is_any_stale(const struct lw_tiles *tiles) {
     for (uint32_t i = 0; i < tiles->count; i++)
-        if (tiles->tile[i].serves && tiles->tile[i].state == LW_BLOCK_STALE) return true;
+        if (tiles->tile[i].contributes && tiles->tile[i].state == LW_BLOCK_STALE) return true;
     return false;
 }
 
 void lw_scheduler_verify(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
                          struct lw_ray_count *count) {
     if (scheduler->moves && lw_scheduler_has_interest(scheduler)) {
-        ask(scheduler, frame, count);
+        verify_tiles(scheduler, frame, count);
         sweep(scheduler, frame, count);
     }
     if (is_any_stale(frame->passes->tiles) || scheduler->corrected)
@@ -342,12 +348,12 @@ void lw_scheduler_weigh(const struct lw_scheduler *scheduler, const struct lw_sc
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
         struct lw_ray_count of_tile = {0};
-        bool asked = false;
+        bool any = false;
         LW_TILES_EACH_BLOCK (tile, block)
-            if (block->due && scheduler->moves) asked |= lw_gradient_choose_due(block, scheduler->moves);
-        if (asked) {
+            if (block->due && scheduler->moves) any |= lw_gradient_choose_due(block, scheduler->moves);
+        if (any) {
             (void)lw_verify_compare(frame->passes, tile, &of_tile);
-            (void)lw_control_variate_indirect(tiles, tile, frame->rest.target_error, true);
+            (void)lw_control_variate_indirect(tiles, tile, frame->converged.target_error, true);
         }
         LW_TILES_EACH_BLOCK (tile, block)
             if (block->due)

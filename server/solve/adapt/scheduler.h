@@ -13,35 +13,38 @@
  *
  *   verified     packets of its last solve were traced again with the same random numbers (verify.h)
  *   corrected    its sums were changed by what these differ by (control_variate.h); no solve is needed
- *   invalidated  they differ by more than its target error allows: it is solved before all else (change.strength)
+ *   invalidated they differ by more than its target error allows: it is solved
+ *   before all else (change.strength)
  *   stale        its means are known to be out of date, whatever their noise
  *
- * Interest. A tile that is seen from level k is solved every 2^k-th round: a texel of that level is the mean of 4^k. A tile
- * of no interest contributes where bounce rays of solved tiles hit it. Its importance, the rays that hit it for each that
- * it would shoot itself, decides how often it is solved: its noise is averaged over its readers, so the question is how
- * old its light may be. Tiles of no importance are not solved; nor is anything once all tiles of interest have converged.
- * A tile that was never solved is solved once in any case: rays must not hit a place without light.
+ * Interest. A tile that is seen from level k is solved every 2^k-th round: a texel of that level is the mean
+ * of 4^k. A tile of no interest contributes where bounce rays of solved tiles hit it. Its importance, the
+ * rays that hit it for each that it would shoot itself, decides how often it is solved: its noise is averaged
+ * over its readers, so the question is how old its light may be. Tiles of no importance are not solved; nor
+ * is anything once all tiles of interest have converged. A tile that was never solved is solved once in any
+ * case: rays must not hit a place without light.
  *
- * Rounds. What is to be solved makes a round. A frame takes of it what it has time for, and a round is shown together at
- * its end, filtered and welded once. Invalidated blocks are solved before all else, those of the highest priority first,
- * and shown at once. Without a limit of time a round is a frame.
+ * Rounds. What is to be solved makes a round. A frame takes of it what it has time for, and a round is shown
+ * together at its end, filtered and welded once. Invalidated blocks are solved before all else, those of the
+ * highest priority first, and shown at once. Without a limit of time a round is a frame.
  *
- * Movement. At an onset all of the interest set is verified as fast as the budget allows, nearest first. What was corrected
- * sends out other light: as many frames as there are bounces then read all rays again, so that the change arrives
- * without a solve. What this misses the blocks' turns find (gradient.h). While lights keep moving there is no time for that: a
- * share of each frame goes round the interest set and corrects it (sweep), which is shown once it is through.
+ * Movement. At an onset all of the interest set is verified as fast as the budget allows, nearest first. What
+ * was corrected sends out other light: as many frames as there are bounces then read all rays again, so that
+ * the change arrives without a solve. What this misses the blocks' turns find (gradient.h). While lights keep
+ * moving there is no time for that: a share of each frame goes round the interest set and corrects it
+ * (sweep), which is shown once it is through.
  *
- * What is chosen is a function of interest, limits and light, frame by frame: never of time, where no budget is set, or
- * of threads. */
+ * What is chosen is a function of interest, limits and light, frame by frame: never of time, where no
+ * budget is set, or of threads. */
 #ifndef LW_ADAPT_SCHEDULER_H
 #define LW_ADAPT_SCHEDULER_H
 
 #include "server/solve/adapt/converged.h"
 #include "server/solve/transport/transport.h"
 
-/* A tile that contributes is solved every so many rounds at least. */
+/* A contributor is solved at least once in this many rounds. */
 #define LW_SCHEDULER_PERIOD_MAX 16u
-/* What moves after so many frames in which nothing did is an onset. */
+/* A movement after this many frames without one is an onset. */
 #define LW_SCHEDULER_STILL_FRAMES 4u
 /* Of places on what has moved; more would only order better. */
 #define LW_SCHEDULER_PLACES_MAX 32u
@@ -66,7 +69,7 @@ enum lw_scheduler_held { LW_SCHEDULER_NOTHING_HELD, LW_SCHEDULER_HELD, LW_SCHEDU
 
 struct lw_scheduler_count {
     /* Tiles: solved in this frame; of interest; that contribute. */
-    uint32_t due, wanted, feeding;
+    uint32_t due, interest, contributing;
 };
 
 struct lw_scheduler {
@@ -77,7 +80,7 @@ struct lw_scheduler {
     /* Bounce rays per texel. */
     uint32_t samples;
     /* Per lw_tile_id: 0, or 1 + the finest level that is seen. */
-    uint8_t *wanted;
+    uint8_t *interest;
     /* Per lw_tile_id: bounce rays of this frame that hit it, by weight, of those that are counted. */
     uint32_t *hits;
     /* Per lw_tile_id: what a hit of one of its rays counts for in this frame. */
@@ -96,8 +99,9 @@ struct lw_scheduler {
     /* Frames of the round under way; of the last one, as one begins. */
     uint32_t frames;
     /* Tiles that the last frame solved because they were invalidated. */
-    uint32_t urgent;
-    /* How much has changed of what was invalidated and the last frame had no time for; 0: there is nothing. */
+    uint32_t solved_first;
+    /* How much has changed of what was invalidated and the last frame had no
+     * time for; 0: there is nothing. */
     unsigned backlog;
     /* As the round began. */
     struct lw_scheduler_count count;
@@ -124,7 +128,7 @@ struct lw_scheduler {
     /* Frames that are yet to correct all blocks along the rays that there are. */
     uint32_t passes;
     /* Invalidated blocks were solved since the last of these began. */
-    bool solved_urgent;
+    bool solved_invalidated;
     /* Tiles, in the last frame. */
     uint32_t corrected;
     /* Rounds since something was solved; since any block that contributes was stale. */
@@ -134,7 +138,7 @@ struct lw_scheduler {
 /** What a frame goes by. */
 struct lw_scheduler_frame {
     const struct lw_transport *passes;
-    struct lw_converged rest;
+    struct lw_converged converged;
     enum lw_scheduler_mode mode;
     /* Wall time, if the mode has a budget. */
     double budget_s;
@@ -146,7 +150,7 @@ struct lw_scheduler_frame {
 /** Texels that a frame has time for, about. */
 struct lw_scheduler_room {
     /* Of what was invalidated; with what else waits. */
-    uint64_t woken, all;
+    uint64_t invalidated, all;
 };
 
 /** Everything is of interest to begin with. Errors: LW_NO_MEMORY. */
@@ -160,9 +164,10 @@ size_t lw_scheduler_memory_bytes(const struct lw_scheduler *scheduler);
 
 /* ---- interest (scheduler_rounds.c) ---- */
 
-/** Takes the interest set, from the next choice on. wanted: per lw_tile_id, as above; entries that are not of level 0 are
- * not read; NULL: everything. Errors: LW_NO_MEMORY; the scheduler is then as before. */
-LW_MUST_CHECK enum lw_status lw_scheduler_set_interest(struct lw_scheduler *scheduler, const uint8_t *wanted);
+/** Takes the interest set, from the next choice on. interest: per lw_tile_id, as above; entries that are not
+ * of level 0 are not read; NULL: everything. Errors: LW_NO_MEMORY; the scheduler is then as before. */
+LW_MUST_CHECK enum lw_status lw_scheduler_set_interest(struct lw_scheduler *scheduler,
+                                                       const uint8_t *interest);
 
 /** Frees what is kept of the interest set. */
 void lw_scheduler_forget_interest(struct lw_scheduler *scheduler);
@@ -177,26 +182,27 @@ static inline bool lw_scheduler_has_interest(const struct lw_scheduler *schedule
 
 static inline bool lw_scheduler_is_of_interest(const struct lw_scheduler *scheduler,
                                                const struct lw_solve_tile *tile) {
-    return scheduler->scope == LW_SCHEDULER_EVERYTHING || scheduler->wanted[tile->id.v];
+    return scheduler->scope == LW_SCHEDULER_EVERYTHING || scheduler->interest[tile->id.v];
 }
 
-/** Sets `serves` of every tile. feeds_all: rays end where texels cannot be counted (at probes), so that every tile may
- * contribute. */
+/** Sets `contributes` of every tile. all_contribute: rays end where texels cannot be counted (at probes), so
+ * that every tile may contribute. */
 void lw_scheduler_find_contributors(const struct lw_scheduler *scheduler, struct lw_tiles *tiles,
-                                    bool feeds_all);
+                                    bool all_contribute);
 
-/** Counts a due tile's bounce rays. end: of the whole scene, `samples` words per texel (transport.h). */
+/** Counts a due tile's bounce rays. ray_hit: of the whole scene, `samples` words per texel (transport.h). */
 void lw_scheduler_note_hits(struct lw_scheduler *scheduler, const struct lw_tiles *tiles,
-                            const struct lw_solve_tile *tile, const uint32_t *end);
+                            const struct lw_solve_tile *tile, const uint32_t *ray_hit);
 
 /* ---- what a frame solves and shows (scheduler_rounds.c) ---- */
 
-/** Sets `work` and `shows` of every tile, for the frame that begins. At least one tile is due, if any waits for which
- * there is room at all. */
+/** Sets `work` and `shows` of every tile, for the frame that begins. At least one tile is due, if any waits
+ * for which there is room at all. */
 void lw_scheduler_choose(struct lw_scheduler *scheduler, struct lw_tiles *tiles,
                          struct lw_scheduler_room room, struct lw_scheduler_count *out_count);
 
-/** Leaves what need not be shown in this frame for the next one in which nothing is urgent, but not twice. */
+/** Leaves what need not be shown in this frame for the next frame without
+ * invalidated tiles, but not twice. */
 void lw_scheduler_put_off(struct lw_scheduler *scheduler, struct lw_tiles *tiles);
 
 /* ---- what follows from a movement (scheduler.c) ---- */
@@ -208,8 +214,8 @@ void lw_scheduler_move(struct lw_scheduler *scheduler, struct lw_tiles *tiles, c
 /** Goes on where a checkpoint was saved, of a scene that has not changed since. */
 void lw_scheduler_resume(struct lw_scheduler *scheduler, uint32_t moves, uint32_t frames_since_move);
 
-/** Before it is chosen what the frame solves: verifies blocks, invalidates and corrects them. Those that there is no time for
- * are verified in the next frame. Adds the rays to count. */
+/** Before it is chosen what the frame solves: verifies blocks, invalidates and corrects them. Those that
+ * there is no time for are verified in the next frame. Adds the rays to count. */
 void lw_scheduler_verify(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
                          struct lw_ray_count *count);
 
@@ -222,15 +228,16 @@ bool lw_scheduler_is_changing(const struct lw_scheduler *scheduler);
 /** Notes whether the frame solves anything. */
 void lw_scheduler_note_work(struct lw_scheduler *scheduler, bool solves);
 
-/** Begins the solve of blocks that are due: their means forget what is out of date. Adds the rays to count. */
+/** Begins the solve of blocks that are due: their means forget what is out of
+ * date. Adds the rays to count. */
 void lw_scheduler_weigh(const struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
                         struct lw_ray_count *count);
 
 /** Sends out again what corrected tiles reflect. */
 void lw_scheduler_pass_on(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame);
 
-/** Sets `shows` of tiles whose corrections are to be seen in this frame: at once at an onset, after a sweep where movement
- * goes on. */
+/** Sets `shows` of tiles whose corrections are to be seen in this frame: at once at an onset, after a
+ * sweep where movement goes on. */
 void lw_scheduler_show(const struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame);
 
 /** Sums the invalidated blocks of a tile: their texels, their priority. */

@@ -9,7 +9,8 @@
 #include <string.h>
 
 #define LANES LW_TRACE_WIDTH
-/* How many times its block's light, or the others' difference, one texel's may be: single bright ends are no news. */
+/* How many times its block's light, or the others' difference, one texel's may be:
+ * single bright ends are no news. */
 #define DIFFERENCE_MAX 4.0f
 
 /* Of a block; texel: within the tile. */
@@ -32,7 +33,8 @@ static struct lw_vec3 gather_order(const struct lw_transport *t, uint32_t texel,
     return e;
 }
 
-/* direct: estimated anew; all: so are the block's other packets. Returns whether the light has been corrected. */
+/* direct: estimated again; all: so are the block's other packets. Returns whether
+ * the light has been corrected. */
 static bool compare_direct(const struct lw_transport *t, const struct lw_solve_tile *tile,
                            struct lw_solve_block *block, uint32_t set, const struct lw_ray_launch *launch,
                            const struct lw_direct_light *direct, bool all) {
@@ -76,7 +78,7 @@ static void compare_indirect(const struct lw_transport *t, const struct lw_solve
     for (uint32_t lane = 0; lane < lanes; lane++) {
         const float size = lw_vec3_max_abs(off[lane]);
         const float others = lanes > 1 ? (sum - size) / (float)(lanes - 1) : size;
-        const float bound = DIFFERENCE_MAX * fmaxf(block->light, others);
+        const float bound = DIFFERENCE_MAX * fmaxf(block->reference_luminance, others);
         const uint32_t region = quarter_of(tile, launch->texel[lane]);
         const float share = size > bound ? bound / size : 1;
         for (int order = 0; order < LW_CHANGE_ORDERS; order++)
@@ -108,7 +110,7 @@ bool lw_verify_compare(const struct lw_transport *t, struct lw_solve_tile *tile,
             if (change->compare & bit) compare_indirect(t, tile, block, set, &launch);
         }
     }
-    if (corrected) lw_control_variate_doubt_direct(tile);
+    if (corrected) lw_control_variate_note_error(tile);
     return corrected;
 }
 
@@ -117,23 +119,24 @@ void lw_verify_reread(const struct lw_transport *t, struct lw_solve_tile *tile) 
     LW_TILES_EACH_BLOCK (tile, block) {
         struct lw_change_block *change = &block->change;
         change->retrace = change->direct = 0;
-        change->compare = change->told = change->asked =
-            block->due && block->frames ? lw_change_all_packets(block) : 0;
+        change->compare = change->told = change->verified =
+            block->due && block->sample_count ? lw_change_all_packets(block) : 0;
     }
     (void)lw_verify_compare(t, tile, &none);
     (void)lw_control_variate_indirect(t->tiles, tile, t->target_error, false);
     LW_TILES_EACH_BLOCK (tile, block)
-        if (block->due) lw_gradient_note_rest(block);
+        if (block->due) lw_gradient_note_staleness(block);
 }
 
-/* The mean by which what arrives along a texel's rays of bounces from the second on differs from the frame before. */
+/* The mean by which what arrives along a texel's rays of bounces from the second on
+ * differs from the frame before. */
 static struct lw_vec3 change_at(const struct lw_transport *t, uint32_t texel) {
     const uint32_t n = t->indirect_samples;
-    const uint32_t *end = t->end + (size_t)texel * n;
+    const uint32_t *hit = t->ray_hit + (size_t)texel * n;
     struct lw_vec3 sum = {0};
     for (uint32_t s = 0; s < n; s++) {
-        if (end[s] & LW_RAY_HIT_PROBE) continue; /* or nothing */
-        const uint32_t block = t->tiles->block_of_texel[end[s]];
+        if (hit[s] & LW_RAY_HIT_PROBE) continue; /* or nothing */
+        const uint32_t block = t->tiles->block_of_texel[hit[s]];
         for (uint32_t bounce = 2; bounce <= t->tiles->bounces; bounce++)
             sum = lw_vec3_add(sum, t->tiles->radiance_change[bounce - 1][block]);
     }
@@ -156,7 +159,7 @@ static void note_arrival(const struct lw_transport *t, const struct lw_solve_til
             found->indirect_square[region] += lw_vec3_dot(off, off);
         }
     }
-    block->change.told = block->change.asked = lw_change_all_packets(block);
+    block->change.told = block->change.verified = lw_change_all_packets(block);
 }
 
 void lw_verify_arrive(const struct lw_transport *t, struct lw_solve_tile *tile) {
@@ -164,7 +167,7 @@ void lw_verify_arrive(const struct lw_transport *t, struct lw_solve_tile *tile) 
         if (block->due) note_arrival(t, tile, block, 1 - block->indirect.weight);
     (void)lw_control_variate_indirect(t->tiles, tile, t->target_error, false);
     LW_TILES_EACH_BLOCK (tile, block)
-        if (block->due) lw_gradient_note_rest(block);
+        if (block->due) lw_gradient_note_staleness(block);
 }
 
 void lw_verify_recall(const struct lw_transport *t, const struct lw_solve_tile *tile,
@@ -173,7 +176,7 @@ void lw_verify_recall(const struct lw_transport *t, const struct lw_solve_tile *
     struct lw_ray_launch_site site;
     lw_sample_points_frame_init(&site.frame, &t->pose->object_to_world[tile->object]);
     LW_TILES_EACH_BLOCK (tile, block)
-        for (uint32_t set = 0; block->frames && set < block->packet_count; set++) {
+        for (uint32_t set = 0; block->sample_count && set < block->packet_count; set++) {
             struct lw_direct_light direct;
             lw_ray_launch_init(&launch, tile, block, set);
             lw_direct_light_repeat(t, tile, &launch, &site, &direct, count);

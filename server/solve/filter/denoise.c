@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Luminance may differ by so many standard deviations of the difference before texels stop to exchange. */
+/* Luminance may differ by this many standard deviations of the difference before texels stop to exchange. */
 #define SIGMAS 4.0f
 /* SPLIT has no edges of drawn light: where few frames say what the noise is, they may as well say too
  * little of it. By 1 + this / frames more, most of its error after one to four frames goes
@@ -16,14 +16,15 @@
 #define SPLIT_WIDER 2.0f
 /* Normals: cos^NORMAL_POWER, as in Schied et al. 2017. */
 #define NORMAL_SQUARINGS 6 /* 2^6 = 64 */
-/* Two texels a step apart lie that many of their steps' lengths apart in the world at most: the diagonal, and half. */
+/* Two texels a step apart lie that many of their steps' lengths apart in the world at
+ * most: the diagonal, and half. */
 #define APART_MAX 2.2f
 /* How far from each other's plane, in shares of their distance. */
 #define PLANE_MAX 0.1f
 /* Fewer estimates than this know nothing of their own variance: the neighbours' differences stand in. */
 #define HISTORY_MIN 2u
-/* There, direct light counts for so many times what indirect light does at most, if there is any: where it differs by more,
- * that is the edge of a shadow. */
+/* There, direct light counts for at most this many times what indirect light does, if there is any: where it
+ * differs by more, that is the edge of a shadow. */
 #define DIRECT_MAX 10.0f
 /* The variance of texels that exchange nothing: that of a pair stays negative. */
 #define NO_PART (-1e30f)
@@ -32,8 +33,8 @@
 /* Rows and columns around a mesh's weights, so that the longest step stays inside them. */
 #define MARGIN (1u << (LW_DENOISE_PASSES - 1))
 
-/* Planes hold a tile and what the filter reads around it. Rows are worked on by whole vectors: what lies beyond the
- * texels that are asked for is of no use, but finite. */
+/* Planes hold a tile and what the filter reads around it. Rows are worked on by whole vectors: what lies
+ * beyond the wanted texels is of no use, but finite. */
 #define LANES  16u
 #define STRIDE (LW_TILE_SIDE + 2 * LANES)
 #define ROWS   (LW_TILE_SIDE + 2 * LW_DENOISE_REACH)
@@ -54,7 +55,8 @@ static size_t area_of(const struct lw_mesh_texels *mesh) {
     return stride_of(mesh) * ((size_t)mesh->height + 2 * MARGIN);
 }
 
-/* ---- geometry, once ------------------------------------------------------------------------------------------- */
+/* ---- geometry, once
+ * ------------------------------------------------------------------------------------------- */
 
 /* How far two texels may exchange light for their surfaces' sake, in [0, 1]; the same both ways. */
 static float surface_weight(const struct lw_mesh_texels *mesh, uint32_t a, uint32_t b, float apart_max) {
@@ -148,7 +150,8 @@ void lw_denoise_pairs_finish(struct lw_denoise_pairs *pairs) {
     *pairs = (struct lw_denoise_pairs){0};
 }
 
-/* ---- one tile ------------------------------------------------------------------------------------------------- */
+/* ---- one tile
+ * ------------------------------------------------------------------------------------------------- */
 
 struct lw_denoise_planes {
     float at[2][LW_DENOISE_PLANES][ROWS * STRIDE];
@@ -171,11 +174,13 @@ struct job {
     uint32_t x, y, width, height; /* in the object's atlas */
 };
 
-/* One half of a texel's neighbours in a pass: how far away in the planes, and where the pair's weight is found. */
+/* One half of a texel's neighbours in a pass: how far away in the planes, and where
+ * the pair's weight is found. */
 struct tap {
     ptrdiff_t offset;
     ptrdiff_t pair,
-        pair_offset; /* weight of the texel and the neighbour, relative to the texel's in job->pair; as far away there */
+        /* Weight of the texel and the neighbour, relative to the texel's in job->pair; as far away there. */
+        pair_offset;
     float kernel; /* of a weight of 1/255 */
 };
 
@@ -244,8 +249,8 @@ LW_WIDE_INLINE bool load_pair(const uint8_t *from, lanes *out) {
     return true;
 }
 
-/* Colours, and the variance of each texel's mean over the frames: of a row's texels in one block. And the luminance of
- * indirect light alone. */
+/* Colours, and the variance of each texel's mean over the frames: of a row's texels in one block. And the
+ * luminance of indirect light alone. */
 LW_WIDE_INLINE void load_run(const struct lw_tiles *tiles, enum lw_light_form form, size_t from, uint32_t n,
                              float per_frame, float unknown, const struct planes *out, float *out_indirect,
                              size_t to) {
@@ -294,8 +299,8 @@ LW_WIDE static void load_block_row(const struct lw_tiles *tiles, enum lw_light_f
         load_run(tiles, form, from, n, per_frame, unknown, out, out_indirect, to);
 }
 
-/* By how much the variance of a texel that has had so many frames is taken to be more than it is estimated. */
-static float doubt_of(enum lw_light_form form, float frames) {
+/* By how much the variance of a texel after `frames` frames is taken to be more than it is estimated. */
+static float widening_of(enum lw_light_form form, float frames) {
     const float wider = form == LW_LIGHT_FORM_SPLIT ? 1 + SPLIT_WIDER / frames : 1;
     return wider * wider;
 }
@@ -320,10 +325,10 @@ static bool load_rows(const struct job *job, const struct planes *out, float *ou
                     out->p[Y][to + u] = -1, out->p[VARIANCE][to + u] = NO_PART;
                 continue;
             }
-            const float remembered = block->indirect.frames;
+            const float remembered = block->indirect.sample_count;
             const bool few = remembered < HISTORY_MIN;
             load_block_row(tiles, job->form, texel, next - x,
-                           few ? 0 : doubt_of(job->form, remembered) / (remembered - 1), few ? UNKNOWN : 0,
+                           few ? 0 : widening_of(job->form, remembered) / (remembered - 1), few ? UNKNOWN : 0,
                            out, out_indirect, to);
             guess |= few;
         }
@@ -331,8 +336,8 @@ static bool load_rows(const struct job *job, const struct planes *out, float *ou
     return guess;
 }
 
-/* After a first frame: half the mean squares of the differences to the neighbours, times `doubt`. */
-LW_WIDE static void guess_row(struct row row, const struct planes *v, const float *indirect, float doubt,
+/* After a first frame: half the mean squares of the differences to the neighbours, times `widening`. */
+LW_WIDE static void guess_row(struct row row, const struct planes *v, const float *indirect, float widening,
                               const struct tap tap[DIRECTIONS]) {
     for (uint32_t i = 0; i < row.count; i += LANES) {
         const float *y = v->p[Y] + row.plane + i, *yi = indirect + row.plane + i;
@@ -351,14 +356,14 @@ LW_WIDE static void guess_row(struct row row, const struct planes *v, const floa
                 weights += w;
             }
         const lanes most = choose(by_indirect > 0, DIRECT_MAX * by_indirect, by_direct),
-                    guess = 0.5f * doubt * (by_indirect + choose(by_direct < most, by_direct, most)) /
+                    guess = 0.5f * widening * (by_indirect + choose(by_direct < most, by_direct, most)) /
                             choose(weights > 0, weights, every(1));
         store(variance, choose(given >= UNKNOWN, guess, given));
     }
 }
 
-/* The variance that edges are measured by: of a texel and its neighbours together, since one that has met no rare
- * bright sample yet believes itself without noise. */
+/* The variance that edges are measured by: of a texel and its neighbours together, since one that has met no
+ * rare bright sample yet believes itself without noise. */
 LW_WIDE static void smooth_row(struct row row, const float *in, float *out,
                                const struct tap tap[DIRECTIONS]) {
     for (uint32_t i = 0; i < row.count; i += LANES) {
@@ -391,7 +396,8 @@ LW_WIDE static void weigh_pairs(struct row row, const struct planes *in, const s
             }
             const lanes off = load(y + tap[k].offset) - own, square = off * off,
                         limit = SIGMAS * SIGMAS * (own_variance + load(variance + tap[k].offset));
-            /* Tukey's biweight: an edge far above the noise passes nothing at all, and without noise there is no exchange. */
+            /* Tukey's biweight: an edge far above the noise passes nothing at all, and without
+             * noise there is no exchange. */
             const lanes share =
                 choose(square < limit, square, every(1)) / choose(square < limit, limit, every(1));
             const lanes tame = 1 - share;
@@ -437,7 +443,7 @@ static void store_rows(const struct job *job, const struct planes *in) {
         for (uint32_t x = job->x; x < job->x + job->width; x++) {
             const uint32_t texel = tile->first + (y - top) * tile->width + x - left;
             if (!tiles->covered[texel] || !job->denoise->marked[tiles->block_of_texel[texel]]) continue;
-            for (int c = 0; c < 3; c++) tiles->light[job->form][c][texel] = in->p[c][row + x - job->x];
+            for (int c = 0; c < 3; c++) tiles->irradiance[job->form][c][texel] = in->p[c][row + x - job->x];
         }
     }
 }
@@ -451,7 +457,7 @@ static void filter(const struct job *job, struct lw_denoise_planes *planes) {
     float *const indirect = out.p[Y]; /* until the first pass */
     if (load_rows(job, &in, indirect)) {
         EACH_ROW(job, around, y)
-        guess_row(row_at(job, y, around), &in, indirect, doubt_of(job->form, 1), tap);
+        guess_row(row_at(job, y, around), &in, indirect, widening_of(job->form, 1), tap);
     }
     around--;
     EACH_ROW(job, around, y) smooth_row(row_at(job, y, around), in.p[VARIANCE], out.p[VARIANCE], tap);
@@ -471,7 +477,8 @@ static void filter(const struct job *job, struct lw_denoise_planes *planes) {
     store_rows(job, &in);
 }
 
-/* ---- which blocks --------------------------------------------------------------------------------------------- */
+/* ---- which blocks
+ * --------------------------------------------------------------------------------------------- */
 
 enum lw_status lw_denoise_init(struct lw_denoise *denoise, const struct lw_denoise_pairs *pairs,
                                const struct lw_atlas_map *map, struct lw_tiles *tiles, int threads) {

@@ -1,36 +1,43 @@
 /* denoise.h: an edge-aware filter over what is shown: noise goes, light stays.
  * Flow:    texels -> [pairs]; each frame: tiles (light, variance) that it shows -> [denoise] ->
- *          tiles->light, form by form
+ *          tiles->irradiance, form by form
  * Threads: [solver], parallel inside; the same bytes at any thread count.
- * After:   Dammertz et al. 2010 (a-trous wavelets), Schied et al. 2017 (edges of luminance in units of the noise).
+ * After:   Dammertz et al. 2010 (a-trous wavelets), Schied et al. 2017 (edges of
+ *          luminance in units of the noise).
  *
- * Each pass lets texels exchange light in pairs: v_i += sum_j h_ij w_ij (v_j - v_i), with h_ij w_ij = h_ji w_ji and all h of
- * a texel summing to at most 1. What one gives the other takes, so the sum over an object stays what it was, whatever
- * the weights are. The weights fall with the angle between normals, with the distance from each other's plane, with
- * the distance along it (charts that only lie beside each other in the atlas are far apart), and with the difference
- * of luminance against its own standard deviation: as noise falls, the filter fades out.
+ * In each pass texels exchange light in pairs:
  *
- * What of this is geometry is found once, per mesh, and serves any number of solves over the same texels. What is shown of
- * a block is a function of the sums of its texels and of those LW_DENOISE_REACH around it, so a frame filters the blocks
- * that it shows and those beside them: in however many frames the sums came about, the picture is the same. */
+ *   v_i += sum_j h_ij w_ij (v_j - v_i)       h_ij w_ij = h_ji w_ji;  sum_j h_ij <= 1
+ *
+ * What one texel gives the other takes, so the sum over an object stays, for any weights. Weights fall with
+ * the angle between normals, with the distance from each other's plane, with the distance along it (charts
+ * that lie beside each other in the atlas alone are far apart), and with the difference of luminance against
+ * its own standard deviation. So the filter fades out as noise falls.
+ *
+ * The part that is geometry is found once per mesh, and serves any number of solves over the same
+ * texels. What is shown of a block is a function of its sums and of those LW_DENOISE_REACH around it. So
+ * a frame filters the blocks that it shows and those beside them. The picture does not depend on the
+ * frames in which the sums came about. */
 #ifndef LW_FILTER_DENOISE_H
 #define LW_FILTER_DENOISE_H
 
 #include "server/solve/state/tiles.h"
 
 #define LW_DENOISE_PASSES 3u /* steps of 1, 2 and 4 texels: 15 x 15 texels in all */
-/* About what share of a texel's standard error it leaves: where views read coarser levels of tiles that show more noise than they
- * bear, their pictures come nearest to the path tracer's with this (docs/results/denoise.md). */
+/* About what share of a texel's standard error it leaves: where views read coarser levels of
+ * tiles that show more noise than they bear, their pictures come nearest to the path tracer's
+ * with this (docs/results/denoise.md). */
 #define LW_DENOISE_NOISE_SHOWN 0.2f
-#define LW_DENOISE_REACH       9u /* texels: those seven, and two more whose light the variance is taken from */
-#define LW_DENOISE_PLANES      5u /* r, g, b, luminance, its variance */
+/* texels: those seven, and two more whose light the variance is taken from */
+#define LW_DENOISE_REACH  9u
+#define LW_DENOISE_PLANES 5u /* r, g, b, luminance, its variance */
 
 /** How far the texels of each mesh may exchange light for their surfaces' sake. */
 struct lw_denoise_pairs {
     const struct lw_scene *scene;   /* outlives it */
     const struct lw_texels *texels; /* likewise */
-    uint8_t *
-        *pair; /* per mesh: weights of the pairs of all passes and directions, or NULL: it has no texels */
+    /* Per mesh: weights of the pairs of all passes and directions, or NULL: it has no texels. */
+    uint8_t **pair;
 };
 
 /** Errors: LW_NO_MEMORY. */
@@ -58,7 +65,7 @@ LW_MUST_CHECK enum lw_status lw_denoise_init(struct lw_denoise *denoise, const s
                                              int threads);
 void lw_denoise_finish(struct lw_denoise *denoise);
 
-/** Writes tiles->light, in the forms asked for (light_form.h), of every block shown in frame `frame` and of
+/** Writes tiles->irradiance, in the given forms (light_form.h), of every block shown in frame `frame` and of
  * those beside them, whose shown_frame becomes `frame` too, as does their tiles' solved_frame: direct +
  * indirect light, filtered. Call after the last tile is finished. */
 void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, unsigned forms, int threads);

@@ -2,8 +2,8 @@
 
 #include <stdlib.h>
 
-#define REACH                                                                                                \
-    2.5f /* texels beyond a seam to the centre of a gutter: two, and what the seam lies off their grid */
+/* Texels beyond a seam to the centre of a gutter: two, and what the seam lies off their grid. */
+#define REACH 2.5f
 #define SLACK 0.5f /* texels that a gutter may lie past a seam's end */
 #define LEAST 0.5f /* of a look-up's weight that covered texels of the other side must have */
 
@@ -269,7 +269,7 @@ void lw_seam_gutters_fill(const struct lw_seam_gutters *gutters, struct lw_tiles
             for (int k = 0; k < 4 && !shown; k++) shown = is_shown(tiles, gutter->from[k], frame);
             if (!shown) continue;
             for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-                if (forms & lw_light_form_bit(f)) fill_beyond(gutter, tiles->light[f]);
+                if (forms & lw_light_form_bit(f)) fill_beyond(gutter, tiles->irradiance[f]);
             note_shown(tiles, gutter->texel, frame);
         }
 #pragma omp for schedule(dynamic, 64)
@@ -278,7 +278,7 @@ void lw_seam_gutters_fill(const struct lw_seam_gutters *gutters, struct lw_tiles
             const struct lw_seam_copy *const first = gutters->copy + gutters->first_copy[b],
                                              *const end = gutters->copy + gutters->first_copy[b + 1];
             for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-                if (forms & lw_light_form_bit(f)) fill_copies(first, end, tiles->light[f]);
+                if (forms & lw_light_form_bit(f)) fill_copies(first, end, tiles->irradiance[f]);
             for (const struct lw_seam_copy *copy = first; copy < end; copy++)
                 if (tiles->block_of_texel[copy->texel] != b) note_shown(tiles, copy->texel, frame);
         }

@@ -1,11 +1,12 @@
-/* seam_gutters.h: what lies around charts: beyond a seam the light of the surface that goes on there, else the chart's own.
+/* seam_gutters.h: what lies around charts: beyond a seam the light of the surface that goes
+ * on there, else the chart's own.
  * Flow:    seam_edges, texels -> [find]; each frame: welded light -> [fill] -> tiles' light -> publish
  * Threads: find by one; fill by one caller, workers inside.
  *
- * A look-up of level 0 reads one texel beyond a chart, which the weld has made to fit (seams.h). Those of levels 1 and 2
- * reach farther: their texels are means over gutters too. So a gutter that no look-up of level 0 reads, up to two texels
- * beyond a seam, takes what a bilinear look-up reads on the other side, as far from the seam. All others take the light of
- * the texel that stands for them (texels.h). */
+ * A look-up of level 0 reads one texel beyond a chart, which the weld has made to fit (seams.h). Those of
+ * levels 1 and 2 reach farther: their texels are means over gutters too. So a gutter that no look-up of level
+ * 0 reads, up to two texels beyond a seam, takes what a bilinear look-up reads on the other side, as far from
+ * the seam. All others take the light of the texel that stands for them (texels.h). */
 #ifndef LW_FILTER_SEAM_GUTTERS_H
 #define LW_FILTER_SEAM_GUTTERS_H
 
@@ -20,7 +21,8 @@ struct lw_seam_gutters {
     uint32_t block_count;
 };
 
-/** Finds the gutters that are not `welded` (a byte per texel of the global numbering), and marks those beyond seams there.
+/** Finds the gutters that are not `welded` (a byte per texel of the global numbering), and
+ * marks those beyond seams there.
  * tiles: any over these texels. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_seam_gutters_find(const struct lw_scene *scene,
                                                   const struct lw_texels *texels,
@@ -32,7 +34,7 @@ void lw_seam_gutters_finish(struct lw_seam_gutters *gutters);
 /** Bytes held. */
 size_t lw_seam_gutters_memory_bytes(const struct lw_seam_gutters *gutters);
 
-/** Fills them, in the forms asked for (light_form.h), from tiles->light of covered texels in the blocks
+/** Fills them, in the given forms (light_form.h), from tiles->irradiance of covered texels in the blocks
  * shown in frame `frame`, which the solved_frame of their tiles becomes. */
 void lw_seam_gutters_fill(const struct lw_seam_gutters *gutters, struct lw_tiles *tiles, uint64_t frame,
                           unsigned forms, int threads);

@@ -9,25 +9,27 @@
 /* Points per texel of a seam's length, in the atlas where it is longer. */
 #define POINTS_PER_TEXEL 3.0f
 #define POINTS_MAX       4096.0f /* of one edge */
-/* How readily a gutter's texel moves, against a covered one's: nobody sees it but through the look-ups that are welded. */
+/* How readily a gutter's texel moves, against a covered one's: nobody sees it but through
+ * the look-ups that are welded. */
 #define GUTTER_EASE 4.0f
-/* 16 frames: 8 leave 8.3 % of the atrium's points over 1 %, 12 4.6 %; 60 in each frame 3.2 %, but take 4 times as long. */
+/* 16 frames: 8 leave 8.3 % of the atrium's points over 1 %, 12 4.6 %; 60 in each frame 3.2
+ * %, but take 4 times as long. */
 #define ITERATIONS 12
 #define DONE       1e-10 /* of the light's square: below, steps only add up rounding */
-/* Of a correction, what the next frame goes on from. What is let go comes back where the rows ask for it; where they can
- * only be had by levelling light along a seam or over a chain of slivers, the light wins back a part. Kept in full, 40 frames of
- * builtin:atrium bring 96 % of points within 1 %, but its upper columns fall from 0.959 of the path tracer's to 0.933; so,
- * 92 % and 0.940. */
+/* Of a correction, what the next frame goes on from. What is let go comes back where the rows need it; where
+ * they can only be had by levelling light along a seam or over a chain of slivers, the light wins back a
+ * part. Kept in full, 40 frames of builtin:atrium bring 96 % of points within 1 %, but its upper columns fall
+ * from 0.959 of the path tracer's to 0.933; so, 92 % and 0.940. */
 #define KEPT 0.9f
 /* What is shown of a covered texel is at least this share of its own light, and gutters are not negative. The
  * correction itself is free: bounds within the iteration kept 20 % of the points apart. */
 #define LEAST 0.1f
-/* Rows that a bound has pulled apart are brought together again, as far as may be, in so many rounds. 16 frames of Sponza: none
- * leave the sides of a seam 1.52 % apart in the mean, 2 rounds 0.87 %, 4 0.73 %. */
+/* Rows that a bound has pulled apart are brought together again, as far as may be, in this many rounds. 16
+ * frames of Sponza: none leave the sides of a seam 1.52 % apart in the mean, 2 rounds 0.87 %, 4 0.73 %. */
 #define SETTLE 6
-#define KEEP_MOST                                                                                            \
-    1.5 /* the mean of a component is restored by up to this factor; what needs more stays unwelded */
-#define GUESSES 8u /* texels that a gutter is extrapolated from */
+/* The mean of a component is restored by up to this factor; what needs more stays unwelded. */
+#define KEEP_MOST 1.5
+#define GUESSES   8u /* texels that a gutter is extrapolated from */
 
 /* What two look-ups differ by, brought to length 1 in units in which all members move with the same ease. */
 struct lw_seams_row {
@@ -106,7 +108,8 @@ struct source {
     float weight;
 };
 
-/* Of the covered texels that stand for a gutter, those that touch it, or else the farther ones; the nearer the more. */
+/* Of the covered texels that stand for a gutter, those that touch it, or else the
+ * farther ones; the nearer the more. */
 static uint32_t find_sources(const struct builder *b, uint32_t object, uint32_t x, uint32_t y,
                              struct source out[GUESSES]) {
     struct lw_texels_neighbour near[LW_TEXELS_NEIGHBOURS_MAX];
@@ -130,7 +133,8 @@ struct look_up {
     float weight[4];
 };
 
-/* False if a texel that matters has no light and none to guess it from: inside something, or no texel at all. */
+/* False if a texel that matters has no light and none to guess it from: inside
+ * something, or no texel at all. */
 static bool look_up_at(const struct builder *b, uint32_t object, struct lw_vec2 at, struct look_up *out) {
     const struct lw_mesh_texels *mesh = mesh_of(b, object);
     const struct lw_bilinear x = lw_bilinear_at(at.x, mesh->width), y = lw_bilinear_at(at.y, mesh->height);
@@ -406,7 +410,8 @@ static bool is_shown(const struct lw_seams *s, const struct lw_tiles *tiles, uin
     return false;
 }
 
-/* Takes the light of what the frame shows; a block that it does not keeps what it had, before it was welded. */
+/* Takes the light of what the frame shows; a block that it does not keeps what
+ * it had, before it was welded. */
 static void load(const struct job *job) {
     const struct lw_tiles *tiles = job->tiles;
     for (uint32_t m = job->first; m < job->last; m++) {
@@ -414,7 +419,7 @@ static void load(const struct job *job) {
         const bool shown = tiles->block[tiles->block_of_texel[texel]].shown_frame == job->frame;
         if (job->seams->guess[m].count || !(shown || job->light->fresh)) continue;
         for (int c = 0; c < 3; c++)
-            job->light->light[m][c] = shown ? tiles->light[job->light->form][c][texel]
+            job->light->light[m][c] = shown ? tiles->irradiance[job->light->form][c][texel]
                                             : lw_tiles_sum(tiles, job->light->form, c, texel);
     }
 }
@@ -445,7 +450,8 @@ static inline void project(const struct lw_seams_row *row, rgb *x) {
     for (int i = 0; i < 8; i++) x[m[i]] -= w[i] * error; /* one may be there twice */
 }
 
-/* Forth and back over all rows of a component: a symmetric operator, so that conjugate gradients may use it. */
+/* Forth and back over all rows of a component: a symmetric operator, so that
+ * conjugate gradients may use it. */
 static void sweep(const struct job *job, rgb *x) {
     const struct lw_seams_row *row = job->seams->row;
     for (uint32_t r = job->first_row; r < job->last_row; r++) project(&row[r], x);
@@ -459,8 +465,9 @@ static void dot(const struct job *job, const rgb *a, const rgb *b, double out[3]
     for (int c = 0; c < 3; c++) out[c] = sum[c];
 }
 
-/* Kaczmarz's sweeps, accelerated by conjugate gradients (Bjorck and Elfving 1979, "CGMN"): with S the sweep, solves
- * x = S x from x = the light. Every step lies in the space of the rows, so the solution is the one nearest to the light. */
+/* Kaczmarz's sweeps, accelerated by conjugate gradients (Bjorck and Elfving 1979, "CGMN"): with S the
+ * sweep, solves x = S x from x = the light. Every step lies in the space of the rows, so the solution is
+ * the one nearest to the light. */
 static void relax(const struct job *job) {
     rgb *x = (rgb *)job->light->welded, *r = (rgb *)job->light->scratch[0],
         *p = (rgb *)job->light->scratch[1], *q = (rgb *)job->light->scratch[2];
@@ -491,9 +498,10 @@ static void relax(const struct job *job) {
     }
 }
 
-/* By what to scale a component so that the light of its covered texels keeps its sum: a row that holds, holds at any
- * scale. (Both sides of a row move alike, but a share of it falls to gutters, which do not count.) False where that is
- * far from 1: the rows ask for something else than light that continues, and the light is worth more than they are. */
+/* By what to scale a component so that the light of its covered texels keeps its sum: a row that holds,
+ * holds at any scale. (Both sides of a row move alike, but a share of it falls to gutters, which do not
+ * count.) False where that is far from 1: the rows demand something else than light that continues, and the
+ * light is worth more than they are. */
 static bool find_keep(const struct job *job, float out_keep[3]) {
     double before[3] = {0}, after[3] = {0};
     for (uint32_t m = job->first; m < job->last; m++)
@@ -521,8 +529,9 @@ static inline void project_bounded(const struct lw_seams_row *row, rgb *x, const
     for (int i = 0; i < 8; i++) x[row->member[i]] = larger(x[row->member[i]], least[row->member[i]]);
 }
 
-/* Takes what the component shows to where light may be, and, where that changes it, on between there and the rows by turns: projections
- * onto convex sets. What moves is what lies near a bound; where none is met, the correction stays the smallest. */
+/* Takes what the component shows to where light may be, and, where that changes it, on between there and the
+ * rows alternately: projections onto convex sets. What moves is what lies near a bound; where none is met,
+ * the correction stays the smallest. */
 static void bound(const struct job *job) {
     rgb *x = (rgb *)job->light->welded, *least = (rgb *)job->light->scratch[0];
     const struct lw_seams_row *row = job->seams->row;
@@ -560,7 +569,7 @@ static void weld_component(const struct job *job) {
     const bool welds = find_keep(job, keep);
     for (uint32_t m = job->first; m < job->last; m++)
         for (int c = 0; c < 3; c++)
-            job->tiles->light[light->form][c][member[m].texel] =
+            job->tiles->irradiance[light->form][c][member[m].texel] =
                 welds ? light->welded[m][c] * member[m].root_ease * keep[c] : light->light[m][c];
 }
 

@@ -1,17 +1,22 @@
 /* seams.h: makes the light on both sides of a lightmap's seams agree.
- * Flow:    seam_edges -> [seams: rows, components]; each frame: tiles' light -> [weld] -> tiles' light -> publish
+ * Flow:    seam_edges -> [seams: rows, components]; each frame: tiles' light ->
+ *          [weld] -> tiles' light -> publish
  * Threads: init by one; weld by one caller, workers inside; same bytes at any number of them.
  *
- * Charts sample a surface at places of their own, and what a bilinear look-up reads on a border is half gutter. So the
- * two sides of a seam read differently by what the light varies over half a texel. At points along each seam, some three a texel,
- * we ask that both look-ups read the same: a row of a linear system over the texels that they touch. Of all corrections
- * that fulfil the rows the smallest is taken, in the least squares sense, a gutter's counting less than a covered texel's;
- * Kaczmarz's projections (1937), row by row, tend to it; conjugate gradients hasten them (Bjorck and Elfving 1979). A
- * correction moves both sides by the same amount towards each other, so that the mean of the light stays; a tenth of it is
- * let go each time. (Iwanicki 2013 solves the like for a baker, by conjugate gradients.)
+ * Charts sample a surface at points of their own, and what a bilinear look-up reads on a border is
+ * half gutter. So the two sides of a seam differ by what the light varies over half a texel. At some
+ * three points a texel along each seam both look-ups are to read the same: a row of a linear system
+ * over the texels that they touch.
  *
- * Rows that share texels, at whatever remove, make a component; a frame welds those in whose blocks it shows something.
- * Rows and gutters are geometry, and serve any number of solves over the same texels. */
+ * Of all corrections that fulfil the rows the smallest is taken, in the least squares sense; a gutter
+ * counts less than a covered texel. Kaczmarz's projections (1937), row by row, tend to it; conjugate
+ * gradients hasten them (Bjorck and Elfving 1979; Iwanicki 2013 solves the like for a baker). A
+ * correction moves both sides towards each other by the same amount, so that the mean of the light stays.
+ * A tenth of it is let go each time.
+ *
+ * Rows that share texels, directly or through others, make a component. A frame welds components
+ * that hold a block which it shows. Rows and gutters are geometry, and serve any number of
+ * solves over the same texels. */
 #ifndef LW_FILTER_SEAMS_H
 #define LW_FILTER_SEAMS_H
 
@@ -40,7 +45,8 @@ struct lw_seams_light {
     float (*light)[4]; /* per member: the tiles' own, not welded; W/m^2, and nothing */
     float (*welded)[4], (*scratch[3])[4];
     float *correction; /* 3 per member: what the last welding added; the next one goes on from there */
-    bool fresh;        /* light[] holds nothing yet: tiles at rest read as their direct and indirect light */
+    /* Light[] holds nothing yet: tiles that are not solved read as their direct and indirect light. */
+    bool fresh;
 };
 
 /** Finds the seams of a scene. tiles: any over these texels. Errors: LW_NO_MEMORY. */
@@ -60,7 +66,7 @@ void lw_seams_light_finish(struct lw_seams_light *light);
 /** Bytes held. */
 size_t lw_seams_light_memory_bytes(const struct lw_seams_light *light);
 
-/** Welds tiles->light, in the forms asked for (light_form.h; light: by form), around the blocks shown in
+/** Welds tiles->irradiance, in the given forms (light_form.h; light: by form), around the blocks shown in
  * frame `frame`: covered texels, and gutters beyond seams. shown_frame of all blocks that it writes becomes
  * `frame`, as does their tiles' solved_frame. Gutters are filled after it (lw_seam_gutters_fill). */
 void lw_seams_weld(const struct lw_seams *seams, struct lw_seams_light light[LW_LIGHT_FORM_COUNT],

@@ -1,6 +1,7 @@
 /* cells.h: the regular grid of radiance cells: who owns which tile, in which order tiles are solved.
  * Threads: built by one thread; then [any].
- * After:   Vandersanden 2023, 3.3 (grid over the scene), with tiles instead of texels as the unit of ownership. */
+ * After:   Vandersanden 2023, 3.3 (grid over the scene), with tiles instead of
+ *          texels as the unit of ownership. */
 #ifndef LW_STATE_CELLS_H
 #define LW_STATE_CELLS_H
 

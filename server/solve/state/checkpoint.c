@@ -26,16 +26,17 @@ struct record {
 struct block_record {
     double variance, luminance;
     struct lw_history direct, indirect;
-    float stale_direct;
-    struct lw_vec3 stale_indirect[LW_CHANGE_REGIONS];
+    float staleness_direct;
+    struct lw_vec3 staleness_indirect[LW_CHANGE_REGIONS];
     float light, noise[LW_TILES_PARTS], error;
     uint32_t covered_count, frames, unseen;
-    float doubt;
+    float standard_error;
     uint32_t unused; /* 0 */
 };
 _Static_assert(sizeof(struct block_record) == 120, "no padding, which would have any value");
 
-/* ---- what is in it -------------------------------------------------------------------------------------------- */
+/* ---- what is in it
+ * -------------------------------------------------------------------------------------------- */
 
 #define PLANES_MAX (3 * (3 + LW_TILES_BOUNCES_MAX + 2) + 4)
 
@@ -45,14 +46,14 @@ static uint32_t list_planes(const struct lw_tiles *tiles, float *out_plane[PLANE
     for (int c = 0; c < 3; c++) {
         out_plane[n++] = tiles->direct[c];
         out_plane[n++] = tiles->indirect[c];
-        out_plane[n++] = tiles->light[LW_LIGHT_FORM_FULL][c];
+        out_plane[n++] = tiles->irradiance[LW_LIGHT_FORM_FULL][c];
         for (uint32_t k = 0; k < tiles->bounces; k++) out_plane[n++] = tiles->order[k][c];
     }
     out_plane[n++] = tiles->mean;
     out_plane[n++] = tiles->spread;
     for (int c = 0; c < 3 && tiles->drawn[c]; c++) {
         out_plane[n++] = tiles->drawn[c];
-        out_plane[n++] = tiles->light[LW_LIGHT_FORM_SPLIT][c];
+        out_plane[n++] = tiles->irradiance[LW_LIGHT_FORM_SPLIT][c];
     }
     if (tiles->split_mean) out_plane[n++] = tiles->split_mean, out_plane[n++] = tiles->split_spread;
     return n;
@@ -78,7 +79,8 @@ static int by_id(const void *a, const void *b) {
     return (x->id > y->id) - (x->id < y->id);
 }
 
-/* ---- writing -------------------------------------------------------------------------------------------------- */
+/* ---- writing
+ * -------------------------------------------------------------------------------------------------- */
 
 static void put_records(struct lw_checked_file_writer *writer, const struct lw_tiles *tiles) {
     struct record *record = calloc((size_t)tiles->count + 1, sizeof *record);
@@ -104,15 +106,15 @@ static void put_blocks(struct lw_checked_file_writer *writer, const struct lw_ti
             .luminance = block->luminance,
             .direct = block->direct,
             .indirect = block->indirect,
-            .stale_direct = change->stale_direct,
-            .light = block->light,
+            .staleness_direct = change->staleness_direct,
+            .light = block->reference_luminance,
             .noise = {block->noise[LW_TILES_DIRECT], block->noise[LW_TILES_INDIRECT]},
             .error = block->error,
             .covered_count = block->covered_count,
-            .frames = block->frames,
+            .frames = block->sample_count,
             .unseen = block->unseen,
-            .doubt = change->doubt};
-        memcpy(record.stale_indirect, change->stale_indirect, sizeof record.stale_indirect);
+            .standard_error = change->standard_error};
+        memcpy(record.staleness_indirect, change->staleness_indirect, sizeof record.staleness_indirect);
         lw_checked_file_put(writer, &record, sizeof record);
     }
 }
@@ -135,7 +137,8 @@ enum lw_status lw_checkpoint_save(const char *path, const uint8_t key[LW_CHECKPO
     return lw_checked_file_write_end(&writer);
 }
 
-/* ---- reading -------------------------------------------------------------------------------------------------- */
+/* ---- reading
+ * -------------------------------------------------------------------------------------------------- */
 
 static enum lw_status take_header(struct lw_checked_file_reader *reader, const struct header *wanted) {
     struct header header;
@@ -178,13 +181,13 @@ static enum lw_status take_blocks(struct lw_checked_file_reader *reader, struct 
         block->luminance = record.luminance;
         block->direct = record.direct;
         block->indirect = record.indirect;
-        block->change.stale_direct = record.stale_direct;
-        block->change.doubt = record.doubt;
-        memcpy(block->change.stale_indirect, record.stale_indirect, sizeof record.stale_indirect);
-        block->light = record.light;
+        block->change.staleness_direct = record.staleness_direct;
+        block->change.standard_error = record.standard_error;
+        memcpy(block->change.staleness_indirect, record.staleness_indirect, sizeof record.staleness_indirect);
+        block->reference_luminance = record.light;
         memcpy(block->noise, record.noise, sizeof record.noise);
         block->error = record.error;
-        block->frames = record.frames;
+        block->sample_count = record.frames;
         block->unseen = record.unseen != 0;
     }
     return LW_OK;

@@ -4,7 +4,8 @@
 
 #include <stdlib.h>
 
-/* A plane: where it hangs, and floats for each texel. All that allocates, frees or counts them goes by these lists. */
+/* A plane: where it hangs, and floats for each texel. All that allocates, frees or
+ * counts them goes by these lists. */
 struct plane {
     float **at;
     uint32_t floats;
@@ -17,7 +18,7 @@ static uint32_t list_planes(struct lw_tiles *tiles, struct plane out[PLANES_MAX]
     for (int c = 0; c < 3; c++) {
         out[n++] = (struct plane){&tiles->direct[c], 1};
         out[n++] = (struct plane){&tiles->indirect[c], 1};
-        out[n++] = (struct plane){&tiles->light[LW_LIGHT_FORM_FULL][c], 1};
+        out[n++] = (struct plane){&tiles->irradiance[LW_LIGHT_FORM_FULL][c], 1};
         for (uint32_t k = 0; k < tiles->bounces; k++) out[n++] = (struct plane){&tiles->order[k][c], 1};
         for (int k = 0; k < LW_TILES_ESTIMATES; k++) out[n++] = (struct plane){&tiles->estimate[k][c], 1};
     }
@@ -33,7 +34,7 @@ static uint32_t list_drawn(struct lw_tiles *tiles, struct plane out[PLANES_MAX])
     for (int c = 0; c < 3; c++) {
         out[n++] = (struct plane){&tiles->drawn[c], 1};
         out[n++] = (struct plane){&tiles->drawn_estimate[c], 1};
-        out[n++] = (struct plane){&tiles->light[LW_LIGHT_FORM_SPLIT][c], 1};
+        out[n++] = (struct plane){&tiles->irradiance[LW_LIGHT_FORM_SPLIT][c], 1};
     }
     out[n++] = (struct plane){&tiles->split_mean, 1};
     out[n++] = (struct plane){&tiles->split_spread, 1};
@@ -230,7 +231,7 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
     return LW_OK;
 }
 
-/* Texels are only ever given back (burial.h), so that as many as before are the same ones. */
+/* Texels are only ever given back (invalid_texels.h), so that as many as before are the same ones. */
 static bool covers_as_before(const struct lw_solve_tile *tile, const uint8_t *covered) {
     uint32_t count = 0;
     for (uint32_t i = 0; i < tile->width * tile->height; i++) count += covered[tile->first + i];
@@ -243,7 +244,7 @@ static void recount_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
     bound_tile(tile, covered);
     LW_TILES_EACH_BLOCK (tile, block) {
         if (block->covered_count == before[block - tile->block]) continue;
-        block->direct.frames = block->indirect.frames = 0;
+        block->direct.sample_count = block->indirect.sample_count = 0;
         if (block->covered_count == 0 || tile->hidden)
             block->state = LW_BLOCK_CONVERGED;
         else if (block->state == LW_BLOCK_CONVERGED)
@@ -274,11 +275,11 @@ void lw_tiles_finish(struct lw_tiles *tiles) {
 
 void lw_tiles_sum_up(struct lw_solve_tile *tile) {
     tile->state = LW_BLOCK_CONVERGED;
-    tile->frames = tile->covered_count ? UINT32_MAX : 0;
+    tile->sample_count = tile->covered_count ? UINT32_MAX : 0;
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->covered_count) continue;
         if (block->state < tile->state) tile->state = block->state;
-        if (block->frames < tile->frames) tile->frames = block->frames;
+        if (block->sample_count < tile->sample_count) tile->sample_count = block->sample_count;
     }
 }
 
@@ -291,7 +292,7 @@ void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, unsigned forms, int t
             if (!tiles->covered[i] || tiles->block[tiles->block_of_texel[i]].shown_frame != frame) continue;
             for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
                 for (int c = 0; c < 3 && forms & lw_light_form_bit(f); c++)
-                    tiles->light[f][c][i] = lw_tiles_sum(tiles, f, c, i);
+                    tiles->irradiance[f][c][i] = lw_tiles_sum(tiles, f, c, i);
         }
     }
 }
@@ -304,7 +305,7 @@ static int by_cell(const void *a, const void *b) {
 
 static void begin_block(struct lw_solve_block *block) {
     block->unseen = false;
-    block->frames = 0;
+    block->sample_count = 0;
     block->direct = block->indirect = (struct lw_history){0};
     block->change = (struct lw_change_block){0};
     block->variance = block->luminance = 0;
@@ -315,9 +316,9 @@ static void begin_block(struct lw_solve_block *block) {
 
 static void set_hidden(struct lw_solve_tile *tile, bool hidden) {
     tile->hidden = hidden;
-    tile->woken = !hidden; /* first among what waits for a frame */
-    tile->urgency = 1;
-    tile->woken_count = tile->covered_count;
+    tile->invalidated = !hidden; /* first among what waits for a frame */
+    tile->priority = 1;
+    tile->invalidated_count = tile->covered_count;
     tile->begins = !hidden;
     tile->waiting = false;
     LW_TILES_EACH_BLOCK (tile, block) {

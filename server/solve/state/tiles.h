@@ -1,6 +1,7 @@
 /* tiles.h: what the solver keeps per level-0 tile and per texel: sums of light, their history, their noise.
  * Flow:    passes -> [tiles] -> publish
- * A tile is what is wanted, encoded and sent; its blocks of 16 x 16 texels are what is solved, forgets and rests.
+ * A tile is the unit of interest, of encoding and of sending. Its blocks of 16 x 16 texels are the units of
+ * solving, of histories and of convergence.
  * Threads: a tile is written by the one worker that solves it; radiance is read by all after the barrier. */
 #ifndef LW_STATE_TILES_H
 #define LW_STATE_TILES_H
@@ -43,23 +44,26 @@ enum lw_tile_work {
     LW_TILE_WORK_ALL
 };
 
-/* Sixteen by sixteen texels of a tile: what is solved, forgets and rests as one. */
+/* Sixteen by sixteen texels of a tile: the unit of solving, of histories and of convergence. */
 struct lw_solve_block {
-    uint32_t tile_id;         /* lw_tile_id */
-    uint32_t covered_count;   /* texels; 0: the rest means nothing */
+    uint32_t tile_id; /* lw_tile_id */
+    /* texels; 0: nothing below means anything. */
+    uint32_t covered_count;
     struct lw_packet *packet; /* of its covered texels */
     uint32_t packet_count;
     enum lw_block_state state;
     bool due;             /* the frame under way solves it */
     bool unseen;          /* it was solved since it was last shown */
     uint64_t shown_frame; /* last frame that changed what is shown of it */
-    uint32_t frames;      /* solved since the sequence began: where the random numbers go on */
+    /* Frames that solved it since the sequence began: where the random numbers go on. */
+    uint32_t sample_count;
     struct lw_history direct, indirect;
     struct lw_change_block change;
     double variance;  /* sum over its texels: of one frame's estimate, luminance, about the running mean */
     double luminance; /* sum over its texels, of E */
-    float light;      /* luminance of E: its own mean, or the tile's if that is more */
-    float beside; /* luminance of E that it has from elsewhere (layers.h): errors are measured against both */
+    /* Luminance of E against which errors are measured: its own mean, or the tile's if that is more; and what
+     * other layers add to it (light_layers.h). */
+    float reference_luminance, other_luminance;
     float noise
         [LW_TILES_PARTS]; /* relative variances of one frame's estimates of a texel; < 0: not known yet */
     float error;          /* relative standard error of luminance */
@@ -85,25 +89,27 @@ struct lw_solve_tile {
     float radius_m;
     struct lw_vec3 centre_os; /* the same in object space */
     float radius_os;
-    bool hidden; /* as its object is: it rests, and begins anew when it is shown */
+    /* as its object is: it counts as converged, and starts again when it is shown. */
+    bool hidden;
     bool begins; /* it has, and nothing of it has been shown since */
     uint32_t covered_count;
-    uint32_t frames; /* the fewest of its blocks */
-    float error;     /* relative standard error of luminance, over all its blocks */
+    uint32_t sample_count; /* the fewest of its blocks */
+    float error;           /* relative standard error of luminance, over all its blocks */
     enum lw_block_state state;
-    bool serves; /* it is looked at, or lights what is (scheduler.h) */
-    bool woken;  /* one of its blocks has found that its light has changed, and was not solved since */
-    float
-        urgency; /* if so: mean square over those blocks of the share of light that has changed, at most 1 */
-    uint32_t woken_count;   /* texels of those blocks */
-    bool corrected;         /* its light, in this frame, by what packets have found (correction.h) */
-    bool moved;             /* its object has, when something moved last */
-    bool unasked;           /* since then */
-    bool waiting;           /* the round under way has yet to solve it (scheduler.h) */
-    enum lw_tile_work work; /* in the frame under way (scheduler.h) */
-    bool shows;             /* what was solved is to be seen in this frame, not merely read by other tiles */
-    uint32_t solved_tick;   /* of the schedule, when it was last solved */
-    uint64_t solved_frame;  /* last frame that showed one of its blocks */
+    /* it is of interest, or lights what is (scheduler.h). */
+    bool contributes;
+    bool invalidated; /* one of its blocks has found that its light has changed, and was not solved since */
+    /* If so: mean square over those blocks of the share of light that has changed, at most 1. */
+    float priority;
+    uint32_t invalidated_count; /* texels of those blocks */
+    bool corrected;             /* its light, in this frame, by what packets have found (control_variate.h) */
+    bool moved;                 /* its object has, when something moved last */
+    bool unverified;            /* since then */
+    bool waiting;               /* the round under way has yet to solve it (scheduler.h) */
+    enum lw_tile_work work;     /* in the frame under way (scheduler.h) */
+    bool shows;            /* what was solved is to be seen in this frame, not merely read by other tiles */
+    uint32_t solved_tick;  /* of the schedule, when it was last solved */
+    uint64_t solved_frame; /* last frame that showed one of its blocks */
 };
 
 struct lw_tiles {
@@ -118,22 +124,21 @@ struct lw_tiles {
     float *indirect[3];       /* sum over bounces 1..N */
     /* Of direct, and of its last estimate, what client lights give. NULL: there are none. */
     float *drawn[3], *drawn_estimate[3];
-    /* What is shown, form by form: direct + indirect, SPLIT without what is drawn; when that last was; filtered and
-     * welded; W/m^2. SPLIT: NULL as drawn is. */
-    float *light[LW_LIGHT_FORM_COUNT][3];
+    /* What is shown, form by form: direct + indirect, SPLIT without what is drawn; when that last was;
+     * filtered and welded; W/m^2. SPLIT: NULL as drawn is. */
+    float *irradiance[LW_LIGHT_FORM_COUNT][3];
     float *order[LW_TILES_BOUNCES_MAX][3]; /* E of each bounce order 1..N alone (index 0: order 1) */
-    /* What each texel sends out of bounce order 0..N-1, for the next one: 4 floats each, W/(m^2 sr). One plane per order,
-     * so that what a tile sends stays while it is not solved. */
+    /* What each texel sends out of bounce order 0..N-1, for the next one: 4 floats each, W/(m^2 sr). One
+     * plane per order, so that what a tile sends stays while it is not solved. */
     float *radiance[LW_TILES_BOUNCES_MAX];
-    struct lw_vec3
-        *radiance_change[LW_TILES_BOUNCES_MAX]; /* per block: by how much that differs, in the mean, from the
-                                                               frame before */
+    /* Per block: by how much that differs, in the mean, from the frame before. */
+    struct lw_vec3 *radiance_change[LW_TILES_BOUNCES_MAX];
     float *estimate[LW_TILES_ESTIMATES]
                    [3];   /* E as the last frame in which a texel was solved had it by itself */
     float *mean, *spread; /* of the luminance of such estimates: running mean, sum of squared deviations */
     float *split_mean, *split_spread; /* the same without what is drawn; NULL as drawn is */
-    /* That of the two by which errors are measured, always against all light: split_spread while no other form is
-     * shown. What clients draw has no noise, and only feeds bounces then. */
+    /* That of the two by which errors are measured, always against all light: split_spread while no other
+     * form is shown. What clients draw has no noise, and only enters bounces then. */
     const float *judged_spread;
     const uint8_t *covered; /* the texels' own */
 };
@@ -187,7 +192,8 @@ static inline void lw_tiles_store(float *const dst[3], uint32_t texel, struct lw
     dst[2][texel] = value.z;
 }
 
-/** Counts anew what the texels cover, of which none has gone; a block that covers more than before starts from the beginning. */
+/** Counts again what the texels cover, of which none has gone; a block that covers more than
+ * before starts from the beginning. */
 void lw_tiles_recount(struct lw_tiles *tiles, int threads);
 
 /** Shows the sums of the blocks of frame `frame` (shown_frame) as they are. forms: which (light_form.h). */
@@ -204,11 +210,12 @@ static inline struct lw_solve_block *lw_tiles_block(const struct lw_solve_tile *
     return &tile->block[y / LW_TILE_BLOCK * tile->block_columns + x / LW_TILE_BLOCK];
 }
 
-/** What its blocks say of a tile: frames, whether it rests. */
+/** Sums up a tile's blocks: its sample count, its state. */
 void lw_tiles_sum_up(struct lw_solve_tile *tile);
 
-/** Places every tile in the world and sorts them by cell. What is hidden rests; what is so no longer begins anew, and is solved
- * at once, whoever looks: its sums are of light that is over, or of another place. */
+/** Places every tile in the world and sorts them by cell. Hidden tiles count as converged. A tile that
+ * is hidden no longer starts again, and is solved at once, whatever the interest: its sums are of old
+ * light, or of another place. */
 void lw_tiles_set_pose(struct lw_tiles *tiles, const struct lw_cells *cells, const struct lw_pose *pose);
 
 #endif

@@ -7,22 +7,24 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A place is buried when what it sees is backs, all but one ray of these, and near ones: a roof that is only modelled
- * from outside shows its back to the floor below, but a lamp may hang in between. So far ones count only where it
- * matters, beside a wall: under a house of the size of the scene its foot's outer side is to have no dark rim. */
+/* A sample point is inside when what it sees is backs, all but one ray of these, and near ones: a roof that
+ * is only modelled from outside shows its back to the floor below, but a lamp may hang in between. So far
+ * ones count only where it matters, beside a wall: under a house of the size of the scene its foot's outer
+ * side is to have no dark rim. */
 #define RAYS        8
-#define BURIED_RAYS 7
+#define INSIDE_RAYS 7
 #define NEAR        0.1f /* of the scene's longest side */
 #define RIM         4.0f /* texels beside a wall: a look-up at level 2 reads as far */
 #define RIM_RAYS    8
-/* Inside a solid whose faces are double-sided, rays both ways leave it, all but three of these: tubes and boxes may be
- * open at an end. */
+/* Inside a solid whose faces are double-sided, rays both ways leave it, all but three of these: tubes and
+ * boxes may be open at an end. */
 #define ENCLOSED_RAYS 13
 #define CROSSINGS_MAX 12
-/* Closer to another surface than this many times the lift, a place may find itself on the surface's other side. */
+/* Closer to another surface than this many times the lift, a sample point may find itself
+ * on the surface's other side. */
 #define TOUCHING 8
-/* A texel whose surroundings are clear this many texel sizes around it is looked at no further; double-sided solids are
- * looked for as far. */
+/* A texel whose surroundings are clear this many texel sizes around it is searched no further; double-sided
+ * solids are looked for as far. */
 #define CLEAR 2
 
 struct box {
@@ -45,14 +47,14 @@ struct row {
     struct lw_sample_points_frame frame;
     uint32_t object, first;
     uint8_t usable[LW_TRACE_WIDTH];
-    struct lw_sample_points_lanes place; /* one place of each, in world space */
+    struct lw_sample_points_lanes point; /* one sample point of each, in world space */
     float lift[LW_TRACE_WIDTH];          /* m */
 };
 
-/* Unpacks place k of every texel that has one; returns their mask. */
-static uint16_t load_places(struct row *row, uint16_t wanted, uint32_t k) {
-    const struct lw_sample_points *footprint = &row->mesh->footprint;
-    uint32_t texel[LW_TRACE_WIDTH], place[LW_TRACE_WIDTH];
+/* Unpacks sample point k of every texel that has one; returns their mask. */
+static uint16_t load_points(struct row *row, uint16_t wanted, uint32_t k) {
+    const struct lw_sample_points *points = &row->mesh->sample_points;
+    uint32_t texel[LW_TRACE_WIDTH], point[LW_TRACE_WIDTH];
     uint16_t active = 0;
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
         if (wanted >> lane & 1 && row->usable[lane] >> k & 1) active |= (uint16_t)(1u << lane);
@@ -60,26 +62,26 @@ static uint16_t load_places(struct row *row, uint16_t wanted, uint32_t k) {
     /* those that are not active repeat one that is */
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
         texel[lane] = row->first + (active >> lane & 1 ? lane : (uint32_t)__builtin_ctz(active));
-        place[lane] = footprint->first[texel[lane]] + k;
+        point[lane] = points->first[texel[lane]] + k;
     }
-    lw_sample_points_load(footprint, row->mesh->position, texel, place, &row->place);
+    lw_sample_points_load(points, row->mesh->position, texel, point, &row->point);
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
         row->lift[lane] =
-            row->place.lift[lane] * row->frame.stretch + LW_TRACE_LIFT * row->frame.offset_m + 1e-30f;
-    lw_sample_points_to_world(&row->frame, &row->place);
+            row->point.lift[lane] * row->frame.stretch + LW_TRACE_LIFT * row->frame.offset_m + 1e-30f;
+    lw_sample_points_to_world(&row->frame, &row->point);
     return active;
 }
 
 static struct lw_vec3 origin_of(const struct row *row, uint32_t lane) {
-    return lw_vec3(row->place.at.x[lane], row->place.at.y[lane], row->place.at.z[lane]);
+    return lw_vec3(row->point.at.x[lane], row->point.at.y[lane], row->point.at.z[lane]);
 }
 static struct lw_vec3 face_of(const struct row *row, uint32_t lane) {
-    return lw_vec3(row->place.gx[lane], row->place.gy[lane], row->place.gz[lane]);
+    return lw_vec3(row->point.gx[lane], row->point.gy[lane], row->point.gz[lane]);
 }
-/* Not the extent of its places: a texel that a chart only crosses may have one. */
+/* Not the extent of its sample points: a texel that a chart only crosses may have one. */
 static float texel_size(const struct row *row) { return row->mesh->texel_m * row->frame.stretch; }
 
-static bool buries(const struct search *s, const struct lw_hit16 *hits, uint32_t lane, float reach_m) {
+static bool is_back(const struct search *s, const struct lw_hit16 *hits, uint32_t lane, float reach_m) {
     const uint32_t object = hits->object[lane];
     if (object == LW_TRACE_MISS || !hits->back[lane] || hits->t[lane] > reach_m) return false;
     const struct lw_scene *scene = s->texels->scene;
@@ -88,7 +90,7 @@ static bool buries(const struct search *s, const struct lw_hit16 *hits, uint32_t
            !scene->material[mesh->material[hits->triangle[lane]]].double_sided;
 }
 
-/* Shoots direction r of a cosine-weighted set from the loaded places, as far as there is anything. */
+/* Shoots direction r of a cosine-weighted set from the loaded sample points, as far as there is anything. */
 static void look(const struct search *s, const struct row *row, uint16_t active, uint32_t r,
                  struct lw_hit16 *out_hits) {
     struct lw_ray16 rays = {.salt = 0};
@@ -102,17 +104,18 @@ static void look(const struct search *s, const struct row *row, uint16_t active,
     lw_trace_closest16(s->trace, LW_TRACE_COHERENT, active, &rays, out_hits);
 }
 
-/* One ray from each place: enough to see that a texel stands free. Returns the mask of those that may not. */
+/* One ray from each sample point: enough to see that a texel stands free. Returns the
+ * mask of those that may not. */
 static uint16_t find_suspects(const struct search *s, struct row *row, uint16_t active) {
     uint16_t suspects = 0;
     for (uint32_t r = 0; r < RAYS; r++) {
-        const uint16_t loaded = load_places(row, active, r);
+        const uint16_t loaded = load_points(row, active, r);
         struct lw_hit16 hits;
         if (!loaded) continue;
         look(s, row, loaded, r, &hits);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
             if (loaded >> lane & 1 &&
-                (buries(s, &hits, lane, s->far_m) ||
+                (is_back(s, &hits, lane, s->far_m) ||
                  (hits.object[lane] != LW_TRACE_MISS && hits.t[lane] < CLEAR * texel_size(row))))
                 suspects |= (uint16_t)(1u << lane);
     }
@@ -121,7 +124,7 @@ static uint16_t find_suspects(const struct search *s, struct row *row, uint16_t 
 
 /* Texels beside the back of a wall, looked for a quarter of a texel above the surface. */
 static uint16_t find_rim(const struct search *s, struct row *row, uint16_t suspects) {
-    const uint16_t active = load_places(row, suspects, 0);
+    const uint16_t active = load_points(row, suspects, 0);
     uint16_t rim = 0;
     for (uint32_t r = 0; r < RIM_RAYS; r++) {
         const float angle = 2 * LW_PI * (float)r / RIM_RAYS;
@@ -137,28 +140,30 @@ static uint16_t find_rim(const struct search *s, struct row *row, uint16_t suspe
         }
         lw_trace_closest16(s->trace, 0, active, &rays, &hits);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
-            if (active >> lane & 1 && buries(s, &hits, lane, s->far_m)) rim |= (uint16_t)(1u << lane);
+            if (active >> lane & 1 && is_back(s, &hits, lane, s->far_m)) rim |= (uint16_t)(1u << lane);
     }
     return rim;
 }
 
-/* Most places stand free, and two rays say so: those that one ray too many leaves are asked no further. */
-static uint16_t find_buried(const struct search *s, const struct row *row, uint16_t active, uint16_t rim) {
+/* Most sample points stand free, and two rays say so: those that one ray too many
+ * leaves are tested no further. */
+static uint16_t find_inside(const struct search *s, const struct row *row, uint16_t active, uint16_t rim) {
     int free_rays[LW_TRACE_WIDTH] = {0};
-    uint16_t buried = active;
-    for (uint32_t r = 0; r < RAYS && buried; r++) {
+    uint16_t inside = active;
+    for (uint32_t r = 0; r < RAYS && inside; r++) {
         struct lw_hit16 hits;
-        look(s, row, buried, r, &hits);
+        look(s, row, inside, r, &hits);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
-            if (buried >> lane & 1 && !buries(s, &hits, lane, rim >> lane & 1 ? s->far_m : s->near_m) &&
-                ++free_rays[lane] > RAYS - BURIED_RAYS)
-                buried &= (uint16_t) ~(1u << lane);
+            if (inside >> lane & 1 && !is_back(s, &hits, lane, rim >> lane & 1 ? s->far_m : s->near_m) &&
+                ++free_rays[lane] > RAYS - INSIDE_RAYS)
+                inside &= (uint16_t) ~(1u << lane);
     }
-    return buried;
+    return inside;
 }
 
-/* By how many the faces that a ray leaves solids by outnumber those by which it enters some: 1 from inside a closed one,
- * whatever else is in it; 0 from outside, and 1 or -1 from beside a sheet. What may let light through does not count. */
+/* By how many the faces that a ray leaves solids by outnumber those by which it enters some: 1 from inside
+ * a closed one, whatever else is in it; 0 from outside, and 1 or -1 from beside a sheet. What may let
+ * light through does not count. */
 static void count_exits(const struct search *s, const struct row *row, uint16_t active, struct lw_ray16 *rays,
                         int out_exits[LW_TRACE_WIDTH]) {
     const struct lw_scene *scene = s->texels->scene;
@@ -182,9 +187,10 @@ static void count_exits(const struct search *s, const struct row *row, uint16_t 
     }
 }
 
-/* Places inside solids, by generalized winding numbers (Jacobson et al. 2013) of what is near: these bear holes and solids
- * that overlap, and tell a place under a sheet, from which the way down leads in, or nowhere, from one in a box. So
- * backs of double-sided surfaces bury, too. What lights the inside of such a solid is nobody's to see. */
+/* Places inside solids, by generalized winding numbers (Jacobson et al. 2013) of what is near: these bear
+ * holes and solids that overlap, and tell a sample point under a sheet, from which the way down leads in,
+ * or nowhere, from one in a box. So backs of double-sided surfaces bury, too. What lights the inside of
+ * such a solid is nobody's to see. */
 static uint16_t find_enclosed(const struct search *s, const struct row *row, uint16_t active) {
     const float reach_m = fminf(CLEAR * texel_size(row), s->near_m);
     int free_rays[LW_TRACE_WIDTH] = {0};
@@ -224,7 +230,8 @@ static uint16_t find_touching(const struct search *s, const struct row *row, uin
     return touching;
 }
 
-/* Places that were raised off a bulge (lw_scene_shadow_origin) past something else: looking back down they meet it. */
+/* Places that were raised off a bulge (lw_scene_shadow_origin) past something else:
+ * looking back down they meet it. */
 static uint16_t find_cut_off(const struct search *s, const struct row *row, uint16_t active) {
     struct lw_ray16 rays = {.salt = 0};
     struct lw_hit16 hits;
@@ -237,20 +244,20 @@ static uint16_t find_cut_off(const struct search *s, const struct row *row, uint
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
         if (active >> lane & 1 && hits.object[lane] != LW_TRACE_MISS &&
             hits.t[lane] > TOUCHING * row->lift[lane] &&
-            (hits.object[lane] != row->object || buries(s, &hits, lane, s->near_m)))
+            (hits.object[lane] != row->object || is_back(s, &hits, lane, s->near_m)))
             cut_off |= (uint16_t)(1u << lane);
     return cut_off;
 }
 
-/* Where another surface runs through a texel, such as a wall that stands on a floor, light on its far side is not for those
- * who look at this one: keeps the places on the side that has more of them. Looked along a quarter of a texel above the
- * surface, so that a bulge does not part itself. */
+/* Where another surface runs through a texel, such as a wall that stands on a floor, light on its far side is
+ * not for those who look at this one: keeps the sample points on the side that has more of them. Looked along
+ * a quarter of a texel above the surface, so that a bulge does not part itself. */
 static void keep_one_side(const struct search *s, struct row *row, uint16_t suspects) {
     struct lw_vec3 first[LW_TRACE_WIDTH];
     uint8_t beyond[LW_TRACE_WIDTH] = {0};
     uint16_t begun = 0;
     for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++) {
-        const uint16_t loaded = load_places(row, suspects, k), active = loaded & begun;
+        const uint16_t loaded = load_points(row, suspects, k), active = loaded & begun;
         struct lw_ray16 rays = {.salt = 0};
         struct lw_hit16 hits;
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
@@ -277,41 +284,41 @@ static void keep_one_side(const struct search *s, struct row *row, uint16_t susp
     }
 }
 
-/* Takes the places that light cannot reach out of the row's masks. */
+/* Takes the sample points that light cannot reach out of the row's masks. */
 static void examine(const struct search *s, struct row *row, uint16_t suspects) {
-    uint8_t out[LW_TRACE_WIDTH] = {0}, doubtful[LW_TRACE_WIDTH] = {0};
+    uint8_t out[LW_TRACE_WIDTH] = {0}, uncertain[LW_TRACE_WIDTH] = {0};
     const uint16_t rim = find_rim(s, row, suspects);
     for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++) {
-        const uint16_t active = load_places(row, suspects, k);
+        const uint16_t active = load_points(row, suspects, k);
         if (!active) continue;
-        uint16_t buried = find_buried(s, row, active, rim), doubt = 0;
-        buried |= find_enclosed(s, row, active & (uint16_t)~buried);
-        const uint16_t open = active & (uint16_t)~buried;
-        if (open) doubt = find_touching(s, row, open) | find_cut_off(s, row, open);
+        uint16_t inside = find_inside(s, row, active, rim), unsure = 0;
+        inside |= find_enclosed(s, row, active & (uint16_t)~inside);
+        const uint16_t open = active & (uint16_t)~inside;
+        if (open) unsure = find_touching(s, row, open) | find_cut_off(s, row, open);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
-            out[lane] |= (uint8_t)((buried >> lane & 1u) << k);
-            doubtful[lane] |= (uint8_t)((doubt >> lane & 1u) << k);
+            out[lane] |= (uint8_t)((inside >> lane & 1u) << k);
+            uncertain[lane] |= (uint8_t)((unsure >> lane & 1u) << k);
         }
     }
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
         row->usable[lane] &= (uint8_t)~out[lane];
-        /* A doubtful place is better than none. */
-        if (row->usable[lane] & ~doubtful[lane]) row->usable[lane] &= (uint8_t)~doubtful[lane];
+        /* An uncertain sample point is better than none. */
+        if (row->usable[lane] & ~uncertain[lane]) row->usable[lane] &= (uint8_t)~uncertain[lane];
     }
     keep_one_side(s, row, suspects);
 }
 
-static uint8_t all_places(const struct lw_mesh_texels *mesh, uint32_t i) {
-    return (uint8_t)((1u << (mesh->footprint.first[i + 1] - mesh->footprint.first[i])) - 1);
+static uint8_t all_points(const struct lw_mesh_texels *mesh, uint32_t i) {
+    return (uint8_t)((1u << (mesh->sample_points.first[i + 1] - mesh->sample_points.first[i])) - 1);
 }
 
 static bool has_lost_places(const struct lw_mesh_texels *mesh, uint32_t i, uint8_t usable) {
-    return mesh->covered[i] && usable != all_places(mesh, i);
+    return mesh->covered[i] && usable != all_points(mesh, i);
 }
 
 static void unbury(const struct lw_mesh_texels *mesh, uint32_t i, uint8_t *covered, uint8_t *usable) {
     *covered = 1;
-    *usable = all_places(mesh, i);
+    *usable = all_points(mesh, i);
 }
 
 /* Whether the straight line from p by d comes within a margin of the box. */
@@ -329,7 +336,8 @@ static bool meets(const struct box *box, float margin, struct lw_vec3 p, struct 
     return enter <= leave;
 }
 
-/* Whether what is no longer there may have been met from one of the texel's places: rays from its middle stand for theirs. */
+/* Whether what is no longer there may have been met from one of the texel's sample points: rays from
+ * its middle stand for theirs. */
 static bool may_be_freed(const struct search *s, const struct row *row, uint32_t i) {
     const struct lw_affine *to_world = &s->pose->object_to_world[row->object];
     const struct lw_vec3 p = lw_affine_point(to_world, lw_texels_vector(row->mesh->position, i)),
@@ -350,7 +358,8 @@ static bool may_be_freed(const struct search *s, const struct row *row, uint32_t
     return false;
 }
 
-/* Returns how many texels of the object are gone. again: only those are looked at that had lost a place before; returns how many
+/* Returns how many texels of the object are gone. again: only those are tested that had lost a sample
+ *         point before; returns how many
  * these are. */
 static uint64_t find_in_object(const struct search *s, uint32_t object, bool again) {
     struct row row = {.mesh = &s->texels->mesh[s->texels->scene->object[object].mesh], .object = object};
@@ -427,7 +436,7 @@ enum lw_status lw_invalid_texels_review(struct lw_texels *texels, const struct l
                                         int threads) {
     const struct lw_scene *scene = texels->scene;
     struct search search = begin(texels, pose, trace);
-    /* what an object buried it may have buried by rays as long as then */
+    /* what an object inside it may have inside by rays as long as then */
     const struct search then = begin(texels, before, trace);
     search.near_m = fmaxf(search.near_m, then.near_m);
     search.far_m = fmaxf(search.far_m, then.far_m);

@@ -4,7 +4,8 @@
 #include <stdlib.h>
 
 #define LANES LW_TRACE_WIDTH
-/* Normals that no two of a group differ by more than: some 18 degrees, as for Embree's coherent traversal (passes.c). */
+/* Normals that no two of a group differ by more than: some 18 degrees, as for Embree's
+ * coherent traversal (bounces.c). */
 #define NORMALS_APART 0.31f
 /* What a group may measure across, over the root of its area: a square has 1.4. */
 #define ELONGATION 1.6f
@@ -102,7 +103,7 @@ uint32_t lw_packets_deal(const struct lw_mesh_texels *mesh, uint32_t first, uint
             member[count++] = (struct member){.at = {p.x, p.y, p.z, n.x, n.y, n.z},
                                               .texel = (uint8_t)(y * LW_TILE_BLOCK + x),
                                               .turn = turn_of(x, y)};
-            reach += mesh->footprint.reach[i];
+            reach += mesh->sample_points.reach[i];
         }
     /* Places reach half a texel to both sides along its axes. */
     return count ? split(member, count, fmaxf(2 * reach / (float)count, 1e-30f), out) : 0;

@@ -2,12 +2,15 @@
  * Flow:    texels of a mesh, what is covered -> [packets] -> passes
  * Threads: pure function, [any].
  *
- * The sixteen texels of a packet share each direction, about normals of their own. Their rays are as coherent as these texels
- * are near one another and look the same way, and cost the less the more lanes are filled; but neighbours that share
- * directions share their error, which no filter then removes. So the covered texels of a block, which charts of several
- * surfaces may share, are halved until each group lies on one surface; the packets of a group then take turns with its texels, so that
- * neighbours belong to different ones. On a block that is one flat surface packet k takes every fourth texel in both
- * directions. Groups are cut at multiples of sixteen: a block has as few packets as its texels fill. */
+ * The sixteen texels of a packet share each direction, about normals of their own. Their rays are the more
+ * coherent the nearer the texels are and the more alike their normals, and cost the less the more lanes are
+ * filled. But neighbours that share directions share their error, which no filter removes.
+ *
+ * So the covered texels of a block, on which charts of several surfaces may lie, are halved until each group
+ * lies on one surface. The packets of a group take turns with its texels, so that neighbours belong to
+ * different ones. On a block of one flat surface packet k takes every fourth texel in both directions.
+ * Groups are cut at multiples of
+ * sixteen: a block has as few packets as its texels fill. */
 #ifndef LW_SURFACE_PACKETS_H
 #define LW_SURFACE_PACKETS_H
 

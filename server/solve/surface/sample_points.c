@@ -16,20 +16,20 @@ static struct lw_vec2 fold(struct lw_vec3 d) {
     return (struct lw_vec2){(1 - fabsf(v)) * copysignf(1, u), (1 - fabsf(u)) * copysignf(1, v)};
 }
 
-static struct lw_sample_points_place pack(const struct lw_sample_points_point *point, struct lw_vec3 position,
-                                          float reach) {
+static struct lw_sample_points_packed pack(const struct lw_sample_points_point *point,
+                                           struct lw_vec3 position, float reach) {
     const struct lw_vec2 n = fold(point->normal), g = fold(point->geometric);
     const struct lw_vec3 offset =
         lw_vec3_scale(lw_vec3_sub(point->origin, position), reach > 0 ? 32767 / reach : 0);
     const uint32_t x = (uint16_t)lrintf(offset.x), y = (uint16_t)lrintf(offset.y),
                    z = (uint16_t)lrintf(offset.z);
-    return (struct lw_sample_points_place){{x | y << 16, z | (uint32_t)quantise(n.x, NORMAL_STEPS) << 16,
-                                            (uint32_t)quantise(n.y, NORMAL_STEPS) |
-                                                (uint32_t)quantise(g.x, GEOMETRIC_STEPS) << 16 |
-                                                (uint32_t)quantise(g.y, GEOMETRIC_STEPS) << 24}};
+    return (struct lw_sample_points_packed){{x | y << 16, z | (uint32_t)quantise(n.x, NORMAL_STEPS) << 16,
+                                             (uint32_t)quantise(n.y, NORMAL_STEPS) |
+                                                 (uint32_t)quantise(g.x, GEOMETRIC_STEPS) << 16 |
+                                                 (uint32_t)quantise(g.y, GEOMETRIC_STEPS) << 24}};
 }
 
-void lw_sample_points_pack(struct lw_sample_points *footprint, uint32_t texel, struct lw_vec3 position,
+void lw_sample_points_pack(struct lw_sample_points *points, uint32_t texel, struct lw_vec3 position,
                            float largest, const struct lw_sample_points_point *point, uint32_t count) {
     float reach = 0;
     for (uint32_t k = 0; k < count; k++) {
@@ -39,10 +39,10 @@ void lw_sample_points_pack(struct lw_sample_points *footprint, uint32_t texel, s
     /* so small an offset has no inverse, and so large a one is no mesh's */
     if (!(reach > 1e-30f && reach < 1e30f)) reach = 0;
     for (uint32_t k = 0; k < count; k++)
-        footprint->place[footprint->first[texel] + k] = pack(&point[k], position, reach);
-    footprint->reach[texel] = reach;
+        points->point[points->first[texel] + k] = pack(&point[k], position, reach);
+    points->reach[texel] = reach;
     /* Each axis is rounded by half a step of reach / 32767: together by less than one. */
-    footprint->lift[texel] = LW_TRACE_LIFT * largest + reach / 32767;
+    points->lift[texel] = LW_TRACE_LIFT * largest + reach / 32767;
 }
 
 void lw_sample_points_frame_init(struct lw_sample_points_frame *frame, const struct lw_affine *t) {
@@ -65,14 +65,14 @@ void lw_sample_points_frame_init(struct lw_sample_points_frame *frame, const str
     }
 }
 
-LW_WIDE void lw_sample_points_load(const struct lw_sample_points *footprint, float *const position[3],
-                                   const uint32_t texel[restrict 16], const uint32_t place[restrict 16],
+LW_WIDE void lw_sample_points_load(const struct lw_sample_points *points, float *const position[3],
+                                   const uint32_t texel[restrict 16], const uint32_t point[restrict 16],
                                    struct lw_sample_points_lanes *restrict lanes) {
-    const uint32_t *word = footprint->place->word;
-    const float *reach = footprint->reach, *lift = footprint->lift;
+    const uint32_t *word = points->point->word;
+    const float *reach = points->reach, *lift = points->lift;
     const float *x = position[0], *y = position[1], *z = position[2];
     for (int i = 0; i < LANES; i++) {
-        const uint32_t a = word[place[i] * 3], b = word[place[i] * 3 + 1], c = word[place[i] * 3 + 2];
+        const uint32_t a = word[point[i] * 3], b = word[point[i] * 3 + 1], c = word[point[i] * 3 + 2];
         const float step = reach[texel[i]] * (1.0f / 32767);
         lanes->at.x[i] = x[texel[i]] + step * (float)((int32_t)(a << 16) >> 16);
         lanes->at.y[i] = y[texel[i]] + step * (float)((int32_t)a >> 16);

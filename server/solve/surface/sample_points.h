@@ -1,13 +1,15 @@
-/* footprint.h: where on its texel a ray starts: up to eight places, spread over the part of the texel that is surface.
- * Flow:    lightmap triangles -> [footprint] -> texels -> origins and normals of the passes' packets
+/* sample_points.h: where on its texel a ray starts: up to eight points, spread over the part that is surface.
+ * Flow:    lightmap triangles -> [sample_points] -> texels -> origins and normals of the passes' packets
  * Threads: built with the texels; then [any].
  *
- * One place per texel would make shadow edges as jagged as the texels, and a texel half under an object all or nothing.
- * The rays of successive samples start at successive places, so that a texel's E tends to its mean over the places.
- * They are points of the (0,2)-sequence: whichever way a shadow's edge runs, its share is right to about 1/8. A place is
- * on the surface of the triangle that the lightmap has there, raised by lw_scene_shadow_origin(); points of the square that no
- * triangle of the chart covers are left out, never moved to its edge, which may lie in the plane of the next wall. Further
- * points of the sequence take their turn, so that a narrow chart has eight places as well. */
+ * One point per texel would make shadow edges as jagged as the texels, and a texel half under an object all
+ * or nothing. Successive samples start at successive points, so that a texel's E tends to its mean over them.
+ *
+ * They are points of the (0,2)-sequence: whichever way a shadow's edge runs, its share is right to about
+ * 1/8. A sample point lies on the lightmap's triangle there, raised by lw_scene_shadow_origin(). Points
+ * of the square that no triangle of the chart covers are left out. They are never moved to its edge,
+ * which may lie in the plane of the next wall. Further points of the sequence take their turn, so that a
+ * narrow chart has eight as well. */
 #ifndef LW_SURFACE_SAMPLE_POINTS_H
 #define LW_SURFACE_SAMPLE_POINTS_H
 
@@ -17,45 +19,46 @@
 #include "common/trace/trace.h"
 
 #define LW_SAMPLE_POINTS_MAX 8u
-/* Points of a texel's square of which the first eight on its chart are its places: a strip of an eighth of a
- * texel has as many. */
+/* Points of a texel's square of which the first eight on its chart are its sample points: a strip of an
+ * eighth of a texel has as many. */
 #define LW_SAMPLE_POINTS_SPOTS 64u
 
-/** One place of a texel, in object space; 12 bytes, for they are many. From the lowest bit of the first word:
+/** One sample point of a texel, in object space; 12 bytes, for they are many. From
+ * the lowest bit of the first word:
  * three times 16 bits  offset from the texel's position, signed; 32767 is its reach
  * twice 16             shading normal, octahedral (Meyer et al. 2010): off by under 5e-5
  * twice 8              the same of the face, on the side that is lit: off by under 0.02 */
-struct lw_sample_points_place {
+struct lw_sample_points_packed {
     uint32_t word[3];
 };
 
 struct lw_sample_points {
-    uint32_t *first;                      /* per texel and one more: its first place */
-    struct lw_sample_points_place *place; /* of all texels */
-    float *reach;                         /* per texel: the largest offset, m in object space */
+    uint32_t *first;                       /* per texel and one more: its first sample point */
+    struct lw_sample_points_packed *point; /* of all texels */
+    float *reach;                          /* per texel: the largest offset, m in object space */
     float *lift; /* per texel: how far rays start off the surface for rounding, m in object space */
 };
 
-/** A place before it is packed. */
+/** A sample point before it is packed. */
 struct lw_sample_points_point {
     struct lw_vec3 origin, normal, geometric; /* object space */
 };
 
-/** Where spot k of LW_SAMPLE_POINTS_SPOTS lies in a texel's unit square. The first eight are in the middle of their
- * eighths in both directions, those that follow of their 64ths. */
+/** Where spot k of LW_SAMPLE_POINTS_SPOTS lies in a texel's unit square. The first eight are in the middle of
+ * their eighths in both directions, those that follow of their 64ths. */
 static inline struct lw_vec2 lw_sample_points_spot(uint32_t k) {
     const float middle = k < LW_SAMPLE_POINTS_MAX ? 1.0f / 16 : 1.0f / 128;
     return (struct lw_vec2){lw_random_unit(lw_random_reverse_bits(k)) + middle,
                             lw_random_unit(lw_random_reverse_bits(lw_random_pascal(k))) + middle};
 }
 
-/** Packs the places of one texel behind those that are there.
- * position    the texel's own; places are stored relative to it
+/** Packs the sample points of one texel behind those that are there.
+ * position    the texel's own; sample points are stored relative to it
  * largest     the largest coordinate of its triangles, either sign */
-void lw_sample_points_pack(struct lw_sample_points *footprint, uint32_t texel, struct lw_vec3 position,
+void lw_sample_points_pack(struct lw_sample_points *points, uint32_t texel, struct lw_vec3 position,
                            float largest, const struct lw_sample_points_point *point, uint32_t count);
 
-/** A transform, made ready for many places. */
+/** A transform, made ready for many sample points. */
 struct lw_sample_points_frame {
     struct lw_affine to_world;
     float normal[3][3];      /* cofactors: turns normals, keeping them outward under mirroring */
@@ -63,26 +66,27 @@ struct lw_sample_points_frame {
 };
 void lw_sample_points_frame_init(struct lw_sample_points_frame *frame, const struct lw_affine *to_world);
 
-/** Sixteen places, structure of arrays. */
+/** Sixteen sample points, structure of arrays. */
 struct lw_sample_points_lanes {
     struct lw_points16 at;        /* positions, then origins of rays */
     float gx[16], gy[16], gz[16]; /* normal of the face, unit */
     float lift[16];
 };
 
-/** Loads places into lanes: offsets in object space, normals still folded.
+/** Loads sample points into lanes: offsets in object space, normals still folded.
  * position  the texels' own, of the mesh
  * texel     within the mesh
- * place     index into footprint->place */
-void lw_sample_points_load(const struct lw_sample_points *footprint, float *const position[3],
-                           const uint32_t texel[16], const uint32_t place[16],
+ * sample point     index into sample_points.point */
+void lw_sample_points_load(const struct lw_sample_points *points, float *const position[3],
+                           const uint32_t texel[16], const uint32_t point[16],
                            struct lw_sample_points_lanes *lanes);
 /** Brings loaded lanes to world space and lifts their origins off the surface. */
 void lw_sample_points_to_world(const struct lw_sample_points_frame *frame,
                                struct lw_sample_points_lanes *lanes);
 
-/** The place of a texel that sample number `sample` takes. usable: mask of its places, not 0; turn: a random number that
- * changes with sample / 8, so that no place always meets the same part of a light's sequence. */
+/** The sample point of a texel that sample number `sample` takes. usable: mask of its sample points, not
+ * 0; turn: a random number that changes with sample / 8, so that no sample point always meets the same
+ * part of a light's sequence. */
 static inline uint32_t lw_sample_points_choose(uint8_t usable, uint32_t sample, uint32_t turn) {
     const uint32_t step = sample + (turn & (LW_SAMPLE_POINTS_MAX - 1));
     if (usable == UINT8_MAX) return step % LW_SAMPLE_POINTS_MAX;

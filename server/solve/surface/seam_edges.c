@@ -9,7 +9,7 @@
 #define SAME_PLACE 1e-3f
 /* Edges that more sides share than this are no surface that goes on. */
 #define SIDES_MAX 8u
-/* Ends of others that are looked at along one side; what is beyond is no seam. */
+/* At most this many ends of others count along one side; what is beyond is no seam. */
 #define ENDS_MAX 4096u
 /* Ends that a leaf of their tree holds. */
 #define LEAF 8u
@@ -189,7 +189,8 @@ static struct lw_vec2 lightmap_at(const struct lw_mesh *mesh, const struct side 
     return (struct lw_vec2){(1 - t) * a.x + t * b.x, (1 - t) * a.y + t * b.y};
 }
 
-/* Notes the seam of two sides where their surface goes on and their lightmap does not, and that of their backs. */
+/* Notes the seam of two sides where their surface goes on and their lightmap does
+ * not, and that of their backs. */
 static bool join(const struct lw_scene *scene, const struct lw_pose *pose, const struct stretch *a,
                  const struct stretch *b, struct lw_seam_edges *edges) {
     const struct stretch *stretch[2] = {a, b};
@@ -214,7 +215,8 @@ static bool join(const struct lw_scene *scene, const struct lw_pose *pose, const
     return push_edge(edges, edge);
 }
 
-/* Sorts the sides of a mesh and notes the seams among those of one edge. Sides that stay alone go to `open`. */
+/* Sorts the sides of a mesh and notes the seams among those of one edge. Sides
+ * that stay alone go to `open`. */
 static bool match(const struct lw_scene *scene, struct sides *sides, struct sides *open,
                   struct lw_seam_edges *edges) {
     if (sides->count) qsort(sides->side, sides->count, sizeof *sides->side, by_edge);
@@ -241,7 +243,8 @@ struct end {
 
 static float coordinate(struct lw_vec3 p, int axis) { return axis == 0 ? p.x : axis == 1 ? p.y : p.z; }
 
-/* Puts the middle one of some ends, by one coordinate, into the middle, smaller ones before it (Hoare 1961). */
+/* Puts the middle one of some ends, by one coordinate, into the middle, smaller
+ * ones before it (Hoare 1961). */
 static void part_ends(struct end *end, size_t count, int axis) {
     size_t lo = 0, hi = count - 1;
     const size_t middle = count / 2;
@@ -262,8 +265,8 @@ static void part_ends(struct end *end, size_t count, int axis) {
     }
 }
 
-/* A k-d tree (Bentley 1975) without nodes: the middle end of each range splits it, by the three axes in turn. Returns the
- * object of all ends in the range; LW_SCENE_NONE: of several. */
+/* A k-d tree (Bentley 1975) without nodes: the middle end of each range splits it, by the three axes in turn.
+ * Returns the object of all ends in the range; LW_SCENE_NONE: of several. */
 static uint32_t sort_ends(struct end *end, size_t count, int axis) {
     const size_t middle = count / 2;
     uint32_t only = count ? end[middle].object : LW_SCENE_NONE;
@@ -363,7 +366,8 @@ static bool push_pair(struct pairs *pairs, uint32_t a, uint32_t b) {
     return true;
 }
 
-/* Lists pairs of open sides that run along one another: of two that overlap, at least one end of one lies on the other. */
+/* Lists pairs of open sides that run along one another: of two that overlap, at least one
+ * end of one lies on the other. */
 static bool list_pairs(const struct lw_scene *scene, const struct lw_pose *pose, const struct sides *open,
                        struct pairs *out, float *out_reach) {
     float largest = 0;
@@ -401,8 +405,8 @@ static bool list_pairs(const struct lw_scene *scene, const struct lw_pose *pose,
     return ok;
 }
 
-/* Notes the seams of open sides that run along one another. pose: NULL for those of one mesh, in object space; else of
- * different objects, in the world. */
+/* Notes the seams of open sides that run along one another. pose: NULL for those of one mesh, in object
+ * space; else of different objects, in the world. */
 static bool match_along(const struct lw_scene *scene, const struct lw_pose *pose, const struct sides *open,
                         struct lw_seam_edges *edges) {
     struct pairs pairs = {0};
@@ -457,7 +461,8 @@ static bool copy_edges(struct lw_seam_edges *edges, size_t first, size_t count, 
     return true;
 }
 
-/* The seams of one mesh, for all its objects; its open sides in the name of those that never move. next: links them. */
+/* The seams of one mesh, for all its objects; its open sides in the name of those that
+ * never move. next: links them. */
 static bool find_in_mesh(const struct lw_scene *scene, const struct lw_pose *pose, uint32_t first_object,
                          const uint32_t *next, struct lw_seam_edges *edges, struct sides *still) {
     const struct lw_mesh *mesh = mesh_of(scene, first_object);

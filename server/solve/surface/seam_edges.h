@@ -2,11 +2,13 @@
  * Flow:    scene, pose -> [seam_edges] -> seams (which weld them), tests (which walk them)
  * Threads: one call; no state.
  *
- * Within a mesh: an edge whose triangles have it at different places of the lightmap (chart borders), and open edges, those
- * of one triangle alone, that run along one another for a part of their length (T-junctions). Between objects that never
- * move: open edges that run along one another in the world, for all of their length or a part. Along: to 64 units in the
- * last place of the largest coordinate. Either is a seam only where the surface goes on smoothly: on the other side of the
- * edge, with shading normals that agree to 5 degrees at both ends of the common part. */
+ * Within a mesh: an edge whose triangles have it at different places of the lightmap (chart borders), and
+ * open edges, those of one triangle alone, that run along one another for a part of their length
+ * (T-junctions). Between objects that never
+ * move: open edges that run along one another in the world, for all of their length or a part. Along:
+ * to 64 units in the last place of the largest coordinate. Either is a seam only where the surface
+ * goes on smoothly: on the other side of the edge, with shading normals that agree to 5 degrees at
+ * both ends of the common part. */
 #ifndef LW_SURFACE_SEAM_EDGES_H
 #define LW_SURFACE_SEAM_EDGES_H
 

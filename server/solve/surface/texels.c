@@ -17,11 +17,12 @@ struct claim {
     float u, v;        /* barycentrics of the sample */
     float area;        /* of the claiming triangle inside the texel, texels^2; 2 if it holds the centre */
     float area_sum;    /* of all triangles inside the texel */
-    uint32_t
-        chart; /* of that triangle; else the chart whose look-ups read the texel; LW_TEXEL_NONE: nobody's */
+    /* Of that triangle; else the chart whose look-ups read the texel; LW_TEXEL_NONE: nobody's. */
+    uint32_t chart;
     float read_area; /* of the reading triangle within a texel of the centre, texels^2 */
     bool back;
-    /* The first spots that lie on the chart, ascending, and the triangle that holds each; SPOT_BACK: its back */
+    /* The first spots that lie on the chart, ascending, and the triangle that
+     * holds each; SPOT_BACK: its back */
     uint32_t spot[LW_SAMPLE_POINTS_MAX];
     uint8_t number[LW_SAMPLE_POINTS_MAX];
 };
@@ -129,9 +130,9 @@ static uint32_t chart_of(const struct lw_mesh *mesh, uint32_t triangle, bool bac
     return mesh->triangle[triangle][0] + (back ? mesh->vertex_count : 0);
 }
 
-/* Lets a triangle claim the texels that it overlaps. Who holds a texel's centre gets it and is sampled there; where
- * nobody does, the largest part gets it and is sampled at the part's middle: never on the chart's very edge, which may
- * lie in the plane of the next wall. */
+/* Lets a triangle claim the texels that it overlaps. Who holds a texel's centre gets it and is sampled there;
+ * where nobody does, the largest part gets it and is sampled at the part's middle: never on the chart's very
+ * edge, which may lie in the plane of the next wall. */
 static void claim_texels(struct claim *claim, const struct lw_mesh_texels *texels, const struct lw_mesh *mesh,
                          uint32_t triangle, uint32_t *parent, bool back) {
     const uint32_t chart = chart_of(mesh, triangle, back);
@@ -169,8 +170,9 @@ static void claim_texels(struct claim *claim, const struct lw_mesh_texels *texel
         }
 }
 
-/* Gives the texels that a triangle does not cover, but bilinear look-ups on it read, to its chart: those whose centre it comes
- * nearer to than a texel. Slivers lie so close together that a gutter touches two of them; one alone reads it. */
+/* Gives the texels that a triangle does not cover, but bilinear look-ups on it read, to its chart: those
+ * whose centre it comes nearer to than a texel. Slivers lie so close together that a gutter touches two
+ * of them; one alone reads it. */
 static void claim_gutters(struct claim *claim, const struct lw_mesh_texels *texels,
                           const struct lw_mesh *mesh, uint32_t triangle, uint32_t *parent, bool back) {
     (void)parent;
@@ -195,7 +197,8 @@ static void claim_gutters(struct claim *claim, const struct lw_mesh_texels *texe
         }
 }
 
-/* Drops texels that a chart only grazes where a neighbour has more of it: their light is the neighbour's, continued. */
+/* Drops texels that a chart only grazes where a neighbour has more of it: their light is
+ * the neighbour's, continued. */
 static void drop_grazed(struct claim *claim, const struct lw_mesh_texels *texels) {
     for (uint32_t y = 0; y < texels->height; y++)
         for (uint32_t x = 0; x < texels->width; x++) {
@@ -209,8 +212,8 @@ static void drop_grazed(struct claim *claim, const struct lw_mesh_texels *texels
         }
 }
 
-/* Mean albedo of the part of a texel's square that lies on the claiming triangle (points beyond it are moved onto
- * it), weighted by how much surface is there: cut-out parts do not count. */
+/* Mean albedo of the part of a texel's square that lies on the claiming triangle (points beyond it are moved
+ * onto it), weighted by how much surface is there: cut-out parts do not count. */
 static struct lw_vec3 mean_albedo(const struct lw_scene *scene, const struct lw_mesh *mesh,
                                   const struct claim *c, uint32_t x, uint32_t y) {
     struct lw_vec2 corner[3];
@@ -246,7 +249,7 @@ static void store(float *const dst[3], uint32_t i, struct lw_vec3 v) {
     dst[2][i] = v.z;
 }
 
-/* A point of a triangle as a place from which rays start. */
+/* A point of a triangle as a sample point from which rays start. */
 static struct lw_sample_points_point point_at(const struct lw_mesh *mesh, uint32_t triangle, float u, float v,
                                               bool back) {
     struct lw_vec3 face, normal = lw_scene_normal(mesh, triangle, u, v, &face);
@@ -266,15 +269,15 @@ static float largest_coordinate(const struct lw_mesh *mesh, uint32_t triangle) {
     return largest;
 }
 
-static uint32_t place_count(const struct claim *c) {
+static uint32_t point_count(const struct claim *c) {
     if (c->triangle == LW_TEXEL_NONE) return 0;
     uint32_t count = 0;
     for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++) count += c->spot[k] != LW_TEXEL_NONE;
     return count ? count : 1; /* too narrow to hold a spot: the texel's own sample */
 }
 
-static void place_footprint(struct lw_mesh_texels *texels, const struct lw_mesh *mesh, const struct claim *c,
-                            uint32_t x, uint32_t y) {
+static void set_sample_points(struct lw_mesh_texels *texels, const struct lw_mesh *mesh,
+                              const struct claim *c, uint32_t x, uint32_t y) {
     const uint32_t i = lw_texels_index(texels, x, y);
     struct lw_sample_points_point point[LW_SAMPLE_POINTS_MAX];
     uint32_t count = 0;
@@ -292,7 +295,7 @@ static void place_footprint(struct lw_mesh_texels *texels, const struct lw_mesh 
         largest = fmaxf(largest, largest_coordinate(mesh, triangle));
     }
     if (!count) point[count++] = point_at(mesh, c->triangle, c->u, c->v, c->back);
-    lw_sample_points_pack(&texels->footprint, i, lw_texels_vector(texels->position, i), largest, point,
+    lw_sample_points_pack(&texels->sample_points, i, lw_texels_vector(texels->position, i), largest, point,
                           count);
 }
 
@@ -335,11 +338,11 @@ static uint32_t source_of(const struct lw_mesh_texels *mesh, const uint8_t *cove
 
 static bool evaluate(struct lw_mesh_texels *texels, const struct lw_scene *scene, const struct lw_mesh *mesh,
                      const struct claim *claim) {
-    struct lw_sample_points *footprint = &texels->footprint;
+    struct lw_sample_points *points = &texels->sample_points;
     for (uint32_t i = 0; i < texels->texel_count; i++)
-        footprint->first[i + 1] = footprint->first[i] + place_count(&claim[i]);
-    const size_t places = footprint->first[texels->texel_count];
-    if (!(footprint->place = malloc((places + 1) * sizeof *footprint->place))) return false;
+        points->first[i + 1] = points->first[i] + point_count(&claim[i]);
+    const size_t count = points->first[texels->texel_count];
+    if (!(points->point = malloc((count + 1) * sizeof *points->point))) return false;
     for (uint32_t y = 0; y < texels->height; y++)
         for (uint32_t x = 0; x < texels->width; x++) {
             uint32_t i = lw_texels_index(texels, x, y);
@@ -354,7 +357,7 @@ static bool evaluate(struct lw_mesh_texels *texels, const struct lw_scene *scene
             store(texels->normal, i, point.normal);
             store(texels->geometric, i, point.geometric);
             store(texels->albedo, i, mean_albedo(scene, mesh, c, x, y));
-            place_footprint(texels, mesh, c, x, y);
+            set_sample_points(texels, mesh, c, x, y);
         }
     for (uint32_t y = 0; y < texels->height; y++)
         for (uint32_t x = 0; x < texels->width; x++) {
@@ -394,15 +397,15 @@ static bool allocate(struct lw_mesh_texels *texels, const struct lw_mesh *mesh) 
     }
     ok &= (texels->covered = calloc(count, 1)) != NULL;
     ok &= (texels->chart = calloc(count, sizeof *texels->chart)) != NULL;
-    ok &= (texels->footprint.first = calloc(count + 1, sizeof *texels->footprint.first)) != NULL;
-    ok &= (texels->footprint.reach = calloc(count, sizeof(float))) != NULL;
-    ok &= (texels->footprint.lift = calloc(count, sizeof(float))) != NULL;
+    ok &= (texels->sample_points.first = calloc(count + 1, sizeof *texels->sample_points.first)) != NULL;
+    ok &= (texels->sample_points.reach = calloc(count, sizeof(float))) != NULL;
+    ok &= (texels->sample_points.lift = calloc(count, sizeof(float))) != NULL;
     ok &= (texels->triangle = calloc(mesh->triangle_count + 1, sizeof *texels->triangle)) != NULL;
     return ok;
 }
 
-/* Names charts, fronts and backs apart, by one of their vertices: what shares a vertex is one chart; and so, when texels have
- * been claimed, is what shares a texel, for charts that were merged share no vertex. */
+/* Names charts, fronts and backs apart, by one of their vertices: what shares a vertex is one chart; and so,
+ * when texels have been claimed, is what shares a texel, for charts that were merged share no vertex. */
 static void find_charts(const struct lw_mesh *mesh, uint32_t *parent) {
     for (uint32_t v = 0; v < 2 * mesh->vertex_count; v++) parent[v] = v;
     for (uint32_t t = 0; t < mesh->triangle_count; t++)
@@ -510,7 +513,7 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
     int failures = 0;
     struct lw_progress progress;
     lw_progress_init(&progress, "placing texels", count);
-#pragma omp parallel for schedule(dynamic, 1) num_threads(threads ? (int)threads : omp_get_max_threads())             \
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads ? (int)threads : omp_get_max_threads())  \
     reduction(+ : failures)
     for (uint32_t m = 0; m < scene->mesh_count; m++) {
         if (ok && texels->mesh[m].texel_count && !build_mesh(&texels->mesh[m], scene, &scene->mesh[m]))
@@ -532,7 +535,7 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
         memcpy(texels->covered + texels->first[o], mesh->covered, mesh->texel_count);
         for (uint32_t i = 0; i < mesh->texel_count; i++)
             texels->usable[texels->first[o] + i] =
-                (uint8_t)((1u << (mesh->footprint.first[i + 1] - mesh->footprint.first[i])) - 1);
+                (uint8_t)((1u << (mesh->sample_points.first[i + 1] - mesh->sample_points.first[i])) - 1);
     }
     lw_texels_link(texels, threads ? (int)threads : omp_get_max_threads());
     return LW_OK;
@@ -541,10 +544,10 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
 static size_t mesh_bytes(const struct lw_mesh_texels *t, const struct lw_mesh *mesh) {
     const size_t vectors =
         sizeof *t->position[0] + sizeof *t->normal[0] + sizeof *t->geometric[0] + sizeof *t->albedo[0];
-    const struct lw_sample_points *points = &t->footprint;
+    const struct lw_sample_points *points = &t->sample_points;
     return t->texel_count * (3 * vectors + sizeof *t->covered + sizeof *t->chart + sizeof *points->first +
                              sizeof *points->reach + sizeof *points->lift) +
-           (points->first ? points->first[t->texel_count] * sizeof *points->place : 0) +
+           (points->first ? points->first[t->texel_count] * sizeof *points->point : 0) +
            mesh->triangle_count * sizeof *t->triangle;
 }
 
@@ -568,10 +571,10 @@ static void free_mesh(struct lw_mesh_texels *mesh) {
     }
     free(mesh->covered);
     free(mesh->chart);
-    free(mesh->footprint.first);
-    free(mesh->footprint.place);
-    free(mesh->footprint.reach);
-    free(mesh->footprint.lift);
+    free(mesh->sample_points.first);
+    free(mesh->sample_points.point);
+    free(mesh->sample_points.reach);
+    free(mesh->sample_points.lift);
     free(mesh->triangle);
 }
 

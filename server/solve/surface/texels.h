@@ -1,9 +1,10 @@
-/* texels.h: where the light is computed: position, normals, albedo and footprint of every texel of every atlas.
+/* texels.h: where the light is computed: position, normals, albedo and sample points
+ * of every texel of every atlas.
  * Flow:    scene with lightmap UVs -> [texels] -> passes; hit -> [texels] -> index of the texel that was hit
  * Threads: built once; then [any].
  *
- * Texels lie tile by tile (level 0), row by row within a tile, so that a tile is one run of memory. Geometry is kept
- * once per mesh, in object space; each object has a run of its own in the global numbering. */
+ * Texels lie tile by tile (level 0), row by row within a tile, so that a tile is one run of memory. Geometry
+ * is kept once per mesh, in object space; each object has a run of its own in the global numbering. */
 #ifndef LW_SURFACE_TEXELS_H
 #define LW_SURFACE_TEXELS_H
 
@@ -28,9 +29,9 @@ struct lw_mesh_texels {
     float *geometric[3]; /* normal of the triangle, object space, unit, on the side that this texel lights */
     float *albedo[3];    /* mean over the texel; a gutter has that of the texel that stands for it */
     uint8_t *covered;    /* 1: the texel's square overlaps a triangle */
-    uint32_t
-        *chart; /* that covers the texel, or else reads it in bilinear look-ups; LW_TEXEL_NONE: none does */
-    struct lw_sample_points footprint; /* where on the texel its rays start */
+    /* That covers the texel, or else reads it in bilinear look-ups; LW_TEXEL_NONE: none does. */
+    uint32_t *chart;
+    struct lw_sample_points sample_points; /* where on the texel its rays start */
     struct lw_triangle_uv *triangle;
     uint32_t back_offset;
 };
@@ -41,16 +42,18 @@ struct lw_texels {
     float (*base_colour)[3];     /* per material: the factor that is in albedo */
     uint32_t *first;             /* per object: its first texel in the global numbering */
     uint32_t count;              /* of the global numbering, all objects */
-    uint8_t *covered; /* per texel of the global numbering: has surface, and light can reach it (burial.h) */
-    uint8_t *
-        usable; /* per texel of the global numbering: mask of its places that light can reach; 0: not covered */
+    /* Per texel of the global numbering: has surface, and light can reach it (invalid_texels.h). */
+    uint8_t *covered;
+    /* Per texel of the global numbering: mask of its sample points that light can reach; 0: not covered. */
+    uint8_t *usable;
     uint8_t *filled; /* per texel of the global numbering: 1: not covered, but another texel stands for it */
-    uint32_t *
-        source; /* per texel: the covered one that stands for it: itself, the nearest within 2 texels, first of its chart,
-                   or NONE */
+    /* Per texel: the covered one that stands for it: itself, the nearest within 2 texels,
+     * first of its chart, or NONE. */
+    uint32_t *source;
 };
 
-/** Rasterises every mesh that an object uses. Errors: LW_NO_MEMORY; LW_BAD_DATA for more than 2^30 texels in all. */
+/** Rasterises every mesh that an object uses. Errors: LW_NO_MEMORY; LW_BAD_DATA for
+ * more than 2^30 texels in all. */
 LW_MUST_CHECK enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *scene,
                                             unsigned threads, struct lw_error *err);
 void lw_texels_finish(struct lw_texels *texels);
@@ -58,8 +61,9 @@ void lw_texels_finish(struct lw_texels *texels);
 /** Bytes held. */
 size_t lw_texels_memory_bytes(const struct lw_texels *texels);
 
-/** Takes over the albedo of meshes of which a material has changed its base colour: rasterises them anew, at the price of
- * their share of lw_texels_init(). Errors: LW_NO_MEMORY; some meshes may then have their new albedo already. */
+/** Takes over the albedo of meshes of which a material has changed its base colour: rasterises them
+ * anew, at the price of their share of lw_texels_init(). Errors: LW_NO_MEMORY; some meshes may then
+ * have their new albedo already. */
 LW_MUST_CHECK enum lw_status lw_texels_set_albedo(struct lw_texels *texels, int threads);
 
 /** Sets every texel's source, and what is filled, from what is covered now. */
@@ -77,8 +81,9 @@ struct lw_texels_neighbour {
 };
 #define LW_TEXELS_NEIGHBOURS_MAX 24u
 
-/** The covered texels that a gutter at (x, y) takes its light from: at most two columns and rows away, of its own chart,
- * or of any where that has none there. Row by row. covered: that of one object. Returns how many. */
+/** The covered texels that a gutter at (x, y) takes its light from: at most two columns and
+ * rows away, of its own chart, or of any where that has none there. Row by row. covered: that
+ * of one object. Returns how many. */
 uint32_t lw_texels_neighbours(const struct lw_mesh_texels *mesh, const uint8_t *covered, uint32_t x,
                               uint32_t y, struct lw_texels_neighbour out[LW_TEXELS_NEIGHBOURS_MAX]);
 
@@ -109,8 +114,8 @@ static inline const struct lw_triangle_uv *lw_texels_triangle(const struct lw_te
     return &texels->mesh[texels->scene->object[object].mesh].triangle[triangle];
 }
 
-/** The texel (global index) whose square a hit lies in, or NONE: the back of a single-sided surface. Its source is the
- * one to read. u, v: barycentrics of the triangle's 2nd and 3rd vertex. */
+/** The texel (global index) whose square a hit lies in, or NONE: the back of a single-sided surface. Its
+ * source is the one to read. u, v: barycentrics of the triangle's 2nd and 3rd vertex. */
 static inline uint32_t lw_texels_under(const struct lw_texels *texels, uint32_t object, uint32_t triangle,
                                        float u, float v, bool back) {
     const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];

@@ -6,7 +6,8 @@
 #include "server/solve/transport/ray_hit.h"
 
 #define LANES LW_TRACE_WIDTH
-/* This many bounce rays in a row start at the same place of their texel: finding it costs as much as half a ray. */
+/* This many bounce rays in a row start at the same place of their texel: finding it
+ * costs as much as half a ray. */
 #define PLACE_SHARE 2u
 /* Texels ahead of the current one whose ray hits are prefetched. */
 #define GATHER_AHEAD 12u
@@ -23,12 +24,12 @@ LW_WIDE static void aim(const struct lw_points16 *restrict at, struct lw_vec3 lo
     }
 }
 
-/* A packet's bounce rays on their way to the texels that they end on. Every step reads memory that lies anywhere: it is sent for while
- * the next packets are traced. */
+/* A packet's bounce rays on their way to the texels that they end on. Every step reads memory that lies
+ * anywhere: it is sent for while the next packets are traced. */
 struct flight {
     struct lw_ray16 rays;
     struct lw_hit16 hits;
-    uint32_t texel[LANES], end[LANES];
+    uint32_t texel[LANES], hit[LANES];
     uint32_t sample; /* of the frame */
     uint16_t active;
     unsigned flags;
@@ -40,35 +41,35 @@ struct flights {
 };
 
 /* Where a lane's ray ended, if it met something; not yet the texel that stands for it. */
-static uint32_t end_of(const struct lw_transport *t, const struct lw_hit16 *hits, uint32_t lane) {
+static uint32_t hit_of(const struct lw_transport *t, const struct lw_hit16 *hits, uint32_t lane) {
     if (hits->object[lane] == LW_TRACE_MISS) return LW_RAY_HIT_NOTHING;
     return lw_texels_under(t->texels, hits->object[lane], hits->triangle[lane], hits->u[lane], hits->v[lane],
                            hits->back[lane]);
 }
 
-/* Asks a probe about a ray that has run as far as the tracing range; false if none sees where it stands. random: a
- * word of the ray's own. */
+/* Chooses a probe for a ray that has reached the tracing range; false if none sees where it stands.
+ * random: a word of the ray's own. */
 static bool ask_probes(const struct lw_transport *t, const struct lw_ray16 *rays, uint32_t lane,
-                       uint32_t random, uint32_t *out_end) {
+                       uint32_t random, uint32_t *out_hit) {
     const struct lw_vec3 d = lw_vec3(rays->dir_x[lane], rays->dir_y[lane], rays->dir_z[lane]);
     const struct lw_vec3 point =
         lw_vec3_mad(lw_vec3(rays->org_x[lane], rays->org_y[lane], rays->org_z[lane]), d, rays->t_far[lane]);
     /* Outside the box there is nothing but what has moved there: a ray that costs next to nothing. */
     if (!lw_cells_contain(&t->probes->grid, point)) return false;
-    *out_end = lw_probes_ask(t->probes, point, d, random);
-    return *out_end != LW_PROBES_UNSEEN;
+    *out_hit = lw_probes_ask(t->probes, point, d, random);
+    return *out_hit != LW_PROBES_UNSEEN;
 }
 
 /* Ends of a packet's rays: what they hit, else what a probe knows, else what they hit further on. */
-static void find_ends(const struct lw_transport *t, struct flight *f, struct lw_ray_count *count) {
+static void find_hits(const struct lw_transport *t, struct flight *f, struct lw_ray_count *count) {
     uint16_t unseen = 0;
     for (uint32_t lane = 0; lane < LANES; lane++) {
         if (!(f->active >> lane & 1)) continue;
-        f->end[lane] = end_of(t, &f->hits, lane);
+        f->hit[lane] = hit_of(t, &f->hits, lane);
         if (f->hits.object[lane] != LW_TRACE_MISS || !t->probes) continue;
         const uint32_t random =
             lw_random_hash3(t->seed, f->texel[lane], f->rays.salt ^ LW_SAMPLING_PROBE << 24);
-        if (ask_probes(t, &f->rays, lane, random, &f->end[lane])) continue;
+        if (ask_probes(t, &f->rays, lane, random, &f->hit[lane])) continue;
         f->rays.t_near[lane] = f->rays.t_far[lane];
         f->rays.t_far[lane] = INFINITY;
         unseen |= (uint16_t)(1u << lane);
@@ -76,39 +77,39 @@ static void find_ends(const struct lw_transport *t, struct flight *f, struct lw_
     if (unseen) {
         lw_trace_closest16(t->trace, f->flags, unseen, &f->rays, &f->hits);
         for (uint32_t lane = 0; lane < LANES; lane++)
-            if (unseen >> lane & 1) f->end[lane] = end_of(t, &f->hits, lane);
+            if (unseen >> lane & 1) f->hit[lane] = hit_of(t, &f->hits, lane);
         count->bounce += (uint64_t)__builtin_popcount(unseen);
     }
     for (uint32_t lane = 0; lane < LANES; lane++)
-        if (f->active >> lane & 1 && !(f->end[lane] & LW_RAY_HIT_PROBE))
-            __builtin_prefetch(&t->texels->source[f->end[lane]]);
+        if (f->active >> lane & 1 && !(f->hit[lane] & LW_RAY_HIT_PROBE))
+            __builtin_prefetch(&t->texels->source[f->hit[lane]]);
 }
 _Static_assert((LW_RAY_HIT_NOTHING & LW_RAY_HIT_PROBE) != 0 && LW_TEXEL_NONE == LW_RAY_HIT_NOTHING,
                "no texels either");
 
 /* Notes the texels that stand for those that a packet's rays have met. */
-static void note_ends(const struct lw_transport *t, const struct flight *f) {
+static void note_hits(const struct lw_transport *t, const struct flight *f) {
     for (uint32_t lane = 0; lane < LANES; lane++)
         if (f->active >> lane & 1)
-            t->end[(size_t)f->texel[lane] * t->indirect_samples + f->sample] =
-                f->end[lane] & LW_RAY_HIT_PROBE ? f->end[lane] : t->texels->source[f->end[lane]];
+            t->ray_hit[(size_t)f->texel[lane] * t->indirect_samples + f->sample] =
+                f->hit[lane] & LW_RAY_HIT_PROBE ? f->hit[lane] : t->texels->source[f->hit[lane]];
 }
 
 /* One step for the two packets before the one that has been traced last. */
 static void move_on(const struct lw_transport *t, struct flights *flights, struct lw_ray_count *count) {
-    if (flights->count > 1) find_ends(t, &flights->flight[(flights->count - 2) % FLIGHTS], count);
-    if (flights->count > 2) note_ends(t, &flights->flight[(flights->count - 3) % FLIGHTS]);
+    if (flights->count > 1) find_hits(t, &flights->flight[(flights->count - 2) % FLIGHTS], count);
+    if (flights->count > 2) note_hits(t, &flights->flight[(flights->count - 3) % FLIGHTS]);
 }
 
 /* The steps that are left. */
 static void land(const struct lw_transport *t, struct flights *flights, struct lw_ray_count *count) {
-    if (flights->count > 0) find_ends(t, &flights->flight[(flights->count - 1) % FLIGHTS], count);
+    if (flights->count > 0) find_hits(t, &flights->flight[(flights->count - 1) % FLIGHTS], count);
     for (uint32_t k = flights->count < 2 ? flights->count : 2; k > 0; k--)
-        note_ends(t, &flights->flight[(flights->count - k) % FLIGHTS]);
+        note_hits(t, &flights->flight[(flights->count - k) % FLIGHTS]);
     flights->count = 0;
 }
 
-/* Where the rays of a packet's texels end in one frame. Needs its places for the first of them. */
+/* Where the rays of a packet's texels end in one frame. Needs its sample points for the first of them. */
 static void trace_packet(const struct lw_transport *t, const struct lw_solve_tile *tile,
                          struct lw_ray_launch *launch, struct lw_ray_launch_site *site,
                          struct flights *flights, struct lw_ray_count *count) {
@@ -147,35 +148,35 @@ void lw_bounces_trace(const struct lw_transport *t, const struct lw_solve_tile *
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->due) continue;
         lw_ray_launch_block(tile, block, t->texels->usable, t->seed,
-                            block->frames * t->indirect_samples / PLACE_SHARE, launch);
+                            block->sample_count * t->indirect_samples / PLACE_SHARE, launch);
         for (uint32_t set = 0; set < block->packet_count; set++)
             trace_packet(t, tile, &launch[set], &site, &flights, count);
     }
     land(t, &flights, count);
 }
 
-static struct lw_vec3 radiance_at(const struct lw_transport *t, uint32_t end, uint32_t bounce) {
-    if (end == LW_RAY_HIT_NOTHING) return lw_vec3(0, 0, 0);
-    if (end & LW_RAY_HIT_PROBE)
-        return lw_probes_radiance(t->probes, bounce - 1, lw_ray_hit_probe(end), lw_ray_hit_direction(end));
-    const float *l = t->tiles->radiance[bounce - 1] + (size_t)end * 4;
+static struct lw_vec3 radiance_at(const struct lw_transport *t, uint32_t hit, uint32_t bounce) {
+    if (hit == LW_RAY_HIT_NOTHING) return lw_vec3(0, 0, 0);
+    if (hit & LW_RAY_HIT_PROBE)
+        return lw_probes_radiance(t->probes, bounce - 1, lw_ray_hit_probe(hit), lw_ray_hit_direction(hit));
+    const float *l = t->tiles->radiance[bounce - 1] + (size_t)hit * 4;
     return lw_vec3(l[0], l[1], l[2]);
 }
 
 struct lw_vec3 lw_bounces_at(const struct lw_transport *t, uint32_t texel, uint32_t bounce) {
     const uint32_t n = t->indirect_samples;
-    const uint32_t *end = t->end + (size_t)texel * n;
+    const uint32_t *hit = t->ray_hit + (size_t)texel * n;
     struct lw_vec3 sum = {0};
-    for (uint32_t s = 0; s < n; s++) sum = lw_vec3_add(sum, radiance_at(t, end[s], bounce));
+    for (uint32_t s = 0; s < n; s++) sum = lw_vec3_add(sum, radiance_at(t, hit[s], bounce));
     return lw_vec3_scale(sum, LW_PI / (float)n);
 }
 
 /* Ends lie anywhere in memory: what a few texels from here will read is sent for. */
-static void prefetch_ends(const struct lw_transport *t, uint32_t texel, uint32_t bounce) {
-    const uint32_t *end = t->end + (size_t)texel * t->indirect_samples;
+static void prefetch_hits(const struct lw_transport *t, uint32_t texel, uint32_t bounce) {
+    const uint32_t *hit = t->ray_hit + (size_t)texel * t->indirect_samples;
     for (uint32_t s = 0; s < t->indirect_samples; s++)
-        if (!(end[s] & LW_RAY_HIT_PROBE))
-            __builtin_prefetch(t->tiles->radiance[bounce - 1] + (size_t)end[s] * 4);
+        if (!(hit[s] & LW_RAY_HIT_PROBE))
+            __builtin_prefetch(t->tiles->radiance[bounce - 1] + (size_t)hit[s] * 4);
 }
 
 /* Where a bounce's estimates are summed. */
@@ -188,7 +189,7 @@ void lw_bounces_gather(const struct lw_transport *t, const struct lw_solve_tile 
     const uint32_t count = tile->width * tile->height;
     for (uint32_t i = 0; i < count; i++) {
         const uint32_t texel = tile->first + i;
-        if (i + GATHER_AHEAD < count) prefetch_ends(t, texel + GATHER_AHEAD, bounce);
+        if (i + GATHER_AHEAD < count) prefetch_hits(t, texel + GATHER_AHEAD, bounce);
         const struct lw_solve_block *block = lw_tiles_block(tile, i % tile->width, i / tile->width);
         if (!block->due || !t->tiles->covered[texel]) continue;
         const struct lw_vec3 e = lw_bounces_at(t, texel, bounce);

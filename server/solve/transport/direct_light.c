@@ -68,7 +68,7 @@ void lw_direct_light_solve(const struct lw_transport *t, struct lw_solve_tile *t
     lw_sample_points_frame_init(&site.frame, &t->pose->object_to_world[tile->object]);
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->due) continue;
-        lw_ray_launch_block(tile, block, t->texels->usable, t->seed, block->frames * t->direct_samples,
+        lw_ray_launch_block(tile, block, t->texels->usable, t->seed, block->sample_count * t->direct_samples,
                             launch);
         for (uint32_t set = 0; set < block->packet_count; set++) {
             struct lw_direct_light e;

@@ -12,8 +12,9 @@ struct lw_direct_light {
     float all[3][LW_TRACE_WIDTH], drawn[3][LW_TRACE_WIDTH]; /* drawn: what client lights give of it */
 };
 
-/** One frame's estimate, of each lane by itself. Needs the launch's places for the frame's first sample and
- * the site's frame; further samples choose places of their own. Adds the shadow rays to the count. */
+/** One frame's estimate, of each lane by itself. Needs the launch's sample points for the
+ * frame's first sample and the site's frame; further samples choose sample points of their own.
+ * Adds the shadow rays to the count. */
 void lw_direct_light_estimate(const struct lw_transport *transport, const struct lw_solve_tile *tile,
                               struct lw_ray_launch *launch, struct lw_ray_launch_site *site,
                               struct lw_direct_light *out_estimate, struct lw_ray_count *count);

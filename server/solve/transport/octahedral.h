@@ -1,8 +1,9 @@
-/* octahedral.h: functions of direction as square maps: the sphere folded to an octahedron, the octahedron to a square.
- * A map has side x side cells and a border of one cell that repeats what lies across the fold, so that bilinear reads
- * need no special case.
+/* octahedral.h: functions of direction as square maps: the sphere folded to an octahedron, the octahedron to
+ * a square. A map has side x side cells and a border of one cell that repeats what lies across the fold, so
+ * that bilinear reads need no special case.
  * Threads: pure functions, [any].
- * After:   Meyer et al. 2010 (the mapping), Cigolle et al. 2014 (its error), Majercik et al. 2019 (bordered maps). */
+ * After:   Meyer et al. 2010 (the mapping), Cigolle et al. 2014 (its error), Majercik
+ *          et al. 2019 (bordered maps). */
 #ifndef LW_TRANSPORT_OCTAHEDRAL_H
 #define LW_TRANSPORT_OCTAHEDRAL_H
 

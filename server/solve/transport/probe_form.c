@@ -12,7 +12,8 @@ static void octahedral_add(float *sum, struct lw_vec3 direction, const float *ra
     for (int c = 0; c < 3; c++) cell[1 + c] += radiance[c];
 }
 
-/* The mean of a cell that no ray has met yet: that of the nearest ring of cells around it that rays have met. */
+/* The mean of a cell that no ray has met yet: that of the nearest ring of cells
+ * around it that rays have met. */
 static void fill_from_neighbours(const float *mean, uint32_t x, uint32_t y, float *out_rgb) {
     for (uint32_t reach = 1; reach < SIDE; reach++) {
         float sum[4] = {0};
@@ -76,8 +77,8 @@ static struct lw_vec3 sh_evaluate(const float *map, struct lw_vec3 direction) {
     return lw_vec3(sum[0], sum[1], sum[2]);
 }
 
-/* Where ringing is looked for: the axes, edges and corners of a cube are 26 directions some 40 degrees apart; l = 2
- * has no lobe narrower than 60. */
+/* Where ringing is looked for: the axes, edges and corners of a cube are 26 directions some 40 degrees apart;
+ * l = 2 has no lobe narrower than 60. */
 static float lowest(const float *map) {
     float low = INFINITY;
     for (int z = -1; z <= 1; z++)
@@ -91,15 +92,16 @@ static float lowest(const float *map) {
     return low;
 }
 
-/* Divides band l by 1 + lambda l^2 (l + 1)^2, which lowers the squared Laplacian (Sloan 2008, "Windowing"), with the
- * least lambda of a geometric series that leaves nothing below zero. The mean over the sphere stays. */
+/* Divides band l by 1 + lambda l^2 (l + 1)^2, which lowers the squared Laplacian (Sloan 2008,
+ * "Windowing"), with the least lambda of a geometric series that leaves nothing below zero. The
+ * mean over the sphere stays. */
 static void sh_settle(const float *mean, float *map) {
     for (int i = 0; i < COEFFICIENTS * 3; i++) map[i] = mean[i];
     for (float lambda = 0.005f; lambda < 100 && lowest(map) < 0; lambda *= 1.6f)
         for (int i = 3; i < COEFFICIENTS * 3; i++) map[i] = mean[i] / (1 + lambda * (i < 12 ? 4 : 36));
 }
 
-/* Between the directions looked at a little may be left below zero. */
+/* Between the sampled directions a little may be left below zero. */
 static struct lw_vec3 sh_read(const float *map, struct lw_vec3 direction) {
     struct lw_vec3 value = sh_evaluate(map, direction);
     return lw_vec3(fmaxf(0, value.x), fmaxf(0, value.y), fmaxf(0, value.z));

@@ -14,36 +14,40 @@
 #define DEPTH_MEANS    3u    /* the first channels; the others are extremes */
 #define DEPTH_RAYS     1024u /* four a cell */
 #define SURVEY_RAYS    128u
-/* A point that sees more backs of single-sided surfaces than this is inside something (Majercik et al. 2021). */
+/* A point that sees more backs of single-sided surfaces than this is inside
+ * something (Majercik et al. 2021). */
 #define BACKS_MAX 0.25f
-/* A probe keeps this clear of surfaces, in shares of the grid's shortest side: nearer, one surface fills its view and
- * hides the rest of the box that it stands for. */
+/* A probe keeps this clear of surfaces, in shares of the grid's shortest side: nearer, one surface fills its
+ * view and hides the other part of the box that it stands for. */
 #define CLEARANCE 0.15f
-/* How far a probe may leave the middle of its box, in shares of its sides: the trilinear weights are those of the grid. */
+/* How far a probe may leave the middle of its box, in shares of its sides: the trilinear
+ * weights are those of the grid. */
 #define REACH 0.4f
-/* Probes tried per look-up. More of them spare rays where one of the eight sees the point; but when few do, these stand
- * for more of the light than their place warrants. */
+/* Probes tried per look-up. More of them spare rays where one of the eight sees the point; but when few do,
+ * these stand for more of the light than their place warrants. */
 #define TRIES 3u
-/* Under this much of Chebyshev's bound a point counts as unseen: the bound has a long tail, and a bright room behind a
- * thin wall shines through the least weight. */
+/* Under this much of Chebyshev's bound a point counts as unseen: the bound has a long tail, and a bright room
+ * behind a thin wall shines through the least weight. */
 #define VISIBILITY_MIN 0.5f
 
-/* While nothing changes, a probe past this age gathers in one of PERIOD frames: its noise is far under the texels' by
- * then, and all probes together may cost as much as the texels of a small scene. */
+/* While nothing changes, a probe past this age gathers in one of PERIOD frames: its noise is far under the
+ * texels' by then, and all probes together may cost as much as the texels of a small scene. */
 #define EAGER_AGE 8u
 #define PERIOD    4u
-/* Steps towards the point that ray and probe see in common, and how far apart what they see may be in the end, as
- * seen from the probe: about a cell of the map. More, and something stands between. */
+/* Steps towards the point that ray and probe see in common, and how far apart what they see may be in the
+ * end, as seen from the probe: about a cell of the map. More, and something stands between. */
 #define AIM_STEPS    3
 #define AIM_MISS_MAX 0.1f
-/* A probe does not answer for a ray that on its way there, looked at in so many places, ... */
+/* A probe does not answer for a ray that on its way there, tested at this many points, ... */
 #define WAY_STEPS 8
-/* ... is farther off than the nearest that the probe sees in that cell by this share: it may have hit what hides it. */
+/* ... is farther off than the nearest that the probe sees in that cell by this share: it
+ * may have hit what hides it. */
 #define WAY_BEHIND_MAX 0.1f
-/* Nor from an edge, where the nearest and the farthest in the cells that a read blends differ by more than this factor:
- * light beyond the edge would be handed to what is before it, and to the sky. Without the two, Sponza under its sun
- * gets 3 % too much light at a range of a tenth of its length, its darkest places many times theirs; with this alone
- * 0.4 %, with both 0.1 %. At a factor of 2 it is 0.7 %, for half as many answers again. */
+/* Nor from an edge, where the nearest and the farthest in the cells that a read blends differ by more
+ * than this factor: light beyond the edge would be handed to what is before it, and to the sky. Without
+ * the two, Sponza under its sun gets 3 % too much light at a range of a tenth of its length, its darkest
+ * places many times theirs; with this alone 0.4 %, with both 0.1 %. At a factor of 2 it is 0.7 %, for
+ * half as many answers again. */
 #define EDGE_MAX 1.5f
 
 static void lay_grid(struct lw_probes *probes) {
@@ -75,7 +79,7 @@ static void bound_meshes(struct lw_probes *probes) {
 enum lw_status lw_probes_init(struct lw_probes *probes, const struct lw_probes_desc *desc) {
     *probes = (struct lw_probes){.desc = *desc, .form = lw_probe_form(desc->form)};
     lay_grid(probes);
-    /* The farthest point that a probe is asked for lies a box away from its own, diagonally. */
+    /* The farthest point that a probe is read for lies a box away from its own, diagonally. */
     probes->depth_max_m = lw_vec3_length(probes->grid.size_m) * (1 + REACH) * 1.05f;
     const size_t count = probes->count, views = count * desc->bounces + 1;
     probes->probe = calloc(count, sizeof *probes->probe);
@@ -165,7 +169,8 @@ static float worth_of(const struct lw_probes *probes, const struct lw_trace *tra
     return (float)backs > BACKS_MAX * SURVEY_RAYS ? -1 : nearest;
 }
 
-/* Moves a probe as little as will do: its place now, the middle of its box, then places around it, nearest first. */
+/* Moves a probe as little as will do: its place now, the middle of its box, then
+ * places around it, nearest first. */
 static uint64_t choose_place(struct lw_probes *probes, const struct lw_trace *trace, uint32_t p,
                              bool placed) {
     struct lw_probe *probe = &probes->probe[p];
@@ -305,7 +310,7 @@ uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_trace *trace
             for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++) {
                 struct lw_probe_ray *ray = &probes->ray[p * LW_PROBES_RAYS + first + i];
                 ray->direction = ray_direction(&rays, i);
-                ray->end = hits.object[i] == LW_TRACE_MISS
+                ray->hit = hits.object[i] == LW_TRACE_MISS
                                ? LW_RAY_HIT_NOTHING
                                : lw_texels_at(texels, hits.object[i], hits.triangle[i], hits.u[i], hits.v[i],
                                               hits.back[i]);
@@ -329,7 +334,7 @@ void lw_probes_project(struct lw_probes *probes, uint32_t bounce, const float *r
         for (uint32_t r = 0; r < LW_PROBES_RAYS; r++) {
             const struct lw_probe_ray *ray = &probes->ray[p * LW_PROBES_RAYS + r];
             form->add(sum, ray->direction,
-                      ray->end == LW_RAY_HIT_NOTHING ? black : radiance + (size_t)ray->end * 4);
+                      ray->hit == LW_RAY_HIT_NOTHING ? black : radiance + (size_t)ray->hit * 4);
         }
         const size_t view = (size_t)bounce * probes->count + p;
         float *mean = probes->sum + view * form->sum_floats;
@@ -349,7 +354,8 @@ float lw_probes_visibility(const struct lw_probes *probes, uint32_t p, struct lw
     float depth[DEPTH_CHANNELS];
     lw_octahedral_read(depth_of(probes, p), DEPTH_SIDE, DEPTH_CHANNELS, towards, depth);
     const float variance = fmaxf(depth[1] - depth[0] * depth[0], 0);
-    /* A deviation short of the mean: behind a thin wall seen aslant, the mean alone would let through a centimetre. */
+    /* A deviation short of the mean: behind a thin wall seen aslant, the mean alone
+     * would let through a centimetre. */
     const float off = distance - depth[0] + sqrtf(variance);
     if (off <= 0) return 1;
     const float bound = variance / (variance + off * off); /* Chebyshev's, one-sided */
@@ -374,7 +380,8 @@ static uint32_t pick(const struct lw_cells *grid, struct lw_vec3 point, uint32_t
     return index;
 }
 
-/* Whether a ray from start to towards, both as seen from the probe, runs in front of all that the probe sees. */
+/* Whether a ray from start to towards, both as seen from the probe, runs in front
+ * of all that the probe sees. */
 static bool way_is_free(const float *depth, struct lw_vec3 start, struct lw_vec3 towards) {
     const struct lw_vec3 way = lw_vec3_sub(towards, start);
     for (int i = 1; i < WAY_STEPS; i++) {

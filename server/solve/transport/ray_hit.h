@@ -1,10 +1,13 @@
-/* transport.h: where a frame's bounce rays ended. Rays are traced once a frame; every bounce order reads along them.
+/* ray_hit.h: where a frame's bounce rays ended. Rays are traced once a frame; every
+ * bounce order reads along them.
  *
- * An end is one word: a texel to read, a probe to ask in a direction, or nothing. The estimate of bounce k is
- * E_k(x) = (pi / N) sum over ends of L_{k-1}: the operator sampled once, applied to each order. The rays of different
- * texels are drawn independently, so the product over two bounces stays unbiased; what correlates are the orders of
- * one texel with each other, which moves no mean. Tracing per order costs bounces times the rays for the same error
- * per order.
+ * A ray hit is one word: a texel to read, a probe and a direction, or nothing. The estimate of bounce k is
+ *
+ *   E_k(x) = (pi / N) sum over ray hits of L_{k-1}
+ *
+ * the operator sampled once, applied to each order. The rays of different texels are independent, so the
+ * product over two bounces stays unbiased. The orders of one texel correlate, which moves no mean. To trace
+ * per order would cost bounces times the rays, for the same error per order.
  * Threads: values, [any]. */
 #ifndef LW_TRANSPORT_RAY_HIT_H
 #define LW_TRANSPORT_RAY_HIT_H
@@ -16,18 +19,18 @@
 #define LW_RAY_HIT_NOTHING UINT32_MAX  /* the sky (which the direct pass has counted), or a black back */
 #define LW_RAY_HIT_PROBE   0x80000000u /* flag: 15 bits of probe, 16 bits of direction */
 
-/** The word for a probe and a direction (of any length but 0); 8 bits for each octahedral coordinate, under a degree:
- * far below what a probe resolves. */
+/** The word for a probe and a direction (of any length but 0); 8 bits for each octahedral coordinate, under a
+ * degree: far below what a probe resolves. */
 static inline uint32_t lw_ray_hit_pack_probe(uint32_t probe, struct lw_vec3 d) {
     struct lw_vec2 p = lw_octahedral_encode(d);
     uint32_t a = (uint32_t)(p.x * 255.0f + 0.5f), b = (uint32_t)(p.y * 255.0f + 0.5f);
     uint32_t word = LW_RAY_HIT_PROBE | (probe & 0x7fffu) << 16 | (a & 255u) << 8 | (b & 255u);
     return word == LW_RAY_HIT_NOTHING ? word - 1 : word;
 }
-static inline uint32_t lw_ray_hit_probe(uint32_t end) { return end >> 16 & 0x7fffu; }
-static inline struct lw_vec3 lw_ray_hit_direction(uint32_t end) {
+static inline uint32_t lw_ray_hit_probe(uint32_t hit) { return hit >> 16 & 0x7fffu; }
+static inline struct lw_vec3 lw_ray_hit_direction(uint32_t hit) {
     return lw_octahedral_decode(
-        (struct lw_vec2){(float)(end >> 8 & 255u) * (1 / 255.0f), (float)(end & 255u) * (1 / 255.0f)});
+        (struct lw_vec2){(float)(hit >> 8 & 255u) * (1 / 255.0f), (float)(hit & 255u) * (1 / 255.0f)});
 }
 
 #endif

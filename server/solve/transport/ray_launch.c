@@ -16,7 +16,7 @@ void lw_ray_launch_init(struct lw_ray_launch *launch, const struct lw_solve_tile
     launch->set = set;
     /* Numbered over the whole atlas, so that no two blocks of an object share a sequence. */
     launch->block = (tile->y * LW_TILE_BLOCKS + y) << 16 | (tile->x * LW_TILE_BLOCKS + x);
-    launch->frames = block->frames;
+    launch->frames = block->sample_count;
     launch->active = (uint16_t)((1u << from->count) - 1);
     for (uint32_t lane = 0; lane < LANES; lane++) {
         const uint32_t texel = from->texel[lane < from->count ? lane : 0];
@@ -30,7 +30,7 @@ void lw_ray_launch_choose(struct lw_ray_launch *launch, const struct lw_solve_ti
                                           LW_SAMPLING_FOOTPRINT << 8 | launch->set);
     for (uint32_t lane = 0; lane < LANES; lane++) {
         const uint32_t texel = launch->texel[lane];
-        launch->place[lane] = tile->mesh->footprint.first[tile->local + texel] +
+        launch->point[lane] = tile->mesh->sample_points.first[tile->local + texel] +
                               lw_sample_points_choose(usable[tile->first + texel], sample, turn);
     }
 }
@@ -42,7 +42,7 @@ void lw_ray_launch_block(const struct lw_solve_tile *tile, const struct lw_solve
         lw_ray_launch_init(&out[set], tile, block, set);
         lw_ray_launch_choose(&out[set], tile, usable, seed, sample);
         for (uint32_t lane = 0; lane < LANES; lane++)
-            __builtin_prefetch(&tile->mesh->footprint.place[out[set].place[lane]]);
+            __builtin_prefetch(&tile->mesh->sample_points.point[out[set].point[lane]]);
     }
 }
 
@@ -61,7 +61,8 @@ void lw_ray_launch_place(const struct lw_ray_launch *launch, const struct lw_sol
                          struct lw_ray_launch_site *site) {
     uint32_t texel[LANES];
     for (uint32_t lane = 0; lane < LANES; lane++) texel[lane] = tile->local + launch->texel[lane];
-    lw_sample_points_load(&tile->mesh->footprint, tile->mesh->position, texel, launch->place, &site->lanes);
+    lw_sample_points_load(&tile->mesh->sample_points, tile->mesh->position, texel, launch->point,
+                          &site->lanes);
     lw_sample_points_to_world(&site->frame, &site->lanes);
     site->coherent = agree(&site->lanes.at);
 }

@@ -1,5 +1,6 @@
-/* launch.h: the packets of a block, ready to shoot: which places of which texels, whence in the world, about which normals.
- * Flow:    tile, block, number of the sample -> [launch] -> direct.c, passes.c
+/* ray_launch.h: the packets of a block, ready to shoot: from which sample points, where in
+ * the world, about which normals.
+ * Flow:    tile, block, number of the sample -> [ray_launch] -> direct_light.c, bounces.c
  * Threads: a launch belongs to one worker; what it reads, [any]. */
 #ifndef LW_TRANSPORT_RAY_LAUNCH_H
 #define LW_TRANSPORT_RAY_LAUNCH_H
@@ -11,7 +12,7 @@
 /** A packet (packets.h) and the numbers that it draws (sampling.h). */
 struct lw_ray_launch {
     uint32_t texel[LW_TRACE_WIDTH]; /* within the tile; lanes that are not active repeat the first */
-    uint32_t place[LW_TRACE_WIDTH]; /* of footprint->place: where their rays start */
+    uint32_t point[LW_TRACE_WIDTH]; /* of sample_points.point: where their rays start */
     uint16_t active;
     uint32_t block, set;
     uint32_t frames; /* that the block has seen */
@@ -28,12 +29,13 @@ struct lw_ray_launch_site {
 void lw_ray_launch_init(struct lw_ray_launch *launch, const struct lw_solve_tile *tile,
                         const struct lw_solve_block *block, uint32_t set);
 
-/** Chooses the places that sample number `sample` starts from.
+/** Chooses the sample points that sample number `sample` starts from.
  * usable  of all texels (texels.h) */
 void lw_ray_launch_choose(struct lw_ray_launch *launch, const struct lw_solve_tile *tile,
                           const uint8_t *usable, uint32_t seed, uint32_t sample);
 
-/** All packets of a block, with chosen places, and memory is asked for them: a line each, and no two together. */
+/** All packets of a block, with chosen sample points, which are prefetched: a
+ * line each, and no two together. */
 void lw_ray_launch_block(const struct lw_solve_tile *tile, const struct lw_solve_block *block,
                          const uint8_t *usable, uint32_t seed, uint32_t sample,
                          struct lw_ray_launch out[LW_PACKETS_MAX]);
@@ -46,7 +48,7 @@ static inline void lw_ray_launch_start(const struct lw_ray_launch_site *site, st
     memset(rays->t_near, 0, sizeof rays->t_near);
 }
 
-/** Brings the chosen places to the world. Needs the site's frame. */
+/** Brings the chosen sample points to the world. Needs the site's frame. */
 void lw_ray_launch_place(const struct lw_ray_launch *launch, const struct lw_solve_tile *tile,
                          struct lw_ray_launch_site *site);
 

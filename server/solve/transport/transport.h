@@ -1,18 +1,20 @@
 /* transport.h: what direct light and bounces of a frame read.
- * Flow:    texels, lights -> [direct_light] -> radiance -> [bounces: trace] -> [bounces: gather] x bounces -> estimates
- * Threads: each call on it works on one tile; tiles are independent within a pass, passes are barriers apart. [any worker]
+ * Flow:    texels, lights -> [direct_light] -> radiance ->
+ *          [bounces: trace] -> [bounces: gather] x bounces -> estimates
+ * Threads: each call works on one tile. Tiles are independent within a pass, passes
+ *          are barriers apart. [any worker]
  *
- * Estimators (E: irradiance, N: samples; all means are unbiased):
- *   punctual light    E += V E_normal cos                 one shadow ray each; where points and spots are many, they are
- *                                                         split with the emitters into groups, of which one light each
- *                                                         stands for all of its group, over its probability
- *   emissive triangle E += (1/N) sum V L cos / p          split into groups likewise; p: probability of the triangle in
- *                                                         its group times 1 / its solid angle; where it is far, times
- *                                                         d^2 / (its area cos')
- *   sky, environment  E += (1/N) sum V L cos / p          p = (1 - a) cos/pi + a p_bright: cosine-weighted, and where the
- *                                                         environment stands out; a constant sky has a = 0
- *   bounce k          E_k += (pi/N) sum L_{k-1}(end)      cosine-weighted directions
- * (Uniform directions would need (2 pi/N) sum L cos; the 1/(N pi) of Vandersanden 2023, algorithm 3, is neither.) */
+ * Estimators (E: irradiance, N: samples, p: probability density; all means are unbiased):
+ *   punctual light     E += V E_normal cos              one shadow ray each; many of them: see below
+ *   emissive triangle  E += (1/N) sum V L cos / p       p: probability of the triangle in its group, over its
+ *                                                       solid angle; far: times d^2 / (its area cos')
+ *   sky, environment   E += (1/N) sum V L cos / p       p = (1 - a) cos/pi + a p_bright: cosine-weighted, and
+ *                                                       where it stands out; a constant sky has a = 0
+ *   bounce k           E_k += (pi/N) sum L_{k-1}(hit)   cosine-weighted directions
+ *
+ * Many points and spots are split with the emitters into groups. One light of each group stands for all of
+ * it, over its probability. (Uniform directions would need (2 pi/N) sum L cos; the 1/(N pi) of Vandersanden
+ * 2023, algorithm 3, is neither.) */
 #ifndef LW_TRANSPORT_TRANSPORT_H
 #define LW_TRANSPORT_TRANSPORT_H
 
@@ -32,10 +34,11 @@ struct lw_transport {
     const struct lw_cells *cells;
     const struct lw_probes *probes; /* NULL: the tracing range is infinite */
     struct lw_tiles *tiles;
-    uint32_t *end; /* indirect_samples words per texel of the global numbering (ray_hit.h) */
+    uint32_t *ray_hit; /* indirect_samples words per texel of the global numbering (ray_hit.h) */
     uint32_t direct_samples, indirect_samples, seed;
     float tracing_range_m;
-    float target_error; /* of what rests */
+    /* of converged blocks. */
+    float target_error;
 };
 
 /** Rays shot for a tile. */
