@@ -46,8 +46,8 @@ LW_MUST_CHECK enum lw_status lw_atomic_file_save(const char *path, const void *b
 /** Removes what was written and ends `file`; harmless after commit and on {.fd = -1}. */
 void lw_atomic_file_abandon(struct lw_atomic_file *file);
 
-/** Removes the temporary files that writers of this path left when they were killed. Only for a caller who knows
- * that nobody writes the path now. Returns how many there were. */
+/** Removes the temporary files that writers of this path left when they were killed. Only for a caller who
+ * knows that nobody writes the path now. Returns how many there were. */
 unsigned lw_atomic_file_sweep(const char *path);
 
 #endif

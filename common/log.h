@@ -38,7 +38,8 @@ void lw_log(enum lw_log_level level, const char *format, ...) LW_PRINTF(2, 3);
 /** The same at LW_LOG_INFO of an ASCII text of at most 300 bytes without quotes or backslashes, for signal handlers. */
 void lw_log_in_handler(const char *text);
 
-/** Logs an error, a lack of memory by that name whatever the text, and returns its exit code: `return lw_log_failure(&err);` ends a main(). */
+/** Logs an error, a lack of memory by that name whatever the text, and returns its exit code: `return
+ * lw_log_failure(&err);` ends a main(). */
 int lw_log_failure(const struct lw_error *err);
 
 #endif

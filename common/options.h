@@ -19,8 +19,8 @@ enum lw_option_kind {
 struct lw_option {
     const char *name;     /* without dashes: "frame-rate"; one letter ("o") is written -o */
     const char *argument; /* as shown in help: "HZ"; NULL for a flag */
-    const char *
-        help; /* one sentence; says the default. NULL: for our own programs, so --help and hints leave it out */
+    /* One sentence; says the default. NULL: for our own programs, so --help and hints leave it out. */
+    const char *help;
     enum lw_option_kind kind;
     void *value;     /* of the kind's type; holds the default before parsing */
     double min, max; /* numbers only: min < max; both may be infinite for REAL and RGB */
@@ -47,8 +47,8 @@ LW_MUST_CHECK enum lw_status lw_options_parse(const struct lw_options *options, 
                                               size_t *out_positional_count, bool *out_done,
                                               struct lw_error *err);
 
-/** Sets the option of this name to a text, as on a command line; a flag to true or false (also yes, no, on, off, 1,
- * 0). A string points into `text`.
+/** Sets the option of this name to a text, as on a command line; a flag to true or false (also yes, no, on,
+ * off, 1, 0). A string points into `text`.
  * Errors: LW_USAGE: there is none of this name, with the nearest one; or the value is not what it accepts. */
 LW_MUST_CHECK enum lw_status lw_options_set(const struct lw_options *options, const char *name,
                                             const char *text, struct lw_error *err);

@@ -2,8 +2,8 @@
  * Flow:    defaults < file < environment < command line -> values of the table
  * Threads: one caller at a time per table.
  *
- * The file has lines KEY = VALUE, a key being an option's long name; # and ; begin comments (libinih). The variable of
- * an option "frame-rate" is PREFIX_FRAME_RATE. */
+ * The file has lines KEY = VALUE, a key being an option's long name; # and ; begin comments (libinih). The
+ * variable of an option "frame-rate" is PREFIX_FRAME_RATE. */
 #ifndef LW_COMMON_OPTIONS_CONFIG_H
 #define LW_COMMON_OPTIONS_CONFIG_H
 
@@ -11,7 +11,8 @@
 
 #define LW_OPTIONS_CONFIG_LINE_MAX 199u /* bytes of a line of the file, as libinih is built */
 
-/** How a table is filled. Strings of file and environment are copied, and live until lw_options_config_finish(). */
+/** How a table is filled. Strings of file and environment are copied, and live until
+ * lw_options_config_finish(). */
 struct lw_options_config {
     const char *prefix;         /* "LIGHTWELL" */
     const char *positional;     /* key of the one positional argument: "scene" */
@@ -22,8 +23,8 @@ struct lw_options_config {
     size_t text_count, text_capacity;
 };
 
-/** Parses as lw_options_parse() does, with what file and environment say below it. The table holds an option "config"
- * whose value is config->path, and options->positional has room for one.
+/** Parses as lw_options_parse() does, with what file and environment say below it. The table holds an option
+ * "config" whose value is config->path, and options->positional has room for one.
  * Errors: LW_USAGE naming file, line and key, or the variable, with the nearest key where there is none;
  * LW_NO_INPUT: there is no such file; LW_NO_MEMORY; those of lw_options_parse(). */
 LW_MUST_CHECK enum lw_status lw_options_config_parse(struct lw_options_config *config,
@@ -31,8 +32,8 @@ LW_MUST_CHECK enum lw_status lw_options_config_parse(struct lw_options_config *c
                                                      bool *out_done, struct lw_error *err);
 void lw_options_config_finish(struct lw_options_config *config);
 
-/** Writes all that the options are, in the form of the file, to be free()d; what is as by default for want of a value
- * is a comment. NULL: out of memory. */
+/** Writes all that the options are, in the form of the file, to be free()d; what is as by default for want of
+ * a value is a comment. NULL: out of memory. */
 char *lw_options_config_print(const struct lw_options_config *config, const struct lw_options *options);
 
 #endif

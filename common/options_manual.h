@@ -6,11 +6,12 @@
 
 #include "common/options.h"
 
-/** Prints a manual page (troff, section 1). A program "lightwell-load scaling" has the page lightwell-load-scaling. */
+/** Prints a manual page (troff, section 1). A program "lightwell-load scaling" has the
+ * page lightwell-load-scaling. */
 void lw_options_manual_page(const struct lw_options *options);
 
-/** Prints a function for bash that completes options, their choices and files: _lightwell_load_scaling for a program
- * "lightwell-load scaling". That of "lightwell-load" calls it for its own first word. */
+/** Prints a function for bash that completes options, their choices and files: _lightwell_load_scaling for a
+ * program "lightwell-load scaling". That of "lightwell-load" calls it for its own first word. */
 void lw_options_manual_bash(const struct lw_options *options);
 
 #endif

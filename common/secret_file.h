@@ -1,8 +1,8 @@
 /* secret_file.h: reads files that hold secrets: tokens, keys. One that others can read is refused.
  * Threads: [any].
  *
- * A name "credential:NAME" is the systemd credential NAME: the file of that name in $CREDENTIALS_DIRECTORY. What
- * others may read there systemd sees to. */
+ * A name "credential:NAME" is the systemd credential NAME: the file of that name in $CREDENTIALS_DIRECTORY.
+ * What others may read there systemd sees to. */
 #ifndef LW_COMMON_SECRET_FILE_H
 #define LW_COMMON_SECRET_FILE_H
 

@@ -42,8 +42,8 @@ struct lw_framing_header {
 
 void lw_framing_write_header(uint8_t dst[LW_FRAMING_HEADER_SIZE], struct lw_framing_header header);
 
-/** Reads a header. Errors: LW_PROTOCOL for a length above body_max or flags that are not 0; an unknown type is for
- * the caller to judge. */
+/** Reads a header. Errors: LW_PROTOCOL for a length above body_max or flags that are not 0; an unknown type
+ * is for the caller to judge. */
 LW_MUST_CHECK enum lw_status lw_framing_read_header(const uint8_t src[LW_FRAMING_HEADER_SIZE],
                                                     uint32_t body_max, struct lw_framing_header *out_header,
                                                     struct lw_error *err);

@@ -46,7 +46,8 @@ static enum lw_status invalid(struct lw_error *err, const char *field, const cha
     return lw_status_fail(err, LW_PROTOCOL, "%s %s", field, must);
 }
 
-/* Characters without a shape that change how others read, or hide (Unicode 15, categories Cf, Zl and Zp): first and last. */
+/* Characters without a shape that change how others read, or hide (Unicode 15, categories Cf,
+ * Zl and Zp): first and last. */
 static const uint32_t format_characters[][2] = {
     {0xad, 0xad},       {0x600, 0x605},     {0x61c, 0x61c},     {0x6dd, 0x6dd},     {0x70f, 0x70f},
     {0x890, 0x891},     {0x8e2, 0x8e2},     {0x180e, 0x180e},   {0x200b, 0x200f},   {0x2028, 0x202e},
@@ -613,7 +614,8 @@ struct storage {
     void *list[3];
 };
 
-/* From the block while there is room; what there is no room for makes the block grow before the next message. */
+/* From the block while there is room; what there is no room for makes the block
+ * grow before the next message. */
 static void *take(struct lw_message_memory *memory, size_t size) {
     const size_t bytes = (size + _Alignof(max_align_t) - 1) / _Alignof(max_align_t) * _Alignof(max_align_t);
     if (!memory) return malloc(size ? size : 1);
@@ -669,8 +671,8 @@ static bool skip_varint(const uint8_t *body, size_t size, size_t *at, uint64_t *
     return false;
 }
 
-/* Walks the fields before protobuf-c does: it keeps some 40 bytes for every field, so a body of two-byte fields would
- * cost twenty times its size. */
+/* Walks the fields before protobuf-c does: it keeps some 40 bytes for every field, so a body of two-byte
+ * fields would cost twenty times its size. */
 static enum lw_status check_fields(const uint8_t *body, size_t size, struct lw_error *err) {
     uint64_t key, length;
     size_t at = 0;

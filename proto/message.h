@@ -1,10 +1,12 @@
-/* message.h: the protocol's messages as plain structs, and their bytes. The only user of generated protobuf code.
+/* message.h: the protocol's messages as plain structs, and their bytes. The only
+ * user of generated protobuf code.
  * Flow:    structs -> [framed bytes] -> link -> [structs]
  * Threads: pure functions, [any].
  *
  * Encoding gives one whole framed message (header and body), so that its bytes can be shared among sessions.
- * Decoding takes bytes from anyone: LW_PROTOCOL names message and field; numbers are finite, counts are within the
- * limits below; pointers in a decoded struct point into the lw_message, which lw_message_finish() frees. */
+ * Decoding takes bytes from anyone: LW_PROTOCOL names message and field; numbers are finite,
+ * counts are within the limits below; pointers in a decoded struct point into the lw_message,
+ * which lw_message_finish() frees. */
 #ifndef LW_PROTO_MESSAGE_H
 #define LW_PROTO_MESSAGE_H
 
@@ -30,11 +32,12 @@
 #define LW_MESSAGE_BOUNCES_MAX          64u
 #define LW_MESSAGE_CLIENT_LIGHTS_MAX    (LW_SCENE_LIGHTS_MAX / 8)    /* bytes: a bit for each */
 #define LW_MESSAGE_CLIENT_MATERIALS_MAX (LW_SCENE_MATERIALS_MAX / 8) /* likewise */
-#define LW_MESSAGE_REFUSAL_MAX          65535u /* largest code; those not named below are refusals all the same */
-#define LW_MESSAGE_RETRY_AFTER_MAX      3600000u /* ms */
-#define LW_MESSAGE_FIELDS_MAX           64u /* protobuf fields of a body, a packed list counting as one */
-#define LW_MESSAGE_COMPRESSED_MAX                                                                            \
-    (LW_PACKAGE_SIZE_MAX + (LW_PACKAGE_SIZE_MAX >> 8)) /* zstd's bound for a package */
+/* largest code; those not named below are refusals all the same */
+#define LW_MESSAGE_REFUSAL_MAX     65535u
+#define LW_MESSAGE_RETRY_AFTER_MAX 3600000u /* ms */
+#define LW_MESSAGE_FIELDS_MAX      64u      /* protobuf fields of a body, a packed list counting as one */
+/* Zstd's bound for a package. */
+#define LW_MESSAGE_COMPRESSED_MAX (LW_PACKAGE_SIZE_MAX + (LW_PACKAGE_SIZE_MAX >> 8))
 
 /* Values are forever. */
 #define LW_FEATURE_CONTROL 2u  /* sends updates of the scene */
@@ -68,8 +71,8 @@ struct lw_message_welcome {
     const uint64_t *part_size, *part_compressed_size; /* of each part; they add up to those of the package */
     const struct lw_package_hash *part_hash;
     size_t part_count; /* 0: the package is one part, of which nothing more is told */
-    /* Whose direct light the client draws: a bit for each light and material, the low ones of each byte first; bytes
-     * that are missing count as 0. */
+    /* Whose direct light the client draws: a bit for each light and material, the low ones of each byte
+     * first; bytes that are missing count as 0. */
     const uint8_t *client_lights, *client_materials;
     size_t client_lights_size, client_materials_size;
 };
@@ -136,8 +139,8 @@ struct lw_message_frame {
     uint64_t rays_total;   /* traced since the daemon started */
     uint64_t tiles_solved; /* in this frame */
     float sky[3];
-    const struct lw_message_transform
-        *transform; /* those that changed since the frame before; all, in the first */
+    /* Those that changed since the frame before; all, in the first. */
+    const struct lw_message_transform *transform;
     size_t transform_count;
     const struct lw_message_light *light;
     size_t light_count;
@@ -173,8 +176,8 @@ struct lw_message_settled {
 
 struct lw_message_update {
     uint64_t request; /* the client's number for it */
-    const struct lw_scene_change
-        *change; /* values may be anything: the answer says what is wrong with them */
+    /* Values may be anything: the answer says what is wrong with them. */
+    const struct lw_scene_change *change;
     size_t change_count;
 };
 
@@ -225,8 +228,8 @@ struct lw_message {
 
 #define LW_MESSAGE_MEMORY_MAX (4u << 20) /* bytes of a message; of larger ones not all is kept */
 
-/** Memory for decoding that one message leaves to the next; zeroed to begin with. It grows to what messages need: then
- * decoding allocates nothing. */
+/** Memory for decoding that one message leaves to the next; zeroed to begin with. It grows to what messages
+ * need: then decoding allocates nothing. */
 struct lw_message_memory {
     uint8_t *block;
     size_t size, used, asked; /* bytes; asked: by the present message */
@@ -240,7 +243,8 @@ const char *lw_message_name(uint16_t type);
 size_t lw_message_size(const struct lw_message *message);
 
 /** Writes the framed message. What decoding would refuse is not written.
- * Errors: LW_INTERNAL if dst_capacity is under lw_message_size() or the message breaks a limit; LW_NO_MEMORY. */
+ * Errors: LW_INTERNAL if dst_capacity is under lw_message_size() or the message
+ *         breaks a limit; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_message_encode(const struct lw_message *message, uint8_t *dst,
                                                size_t dst_capacity, size_t *out_size);
 
@@ -254,8 +258,8 @@ LW_MUST_CHECK enum lw_status lw_message_validate(const struct lw_message *messag
 /** Decodes one body whose header was read. Errors: LW_PROTOCOL naming message and field; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_message_decode(struct lw_framing_header header, const uint8_t *body,
                                                struct lw_message *out_message, struct lw_error *err);
-/** The same with memory that is used again; NULL: as lw_message_decode(). Of one memory a message is alive at a time:
- * finish it before the next is decoded. */
+/** The same with memory that is used again; NULL: as lw_message_decode(). Of one memory a message is alive at
+ * a time: finish it before the next is decoded. */
 LW_MUST_CHECK enum lw_status lw_message_decode_with(struct lw_framing_header header, const uint8_t *body,
                                                     struct lw_message_memory *memory,
                                                     struct lw_message *out_message, struct lw_error *err);

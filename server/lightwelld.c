@@ -904,8 +904,8 @@ static void explain_memory(const struct daemon *d, struct lw_error *err) {
                    (unsigned long long)triangles, (unsigned long long)texels / 2);
 }
 
-/* Saved light is of a whole frame: one that ends soon is waited for; a longer one is given up, and the light of the
- * frame before it is saved, without sums. */
+/* Saved light is of a whole frame: one that ends soon is waited for; a longer one is given up, and the light
+ * of the frame before it is saved, without sums. */
 static void join_solver(struct daemon *d) {
     const struct timespec until = {.tv_sec = (time_t)(lw_clock_read_ns(CLOCK_REALTIME) / 1000000000u) +
                                              STOP_WAIT_S};

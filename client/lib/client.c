@@ -18,8 +18,8 @@
 #define POLL_BYTES_MAX     (8u << 20)
 #define BUDGET_DEFAULT_NS  20000000u
 
-#define INTEREST_SCRATCH_SIZE                                                                                \
-    (3 * LW_CLIENT_INTEREST_MAX * sizeof(uint32_t)) /* an object, a level, a number for each tile */
+/* An object, a level, a number for each tile. */
+#define INTEREST_SCRATCH_SIZE (3 * LW_CLIENT_INTEREST_MAX * sizeof(uint32_t))
 
 struct lw_client {
     char *host, *name, *cache_folder; /* as given */

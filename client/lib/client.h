@@ -83,8 +83,8 @@ LW_MUST_CHECK enum lw_status lw_client_reconnect(struct lw_client *client, struc
  * seed  something that differs from client to client */
 unsigned lw_client_backoff_ms(unsigned attempt, uint32_t seed);
 
-/** The same where the server has said when to come back (0: it has not): the first attempt waits that long, and up to
- * half of it more. */
+/** The same where the server has said when to come back (0: it has not): the first attempt waits that
+ * long, and up to half of it more. */
 unsigned lw_client_return_ms(uint32_t told_ms, unsigned attempt, uint32_t seed);
 /** When to come back, as the server said with its last REFUSAL, ms; 0: it did not. */
 uint32_t lw_client_retry_after_ms(const struct lw_client *client);
@@ -187,8 +187,8 @@ void lw_client_want_everything(struct lw_client *client);
 #define LW_CLIENT_CHANGES_MAX 1024u /* of one update */
 #define LW_CLIENT_UPDATES_MAX 1024u /* sent, with an answer that was not taken yet */
 
-/** Whether the server takes updates from this client: desc.control was set, and its token, or where the client is,
- * allows it. */
+/** Whether the server takes updates from this client: desc.control was set, and its token, or
+ * where the client is, allows it. */
 bool lw_client_may_update(const struct lw_client *client);
 
 /** Changes the scene, for everybody: all of these changes in one frame, or none. They are made in the order

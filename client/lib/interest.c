@@ -19,8 +19,8 @@ void lw_interest_forget(struct lw_interest *interest) {
     interest->told_ns = 0;
 }
 
-#define ROOM_MIN                                                                                             \
-    4096u /* tiles: as many as a list that is told has at most, so that it never grows while a view moves */
+/* Tiles: as many as a list that is told has at most, so that it never grows while a view moves. */
+#define ROOM_MIN 4096u
 
 static bool make_room(struct lw_interest_list *list, size_t count) {
     if (count <= list->capacity) return true;

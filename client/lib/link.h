@@ -43,7 +43,8 @@ struct lw_link_desc {
 };
 
 /** Connects within a time limit, and shakes hands where there is TLS. Errors: LW_NO_HOST, LW_UNAVAILABLE,
- * LW_TIMED_OUT, LW_OS, LW_NO_MEMORY, with TLS LW_NOT_ALLOWED and LW_PROTOCOL, each naming the address. lw_link_finish() is needed after success only. */
+ * LW_TIMED_OUT, LW_OS, LW_NO_MEMORY, with TLS LW_NOT_ALLOWED and LW_PROTOCOL, each naming the address.
+ * lw_link_finish() is needed after success only. */
 LW_MUST_CHECK enum lw_status lw_link_connect(struct lw_link *link, const struct lw_link_desc *desc,
                                              struct lw_error *err);
 void lw_link_finish(struct lw_link *link);

@@ -21,8 +21,8 @@ struct lw_replica {
     size_t *first_texel;         /* per object and level */
     bool *unlit;                 /* by object: since it was a spare, its coarsest level has not come */
     struct lw_client_tile *tile; /* by tile id */
-    struct lw_tile_dct_coefficients *
-        *coefficients;       /* by tile id: what deltas build on; NULL before there was anything */
+    /* By tile id: what deltas build on; NULL before there was anything. */
+    struct lw_tile_dct_coefficients **coefficients;
     bool *has_coefficients;  /* by tile id: they are those of the newest version */
     lw_replica_watch *watch; /* NULL: nobody */
     void *watch_context;

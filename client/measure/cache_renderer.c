@@ -122,8 +122,8 @@ static uint32_t eye_of(const struct cache_renderer *c, uint32_t user, const uint
     return user;
 }
 
-/* A client sends its interest at most every 100 ms by the wall clock (client/lib/interest.h). It has just sent
- * an empty one: without this wait, shorter frames would all pass unlit. */
+/* A client sends its interest at most every 100 ms by the wall clock (client/lib/interest.h). It has just
+ * sent an empty one: without this wait, shorter frames would all pass unlit. */
 static enum lw_status await_told(struct cache_renderer *c, struct lw_error *err) {
     enum lw_status status = LW_OK;
     for (uint64_t end_ns = lw_clock_ns() + TELL_NS; status == LW_OK && lw_clock_ns() < end_ns;) {

@@ -10,9 +10,9 @@
 #define LW_SCENE_CHANGE_POSITION_MAX 1e8f  /* m, either sign: of a position and of an object's origin */
 #define LW_SCENE_CHANGE_SCALE_MIN    1e-6f /* length of each axis of a transform */
 #define LW_SCENE_CHANGE_SCALE_MAX    1e6f
-#define LW_SCENE_CHANGE_VOLUME_MIN                                                                           \
-    1e-6f /* determinant of a transform whose axes are made unit, either sign */
-#define LW_SCENE_CHANGE_RATE_MAX 1000.0f /* of the clock, either sign */
+/* Determinant of a transform whose axes are made unit, either sign. */
+#define LW_SCENE_CHANGE_VOLUME_MIN 1e-6f
+#define LW_SCENE_CHANGE_RATE_MAX   1000.0f /* of the clock, either sign */
 
 /* The kind of target of a change. */
 enum lw_scene_change_of {

@@ -1,5 +1,5 @@
-/* bilinear.h: the texels that a bilinear look-up of a lightmap reads, and how it weighs them. Viewers read light so, and
- * seams are welded for such look-ups: both take it from here.
+/* bilinear.h: the texels that a bilinear look-up of a lightmap reads, and how it weighs them. Viewers read
+ * light so, and seams are welded for such look-ups: both take it from here.
  * Threads: pure functions, [any]. */
 #ifndef LW_COMMON_BILINEAR_H
 #define LW_COMMON_BILINEAR_H
@@ -14,8 +14,8 @@ struct lw_bilinear {
     float share;
 };
 
-/** at: texels from the level's edge, so that texel i has its centre at i + 0.5; beyond the first and the last centre, or
- * NaN, it is that texel's (NaN: the first's). size: texels of the level, at least 1. */
+/** at: texels from the level's edge, so that texel i has its centre at i + 0.5; beyond the first and the last
+ * centre, or NaN, it is that texel's (NaN: the first's). size: texels of the level, at least 1. */
 static inline struct lw_bilinear lw_bilinear_at(float at, uint32_t size) {
     const float last = (float)(size - 1);
     float from_first = at - 0.5f;

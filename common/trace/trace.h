@@ -73,8 +73,8 @@ struct lw_hit16 {
 
 struct lw_trace;
 
-/** Checks LW_TRACE_ISA as lw_trace_create() does, before the work that leads there. *out_isa: what lw_trace_isa()
- * will say. [any] */
+/** Checks LW_TRACE_ISA as lw_trace_create() does, before the work that leads there. *out_isa: what
+ * lw_trace_isa() will say. [any] */
 LW_MUST_CHECK enum lw_status lw_trace_check_isa(const char **out_isa, struct lw_error *err);
 
 /** Builds the acceleration structure. scene must outlive it. The structure depends on scene and pose only,

@@ -6,8 +6,8 @@
 
 #include "common/scene/scene.h"
 
-#define LW_ENVIRONMENT_FILE_HALF_MAX                                                                         \
-    65504.0f /* what an infinite texel is read as: a half float that overflowed */
+/* What an infinite texel is read as: a half float that overflowed. */
+#define LW_ENVIRONMENT_FILE_HALF_MAX 65504.0f
 
 /** Reads R, G, B of an EXR as radiance, W/(m^2 sr); row 0 is up, the middle of the picture is +X (struct
  * lw_environment). Texels that are no light are told in one warning: NaN and below 0 become 0, infinite ones

@@ -7,8 +7,8 @@
 #include "server/import/gltf_document.h"
 
 #define LW_GLTF_ELEMENTS_MAX (1u << 31) /* of one accessor */
-#define LW_GLTF_UNBACKED_MAX                                                                                 \
-    (1u << 20) /* elements of an accessor without a bufferView (all zero except sparse ones) */
+/* Elements of an accessor without a bufferView (all zero except sparse ones). */
+#define LW_GLTF_UNBACKED_MAX (1u << 20)
 
 enum lw_gltf_component {
     LW_GLTF_INT8 = 5120,

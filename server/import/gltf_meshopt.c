@@ -6,7 +6,8 @@
 
 #define COUNT_MAX  (1ull << 31)
 #define STRIDE_MAX 256
-/* A stream of vertices has at least two bits for 16 bytes of each; the others are longer for what they hold. */
+/* A stream of vertices has at least two bits for 16 bytes of each; the others
+ * are longer for what they hold. */
 #define RATIO_MAX 64
 
 enum mode { MODE_ATTRIBUTES, MODE_TRIANGLES, MODE_INDICES, MODE_COUNT };

@@ -1,6 +1,7 @@
-/* image_file.h: decodes PNG, JPEG, WebP, AVIF, TGA and BMP to 8-bit RGBA, within bounds that are checked before a
- * texel is decoded. The first four by the formats' own libraries, because Debian mends them: stb_image's JPEG decoder of 2022 writes out of bounds
- * by a Huffman table of more than 256 codes, which fuzzing found within seconds.
+/* image_file.h: decodes PNG, JPEG, WebP, AVIF, TGA and BMP to 8-bit RGBA, within bounds that are checked
+ * before a texel is decoded. The first four by the formats' own libraries, because Debian mends them:
+ * stb_image's JPEG decoder of 2022 writes out of bounds by a Huffman table of more than 256 codes, which
+ * fuzzing found within seconds.
  * Threads: [any]. */
 #ifndef LW_IMPORT_IMAGE_FILE_H
 #define LW_IMPORT_IMAGE_FILE_H

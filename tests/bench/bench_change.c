@@ -3,13 +3,13 @@
  *     bench_change [--object NAME] [--shift WIDTHS] [--error E] [--frames N] [--reference N]
  *     [--texels-per-metre D] SCENE...
  *
- * The scene is solved until all of it has converged, without its own animation; an object moves by a part of its
- * width; it is solved until it has converged again. Another solver begins with the object where it then
- * stands. One row in Markdown per scene: rays of both until they converge, their quotient, rays of the first
- * frame after the movement and texels that it solves, frames of both. With --reference also the errors,
- * against a solve of N frames that never converges: over all texels, and over those alone whose light the
- * movement changed by over a tenth. relMSE as in docs/results/crossover.md, over texels, but none counts for
- * more than 1. */
+ * The scene is solved until all of it has converged, without its own animation; an object moves by a part
+ * of its width; it is solved until it has converged again. Another solver begins with the object where it
+ * then stands. One row in Markdown per scene: rays of both until they converge, their quotient, rays of
+ * the first frame after the movement and texels that it solves, frames of both. With --reference also the
+ * errors, against a solve of N frames that never converges: over all texels, and over those alone whose
+ * light the movement changed by over a tenth. relMSE as in docs/results/crossover.md, over texels, but
+ * none counts for more than 1. */
 #include "common/clock.h"
 #include "server/solve/solvers.h"
 #include "tests/bench/bench_light.h"

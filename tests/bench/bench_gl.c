@@ -1,14 +1,16 @@
-/* bench_gl: what a picture by OpenGL costs on this machine's CPU, against the composer's of the same view, in one run.
+/* bench_gl: what a picture by OpenGL costs on this machine's CPU, against the
+ * composer's of the same view, in one run.
  *
  *     bench_gl [OPTIONS] SCENE[@PX,PY,PZ:TX,TY,TZ:FOV]...
  *
- * For machines without a GPU, where Mesa draws on the CPU. One table in Markdown, CPU milliseconds of the whole process,
- * medians over the rounds:
+ * For machines without a GPU, where Mesa draws on the CPU. One table in Markdown, CPU milliseconds of the
+ * whole process, medians over the rounds:
  *   compose  the composer's picture, all light in tiles
  *   gl       the same by OpenGL, one sample a pixel; its time over compose's: gl_over_compose
  *   msaa     the same with 4 samples at edges
  *   drawn    the composer's picture with the direct light of client lights
- *   lit      the same by OpenGL, one sample a pixel, shadow maps as they are; its time over drawn's: lit_over_drawn
+ *   lit the same by OpenGL, one sample a pixel, shadow maps as they are; its
+ *   time over drawn's: lit_over_drawn
  *   survey   finding the tiles that the view needs
  *   tiles    to take in 16 tiles of light that have changed */
 #include "client/gl/gl_offscreen.h"

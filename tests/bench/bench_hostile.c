@@ -7,7 +7,8 @@
  *       hello      HELLO and nothing more
  *       connect    garbage, then again once it is refused
  *       mixed      all of them in turn, by number
- * COUNT sessions, each opened again when it is closed. One line at the end: what was written, how often they were closed. */
+ * COUNT sessions, each opened again when it is closed. One line at the end: what was written,
+ * how often they were closed. */
 #include "common/clock.h"
 #include "common/options.h"
 #include "proto/message.h"
@@ -77,8 +78,8 @@ static struct bytes opening_of(enum kind kind) {
 }
 
 static struct bytes flood_of(enum kind kind) {
-    static struct lw_message_interest_tile
-        tile[LW_MESSAGE_INTEREST_MAX]; /* object 0, level 0, tile 0: of any scene */
+    /* Object 0, level 0, tile 0: of any scene. */
+    static struct lw_message_interest_tile tile[LW_MESSAGE_INTEREST_MAX];
     struct bytes bytes = {0};
     for (unsigned i = 0; kind <= ACK && bytes.size < FLOOD_SIZE; i++) {
         if (kind == PING) add(&bytes, &(struct lw_message){.type = LW_MESSAGE_PING, .ping.token = i});

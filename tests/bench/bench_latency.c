@@ -7,8 +7,8 @@
  *     bench_latency --walk [--times T,...] [the same options] [SCENE CAMERA]
  *
  * A lightwelld of its own with its default settings, its animation held, and one client on loopback that
- * wants what a picture of 1280 x 720 from that camera takes. Once the light has converged, the client sends the
- * change (a command of lightwellctl; the camera is a name or as --camera of lightwell-view has it), waits
+ * wants what a picture of 1280 x 720 from that camera takes. Once the light has converged, the client sends
+ * the change (a command of lightwellctl; the camera is a name or as --camera of lightwell-view has it), waits
  * until it has converged again, undoes it by a reset, and so on. Both ways count.
  *
  * first tile: until the client has decoded a tile of the frame that shows the change, or of a later one,

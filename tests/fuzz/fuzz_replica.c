@@ -1,5 +1,6 @@
-/* Frames and tiles from any server, for a replica of a small scene with a spare. What comes is one thing after another: a
- * byte that says what (a frame, a tile, a new run of the server, the light's form), two for the length, a message's body. */
+/* Frames and tiles from any server, for a replica of a small scene with a spare. What comes is one thing
+ * after another: a byte that says what (a frame, a tile, a new run of the server, the light's form), two for
+ * the length, a message's body. */
 #include "tests/support/support.h"
 
 #include "client/lib/replica.h"

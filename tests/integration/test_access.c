@@ -47,7 +47,8 @@ static void serve_with_tokens(const char *view, const char *control) {
     lw_process_serve(&server, arguments);
 }
 
-/* Runs it on the server's port; returns its exit code. token_file: or NULL. said: part of what it says on stderr, or NULL. */
+/* Runs it on the server's port; returns its exit code. token_file: or NULL. said: part of what
+ * it says on stderr, or NULL. */
 static int run(const char *program, const char *options, const char *token_file, const char *said) {
     struct lw_process process;
     char arguments[500];

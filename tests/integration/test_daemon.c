@@ -24,8 +24,8 @@
 
 #define VIEWERS_MAX 40
 #define LIMIT_S     60 /* for what takes a second on a quiet machine; those that must be quick say so */
-#define STOP_LIMIT_S                                                                                         \
-    10 /* what a stop may take, however busy the machine is; under LW_SERVER_STALL_TIMEOUT_S */
+/* What a stop may take, however busy the machine is; under LW_SERVER_STALL_TIMEOUT_S. */
+#define STOP_LIMIT_S  10
 #define SETTLED_LINES 10
 #define PONGS_BYTES   100 /* answers to pings that may come in between; the smallest tile is larger */
 
@@ -79,7 +79,8 @@ static double last_of(const struct report *report, const char *key) {
 
 /* ---- clients ---- */
 
-/* The clients of a test, of one daemon or of several in turn. What they have received outlives their daemon. */
+/* The clients of a test, of one daemon or of several in turn. What they have
+ * received outlives their daemon. */
 static struct {
     struct lw_client *client[VIEWERS_MAX];
     bool closed[VIEWERS_MAX];
@@ -107,7 +108,8 @@ static struct lw_client_stats stats_of(const struct lw_client *client) {
     return stats;
 }
 
-/* Takes in what has arrived for anyone, waiting a little for it. Returns how many clients still have their link. */
+/* Takes in what has arrived for anyone, waiting a little for it. Returns how many
+ * clients still have their link. */
 static unsigned poll_all(void) {
     struct pollfd ready[VIEWERS_MAX];
     unsigned open = 0;
@@ -146,7 +148,8 @@ static void wait_complete(const struct lw_client *client) {
     }
 }
 
-/* Whether the daemon's last lines say that nothing is solved any more and that all that was sent is `tiles`. */
+/* Whether the daemon's last lines say that nothing is solved any more and that
+ * all that was sent is `tiles`. */
 static bool is_settled(const struct lw_process *daemon, uint64_t tiles) {
     struct report report = read_report(daemon);
     bool settled = report.lines >= SETTLED_LINES;
@@ -159,7 +162,8 @@ static bool is_settled(const struct lw_process *daemon, uint64_t tiles) {
     return settled;
 }
 
-/* Until the daemon's light has converged and the clients from number `first` on, all that it has, have all that it sent. */
+/* Until the daemon's light has converged and the clients from number `first` on, all that it
+ * has, have all that it sent. */
 static void settle(const struct lw_process *daemon, unsigned first) {
     for (uint64_t deadline_ns = limit_ns();;) {
         uint64_t tiles = 0;
@@ -547,9 +551,9 @@ static pid_t child_of(pid_t parent) {
     return child;
 }
 
-/* ThreadSanitizer's runtime puts signals off, and of those that come while a process is being spawned it loses one in
- * a thousand: the handler is never called. It also leaves $TMPDIR/tsan.rodata.PID where it is killed as it starts.
- * Nothing here runs in two threads yet. */
+/* ThreadSanitizer's runtime puts signals off, and of those that come while a process is being spawned it
+ * loses one in a thousand: the handler is never called. It also leaves $TMPDIR/tsan.rodata.PID where it is
+ * killed as it starts. Nothing here runs in two threads yet. */
 static void skip_where_signals_are_lost(void) {
     if (LW_SANITIZER) skip();
 }
@@ -576,7 +580,8 @@ static void signals_stop_an_import(void **state) {
     }
 }
 
-/* At whatever moment of the start: no importer, no folder, no port file stays; and once it watches, it ends with 0. */
+/* At whatever moment of the start: no importer, no folder, no port file stays; and once
+ * it watches, it ends with 0. */
 static void a_signal_at_any_moment_leaves_nothing(void **state) {
     (void)state;
     skip_where_signals_are_lost();
@@ -822,7 +827,8 @@ static void check_pose(const struct lw_client *client, struct lw_pose *pose) {
                             sizeof(struct lw_affine));
 }
 
-/* Waits until a client has heard of `count` more frames; checks each that it sees. Returns how often something moved. */
+/* Waits until a client has heard of `count` more frames; checks each that it sees.
+ * Returns how often something moved. */
 static unsigned watch_frames(const struct lw_client *client, unsigned count, double step_s, double start_s) {
     struct lw_pose pose = {0};
     struct lw_affine *before = NULL;

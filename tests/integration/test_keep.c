@@ -145,8 +145,8 @@ static void a_converged_scene_costs_no_ray_again(void **state) {
     }
 }
 
-/* What others changed ends with the server. Until there is light of the scene's own, clients see what they saw, and are told
- * that it is not converged. */
+/* What others changed ends with the server. Until there is light of the scene's own, clients see what they
+ * saw, and are told that it is not converged. */
 static void changed_light_is_no_light_of_the_scene(void **state) {
     (void)state;
     struct run run;
@@ -227,7 +227,8 @@ static void a_folder_that_cannot_be_is_named(void **state) {
     free(err);
 }
 
-/* Frames of some ten seconds do not keep a stop waiting: the light of the last whole one is saved, without sums. */
+/* Frames of some ten seconds do not keep a stop waiting: the light of the last whole
+ * one is saved, without sums. */
 static void a_long_frame_is_given_up(void **state) {
     (void)state;
     struct run run;

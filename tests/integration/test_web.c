@@ -1,4 +1,5 @@
-/* The real lightwelld over HTTP and WebSocket: its files, who may connect, a session as over TCP, peers that misbehave. */
+/* The real lightwelld over HTTP and WebSocket: its files, who may connect, a session as
+ * over TCP, peers that misbehave. */
 #include "tests/support/process.h"
 #include "tests/support/web_peer.h"
 
@@ -91,7 +92,8 @@ static void serve_root(const char *arguments) {
 
 /* ---- HTTP ---- */
 
-/* The status of the answer to a request with a Host that is right. *out_answer may be NULL; the caller frees it. */
+/* The status of the answer to a request with a Host that is right. *out_answer may
+ * be NULL; the caller frees it. */
 static unsigned ask(const char *method, const char *path, const char *lines, char **out_answer,
                     size_t *out_size) {
     char request[4096];
@@ -604,7 +606,8 @@ static void test_misbehaviour(void **state) {
     stop();
 }
 
-/* Requests that never come to their end, WebSockets that never say HELLO; all at once, as each takes its time. */
+/* Requests that never come to their end, WebSockets that never say HELLO; all at
+ * once, as each takes its time. */
 static void test_slow_peers(void **state) {
     (void)state;
     serve("");

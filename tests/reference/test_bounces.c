@@ -1,4 +1,5 @@
-/* Indirect light against closed forms and against itself: the closed furnace, threads, linearity, convergence. */
+/* Indirect light against closed forms and against itself: the closed furnace,
+ * threads, linearity, convergence. */
 #include "tests/reference/room.h"
 
 #include "common/builtin/builtin.h"

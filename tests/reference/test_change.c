@@ -420,8 +420,8 @@ static void test_memory_does_no_harm(void **state) {
     expect_about_as_fresh(&lit, true, 30, lit_anew, 1.1);
 }
 
-/* A converged block whose texels' indirect light comes out otherwise, by `each` up or down, in the mean over a
- * region by 1/8. */
+/* A converged block whose texels' indirect light comes out otherwise, by `each` up or down, in
+ * the mean over a region by 1/8. */
 static bool wakes(float each) {
     struct lw_packet packet[LW_PACKETS_MAX];
     struct lw_solve_block block = {.covered_count = 256,

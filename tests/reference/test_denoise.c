@@ -188,8 +188,8 @@ static void solve_in_parts(struct room_solution *s, const struct room *room, uin
     free(wanted);
 }
 
-/* What is shown depends on what was solved, not on the frames in which that came about; and blocks that have converged
- * keep up with those beside them that do not. */
+/* What is shown depends on what was solved, not on the frames in which that came about; and blocks that have
+ * converged keep up with those beside them that do not. */
 static void test_parts_of_a_frame_show_the_same(void **state) {
     (void)state;
     struct room room = wide_floor();

@@ -1,4 +1,5 @@
-/* The denoiser against converged paths: a camera moves and turns through a scene whose objects move, one path per pixel. */
+/* The denoiser against converged paths: a camera moves and turns through a scene whose
+ * objects move, one path per pixel. */
 #include "client/measure/path_world.h"
 #include "client/view/svgf.h"
 #include "common/builtin/builtin.h"
@@ -92,7 +93,8 @@ static double gain(const char *name, uint32_t reference_samples) {
     return before / fmax(after, 1e-9);
 }
 
-/* Measured: 280 and 11. The atrium at this size is full of detail as small as a pixel, which has few neighbours to learn from. */
+/* Measured: 280 and 11. The atrium at this size is full of detail as small as a pixel, which has
+ * few neighbours to learn from. */
 static void test_cornell(void **state) {
     (void)state;
     assert_true(gain("builtin:cornell", 64) > 80);

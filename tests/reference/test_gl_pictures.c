@@ -48,7 +48,8 @@ static struct lw_client_tile tile(const void *context, lw_tile_id id) {
     return ((const struct world *)context)->tile[id.v];
 }
 
-/* Waves of light of about 5 W/m^2 x `scale`, which differ from object to object, and by `tint` from level to level. */
+/* Waves of light of about 5 W/m^2 x `scale`, which differ from object to object, and by
+ * `tint` from level to level. */
 static void fill(struct world *w, uint32_t o, uint32_t k, float tint, float scale) {
     const struct lw_atlas_level *l = &w->map.atlas[o].level[k];
     float *rgb = calloc((size_t)l->width * l->height * 3, sizeof *rgb);

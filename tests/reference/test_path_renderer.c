@@ -10,7 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define WIDTH             163u /* no multiple of two: the last column of a quarter has no pixel to its right */
+/* no multiple of two: the last column of a quarter has no pixel to its right */
+#define WIDTH             163u
 #define HEIGHT            90u
 #define VALUES            (3 * WIDTH * HEIGHT)
 #define FRAMES            10

@@ -1,5 +1,5 @@
-/* The path tracer against closed forms. Tolerances come from the spread over seeds: pixels of a picture share random
- * numbers, pictures of different seeds do not. */
+/* The path tracer against closed forms. Tolerances come from the spread over seeds: pixels of a picture share
+ * random numbers, pictures of different seeds do not. */
 #include "client/measure/path_world.h"
 #include "common/builtin/builtin.h"
 #include "common/colour.h"
@@ -103,7 +103,8 @@ static struct room floor_room(void) {
     return room;
 }
 
-/* Straight down: pixel (x, y) of `side` sees ((x + 0.5) * 2 / side - 1) and z likewise, of a floor of 2 m x 2 m. */
+/* Straight down: pixel (x, y) of `side` sees ((x + 0.5) * 2 / side - 1) and z
+ * likewise, of a floor of 2 m x 2 m. */
 static struct lw_path_view floor_view(void) {
     struct lw_path_view view = view_of(lw_vec3(0, 4, 0), lw_vec3(0, 0, 0), 0, 0);
     view.camera.fov_y = 2 * atanf(0.25f);
@@ -262,8 +263,8 @@ static void test_transforms(void **state) {
 
 static void test_parallel_squares(void **state) {
     (void)state;
-    /* Unit squares at distance 1: F = 0.199825 (Howell, configuration factor C-11). The camera looks through the lamp's
-     * back, which is not there for it, at just the square below. */
+    /* Unit squares at distance 1: F = 0.199825 (Howell, configuration factor C-11). The camera looks through
+     * the lamp's back, which is not there for it, at just the square below. */
     struct room room = {0};
     room_quad(&room, lw_vec3(0, 1, 0), lw_vec3(1, 0, 0), lw_vec3(0, 0, 1), 0, 3);
     room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(0, 0, 1), lw_vec3(1, 0, 0), 0.5f, 0);

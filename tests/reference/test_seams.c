@@ -101,7 +101,8 @@ static void test_ball(void **state) {
     expect_welded("ball", scene, 16, 8, 32, 0.002, 1e-9, 0.01, (const double[]){0.02, 0.045}, 1000);
 }
 
-/* Solves a ball until all of it has converged; each frame of the whole as `parts` frames of every parts-th tile. */
+/* Solves a ball until all of it has converged; each frame of the whole as `parts`
+ * frames of every parts-th tile. */
 static void solve_ball_in_parts(struct room_solution *s, uint32_t parts) {
     struct room room = {.sky = 0.3f};
     room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(1, 0, 0), lw_vec3(0, 1, 0), 0.7f, 0); /* becomes the ball */

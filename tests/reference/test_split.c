@@ -165,8 +165,8 @@ static void test_drawn_lights_change(void **state) {
     }
 }
 
-/* A form that is asked for when all has converged comes whole in the next frame, by no ray, and is what it would
- * have been. */
+/* A form that is asked for when all has converged comes whole in the next frame, by no ray, and
+ * is what it would have been. */
 static void test_a_form_may_come_late(void **state) {
     (void)state;
     const char *const groups[] = {"none", "left;right"};

@@ -300,7 +300,8 @@ static void test_no_coarse_form(void **state) {
     tear_down(&f);
 }
 
-/* Nobody waits for a transcoder that has too much to do; and what it is never asked for again goes with it. */
+/* Nobody waits for a transcoder that has too much to do; and what it is never
+ * asked for again goes with it. */
 static void test_a_recoder_takes_no_more_than_it_says(void **state) {
     (void)state;
     struct fixture f;

@@ -236,7 +236,8 @@ static void two_dashes_end_the_options(void **state) {
     assert_string_equal(positional[0], "-");
 }
 
-/* ---- what goes to stdout -------------------------------------------------------------------------------------- */
+/* ---- what goes to stdout
+ * -------------------------------------------------------------------------------------- */
 
 static char printed[1 << 14];
 
@@ -298,7 +299,8 @@ static void version_is_one_line(void **state) {
     assert_string_equal(printed, "tester " LW_VERSION "\n");
 }
 
-/* ---- addresses ------------------------------------------------------------------------------------------------ */
+/* ---- addresses
+ * ------------------------------------------------------------------------------------------------ */
 
 static void addresses_split(void **state) {
     (void)state;

@@ -1625,7 +1625,8 @@ static void test_stop_before_and_without_run(void **state) {
     discard(f);
 }
 
-/* At the end clients are told when to come back: as the owner says, or soon if another server follows at once. */
+/* At the end clients are told when to come back: as the owner says, or soon if
+ * another server follows at once. */
 static void test_stop_says_when_to_come_back(void **state) {
     (void)state;
     for (int relayed = 0; relayed < 2; relayed++) {

@@ -1,5 +1,5 @@
-/* What a solver says it holds is what it has allocated: of all calls of malloc and its kin by the solver's own code
- * (Embree's are not among them, and are told by lw_trace_memory_bytes()). */
+/* What a solver says it holds is what it has allocated: of all calls of malloc and its kin by the solver's
+ * own code (Embree's are not among them, and are told by lw_trace_memory_bytes()). */
 #include "tests/support/support.h"
 
 #include "common/builtin/builtin.h"

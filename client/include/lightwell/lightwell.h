@@ -7,24 +7,25 @@
  *     struct lw_live *live;
  *     struct lw_live_error err;
  *     if (lw_live_open(&desc, &live, &err) != LW_LIVE_OK) die(err.text);
- *     every frame: lw_live_poll(live, 0, &err), then lw_live_take_dirty() and lw_live_read() for what has changed
+ *     every frame: lw_live_poll(live, 0, &err), then lw_live_take_dirty() and
+ *     lw_live_read() for what has changed
  *
- * For C11 and C++11, and later ones. Units: metres, W/m^2, W/(m^2 sr), linear sRGB; right-handed, +Y up. Matrices
- * that are "row-major 3x4" transform columns: p' = m[.][0..2] p + m[.][3].
+ * For C11 and C++11, and later ones. Units: metres, W/m^2, W/(m^2 sr), linear sRGB; right-handed, +Y up.
+ * Matrices that are "row-major 3x4" transform columns: p' = m[.][0..2] p + m[.][3].
  *
- * Structs: one that begins with struct_size is told apart by it: set it to sizeof before the call. Later versions add
- * fields at the end; a library that is newer or older than the program reads and writes what both know. What is zero in
- * a struct that you fill is the default.
+ * Structs: one that begins with struct_size is told apart by it: set it to sizeof before the call. Later
+ * versions add fields at the end; a library that is newer or older than the program reads and writes what
+ * both know. What is zero in a struct that you fill is the default.
  *
- * Errors: each function that can fail returns a status and puts one line for people into *err, which may be NULL; its
- * outputs stay as they were. LW_LIVE_USAGE is for a call that is wrong in itself: a NULL, a struct_size that no version
- * had, an index that is out of range.
+ * Errors: each function that can fail returns a status and puts one line for people into *err, which may be
+ * NULL; its outputs stay as they were. LW_LIVE_USAGE is for a call that is wrong in itself: a NULL, a
+ * struct_size that no version had, an index that is out of range.
  *
- * Threads: calls for one lw_live come from one thread at a time, unless it has LW_LIVE_THREAD: then from any. Different
- * ones do not know each other. No function calls back.
+ * Threads: calls for one lw_live come from one thread at a time, unless it has LW_LIVE_THREAD: then from any.
+ * Different ones do not know each other. No function calls back.
  *
- * Memory: once the scene is there and all levels have arrived, lw_live_poll() and the functions for every frame (they
- * say so) allocate nothing, unless the server sends a message that is longer than all before. */
+ * Memory: once the scene is there and all levels have arrived, lw_live_poll() and the functions for every
+ * frame (they say so) allocate nothing, unless the server sends a message that is longer than all before. */
 #ifndef LIGHTWELL_LIGHTWELL_H
 #define LIGHTWELL_LIGHTWELL_H
 
@@ -115,33 +116,36 @@ struct lw_live_desc {
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status
 lw_live_open(const struct lw_live_desc *desc, struct lw_live **out_live, struct lw_live_error *err);
 
-/** Ends the session and frees all that came from it. With LW_LIVE_THREAD it waits for the thread, which may be
- * connecting: up to timeout_ms. NULL is fine. */
+/** Ends the session and frees all that came from it. With LW_LIVE_THREAD it waits for the thread, which may
+ * be connecting: up to timeout_ms. NULL is fine. */
 LW_LIVE_API void lw_live_close(struct lw_live *live);
 
-/** Takes in what has arrived, for budget_us at most; what is left comes with the next call. Waits up to timeout_ms if
- * nothing is there. The call in which the scene is complete reads it, which takes longer: the atrium's 0.13 s. For every
- * frame.
+/** Takes in what has arrived, for budget_us at most; what is left comes with the next call. Waits up to
+ * timeout_ms if nothing is there. The call in which the scene is complete reads it, which takes longer: the
+ * atrium's 0.13 s. For every frame.
  *
- * With LW_LIVE_THREAD the thread does that: the call waits up to timeout_ms until it has taken in something since the
- * call before, and tells whether the session is alive.
- * Errors: LW_LIVE_CLOSED, LW_LIVE_TIMED_OUT, LW_LIVE_PROTOCOL, LW_LIVE_SYSTEM, LW_LIVE_NO_MEMORY; what has arrived stays
- * readable, and lw_live_reconnect() goes on. With LW_LIVE_THREAD only what connecting again cannot mend. */
+ * With LW_LIVE_THREAD the thread does that: the call waits up to timeout_ms until it has taken in something
+ * since the call before, and tells whether the session is alive.
+ * Errors: LW_LIVE_CLOSED, LW_LIVE_TIMED_OUT, LW_LIVE_PROTOCOL, LW_LIVE_SYSTEM, LW_LIVE_NO_MEMORY; what
+ * has arrived stays readable, and lw_live_reconnect() goes on. With LW_LIVE_THREAD only what
+ * connecting again cannot mend. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_poll(struct lw_live *live, uint32_t timeout_ms,
                                                            struct lw_live_error *err);
 
-/** Connects again after lw_live_poll() has failed. Scene, light and interest stay; a server that still runs sends what
- * has changed since. Wait lw_live_backoff_ms() before each attempt.
+/** Connects again after lw_live_poll() has failed. Scene, light and interest stay; a server that still runs
+ * sends what has changed since. Wait lw_live_backoff_ms() before each attempt.
  * Errors: as lw_live_open(); LW_LIVE_BAD_DATA if the server lights another scene now: open another session;
  * LW_LIVE_USAGE with LW_LIVE_THREAD, which does it by itself. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_reconnect(struct lw_live *live,
                                                                 struct lw_live_error *err);
 
-/** How long to wait before an attempt (0, 1, ...) to connect again, in ms: by chance, out of a range that grows to
- * 500..1000, so that a server is not met by all its clients at once. seed: differs from client to client. [any] */
+/** How long to wait before an attempt (0, 1, ...) to connect again, in ms: by chance, out of a range
+ * that grows to 500..1000, so that a server is not met by all its clients at once. seed: differs
+ * from client to client. [any] */
 LW_LIVE_API uint32_t lw_live_backoff_ms(uint32_t attempt, uint32_t seed);
 
-/** What an event loop of your own may watch for reading, before lw_live_poll(live, 0, ...); -1 with LW_LIVE_THREAD. */
+/** What an event loop of your own may watch for reading, before lw_live_poll(live, 0,
+ * ...); -1 with LW_LIVE_THREAD. */
 LW_LIVE_API int lw_live_descriptor(const struct lw_live *live);
 
 /** Where the session stands. */
@@ -168,7 +172,8 @@ struct lw_live_stats {
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status
 lw_live_get_stats(const struct lw_live *live, struct lw_live_stats *out_stats, struct lw_live_error *err);
 
-/* ---- the scene: all LW_LIVE_NOT_READY before it has arrived; then pointers live as long as the session ---- */
+/* ---- the scene: all LW_LIVE_NOT_READY before it has arrived; then pointers live
+ * as long as the session ---- */
 
 /** How much there is. */
 struct lw_live_scene {
@@ -201,8 +206,9 @@ enum lw_live_kind {
     LW_LIVE_KIND_LIGHT = 5,    /**< Lights. */
     LW_LIVE_KIND_CAMERA = 6    /**< Cameras. */
 };
-/** Finds things by name: the nth (0, 1, ...) of those that share it, in the scene's order, or LW_LIVE_NONE, also before
- * the scene is there. Names are as in the file that the server lights; several things may share one. */
+/** Finds things by name: the nth (0, 1, ...) of those that share it, in the scene's order, or
+ * LW_LIVE_NONE, also before the scene is there. Names are as in the file that the server lights;
+ * several things may share one. */
 LW_LIVE_API uint32_t lw_live_find(const struct lw_live *live, enum lw_live_kind kind, const char *name,
                                   uint32_t nth);
 
@@ -373,8 +379,9 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_level(const struct lw_
                                                                 uint32_t level, struct lw_live_rect *out_rect,
                                                                 struct lw_live_error *err);
 
-/** Takes rectangles whose texels have changed since they were last taken, oldest first; neighbours come as one. What is
- * not taken stays for the next call, so that you decide how much a frame uploads. For every frame.
+/** Takes rectangles whose texels have changed since they were last taken, oldest first;
+ * neighbours come as one. What is not taken stays for the next call, so that you decide how much
+ * a frame uploads. For every frame.
  *
  * object      of this one alone, or LW_LIVE_NONE: of all
  * level       of this one alone, or LW_LIVE_NONE: of all
@@ -408,16 +415,19 @@ struct lw_live_texels {
 };
 /** Writes the texels of a rectangle. For every frame.
  *
- * Where nothing has arrived at that level the texels are interpolated from the finest coarser one that is there, and
- * where a tile is still noisy from level 1 or 2, whose texels are means: a texture is whole from the first level on.
- * What changes so is dirty like what arrives. With LW_LIVE_AS_IT_IS texels are as they came, and 0 where none did.
- * Errors: LW_LIVE_USAGE for a rectangle beyond its level or a dst_size that is too small; LW_LIVE_NOT_READY. */
+ * Where nothing has arrived at that level the texels are interpolated from the finest coarser one that is
+ * there, and where a tile is still noisy from level 1 or 2, whose texels are means: a texture is whole
+ * from the first level on. What changes so is dirty like what arrives. With LW_LIVE_AS_IT_IS texels are as
+ * they came, and 0 where none did.
+ * Errors: LW_LIVE_USAGE for a rectangle beyond its level or a dst_size that is
+ *         too small; LW_LIVE_NOT_READY. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_read(const struct lw_live *live,
                                                            const struct lw_live_rect *rect,
                                                            const struct lw_live_texels *texels,
                                                            struct lw_live_error *err);
 
-/** Irradiance at a point of an object's lightmap, W/m^2, bilinear in level 0 as lw_live_read() gives it. For every frame.
+/** Irradiance at a point of an object's lightmap, W/m^2, bilinear in level 0 as
+ * lw_live_read() gives it. For every frame.
  * lightmap_uv: 2, in texels of level 0. out_rgb: 3.
  * Errors: LW_LIVE_USAGE for an object without lightmap; LW_LIVE_NOT_READY. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_sample(const struct lw_live *live, uint32_t object,
@@ -433,8 +443,9 @@ struct lw_live_hit {
     float position_ws[3]; /**< m */
     float lightmap_uv[2]; /**< For lw_live_sample(): of the side that the ray meets, if it has light. */
 };
-/** Follows a ray to the nearest triangle of what is drawn, whatever its alpha. It looks at every triangle of each object
- * whose box the ray meets: for a few points, not for pictures. origin_ws, direction_ws: 3 each; m.
+/** Follows a ray to the nearest triangle of what is drawn, whatever its alpha. It looks at every
+ * triangle of each object whose box the ray meets: for a few points, not for pictures.
+ * origin_ws, direction_ws: 3 each; m.
  * Errors: LW_LIVE_USAGE for numbers that are not finite, or no direction; LW_LIVE_NOT_READY. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_cast(const struct lw_live *live, const float *origin_ws,
                                                            const float *direction_ws,
@@ -451,9 +462,10 @@ struct lw_live_view {
     uint32_t width;  /**< Of the picture, pixels. */
     uint32_t height; /**< Of the picture, pixels. */
 };
-/** Wants what lies in these views, some around them, and what did in the last two seconds, each at the level that a
- * texture look-up reads there. Where that is more than LW_LIVE_WANT_MAX tiles, all are wanted coarser. It knows the
- * frustum alone: what is behind a wall counts. Until the next call of lw_live_want_*(). For every frame.
+/** Wants what lies in these views, some around them, and what did in the last two seconds, each at the level
+ * that a texture look-up reads there. Where that is more than LW_LIVE_WANT_MAX tiles, all are wanted
+ * coarser. It knows the frustum alone: what is behind a wall counts. Until the next call of
+ * lw_live_want_*(). For every frame.
  *
  * view   the second lies view[0].struct_size bytes behind the first
  * count  up to LW_LIVE_VIEWS_MAX; 0: nothing is wanted
@@ -461,8 +473,10 @@ struct lw_live_view {
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_want_views(struct lw_live *live,
                                                                  const struct lw_live_view *view,
                                                                  size_t count, struct lw_live_error *err);
-/** Wants the tiles that these rectangles touch, and no others; more than LW_LIVE_WANT_MAX of them: everything.
- * Errors: LW_LIVE_USAGE for one that is beyond its level; LW_LIVE_NOT_READY unless count is 0; LW_LIVE_NO_MEMORY. */
+/** Wants the tiles that these rectangles touch, and no others; more than
+ * LW_LIVE_WANT_MAX of them: everything.
+ * Errors: LW_LIVE_USAGE for one that is beyond its level; LW_LIVE_NOT_READY unless
+ *         count is 0; LW_LIVE_NO_MEMORY. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_want_rects(struct lw_live *live,
                                                                  const struct lw_live_rect *rect,
                                                                  size_t count, struct lw_live_error *err);
@@ -501,10 +515,11 @@ struct lw_live_change {
     uint32_t target;               /**< Index of the object, light, material or mesh; else 0. */
     float value[12];               /**< As many as the kind has. */
 };
-/** Changes the scene for everybody: all of these in one frame, or none. change[1] lies change[0].struct_size bytes behind
- * change[0]; count is up to 1024. out_request may be NULL: the number that the answer carries.
- * Errors: LW_LIVE_UNAVAILABLE where the server takes none from here (it wants LW_LIVE_CONTROL and its own machine);
- * LW_LIVE_TIMED_OUT while 1024 are unanswered or the link is busy: poll, then try again; LW_LIVE_USAGE; LW_LIVE_CLOSED. */
+/** Changes the scene for everybody: all of these in one frame, or none. change[1] lies change[0].struct_size
+ * bytes behind change[0]; count is up to 1024. out_request may be NULL: the number that the answer carries.
+ * Errors: LW_LIVE_UNAVAILABLE where the server takes none from here (it wants LW_LIVE_CONTROL and its own
+ * machine); LW_LIVE_TIMED_OUT while 1024 are unanswered or the link is busy: poll, then try again;
+ * LW_LIVE_USAGE; LW_LIVE_CLOSED. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_change(struct lw_live *live,
                                                              const struct lw_live_change *change,
                                                              size_t count, uint64_t *out_request,
@@ -521,8 +536,8 @@ struct lw_live_answer {
     const uint32_t *added; /**< The object of each LW_LIVE_CHANGE_OBJECT_ADD; valid until the next call. */
     size_t added_count;    /**< How many. */
 };
-/** Takes the next answer; returns 0 if there is none, or struct_size is wrong. Each change that was sent gets one, unless
- * the link breaks first. Call it from one thread at a time. */
+/** Takes the next answer; returns 0 if there is none, or struct_size is wrong. Each change that was sent gets
+ * one, unless the link breaks first. Call it from one thread at a time. */
 LW_LIVE_API int lw_live_next_answer(struct lw_live *live, struct lw_live_answer *out_answer);
 
 #ifdef __cplusplus

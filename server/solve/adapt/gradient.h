@@ -94,9 +94,8 @@ bool lw_gradient_choose_due(struct lw_solve_block *block, uint32_t moves);
  * invalidated again, with half the strength, since its new light has hardly any samples. */
 void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered, bool hurried);
 
-/** After lw_verify_arrive() of the first bounce: the same for indirect light. most:
- *       frames that its mean may stand
- * for in any case. */
+/** After lw_verify_arrive() of the first bounce: the same for indirect light. most: frames that its
+ * mean may stand for in any case. */
 void lw_gradient_weigh_indirect(struct lw_solve_block *block, float most, bool filtered);
 
 /** Invalidates a converged block if its differences since it was solved exceed its

@@ -17,9 +17,9 @@ bool lw_verify_compare(const struct lw_transport *transport, struct lw_solve_til
  * along those of the last solve. */
 void lw_verify_reread(const struct lw_transport *transport, struct lw_solve_tile *tile);
 
-/** After the last bounce: corrects indirect light of due blocks, as far as it is that of earlier frames,
- *       by what the radiance of bounces
- * differs by from the frame before, from the first on, along the new ray hits. */
+/** After the last bounce: corrects indirect light of due blocks, as far as it is that of
+ * earlier frames, by what the radiance of bounces differs by from the frame before, from the
+ * first on, along the new ray hits. */
 void lw_verify_arrive(const struct lw_transport *transport, struct lw_solve_tile *tile);
 
 /** Sets tiles->estimate to what the last solve of a tile's blocks had, if nothing has changed since. */

@@ -358,9 +358,8 @@ static bool may_be_freed(const struct search *s, const struct row *row, uint32_t
     return false;
 }
 
-/* Returns how many texels of the object are gone. again: only those are tested that had lost a sample
- *         point before; returns how many
- * these are. */
+/* Returns how many texels of the object are gone. again: only those are tested that had lost a sample point
+ * before; returns how many these are. */
 static uint64_t find_in_object(const struct search *s, uint32_t object, bool again) {
     struct row row = {.mesh = &s->texels->mesh[s->texels->scene->object[object].mesh], .object = object};
     lw_sample_points_frame_init(&row.frame, &s->pose->object_to_world[object]);

@@ -20,9 +20,9 @@
 uint64_t lw_invalid_texels_find(struct lw_texels *texels, const struct lw_pose *pose,
                                 const struct lw_trace *trace, int threads);
 
-/** After objects have become movers: tests invalid points near where these stood
- *       again, and gives back those that are
- * valid now. Movers have all of their texels. Valid points are not tested: fewer objects hide fewer points.
+/** After objects have become movers: tests invalid points near where these stood again, and gives
+ * back those that are valid now. Movers have all of their texels. Valid points are not tested:
+ * fewer objects hide fewer points.
  * before: the pose of the last test. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_invalid_texels_review(struct lw_texels *texels, const struct lw_pose *before,
                                                       const struct lw_pose *pose,
