@@ -178,7 +178,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          LW_OPTION_REAL, &s->limit_s, 1e-3, 1e9, NULL},
         {"checkpoint", "SECONDS", "save the state this often (default 180)", LW_OPTION_REAL, &s->interval_s,
          0.1, 1e9, NULL},
-        {"restart", NULL, "do not go on with an unfinished bake in DIR; begin anew", LW_OPTION_FLAG,
+        {"restart", NULL, "do not go on with an unfinished bake in DIR; start again", LW_OPTION_FLAG,
          &s->restart, 0, 0, NULL},
         {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
         {"tracing-range", "METRES",
@@ -416,7 +416,7 @@ static enum lw_status solve(struct baker *b, struct lw_error *err) {
     if (b->settings.restart) lw_bake_forget(&b->bake);
     enum lw_status status = lw_bake_resume(&b->bake, &frames, err);
     if (status != LW_OK) {
-        lw_status_context(err, "cannot go on with an unfinished bake (--restart begins anew)");
+        lw_status_context(err, "cannot go on with an unfinished bake (--restart starts again)");
         return status;
     }
     if (frames) lw_log(LW_LOG_INFO, "going on after %llu samples", (unsigned long long)frames);

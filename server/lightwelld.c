@@ -334,7 +334,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "well",
          LW_OPTION_STRING, &s->keep, 0, 0, NULL},
         {"spares", "MESH=N,...",
-         "keep room for so many more objects of a mesh, for lightwellctl add; N alone is for every mesh. "
+         "keep room for N more objects of a mesh, for lightwellctl add; N alone is for every mesh. "
          "Costs the "
          "memory of as many objects, and no ray (default: none; what is removed can be added again)",
          LW_OPTION_STRING, &s->spares, 0, 0, NULL},

@@ -13,7 +13,7 @@
 #include <string.h>
 
 #define METERED      128u  /* pixels a side: enough for a log average */
-#define SURVEY_SHARE 4u    /* a survey has one pixel for so many, each way */
+#define SURVEY_SHARE 4u    /* a survey has one pixel for this many, each way */
 #define NEAR_SHARE   1e-6f /* of the scene's diagonal: what is nearer to the eye is not seen */
 #define NEAR_COARSE  1e-4f /* the same, where depth is not stored upside down */
 #define TAPS         16    /* as of the shaders */

@@ -53,7 +53,7 @@ struct form {
 };
 
 /* How an object's tiles are sent in this frame. */
-enum news { AS_SOLVED, HELD_BACK, ANEW /* the first light since it was a spare */ };
+enum news { AS_SOLVED, HELD_BACK, LIT_AGAIN /* the first light since it was a spare */ };
 
 struct lw_publisher {
     struct lw_publisher_desc desc;
@@ -231,8 +231,8 @@ static void note_unlit(struct lw_publisher *p, const struct lw_pose *pose, uint3
     else if (*unlit == SPARE)
         *unlit = frame;
     if (!*unlit || *unlit == SPARE) return;
-    p->news[object] = is_lit(p, object, *unlit) ? ANEW : HELD_BACK;
-    if (p->news[object] == ANEW) *unlit = 0;
+    p->news[object] = is_lit(p, object, *unlit) ? LIT_AGAIN : HELD_BACK;
+    if (p->news[object] == LIT_AGAIN) *unlit = 0;
 }
 
 static void count_blocks(const struct lw_atlas_map *map, const struct form *form, uint32_t object,
@@ -397,7 +397,7 @@ static void consider_tile(const struct lw_publisher *p, struct worker *worker, c
     if (sent->version) {
         float mean;
         change = find_change(worker->rgb, sent->rgb, (size_t)place->width * place->height * 3, &mean);
-        if (!is_of_another_class(p, error, sent->error) && p->news[place->object] != ANEW &&
+        if (!is_of_another_class(p, error, sent->error) && p->news[place->object] != LIT_AGAIN &&
             change <= threshold)
             return;
         /* large relative changes of dark light are hardly visible */
@@ -418,7 +418,7 @@ static void refresh_form(struct lw_publisher *p, struct form *form, const struct
 #pragma omp parallel for schedule(dynamic, 1) num_threads(p->threads)
     for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++) {
         form->changed[o] = has_light && refresh_levels(p, form, o, frame);
-        if (p->news[o] != AS_SOLVED) form->changed[o] = p->news[o] == ANEW;
+        if (p->news[o] != AS_SOLVED) form->changed[o] = p->news[o] == LIT_AGAIN;
     }
     if (has_light) form->dark = find_dark(p->desc.atlas_map, form, pose);
 }

@@ -37,8 +37,7 @@ LW_MUST_CHECK bool lw_address_places_take(struct lw_address_places *places, cons
 void lw_address_places_give(struct lw_address_places *places, const struct lw_address *address);
 void lw_address_places_finish(struct lw_address_places *places);
 
-/** Of so many places in all, how many one address may take: a tenth, the own machine
- * all but a tenth; at least one. */
+/** How many of `all` places one address may take: a tenth, the own machine all but a tenth; at least one. */
 uint32_t lw_address_places_share(const struct lw_address *address, uint32_t all);
 
 #endif

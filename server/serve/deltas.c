@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Whoever is to get coarse tiles goes on with finer ones while their deltas are under this share of the tile
- * whole: the coarse form whole, with which it would begin, is no smaller. */
+/* A session that is to get coarse tiles goes on with finer ones while their deltas are under this share of
+ * the tile whole: the coarse form whole, with which it would begin, is no smaller. */
 #define FINE_SHARE (1.0f / 3)
 
 enum lw_status lw_deltas_init(struct lw_deltas *deltas, uint32_t tile_count,

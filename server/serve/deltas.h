@@ -54,7 +54,8 @@ void lw_deltas_finish(struct lw_deltas *deltas);
 /** A tile's new version, with its delta or without one. What does not lead there is forgotten. */
 void lw_deltas_add(struct lw_deltas *deltas, uint32_t tile, const struct lw_snapshot_tile *version);
 
-/** What whoever has version `from` of a tile takes next, on the way to the newest, for the fewest bytes.
+/** What a session that has version `from` of a tile gets next, on the way to
+ * the newest, for the fewest bytes.
  * coarse     to that in wider steps; where there is no such form, or the transcoder has too
  *            much to do, to the newest itself
  * out_delta  written unless it has to wait */

@@ -283,7 +283,7 @@ const _Atomic bool *lw_server_updates_wait(const struct lw_server *server) {
 
 static void on_busy(uv_idle_t *handle) { (void)handle; }
 
-/* Whoever is due once the loop would wait: it must not. */
+/* Sessions are due when the loop would wait: it must not. */
 static void keep_busy(struct lw_server *server) {
     if (lw_turns_any_due(&server->shared))
         uv_idle_start(&server->busy, on_busy);
@@ -335,8 +335,8 @@ static void on_session_closed(void *context) {
     stop_when_empty(server);
 }
 
-/* signalled: without a watcher the next signal has its default effect: whoever cannot wait asks twice. Else
- * watchers stay until the end: who goes away ends our input, and then sends a signal. */
+/* signalled: without a watcher the next signal has its default effect: a user who cannot wait signals twice.
+ * Else watchers stay until the end: who goes away ends our input, and then sends a signal. */
 static void begin_stop(struct lw_server *server, bool signalled) {
     if (signalled) {
         uv_signal_stop(&server->interrupt);

@@ -16,7 +16,7 @@
 #include "server/serve/server_stats.h"
 #include "server/serve/tls_context.h"
 
-/** What the loop asks of whoever runs the server, and tells him; all of it [loop]. Zero: nothing. */
+/** What the loop asks of the program that runs the server, and tells it; all of it [loop]. Zero: nothing. */
 struct lw_server_hooks {
     void *context;
     void (*beat)(void *context); /* every beat_ms while the loop turns, from the start of lw_server_run() */

@@ -337,8 +337,8 @@ static bool is_over_budget(struct link *link) {
     return shared->handshakes_ns > HANDSHAKES_NS;
 }
 
-/* libuv would read 32 times in a row from whoever sends without end. Without a buffer it stops, and tells on_read
- * UV_ENOBUFS; the rest is still there in the next turn. */
+/* libuv would read 32 times in a row from a peer that sends without end. Without a buffer it stops, and tells
+ * on_read UV_ENOBUFS; the rest is still there in the next turn. */
 static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *out_buffer) {
     struct link *link = handle->data;
     const bool had_turn = link->turn == link->shared->turn || is_over_budget(link);

@@ -52,7 +52,7 @@ struct lw_updates_entry {
 /** Takes off the first one that was taken for this frame or an earlier one; false: there is none. [loop] */
 bool lw_updates_next(struct lw_updates *updates, uint64_t frame, struct lw_updates_entry *out_entry);
 
-/** Whoever sent them is gone: the updates take effect all the same, unanswered. [loop] */
+/** The session that sent them is gone: the updates take effect all the same, unanswered. [loop] */
 void lw_updates_forget(struct lw_updates *updates, const struct lw_session *session);
 
 #endif

@@ -62,7 +62,7 @@ void lw_texels_finish(struct lw_texels *texels);
 size_t lw_texels_memory_bytes(const struct lw_texels *texels);
 
 /** Takes over the albedo of meshes of which a material has changed its base colour: rasterises them
- * anew, at the price of their share of lw_texels_init(). Errors: LW_NO_MEMORY; some meshes may then
+ * again, at the price of their share of lw_texels_init(). Errors: LW_NO_MEMORY; some meshes may then
  * have their new albedo already. */
 LW_MUST_CHECK enum lw_status lw_texels_set_albedo(struct lw_texels *texels, int threads);
 
