@@ -46,6 +46,12 @@ static enum lw_status invalid(struct lw_error *err, const char *field, const cha
     return lw_status_fail(err, LW_PROTOCOL, "%s %s", field, must);
 }
 
+/* A limit is told from its constant. verb, unit: "has" 4096 " entries", "is" 64 " bytes" */
+static enum lw_status over(struct lw_error *err, const char *field, const char *verb, unsigned limit,
+                           const char *unit) {
+    return lw_status_fail(err, LW_PROTOCOL, "%s %s over %u%s", field, verb, limit, unit);
+}
+
 /* Characters without a shape that change how others read, or hide (Unicode 15, categories Cf,
  * Zl and Zp): first and last. */
 static const uint32_t format_characters[][2] = {
@@ -106,7 +112,8 @@ static bool add_up(const uint64_t *size, size_t count, uint64_t whole) {
 
 static enum lw_status check_parts(const struct lw_message_welcome *w, struct lw_error *err) {
     if (!w->part_count) return LW_OK;
-    if (w->part_count > LW_MESSAGE_PARTS_MAX) return invalid(err, "part_size", "has over 16386 entries");
+    if (w->part_count > LW_MESSAGE_PARTS_MAX)
+        return over(err, "part_size", "has", LW_MESSAGE_PARTS_MAX, " entries");
     if (!add_up(w->part_size, w->part_count, w->package_size))
         return invalid(err, "part_size", "has a 0, or is not package_size in all");
     if (!add_up(w->part_compressed_size, w->part_count, w->package_compressed_size))
@@ -116,18 +123,19 @@ static enum lw_status check_parts(const struct lw_message_welcome *w, struct lw_
 
 static enum lw_status check_welcome(const struct lw_message_welcome *w, struct lw_error *err) {
     if (w->package_size < 1 || w->package_size > LW_PACKAGE_SIZE_MAX)
-        return invalid(err, "package_size", "is 0 or over 4 GiB");
+        return lw_status_fail(err, LW_PROTOCOL, "package_size is 0 or over %llu bytes",
+                              (unsigned long long)LW_PACKAGE_SIZE_MAX);
     if (w->package_compressed_size < 1 || w->package_compressed_size > LW_MESSAGE_COMPRESSED_MAX)
         return invalid(err, "package_compressed_size", "is 0 or over the limit");
-    if (w->bounces > LW_MESSAGE_BOUNCES_MAX) return invalid(err, "bounces", "is over 64");
+    if (w->bounces > LW_MESSAGE_BOUNCES_MAX) return over(err, "bounces", "is", LW_MESSAGE_BOUNCES_MAX, "");
     if (!isfinite(w->target_error) || w->target_error < 0)
         return invalid(err, "target_error", "is not a finite number >= 0");
     if (!(w->noise_shown >= 0 && w->noise_shown <= 1))
         return invalid(err, "noise_shown", "is not from 0 to 1");
     if (w->client_lights_size > LW_MESSAGE_CLIENT_LIGHTS_MAX)
-        return invalid(err, "client_lights", "is over 131072 bytes");
+        return over(err, "client_lights", "is", LW_MESSAGE_CLIENT_LIGHTS_MAX, " bytes");
     if (w->client_materials_size > LW_MESSAGE_CLIENT_MATERIALS_MAX)
-        return invalid(err, "client_materials", "is over 8192 bytes");
+        return over(err, "client_materials", "is", LW_MESSAGE_CLIENT_MATERIALS_MAX, " bytes");
     enum lw_status status = check_parts(w, err);
     return status != LW_OK ? status : check_text(w->name, LW_MESSAGE_NAME_MAX, "name", err);
 }
@@ -136,7 +144,7 @@ static enum lw_status check_refusal(const struct lw_message_refusal *r, struct l
     if ((unsigned)r->code < 1 || (unsigned)r->code > LW_MESSAGE_REFUSAL_MAX)
         return invalid(err, "code", "is not in 1..65535");
     if (r->retry_after_ms > LW_MESSAGE_RETRY_AFTER_MAX)
-        return invalid(err, "retry_after_ms", "is over 3600000");
+        return over(err, "retry_after_ms", "is", LW_MESSAGE_RETRY_AFTER_MAX, "");
     return check_text(r->text, LW_MESSAGE_TEXT_MAX, "text", err);
 }
 
@@ -147,7 +155,8 @@ static enum lw_status check_chunk(const struct lw_message_package_chunk *c, stru
 }
 
 static enum lw_status check_interest(const struct lw_message_interest *i, struct lw_error *err) {
-    if (i->tile_count > LW_MESSAGE_INTEREST_MAX) return invalid(err, "tile", "has over 4096 entries");
+    if (i->tile_count > LW_MESSAGE_INTEREST_MAX)
+        return over(err, "tile", "has", LW_MESSAGE_INTEREST_MAX, " entries");
     if (i->everything && i->tile_count)
         return invalid(err, "tile", "is not empty though everything is wanted");
     return LW_OK;
@@ -155,12 +164,13 @@ static enum lw_status check_interest(const struct lw_message_interest *i, struct
 
 static enum lw_status check_frame_state(const struct lw_message_frame *f, struct lw_error *err) {
     if (f->hidden_count > LW_MESSAGE_VISIBLE_MAX)
-        return invalid(err, "hidden_object", "has over 8192 entries");
-    if (f->shown_count > LW_MESSAGE_VISIBLE_MAX) return invalid(err, "shown_object", "has over 8192 entries");
+        return over(err, "hidden_object", "has", LW_MESSAGE_VISIBLE_MAX, " entries");
+    if (f->shown_count > LW_MESSAGE_VISIBLE_MAX)
+        return over(err, "shown_object", "has", LW_MESSAGE_VISIBLE_MAX, " entries");
     if (f->spare_count > f->hidden_count)
         return invalid(err, "spares", "is over the length of hidden_object");
     if (f->material_count > LW_MESSAGE_MATERIALS_MAX)
-        return invalid(err, "material", "has over 4096 entries");
+        return over(err, "material", "has", LW_MESSAGE_MATERIALS_MAX, " entries");
     for (size_t i = 0; i < f->material_count; i++)
         for (int c = 0; c < 3; c++) {
             const struct lw_message_material *m = &f->material[i];
@@ -178,8 +188,9 @@ static enum lw_status check_frame(const struct lw_message_frame *f, struct lw_er
     for (int c = 0; c < 3; c++)
         if (!isfinite(f->sky[c]) || f->sky[c] < 0) return invalid(err, "sky", "is not finite and >= 0");
     if (f->transform_count > LW_MESSAGE_TRANSFORMS_MAX)
-        return invalid(err, "transform_object", "has over 8192 entries");
-    if (f->light_count > LW_MESSAGE_LIGHTS_MAX) return invalid(err, "light", "has over 8192 entries");
+        return over(err, "transform_object", "has", LW_MESSAGE_TRANSFORMS_MAX, " entries");
+    if (f->light_count > LW_MESSAGE_LIGHTS_MAX)
+        return over(err, "light", "has", LW_MESSAGE_LIGHTS_MAX, " entries");
     for (size_t i = 0; i < f->transform_count; i++)
         if (!all_finite(&f->transform[i].object_to_world.m[0][0], TRANSFORM_FLOATS))
             return invalid(err, "transform", "is not finite");
@@ -196,7 +207,7 @@ static enum lw_status check_tile(const struct lw_message_tile *t, struct lw_erro
     if (t->version < 1) return invalid(err, "version", "is 0");
     if (t->base >= t->version) return invalid(err, "base_version", "is not under the version");
     if (!isfinite(t->scale) || t->scale <= 0) return invalid(err, "scale", "is not a finite number > 0");
-    if (t->bounces > LW_MESSAGE_BOUNCES_MAX) return invalid(err, "bounces", "is over 64");
+    if (t->bounces > LW_MESSAGE_BOUNCES_MAX) return over(err, "bounces", "is", LW_MESSAGE_BOUNCES_MAX, "");
     if (!isfinite(t->error) || t->error < 0) return invalid(err, "error", "is not a finite number >= 0");
     if (t->payload_size < 1 || t->payload_size > LW_MESSAGE_PAYLOAD_MAX)
         return invalid(err, "payload", "is not 1..262144 bytes");
@@ -205,10 +216,11 @@ static enum lw_status check_tile(const struct lw_message_tile *t, struct lw_erro
 
 /* What the changes say is for the server to answer; here they must only fit. */
 static enum lw_status check_update(const struct lw_message_update *u, struct lw_error *err) {
-    if (u->change_count > LW_MESSAGE_CHANGES_MAX) return invalid(err, "kind", "has over 1024 entries");
+    if (u->change_count > LW_MESSAGE_CHANGES_MAX)
+        return over(err, "kind", "has", LW_MESSAGE_CHANGES_MAX, " entries");
     for (size_t i = 0; i < u->change_count; i++)
         if (u->change[i].value_count > LW_SCENE_CHANGE_VALUES_MAX)
-            return invalid(err, "value_count", "is over 12");
+            return over(err, "value_count", "is", LW_SCENE_CHANGE_VALUES_MAX, "");
     return LW_OK;
 }
 
@@ -224,7 +236,7 @@ static enum lw_status check_values(const struct lw_message *m, struct lw_error *
         if (m->package_request.offset > LW_MESSAGE_COMPRESSED_MAX)
             return invalid(err, "offset", "is past the limit");
         if (m->package_request.held_size > LW_MESSAGE_PARTS_MAX / 8 + 1)
-            return invalid(err, "held", "is over 2049 bytes");
+            return over(err, "held", "is", LW_MESSAGE_PARTS_MAX / 8 + 1, " bytes");
         return LW_OK;
     case LW_MESSAGE_PACKAGE_CHUNK:
         return check_chunk(&m->package_chunk, err);
@@ -240,13 +252,14 @@ static enum lw_status check_values(const struct lw_message *m, struct lw_error *
         return check_update(&m->update, err);
     case LW_MESSAGE_UPDATED:
         if (m->updated.added_count > LW_MESSAGE_CHANGES_MAX)
-            return invalid(err, "added", "has over 1024 entries");
+            return over(err, "added", "has", LW_MESSAGE_CHANGES_MAX, " entries");
         if (m->updated.added_count && m->updated.code)
             return invalid(err, "added", "has entries though it is refused");
         return check_text(m->updated.text, LW_MESSAGE_TEXT_MAX, "text", err);
     case LW_MESSAGE_HOLDS:
-        return m->holds.tile_count > LW_MESSAGE_HOLDS_MAX ? invalid(err, "tile", "has over 2048 entries")
-                                                          : LW_OK;
+        return m->holds.tile_count > LW_MESSAGE_HOLDS_MAX
+                   ? over(err, "tile", "has", LW_MESSAGE_HOLDS_MAX, " entries")
+                   : LW_OK;
     case LW_MESSAGE_ACK:
     case LW_MESSAGE_PING:
     case LW_MESSAGE_PONG:
@@ -738,7 +751,7 @@ static enum lw_status read_interest(const Lightwell__Wire__Interest *w, struct l
     size_t count = w->n_object;
     if (w->n_level != count || w->n_tile != count)
         return invalid(err, "object, level and tile", "differ in length");
-    if (count > LW_MESSAGE_INTEREST_MAX) return invalid(err, "tile", "has over 4096 entries");
+    if (count > LW_MESSAGE_INTEREST_MAX) return over(err, "tile", "has", LW_MESSAGE_INTEREST_MAX, " entries");
     m->interest = (struct lw_message_interest){
         .everything = w->everything, .stand_ins = w->stand_ins, .tile_count = count};
     if (!count) return LW_OK;
@@ -755,7 +768,7 @@ static enum lw_status read_holds(const Lightwell__Wire__Holds *w, struct lw_mess
     size_t count = w->n_object;
     if (w->n_level != count || w->n_tile != count || w->n_version != count)
         return invalid(err, "object, level, tile and version", "differ in length");
-    if (count > LW_MESSAGE_HOLDS_MAX) return invalid(err, "tile", "has over 2048 entries");
+    if (count > LW_MESSAGE_HOLDS_MAX) return over(err, "tile", "has", LW_MESSAGE_HOLDS_MAX, " entries");
     m->holds = (struct lw_message_holds){.tile_count = count};
     if (!count) return LW_OK;
     struct lw_message_held *tile = storage->list[0] = storage_alloc(storage, count * sizeof *tile);
@@ -773,7 +786,8 @@ static struct lw_vec3 vector_at(const float *list, size_t i) {
 static enum lw_status read_frame_state(const Lightwell__Wire__Frame *w, struct lw_message *m,
                                        struct storage *storage, struct lw_error *err) {
     const size_t materials = w->n_material;
-    if (materials > LW_MESSAGE_MATERIALS_MAX) return invalid(err, "material", "has over 4096 entries");
+    if (materials > LW_MESSAGE_MATERIALS_MAX)
+        return over(err, "material", "has", LW_MESSAGE_MATERIALS_MAX, " entries");
     if (w->n_base_colour != VECTOR_FLOATS * materials || w->n_emission != VECTOR_FLOATS * materials)
         return invalid(err, "base_colour or emission", "is not 3 values for each material");
     m->frame.hidden = w->hidden_object;
@@ -800,10 +814,10 @@ static enum lw_status read_frame(const Lightwell__Wire__Frame *w, struct lw_mess
     size_t transforms = w->n_transform_object, lights = w->n_light;
     if (w->n_sky != 3) return invalid(err, "sky", "is not 3 values");
     if (transforms > LW_MESSAGE_TRANSFORMS_MAX)
-        return invalid(err, "transform_object", "has over 8192 entries");
+        return over(err, "transform_object", "has", LW_MESSAGE_TRANSFORMS_MAX, " entries");
     if (w->n_transform != TRANSFORM_FLOATS * transforms)
         return invalid(err, "transform", "is not 12 values for each of transform_object");
-    if (lights > LW_MESSAGE_LIGHTS_MAX) return invalid(err, "light", "has over 8192 entries");
+    if (lights > LW_MESSAGE_LIGHTS_MAX) return over(err, "light", "has", LW_MESSAGE_LIGHTS_MAX, " entries");
     if (w->n_light_position != VECTOR_FLOATS * lights || w->n_light_direction != VECTOR_FLOATS * lights ||
         w->n_light_intensity != VECTOR_FLOATS * lights)
         return invalid(err, "light_position, light_direction or light_intensity",
@@ -845,7 +859,7 @@ static enum lw_status read_update(const Lightwell__Wire__Update *w, struct lw_me
     const size_t count = w->n_kind;
     if (w->n_target != count || w->n_value_count != count)
         return invalid(err, "kind, target and value_count", "differ in length");
-    if (count > LW_MESSAGE_CHANGES_MAX) return invalid(err, "kind", "has over 1024 entries");
+    if (count > LW_MESSAGE_CHANGES_MAX) return over(err, "kind", "has", LW_MESSAGE_CHANGES_MAX, " entries");
     m->update = (struct lw_message_update){.request = w->request, .change_count = count};
     struct lw_scene_change *change = storage->list[0] = storage_alloc(storage, count * sizeof *change);
     if (!change) return LW_NO_MEMORY;
@@ -853,7 +867,8 @@ static enum lw_status read_update(const Lightwell__Wire__Update *w, struct lw_me
     size_t values = 0;
     for (size_t i = 0; i < count; i++) {
         const uint32_t value_count = w->value_count[i];
-        if (value_count > LW_SCENE_CHANGE_VALUES_MAX) return invalid(err, "value_count", "is over 12");
+        if (value_count > LW_SCENE_CHANGE_VALUES_MAX)
+            return over(err, "value_count", "is", LW_SCENE_CHANGE_VALUES_MAX, "");
         if (value_count > w->n_value - values)
             return invalid(err, "value", "is shorter than value_count says");
         change[i].kind = w->kind[i];
@@ -960,6 +975,15 @@ static enum lw_status decode_body(struct lw_framing_header header, const uint8_t
 enum lw_status lw_message_decode(struct lw_framing_header header, const uint8_t *body,
                                  struct lw_message *out_message, struct lw_error *err) {
     return lw_message_decode_with(header, body, NULL, out_message, err);
+}
+
+enum lw_status lw_message_decode_whole(const uint8_t *bytes, size_t size, struct lw_message *out_message) {
+    struct lw_framing_header header;
+    if (size < LW_FRAMING_HEADER_SIZE) return LW_PROTOCOL;
+    enum lw_status status = lw_framing_read_header(bytes, LW_FRAMING_BODY_MAX, &header, NULL);
+    if (status == LW_OK && header.body_size != size - LW_FRAMING_HEADER_SIZE) status = LW_PROTOCOL;
+    return status == LW_OK ? lw_message_decode(header, bytes + LW_FRAMING_HEADER_SIZE, out_message, NULL)
+                           : status;
 }
 
 enum lw_status lw_message_decode_with(struct lw_framing_header header, const uint8_t *body,

@@ -258,6 +258,10 @@ LW_MUST_CHECK enum lw_status lw_message_validate(const struct lw_message *messag
 /** Decodes one body whose header was read. Errors: LW_PROTOCOL naming message and field; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_message_decode(struct lw_framing_header header, const uint8_t *body,
                                                struct lw_message *out_message, struct lw_error *err);
+/** Decodes a message that lies whole in memory, header first, as one of ours does. size: bytes there.
+ * Errors: LW_PROTOCOL, also where size is not the message's; LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_message_decode_whole(const uint8_t *bytes, size_t size,
+                                                     struct lw_message *out_message);
 /** The same with memory that is used again; NULL: as lw_message_decode(). Of one memory a message is alive at
  * a time: finish it before the next is decoded. */
 LW_MUST_CHECK enum lw_status lw_message_decode_with(struct lw_framing_header header, const uint8_t *body,

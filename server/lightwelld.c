@@ -22,7 +22,6 @@
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
 #include "server/service_notify.h"
-#include "server/solve/filter/denoise.h"
 #include "server/solve/solvers.h"
 
 #include <errno.h>
@@ -435,7 +434,7 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
 }
 
 /* Share of a tile's noise that the solver's filter leaves. */
-static float noise_shown(const struct settings *s) { return s->denoise == 1 ? LW_DENOISE_NOISE_SHOWN : 1; }
+static float noise_shown(const struct settings *s) { return s->denoise == 1 ? LW_SOLVER_NOISE_SHOWN : 1; }
 
 static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;

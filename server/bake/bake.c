@@ -3,7 +3,6 @@
 #include "common/clock.h"
 #include "common/log.h"
 #include "common/progress.h"
-#include "server/solve/adapt/converged.h"
 #include "server/solve/solver.h"
 
 #include <unistd.h>
@@ -21,8 +20,8 @@ static double frames_left(const struct lw_bake_desc *desc, const struct lw_solve
     if (desc->samples) return tile->sample_count < desc->samples ? desc->samples - tile->sample_count : 0;
     const double seen = tile->sample_count ? tile->sample_count : 1,
                  ratio = (double)tile->error / (double)desc->error;
-    if (tile->sample_count >= LW_CONVERGED_FRAMES_MIN && ratio <= 1) return 0;
-    return fmax(fmax(1, LW_CONVERGED_FRAMES_MIN - seen), seen * ratio * ratio - seen);
+    if (tile->sample_count >= LW_SOLVER_FRAMES_MIN && ratio <= 1) return 0;
+    return fmax(fmax(1, LW_SOLVER_FRAMES_MIN - seen), seen * ratio * ratio - seen);
 }
 
 /* Texels times frames that lie ahead. */

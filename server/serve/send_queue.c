@@ -62,11 +62,8 @@ static struct lw_blob *next_chunk(struct lw_session *s) {
 /* A request from inside a chunk: the rest of that chunk becomes a message of its own. */
 static enum lw_status cut_chunk(struct lw_session *s, uint32_t chunk_index, uint64_t offset) {
     const struct lw_blob *whole = s->shared->chunk[chunk_index].blob;
-    struct lw_framing_header header;
     struct lw_message message;
-    enum lw_status status = lw_framing_read_header(whole->bytes, LW_FRAMING_BODY_MAX, &header, NULL);
-    if (status == LW_OK)
-        status = lw_message_decode(header, whole->bytes + LW_FRAMING_HEADER_SIZE, &message, NULL);
+    enum lw_status status = lw_message_decode_whole(whole->bytes, whole->size, &message);
     if (status != LW_OK) return status;
     struct lw_message_package_chunk *chunk = &message.package_chunk;
     size_t skip = (size_t)(offset - chunk->offset);

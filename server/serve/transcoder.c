@@ -30,10 +30,7 @@ struct lw_transcoder {
 };
 
 static enum lw_status read_tile(const struct lw_blob *blob, struct lw_message *out_message) {
-    struct lw_framing_header header;
-    enum lw_status status = lw_framing_read_header(blob->bytes, LW_FRAMING_BODY_MAX, &header, NULL);
-    if (status == LW_OK)
-        status = lw_message_decode(header, blob->bytes + LW_FRAMING_HEADER_SIZE, out_message, NULL);
+    enum lw_status status = lw_message_decode_whole(blob->bytes, blob->size, out_message);
     if (status == LW_OK && (out_message->type != LW_MESSAGE_TILE || out_message->tile.base ||
                             out_message->tile.codec != LW_TILE_CODEC_DCT)) {
         lw_message_finish(out_message);

@@ -9,7 +9,7 @@
 #include "common/scene/pose.h"
 #include "common/tile/atlas.h"
 #include "server/solve/light_groups.h"
-#include "server/solve/transport/probe_form.h"
+#include "server/solve/state/solver_terms.h"
 
 #include <stdatomic.h>
 

@@ -210,7 +210,7 @@ static enum lw_status dct_encode(struct coder *coder, const struct tile *tile, f
 static enum lw_status noise_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
     return dct_encode(
         coder, tile,
-        lw_publisher_step(tile->error, LW_DENOISE_NOISE_SHOWN, tile->level, LW_PUBLISHER_STEP_WIDEST), out);
+        lw_publisher_step(tile->error, LW_SOLVER_NOISE_SHOWN, tile->level, LW_PUBLISHER_STEP_WIDEST), out);
 }
 
 static enum lw_status change_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
@@ -220,7 +220,7 @@ static enum lw_status change_encode(struct coder *coder, const struct tile *tile
         coder->tile,
         &(struct lw_tile_dct_source){
             tile->rgb, tile->covered, tile->width, tile->height,
-            lw_publisher_step(tile->error, LW_DENOISE_NOISE_SHOWN, tile->level, LW_PUBLISHER_STEP_WIDEST),
+            lw_publisher_step(tile->error, LW_SOLVER_NOISE_SHOWN, tile->level, LW_PUBLISHER_STEP_WIDEST),
             coder->dark},
         &coder->history, out->bytes, coder->delta, sizeof out->bytes, &result);
     out->is_delta = result.delta_size && result.delta_size < result.size;
@@ -249,7 +249,7 @@ static enum lw_status keep_history(struct coder *coder, struct coded *scratch, c
         coder->tile,
         &(struct lw_tile_dct_source){
             before->rgb, before->covered, tile->width, tile->height,
-            lw_publisher_step(before->error, LW_DENOISE_NOISE_SHOWN, tile->level, LW_PUBLISHER_STEP_WIDEST),
+            lw_publisher_step(before->error, LW_SOLVER_NOISE_SHOWN, tile->level, LW_PUBLISHER_STEP_WIDEST),
             coder->dark},
         tile->before, scratch->bytes, coder->delta, sizeof scratch->bytes, &result);
 }

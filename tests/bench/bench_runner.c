@@ -12,7 +12,7 @@ enum lw_status bench_runner_init(struct bench_runner *runner, const struct lw_so
                                                              .atlas_map = desc->atlas_map,
                                                              .solver = runner->solver,
                                                              .target_error = 0.02f,
-                                                             .noise_shown = LW_DENOISE_NOISE_SHOWN,
+                                                             .noise_shown = LW_SOLVER_NOISE_SHOWN,
                                                              .codec = LW_TILE_CODEC_DCT,
                                                              .threads = desc->threads},
                                  &runner->publisher);

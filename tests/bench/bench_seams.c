@@ -85,7 +85,7 @@ static enum lw_status coded_create(const struct lw_solver *inner, bool denoise,
     struct coded_solver *coded = calloc(1, sizeof *coded);
     if (!coded) return LW_NO_MEMORY;
     coded->inner = inner;
-    coded->noise_shown = denoise ? LW_DENOISE_NOISE_SHOWN : 1;
+    coded->noise_shown = denoise ? LW_SOLVER_NOISE_SHOWN : 1;
     coded->ops = *inner->ops;
     coded->ops.read_tile = read_coded;
     coded->solver.ops = &coded->ops;

@@ -247,7 +247,7 @@ static enum lw_status open_light(struct job *job, struct light *light, struct lw
                                                                  .atlas_map = &job->map,
                                                                  .solver = light->solver,
                                                                  .target_error = TARGET_ERROR,
-                                                                 .noise_shown = LW_DENOISE_NOISE_SHOWN,
+                                                                 .noise_shown = LW_SOLVER_NOISE_SHOWN,
                                                                  .codec = LW_TILE_CODEC_DCT,
                                                                  .step_widest = (float)s->step_widest,
                                                                  .threads = (unsigned)s->open.threads},
@@ -288,7 +288,7 @@ static enum lw_status compose_steps(struct job *job, const struct light *light, 
             .sky = lw_vec3(job->pose.sky[0], job->pose.sky[1], job->pose.sky[2]),
             .bounces = 2,
             .target_error = TARGET_ERROR,
-            .noise_shown = LW_DENOISE_NOISE_SHOWN};
+            .noise_shown = LW_SOLVER_NOISE_SHOWN};
         struct lw_compose_report report;
         lw_compose_render(light->compose, &source, &job->pose, &view, job->picture, &report);
         take_lattice(s, job->picture, moment->sent);
@@ -492,7 +492,7 @@ static enum lw_status run_link(struct job *job, double link, bool quiet, struct 
                                                   .package_size = job->package_size,
                                                   .bounces = 2,
                                                   .target_error = TARGET_ERROR,
-                                                  .noise_shown = LW_DENOISE_NOISE_SHOWN,
+                                                  .noise_shown = LW_SOLVER_NOISE_SHOWN,
                                                   .rate_limit_bytes_hz = (uint64_t)(link * 1e6 / 8 / s->slow),
                                                   .client_lights = job->light_bits,
                                                   .client_lights_size = job->light_bytes,

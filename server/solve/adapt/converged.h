@@ -4,9 +4,7 @@
 #define LW_ADAPT_CONVERGED_H
 
 #include "server/solve/adapt/gradient.h"
-
-/* A block converges at the target error, but never before this many frames. */
-#define LW_CONVERGED_FRAMES_MIN 16u
+#include "server/solve/state/solver_terms.h"
 
 struct lw_converged {
     float target_error;
@@ -16,7 +14,7 @@ struct lw_converged {
 
 /** Whether a block needs no more frames until its light changes. */
 static inline bool lw_converged_is(const struct lw_converged *converged, const struct lw_solve_block *block) {
-    return (block->sample_count >= LW_CONVERGED_FRAMES_MIN && block->error <= converged->target_error &&
+    return (block->sample_count >= LW_SOLVER_FRAMES_MIN && block->error <= converged->target_error &&
             !lw_gradient_is_stale(block, converged->target_error)) ||
            (converged->frames_max && block->sample_count >= converged->frames_max);
 }

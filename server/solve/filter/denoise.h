@@ -24,10 +24,6 @@
 #include "server/solve/state/tiles.h"
 
 #define LW_DENOISE_PASSES 3u /* steps of 1, 2 and 4 texels: 15 x 15 texels in all */
-/* About what share of a texel's standard error it leaves: where views read coarser levels of
- * tiles that show more noise than they bear, their pictures come nearest to the path tracer's
- * with this (docs/results/denoise.md). */
-#define LW_DENOISE_NOISE_SHOWN 0.2f
 /* texels: those seven, and two more whose light the variance is taken from */
 #define LW_DENOISE_REACH  9u
 #define LW_DENOISE_PLANES 5u /* r, g, b, luminance, its variance */

@@ -3,27 +3,16 @@
  * Threads: pure functions on the caller's memory, [any].
  *
  *   octahedral  means over the cells of a 16 x 16 octahedral map, read bilinearly: sharp to some 11 degrees
- *   sh nine spherical-harmonic coefficients per channel (Ramamoorthi and
- *   Hanrahan 2001), windowed until nothing
- *               is negative (Sloan 2008): a fourteenth of the memory, but a lamp or a
- *               window smears over a hemisphere */
+ *   sh          nine spherical-harmonic coefficients per channel (Ramamoorthi and Hanrahan 2001), windowed
+ *               until nothing is negative (Sloan 2008): a fourteenth of the memory, but a lamp or a window
+ *               smears over a hemisphere */
 #ifndef LW_TRANSPORT_PROBE_FORM_H
 #define LW_TRANSPORT_PROBE_FORM_H
 
 #include "common/vec.h"
+#include "server/solve/state/solver_terms.h"
 
 #include <stdint.h>
-
-/** How a probe keeps what it sees. */
-enum lw_probe_form_kind { LW_PROBE_FORM_OCTAHEDRAL = 0, LW_PROBE_FORM_SH };
-
-/** In which direction a probe is read for what a ray beside it runs towards: that of the point where the ray
- * will arrive. Where that is, is guessed: */
-enum lw_probe_projection {
-    LW_PROBE_PROJECTION_DEPTH = 0, /* by the distances that the probe sees */
-    LW_PROBE_PROJECTION_BOX,       /* at the scene's box: distant-point projection (Vandersanden 2023, 3.6) */
-    LW_PROBE_PROJECTION_STEP       /* one longest side of the scene ahead: the same, cheaper */
-};
 
 struct lw_probe_form_ops {
     const char *name;

@@ -1,0 +1,25 @@
+/* solver_terms.h: what solver.h and the rooms below it both name: choices of a
+ * desc, constants of every solve. */
+#ifndef LW_STATE_SOLVER_TERMS_H
+#define LW_STATE_SOLVER_TERMS_H
+
+/* No block counts as converged before this many frames. */
+#define LW_SOLVER_FRAMES_MIN 16u
+
+/* About what share of a texel's standard error the filter leaves. Views read coarser levels of
+ * tiles that show more noise than they bear; with this their pictures come nearest to the path
+ * tracer's (docs/results/denoise.md). */
+#define LW_SOLVER_NOISE_SHOWN 0.2f
+
+/** How a probe keeps what it sees (probe_form.h). */
+enum lw_probe_form_kind { LW_PROBE_FORM_OCTAHEDRAL = 0, LW_PROBE_FORM_SH };
+
+/** In which direction a probe is read for what a ray beside it runs towards: that of the point where the ray
+ * will arrive. Where that is, is guessed: */
+enum lw_probe_projection {
+    LW_PROBE_PROJECTION_DEPTH = 0, /* by the distances that the probe sees */
+    LW_PROBE_PROJECTION_BOX,       /* at the scene's box: distant-point projection (Vandersanden 2023, 3.6) */
+    LW_PROBE_PROJECTION_STEP       /* one longest side of the scene ahead: the same, cheaper */
+};
+
+#endif
