@@ -10,9 +10,6 @@
 #include <stddef.h>
 #include <string.h>
 
-/* Of a frame's budget, what is left for solving at least, however long verification takes. */
-#define SOLVING_SHARE 0.5
-
 /* A frame under way. */
 struct frame {
     struct lw_cell_solver *s;
@@ -180,21 +177,6 @@ static enum lw_status verify(struct frame *f, struct lw_error *err) {
 
 /* ---- stages: what the frame solves ---- */
 
-/* How many texels a frame may solve: of invalidated blocks, and in all. The first frame lights everything.
- * Until all tiles are verified, invalidated blocks alone are solved. */
-static struct lw_scheduler_room room_in_time(const struct lw_cell_solver *s, uint64_t asking_ns) {
-    if (s->turn.mode == LW_SCHEDULER_UNLIMITED || s->frames == 0)
-        return (struct lw_scheduler_room){UINT64_MAX, UINT64_MAX};
-    const double left_ns =
-        fmax(s->turn.budget_s * 1e9 - (double)asking_ns, SOLVING_SHARE * s->turn.budget_s * 1e9);
-    const uint64_t texels = 1 + (uint64_t)(left_ns / fmax(s->texel_ns, 1));
-    const bool yields = s->turn.mode == LW_SCHEDULER_YIELD;
-    bool waits = yields;
-    for (uint32_t i = 0; i < s->tiles.count && s->turn.mode == LW_SCHEDULER_ONSET && !waits; i++)
-        waits = s->scheduler.moves && s->tiles.tile[i].contributes && s->tiles.tile[i].unverified;
-    return (struct lw_scheduler_room){yields ? 0 : texels, waits ? 0 : texels};
-}
-
 /* The blocks of the tiles that are due; of an invalidated one its invalidated blocks alone. */
 static void choose_blocks(struct lw_cell_solver *s) {
     for (uint32_t i = 0; i < s->tiles.count; i++) {
@@ -212,7 +194,12 @@ static enum lw_status choose(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     struct lw_scheduler_count count;
     enum lw_status status = LW_OK;
-    lw_scheduler_choose(&s->scheduler, &s->tiles, room_in_time(s, f->stats.change_ns), &count);
+    const struct lw_scheduler_room everything = {UINT64_MAX, UINT64_MAX};
+    lw_scheduler_choose(&s->scheduler, &s->tiles,
+                        s->frames ? lw_scheduler_room_in_time(&s->scheduler, &s->tiles, &f->following,
+                                                              s->texel_ns, f->stats.change_ns)
+                                  : everything, /* the first frame lights all */
+                        &count);
     f->stats.tiles_interest = count.interest;
     f->stats.tiles_contributing = count.contributing;
     f->solves = count.due > 0;

@@ -32,9 +32,9 @@ void lw_cell_layer_set_turn(struct lw_solver *solver, const struct lw_cell_layer
 
 unsigned lw_cell_layer_backlog(const struct lw_solver *solver) {
     const struct lw_cell_solver *s = (const struct lw_cell_solver *)solver;
-    const bool onset = s->turn.mode == LW_SCHEDULER_ONSET || s->turn.mode == LW_SCHEDULER_YIELD;
-    return onset && lw_scheduler_is_behind(&s->scheduler, &s->tiles) ? LW_CELL_LAYER_BACKLOG_MAX
-                                                                     : s->scheduler.backlog;
+    return lw_scheduler_mode_is_onset(s->turn.mode) && lw_scheduler_is_behind(&s->scheduler, &s->tiles)
+               ? LW_CELL_LAYER_BACKLOG_MAX
+               : s->scheduler.backlog;
 }
 
 void lw_cell_layer_review(struct lw_solver *solver) {

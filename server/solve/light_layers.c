@@ -30,6 +30,9 @@ struct light {
     float solved[3];  /* as it is solved */
 };
 
+/* Against which light a layer's errors are measured. */
+enum measure { MEASURE_OWN, MEASURE_ALL };
+
 struct layer {
     struct lw_solver *solver;
     struct lw_scene scene; /* the one that is lit, but for emission and sky: those of this layer */
@@ -38,10 +41,9 @@ struct layer {
     uint32_t light_count;
     float environment[3]; /* stands for the sky's picture, a light that never changes */
     float weight[3];      /* by which what is solved is summed */
-    /* its blocks converge while measured against all light. */
-    bool lenient;
-    bool begun; /* it has had a frame */
-    bool ran;   /* the last one */
+    enum measure measure; /* of the last frame */
+    bool begun;           /* it has had a frame */
+    bool ran;             /* the last one */
 };
 
 struct layers {
@@ -53,11 +55,13 @@ struct layers {
     struct layer layer[LW_LIGHT_GROUPS_MAX];
     uint32_t count;
     uint32_t still_frames; /* since any layer's light moved */
-    bool hasty; /* a movement has begun and not gone on, and not all that it has changed was solved since */
-    uint32_t yields; /* frames in a row in which a layer has waited for another */
-    bool shows_all;  /* a form is new: the next frame shows everything */
-    bool sums;       /* what is shown is in the planes below; else it is the one layer's own */
-    unsigned forms;  /* that are shown (light_form.h) */
+    /* ONSET: a movement has begun and not gone on, and not all that it has changed
+     * was solved since; else STEADY. */
+    enum lw_scheduler_mode mode;
+    uint32_t yield_frames; /* frames in a row in which a layer has waited for another */
+    bool shows_all;        /* a form is new: the next frame shows everything */
+    bool sums;             /* what is shown is in the planes below; else it is the one layer's own */
+    unsigned forms;        /* that are shown (light_form.h) */
     /* SPLIT: NULL without client lights. */
     float *direct[3], *indirect[3], *irradiance[LW_LIGHT_FORM_COUNT][3];
     uint64_t *solved_frame; /* per lw_tile_id: that last changed them */
@@ -324,15 +328,12 @@ static void set_beside(const struct layers *s, const struct layer *layer) {
     }
 }
 
-/* Measures a layer's errors against what counts now. */
+/* Measures a layer's errors against what counts now. What converged against all light is judged again. */
 static void measure(const struct layers *s, struct layer *layer) {
+    const enum measure before = layer->measure;
     set_beside(s, layer);
-    if (s->still_frames < LW_CELL_LAYER_FADE_FRAMES) {
-        layer->lenient = true;
-    } else if (layer->lenient) {
-        lw_cell_layer_review(layer->solver);
-        layer->lenient = false;
-    }
+    layer->measure = s->still_frames < LW_CELL_LAYER_FADE_FRAMES ? MEASURE_ALL : MEASURE_OWN;
+    if (before == MEASURE_ALL && layer->measure == MEASURE_OWN) lw_cell_layer_review(layer->solver);
 }
 
 static void add_stats(struct lw_solver_stats *sum, const struct lw_solver_stats *stats) {
@@ -429,12 +430,14 @@ static void give_time(struct layers *s, bool moved) {
         most = hurry > most ? hurry : most;
     }
     /* Under steady movement all of the interest set has its turn. */
-    s->hasty = moved ? s->still_frames > LW_SCHEDULER_STILL_FRAMES
-                     : s->hasty && (most || s->still_frames <= LW_SCHEDULER_STILL_FRAMES);
-    if (moved || !s->hasty || s->yields >= YIELDS_MAX) most = 0;
+    const bool follows =
+        moved ? s->still_frames > LW_SCHEDULER_STILL_FRAMES
+              : s->mode == LW_SCHEDULER_ONSET && (most || s->still_frames <= LW_SCHEDULER_STILL_FRAMES);
+    s->mode = follows ? LW_SCHEDULER_ONSET : LW_SCHEDULER_STEADY;
+    if (moved || !follows || s->yield_frames >= YIELDS_MAX) most = 0;
     for (const struct layer *layer = s->layer; layer < s->layer + s->count; layer++)
         first += layer->ran && lw_cell_layer_backlog(layer->solver) >= most;
-    s->yields = first < running ? s->yields + 1 : 0;
+    s->yield_frames = first < running ? s->yield_frames + 1 : 0;
     const double left = most == LW_CELL_LAYER_BACKLOG_MAX ? YIELDS_SHARE_LEAST : YIELDS_SHARE,
                  shares = first + left * (running - first),
                  budgets = most                                                   ? HURRY_SHARE
@@ -445,9 +448,7 @@ static void give_time(struct layers *s, bool moved) {
         if (!layer->ran) continue;
         const bool yields = lw_cell_layer_backlog(layer->solver) < most;
         lw_cell_layer_set_turn(
-            layer->solver, &(struct lw_cell_layer_turn){.mode = yields     ? LW_SCHEDULER_YIELD
-                                                                : s->hasty ? LW_SCHEDULER_ONSET
-                                                                           : LW_SCHEDULER_STEADY,
+            layer->solver, &(struct lw_cell_layer_turn){.mode = yields ? LW_SCHEDULER_YIELD : s->mode,
                                                         .budget_s = (yields ? left : 1) / shares * budget_s});
     }
 }

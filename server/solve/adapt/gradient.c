@@ -27,7 +27,7 @@ static const float counted[2][LW_TILES_PARTS] = {
 #define AGAIN 0.5f
 /* And less than this does not count under a budget: the noise of a packet would invalidate half of all
  * blocks. Their turns will find it. */
-#define HASTY 0.06f
+#define LIMITED_ERROR_MIN 0.06f
 /* Of drift: what one solve brings; of its mean square, what its mean is more than by chance (4 standard
  * errors); solves after a movement in which it counts. */
 #define DRIFT_WEIGHT 0.0625f
@@ -105,7 +105,7 @@ bool lw_gradient_choose(struct lw_solve_block *block, const struct lw_gradient_r
         return false;
     change->verify = begins ? LW_CHANGE_VERIFIED_ONSET : LW_CHANGE_VERIFIED_TURN;
     if (lit) {
-        if (!round->hurried) {
+        if (!lw_scheduler_mode_is_limited(round->mode)) {
             reread_packets(block);
             change->verify = LW_CHANGE_VERIFIED_ALL;
         }
@@ -233,22 +233,24 @@ void lw_gradient_note_staleness(struct lw_solve_block *block) {
     change->verified = change->told = 0;
 }
 
-bool lw_gradient_choose_more(struct lw_solve_block *block, float target_error, bool hurried) {
+bool lw_gradient_choose_more(struct lw_solve_block *block, float target_error, enum lw_scheduler_mode mode) {
     struct lw_change_block *change = &block->change;
     const uint16_t verified = change->compare, found = witnesses(block);
     change->compare = change->direct = 0;
     if (!verified || rereads(change) || !has_changed(block, found, target_error)) return false;
-    if (change->verify == LW_CHANGE_VERIFIED_ONSET && (hurried || has_changed(block, found, CERTAIN)))
+    if (change->verify == LW_CHANGE_VERIFIED_ONSET &&
+        (lw_scheduler_mode_is_limited(mode) || has_changed(block, found, CERTAIN)))
         return false;
     verify_packets(change, lw_change_all_packets(block) & (uint16_t)~verified);
     return change->compare != 0;
 }
 
-void lw_gradient_invalidate(struct lw_solve_block *block, float target_error, bool hurried) {
+void lw_gradient_invalidate(struct lw_solve_block *block, float target_error, enum lw_scheduler_mode mode) {
     struct lw_change_block *change = &block->change;
     change->compare = change->direct = 0;
     const struct off off = add_up(block, witnesses(block));
-    if (hurried && stands_alone(change)) target_error = fmaxf(target_error, HASTY);
+    if (lw_scheduler_mode_is_limited(mode) && stands_alone(change))
+        target_error = fmaxf(target_error, LIMITED_ERROR_MIN);
     if (!(block->state == LW_BLOCK_CONVERGED || stands_alone(change)) ||
         !is_too_much(block, &off, target_error))
         return;
@@ -259,7 +261,7 @@ void lw_gradient_invalidate(struct lw_solve_block *block, float target_error, bo
 
 void lw_gradient_review(struct lw_solve_block *block, float target_error) {
     if (block->change.verify == LW_CHANGE_VERIFIED_ONSET) block->change.verify = LW_CHANGE_VERIFIED_TURN;
-    lw_gradient_invalidate(block, target_error, false);
+    lw_gradient_invalidate(block, target_error, LW_SCHEDULER_UNLIMITED);
 }
 
 bool lw_gradient_choose_due(struct lw_solve_block *block, uint32_t moves) {
@@ -311,7 +313,8 @@ static void add_drift(struct lw_change_block *change, struct off *off) {
     }
 }
 
-void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered, bool hurried) {
+void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered,
+                              enum lw_scheduler_mode mode) {
     struct lw_change_block *change = &block->change;
     struct off off = add_up(block, lw_gradient_is_invalidated(change) ? change->judged : change->verified);
     change->still_solves = moves != change->solved_moves ? 0 : change->still_solves + 1;
@@ -325,7 +328,7 @@ void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool
     change->moves = change->solved_moves = moves;
     change->compare = change->retrace = change->direct = change->verified = change->told = change->unchecked =
         0;
-    change->strength *= hurried ? AGAIN : 0;
+    change->strength *= lw_scheduler_mode_is_onset(mode) ? AGAIN : 0;
     if (!lw_gradient_is_strong(change)) change->strength = 0;
 }
 

@@ -36,6 +36,7 @@
 #ifndef LW_ADAPT_GRADIENT_H
 #define LW_ADAPT_GRADIENT_H
 
+#include "server/solve/adapt/scheduler_mode.h"
 #include "server/solve/state/tiles.h"
 
 /* What is verified of all blocks in a frame. */
@@ -46,7 +47,7 @@ struct lw_gradient_round {
     bool turn;       /* a round begins */
     bool active;     /* light elsewhere may be changing */
     bool spreads; /* it has changed in the last frames: what follows from that is not to wait for its turn */
-    bool hurried; /* time is short */
+    enum lw_scheduler_mode mode;
 };
 
 /** Chooses the packets of a block that are verified before it is known what this frame solves. See the
@@ -59,9 +60,9 @@ bool lw_gradient_choose_all(struct lw_solve_block *block, uint32_t moves);
 
 /** After lw_verify_compare() of those: chooses the packets that are verified besides, before
  * lw_gradient_invalidate(). These are all, if the first ones found so much that the block may have to be
- * invalidated, but not so much that it must. hurried: none at an onset, where one packet is enough.
+ * invalidated, but not so much that it must. Under a budget none at an onset, where one packet is enough.
  * Returns whether there are any. */
-bool lw_gradient_choose_more(struct lw_solve_block *block, float target_error, bool hurried);
+bool lw_gradient_choose_more(struct lw_solve_block *block, float target_error, enum lw_scheduler_mode mode);
 
 /* Its light has changed by more than its target error allows, and it was not solved since. */
 static inline bool lw_gradient_is_invalidated(const struct lw_change_block *change) {
@@ -80,9 +81,9 @@ void lw_gradient_note_drift(struct lw_solve_block *block, int part, uint32_t reg
 /** Keeps what corrections have left of the packets' differences as staleness. */
 void lw_gradient_note_staleness(struct lw_solve_block *block);
 
-/** Invalidates a block if its packets' differences exceed its target error. hurried: those of few packets
- * must also exceed their noise. */
-void lw_gradient_invalidate(struct lw_solve_block *block, float target_error, bool hurried);
+/** Invalidates a block if its packets' differences exceed its target error. Under a budget those of few
+ * packets must also exceed their noise. */
+void lw_gradient_invalidate(struct lw_solve_block *block, float target_error, enum lw_scheduler_mode mode);
 
 /** Chooses the packets of a block that is to be solved, unless it was verified in this frame or is
  * invalidated: one, if something has moved since. Returns whether there are any. */
@@ -90,9 +91,10 @@ bool lw_gradient_choose_due(struct lw_solve_block *block, uint32_t moves);
 
 /** Begins a due block's frame: cuts its means to their staleness, forgets what its packets have found, and
  * sets the weight of its next estimate of direct light. filtered: what is shown is (denoise.h), so that noise
- * matters less, and means of changed light stand for fewer frames. hurried: a block that has changed much is
- * invalidated again, with half the strength, since its new light has hardly any samples. */
-void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered, bool hurried);
+ * matters less, and means of changed light stand for fewer frames. At an onset a block that has changed much
+ * is invalidated again, with half the strength, since its new light has hardly any samples. */
+void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered,
+                              enum lw_scheduler_mode mode);
 
 /** After lw_verify_arrive() of the first bounce: the same for indirect light. most: frames that its
  * mean may stand for in any case. */

@@ -118,17 +118,8 @@ void lw_scheduler_resume(struct lw_scheduler *scheduler, uint32_t moves, uint32_
     scheduler->unchanged_rounds = CHANGING_ROUNDS + 1;
 }
 
-static bool is_hurried(const struct lw_scheduler_frame *frame) {
-    return frame->mode != LW_SCHEDULER_UNLIMITED;
-}
-
 /* What follows from a movement need not wait for its turn. */
 static bool is_at_once(const struct lw_scheduler_frame *frame) { return frame->mode != LW_SCHEDULER_STEADY; }
-
-/* Something has just begun to move, and not all that follows fits into a frame. */
-static bool is_onset(const struct lw_scheduler_frame *frame) {
-    return is_hurried(frame) && is_at_once(frame);
-}
 
 /* ---- what is found ---- */
 
@@ -157,7 +148,7 @@ static void take_over(const struct lw_scheduler_frame *frame, struct lw_solve_ti
 
 /* Direct light has changed everywhere: all packets are verified about it, so that it need not be solved. */
 static bool verifies_all(const struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame) {
-    return is_onset(frame) && scheduler->shone;
+    return lw_scheduler_mode_is_onset(frame->mode) && scheduler->shone;
 }
 
 /* Whether a tile of interest is yet to be verified after the last movement. */
@@ -188,7 +179,7 @@ static bool is_time_over(const struct lw_scheduler *scheduler, struct search *se
     const struct lw_scheduler_frame *frame = search->frame;
     const bool found = __atomic_load_n(&search->found, __ATOMIC_RELAXED);
     const double budgets = found && !verifies_all(scheduler, frame) ? VERIFY_SHARE : SEARCH_SHARE;
-    return is_hurried(frame) &&
+    return lw_scheduler_mode_is_limited(frame->mode) &&
            (double)(lw_clock_ns() - search->began_ns) > budgets * frame->budget_s * 1e9 &&
            __atomic_exchange_n(&search->begun, true, __ATOMIC_RELAXED);
 }
@@ -197,18 +188,17 @@ static bool is_time_over(const struct lw_scheduler *scheduler, struct search *se
 static bool verify_tile(struct search *search, struct lw_solve_tile *tile, struct lw_ray_count *count) {
     const struct lw_scheduler_frame *frame = search->frame;
     const float target_error = frame->converged.target_error;
-    const bool hurried = is_hurried(frame);
     bool any = false, more = false;
     tile->unverified = false;
     LW_TILES_EACH_BLOCK (tile, block) any |= lw_gradient_choose(block, &search->round);
     if (!any) return false;
     const bool direct = tile->corrected = lw_verify_compare(frame->passes, tile, count);
-    LW_TILES_EACH_BLOCK (tile, block) more |= lw_gradient_choose_more(block, target_error, hurried);
+    LW_TILES_EACH_BLOCK (tile, block) more |= lw_gradient_choose_more(block, target_error, frame->mode);
     if (more) tile->corrected |= lw_verify_compare(frame->passes, tile, count);
     take_over(frame, tile);
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->covered_count) continue;
-        lw_gradient_invalidate(block, target_error, hurried);
+        lw_gradient_invalidate(block, target_error, frame->mode);
         if (tile->corrected && block->error > CONVERGED_FACTOR * target_error &&
             block->state == LW_BLOCK_CONVERGED && !lw_converged_may(&frame->converged, tile, block))
             block->state = LW_BLOCK_SAMPLED;
@@ -234,10 +224,10 @@ static void verify_tiles(struct lw_scheduler *scheduler, const struct lw_schedul
                   /* not all were verified */
                   .active = scheduler->still_rounds <= LW_PACKETS_MAX,
                   .spreads = is_at_once(frame) && scheduler->passes > 0 && !is_unverified(scheduler, tiles),
-                  .hurried = is_hurried(frame)}};
+                  .mode = frame->mode}};
     uint64_t shadow = 0, bounce = 0;
     bool direct = false;
-    sort_tiles(scheduler, tiles, is_hurried(frame));
+    sort_tiles(scheduler, tiles, lw_scheduler_mode_is_limited(frame->mode));
 #pragma omp parallel for schedule(dynamic, 1) num_threads(frame->threads) reduction(+ : shadow, bounce) \
     reduction(|| : direct)
     for (uint32_t i = 0; i < tiles->count; i++) {
@@ -274,7 +264,7 @@ static void correct_tile(const struct lw_scheduler *scheduler, const struct lw_s
     take_over(frame, tile);
     LW_TILES_EACH_BLOCK (tile, block) {
         if (block->state == LW_BLOCK_CONVERGED && block->covered_count)
-            lw_gradient_invalidate(block, frame->converged.target_error, true);
+            lw_gradient_invalidate(block, frame->converged.target_error, frame->mode);
         block->change.compare = block->change.direct = 0;
     }
     lw_scheduler_sum_invalidated(tile);
@@ -356,8 +346,7 @@ void lw_scheduler_weigh(const struct lw_scheduler *scheduler, const struct lw_sc
             (void)lw_control_variate_indirect(tiles, tile, frame->converged.target_error, true);
         }
         LW_TILES_EACH_BLOCK (tile, block)
-            if (block->due)
-                lw_gradient_weigh_direct(block, scheduler->moves, frame->filtered, is_onset(frame));
+            if (block->due) lw_gradient_weigh_direct(block, scheduler->moves, frame->filtered, frame->mode);
         shadow += of_tile.shadow;
         bounce += of_tile.bounce;
     }

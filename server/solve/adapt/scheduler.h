@@ -40,6 +40,7 @@
 #define LW_ADAPT_SCHEDULER_H
 
 #include "server/solve/adapt/converged.h"
+#include "server/solve/adapt/scheduler_mode.h"
 #include "server/solve/transport/transport.h"
 
 /* A contributor is solved at least once in this many rounds. */
@@ -48,18 +49,6 @@
 #define LW_SCHEDULER_STILL_FRAMES 4u
 /* Of places on what has moved; more would only order better. */
 #define LW_SCHEDULER_PLACES_MAX 32u
-
-/** How a frame goes about it. */
-enum lw_scheduler_mode {
-    /* No budget: what has changed is verified and solved in the frame in which it does. */
-    LW_SCHEDULER_UNLIMITED,
-    /* A budget, and no onset: blocks are verified in turn; what moves is swept. */
-    LW_SCHEDULER_STEADY,
-    /* A budget, and an onset: what follows from it comes before all else. */
-    LW_SCHEDULER_ONSET,
-    /* The same, while another layer has changed more: the frame verifies, and solves nothing. */
-    LW_SCHEDULER_YIELD
-};
 
 /** What is of interest. */
 enum lw_scheduler_scope { LW_SCHEDULER_NOTHING, LW_SCHEDULER_TILES, LW_SCHEDULER_EVERYTHING };
@@ -195,6 +184,15 @@ void lw_scheduler_note_hits(struct lw_scheduler *scheduler, const struct lw_tile
                             const struct lw_solve_tile *tile, const uint32_t *ray_hit);
 
 /* ---- what a frame solves and shows (scheduler_rounds.c) ---- */
+
+/** How many texels a frame may solve. Until all tiles are verified after an onset,
+ * invalidated blocks alone are solved.
+ * texel_ns   wall time that a texel takes
+ * verify_ns  wall time that lw_scheduler_verify() has taken of the frame's budget */
+struct lw_scheduler_room lw_scheduler_room_in_time(const struct lw_scheduler *scheduler,
+                                                   const struct lw_tiles *tiles,
+                                                   const struct lw_scheduler_frame *frame, double texel_ns,
+                                                   uint64_t verify_ns);
 
 /** Sets `work` and `shows` of every tile, for the frame that begins. At least one tile is due, if any waits
  * for which there is room at all. */

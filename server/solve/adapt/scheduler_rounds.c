@@ -3,6 +3,7 @@
 #include "common/random.h"
 #include "server/solve/transport/ray_hit.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -20,6 +21,8 @@
 #define IMPORTANCE_MIN 0.001f
 /* Of the coarsest levels of interest; coarser ones are solved as often as these. */
 #define PERIOD_LOG_MAX 3u
+/* Of a frame's budget, what is left for solving at least, however long verification takes. */
+#define SOLVING_SHARE 0.5
 
 void lw_scheduler_forget_interest(struct lw_scheduler *scheduler) {
     free(scheduler->interest);
@@ -205,6 +208,21 @@ static void take_all(const struct lw_scheduler *scheduler, struct lw_tiles *tile
         take(scheduler, tiles, rank, room.invalidated, &taken);
     take(scheduler, tiles, STALE, room.all, &taken);
     take(scheduler, tiles, OTHER, room.all, &taken);
+}
+
+struct lw_scheduler_room lw_scheduler_room_in_time(const struct lw_scheduler *scheduler,
+                                                   const struct lw_tiles *tiles,
+                                                   const struct lw_scheduler_frame *frame, double texel_ns,
+                                                   uint64_t verify_ns) {
+    if (!lw_scheduler_mode_is_limited(frame->mode)) return (struct lw_scheduler_room){UINT64_MAX, UINT64_MAX};
+    const double budget_ns = frame->budget_s * 1e9,
+                 left_ns = fmax(budget_ns - (double)verify_ns, SOLVING_SHARE * budget_ns);
+    const uint64_t texels = 1 + (uint64_t)(left_ns / fmax(texel_ns, 1));
+    const bool yields = frame->mode == LW_SCHEDULER_YIELD;
+    bool waits = yields;
+    for (uint32_t i = 0; i < tiles->count && frame->mode == LW_SCHEDULER_ONSET && !waits; i++)
+        waits = scheduler->moves && tiles->tile[i].contributes && tiles->tile[i].unverified;
+    return (struct lw_scheduler_room){yields ? 0 : texels, waits ? 0 : texels};
 }
 
 void lw_scheduler_choose(struct lw_scheduler *scheduler, struct lw_tiles *tiles,
