@@ -18,6 +18,7 @@
 #include "common/trace/trace.h"
 #include "common/wait_policy.h"
 #include "server/daemon_metrics.h"
+#include "server/exposure.h"
 #include "server/publish/light_store.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
@@ -76,7 +77,7 @@ struct settings {
     int probe_form, denoise;
     double tracing_range, cell_size, probe_spacing, frame_rate, frame_budget_ms, freeze_s, error, link_rate,
         tile_step, stall_s, return_s;
-    bool animate, freeze, json;
+    bool animate, freeze, json, insecure;
     int clock, light, codec, log_format, log_level;
     char host[256], http_host[256]; /* http_host "": none */
     char metrics_host[256];         /* "": none */
@@ -153,6 +154,16 @@ static enum lw_status parse_metrics(struct settings *s, struct lw_error *err) {
     return status;
 }
 
+static enum lw_status check_exposure(const struct settings *s, struct lw_error *err) {
+    const struct lw_exposure exposure = {
+        .has_tls = s->tls_certificate != NULL, .has_tokens = s->tokens != NULL, .is_insecure = s->insecure};
+    enum lw_status status = lw_exposure_check(&exposure, "--listen", s->host, err);
+    if (status == LW_OK && *s->http_host) status = lw_exposure_check(&exposure, "--http", s->http_host, err);
+    if (status == LW_OK && *s->metrics_host)
+        status = lw_exposure_check(&exposure, "--metrics", s->metrics_host, err);
+    return status;
+}
+
 /* What one option alone does not tell. */
 static enum lw_status check(struct settings *s, struct lw_error *err) {
     enum lw_status status;
@@ -170,7 +181,8 @@ static enum lw_status check(struct settings *s, struct lw_error *err) {
         return status;
     }
     status = parse_http(s, err);
-    return status == LW_OK ? parse_metrics(s, err) : status;
+    if (status == LW_OK) status = parse_metrics(s, err);
+    return status == LW_OK ? check_exposure(s, err) : status;
 }
 
 static enum lw_status print_config(const struct settings *s, const struct lw_options *options,
@@ -248,6 +260,11 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "as "
          "above",
          LW_OPTION_STRING, &s->tls_key, 0, 0, NULL},
+        {"insecure", NULL,
+         "--listen, --http and --metrics may name addresses that other machines reach without TLS and "
+         "tokens; "
+         "there is a warning",
+         LW_OPTION_FLAG, &s->insecure, 0, 0, NULL},
         {"solver", "NAME", solvers, LW_OPTION_STRING, &s->solver, 0, 0, NULL},
         {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
          NULL},
@@ -1009,36 +1026,37 @@ static void find_web_root(char *dst, size_t size) {
 static enum lw_status create_server(struct daemon *d, struct lw_error *err) {
     struct settings *s = &d->settings;
     find_web_root(s->found_root, sizeof s->found_root);
-    struct lw_server_desc desc = {.host = s->host,
-                                  .port = s->port,
-                                  .tokens = s->tokens,
-                                  .tls = {s->tls_certificate, s->tls_key},
-                                  .control_socket =
-                                      strcmp(s->control_socket, "none") ? s->control_socket : NULL,
-                                  .http_host = *s->http_host ? s->http_host : NULL,
-                                  .http_port = s->http_port,
-                                  .http_hosts = s->http_hosts,
-                                  .http_origins = s->http_origins,
-                                  .http_root = s->web_root ? s->web_root : s->found_root,
-                                  .http_may_fail = !s->http_given,
-                                  .metrics_host = *s->metrics_host ? s->metrics_host : NULL,
-                                  .metrics_port = s->metrics_port,
-                                  .atlas_map = &d->atlas_map,
-                                  .package = d->package,
-                                  .package_size = d->package_size,
-                                  .bounces = (uint32_t)s->bounces,
-                                  .target_error = (float)s->error,
-                                  .noise_shown = noise_shown(s),
-                                  .client_lights = d->light_bits,
-                                  .client_lights_size = lw_client_lights_bytes(d->scene->light_count),
-                                  .client_materials = d->material_bits,
-                                  .client_materials_size = lw_client_lights_bytes(d->scene->material_count),
-                                  .scene = d->scene,
-                                  .hooks = hooks_of(d),
-                                  .retry_after_ms = (uint32_t)(1000 * s->return_s),
-                                  .address_sessions_max = (uint32_t)s->address_sessions,
-                                  .rate_limit_bytes_hz = (uint64_t)(s->link_rate * 1e6 / 8),
-                                  .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0};
+    struct lw_server_desc desc = {
+        .host = s->host,
+        .port = s->port,
+        .tokens = s->tokens,
+        .tls = {s->tls_certificate, s->tls_key},
+        .control_socket = strcmp(s->control_socket, "none") ? s->control_socket : NULL,
+        .http_host = *s->http_host ? s->http_host : NULL,
+        .http_port = s->http_port,
+        .http_hosts = s->http_hosts,
+        .http_origins = s->http_origins,
+        .http_root = s->web_root ? s->web_root : s->found_root,
+        .http_may_fail = !s->http_given,
+        .metrics_host = *s->metrics_host ? s->metrics_host : NULL,
+        .metrics_port = s->metrics_port,
+        .metrics_guarded = *s->metrics_host && !s->insecure && !lw_exposure_is_loopback(s->metrics_host),
+        .atlas_map = &d->atlas_map,
+        .package = d->package,
+        .package_size = d->package_size,
+        .bounces = (uint32_t)s->bounces,
+        .target_error = (float)s->error,
+        .noise_shown = noise_shown(s),
+        .client_lights = d->light_bits,
+        .client_lights_size = lw_client_lights_bytes(d->scene->light_count),
+        .client_materials = d->material_bits,
+        .client_materials_size = lw_client_lights_bytes(d->scene->material_count),
+        .scene = d->scene,
+        .hooks = hooks_of(d),
+        .retry_after_ms = (uint32_t)(1000 * s->return_s),
+        .address_sessions_max = (uint32_t)s->address_sessions,
+        .rate_limit_bytes_hz = (uint64_t)(s->link_rate * 1e6 / 8),
+        .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0};
     return lw_server_create(&desc, &d->server, err);
 }
 

@@ -624,6 +624,8 @@ static enum lw_status start_metrics(struct lw_server *server, const struct lw_se
                                            .sessions = &server->shared,
                                            .host = desc->metrics_host,
                                            .hosts = desc->http_hosts,
+                                           .tls = desc->metrics_guarded ? server->tcp.tls : NULL,
+                                           .wants_token = desc->metrics_guarded,
                                            .page = desc->hooks.page,
                                            .page_context = desc->hooks.context};
     enum lw_status status = start_listening(&server->metrics_listener, desc->metrics_host, desc->metrics_port,

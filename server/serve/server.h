@@ -37,10 +37,11 @@ struct lw_server_desc {
     uint16_t port;                  /* 0: the system picks one */
     /* HTTP and WebSocket, if http_host is not NULL: web_server.h says what the strings mean. */
     const char *http_host, *http_root, *http_hosts, *http_origins;
-    uint16_t http_port;                   /* 0: the system picks one */
-    bool http_may_fail;                   /* then there is a warning, and no HTTP */
-    const char *metrics_host;             /* monitoring, by hooks.page; NULL: none */
-    uint16_t metrics_port;                /* 0: the system picks one */
+    uint16_t http_port;       /* 0: the system picks one */
+    bool http_may_fail;       /* then there is a warning, and no HTTP */
+    const char *metrics_host; /* monitoring, by hooks.page; NULL: none */
+    uint16_t metrics_port;    /* 0: the system picks one */
+    bool metrics_guarded;     /* by TLS, and for who says a token of tokens: Authorization: Bearer TOKEN */
     const struct lw_atlas_map *atlas_map; /* outlives the server */
     const uint8_t *package;               /* outlives the server */
     size_t package_size;

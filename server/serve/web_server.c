@@ -32,6 +32,7 @@ struct lw_web_server {
     char *host, *hosts, *origins;
     bool (*page)(void *context, const char *path, struct lw_server_page *out_page);
     void *page_context;
+    bool wants_token;
     struct lw_ws_transport_shared sockets;
     uint32_t connection_count;       /* that are no sessions */
     struct lw_address_places places; /* of these */
@@ -98,6 +99,7 @@ static int write_headers(struct lws *wsi, struct connection *c, unsigned status,
                add_header(wsi, &at, end, "content-length:", length);
     if (done && type && strncmp(type, "text/html", 9) == 0) done = add_policy(wsi, c, &at, end);
     if (done && status == 405) done = add_header(wsi, &at, end, "allow:", "GET, HEAD");
+    if (done && status == 401) done = add_header(wsi, &at, end, "www-authenticate:", "Bearer");
     if (done && status >= 400 && status != 404) done = add_header(wsi, &at, end, "connection:", "close");
     if (!done || lws_finalize_http_header(wsi, &at, end)) return -1;
     return lws_write(wsi, begin, (size_t)(at - begin), LWS_WRITE_HTTP_HEADERS) < 0 ? -1 : 0;
@@ -214,6 +216,21 @@ static int refuse_plain(struct lws *wsi, struct connection *c) {
     return refuse(wsi, c, 400, "This server speaks TLS alone: its addresses begin with https.\n");
 }
 
+/* Who monitors says "Bearer TOKEN", with the digits of one. */
+static bool says_token(struct lws *wsi, const struct lw_session_shared *sessions) {
+    static const char scheme[] = "Bearer ";
+    char text[sizeof scheme + 2 * LW_TOKEN_SIZE];
+    struct lw_token token;
+    if (!sessions->tokens || !get_header(wsi, WSI_TOKEN_HTTP_AUTHORIZATION, text, sizeof text) ||
+        strncasecmp(text, scheme, sizeof scheme - 1) != 0 ||
+        !lw_token_parse(text + sizeof scheme - 1, strlen(text + sizeof scheme - 1), &token))
+        return false;
+    const bool known = lw_tokens_role(sessions->tokens, token.bytes) != LW_TOKENS_NONE;
+    explicit_bzero(&token, sizeof token);
+    explicit_bzero(text, sizeof text);
+    return known;
+}
+
 static int handle_request(struct lws *wsi, struct connection *c, const char *path) {
     struct lw_web_server *server = c->server;
     char *uri, tag[64];
@@ -221,6 +238,8 @@ static int handle_request(struct lws *wsi, struct connection *c, const char *pat
     const int method = lws_http_get_uri_and_method(wsi, &uri, &uri_length);
     if (is_plain_at_tls(wsi, c)) return refuse_plain(wsi, c);
     if (!check_host(wsi, c)) return refuse_host(wsi, c);
+    if (server->wants_token && !says_token(wsi, server->sockets.sessions))
+        return refuse(wsi, c, 401, "This wants a token of the server's: Authorization: Bearer TOKEN.\n");
     if (method != GET && method != HEAD) return refuse(wsi, c, 405, "There is GET and HEAD.\n");
     if (has_header(wsi, WSI_TOKEN_HTTP_CONTENT_LENGTH) || has_header(wsi, WSI_TOKEN_HTTP_TRANSFER_ENCODING))
         return refuse(wsi, c, 400, "A request has no body here.\n");
@@ -447,6 +466,7 @@ enum lw_status lw_web_server_create(const struct lw_web_server_desc *desc, struc
     server->origins = copy(desc->origins);
     server->page = desc->page;
     server->page_context = desc->page_context;
+    server->wants_token = desc->wants_token;
     enum lw_status status = server->host && server->hosts && server->origins
                                 ? read_files(server, desc->root, err)
                                 : lw_status_fail(err, LW_NO_MEMORY, "out of memory");

@@ -27,6 +27,7 @@ struct lw_web_server_desc {
      * nor WebSockets. May be NULL. */
     bool (*page)(void *context, const char *path, struct lw_server_page *out_page);
     void *page_context;
+    bool wants_token; /* a request has to say one of the sessions' tokens, of either role */
 };
 
 struct lw_web_server;

@@ -12,6 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #define LIMIT_MS 60000
@@ -233,6 +234,62 @@ static void test_bad_options(void **state) {
     lw_process_refuses("lightwelld", arguments, 66, "/nowhere", 60);
 }
 
+/* What other machines reach wants both, unless --insecure is said. */
+static void test_addresses_of_other_machines(void **state) {
+    (void)state;
+    char arguments[900];
+    make_files("DNS:localhost");
+    lw_process_refuses("lightwelld", "builtin:cornell --listen 0.0.0.0:0", 64, "--listen: other machines",
+                       60);
+    lw_process_refuses("lightwelld", "builtin:cornell --listen 127.0.0.1:0 --http 0.0.0.0:0", 64,
+                       "--http: other machines", 60);
+    lw_process_refuses("lightwelld", "builtin:cornell --listen 127.0.0.1:0 --metrics 0.0.0.0:0", 64,
+                       "--metrics: other machines", 60);
+    snprintf(arguments, sizeof arguments,
+             "builtin:cornell --listen 0.0.0.0:0 --tls-certificate %s --tls-key %s", certificate, key);
+    lw_process_refuses("lightwelld", arguments, 64, "which wants tokens (--tokens)", 60);
+    lw_process_serve(&server, "builtin:cornell --freeze 0 --listen 0.0.0.0:0 --http none --insecure "
+                              "--control-socket none");
+    await_lines("warning: --listen: other machines can reach 0.0.0.0", 1);
+    runs("lightwellctl", "status", 0, NULL);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+}
+
+#define TOKEN "00112233445566778899aabbccddeeff00112233445566778899aabbccddeeff"
+
+static unsigned status_of(const char *more) {
+    static char answer[100000];
+    char request[400];
+    struct peer peer;
+    dial(&peer, http_port());
+    snprintf(request, sizeof request, "GET /healthz HTTP/1.1\r\nHost: localhost\r\n%s\r\n", more);
+    ask(&peer, request, "\r\n\r\n", answer, sizeof answer);
+    hang_up(&peer);
+    assert_memory_equal(answer, "HTTP/1.1 ", 9);
+    return (unsigned)strtoul(answer + 9, NULL, 10);
+}
+
+static void test_monitoring_from_other_machines(void **state) {
+    (void)state;
+    char arguments[1200], tokens[200];
+    make_files("DNS:localhost,IP:127.0.0.1");
+    snprintf(http_file, sizeof http_file, "%s", lw_support_temporary("metrics_port"));
+    snprintf(tokens, sizeof tokens, "%s", lw_support_temporary("tokens"));
+    lw_support_write_file(tokens, "view " TOKEN "\n", strlen("view " TOKEN "\n"));
+    assert_int_equal(chmod(tokens, 0600), 0);
+    snprintf(arguments, sizeof arguments,
+             "builtin:cornell --freeze 0 --listen 0.0.0.0:0 --http none --control-socket none --tokens %s "
+             "--metrics 0.0.0.0:0 --metrics-port-file %s --tls-certificate %s --tls-key %s",
+             tokens, http_file, certificate, key);
+    lw_process_serve(&server, arguments);
+    assert_int_equal(status_of(""), 401);
+    assert_int_equal(status_of("Authorization: Bearer 01" TOKEN "\r\n"), 401);
+    assert_int_equal(status_of("Authorization: Basic " TOKEN "\r\n"), 401);
+    assert_int_equal(status_of("Authorization: Bearer 1" TOKEN "\r\n"), 401);
+    assert_int_equal(status_of("Authorization: Bearer " TOKEN "\r\n"), 200);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+}
+
 /* What is no TLS, or begins as if it were, harms nobody. */
 static void test_garbage(void **state) {
     (void)state;
@@ -258,6 +315,8 @@ int main(void) {
         cmocka_unit_test_teardown(test_https_and_wss, lw_process_teardown),
         cmocka_unit_test_teardown(test_new_files, lw_process_teardown),
         cmocka_unit_test_teardown(test_bad_options, lw_process_teardown),
+        cmocka_unit_test_teardown(test_addresses_of_other_machines, lw_process_teardown),
+        cmocka_unit_test_teardown(test_monitoring_from_other_machines, lw_process_teardown),
         cmocka_unit_test_teardown(test_garbage, lw_process_teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
