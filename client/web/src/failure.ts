@@ -4,5 +4,8 @@
  * again. */
 export class ProtocolError extends Error {}
 
+/** The server wants a token, or not this one. */
+export class TokenError extends Error {}
+
 /** This browser or page cannot do what the scene asks for. */
 export class LimitError extends Error {}

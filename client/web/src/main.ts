@@ -1,6 +1,8 @@
 // main.ts: the page: canvas, keys, legend, messages.
 // Parameters of the address: camera=PX,PY,PZ:TX,TY,TZ:FOV, camera-name=NAME, exposure=STOPS,
 // tonemap=reinhard|aces|none, server=ws://HOST:PORT/ws (default: where the page comes from), direct=tiles.
+// Behind #: token=DIGITS (access.ts).
+import { askForToken, findToken, showSliders } from './access.ts';
 import { Attention } from './attention.ts';
 import { Flight, formatView, frameBox, parseView, viewOf } from './camera.ts';
 import { LimitError } from './failure.ts';
@@ -99,6 +101,8 @@ class App {
     const url = this.address();
     if (!url) return;
     const draws = this.parameters.get('direct') !== 'tiles';
+    const token = findToken();
+    if (token) this.tell({ kind: 'token', token });
     this.tell({ kind: 'connect', url, draws, clusters: draws });
     requestAnimationFrame((now) => this.step(now));
     this.showMessage();
@@ -158,7 +162,14 @@ class App {
     } else if (message.kind === 'progress') {
       this.progress = message.fraction;
       this.showMessage();
-    } else if (message.kind === 'scene') this.takeScene(message);
+    } else if (message.kind === 'token') {
+      const form = element('token') as HTMLFormElement;
+      askForToken(form, (token) => this.tell({ kind: 'token', token }));
+    } else if (message.kind === 'lamps')
+      showSliders(element('lamps'), message.names, (lamp, factor) =>
+        this.tell({ kind: 'dim', lamp, factor }),
+      );
+    else if (message.kind === 'scene') this.takeScene(message);
     else if (message.kind === 'camera') this.goTo(message.place);
     else if (message.kind === 'clusters') this.renderer?.takeClusters(message.clusters);
     else if (message.kind === 'frame') {

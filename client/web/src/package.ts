@@ -61,6 +61,7 @@ export interface Light {
   name: string;
   node: number;
   kind: number;
+  intensity: Float32Array; // 3
   innerCone: number;
   outerCone: number;
   angularDiameter: number;
@@ -348,6 +349,7 @@ export function readPackage(bytes: Uint8Array, tiles: Tiles): Scene {
       name: r.string(at, place),
       node: r.index(at + 8, nodeCount, place, false),
       kind: r.upTo(at + 12, 2, `${place}: kind`),
+      intensity: r.f32s(at + 16, 3, place),
       innerCone: r.f32(at + 28, place),
       outerCone: r.f32(at + 32, place),
       angularDiameter: r.f32(at + 36, place),

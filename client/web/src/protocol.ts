@@ -11,6 +11,8 @@ export interface CameraPlace {
 }
 
 export type ToWorker =
+  | { kind: 'token'; token: string } // 64 hexadecimal digits; before connect, or in answer to 'token'
+  | { kind: 'dim'; lamp: number; factor: number }
   // draws: suns, points and spots of the server's; clusters: and small emissive meshes
   | { kind: 'connect'; url: string; draws: boolean; clusters: boolean }
   | { kind: 'interest'; ids: Uint32Array<ArrayBuffer> }
@@ -22,6 +24,8 @@ export type ToWorker =
 export type FromWorker =
   // what a person should know; '': all is well. final: no more attempts
   | { kind: 'state'; text: string; final: boolean }
+  | { kind: 'token' } // the server wants one, or another one; `state` says so
+  | { kind: 'lamps'; names: string[] } // that this client may change
   | { kind: 'progress'; fraction: number }
   | {
       kind: 'scene';

@@ -1,6 +1,6 @@
 // session.ts: one connection: bytes in, messages out: proto/wire_format.md, section 3. Knows no socket.
 import { Download, hex, type PartStore } from './download.ts';
-import { ProtocolError } from './failure.ts';
+import { ProtocolError, TokenError } from './failure.ts';
 import { readPackage, type Scene } from './package.ts';
 import { Replica, type TileBatch } from './replica.ts';
 import type { Tiles } from './tiles.ts';
@@ -10,6 +10,8 @@ import * as wire from './wire.ts';
 const PING_MS = 5000;
 const SILENCE_MS = 15000;
 const BATCH_TILES = 64;
+const RATE_WAIT_MS = 10_000; // after a refusal for saying too much
+const NO_TOKEN = new Uint8Array(0);
 
 // A browser buffers all that comes, so a slow client cannot slow the server by a full link. With more than
 // HIGH bytes waiting its interest set is empty, until there are under LOW.
@@ -40,6 +42,9 @@ export interface SessionHost extends PartStore {
   frame(news: FrameNews): void;
   tiles(batch: TileBatch, mean: [number, number, number], visible: Uint8Array<ArrayBuffer> | null): void;
   settled(): void;
+  token?: Uint8Array; // 32 bytes
+  mayControl?(): void; // change() has effect; before scene()
+  refused?(text: string): void; // a change
 }
 
 /** What outlives a connection. */
@@ -68,21 +73,21 @@ export class Session {
   private closed = false;
   private heardMs: number;
   private pingedMs: number;
+  private readonly offered: bigint;
+  private request = 0n; // of the last UPDATE
+  private answered = 0n;
 
   constructor(
     private readonly kept: Kept,
     private readonly tiles: Tiles,
     private readonly host: SessionHost,
-    private readonly features: bigint,
+    features: bigint,
     nowMs: number,
   ) {
     this.heardMs = this.pingedMs = nowMs;
-    host.send(
-      wire.writeHello(
-        features | wire.Feature.RESUME | wire.Feature.PARTS | wire.Feature.DCT,
-        'lightwell web',
-      ),
-    );
+    this.offered = features | wire.Feature.RESUME | wire.Feature.PARTS | wire.Feature.DCT;
+    if (host.mayControl) this.offered |= wire.Feature.CONTROL;
+    host.send(wire.writeHello(this.offered, 'lightwell web', host.token ?? NO_TOKEN));
   }
 
   /** Bytes from the socket; pump() reads them. */
@@ -196,6 +201,13 @@ export class Session {
     this.mindBacklog();
   }
 
+  /** Changes the scene, unless an earlier change is not answered yet: then false. */
+  change(changes: wire.Change[]): boolean {
+    if (this.answered !== this.request) return false;
+    this.host.send(wire.writeUpdate(++this.request, changes));
+    return true;
+  }
+
   /** The view's interest set; more tiles than a message takes are everything. */
   setInterest(ids: Uint32Array): void {
     this.interest.set(ids);
@@ -257,24 +269,28 @@ export class Session {
       if (wire.readSettled(body) !== this.lastFrame) return outOfOrder('SETTLED');
       this.flush();
       this.host.settled();
-    } else if (type === wire.Type.UPDATED) outOfOrder('UPDATED');
-    else if (type <= wire.Type.HOLDS && type !== wire.Type.PONG)
+    } else if (type === wire.Type.UPDATED) {
+      const updated = wire.readUpdated(body);
+      if (updated.request !== this.request || this.answered === this.request) outOfOrder('UPDATED');
+      this.answered = updated.request;
+      if (updated.code) this.host.refused?.(updated.text);
+    } else if (type <= wire.Type.HOLDS && type !== wire.Type.PONG)
       throw new ProtocolError(`a message of type ${type}, which servers do not send`);
   }
 
   private takeRefusal(refusal: { code: number; text: string; retryAfterMs: number }): void {
     const text = refusal.text || 'it did not say why';
-    const { VERSION, PROTOCOL, FEATURES } = wire.Refusal;
-    if ([VERSION, PROTOCOL, FEATURES].includes(refusal.code as 1 | 3 | 6))
+    const { VERSION, PROTOCOL, FEATURES, RATE, NOT_ALLOWED, TOKEN } = wire.Refusal;
+    if (refusal.code === TOKEN) throw new TokenError(`it refused us: ${text}`);
+    if ([VERSION, PROTOCOL, FEATURES, NOT_ALLOWED].includes(refusal.code as 1 | 3 | 6 | 8))
       throw new ProtocolError(`it refused us: ${text}`);
     const closed = new ClosedError(`it ended the session: ${text}`);
-    closed.retryAfterMs = refusal.retryAfterMs;
+    closed.retryAfterMs = refusal.retryAfterMs || (refusal.code === RATE ? RATE_WAIT_MS : 0);
     throw closed;
   }
 
   private async takeWelcome(welcome: wire.Welcome): Promise<void> {
-    const offered = this.features | wire.Feature.RESUME | wire.Feature.PARTS | wire.Feature.DCT;
-    if (welcome.features & ~offered)
+    if (welcome.features & ~this.offered)
       throw new ProtocolError('message WELCOME: features that were not offered');
     const { clientMaterials } = welcome;
     if (
@@ -284,6 +300,7 @@ export class Session {
     )
       throw new DrawsTooMuch();
     this.welcome = welcome;
+    if (welcome.features & wire.Feature.CONTROL) this.host.mayControl?.();
     const { kept } = this;
     const layer = welcome.features & wire.Feature.DRAWS ? 1 : 0;
     const drawn = layer ? `${hex(welcome.clientLights)} ${hex(clientMaterials)}` : '';

@@ -29,13 +29,24 @@ export const Type = {
   PING: 10,
   PONG: 11,
   SETTLED: 12,
+  UPDATE: 13,
   UPDATED: 14,
   HOLDS: 15,
 } as const;
 
 export const Feature = { CONTROL: 2n, RESUME: 4n, PARTS: 16n, DCT: 32n, DRAWS: 64n } as const;
 
-export const Refusal = { VERSION: 1, FULL: 2, PROTOCOL: 3, SHUTDOWN: 4, TIMEOUT: 5, FEATURES: 6 } as const;
+export const Refusal = {
+  VERSION: 1,
+  FULL: 2,
+  PROTOCOL: 3,
+  SHUTDOWN: 4,
+  TIMEOUT: 5,
+  FEATURES: 6,
+  RATE: 7,
+  NOT_ALLOWED: 8,
+  TOKEN: 9,
+} as const;
 
 const text = new TextDecoder('utf-8', { fatal: true });
 
@@ -459,6 +470,19 @@ export function readSettled(body: Uint8Array): bigint {
   return frame;
 }
 
+/** The answer to an UPDATE. code: 0: done. */
+export function readUpdated(body: Uint8Array): { request: bigint; code: number; text: string } {
+  const r = new Reader('UPDATED', body);
+  const u = { request: 0n, code: 0, text: '' };
+  while (r.next()) {
+    if (r.no === 1) u.request = r.uint64();
+    else if (r.no === 2) u.code = r.uint32();
+    else if (r.no === 4) u.text = r.string(TEXT_MAX);
+    else r.skip();
+  }
+  return u;
+}
+
 /** A message as it grows; fields of value 0 are left out. */
 class Writer {
   private bytes = new Uint8Array(64);
@@ -495,7 +519,7 @@ class Writer {
     return this;
   }
 
-  list(no: number, values: Uint32Array | BigUint64Array): this {
+  list(no: number, values: Uint32Array | BigUint64Array | Float32Array): this {
     return this.blob(no, new Uint8Array(values.buffer, values.byteOffset, values.byteLength));
   }
 
@@ -507,8 +531,40 @@ class Writer {
   }
 }
 
-export function writeHello(features: bigint, name: string): Uint8Array<ArrayBuffer> {
-  return new Writer().uint(1, 1).uint(2, features).blob(3, new TextEncoder().encode(name)).finish(Type.HELLO);
+/** token: 32 bytes, or none. */
+export function writeHello(features: bigint, name: string, token: Uint8Array): Uint8Array<ArrayBuffer> {
+  return new Writer()
+    .uint(1, 1)
+    .uint(2, features)
+    .blob(3, new TextEncoder().encode(name))
+    .blob(5, token)
+    .finish(Type.HELLO);
+}
+
+export interface Change {
+  kind: number;
+  target: number;
+  values: number[];
+}
+
+export function writeUpdate(request: bigint, changes: Change[]): Uint8Array<ArrayBuffer> {
+  const each = (value: (change: Change) => number) => Uint32Array.from(changes, value);
+  return new Writer()
+    .uint(1, request)
+    .list(
+      2,
+      each((change) => change.kind),
+    )
+    .list(
+      3,
+      each((change) => change.target),
+    )
+    .list(
+      4,
+      each((change) => change.values.length),
+    )
+    .list(5, Float32Array.from(changes.flatMap((change) => change.values)))
+    .finish(Type.UPDATE);
 }
 
 /** held: a bit for each part. */

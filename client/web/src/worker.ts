@@ -1,8 +1,9 @@
 // worker.ts: the link to the server, beside the page: socket, session, decoding, reconnecting.
 import { ClosedError, DrawsTooMuch, nothingKept, Session, type SessionHost } from './session.ts';
 import { Clusters, fitsMaps } from './clusters.ts';
-import { LimitError, ProtocolError } from './failure.ts';
+import { LimitError, ProtocolError, TokenError } from './failure.ts';
 import { buffersOf, buildGeometry } from './geometry.ts';
+import { changesOf, type Lamp, lampsOf } from './lamps.ts';
 import { nodeToWorld } from './pose.ts';
 import type { CameraPlace, FromWorker, ToWorker } from './protocol.ts';
 import type { Replica } from './replica.ts';
@@ -18,6 +19,12 @@ const RETRY_MAX_MS = 1000;
 const post = (message: FromWorker, transfer: Transferable[] = []) =>
   (self as unknown as DedicatedWorkerGlobalScope).postMessage(message, transfer);
 
+let token = new Uint8Array(0);
+
+function setToken(digits: string): void {
+  token = Uint8Array.from(digits.match(/../g) ?? [], (pair) => parseInt(pair, 16));
+}
+
 class Link {
   private readonly kept = nothingKept();
   private socket: WebSocket | null = null;
@@ -29,6 +36,9 @@ class Link {
   private over = false;
   private received = 0;
   private clusters: Clusters | null = null;
+  private controls = false; // this session may change the scene
+  private lamps: Lamp[] = [];
+  private readonly dimmed = new Map<number, number>(); // what is to be said of lamps
 
   constructor(
     private readonly url: string,
@@ -51,6 +61,7 @@ class Link {
       return;
     }
     this.socket = socket;
+    this.controls = false;
     socket.binaryType = 'arraybuffer';
     socket.onopen = () => {
       if (socket !== this.socket) return;
@@ -74,7 +85,9 @@ class Link {
     socket.onclose = () => {
       if (socket !== this.socket) return;
       // what has come is still to be read: a refusal may be the last message
-      void this.pump().then(() => this.reconnect(`${this.url} does not answer`));
+      void this.pump().then(() => {
+        if (socket === this.socket) this.reconnect(`${this.url} does not answer`);
+      });
     };
   }
 
@@ -101,6 +114,12 @@ class Link {
           batch.texels.buffer,
         ]),
       settled: () => post({ kind: 'settled' }),
+      token,
+      mayControl: () => {
+        this.controls = true;
+        this.postLamps();
+      },
+      refused: (text) => post({ kind: 'state', text, final: false }),
     };
   }
 
@@ -122,6 +141,23 @@ class Link {
       clusters: this.clusters?.count() ?? 0,
     };
     post(scene, buffersOf(data));
+    this.postLamps();
+  }
+
+  private postLamps(): void {
+    const scene = this.kept.replica?.scene;
+    this.lamps = scene && this.controls ? lampsOf(scene) : [];
+    if (scene) post({ kind: 'lamps', names: this.lamps.map((lamp) => lamp.name) });
+  }
+
+  /** The newest of what was asked for, once the last of it is answered. */
+  private tellLamps(): void {
+    const scene = this.kept.replica?.scene;
+    if (!this.dimmed.size || !scene || !this.controls || !this.session) return;
+    const changes = [...this.dimmed].flatMap(([lamp, factor]) =>
+      this.lamps[lamp] ? changesOf(scene, this.lamps[lamp], factor) : [],
+    );
+    if (this.session.change(changes)) this.dimmed.clear();
   }
 
   private cameras(replica: Replica, timeS: number): CameraPlace[] {
@@ -155,6 +191,7 @@ class Link {
 
   private tick(): void {
     this.session?.tick(performance.now());
+    this.tellLamps();
     post({ kind: 'traffic', bytes: this.received, waiting: this.session?.waiting() ?? 0 });
   }
 
@@ -172,6 +209,10 @@ class Link {
       this.draws = false;
       this.drop();
       this.connect();
+    } else if (error instanceof TokenError) {
+      this.drop();
+      post({ kind: 'state', text, final: false });
+      post({ kind: 'token' });
     } else if (error instanceof ClosedError) this.reconnect(text, error.retryAfterMs);
     else if (error instanceof ProtocolError || error instanceof LimitError) this.end(text);
     else
@@ -214,6 +255,8 @@ class Link {
         this.paused = message.paused;
         this.session?.pause(message.paused);
       } else if (message.kind === 'camera') this.postCamera(message.index, message.timeS);
+      else if (message.kind === 'dim') this.dimmed.set(message.lamp, message.factor);
+      else if (message.kind === 'token') this.connect();
       else this.begin();
     });
   }
@@ -242,6 +285,7 @@ async function open(url: string, draws: boolean, clusters: boolean): Promise<Lin
 
 self.onmessage = (event: MessageEvent<ToWorker>) => {
   const message = event.data;
+  if (message.kind === 'token') setToken(message.token);
   if (message.kind === 'connect') {
     link = open(message.url, message.draws, message.clusters);
     link.catch((error: Error) => post({ kind: 'state', text: error.message, final: true }));

@@ -28,7 +28,7 @@ export function startDaemon(...options) {
     const hear = (data) => {
       said += data;
       const address = /serving .* at 127\.0\.0\.1:(\d+)/.exec(said);
-      const page = /http:\/\/127\.0\.0\.1:\d+\//.exec(said);
+      const page = /https?:\/\/127\.0\.0\.1:\d+\//.exec(said);
       if (!address || !page) return;
       clearTimeout(limit);
       resolve({

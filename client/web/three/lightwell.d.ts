@@ -8,6 +8,8 @@ export interface AttachOptions {
   shadowMapSize?: number;
   /** worker.js of this package. Default: beside lightwell.js. */
   worker?: string | URL;
+  /** For a server that wants one: 64 hexadecimal digits. */
+  token?: string;
   /** What a person should know: the link is lost, comes back; '' for all is well. */
   onState?: (text: string) => void;
 }

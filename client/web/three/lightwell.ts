@@ -29,6 +29,8 @@ export interface AttachOptions {
   shadowMapSize?: number;
   /** worker.js of this package. Default: beside this file. */
   worker?: string | URL;
+  /** For a server that wants one: 64 hexadecimal digits. */
+  token?: string;
   /** What a person should know: the link is lost, comes back; '' for all is well. */
   onState?: (text: string) => void;
 }
@@ -75,6 +77,7 @@ export class Lightwell {
     this.worker.onmessage = (event: MessageEvent<FromWorker>) => this.take(event.data);
     this.worker.onerror = (event) =>
       this.failed?.(new Error(`worker.js: ${event.message || 'it does not load'}`));
+    if (options.token) this.tell({ kind: 'token', token: options.token });
     this.tell({ kind: 'connect', url, draws: options.keyLights ?? true, clusters: false });
   }
 
@@ -102,7 +105,8 @@ export class Lightwell {
   }
 
   private take(message: FromWorker): void {
-    if (message.kind === 'state') {
+    if (message.kind === 'token') this.failed?.(new Error('the server wants a token, or not this one'));
+    else if (message.kind === 'state') {
       if (message.final) this.failed?.(new Error(message.text));
       this.options.onState?.(message.text);
     } else if (message.kind === 'scene') this.takeScene(message.data, message.draws, message.clientLights);
