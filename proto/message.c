@@ -623,6 +623,7 @@ enum lw_status lw_message_encode_alloc(const struct lw_message *message, uint8_t
 struct storage {
     struct lw_message_memory *memory; /* NULL: all comes from malloc() */
     bool out_of_memory; /* protobuf-c answers NULL to a body without memory and to one without sense */
+    bool over_budget;   /* then it is that */
     ProtobufCMessage *proto;
     void *list[3];
 };
@@ -646,7 +647,10 @@ static void give_back(struct lw_message_memory *memory, void *bytes) {
 
 static void *storage_alloc(void *context, size_t size) {
     struct storage *storage = context;
-    void *bytes = take(storage->memory, size);
+    const struct lw_message_memory *memory = storage->memory;
+    if (memory && memory->budget && (memory->asked > memory->budget || size > memory->budget - memory->asked))
+        storage->over_budget = true;
+    void *bytes = storage->over_budget ? NULL : take(storage->memory, size);
     if (!bytes) storage->out_of_memory = true;
     return bytes;
 }
@@ -954,6 +958,10 @@ static enum lw_status read_wire(const union wire *w, struct lw_message *m, struc
     return LW_INTERNAL;
 }
 
+static enum lw_status over_budget(const struct lw_message_memory *memory, struct lw_error *err) {
+    return lw_status_fail(err, LW_PROTOCOL, "takes over %zu bytes of memory to read", memory->budget);
+}
+
 static enum lw_status decode_body(struct lw_framing_header header, const uint8_t *body,
                                   struct lw_message_memory *memory, struct lw_message *m,
                                   struct lw_error *err) {
@@ -965,10 +973,12 @@ static enum lw_status decode_body(struct lw_framing_header header, const uint8_t
     ProtobufCAllocator allocator = {storage_alloc, storage_free, storage};
     storage->proto =
         protobuf_c_message_unpack(descriptor_of(header.type), &allocator, header.body_size, body);
+    if (storage->over_budget) return over_budget(memory, err);
     if (!storage->proto && storage->out_of_memory) return LW_NO_MEMORY;
     if (!storage->proto)
         return lw_status_fail(err, LW_PROTOCOL, "does not decode: a field has the wrong type");
     status = read_wire((const union wire *)storage->proto, m, storage, err);
+    if (storage->over_budget) return over_budget(memory, err);
     return status == LW_OK ? check_values(m, err) : status;
 }
 

@@ -233,6 +233,7 @@ struct lw_message {
 struct lw_message_memory {
     uint8_t *block;
     size_t size, used, asked; /* bytes; asked: by the present message */
+    size_t budget;            /* that a message may ask for; 0: any */
 };
 void lw_message_memory_finish(struct lw_message_memory *memory);
 
@@ -263,7 +264,7 @@ LW_MUST_CHECK enum lw_status lw_message_decode(struct lw_framing_header header, 
 LW_MUST_CHECK enum lw_status lw_message_decode_whole(const uint8_t *bytes, size_t size,
                                                      struct lw_message *out_message);
 /** The same with memory that is used again; NULL: as lw_message_decode(). Of one memory a message is alive at
- * a time: finish it before the next is decoded. */
+ * a time: finish it before the next is decoded. One that asks for more than the budget is LW_PROTOCOL. */
 LW_MUST_CHECK enum lw_status lw_message_decode_with(struct lw_framing_header header, const uint8_t *body,
                                                     struct lw_message_memory *memory,
                                                     struct lw_message *out_message, struct lw_error *err);

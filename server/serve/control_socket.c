@@ -45,7 +45,7 @@ enum lw_status lw_control_socket_bind(uv_pipe_t *pipe, const char *path, uint16_
 }
 
 struct lw_session_peer lw_control_socket_peer(int descriptor) {
-    struct lw_session_peer peer = {.at.is_loopback = true, .address = "Unix socket"};
+    struct lw_session_peer peer = {.at.is_loopback = true, .is_local = true, .address = "Unix socket"};
     struct ucred from = {0};
     socklen_t size = sizeof from;
     if (getsockopt(descriptor, SOL_SOCKET, SO_PEERCRED, &from, &size) != 0) return peer;

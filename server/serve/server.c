@@ -451,16 +451,23 @@ static void on_session_opened(void *context) {
     uv_timer_start(&server->lag, on_lag, LAG_MS, LAG_MS);
 }
 
+/* Anybody may cause any number of these. */
+static void tell_not_accepted(struct lw_server *server, const char *why) {
+    static const struct lw_address nobody = {.bytes = {0}};
+    if (lw_peer_log_allows(&server->shared.log, &nobody, "connections that were not accepted", lw_clock_ns()))
+        lw_log(LW_LOG_WARNING, "cannot accept a connection: %s", why);
+}
+
 static void on_connection(uv_stream_t *listener, int result) {
     struct lw_server *server = listener->data;
     if (result < 0)
-        lw_log(LW_LOG_WARNING, "cannot accept a connection: %s", uv_strerror(result));
+        tell_not_accepted(server, uv_strerror(result));
     else if (listener == (uv_stream_t *)&server->http_listener)
         lw_web_server_accept(server->web, listener);
     else if (listener == (uv_stream_t *)&server->metrics_listener)
         lw_web_server_accept(server->metrics_web, listener);
     else if (lw_tcp_transport_accept(&server->tcp, listener) != LW_OK)
-        lw_log(LW_LOG_WARNING, "cannot accept a connection: too many of them");
+        tell_not_accepted(server, "too many of them");
 }
 
 /* ---- files that are read again ---- */
@@ -715,6 +722,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     shared->epoch = 1;
     shared->sessions_max = desc->sessions_max ? desc->sessions_max : LW_SERVER_SESSIONS_MAX;
     shared->address_sessions_max = desc->address_sessions_max;
+    shared->parse.budget = LW_SERVER_PARSE_MAX;
     shared->on_open = on_session_opened;
     shared->on_close = on_session_closed;
     shared->server = server;
@@ -779,6 +787,7 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
     }
     if (getrandom(&server->shared.places.seed, sizeof server->shared.places.seed, 0) < 0)
         server->shared.places.seed = 1;
+    server->shared.turned_away.seed = server->shared.places.seed;
     server->shared.log.seed = server->shared.places.seed;
     server->hooks = desc->hooks;
     server->has_terminal = isatty(STDERR_FILENO);
@@ -906,6 +915,8 @@ void lw_server_destroy(struct lw_server *server) {
     lw_interest_union_finish(&shared->interest_union);
     lw_updates_finish(&shared->updates);
     lw_address_places_finish(&shared->places);
+    lw_address_places_finish(&shared->turned_away);
+    lw_message_memory_finish(&shared->parse);
     lw_scene_roster_finish(&shared->roster);
     lw_tokens_destroy(shared->tokens);
     lw_tls_context_destroy(server->tcp.tls);

@@ -11,8 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#define LINGER_NS        1000000000u /* from a refusal to the close */
-#define FULL_GRACE_COUNT 1024u       /* refused connections that may wait for their close */
+#define LINGER_NS 1000000000u /* from a refusal to the close */
 
 struct lw_session *lw_session_next(const struct lw_session *session) {
     return session->next;
@@ -41,16 +40,61 @@ static void link_session(struct lw_session *s) {
     s->next = shared->first;
     if (s->next) s->next->previous = s;
     shared->first = s;
-    shared->connection_count++;
+}
+
+static uint32_t address_share(const struct lw_session_shared *shared, const struct lw_address *at) {
+    return shared->address_sessions_max ? shared->address_sessions_max
+                                        : lw_address_places_share(at, shared->sessions_max);
+}
+
+uint32_t lw_session_kept_places(const struct lw_session_shared *shared) {
+    return shared->tokens ? shared->sessions_max / LW_SERVER_KEPT_ONE_IN : 0;
+}
+
+bool lw_session_is_crowded(const struct lw_session_shared *shared) {
+    return shared->place_count - shared->control_count >
+           shared->sessions_max - lw_session_kept_places(shared);
+}
+
+/* A place, which lasts until the link is closed: who is refused and lingers has one still. Without one there is room
+ * to say so for a few. false: there is not even that. */
+static bool take_place(struct lw_session *s) {
+    struct lw_session_shared *shared = s->shared;
+    const struct lw_address *at = &s->peer.at;
+    if (s->peer.is_local) return true;
+    if (shared->place_count < shared->sessions_max &&
+        lw_address_places_take(&shared->places, at, address_share(shared, at))) {
+        s->has_place = true;
+        shared->place_count++;
+    } else if (shared->turned_away_count < LW_SERVER_TURNED_AWAY_MAX &&
+               lw_address_places_take(&shared->turned_away, at, LW_SERVER_ADDRESS_TURNED_AWAY_MAX)) {
+        s->is_turned_away = true;
+        shared->turned_away_count++;
+    }
+    return s->has_place || s->is_turned_away;
+}
+
+static void give_place(struct lw_session *s) {
+    struct lw_session_shared *shared = s->shared;
+    if (s->has_place) lw_address_places_give(&shared->places, &s->peer.at);
+    if (s->is_turned_away) lw_address_places_give(&shared->turned_away, &s->peer.at);
+    shared->place_count -= s->has_place;
+    shared->turned_away_count -= s->is_turned_away;
+    shared->control_count -= s->keeps_control_place;
+    s->has_place = s->is_turned_away = s->keeps_control_place = false;
 }
 
 struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_session_transport *link,
                                    const struct lw_session_peer *peer) {
-    struct lw_session *s = shared->leaving_count > FULL_GRACE_COUNT ? NULL : calloc(1, sizeof *s);
+    struct lw_session *s = calloc(1, sizeof *s);
     if (!s) return NULL;
     s->link = link;
     s->shared = shared;
     s->peer = *peer;
+    if (!take_place(s)) {
+        free(s);
+        return NULL;
+    }
     s->input.body_max = LW_FRAMING_CLIENT_BODY_MAX;
     s->form = &shared->form[LW_LIGHT_FORM_FULL];
     s->interest.everything = true;
@@ -59,13 +103,11 @@ struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_s
     lw_message_rates_init(&s->rates, s->since_ns);
     link_session(s);
     shared->on_open(shared->server);
-    const uint32_t share = shared->address_sessions_max
-                               ? shared->address_sessions_max
-                               : lw_address_places_share(&peer->at, shared->sessions_max);
-    if (shared->connection_count - shared->leaving_count > shared->sessions_max)
+    if (s->is_turned_away && shared->place_count >= shared->sessions_max)
         lw_session_refuse(s, LW_REFUSAL_FULL, "the server has its %u sessions", shared->sessions_max);
-    else if (!(s->has_place = lw_address_places_take(&shared->places, &peer->at, share)))
-        lw_session_refuse(s, LW_REFUSAL_FULL, "this address has its %u sessions", share);
+    else if (s->is_turned_away)
+        lw_session_refuse(s, LW_REFUSAL_FULL, "this address has its %u sessions",
+                          address_share(shared, &peer->at));
     return s;
 }
 
@@ -89,7 +131,6 @@ static void unlink_session(struct lw_session *s) {
     else
         s->shared->first = s->next;
     if (s->next) s->next->previous = s->previous;
-    s->shared->connection_count--;
 }
 
 void lw_session_count_one(const struct lw_session *s, int64_t change) {
@@ -103,8 +144,6 @@ static void end_service(struct lw_session *s) {
     if (s->state == LW_SESSION_STREAMING) {
         lw_tile_stream_leave(s);
     }
-    if (s->has_place) lw_address_places_give(&s->shared->places, &s->peer.at);
-    s->has_place = false;
     if (s->controls) lw_updates_forget(&s->shared->updates, s);
     s->controls = false;
     if (s->welcomed) lw_session_count_one(s, -1);
@@ -115,7 +154,7 @@ void lw_session_close(struct lw_session *s, const char *reason) {
     if (s->state == LW_SESSION_CLOSED) return;
     if (s->welcomed) lw_session_tell(s, "left: %s", reason);
     end_service(s);
-    if (s->state == LW_SESSION_LEAVING) s->shared->leaving_count--;
+    give_place(s);
     lw_turns_dequeue(s);
     lw_turns_leave_inbox(s);
     s->state = LW_SESSION_CLOSED;
@@ -160,7 +199,6 @@ void lw_session_refuse(struct lw_session *s, enum lw_refusal code, const char *f
     lw_session_count(s->shared, &s->shared->stats.refused, 1);
     s->state = LW_SESSION_LEAVING;
     s->since_ns = lw_clock_ns();
-    s->shared->leaving_count++;
     lw_blob_unref(s->control);
     s->control = NULL;
     struct lw_message message = {.type = LW_MESSAGE_REFUSAL, .refusal = {code, text, 0}};
@@ -235,6 +273,13 @@ static bool is_silent(struct lw_session *s, uint64_t now_ns) {
     return silence_ns > s->shared->silence_timeout_ns;
 }
 
+/* With nearly no place left it is for those who say who they are. */
+static uint64_t hello_timeout_ns(const struct lw_session_shared *shared) {
+    const uint64_t crowded_ns = LW_SERVER_CROWDED_HELLO_S * 1000000000ull;
+    return lw_session_is_crowded(shared) && crowded_ns < shared->hello_timeout_ns ? crowded_ns
+                                                                                  : shared->hello_timeout_ns;
+}
+
 void lw_session_tick(struct lw_session *s, uint64_t now_ns, struct lw_session_waiting *waiting) {
     uint64_t age_ns = now_ns > s->since_ns ? now_ns - s->since_ns : 0;
     const char *excess =
@@ -242,7 +287,7 @@ void lw_session_tick(struct lw_session *s, uint64_t now_ns, struct lw_session_wa
     s->looked_ns = now_ns;
     if (s->state == LW_SESSION_LEAVING && age_ns > LINGER_NS)
         lw_session_close(s, "refused");
-    else if (s->state == LW_SESSION_EXPECTS_HELLO && age_ns > s->shared->hello_timeout_ns)
+    else if (s->state == LW_SESSION_EXPECTS_HELLO && age_ns > hello_timeout_ns(s->shared))
         lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "no hello in time");
     else if (s->state != LW_SESSION_LEAVING && excess)
         lw_session_refuse(s, LW_REFUSAL_RATE, "%s, for too long", excess);
@@ -250,8 +295,10 @@ void lw_session_tick(struct lw_session *s, uint64_t now_ns, struct lw_session_wa
         lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "no PACKAGE_REQUEST in time");
     else if (s->welcomed && is_silent(s, now_ns))
         lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "nothing was heard, not even a PONG");
-    else if (s->state != LW_SESSION_LEAVING && is_stalled(s, now_ns, waiting))
-        lw_session_close(s, "takes no data");
+    else if (s->state != LW_SESSION_LEAVING &&
+             is_stalled(s, now_ns, waiting)) /* who only slept hears of it */
+        lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "took no byte for %u s",
+                          (unsigned)(s->shared->stall_timeout_ns / 1000000000u));
     else if (s->has_waiting)
         lw_turns_set_due(s, true);
 }

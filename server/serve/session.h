@@ -73,16 +73,18 @@ struct lw_session_shared {
     struct lw_session_inbox {
         struct lw_session *first, *last;
     } unread, slowed; /* those with messages that came and had no turn; those whose messages have to wait */
-    uint32_t connection_count; /* in that list */
-    uint32_t leaving_count;    /* those that were refused and are about to close */
-    uint64_t number;           /* of the last session */
+    uint32_t place_count;       /* those that have one, until they are closed */
+    uint32_t control_count;     /* of these: who may control, by a token */
+    uint32_t turned_away_count; /* those that got none */
+    uint64_t number;            /* of the last session */
     uv_mutex_t stats_mutex;
     struct lw_server_stats stats; /* guarded by stats_mutex */
     uint32_t retry_after_ms;      /* told with LW_REFUSAL_SHUTDOWN */
     uint32_t sessions_max;
-    uint32_t address_sessions_max;   /* of one address; 0: lw_address_places_share() */
-    struct lw_address_places places; /* of sessions that were not refused */
-    struct lw_tokens *tokens;        /* NULL: nobody needs one */
+    uint32_t address_sessions_max;                /* of one address; 0: lw_address_places_share() */
+    struct lw_address_places places, turned_away; /* of connections that have one, and that got none */
+    struct lw_message_memory parse;               /* of the message that is handled */
+    struct lw_tokens *tokens;                     /* NULL: nobody needs one */
     struct lw_peer_log log;
     void (*on_open)(void *server);  /* there is a connection */
     void (*on_close)(void *server); /* one is gone */

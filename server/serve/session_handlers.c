@@ -34,7 +34,12 @@ static bool admit(struct lw_session *s, const struct lw_message_hello *hello) {
     }
     memcpy(s->token.bytes, hello->token, sizeof s->token.bytes);
     s->peer.may_control = s->role == LW_TOKENS_CONTROL;
-    return true;
+    s->keeps_control_place = s->peer.may_control && s->has_place;
+    s->shared->control_count += s->keeps_control_place;
+    if (s->peer.may_control || !lw_session_is_crowded(s->shared)) return true;
+    lw_session_refuse(s, LW_REFUSAL_FULL, "the last %u places are for those who may control",
+                      lw_session_kept_places(s->shared));
+    return false;
 }
 
 static void handle_hello(struct lw_session *s, const struct lw_message_hello *hello) {
@@ -258,7 +263,7 @@ static void handle_message(struct lw_session *s, const struct lw_message *m) {
     case LW_MESSAGE_ACK:
         handle_ack(s, m->ack.frame);
         break;
-    case LW_MESSAGE_PONG: /* this server does not ping */
+    case LW_MESSAGE_PONG: /* that it was heard is all that counts */
         break;
     default:
         lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "message %s: not one that a client sends",
@@ -274,7 +279,7 @@ static bool take_message(struct lw_session *s) {
     const uint8_t *body;
     enum lw_status status = lw_message_reader_take(&s->input, &header, &body, &err);
     if (status == LW_OK && !body) return false;
-    if (status == LW_OK) status = lw_message_decode(header, body, &message, &err);
+    if (status == LW_OK) status = lw_message_decode_with(header, body, &s->shared->parse, &message, &err);
     if (status == LW_NO_MEMORY) {
         lw_session_close(s, "out of memory");
         return false;

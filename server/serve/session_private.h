@@ -44,7 +44,9 @@ struct lw_session {
     struct lw_session *previous_due, *next_due;
     enum lw_session_state state;
     bool ended, welcomed;
-    bool has_place;           /* of its address */
+    bool has_place;           /* in all, and of its address; or */
+    bool is_turned_away;      /* it got none */
+    bool keeps_control_place; /* it counts among those who may control */
     bool controls;            /* may send updates */
     enum lw_tokens_role role; /* by its token; NONE: it needed none */
     struct lw_token token;    /* then, of that role */
@@ -108,6 +110,10 @@ struct lw_session {
 
 /** Adds to a counter of shared->stats. */
 void lw_session_count(struct lw_session_shared *shared, uint64_t *counter, int64_t change);
+/** Places that are kept for those whose token is for control. */
+uint32_t lw_session_kept_places(const struct lw_session_shared *shared);
+/** Whether all others are taken. */
+bool lw_session_is_crowded(const struct lw_session_shared *shared);
 /** One session more, or less, that was welcomed. */
 void lw_session_count_one(const struct lw_session *s, int64_t change);
 /** Logs a line about a peer, unless there were many. */

@@ -38,6 +38,7 @@ struct lw_session_peer {
     struct lw_address at;
     char address[64]; /* for people, with the port */
     bool may_control; /* if it asks to, and without a token */
+    bool is_local;    /* on a Unix socket of the server's: it takes no place, and there is always one */
 };
 
 #endif

@@ -835,6 +835,35 @@ static void test_fields(void **state) {
     expect_decode(LW_MESSAGE_ACK, &b, "is no protobuf");
 }
 
+/* At the budget a message is read; one byte under what it asks for it is not. */
+static void test_memory_budget(void **state) {
+    (void)state;
+    enum { TILES = 1000 };
+    static struct lw_message_interest_tile tile[TILES];
+    struct lw_message sent = {.type = LW_MESSAGE_INTEREST, .interest = {.tile = tile, .tile_count = TILES}},
+                      got;
+    struct lw_message_memory memory = {0};
+    struct lw_framing_header header;
+    struct lw_error err = {0};
+    uint8_t *bytes;
+    size_t size;
+    lw_support_ok(lw_message_encode_alloc(&sent, &bytes, &size), NULL);
+    lw_support_ok(lw_framing_read_header(bytes, LW_FRAMING_CLIENT_BODY_MAX, &header, &err), &err);
+    const uint8_t *body = bytes + LW_FRAMING_HEADER_SIZE;
+    lw_support_ok(lw_message_decode_with(header, body, &memory, &got, &err), &err);
+    lw_message_finish(&got);
+    memory.budget = memory.asked;
+    assert_true(memory.asked > 12 * TILES && memory.asked < 8u << 20);
+    lw_support_ok(lw_message_decode_with(header, body, &memory, &got, &err), &err);
+    assert_int_equal(got.interest.tile_count, TILES);
+    lw_message_finish(&got);
+    memory.budget -= 16; /* what is asked for comes in pieces of so many bytes */
+    lw_support_fails(lw_message_decode_with(header, body, &memory, &got, &err), LW_PROTOCOL, &err,
+                     "bytes of memory to read");
+    lw_message_memory_finish(&memory);
+    free(bytes);
+}
+
 static void test_out_of_memory(void **state) {
     (void)state;
     for (size_t i = 0; i < SAMPLES; i++) {
@@ -894,15 +923,25 @@ static void test_unknown_type(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_round_trip),    cmocka_unit_test(test_capacity),
-        cmocka_unit_test(test_truncated),     cmocka_unit_test(test_flipped_bits),
-        cmocka_unit_test(test_texts),         cmocka_unit_test(test_welcome),
-        cmocka_unit_test(test_refusal_code),  cmocka_unit_test(test_package),
-        cmocka_unit_test(test_interest),      cmocka_unit_test(test_frame_counts),
-        cmocka_unit_test(test_frame_numbers), cmocka_unit_test(test_tile_numbers),
-        cmocka_unit_test(test_fields),        cmocka_unit_test(test_unknown_type),
-        cmocka_unit_test(test_out_of_memory), cmocka_unit_test(test_frame_state_counts),
-        cmocka_unit_test(test_update_counts), cmocka_unit_test(test_updated_text),
+        cmocka_unit_test(test_round_trip),
+        cmocka_unit_test(test_capacity),
+        cmocka_unit_test(test_truncated),
+        cmocka_unit_test(test_flipped_bits),
+        cmocka_unit_test(test_texts),
+        cmocka_unit_test(test_welcome),
+        cmocka_unit_test(test_refusal_code),
+        cmocka_unit_test(test_package),
+        cmocka_unit_test(test_interest),
+        cmocka_unit_test(test_frame_counts),
+        cmocka_unit_test(test_frame_numbers),
+        cmocka_unit_test(test_tile_numbers),
+        cmocka_unit_test(test_fields),
+        cmocka_unit_test(test_unknown_type),
+        cmocka_unit_test(test_memory_budget),
+        cmocka_unit_test(test_out_of_memory),
+        cmocka_unit_test(test_frame_state_counts),
+        cmocka_unit_test(test_update_counts),
+        cmocka_unit_test(test_updated_text),
         cmocka_unit_test(test_holds),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -25,6 +25,24 @@ static void test_burst_and_rate(void **state) {
     assert_true(rates.left[LW_MESSAGE_RATES_ACK] == 1200);
 }
 
+/* Every kind has what the documents say at once, and waits one message past it. */
+static void test_every_kind(void **state) {
+    (void)state;
+    static const struct {
+        uint16_t type;
+        unsigned at_once;
+    } kinds[] = {{LW_MESSAGE_INTEREST, 60}, {LW_MESSAGE_PING, 60},     {LW_MESSAGE_PONG, 60},
+                 {LW_MESSAGE_ACK, 1200},    {LW_MESSAGE_UPDATE, 8000}, {LW_MESSAGE_HOLDS, 512}};
+    for (size_t k = 0; k < sizeof kinds / sizeof *kinds; k++) {
+        struct lw_message_rates rates;
+        const struct lw_framing_header header = {.type = kinds[k].type};
+        lw_message_rates_init(&rates, 0);
+        for (unsigned i = 0; i < kinds[k].at_once; i++)
+            assert_false(lw_message_rates_count(&rates, header, 0));
+        assert_true(lw_message_rates_count(&rates, header, 0));
+    }
+}
+
 static void test_bytes(void **state) {
     (void)state;
     struct lw_message_rates rates;
@@ -84,9 +102,8 @@ static void test_judge(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_burst_and_rate),
-        cmocka_unit_test(test_bytes),
-        cmocka_unit_test(test_trust_and_holds),
+        cmocka_unit_test(test_burst_and_rate), cmocka_unit_test(test_every_kind),
+        cmocka_unit_test(test_bytes),          cmocka_unit_test(test_trust_and_holds),
         cmocka_unit_test(test_judge),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1091,6 +1091,7 @@ static void test_stalled_reader_is_closed(void **state) {
     struct lw_server_stats before = stats_of(f);
     assert_int_equal(before.sessions_now, 2);
     wait_for_sessions(f, 1); /* one that has nothing to get is not stalled */
+    assert_int_equal(stats_of(f).refused, 1);
     expect_silence(idle, 1700);
     assert_int_equal(stats_of(f).sessions_now, 1);
     while (get_bytes(slow, &byte, 1)) {
@@ -1098,6 +1099,30 @@ static void test_stalled_reader_is_closed(void **state) {
     close(slow);
     close(idle);
     end(f);
+}
+
+/* Who only slept, and reads on within a second of it, is told why. A busy machine may take that second. */
+static void test_a_stalled_reader_is_told(void **state) {
+    (void)state;
+    bool told = false;
+    for (int attempt = 0; attempt < 20 && !told; attempt++) {
+        struct fixture *f = start(&(struct lw_server_desc){.stall_timeout_ms = 600});
+        int slow = dial_with_buffer(f, 4096);
+        struct lw_message m;
+        put(slow, &hello);
+        ask_for_package(slow, PACKAGE_SIZE);
+        wait_for_sessions(f, 1);
+        publish(f, make_snapshot(f, 1, 0));
+        wait_for_sessions(f, 0);
+        while (!told && get(slow, &m)) {
+            told = m.type == LW_MESSAGE_REFUSAL;
+            if (told) assert_int_equal(m.refusal.code, LW_REFUSAL_TIMEOUT);
+            lw_message_finish(&m);
+        }
+        close(slow);
+        end(f);
+    }
+    assert_true(told);
 }
 
 /* ---- whose turn it is ---- */
@@ -1557,6 +1582,20 @@ static void test_full(void **state) {
     end(f);
 }
 
+/* Dials until there is a place: one that was taken becomes free when its link is closed, which takes a moment. */
+static int dial_until_welcome(const struct fixture *f) {
+    for (const uint64_t end_ns = lw_clock_ns() + WAIT_MS * 1000000ull;; usleep(1000)) {
+        struct lw_message m;
+        const int s = dial(f);
+        put(s, &hello);
+        const bool answered = get(s, &m), welcomed = answered && m.type == LW_MESSAGE_WELCOME;
+        if (answered) lw_message_finish(&m);
+        if (welcomed) return s;
+        close(s);
+        assert_true(lw_clock_ns() < end_ns);
+    }
+}
+
 static void test_an_address_has_its_places(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){.sessions_max = 20, .address_sessions_max = 3});
@@ -1568,9 +1607,9 @@ static void test_an_address_has_its_places(void **state) {
     put(other, &hello);
     expect(other, LW_MESSAGE_WELCOME, &m);
     lw_message_finish(&m);
-    put_bytes(s[0], "nonsense", 8); /* who is refused gives its place up at once */
+    put_bytes(s[0], "nonsense", 8); /* who is refused gives its place up once its link is closed */
     expect_refusal(s[0], LW_REFUSAL_PROTOCOL);
-    s[0] = dial_and_greet(f);
+    s[0] = dial_until_welcome(f);
     close(s[1]);
     wait_for_sessions(f, 3);
     s[1] = dial_and_greet(f);
@@ -1588,6 +1627,46 @@ static void test_an_address_has_its_places(void **state) {
     lw_message_finish(&m);
     for (int i = 0; i < 18; i++) close(many[i]);
     close(other);
+    end(f);
+}
+
+/* Those that were refused and stay on the line have their places, and few lines without one: others notice nothing. */
+static void test_refused_ones_that_linger(void **state) {
+    (void)state;
+    enum { LINGERING = 1100 };
+    struct fixture *f = start(&(struct lw_server_desc){.sessions_max = 40, .address_sessions_max = 20});
+    static int lingering[LINGERING];
+    for (int i = 0; i < LINGERING; i++) {
+        lingering[i] = dial_from(f, "127.0.0.2");
+        (void)send(lingering[i], "nonsense", 8, MSG_NOSIGNAL); /* some are closed by then */
+        if (i % 100) continue;
+        int s = dial_and_greet(f);
+        close(s);
+        wait_for_sessions(f, 0);
+    }
+    for (int i = 0; i < LINGERING; i++) close(lingering[i]);
+    end(f);
+}
+
+/* One address's connections without a place are told so as far as there is room, and closed beyond that. */
+static void test_who_is_turned_away_is_told(void **state) {
+    (void)state;
+    enum { MORE = LW_SERVER_ADDRESS_TURNED_AWAY_MAX + 1 };
+    struct fixture *f = start(&(struct lw_server_desc){.sessions_max = 5, .address_sessions_max = 1});
+    int one = dial_and_greet(f), more[MORE], told = 0;
+    for (int i = 0; i < MORE; i++) more[i] = dial(f);
+    for (int i = 0; i < MORE; i++) {
+        struct lw_message m;
+        if (!get(more[i], &m)) continue;
+        assert_int_equal(m.type, LW_MESSAGE_REFUSAL);
+        assert_int_equal(m.refusal.code, LW_REFUSAL_FULL);
+        lw_message_finish(&m);
+        told++;
+    }
+    assert_in_range(told, LW_SERVER_ADDRESS_TURNED_AWAY_MAX,
+                    MORE); /* all where the first have gone by then */
+    for (int i = 0; i < MORE; i++) close(more[i]);
+    close(one);
     end(f);
 }
 
@@ -2025,6 +2104,38 @@ static void test_tokens(void **state) {
     end(f);
 }
 
+/* One in twenty places is kept for those who may control; the own user's Unix socket takes none. */
+static void test_places_are_kept_for_control(void **state) {
+    (void)state;
+    struct fixture *f = start_controlled_with((struct lw_server_desc){
+        .tokens = write_tokens(view_token, control_token), .sessions_max = 40, .address_sessions_max = 40});
+    int s[42];
+    for (int i = 0; i < 38; i++) s[i] = dial_with_token(f, view_token, 0);
+    int one_more = dial(f);
+    put_hello(one_more, view_token);
+    expect_refusal(one_more, LW_REFUSAL_FULL);
+    for (uint64_t refused = stats_of(f).refused; refused != 1; refused = stats_of(f).refused) usleep(1000);
+    s[38] = dial_with_token(f, control_token, LW_FEATURE_CONTROL);
+    for (s[39] = -1; s[39] < 0;) { /* the refused one's place becomes free when its link is closed */
+        struct lw_message m;
+        const int t = dial(f);
+        put_hello(t, control_token);
+        assert_true(get(t, &m));
+        if (m.type == LW_MESSAGE_WELCOME)
+            s[39] = t;
+        else
+            close(t);
+        lw_message_finish(&m);
+    }
+    one_more = dial(f);
+    put_hello(one_more, control_token);
+    expect_refusal(one_more, LW_REFUSAL_FULL);
+    s[40] = dial_and_control(f, false);
+    s[41] = dial_and_control(f, false);
+    for (int i = 0; i < 42; i++) close(s[i]);
+    end(f);
+}
+
 static void reload_files(void *context) {
     struct fixture **f = context;
     lw_server_reload((*f)->server);
@@ -2446,6 +2557,7 @@ int main(void) {
         cmocka_unit_test(test_updates_want_the_role),
         cmocka_unit_test(test_answers_that_nobody_reads_end_the_session),
         cmocka_unit_test(test_tokens),
+        cmocka_unit_test(test_places_are_kept_for_control),
         cmocka_unit_test(test_the_control_socket),
         cmocka_unit_test(test_the_control_socket_knows_its_user),
         cmocka_unit_test(test_tokens_are_read_again),
@@ -2468,6 +2580,7 @@ int main(void) {
         cmocka_unit_test(test_blobs_are_shared),
         cmocka_unit_test(test_slow_reader),
         cmocka_unit_test(test_stalled_reader_is_closed),
+        cmocka_unit_test(test_a_stalled_reader_is_told),
         cmocka_unit_test(test_questions_do_not_wait_for_a_snapshot),
         cmocka_unit_test(test_rate_limits),
         cmocka_unit_test(test_the_most_visible_change_goes_first),
@@ -2487,6 +2600,8 @@ int main(void) {
         cmocka_unit_test(test_many_connects),
         cmocka_unit_test(test_full),
         cmocka_unit_test(test_an_address_has_its_places),
+        cmocka_unit_test(test_refused_ones_that_linger),
+        cmocka_unit_test(test_who_is_turned_away_is_told),
         cmocka_unit_test(test_stop_while_sending),
         cmocka_unit_test(test_stop_before_and_without_run),
         cmocka_unit_test(test_stop_says_when_to_come_back),
