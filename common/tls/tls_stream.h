@@ -1,9 +1,10 @@
 /* tls_stream.h: one end of a TLS 1.3 connection, in memory: it knows no socket.
- * Flow:    bytes of the link -> [tls_stream] -> what the peer says; what we say -> [tls_stream] -> bytes for the link
+ * Flow:    bytes of the link -> [tls_stream] -> what the peer says
+ *          what we say -> [tls_stream] -> bytes for the link
  * Threads: a stream belongs to one thread at a time, as does an output.
  *
- * Whoever has the link lends what came in, reads until nothing is left, and sends what each call has added to
- * the output. Bytes from a peer yield a status. */
+ * The owner of the link lends what came in, reads until nothing is left, and sends what each call has added
+ * to the output. Bytes from a peer yield a status. */
 #ifndef LW_COMMON_TLS_STREAM_H
 #define LW_COMMON_TLS_STREAM_H
 
@@ -29,7 +30,7 @@ LW_MUST_CHECK enum lw_status lw_tls_stream_set_up(struct ssl_ctx_st *context);
 
 /** One end of a connection.
  * context      what it trusts and what it shows; set up as above. The stream keeps a reference
- * server_name  whom a client calls, a name or an address, which the server's certificate must be for unless the
+ * server_name  whom a client calls, a name or an address. The server's certificate must be for it, unless the
  *              context trusts everybody; NULL: this end is the server
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_tls_stream_create(struct ssl_ctx_st *context, const char *server_name,

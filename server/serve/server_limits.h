@@ -3,12 +3,12 @@
 #define LW_SERVE_SERVER_LIMITS_H
 
 #define LW_SERVER_SESSIONS_MAX 10000u
-/* With tokens one in so many places is kept for those for control. While the others are taken, who has not
- * said HELLO has less time for it. */
+/* With tokens one place in 20 is kept for those for control. While the others are taken, there is less time
+ * to say HELLO. */
 #define LW_SERVER_KEPT_ONE_IN     20u
 #define LW_SERVER_CROWDED_HELLO_S 2u
-/* Connections that got no place, and stay until the FULL has reached them: in all, and of one address. Further
- * ones are closed without a word. */
+/* Connections that got no place, and stay until the FULL has reached them: in all, and of one address.
+ * Further ones are closed without a word. */
 #define LW_SERVER_TURNED_AWAY_MAX         1024u
 #define LW_SERVER_ADDRESS_TURNED_AWAY_MAX 32u
 #define LW_SERVER_PARSE_MAX               (8u << 20) /* bytes of memory to read one message of a peer */

@@ -56,8 +56,8 @@ bool lw_session_is_crowded(const struct lw_session_shared *shared) {
            shared->sessions_max - lw_session_kept_places(shared);
 }
 
-/* A place, which lasts until the link is closed: who is refused and lingers has one still. Without one there is room
- * to say so for a few. false: there is not even that. */
+/* A place lasts until the link is closed: who is refused and lingers has one still. Without one there is
+ * room to say so for a few. false: there is not even that. */
 static bool take_place(struct lw_session *s) {
     struct lw_session_shared *shared = s->shared;
     const struct lw_address *at = &s->peer.at;

@@ -17,7 +17,7 @@
 #define KEEPALIVE_S   30
 #define NOTSENT_LOWAT (128 << 10) /* bytes; what the kernel holds cannot be replaced by a newer version */
 #define HANDSHAKES_NS 2000000u    /* of a turn of the loop: the others go on in the next one */
-#define ASIDE_MAX     (32u << 10) /* bytes that TLS itself may have waiting: answers to whoever reads none */
+#define ASIDE_MAX     (32u << 10) /* bytes of TLS itself that may wait for a peer that reads none */
 
 /* A write that libuv has not finished: it holds the blobs meanwhile. */
 struct pending_write {
@@ -255,7 +255,7 @@ static void let_go(struct link *link) {
         lw_session_written(link->session, written < 0 ? written : 0, false);
 }
 
-/* What came first is no TLS. A message of ours in plain is answered so: whoever sent it can read that. */
+/* What came first is no TLS. A message of ours in plain is answered so: its sender can read that. */
 static void refuse_plain(struct link *link) {
     link->tls = TLS_NONE;
     lw_tls_stream_destroy(link->stream);

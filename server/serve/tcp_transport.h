@@ -1,5 +1,5 @@
-/* tcp_transport.h: sessions that are a TCP stream each, by TLS where the server has a certificate, or one of a
- * Unix socket (control_socket.h).
+/* tcp_transport.h: sessions that are a TCP stream each, by TLS where the server has a certificate, or a
+ * stream of a Unix socket (control_socket.h).
  * Flow:    listener -> [tcp_transport] <-> session
  * Threads: everything here is [loop]. */
 #ifndef LW_SERVE_TCP_TRANSPORT_H

@@ -17,19 +17,20 @@ struct lw_tls_context_desc {
     const char *key;         /* which its owner and its group alone may read */
 };
 
-/** Errors: LW_NO_INPUT, LW_BAD_DATA, LW_IO, LW_NO_MEMORY: each names the file, and is what is wrong with it. */
+/** Errors: LW_NO_INPUT, LW_BAD_DATA, LW_IO, LW_NO_MEMORY: each names the file and what is wrong with it. */
 LW_MUST_CHECK enum lw_status lw_tls_context_create(const struct lw_tls_context_desc *desc,
                                                    struct lw_tls_context **out_context, struct lw_error *err);
 /** NULL is fine. */
 void lw_tls_context_destroy(struct lw_tls_context *context);
 
-/** Reads the files again: handshakes from now on show what they hold. Errors: as above; then nothing changes. */
+/** Reads the files again: handshakes from now on show what they hold. Errors: as above; nothing changes. */
 LW_MUST_CHECK enum lw_status lw_tls_context_reload(struct lw_tls_context *context, struct lw_error *err);
 
 /** For lw_tls_stream_create(). */
 struct ssl_ctx_st *lw_tls_context_ssl(const struct lw_tls_context *context);
 
-/** Sets up another SSL_CTX likewise, now and at each reload, until lw_tls_context_let_go(). Monitoring and browsers have one each.
+/** Sets up another SSL_CTX likewise, now and at each reload, until lw_tls_context_let_go().
+ * Monitoring and browsers have one each.
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_tls_context_lead(struct lw_tls_context *context, struct ssl_ctx_st *follower);
 void lw_tls_context_let_go(struct lw_tls_context *context, const struct ssl_ctx_st *follower);

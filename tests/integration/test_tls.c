@@ -1,4 +1,4 @@
-/* TLS with the real programs: who is believed, what each end says of the other's mistakes, new files at SIGHUP. */
+/* TLS with the real programs: who is believed, what each end says of the other's mistakes, new files. */
 #include "tests/support/certificate.h"
 #include "tests/support/process.h"
 #include "tests/support/web_peer.h"
@@ -187,7 +187,7 @@ static void test_https_and_wss(void **state) {
 
 /* ---- SIGHUP ---- */
 
-/* Waits until the server has said this so many times. */
+/* Waits until the server has said this `count` times. */
 static void await_lines(const char *text, unsigned count) {
     for (unsigned waited = 0; waited < LIMIT_MS; waited += 20) {
         char *log = lw_process_err(&server);

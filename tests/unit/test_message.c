@@ -857,7 +857,7 @@ static void test_memory_budget(void **state) {
     lw_support_ok(lw_message_decode_with(header, body, &memory, &got, &err), &err);
     assert_int_equal(got.interest.tile_count, TILES);
     lw_message_finish(&got);
-    memory.budget -= 16; /* what is asked for comes in pieces of so many bytes */
+    memory.budget -= 16; /* memory is given in pieces of 16 bytes */
     lw_support_fails(lw_message_decode_with(header, body, &memory, &got, &err), LW_PROTOCOL, &err,
                      "bytes of memory to read");
     lw_message_memory_finish(&memory);

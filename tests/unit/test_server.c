@@ -1582,7 +1582,7 @@ static void test_full(void **state) {
     end(f);
 }
 
-/* Dials until there is a place: one that was taken becomes free when its link is closed, which takes a moment. */
+/* Dials until there is a place: one that was taken becomes free when its link is closed, a moment later. */
 static int dial_until_welcome(const struct fixture *f) {
     for (const uint64_t end_ns = lw_clock_ns() + WAIT_MS * 1000000ull;; usleep(1000)) {
         struct lw_message m;
@@ -1630,7 +1630,8 @@ static void test_an_address_has_its_places(void **state) {
     end(f);
 }
 
-/* Those that were refused and stay on the line have their places, and few lines without one: others notice nothing. */
+/* Those that were refused and stay on the line have their places, and few lines without one: the others
+ * notice nothing. */
 static void test_refused_ones_that_linger(void **state) {
     (void)state;
     enum { LINGERING = 1100 };

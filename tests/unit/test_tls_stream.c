@@ -168,7 +168,7 @@ static void test_tls_1_2_is_refused(void **state) {
     assert_int_equal(client.status, LW_PROTOCOL);
 }
 
-/* What a peer may send instead of TLS, or of what it began: each byte of a good beginning changed, and cut off. */
+/* What a peer may send instead of TLS: each byte of a good beginning changed, and that cut off. */
 static void test_garbage(void **state) {
     make_ends("DNS:localhost", &believes_all, "localhost");
     hear(&client, &server, SIZE_MAX);

@@ -106,8 +106,8 @@ struct lw_live_desc {
     uint64_t rate_limit_bytes_per_s; /**< That the server may send; 0: what the link takes. */
     /* so far in 0.1.0 */
     const char *token; /**< 64 hexadecimal digits; NULL: none. Copied. */
-    const char *
-        ca_file; /**< With LW_LIVE_TLS: certificates in PEM, of the server or its issuer; NULL: the system's. */
+    const char
+        *ca_file; /**< With LW_LIVE_TLS: a server's certificate, or its issuer's; NULL: the system's. */
 };
 
 /** Connects, and returns once the server has welcomed us; the scene and its light come with lw_live_poll().
