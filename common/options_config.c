@@ -10,7 +10,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#define NAME_MAX_LENGTH 48u
+#define NAME_MAX_LENGTH LW_OPTIONS_CONFIG_NAME_MAX
 
 /* ---- what lasts ---- */
 
@@ -25,6 +25,10 @@ static char *keep(struct lw_options_config *config, const char *text) {
     char *copy = strdup(text);
     if (copy) config->text[config->text_count++] = copy;
     return copy;
+}
+
+const char *lw_options_config_keep(struct lw_options_config *config, const char *text) {
+    return keep(config, text);
 }
 
 void lw_options_config_finish(struct lw_options_config *config) {
@@ -228,4 +232,31 @@ char *lw_options_config_print(const struct lw_options_config *config, const stru
     if (fclose(stream) == 0 && !failed) return text;
     free(text);
     return NULL;
+}
+
+/* ---- two of them ---- */
+
+/* The text's line of that number, and its length; NULL: there is none. */
+static const char *line_of(const char *text, size_t number, size_t *out_length) {
+    while (number-- > 0) {
+        text = strchr(text, '\n');
+        if (!text) return NULL;
+        text++;
+    }
+    *out_length = strcspn(text, "\n");
+    return *text ? text : NULL;
+}
+
+const char *lw_options_config_difference(const char *before, const char *after, size_t *at, char *name) {
+    size_t before_length, after_length;
+    for (;;) {
+        const char *a = line_of(before, *at, &before_length), *b = line_of(after, *at, &after_length);
+        if (!a || !b) return NULL;
+        ++*at;
+        if (before_length == after_length && memcmp(a, b, before_length) == 0) continue;
+        if (strncmp(b, "# ", 2) == 0) b += 2;
+        const size_t length = strcspn(b, " \n");
+        snprintf(name, NAME_MAX_LENGTH, "%.*s", (int)length, b);
+        return name;
+    }
 }

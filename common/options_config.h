@@ -11,6 +11,8 @@
 
 #define LW_OPTIONS_CONFIG_LINE_MAX 199u /* bytes of a line of the file, as libinih is built */
 
+#define LW_OPTIONS_CONFIG_NAME_MAX 48u /* bytes of a key, with the zero at its end */
+
 /** How a table is filled. Strings of file and environment are copied, and live until
  * lw_options_config_finish(). */
 struct lw_options_config {
@@ -31,6 +33,13 @@ LW_MUST_CHECK enum lw_status lw_options_config_parse(struct lw_options_config *c
                                                      const struct lw_options *options, int argc, char **argv,
                                                      bool *out_done, struct lw_error *err);
 void lw_options_config_finish(struct lw_options_config *config);
+
+/** A copy of a text that lives as long: for a value that comes from another table. NULL: out of memory. */
+const char *lw_options_config_keep(struct lw_options_config *config, const char *text);
+
+/** Names the keys by which two texts of lw_options_config_print() of one table differ, one after the other.
+ * *at: 0 at first. NULL: no more. name: at least LW_OPTIONS_CONFIG_NAME_MAX bytes; returned. */
+const char *lw_options_config_difference(const char *before, const char *after, size_t *at, char *name);
 
 /** Writes all that the options are, in the form of the file, to be free()d; what is as by default for want of
  * a value is a comment. NULL: out of memory. */

@@ -22,7 +22,9 @@
     X(SETTLED, "SETTLED", lightwell__wire__settled__descriptor)                                              \
     X(UPDATE, "UPDATE", lightwell__wire__update__descriptor)                                                 \
     X(UPDATED, "UPDATED", lightwell__wire__updated__descriptor)                                              \
-    X(HOLDS, "HOLDS", lightwell__wire__holds__descriptor)
+    X(HOLDS, "HOLDS", lightwell__wire__holds__descriptor)                                                    \
+    X(ASK, "ASK", lightwell__wire__ask__descriptor)                                                          \
+    X(REPORT, "REPORT", lightwell__wire__report__descriptor)
 
 #define TRANSFORM_FLOATS 12u
 #define VECTOR_FLOATS    3u
@@ -260,6 +262,15 @@ static enum lw_status check_values(const struct lw_message *m, struct lw_error *
         return m->holds.tile_count > LW_MESSAGE_HOLDS_MAX
                    ? over(err, "tile", "has", LW_MESSAGE_HOLDS_MAX, " entries")
                    : LW_OK;
+    case LW_MESSAGE_ASK:
+        return m->ask.return_after_ms > LW_MESSAGE_RETRY_AFTER_MAX
+                   ? over(err, "return_after_ms", "is", LW_MESSAGE_RETRY_AFTER_MAX, "")
+                   : LW_OK;
+    case LW_MESSAGE_REPORT:
+        if (m->report.size > LW_MESSAGE_REPORT_MAX)
+            return over(err, "data", "is", LW_MESSAGE_REPORT_MAX, " bytes");
+        return m->report.code && m->report.size ? invalid(err, "data", "is there though it is refused")
+                                                : LW_OK;
     case LW_MESSAGE_ACK:
     case LW_MESSAGE_PING:
     case LW_MESSAGE_PONG:
@@ -293,6 +304,8 @@ union wire {
     Lightwell__Wire__Update update;
     Lightwell__Wire__Updated updated;
     Lightwell__Wire__Holds holds;
+    Lightwell__Wire__Ask ask;
+    Lightwell__Wire__Report report;
 };
 
 static const ProtobufCMessageDescriptor *descriptor_of(unsigned type) {
@@ -415,6 +428,17 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->ping.token = m->ping.token;
         break; /* one layout for both */
     case LW_MESSAGE_HOLDS:
+        break;
+    case LW_MESSAGE_ASK:
+        wire->ask.request = m->ask.request;
+        wire->ask.what = m->ask.what;
+        wire->ask.return_after_ms = m->ask.return_after_ms;
+        break;
+    case LW_MESSAGE_REPORT:
+        wire->report.request = m->report.request;
+        wire->report.code = m->report.code;
+        wire->report.data.data = (uint8_t *)m->report.data;
+        wire->report.data.len = m->report.size;
         break;
     }
 }
@@ -578,6 +602,7 @@ static uint32_t body_max(unsigned type) {
     case LW_MESSAGE_PONG:
     case LW_MESSAGE_UPDATE:
     case LW_MESSAGE_HOLDS:
+    case LW_MESSAGE_ASK:
         return LW_FRAMING_CLIENT_BODY_MAX;
     default:
         return LW_FRAMING_BODY_MAX;
@@ -954,6 +979,13 @@ static enum lw_status read_wire(const union wire *w, struct lw_message *m, struc
         return LW_OK; /* one layout for both */
     case LW_MESSAGE_HOLDS:
         return read_holds(&w->holds, m, storage, err);
+    case LW_MESSAGE_ASK:
+        m->ask = (struct lw_message_ask){w->ask.request, w->ask.what, w->ask.return_after_ms};
+        return LW_OK;
+    case LW_MESSAGE_REPORT:
+        m->report = (struct lw_message_report){w->report.request, w->report.code, w->report.data.data,
+                                               w->report.data.len};
+        return LW_OK;
     }
     return LW_INTERNAL;
 }

@@ -29,6 +29,7 @@
 #define LW_MESSAGE_PARTS_MAX            (LW_SCENE_TEXTURES_MAX + 2u) /* of a package */
 #define LW_MESSAGE_CHUNK_MAX            (1u << 18)                   /* bytes of package data */
 #define LW_MESSAGE_PAYLOAD_MAX          (1u << 18)                   /* bytes of a tile */
+#define LW_MESSAGE_REPORT_MAX           (1u << 18)                   /* bytes of a report */
 #define LW_MESSAGE_BOUNCES_MAX          64u
 #define LW_MESSAGE_CLIENT_LIGHTS_MAX    (LW_SCENE_LIGHTS_MAX / 8)    /* bytes: a bit for each */
 #define LW_MESSAGE_CLIENT_MATERIALS_MAX (LW_SCENE_MATERIALS_MAX / 8) /* likewise */
@@ -40,11 +41,12 @@
 #define LW_MESSAGE_COMPRESSED_MAX (LW_PACKAGE_SIZE_MAX + (LW_PACKAGE_SIZE_MAX >> 8))
 
 /* Values are forever. */
-#define LW_FEATURE_CONTROL 2u  /* sends updates of the scene */
-#define LW_FEATURE_RESUME  4u  /* says what it has */
-#define LW_FEATURE_PARTS   16u /* reads packages of several parts */
-#define LW_FEATURE_DCT     32u /* reads tiles of LW_TILE_CODEC_DCT; 1 and 8 were earlier forms of them */
-#define LW_FEATURE_DRAWS   64u /* draws the direct light of client lights: tiles come without it */
+#define LW_FEATURE_CONTROL 2u   /* sends updates of the scene */
+#define LW_FEATURE_RESUME  4u   /* says what it has */
+#define LW_FEATURE_PARTS   16u  /* reads packages of several parts */
+#define LW_FEATURE_DCT     32u  /* reads tiles of LW_TILE_CODEC_DCT; 1 and 8 were earlier forms of them */
+#define LW_FEATURE_DRAWS   64u  /* draws the direct light of client lights: tiles come without it */
+#define LW_FEATURE_OPERATE 128u /* asks as an operator: over the server's own Unix socket alone */
 #define LW_FEATURES_READ                                                                                     \
     (LW_FEATURE_DCT | LW_FEATURE_RESUME |                                                                    \
      LW_FEATURE_PARTS) /* all that our clients know and need not ask for */
@@ -203,6 +205,27 @@ struct lw_message_ping {
     uint64_t token; /* comes back in the pong */
 };
 
+/* Values are forever. */
+enum lw_ask {
+    LW_ASK_STATS = 1, /* figures, as Prometheus gets them */
+    LW_ASK_DRAIN = 2  /* to end as at SIGTERM */
+};
+
+struct lw_message_ask {
+    uint64_t request;         /* comes back in the report */
+    uint32_t what;            /* enum lw_ask; others are answered by a code */
+    uint32_t return_after_ms; /* DRAIN: what clients are told; 0: the server's own */
+};
+
+enum lw_report_code { LW_REPORT_DONE = 0, LW_REPORT_UNKNOWN = 1 };
+
+struct lw_message_report {
+    uint64_t request;
+    uint32_t code; /* enum lw_report_code; others mean no, too */
+    const uint8_t *data;
+    size_t size; /* bytes; 0 with a code */
+};
+
 struct lw_message {
     enum lw_message_type type;
     union {
@@ -220,6 +243,8 @@ struct lw_message {
         struct lw_message_update update;
         struct lw_message_updated updated;
         struct lw_message_holds holds;
+        struct lw_message_ask ask;
+        struct lw_message_report report;
     };
     void *storage;       /* what decoding allocated */
     void *scratch;       /* for encoding lists: 4 bytes for each of their numbers; NULL: malloc() */

@@ -187,6 +187,21 @@ static void write_serve(struct lw_exposition *e, const struct lw_daemon_metrics_
     lw_exposition_durations(e, "lightwell_acknowledgement_duration_seconds", NULL, &serve->ack);
 }
 
+/* What a user would cost without this server, beside what one costs with it. */
+static void write_renderers(struct lw_exposition *e, const struct lw_cost_report *report) {
+    if (!report->count) return;
+    lw_exposition_metric(
+        e, "lightwell_renderer_frame_cpu_seconds", "gauge",
+        "CPU time of a frame of a renderer for each user, by the report of --crossover-report.");
+    for (unsigned i = 0; i < report->count; i++) {
+        char renderer[128], setting[128], labels[300];
+        lw_exposition_escape(renderer, sizeof renderer, report->row[i].renderer);
+        lw_exposition_escape(setting, sizeof setting, report->row[i].setting);
+        snprintf(labels, sizeof labels, "renderer=\"%s\",setting=\"%s\"", renderer, setting);
+        lw_exposition_sample(e, "lightwell_renderer_frame_cpu_seconds", labels, report->row[i].cpu_s);
+    }
+}
+
 static void write_cpu(struct lw_exposition *e, const struct lw_daemon_metrics_sums *sums,
                       const struct lw_server_stats *serve) {
     lw_exposition_metric(e, "lightwell_cpu_seconds_total", "counter",
@@ -217,6 +232,7 @@ enum lw_status lw_daemon_metrics_text(struct lw_daemon_metrics *metrics,
     write_solve(&e, &sums);
     write_serve(&e, &sums, serve);
     write_cpu(&e, &sums, serve);
+    write_renderers(&e, &metrics->renderers);
     write_process(&e, metrics);
     return lw_exposition_end(&e, out_text, out_size);
 }

@@ -4,6 +4,7 @@
 #ifndef LW_DAEMON_METRICS_H
 #define LW_DAEMON_METRICS_H
 
+#include "server/cost_report.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
 
@@ -34,6 +35,7 @@ struct lw_daemon_metrics {
     pthread_mutex_t mutex;
     struct lw_daemon_metrics_sums sums; /* guarded */
     const char *isa, *solver;           /* outlive it */
+    struct lw_cost_report renderers;    /* what users would run instead; none: nothing is told */
     double started_s;                   /* of the Unix epoch */
 };
 

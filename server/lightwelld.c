@@ -19,6 +19,7 @@
 #include "common/wait_policy.h"
 #include "server/daemon_metrics.h"
 #include "server/exposure.h"
+#include "server/file_stamp.h"
 #include "server/publish/light_store.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
@@ -35,6 +36,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <time.h>
@@ -50,6 +52,7 @@
 #define STATUS_MS    10000u
 #define RETURN_S     2.0
 #define STOP_WAIT_S  3u /* for the end of a frame */
+#define DROP_WAIT_S  1u /* for that of a scene that is being read, but will not be lit */
 #define STEP_HZ      30 /* scene time advances by 1/30 s a frame under --clock step */
 /* A form of light that no client takes any more is published for this long, since clients come back after a
  * broken link. */
@@ -62,13 +65,29 @@ enum codec_kind { CODEC_HALF, CODEC_DCT };
 /* What makes no sense in a file or in the environment; variables that clients read. */
 static const char *const command_only[] = {"config", "check-config", "print-config", NULL};
 static const char *const client_variables[] = {"token", NULL};
+/* What SIGHUP cannot change: addresses, files and clocks that whoever runs the daemon holds on to. */
+static const char *const fixed_keys[] = {"listen",
+                                         "port-file",
+                                         "http",
+                                         "http-port-file",
+                                         "metrics",
+                                         "metrics-port-file",
+                                         "control-socket",
+                                         "keep",
+                                         "clock",
+                                         "json",
+                                         "frames",
+                                         "log-format",
+                                         NULL};
 
 struct settings {
     struct lw_scene_open scene;
     struct lw_options_config config;
+    char *printed; /* all options, as a file for --config */
     bool check_config, print_config;
     const char *listen, *port_file, *http, *http_port_file, *http_hosts, *http_origins, *web_root;
-    const char *metrics, *metrics_port_file;
+    const char *metrics, *metrics_port_file, *crossover_report;
+    struct lw_cost_report renderers; /* of that report */
     const char *tokens, *control_socket, *tls_certificate, *tls_key;
     const char *keep, *spares, *light_groups, *client_lights, *solver;
     const struct lw_solvers_entry *entry; /* of that name */
@@ -86,9 +105,23 @@ struct settings {
     char found_root[1024]; /* where the browser client lies, unless web_root says so */
 };
 
+/* A thread that prepares what follows at SIGHUP. */
+struct succession {
+    pthread_t thread;
+    bool runs;           /* it is to be joined */
+    _Atomic bool ended;  /* its last act, unless it relays */
+    _Atomic bool relays; /* the server hands over to next's */
+    bool only_scene;     /* no option has changed: a scene that is the same changes nothing */
+    struct daemon *next;
+    struct lw_server_sockets sockets;
+};
+
 struct daemon {
     struct settings settings;
-    const char *program; /* as it was called */
+    int argc;
+    char **argv; /* as it was called */
+    struct lw_file_stamp scene_stamp, environment_stamp;
+    struct succession succession;
     struct lw_scene *scene;
     struct lw_scene_state state; /* of it, by updates: what is lit */
     uint8_t *package;
@@ -182,15 +215,14 @@ static enum lw_status check(struct settings *s, struct lw_error *err) {
     }
     status = parse_http(s, err);
     if (status == LW_OK) status = parse_metrics(s, err);
-    return status == LW_OK ? check_exposure(s, err) : status;
+    if (status != LW_OK || !s->crossover_report) return status;
+    if ((status = lw_cost_report_read(s->crossover_report, &s->renderers, err)) != LW_OK)
+        lw_status_context(err, "--crossover-report");
+    return status;
 }
 
-static enum lw_status print_config(const struct settings *s, const struct lw_options *options,
-                                   struct lw_error *err) {
-    char *text = lw_options_config_print(&s->config, options);
-    if (!text) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
-    const bool written = fputs(text, stdout) >= 0 && fflush(stdout) == 0;
-    free(text);
+static enum lw_status print_config(const struct settings *s, struct lw_error *err) {
+    const bool written = fputs(s->printed, stdout) >= 0 && fflush(stdout) == 0;
     return written ? LW_OK : lw_status_fail(err, LW_IO, "standard output: %s", strerror(errno));
 }
 
@@ -246,6 +278,11 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "a Unix socket by which this user and root change the scene (default auto: PORT.sock in "
          "$XDG_RUNTIME_DIR/lightwell or /run/lightwell, where lightwellctl looks for it)",
          LW_OPTION_STRING, &s->control_socket, 0, 0, NULL},
+        {"crossover-report", "FOLDER",
+         "a folder that lightwell-load crossover has written, for the cost meter of /metrics: what renderers "
+         "for "
+         "each user cost (default none)",
+         LW_OPTION_STRING, &s->crossover_report, 0, 0, NULL},
         {"tokens", "FILE",
          "tokens that clients must have, a line each: view TOKEN or control TOKEN (lightwellctl token makes "
          "one); read again at SIGHUP. credential:NAME is a credential of systemd (default: none is needed)",
@@ -382,7 +419,9 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
     if ((status = check(s, err)) != LW_OK) return status;
     *out_done = s->check_config || s->print_config;
     if (s->check_config) lw_log(LW_LOG_INFO, "the options are good");
-    return s->print_config ? print_config(s, &options, err) : LW_OK;
+    if (!(s->printed = lw_options_config_print(&s->config, &options)))
+        return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    return s->print_config ? print_config(s, err) : LW_OK;
 }
 
 static enum lw_status choose_client_lights(struct daemon *d, struct lw_error *err) {
@@ -427,6 +466,8 @@ static void tell_client_lights(const struct daemon *d) {
 
 static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
+    d->scene_stamp = lw_file_stamp(s->scene.path); /* before it is read: what changes meanwhile is seen */
+    d->environment_stamp = lw_file_stamp(s->scene.environment);
     enum lw_status status = lw_scene_open(&s->scene, &d->scene, err);
     if (status != LW_OK) return status;
     if (s->spares && (status = lw_scene_spares_add(d->scene, s->spares, err)) != LW_OK) {
@@ -740,7 +781,10 @@ static void on_beat(void *context) {
 static void on_stopping(void *context) {
     struct daemon *d = context;
     d->stops = true;
-    lw_service_notify("STOPPING=1\nWATCHDOG=1\nSTATUS=stopping");
+    if (d->succession.relays)
+        lw_service_notify("WATCHDOG=1\nSTATUS=going over to what has changed");
+    else
+        lw_service_notify("STOPPING=1\nWATCHDOG=1\nSTATUS=stopping");
 }
 
 /* [loop] Light of the last run is light, too. */
@@ -753,11 +797,7 @@ static bool on_page(void *context, const char *path, struct lw_server_page *out_
     return lw_daemon_metrics_page(&d->metrics, path, &state, &serve, out_page);
 }
 
-/* At SIGHUP, in the loop's thread. */
-static void on_reload(void *context) {
-    const struct daemon *d = context;
-    lw_server_reload(d->server);
-}
+static void on_reload(void *context);
 
 static struct lw_server_hooks hooks_of(struct daemon *d) {
     struct lw_server_hooks hooks = {
@@ -830,7 +870,7 @@ static void give_way(void) {
 static void *solve_in_thread(void *argument) {
     struct daemon *d = argument;
     give_way();
-    if (set_up_solver(d, &d->solver_error) == LW_OK) {
+    if (d->solver || set_up_solver(d, &d->solver_error) == LW_OK) {
         const uint64_t memory_bytes =
             d->solver->ops->memory_bytes(d->solver) + lw_publisher_memory_bytes(d->publisher);
         lw_daemon_metrics_memory(&d->metrics, memory_bytes);
@@ -920,11 +960,15 @@ static void explain_memory(const struct daemon *d, struct lw_error *err) {
                    (unsigned long long)triangles, (unsigned long long)texels / 2);
 }
 
-/* Saved light is of a whole frame: one that ends soon is waited for; a longer one is given up, and the light
- * of the frame before it is saved, without sums. */
+/* CLOCK_REALTIME, as pthread_timedjoin_np() has it. */
+static struct timespec in_seconds(unsigned seconds) {
+    return (struct timespec){.tv_sec = (time_t)(lw_clock_read_ns(CLOCK_REALTIME) / 1000000000u) + seconds};
+}
+
+/* Saved light is of a whole frame: one that ends soon is waited for; a longer one is given up, and the light of the
+ * frame before it is saved, without sums. */
 static void join_solver(struct daemon *d) {
-    const struct timespec until = {.tv_sec = (time_t)(lw_clock_read_ns(CLOCK_REALTIME) / 1000000000u) +
-                                             STOP_WAIT_S};
+    const struct timespec until = in_seconds(STOP_WAIT_S);
     d->cancel = !d->settings.keep || !d->lit;
     if (pthread_timedjoin_np(d->solver_thread, NULL, &until) == 0) return;
     lw_log(LW_LOG_INFO, "the frame under way is given up: it takes longer than %u s", STOP_WAIT_S);
@@ -940,9 +984,9 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     format_address(address, sizeof address, s->host, lw_server_port(d->server));
     lw_log(LW_LOG_INFO, "serving %s at %s", s->scene.path, address);
     tell_client_lights(d);
-    const char *name = strrchr(d->program, '/'); /* the viewer lies beside it */
+    const char *name = strrchr(d->argv[0], '/'); /* the viewer lies beside it */
     lw_log(LW_LOG_INFO, "look at it: %.*slightwell-view %s     stop it: Ctrl-C",
-           name ? (int)(name + 1 - d->program) : 0, d->program, address);
+           name ? (int)(name + 1 - d->argv[0]) : 0, d->argv[0], address);
     tell_http(d);
     tell_metrics(d);
     expect_progress(d);
@@ -959,7 +1003,7 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
         status = err->status;
         explain_memory(d, err);
     }
-    remove_port_files(d);
+    if (!d->succession.relays) remove_port_files(d);
     return status;
 }
 
@@ -1023,76 +1067,66 @@ static void find_web_root(char *dst, size_t size) {
     }
 }
 
-static enum lw_status create_server(struct daemon *d, struct lw_error *err) {
+/* sockets: of the server before; NULL: there was none */
+static enum lw_status create_server(struct daemon *d, struct lw_server_sockets *sockets,
+                                    struct lw_error *err) {
     struct settings *s = &d->settings;
     find_web_root(s->found_root, sizeof s->found_root);
-    struct lw_server_desc desc = {
-        .host = s->host,
-        .port = s->port,
-        .tokens = s->tokens,
-        .tls = {s->tls_certificate, s->tls_key},
-        .control_socket = strcmp(s->control_socket, "none") ? s->control_socket : NULL,
-        .http_host = *s->http_host ? s->http_host : NULL,
-        .http_port = s->http_port,
-        .http_hosts = s->http_hosts,
-        .http_origins = s->http_origins,
-        .http_root = s->web_root ? s->web_root : s->found_root,
-        .http_may_fail = !s->http_given,
-        .metrics_host = *s->metrics_host ? s->metrics_host : NULL,
-        .metrics_port = s->metrics_port,
-        .metrics_guarded = *s->metrics_host && !s->insecure && !lw_exposure_is_loopback(s->metrics_host),
-        .atlas_map = &d->atlas_map,
-        .package = d->package,
-        .package_size = d->package_size,
-        .bounces = (uint32_t)s->bounces,
-        .target_error = (float)s->error,
-        .noise_shown = noise_shown(s),
-        .client_lights = d->light_bits,
-        .client_lights_size = lw_client_lights_bytes(d->scene->light_count),
-        .client_materials = d->material_bits,
-        .client_materials_size = lw_client_lights_bytes(d->scene->material_count),
-        .scene = d->scene,
-        .hooks = hooks_of(d),
-        .retry_after_ms = (uint32_t)(1000 * s->return_s),
-        .address_sessions_max = (uint32_t)s->address_sessions,
-        .rate_limit_bytes_hz = (uint64_t)(s->link_rate * 1e6 / 8),
-        .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0};
+    struct lw_server_desc desc = {.sockets = sockets,
+                                  .host = s->host,
+                                  .port = s->port,
+                                  .tokens = s->tokens,
+                                  .tls = {s->tls_certificate, s->tls_key},
+                                  .control_socket =
+                                      strcmp(s->control_socket, "none") ? s->control_socket : NULL,
+                                  .http_host = *s->http_host ? s->http_host : NULL,
+                                  .http_port = s->http_port,
+                                  .http_hosts = s->http_hosts,
+                                  .http_origins = s->http_origins,
+                                  .http_root = s->web_root ? s->web_root : s->found_root,
+                                  .http_may_fail = !s->http_given,
+                                  .metrics_host = *s->metrics_host ? s->metrics_host : NULL,
+                                  .metrics_port = s->metrics_port,
+                                  .atlas_map = &d->atlas_map,
+                                  .package = d->package,
+                                  .package_size = d->package_size,
+                                  .bounces = (uint32_t)s->bounces,
+                                  .target_error = (float)s->error,
+                                  .noise_shown = noise_shown(s),
+                                  .client_lights = d->light_bits,
+                                  .client_lights_size = lw_client_lights_bytes(d->scene->light_count),
+                                  .client_materials = d->material_bits,
+                                  .client_materials_size = lw_client_lights_bytes(d->scene->material_count),
+                                  .scene = d->scene,
+                                  .hooks = hooks_of(d),
+                                  .retry_after_ms = (uint32_t)(1000 * s->return_s),
+                                  .address_sessions_max = (uint32_t)s->address_sessions,
+                                  .rate_limit_bytes_hz = (uint64_t)(s->link_rate * 1e6 / 8),
+                                  .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0};
     return lw_server_create(&desc, &d->server, err);
 }
 
 static enum lw_status run(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     d->started_ns = lw_clock_ns();
-    enum lw_status status = read_scene(d, err);
+    if (!d->server) { /* it follows nobody */
+        enum lw_status status = read_scene(d, err);
+        if (status != LW_OK) return status;
+        /* Binds the port before the long work, so that an address in use fails at once. */
+        if ((status = create_server(d, NULL, err)) != LW_OK) return status;
+    }
+    enum lw_status status = s->keep ? recall_light(d, err) : LW_OK;
     if (status != LW_OK) return status;
-    /* Binds the port before the long work, so that an address in use fails at once. */
-    if ((status = create_server(d, err)) != LW_OK) return status;
-    if (s->keep && (status = recall_light(d, err)) != LW_OK) return status;
     if (signalled) return lw_status_fail(err, LW_CLOSED, "%s: stopped before it was lit", s->scene.path);
     return serve(d, err);
 }
 
-static void finish(struct daemon *d) {
-    lw_server_destroy(d->server);
-    lw_daemon_metrics_finish(&d->metrics);
-    lw_light_store_finish(&d->light_store);
-    lw_publisher_destroy(d->publisher);
-    if (d->solver) d->solver->ops->destroy(d->solver);
-    lw_light_groups_finish(&d->light_groups);
-    lw_client_lights_finish(&d->client_lights);
-    free(d->light_bits);
-    free(d->material_bits);
-    lw_pose_finish(&d->pose);
-    lw_scene_state_finish(&d->state);
-    lw_atlas_map_finish(&d->atlas_map);
-    free(d->package);
-    lw_scene_destroy(d->scene);
-    lw_options_config_finish(&d->settings.config);
-}
-
-int main(int argc, char **argv) {
-    struct daemon d = {
+static void init(struct daemon *d, int argc, char **argv) {
+    *d = (struct daemon){
+        .argc = argc,
+        .argv = argv,
         .forms = 1u << LW_LIGHT_FORM_FULL,
+        .succession = {.sockets = {-1, -1, -1}},
         .settings = {.listen = LW_OPTIONS_ADDRESS,
                      .http = HTTP_ADDRESS,
                      .control_socket = "auto",
@@ -1112,24 +1146,222 @@ int main(int argc, char **argv) {
                      .log_level = LW_LOG_INFO,
                      .error = (double)TARGET_ERROR,
                      .scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG, .cancel = &signalled}}};
+}
+
+static void finish(struct daemon *d) {
+    lw_server_destroy(d->server);
+    lw_daemon_metrics_finish(&d->metrics);
+    lw_light_store_finish(&d->light_store);
+    lw_publisher_destroy(d->publisher);
+    if (d->solver) d->solver->ops->destroy(d->solver);
+    lw_light_groups_finish(&d->light_groups);
+    lw_client_lights_finish(&d->client_lights);
+    free(d->light_bits);
+    free(d->material_bits);
+    lw_pose_finish(&d->pose);
+    lw_scene_state_finish(&d->state);
+    lw_atlas_map_finish(&d->atlas_map);
+    free(d->package);
+    lw_scene_destroy(d->scene);
+    lw_options_config_finish(&d->settings.config);
+    free(d->settings.printed);
+}
+
+/* ---- what follows at SIGHUP ---- */
+
+/* Another daemon is made beside this one, of options and scene as they are now: its scene is read and its solver
+ * set up in a thread, while this one serves. Then the server hands over its sockets and tells its clients to come
+ * back at once; they find the other. What fails leaves this one as it was. */
+
+/* [loop] Tells what cannot change, and takes that from d. False: out of memory. */
+static bool keep_fixed(const struct daemon *d, struct daemon *next, bool *out_changed) {
+    char key[LW_OPTIONS_CONFIG_NAME_MAX];
+    struct settings *s = &next->settings;
+    const struct settings *old = &d->settings;
+    *out_changed = false;
+    for (size_t at = 0; lw_options_config_difference(old->printed, s->printed, &at, key);) {
+        size_t k = 0;
+        while (fixed_keys[k] && strcmp(fixed_keys[k], key) != 0) k++;
+        if (fixed_keys[k])
+            lw_log(LW_LOG_WARNING, "%s is as it was until lightwelld is started again", key);
+        else if (strcmp(key, "log-level") != 0)
+            *out_changed = true;
+    }
+    const struct {
+        const char **to;
+        const char *from;
+    } text[] = {{&s->listen, old->listen},
+                {&s->port_file, old->port_file},
+                {&s->http, old->http},
+                {&s->http_port_file, old->http_port_file},
+                {&s->metrics, old->metrics},
+                {&s->metrics_port_file, old->metrics_port_file},
+                {&s->control_socket, old->control_socket},
+                {&s->keep, old->keep}};
+    for (size_t i = 0; i < sizeof text / sizeof *text; i++) {
+        *text[i].to = text[i].from ? lw_options_config_keep(&s->config, text[i].from) : NULL;
+        if (text[i].from && !*text[i].to) return false;
+    }
+    s->clock = old->clock;
+    s->json = old->json;
+    s->frames = old->frames;
+    s->log_format = old->log_format;
+    return check(s, &(struct lw_error){0}) == LW_OK; /* addresses are in their parts again */
+}
+
+/* A file of these forms is all of its scene; others may read files beside it. */
+static bool is_one_file(const char *path) {
+    const char *ending = strrchr(path, '.');
+    return ending && (strcasecmp(ending, ".glb") == 0 || strcasecmp(ending, ".lwscene") == 0);
+}
+
+static bool scene_may_have_changed(const struct daemon *d) {
+    const struct lw_scene_open *scene = &d->settings.scene;
+    if (strncmp(scene->path, "builtin:", 8) == 0) return false;
+    const struct lw_file_stamp now = lw_file_stamp(scene->path),
+                               environment_now = lw_file_stamp(scene->environment);
+    return !is_one_file(scene->path) || !lw_file_stamp_equal(&now, &d->scene_stamp) ||
+           !lw_file_stamp_equal(&environment_now, &d->environment_stamp);
+}
+
+static enum lw_status prepare_next(struct daemon *d, bool *out_same, struct lw_error *err) {
+    struct daemon *next = d->succession.next;
+    enum lw_status status = read_scene(next, err);
+    if (status != LW_OK) return status;
+    *out_same = d->succession.only_scene && next->package_size == d->package_size &&
+                memcmp(next->package, d->package, d->package_size) == 0;
+    if (*out_same) return LW_OK;
+    status = create_server(next, &d->succession.sockets, err);
+    if (status == LW_OK) status = set_up_solver(next, err);
+    return status;
+}
+
+static void *succeed(void *argument) {
+    struct daemon *d = argument;
     struct lw_error err = {0};
-    bool done = false;
+    bool same = false;
+    give_way();
+    const enum lw_status status = prepare_next(d, &same, &err);
+    if (status == LW_OK && !same) {
+        lw_log(LW_LOG_INFO, "options and scene have changed: clients go over to %s",
+               d->succession.next->settings.scene.path);
+        d->succession.relays = true;
+        lw_server_relay(d->server);
+        return NULL;
+    }
+    if (status == LW_OK) {
+        d->scene_stamp = d->succession.next->scene_stamp;
+        lw_log(LW_LOG_INFO, "%s is the same scene as before", d->settings.scene.path);
+    } else if (status != LW_CLOSED) {
+        lw_log(LW_LOG_ERROR, "options and scene stay as they were: %s", err.text);
+    }
+    d->succession.ended = true;
+    return NULL;
+}
+
+static void drop_next(struct daemon *d) {
+    lw_server_sockets_close(&d->succession.sockets);
+    if (d->succession.next) finish(d->succession.next);
+    free(d->succession.next);
+    d->succession.next = NULL;
+    d->succession.runs = d->succession.ended = false;
+}
+
+static enum lw_status begin_succession(struct daemon *d, struct lw_error *err) {
+    struct succession *u = &d->succession;
+    bool changed, done;
+    struct daemon *next = u->next = malloc(sizeof *next);
+    if (!next) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    init(next, d->argc, d->argv);
+    next->isa = d->isa;
+    enum lw_status status = parse(&next->settings, d->argc, d->argv, &done, err);
+    if (status != LW_OK) return status;
+    if (!keep_fixed(d, next, &changed)) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    lw_log_init("lightwelld", (enum lw_log_level)next->settings.log_level);
+    u->only_scene = !changed;
+    if (!changed && !scene_may_have_changed(d)) {
+        lw_log(LW_LOG_INFO, "options and scene are as before");
+        drop_next(d);
+        return LW_OK;
+    }
+    lw_daemon_metrics_init(&next->metrics, next->isa, next->settings.entry->name);
+    next->metrics.renderers = next->settings.renderers;
+    if ((status = lw_server_share_sockets(d->server, &u->sockets, err)) != LW_OK) return status;
+    u->runs = pthread_create(&u->thread, NULL, succeed, d) == 0;
+    return u->runs ? LW_OK : lw_status_fail(err, LW_OS, "cannot start a thread");
+}
+
+/* At SIGHUP, in the loop's thread. */
+static void on_reload(void *context) {
+    struct daemon *d = context;
+    struct lw_error err = {0};
+    lw_server_reload(d->server);
+    if (d->succession.runs && !d->succession.ended) {
+        lw_log(LW_LOG_WARNING,
+               "options and scene are being read since the last SIGHUP: send another one later");
+        return;
+    }
+    if (d->succession.runs) pthread_join(d->succession.thread, NULL);
+    drop_next(d);
+    if (begin_succession(d, &err) == LW_OK) return;
+    lw_log(LW_LOG_ERROR, "options and scene stay as they were: %s", err.text);
+    drop_next(d);
+}
+
+/* What follows d, which has served; NULL: nothing does. *out_left: the thread is still at work, and what it works on
+ * must stay. */
+static struct daemon *successor(struct daemon *d, bool served, bool *out_left) {
+    struct succession *u = &d->succession;
+    const bool follows = served && u->relays && !(d->server && lw_server_was_signalled(d->server));
+    if (u->runs && !follows) {
+        signalled = SIGTERM; /* an import and a solver in the making end */
+        u->next->cancel = true;
+        const struct timespec until = in_seconds(1 + DROP_WAIT_S);
+        *out_left = pthread_timedjoin_np(u->thread, NULL, &until) != 0;
+        if (*out_left) return NULL;
+    } else if (u->runs) {
+        pthread_join(u->thread, NULL);
+    }
+    u->runs = false;
+    if (!follows) {
+        drop_next(d);
+        return NULL;
+    }
+    lw_server_sockets_close(&u->sockets);
+    return u->next;
+}
+
+int main(int argc, char **argv) {
+    struct daemon *d = malloc(sizeof *d);
+    struct lw_error err = {0};
+    bool done = false, left = false;
     lw_log_init("lightwelld", LW_LOG_INFO);
     lw_wait_passively(argv);
-    d.program = argv[0];
-    enum lw_status status = parse(&d.settings, argc, argv, &done, &err);
+    if (!d) return lw_log_failure(&(struct lw_error){.status = LW_NO_MEMORY});
+    init(d, argc, argv);
+    enum lw_status status = parse(&d->settings, argc, argv, &done, &err);
     if (status == LW_OK) { /* a mistake in the options is told as text */
-        lw_log_init("lightwelld", (enum lw_log_level)d.settings.log_level);
-        lw_log_set_format((enum lw_log_format)d.settings.log_format);
+        lw_log_init("lightwelld", (enum lw_log_level)d->settings.log_level);
+        lw_log_set_format((enum lw_log_format)d->settings.log_format);
     }
-    if (status == LW_OK && !done) status = lw_trace_check_isa(&d.isa, &err); /* before anybody is served */
+    if (status == LW_OK && !done) status = lw_trace_check_isa(&d->isa, &err); /* before anybody is served */
     if (status == LW_OK && !done) {
         lw_interrupt_watch(on_early_signal, NULL);
-        lw_daemon_metrics_init(&d.metrics, d.isa, d.settings.entry->name);
-        status = run(&d, &err);
+        lw_daemon_metrics_init(&d->metrics, d->isa, d->settings.entry->name);
+        d->metrics.renderers = d->settings.renderers;
+        status = run(d, &err);
+        for (struct daemon *next; (next = successor(d, status == LW_OK, &left)) != NULL;) {
+            finish(d);
+            free(d);
+            d = next;
+            status = run(d, &err);
+        }
         if (status == LW_CLOSED) status = LW_OK; /* stopped by a signal before it served */
         if (status == LW_OK) lw_log(LW_LOG_INFO, "stopped");
     }
-    finish(&d);
+    if (left) /* the process ends, and with it that thread */
+        _exit(status == LW_OK ? 0 : lw_log_failure(&err));
+    finish(d);
+    free(d);
     return status == LW_OK ? 0 : lw_log_failure(&err);
 }

@@ -21,6 +21,10 @@ static const char help[] =
     "Commands (NAME is a name, or #NUMBER as list prints it; lengths in metres):\n"
     "  list: objects, meshes with spares, lights, materials and cameras\n"
     "  status: whether the server answers; it downloads nothing\n"
+    "  stats: the server's figures; --watch: a line a second. Over the server's Unix socket alone\n"
+    "  drain [SECONDS]: ends the server: it takes nobody more, tells clients to come back after SECONDS, "
+    "saves its "
+    "light; over that socket alone\n"
     "  token view|control: makes a token and prints the line for lightwelld's --tokens; asks no server\n"
     "  move NAME X Y Z: an object, the middle of its box to this place\n"
     "  shift NAME DX DY DZ: an object, by so much\n"
@@ -415,7 +419,7 @@ static const struct {
 #define COMMANDS (sizeof command / sizeof *command)
 
 /* They change nothing, and stand alone. */
-static const char *const question[] = {"list", "status", "token"};
+static const char *const question[] = {"list", "status", "token", "stats", "drain"};
 #define QUESTIONS (sizeof question / sizeof *question)
 
 static const char *name_of(size_t i) { return i < COMMANDS ? command[i].name : question[i - COMMANDS]; }

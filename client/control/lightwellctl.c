@@ -1,14 +1,18 @@
 /* lightwellctl.c: changes the scene of a running lightwelld. */
 #include "client/control/ctl_command.h"
+#include "client/control/ctl_figures.h"
 #include "client/control/ctl_names.h"
+#include "client/lib/package_cache.h"
 #include "common/clock.h"
 #include "common/folders.h"
 #include "common/log.h"
 #include "common/options.h"
+#include "proto/message.h"
 
 #include <inttypes.h>
 #include <jansson.h>
 #include <limits.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,7 +25,7 @@ struct ctl {
     struct lw_access access;
     char host[256];
     uint16_t port;
-    bool json, batch;
+    bool json, batch, watch;
     char default_cache_folder[PATH_MAX];
     double timeout_s;
     uint64_t deadline_ns;
@@ -83,6 +87,8 @@ static enum lw_status parse(struct ctl *c, int argc, char **argv, bool *out_done
          "$XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
          LW_OPTION_STRING, &c->cache_folder, 0, 0, NULL},
         {"json", NULL, "print one JSON object", LW_OPTION_FLAG, &c->json, 0, 0, NULL},
+        {"watch", NULL, "stats: a line a second, until Ctrl-C or the server's end", LW_OPTION_FLAG, &c->watch,
+         0, 0, NULL},
         LW_ACCESS_OPTIONS(&c->access_options),
         {"timeout", "SECONDS", "give up after that time (default 30)", LW_OPTION_REAL, &c->timeout_s, 0.001,
          1e6, NULL},
@@ -123,7 +129,7 @@ static enum lw_status poll_until_deadline(struct ctl *c, const char *what, struc
 }
 
 /* Until the server has welcomed us. */
-static enum lw_status connect_to_server(struct ctl *c, struct lw_error *err) {
+static enum lw_status connect_to_server(struct ctl *c, bool operate, struct lw_error *err) {
     const double connect_s = c->timeout_s < 5 ? c->timeout_s : 5;
     return lw_client_create(
         &(struct lw_client_desc){.host = c->host,
@@ -133,7 +139,9 @@ static enum lw_status connect_to_server(struct ctl *c, struct lw_error *err) {
                                  .timeout_ms = (unsigned)(connect_s * 1e3) + 1,
                                  .cache_folder = *c->cache_folder ? c->cache_folder : NULL,
                                  .wants_nothing = true,
-                                 .control = true},
+                                 .control = true,
+                                 .watch.damaged = lw_package_cache_warn,
+                                 .operate = operate},
         &c->client, err);
 }
 
@@ -366,11 +374,106 @@ static enum lw_status print_status(const struct ctl *c, struct lw_error *err) {
     return fflush(stdout) ? lw_status_fail(err, LW_IO, "cannot write to stdout") : LW_OK;
 }
 
+/* ---- as an operator ---- */
+
+static enum lw_status fail_unknown(const struct ctl *c, struct lw_error *err) {
+    return lw_status_fail(err, LW_UNAVAILABLE, "%s does not know that question: is it an older lightwelld?",
+                          c->address);
+}
+
+static enum lw_status ask_figures(struct ctl *c, struct lw_ctl_figures *out, struct lw_error *err) {
+    uint32_t code = 0;
+    char *text = NULL;
+    c->deadline_ns = lw_clock_ns() + (uint64_t)(c->timeout_s * 1e9);
+    enum lw_status status = lw_client_ask(c->client, LW_ASK_STATS, 0, err);
+    while (status == LW_OK && !lw_client_take_report(c->client, &code, &text))
+        status = poll_until_deadline(c, "the answer", err);
+    if (status == LW_OK && !code) return lw_ctl_figures_read(out, text, lw_clock_ns(), err);
+    free(text);
+    return status == LW_OK ? fail_unknown(c, err) : status;
+}
+
+static enum lw_status print_figures(const struct ctl *c, const struct lw_ctl_figures *before,
+                                    const struct lw_ctl_figures *now, struct lw_error *err) {
+    char text[2048];
+    if (c->json) {
+        json_t *object = json_object();
+        for (size_t i = 0; object && i < now->count; i++)
+            if (isfinite(now->figure[i].value)) /* JSON has no other numbers */
+                json_object_set_new(object, now->figure[i].name, json_real(now->figure[i].value));
+        return print_json(object, err);
+    }
+    if (before)
+        lw_ctl_figures_line(before, now, text, sizeof text);
+    else
+        lw_ctl_figures_table(now, text, sizeof text);
+    const bool failed = printf("%s%s", text, before ? "\n" : "") < 0 || fflush(stdout);
+    return failed ? lw_status_fail(err, LW_IO, "cannot write to stdout") : LW_OK;
+}
+
+/* Once, or each second until the server ends. */
+static enum lw_status print_stats(struct ctl *c, struct lw_error *err) {
+    struct lw_ctl_figures before = {0}, now = {0};
+    enum lw_status status = ask_figures(c, &now, err);
+    if (status == LW_OK && (!c->watch || c->json)) status = print_figures(c, NULL, &now, err);
+    while (status == LW_OK && c->watch) {
+        const uint64_t next_ns = now.as_of_ns + 1000000000u;
+        lw_ctl_figures_finish(&before);
+        before = now;
+        now = (struct lw_ctl_figures){0};
+        while (status == LW_OK && lw_clock_ns() < next_ns) status = lw_client_poll(c->client, POLL_MS, err);
+        if (status == LW_OK) status = ask_figures(c, &now, err);
+        if (status == LW_OK) status = print_figures(c, &before, &now, err);
+    }
+    lw_ctl_figures_finish(&before);
+    lw_ctl_figures_finish(&now);
+    return status;
+}
+
+/* drain, drain SECONDS */
+static enum lw_status read_drain(const struct ctl *c, uint32_t *out_return_after_ms, struct lw_error *err) {
+    char *end = NULL;
+    const double after_s = c->word_count == 2 ? strtod(c->word[1], &end) : 0;
+    if (c->word_count > 2 || (end && (*end || end == c->word[1])) || !(after_s >= 0 && after_s <= 3600))
+        return lw_status_fail(
+            err, LW_USAGE,
+            "drain: say nothing more, or in how many seconds (0 to 3600) clients are to come back");
+    *out_return_after_ms = (uint32_t)lround(1e3 * after_s);
+    return LW_OK;
+}
+
+/* Until the server has ended our session, as it does all others. */
+static enum lw_status drain(struct ctl *c, uint32_t return_after_ms, struct lw_error *err) {
+    uint32_t code = 0;
+    char *text = NULL;
+    struct lw_error end_of_session = {0};
+    enum lw_status status = lw_client_ask(c->client, LW_ASK_DRAIN, return_after_ms, err), end = LW_OK;
+    while (status == LW_OK && end == LW_OK && !code) {
+        if (lw_clock_ns() > c->deadline_ns)
+            return lw_status_fail(err, LW_TIMED_OUT, "%s: it has not ended within %g s (--timeout)",
+                                  c->address, c->timeout_s);
+        end = lw_client_poll(c->client, POLL_MS, &end_of_session);
+        if (lw_client_take_report(c->client, &code, &text)) free(text);
+    }
+    if (status != LW_OK) return status;
+    if (code) return fail_unknown(c, err);
+    if (end != LW_CLOSED) return lw_status_fail(err, end, "%s", end_of_session.text);
+    if (c->json) return print_json(json_pack("{s:s, s:b}", "address", c->address, "drained", true), err);
+    printf("%s: drained\n", c->address);
+    return fflush(stdout) ? lw_status_fail(err, LW_IO, "cannot write to stdout") : LW_OK;
+}
+
 static enum lw_status run(struct ctl *c, struct lw_error *err) {
     c->deadline_ns = lw_clock_ns() + (uint64_t)(c->timeout_s * 1e9);
     c->change = calloc(LW_CLIENT_CHANGES_MAX, sizeof *c->change);
     if (!c->change) return lw_status_fail(err, LW_NO_MEMORY, "changes");
-    enum lw_status status = connect_to_server(c, err);
+    const bool drains = !c->batch && c->word_count && strcmp(c->word[0], "drain") == 0;
+    uint32_t return_after_ms = 0;
+    if (drains && read_drain(c, &return_after_ms, err) != LW_OK) return err->status;
+    if (c->watch && !asks(c, "stats")) return lw_status_fail(err, LW_USAGE, "--watch is for stats alone");
+    enum lw_status status = connect_to_server(c, drains || asks(c, "stats"), err);
+    if (status == LW_OK && drains) return drain(c, return_after_ms, err);
+    if (status == LW_OK && asks(c, "stats")) return print_stats(c, err);
     if (status == LW_OK && asks(c, "status")) return print_status(c, err);
     if (status == LW_OK) status = await_scene(c, err);
     if (status != LW_OK) return status;

@@ -27,10 +27,10 @@ struct lw_client {
     struct lw_access access;
     struct ssl_ctx_st *trust; /* by TLS: whom it believes; NULL: in plain */
     unsigned timeout_ms;
-    bool control, draws_direct;
+    bool control, operate, draws_direct, wants_nothing;
     uint64_t rate_limit_bytes_hz, budget_ns;
     struct lw_client_watch watch;
-    bool watch_has_scene;
+    bool watch_has_scene, told_damage;
     struct lw_link link;
     struct lw_message_memory memory; /* of the message that is being taken */
     /* Of the INTEREST that is being sent: LW_CLIENT_INTEREST_MAX tiles, and what encoding them takes. */
@@ -40,13 +40,17 @@ struct lw_client {
     struct lw_download download; /* until the replica is there */
     struct lw_replica *replica;  /* NULL before the package is complete */
     const struct lw_client *scene_of;
+    bool found_other_scene; /* the last attempt to connect again did */
     struct lw_package_hash package_hash;
     uint64_t package_compressed_size;
     uint64_t run;  /* of the server */
     bool may_hold; /* we may say what we have */
     struct lw_draws draws;
     struct lw_interest interest;
-    bool may_update;
+    bool may_update, may_ask;
+    uint64_t asked;          /* the request of the last ASK */
+    char *report;            /* the answer that has arrived, ended by a zero */
+    uint32_t report_code;    /* its code */
     uint32_t retry_after_ms; /* as the last REFUSAL said */
     uint64_t updates_sent;
     struct lw_client_answer *answer; /* LW_CLIENT_UPDATES_MAX of them, or NULL: a ring */
@@ -71,8 +75,9 @@ static bool has_scene(const struct lw_client *c, const struct lw_package_hash *h
 /* The session before this one has left a scene. */
 static enum lw_status take_up_scene(struct lw_client *c, const struct lw_message_welcome *welcome,
                                     bool same_run, struct lw_error *err) {
-    if (memcmp(c->package_hash.bytes, welcome->package_hash.bytes, sizeof c->package_hash.bytes) != 0)
-        return lw_status_fail(err, LW_BAD_DATA, "it lights another scene now");
+    c->found_other_scene =
+        memcmp(c->package_hash.bytes, welcome->package_hash.bytes, sizeof c->package_hash.bytes) != 0;
+    if (c->found_other_scene) return lw_status_fail(err, LW_BAD_DATA, "it lights another scene now");
     if (same_run) return LW_OK;
     lw_replica_begin_run(c->replica);
     c->may_hold = false;
@@ -80,9 +85,21 @@ static enum lw_status take_up_scene(struct lw_client *c, const struct lw_message
     return LW_OK;
 }
 
-static uint8_t *find_part(const void *folder, const struct lw_package_hash *hash, uint64_t size) {
+/* From the folder of packages; NULL: it is not there, or not as it should be, which is told once. */
+static uint8_t *read_cached(struct lw_client *c, enum lw_package_cache_kind kind,
+                            const struct lw_package_hash *hash, uint64_t size) {
     uint8_t *bytes;
-    return lw_package_cache_read(folder, LW_PACKAGE_CACHE_PART, hash, size, &bytes) ? bytes : NULL;
+    const enum lw_package_cache_found found =
+        lw_package_cache_read(c->cache_folder, kind, hash, size, &bytes);
+    if (found == LW_PACKAGE_CACHE_DAMAGED && !c->told_damage && c->watch.damaged) {
+        c->told_damage = true;
+        c->watch.damaged(c->watch.context, c->cache_folder);
+    }
+    return found == LW_PACKAGE_CACHE_FOUND ? bytes : NULL;
+}
+
+static uint8_t *find_part(void *client, const struct lw_package_hash *hash, uint64_t size) {
+    return read_cached(client, LW_PACKAGE_CACHE_PART, hash, size);
 }
 
 /* Where it cannot be kept it is downloaded again: no harm. A package of several parts is kept as these, and
@@ -127,8 +144,7 @@ static enum lw_status begin_download(struct lw_client *c, const struct lw_messag
                                      bool same_run, struct lw_error *err) {
     if (same_run && c->download.zstd) return LW_OK;
     lw_download_finish(&c->download);
-    enum lw_status status =
-        lw_download_init(&c->download, welcome, c->cache_folder ? find_part : NULL, c->cache_folder);
+    enum lw_status status = lw_download_init(&c->download, welcome, c->cache_folder ? find_part : NULL, c);
     if (status != LW_OK) return lw_status_fail(err, status, "out of memory");
     status = lw_download_begin(&c->download, err);
     return status == LW_OK && lw_download_is_complete(&c->download) ? take_package(c, err) : status;
@@ -137,10 +153,10 @@ static enum lw_status begin_download(struct lw_client *c, const struct lw_messag
 /* From the folder of packages, if it is there. */
 static enum lw_status load_cached(struct lw_client *c, const struct lw_message_welcome *welcome,
                                   struct lw_error *err) {
-    uint8_t *bytes;
-    if (!c->cache_folder || !lw_package_cache_read(c->cache_folder, LW_PACKAGE_CACHE_PACKAGE,
-                                                   &welcome->package_hash, welcome->package_size, &bytes))
-        return LW_OK;
+    uint8_t *bytes = c->cache_folder ? read_cached(c, LW_PACKAGE_CACHE_PACKAGE, &welcome->package_hash,
+                                                   welcome->package_size)
+                                     : NULL;
+    if (!bytes) return LW_OK;
     enum lw_status status = lw_replica_create(bytes, (size_t)welcome->package_size, &c->replica, err);
     free(bytes);
     c->stats.package_ns = lw_clock_ns();
@@ -172,9 +188,11 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
     c->stats.target_error = welcome->target_error;
     c->stats.noise_shown = welcome->noise_shown > 0 ? welcome->noise_shown : 1;
     c->may_update = welcome->features & LW_FEATURE_CONTROL;
+    c->may_ask = welcome->features & LW_FEATURE_OPERATE;
     c->may_hold = welcome->features & LW_FEATURE_RESUME;
     const bool same_run = welcome->run && welcome->run == c->run;
     c->run = welcome->run;
+    if (c->operate) return LW_OK; /* it wants no scene */
     enum lw_status status = lw_draws_begin(&c->draws, welcome, c->draws_direct, err);
     if (status == LW_OK) status = find_scene(c, welcome, same_run, err);
     if (status != LW_OK) return status;
@@ -264,6 +282,17 @@ static enum lw_status handle_updated(struct lw_client *c, const struct lw_messag
     return LW_OK;
 }
 
+static enum lw_status handle_report(struct lw_client *c, const struct lw_message_report *report,
+                                    struct lw_error *err) {
+    if (!c->asked || report->request != c->asked || c->report) return out_of_order(err, LW_MESSAGE_REPORT);
+    if (!(c->report = malloc(report->size + 1)))
+        return lw_status_fail(err, LW_NO_MEMORY, "message REPORT: out of memory");
+    if (report->size) memcpy(c->report, report->data, report->size);
+    c->report[report->size] = '\0';
+    c->report_code = report->code;
+    return LW_OK;
+}
+
 static enum lw_status handle_ping(struct lw_client *c, uint64_t token, struct lw_error *err) {
     struct lw_message pong = {.type = LW_MESSAGE_PONG, .pong.token = token};
     return lw_link_send(&c->link, &pong, err);
@@ -285,6 +314,8 @@ static enum lw_status handle_message(struct lw_client *c, const struct lw_messag
         return handle_settled(c, m->settled.frame, err);
     case LW_MESSAGE_UPDATED:
         return handle_updated(c, &m->updated, err);
+    case LW_MESSAGE_REPORT:
+        return handle_report(c, &m->report, err);
     case LW_MESSAGE_PING:
         return handle_ping(c, m->ping.token, err);
     case LW_MESSAGE_PONG:
@@ -437,6 +468,30 @@ bool lw_client_next_answer(struct lw_client *c, struct lw_client_answer *out_ans
     return true;
 }
 
+bool lw_client_may_ask(const struct lw_client *c) { return c->may_ask; }
+
+enum lw_status lw_client_ask(struct lw_client *c, uint32_t what, uint32_t return_after_ms,
+                             struct lw_error *err) {
+    if (!c->may_ask)
+        return lw_status_fail(
+            err, LW_NOT_ALLOWED,
+            "%s answers operators over its own Unix socket alone: as its user or root, on its "
+            "machine (lightwelld --control-socket)",
+            c->link.address);
+    free(c->report); /* nobody has taken it */
+    c->report = NULL;
+    const struct lw_message message = {.type = LW_MESSAGE_ASK, .ask = {++c->asked, what, return_after_ms}};
+    return lw_link_send(&c->link, &message, err);
+}
+
+bool lw_client_take_report(struct lw_client *c, uint32_t *out_code, char **out_text) {
+    if (!c->report) return false;
+    *out_code = c->report_code;
+    *out_text = c->report;
+    c->report = NULL;
+    return true;
+}
+
 /* ---- create, poll, destroy ---- */
 
 static enum lw_status send_first(struct lw_client *c, const struct lw_message *message,
@@ -499,6 +554,7 @@ static enum lw_status shake_hands(struct lw_client *c, struct lw_error *err) {
                                .hello = {.version = LW_WIRE_VERSION,
                                          .features = LW_FEATURES_READ |
                                                      (c->control ? LW_FEATURE_CONTROL : 0) |
+                                                     (c->operate ? LW_FEATURE_OPERATE : 0) |
                                                      (c->draws_direct ? LW_FEATURE_DRAWS : 0),
                                          .name = c->name,
                                          .rate_limit_bytes_hz = c->rate_limit_bytes_hz,
@@ -516,6 +572,7 @@ static enum lw_status shake_hands(struct lw_client *c, struct lw_error *err) {
         status = wait_for_server(c, deadline_ns, &cause);
         if (status == LW_OK) status = take_all(c, deadline_ns, &cause);
     }
+    if (status == LW_OK && c->operate) return LW_OK;
     if (status == LW_OK) status = tell_interest(c, &cause); /* before tiles can come */
     if (status == LW_OK) status = tell_held(c, &cause);
     if (status == LW_OK) return ask_for_package(c, err);
@@ -530,14 +587,14 @@ static enum lw_status connect_and_greet(struct lw_client *c, struct lw_error *er
     struct lw_link *fresh = malloc(sizeof *fresh); /* the client's own may be looked at meanwhile */
     if (!fresh) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     if (c->watch.leave) c->watch.leave(c->watch.context);
-    enum lw_status status =
-        lw_link_connect(fresh,
-                        &(struct lw_link_desc){.host = c->host,
-                                               .port = c->port,
-                                               .timeout_ms = c->timeout_ms,
-                                               .prefers_local = c->control && !c->access.has_token,
-                                               .tls = c->trust},
-                        err);
+    enum lw_status status = lw_link_connect(
+        fresh,
+        &(struct lw_link_desc){.host = c->host,
+                               .port = c->port,
+                               .timeout_ms = c->timeout_ms,
+                               .prefers_local = c->operate || (c->control && !c->access.has_token),
+                               .tls = c->trust},
+        err);
     if (c->watch.enter) c->watch.enter(c->watch.context);
     if (status == LW_OK) c->link = *fresh;
     free(fresh);
@@ -549,7 +606,7 @@ enum lw_status lw_client_reconnect(struct lw_client *c, struct lw_error *err) {
     lw_link_finish(&c->link);
     c->link.bytes_received = c->link.outbox_size = 0;
     c->bytes_before = bytes_before;
-    c->welcomed = c->may_update = false;
+    c->welcomed = c->may_update = c->found_other_scene = false;
     c->retry_after_ms = 0;
     c->unanswered = 0;
     c->frame_acked = c->stats.frame; /* the next one that comes is news to the server */
@@ -572,6 +629,33 @@ unsigned lw_client_return_ms(uint32_t told_ms, unsigned attempt, uint32_t seed) 
 
 uint32_t lw_client_retry_after_ms(const struct lw_client *c) { return c->retry_after_ms; }
 
+bool lw_client_found_other_scene(const struct lw_client *c) { return c->found_other_scene; }
+
+static void drop_answers(struct lw_client *c) {
+    for (; c->answer_count; c->answer_count--)
+        free((uint32_t *)c->answer[c->answer_first++ % LW_CLIENT_UPDATES_MAX].added);
+    c->answer_first = 0;
+    free(c->added);
+    c->added = NULL;
+}
+
+void lw_client_forget_scene(struct lw_client *c) {
+    lw_replica_destroy(c->replica);
+    c->replica = NULL;
+    lw_download_finish(&c->download);
+    lw_draws_finish(&c->draws);
+    lw_interest_finish(&c->interest);
+    lw_interest_init(&c->interest);
+    c->interest.now.everything = !c->wants_nothing;
+    drop_answers(c);
+    c->scene_of = NULL; /* it has the scene that is over */
+    c->watch_has_scene = c->may_hold = c->found_other_scene = false;
+    c->run = c->frame_acked = c->frame_ns = c->frame_solve_ns = 0;
+    c->stats.frame = c->stats.settled_frame = c->stats.changed_frame = 0;
+    c->stats.package_ns = c->stats.first_ns = 0;
+    c->stats.time_s = 0;
+}
+
 enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_client **out_client,
                                 struct lw_error *err) {
     struct lw_client *c = calloc(1, sizeof *c);
@@ -583,11 +667,13 @@ enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_cli
     if (desc->access) c->access = *desc->access;
     c->timeout_ms = desc->timeout_ms ? desc->timeout_ms : TIMEOUT_DEFAULT_MS;
     c->control = desc->control;
+    c->operate = desc->operate;
     c->draws_direct = desc->draws_direct;
     c->rate_limit_bytes_hz = desc->rate_limit_bytes_hz;
     c->budget_ns = desc->budget_ns ? desc->budget_ns : BUDGET_DEFAULT_NS;
     c->watch = desc->watch;
     lw_interest_init(&c->interest);
+    c->wants_nothing = desc->wants_nothing;
     c->interest.now.everything = !desc->wants_nothing;
     c->host = strdup(desc->host);
     c->name = strdup(desc->name ? desc->name : "liblightwell");
@@ -617,10 +703,9 @@ void lw_client_destroy(struct lw_client *c) {
     lw_link_finish(&c->link);
     lw_tls_trust_unref(c->trust);
     lw_interest_finish(&c->interest);
-    for (uint32_t i = 0; i < c->answer_count; i++)
-        free((uint32_t *)c->answer[(c->answer_first + i) % LW_CLIENT_UPDATES_MAX].added);
-    free(c->added);
+    drop_answers(c);
     free(c->answer);
+    free(c->report);
     free(c->interest_tile);
     free(c->interest_scratch);
     lw_message_memory_finish(&c->memory);

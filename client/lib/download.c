@@ -23,7 +23,7 @@ static void list_parts(struct lw_download *d, const struct lw_message_welcome *w
 }
 
 enum lw_status lw_download_init(struct lw_download *download, const struct lw_message_welcome *welcome,
-                                lw_download_find *find, const void *where) {
+                                lw_download_find *find, void *where) {
     const size_t count = welcome->part_count ? welcome->part_count : 1;
     *download = (struct lw_download){.zstd = ZSTD_createDCtx(),
                                      .package_size = welcome->package_size,

@@ -23,12 +23,12 @@ struct lw_download {
 };
 
 /** Where parts may be found: its bytes, malloc'ed, or NULL. */
-typedef uint8_t *lw_download_find(const void *where, const struct lw_package_hash *hash, uint64_t size);
+typedef uint8_t *lw_download_find(void *where, const struct lw_package_hash *hash, uint64_t size);
 
 /** find: NULL: nothing is held. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_download_init(struct lw_download *download,
                                               const struct lw_message_welcome *welcome,
-                                              lw_download_find *find, const void *where);
+                                              lw_download_find *find, void *where);
 void lw_download_finish(struct lw_download *download);
 
 /** The request for the rest of the package. *out_held: .held of the request points to it; malloc'ed, the

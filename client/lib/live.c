@@ -19,11 +19,20 @@
 /* ---- statuses ---- */
 
 static const char *const status_text[] = {
-    "success",           "wrong call",          "malformed data, or another scene",
-    "host name unknown", "service unavailable", "internal error",
-    "out of memory",     "system error",        "timed out",
-    "protocol error",    "connection closed",   "the scene has not arrived yet",
+    "success",
+    "wrong call",
+    "malformed data, or another scene",
+    "host name unknown",
+    "service unavailable",
+    "internal error",
+    "out of memory",
+    "system error",
+    "timed out",
+    "protocol error",
+    "connection closed",
+    "the scene has not arrived yet",
     "not allowed",
+    "another scene is lit now",
 };
 
 const char *lw_live_status_text(enum lw_live_status status) {
@@ -178,6 +187,24 @@ static bool wait_for(void *context, int descriptor, bool for_writing, uint64_t d
     return !atomic_load(&live->stops);
 }
 
+/* ---- another scene ---- */
+
+/* With the lock. What it has been told of the scene that is over is over, too. */
+static void forget_scene(struct lw_live *live) {
+    live->scene = NULL;
+    live->other_scene = false;
+    live->answer = (struct lw_client_answer){0};
+    lw_live_tiles_finish(&live->tiles);
+    lw_live_interest_finish(&live->interest);
+    lw_live_scene_finish(live);
+    lw_client_forget_scene(live->client);
+}
+
+static enum lw_live_status tell_other_scene(struct lw_live *live, struct lw_live_error *err) {
+    forget_scene(live);
+    return lw_live_fail(err, LW_LIVE_OTHER_SCENE, "the server lights another scene now");
+}
+
 /* ---- the thread ---- */
 
 /* Whether connecting again may help. */
@@ -216,10 +243,18 @@ static void *run(void *context) {
     lw_live_lock(live);
     while (!atomic_load(&live->stops)) {
         struct lw_error err = {0};
+        if (live->other_scene) { /* the caller may be reading the one before */
+            attempt = 0;
+            (void)wait_for(live, -1, false, lw_clock_ns() + WAIT_MS * 1000000ull);
+            continue;
+        }
         enum lw_status status =
             live->is_connected ? take_in(live, &err) : connect_again(live, attempt++, &err);
         if (live->is_connected) attempt = 0;
-        if (status != LW_OK && !is_passing(status) && !atomic_load(&live->stops)) {
+        if (status != LW_OK && lw_client_found_other_scene(live->client)) {
+            live->other_scene = true;
+            pthread_cond_broadcast(&live->news);
+        } else if (status != LW_OK && !is_passing(status) && !atomic_load(&live->stops)) {
             live->ended = status;
             live->reason = err;
             pthread_cond_broadcast(&live->news);
@@ -335,10 +370,12 @@ static enum lw_live_status hear(struct lw_live *live, uint32_t timeout_ms, struc
     const uint64_t deadline_ns = lw_clock_ns() + timeout_ms * 1000000ull;
     const struct timespec deadline = {(time_t)(deadline_ns / 1000000000u), (long)(deadline_ns % 1000000000u)};
     lw_live_lock(live);
-    while (timeout_ms && live->taken == live->told && live->ended == LW_OK)
+    while (timeout_ms && live->taken == live->told && live->ended == LW_OK && !live->other_scene)
         if (pthread_cond_timedwait(&live->news, &live->data, &deadline)) break;
     live->told = live->taken;
-    enum lw_live_status status = lw_live_pass(err, live->ended, &live->reason);
+    enum lw_live_status status =
+        live->other_scene ? tell_other_scene(live, err) : lw_live_pass(err, live->ended, &live->reason);
+    if (status == LW_LIVE_OTHER_SCENE) rouse(live);
     lw_live_unlock(live);
     return status;
 }
@@ -361,6 +398,7 @@ enum lw_live_status lw_live_reconnect(struct lw_live *live, struct lw_live_error
     enum lw_status status = lw_client_reconnect(live->client, &cause);
     live->is_connected = status == LW_OK;
     live->sessions += status == LW_OK;
+    if (status != LW_OK && lw_client_found_other_scene(live->client)) return tell_other_scene(live, err);
     return lw_live_pass(err, status, &cause);
 }
 

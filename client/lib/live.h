@@ -35,6 +35,7 @@ struct lw_live {
     uint64_t taken, told;   /* times that something was taken in; as of the last lw_live_poll() */
     enum lw_status ended;   /* why the thread has ended */
     struct lw_error reason; /* likewise */
+    bool other_scene;       /* the server lights one; the thread waits until the caller knows */
 
     /* once the scene is there */
     const struct lw_scene *scene;

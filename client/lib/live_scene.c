@@ -294,6 +294,9 @@ void lw_live_scene_finish(struct lw_live *live) {
     for (unsigned k = 0; k < LW_LIVE_KINDS; k++) free(live->by_name[k]);
     free(live->mesh_box);
     if (live->has_cameras) lw_pose_finish(&live->cameras);
+    memset(live->by_name, 0, sizeof live->by_name);
+    live->mesh_box = NULL;
+    live->has_cameras = false;
 }
 
 /* ---- a ray ---- */

@@ -2,6 +2,7 @@
 
 #include "common/atomic_file.h"
 #include "common/file_read.h"
+#include "common/log.h"
 
 #include <dirent.h>
 #include <fcntl.h>
@@ -26,8 +27,9 @@ static char *path_of(const char *folder, enum lw_package_cache_kind kind,
     return asprintf(&path, "%s/%s%s", folder, name, suffix[kind]) < 0 ? NULL : path;
 }
 
-bool lw_package_cache_read(const char *folder, enum lw_package_cache_kind kind,
-                           const struct lw_package_hash *hash, uint64_t size, uint8_t **out_bytes) {
+enum lw_package_cache_found lw_package_cache_read(const char *folder, enum lw_package_cache_kind kind,
+                                                  const struct lw_package_hash *hash, uint64_t size,
+                                                  uint8_t **out_bytes) {
     char *path = path_of(folder, kind, hash);
     struct lw_package_hash found;
     uint8_t *bytes = NULL;
@@ -40,8 +42,15 @@ bool lw_package_cache_read(const char *folder, enum lw_package_cache_kind kind,
         *out_bytes = bytes;
     } else
         free(bytes);
+    const bool is_there = path && access(path, F_OK) == 0;
     free(path);
-    return good;
+    return good ? LW_PACKAGE_CACHE_FOUND : is_there ? LW_PACKAGE_CACHE_DAMAGED : LW_PACKAGE_CACHE_ABSENT;
+}
+
+void lw_package_cache_warn(void *context, const char *folder) {
+    (void)context;
+    lw_log(LW_LOG_WARNING, "a scene package in %s is damaged or cannot be read: it is downloaded again",
+           folder);
 }
 
 /* All that lie above a file; opening it says what is wrong with them. */

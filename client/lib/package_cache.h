@@ -12,11 +12,20 @@
 
 enum lw_package_cache_kind { LW_PACKAGE_CACHE_PACKAGE, LW_PACKAGE_CACHE_PART };
 
-/** Reads the file of this hash and size; *out_bytes: the caller's to free(). false: there is none, it cannot
- * be read, it is damaged, or there is no memory for it. */
-LW_MUST_CHECK bool lw_package_cache_read(const char *folder, enum lw_package_cache_kind kind,
-                                         const struct lw_package_hash *hash, uint64_t size,
-                                         uint8_t **out_bytes);
+enum lw_package_cache_found {
+    LW_PACKAGE_CACHE_ABSENT,
+    LW_PACKAGE_CACHE_FOUND,
+    LW_PACKAGE_CACHE_DAMAGED /* there is a file, but not of this size and hash, or it cannot be read */
+};
+
+/** Reads the file of this hash and size. FOUND: *out_bytes is the caller's to free(). */
+LW_MUST_CHECK enum lw_package_cache_found lw_package_cache_read(const char *folder,
+                                                                enum lw_package_cache_kind kind,
+                                                                const struct lw_package_hash *hash,
+                                                                uint64_t size, uint8_t **out_bytes);
+
+/** Warns of it in the log: what a program of ours gives as lw_client_watch.damaged. context: unused. */
+void lw_package_cache_warn(void *context, const char *folder);
 
 /** Writes bytes under their hash. Makes the folder, and those above it. Removes the least recently used files
  * until the rest keep to LW_PACKAGE_CACHE_BYTES_MAX. Files with other names stay and do not count.

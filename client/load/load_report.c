@@ -292,7 +292,8 @@ bool lw_load_report_check(const struct lw_load_options *o, const struct lw_load_
                fault_count(r));
         held = false;
     }
-    if (r->end == LW_LOAD_END_SERVER_GONE || r->end == LW_LOAD_END_INTERRUPTED) {
+    if (r->end == LW_LOAD_END_SERVER_GONE || r->end == LW_LOAD_END_OTHER_SCENE ||
+        r->end == LW_LOAD_END_INTERRUPTED) {
         lw_log(LW_LOG_ERROR, "%s after %.3g of %g s", end_text[r->end], r->measured_s, o->seconds);
         held = false;
     }

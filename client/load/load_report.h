@@ -15,6 +15,7 @@
     X(TIME, "time", "the measured time is over")                                                             \
     X(NOBODY_LEFT, "nobody_left", "the server closed everybody who stopped reading")                         \
     X(SERVER_GONE, "server_gone", "the server is gone")                                                      \
+    X(OTHER_SCENE, "other_scene", "the server lights another scene now")                                     \
     X(INTERRUPTED, "interrupted", "interrupted")
 
 enum lw_load_end {

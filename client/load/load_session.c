@@ -422,6 +422,11 @@ static void handle_welcome(struct lw_load_session *s, const struct lw_message_we
         out_of_order(s, LW_MESSAGE_WELCOME);
         return;
     }
+    if (s->returns && memcmp(welcome->package_hash.bytes, scene->hash.bytes, sizeof scene->hash.bytes) != 0) {
+        s->shared->other_scene = true;
+        lw_load_session_close(s);
+        return;
+    }
     if (welcome->version != LW_WIRE_VERSION ||
         memcmp(welcome->package_hash.bytes, scene->hash.bytes, sizeof scene->hash.bytes) != 0 ||
         welcome->package_compressed_size != scene->compressed_size) {

@@ -179,6 +179,10 @@ static void on_tick(uv_timer_t *timer) {
     lw_load_session_return_due(&s->shared, now_ns);
     s->ticked_ns = now_ns;
     ramp(s, 1e-9 * (double)(now_ns - s->began_ns));
+    if (s->shared.other_scene) {
+        finish(s, LW_LOAD_END_OTHER_SCENE);
+        return;
+    }
     bool all_begun = s->begun == s->options->users;
     if (all_begun && !f->measuring) begin_measuring(s, now_ns);
     if (s->shared.live_count == 0 && !s->shared.returning && (all_begun || f->lost)) {

@@ -2,6 +2,7 @@
 
 #include "client/gl/gl_offscreen.h"
 #include "client/gl/gl_view.h"
+#include "client/lib/package_cache.h"
 #include "client/view/antialias.h"
 #include "client/view/export.h"
 #include "client/view/settling.h"
@@ -73,7 +74,8 @@ static enum lw_status connect_to_server(struct headless *h, struct lw_error *err
                                                   .timeout_ms = limit_ms,
                                                   .cache_folder = h->options->cache_folder,
                                                   .wants_nothing = true,
-                                                  .draws_direct = h->options->draws_direct},
+                                                  .draws_direct = h->options->draws_direct,
+                                                  .watch.damaged = lw_package_cache_warn},
                          &h->client, err);
     h->welcomed_ns = lw_clock_ns();
     return status;

@@ -1,5 +1,6 @@
 #include "client/view/seeker.h"
 
+#include "client/lib/package_cache.h"
 #include "common/clock.h"
 
 #include <pthread.h>
@@ -36,7 +37,8 @@ static void *attempt(void *argument) {
                                                   .cache_folder = seeker->cache_folder,
                                                   .wants_nothing = true,
                                                   .budget_ns = LW_SEEKER_BUDGET_NS,
-                                                  .draws_direct = seeker->draws_direct},
+                                                  .draws_direct = seeker->draws_direct,
+                                                  .watch.damaged = lw_package_cache_warn},
                          &client, &err) == LW_OK)
         seeker->client = client;
     atomic_store_explicit(&seeker->done, true, memory_order_release);

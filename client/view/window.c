@@ -1,6 +1,7 @@
 #include "client/view/window.h"
 
 #include "client/gl/gl_view.h"
+#include "client/lib/package_cache.h"
 #include "client/view/comparison.h"
 #include "client/view/overlay.h"
 #include "client/view/own_server.h"
@@ -297,7 +298,8 @@ static enum lw_status connect_first(struct lw_window *w, uint16_t port, struct l
                                                      .cache_folder = o->cache_folder,
                                                      .wants_nothing = true,
                                                      .budget_ns = LW_SEEKER_BUDGET_NS,
-                                                     .draws_direct = o->draws_direct},
+                                                     .draws_direct = o->draws_direct,
+                                                     .watch.damaged = lw_package_cache_warn},
                             &w->incoming, err);
 }
 

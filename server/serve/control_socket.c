@@ -49,7 +49,7 @@ struct lw_session_peer lw_control_socket_peer(int descriptor) {
     struct ucred from = {0};
     socklen_t size = sizeof from;
     if (getsockopt(descriptor, SOL_SOCKET, SO_PEERCRED, &from, &size) != 0) return peer;
-    peer.may_control = from.uid == geteuid() || from.uid == 0;
+    peer.may_control = peer.is_operator = from.uid == geteuid() || from.uid == 0;
     snprintf(peer.address, sizeof peer.address, "Unix socket, user %u, process %d", (unsigned)from.uid,
              (int)from.pid);
     return peer;

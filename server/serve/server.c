@@ -9,6 +9,8 @@
 #include "server/serve/web_server.h"
 
 #include <assert.h>
+#include <errno.h>
+#include <fcntl.h>
 #include <inttypes.h>
 #include <netdb.h>
 #include <signal.h>
@@ -48,7 +50,8 @@ struct lw_server {
     uv_signal_t interrupt, terminate, hangup;
     bool has_terminal; /* its log goes to one */
     char *tokens_path;
-    bool stopping;
+    char *control_path; /* that is still to be made */
+    bool stopping, signalled;
     uint16_t port, http_port, metrics_port;
     uint32_t *order;
     struct lw_session_shared shared;
@@ -338,6 +341,7 @@ static void on_session_closed(void *context) {
 /* signalled: without a watcher the next signal has its default effect: a user who cannot wait signals twice.
  * Else watchers stay until the end: who goes away ends our input, and then sends a signal. */
 static void begin_stop(struct lw_server *server, bool signalled) {
+    server->signalled |= signalled;
     if (signalled) {
         uv_signal_stop(&server->interrupt);
         uv_signal_stop(&server->terminate);
@@ -368,6 +372,7 @@ static void on_hangup(uv_signal_t *handle, int number) {
         on_signal(handle, number);
         return;
     }
+    if (server->stopping) return;
     lw_log(LW_LOG_INFO, "SIGHUP: reading files again");
     server->hooks.reload(server->hooks.context);
 }
@@ -441,6 +446,37 @@ static void on_lag(uv_timer_t *handle) {
 static void on_beat(uv_timer_t *handle) {
     const struct lw_server *server = handle->data;
     server->hooks.beat(server->hooks.context);
+}
+
+/* A text of whole lines that a report holds. */
+static size_t cut_report(const char *text, size_t size) {
+    if (size <= LW_MESSAGE_REPORT_MAX) return size;
+    size = LW_MESSAGE_REPORT_MAX;
+    while (size && text[size - 1] != '\n') size--;
+    return size;
+}
+
+/* What is asked over the control socket. */
+static enum lw_report_code on_ask(void *context, const struct lw_message_ask *ask, char **out_text,
+                                  size_t *out_size) {
+    struct lw_server *server = context;
+    struct lw_server_page page = {0};
+    switch (ask->what) {
+    case LW_ASK_STATS:
+        if (!server->hooks.page || !server->hooks.page(server->hooks.context, "/metrics", &page))
+            return LW_REPORT_UNKNOWN;
+        *out_text = page.text;
+        *out_size = cut_report(page.text, page.size);
+        return LW_REPORT_DONE;
+    case LW_ASK_DRAIN:
+        lw_log(LW_LOG_INFO, "asked to drain: stopping");
+        if (ask->return_after_ms) server->shared.retry_after_ms = ask->return_after_ms;
+        server->signalled = true;
+        lw_server_stop(server);
+        return LW_REPORT_DONE;
+    default:
+        return LW_REPORT_UNKNOWN;
+    }
 }
 
 static void on_session_opened(void *context) {
@@ -558,6 +594,11 @@ static enum lw_status listen_failure(struct lw_error *err, const char *address, 
     }
 }
 
+static uint16_t port_of(const struct sockaddr_storage *bound) {
+    return ntohs(bound->ss_family == AF_INET6 ? ((const struct sockaddr_in6 *)bound)->sin6_port
+                                              : ((const struct sockaddr_in *)bound)->sin_port);
+}
+
 static enum lw_status start_listening(uv_tcp_t *listener, const char *host, uint16_t port, const char *option,
                                       uint16_t *out_port, struct lw_error *err) {
     char address[ADDRESS_SIZE], service[8];
@@ -578,25 +619,61 @@ static enum lw_status start_listening(uv_tcp_t *listener, const char *host, uint
     int length = sizeof bound;
     if (result == 0) result = uv_tcp_getsockname(listener, (struct sockaddr *)&bound, &length);
     if (result < 0) return listen_failure(err, address, option, result);
-    *out_port = ntohs(bound.ss_family == AF_INET6 ? ((struct sockaddr_in6 *)&bound)->sin6_port
-                                                  : ((struct sockaddr_in *)&bound)->sin_port);
+    *out_port = port_of(&bound);
     return LW_OK;
 }
 
-static enum lw_status start_control(struct lw_server *server, const struct lw_server_desc *desc,
-                                    struct lw_error *err) {
+/* The same on a socket of the server before; *socket is -1 then. */
+static enum lw_status take_over(uv_tcp_t *listener, int *socket, uint16_t *out_port, struct lw_error *err) {
+    struct sockaddr_storage bound = {0};
+    int length = sizeof bound, result = uv_tcp_open(listener, *socket);
+    if (result == 0) *socket = -1;
+    if (result == 0) result = uv_listen((uv_stream_t *)listener, BACKLOG, on_connection);
+    if (result == 0) result = uv_tcp_getsockname(listener, (struct sockaddr *)&bound, &length);
+    if (result < 0) return lw_status_fail(err, LW_OS, "cannot go on listening: %s", uv_strerror(result));
+    *out_port = port_of(&bound);
+    return LW_OK;
+}
+
+static int duplicate(const uv_tcp_t *listener) {
+    uv_os_fd_t descriptor;
+    if (uv_is_closing((const uv_handle_t *)listener) ||
+        uv_fileno((const uv_handle_t *)listener, &descriptor) != 0)
+        return -1;
+    return fcntl(descriptor, F_DUPFD_CLOEXEC, 3);
+}
+
+enum lw_status lw_server_share_sockets(const struct lw_server *server, struct lw_server_sockets *out_sockets,
+                                       struct lw_error *err) {
+    struct lw_server_sockets sockets = {duplicate(&server->listener),
+                                        server->http_port ? duplicate(&server->http_listener) : -1,
+                                        server->metrics_port ? duplicate(&server->metrics_listener) : -1};
+    if (sockets.listen < 0 || (server->http_port && sockets.http < 0) ||
+        (server->metrics_port && sockets.metrics < 0)) {
+        lw_server_sockets_close(&sockets);
+        return lw_status_fail(err, LW_OS, "the sockets cannot be shared: %s", strerror(errno));
+    }
+    *out_sockets = sockets;
+    return LW_OK;
+}
+
+void lw_server_sockets_close(struct lw_server_sockets *sockets) {
+    int *const each[] = {&sockets->listen, &sockets->http, &sockets->metrics};
+    for (size_t i = 0; i < sizeof each / sizeof *each; i++) {
+        if (*each[i] >= 0) close(*each[i]);
+        *each[i] = -1;
+    }
+}
+
+static enum lw_status start_control(struct lw_server *server, const char *path, struct lw_error *err) {
     struct lw_error cause = {0};
-    if (!desc->control_socket) return LW_OK;
-    enum lw_status status =
-        lw_control_socket_bind(&server->control_listener, desc->control_socket, server->port, &cause);
+    enum lw_status status = lw_control_socket_bind(&server->control_listener, path, server->port, &cause);
     const int result =
         status == LW_OK ? uv_listen((uv_stream_t *)&server->control_listener, BACKLOG, on_connection) : 0;
-    if (result < 0)
-        status = lw_status_fail(&cause, LW_OS, "%s: %s", desc->control_socket, uv_strerror(result));
+    if (result < 0) status = lw_status_fail(&cause, LW_OS, "%s: %s", path, uv_strerror(result));
     if (status == LW_OK) return LW_OK;
     close_handle((uv_handle_t *)&server->control_listener);
-    if (strcmp(desc->control_socket, "auto") != 0)
-        return lw_status_fail(err, status, "--control-socket: %s", cause.text);
+    if (strcmp(path, "auto") != 0) return lw_status_fail(err, status, "--control-socket: %s", cause.text);
     lw_log(LW_LOG_WARNING, "the scene changes by tokens alone: no Unix socket: %s", cause.text);
     return LW_OK;
 }
@@ -611,9 +688,11 @@ static enum lw_status start_http(struct lw_server *server, const struct lw_serve
                                            .hosts = desc->http_hosts,
                                            .origins = desc->http_origins};
     struct lw_error cause = {0};
-    if (!desc->http_host) return LW_OK;
-    enum lw_status status = start_listening(&server->http_listener, desc->http_host, desc->http_port,
-                                            "--http", &server->http_port, &cause);
+    if (!desc->http_host || (desc->sockets && desc->sockets->http < 0)) return LW_OK;
+    enum lw_status status =
+        desc->sockets ? take_over(&server->http_listener, &desc->sockets->http, &server->http_port, &cause)
+                      : start_listening(&server->http_listener, desc->http_host, desc->http_port, "--http",
+                                        &server->http_port, &cause);
     if (status == LW_OK) status = lw_web_server_create(&web, &server->web, &cause);
     if (status == LW_OK) return LW_OK;
     server->http_port = 0;
@@ -625,7 +704,7 @@ static enum lw_status start_http(struct lw_server *server, const struct lw_serve
 
 static enum lw_status start_metrics(struct lw_server *server, const struct lw_server_desc *desc,
                                     struct lw_error *err) {
-    if (!desc->metrics_host) return LW_OK;
+    if (!desc->metrics_host || (desc->sockets && desc->sockets->metrics < 0)) return LW_OK;
     assert(desc->hooks.page);
     const struct lw_web_server_desc web = {.loop = &server->loop,
                                            .sessions = &server->shared,
@@ -635,8 +714,11 @@ static enum lw_status start_metrics(struct lw_server *server, const struct lw_se
                                            .wants_token = desc->metrics_guarded,
                                            .page = desc->hooks.page,
                                            .page_context = desc->hooks.context};
-    enum lw_status status = start_listening(&server->metrics_listener, desc->metrics_host, desc->metrics_port,
-                                            "--metrics", &server->metrics_port, err);
+    enum lw_status status =
+        desc->sockets
+            ? take_over(&server->metrics_listener, &desc->sockets->metrics, &server->metrics_port, err)
+            : start_listening(&server->metrics_listener, desc->metrics_host, desc->metrics_port, "--metrics",
+                              &server->metrics_port, err);
     return status == LW_OK ? lw_web_server_create(&web, &server->metrics_web, err) : status;
 }
 
@@ -724,6 +806,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     shared->address_sessions_max = desc->address_sessions_max;
     shared->parse.budget = LW_SERVER_PARSE_MAX;
     shared->on_open = on_session_opened;
+    shared->ask = on_ask;
     shared->on_close = on_session_closed;
     shared->server = server;
     server->tcp.sessions = shared;
@@ -754,6 +837,14 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     if (status == LW_OK && shared->scene) status = lw_scene_roster_init(&shared->roster, shared->scene);
     shared->order = server->order;
     return status == LW_OK ? compress_package(shared, desc->package, desc->package_size) : status;
+}
+
+/* One that follows another watches before that one ends: its watchers would leave a gap. */
+static enum lw_status watch_signals(struct lw_server *server, struct lw_error *err) {
+    int result = uv_signal_start(&server->interrupt, on_signal, SIGINT);
+    if (result == 0) result = uv_signal_start(&server->terminate, on_signal, SIGTERM);
+    if (result == 0 && server->hooks.reload) result = uv_signal_start(&server->hangup, on_hangup, SIGHUP);
+    return result == 0 ? LW_OK : lw_status_fail(err, LW_OS, "cannot watch signals: %s", uv_strerror(result));
 }
 
 /* Every session is a descriptor. Failing to get more of them is no failure: accept() will say so when they
@@ -795,15 +886,23 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
     enum lw_status status = init_handles(server, err);
     if (status == LW_OK) status = read_tokens(server, desc, err);
     if (status == LW_OK) status = read_certificate(server, desc, err);
-    if (status == LW_OK)
+    if (status == LW_OK && desc->sockets)
+        status = take_over(&server->listener, &desc->sockets->listen, &server->port, err);
+    else if (status == LW_OK)
         status = start_listening(&server->listener, desc->host ? desc->host : "127.0.0.1", desc->port,
                                  "--listen", &server->port, err);
-    if (status == LW_OK) status = start_control(server, desc, err);
+    if (status == LW_OK && desc->control_socket && desc->sockets)
+        status = (server->control_path = strdup(desc->control_socket))
+                     ? LW_OK
+                     : lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    else if (status == LW_OK && desc->control_socket)
+        status = start_control(server, desc->control_socket, err);
     if (status == LW_OK) status = start_http(server, desc, err);
     if (status == LW_OK) status = start_metrics(server, desc, err);
     if (status == LW_OK && (status = init_shared(server, desc)) != LW_OK)
         lw_status_fail(err, status, "cannot prepare the scene package for clients: %s",
                        lw_status_text(status));
+    if (status == LW_OK && desc->sockets) status = watch_signals(server, err);
     if (status == LW_OK)
         *out_server = server;
     else
@@ -817,12 +916,15 @@ uint16_t lw_server_port(const struct lw_server *server) { return server->port; }
 uint16_t lw_server_http_port(const struct lw_server *server) { return server->http_port; }
 uint16_t lw_server_metrics_port(const struct lw_server *server) { return server->metrics_port; }
 
+bool lw_server_was_signalled(const struct lw_server *server) { return server->signalled; }
+
 enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err) {
     signal(SIGPIPE, SIG_IGN); /* libuv writes to closed sockets without asking for silence */
-    int result = uv_signal_start(&server->interrupt, on_signal, SIGINT);
-    if (result == 0) result = uv_signal_start(&server->terminate, on_signal, SIGTERM);
-    if (result == 0 && server->hooks.reload) result = uv_signal_start(&server->hangup, on_hangup, SIGHUP);
-    if (result < 0) return lw_status_fail(err, LW_OS, "cannot watch signals: %s", uv_strerror(result));
+    enum lw_status status = watch_signals(server, err);
+    if (status != LW_OK) return status;
+    struct lw_error cause = {0};
+    if (server->control_path && start_control(server, server->control_path, &cause) != LW_OK)
+        lw_log(LW_LOG_WARNING, "%s", cause.text);
     uv_prepare_start(&server->prepare, on_prepare);
     uv_check_start(&server->check, on_check);
     if (server->hooks.beat) uv_timer_start(&server->beat, on_beat, 0, server->hooks.beat_ms);
@@ -922,6 +1024,7 @@ void lw_server_destroy(struct lw_server *server) {
     lw_tls_context_destroy(server->tcp.tls);
     lw_tls_output_finish(&server->tcp.output);
     free(server->tokens_path);
+    free(server->control_path);
     uv_mutex_destroy(&shared->stats_mutex);
     uv_mutex_destroy(&server->mutex);
     free(server);

@@ -27,8 +27,16 @@ struct lw_server_hooks {
     bool (*page)(void *context, const char *path, struct lw_server_page *out_page);
 };
 
+/** Sockets that listen, on behalf of a server that follows another; -1: none. */
+struct lw_server_sockets {
+    int listen, http, metrics;
+};
+
 struct lw_server_desc {
     const char *host; /* numeric or a name */
+    /* Of the server before this one, in place of host, port and the others; NULL: there was none. What is used
+     * is set to -1. The control socket is made in lw_server_run(), once that server has closed its own. */
+    struct lw_server_sockets *sockets;
     /* Where the server's user and root change the scene: a path, or "auto" (control_path.h), whose failure is
      * a warning; NULL: nowhere. Copied. */
     const char *control_socket;
@@ -78,6 +86,14 @@ LW_MUST_CHECK enum lw_status lw_server_create(const struct lw_server_desc *desc,
  * refused. Where a file cannot be used what was read before holds. Logs what became of it. [loop], as
  * hooks.reload */
 void lw_server_reload(struct lw_server *server);
+/** Duplicates the sockets on which it listens, for a server that is to follow: nobody who connects in between
+ * is turned away. Whoever gets them closes what is left of them. [loop] Errors: LW_OS. */
+LW_MUST_CHECK enum lw_status lw_server_share_sockets(const struct lw_server *server,
+                                                     struct lw_server_sockets *out_sockets,
+                                                     struct lw_error *err);
+void lw_server_sockets_close(struct lw_server_sockets *sockets);
+/** Whether a signal, or its operator, has asked it to end. Valid after lw_server_run(). */
+bool lw_server_was_signalled(const struct lw_server *server);
 /** The port that it listens on. */
 uint16_t lw_server_port(const struct lw_server *server);
 /** The same for HTTP; 0: it does not serve that. */
@@ -113,7 +129,8 @@ const _Atomic bool *lw_server_updates_wait(const struct lw_server *server);
 /** Asks the loop to refuse new sessions, say goodbye and return from lw_server_run(). [any], and from signal
  * handlers by way of the loop's own SIGINT/SIGTERM watchers, which lw_server_run() installs. */
 void lw_server_stop(struct lw_server *server);
-/** The same for one that is followed by another at once: clients are told LW_SERVER_RELAY_MS. [any] */
+/** The same for one that is followed by another at once, created with its sockets: clients are told
+ * LW_SERVER_RELAY_MS. A signal that comes in between reaches that one. [any] */
 void lw_server_relay(struct lw_server *server);
 /** A consistent copy. [any] */
 void lw_server_get_stats(const struct lw_server *server, struct lw_server_stats *out_stats);

@@ -227,15 +227,14 @@ void lw_session_receive(struct lw_session *s, const uint8_t *bytes, size_t size)
         lw_session_close(s, "out of memory");
 }
 
-void lw_session_answer(struct lw_session *s, const struct lw_message_updated *answer) {
+void lw_session_queue_answer(struct lw_session *s, const struct lw_message *message) {
     if (s->answer_count >= LW_SERVER_ANSWERS_MAX) {
         lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "message UPDATE: %u answers wait to be read",
                           LW_SERVER_ANSWERS_MAX);
         return;
     }
     struct lw_session_answer_entry *last = malloc(sizeof *last);
-    const struct lw_message message = {.type = LW_MESSAGE_UPDATED, .updated = *answer};
-    if (!last || lw_blob_from_message(&message, &last->blob) != LW_OK) {
+    if (!last || lw_blob_from_message(message, &last->blob) != LW_OK) {
         free(last);
         lw_session_close(s, "out of memory"); /* an answer must not be lost */
         return;
@@ -248,6 +247,10 @@ void lw_session_answer(struct lw_session *s, const struct lw_message_updated *an
     s->last_answer = last;
     s->answer_count++;
     lw_turns_set_due(s, true);
+}
+
+void lw_session_answer(struct lw_session *s, const struct lw_message_updated *answer) {
+    lw_session_queue_answer(s, &(struct lw_message){.type = LW_MESSAGE_UPDATED, .updated = *answer});
 }
 
 /* Progress is what the peer takes: our own socket would take megabytes for one who reads nothing. */
@@ -291,7 +294,8 @@ void lw_session_tick(struct lw_session *s, uint64_t now_ns, struct lw_session_wa
         lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "no hello in time");
     else if (s->state != LW_SESSION_LEAVING && excess)
         lw_session_refuse(s, LW_REFUSAL_RATE, "%s, for too long", excess);
-    else if (s->state == LW_SESSION_WELCOMED && !s->controls && age_ns > s->shared->package_timeout_ns)
+    else if (s->state == LW_SESSION_WELCOMED && !s->controls && !s->operates &&
+             age_ns > s->shared->package_timeout_ns)
         lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "no PACKAGE_REQUEST in time");
     else if (s->welcomed && is_silent(s, now_ns))
         lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "nothing was heard, not even a PONG");

@@ -86,6 +86,9 @@ struct lw_session_shared {
     struct lw_message_memory parse;               /* of the message that is handled */
     struct lw_tokens *tokens;                     /* NULL: nobody needs one */
     struct lw_peer_log log;
+    /* Answers an operator; text: malloc'ed, at most LW_MESSAGE_REPORT_MAX bytes, or NULL. */
+    enum lw_report_code (*ask)(void *server, const struct lw_message_ask *ask, char **out_text,
+                               size_t *out_size);
     void (*on_open)(void *server);  /* there is a connection */
     void (*on_close)(void *server); /* one is gone */
     void *server;

@@ -68,6 +68,8 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     choose_form(s, hello, &message.welcome);
     s->controls = s->peer.may_control && s->shared->scene && (hello->features & LW_FEATURE_CONTROL);
     if (s->controls) message.welcome.features |= LW_FEATURE_CONTROL;
+    s->operates = s->peer.is_operator && (hello->features & LW_FEATURE_OPERATE);
+    if (s->operates) message.welcome.features |= LW_FEATURE_OPERATE;
     lw_message_rates_trust(&s->rates, s->controls);
     s->resumes = hello->features & LW_FEATURE_RESUME;
     if (s->resumes) message.welcome.features |= LW_FEATURE_RESUME;
@@ -224,6 +226,15 @@ static void handle_ack(struct lw_session *s, uint64_t frame) {
     }
 }
 
+static void handle_ask(struct lw_session *s, const struct lw_message_ask *ask) {
+    char *text = NULL;
+    struct lw_message_report report = {.request = ask->request};
+    report.code = s->shared->ask(s->shared->server, ask, &text, &report.size);
+    report.data = (const uint8_t *)text;
+    lw_session_queue_answer(s, &(struct lw_message){.type = LW_MESSAGE_REPORT, .report = report});
+    free(text);
+}
+
 static void handle_message(struct lw_session *s, const struct lw_message *m) {
     bool in_order = m->type == LW_MESSAGE_HELLO             ? s->state == LW_SESSION_EXPECTS_HELLO
                     : m->type == LW_MESSAGE_PACKAGE_REQUEST ? s->state == LW_SESSION_WELCOMED
@@ -254,6 +265,13 @@ static void handle_message(struct lw_session *s, const struct lw_message *m) {
         else
             lw_session_refuse(s, LW_REFUSAL_NOT_ALLOWED,
                               "message UPDATE: this session may not change the scene");
+        break;
+    case LW_MESSAGE_ASK:
+        if (s->operates)
+            handle_ask(s, &m->ask);
+        else
+            lw_session_refuse(s, LW_REFUSAL_NOT_ALLOWED,
+                              "message ASK: that is for the server's own Unix socket alone");
         break;
     case LW_MESSAGE_PING:
         s->pong_due = true;

@@ -48,6 +48,7 @@ struct lw_session {
     bool is_turned_away;      /* it got none */
     bool keeps_control_place; /* it counts among those who may control */
     bool controls;            /* may send updates */
+    bool operates;            /* may ask as an operator */
     enum lw_tokens_role role; /* by its token; NONE: it needed none */
     struct lw_token token;    /* then, of that role */
     bool resumes;             /* may say what it has */
@@ -116,6 +117,9 @@ uint32_t lw_session_kept_places(const struct lw_session_shared *shared);
 bool lw_session_is_crowded(const struct lw_session_shared *shared);
 /** One session more, or less, that was welcomed. */
 void lw_session_count_one(const struct lw_session *s, int64_t change);
+/** Queues an answer, UPDATED or REPORT, which is written after the frame that shows it. The session may be
+ * refused or closed instead. */
+void lw_session_queue_answer(struct lw_session *s, const struct lw_message *message);
 /** Logs a line about a peer, unless there were many. */
 void lw_session_tell(const struct lw_session *s, const char *format, ...) LW_PRINTF(2, 3);
 

@@ -39,6 +39,7 @@ struct lw_session_peer {
     char address[64]; /* for people, with the port */
     bool may_control; /* if it asks to, and without a token */
     bool is_local;    /* on a Unix socket of the server's: it takes no place, and there is always one */
+    bool is_operator; /* over the server's own Unix socket, as its user or root; whatever its token */
 };
 
 #endif

@@ -82,10 +82,36 @@ static void the_folder_is_the_users_choice(void **state) {
     assert_true(bytes_of(command) < 0.1 * whole);
 }
 
+/* One that is damaged is told once, downloaded again and written in its place. */
+static void a_damaged_one_is_told_and_healed(void **state) {
+    (void)state;
+    char arguments[300], folder_path[300], path[700] = "";
+    struct lw_process ctl;
+    snprintf(folder_path, sizeof folder_path, "%s", lw_support_temporary("damaged"));
+    snprintf(arguments, sizeof arguments, "127.0.0.1:%u list --cache %s", server.port, folder_path);
+    for (unsigned run = 0; run < 3; run++) {
+        lw_process_start(&ctl, "lightwellctl", arguments);
+        lw_process_expect(&ctl, lw_process_finish(&ctl, LIMIT_S), 0);
+        char *said = lw_process_err(&ctl), *warning = strstr(said, "is damaged or cannot be read");
+        if ((warning != NULL) != (run == 1)) fail_msg("run %u: %s", run, said);
+        if (warning) assert_null(strstr(warning + 1, "is damaged"));
+        free(said);
+        DIR *folder = run == 0 ? opendir(folder_path) : NULL;
+        for (struct dirent *entry; folder && (entry = readdir(folder));)
+            if (strstr(entry->d_name, ".lw")) { /* all of them */
+                snprintf(path, sizeof path, "%s/%s", folder_path, entry->d_name);
+                lw_support_write_file(path, "damaged", 7);
+            }
+        if (folder) closedir(folder);
+        assert_true(*path);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_second_command_downloads_nothing),
         cmocka_unit_test(the_folder_is_the_users_choice),
+        cmocka_unit_test(a_damaged_one_is_told_and_healed),
     };
     return cmocka_run_group_tests(tests, start, stop);
 }

@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #define LIMIT_S 60
@@ -157,11 +158,18 @@ static void test_clients_are_counted(void **state) {
 /* The names of all metrics, each with a line that explains it, and of all labels. */
 static void test_names(void **state) {
     (void)state;
-    static const char *const labels[] = {"version", "isa", "solver", "pass", "kind", "stage", "le"};
+    static const char *const labels[] = {"version", "isa", "solver",   "pass",   "kind",
+                                         "stage",   "le",  "renderer", "setting"};
     char *text, *document = lw_support_read_text(lw_support_source("docs"), "operations.md");
-    serve("");
+    char line[400];
+    snprintf(line, sizeof line, "--crossover-report %s",
+             lw_support_source("docs/results/crossover/atrium-sun-swing"));
+    serve(line);
     await_ready();
     assert_int_equal(ask("/metrics", &text), 200);
+    assert_true(value_of(text, "lightwell_renderer_frame_cpu_seconds{renderer=\"svgf\",setting=\"1 path\"}") >
+                0.1);
+    if (strstr(text, "renderer=\"cache\"")) fail_msg("the cache is no renderer for each user");
     unsigned metrics = 0;
     for (const char *at = text; (at = strstr(at, "# HELP ")); metrics++) {
         char name[100], quoted[110];
@@ -183,6 +191,27 @@ static void test_names(void **state) {
     if (!strstr(text, "lightwell_build_info{version=\"")) fail_msg("%s", text);
     free(text);
     free(document);
+}
+
+/* A report that is none, or is not there, is told at the start. */
+static void test_wrong_report(void **state) {
+    (void)state;
+    char line[600], folder[300];
+    snprintf(folder, sizeof folder, "%s", lw_support_temporary("report"));
+    (void)mkdir(folder, 0777);
+    static const char *const wrong[][2] = {
+        {"renderer,setting,frames\n", "curves.csv: line 1 is not"},
+        {"renderer,setting,cpu_s,relmse\nsvgf,1 path,fast,0\n", "curves.csv: line 2 makes no sense"},
+        {"renderer,setting,cpu_s,relmse\nsvgf\n", "curves.csv: line 2 makes no sense"},
+        {"renderer,setting,cpu_s,relmse\ncache,x1,0.5,0\n", "curves.csv: has no renderer but the cache"}};
+    snprintf(line, sizeof line, "builtin:cornell --crossover-report %s", folder);
+    lw_process_refuses("lightwelld", line, 66, "curves.csv", LIMIT_S);
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        char path[400];
+        snprintf(path, sizeof path, "%s/curves.csv", folder);
+        lw_support_write_file(path, wrong[i][0], strlen(wrong[i][0]));
+        lw_process_refuses("lightwelld", line, 65, wrong[i][1], LIMIT_S);
+    }
 }
 
 static void test_promtool(void **state) {
@@ -234,6 +263,7 @@ int main(void) {
         cmocka_unit_test_teardown(test_a_hang_is_not_healthy, lw_process_teardown),
         cmocka_unit_test_teardown(test_clients_are_counted, lw_process_teardown),
         cmocka_unit_test_teardown(test_names, lw_process_teardown),
+        cmocka_unit_test_teardown(test_wrong_report, lw_process_teardown),
         cmocka_unit_test_teardown(test_promtool, lw_process_teardown),
         cmocka_unit_test_teardown(test_who_may_ask, lw_process_teardown),
         cmocka_unit_test_teardown(test_wrong_addresses, lw_process_teardown),

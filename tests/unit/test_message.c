@@ -107,6 +107,10 @@ static const struct lw_message samples[] = {
     {.type = LW_MESSAGE_UPDATED, .updated = {FAR, LW_SCENE_CHANGE_DEGENERATE, 3, "no volume", 0, NULL, 0}},
     {.type = LW_MESSAGE_UPDATED, .updated = {1, 0, 0, NULL, FAR, visible, 3}},
     {.type = LW_MESSAGE_FRAME, .frame = {.frame = 1, .hidden = visible, .hidden_count = 2, .spare_count = 2}},
+    {.type = LW_MESSAGE_ASK, .ask = {FAR, LW_ASK_STATS, 0}},
+    {.type = LW_MESSAGE_ASK, .ask = {0, 77, LW_MESSAGE_RETRY_AFTER_MAX}},
+    {.type = LW_MESSAGE_REPORT, .report = {FAR, LW_REPORT_DONE, bytes_of_data, sizeof bytes_of_data}},
+    {.type = LW_MESSAGE_REPORT, .report = {1, LW_REPORT_UNKNOWN, NULL, 0}},
     {.type = LW_MESSAGE_HOLDS, .holds = {held, 2}},
     {.type = LW_MESSAGE_HOLDS},
 };
@@ -237,6 +241,17 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
     case LW_MESSAGE_PING:
     case LW_MESSAGE_PONG:
         assert_int_equal(a->ping.token, b->ping.token);
+        break;
+    case LW_MESSAGE_ASK:
+        assert_int_equal(a->ask.request, b->ask.request);
+        assert_int_equal(a->ask.what, b->ask.what);
+        assert_int_equal(a->ask.return_after_ms, b->ask.return_after_ms);
+        break;
+    case LW_MESSAGE_REPORT:
+        assert_int_equal(a->report.request, b->report.request);
+        assert_int_equal(a->report.code, b->report.code);
+        assert_int_equal(a->report.size, b->report.size);
+        if (a->report.size) assert_memory_equal(a->report.data, b->report.data, a->report.size);
         break;
     }
 }
@@ -905,7 +920,7 @@ static void test_out_of_memory(void **state) {
 
 static void test_unknown_type(void **state) {
     (void)state;
-    const uint16_t types[] = {0, LW_MESSAGE_HOLDS + 1, UINT16_MAX};
+    const uint16_t types[] = {0, LW_MESSAGE_REPORT + 1, UINT16_MAX};
     for (int i = 0; i < 3; i++) {
         struct lw_message m;
         struct lw_error err = {0};
@@ -917,7 +932,7 @@ static void test_unknown_type(void **state) {
         err = (struct lw_error){0};
         lw_support_fails(lw_message_validate(&m, &err), LW_PROTOCOL, &err, "unknown");
     }
-    for (uint16_t type = LW_MESSAGE_HELLO; type <= LW_MESSAGE_HOLDS; type++)
+    for (uint16_t type = LW_MESSAGE_HELLO; type <= LW_MESSAGE_REPORT; type++)
         assert_non_null(lw_message_name(type));
 }
 

@@ -169,12 +169,25 @@ static void test_print(void **state) {
     free(again);
 }
 
+static void differences_name_their_keys(void **state) {
+    (void)state;
+    char name[LW_OPTIONS_CONFIG_NAME_MAX];
+    size_t at = 0;
+    const char *before = "scene = a\n# keep =\nrate = 1\nanimate = true\n",
+               *after = "scene = a\nkeep = here\nrate = 10\n# animate = false\n";
+    assert_string_equal(lw_options_config_difference(before, after, &at, name), "keep");
+    assert_string_equal(lw_options_config_difference(before, after, &at, name), "rate");
+    assert_string_equal(lw_options_config_difference(before, after, &at, name), "animate");
+    assert_null(lw_options_config_difference(before, after, &at, name));
+    at = 0;
+    assert_null(lw_options_config_difference(before, before, &at, name));
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_teardown(test_order, clear),
-        cmocka_unit_test_teardown(test_errors, clear),
-        cmocka_unit_test_teardown(test_long_lines, clear),
-        cmocka_unit_test_teardown(test_print, clear),
+        cmocka_unit_test_teardown(test_order, clear),      cmocka_unit_test_teardown(test_errors, clear),
+        cmocka_unit_test_teardown(test_long_lines, clear), cmocka_unit_test_teardown(test_print, clear),
+        cmocka_unit_test(differences_name_their_keys),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -44,7 +44,8 @@ static struct lw_package_hash keep(void) {
 
 static void expect_kept(const struct lw_package_hash *hash) {
     uint8_t *bytes;
-    assert_true(lw_package_cache_read(folder, LW_PACKAGE_CACHE_PACKAGE, hash, sizeof package, &bytes));
+    assert_int_equal(lw_package_cache_read(folder, LW_PACKAGE_CACHE_PACKAGE, hash, sizeof package, &bytes),
+                     LW_PACKAGE_CACHE_FOUND);
     assert_memory_equal(bytes, package, sizeof package);
     free(bytes);
 }
@@ -63,9 +64,32 @@ static void what_is_kept_comes_back(void **state) {
     const struct lw_package_hash hash = keep(), other = {{1}};
     uint8_t *bytes;
     expect_kept(&hash);
-    assert_false(lw_package_cache_read(folder, LW_PACKAGE_CACHE_PACKAGE, &other, sizeof package, &bytes));
-    assert_false(lw_package_cache_read(folder, LW_PACKAGE_CACHE_PACKAGE, &hash, sizeof package - 1, &bytes));
-    assert_false(lw_package_cache_read(folder, LW_PACKAGE_CACHE_PART, &hash, sizeof package, &bytes));
+    assert_int_equal(lw_package_cache_read(folder, LW_PACKAGE_CACHE_PACKAGE, &other, sizeof package, &bytes),
+                     LW_PACKAGE_CACHE_ABSENT);
+    assert_int_equal(
+        lw_package_cache_read(folder, LW_PACKAGE_CACHE_PACKAGE, &hash, sizeof package - 1, &bytes),
+        LW_PACKAGE_CACHE_DAMAGED);
+    assert_int_equal(lw_package_cache_read(folder, LW_PACKAGE_CACHE_PART, &hash, sizeof package, &bytes),
+                     LW_PACKAGE_CACHE_ABSENT);
+}
+
+static void what_is_damaged_is_not_what_is_absent(void **state) {
+    (void)state;
+    const struct lw_package_hash hash = keep();
+    uint8_t *bytes, wrong[sizeof package];
+    char name[64];
+    for (size_t i = 0; i < sizeof hash.bytes; i++) snprintf(name + 2 * i, 3, "%02x", hash.bytes[i]);
+    snprintf(name + 2 * sizeof hash.bytes, 16, ".lwscene");
+    memcpy(wrong, package, sizeof wrong);
+    wrong[1] ^= 1; /* a bit of it */
+    lw_support_write_file(in_folder(name), wrong, sizeof wrong);
+    assert_int_equal(lw_package_cache_read(folder, LW_PACKAGE_CACHE_PACKAGE, &hash, sizeof package, &bytes),
+                     LW_PACKAGE_CACHE_DAMAGED);
+    assert_int_equal(unlink(in_folder(name)), 0);
+    assert_int_equal(lw_package_cache_read(folder, LW_PACKAGE_CACHE_PACKAGE, &hash, sizeof package, &bytes),
+                     LW_PACKAGE_CACHE_ABSENT);
+    keep();
+    expect_kept(&hash); /* it is written in its place */
 }
 
 static void what_was_not_used_for_longest_makes_room(void **state) {
@@ -106,6 +130,7 @@ static void reading_counts_as_use(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup(what_is_kept_comes_back, choose_folder),
+        cmocka_unit_test_setup(what_is_damaged_is_not_what_is_absent, choose_folder),
         cmocka_unit_test_setup(what_was_not_used_for_longest_makes_room, choose_folder),
         cmocka_unit_test_setup(reading_counts_as_use, choose_folder),
     };

@@ -2284,6 +2284,46 @@ static void test_updates_want_the_role(void **state) {
     end(f);
 }
 
+/* Over the server's own socket alone, and for who has said so; a question that is unknown is answered, too. */
+static void test_operators_ask_over_the_socket(void **state) {
+    (void)state;
+    struct fixture *f = start_controlled();
+    struct lw_message m, asker = hello;
+    const struct lw_message stats = {.type = LW_MESSAGE_ASK, .ask = {5, LW_ASK_STATS, 0}},
+                            unknown = {.type = LW_MESSAGE_ASK, .ask = {6, 99, 0}};
+    asker.hello.features |= LW_FEATURE_OPERATE;
+    int s = dial(f);
+    put(s, &asker);
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    assert_false(m.welcome.features & LW_FEATURE_OPERATE);
+    lw_message_finish(&m);
+    put(s, &stats);
+    expect_refusal(s, LW_REFUSAL_NOT_ALLOWED);
+    s = dial_locally();
+    put(s, &hello); /* does not say so */
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    lw_message_finish(&m);
+    put(s, &stats);
+    expect_refusal(s, LW_REFUSAL_NOT_ALLOWED);
+    s = dial_locally();
+    put(s, &asker);
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    assert_true(m.welcome.features & LW_FEATURE_OPERATE);
+    lw_message_finish(&m);
+    put(s, &unknown);
+    expect(s, LW_MESSAGE_REPORT, &m);
+    assert_int_equal(m.report.request, 6);
+    assert_int_equal(m.report.code, LW_REPORT_UNKNOWN);
+    lw_message_finish(&m);
+    put(s, &stats); /* this server has no pages */
+    expect(s, LW_MESSAGE_REPORT, &m);
+    assert_int_equal(m.report.request, 5);
+    assert_int_equal(m.report.code, LW_REPORT_UNKNOWN);
+    lw_message_finish(&m);
+    close(s);
+    end(f);
+}
+
 static void test_answers_that_nobody_reads_end_the_session(void **state) {
     (void)state;
     struct fixture *f = start_controlled();
@@ -2556,6 +2596,7 @@ int main(void) {
         cmocka_unit_test(test_changes_that_wait_are_bounded),
         cmocka_unit_test(test_who_leaves_gets_no_answer_but_its_changes_are_made),
         cmocka_unit_test(test_updates_want_the_role),
+        cmocka_unit_test(test_operators_ask_over_the_socket),
         cmocka_unit_test(test_answers_that_nobody_reads_end_the_session),
         cmocka_unit_test(test_tokens),
         cmocka_unit_test(test_places_are_kept_for_control),

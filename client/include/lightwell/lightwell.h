@@ -55,7 +55,7 @@ extern "C" {
 enum lw_live_status {
     LW_LIVE_OK = 0,
     LW_LIVE_USAGE = 1,       /**< The call is wrong in itself. */
-    LW_LIVE_BAD_DATA = 2,    /**< The server lights another scene now, or its scene makes no sense. */
+    LW_LIVE_BAD_DATA = 2,    /**< The server's scene makes no sense. */
     LW_LIVE_NO_HOST = 3,     /**< The host's name is unknown. */
     LW_LIVE_UNAVAILABLE = 4, /**< Nobody serves there, or the server refuses. */
     LW_LIVE_INTERNAL = 5,    /**< A defect of the library. */
@@ -66,7 +66,10 @@ enum lw_live_status {
     LW_LIVE_CLOSED = 10,     /**< The session is over. */
     LW_LIVE_NOT_READY = 11,  /**< The scene has not arrived yet. */
     LW_LIVE_NOT_ALLOWED =
-        12 /**< The server takes no such token, or wants one; or by TLS it is not believed. */
+        12, /**< The server takes no such token, or wants one; or by TLS it is not believed. */
+    /** The server lights another scene now, and the one before is forgotten: its indices and pointers, and what was
+     * wanted of it. The other one comes with the next calls of lw_live_poll(), or of lw_live_reconnect(). */
+    LW_LIVE_OTHER_SCENE = 13
 };
 
 /** A failure with its detail. A call that succeeds leaves it alone. */
@@ -126,16 +129,16 @@ LW_LIVE_API void lw_live_close(struct lw_live *live);
  *
  * With LW_LIVE_THREAD the thread does that: the call waits up to timeout_ms until it has taken in something
  * since the call before, and tells whether the session is alive.
- * Errors: LW_LIVE_CLOSED, LW_LIVE_TIMED_OUT, LW_LIVE_PROTOCOL, LW_LIVE_SYSTEM, LW_LIVE_NO_MEMORY; what
- * has arrived stays readable, and lw_live_reconnect() goes on. With LW_LIVE_THREAD only what
- * connecting again cannot mend. */
+ * Errors: LW_LIVE_CLOSED, LW_LIVE_TIMED_OUT, LW_LIVE_PROTOCOL, LW_LIVE_SYSTEM, LW_LIVE_NO_MEMORY; what has
+ * arrived stays readable, and lw_live_reconnect() goes on. With LW_LIVE_THREAD only what connecting again
+ * cannot mend, and LW_LIVE_OTHER_SCENE, once: then go on polling, as after lw_live_open(). */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_poll(struct lw_live *live, uint32_t timeout_ms,
                                                            struct lw_live_error *err);
 
 /** Connects again after lw_live_poll() has failed. Scene, light and interest stay; a server that still runs
  * sends what has changed since. Wait lw_live_backoff_ms() before each attempt.
- * Errors: as lw_live_open(); LW_LIVE_BAD_DATA if the server lights another scene now: open another session;
- * LW_LIVE_USAGE with LW_LIVE_THREAD, which does it by itself. */
+ * Errors: as lw_live_open(); LW_LIVE_OTHER_SCENE, once: call it again; LW_LIVE_USAGE with LW_LIVE_THREAD,
+ * which does it by itself. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_reconnect(struct lw_live *live,
                                                                 struct lw_live_error *err);
 
