@@ -52,7 +52,10 @@ enum lw_status lw_cost_report_read(const char *folder, struct lw_cost_report *ou
     if ((size_t)snprintf(path, sizeof path, "%s/curves.csv", folder) >= sizeof path)
         return lw_status_fail(err, LW_NO_INPUT, "%.200s...: the path is too long", folder);
     enum lw_status status = lw_file_read(path, LW_COST_REPORT_BYTES_MAX, true, &bytes, &size, err);
-    if (status != LW_OK) return status;
+    if (status != LW_OK) {
+        lw_status_context(err, "%s", path);
+        return status;
+    }
     char *text = strndup((const char *)bytes, size);
     free(bytes);
     if (!text) return lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", path);
