@@ -1347,6 +1347,9 @@ int main(int argc, char **argv) {
     if (status == LW_OK && !done) status = lw_trace_check_isa(&d->isa, &err); /* before anybody is served */
     if (status == LW_OK && !done) {
         lw_interrupt_watch(on_early_signal, NULL);
+        /* Until the loop watches for it: who asks to read again what is being read must not end us. A terminal that
+         * closes still does. */
+        if (!isatty(STDERR_FILENO)) signal(SIGHUP, SIG_IGN);
         lw_daemon_metrics_init(&d->metrics, d->isa, d->settings.entry->name);
         d->metrics.renderers = d->settings.renderers;
         status = run(d, &err);

@@ -53,6 +53,19 @@ static void serve(void) {
     lw_process_serve(&daemon_process, line);
 }
 
+static void open_live(uint32_t flags) {
+    struct lw_live_desc desc = {
+        .struct_size = sizeof desc, .port = daemon_process.port, .flags = flags, .name = "reload"};
+    if (lw_live_open(&desc, &live, &err) != LW_LIVE_OK) fail_msg("%s", err.text);
+}
+
+/* The loop turns, and watches for signals, once it has welcomed somebody. */
+static void await_loop(void) {
+    open_live(LW_LIVE_WANTS_NOTHING);
+    lw_live_close(live);
+    live = NULL;
+}
+
 static void hang_up(void) { assert_int_equal(kill(daemon_process.pid, SIGHUP), 0); }
 
 /* Until it has said a text `times` times on stderr. */
@@ -67,12 +80,6 @@ static void await_said(const char *text, unsigned times) {
         if (count >= times) return;
         lw_process_sleep_ms(10);
     }
-}
-
-static void open_live(uint32_t flags) {
-    struct lw_live_desc desc = {
-        .struct_size = sizeof desc, .port = daemon_process.port, .flags = flags, .name = "reload"};
-    if (lw_live_open(&desc, &live, &err) != LW_LIVE_OK) fail_msg("%s", err.text);
 }
 
 static struct lw_live_stats stats(void) {
@@ -196,6 +203,7 @@ static void test_stop_meanwhile(void **state) {
     (void)state;
     write_config("builtin:cornell", "texels-per-metre = 8\n");
     serve();
+    await_loop();
     write_config("builtin:city", "");
     hang_up();
     lw_process_sleep_ms(300);
@@ -205,6 +213,7 @@ static void test_stop_meanwhile(void **state) {
 
     write_config("builtin:cornell", "texels-per-metre = 8\n");
     serve();
+    await_loop();
     write_config("builtin:cornell", "texels-per-metre = 9\n");
     hang_up();
     await_said("clients go over to", 1);
@@ -234,11 +243,22 @@ static void test_load_test_ends(void **state) {
     stop();
 }
 
+/* One that comes before the loop watches for it ends nobody. */
+static void test_hangup_while_starting(void **state) {
+    (void)state;
+    write_config("builtin:cornell", "texels-per-metre = 8\n");
+    serve(); /* its port is known, and its loop is about to begin */
+    for (int i = 0; i < 20; i++) hang_up();
+    await_loop();
+    stop();
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_scene_file, set_up, end_all),
         cmocka_unit_test_setup_teardown(test_options, set_up, end_all),
         cmocka_unit_test_setup_teardown(test_load_test_ends, set_up, end_all),
+        cmocka_unit_test_setup_teardown(test_hangup_while_starting, set_up, end_all),
         cmocka_unit_test_setup_teardown(test_stop_meanwhile, set_up, end_all),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
