@@ -215,6 +215,7 @@ static enum lw_status check(struct settings *s, struct lw_error *err) {
     }
     status = parse_http(s, err);
     if (status == LW_OK) status = parse_metrics(s, err);
+    if (status == LW_OK) status = check_exposure(s, err);
     if (status != LW_OK || !s->crossover_report) return status;
     if ((status = lw_cost_report_read(s->crossover_report, &s->renderers, err)) != LW_OK)
         lw_status_context(err, "--crossover-report");
@@ -965,8 +966,8 @@ static struct timespec in_seconds(unsigned seconds) {
     return (struct timespec){.tv_sec = (time_t)(lw_clock_read_ns(CLOCK_REALTIME) / 1000000000u) + seconds};
 }
 
-/* Saved light is of a whole frame: one that ends soon is waited for; a longer one is given up, and the light of the
- * frame before it is saved, without sums. */
+/* Saved light is of a whole frame: one that ends soon is waited for; a longer one is given up, and the light
+ * of the frame before it is saved, without sums. */
 static void join_solver(struct daemon *d) {
     const struct timespec until = in_seconds(STOP_WAIT_S);
     d->cancel = !d->settings.keep || !d->lit;
@@ -1087,6 +1088,8 @@ static enum lw_status create_server(struct daemon *d, struct lw_server_sockets *
                                   .http_may_fail = !s->http_given,
                                   .metrics_host = *s->metrics_host ? s->metrics_host : NULL,
                                   .metrics_port = s->metrics_port,
+                                  .metrics_guarded = *s->metrics_host && !s->insecure &&
+                                                     !lw_exposure_is_loopback(s->metrics_host),
                                   .atlas_map = &d->atlas_map,
                                   .package = d->package,
                                   .package_size = d->package_size,
