@@ -72,7 +72,7 @@ stage_changed() {
     [ -n "$home" ] || die "USER $user is nobody in stage $stage"
     enter=(chroot --userspec="$user" "$root" /usr/bin/env --ignore-environment --chdir="$workdir"
         PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin "HOME=$home")
-    for variable in http_proxy https_proxy no_proxy; do
+    for variable in http_proxy https_proxy no_proxy NODE_EXTRA_CA_CERTS; do
         [ -z "${!variable:-}" ] || enter+=("$variable=${!variable}")
     done
 }
@@ -84,6 +84,9 @@ from() {
     stage=${3:-run}
     root=$work/$stage user=root workdir=/ entrypoint=() cmd=() healthcheck=()
     cp -a "$work/base" "$root"
+    if [ -e "${NODE_EXTRA_CA_CERTS:-}" ]; then # whom npm believes beside what it brings, behind a proxy
+        cp --parents --dereference "$NODE_EXTRA_CA_CERTS" "$root"
+    fi
     mount -t proc proc "$root/proc"
     stage_changed
 }
