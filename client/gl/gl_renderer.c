@@ -798,9 +798,9 @@ enum lw_status lw_gl_renderer_read(struct lw_gl_renderer *r, float *out_rgb, str
     return read_target(&r->picture, out_rgb, err);
 }
 
-void lw_gl_renderer_show(struct lw_gl_renderer *r, enum lw_tonemap_curve curve, float stops, uint32_t width,
-                         uint32_t height) {
-    glBindFramebuffer(GL_FRAMEBUFFER, 0);
+void lw_gl_renderer_show(struct lw_gl_renderer *r, unsigned frame, enum lw_tonemap_curve curve, float stops,
+                         uint32_t width, uint32_t height) {
+    glBindFramebuffer(GL_FRAMEBUFFER, frame);
     glViewport(0, 0, (GLsizei)width, (GLsizei)height);
     glUseProgram(r->show);
     glUniform1f(r->show_exposure, exp2f(fminf(fmaxf(stops, -LW_TONEMAP_STOPS_MAX), LW_TONEMAP_STOPS_MAX)));

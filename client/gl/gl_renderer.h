@@ -57,9 +57,9 @@ LW_MUST_CHECK enum lw_status lw_gl_renderer_draw(struct lw_gl_renderer *renderer
 LW_MUST_CHECK enum lw_status lw_gl_renderer_read(struct lw_gl_renderer *renderer, float *out_rgb,
                                                  struct lw_error *err);
 
-/** Draws the last picture, exposed and tone mapped, into the window, which has width * height pixels. */
-void lw_gl_renderer_show(struct lw_gl_renderer *renderer, enum lw_tonemap_curve curve, float stops,
-                         uint32_t width, uint32_t height);
+/** Draws the last picture, exposed and tone mapped, into a framebuffer of width * height pixels; 0: the window. */
+void lw_gl_renderer_show(struct lw_gl_renderer *renderer, unsigned frame, enum lw_tonemap_curve curve,
+                         float stops, uint32_t width, uint32_t height);
 
 /** The exposure that lw_tonemap_auto_stops() gives the last picture, from a small copy of it; waits for the GPU.
  * Errors: as of lw_gl_renderer_draw(). */

@@ -78,6 +78,7 @@ static void make_command(struct command *c, const struct lw_own_server *s) {
     add(c, "--listen", "127.0.0.1:0");
     add(c, "--port-file", s->port_file);
     add(c, "--log-format", "text");
+    add(c, "--http", "none"); /* it is for this viewer */
     add(c, "--plain-sky", NULL);
     if (open->texels_per_metre > 0) add_number(c, "--texels-per-metre", open->texels_per_metre);
     if (open->texels_max > 0) add_number(c, "--max-texels", (double)open->texels_max);

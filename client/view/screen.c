@@ -1,5 +1,10 @@
 #include "client/view/screen.h"
 
+#include <SDL_syswm.h>
+#include <dlfcn.h>
+#include <poll.h>
+#include <unistd.h>
+
 static enum lw_status open_gl(struct lw_screen *s, struct lw_error *err) {
     s->context = SDL_GL_CreateContext(s->handle);
     if (s->context == NULL)
@@ -38,6 +43,55 @@ enum lw_status lw_screen_open(struct lw_screen *s, const char *title, int width,
         status = gl ? open_gl(s, err) : open_plain(s, err);
     if (status != LW_OK) lw_screen_close(s);
     return status;
+}
+
+/* Xlib's own handlers, found where SDL has loaded it: it is no library of ours. */
+struct x11 {
+    void (*set_handler)(int (*handler)(void *display));
+    int (*connection_number)(void *display);
+    void (*set_exit_handler)(void *display, void (*handler)(void *display, void *context), void *context);
+};
+
+static int say_nothing(void *display) { /* in place of Xlib's two lines */
+    (void)display;
+    return 0;
+}
+
+static void end(struct lw_screen *s) {
+    s->lost(s->lost_context);
+    _exit(lw_status_exit_code(LW_UNAVAILABLE));
+}
+
+static void on_lost(void *display, void *context) {
+    (void)display;
+    end(context);
+}
+
+/* Mesa's software hangs when it is given a picture for a server that has gone. */
+static void check_server(struct lw_screen *s) {
+    if (s->lost == NULL) return;
+    struct pollfd server = {.fd = s->x_socket};
+    if (poll(&server, 1, 0) > 0 && (server.revents & (POLLHUP | POLLERR))) end(s);
+}
+
+void lw_screen_watch(struct lw_screen *s, void (*lost)(void *context), void *context) {
+    SDL_SysWMinfo info;
+    struct x11 x11;
+    SDL_VERSION(&info.version);
+    if (!SDL_GetWindowWMInfo(s->handle, &info) || info.subsystem != SDL_SYSWM_X11) return;
+    void *library = dlopen("libX11.so.6", RTLD_LAZY | RTLD_NOLOAD);
+    if (library == NULL) return;
+    *(void **)&x11.set_handler = dlsym(library, "XSetIOErrorHandler");
+    *(void **)&x11.set_exit_handler = dlsym(library, "XSetIOErrorExitHandler");
+    *(void **)&x11.connection_number = dlsym(library, "XConnectionNumber");
+    if (x11.set_handler && x11.set_exit_handler && x11.connection_number) {
+        s->lost = lost;
+        s->lost_context = context;
+        s->x_socket = x11.connection_number(info.info.x11.display);
+        x11.set_handler(say_nothing);
+        x11.set_exit_handler(info.info.x11.display, on_lost, s);
+    }
+    dlclose(library); /* SDL holds it */
 }
 
 void lw_screen_close(struct lw_screen *s) {
@@ -121,6 +175,7 @@ void lw_screen_draw_panel(struct lw_screen *s, const uint32_t *argb, int width, 
 }
 
 void lw_screen_present(struct lw_screen *s) {
+    check_server(s);
     if (s->context != NULL)
         SDL_GL_SwapWindow(s->handle);
     else

@@ -17,6 +17,9 @@ struct lw_screen {
     SDL_Texture *picture;   /* as large as the window; a smaller picture fills its corner */
     SDL_Texture *panel;
     int panel_width, panel_height; /* of the largest panel so far */
+    void (*lost)(void *context);   /* of lw_screen_watch() */
+    void *lost_context;
+    int x_socket; /* of its X server; valid if lost is not NULL */
 };
 
 /** Opens a window. Zeroed on failure.
@@ -26,6 +29,10 @@ LW_MUST_CHECK enum lw_status lw_screen_open(struct lw_screen *screen, const char
                                             int height, bool gl, struct lw_error *err);
 /** A zeroed one is fine. What was made in its context must be gone by then. */
 void lw_screen_close(struct lw_screen *screen);
+
+/** Calls somebody when the X server has gone, before the program ends with exit code 69: Xlib does not go on without it.
+ * Other window systems tell by errors. */
+void lw_screen_watch(struct lw_screen *screen, void (*lost)(void *context), void *context);
 
 /** Pixels of the window; false where it has none now. */
 bool lw_screen_size(const struct lw_screen *screen, int *out_width, int *out_height);

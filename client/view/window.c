@@ -179,10 +179,20 @@ static enum lw_status choose_start(struct lw_window *w, bool first, struct lw_er
 
 static enum lw_status resize(struct lw_window *w, struct lw_error *err);
 
+/* The program ends: nothing of ours may stay behind. */
+static void on_display_lost(void *context) {
+    struct lw_window *w = context;
+    lw_log(LW_LOG_ERROR, "the display has gone");
+    lw_own_server_stop(w->server);
+}
+
 static enum lw_status open_screen(struct lw_window *w, bool gl, struct lw_error *err) {
     char title[320];
     snprintf(title, sizeof title, "lightwell %s", w->options->scene ? w->options->scene : w->address);
-    return lw_screen_open(&w->screen, title, (int)w->options->width, (int)w->options->height, gl, err);
+    enum lw_status status =
+        lw_screen_open(&w->screen, title, (int)w->options->width, (int)w->options->height, gl, err);
+    if (status == LW_OK) lw_screen_watch(&w->screen, on_display_lost, w);
+    return status;
 }
 
 /* OpenGL has failed: on with the CPU, if nobody has asked for OpenGL. */
@@ -641,7 +651,7 @@ static float stops_of(const struct lw_window *w) {
 }
 
 static void show_by_gl(struct lw_window *w) {
-    lw_gl_renderer_show(w->gl.renderer, curve_of(w), stops_of(w), w->width, w->height);
+    lw_gl_renderer_show(w->gl.renderer, 0, curve_of(w), stops_of(w), w->width, w->height);
 }
 
 /* The same by OpenGL: in full where that is quick enough, and at rest. */

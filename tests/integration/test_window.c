@@ -7,12 +7,17 @@
 
 #include <SDL.h>
 #include <dirent.h>
+#include <epoxy/gl.h>
+#include <fcntl.h>
 #include <math.h>
+#include <poll.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #define LIMIT_NS 120000000000u
@@ -81,10 +86,14 @@ static void key(SDL_Keycode sym, bool down) {
     assert_int_equal(SDL_PushEvent(&event), 1);
 }
 
-/* Pressed and let go. */
-static void press(SDL_Keycode sym) {
+static void press_key(SDL_Keycode sym) {
     key(sym, true);
     key(sym, false);
+}
+
+/* Pressed and let go. */
+static void press(SDL_Keycode sym) {
+    press_key(sym);
     step();
 }
 
@@ -361,12 +370,180 @@ static void test_own_server(void **state) {
     lw_support_fails(lw_window_create(&options, &window, &err), LW_NO_INPUT, &err, "/nowhere/room.glb");
 }
 
+/* A window without pixels waits for better times. */
+static bool minimised;
+int __wrap_SDL_GetRendererOutputSize(SDL_Renderer *renderer, int *width, int *height);
+int __real_SDL_GetRendererOutputSize(SDL_Renderer *renderer, int *width, int *height);
+int __wrap_SDL_GetRendererOutputSize(SDL_Renderer *renderer, int *width, int *height) {
+    if (!minimised) return __real_SDL_GetRendererOutputSize(renderer, width, height);
+    *width = *height = 0;
+    return 0;
+}
+
+static void resize_event(void) {
+    SDL_Event event = {.type = SDL_WINDOWEVENT};
+    event.window.event = SDL_WINDOWEVENT_SIZE_CHANGED;
+    assert_int_equal(SDL_PushEvent(&event), 1);
+    step();
+}
+
+static void test_minimised(void **state) {
+    (void)state;
+    minimised = true; /* from the beginning */
+    open_window(address, "");
+    steps(20);
+    assert_int_equal(now().width, 0);
+    press(SDLK_k);
+    press(SDLK_p);
+    press(SDLK_t);
+    press(SDLK_t);
+    press(SDLK_t);
+    minimised = false;
+    step_until(is_lit, "light");
+    assert_int_equal(now().width, 160);
+    minimised = true; /* later: the last picture's size stays */
+    resize_event();
+    steps(5);
+    assert_int_equal(now().width, 160);
+    minimised = false;
+    resize_event();
+    steps(5);
+    close_window();
+}
+
+static PFNGLGETERRORPROC real_get_error;
+static PFNGLGETSTRINGPROC real_get_string;
+static GLenum lost_context(void) { return 0x0507; }
+static const GLubyte *of_a_gpu(GLenum name) {
+    return name == GL_RENDERER ? (const GLubyte *)"a GPU" : real_get_string(name);
+}
+
+/* By OpenGL without a display; when its context is lost the CPU goes on. */
+static void test_lost_context(void **state) {
+    (void)state;
+    char line[64];
+    setenv("SDL_VIDEODRIVER", "offscreen", 1);
+    snprintf(line, sizeof line, "%s --renderer gl --size 160x90", address);
+    struct lw_error err = {0};
+    parse(line);
+    if (lw_window_create(&options, &window, &err) != LW_OK) {
+        print_message("no OpenGL for a window here, so it is not tested: %s\n", err.text);
+        setenv("SDL_VIDEODRIVER", "dummy", 1);
+        skip();
+    }
+    step_until(is_lit, "light");
+    assert_true(now().by_gl);
+    press(SDLK_v);
+    press(SDLK_t);
+    step_until(is_traced, "paths");
+    press(SDLK_t);
+    steps(3);
+    glGetError(); /* the first call of each finds the driver's */
+    glGetString(GL_RENDERER);
+    real_get_error = epoxy_glGetError, real_get_string = epoxy_glGetString;
+    epoxy_glGetError = lost_context; /* asked for, OpenGL is not left silently */
+    enum lw_status status = LW_OK;
+    for (int i = 0; i < 100 && status == LW_OK; i++) {
+        press_key(SDLK_0);
+        status = lw_window_step(window, &err);
+    }
+    epoxy_glGetError = real_get_error;
+    lw_support_fails(status, LW_UNAVAILABLE, &err, "--renderer gl");
+    close_window();
+
+    epoxy_glGetString = of_a_gpu; /* by itself it is drawn with only where there is a GPU */
+    snprintf(line, sizeof line, "%s --size 160x90", address);
+    parse(line);
+    err = (struct lw_error){0};
+    lw_support_ok(lw_window_create(&options, &window, &err), &err);
+    step_until(is_lit, "light");
+    assert_true(now().by_gl);
+    epoxy_glGetError = lost_context;
+    for (int i = 0; i < 100 && now().by_gl; i++) press(SDLK_0);
+    epoxy_glGetError = real_get_error, epoxy_glGetString = real_get_string;
+    assert_false(now().by_gl);
+    const uint64_t pictures = now().pictures;
+    press(SDLK_0);
+    steps(3);
+    assert_true(now().pictures > pictures);
+    close_window();
+    setenv("SDL_VIDEODRIVER", "dummy", 1);
+}
+
+/* An X server of our own, on a free display; false: there is none. */
+static bool start_xvfb(pid_t *out_pid, char out_display[16]) {
+    int ready[2];
+    char number[16] = "", descriptor[16];
+    assert_int_equal(pipe(ready), 0);
+    snprintf(descriptor, sizeof descriptor, "%d", ready[1]);
+    const pid_t parent = getpid(), pid = fork();
+    if (pid == 0) {
+        prctl(PR_SET_PDEATHSIG, SIGKILL);
+        if (getppid() != parent) _exit(1);
+        const int nothing = open("/dev/null", O_WRONLY);
+        dup2(nothing, STDERR_FILENO);
+        execlp("Xvfb", "Xvfb", "-displayfd", descriptor, "-screen", "0", "320x240x24", "-nolisten", "tcp",
+               (char *)NULL);
+        _exit(1);
+    }
+    close(ready[1]);
+    struct pollfd wait = {.fd = ready[0], .events = POLLIN};
+    if (poll(&wait, 1, 60000) == 1) (void)!read(ready[0], number, sizeof number - 1);
+    close(ready[0]);
+    number[strcspn(number, "\n")] = 0;
+    snprintf(out_display, 16, ":%.8s", number);
+    *out_pid = pid;
+    if (*number) return true;
+    kill(pid, SIGKILL);
+    waitpid(pid, NULL, 0);
+    return false;
+}
+
+/* The X server goes: one line, and the server of the window's own goes as well. */
+static void test_lost_display(void **state) {
+    (void)state;
+    char display[16];
+    pid_t xvfb;
+    struct lw_process view;
+    if (!start_xvfb(&xvfb, display)) {
+        print_message("no Xvfb here, so a lost display is not tested\n");
+        skip();
+    }
+    /* pictures by Xlib alone: Mesa's software may hang where the server goes in the middle of one */
+    setenv("SDL_RENDER_DRIVER", "software", 1);
+    setenv("SDL_FRAMEBUFFER_ACCELERATION", "0", 1);
+    setenv("SDL_VIDEODRIVER", "x11", 1);
+    lw_process_set_display(display);
+    lw_process_start(&view, "lightwell-view",
+                     "builtin:cornell --renderer cpu --size 160x90 --texels-per-metre 8");
+    lw_process_set_display(NULL);
+    unsetenv("SDL_RENDER_DRIVER");
+    unsetenv("SDL_FRAMEBUFFER_ACCELERATION");
+    setenv("SDL_VIDEODRIVER", "dummy", 1);
+    for (int tenths = 0; tenths < 600; tenths++) {
+        char *err = lw_process_err(&view);
+        const bool serves = strstr(err, "serving builtin:cornell") != NULL;
+        free(err);
+        if (serves || !lw_process_runs(&view)) break;
+        lw_process_sleep_ms(100);
+    }
+    kill(xvfb, SIGKILL);
+    waitpid(xvfb, NULL, 0);
+    const int code = lw_process_finish(&view, 60);
+    char *err = lw_process_err(&view);
+    if (code != 69 || !strstr(err, "lightwell-view: error: the display has gone\n") || strstr(err, "XIO") ||
+        !strstr(err, "lightwelld: stopped"))
+        fail_msg("ended with %d: %s", code, err);
+    free(err);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_keys),       cmocka_unit_test(test_moves),
-        cmocka_unit_test(test_copies),     cmocka_unit_test(test_another_scene),
-        cmocka_unit_test(test_charts),     cmocka_unit_test(test_comparison),
-        cmocka_unit_test(test_own_server),
+        cmocka_unit_test(test_keys),         cmocka_unit_test(test_moves),
+        cmocka_unit_test(test_copies),       cmocka_unit_test(test_another_scene),
+        cmocka_unit_test(test_charts),       cmocka_unit_test(test_minimised),
+        cmocka_unit_test(test_lost_context), cmocka_unit_test(test_lost_display),
+        cmocka_unit_test(test_comparison),   cmocka_unit_test(test_own_server),
     };
     return cmocka_run_group_tests(tests, start, stop);
 }

@@ -10,6 +10,7 @@
 #include "common/image/flip.h"
 #include "common/open/scene_open.h"
 
+#include <epoxy/gl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -433,6 +434,152 @@ static void test_shows(void **state) {
     finish(&w);
 }
 
+static void take_and_draw(struct world *w, unsigned samples) {
+    struct lw_error err = {0};
+    lw_support_ok(lw_gl_renderer_take(w->renderer, &w->source, &w->pose, 0, NULL, &err), &err);
+    lw_support_ok(lw_gl_renderer_draw(w->renderer, &w->view, samples, &err), &err);
+}
+
+/* The object of a room that fills the least of it: a thing that stands there. */
+static uint32_t find_inner(const struct world *w) {
+    uint32_t inner = 0;
+    float least = INFINITY;
+    for (uint32_t o = 0; o < w->scene->object_count; o++) {
+        const struct lw_mesh *mesh = &w->scene->mesh[w->scene->object[o].mesh];
+        struct lw_vec3 low = {INFINITY, INFINITY, INFINITY}, high = {-INFINITY, -INFINITY, -INFINITY};
+        for (uint32_t v = 0; v < mesh->vertex_count; v++) {
+            const struct lw_vec3 p = lw_affine_point(&w->pose.object_to_world[o], mesh->position[v]);
+            low = lw_vec3(fminf(low.x, p.x), fminf(low.y, p.y), fminf(low.z, p.z));
+            high = lw_vec3(fmaxf(high.x, p.x), fmaxf(high.y, p.y), fmaxf(high.z, p.z));
+        }
+        const struct lw_vec3 side = lw_vec3_sub(high, low);
+        const float volume = side.x * side.y * side.z;
+        if (volume > 1e-3f && volume < least) least = volume, inner = o;
+    }
+    return inner;
+}
+
+/* Of all shadow maps those are drawn again that the moved thing is in, and no others; what has moved is seen. */
+static void test_moved_caster(void **state) {
+    (void)state;
+    struct world w;
+    struct lw_error err = {0};
+    start_drawn(&w, "builtin:cornell", 0.02f);
+    take_and_draw(&w, 1);
+    const uint64_t all = lw_gl_renderer_figures(w.renderer).maps_drawn;
+    take_and_draw(&w, 1);
+    assert_int_equal(lw_gl_renderer_figures(w.renderer).maps_drawn, all);
+    const uint32_t inner = find_inner(&w);
+    w.pose.object_dynamic[inner] = true;
+    w.pose.object_to_world[inner].m[0][3] += 0.02f;
+    lw_support_ok(lw_trace_set_pose(w.trace, &w.pose, &err), &err);
+    take_and_draw(&w, 1);
+    const uint64_t again = lw_gl_renderer_figures(w.renderer).maps_drawn - all;
+    print_message("%u maps, %u of them again when object %u moves\n", (unsigned)all, (unsigned)again, inner);
+    assert_true(again > 0 && again < all);
+    draw(&w);
+    compare("builtin:cornell, a box moved", &w);
+    finish(&w);
+}
+
+static struct lw_gl_renderer_figures figures_from(struct world *w, const char *camera) {
+    struct lw_error err = {0};
+    lw_support_ok(lw_camera_parse(camera, &w->view.camera, &err), &err);
+    take_and_draw(w, 1);
+    return lw_gl_renderer_figures(w->renderer);
+}
+
+/* Draw calls if each object had its own: one for each of its materials. */
+static uint32_t count_single_calls(const struct world *w) {
+    uint32_t calls = 0;
+    uint8_t *used = calloc(w->scene->material_count + 1ul, 1);
+    assert_non_null(used);
+    for (uint32_t o = 0; o < w->scene->object_count; o++) {
+        const struct lw_mesh *mesh = &w->scene->mesh[w->scene->object[o].mesh];
+        memset(used, 0, w->scene->material_count);
+        for (uint32_t t = 0; t < mesh->triangle_count; t++) used[mesh->material[t]] = 1;
+        for (uint32_t m = 0; m < w->scene->material_count; m++) calls += used[m];
+    }
+    free(used);
+    return calls;
+}
+
+/* Instances share draw calls, and what is out of sight is not drawn. */
+static void test_draw_calls(void **state) {
+    (void)state;
+    struct world w;
+    start(&w, open_scene("builtin:city:2"), 0, 1);
+    uint32_t placed = 0;
+    for (uint32_t o = 0; o < w.scene->object_count; o++) placed += !w.pose.object_hidden[o];
+    const struct lw_gl_renderer_figures all = figures_from(&w, "-900,700,-900:0,0,0:60"),
+                                        part = figures_from(&w, "0,2,0:100,2,0:40"),
+                                        none = figures_from(&w, "0,400,0:0,500,1:40");
+    print_message("city:2, %u objects: %u in %u draw calls; from within %u in %u; of the sky %u in %u\n",
+                  placed, all.objects, all.draw_calls, part.objects, part.draw_calls, none.objects,
+                  none.draw_calls);
+    assert_int_equal(all.objects, placed);
+    assert_true(all.draw_calls < count_single_calls(&w));
+    assert_true(part.objects < placed && part.objects > 0);
+    assert_true(part.draw_calls <= all.draw_calls);
+    assert_int_equal(none.objects, 0);
+    assert_true(none.draw_calls <= 1);
+    finish(&w);
+}
+
+/* By how many codes at most a framebuffer differs from what lw_tonemap makes of the picture. */
+static unsigned codes_apart(struct world *w, GLuint frame, enum lw_tonemap_curve curve, float stops) {
+    struct lw_tonemap tonemap;
+    unsigned most = 0;
+    uint8_t *shown = malloc(4ul * PIXELS), *expected = malloc(3ul * PIXELS);
+    assert_true(shown && expected);
+    lw_tonemap_init(&tonemap, curve, stops);
+    lw_tonemap_encode(&tonemap, w->by_gl, PIXELS, 3, expected);
+    lw_gl_renderer_show(w->renderer, frame, curve, stops, WIDTH, HEIGHT);
+    glBindFramebuffer(GL_READ_FRAMEBUFFER, frame);
+    glPixelStorei(GL_PACK_ALIGNMENT, 4);
+    glReadPixels(0, 0, WIDTH, HEIGHT, GL_RGBA, GL_UNSIGNED_BYTE, shown);
+    for (size_t y = 0; y < HEIGHT; y++)
+        for (size_t x = 0; x < WIDTH; x++)
+            for (size_t c = 0; c < 3; c++) {
+                const int a = shown[4 * ((HEIGHT - 1 - y) * WIDTH + x) + c],
+                          b = expected[3 * (y * WIDTH + x) + c];
+                if ((unsigned)abs(a - b) > most) most = (unsigned)abs(a - b);
+            }
+    free(expected);
+    free(shown);
+    return most;
+}
+
+/* What the window gets is the picture as lw_tonemap encodes it, and its exposure that of the whole picture. */
+static void test_show_and_meter(void **state) {
+    (void)state;
+    struct world w;
+    struct lw_error err = {0};
+    start(&w, open_scene("builtin:cornell"), 0, 1);
+    take_and_draw(&w, 1);
+    lw_support_ok(lw_gl_renderer_read(w.renderer, w.by_gl, &err), &err);
+    float stops = 0;
+    lw_support_ok(lw_gl_renderer_meter(w.renderer, &stops, &err), &err);
+    const float whole = lw_tonemap_auto_stops(w.by_gl, PIXELS);
+    print_message("metered %+.3f stops, of all pixels %+.3f\n", (double)stops, (double)whole);
+    assert_true(fabsf(stops - whole) < 0.1f);
+    GLuint frame, buffer;
+    glGenFramebuffers(1, &frame);
+    glBindFramebuffer(GL_FRAMEBUFFER, frame);
+    glGenRenderbuffers(1, &buffer);
+    glBindRenderbuffer(GL_RENDERBUFFER, buffer);
+    glRenderbufferStorage(GL_RENDERBUFFER, GL_RGBA8, WIDTH, HEIGHT);
+    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, buffer);
+    for (int curve = LW_TONEMAP_REINHARD; curve <= LW_TONEMAP_NONE; curve++) {
+        const unsigned most = codes_apart(&w, frame, (enum lw_tonemap_curve)curve, whole);
+        print_message("curve %d: codes differ by %u at most\n", curve, most);
+        assert_true(most <= 1);
+    }
+    glDeleteFramebuffers(1, &frame);
+    glDeleteRenderbuffers(1, &buffer);
+    finish(&w);
+}
+
 /* The tiles of a survey are those that the composer needs, but for few that cover a pixel or two. */
 static void test_survey(void **state) {
     (void)state;
@@ -505,13 +652,14 @@ static void test_sponza(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_atrium),        cmocka_unit_test(test_cornell),
-        cmocka_unit_test(test_panels),        cmocka_unit_test(test_no_light),
-        cmocka_unit_test(test_shows),         cmocka_unit_test(test_uploads),
-        cmocka_unit_test(test_survey),        cmocka_unit_test(test_pack),
-        cmocka_unit_test(test_sizes),         cmocka_unit_test(test_sponza),
-        cmocka_unit_test(test_drawn_cornell), cmocka_unit_test(test_drawn_atrium),
-        cmocka_unit_test(test_drawn_sponza),
+        cmocka_unit_test(test_atrium),       cmocka_unit_test(test_cornell),
+        cmocka_unit_test(test_panels),       cmocka_unit_test(test_no_light),
+        cmocka_unit_test(test_shows),        cmocka_unit_test(test_moved_caster),
+        cmocka_unit_test(test_draw_calls),   cmocka_unit_test(test_show_and_meter),
+        cmocka_unit_test(test_uploads),      cmocka_unit_test(test_survey),
+        cmocka_unit_test(test_pack),         cmocka_unit_test(test_sizes),
+        cmocka_unit_test(test_sponza),       cmocka_unit_test(test_drawn_cornell),
+        cmocka_unit_test(test_drawn_atrium), cmocka_unit_test(test_drawn_sponza),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -28,6 +28,12 @@ void lw_process_sleep_ms(unsigned ms) {
 
 /* ---- starting ---- */
 
+static char given_display[32];
+
+void lw_process_set_display(const char *display) {
+    snprintf(given_display, sizeof given_display, "%s", display ? display : "");
+}
+
 static void make_temporary(void) {
     if (mkdir(lw_support_temporary("tmp"), 0700) != 0 && errno != EEXIST) fail_msg("cannot make a folder");
 }
@@ -48,7 +54,10 @@ static void become(const char *path, char **argv, const int outputs[2], pid_t pa
     setenv("TMPDIR", lw_support_temporary("tmp"), 1);
     setenv("XDG_CACHE_HOME", lw_support_temporary("caches"), 1);
     setenv("LIGHTWELL_LOG_FORMAT", "text", 0); /* tests read what the daemon says */
-    unsetenv("DISPLAY");
+    if (*given_display)
+        setenv("DISPLAY", given_display, 1);
+    else
+        unsetenv("DISPLAY");
     unsetenv("WAYLAND_DISPLAY");
     dup2(outputs[0], STDOUT_FILENO);
     dup2(outputs[1], STDERR_FILENO);

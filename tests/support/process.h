@@ -16,10 +16,14 @@ struct lw_process {
     uint16_t port;       /* lw_process_serve() only */
 };
 
-/** Starts a program of the build; `arguments` are words separated by blanks. It finds no display; $TMPDIR is
- * lw_support_temporary("tmp"), made if it is not there, $XDG_CACHE_HOME lw_support_temporary("caches"), and
- * $LIGHTWELL_LOG_FORMAT text unless the test has set it. Ends the test where it cannot be started. */
+/** Starts a program of the build; `arguments` are words separated by blanks. It finds no display but
+ * lw_process_set_display()'s; $TMPDIR is lw_support_temporary("tmp"), made if it is not there,
+ * $XDG_CACHE_HOME lw_support_temporary("caches"), and $LIGHTWELL_LOG_FORMAT text unless the test has set it.
+ * Ends the test where it cannot be started. */
 void lw_process_start(struct lw_process *process, const char *program, const char *arguments);
+
+/** The display that programs find from now on; NULL, as at first: none. */
+void lw_process_set_display(const char *display);
 
 /** Starts lightwelld on a free port of 127.0.0.1, or on a --listen among the arguments, and waits until it
  * serves. Ends the test where that takes more than a minute, or where the daemon ends instead. */
