@@ -67,6 +67,7 @@ struct bench {
     struct lw_compose_report report;
     struct series series[SERIES];
     uint32_t tiles_max;
+    uint64_t stage_cpu_ns, gl_cpu_ns; /* of making ready */
     uint64_t package_ns, staged_ns, first_ns, complete_ns, surveyed_ns, tiles;
 };
 
@@ -75,8 +76,12 @@ static enum lw_status set_up(struct bench *b, struct lw_error *err) {
     enum lw_status status = LW_OK;
     while (status == LW_OK && lw_client_scene(b->client) == NULL)
         status = lw_client_poll(b->client, 100, err);
+    uint64_t cpu_ns = lw_clock_process_cpu_ns();
     if (status == LW_OK) status = lw_stage_init(&b->stage, b->client, 0, err);
+    b->stage_cpu_ns = lw_clock_process_cpu_ns() - cpu_ns;
+    cpu_ns = lw_clock_process_cpu_ns();
     if (status == LW_OK) status = lw_gl_view_init(&b->gl, &b->stage, false, err);
+    b->gl_cpu_ns = lw_clock_process_cpu_ns() - cpu_ns;
     if (status != LW_OK) return status;
     lw_client_get_stats(b->client, &stats);
     b->package_ns = stats.package_ns;
@@ -133,6 +138,8 @@ static void report(struct bench *b) {
     for (int i = 0; i < SERIES; i++) print(series_name[i], &b->series[i]);
     printf("\n%zu pictures took tiles in, %" PRIu64 " tiles; by %s\n", b->series[0].count, b->tiles,
            lw_gl_renderer_name(b->gl.renderer));
+    printf("making ready: rays and composer %.0f CPU ms, OpenGL %.0f CPU ms\n",
+           (double)b->stage_cpu_ns * 1e-6, (double)b->gl_cpu_ns * 1e-6);
     const double package = (double)b->package_ns * 1e-6;
     printf("after the package: ready to draw %.0f ms, first light drawn %.0f ms, all of it %.0f ms\n",
            (double)b->staged_ns * 1e-6 - package,
@@ -142,12 +149,12 @@ static void report(struct bench *b) {
 
 int main(int argc, char **argv) {
     double budget_ms = (double)LW_SEEKER_BUDGET_NS * 1e-6, seconds = 10;
-    int64_t tiles = 48;
+    int64_t tiles = 32;
     const char *address = LW_OPTIONS_ADDRESS;
     struct lw_option table[] = {
         {"budget-ms", "MS", "a poll takes no message in after this (default 2)", LW_OPTION_REAL, &budget_ms,
          0.01, 1000, NULL},
-        {"tiles", "N", "that a picture takes over at most (default 48)", LW_OPTION_INT, &tiles, 1, 100000,
+        {"tiles", "N", "that a picture takes over at most (default 32)", LW_OPTION_INT, &tiles, 1, 100000,
          NULL},
         {"seconds", "S", "how long (default 10)", LW_OPTION_REAL, &seconds, 1, 1000, NULL}};
     const struct lw_options options = {.program = "bench_take",
