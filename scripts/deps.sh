@@ -24,6 +24,7 @@ if ! command -v node >/dev/null || ! command -v npm >/dev/null; then packages+=(
 long_packages=(
     clang libomp-14-dev libclang-rt-14-dev clang-format
     gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user
+    firefox-esr xvfb # the browser client's other browser, which has WebGL on a display alone
     systemd prometheus # systemd-analyze and promtool: what the service's unit and metrics are checked with
 )
 if [ "${1:-}" = --all ]; then packages+=("${long_packages[@]}"); fi

@@ -66,6 +66,7 @@ class App {
     settled: 0,
     first: false,
     uploadMs: [] as number[], // of the last pictures into which tiles were taken
+    decoderBytes: 0, // of memory
     surveys: 0,
     interest: 0,
     missing: 0,
@@ -155,6 +156,7 @@ class App {
     if (message.kind === 'traffic') {
       this.bytes = message.bytes;
       this.waiting = message.waiting;
+      this.stats.decoderBytes = message.memory;
     } else if (message.kind === 'state') {
       if (message.final) this.failure = message.text;
       this.state = message.text;

@@ -46,4 +46,5 @@ export type FromWorker =
     }
   | { kind: 'camera'; place: CameraPlace }
   | { kind: 'settled' }
-  | { kind: 'traffic'; bytes: number; waiting: number }; // received since the page began; not decoded yet
+  // received since the page began; not decoded yet; memory of the decoder
+  | { kind: 'traffic'; bytes: number; waiting: number; memory: number };

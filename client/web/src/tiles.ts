@@ -83,6 +83,11 @@ export class Tiles {
     return at;
   }
 
+  /** Of the module. */
+  memoryBytes(): number {
+    return this.wasm.memory.buffer.byteLength;
+  }
+
   createCoefficients(height: number): Coefficients {
     const coefficients = this.wasm.lw_web_tiles_coefficients(height);
     if (!coefficients) throw new LimitError('this page has no memory left for tiles');

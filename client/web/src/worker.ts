@@ -192,7 +192,8 @@ class Link {
   private tick(): void {
     this.session?.tick(performance.now());
     this.tellLamps();
-    post({ kind: 'traffic', bytes: this.received, waiting: this.session?.waiting() ?? 0 });
+    const waiting = this.session?.waiting() ?? 0;
+    post({ kind: 'traffic', bytes: this.received, waiting, memory: this.tiles.memoryBytes() });
   }
 
   private guard(run: () => void): void {

@@ -23,7 +23,7 @@ export async function openBrowser(...more) {
 export async function until(page, what, expression, limitMs = 240000) {
   await page.waitForFunction(expression, null, { timeout: limitMs, polling: 100 }).catch(async (error) => {
     const state = await page.evaluate(() =>
-      JSON.stringify({ ...lightwell.stats, message: lightwell.message() }),
+      JSON.stringify({ ...lightwell.stats, uploadMs: 0, message: lightwell.message() }),
     );
     throw new Error(`waited for ${what}: ${state}: ${error.message}`);
   });
@@ -55,6 +55,16 @@ export function pixels(page) {
 export function pictureName(scene, what) {
   const prefix = process.env.LW_WEB_PICTURES;
   return prefix ? `${prefix}-${scene.replace(/^builtin:|.*\//, '').replace(/\..*/, '')}-${what}.png` : '';
+}
+
+/** Leaves the page's picture in a file; '': nowhere. */
+export async function savePicture(page, name) {
+  if (!name) return;
+  const shown = await page.evaluate(() => {
+    lightwell.finish();
+    return document.querySelector('canvas').toDataURL();
+  });
+  writeFileSync(name, Buffer.from(shown.slice(shown.indexOf(',') + 1), 'base64'));
 }
 
 /** The CPU's picture of the same light. keepAs: a file. */
