@@ -3,6 +3,7 @@
 // tonemap=reinhard|aces|none, server=ws://HOST:PORT/ws (default: where the page comes from), direct=tiles.
 // Behind #: token=DIGITS (access.ts).
 import { askForToken, findToken, showSliders } from './access.ts';
+import { serverAddress } from './address.ts';
 import { Attention } from './attention.ts';
 import { Flight, formatView, frameBox, parseView, viewOf } from './camera.ts';
 import { LimitError } from './failure.ts';
@@ -99,8 +100,12 @@ class App {
     );
     window.addEventListener('resize', () => (this.dirty = true));
     if (!this.openGraphics()) return;
-    const url = this.address();
-    if (!url) return;
+    const server = serverAddress(new URL(location.href), this.parameters.get('server'));
+    if ('problem' in server) {
+      this.fail(server.problem);
+      return;
+    }
+    const { url } = server;
     const draws = this.parameters.get('direct') !== 'tiles';
     const token = findToken();
     if (token) this.tell({ kind: 'token', token });
@@ -130,24 +135,6 @@ class App {
           'It may be switched off, or the graphics driver may be too old.',
       );
     return !!this.gl;
-  }
-
-  private address(): string | null {
-    const given = this.parameters.get('server');
-    const url = given ?? `${location.protocol === 'https:' ? 'wss' : 'ws'}://${location.host}/ws`;
-    if (!/^wss?:\/\/[^/]+/.test(url)) {
-      this.fail(`server=${url}: it is not ws://HOST:PORT/ws or wss://HOST:PORT/ws`);
-      return null;
-    }
-    const local = /^ws:\/\/(localhost|127\.0\.0\.1|\[::1\])[:/]/.test(`${url}/`);
-    if (location.protocol === 'https:' && url.startsWith('ws:') && !local) {
-      this.fail(
-        `${url}: a page that came by https may not open a connection that is not encrypted. ` +
-          "Give the server's wss:// address, or open this page by http.",
-      );
-      return null;
-    }
-    return url;
   }
 
   // ---- what comes from the worker ----

@@ -4,11 +4,10 @@ import test from 'node:test';
 
 import { load, wasm } from './load.mjs';
 
-const { Session, nothingKept, Tiles, ProtocolError, LimitError, ClosedError, DrawsTooMuch } = await load(
-  'session',
-  'tiles',
-  'failure',
-);
+const { AtlasMap, ClosedError, DrawsTooMuch, layOut, LimitError, nothingKept, ProtocolError, ...rest } =
+  await load('atlas', 'failure', 'pages', 'replica', 'session', 'tiles', 'wire');
+const { serverAddress } = await load('address');
+const { readFrame, readTile, Replica, Session, Tiles } = rest;
 const tiles = await Tiles.create(wasm());
 
 function varint(value) {
@@ -137,4 +136,173 @@ test('lights that it cannot draw', async () => {
   await hearWith(64n, drawn(blob(15, [1]), blob(16, [0])));
   await assert.rejects(hearWith(64n, drawn(blob(16, [0, 2]))), DrawsTooMuch);
   await assert.rejects(hear(drawn()), /not offered/);
+});
+
+// ---- once the scene is there: FRAME and TILE ----
+
+const NONE = 0xffffffff;
+const atlases = [
+  { atlasWidth: 100, atlasHeight: 30 },
+  { atlasWidth: 0, atlasHeight: 0 },
+];
+const scene = {
+  meshes: atlases,
+  objectMesh: Uint32Array.of(0, 1, 0),
+  objectNode: Uint32Array.of(0, 1, NONE),
+  lights: [{}],
+  materials: [{}, {}],
+};
+
+const float = (no, ...values) => {
+  const bytes = Buffer.alloc(4 * values.length);
+  values.forEach((value, i) => bytes.writeFloatLE(value, 4 * i));
+  return values.length === 1 ? [...varint((no << 3) | 5), ...bytes] : blob(no, bytes);
+};
+const ids = (no, ...values) => blob(no, Buffer.from(Uint32Array.from(values).buffer));
+const frame = (...fields) =>
+  readFrame(new Uint8Array(message(7, uint(1, 1), float(6, 1, 1, 1), ...fields)).subarray(8));
+const identity = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
+
+for (const [what, fields, expected] of [
+  ['an object', [ids(7, 3), float(8, ...identity)], /transform_object 3 of 3/],
+  ['a light', [ids(9, 1), float(10, 0, 0, 0), float(11, 0, 0, 1), float(12, 1, 1, 1)], /light 1 of 1/],
+  ['a material', [ids(16, 2), float(17, 1, 1, 1), float(18, 0, 0, 0)], /material 2 of 2/],
+  ['a hidden object', [ids(14, 9)], /hidden_object 9 of 3/],
+  ['a shown object', [ids(15, NONE)], /shown_object 4294967295 of 3/],
+])
+  test(`FRAME tells of ${what} that the scene lacks`, () => {
+    const replica = new Replica(scene, tiles, 0);
+    assert.throws(
+      () => replica.takeFrame(frame(...fields)),
+      (error) => {
+        assert.ok(error instanceof ProtocolError, error.stack);
+        assert.match(error.message, expected);
+        return true;
+      },
+    );
+  });
+
+for (const [what, fields] of [
+  ['too few numbers for an object', [ids(7, 0), float(8, ...identity.slice(1))]],
+  ['objects without places', [ids(7, 0, 2)]],
+  ['a light without a colour', [ids(9, 0), float(10, 0, 0, 0), float(11, 0, 0, 1)]],
+  ['places that are no numbers', [ids(7, 0), float(8, ...identity.slice(1), NaN)]],
+  ['light below nothing', [ids(16, 0), float(17, 1, 1, 1), float(18, 0, -1, 0)]],
+  ['half a list', [blob(14, [1, 2, 3])]],
+])
+  test(`FRAME has ${what}`, () => assert.throws(() => frame(...fields), ProtocolError));
+
+const tile = (object, level, number, ...more) =>
+  readTile(
+    new Uint8Array(
+      message(
+        8,
+        ...[uint(1, object), uint(2, level), uint(3, number)],
+        ...[uint(4, 1), uint(6, 4), float(7, 1)],
+        ...(more.length ? more : [blob(10, [1, 2, 3])]),
+      ),
+    ).subarray(8),
+  );
+
+for (const [what, fields, expected] of [
+  ['an unknown object', [3, 0, 0], /there is none/],
+  ['an object without a lightmap', [1, 0, 0], /there is none/],
+  ['a level that the atlas lacks', [0, 4, 0], /there is none/],
+  ['a tile beyond its level', [0, 0, 2], /there is none/],
+  ['a payload that is none', [0, 0, 0], /damaged/],
+  ['a payload that ends at once', [0, 0, 0, blob(10, [0])], /damaged/],
+  ['a difference to what was never sent', [0, 0, 0, uint(4, 2), blob(10, [1]), uint(11, 1)], /builds on/],
+  ['a codec that there is not', [0, 0, 0, uint(6, 9), blob(10, [1])], /codec/],
+  ['another layer', [0, 0, 0, uint(5, 1), blob(10, [1])], /layer 1/],
+])
+  test(`TILE is of ${what}`, () => {
+    const replica = new Replica(scene, tiles, 0);
+    assert.throws(
+      () => replica.takeTile(tile(...fields), 1),
+      (error) => {
+        assert.ok(error instanceof ProtocolError, error.stack);
+        assert.match(error.message, expected);
+        return true;
+      },
+    );
+    assert.equal(replica.batchTiles(), 0);
+    replica.destroy();
+  });
+
+test('half the texels of a tile, or twice as many', () => {
+  const planes = (texels) => stored(new Uint8Array(6 * texels));
+  const half = (object, level, number, payload) =>
+    tile(object, level, number, uint(6, 1), blob(10, [...payload]));
+  const replica = new Replica(scene, tiles, 0);
+  for (const texels of [64 * 15, 64 * 60])
+    assert.throws(() => replica.takeTile(half(0, 0, 0, planes(texels)), 1), /damaged/);
+  replica.takeTile(half(0, 0, 0, planes(64 * 30)), 1);
+  assert.equal(replica.takeBatch().texels.length, 64 * 30);
+});
+
+// ---- a scene that is too large for the graphics ----
+
+test('what a page has no room for is told', () => {
+  const of = (width, height, objects, sideMax = 4096, layersMax = 256) => {
+    const meshOf = new Uint32Array(objects);
+    return layOut(
+      new AtlasMap([{ atlasWidth: width, atlasHeight: height }], meshOf),
+      objects,
+      sideMax,
+      layersMax,
+    );
+  };
+  assert.equal(of(4096, 64, 1).width, 4096);
+  assert.throws(
+    () => of(4097, 64, 1),
+    (error) => error instanceof LimitError && /4097 texels/.test(error.message),
+  );
+  // levels of 4096^2 to 1 texels in layers of 4096 x 4096: 64 MB each, 1 GiB at most
+  assert.ok(of(4096, 4096, 11).layers <= 16);
+  assert.throws(() => of(4096, 4096, 13), /more than a page has/);
+  assert.throws(() => of(4096, 4096, 3, 4096, 2), /more than a page has/);
+  assert.equal(of(0, 0, 1).layers, 1, 'a scene without lightmaps has one all the same');
+});
+
+test('no two levels share a texel, and none leaves its layer', () => {
+  const sides = [
+    [130, 70],
+    [64, 64],
+    [17, 200],
+    [1, 1],
+    [500, 3],
+  ];
+  const map = new AtlasMap(
+    sides.map(([atlasWidth, atlasHeight]) => ({ atlasWidth, atlasHeight })),
+    Uint32Array.of(0, 1, 2, 3, 4, 2),
+  );
+  const { width, height, layers, level } = layOut(map, 6, 512, 16);
+  const taken = new Set();
+  for (let i = 0; i < level.length; i += 4) {
+    const [x, y, w, h] = [level[i] & 0xffff, level[i] >>> 16, level[i + 3] & 0xffff, level[i + 3] >>> 16];
+    assert.ok(x + w <= width && y + h <= height && level[i + 1] < layers);
+    for (let row = y; row < y + h; row++)
+      for (let column = x; column < x + w; column++) {
+        const place = (level[i + 1] * height + row) * width + column;
+        assert.ok(!taken.has(place));
+        taken.add(place);
+      }
+  }
+});
+
+// ---- addresses ----
+
+test('which server a page asks', () => {
+  const page = (address, given = null) => serverAddress(new URL(address), given);
+  assert.deepEqual(page('http://host:7781/'), { url: 'ws://host:7781/ws' });
+  assert.deepEqual(page('https://host/'), { url: 'wss://host/ws' });
+  assert.deepEqual(page('https://host/', 'wss://other/ws'), { url: 'wss://other/ws' });
+  assert.deepEqual(page('http://host/', 'ws://other:1/ws'), { url: 'ws://other:1/ws' });
+  // browsers let a page by https open these alone
+  for (const local of ['ws://localhost:7781/ws', 'ws://127.0.0.1/ws', 'ws://[::1]:7781/ws'])
+    assert.deepEqual(page('https://host/', local), { url: local });
+  assert.match(page('https://host/', 'ws://other/ws').problem, /by https may not open.*wss:\/\//s);
+  assert.match(page('https://host/', 'ws://localhost.other/ws').problem, /by https/);
+  for (const none of ['', 'http://host/', 'host:7781', 'ws://', 'ws:///ws'])
+    assert.match(page('http://host/', none).problem, /is not ws:\/\/HOST:PORT/);
 });

@@ -5,16 +5,8 @@ import { join } from 'node:path';
 import test from 'node:test';
 
 import { bin, hasDaemon, startDaemon } from './daemon.mjs';
-import {
-  checkUploads,
-  compare,
-  hasBrowser,
-  openBrowser,
-  pictureName,
-  pixels,
-  reference,
-  until,
-} from './page.mjs';
+import { checkUploads, hasBrowser, openBrowser, until } from './page.mjs';
+import { comparePictures, HEIGHT, WIDTH } from './pictures.mjs';
 
 const missing =
   !hasDaemon() || !existsSync(join(bin, 'lightwell-view'))
