@@ -98,6 +98,12 @@ class App {
     document.addEventListener('visibilitychange', () =>
       this.tell({ kind: 'pause', paused: document.hidden }),
     );
+    // hints are for keys; a finger has none to hide them
+    this.canvas.addEventListener('pointerdown', (event) => {
+      if (event.pointerType !== 'touch' || !this.help) return;
+      this.help = false;
+      this.showMessage();
+    });
     window.addEventListener('resize', () => (this.dirty = true));
     if (!this.openGraphics()) return;
     const server = serverAddress(new URL(location.href), this.parameters.get('server'));
@@ -227,7 +233,11 @@ class App {
     const box = this.renderer?.bounds();
     if (box)
       this.flight.go(
-        frameBox(box.low, box.high, this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight)),
+        frameBox(
+          box.low,
+          box.high,
+          Math.max(1, this.canvas.clientWidth) / Math.max(1, this.canvas.clientHeight),
+        ),
       );
   }
 
@@ -383,10 +393,20 @@ class App {
     const seconds = (now - this.legendMs) / 1000;
     const rate = ((this.bytes - this.legendBytes) * 8) / 1000 / seconds;
     const age = (now - this.frameMs + this.solveMs) / 1000;
-    const parts = [`${Math.round(this.drawn / seconds)} pictures/s`, `${Math.round(rate)} kbit/s`];
-    if (this.stats.frames)
-      parts.push(age < 10 ? `light ${age.toFixed(1)} s old` : `nothing new for ${Math.round(age)} s`);
-    if (this.stats.missing) parts.push(`${this.stats.missing} tiles on their way`);
+    const { frames, settled, missing } = this.stats;
+    const finer = this.samples <= SAMPLES_STILL;
+    const parts = [
+      this.drawn
+        ? `${Math.round(this.drawn / seconds)} pictures/s`
+        : finer
+          ? 'smoothing edges'
+          : 'picture complete',
+    ];
+    if (frames && settled === frames && !missing) parts.push('light complete');
+    else if (frames)
+      parts.push(age < 10 ? `light ${age.toFixed(1)} s old` : `no new light for ${Math.round(age)} s`);
+    if (missing) parts.push(`${missing} tiles of light on their way`);
+    parts.push(`${Math.round(rate)} kbit/s`);
     if (this.waiting > 1e6) parts.push(`${(this.waiting / 1e6).toFixed(1)} MB to decode`);
     element('legend').textContent = this.renderer ? parts.join(' · ') : '';
     this.legendMs = now;

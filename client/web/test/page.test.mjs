@@ -47,6 +47,23 @@ test('a page lives on', { skip: missing || false }, async () => {
     await page.waitForFunction((view) => lightwell.view() !== view, turned, { timeout: 30000 });
     await page.keyboard.up('w');
 
+    // the legend says how things are
+    const legend = () => page.evaluate(() => document.getElementById('legend').textContent);
+    await until(page, 'the legend', () =>
+      /^(\d+ pictures\/s|smoothing edges|picture complete) · light .* · .*\d+ kbit\/s/.test(
+        document.getElementById('legend').textContent,
+      ),
+    );
+    assert.doesNotMatch(await legend(), /NaN|undefined|Infinity/);
+
+    // a window without room: pictures of one pixel, and a view that stays one
+    await page.evaluate(() => (document.querySelector('canvas').style.cssText = 'width: 0; height: 0'));
+    await page.keyboard.press('0');
+    await until(page, 'a canvas of one pixel', () => document.querySelector('canvas').width === 1);
+    assert.doesNotMatch(await page.evaluate(() => lightwell.view()), /NaN|Infinity/);
+    await page.evaluate(() => (document.querySelector('canvas').style.cssText = ''));
+    await until(page, 'the canvas again', () => document.querySelector('canvas').width > 1);
+
     // the graphics context is lost, and comes back
     const tiles = await page.evaluate(() => {
       globalThis.lost = lightwell.loseContext();
@@ -92,6 +109,46 @@ test('a page lives on', { skip: missing || false }, async () => {
     });
     await plain.goto(daemon.url);
     assert.match(await plain.evaluate(() => lightwell.message()), /no WebGL2/);
+  } finally {
+    await browser.close();
+    await daemon.stop();
+  }
+});
+
+test('fingers look and move', { skip: missing || false }, async () => {
+  const daemon = await startDaemon('builtin:cornell');
+  const browser = await openBrowser();
+  try {
+    const context = await browser.newContext({ viewport: { width: WIDTH, height: HEIGHT }, hasTouch: true });
+    const page = await context.newPage();
+    await page.goto(`${daemon.url}?camera=0,1,3:0,1,0:45&direct=tiles`);
+    await until(page, 'the scene', () => lightwell.stats.pictures > 0);
+    const devtools = await context.newCDPSession(page);
+    const touch = (type, ...points) => {
+      const touchPoints = points.map(([x, y], id) => ({ x, y, id }));
+      return devtools.send('Input.dispatchTouchEvent', { type, touchPoints });
+    };
+    const viewAfter = async (before) => {
+      await page.waitForFunction((view) => lightwell.view() !== view, before, { timeout: 60000 });
+      return page.evaluate(() => lightwell.view());
+    };
+    const eye = (view) => view.split(':')[0];
+    const first = await page.evaluate(() => lightwell.view());
+    assert.match(await page.evaluate(() => document.getElementById('help').textContent), /finger/);
+    await touch('touchStart', [240, 130]);
+    await touch('touchMove', [300, 130]);
+    await touch('touchEnd');
+    const turned = await viewAfter(first);
+    assert.equal(eye(turned), eye(first), 'one finger looks');
+    assert.equal(
+      await page.evaluate(() => document.getElementById('help').textContent),
+      '',
+      'and hides the hints',
+    );
+    await touch('touchStart', [200, 130], [280, 130]);
+    await touch('touchMove', [160, 130], [320, 130]);
+    await touch('touchEnd');
+    assert.notEqual(eye(await viewAfter(turned)), eye(turned), 'two fingers move');
   } finally {
     await browser.close();
     await daemon.stop();
