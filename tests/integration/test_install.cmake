@@ -190,6 +190,18 @@ foreach(file ${LIBDIR}/liblightwell.a ${LIBDIR}/liblightwell.so ${DOCDIR}/LICENS
   endif()
 endforeach()
 
+# The browser client, where it was built: its page, and the npm package.
+if(EXISTS ${BINARY_DIR}/web/index.html)
+  foreach(file web/index.html web/lightwell.css web/lightwell.js web/worker.js web/lightwell_tiles.wasm web/zstd.wasm
+      lightwell-three/package.json lightwell-three/lightwell.js lightwell-three/lightwell.d.ts lightwell-three/worker.js
+      lightwell-three/lightwell_tiles.wasm lightwell-three/zstd.wasm lightwell-three/example.html
+      lightwell-three/README.md)
+    if(NOT EXISTS ${prefix}/share/lightwell/${file})
+      message(FATAL_ERROR "${prefix}/share/lightwell/${file} is not installed")
+    endif()
+  endforeach()
+endif()
+
 # Bash completes options, their choices, and files.
 function(completes line expected)
   execute_process(COMMAND bash -c "source ${prefix}/share/bash-completion/completions/$1
