@@ -40,7 +40,14 @@ function box(inward) {
   return { position, normal, index };
 }
 
-export function room() {
+/** Where the lamp is at the beginning, and a second later if it moves. */
+export const lampWay = [
+  [0.6, 2.4, 0.4],
+  [-1, 2.2, 1.2],
+];
+
+/** outside: it has no ceiling, a sun shines in, and the lamp moves. */
+export function room(outside = false) {
   const bytes = [];
   const gltf = {
     asset: { version: '2.0' },
@@ -70,7 +77,7 @@ export function room() {
         rotation: [0, 0.2588, 0, 0.9659],
       },
       { name: 'shelf', mesh: 2, scale: [1.4, 0.1, 0.6], translation: [1.2, 1.2, -1.5], children: [] },
-      { name: 'lamp', translation: [0.6, 2.4, 0.4], extensions: { KHR_lights_punctual: { light: 0 } } },
+      { name: 'lamp', translation: lampWay[0], extensions: { KHR_lights_punctual: { light: 0 } } },
     ],
     materials: [
       {
@@ -122,10 +129,33 @@ export function room() {
   mesh('walls', box(true), [
     [1, 0, 6],
     [2, 6, 12],
-    [0, 12, 36],
+    [0, outside ? 18 : 12, 36],
   ]);
   mesh('block', box(false), [[0, 0, 36]]);
   mesh('board', box(false), [[2, 0, 36]]);
+  if (outside) {
+    gltf.extensions.KHR_lights_punctual.lights.push({
+      type: 'directional',
+      name: 'sun',
+      color: [1, 0.95, 0.9],
+      intensity: 1,
+      extras: { lightwell: { clientLight: true } },
+    });
+    gltf.scenes[0].nodes.push(gltf.nodes.length);
+    // from behind the eye and the right, steeply down
+    gltf.nodes.push({
+      name: 'sun',
+      rotation: [-0.5, 0.15, 0, 0.85].map((x) => x / Math.hypot(0.5, 0.15, 0.85)),
+      extensions: { KHR_lights_punctual: { light: 1 } },
+    });
+    const lamp = gltf.nodes.findIndex(({ name }) => name === 'lamp');
+    const sampler = { input: accessor([0, 1], 5126, 1), output: accessor(lampWay.flat(), 5126, 3) };
+    gltf.animations = [
+      { samplers: [sampler], channels: [{ sampler: 0, target: { node: lamp, path: 'translation' } }] },
+    ];
+    const times = gltf.accessors[sampler.input];
+    [times.min, times.max] = [[0], [1]];
+  }
   gltf.buffers = [
     {
       byteLength: bytes.length,

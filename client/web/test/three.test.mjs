@@ -9,7 +9,7 @@ import test from 'node:test';
 import { bin, hasDaemon, startDaemon } from './daemon.mjs';
 import { web } from './load.mjs';
 import { checkUploads, compare, hasBrowser, openBrowser, pictureName, pixelsOf, reference } from './page.mjs';
-import { room } from './room.mjs';
+import { lampWay, room } from './room.mjs';
 
 const WIDTH = 480;
 const HEIGHT = 270;
@@ -48,7 +48,7 @@ function serve(scene) {
 async function show(lights, options, limits) {
   const folder = mkdtempSync(join(tmpdir(), 'lightwell-three-'));
   const scene = join(folder, 'scene.gltf');
-  writeFileSync(scene, room());
+  writeFileSync(scene, room(options.outside));
   const { origin, server } = await serve(scene);
   const daemon = await startDaemon(
     scene,
@@ -103,6 +103,7 @@ async function show(lights, options, limits) {
     if (lights === 'tiles') checkUploads('three', await page.evaluate(() => uploadMs));
     assert.deepEqual(thrown, []);
     assert.deepEqual(state.missing, []);
+    if (!options.view) return state;
     const three = await pixelsOf(page, state.picture);
     const cpuOptions = [
       '--camera',
@@ -113,12 +114,13 @@ async function show(lights, options, limits) {
       'none',
       ...options.view,
     ];
-    const keepAs = pictureName('room', `${lights}-cpu`);
+    const what = options.outside ? 'outside' : lights;
+    const keepAs = pictureName('room', `${what}-cpu`);
     const cpu = await reference(page, daemon, `${WIDTH}x${HEIGHT}`, cpuOptions, keepAs);
-    const name = pictureName('room', `${lights}-three`);
+    const name = pictureName('room', `${what}-three`);
     if (name) writeFileSync(name, Buffer.from(state.picture.slice(state.picture.indexOf(',') + 1), 'base64'));
     const { difference, flip } = compare(WIDTH, HEIGHT, cpu, three);
-    console.log(`lights=${lights}: mean difference ${difference}/255, FLIP ${flip}`);
+    console.log(`${what}: mean difference ${difference}/255, FLIP ${flip}`);
     assert.ok(difference <= limits.difference, `mean difference ${difference}/255`);
     assert.ok(flip <= limits.flip, `FLIP ${flip}`);
     return state;
@@ -146,4 +148,21 @@ test("three: the lamp is three's own, with shadows", { skip: missing || false },
   assert.equal(lamps.length, 1);
   assert.equal(lamps[0][0], 'PointLight');
   lamps[0].slice(1).forEach((x, i) => assert.ok(Math.abs(x - [0.6, 2.4, 0.4][i]) < 1e-5));
+});
+
+test('three: a sun, and a lamp that is elsewhere than in the file', { skip: missing || false }, async () => {
+  const limits = { difference: 4, flip: 0.06 };
+  const daemon = ['--client-lights', 'lamps', '--freeze', '0.5'];
+  const { lamps } = await show('own', { daemon, view: [], outside: true }, limits);
+  assert.deepEqual(lamps.map(([type]) => type).sort(), ['DirectionalLight', 'PointLight']);
+  const [, ...at] = lamps.find(([type]) => type === 'PointLight');
+  at.forEach((x, i) => assert.ok(Math.abs(x - (lampWay[0][i] + lampWay[1][i]) / 2) < 1e-4, `${at}`));
+});
+
+test('three: a lamp moves as the server moves it', { skip: missing || false }, async () => {
+  const { lamps } = await show('own', { daemon: ['--client-lights', 'lamps'], outside: true });
+  const [, ...at] = lamps.find(([type]) => type === 'PointLight');
+  const way = at.map((x, i) => (x - lampWay[0][i]) / (lampWay[1][i] - lampWay[0][i]));
+  assert.ok(way[0] > 0.01 && way[0] <= 1, `${at}`);
+  way.forEach((share) => assert.ok(Math.abs(share - way[0]) < 1e-3, `${way}`));
 });
