@@ -182,6 +182,41 @@ static uint32_t add_normals(struct lw_glb_scene *g, const struct lw_mesh *mesh, 
  * cull, such as Cycles, would find both at the same distance. */
 #define BACK_BEHIND 1e-4f
 
+struct corner {
+    struct lw_vec3 position;
+    uint32_t vertex;
+};
+
+static int compare_corners(const void *a, const void *b) {
+    return memcmp(&((const struct corner *)a)->position, &((const struct corner *)b)->position,
+                  sizeof(struct lw_vec3));
+}
+
+/* Of each vertex the mean direction of the normals at its position, or zero: vertices that lie on each other move
+ * alike, so that faces which meet at an edge do not part there. */
+static struct lw_vec3 *shared_normals(const struct lw_mesh *mesh) {
+    const uint32_t n = mesh->vertex_count;
+    struct corner *corner = malloc((size_t)n * sizeof *corner);
+    struct lw_vec3 *normal = malloc((size_t)n * sizeof *normal);
+    if (!corner || !normal) {
+        free(corner);
+        free(normal);
+        return NULL;
+    }
+    for (uint32_t i = 0; i < n; i++) corner[i] = (struct corner){mesh->position[i], i};
+    qsort(corner, n, sizeof *corner, compare_corners);
+    for (uint32_t first = 0, end; first < n; first = end) {
+        struct lw_vec3 sum = lw_vec3(0, 0, 0);
+        for (end = first; end < n && compare_corners(&corner[first], &corner[end]) == 0; end++)
+            sum = lw_vec3_add(sum, lw_vec3_normalize(mesh->normal[corner[end].vertex]));
+        const float length = lw_vec3_length(sum);
+        sum = length > 1e-3f ? lw_vec3_scale(sum, 1 / length) : lw_vec3(0, 0, 0);
+        for (uint32_t i = first; i < end; i++) normal[corner[i].vertex] = sum;
+    }
+    free(corner);
+    return normal;
+}
+
 static uint32_t add_back_positions(struct lw_glb_scene *g, const struct lw_mesh *mesh) {
     struct lw_vec3 low = mesh->position[0], high = low;
     for (uint32_t i = 1; i < mesh->vertex_count; i++) {
@@ -190,13 +225,13 @@ static uint32_t add_back_positions(struct lw_glb_scene *g, const struct lw_mesh 
         high = lw_vec3(fmaxf(high.x, p.x), fmaxf(high.y, p.y), fmaxf(high.z, p.z));
     }
     const float behind = BACK_BEHIND * lw_vec3_max_abs(lw_vec3_sub(high, low));
-    struct lw_vec3 *position = malloc((size_t)mesh->vertex_count * sizeof *position);
+    struct lw_vec3 *position = shared_normals(mesh);
     if (!position) {
         out_of_memory(g);
         return LW_GLB_NONE;
     }
     for (uint32_t i = 0; i < mesh->vertex_count; i++)
-        position[i] = lw_vec3_mad(mesh->position[i], lw_vec3_normalize(mesh->normal[i]), -behind);
+        position[i] = lw_vec3_mad(mesh->position[i], position[i], -behind);
     const uint32_t accessor = add_vertices(g, position, mesh->vertex_count, "VEC3", true);
     free(position);
     return accessor;

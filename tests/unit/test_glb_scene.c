@@ -320,7 +320,7 @@ static void sides_are_split(void **state) {
     json_t *front = json_array_get(primitives, 0), *back = json_array_get(primitives, 1);
     assert_true(number(front, "material") == number(back, "material"));
     assert_null(json_object_get(at(w.json, "materials", (size_t)number(front, "material")), "doubleSided"));
-    /* the back lies behind the front by a ten-thousandth of the mesh, so that nothing flickers */
+    /* the back lies behind the front by a ten-thousandth of the mesh or so, that nothing flickers */
     const float *front_at =
                     floats_of(&w, at(w.json, "accessors", (size_t)number(front, "attributes/POSITION"))),
                 *back_at =

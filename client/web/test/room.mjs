@@ -46,8 +46,9 @@ export const lampWay = [
   [-1, 2.2, 1.2],
 ];
 
-/** outside: it has no ceiling, a sun shines in, and the lamp moves. */
-export function room(outside = false) {
+/** outside: it has no ceiling, a sun shines in, and the lamp moves.
+ *  turned: box and shelf show their double-sided backs, as sofas of some programs do. */
+export function room({ outside = false, turned = false } = {}) {
   const bytes = [];
   const gltf = {
     asset: { version: '2.0' },
@@ -131,8 +132,8 @@ export function room(outside = false) {
     [2, 6, 12],
     [0, outside ? 18 : 12, 36],
   ]);
-  mesh('block', box(false), [[0, 0, 36]]);
-  mesh('board', box(false), [[2, 0, 36]]);
+  mesh('block', box(turned), [[turned ? 2 : 0, 0, 36]]);
+  mesh('board', box(turned), [[2, 0, 36]]);
   if (outside) {
     gltf.extensions.KHR_lights_punctual.lights.push({
       type: 'directional',
