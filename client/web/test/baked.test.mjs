@@ -92,7 +92,7 @@ function run(program, ...args) {
 async function show(...options) {
   const folder = mkdtempSync(join(tmpdir(), 'lightwell-baked-'));
   const at = (name) => join(folder, name);
-  writeFileSync(at('scene.gltf'), room(true));
+  writeFileSync(at('scene.gltf'), room({ turned: true }));
   let server, browser;
   try {
     const density = ['--texels-per-metre', '24', '--samples', '64', '--bounces', BOUNCES, '--denoise'];

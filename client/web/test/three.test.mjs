@@ -48,7 +48,7 @@ function serve(scene) {
 async function show(lights, options, limits) {
   const folder = mkdtempSync(join(tmpdir(), 'lightwell-three-'));
   const scene = join(folder, 'scene.gltf');
-  writeFileSync(scene, room(options.outside));
+  writeFileSync(scene, room({ outside: options.outside }));
   const { origin, server } = await serve(scene);
   const daemon = await startDaemon(
     scene,
