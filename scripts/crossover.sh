@@ -53,6 +53,7 @@ mkdir -p "$folder" || exit 73
 end=$(($(date +%s) + 60 * minutes))
 missing=0
 rows=()
+declare -A why # by row: the last line of one that failed
 
 # row NAME SCENE MOTION
 row() {
@@ -64,12 +65,15 @@ row() {
         return
     fi
     echo "crossover.sh: $1" >&2
-    "$load" crossover "$2" --motion "$3" -o "$folder/$1" --repeats 5 \
-        --minutes "$(awk "BEGIN { print $left / 60 }")" "${options[@]}" || code=$?
+    { "$load" crossover "$2" --motion "$3" -o "$folder/$1" --repeats 5 \
+        --minutes "$(awk "BEGIN { print $left / 60 }")" "${options[@]}" 2>&1 >&3 | tee "$folder/$1.log" >&2; } 3>&1 ||
+        code=$?
     if [ $code -ne 0 ]; then
         echo "crossover.sh: $1 ended with $code" >&2
         missing=1
+        why[$1]=$(tail -n 1 "$folder/$1.log")
     fi
+    rm -f "$folder/$1.log"
     # an interruption and a disk that is full are no matter of one row
     if [ -n "$stopped" ] || [ $code -eq 73 ] || [ $code -eq 74 ]; then
         summarise
@@ -77,18 +81,31 @@ row() {
     fi
 }
 
-# The first lines of each row's report.
+# What a row's report begins with, or why there is none.
+summarise_row() {
+    local report=$folder/$1/report.md
+    if [ -f "$report" ]; then
+        grep -e '^\* at the error of' -e '^\*\*Not measured:' -e '^Nothing moves:' "$report" ||
+            echo 'No opponent with a filter is measured.'
+        printf '\n[report](%s/report.md)\n' "$1"
+    else
+        echo 'Not measured.'
+    fi
+    [ -z "${why[$1]:-}" ] || printf '\nIt ended with: `%s`\n' "${why[$1]}"
+}
+
+# The rows that are void, then the first lines of each row's report.
 summarise() {
+    local void=
+    for name in "${rows[@]}"; do
+        ! grep -qs '^\* at the error of.*\*\*(void)\*\*' "$folder/$name/report.md" || void="$void, $name"
+    done
     {
         echo '# The crossover, row by row'
+        [ -z "$void" ] || printf '\nVoid against some opponent, since late light errs too little there: %s.\n' "${void#, }"
         for name in "${rows[@]}"; do
             printf '\n## %s\n\n' "$name"
-            if [ -f "$folder/$name/report.md" ]; then
-                grep '^\* at the error of' "$folder/$name/report.md" || echo 'No opponent with a filter is measured.'
-                printf '\n[report](%s/report.md)\n' "$name"
-            else
-                echo 'Not measured.'
-            fi
+            summarise_row "$name"
         done
     } >"$folder/report.md.new"
     mv "$folder/report.md.new" "$folder/report.md"

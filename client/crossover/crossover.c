@@ -38,6 +38,10 @@ static enum lw_status measure(const struct lw_crossover_options *options, const 
         const enum lw_status written = lw_crossover_report_write(&row.store, &report_err);
         if (status == LW_OK && written != LW_OK) *err = report_err;
         if (status == LW_OK) status = written;
+    } else if (status == LW_BAD_DATA) { /* of the scene: the same command would fail again */
+        struct lw_error report_err = {0};
+        if (lw_crossover_report_refuse(&row.store, err->text, &report_err) != LW_OK)
+            lw_log(LW_LOG_WARNING, "%s", report_err.text);
     }
     lw_crossover_row_finish(&row);
     return status;

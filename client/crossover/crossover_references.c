@@ -246,6 +246,33 @@ static enum lw_status get_all(struct lw_crossover_references *t,
 
 /* ---- what they tell ---- */
 
+/* Lets neighbours of what shines count as shining. Pixels are means over their squares: at a lamp's rim one
+ * whose middle shows the wall holds a share of the lamp, hundreds of times what lights the wall. */
+static void widen_shine(const struct lw_crossover_references *t, struct lw_crossover_reference *r,
+                        uint8_t *shines) {
+    const uint32_t side = t->side;
+    for (size_t i = 0; i < pixel_count(t); i++) shines[i] = r->object[i] == LW_TRACE_MISS;
+    for (size_t i = 0; i < pixel_count(t); i++) {
+        const uint32_t x = (uint32_t)(i % side), y = (uint32_t)(i / side % side);
+        for (uint32_t k = 0; k < 9 && r->object[i] != LW_TRACE_MISS; k++) {
+            const uint32_t u = x + k % 3 - 1, v = y + k / 3 - 1; /* below 0: beyond the crop as well */
+            if (u < side && v < side && shines[i - x - (size_t)y * side + u + (size_t)v * side])
+                r->object[i] = LW_TRACE_MISS;
+        }
+    }
+}
+
+static enum lw_status widen_all(struct lw_crossover_references *t, struct lw_error *err) {
+    uint8_t *shines = malloc(pixel_count(t));
+    if (!shines) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a reference");
+    for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++) {
+        for (uint32_t j = 0; j < t->judged_count; j++) widen_shine(t, &t->now[j][v], shines);
+        for (uint32_t l = 0; l < LW_CROSSOVER_LATES; l++) widen_shine(t, &t->late[l][v], shines);
+    }
+    free(shines);
+    return LW_OK;
+}
+
 static enum lw_status mask_late(struct lw_crossover_references *t, struct lw_error *err) {
     const size_t count = pixel_count(t);
     for (uint32_t l = 0; l < LW_CROSSOVER_LATES; l++)
@@ -362,6 +389,7 @@ enum lw_status lw_crossover_references_init(struct lw_crossover_references *t,
         return lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot make the folder: %s", folder,
                               strerror(errno));
     enum lw_status status = get_all(t, desc, err);
+    if (status == LW_OK) status = widen_all(t, err);
     if (status == LW_OK) status = mask_late(t, err);
     if (status == LW_OK) status = leave_out_dark(t, o->scene.path, err);
     if (status == LW_OK) status = expose(t, err);

@@ -28,8 +28,9 @@ struct lw_crossover_crop {
 
 /** One view at one moment; the crops one below the other. */
 struct lw_crossover_reference {
-    float *half[2];    /* means; crops * side * side * 3 */
-    uint32_t *object;  /* crops * side * side: as lw_reference_look(); LW_TRACE_MISS where it shines */
+    float *half[2]; /* means; crops * side * side * 3 */
+    /* crops * side * side: as lw_reference_look(); LW_TRACE_MISS where it or a neighbour shines */
+    uint32_t *object;
     uint8_t *left_out; /* late ones: 1 where a light is seen at either time, or another object; else NULL */
 };
 

@@ -18,6 +18,16 @@ static const double fixed_errors[] = {0.1, 0.02};
 static const double sessions_s[] = {10, 60, 600};
 #define COUNT(array) (sizeof(array) / sizeof *(array))
 
+/* A picture of error over cost in each measure. */
+static const struct {
+    const char *file, *axis;
+} plot[LW_CROSSOVER_COIN_COUNT] = {
+    [LW_CROSSOVER_COIN_RELMSE] = {"relmse", "relMSE"},
+    [LW_CROSSOVER_COIN_RELMSE_SMALL] = {"relmse_1e-4", "relMSE, small epsilon"},
+    [LW_CROSSOVER_COIN_RELMSE_TRIMMED] = {"relmse_999", "relMSE, 99.9 % of pixels"},
+    [LW_CROSSOVER_COIN_FLIP] = {"flip", "FLIP"},
+    [LW_CROSSOVER_COIN_FLICKER] = {"flicker", "flicker"}};
+
 struct report {
     const struct lw_crossover_store *store;
     struct lw_crossover_analysis a;
@@ -151,6 +161,13 @@ static void print_gate(const struct report *r) {
 
 /* ---- tables ---- */
 
+/* Whether any renderer has a figure above 0 in this measure: gnuplot fails on a plot without points. */
+static bool has_curve(const struct report *r, enum lw_crossover_coin coin) {
+    for (uint32_t i = 0; i < r->a.point_count; i++)
+        if (r->a.point[i].mean[coin].value > 0 && r->a.point[i].cost_s.value > 0) return true;
+    return false;
+}
+
 static void print_against(const struct report *r) {
     static const enum lw_crossover_coin coins[] = {LW_CROSSOVER_COIN_RELMSE, LW_CROSSOVER_COIN_FLIP};
     fprintf(
@@ -244,9 +261,13 @@ static void print_errors(const struct report *r) {
     for (int c = 0; c < LW_CROSSOVER_COIN_COUNT; c++)
         fprintf(r->f, "* %s: %s\n", lw_crossover_coin_name((enum lw_crossover_coin)c),
                 lw_crossover_coin_about((enum lw_crossover_coin)c));
-    fprintf(r->f,
-            "* lag: the age of the light that fits the first judged frame best; – where none fits better\n\n"
-            "![relMSE over cost](relmse.png) ![FLIP over cost](flip.png)\n\n");
+    fprintf(
+        r->f,
+        "* lag: the age of the light that fits the first judged frame best; – where none fits better\n\n");
+    for (int c = 0; c < LW_CROSSOVER_COIN_COUNT; c++)
+        if (has_curve(r, (enum lw_crossover_coin)c))
+            fprintf(r->f, "![%s over cost](%s.png)\n", plot[c].axis, plot[c].file);
+    fprintf(r->f, "\n");
 }
 
 static void print_costs(const struct report *r) {
@@ -485,20 +506,25 @@ static enum lw_status write_curves(struct report *r, struct lw_error *err) {
     enum lw_status status = lw_report_text_begin(&text, "curves.csv", err);
     if (status != LW_OK) return status;
     FILE *f = text.stream;
-    fprintf(f, "renderer,setting,cpu_s,relmse,relmse_low,relmse_high,flip,flip_low,flip_high\n");
+    fprintf(f, "renderer,setting,cpu_s");
+    for (int c = 0; c < LW_CROSSOVER_COIN_COUNT; c++) {
+        const char *coin = lw_crossover_coin_name((enum lw_crossover_coin)c);
+        fprintf(f, ",%s,%s_low,%s_high", coin, coin, coin);
+    }
+    fprintf(f, "\n");
     for (uint32_t i = 0; i < r->a.point_count; i++) {
         const struct lw_crossover_point *p = &r->a.point[i];
-        const struct lw_bootstrap_interval *e = &p->mean[LW_CROSSOVER_COIN_RELMSE],
-                                           *flip = &p->mean[LW_CROSSOVER_COIN_FLIP];
-        fprintf(f, "%s,%s,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", p->renderer, p->setting, p->cost_s.value,
-                e->value, e->low, e->high, flip->value, flip->low, flip->high);
+        fprintf(f, "%s,%s,%.6g", p->renderer, p->setting, p->cost_s.value);
+        for (int c = 0; c < LW_CROSSOVER_COIN_COUNT; c++)
+            fprintf(f, ",%.6g,%.6g,%.6g", p->mean[c].value, p->mean[c].low, p->mean[c].high);
+        fprintf(f, "\n");
     }
-    status = lw_report_text_save(&text, r->store->folder, err);
-    return status;
+    return lw_report_text_save(&text, r->store->folder, err);
 }
 
-static void print_plot(FILE *f, const struct report *r, const char *name, const char *label, int column) {
+static void print_plot(FILE *f, const struct report *r, enum lw_crossover_coin coin) {
     const char *seen[LW_CROSSOVER_POINTS_MAX];
+    const int column = 4 + 3 * (int)coin;
     uint32_t count = 0;
     for (uint32_t i = 0; i < r->a.point_count; i++) {
         uint32_t k = 0;
@@ -507,7 +533,7 @@ static void print_plot(FILE *f, const struct report *r, const char *name, const 
     }
     fprintf(f,
             "set ylabel '%s'\nset terminal pngcairo size 640,480 font 'sans,11'\nset output '%s.png'\nplot ",
-            label, name);
+            plot[coin].axis, plot[coin].file);
     for (uint32_t k = 0; k < count; k++)
         fprintf(f,
                 "%s'curves.csv' skip 1 using (strcol(1) eq '%s' ? $3 : NaN):%d:%d:%d with yerrorbars pt 7 "
@@ -516,7 +542,7 @@ static void print_plot(FILE *f, const struct report *r, const char *name, const 
     fprintf(f,
             "\nset terminal svg size 640,480 background 'white' font 'sans,14'\nset output '%s.svg'\nreplot\n"
             "unset output\n",
-            name);
+            plot[coin].file);
 }
 
 static enum lw_status write_plots(struct report *r, struct lw_error *err) {
@@ -526,8 +552,8 @@ static enum lw_status write_plots(struct report *r, struct lw_error *err) {
     FILE *f = text.stream;
     fprintf(f, "set datafile separator ','\nset logscale xy\nset grid\nset key top right\n"
                "set xlabel 'CPU s per frame, one user'\n");
-    print_plot(f, r, "relmse", "relMSE", 4);
-    print_plot(f, r, "flip", "FLIP", 7);
+    for (int c = 0; c < LW_CROSSOVER_COIN_COUNT; c++)
+        if (has_curve(r, (enum lw_crossover_coin)c)) print_plot(f, r, (enum lw_crossover_coin)c);
     status = lw_report_text_save(&text, r->store->folder, err);
     if (status == LW_OK) lw_gnuplot_run(r->store->folder, "crossover.gp");
     return status;
@@ -554,6 +580,17 @@ static void print_head(const struct report *r) {
             " Twelve fixed views %s; both sides are judged at the same frames, under the manual clock.\n\n",
             get(r, "views", "?"));
     print_not_measured(r);
+}
+
+enum lw_status lw_crossover_report_refuse(const struct lw_crossover_store *store, const char *why,
+                                          struct lw_error *err) {
+    const struct report r = {.store = store};
+    struct lw_report_text text;
+    enum lw_status status = lw_report_text_begin(&text, "report.md", err);
+    if (status != LW_OK) return status;
+    fprintf(text.stream, "# Crossover: %s, %s\n\n**Not measured:** %s\n", get(&r, "scene", "?"),
+            get(&r, "motion", "?"), why);
+    return lw_report_text_save(&text, store->folder, err);
 }
 
 enum lw_status lw_crossover_report_write(const struct lw_crossover_store *store, struct lw_error *err) {

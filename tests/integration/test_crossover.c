@@ -157,6 +157,21 @@ static void a_server_that_dies_is_told_and_the_rest_measured(void **state) {
     free(report);
 }
 
+static void a_scene_without_motion_is_a_report(void **state) {
+    (void)state;
+    struct lw_process process;
+    char arguments[500];
+    const char *folder = lw_support_temporary("sunless");
+    snprintf(arguments, sizeof arguments, SMALL "--motion sun-swing -o %s", folder);
+    lw_process_expect(&process, run(arguments, &process), 65);
+    char *said = lw_process_err(&process), *report = lw_support_read_text(folder, "report.md");
+    assert_non_null(strstr(said, "it has no sun"));
+    assert_non_null(strstr(report, "**Not measured:** "));
+    assert_non_null(strstr(report, "it has no sun"));
+    free(report);
+    free(said);
+}
+
 static void fails_with_one_line(void **state) {
     (void)state;
     char arguments[500];
@@ -184,6 +199,7 @@ int main(int argc, char **argv) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(measures_reports_and_goes_on, lw_process_teardown),
         cmocka_unit_test_teardown(an_interruption_keeps_what_is_there, lw_process_teardown),
+        cmocka_unit_test_teardown(a_scene_without_motion_is_a_report, lw_process_teardown),
         cmocka_unit_test_teardown(fails_with_one_line, lw_process_teardown),
     };
     (void)argv;

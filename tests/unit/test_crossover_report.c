@@ -212,6 +212,43 @@ static void settings_beyond_the_limit_are_left_out(void **state) {
     free(report_of(folder));
 }
 
+/* One line of the table for each renderer and setting, three columns for each measure. */
+static void curves_and_plots_are_of_all_measures(void **state) {
+    (void)state;
+    const char *folder = make_row("curves", 1);
+    free(report_of(folder));
+    char *curves = lw_support_read_text(folder, "curves.csv"),
+         *plots = lw_support_read_text(folder, "crossover.gp"),
+         *report = lw_support_read_text(folder, "report.md");
+    assert_says(curves, "renderer,setting,cpu_s,relmse,relmse_low,relmse_high,relmse_1e-4,");
+    assert_says(curves, ",relmse_999,relmse_999_low,relmse_999_high,flip,flip_low,flip_high,flicker,");
+    assert_says(curves, "svgf,1 path,3.1,0.062,0.0543333,0.0696667,0.08,0.08,0.08,0.02,0.02,0.02,0.31,");
+    assert_says(plots, "set output 'relmse_1e-4.png'");
+    assert_says(plots, "set output 'flip.png'\nplot 'curves.csv' skip 1 using "
+                       "(strcol(1) eq 'svgf' ? $3 : NaN):13:14:15");
+    assert_null(strstr(plots, "flicker.png")); /* nothing is known of it */
+    assert_says(report, "](relmse_999.png)");
+    assert_null(strstr(report, "](flicker.png)"));
+    free(report);
+    free(plots);
+    free(curves);
+}
+
+static void a_row_that_cannot_be_measured_says_why(void **state) {
+    (void)state;
+    const char *folder = lw_support_temporary("refused");
+    struct lw_crossover_store store;
+    struct lw_error err = {0};
+    lw_support_ok(lw_crossover_store_open(&store, folder, false, &err), &err);
+    lw_support_ok(lw_crossover_store_set(&store, "scene", "builtin:hand", &err), &err);
+    lw_support_ok(lw_crossover_store_set(&store, "motion", "sun-swing", &err), &err);
+    lw_support_ok(lw_crossover_report_refuse(&store, "it has no sun", &err), &err);
+    lw_crossover_store_finish(&store);
+    char *report = lw_support_read_text(folder, "report.md");
+    assert_string_equal(report, "# Crossover: builtin:hand, sun-swing\n\n**Not measured:** it has no sun\n");
+    free(report);
+}
+
 static void nothing_measured_is_said(void **state) {
     (void)state;
     struct lw_crossover_store store;
@@ -228,6 +265,8 @@ int main(void) {
                                        cmocka_unit_test(a_step_has_no_ratios),
                                        cmocka_unit_test(a_setting_without_a_cost_is_not_the_cheapest),
                                        cmocka_unit_test(settings_beyond_the_limit_are_left_out),
+                                       cmocka_unit_test(curves_and_plots_are_of_all_measures),
+                                       cmocka_unit_test(a_row_that_cannot_be_measured_says_why),
                                        cmocka_unit_test(nothing_measured_is_said)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
