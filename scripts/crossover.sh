@@ -65,9 +65,11 @@ row() {
         return
     fi
     echo "crossover.sh: $1" >&2
-    { "$load" crossover "$2" --motion "$3" -o "$folder/$1" --repeats 5 \
-        --minutes "$(awk "BEGIN { print $left / 60 }")" "${options[@]}" 2>&1 >&3 | tee "$folder/$1.log" >&2; } 3>&1 ||
-        code=$?
+    {
+        "$load" crossover "$2" --motion "$3" -o "$folder/$1" --repeats 5 \
+            --minutes "$(awk "BEGIN { print $left / 60 }")" "${options[@]}" 2>&1 >&3 |
+            tee "$folder/$1.log" >&2
+    } 3>&1 || code=$?
     if [ $code -ne 0 ]; then
         echo "crossover.sh: $1 ended with $code" >&2
         missing=1
@@ -102,7 +104,7 @@ summarise() {
     done
     {
         echo '# The crossover, row by row'
-        [ -z "$void" ] || printf '\nVoid against some opponent, since late light errs too little there: %s.\n' "${void#, }"
+        [ -z "$void" ] || printf '\nVoid against some opponent, since late light errs too little: %s.\n' "${void#, }"
         for name in "${rows[@]}"; do
             printf '\n## %s\n\n' "$name"
             summarise_row "$name"
