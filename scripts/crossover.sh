@@ -5,7 +5,7 @@
 #   --minutes M  begin nothing more after so long (default 100); the same command with --resume goes on. What is
 #                under way then is finished, and the references of a row are traced in one go
 #   SPONZA.gltf  the scene of two rows; without it they are skipped
-#   OPTION...    for each row's lightwell-load crossover, after --repeats 5
+#   OPTION...    for each row's lightwell-load crossover, after --repeats 5 --real-clock
 # LW_BIN says where lightwell-load is (default: build/release/bin). Ends with 75 where something is still missing.
 set -euo pipefail
 here=$(cd "$(dirname "$0")/.." && pwd)
@@ -66,7 +66,7 @@ row() {
     fi
     echo "crossover.sh: $1" >&2
     {
-        "$load" crossover "$2" --motion "$3" -o "$folder/$1" --repeats 5 \
+        "$load" crossover "$2" --motion "$3" -o "$folder/$1" --repeats 5 --real-clock \
             --minutes "$(awk "BEGIN { print $left / 60 }")" "${options[@]}" 2>&1 >&3 |
             tee "$folder/$1.log" >&2
     } 3>&1 || code=$?

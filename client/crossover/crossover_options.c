@@ -124,6 +124,10 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
         {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &seed, 0, UINT32_MAX, NULL},
         {"minutes", "M", "begin nothing more after so long; what is missing is measured the next time",
          LW_OPTION_REAL, &o.minutes_max, 0.01, 1e6, NULL},
+        {"real-clock", NULL,
+         "measure also by the wall clock, each side at the rate that it attains: on an idle machine, some "
+         "seconds a view",
+         LW_OPTION_FLAG, &o.real_clock, 0, 0, NULL},
         {"report-only", NULL, "measure nothing: write the report of what DIR holds", LW_OPTION_FLAG,
          &o.report_only, 0, 0, NULL},
         {"o", "DIR",

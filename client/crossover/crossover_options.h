@@ -28,6 +28,7 @@ struct lw_crossover_options {
     double seconds;     /* of the frames that are counted as cost, the judged ones included */
     double minutes_max; /* no unit begins later; INFINITY: no limit */
     bool report_only;
+    bool real_clock;    /* also measure by the wall clock (crossover_clock.h) */
     const char *solver; /* the server's, by name; NULL: its default */
 };
 

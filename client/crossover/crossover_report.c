@@ -1,6 +1,7 @@
 #include "client/crossover/crossover_report.h"
 
 #include "client/crossover/crossover_analysis.h"
+#include "client/crossover/crossover_clock.h"
 #include "client/crossover/crossover_pictures.h"
 #include "client/crossover/crossover_references.h"
 #include "client/measure/gnuplot.h"
@@ -329,6 +330,26 @@ static void print_sessions(const struct report *r) {
     fprintf(r->f, "\n");
 }
 
+static void print_clock(const struct report *r) {
+    struct lw_crossover_clock c;
+    bool headed = false;
+    for (uint32_t i = 0; i < r->a.point_count; i++) {
+        const struct lw_crossover_point *p = &r->a.point[i];
+        if (!lw_crossover_clock_read(r->store, p->renderer, p->setting, &c)) continue;
+        if (!headed)
+            fprintf(r->f,
+                    "## By the wall clock\n\nEach side at the rate that it attained on all cores, one user, "
+                    "the server beside him; a picture is judged against light of the moment at which it was "
+                    "ready. Few pictures, and whatever else the machine did counts: this says who is late, "
+                    "not by how much anybody is better.\n\n| renderer | pictures a second | age of light, s "
+                    "| relMSE | pictures judged |\n|---|---|---|---|---|\n");
+        headed = true;
+        fprintf(r->f, "| %s, %s | %.3g | %.2g | %.3g | %u |\n", p->renderer, p->setting, c.views_hz,
+                c.light_age_s, c.relmse, c.pictures);
+    }
+    if (headed) fprintf(r->f, "\n");
+}
+
 /* ---- by frame, by view, by age of light ---- */
 
 static double mean_at(const struct report *r, const struct lw_crossover_point *p, uint32_t frame,
@@ -609,6 +630,7 @@ enum lw_status lw_crossover_report_write(const struct lw_crossover_store *store,
         print_pictures(&r);
         print_costs(&r);
         print_sessions(&r);
+        print_clock(&r);
         print_by_frame(&r);
         print_by_view(&r);
         status = lw_report_text_save(&text, store->folder, err);

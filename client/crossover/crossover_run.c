@@ -1,5 +1,6 @@
 #include "client/crossover/crossover_run.h"
 
+#include "client/crossover/crossover_clock.h"
 #include "client/crossover/crossover_unit.h"
 #include "common/clock.h"
 #include "common/log.h"
@@ -85,5 +86,6 @@ enum lw_status lw_crossover_run(struct lw_crossover_row *row, struct lw_error *e
     struct run run = {.row = row, .end_ns = UINT64_MAX};
     const double minutes_max = row->options->minutes_max;
     if (isfinite(minutes_max)) run.end_ns = row->began_ns + (uint64_t)(60e9 * minutes_max);
-    return measure_units(&run, err);
+    const enum lw_status status = measure_units(&run, err);
+    return status == LW_OK && row->options->real_clock ? lw_crossover_clock_measure(row, err) : status;
 }

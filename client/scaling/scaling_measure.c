@@ -2,7 +2,7 @@
 
 #include "client/measure/cache_renderer.h"
 #include "client/measure/per_user_renderer.h"
-#include "client/scaling/real_run.h"
+#include "client/measure/real_run.h"
 #include "client/scaling/scaling_run.h"
 #include "client/scaling/scaling_search.h"
 #include "client/scaling/scaling_users.h"
@@ -230,7 +230,7 @@ static enum lw_status run_by_the_clock(struct lw_scaling_run *run, struct lw_err
     enum lw_status status = lw_scene_densities_find(&x->densities, setting->density, &package, err);
     if (status == LW_OK)
         status = lw_real_run(&(struct lw_real_run_desc){.package = package,
-                                                        .views = x->views,
+                                                        .cameras = lw_views_cameras(x->views),
                                                         .setting = *setting,
                                                         .users = x->count[0].users,
                                                         .width = o->width,

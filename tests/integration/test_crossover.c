@@ -172,6 +172,26 @@ static void a_scene_without_motion_is_a_report(void **state) {
     free(said);
 }
 
+/* How good it is depends on the machine; that each side is there, and is judged, does not. */
+static void by_the_wall_clock_each_side_is_judged(void **state) {
+    (void)state;
+    struct lw_process process;
+    char arguments[500];
+    const char *folder = lw_support_temporary("clock");
+    snprintf(arguments, sizeof arguments, SMALL "--real-clock -o %s", folder);
+    lw_process_expect(&process, run(arguments, &process), 0);
+    char *report = lw_support_read_text(folder, "report.md"), *row = lw_support_read_text(folder, "row.csv");
+    const char *table = strstr(report, "## By the wall clock");
+    assert_non_null(table);
+    assert_non_null(strstr(table, "| svgf, 1 path | "));
+    assert_non_null(strstr(table, "| svgf-quarter, 1 path | "));
+    assert_non_null(strstr(table, "| cache, x1 1+"));
+    assert_int_equal(count_lines(row, "clock "), 3);
+    assert_null(strstr(row, "nan"));
+    free(row);
+    free(report);
+}
+
 static void fails_with_one_line(void **state) {
     (void)state;
     char arguments[500];
@@ -195,6 +215,7 @@ static void fails_with_one_line(void **state) {
 int main(int argc, char **argv) {
     const struct CMUnitTest long_tests[] = {
         cmocka_unit_test_teardown(a_server_that_dies_is_told_and_the_rest_measured, lw_process_teardown),
+        cmocka_unit_test_teardown(by_the_wall_clock_each_side_is_judged, lw_process_teardown),
     };
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(measures_reports_and_goes_on, lw_process_teardown),

@@ -234,6 +234,25 @@ static void curves_and_plots_are_of_all_measures(void **state) {
     free(curves);
 }
 
+static void the_wall_clock_is_a_table(void **state) {
+    (void)state;
+    const char *folder = make_row("clock", 1);
+    struct lw_crossover_store store;
+    struct lw_error err = {0};
+    char *report = report_of(folder);
+    assert_null(strstr(report, "wall clock"));
+    free(report);
+    lw_support_ok(lw_crossover_store_open(&store, folder, false, &err), &err);
+    lw_support_ok(lw_crossover_store_set(&store, "clock svgf 1 path", "1.5,0.8,0.25,9", &err), &err);
+    lw_support_ok(lw_crossover_store_set(&store, "clock cache x1 1+1 rest 0.2", "8,0.2,nan,0", &err), &err);
+    lw_crossover_store_finish(&store);
+    report = report_of(folder);
+    assert_says(report, "## By the wall clock");
+    assert_says(report, "| svgf, 1 path | 1.5 | 0.8 | 0.25 | 9 |");
+    assert_says(report, "| cache, x1 1+1 rest 0.2 | 8 | 0.2 | nan | 0 |");
+    free(report);
+}
+
 static void a_row_that_cannot_be_measured_says_why(void **state) {
     (void)state;
     const char *folder = lw_support_temporary("refused");
@@ -266,6 +285,7 @@ int main(void) {
                                        cmocka_unit_test(a_setting_without_a_cost_is_not_the_cheapest),
                                        cmocka_unit_test(settings_beyond_the_limit_are_left_out),
                                        cmocka_unit_test(curves_and_plots_are_of_all_measures),
+                                       cmocka_unit_test(the_wall_clock_is_a_table),
                                        cmocka_unit_test(a_row_that_cannot_be_measured_says_why),
                                        cmocka_unit_test(nothing_measured_is_said)};
     return cmocka_run_group_tests(tests, NULL, NULL);

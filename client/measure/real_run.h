@@ -1,13 +1,13 @@
-/* real_run.h: the shared cache by the wall clock. Frames come as fast as the machine allows, and light is
- * as late as it then is.
- * Flow:    scene package, views -> [lightwelld, clients, compose, all at once] -> pictures and when they
+/* real_run.h: the shared cache, or a renderer for one user, by the wall clock. Frames come as fast as the
+ * machine allows, and light is as late as it then is.
+ * Flow:    scene package, cameras -> [lightwelld, clients, compose, all at once] -> pictures and when they
  *          were shown
+ *          renderer -> [frames, each of the moment at which it begins] -> the same
  * Threads: one thread at a time. */
-#ifndef LW_CLIENT_SCALING_REAL_RUN_H
-#define LW_CLIENT_SCALING_REAL_RUN_H
+#ifndef LW_CLIENT_MEASURE_REAL_RUN_H
+#define LW_CLIENT_MEASURE_REAL_RUN_H
 
 #include "client/measure/renderer.h"
-#include "client/measure/views.h"
 
 #include <signal.h>
 
@@ -15,7 +15,7 @@
 
 struct lw_real_run_desc {
     const char *package;
-    const struct lw_views *views;
+    struct lw_renderer_cameras cameras;
     struct lw_setting setting;
     uint32_t users, width, height, stride, bounces, seed;
     unsigned threads; /* 0: all */
@@ -40,15 +40,31 @@ struct lw_real_picture {
 struct lw_real_run {
     struct lw_real_picture picture[LW_REAL_RUN_PICTURES];
     uint32_t picture_count;
-    double frames_hz;    /* of the server */
+    double frames_hz;    /* of the server; 0: there is none */
     double views_hz;     /* composed, of all users together */
-    double server_cpu_s; /* per second */
+    double server_cpu_s; /* per second; 0: there is none */
     double light_age_s;  /* mean over pictures composed */
 };
 
 /** Runs it. Errors: the server's and the clients'; LW_CLOSED if cancelled. Finish it after success. */
 LW_MUST_CHECK enum lw_status lw_real_run(const struct lw_real_run_desc *desc, struct lw_real_run *out_run,
                                          struct lw_error *err);
+
+struct lw_real_paths_desc {
+    struct lw_renderer *renderer; /* of per_user_renderer.h, of pictures of this size */
+    struct lw_setting setting;
+    uint32_t user, width, height, stride, seed;
+    double first_s; /* scene time at which it begins; 0 or more */
+    double warm_s;  /* before the seconds that are measured: for its history */
+    double seconds;
+    const volatile sig_atomic_t *cancel;
+};
+
+/** The same of a renderer for one user: it begins a frame when the one before is done, at most LW_VIEWS_HZ
+ * in a second, and leaves out moments that it is too slow for. Errors: the renderer's; LW_CLOSED if
+ * cancelled. Finish it after success. */
+LW_MUST_CHECK enum lw_status lw_real_run_paths(const struct lw_real_paths_desc *desc,
+                                               struct lw_real_run *out_run, struct lw_error *err);
 void lw_real_run_finish(struct lw_real_run *run);
 
 #endif

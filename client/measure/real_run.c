@@ -1,12 +1,14 @@
-#include "client/scaling/real_run.h"
+#include "client/measure/real_run.h"
 
 #include "client/measure/daemon_child.h"
 #include "client/measure/reference.h"
 #include "client/measure/viewers.h"
+#include "client/measure/views.h"
 #include "common/clock.h"
 
 #include <math.h>
 #include <stdlib.h>
+#include <time.h>
 
 #define FIRST_LIGHT_S 300u
 
@@ -55,7 +57,7 @@ static enum lw_status see(struct real_run *r, uint32_t user, struct lw_real_pict
     if (status == LW_OK) status = lw_viewers_follow(&r->viewers, err);
     if (status != LW_OK) return status;
     const uint64_t frame = 1 + (uint64_t)fmax(0, floor(now_s(r, user) * LW_VIEWS_HZ));
-    const struct lw_camera_view camera = lw_views_at(r->desc->views, user, frame);
+    const struct lw_camera_view camera = r->desc->cameras.at(r->desc->cameras.context, user, frame);
     lw_viewers_show(&r->viewers, user, &camera, r->rgb);
     status = lw_viewers_look(&r->viewers, user, &camera, lw_clock_ns(), err);
     if (status != LW_OK) return status;
@@ -67,13 +69,18 @@ static enum lw_status see(struct real_run *r, uint32_t user, struct lw_real_pict
     return LW_OK;
 }
 
-static enum lw_status keep(struct real_run *r, struct lw_real_picture *picture, struct lw_error *err) {
-    const struct lw_real_run_desc *d = r->desc;
-    picture->lattice =
-        malloc((size_t)(d->width / d->stride) * (d->height / d->stride) * 3 * sizeof *picture->lattice);
+static enum lw_status keep(const float *rgb, uint32_t width, uint32_t height, uint32_t stride,
+                           struct lw_real_picture *picture, struct lw_error *err) {
+    picture->lattice = malloc((size_t)(width / stride) * (height / stride) * 3 * sizeof *picture->lattice);
     if (!picture->lattice) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture");
-    lw_reference_pick(r->rgb, d->width, d->height, d->stride, picture->lattice);
+    lw_reference_pick(rgb, width, height, stride, picture->lattice);
     return LW_OK;
+}
+
+/* Whether a picture is to be kept: they are spread over what is measured. */
+static bool is_due(const struct lw_real_run *run, double passed_s, double seconds) {
+    return run->picture_count < LW_REAL_RUN_PICTURES &&
+           passed_s >= seconds * (2 * run->picture_count + 1) / (2 * LW_REAL_RUN_PICTURES);
 }
 
 /* Users look in turn, as often as the machine lets them; some of what they see is kept. */
@@ -88,9 +95,8 @@ static enum lw_status look(struct real_run *r, struct lw_real_run *run, struct l
         struct lw_real_picture picture;
         status = see(r, (uint32_t)(r->views % r->viewers.count), &picture, err);
         passed_s = 1e-9 * (double)(lw_clock_ns() - began_ns);
-        const double due_s = d->seconds * (2 * run->picture_count + 1) / (2 * LW_REAL_RUN_PICTURES);
-        if (status != LW_OK || run->picture_count == LW_REAL_RUN_PICTURES || passed_s < due_s) continue;
-        status = keep(r, &picture, err);
+        if (status != LW_OK || !is_due(run, passed_s, d->seconds)) continue;
+        status = keep(r->rgb, d->width, d->height, d->stride, &picture, err);
         if (status == LW_OK) run->picture[run->picture_count++] = picture;
     }
     if (status != LW_OK) return status;
@@ -136,6 +142,7 @@ enum lw_status lw_real_run(const struct lw_real_run_desc *desc, struct lw_real_r
     if (status == LW_OK) {
         lw_viewers_init(&r.viewers, lw_daemon_child_port(r.daemon), desc->width, desc->height, desc->threads,
                         desc->setting.whole, !desc->denoise);
+        r.viewers.draws_direct = desc->setting.draws;
         status = lw_viewers_set_count(&r.viewers, desc->users, err);
     }
     if (status == LW_OK) status = warm(&r, err);
@@ -143,6 +150,67 @@ enum lw_status lw_real_run(const struct lw_real_run_desc *desc, struct lw_real_r
     lw_viewers_finish(&r.viewers);
     lw_daemon_child_stop(r.daemon);
     free(r.rgb);
+    if (status == LW_OK)
+        *out_run = run;
+    else
+        lw_real_run_finish(&run);
+    return status;
+}
+
+/* ---- a renderer for one user ---- */
+
+/* Waits for the next frame, of those that count from 1. */
+static void await_frame(uint64_t began_ns, double first_s, uint64_t frame) {
+    const double left_s =
+        (double)(frame - 1) / LW_VIEWS_HZ - first_s - 1e-9 * (double)(lw_clock_ns() - began_ns);
+    if (!(left_s > 0)) return;
+    const struct timespec pause = {.tv_sec = (time_t)left_s,
+                                   .tv_nsec = (long)(1e9 * (left_s - floor(left_s)))};
+    nanosleep(&pause, NULL); /* woken early, the frame is shown that much too soon */
+}
+
+static enum lw_status follow(const struct lw_real_paths_desc *d, float *rgb, struct lw_real_run *run,
+                             struct lw_error *err) {
+    enum lw_status status = LW_OK;
+    const uint64_t began_ns = lw_clock_ns();
+    double age_sum_s = 0, passed_s = 0;
+    uint64_t views = 0, frame = 0;
+    while (status == LW_OK && passed_s < d->warm_s + d->seconds) {
+        if (d->cancel && *d->cancel) return lw_status_fail(err, LW_CLOSED, "interrupted");
+        await_frame(began_ns, d->first_s, frame + 1);
+        const double began_s = d->first_s + 1e-9 * (double)(lw_clock_ns() - began_ns);
+        const uint64_t now = 1 + (uint64_t)floor(began_s * LW_VIEWS_HZ);
+        frame = now > frame ? now : frame + 1;
+        struct lw_cost cost = {0};
+        status = d->renderer->ops->step(d->renderer, frame, &d->user, 1, &cost, err);
+        passed_s = 1e-9 * (double)(lw_clock_ns() - began_ns);
+        if (status != LW_OK || passed_s < d->warm_s) continue;
+        struct lw_real_picture picture = {
+            .time_s = d->first_s + passed_s, .view_frame = frame, .user = d->user};
+        picture.light_age_s = picture.time_s - (double)(frame - 1) / LW_VIEWS_HZ;
+        age_sum_s += picture.light_age_s;
+        views++;
+        if (!is_due(run, passed_s - d->warm_s, d->seconds)) continue;
+        d->renderer->ops->picture(d->renderer, 0, rgb);
+        status = keep(rgb, d->width, d->height, d->stride, &picture, err);
+        if (status == LW_OK) run->picture[run->picture_count++] = picture;
+    }
+    run->views_hz = (double)views / (passed_s - d->warm_s);
+    run->light_age_s = age_sum_s / (double)views;
+    return status;
+}
+
+enum lw_status lw_real_run_paths(const struct lw_real_paths_desc *desc, struct lw_real_run *out_run,
+                                 struct lw_error *err) {
+    struct lw_real_run run = {.picture_count = 0};
+    const struct lw_renderer_ops *ops = desc->renderer->ops;
+    float *rgb = malloc((size_t)desc->width * desc->height * 3 * sizeof *rgb);
+    enum lw_status status = rgb ? ops->start(desc->renderer, &desc->setting, false, desc->seed, err)
+                                : lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture");
+    if (status == LW_OK) status = ops->set_users(desc->renderer, 1, err);
+    if (status == LW_OK) status = follow(desc, rgb, &run, err);
+    ops->stop(desc->renderer);
+    free(rgb);
     if (status == LW_OK)
         *out_run = run;
     else
