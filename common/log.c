@@ -47,8 +47,9 @@ static char *put_digits(char *at, uint64_t value, unsigned digits) {
     return at + digits;
 }
 
-/* "2026-11-25T03:57:41.123Z": 24 characters and a zero. By arithmetic alone, since gmtime_r() is not for signal
- * handlers. Days to a date: Hinnant, "chrono-Compatible Low-Level Date Algorithms", civil_from_days. */
+/* "2026-11-25T03:57:41.123Z": 24 characters and a zero. By arithmetic alone, since gmtime_r() is not for
+ * signal handlers. Days to a date: Hinnant, "chrono-Compatible Low-Level Date Algorithms",
+ * civil_from_days. */
 static void format_time(char dst[25]) {
     struct timespec now;
     clock_gettime(CLOCK_REALTIME, &now);

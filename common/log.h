@@ -9,7 +9,8 @@ enum lw_log_level { LW_LOG_ERROR, LW_LOG_WARNING, LW_LOG_INFO, LW_LOG_DEBUG };
 #define LW_LOG_LEVELS "error|warning|info|debug" /* as the choices of an option */
 
 /** TEXT: "program: text"; errors, warnings and debugging say so. JSON: an object with the strings "time"
- * (RFC 3339, UTC, milliseconds), "level", "program" and "message", in UTF-8. AUTO: TEXT if stderr is a terminal. */
+ * (RFC 3339, UTC, milliseconds), "level", "program" and "message", in UTF-8. AUTO: TEXT if stderr is a
+ * terminal. */
 enum lw_log_format { LW_LOG_AUTO, LW_LOG_TEXT, LW_LOG_JSON };
 #define LW_LOG_FORMATS "auto|text|json"
 
@@ -31,11 +32,12 @@ bool lw_log_is_drawn(void);
 /** Whether lines of this level are shown. */
 bool lw_log_shows(enum lw_log_level level);
 
-/** One line. No final newline in format; control characters in the text become '?', and in JSON so do bytes that
- * are no UTF-8. */
+/** One line. No final newline in format; control characters in the text become '?', and in JSON so do bytes
+ * that are no UTF-8. */
 void lw_log(enum lw_log_level level, const char *format, ...) LW_PRINTF(2, 3);
 
-/** The same at LW_LOG_INFO of an ASCII text of at most 300 bytes without quotes or backslashes, for signal handlers. */
+/** The same at LW_LOG_INFO of an ASCII text of at most 300 bytes without quotes or backslashes, for signal
+ * handlers. */
 void lw_log_in_handler(const char *text);
 
 /** Logs an error, a lack of memory by that name whatever the text, and returns its exit code: `return

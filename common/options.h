@@ -61,8 +61,8 @@ void lw_options_range(const struct lw_option *option, char *out, size_t out_size
 #define LW_OPTIONS_ADDRESS LW_OPTIONS_HOST ":7780"
 
 /** Where a server is, or shall be: "HOST:PORT", "[v6]:PORT" (brackets removed; port 0 is allowed), "HOST" or
- * "[v6]" at LW_OPTIONS_PORT, "PORT" or ":PORT" at LW_OPTIONS_HOST. Errors: LW_USAGE naming the text. host_size includes
- * the terminator. */
+ * "[v6]" at LW_OPTIONS_PORT, "PORT" or ":PORT" at LW_OPTIONS_HOST. Errors: LW_USAGE naming the text.
+ * host_size includes the terminator. */
 LW_MUST_CHECK enum lw_status lw_options_address(const char *text, char *out_host, size_t host_size,
                                                 uint16_t *out_port, struct lw_error *err);
 

@@ -18,8 +18,8 @@ struct lw_cost_report {
     unsigned count;
 };
 
-/** Reads FOLDER/curves.csv. Errors: LW_NO_INPUT, LW_IO naming the file; LW_BAD_DATA naming the line, or that there
- * is no renderer in it; LW_NO_MEMORY. */
+/** Reads FOLDER/curves.csv. Errors: LW_NO_INPUT, LW_IO naming the file; LW_BAD_DATA naming the line, or that
+ * there is no renderer in it; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_cost_report_read(const char *folder, struct lw_cost_report *out_report,
                                                  struct lw_error *err);
 

@@ -65,7 +65,7 @@ enum codec_kind { CODEC_HALF, CODEC_DCT };
 /* What makes no sense in a file or in the environment; variables that clients read. */
 static const char *const command_only[] = {"config", "check-config", "print-config", NULL};
 static const char *const client_variables[] = {"token", NULL};
-/* What SIGHUP cannot change: addresses, files and clocks that whoever runs the daemon holds on to. */
+/* What SIGHUP cannot change: addresses, files and clocks that the operator relies on. */
 static const char *const fixed_keys[] = {"listen",
                                          "port-file",
                                          "http",
@@ -1073,39 +1073,38 @@ static enum lw_status create_server(struct daemon *d, struct lw_server_sockets *
                                     struct lw_error *err) {
     struct settings *s = &d->settings;
     find_web_root(s->found_root, sizeof s->found_root);
-    struct lw_server_desc desc = {.sockets = sockets,
-                                  .host = s->host,
-                                  .port = s->port,
-                                  .tokens = s->tokens,
-                                  .tls = {s->tls_certificate, s->tls_key},
-                                  .control_socket =
-                                      strcmp(s->control_socket, "none") ? s->control_socket : NULL,
-                                  .http_host = *s->http_host ? s->http_host : NULL,
-                                  .http_port = s->http_port,
-                                  .http_hosts = s->http_hosts,
-                                  .http_origins = s->http_origins,
-                                  .http_root = s->web_root ? s->web_root : s->found_root,
-                                  .http_may_fail = !s->http_given,
-                                  .metrics_host = *s->metrics_host ? s->metrics_host : NULL,
-                                  .metrics_port = s->metrics_port,
-                                  .metrics_guarded = *s->metrics_host && !s->insecure &&
-                                                     !lw_exposure_is_loopback(s->metrics_host),
-                                  .atlas_map = &d->atlas_map,
-                                  .package = d->package,
-                                  .package_size = d->package_size,
-                                  .bounces = (uint32_t)s->bounces,
-                                  .target_error = (float)s->error,
-                                  .noise_shown = noise_shown(s),
-                                  .client_lights = d->light_bits,
-                                  .client_lights_size = lw_client_lights_bytes(d->scene->light_count),
-                                  .client_materials = d->material_bits,
-                                  .client_materials_size = lw_client_lights_bytes(d->scene->material_count),
-                                  .scene = d->scene,
-                                  .hooks = hooks_of(d),
-                                  .retry_after_ms = (uint32_t)(1000 * s->return_s),
-                                  .address_sessions_max = (uint32_t)s->address_sessions,
-                                  .rate_limit_bytes_hz = (uint64_t)(s->link_rate * 1e6 / 8),
-                                  .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0};
+    struct lw_server_desc desc = {
+        .sockets = sockets,
+        .host = s->host,
+        .port = s->port,
+        .tokens = s->tokens,
+        .tls = {s->tls_certificate, s->tls_key},
+        .control_socket = strcmp(s->control_socket, "none") ? s->control_socket : NULL,
+        .http_host = *s->http_host ? s->http_host : NULL,
+        .http_port = s->http_port,
+        .http_hosts = s->http_hosts,
+        .http_origins = s->http_origins,
+        .http_root = s->web_root ? s->web_root : s->found_root,
+        .http_may_fail = !s->http_given,
+        .metrics_host = *s->metrics_host ? s->metrics_host : NULL,
+        .metrics_port = s->metrics_port,
+        .metrics_guarded = *s->metrics_host && !s->insecure && !lw_exposure_is_loopback(s->metrics_host),
+        .atlas_map = &d->atlas_map,
+        .package = d->package,
+        .package_size = d->package_size,
+        .bounces = (uint32_t)s->bounces,
+        .target_error = (float)s->error,
+        .noise_shown = noise_shown(s),
+        .client_lights = d->light_bits,
+        .client_lights_size = lw_client_lights_bytes(d->scene->light_count),
+        .client_materials = d->material_bits,
+        .client_materials_size = lw_client_lights_bytes(d->scene->material_count),
+        .scene = d->scene,
+        .hooks = hooks_of(d),
+        .retry_after_ms = (uint32_t)(1000 * s->return_s),
+        .address_sessions_max = (uint32_t)s->address_sessions,
+        .rate_limit_bytes_hz = (uint64_t)(s->link_rate * 1e6 / 8),
+        .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0};
     return lw_server_create(&desc, &d->server, err);
 }
 
@@ -1172,9 +1171,9 @@ static void finish(struct daemon *d) {
 
 /* ---- what follows at SIGHUP ---- */
 
-/* Another daemon is made beside this one, of options and scene as they are now: its scene is read and its solver
- * set up in a thread, while this one serves. Then the server hands over its sockets and tells its clients to come
- * back at once; they find the other. What fails leaves this one as it was. */
+/* Another daemon is made beside this one, of options and scene as they are now: its scene is read and its
+ * solver set up in a thread, while this one serves. Then the server hands over its sockets and tells its
+ * clients to come back at once; they find the other. What fails leaves this one as it was. */
 
 /* [loop] Tells what cannot change, and takes that from d. False: out of memory. */
 static bool keep_fixed(const struct daemon *d, struct daemon *next, bool *out_changed) {
@@ -1311,8 +1310,8 @@ static void on_reload(void *context) {
     drop_next(d);
 }
 
-/* What follows d, which has served; NULL: nothing does. *out_left: the thread is still at work, and what it works on
- * must stay. */
+/* What follows d, which has served; NULL: nothing does. *out_left: the thread is still at work, and what it
+ * works on must stay. */
 static struct daemon *successor(struct daemon *d, bool served, bool *out_left) {
     struct succession *u = &d->succession;
     const bool follows = served && u->relays && !(d->server && lw_server_was_signalled(d->server));
@@ -1350,8 +1349,8 @@ int main(int argc, char **argv) {
     if (status == LW_OK && !done) status = lw_trace_check_isa(&d->isa, &err); /* before anybody is served */
     if (status == LW_OK && !done) {
         lw_interrupt_watch(on_early_signal, NULL);
-        /* Until the loop watches for it: who asks to read again what is being read must not end us. A terminal that
-         * closes still does. */
+        /* Until the loop watches for it: who asks to read again what is being read must not end us. A
+         * terminal that closes still does. */
         if (!isatty(STDERR_FILENO)) signal(SIGHUP, SIG_IGN);
         lw_daemon_metrics_init(&d->metrics, d->isa, d->settings.entry->name);
         d->metrics.renderers = d->settings.renderers;

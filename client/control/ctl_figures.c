@@ -6,7 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* "NAME VALUE", where labels within NAME may hold blanks: the value follows the last one. False: no such line. */
+/* "NAME VALUE", where labels within NAME may hold blanks: the value follows the last one. False: no such
+ * line. */
 static bool read_line(char *line, struct lw_ctl_figure *out) {
     char *blank = strrchr(line, ' '), *end;
     if (!blank || blank == line) return false;

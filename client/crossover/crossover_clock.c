@@ -28,7 +28,7 @@ struct clock {
     uint32_t runs;
 };
 
-/* A view of the row, whoever asks. */
+/* A view of the row, for either side. */
 struct one_view {
     const struct lw_fixed_views *views;
     uint32_t view;

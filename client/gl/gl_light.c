@@ -228,8 +228,8 @@ static bool is_here(const struct lw_gl_light *light, const struct lw_tile_place 
     return t == self || light->version[t] != 0;
 }
 
-/* Where a texel of the border of a tile is read: in the neighbour, or where that has not arrived at the tile's
- * own edge, which then stands in for it in look-ups between the two. */
+/* Where a texel of the border of a tile is read: in the neighbour, or where that has not arrived at the
+ * tile's own edge, which then stands in for it in look-ups between the two. */
 static int64_t nearest(int64_t at, int64_t first, int64_t count) {
     if (at < first) return first;
     return at < first + count ? at : first + count - 1;
@@ -269,7 +269,8 @@ static bool upload(struct lw_gl_light *light, const struct lw_compose_source *so
     return true;
 }
 
-/* The level to read where `level` is the finest that serves a tile of an object, which is at (x, y) of that. */
+/* The level to read where `level` is the finest that serves a tile of an object, which is at (x, y) of
+ * that. */
 static unsigned level_to_read(const struct lw_gl_light *light, uint32_t object, uint32_t level, uint32_t x,
                               uint32_t y) {
     const struct lw_atlas *atlas = &light->map->atlas[object];
@@ -325,7 +326,8 @@ static void take_average(struct lw_gl_light *light, const struct lw_compose_sour
     light->mean = known ? lw_colour_luminance(light->stand_in) : 0;
 }
 
-/* Pages hold a wide range of light, but not that of every unit: about as much above the scene's mean as below. */
+/* Pages hold a wide range of light, but not that of every unit: about as much above the scene's mean as
+ * below. */
 static bool choose_scale(struct lw_gl_light *light) {
     int stops = light->mean > 0 ? -(int)lrintf(log2f(light->mean)) : 0;
     stops = stops > FAR_STOPS ? FAR_STOPS : stops < -FAR_STOPS ? -FAR_STOPS : stops;
@@ -340,7 +342,8 @@ static int by_number(const void *a, const void *b) {
     return x < y ? -1 : x > y;
 }
 
-/* Lists the tiles that are not in the pages as they are now, coarse levels first; returns how many there are. */
+/* Lists the tiles that are not in the pages as they are now, coarse levels first; returns how many there
+ * are. */
 static uint32_t list_waiting(struct lw_gl_light *light, const struct lw_compose_source *source,
                              bool *out_calmed) {
     uint32_t count = 0;

@@ -1,14 +1,14 @@
-/* gl_light.h: received light as the GPU reads it: every level of every atlas in pages of RGB9E5, and for each tile at
- * which level it is read now.
+/* gl_light.h: received light as the GPU reads it: every level of every atlas in pages of RGB9E5, and for each
+ * tile at which level it is read now.
  * Flow:    lw_compose_source -> [gl_light] -> gl_renderer
  * Threads: that of the context.
  *
- * Levels 0, 1 and 2 of an atlas are the mip levels of one place in a page, so that a look-up there needs no table;
- * coarser ones, which stand in for those until they arrive, have places of their own.
+ * Levels 0, 1 and 2 of an atlas are the mip levels of one place in a page, so that a look-up there needs no
+ * table; coarser ones, which stand in for those until they arrive, have places of their own.
  *
- * Which level a point is read at is the composer's rule (client/view/compose.h). The part of it that depends on
- * what has arrived and on how noisy it is is worked out here, a word for each tile: a point asks the tile of the
- * level that its pixel needs, and reads the level that the word names. */
+ * Which level a point is read at is the composer's rule (client/view/compose.h). The part of it that depends
+ * on what has arrived and on how noisy it is is worked out here, a word for each tile: a point asks the tile
+ * of the level that its pixel needs, and reads the level that the word names. */
 #ifndef LW_CLIENT_GL_LIGHT_H
 #define LW_CLIENT_GL_LIGHT_H
 
@@ -16,8 +16,8 @@
 
 #include <epoxy/gl.h>
 
-/* The word of a tile: the level to read where the finest one that serves is its own, 1 or 2, four bits each, or
- * LW_GL_LIGHT_NONE; and at which of these it is calm. */
+/* The word of a tile: the level to read where the finest one that serves is its own, 1 or 2, four bits each,
+ * or LW_GL_LIGHT_NONE; and at which of these it is calm. */
 #define LW_GL_LIGHT_NONE       15u
 #define LW_GL_LIGHT_CALM_SHIFT 12
 
@@ -60,7 +60,8 @@ void lw_gl_light_take(struct lw_gl_light *light, const struct lw_compose_source 
 void lw_gl_light_place(const struct lw_gl_light *light, uint32_t object, uint32_t back_offset,
                        uint32_t out_words[4]);
 
-/** Linear RGB to GL_UNSIGNED_INT_5_9_9_9_REV, nearest; what is negative or NaN is 0, what is too large the largest. */
+/** Linear RGB to GL_UNSIGNED_INT_5_9_9_9_REV, nearest; what is negative or NaN is 0, what is too large the
+ * largest. */
 uint32_t lw_gl_light_pack(const float rgb[3]);
 
 #endif

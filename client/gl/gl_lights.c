@@ -306,7 +306,8 @@ static void place_sun(struct lw_gl_lights *l, uint32_t number, struct lw_gl_ligh
         m->side[0] = right, m->side[1] = lw_vec3_scale(right, -1);
         m->side[2] = up, m->side[3] = lw_vec3_scale(up, -1);
         for (int k = 0; k < 4; k++) m->beyond[k] = half;
-        /* all of the scene along the light, whatever the middle; depth falls from 1 to 0 away from the sun, or grows */
+        /* all of the scene along the light, whatever the middle; depth falls from 1 to 0 away from the sun,
+         * or grows */
         const float range = 1 / size_m;
         const struct lw_vec3 away = s->direction, x = lw_vec3_scale(right, 1 / half),
                              y = lw_vec3_scale(up, 1 / half);

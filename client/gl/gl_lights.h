@@ -1,10 +1,12 @@
-/* gl_lights.h: the lights that the client draws, as shaders read them, and which of their shadow maps are out of date.
+/* gl_lights.h: the lights that the client draws, as shaders read them, and which of their shadow maps are out
+ * of date.
  * Flow:    scene, pose -> [gl_lights] -> gl_renderer draws the maps, then the picture
  * Threads: that of the context.
  *
- * A sun has LW_GL_LIGHTS_CASCADES maps: the last one of the whole scene, each of the others a quarter as wide, about
- * what is before the eye. Points, spots and small emissive meshes have the six sides of a cube. A map is drawn again
- * when its light or something in it has moved, and a sun's smaller ones when the eye has left their middle.
+ * A sun has LW_GL_LIGHTS_CASCADES maps: the last one of the whole scene, each of the others a quarter as
+ * wide, about what is before the eye. Points, spots and small emissive meshes have the six sides of a cube. A
+ * map is drawn again when its light or something in it has moved, and a sun's smaller ones when the eye has
+ * left their middle.
  * After:   Fernando, Percentage-Closer Soft Shadows, 2005, for the width of edges. */
 #ifndef LW_CLIENT_GL_LIGHTS_H
 #define LW_CLIENT_GL_LIGHTS_H

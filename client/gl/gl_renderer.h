@@ -1,10 +1,13 @@
-/* gl_renderer.h: the picture by OpenGL: the lightmapped triangles of the scene with the light that has arrived.
- * Flow:    replica, pose, camera -> [gl_renderer] -> linear radiance, or the screen; which tiles the view needs
+/* gl_renderer.h: the picture by OpenGL: the lightmapped triangles of the scene with the light that has
+ * arrived.
+ * Flow:    replica, pose, camera -> [gl_renderer] -> linear radiance, or the screen; which tiles the view
+ *          needs
  * Threads: that of the context, which must be current in each call.
  *
- * What it draws is the composer's picture (client/view/compose.h), whose rays are the reference, but that BLEND
- * surfaces are blended by the distance of their instances' boxes, farthest first, each in the order of its triangles, and
- * that shadows are those of maps. Of many lights that it is to draw it takes LW_GL_LIGHTS_MAX, those that give most where the eye is. */
+ * What it draws is the composer's picture (client/view/compose.h), whose rays are the reference, but that
+ * BLEND surfaces are blended by the distance of their instances' boxes, farthest first, each in the order of
+ * its triangles, and that shadows are those of maps. Of many lights that it is to draw it takes
+ * LW_GL_LIGHTS_MAX, those that give most where the eye is. */
 #ifndef LW_CLIENT_GL_RENDERER_H
 #define LW_CLIENT_GL_RENDERER_H
 
@@ -17,11 +20,12 @@ struct lw_gl_renderer_desc {
     const struct lw_scene *scene;
     const struct lw_atlas_map *map;
     bool unfiltered; /* as of lw_compose_desc */
-    /* For files: pictures of 32-bit floats, textures read as the composer does, who averages many samples. Else 16 bits,
-     * and textures are filtered. */
+    /* For files: pictures of 32-bit floats, textures read as the composer does, who averages many samples.
+     * Else 16 bits, and textures are filtered. */
     bool exact;
-    /* As of lw_compose_desc. What lies in the way of the drawn lights is found by shadow maps; trace, at the pose of each
-     * picture, alone knows what stands close to an emitter. NULL: none; then trace and pose are not read. */
+    /* As of lw_compose_desc. What lies in the way of the drawn lights is found by shadow maps; trace, at the
+     * pose of each picture, alone knows what stands close to an emitter. NULL: none; then trace and pose are
+     * not read. */
     const struct lw_client_lights *drawn;
     const struct lw_trace *trace;
     const struct lw_pose *pose;
@@ -57,18 +61,22 @@ LW_MUST_CHECK enum lw_status lw_gl_renderer_draw(struct lw_gl_renderer *renderer
 LW_MUST_CHECK enum lw_status lw_gl_renderer_read(struct lw_gl_renderer *renderer, float *out_rgb,
                                                  struct lw_error *err);
 
-/** Draws the last picture, exposed and tone mapped, into a framebuffer of width * height pixels; 0: the window. */
+/** Draws the last picture, exposed and tone mapped, into a framebuffer of width * height pixels; 0: the
+ * window. */
 void lw_gl_renderer_show(struct lw_gl_renderer *renderer, unsigned frame, enum lw_tonemap_curve curve,
                          float stops, uint32_t width, uint32_t height);
 
-/** The exposure that lw_tonemap_auto_stops() gives the last picture, from a small copy of it; waits for the GPU.
+/** The exposure that lw_tonemap_auto_stops() gives the last picture, from a small copy of it; waits for the
+ * GPU.
  * Errors: as of lw_gl_renderer_draw(). */
 LW_MUST_CHECK enum lw_status lw_gl_renderer_meter(struct lw_gl_renderer *renderer, float *out_stops,
                                                   struct lw_error *err);
 
-/** Finds the tiles that a view needs, from a small picture of it, and what share of it they are; waits for the GPU.
+/** Finds the tiles that a view needs, from a small picture of it, and what share of it they are; waits for
+ * the GPU.
  * out_needed   a byte for each tile, as of lw_compose_needed(): set, never cleared
- * out_shown    for each tile: its share of light, summed over the small picture's pixels, 256 a pixel; added to
+ * out_shown    for each tile: its share of light, summed over the small picture's pixels, 256 a pixel; added
+ *              to
  * out_pixels   of the small picture
  * Errors: as of lw_gl_renderer_draw(). */
 LW_MUST_CHECK enum lw_status lw_gl_renderer_survey(struct lw_gl_renderer *renderer,

@@ -189,8 +189,8 @@ static GLint wrap(uint8_t kind) {
     return GL_REPEAT;
 }
 
-/* Samples along the long side of a pixel seen askew. llvmpipe has the extension, but Mesa 22.3's pictures by it are
- * far off (Sponza: a mean difference of 2.7 instead of 1.3 / 255), for more than twice the time. */
+/* Samples along the long side of a pixel seen askew. llvmpipe has the extension, but Mesa 22.3's pictures by
+ * it are far off (Sponza: a mean difference of 2.7 instead of 1.3 / 255), for more than twice the time. */
 static float find_anisotropy(void) {
     const char *name = (const char *)glGetString(GL_RENDERER);
     GLfloat most = 1;

@@ -111,8 +111,9 @@ const char lw_gl_shaders_scene_fragment[] =
     "#endif\n"
     "\n"
     "#ifdef LIGHTMAP\n"
-    /* The level of which a texel is as large as the pixel, or smaller: compose.c's level_for(), with everything squared:
-     * texels under the pixel, det, times the length of the ray to depth 1, with the cosine held above 0.05. */
+    /* The level of which a texel is as large as the pixel, or smaller: compose.c's level_for(), with
+     * everything squared: texels under the pixel, det, times the length of the ray to depth 1, with the
+     * cosine held above 0.05. */
     "uint level_for() {\n"
     "    vec2 a = dFdx(v_lightmap), b = dFdy(v_lightmap);\n"
     "    vec3 face = cross(dFdx(v_position), dFdy(v_position));\n"
@@ -289,7 +290,8 @@ const char lw_gl_shaders_scene_fragment[] =
     "            float falls = clamp((dot(axis.xyz, -to) / far - axis.w) * maps.w, 0.0, 1.0);\n"
     "            e *= falls * falls;\n"
     "        }\n"
-    "        if (place.w == 3.0) {\n" /* near: reach is 1.5 radii, and nearer than 5 of them an emitter is open */
+    /* near: reach is 1.5 radii, and nearer than 5 of them an emitter is open */
+    "        if (place.w == 3.0) {\n"
     "            e *= shape(int(axis.x) + (far * 1.5 < 5.0 * maps.z ? 289 : 0), -to);\n"
     "            e *= far2 / max(far2, maps.z * maps.z);\n"
     "        }\n"

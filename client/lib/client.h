@@ -32,8 +32,8 @@ struct lw_client_watch {
     /** Waits in place of the client until a descriptor can be read (or written), or until the deadline
      * (lw_clock_ns). false: the session is to end. */
     bool (*wait)(void *context, int descriptor, bool for_writing, uint64_t deadline_ns);
-    /** A file in the folder of packages is not what its name says, or cannot be read: it is downloaded again. Once
-     * per client. */
+    /** A file in the folder of packages is not what its name says, or cannot be read: it is downloaded again.
+     * Once per client. */
     void (*damaged)(void *context, const char *folder);
     /** Called around connecting, which may take long and uses nothing of the client. */
     void (*leave)(void *context);
@@ -78,15 +78,15 @@ void lw_client_destroy(struct lw_client *client);
  * without an answer get none, and may have been made or not.
  *
  * Wait lw_client_backoff_ms() before each attempt; may be called until it succeeds.
- * Errors: as lw_client_create(); LW_BAD_DATA if there is another scene now (lw_client_found_other_scene()): for
- * that one forget this one first, or create another client. */
+ * Errors: as lw_client_create(); LW_BAD_DATA if there is another scene now (lw_client_found_other_scene()):
+ * for that one forget this one first, or create another client. */
 LW_MUST_CHECK enum lw_status lw_client_reconnect(struct lw_client *client, struct lw_error *err);
 
 /** Whether the last lw_client_reconnect() failed because the server lights another scene now. */
 bool lw_client_found_other_scene(const struct lw_client *client);
 
-/** Drops scene, light, interest set and answers, after lw_client_reconnect() has failed: the next one takes up
- * whatever scene there is, which watch.scene() is told of. */
+/** Drops scene, light, interest set and answers, after lw_client_reconnect() has failed: the next one takes
+ * up whatever scene there is, which watch.scene() is told of. */
 void lw_client_forget_scene(struct lw_client *client);
 
 /** How long to wait before an attempt to connect again, in ms. The time is random, so that not all clients of
@@ -120,8 +120,8 @@ float lw_client_package_progress(const struct lw_client *client);
 /** The tiles of the scene, for walking over atlases; NULL before the scene is there. */
 const struct lw_atlas_map *lw_client_atlas_map(const struct lw_client *client);
 
-/** Hash of the scene's package, which tells whether two clients have the same scene: LW_CLIENT_HASH_SIZE bytes, zeros
- * before the scene is there. */
+/** Hash of the scene's package, which tells whether two clients have the same scene: LW_CLIENT_HASH_SIZE
+ * bytes, zeros before the scene is there. */
 #define LW_CLIENT_HASH_SIZE 16
 const uint8_t *lw_client_package_hash(const struct lw_client *client);
 
@@ -233,8 +233,8 @@ struct lw_client_answer {
 /** Takes the next answer that has arrived; false: there is none. Each update gets one. */
 bool lw_client_next_answer(struct lw_client *client, struct lw_client_answer *out_answer);
 
-/** Whether the server takes questions from this client: desc.operate was set, and it is over the server's own Unix
- * socket, which is looked for on this machine. */
+/** Whether the server takes questions from this client: desc.operate was set, and it is over the server's own
+ * Unix socket, which is looked for on this machine. */
 bool lw_client_may_ask(const struct lw_client *client);
 
 /** Asks as an operator (enum lw_ask of proto/message.h); lw_client_take_report() gives the answer.
@@ -242,7 +242,8 @@ bool lw_client_may_ask(const struct lw_client *client);
  * Errors: LW_NOT_ALLOWED: see lw_client_may_ask(); LW_CLOSED. */
 LW_MUST_CHECK enum lw_status lw_client_ask(struct lw_client *client, uint32_t what, uint32_t return_after_ms,
                                            struct lw_error *err);
-/** Takes the answer that has arrived; false: there is none. out_text: ends with a zero, the caller free()s it. */
+/** Takes the answer that has arrived; false: there is none. out_text: ends with a zero, the caller free()s
+ * it. */
 bool lw_client_take_report(struct lw_client *client, uint32_t *out_code, char **out_text);
 
 /** What is known of one tile. */

@@ -1,5 +1,5 @@
-/* link.h: the client's end of the connection, by TCP, in plain or by TLS, or a Unix socket: framed messages in,
- * framed messages out, silence noticed.
+/* link.h: the client's end of the connection, by TCP, in plain or by TLS, or a Unix socket: framed messages
+ * in, framed messages out, silence noticed.
  * Flow:    server -> socket -> [link] -> messages -> client
  * Threads: one thread at a time. */
 #ifndef LIGHTWELL_LINK_H

@@ -16,7 +16,8 @@ enum lw_status lw_antialias_reserve(struct lw_antialias *a, size_t pixel_count, 
     if (pixel_count <= a->capacity) return LW_OK;
     float *sample = malloc(pixel_count * 3 * sizeof *sample);
     uint32_t *edge = malloc(pixel_count * sizeof *edge);
-    /* a picture has no more bands of rows than pixels, and one of a single column has as many as rows / BLOCK */
+    /* a picture has no more bands of rows than pixels, and one of a single column has as many as rows /
+     * BLOCK */
     uint32_t *row_edge = malloc((pixel_count / BLOCK + 2) * sizeof *row_edge);
     if (sample == NULL || edge == NULL || row_edge == NULL) {
         free(row_edge);

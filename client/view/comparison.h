@@ -1,5 +1,5 @@
-/* comparison.h: the picture of a path tracer beside the one of the cache: of the same view, on a thread of its own, and what
- * the two differ by.
+/* comparison.h: the picture of a path tracer beside the one of the cache: of the same view, on a thread of
+ * its own, and what the two differ by.
  * Flow:    stage, camera -> [comparison: path_trace on a thread] -> pixels over the window's picture
  * Threads: calls by one thread; traces on another, which works on several. */
 #ifndef LW_CLIENT_VIEW_COMPARISON_H
@@ -36,13 +36,14 @@ struct lw_comparison_picture {
 /** Takes the newest picture; returns whether it is another one than the last time. */
 bool lw_comparison_take(struct lw_comparison *comparison, struct lw_comparison_picture *out_picture);
 
-/** Fills 0xAARRGGBB pixels of a larger picture with columns left.. of the traced one, tone mapped, after a white line.
+/** Fills 0xAARRGGBB pixels of a larger picture with columns left.. of the traced one, tone mapped, after a
+ * white line.
  * out_argb   (out_width - left) * out_height */
 void lw_comparison_wipe(const struct lw_comparison_picture *picture, enum lw_tonemap_curve curve, float stops,
                         uint32_t out_width, uint32_t out_height, uint32_t left, uint32_t *out_argb);
 
-/** Fills pixels with how far another picture of the same view is off: the difference of luminances over the traced one
- * (and 1 % of its mean), in the colours of lw_show_ramp() from 0.1 % to 100 %.
+/** Fills pixels with how far another picture of the same view is off: the difference of luminances over the
+ * traced one (and 1 % of its mean), in the colours of lw_show_ramp() from 0.1 % to 100 %.
  * other      other_width * other_height * 3, W/(m^2 sr)
  * Returns    the root of the mean of squares of that; NAN without pixels
  * Errors     none */

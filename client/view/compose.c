@@ -518,8 +518,8 @@ static struct lw_vec3 chart(const struct lw_compose *compose, const struct look 
     return grey((x + y) & 1 ? LW_SHOW_BRIGHT : LW_SHOW_DARK);
 }
 
-/* What a hit sends to the eye, of what the view shows. reflects: the albedo, set to what of the lights' light that are drawn
- * it shows. */
+/* What a hit sends to the eye, of what the view shows. reflects: the albedo, set to what of the lights' light
+ * that are drawn it shows. */
 static struct lw_vec3 leaving(const struct lw_compose *compose, const struct look *look,
                               struct lw_vec3 emission, struct lw_vec3 reflected, struct lw_vec3 e,
                               unsigned level, struct lw_vec3 *reflects) {

@@ -21,7 +21,8 @@ struct lw_camera_view lw_flight_view(const struct lw_flight *flight);
 /** Turns by radians. The pitch stops just short of straight up and down. */
 void lw_flight_turn(struct lw_flight *flight, float right, float up);
 
-/** Moves for some seconds: right and forward as one looks, up as the world has it; each -1..1, times the speed. */
+/** Moves for some seconds: right and forward as one looks, up as the world has it; each -1..1, times the
+ * speed. */
 void lw_flight_move(struct lw_flight *flight, float right, float up, float forward, float seconds);
 
 /** The same for one who walks: forward is level, whatever the pitch. */

@@ -21,8 +21,8 @@ struct lw_font_canvas {
 /** Pixels that one line of text takes across. */
 int lw_font_width(const char *text, int scale);
 
-/** Draws one line of text with its upper left corner at (x, y), each pixel of a letter scale x scale large; what falls
- * outside is cut off. Characters that are not ASCII become '?'. */
+/** Draws one line of text with its upper left corner at (x, y), each pixel of a letter scale x scale large;
+ * what falls outside is cut off. Characters that are not ASCII become '?'. */
 void lw_font_draw(const struct lw_font_canvas *canvas, int x, int y, int scale, uint32_t colour,
                   const char *text);
 

@@ -238,8 +238,8 @@ static enum lw_status fail_late(const struct headless *h, struct lw_error *err) 
         limit_s, r->tiles_needed, r->tiles_noisy, (double)h->stats.target_error, (double)r->max_error);
 }
 
-/* Takes pictures until one serves the wait. What it needs is known from the picture itself, and may change with every
- * object that moves; while nothing arrives that the last one needed, none is taken. */
+/* Takes pictures until one serves the wait. What it needs is known from the picture itself, and may change
+ * with every object that moves; while nothing arrives that the last one needed, none is taken. */
 static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
     bool judged_by_tiles = h->options->wait == LW_VIEW_WAIT_COMPLETE ||
                            h->options->wait == LW_VIEW_WAIT_GOOD ||

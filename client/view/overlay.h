@@ -19,8 +19,9 @@ struct lw_overlay_state {
     struct lw_compose_report report;
 };
 
-/** How far the picture is, in one line. While it sharpens: the share of the samples that a good picture takes, once that
- * says something: the estimate from the first few samples of any tile is an error near 100 %. */
+/** How far the picture is, in one line. While it sharpens: the share of the samples that a good picture
+ * takes, once that says something: the estimate from the first few samples of any tile is an error near 100
+ * %. */
 void lw_overlay_state(const struct lw_overlay_state *state, char out[LW_OVERLAY_LINE_SIZE]);
 
 #endif

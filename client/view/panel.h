@@ -21,8 +21,8 @@ struct lw_panel {
 
 void lw_panel_finish(struct lw_panel *panel);
 
-/** The scale of text in a window of that height in points, whose drawable has `pixels` rows: letters have the same
- * size on screens of any density, and are smaller in small windows. */
+/** The scale of text in a window of that height in points, whose drawable has `pixels` rows: letters have the
+ * same size on screens of any density, and are smaller in small windows. */
 int lw_panel_scale(int points, int pixels);
 
 /** Draws lines of text, and a bar below them unless its fraction is negative.

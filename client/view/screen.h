@@ -1,4 +1,5 @@
-/* screen.h: the window itself, and what its pixels are drawn with: OpenGL, or SDL's own way for pictures of the CPU.
+/* screen.h: the window itself, and what its pixels are drawn with: OpenGL, or SDL's own way for pictures of
+ * the CPU.
  * Flow:    gl_view's or picture's pixels, panels of text -> [screen] -> window
  * Threads: main() only. */
 #ifndef LW_CLIENT_VIEW_SCREEN_H
@@ -30,8 +31,8 @@ LW_MUST_CHECK enum lw_status lw_screen_open(struct lw_screen *screen, const char
 /** A zeroed one is fine. What was made in its context must be gone by then. */
 void lw_screen_close(struct lw_screen *screen);
 
-/** Calls somebody when the X server has gone, before the program ends with exit code 69: Xlib does not go on without it.
- * Other window systems tell by errors. */
+/** Calls somebody when the X server has gone, before the program ends with exit code 69: Xlib does not go on
+ * without it. Other window systems tell by errors. */
 void lw_screen_watch(struct lw_screen *screen, void (*lost)(void *context), void *context);
 
 /** Pixels of the window; false where it has none now. */
@@ -40,7 +41,8 @@ bool lw_screen_size(const struct lw_screen *screen, int *out_width, int *out_hei
 /** Height of the window in the system's own units, of which there are fewer than pixels on dense screens. */
 int lw_screen_points(const struct lw_screen *screen);
 
-/** Makes room for the CPU's pictures of the window's size; with OpenGL there is nothing to do. Errors: LW_OS. */
+/** Makes room for the CPU's pictures of the window's size; with OpenGL there is nothing to do. Errors:
+ * LW_OS. */
 LW_MUST_CHECK enum lw_status lw_screen_resize(struct lw_screen *screen, int width, int height,
                                               struct lw_error *err);
 

@@ -5,14 +5,14 @@
 
 #include "client/lib/client.h"
 
-/* How long a client takes messages in at a time: a window's picture has little more than 16 ms, and a fourth of that
- * is what tiles may take (bench_take). */
+/* How long a client takes messages in at a time: a window's picture has little more than 16 ms, and a fourth
+ * of that is what tiles may take (bench_take). */
 #define LW_SEEKER_BUDGET_NS 2000000u
 
 struct lw_seeker;
 
-/** access, name, cache_folder, draws_direct: as for lw_client_create(); name and cache_folder outlive the seeker. Errors:
- * LW_NO_MEMORY. */
+/** access, name, cache_folder, draws_direct: as for lw_client_create(); name and cache_folder outlive the
+ * seeker. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_seeker_create(const char *host, uint16_t port, const struct lw_access *access,
                                               const char *name, const char *cache_folder, bool draws_direct,
                                               struct lw_seeker **out_seeker, struct lw_error *err);

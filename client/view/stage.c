@@ -51,8 +51,8 @@ void lw_stage_finish(struct lw_stage *stage) {
     *stage = (struct lw_stage){0};
 }
 
-/* Whether an object of the scene that has no motion of its own was moved. The server computes its place as we do, perhaps on
- * another machine, which may round otherwise. */
+/* Whether an object of the scene that has no motion of its own was moved. The server computes its place as we
+ * do, perhaps on another machine, which may round otherwise. */
 static bool is_elsewhere(const struct lw_affine *a, const struct lw_affine *b) {
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 4; j++)
@@ -85,7 +85,8 @@ enum lw_status lw_stage_follow(struct lw_stage *stage, bool *out_moved, struct l
     struct lw_client_stats stats;
     lw_client_get_stats(stage->client, &stats);
     bool moved = take_objects(stage);
-    /* Cameras hang on nodes, which only the scene's own animation moves; objects are where the server says. */
+    /* Cameras hang on nodes, which only the scene's own animation moves; objects are where the server
+     * says. */
     if (stage->scene->duration_s > 0 && stage->pose.time_s != stats.time_s) {
         lw_pose_evaluate(&stage->pose, stage->scene, stats.time_s);
         take_objects(stage);

@@ -40,8 +40,8 @@ LW_MUST_CHECK enum lw_status lw_stage_follow(struct lw_stage *stage, bool *out_m
 LW_MUST_CHECK enum lw_status lw_stage_look(struct lw_stage *stage, const struct lw_camera_view *camera,
                                            uint32_t width, uint32_t height, struct lw_error *err);
 
-/** Sets what a view shows, with the colours of tiles as they are now where that is a chart of them; they are good until
- * the next call. Errors: LW_NO_MEMORY. */
+/** Sets what a view shows, with the colours of tiles as they are now where that is a chart of them; they are
+ * good until the next call. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_stage_show(struct lw_stage *stage, enum lw_show show,
                                            struct lw_compose_view *view, struct lw_error *err);
 

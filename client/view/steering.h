@@ -1,5 +1,5 @@
-/* steering.h: the three ways to move through a scene: fly; walk, upright on what is below; orbit about what the middle of
- * the picture shows.
+/* steering.h: the three ways to move through a scene: fly; walk, upright on what is below; orbit about what
+ * the middle of the picture shows.
  * Flow:    keys and mouse -> [steering: flight, and rays of the scene] -> camera view
  * Threads: one thread at a time. */
 #ifndef LW_CLIENT_VIEW_STEERING_H
@@ -31,8 +31,8 @@ float lw_steering_reach(const struct lw_trace *trace, struct lw_vec3 from, struc
 void lw_steering_start(struct lw_steering *steering, const struct lw_camera_view *view, float size_m,
                        float high_m);
 
-/** Another way to move. Orbit turns about what the middle of the picture shows now; where that is nothing, about a point
- * as far away as the scene is large (fallback_m). */
+/** Another way to move. Orbit turns about what the middle of the picture shows now; where that is nothing,
+ * about a point as far away as the scene is large (fallback_m). */
 void lw_steering_set(struct lw_steering *steering, enum lw_steering_mode mode, const struct lw_trace *trace,
                      float fallback_m);
 
@@ -42,8 +42,8 @@ void lw_steering_turn(struct lw_steering *steering, float right, float up);
 /** The wheel: speed, or in orbit the distance. */
 void lw_steering_wheel(struct lw_steering *steering, float notches);
 
-/** Moves by keys for some seconds, each of right, up, forward -1..1 (more: faster). A walker stays on the ground, climbs
- * what is below his knee, and stops at walls. Returns whether the view is another. */
+/** Moves by keys for some seconds, each of right, up, forward -1..1 (more: faster). A walker stays on the
+ * ground, climbs what is below his knee, and stops at walls. Returns whether the view is another. */
 bool lw_steering_move(struct lw_steering *steering, const struct lw_trace *trace, float right, float up,
                       float forward, float seconds);
 

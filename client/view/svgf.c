@@ -10,19 +10,22 @@
 /* Frames that a pixel's history counts as, at most: while anything changes, and while nothing does. */
 #define HISTORY_MAX       32.0f
 #define HISTORY_STILL_MAX 4096.0f
-/* Histories shorter than this know their variance from the pixels around them; the first few frames overrate it. */
+/* Histories shorter than this know their variance from the pixels around them; the first few frames overrate
+ * it. */
 #define HISTORY_SHORT      8.0f
 #define HISTORY_VERY_SHORT 4.0f
 
-/* Passes of 3 x 3 taps: they reach 31 pixels. Taps of 5 x 5 cost nearly three times as much and came out 5 % worse. */
+/* Passes of 3 x 3 taps: they reach 31 pixels. Taps of 5 x 5 cost nearly three times as much and came out 5 %
+ * worse. */
 #define LEVELS       5u
 #define SIGMA_LIGHT  3.0f   /* standard errors of luminance */
 #define SIGMA_PLANE  1.0f   /* pixels' breadth off the tangent plane */
 #define NORMAL_POWER 128.0f /* of the cosine between normals */
 #define ALBEDO_MIN   1e-3f  /* of a channel that tells light from reflection */
 
-/* A history is shortened where the mean of the last few frames has left that of all of them, in standard errors of the
- * difference over 5 x 5 pixels, SPREAD_STEP apart: from the first on a little, from the second on to the least. */
+/* A history is shortened where the mean of the last few frames has left that of all of them, in standard
+ * errors of the difference over 5 x 5 pixels, SPREAD_STEP apart: from the first on a little, from the second
+ * on to the least. */
 #define QUICK_MAX     4.0f /* frames of that mean */
 #define SURPRISE_MIN  1.5f
 #define SURPRISE_MAX  4.0f
@@ -30,7 +33,8 @@
 #define SPREAD_RADIUS 4 /* pixels */
 #define SPREAD_STEP   2
 
-/* A history serves where it is so near to where its point was: pixels' breadth off the tangent plane; cosine of normals. */
+/* A history serves where it is so near to where its point was: pixels' breadth off the tangent plane; cosine
+ * of normals. */
 #define PAST_APART_MAX  2.0f
 #define PAST_COSINE_MIN 0.5f /* 0.9 forgot what small things looked like: 16 % more error in the atrium */
 
@@ -126,8 +130,8 @@ static float luminance_of(const float rgb[3]) { return lw_colour_luminance(lw_ve
 
 /* ---- over time ---- */
 
-/* What arrives at a pixel's surface, as far as its albedo tells. A channel that reflects nothing knows nothing: it is taken
- * to be as bright as the others. Black in all channels: false. */
+/* What arrives at a pixel's surface, as far as its albedo tells. A channel that reflects nothing knows
+ * nothing: it is taken to be as bright as the others. Black in all channels: false. */
 static bool divide(const struct job *job, size_t at, float out[3]) {
     const struct lw_gbuffer_planes *g = &job->gbuffer->plane;
     float sum = 0, known = 0;
@@ -249,7 +253,8 @@ static void accumulate_row(const struct job *job, uint32_t y) {
 
 /* ---- light that changes ---- */
 
-/* One pixel of the spread, for a run of pixels: differences and variances add up where the object is the same. */
+/* One pixel of the spread, for a run of pixels: differences and variances add up where the object is the
+ * same. */
 LW_WIDE static void add_surprise(const uint32_t *object_p, const uint32_t *object_q, const float *difference,
                                  const float *variance, uint32_t count, float *restrict sum_difference,
                                  float *restrict sum_variance) {
@@ -299,7 +304,8 @@ static void shorten_row(const struct job *job, uint32_t y) {
 
 /* ---- variance of what has just come into view ---- */
 
-/* Weight of one pixel's light for another, in three parts that add up in the exponent: e^-x, cut off to reach 0 at 4. */
+/* Weight of one pixel's light for another, in three parts that add up in the exponent: e^-x, cut off to reach
+ * 0 at 4. */
 static inline float falloff(float x) {
     float w = 1 - 0.25f * x;
     w = w > 0 ? w : 0;
@@ -396,7 +402,8 @@ LW_WIDE static void add_tap(const struct lw_gbuffer_planes *g, const struct ligh
     }
 }
 
-/* What each pixel of a chunk knows by itself; the variance smoothed by 3 x 3, since few frames know it badly. */
+/* What each pixel of a chunk knows by itself; the variance smoothed by 3 x 3, since few frames know it
+ * badly. */
 LW_WIDE static void begin_sums(const struct lw_svgf *svgf, const struct light *in, uint32_t x, uint32_t y,
                                uint32_t count, struct sums *restrict sums) {
     const size_t row = (size_t)y * svgf->width;

@@ -28,7 +28,8 @@ void lw_tonemap_set_stops(struct lw_tonemap *tonemap, float stops) {
     tonemap->scale = exp2f(fminf(fmaxf(stops, -LW_TONEMAP_STOPS_MAX), LW_TONEMAP_STOPS_MAX));
 }
 
-/* K. Narkowicz, "ACES Filmic Tone Mapping Curve", 2015: a rational fit of the ACES reference and output transforms. */
+/* K. Narkowicz, "ACES Filmic Tone Mapping Curve", 2015: a rational fit of the ACES reference and output
+ * transforms. */
 static float aces(float x) { return x * (2.51f * x + 0.03f) / (x * (2.43f * x + 0.59f) + 0.14f); }
 
 /* The comparisons are false for NaN, which becomes 0. */
@@ -76,7 +77,8 @@ float lw_tonemap_auto_stops(const float *rgb, size_t pixel_count) {
     return log2f(KEY) - (float)(sum / weight);
 }
 
-/* Nearest code, by table and exact thresholds: the same as rounding 255 * encode(l), without a power per channel. */
+/* Nearest code, by table and exact thresholds: the same as rounding 255 * encode(l), without a power per
+ * channel. */
 static uint8_t encode(const struct lw_tonemap *tonemap, float linear) {
     if (linear >= 1.0f) return 255;
     unsigned code = tonemap->first_code[(unsigned)(linear * LW_TONEMAP_BINS)];

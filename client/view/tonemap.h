@@ -37,12 +37,13 @@ void lw_tonemap_set_stops(struct lw_tonemap *tonemap, float stops);
 /** The curve alone, on light that is already exposed: linear, within [0, 1]. */
 struct lw_vec3 lw_tonemap_apply(enum lw_tonemap_curve curve, struct lw_vec3 exposed);
 
-/** Exposure in stops that puts the picture's log-average luminance at 0.18. Black pixels do not count, nor do the
- * darkest and the brightest few: a lamp or a sun patch does not blacken the room. 0 for a black picture. */
+/** Exposure in stops that puts the picture's log-average luminance at 0.18. Black pixels do not count, nor do
+ * the darkest and the brightest few: a lamp or a sun patch does not blacken the room. 0 for a black
+ * picture. */
 float lw_tonemap_auto_stops(const float *rgb, size_t pixel_count);
 
-/** Encodes pixels: 3 floats each in, pixel_bytes (3, or 4 with an opaque fourth) each out. What is not finite is
- * shown as black or white. */
+/** Encodes pixels: 3 floats each in, pixel_bytes (3, or 4 with an opaque fourth) each out. What is not finite
+ * is shown as black or white. */
 void lw_tonemap_encode(const struct lw_tonemap *tonemap, const float *rgb, size_t pixel_count,
                        unsigned pixel_bytes, uint8_t *out_srgb);
 

@@ -37,7 +37,7 @@
 #define SURVEY_EVERY_NS 250000000u
 #define STEP_S_MAX      0.1f /* a hitch must not throw the camera across the room */
 #define STOPS_A_KEY     0.25f
-#define TRACED_SHARE    2 /* a traced picture has one pixel for so many, each way */
+#define TRACED_SHARE    2 /* a traced picture has one pixel for this number of them, each way */
 
 #define PANEL_LINES 4
 #define PANEL_INSET 12 /* from the window's edges */
@@ -536,7 +536,8 @@ static void move(struct lw_window *w, float seconds) {
 /* Places of a panel in the window other than pixels from its upper left corner. */
 enum { MIDDLE = -1, LOW = -2, RIGHT = -3 };
 
-/* Draws lines of text, and a bar below them unless its fraction is negative, on a panel at (x, y) of the window. */
+/* Draws lines of text, and a bar below them unless its fraction is negative, on a panel at (x, y) of the
+ * window. */
 static void show_panel(struct lw_window *w, int x, int y, const char *const *line, int count, float fraction,
                        uint32_t colour) {
     struct lw_error err = {0};
@@ -717,7 +718,7 @@ static bool renew_picture(struct lw_window *w, float seconds) {
     return true;
 }
 
-/* The view of now with all its samples, whatever size it has while things move. */
+/* The current view with all its samples, whatever size it has while things move. */
 static enum lw_status render_whole(struct lw_window *w, float *rgb, struct lw_error *err) {
     struct lw_compose_view view = {
         .camera = lw_flight_view(&w->steering.flight), .width = w->width, .height = w->height};

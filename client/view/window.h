@@ -1,5 +1,5 @@
-/* window.h: the interactive front end: a window over the live scene, with the server's light as it comes, or with light of
- * a server of its own.
+/* window.h: the interactive front end: a window over the live scene, with the server's light as it comes, or
+ * with light of a server of its own.
  * Flow:    client -> stage -> picture or gl_view -> [window] -> screen; keys and mouse -> steering
  * Threads: main() only. */
 #ifndef LW_CLIENT_VIEW_WINDOW_H
@@ -9,20 +9,23 @@
 #include "client/view/steering.h"
 #include "client/view/view_options.h"
 
-/** Shows a window until the user closes it. Survives the server: it keeps the last picture and looks for it again.
+/** Shows a window until the user closes it. Survives the server: it keeps the last picture and looks for it
+ * again.
  * Errors: LW_UNAVAILABLE: no display, no server; LW_USAGE: no such camera; LW_NO_INPUT: no such scene. */
 LW_MUST_CHECK enum lw_status lw_window_run(const struct lw_view_options *options, struct lw_error *err);
 
 struct lw_window;
 
-/** The same in steps. Opens the window, and begins with a scene or with the server's answer. options must outlive it.
+/** The same in steps. Opens the window, and begins with a scene or with the server's answer. options must
+ * outlive it.
  * Errors: as lw_window_run(). */
 LW_MUST_CHECK enum lw_status lw_window_create(const struct lw_view_options *options,
                                               struct lw_window **out_window, struct lw_error *err);
 /** NULL is fine. */
 void lw_window_destroy(struct lw_window *window);
 
-/** Takes in what the user and the server have done, and shows that. Waits some milliseconds where there is nothing new.
+/** Takes in what the user and the server have done, and shows that. Waits some milliseconds where there is
+ * nothing new.
  * Errors: as lw_window_run(). */
 LW_MUST_CHECK enum lw_status lw_window_step(struct lw_window *window, struct lw_error *err);
 

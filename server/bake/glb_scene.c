@@ -178,8 +178,8 @@ static uint32_t add_normals(struct lw_glb_scene *g, const struct lw_mesh *mesh, 
     return accessor;
 }
 
-/* The back of split sides lies behind the front by this part of the mesh's largest side: renderers that do not
- * cull, such as Cycles, would find both at the same distance. */
+/* The back of split sides lies behind the front by this part of the mesh's largest side: renderers that do
+ * not cull, such as Cycles, would find both at the same distance. */
 #define BACK_BEHIND 1e-4f
 
 struct corner {
@@ -192,8 +192,8 @@ static int compare_corners(const void *a, const void *b) {
                   sizeof(struct lw_vec3));
 }
 
-/* Of each vertex the mean direction of the normals at its position, or zero: vertices that lie on each other move
- * alike, so that faces which meet at an edge do not part there. */
+/* Of each vertex the mean direction of the normals at its position, or zero: vertices that lie on each other
+ * move alike, so that faces which meet at an edge do not part there. */
 static struct lw_vec3 *shared_normals(const struct lw_mesh *mesh) {
     const uint32_t n = mesh->vertex_count;
     struct corner *corner = malloc((size_t)n * sizeof *corner);

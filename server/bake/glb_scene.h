@@ -45,9 +45,9 @@ struct lw_glb_scene {
 LW_MUST_CHECK enum lw_status lw_glb_scene_init(struct lw_glb_scene *g, const struct lw_glb_scene_desc *desc);
 void lw_glb_scene_finish(struct lw_glb_scene *g);
 
-/** Adds an object with its map. shown: which sides its lightmap coordinates point at; of split sides each shows
- * its own. irradiance: the map in 8 bits, W/m^2 per unit = scale, for MOZ_lightmap. file: the EXR's name.
- * Failures are kept for lw_glb_scene_write(). */
+/** Adds an object with its map. shown: which sides its lightmap coordinates point at; of split sides each
+ * shows its own. irradiance: the map in 8 bits, W/m^2 per unit = scale, for MOZ_lightmap. file: the EXR's
+ * name. Failures are kept for lw_glb_scene_write(). */
 void lw_glb_scene_add(struct lw_glb_scene *g, const struct lw_map *map, const struct lw_sides_shown *shown,
                       const char *file, const uint8_t *irradiance_rgb, float scale);
 

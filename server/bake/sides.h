@@ -1,6 +1,6 @@
 /* sides.h: which side's light a double-sided chart shows in programs that read one lightmap for both sides.
- * Flow:    scene, pose -> [sides: what cameras see]; map of an object -> [sides: what light reaches] -> side per
- *          vertex -> lightmap coordinates of the .glb
+ * Flow:    scene, pose -> [sides: what cameras see]; map of an object -> [sides: what light reaches] -> side
+ *          per vertex -> lightmap coordinates of the .glb
  * Threads: main() only.
  *
  * A chart is a set of triangles that share vertices. One that has backs in the map shows

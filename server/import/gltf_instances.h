@@ -1,4 +1,5 @@
-/* gltf_instances.h: EXT_mesh_gpu_instancing: a node's mesh many times, each at a place of its own below the node.
+/* gltf_instances.h: EXT_mesh_gpu_instancing: a node's mesh many times, each at a place of its own below the
+ * node.
  * Threads: [any]. */
 #ifndef LW_IMPORT_GLTF_INSTANCES_H
 #define LW_IMPORT_GLTF_INSTANCES_H

@@ -326,10 +326,10 @@ static enum lw_status read_alpha(const json_t *object, struct lw_material *out, 
     return LW_OK;
 }
 
-/* KHR_materials_transmission on a thin surface: of light, the factor t times the base colour c passes, and (1 - t)
- * c is reflected. Surfaces here let light of all colours pass alike, so the colour of what passes is lost and its
- * luminance L(c) kept: 1 - alpha = t L(c), and the albedo is what alpha times it must be, (1 - t) c. A base colour
- * texture counts as the reflection's alone. */
+/* KHR_materials_transmission on a thin surface: of light, the factor t times the base colour c passes, and (1
+ * - t) c is reflected. Surfaces here let light of all colours pass alike, so the colour of what passes is
+ * lost and its luminance L(c) kept: 1 - alpha = t L(c), and the albedo is what alpha times it must be, (1 -
+ * t) c. A base colour texture counts as the reflection's alone. */
 static enum lw_status read_transmission(struct lw_gltf_materials *materials, const json_t *object,
                                         struct lw_material *out, struct lw_error *err) {
     const json_t *extension = NULL;

@@ -1,5 +1,5 @@
-/* gltf_shape.h: what moves the vertices of a primitive before they are lit: morph targets by their weights, then a
- * skin in its rest pose. Neither is animated.
+/* gltf_shape.h: what moves the vertices of a primitive before they are lit: morph targets by their weights,
+ * then a skin in its rest pose. Neither is animated.
  * Threads: [any]; a shape belongs to one primitive. After: glTF 2.0, 3.7.2.2 and 3.7.3. */
 #ifndef LW_IMPORT_GLTF_SHAPE_H
 #define LW_IMPORT_GLTF_SHAPE_H

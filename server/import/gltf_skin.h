@@ -1,5 +1,5 @@
-/* gltf_skin.h: a skin as it stands when nothing is animated: a matrix per joint, from the mesh's space into world
- * space. The place of the node that shows the mesh does not count.
+/* gltf_skin.h: a skin as it stands when nothing is animated: a matrix per joint, from the mesh's space into
+ * world space. The place of the node that shows the mesh does not count.
  * Threads: a skin belongs to one thread. After: glTF 2.0, 3.7.3. */
 #ifndef LW_IMPORT_GLTF_SKIN_H
 #define LW_IMPORT_GLTF_SKIN_H

@@ -1,6 +1,6 @@
 /* image_bmp.h: decodes Windows and OS/2 bitmaps without compression: palettes of 1, 4 and 8 bits, 16, 24 and
- * 32 bits, bit fields. Run-length coded ones are refused by name. Written for outside bytes: a picture that is
- * cut short is refused before memory is taken for it.
+ * 32 bits, bit fields. Run-length coded ones are refused by name. Written for outside bytes: a picture that
+ * is cut short is refused before memory is taken for it.
  * Threads: [any]. After: Microsoft, Bitmap Storage; BITMAPV5HEADER. */
 #ifndef LW_IMPORT_IMAGE_BMP_H
 #define LW_IMPORT_IMAGE_BMP_H

@@ -23,7 +23,7 @@ struct tga {
 
 static unsigned load_word(const uint8_t *at) { return at[0] | (unsigned)at[1] << 8; }
 
-/* Bytes of a colour of so many bits; 0: none that is read. */
+/* Bytes of a colour by its bits; 0: none that is read. */
 static unsigned colour_bytes(unsigned bits) {
     return bits == 15 || bits == 16 ? 2 : bits == 24 ? 3 : bits == 32 ? 4 : 0;
 }

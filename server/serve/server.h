@@ -34,8 +34,9 @@ struct lw_server_sockets {
 
 struct lw_server_desc {
     const char *host; /* numeric or a name */
-    /* Of the server before this one, in place of host, port and the others; NULL: there was none. What is used
-     * is set to -1. The control socket is made in lw_server_run(), once that server has closed its own. */
+    /* Of the server before this one, in place of host, port and the others; NULL: there was none. What is
+     * used is set to -1. The control socket is made in lw_server_run(), once that server has closed its
+     * own. */
     struct lw_server_sockets *sockets;
     /* Where the server's user and root change the scene: a path, or "auto" (control_path.h), whose failure is
      * a warning; NULL: nowhere. Copied. */
@@ -82,12 +83,12 @@ struct lw_server;
  * Errors: LW_UNAVAILABLE naming the address in use and what to do; LW_NO_HOST; LW_OS; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_server_create(const struct lw_server_desc *desc,
                                               struct lw_server **out_server, struct lw_error *err);
-/** Reads its files again: certificate and key, tokens. Sessions whose token has gone, or changed its role, are
- * refused. Where a file cannot be used what was read before holds. Logs what became of it. [loop], as
+/** Reads its files again: certificate and key, tokens. Sessions whose token has gone, or changed its role,
+ * are refused. Where a file cannot be used what was read before holds. Logs what became of it. [loop], as
  * hooks.reload */
 void lw_server_reload(struct lw_server *server);
 /** Duplicates the sockets on which it listens, for a server that is to follow: nobody who connects in between
- * is turned away. Whoever gets them closes what is left of them. [loop] Errors: LW_OS. */
+ * is turned away. The receiver closes what is left of them. [loop] Errors: LW_OS. */
 LW_MUST_CHECK enum lw_status lw_server_share_sockets(const struct lw_server *server,
                                                      struct lw_server_sockets *out_sockets,
                                                      struct lw_error *err);

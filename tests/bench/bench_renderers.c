@@ -7,9 +7,9 @@
  * one is compared with a path trace of --reference samples. One table in Markdown per scene: relMSE =
  * mean((x-t)^2 / (t^2 + eps)), eps = 1 % of the mean of t^2, less what the reference's own noise adds; CPU
  * seconds per picture: of first hits and paths, and of the filter. over_raw: a renderer's rays a CPU second,
- * with all that it does, over those of bare rays through the same pixels, 16 neighbours at a time. Bounce rays
- * are not parallel, so that 1 cannot be reached. With -o DIR also the pictures: of each renderer, and the
- * reference. */
+ * with all that it does, over those of bare rays through the same pixels, 16 neighbours at a time. Bounce
+ * rays are not parallel, so that 1 cannot be reached. With -o DIR also the pictures: of each renderer, and
+ * the reference. */
 #include "client/view/path_renderer.h"
 #include "client/view/tonemap.h"
 #include "common/clock.h"

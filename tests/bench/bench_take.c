@@ -3,10 +3,11 @@
  *     lightwelld builtin:atrium &            (lit for a minute)
  *     bench_take [--budget-ms MS] [--tiles N] [--seconds S] [HOST:PORT]
  *
- * Connects as the window of lightwell-view does, draws its pictures by OpenGL without a window, 30 a second, and prints one
- * table in Markdown. Of each picture: polling (messages, decoding), uploading with the tiles' words and their average, both
- * in CPU time of this thread and in wall time; medians, 99th percentiles and maxima. Then when the package was there, the
- * first light was drawn, and all of it: every tile of the view with all bounces. */
+ * Connects as the window of lightwell-view does, draws its pictures by OpenGL without a window, 30 a second,
+ * and prints one table in Markdown. Of each picture: polling (messages, decoding), uploading with the tiles'
+ * words and their average, both in CPU time of this thread and in wall time; medians, 99th percentiles and
+ * maxima. Then when the package was there, the first light was drawn, and all of it: every tile of the view
+ * with all bounces. */
 #include "client/gl/gl_offscreen.h"
 #include "client/gl/gl_view.h"
 #include "client/view/seeker.h"

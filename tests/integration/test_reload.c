@@ -110,8 +110,8 @@ static void stop(void) {
     lw_process_left_nothing();
 }
 
-/* A client of the library goes over to the file's new scene; a file that is damaged changes nothing; nor does one
- * that is written again with the same. */
+/* A client of the library goes over to the file's new scene; a file that is damaged changes nothing; nor does
+ * one that is written again with the same. */
 static void test_scene_file(void **state) {
     (void)state;
     unsigned others;

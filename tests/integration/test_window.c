@@ -1,5 +1,5 @@
-/* The window of lightwell-view, by SDL's driver that shows nothing: keys, mouse and sizes as events, the light of a real
- * lightwelld. */
+/* The window of lightwell-view, by SDL's driver that shows nothing: keys, mouse and sizes as events, the
+ * light of a real lightwelld. */
 #include "tests/support/process.h"
 
 #include "client/view/window.h"
@@ -327,7 +327,8 @@ static void test_comparison(void **state) {
     close_window(); /* while it traces */
 }
 
-/* Another server at the same address: the camera is that of its scene. The same scene again: the camera stays. */
+/* Another server at the same address: the camera is that of its scene. The same scene again: the camera
+ * stays. */
 static void test_another_scene(void **state) {
     (void)state;
     char line[256];

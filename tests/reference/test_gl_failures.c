@@ -1,5 +1,5 @@
-/* A GPU that gives errors, or whose limits are small: one line, nothing leaks, and the next renderer works. libepoxy's
- * functions are pointers, which the test replaces. */
+/* A GPU that gives errors, or whose limits are small: one line, nothing leaks, and the next renderer works.
+ * libepoxy's functions are pointers, which the test replaces. */
 #include "tests/support/support.h"
 
 #include "client/gl/gl_light.h"

@@ -459,7 +459,8 @@ static uint32_t find_inner(const struct world *w) {
     return inner;
 }
 
-/* Of all shadow maps those are drawn again that the moved thing is in, and no others; what has moved is seen. */
+/* Of all shadow maps those are drawn again that the moved thing is in, and no others; what has moved is
+ * seen. */
 static void test_moved_caster(void **state) {
     (void)state;
     struct world w;
@@ -550,7 +551,8 @@ static unsigned codes_apart(struct world *w, GLuint frame, enum lw_tonemap_curve
     return most;
 }
 
-/* What the window gets is the picture as lw_tonemap encodes it, and its exposure that of the whole picture. */
+/* What the window gets is the picture as lw_tonemap encodes it, and its exposure that of the whole
+ * picture. */
 static void test_show_and_meter(void **state) {
     (void)state;
     struct world w;

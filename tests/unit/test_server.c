@@ -2284,7 +2284,8 @@ static void test_updates_want_the_role(void **state) {
     end(f);
 }
 
-/* Over the server's own socket alone, and for who has said so; a question that is unknown is answered, too. */
+/* Over the server's own socket alone, and for who has said so; a question that is unknown is answered,
+ * too. */
 static void test_operators_ask_over_the_socket(void **state) {
     (void)state;
     struct fixture *f = start_controlled();

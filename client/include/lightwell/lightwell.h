@@ -67,8 +67,9 @@ enum lw_live_status {
     LW_LIVE_NOT_READY = 11,  /**< The scene has not arrived yet. */
     LW_LIVE_NOT_ALLOWED =
         12, /**< The server takes no such token, or wants one; or by TLS it is not believed. */
-    /** The server lights another scene now, and the one before is forgotten: its indices and pointers, and what was
-     * wanted of it. The other one comes with the next calls of lw_live_poll(), or of lw_live_reconnect(). */
+    /** The server lights another scene now, and the one before is forgotten: its indices and pointers, and
+     * what was wanted of it. The other one comes with the next calls of lw_live_poll(), or of
+     * lw_live_reconnect(). */
     LW_LIVE_OTHER_SCENE = 13
 };
 

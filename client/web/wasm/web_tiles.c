@@ -1,5 +1,6 @@
-/* web_tiles.c: what the browser client has of our own C, as WebAssembly: the tile decoder, tiles as a GPU takes them, the
- * hash that names scene packages, the filter of pixels, and the levels at which triangles read their own light.
+/* web_tiles.c: what the browser client has of our own C, as WebAssembly: the tile decoder, tiles as a GPU
+ * takes them, the hash that names scene packages, the filter of pixels, and the levels at which triangles
+ * read their own light.
  * Flow:    payload of a TILE -> [web_tiles] -> texels in RGB9E5 -> texture
  * Threads: one instance of the module per thread; it has no other state than what is static here.
  * After:   EXT_texture_shared_exponent, for RGB9E5. */
@@ -28,8 +29,8 @@
 #define HALF_LARGEST 0x7bffu
 #define VALUES_MAX   (LW_TILE_TEXELS_MAX * 3u)
 
-/* The C library's, for cosines beyond 2^20: 7 kB that this page would load for the decoder's table of angles below
- * 2 pi. */
+/* The C library's, for cosines beyond 2^20: 7 kB that this page would load for the decoder's table of angles
+ * below 2 pi. */
 __attribute__((used)) int __rem_pio2_large(double *x, double *y, int e0, int nx, int prec) {
     (void)x, (void)y, (void)e0, (void)nx, (void)prec;
     __builtin_trap();
@@ -49,7 +50,8 @@ uint32_t *EXPORT(lw_web_tiles_packed)(void) { return packed; }
 void *EXPORT(lw_web_tiles_alloc)(size_t size) { return malloc(size); }
 void EXPORT(lw_web_tiles_free)(void *bytes) { free(bytes); }
 
-/** Memory for what deltas of a tile of this height build on; NULL: there is none. lw_web_tiles_free() frees it. */
+/** Memory for what deltas of a tile of this height build on; NULL: there is none. lw_web_tiles_free() frees
+ * it. */
 struct lw_tile_dct_coefficients *EXPORT(lw_web_tiles_coefficients)(uint32_t height) {
     return aligned_alloc(_Alignof(struct lw_tile_dct_coefficients), lw_tile_dct_coefficients_size(height));
 }
@@ -58,7 +60,8 @@ static bool is_tile(uint32_t width, uint32_t height) {
     return width - 1 < LW_TILE_SIDE && height - 1 < LW_TILE_SIDE;
 }
 
-/** Decodes a payload of codec 4 as lw_tile_codec_decode() and lw_tile_codec_decode_delta() do. Bytes may come from anyone. */
+/** Decodes a payload of codec 4 as lw_tile_codec_decode() and lw_tile_codec_decode_delta() do. Bytes may come
+ * from anyone. */
 bool EXPORT(lw_web_tiles_decode)(uint32_t kind, const uint8_t *src, size_t src_size, float scale,
                                  uint32_t width, uint32_t height,
                                  struct lw_tile_dct_coefficients *coefficients) {
@@ -134,7 +137,8 @@ void EXPORT(lw_web_tiles_unfilter)(const uint8_t *bytes, uint32_t width, uint32_
     lw_pixel_filter_undo(bytes, width, height, out_rgba);
 }
 
-/** lw_lightmap_coarsest() of a mesh whose indices have been checked. Returns whether there was memory for it. */
+/** lw_lightmap_coarsest() of a mesh whose indices have been checked. Returns whether there was memory for
+ * it. */
 bool EXPORT(lw_web_tiles_coarsest)(const struct lw_vec3 *position, const struct lw_vec2 *lightmap_uv,
                                    uint32_t vertex_count, const uint32_t (*triangle)[3],
                                    uint32_t triangle_count, uint32_t width, uint32_t height,
