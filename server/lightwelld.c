@@ -1266,7 +1266,8 @@ static void drop_next(struct daemon *d) {
     if (d->succession.next) finish(d->succession.next);
     free(d->succession.next);
     d->succession.next = NULL;
-    d->succession.runs = d->succession.ended = false;
+    d->succession.ended = false;
+    d->succession.runs = false;
 }
 
 static enum lw_status begin_succession(struct daemon *d, struct lw_error *err) {
