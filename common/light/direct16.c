@@ -168,7 +168,12 @@ void lw_direct16_sky(struct lw_direct16 *d, uint32_t sample, float weight) {
     float point[2];
     struct lw_light_sample16 light;
     lw_sampling_point(seed_of(d, LW_SAMPLING_SKY), sample, d->set, point);
-    const struct lw_sky_draw draw = lw_lights_draw_sky(d->lights, point[0], point[1]);
-    lw_lights_place_sky16(d->lights, &draw, d->points, &light);
+    struct lw_sky_draw draw[LANES];
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        float own[2];
+        lw_sampling_spread(point, lane, own);
+        draw[lane] = lw_lights_draw_sky(d->lights, own[0], own[1]);
+    }
+    lw_lights_place_sky16(d->lights, draw, d->points, &light);
     add_visible(d, &light, weight);
 }

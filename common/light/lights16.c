@@ -250,13 +250,14 @@ LW_WIDE static void point_all(struct lw_vec3 direction, struct lw_vec3 irradianc
             arriving(irradiance_normal, lw_vec3_dot(direction, normal(points, i))));
 }
 
-/* The same about each point's normal. */
-LW_WIDE static void point_about(struct lw_vec3 local, struct lw_vec3 irradiance_normal,
+/* One about each point's normal. */
+LW_WIDE static void point_about(const struct lw_vec3 local[LANES],
+                                const struct lw_vec3 irradiance_normal[LANES],
                                 const struct lw_points16 *restrict points,
                                 struct lw_light_sample16 *restrict out) {
     for (int i = 0; i < LANES; i++)
-        put(out, i, true, lw_direction_about(normal(points, i), local), INFINITY,
-            arriving(irradiance_normal, local.z));
+        put(out, i, true, lw_direction_about(normal(points, i), local[i]), INFINITY,
+            arriving(irradiance_normal[i], local[i].z));
 }
 
 void lw_lights_sample_punctual16(const struct lw_lights *lights, uint32_t light, float u, float v,
@@ -271,16 +272,21 @@ void lw_lights_sample_punctual16(const struct lw_lights *lights, uint32_t light,
     sample_punctual(&lights->punctual[light], lw_light_cone_of(l), certain, points, UINT16_MAX, out);
 }
 
-void lw_lights_place_sky16(const struct lw_lights *lights, const struct lw_sky_draw *draw,
+void lw_lights_place_sky16(const struct lw_lights *lights, const struct lw_sky_draw draw[LANES],
                            const struct lw_points16 *points, struct lw_light_sample16 *out) {
     float cosine;
     if (!lights->scene->environment.width) { /* the same from everywhere */
-        const struct lw_light_sample s = lw_lights_place_sky(lights, draw, lw_vec3(0, 0, 1), &cosine);
-        point_about(draw->direction, s.irradiance_normal, points, out);
+        struct lw_vec3 local[LANES], irradiance_normal[LANES];
+        for (int i = 0; i < LANES; i++) {
+            local[i] = draw[i].direction;
+            irradiance_normal[i] =
+                lw_lights_place_sky(lights, &draw[i], lw_vec3(0, 0, 1), &cosine).irradiance_normal;
+        }
+        point_about(local, irradiance_normal, points, out);
         return;
     }
     for (int i = 0; i < LANES; i++) {
-        const struct lw_light_sample s = lw_lights_place_sky(lights, draw, normal(points, i), &cosine);
+        const struct lw_light_sample s = lw_lights_place_sky(lights, &draw[i], normal(points, i), &cosine);
         put(out, i, true, s.direction, s.distance_m, arriving(s.irradiance_normal, cosine));
     }
 }

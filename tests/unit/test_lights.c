@@ -407,12 +407,14 @@ static uint32_t compare_far(const struct stage *s, const struct lw_points16 *poi
             lit += expect_same(&wide, points, i, &one);
         }
     }
-    const struct lw_sky_draw draw = lw_lights_draw_sky(&s->lights, point[0], point[1]);
-    lw_lights_place_sky16(&s->lights, &draw, points, &wide);
+    struct lw_sky_draw draw[16];
+    for (uint32_t i = 0; i < 16; i++)
+        draw[i] = lw_lights_draw_sky(&s->lights, fmodf(point[0] + (float)i / 16, 1), point[1]);
+    lw_lights_place_sky16(&s->lights, draw, points, &wide);
     for (uint32_t i = 0; i < 16; i++) {
         float cosine;
         const struct lw_light_sample one =
-            lw_lights_place_sky(&s->lights, &draw, normal_of(points, i), &cosine);
+            lw_lights_place_sky(&s->lights, &draw[i], normal_of(points, i), &cosine);
         lit += expect_same(&wide, points, i, &one);
     }
     return lit;

@@ -12,11 +12,18 @@
 /* Texels ahead of the current one whose ray hits are prefetched. */
 #define GATHER_AHEAD 12u
 
-/* The same direction about each lane's normal. */
-LW_WIDE static void aim(const struct lw_points16 *restrict at, struct lw_vec3 local, float t_far,
+/* Nearly the same direction about each lane's normal. */
+LW_WIDE static void aim(const struct lw_points16 *restrict at, const float point[2], float t_far,
                         struct lw_ray16 *restrict rays) {
+    struct lw_vec3 local[LANES];
     for (uint32_t lane = 0; lane < LANES; lane++) {
-        const struct lw_vec3 d = lw_direction_about(lw_vec3(at->nx[lane], at->ny[lane], at->nz[lane]), local);
+        float own[2];
+        lw_sampling_spread(point, lane, own);
+        local[lane] = lw_direction_cosine(own);
+    }
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        const struct lw_vec3 normal = lw_vec3(at->nx[lane], at->ny[lane], at->nz[lane]);
+        const struct lw_vec3 d = lw_direction_about(normal, local[lane]);
         rays->dir_x[lane] = d.x;
         rays->dir_y[lane] = d.y;
         rays->dir_z[lane] = d.z;
@@ -127,7 +134,7 @@ static void trace_packet(const struct lw_transport *t, const struct lw_solve_til
         f->flags = site->coherent ? LW_TRACE_COHERENT : LW_TRACE_LIGHT;
         lw_sampling_point(seed, sample, launch->set, point);
         lw_ray_launch_start(site, &f->rays);
-        aim(&site->lanes.at, lw_direction_cosine(point), t->tracing_range_m, &f->rays);
+        aim(&site->lanes.at, point, t->tracing_range_m, &f->rays);
         f->rays.salt = sample;
         lw_trace_closest16(t->trace, f->flags, f->active, &f->rays, &f->hits);
         count->bounce += (uint64_t)__builtin_popcount(f->active);
