@@ -1,10 +1,10 @@
 /* sampling.h: the sample points of rays, for the solve's packets and for the path tracer's first hits. A
  * direction set is a packet of texels (packets.h), or of pixels within 16 x 16: its texels take nearly the
- * same direction, each about its own normal. A block of 16 x 16 texels has at most 16 sets. All sets walk the same
- * scrambled (0,2)-sequence, each with its own shift. So the samples of one texel are stratified over time,
- * and one sample of all sets is stratified over the block, which helps the filter. (Dealing one sequence out
- * among the sets was tried: then each texel's samples are as good as random.) The sequence goes on from frame
- * to frame.
+ * same direction, each about its own normal. A block of 16 x 16 texels has at most 16 sets. All sets walk the
+ * same scrambled (0,2)-sequence, each with its own shift. So the samples of one texel are stratified over
+ * time, and one sample of all sets is stratified over the block, which helps the filter. (Dealing one
+ * sequence out among the sets was tried: then each texel's samples are as good as random.) The sequence goes
+ * on from frame to frame.
  * Threads: pure functions, [any]. */
 #ifndef LW_COMMON_SAMPLING_H
 #define LW_COMMON_SAMPLING_H
@@ -43,8 +43,8 @@ static inline void lw_sampling_point(uint32_t block_seed, uint32_t sample, uint3
 /* Binary digits of a cell: rays of a set, towards the sky or for bounces, keep to one of 8 x 8. */
 #define LW_SAMPLING_CELL_BITS 3u
 
-/** The point of one of a set's 16 texels, out of lw_sampling_point(): in the same of 8 x 8 cells, in which the
- * texels' points are a net. Rays then still run close to one another, but a block tries 16 times as many
+/** The point of one of a set's 16 texels, out of lw_sampling_point(): in the same of 8 x 8 cells, in which
+ * the texels' points are a net. Rays then still run close to one another, but a block tries 16 times as many
  * directions: what is small and bright (a window) is no more met by all of a block or by none. The samples of
  * one texel stay a (0,2)-sequence. lane: 0..15; 0 keeps the point. */
 static inline void lw_sampling_spread(const float point[2], uint32_t lane, float out[2]) {
