@@ -422,7 +422,9 @@ static void handle_welcome(struct lw_load_session *s, const struct lw_message_we
         out_of_order(s, LW_MESSAGE_WELCOME);
         return;
     }
-    if (s->returns && memcmp(welcome->package_hash.bytes, scene->hash.bytes, sizeof scene->hash.bytes) != 0) {
+    /* who means to outlive the server's reloads may also come for the first time after one */
+    if (s->shared->options->reconnect &&
+        memcmp(welcome->package_hash.bytes, scene->hash.bytes, sizeof scene->hash.bytes) != 0) {
         s->shared->other_scene = true;
         lw_load_session_close(s);
         return;
