@@ -11,7 +11,6 @@ const PING_MS = 5000;
 const SILENCE_MS = 15000;
 const BATCH_TILES = 64;
 const RATE_WAIT_MS = 10_000; // after a refusal for saying too much
-const NO_TOKEN = new Uint8Array(0);
 
 // A browser buffers all that comes, so a slow client cannot slow the server by a full link. With more than
 // HIGH bytes waiting its interest set is empty, until there are under LOW.
@@ -87,7 +86,7 @@ export class Session {
     this.heardMs = this.pingedMs = nowMs;
     this.offered = features | wire.Feature.RESUME | wire.Feature.PARTS | wire.Feature.DCT;
     if (host.mayControl) this.offered |= wire.Feature.CONTROL;
-    host.send(wire.writeHello(this.offered, 'lightwell web', host.token ?? NO_TOKEN));
+    host.send(wire.writeHello(this.offered, 'lightwell web', host.token));
   }
 
   /** Bytes from the socket; pump() reads them. */

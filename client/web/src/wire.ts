@@ -532,7 +532,7 @@ class Writer {
 }
 
 /** token: 32 bytes, or none. */
-export function writeHello(features: bigint, name: string, token = new Uint8Array(0)): Uint8Array<ArrayBuffer> {
+export function writeHello(features: bigint, name: string, token: Uint8Array = new Uint8Array(0)): Uint8Array<ArrayBuffer> {
   return new Writer()
     .uint(1, 1)
     .uint(2, features)
