@@ -10,9 +10,9 @@
 #include <unistd.h>
 
 /* The one exception to "no globals but tables of constants": a log line has no context to carry them, and
- * they are written once, before threads start. */
+ * they are written before threads start; the level may change later. */
 static const char *program_name = "lightwell";
-static enum lw_log_level most_talkative = LW_LOG_INFO;
+static _Atomic(enum lw_log_level) most_talkative = LW_LOG_INFO;
 static enum lw_log_format chosen = LW_LOG_TEXT;
 
 static const char *const level_names[] = {
@@ -20,8 +20,10 @@ static const char *const level_names[] = {
 
 void lw_log_init(const char *program, enum lw_log_level level) {
     program_name = program;
-    most_talkative = level;
+    lw_log_set_level(level);
 }
+
+void lw_log_set_level(enum lw_log_level level) { most_talkative = level; }
 
 /* isatty(), by what may be called in a signal's handler. */
 static bool is_terminal(void) {

@@ -18,6 +18,9 @@ enum lw_log_format { LW_LOG_AUTO, LW_LOG_TEXT, LW_LOG_JSON };
  * once, before other threads start. */
 void lw_log_init(const char *program, enum lw_log_level level);
 
+/** The most verbose level shown from now on. */
+void lw_log_set_level(enum lw_log_level level);
+
 /** What lines look like from now on; LW_LOG_TEXT before. Call once, before other threads start. */
 void lw_log_set_format(enum lw_log_format format);
 

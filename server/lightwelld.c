@@ -908,15 +908,16 @@ static void remove_port_files(const struct daemon *d) {
     remove_port(d->settings.metrics_port_file);
 }
 
+/* --port-file last: who sees it finds the others written. */
 static enum lw_status write_port_files(const struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     const unsigned http_port = lw_server_http_port(d->server);
-    enum lw_status status = write_port(s->port_file, "--port-file", lw_server_port(d->server), err);
-    if (status == LW_OK && http_port)
-        status = write_port(s->http_port_file, "--http-port-file", http_port, err);
     const unsigned metrics_port = lw_server_metrics_port(d->server);
+    enum lw_status status = LW_OK;
+    if (http_port) status = write_port(s->http_port_file, "--http-port-file", http_port, err);
     if (status == LW_OK && metrics_port)
         status = write_port(s->metrics_port_file, "--metrics-port-file", metrics_port, err);
+    if (status == LW_OK) status = write_port(s->port_file, "--port-file", lw_server_port(d->server), err);
     if (status != LW_OK) remove_port_files(d);
     return status;
 }
@@ -1280,7 +1281,7 @@ static enum lw_status begin_succession(struct daemon *d, struct lw_error *err) {
     enum lw_status status = parse(&next->settings, d->argc, d->argv, &done, err);
     if (status != LW_OK) return status;
     if (!keep_fixed(d, next, &changed)) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
-    lw_log_init("lightwelld", (enum lw_log_level)next->settings.log_level);
+    lw_log_set_level((enum lw_log_level)next->settings.log_level);
     u->only_scene = !changed;
     if (!changed && !scene_may_have_changed(d)) {
         lw_log(LW_LOG_INFO, "options and scene are as before");
