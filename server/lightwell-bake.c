@@ -73,14 +73,11 @@ struct baker {
 };
 
 /* A handler can reach nothing but globals. */
-static volatile sig_atomic_t signalled;
-
-/* Threads other than the one that a signal interrupts read an atomic. */
-static _Atomic bool signalled_to_threads;
+static _Atomic bool signalled;
 
 static void on_signal(int number) {
-    signalled = number;
-    signalled_to_threads = true;
+    (void)number;
+    signalled = true;
 }
 
 #define AGAIN   "; Ctrl-C again ends it at once"
@@ -384,7 +381,7 @@ static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
                                                   .target_error = s->samples ? -1 : (float)s->error,
                                                   .frames_max = (uint32_t)s->samples,
                                                   .threads = (unsigned)s->scene.threads,
-                                                  .finishing = &signalled_to_threads,
+                                                  .finishing = &signalled,
                                                   .seed = (uint32_t)s->seed},
                          &b->pose, &b->solver, err);
     if (status != LW_OK) return status;

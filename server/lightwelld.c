@@ -154,19 +154,17 @@ struct daemon {
     uint64_t taken_ns[LW_LIGHT_FORM_COUNT]; /* when somebody last took it */
 };
 
-/* Signals before the loop watches for them: a handler can reach nothing but globals. The first is for the
- * importer's wait, in this thread; the second for the solver's. */
-static volatile sig_atomic_t signalled;
-static _Atomic bool signalled_to_threads;
+/* Signals before the loop watches for them: a handler can reach nothing but globals. */
+static _Atomic bool signalled;
 
 static void on_early_signal(int number) {
-    signalled = number;
-    signalled_to_threads = true;
+    (void)number;
+    signalled = true;
 }
 
 /* The solver asks as well: that closes the gap between the last look at the flag and the loop's own
  * watchers. */
-static bool should_stop(const struct daemon *d) { return d->stopping || signalled_to_threads; }
+static bool should_stop(const struct daemon *d) { return d->stopping || signalled; }
 
 static enum lw_status parse_http(struct settings *s, struct lw_error *err) {
     struct stat st;
@@ -1318,7 +1316,7 @@ static struct daemon *successor(struct daemon *d, bool served, bool *out_left) {
     struct succession *u = &d->succession;
     const bool follows = served && u->relays && !(d->server && lw_server_was_signalled(d->server));
     if (u->runs && !follows) {
-        signalled = SIGTERM; /* an import and a solver in the making end */
+        signalled = true; /* an import and a solver in the making end */
         u->next->cancel = true;
         const struct timespec until = in_seconds(1 + DROP_WAIT_S);
         *out_left = pthread_timedjoin_np(u->thread, NULL, &until) != 0;

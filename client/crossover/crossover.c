@@ -11,13 +11,16 @@
 #include <stdio.h>
 #include <string.h>
 
-static volatile sig_atomic_t signalled;
+static _Atomic bool signalled;
 
 static const struct lw_interrupt_phase measuring = {
     .answer = "stopping: what is measured stays, and the same command goes on; Ctrl-C again ends it at once"};
 
 /* The first signal ends the measurement, the second the program. */
-static void on_signal(int number) { signalled = number; }
+static void on_signal(int number) {
+    (void)number;
+    signalled = true;
+}
 
 static enum lw_status report_only(const char *folder, struct lw_error *err) {
     struct lw_crossover_store store;

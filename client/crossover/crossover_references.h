@@ -15,8 +15,6 @@
 #include "client/measure/path_world.h"
 #include "client/measure/view_error.h"
 
-#include <signal.h>
-
 #define LW_CROSSOVER_CROPS       2u
 #define LW_CROSSOVER_JUDGED_MAX  16u
 #define LW_CROSSOVER_LATES       6u /* moments before the first judged one ... */
@@ -56,7 +54,7 @@ struct lw_crossover_references_desc {
     const char *folder; /* of the row: files go to its folder "reference" */
     const uint32_t *judged;
     uint32_t judged_count;
-    const volatile sig_atomic_t *cancel;
+    const _Atomic bool *cancel;
 };
 
 /** The side of a crop, and the crops of a view, in pictures of this size, 64x32 or more. They fit into

@@ -280,8 +280,7 @@ static enum lw_status make_folder(const char *folder, const char *name, struct l
 }
 
 enum lw_status lw_crossover_row_open(struct lw_crossover_row *row, const struct lw_crossover_options *o,
-                                     const char *command, const volatile sig_atomic_t *cancel,
-                                     struct lw_error *err) {
+                                     const char *command, const _Atomic bool *cancel, struct lw_error *err) {
     *row = (struct lw_crossover_row){.options = o,
                                      .cancel = cancel,
                                      .began_ns = lw_clock_ns(),

@@ -10,11 +10,9 @@
 #include "client/measure/fixed_views.h"
 #include "client/measure/scene_densities.h"
 
-#include <signal.h>
-
 struct lw_crossover_row {
     const struct lw_crossover_options *options;
-    const volatile sig_atomic_t *cancel;
+    const _Atomic bool *cancel;
     uint64_t began_ns; /* of lw_clock_ns() */
     struct lw_crossover_store store;
     struct lw_scene_densities densities;
@@ -32,7 +30,7 @@ struct lw_crossover_row {
  * the version; LW_CLOSED if cancelled; those of opening and of disks. */
 LW_MUST_CHECK enum lw_status lw_crossover_row_open(struct lw_crossover_row *row,
                                                    const struct lw_crossover_options *options,
-                                                   const char *command, const volatile sig_atomic_t *cancel,
+                                                   const char *command, const _Atomic bool *cancel,
                                                    struct lw_error *err);
 /** A row that failed to open is fine. */
 void lw_crossover_row_finish(struct lw_crossover_row *row);

@@ -9,8 +9,6 @@
 
 #include "client/measure/renderer.h"
 
-#include <signal.h>
-
 #define LW_REAL_RUN_PICTURES 3u
 
 struct lw_real_run_desc {
@@ -26,7 +24,7 @@ struct lw_real_run_desc {
      * does not tell how much light there is. With 3 s of it many texels had one sample, and fireflies
      * among them made 60 to 80 % of the error (an object turning in the atrium). */
     double warm_cpu_s, warm_s;
-    const volatile sig_atomic_t *cancel;
+    const _Atomic bool *cancel;
 };
 
 struct lw_real_picture {
@@ -57,7 +55,7 @@ struct lw_real_paths_desc {
     double first_s; /* scene time at which it begins; 0 or more */
     double warm_s;  /* before the seconds that are measured: for its history */
     double seconds;
-    const volatile sig_atomic_t *cancel;
+    const _Atomic bool *cancel;
 };
 
 /** The same of a renderer for one user: it begins a frame when the one before is done, at most LW_VIEWS_HZ

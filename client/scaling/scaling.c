@@ -12,14 +12,17 @@
 #include <string.h>
 #include <unistd.h>
 
-static volatile sig_atomic_t signalled;
+static _Atomic bool signalled;
 
 static const struct lw_interrupt_phase measuring = {
     .answer =
         "stopping: what is measured is written after the frame under way; Ctrl-C again ends it at once"};
 
 /* The first signal ends the measurement, the second the program. */
-static void on_signal(int number) { signalled = number; }
+static void on_signal(int number) {
+    (void)number;
+    signalled = true;
+}
 
 static void print_result(const struct lw_scaling *x) {
     printf("report: %s/report.md\n", x->options.folder);

@@ -281,9 +281,8 @@ static enum lw_status measure(struct lw_scaling_run *run, struct lw_error *err) 
     return status;
 }
 
-enum lw_status lw_scaling_measure(const struct lw_scaling_options *options,
-                                  const volatile sig_atomic_t *cancel, struct lw_scaling *x,
-                                  struct lw_error *err) {
+enum lw_status lw_scaling_measure(const struct lw_scaling_options *options, const _Atomic bool *cancel,
+                                  struct lw_scaling *x, struct lw_error *err) {
     *x = (struct lw_scaling){.options = *options};
     struct lw_scaling_run run = {.x = x, .cancel = cancel};
     enum lw_status status = measure(&run, err);

@@ -110,8 +110,8 @@ struct lw_scaling {
  * cancel: becomes non-zero when a signal asks to stop.
  * Errors: the scene's; LW_BAD_DATA for a motion that it cannot make; a side's. Interruption is no error. */
 LW_MUST_CHECK enum lw_status lw_scaling_measure(const struct lw_scaling_options *options,
-                                                const volatile sig_atomic_t *cancel,
-                                                struct lw_scaling *out_scaling, struct lw_error *err);
+                                                const _Atomic bool *cancel, struct lw_scaling *out_scaling,
+                                                struct lw_error *err);
 void lw_scaling_finish(struct lw_scaling *scaling);
 
 #endif

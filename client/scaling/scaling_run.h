@@ -8,7 +8,7 @@
 
 struct lw_scaling_run {
     struct lw_scaling *x;
-    const volatile sig_atomic_t *cancel;
+    const _Atomic bool *cancel;
     bool still; /* neither scene nor views move */
 };
 

@@ -22,11 +22,11 @@
 #define CONNECT_TIMEOUT_MS 5000u
 #define MOVES_NS           10000000000u /* what has not moved for so long stands still */
 
-static volatile sig_atomic_t stop;
+static _Atomic bool stop;
 
 static void on_signal(int number) {
     (void)number;
-    stop = 1;
+    stop = true;
 }
 
 static const struct lw_interrupt_phase dark = {.answer = "stopped before there was light; nothing is written",

@@ -18,15 +18,11 @@
 /* With fewer samples the estimated error is mostly noise itself. */
 #define SAMPLES_MIN 16u
 
-static volatile sig_atomic_t stop;
-
-/* Threads other than the one that a signal interrupts read an atomic. */
-static _Atomic bool stop_threads;
+static _Atomic bool stop;
 
 static void on_signal(int number) {
     (void)number;
-    stop = 1;
-    stop_threads = true;
+    stop = true;
 }
 
 #define AGAIN   "; Ctrl-C again ends it at once"
@@ -81,7 +77,7 @@ static enum lw_status set_up(struct command *c, struct lw_error *err) {
     c->view.seed = o->path.seed;
     c->view.pixel = o->path.pixel;
     c->view.part = o->path.part;
-    c->view.cancel = &stop_threads;
+    c->view.cancel = &stop;
     status = lw_path_trace_create(&(struct lw_path_trace_desc){.scene = c->scene,
                                                                .trace = c->trace,
                                                                .lights = &c->lights,

@@ -23,7 +23,7 @@ struct lw_import_spawn_desc {
     uint64_t memory_max; /* bytes; 0: LW_IMPORT_SPAWN_MEMORY_MAX. Not imposed where a sanitizer needs more. */
     const char *program; /* NULL: lightwell-import beside this program, else in PATH */
     /* may be NULL; becomes non-zero, e.g. in a signal handler: stop everything */
-    const volatile sig_atomic_t *cancel;
+    const _Atomic bool *cancel;
 };
 
 /** Loads a scene package directly, if it is to have no other environment, or has lightwell-import make one in

@@ -26,8 +26,8 @@ struct lw_scene_open {
     float sky[3];            /* W/(m^2 sr) */
     const char *environment; /* an equirectangular EXR, in place of the scene's; or NULL */
     double sun_angle_deg;
-    bool plain_sky;                      /* where nothing shines: a sky of LW_SCENE_OPEN_PLAIN_SKY */
-    const volatile sig_atomic_t *cancel; /* may be NULL */
+    bool plain_sky;             /* where nothing shines: a sky of LW_SCENE_OPEN_PLAIN_SKY */
+    const _Atomic bool *cancel; /* may be NULL */
 };
 
 /** The rows of an option table (common/options.h) that fill these settings. open: a pointer to a

@@ -7,19 +7,17 @@
 
 #include "server/solve/solver.h"
 
-#include <signal.h>
-
 struct lw_bake_desc {
     struct lw_solver *solver; /* with one sample of each kind per frame, and the target in its desc */
     const struct lw_atlas_map *atlas_map;
     const struct lw_pose *pose;
-    uint32_t samples;                  /* the target, as the solver's frames_max; 0: the error decides */
-    float error;                       /* its target_error */
-    double limit_s;                    /* stop after this time; 0: no limit */
-    const char *state_path;            /* of the checkpoint; NULL: none */
-    double state_interval_s;           /* 0: at the end only */
-    uint8_t key[16];                   /* of the checkpoint */
-    const volatile sig_atomic_t *stop; /* may be NULL; once true, the frame under way is the last */
+    uint32_t samples;         /* the target, as the solver's frames_max; 0: the error decides */
+    float error;              /* its target_error */
+    double limit_s;           /* stop after this time; 0: no limit */
+    const char *state_path;   /* of the checkpoint; NULL: none */
+    double state_interval_s;  /* 0: at the end only */
+    uint8_t key[16];          /* of the checkpoint */
+    const _Atomic bool *stop; /* may be NULL; once true, the frame under way is the last */
 };
 
 struct lw_bake_result {

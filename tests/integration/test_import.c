@@ -492,7 +492,7 @@ static void crashes_are_told_from_refusals(void **state) {
     lw_support_fails(spawn(&desc, &s, &scene, &err), LW_BAD_DATA, &err, "xxxx");
 }
 
-static volatile sig_atomic_t cancelled;
+static _Atomic bool cancelled;
 
 static void *cancel_soon(void *context) {
     (void)context;

@@ -17,7 +17,7 @@ static struct lw_camera_view at_the_lamp(const void *context, uint32_t user, uin
     return lw_camera_look_at(lw_vec3(0, 0.3f + 0.03f * (float)user, 0.9f), lw_vec3(0, 1.95f, 0), 0.5f);
 }
 
-static volatile sig_atomic_t never;
+static _Atomic bool never;
 
 static void trace(struct lw_crossover_references *references, const struct lw_scene *scene) {
     static const uint32_t judged[] = {FIRST, FIRST + 1};

@@ -212,7 +212,7 @@ static void run_row(const char *folder, const struct lw_crossover_options *optio
     struct lw_crossover_row row;
     struct lw_crossover_options o = *options;
     struct lw_error err = {0};
-    volatile sig_atomic_t cancel = 0;
+    _Atomic bool cancel = false;
     o.folder = folder;
     const enum lw_status status = lw_crossover_row_open(&row, &o, "command", &cancel, &err);
     lw_crossover_row_finish(&row);

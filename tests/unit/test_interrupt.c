@@ -26,7 +26,7 @@ int __wrap_clock_gettime(clockid_t clock, struct timespec *time) {
     return 0;
 }
 
-static volatile sig_atomic_t signalled;
+static _Atomic int signalled;
 
 static void on_signal(int number) { signalled = number; }
 
