@@ -13,7 +13,7 @@
 #include <stdatomic.h>
 
 const char *const bench_kernel_name[BENCH_KERNELS] = {
-    "direct", "trace ends", "gather", "radiate", "finish", "denoise", "weld", "gutters", "levels", "encode"};
+    "direct", "trace bounces", "gather", "radiate", "finish", "denoise", "weld", "gutters", "levels", "encode"};
 
 #define NONE BENCH_KERNELS
 
@@ -128,9 +128,9 @@ WRAP(void, lw_bounces_trace,
 void __wrap_lw_bounces_trace(const struct lw_transport *p, const struct lw_solve_tile *tile,
                              struct lw_ray_count *count) {
     uint64_t began_ns = 0;
-    begin_tile(BENCH_TRACE_ENDS, tile, &began_ns);
+    begin_tile(BENCH_TRACE_BOUNCES, tile, &began_ns);
     __real_lw_bounces_trace(p, tile, count);
-    end_tile(BENCH_TRACE_ENDS, tile, began_ns, count->bounce);
+    end_tile(BENCH_TRACE_BOUNCES, tile, began_ns, count->bounce);
 }
 
 NOTE(BENCH_GATHER, void, lw_bounces_gather,

@@ -10,7 +10,7 @@
 
 enum bench_kernel {
     BENCH_DIRECT,
-    BENCH_TRACE_ENDS,
+    BENCH_TRACE_BOUNCES,
     BENCH_GATHER,
     BENCH_RADIATE,
     BENCH_FINISH,
@@ -31,7 +31,7 @@ struct bench_meter_frame {
     } kernel[BENCH_KERNELS];
     double wall, cpu;              /* of the frame */
     double serial, serial_longest; /* of cpu: outside of parallel regions, in all and the longest stretch */
-    double sampled[2];             /* of cpu: BENCH_DIRECT and BENCH_TRACE_ENDS of every `stride`th tile */
+    double sampled[2];             /* of cpu: BENCH_DIRECT and BENCH_TRACE_BOUNCES of every `stride`th tile */
     uint64_t rays[2];              /* of the whole frame: of those two */
 };
 

@@ -85,7 +85,7 @@ static enum lw_status first_frame(struct job *job, struct round *round, struct l
         round->raw_rate[k] = (double)cost.rays / round->raw_s[k];
     }
     round->scatter_s =
-        one.kernel[BENCH_TRACE_ENDS].cpu + one.kernel[BENCH_GATHER].cpu + one.kernel[BENCH_RADIATE].cpu;
+        one.kernel[BENCH_TRACE_BOUNCES].cpu + one.kernel[BENCH_GATHER].cpu + one.kernel[BENCH_RADIATE].cpu;
     return LW_OK;
 }
 
@@ -139,7 +139,7 @@ static double kernel_speed_up(const struct round *r, int kernel) {
 static double units(const struct job *job, int kernel, const char **out_name) {
     const struct round *last = &job->round[job->settings->rounds - 1];
     *out_name = "rays";
-    if (kernel == BENCH_DIRECT || kernel == BENCH_TRACE_ENDS) return (double)last->rays[kernel];
+    if (kernel == BENCH_DIRECT || kernel == BENCH_TRACE_BOUNCES) return (double)last->rays[kernel];
     *out_name = "ends";
     if (kernel == BENCH_GATHER) return (double)last->rays[1] * (double)job->settings->bounces;
     *out_name = "texels";

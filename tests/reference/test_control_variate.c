@@ -153,7 +153,7 @@ static void test_noise_is_left(void **state) {
     room_finish(&lit.s);
 }
 
-/* What differs along a plane is in no doubt; the edge of a shadow is. */
+/* What differs along a plane has no standard error; the edge of a shadow is. */
 static void test_direct_light(void **state) {
     (void)state;
     struct lit lit;
@@ -191,7 +191,7 @@ static void test_packets_that_differ(void **state) {
     struct lw_vec3 off[LW_TRACE_WIDTH];
     light_room(&lit);
     for (int differ = 0; differ < 2; differ++) {
-        float doubt = 0;
+        float standard_error = 0;
         lit.block->change.direct = lw_change_all_packets(lit.block);
         lit.block->noise[LW_TILES_DIRECT] = 0;
         for (uint32_t set = 0; set < lit.block->packet_count; set++) {
@@ -202,10 +202,10 @@ static void test_packets_that_differ(void **state) {
         }
         lw_control_variate_note_error(lit.tile);
         for (uint32_t set = 0; set < lit.block->packet_count; set++)
-            doubt += lit.block->change.packet[set].direct_error;
+            standard_error += lit.block->change.packet[set].direct_error;
         const double variance = differ ? 0.01 : 0; /* of 0 and 0.2 */
-        if (fabs((double)doubt / texels(&lit) - variance) > 0.1 * variance + 1e-6)
-            fail_msg("%g W/m^2 in doubt", sqrt((double)doubt / texels(&lit)));
+        if (fabs((double)standard_error / texels(&lit) - variance) > 0.1 * variance + 1e-6)
+            fail_msg("%g W/m^2 of standard error", sqrt((double)standard_error / texels(&lit)));
     }
     room_finish(&lit.s);
 }
@@ -229,11 +229,11 @@ static void test_what_may_be_missed(void **state) {
             }
         }
         lw_control_variate_note_error(lit.tile);
-        const float doubt = lit.block->change.packet[0].direct_error / LW_TRACE_WIDTH;
+        const float standard_error = lit.block->change.packet[0].direct_error / LW_TRACE_WIDTH;
         if (noisy)
-            assert_true(doubt > 0.02f && doubt < 0.04f);
+            assert_true(standard_error > 0.02f && standard_error < 0.04f);
         else
-            assert_true(doubt == 0);
+            assert_true(standard_error == 0);
     }
     room_finish(&lit.s);
 }

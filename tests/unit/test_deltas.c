@@ -90,13 +90,13 @@ struct fixture {
     struct lw_transcoder *transcoder;
     struct lw_deltas deltas;
     pthread_mutex_t mutex;
-    bool woken;
+    bool called;
 };
 
 static void note_wake(void *context) {
     struct fixture *f = context;
     pthread_mutex_lock(&f->mutex);
-    f->woken = true;
+    f->called = true;
     pthread_mutex_unlock(&f->mutex);
 }
 
@@ -165,7 +165,7 @@ static void wait_until_made(struct fixture *f) {
     for (uint64_t end_ns = lw_clock_ns() + 60000000000ull; !lw_deltas_collect(&f->deltas); usleep(100))
         assert_true(lw_clock_ns() < end_ns);
     pthread_mutex_lock(&f->mutex);
-    assert_true(f->woken);
+    assert_true(f->called);
     pthread_mutex_unlock(&f->mutex);
 }
 
