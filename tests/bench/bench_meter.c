@@ -12,8 +12,9 @@
 #include <omp.h>
 #include <stdatomic.h>
 
-const char *const bench_kernel_name[BENCH_KERNELS] = {
-    "direct", "trace bounces", "gather", "radiate", "finish", "denoise", "weld", "gutters", "levels", "encode"};
+const char *const bench_kernel_name[BENCH_KERNELS] = {"direct", "trace bounces", "gather", "radiate",
+                                                      "finish", "denoise",       "weld",   "gutters",
+                                                      "levels", "encode"};
 
 #define NONE BENCH_KERNELS
 

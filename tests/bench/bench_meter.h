@@ -36,7 +36,7 @@ struct bench_meter_frame {
 };
 
 /** Every stride-th tile's calls of the two passes are timed apart or, with replays, recorded.
- * replay   [0]: direct, [1]: trace ends; each an array, one for each thread; or {NULL, NULL} */
+ * replay   [0]: direct, [1]: trace bounces; each an array, one for each thread; or {NULL, NULL} */
 struct bench_meter_desc {
     uint32_t stride;
     struct lw_trace_replay **replay[2];
