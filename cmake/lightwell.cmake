@@ -98,6 +98,11 @@ if(LW_SANITIZE)
   math(EXPR LW_TEST_TIMEOUT "4 * ${LW_TEST_TIMEOUT}") # instrumented code is slower
 endif()
 
+# The tests of one label, as targets.
+foreach(label unit golden reference integration threaded)
+  add_custom_target(${label}_tests)
+endforeach()
+
 # lw_test(LABEL NAME LIBS ... [WRAP symbols] [COST seconds] [THREADED] [LONG]): tests/LABEL/NAME.c with cmocka, one process,
 # a ctest entry with a time limit. WRAP names functions that the test replaces (__wrap_x, __real_x). COST says about how long
 # it takes if that is long: such tests start first. THREADED also runs it under ThreadSanitizer (label `threaded`). LONG: with
@@ -110,6 +115,9 @@ function(lw_test label name)
   endif()
   add_executable(${name} ${name}.c)
   target_link_libraries(${name} PRIVATE lw_flags lw_test_support ${arg_LIBS} cmocka::cmocka)
+  foreach(each IN LISTS labels)
+    add_dependencies(${each}_tests ${name})
+  endforeach()
   foreach(symbol IN LISTS arg_WRAP)
     target_link_options(${name} PRIVATE -Wl,--wrap=${symbol})
   endforeach()
@@ -142,5 +150,6 @@ function(lw_fuzzer name)
     add_test(NAME ${name} COMMAND ${name} ${corpus})
   endif()
   set_tests_properties(${name} PROPERTIES LABELS unit TIMEOUT ${LW_TEST_TIMEOUT})
+  add_dependencies(unit_tests ${name})
   lw_test_environment(${name})
 endfunction()

@@ -22,7 +22,7 @@ run_tests() {
 }
 
 fast='^(unit|golden|reference|integration)$'
-short_rays='^test_(trace|transport|direct|bounces|packets|burial|probes|hybrid|compose|gbuffer|svgf|camera|path_trace|view)$'
+short_rays='^test_(trace|transport|direct|bounces|packets|invalid_texels|probes|hybrid|compose|gbuffer|svgf|camera|path_trace|view)$'
 
 # with_each_isa CTEST-ARGUMENTS...: the release build's tests with every instruction set but the default one
 with_each_isa() {
@@ -40,22 +40,25 @@ with_each_isa() {
     done
 }
 
+# compile_with COMPILER FLAGS
 compile_with() {
     local compiler=$1
-    cmake --preset release -B "build/$compiler" -DCMAKE_C_COMPILER="$compiler" -DLW_WERROR=ON --log-level=WARNING
+    cmake --preset release -B "build/$compiler" -DCMAKE_C_COMPILER="$compiler" -DCMAKE_C_FLAGS_RELEASE="$2" \
+        -DLW_WERROR=ON --log-level=WARNING
     cmake --build "build/$compiler" --parallel "$jobs"
 }
 
 for stage in "$@"; do
     echo "check: $stage"
     case $stage in
-    gcc | clang) compile_with "$stage" ;;
+    gcc) compile_with gcc '-O3 -g1' ;; # it tells some of its warnings by what it optimises
+    clang) compile_with clang -O0 ;;
     dev)
-        scripts/build.sh dev
+        scripts/build.sh dev programs unit_tests golden_tests
         run_tests dev -L '^(unit|golden)$'
         ;;
     tsan)
-        scripts/build.sh tsan
+        scripts/build.sh tsan programs threaded_tests
         run_tests tsan -L '^threaded$'
         ;;
     arm64)
