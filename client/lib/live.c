@@ -1,10 +1,11 @@
-#include "client/lib/live.h"
+#include "client/lib/live_error.h"
+#include "client/lib/live_scene.h"
+#include "client/lib/live_state.h"
 
 #include "common/clock.h"
 
 #include <errno.h>
 #include <poll.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -41,92 +42,6 @@ const char *lw_live_status_text(enum lw_live_status status) {
 }
 
 const char *lw_live_version(void) { return LW_VERSION; }
-
-static enum lw_live_status public_status(enum lw_status status) {
-    switch (status) {
-    case LW_OK:
-        return LW_LIVE_OK;
-    case LW_USAGE:
-        return LW_LIVE_USAGE;
-    case LW_BAD_DATA:
-        return LW_LIVE_BAD_DATA;
-    case LW_NO_HOST:
-        return LW_LIVE_NO_HOST;
-    case LW_UNAVAILABLE:
-        return LW_LIVE_UNAVAILABLE;
-    case LW_NO_MEMORY:
-        return LW_LIVE_NO_MEMORY;
-    case LW_OS:
-        return LW_LIVE_SYSTEM;
-    case LW_TIMED_OUT:
-        return LW_LIVE_TIMED_OUT;
-    case LW_PROTOCOL:
-        return LW_LIVE_PROTOCOL;
-    case LW_CLOSED:
-        return LW_LIVE_CLOSED;
-    case LW_NOT_ALLOWED:
-        return LW_LIVE_NOT_ALLOWED;
-    default:
-        return LW_LIVE_INTERNAL;
-    }
-}
-
-enum lw_live_status lw_live_fail(struct lw_live_error *err, enum lw_live_status status, const char *format,
-                                 ...) {
-    if (!err) return status;
-    va_list args;
-    va_start(args, format);
-    vsnprintf(err->text, sizeof err->text, format, args);
-    va_end(args);
-    lw_status_one_line(err->text);
-    err->status = status;
-    return status;
-}
-
-enum lw_live_status lw_live_pass(struct lw_live_error *err, enum lw_status status,
-                                 const struct lw_error *cause) {
-    if (status == LW_OK) return LW_LIVE_OK;
-    return lw_live_fail(err, public_status(status), "%s",
-                        cause && cause->status != LW_OK ? cause->text : lw_status_text(status));
-}
-
-/* ---- structs from outside: the first version of each is the smallest there is ---- */
-
-static size_t size_in(const void *outside) {
-    size_t size = 0;
-    if (outside) memcpy(&size, outside, sizeof size);
-    return size;
-}
-
-bool lw_live_read_struct(void *dst, size_t dst_size, const void *src) {
-    const size_t size = size_in(src);
-    if (size < dst_size) return false;
-    memcpy(dst, src, dst_size);
-    return true;
-}
-
-bool lw_live_write_struct(void *dst, void *src, size_t src_size) {
-    const size_t size = size_in(dst);
-    if (size < src_size) return false;
-    memcpy(src, &size, sizeof size);
-    memcpy(dst, src, src_size);
-    return true;
-}
-
-/* ---- the lock ---- */
-
-void lw_live_lock(const struct lw_live *live) {
-    struct lw_live *l = (struct lw_live *)live;
-    if (!l->has_thread) return;
-    pthread_mutex_lock(&l->turn);
-    pthread_mutex_lock(&l->data);
-    pthread_mutex_unlock(&l->turn);
-}
-
-void lw_live_unlock(const struct lw_live *live) {
-    struct lw_live *l = (struct lw_live *)live;
-    if (l->has_thread) pthread_mutex_unlock(&l->data);
-}
 
 static enum lw_status init_lock(struct lw_live *live) {
     pthread_condattr_t attributes;
@@ -318,7 +233,7 @@ static enum lw_status open_client(struct lw_live *live, const struct lw_live_des
 /* As it was before it had a token and ca_file. */
 static bool read_first_desc(struct lw_live_desc *dst, const struct lw_live_desc *src) {
     const size_t size = offsetof(struct lw_live_desc, token);
-    return size_in(src) == size && lw_live_read_struct(dst, size, src);
+    return lw_live_struct_size(src) == size && lw_live_read_struct(dst, size, src);
 }
 
 enum lw_live_status lw_live_open(const struct lw_live_desc *desc, struct lw_live **out_live,
@@ -445,7 +360,8 @@ enum lw_live_status lw_live_want_views(struct lw_live *live, const struct lw_liv
         return lw_live_fail(err, LW_LIVE_USAGE, "%zu views: there may be %u", count, LW_LIVE_VIEWS_MAX);
     memset(views, 0, sizeof views); /* compared byte by byte */
     for (size_t i = 0; i < count; i++) {
-        if (!lw_live_read_struct(&views[i], sizeof views[i], (const char *)view + i * size_in(view)))
+        if (!lw_live_read_struct(&views[i], sizeof views[i],
+                                 (const char *)view + i * lw_live_struct_size(view)))
             return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_view %zu: struct_size is not sizeof *view", i);
         if (!views[i].width || !views[i].height)
             return lw_live_fail(err, LW_LIVE_USAGE, "view %zu has no pixels", i);
@@ -540,7 +456,7 @@ enum lw_live_status lw_live_change(struct lw_live *live, const struct lw_live_ch
     enum lw_live_status result = LW_LIVE_OK;
     for (size_t i = 0; i < count && result == LW_LIVE_OK; i++) {
         struct lw_live_change c;
-        if (!lw_live_read_struct(&c, sizeof c, (const char *)change + i * size_in(change))) {
+        if (!lw_live_read_struct(&c, sizeof c, (const char *)change + i * lw_live_struct_size(change))) {
             result =
                 lw_live_fail(err, LW_LIVE_USAGE, "lw_live_change %zu: struct_size is not sizeof *change", i);
             continue;
@@ -563,7 +479,7 @@ enum lw_live_status lw_live_change(struct lw_live *live, const struct lw_live_ch
 
 int lw_live_next_answer(struct lw_live *live, struct lw_live_answer *out_answer) {
     struct lw_live_answer answer = {0};
-    if (!live || size_in(out_answer) < sizeof answer) return 0;
+    if (!live || lw_live_struct_size(out_answer) < sizeof answer) return 0;
     lw_live_lock(live);
     const bool any = lw_client_next_answer(live->client, &live->answer);
     lw_live_unlock(live);

@@ -1,4 +1,6 @@
-#include "client/lib/live.h"
+#include "client/lib/live_scene.h"
+
+#include "client/lib/live_error.h"
 
 #include <float.h>
 #include <stdlib.h>

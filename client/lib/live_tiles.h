@@ -1,5 +1,5 @@
-/* live_tiles.h: which tiles an engine has not read since they changed, and texels in its formats.
- * Flow:    replica -> [live_tiles] -> lw_live_take_dirty(), lw_live_read()
+/* live_tiles.h: which tiles an engine has not read since they changed, and from where each is read.
+ * Flow:    replica -> [live_tiles] -> live_texels -> lw_live_take_dirty(), lw_live_read()
  * Threads: one thread at a time. */
 #ifndef LIGHTWELL_LIVE_TILES_H
 #define LIGHTWELL_LIVE_TILES_H
@@ -25,9 +25,17 @@ void lw_live_tiles_finish(struct lw_live_tiles *tiles);
 /** A tile has changed: it is dirty, and so is each finer one that is read from it. */
 void lw_live_tiles_mark(struct lw_live_tiles *tiles, lw_tile_id tile);
 
+/** As lw_live_take_dirty(). */
+size_t lw_live_tiles_take(struct lw_live_tiles *tiles, uint32_t object, uint32_t level, uint64_t texels_max,
+                          struct lw_live_rect *out_rect, size_t capacity);
+
 /** Whether a rectangle lies within a level. Errors: LW_LIVE_USAGE. */
 enum lw_live_status lw_live_tiles_check(const struct lw_live_tiles *tiles, const struct lw_live_rect *rect,
                                         struct lw_live_error *err);
+
+/** The tile of a coarser level, or of its own, that covers one. */
+lw_tile_id lw_live_tiles_cover(const struct lw_live_tiles *tiles, const struct lw_tile_place *place,
+                               uint32_t level);
 
 /** The level that a tile is read from: its own or a coarser one; UINT32_MAX: none has arrived. */
 uint32_t lw_live_tiles_source(const struct lw_live_tiles *tiles, lw_tile_id tile);

@@ -172,7 +172,7 @@ struct split {
     float promise[LW_LIGHT_TREE_GROUPS_MAX]; /* of groups that can be split; 0 of others */
 };
 
-static void put(struct split *s, uint32_t at, uint32_t node, float promise) {
+static void put_node(struct split *s, uint32_t at, uint32_t node, float promise) {
     s->group[at] = node;
     s->promise[at] = s->tree->node[node].light == UINT32_MAX ? promise : 0;
 }
@@ -186,12 +186,12 @@ static bool tell_apart(struct split *s, uint32_t at, uint32_t most) {
                 gives_right = importance(&s->tree->node[right], &s->place);
     if (gives_left > 0 && gives_right > 0) {
         if (s->count == most) return false;
-        put(s, at, left, gives_left);
-        put(s, s->count++, right, gives_right);
+        put_node(s, at, left, gives_left);
+        put_node(s, s->count++, right, gives_right);
     } else if (gives_left > 0) {
-        put(s, at, left, gives_left);
+        put_node(s, at, left, gives_left);
     } else if (gives_right > 0) {
-        put(s, at, right, gives_right);
+        put_node(s, at, right, gives_right);
     } else {
         s->count--;
         s->group[at] = s->group[s->count];
@@ -206,7 +206,7 @@ uint32_t lw_light_tree_split(const struct lw_light_tree *tree, uint32_t group,
     assert(most > 0 && most <= LW_LIGHT_TREE_GROUPS_MAX);
     const float promise = importance(&tree->node[group], &s.place);
     if (!(promise > 0)) return 0;
-    put(&s, s.count++, group, promise);
+    put_node(&s, s.count++, group, promise);
     for (;;) {
         uint32_t best = 0;
         for (uint32_t i = 1; i < s.count; i++)

@@ -405,6 +405,26 @@ static enum lw_status open_buffer(struct lw_gltf_document *document, uint32_t in
     return LW_OK;
 }
 
+/* Where a compressed view's stream is. */
+static enum lw_status read_compressed(const struct lw_gltf_document *document, const json_t *extension,
+                                      struct lw_gltf_bytes *out, struct lw_error *err) {
+    uint32_t buffer = 0;
+    uint64_t offset = 0, size = 0;
+    if (lw_gltf_json_require(extension, "buffer", err) ||
+        lw_gltf_document_index(document, extension, "buffer", LW_GLTF_BUFFERS, &buffer, err) ||
+        lw_gltf_json_integer(extension, "byteOffset", 0, LW_GLTF_FILE_SIZE_MAX, &offset, err) ||
+        lw_gltf_json_require(extension, "byteLength", err) ||
+        lw_gltf_json_integer(extension, "byteLength", 1, LW_GLTF_FILE_SIZE_MAX, &size, err))
+        return err->status;
+    const struct lw_gltf_bytes *source = &document->buffer[buffer];
+    if (!source->data)
+        return lw_status_fail(err, LW_BAD_DATA, "buffer: buffers[%u] is a fallback and has no bytes", buffer);
+    if (offset > source->size || size > source->size - offset)
+        return lw_status_fail(err, LW_BAD_DATA, "reaches past the end of buffers[%u]", buffer);
+    *out = (struct lw_gltf_bytes){source->data + offset, size};
+    return LW_OK;
+}
+
 static enum lw_status open_compressed_view(struct lw_gltf_document *document, uint32_t index,
                                            const json_t *extension, uint64_t size, uint64_t *total,
                                            struct lw_error *err) {
@@ -414,7 +434,10 @@ static enum lw_status open_compressed_view(struct lw_gltf_document *document, ui
         return lw_status_fail(err, LW_BAD_DATA,
                               "the buffers together, decompressed, have more than %llu bytes",
                               (unsigned long long)LW_GLTF_BUFFERS_SIZE_MAX);
-    if (lw_gltf_meshopt_decode(document, extension, size, &document->view_storage[index], &stride, err)) {
+    struct lw_gltf_bytes source = {0};
+    if (read_compressed(document, extension, &source, err) ||
+        lw_gltf_meshopt_decode(extension, source.data, source.size, size, &document->view_storage[index],
+                               &stride, err)) {
         lw_status_context(err, "EXT_meshopt_compression");
         return err->status;
     }

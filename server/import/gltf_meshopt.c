@@ -19,7 +19,8 @@ enum filter { FILTER_NONE, FILTER_OCTAHEDRAL, FILTER_QUATERNION, FILTER_EXPONENT
 static const char *const filter_name[FILTER_COUNT] = {"NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL"};
 
 struct stream {
-    struct lw_gltf_bytes bytes;
+    const uint8_t *data;
+    size_t size;
     uint64_t count, stride;
     unsigned mode, filter;
 };
@@ -28,25 +29,6 @@ static unsigned find_name(const char *const *names, unsigned count, const char *
     unsigned i = 0;
     while (i < count && strcmp(names[i], name) != 0) i++;
     return i;
-}
-
-static enum lw_status read_source(const struct lw_gltf_document *document, const json_t *extension,
-                                  struct lw_gltf_bytes *out, struct lw_error *err) {
-    uint32_t buffer = 0;
-    uint64_t offset = 0, size = 0;
-    if (lw_gltf_json_require(extension, "buffer", err) ||
-        lw_gltf_document_index(document, extension, "buffer", LW_GLTF_BUFFERS, &buffer, err) ||
-        lw_gltf_json_integer(extension, "byteOffset", 0, LW_GLTF_FILE_SIZE_MAX, &offset, err) ||
-        lw_gltf_json_require(extension, "byteLength", err) ||
-        lw_gltf_json_integer(extension, "byteLength", 1, LW_GLTF_FILE_SIZE_MAX, &size, err))
-        return err->status;
-    const struct lw_gltf_bytes *source = &document->buffer[buffer];
-    if (!source->data)
-        return lw_status_fail(err, LW_BAD_DATA, "buffer: buffers[%u] is a fallback and has no bytes", buffer);
-    if (offset > source->size || size > source->size - offset)
-        return lw_status_fail(err, LW_BAD_DATA, "reaches past the end of buffers[%u]", buffer);
-    *out = (struct lw_gltf_bytes){source->data + offset, size};
-    return LW_OK;
 }
 
 /* What the extension demands of strides and counts, and the decoders assert. */
@@ -68,14 +50,14 @@ static enum lw_status check_layout(const struct stream *stream, uint64_t size, s
     if (stream->count * stream->stride != size)
         return lw_status_fail(err, LW_BAD_DATA, "count x byteStride is %llu bytes, the view has %llu",
                               (unsigned long long)(stream->count * stream->stride), (unsigned long long)size);
-    if (size / RATIO_MAX > stream->bytes.size)
-        return lw_status_fail(err, LW_BAD_DATA, "byteLength: %zu bytes cannot hold %llu", stream->bytes.size,
+    if (size / RATIO_MAX > stream->size)
+        return lw_status_fail(err, LW_BAD_DATA, "byteLength: %zu bytes cannot hold %llu", stream->size,
                               (unsigned long long)size);
     return LW_OK;
 }
 
 static enum lw_status check_version(const struct stream *stream, struct lw_error *err) {
-    uint8_t first = stream->bytes.data[0];
+    uint8_t first = stream->data[0];
     if ((first & 0xf0) != mode_magic[stream->mode])
         return lw_status_fail(err, LW_BAD_DATA, "mode: the stream is none of %s", mode_name[stream->mode]);
     if ((first & 0x0fu) > version_max[stream->mode])
@@ -85,10 +67,10 @@ static enum lw_status check_version(const struct stream *stream, struct lw_error
     return LW_OK;
 }
 
-static enum lw_status open_stream(const struct lw_gltf_document *document, const json_t *extension,
-                                  uint64_t size, struct stream *out, struct lw_error *err) {
+static enum lw_status open_stream(const json_t *extension, uint64_t size, struct stream *out,
+                                  struct lw_error *err) {
     const char *mode = "", *filter = "NONE";
-    if (read_source(document, extension, &out->bytes, err) || lw_gltf_json_require(extension, "count", err) ||
+    if (lw_gltf_json_require(extension, "count", err) ||
         lw_gltf_json_integer(extension, "count", 1, COUNT_MAX, &out->count, err) ||
         lw_gltf_json_require(extension, "byteStride", err) ||
         lw_gltf_json_integer(extension, "byteStride", 1, STRIDE_MAX, &out->stride, err) ||
@@ -110,13 +92,13 @@ static bool decode(const struct stream *stream, uint8_t *out) {
     int failed = 0;
     switch (stream->mode) {
     case MODE_ATTRIBUTES:
-        failed = meshopt_decodeVertexBuffer(out, count, stride, stream->bytes.data, stream->bytes.size);
+        failed = meshopt_decodeVertexBuffer(out, count, stride, stream->data, stream->size);
         break;
     case MODE_TRIANGLES:
-        failed = meshopt_decodeIndexBuffer(out, count, stride, stream->bytes.data, stream->bytes.size);
+        failed = meshopt_decodeIndexBuffer(out, count, stride, stream->data, stream->size);
         break;
     default:
-        failed = meshopt_decodeIndexSequence(out, count, stride, stream->bytes.data, stream->bytes.size);
+        failed = meshopt_decodeIndexSequence(out, count, stride, stream->data, stream->size);
         break;
     }
     if (failed) return false;
@@ -126,17 +108,17 @@ static bool decode(const struct stream *stream, uint8_t *out) {
     return true;
 }
 
-enum lw_status lw_gltf_meshopt_decode(const struct lw_gltf_document *document, const json_t *extension,
+enum lw_status lw_gltf_meshopt_decode(const json_t *extension, const uint8_t *data, size_t data_size,
                                       uint64_t size, uint8_t **out_storage, size_t *out_stride,
                                       struct lw_error *err) {
-    struct stream stream = {0};
-    if (open_stream(document, extension, size, &stream, err)) return err->status;
+    struct stream stream = {.data = data, .size = data_size};
+    if (open_stream(extension, size, &stream, err)) return err->status;
     uint8_t *storage = malloc(size);
     if (!storage)
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory for %llu bytes", (unsigned long long)size);
     if (!decode(&stream, storage)) {
         free(storage);
-        return lw_status_fail(err, LW_BAD_DATA, "its stream of %zu bytes is corrupt", stream.bytes.size);
+        return lw_status_fail(err, LW_BAD_DATA, "its stream of %zu bytes is corrupt", stream.size);
     }
     *out_storage = storage;
     *out_stride = stream.mode == MODE_ATTRIBUTES ? stream.stride : 0;

@@ -1,7 +1,7 @@
 /* liblightwell as an engine uses it, on a real lightwelld. */
 #include "tests/support/process.h"
 
-#include "client/lib/live.h"
+#include "client/lib/live_state.h"
 #include "common/clock.h"
 #include "common/sanitizer.h"
 

@@ -1,27 +1,53 @@
 #include "server/solve/adapt/scheduler.h"
 
-#include "common/clock.h"
-#include "server/solve/adapt/control_variate.h"
-#include "server/solve/adapt/estimates.h"
-#include "server/solve/adapt/gradient.h"
-#include "server/solve/adapt/verify.h"
-#include "server/solve/transport/bounces.h"
+#include "common/random.h"
+#include "server/solve/transport/ray_hit.h"
 
-#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* Of a frame's budget, what goes into verification once a change has been found, and at most before. */
-#define VERIFY_SHARE 0.5
-#define SEARCH_SHARE 1.0
-/* While lights keep moving: what goes into correcting what they light. */
-#define SWEEP_SHARE 0.5
-/* After this many rounds without a stale block, what the last one lights has followed. */
-#define CHANGING_ROUNDS 2u
-/* A converged block whose light has been corrected stays converged up to this many times its target error:
- * less of the light, and it is noisier. */
-#define CONVERGED_FACTOR 1.5f
+/* One texel in this many has its rays counted, in turn. Odd: it goes through all columns of a tile. */
+#define COUNT_ONE_IN 9u
+/* What a ray hit of a tile of interest counts for. */
+#define WEIGHT_INTEREST 256u
+#define WEIGHT_MAX      UINT16_MAX
+/* The share of a tile's importance that its own ray hits get: less with every bounce, as albedos. */
+#define PASSED_ON 0.5f
+/* Frames that the running mean of importance stands for, about. */
+#define IMPORTANCE_FRAMES 8.0f
+/* A tile of less importance lights nothing that can be seen: a thousandth of what a tile
+ * has in a scene all in view. */
+#define IMPORTANCE_MIN 0.001f
+/* Of the coarsest levels of interest; coarser ones are solved as often as these. */
+#define PERIOD_LOG_MAX 3u
+/* Of a frame's budget, what is left for solving at least, however long verification takes. */
+#define SOLVING_SHARE 0.5
+
+static void forget_interest(struct lw_scheduler *scheduler) {
+    free(scheduler->interest);
+    free(scheduler->hits);
+    free(scheduler->weight);
+    free(scheduler->importance);
+    scheduler->interest = NULL;
+    scheduler->hits = NULL;
+    scheduler->importance = NULL;
+    scheduler->weight = NULL;
+}
+
+static bool allocate(struct lw_scheduler *scheduler) {
+    scheduler->interest = calloc((size_t)scheduler->ids + 1, sizeof *scheduler->interest);
+    scheduler->hits = calloc((size_t)scheduler->ids + 1, sizeof *scheduler->hits);
+    scheduler->importance = calloc((size_t)scheduler->ids + 1, sizeof *scheduler->importance);
+    scheduler->weight = calloc((size_t)scheduler->ids + 1, sizeof *scheduler->weight);
+    return scheduler->interest && scheduler->hits && scheduler->importance && scheduler->weight;
+}
+
+static size_t interest_bytes(const struct lw_scheduler *scheduler) {
+    if (!scheduler->interest) return 0;
+    return scheduler->ids * (sizeof *scheduler->interest + sizeof *scheduler->hits +
+                             sizeof *scheduler->importance + sizeof *scheduler->weight);
+}
 
 enum lw_status lw_scheduler_init(struct lw_scheduler *scheduler, uint32_t ids, uint32_t tile_count,
                                  uint32_t indirect_samples) {
@@ -35,346 +61,246 @@ enum lw_status lw_scheduler_init(struct lw_scheduler *scheduler, uint32_t ids, u
 }
 
 void lw_scheduler_finish(struct lw_scheduler *scheduler) {
-    lw_scheduler_forget_interest(scheduler);
+    forget_interest(scheduler);
     free(scheduler->turn);
     scheduler->turn = NULL;
 }
 
 size_t lw_scheduler_memory_bytes(const struct lw_scheduler *scheduler) {
-    return scheduler->tile_count * sizeof *scheduler->turn + lw_scheduler_interest_bytes(scheduler);
+    return scheduler->tile_count * sizeof *scheduler->turn + interest_bytes(scheduler);
 }
 
-/* ---- order: interest before its contributors, near to what has moved before far from it ---- */
-
-static void add_places(struct lw_scheduler *scheduler, struct lw_vec3 was, struct lw_vec3 is) {
-    if (scheduler->place_count + 2 > LW_SCHEDULER_PLACES_MAX) return;
-    scheduler->place_ws[scheduler->place_count++] = was;
-    scheduler->place_ws[scheduler->place_count++] = is;
-}
-
-static void note_places(struct lw_scheduler *scheduler, struct lw_tiles *tiles, const struct lw_scene *scene,
-                        const struct lw_pose *was, const struct lw_pose *is) {
-    uint32_t last = UINT32_MAX;
-    scheduler->place_count = 0;
-    for (uint32_t i = 0; i < scene->light_count; i++)
-        if (scene->light[i].kind != LW_LIGHT_DIRECTIONAL &&
-            memcmp(&was->light[i], &is->light[i], sizeof *is->light) != 0)
-            add_places(scheduler, was->light[i].position_ws, is->light[i].position_ws);
-    for (uint32_t i = 0; i < tiles->count; i++) {
-        struct lw_solve_tile *tile = &tiles->tile[i];
-        const uint32_t object = tile->object;
-        tile->unverified = true;
-        tile->moved = lw_pose_object_differs(was, is, object);
-        if (object == last || !tile->moved) continue;
-        last = object;
-        add_places(scheduler, lw_affine_point(&was->object_to_world[object], tile->centre_os),
-                   lw_affine_point(&is->object_to_world[object], tile->centre_os));
+enum lw_status lw_scheduler_set_interest(struct lw_scheduler *scheduler, const uint8_t *interest) {
+    if (!interest) {
+        scheduler->scope = LW_SCHEDULER_EVERYTHING;
+        return LW_OK;
     }
-}
-
-/* The tile of the least rank is verified first. */
-static float rank_of(const struct lw_scheduler *scheduler, const struct lw_solve_tile *tile) {
-    float distance = scheduler->place_count ? INFINITY : 0;
-    for (uint32_t k = 0; k < scheduler->place_count; k++)
-        distance = fminf(distance, lw_vec3_length(lw_vec3_sub(tile->centre_ws, scheduler->place_ws[k])) -
-                                       tile->radius_m);
-    const bool looked_at = lw_scheduler_is_of_interest(scheduler, tile);
-    return (tile->moved ? -1 : fmaxf(distance, 0)) + (looked_at ? 0 : FLT_MAX / 2);
-}
-
-static int compare_turns(const void *a, const void *b) {
-    const struct lw_scheduler_turn *x = a, *y = b;
-    return x->rank != y->rank ? (x->rank > y->rank) - (x->rank < y->rank)
-                              : (x->tile > y->tile) - (x->tile < y->tile);
-}
-
-/* By rank if not all may be verified in this frame and some tile is yet to be; else as the tiles stand. */
-static void sort_tiles(struct lw_scheduler *scheduler, const struct lw_tiles *tiles, bool limited) {
-    bool any = false;
-    for (uint32_t i = 0; limited && i < tiles->count; i++)
-        any |= tiles->tile[i].contributes && tiles->tile[i].unverified;
-    for (uint32_t i = 0; i < tiles->count; i++)
-        scheduler->turn[i] = (struct lw_scheduler_turn){any ? rank_of(scheduler, &tiles->tile[i]) : 0, i};
-    if (any) qsort(scheduler->turn, tiles->count, sizeof *scheduler->turn, compare_turns);
-}
-
-/* ---- movement ---- */
-
-void lw_scheduler_move(struct lw_scheduler *scheduler, struct lw_tiles *tiles, const struct lw_scene *scene,
-                       const struct lw_pose *was, const struct lw_pose *is, bool shines) {
-    note_places(scheduler, tiles, scene, was, is);
-    scheduler->moves++;
-    if (shines) scheduler->light_moves = scheduler->moves;
-    if (scheduler->moves == 1 || scheduler->frames_since_move > LW_SCHEDULER_STILL_FRAMES) {
-        scheduler->began = scheduler->moves;
-        scheduler->shone = shines;
+    if (!scheduler->interest && !allocate(scheduler)) {
+        forget_interest(scheduler);
+        return LW_NO_MEMORY;
     }
-    scheduler->frames_since_move = 0;
+    memcpy(scheduler->interest, interest, scheduler->ids);
+    scheduler->scope = LW_SCHEDULER_NOTHING;
+    for (uint32_t id = 0; id < scheduler->ids; id++)
+        if (interest[id]) scheduler->scope = LW_SCHEDULER_TILES;
+    return LW_OK;
 }
 
-void lw_scheduler_resume(struct lw_scheduler *scheduler, uint32_t moves, uint32_t frames_since_move) {
-    scheduler->moves = moves;
-    scheduler->frames_since_move = frames_since_move;
-    scheduler->unchanged_rounds = CHANGING_ROUNDS + 1;
+/* Frames from one solve of a contributor to the next. */
+static uint32_t contributor_period(float importance) {
+    return importance >= 2 ? 2 : importance >= 0.5f ? 4 : importance >= 0.125f ? 8 : LW_SCHEDULER_PERIOD_MAX;
 }
 
-/* What follows from a movement need not wait for its turn. */
-static bool is_at_once(const struct lw_scheduler_frame *frame) { return frame->mode != LW_SCHEDULER_STEADY; }
-
-/* ---- what is found ---- */
-
-void lw_scheduler_sum_invalidated(struct lw_solve_tile *tile) {
-    double square = 0;
-    tile->invalidated_count = 0;
-    tile->invalidated = false;
-    LW_TILES_EACH_BLOCK (tile, block) {
-        const double share = fmin(1, (double)block->change.strength);
-        tile->invalidated |= lw_gradient_is_invalidated(&block->change);
-        if (!lw_gradient_is_strong(&block->change)) continue;
-        square += share * share * block->covered_count;
-        tile->invalidated_count += block->covered_count;
-    }
-    tile->priority = tile->invalidated_count ? (float)(square / tile->invalidated_count) : 0;
+/* What its rays count for, when it is solved once in `period` frames: in the mean its own importance.
+ * (Counted for more, tiles of no interest would keep each other important.) */
+static uint16_t contributor_weight(float importance, uint32_t period) {
+    return (uint16_t)fminf(PASSED_ON * importance * (float)(WEIGHT_INTEREST * period), WEIGHT_MAX);
 }
 
-/* After the comparison: corrects indirect light of a tile, and judges again what was corrected. */
-static void take_over(const struct lw_scheduler_frame *frame, struct lw_solve_tile *tile) {
-    const struct lw_transport *passes = frame->passes;
-    tile->corrected |= lw_control_variate_indirect(passes->tiles, tile, frame->converged.target_error, true);
-    if (tile->corrected) lw_estimates_judge(passes, tile);
+/* Where tiles of one period would all be due at once, some are each frame; but one
+ * that is too old is at once. */
+static bool is_turn(const struct lw_scheduler *scheduler, const struct lw_solve_tile *tile, uint32_t period) {
+    return scheduler->round - tile->solved_tick >= period ||
+           ((scheduler->round + lw_random_hash(tile->id.v)) & (period - 1)) == 0;
 }
 
-/* ---- where something begins to move, and in turn ---- */
-
-/* Direct light has changed everywhere: all packets are verified about it, so that it need not be solved. */
-static bool verifies_all(const struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame) {
-    return lw_scheduler_mode_is_onset(frame->mode) && scheduler->shone;
+/* A contributor is seen in coarse levels alone, which may be old. It is shown in one
+ * of LW_SCHEDULER_PERIOD_MAX frames, all of an object at once, so that what is
+ * welded together shows together. */
+static bool shows_contributors(const struct lw_scheduler *scheduler, uint32_t object) {
+    return ((scheduler->round + lw_random_hash(object)) & (LW_SCHEDULER_PERIOD_MAX - 1)) == 0;
 }
 
-/* Whether a tile of interest is yet to be verified after the last movement. */
-static bool is_unverified(const struct lw_scheduler *scheduler, const struct lw_tiles *tiles) {
+static void take_importance(struct lw_scheduler *scheduler, const struct lw_tiles *tiles) {
     for (uint32_t i = 0; i < tiles->count; i++) {
         const struct lw_solve_tile *tile = &tiles->tile[i];
-        if (tile->unverified && tile->contributes && lw_scheduler_is_of_interest(scheduler, tile))
+        const float own = (float)tile->covered_count * (float)scheduler->samples *
+                          ((float)WEIGHT_INTEREST / (float)COUNT_ONE_IN);
+        float *importance = &scheduler->importance[tile->id.v];
+        if (own > 0)
+            *importance += ((float)scheduler->hits[tile->id.v] / own - *importance) * (1 / IMPORTANCE_FRAMES);
+    }
+    memset(scheduler->hits, 0, scheduler->ids * sizeof *scheduler->hits);
+}
+
+/* Whether a tile of interest has not converged, or a contributor is stale. */
+static bool is_watched(const struct lw_scheduler *scheduler, const struct lw_tiles *tiles) {
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        const struct lw_solve_tile *tile = &tiles->tile[i];
+        if (tile->state != LW_BLOCK_CONVERGED &&
+            (scheduler->interest[tile->id.v] || (tile->state == LW_BLOCK_STALE && tile->contributes)))
             return true;
     }
     return false;
 }
 
-bool lw_scheduler_is_behind(const struct lw_scheduler *scheduler, const struct lw_tiles *tiles) {
-    return scheduler->shone && is_unverified(scheduler, tiles);
-}
-
-/* A frame's round of questions. */
-struct search {
-    const struct lw_scheduler_frame *frame;
-    uint64_t began_ns;
-    struct lw_gradient_round round;
-    bool begun, found; /* by any worker: a question that there was no time for, a change */
-};
-
-/* Whether there is no time to verify another tile; but one is verified in any case. There should be
- * time to solve what is found. */
-static bool is_time_over(const struct lw_scheduler *scheduler, struct search *search) {
-    const struct lw_scheduler_frame *frame = search->frame;
-    const bool found = __atomic_load_n(&search->found, __ATOMIC_RELAXED);
-    const double budgets = found && !verifies_all(scheduler, frame) ? VERIFY_SHARE : SEARCH_SHARE;
-    return lw_scheduler_mode_is_limited(frame->mode) &&
-           (double)(lw_clock_ns() - search->began_ns) > budgets * frame->budget_s * 1e9 &&
-           __atomic_exchange_n(&search->begun, true, __ATOMIC_RELAXED);
-}
-
-/* Verifies one tile; adds its rays to count. Returns whether its direct light has been corrected. */
-static bool verify_tile(struct search *search, struct lw_solve_tile *tile, struct lw_ray_count *count) {
-    const struct lw_scheduler_frame *frame = search->frame;
-    const float target_error = frame->converged.target_error;
-    bool any = false, more = false;
-    tile->unverified = false;
-    LW_TILES_EACH_BLOCK (tile, block) any |= lw_gradient_choose(block, &search->round);
-    if (!any) return false;
-    const bool direct = tile->corrected = lw_verify_compare(frame->passes, tile, count);
-    LW_TILES_EACH_BLOCK (tile, block) more |= lw_gradient_choose_more(block, target_error, frame->mode);
-    if (more) tile->corrected |= lw_verify_compare(frame->passes, tile, count);
-    take_over(frame, tile);
-    LW_TILES_EACH_BLOCK (tile, block) {
-        if (!block->covered_count) continue;
-        lw_gradient_invalidate(block, target_error, frame->mode);
-        if (tile->corrected && block->error > CONVERGED_FACTOR * target_error &&
-            block->state == LW_BLOCK_CONVERGED && !lw_converged_may(&frame->converged, tile, block))
-            block->state = LW_BLOCK_SAMPLED;
-    }
-    lw_scheduler_sum_invalidated(tile);
-    lw_tiles_sum_up(tile);
-    if (tile->invalidated) __atomic_store_n(&search->found, true, __ATOMIC_RELAXED);
-    return direct;
-}
-
-/* Invalidates converged blocks whose light has changed; at an onset it verifies the others too. */
-static void verify_tiles(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
-                         struct lw_ray_count *count) {
-    struct lw_tiles *tiles = frame->passes->tiles;
-    struct search search = {
-        .frame = frame,
-        .began_ns = lw_clock_ns(),
-        .round = {.moves = scheduler->moves,
-                  .began = scheduler->began,
-                  .light_moves = scheduler->light_moves,
-                  .tick = scheduler->round,
-                  .turn = scheduler->ended,
-                  /* not all were verified */
-                  .active = scheduler->still_rounds <= LW_PACKETS_MAX,
-                  .spreads = is_at_once(frame) && scheduler->passes > 0 && !is_unverified(scheduler, tiles),
-                  .mode = frame->mode}};
-    uint64_t shadow = 0, bounce = 0;
-    bool direct = false;
-    sort_tiles(scheduler, tiles, lw_scheduler_mode_is_limited(frame->mode));
-#pragma omp parallel for schedule(dynamic, 1) num_threads(frame->threads) reduction(+ : shadow, bounce) \
-    reduction(|| : direct)
-    for (uint32_t i = 0; i < tiles->count; i++) {
-        struct lw_solve_tile *tile = &tiles->tile[scheduler->turn[i].tile];
-        struct lw_ray_count of_tile = {0};
-        if (!tile->contributes || (tile->unverified && is_time_over(scheduler, &search))) continue;
-        direct |= verify_tile(&search, tile, &of_tile);
-        shadow += of_tile.shadow;
-        bounce += of_tile.bounce;
-    }
-    count->shadow += shadow;
-    count->bounce += bounce;
-    /* As many as there are bounces, once direct light has changed, and again once
-     * nothing invalidated is left to solve. */
-    scheduler->solved_invalidated |= scheduler->solved_first > 0;
-    if (direct || (scheduler->solved_invalidated && !scheduler->passes && !scheduler->backlog)) {
-        scheduler->passes = tiles->bounces;
-        scheduler->solved_invalidated = false;
-    } else if (search.round.spreads) {
-        scheduler->passes--;
-    }
-}
-
-/* ---- while lights keep moving ---- */
-
-/* Corrects all light of a tile: direct light by new shadow rays, indirect light
- * along the rays that there are. */
-static void correct_tile(const struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
-                         struct lw_solve_tile *tile, struct lw_ray_count *count) {
-    bool any = false;
-    LW_TILES_EACH_BLOCK (tile, block) any |= lw_gradient_choose_all(block, scheduler->moves);
-    if (!any) return;
-    tile->corrected |= lw_verify_compare(frame->passes, tile, count);
-    take_over(frame, tile);
-    LW_TILES_EACH_BLOCK (tile, block) {
-        if (block->state == LW_BLOCK_CONVERGED && block->covered_count)
-            lw_gradient_invalidate(block, frame->converged.target_error, frame->mode);
-        block->change.compare = block->change.direct = 0;
-    }
-    lw_scheduler_sum_invalidated(tile);
-    lw_tiles_sum_up(tile);
-}
-
-/* A round is too long to wait for. A share of each frame goes on through the interest set, until all of it
- * has been corrected since the last movement. */
-static void sweep(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
-                  struct lw_ray_count *count) {
-    const struct lw_tiles *tiles = frame->passes->tiles;
-    const uint64_t until_ns = lw_clock_ns() + (uint64_t)(SWEEP_SHARE * frame->budget_s * 1e9);
-    uint64_t shadow = 0, bounce = 0;
-    scheduler->sweep.ended = false;
-    if (is_at_once(frame)) /* all are verified at once, or solved */
-        scheduler->sweep.moves = scheduler->light_moves;
-    if (scheduler->sweep.next == 0 && scheduler->sweep.moves == scheduler->light_moves) return;
-    if (scheduler->sweep.next == 0) scheduler->sweep.moves = scheduler->light_moves;
-    uint32_t next = scheduler->sweep.next;
-#pragma omp parallel num_threads(frame->threads) reduction(+ : shadow, bounce)
-    for (;;) {
-        const uint32_t i = __atomic_fetch_add(&next, 1, __ATOMIC_RELAXED);
-        struct lw_ray_count of_tile = {0};
-        if (i >= tiles->count) break;
-        struct lw_solve_tile *tile = &tiles->tile[i];
-        if (!tile->contributes || !lw_scheduler_is_of_interest(scheduler, tile)) continue;
-        correct_tile(scheduler, frame, tile, &of_tile);
-        shadow += of_tile.shadow;
-        bounce += of_tile.bounce;
-        if (lw_clock_ns() > until_ns) break;
-    }
-    scheduler->sweep.ended = next >= tiles->count;
-    scheduler->sweep.next = scheduler->sweep.ended ? 0 : next;
-    count->shadow += shadow;
-    count->bounce += bounce;
-}
-
-/* ---- a frame ---- */
-
-static bool is_any_stale(const struct lw_tiles *tiles) {
-    for (uint32_t i = 0; i < tiles->count; i++)
-        if (tiles->tile[i].contributes && tiles->tile[i].state == LW_BLOCK_STALE) return true;
-    return false;
-}
-
-void lw_scheduler_verify(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
-                         struct lw_ray_count *count) {
-    if (scheduler->moves && lw_scheduler_has_interest(scheduler)) {
-        verify_tiles(scheduler, frame, count);
-        sweep(scheduler, frame, count);
-    }
-    if (is_any_stale(frame->passes->tiles) || scheduler->corrected)
-        scheduler->unchanged_rounds = 0;
-    else
-        scheduler->unchanged_rounds += scheduler->ended;
-}
-
-bool lw_scheduler_is_changing(const struct lw_scheduler *scheduler) {
-    return scheduler->moves && scheduler->unchanged_rounds <= CHANGING_ROUNDS;
-}
-
-void lw_scheduler_note_work(struct lw_scheduler *scheduler, bool solves) {
-    scheduler->still_rounds = solves || scheduler->corrected ? 0 : scheduler->still_rounds + scheduler->ended;
-}
-
-void lw_scheduler_weigh(const struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
-                        struct lw_ray_count *count) {
-    struct lw_tiles *tiles = frame->passes->tiles;
-    uint64_t shadow = 0, bounce = 0;
-#pragma omp parallel for schedule(dynamic, 1) num_threads(frame->threads) reduction(+ : shadow, bounce)
+void lw_scheduler_find_contributors(const struct lw_scheduler *scheduler, struct lw_tiles *tiles,
+                                    bool all_contribute) {
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
-        struct lw_ray_count of_tile = {0};
-        bool any = false;
-        LW_TILES_EACH_BLOCK (tile, block)
-            if (block->due && scheduler->moves) any |= lw_gradient_choose_due(block, scheduler->moves);
-        if (any) {
-            (void)lw_verify_compare(frame->passes, tile, &of_tile);
-            (void)lw_control_variate_indirect(tiles, tile, frame->converged.target_error, true);
+        tile->contributes = tile->covered_count && !tile->hidden &&
+                            (lw_scheduler_is_of_interest(scheduler, tile) ||
+                             (scheduler->scope == LW_SCHEDULER_TILES &&
+                              (all_contribute || scheduler->importance[tile->id.v] >= IMPORTANCE_MIN)));
+    }
+}
+
+/* Of a tile that is to be solved: frames until it is solved again; 0: it neither is
+ * of interest nor contributes. */
+static uint32_t period_of(const struct lw_scheduler *scheduler, const struct lw_solve_tile *tile) {
+    if (scheduler->scope == LW_SCHEDULER_EVERYTHING) return 1;
+    const uint32_t interest = scheduler->interest[tile->id.v];
+    if (interest) return 1u << (interest - 1 < PERIOD_LOG_MAX ? interest - 1 : PERIOD_LOG_MAX);
+    return scheduler->watched && tile->contributes ? contributor_period(scheduler->importance[tile->id.v])
+                                                   : 0;
+}
+
+/* Rounds that take many frames must not delay a stale tile by as many frames each. */
+static uint32_t rounds_of(const struct lw_scheduler *scheduler, const struct lw_solve_tile *tile,
+                          uint32_t period) {
+    while (tile->state == LW_BLOCK_STALE && period > 1 &&
+           period * scheduler->frames > LW_SCHEDULER_PERIOD_MAX)
+        period /= 2;
+    return period;
+}
+
+static void begin_round(struct lw_scheduler *scheduler, struct lw_tiles *tiles) {
+    scheduler->round++;
+    scheduler->count = (struct lw_scheduler_count){0};
+    if (scheduler->watched) take_importance(scheduler, tiles);
+    scheduler->watched = scheduler->scope != LW_SCHEDULER_EVERYTHING && is_watched(scheduler, tiles);
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        const uint32_t period = period_of(scheduler, tile);
+        const bool looked_at = lw_scheduler_is_of_interest(scheduler, tile);
+        if (scheduler->scope != LW_SCHEDULER_EVERYTHING)
+            scheduler->weight[tile->id.v] =
+                looked_at ? WEIGHT_INTEREST
+                : period  ? contributor_weight(scheduler->importance[tile->id.v], period)
+                          : 0;
+        if (!tile->covered_count) continue;
+        scheduler->count.interest += looked_at;
+        scheduler->count.contributing += !looked_at && period;
+        tile->waiting = tile->state != LW_BLOCK_CONVERGED &&
+                        (tile->sample_count == 0 ||
+                         (period && is_turn(scheduler, tile, rounds_of(scheduler, tile, period))));
+    }
+    scheduler->frames = 0;
+}
+
+/* What has changed most first: for as many texels it is the most to see. */
+enum rank { INVALIDATED_MOST, INVALIDATED_MORE, INVALIDATED_LESS, INVALIDATED_CONTRIBUTOR, STALE, OTHER };
+/* Mean square of the share of light that has changed. */
+#define MOST 0.25f
+#define MORE 0.0625f
+
+static enum rank rank_of(const struct lw_scheduler *scheduler, const struct lw_solve_tile *tile) {
+    if (!tile->invalidated) return tile->state == LW_BLOCK_STALE ? STALE : OTHER;
+    if (!(tile->priority > 0)) return STALE;
+    if (!lw_scheduler_is_of_interest(scheduler, tile)) return INVALIDATED_CONTRIBUTOR;
+    return tile->priority >= MOST   ? INVALIDATED_MOST
+           : tile->priority >= MORE ? INVALIDATED_MORE
+                                    : INVALIDATED_LESS;
+}
+
+/* Of tiles that wait, takes those of a rank, up to `texels` texels. Of invalidated tiles it takes their
+ * invalidated blocks alone, if time is short. */
+static void take(const struct lw_scheduler *scheduler, struct lw_tiles *tiles, enum rank rank,
+                 uint64_t texels, uint64_t *taken) {
+    const bool only_invalidated = rank < STALE && texels != UINT64_MAX;
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        if (!(tile->waiting || tile->invalidated) || tile->work || tile->state == LW_BLOCK_CONVERGED ||
+            rank_of(scheduler, tile) != rank)
+            continue;
+        const uint32_t count = only_invalidated ? tile->invalidated_count : tile->covered_count;
+        if (!texels || (*taken && *taken + count > texels)) continue;
+        tile->work = only_invalidated ? LW_TILE_WORK_INVALIDATED : LW_TILE_WORK_ALL;
+        *taken += count;
+    }
+}
+
+/* Takes what the frame solves of what waits. */
+static void take_all(const struct lw_scheduler *scheduler, struct lw_tiles *tiles,
+                     struct lw_scheduler_room room) {
+    uint64_t taken = 0;
+    for (uint32_t i = 0; i < tiles->count; i++) tiles->tile[i].work = LW_TILE_WORK_NONE;
+    for (enum rank rank = INVALIDATED_MOST; rank <= INVALIDATED_CONTRIBUTOR; rank++)
+        take(scheduler, tiles, rank, room.invalidated, &taken);
+    take(scheduler, tiles, STALE, room.all, &taken);
+    take(scheduler, tiles, OTHER, room.all, &taken);
+}
+
+struct lw_scheduler_room lw_scheduler_room_in_time(const struct lw_scheduler *scheduler,
+                                                   const struct lw_tiles *tiles,
+                                                   const struct lw_scheduler_frame *frame, double texel_ns,
+                                                   uint64_t verify_ns) {
+    if (!lw_scheduler_mode_is_limited(frame->mode)) return (struct lw_scheduler_room){UINT64_MAX, UINT64_MAX};
+    const double budget_ns = frame->budget_s * 1e9,
+                 left_ns = fmax(budget_ns - (double)verify_ns, SOLVING_SHARE * budget_ns);
+    const uint64_t texels = 1 + (uint64_t)(left_ns / fmax(texel_ns, 1));
+    const bool yields = frame->mode == LW_SCHEDULER_YIELD;
+    bool waits = yields;
+    for (uint32_t i = 0; i < tiles->count && frame->mode == LW_SCHEDULER_ONSET && !waits; i++)
+        waits = scheduler->moves && tiles->tile[i].contributes && tiles->tile[i].unverified;
+    return (struct lw_scheduler_room){yields ? 0 : texels, waits ? 0 : texels};
+}
+
+void lw_scheduler_choose(struct lw_scheduler *scheduler, struct lw_tiles *tiles,
+                         struct lw_scheduler_room room, struct lw_scheduler_count *out_count) {
+    if (scheduler->ended) begin_round(scheduler, tiles);
+    scheduler->frames++;
+    take_all(scheduler, tiles, room);
+    struct lw_scheduler_count count = scheduler->count;
+    scheduler->ended = true;
+    scheduler->backlog = scheduler->solved_first = 0;
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        tile->invalidated &= !tile->work && tile->state != LW_BLOCK_CONVERGED;
+        tile->waiting &= tile->work != LW_TILE_WORK_ALL;
+        scheduler->ended &= !tile->waiting && !tile->invalidated;
+        if (tile->invalidated && STALE - rank_of(scheduler, tile) > scheduler->backlog)
+            scheduler->backlog = STALE - rank_of(scheduler, tile);
+        count.due += tile->work != LW_TILE_WORK_NONE;
+        scheduler->solved_first += tile->work == LW_TILE_WORK_INVALIDATED;
+    }
+    const bool held = scheduler->held == LW_SCHEDULER_HELD,
+               whole = scheduler->ended || (held && !scheduler->solved_first);
+    if (held && whole) scheduler->held = LW_SCHEDULER_RELEASED;
+    if (!held) scheduler->held = LW_SCHEDULER_NOTHING_HELD;
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        const bool in_turn = lw_scheduler_is_of_interest(scheduler, tile) || tile->sample_count == 0 ||
+                             tile->begins || shows_contributors(scheduler, tile->object);
+        /* Once all has converged, all may be seen. */
+        tile->shows = (count.due == 0 && scheduler->ended) ||
+                      (in_turn && (whole || tile->work == LW_TILE_WORK_INVALIDATED));
+    }
+    *out_count = count;
+}
+
+void lw_scheduler_put_off(struct lw_scheduler *scheduler, struct lw_tiles *tiles) {
+    if (scheduler->held != LW_SCHEDULER_NOTHING_HELD) return;
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        if (tile->shows && tile->work != LW_TILE_WORK_INVALIDATED) scheduler->held = LW_SCHEDULER_HELD;
+        tile->shows &= tile->work == LW_TILE_WORK_INVALIDATED;
+    }
+}
+
+void lw_scheduler_note_hits(struct lw_scheduler *scheduler, const struct lw_tiles *tiles,
+                            const struct lw_solve_tile *tile, const uint32_t *ray_hit) {
+    if (!scheduler->watched) return;
+    const uint32_t weight = scheduler->weight[tile->id.v];
+    if (!weight) return;
+    for (uint32_t i = scheduler->round % COUNT_ONE_IN; i < tile->width * tile->height; i += COUNT_ONE_IN) {
+        const uint32_t texel = tile->first + i;
+        if (!tiles->covered[texel]) continue;
+        for (uint32_t s = 0; s < scheduler->samples; s++) {
+            const uint32_t hit = ray_hit[(size_t)texel * scheduler->samples + s];
+            if (hit == LW_RAY_HIT_NOTHING || hit & LW_RAY_HIT_PROBE) continue;
+            __atomic_fetch_add(&scheduler->hits[tiles->block[tiles->block_of_texel[hit]].tile_id], weight,
+                               __ATOMIC_RELAXED);
         }
-        LW_TILES_EACH_BLOCK (tile, block)
-            if (block->due) lw_gradient_weigh_direct(block, scheduler->moves, frame->filtered, frame->mode);
-        shadow += of_tile.shadow;
-        bounce += of_tile.bounce;
-    }
-    count->shadow += shadow;
-    count->bounce += bounce;
-}
-
-void lw_scheduler_pass_on(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame) {
-    const struct lw_tiles *tiles = frame->passes->tiles;
-    uint32_t corrected = 0;
-#pragma omp parallel for schedule(dynamic, 1) num_threads(frame->threads) reduction(+ : corrected)
-    for (uint32_t i = 0; i < tiles->count; i++) {
-        const struct lw_solve_tile *tile = &tiles->tile[i];
-        corrected += tile->corrected;
-        for (uint32_t bounce = 0; tile->corrected && bounce < tiles->bounces; bounce++)
-            lw_bounces_radiate(frame->passes, tile, bounce);
-    }
-    scheduler->corrected = corrected;
-}
-
-void lw_scheduler_show(const struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame) {
-    struct lw_tiles *tiles = frame->passes->tiles;
-    for (uint32_t i = 0; i < tiles->count; i++) {
-        struct lw_solve_tile *tile = &tiles->tile[i];
-        const bool is_to_be_seen = scheduler->sweep.ended || (tile->corrected && is_at_once(frame));
-        bool unseen = false;
-        LW_TILES_EACH_BLOCK (tile, block) unseen |= is_to_be_seen && block->unseen;
-        tile->shows |= unseen && lw_scheduler_is_of_interest(scheduler, tile);
-        tile->corrected = false;
     }
 }

@@ -151,18 +151,12 @@ void lw_scheduler_finish(struct lw_scheduler *scheduler);
 /** Bytes held. */
 size_t lw_scheduler_memory_bytes(const struct lw_scheduler *scheduler);
 
-/* ---- interest (scheduler_rounds.c) ---- */
+/* ---- interest (scheduler.c) ---- */
 
 /** Takes the interest set, from the next choice on. interest: per lw_tile_id, as above; entries that are not
  * of level 0 are not read; NULL: everything. Errors: LW_NO_MEMORY; the scheduler is then as before. */
 LW_MUST_CHECK enum lw_status lw_scheduler_set_interest(struct lw_scheduler *scheduler,
                                                        const uint8_t *interest);
-
-/** Frees what is kept of the interest set. */
-void lw_scheduler_forget_interest(struct lw_scheduler *scheduler);
-
-/** Bytes of that. */
-size_t lw_scheduler_interest_bytes(const struct lw_scheduler *scheduler);
 
 /** Whether there is any interest: else no light matters. */
 static inline bool lw_scheduler_has_interest(const struct lw_scheduler *scheduler) {
@@ -183,7 +177,7 @@ void lw_scheduler_find_contributors(const struct lw_scheduler *scheduler, struct
 void lw_scheduler_note_hits(struct lw_scheduler *scheduler, const struct lw_tiles *tiles,
                             const struct lw_solve_tile *tile, const uint32_t *ray_hit);
 
-/* ---- what a frame solves and shows (scheduler_rounds.c) ---- */
+/* ---- what a frame solves and shows (scheduler.c) ---- */
 
 /** How many texels a frame may solve. Until all tiles are verified after an onset,
  * invalidated blocks alone are solved.
@@ -203,7 +197,7 @@ void lw_scheduler_choose(struct lw_scheduler *scheduler, struct lw_tiles *tiles,
  * invalidated tiles, but not twice. */
 void lw_scheduler_put_off(struct lw_scheduler *scheduler, struct lw_tiles *tiles);
 
-/* ---- what follows from a movement (scheduler.c) ---- */
+/* ---- what follows from a movement (scheduler_moves.c) ---- */
 
 /** Something has moved: the tiles are still at pose `was`. shines: lights differ (lw_lights_differ()). */
 void lw_scheduler_move(struct lw_scheduler *scheduler, struct lw_tiles *tiles, const struct lw_scene *scene,

@@ -1,11 +1,9 @@
-/* live.h: what the parts of liblightwell share: struct lw_live, its lock, and structs of several versions,
- * which are told apart by their size.
- * Flow:    client -> [live: session, live_scene, live_tiles, live_interest] -> lightwell/lightwell.h ->
- *          engine
+/* live_state.h: what the parts of liblightwell share: struct lw_live and its lock.
+ * Flow:    client -> [live_state] <- live, live_scene, live_texels -> lightwell/lightwell.h -> engine
  * Threads: functions here run with the lock, or before and after there are two threads; lw_live_lock() is for
  * [any]. */
-#ifndef LIGHTWELL_LIVE_H
-#define LIGHTWELL_LIVE_H
+#ifndef LIGHTWELL_LIVE_STATE_H
+#define LIGHTWELL_LIVE_STATE_H
 
 #include "client/include/lightwell/lightwell.h"
 #include "client/lib/client.h"
@@ -51,23 +49,5 @@ struct lw_live {
 
 void lw_live_lock(const struct lw_live *live);
 void lw_live_unlock(const struct lw_live *live);
-
-/** Fills in an error; err may be NULL. */
-enum lw_live_status lw_live_fail(struct lw_live_error *err, enum lw_live_status status, const char *format,
-                                 ...) LW_PRINTF(3, 4);
-/** The same of an error of ours. */
-enum lw_live_status lw_live_pass(struct lw_live_error *err, enum lw_status status,
-                                 const struct lw_error *cause);
-
-/** Takes over a struct from outside: what its version lacks is zero. false: no version has its size. */
-bool lw_live_read_struct(void *dst, size_t dst_size, const void *src);
-/** Hands out what the caller's version has of a struct; src's own struct_size is not read. false:
- * likewise. */
-bool lw_live_write_struct(void *dst, void *src, size_t src_size);
-
-/** Prepares what only the scene says. Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_live_scene_init(struct lw_live *live, const struct lw_scene *scene);
-/** A zeroed one is fine. */
-void lw_live_scene_finish(struct lw_live *live);
 
 #endif
