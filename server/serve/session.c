@@ -11,7 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#define LINGER_NS 1000000000u /* from a refusal to the close */
+#define LINGER_NS 1000000000u /* from a refusal to the close, unless the peer was slow to read */
 
 struct lw_session *lw_session_next(const struct lw_session *session) {
     return session->next;
@@ -100,6 +100,7 @@ struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_s
     s->interest.everything = true;
     s->number = ++shared->number;
     s->since_ns = s->looked_ns = s->heard_ns = lw_clock_ns();
+    s->linger_ns = LINGER_NS;
     lw_message_rates_init(&s->rates, s->since_ns);
     link_session(s);
     shared->on_open(shared->server);
@@ -183,6 +184,7 @@ void lw_session_written(struct lw_session *s, int result, bool was_full) {
 }
 
 void lw_session_refuse(struct lw_session *s, enum lw_refusal code, const char *format, ...) {
+    if (code == LW_REFUSAL_SHUTDOWN) s->linger_ns = LINGER_NS; /* of who is leaving, too */
     if (s->state == LW_SESSION_LEAVING || s->state == LW_SESSION_CLOSED) return;
     char *text = s->refusal_text;
     va_list args;
@@ -199,6 +201,7 @@ void lw_session_refuse(struct lw_session *s, enum lw_refusal code, const char *f
     lw_session_count(s->shared, &s->shared->stats.refused, 1);
     s->state = LW_SESSION_LEAVING;
     s->since_ns = lw_clock_ns();
+    s->link->ops->push(s->link);
     lw_blob_unref(s->control);
     s->control = NULL;
     struct lw_message message = {.type = LW_MESSAGE_REFUSAL, .refusal = {code, text, 0}};
@@ -266,6 +269,14 @@ static bool is_stalled(struct lw_session *s, uint64_t now_ns, struct lw_session_
     return now_ns > s->progress_ns && now_ns - s->progress_ns > s->shared->stall_timeout_ns;
 }
 
+/* It may only be slow with what it has: it finds the refusal behind that. Until then the link stays, since
+ * what the peer says to one that is closed would make the rest of it a reset. */
+static void refuse_stalled(struct lw_session *s) {
+    s->linger_ns = s->shared->stall_timeout_ns;
+    lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "took no byte for %u s",
+                      (unsigned)(s->shared->stall_timeout_ns / 1000000000u));
+}
+
 /* Pings a peer that says nothing; true: that did not help. What waits in an inbox counts as said. */
 static bool is_silent(struct lw_session *s, uint64_t now_ns) {
     const uint64_t silence_ns = s->inbox || now_ns < s->heard_ns ? 0 : now_ns - s->heard_ns;
@@ -288,7 +299,7 @@ void lw_session_tick(struct lw_session *s, uint64_t now_ns, struct lw_session_wa
     const char *excess =
         lw_message_rates_judge(&s->rates, now_ns - s->looked_ns, s->shared->excess_timeout_ns);
     s->looked_ns = now_ns;
-    if (s->state == LW_SESSION_LEAVING && age_ns > LINGER_NS)
+    if (s->state == LW_SESSION_LEAVING && age_ns > s->linger_ns)
         lw_session_close(s, "refused");
     else if (s->state == LW_SESSION_EXPECTS_HELLO && age_ns > hello_timeout_ns(s->shared))
         lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "no hello in time");
@@ -299,10 +310,8 @@ void lw_session_tick(struct lw_session *s, uint64_t now_ns, struct lw_session_wa
         lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "no PACKAGE_REQUEST in time");
     else if (s->welcomed && is_silent(s, now_ns))
         lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "nothing was heard, not even a PONG");
-    else if (s->state != LW_SESSION_LEAVING &&
-             is_stalled(s, now_ns, waiting)) /* who only slept hears of it */
-        lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "took no byte for %u s",
-                          (unsigned)(s->shared->stall_timeout_ns / 1000000000u));
+    else if (s->state != LW_SESSION_LEAVING && is_stalled(s, now_ns, waiting))
+        refuse_stalled(s);
     else if (s->has_waiting)
         lw_turns_set_due(s, true);
 }

@@ -56,6 +56,7 @@ struct lw_session {
     struct lw_session_peer peer;
     char name[2 * LW_MESSAGE_NAME_MAX + 4]; /* in quotes; "": no HELLO yet */
     uint64_t since_ns;                      /* connected; in LW_SESSION_LEAVING: refused */
+    uint64_t linger_ns;                     /* from a refusal to the close */
     struct lw_message_reader input;
     struct lw_message_rates rates;  /* of what it says */
     struct lw_session_inbox *inbox; /* in which it is: then nothing is read; NULL: in none */

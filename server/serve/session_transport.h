@@ -23,6 +23,9 @@ struct lw_session_transport {
         int (*write)(struct lw_session_transport *link, struct lw_blob *const *blob, uint32_t blob_count);
         /** Whether bytes are to come in: those that do not stay with the peer. They do, to begin with. */
         void (*read)(struct lw_session_transport *link, bool on);
+        /** The system may take all that waits and one more message: nothing newer will stand in for it.
+         * It goes on sending that after the close. */
+        void (*push)(struct lw_session_transport *link);
         /** Says that nothing more follows what was written; why is for links that can tell.
          * Returns 0 or libuv's error. */
         int (*end)(struct lw_session_transport *link, enum lw_refusal code, const char *text);

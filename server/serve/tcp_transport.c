@@ -16,6 +16,7 @@
 
 #define KEEPALIVE_S   30
 #define NOTSENT_LOWAT (128 << 10) /* bytes; what the kernel holds cannot be replaced by a newer version */
+#define PUSHED_MAX    (NOTSENT_LOWAT + (int)LW_SERVER_QUEUE_MAX)
 #define HANDSHAKES_NS 2000000u    /* of a turn of the loop: the others go on in the next one */
 #define ASIDE_MAX     (32u << 10) /* bytes of TLS itself that may wait for a peer that reads none */
 
@@ -217,6 +218,12 @@ static int write_blobs(struct lw_session_transport *transport, struct lw_blob *c
     return result < 0 ? result : written;
 }
 
+static void push(struct lw_session_transport *transport) {
+    uv_os_fd_t descriptor;
+    if (uv_fileno((const uv_handle_t *)&link_of(transport)->on.stream, &descriptor) == 0)
+        lw_tcp_transport_push(descriptor);
+}
+
 static void on_shutdown(uv_shutdown_t *request, int result) {
     (void)request;
     (void)result;
@@ -379,7 +386,8 @@ static void close_link(struct lw_session_transport *transport) {
     uv_close((uv_handle_t *)&link_of(transport)->on.stream, on_closed);
 }
 
-static const struct lw_session_transport_ops ops = {write_blobs, read_on, end_writing, close_link, waiting};
+static const struct lw_session_transport_ops ops = {write_blobs, read_on,    push,
+                                                    end_writing, close_link, waiting};
 
 static int init_stream(struct link *link, uv_stream_t *listener) {
     if (listener->type == UV_NAMED_PIPE) return uv_pipe_init(listener->loop, &link->on.pipe, 0);
@@ -458,6 +466,15 @@ void lw_tcp_transport_set_options(int socket) {
     (void)setsockopt(socket, SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
     (void)setsockopt(socket, IPPROTO_TCP, TCP_KEEPIDLE, &idle_s, sizeof idle_s);
     (void)setsockopt(socket, IPPROTO_TCP, TCP_NOTSENT_LOWAT, &low_water, sizeof low_water);
+}
+
+void lw_tcp_transport_push(int socket) {
+    int size = 0, low_water = PUSHED_MAX;
+    socklen_t length = sizeof size;
+    (void)setsockopt(socket, IPPROTO_TCP, TCP_NOTSENT_LOWAT, &low_water, sizeof low_water);
+    if (getsockopt(socket, SOL_SOCKET, SO_SNDBUF, &size, &length) != 0 || size >= 2 * PUSHED_MAX) return;
+    size = PUSHED_MAX; /* the system counts twice that, for what it keeps beside the bytes */
+    (void)setsockopt(socket, SOL_SOCKET, SO_SNDBUF, &size, sizeof size);
 }
 
 size_t lw_tcp_transport_socket_waiting(int socket) {

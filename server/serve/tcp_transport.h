@@ -34,6 +34,8 @@ LW_MUST_CHECK enum lw_status lw_tcp_transport_accept(struct lw_tcp_transport_sha
 struct lw_session_peer lw_tcp_transport_peer(int socket);
 /** What a connected socket that carries light should be set to. */
 void lw_tcp_transport_set_options(int socket);
+/** Lets the system take what waits for it, LW_SERVER_QUEUE_MAX at least. */
+void lw_tcp_transport_push(int socket);
 /** Bytes in the socket that the peer's system has not taken. */
 size_t lw_tcp_transport_socket_waiting(int socket);
 

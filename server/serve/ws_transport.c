@@ -46,6 +46,11 @@ static void read_on(struct lw_session_transport *transport, bool on) {
     if (!link->lost) lws_rx_flow_control(link->wsi, on);
 }
 
+static void push(struct lw_session_transport *transport) {
+    struct lw_ws_transport *link = link_of(transport);
+    if (!link->lost) lw_tcp_transport_push(lws_get_socket_fd(link->wsi));
+}
+
 /* A Close with a reason. To return from writeable() would not do: a debug build of libwebsockets, as Debian's
  * is, then closes twice, the second time at once. */
 static int end_writing(struct lw_session_transport *transport, enum lw_refusal code, const char *text) {
@@ -77,7 +82,8 @@ static void waiting(const struct lw_session_transport *transport, size_t *out_ou
     *out_socket = link->lost ? 0 : lw_tcp_transport_socket_waiting(lws_get_socket_fd(link->wsi));
 }
 
-static const struct lw_session_transport_ops ops = {write_blobs, read_on, end_writing, close_link, waiting};
+static const struct lw_session_transport_ops ops = {write_blobs, read_on,    push,
+                                                    end_writing, close_link, waiting};
 
 /* ---- events ---- */
 
