@@ -660,7 +660,7 @@ static void *take(struct lw_message_memory *memory, size_t size) {
     if (!memory) return malloc(size ? size : 1);
     if (bytes < size) return NULL;
     memory->asked += bytes;
-    if (bytes > memory->size - memory->used) return malloc(size ? size : 1);
+    if (!memory->block || bytes > memory->size - memory->used) return malloc(size ? size : 1);
     memory->used += bytes;
     return memory->block + memory->used - bytes;
 }

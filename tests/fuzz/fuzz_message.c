@@ -5,6 +5,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Memory that a body may ask for: a server's budget for one is far above that of the longest. */
+#define MEMORY_PER_BYTE 16u
+#define MEMORY_MORE     (64u << 10)
+
 static void require(bool condition) {
     if (!condition) abort();
 }
@@ -43,12 +47,16 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
         require(body != NULL);
         memcpy(body, bytes + at, header.body_size);
         at += header.body_size;
-        status = lw_message_decode(header, body, &message, &err);
+        struct lw_message_memory memory = {0};
+        status = lw_message_decode_with(header, body, &memory, &message, &err);
         free(body);
         require(status == LW_OK || (status == LW_PROTOCOL && err.text[0]));
-        if (status != LW_OK) continue;
-        encode_again(&message);
-        lw_message_finish(&message);
+        require(memory.asked <= (size_t)MEMORY_PER_BYTE * header.body_size + MEMORY_MORE);
+        if (status == LW_OK) {
+            encode_again(&message);
+            lw_message_finish(&message);
+        }
+        lw_message_memory_finish(&memory);
     }
     return 0;
 }

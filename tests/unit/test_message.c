@@ -850,6 +850,20 @@ static void test_fields(void **state) {
     expect_decode(LW_MESSAGE_ACK, &b, "is no protobuf");
 }
 
+/* Where there is no block yet, either. */
+static void test_memory_of_an_empty_list(void **state) {
+    (void)state;
+    struct lw_message_memory memory = {0};
+    struct lw_message got;
+    struct lw_error err = {0};
+    lw_support_ok(lw_message_decode_with((struct lw_framing_header){0, LW_MESSAGE_UPDATE, 0},
+                                         (const uint8_t *)"", &memory, &got, &err),
+                  &err);
+    assert_int_equal(got.update.change_count, 0);
+    lw_message_finish(&got);
+    lw_message_memory_finish(&memory);
+}
+
 /* At the budget a message is read; one byte under what it asks for it is not. */
 static void test_memory_budget(void **state) {
     (void)state;
@@ -952,6 +966,7 @@ int main(void) {
         cmocka_unit_test(test_tile_numbers),
         cmocka_unit_test(test_fields),
         cmocka_unit_test(test_unknown_type),
+        cmocka_unit_test(test_memory_of_an_empty_list),
         cmocka_unit_test(test_memory_budget),
         cmocka_unit_test(test_out_of_memory),
         cmocka_unit_test(test_frame_state_counts),
