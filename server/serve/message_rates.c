@@ -37,6 +37,7 @@ static enum lw_message_rates_kind kind_of(uint16_t type) {
         X(PONG)
         X(ACK)
         X(UPDATE)
+        X(ASK)
         X(HOLDS)
 #undef X
     default:

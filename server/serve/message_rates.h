@@ -16,6 +16,7 @@
     X(PONG, 20, 60)                                                                                          \
     X(ACK, 1200, 1200) /* a FRAME each: as many as a server may make */                                      \
     X(UPDATE, 4000, 8000)                                                                                    \
+    X(ASK, 20, 60)                                                                                           \
     X(HOLDS, 50, 512)         /* of a million tiles */                                                       \
     X(BYTES, 524288, 1048576) /* of all but HOLDS: ten of the longest INTEREST */
 

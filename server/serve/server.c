@@ -23,7 +23,6 @@
 #include <zstd.h>
 
 #define BACKLOG           1024
-#define RECEIVE_SIZE      (128 << 10) /* bytes of a peer that the system keeps until they are read */
 #define TICK_MS           (1000u / LW_SERVER_LOOKS_HZ)
 #define LAG_MS            20u
 #define TURN_NS           4000000u /* of sending, before the loop looks at what else has come */
@@ -611,8 +610,7 @@ static enum lw_status start_listening(uv_tcp_t *listener, const char *host, uint
                               gai_strerror(result));
     result = uv_tcp_bind(listener, found->ai_addr, 0);
     freeaddrinfo(found);
-    int receive_size =
-        RECEIVE_SIZE; /* connections have it from the listener; by themselves they grow to megabytes */
+    int receive_size = (int)LW_SERVER_RECEIVE_SIZE; /* connections have it from the listener */
     if (result == 0) result = uv_recv_buffer_size((uv_handle_t *)listener, &receive_size);
     if (result == 0) result = uv_listen((uv_stream_t *)listener, BACKLOG, on_connection);
     struct sockaddr_storage bound = {0};

@@ -1,4 +1,5 @@
-/* server_limits.h: what a server allows its sessions. docs/operations.md tells users. */
+/* server_limits.h: what a server allows its sessions. docs/operations.md tells users; test_limits compares
+ * its table with these, and with those of message_rates.h, web_server.h and others. */
 #ifndef LW_SERVE_SERVER_LIMITS_H
 #define LW_SERVE_SERVER_LIMITS_H
 
@@ -13,10 +14,20 @@
 #define LW_SERVER_ADDRESS_TURNED_AWAY_MAX 32u
 #define LW_SERVER_PARSE_MAX               (8u << 20) /* bytes of memory to read one message of a peer */
 
+/* Of one peer in one turn of the loop, before others get theirs: */
+#define LW_SERVER_TURN_READ     (16u << 10) /* bytes */
+#define LW_SERVER_TURN_MESSAGES 256u
+/* Of all peers: time that TLS handshakes take in a turn; the others go on in the next one. */
+#define LW_SERVER_HANDSHAKES_MS 2u
+/* Bytes of a peer that the system keeps until they are read. By themselves they grow to megabytes. */
+#define LW_SERVER_RECEIVE_SIZE (128u << 10)
+#define LW_SERVER_ASIDE_MAX    (32u << 10) /* bytes of TLS itself that may wait for a peer that reads none */
+
 /* A peer is refused, or closed, after so long: */
 #define LW_SERVER_HELLO_TIMEOUT_S   10u /* without a HELLO */
 #define LW_SERVER_PACKAGE_TIMEOUT_S 60u /* without a request for the package, unless it controls */
 #define LW_SERVER_STALL_TIMEOUT_S   15u /* in which it takes no byte, though bytes wait */
+#define LW_SERVER_LINGER_S          1u  /* from its refusal to the close, unless it was slow to read */
 #define LW_SERVER_EXCESS_TIMEOUT_S  10u /* of saying too much (message_rates.h) */
 #define LW_SERVER_SILENCE_S         60u /* of saying nothing; it is pinged after half of it */
 

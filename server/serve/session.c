@@ -11,7 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#define LINGER_NS 1000000000u /* from a refusal to the close, unless the peer was slow to read */
+#define LINGER_NS (LW_SERVER_LINGER_S * 1000000000ull)
 
 struct lw_session *lw_session_next(const struct lw_session *session) {
     return session->next;
@@ -99,7 +99,7 @@ struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_s
     s->form = &shared->form[LW_LIGHT_FORM_FULL];
     s->interest.everything = true;
     s->number = ++shared->number;
-    s->since_ns = s->looked_ns = s->heard_ns = lw_clock_ns();
+    s->since_ns = s->looked_ns = s->heard_ns = s->progress_ns = lw_clock_ns();
     s->linger_ns = LINGER_NS;
     lw_message_rates_init(&s->rates, s->since_ns);
     link_session(s);

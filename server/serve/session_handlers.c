@@ -7,8 +7,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define TURN_MESSAGES 256u /* handled at once before others get their turn */
-
 /* Who draws direct light gets the rest; all others get all of it, and are not told who would draw what. */
 static void choose_form(struct lw_session *s, const struct lw_message_hello *hello,
                         struct lw_message_welcome *welcome) {
@@ -316,7 +314,7 @@ static bool take_message(struct lw_session *s) {
 void lw_session_handlers_take(struct lw_session *s) {
     unsigned count = 0;
     bool more = true;
-    while (s->state < LW_SESSION_LEAVING && !s->rates.waits && count < TURN_MESSAGES && more) {
+    while (s->state < LW_SESSION_LEAVING && !s->rates.waits && count < LW_SERVER_TURN_MESSAGES && more) {
         more = take_message(s);
         count++;
     }

@@ -17,8 +17,6 @@
 #define KEEPALIVE_S   30
 #define NOTSENT_LOWAT (128 << 10) /* bytes; what the kernel holds cannot be replaced by a newer version */
 #define PUSHED_MAX    (NOTSENT_LOWAT + (int)LW_SERVER_QUEUE_MAX)
-#define HANDSHAKES_NS 2000000u    /* of a turn of the loop: the others go on in the next one */
-#define ASIDE_MAX     (32u << 10) /* bytes of TLS itself that may wait for a peer that reads none */
 
 /* A write that libuv has not finished: it holds the blobs meanwhile. */
 struct pending_write {
@@ -295,7 +293,8 @@ static void receive_by_tls(struct link *link, const uint8_t *bytes, size_t size)
         status = lw_tls_stream_read(link->stream, shared->record, sizeof shared->record, &got,
                                     &shared->output, &err);
         const bool sent = send_output(link, false) >= 0;
-        if (!sent || uv_stream_get_write_queue_size(&link->on.stream) > LW_SERVER_QUEUE_MAX * 2 + ASIDE_MAX) {
+        if (!sent || uv_stream_get_write_queue_size(&link->on.stream) >
+                         LW_SERVER_QUEUE_MAX * 2 + LW_SERVER_ASIDE_MAX) {
             lw_session_lost(link->session, UV_EPIPE);
             return;
         }
@@ -341,7 +340,7 @@ static bool is_over_budget(struct link *link) {
     if (link->tls != TLS_EXPECTS && link->tls != TLS_SHAKES_HANDS) return false;
     if (shared->handshakes_turn != shared->turn) shared->handshakes_ns = 0;
     shared->handshakes_turn = shared->turn;
-    return shared->handshakes_ns > HANDSHAKES_NS;
+    return shared->handshakes_ns > LW_SERVER_HANDSHAKES_MS * 1000000ull;
 }
 
 /* libuv would read 32 times in a row from a peer that sends without end. Without a buffer it stops, and tells

@@ -9,19 +9,16 @@
 #include "server/serve/session.h"
 #include "server/serve/tls_context.h"
 
-/* Bytes of one peer in one turn of the loop: others wait for them. */
-#define LW_TCP_TRANSPORT_READ (16u << 10)
-
 /** What all of a server's share. Zero-initialised, then the first ones are filled in by the owner, and
  * lw_tls_output_finish(&output) at the end. */
 struct lw_tcp_transport_shared {
     struct lw_session_shared *sessions;
-    struct lw_tls_context *tls;                 /* NULL: all of it is plain */
-    uint64_t turn;                              /* of the loop; counted by the owner */
-    uint8_t read_buffer[LW_TCP_TRANSPORT_READ]; /* libuv hands a read over before it starts the next */
-    uint8_t record[LW_TLS_STREAM_RECORD];       /* what TLS reads or writes, in plain */
-    struct lw_tls_output output;                /* what it made: empty between calls */
-    uint64_t handshakes_turn, handshakes_ns;    /* time that handshakes took in that turn */
+    struct lw_tls_context *tls;               /* NULL: all of it is plain */
+    uint64_t turn;                            /* of the loop; counted by the owner */
+    uint8_t read_buffer[LW_SERVER_TURN_READ]; /* libuv hands a read over before it starts the next */
+    uint8_t record[LW_TLS_STREAM_RECORD];     /* what TLS reads or writes, in plain */
+    struct lw_tls_output output;              /* what it made: empty between calls */
+    uint64_t handshakes_turn, handshakes_ns;  /* time that handshakes took in that turn */
 };
 
 /** Takes the next connection of a listener. Errors: LW_NO_MEMORY, LW_OS; then there is no session. */

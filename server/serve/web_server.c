@@ -17,7 +17,6 @@
 #define HEADERS_SIZE 2048u       /* of an answer */
 #define PIECE        (64u << 10) /* of its body, written at once */
 #define ROOM         LWS_PRE + PIECE
-#define RECEIVE_SIZE (16u << 10) /* bytes handed on at once */
 
 /* lws_http_get_uri_and_method() */
 enum method { GET = 0, HEAD = 7 };
@@ -423,7 +422,7 @@ static enum lw_status start(struct lw_web_server *server, uv_loop_t *loop, struc
     void *loops[] = {loop};
     server->protocols[0] = (struct lws_protocols){.name = "http", .callback = on_http};
     server->protocols[1] = (struct lws_protocols){
-        .name = LW_WS_TRANSPORT_PROTOCOL, .callback = on_socket, .rx_buffer_size = RECEIVE_SIZE};
+        .name = LW_WS_TRANSPORT_PROTOCOL, .callback = on_socket, .rx_buffer_size = LW_SERVER_TURN_READ};
     lws_set_log_level(0, NULL); /* peers could fill a log */
     const uint64_t tls = server->tls
                              ? LWS_SERVER_OPTION_DO_SSL_GLOBAL_INIT | LWS_SERVER_OPTION_CREATE_VHOST_SSL_CTX |
@@ -443,7 +442,7 @@ static enum lw_status start(struct lw_web_server *server, uv_loop_t *loop, struc
         .keepalive_timeout = LW_WEB_SERVER_REQUEST_S,
         .max_http_header_data = LW_WEB_SERVER_HEADER_MAX,
         .max_http_header_data2 = LW_WEB_SERVER_HEADER_MAX,
-        .pt_serv_buf_size = RECEIVE_SIZE,
+        .pt_serv_buf_size = LW_SERVER_TURN_READ,
         .gid = (gid_t)-1,
         .uid = (uid_t)-1};
     server->context = lws_create_context(&info);

@@ -21,9 +21,14 @@
 #define LIMIT_S 60
 #define RESTS                                                                                                \
     "builtin:cornell --texels-per-metre 8 --clock step --json --light whole --error 0.3 --http 127.0.0.1:0 "
-#define SLOW_LIMIT_S 30u  /* for what takes REQUEST_S, or a HELLO's time */
-#define REQUEST_S    10u  /* LW_WEB_SERVER_REQUEST_S */
+#define SLOW_LIMIT_S 30u /* for what takes REQUEST_S, or a HELLO's time */
+#define REQUEST_S    10u /* LW_WEB_SERVER_REQUEST_S */
+#define ANSWER_S     20u /* LW_WEB_SERVER_ANSWER_S */
+#define HEADER_MAX   8192u
+#define HOST_MAX     299u /* LW_HTTP_ORIGIN_MAX - 1 */
+#define LARGE_SIZE   (32u << 20)
 #define CONNECTIONS  922u /* of the own machine: LW_WEB_SERVER_CONNECTIONS_MAX but for a tenth */
+#define IN_ALL       1024u
 #define WASM_SIZE    300000u
 #define MESSAGES_MAX 4096u
 
@@ -193,6 +198,67 @@ static void test_what_is_no_file(void **state) {
     stop();
 }
 
+/* The status for headers of this size, with what every request has; 0: closed without an answer. */
+static unsigned ask_with_headers_of(size_t size) {
+    char request[3 * HEADER_MAX];
+    unsigned status = 0;
+    int length = snprintf(request, sizeof request, "GET / HTTP/1.1\r\nHost: localhost\r\nUser-Agent: ");
+    memset(request + length, 'a', size - (size_t)length - 4);
+    memcpy(request + size - 4, "\r\n\r\n", 5);
+    const int s = lw_web_peer_dial(web_port);
+    char *answer = lw_web_peer_ask(s, request, false, NULL);
+    (void)sscanf(answer, "HTTP/1.%*u %u", &status);
+    free(answer);
+    close(s);
+    return status;
+}
+
+/* libwebsockets counts what it keeps of the headers, some bytes less than what came. */
+static void test_headers_have_a_limit(void **state) {
+    (void)state;
+    serve_root("");
+    assert_int_equal(ask_with_headers_of(HEADER_MAX), 200);
+    assert_int_equal(ask_with_headers_of(HEADER_MAX + 100), 0);
+    assert_int_equal(ask_with_headers_of(2 * HEADER_MAX), 0);
+    assert_int_equal(ask_with_headers_of(HEADER_MAX), 200);
+    stop();
+}
+
+/* Who takes nothing of an answer gets no more of it after a time; who takes it slowly gets all. */
+static void test_answers_are_taken(void **state) {
+    (void)state;
+    char path[600];
+    enum { SILENT, SLOW, COUNT };
+    snprintf(path, sizeof path, "%s/large", make_root());
+    lw_support_write_file(path, "", 0);
+    assert_int_equal(truncate(path, LARGE_SIZE), 0);
+    serve_root("");
+    int s[COUNT];
+    size_t got[COUNT] = {0};
+    static char bytes[1u << 16];
+    for (int i = 0; i < COUNT; i++) {
+        const int small = 65536;
+        s[i] = lw_web_peer_dial(web_port);
+        (void)setsockopt(s[i], SOL_SOCKET, SO_RCVBUF, &small, sizeof small);
+        assert_true(lw_web_peer_put(s[i], "GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n"));
+    }
+    for (unsigned i = 0; i < 2 * ANSWER_S; i++) { /* as long again as it may take nothing */
+        lw_process_sleep_ms(1000);
+        for (unsigned piece = 0; piece < 8; piece++) {
+            const ssize_t n = recv(s[SLOW], bytes, sizeof bytes, 0);
+            if (n > 0) got[SLOW] += (size_t)n;
+        }
+    }
+    for (int i = 0; i < COUNT; i++) {
+        for (ssize_t n; (n = recv(s[i], bytes, sizeof bytes, 0)) > 0 && got[i] < LARGE_SIZE;)
+            got[i] += (size_t)n;
+        close(s[i]);
+    }
+    assert_true(got[SILENT] < LARGE_SIZE);
+    assert_true(got[SLOW] >= LARGE_SIZE);
+    stop();
+}
+
 static unsigned ask_host(const char *host) {
     char request[1024];
     unsigned status = 0;
@@ -208,7 +274,15 @@ static unsigned ask_host(const char *host) {
 
 static void test_hosts(void **state) {
     (void)state;
-    serve_root("--http-host light.example,Other.Example");
+    char longest[HOST_MAX + 2], names[HOST_MAX + 100];
+    memset(longest, 'a', sizeof longest);
+    longest[HOST_MAX] = '\0';
+    snprintf(names, sizeof names, "--http-host light.example,Other.Example,%s", longest);
+    serve_root(names);
+    assert_int_equal(ask_host(longest), 200);
+    longest[HOST_MAX] = 'a';
+    longest[HOST_MAX + 1] = '\0';
+    assert_int_equal(ask_host(longest), 403);
     assert_int_equal(ask_host("localhost"), 200);
     assert_int_equal(ask_host("localhost:99"), 200); /* a port that is forwarded */
     assert_int_equal(ask_host("127.0.0.1"), 200);
@@ -655,7 +729,7 @@ static void test_connections_have_a_limit(void **state) {
         (void)setrlimit(RLIMIT_NOFILE, &limit);
     }
     serve("");
-    static int s[CONNECTIONS];
+    static int s[IN_ALL];
     for (unsigned i = 0; i < CONNECTIONS; i++) s[i] = lw_web_peer_dial(web_port);
     int more = lw_web_peer_dial(web_port);
     assert_true(lw_web_peer_closes(more, 2000));
@@ -664,6 +738,11 @@ static void test_connections_have_a_limit(void **state) {
     char *other = lw_web_peer_ask(more, "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n", false, NULL);
     assert_non_null(strstr(other, " 200 "));
     free(other);
+    for (unsigned i = CONNECTIONS; i + 1 < IN_ALL; i++) s[i] = lw_web_peer_dial_from("127.0.0.2", web_port);
+    int last = lw_web_peer_dial_from("127.0.0.3", web_port); /* in all there are no more */
+    assert_true(lw_web_peer_closes(last, 2000));
+    close(last);
+    for (unsigned i = CONNECTIONS; i + 1 < IN_ALL; i++) close(s[i]);
     close(more);
     close(s[0]);
     for (uint64_t end_ns = lw_clock_ns() + 5000000000ull;;) { /* there is room again, for a session too */
@@ -710,10 +789,12 @@ static void test_log(void **state) {
     free(said);
 }
 
-int main(void) {
+int main(int argc, char **argv) {
+    const struct CMUnitTest long_tests[] = {cmocka_unit_test_teardown(test_answers_are_taken, end_all)};
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(test_files, end_all),
         cmocka_unit_test_teardown(test_what_is_no_file, end_all),
+        cmocka_unit_test_teardown(test_headers_have_a_limit, end_all),
         cmocka_unit_test_teardown(test_hosts, end_all),
         cmocka_unit_test_teardown(test_no_client, end_all),
         cmocka_unit_test_teardown(test_port_in_use, end_all),
@@ -726,5 +807,7 @@ int main(void) {
         cmocka_unit_test_teardown(test_log, end_all),
         cmocka_unit_test_teardown(test_connections_have_a_limit, end_all),
     };
+    (void)argv;
+    if (argc > 1) return cmocka_run_group_tests(long_tests, NULL, NULL);
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -32,7 +32,8 @@ static void test_every_kind(void **state) {
         uint16_t type;
         unsigned at_once;
     } kinds[] = {{LW_MESSAGE_INTEREST, 60}, {LW_MESSAGE_PING, 60},     {LW_MESSAGE_PONG, 60},
-                 {LW_MESSAGE_ACK, 1200},    {LW_MESSAGE_UPDATE, 8000}, {LW_MESSAGE_HOLDS, 512}};
+                 {LW_MESSAGE_ACK, 1200},    {LW_MESSAGE_UPDATE, 8000}, {LW_MESSAGE_HOLDS, 512},
+                 {LW_MESSAGE_ASK, 60}};
     for (size_t k = 0; k < sizeof kinds / sizeof *kinds; k++) {
         struct lw_message_rates rates;
         const struct lw_framing_header header = {.type = kinds[k].type};

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 /* Both ends in memory. */
 struct end {
@@ -234,10 +235,18 @@ static void test_bad_files(void **state) {
     assert_int_equal(fclose(file), 0);
     refuses(LW_BAD_DATA, "what follows the first certificate is broken");
     make_files("DNS:localhost", 10);
+    assert_int_equal(truncate(certificate, LW_TLS_CONTEXT_FILE_MAX + 1), 0);
+    refuses(LW_BAD_DATA, "the limit is");
+    assert_int_equal(truncate(certificate, LW_TLS_CONTEXT_FILE_MAX), 0);
+    struct lw_error err = {0};
+    lw_support_ok(lw_tls_context_create(&(struct lw_tls_context_desc){certificate, key}, &context, &err),
+                  &err);
+    lw_tls_context_destroy(context);
+    context = NULL;
+    make_files("DNS:localhost", 10);
     assert_int_equal(chmod(key, 0644), 0);
     refuses(LW_BAD_DATA, "others can read");
     assert_int_equal(chmod(key, 0640), 0);
-    struct lw_error err = {0};
     lw_support_ok(lw_tls_context_create(&(struct lw_tls_context_desc){certificate, key}, &context, &err),
                   &err);
     char about[200];

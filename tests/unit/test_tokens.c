@@ -105,6 +105,25 @@ static void test_the_number_is_bounded(void **state) {
     free(text);
 }
 
+static void test_the_file_is_bounded(void **state) {
+    (void)state;
+    const char *path = lw_support_temporary("tokens");
+    char *text = malloc(LW_TOKENS_FILE_MAX + 1);
+    struct lw_tokens *tokens;
+    struct lw_error err = {0};
+    assert_non_null(text);
+    memset(text, '\n', LW_TOKENS_FILE_MAX + 1);
+    memcpy(text, "view " A, sizeof "view " A - 1);
+    lw_support_write_file(path, text, LW_TOKENS_FILE_MAX);
+    assert_int_equal(chmod(path, 0600), 0);
+    lw_support_ok(lw_tokens_read(path, &tokens, &err), &err);
+    lw_tokens_destroy(tokens);
+    lw_support_write_file(path, text, LW_TOKENS_FILE_MAX + 1);
+    lw_support_fails(lw_tokens_read(path, &tokens, &err), LW_BAD_DATA, &err, "the limit is");
+    assert_int_equal(remove(path), 0);
+    free(text);
+}
+
 static void write_with_mode(const char *path, const char *text, mode_t mode) {
     lw_support_write_file(path, text, strlen(text));
     assert_int_equal(chmod(path, mode), 0);
@@ -172,9 +191,13 @@ static void test_credentials(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_text),        cmocka_unit_test(test_roles),
-        cmocka_unit_test(test_wrong_lines), cmocka_unit_test(test_the_number_is_bounded),
-        cmocka_unit_test(test_files),       cmocka_unit_test(test_credentials),
+        cmocka_unit_test(test_text),
+        cmocka_unit_test(test_roles),
+        cmocka_unit_test(test_wrong_lines),
+        cmocka_unit_test(test_the_number_is_bounded),
+        cmocka_unit_test(test_the_file_is_bounded),
+        cmocka_unit_test(test_files),
+        cmocka_unit_test(test_credentials),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
