@@ -16,6 +16,7 @@ enum lw_status lw_checked_file_write_begin(struct lw_checked_file_writer *writer
     XXH3_64bits_reset(hash);
     *writer = (struct lw_checked_file_writer){.hash = hash, .err = err};
     enum lw_status status = lw_atomic_file_open(&writer->file, path, err);
+    writer->file.durable = true;
     if (status != LW_OK) XXH3_freeState(hash);
     return status;
 }

@@ -31,8 +31,8 @@ LW_MUST_CHECK enum lw_status lw_checked_file_write_begin(struct lw_checked_file_
                                                          const char *path, struct lw_error *err);
 /** Appends; after a failure it does nothing. */
 void lw_checked_file_put(struct lw_checked_file_writer *writer, const void *bytes, size_t size);
-/** Adds the checksum and makes the file appear. Errors: the first one since the begin, LW_IO and
- * LW_CANNOT_CREATE naming the path; then nothing appears. */
+/** Adds the checksum and makes the file appear, once the disk has it. Errors: the first one since the begin,
+ * LW_IO and LW_CANNOT_CREATE naming the path; then nothing appears. */
 LW_MUST_CHECK enum lw_status lw_checked_file_write_end(struct lw_checked_file_writer *writer);
 
 struct lw_checked_file_reader {

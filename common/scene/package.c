@@ -22,6 +22,7 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
 #define MAGIC       "LWSCENE\n"
 #define MAGIC_SIZE  8u
 #define HEADER_SIZE 32u
+#define CHECKSUM_AT 24u /* in the header; reserved before version 5 */
 #define ENTRY_SIZE  24u /* of the section table */
 #define ALIGNMENT   16u
 #define ABSENT      UINT32_MAX /* first element of an array that is not there */
@@ -55,13 +56,14 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
     X(MATERIAL_DRAWERS, "material drawers", 4, LW_SCENE_MATERIALS_MAX)
 
 /* Version 1 ends with the pixels, version 2 has an environment, in version 3 pixels are filtered, version 4
- * says who draws lights. Each scene is written in one of them, so that there is one way to say it: where the
- * file says who draws a light in version 4, else with textures in version 3. Those of before are read as
- * well. */
+ * says who draws lights. For clients each scene is written in one of them, so that there is one way to say
+ * it: where the file says who draws a light in version 4, else with textures in version 3. Those of before
+ * are read as well. Version 5, for files, is version 4 for every scene, and has a checksum. */
 #define SECTION_COUNT_V1 20u
 #define SECTION_COUNT_V2 22u
 #define VERSION_FILTERED 3u
 #define VERSION_DRAWERS  4u
+#define VERSION_SEALED   5u
 
 enum section_id {
 #define X(id, name, size, limit) SECTION_##id,
@@ -358,8 +360,8 @@ static void all_records(struct codec *c, struct lw_scene *scene) {
 
 /* How many sections a version has; 0: it is not known. */
 static uint32_t sections_of(uint32_t version) {
-    static const uint32_t of[LW_PACKAGE_VERSION + 1] = {0, SECTION_COUNT_V1, SECTION_COUNT_V2,
-                                                        SECTION_COUNT_V2, SECTION_COUNT};
+    static const uint32_t of[LW_PACKAGE_VERSION + 1] = {
+        0, SECTION_COUNT_V1, SECTION_COUNT_V2, SECTION_COUNT_V2, SECTION_COUNT, SECTION_COUNT};
     return version <= LW_PACKAGE_VERSION ? of[version] : 0;
 }
 
@@ -416,12 +418,26 @@ static void write_header(const struct codec *c, const uint64_t offset[SECTION_CO
     }
 }
 
-enum lw_status lw_package_write(const struct lw_scene *scene, uint8_t **out_bytes, size_t *out_size,
-                                struct lw_error *err) {
-    enum lw_status status = lw_scene_validate(scene, err);
-    if (status) return status;
+/* Needs the bytes for a moment, to leave the checksum itself out without a copy or an allocation. */
+static uint64_t checksum_of(uint8_t *bytes, size_t size) {
+    const uint64_t there = read_u64(bytes + CHECKSUM_AT);
+    uint64_t checksum;
+    struct lw_package_hash hash;
+    write_u64(bytes + CHECKSUM_AT, 0);
+    lw_package_hash(bytes, size, &hash);
+    write_u64(bytes + CHECKSUM_AT, there);
+    memcpy(&checksum, hash.bytes, sizeof checksum);
+    return checksum;
+}
+
+void lw_package_seal(uint8_t *bytes, size_t size) {
+    if (size >= HEADER_SIZE && read_u32(bytes + 8) == VERSION_SEALED)
+        write_u64(bytes + CHECKSUM_AT, checksum_of(bytes, size));
+}
+
+static enum lw_status write_version(const struct lw_scene *scene, uint32_t version, uint8_t **out_bytes,
+                                    size_t *out_size, struct lw_error *err) {
     struct lw_scene copy = *scene; /* records of the original are only read */
-    const uint32_t version = version_of(scene);
     struct codec c = {.mode = MEASURE, .err = err, .version = version, .section_count = sections_of(version)};
     all_records(&c, &copy);
     for (uint32_t i = 0; i < c.section_count; i++) {
@@ -440,9 +456,22 @@ enum lw_status lw_package_write(const struct lw_scene *scene, uint8_t **out_byte
     for (uint32_t i = 0; i < c.section_count; i++) c.section[i].bytes = bytes + offset[i];
     c.mode = WRITE;
     all_records(&c, &copy);
+    lw_package_seal(bytes, size);
     *out_bytes = bytes;
     *out_size = size;
     return LW_OK;
+}
+
+enum lw_status lw_package_write(const struct lw_scene *scene, uint8_t **out_bytes, size_t *out_size,
+                                struct lw_error *err) {
+    enum lw_status status = lw_scene_validate(scene, err);
+    return status ? status : write_version(scene, version_of(scene), out_bytes, out_size, err);
+}
+
+enum lw_status lw_package_write_sealed(const struct lw_scene *scene, uint8_t **out_bytes, size_t *out_size,
+                                       struct lw_error *err) {
+    enum lw_status status = lw_scene_validate(scene, err);
+    return status ? status : write_version(scene, VERSION_SEALED, out_bytes, out_size, err);
 }
 
 static enum lw_status check_header(const uint8_t *bytes, size_t size, struct lw_error *err) {
@@ -469,7 +498,7 @@ static enum lw_status check_header(const uint8_t *bytes, size_t size, struct lw_
     if (size > LW_PACKAGE_SIZE_MAX)
         return lw_status_fail(err, LW_BAD_DATA, "scene package has %zu bytes; the limit is %llu", size,
                               LW_PACKAGE_SIZE_MAX);
-    if (read_u64(bytes + 24) != 0)
+    if (version < VERSION_SEALED && read_u64(bytes + CHECKSUM_AT) != 0)
         return lw_status_fail(err, LW_BAD_DATA, "scene package: a reserved field of the header is not 0");
     return LW_OK;
 }
@@ -552,6 +581,11 @@ static bool allocate_records(struct lw_scene *scene, const struct codec *c) {
 static enum lw_status read_in_place(struct lw_scene *scene, uint8_t *bytes, size_t size,
                                     struct lw_error *err) {
     const uint32_t version = read_u32(bytes + 8);
+    if (version == VERSION_SEALED && checksum_of(bytes, size) != read_u64(bytes + CHECKSUM_AT))
+        return lw_status_fail(
+            err, LW_BAD_DATA,
+            "scene package is damaged: its bytes do not have its checksum; import the scene "
+            "again");
     struct codec c = {.mode = READ, .err = err, .version = version, .section_count = sections_of(version)};
     enum lw_status status = read_table(&c, bytes, size);
     if (status) return status;
@@ -705,15 +739,27 @@ enum lw_status lw_package_load(const char *path, struct lw_scene **out_scene, st
     return status;
 }
 
-enum lw_status lw_package_save(const struct lw_scene *scene, const char *path, struct lw_error *err) {
+enum lw_status lw_package_save_stoppable(const struct lw_scene *scene, const char *path,
+                                         const volatile sig_atomic_t *stop, struct lw_error *err) {
     uint8_t *bytes;
     size_t size;
-    enum lw_status status = lw_package_write(scene, &bytes, &size, err);
+    struct lw_atomic_file file;
+    enum lw_status status = lw_package_write_sealed(scene, &bytes, &size, err);
     if (status) {
         lw_status_context(err, "%s", path);
         return status;
     }
-    status = lw_atomic_file_save(path, bytes, size, err);
+    status = lw_atomic_file_open(&file, path, err);
+    if (status == LW_OK && file.temporary_path) lw_atomic_file_sweep(file.path);
+    file.durable = true;
+    file.stop = stop;
+    if (status == LW_OK) status = lw_atomic_file_write(&file, bytes, size, err);
     free(bytes);
+    if (status == LW_OK) return lw_atomic_file_commit(&file, err);
+    lw_atomic_file_abandon(&file);
     return status;
+}
+
+enum lw_status lw_package_save(const struct lw_scene *scene, const char *path, struct lw_error *err) {
+    return lw_package_save_stoppable(scene, path, NULL, err);
 }

@@ -7,9 +7,12 @@
 
 #include "common/scene/scene.h"
 
-/* The newest version. A scene is written in the oldest version that can hold it: 1; 2 with an environment; 3
- * with textures; 4 where it says who draws a light. */
-#define LW_PACKAGE_VERSION  4u
+#include <signal.h>
+
+/* The newest version, which files have: it holds everything, and a checksum. Clients get a scene in the
+ * oldest version that can hold it: 1; 2 with an environment; 3 with textures; 4 where it says who draws a
+ * light. */
+#define LW_PACKAGE_VERSION  5u
 #define LW_PACKAGE_SIZE_MAX (4ull << 30) /* bytes */
 
 /** Content address of a package: XXH3-128 of its bytes, big-endian. */
@@ -17,15 +20,22 @@ struct lw_package_hash {
     uint8_t bytes[16];
 };
 
-/** Writes a validated scene. *out_bytes is malloc'ed; the caller frees it.
- * Same scene, same bytes. Errors: LW_NO_MEMORY; LW_BAD_DATA if the scene breaks lw_scene_validate() or a
+/** Writes a validated scene for clients, which hear its hash apart. *out_bytes is malloc'ed; the caller frees
+ * it. Same scene, same bytes. Errors: LW_NO_MEMORY; LW_BAD_DATA if the scene breaks lw_scene_validate() or a
  * limit. */
 LW_MUST_CHECK enum lw_status lw_package_write(const struct lw_scene *scene, uint8_t **out_bytes,
                                               size_t *out_size, struct lw_error *err);
 
+/** The same for a file, with a checksum: version 5. */
+LW_MUST_CHECK enum lw_status lw_package_write_sealed(const struct lw_scene *scene, uint8_t **out_bytes,
+                                                     size_t *out_size, struct lw_error *err);
+
+/** Puts the checksum of a package of version 5 into its header. Other bytes stay as they are. */
+void lw_package_seal(uint8_t *bytes, size_t size);
+
 /** Reads a package from outside. Checks every offset, count, index and number before use, stays within
  * bounds, and allocates only for bytes that are there. The scene has copies: `bytes` may be freed afterwards.
- * Errors: LW_BAD_DATA naming the section and field; LW_NO_MEMORY. */
+ * Errors: LW_BAD_DATA naming the section and field, or a checksum that is wrong; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_package_read(const uint8_t *bytes, size_t size, struct lw_scene **out_scene,
                                              struct lw_error *err);
 
@@ -40,11 +50,17 @@ void lw_package_hash(const uint8_t *bytes, size_t size, struct lw_package_hash *
 LW_MUST_CHECK enum lw_status lw_package_cut(const uint8_t *bytes, size_t size, uint64_t **out_end,
                                             size_t *out_count);
 
-/** The same from and to a file; writing goes through a temporary name and a rename.
+/** The same from and to a file, sealed. Writing removes what killed writers of it left, and goes through a
+ * temporary name, the disk, and a rename.
  * Errors: also LW_NO_INPUT, LW_CANNOT_CREATE, LW_IO, each naming the path. */
 LW_MUST_CHECK enum lw_status lw_package_load(const char *path, struct lw_scene **out_scene,
                                              struct lw_error *err);
 LW_MUST_CHECK enum lw_status lw_package_save(const struct lw_scene *scene, const char *path,
                                              struct lw_error *err);
+
+/** The same; *stop, which a signal sets, ends the writing, and leaves nothing. Errors: also LW_CLOSED. */
+LW_MUST_CHECK enum lw_status lw_package_save_stoppable(const struct lw_scene *scene, const char *path,
+                                                       const volatile sig_atomic_t *stop,
+                                                       struct lw_error *err);
 
 #endif

@@ -282,13 +282,47 @@ static enum lw_status build_lightmaps(const struct arguments *arguments, struct 
     return status;
 }
 
+/* A handler reaches nothing but globals. */
+static volatile sig_atomic_t stopped_by; /* the signal; 0: none */
+
+static void stop(int number) { stopped_by = number; }
+
+/* A signal ends the program, as ever, but not before what is half written has been removed. */
 static enum lw_status write_package(const struct arguments *arguments, const struct lw_scene *scene,
                                     struct lw_error *err) {
+    static const int signals[] = {SIGINT, SIGTERM, SIGHUP};
+    for (size_t i = 0; i < sizeof signals / sizeof *signals; i++) {
+        struct sigaction before;
+        sigaction(signals[i], NULL, &before);
+        if (before.sa_handler == SIG_DFL) /* nohup, for one, has it ignored */
+            sigaction(signals[i], &(struct sigaction){.sa_handler = stop}, NULL);
+    }
     struct stage stage;
     stage_begin(&stage, "writing the package");
-    enum lw_status status = lw_package_save(scene, arguments->output, err);
+    enum lw_status status = lw_package_save_stoppable(scene, arguments->output, &stopped_by, err);
     stage_end(&stage);
+    for (size_t i = 0; i < sizeof signals / sizeof *signals; i++) {
+        struct sigaction before;
+        sigaction(signals[i], NULL, &before);
+        if (before.sa_handler == stop) signal(signals[i], SIG_DFL);
+    }
+    if (stopped_by) raise(stopped_by);
     return status;
+}
+
+/* One mistyped name must not cost a scene: what is read is not written over. A package may be: that is how an
+ * old one gets a checksum. */
+static enum lw_status check_output(const struct arguments *arguments, struct lw_error *err) {
+    const char *const inputs[] = {arguments->scene, arguments->environment};
+    struct stat output, input;
+    if (stat(arguments->output, &output) != 0 || !S_ISREG(output.st_mode)) return LW_OK;
+    for (size_t i = 0; i < sizeof inputs / sizeof *inputs; i++)
+        if (inputs[i] && stat(inputs[i], &input) == 0 && input.st_dev == output.st_dev &&
+            input.st_ino == output.st_ino && !lw_package_is(inputs[i]))
+            return lw_status_fail(err, LW_USAGE,
+                                  "-o %s would write over %s, which is read; name another file",
+                                  arguments->output, i ? "the environment" : "the scene");
+    return LW_OK;
 }
 
 /* ---- report ---- */
@@ -478,7 +512,8 @@ static enum lw_status run(const struct arguments *arguments, struct lw_error *er
     uint64_t started_ns = lw_clock_ns();
     struct lw_scene *scene = NULL;
     struct lw_lightmap_report *report = NULL;
-    enum lw_status status = read_scene(arguments, &scene, err);
+    enum lw_status status = check_output(arguments, err);
+    if (!status) status = read_scene(arguments, &scene, err);
     if (status) return status;
     if (!lw_scene_has_light(scene))
         lw_log(LW_LOG_WARNING,

@@ -9,6 +9,7 @@
 #include <string.h>
 
 #define VERSION_FILTERED 3 /* the first whose textures are filtered */
+#define VERSION_SEALED   5 /* has a checksum */
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size);
 
@@ -38,25 +39,38 @@ static void use(const struct lw_scene *scene) {
     lw_pose_finish(&pose);
 }
 
-int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
+static void run(const uint8_t *bytes, size_t size) {
     struct lw_scene *scene;
     struct lw_error err = {0};
     enum lw_status status = lw_package_read(bytes, size, &scene, &err);
     if (status != LW_OK) {
         require(status == LW_BAD_DATA && err.status == status && *err.text && !strchr(err.text, '\n'),
                 "refused without a one-line reason", &err);
-        return 0;
+        return;
     }
     use(scene);
     uint8_t *again;
     size_t again_size;
-    require(lw_package_write(scene, &again, &again_size, &err) == LW_OK, "what was read cannot be written",
-            &err);
+    status = bytes[8] == VERSION_SEALED ? lw_package_write_sealed(scene, &again, &again_size, &err)
+                                        : lw_package_write(scene, &again, &again_size, &err);
+    require(status == LW_OK, "what was read cannot be written", &err);
     if (scene->texture_count == 0 || bytes[8] >= VERSION_FILTERED)
         require(again_size == size && memcmp(again, bytes, size) == 0, "written again, it differs", &err);
     else
         require(again_size > size && again[8] == VERSION_FILTERED, "written again, it is as old", &err);
     free(again);
     lw_scene_destroy(scene);
+}
+
+/* A checksum is in the way of a search, so that each sealed package is tried with the right one as well. */
+int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
+    run(bytes, size);
+    if (size < 12 || bytes[8] != VERSION_SEALED) return 0;
+    uint8_t *sealed = malloc(size);
+    if (!sealed) abort();
+    memcpy(sealed, bytes, size);
+    lw_package_seal(sealed, size);
+    run(sealed, size);
+    free(sealed);
     return 0;
 }

@@ -15,6 +15,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -544,6 +545,76 @@ static void memory_is_bounded(void **state) {
     lw_support_fails(spawn(&desc, &s, &scene, &err), LW_NO_MEMORY, &err, "out of memory");
 }
 
+/* By its own name, by a hard link, by a symbolic one; a package may be written over itself. */
+static void what_is_read_is_not_written_over(void **state) {
+    (void)state;
+    char words[1024];
+    size_t size, after;
+    const char *scene = lw_support_temporary("court.obj"), *hard = lw_support_temporary("hard.obj"),
+               *soft = lw_support_temporary("soft.obj"), *package = lw_support_temporary("court.lwscene");
+    static const char text[] = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    lw_support_write_file(scene, text, strlen(text));
+    assert_int_equal(link(scene, hard), 0);
+    assert_int_equal(symlink("court.obj", soft), 0);
+    const char *const names[] = {scene, hard, soft};
+    for (size_t i = 0; i < 3; i++) {
+        snprintf(words, sizeof words, "%s -o %s", scene, names[i]);
+        lw_process_refuses("lightwell-import", words, 64, "would write over the scene, which is read", 60);
+        uint8_t *bytes = lw_support_read_file(scene, &after);
+        assert_int_equal(after, strlen(text));
+        assert_memory_equal(bytes, text, after);
+        free(bytes);
+    }
+    struct lw_process process;
+    uint8_t *bytes[2];
+    for (int i = 0; i < 2; i++) {
+        snprintf(words, sizeof words, "%s -o %s", i ? package : scene, package);
+        lw_process_start(&process, "lightwell-import", words);
+        assert_int_equal(lw_process_finish(&process, 60), 0);
+        bytes[i] = lw_support_read_file(package, i ? &after : &size);
+    }
+    assert_int_equal(size, after);
+    assert_memory_equal(bytes[0], bytes[1], size);
+    free(bytes[0]);
+    free(bytes[1]);
+}
+
+/* Whether a file of the folder has this ending. */
+static bool has_ending(const char *folder, const char *ending) {
+    DIR *dir = opendir(folder);
+    assert_non_null(dir);
+    bool found = false;
+    for (struct dirent *entry; (entry = readdir(dir));) {
+        const size_t length = strlen(entry->d_name), wanted = strlen(ending);
+        found |= length > wanted && strcmp(entry->d_name + length - wanted, ending) == 0;
+    }
+    closedir(dir);
+    return found;
+}
+
+/* At once when it begins to write: either it is stopped, or it was done. */
+static void a_signal_while_it_writes_leaves_nothing(void **state) {
+    (void)state;
+    static const int signals[] = {SIGTERM, SIGINT, SIGHUP};
+    const char *folder = lw_support_temporary("half");
+    assert_int_equal(mkdir(folder, 0700), 0);
+    char words[512], package[256];
+    snprintf(package, sizeof package, "%s/city.lwscene", folder);
+    snprintf(words, sizeof words, "builtin:city:1 -o %s", package);
+    for (size_t i = 0; i < sizeof signals / sizeof *signals; i++) {
+        struct lw_process process;
+        lw_process_start(&process, "lightwell-import", words);
+        while (lw_process_runs(&process) && !has_ending(folder, ".tmp")) {
+        }
+        const int code = lw_process_stop(&process, signals[i], 120);
+        assert_true(code == 0 || code == -signals[i]);
+        assert_false(has_ending(folder, ".tmp"));
+        assert_int_equal(access(package, F_OK) == 0, code == 0);
+        unlink(package);
+    }
+    assert_int_equal(rmdir(folder), 0);
+}
+
 static void help_tells_people_what_is_for_people(void **state) {
     (void)state;
     struct lw_process process;
@@ -576,6 +647,8 @@ int main(void) {
         cmocka_unit_test(crashes_are_told_from_refusals),
         cmocka_unit_test(cancelling_stops_the_importer),
         cmocka_unit_test(memory_is_bounded),
+        cmocka_unit_test(what_is_read_is_not_written_over),
+        cmocka_unit_test(a_signal_while_it_writes_leaves_nothing),
         cmocka_unit_test(help_tells_people_what_is_for_people),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

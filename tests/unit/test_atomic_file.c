@@ -142,6 +142,62 @@ static void what_killed_writers_left_is_swept(void **state) {
     assert_int_equal(lw_atomic_file_sweep("/nowhere/file"), 0);
 }
 
+/* A sweep comes while somebody writes: the file is locked, so it stays. */
+static void what_is_in_work_is_not_swept(void **state) {
+    (void)state;
+    struct lw_atomic_file file;
+    struct lw_error err = {0};
+    lw_support_ok(lw_atomic_file_open(&file, path, &err), &err);
+    lw_support_ok(lw_atomic_file_write(&file, "new", 3, &err), &err);
+    touch("file.1-0.tmp");
+    assert_int_equal(lw_atomic_file_sweep(path), 1);
+    assert_int_equal(access(file.temporary_path, F_OK), 0);
+    file.durable = true;
+    lw_support_ok(lw_atomic_file_commit(&file, &err), &err);
+    assert_holds("new");
+    assert_int_equal(files_in_folder(), 1);
+}
+
+static void the_mode_of_an_old_file_stays(void **state) {
+    (void)state;
+    static const mode_t modes[] = {0600, 0664, 0444, 0755};
+    struct stat st;
+    unlink(path);
+    write_whole("first");
+    for (size_t i = 0; i < sizeof modes / sizeof *modes; i++) {
+        assert_int_equal(chmod(path, modes[i]), 0);
+        write_whole("next");
+        assert_int_equal(stat(path, &st), 0);
+        assert_int_equal(st.st_mode & 07777, modes[i]);
+    }
+    if (geteuid()) return; /* only root gives files away */
+    assert_int_equal(chown(path, 4321, 1234), 0);
+    write_whole("last");
+    assert_int_equal(stat(path, &st), 0);
+    assert_true(st.st_uid == 4321 && st.st_gid == 1234);
+    unlink(path);
+}
+
+static void a_stop_ends_a_file(void **state) {
+    (void)state;
+    volatile sig_atomic_t stop = 0;
+    unlink(path);
+    for (int at_commit = 0; at_commit < 2; at_commit++) {
+        struct lw_atomic_file file;
+        struct lw_error err = {0};
+        stop = 0;
+        lw_support_ok(lw_atomic_file_open(&file, path, &err), &err);
+        file.stop = &stop;
+        lw_support_ok(lw_atomic_file_write(&file, "new", 3, &err), &err);
+        stop = 1;
+        const enum lw_status status =
+            at_commit ? lw_atomic_file_commit(&file, &err) : lw_atomic_file_write(&file, "er", 2, &err);
+        lw_support_fails(status, LW_CLOSED, &err, "stopped before it was whole");
+        lw_atomic_file_abandon(&file);
+        assert_int_equal(files_in_folder(), 0);
+    }
+}
+
 static void a_check_leaves_nothing(void **state) {
     (void)state;
     struct lw_error err = {0};
@@ -181,6 +237,9 @@ int main(void) {
         cmocka_unit_test(two_writers_do_not_mix),
         cmocka_unit_test(a_place_that_goes_away_is_told),
         cmocka_unit_test(what_killed_writers_left_is_swept),
+        cmocka_unit_test(what_is_in_work_is_not_swept),
+        cmocka_unit_test(the_mode_of_an_old_file_stays),
+        cmocka_unit_test(a_stop_ends_a_file),
         cmocka_unit_test(a_check_leaves_nothing),
         cmocka_unit_test(a_check_leaves_pipes_alone),
     };

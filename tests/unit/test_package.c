@@ -75,6 +75,13 @@ static uint8_t *write_package(const struct lw_scene *scene, size_t *out_size) {
     return bytes;
 }
 
+static uint8_t *write_sealed(const struct lw_scene *scene, size_t *out_size) {
+    struct lw_error err = {0};
+    uint8_t *bytes = NULL;
+    lw_support_ok(lw_package_write_sealed(scene, &bytes, out_size, &err), &err);
+    return bytes;
+}
+
 static uint8_t *write_everything(size_t *out_size) {
     struct lw_scene *scene = lw_support_everything();
     uint8_t *bytes = write_package(scene, out_size);
@@ -82,9 +89,9 @@ static uint8_t *write_everything(size_t *out_size) {
     return bytes;
 }
 
-/* Bytes of the document's block ```hex: lines of an offset, bytes, and a comment behind ';'. */
-static size_t parse_document(const char *text, uint8_t *out, size_t capacity) {
-    const char *line = strstr(text, "```hex\n");
+/* Bytes of the text's next block ```hex: lines of an offset, bytes, and a comment behind ';'. */
+static size_t parse_document(const char **text, uint8_t *out, size_t capacity) {
+    const char *line = strstr(*text, "```hex\n");
     assert_non_null(line);
     size_t count = 0;
     for (line = strchr(line, '\n') + 1; strncmp(line, "```", 3) != 0; line = strchr(line, '\n') + 1) {
@@ -99,6 +106,7 @@ static size_t parse_document(const char *text, uint8_t *out, size_t capacity) {
         }
         assert_true(end[strspn(end, " ")] == ';' || *end == '\n');
     }
+    *text = line;
     return count;
 }
 
@@ -106,8 +114,9 @@ static void the_document_shows_the_bytes(void **state) {
     (void)state;
     size_t text_size, size;
     char *text = (char *)lw_support_read_file(lw_support_source("docs/scene_package.md"), &text_size);
-    uint8_t expected[4096];
-    size_t expected_size = parse_document(text, expected, sizeof expected);
+    uint8_t expected[4096], head[64];
+    const char *at = text;
+    size_t expected_size = parse_document(&at, expected, sizeof expected);
     struct lw_scene *scene = build_example();
     uint8_t *bytes = write_package(scene, &size);
     assert_int_equal(size, expected_size);
@@ -118,6 +127,10 @@ static void the_document_shows_the_bytes(void **state) {
     assert_string_equal(read->object[0].name, "tri");
     assert_true(read->material[0].emission[1] == 1.0f);
     lw_scene_destroy(read);
+    free(bytes);
+    bytes = write_sealed(scene, &size); /* as a file: its header */
+    assert_int_equal(parse_document(&at, head, sizeof head), 32);
+    assert_memory_equal(bytes, head, 32);
     lw_scene_destroy(scene);
     free(bytes);
     free(text);
@@ -350,6 +363,69 @@ static void every_flipped_bit_is_refused_or_sound(void **state) {
     free(bytes);
 }
 
+/* As files have it: whatever else it is, it is not read. */
+static void no_flipped_bit_of_a_sealed_package_is_read(void **state) {
+    (void)state;
+    struct lw_scene *scene = lw_support_everything(), *read;
+    struct lw_error err = {0};
+    size_t size, again_size;
+    uint8_t *bytes = write_sealed(scene, &size);
+    assert_int_equal(bytes[8], LW_PACKAGE_VERSION);
+    lw_support_ok(lw_package_read(bytes, size, &read, &err), &err);
+    assert_same_scene(scene, read);
+    uint8_t *again = write_sealed(read, &again_size);
+    assert_int_equal(again_size, size);
+    assert_memory_equal(again, bytes, size);
+    free(again);
+    lw_scene_destroy(read);
+    lw_scene_destroy(scene);
+    for (size_t bit = 0; bit < 8 * size; bit++) {
+        err = (struct lw_error){0};
+        bytes[bit / 8] ^= (uint8_t)(1u << bit % 8);
+        if (read_exactly(bytes, size, &err) != LW_BAD_DATA || !*err.text)
+            fail_msg("bit %zu of byte %zu is flipped, and it is read", bit % 8, bit / 8);
+        bytes[bit / 8] ^= (uint8_t)(1u << bit % 8);
+    }
+    for (size_t cut = 0; cut < size; cut++) assert_int_equal(read_exactly(bytes, cut, NULL), LW_BAD_DATA);
+    assert_int_equal(read_exactly(bytes, size, NULL), LW_OK);
+    free(bytes);
+}
+
+/* What a disk that lost a write leaves; and two that changed places. */
+static void no_lost_block_of_a_sealed_file_is_read(void **state) {
+    (void)state;
+    static const size_t blocks[] = {512, 4096};
+    struct lw_scene *scene = lw_support_squares(800, 1), *read = NULL;
+    const char *path = lw_support_temporary("lost.lwscene");
+    struct lw_error err = {0};
+    size_t size, lost = 0;
+    lw_support_ok(lw_package_save(scene, path, &err), &err);
+    lw_scene_destroy(scene);
+    uint8_t *bytes = lw_support_read_file(path, &size), *damaged = malloc(size);
+    assert_non_null(damaged);
+    assert_true(size > 20 * 4096);
+    for (size_t b = 0; b < 2; b++)
+        for (size_t at = 0; at < size; at += blocks[b]) {
+            const size_t length = size - at < blocks[b] ? size - at : blocks[b];
+            memcpy(damaged, bytes, size);
+            memset(damaged + at, 0, length);
+            if (memcmp(damaged, bytes, size) == 0) continue; /* zeros were there */
+            lost++;
+            if (read_exactly(damaged, size, NULL) != LW_BAD_DATA)
+                fail_msg("%zu bytes from %zu on are zero, and it is read", length, at);
+        }
+    assert_true(lost > 100);
+    memcpy(damaged, bytes, size);
+    memcpy(damaged + 4096, bytes + 8192, 4096);
+    memcpy(damaged + 8192, bytes + 4096, 4096);
+    lw_support_write_file(path, damaged, size);
+    lw_support_fails(lw_package_load(path, &read, &err), LW_BAD_DATA, &err,
+                     "lost.lwscene: scene package is damaged: its bytes do not have its checksum");
+    assert_null(read);
+    free(damaged);
+    free(bytes);
+}
+
 static void every_word_with_an_extreme_value_is_refused_or_sound(void **state) {
     (void)state;
     static const uint32_t extremes[] = {
@@ -467,7 +543,7 @@ static void fields_lie_where_the_document_says(void **state) {
 /* One lie each: the name of a place, and what is said about it. */
 #define LIE_MAP(X)                                                                                           \
     X("does not begin with LWSCENE", b[0] = 'l')                                                             \
-    X("has version 5; this program reads versions 1 to 4", set_u32(b + 8, 5))                                \
+    X("has version 6; this program reads versions 1 to 5", set_u32(b + 8, 6))                                \
     X("has 22 sections; version 1 has 20", set_u32(b + 8, 1))                                                \
     X("has 21 sections; version 3 has 22", set_u32(b + 12, 21))                                              \
     X("section environments has 0 elements, not 1: without one", set_u32(b + 8, 2))                          \
@@ -940,7 +1016,7 @@ static void files_keep_what_was_saved(void **state) {
     lw_support_ok(lw_package_load(path, &read, &err), &err);
     assert_same_scene(scene, read);
     size_t size, file_size;
-    uint8_t *bytes = write_package(scene, &size), *file = lw_support_read_file(path, &file_size);
+    uint8_t *bytes = write_sealed(scene, &size), *file = lw_support_read_file(path, &file_size);
     assert_int_equal(size, file_size);
     assert_memory_equal(bytes, file, size);
     free(file);
@@ -1015,6 +1091,34 @@ static void a_failed_save_leaves_the_old_file_and_nothing_else(void **state) {
     lw_scene_destroy(scene);
 }
 
+static void a_stopped_save_leaves_the_old_file_and_nothing_else(void **state) {
+    (void)state;
+    const char *folder = lw_support_temporary("stopped");
+    assert_int_equal(mkdir(folder, 0700), 0);
+    const char *path = lw_support_temporary("stopped/scene.lwscene");
+    struct lw_scene *scene = lw_support_squares(1, 1), *read;
+    struct lw_error err = {0};
+    volatile sig_atomic_t stop = 0;
+    lw_support_ok(lw_package_save_stoppable(scene, path, &stop, &err), &err);
+    assert_int_equal(chmod(path, 0604), 0);
+    scene->name = "newer";
+    stop = SIGTERM;
+    lw_support_fails(lw_package_save_stoppable(scene, path, &stop, &err), LW_CLOSED, &err, "scene.lwscene");
+    assert_int_equal(count_files(folder), 1);
+    err = (struct lw_error){0};
+    lw_support_ok(lw_package_load(path, &read, &err), &err);
+    assert_string_equal(read->name, "squares");
+    lw_scene_destroy(read);
+    /* what a killed writer left goes with the next, and the file's mode stays */
+    lw_support_write_file(lw_support_temporary("stopped/scene.lwscene.77-0.tmp"), "half", 4);
+    lw_support_ok(lw_package_save(scene, path, &err), &err);
+    struct stat st;
+    assert_int_equal(stat(path, &st), 0);
+    assert_int_equal(st.st_mode & 0777, 0604);
+    assert_int_equal(count_files(folder), 1);
+    lw_scene_destroy(scene);
+}
+
 static void hash_is_xxh3_of_the_bytes(void **state) {
     (void)state;
     /* XXH3-128 of the empty input, seed 0, as xxhsum -H2 prints it: 99aa06d3014798d86001c324468d497f */
@@ -1041,6 +1145,8 @@ int main(void) {
         cmocka_unit_test(an_unsound_scene_is_not_written),
         cmocka_unit_test(cut_off_anywhere_is_refused),
         cmocka_unit_test(every_flipped_bit_is_refused_or_sound),
+        cmocka_unit_test(no_flipped_bit_of_a_sealed_package_is_read),
+        cmocka_unit_test(no_lost_block_of_a_sealed_file_is_read),
         cmocka_unit_test(every_word_with_an_extreme_value_is_refused_or_sound),
         cmocka_unit_test(each_lie_is_named),
         cmocka_unit_test(what_nobody_uses_is_refused),
@@ -1058,6 +1164,7 @@ int main(void) {
         cmocka_unit_test(files_keep_what_was_saved),
         cmocka_unit_test(files_that_cannot_be_are_named),
         cmocka_unit_test(a_failed_save_leaves_the_old_file_and_nothing_else),
+        cmocka_unit_test(a_stopped_save_leaves_the_old_file_and_nothing_else),
         cmocka_unit_test(hash_is_xxh3_of_the_bytes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -100,6 +100,8 @@ export interface Scene {
 
 const WIDTHS = [24, 64, 112, 28, 104, 16, 40, 16, 24, 1, 12, 12, 8, 16, 12, 4, 8, 4, 4, 4, 12, 12, 4, 4];
 const COUNTS = [1, 20, 16, 14, 21, 20, 20, 16, 20].map((bits) => (bits === 1 ? 1 : 2 ** bits));
+const SEALED = 5; // the version with a checksum
+const SEAL_AT = 24;
 const ATLAS_SIDE_MAX = 16384;
 const TEXELS_MAX = 2 ** 28;
 const VERTICES_MAX = 2 ** 28;
@@ -114,14 +116,19 @@ class PackageReader {
   private readonly section: Section[] = [];
   readonly version: number;
 
-  constructor(private readonly bytes: Uint8Array) {
+  constructor(
+    private readonly bytes: Uint8Array,
+    tiles: Tiles,
+  ) {
     this.view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
     if (bytes.length < 512 || String.fromCharCode(...bytes.subarray(0, 8)) !== 'LWSCENE\n')
       this.fail('it is none');
     if (bytes.byteOffset % 16) throw new Error('a package lies at a multiple of 16');
     this.version = this.u32(8);
-    const sections = [0, 20, 22, 22, 24][this.version] ?? 0;
+    const sections = [0, 20, 22, 22, 24, 24][this.version] ?? 0;
     if (!sections) this.fail(`version ${this.version}`);
+    if (this.version >= SEALED) this.checkSeal(tiles);
+    else if (this.u64(SEAL_AT)) this.fail('a reserved field is not 0');
     if (this.u32(12) !== sections || 32 + 24 * sections > bytes.length) this.fail(`${this.u32(12)} sections`);
     for (let i = 0; i < sections; i++) {
       const entry = 32 + 24 * i;
@@ -133,6 +140,15 @@ class PackageReader {
       if (count > (COUNTS[i] ?? Infinity)) this.fail(`section ${i + 1} has ${count} elements`);
       this.section.push({ at, count });
     }
+  }
+
+  /** A package of version 5 holds a part of its own hash, with zeros where that stands. */
+  private checkSeal(tiles: Tiles): void {
+    const seal = this.bytes.slice(SEAL_AT, SEAL_AT + 8);
+    this.bytes.fill(0, SEAL_AT, SEAL_AT + 8);
+    const hash = tiles.hash(this.bytes);
+    this.bytes.set(seal, SEAL_AT);
+    if (seal.some((byte, i) => byte !== hash[i])) this.fail('its bytes do not have its checksum');
   }
 
   fail(what: string): never {
@@ -321,7 +337,7 @@ function readChannel(r: PackageReader, at: number, place: string): Channel {
 
 /** bytes: at a multiple of 16 of its buffer, which the scene refers to. */
 export function readPackage(bytes: Uint8Array, tiles: Tiles): Scene {
-  const r = new PackageReader(bytes);
+  const r = new PackageReader(bytes, tiles);
   const head = r.records(1, 'scene', (at, place) => ({
     name: r.string(at, place),
     durationS: r.f32(at + 8, place),
