@@ -34,6 +34,7 @@ if(LW_FUZZ)
 endif()
 if(LW_COVERAGE)
   target_compile_options(lw_flags INTERFACE --coverage)
+  target_compile_definitions(lw_flags INTERFACE LW_COVERAGE)
   target_link_options(lw_flags INTERFACE --coverage)
 endif()
 

@@ -21,6 +21,7 @@
 
 #define PROGRAM_NAME  "lightwell-import"
 #define PACKAGE_NAME  "scene.lwscene"
+#define NOBODY        65534
 #define FAILURE_FD    3             /* where the importer writes its failure: its --failure-fd */
 #define POLL_MS       50            /* how soon a cancellation is seen */
 #define KILL_AFTER_NS 1000000000ull /* between SIGTERM and SIGKILL */
@@ -53,8 +54,11 @@ static enum lw_status load_package(const struct lw_import_spawn_desc *desc, stru
 
 /* ---- the temporary folder ---- */
 
+/* Where we are root, the importer shall be nobody: it becomes the user whose this folder is. */
 static enum lw_status make_folder(struct importer *importer, struct lw_error *err) {
     enum lw_status status = lw_folders_make_temporary(importer->folder, sizeof importer->folder, err);
+    if (status == LW_OK && geteuid() == 0 && chown(importer->folder, NOBODY, NOBODY) != 0)
+        lw_log(LW_LOG_DEBUG, "%s stays root: %s", PROGRAM_NAME, strerror(errno));
     snprintf(importer->package, sizeof importer->package, "%s/%s", importer->folder, PACKAGE_NAME);
     return status;
 }

@@ -123,6 +123,6 @@ bool lw_beside_find(const char *folder, const char *scene, const char *wanted, c
         normalise(path, clean);
         good = try_everywhere(folder, scene, clean, found);
     }
-    if (good) *out_path = strdup(found);
+    if (good) *out_path = strdup(found + strlen(folder) + 1);
     return good;
 }

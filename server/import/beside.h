@@ -12,7 +12,8 @@
  * if nothing has that very name; upper and lower case count only if both exist.
  * folder     of the scene
  * scene      base name of the scene, for SCENE.fbm
- * out_path   malloc'ed; a regular file
+ * out_path   malloc'ed; a regular file, from the folder on. Links may lead out of it: open it by
+ *            lw_file_read_beneath()
  * False if there is none; NULL in *out_path when out of memory. */
 LW_MUST_CHECK bool lw_beside_find(const char *folder, const char *scene, const char *wanted, char **out_path);
 

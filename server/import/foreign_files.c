@@ -71,7 +71,8 @@ static struct reader *open_library(struct lw_foreign_files *files, const char *n
     size_t size = 0;
     struct reader *reader = NULL;
     if (lw_beside_find(files->folder, files->name, name, &path) && path &&
-        lw_file_read(path, LW_FOREIGN_MTL_SIZE_MAX, true, &bytes, &size, &ignored) == LW_OK)
+        lw_file_read_beneath(files->folder, path, LW_FOREIGN_MTL_SIZE_MAX, true, &bytes, &size, &ignored) ==
+            LW_OK)
         reader = create_reader(bytes, bytes, size);
     if (!reader) free(bytes);
     free(path);

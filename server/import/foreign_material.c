@@ -149,7 +149,7 @@ static enum lw_status load_file(struct lw_foreign_materials *materials, const ch
     if (!lw_beside_find(files->folder, files->name, path, &found))
         return lw_status_fail(err, LW_BAD_DATA, "is not there: put it into the folder of the scene or below");
     if (!found) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
-    if (lw_file_read(found, LW_IMAGE_FILE_SIZE_MAX, true, &bytes, &size, err) == LW_OK)
+    if (lw_file_read_beneath(files->folder, found, LW_IMAGE_FILE_SIZE_MAX, true, &bytes, &size, err) == LW_OK)
         (void)decode(materials, bytes, size, picture, err);
     free(bytes);
     free(found);

@@ -114,11 +114,8 @@ static enum lw_status fetch_file(const struct lw_gltf_document *document, const 
     if (!document->folder)
         return lw_status_fail(err, LW_BAD_DATA, "uri \"%.200s\": a scene in memory can name no file", uri);
 
-    char *path = malloc(strlen(document->folder) + 1 + length + 1);
-    if (!path) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
-    sprintf(path, "%s/%s", document->folder, decoded);
-    enum lw_status status = lw_file_read(path, size_max, whole, out_storage, out_size, err);
-    free(path);
+    enum lw_status status =
+        lw_file_read_beneath(document->folder, decoded, size_max, whole, out_storage, out_size, err);
     if (status == LW_OK) return LW_OK;
     lw_status_context(err, "uri \"%.200s\"", uri);
     if (err->status != LW_NO_MEMORY) err->status = LW_NO_INPUT;

@@ -2,8 +2,10 @@
 
 #include "common/sanitizer.h"
 
+#include <fcntl.h>
 #include <signal.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
 #include <unistd.h>
@@ -20,6 +22,7 @@ static struct {
     char line[LINE_COUNT][LW_ERROR_TEXT_SIZE];
     size_t length[LINE_COUNT];
     int fd;
+    int memory_fd; /* of /proc/self/statm; 0: not open */
     struct sigaction before[WATCHED_COUNT];
     struct rlimit processor_before, memory_before;
     stack_t stack_before;
@@ -53,13 +56,16 @@ static double processor_time_s(void) {
            1e-6 * (double)(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec);
 }
 
+int lw_guard_prepare(void) {
+    const int fd = guard.memory_fd ? guard.memory_fd : open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
+    guard.memory_fd = fd > 0 ? fd : 0;
+    return guard.memory_fd;
+}
+
 static uint64_t address_space_bytes(void) {
-    unsigned long long pages = 0;
-    FILE *file = fopen("/proc/self/statm", "r");
-    if (!file) return 0;
-    if (fscanf(file, "%llu", &pages) != 1) pages = 0;
-    fclose(file);
-    return pages * (uint64_t)sysconf(_SC_PAGESIZE);
+    char text[256] = "";
+    if (!lw_guard_prepare() || pread(guard.memory_fd, text, sizeof text - 1, 0) <= 0) return 0;
+    return strtoull(text, NULL, 10) * (uint64_t)sysconf(_SC_PAGESIZE);
 }
 
 /* Lowers the soft limit alone, so that leave() may raise it again. */

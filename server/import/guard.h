@@ -17,6 +17,10 @@ struct lw_guard_desc {
     uint64_t memory_bytes;
 };
 
+/** Opens what says how much memory is in use, for who cannot open files later. Without this enter() does.
+ * Returns the descriptor; 0: there is none. */
+int lw_guard_prepare(void);
+
 /** From here on: the exit code of LW_BAD_DATA and a line, where otherwise a signal would end the process.
  * The limit on memory makes allocations fail, which the library reports in its own way.
  * Builds with a sanitizer keep their own signal handlers and have no limit on memory. */

@@ -1,14 +1,17 @@
 /* lightwell-import: turns a scene file into a scene package (.lwscene), with lightmap UVs.
  * Flow:    a file in one of LW_SCENE_FORMAT_MAP, or builtin:NAME -> scene -> lightmap UVs -> package */
+#include "common/atomic_file.h"
 #include "common/builtin/builtin.h"
 #include "common/clock.h"
 #include "common/lightmap/lightmap.h"
 #include "common/log.h"
+#include "common/open/import_spawn.h"
 #include "common/options.h"
 #include "common/progress.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 #include "common/trace/trace.h"
+#include "server/import/cage.h"
 #include "server/import/environment_file.h"
 #include "server/import/foreign.h"
 #include "server/import/gltf.h"
@@ -19,6 +22,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <jansson.h>
+#include <limits.h>
 #include <poll.h>
 #include <pthread.h>
 #include <signal.h>
@@ -234,11 +238,15 @@ static enum lw_status read_file(const struct arguments *arguments, struct lw_sce
                                                   : lw_foreign_load(&foreign, out_scene, err);
 }
 
+static bool is_builtin(const struct arguments *arguments) {
+    return strncmp(arguments->scene, LW_BUILTIN_PREFIX, strlen(LW_BUILTIN_PREFIX)) == 0;
+}
+
 static enum lw_status read_scene(const struct arguments *arguments, struct lw_scene **out_scene,
                                  struct lw_error *err) {
     struct stage stage;
     struct lw_scene *scene;
-    bool builtin = strncmp(arguments->scene, LW_BUILTIN_PREFIX, strlen(LW_BUILTIN_PREFIX)) == 0;
+    bool builtin = is_builtin(arguments);
     stage_begin(&stage, builtin ? "building the scene" : "reading the scene");
     enum lw_status status = builtin ? lw_builtin_build(arguments->scene, &scene, err)
                             : lw_package_is(arguments->scene) ? lw_package_load(arguments->scene, &scene, err)
@@ -508,11 +516,43 @@ static void warn_of_bound(const struct arguments *arguments, const struct lw_sce
            (double)r->density_wanted, r->texels_max);
 }
 
+#ifdef LW_IMPORT_PROBE
+void lw_import_probe(const char *scene, bool caged); /* tests/support/import_probe.c: tries to break out */
+#define PROBE(arguments, caged) lw_import_probe((arguments)->scene, caged)
+#else
+#define PROBE(arguments, caged) (void)0
+#endif
+
+/* What killed importers left goes while the folder can still be searched. */
+static void enter_cage(const struct arguments *arguments) {
+    char target[PATH_MAX];
+    if (!realpath(arguments->output, target)) snprintf(target, sizeof target, "%s", arguments->output);
+    lw_atomic_file_sweep(target);
+    PROBE(arguments, false);
+    const unsigned missing =
+        lw_cage_enter(&(struct lw_cage_desc){.scene = is_builtin(arguments) ? NULL : arguments->scene,
+                                             .scene_alone = lw_package_is(arguments->scene),
+                                             .environment = arguments->environment,
+                                             .output = arguments->output,
+                                             .kept = {(int)arguments->failure_fd, lw_guard_prepare()},
+                                             .owner = arguments->failure_fd != 0,
+                                             .memory_bytes = LW_IMPORT_SPAWN_MEMORY_MAX,
+                                             .file_bytes = LW_PACKAGE_SIZE_MAX});
+    static const char *const lacks[] = {
+        [LW_CAGE_FILES] = "no Landlock: code that a broken scene smuggles in could reach other files",
+        [LW_CAGE_CALLS] = "no seccomp: code that a broken scene smuggles in could reach the network",
+        [LW_CAGE_FILES | LW_CAGE_CALLS] =
+            "neither Landlock nor seccomp: code that a broken scene smuggles in could do what its user may"};
+    if (missing) lw_log(LW_LOG_WARNING, "this system has %s", lacks[missing]);
+    PROBE(arguments, true);
+}
+
 static enum lw_status run(const struct arguments *arguments, struct lw_error *err) {
     uint64_t started_ns = lw_clock_ns();
     struct lw_scene *scene = NULL;
     struct lw_lightmap_report *report = NULL;
     enum lw_status status = check_output(arguments, err);
+    if (!status) enter_cage(arguments);
     if (!status) status = read_scene(arguments, &scene, err);
     if (status) return status;
     if (!lw_scene_has_light(scene))

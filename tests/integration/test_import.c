@@ -609,7 +609,14 @@ static void a_signal_while_it_writes_leaves_nothing(void **state) {
         const int code = lw_process_stop(&process, signals[i], 120);
         assert_true(code == 0 || code == -signals[i]);
         assert_false(has_ending(folder, ".tmp"));
-        assert_int_equal(access(package, F_OK) == 0, code == 0);
+        const bool there = access(package, F_OK) == 0;
+        assert_true(there || code != 0);
+        if (there) { /* the signal may have come right behind the last byte */
+            struct lw_scene *scene;
+            struct lw_error err = {0};
+            lw_support_ok(lw_package_load(package, &scene, &err), &err);
+            lw_scene_destroy(scene);
+        }
         unlink(package);
     }
     assert_int_equal(rmdir(folder), 0);
