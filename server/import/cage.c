@@ -127,7 +127,7 @@ static int create_ruleset(uint64_t *out_rights) {
     return (int)syscall(SYS_landlock_create_ruleset, &ruleset, size, 0);
 }
 
-/* A path that is not there needs no rule: whoever opens it hears of that. */
+/* A path that is not there needs no rule: opening it fails and says so. */
 static void allow(int ruleset, const char *path, uint64_t rights) {
     const int fd = open(path, O_PATH | O_CLOEXEC);
     if (fd < 0) return;
@@ -314,7 +314,7 @@ static const int calls[] = {
 #define ANSWER(a)   BPF_STMT(BPF_RET | BPF_K, (a))
 #define FAIL(error) ANSWER(SECCOMP_RET_ERRNO | (error))
 #define ALLOW       ANSWER(SECCOMP_RET_ALLOW)
-/* how many of the next lines to skip where the loaded word is the value, has one of the bits, and where not */
+/* lines to skip where the loaded word is the value, has one of the bits, and where not */
 #define IF(value, yes, no)    BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, (uint32_t)(value), yes, no)
 #define IF_ANY(bits, yes, no) BPF_JUMP(BPF_JMP | BPF_JSET | BPF_K, (uint32_t)(bits), yes, no)
 

@@ -1,5 +1,5 @@
-/* cage.h: takes from the process of the importer what reading a scene does not need, before it reads a byte of
- * one: a file that takes a decoder over gets little with it.
+/* cage.h: takes from the process of the importer what reading a scene does not need, before it reads a byte
+ * of one: a file that takes a decoder over gets little with it.
  * Flow:    arguments -> [cage] -> scene, read and written inside
  * Threads: main() only, before it starts others: they inherit the cage.
  *
@@ -25,7 +25,7 @@ struct lw_cage_desc {
 
 /** What a kernel may lack. */
 enum lw_cage_part {
-    LW_CAGE_FILES = 1, /* Landlock: no file but the desc's is opened, changed or removed, whoever may */
+    LW_CAGE_FILES = 1, /* Landlock: no file but the desc's is opened, changed or removed by any user */
     LW_CAGE_CALLS = 2, /* seccomp: no socket, no program, no process, no signal to others, no ptrace */
 };
 

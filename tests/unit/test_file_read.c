@@ -1,4 +1,5 @@
-/* Files that other files name: only from their folder, by the kernel's rule and by the one for older kernels. */
+/* Files that other files name: only from their folder, by the kernel's rule and by the one for older
+ * kernels. */
 #include "tests/support/support.h"
 
 #include "common/file_read.h"
