@@ -231,7 +231,7 @@ static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     shared->recent[shared->generation % LW_SESSION_RECENT] =
         (struct lw_session_recent){snapshot->frame, lw_clock_ns()};
     answer_updates(shared);
-    for (struct lw_session *s = shared->first; s; s = lw_session_next(s)) lw_turns_set_due(s, false);
+    lw_turns_begin_snapshot(shared);
 }
 
 static void free_interest(struct lw_server_interest *interest) {

@@ -101,9 +101,7 @@ struct lw_session_shared {
 struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_session_transport *link,
                                    const struct lw_session_peer *peer);
 
-/* What a transport tells of its link. */
-/** Bytes have come. */
-void lw_session_receive(struct lw_session *session, const uint8_t *bytes, size_t size);
+/* What a transport tells of its link; of bytes that have come it tells session_handlers.h. */
 /** The link has taken what write() left over, or result is libuv's error.
  * was_full  the link took no more for a time; not told by one that takes everything later */
 void lw_session_written(struct lw_session *session, int result, bool was_full);

@@ -2,6 +2,7 @@
 
 #include "common/clock.h"
 #include "server/serve/control_socket.h"
+#include "server/serve/session_handlers.h"
 
 #include <assert.h>
 #if defined(__linux__)
@@ -298,7 +299,7 @@ static void receive_by_tls(struct link *link, const uint8_t *bytes, size_t size)
             lw_session_lost(link->session, UV_EPIPE);
             return;
         }
-        if (status == LW_OK && got) lw_session_receive(link->session, shared->record, got);
+        if (status == LW_OK && got) lw_session_handlers_receive(link->session, shared->record, got);
     } while (status == LW_OK && got && !uv_is_closing((uv_handle_t *)&link->on.stream));
     if (uv_is_closing((uv_handle_t *)&link->on.stream)) return;
     if (shakes_hands) shared->handshakes_ns += lw_clock_ns() - began_ns;
@@ -331,7 +332,7 @@ static void receive(struct link *link, const uint8_t *bytes, size_t size) {
         lw_session_refuse(link->session, LW_REFUSAL_PROTOCOL,
                           "it speaks TLS, and this server has no certificate (--tls-certificate)");
     else if (link->tls == TLS_NONE)
-        lw_session_receive(link->session, bytes, size);
+        lw_session_handlers_receive(link->session, bytes, size);
 }
 
 /* Handshakes take the most of a turn of all that newcomers ask for. */

@@ -1,5 +1,6 @@
 #include "server/serve/ws_transport.h"
 
+#include "server/serve/session_handlers.h"
 #include "server/serve/tcp_transport.h"
 
 #include <assert.h>
@@ -103,7 +104,7 @@ struct lw_ws_transport *lw_ws_transport_open(struct lw_ws_transport_shared *shar
 int lw_ws_transport_receive(struct lw_ws_transport *link, const void *bytes, size_t size) {
     if (link->closing) return -1;
     link->in_event = true;
-    lw_session_receive(link->session, bytes, size);
+    lw_session_handlers_receive(link->session, bytes, size);
     link->in_event = false;
     return link->closing ? -1 : 0;
 }

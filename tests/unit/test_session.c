@@ -1,6 +1,7 @@
 #include "tests/support/support.h"
 
 #include "common/clock.h"
+#include "server/serve/session_handlers.h"
 #include "server/serve/session_private.h"
 #include "server/serve/turns.h"
 
@@ -171,7 +172,7 @@ static void say(struct lw_session *s, const struct lw_message *message, unsigned
     lw_support_ok(lw_blob_from_message(message, &blob), NULL);
     lw_support_ok(lw_blob_create(blob->size * times, &many), NULL);
     for (unsigned i = 0; i < times; i++) memcpy(many->bytes + i * blob->size, blob->bytes, blob->size);
-    lw_session_receive(s, many->bytes, many->size);
+    lw_session_handlers_receive(s, many->bytes, many->size);
     lw_blob_unref(blob);
     lw_blob_unref(many);
 }
@@ -370,7 +371,7 @@ static void say_hello_of(struct lw_session *s, uint32_t body_size) {
     for (size_t done = 0, size = LW_FRAMING_HEADER_SIZE + (size_t)body_size, piece; done < size;
          done += piece) {
         piece = size - done < LW_SERVER_TURN_READ ? size - done : LW_SERVER_TURN_READ;
-        lw_session_receive(s, bytes + done, piece);
+        lw_session_handlers_receive(s, bytes + done, piece);
     }
     serve();
     free(bytes);
