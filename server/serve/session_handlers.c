@@ -320,6 +320,10 @@ void lw_session_handlers_take(struct lw_session *s) {
     }
     if (s->state >= LW_SESSION_LEAVING) {
         lw_message_reader_clear(&s->input);
+        if (s->state == LW_SESSION_LEAVING && s->inbox && !s->rates.waits) {
+            lw_turns_leave_inbox(s);
+            s->link->ops->read(s->link, true);
+        }
     } else if (lw_message_reader_keep(&s->input) != LW_OK) {
         lw_session_close(s, "out of memory");
     } else if (s->rates.waits) {
