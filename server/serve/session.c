@@ -61,7 +61,7 @@ static bool take_place(struct lw_session *s) {
     struct lw_session_shared *shared = s->shared;
     const struct lw_address *at = &s->peer.at;
     if (s->peer.is_local) return true;
-    if (shared->place_count < shared->sessions_max &&
+    if (!s->peer.is_too_many && shared->place_count < shared->sessions_max &&
         lw_address_places_take(&shared->places, at, address_share(shared, at))) {
         s->has_place = true;
         shared->place_count++;
@@ -81,6 +81,18 @@ static void give_place(struct lw_session *s) {
     shared->turned_away_count -= s->is_turned_away;
     shared->control_count -= s->keeps_control_place;
     s->has_place = s->is_turned_away = s->keeps_control_place = false;
+}
+
+/* As many as there are places for it. */
+static uint32_t connections_at_once(const struct lw_session_shared *shared, const struct lw_address *at) {
+    const uint32_t places = address_share(shared, at);
+    return places > LW_SERVER_CONNECTIONS_MIN ? places : LW_SERVER_CONNECTIONS_MIN;
+}
+
+bool lw_session_may_connect(struct lw_session_shared *shared, const struct lw_address *at) {
+    const double burst = connections_at_once(shared, at);
+    return lw_address_rates_allow(&shared->connecting, at, burst / LW_SERVER_CONNECTIONS_REFILL_S, burst,
+                                  lw_clock_ns());
 }
 
 struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_session_transport *link,
@@ -103,7 +115,10 @@ struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_s
     lw_message_rates_init(&s->rates, s->since_ns);
     link_session(s);
     shared->on_open(shared->server);
-    if (s->is_turned_away && shared->place_count >= shared->sessions_max)
+    if (s->is_turned_away && peer->is_too_many)
+        lw_session_refuse(s, LW_REFUSAL_RATE, "this address connects too often: %u times a second at most",
+                          connections_at_once(shared, &peer->at) / LW_SERVER_CONNECTIONS_REFILL_S);
+    else if (s->is_turned_away && shared->place_count >= shared->sessions_max)
         lw_session_refuse(s, LW_REFUSAL_FULL, "the server has its %u sessions", shared->sessions_max);
     else if (s->is_turned_away)
         lw_session_refuse(s, LW_REFUSAL_FULL, "this address has its %u sessions",
@@ -201,6 +216,10 @@ void lw_session_refuse(struct lw_session *s, enum lw_refusal code, const char *f
     lw_session_count(s->shared, &s->shared->stats.refused, 1);
     s->state = LW_SESSION_LEAVING;
     s->since_ns = lw_clock_ns();
+    lw_message_rates_init(&s->rates,
+                          s->since_ns); /* what it says from now on is dropped, but not at any rate */
+    lw_message_rates_bound(&s->rates, LW_MESSAGE_RATES_BYTES, LW_SERVER_DROPPED_MAX);
+    lw_message_rates_bound(&s->rates, LW_MESSAGE_RATES_FRAMES, LW_SERVER_DROPPED_FRAMES_MAX);
     s->link->ops->push(s->link);
     lw_blob_unref(s->control);
     s->control = NULL;
@@ -216,6 +235,13 @@ void lw_session_check_token(struct lw_session *s) {
     if (s->role == LW_TOKENS_NONE || !s->shared->tokens) return;
     if (lw_tokens_role(s->shared->tokens, s->token.bytes) != s->role)
         lw_session_refuse(s, LW_REFUSAL_TOKEN, "the token is no longer one of this server's");
+}
+
+void lw_session_count_other(struct lw_session *s, enum lw_message_rates_kind kind, size_t many) {
+    if (s->state == LW_SESSION_CLOSED || !many) return;
+    if (lw_message_rates_count_other(&s->rates, kind, (double)many, lw_clock_ns()) &&
+        s->inbox != &s->shared->slowed)
+        lw_session_queues_enter_inbox(s, &s->shared->slowed);
 }
 
 void lw_session_queue_answer(struct lw_session *s, const struct lw_message *message) {
@@ -295,6 +321,8 @@ static uint64_t hello_timeout_ns(const struct lw_session_shared *shared) {
 
 void lw_session_tick(struct lw_session *s, uint64_t now_ns, struct lw_session_waiting *waiting) {
     uint64_t age_ns = now_ns > s->since_ns ? now_ns - s->since_ns : 0;
+    if (s->link->ops->overhead)
+        lw_session_count_other(s, LW_MESSAGE_RATES_OVERHEAD, s->link->ops->overhead(s->link));
     const char *excess =
         lw_message_rates_judge(&s->rates, now_ns - s->looked_ns, s->shared->excess_timeout_ns);
     s->looked_ns = now_ns;

@@ -322,6 +322,10 @@ void lw_session_handlers_take(struct lw_session *s) {
     }
     if (s->state >= LW_SESSION_LEAVING) {
         lw_message_reader_clear(&s->input);
+        if (s->state == LW_SESSION_LEAVING && s->inbox && !s->rates.waits) {
+            lw_session_queues_leave_inbox(s);
+            s->link->ops->read(s->link, true);
+        }
     } else if (lw_message_reader_keep(&s->input) != LW_OK) {
         lw_session_close(s, "out of memory");
     } else if (s->rates.waits) {
@@ -336,6 +340,7 @@ void lw_session_handlers_take(struct lw_session *s) {
 
 /* With what was kept before: while a session is in an inbox a link may still hand over what it had read. */
 void lw_session_handlers_receive(struct lw_session *s, const uint8_t *bytes, size_t size) {
+    if (s->state == LW_SESSION_LEAVING) lw_session_count_other(s, LW_MESSAGE_RATES_BYTES, size);
     if (s->state >= LW_SESSION_LEAVING) return;
     s->heard_ns = lw_clock_ns();
     s->pinged = false;

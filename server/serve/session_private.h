@@ -13,7 +13,6 @@
 #define LW_SERVE_SESSION_PRIVATE_H
 
 #include "proto/message_reader.h"
-#include "server/serve/message_rates.h"
 #include "server/serve/session.h"
 
 enum lw_session_state {

@@ -57,6 +57,8 @@ struct link {
     enum tls tls;
     struct lw_tls_stream *stream;
     struct lw_blob *held; /* what the session said before TLS was ready */
+    uint64_t overhead;    /* bytes of TLS that were no messages, told so far; */
+    uint64_t sealed;      /* all but messages that came: a record that is half there will be one */
 };
 
 /* ---- writing ---- */
@@ -280,6 +282,13 @@ static void fail_tls(struct link *link, enum lw_status status, const char *why) 
     lw_session_refuse(link->session, LW_REFUSAL_PROTOCOL, "TLS: %s", why);
 }
 
+static void count_overhead(struct link *link) {
+    if (link->sealed <= link->overhead) return;
+    const size_t more = (size_t)(link->sealed - link->overhead);
+    link->overhead = link->sealed;
+    lw_session_count_other(link->session, LW_MESSAGE_RATES_OVERHEAD, more);
+}
+
 /* Decrypts what came, and hands it on. A session that is refused or closed meanwhile is told nothing more. */
 static void receive_by_tls(struct link *link, const uint8_t *bytes, size_t size) {
     struct lw_tcp_transport_shared *shared = link->shared;
@@ -289,6 +298,7 @@ static void receive_by_tls(struct link *link, const uint8_t *bytes, size_t size)
     enum lw_status status;
     size_t got;
     lw_tls_stream_lend(link->stream, bytes, size);
+    link->sealed += size;
     do {
         shared->output.size = got = 0;
         status = lw_tls_stream_read(link->stream, shared->record, sizeof shared->record, &got,
@@ -299,6 +309,7 @@ static void receive_by_tls(struct link *link, const uint8_t *bytes, size_t size)
             lw_session_lost(link->session, UV_EPIPE);
             return;
         }
+        link->sealed -= got;
         if (status == LW_OK && got) lw_session_handlers_receive(link->session, shared->record, got);
     } while (status == LW_OK && got && !uv_is_closing((uv_handle_t *)&link->on.stream));
     if (uv_is_closing((uv_handle_t *)&link->on.stream)) return;
@@ -307,7 +318,10 @@ static void receive_by_tls(struct link *link, const uint8_t *bytes, size_t size)
         link->tls = TLS_READY;
         let_go(link);
     }
-    if (status != LW_OK) fail_tls(link, status, err.text);
+    if (status != LW_OK)
+        fail_tls(link, status, err.text);
+    else
+        count_overhead(link);
 }
 
 /* A record of a handshake, as 5.1 of RFC 8446 has it. As a message of ours it would be longer than any is. */
@@ -386,8 +400,8 @@ static void close_link(struct lw_session_transport *transport) {
     uv_close((uv_handle_t *)&link_of(transport)->on.stream, on_closed);
 }
 
-static const struct lw_session_transport_ops ops = {write_blobs, read_on,    push,
-                                                    end_writing, close_link, waiting};
+static const struct lw_session_transport_ops ops = {write_blobs, read_on, push, end_writing,
+                                                    close_link,  waiting, NULL};
 
 static int init_stream(struct link *link, uv_stream_t *listener) {
     if (listener->type == UV_NAMED_PIPE) return uv_pipe_init(listener->loop, &link->on.pipe, 0);
@@ -395,47 +409,50 @@ static int init_stream(struct link *link, uv_stream_t *listener) {
 }
 
 /* On a Unix socket nobody is served but the server's user and root. */
-static void open_session(struct link *link, int descriptor) {
+static enum lw_status open_session(struct link *link, int descriptor) {
+    struct lw_session_shared *sessions = link->shared->sessions;
     const bool is_local = link->on.stream.type == UV_NAMED_PIPE;
-    const struct lw_session_peer peer =
+    struct lw_session_peer peer =
         is_local ? lw_control_socket_peer(descriptor) : lw_tcp_transport_peer(descriptor);
-    if (!is_local) lw_tcp_transport_set_options(descriptor);
-    link->session = lw_session_open(link->shared->sessions, &link->transport, &peer);
-    if (link->session && is_local && !peer.may_control)
+    if (!is_local) {
+        lw_tcp_transport_set_options(descriptor);
+        peer.is_too_many = !lw_session_may_connect(sessions, &peer.at);
+        if (link->shared->tls) link->tls = TLS_EXPECTS;
+    }
+    if (link->tls == TLS_EXPECTS) {
+        if (peer.is_too_many)
+            return LW_UNAVAILABLE; /* a handshake to say so would cost more than it is worth */
+        const enum lw_status status =
+            lw_tls_stream_create(lw_tls_context_ssl(link->shared->tls), NULL, &link->stream);
+        if (status != LW_OK) return status;
+    }
+    link->session = lw_session_open(sessions, &link->transport, &peer);
+    if (!link->session) return peer.is_too_many ? LW_UNAVAILABLE : LW_OS;
+    if (is_local && !peer.may_control)
         lw_session_refuse(link->session, LW_REFUSAL_NOT_ALLOWED,
                           "this socket is for the server's own user and root alone");
+    return LW_OK;
 }
 
 enum lw_status lw_tcp_transport_accept(struct lw_tcp_transport_shared *shared, uv_stream_t *listener) {
     struct link *link = calloc(1, sizeof *link);
     if (!link) return LW_NO_MEMORY;
     *link = (struct link){.transport = {&ops}, .shared = shared, .turn = UINT64_MAX, .is_new = true};
-    const bool by_tls = shared->tls && listener->type != UV_NAMED_PIPE;
-    if (by_tls) {
-        link->tls = TLS_EXPECTS;
-        const enum lw_status status =
-            lw_tls_stream_create(lw_tls_context_ssl(shared->tls), NULL, &link->stream);
-        if (status != LW_OK) {
-            free(link);
-            return status;
-        }
-    }
     if (init_stream(link, listener) < 0) {
-        lw_tls_stream_destroy(link->stream);
         free(link);
         return LW_OS;
     }
     link->on.stream.data = link;
     uv_os_fd_t descriptor;
+    enum lw_status status = LW_OS;
     if (uv_accept(listener, &link->on.stream) == 0 &&
         uv_fileno((const uv_handle_t *)&link->on.stream, &descriptor) == 0)
-        open_session(link, descriptor);
-    if (!link->session) {
+        status = open_session(link, descriptor);
+    if (status == LW_OK)
+        read_on(&link->transport, true);
+    else
         close_link(&link->transport);
-        return LW_OS;
-    }
-    read_on(&link->transport, true);
-    return LW_OK;
+    return status;
 }
 
 /* ---- sockets ---- */
@@ -475,6 +492,27 @@ void lw_tcp_transport_push(int socket) {
     if (getsockopt(socket, SOL_SOCKET, SO_SNDBUF, &size, &length) != 0 || size >= 2 * PUSHED_MAX) return;
     size = PUSHED_MAX; /* the system counts twice that, for what it keeps beside the bytes */
     (void)setsockopt(socket, SOL_SOCKET, SO_SNDBUF, &size, sizeof size);
+}
+
+uint64_t lw_tcp_transport_came(int socket) {
+#if defined(__linux__)
+    struct { /* the C library's ends before what Linux 4.1 added */
+        struct tcp_info begin;
+        uint64_t pacing_rate, max_pacing_rate, bytes_acked, bytes_received;
+    } info;
+    _Static_assert(sizeof info == 136, "not that of linux/tcp.h");
+    socklen_t length = sizeof info;
+    if (getsockopt(socket, IPPROTO_TCP, TCP_INFO, &info, &length) == 0 && length == sizeof info)
+        return info.bytes_received;
+#else
+    (void)socket;
+#endif
+    return 0;
+}
+
+size_t lw_tcp_transport_unread(int socket) {
+    int bytes;
+    return ioctl(socket, FIONREAD, &bytes) == 0 && bytes > 0 ? (size_t)bytes : 0;
 }
 
 size_t lw_tcp_transport_socket_waiting(int socket) {
