@@ -6,6 +6,7 @@
 #define LW_IMPORT_GLTF_DOCUMENT_H
 
 #include "server/import/gltf_json.h"
+#include "server/import/image_file.h"
 
 #include <stdint.h>
 
@@ -86,6 +87,7 @@ struct lw_gltf_document {
     bool *moves_skin;       /* per node: its place is part of a skin's; NULL before nodes are read */
     bool quantized;         /* KHR_mesh_quantization is in use */
     uint32_t warned;        /* bit per enum lw_gltf_warning */
+    struct lw_image_file_budget pictures;
 };
 
 /** Opens a document in memory; `bytes` must outlive it. finish() also after failure. */

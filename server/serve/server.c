@@ -34,6 +34,8 @@ struct lw_server {
     uv_loop_t loop;
     uv_tcp_t listener, http_listener, metrics_listener;
     uv_pipe_t control_listener;
+    uv_tcp_t spare; /* closes what there is no memory to take */
+    bool sheds;     /* it has one, and is not closed yet */
     uv_async_t wake;
     uv_prepare_t prepare; /* before the loop waits */
     uv_check_t check;     /* after it has waited */
@@ -493,16 +495,46 @@ static void tell_not_accepted(struct lw_server *server, const char *why) {
         lw_log(LW_LOG_WARNING, "cannot accept a connection: %s", why);
 }
 
+static void on_shed(uv_handle_t *handle);
+
+/* libuv asks a listener for nothing more until what has come was taken. Where there is no memory to take it,
+ * the spare handle does, and closes it: else nobody would get in ever again. */
+static void shed(struct lw_server *server) {
+    uv_stream_t *const listeners[] = {(uv_stream_t *)&server->listener, (uv_stream_t *)&server->http_listener,
+                                      (uv_stream_t *)&server->metrics_listener,
+                                      (uv_stream_t *)&server->control_listener};
+    if (server->sheds || uv_tcp_init(&server->loop, &server->spare) < 0) return;
+    for (size_t i = 0; i < sizeof listeners / sizeof *listeners && !server->sheds; i++)
+        server->sheds = listeners[i]->type != UV_UNKNOWN_HANDLE &&
+                        !uv_is_closing((uv_handle_t *)listeners[i]) &&
+                        uv_accept(listeners[i], (uv_stream_t *)&server->spare) == 0;
+    server->spare.data = server->sheds ? server : NULL;
+    server->sheds = true; /* until it is closed */
+    uv_close((uv_handle_t *)&server->spare, on_shed);
+}
+
+/* There may be one more at another listener. */
+static void on_shed(uv_handle_t *handle) {
+    struct lw_server *server = (struct lw_server *)((char *)handle - offsetof(struct lw_server, spare));
+    server->sheds = false;
+    if (handle->data && !server->stopping) shed(server);
+}
+
+static enum lw_status accept_connection(struct lw_server *server, uv_stream_t *listener) {
+    if (listener == (uv_stream_t *)&server->http_listener) return lw_web_server_accept(server->web, listener);
+    if (listener == (uv_stream_t *)&server->metrics_listener)
+        return lw_web_server_accept(server->metrics_web, listener);
+    return lw_tcp_transport_accept(&server->tcp, listener);
+}
+
 static void on_connection(uv_stream_t *listener, int result) {
     struct lw_server *server = listener->data;
+    const enum lw_status status = result < 0 ? LW_OK : accept_connection(server, listener);
     if (result < 0)
         tell_not_accepted(server, uv_strerror(result));
-    else if (listener == (uv_stream_t *)&server->http_listener)
-        lw_web_server_accept(server->web, listener);
-    else if (listener == (uv_stream_t *)&server->metrics_listener)
-        lw_web_server_accept(server->metrics_web, listener);
-    else if (lw_tcp_transport_accept(&server->tcp, listener) != LW_OK)
-        tell_not_accepted(server, "too many of them");
+    else if (status != LW_OK)
+        tell_not_accepted(server, status == LW_NO_MEMORY ? "out of memory" : "too many of them");
+    if (status != LW_OK) shed(server);
 }
 
 /* ---- files that are read again ---- */

@@ -384,15 +384,15 @@ static int take_descriptor(uv_stream_t *listener) {
     return descriptor;
 }
 
-void lw_web_server_accept(struct lw_web_server *server, uv_stream_t *listener) {
+enum lw_status lw_web_server_accept(struct lw_web_server *server, uv_stream_t *listener) {
     const int descriptor = take_descriptor(listener);
-    if (descriptor < 0) return;
+    if (descriptor < 0) return LW_NO_MEMORY;
     const struct lw_session_peer peer = lw_tcp_transport_peer(descriptor);
     struct connection *c = calloc(1, sizeof *c);
     if (!c || !take_place(server, &peer.at)) {
         close(descriptor);
         free(c);
-        return;
+        return LW_OK;
     }
     c->server = server;
     c->at = peer.at;
@@ -400,11 +400,12 @@ void lw_web_server_accept(struct lw_web_server *server, uv_stream_t *listener) {
     if (!wsi) { /* libwebsockets has closed it */
         give_place(server, &c->at);
         free(c);
-        return;
+        return LW_OK;
     }
     lws_set_opaque_user_data(wsi, c);
     lws_set_timeout(wsi, PENDING_TIMEOUT_ESTABLISH_WITH_SERVER, LW_WEB_SERVER_REQUEST_S);
     lws_cancel_service(server->context); /* it looks at its timers after events of its own alone */
+    return LW_OK;
 }
 
 /* ---- beginning and end ---- */

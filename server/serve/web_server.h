@@ -37,8 +37,9 @@ struct lw_web_server;
 LW_MUST_CHECK enum lw_status lw_web_server_create(const struct lw_web_server_desc *desc,
                                                   struct lw_web_server **out_server, struct lw_error *err);
 
-/** Takes the next connection of a listener, or closes it. */
-void lw_web_server_accept(struct lw_web_server *server, uv_stream_t *listener);
+/** Takes the next connection of a listener, or closes it.
+ * Errors: LW_NO_MEMORY where it could not be taken: the listener says nothing more until it is. */
+LW_MUST_CHECK enum lw_status lw_web_server_accept(struct lw_web_server *server, uv_stream_t *listener);
 
 /** Begins to close all connections. Then run the loop until it has nothing
  * left, and destroy. NULL is fine. */
