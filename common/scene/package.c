@@ -470,19 +470,38 @@ void lw_package_seal(uint8_t *bytes, size_t size) {
         write_u64(bytes + CHECKSUM_AT, checksum_of(bytes, size));
 }
 
+/* Lays out what the scene would take in a version. */
+static enum lw_status measure(struct codec *c, struct lw_scene *copy, uint64_t offset[SECTION_COUNT],
+                              uint64_t *out_size) {
+    all_records(c, copy);
+    for (uint32_t i = 0; i < c->section_count; i++) {
+        c->section[i].count = c->section[i].cursor;
+        c->section[i].cursor = 0;
+    }
+    const uint64_t size = lay_out(c, offset);
+    if (size > LW_PACKAGE_SIZE_MAX)
+        return lw_status_fail(c->err, LW_BAD_DATA,
+                              "the scene package would take %llu bytes; the limit is %llu",
+                              (unsigned long long)size, LW_PACKAGE_SIZE_MAX);
+    *out_size = size;
+    return LW_OK;
+}
+
+enum lw_status lw_package_check_size(const struct lw_scene *scene, struct lw_error *err) {
+    struct lw_scene copy = *scene;
+    struct codec c = {
+        .mode = MEASURE, .err = err, .version = VERSION_SEALED, .section_count = sections_of(VERSION_SEALED)};
+    uint64_t offset[SECTION_COUNT], size = 0;
+    return measure(&c, &copy, offset, &size);
+}
+
 static enum lw_status write_version(const struct lw_scene *scene, uint32_t version, uint8_t **out_bytes,
                                     size_t *out_size, struct lw_error *err) {
     struct lw_scene copy = *scene; /* records of the original are only read */
     struct codec c = {.mode = MEASURE, .err = err, .version = version, .section_count = sections_of(version)};
-    all_records(&c, &copy);
-    for (uint32_t i = 0; i < c.section_count; i++) {
-        c.section[i].count = c.section[i].cursor;
-        c.section[i].cursor = 0;
-    }
-    uint64_t offset[SECTION_COUNT], size = lay_out(&c, offset);
-    if (size > LW_PACKAGE_SIZE_MAX)
-        return lw_status_fail(err, LW_BAD_DATA, "the scene package would take %llu bytes; the limit is %llu",
-                              (unsigned long long)size, LW_PACKAGE_SIZE_MAX);
+    uint64_t offset[SECTION_COUNT], size = 0;
+    enum lw_status status = measure(&c, &copy, offset, &size);
+    if (status) return status;
     uint8_t *bytes = calloc(size, 1); /* reserved fields and padding are zero */
     if (!bytes)
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for a scene package of %llu bytes",

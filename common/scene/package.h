@@ -27,6 +27,10 @@ struct lw_package_hash {
 LW_MUST_CHECK enum lw_status lw_package_write(const struct lw_scene *scene, uint8_t **out_bytes,
                                               size_t *out_size, struct lw_error *err);
 
+/** Whether a scene, whose lightmaps may be missing yet, fits a package.
+ * Errors: LW_BAD_DATA with both sizes. */
+LW_MUST_CHECK enum lw_status lw_package_check_size(const struct lw_scene *scene, struct lw_error *err);
+
 /** The same for a file, with a checksum: version 5, or 6 where that has to be. */
 LW_MUST_CHECK enum lw_status lw_package_write_sealed(const struct lw_scene *scene, uint8_t **out_bytes,
                                                      size_t *out_size, struct lw_error *err);

@@ -44,12 +44,13 @@ static enum lw_status convert(struct lw_gltf_document *document, struct lw_scene
 }
 
 static enum lw_status load(struct lw_gltf_bytes bytes, const char *name, const char *folder,
-                           struct lw_scene **out_scene, struct lw_error *err) {
+                           uint64_t picture_texels, struct lw_scene **out_scene, struct lw_error *err) {
     struct lw_gltf_document document;
     struct lw_scene *scene = NULL;
     enum lw_status status = lw_gltf_document_init(&document, name, folder, bytes, err);
     if (status == LW_OK && (status = lw_scene_create(&scene)) != LW_OK)
         lw_status_fail(err, status, "out of memory");
+    document.pictures.limit = picture_texels;
     if (status == LW_OK) status = convert(&document, scene, err);
     lw_gltf_document_finish(&document);
     if (status) {
@@ -72,7 +73,7 @@ static enum lw_status finish(enum lw_status status, const char *name, const stru
 enum lw_status lw_gltf_load_memory(const uint8_t *bytes, size_t size, const char *name,
                                    struct lw_scene **out_scene, struct lw_error *err) {
     struct lw_error own = {0};
-    enum lw_status status = load((struct lw_gltf_bytes){bytes, size}, name, NULL, out_scene, &own);
+    enum lw_status status = load((struct lw_gltf_bytes){bytes, size}, name, NULL, 0, out_scene, &own);
     return finish(status, name, &own, err);
 }
 
@@ -82,7 +83,8 @@ static char *folder_of(const char *path) {
     return slash == path ? strdup("/") : strndup(path, (size_t)(slash - path));
 }
 
-enum lw_status lw_gltf_load(const char *path, struct lw_scene **out_scene, struct lw_error *err) {
+enum lw_status lw_gltf_load(const char *path, uint64_t picture_texels, struct lw_scene **out_scene,
+                            struct lw_error *err) {
     struct lw_error own = {0};
     struct lw_gltf_bytes bytes = {0};
     uint8_t *storage = NULL;
@@ -91,7 +93,7 @@ enum lw_status lw_gltf_load(const char *path, struct lw_scene **out_scene, struc
     if (status == LW_OK)
         status = lw_file_read(path, LW_GLTF_FILE_SIZE_MAX, true, &storage, &bytes.size, &own);
     bytes.data = storage;
-    if (status == LW_OK) status = load(bytes, path, folder, out_scene, &own);
+    if (status == LW_OK) status = load(bytes, path, folder, picture_texels, out_scene, &own);
     free(storage);
     free(folder);
     return finish(status, path, &own, err);

@@ -6,6 +6,7 @@
 #define LW_IMPORT_GLTF_DOCUMENT_H
 
 #include "server/import/gltf_json.h"
+#include "server/import/image_file.h"
 
 #include <stdint.h>
 
@@ -89,6 +90,7 @@ struct lw_gltf_document {
     uint32_t *light_of;     /* per scene light: its light of KHR_lights_punctual; NULL likewise */
     bool quantized;         /* KHR_mesh_quantization is in use */
     uint32_t warned;        /* bit per enum lw_gltf_warning */
+    struct lw_image_file_budget pictures;
 };
 
 /** Opens a document in memory; `bytes` must outlive it. finish() also after failure. */

@@ -44,20 +44,14 @@ void lw_gltf_materials_finish(struct lw_gltf_materials *materials) {
 static enum lw_status decode_image(struct lw_gltf_materials *materials, struct lw_gltf_bytes bytes,
                                    struct lw_gltf_image_slot *slot, struct lw_error *err) {
     if (lw_image_file_size(bytes.data, bytes.size, &slot->width, &slot->height, err)) return err->status;
-    uint64_t texel_count = (uint64_t)slot->width * slot->height;
-    if (texel_count > LW_IMAGE_FILE_TEXELS_MAX - materials->texel_count)
-        return lw_status_fail(err, LW_BAD_DATA, "the images together have more than %llu texels",
-                              (unsigned long long)LW_IMAGE_FILE_TEXELS_MAX);
-    materials->texel_count += texel_count;
-    uint8_t *decoded;
-    if (lw_image_file_decode(bytes.data, bytes.size, &decoded, err)) return err->status;
-    size_t texels = (size_t)slot->width * slot->height;
-    uint8_t *rgba = lw_scene_alloc(materials->scene, texels, 4);
-    if (rgba) memcpy(rgba, decoded, texels * 4);
-    free(decoded);
+    if (lw_image_file_count(&materials->document->pictures, slot->width, slot->height, err))
+        return err->status;
+    uint8_t *rgba = lw_scene_alloc(materials->scene, (size_t)slot->width * slot->height, 4);
     if (!rgba)
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory for %u x %u texels", slot->width,
                               slot->height);
+    if (lw_image_file_decode(bytes.data, bytes.size, slot->width, slot->height, rgba, err))
+        return err->status;
     slot->rgba = rgba;
     return LW_OK;
 }

@@ -21,7 +21,6 @@ struct lw_gltf_materials {
     uint32_t *material_of;
     uint32_t *texture_of; /* glTF texture -> scene texture */
     struct lw_gltf_image_slot *image;
-    uint64_t texel_count;
     struct lw_tally without_image; /* textures without one that is read, for each use */
     struct lw_tally bright;        /* materials whose base colour is above 1 */
 };

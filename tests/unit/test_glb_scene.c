@@ -53,7 +53,7 @@ static void write_scene(struct written *w, struct lw_scene *scene, bool with_lig
     }
     lw_support_ok(lw_glb_scene_write(&g, path, &err), &err);
     lw_glb_scene_finish(&g);
-    lw_support_ok(lw_gltf_load(path, &w->read, &err), &err);
+    lw_support_ok(lw_gltf_load(path, 0, &w->read, &err), &err);
     w->bytes = lw_support_read_file(path, &w->size);
     assert_memory_equal(w->bytes, "glTF\2\0\0\0", 8);
     uint32_t length;
