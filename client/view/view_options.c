@@ -199,7 +199,8 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
          .value = &o.headless},
         {.name = "camera",
          .argument = "PX,PY,PZ:TX,TY,TZ:FOV",
-         .help = "From a point (metres) towards another, with a vertical field of view in degrees.",
+         .help = "From a point (metres) towards another, with a vertical field of view in degrees; 10m "
+                 "in place of it: an orthographic view, 10 m high.",
          .kind = LW_OPTION_STRING,
          .value = &raw.camera},
         {.name = "camera-name",

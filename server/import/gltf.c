@@ -3,6 +3,7 @@
 #include "common/file_read.h"
 #include "common/log.h"
 #include "server/import/gltf_animation.h"
+#include "server/import/gltf_image_light.h"
 #include "server/import/gltf_node.h"
 
 #include <stdlib.h>
@@ -11,7 +12,8 @@
 static enum lw_status convert_parts(struct lw_gltf_document *document, struct lw_gltf_meshes *meshes,
                                     struct lw_scene *scene, uint32_t *node_of, struct lw_error *err) {
     if (lw_gltf_node_convert(document, meshes, scene, node_of, err) ||
-        lw_gltf_animation_convert(document, node_of, scene, err))
+        lw_gltf_animation_convert(document, node_of, scene, err) ||
+        lw_gltf_image_light_convert(document, meshes->materials, scene, err))
         return err->status;
     if (meshes->builder.degenerate_count)
         lw_log(LW_LOG_WARNING, "%s: %llu triangles without area are left out", document->name,

@@ -32,6 +32,12 @@ LW_MUST_CHECK enum lw_status lw_gltf_materials_init(struct lw_gltf_materials *ma
                                                     struct lw_error *err);
 void lw_gltf_materials_finish(struct lw_gltf_materials *materials);
 
+/** An image, decoded on first use. *out is `unreadable` if that has been told instead.
+ * Errors: LW_BAD_DATA: wrong JSON; LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_gltf_materials_image(struct lw_gltf_materials *materials, uint32_t index,
+                                                     const struct lw_gltf_image_slot **out,
+                                                     struct lw_error *err);
+
 /** The scene's material for a glTF material, or for the default one if index is LW_SCENE_NONE. */
 LW_MUST_CHECK enum lw_status lw_gltf_materials_get(struct lw_gltf_materials *materials, uint32_t index,
                                                    uint32_t *out_material, struct lw_error *err);

@@ -255,6 +255,7 @@ static enum lw_status read_scene(const struct arguments *arguments, struct lw_sc
     if (status) return status;
     float s = (float)arguments->scale;
     const struct lw_affine place = {{{s, 0, 0, 0}, {0, s, 0, 0}, {0, 0, s, 0}}};
+    for (uint32_t i = 0; i < scene->camera_count; i++) scene->camera[i].height_m *= s;
     if (s != 1 && lw_new_root_add(scene, "scale", &place, err)) {
         lw_status_context(err, "%s", arguments->scene);
         lw_scene_destroy(scene);
