@@ -1,5 +1,5 @@
-/* gltf_image_light.h: EXT_lights_image_based: the six pictures of the default scene's image-based light become
- * its environment.
+/* gltf_image_light.h: EXT_lights_image_based: the pictures of the default scene's image-based light
+ * become its environment.
  * Flow:    cube of pictures, turned and scaled -> [gltf_image_light] -> scene->environment
  * Threads: one conversion per document.
  * Colours are sRGB; of PNGs they are divided by alpha (RGBD). A picture is what a camera in the middle sees
