@@ -4,8 +4,9 @@
 
 #define NAME  "EXT_lights_image_based"
 #define FACES 6u
-/* Places in each texel of the environment, along a side, at which the cube is read. */
-#define SUBSAMPLES 3u
+/* Places in each texel of the environment, along a side, at which the cube is read: texels are a little
+ * smaller than the cube's. */
+#define SUBSAMPLES 2u
 
 struct cube {
     const struct lw_gltf_image_slot *face[FACES]; /* +X, -X, +Y, -Y, +Z, -Z */
