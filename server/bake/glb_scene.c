@@ -439,7 +439,7 @@ static uint32_t add_material(struct lw_glb_scene *g, const struct lw_material *m
     set_emission(g, out, extensions, material, mesh);
     set_alpha(out, material, material->double_sided && !splits(g, mesh, material));
     set(out, "extensions", extensions);
-    set(out, "extras", json_pack("{s:O}", "lightwell", extras));
+    if (!material->unlit) set(out, "extras", json_pack("{s:O}", "lightwell", extras)); /* it takes no map */
     return lw_glb_add(&g->glb, "materials", out);
 }
 

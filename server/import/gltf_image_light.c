@@ -4,8 +4,9 @@
 
 #define NAME  "EXT_lights_image_based"
 #define FACES 6u
-/* Places in each texel of the environment, along a side, at which the cube is read. */
-#define SUBSAMPLES 3u
+/* Places in each texel of the environment, along a side, at which the cube is read: texels are a little
+ * smaller than the cube's. */
+#define SUBSAMPLES 2u
 
 struct cube {
     const struct lw_gltf_image_slot *face[FACES]; /* +X, -X, +Y, -Y, +Z, -Z */
@@ -104,7 +105,7 @@ static enum lw_status convert_light(struct lw_gltf_materials *materials, const j
     struct cube cube = {.intensity = 1, .rotation = {0, 0, 0, 1}};
     bool found = false;
     double square = 0;
-    if (lw_gltf_json_real(light, "intensity", 0, HUGE_VAL, &cube.intensity, err) ||
+    if (lw_gltf_json_real(light, "intensity", 0, (double)LW_SCENE_RADIANCE_MAX, &cube.intensity, err) ||
         lw_gltf_json_reals(light, "rotation", 4, -1.001, 1.001, cube.rotation, err))
         return err->status;
     for (int c = 0; c < 4; c++) square += (double)cube.rotation[c] * (double)cube.rotation[c];

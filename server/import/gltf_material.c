@@ -346,7 +346,7 @@ static enum lw_status read_transmission(struct lw_gltf_materials *materials, con
     if (out->alpha_mode == LW_ALPHA_OPAQUE) out->base_colour[3] = 1;
     const float *c = out->base_colour;
     const float luminance = 0.2126f * c[0] + 0.7152f * c[1] + 0.0722f * c[2], alpha = 1 - t * luminance;
-    const bool coloured = c[0] != c[1] || c[1] != c[2];
+    const bool coloured = luminance > 1e-6f && (c[0] != c[1] || c[1] != c[2]); /* less of it is black */
     for (int k = 0; coloured && k < 3; k++) out->tint[k] = c[k] / luminance;
     if (coloured) lw_gltf_document_warn(materials->document, LW_GLTF_WARN_TINT);
     for (int k = 0; k < 3; k++)

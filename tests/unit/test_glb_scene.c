@@ -287,6 +287,8 @@ static void unlit_materials_and_orthographic_cameras_stay(void **state) {
     json_t *plain = material_of(w.json, "plain");
     assert_non_null(down(plain, "extensions/KHR_materials_unlit"));
     assert_null(json_object_get(down(plain, "extensions"), "MOZ_lightmap"));
+    assert_null(json_object_get(plain, "extras")); /* by which engines find a map */
+    assert_non_null(json_object_get(material_of(w.json, "lamp"), "extras"));
     assert_non_null(down(material_of(w.json, "lamp"), "extensions/MOZ_lightmap"));
     for (uint32_t m = 0; m < w.read->material_count; m++)
         assert_int_equal(w.read->material[m].unlit, strcmp(w.read->material[m].name, "plain") == 0);

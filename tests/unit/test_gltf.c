@@ -919,8 +919,8 @@ static void transmission_lets_light_through(void **state) {
     (void)state;
     static const struct {
         float t, colour[3];
-    } panes[] = {
-        {1, {1, 1, 1}}, {0.5f, {0.2f, 0.8f, 0.4f}}, {1, {0, 0.5f, 0}}, {0.25f, {1, 1, 1}}, {0, {1, 1, 0}}};
+    } panes[] = {{1, {1, 1, 1}}, {0.5f, {0.2f, 0.8f, 0.4f}}, {1, {0, 0.5f, 0}}, {0.25f, {1, 1, 1}},
+                 {0, {1, 1, 0}}, {1, {0, 0, 1e-40f}}};
     for (size_t i = 0; i < sizeof panes / sizeof *panes; i++) {
         char glass[256];
         const float *c = panes[i].colour, t = panes[i].t;
