@@ -28,10 +28,11 @@ enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_sc
     lw_pose_copy(&geometry->pose, pose, scene);
     if ((status = lw_trace_create(scene, &geometry->pose, &geometry->trace, err)) != LW_OK) return status;
     if ((status = lw_texels_init(&geometry->texels, scene, (unsigned)threads, err)) != LW_OK) return status;
-    const uint64_t invalid =
-        lw_invalid_texels_find(&geometry->texels, &geometry->pose, geometry->trace, threads);
+    uint64_t invalid = 0;
+    status = lw_invalid_texels_find(&geometry->texels, &geometry->pose, geometry->trace, threads, &invalid);
+    if (status != LW_OK) return lw_status_fail(err, status, "%u texels", geometry->texels.count);
     if (invalid)
-        lw_log(LW_LOG_INFO, "%llu of %u texels lie inside other objects and are left out",
+        lw_log(LW_LOG_INFO, "%llu of %u texels lie inside or behind other objects and are left out",
                (unsigned long long)invalid, geometry->texels.count);
     return LW_OK;
 }

@@ -252,7 +252,7 @@ static void test_a_wall_parts_the_texels_under_it(void **state) {
         room_each_texel(&solution, 0, count_mixed, count);
         assert_int_equal(count[2], 0);
         assert_int_equal(count[0], 16 * (i ? 9 : 8));
-        assert_int_equal(count[1], 16 * (i ? 7 : 8));
+        assert_int_equal(count[1], 16 * (i ? 5 : 6)); /* two rows out of doors yield (crossings.h) */
         room_finish(&solution);
     }
 }

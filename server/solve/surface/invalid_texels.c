@@ -3,6 +3,7 @@
 #include "common/light/direction.h"
 #include "common/progress.h"
 #include "common/random.h"
+#include "server/solve/surface/crossings.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -23,6 +24,8 @@
 /* Closer to another surface than this many times the lift, a sample point may find itself
  * on the surface's other side. */
 #define TOUCHING 8
+/* How high above the surface its points are joined to the texel's own position, in texels. */
+#define LOOK_ALONG 0.1f
 /* A texel whose surroundings are clear this many texel sizes around it is searched no further; double-sided
  * solids are looked for as far. */
 #define CLEAR 2
@@ -104,14 +107,28 @@ static void look(const struct search *s, const struct row *row, uint16_t active,
     lw_trace_closest16(s->trace, LW_TRACE_COHERENT, active, &rays, out_hits);
 }
 
-/* One ray from each sample point: enough to see that a texel stands free. Returns the
- * mask of those that may not. */
+static void set_up_rays(const struct row *row, uint16_t active, float reach_m, struct lw_ray16 *rays) {
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+        if (active >> lane & 1)
+            lw_trace_set_ray(rays, lane, origin_of(row, lane), face_of(row, lane), reach_m);
+}
+
+/* Sample points with something close above them. */
+static uint16_t find_covered(const struct search *s, const struct row *row, uint16_t active) {
+    struct lw_ray16 rays = {.salt = 0};
+    set_up_rays(row, active, LW_CROSSINGS_CLOSE * texel_size(row), &rays);
+    return lw_trace_occluded16(s->trace, LW_TRACE_COHERENT, active, &rays);
+}
+
+/* One ray from each sample point, and a short one straight up: enough to see that a texel stands free.
+ * Returns the mask of those that may not. */
 static uint16_t find_suspects(const struct search *s, struct row *row, uint16_t active) {
     uint16_t suspects = 0;
     for (uint32_t r = 0; r < RAYS; r++) {
         const uint16_t loaded = load_points(row, active, r);
         struct lw_hit16 hits;
         if (!loaded) continue;
+        suspects |= find_covered(s, row, loaded);
         look(s, row, loaded, r, &hits);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
             if (loaded >> lane & 1 &&
@@ -249,28 +266,41 @@ static uint16_t find_cut_off(const struct search *s, const struct row *row, uint
     return cut_off;
 }
 
+/* Places close under another surface that stands still, such as the part of a wall behind a picture rail. */
+static uint16_t find_close(const struct search *s, const struct row *row, uint16_t active) {
+    struct lw_ray16 rays = {.salt = 0};
+    struct lw_hit16 hits;
+    uint16_t close = 0;
+    set_up_rays(row, active, LW_CROSSINGS_CLOSE * texel_size(row), &rays);
+    lw_trace_closest16(s->trace, LW_TRACE_COHERENT, active, &rays, &hits);
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+        if (active >> lane & 1 && hits.object[lane] != LW_TRACE_MISS &&
+            !lw_pose_object_moves(s->pose, s->texels->scene, hits.object[lane]))
+            close |= (uint16_t)(1u << lane);
+    return close;
+}
+
 /* Where another surface runs through a texel, such as a wall that stands on a floor, light on its far side is
- * not for those who look at this one: keeps the sample points on the side that has more of them. Looked along
- * a quarter of a texel above the surface, so that a bulge does not part itself. */
+ * not for those who look at this one: keeps the sample points on the side of the texel's own position. Looked
+ * along somewhat above the surface, so that a bulge does not part itself, but not above what is close. */
 static void keep_one_side(const struct search *s, struct row *row, uint16_t suspects) {
-    struct lw_vec3 first[LW_TRACE_WIDTH];
     uint8_t beyond[LW_TRACE_WIDTH] = {0};
-    uint16_t begun = 0;
+    const float height_m = LOOK_ALONG * texel_size(row);
     for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++) {
-        const uint16_t loaded = load_points(row, suspects, k), active = loaded & begun;
+        const uint16_t active = load_points(row, suspects, k);
         struct lw_ray16 rays = {.salt = 0};
         struct lw_hit16 hits;
-        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
-            if (!(loaded >> lane & 1)) continue;
-            struct lw_vec3 raised =
-                lw_vec3_mad(origin_of(row, lane), face_of(row, lane), 0.25f * texel_size(row));
-            if (begun >> lane & 1)
-                lw_trace_set_ray(&rays, lane, first[lane], lw_vec3_sub(raised, first[lane]), 1);
-            else
-                first[lane] = raised;
-        }
-        begun |= loaded;
         if (!active) continue;
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+            if (!(active >> lane & 1)) continue;
+            const uint32_t i = row->first + lane;
+            const struct lw_affine *to_world = &s->pose->object_to_world[row->object];
+            const struct lw_vec3 own =
+                lw_vec3_mad(lw_affine_point(to_world, lw_texels_vector(row->mesh->position, i)),
+                            lw_affine_normal(to_world, lw_texels_vector(row->mesh->geometric, i)), height_m);
+            const struct lw_vec3 raised = lw_vec3_mad(origin_of(row, lane), face_of(row, lane), height_m);
+            lw_trace_set_ray(&rays, lane, own, lw_vec3_sub(raised, own), 1);
+        }
         lw_trace_closest16(s->trace, 0, active, &rays, &hits);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
             if (active >> lane & 1 && hits.object[lane] != LW_TRACE_MISS &&
@@ -279,8 +309,7 @@ static void keep_one_side(const struct search *s, struct row *row, uint16_t susp
     }
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
         const uint8_t near = row->usable[lane] & (uint8_t)~beyond[lane];
-        if (!beyond[lane]) continue;
-        row->usable[lane] = __builtin_popcount(beyond[lane]) > __builtin_popcount(near) ? beyond[lane] : near;
+        if (near) row->usable[lane] = near; /* else its position is where light cannot reach */
     }
 }
 
@@ -294,7 +323,8 @@ static void examine(const struct search *s, struct row *row, uint16_t suspects) 
         uint16_t inside = find_inside(s, row, active, rim), unsure = 0;
         inside |= find_enclosed(s, row, active & (uint16_t)~inside);
         const uint16_t open = active & (uint16_t)~inside;
-        if (open) unsure = find_touching(s, row, open) | find_cut_off(s, row, open);
+        if (open)
+            unsure = find_touching(s, row, open) | find_cut_off(s, row, open) | find_close(s, row, open);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
             out[lane] |= (uint8_t)((inside >> lane & 1u) << k);
             uncertain[lane] |= (uint8_t)((unsure >> lane & 1u) << k);
@@ -334,6 +364,21 @@ static bool meets(const struct box *box, float margin, struct lw_vec3 p, struct 
         leave = fminf(leave, fmaxf(a, b));
     }
     return enter <= leave;
+}
+
+/* Whether what is no longer there may have cut one of the object's charts. */
+static bool may_be_joined(const struct search *s, uint32_t object, float size_m) {
+    struct box own = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    const float margin = 2 * CLEAR * size_m;
+    lw_pose_object_bounds(s->pose, s->texels->scene, object, &own.low, &own.high);
+    for (uint32_t k = 0; k < s->left_count; k++) {
+        const struct box *left = &s->left[k];
+        if (left->low.x - margin <= own.high.x && left->low.y - margin <= own.high.y &&
+            left->low.z - margin <= own.high.z && left->high.x + margin >= own.low.x &&
+            left->high.y + margin >= own.low.y && left->high.z + margin >= own.low.z)
+            return true;
+    }
+    return false;
 }
 
 /* Whether what is no longer there may have been met from one of the texel's sample points: rays from
@@ -406,21 +451,27 @@ static struct search begin(struct lw_texels *texels, const struct lw_pose *pose,
         .texels = texels, .pose = pose, .trace = trace, .near_m = NEAR * longest, .far_m = 2 * longest};
 }
 
-uint64_t lw_invalid_texels_find(struct lw_texels *texels, const struct lw_pose *pose,
-                                const struct lw_trace *trace, int threads) {
+enum lw_status lw_invalid_texels_find(struct lw_texels *texels, const struct lw_pose *pose,
+                                      const struct lw_trace *trace, int threads, uint64_t *out_count) {
     const uint32_t objects = texels->scene->object_count;
     const struct search search = begin(texels, pose, trace);
     uint64_t count = 0;
+    int failures = 0;
     struct lw_progress progress;
     lw_progress_init(&progress, "looking inside objects", objects);
-#pragma omp parallel for schedule(dynamic, 1) num_threads(threads) reduction(+ : count)
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads) reduction(+ : count, failures)
     for (uint32_t o = 0; o < objects; o++) {
-        if (!lw_pose_object_moves(pose, texels->scene, o)) count += find_in_object(&search, o, false);
+        if (!lw_pose_object_moves(pose, texels->scene, o)) {
+            count += find_in_object(&search, o, false);
+            failures += lw_crossings_find(texels, pose, trace, o, &count) != LW_OK;
+        }
         lw_progress_step(&progress, 1);
     }
     lw_progress_finish(&progress);
     if (count) lw_texels_link(texels, threads);
-    return count;
+    if (failures) return LW_NO_MEMORY;
+    *out_count = count;
+    return LW_OK;
 }
 
 static void unbury_all(struct lw_texels *texels, uint32_t object) {
@@ -449,11 +500,17 @@ enum lw_status lw_invalid_texels_review(struct lw_texels *texels, const struct l
         unbury_all(texels, o);
         lw_texels_link_object(texels, o);
     }
-#pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
+    int failures = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads) reduction(+ : failures)
     for (uint32_t o = 0; o < scene->object_count; o++) {
         if (!search.left_count || lw_pose_object_moves(pose, scene, o)) continue;
-        if (find_in_object(&search, o, true)) lw_texels_link_object(texels, o);
+        struct row row = {.mesh = &texels->mesh[scene->object[o].mesh]};
+        lw_sample_points_frame_init(&row.frame, &pose->object_to_world[o]);
+        uint64_t yielding = 0;
+        if (!find_in_object(&search, o, true) && !may_be_joined(&search, o, texel_size(&row))) continue;
+        failures += lw_crossings_find(texels, pose, trace, o, &yielding) != LW_OK;
+        lw_texels_link_object(texels, o);
     }
     free(search.left);
-    return LW_OK;
+    return failures ? LW_NO_MEMORY : LW_OK;
 }

@@ -5,9 +5,10 @@
  * Such points lie inside other objects, under a box that stands on the floor, behind a plinth, or on the
  * very plane of a wall, where rays may start on its other side. They see the backs of what they lie in,
  * close by, or stand beside a wall of it. Nobody sees their darkness, but it would bleed into look-ups
- * at the rim of the contact. So they are left out of their texel. A texel without a sample point is
- * invalid: it counts as uncovered, and is filled from its neighbours like a gutter. Only objects that
- * never move hide points, or lose some. */
+ * at the rim of the contact. So they are left out of their texel, as are those close under other
+ * surfaces, and those that another surface parts from the texel's own position. A texel without a
+ * sample point is invalid: it counts as uncovered, and is filled from its neighbours like a gutter.
+ * Only objects that never move hide points, or lose some. */
 #ifndef LW_SURFACE_INVALID_TEXELS_H
 #define LW_SURFACE_INVALID_TEXELS_H
 
@@ -15,10 +16,11 @@
 #include "common/trace/trace.h"
 #include "server/solve/surface/texels.h"
 
-/** Takes invalid points out of usable, invalid texels out of covered, and links the sources again.
- * Returns how many texels are gone. */
-uint64_t lw_invalid_texels_find(struct lw_texels *texels, const struct lw_pose *pose,
-                                const struct lw_trace *trace, int threads);
+/** Takes invalid points out of usable, invalid texels and those that yield (crossings.h) out of covered, and
+ * links the sources again. *out_count: how many texels are gone. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_invalid_texels_find(struct lw_texels *texels, const struct lw_pose *pose,
+                                                    const struct lw_trace *trace, int threads,
+                                                    uint64_t *out_count);
 
 /** After objects have become movers: tests invalid points near where these stood again, and gives
  * back those that are valid now. Movers have all of their texels. Valid points are not tested:

@@ -42,9 +42,10 @@ struct lw_texels {
     float (*base_colour)[3];     /* per material: the factor that is in albedo */
     uint32_t *first;             /* per object: its first texel in the global numbering */
     uint32_t count;              /* of the global numbering, all objects */
-    /* Per texel of the global numbering: has surface, and light can reach it (invalid_texels.h). */
+    /* Per texel of the global numbering: has surface, light can reach it (invalid_texels.h), and it does not
+     * yield to its neighbours (crossings.h). */
     uint8_t *covered;
-    /* Per texel of the global numbering: mask of its sample points that light can reach; 0: not covered. */
+    /* Per texel of the global numbering: mask of its sample points that light can reach. */
     uint8_t *usable;
     uint8_t *filled; /* per texel of the global numbering: 1: not covered, but another texel stands for it */
     /* Per texel: the covered one that stands for it: itself, the nearest within 2 texels,

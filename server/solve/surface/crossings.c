@@ -1,0 +1,333 @@
+#include "server/solve/surface/crossings.h"
+
+#include "common/light/direction.h"
+#include "common/random.h"
+#include "common/union_find.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* Cuts are looked for this high above the surface, in texels: under what counts as close. */
+#define HEIGHT 0.1f
+/* Neighbours of which the normals differ by more, or the places by more texels, are apart anyway; a bulge is to
+ * part none. */
+#define NORMALS_COSINE 0.866f
+#define APART          3.0f
+
+/* Shares of the sky that places out of doors see at least, and more than those in a room. */
+#define SKY_OUTSIDE 0.2f
+#define SKY_MORE    0.1f
+#define SKY_PACKETS 2 /* of rays, for each texel near a cut; its neighbours' count as well */
+/* Regions of so many texels may be one of a room and one out of doors, or cut a strip off: thin bars cross
+ * everywhere. */
+#define REGION 32
+/* In a room a quarter of the rays go this far, in texels, even from beside a wall: a cupboard is none. */
+#define ROOM 4.0f
+
+enum {
+    CUT_RIGHT = 1,
+    CUT_BELOW = 2,
+    CUT = 4,  /* on any side */
+    NEAR = 8, /* at or beside a cut of two large regions, in either */
+    CLOSE = 16,
+    ALIEN = 32, /* a cavity or out of doors, and its neighbour not */
+    DEEP = 64,  /* the same farther from there: else these would be filled from it */
+    EDGE = 128
+};
+
+/* What no cut parts; held at its root. */
+struct region {
+    uint32_t texels, beside; /* beside cuts */
+    uint32_t met;            /* the texels of the largest region across its cuts */
+};
+
+/* One object, its texels by their index within the mesh. */
+struct part {
+    const struct lw_mesh_texels *mesh;
+    const struct lw_scene *scene;
+    const struct lw_pose *pose;
+    const struct lw_trace *trace;
+    struct lw_affine to_world;
+    struct lw_sample_points_frame frame;
+    float size_m;
+    const uint8_t *covered;
+    float *height_m; /* above each texel, at which cuts are looked for */
+    uint8_t *flags;  /* of the above */
+    /* Of NEAR texels: rays that see the sky, go far, all; then sums over a texel and its neighbours. */
+    struct sight {
+        uint16_t sky, far, all;
+    } * own, *sight;
+    uint32_t *parent;
+    struct region *region; /* by its root */
+};
+
+/* Sixteen rays of texels in a row. */
+struct rays {
+    struct lw_ray16 ray;
+    uint32_t texel[LW_TRACE_WIDTH];
+    uint16_t active;
+};
+
+static bool is_still(const struct part *p, const struct lw_hit16 *hits, uint32_t lane) {
+    const uint32_t object = hits->object[lane];
+    if (object == LW_TRACE_MISS || lw_pose_object_moves(p->pose, p->scene, object)) return false;
+    const struct lw_mesh *mesh = &p->scene->mesh[p->scene->object[object].mesh];
+    return p->scene->material[mesh->material[hits->triangle[lane]]].alpha_mode == LW_ALPHA_OPAQUE;
+}
+
+static struct lw_vec3 normal_at(const struct part *p, uint32_t i) {
+    return lw_affine_normal(&p->to_world, lw_texels_vector(p->mesh->geometric, i));
+}
+
+static struct lw_vec3 raised(const struct part *p, uint32_t i, float height_m) {
+    return lw_vec3_mad(lw_affine_point(&p->to_world, lw_texels_vector(p->mesh->position, i)), normal_at(p, i),
+                       height_m);
+}
+
+static float lift_of(const struct part *p, uint32_t i) {
+    return p->mesh->sample_points.lift[i] * p->frame.stretch + LW_TRACE_LIFT * p->frame.offset_m + 1e-30f;
+}
+
+/* How much room there is above each texel. */
+static void measure(struct part *p, const struct rays *rays) {
+    struct lw_hit16 hits;
+    lw_trace_closest16(p->trace, LW_TRACE_COHERENT, rays->active, &rays->ray, &hits);
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+        if (!(rays->active >> lane & 1)) continue;
+        const uint32_t i = rays->texel[lane];
+        p->height_m[i] = HEIGHT * p->size_m;
+        if (!is_still(p, &hits, lane)) continue;
+        if (hits.t[lane] < LW_CROSSINGS_CLOSE * p->size_m) p->flags[i] |= CLOSE;
+        p->height_m[i] = fminf(p->height_m[i], lift_of(p, i) + 0.5f * hits.t[lane]);
+    }
+}
+
+static void note_cuts(struct part *p, const struct rays *rays, uint8_t side) {
+    struct lw_hit16 hits;
+    lw_trace_closest16(p->trace, 0, rays->active, &rays->ray, &hits);
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+        if (rays->active >> lane & 1 && is_still(p, &hits, lane)) p->flags[rays->texel[lane]] |= side;
+}
+
+static float distance(const struct part *p, uint32_t i, uint32_t j) {
+    return lw_vec3_length(
+        lw_vec3_sub(lw_texels_vector(p->mesh->position, i), lw_texels_vector(p->mesh->position, j)));
+}
+
+/* The texel beside or below one, of the same piece of surface; LW_TEXEL_NONE: there is none. */
+static uint32_t next_to(const struct part *p, uint32_t x, uint32_t y, uint8_t side) {
+    const struct lw_mesh_texels *mesh = p->mesh;
+    const uint32_t nx = x + (side == CUT_RIGHT), ny = y + (side == CUT_BELOW),
+                   i = lw_texels_index(mesh, x, y);
+    if (nx >= mesh->width || ny >= mesh->height || !p->covered[i]) return LW_TEXEL_NONE;
+    const uint32_t j = lw_texels_index(mesh, nx, ny);
+    if (!p->covered[j] || mesh->chart[i] != mesh->chart[j]) return LW_TEXEL_NONE;
+    const struct lw_vec3 n = lw_texels_vector(mesh->geometric, i), m = lw_texels_vector(mesh->geometric, j);
+    return lw_vec3_dot(n, m) < NORMALS_COSINE || distance(p, i, j) > APART * mesh->texel_m ? LW_TEXEL_NONE
+                                                                                           : j;
+}
+
+/* Gathers rays of all texels by sixteens: those up, or those to a neighbour. */
+static void shoot(struct part *p, uint8_t side) {
+    struct rays rays = {.active = 0};
+    uint32_t lane = 0;
+    for (uint32_t y = 0; y < p->mesh->height; y++)
+        for (uint32_t x = 0; x < p->mesh->width; x++) {
+            const uint32_t i = lw_texels_index(p->mesh, x, y), j = side ? next_to(p, x, y, side) : i;
+            if (j == LW_TEXEL_NONE || !p->covered[i]) continue;
+            rays.texel[lane] = i;
+            if (side) {
+                const struct lw_vec3 from = raised(p, i, p->height_m[i]);
+                lw_trace_set_ray(&rays.ray, lane, from, lw_vec3_sub(raised(p, j, p->height_m[j]), from), 1);
+            } else
+                lw_trace_set_ray(&rays.ray, lane, raised(p, i, lift_of(p, i)), normal_at(p, i),
+                                 2 * HEIGHT * p->size_m);
+            rays.active |= (uint16_t)(1u << lane);
+            if (++lane < LW_TRACE_WIDTH) continue;
+            side ? note_cuts(p, &rays, side) : measure(p, &rays);
+            lane = rays.active = 0;
+        }
+    if (lane) side ? note_cuts(p, &rays, side) : measure(p, &rays);
+}
+
+typedef void each_pair(struct part *p, uint32_t i, uint32_t j, bool cut);
+
+/* Calls back for all neighbours. */
+static void walk(struct part *p, each_pair *each) {
+    for (uint32_t y = 0; y < p->mesh->height; y++)
+        for (uint32_t x = 0; x < p->mesh->width; x++)
+            for (uint8_t side = CUT_RIGHT; side <= CUT_BELOW; side++) {
+                const uint32_t i = lw_texels_index(p->mesh, x, y), j = next_to(p, x, y, side);
+                if (j != LW_TEXEL_NONE) each(p, i, j, (p->flags[i] & side) != 0);
+            }
+}
+
+static void join(struct part *p, uint32_t i, uint32_t j, bool cut) {
+    if (!cut) return lw_union_find_join(p->parent, i, j);
+    p->flags[i] |= CUT;
+    p->flags[j] |= CUT;
+}
+
+static struct region *region_of(struct part *p, uint32_t i) {
+    return &p->region[lw_union_find_root(p->parent, i)];
+}
+
+static void count_regions(struct part *p) {
+    for (uint32_t i = 0; i < p->mesh->texel_count; i++) {
+        if (!p->covered[i]) continue;
+        struct region *region = region_of(p, i);
+        region->texels++;
+        region->beside += (p->flags[i] & CUT) != 0;
+    }
+}
+
+static void note_edges(struct part *p, uint32_t i, uint32_t j, bool cut) {
+    if (!cut || region_of(p, i)->texels < REGION || region_of(p, j)->texels < REGION) return;
+    p->flags[i] |= NEAR | EDGE;
+    p->flags[j] |= NEAR | EDGE;
+}
+
+static void note_near(struct part *p, uint32_t i, uint32_t j, bool cut) {
+    if (cut) return;
+    if (p->flags[i] & EDGE) p->flags[j] |= NEAR;
+    if (p->flags[j] & EDGE) p->flags[i] |= NEAR;
+}
+
+static void look_around(struct part *p, uint32_t i) {
+    struct sight *sight = &p->own[i];
+    for (uint32_t k = 0; k < SKY_PACKETS; k++) {
+        struct lw_ray16 rays = {.salt = 0};
+        struct lw_hit16 hits;
+        for (uint32_t r = 0; r < LW_TRACE_WIDTH; r++) {
+            float point[2];
+            lw_random_sobol2(k * LW_TRACE_WIDTH + r, 0, point);
+            lw_trace_set_ray(&rays, r, raised(p, i, lift_of(p, i)),
+                             lw_direction_about(normal_at(p, i), lw_direction_cosine(point)), INFINITY);
+        }
+        lw_trace_closest16(p->trace, 0, UINT16_MAX, &rays, &hits);
+        for (uint32_t r = 0; r < LW_TRACE_WIDTH; r++) {
+            const bool missed = hits.object[r] == LW_TRACE_MISS;
+            sight->sky += missed;
+            sight->far += missed || hits.t[r] > ROOM * p->size_m;
+        }
+        sight->all += LW_TRACE_WIDTH;
+    }
+    p->sight[i] = *sight;
+}
+
+static void add_sight(struct sight *sum, const struct sight *s) {
+    sum->sky += s->sky;
+    sum->far += s->far;
+    sum->all += s->all;
+}
+
+static void share_sight(struct part *p, uint32_t i, uint32_t j, bool cut) {
+    if (cut || !p->own[i].all || !p->own[j].all) return;
+    add_sight(&p->sight[i], &p->own[j]);
+    add_sight(&p->sight[j], &p->own[i]);
+}
+
+static float sky_of(const struct sight *s) { return s->all ? (float)s->sky / s->all : 0; }
+
+static bool is_room(const struct sight *s) { return 4 * s->far >= s->all; }
+
+/* Whether j has close above it what i has not, or lies out of doors behind the wall of i's room. */
+static bool is_alien(const struct part *p, uint32_t i, uint32_t j, bool cut) {
+    if (p->flags[i] & CLOSE) return false;
+    if (p->flags[j] & CLOSE) return true;
+    const float before = sky_of(&p->sight[i]), sky = sky_of(&p->sight[j]);
+    return cut && is_room(&p->sight[i]) && sky >= SKY_OUTSIDE && sky >= before + SKY_MORE;
+}
+
+static void find_aliens(struct part *p, uint32_t i, uint32_t j, bool cut) {
+    if (is_alien(p, i, j, cut)) p->flags[j] |= ALIEN;
+    if (is_alien(p, j, i, cut)) p->flags[i] |= ALIEN;
+}
+
+static bool is_like(const struct part *p, uint32_t i, uint32_t j) {
+    return p->flags[i] & CLOSE ? (p->flags[j] & CLOSE) != 0 : sky_of(&p->sight[j]) >= SKY_OUTSIDE;
+}
+
+static void find_deep(struct part *p, uint32_t i, uint32_t j, bool cut) {
+    if (cut) return;
+    if (p->flags[i] & ALIEN && is_like(p, i, j)) p->flags[j] |= DEEP;
+    if (p->flags[j] & ALIEN && is_like(p, j, i)) p->flags[i] |= DEEP;
+}
+
+static void meet(struct part *p, uint32_t i, uint32_t j, bool cut) {
+    if (!cut) return;
+    struct region *a = region_of(p, i), *b = region_of(p, j);
+    if (b->texels > a->met) a->met = b->texels;
+    if (a->texels > b->met) b->met = a->texels;
+}
+
+/* Few of a strip's texels are not beside a cut: those at the ends, whose neighbour lies inside a pillar. */
+static bool is_strip(const struct region *region) {
+    return region->texels - region->beside <= region->texels / 4 && region->met >= REGION &&
+           region->met >= 2 * region->texels;
+}
+
+static uint64_t choose(struct part *p, uint8_t *covered) {
+    uint64_t yielding = 0;
+    for (uint32_t i = 0; i < p->mesh->texel_count; i++) {
+        if (!p->covered[i] || !(p->flags[i] & (ALIEN | DEEP) || is_strip(region_of(p, i)))) continue;
+        covered[i] = 0;
+        yielding++;
+    }
+    return yielding;
+}
+
+static enum lw_status allocate(struct part *p) {
+    const size_t count = p->mesh->texel_count + 1ul;
+    p->height_m = malloc(count * sizeof *p->height_m);
+    p->flags = calloc(count, 1);
+    p->own = calloc(count, sizeof *p->own);
+    p->sight = calloc(count, sizeof *p->sight);
+    p->parent = malloc(count * sizeof *p->parent);
+    p->region = calloc(count, sizeof *p->region);
+    return p->height_m && p->flags && p->own && p->sight && p->parent && p->region ? LW_OK : LW_NO_MEMORY;
+}
+
+static void release(struct part *p) {
+    free(p->height_m);
+    free(p->flags);
+    free(p->own);
+    free(p->sight);
+    free(p->parent);
+    free(p->region);
+}
+
+enum lw_status lw_crossings_find(struct lw_texels *texels, const struct lw_pose *pose,
+                                 const struct lw_trace *trace, uint32_t object, uint64_t *out_count) {
+    uint8_t *covered = texels->covered + texels->first[object];
+    const uint8_t *usable = texels->usable + texels->first[object];
+    struct part p = {.mesh = &texels->mesh[texels->scene->object[object].mesh],
+                     .scene = texels->scene,
+                     .pose = pose,
+                     .trace = trace,
+                     .to_world = pose->object_to_world[object],
+                     .covered = covered};
+    lw_sample_points_frame_init(&p.frame, &p.to_world);
+    p.size_m = p.mesh->texel_m * p.frame.stretch;
+    for (uint32_t i = 0; i < p.mesh->texel_count; i++) covered[i] = usable[i] != 0;
+    enum lw_status status = allocate(&p);
+    if (status == LW_OK) {
+        shoot(&p, 0);
+        shoot(&p, CUT_RIGHT);
+        shoot(&p, CUT_BELOW);
+        for (uint32_t i = 0; i < p.mesh->texel_count; i++) p.parent[i] = i;
+        walk(&p, join);
+        count_regions(&p);
+        walk(&p, note_edges);
+        walk(&p, note_near);
+        for (uint32_t i = 0; i < p.mesh->texel_count; i++)
+            if (covered[i] && p.flags[i] & NEAR) look_around(&p, i);
+        walk(&p, share_sight);
+        walk(&p, find_aliens);
+        walk(&p, find_deep);
+        walk(&p, meet);
+        *out_count += choose(&p, covered);
+    }
+    release(&p);
+    return status;
+}
