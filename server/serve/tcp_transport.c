@@ -117,12 +117,30 @@ static void on_tls_written(uv_write_t *request, int result) {
     if (of_session) lw_session_written(link->session, result, true);
 }
 
-/* Sends what TLS has made. of_session: which is told when the link has taken the rest.
- * Returns how many bytes the link took at once, or libuv's error. */
+/* What the link takes at once. An error is met again by who sends the rest. */
+static size_t take_output(void *context, const void *bytes, size_t size) {
+    struct link *link = context;
+    const uv_buf_t buffer = uv_buf_init((char *)bytes, (unsigned)size);
+    const int taken = uv_try_write(&link->on.stream, &buffer, 1);
+    return taken > 0 ? (size_t)taken : 0;
+}
+
+/* The shared output is this link's until the next call. */
+static struct lw_tls_output *output_of(struct link *link) {
+    struct lw_tls_output *output = &link->shared->output;
+    output->take = take_output;
+    output->link = link;
+    output->size = output->taken = 0;
+    output->is_full = false;
+    return output;
+}
+
+/* Sends what the link has not taken yet of what TLS has made. of_session: which is told when the link has
+ * taken the rest. Returns how many bytes the link took at once, or libuv's error. */
 static int send_output(struct link *link, bool of_session) {
     struct lw_tls_output *output = &link->shared->output;
     const size_t size = output->size;
-    output->size = 0;
+    output->size = 0; /* its bytes stay */
     if (!size) return 0;
     uv_buf_t buffer = uv_buf_init((char *)output->bytes, (unsigned)size);
     int result = uv_try_write(&link->on.stream, &buffer, 1);
@@ -169,14 +187,15 @@ static enum lw_status encrypt(struct link *link, struct lw_blob *const *blob, ui
 
 /* As write_blobs(): what the link took of the records, told in bytes of the blobs. */
 static int write_by_tls(struct link *link, struct lw_blob *const *blob, uint32_t count, size_t bytes) {
-    link->shared->output.size = 0;
+    const struct lw_tls_output *output = output_of(link);
     const enum lw_status status = encrypt(link, blob, count);
     unref_all(blob, count);
     if (status != LW_OK) return status == LW_NO_MEMORY ? UV_ENOMEM : UV_EPROTO;
-    const size_t size = link->shared->output.size;
-    const int sent = send_output(link, true);
-    if (sent < 0) return sent;
-    if ((size_t)sent == size) return (int)bytes;
+    const size_t size = output->taken + output->size;
+    const int result = send_output(link, true);
+    if (result < 0) return result;
+    const size_t sent = output->taken + (size_t)result;
+    if (sent == size) return (int)bytes;
     const size_t share = (size_t)((double)bytes * (double)sent / (double)size);
     return (int)(share < bytes ? share : bytes - 1); /* not all: the rest is waited for */
 }
@@ -235,7 +254,7 @@ static int end_writing(struct lw_session_transport *transport, enum lw_refusal c
     (void)code; /* the REFUSAL has said so */
     (void)text;
     if (link->stream) {
-        lw_tls_stream_end(link->stream, &link->shared->output);
+        lw_tls_stream_end(link->stream, output_of(link));
         (void)send_output(link, false); /* if that fails so does the next */
     }
     return uv_shutdown(&link->shutdown, &link->on.stream, on_shutdown);
@@ -300,9 +319,9 @@ static void receive_by_tls(struct link *link, const uint8_t *bytes, size_t size)
     lw_tls_stream_lend(link->stream, bytes, size);
     link->sealed += size;
     do {
-        shared->output.size = got = 0;
+        got = 0;
         status = lw_tls_stream_read(link->stream, shared->record, sizeof shared->record, &got,
-                                    &shared->output, &err);
+                                    output_of(link), &err);
         const bool sent = send_output(link, false) >= 0;
         if (!sent || uv_stream_get_write_queue_size(&link->on.stream) >
                          LW_SERVER_QUEUE_MAX * 2 + LW_SERVER_ASIDE_MAX) {
