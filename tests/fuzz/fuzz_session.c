@@ -5,6 +5,7 @@
 #include "common/clock.h"
 #include "common/log.h"
 #include "server/serve/server_limits.h"
+#include "server/serve/session_handlers.h"
 #include "server/serve/session_private.h"
 #include "server/serve/turns.h"
 #include "tests/support/support.h"
@@ -79,8 +80,12 @@ static void waiting(const struct lw_session_transport *transport, size_t *out_ou
     *out_socket = 0;
 }
 
-static const struct lw_session_transport_ops ops = {write_blobs, read_on,    push,
-                                                    end_writing, close_link, waiting};
+static const struct lw_session_transport_ops ops = {.write = write_blobs,
+                                                    .read = read_on,
+                                                    .push = push,
+                                                    .end = end_writing,
+                                                    .close = close_link,
+                                                    .waiting = waiting};
 
 /* ---- the server ---- */
 
@@ -209,7 +214,7 @@ static void receive(struct link *link, const uint8_t *bytes, size_t size) {
     uint8_t *exact = malloc(size ? size : 1);
     require(exact != NULL);
     memcpy(exact, bytes, size);
-    lw_session_receive(link->session, exact, size);
+    lw_session_handlers_receive(link->session, exact, size);
     free(exact);
 }
 

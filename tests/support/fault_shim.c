@@ -1,8 +1,8 @@
 /* fault_shim.c: a library for LD_PRELOAD under which the C library fails where the environment says so.
  *   FAULT_PROGRAM     of this program alone (its short name); others are left alone
  *   FAULT_ALLOCATION  the Nth allocation gives NULL, from 1 on
- *   FAULT_WRITE       the Nth write to a regular file, and all after it, fail; with FAULT_ERRNO, or, where that
- *                     is 0, write one byte and no more
+ *   FAULT_WRITE       the Nth write to a regular file, and all after it, fail; with FAULT_ERRNO, or, where
+ *                     that is 0, write one byte and no more
  *   FAULT_CLOCK       seconds by which the real clock jumps, two seconds after the start
  *   FAULT_COUNT       both counts go to stderr when the process ends
  * Threads: [any]. */
