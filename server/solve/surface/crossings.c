@@ -9,8 +9,8 @@
 
 /* Cuts are looked for this high above the surface, in texels: under what counts as close. */
 #define HEIGHT 0.1f
-/* Neighbours of which the normals differ by more, or the places by more texels, are apart anyway; a bulge is to
- * part none. */
+/* Neighbours whose normals differ by more, or whose places by more texels, are apart anyway; a bulge parts
+ * none. */
 #define NORMALS_COSINE 0.866f
 #define APART          3.0f
 
