@@ -444,8 +444,8 @@ static void settle_tile(const struct lw_cell_solver *s, struct lw_solve_tile *ti
     lw_tiles_sum_up(tile);
 }
 
-/* Frames that a block still needs. Noise falls with the root of their number, what a dark block may have missed
- * with the number itself. */
+/* Frames that a block still needs. Noise falls with the root of their number, what a dark block may have
+ * missed with the number itself. */
 static double frames_left(const struct lw_converged *converged, const struct lw_solve_block *block) {
     const double seen = fmax(1, block->sample_count),
                  ratio = (double)block->error / (double)converged->target_error;
