@@ -34,43 +34,51 @@ static void write_duration(char *out, size_t out_size, double seconds) {
         snprintf(out, out_size, "%.1f h", seconds / 3600);
 }
 
+static bool foretells(const struct lw_progress *p) { return !isnan(p->left_s); }
+
+/* 0 to 1. What a stage foretells is a share of time, and not all before its end. */
+static double share_done(const struct lw_progress *p, uint64_t done, double elapsed_s) {
+    if (foretells(p)) return isinf(p->left_s) ? 0 : fmin(0.99, elapsed_s / (elapsed_s + p->left_s));
+    return (double)done / (double)p->total;
+}
+
 /* "43 %, 12 s left", or the count of steps and the time so far where the total is unknown. */
 static void write_state(char *out, size_t out_size, const struct lw_progress *p, uint64_t done,
                         uint64_t elapsed_ns) {
     char time[32];
-    double elapsed_s = (double)elapsed_ns / SECOND_NS;
-    if (!p->total) {
+    const double elapsed_s = (double)elapsed_ns / SECOND_NS;
+    if (!p->total && !foretells(p)) {
         write_duration(time, sizeof time, elapsed_s);
         snprintf(out, out_size, "%" PRIu64 " so far, %s", done, time);
-    } else if (!done) {
-        write_duration(time, sizeof time, elapsed_s);
-        snprintf(out, out_size, "0 %%, %s so far", time);
-    } else {
-        double left_s = elapsed_s * (double)(p->total - done) / (double)done;
-        const bool limited = p->limit_s > 0 && p->limit_s - elapsed_s < left_s;
-        if (limited) left_s = fmax(p->limit_s - elapsed_s, 0);
-        write_duration(time, sizeof time, left_s);
-        snprintf(out, out_size, "%.0f %%, %s left%s", 100.0 * (double)done / (double)p->total, time,
-                 limited ? " by the time limit" : "");
+        return;
     }
+    const double share = share_done(p, done, elapsed_s);
+    double left_s = foretells(p) ? p->left_s : share > 0 ? elapsed_s * (1 - share) / share : (double)INFINITY;
+    const bool limited = p->limit_s > 0 && p->limit_s - elapsed_s < left_s && (share > 0 || foretells(p));
+    if (limited) left_s = fmax(p->limit_s - elapsed_s, 0);
+    write_duration(time, sizeof time, isinf(left_s) ? elapsed_s : left_s);
+    if (isinf(left_s))
+        snprintf(out, out_size, "0 %%, %s so far", time);
+    else
+        snprintf(out, out_size, "%.0f %%, %s left%s", 100 * share, time, limited ? " by the time limit" : "");
 }
 
 static bool is_wanted(const struct lw_progress *p) {
     return (!p->wanted || *p->wanted) && lw_log_shows(LW_LOG_INFO);
 }
 
-static void show_bar(const struct lw_progress *p, uint64_t done, const char *state) {
+static void show_bar(const struct lw_progress *p, double share, const char *state) {
     unsigned columns = terminal_columns();
     size_t text =
         strlen(p->stage) + strlen(state) + sizeof "  [] "; /* the last column stays free: no line wrap */
     unsigned cells = text < columns ? columns - (unsigned)text : 0;
     if (cells > BAR_CELLS_MAX) cells = BAR_CELLS_MAX;
-    if (!p->total || cells < 4) {
+    if ((!p->total && !foretells(p)) || cells < 4) {
         fprintf(stderr, "\r\033[K%.*s", (int)columns - 1, p->stage);
         if (text < columns) fprintf(stderr, "  %s", state);
         return;
     }
-    unsigned full = (unsigned)((double)cells * (double)done / (double)p->total);
+    unsigned full = (unsigned)((double)cells * share);
     char bar[BAR_CELLS_MAX + 1];
     memset(bar, '#', full);
     memset(bar + full, '.', cells - full);
@@ -84,6 +92,7 @@ void lw_progress_init(struct lw_progress *p, const char *stage, uint64_t total) 
     p->started_ns = lw_clock_ns();
     atomic_init(&p->done, 0);
     atomic_init(&p->shown_ns, 0);
+    p->left_s = (double)NAN;
     p->limit_s = 0;
     p->wanted = NULL;
 }
@@ -105,7 +114,7 @@ void lw_progress_step(struct lw_progress *p, uint64_t steps) {
     char state[96];
     write_state(state, sizeof state, p, done, elapsed);
     if (bar)
-        show_bar(p, done, state);
+        show_bar(p, share_done(p, done, (double)elapsed / SECOND_NS), state);
     else
         lw_log(LW_LOG_INFO, "%s: %s", p->stage, state);
 }
@@ -123,9 +132,9 @@ void lw_progress_stop(struct lw_progress *p) {
     if (elapsed < QUIET_NS || !is_wanted(p)) return;
     char time[32];
     write_duration(time, sizeof time, (double)elapsed / SECOND_NS);
-    if (p->total) /* rounded down: 99.9 % is not all */
+    if (p->total || foretells(p)) /* rounded down: 99.9 % is not all */
         lw_log(LW_LOG_INFO, "%s: stopped at %.0f %% after %s", p->stage,
-               floor(100.0 * (double)(done < p->total ? done : p->total) / (double)p->total), time);
+               floor(100 * fmin(1, share_done(p, done, (double)elapsed / SECOND_NS))), time);
     else
         lw_log(LW_LOG_INFO, "%s: stopped at %" PRIu64 " after %s", p->stage, done, time);
 }

@@ -15,6 +15,9 @@ struct lw_progress {
     _Atomic uint64_t done;
     uint64_t started_ns;
     _Atomic uint64_t shown_ns; /* when a line was last shown; 0: never */
+    /* What the stage itself thinks is left, in place of what its steps say; infinite: it cannot say yet.
+     * NAN, as lw_progress_init() makes it: its steps say it. */
+    double left_s;
     double limit_s; /* the stage ends then, whatever is left; 0, as lw_progress_init() makes it: never */
     /* May be NULL; lw_progress_init() makes it so. While it is false the stage shows nothing: nobody waits
      * for its end. */

@@ -444,6 +444,25 @@ static void settle_tile(const struct lw_cell_solver *s, struct lw_solve_tile *ti
     lw_tiles_sum_up(tile);
 }
 
+/* Frames that a block still needs. Noise falls with the root of their number, what a dark block may have
+ * missed with the number itself. */
+static double frames_left(const struct lw_converged *converged, const struct lw_solve_block *block) {
+    const double seen = fmax(1, block->sample_count),
+                 ratio = (double)block->error / (double)converged->target_error;
+    if (converged->frames_max) return fmax(0, (double)converged->frames_max - seen);
+    return fmax(fmax(1, LW_SOLVER_FRAMES_MIN - seen),
+                seen * (block->luminance > 0 ? ratio * ratio : ratio) - seen);
+}
+
+static double texels_left(const struct lw_cell_solver *s, const struct lw_solve_tile *tile) {
+    const struct lw_converged converged = lw_cell_frame_converged(s);
+    double sum = 0;
+    LW_TILES_EACH_BLOCK (tile, block)
+        if (!lw_converged_may(&converged, tile, block))
+            sum += frames_left(&converged, block) * (double)block->covered_count;
+    return sum;
+}
+
 static enum lw_status settle(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     struct lw_solver_stats *stats = &f->stats;
@@ -455,6 +474,7 @@ static enum lw_status settle(struct frame *f, struct lw_error *err) {
         LW_TILES_EACH_BLOCK (tile, block) stats->texels_solved += block->due ? block->covered_count : 0;
         if (tile->work) settle_tile(s, tile);
         stats->tiles_converged += tile->state == LW_BLOCK_CONVERGED;
+        if (tile->state != LW_BLOCK_CONVERGED) stats->texels_left += texels_left(s, tile);
     }
     return LW_OK;
 }

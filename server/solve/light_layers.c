@@ -348,6 +348,7 @@ static void add_stats(struct lw_solver_stats *sum, const struct lw_solver_stats 
     sum->denoise_ns += stats->denoise_ns;
     sum->weld_ns += stats->weld_ns;
     sum->texels_solved += stats->texels_solved;
+    sum->texels_left += stats->texels_left;
     sum->tiles_shown += stats->tiles_shown;
     if (stats->tiles_interest > sum->tiles_interest) sum->tiles_interest = stats->tiles_interest;
     if (stats->tiles_contributing > sum->tiles_contributing)

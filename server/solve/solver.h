@@ -59,6 +59,8 @@ struct lw_solver_stats {
     /* verification. */
     uint64_t change_ns;
     uint64_t texels_solved;
+    /* Texels times frames until all have converged, if errors fall as they should. */
+    double texels_left;
     /* level-0 tiles: of this frame; converged; in all. */
     uint32_t tiles_solved, tiles_converged, tiles;
     uint32_t tiles_interest,

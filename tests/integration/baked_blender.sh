@@ -7,6 +7,7 @@ source=$1 bin=$2 folder=$3
 for program in blender node; do
     command -v $program > /dev/null || { echo "skipped: there is no $program"; exit 0; }
 done
+python3 -c 'import numpy' 2> /dev/null || { echo "skipped: Blender wants python3-numpy for glTF"; exit 0; }
 mkdir -p "$folder"
 cd "$folder"
 camera=1.5,1.7,2.2:-0.2,1,-1:60

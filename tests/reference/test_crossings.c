@@ -1,5 +1,5 @@
-/* Surfaces that cut charts, at coarse texels: what a look-up beside the cut reads. A floor through a partition, a
- * wall that goes on above a ceiling, a picture rail before a wall, notes on a board. Direct light alone. */
+/* Surfaces that cut charts, at coarse texels: what a look-up beside the cut reads. A floor through a
+ * partition or out of doors, a wall above a ceiling, picture rails before a wall. Direct light alone. */
 #include "tests/reference/room.h"
 
 #include "server/solve/surface/texels.h"
@@ -124,8 +124,8 @@ static void test_a_wall_above_a_ceiling(void **state) {
 
 /* ---- a floor that goes on out of doors ---- */
 
-/* A hut without a floor of its own, and the sun outside, a thousand times as bright as the lamp. Its first
- * wall stands anywhere on the texels. */
+/* A hut without a floor of its own, and the sun outside, a thousand times as bright as the lamp. The hut's
+ * first wall stands anywhere on the texels. */
 static void test_a_floor_that_goes_on_out_of_doors(void **state) {
     (void)state;
     for (int i = 0; i < 4; i++) {
@@ -179,8 +179,8 @@ static double variation(const struct room_solution *s, double x0, double y0, dou
     return sqrt(fmax(0, squares * count / (sum * sum) - 1));
 }
 
-/* Rails, and a board as high as three texels, whose edges run aslant by a texel over their length. A lamp far
- * off shines straight at them: the wall beside them has E = 1 to 1 in 1,000. */
+/* Rails, and a board as high as three texels, whose edges run aslant by a texel over their length. A lamp
+ * far off shines straight at them: the wall beside them has E = 1 to 1 in 1,000. */
 static void test_a_rail_before_a_wall(void **state) {
     (void)state;
     const float wide[] = {0.03f, 0.08f, 0.6f};

@@ -6,6 +6,7 @@
 #include "common/progress.h"
 
 #include <fcntl.h>
+#include <math.h>
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
@@ -117,6 +118,35 @@ static void a_time_limit_is_an_end(void **state) {
     assert_string_equal(shown(), "tester: baking: 60 %, 0.0 s left by the time limit\n");
     lw_progress_stop(&p);
     assert_string_equal(shown(), "tester: baking: stopped at 60 % after 64 s\n");
+}
+
+/* A stage that foretells its end: percent, time left and done are of one measure. */
+static void a_stage_may_foretell_its_end(void **state) {
+    (void)state;
+    struct lw_progress p;
+    lw_progress_init(&p, "baking", 0);
+    p.left_s = HUGE_VAL;
+    pass_ms(2000);
+    lw_progress_step(&p, 1);
+    assert_string_equal(shown(), "tester: baking: 0 %, 2.0 s so far\n");
+    p.left_s = 6;
+    pass_ms(2000);
+    lw_progress_step(&p, 1);
+    assert_string_equal(shown(), "tester: baking: 40 %, 6.0 s left\n");
+    p.left_s = 0.001;
+    pass_ms(6000);
+    lw_progress_step(&p, 1);
+    assert_string_equal(shown(), "tester: baking: 99 %, 0.0 s left\n");
+    lw_progress_finish(&p);
+    assert_string_equal(shown(), "tester: baking: done in 10 s\n");
+    lw_progress_init(&p, "baking", 0);
+    p.left_s = 30;
+    p.limit_s = 20;
+    pass_ms(10000);
+    lw_progress_step(&p, 1);
+    assert_string_equal(shown(), "tester: baking: 25 %, 10 s left by the time limit\n");
+    lw_progress_stop(&p);
+    assert_string_equal(shown(), "tester: baking: stopped at 25 % after 10 s\n");
 }
 
 static void long_times_change_their_unit(void **state) {
@@ -274,6 +304,7 @@ int main(void) {
         PLAIN(fast_work_is_quiet),
         PLAIN(plain_lines_come_every_two_seconds),
         PLAIN(a_time_limit_is_an_end),
+        PLAIN(a_stage_may_foretell_its_end),
         PLAIN(long_times_change_their_unit),
         PLAIN(an_unknown_total_shows_the_count),
         PLAIN(more_steps_than_announced_stay_at_the_end),

@@ -9,8 +9,8 @@
 
 /* Cuts are looked for this high above the surface, in texels: under what counts as close. */
 #define HEIGHT 0.1f
-/* Neighbours of which the normals differ by more, or the places by more texels, are apart anyway; a bulge is to
- * part none. */
+/* Neighbours whose normals differ by more, or whose places by more texels, are apart anyway; a bulge parts
+ * none. */
 #define NORMALS_COSINE 0.866f
 #define APART          3.0f
 
@@ -18,8 +18,8 @@
 #define SKY_OUTSIDE 0.2f
 #define SKY_MORE    0.1f
 #define SKY_PACKETS 2 /* of rays, for each texel near a cut; its neighbours' count as well */
-/* Regions of so many texels may be one of a room and one out of doors, or cut a strip off: thin bars cross
- * everywhere. */
+/* Regions of this size may be one of a room and one out of doors, or cut a strip off. Thin bars, which cross
+ * each other all over a chair, are smaller. */
 #define REGION 32
 /* In a room a quarter of the rays go this far, in texels, even from beside a wall: a cupboard is none. */
 #define ROOM 4.0f

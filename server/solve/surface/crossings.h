@@ -2,19 +2,20 @@
  * Flow:    texels, rays' structure -> [crossings] -> texels without them
  * Threads: [any], one call per object at a time.
  *
- * Other surfaces cut a chart: a ceiling the wall that goes on above it, a wall the floor that goes on out of
- * doors, a picture rail the wall behind it. A look-up beside the cut reads texels of both sides, so that light
- * leaks over it, by up to a texel. Some texels yield: they count as uncovered, and are filled from their
- * neighbours like a gutter, those of the other side.
+ * Other surfaces cut a chart: a ceiling the wall that goes on above it, a wall the floor that goes on out
+ * of doors, a picture rail the wall behind it. A look-up beside the cut reads texels of both sides, so that
+ * light leaks over it, by up to a texel. Some texels yield: they count as uncovered, and are filled from
+ * their neighbours like a gutter, those of the other side.
  *
- * strip         three quarters of what a cut parts lie beside cuts; what is on the other side has at least 32
- *               texels, and twice as many
- * cavity        another surface lies less than an eighth of a texel above the texel, and not above its neighbour
- * out of doors  it and its neighbours see at least a fifth of the sky, a tenth more of it than those beyond a
- *               cut, of whose rays a quarter go farther than 4 texels, as in a room
+ * strip         three quarters of what a cut parts lie beside cuts; what is on the other side has at least
+ *               32 texels, and twice as many
+ * cavity        another surface lies less than an eighth of a texel above the texel, and not above its
+ *               neighbour
+ * out of doors  it and its neighbours see at least a fifth of the sky, a tenth more of it than those beyond
+ *               a cut, of whose rays a quarter go farther than 4 texels, as in a room
  *
- * Of the last two the next texel yields as well, or the first would be filled from there. Where both sides are
- * wide, and rooms, the cut stays between two texels, and look-ups mix them within half a texel. */
+ * Of the last two the next texel yields as well, or the first would be filled from there. Where both sides
+ * are wide, and rooms, the cut stays between two texels, and look-ups mix them within half a texel. */
 #ifndef LW_SURFACE_CROSSINGS_H
 #define LW_SURFACE_CROSSINGS_H
 
