@@ -9,7 +9,7 @@ import test from 'node:test';
 
 import { hasDaemon, startDaemon } from './daemon.mjs';
 import { load } from './load.mjs';
-import { hasBrowser, openBrowser, until } from './page.mjs';
+import { hasBrowser, openBrowser, pictureName, until } from './page.mjs';
 
 const { writeHello, writeUpdate, readUpdated, Refusal, Session, nothingKept, lampsOf, changesOf } = await load(
   'wire',
@@ -137,6 +137,8 @@ test('a page by https, with a token', { skip: missing || false }, async () => {
       timeout: 240000,
       polling: 100,
     });
+    const name = pictureName('access', 'control'); // with its sliders
+    if (name) await other.screenshot({ path: name });
     assert.deepEqual(thrown, []);
   } finally {
     await browser.close();
