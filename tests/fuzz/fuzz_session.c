@@ -1,6 +1,6 @@
 /* Sessions of a server, played with: they come, say anything, whole messages and pieces, stop reading, fall
- * silent, go, while the clock moves on. Each byte of the input chooses what happens next. What a session sends
- * must be messages; what it holds must be gone when it is. There is no light here: frames and tiles are
+ * silent, go, while the clock moves on. Each byte of the input chooses what happens next. What a session
+ * sends must be messages; what it holds must be gone when it is. There is no light here: frames and tiles are
  * fuzz_replica's. */
 #include "common/clock.h"
 #include "common/log.h"

@@ -1,5 +1,5 @@
-/* Faults, and what the documents promise of each: the real programs, killed, stopped, cut off, without memory,
- * disk or the right time. docs/results/reliability.md has them as a table. */
+/* Faults, and what the documents promise of each: the real programs, killed, stopped, cut off, without
+ * memory, disk or the right time. docs/results/reliability.md has them as a table. */
 #include "tests/support/process.h"
 
 #include "client/lib/client.h"
@@ -13,6 +13,7 @@
 #include <math.h>
 #include <netinet/in.h>
 #include <poll.h>
+#include <sched.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -21,7 +22,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#define LIMIT_S 60
+#define LIMIT_S 90
 #define TARGET  0.3f
 #define CORNELL                                                                                              \
     "builtin:cornell --texels-per-metre 8 --clock step --json --light whole --error 0.3 --frame-rate 200 "
@@ -231,7 +232,7 @@ static void each_allocation_may_fail(const char *program, const char *arguments)
     long allocations, writes;
     unsigned ended = 0, went_on = 0, tries = 0;
     count_calls(program, arguments, 0, &allocations, &writes);
-    const long step = is_long || allocations < 40 ? 1 : allocations / 40;
+    const long step = is_long || allocations < 20 ? 1 : allocations / 20;
     for (long n = 1; n <= allocations; n += step, tries++) {
         struct lw_process process;
         set_number("FAULT_ALLOCATION", n);
@@ -279,7 +280,7 @@ static void a_solve_without_memory_is_a_line(void **state) {
 static void a_session_without_memory_ends_alone(void **state) {
     (void)state;
     if (LW_SANITIZER) skip();
-    const unsigned tries = is_long ? 400 : 12;
+    const unsigned tries = is_long ? 400 : 6;
     unsigned refused = 0, ended = 0;
     shim("lightwelld");
     long allocations, writes;
@@ -400,7 +401,7 @@ static void a_stopped_server_goes_on(void **state) {
 
 /* ---- readers ---- */
 
-/* Promise: who reads a byte a second costs others nothing, and the server no more than what one link holds. */
+/* Promise: who reads a byte a second costs others nothing, and the server no more than a link holds. */
 static void readers_of_a_byte_a_second_hold_nobody_up(void **state) {
     (void)state;
     enum { READERS = 20 };
@@ -455,6 +456,110 @@ static void a_saturated_machine_is_slow_not_broken(void **state) {
     }
 }
 
+/* ---- links ---- */
+
+#define SPACE "lw_faults"
+#define HERE  "10.213.7.1"
+#define THERE "10.213.7.2"
+
+static bool runs_well(const char *command) { return system(command) == 0; }
+
+static int remove_space(void **state) {
+    (void)!system("ip netns del " SPACE " 2>/dev/null; ip link del lwf0 2>/dev/null");
+    return kill_all(state);
+}
+
+/* A network namespace of our own, at the other end of a cable. */
+static bool make_space(void) {
+    if (geteuid() != 0) return false;
+    (void)!system("ip netns del " SPACE " 2>/dev/null; ip link del lwf0 2>/dev/null");
+    return runs_well("ip netns add " SPACE " 2>/dev/null") &&
+           runs_well("ip link add lwf0 type veth peer name lwf1 netns " SPACE " 2>/dev/null") &&
+           runs_well("ip addr add " HERE "/30 dev lwf0 && ip link set lwf0 up") &&
+           runs_well("ip -n " SPACE " addr add " THERE "/30 dev lwf1 && ip -n " SPACE " link set lwf1 up");
+}
+
+/* In that namespace: a client that writes a byte for each frame, L where it lost the session, R where it has
+ * it again. */
+static _Noreturn void be_a_client_there(uint16_t port, int out) {
+    struct lw_client *client = NULL;
+    struct lw_client_stats stats;
+    uint64_t frame = 0;
+    const struct lw_client_desc desc = {.host = HERE, .port = port, .name = "there", .timeout_ms = 10000};
+    const int space = open("/run/netns/" SPACE, O_RDONLY | O_CLOEXEC);
+    if (space < 0 || setns(space, CLONE_NEWNET) != 0 || lw_client_create(&desc, &client, NULL)) _exit(1);
+    for (;;) {
+        if (lw_client_poll(client, 100, NULL) != LW_OK) {
+            (void)!write(out, "L", 1);
+            for (unsigned i = 0; lw_client_reconnect(client, NULL) != LW_OK; i++)
+                lw_process_sleep_ms(lw_client_backoff_ms(i, 1));
+            (void)!write(out, "R", 1);
+        }
+        lw_client_get_stats(client, &stats);
+        if (stats.frame != frame && write(out, "f", 1) != 1) _exit(0);
+        frame = stats.frame;
+    }
+}
+
+/* Takes in what the client has written, for so long or until it has said this. */
+static bool hears(int in, char wanted, unsigned limit_ms, unsigned *losses) {
+    const uint64_t end_ns = lw_clock_ns() + limit_ms * 1000000ull;
+    while (lw_clock_ns() < end_ns) {
+        struct pollfd ready = {.fd = in, .events = POLLIN};
+        char byte;
+        if (poll(&ready, 1, 50) != 1) continue;
+        if (read(in, &byte, 1) != 1) return false;
+        *losses += byte == 'L';
+        if (byte == wanted) return true;
+    }
+    return false;
+}
+
+/* Promise (wire_format.md, section 3): no byte taken for 15 s, or nothing heard for 60, ends a session with
+ * TIMEOUT; before that it goes on as if nothing had been. Clients come back by themselves. */
+static void a_link_that_was_down(void **state) {
+    (void)state;
+    static const unsigned down_s[] = {2, 30, 300};
+    if (!make_space()) {
+        print_message("skipped: needs root, ip(8) and network namespaces\n");
+        skip();
+    }
+    struct lw_process daemon;
+    int ends[2];
+    lw_process_serve(&daemon,
+                     "builtin:cornell --texels-per-metre 4 --light whole --error 1e-6 --frame-rate 20 "
+                     "--listen " HERE ":0 --insecure --http none --json");
+    assert_int_equal(pipe2(ends, O_CLOEXEC), 0);
+    const unsigned before = descriptors_of(daemon.pid);
+    const pid_t client = fork();
+    if (client == 0) be_a_client_there(daemon.port, ends[1]);
+    close(ends[1]);
+    for (size_t i = 0; i < (is_long ? 3u : 1u); i++) {
+        unsigned losses = 0;
+        assert_true(hears(ends[0], 'f', LIMIT_S * 1000, &losses));
+        assert_true(runs_well("ip -n " SPACE " link set lwf1 down"));
+        losses = 0;
+        (void)hears(ends[0], 0, down_s[i] * 1000, &losses);
+        if (down_s[i] > 60) wait_for_descriptors(daemon.pid, before); /* the server does not keep it */
+        assert_true(runs_well("ip -n " SPACE " link set lwf1 up"));
+        const uint64_t up_ns = lw_clock_ns();
+        (void)hears(ends[0], 0, 500, &losses); /* what was on the way */
+        assert_true(hears(ends[0], 'f', 2 * LIMIT_S * 1000, &losses));
+        print_message("link down for %u s: %u sessions lost, the next frame %.1f s after\n", down_s[i],
+                      losses, (double)(lw_clock_ns() - up_ns) * 1e-9);
+        if (down_s[i] < 15) assert_int_equal(losses, 0);
+    }
+    /* half open: the peer is gone, and no packet says so */
+    if (is_long) assert_true(runs_well("ip -n " SPACE " link set lwf1 down"));
+    assert_int_equal(kill(client, SIGKILL), 0);
+    assert_int_equal(waitpid(client, NULL, 0), client);
+    const uint64_t gone_ns = lw_clock_ns();
+    wait_for_descriptors(daemon.pid, before);
+    if (is_long) print_message("half open: gone after %.0f s\n", (double)(lw_clock_ns() - gone_ns) * 1e-9);
+    close(ends[0]);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, 20), 0);
+}
+
 /* With an argument all of each, which takes an hour; else samples. */
 int main(int argc, char **argv) {
     (void)argv;
@@ -470,6 +575,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test_teardown(a_jump_of_the_clock_is_not_felt, kill_all),
         cmocka_unit_test_teardown(a_stopped_server_goes_on, kill_all),
         cmocka_unit_test_teardown(readers_of_a_byte_a_second_hold_nobody_up, kill_all),
+        cmocka_unit_test_teardown(a_link_that_was_down, remove_space),
         cmocka_unit_test_teardown(a_saturated_machine_is_slow_not_broken, kill_all),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
