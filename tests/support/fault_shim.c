@@ -87,7 +87,7 @@ static int is_file(int fd) {
 
 /* 0: as ever. 1: it fails, errno is set. 2: it is cut short. */
 static int write_fault(int fd) {
-    if (!ready || !is_file(fd) || ++writes < failing_write || !failing_write) return 0;
+    if (!ready || fd <= STDERR_FILENO || !is_file(fd) || ++writes < failing_write || !failing_write) return 0;
     if (!write_errno) return 2;
     errno = write_errno;
     return 1;
