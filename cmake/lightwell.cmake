@@ -144,6 +144,7 @@ function(lw_fuzzer name)
   target_link_libraries(${name} PRIVATE lw_flags ${arg_LIBS})
   target_compile_options(${name} PRIVATE -Wno-missing-prototypes) # the entry point has no header
   if(LW_FUZZ)
+    target_compile_definitions(${name} PRIVATE LW_FUZZ)
     target_link_options(${name} PRIVATE -fsanitize=fuzzer)
     add_test(NAME ${name} COMMAND ${name} -runs=0 ${corpus})
   else()
