@@ -22,10 +22,11 @@ struct lw_geometry {
     int threads;
 };
 
-/** Builds structure and texels at a pose. scene outlives the geometry. Errors: LW_NO_MEMORY, LW_INTERNAL;
- * LW_BAD_DATA for more texels than fit. */
+/** Builds structure and texels at a pose. scene outlives the geometry. cancel may be NULL; once true, it ends
+ * soon. Errors: LW_NO_MEMORY, LW_INTERNAL; LW_BAD_DATA for more texels than fit; LW_CLOSED: cancelled. */
 LW_MUST_CHECK enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_scene *scene,
-                                              const struct lw_pose *pose, int threads, struct lw_error *err);
+                                              const struct lw_pose *pose, int threads,
+                                              const _Atomic bool *cancel, struct lw_error *err);
 /** A zeroed one is fine. */
 void lw_geometry_finish(struct lw_geometry *geometry);
 

@@ -45,7 +45,8 @@ struct lw_solver_desc {
     bool denoise;
     /* Wall time in which a frame solves, about; 0: as long as it takes, the same bytes every time. */
     double frame_budget_s;
-    const _Atomic bool *cancel;    /* may be NULL; once true, a frame under way ends within a tile */
+    /* May be NULL; once true, a frame under way ends within a tile, creation within a mesh: LW_CLOSED */
+    const _Atomic bool *cancel;
     const _Atomic bool *finishing; /* may be NULL; once true, frames say how far they are */
     /* May be NULL; while true, changes wait for the end of the frame under way, which
      * shows nothing that may wait. */

@@ -452,7 +452,8 @@ static struct search begin(struct lw_texels *texels, const struct lw_pose *pose,
 }
 
 enum lw_status lw_invalid_texels_find(struct lw_texels *texels, const struct lw_pose *pose,
-                                      const struct lw_trace *trace, int threads, uint64_t *out_count) {
+                                      const struct lw_trace *trace, int threads, const _Atomic bool *cancel,
+                                      uint64_t *out_count) {
     const uint32_t objects = texels->scene->object_count;
     const struct search search = begin(texels, pose, trace);
     uint64_t count = 0;
@@ -461,11 +462,16 @@ enum lw_status lw_invalid_texels_find(struct lw_texels *texels, const struct lw_
     lw_progress_init(&progress, "looking inside objects", objects);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads) reduction(+ : count, failures)
     for (uint32_t o = 0; o < objects; o++) {
+        if (cancel && *cancel) continue;
         if (!lw_pose_object_moves(pose, texels->scene, o)) {
             count += find_in_object(&search, o, false);
             failures += lw_crossings_find(texels, pose, trace, o, &count) != LW_OK;
         }
         lw_progress_step(&progress, 1);
+    }
+    if (cancel && *cancel) {
+        lw_progress_stop(&progress);
+        return LW_CLOSED;
     }
     lw_progress_finish(&progress);
     if (count) lw_texels_link(texels, threads);

@@ -17,10 +17,11 @@
 #include "server/solve/surface/texels.h"
 
 /** Takes invalid points out of usable, invalid texels and those that yield (crossings.h) out of covered, and
- * links the sources again. *out_count: how many texels are gone. Errors: LW_NO_MEMORY. */
+ * links the sources again. *out_count: how many texels are gone. cancel may be NULL; once true, it ends
+ * within an object. Errors: LW_NO_MEMORY; LW_CLOSED: cancelled. */
 LW_MUST_CHECK enum lw_status lw_invalid_texels_find(struct lw_texels *texels, const struct lw_pose *pose,
                                                     const struct lw_trace *trace, int threads,
-                                                    uint64_t *out_count);
+                                                    const _Atomic bool *cancel, uint64_t *out_count);
 
 /** After objects have become movers: tests invalid points near where these stood again, and gives
  * back those that are valid now. Movers have all of their texels. Valid points are not tested:

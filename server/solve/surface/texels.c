@@ -486,7 +486,7 @@ static void note_colours(struct lw_texels *texels) {
 }
 
 enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *scene, unsigned threads,
-                              struct lw_error *err) {
+                              const _Atomic bool *cancel, struct lw_error *err) {
     *texels = (struct lw_texels){.scene = scene};
     texels->mesh = calloc(scene->mesh_count + 1, sizeof *texels->mesh);
     texels->first = calloc(scene->object_count + 1, sizeof *texels->first);
@@ -520,8 +520,14 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads ? (int)threads : omp_get_max_threads())  \
     reduction(+ : failures)
     for (uint32_t m = 0; m < scene->mesh_count; m++) {
+        if (cancel && *cancel) continue;
         if (texels->mesh[m].texel_count && !build_mesh(&texels->mesh[m], scene, &scene->mesh[m])) failures++;
         lw_progress_step(&progress, texels->mesh[m].texel_count);
+    }
+    if (cancel && *cancel) {
+        lw_progress_stop(&progress);
+        lw_texels_finish(texels);
+        return LW_CLOSED;
     }
     lw_progress_finish(&progress);
     texels->covered = malloc(count + 1);

@@ -53,10 +53,13 @@ struct lw_texels {
     uint32_t *source;
 };
 
-/** Rasterises every mesh that an object uses. Errors: LW_NO_MEMORY; LW_BAD_DATA for
- * more than 2^30 texels in all. */
+/** Rasterises every mesh that an object uses.
+ * cancel   may be NULL; once true, it ends within a mesh
+ * Errors: LW_NO_MEMORY; LW_BAD_DATA for more than 2^30 texels in all; LW_CLOSED, with *err as it was:
+ * cancelled. */
 LW_MUST_CHECK enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *scene,
-                                            unsigned threads, struct lw_error *err);
+                                            unsigned threads, const _Atomic bool *cancel,
+                                            struct lw_error *err);
 void lw_texels_finish(struct lw_texels *texels);
 
 /** Bytes held. */
