@@ -52,14 +52,14 @@ in vec2 uv[2], lightmap;
 in vec4 tint;
 uniform sampler2D base_texture, irradiance_over_pi;
 uniform mat3x2 base_transform; uniform int base_set;
-uniform vec4 base_colour; uniform vec3 emission; uniform float alpha_cutoff, back_offset;
+uniform vec4 base_colour; uniform vec3 emission; uniform float alpha_cutoff, back_offset, unlit;
 out vec4 pixel;
 void main() {
     vec4 base = base_colour * tint * texture(base_texture, base_transform * vec3(uv[base_set], 1));
     if (base.a < alpha_cutoff) discard;
     vec2 at = lightmap + vec2(0, gl_FrontFacing ? 0 : back_offset);
     vec3 light = texture(irradiance_over_pi, at / vec2(textureSize(irradiance_over_pi, 0))).rgb;
-    vec3 radiance = 0.25 * (base.rgb * light + emission);
+    vec3 radiance = 0.25 * (base.rgb * mix(light, vec3(1), unlit) + emission);
     pixel = vec4(radiance / (1 + radiance), 1); // Reinhard; the framebuffer is sRGB
 })";
 
@@ -260,6 +260,7 @@ struct Renderer {
                 glBindTexture(GL_TEXTURE_2D, lightmaps[i]);
                 glUniform4fv(at("base_colour"), 1, material.base_colour);
                 glUniform3fv(at("emission"), 1, material.emission);
+                glUniform1f(at("unlit"), float(material.is_unlit));
                 glUniform1f(at("alpha_cutoff"), material.alpha ? material.alpha_cutoff : 0);
                 glDrawElements(GL_TRIANGLES, run.index_count, GL_UNSIGNED_INT, (const void *)run.first_byte);
             }

@@ -28,6 +28,7 @@
 
 #include <errno.h>
 #include <jansson.h>
+#include <malloc.h>
 #include <math.h>
 #include <poll.h>
 #include <pthread.h>
@@ -1358,6 +1359,7 @@ int main(int argc, char **argv) {
         for (struct daemon *next; (next = successor(d, status == LW_OK, &left)) != NULL;) {
             finish(d);
             free(d);
+            malloc_trim(0); /* else memory that each scene leaves free in pieces adds up */
             d = next;
             status = run(d, &err);
         }

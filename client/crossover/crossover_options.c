@@ -86,7 +86,7 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
                                      .minutes_max = (double)INFINITY};
     const char *scene[1] = {NULL}, *size = "640x360", *opponents = "svgf,svgf-quarter", *paths = "1",
                *densities = "0.25,0.5,1,2";
-    int motion = LW_SCENE_MOTION_LAMP_WALK, direct = 0;
+    int motion = LW_SCENE_MOTION_LAMP_WALK, direct = 0, renderer = 0;
     int64_t bounces = 2, seed = 1, repeats = 2, reference = 128, alone = 3;
     const struct lw_option table[] = {
         {"motion", LW_SCENE_MOTION_CHOICES, "what moves (default lamp-walk)", LW_OPTION_CHOICE, &motion, 0, 0,
@@ -103,9 +103,12 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
          LW_OPTION_STRING, &densities, 0, 0, NULL},
         {"direct", "pixels|tiles|both",
          "the cache's users draw the direct light of sun and lamps at their pixels (default), or tiles hold "
-         "all "
-         "light; or both are measured",
+         "all light; or both are measured",
          LW_OPTION_CHOICE, &direct, 0, 0, NULL},
+        {"renderer", "cpu|gl|both",
+         "the cache's users draw by rays (default), or by OpenGL, which counts what the CPU spends on it; or "
+         "both are measured",
+         LW_OPTION_CHOICE, &renderer, 0, 0, NULL},
         {"repeats", "N", "measurements, each with other random numbers (default 2)", LW_OPTION_INT, &repeats,
          1, LW_CROSSOVER_REPEATS_MAX, NULL},
         {"size", "WxH", "pixels of each view (default 640x360)", LW_OPTION_STRING, &size, 0, 0, NULL},
@@ -152,6 +155,8 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
     o.motion = (enum lw_scene_motion)motion;
     o.pixels = direct != 1;
     o.tiles = direct != 0;
+    o.by_rays = renderer != 1;
+    o.by_gl = renderer != 0;
     o.bounces = (uint32_t)bounces;
     o.seed = (uint32_t)seed;
     o.repeats = (uint32_t)repeats;

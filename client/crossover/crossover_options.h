@@ -20,8 +20,9 @@ struct lw_crossover_options {
     uint32_t paths[LW_CROSSOVER_PATHS_MAX], paths_count; /* per pixel, of opponents that do not filter */
     double density[LW_CROSSOVER_DENSITIES_MAX];          /* times the scene's default; growing */
     uint32_t density_count;
-    bool pixels,
-        tiles; /* the cache's forms: users draw the direct light of client lights; tiles hold all light */
+    /* the cache's forms: users draw the direct light of client lights; tiles hold all light */
+    bool pixels, tiles;
+    bool by_rays, by_gl; /* how the cache's users draw */
     uint32_t width, height, bounces, seed, repeats, reference_samples;
     uint32_t alone;     /* views of a repeat that one user sees alone */
     double warm_s;      /* scene time before the first judged frame */

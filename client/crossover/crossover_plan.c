@@ -30,23 +30,32 @@ static void plan_paths(const struct lw_crossover_options *o, struct lw_crossover
     }
 }
 
-/* The samples that are tried at a density. */
-static void plan_rungs(struct lw_crossover_plan *plan, uint32_t *count, uint32_t d, double density,
-                       bool draws) {
+/* The samples that are tried at a density. form: what else the cache is measured with. */
+static void plan_rungs(struct lw_crossover_plan *plan, uint32_t *count, uint32_t d,
+                       const struct lw_setting *form) {
     for (size_t r = 0; r < RUNGS && *count < LW_CROSSOVER_PLANS_MAX; r++) {
         struct lw_crossover_plan *next = &plan[(*count)++];
         *next = (struct lw_crossover_plan){.is_cache = true,
                                            .unit = {.renderer = "cache"},
                                            .density = d,
                                            .rung = (uint32_t)r,
-                                           .setting = {.density = density,
-                                                       .draws = draws,
-                                                       .direct_samples = rungs[r].direct,
-                                                       .indirect_samples = rungs[r].indirect,
-                                                       .target_error = rungs[r].target_error}};
-        snprintf(next->unit.setting, sizeof next->unit.setting, "x%g %u+%u rest %g%s", density,
-                 rungs[r].direct, rungs[r].indirect, rungs[r].target_error, draws ? "" : " tiles");
+                                           .setting = *form};
+        next->setting.direct_samples = rungs[r].direct;
+        next->setting.indirect_samples = rungs[r].indirect;
+        next->setting.target_error = rungs[r].target_error;
+        snprintf(next->unit.setting, sizeof next->unit.setting, "x%g %u+%u rest %g%s%s", form->density,
+                 rungs[r].direct, rungs[r].indirect, rungs[r].target_error, form->draws ? "" : " tiles",
+                 form->by_gl ? " gl" : "");
     }
+}
+
+static void plan_forms(const struct lw_crossover_options *o, struct lw_crossover_plan *plan, uint32_t *count,
+                       uint32_t d) {
+    for (int by_gl = 0; by_gl < 2; by_gl++)
+        for (int tiles = 0; tiles < 2; tiles++)
+            if ((by_gl ? o->by_gl : o->by_rays) && (tiles ? o->tiles : o->pixels))
+                plan_rungs(plan, count, d,
+                           &(struct lw_setting){.density = o->density[d], .draws = !tiles, .by_gl = by_gl});
 }
 
 static enum lw_status plan_cache(struct lw_crossover_row *row, struct lw_crossover_plan *plan,
@@ -62,8 +71,7 @@ static enum lw_status plan_cache(struct lw_crossover_row *row, struct lw_crossov
                                    at ? "; " : "", density, 1e-6 * texels);
             continue;
         }
-        if (o->pixels) plan_rungs(plan, count, d, density, true);
-        if (o->tiles) plan_rungs(plan, count, d, density, false);
+        plan_forms(o, plan, count, d);
     }
     return lw_crossover_row_note(row, err, "densities left out", "%s", left_out);
 }
@@ -89,7 +97,7 @@ bool lw_crossover_plan_is_idle(const struct lw_crossover_row *row, const struct 
     for (uint32_t i = 0; next->is_cache && i + next->rung < count && next->rung; i++) {
         const struct lw_crossover_plan *few = &plan[i], *more = &plan[i + next->rung];
         if (!few->is_cache || few->density >= next->density || few->rung || more->rung != next->rung ||
-            few->setting.draws != next->setting.draws)
+            few->setting.draws != next->setting.draws || few->setting.by_gl != next->setting.by_gl)
             continue;
         const bool gains = !(error_of(row, &more->unit, LW_CROSSOVER_COIN_RELMSE) >
                              LW_CROSSOVER_GAIN_MIN * error_of(row, &few->unit, LW_CROSSOVER_COIN_RELMSE)) ||

@@ -58,8 +58,8 @@ enum {
 
 struct program {
     GLuint name;
-    GLint first, eye, clip, base_uv, glow_uv, base_colour, emission, cutoff, stand_in, unscale, finer,
-        coarsest, reach, light, light_count, noise, faint, show;
+    GLint first, eye, parallel, clip, base_uv, glow_uv, base_colour, emission, unlit, cutoff, stand_in,
+        unscale, finer, coarsest, reach, light, light_count, noise, faint, show;
 };
 
 struct object {
@@ -173,11 +173,13 @@ static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, c
     if (status != LW_OK) return status;
     p->first = glGetUniformLocation(p->name, "u_first");
     p->eye = glGetUniformLocation(p->name, "u_eye");
+    p->parallel = glGetUniformLocation(p->name, "u_parallel");
     p->clip = glGetUniformLocation(p->name, "u_clip");
     p->base_uv = glGetUniformLocation(p->name, "u_base_uv");
     p->glow_uv = glGetUniformLocation(p->name, "u_glow_uv");
     p->base_colour = glGetUniformLocation(p->name, "u_base_colour");
     p->emission = glGetUniformLocation(p->name, "u_emission");
+    p->unlit = glGetUniformLocation(p->name, "u_unlit");
     p->cutoff = glGetUniformLocation(p->name, "u_cutoff");
     p->stand_in = glGetUniformLocation(p->name, "u_stand_in");
     p->unscale = glGetUniformLocation(p->name, "u_unscale");
@@ -397,7 +399,8 @@ enum lw_status lw_gl_renderer_take(struct lw_gl_renderer *r, const struct lw_com
 
 struct view {
     struct lw_vec3 eye, forward, right, up;
-    float half_width, half_height; /* of the picture at depth 1 */
+    float half_width, half_height; /* of the picture at depth 1; orthographic: 0, its sky is one point */
+    bool parallel;                 /* orthographic */
     float shift_x, shift_y;        /* of the picture, in its own units: -1 to 1 from side to side */
     struct lw_vec3 side[4];        /* normals of the sides of what is seen, inward */
     float beyond[4];               /* how far they are from the eye, outward */
@@ -407,6 +410,42 @@ struct view {
     enum lw_show show;
     unsigned variant;
 };
+
+/* How far along the view anything is that is not behind the eye. */
+static float depth_of(const struct lw_gl_renderer *r, const struct lw_camera_view *camera) {
+    float depth = 1;
+    for (unsigned k = 0; k < 8; k++) {
+        const struct lw_gl_lights_box *b = &r->bounds;
+        const struct lw_vec3 corner =
+            lw_vec3(k & 1 ? b->high.x : b->low.x, k & 2 ? b->high.y : b->low.y, k & 4 ? b->high.z : b->low.z);
+        depth = fmaxf(depth, lw_vec3_dot(lw_vec3_sub(corner, camera->position), camera->forward));
+    }
+    return 1.01f * depth;
+}
+
+/* An orthographic view: depth goes with distance, from the plane of the eye to behind all there is. */
+static void make_parallel(const struct lw_gl_renderer *r, const struct lw_compose_view *v, struct view *out) {
+    const float half_height = 0.5f * v->camera.height_m,
+                half_width = half_height * (float)v->width / (float)v->height,
+                steep = (r->upside_down ? -1.0f : 2.0f) / depth_of(r, &v->camera);
+    const struct lw_vec3 x = lw_vec3_scale(out->right, 1 / half_width),
+                         y = lw_vec3_scale(out->up, 1 / half_height), z = lw_vec3_scale(out->forward, steep);
+    const float across[4] = {1, -1, 0, 0}, along[4] = {0, 0, 1, -1},
+                axis[3][3] = {{x.x, y.x, z.x}, {x.y, y.y, z.y}, {x.z, y.z, z.z}};
+    out->parallel = true;
+    out->half_width = out->half_height = 0;
+    for (int k = 0; k < 4; k++) {
+        out->side[k] = lw_vec3_mad(lw_vec3_scale(x, across[k]), y, along[k]);
+        out->beyond[k] = 1.01f;
+    }
+    for (int k = 0; k < 3; k++) {
+        memcpy(&out->clip[4 * k], axis[k], sizeof axis[k]);
+        out->clip[4 * k + 3] = 0;
+    }
+    out->clip[12] = out->shift_x, out->clip[13] = out->shift_y;
+    out->clip[14] = r->upside_down ? 1 : -1;
+    out->clip[15] = 1;
+}
 
 static struct view make_view(const struct lw_gl_renderer *r, const struct lw_compose_view *v) {
     struct view out = {.eye = v->camera.position,
@@ -418,6 +457,10 @@ static struct view make_view(const struct lw_gl_renderer *r, const struct lw_com
                        .shift_y = 2 * v->offset_y / (float)v->height,
                        .show = LW_SHOW_ALL,
                        .finer = 1};
+    if (v->camera.height_m > 0) {
+        make_parallel(r, v, &out);
+        return out;
+    }
     out.half_width = out.half_height * (float)v->width / (float)v->height;
     const struct lw_vec3 x = lw_vec3_scale(out.right, 1 / out.half_width),
                          y = lw_vec3_scale(out.up, 1 / out.half_height), f = out.forward;
@@ -449,7 +492,8 @@ static bool is_seen(const struct view *v, const struct object *object, float *ou
     }
     const struct lw_vec3 nearest = lw_vec3(fmaxf(fmaxf(low.x, -high.x), 0), fmaxf(fmaxf(low.y, -high.y), 0),
                                            fmaxf(fmaxf(low.z, -high.z), 0));
-    *out_distance = lw_vec3_length(nearest);
+    *out_distance = v->parallel ? lw_vec3_dot(lw_vec3_scale(lw_vec3_add(low, high), 0.5f), v->forward)
+                                : lw_vec3_length(nearest);
     return true;
 }
 
@@ -463,7 +507,8 @@ static int far_first(const void *a, const void *b) { return near_first(b, a); }
 /* How far the middle of an object is, for the order of what is blended. */
 static float middle_distance(const struct view *v, const struct object *object) {
     const struct lw_vec3 middle = lw_vec3_scale(lw_vec3_add(object->low, object->high), 0.5f);
-    return lw_vec3_length(lw_vec3_sub(middle, v->eye));
+    const struct lw_vec3 away = lw_vec3_sub(middle, v->eye);
+    return v->parallel ? lw_vec3_dot(away, v->forward) : lw_vec3_length(away);
 }
 
 static void list_mesh(struct lw_gl_renderer *r, const struct view *v, uint32_t m) {
@@ -535,6 +580,7 @@ static void set_material(const struct lw_gl_renderer *r, const struct program *p
     const struct lw_texture_use *base = &m->base_colour_texture, *glow = &m->emission_texture;
     glUniform4fv(p->base_colour, 1, m->base_colour);
     glUniform3fv(p->emission, 1, m->emission);
+    glUniform1f(p->unlit, m->unlit);
     glUniform1f(p->cutoff, m->alpha_cutoff);
     if (base->texture != LW_SCENE_NONE) {
         bind(UNIT_BASE, GL_TEXTURE_2D, r->scene.texture[base->texture]);
@@ -544,6 +590,14 @@ static void set_material(const struct lw_gl_renderer *r, const struct program *p
         bind(UNIT_GLOW, GL_TEXTURE_2D, r->scene.texture[glow->texture]);
         glUniform3fv(p->glow_uv, 2, glow->transform);
     }
+}
+
+/* What is behind shows through by 1 - alpha, by a colour of its own where the material has a tint. */
+static void set_tint(const struct lw_material *m) {
+    const bool tints = lw_material_tints(m);
+    const float passes = 1 - m->base_colour[3];
+    if (tints) glBlendColor(passes * m->tint[0], passes * m->tint[1], passes * m->tint[2], 1);
+    glBlendFuncSeparate(GL_SRC_ALPHA, tints ? GL_CONSTANT_COLOR : GL_ONE_MINUS_SRC_ALPHA, GL_ZERO, GL_ONE);
 }
 
 /* Depth wants little: where a surface is, and where it has holes. */
@@ -566,6 +620,7 @@ static enum lw_status draw_batch(struct lw_gl_renderer *r, const struct view *v,
     if (status != LW_OK) return status;
     glUseProgram(p->name);
     glUniform3f(p->eye, v->eye.x, v->eye.y, v->eye.z);
+    glUniform4f(p->parallel, v->forward.x, v->forward.y, v->forward.z, v->parallel ? 1 : 0);
     glUniformMatrix4fv(p->clip, 1, GL_FALSE, v->clip);
     glUniform3f(p->stand_in, r->light.stand_in.x, r->light.stand_in.y, r->light.stand_in.z);
     glUniform1f(p->unscale, 1.0f / r->light.scale);
@@ -582,6 +637,7 @@ static enum lw_status draw_batch(struct lw_gl_renderer *r, const struct view *v,
         glUniform2f(p->noise, 5.588238f * v->noise, 3.217711f * v->noise);
     }
     if (variant & VARIANT_SHADOW) glUniform1f(p->reach, v->reach);
+    set_tint(m);
     if (variant & VARIANT_SHOWN) glUniform1i(p->show, (GLint)v->show);
     if (m->double_sided || (variant & VARIANT_SHADOW)) /* a back is a black wall for light */
         glDisable(GL_CULL_FACE);
@@ -639,7 +695,6 @@ static void begin(struct lw_gl_renderer *r) {
     glDisable(GL_SCISSOR_TEST);
     glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
     glCullFace(GL_BACK);
-    glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ZERO, GL_ONE);
     bind(UNIT_PAGES, GL_TEXTURE_2D_ARRAY, r->light.pages);
     bind(UNIT_LEVELS, GL_TEXTURE_BUFFER, r->light.levels);
     bind(UNIT_TILES, GL_TEXTURE_BUFFER, r->light.tiles);

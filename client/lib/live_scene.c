@@ -133,7 +133,9 @@ enum lw_live_status lw_live_get_material(const struct lw_live *live, uint32_t ma
                                   .alpha = (enum lw_live_alpha)m->alpha_mode,
                                   .alpha_cutoff = m->alpha_cutoff,
                                   .is_double_sided = m->double_sided,
-                                  .is_client_light = draws && draws->material[material]};
+                                  .is_client_light = draws && draws->material[material],
+                                  .is_unlit = m->unlit};
+    to_floats(of.tint, lw_material_tint(m, lw_vec3(1, 1, 1)));
     memcpy(of.base_colour, m->base_colour, sizeof of.base_colour);
     memcpy(of.emission, m->emission, sizeof of.emission);
     to_floats(of.first_emission, lw_client_own_emission(live->client, material));
@@ -195,7 +197,7 @@ enum lw_live_status lw_live_get_camera(const struct lw_live *live, uint32_t came
         right = lw_vec3_normalize(right);
     else
         lw_vec3_frame(forward, &right, &unused);
-    struct lw_live_camera of = {.name = c->name, .fov_y = c->fov_y};
+    struct lw_live_camera of = {.name = c->name, .fov_y = c->fov_y, .height_m = c->height_m};
     to_floats(of.position_ws, lw_affine_point(to_world, lw_vec3(0, 0, 0)));
     to_floats(of.right_ws, right);
     to_floats(of.up_ws, lw_vec3_cross(right, forward));

@@ -63,6 +63,7 @@ static enum lw_status start(struct lw_renderer *renderer, const struct lw_settin
         lw_viewers_init(&c->viewers, lw_daemon_child_port(c->daemon), c->desc.width, c->desc.height,
                         c->desc.threads, setting->whole, !c->desc.denoise);
     c->viewers.draws_direct = setting->draws;
+    c->viewers.draws_by_gl = setting->by_gl;
     return status;
 }
 
@@ -158,8 +159,8 @@ static enum lw_status show(struct cache_renderer *c, uint64_t frame, const uint3
     for (uint32_t i = 0; status == LW_OK && i < shown_count; i++) {
         struct lw_camera_view camera = c->desc.cameras.at(c->desc.cameras.context, shown[i], frame);
         const uint32_t user = shown[i] % c->viewers.count;
-        lw_viewers_show(&c->viewers, user, &camera, c->rgb[i]);
-        status = lw_viewers_look(&c->viewers, user, &camera, scene_ns(frame), err);
+        status = lw_viewers_show(&c->viewers, user, &camera, c->rgb[i], err);
+        if (status == LW_OK) status = lw_viewers_look(&c->viewers, user, &camera, scene_ns(frame), err);
     }
     uint64_t ended = lw_clock_process_cpu_ns();
     cost->cpu_s[LW_STAGE_COMPOSE] +=

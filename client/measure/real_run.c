@@ -58,8 +58,8 @@ static enum lw_status see(struct real_run *r, uint32_t user, struct lw_real_pict
     if (status != LW_OK) return status;
     const uint64_t frame = 1 + (uint64_t)fmax(0, floor(now_s(r, user) * LW_VIEWS_HZ));
     const struct lw_camera_view camera = r->desc->cameras.at(r->desc->cameras.context, user, frame);
-    lw_viewers_show(&r->viewers, user, &camera, r->rgb);
-    status = lw_viewers_look(&r->viewers, user, &camera, lw_clock_ns(), err);
+    status = lw_viewers_show(&r->viewers, user, &camera, r->rgb, err);
+    if (status == LW_OK) status = lw_viewers_look(&r->viewers, user, &camera, lw_clock_ns(), err);
     if (status != LW_OK) return status;
     r->views++;
     const double age_s = 1e-9 * (double)lw_viewers_stats(&r->viewers, user).light_age_ns;
@@ -143,6 +143,7 @@ enum lw_status lw_real_run(const struct lw_real_run_desc *desc, struct lw_real_r
         lw_viewers_init(&r.viewers, lw_daemon_child_port(r.daemon), desc->width, desc->height, desc->threads,
                         desc->setting.whole, !desc->denoise);
         r.viewers.draws_direct = desc->setting.draws;
+        r.viewers.draws_by_gl = desc->setting.by_gl;
         status = lw_viewers_set_count(&r.viewers, desc->users, err);
     }
     if (status == LW_OK) status = warm(&r, err);

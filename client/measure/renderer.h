@@ -52,6 +52,7 @@ struct lw_setting {
     uint32_t direct_samples, indirect_samples; /* cache: per texel and frame */
     double target_error;                       /* cache: blocks converge at this error */
     bool draws; /* cache: users draw the direct light of client lights (client_lights.h) */
+    bool by_gl; /* cache: users draw by OpenGL, not by rays */
     bool whole; /* cache: light the whole scene, not only the interest set and its contributors */
 };
 

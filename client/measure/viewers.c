@@ -20,11 +20,17 @@ void lw_viewers_init(struct lw_viewers *a, uint16_t port, uint32_t width, uint32
 /* The last one goes. */
 static void leave(struct lw_viewers *a) {
     struct lw_viewers_user *user = &a->user[--a->count];
+    lw_gl_renderer_destroy(user->gl);
     lw_attention_finish(&user->attention);
     lw_client_destroy(user->client);
 }
 
 void lw_viewers_finish(struct lw_viewers *a) {
+    for (uint32_t i = 0; i < a->count; i++) { /* before what they draw goes */
+        lw_gl_renderer_destroy(a->user[i].gl);
+        a->user[i].gl = NULL;
+    }
+    lw_gl_offscreen_destroy(a->offscreen);
     lw_compose_destroy(a->compose);
     lw_client_lights_finish(&a->drawn);
     lw_trace_destroy(a->trace);
@@ -50,14 +56,25 @@ static enum lw_status set_stage(struct lw_viewers *a, struct lw_error *err) {
     if (status != LW_OK) return status;
     status = lw_drawn_lights_init(&a->drawn, a->user[0].client);
     if (status != LW_OK) return lw_status_fail(err, status, "no memory for the lights of the view");
-    return lw_compose_create(&(struct lw_compose_desc){.scene = scene,
-                                                       .map = lw_client_atlas_map(a->user[0].client),
-                                                       .trace = a->trace,
-                                                       .threads = a->threads,
-                                                       .drawn = &a->drawn,
-                                                       .pose = &a->pose,
-                                                       .unfiltered = a->unfiltered},
-                             &a->compose, err);
+    status = lw_compose_create(&(struct lw_compose_desc){.scene = scene,
+                                                         .map = lw_client_atlas_map(a->user[0].client),
+                                                         .trace = a->trace,
+                                                         .threads = a->threads,
+                                                         .drawn = &a->drawn,
+                                                         .pose = &a->pose,
+                                                         .unfiltered = a->unfiltered},
+                               &a->compose, err);
+    return status == LW_OK && a->draws_by_gl ? lw_gl_offscreen_create(&a->offscreen, err) : status;
+}
+
+static enum lw_status set_gl(struct lw_viewers *a, struct lw_viewers_user *user, struct lw_error *err) {
+    return lw_gl_renderer_create(&(struct lw_gl_renderer_desc){.scene = a->scene,
+                                                               .map = lw_client_atlas_map(user->client),
+                                                               .unfiltered = a->unfiltered,
+                                                               .drawn = &a->drawn,
+                                                               .trace = a->trace,
+                                                               .pose = &a->pose},
+                                 &user->gl, err);
 }
 
 static enum lw_status join(struct lw_viewers *a, struct lw_error *err) {
@@ -80,7 +97,8 @@ static enum lw_status join(struct lw_viewers *a, struct lw_error *err) {
     status =
         lw_attention_init(&a->user[a->count - 1].attention, lw_client_atlas_map(user.client)->tile_count);
     if (status != LW_OK) return lw_status_fail(err, status, "no memory for a user's interest");
-    return a->count == 1 ? set_stage(a, err) : LW_OK;
+    if (a->count == 1) status = set_stage(a, err);
+    return status == LW_OK && a->draws_by_gl ? set_gl(a, &a->user[a->count - 1], err) : status;
 }
 
 enum lw_status lw_viewers_set_count(struct lw_viewers *a, uint32_t count, struct lw_error *err) {
@@ -121,19 +139,29 @@ enum lw_status lw_viewers_forget(struct lw_viewers *a, uint32_t user, struct lw_
     return lw_status_fail(err, LW_NO_MEMORY, "no memory for a user's interest");
 }
 
-void lw_viewers_show(struct lw_viewers *a, uint32_t user, const struct lw_camera_view *camera,
-                     float *out_rgb) {
+static enum lw_status show_by_gl(struct lw_viewers *a, struct lw_gl_renderer *gl,
+                                 const struct lw_compose_source *source, const struct lw_compose_view *view,
+                                 float *out_rgb, struct lw_error *err) {
+    enum lw_status status = lw_gl_renderer_take(gl, source, &a->pose, 0, NULL, err);
+    if (status == LW_OK) status = lw_gl_renderer_draw(gl, view, 1, err);
+    return status == LW_OK ? lw_gl_renderer_read(gl, out_rgb, err) : status;
+}
+
+enum lw_status lw_viewers_show(struct lw_viewers *a, uint32_t user, const struct lw_camera_view *camera,
+                               float *out_rgb, struct lw_error *err) {
     const struct lw_compose_source source = lw_compose_source_of(a->user[user].client);
     const struct lw_compose_view view = {.camera = *camera, .width = a->width, .height = a->height};
     struct lw_compose_report report;
+    if (a->draws_by_gl) return show_by_gl(a, a->user[user].gl, &source, &view, out_rgb, err);
     lw_compose_render(a->compose, &source, &a->pose, &view, out_rgb, &report);
+    return LW_OK;
 }
 
 enum lw_status lw_viewers_look(struct lw_viewers *a, uint32_t user, const struct lw_camera_view *camera,
                                uint64_t now_ns, struct lw_error *err) {
     struct lw_viewers_user *u = &a->user[user];
     if (a->wants_everything || (u->looked_ns && now_ns < u->looked_ns + LW_VIEWERS_LOOK_NS)) return LW_OK;
-    const struct lw_compose_source source = lw_compose_source_of(a->user[user].client);
+    const struct lw_compose_source source = lw_compose_source_of(u->client);
     const struct lw_compose_view view = {.camera = *camera, .width = a->width, .height = a->height};
     /* what was needed last may have been another user's: the survey finds all of this one's */
     lw_compose_survey(a->compose, &source, &a->pose, &view);

@@ -8,16 +8,19 @@
 #include "common/scene/scene.h"
 #include "common/trace/trace.h"
 
-/** A pinhole camera in world space; right, up and forward are unit and orthogonal. */
+/** A camera in world space; right, up and forward are unit and orthogonal. A pinhole camera, or an
+ * orthographic one, whose rays are all along `forward` and start in the plane of its position. */
 struct lw_camera_view {
     struct lw_vec3 position, right, up, forward;
-    float fov_y; /* radians, in (0, pi) */
+    float fov_y;    /* radians, in (0, pi) */
+    float height_m; /* orthographic: of what is seen; 0: a pinhole camera */
 };
 
 /** A camera at a place that looks at another, upright (+Y) unless it looks straight up or down. */
 struct lw_camera_view lw_camera_look_at(struct lw_vec3 position, struct lw_vec3 target, float fov_y);
 
-/** Reads "px,py,pz:tx,ty,tz:fov_y_deg", metres and degrees.
+/** Reads "px,py,pz:tx,ty,tz:fov_y_deg", metres and degrees; "px,py,pz:tx,ty,tz:10m" is orthographic, 10 m
+ * high.
  * Errors: LW_USAGE naming the part that is wrong. */
 LW_MUST_CHECK enum lw_status lw_camera_parse(const char *text, struct lw_camera_view *out_view,
                                              struct lw_error *err);
@@ -51,11 +54,13 @@ LW_MUST_CHECK enum lw_status lw_camera_find(const struct lw_scene *scene, const 
 struct lw_camera_view lw_camera_default(const struct lw_scene *scene, const struct lw_pose *pose,
                                         const struct lw_trace *trace, float aspect);
 
-/** The picture plane at depth 1: what a ray's direction takes, worked out once per picture. */
+/** The picture plane at depth 1: what a ray takes, worked out once per picture. */
 struct lw_camera_plane {
-    struct lw_vec3 middle, right, up; /* of the picture; one pixel to the right; one pixel up */
-    float half_width, half_height;    /* pixels */
-    float pixel;                      /* side of a pixel */
+    struct lw_vec3 middle, right, up;  /* direction of the middle; one pixel to the right; one pixel up */
+    struct lw_vec3 eye, across, along; /* origin, likewise */
+    float half_width, half_height;     /* pixels */
+    float pixel;                       /* side of a pixel */
+    bool parallel;                     /* orthographic: pixels are as large at every depth */
 };
 struct lw_camera_plane lw_camera_plane(const struct lw_camera_view *view, uint32_t width, uint32_t height);
 
@@ -64,6 +69,17 @@ struct lw_camera_plane lw_camera_plane(const struct lw_camera_view *view, uint32
 static inline struct lw_vec3 lw_camera_direction(const struct lw_camera_plane *plane, float x, float y) {
     struct lw_vec3 across = lw_vec3_mad(plane->middle, plane->right, x - plane->half_width);
     return lw_vec3_mad(across, plane->up, plane->half_height - y);
+}
+
+/** Where that ray starts. */
+static inline struct lw_vec3 lw_camera_origin(const struct lw_camera_plane *plane, float x, float y) {
+    struct lw_vec3 across = lw_vec3_mad(plane->eye, plane->across, x - plane->half_width);
+    return lw_vec3_mad(across, plane->along, plane->half_height - y);
+}
+
+/** Side of a pixel at a depth, m. */
+static inline float lw_camera_pixel_at(const struct lw_camera_plane *plane, float depth) {
+    return plane->parallel ? plane->pixel : depth * plane->pixel;
 }
 
 #endif

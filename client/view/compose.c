@@ -52,7 +52,8 @@ struct packet {
         reflects[LW_TRACE_WIDTH]; /* of the layer at hand: radiance that the eye sees, over E there */
     float base[LW_TRACE_WIDTH];   /* E there, luminance */
     float transmittance[LW_TRACE_WIDTH];
-    float pixel_size; /* at depth 1 */
+    struct lw_vec3 tint[LW_TRACE_WIDTH]; /* on top of that */
+    const struct lw_camera_plane *plane;
     /* of the layer that reflects most of the tiles' light to the eye: its luminance there, the tile it is
      * from */
     float reflected[LW_TRACE_WIDTH];
@@ -476,7 +477,7 @@ static void look_at(const struct lw_compose *compose, struct patches *patches, c
     out->uv = lw_scene_facet_mean(facet->lightmap_uv, out->weight);
     if (hits->back[i]) out->uv.y += (float)facet->mesh->back_offset;
     const struct lw_vec3 dir = lw_vec3(p->rays.dir_x[i], p->rays.dir_y[i], p->rays.dir_z[i]);
-    const unsigned level = level_for(patch, dir, hits->t[i] * p->pixel_size);
+    const unsigned level = level_for(patch, dir, lw_camera_pixel_at(p->plane, hits->t[i]));
     out->level = level < object->level_count ? level : object->level_count - 1;
     const struct level *finest = &object->level[out->level];
     footprint_at(finest, out->level, out->uv, &out->footprint);
@@ -554,7 +555,8 @@ static bool shade(struct lw_compose *compose, struct packet *p, const struct loo
     p->reflects[i] = lw_vec3(0, 0, 0);
     if (look->patch == NULL) {
         struct lw_vec3 direction = lw_vec3(p->rays.dir_x[i], p->rays.dir_y[i], p->rays.dir_z[i]);
-        *radiance = lw_vec3_mad(*radiance, behind(compose, direction), p->transmittance[i]);
+        *radiance =
+            lw_vec3_mad(*radiance, lw_vec3_mul(behind(compose, direction), p->tint[i]), p->transmittance[i]);
         return false;
     }
     const struct lw_facet *facet = &look->patch->facet;
@@ -569,20 +571,22 @@ static bool shade(struct lw_compose *compose, struct packet *p, const struct loo
         struct lw_vec3 reflects = surface.albedo;
         const struct lw_vec3 shown = leaving(compose, look, surface.emission, reflected, e, level, &reflects);
         const float weight = p->transmittance[i] * alpha, light = weight * lw_colour_luminance(reflected);
-        *radiance = lw_vec3_mad(*radiance, shown, weight);
+        *radiance = lw_vec3_mad(*radiance, lw_vec3_mul(shown, p->tint[i]), weight);
         if (light > p->reflected[i] && look->object->level_count > 0)
             p->reflected[i] = light, p->tile[i] = look->footprint.tile[0];
         p->base[i] = lw_colour_luminance(e);
-        p->reflects[i] = lw_vec3_scale(reflects, weight * (1.0f / LW_PI));
+        p->reflects[i] = lw_vec3_scale(lw_vec3_mul(reflects, p->tint[i]), weight * (1.0f / LW_PI));
         p->transmittance[i] *= 1.0f - alpha;
     }
     if (!(p->transmittance[i] > TRANSMITTANCE_MIN)) return false;
+    p->tint[i] = lw_material_tint(facet->material, p->tint[i]);
     /* Past the hit by more than its rounding in any packet. */
     p->rays.t_near[i] = hits->t[i] * (1.0f + 4e-6f) + 1e-7f;
     return true;
 }
 
-/* The ray of lw_camera_direction() through each pixel of a block, an axis at a time. */
+/* The ray through each pixel of a block, of lw_camera_origin() and lw_camera_direction(), an axis at a
+ * time. */
 static void aim_axis(float middle, float right, float up, const float across[16], const float upward[16],
                      float out[16]) {
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) out[i] = middle + right * across[i] + up * upward[i];
@@ -595,8 +599,8 @@ static void fill(float value, float out[16]) {
 static void aim(struct packet *p, const struct lw_compose_view *view, const struct lw_camera_plane *plane,
                 const struct places *at) {
     float across[LW_TRACE_WIDTH], upward[LW_TRACE_WIDTH];
-    const struct lw_vec3 from = view->camera.position, middle = plane->middle, right = plane->right,
-                         up = plane->up;
+    const struct lw_vec3 eye = plane->eye, across_m = plane->across, along_m = plane->along,
+                         middle = plane->middle, right = plane->right, up = plane->up;
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
         across[i] = (float)(int32_t)at->x[i] + 0.5f + view->offset_x - plane->half_width;
         upward[i] = plane->half_height - ((float)(int32_t)at->y[i] + 0.5f + view->offset_y);
@@ -604,12 +608,15 @@ static void aim(struct packet *p, const struct lw_compose_view *view, const stru
     aim_axis(middle.x, right.x, up.x, across, upward, p->rays.dir_x);
     aim_axis(middle.y, right.y, up.y, across, upward, p->rays.dir_y);
     aim_axis(middle.z, right.z, up.z, across, upward, p->rays.dir_z);
-    fill(from.x, p->rays.org_x), fill(from.y, p->rays.org_y), fill(from.z, p->rays.org_z);
+    aim_axis(eye.x, across_m.x, along_m.x, across, upward, p->rays.org_x);
+    aim_axis(eye.y, across_m.y, along_m.y, across, upward, p->rays.org_y);
+    aim_axis(eye.z, across_m.z, along_m.z, across, upward, p->rays.org_z);
     fill(0, p->rays.t_near), fill(INFINITY, p->rays.t_far), fill(1, p->transmittance);
     fill(0, p->reflected);
     p->rays.salt = 0;
-    p->pixel_size = plane->pixel;
+    p->plane = plane;
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) p->radiance[i] = lw_vec3(0, 0, 0);
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) p->tint[i] = lw_vec3(1, 1, 1);
 }
 
 /* Adds what each pixel shows of a tile's light; neighbours mostly show the same one. */
@@ -897,6 +904,7 @@ void lw_compose_survey(struct lw_compose *compose, const struct lw_compose_sourc
     wide.width = (uint32_t)fmaxf(1, (float)view->width * scale);
     wide.height = (uint32_t)fmaxf(1, (float)view->height * scale);
     wide.camera.fov_y = 2 * atanf(SURVEY_MARGIN * tanf(0.5f * view->camera.fov_y));
+    wide.camera.height_m *= SURVEY_MARGIN;
     struct lw_camera_plane plane = lw_camera_plane(&wide.camera, wide.width, wide.height);
     plane.pixel = lw_camera_plane(&view->camera, view->width, view->height).pixel;
     swap_needed(compose);

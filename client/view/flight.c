@@ -10,6 +10,7 @@ void lw_flight_take(struct lw_flight *flight, const struct lw_camera_view *view)
     flight->yaw = atan2f(view->right.z, view->right.x);
     flight->pitch = clamp_pitch(asinf(fminf(fmaxf(view->forward.y, -1.0f), 1.0f)));
     flight->fov_y = view->fov_y;
+    flight->height_m = view->height_m;
 }
 
 static struct lw_vec3 forward_of(const struct lw_flight *flight) {
@@ -18,8 +19,10 @@ static struct lw_vec3 forward_of(const struct lw_flight *flight) {
 }
 
 struct lw_camera_view lw_flight_view(const struct lw_flight *flight) {
-    return lw_camera_look_at(flight->position, lw_vec3_add(flight->position, forward_of(flight)),
-                             flight->fov_y);
+    struct lw_camera_view view =
+        lw_camera_look_at(flight->position, lw_vec3_add(flight->position, forward_of(flight)), flight->fov_y);
+    view.height_m = flight->height_m;
+    return view;
 }
 
 void lw_flight_turn(struct lw_flight *flight, float right, float up) {

@@ -8,9 +8,9 @@
 
 struct lw_flight {
     struct lw_vec3 position;
-    float yaw, pitch; /* radians; 0, 0 looks along -Z; yaw turns to the right, pitch up */
-    float fov_y;
-    float speed; /* m/s */
+    float yaw, pitch;      /* radians; 0, 0 looks along -Z; yaw turns to the right, pitch up */
+    float fov_y, height_m; /* as a view's */
+    float speed;           /* m/s */
 };
 
 /** Goes where a view is and looks where it looks; a tilted view is set upright. Keeps the speed. */

@@ -94,7 +94,8 @@ static void begin(struct lw_gbuffer *g, const struct lw_pose *pose, const struct
 struct pixel {
     struct lw_vec3 albedo, emission;
     float transmittance;
-    float weight; /* of the layer below: how much of its own reflection reaches the eye */
+    struct lw_vec3 tint; /* of what comes through the layers so far */
+    float weight;        /* of the layer below: how much of its own reflection reaches the eye */
     uint32_t object;
     float depth, slope[2], apart;
     struct lw_vec3 normal, before, origin;
@@ -128,10 +129,13 @@ static const struct lw_mesh *mesh_of(const struct lw_gbuffer *g, uint32_t object
  *
  * A plane n . x = d (x from the eye) is seen along the ray `middle + right i - up j` at depth d / (n . ray):
  * the inverse of depth is linear in the pixel. A point off by D in that inverse is d D z off the plane; a
- * pixel there is z `pixel` wide. */
-static void take(const struct lw_gbuffer *g, const struct lw_camera_plane *plane, const struct lw_hit16 *hits,
-                 unsigned i, struct lw_vec3 direction, const struct lw_surface *surface,
+ * pixel there is z `pixel` wide. In an orthographic view depth itself is linear in the pixel; the slope of
+ * its inverse is that at the pixel. */
+static void take(const struct lw_gbuffer *g, const struct lw_camera_plane *plane, const struct lw_ray16 *rays,
+                 const struct lw_hit16 *hits, unsigned i, const struct lw_surface *surface,
                  struct pixel *pixel) {
+    const struct lw_vec3 direction = lw_vec3(rays->dir_x[i], rays->dir_y[i], rays->dir_z[i]),
+                         origin = lw_vec3(rays->org_x[i], rays->org_y[i], rays->org_z[i]);
     const struct lw_gbuffer_place *place = &g->place[hits->object[i]];
     const struct lw_place_point point =
         lw_place_point(&place->now, mesh_of(g, hits->object[i]), hits, i, surface);
@@ -140,12 +144,13 @@ static void take(const struct lw_gbuffer *g, const struct lw_camera_plane *plane
     const float sine = fabsf(along) > SINE_MIN * length ? along : copysignf(SINE_MIN * length, along);
     pixel->object = hits->object[i];
     pixel->depth = 1 / hits->t[i];
-    pixel->slope[0] = lw_vec3_dot(face, plane->right) / sine * pixel->depth;
-    pixel->slope[1] = -lw_vec3_dot(face, plane->up) / sine * pixel->depth;
-    pixel->apart = fabsf(sine) * hits->t[i] / plane->pixel;
+    const float steep = (plane->parallel ? pixel->depth : 1) / sine * pixel->depth;
+    pixel->slope[0] = lw_vec3_dot(face, plane->parallel ? plane->across : plane->right) * steep;
+    pixel->slope[1] = -lw_vec3_dot(face, plane->parallel ? plane->along : plane->up) * steep;
+    pixel->apart = fabsf(sine) * hits->t[i] * hits->t[i] / lw_camera_pixel_at(plane, hits->t[i]);
     pixel->normal = point.normal;
     pixel->origin = point.origin;
-    struct lw_vec3 now = lw_vec3_mad(g->camera.position, direction, hits->t[i]);
+    struct lw_vec3 now = lw_vec3_mad(origin, direction, hits->t[i]);
     pixel->before = place->moved ? lw_affine_point(&place->before, surface->position) : now;
 }
 
@@ -155,7 +160,7 @@ static bool meet(const struct lw_gbuffer *g, const struct lw_camera_plane *plane
     struct lw_vec3 direction = lw_vec3(rays->dir_x[i], rays->dir_y[i], rays->dir_z[i]);
     if (hits->object[i] == LW_TRACE_MISS) {
         struct lw_vec3 sky = lw_scene_sky(g->scene, lw_vec3_normalize(direction));
-        pixel->emission = lw_vec3_mad(pixel->emission, sky, pixel->transmittance);
+        pixel->emission = lw_vec3_mad(pixel->emission, lw_vec3_mul(sky, pixel->tint), pixel->transmittance);
         return false;
     }
     struct lw_surface surface;
@@ -163,14 +168,15 @@ static bool meet(const struct lw_gbuffer *g, const struct lw_camera_plane *plane
                      &surface);
     const bool blend = surface.material->alpha_mode == LW_ALPHA_BLEND && !last;
     const float share = pixel->transmittance * (blend ? surface.alpha : 1.0f);
-    pixel->albedo = lw_vec3_mad(pixel->albedo, surface.albedo, share);
-    pixel->emission = lw_vec3_mad(pixel->emission, surface.emission, share);
+    pixel->albedo = lw_vec3_mad(pixel->albedo, lw_vec3_mul(surface.albedo, pixel->tint), share);
+    pixel->emission = lw_vec3_mad(pixel->emission, lw_vec3_mul(surface.emission, pixel->tint), share);
     const float weight = share * (surface.albedo.x + surface.albedo.y + surface.albedo.z);
     if (weight > pixel->weight) {
         pixel->weight = weight;
-        take(g, plane, hits, i, direction, &surface, pixel);
+        take(g, plane, rays, hits, i, &surface, pixel);
     }
     pixel->transmittance -= share;
+    pixel->tint = lw_material_tint(surface.material, pixel->tint);
     pixel->layered |= blend;
     return blend && pixel->transmittance > TRANSMITTANCE_MIN;
 }
@@ -183,9 +189,10 @@ static void render_square(const struct lw_gbuffer *g, const struct lw_camera_pla
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
         const uint32_t px = x + i % SQUARE, py = y + i / SQUARE;
         if (px < g->width && py < g->height) active |= (uint16_t)(1u << i);
-        lw_trace_set_ray(&rays, i, g->camera.position,
-                         lw_camera_direction(plane, (float)px + 0.5f, (float)py + 0.5f), INFINITY);
-        pixel[i] = (struct pixel){.transmittance = 1, .object = LW_TRACE_MISS};
+        const float middle_x = (float)px + 0.5f, middle_y = (float)py + 0.5f;
+        lw_trace_set_ray(&rays, i, lw_camera_origin(plane, middle_x, middle_y),
+                         lw_camera_direction(plane, middle_x, middle_y), INFINITY);
+        pixel[i] = (struct pixel){.transmittance = 1, .tint = {1, 1, 1}, .object = LW_TRACE_MISS};
     }
     uint16_t going = active;
     for (unsigned layer = 1; going; layer++) {
@@ -276,6 +283,8 @@ struct lw_camera_plane lw_gbuffer_aim(const struct lw_gbuffer *g) {
     const float step = (float)l->step;
     plane.right = lw_vec3_scale(plane.right, step);
     plane.up = lw_vec3_scale(plane.up, step);
+    plane.across = lw_vec3_scale(plane.across, step);
+    plane.along = lw_vec3_scale(plane.along, step);
     plane.half_width = (plane.half_width - (float)l->x - 0.5f) / step + 0.5f;
     plane.half_height = (plane.half_height - (float)l->y - 0.5f) / step + 0.5f;
     plane.pixel *= step;

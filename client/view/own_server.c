@@ -84,6 +84,8 @@ static void make_command(struct command *c, const struct lw_own_server *s) {
     if (open->texels_max > 0) add_number(c, "--max-texels", (double)open->texels_max);
     if (open->atlas_side_max > 0) add_number(c, "--atlas-max", (double)open->atlas_side_max);
     if (open->threads > 0) add_number(c, "--threads", (double)open->threads);
+    if (open->import_seconds > 0) add_number(c, "--import-seconds", open->import_seconds);
+    if (open->picture_texels > 0) add_number(c, "--picture-texels", (double)open->picture_texels);
     if (open->environment) add(c, "--environment", open->environment);
     if (open->sun_angle_given) add_number(c, "--sun-angle", open->sun_angle_deg);
     if (open->sky_given) {

@@ -141,9 +141,9 @@ static void look16(const struct job *job, struct bundle *b, uint16_t first, unsi
     if (view->pixel == LW_PATH_PIXEL_CENTRE || view->first_hits) jitter[0] = jitter[1] = 0.5f;
     for (unsigned i = 0; i < lanes; i++) {
         struct path *path = &b->path[first + i];
-        struct lw_vec3 direction =
-            lw_camera_direction(&job->plane, (float)path->x + jitter[0], (float)path->y + jitter[1]);
-        lw_trace_set_ray(&rays, i, view->camera.position, direction, INFINITY);
+        const float x = (float)path->x + jitter[0], y = (float)path->y + jitter[1];
+        lw_trace_set_ray(&rays, i, lw_camera_origin(&job->plane, x, y),
+                         lw_camera_direction(&job->plane, x, y), INFINITY);
         path->radiance = lw_vec3(0, 0, 0);
         path->throughput = lw_vec3(1, 1, 1);
         transmittance[i] = 1;
@@ -160,7 +160,8 @@ static void look16(const struct job *job, struct bundle *b, uint16_t first, unsi
             struct path *path = &b->path[first + i];
             if (hits.object[i] == LW_TRACE_MISS) {
                 struct lw_vec3 direction = lw_vec3(rays.dir_x[i], rays.dir_y[i], rays.dir_z[i]);
-                path->radiance = lw_scene_sky(job->tracer->scene, lw_vec3_normalize(direction));
+                path->radiance = lw_vec3_mul(lw_scene_sky(job->tracer->scene, lw_vec3_normalize(direction)),
+                                             path->throughput);
                 continue;
             }
             struct lw_surface surface;
@@ -171,9 +172,10 @@ static void look16(const struct job *job, struct bundle *b, uint16_t first, unsi
                 /* Past the hit by more than its rounding in any packet. */
                 rays.t_near[i] = hits.t[i] * (1.0f + 4e-6f) + 1e-7f;
                 go_on |= (uint16_t)(1u << i);
+                path->throughput = lw_material_tint(surface.material, path->throughput);
                 continue;
             }
-            path->radiance = surface.emission;
+            path->radiance = lw_vec3_mul(surface.emission, path->throughput);
             arrive(job, b, (uint16_t)(first + i), &hits, i, &surface);
         }
         going = go_on;
@@ -225,12 +227,14 @@ static void light16(const struct job *job, struct bundle *b, const uint16_t *whi
         active |= (uint16_t)(1u << i);
     }
     if (!active) return;
-    uint16_t occluded = lw_trace_occluded16(job->tracer->trace, LW_TRACE_COHERENT, active, &rays);
+    float tint[3][LANES];
+    uint16_t occluded = lw_trace_tinted16(job->tracer->trace, LW_TRACE_COHERENT, active, &rays, tint);
     count->rays_shadow += (unsigned)__builtin_popcount(active);
     for (unsigned i = 0; i < lanes; i++)
         if ((active & ~occluded) >> i & 1u) {
             struct lw_vec3 *radiance = &b->path[which[i]].radiance;
-            *radiance = lw_vec3_add(*radiance, arriving[i]);
+            const struct lw_vec3 passed = lw_vec3(tint[0][i], tint[1][i], tint[2][i]);
+            *radiance = lw_vec3_add(*radiance, lw_vec3_mul(arriving[i], passed));
         }
 }
 
@@ -281,6 +285,7 @@ static struct lw_vec3 shine(const struct job *job, enum lw_path_method method, c
     if (method == LW_PATH_METHOD_LAMPS) return lw_vec3(0, 0, 0);
     const struct lw_lights *lights = job->tracer->lights;
     const struct lw_vec3 direction = lw_vec3(rays->dir_x[i], rays->dir_y[i], rays->dir_z[i]);
+    if (surface && surface->material->unlit) return lw_vec3(0, 0, 0); /* seen, and no light */
     struct lw_vec3 radiance = surface ? surface->emission : lw_scene_sky(job->tracer->scene, direction);
     if (method == LW_PATH_METHOD_BOUNCE || !(radiance.x + radiance.y + radiance.z > 0)) return radiance;
     float pdf = surface

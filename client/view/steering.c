@@ -50,6 +50,7 @@ static void zoom(struct lw_steering *s, float octaves) {
     const float wanted = s->distance_m * exp2f(octaves);
     lw_flight_advance(&s->flight, s->distance_m - wanted);
     s->distance_m = wanted;
+    s->flight.height_m *= exp2f(octaves); /* what is nearer is no larger in an orthographic view */
 }
 
 void lw_steering_wheel(struct lw_steering *s, float notches) {

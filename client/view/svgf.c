@@ -155,7 +155,7 @@ static bool find_before(const struct job *job, struct lw_vec3 point, float *out_
     struct lw_vec3 away = lw_vec3_sub(point, c->position);
     const float z = lw_vec3_dot(away, c->forward);
     if (!(z > 0)) return false;
-    const float scale = 1 / (job->aim.pixel * z);
+    const float scale = 1 / lw_camera_pixel_at(&job->aim, z);
     *out_x = job->aim.half_width + lw_vec3_dot(away, c->right) * scale - 0.5f;
     *out_y = job->aim.half_height - lw_vec3_dot(away, c->up) * scale - 0.5f;
     *out_depth = 1 / z;

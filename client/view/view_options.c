@@ -26,8 +26,9 @@ static const char *const of_every_way[] = {"camera",  "camera-name", "size",    
 static const char *const of_a_server[] = {"headless", "wait", "timeout", "cache", "samples-per-pixel", NULL};
 static const char *const of_viewers[] = {"direct", "renderer",     "token-file", "tls",
                                          "ca",     "tls-insecure", NULL}; /* --headless and the window */
-static const char *const of_scenes[] = {"texels-per-metre", "max-texels", "atlas-max", "sky",
-                                        "environment",      "sun-angle",  NULL}; /* where we open one */
+static const char *const of_scenes[] = {
+    "texels-per-metre", "max-texels",  "atlas-max", "sky", "import-seconds",
+    "picture-texels",   "environment", "sun-angle", NULL};   /* where we open one */
 static const char *const of_files[] = {"out", "json", NULL}; /* --headless and --path-trace */
 
 static bool is_among(const char *name, const char *const *list) {
@@ -199,7 +200,8 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
          .value = &o.headless},
         {.name = "camera",
          .argument = "PX,PY,PZ:TX,TY,TZ:FOV",
-         .help = "From a point (metres) towards another, with a vertical field of view in degrees.",
+         .help = "From a point (metres) towards another, with a vertical field of view in degrees; 10m "
+                 "in place of it: an orthographic view, 10 m high.",
          .kind = LW_OPTION_STRING,
          .value = &raw.camera},
         {.name = "camera-name",

@@ -204,7 +204,10 @@ static enum lw_status read_size(struct reader *reader) {
             height = (int64_t)reader->window.max.y - reader->window.min.y + 1;
     if (width < 1 || height < 1 || width > LW_IMAGE_SIDE_MAX || height > LW_IMAGE_SIDE_MAX ||
         (uint64_t)width * (uint64_t)height > READ_PIXELS_MAX)
-        return refuse(reader, "the EXR's size is out of range");
+        return lw_status_fail(reader->stream->err, LW_BAD_DATA,
+                              "%s: the EXR has %lld x %lld pixels; the limit is %u a side and %u in all",
+                              reader->stream->path, (long long)width, (long long)height, LW_IMAGE_SIDE_MAX,
+                              READ_PIXELS_MAX);
     reader->width = (uint32_t)width;
     reader->height = (uint32_t)height;
     return LW_OK;

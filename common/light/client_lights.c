@@ -117,13 +117,21 @@ static void obey_scene(struct lw_client_lights *client, const struct lw_scene *s
     }
 }
 
+/* Clients know shadows, and no colour of what passes: light that is coloured on its way is for tiles. */
+static bool has_tint(const struct lw_scene *scene) {
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        if (lw_material_tints(&scene->material[m])) return true;
+    return false;
+}
+
 static enum lw_status choose_small(struct lw_client_lights *client, const struct lw_scene *scene,
                                    const struct lw_pose *pose) {
-    memset(client->light, 1, scene->light_count);
+    const bool rule = !has_tint(scene);
+    memset(client->light, rule, scene->light_count);
     for (uint32_t m = 0; m < scene->material_count; m++)
-        client->material[m] = lw_material_shines(&scene->material[m]);
+        client->material[m] = rule && lw_material_shines(&scene->material[m]);
     enum lw_status status = LW_OK;
-    for (uint32_t o = 0; o < scene->object_count && status == LW_OK; o++)
+    for (uint32_t o = 0; rule && o < scene->object_count && status == LW_OK; o++)
         if (!lw_scene_is_spare(scene, o)) status = judge_object(scene, pose, o, client->material);
     obey_scene(client, scene);
     return status;

@@ -30,6 +30,17 @@ LW_WIDE static void add_lit(uint16_t lit, const struct lw_light_sample16 *restri
     }
 }
 
+/* Shadow rays through what colours light; its colours go into the sample. */
+static uint16_t find_tinted(const struct lw_direct16 *d, uint16_t active, const struct lw_ray16 *rays,
+                            const struct lw_light_sample16 *sample, struct lw_light_sample16 *tinted) {
+    float tint[3][LANES];
+    const uint16_t occluded =
+        lw_trace_tinted16(d->trace, d->coherent ? LW_TRACE_COHERENT : LW_TRACE_LIGHT, active, rays, tint);
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < LANES; i++) tinted->e[c][i] = sample->e[c][i] * tint[c][i];
+    return occluded;
+}
+
 /* Adds what arrives of a sample's light: a shadow ray for each lane that any could reach. */
 static void add_visible(struct lw_direct16 *d, const struct lw_light_sample16 *sample, float weight) {
     struct lw_ray16 rays;
@@ -41,9 +52,15 @@ static void add_visible(struct lw_direct16 *d, const struct lw_light_sample16 *s
     memset(rays.t_near, 0, sizeof rays.t_near);
     aim(sample, &rays);
     rays.salt = d->salt;
+    d->rays += (uint64_t)__builtin_popcount(active);
+    if (lw_trace_tints(d->trace)) {
+        struct lw_light_sample16 tinted;
+        const uint16_t stopped = find_tinted(d, active, &rays, sample, &tinted);
+        add_lit(active & (uint16_t)~stopped, &tinted, weight, d->e);
+        return;
+    }
     const uint16_t occluded =
         lw_trace_occluded16(d->trace, d->coherent ? LW_TRACE_COHERENT : LW_TRACE_LIGHT, active, &rays);
-    d->rays += (uint64_t)__builtin_popcount(active);
     add_lit(active & (uint16_t)~occluded, sample, weight, d->e);
 }
 

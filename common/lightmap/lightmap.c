@@ -25,6 +25,9 @@
 /* Where the number of texels bounds the density: the most of them that one object takes before the others
  * have the density that is wanted. */
 #define SHARE_MAX 0.5
+/* What rounding may add to the area of coordinates that fill the unit square. */
+#define UV_AREA_NOISE 1e-3
+
 /* Halvings of the density before a mesh is given up: by then every chart has the smallest rectangle there
  * is. */
 #define HALVINGS_MAX 64
@@ -180,7 +183,7 @@ static double file_uv_area(const struct lw_mesh *mesh) {
         if (!(twice > 1e-12)) return 0;
         area += twice / 2;
     }
-    return area;
+    return area <= 1 + UV_AREA_NOISE ? area : 0; /* more: to lay out each takes triangles times texels */
 }
 
 static struct lw_lightmap_map map_of(const struct job *job) {
@@ -427,25 +430,27 @@ static enum lw_status lay_out_scene(struct drive *drive, struct lw_progress *pro
 struct split {
     uint32_t count;
     uint32_t *vertex, *point; /* per new vertex */
-    uint32_t *head, *next;    /* per old vertex: its first new one; per new vertex: the next */
+    uint32_t *slot;           /* hash table of new vertices; LW_SCENE_NONE: free */
+    size_t slots;             /* a power of two */
     uint32_t (*triangle)[3];
 };
 
 static void free_split(struct split *split) {
     free(split->vertex);
     free(split->point);
-    free(split->head);
-    free(split->next);
+    free(split->slot);
 }
 
 static uint32_t split_vertex(struct split *split, uint32_t vertex, uint32_t point) {
-    for (uint32_t n = split->head[vertex]; n != LW_SCENE_NONE; n = split->next[n])
-        if (split->point[n] == point) return n;
-    uint32_t n = split->count++;
+    uint64_t h = ((uint64_t)vertex << 32 | point) * 0x9e3779b97f4a7c15u;
+    size_t at = (h ^ h >> 32) & (split->slots - 1);
+    for (; split->slot[at] != LW_SCENE_NONE; at = (at + 1) & (split->slots - 1)) {
+        const uint32_t n = split->slot[at];
+        if (split->vertex[n] == vertex && split->point[n] == point) return n;
+    }
+    const uint32_t n = split->slot[at] = split->count++;
     split->vertex[n] = vertex;
     split->point[n] = point;
-    split->next[n] = split->head[vertex];
-    split->head[vertex] = n;
     return n;
 }
 
@@ -478,17 +483,18 @@ static enum lw_status replace_arrays(struct lw_scene *scene, struct lw_mesh *mes
 }
 
 static enum lw_status split_charts(struct lw_scene *scene, struct lw_mesh *mesh, const struct job *job) {
-    size_t corners = (size_t)mesh->triangle_count * 3;
+    size_t corners = (size_t)mesh->triangle_count * 3, slots = 16;
+    while (slots < 2 * corners) slots *= 2;
     struct split split = {
+        .slots = slots,
         .vertex = malloc((corners + 1) * sizeof *split.vertex),
         .point = malloc((corners + 1) * sizeof *split.point),
-        .next = malloc((corners + 1) * sizeof *split.next),
-        .head = malloc(((size_t)mesh->vertex_count + 1) * sizeof *split.head),
+        .slot = malloc(slots * sizeof *split.slot),
         .triangle = lw_scene_alloc(scene, mesh->triangle_count, sizeof *split.triangle),
     };
     enum lw_status status = LW_NO_MEMORY;
-    if (split.vertex && split.point && split.next && split.head && split.triangle) {
-        memset(split.head, 0xff, (size_t)mesh->vertex_count * sizeof *split.head);
+    if (split.vertex && split.point && split.slot && split.triangle) {
+        memset(split.slot, 0xff, slots * sizeof *split.slot);
         for (uint32_t c = 0; c < corners; c++)
             split.triangle[c / 3][c % 3] =
                 split_vertex(&split, mesh->triangle[c / 3][c % 3], job->charts.corner[c / 3][c % 3]);

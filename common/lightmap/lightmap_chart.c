@@ -23,6 +23,10 @@
  * would fray it. */
 #define CUT_DISTANCE 3.0f
 
+/* At most this many points of one position are looked at: a hub that is cut for every triangle must not cost
+ * their square. */
+#define CUTS_MAX 256
+
 struct grower {
     const struct lw_lightmap_topology *topology;
     struct lw_lightmap_charts *charts;
@@ -115,8 +119,9 @@ static bool place(struct grower *g, uint32_t chart, uint32_t t, uint32_t e, stru
     float reach = CUT_DISTANCE * fmaxf(side[0], fmaxf(side[1], side[2]));
     uint32_t weld = weld_of(g, t, (e + 2) % 3), best = LW_SCENE_NONE;
     float best_distance = INFINITY, nearest = INFINITY;
-    for (uint32_t p = g->head_chart[weld] == chart ? g->head[weld] : LW_SCENE_NONE; p != LW_SCENE_NONE;
-         p = g->next[p]) {
+    int cuts = 0;
+    for (uint32_t p = g->head_chart[weld] == chart ? g->head[weld] : LW_SCENE_NONE;
+         p != LW_SCENE_NONE && cuts < CUTS_MAX; p = g->next[p], cuts++) {
         struct lw_vec2 at = g->charts->point[p];
         float distance = hypotf(at.x - wanted.x, at.y - wanted.y);
         nearest = fminf(nearest, distance);

@@ -15,6 +15,11 @@
 /* A chart may change its size by this share to make its edge as long as its neighbour's. */
 #define RESIZE 0.1f
 
+/* A chart with a long outline and many neighbours is not worth the product of the two: when that many points
+ * have been looked at per triangle, charts stay as they are. */
+#define LOOKS_EACH 32768u
+#define LOOKS_MORE (1u << 28)
+
 struct hull {
     uint32_t start, count; /* in the arena */
 };
@@ -36,6 +41,7 @@ struct merger {
     uint32_t *moved;                   /* per point: the chart that moved it here, lest it move twice */
     struct lw_vec2 *outline, *scratch; /* hull of the taker; room to work */
     uint32_t outline_count;
+    uint64_t looks; /* that are left */
 };
 
 /* Turn, shift and slight change of size that lay one chart beside another. */
@@ -150,6 +156,10 @@ static void try_edge(struct merger *m, uint32_t taker, uint32_t edge) {
     struct motion motion;
     if (m->tries[chart]++ >= TRIES || !find_motion(m, edge, &motion)) return;
     uint32_t count;
+    const uint64_t points = m->outline_count + m->hull[chart].count;
+    const uint64_t looks = points * (points < 256 ? points : 256);
+    if (looks > m->looks) return;
+    m->looks -= looks;
     struct lw_vec2 *hull = joint_hull(m, chart, &motion, &count);
     struct lw_lightmap_box box = lw_lightmap_shape_box(hull, count, LW_LIGHTMAP_SHAPE_MARGIN);
     float cost = lw_lightmap_shape_cost(box);
@@ -232,7 +242,11 @@ enum lw_status lw_lightmap_merge(struct lw_lightmap_charts *charts,
                                  const struct lw_lightmap_topology *topology, struct lw_lightmap_plane *plane,
                                  struct lw_lightmap_apart *apart) {
     size_t triangles = charts->triangle_count, count = charts->chart_count, corners = triangles * 3;
-    struct merger m = {.charts = charts, .topology = topology, .plane = plane, .apart = apart};
+    struct merger m = {.charts = charts,
+                       .topology = topology,
+                       .plane = plane,
+                       .apart = apart,
+                       .looks = LOOKS_EACH * triangles + LOOKS_MORE};
     struct rank *rank = malloc((count + 1) * sizeof *rank);
     m.heap.step = malloc((corners + 1) * sizeof *m.heap.step);
     m.hull = malloc((count + 1) * sizeof *m.hull);

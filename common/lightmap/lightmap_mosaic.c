@@ -19,6 +19,7 @@ struct place {
 struct mosaic {
     uint32_t width, height, stride; /* stride: words per row, one more than needed */
     uint64_t *row;
+    uint64_t *looks; /* that are left */
 };
 
 /* Bits [from, to) of a row. */
@@ -59,8 +60,11 @@ void lw_lightmap_mosaic_mark(struct lw_lightmap_stone *stone, const struct lw_ve
     }
 }
 
+/* Nothing is free any more once all looks are used up. */
 static bool is_free(const struct mosaic *m, const struct lw_lightmap_stone *s, uint32_t x, uint32_t y) {
     uint32_t words = lw_lightmap_mosaic_words(s->width), shift = x % 64;
+    if (!*m->looks) return false;
+    --*m->looks;
     for (uint32_t r = 0; r < s->height; r++) {
         const uint64_t *shape = s->row + (size_t)r * words,
                        *at = m->row + (size_t)(y + r) * m->stride + x / 64;
@@ -101,7 +105,7 @@ static bool is_of_few_sizes(const struct lw_lightmap_stone *s) {
 /* resume: where the search begins, and where it ended; or NULL. */
 static bool place(struct mosaic *m, struct lw_lightmap_stone *s, struct place *resume) {
     uint32_t x = resume ? resume->x : 0;
-    for (uint32_t y = resume ? resume->y : 0; y + s->height <= m->height; y++, x = 0)
+    for (uint32_t y = resume ? resume->y : 0; y + s->height <= m->height && *m->looks; y++, x = 0)
         for (; x + s->width <= m->width; x++) {
             if (!is_free(m, s, x, y)) continue;
             s->x = x, s->y = y;
@@ -112,8 +116,9 @@ static bool place(struct mosaic *m, struct lw_lightmap_stone *s, struct place *r
     return false;
 }
 
-static enum lw_status mosaic_init(struct mosaic *m, uint32_t width, uint32_t height) {
-    *m = (struct mosaic){.width = width, .height = height, .stride = lw_lightmap_mosaic_words(width) + 1};
+static enum lw_status mosaic_init(struct mosaic *m, uint32_t width, uint32_t height, uint64_t *looks) {
+    *m = (struct mosaic){
+        .width = width, .height = height, .stride = lw_lightmap_mosaic_words(width) + 1, .looks = looks};
     m->row = calloc((size_t)height * m->stride + 1, sizeof *m->row);
     return m->row ? LW_OK : LW_NO_MEMORY;
 }
@@ -129,13 +134,13 @@ static void extend(struct extent *e, const struct lw_lightmap_stone *s) {
 }
 
 enum lw_status lw_lightmap_mosaic_pack(struct lw_lightmap_stone *const *stone, uint32_t count, uint32_t width,
-                                       uint32_t height_max, uint32_t *out_width, uint32_t *out_height,
-                                       bool *out_fits) {
+                                       uint32_t height_max, uint64_t *looks, uint32_t *out_width,
+                                       uint32_t *out_height, bool *out_fits) {
     struct mosaic m;
     struct extent used = {0};
     struct place resume[SIZES][SIZES] = {0};
     bool fits = true;
-    if (mosaic_init(&m, width, height_max) != LW_OK) return LW_NO_MEMORY;
+    if (mosaic_init(&m, width, height_max, looks) != LW_OK) return LW_NO_MEMORY;
     for (uint32_t i = 0; fits && i < count; i++) {
         fits = place(&m, stone[i],
                      is_of_few_sizes(stone[i]) ? &resume[stone[i]->width][stone[i]->height] : NULL);
@@ -210,7 +215,8 @@ static bool place_near(struct mosaic *m, struct curve *c, struct lw_lightmap_sto
                               ? (uint64_t)1 << (8 * (s->height - 1) + s->width - 1)
                               : 0;
     const uint32_t wanted = (uint32_t)(fminf(fmaxf(s->wanted, 0), 0.999999f) * (float)c->count);
-    for (uint32_t i = 0; i < 2 * c->count; i++) { /* at it, one before, one after, two before ... */
+    for (uint32_t i = 0; i < 2 * c->count && *m->looks;
+         i++) { /* at it, one before, one after, two before ... */
         const uint32_t off = (i + 1) / 2;
         if (i & 1 ? off > wanted : wanted + off >= c->count) continue;
         const uint32_t at = i & 1 ? wanted - off : wanted + off;
@@ -222,12 +228,12 @@ static bool place_near(struct mosaic *m, struct curve *c, struct lw_lightmap_sto
 }
 
 static enum lw_status pack_near(struct lw_lightmap_stone *const *stone, uint32_t count, uint32_t width,
-                                uint32_t height, struct extent *out_used, bool *out_fits) {
+                                uint32_t height, uint64_t *looks, struct extent *out_used, bool *out_fits) {
     struct mosaic m;
     struct curve curve = {0};
     bool fits = true;
     *out_used = (struct extent){0};
-    enum lw_status status = mosaic_init(&m, width, height);
+    enum lw_status status = mosaic_init(&m, width, height, looks);
     if (status == LW_OK) status = curve_init(&curve, width, height);
     for (uint32_t i = 0; status == LW_OK && fits && i < count; i++) {
         fits = place_near(&m, &curve, stone[i]);
@@ -256,8 +262,8 @@ int lw_lightmap_mosaic_by_size(const void *left, const void *right) {
 }
 
 enum lw_status lw_lightmap_mosaic_pack_near(struct lw_lightmap_stone **stone, uint32_t count,
-                                            uint32_t width_max, uint32_t height_max, uint32_t *out_width,
-                                            uint32_t *out_height, bool *out_fits) {
+                                            uint32_t width_max, uint32_t height_max, uint64_t *looks,
+                                            uint32_t *out_width, uint32_t *out_height, bool *out_fits) {
     double area = 0;
     uint32_t widest = 1, highest = 1;
     for (uint32_t i = 0; i < count; i++) {
@@ -267,14 +273,14 @@ enum lw_status lw_lightmap_mosaic_pack_near(struct lw_lightmap_stone **stone, ui
     }
     qsort(stone, count, sizeof *stone, lw_lightmap_mosaic_by_size);
     *out_fits = false;
-    for (double room = NEAR_ROOM; room < NEAR_ROOM_MAX && !*out_fits; room *= NEAR_MORE) {
+    for (double room = NEAR_ROOM; room < NEAR_ROOM_MAX && !*out_fits && *looks; room *= NEAR_MORE) {
         const double side = fmax(ceil(sqrt(area * room) / (SQUARE * TILE)) * (SQUARE * TILE), widest);
         if (side > width_max) return LW_OK;
         const uint32_t width = (uint32_t)side;
         const double height = fmax(ceil(area * room / width), highest);
         struct extent used;
         if (height > height_max) return LW_OK;
-        enum lw_status status = pack_near(stone, count, width, (uint32_t)height, &used, out_fits);
+        enum lw_status status = pack_near(stone, count, width, (uint32_t)height, looks, &used, out_fits);
         if (status != LW_OK) return status;
         *out_width = used.right, *out_height = used.top;
     }

@@ -25,23 +25,26 @@ void lw_lightmap_mosaic_mark(struct lw_lightmap_stone *stone, const struct lw_ve
 
 /** Places shapes in the order given, each at the first free place in rows from below.
  * out_width, out_height  what is used
- * out_fits               false: height_max was not enough, or a shape is wider than width
+ * looks                  positions that may be looked at, and are left: the search takes time, too
+ * out_fits               false: height_max was not enough, a shape is wider than width, or no looks are left
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_lightmap_mosaic_pack(struct lw_lightmap_stone *const *stone, uint32_t count,
-                                                     uint32_t width, uint32_t height_max, uint32_t *out_width,
-                                                     uint32_t *out_height, bool *out_fits);
+                                                     uint32_t width, uint32_t height_max, uint64_t *looks,
+                                                     uint32_t *out_width, uint32_t *out_height,
+                                                     bool *out_fits);
 
 /** Places shapes, the largest first, each in the free place nearest to its wanted position along the atlas.
  * Positions run through tiles of 16 x 16 cells, row by row in alternating direction, and inside a tile along
  * a Hilbert curve of squares of 4 x 4 cells. The atlas is the smallest nearly square one that holds all
  * shapes.
  * stone       sorted by the call
- * out_fits    false: it would be wider than width_max or higher than height_max
+ * looks       as above
+ * out_fits    false: it would be wider than width_max or higher than height_max, or no looks are left
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_lightmap_mosaic_pack_near(struct lw_lightmap_stone **stone, uint32_t count,
                                                           uint32_t width_max, uint32_t height_max,
-                                                          uint32_t *out_width, uint32_t *out_height,
-                                                          bool *out_fits);
+                                                          uint64_t *looks, uint32_t *out_width,
+                                                          uint32_t *out_height, bool *out_fits);
 
 /** Cells of a shape. */
 uint64_t lw_lightmap_mosaic_area(const struct lw_lightmap_stone *stone);

@@ -29,6 +29,11 @@
 /* Positions that the mosaic may look at, charts times blocks; beyond, the skyline's result has to do. */
 #define MOSAIC_MAX 4e8
 
+/* What all searches for one layout may look at, per item and in all: triangular shapes of many sizes would
+ * take the square of their number. Scenes that people make need a tenth of it. */
+#define LOOKS_EACH 4096u
+#define LOOKS_MORE (1u << 26)
+
 static const float SKYLINE_WIDTHS[] = {0.62f, 0.75f, 0.87f, 1.0f,
                                        1.15f, 1.33f, 1.6f}; /* of the square's side */
 static const float MOSAIC_WIDTHS[] = {0.7f, 0.85f, 1.0f, 1.1f, 1.2f, 1.35f};
@@ -60,6 +65,7 @@ struct packer {
     struct place *best; /* per item, in blocks */
     uint32_t best_width, best_height;
     bool found;
+    uint64_t looks; /* that are left */
 };
 
 struct place {
@@ -273,7 +279,7 @@ static enum lw_status search_mosaic(struct packer *p, uint64_t area, uint32_t wi
         bool fits;
         enum lw_status status = lw_lightmap_mosaic_pack(p->stone, p->item_count, width,
                                                         most < p->height_max ? (uint32_t)most : p->height_max,
-                                                        &right, &top, &fits);
+                                                        &p->looks, &right, &top, &fits);
         if (status != LW_OK) return status;
         if (fits && is_better(p, right, top)) keep_mosaic(p, right, top);
     }
@@ -292,7 +298,7 @@ static enum lw_status search_near(struct packer *p, uint64_t area) {
         before += blocks;
     }
     enum lw_status status = lw_lightmap_mosaic_pack_near(p->stone, p->item_count, p->width_max, p->height_max,
-                                                         &right, &top, &fits);
+                                                         &p->looks, &right, &top, &fits);
     if (status == LW_OK && fits) keep_mosaic(p, right, top);
     return status;
 }
@@ -306,6 +312,7 @@ static enum lw_status search(struct packer *p) {
         if (s->width > widest) widest = s->width;
     }
     enum lw_status status = LW_OK;
+    p->looks = (uint64_t)LOOKS_EACH * p->item_count + LOOKS_MORE;
     if (area > TILE_BLOCKS && area < (uint64_t)p->item_count * (TILE_BLOCKS / 4))
         status = search_near(p, area);
     if (status != LW_OK || p->found) return status;

@@ -11,6 +11,14 @@
 #define LEVEL_MIN (-8) /* cells of 1/256 texel */
 #define NOWHERE   UINT32_MAX
 
+/* Triangles of a fan all meet where its hub is, and giants meet all dwarfs: to compare each with each would
+ * take the square of their number. After this many comparisons in all, a triangle is compared
+ * with a few; where more are near, it counts as overlapping, and starts a chart of its own. Meshes that
+ * people make need a tenth of this. */
+#define COMPARISONS_EACH 512u
+#define COMPARISONS_MORE (1u << 20)
+#define COMPARISONS_FEW  64u
+
 struct bounds {
     float low[2], high[2];
 };
@@ -30,6 +38,7 @@ struct entry {
 
 struct lw_lightmap_plane {
     uint32_t round, count, entry_count, levels, bucket_mask;
+    uint64_t comparisons; /* that are left */
     struct placed *placed;
     struct entry *entry;
     struct bucket *bucket;
@@ -48,6 +57,7 @@ enum lw_status lw_lightmap_plane_create(uint32_t triangle_capacity, struct lw_li
         lw_lightmap_plane_destroy(plane);
         return LW_NO_MEMORY;
     }
+    plane->comparisons = (uint64_t)COMPARISONS_EACH * triangle_capacity + COMPARISONS_MORE;
     plane->round = 1;
     *out_plane = plane;
     return LW_OK;
@@ -126,7 +136,8 @@ static bool separated(const struct lw_vec2 a[3], const struct lw_vec2 b[3]) {
     return false;
 }
 
-static bool hits(const struct placed *placed, const struct lw_vec2 corner[3], const struct bounds *bounds) {
+static bool hits_bounded(const struct placed *placed, const struct lw_vec2 corner[3],
+                         const struct bounds *bounds) {
     for (int axis = 0; axis < 2; axis++)
         if (placed->bounds.low[axis] >= bounds->high[axis] - TOLERANCE ||
             placed->bounds.high[axis] <= bounds->low[axis] + TOLERANCE)
@@ -134,8 +145,21 @@ static bool hits(const struct placed *placed, const struct lw_vec2 corner[3], co
     return !separated(placed->corner, corner) && !separated(corner, placed->corner);
 }
 
-bool lw_lightmap_plane_overlaps(const struct lw_lightmap_plane *plane, const struct lw_vec2 corner[3]) {
-    struct bounds bounds = bounds_of(corner);
+/* One triangle that is compared with those that lie near. */
+struct query {
+    const struct lw_vec2 *corner;
+    struct bounds bounds;
+    uint64_t left; /* comparisons */
+};
+
+static bool hits(const struct placed *placed, struct query *query) {
+    if (!query->left) return true;
+    query->left--;
+    return hits_bounded(placed, query->corner, &query->bounds);
+}
+
+static bool overlaps(const struct lw_lightmap_plane *plane, struct query *query) {
+    const struct bounds bounds = query->bounds;
     for (int level = 0; level < LEVELS; level++) {
         if (!(plane->levels >> level & 1)) continue;
         struct cells cells = cells_of(&bounds, level);
@@ -143,7 +167,7 @@ bool lw_lightmap_plane_overlaps(const struct lw_lightmap_plane *plane, const str
                high = (double)(cells.high[1] - cells.low[1]) + 1;
         if (wide * high > (double)plane->count) { /* a giant among dwarfs: look at each of them once */
             for (uint32_t i = 0; i < plane->count; i++)
-                if (hits(&plane->placed[i], corner, &bounds)) return true;
+                if (hits(&plane->placed[i], query)) return true;
             return false;
         }
         for (int64_t y = cells.low[1]; y <= cells.high[1]; y++)
@@ -151,8 +175,17 @@ bool lw_lightmap_plane_overlaps(const struct lw_lightmap_plane *plane, const str
                 const struct bucket *bucket = &plane->bucket[bucket_of(plane, level, x, y)];
                 if (bucket->round != plane->round) continue;
                 for (uint32_t i = bucket->first; i != NOWHERE; i = plane->entry[i].next)
-                    if (hits(&plane->placed[plane->entry[i].placed], corner, &bounds)) return true;
+                    if (hits(&plane->placed[plane->entry[i].placed], query)) return true;
             }
     }
     return false;
+}
+
+bool lw_lightmap_plane_overlaps(struct lw_lightmap_plane *plane, const struct lw_vec2 corner[3]) {
+    const uint64_t allowed = plane->comparisons > COMPARISONS_FEW ? plane->comparisons : COMPARISONS_FEW;
+    struct query query = {.corner = corner, .bounds = bounds_of(corner), .left = allowed};
+    const bool found = overlaps(plane, &query);
+    const uint64_t used = allowed - query.left;
+    plane->comparisons -= used < plane->comparisons ? used : plane->comparisons;
+    return found;
 }

@@ -19,7 +19,8 @@ void lw_lightmap_plane_destroy(struct lw_lightmap_plane *plane);
 void lw_lightmap_plane_clear(struct lw_lightmap_plane *plane);
 /** corner  counter-clockwise */
 void lw_lightmap_plane_add(struct lw_lightmap_plane *plane, const struct lw_vec2 corner[3]);
-/** Whether a triangle would lie on one that is there by more than a hundredth of a texel. */
-bool lw_lightmap_plane_overlaps(const struct lw_lightmap_plane *plane, const struct lw_vec2 corner[3]);
+/** Whether a triangle would lie on one that is there by more than a hundredth of a texel; also true where so
+ * many are near that comparing with all of them takes too long. */
+bool lw_lightmap_plane_overlaps(struct lw_lightmap_plane *plane, const struct lw_vec2 corner[3]);
 
 #endif

@@ -73,6 +73,7 @@ static enum lw_status search(struct lw_lightmap_stone **order, const struct lw_l
                              uint32_t *out_width, uint32_t *out_height) {
     uint64_t area = 0, best = UINT64_MAX;
     uint32_t widest = 1, highest = 0;
+    uint64_t looks = UINT64_MAX; /* a group is small: GROUP_AREA */
     for (uint32_t i = 0; i < count; i++) {
         area += lw_lightmap_mosaic_area(&stone[i]);
         if (stone[i].width > widest) widest = stone[i].width;
@@ -82,7 +83,7 @@ static enum lw_status search(struct lw_lightmap_stone **order, const struct lw_l
         uint32_t width = (uint32_t)ceil(sqrt((double)area) * (double)WIDTHS[i]), right, top;
         bool fits; /* always: highest is room enough for a column of all */
         enum lw_status status = lw_lightmap_mosaic_pack(order, count, width > widest ? width : widest,
-                                                        highest, &right, &top, &fits);
+                                                        highest, &looks, &right, &top, &fits);
         if (status != LW_OK) return status;
         uint64_t blocks = (uint64_t)((right + 7) / 4) * ((top + 7) / 4); /* with both gutters, rounded up */
         if (!fits || blocks >= best) continue;

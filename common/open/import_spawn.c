@@ -93,18 +93,20 @@ static int set_attributes(posix_spawnattr_t *attributes) {
 
 static enum lw_status start(struct importer *importer, struct lw_error *err) {
     const struct lw_import_spawn_desc *desc = importer->desc;
-    char density[64], most[32], side[32], threads[32], failure[32], level[32],
+    char density[64], most[32], side[32], threads[32], seconds[32], pictures[32], failure[32], level[32],
         environment[PATH_MAX + sizeof "--environment="];
     snprintf(density, sizeof density, "--texels-per-metre=%.9g", desc->texels_per_metre);
     snprintf(most, sizeof most, "--max-texels=%u", desc->texels_max);
     snprintf(side, sizeof side, "--atlas-max=%u", desc->atlas_side_max);
     snprintf(threads, sizeof threads, "--threads=%u", desc->threads);
+    snprintf(seconds, sizeof seconds, "--import-seconds=%.9g", desc->import_seconds);
+    snprintf(pictures, sizeof pictures, "--picture-texels=%u", desc->picture_texels);
     snprintf(failure, sizeof failure, "--failure-fd=%d", FAILURE_FD);
     if (desc->environment && strlen(desc->environment) >= PATH_MAX)
         return lw_status_fail(err, LW_NO_INPUT, "%.200s...: the path is too long", desc->environment);
     snprintf(environment, sizeof environment, "--environment=%s", desc->environment ? desc->environment : "");
     snprintf(level, sizeof level, "--log-level=%s", lw_log_level_name(lw_log_get_level()));
-    const char *arguments[16] = {importer->program, "-o", importer->package, failure};
+    const char *arguments[18] = {importer->program, "-o", importer->package, failure};
     size_t count = 4;
     if (lw_log_get_level() != LW_LOG_INFO) arguments[count++] = level;
     if (lw_log_get_format() == LW_LOG_JSON) arguments[count++] = "--log-format=json";
@@ -112,6 +114,8 @@ static enum lw_status start(struct importer *importer, struct lw_error *err) {
     if (desc->texels_max) arguments[count++] = most;
     if (desc->atlas_side_max) arguments[count++] = side;
     if (desc->threads) arguments[count++] = threads;
+    if (desc->import_seconds > 0) arguments[count++] = seconds;
+    if (desc->picture_texels) arguments[count++] = pictures;
     if (desc->environment) arguments[count++] = environment;
     if (desc->lightmap_unused) arguments[count++] = "--lightmap-unused";
     arguments[count++] = "--";

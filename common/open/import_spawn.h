@@ -12,6 +12,19 @@
 
 #define LW_IMPORT_SPAWN_MEMORY_MAX (16ull << 30) /* bytes of address space of the importer */
 
+/* Processor time of the importer. */
+#define LW_IMPORT_SPAWN_SECONDS     3600
+#define LW_IMPORT_SPAWN_SECONDS_MAX 1e6
+#define LW_IMPORT_SPAWN_SECONDS_HELP                                                                         \
+    "processor time, s, that reading a scene and laying out its lightmaps may take, of all threads "         \
+    "together "                                                                                              \
+    "(default 3600)"
+/* Texels of all pictures of a scene. They take 4 bytes each, and as much again while the package is
+ * written. */
+#define LW_IMPORT_SPAWN_PICTURES_HELP                                                                        \
+    "texels of all pictures of the scene together; those past it have a stand-in, and a line says so "       \
+    "(default 268435456, of 16384 x 16384)"
+
 struct lw_import_spawn_desc {
     const char *scene;       /* a .lwscene, any file that lightwell-import reads, or "builtin:NAME" */
     const char *environment; /* an equirectangular EXR for the scene; NULL: the scene's own, or none */
@@ -19,6 +32,8 @@ struct lw_import_spawn_desc {
     uint32_t texels_max;     /* 0: the importer's default */
     uint32_t atlas_side_max; /* texels; 0: the importer's default */
     unsigned threads;        /* 0: all */
+    double import_seconds;   /* processor time; 0: LW_IMPORT_SPAWN_SECONDS */
+    uint32_t picture_texels; /* 0: the importer's default */
     bool lightmap_unused;    /* nothing is said about how coarse it is */
     uint64_t memory_max; /* bytes; 0: LW_IMPORT_SPAWN_MEMORY_MAX. Not imposed where a sanitizer needs more. */
     const char *program; /* NULL: lightwell-import beside this program, else in PATH */

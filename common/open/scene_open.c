@@ -38,6 +38,8 @@ enum lw_status lw_scene_open(const struct lw_scene_open *open, struct lw_scene *
                                                 .lightmap_unused = open->lightmap_unused,
                                                 .atlas_side_max = (uint32_t)open->atlas_side_max,
                                                 .threads = (unsigned)open->threads,
+                                                .import_seconds = open->import_seconds,
+                                                .picture_texels = (uint32_t)open->picture_texels,
                                                 .cancel = open->cancel};
     enum lw_status status = lw_import_spawn(&import, &scene, err);
     if (status != LW_OK) return status;

@@ -21,6 +21,8 @@ struct lw_scene_open {
     int64_t texels_max;      /* 0: the importer's default */
     int64_t atlas_side_max;  /* texels; 0: the importer's default */
     int64_t threads;         /* 0: all */
+    double import_seconds;   /* processor time of the importer; 0: its default */
+    int64_t picture_texels;  /* 0: the importer's default */
     bool lightmap_unused;    /* nothing is said about how coarse it is */
     bool sky_given, sun_angle_given;
     float sky[3];            /* W/(m^2 sr) */
@@ -43,6 +45,10 @@ struct lw_scene_open {
      &(open)->atlas_side_max, LW_LIGHTMAP_SIDE_MIN, LW_SCENE_ATLAS_SIDE_MAX, NULL},                         \
     {"threads", "N", "worker threads (default: all processors)", LW_OPTION_INT, &(open)->threads, 1, 1024,  \
      NULL},                                                                                                 \
+    {"import-seconds", "S", LW_IMPORT_SPAWN_SECONDS_HELP, LW_OPTION_REAL, &(open)->import_seconds, 1,       \
+     LW_IMPORT_SPAWN_SECONDS_MAX, NULL},                                                                    \
+    {"picture-texels", "N", LW_IMPORT_SPAWN_PICTURES_HELP, LW_OPTION_INT, &(open)->picture_texels, 1,       \
+     1e9, NULL},                                                                                            \
     {"sky", "R,G,B", "radiance of the sky, W/(m^2 sr), instead of the scene's", LW_OPTION_RGB,              \
      (open)->sky, 0, 1e9, &(open)->sky_given},                                                              \
     {"environment", "FILE.exr", "equirectangular radiance around the scene, W/(m^2 sr), on top of the sky", \

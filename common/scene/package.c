@@ -53,17 +53,23 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
     X(ENVIRONMENTS, "environments", 12, 1)                                                                   \
     X(ENVIRONMENT_TEXELS, "environment texels", 12, NO_LIMIT)                                                \
     X(LIGHT_DRAWERS, "light drawers", 4, LW_SCENE_LIGHTS_MAX)                                                \
-    X(MATERIAL_DRAWERS, "material drawers", 4, LW_SCENE_MATERIALS_MAX)
+    X(MATERIAL_DRAWERS, "material drawers", 4, LW_SCENE_MATERIALS_MAX)                                       \
+    X(MATERIAL_LOOKS, "material looks", 16, LW_SCENE_MATERIALS_MAX)                                          \
+    X(CAMERA_HEIGHTS, "camera heights", 4, LW_SCENE_CAMERAS_MAX)                                             \
+    X(LIGHT_CHANNELS, "light channels", 24, LW_SCENE_CHANNELS_MAX)
 
 /* Version 1 ends with the pixels, version 2 has an environment, in version 3 pixels are filtered, version 4
  * says who draws lights. For clients each scene is written in one of them, so that there is one way to say
  * it: where the file says who draws a light in version 4, else with textures in version 3. Those of before
- * are read as well. Version 5, for files, is version 4 for every scene, and has a checksum. */
+ * are read as well. Version 5, for files, is version 4 for every scene, and has a checksum. Version 6, with a
+ * checksum too, is for files and clients: for scenes with what no earlier one can say. */
 #define SECTION_COUNT_V1 20u
 #define SECTION_COUNT_V2 22u
+#define SECTION_COUNT_V4 24u
 #define VERSION_FILTERED 3u
 #define VERSION_DRAWERS  4u
 #define VERSION_SEALED   5u
+#define VERSION_LOOKS    6u
 
 enum section_id {
 #define X(id, name, size, limit) SECTION_##id,
@@ -299,10 +305,11 @@ static void camera_record(struct codec *c, struct lw_camera *camera) {
 
 static void channel_record(struct codec *c, struct lw_channel *channel) {
     words(c, &channel->node, 1);
-    choice(c, &channel->path, LW_CHANNEL_SCALE, "path");
+    choice(c, &channel->path, c->record_section == SECTION_CHANNELS ? LW_CHANNEL_SCALE : LW_CHANNEL_FACTOR,
+           "path");
     choice(c, &channel->interpolation, LW_INTERPOLATION_CUBIC, "interpolation");
     words(c, &channel->key_count, 1);
-    uint64_t floats = channel->path == LW_CHANNEL_ROTATION ? 4 : 3;
+    uint64_t floats = lw_channel_width(channel);
     if (channel->interpolation == LW_INTERPOLATION_CUBIC) floats *= 3;
     channel->time_s = array(c, SECTION_KEY_TIMES, channel->time_s, channel->key_count, "times");
     channel->value = array(c, SECTION_KEY_VALUES, channel->value, floats * channel->key_count, "values");
@@ -322,6 +329,15 @@ static void light_drawer_record(struct codec *c, struct lw_light *light) {
 
 static void material_drawer_record(struct codec *c, struct lw_material *material) {
     choice(c, &material->drawn_by, LW_DRAWN_BY_SERVER, "who draws it");
+}
+
+static void material_look_record(struct codec *c, struct lw_material *material) {
+    choice(c, &material->unlit, 1, "unlit");
+    words(c, material->tint, 3);
+}
+
+static void camera_height_record(struct codec *c, struct lw_camera *camera) {
+    words(c, &camera->height_m, 1);
 }
 
 static void begin_record(struct codec *c, enum section_id id, uint32_t record) {
@@ -356,12 +372,21 @@ static void all_records(struct codec *c, struct lw_scene *scene) {
     if (c->version < VERSION_DRAWERS) return;
     RECORDS(c, LIGHT_DRAWERS, scene->light, scene->light_count, light_drawer_record)
     RECORDS(c, MATERIAL_DRAWERS, scene->material, scene->material_count, material_drawer_record)
+    if (c->version < VERSION_LOOKS) return;
+    RECORDS(c, MATERIAL_LOOKS, scene->material, scene->material_count, material_look_record)
+    RECORDS(c, CAMERA_HEIGHTS, scene->camera, scene->camera_count, camera_height_record)
+    RECORDS(c, LIGHT_CHANNELS, scene->light_channel, scene->light_channel_count, channel_record)
 }
 
 /* How many sections a version has; 0: it is not known. */
 static uint32_t sections_of(uint32_t version) {
-    static const uint32_t of[LW_PACKAGE_VERSION + 1] = {
-        0, SECTION_COUNT_V1, SECTION_COUNT_V2, SECTION_COUNT_V2, SECTION_COUNT, SECTION_COUNT};
+    static const uint32_t of[LW_PACKAGE_VERSION + 1] = {0,
+                                                        SECTION_COUNT_V1,
+                                                        SECTION_COUNT_V2,
+                                                        SECTION_COUNT_V2,
+                                                        SECTION_COUNT_V4,
+                                                        SECTION_COUNT_V4,
+                                                        SECTION_COUNT};
     return version <= LW_PACKAGE_VERSION ? of[version] : 0;
 }
 
@@ -373,7 +398,17 @@ static bool says_who_draws(const struct lw_scene *scene) {
     return false;
 }
 
+/* Whether versions before this one cannot say all of it. */
+static bool wants_looks(const struct lw_scene *scene) {
+    for (uint32_t i = 0; i < scene->material_count; i++)
+        if (scene->material[i].unlit || lw_material_tints(&scene->material[i])) return true;
+    for (uint32_t i = 0; i < scene->camera_count; i++)
+        if (scene->camera[i].height_m > 0) return true;
+    return scene->light_channel_count > 0;
+}
+
 static uint32_t version_of(const struct lw_scene *scene) {
+    if (wants_looks(scene)) return VERSION_LOOKS;
     if (says_who_draws(scene)) return VERSION_DRAWERS;
     return scene->texture_count ? VERSION_FILTERED : scene->environment.width ? 2 : 1;
 }
@@ -431,23 +466,42 @@ static uint64_t checksum_of(uint8_t *bytes, size_t size) {
 }
 
 void lw_package_seal(uint8_t *bytes, size_t size) {
-    if (size >= HEADER_SIZE && read_u32(bytes + 8) == VERSION_SEALED)
+    if (size >= HEADER_SIZE && read_u32(bytes + 8) >= VERSION_SEALED)
         write_u64(bytes + CHECKSUM_AT, checksum_of(bytes, size));
+}
+
+/* Lays out what the scene would take in a version. */
+static enum lw_status measure(struct codec *c, struct lw_scene *copy, uint64_t offset[SECTION_COUNT],
+                              uint64_t *out_size) {
+    all_records(c, copy);
+    for (uint32_t i = 0; i < c->section_count; i++) {
+        c->section[i].count = c->section[i].cursor;
+        c->section[i].cursor = 0;
+    }
+    const uint64_t size = lay_out(c, offset);
+    if (size > LW_PACKAGE_SIZE_MAX)
+        return lw_status_fail(c->err, LW_BAD_DATA,
+                              "the scene package would take %llu bytes; the limit is %llu",
+                              (unsigned long long)size, LW_PACKAGE_SIZE_MAX);
+    *out_size = size;
+    return LW_OK;
+}
+
+enum lw_status lw_package_check_size(const struct lw_scene *scene, struct lw_error *err) {
+    struct lw_scene copy = *scene;
+    struct codec c = {
+        .mode = MEASURE, .err = err, .version = VERSION_SEALED, .section_count = sections_of(VERSION_SEALED)};
+    uint64_t offset[SECTION_COUNT], size = 0;
+    return measure(&c, &copy, offset, &size);
 }
 
 static enum lw_status write_version(const struct lw_scene *scene, uint32_t version, uint8_t **out_bytes,
                                     size_t *out_size, struct lw_error *err) {
     struct lw_scene copy = *scene; /* records of the original are only read */
     struct codec c = {.mode = MEASURE, .err = err, .version = version, .section_count = sections_of(version)};
-    all_records(&c, &copy);
-    for (uint32_t i = 0; i < c.section_count; i++) {
-        c.section[i].count = c.section[i].cursor;
-        c.section[i].cursor = 0;
-    }
-    uint64_t offset[SECTION_COUNT], size = lay_out(&c, offset);
-    if (size > LW_PACKAGE_SIZE_MAX)
-        return lw_status_fail(err, LW_BAD_DATA, "the scene package would take %llu bytes; the limit is %llu",
-                              (unsigned long long)size, LW_PACKAGE_SIZE_MAX);
+    uint64_t offset[SECTION_COUNT], size = 0;
+    enum lw_status status = measure(&c, &copy, offset, &size);
+    if (status) return status;
     uint8_t *bytes = calloc(size, 1); /* reserved fields and padding are zero */
     if (!bytes)
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for a scene package of %llu bytes",
@@ -471,7 +525,8 @@ enum lw_status lw_package_write(const struct lw_scene *scene, uint8_t **out_byte
 enum lw_status lw_package_write_sealed(const struct lw_scene *scene, uint8_t **out_bytes, size_t *out_size,
                                        struct lw_error *err) {
     enum lw_status status = lw_scene_validate(scene, err);
-    return status ? status : write_version(scene, VERSION_SEALED, out_bytes, out_size, err);
+    const uint32_t version = wants_looks(scene) ? VERSION_LOOKS : VERSION_SEALED;
+    return status ? status : write_version(scene, version, out_bytes, out_size, err);
 }
 
 static enum lw_status check_header(const uint8_t *bytes, size_t size, struct lw_error *err) {
@@ -573,6 +628,8 @@ static bool allocate_records(struct lw_scene *scene, const struct codec *c) {
     ALLOCATE(LIGHTS, scene->light, scene->light_count);
     ALLOCATE(CAMERAS, scene->camera, scene->camera_count);
     ALLOCATE(CHANNELS, scene->channel, scene->channel_count);
+    if (c->section_count == SECTION_COUNT)
+        ALLOCATE(LIGHT_CHANNELS, scene->light_channel, scene->light_channel_count);
 #undef ALLOCATE
     return true;
 }
@@ -581,7 +638,7 @@ static bool allocate_records(struct lw_scene *scene, const struct codec *c) {
 static enum lw_status read_in_place(struct lw_scene *scene, uint8_t *bytes, size_t size,
                                     struct lw_error *err) {
     const uint32_t version = read_u32(bytes + 8);
-    if (version == VERSION_SEALED && checksum_of(bytes, size) != read_u64(bytes + CHECKSUM_AT))
+    if (version >= VERSION_SEALED && checksum_of(bytes, size) != read_u64(bytes + CHECKSUM_AT))
         return lw_status_fail(
             err, LW_BAD_DATA,
             "scene package is damaged: its bytes do not have its checksum; import the scene "
@@ -601,6 +658,10 @@ static enum lw_status read_in_place(struct lw_scene *scene, uint8_t *bytes, size
     if (version == VERSION_DRAWERS && !says_who_draws(scene))
         return lw_status_fail(err, LW_BAD_DATA,
                               "no light and no material says who draws it: then the version is 1 to 3");
+    if (version == VERSION_LOOKS && !wants_looks(scene))
+        return lw_status_fail(err, LW_BAD_DATA,
+                              "no material is unlit or has a tint, no camera orthographic, no light has a "
+                              "channel: then the version is 1 to 5");
     return lw_scene_validate(scene, err);
 }
 

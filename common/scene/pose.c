@@ -107,7 +107,7 @@ static void hermite(const float *key, const float *next, unsigned width, float t
 }
 
 static void evaluate_channel(const struct lw_channel *channel, double time_s, float *out) {
-    unsigned width = channel->path == LW_CHANNEL_ROTATION ? 4 : 3;
+    unsigned width = lw_channel_width(channel);
     bool cubic = channel->interpolation == LW_INTERPOLATION_CUBIC;
     size_t stride = cubic ? 3 * width : width;
     uint32_t k = find_key(channel, time_s);
@@ -160,6 +160,9 @@ static void evaluate_nodes(struct lw_pose *pose, const struct lw_scene *scene) {
         case LW_CHANNEL_SCALE:
             evaluate_channel(channel, pose->time_s, local->scale);
             break;
+        case LW_CHANNEL_INTENSITY:
+        case LW_CHANNEL_FACTOR:
+            break; /* no node has one */
         }
     }
     for (uint32_t i = 0; i < scene->node_count; i++) {
@@ -169,6 +172,22 @@ static void evaluate_nodes(struct lw_pose *pose, const struct lw_scene *scene) {
                                      ? local
                                      : lw_affine_multiply(&pose->node_to_world[node->parent], &local);
     }
+}
+
+/* A cubic curve may leave the range of its keys. */
+static float intensity_of(float x) { return fminf(fmaxf(x, 0), LW_SCENE_RADIANCE_MAX); }
+
+static void evaluate_lights(struct lw_pose *pose, const struct lw_scene *scene) {
+    for (int factors = 0; factors < 2; factors++)
+        for (uint32_t i = 0; i < scene->light_channel_count; i++) {
+            const struct lw_channel *channel = &scene->light_channel[i];
+            struct lw_vec3 *light = &pose->light[channel->node].intensity;
+            float v[3];
+            if ((channel->path == LW_CHANNEL_FACTOR) != (factors == 1)) continue;
+            evaluate_channel(channel, pose->time_s, v);
+            const struct lw_vec3 x = factors ? lw_vec3_scale(*light, v[0]) : lw_vec3(v[0], v[1], v[2]);
+            *light = lw_vec3(intensity_of(x.x), intensity_of(x.y), intensity_of(x.z));
+        }
 }
 
 void lw_pose_evaluate(struct lw_pose *pose, const struct lw_scene *scene, double time_s) {
@@ -187,6 +206,7 @@ void lw_pose_evaluate(struct lw_pose *pose, const struct lw_scene *scene, double
             .direction_ws = lw_vec3_normalize(lw_affine_vector(to_world, lw_vec3(0, 0, -1))),
             .intensity = lw_vec3(light->intensity[0], light->intensity[1], light->intensity[2])};
     }
+    evaluate_lights(pose, scene);
     for (uint32_t i = 0; i < scene->material_count; i++) {
         const struct lw_material *material = &scene->material[i];
         memcpy(pose->material[i].base_colour, material->base_colour, sizeof pose->material[i].base_colour);

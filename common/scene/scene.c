@@ -133,6 +133,13 @@ bool lw_scene_has_light(const struct lw_scene *scene) {
         if (any_positive(e->rgb + 3 * i)) return true;
     for (uint32_t i = 0; i < scene->light_count; i++)
         if (any_positive(scene->light[i].intensity)) return true;
+    for (uint32_t i = 0; i < scene->light_channel_count; i++) {
+        const struct lw_channel *channel = &scene->light_channel[i];
+        const uint64_t floats = (uint64_t)channel->key_count * lw_channel_width(channel) *
+                                (channel->interpolation == LW_INTERPOLATION_CUBIC ? 3 : 1);
+        for (uint64_t k = 0; channel->path == LW_CHANNEL_INTENSITY && k < floats; k++)
+            if (channel->value[k] > 0) return true;
+    }
     for (uint32_t i = 0; i < scene->object_count; i++)
         if (!lw_scene_is_spare(scene, i) && mesh_emits(scene, &scene->mesh[scene->object[i].mesh]))
             return true;

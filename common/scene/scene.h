@@ -60,7 +60,10 @@ enum lw_alpha_mode {
 enum lw_drawn_by { LW_DRAWN_BY_RULE /* nothing */, LW_DRAWN_BY_CLIENTS, LW_DRAWN_BY_SERVER };
 
 /** Diffuse reflection base_colour/pi, plus emission. A single-sided surface reflects and emits from its
- * front. */
+ * front.
+ *
+ * An unlit surface is seen as its base colour, 1 W/(m^2 sr) for 1, whatever light falls on it. It reflects
+ * nothing, and what is seen of it is no light to others. */
 struct lw_material {
     const char *name;
     float base_colour[4]; /* albedo and alpha; times texture and vertex colour */
@@ -71,6 +74,9 @@ struct lw_material {
     uint8_t alpha_mode; /* enum lw_alpha_mode */
     uint8_t double_sided;
     uint8_t drawn_by; /* enum lw_drawn_by */
+    uint8_t unlit;    /* then emission is 0 */
+    /* BLEND: factors of light that passes, on top of 1 - alpha; their luminance is 1. All 0: none */
+    float tint[3];
 };
 
 /** A triangle mesh in object space. Its lightmap UVs are shared by all objects that use it. */
@@ -134,17 +140,25 @@ struct lw_light {
 
 struct lw_camera {
     const char *name;
-    uint32_t node; /* looks along -Z, up is +Y */
-    float fov_y;   /* radians */
+    uint32_t node;  /* looks along -Z, up is +Y */
+    float fov_y;    /* radians; of an orthographic camera for those who know none */
+    float height_m; /* of what an orthographic camera sees; 0: a perspective one */
 };
 
-enum lw_channel_path { LW_CHANNEL_TRANSLATION, LW_CHANNEL_ROTATION, LW_CHANNEL_SCALE };
+/* The last two are of lights. */
+enum lw_channel_path {
+    LW_CHANNEL_TRANSLATION,
+    LW_CHANNEL_ROTATION,
+    LW_CHANNEL_SCALE,
+    LW_CHANNEL_INTENSITY, /* instead of the light's own */
+    LW_CHANNEL_FACTOR     /* times that */
+};
 enum lw_interpolation { LW_INTERPOLATION_STEP, LW_INTERPOLATION_LINEAR, LW_INTERPOLATION_CUBIC };
 
-/** One animated property of a node. Values: 3 or 4 floats a key; CUBIC has in-tangent, value, out-tangent per
- * key. */
+/** One animated property of a node or a light. Values: lw_channel_width() floats a key; CUBIC has in-tangent,
+ * value, out-tangent per key. */
 struct lw_channel {
-    uint32_t node;
+    uint32_t node; /* or light */
     uint8_t path, interpolation;
     uint32_t key_count;
     const float *time_s; /* strictly increasing, first >= 0 */
@@ -168,9 +182,10 @@ struct lw_scene {
     struct lw_object *object;
     struct lw_light *light;
     struct lw_camera *camera;
-    struct lw_channel *channel;
+    struct lw_channel *channel;       /* of nodes */
+    struct lw_channel *light_channel; /* of lights */
     uint32_t mesh_count, material_count, texture_count, node_count, object_count, light_count, camera_count,
-        channel_count;
+        channel_count, light_channel_count;
     float duration_s; /* of the animation, which loops; 0: none */
     float sky[3];     /* W/(m^2 sr) from everywhere outside; the environment's comes on top */
     struct lw_environment environment;
@@ -210,6 +225,22 @@ LW_MUST_CHECK enum lw_status lw_scene_add_object(struct lw_scene *scene, uint32_
  * Errors: LW_BAD_DATA naming the element and field; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_validate(const struct lw_scene *scene, struct lw_error *err);
 
+/** Floats of one value of a channel. */
+static inline unsigned lw_channel_width(const struct lw_channel *channel) {
+    return channel->path == LW_CHANNEL_ROTATION ? 4 : channel->path == LW_CHANNEL_FACTOR ? 1 : 3;
+}
+
+/** Whether light that passes is coloured. */
+static inline bool lw_material_tints(const struct lw_material *m) {
+    return m->tint[0] > 0 || m->tint[1] > 0 || m->tint[2] > 0;
+}
+
+/** Light that has passed a surface, 1 - alpha of it counted elsewhere. */
+static inline struct lw_vec3 lw_material_tint(const struct lw_material *m, struct lw_vec3 light) {
+    if (!lw_material_tints(m)) return light;
+    return lw_vec3(light.x * m->tint[0], light.y * m->tint[1], light.z * m->tint[2]);
+}
+
 /** Whether surfaces of the material emit light. */
 static inline bool lw_material_shines(const struct lw_material *m) {
     return m->emission[0] > 0 || m->emission[1] > 0 || m->emission[2] > 0;
@@ -235,9 +266,9 @@ struct lw_vec3 lw_scene_sky(const struct lw_scene *scene, struct lw_vec3 directi
 struct lw_surface {
     struct lw_vec3 position, normal; /* object space, interpolated; the normal is unit */
     struct lw_vec3 geometric_normal; /* object space, unit, by winding */
-    struct lw_vec3 albedo;           /* base colour x texture x vertex colour, in [0, 1] */
+    struct lw_vec3 albedo;           /* base colour x texture x vertex colour, in [0, 1]; unlit: 0 */
     float alpha;                     /* in [0, 1]: 1 for OPAQUE; 1 or 0 for MASK, by alpha_cutoff */
-    struct lw_vec3 emission;         /* W/(m^2 sr) */
+    struct lw_vec3 emission;         /* W/(m^2 sr); unlit: what is seen, and is no light */
     struct lw_vec2 lightmap_uv;      /* texels; of the front */
     const struct lw_material *material;
 };

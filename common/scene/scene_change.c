@@ -135,5 +135,8 @@ enum lw_scene_change_code lw_scene_change_check(const struct lw_scene *scene, co
     for (uint32_t i = 0; i < c->value_count; i++)
         if (!isfinite(c->value[i]))
             return refuse(err, LW_SCENE_CHANGE_NOT_FINITE, c, "a value is not finite");
+    if (c->kind == LW_SCENE_CHANGE_MATERIAL_EMISSION && scene->material[c->target].unlit &&
+        (c->value[0] != 0 || c->value[1] != 0 || c->value[2] != 0))
+        return refuse(err, LW_SCENE_CHANGE_OUT_OF_RANGE, c, "it is unlit: it shows its base colour alone");
     return check_values(c, err);
 }

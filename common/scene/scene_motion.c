@@ -693,6 +693,11 @@ enum lw_status lw_scene_motion_set(struct lw_scene *scene, enum lw_scene_motion 
     if (status == LW_OK) {
         report.dropped = scene->channel_count - report.kept;
         scene->channel_count = report.kept;
+        lights |= belongs(CARRIES_LIGHT, motion) && scene->light_channel_count;
+        if (!belongs(CARRIES_LIGHT, motion)) { /* nor does a light dim that is to stand still */
+            report.dropped += scene->light_channel_count;
+            scene->light_channel_count = 0;
+        }
     }
 
     struct lw_vec3 low, high;

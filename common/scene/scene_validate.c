@@ -8,6 +8,9 @@
 /* Exporters round; a length this far from 1 is not rounding. */
 #define UNIT_TOLERANCE 0.01f
 
+/* Of one channel. Blue has the least share of luminance, 0.0722: all of it in blue is 13.9. */
+#define TINT_MAX 14.0f
+
 /* Names come from outside and their messages end on a terminal: no control characters, bounded length. */
 #define NAME_SHOWN_SIZE 65
 
@@ -134,6 +137,7 @@ static enum lw_status check_counts(const struct lw_scene *scene, struct lw_error
         {"lights", scene->light_count, LW_SCENE_LIGHTS_MAX, scene->light},
         {"cameras", scene->camera_count, LW_SCENE_CAMERAS_MAX, scene->camera},
         {"channels", scene->channel_count, LW_SCENE_CHANNELS_MAX, scene->channel},
+        {"channels of lights", scene->light_channel_count, LW_SCENE_CHANNELS_MAX, scene->light_channel},
     };
     for (size_t i = 0; i < sizeof lists / sizeof *lists; i++) {
         if (lists[i].count > lists[i].limit)
@@ -185,7 +189,11 @@ static enum lw_status check_material(const struct lw_scene *scene, const struct 
         return refuse(e, "drawn_by is %u, not 0, 1 or 2", material->drawn_by);
     if (material->double_sided > 1)
         return refuse(e, "double_sided is %u, not 0 or 1", material->double_sided);
-    return LW_OK;
+    if (material->unlit > 1) return refuse(e, "unlit is %u, not 0 or 1", material->unlit);
+    if (material->unlit && lw_material_shines(material)) return refuse(e, "is unlit, and has an emission");
+    if (lw_material_tints(material) && material->alpha_mode != LW_ALPHA_BLEND)
+        return refuse(e, "has a tint, but lets no light pass: its alpha mode is not blend");
+    return check_range(e, "tint", material->tint, 3, 0, TINT_MAX);
 }
 
 static enum lw_status check_triangles(const struct lw_scene *scene, const struct lw_mesh *mesh,
@@ -330,7 +338,7 @@ static enum lw_status check_camera(const struct lw_scene *scene, const struct lw
     if (status) return status;
     if (!(camera->fov_y > 0 && camera->fov_y < LW_PI))
         return refuse(e, "fov_y is %g; it must be between 0 and pi", (double)camera->fov_y);
-    return LW_OK;
+    return check_range(e, "height_m", &camera->height_m, 1, 0, LW_SCENE_COORDINATE_MAX);
 }
 
 static enum lw_status check_keys(const struct lw_channel *channel, const struct element *e) {
@@ -344,8 +352,13 @@ static enum lw_status check_keys(const struct lw_channel *channel, const struct 
             return refuse(e, "time of key %u is not after the key before it", k);
         previous = time_s;
     }
-    size_t width = channel->path == LW_CHANNEL_ROTATION ? 4 : 3;
+    size_t width = lw_channel_width(channel);
     size_t stride = channel->interpolation == LW_INTERPOLATION_CUBIC ? 3 * width : width;
+    if (channel->path >= LW_CHANNEL_INTENSITY) {
+        const float least = channel->interpolation == LW_INTERPOLATION_CUBIC ? -LW_SCENE_RADIANCE_MAX : 0;
+        return check_range(e, "key value", channel->value, channel->key_count * stride, least,
+                           LW_SCENE_RADIANCE_MAX);
+    }
     enum lw_status status =
         check_magnitude(e, "key value", channel->value, channel->key_count * stride, LW_SCENE_COORDINATE_MAX);
     if (status || width == 3) return status;
@@ -355,6 +368,13 @@ static enum lw_status check_keys(const struct lw_channel *channel, const struct 
     return LW_OK;
 }
 
+static enum lw_status check_curve(const struct lw_channel *channel, const struct element *e) {
+    if (channel->interpolation > LW_INTERPOLATION_CUBIC)
+        return refuse(e, "interpolation %u is none", channel->interpolation);
+    if (channel->key_count == 0 || !channel->time_s || !channel->value) return refuse(e, "has no keys");
+    return check_keys(channel, e);
+}
+
 static enum lw_status check_channel(const struct lw_scene *scene, const struct lw_channel *channel,
                                     struct element *e) {
     enum lw_status status = check_node_index(scene, channel->node, e);
@@ -362,10 +382,16 @@ static enum lw_status check_channel(const struct lw_scene *scene, const struct l
     if (scene->node[channel->node].has_matrix)
         return refuse(e, "animates node %u, which has a matrix", channel->node);
     if (channel->path > LW_CHANNEL_SCALE) return refuse(e, "path %u is none", channel->path);
-    if (channel->interpolation > LW_INTERPOLATION_CUBIC)
-        return refuse(e, "interpolation %u is none", channel->interpolation);
-    if (channel->key_count == 0 || !channel->time_s || !channel->value) return refuse(e, "has no keys");
-    return check_keys(channel, e);
+    return check_curve(channel, e);
+}
+
+static enum lw_status check_light_channel(const struct lw_scene *scene, const struct lw_channel *channel,
+                                          const struct element *e) {
+    if (channel->node >= scene->light_count)
+        return refuse(e, "names light %u of %u", channel->node, scene->light_count);
+    if (channel->path != LW_CHANNEL_INTENSITY && channel->path != LW_CHANNEL_FACTOR)
+        return refuse(e, "path %u is none", channel->path);
+    return check_curve(channel, e);
 }
 
 static enum lw_status check_elements(const struct lw_scene *scene, struct lw_error *err) {
@@ -386,23 +412,29 @@ static enum lw_status check_elements(const struct lw_scene *scene, struct lw_err
         status = check_camera(scene, &scene->camera[i], &(struct element){err, "camera", i, NULL});
     for (uint32_t i = 0; !status && i < scene->channel_count; i++)
         status = check_channel(scene, &scene->channel[i], &(struct element){err, "channel", i, NULL});
+    for (uint32_t i = 0; !status && i < scene->light_channel_count; i++)
+        status = check_light_channel(scene, &scene->light_channel[i],
+                                     &(struct element){err, "channel of a light", i, NULL});
     return status;
 }
 
 /* Two channels for one property would make the later one win, silently. */
-static enum lw_status check_channels_differ(const struct lw_scene *scene, struct lw_error *err) {
-    if (scene->channel_count == 0) return LW_OK;
-    uint8_t *paths = calloc(scene->node_count, 1); /* bit per path */
+static enum lw_status check_channels_differ(const struct lw_channel *channels, uint32_t count,
+                                            const char *kind, const char *target, uint32_t targets,
+                                            struct lw_error *err) {
+    if (count == 0) return LW_OK;
+    uint8_t *paths = calloc(targets, 1); /* bit per path */
     if (!paths)
-        return lw_status_fail(err, LW_NO_MEMORY, "no memory to check the channels of %u nodes",
-                              scene->node_count);
+        return lw_status_fail(err, LW_NO_MEMORY, "no memory to check the channels of %u %ss", targets,
+                              target);
     enum lw_status status = LW_OK;
-    for (uint32_t i = 0; !status && i < scene->channel_count; i++) {
-        const struct lw_channel *channel = &scene->channel[i];
+    for (uint32_t i = 0; !status && i < count; i++) {
+        const struct lw_channel *channel = &channels[i];
         uint8_t bit = (uint8_t)(1u << channel->path);
         if (paths[channel->node] & bit)
-            status = refuse(&(struct element){err, "channel", i, NULL},
-                            "animates a property of node %u that an earlier channel animates", channel->node);
+            status = refuse(&(struct element){err, kind, i, NULL},
+                            "animates a property of %s %u that an earlier channel animates", target,
+                            channel->node);
         paths[channel->node] |= bit;
     }
     free(paths);
@@ -473,7 +505,12 @@ enum lw_status lw_scene_validate(const struct lw_scene *scene, struct lw_error *
     if (!status) status = check_environment(&scene->environment, err);
     if (!status) status = check_counts(scene, err);
     if (!status) status = check_elements(scene, err);
-    if (!status) status = check_channels_differ(scene, err);
+    if (!status)
+        status = check_channels_differ(scene->channel, scene->channel_count, "channel", "node",
+                                       scene->node_count, err);
+    if (!status)
+        status = check_channels_differ(scene->light_channel, scene->light_channel_count, "channel of a light",
+                                       "light", scene->light_count, err);
     if (!status) status = check_totals(scene, err);
     if (!status) status = check_rest_pose(scene, err);
     return status;

@@ -160,6 +160,15 @@ static struct lw_vec4 base_colour(const struct lw_scene *scene, const struct lw_
     return tint(mesh, material, lw_scene_sample(scene, use, uv), corners);
 }
 
+/* What a surface of that base colour reflects; what of an unlit one is seen is added to its emission. */
+static struct lw_vec3 reflected(const struct lw_material *material, struct lw_vec3 colour,
+                                struct lw_vec3 *emission) {
+    const struct lw_vec3 albedo = lw_vec3(clamp01(colour.x), clamp01(colour.y), clamp01(colour.z));
+    if (!material->unlit) return albedo;
+    *emission = lw_vec3_add(*emission, albedo);
+    return lw_vec3(0, 0, 0);
+}
+
 static struct lw_vec3 emission(const struct lw_scene *scene, const struct lw_mesh *mesh,
                                const struct lw_material *material, const struct corners *corners) {
     const float *e = material->emission;
@@ -189,9 +198,9 @@ void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, 
     struct lw_vec4 colour = base_colour(scene, mesh, material, &corners);
     out->position = interpolate3(mesh->position, &corners);
     out->normal = lw_scene_normal(mesh, triangle, u, v, &out->geometric_normal);
-    out->albedo = lw_vec3(clamp01(colour.x), clamp01(colour.y), clamp01(colour.z));
     out->alpha = opacity(material, colour.w);
     out->emission = emission(scene, mesh, material, &corners);
+    out->albedo = reflected(material, lw_vec3(colour.x, colour.y, colour.z), &out->emission);
     out->lightmap_uv = interpolate2(mesh->lightmap_uv, &corners);
     out->material = material;
 }
@@ -212,9 +221,9 @@ void lw_scene_facet(const struct lw_scene *scene, const struct lw_mesh *mesh, ui
     for (int i = 0; i < 3; i++) out->vertex[i] = vertex[i];
     out->varies =
         base->texture != LW_SCENE_NONE || mesh->colour || (shines && glow->texture != LW_SCENE_NONE);
-    out->albedo = lw_vec3(clamp01(f[0]), clamp01(f[1]), clamp01(f[2]));
     out->alpha = opacity(material, f[3]);
     out->emission = lw_vec3(e[0], e[1], e[2]);
+    out->albedo = reflected(material, lw_vec3(f[0], f[1], f[2]), &out->emission);
     gather2(mesh->lightmap_uv, vertex, out->lightmap_uv);
     gather2(mesh->uv[base->uv_set], vertex, out->uv);
 }
@@ -236,9 +245,9 @@ void lw_scene_facet_colour(const struct lw_scene *scene, const struct lw_facet *
                                     {weight[0], weight[1], weight[2]}};
     const struct lw_vec4 sample = texels->at[0] ? read_texels(texels) : (struct lw_vec4){1, 1, 1, 1};
     const struct lw_vec4 colour = tint(facet->mesh, material, sample, &corners);
-    out->albedo = lw_vec3(clamp01(colour.x), clamp01(colour.y), clamp01(colour.z));
     out->alpha = opacity(material, colour.w);
     out->emission = emission(scene, facet->mesh, material, &corners);
+    out->albedo = reflected(material, lw_vec3(colour.x, colour.y, colour.z), &out->emission);
 }
 
 /* Share in which a corner lifts, by the cosine of its normal with the face: see scene.h. */

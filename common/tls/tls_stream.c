@@ -60,11 +60,22 @@ static int read_lent(BIO *bio, char *dst, int capacity) {
     return (int)size;
 }
 
+static void give(struct lw_tls_output *output) {
+    const size_t taken = output->take(output->link, output->bytes, output->size);
+    output->taken += taken;
+    output->size -= taken;
+    output->is_full = output->size > 0;
+    if (output->is_full) memmove(output->bytes, output->bytes + taken, output->size);
+}
+
 static int write_output(BIO *bio, const char *src, int size) {
     struct lw_tls_stream *s = BIO_get_data(bio);
     BIO_clear_retry_flags(bio);
     if (size <= 0) return 0;
-    if (append(s->output, src, (size_t)size)) return size;
+    if (append(s->output, src, (size_t)size)) {
+        if (s->output->take && !s->output->is_full && s->output->size >= LW_TLS_STREAM_TAKEN) give(s->output);
+        return size;
+    }
     s->no_memory = true;
     return -1;
 }

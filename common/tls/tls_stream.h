@@ -14,6 +14,8 @@
 
 #define LW_TLS_STREAM_RECORD (16u << 10) /* bytes in one record at most: RFC 8446, 5.1 */
 
+#define LW_TLS_STREAM_TAKEN (60u << 10) /* bytes: 64 KiB, which a system sends in one go, less a record's */
+
 struct ssl_ctx_st; /* OpenSSL's SSL_CTX */
 struct lw_tls_stream;
 
@@ -21,6 +23,12 @@ struct lw_tls_stream;
 struct lw_tls_output {
     uint8_t *bytes;
     size_t size, capacity;
+    /* Takes what there is once it is LW_TLS_STREAM_TAKEN, and returns how much: so it is still in the
+     * processor's cache when the system reads it. NULL: all stays in `bytes`. */
+    size_t (*take)(void *link, const void *bytes, size_t size);
+    void *link;
+    size_t taken; /* so far */
+    bool is_full; /* it did not take all: the rest stays */
 };
 
 void lw_tls_output_finish(struct lw_tls_output *output);

@@ -59,6 +59,7 @@ struct lw_trace {
     uint32_t mover_count;
     struct box box[BOXES_MAX]; /* where movers are now */
     uint32_t box_count;
+    bool tints; /* a material of the scene does */
     _Atomic int64_t memory_bytes;
 };
 
@@ -75,7 +76,16 @@ static const struct lw_material *material_of(const struct geometry *g, uint32_t 
 
 /* Embree's packets of runtime width are rows of `n` floats or words each; its own accessors are for C++
  * only. */
-enum { RAY_ORG_X, RAY_ORG_Y, RAY_ORG_Z, RAY_DIR_X = 4, RAY_DIR_Y, RAY_DIR_Z, RAY_SALT = 10 };
+enum {
+    RAY_ORG_X,
+    RAY_ORG_Y,
+    RAY_ORG_Z,
+    RAY_DIR_X = 4,
+    RAY_DIR_Y,
+    RAY_DIR_Z,
+    RAY_LANE, /* Embree's time, which nothing here moves by: the lane, in sixteenths */
+    RAY_SALT = 10
+};
 enum { HIT_NG_X, HIT_NG_Y, HIT_NG_Z, HIT_U, HIT_V, HIT_TRIANGLE };
 
 static float lane(const void *rows, unsigned row, unsigned n, unsigned i) {
@@ -96,16 +106,25 @@ static float blend_choice(const struct geometry *g, const struct RTCRayN *rays, 
     return lw_random_unit(lw_random_hash4(ray, triangle, g->object, lane_word(rays, RAY_SALT, n, i)));
 }
 
+/* A filter may be given other packets than the caller's: the ray knows its lane. */
+static void tint(const struct lw_trace_context *context, const struct lw_material *material,
+                 const struct RTCRayN *rays, unsigned n, unsigned i) {
+    const unsigned at = (unsigned)(16 * lane(rays, RAY_LANE, n, i));
+    for (int c = 0; c < 3; c++) context->tint[c][at] *= material->tint[c];
+}
+
 /* Whether a surface point lets the ray pass: cut out by its mask, or transparent. */
-static bool passes_alpha(const struct geometry *g, unsigned flags,
+static bool passes_alpha(const struct geometry *g, const struct lw_trace_context *context,
                          const struct RTCFilterFunctionNArguments *args, uint32_t triangle, unsigned i) {
     const struct lw_material *material = material_of(g, triangle);
     if (material->alpha_mode == LW_ALPHA_OPAQUE) return false;
-    if (material->alpha_mode == LW_ALPHA_BLEND && (flags & LW_TRACE_VIEW)) return false;
+    if (material->alpha_mode == LW_ALPHA_BLEND && (context->flags & LW_TRACE_VIEW)) return false;
     float alpha = lw_scene_alpha(g->scene, g->mesh, triangle, lane(args->hit, HIT_U, args->N, i),
                                  lane(args->hit, HIT_V, args->N, i));
     if (material->alpha_mode == LW_ALPHA_MASK) return alpha < material->alpha_cutoff;
-    return blend_choice(g, args->ray, triangle, args->N, i) >= alpha;
+    if (blend_choice(g, args->ray, triangle, args->N, i) < alpha) return false;
+    if (context->tint && lw_material_tints(material)) tint(context, material, args->ray, args->N, i);
+    return true;
 }
 
 /* Called for hits on geometry with alpha (all rays) and, as the context's filter, for every hit of view rays
@@ -133,7 +152,7 @@ static void filter(const struct RTCFilterFunctionNArguments *args) {
                 continue;
             }
         }
-        if (g->has_alpha && passes_alpha(g, context->flags, args, triangle, i)) args->valid[i] = 0;
+        if (g->has_alpha && passes_alpha(g, context, args, triangle, i)) args->valid[i] = 0;
     }
 }
 
@@ -142,6 +161,7 @@ static void init_context(struct lw_trace_context *context, const bool *left, uns
     rtcInitIntersectContext(&context->rtc);
     context->flags = flags;
     context->left = left;
+    context->tint = NULL;
     if (flags & LW_TRACE_COHERENT) context->rtc.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
     if (every_hit || left) context->rtc.filter = filter;
 }
@@ -408,6 +428,8 @@ enum lw_status lw_trace_create(const struct lw_scene *scene, const struct lw_pos
     struct lw_trace *trace = calloc(1, sizeof *trace);
     if (!trace) return lw_status_fail(err, LW_NO_MEMORY, "building the rays' structure");
     trace->scene = scene;
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        trace->tints |= lw_material_tints(&scene->material[m]);
     const size_t count = scene->object_count ? scene->object_count : 1;
     trace->geometry = calloc(count, sizeof *trace->geometry);
     trace->mover_of_object = calloc(count, sizeof *trace->mover_of_object);
@@ -494,7 +516,7 @@ static void load_rays(struct RTCRay16 *dst, const struct lw_ray16 *src, uint16_t
     memcpy(dst->dir_z, src->dir_z, sizeof dst->dir_z);
     memcpy(dst->tnear, src->t_near, sizeof dst->tnear);
     memcpy(dst->tfar, src->t_far, sizeof dst->tfar);
-    memset(dst->time, 0, sizeof dst->time);
+    for (int i = 0; i < 16; i++) dst->time[i] = (float)i / 16;
     memset(dst->mask, 0xff, sizeof dst->mask);
     memset(dst->flags, 0, sizeof dst->flags);
     for (int i = 0; i < 16; i++) dst->id[i] = src->salt;
@@ -644,8 +666,8 @@ static uint16_t occluded_lanes(const int valid[16], const float tfar[16]) {
     return lanes;
 }
 
-uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint16_t active,
-                             const struct lw_ray16 *rays) {
+static uint16_t find_occluded(const struct lw_trace *trace, unsigned flags, uint16_t active,
+                              const struct lw_ray16 *rays, float (*tint)[16]) {
     _Alignas(64) int valid[16];
     _Alignas(64) struct RTCRay16 ray;
     struct lw_trace_context context;
@@ -653,6 +675,7 @@ uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint1
     load_valid(valid, active);
     load_rays(&ray, rays, active);
     init_context(&context, left_of(trace), flags, every_hit);
+    context.tint = tint;
     rtcOccluded16(valid, trace->fixed, &context.rtc, &ray);
     uint16_t occluded = occluded_lanes(valid, ray.tfar);
     load_valid(valid, active & (uint16_t)~occluded);
@@ -661,12 +684,27 @@ uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint1
          * return for some packets (its loop over the octants of directions finds no ray in one and stays
          * there). */
         init_context(&context, NULL, flags & ~(unsigned)LW_TRACE_COHERENT, every_hit);
+        context.tint = tint;
         empty_rest(valid, ray.tfar);
         rtcOccluded16(valid, trace->moving, &context.rtc, &ray);
         occluded |= occluded_lanes(valid, ray.tfar);
     }
     return occluded;
 }
+
+uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint16_t active,
+                             const struct lw_ray16 *rays) {
+    return find_occluded(trace, flags, active, rays, NULL);
+}
+
+uint16_t lw_trace_tinted16(const struct lw_trace *trace, unsigned flags, uint16_t active,
+                           const struct lw_ray16 *rays, float out_tint[3][16]) {
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < 16; i++) out_tint[c][i] = 1;
+    return find_occluded(trace, flags, active, rays, trace->tints ? out_tint : NULL);
+}
+
+bool lw_trace_tints(const struct lw_trace *trace) { return trace->tints; }
 
 const char *lw_trace_isa(const struct lw_trace *trace) { return lw_trace_isa_of(trace->device); }
 

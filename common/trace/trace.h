@@ -111,6 +111,14 @@ void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t a
 uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint16_t active,
                              const struct lw_ray16 *rays);
 
+/** The same for light on its way: out_tint[c][i] is the factor of channel c for ray i, by the tints of the
+ * BLEND surfaces that let it pass, 1 where there is none. What they stop is not in it. */
+uint16_t lw_trace_tinted16(const struct lw_trace *trace, unsigned flags, uint16_t active,
+                           const struct lw_ray16 *rays, float out_tint[3][16]);
+
+/** Whether any surface of the scene has a tint; without one lw_trace_tinted16() gives 1. [any] */
+bool lw_trace_tints(const struct lw_trace *trace);
+
 /** The instruction set that Embree took: "sse2", "sse4.2", "avx", "avx2", "avx512"; "native" on other
  * processors than x86-64. [any] */
 const char *lw_trace_isa(const struct lw_trace *trace);

@@ -421,17 +421,25 @@ static void set_alpha(json_t *out, const struct lw_material *material, bool doub
     if (double_sided) set(out, "doubleSided", json_true());
 }
 
+static json_t *use_lightmap(struct lw_glb_scene *g, uint32_t lightmap, float scale) {
+    lw_glb_use_extension(&g->glb, "MOZ_lightmap");
+    return json_pack("{s:{s:I, s:i, s:f}}", "MOZ_lightmap", "index", (json_int_t)lightmap, "texCoord",
+                     UV_LIGHTMAP, "intensity", (double)scale);
+}
+
 static uint32_t add_material(struct lw_glb_scene *g, const struct lw_material *material,
                              const struct lw_mesh *mesh, uint32_t lightmap, float scale, json_t *extras) {
-    json_t *extensions = json_pack("{s:{s:I, s:i, s:f}}", "MOZ_lightmap", "index", (json_int_t)lightmap,
-                                   "texCoord", UV_LIGHTMAP, "intensity", (double)scale);
+    json_t *extensions = material->unlit ? json_object() : use_lightmap(g, lightmap, scale);
     json_t *out = json_pack("{s:o}", "name", lw_manifest_text(material->name));
-    lw_glb_use_extension(&g->glb, "MOZ_lightmap");
+    if (material->unlit) {
+        lw_glb_use_extension(&g->glb, "KHR_materials_unlit");
+        set(extensions, "KHR_materials_unlit", json_object());
+    }
     set_base_colour(g, out, material, mesh);
     set_emission(g, out, extensions, material, mesh);
     set_alpha(out, material, material->double_sided && !splits(g, mesh, material));
     set(out, "extensions", extensions);
-    set(out, "extras", json_pack("{s:O}", "lightwell", extras));
+    if (!material->unlit) set(out, "extras", json_pack("{s:O}", "lightwell", extras)); /* it takes no map */
     return lw_glb_add(&g->glb, "materials", out);
 }
 
@@ -543,6 +551,17 @@ static void hang_objects(struct lw_glb_scene *g, json_t *nodes) {
     }
 }
 
+/* An orthographic one needs a width and an end: a square, and further than any scene. */
+static json_t *make_camera(const struct lw_camera *camera) {
+    const double half = 0.5 * (double)camera->height_m;
+    json_t *name = lw_manifest_text(camera->name);
+    if (half > 0)
+        return json_pack("{s:s, s:o, s:{s:f, s:f, s:f, s:f}}", "type", "orthographic", "name", name,
+                         "orthographic", "xmag", half, "ymag", half, "znear", 0.0, "zfar", 1e5);
+    return json_pack("{s:s, s:o, s:{s:f, s:f}}", "type", "perspective", "name", name, "perspective", "yfov",
+                     (double)camera->fov_y, "znear", 0.01);
+}
+
 static void hang_cameras(struct lw_glb_scene *g, json_t *nodes) {
     const struct lw_scene *scene = g->desc.scene;
     for (uint32_t c = 0; c < scene->camera_count; c++) {
@@ -550,11 +569,7 @@ static void hang_cameras(struct lw_glb_scene *g, json_t *nodes) {
         json_t *node =
             place_for(g, nodes, camera->node, !json_object_get(json_array_get(nodes, camera->node), "camera"),
                       camera->name);
-        const uint32_t index = lw_glb_add(&g->glb, "cameras",
-                                          json_pack("{s:s, s:o, s:{s:f, s:f}}", "type", "perspective", "name",
-                                                    lw_manifest_text(camera->name), "perspective", "yfov",
-                                                    (double)camera->fov_y, "znear", 0.01));
-        set(node, "camera", json_integer(index));
+        set(node, "camera", json_integer(lw_glb_add(&g->glb, "cameras", make_camera(camera))));
     }
 }
 

@@ -20,8 +20,9 @@ struct lw_foreign_desc {
     const char *path;
     enum lw_scene_format format; /* not glTF */
     enum lw_foreign_sides sides;
-    double read_seconds; /* processor time that Assimp may take; 0: by the size of the file */
-    int failure_fd;      /* where the guard says why it ended the process; 0: stderr */
+    double read_seconds;     /* processor time that Assimp may take; 0: by the size of the file */
+    uint64_t picture_texels; /* of all pictures together at most; 0: LW_IMAGE_FILE_TEXELS */
+    int failure_fd;          /* where the guard says why it ended the process; 0: stderr */
 };
 
 /** Errors: LW_NO_INPUT if the file cannot be opened; LW_BAD_DATA naming file and element; LW_NO_MEMORY. Where

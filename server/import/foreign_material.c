@@ -47,7 +47,8 @@ enum lw_status lw_foreign_materials_init(struct lw_foreign_materials *materials,
                                          struct lw_foreign_import *import, struct lw_error *err) {
     size_t count = import->ai->mNumMaterials;
     struct lw_scene *scene = import->scene;
-    *materials = (struct lw_foreign_materials){.import = import};
+    *materials =
+        (struct lw_foreign_materials){.import = import, .pictures.limit = import->desc->picture_texels};
     if (count > LW_SCENE_MATERIALS_MAX / VARIANTS || 2 * count > LW_SCENE_TEXTURES_MAX)
         return lw_status_fail(err, LW_BAD_DATA, "has %zu materials; the limit is %u", count,
                               LW_SCENE_TEXTURES_MAX / 2);
@@ -96,14 +97,11 @@ static const struct aiTexture *find_embedded(const struct aiScene *ai, const cha
 static enum lw_status allocate_texels(struct lw_foreign_materials *materials,
                                       struct lw_foreign_picture *picture, uint8_t **out,
                                       struct lw_error *err) {
-    uint64_t texels = (uint64_t)picture->width * picture->height;
+    const uint64_t texels = (uint64_t)picture->width * picture->height;
     if (picture->width < 1 || picture->height < 1 || picture->width > LW_SCENE_TEXTURE_SIDE_MAX ||
         picture->height > LW_SCENE_TEXTURE_SIDE_MAX)
         return lw_status_fail(err, LW_BAD_DATA, "has %u x %u texels", picture->width, picture->height);
-    if (texels > LW_IMAGE_FILE_TEXELS_MAX - materials->texel_count)
-        return lw_status_fail(err, LW_BAD_DATA, "the images together have more than %llu texels",
-                              (unsigned long long)LW_IMAGE_FILE_TEXELS_MAX);
-    materials->texel_count += texels;
+    if (lw_image_file_count(&materials->pictures, picture->width, picture->height, err)) return err->status;
     *out = lw_scene_alloc(materials->import->scene, texels, 4);
     if (!*out)
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory for %u x %u texels", picture->width,
@@ -114,13 +112,10 @@ static enum lw_status allocate_texels(struct lw_foreign_materials *materials,
 
 static enum lw_status decode(struct lw_foreign_materials *materials, const uint8_t *bytes, size_t size,
                              struct lw_foreign_picture *picture, struct lw_error *err) {
-    uint8_t *rgba, *decoded;
-    if (lw_image_file_size(bytes, size, &picture->width, &picture->height, err) ||
-        lw_image_file_decode(bytes, size, &decoded, err))
-        return err->status;
-    if (!allocate_texels(materials, picture, &rgba, err))
-        memcpy(rgba, decoded, (size_t)picture->width * picture->height * 4);
-    free(decoded);
+    uint8_t *rgba;
+    if (!lw_image_file_size(bytes, size, &picture->width, &picture->height, err) &&
+        !allocate_texels(materials, picture, &rgba, err))
+        return lw_image_file_decode(bytes, size, picture->width, picture->height, rgba, err);
     return err->status;
 }
 

@@ -4,6 +4,7 @@
 #define LW_IMPORT_FOREIGN_MATERIAL_H
 
 #include "server/import/foreign_import.h"
+#include "server/import/image_file.h"
 
 /** Properties of a surface that its material depends on. */
 struct lw_foreign_surface {
@@ -20,7 +21,7 @@ struct lw_foreign_materials {
     struct lw_foreign_picture *picture;
     uint32_t picture_count;
     size_t picture_capacity;
-    uint64_t texel_count;
+    struct lw_image_file_budget pictures;
     uint64_t unreadable_count; /* pictures */
     struct lw_tally bright;    /* materials whose diffuse colour is above 1 */
     struct lw_tally invisible; /* materials whose opacity is 0 */

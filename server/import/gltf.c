@@ -3,6 +3,7 @@
 #include "common/file_read.h"
 #include "common/log.h"
 #include "server/import/gltf_animation.h"
+#include "server/import/gltf_image_light.h"
 #include "server/import/gltf_node.h"
 
 #include <stdlib.h>
@@ -11,7 +12,8 @@
 static enum lw_status convert_parts(struct lw_gltf_document *document, struct lw_gltf_meshes *meshes,
                                     struct lw_scene *scene, uint32_t *node_of, struct lw_error *err) {
     if (lw_gltf_node_convert(document, meshes, scene, node_of, err) ||
-        lw_gltf_animation_convert(document, node_of, scene, err))
+        lw_gltf_animation_convert(document, node_of, scene, err) ||
+        lw_gltf_image_light_convert(document, meshes->materials, scene, err))
         return err->status;
     if (meshes->builder.degenerate_count)
         lw_log(LW_LOG_WARNING, "%s: %llu triangles without area are left out", document->name,
@@ -42,12 +44,13 @@ static enum lw_status convert(struct lw_gltf_document *document, struct lw_scene
 }
 
 static enum lw_status load(struct lw_gltf_bytes bytes, const char *name, const char *folder,
-                           struct lw_scene **out_scene, struct lw_error *err) {
+                           uint64_t picture_texels, struct lw_scene **out_scene, struct lw_error *err) {
     struct lw_gltf_document document;
     struct lw_scene *scene = NULL;
     enum lw_status status = lw_gltf_document_init(&document, name, folder, bytes, err);
     if (status == LW_OK && (status = lw_scene_create(&scene)) != LW_OK)
         lw_status_fail(err, status, "out of memory");
+    document.pictures.limit = picture_texels;
     if (status == LW_OK) status = convert(&document, scene, err);
     lw_gltf_document_finish(&document);
     if (status) {
@@ -70,7 +73,7 @@ static enum lw_status finish(enum lw_status status, const char *name, const stru
 enum lw_status lw_gltf_load_memory(const uint8_t *bytes, size_t size, const char *name,
                                    struct lw_scene **out_scene, struct lw_error *err) {
     struct lw_error own = {0};
-    enum lw_status status = load((struct lw_gltf_bytes){bytes, size}, name, NULL, out_scene, &own);
+    enum lw_status status = load((struct lw_gltf_bytes){bytes, size}, name, NULL, 0, out_scene, &own);
     return finish(status, name, &own, err);
 }
 
@@ -80,7 +83,8 @@ static char *folder_of(const char *path) {
     return slash == path ? strdup("/") : strndup(path, (size_t)(slash - path));
 }
 
-enum lw_status lw_gltf_load(const char *path, struct lw_scene **out_scene, struct lw_error *err) {
+enum lw_status lw_gltf_load(const char *path, uint64_t picture_texels, struct lw_scene **out_scene,
+                            struct lw_error *err) {
     struct lw_error own = {0};
     struct lw_gltf_bytes bytes = {0};
     uint8_t *storage = NULL;
@@ -89,7 +93,7 @@ enum lw_status lw_gltf_load(const char *path, struct lw_scene **out_scene, struc
     if (status == LW_OK)
         status = lw_file_read(path, LW_GLTF_FILE_SIZE_MAX, true, &storage, &bytes.size, &own);
     bytes.data = storage;
-    if (status == LW_OK) status = load(bytes, path, folder, out_scene, &own);
+    if (status == LW_OK) status = load(bytes, path, folder, picture_texels, out_scene, &own);
     free(storage);
     free(folder);
     return finish(status, path, &own, err);

@@ -9,10 +9,11 @@
 #include "common/scene/scene.h"
 
 /** Reads a file and the buffers and images it names, which must lie in its folder or below.
+ * picture_texels  of all images together at most; 0: LW_IMAGE_FILE_TEXELS
  * Errors: LW_NO_INPUT if the file itself cannot be opened; LW_BAD_DATA naming file, element and field;
  * LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_gltf_load(const char *path, struct lw_scene **out_scene,
-                                          struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_gltf_load(const char *path, uint64_t picture_texels,
+                                          struct lw_scene **out_scene, struct lw_error *err);
 
 /** The same from memory, for tests and fuzzers: a .glb or .gltf that names no file. `name` opens its
  * errors. */

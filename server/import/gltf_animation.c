@@ -5,16 +5,17 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* What moves a path of a node already: index of its animation + 1, or 0. */
+/* What moves a path of a node or a light already: index of its animation + 1, or 0. */
 struct claims {
-    uint32_t animation[3]; /* per enum lw_channel_path */
+    uint32_t animation[LW_CHANNEL_FACTOR + 1]; /* per enum lw_channel_path */
 };
 
 struct conversion {
     struct lw_gltf_document *document;
     struct lw_scene *scene;
     const uint32_t *node_of;
-    struct claims *claims; /* per scene node */
+    struct claims *claims;       /* per scene node */
+    struct claims *light_claims; /* per light of the document */
     uint64_t key_total;
     uint32_t animation; /* current */
 };
@@ -60,7 +61,7 @@ static enum lw_status read_values(const struct lw_gltf_accessor *output, const s
                                   float *value, struct lw_error *err) {
     bool cubic = channel->interpolation == LW_INTERPOLATION_CUBIC,
          rotation = channel->path == LW_CHANNEL_ROTATION;
-    unsigned components = rotation ? 4 : 3;
+    unsigned components = lw_channel_width(channel);
     for (uint32_t i = 0; i < output->count; i++) {
         float v[4];
         lw_gltf_accessor_read(output, i, v);
@@ -82,7 +83,7 @@ static enum lw_status read_sampler(struct conversion *conversion, const json_t *
     const struct lw_gltf_document *document = conversion->document;
     uint32_t input_index = 0, output_index = 0;
     struct lw_gltf_accessor input, output;
-    unsigned components = channel->path == LW_CHANNEL_ROTATION ? 4 : 3;
+    unsigned components = lw_channel_width(channel);
     if (read_interpolation(sampler, &channel->interpolation, err) ||
         lw_gltf_json_require(sampler, "input", err) ||
         lw_gltf_document_index(document, sampler, "input", LW_GLTF_ACCESSORS, &input_index, err) ||
@@ -115,20 +116,26 @@ static enum lw_status read_sampler(struct conversion *conversion, const json_t *
     return LW_OK;
 }
 
-/* Which node and path a channel moves. *out_use is false if the channel is to be left out. */
-static enum lw_status read_target(struct conversion *conversion, const json_t *object,
-                                  struct lw_channel *channel, bool *out_use, struct lw_error *err) {
+/* Takes a path for the animation at hand. *out_use stays false if an earlier one has it. */
+static enum lw_status claim(struct conversion *conversion, uint32_t *claim, const char *path,
+                            const char *list, uint32_t index, bool *out_use, struct lw_error *err) {
+    if (*claim == conversion->animation + 1)
+        return lw_status_fail(err, LW_BAD_DATA, "target: the %s of %s[%u] is animated twice", path, list,
+                              index);
+    if (*claim) {
+        lw_gltf_document_warn(conversion->document, LW_GLTF_WARN_CHANNEL_TWICE);
+        return LW_OK;
+    }
+    *claim = conversion->animation + 1;
+    *out_use = true;
+    return LW_OK;
+}
+
+static enum lw_status read_node_target(struct conversion *conversion, uint32_t node, const char *path,
+                                       struct lw_channel *channel, bool *out_use, struct lw_error *err) {
     static const char *const paths[] = {"translation", "rotation", "scale"};
-    const json_t *target = NULL;
-    const char *path = "";
-    uint32_t node = LW_SCENE_NONE;
-    *out_use = false;
-    if (lw_gltf_json_require(object, "target", err) || lw_gltf_json_object(object, "target", &target, err) ||
-        lw_gltf_document_index(conversion->document, target, "node", LW_GLTF_NODES, &node, err) ||
-        lw_gltf_json_require(target, "path", err) || lw_gltf_json_string(target, "path", &path, err))
-        return err->status;
-    if (node == LW_SCENE_NONE || conversion->node_of[node] == LW_SCENE_NONE) return LW_OK;
     channel->node = conversion->node_of[node];
+    if (channel->node == LW_SCENE_NONE) return LW_OK;
     if (conversion->document->moves_skin[node])
         lw_gltf_document_warn(conversion->document, LW_GLTF_WARN_SKIN);
     while (channel->path < 3 && strcmp(path, paths[channel->path]) != 0) channel->path++;
@@ -141,16 +148,76 @@ static enum lw_status read_target(struct conversion *conversion, const json_t *o
     if (conversion->scene->node[channel->node].has_matrix)
         return lw_status_fail(err, LW_BAD_DATA, "target: nodes[%u] has a matrix and cannot be animated",
                               node);
-    uint32_t *claim = &conversion->claims[channel->node].animation[channel->path];
-    if (*claim == conversion->animation + 1)
-        return lw_status_fail(err, LW_BAD_DATA, "target: the %s of nodes[%u] is animated twice", path, node);
-    if (*claim) {
-        lw_gltf_document_warn(conversion->document, LW_GLTF_WARN_CHANNEL_TWICE);
-        return LW_OK;
+    return claim(conversion, &conversion->claims[channel->node].animation[channel->path], path, "nodes", node,
+                 out_use, err);
+}
+
+/* The index behind `start` of a pointer, and what follows its slash; false: the pointer is another one. */
+static bool read_pointer(const char *pointer, const char *start, uint32_t count, uint32_t *out_index,
+                         const char **out_rest) {
+    const size_t length = strlen(start);
+    if (strncmp(pointer, start, length) != 0) return false;
+    uint64_t index = 0;
+    const char *at = pointer + length;
+    for (; *at >= '0' && *at <= '9'; at++) {
+        index = 10 * index + (uint64_t)(*at - '0');
+        if (index >= count) return false;
     }
-    *claim = conversion->animation + 1;
-    *out_use = true;
+    if (at == pointer + length || *at != '/') return false;
+    *out_index = (uint32_t)index;
+    *out_rest = at + 1;
+    return true;
+}
+
+/* KHR_animation_pointer: what a node's channel could say as well, and lights. */
+static enum lw_status read_pointer_target(struct conversion *conversion, const json_t *target,
+                                          struct lw_channel *channel, bool *out_use, struct lw_error *err) {
+    const struct lw_gltf_document *document = conversion->document;
+    const json_t *extension = NULL;
+    const char *pointer = "", *rest;
+    uint32_t index;
+    if (lw_gltf_json_extension(target, "KHR_animation_pointer", &extension, err) ||
+        (extension && lw_gltf_json_string(extension, "pointer", &pointer, err)))
+        return err->status;
+    if (read_pointer(pointer, "/nodes/", document->count[LW_GLTF_NODES], &index, &rest))
+        return read_node_target(conversion, index, rest, channel, out_use, err);
+    if (read_pointer(pointer, "/extensions/KHR_lights_punctual/lights/", document->count[LW_GLTF_LIGHTS],
+                     &index, &rest) &&
+        (strcmp(rest, "color") == 0 || strcmp(rest, "intensity") == 0)) {
+        channel->path = *rest == 'c' ? LW_CHANNEL_INTENSITY : LW_CHANNEL_FACTOR;
+        channel->node = index;
+        return claim(conversion, &conversion->light_claims[index].animation[channel->path], rest, "lights",
+                     index, out_use, err);
+    }
+    lw_gltf_document_warn(conversion->document, LW_GLTF_WARN_CHANNEL_OTHER);
     return LW_OK;
+}
+
+/* Which node and path a channel moves, or which light of the document. *out_use is false if the channel is to
+ * be left out. */
+static enum lw_status read_target(struct conversion *conversion, const json_t *object,
+                                  struct lw_channel *channel, bool *out_use, struct lw_error *err) {
+    const json_t *target = NULL;
+    const char *path = "";
+    uint32_t node = LW_SCENE_NONE;
+    *out_use = false;
+    if (lw_gltf_json_require(object, "target", err) || lw_gltf_json_object(object, "target", &target, err) ||
+        lw_gltf_document_index(conversion->document, target, "node", LW_GLTF_NODES, &node, err) ||
+        lw_gltf_json_require(target, "path", err) || lw_gltf_json_string(target, "path", &path, err))
+        return err->status;
+    if (strcmp(path, "pointer") == 0) return read_pointer_target(conversion, target, channel, out_use, err);
+    if (node == LW_SCENE_NONE) return LW_OK;
+    return read_node_target(conversion, node, path, channel, out_use, err);
+}
+
+/* A light of the document may hang on several nodes. */
+static void add_light_channel(struct conversion *conversion, const struct lw_channel *channel) {
+    struct lw_scene *scene = conversion->scene;
+    for (uint32_t l = 0; l < scene->light_count; l++) {
+        if (conversion->document->light_of[l] != channel->node) continue;
+        scene->light_channel[scene->light_channel_count] = *channel;
+        scene->light_channel[scene->light_channel_count++].node = l;
+    }
 }
 
 static enum lw_status add_channel(struct conversion *conversion, const json_t *object, const json_t *samplers,
@@ -173,7 +240,32 @@ static enum lw_status add_channel(struct conversion *conversion, const json_t *o
     }
     float end = channel.time_s[channel.key_count - 1];
     if (end > scene->duration_s) scene->duration_s = end;
-    scene->channel[scene->channel_count++] = channel;
+    if (channel.path >= LW_CHANNEL_INTENSITY)
+        add_light_channel(conversion, &channel);
+    else
+        scene->channel[scene->channel_count++] = channel;
+    return LW_OK;
+}
+
+/* Of a light whose colour or intensity alone is animated, the other one: a channel of one key. */
+static enum lw_status complete_light(struct conversion *conversion, uint32_t light, struct lw_error *err) {
+    const uint32_t *claimed = conversion->light_claims[light].animation;
+    const bool colours = claimed[LW_CHANNEL_INTENSITY], factors = claimed[LW_CHANNEL_FACTOR];
+    if (colours == factors) return LW_OK;
+    const json_t *object = lw_gltf_document_item(conversion->document, LW_GLTF_LIGHTS, light);
+    float *key = lw_scene_alloc(conversion->scene, 4, sizeof *key), *value = key + 1; /* at 0 s */
+    if (!key) return lw_status_fail(err, LW_NO_MEMORY, "out of memory for a light");
+    value[0] = value[1] = value[2] = 1;
+    if (factors ? lw_gltf_json_reals(object, "color", 3, 0, HUGE_VAL, value, err)
+                : lw_gltf_json_real(object, "intensity", 0, HUGE_VAL, value, err))
+        return err->status;
+    add_light_channel(conversion,
+                      &(struct lw_channel){.node = light,
+                                           .path = factors ? LW_CHANNEL_INTENSITY : LW_CHANNEL_FACTOR,
+                                           .interpolation = LW_INTERPOLATION_STEP,
+                                           .key_count = 1,
+                                           .time_s = key,
+                                           .value = value});
     return LW_OK;
 }
 
@@ -205,6 +297,19 @@ static size_t count_channels(const struct lw_gltf_document *document) {
     return count;
 }
 
+static enum lw_status convert(struct conversion *conversion, struct lw_error *err) {
+    const struct lw_gltf_document *document = conversion->document;
+    for (; conversion->animation < document->count[LW_GLTF_ANIMATIONS]; conversion->animation++)
+        if (add_animation(conversion,
+                          lw_gltf_document_item(document, LW_GLTF_ANIMATIONS, conversion->animation), err)) {
+            lw_status_context(err, "animations[%u]", conversion->animation);
+            return err->status;
+        }
+    for (uint32_t light = 0; light < document->count[LW_GLTF_LIGHTS]; light++)
+        if (complete_light(conversion, light, err)) return err->status;
+    return LW_OK;
+}
+
 enum lw_status lw_gltf_animation_convert(struct lw_gltf_document *document, const uint32_t *node_of,
                                          struct lw_scene *scene, struct lw_error *err) {
     size_t channel_count = count_channels(document);
@@ -214,17 +319,15 @@ enum lw_status lw_gltf_animation_convert(struct lw_gltf_document *document, cons
                               channel_count, LW_SCENE_CHANNELS_MAX);
     struct conversion conversion = {.document = document, .scene = scene, .node_of = node_of};
     conversion.claims = calloc(scene->node_count + 1ul, sizeof *conversion.claims);
+    conversion.light_claims = calloc(document->count[LW_GLTF_LIGHTS] + 1ul, sizeof *conversion.light_claims);
     scene->channel = lw_scene_alloc(scene, channel_count, sizeof *scene->channel);
-    if (!conversion.claims || !scene->channel) {
-        free(conversion.claims);
-        return lw_status_fail(err, LW_NO_MEMORY, "out of memory for %zu animation channels", channel_count);
-    }
-    for (; conversion.animation < document->count[LW_GLTF_ANIMATIONS]; conversion.animation++)
-        if (add_animation(&conversion,
-                          lw_gltf_document_item(document, LW_GLTF_ANIMATIONS, conversion.animation), err)) {
-            lw_status_context(err, "animations[%u]", conversion.animation);
-            break;
-        }
+    /* each of them has at most one channel for its colour, and one for its intensity */
+    scene->light_channel = lw_scene_alloc(scene, 2ul * scene->light_count, sizeof *scene->light_channel);
+    if (!conversion.claims || !conversion.light_claims || !scene->channel || !scene->light_channel)
+        lw_status_fail(err, LW_NO_MEMORY, "out of memory for %zu animation channels", channel_count);
+    else
+        (void)convert(&conversion, err);
+    free(conversion.light_claims);
     free(conversion.claims);
     return err->status;
 }

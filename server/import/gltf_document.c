@@ -24,10 +24,12 @@ static const char *const warning_text[LW_GLTF_WARNING_COUNT] = {
 };
 
 static const char *const supported_extensions[] = {
+    "EXT_lights_image_based",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_avif",
     "EXT_texture_webp",
+    "KHR_animation_pointer",
     "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
@@ -35,6 +37,7 @@ static const char *const supported_extensions[] = {
     "KHR_node_visibility",
     "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_transmission",
+    "KHR_materials_unlit",
     "KHR_texture_transform",
     "MSFT_lod",
 };
@@ -43,8 +46,8 @@ static const char *const supported_extensions[] = {
 static const char *const harmless_extensions[] = {
     "KHR_materials_anisotropy", "KHR_materials_clearcoat", "KHR_materials_diffuse_transmission",
     "KHR_materials_dispersion", "KHR_materials_ior",       "KHR_materials_iridescence",
-    "KHR_materials_sheen",      "KHR_materials_specular",  "KHR_materials_unlit",
-    "KHR_materials_variants",   "KHR_materials_volume",    "KHR_xmp_json_ld",
+    "KHR_materials_sheen",      "KHR_materials_specular",  "KHR_materials_variants",
+    "KHR_materials_volume",     "KHR_xmp_json_ld",
 };
 
 #define EXTENSIONS_TOLD_MAX 10 /* that are ignored, by name */
@@ -514,6 +517,7 @@ void lw_gltf_document_finish(struct lw_gltf_document *document) {
     free(document->buffer);
     json_decref(document->root);
     free(document->moves_skin);
+    free(document->light_of);
     free(document->folder);
     *document = (struct lw_gltf_document){0};
 }

@@ -6,6 +6,7 @@
 #define LW_IMPORT_GLTF_DOCUMENT_H
 
 #include "server/import/gltf_json.h"
+#include "server/import/image_file.h"
 
 #include <stdint.h>
 
@@ -44,15 +45,17 @@ enum lw_gltf_list {
     X(NORMAL_MAP, "normal maps are ignored")                                                                 \
     X(SKIN, "skins are not animated: skinned meshes keep their rest pose")                                   \
     X(TRANSMISSION, "transmission by a texture is ignored: such materials stay as opaque as they are")       \
+    X(TINT, "light that bounces through coloured transmission keeps its brightness and loses its colour")    \
+    X(IMAGE_LIGHT, "an image-based light whose pictures cannot be read is left out")                         \
     X(POINTS, "points and lines are ignored: only triangles are lit")                                        \
-    X(ORTHOGRAPHIC, "orthographic cameras are ignored")                                                      \
     X(LIGHT_RANGE, "the range of lights is ignored: light falls off with the square of distance")            \
     X(CONES, "a spot's innerConeAngle is not less than its outerConeAngle: its edge is taken as hard")       \
     X(UV_SET, "textures that use TEXCOORD_2 or higher are ignored")                                          \
     X(UV_MISSING,                                                                                            \
       "a material has a texture for which its primitive has no texture coordinates: (0, 0) is used")         \
     X(CHANNEL_WEIGHTS, "morph weights are not animated: meshes keep those they have at rest")                \
-    X(CHANNEL_OTHER, "animation channels other than translation, rotation and scale are ignored")            \
+    X(CHANNEL_OTHER,                                                                                         \
+      "animation channels other than places of nodes, intensities and colours of lights are ignored")        \
     X(CHANNEL_TWICE, "several animations move the same node: the first one counts")
 
 enum lw_gltf_warning {
@@ -84,8 +87,10 @@ struct lw_gltf_document {
     struct lw_gltf_buffer_view *view;
     uint8_t **view_storage; /* of views that were compressed */
     bool *moves_skin;       /* per node: its place is part of a skin's; NULL before nodes are read */
+    uint32_t *light_of;     /* per scene light: its light of KHR_lights_punctual; NULL likewise */
     bool quantized;         /* KHR_mesh_quantization is in use */
     uint32_t warned;        /* bit per enum lw_gltf_warning */
+    struct lw_image_file_budget pictures;
 };
 
 /** Opens a document in memory; `bytes` must outlive it. finish() also after failure. */

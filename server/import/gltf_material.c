@@ -44,20 +44,14 @@ void lw_gltf_materials_finish(struct lw_gltf_materials *materials) {
 static enum lw_status decode_image(struct lw_gltf_materials *materials, struct lw_gltf_bytes bytes,
                                    struct lw_gltf_image_slot *slot, struct lw_error *err) {
     if (lw_image_file_size(bytes.data, bytes.size, &slot->width, &slot->height, err)) return err->status;
-    uint64_t texel_count = (uint64_t)slot->width * slot->height;
-    if (texel_count > LW_IMAGE_FILE_TEXELS_MAX - materials->texel_count)
-        return lw_status_fail(err, LW_BAD_DATA, "the images together have more than %llu texels",
-                              (unsigned long long)LW_IMAGE_FILE_TEXELS_MAX);
-    materials->texel_count += texel_count;
-    uint8_t *decoded;
-    if (lw_image_file_decode(bytes.data, bytes.size, &decoded, err)) return err->status;
-    size_t texels = (size_t)slot->width * slot->height;
-    uint8_t *rgba = lw_scene_alloc(materials->scene, texels, 4);
-    if (rgba) memcpy(rgba, decoded, texels * 4);
-    free(decoded);
+    if (lw_image_file_count(&materials->document->pictures, slot->width, slot->height, err))
+        return err->status;
+    uint8_t *rgba = lw_scene_alloc(materials->scene, (size_t)slot->width * slot->height, 4);
     if (!rgba)
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory for %u x %u texels", slot->width,
                               slot->height);
+    if (lw_image_file_decode(bytes.data, bytes.size, slot->width, slot->height, rgba, err))
+        return err->status;
     slot->rgba = rgba;
     return LW_OK;
 }
@@ -100,6 +94,13 @@ static enum lw_status load_image(struct lw_gltf_materials *materials, uint32_t i
         lw_status_context(err, "uri \"%.*s\"", strncasecmp(uri, "data:", 5) == 0 ? 40 : 200, uri);
     free(storage);
     return err->status ? give_up_image(materials, index, err) : LW_OK;
+}
+
+enum lw_status lw_gltf_materials_image(struct lw_gltf_materials *materials, uint32_t index,
+                                       const struct lw_gltf_image_slot **out, struct lw_error *err) {
+    *out = &materials->image[index];
+    if (load_image(materials, index, err)) lw_status_context(err, "images[%u]", index);
+    return err->status;
 }
 
 /* ---- textures ---- */
@@ -327,9 +328,9 @@ static enum lw_status read_alpha(const json_t *object, struct lw_material *out, 
 }
 
 /* KHR_materials_transmission on a thin surface: of light, the factor t times the base colour c passes, and (1
- * - t) c is reflected. Surfaces here let light of all colours pass alike, so the colour of what passes is
- * lost and its luminance L(c) kept: 1 - alpha = t L(c), and the albedo is what alpha times it must be, (1 -
- * t) c. A base colour texture counts as the reflection's alone. */
+ * - t) c is reflected. 1 - alpha = t L(c), with L the luminance, and the albedo is what alpha times it must
+ * be, (1 - t) c. The tint c / L(c) makes the colour of what passes, where it is known: t L(c) c / L(c) = t c.
+ * A base colour texture counts as the reflection's alone. */
 static enum lw_status read_transmission(struct lw_gltf_materials *materials, const json_t *object,
                                         struct lw_material *out, struct lw_error *err) {
     const json_t *extension = NULL;
@@ -337,18 +338,33 @@ static enum lw_status read_transmission(struct lw_gltf_materials *materials, con
     if (lw_gltf_json_extension(object, "KHR_materials_transmission", &extension, err)) return err->status;
     if (extension && lw_gltf_json_real(extension, "transmissionFactor", 0, 1, &t, err))
         lw_status_context(err, "KHR_materials_transmission");
-    if (err->status || !(t > 0) || out->alpha_mode == LW_ALPHA_MASK) return err->status;
+    if (err->status || !(t > 0) || out->unlit || out->alpha_mode == LW_ALPHA_MASK) return err->status;
     if (json_object_get(extension, "transmissionTexture")) {
         lw_gltf_document_warn(materials->document, LW_GLTF_WARN_TRANSMISSION);
         return LW_OK;
     }
     if (out->alpha_mode == LW_ALPHA_OPAQUE) out->base_colour[3] = 1;
     const float *c = out->base_colour;
-    const float passed = t * (0.2126f * c[0] + 0.7152f * c[1] + 0.0722f * c[2]), alpha = 1 - passed;
+    const float luminance = 0.2126f * c[0] + 0.7152f * c[1] + 0.0722f * c[2], alpha = 1 - t * luminance;
+    const bool coloured = luminance > 1e-6f && (c[0] != c[1] || c[1] != c[2]); /* less of it is black */
+    for (int k = 0; coloured && k < 3; k++) out->tint[k] = c[k] / luminance;
+    if (coloured) lw_gltf_document_warn(materials->document, LW_GLTF_WARN_TINT);
     for (int k = 0; k < 3; k++)
         out->base_colour[k] = alpha > 0 ? fminf((1 - t) * out->base_colour[k] / alpha, 1) : 0;
     out->base_colour[3] *= alpha;
     out->alpha_mode = LW_ALPHA_BLEND;
+    return LW_OK;
+}
+
+/* KHR_materials_unlit: the base colour is seen as it is; what else the material says is for readers that do
+ * not know the extension. */
+static enum lw_status read_unlit(const json_t *object, struct lw_material *out, struct lw_error *err) {
+    const json_t *extension = NULL;
+    if (lw_gltf_json_extension(object, "KHR_materials_unlit", &extension, err)) return err->status;
+    out->unlit = extension != NULL;
+    if (!out->unlit) return LW_OK;
+    memset(out->emission, 0, sizeof out->emission);
+    out->emission_texture.texture = LW_SCENE_NONE;
     return LW_OK;
 }
 
@@ -366,7 +382,7 @@ static enum lw_status convert_material(struct lw_gltf_materials *materials, cons
         if (lw_gltf_json_string(object, "name", &name, err) ||
             read_base_colour(materials, object, out, out_bright, err) ||
             read_emission(materials, object, out, err) || read_alpha(object, out, err) ||
-            read_transmission(materials, object, out, err) ||
+            read_unlit(object, out, err) || read_transmission(materials, object, out, err) ||
             lw_gltf_json_object(object, "normalTexture", &normal_map, err) ||
             lw_gltf_json_drawn_by(object, &out->drawn_by, err))
             return err->status;

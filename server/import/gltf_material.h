@@ -21,7 +21,6 @@ struct lw_gltf_materials {
     uint32_t *material_of;
     uint32_t *texture_of; /* glTF texture -> scene texture */
     struct lw_gltf_image_slot *image;
-    uint64_t texel_count;
     struct lw_tally without_image; /* textures without one that is read, for each use */
     struct lw_tally bright;        /* materials whose base colour is above 1 */
 };
@@ -31,6 +30,12 @@ LW_MUST_CHECK enum lw_status lw_gltf_materials_init(struct lw_gltf_materials *ma
                                                     struct lw_gltf_document *document, struct lw_scene *scene,
                                                     struct lw_error *err);
 void lw_gltf_materials_finish(struct lw_gltf_materials *materials);
+
+/** An image, decoded on first use. *out is `unreadable` if that has been told instead.
+ * Errors: LW_BAD_DATA: wrong JSON; LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_gltf_materials_image(struct lw_gltf_materials *materials, uint32_t index,
+                                                     const struct lw_gltf_image_slot **out,
+                                                     struct lw_error *err);
 
 /** The scene's material for a glTF material, or for the default one if index is LW_SCENE_NONE. */
 LW_MUST_CHECK enum lw_status lw_gltf_materials_get(struct lw_gltf_materials *materials, uint32_t index,

@@ -396,30 +396,45 @@ static enum lw_status add_light(struct conversion *conversion, const json_t *obj
         lw_status_context(err, "extensions.KHR_lights_punctual.lights[%u]", index);
         return err->status;
     }
-    scene->light_count++;
+    conversion->document->light_of[scene->light_count++] = index;
+    return LW_OK;
+}
+
+static enum lw_status read_perspective(const json_t *camera, struct lw_camera *out, struct lw_error *err) {
+    const json_t *frame = NULL;
+    if (lw_gltf_json_require(camera, "perspective", err) ||
+        lw_gltf_json_object(camera, "perspective", &frame, err) || lw_gltf_json_require(frame, "yfov", err) ||
+        lw_gltf_json_real(frame, "yfov", 1e-3, 3.14, &out->fov_y, err))
+        return err->status;
+    return LW_OK;
+}
+
+/* Windows choose the width, as of perspective cameras; near and far planes cut nothing. */
+static enum lw_status read_orthographic(const json_t *camera, struct lw_camera *out, struct lw_error *err) {
+    const json_t *frame = NULL;
+    float half = 0;
+    if (lw_gltf_json_require(camera, "orthographic", err) ||
+        lw_gltf_json_object(camera, "orthographic", &frame, err) ||
+        lw_gltf_json_require(frame, "ymag", err) ||
+        lw_gltf_json_real(frame, "ymag", -HUGE_VAL, HUGE_VAL, &half, err))
+        return err->status;
+    out->fov_y = LW_PI / 4; /* for who knows none */
+    out->height_m = 2 * fabsf(half);
+    if (!(out->height_m > 0)) return lw_status_fail(err, LW_BAD_DATA, "ymag: must not be 0");
     return LW_OK;
 }
 
 static enum lw_status read_camera(struct conversion *conversion, const json_t *object, struct lw_camera *out,
-                                  bool *out_use, struct lw_error *err) {
-    const json_t *perspective = NULL;
+                                  struct lw_error *err) {
     const char *type = "", *name = "";
     if (lw_gltf_json_require(object, "type", err) || lw_gltf_json_string(object, "type", &type, err) ||
         lw_gltf_json_string(object, "name", &name, err))
         return err->status;
-    *out_use = strcmp(type, "perspective") == 0;
-    if (!*out_use && strcmp(type, "orthographic") != 0)
+    if (strcmp(type, "perspective") != 0 && strcmp(type, "orthographic") != 0)
         return lw_status_fail(err, LW_BAD_DATA, "type: must be perspective or orthographic");
-    if (!*out_use) {
-        lw_gltf_document_warn(conversion->document, LW_GLTF_WARN_ORTHOGRAPHIC);
-        return LW_OK;
-    }
-    if (lw_gltf_json_require(object, "perspective", err) ||
-        lw_gltf_json_object(object, "perspective", &perspective, err))
-        return err->status;
-    if (lw_gltf_json_require(perspective, "yfov", err) ||
-        lw_gltf_json_real(perspective, "yfov", 1e-3, 3.14, &out->fov_y, err)) {
-        lw_status_context(err, "perspective");
+    if (strcmp(type, "orthographic") == 0 ? read_orthographic(object, out, err)
+                                          : read_perspective(object, out, err)) {
+        lw_status_context(err, "%s", type);
         return err->status;
     }
     out->name = *name ? lw_scene_string(conversion->scene, name) : conversion->scene->node[out->node].name;
@@ -430,7 +445,6 @@ static enum lw_status add_camera(struct conversion *conversion, const json_t *ob
                                  struct lw_error *err) {
     struct lw_scene *scene = conversion->scene;
     uint32_t index = LW_SCENE_NONE;
-    bool use = false;
     if (lw_gltf_document_index(conversion->document, object, "camera", LW_GLTF_CAMERAS, &index, err)) {
         lw_status_context(err, "nodes[%u]", conversion->queue[node]);
         return err->status;
@@ -441,11 +455,11 @@ static enum lw_status add_camera(struct conversion *conversion, const json_t *ob
     struct lw_camera *camera = &scene->camera[scene->camera_count];
     camera->node = node;
     if (read_camera(conversion, lw_gltf_document_item(conversion->document, LW_GLTF_CAMERAS, index), camera,
-                    &use, err)) {
+                    err)) {
         lw_status_context(err, "cameras[%u]", index);
         return err->status;
     }
-    scene->camera_count += use;
+    scene->camera_count++;
     return LW_OK;
 }
 
@@ -510,6 +524,7 @@ static enum lw_status allocate(struct conversion *conversion, struct lw_error *e
     conversion->parent = malloc((node_count + 1) * sizeof *conversion->parent);
     conversion->queue = malloc((node_count + 1) * sizeof *conversion->queue);
     conversion->document->moves_skin = calloc(node_count + 1, sizeof *conversion->document->moves_skin);
+    conversion->document->light_of = calloc(node_count + 1, sizeof *conversion->document->light_of);
     conversion->hidden = calloc(node_count + 1, sizeof *conversion->hidden);
     conversion->mesh_of = malloc((mesh_count + 1) * sizeof *conversion->mesh_of);
     scene->node = lw_scene_alloc(scene, node_count + 1, sizeof *scene->node);
@@ -520,8 +535,8 @@ static enum lw_status allocate(struct conversion *conversion, struct lw_error *e
     scene->camera =
         lw_scene_alloc(scene, smaller(node_count, LW_SCENE_CAMERAS_MAX) + 1, sizeof *scene->camera);
     if (!conversion->parent || !conversion->queue || !conversion->hidden ||
-        !conversion->document->moves_skin || !conversion->mesh_of || !scene->node || !scene->mesh ||
-        !scene->object || !scene->light || !scene->camera)
+        !conversion->document->moves_skin || !conversion->document->light_of || !conversion->mesh_of ||
+        !scene->node || !scene->mesh || !scene->object || !scene->light || !scene->camera)
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory for %zu nodes", node_count);
     for (size_t i = 0; i < document->count[LW_GLTF_NODES]; i++)
         conversion->parent[i] = conversion->node_of[i] = LW_SCENE_NONE;

@@ -12,7 +12,9 @@
 
 #define STACK_SIZE 65536 /* of the handler: an overflow of the stack is one of the crashes */
 
-enum { CRASHED, ABORTED, OVERDUE, LINE_COUNT };
+#define GRACE_S 10 /* from the soft limit of all, which ends with a line, to the hard one */
+
+enum { CRASHED, ABORTED, OVERDUE, ALL_OVERDUE, LINE_COUNT };
 static const int watched[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGXCPU};
 #define WATCHED_COUNT (sizeof watched / sizeof *watched)
 
@@ -22,7 +24,8 @@ static struct {
     char line[LINE_COUNT][LW_ERROR_TEXT_SIZE];
     size_t length[LINE_COUNT];
     int fd;
-    int memory_fd; /* of /proc/self/statm; 0: not open */
+    int memory_fd;        /* of /proc/self/statm; 0: not open */
+    bool reader_is_bound; /* the next SIGXCPU is for the reader, not for the process */
     struct sigaction before[WATCHED_COUNT];
     struct rlimit processor_before, memory_before;
     stack_t stack_before;
@@ -30,7 +33,9 @@ static struct {
 } guard;
 
 static void end(int number) {
-    int which = number == SIGXCPU ? OVERDUE : number == SIGABRT ? ABORTED : CRASHED;
+    int which = number == SIGXCPU   ? guard.reader_is_bound ? OVERDUE : ALL_OVERDUE
+                : number == SIGABRT ? ABORTED
+                                    : CRASHED;
     ssize_t ignored = write(guard.fd, guard.line[which], guard.length[which]);
     (void)ignored;
     _exit(lw_status_exit_code(LW_BAD_DATA));
@@ -42,7 +47,8 @@ static void prepare(const struct lw_guard_desc *desc, int which, const char *wha
     const char *clear =
         to_person && isatty(STDERR_FILENO) ? "\r\033[K" : ""; /* a progress line may stand there */
     char text[LW_ERROR_TEXT_SIZE - 64];
-    snprintf(text, sizeof text, "%.200s: %s %s", desc->scene, desc->reader, what);
+    snprintf(text, sizeof text, "%.200s: %s%s%s", desc->scene, desc->reader ? desc->reader : "",
+             desc->reader ? " " : "", what);
     lw_status_one_line(text);
     snprintf(guard.line[which], sizeof guard.line[which], "%s%s%s%s", clear,
              to_person ? "lightwell-import: error: " : "", text, to_person ? "\n" : "");
@@ -76,6 +82,24 @@ static void limit(int resource, struct rlimit *before, rlim_t most) {
     setrlimit(resource, &now);
 }
 
+void lw_guard_bound(const struct lw_guard_desc *desc) {
+    struct rlimit now;
+    char overdue[160];
+    guard.fd = desc->failure_fd ? desc->failure_fd : STDERR_FILENO;
+    snprintf(
+        overdue, sizeof overdue,
+        "importing it took more than %.0f s of processor time, so it was stopped; --import-seconds gives "
+        "it more",
+        desc->processor_s);
+    prepare(desc, ALL_OVERDUE, overdue);
+    sigaction(SIGXCPU, &(struct sigaction){.sa_handler = end}, NULL);
+    getrlimit(RLIMIT_CPU, &now);
+    const rlim_t most = (rlim_t)(processor_time_s() + desc->processor_s + 1);
+    if (now.rlim_max > most + GRACE_S) now.rlim_max = most + GRACE_S;
+    now.rlim_cur = most < now.rlim_max ? most : now.rlim_max;
+    setrlimit(RLIMIT_CPU, &now);
+}
+
 void lw_guard_enter(const struct lw_guard_desc *desc) {
     guard.fd = desc->failure_fd ? desc->failure_fd : STDERR_FILENO;
     char overdue[128];
@@ -97,8 +121,9 @@ void lw_guard_enter(const struct lw_guard_desc *desc) {
     }
     getrlimit(RLIMIT_CPU, &guard.processor_before);
     getrlimit(RLIMIT_AS, &guard.memory_before);
-    if (desc->processor_s > 0)
-        limit(RLIMIT_CPU, &guard.processor_before, (rlim_t)(processor_time_s() + desc->processor_s + 1));
+    const rlim_t most = (rlim_t)(processor_time_s() + desc->processor_s + 1);
+    guard.reader_is_bound = desc->processor_s > 0 && most < guard.processor_before.rlim_cur;
+    if (guard.reader_is_bound) limit(RLIMIT_CPU, &guard.processor_before, most);
     if (desc->memory_bytes && !LW_SANITIZER)
         limit(RLIMIT_AS, &guard.memory_before, address_space_bytes() + desc->memory_bytes);
 }
@@ -106,6 +131,7 @@ void lw_guard_enter(const struct lw_guard_desc *desc) {
 void lw_guard_lift(void) {
     setrlimit(RLIMIT_AS, &guard.memory_before);
     setrlimit(RLIMIT_CPU, &guard.processor_before);
+    guard.reader_is_bound = false;
 }
 
 void lw_guard_leave(void) {

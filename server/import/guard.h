@@ -17,6 +17,10 @@ struct lw_guard_desc {
     uint64_t memory_bytes;
 };
 
+/** Bounds the processor time of all that the process does from now on, for good: at its end the exit code of
+ * LW_BAD_DATA and a line that names --import-seconds. desc: reader and memory_bytes count for nothing. */
+void lw_guard_bound(const struct lw_guard_desc *desc);
+
 /** Opens what says how much memory is in use, for who cannot open files later. Without this enter() does.
  * Returns the descriptor; 0: there is none. */
 int lw_guard_prepare(void);

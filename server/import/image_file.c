@@ -25,8 +25,8 @@ struct decoder {
     const uint8_t *bytes;
     size_t size, done;
     uint32_t width, height;
-    bool header_only;
-    uint8_t *rgba;
+    uint32_t room_width, room_height; /* what the caller has memory for */
+    uint8_t *rgba;                    /* NULL: the header alone */
     png_bytep *row;
 };
 
@@ -47,10 +47,10 @@ static void png_reads(png_structp png, png_bytep out, size_t size) {
     decoder->done += size;
 }
 
-static bool allocate(struct decoder *decoder) {
-    decoder->rgba = malloc((size_t)decoder->width * decoder->height * 4);
+static bool make_rows(struct decoder *decoder) {
+    if (decoder->width != decoder->room_width || decoder->height != decoder->room_height) return false;
     decoder->row = malloc(decoder->height * sizeof *decoder->row);
-    if (!decoder->rgba || !decoder->row) return false;
+    if (!decoder->row) return false;
     for (uint32_t y = 0; y < decoder->height; y++)
         decoder->row[y] = decoder->rgba + (size_t)y * decoder->width * 4;
     return true;
@@ -64,7 +64,7 @@ static void read_png(struct decoder *decoder, png_structp png, png_infop info) {
     png_read_info(png, info);
     decoder->width = png_get_image_width(png, info);
     decoder->height = png_get_image_height(png, info);
-    if (decoder->header_only) return;
+    if (!decoder->rgba) return;
     png_set_expand(png); /* palettes, few bits, transparent colours */
     png_set_scale_16(png);
     png_set_gray_to_rgb(png);
@@ -73,7 +73,7 @@ static void read_png(struct decoder *decoder, png_structp png, png_infop info) {
     png_read_update_info(png, info);
     if (png_get_rowbytes(png, info) != (size_t)decoder->width * 4)
         png_error(png, "its format is not supported");
-    if (!allocate(decoder)) png_error(png, "out of memory");
+    if (!make_rows(decoder)) png_error(png, "out of memory");
     png_read_image(png, decoder->row);
     png_read_end(png, NULL);
 }
@@ -120,10 +120,10 @@ static void read_jpeg(struct decoder *decoder, j_decompress_ptr jpeg) {
     jpeg_read_header(jpeg, TRUE);
     decoder->width = jpeg->image_width;
     decoder->height = jpeg->image_height;
-    if (decoder->header_only) return;
+    if (!decoder->rgba) return;
     jpeg->out_color_space = JCS_EXT_RGBA;
     jpeg_start_decompress(jpeg);
-    if (!allocate(decoder)) ERREXIT1(jpeg, JERR_OUT_OF_MEMORY, 0);
+    if (!make_rows(decoder)) ERREXIT1(jpeg, JERR_OUT_OF_MEMORY, 0);
     while (jpeg->output_scanline < jpeg->output_height)
         jpeg_read_scanlines(jpeg, &decoder->row[jpeg->output_scanline],
                             jpeg->output_height - jpeg->output_scanline);
@@ -163,8 +163,8 @@ static bool run_webp(struct decoder *decoder) {
     if (status == VP8_STATUS_OK) {
         decoder->width = (uint32_t)config.input.width;
         decoder->height = (uint32_t)config.input.height;
-        if (decoder->header_only) return true;
-        if (!allocate(decoder)) status = VP8_STATUS_OUT_OF_MEMORY;
+        if (!decoder->rgba) return true;
+        if (!make_rows(decoder)) status = VP8_STATUS_OUT_OF_MEMORY;
     }
     if (status == VP8_STATUS_OK) {
         config.output.colorspace = MODE_RGBA;
@@ -195,11 +195,11 @@ static avifResult read_avif(struct decoder *decoder, avifDecoder *avif) {
     if (result != AVIF_RESULT_OK) return result;
     decoder->width = avif->image->width;
     decoder->height = avif->image->height;
-    if (decoder->header_only) return AVIF_RESULT_OK;
+    if (!decoder->rgba) return AVIF_RESULT_OK;
     if ((result = avifDecoderNextImage(avif)) != AVIF_RESULT_OK) return result;
     if (avif->image->width != decoder->width || avif->image->height != decoder->height)
         return AVIF_RESULT_BMFF_PARSE_FAILED;
-    if (!allocate(decoder)) return AVIF_RESULT_OUT_OF_MEMORY;
+    if (!make_rows(decoder)) return AVIF_RESULT_OUT_OF_MEMORY;
     avifRGBImage out;
     avifRGBImageSetDefaults(&out, avif->image);
     out.format = AVIF_RGB_FORMAT_RGBA;
@@ -232,8 +232,8 @@ typedef enum lw_status read_texels(const uint8_t *bytes, size_t size, uint8_t *o
 static bool run_own(struct decoder *decoder, read_size *size, read_texels *texels) {
     struct lw_error err = {0};
     enum lw_status status = size(decoder->bytes, decoder->size, &decoder->width, &decoder->height, &err);
-    if (status == LW_OK && !decoder->header_only) {
-        if (allocate(decoder))
+    if (status == LW_OK && decoder->rgba) {
+        if (make_rows(decoder))
             status = texels(decoder->bytes, decoder->size, decoder->rgba, &err);
         else
             status = lw_status_fail(&err, LW_NO_MEMORY, "out of memory");
@@ -274,7 +274,7 @@ static enum lw_status run(struct decoder *decoder, struct lw_error *err) {
 
 enum lw_status lw_image_file_size(const uint8_t *bytes, size_t size, uint32_t *out_width,
                                   uint32_t *out_height, struct lw_error *err) {
-    struct decoder decoder = {.bytes = bytes, .size = size, .header_only = true};
+    struct decoder decoder = {.bytes = bytes, .size = size};
     enum lw_status status = run(&decoder, err);
     if (status) return status;
     if (decoder.width < 1 || decoder.height < 1 || decoder.width > LW_SCENE_TEXTURE_SIDE_MAX ||
@@ -286,15 +286,24 @@ enum lw_status lw_image_file_size(const uint8_t *bytes, size_t size, uint32_t *o
     return LW_OK;
 }
 
-enum lw_status lw_image_file_decode(const uint8_t *bytes, size_t size, uint8_t **out_rgba,
-                                    struct lw_error *err) {
-    struct decoder decoder = {.bytes = bytes, .size = size};
+enum lw_status lw_image_file_count(struct lw_image_file_budget *budget, uint32_t width, uint32_t height,
+                                   struct lw_error *err) {
+    const uint64_t limit = budget->limit ? budget->limit : LW_IMAGE_FILE_TEXELS,
+                   texels = (uint64_t)width * height;
+    if (texels > limit - budget->used)
+        return lw_status_fail(err, LW_BAD_DATA,
+                              "has %u x %u texels: with %llu of pictures before it more than %llu in all; "
+                              "--picture-texels allows more",
+                              width, height, (unsigned long long)budget->used, (unsigned long long)limit);
+    budget->used += texels;
+    return LW_OK;
+}
+
+enum lw_status lw_image_file_decode(const uint8_t *bytes, size_t size, uint32_t width, uint32_t height,
+                                    uint8_t *out_rgba, struct lw_error *err) {
+    struct decoder decoder = {
+        .bytes = bytes, .size = size, .room_width = width, .room_height = height, .rgba = out_rgba};
     enum lw_status status = run(&decoder, err);
     free(decoder.row);
-    if (status) {
-        free(decoder.rgba);
-        return status;
-    }
-    *out_rgba = decoder.rgba;
-    return LW_OK;
+    return status;
 }

@@ -16,6 +16,7 @@
 #include "server/import/foreign.h"
 #include "server/import/gltf.h"
 #include "server/import/guard.h"
+#include "server/import/image_file.h"
 #include "server/import/new_root.h"
 #include "server/import/scene_format.h"
 
@@ -46,10 +47,10 @@ struct arguments {
     const char *output;
     const char *environment;
     double texels_per_metre;
-    double scale, read_seconds;
+    double scale, read_seconds, import_seconds;
     int sides; /* enum lw_foreign_sides */
     int log_format, log_level;
-    int64_t texels_max, atlas_side_max, threads, failure_fd;
+    int64_t picture_texels, texels_max, atlas_side_max, threads, failure_fd;
     bool json, report, lightmap_unused;
 };
 
@@ -150,6 +151,20 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
          .value = &arguments->read_seconds,
          .min = 1,
          .max = 1e6},
+        {.name = "picture-texels",
+         .argument = "N",
+         .help = LW_IMPORT_SPAWN_PICTURES_HELP,
+         .kind = LW_OPTION_INT,
+         .value = &arguments->picture_texels,
+         .min = 1,
+         .max = LW_IMAGE_FILE_TEXELS_MAX},
+        {.name = "import-seconds",
+         .argument = "S",
+         .help = LW_IMPORT_SPAWN_SECONDS_HELP,
+         .kind = LW_OPTION_REAL,
+         .value = &arguments->import_seconds,
+         .min = 1,
+         .max = LW_IMPORT_SPAWN_SECONDS_MAX},
         {.name = "environment",
          .argument = "FILE.exr",
          .help = "Equirectangular radiance around the scene, W/(m^2 sr): row 0 is up, the middle +X.",
@@ -221,7 +236,8 @@ static enum lw_status read_gltf(const struct arguments *arguments, struct lw_sce
                                         .reader = "a decoder of its meshes or pictures",
                                         .failure_fd = (int)arguments->failure_fd};
     lw_guard_enter(&guard);
-    enum lw_status status = lw_gltf_load(arguments->scene, out_scene, err);
+    enum lw_status status =
+        lw_gltf_load(arguments->scene, (uint64_t)arguments->picture_texels, out_scene, err);
     lw_guard_leave();
     return status;
 }
@@ -231,6 +247,7 @@ static enum lw_status read_file(const struct arguments *arguments, struct lw_sce
     struct lw_foreign_desc foreign = {.path = arguments->scene,
                                       .sides = (enum lw_foreign_sides)arguments->sides,
                                       .read_seconds = arguments->read_seconds,
+                                      .picture_texels = (uint64_t)arguments->picture_texels,
                                       .failure_fd = (int)arguments->failure_fd};
     enum lw_status status = lw_scene_format_of(arguments->scene, &foreign.format, err);
     if (status) return status;
@@ -255,7 +272,14 @@ static enum lw_status read_scene(const struct arguments *arguments, struct lw_sc
     if (status) return status;
     float s = (float)arguments->scale;
     const struct lw_affine place = {{{s, 0, 0, 0}, {0, s, 0, 0}, {0, 0, s, 0}}};
+    for (uint32_t i = 0; i < scene->camera_count; i++) scene->camera[i].height_m *= s;
     if (s != 1 && lw_new_root_add(scene, "scale", &place, err)) {
+        lw_status_context(err, "%s", arguments->scene);
+        lw_scene_destroy(scene);
+        return err->status;
+    }
+    /* before lightmaps are laid out for it, which may take an hour */
+    if (!builtin && lw_package_check_size(scene, err)) {
         lw_status_context(err, "%s", arguments->scene);
         lw_scene_destroy(scene);
         return err->status;
@@ -553,6 +577,10 @@ static enum lw_status run(const struct arguments *arguments, struct lw_error *er
     struct lw_lightmap_report *report = NULL;
     enum lw_status status = check_output(arguments, err);
     if (!status) enter_cage(arguments);
+    if (!status)
+        lw_guard_bound(&(struct lw_guard_desc){.scene = arguments->scene,
+                                               .failure_fd = (int)arguments->failure_fd,
+                                               .processor_s = arguments->import_seconds});
     if (!status) status = read_scene(arguments, &scene, err);
     if (status) return status;
     if (!lw_scene_has_light(scene))
@@ -597,7 +625,10 @@ static enum lw_status follow_starter(int failure_fd, struct lw_error *err) {
 
 int main(int argc, char **argv) {
     struct lw_error err = {0};
-    struct arguments arguments = {.scale = 1, .log_format = LW_LOG_TEXT, .log_level = LW_LOG_INFO};
+    struct arguments arguments = {.scale = 1,
+                                  .import_seconds = LW_IMPORT_SPAWN_SECONDS,
+                                  .log_format = LW_LOG_TEXT,
+                                  .log_level = LW_LOG_INFO};
     bool done = false;
     lw_log_init(PROGRAM, LW_LOG_INFO);
     enum lw_status status = parse(argc, argv, &arguments, &done, &err);

@@ -46,9 +46,11 @@ static enum lw_message_rates_kind kind_of(uint16_t type) {
 }
 
 bool lw_message_rates_wait(struct lw_message_rates *rates, uint64_t now_ns) {
+    const double wanted_s = rates->waits ? 1e-3 * LW_MESSAGE_RATES_PAUSE_MS : 0;
     fill(rates, now_ns);
     rates->waits = false;
-    for (int k = 0; k < LW_MESSAGE_RATES_COUNT; k++) rates->waits |= rates->left[k] < 0;
+    for (int k = 0; k < LW_MESSAGE_RATES_COUNT; k++)
+        rates->waits |= rates->left[k] < wanted_s * limits[k].rate_hz;
     return rates->waits;
 }
 
@@ -57,8 +59,19 @@ bool lw_message_rates_count(struct lw_message_rates *rates, struct lw_framing_he
     const enum lw_message_rates_kind kind = kind_of(header.type);
     const double bytes = (double)(LW_FRAMING_HEADER_SIZE + header.body_size);
     if (kind < LW_MESSAGE_RATES_COUNT) rates->left[kind] -= 1;
-    if (kind != LW_MESSAGE_RATES_HOLDS)
-        rates->left[LW_MESSAGE_RATES_BYTES] -= rates->trusted ? bytes / LW_MESSAGE_RATES_TRUST : bytes;
+    rates->left[LW_MESSAGE_RATES_FRAMES] += 1;
+    rates->left[LW_MESSAGE_RATES_OVERHEAD] += LW_MESSAGE_RATES_ENVELOPE;
+    return lw_message_rates_count_other(rates, LW_MESSAGE_RATES_BYTES,
+                                        kind == LW_MESSAGE_RATES_HOLDS ? 0 : bytes, now_ns);
+}
+
+void lw_message_rates_bound(struct lw_message_rates *rates, enum lw_message_rates_kind kind, double at_once) {
+    rates->left[kind] = fmin(fmax(rates->left[kind], 0), at_once);
+}
+
+bool lw_message_rates_count_other(struct lw_message_rates *rates, enum lw_message_rates_kind kind,
+                                  double count, uint64_t now_ns) {
+    rates->left[kind] -= rates->trusted ? count / LW_MESSAGE_RATES_TRUST : count;
     return lw_message_rates_wait(rates, now_ns);
 }
 

@@ -28,17 +28,6 @@ static struct lw_blob *next_ping(struct lw_session *s) {
     return lw_blob_from_message(&message, &blob) == LW_OK ? blob : NULL; /* then it is not answered either */
 }
 
-static struct lw_blob *next_answer(struct lw_session *s) {
-    struct lw_session_answer_entry *answer = s->first_answer;
-    if (!answer) return NULL;
-    struct lw_blob *blob = answer->blob;
-    s->first_answer = answer->next;
-    if (!s->first_answer) s->last_answer = NULL;
-    s->answer_count--;
-    free(answer);
-    return blob;
-}
-
 static bool holds_part(const struct lw_session *s, uint32_t part) {
     return s->held && s->held[part / 8] >> (part % 8) & 1;
 }
@@ -112,7 +101,7 @@ static struct lw_blob *next_blob(struct lw_session *s, bool *out_tile) {
     const bool framed = s->state == LW_SESSION_STREAMING && !s->partial_chunk &&
                         s->next_chunk == s->shared->chunk_count && lw_tile_stream_has_light(s);
     if (framed && (blob = lw_tile_stream_next_frame(s))) return blob;
-    if ((blob = next_answer(s))) return blob; /* after the frame that shows what it answers */
+    if ((blob = lw_session_take_answer(s))) return blob; /* after the frame that shows what it answers */
     if (!is_allowed(s)) return NULL;
     if (!framed) return s->state == LW_SESSION_STREAMING ? next_chunk(s) : NULL;
     blob = lw_tile_stream_next_tile(s);
@@ -170,11 +159,4 @@ void lw_send_queue_renew_allowance(struct lw_session *s, uint64_t now_ns) {
     s->allowance = fmin(s->allowance + rate_hz * since_s, 1e-3 * LW_SERVER_BURST_MS * rate_hz);
     s->allowed_ns = now_ns;
     s->is_paced = false;
-}
-
-void lw_send_queue_finish(struct lw_session *s) {
-    lw_blob_unref(s->control);
-    for (struct lw_blob *blob; (blob = next_answer(s));) lw_blob_unref(blob);
-    lw_blob_unref(s->partial_chunk);
-    free(s->held);
 }

@@ -2,6 +2,7 @@
 
 #include "common/clock.h"
 #include "common/log.h"
+#include "common/slices.h"
 #include "server/serve/control_socket.h"
 #include "server/serve/session.h"
 #include "server/serve/tcp_transport.h"
@@ -30,10 +31,22 @@
 #define ADDRESS_SIZE      300u
 #define DESCRIPTORS_MAX   65536u
 
+#define DOORS 4
+
+/* Where connections come in. */
+struct door {
+    uv_stream_t *listener;
+    struct lw_web_server **web; /* NULL: they are sessions by themselves */
+    unsigned taken, most;       /* in a turn */
+    bool is_held;               /* one more came: it is taken in the next turn */
+};
+
 struct lw_server {
     uv_loop_t loop;
+    struct door door[DOORS];
     uv_tcp_t listener, http_listener, metrics_listener;
     uv_pipe_t control_listener;
+    uv_tcp_t spare; /* for a connection that nothing else could take */
     uv_async_t wake;
     uv_prepare_t prepare; /* before the loop waits */
     uv_check_t check;     /* after it has waited */
@@ -231,7 +244,7 @@ static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     shared->recent[shared->generation % LW_SESSION_RECENT] =
         (struct lw_session_recent){snapshot->frame, lw_clock_ns()};
     answer_updates(shared);
-    for (struct lw_session *s = shared->first; s; s = lw_session_next(s)) lw_turns_set_due(s, false);
+    lw_turns_begin_snapshot(shared);
 }
 
 static void free_interest(struct lw_server_interest *interest) {
@@ -283,11 +296,15 @@ const _Atomic bool *lw_server_updates_wait(const struct lw_server *server) {
     return &server->shared.updates.waiting;
 }
 
+static void take_held(struct lw_server *server);
+
 static void on_busy(uv_idle_t *handle) { (void)handle; }
 
-/* Sessions are due when the loop would wait: it must not. */
+/* Sessions are due, or connections are held, when the loop would wait: it must not. */
 static void keep_busy(struct lw_server *server) {
-    if (lw_turns_any_due(&server->shared))
+    bool any = lw_turns_any_due(&server->shared);
+    for (int d = 0; d < DOORS; d++) any |= server->door[d].is_held;
+    if (any)
         uv_idle_start(&server->busy, on_busy);
     else
         uv_idle_stop(&server->busy);
@@ -303,6 +320,7 @@ static void on_check(uv_check_t *handle) {
     struct lw_server *server = handle->data;
     server->tcp.turn++;
     lw_turns_read_on(&server->shared);
+    take_held(server);
     lw_turns_serve_due(&server->shared, lw_clock_ns() + TURN_NS);
 }
 
@@ -493,16 +511,69 @@ static void tell_not_accepted(struct lw_server *server, const char *why) {
         lw_log(LW_LOG_WARNING, "cannot accept a connection: %s", why);
 }
 
+static void drop_connection(struct lw_server *server, struct door *door);
+
+static void on_spare_closed(uv_handle_t *handle) {
+    struct lw_server *server = handle->data;
+    if (uv_is_closing((uv_handle_t *)&server->wake)) return; /* all of them are */
+    (void)uv_tcp_init(&server->loop, &server->spare);        /* took no memory the first time, either */
+    for (int d = 0; d < DOORS; d++) drop_connection(server, &server->door[d]);
+}
+
+/* libuv tells of no further connection before the last one was taken. Where there was no memory for it, it is
+ * taken to be closed; another one beside it waits until the spare handle is closed. */
+static void drop_connection(struct lw_server *server, struct door *door) {
+    if (!door->is_held && !uv_is_closing((uv_handle_t *)&server->spare) &&
+        uv_accept(door->listener, (uv_stream_t *)&server->spare) == 0)
+        uv_close((uv_handle_t *)&server->spare, on_spare_closed);
+}
+
+static const char *why_not(enum lw_status status) {
+    return status == LW_UNAVAILABLE ? "its address has too many, or connects too often"
+                                    : lw_status_text(status);
+}
+
+static void take_connection(struct lw_server *server, struct door *door) {
+    const enum lw_status status = door->web ? lw_web_server_accept(*door->web, door->listener)
+                                            : lw_tcp_transport_accept(&server->tcp, door->listener);
+    if (status != LW_OK) tell_not_accepted(server, why_not(status));
+    drop_connection(server, door);
+}
+
+/* One that is not taken in this turn keeps libuv from looking for more. */
 static void on_connection(uv_stream_t *listener, int result) {
     struct lw_server *server = listener->data;
+    struct door *door = server->door;
+    while (door->listener != listener) door++;
     if (result < 0)
         tell_not_accepted(server, uv_strerror(result));
-    else if (listener == (uv_stream_t *)&server->http_listener)
-        lw_web_server_accept(server->web, listener);
-    else if (listener == (uv_stream_t *)&server->metrics_listener)
-        lw_web_server_accept(server->metrics_web, listener);
-    else if (lw_tcp_transport_accept(&server->tcp, listener) != LW_OK)
-        tell_not_accepted(server, "too many of them");
+    else if (door->taken == door->most)
+        door->is_held = true;
+    else {
+        door->taken++;
+        take_connection(server, door);
+    }
+}
+
+static void take_held(struct lw_server *server) {
+    for (struct door *door = server->door; door < server->door + DOORS; door++) {
+        door->taken = door->is_held;
+        if (!door->is_held) continue;
+        door->is_held = false;
+        if (!uv_is_closing((uv_handle_t *)door->listener)) take_connection(server, door);
+    }
+}
+
+static void init_doors(struct lw_server *server) {
+    const unsigned most = LW_SERVER_TURN_CONNECTIONS,
+                   by_https = server->tcp.tls ? LW_SERVER_TURN_HTTPS_CONNECTIONS : most;
+    const struct door doors[DOORS] = {
+        {.listener = (uv_stream_t *)&server->listener, .most = most},
+        {.listener = (uv_stream_t *)&server->control_listener, .most = most},
+        {.listener = (uv_stream_t *)&server->http_listener, .web = &server->web, .most = by_https},
+        {.listener = (uv_stream_t *)&server->metrics_listener, .web = &server->metrics_web, .most = by_https},
+    };
+    memcpy(server->door, doors, sizeof doors);
 }
 
 /* ---- files that are read again ---- */
@@ -728,6 +799,7 @@ static enum lw_status init_handles(struct lw_server *server, struct lw_error *er
         (result = uv_tcp_init(&server->loop, &server->http_listener)) < 0 ||
         (result = uv_tcp_init(&server->loop, &server->metrics_listener)) < 0 ||
         (result = uv_pipe_init(&server->loop, &server->control_listener, 0)) < 0 ||
+        (result = uv_tcp_init(&server->loop, &server->spare)) < 0 ||
         (result = uv_async_init(&server->loop, &server->wake, on_wake)) < 0 ||
         (result = uv_timer_init(&server->loop, &server->tick)) < 0 ||
         (result = uv_timer_init(&server->loop, &server->lag)) < 0 ||
@@ -740,7 +812,7 @@ static enum lw_status init_handles(struct lw_server *server, struct lw_error *er
         (result = uv_signal_init(&server->loop, &server->hangup)) < 0)
         return lw_status_fail(err, LW_OS, "cannot start an event loop: %s", uv_strerror(result));
     server->listener.data = server->http_listener.data = server->metrics_listener.data = server;
-    server->control_listener.data = server;
+    server->control_listener.data = server->spare.data = server;
     server->wake.data = server->tick.data = server->lag.data = server->beat.data = server;
     server->prepare.data = server->check.data = server->busy.data = server;
     server->interrupt.data = server->terminate.data = server->hangup.data = server;
@@ -877,13 +949,14 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
     if (getrandom(&server->shared.places.seed, sizeof server->shared.places.seed, 0) < 0)
         server->shared.places.seed = 1;
     server->shared.turned_away.seed = server->shared.places.seed;
-    server->shared.log.seed = server->shared.places.seed;
+    server->shared.log.seed = server->shared.connecting.seed = server->shared.places.seed;
     server->hooks = desc->hooks;
     server->has_terminal = isatty(STDERR_FILENO);
     set_descriptor_limit();
     enum lw_status status = init_handles(server, err);
     if (status == LW_OK) status = read_tokens(server, desc, err);
     if (status == LW_OK) status = read_certificate(server, desc, err);
+    init_doors(server);
     if (status == LW_OK && desc->sockets)
         status = take_over(&server->listener, &desc->sockets->listen, &server->port, err);
     else if (status == LW_OK)
@@ -917,6 +990,7 @@ uint16_t lw_server_metrics_port(const struct lw_server *server) { return server-
 bool lw_server_was_signalled(const struct lw_server *server) { return server->signalled; }
 
 enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err) {
+    lw_slices_ask_for_short();
     signal(SIGPIPE, SIG_IGN); /* libuv writes to closed sockets without asking for silence */
     enum lw_status status = watch_signals(server, err);
     if (status != LW_OK) return status;
@@ -976,11 +1050,12 @@ static void close_handles(struct lw_server *server) {
     uv_handle_t *const handles[] = {
         (uv_handle_t *)&server->listener,      (uv_handle_t *)&server->control_listener,
         (uv_handle_t *)&server->http_listener, (uv_handle_t *)&server->metrics_listener,
-        (uv_handle_t *)&server->wake,          (uv_handle_t *)&server->prepare,
-        (uv_handle_t *)&server->check,         (uv_handle_t *)&server->busy,
-        (uv_handle_t *)&server->tick,          (uv_handle_t *)&server->lag,
-        (uv_handle_t *)&server->beat,          (uv_handle_t *)&server->interrupt,
-        (uv_handle_t *)&server->terminate,     (uv_handle_t *)&server->hangup};
+        (uv_handle_t *)&server->spare,         (uv_handle_t *)&server->wake,
+        (uv_handle_t *)&server->prepare,       (uv_handle_t *)&server->check,
+        (uv_handle_t *)&server->busy,          (uv_handle_t *)&server->tick,
+        (uv_handle_t *)&server->lag,           (uv_handle_t *)&server->beat,
+        (uv_handle_t *)&server->interrupt,     (uv_handle_t *)&server->terminate,
+        (uv_handle_t *)&server->hangup};
     for (size_t i = 0; i < sizeof handles / sizeof *handles; i++) close_handle(handles[i]);
 }
 

@@ -12,11 +12,19 @@
  * Further ones are closed without a word. */
 #define LW_SERVER_TURNED_AWAY_MAX         1024u
 #define LW_SERVER_ADDRESS_TURNED_AWAY_MAX 32u
-#define LW_SERVER_PARSE_MAX               (8u << 20) /* bytes of memory to read one message of a peer */
+/* An address may connect as often as it has places, at least so often, and again within so long: */
+#define LW_SERVER_CONNECTIONS_MIN      100u
+#define LW_SERVER_CONNECTIONS_REFILL_S 20u
+#define LW_SERVER_PARSE_MAX            (8u << 20) /* bytes of memory to read one message of a peer */
 
 /* Of one peer in one turn of the loop, before others get theirs: */
-#define LW_SERVER_TURN_READ     (16u << 10) /* bytes */
-#define LW_SERVER_TURN_MESSAGES 256u
+#define LW_SERVER_TURN_READ        (16u << 10) /* bytes */
+#define LW_SERVER_TURN_MESSAGES    256u
+#define LW_SERVER_TURN_FRAMES_READ (2u << 10) /* bytes of a WebSocket, in which there may be 340 frames */
+/* Of all peers: connections that are taken at a port, more of them in the next turn. What libwebsockets does
+ * has no budget of time: there it is the number of handshakes. */
+#define LW_SERVER_TURN_CONNECTIONS       32u
+#define LW_SERVER_TURN_HTTPS_CONNECTIONS 4u
 /* Of all peers: time that TLS handshakes take in a turn; the others go on in the next one. */
 #define LW_SERVER_HANDSHAKES_MS 2u
 /* Bytes of a peer that the system keeps until they are read. By themselves they grow to megabytes. */
@@ -27,9 +35,12 @@
 #define LW_SERVER_HELLO_TIMEOUT_S   10u /* without a HELLO */
 #define LW_SERVER_PACKAGE_TIMEOUT_S 60u /* without a request for the package, unless it controls */
 #define LW_SERVER_STALL_TIMEOUT_S   15u /* in which it takes no byte, though bytes wait */
-#define LW_SERVER_LINGER_S          1u  /* from its refusal to the close, unless it was slow to read */
-#define LW_SERVER_EXCESS_TIMEOUT_S  10u /* of saying too much (message_rates.h) */
-#define LW_SERVER_SILENCE_S         60u /* of saying nothing; it is pinged after half of it */
+/* What may be on its way from a peer that is refused: dropped at once, the rest by its rates. */
+#define LW_SERVER_DROPPED_MAX        (64u << 10) /* bytes */
+#define LW_SERVER_DROPPED_FRAMES_MAX 64u
+#define LW_SERVER_LINGER_S           1u  /* from its refusal to the close, unless it was slow to read */
+#define LW_SERVER_EXCESS_TIMEOUT_S   10u /* of saying too much (message_rates.h) */
+#define LW_SERVER_SILENCE_S          60u /* of saying nothing; it is pinged after half of it */
 
 /* Bytes that wait per session before tiles are held back. The newest state of a tile is chosen when there is
  * room, so a slow reader skips versions. */

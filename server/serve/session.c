@@ -3,7 +3,6 @@
 #include "common/clock.h"
 #include "common/log.h"
 #include "server/serve/session_private.h"
-#include "server/serve/turns.h"
 
 #include <assert.h>
 #include <inttypes.h>
@@ -62,7 +61,7 @@ static bool take_place(struct lw_session *s) {
     struct lw_session_shared *shared = s->shared;
     const struct lw_address *at = &s->peer.at;
     if (s->peer.is_local) return true;
-    if (shared->place_count < shared->sessions_max &&
+    if (!s->peer.is_too_many && shared->place_count < shared->sessions_max &&
         lw_address_places_take(&shared->places, at, address_share(shared, at))) {
         s->has_place = true;
         shared->place_count++;
@@ -82,6 +81,18 @@ static void give_place(struct lw_session *s) {
     shared->turned_away_count -= s->is_turned_away;
     shared->control_count -= s->keeps_control_place;
     s->has_place = s->is_turned_away = s->keeps_control_place = false;
+}
+
+/* As many as there are places for it. */
+static uint32_t connections_at_once(const struct lw_session_shared *shared, const struct lw_address *at) {
+    const uint32_t places = address_share(shared, at);
+    return places > LW_SERVER_CONNECTIONS_MIN ? places : LW_SERVER_CONNECTIONS_MIN;
+}
+
+bool lw_session_may_connect(struct lw_session_shared *shared, const struct lw_address *at) {
+    const double burst = connections_at_once(shared, at);
+    return lw_address_rates_allow(&shared->connecting, at, burst / LW_SERVER_CONNECTIONS_REFILL_S, burst,
+                                  lw_clock_ns());
 }
 
 struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_session_transport *link,
@@ -104,7 +115,10 @@ struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_s
     lw_message_rates_init(&s->rates, s->since_ns);
     link_session(s);
     shared->on_open(shared->server);
-    if (s->is_turned_away && shared->place_count >= shared->sessions_max)
+    if (s->is_turned_away && peer->is_too_many)
+        lw_session_refuse(s, LW_REFUSAL_RATE, "this address connects too often: %u times a second at most",
+                          connections_at_once(shared, &peer->at) / LW_SERVER_CONNECTIONS_REFILL_S);
+    else if (s->is_turned_away && shared->place_count >= shared->sessions_max)
         lw_session_refuse(s, LW_REFUSAL_FULL, "the server has its %u sessions", shared->sessions_max);
     else if (s->is_turned_away)
         lw_session_refuse(s, LW_REFUSAL_FULL, "this address has its %u sessions",
@@ -115,8 +129,11 @@ struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_s
 void lw_session_closed(struct lw_session *s) {
     struct lw_session_shared *shared = s->shared;
     assert(s->state == LW_SESSION_CLOSED);
-    lw_send_queue_finish(s);
+    lw_blob_unref(s->control);
+    for (struct lw_blob *blob; (blob = lw_session_take_answer(s));) lw_blob_unref(blob);
+    lw_blob_unref(s->partial_chunk);
     lw_message_reader_clear(&s->input);
+    free(s->held);
     free(s->sent);
     free(s->lacked);
     free(s->interest_bits);
@@ -142,9 +159,7 @@ void lw_session_count_one(const struct lw_session *s, int64_t change) {
 
 /* No longer one of those who are served. */
 static void end_service(struct lw_session *s) {
-    if (s->state == LW_SESSION_STREAMING) {
-        lw_tile_stream_leave(s);
-    }
+    if (s->state == LW_SESSION_STREAMING) lw_session_interest_leave(s);
     if (s->controls) lw_updates_forget(&s->shared->updates, s);
     s->controls = false;
     if (s->welcomed) lw_session_count_one(s, -1);
@@ -156,8 +171,8 @@ void lw_session_close(struct lw_session *s, const char *reason) {
     if (s->welcomed) lw_session_tell(s, "left: %s", reason);
     end_service(s);
     give_place(s);
-    lw_turns_dequeue(s);
-    lw_turns_leave_inbox(s);
+    lw_session_queues_dequeue(s);
+    lw_session_queues_leave_inbox(s);
     s->state = LW_SESSION_CLOSED;
     unlink_session(s);
     s->link->ops->close(s->link);
@@ -180,7 +195,7 @@ void lw_session_written(struct lw_session *s, int result, bool was_full) {
     }
     lw_session_count(s->shared, &s->shared->stats.bytes_sent, (int64_t)s->writing);
     s->link_was_full |= was_full;
-    lw_turns_set_due(s, false);
+    lw_session_queues_set_due(s, false);
 }
 
 void lw_session_refuse(struct lw_session *s, enum lw_refusal code, const char *format, ...) {
@@ -195,12 +210,16 @@ void lw_session_refuse(struct lw_session *s, enum lw_refusal code, const char *f
     lw_session_tell(s, "%s: %s", s->welcomed ? "sent away" : "refused", text);
     end_service(s);
     if (s->inbox) { /* unread bytes would make the close a reset, which the refusal may not survive */
-        lw_turns_leave_inbox(s);
+        lw_session_queues_leave_inbox(s);
         s->link->ops->read(s->link, true);
     }
     lw_session_count(s->shared, &s->shared->stats.refused, 1);
     s->state = LW_SESSION_LEAVING;
     s->since_ns = lw_clock_ns();
+    lw_message_rates_init(&s->rates,
+                          s->since_ns); /* what it says from now on is dropped, but not at any rate */
+    lw_message_rates_bound(&s->rates, LW_MESSAGE_RATES_BYTES, LW_SERVER_DROPPED_MAX);
+    lw_message_rates_bound(&s->rates, LW_MESSAGE_RATES_FRAMES, LW_SERVER_DROPPED_FRAMES_MAX);
     s->link->ops->push(s->link);
     lw_blob_unref(s->control);
     s->control = NULL;
@@ -209,7 +228,7 @@ void lw_session_refuse(struct lw_session *s, enum lw_refusal code, const char *f
     if (lw_blob_from_message(&message, &s->control) != LW_OK)
         lw_session_close(s, "out of memory");
     else
-        lw_turns_set_due(s, true);
+        lw_session_queues_set_due(s, true);
 }
 
 void lw_session_check_token(struct lw_session *s) {
@@ -218,16 +237,11 @@ void lw_session_check_token(struct lw_session *s) {
         lw_session_refuse(s, LW_REFUSAL_TOKEN, "the token is no longer one of this server's");
 }
 
-/* With what was kept before: while a session is in an inbox a link may still hand over what it had read. */
-void lw_session_receive(struct lw_session *s, const uint8_t *bytes, size_t size) {
-    if (s->state >= LW_SESSION_LEAVING) return;
-    s->heard_ns = lw_clock_ns();
-    s->pinged = false;
-    lw_message_reader_lend(&s->input, bytes, size);
-    if (!s->inbox)
-        lw_session_handlers_take(s);
-    else if (lw_message_reader_keep(&s->input) != LW_OK)
-        lw_session_close(s, "out of memory");
+void lw_session_count_other(struct lw_session *s, enum lw_message_rates_kind kind, size_t many) {
+    if (s->state == LW_SESSION_CLOSED || !many) return;
+    if (lw_message_rates_count_other(&s->rates, kind, (double)many, lw_clock_ns()) &&
+        s->inbox != &s->shared->slowed)
+        lw_session_queues_enter_inbox(s, &s->shared->slowed);
 }
 
 void lw_session_queue_answer(struct lw_session *s, const struct lw_message *message) {
@@ -249,7 +263,18 @@ void lw_session_queue_answer(struct lw_session *s, const struct lw_message *mess
         s->first_answer = last;
     s->last_answer = last;
     s->answer_count++;
-    lw_turns_set_due(s, true);
+    lw_session_queues_set_due(s, true);
+}
+
+struct lw_blob *lw_session_take_answer(struct lw_session *s) {
+    struct lw_session_answer_entry *answer = s->first_answer;
+    if (!answer) return NULL;
+    struct lw_blob *blob = answer->blob;
+    s->first_answer = answer->next;
+    if (!s->first_answer) s->last_answer = NULL;
+    s->answer_count--;
+    free(answer);
+    return blob;
 }
 
 void lw_session_answer(struct lw_session *s, const struct lw_message_updated *answer) {
@@ -282,7 +307,7 @@ static bool is_silent(struct lw_session *s, uint64_t now_ns) {
     const uint64_t silence_ns = s->inbox || now_ns < s->heard_ns ? 0 : now_ns - s->heard_ns;
     if (!s->pinged && silence_ns > s->shared->silence_timeout_ns / 2) {
         s->pinged = s->ping_due = true;
-        lw_turns_set_due(s, true);
+        lw_session_queues_set_due(s, true);
     }
     return silence_ns > s->shared->silence_timeout_ns;
 }
@@ -296,6 +321,8 @@ static uint64_t hello_timeout_ns(const struct lw_session_shared *shared) {
 
 void lw_session_tick(struct lw_session *s, uint64_t now_ns, struct lw_session_waiting *waiting) {
     uint64_t age_ns = now_ns > s->since_ns ? now_ns - s->since_ns : 0;
+    if (s->link->ops->overhead)
+        lw_session_count_other(s, LW_MESSAGE_RATES_OVERHEAD, s->link->ops->overhead(s->link));
     const char *excess =
         lw_message_rates_judge(&s->rates, now_ns - s->looked_ns, s->shared->excess_timeout_ns);
     s->looked_ns = now_ns;
@@ -313,5 +340,5 @@ void lw_session_tick(struct lw_session *s, uint64_t now_ns, struct lw_session_wa
     else if (s->state != LW_SESSION_LEAVING && is_stalled(s, now_ns, waiting))
         refuse_stalled(s);
     else if (s->has_waiting)
-        lw_turns_set_due(s, true);
+        lw_session_queues_set_due(s, true);
 }

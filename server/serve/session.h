@@ -7,8 +7,10 @@
 
 #include "common/histogram.h"
 #include "common/scene/scene_roster.h"
+#include "server/serve/address_rates.h"
 #include "server/serve/deltas.h"
 #include "server/serve/interest_union.h"
+#include "server/serve/message_rates.h"
 #include "server/serve/peer_log.h"
 #include "server/serve/priority.h"
 #include "server/serve/server_limits.h"
@@ -83,8 +85,9 @@ struct lw_session_shared {
     uint32_t sessions_max;
     uint32_t address_sessions_max;                /* of one address; 0: lw_address_places_share() */
     struct lw_address_places places, turned_away; /* of connections that have one, and that got none */
-    struct lw_message_memory parse;               /* of the message that is handled */
-    struct lw_tokens *tokens;                     /* NULL: nobody needs one */
+    struct lw_address_rates connecting;
+    struct lw_message_memory parse; /* of the message that is handled */
+    struct lw_tokens *tokens;       /* NULL: nobody needs one */
     struct lw_peer_log log;
     /* Answers an operator; text: malloc'ed, at most LW_MESSAGE_REPORT_MAX bytes, or NULL. */
     enum lw_report_code (*ask)(void *server, const struct lw_message_ask *ask, char **out_text,
@@ -96,14 +99,19 @@ struct lw_session_shared {
 
 #define LW_SESSION_CHUNK (64u << 10) /* bytes of package data in a PACKAGE_CHUNK */
 
+/** Whether an address may connect once more; counts it then. Beyond that a session gets no place
+ * (peer.is_too_many), or there is none. */
+bool lw_session_may_connect(struct lw_session_shared *shared, const struct lw_address *at);
+
 /** A session on a link that is there; the link outlives it. It may be refused at once. NULL: there is no
  * memory, or too many wait for their close. */
 struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_session_transport *link,
                                    const struct lw_session_peer *peer);
 
-/* What a transport tells of its link. */
-/** Bytes have come. */
-void lw_session_receive(struct lw_session *session, const uint8_t *bytes, size_t size);
+/* What a transport tells of its link; of bytes that have come it tells session_handlers.h. */
+/** What has come beside messages: frames of a WebSocket (LW_MESSAGE_RATES_FRAMES), or bytes that the link
+ * took for itself (_OVERHEAD). Where that is too much the peer is not read for a time: it keeps the rest. */
+void lw_session_count_other(struct lw_session *session, enum lw_message_rates_kind kind, size_t count);
 /** The link has taken what write() left over, or result is libuv's error.
  * was_full  the link took no more for a time; not told by one that takes everything later */
 void lw_session_written(struct lw_session *session, int result, bool was_full);

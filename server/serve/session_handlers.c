@@ -1,7 +1,7 @@
-#include "server/serve/session_private.h"
+#include "server/serve/session_handlers.h"
 
 #include "common/clock.h"
-#include "server/serve/turns.h"
+#include "server/serve/session_private.h"
 
 #include <inttypes.h>
 #include <stdlib.h>
@@ -82,7 +82,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     s->allowed_ns = lw_clock_ns();
     s->state = LW_SESSION_WELCOMED;
     s->welcomed = true;
-    lw_turns_set_due(s, true);
+    lw_session_queues_set_due(s, true);
     lw_session_count(s->shared, &s->shared->stats.sessions_total, 1);
     lw_session_count_one(s, 1);
     lw_session_tell(s, "joined%s", s->form->form == LW_LIGHT_FORM_SPLIT ? ", draws direct light" : "");
@@ -137,8 +137,8 @@ static void handle_package_request(struct lw_session *s, const struct lw_message
         return;
     }
     s->state = LW_SESSION_STREAMING;
-    lw_turns_set_due(s, true);
-    lw_tile_stream_join(s);
+    lw_session_queues_set_due(s, true);
+    lw_session_interest_join(s);
 }
 
 /* Notes a session's interest. A peer may say it as often as it likes: the first holds at once, later ones
@@ -163,15 +163,17 @@ static void handle_interest(struct lw_session *s, const struct lw_message_intere
     }
     uint64_t *listed = s->shared->listed;
     for (size_t i = 0; i < said->tile_count; i++)
-        if (!lw_tile_stream_test_and_set(listed, interest.tile[i]))
+        if (!lw_session_interest_test_and_set(listed, interest.tile[i]))
             interest.tile[interest.tile_count++] = interest.tile[i];
     for (uint32_t i = 0; i < interest.tile_count; i++) listed[interest.tile[i] / 64] = 0;
     free(s->waiting.tile);
     s->waiting = interest;
     s->has_waiting = true;
     if (s->interest_epoch == s->shared->epoch) return;
-    lw_tile_stream_take_up_interest(s);
-    lw_turns_set_due(s, true);
+    if (lw_session_interest_take_up(s))
+        lw_session_queues_set_due(s, true);
+    else
+        lw_session_close(s, "out of memory");
 }
 
 static void handle_update(struct lw_session *s, const struct lw_message_update *update) {
@@ -274,7 +276,7 @@ static void handle_message(struct lw_session *s, const struct lw_message *m) {
     case LW_MESSAGE_PING:
         s->pong_due = true;
         s->pong_token = m->ping.token;
-        lw_turns_set_due(s, true);
+        lw_session_queues_set_due(s, true);
         break;
     case LW_MESSAGE_ACK:
         handle_ack(s, m->ack.frame);
@@ -320,14 +322,31 @@ void lw_session_handlers_take(struct lw_session *s) {
     }
     if (s->state >= LW_SESSION_LEAVING) {
         lw_message_reader_clear(&s->input);
+        if (s->state == LW_SESSION_LEAVING && s->inbox && !s->rates.waits) {
+            lw_session_queues_leave_inbox(s);
+            s->link->ops->read(s->link, true);
+        }
     } else if (lw_message_reader_keep(&s->input) != LW_OK) {
         lw_session_close(s, "out of memory");
     } else if (s->rates.waits) {
-        lw_turns_enter_inbox(s, &s->shared->slowed);
+        lw_session_queues_enter_inbox(s, &s->shared->slowed);
     } else if (more) {
-        lw_turns_enter_inbox(s, &s->shared->unread);
+        lw_session_queues_enter_inbox(s, &s->shared->unread);
     } else if (s->inbox) {
-        lw_turns_leave_inbox(s);
+        lw_session_queues_leave_inbox(s);
         s->link->ops->read(s->link, true);
     }
+}
+
+/* With what was kept before: while a session is in an inbox a link may still hand over what it had read. */
+void lw_session_handlers_receive(struct lw_session *s, const uint8_t *bytes, size_t size) {
+    if (s->state == LW_SESSION_LEAVING) lw_session_count_other(s, LW_MESSAGE_RATES_BYTES, size);
+    if (s->state >= LW_SESSION_LEAVING) return;
+    s->heard_ns = lw_clock_ns();
+    s->pinged = false;
+    lw_message_reader_lend(&s->input, bytes, size);
+    if (!s->inbox)
+        lw_session_handlers_take(s);
+    else if (lw_message_reader_keep(&s->input) != LW_OK)
+        lw_session_close(s, "out of memory");
 }

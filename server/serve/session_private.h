@@ -1,17 +1,18 @@
-/* session_private.h: a session's state, and what its five files do for one another:
+/* session_private.h: a session's state, and what its files do for one another. Each uses those below it:
  *
- *   session.c           begins, ends, keeps time limits
+ *   turns.c             which session has its turn, and takes it
  *   session_handlers.c  handles what the peer says
- *   tile_stream.c       interest, and the tiles of the newest snapshot that the session lacks
  *   send_queue.c        what is sent next, in batches, within the rate limit
- *   turns.c             which session has its turn
+ *   tile_stream.c       the tiles of the newest snapshot that the session lacks
+ *   session.c           begins, ends, answers, keeps time limits
+ *   session_interest.c  what the session wants, and what all want
+ *   session_queues.c    the queues in which sessions wait for a turn
  *
  * Threads: everything here is [loop]. For these files alone. */
 #ifndef LW_SERVE_SESSION_PRIVATE_H
 #define LW_SERVE_SESSION_PRIVATE_H
 
 #include "proto/message_reader.h"
-#include "server/serve/message_rates.h"
 #include "server/serve/session.h"
 
 enum lw_session_state {
@@ -121,23 +122,37 @@ void lw_session_count_one(const struct lw_session *s, int64_t change);
 /** Queues an answer, UPDATED or REPORT, which is written after the frame that shows it. The session may be
  * refused or closed instead. */
 void lw_session_queue_answer(struct lw_session *s, const struct lw_message *message);
+/** The next of these; NULL: there is none. The caller has it then. */
+struct lw_blob *lw_session_take_answer(struct lw_session *s);
 /** Logs a line about a peer, unless there were many. */
 void lw_session_tell(const struct lw_session *s, const char *format, ...) LW_PRINTF(2, 3);
 
-/* ---- session_handlers.c ---- */
+/* ---- session_interest.c ---- */
 
-/** Handles what is in s->input, within a turn's messages and the peer's rates. The rest waits in an inbox. */
-void lw_session_handlers_take(struct lw_session *s);
+/** Sets a tile's bit; returns whether it was set. */
+bool lw_session_interest_test_and_set(uint64_t *bits, uint32_t tile);
+/** s->waiting holds from now on. false: there is no memory, and nothing has changed. */
+bool lw_session_interest_take_up(struct lw_session *s);
+/** The session's interest and form count, from when it is streamed to until it is no more. */
+void lw_session_interest_join(struct lw_session *s);
+void lw_session_interest_leave(struct lw_session *s);
+
+/* ---- session_queues.c ---- */
+
+/** Gives it a turn: there may be something to send.
+ * asked  for an answer: sessions that did not ask have another queue, and neither queue waits for the other
+ */
+void lw_session_queues_set_due(struct lw_session *s, bool asked);
+/** Into a queue, at its end; and out of the one that it was in. */
+void lw_session_queues_enqueue(struct lw_session *s, struct lw_session_queue *queue);
+/** Out of the queue that it is in, if any. */
+void lw_session_queues_dequeue(struct lw_session *s);
+/** Into an inbox, at its end: nothing is read meanwhile. The link keeps what it has, and so does the peer. */
+void lw_session_queues_enter_inbox(struct lw_session *s, struct lw_session_inbox *inbox);
+void lw_session_queues_leave_inbox(struct lw_session *s);
 
 /* ---- tile_stream.c ---- */
 
-/** Sets a tile's bit; returns whether it was set. */
-bool lw_tile_stream_test_and_set(uint64_t *bits, uint32_t tile);
-/** s->waiting holds from now on. */
-void lw_tile_stream_take_up_interest(struct lw_session *s);
-/** The session's interest and form count, from when it is streamed to until it is no more. */
-void lw_tile_stream_join(struct lw_session *s);
-void lw_tile_stream_leave(struct lw_session *s);
 /** Whether there is a snapshot for the session. */
 bool lw_tile_stream_has_light(const struct lw_session *s);
 /** References to what is to be sent next, in this order. NULL: nothing, or (tiles, with s->waits) what the
@@ -155,15 +170,5 @@ void lw_send_queue_renew_allowance(struct lw_session *s, uint64_t now_ns);
 /** Writes a turn's batches. true: nothing is left that may be sent now; false: the link is full, or the turn
  * is over. */
 bool lw_send_queue_write(struct lw_session *s);
-/** Frees what waits. */
-void lw_send_queue_finish(struct lw_session *s);
-
-/* ---- turns.c; more in turns.h ---- */
-
-/** Out of the queue that it is in, if any. */
-void lw_turns_dequeue(struct lw_session *s);
-/** Into an inbox, at its end: nothing is read meanwhile. The link keeps what it has, and so does the peer. */
-void lw_turns_enter_inbox(struct lw_session *s, struct lw_session_inbox *inbox);
-void lw_turns_leave_inbox(struct lw_session *s);
 
 #endif

@@ -1,9 +1,9 @@
 /* session_transport.h: what a session knows of the link that it runs on. There are
  * tcp_transport.h and ws_transport.h.
- * Flow:    session -> blobs -> [transport] -> link; link -> bytes -> lw_session_receive()
+ * Flow:    session -> blobs -> [transport] -> link; link -> bytes -> lw_session_handlers_receive()
  * Threads: everything here is [loop].
  *
- * A transport calls lw_session_open() when its link is there, then lw_session_receive(),
+ * A transport calls lw_session_open() when its link is there, then lw_session_handlers_receive(),
  * lw_session_written() and lw_session_lost() as they come, and lw_session_closed() last, once, when the link
  * is gone: a call to close() ends there. */
 #ifndef LW_SERVE_SESSION_TRANSPORT_H
@@ -33,6 +33,9 @@ struct lw_session_transport {
         void (*close)(struct lw_session_transport *link);
         /** Bytes that the link has not taken, and those that the peer's system has not. */
         void (*waiting)(const struct lw_session_transport *link, size_t *out_ours, size_t *out_socket);
+        /** Bytes that have come since the last call and were no messages. NULL: the link counts them itself
+         * as they come, or there are none. */
+        size_t (*overhead)(struct lw_session_transport *link);
     } * ops;
 };
 
@@ -41,6 +44,7 @@ struct lw_session_peer {
     struct lw_address at;
     char address[64]; /* for people, with the port */
     bool may_control; /* if it asks to, and without a token */
+    bool is_too_many; /* connections of its address in a second: it gets no place */
     bool is_local;    /* on a Unix socket of the server's: it takes no place, and there is always one */
     bool is_operator; /* over the server's own Unix socket, as its user or root; whatever its token */
 };

@@ -2,6 +2,7 @@
 
 #include "common/clock.h"
 #include "server/serve/control_socket.h"
+#include "server/serve/session_handlers.h"
 
 #include <assert.h>
 #if defined(__linux__)
@@ -56,6 +57,8 @@ struct link {
     enum tls tls;
     struct lw_tls_stream *stream;
     struct lw_blob *held; /* what the session said before TLS was ready */
+    uint64_t overhead;    /* bytes of TLS that were no messages, told so far; */
+    uint64_t sealed;      /* all but messages that came: a record that is half there will be one */
 };
 
 /* ---- writing ---- */
@@ -114,12 +117,30 @@ static void on_tls_written(uv_write_t *request, int result) {
     if (of_session) lw_session_written(link->session, result, true);
 }
 
-/* Sends what TLS has made. of_session: which is told when the link has taken the rest.
- * Returns how many bytes the link took at once, or libuv's error. */
+/* What the link takes at once. An error is met again by who sends the rest. */
+static size_t take_output(void *context, const void *bytes, size_t size) {
+    struct link *link = context;
+    const uv_buf_t buffer = uv_buf_init((char *)bytes, (unsigned)size);
+    const int taken = uv_try_write(&link->on.stream, &buffer, 1);
+    return taken > 0 ? (size_t)taken : 0;
+}
+
+/* The shared output is this link's until the next call. */
+static struct lw_tls_output *output_of(struct link *link) {
+    struct lw_tls_output *output = &link->shared->output;
+    output->take = take_output;
+    output->link = link;
+    output->size = output->taken = 0;
+    output->is_full = false;
+    return output;
+}
+
+/* Sends what the link has not taken yet of what TLS has made. of_session: which is told when the link has
+ * taken the rest. Returns how many bytes the link took at once, or libuv's error. */
 static int send_output(struct link *link, bool of_session) {
     struct lw_tls_output *output = &link->shared->output;
     const size_t size = output->size;
-    output->size = 0;
+    output->size = 0; /* its bytes stay */
     if (!size) return 0;
     uv_buf_t buffer = uv_buf_init((char *)output->bytes, (unsigned)size);
     int result = uv_try_write(&link->on.stream, &buffer, 1);
@@ -166,14 +187,15 @@ static enum lw_status encrypt(struct link *link, struct lw_blob *const *blob, ui
 
 /* As write_blobs(): what the link took of the records, told in bytes of the blobs. */
 static int write_by_tls(struct link *link, struct lw_blob *const *blob, uint32_t count, size_t bytes) {
-    link->shared->output.size = 0;
+    const struct lw_tls_output *output = output_of(link);
     const enum lw_status status = encrypt(link, blob, count);
     unref_all(blob, count);
     if (status != LW_OK) return status == LW_NO_MEMORY ? UV_ENOMEM : UV_EPROTO;
-    const size_t size = link->shared->output.size;
-    const int sent = send_output(link, true);
-    if (sent < 0) return sent;
-    if ((size_t)sent == size) return (int)bytes;
+    const size_t size = output->taken + output->size;
+    const int result = send_output(link, true);
+    if (result < 0) return result;
+    const size_t sent = output->taken + (size_t)result;
+    if (sent == size) return (int)bytes;
     const size_t share = (size_t)((double)bytes * (double)sent / (double)size);
     return (int)(share < bytes ? share : bytes - 1); /* not all: the rest is waited for */
 }
@@ -232,7 +254,7 @@ static int end_writing(struct lw_session_transport *transport, enum lw_refusal c
     (void)code; /* the REFUSAL has said so */
     (void)text;
     if (link->stream) {
-        lw_tls_stream_end(link->stream, &link->shared->output);
+        lw_tls_stream_end(link->stream, output_of(link));
         (void)send_output(link, false); /* if that fails so does the next */
     }
     return uv_shutdown(&link->shutdown, &link->on.stream, on_shutdown);
@@ -279,6 +301,13 @@ static void fail_tls(struct link *link, enum lw_status status, const char *why) 
     lw_session_refuse(link->session, LW_REFUSAL_PROTOCOL, "TLS: %s", why);
 }
 
+static void count_overhead(struct link *link) {
+    if (link->sealed <= link->overhead) return;
+    const size_t more = (size_t)(link->sealed - link->overhead);
+    link->overhead = link->sealed;
+    lw_session_count_other(link->session, LW_MESSAGE_RATES_OVERHEAD, more);
+}
+
 /* Decrypts what came, and hands it on. A session that is refused or closed meanwhile is told nothing more. */
 static void receive_by_tls(struct link *link, const uint8_t *bytes, size_t size) {
     struct lw_tcp_transport_shared *shared = link->shared;
@@ -288,17 +317,19 @@ static void receive_by_tls(struct link *link, const uint8_t *bytes, size_t size)
     enum lw_status status;
     size_t got;
     lw_tls_stream_lend(link->stream, bytes, size);
+    link->sealed += size;
     do {
-        shared->output.size = got = 0;
+        got = 0;
         status = lw_tls_stream_read(link->stream, shared->record, sizeof shared->record, &got,
-                                    &shared->output, &err);
+                                    output_of(link), &err);
         const bool sent = send_output(link, false) >= 0;
         if (!sent || uv_stream_get_write_queue_size(&link->on.stream) >
                          LW_SERVER_QUEUE_MAX * 2 + LW_SERVER_ASIDE_MAX) {
             lw_session_lost(link->session, UV_EPIPE);
             return;
         }
-        if (status == LW_OK && got) lw_session_receive(link->session, shared->record, got);
+        link->sealed -= got;
+        if (status == LW_OK && got) lw_session_handlers_receive(link->session, shared->record, got);
     } while (status == LW_OK && got && !uv_is_closing((uv_handle_t *)&link->on.stream));
     if (uv_is_closing((uv_handle_t *)&link->on.stream)) return;
     if (shakes_hands) shared->handshakes_ns += lw_clock_ns() - began_ns;
@@ -306,7 +337,10 @@ static void receive_by_tls(struct link *link, const uint8_t *bytes, size_t size)
         link->tls = TLS_READY;
         let_go(link);
     }
-    if (status != LW_OK) fail_tls(link, status, err.text);
+    if (status != LW_OK)
+        fail_tls(link, status, err.text);
+    else
+        count_overhead(link);
 }
 
 /* A record of a handshake, as 5.1 of RFC 8446 has it. As a message of ours it would be longer than any is. */
@@ -331,7 +365,7 @@ static void receive(struct link *link, const uint8_t *bytes, size_t size) {
         lw_session_refuse(link->session, LW_REFUSAL_PROTOCOL,
                           "it speaks TLS, and this server has no certificate (--tls-certificate)");
     else if (link->tls == TLS_NONE)
-        lw_session_receive(link->session, bytes, size);
+        lw_session_handlers_receive(link->session, bytes, size);
 }
 
 /* Handshakes take the most of a turn of all that newcomers ask for. */
@@ -385,8 +419,8 @@ static void close_link(struct lw_session_transport *transport) {
     uv_close((uv_handle_t *)&link_of(transport)->on.stream, on_closed);
 }
 
-static const struct lw_session_transport_ops ops = {write_blobs, read_on,    push,
-                                                    end_writing, close_link, waiting};
+static const struct lw_session_transport_ops ops = {write_blobs, read_on, push, end_writing,
+                                                    close_link,  waiting, NULL};
 
 static int init_stream(struct link *link, uv_stream_t *listener) {
     if (listener->type == UV_NAMED_PIPE) return uv_pipe_init(listener->loop, &link->on.pipe, 0);
@@ -394,47 +428,50 @@ static int init_stream(struct link *link, uv_stream_t *listener) {
 }
 
 /* On a Unix socket nobody is served but the server's user and root. */
-static void open_session(struct link *link, int descriptor) {
+static enum lw_status open_session(struct link *link, int descriptor) {
+    struct lw_session_shared *sessions = link->shared->sessions;
     const bool is_local = link->on.stream.type == UV_NAMED_PIPE;
-    const struct lw_session_peer peer =
+    struct lw_session_peer peer =
         is_local ? lw_control_socket_peer(descriptor) : lw_tcp_transport_peer(descriptor);
-    if (!is_local) lw_tcp_transport_set_options(descriptor);
-    link->session = lw_session_open(link->shared->sessions, &link->transport, &peer);
-    if (link->session && is_local && !peer.may_control)
+    if (!is_local) {
+        lw_tcp_transport_set_options(descriptor);
+        peer.is_too_many = !lw_session_may_connect(sessions, &peer.at);
+        if (link->shared->tls) link->tls = TLS_EXPECTS;
+    }
+    if (link->tls == TLS_EXPECTS) {
+        if (peer.is_too_many)
+            return LW_UNAVAILABLE; /* a handshake to say so would cost more than it is worth */
+        const enum lw_status status =
+            lw_tls_stream_create(lw_tls_context_ssl(link->shared->tls), NULL, &link->stream);
+        if (status != LW_OK) return status;
+    }
+    link->session = lw_session_open(sessions, &link->transport, &peer);
+    if (!link->session) return peer.is_too_many ? LW_UNAVAILABLE : LW_OS;
+    if (is_local && !peer.may_control)
         lw_session_refuse(link->session, LW_REFUSAL_NOT_ALLOWED,
                           "this socket is for the server's own user and root alone");
+    return LW_OK;
 }
 
 enum lw_status lw_tcp_transport_accept(struct lw_tcp_transport_shared *shared, uv_stream_t *listener) {
     struct link *link = calloc(1, sizeof *link);
     if (!link) return LW_NO_MEMORY;
     *link = (struct link){.transport = {&ops}, .shared = shared, .turn = UINT64_MAX, .is_new = true};
-    const bool by_tls = shared->tls && listener->type != UV_NAMED_PIPE;
-    if (by_tls) {
-        link->tls = TLS_EXPECTS;
-        const enum lw_status status =
-            lw_tls_stream_create(lw_tls_context_ssl(shared->tls), NULL, &link->stream);
-        if (status != LW_OK) {
-            free(link);
-            return status;
-        }
-    }
     if (init_stream(link, listener) < 0) {
-        lw_tls_stream_destroy(link->stream);
         free(link);
         return LW_OS;
     }
     link->on.stream.data = link;
     uv_os_fd_t descriptor;
+    enum lw_status status = LW_OS;
     if (uv_accept(listener, &link->on.stream) == 0 &&
         uv_fileno((const uv_handle_t *)&link->on.stream, &descriptor) == 0)
-        open_session(link, descriptor);
-    if (!link->session) {
+        status = open_session(link, descriptor);
+    if (status == LW_OK)
+        read_on(&link->transport, true);
+    else
         close_link(&link->transport);
-        return LW_OS;
-    }
-    read_on(&link->transport, true);
-    return LW_OK;
+    return status;
 }
 
 /* ---- sockets ---- */
@@ -474,6 +511,27 @@ void lw_tcp_transport_push(int socket) {
     if (getsockopt(socket, SOL_SOCKET, SO_SNDBUF, &size, &length) != 0 || size >= 2 * PUSHED_MAX) return;
     size = PUSHED_MAX; /* the system counts twice that, for what it keeps beside the bytes */
     (void)setsockopt(socket, SOL_SOCKET, SO_SNDBUF, &size, sizeof size);
+}
+
+uint64_t lw_tcp_transport_came(int socket) {
+#if defined(__linux__)
+    struct { /* the C library's ends before what Linux 4.1 added */
+        struct tcp_info begin;
+        uint64_t pacing_rate, max_pacing_rate, bytes_acked, bytes_received;
+    } info;
+    _Static_assert(sizeof info == 136, "not that of linux/tcp.h");
+    socklen_t length = sizeof info;
+    if (getsockopt(socket, IPPROTO_TCP, TCP_INFO, &info, &length) == 0 && length == sizeof info)
+        return info.bytes_received;
+#else
+    (void)socket;
+#endif
+    return 0;
+}
+
+size_t lw_tcp_transport_unread(int socket) {
+    int bytes;
+    return ioctl(socket, FIONREAD, &bytes) == 0 && bytes > 0 ? (size_t)bytes : 0;
 }
 
 size_t lw_tcp_transport_socket_waiting(int socket) {

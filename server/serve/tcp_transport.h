@@ -21,7 +21,8 @@ struct lw_tcp_transport_shared {
     uint64_t handshakes_turn, handshakes_ns;  /* time that handshakes took in that turn */
 };
 
-/** Takes the next connection of a listener. Errors: LW_NO_MEMORY, LW_OS; then there is no session. */
+/** Takes the next connection of a listener. Errors: LW_NO_MEMORY, LW_OS; LW_UNAVAILABLE: its address connects
+ * too often. Then there is no session, and the listener may still have the connection. */
 LW_MUST_CHECK enum lw_status lw_tcp_transport_accept(struct lw_tcp_transport_shared *shared,
                                                      uv_stream_t *listener);
 
@@ -33,6 +34,10 @@ struct lw_session_peer lw_tcp_transport_peer(int socket);
 void lw_tcp_transport_set_options(int socket);
 /** Lets the system take what waits for it, LW_SERVER_QUEUE_MAX at least. */
 void lw_tcp_transport_push(int socket);
+/** Bytes that have come to it since it connected, and of these those that nobody has read. 0: the system does
+ * not tell. */
+uint64_t lw_tcp_transport_came(int socket);
+size_t lw_tcp_transport_unread(int socket);
 /** Bytes in the socket that the peer's system has not taken. */
 size_t lw_tcp_transport_socket_waiting(int socket);
 

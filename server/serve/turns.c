@@ -1,77 +1,40 @@
 #include "server/serve/turns.h"
 
 #include "common/clock.h"
+#include "server/serve/session_handlers.h"
 #include "server/serve/session_private.h"
-
-void lw_turns_dequeue(struct lw_session *s) {
-    struct lw_session_queue *queue = s->queue;
-    if (!queue) return;
-    s->queue = NULL;
-    *(s->previous_due ? &s->previous_due->next_due : &queue->first) = s->next_due;
-    *(s->next_due ? &s->next_due->previous_due : &queue->last) = s->previous_due;
-}
-
-/* At its end; and out of the one that it was in. */
-static void enqueue(struct lw_session *s, struct lw_session_queue *queue) {
-    lw_turns_dequeue(s);
-    s->queue = queue;
-    s->next_due = NULL;
-    s->previous_due = queue->last;
-    *(queue->last ? &queue->last->next_due : &queue->first) = s;
-    queue->last = s;
-}
-
-void lw_turns_leave_inbox(struct lw_session *s) {
-    struct lw_session_inbox *inbox = s->inbox;
-    if (!inbox) return;
-    s->inbox = NULL;
-    *(s->previous_unread ? &s->previous_unread->next_unread : &inbox->first) = s->next_unread;
-    *(s->next_unread ? &s->next_unread->previous_unread : &inbox->last) = s->previous_unread;
-}
-
-/* At its end. The link keeps what it has meanwhile, and so does the peer. */
-void lw_turns_enter_inbox(struct lw_session *s, struct lw_session_inbox *inbox) {
-    if (!s->inbox) s->link->ops->read(s->link, false);
-    lw_turns_leave_inbox(s);
-    s->inbox = inbox;
-    s->next_unread = NULL;
-    s->previous_unread = inbox->last;
-    *(inbox->last ? &inbox->last->next_unread : &inbox->first) = s;
-    inbox->last = s;
-}
 
 static void pump(struct lw_session *s) {
     if (s->rate_limit_bytes_hz) lw_send_queue_renew_allowance(s, lw_clock_ns());
-    if (s->has_waiting && s->interest_epoch != s->shared->epoch) lw_tile_stream_take_up_interest(s);
+    if (s->has_waiting && s->interest_epoch != s->shared->epoch && !lw_session_interest_take_up(s))
+        lw_session_close(s, "out of memory");
     s->waits = false;
     const bool has_all = lw_send_queue_write(s);
     if (has_all && s->is_paced)
-        enqueue(s, &s->shared->paced);
+        lw_session_queues_enqueue(s, &s->shared->paced);
     else if (has_all && s->waits)
-        enqueue(s, &s->shared->waiting);
+        lw_session_queues_enqueue(s, &s->shared->waiting);
     else if (!has_all && !s->is_writing)
-        lw_turns_set_due(s, false); /* more than one turn's */
+        lw_session_queues_set_due(s, false); /* more than one turn's */
     if (has_all && s->state == LW_SESSION_LEAVING && !s->ended) {
         s->ended = true; /* the peer's own close, or the time limit, ends the session */
         if (s->link->ops->end(s->link, s->refusal, s->refusal_text) < 0) lw_session_close(s, "link is gone");
     }
 }
 
-void lw_turns_set_due(struct lw_session *s, bool asked) {
-    struct lw_session_queue *due = s->shared->due;
-    if (s->state == LW_SESSION_CLOSED || s->queue == &due[0] || (s->queue == &due[1] && !asked)) return;
-    enqueue(s, &due[asked ? 0 : 1]);
-}
-
 static void end_waiting(struct lw_session_shared *shared, uint64_t now_ns) {
     for (struct lw_session *s = shared->slowed.first, *next; s; s = next) {
         next = s->next_unread;
-        if (!lw_message_rates_wait(&s->rates, now_ns)) lw_turns_enter_inbox(s, &shared->unread);
+        if (!lw_message_rates_wait(&s->rates, now_ns)) lw_session_queues_enter_inbox(s, &shared->unread);
     }
 }
 
+void lw_turns_begin_snapshot(struct lw_session_shared *shared) {
+    for (struct lw_session *s = shared->first; s; s = lw_session_next(s)) lw_session_queues_set_due(s, false);
+}
+
 void lw_turns_serve_paced(struct lw_session_shared *shared) {
-    while (shared->paced.first) lw_turns_set_due(shared->paced.first, false);
+    while (shared->paced.first) lw_session_queues_set_due(shared->paced.first, false);
     end_waiting(shared, lw_clock_ns());
 }
 
@@ -79,7 +42,7 @@ void lw_turns_collect(struct lw_session_shared *shared) {
     bool any = false;
     for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) any |= lw_deltas_collect(&shared->form[f].deltas);
     if (!any) return;
-    while (shared->waiting.first) lw_turns_set_due(shared->waiting.first, false);
+    while (shared->waiting.first) lw_session_queues_set_due(shared->waiting.first, false);
 }
 
 bool lw_turns_any_due(const struct lw_session_shared *shared) {
@@ -91,7 +54,7 @@ void lw_turns_serve_due(struct lw_session_shared *shared, uint64_t deadline_ns) 
         for (int q = 0; q < 2; q++) {
             struct lw_session *s = shared->due[q].first;
             if (!s) continue;
-            lw_turns_dequeue(s);
+            lw_session_queues_dequeue(s);
             pump(s);
         }
 }

@@ -7,10 +7,8 @@
 
 #include "server/serve/session.h"
 
-/** Gives it a turn: there may be something to send. Call when a new snapshot is there.
- * asked  for an answer: sessions that did not ask have another queue, and
- *        neither queue waits for the other */
-void lw_turns_set_due(struct lw_session *session, bool asked);
+/** Gives all a turn: there is a new snapshot. */
+void lw_turns_begin_snapshot(struct lw_session_shared *shared);
 
 /** Sends to those who have a turn, each its share, alternately from both queues, until nobody has one or the
  * deadline (lw_clock_ns) has passed. Sessions that were left out come first next time. */

@@ -1,5 +1,6 @@
 #include "server/serve/web_server.h"
 
+#include "common/clock.h"
 #include "server/serve/http_origin.h"
 #include "server/serve/tcp_transport.h"
 #include "server/serve/tls_context.h"
@@ -47,6 +48,9 @@ struct connection {
     size_t body_size;
     char *made; /* a page that was made for this one */
     char host[LW_HTTP_ORIGIN_MAX];
+    double requests; /* so far, less what time has made good */
+    uint64_t asked_ns;
+    bool is_slowed;
 };
 
 /* Where there is no client. */
@@ -98,6 +102,7 @@ static int write_headers(struct lws *wsi, struct connection *c, unsigned status,
                add_header(wsi, &at, end, "content-length:", length);
     if (done && type && strncmp(type, "text/html", 9) == 0) done = add_policy(wsi, c, &at, end);
     if (done && status == 405) done = add_header(wsi, &at, end, "allow:", "GET, HEAD");
+    if (done && status == 429) done = add_header(wsi, &at, end, "retry-after:", "1");
     if (done && status == 401) done = add_header(wsi, &at, end, "www-authenticate:", "Bearer");
     if (done && status >= 400 && status != 404) done = add_header(wsi, &at, end, "connection:", "close");
     if (!done || lws_finalize_http_header(wsi, &at, end)) return -1;
@@ -230,11 +235,34 @@ static bool says_token(struct lws *wsi, const struct lw_session_shared *sessions
     return known;
 }
 
+/* Counts one more. */
+static bool asks_too_often(struct connection *c) {
+    const uint64_t now_ns = lw_clock_ns();
+    const double made_good = 1e-9 * (double)(now_ns - c->asked_ns) * LW_WEB_SERVER_REQUESTS_HZ;
+    c->requests = c->requests > made_good ? c->requests - made_good + 1 : 1;
+    c->asked_ns = now_ns;
+    return c->requests > LW_WEB_SERVER_REQUESTS_BURST;
+}
+
+/* After a time in which nothing more is read: it would only come back, and as fast. */
+static int slow_down(struct lws *wsi, struct connection *c) {
+    c->is_slowed = true;
+    lws_rx_flow_control(wsi, 0);
+    lws_set_timeout(wsi, PENDING_TIMEOUT_HTTP_CONTENT, LW_WEB_SERVER_ANSWER_S);
+    lws_set_timer_usecs(wsi, LW_WEB_SERVER_SLOWED_S * LWS_USEC_PER_SEC);
+    return 0;
+}
+
+static int refuse_haste(struct lws *wsi, struct connection *c) {
+    return c->is_slowed ? refuse(wsi, c, 429, "Too many requests on one connection: ask more slowly.\n") : 0;
+}
+
 static int handle_request(struct lws *wsi, struct connection *c, const char *path) {
     struct lw_web_server *server = c->server;
     char *uri, tag[64];
     int uri_length;
     const int method = lws_http_get_uri_and_method(wsi, &uri, &uri_length);
+    if (asks_too_often(c)) return slow_down(wsi, c);
     if (is_plain_at_tls(wsi, c)) return refuse_plain(wsi, c);
     if (!check_host(wsi, c)) return refuse_host(wsi, c);
     if (server->wants_token && !says_token(wsi, server->sockets.sessions))
@@ -315,6 +343,8 @@ static int on_http(struct lws *wsi, enum lws_callback_reasons reason, void *user
         return handle_request(wsi, c, in);
     case LWS_CALLBACK_HTTP_WRITEABLE:
         return c->body_size ? write_body(wsi, c) : 0;
+    case LWS_CALLBACK_TIMER:
+        return refuse_haste(wsi, c);
     case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE:
         return handle_upgrade(wsi, c, in);
     case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: /* of a WebSocket that asked for no protocol of ours */
@@ -351,6 +381,8 @@ static int on_socket(struct lws *wsi, enum lws_callback_reasons reason, void *us
         return open_socket(wsi, c);
     case LWS_CALLBACK_RECEIVE:
         return lws_frame_is_binary(wsi) ? lw_ws_transport_receive(c->socket, in, size) : refuse_text(wsi);
+    case LWS_CALLBACK_RECEIVE_PONG:
+        return lw_ws_transport_receive(c->socket, NULL, 0);
     case LWS_CALLBACK_SERVER_WRITEABLE:
         return lw_ws_transport_writeable(c->socket);
     case LWS_CALLBACK_CLOSED:
@@ -368,43 +400,52 @@ static int on_socket(struct lws *wsi, enum lws_callback_reasons reason, void *us
 
 static void on_handle_closed(uv_handle_t *handle) { free(handle); }
 
-/* The next connection as a descriptor of its own; -1: there is none. */
-static int take_descriptor(uv_stream_t *listener) {
-    int descriptor = -1;
+/* The next connection as a descriptor of its own, if its address has a place for it. */
+static enum lw_status take_descriptor(struct lw_web_server *server, uv_stream_t *listener,
+                                      struct lw_address *out_at, int *out_descriptor) {
+    enum lw_status status = LW_OS;
     uv_os_fd_t accepted;
     uv_tcp_t *tcp = malloc(sizeof *tcp);
-    if (!tcp) return -1;
+    if (!tcp) return LW_NO_MEMORY;
     if (uv_tcp_init(listener->loop, tcp) < 0) {
         free(tcp);
-        return -1;
+        return LW_OS;
     }
-    if (uv_accept(listener, (uv_stream_t *)tcp) == 0 && uv_fileno((uv_handle_t *)tcp, &accepted) == 0)
-        descriptor = fcntl(accepted, F_DUPFD_CLOEXEC, 0);
+    if (uv_accept(listener, (uv_stream_t *)tcp) == 0 && uv_fileno((uv_handle_t *)tcp, &accepted) == 0) {
+        *out_at = lw_tcp_transport_peer(accepted).at;
+        const bool may =
+            lw_session_may_connect(server->sockets.sessions, out_at) && take_place(server, out_at);
+        *out_descriptor = may ? fcntl(accepted, F_DUPFD_CLOEXEC, 0) : -1;
+        status = !may ? LW_UNAVAILABLE : *out_descriptor < 0 ? LW_OS : LW_OK;
+        if (may && status != LW_OK) give_place(server, out_at);
+    }
     uv_close((uv_handle_t *)tcp, on_handle_closed);
-    return descriptor;
+    return status;
 }
 
-void lw_web_server_accept(struct lw_web_server *server, uv_stream_t *listener) {
-    const int descriptor = take_descriptor(listener);
-    if (descriptor < 0) return;
-    const struct lw_session_peer peer = lw_tcp_transport_peer(descriptor);
+enum lw_status lw_web_server_accept(struct lw_web_server *server, uv_stream_t *listener) {
+    int descriptor;
+    struct lw_address at;
+    const enum lw_status status = take_descriptor(server, listener, &at, &descriptor);
+    if (status != LW_OK) return status;
     struct connection *c = calloc(1, sizeof *c);
-    if (!c || !take_place(server, &peer.at)) {
+    if (!c) {
+        give_place(server, &at);
         close(descriptor);
-        free(c);
-        return;
+        return LW_NO_MEMORY;
     }
     c->server = server;
-    c->at = peer.at;
+    c->at = at;
     struct lws *wsi = lws_adopt_socket_vhost(server->vhost, descriptor);
     if (!wsi) { /* libwebsockets has closed it */
         give_place(server, &c->at);
         free(c);
-        return;
+        return LW_OS;
     }
     lws_set_opaque_user_data(wsi, c);
     lws_set_timeout(wsi, PENDING_TIMEOUT_ESTABLISH_WITH_SERVER, LW_WEB_SERVER_REQUEST_S);
     lws_cancel_service(server->context); /* it looks at its timers after events of its own alone */
+    return LW_OK;
 }
 
 /* ---- beginning and end ---- */
@@ -421,8 +462,9 @@ static char *copy(const char *text) { return strdup(text ? text : ""); }
 static enum lw_status start(struct lw_web_server *server, uv_loop_t *loop, struct lw_error *err) {
     void *loops[] = {loop};
     server->protocols[0] = (struct lws_protocols){.name = "http", .callback = on_http};
-    server->protocols[1] = (struct lws_protocols){
-        .name = LW_WS_TRANSPORT_PROTOCOL, .callback = on_socket, .rx_buffer_size = LW_SERVER_TURN_READ};
+    server->protocols[1] = (struct lws_protocols){.name = LW_WS_TRANSPORT_PROTOCOL,
+                                                  .callback = on_socket,
+                                                  .rx_buffer_size = LW_SERVER_TURN_FRAMES_READ - LWS_PRE};
     lws_set_log_level(0, NULL); /* peers could fill a log */
     const uint64_t tls = server->tls
                              ? LWS_SERVER_OPTION_DO_SSL_GLOBAL_INIT | LWS_SERVER_OPTION_CREATE_VHOST_SSL_CTX |

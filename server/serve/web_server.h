@@ -13,7 +13,10 @@
 #define LW_WEB_SERVER_CONNECTIONS_MAX 1024u /* that are no sessions (yet) */
 #define LW_WEB_SERVER_HEADER_MAX      8192u /* bytes of a request's headers */
 #define LW_WEB_SERVER_REQUEST_S       10u   /* for a request to come, and between two */
-#define LW_WEB_SERVER_ANSWER_S        20u   /* for each 64 kB of an answer to be taken */
+#define LW_WEB_SERVER_REQUESTS_HZ     20u   /* of one connection */
+#define LW_WEB_SERVER_REQUESTS_BURST  40u
+#define LW_WEB_SERVER_SLOWED_S        1u  /* from one more than that to the 429 */
+#define LW_WEB_SERVER_ANSWER_S        20u /* for each 64 kB of an answer to be taken */
 
 struct lw_web_server_desc {
     uv_loop_t *loop;
@@ -37,8 +40,9 @@ struct lw_web_server;
 LW_MUST_CHECK enum lw_status lw_web_server_create(const struct lw_web_server_desc *desc,
                                                   struct lw_web_server **out_server, struct lw_error *err);
 
-/** Takes the next connection of a listener, or closes it. */
-void lw_web_server_accept(struct lw_web_server *server, uv_stream_t *listener);
+/** Takes the next connection of a listener. Errors: LW_NO_MEMORY, LW_OS; LW_UNAVAILABLE: its address has too
+ * many, or connects too often. Then it is closed, or the listener may still have it. */
+LW_MUST_CHECK enum lw_status lw_web_server_accept(struct lw_web_server *server, uv_stream_t *listener);
 
 /** Begins to close all connections. Then run the loop until it has nothing
  * left, and destroy. NULL is fine. */

@@ -1,5 +1,6 @@
 #include "server/serve/ws_transport.h"
 
+#include "server/serve/session_handlers.h"
 #include "server/serve/tcp_transport.h"
 
 #include <assert.h>
@@ -17,6 +18,9 @@ struct lw_ws_transport {
         [LW_SESSION_TRANSPORT_BLOBS]; /* from first on not written yet; of that one, `written` bytes are */
     uint32_t first, blob_count;
     size_t written, waiting;
+    uint64_t received;  /* bytes of messages */
+    uint64_t came_last; /* to the socket */
+    uint64_t overhead;  /* of these, told so far */
     bool was_full;
     bool in_event; /* of this WebSocket: its return value closes it, nothing else may */
     bool closing;  /* the session wants it to */
@@ -82,8 +86,23 @@ static void waiting(const struct lw_session_transport *transport, size_t *out_ou
     *out_socket = link->lost ? 0 : lw_tcp_transport_socket_waiting(lws_get_socket_fd(link->wsi));
 }
 
-static const struct lw_session_transport_ops ops = {write_blobs, read_on,    push,
-                                                    end_writing, close_link, waiting};
+/* libwebsockets answers pings by itself, and tells of neither them nor of headers: what the socket got and
+ * was no message. What has not been read yet may be one. */
+static size_t overhead(struct lw_session_transport *transport) {
+    struct lw_ws_transport *link = link_of(transport);
+    if (link->lost) return 0;
+    const uint64_t came = lw_tcp_transport_came(lws_get_socket_fd(link->wsi));
+    if (came == link->came_last) return 0;
+    link->came_last = came;
+    const uint64_t known = link->received + link->overhead +
+                           lw_tcp_transport_unread(lws_get_socket_fd(link->wsi)),
+                   more = came > known ? came - known : 0;
+    link->overhead += more;
+    return more;
+}
+
+static const struct lw_session_transport_ops ops = {write_blobs, read_on, push,    end_writing,
+                                                    close_link,  waiting, overhead};
 
 /* ---- events ---- */
 
@@ -93,6 +112,7 @@ struct lw_ws_transport *lw_ws_transport_open(struct lw_ws_transport_shared *shar
     *link = (struct lw_ws_transport){.transport = {&ops}, .wsi = wsi, .shared = shared, .in_event = true};
     const struct lw_session_peer peer = lw_tcp_transport_peer(lws_get_socket_fd(wsi));
     lw_tcp_transport_set_options(lws_get_socket_fd(wsi));
+    link->overhead = link->came_last = lw_tcp_transport_came(lws_get_socket_fd(wsi)); /* the request */
     link->session = lw_session_open(shared->sessions, &link->transport, &peer);
     link->in_event = false;
     if (link->session) return link;
@@ -103,7 +123,10 @@ struct lw_ws_transport *lw_ws_transport_open(struct lw_ws_transport_shared *shar
 int lw_ws_transport_receive(struct lw_ws_transport *link, const void *bytes, size_t size) {
     if (link->closing) return -1;
     link->in_event = true;
-    lw_session_receive(link->session, bytes, size);
+    link->received += size;
+    if (size) lw_session_handlers_receive(link->session, bytes, size);
+    if (!lws_remaining_packet_payload(link->wsi))
+        lw_session_count_other(link->session, LW_MESSAGE_RATES_FRAMES, 1);
     link->in_event = false;
     return link->closing ? -1 : 0;
 }

@@ -53,14 +53,16 @@ static enum lw_status take_names(struct lw_light_groups *groups, const struct lw
 
 static bool shines(const float colour[3]) { return colour[0] > 0 || colour[1] > 0 || colour[2] > 0; }
 
-/* Marks what the scene's animation moves, and shines: 1. Returns how many lights and materials that are. */
+/* Marks what the scene's animation moves or dims, and shines: 1. Returns how many lights and materials that
+ * are. */
 static uint32_t mark_moving(struct lw_light_groups *groups, const struct lw_scene *scene,
                             const struct lw_pose *pose) {
     uint32_t count = 0;
     for (uint32_t i = 0; i < scene->light_count; i++) {
         groups->light[i] = pose->node_moves[scene->light[i].node];
-        count += groups->light[i];
     }
+    for (uint32_t i = 0; i < scene->light_channel_count; i++) groups->light[scene->light_channel[i].node] = 1;
+    for (uint32_t i = 0; i < scene->light_count; i++) count += groups->light[i];
     for (uint32_t o = 0; o < scene->object_count; o++) {
         if (lw_scene_is_spare(scene, o) || !pose->node_moves[scene->object[o].node]) continue;
         const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];

@@ -1,12 +1,13 @@
 /* bench_fanout: what it costs the network's thread to hand a snapshot to many sessions.
  *
- *     bench_fanout [--clients N] [--payload BYTES] [--tiles N] [--seconds S] [--never N]
+ *     bench_fanout [--clients N] [--payload BYTES] [--tiles N] [--seconds S] [--tls | --never N]
  *
  * The server that ships, on loopback, with snapshots made by hand in which every tile is new; the next comes
  * when all have the last. One thread plays all clients: it says hello for them and drops what arrives. The
  * rows: the server; and, as what the system itself costs, the same bytes to as many connections by nothing
  * but epoll_wait() and writev() of 128 KiB. Compare CPU time within a run: all three threads share the
  * machine.
+ * With --tls there is a row more: the server by TLS, to clients that shake hands and drop what comes sealed.
  * With --never N something else is asked: what N more clients that never read cost those who do. Rounds with
  * and without them take turns, on one server; of each, how long it takes from the moment at which a snapshot
  * is handed over until a client has the last byte of it, by client and snapshot. What else runs on the
@@ -17,12 +18,15 @@
 #include "common/histogram.h"
 #include "common/log.h"
 #include "common/options.h"
+#include "common/tls/tls_stream.h"
 #include "server/serve/server.h"
+#include "tests/support/certificate.h"
 
 #include <arpa/inet.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <netinet/tcp.h>
+#include <openssl/ssl.h>
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdio.h>
@@ -42,6 +46,7 @@
 struct bench {
     int64_t clients, payload, tiles, never;
     double seconds;
+    bool by_tls;
     struct lw_scene *scene;
     struct lw_atlas_map map;
     struct lw_blob *frame, **blob; /* of each tile */
@@ -158,6 +163,34 @@ static void greet(int s, uint64_t package_compressed_size) {
                                 .package_request.offset = package_compressed_size});
 }
 
+/* The same by TLS. Nothing more will be said, so that what made it may go. */
+static void greet_by_tls(int s, SSL_CTX *trust, uint64_t package_compressed_size) {
+    static uint8_t came[1u << 16];
+    const struct lw_message said[] = {
+        {.type = LW_MESSAGE_HELLO, .hello.version = LW_WIRE_VERSION},
+        {.type = LW_MESSAGE_PACKAGE_REQUEST, .package_request.offset = package_compressed_size}};
+    struct lw_tls_stream *stream;
+    struct lw_tls_output output = {0};
+    if (lw_tls_stream_create(trust, "localhost", &stream) != LW_OK) give_up("TLS");
+    for (size_t got = 0; !lw_tls_stream_is_ready(stream);) {
+        if (lw_tls_stream_read(stream, NULL, 0, &got, &output, NULL) != LW_OK) give_up("a handshake");
+        if (send(s, output.bytes, output.size, MSG_NOSIGNAL) != (ssize_t)output.size) give_up("send");
+        output.size = 0;
+        if (lw_tls_stream_is_ready(stream)) break;
+        const ssize_t n = recv(s, came, sizeof came, 0);
+        if (n <= 0) give_up("a handshake");
+        lw_tls_stream_lend(stream, came, (size_t)n);
+    }
+    for (int i = 0; i < 2; i++) {
+        struct lw_blob *blob = message_blob(&said[i]);
+        if (lw_tls_stream_write(stream, blob->bytes, blob->size, &output) != LW_OK) give_up("TLS");
+        lw_blob_unref(blob);
+    }
+    if (send(s, output.bytes, output.size, MSG_NOSIGNAL) != (ssize_t)output.size) give_up("send");
+    lw_tls_stream_destroy(stream);
+    lw_tls_output_finish(&output);
+}
+
 /* A client that has the package needs only its compressed size, from the WELCOME. */
 static uint64_t ask_size(uint16_t port) {
     uint8_t bytes[1024];
@@ -193,10 +226,16 @@ static void await_tiles(const struct bench *b, uint64_t tiles) {
     while (stats_of(b).tiles_sent < tiles) usleep(200);
 }
 
-static void start_server(struct bench *b) {
+static void start_server(struct bench *b, bool by_tls) {
     static const uint8_t package[1000] = {1};
-    const struct lw_server_desc desc = {
-        .atlas_map = &b->map, .package = package, .package_size = sizeof package};
+    struct lw_server_desc desc = {.atlas_map = &b->map, .package = package, .package_size = sizeof package};
+    char certificate[200], key[200];
+    snprintf(certificate, sizeof certificate, "%s", lw_support_temporary("certificate.pem"));
+    snprintf(key, sizeof key, "%s", lw_support_temporary("key.pem"));
+    if (by_tls) {
+        lw_certificate_make(certificate, key, "DNS:localhost", 1);
+        desc.tls = (struct lw_tls_context_desc){.certificate = certificate, .key = key};
+    }
     struct lw_error err = {0};
     if (lw_server_create(&desc, &b->server, &err) != LW_OK) exit(lw_log_failure(&err));
     if (pthread_create(&b->serving, NULL, serve, b) != 0) give_up("a thread");
@@ -208,12 +247,18 @@ static void end_server(struct bench *b) {
     lw_server_destroy(b->server);
 }
 
-static struct row run_server(struct bench *b, struct lw_server_stats *out_stats) {
-    start_server(b);
-    const uint64_t package_size = ask_size(lw_server_port(b->server)), before = resident_bytes();
+/* *package_size  as the server tells it; by TLS as it was told before */
+static struct row run_server(struct bench *b, SSL_CTX *trust, uint64_t *package_size,
+                             struct lw_server_stats *out_stats) {
+    start_server(b, trust);
+    if (!trust) *package_size = ask_size(lw_server_port(b->server));
+    const uint64_t before = resident_bytes();
     for (int64_t i = 0; i < b->clients; i++) {
         b->client[i] = dial(lw_server_port(b->server));
-        greet(b->client[i], package_size);
+        if (trust)
+            greet_by_tls(b->client[i], trust, *package_size);
+        else
+            greet(b->client[i], *package_size);
         watch(b, b->client[i]);
     }
     const uint64_t per_frame = (uint64_t)b->clients * b->map.tile_count;
@@ -301,7 +346,7 @@ static int by_size(const void *x, const void *y) {
 static void run_never(struct bench *b) {
     static uint64_t got[1 << 16];
     static double quantile[2][2][NEVER_ROUNDS]; /* without and with; p50 and p99 */
-    start_server(b);
+    start_server(b, false);
     const uint64_t package_size = ask_size(lw_server_port(b->server));
     uint64_t frame = 1, due = 0;
     publish(b, frame);
@@ -435,9 +480,13 @@ static void print_row(const char *name, const struct row *row) {
 }
 
 static void run_rows(struct bench *b) {
-    struct lw_server_stats stats;
+    struct lw_server_stats stats, unused;
+    uint64_t package_size;
+    SSL_CTX *trust = b->by_tls ? SSL_CTX_new(TLS_client_method()) : NULL; /* anybody */
     if (pthread_create(&b->dropping, NULL, drop, b) != 0) give_up("a thread");
-    struct row server = run_server(b, &stats), bare = run_bare(b);
+    struct row server = run_server(b, NULL, &package_size, &stats), sealed = {0}, bare = run_bare(b);
+    if (trust) sealed = run_server(b, trust, &package_size, &unused);
+    SSL_CTX_free(trust);
     b->over = true;
     pthread_join(b->dropping, NULL);
     printf("%lld clients, %u tiles of %lld bytes, %.0f KB a snapshot\n\n", (long long)b->clients,
@@ -446,6 +495,11 @@ static void run_rows(struct bench *b) {
         "| | 1000 tiles/s | GB/s | 1000 tiles per CPU s | GB per CPU s | CPU |\n|---|---|---|---|---|---|\n");
     print_row("lightwelld's loop", &server);
     print_row("epoll and writev alone", &bare);
+    if (trust) {
+        print_row("lightwelld's loop, TLS", &sealed);
+        printf("\nCPU time of the loop by TLS over that without, per byte: %.2f\n",
+               sealed.cpu_s / (double)sealed.bytes / (server.cpu_s / (double)server.bytes));
+    }
     printf("\nCPU time of the loop over that of the system alone, per byte: %.2f\n",
            server.cpu_s / (double)server.bytes / (bare.cpu_s / (double)bare.bytes));
     printf("memory: %.1f MB, %.1f KB a session; loop lag p99 %.1f ms, largest %.1f ms\n",
@@ -483,6 +537,7 @@ int main(int argc, char **argv) {
          &b.tiles, 1, 4096, NULL},
         {"never", "N", "clients more that never read, in every other round: tell what that costs the others",
          LW_OPTION_INT, &b.never, 0, 9000, NULL},
+        {"tls", NULL, "a row more: by TLS", LW_OPTION_FLAG, &b.by_tls, 0, 0, NULL},
         {"seconds", "S", "of each row or round (default 6: delays are told every 5)", LW_OPTION_REAL,
          &b.seconds, 0.01, 3600, NULL},
     };

@@ -168,7 +168,7 @@ static void maps_hold_the_light_where_the_glb_says(void **state) {
         struct lw_scene *scene;
         struct lw_pose pose;
         struct lw_error err = {0};
-        lw_support_ok(lw_gltf_load(glb, &scene, &err), &err);
+        lw_support_ok(lw_gltf_load(glb, 0, &scene, &err), &err);
         lw_support_ok(lw_pose_init(&pose, scene), NULL);
         assert_int_equal(scene->object_count, 2);
         check_object(scene, &pose, 0, in(out, "square_0.exr"), cases[i].factor, 1, 0);
@@ -207,7 +207,7 @@ static void indirect_only_leaves_the_lamp_to_the_engine(void **state) {
         struct lw_scene *scene;
         struct lw_pose pose;
         struct lw_error err = {0};
-        lw_support_ok(lw_gltf_load(glb, &scene, &err), &err);
+        lw_support_ok(lw_gltf_load(glb, 0, &scene, &err), &err);
         lw_support_ok(lw_pose_init(&pose, scene), NULL);
         check_object(scene, &pose, 0, in(out, "square_0.exr"), cases[i].factor, 0, 0.2);
         check_object(scene, &pose, 1, in(out, "square_1.exr"), cases[i].factor, 0, 0.2);

@@ -26,6 +26,23 @@ static unsigned count_lines(const char *text, const char *start) {
     return count;
 }
 
+/* Mean relMSE of the lines of samples.csv that begin so. */
+static double mean_relmse(const char *samples, const char *start) {
+    const char *header = strstr(samples, ",relmse,");
+    unsigned column = 1, count = 0;
+    double sum = 0;
+    assert_non_null(header);
+    for (const char *c = samples; c < header; c++) column += *c == ',';
+    for (const char *line = samples; *line; line = strchr(line, '\n') ? strchr(line, '\n') + 1 : "") {
+        if (strncmp(line, start, strlen(start)) != 0) continue;
+        const char *at = line;
+        for (unsigned i = 0; i < column; i++) at = strchr(at, ',') + 1;
+        sum += atof(at);
+        count++;
+    }
+    return count ? sum / count : 0;
+}
+
 static void measures_reports_and_goes_on(void **state) {
     (void)state;
     struct lw_process process;
@@ -76,6 +93,21 @@ static void measures_reports_and_goes_on(void **state) {
     free(report);
     free(again);
     free(costs);
+
+    /* users who draw by OpenGL join the same row, and see the same light */
+    snprintf(arguments, sizeof arguments, SMALL "--renderer gl -o %s", folder);
+    lw_process_expect(&process, run(arguments, &process), 0);
+    said = lw_process_err(&process);
+    assert_null(strstr(said, "repeat 1, svgf"));
+    free(said);
+    samples = lw_support_read_text(folder, "samples.csv");
+    assert_int_equal(count_lines(samples, "cache,x1 1+1 rest 0.2 gl,0,"), 24);
+    const double by_rays = mean_relmse(samples, "cache,x1 1+1 rest 0.2,0,"),
+                 by_gl = mean_relmse(samples, "cache,x1 1+1 rest 0.2 gl,0,");
+    if (!(by_rays > 0 && by_gl < 1.5 * by_rays && by_rays < 1.5 * by_gl))
+        fail_msg("relMSE %g by rays, %g by OpenGL", by_rays, by_gl);
+    free(samples);
+    lw_process_left_nothing();
 
     /* another row does not mix with it */
     snprintf(arguments, sizeof arguments, SMALL "--motion static -o %s", folder);

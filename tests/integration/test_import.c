@@ -27,7 +27,7 @@
 static struct lw_scene *load_scene(const char *relative) {
     struct lw_scene *scene = NULL;
     struct lw_error err = {0};
-    lw_support_ok(lw_gltf_load(lw_support_scene(relative), &scene, &err), &err);
+    lw_support_ok(lw_gltf_load(lw_support_scene(relative), 0, &scene, &err), &err);
     return scene;
 }
 
@@ -260,7 +260,7 @@ static void load_one(const char *uri, const char *texture, enum lw_status expect
     struct lw_scene *scene = NULL;
     struct lw_error err = {0};
     const char *path = write_scene(uri, texture);
-    enum lw_status status = lw_gltf_load(path, &scene, &err);
+    enum lw_status status = lw_gltf_load(path, 0, &scene, &err);
     if (expected == LW_OK)
         lw_support_ok(status, &err);
     else
@@ -301,7 +301,7 @@ static void a_scene_that_is_not_there_is_no_input(void **state) {
     (void)state;
     struct lw_scene *scene = NULL;
     struct lw_error err = {0};
-    lw_support_fails(lw_gltf_load(lw_support_temporary("none.gltf"), &scene, &err), LW_NO_INPUT, &err,
+    lw_support_fails(lw_gltf_load(lw_support_temporary("none.gltf"), 0, &scene, &err), LW_NO_INPUT, &err,
                      "none.gltf: No such");
 }
 

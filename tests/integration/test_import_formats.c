@@ -23,7 +23,7 @@ static struct lw_scene *load(const char *path) {
     struct lw_scene *scene = NULL;
     struct lw_error err = {0};
     lw_support_ok(lw_scene_format_of(path, &desc.format, &err), &err);
-    lw_support_ok(desc.format == LW_SCENE_FORMAT_GLTF ? lw_gltf_load(path, &scene, &err)
+    lw_support_ok(desc.format == LW_SCENE_FORMAT_GLTF ? lw_gltf_load(path, 0, &scene, &err)
                                                       : lw_foreign_load(&desc, &scene, &err),
                   &err);
     return scene;
@@ -232,13 +232,22 @@ static void what_hurts_the_reader_is_one_line(void **state) {
     write_polygon("polygon.obj", 100000);
     expect_program("polygon.obj", "--read-seconds 1", 65,
                    "polygon.obj: Assimp, which reads OBJ, took more than 1 s of processor time");
+    expect_program("polygon.obj", "--import-seconds 1", 65,
+                   "polygon.obj: importing it took more than 1 s of processor time, so it was stopped; "
+                   "--import-seconds gives it more");
     write_text("claims.ply",
                "ply\nformat binary_little_endian 1.0\nelement vertex 2147483647\nproperty float x\n"
                "property float y\nproperty float z\nelement face 1\n"
                "property list uchar int vertex_indices\nend_header\n");
     expect_program("claims.ply", "", 65, "claims.ply: needs more memory than a file of");
+    write_text("empty.stl", "solid nothing\nendsolid nothing\n");
+    expect_program("empty.stl", "", 65, "empty.stl: has no triangles");
     write_text("unknown.blend", "BLENDER-v300");
     expect_program("unknown.blend", "", 65, "is in no format that is read: .gltf, .glb, .obj");
+    write_text("flat.ply", "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+                           "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+                           "0 0\n1 0\n0 1\n3 0 1 2\n");
+    expect_program("flat.ply", "", 0, "flat.ply: has no light of its own"); /* z is 0 where there is none */
 }
 
 /* Files that were broken at random, and those that were found to hurt: each is a scene or one line, never a

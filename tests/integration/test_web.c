@@ -21,16 +21,17 @@
 #define LIMIT_S 60
 #define RESTS                                                                                                \
     "builtin:cornell --texels-per-metre 8 --clock step --json --light whole --error 0.3 --http 127.0.0.1:0 "
-#define SLOW_LIMIT_S 30u /* for what takes REQUEST_S, or a HELLO's time */
-#define REQUEST_S    10u /* LW_WEB_SERVER_REQUEST_S */
-#define ANSWER_S     20u /* LW_WEB_SERVER_ANSWER_S */
-#define HEADER_MAX   8192u
-#define HOST_MAX     299u /* LW_HTTP_ORIGIN_MAX - 1 */
-#define LARGE_SIZE   (32u << 20)
-#define CONNECTIONS  922u /* of the own machine: LW_WEB_SERVER_CONNECTIONS_MAX but for a tenth */
-#define IN_ALL       1024u
-#define WASM_SIZE    300000u
-#define MESSAGES_MAX 4096u
+#define SLOW_LIMIT_S     30u /* for what takes REQUEST_S, or a HELLO's time */
+#define REQUEST_S        10u /* LW_WEB_SERVER_REQUEST_S */
+#define ANSWER_S         20u /* LW_WEB_SERVER_ANSWER_S */
+#define HEADER_MAX       8192u
+#define HOST_MAX         299u /* LW_HTTP_ORIGIN_MAX - 1 */
+#define LARGE_SIZE       (32u << 20)
+#define REQUESTS_AT_ONCE 40u  /* LW_WEB_SERVER_REQUESTS_BURST */
+#define CONNECTIONS      922u /* of the own machine: LW_WEB_SERVER_CONNECTIONS_MAX but for a tenth */
+#define IN_ALL           1024u
+#define WASM_SIZE        300000u
+#define MESSAGES_MAX     4096u
 
 static struct lw_process daemon_process;
 static uint16_t web_port;
@@ -759,6 +760,81 @@ static void test_connections_have_a_limit(void **state) {
     stop();
 }
 
+/* At the limit all are answered; one past it the answer comes late and is the last. */
+static void test_requests_without_end(void **state) {
+    (void)state;
+    serve_root("");
+    const int s = lw_web_peer_dial(web_port);
+    for (unsigned i = 0; i < REQUESTS_AT_ONCE; i++) {
+        char *answer = lw_web_peer_ask(s, "GET /js/ HTTP/1.1\r\nHost: localhost\r\n\r\n", false, NULL);
+        if (!strstr(answer, " 200 ")) fail_msg("request %u: %s", i, answer);
+        free(answer);
+    }
+    static char many[200000]; /* all of these come before the first answer */
+    for (char *at = many; at < many + sizeof many - 100;)
+        at += sprintf(at, "GET / HTTP/1.1\r\nHost: localhost\r\nIf-None-Match: \"x\"\r\n\r\n");
+    const uint64_t began_ns = lw_clock_ns();
+    size_t size;
+    char *answer = lw_web_peer_ask(s, many, true, &size);
+    while (!strstr(answer, " 429 ")) { /* those that time has made good */
+        free(answer);
+        assert_true(lw_clock_ns() - began_ns < LIMIT_S * 1000000000ull);
+        answer = lw_web_peer_ask(s, "", true, &size);
+        if (!size) fail_msg("closed without a word");
+    }
+    assert_true(lw_clock_ns() - began_ns > 900000000ull);
+    expect_header(answer, "\r\nretry-after: 1\r\n");
+    free(answer);
+    assert_true(lw_web_peer_closes(s, 2000));
+    close(s);
+    assert_int_equal(ask("GET", "/", "", NULL, NULL), 200);
+    stop();
+}
+
+/* Frames with nothing in them, and pings: the session is read no more, and refused after a time. */
+static void test_frames_without_end(void **state) {
+    (void)state;
+    serve("");
+    static const struct {
+        uint8_t first;
+        size_t size;
+        const char *why;
+    } kinds[] = {{0x82, 0, "more than 100 FRAMES"},
+                 {0x89, 0, "more than 4096 OVERHEAD"},
+                 {0x8a, 3, "more than 100 FRAMES"},
+                 {0x8a, 0, "more than 4096 OVERHEAD"}};
+    enum { KINDS = sizeof kinds / sizeof *kinds };
+    static uint8_t many[1u << 16];
+    struct peer peer[KINDS];
+    size_t taken[KINDS] = {0};
+    bool refused[KINDS] = {0};
+    unsigned left = KINDS;
+    for (unsigned k = 0; k < KINDS; k++) {
+        peer[k] = dial(true);
+        put(&peer[k], &hello);
+        put(&peer[k], &request);
+    }
+    for (const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull; left;) {
+        assert_true(lw_clock_ns() < end_ns);
+        for (unsigned k = 0; k < KINDS; k++) {
+            if (refused[k]) continue;
+            const size_t one = 6 + kinds[k].size, all = sizeof many / one * one;
+            for (size_t i = 0; i < all; i++)
+                many[i] = i % one == 0 ? kinds[k].first : i % one == 1 ? (uint8_t)(0x80 | kinds[k].size) : 0;
+            const size_t from = taken[k] % one;
+            const ssize_t n = send(peer[k].socket, many + from, all - from, MSG_NOSIGNAL | MSG_DONTWAIT);
+            if (n > 0) taken[k] += (size_t)n;
+            char *log = lw_process_err(&daemon_process);
+            refused[k] = strstr(log, kinds[k].why);
+            free(log);
+            left -= refused[k];
+        }
+        lw_process_sleep_ms(50);
+    }
+    for (unsigned k = 0; k < KINDS; k++) hang_up(&peer[k]);
+    stop();
+}
+
 static unsigned lines_with(const char *text, const char *what) {
     unsigned count = 0;
     for (const char *at = text; (at = strstr(at, what)); at++) count++;
@@ -804,6 +880,8 @@ int main(int argc, char **argv) {
         cmocka_unit_test_teardown(test_unless_it_has_a_token_for_control, end_all),
         cmocka_unit_test_teardown(test_misbehaviour, end_all),
         cmocka_unit_test_teardown(test_slow_peers, end_all),
+        cmocka_unit_test_teardown(test_requests_without_end, end_all),
+        cmocka_unit_test_teardown(test_frames_without_end, end_all),
         cmocka_unit_test_teardown(test_log, end_all),
         cmocka_unit_test_teardown(test_connections_have_a_limit, end_all),
     };

@@ -242,6 +242,7 @@ static void test_drawn_atrium(void **state) {
 static void test_drawn_cornell(void **state) {
     (void)state;
     test_drawn("builtin:cornell", NULL, 0.02f);
+    test_drawn("builtin:cornell", "0.3,1.2,3.4:0,0.8,0:2.6m", 0.02f);
 }
 
 static void test_drawn_sponza(void **state) {
@@ -273,11 +274,12 @@ static void test_atrium(void **state) {
 static void test_cornell(void **state) {
     (void)state;
     test_same_picture("builtin:cornell", NULL);
+    test_same_picture("builtin:cornell", "0.3,1.2,3.4:0,0.8,0:2.6m");
 }
 
-enum { REPEATED, MASKED, BLENDED, BACK, AWAY, MIRRORED, GLOWING, COLOURED, GLASS, PANELS };
+enum { REPEATED, MASKED, BLENDED, BACK, AWAY, MIRRORED, GLOWING, COLOURED, GLASS, UNLIT, TINTED, PANELS };
 
-/* A square of each kind, facing up, three in a row; glass hangs over two others. */
+/* A square of each kind, facing up, three in a row; glass, an unlit and a tinted one hang over others. */
 static struct lw_scene *panels(void) {
     struct lw_scene *scene = lw_support_squares(PANELS, 1);
     const struct lw_mesh mesh = scene->mesh[0];
@@ -334,6 +336,14 @@ static struct lw_scene *panels(void) {
     scene->node[MIRRORED].scale[0] = -1;
     scene->node[GLASS].translation[0] = 0.6f, scene->node[GLASS].translation[1] = 0.4f;
     scene->node[GLASS].translation[2] = -0.9f;
+    m[UNLIT].unlit = 1, m[UNLIT].base_colour_texture.texture = 0;
+    scene->mesh[UNLIT].colour = colour;
+    scene->node[UNLIT].translation[0] = -0.8f, scene->node[UNLIT].translation[1] = 0.4f;
+    scene->node[UNLIT].translation[2] = -0.9f;
+    m[TINTED].alpha_mode = LW_ALPHA_BLEND, m[TINTED].base_colour[3] = 0.2f;
+    m[TINTED].tint[0] = 0.5f, m[TINTED].tint[1] = 1.2f, m[TINTED].tint[2] = 0.1f;
+    scene->node[TINTED].translation[0] = -1.2f, scene->node[TINTED].translation[1] = 0.5f;
+    scene->node[TINTED].translation[2] = 0.6f;
     scene->sky[0] = 0.2f, scene->sky[2] = 0.5f;
     return scene;
 }
@@ -352,6 +362,11 @@ static void test_panels(void **state) {
     const float *centre =
         w.by_gl + 3ul * (PIXELS / 2 + WIDTH / 2); /* a back that is not there: the sky is seen */
     assert_true(fabsf(centre[0] - 0.2f) < 1e-4f && centre[1] < 1e-4f);
+    const struct lw_camera_view perspective = w.view.camera;
+    w.view.camera.height_m = 3.5f;
+    draw(&w);
+    compare("panels, orthographic", &w);
+    w.view.camera = perspective;
     w.pose.object_hidden[REPEATED] = true; /* things that change */
     w.pose.object_to_world[COLOURED].m[1][3] = 0.3f;
     w.pose.object_dynamic[REPEATED] = w.pose.object_dynamic[COLOURED] = true;

@@ -300,9 +300,14 @@ static void test_comes_back(void **state) {
 
 /* ---- groups ---- */
 
-static void expect_groups(const char *names, uint32_t count, uint32_t left, uint32_t right, uint32_t sky) {
+/* dims: the right lamp does. */
+static void expect_groups_of(bool dims, const char *names, uint32_t count, uint32_t left, uint32_t right,
+                             uint32_t sky) {
+    static const float time_s[] = {0, 1}, factor[] = {1, 0.25f};
+    struct lw_channel channel = {1, LW_CHANNEL_FACTOR, LW_INTERPOLATION_LINEAR, 2, time_s, factor};
     const struct room room = room_with_two_lamps();
     struct lw_scene *scene = room_scene(&room);
+    if (dims) scene->light_channel = &channel, scene->light_channel_count = 1;
     struct lw_pose pose;
     struct lw_light_groups groups;
     struct lw_error err = {0};
@@ -315,6 +320,17 @@ static void expect_groups(const char *names, uint32_t count, uint32_t left, uint
     lw_light_groups_finish(&groups);
     lw_pose_finish(&pose);
     lw_scene_destroy(scene);
+}
+
+static void expect_groups(const char *names, uint32_t count, uint32_t left, uint32_t right, uint32_t sky) {
+    expect_groups_of(false, names, count, left, right, sky);
+}
+
+/* A light that its animation dims is summed by a weight of its own. */
+static void test_groups_of_what_dims(void **state) {
+    (void)state;
+    expect_groups_of(true, NULL, 2, 0, 1, 0);
+    expect_groups_of(true, "none", 1, 0, 0, 0);
 }
 
 static void test_groups_by_name(void **state) {
@@ -353,6 +369,7 @@ static void test_bad_names(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_groups_by_name),
+        cmocka_unit_test(test_groups_of_what_dims),
         cmocka_unit_test(test_bad_names),
         cmocka_unit_test(test_the_sum_is_the_light_of_all),
         cmocka_unit_test(test_another_weight_takes_no_ray),

@@ -95,6 +95,22 @@ static void test_furnace_partial_sums(void **state) {
     }
 }
 
+/* A square of 2 m takes a quarter of an orthographic picture of 4 m, however far it is. */
+static void test_parallel(void **state) {
+    (void)state;
+    for (int far = 0; far < 3; far++) {
+        struct room room = {0};
+        struct set set;
+        room_quad(&room, lw_vec3(-1, 0, -1), lw_vec3(0, 0, 2), lw_vec3(2, 0, 0), 0, 1.5f);
+        set_up(&set, room_scene(&room), 1);
+        struct lw_path_view view = view_of(lw_vec3(0, powf(10, (float)far), 0), lw_vec3(0, 0, 0), 60, 0);
+        view.camera.height_m = 4;
+        view.pixel = LW_PATH_PIXEL_CENTRE;
+        expect_mean(mean_of(&set, view, 16, 1), 1.5 / 4);
+        tear_down(&set);
+    }
+}
+
 /* ---- lamps over a floor ---- */
 
 static struct room floor_room(void) {
@@ -814,6 +830,7 @@ static void test_convergence(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_parallel),
         cmocka_unit_test(test_furnace_partial_sums),
         cmocka_unit_test(test_point),
         cmocka_unit_test(test_spot),

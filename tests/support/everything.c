@@ -30,7 +30,7 @@ static void add_textures(struct lw_scene *scene) {
 static void add_materials(struct lw_scene *scene) {
     const struct lw_texture_use none = {LW_SCENE_NONE, 0, {1, 0, 0, 0, 1, 0}};
     const struct lw_material materials[] = {
-        {"plain", {0.25f, 0.5f, 0.75f, 1}, none, {0, 0, 0}, none, 0.5f, LW_ALPHA_OPAQUE, 0, 0},
+        {"plain", {0.25f, 0.5f, 0.75f, 1}, none, {0, 0, 0}, none, 0.5f, LW_ALPHA_OPAQUE, 0, 0, 0, {0}},
         {"leaf 葉",
          {1, 1, 1, 1},
          {0, 1, {2, 0, 0.5f, 0, -1, 1}},
@@ -39,7 +39,9 @@ static void add_materials(struct lw_scene *scene) {
          0.25f,
          LW_ALPHA_MASK,
          1,
-         0},
+         0,
+         0,
+         {0}},
         {"lamp",
          {0, 0, 0, 0.5f},
          {2, 0, {1, 0, 0, 0, 1, 0}},
@@ -48,7 +50,9 @@ static void add_materials(struct lw_scene *scene) {
          0,
          LW_ALPHA_BLEND,
          0,
-         0},
+         0,
+         0,
+         {0}},
     };
     scene->material = KEEP(scene, materials);
     scene->material_count = COUNT(materials);
@@ -121,7 +125,7 @@ static void add_nodes(struct lw_scene *scene) {
     };
     scene->light = KEEP(scene, lights);
     scene->light_count = COUNT(lights);
-    const struct lw_camera cameras[] = {{"main", 3, 1.0f}, {"камера", 0, 0.5f}};
+    const struct lw_camera cameras[] = {{"main", 3, 1.0f, 0}, {"камера", 0, 0.5f, 0}};
     scene->camera = KEEP(scene, cameras);
     scene->camera_count = COUNT(cameras);
 }

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "server/serve/address_places.h"
+#include "server/serve/address_rates.h"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
@@ -71,11 +71,34 @@ static void test_shares(void **state) {
     assert_int_equal(lw_address_places_share(&other, 3), 1);
 }
 
+static void test_rates(void **state) {
+    (void)state;
+    static struct lw_address_rates rates = {.seed = 5};
+    const struct lw_address a = address("10.0.0.1"), b = address("10.0.0.2");
+    const uint64_t second_ns = 1000000000;
+    uint64_t now_ns = 7 * second_ns;
+    for (int i = 0; i < 100; i++) assert_true(lw_address_rates_allow(&rates, &a, 5, 100, now_ns));
+    assert_false(lw_address_rates_allow(&rates, &a, 5, 100, now_ns));
+    assert_true(lw_address_rates_allow(&rates, &b, 5, 100, now_ns));
+    assert_false(lw_address_rates_allow(&rates, &a, 5, 100, now_ns += second_ns / 5 - 1000));
+    assert_true(lw_address_rates_allow(&rates, &a, 5, 100, now_ns += 2000));
+    for (int i = 0; i < 100; i++) /* who was refused has not used up anything */
+        assert_true(lw_address_rates_allow(&rates, &a, 5, 100, now_ns += second_ns / 5 + 1000));
+    /* more addresses than slots, each of which is new */
+    for (unsigned i = 0; i < 2 * LW_ADDRESS_RATES_SLOTS; i++) {
+        char text[32];
+        snprintf(text, sizeof text, "10.1.%u.%u", i / 250, i % 250);
+        const struct lw_address one = address(text);
+        assert_true(lw_address_rates_allow(&rates, &one, 5, 1, now_ns));
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_who_is_one),
         cmocka_unit_test(test_places),
         cmocka_unit_test(test_shares),
+        cmocka_unit_test(test_rates),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -92,6 +92,35 @@ static void test_direction(void **state) {
     assert_vec(lw_camera_direction(&plane, 200, 100), 2, -1, -1);
 }
 
+/* Rays of an orthographic view are parallel, and a pixel is as large at every depth. */
+static void test_parallel(void **state) {
+    (void)state;
+    struct lw_camera_view view, again;
+    struct lw_error err = {0};
+    char text[LW_CAMERA_TEXT_SIZE];
+    lw_support_ok(lw_camera_parse("1,2,3:1,2,0:10m", &view, &err), &err);
+    struct lw_camera_plane plane = lw_camera_plane(&view, 200, 100);
+    const float corner[][2] = {{100, 50}, {0, 0}, {200, 100}};
+    const float at[][3] = {{1, 2, 3}, {-9, 7, 3}, {11, -3, 3}};
+    for (int i = 0; i < 3; i++) {
+        assert_vec(lw_camera_direction(&plane, corner[i][0], corner[i][1]), 0, 0, -1);
+        assert_vec(lw_camera_origin(&plane, corner[i][0], corner[i][1]), at[i][0], at[i][1], at[i][2]);
+    }
+    assert_float_equal(lw_camera_pixel_at(&plane, 1), 0.1f, 1e-7f);
+    assert_float_equal(lw_camera_pixel_at(&plane, 77), 0.1f, 1e-7f);
+    lw_camera_format(&view, text);
+    lw_support_ok(lw_camera_parse(text, &again, &err), &err);
+    assert_float_equal(again.height_m, 10, 1e-4f);
+    lw_support_fails(lw_camera_parse("1,2,3:1,2,0:0m", &again, &err), LW_USAGE, &err, "must be above 0 m");
+    err = (struct lw_error){0};
+    lw_support_fails(lw_camera_parse("1,2,3:1,2,0:4mm", &again, &err), LW_USAGE, &err,
+                     "height: \"m\" is too much");
+    view = lw_camera_look_at(lw_vec3(1, 2, 3), lw_vec3(1, 2, 0), LW_PI / 2);
+    plane = lw_camera_plane(&view, 200, 100);
+    assert_vec(lw_camera_origin(&plane, 0, 100), 1, 2, 3);
+    assert_float_equal(lw_camera_pixel_at(&plane, 10), 0.2f, 1e-6f);
+}
+
 static struct lw_scene *scene_with_cameras(unsigned count) {
     struct lw_scene *scene = lw_support_squares(1, 4);
     scene->camera = lw_scene_alloc(scene, count, sizeof *scene->camera);
@@ -330,6 +359,7 @@ int main(void) {
         cmocka_unit_test(test_parse),
         cmocka_unit_test(test_parse_names_the_part),
         cmocka_unit_test(test_direction),
+        cmocka_unit_test(test_parallel),
         cmocka_unit_test(test_find),
         cmocka_unit_test(test_of_scene),
         cmocka_unit_test(test_default_from_outside),

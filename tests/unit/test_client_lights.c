@@ -51,6 +51,20 @@ static void small_emitters_and_punctual_lights(void **state) {
     assert_true(lw_client_lights_any(&client));
     lw_client_lights_finish(&client);
 
+    /* so are all where glass colours light on its way, but by name */
+    struct lw_material *glass = &s.scene->material[find_material(s.scene, false)];
+    const uint8_t opaque = glass->alpha_mode;
+    glass->alpha_mode = LW_ALPHA_BLEND;
+    glass->tint[0] = 2;
+    lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, "auto", &err), &err);
+    assert_false(lw_client_lights_any(&client));
+    lw_client_lights_finish(&client);
+    lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, "lamps", &err), &err);
+    assert_int_equal(client.drawn_lights, s.scene->light_count);
+    lw_client_lights_finish(&client);
+    glass->tint[0] = 0;
+    glass->alpha_mode = opaque;
+
     /* the same lamps ten times as large are the server's */
     for (uint32_t o = 0; o < s.scene->object_count; o++)
         for (int c = 0; c < 12; c++) s.pose.object_to_world[o].m[c / 4][c % 4] *= 10;

@@ -188,6 +188,79 @@ static void test_emission_and_albedo(void **state) {
     world_finish(&w);
 }
 
+/* Whatever light falls on it, an unlit surface is its base colour; so with a colour of each vertex. */
+static void test_unlit(void **state) {
+    (void)state;
+    for (int coloured = 0; coloured < 2; coloured++) {
+        struct world w;
+        float rgb[WIDTH * HEIGHT * 3];
+        struct lw_scene *scene = squares(1, 64, false);
+        struct lw_vec4 *colour = lw_scene_alloc(scene, scene->mesh[0].vertex_count, sizeof *colour);
+        for (uint32_t v = 0; v < scene->mesh[0].vertex_count; v++)
+            colour[v] = (struct lw_vec4){0.5f, 0.5f, 0.25f, 1};
+        if (coloured) scene->mesh[0].colour = colour;
+        scene->material[0].unlit = 1;
+        for (int c = 0; c < 3; c++) scene->material[0].base_colour[c] = 0.3f * (float)(c + 1);
+        world_init(&w, scene);
+        fill_constant(&w, 0, 3.0f);
+        struct lw_compose_view view = look_down();
+        render(&w, &view, rgb);
+        for (size_t i = 0; i < WIDTH * HEIGHT; i++)
+            for (int c = 0; c < 3; c++)
+                assert_near(rgb[3 * i + (size_t)c],
+                            0.3f * (float)(c + 1) *
+                                (!coloured ? 1
+                                 : c == 2  ? 0.25f
+                                           : 0.5f),
+                            1e-6f);
+        world_finish(&w);
+    }
+}
+
+/* A square fills the middle half of an orthographic view that is twice as high, however far it is. */
+static void test_parallel(void **state) {
+    (void)state;
+    struct world w;
+    enum { SIDE = 64 };
+    static float rgb[SIDE * SIDE * 3];
+    world_init(&w, squares(1, 64, false));
+    fill_constant(&w, 0, 3.0f);
+    for (int far = 0; far < 3; far++) {
+        struct lw_compose_view view = {
+            .camera = lw_camera_look_at(lw_vec3(0, powf(10, (float)far), 0), lw_vec3(0, 0, 0), 1),
+            .width = SIDE,
+            .height = SIDE};
+        view.camera.height_m = 2 * SIDE_M;
+        render(&w, &view, rgb);
+        for (int y = 0; y < SIDE; y++)
+            for (int x = 0; x < SIDE; x++) {
+                const bool inside = x >= SIDE / 4 && x < 3 * SIDE / 4 && y >= SIDE / 4 && y < 3 * SIDE / 4;
+                assert_near(rgb[3 * (y * SIDE + x)], inside ? 0.5f * 3 / LW_PI : 0.25f, 1e-6f);
+            }
+    }
+    world_finish(&w);
+}
+
+/* What is seen through a pane is 1 - alpha of it, by the pane's tint. */
+static void test_tint(void **state) {
+    (void)state;
+    struct world w;
+    float rgb[WIDTH * HEIGHT * 3];
+    struct lw_scene *scene = squares(1, 64, false);
+    const float tint[3] = {2, 1, 0.25f}, sky[3] = {0.25f, 0.5f, 1.0f};
+    scene->material[0].alpha_mode = LW_ALPHA_BLEND;
+    scene->material[0].base_colour[3] = 0.25f;
+    memcpy(scene->material[0].tint, tint, sizeof tint);
+    world_init(&w, scene);
+    fill_constant(&w, 0, 3);
+    struct lw_compose_view view = look_down();
+    render(&w, &view, rgb);
+    for (size_t i = 0; i < WIDTH * HEIGHT; i++)
+        for (int c = 0; c < 3; c++)
+            assert_near(rgb[3 * i + (size_t)c], 0.25f * 0.5f * 3 / LW_PI + 0.75f * tint[c] * sky[c], 1e-5f);
+    world_finish(&w);
+}
+
 static struct lw_vec3 colour_expected(const struct world *w, const struct lw_hit16 *hits, int i) {
     if (hits->object[i] == LW_TRACE_MISS) return lw_vec3(w->source.sky.x, w->source.sky.y, w->source.sky.z);
     struct lw_surface surface;
@@ -791,6 +864,9 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_constant),
         cmocka_unit_test(test_emission_and_albedo),
+        cmocka_unit_test(test_unlit),
+        cmocka_unit_test(test_parallel),
+        cmocka_unit_test(test_tint),
         cmocka_unit_test(test_many_small_triangles),
         cmocka_unit_test(test_sky),
         cmocka_unit_test(test_environment),

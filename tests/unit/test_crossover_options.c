@@ -26,6 +26,7 @@ static void defaults_are_the_quick_form(void **state) {
     assert_true(o.width == 640 && o.height == 360);
     assert_true(o.density_count == 4 && o.density[0] == 0.25 && o.density[3] == 2);
     assert_true(isinf(o.minutes_max) && !o.report_only);
+    assert_true(o.pixels && !o.tiles && o.by_rays && !o.by_gl);
 }
 
 static void values(void **state) {
@@ -40,6 +41,10 @@ static void values(void **state) {
     assert_true(o.density_count == 1 && o.density[0] == 0.5);
     lw_support_ok(parse("--motion", "carry", &o, &err), &err);
     assert_int_equal(o.motion, LW_SCENE_MOTION_CARRY);
+    lw_support_ok(parse("--renderer", "gl", &o, &err), &err);
+    assert_true(!o.by_rays && o.by_gl);
+    lw_support_ok(parse("--renderer", "both", &o, &err), &err);
+    assert_true(o.by_rays && o.by_gl);
     lw_support_ok(parse("--truth-samples", "9", &o, &err), &err);
     assert_int_equal(o.reference_samples, 16);
 }
@@ -64,6 +69,7 @@ static void bad_values_are_named(void **state) {
         {"--size", "64x36x", "--size"},
         {"--size", "9000x9000", "--size"},
         {"--motion", "fast", "--motion"},
+        {"--renderer", "auto", "--renderer"},
         {"--warm", "0.9", "--warm"},
         {"--alone", "0", "--alone"},
         {"--alone", "13", "--alone"},

@@ -750,6 +750,55 @@ static const char fbx[] = "; FBX 7.4.0 project file\n"
                           " C: \"OP\",73,72, \"d|X\"\n"
                           "}\n";
 
+/* A copy of `text` with another file name for every picture, and without the bytes of one that it holds. */
+static char *with_picture(const char *text, const char *old, const char *new) {
+    char *out = malloc(strlen(text) * 2), *at = out;
+    for (const char *from = text; *from;) {
+        const char *next = strstr(from, old);
+        if (!next) next = from + strlen(from);
+        at += sprintf(at, "%.*s%s", (int)(next - from), from, *next ? new : "");
+        from = next + (*next ? strlen(old) : 0);
+    }
+    char *content = strstr(out, "  Content: ,"); /* else the picture within counts */
+    if (content) {
+        const char *end = strstr(content, "\n }");
+        memmove(content, end + 1, strlen(end + 1) + 1);
+    }
+    return out;
+}
+
+/* The same four texels in either format, by each format of scenes. */
+static void tga_and_bmp_are_read_by_every_format(void **state) {
+    (void)state;
+    static const uint8_t tga[] = {0, 0,  2,    0, 0, 0,   0, 0,   0, 0,   0, 0, 2,   0,   2,
+                                  0, 24, 0x20, 0, 0, 255, 0, 255, 0, 255, 0, 0, 255, 255, 255};
+    static const uint8_t bmp[] = {'B', 'M', 70, 0,   0,   0,   0, 0, 0, 0, 54,  0, 0,   0, 40, 0, 0,  0,
+                                  2,   0,   0,  0,   2,   0,   0, 0, 1, 0, 24,  0, 0,   0, 0,  0, 16, 0,
+                                  0,   0,   0,  0,   0,   0,   0, 0, 0, 0, 0,   0, 0,   0, 0,  0, 0,  0,
+                                  255, 0,   0,  255, 255, 255, 0, 0, 0, 0, 255, 0, 255, 0, 0,  0};
+    static const uint8_t rgba[16] = {255, 0, 0, 255, 0, 255, 0, 255, 0, 0, 255, 255, 255, 255, 255, 255};
+    const char *const names[] = {"four.tga", "four.bmp"};
+    lw_support_write_file(lw_support_temporary(names[0]), tga, sizeof tga);
+    lw_support_write_file(lw_support_temporary(names[1]), bmp, sizeof bmp);
+    for (int i = 0; i < 2; i++) {
+        char library[64];
+        snprintf(library, sizeof library, "newmtl paint\nKd 1 1 1\nmap_Kd %s\n", names[i]);
+        write_text("four.mtl", library);
+        char *const texts[] = {strdup("mtllib four.mtl\n" SQUARE "usemtl paint\n" FACE),
+                               with_picture(dae, "some%20dir/PIC.png", names[i]),
+                               with_picture(fbx, "textures\\pic.png", names[i])};
+        const char *const scenes[] = {"four.obj", "four.dae", "four.fbx"};
+        for (int s = 0; s < 3; s++) {
+            struct lw_scene *scene = load_text(scenes[s], texts[s]);
+            if (scene->texture_count != 1) fail_msg("%s, %s: %s", scenes[s], names[i], talk);
+            assert_int_equal(scene->texture[0].width, 2);
+            assert_memory_equal(scene->texture[0].rgba, rgba, sizeof rgba);
+            lw_scene_destroy(scene);
+            free(texts[s]);
+        }
+    }
+}
+
 static void fbx_arrives_in_metres_and_upright(void **state) {
     (void)state;
     struct lw_scene *scene = load_text("t.fbx", fbx);
@@ -1004,6 +1053,7 @@ int main(void) {
         cmocka_unit_test(ply_colours_are_those_of_a_screen),
         cmocka_unit_test(stl_has_triangles_alone),
         cmocka_unit_test(collada_arrives_in_metres_and_upright),
+        cmocka_unit_test(tga_and_bmp_are_read_by_every_format),
         cmocka_unit_test(fbx_arrives_in_metres_and_upright),
         cmocka_unit_test(equal_key_times_are_one_key),
         cmocka_unit_test(lamps_alone_are_no_triangles),

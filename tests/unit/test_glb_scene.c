@@ -53,7 +53,7 @@ static void write_scene(struct written *w, struct lw_scene *scene, bool with_lig
     }
     lw_support_ok(lw_glb_scene_write(&g, path, &err), &err);
     lw_glb_scene_finish(&g);
-    lw_support_ok(lw_gltf_load(path, &w->read, &err), &err);
+    lw_support_ok(lw_gltf_load(path, 0, &w->read, &err), &err);
     w->bytes = lw_support_read_file(path, &w->size);
     assert_memory_equal(w->bytes, "glTF\2\0\0\0", 8);
     uint32_t length;
@@ -276,6 +276,28 @@ static void emission_and_alpha_stay(void **state) {
     finish(&w);
 }
 
+/* What is unlit has no lightmap to be lit by; an orthographic camera stays one. */
+static void unlit_materials_and_orthographic_cameras_stay(void **state) {
+    (void)state;
+    struct written w;
+    struct lw_scene *scene = lw_support_everything();
+    scene->material[0].unlit = 1;
+    scene->camera[1].height_m = 2.5f;
+    write_scene(&w, scene, false);
+    json_t *plain = material_of(w.json, "plain");
+    assert_non_null(down(plain, "extensions/KHR_materials_unlit"));
+    assert_null(json_object_get(down(plain, "extensions"), "MOZ_lightmap"));
+    assert_null(json_object_get(plain, "extras")); /* by which engines find a map */
+    assert_non_null(json_object_get(material_of(w.json, "lamp"), "extras"));
+    assert_non_null(down(material_of(w.json, "lamp"), "extensions/MOZ_lightmap"));
+    for (uint32_t m = 0; m < w.read->material_count; m++)
+        assert_int_equal(w.read->material[m].unlit, strcmp(w.read->material[m].name, "plain") == 0);
+    assert_int_equal(w.read->camera_count, 2);
+    for (uint32_t c = 0; c < 2; c++)
+        assert_float_equal(w.read->camera[c].height_m, strcmp(w.read->camera[c].name, "main") ? 2.5f : 0, 0);
+    finish(&w);
+}
+
 static void textures_keep_pixels_and_wraps(void **state) {
     (void)state;
     struct written w;
@@ -403,6 +425,7 @@ int main(void) {
         cmocka_unit_test(each_object_has_its_own_map),
         cmocka_unit_test(lightmap_coordinates_are_texels_over_size),
         cmocka_unit_test(emission_and_alpha_stay),
+        cmocka_unit_test(unlit_materials_and_orthographic_cameras_stay),
         cmocka_unit_test(textures_keep_pixels_and_wraps),
         cmocka_unit_test(a_texture_without_coordinates_becomes_a_factor),
         cmocka_unit_test(sides_are_split),

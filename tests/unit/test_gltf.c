@@ -914,13 +914,13 @@ static void specular_glossiness_gives_its_diffuse_colour(void **state) {
            GLOSSY("'diffuseFactor':[1,1,1]"));
 }
 
-/* Thin glass: t c passes, (1 - t) c is reflected; the colour of what passes becomes its luminance. */
+/* Thin glass: t c passes, (1 - t) c is reflected. */
 static void transmission_lets_light_through(void **state) {
     (void)state;
     static const struct {
         float t, colour[3];
-    } panes[] = {
-        {1, {1, 1, 1}}, {0.5f, {0.2f, 0.8f, 0.4f}}, {1, {0, 0.5f, 0}}, {0.25f, {1, 1, 1}}, {0, {1, 1, 0}}};
+    } panes[] = {{1, {1, 1, 1}}, {0.5f, {0.2f, 0.8f, 0.4f}}, {1, {0, 0.5f, 0}}, {0.25f, {1, 1, 1}},
+                 {0, {1, 1, 0}}, {1, {0, 0, 1e-40f}}};
     for (size_t i = 0; i < sizeof panes / sizeof *panes; i++) {
         char glass[256];
         const float *c = panes[i].colour, t = panes[i].t;
@@ -942,8 +942,148 @@ static void transmission_lets_light_through(void **state) {
         assert_float_equal(1 - surface.alpha, t * luminance, 1e-6);
         assert_float_equal(surface.alpha * surface.albedo.x, (1 - t) * c[0], 1e-6);
         assert_float_equal(surface.alpha * surface.albedo.y, (1 - t) * c[1], 1e-6);
+        const struct lw_vec3 passed = lw_material_tint(&scene->material[0], lw_vec3(1, 1, 1));
+        assert_float_equal((1 - surface.alpha) * passed.x, t * c[0], 1e-6);
+        assert_float_equal((1 - surface.alpha) * passed.y, t * c[1], 1e-6);
+        assert_float_equal((1 - surface.alpha) * passed.z, t * c[2], 1e-6);
         lw_scene_destroy(scene);
     }
+}
+
+static void unlit_materials_are_their_base_colour(void **state) {
+    (void)state;
+    char talk[4096];
+    const struct change changes[] = {
+        {"{'KHR_materials_emissive_strength':",
+         "{'KHR_materials_unlit':{},'KHR_materials_emissive_strength':"},
+        {"'extensionsUsed':[", "'extensionsRequired':['KHR_materials_unlit'],'extensionsUsed':["}};
+    struct lw_scene *scene = load_and_listen(changes, 2, &base_data, sizeof base_data, talk, sizeof talk);
+    struct lw_surface surface;
+    assert_string_equal(talk, "");
+    assert_true(scene->material[0].unlit);
+    assert_false(lw_material_shines(&scene->material[0]));
+    assert_int_equal(scene->material[0].base_colour_texture.texture, 0);
+    /* the middle of the right texel, (0, 128, 255) in sRGB; nothing of its emission */
+    lw_scene_surface(scene, &scene->mesh[0], 0, 0.75f, 0, &surface);
+    assert_float_equal(surface.albedo.x + surface.albedo.y + surface.albedo.z, 0, 0);
+    assert_float_equal(surface.emission.x, 0, 1e-6);
+    assert_float_equal(surface.emission.y, 0.25f * powf((128 / 255.0f + 0.055f) / 1.055f, 2.4f), 1e-6);
+    assert_float_equal(surface.emission.z, 0.125f, 1e-6);
+    lw_scene_destroy(scene);
+    REFUSE("materials[0]: extensions: KHR_materials_unlit: must be an object", base_data,
+           {"{'KHR_materials_emissive_strength':",
+            "{'KHR_materials_unlit':true,'KHR_materials_emissive_strength':"});
+}
+
+static void orthographic_cameras_have_a_height(void **state) {
+    (void)state;
+#define PARALLEL(fields)                                                                                     \
+    {                                                                                                        \
+        "{'type':'perspective','perspective':{'yfov':0.75}}",                                                \
+            "{'type':'orthographic','orthographic':{" fields "}}"                                            \
+    }
+    struct lw_scene *scene;
+    LOAD(scene, base_data, PARALLEL("'xmag':3,'ymag':1.5,'znear':0.1,'zfar':100"));
+    assert_int_equal(scene->camera_count, 1);
+    assert_float_equal(scene->camera[0].height_m, 3, 0);
+    lw_scene_destroy(scene);
+    LOAD(scene, base_data); /* a perspective one */
+    assert_float_equal(scene->camera[0].height_m, 0, 0);
+    lw_scene_destroy(scene);
+    REFUSE("cameras[0]: orthographic: ymag: must not be 0", base_data, PARALLEL("'xmag':3,'ymag':0"));
+    REFUSE("cameras[0]: orthographic: ymag: is required", base_data, PARALLEL("'xmag':3"));
+}
+
+/* Colour and intensity of a light that hangs on two nodes; what is not animated stays as it is. */
+static void pointers_animate_lights(void **state) {
+    (void)state;
+    const struct {
+        struct base_data base;
+        float factor[2];
+    } data = {base_data, {2, 6}};
+#define POINTER(pointer, output)                                                                             \
+    {"'target':{'node':0,'path':'translation'}",                                                             \
+     "'target':{'path':'pointer','extensions':{'KHR_animation_pointer':{'pointer':'" pointer "'}}}"},        \
+        {"'input':4,'output':5", "'input':4,'output':" output},                                              \
+        {"'count':2,'type':'VEC3'}]",                                                                        \
+         "'count':2,'type':'VEC3'},{'bufferView':6,'componentType':5126,'count':2,'type':'SCALAR'}]"},       \
+        {"'byteOffset':148,'byteLength':24}",                                                                \
+         "'byteOffset':148,'byteLength':24},{'buffer':0,'byteOffset':172,'byteLength':8}"},                  \
+        {"'byteLength':172", "'byteLength':180"}, {"'nodes':[0,2]", "'nodes':[0,2,3]"}, {                    \
+        "{'light':0}}}]", "{'light':0}}},{'extensions':{'KHR_lights_punctual':{'light':0}}}]"                \
+    }
+#define OF_LIGHT(field) "/extensions/KHR_lights_punctual/lights/0/" field
+    struct lw_scene *scene;
+    struct lw_pose pose;
+    LOAD(scene, data, POINTER(OF_LIGHT("intensity"), "6"),
+         {"'extensionsUsed':[", "'extensionsRequired':['KHR_animation_pointer'],'extensionsUsed':["});
+    assert_int_equal(scene->light_count, 2);
+    assert_int_equal(scene->channel_count, 0);
+    assert_int_equal(scene->light_channel_count, 4);
+    assert_float_equal(scene->duration_s, 2, 0);
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    lw_pose_evaluate(&pose, scene, 1.5); /* of 2 s: 5 times (1, 0.5, 0.25) */
+    for (int l = 0; l < 2; l++) {
+        assert_float_equal(pose.light[l].intensity.x, 5, 1e-5);
+        assert_float_equal(pose.light[l].intensity.y, 2.5, 1e-5);
+        assert_float_equal(pose.light[l].intensity.z, 1.25, 1e-5);
+    }
+    lw_pose_finish(&pose);
+    lw_scene_destroy(scene);
+    LOAD(scene, data, POINTER(OF_LIGHT("color"), "5"));
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    lw_pose_evaluate(&pose, scene, 1); /* colour (0, 2, 0), intensity 8 */
+    assert_float_equal(pose.light[1].intensity.x, 0, 1e-5);
+    assert_float_equal(pose.light[1].intensity.y, 16, 1e-5);
+    lw_pose_finish(&pose);
+    lw_scene_destroy(scene);
+    LOAD(scene, data, POINTER("/nodes/0/translation", "5")); /* as without a pointer */
+    assert_int_equal(scene->channel_count, 1);
+    assert_int_equal(scene->light_channel_count, 0);
+    lw_scene_destroy(scene);
+    static const char *const others[] = {"/materials/0/emissiveFactor",
+                                         OF_LIGHT("range"),
+                                         "/extensions/KHR_lights_punctual/lights/1/color",
+                                         "/nodes/0",
+                                         "/nodes/99999999999999999999/scale",
+                                         "/nodes//scale",
+                                         ""};
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
+        char talk[4096], target[256];
+        snprintf(target, sizeof target,
+                 "'target':{'path':'pointer','extensions':{'KHR_animation_pointer':{'pointer':'%s'}}}",
+                 others[i]);
+        const struct change changes[] = {{"'target':{'node':0,'path':'translation'}", target}};
+        scene = load_and_listen(changes, 1, &base_data, sizeof base_data, talk, sizeof talk);
+        if (!strstr(talk, "are ignored") || count_lines(talk) != 1) fail_msg("talk is \"%s\"", talk);
+        assert_int_equal(scene->channel_count + scene->light_channel_count, 0);
+        lw_scene_destroy(scene);
+    }
+    REFUSE("samplers[0]: accessor 5: type VEC3", data, POINTER(OF_LIGHT("intensity"), "5"));
+    REFUSE("KHR_animation_pointer: must be an object", base_data,
+           {"'target':{'node':0,'path':'translation'}",
+            "'target':{'path':'pointer','extensions':{'KHR_animation_pointer':[]}}"});
+}
+
+static void basisu_takes_the_fallback_or_says_what_to_run(void **state) {
+    (void)state;
+    char talk[4096];
+    const struct change optional[] = {
+        {"{'source':0,'sampler':0}",
+         "{'source':0,'sampler':0,'extensions':{'KHR_texture_basisu':{'source':1}}}"},
+        {"'images':[", "'images':[{'uri':'data:image/png;base64," PNG "'},"},
+        {"'extensionsUsed':[", "'extensionsUsed':['KHR_texture_basisu',"},
+        {"'},{'uri':'data:image/png;base64," PNG, "'},{'uri':'a.ktx2"}};
+    struct lw_scene *scene = load_and_listen(optional, 4, &base_data, sizeof base_data, talk, sizeof talk);
+    if (!strstr(talk, "the extension KHR_texture_basisu is ignored") || count_lines(talk) != 1)
+        fail_msg("talk is \"%s\"", talk);
+    const uint8_t texels[8] = {255, 0, 0, 255, 0, 128, 255, 64};
+    assert_int_equal(scene->texture_count, 1);
+    assert_memory_equal(scene->texture[0].rgba, texels, sizeof texels);
+    lw_scene_destroy(scene);
+    REFUSE("KHR_texture_basisu (KTX2 textures), which is not supported; convert it: gltf-transform "
+           "ktxdecompress IN.glb OUT.glb",
+           base_data, {"'scene':0", "'scene':0,'extensionsRequired':['KHR_texture_basisu']"});
 }
 
 static void instances_are_objects_of_one_mesh(void **state) {
@@ -1115,7 +1255,7 @@ static void harmless_extensions_may_be_required(void **state) {
     static const char *const names[] = {"anisotropy", "clearcoat", "diffuse_transmission",
                                         "dispersion", "ior",       "iridescence",
                                         "sheen",      "specular",  "variants",
-                                        "unlit",      "volume"};
+                                        "volume"};
     char talk[4096], change[256], line[128];
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         snprintf(change, sizeof change,
@@ -1183,12 +1323,10 @@ static void what_is_not_used_is_no_error(void **state) {
     struct lw_scene *scene;
     LOAD(scene, base_data, {"'KHR_texture_transform'", "'KHR_texture_transform','KHR_materials_clearcoat'"},
          {"{'mesh':0}", "{'mesh':0,'weights':[1]}"}, {"'indices':3", "'indices':3,'targets':[{}]"},
-         {"'path':'translation'", "'path':'weights'"}, {"'type':'perspective'", "'type':'orthographic'"},
-         {"'intensity':8", "'intensity':8,'range':3"},
+         {"'path':'translation'", "'path':'weights'"}, {"'intensity':8", "'intensity':8,'range':3"},
          {"'baseColorTexture':{'index':0}", "'baseColorTexture':{'index':0,'texCoord':2}"},
          {"[0.5,0.25,0.125,1]", "[1.5,0.25,0.125,1]"});
     assert_int_equal(scene->channel_count, 0);
-    assert_int_equal(scene->camera_count, 0);
     assert_float_equal(scene->material[0].base_colour[0], 1, 0);
     assert_int_equal(scene->material[0].base_colour_texture.texture, LW_SCENE_NONE);
     lw_scene_destroy(scene);
@@ -1378,6 +1516,10 @@ int main(void) {
         cmocka_unit_test(coarser_levels_are_left_out),
         cmocka_unit_test(specular_glossiness_gives_its_diffuse_colour),
         cmocka_unit_test(transmission_lets_light_through),
+        cmocka_unit_test(unlit_materials_are_their_base_colour),
+        cmocka_unit_test(orthographic_cameras_have_a_height),
+        cmocka_unit_test(pointers_animate_lights),
+        cmocka_unit_test(basisu_takes_the_fallback_or_says_what_to_run),
         cmocka_unit_test(instances_are_objects_of_one_mesh),
         cmocka_unit_test(morph_weights_move_vertices),
         cmocka_unit_test(skins_stand_as_their_joints_do),

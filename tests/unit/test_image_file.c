@@ -79,6 +79,21 @@ static void write_jpeg(struct bytes *out, uint32_t side, bool progressive, int c
     free(row);
 }
 
+/* Both steps, as readers of scenes take them. *out_rgba: malloc'ed, as it was after failure. */
+static enum lw_status read_image(const uint8_t *data, size_t size, uint8_t **out_rgba, struct lw_error *err) {
+    uint32_t width, height;
+    enum lw_status status = lw_image_file_size(data, size, &width, &height, err);
+    if (status) return status;
+    uint8_t *rgba = malloc((size_t)width * height * 4);
+    assert_non_null(rgba);
+    status = lw_image_file_decode(data, size, width, height, rgba, err);
+    if (status)
+        free(rgba);
+    else
+        *out_rgba = rgba;
+    return status;
+}
+
 static uint8_t *decode(const struct bytes *in, uint32_t width, uint32_t height) {
     struct lw_error err = {0};
     uint32_t got_width = 0, got_height = 0;
@@ -86,7 +101,7 @@ static uint8_t *decode(const struct bytes *in, uint32_t width, uint32_t height) 
     lw_support_ok(lw_image_file_size(in->data, in->size, &got_width, &got_height, &err), &err);
     assert_int_equal(got_width, width);
     assert_int_equal(got_height, height);
-    lw_support_ok(lw_image_file_decode(in->data, in->size, &rgba, &err), &err);
+    lw_support_ok(read_image(in->data, in->size, &rgba, &err), &err);
     return rgba;
 }
 
@@ -94,7 +109,7 @@ static void refuse(const uint8_t *data, size_t size, const char *text) {
     struct lw_error err = {0};
     uint8_t *rgba = NULL, *exact = malloc(size ? size : 1);
     memcpy(exact, data, size);
-    lw_support_fails(lw_image_file_decode(exact, size, &rgba, &err), LW_BAD_DATA, &err, text);
+    lw_support_fails(read_image(exact, size, &rgba, &err), LW_BAD_DATA, &err, text);
     assert_null(rgba);
     free(exact);
 }
@@ -291,7 +306,7 @@ static void damaged_webp_and_avif_are_read_or_refused(void **state) {
             bytes.data[i] ^= (uint8_t)(1 << i % 8);
             enum lw_status status = lw_image_file_size(bytes.data, bytes.size, &width, &height, &err);
             if (status == LW_OK && (uint64_t)width * height < 1u << 22)
-                status = lw_image_file_decode(bytes.data, bytes.size, &rgba, &err);
+                status = read_image(bytes.data, bytes.size, &rgba, &err);
             assert_true(status == LW_OK || (status == LW_BAD_DATA && err.text[0] && !rgba));
             refused += status != LW_OK;
             free(rgba);
@@ -299,6 +314,33 @@ static void damaged_webp_and_avif_are_read_or_refused(void **state) {
         }
     }
     assert_true(refused > 0);
+}
+
+/* At the limit and one past it; what is refused counts for nothing. */
+static void all_pictures_have_a_bound(void **state) {
+    (void)state;
+    struct lw_image_file_budget budget = {.limit = 100}, usual = {0};
+    struct lw_error err = {0};
+    lw_support_ok(lw_image_file_count(&budget, 9, 10, &err), &err);
+    lw_support_fails(lw_image_file_count(&budget, 11, 1, &err), LW_BAD_DATA, &err,
+                     "has 11 x 1 texels: with 90 of pictures before it more than 100 in all; "
+                     "--picture-texels allows more");
+    err = (struct lw_error){0};
+    lw_support_ok(lw_image_file_count(&budget, 10, 1, &err), &err);
+    lw_support_ok(lw_image_file_count(&usual, 16384, 16384, &err), &err);
+    lw_support_fails(lw_image_file_count(&usual, 1, 1, &err), LW_BAD_DATA, &err,
+                     "more than 268435456 in all");
+}
+
+/* A file that says another size than before, to a decoder with memory for that one. */
+static void another_size_is_refused(void **state) {
+    (void)state;
+    static struct bytes jpeg;
+    uint8_t rgba[4] = {0};
+    struct lw_error err = {0};
+    const uint8_t colour[3] = {9, 9, 9};
+    write_jpeg(&jpeg, 8, false, 3, colour);
+    assert_int_equal(lw_image_file_decode(jpeg.data, jpeg.size, 1, 1, rgba, &err), LW_BAD_DATA);
 }
 
 /* ---- TGA and BMP, by our own readers ---- */
@@ -313,7 +355,7 @@ static void expect_texels(const uint8_t *data, size_t size, uint32_t width, uint
     lw_support_ok(lw_image_file_size(exact, size, &got_width, &got_height, &err), &err);
     assert_int_equal(got_width, width);
     assert_int_equal(got_height, height);
-    lw_support_ok(lw_image_file_decode(exact, size, &rgba, &err), &err);
+    lw_support_ok(read_image(exact, size, &rgba, &err), &err);
     assert_memory_equal(rgba, expected, (size_t)width * height * 4);
     free(rgba);
     free(exact);
@@ -434,6 +476,8 @@ static void every_kind_of_bmp_becomes_rgba(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(all_pictures_have_a_bound),
+        cmocka_unit_test(another_size_is_refused),
         cmocka_unit_test(every_kind_of_png_becomes_rgba),
         cmocka_unit_test(interlaced_png_is_whole),
         cmocka_unit_test(jpeg_becomes_rgba),

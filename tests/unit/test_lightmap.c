@@ -6,23 +6,25 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define SHAPE_MAX 32768 /* vertices; triangles */
+
 /* One mesh under construction, and the scene of its instances. */
 struct shape {
-    struct lw_vec3 position[8192], normal[8192];
-    struct lw_vec2 uv1[8192];
-    uint32_t triangle[8192][3], vertex_count, triangle_count;
+    struct lw_vec3 position[SHAPE_MAX], normal[SHAPE_MAX];
+    struct lw_vec2 uv1[SHAPE_MAX];
+    uint32_t triangle[SHAPE_MAX][3], vertex_count, triangle_count;
     bool has_uv1, double_sided;
 };
 
 static uint32_t vertex(struct shape *s, struct lw_vec3 p, struct lw_vec3 n) {
-    assert_true(s->vertex_count < 8192);
+    assert_true(s->vertex_count < SHAPE_MAX);
     s->position[s->vertex_count] = p;
     s->normal[s->vertex_count] = n;
     return s->vertex_count++;
 }
 
 static void triangle(struct shape *s, uint32_t a, uint32_t b, uint32_t c) {
-    assert_true(s->triangle_count < 8192);
+    assert_true(s->triangle_count < SHAPE_MAX);
     memcpy(s->triangle[s->triangle_count++], (uint32_t[3]){a, b, c}, 12);
 }
 
@@ -499,6 +501,36 @@ static void bad_uv1_is_refused(void **state) {
     }
 }
 
+/* All triangles of a fan meet at its hub. Compared each with each, they would take the square of their
+ * number; a bound makes several charts of them. Nothing lies on anything else all the same. */
+static void fans_are_bounded(void **state) {
+    enum { COUNT = 20000 };
+    struct shape *s = fresh(state);
+    const uint32_t hub = vertex(s, lw_vec3(0, 0, 0), lw_vec3(0, 0, 1));
+    for (uint32_t i = 0; i < COUNT; i++) vertex(s, round_at((float)i / COUNT, 10), lw_vec3(0, 0, 1));
+    for (uint32_t i = 0; i < COUNT; i++) triangle(s, hub, 1 + i, 1 + (i + 1) % COUNT);
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    struct lw_lightmap_report r = build(scene, 5, 0);
+    assert_true(r.chart_count > 1); /* one, without the bound */
+    assert_int_equal(lw_lightmap_overlaps(scene->mesh), 0);
+    lw_scene_destroy(scene);
+}
+
+/* By their area, before each triangle is laid out over all texels. */
+static void uv1_that_covers_itself_is_refused(void **state) {
+    struct shape *s = fresh(state);
+    for (int i = 0; i < 1000; i++) {
+        quad(s, lw_vec3((float)i, 0, 0), lw_vec3(1, 0, 0), lw_vec3(0, 1, 0));
+        const struct lw_vec2 square[4] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
+        memcpy(s->uv1 + s->vertex_count - 4, square, sizeof square);
+    }
+    s->has_uv1 = true;
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    struct lw_lightmap_report r = build(scene, 100, 4096);
+    assert_false(r.from_file);
+    lw_scene_destroy(scene);
+}
+
 static void too_much_is_capped(void **state) {
     struct shape *s = fresh(state);
     cube(s, 1);
@@ -741,6 +773,8 @@ int main(void) {
         cmocka_unit_test(the_largest_instance_decides),
         cmocka_unit_test(good_uv1_is_used),
         cmocka_unit_test(bad_uv1_is_refused),
+        cmocka_unit_test(fans_are_bounded),
+        cmocka_unit_test(uv1_that_covers_itself_is_refused),
         cmocka_unit_test(too_much_is_capped),
         cmocka_unit_test(what_cannot_fit_is_named),
         cmocka_unit_test(ugly_meshes_are_laid_out),

@@ -100,7 +100,16 @@ static void add_rates(void) {
     RATE("ASK", ASK);
     RATE("HOLDS", HOLDS);
 #undef RATE
-    assert_int_equal(LW_MESSAGE_RATES_COUNT, 8);
+    assert_int_equal(LW_MESSAGE_RATES_COUNT, 10);
+    add_rate("frames of a WebSocket, beyond one for each message",
+             "unit/test_session:test_frames_without_messages", rate[LW_MESSAGE_RATES_FRAMES].rate_hz,
+             rate[LW_MESSAGE_RATES_FRAMES].burst);
+    add("bytes that TLS and WebSocket take for themselves, beyond 40 for each message",
+        "unit/test_session:test_overhead", "%s a second, %s at once",
+        size(rate[LW_MESSAGE_RATES_OVERHEAD].rate_hz), size(rate[LW_MESSAGE_RATES_OVERHEAD].burst));
+    assert_int_equal(LW_MESSAGE_RATES_ENVELOPE, 40);
+    add("pause of who says too much", "unit/test_message_rates:test_burst_and_rate",
+        "until there is room, and what comes in in %u ms", LW_MESSAGE_RATES_PAUSE_MS);
     add("bytes of all messages but HOLDS", "unit/test_message_rates:test_bytes",
         "%s a second, %s at once; %s times that for who may change the scene", size(rate[of_bytes].rate_hz),
         size(rate[of_bytes].burst), LW_MESSAGE_RATES_TRUST == 8 ? "eight" : "?");
@@ -117,6 +126,16 @@ static void add_places(void) {
         "unit/test_session:test_places_of_an_address", "%s; of the own machine %s",
         number(lw_address_places_share(&other, LW_SERVER_SESSIONS_MAX)),
         number(lw_address_places_share(&own, LW_SERVER_SESSIONS_MAX)));
+    const unsigned refill_s = LW_SERVER_CONNECTIONS_REFILL_S;
+    add("new connections of one address", "unit/test_session:test_connecting_too_often",
+        "%s at once, %u a second; of the own machine %s, %u; at least %u, %u",
+        number(lw_address_places_share(&other, LW_SERVER_SESSIONS_MAX)),
+        lw_address_places_share(&other, LW_SERVER_SESSIONS_MAX) / refill_s,
+        number(lw_address_places_share(&own, LW_SERVER_SESSIONS_MAX)),
+        lw_address_places_share(&own, LW_SERVER_SESSIONS_MAX) / refill_s, LW_SERVER_CONNECTIONS_MIN,
+        LW_SERVER_CONNECTIONS_MIN / refill_s);
+    add("new connections of all in a turn of the loop, at each port", "unit/test_accept:test_many_at_once",
+        "%u; by HTTPS %u", LW_SERVER_TURN_CONNECTIONS, LW_SERVER_TURN_HTTPS_CONNECTIONS);
     add("connections beyond those, that are told so", "unit/test_session:test_turned_away",
         "%s; of one address %u", number(LW_SERVER_TURNED_AWAY_MAX), LW_SERVER_ADDRESS_TURNED_AWAY_MAX);
     add("sessions on the Unix socket", "unit/test_server:test_places_are_kept_for_control", "none");
@@ -140,6 +159,10 @@ static void add_messages(void) {
         "unit/test_server:test_flood_of_messages", "%s", size(LW_SERVER_RECEIVE_SIZE));
     add("bytes read of one peer in a turn of the loop", "unit/test_server:test_flood_of_messages", "%s",
         size(LW_SERVER_TURN_READ));
+    add("the same of a WebSocket", "integration/test_web:test_frames_without_end", "%s",
+        size(LW_SERVER_TURN_FRAMES_READ));
+    add("bytes of who is refused that are dropped", "unit/test_session:test_what_follows_a_refusal",
+        "%s, and %u frames; then by the rates", size(LW_SERVER_DROPPED_MAX), LW_SERVER_DROPPED_FRAMES_MAX);
     add("messages handled of one peer in a turn", "unit/test_session:test_messages_of_a_turn", "%u",
         LW_SERVER_TURN_MESSAGES);
     add("body of a message", "unit/test_session:test_body", "%s", size(LW_FRAMING_CLIENT_BODY_MAX));
@@ -182,6 +205,8 @@ static void add_http(void) {
         "integration/test_web:test_slow_peers", "%u s", LW_WEB_SERVER_REQUEST_S);
     add("HTTP: time for each 64 KiB of an answer", "integration/test_web:test_answers_are_taken", "%u s",
         LW_WEB_SERVER_ANSWER_S);
+    add("HTTP: requests on one connection", "integration/test_web:test_requests_without_end",
+        "%u a second, %u at once", LW_WEB_SERVER_REQUESTS_HZ, LW_WEB_SERVER_REQUESTS_BURST);
     add("HTTP: connections that are no sessions", "integration/test_web:test_connections_have_a_limit",
         "%s; of one address %u, of the own machine %u", number(LW_WEB_SERVER_CONNECTIONS_MAX),
         lw_address_places_share(&other, LW_WEB_SERVER_CONNECTIONS_MAX),
@@ -304,6 +329,11 @@ static void test_wire_format(void **state) {
         "of all but HOLDS",
         A_SECOND(INTEREST), A_SECOND(PING), A_SECOND(PONG), A_SECOND(ACK), A_SECOND(UPDATE), A_SECOND(ASK),
         A_SECOND(HOLDS), size(rate[LW_MESSAGE_RATES_BYTES].rate_hz));
+    expect_sentence(text,
+                    "%s frames of a WebSocket more than messages or %s that WebSocket and TLS take for "
+                    "themselves, but for %u bytes a message",
+                    A_SECOND(FRAMES), size(rate[LW_MESSAGE_RATES_OVERHEAD].rate_hz),
+                    LW_MESSAGE_RATES_ENVELOPE);
     expect_sentence(text, "sends REFUSAL RATE to who goes on for %u s", LW_SERVER_EXCESS_TIMEOUT_S);
     expect_sentence(text,
                     "has not heard a byte for %u s, and sends REFUSAL TIMEOUT after %u s. So it does %u s",

@@ -16,8 +16,11 @@ static void test_burst_and_rate(void **state) {
     lw_message_rates_init(&rates, now_ns);
     for (int i = 0; i < 60; i++) assert_false(lw_message_rates_count(&rates, ping, now_ns));
     assert_true(lw_message_rates_count(&rates, ping, now_ns)); /* one past the limit */
-    assert_true(lw_message_rates_wait(&rates, now_ns + SECOND_NS / 20 - 1000));
-    assert_false(lw_message_rates_wait(&rates, now_ns += SECOND_NS / 20 + 1000));
+    const uint64_t pause_ns = SECOND_NS / 20 + LW_MESSAGE_RATES_PAUSE_MS * SECOND_NS / 1000;
+    assert_true(lw_message_rates_wait(&rates, now_ns + pause_ns - 1000));
+    assert_false(lw_message_rates_wait(&rates, now_ns += pause_ns + 1000));
+    for (int i = 0; i < 5; i++) /* what came in meanwhile */
+        assert_false(lw_message_rates_count(&rates, ping, now_ns));
     for (int i = 0; i < 200; i++) /* 20 a second */
         assert_false(lw_message_rates_count(&rates, ping, now_ns += SECOND_NS / 20 + 1000));
     /* others have buckets of their own */
@@ -74,6 +77,32 @@ static void test_trust_and_holds(void **state) {
     assert_int_equal(count, 512 + 1);
 }
 
+/* A message brings a frame and some bytes of its link's own with it; what there is beyond that is counted. */
+static void test_what_is_no_message(void **state) {
+    (void)state;
+    static const struct {
+        enum lw_message_rates_kind kind;
+        unsigned at_once, brought;
+    } kinds[] = {{LW_MESSAGE_RATES_FRAMES, 1000, 1}, {LW_MESSAGE_RATES_OVERHEAD, 32768, 40}};
+    for (size_t k = 0; k < sizeof kinds / sizeof *kinds; k++) {
+        struct lw_message_rates rates;
+        const enum lw_message_rates_kind kind = kinds[k].kind;
+        lw_message_rates_init(&rates, 0);
+        assert_false(lw_message_rates_count_other(&rates, kind, kinds[k].at_once, 0));
+        assert_false(lw_message_rates_count(&rates, ping, 0));
+        assert_false(lw_message_rates_count_other(&rates, kind, kinds[k].brought, 0));
+        assert_true(lw_message_rates_count_other(&rates, kind, 1, 0)); /* one past the limit */
+        lw_message_rates_init(&rates, 0);
+        lw_message_rates_trust(&rates, true);
+        assert_false(lw_message_rates_count_other(&rates, kind, 8 * kinds[k].at_once, 0));
+        assert_true(lw_message_rates_count_other(&rates, kind, 1, 0));
+        lw_message_rates_init(&rates, 0);
+        lw_message_rates_bound(&rates, kind, 5);
+        assert_false(lw_message_rates_count_other(&rates, kind, 5, 0));
+        assert_true(lw_message_rates_count_other(&rates, kind, 1, 0));
+    }
+}
+
 static void test_judge(void **state) {
     (void)state;
     struct lw_message_rates rates;
@@ -103,8 +132,11 @@ static void test_judge(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_burst_and_rate), cmocka_unit_test(test_every_kind),
-        cmocka_unit_test(test_bytes),          cmocka_unit_test(test_trust_and_holds),
+        cmocka_unit_test(test_burst_and_rate),
+        cmocka_unit_test(test_every_kind),
+        cmocka_unit_test(test_bytes),
+        cmocka_unit_test(test_trust_and_holds),
+        cmocka_unit_test(test_what_is_no_message),
         cmocka_unit_test(test_judge),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

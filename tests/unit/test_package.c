@@ -215,6 +215,7 @@ static void assert_same_places(const struct lw_scene *a, const struct lw_scene *
         assert_string_equal(a->camera[i].name, b->camera[i].name);
         assert_int_equal(a->camera[i].node, b->camera[i].node);
         assert_true(a->camera[i].fov_y == b->camera[i].fov_y);
+        assert_true(a->camera[i].height_m == b->camera[i].height_m);
     }
 }
 
@@ -370,7 +371,7 @@ static void no_flipped_bit_of_a_sealed_package_is_read(void **state) {
     struct lw_error err = {0};
     size_t size, again_size;
     uint8_t *bytes = write_sealed(scene, &size);
-    assert_int_equal(bytes[8], LW_PACKAGE_VERSION);
+    assert_int_equal(bytes[8], 5);
     lw_support_ok(lw_package_read(bytes, size, &read, &err), &err);
     assert_same_scene(scene, read);
     uint8_t *again = write_sealed(read, &again_size);
@@ -543,7 +544,7 @@ static void fields_lie_where_the_document_says(void **state) {
 /* One lie each: the name of a place, and what is said about it. */
 #define LIE_MAP(X)                                                                                           \
     X("does not begin with LWSCENE", b[0] = 'l')                                                             \
-    X("has version 6; this program reads versions 1 to 5", set_u32(b + 8, 6))                                \
+    X("has version 7; this program reads versions 1 to 6", set_u32(b + 8, 7))                                \
     X("has 22 sections; version 1 has 20", set_u32(b + 8, 1))                                                \
     X("has 21 sections; version 3 has 22", set_u32(b + 12, 21))                                              \
     X("section environments has 0 elements, not 1: without one", set_u32(b + 8, 2))                          \
@@ -787,6 +788,73 @@ static void version_3_has_textures(void **state) {
     set_u32(bytes + 8, 3);
     lw_support_fails(read_exactly(bytes, size, &err), LW_BAD_DATA, &err,
                      "section textures has 0 elements: without one, the version is 1 or 2");
+    free(bytes);
+    lw_scene_destroy(scene);
+}
+
+/* Each thing alone asks for version 6, in files and for clients, with a checksum. Without any it is one of
+ * the others. */
+static void version_6_says_what_is_unlit_tinted_parallel_and_dimmed(void **state) {
+    (void)state;
+    static const float times[] = {0, 1}, intensities[] = {1, 2, 3, 4, 5, 6}, factors[] = {0.5f, 2};
+    struct lw_channel channels[] = {
+        {1, LW_CHANNEL_INTENSITY, LW_INTERPOLATION_LINEAR, 2, times, intensities},
+        {1, LW_CHANNEL_FACTOR, LW_INTERPOLATION_STEP, 2, times, factors},
+    };
+    for (unsigned what = 1; what < 16; what++) {
+        struct lw_scene *scene = lw_support_everything(), *read;
+        struct lw_error err = {0};
+        size_t size, again_size;
+        uint32_t blend = 0;
+        while (scene->material[blend].alpha_mode != LW_ALPHA_BLEND) blend++;
+        if (what & 1) scene->material[0].unlit = 1;
+        if (what & 2) scene->material[blend].tint[2] = 13.85f;
+        if (what & 4) scene->camera[1].height_m = 2.5f;
+        if (what & 8) scene->light_channel = channels, scene->light_channel_count = 2;
+        uint8_t *bytes = write_package(scene, &size), *sealed = write_sealed(scene, &again_size);
+        assert_int_equal(bytes[8], 6);
+        assert_int_equal(bytes[12], 27);
+        assert_int_equal(again_size, size);
+        assert_memory_equal(bytes, sealed, size);
+        lw_support_ok(lw_package_read(bytes, size, &read, &err), &err);
+        assert_same_scene(scene, read);
+        for (uint32_t m = 0; m < scene->material_count; m++) {
+            assert_int_equal(read->material[m].unlit, scene->material[m].unlit);
+            assert_memory_equal(read->material[m].tint, scene->material[m].tint,
+                                sizeof scene->material->tint);
+        }
+        assert_int_equal(read->light_channel_count, what & 8 ? 2 : 0);
+        for (uint32_t i = 0; i < read->light_channel_count; i++) {
+            const struct lw_channel *c = &read->light_channel[i];
+            assert_int_equal(c->node, 1);
+            assert_int_equal(c->path, channels[i].path);
+            assert_int_equal(c->key_count, 2);
+            assert_memory_equal(c->value, channels[i].value, 2 * lw_channel_width(c) * sizeof *c->value);
+        }
+        uint8_t *again = write_package(read, &again_size);
+        assert_int_equal(again_size, size);
+        assert_memory_equal(again, bytes, size);
+        bytes[section_offset(bytes, 25)] ^= 1;
+        lw_support_fails(read_exactly(bytes, size, &err), LW_BAD_DATA, &err, "do not have its checksum");
+        free(again);
+        free(sealed);
+        free(bytes);
+        lw_scene_destroy(read);
+        lw_scene_destroy(scene);
+    }
+    struct lw_scene *scene = lw_support_everything();
+    struct lw_error err = {0};
+    size_t size;
+    scene->material[0].unlit = 1;
+    uint8_t *bytes = write_package(scene, &size);
+    set_u32(bytes + section_offset(bytes, 25), 0);
+    lw_package_seal(bytes, size);
+    lw_support_fails(read_exactly(bytes, size, &err), LW_BAD_DATA, &err, "then the version is 1 to 5");
+    err = (struct lw_error){0};
+    set_u32(bytes + section_offset(bytes, 25), 2);
+    lw_package_seal(bytes, size);
+    lw_support_fails(read_exactly(bytes, size, &err), LW_BAD_DATA, &err,
+                     "section material looks, record 0: unlit is 2; the largest is 1");
     free(bytes);
     lw_scene_destroy(scene);
 }
@@ -1156,6 +1224,7 @@ int main(void) {
         cmocka_unit_test(parts_are_textures),
         cmocka_unit_test(version_3_has_textures),
         cmocka_unit_test(version_4_says_who_draws),
+        cmocka_unit_test(version_6_says_what_is_unlit_tinted_parallel_and_dimmed),
         cmocka_unit_test(an_environment_comes_back),
         cmocka_unit_test(lies_about_an_environment_are_named),
         cmocka_unit_test(an_environment_cut_off_or_flipped_is_refused_or_sound),

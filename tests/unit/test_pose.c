@@ -239,6 +239,37 @@ static bool moves(const struct lw_scene *scene, uint32_t object) {
     return answer;
 }
 
+/* Colour times factor, whatever the order of the channels; a curve that dips below 0 is dark there. */
+static void lights_are_dimmed_and_coloured(void **state) {
+    (void)state;
+    static const float times[] = {0, 2}, colours[] = {1, 1, 1, 0, 1, 0.5f}, factors[] = {0, 100},
+                       dip[] = {0, 1, -8, 8, 1, 0};
+    struct lw_channel channels[] = {
+        {0, LW_CHANNEL_FACTOR, LW_INTERPOLATION_LINEAR, 2, times, factors},
+        {0, LW_CHANNEL_INTENSITY, LW_INTERPOLATION_LINEAR, 2, times, colours},
+    };
+    struct lw_scene *scene = build(&still, 1, NULL, 0, 2);
+    struct lw_pose pose;
+    scene->light_channel = channels;
+    scene->light_channel_count = 2;
+    lw_support_ok(lw_scene_validate(scene, NULL), NULL);
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    assert_point(pose.light[0].intensity, 0, 0, 0);
+    lw_pose_evaluate(&pose, scene, 1);
+    assert_point(pose.light[0].intensity, 50 * 0.5f, 50, 50 * 0.75f);
+    channels[0] = (struct lw_channel){0, LW_CHANNEL_FACTOR, LW_INTERPOLATION_CUBIC, 2, times, dip};
+    lw_support_ok(lw_scene_validate(scene, NULL), NULL);
+    /* at the middle of 2 s: 1 by the values, 2 (-8 - 8) / 8 by the tangents */
+    lw_pose_evaluate(&pose, scene, 1);
+    assert_point(pose.light[0].intensity, 0, 0, 0);
+    scene->light_channel_count = 1; /* without a colour of its own: times what the light has */
+    scene->light[0].intensity[0] = 3;
+    lw_pose_evaluate(&pose, scene, 0);
+    assert_near(pose.light[0].intensity.x, 3);
+    lw_pose_finish(&pose);
+    lw_scene_destroy(scene);
+}
+
 static void what_moves_is_what_has_a_channel_above_it(void **state) {
     (void)state;
     static const float times[] = {0}, values[] = {0, 0, 0};
@@ -351,6 +382,7 @@ int main(void) {
         cmocka_unit_test(cubic_splines_reproduce_a_cubic),
         cmocka_unit_test(in_tangents_and_out_tangents_are_told_apart),
         cmocka_unit_test(cubic_rotations_are_unit_and_scales_scale),
+        cmocka_unit_test(lights_are_dimmed_and_coloured),
         cmocka_unit_test(what_moves_is_what_has_a_channel_above_it),
         cmocka_unit_test(what_moves_is_found_fast),
         cmocka_unit_test(bounds_hold_all_objects),

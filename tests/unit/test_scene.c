@@ -58,6 +58,19 @@ static void strings_are_copied(void **state) {
     lw_scene_destroy(scene);
 }
 
+/* Two channels for the intensity of the first light, of which one counts. */
+static struct lw_channel *dim(struct lw_scene *s, float least) {
+    static const float time_s[] = {0};
+    static float value[3];
+    static struct lw_channel channel[2];
+    value[2] = least;
+    for (int i = 0; i < 2; i++)
+        channel[i] = (struct lw_channel){0, LW_CHANNEL_INTENSITY, LW_INTERPOLATION_LINEAR, 1, time_s, value};
+    s->light_channel = channel;
+    s->light_channel_count = 1;
+    return channel;
+}
+
 static void light_is_found_wherever_it_is(void **state) {
     (void)state;
     struct lw_scene *scene = lw_support_squares(1, 1);
@@ -71,6 +84,10 @@ static void light_is_found_wherever_it_is(void **state) {
     assert_true(lw_scene_has_light(scene));
     scene->object_count = 0; /* the mesh is still there, but nobody uses it */
     assert_false(lw_scene_has_light(scene));
+    dim(scene, 0);
+    assert_false(lw_scene_has_light(scene));
+    dim(scene, 1); /* a lamp that is dark at first */
+    assert_true(lw_scene_has_light(scene));
     lw_scene_destroy(scene);
 }
 
@@ -200,7 +217,19 @@ static void set_index(const uint32_t *p, uint32_t value) { *(uint32_t *)(uintptr
     X("channel 2: key value component 17 is inf", set(&s->channel[2].value[17], INFINITY))                   \
     X("channel 1: rotation of key 2 is no unit", set(&s->channel[1].value[10], 0.5f))                        \
     X("channel 3: rotation of key 1 is no unit", set(&s->channel[3].value[12 + 4 + 2], 0.5f))                \
-    X("channel 4: animates a property of node 0 that an earlier channel", s->channel[4].node = 0)
+    X("channel 4: animates a property of node 0 that an earlier channel", s->channel[4].node = 0)            \
+    X("material 0 \"plain\": unlit is 2", s->material[0].unlit = 2)                                          \
+    X("material 2 \"lamp\": is unlit, and has an emission", s->material[2].unlit = 1)                        \
+    X("material 2 \"lamp\": has a tint, but lets no light pass",                                             \
+      (s->material[2].alpha_mode = LW_ALPHA_OPAQUE, s->material[2].tint[0] = 1))                             \
+    X("material 2 \"lamp\": tint is 15",                                                                     \
+      (s->material[2].alpha_mode = LW_ALPHA_BLEND, s->material[2].tint[1] = 15))                             \
+    X("camera 0 \"main\": height_m is -1", s->camera[0].height_m = -1)                                       \
+    X("channel of a light 0: names light 3 of 3", dim(s, 0)->node = 3)                                       \
+    X("channel of a light 0: path 0", dim(s, 0)->path = LW_CHANNEL_TRANSLATION)                              \
+    X("channel of a light 0: has no keys", dim(s, 0)->key_count = 0)                                         \
+    X("channel of a light 0: key value is -1", (void)dim(s, -1))                                             \
+    X("channel of a light 1: animates a property of light 0", (dim(s, 0), s->light_channel_count = 2))
 
 static void break_rule(struct lw_scene *s, unsigned rule) {
     unsigned i = 0;

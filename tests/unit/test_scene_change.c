@@ -106,6 +106,13 @@ static void values_keep_within_their_limits(void **state) {
             assert_int_equal(check(limit[i].kind, 0, count, value), LW_SCENE_CHANGE_OUT_OF_RANGE);
         }
     }
+    scene->material[0].unlit = 1; /* it shows its base colour alone */
+    assert_int_equal(check(LW_SCENE_CHANGE_MATERIAL_EMISSION, 0, 3, (float[]){0, 1, 0}),
+                     LW_SCENE_CHANGE_OUT_OF_RANGE);
+    assert_int_equal(check(LW_SCENE_CHANGE_MATERIAL_EMISSION, 0, 3, (float[]){0, 0, 0}), LW_SCENE_CHANGE_OK);
+    assert_int_equal(check(LW_SCENE_CHANGE_MATERIAL_BASE_COLOUR, 0, 3, (float[]){0, 1, 0}),
+                     LW_SCENE_CHANGE_OK);
+    scene->material[0].unlit = 0;
     assert_int_equal(check(LW_SCENE_CHANGE_LIGHT_DIRECTION, 0, 3, (float[]){0, 0, 0}),
                      LW_SCENE_CHANGE_DEGENERATE);
     assert_int_equal(check(LW_SCENE_CHANGE_LIGHT_DIRECTION, 0, 3, (float[]){0, -3, 0}), LW_SCENE_CHANGE_OK);

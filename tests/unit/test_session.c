@@ -1,6 +1,7 @@
 #include "tests/support/support.h"
 
 #include "common/clock.h"
+#include "server/serve/session_handlers.h"
 #include "server/serve/session_private.h"
 #include "server/serve/turns.h"
 
@@ -30,7 +31,7 @@ struct link {
     struct lw_session_transport transport;
     bool is_full, is_read, is_closed;
     uint32_t writes;
-    size_t bytes;
+    size_t bytes, overhead;
     uint16_t last;        /* type of the last message written */
     enum lw_refusal code; /* of a REFUSAL */
     char text[LW_MESSAGE_TEXT_MAX + 1];
@@ -77,8 +78,10 @@ static void waiting(const struct lw_session_transport *transport, size_t *out_ou
     *out_socket = 0;
 }
 
-static const struct lw_session_transport_ops ops = {write_blobs, read_on,    push,
-                                                    end_writing, close_link, waiting};
+static size_t overhead(struct lw_session_transport *transport) { return link_of(transport)->overhead; }
+
+static const struct lw_session_transport_ops ops = {write_blobs, read_on, push,    end_writing,
+                                                    close_link,  waiting, overhead};
 
 /* ---- the server ---- */
 
@@ -171,7 +174,7 @@ static void say(struct lw_session *s, const struct lw_message *message, unsigned
     lw_support_ok(lw_blob_from_message(message, &blob), NULL);
     lw_support_ok(lw_blob_create(blob->size * times, &many), NULL);
     for (unsigned i = 0; i < times; i++) memcpy(many->bytes + i * blob->size, blob->bytes, blob->size);
-    lw_session_receive(s, many->bytes, many->size);
+    lw_session_handlers_receive(s, many->bytes, many->size);
     lw_blob_unref(blob);
     lw_blob_unref(many);
 }
@@ -339,6 +342,68 @@ static void test_saying_too_much(void **state) {
     assert_string_equal(link_of(s->link)->text, "more than 20 PING a second, for too long");
 }
 
+/* Frames without messages, and bytes that are neither: read no more, then refused. */
+static void expect_too_much(struct lw_session *s, const char *text) {
+    uint64_t waited_ns = 0;
+    assert_true(s->rates.waits);
+    assert_false(link_of(s->link)->is_read);
+    for (; !is_refused(s, LW_REFUSAL_RATE); waited_ns += SECOND_NS / LW_SERVER_LOOKS_HZ) {
+        lw_session_count_other(s, LW_MESSAGE_RATES_FRAMES, 1000);
+        assert_true(waited_ns <= LW_SERVER_EXCESS_TIMEOUT_S * SECOND_NS);
+        look(s, now_ns + SECOND_NS / LW_SERVER_LOOKS_HZ);
+    }
+    assert_true(is_told(s));
+    assert_string_equal(link_of(s->link)->text, text);
+}
+
+static void test_frames_without_messages(void **state) {
+    (void)state;
+    struct lw_session *s = open_one();
+    greet(s);
+    lw_session_count_other(s, LW_MESSAGE_RATES_FRAMES, 1000);
+    assert_true(link_of(s->link)->is_read);
+    lw_session_count_other(s, LW_MESSAGE_RATES_FRAMES, 1);
+    expect_too_much(s, "more than 100 FRAMES a second, for too long");
+}
+
+static void test_overhead(void **state) {
+    (void)state;
+    struct lw_session *s = open_one();
+    greet(s);
+    link_of(s->link)->overhead =
+        32768 + LW_MESSAGE_RATES_ENVELOPE; /* the HELLO's is no more than there may be */
+    look(s, now_ns);
+    assert_true(s->rates.waits);
+    link_of(s->link)->overhead = 0;
+    look(s, now_ns + SECOND_NS);
+    lw_turns_serve_paced(&shared); /* a second has brought enough to go on */
+    lw_turns_read_on(&shared);
+    assert_true(link_of(s->link)->is_read);
+    link_of(s->link)->overhead = 100000;
+    look(s, now_ns);
+    while (s->state < LW_SESSION_LEAVING) look(s, now_ns + SECOND_NS / LW_SERVER_LOOKS_HZ);
+    assert_string_equal(link_of(s->link)->text, "more than 4096 OVERHEAD a second, for too long");
+}
+
+/* What a peer says after its refusal is dropped, as far as it may have been on its way. */
+static void test_what_follows_a_refusal(void **state) {
+    (void)state;
+    static uint8_t more[LW_SERVER_DROPPED_MAX];
+    struct lw_session *s = open_one();
+    say(s, &(struct lw_message){.type = LW_MESSAGE_PING}, 1); /* no HELLO */
+    assert_true(is_refused(s, LW_REFUSAL_PROTOCOL));
+    const size_t counted = LW_FRAMING_HEADER_SIZE; /* of the PING */
+    lw_session_handlers_receive(s, more, sizeof more - counted);
+    assert_true(link_of(s->link)->is_read);
+    lw_session_handlers_receive(s, more, 1);
+    assert_false(link_of(s->link)->is_read);
+    now_ns += SECOND_NS / 2; /* a time later it is read again */
+    lw_turns_serve_paced(&shared);
+    lw_turns_read_on(&shared);
+    assert_true(link_of(s->link)->is_read);
+    assert_true(is_refused(s, LW_REFUSAL_PROTOCOL));
+}
+
 /* ---- messages and bytes ---- */
 
 static const struct lw_message holds = {.type = LW_MESSAGE_HOLDS};
@@ -370,7 +435,7 @@ static void say_hello_of(struct lw_session *s, uint32_t body_size) {
     for (size_t done = 0, size = LW_FRAMING_HEADER_SIZE + (size_t)body_size, piece; done < size;
          done += piece) {
         piece = size - done < LW_SERVER_TURN_READ ? size - done : LW_SERVER_TURN_READ;
-        lw_session_receive(s, bytes + done, piece);
+        lw_session_handlers_receive(s, bytes + done, piece);
     }
     serve();
     free(bytes);
@@ -471,6 +536,41 @@ static void test_turned_away(void **state) {
     assert_null(open_from(address, false)); /* in all */
 }
 
+/* As many at once as there are places, then as many as come back in 20 s; who is one too many is told. */
+static void test_connecting_too_often(void **state) {
+    (void)state;
+    const struct lw_address own = {{1}, true}, other = {{2}, false};
+    unsigned count = 0;
+    while (lw_session_may_connect(&shared, &other)) count++;
+    assert_int_equal(count, 1000);
+    for (count = 0; lw_session_may_connect(&shared, &own); count++) {
+    }
+    assert_int_equal(count, 9000);
+    now_ns += SECOND_NS + 1000;
+    for (count = 0; lw_session_may_connect(&shared, &other); count++) {
+    }
+    assert_int_equal(count, 50);
+    for (count = 0; lw_session_may_connect(&shared, &own); count++) {
+    }
+    assert_int_equal(count, 450);
+    struct link *link = calloc(1, sizeof *link);
+    assert_non_null(link);
+    link->transport.ops = &ops;
+    link->is_read = true;
+    const struct lw_session_peer peer = {.at = other, .address = "peer", .is_too_many = true};
+    struct lw_session *s = lw_session_open(&shared, &link->transport, &peer);
+    assert_non_null(s);
+    serve();
+    assert_true(is_refused(s, LW_REFUSAL_RATE) && is_told(s));
+    assert_string_equal(link->text, "this address connects too often: 50 times a second at most");
+    assert_int_equal(shared.place_count, 0);
+    shared.address_sessions_max = 1; /* there is a least, for browsers, which open several at once */
+    const struct lw_address third = {{3}, false};
+    for (count = 0; lw_session_may_connect(&shared, &third); count++) {
+    }
+    assert_int_equal(count, LW_SERVER_CONNECTIONS_MIN);
+}
+
 static void test_turned_away_of_an_address(void **state) {
     (void)state;
     shared.sessions_max = 1;
@@ -491,6 +591,10 @@ int main(void) {
         TEST(test_stall),
         TEST(test_who_was_slow_may_read_on),
         TEST(test_saying_too_much),
+        TEST(test_frames_without_messages),
+        TEST(test_overhead),
+        TEST(test_what_follows_a_refusal),
+        TEST(test_connecting_too_often),
         TEST(test_messages_of_a_turn),
         TEST(test_body),
         TEST(test_memory_of_a_message),

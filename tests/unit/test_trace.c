@@ -427,6 +427,47 @@ static void test_blended_surfaces_stop_their_share_of_rays(void **state) {
     stop(&f);
 }
 
+/* Each of sixteen rays passes as many panes as there are below it, of which one moves: its tint is a power,
+ * whatever the packet. */
+static void test_tints_colour_what_passes(void **state) {
+    (void)state;
+    for (int animated = 0; animated < 2; animated++) {
+        struct fixture f;
+        struct lw_scene *scene = lw_support_squares(3, 2);
+        for (uint32_t i = 0; i < 3; i++) { /* from 1 to 3 of them over one another, side by side */
+            scene->node[i].translation[0] = 0.5f * (float)i;
+            scene->node[i].translation[1] = (float)i;
+        }
+        struct lw_material *m = &scene->material[0];
+        m->alpha_mode = LW_ALPHA_BLEND;
+        m->base_colour[3] = 0;
+        const float tint[3] = {2, 0.75f, 0.5f};
+        memcpy(m->tint, tint, sizeof tint);
+        if (animated) animate(scene);
+        start(&f, scene);
+        assert_true(lw_trace_tints(f.trace));
+        for (unsigned packet = 0; packet < 64; packet++) {
+            struct lw_ray16 rays = {.salt = packet};
+            float got[3][16];
+            const uint16_t active = (uint16_t)(packet < 16 ? 1u << packet : 0x9e37u * packet | 1u);
+            const unsigned flags = packet & 1 ? LW_TRACE_COHERENT : LW_TRACE_LIGHT;
+            float x[16];
+            for (uint32_t i = 0; i < 16; i++) {
+                x[i] = -0.8f + 0.17f * (float)((i * 7 + packet) % 16);
+                lw_trace_set_ray(&rays, i, lw_vec3(x[i], -2, 0.13f), up, INFINITY);
+            }
+            assert_int_equal(lw_trace_tinted16(f.trace, flags, active, &rays, got), 0);
+            for (uint32_t i = 0; i < 16; i++) {
+                unsigned panes = 0;
+                for (uint32_t o = 0; o < 3; o++) panes += fabsf(x[i] - 0.5f * (float)o) < 1;
+                if (!(active >> i & 1u)) panes = 0;
+                for (int c = 0; c < 3; c++) assert_float_equal(got[c][i], powf(tint[c], (float)panes), 1e-5f);
+            }
+        }
+        stop(&f);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_front_and_back),
@@ -440,6 +481,7 @@ int main(void) {
         cmocka_unit_test(test_the_environment_chooses_the_instruction_set),
         cmocka_unit_test(test_masked_surfaces_let_rays_pass),
         cmocka_unit_test(test_blended_surfaces_stop_their_share_of_rays),
+        cmocka_unit_test(test_tints_colour_what_passes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

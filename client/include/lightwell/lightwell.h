@@ -296,6 +296,8 @@ struct lw_live_material {
     float alpha_cutoff;                             /**< Of LW_LIVE_ALPHA_MASK. */
     int is_double_sided;                            /**< It reflects and shines on both sides. */
     int is_client_light; /**< The direct light of its triangles is yours to draw: it is in no texel. */
+    int is_unlit;        /**< Seen as base_colour, W/(m^2 sr), in place of base_colour / pi * E. */
+    float tint[3];       /**< LW_LIVE_ALPHA_BLEND: 1 - alpha of light passes, times this; 1 is no colour. */
 };
 /** A material as it is now. For every frame. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_material(const struct lw_live *live,
@@ -359,6 +361,7 @@ struct lw_live_camera {
     float up_ws[3];       /**< Unit. */
     float forward_ws[3];  /**< Unit. */
     float fov_y;          /**< Radians. */
+    float height_m;       /**< Orthographic: of what it sees, and fov_y means nothing; 0: perspective. */
 };
 /** A camera. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_camera(const struct lw_live *live, uint32_t camera,

@@ -8,6 +8,13 @@ export interface View {
   up: Vec3;
   forward: Vec3;
   fovY: number; // radians
+  height?: number; // orthographic: of what is seen, m; else 0 or none
+}
+
+/** Along each axis of the picture: half of it over this is a length in the plane at depth 1, or at any. */
+export function scaleOf(view: View, width: number, height: number): [number, number] {
+  const scale = view.height ? 2 / view.height : 1 / Math.tan(view.fovY / 2);
+  return [(scale * height) / width, scale];
 }
 
 const PITCH_MAX = (89 / 180) * Math.PI;
@@ -33,30 +40,39 @@ export function lookAt(position: Vec3, target: Vec3, fovY: number): View {
 
 /** A camera of the scene: it looks along its node's -Z; the node may be sheared or mirrored, the view is
  * neither. */
-export function viewOf(toWorld: number[], fovY: number): View {
+export function viewOf(toWorld: number[], fovY: number, height = 0): View {
   const m = toWorld;
   const position: Vec3 = [m[3]!, m[7]!, m[11]!];
   const forward = normalize([-m[2]!, -m[6]!, -m[10]!]);
   const sideways = cross(forward, [m[1]!, m[5]!, m[9]!]);
-  if (!(Math.hypot(...sideways) > 1e-12)) return lookAt(position, add(position, forward), fovY);
+  if (!(Math.hypot(...sideways) > 1e-12))
+    return { ...lookAt(position, add(position, forward), fovY), height };
   const right = normalize(sideways);
-  return { position, right, up: cross(right, forward), forward, fovY };
+  return { position, right, up: cross(right, forward), forward, fovY, height };
 }
 
-/** PX,PY,PZ:TX,TY,TZ:FOV, as lightwell-view takes it; null: it is none. */
+/** PX,PY,PZ:TX,TY,TZ:FOV, as lightwell-view takes it, or with 10m in place of FOV for an orthographic view that
+ * is 10 m high; null: it is none. */
 export function parseView(text: string): View | null {
-  const parts = text.split(':').map((part) => part.split(',').map(Number));
+  const parallel = text.endsWith('m');
+  const parts = (parallel ? text.slice(0, -1) : text).split(':').map((part) => part.split(',').map(Number));
   const [position, target, fov] = parts;
   if (parts.length !== 3 || position!.length !== 3 || target!.length !== 3 || fov!.length !== 1) return null;
-  if (parts.flat().some((value) => !Number.isFinite(value)) || !(fov![0]! >= 1 && fov![0]! <= 179))
-    return null;
-  return lookAt(position as Vec3, target as Vec3, (fov![0]! / 180) * Math.PI);
+  if (parts.flat().some((value) => !Number.isFinite(value))) return null;
+  const frame = fov![0]!;
+  if (parallel)
+    return frame > 0
+      ? { ...lookAt(position as Vec3, target as Vec3, Math.PI / 4), height: frame }
+      : null;
+  if (!(frame >= 1 && frame <= 179)) return null;
+  return lookAt(position as Vec3, target as Vec3, (frame / 180) * Math.PI);
 }
 
 export function formatView(view: View): string {
   const round = (x: number) => String(Math.round(x * 1e5) / 1e5);
   const target = add(view.position, view.forward);
-  return `${view.position.map(round)}:${target.map(round)}:${round((view.fovY / Math.PI) * 180)}`;
+  const frame = view.height ? `${round(view.height)}m` : round((view.fovY / Math.PI) * 180);
+  return `${view.position.map(round)}:${target.map(round)}:${frame}`;
 }
 
 /** The whole of a box, from outside. */
@@ -93,7 +109,8 @@ export class Flight {
       'wheel',
       (event) => {
         event.preventDefault();
-        this.move(0, 0, (-event.deltaY * this.speed) / 500);
+        if (this.view.height) this.zoom(Math.exp(event.deltaY / 500));
+        else this.move(0, 0, (-event.deltaY * this.speed) / 500);
       },
       { passive: false },
     );
@@ -134,7 +151,7 @@ export class Flight {
   }
 
   private turn(right: number, up: number): void {
-    const { forward, position, fovY } = this.view;
+    const { forward, position, fovY, height } = this.view;
     const yaw = Math.atan2(this.view.right[2], this.view.right[0]) + right;
     const pitch = Math.min(
       PITCH_MAX,
@@ -142,7 +159,12 @@ export class Flight {
     );
     const level = Math.cos(pitch);
     const ahead: Vec3 = [Math.sin(yaw) * level, Math.sin(pitch), -Math.cos(yaw) * level];
-    this.go(lookAt(position, add(position, ahead), fovY));
+    this.go({ ...lookAt(position, add(position, ahead), fovY), height: height ?? 0 });
+  }
+
+  /** What is nearer is no larger in an orthographic view: the picture is. */
+  private zoom(factor: number): void {
+    this.go({ ...this.view, height: this.view.height! * factor });
   }
 
   private move(right: number, up: number, forward: number): void {

@@ -11,6 +11,7 @@ export interface Group {
   glow: number;
   alphaMode: number;
   doubleSided: boolean;
+  passes: [number, number, number] | null; // what is behind times this; null: 1 - alpha
   kept?: number; // where the renderer keeps the indices of a blended one
 }
 
@@ -36,7 +37,7 @@ export interface TextureData {
 }
 
 /** Numbers of a material, in texels of 4: base colour; emission, cutoff; the rows of both transforms of
- * coordinates, with the UV set behind each first row. */
+ * coordinates, with the UV set behind each first row; alpha mode and whether it is unlit behind the others. */
 export const MATERIAL_TEXELS = 6;
 
 export interface SceneData {
@@ -127,7 +128,8 @@ function groupsOf(
   const groups = new Map<string, Group & { triangles: number[] }>();
   for (let t = 0; t < mesh.triangleCount; t++) {
     const m = scene.materials[mesh.material[t]!]!;
-    const key = `${m.base.texture} ${m.glow.texture} ${m.alphaMode} ${m.doubleSided}`;
+    const passes = m.tint.some((x) => x > 0) ? m.tint.map((x) => x * (1 - m.baseColour[3]!)) : null;
+    const key = `${m.base.texture} ${m.glow.texture} ${m.alphaMode} ${m.doubleSided} ${passes}`;
     let group = groups.get(key);
     if (!group) {
       group = {
@@ -137,6 +139,7 @@ function groupsOf(
         glow: m.glow.texture,
         alphaMode: m.alphaMode,
         doubleSided: m.doubleSided,
+        passes: passes as Group['passes'],
         triangles: [],
       };
       groups.set(key, group);
@@ -184,7 +187,7 @@ function packMaterials(scene: Scene): Float32Array<ArrayBuffer> {
         b[0]!, b[1]!, b[2]!, base.uvSet,
         b[3]!, b[4]!, b[5]!, m.alphaMode,
         g[0]!, g[1]!, g[2]!, glow.uvSet,
-        g[3]!, g[4]!, g[5]!, 0,
+        g[3]!, g[4]!, g[5]!, m.unlit ? 1 : 0,
       ],
       4 * MATERIAL_TEXELS * i,
     );

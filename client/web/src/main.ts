@@ -242,7 +242,7 @@ class App {
   }
 
   private goTo(place: CameraPlace): void {
-    this.flight.go(viewOf(place.toWorld, place.fovY));
+    this.flight.go(viewOf(place.toWorld, place.fovY, place.height));
   }
 
   private onKey(key: string): void {

@@ -37,6 +37,8 @@ export interface Material {
   glow: TextureUse;
   alphaMode: number;
   doubleSided: boolean;
+  unlit: boolean; // seen as its base colour
+  tint: [number, number, number]; // of what passes, on top of 1 - alpha; 0, 0, 0: none
 }
 
 export interface Texture {
@@ -71,6 +73,7 @@ export interface Camera {
   name: string;
   node: number;
   fovY: number;
+  height: number; // of what an orthographic camera sees, m; 0: a perspective one
 }
 
 export interface Channel {
@@ -98,9 +101,11 @@ export interface Scene {
   environment: { width: number; height: number; rgb: Float32Array } | null;
 }
 
-const WIDTHS = [24, 64, 112, 28, 104, 16, 40, 16, 24, 1, 12, 12, 8, 16, 12, 4, 8, 4, 4, 4, 12, 12, 4, 4];
+const WIDTHS = [
+  24, 64, 112, 28, 104, 16, 40, 16, 24, 1, 12, 12, 8, 16, 12, 4, 8, 4, 4, 4, 12, 12, 4, 4, 16, 4, 24,
+];
 const COUNTS = [1, 20, 16, 14, 21, 20, 20, 16, 20].map((bits) => (bits === 1 ? 1 : 2 ** bits));
-const SEALED = 5; // the version with a checksum
+const SEALED = 5; // from this version on there is a checksum
 const SEAL_AT = 24;
 const ATLAS_SIDE_MAX = 16384;
 const TEXELS_MAX = 2 ** 28;
@@ -125,7 +130,7 @@ class PackageReader {
       this.fail('it is none');
     if (bytes.byteOffset % 16) throw new Error('a package lies at a multiple of 16');
     this.version = this.u32(8);
-    const sections = [0, 20, 22, 22, 24, 24][this.version] ?? 0;
+    const sections = [0, 20, 22, 22, 24, 24, 27][this.version] ?? 0;
     if (!sections) this.fail(`version ${this.version}`);
     if (this.version >= SEALED) this.checkSeal(tiles);
     else if (this.u64(SEAL_AT)) this.fail('a reserved field is not 0');
@@ -142,7 +147,7 @@ class PackageReader {
     }
   }
 
-  /** A package of version 5 holds a part of its own hash, with zeros where that stands. */
+  /** A package of version 5 or 6 holds a part of its own hash, with zeros where that stands. */
   private checkSeal(tiles: Tiles): void {
     const seal = this.bytes.slice(SEAL_AT, SEAL_AT + 8);
     this.bytes.fill(0, SEAL_AT, SEAL_AT + 8);
@@ -291,6 +296,8 @@ function readMaterial(r: PackageReader, at: number, place: string): Material {
     glow: readUse(r, at + 72, place),
     alphaMode: r.upTo(at + 104, 2, `${place}: alpha mode`),
     doubleSided: r.upTo(at + 108, 1, `${place}: double-sided`) === 1,
+    unlit: false,
+    tint: [0, 0, 0],
   };
 }
 
@@ -320,14 +327,15 @@ function readNode(r: PackageReader, at: number, place: string, index: number): N
   };
 }
 
-function readChannel(r: PackageReader, at: number, place: string): Channel {
-  const path = r.upTo(at + 4, 2, `${place}: path`);
+/** ofLight: frames tell all there is to know of lights: it is checked alone. */
+function readChannel(r: PackageReader, at: number, place: string, ofLight: boolean): Channel {
+  const path = r.upTo(at + 4, ofLight ? 4 : 2, `${place}: path`);
   const interpolation = r.upTo(at + 8, 2, `${place}: interpolation`);
   const keys = r.upTo(at + 12, 2 ** 28, `${place}: keys`);
   if (!keys) r.fail(`${place} has no key`);
-  const values = keys * (path === 1 ? 4 : 3) * (interpolation === 2 ? 3 : 1);
+  const values = keys * (path === 1 ? 4 : path === 4 ? 1 : 3) * (interpolation === 2 ? 3 : 1);
   return {
-    node: r.index(at, r.count(5), place, false),
+    node: r.index(at, r.count(ofLight ? 7 : 5), place, false),
     path,
     interpolation,
     time: r.floats(18, r.u32(at + 16), keys, place),
@@ -374,8 +382,9 @@ export function readPackage(bytes: Uint8Array, tiles: Tiles): Scene {
       name: r.string(at, place),
       node: r.index(at + 8, nodeCount, place, false),
       fovY: r.f32(at + 12, place),
+      height: 0,
     })),
-    channels: r.records(9, 'channel', (at, place) => readChannel(r, at, place)),
+    channels: r.records(9, 'channel', (at, place) => readChannel(r, at, place, false)),
     environment: null,
   };
   if (r.version > 1)
@@ -385,8 +394,27 @@ export function readPackage(bytes: Uint8Array, tiles: Tiles): Scene {
       if (!width || !height) r.fail(`${place} is empty`);
       scene.environment = { width, height, rgb: r.floats(22, r.u32(at + 8), width * height, place) };
     });
+  if (r.version >= 6) readLooks(r, scene);
   checkTotals(r, scene);
   return scene;
+}
+
+/** What version 6 says on top. */
+function readLooks(r: PackageReader, scene: Scene): void {
+  if (r.count(25) !== scene.materials.length || r.count(26) !== scene.cameras.length)
+    r.fail('looks of materials, or heights of cameras, are not as many as these');
+  let [material, camera] = [0, 0];
+  r.records(25, 'material look', (at, place) => {
+    const m = scene.materials[material++]!;
+    m.unlit = r.upTo(at, 1, `${place}: unlit`) === 1;
+    m.tint = [...r.f32s(at + 4, 3, place)] as [number, number, number];
+  });
+  r.records(26, 'camera height', (at, place) => {
+    const height = r.f32(at, place);
+    if (height < 0) r.fail(`${place} is ${height}`);
+    scene.cameras[camera++]!.height = height;
+  });
+  r.records(27, 'light channel', (at, place) => readChannel(r, at, place, true));
 }
 
 function checkTotals(r: PackageReader, scene: Scene): void {

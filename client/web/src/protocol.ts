@@ -7,6 +7,7 @@ import type { Frame } from './wire.ts';
 export interface CameraPlace {
   name: string;
   fovY: number;
+  height: number; // of an orthographic one, m; else 0
   toWorld: number[]; // 3 x 4, row-major
 }
 

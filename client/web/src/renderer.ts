@@ -1,7 +1,7 @@
 // renderer.ts: draws the scene in the light that has come.
 // Flow: geometry, frames, tiles -> [renderer] -> picture on the canvas; tiles that the view needs
 import { AtlasMap } from './atlas.ts';
-import { add, dot, type Vec3, type View } from './camera.ts';
+import { add, dot, scaleOf, type Vec3, type View } from './camera.ts';
 import type { Cluster } from './clusters.ts';
 import { autoStops } from './exposure.ts';
 import { LimitError } from './failure.ts';
@@ -565,6 +565,18 @@ export class Renderer {
     gl.uniform3fv(program.at('forward'), view.forward);
     gl.uniform2f(program.at('scale'), ...scale);
     gl.uniform1f(program.at('near'), near);
+    gl.uniform1f(program.at('parallel'), view.height ? 1 / this.depthOf(view) : 0);
+  }
+
+  /** How far along a view anything is that is not behind the eye. */
+  private depthOf(view: View): number {
+    const box = this.bounds();
+    let depth = 1;
+    for (let k = 0; box && k < 8; k++) {
+      const corner = [0, 1, 2].map((axis) => (k >> axis) & 1 ? box.high[axis as 0] : box.low[axis as 0]);
+      depth = Math.max(depth, dot(add(corner as Vec3, view.position, -1), view.forward));
+    }
+    return 1.01 * depth;
   }
 
   private bind(program: Program, unit: number, name: string, target: number, texture: WebGLTexture): void {
@@ -595,6 +607,8 @@ export class Renderer {
       const from = add(centre, view.position, -1);
       const depth = dot(from, view.forward);
       if (depth < -radius) return false;
+      if (view.height)
+        return [view.right, view.up].every((axis, i) => Math.abs(dot(from, axis)) <= sides[i]![0] + radius);
       return [view.right, view.up].every(
         (axis, i) => Math.abs(dot(from, axis)) - depth * sides[i]![0] <= radius * sides[i]![1],
       );
@@ -679,9 +693,9 @@ export class Renderer {
         if (isBlended(draw.group) && extra !== 'SURVEY' && !shadow) {
           for (let i = 0; i < range.count; i++) {
             const object = ids[range.first + i]!;
-            const depth = Math.hypot(
-              ...view.position.map((from, k) => this.sphere[SPHERE * object + k]! - from),
-            );
+            const middle = [0, 1, 2].map((k) => this.sphere[SPHERE * object + k]!) as Vec3;
+            const away = add(middle, view.position, -1);
+            const depth = view.height ? dot(away, view.forward) : Math.hypot(...away);
             blended.push({ draw, at: range.first + i, object, mirrored: range.mirrored, depth });
           }
           continue;
@@ -691,9 +705,12 @@ export class Renderer {
       }
     blended.sort((a, b) => b.depth - a.depth);
     gl.enable(gl.BLEND);
-    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE);
     gl.depthMask(false);
     for (const each of blended) {
+      const { passes } = each.draw.group;
+      if (passes) gl.blendColor(...passes, 1);
+      const behind = passes ? gl.CONSTANT_COLOR : gl.ONE_MINUS_SRC_ALPHA;
+      gl.blendFuncSeparate(gl.SRC_ALPHA, behind, gl.ONE, gl.ONE);
       this.putInOrder(each.draw.group, each.object, view);
       prepare(each.draw);
       run(each.draw, each.at, 1, each.mirrored);
@@ -761,7 +778,7 @@ export class Renderer {
           const axis = m[at + 4 * row + k]! / 3;
           for (let corner = 0; corner < 3; corner++) x += axis * position[3 * kept[3 * t + corner]! + k]!;
         }
-        squared += x * x;
+        squared += view.height ? x * view.forward[row as 0] : x * x; // what is parallel needs no square
       }
       distances[t] = squared;
     }
@@ -807,8 +824,7 @@ export class Renderer {
     const target = sample ? this.single! : this.target;
     const bounds = this.lights && this.bounds();
     if (bounds) for (const map of this.lights!.choose(view, bounds)) this.drawMap(map);
-    const scaleY = 1 / Math.tan(view.fovY / 2);
-    const scale: [number, number] = [(scaleY * height) / width, scaleY];
+    const scale = scaleOf(view, width, height);
     const exposure = 2 ** this.stops;
     const [x, y] = placeOf(sample);
     const offset: [number, number] = [(2 * x) / width, (-2 * y) / height];
@@ -913,15 +929,12 @@ export class Renderer {
     this.surveyNumber++;
     // another place in the pixels each time
     const jitter = (step: number, side: number) => ((((this.surveyNumber * step) % 1) - 0.5) * 2) / side;
-    const scaleY = 1 / (SURVEY_MARGIN * Math.tan(view.fovY / 2));
-    const scale: [number, number] = [(scaleY * height) / width, scaleY];
+    const scale = scaleOf(view, width, height).map((x) => x / SURVEY_MARGIN) as [number, number];
     const [x, y] = [jitter(0.75487767, w) / scale[0], jitter(0.56984029, h) / scale[1]];
-    const forward = view.forward.map((f, i) => f + x * view.right[i as 0] + y * view.up[i as 0]) as [
-      number,
-      number,
-      number,
-    ];
-    const jittered: View = { ...view, right: view.right, forward };
+    const moved = (from: Vec3) => add(add(from, view.right, x), view.up, y);
+    const jittered: View = view.height
+      ? { ...view, position: moved(view.position) }
+      : { ...view, forward: moved(view.forward) };
     this.clear(this.surveyTarget.framebuffer, w, h);
     gl.clearBufferuiv(gl.COLOR, 0, [0, 0, 0, 0]);
     const pixel = (SURVEY_MARGIN * height) / h;

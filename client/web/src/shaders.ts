@@ -42,7 +42,7 @@ uniform sampler2D objects;
 uniform mat4 clip;
 uniform vec3 eye, right, up, forward;
 uniform vec2 scale, offset;
-uniform float near;
+uniform float near, parallel; // parallel: of an orthographic view, one over its depth; else 0
 invariant gl_Position; // depth alone and the picture are of different programs
 out vec3 vAt; // from the eye
 out vec4 vUv;
@@ -79,7 +79,14 @@ void main() {
 #else
   gl_Position = vec4(dot(vAt, right) * scale.x, dot(vAt, up) * scale.y, depth - 2.0 * near, depth);
 #endif
-  gl_Position.xy -= offset * depth;
+  if (parallel > 0.0) {
+#ifdef REVERSED
+    gl_Position.zw = vec2(1.0 - depth * parallel, 1);
+#else
+    gl_Position.zw = vec2(2.0 * depth * parallel - 1.0, 1);
+#endif
+  }
+  gl_Position.xy -= offset * gl_Position.w;
 #endif
 }`;
 
@@ -206,7 +213,7 @@ float shape(int row, int first, vec3 d) {
 
 vec3 directLight() {
   vec3 p = vAt, g = normalize(cross(dFdx(p), dFdy(p))), sum = vec3(0);
-  if (dot(g, p) > 0.0) g = -g;
+  if (dot(g, ray()) > 0.0) g = -g;
   vec3 n = normalize(gl_FrontFacing ? vNormal : -vNormal);
   if (!(dot(n, g) > 0.01)) n = g;
   mat2 turn = turnOf(gl_FragCoord.xy);
@@ -246,8 +253,10 @@ uniform usampler2D levels, tileState;
 uniform sampler2DArray pages;
 uniform vec2 pageSize;
 uniform vec3 forward, standIn;
-uniform float exposure, lightUnit, pixelArea, sharper;
+uniform float exposure, lightUnit, pixelArea, sharper, parallel;
 uniform bool unfiltered;
+// from the eye to what is seen; of an orthographic view unit
+vec3 ray() { return parallel > 0.0 ? forward : vAt; }
 #ifdef SURVEY
 uniform uint surveyNumber;
 out uvec4 needed;
@@ -307,11 +316,11 @@ vec3 standInFor(uint first, uint count, uint from, vec2 uv) {
 uint levelFor(uint coarsest) {
   vec2 dx = dFdx(vLightmap), dy = dFdy(vLightmap);
   vec3 face = cross(dFdx(vAt), dFdy(vAt));
-  float away = length(vAt), faceLength = length(face);
-  float cosine = faceLength > 0.0 ? abs(dot(face, vAt)) / (faceLength * away) : 1.0;
+  float away = length(ray()), faceLength = length(face);
+  float cosine = faceLength > 0.0 ? abs(dot(face, ray())) / (faceLength * away) : 1.0;
   // seen at a grazing angle a pixel covers a long strip: past this its level would only blur
   float texels = abs(dx.x * dy.y - dx.y * dy.x) * pixelArea * min(1.0, cosine / 0.05);
-  texels *= away / dot(vAt, forward);
+  texels *= away / dot(ray(), forward);
   return texels >= 4.0 ? min(coarsest, uint(log2(texels) * 0.5)) : 0u;
 }
 
@@ -343,6 +352,9 @@ void main() {
   emission *= sampleTexture(glowTexture, m + 4u, ignored);
 #endif
   albedo = clamp(albedo * vColour.rgb, 0.0, 1.0);
+  float unlit = texelFetch(materials, at(m + 5u), 0).w;
+  emission += unlit * albedo;
+  albedo *= 1.0 - unlit;
   alpha *= vColour.a;
 #if defined(SHADOW) || defined(DEPTH)
 #ifdef MASK
@@ -412,12 +424,12 @@ export const SKY_FRAGMENT = `${HEAD}
 in vec2 vScreen;
 uniform vec3 right, up, forward, sky;
 uniform vec2 scale, offset;
-uniform float exposure, lightUnit;
+uniform float exposure, lightUnit, parallel;
 uniform bool hasEnvironment;
 uniform sampler2D environment;
 out vec4 radiance;
 void main() {
-  vec2 place = (vScreen + offset) / scale;
+  vec2 place = parallel > 0.0 ? vec2(0) : (vScreen + offset) / scale; // a point, where rays are parallel
   vec3 d = normalize(forward + right * place.x + up * place.y);
   vec3 outside = sky;
   if (hasEnvironment) {

@@ -164,6 +164,7 @@ class Link {
     return replica.scene.cameras.map((camera) => ({
       name: camera.name,
       fovY: camera.fovY,
+      height: camera.height,
       toWorld: Array.from(nodeToWorld(replica.scene, camera.node, timeS)),
     }));
   }

@@ -1,6 +1,7 @@
 // The page's picture against the CPU's, of the same light from the same camera.
 import assert from 'node:assert/strict';
-import { existsSync } from 'node:fs';
+import { existsSync, mkdtempSync, rmSync, writeFileSync } from 'node:fs';
+import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import test from 'node:test';
 
@@ -17,6 +18,74 @@ for (const direct of ['tiles', 'auto'])
   test(`picture of the Cornell box, direct light: ${direct}`, { skip: missing || false }, () =>
     comparePictures('builtin:cornell@0.3,1.2,3.4:0,0.8,0:45@2', direct),
   );
+
+/** A floor below a sun, a textured sign that is unlit, a pane that is red; seen by an orthographic camera. */
+function writeLooks(path) {
+  const square = Float32Array.of(-1, 0, -1, 1, 0, -1, -1, 0, 1, 1, 0, 1, 0, 0, 1, 0, 0, 1, 1, 1);
+  const bytes = Buffer.concat([square, Uint16Array.of(0, 2, 1, 1, 2, 3)].map((a) => Buffer.from(a.buffer)));
+  const uri = `data:application/octet-stream;base64,${bytes.toString('base64')}`;
+  // 2 x 1 texels: (255, 0, 0, 255), (0, 128, 255, 64)
+  const png =
+    'iVBORw0KGgoAAAANSUhEUgAAAAIAAAABCAYAAAD0In+KAAAAEUlEQVR4nGP4z8Dwn6HhvwMAELoDvkeWIKAAAAAASUVORK5CYII=';
+  const mesh = (material) => ({
+    primitives: [{ attributes: { POSITION: 0, TEXCOORD_0: 1 }, indices: 2, material }],
+  });
+  const down = [-Math.SQRT1_2, 0, 0, Math.SQRT1_2];
+  const accessor = (bufferView, componentType, count, type) => ({ bufferView, componentType, count, type });
+  writeFileSync(
+    path,
+    JSON.stringify({
+      asset: { version: '2.0' },
+      extensionsUsed: ['KHR_lights_punctual', 'KHR_materials_unlit', 'KHR_materials_transmission'],
+      extensions: { KHR_lights_punctual: { lights: [{ type: 'directional', intensity: 3 }] } },
+      scenes: [{ nodes: [0, 1, 2, 3, 4] }],
+      nodes: [
+        { name: 'floor', mesh: 0, scale: [2, 1, 2] },
+        { name: 'sign', mesh: 1, translation: [-0.8, 0.5, 0], scale: [0.6, 1, 0.8] },
+        { name: 'pane', mesh: 2, translation: [0.9, 0.7, 0.2], scale: [0.5, 1, 0.9] },
+        { name: 'sun', rotation: down, extensions: { KHR_lights_punctual: { light: 0 } } },
+        { name: 'camera', camera: 0, translation: [0, 4, 0], rotation: down },
+      ],
+      cameras: [{ type: 'orthographic', orthographic: { xmag: 3, ymag: 1.25, znear: 0.1, zfar: 10 } }],
+      meshes: [mesh(0), mesh(1), mesh(2)],
+      materials: [
+        { name: 'grey', pbrMetallicRoughness: { baseColorFactor: [0.5, 0.5, 0.5, 1] } },
+        {
+          name: 'sign',
+          pbrMetallicRoughness: { baseColorTexture: { index: 0 } },
+          extensions: { KHR_materials_unlit: {} },
+        },
+        {
+          name: 'red',
+          doubleSided: true,
+          pbrMetallicRoughness: { baseColorFactor: [0.9, 0.3, 0.1, 1] },
+          extensions: { KHR_materials_transmission: { transmissionFactor: 0.9 } },
+        },
+      ],
+      textures: [{ source: 0 }],
+      images: [{ uri: `data:image/png;base64,${png}` }],
+      accessors: [accessor(0, 5126, 4, 'VEC3'), accessor(1, 5126, 4, 'VEC2'), accessor(2, 5123, 6, 'SCALAR')],
+      bufferViews: [
+        { buffer: 0, byteLength: 48 },
+        { buffer: 0, byteOffset: 48, byteLength: 32 },
+        { buffer: 0, byteOffset: 80, byteLength: 12 },
+      ],
+      buffers: [{ uri, byteLength: 92 }],
+    }),
+  );
+}
+
+test('picture of what is unlit, tinted and orthographic', { skip: missing || false }, async () => {
+  const folder = mkdtempSync(join(tmpdir(), 'looks-'));
+  try {
+    writeLooks(join(folder, 'looks.gltf'));
+    await comparePictures(`${join(folder, 'looks.gltf')}@@0`, 'tiles');
+    await comparePictures(`${join(folder, 'looks.gltf')}@0.5,3,2:0,0.3,0:3m@0`, 'tiles');
+    await comparePictures(`${join(folder, 'looks.gltf')}@0.5,3,2:0,0.3,0:60@0`, 'tiles');
+  } finally {
+    rmSync(folder, { recursive: true });
+  }
+});
 
 test('a page lives on', { skip: missing || false }, async () => {
   let daemon = await startDaemon('builtin:cornell');

@@ -1,6 +1,6 @@
 // pictures.mjs: the page's picture of a scene against the CPU's, of the same light from the same camera.
 import assert from 'node:assert/strict';
-import { join } from 'node:path';
+import { isAbsolute, join } from 'node:path';
 
 import { startDaemon } from './daemon.mjs';
 import { compare, openBrowser, pictureName, pixels, reference, savePicture, until } from './page.mjs';
@@ -12,7 +12,8 @@ const limitsOf = { tiles: { difference: 2, flip: 0.03 }, auto: { difference: 4, 
 /** Where a scene is: a builtin one, or a file of $LW_TEST_SCENES. */
 export function scenePath(given) {
   const [scene] = given.split('@');
-  return scene.startsWith('builtin:') ? scene : join(process.env.LW_TEST_SCENES ?? '', scene);
+  if (scene.startsWith('builtin:') || isAbsolute(scene)) return scene;
+  return join(process.env.LW_TEST_SCENES ?? '', scene);
 }
 
 /** The page's picture against the CPU's.

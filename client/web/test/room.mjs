@@ -47,8 +47,9 @@ export const lampWay = [
 ];
 
 /** outside: it has no ceiling, a sun shines in, and the lamp moves.
- *  turned: box and shelf show their double-sided backs, as sofas of some programs do. */
-export function room({ outside = false, turned = false } = {}) {
+ *  turned: box and shelf show their double-sided backs, as sofas of some programs do.
+ *  unlit: so is the shelf. */
+export function room({ outside = false, turned = false, unlit = false } = {}) {
   const bytes = [];
   const gltf = {
     asset: { version: '2.0' },
@@ -156,6 +157,11 @@ export function room({ outside = false, turned = false } = {}) {
     ];
     const times = gltf.accessors[sampler.input];
     [times.min, times.max] = [[0], [1]];
+  }
+  if (unlit) {
+    gltf.extensionsUsed.push('KHR_materials_unlit');
+    gltf.meshes[2].primitives[0].material = gltf.materials.length;
+    gltf.materials.push({ ...gltf.materials[2], name: 'sign', extensions: { KHR_materials_unlit: {} } });
   }
   gltf.buffers = [
     {

@@ -48,7 +48,7 @@ function serve(scene) {
 async function show(lights, options, limits) {
   const folder = mkdtempSync(join(tmpdir(), 'lightwell-three-'));
   const scene = join(folder, 'scene.gltf');
-  writeFileSync(scene, room({ outside: options.outside }));
+  writeFileSync(scene, room(options));
   const { origin, server } = await serve(scene);
   const daemon = await startDaemon(
     scene,
@@ -114,7 +114,7 @@ async function show(lights, options, limits) {
       'none',
       ...options.view,
     ];
-    const what = options.outside ? 'outside' : lights;
+    const what = options.outside ? 'outside' : options.unlit ? 'unlit' : lights;
     const keepAs = pictureName('room', `${what}-cpu`);
     const cpu = await reference(page, daemon, `${WIDTH}x${HEIGHT}`, cpuOptions, keepAs);
     const name = pictureName('room', `${what}-three`);
@@ -140,6 +140,11 @@ test('three: all light in lightmaps', { skip: missing || false }, async () => {
     { difference: 2, flip: 0.03 },
   );
   assert.deepEqual(lamps, []);
+});
+
+test('three: what is unlit is seen as its colour', { skip: missing || false }, async () => {
+  const options = { daemon: [], view: ['--direct', 'tiles'], unlit: true };
+  await show('tiles', options, { difference: 2, flip: 0.03 });
 });
 
 test("three: the lamp is three's own, with shadows", { skip: missing || false }, async () => {

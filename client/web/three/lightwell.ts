@@ -9,7 +9,7 @@
 import * as THREE from 'three';
 
 import { AtlasMap } from '../src/atlas.ts';
-import { type MeshShape, type SceneData } from '../src/geometry.ts';
+import { MATERIAL_TEXELS, type MeshShape, type SceneData } from '../src/geometry.ts';
 import { LightKind } from '../src/package.ts';
 import type { FromWorker, ToWorker } from '../src/protocol.ts';
 import type { TileBatch } from '../src/replica.ts';
@@ -422,6 +422,10 @@ function geometryOf(data: SceneData, shape: MeshShape): THREE.BufferGeometry {
   return geometry;
 }
 
+function isUnlit(data: SceneData, material: number): boolean {
+  return data.materials[4 * MATERIAL_TEXELS * (material + 1) - 1] === 1;
+}
+
 /** Puts a mesh of the package in the place of a node's own. names: of all nodes with meshes. */
 function place(
   node: THREE.Object3D,
@@ -440,9 +444,11 @@ function place(
   const materials = (geometry.userData.materials as number[]).map((index) => {
     const name = data.materialName[index]!;
     const original = originals.find((material) => material.name === name) ?? originals[0];
-    const material = (original ?? new THREE.MeshStandardMaterial()).clone() as THREE.MeshStandardMaterial;
+    const unlit = isUnlit(data, index);
+    const none = unlit ? new THREE.MeshBasicMaterial() : new THREE.MeshStandardMaterial();
+    const material = (original ?? none).clone() as THREE.MeshStandardMaterial;
     material.userData.lightwellMaterial = index;
-    material.lightMap = lightmap?.texture ?? null;
+    material.lightMap = unlit ? null : (lightmap?.texture ?? null);
     material.lightMapIntensity = data.lightUnit;
     material.side = THREE.FrontSide; // backs are triangles of their own
     material.vertexColors = !!data.colour;

@@ -491,9 +491,13 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
     texels->mesh = calloc(scene->mesh_count + 1, sizeof *texels->mesh);
     texels->first = calloc(scene->object_count + 1, sizeof *texels->first);
     texels->base_colour = calloc(scene->material_count + 1ul, sizeof *texels->base_colour);
-    bool ok = texels->mesh && texels->first && texels->base_colour;
+    if (!texels->mesh || !texels->first || !texels->base_colour) {
+        lw_texels_finish(texels);
+        return lw_status_fail(err, LW_NO_MEMORY, "%u meshes, %u objects", scene->mesh_count,
+                              scene->object_count);
+    }
     uint64_t count = 0;
-    for (uint32_t o = 0; ok && o < scene->object_count; o++) {
+    for (uint32_t o = 0; o < scene->object_count; o++) {
         const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
         texels->mesh[scene->object[o].mesh] =
             (struct lw_mesh_texels){.width = mesh->atlas_width,
@@ -516,8 +520,7 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads ? (int)threads : omp_get_max_threads())  \
     reduction(+ : failures)
     for (uint32_t m = 0; m < scene->mesh_count; m++) {
-        if (ok && texels->mesh[m].texel_count && !build_mesh(&texels->mesh[m], scene, &scene->mesh[m]))
-            failures++;
+        if (texels->mesh[m].texel_count && !build_mesh(&texels->mesh[m], scene, &scene->mesh[m])) failures++;
         lw_progress_step(&progress, texels->mesh[m].texel_count);
     }
     lw_progress_finish(&progress);
@@ -525,7 +528,7 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
     texels->usable = malloc(count + 1);
     texels->filled = malloc(count + 1);
     texels->source = malloc((count + 1) * sizeof *texels->source);
-    if (!ok || failures || !texels->covered || !texels->usable || !texels->filled || !texels->source) {
+    if (failures || !texels->covered || !texels->usable || !texels->filled || !texels->source) {
         lw_texels_finish(texels);
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", (unsigned)count);
     }

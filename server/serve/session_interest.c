@@ -1,0 +1,89 @@
+#include "server/serve/session_private.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static size_t bit_words(const struct lw_atlas_map *map) { return (size_t)map->tile_count / 64 + 1; }
+
+bool lw_session_interest_test_and_set(uint64_t *bits, uint32_t tile) {
+    const uint64_t bit = 1ull << (tile % 64);
+    const bool before = bits[tile / 64] & bit;
+    bits[tile / 64] |= bit;
+    return before;
+}
+
+/* Sets a session's bits of listed tiles, and with stand-ins those of coarser ones that cover the same. */
+static void mark(struct lw_session *s) {
+    const struct lw_atlas_map *map = s->shared->atlas_map;
+    uint64_t *listed_bits = s->interest_bits + bit_words(map);
+    memset(s->interest_bits, 0, 2 * bit_words(map) * sizeof *s->interest_bits);
+    for (uint32_t i = 0; i < s->interest.tile_count; i++) {
+        const uint32_t listed = s->interest.tile[i];
+        const struct lw_tile_place *place = &map->place[listed];
+        lw_session_interest_test_and_set(listed_bits, listed);
+        /* above a tile that has its bit all have theirs */
+        if (lw_session_interest_test_and_set(s->interest_bits, listed) || !s->interest.stand_ins) continue;
+        for (uint32_t l = place->level + 1; l < map->atlas[place->object].level_count; l++) {
+            const uint32_t up = l - place->level;
+            if (lw_session_interest_test_and_set(
+                    s->interest_bits,
+                    lw_atlas_map_find(map, place->object, l, place->x >> up, place->y >> up).v))
+                break;
+        }
+    }
+}
+
+/* One session more, or less, that takes light in this form. */
+static void count_taker(struct lw_session_form *form, _Atomic uint32_t *forms_taken, bool more) {
+    if (more ? !form->session_count++ : !--form->session_count) *forms_taken ^= 1u << form->form;
+}
+
+static void count_in(struct lw_session *s, const struct lw_session_interest *interest) {
+    if (interest->everything)
+        lw_interest_union_add_everything(&s->shared->interest_union);
+    else
+        lw_interest_union_add(&s->shared->interest_union, interest->tile, interest->tile_count);
+}
+
+static void count_out(struct lw_session *s, const struct lw_session_interest *interest) {
+    if (interest->everything)
+        lw_interest_union_remove_everything(&s->shared->interest_union);
+    else
+        lw_interest_union_remove(&s->shared->interest_union, interest->tile, interest->tile_count);
+}
+
+bool lw_session_interest_take_up(struct lw_session *s) {
+    const struct lw_atlas_map *map = s->shared->atlas_map;
+    struct lw_session_interest before = s->interest;
+    if (s->waiting.everything) {
+        free(s->interest_bits);
+        s->interest_bits = NULL;
+    } else if (!s->interest_bits &&
+               !(s->interest_bits = calloc(2 * bit_words(map), sizeof *s->interest_bits))) {
+        return false;
+    }
+    s->interest = s->waiting;
+    s->waiting = (struct lw_session_interest){0};
+    s->has_waiting = false;
+    s->interest_epoch = s->shared->epoch;
+    if (s->interest_bits) mark(s);
+    if (s->state == LW_SESSION_STREAMING) {
+        /* in this order, so that a tile of both is never without interest */
+        count_in(s, &s->interest);
+        count_out(s, &before);
+    }
+    free(before.tile);
+    s->settled_due = s->frame_sent > 0;
+    s->generation = 0; /* the walk starts again */
+    return true;
+}
+
+void lw_session_interest_join(struct lw_session *s) {
+    count_in(s, &s->interest);
+    count_taker(s->form, &s->shared->forms_taken, true);
+}
+
+void lw_session_interest_leave(struct lw_session *s) {
+    count_out(s, &s->interest);
+    count_taker(s->form, &s->shared->forms_taken, false);
+}

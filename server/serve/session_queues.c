@@ -1,0 +1,42 @@
+#include "server/serve/session_private.h"
+
+void lw_session_queues_dequeue(struct lw_session *s) {
+    struct lw_session_queue *queue = s->queue;
+    if (!queue) return;
+    s->queue = NULL;
+    *(s->previous_due ? &s->previous_due->next_due : &queue->first) = s->next_due;
+    *(s->next_due ? &s->next_due->previous_due : &queue->last) = s->previous_due;
+}
+
+void lw_session_queues_enqueue(struct lw_session *s, struct lw_session_queue *queue) {
+    lw_session_queues_dequeue(s);
+    s->queue = queue;
+    s->next_due = NULL;
+    s->previous_due = queue->last;
+    *(queue->last ? &queue->last->next_due : &queue->first) = s;
+    queue->last = s;
+}
+
+void lw_session_queues_leave_inbox(struct lw_session *s) {
+    struct lw_session_inbox *inbox = s->inbox;
+    if (!inbox) return;
+    s->inbox = NULL;
+    *(s->previous_unread ? &s->previous_unread->next_unread : &inbox->first) = s->next_unread;
+    *(s->next_unread ? &s->next_unread->previous_unread : &inbox->last) = s->previous_unread;
+}
+
+void lw_session_queues_enter_inbox(struct lw_session *s, struct lw_session_inbox *inbox) {
+    if (!s->inbox) s->link->ops->read(s->link, false);
+    lw_session_queues_leave_inbox(s);
+    s->inbox = inbox;
+    s->next_unread = NULL;
+    s->previous_unread = inbox->last;
+    *(inbox->last ? &inbox->last->next_unread : &inbox->first) = s;
+    inbox->last = s;
+}
+
+void lw_session_queues_set_due(struct lw_session *s, bool asked) {
+    struct lw_session_queue *due = s->shared->due;
+    if (s->state == LW_SESSION_CLOSED || s->queue == &due[0] || (s->queue == &due[1] && !asked)) return;
+    lw_session_queues_enqueue(s, &due[asked ? 0 : 1]);
+}

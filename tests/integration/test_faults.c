@@ -1,0 +1,476 @@
+/* Faults, and what the documents promise of each: the real programs, killed, stopped, cut off, without memory,
+ * disk or the right time. docs/results/reliability.md has them as a table. */
+#include "tests/support/process.h"
+
+#include "client/lib/client.h"
+#include "common/clock.h"
+#include "common/sanitizer.h"
+
+#include <arpa/inet.h>
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <math.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#define LIMIT_S 60
+#define TARGET  0.3f
+#define CORNELL                                                                                              \
+    "builtin:cornell --texels-per-metre 8 --clock step --json --light whole --error 0.3 --frame-rate 200 "
+
+static bool is_long;
+static uint64_t dice = 88172645463325252u; /* fixed: a run can be repeated */
+
+static unsigned random_below(unsigned limit) {
+    dice ^= dice << 13, dice ^= dice >> 7, dice ^= dice << 17;
+    return (unsigned)(dice % limit);
+}
+
+static int kill_all(void **state) {
+    (void)state;
+    const char *const faults[] = {"LD_PRELOAD",  "FAULT_PROGRAM", "FAULT_ALLOCATION", "FAULT_WRITE",
+                                  "FAULT_ERRNO", "FAULT_CLOCK",   "FAULT_COUNT"};
+    for (size_t i = 0; i < sizeof faults / sizeof *faults; i++) unsetenv(faults[i]);
+    lw_process_kill_all();
+    return 0;
+}
+
+/* ---- looking at a process ---- */
+
+static long resident_kb(pid_t pid) {
+    char path[64], line[256];
+    long kb = -1;
+    snprintf(path, sizeof path, "/proc/%d/status", (int)pid);
+    FILE *file = fopen(path, "re");
+    while (file && fgets(line, sizeof line, file)) (void)!sscanf(line, "VmRSS: %ld", &kb);
+    if (file) fclose(file);
+    return kb;
+}
+
+static unsigned descriptors_of(pid_t pid) {
+    char path[64];
+    unsigned count = 0;
+    snprintf(path, sizeof path, "/proc/%d/fd", (int)pid);
+    DIR *folder = opendir(path);
+    while (folder && readdir(folder)) count++;
+    if (folder) closedir(folder);
+    return count;
+}
+
+static void wait_for_descriptors(pid_t pid, unsigned most) {
+    const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
+    while (descriptors_of(pid) > most) {
+        if (lw_clock_ns() > end_ns) fail_msg("%u descriptors, not %u", descriptors_of(pid), most);
+        lw_process_sleep_ms(20);
+    }
+}
+
+/* ---- clients ---- */
+
+static struct lw_client *join(uint16_t port) {
+    struct lw_client *client = NULL;
+    struct lw_error err = {0};
+    const struct lw_client_desc desc = {
+        .host = "127.0.0.1", .port = port, .name = "test_faults", .timeout_ms = LIMIT_S * 1000};
+    lw_support_ok(lw_client_create(&desc, &client, &err), &err);
+    return client;
+}
+
+static bool is_at_rest(const struct lw_client *client) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(client);
+    for (uint32_t t = 0; map && t < map->tile_count; t++) {
+        const struct lw_client_tile tile = lw_client_get_tile(client, (lw_tile_id){t});
+        if (!tile.version || tile.error > TARGET) return false;
+    }
+    return map != NULL;
+}
+
+/* The light of a scene at rest, all texels together. */
+static double light_at(uint16_t port) {
+    const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
+    struct lw_client *client = join(port);
+    struct lw_error err = {0};
+    double sum = 0;
+    while (!is_at_rest(client)) {
+        lw_support_ok(lw_client_poll(client, 10, &err), &err);
+        if (lw_clock_ns() > end_ns) fail_msg("no light within %d s", LIMIT_S);
+    }
+    for (uint32_t o = 0; o < lw_client_atlas_map(client)->object_count; o++) {
+        const struct lw_client_level level = lw_client_get_level(client, o, 0);
+        for (uint32_t i = 0; i < 3 * level.width * level.height; i++) sum += (double)level.rgb[i];
+    }
+    lw_client_destroy(client);
+    return sum;
+}
+
+static void still_serves(struct lw_process *daemon) {
+    assert_true(lw_process_runs(daemon));
+    assert_true(light_at(daemon->port) > 0);
+}
+
+static _Noreturn void be_a_client(uint16_t port) {
+    struct lw_client *client = NULL;
+    const struct lw_client_desc desc = {.host = "127.0.0.1", .port = port, .name = "to be killed"};
+    if (lw_client_create(&desc, &client, NULL) == LW_OK)
+        while (lw_client_poll(client, 1000, NULL) == LW_OK) {
+        }
+    _exit(0);
+}
+
+/* Promise (operations.md): a session that is gone leaves nothing behind. */
+static void killed_clients_leave_nothing(void **state) {
+    (void)state;
+    enum { AT_ONCE = 10 };
+    const unsigned kills = is_long ? 1000 : 100;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, CORNELL);
+    (void)light_at(daemon.port);
+    const unsigned before = descriptors_of(daemon.pid);
+    long first_kb = 0;
+    for (unsigned done = 0; done < kills; done += AT_ONCE) {
+        pid_t client[AT_ONCE];
+        for (int i = 0; i < AT_ONCE; i++) {
+            client[i] = fork();
+            assert_true(client[i] >= 0);
+            if (client[i] == 0) be_a_client(daemon.port);
+        }
+        for (int i = 0; i < AT_ONCE; i++) {
+            lw_process_sleep_ms(random_below(20));
+            assert_int_equal(kill(client[i], SIGKILL), 0);
+            assert_int_equal(waitpid(client[i], NULL, 0), client[i]);
+        }
+        if (done == kills / 10) first_kb = resident_kb(daemon.pid);
+    }
+    wait_for_descriptors(daemon.pid, before);
+    const long grown_kb = resident_kb(daemon.pid) - first_kb;
+    print_message("%u clients killed: %u descriptors as before, %+ld kB\n", kills, before, grown_kb);
+    if (!LW_SANITIZER) assert_true(grown_kb < 4096);
+    still_serves(&daemon);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, 20), 0);
+}
+
+/* Promise (operations.md, Light over a restart): a run that was killed leaves what was saved last. */
+static void a_killed_server_leaves_whole_light_or_none(void **state) {
+    (void)state;
+    const unsigned kills = is_long ? 200 : 10;
+    char arguments[512];
+    struct lw_process daemon;
+    unsigned shown = 0;
+    snprintf(arguments, sizeof arguments, CORNELL "--keep %s", lw_support_temporary("killed"));
+    lw_process_serve(&daemon, arguments);
+    const double light = light_at(daemon.port);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, 20), 0);
+    for (unsigned i = 0; i < kills; i++) {
+        lw_process_serve(&daemon, arguments);
+        lw_process_sleep_ms(random_below(100));
+        if (i % 2) { /* while it saves */
+            assert_int_equal(kill(daemon.pid, SIGTERM), 0);
+            lw_process_sleep_ms(random_below(30));
+        }
+        const int ended = lw_process_stop(&daemon, SIGKILL, 20);
+        assert_true(ended == -SIGKILL || ended == 0);
+        lw_process_serve(&daemon, arguments);
+        char *said = lw_process_err(&daemon);
+        shown += strstr(said, "showing frame") != NULL;
+        if (strstr(said, "damaged") || strstr(said, "error")) fail_msg("after kill %u: %s", i, said);
+        free(said);
+        const double now = light_at(daemon.port);
+        if (fabs(now - light) > 0.02 * light) fail_msg("after kill %u: light %g, not %g", i, now, light);
+        assert_int_equal(lw_process_stop(&daemon, SIGKILL, 20), -SIGKILL);
+    }
+    print_message("%u kills: saved light was shown after %u\n", kills, shown);
+    assert_true(shown > 0);
+}
+
+/* ---- the C library fails ---- */
+
+static void shim(const char *program) {
+    char path[512], *slash;
+    const ssize_t length = readlink("/proc/self/exe", path, sizeof path - 32);
+    assert_true(length > 0);
+    path[length] = 0;
+    slash = strrchr(path, '/');
+    snprintf(slash + 1, 32, "libfault_shim.so");
+    assert_int_equal(access(path, R_OK), 0);
+    setenv("LD_PRELOAD", path, 1);
+    setenv("FAULT_PROGRAM", program, 1);
+}
+
+static void set_number(const char *name, long number) {
+    char text[32];
+    snprintf(text, sizeof text, "%ld", number);
+    setenv(name, text, 1);
+}
+
+/* What a whole run needs: allocations and writes. */
+static void count_calls(const char *program, const char *arguments, int code, long *out_allocations,
+                        long *out_writes) {
+    struct lw_process process;
+    shim(program);
+    setenv("FAULT_COUNT", "1", 1);
+    lw_process_start(&process, program, arguments);
+    lw_process_expect(&process, lw_process_finish(&process, LIMIT_S), code);
+    unsetenv("FAULT_COUNT");
+    char *said = lw_process_err(&process), *counts = strstr(said, "fault_shim: ");
+    assert_non_null(counts);
+    assert_int_equal(sscanf(counts, "fault_shim: %ld %ld", out_allocations, out_writes), 2);
+    free(said);
+    assert_true(*out_allocations > 0);
+}
+
+/* Promise: lack of memory ends a program with a line, or costs nothing; never a signal. */
+static void each_allocation_may_fail(const char *program, const char *arguments) {
+    long allocations, writes;
+    unsigned ended = 0, went_on = 0, tries = 0;
+    count_calls(program, arguments, 0, &allocations, &writes);
+    const long step = is_long || allocations < 40 ? 1 : allocations / 40;
+    for (long n = 1; n <= allocations; n += step, tries++) {
+        struct lw_process process;
+        set_number("FAULT_ALLOCATION", n);
+        lw_process_start(&process, program, arguments);
+        const int code = lw_process_finish(&process, LIMIT_S);
+        char *said = lw_process_err(&process);
+        if (code < 0)
+            fail_msg("%s, allocation %ld of %ld: signal %d: %s", program, n, allocations, -code, said);
+        if (code > 0 && !*said) fail_msg("%s, allocation %ld: ends with %d without a word", program, n, code);
+        *(code ? &ended : &went_on) += 1;
+        free(said);
+    }
+    print_message("%s: %u of %ld allocations failed, one a run: %u runs ended with a line, %u went on\n",
+                  program, tries, allocations, ended, went_on);
+    unsetenv("FAULT_ALLOCATION");
+}
+
+static void an_import_without_memory_is_a_line(void **state) {
+    (void)state;
+    if (LW_SANITIZER) skip(); /* it has allocation functions of its own */
+    char arguments[512];
+    snprintf(arguments, sizeof arguments, "builtin:cornell -o %s --threads 1 --texels-per-metre 4",
+             lw_support_temporary("no_memory.lwscene"));
+    each_allocation_may_fail("lightwell-import", arguments);
+}
+
+static void a_solve_without_memory_is_a_line(void **state) {
+    (void)state;
+    if (LW_SANITIZER) skip();
+    char import[512], serve[512];
+    struct lw_process process;
+    const char *scene = lw_support_temporary("solve.lwscene");
+    snprintf(import, sizeof import, "builtin:cornell -o %s --texels-per-metre 2", scene);
+    lw_process_start(&process, "lightwell-import", import);
+    lw_process_expect(&process, lw_process_finish(&process, LIMIT_S), 0);
+    snprintf(
+        serve, sizeof serve,
+        "%s --listen 127.0.0.1:0 --http none --control-socket none --clock step --light whole --frames 2 "
+        "--threads 1",
+        scene);
+    each_allocation_may_fail("lightwelld", serve);
+}
+
+/* A session's own allocations: with a client that comes, gets everything and goes. */
+static void a_session_without_memory_ends_alone(void **state) {
+    (void)state;
+    if (LW_SANITIZER) skip();
+    const unsigned tries = is_long ? 400 : 12;
+    unsigned refused = 0, ended = 0;
+    shim("lightwelld");
+    long allocations, writes;
+    count_calls("lightwelld", CORNELL "--listen 127.0.0.1:0 --http none --threads 1 --frames 1", 0,
+                &allocations, &writes);
+    for (unsigned i = 0; i < tries; i++) {
+        struct lw_process daemon;
+        /* after what a start needs: that is the test above */
+        set_number("FAULT_ALLOCATION", allocations + 1 + (is_long ? i : 31 * i));
+        lw_process_serve(&daemon, CORNELL "--http none --threads 1");
+        struct lw_client *client = NULL;
+        struct lw_error err = {0};
+        const struct lw_client_desc desc = {.host = "127.0.0.1", .port = daemon.port, .name = "test_faults"};
+        enum lw_status status = lw_client_create(&desc, &client, &err);
+        const uint64_t end_ns = lw_clock_ns() + 2000000000u;
+        while (status == LW_OK && lw_clock_ns() < end_ns && !is_at_rest(client))
+            status = lw_client_poll(client, 10, &err);
+        lw_client_destroy(client);
+        refused += status != LW_OK;
+        client = NULL;
+        if (lw_client_create(&desc, &client, &err) == LW_OK) lw_client_destroy(client);
+        const int code = client ? lw_process_stop(&daemon, SIGTERM, 20) : lw_process_finish(&daemon, 20);
+        char *said = lw_process_err(&daemon);
+        if (code < 0 || (code > 0 && !strstr(said, "memory")))
+            fail_msg("allocation %ld + %u: ends with %d: %s", allocations, i, code, said);
+        ended += code > 0;
+        free(said);
+    }
+    print_message("%u sessions without memory: %u were told so, %u times the server ended with a line\n",
+                  tries, refused, ended);
+}
+
+/* Promise (importing.md, operations.md): a file is whole or not there, and the failure is a line with 74. */
+static void each_write_may_fail(const char *program, const char *arguments, const char *output) {
+    static const int faults[] = {ENOSPC, EIO, 0};
+    long allocations, writes;
+    count_calls(program, arguments, 0, &allocations, &writes);
+    assert_true(writes > 0);
+    const long step = is_long || writes < 8 ? 1 : writes / 8;
+    for (size_t f = 0; f < sizeof faults / sizeof *faults; f++)
+        for (long n = 1; n <= writes; n += step) {
+            struct lw_process process;
+            unlink(output);
+            set_number("FAULT_WRITE", n);
+            set_number("FAULT_ERRNO", faults[f]);
+            lw_process_start(&process, program, arguments);
+            const int code = lw_process_finish(&process, faults[f] ? LIMIT_S : 5 * LIMIT_S);
+            char *said = lw_process_err(&process);
+            if (faults[f] && (code <= 0 || !strstr(said, strerror(faults[f]))))
+                fail_msg("%s, write %ld of %ld, %s: ends with %d: %s", program, n, writes,
+                         strerror(faults[f]), code, said);
+            if (!faults[f] && code) fail_msg("%s, short writes from %ld on: %d: %s", program, n, code, said);
+            assert_int_equal(access(output, F_OK) == 0, faults[f] == 0);
+            free(said);
+        }
+    print_message("%s: %ld writes, each with ENOSPC, EIO and cut short\n", program, writes);
+    unsetenv("FAULT_WRITE");
+}
+
+static void a_full_disk_leaves_no_half_package(void **state) {
+    (void)state;
+    if (LW_SANITIZER) skip();
+    char arguments[512], output[256];
+    snprintf(output, sizeof output, "%s", lw_support_temporary("full.lwscene"));
+    snprintf(arguments, sizeof arguments, "builtin:cornell -o %s --threads 1 --texels-per-metre 2", output);
+    each_write_may_fail("lightwell-import", arguments, output);
+}
+
+static void a_full_disk_leaves_no_half_picture(void **state) {
+    (void)state;
+    if (LW_SANITIZER) skip();
+    char arguments[512], output[256];
+    snprintf(output, sizeof output, "%s", lw_support_temporary("full.png"));
+    snprintf(arguments, sizeof arguments,
+             "--path-trace builtin:cornell --size 16x16 --spp 4 --out %s --threads 1", output);
+    each_write_may_fail("lightwell-view", arguments, output);
+}
+
+/* ---- time ---- */
+
+/* Promise: sessions, frames and deadlines go by a clock that nobody sets. */
+static void a_jump_of_the_clock_is_not_felt(void **state) {
+    (void)state;
+    if (LW_SANITIZER) skip();
+    static const long jumps_s[] = {86400 * 365, -86400 * 365};
+    for (size_t i = 0; i < sizeof jumps_s / sizeof *jumps_s; i++) {
+        struct lw_process daemon;
+        shim("lightwelld");
+        set_number("FAULT_CLOCK", jumps_s[i]);
+        lw_process_serve(&daemon, CORNELL);
+        unsetenv("LD_PRELOAD");
+        struct lw_client *client = join(daemon.port);
+        struct lw_error err = {0};
+        const uint64_t end_ns = lw_clock_ns() + 4000000000u; /* the jump is after two seconds */
+        while (lw_clock_ns() < end_ns) lw_support_ok(lw_client_poll(client, 50, &err), &err);
+        still_serves(&daemon);
+        lw_client_destroy(client);
+        assert_int_equal(lw_process_stop(&daemon, SIGTERM, 20), 0);
+    }
+}
+
+/* Promise (wire_format.md, section 3): silence is an end after 60 s, not after 5. */
+static void a_stopped_server_goes_on(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, CORNELL);
+    struct lw_client *client = join(daemon.port);
+    struct lw_error err = {0};
+    assert_int_equal(kill(daemon.pid, SIGSTOP), 0);
+    const uint64_t end_ns = lw_clock_ns() + 5000000000u;
+    while (lw_clock_ns() < end_ns) lw_support_ok(lw_client_poll(client, 100, &err), &err);
+    assert_int_equal(kill(daemon.pid, SIGCONT), 0);
+    while (!is_at_rest(client)) lw_support_ok(lw_client_poll(client, 100, &err), &err);
+    lw_client_destroy(client);
+    still_serves(&daemon);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, 20), 0);
+}
+
+/* ---- readers ---- */
+
+/* Promise: who reads a byte a second costs others nothing, and the server no more than what one link holds. */
+static void readers_of_a_byte_a_second_hold_nobody_up(void **state) {
+    (void)state;
+    enum { READERS = 20 };
+    int reader[READERS];
+    struct lw_process daemon;
+    lw_process_serve(&daemon, CORNELL);
+    (void)light_at(daemon.port);
+    const unsigned before = descriptors_of(daemon.pid);
+    const long before_kb = resident_kb(daemon.pid);
+    for (int i = 0; i < READERS; i++) {
+        const struct sockaddr_in to = {
+            .sin_family = AF_INET, .sin_port = htons(daemon.port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+        const int small = 4096;
+        reader[i] = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+        assert_int_equal(setsockopt(reader[i], SOL_SOCKET, SO_RCVBUF, &small, sizeof small), 0);
+        assert_int_equal(connect(reader[i], (const struct sockaddr *)&to, sizeof to), 0);
+    }
+    const uint64_t end_ns = lw_clock_ns() + (is_long ? 30u : 3u) * 1000000000ull;
+    while (lw_clock_ns() < end_ns) {
+        char byte;
+        for (int i = 0; i < READERS; i++) (void)recv(reader[i], &byte, 1, MSG_DONTWAIT);
+        lw_process_sleep_ms(1000);
+    }
+    still_serves(&daemon);
+    if (!LW_SANITIZER) assert_true(resident_kb(daemon.pid) - before_kb < 32768);
+    for (int i = 0; i < READERS; i++) close(reader[i]);
+    wait_for_descriptors(daemon.pid, before);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, 20), 0);
+}
+
+/* Both cores taken by others: first light and a stop all the same. */
+static void a_saturated_machine_is_slow_not_broken(void **state) {
+    (void)state;
+    enum { BURNERS = 8 };
+    pid_t burner[BURNERS];
+    for (int i = 0; i < BURNERS; i++) {
+        burner[i] = fork();
+        assert_true(burner[i] >= 0);
+        if (burner[i] == 0) {
+            alarm(LIMIT_S);
+            for (volatile unsigned n = 0;; n++) {
+            }
+        }
+    }
+    struct lw_process daemon;
+    lw_process_serve(&daemon, CORNELL);
+    still_serves(&daemon);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, 30), 0);
+    for (int i = 0; i < BURNERS; i++) {
+        kill(burner[i], SIGKILL);
+        assert_int_equal(waitpid(burner[i], NULL, 0), burner[i]);
+    }
+}
+
+/* With an argument all of each, which takes an hour; else samples. */
+int main(int argc, char **argv) {
+    (void)argv;
+    is_long = argc > 1;
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(killed_clients_leave_nothing, kill_all),
+        cmocka_unit_test_teardown(a_killed_server_leaves_whole_light_or_none, kill_all),
+        cmocka_unit_test_teardown(an_import_without_memory_is_a_line, kill_all),
+        cmocka_unit_test_teardown(a_solve_without_memory_is_a_line, kill_all),
+        cmocka_unit_test_teardown(a_session_without_memory_ends_alone, kill_all),
+        cmocka_unit_test_teardown(a_full_disk_leaves_no_half_package, kill_all),
+        cmocka_unit_test_teardown(a_full_disk_leaves_no_half_picture, kill_all),
+        cmocka_unit_test_teardown(a_jump_of_the_clock_is_not_felt, kill_all),
+        cmocka_unit_test_teardown(a_stopped_server_goes_on, kill_all),
+        cmocka_unit_test_teardown(readers_of_a_byte_a_second_hold_nobody_up, kill_all),
+        cmocka_unit_test_teardown(a_saturated_machine_is_slow_not_broken, kill_all),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,115 @@
+/* fault_shim.c: a library for LD_PRELOAD under which the C library fails where the environment says so.
+ *   FAULT_PROGRAM     of this program alone (its short name); others are left alone
+ *   FAULT_ALLOCATION  the Nth allocation gives NULL, from 1 on
+ *   FAULT_WRITE       the Nth write to a regular file, and all after it, fail; with FAULT_ERRNO, or, where
+ *                     that is 0, write one byte and no more
+ *   FAULT_CLOCK       seconds by which the real clock jumps, two seconds after the start
+ *   FAULT_COUNT       both counts go to stderr when the process ends
+ * Threads: [any]. */
+#include <dlfcn.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <sys/uio.h>
+#include <time.h>
+#include <unistd.h>
+
+#define JUMP_AFTER_S 2
+
+void *__libc_malloc(size_t size);
+void *__libc_calloc(size_t count, size_t size);
+void *__libc_realloc(void *memory, size_t size);
+void *__libc_memalign(size_t alignment, size_t size);
+
+static _Atomic long allocations, writes;
+static long failing_allocation, failing_write, clock_jump_s;
+static int write_errno;
+static time_t started_s;
+static _Atomic int ready;
+
+static long number_of(const char *name) {
+    const char *text = getenv(name);
+    return text ? strtol(text, NULL, 10) : 0;
+}
+
+static void tell(void) {
+    char text[64];
+    const int length = snprintf(text, sizeof text, "fault_shim: %ld %ld\n", allocations, writes);
+    (void)!syscall(SYS_write, STDERR_FILENO, text, (size_t)length);
+}
+
+__attribute__((constructor)) static void begin(void) {
+    const char *program = getenv("FAULT_PROGRAM");
+    if (!program || strcmp(program, program_invocation_short_name) != 0) return;
+    failing_allocation = number_of("FAULT_ALLOCATION");
+    failing_write = number_of("FAULT_WRITE");
+    write_errno = (int)number_of("FAULT_ERRNO");
+    clock_jump_s = number_of("FAULT_CLOCK");
+    struct timespec now;
+    (void)syscall(SYS_clock_gettime, CLOCK_MONOTONIC, &now);
+    started_s = now.tv_sec;
+    if (getenv("FAULT_COUNT")) atexit(tell);
+    ready = 1;
+}
+
+/* ---- memory ---- */
+
+static int fails(void) { return ready && ++allocations == failing_allocation; }
+
+void *malloc(size_t size) { return fails() ? errno = ENOMEM, NULL : __libc_malloc(size); }
+void *calloc(size_t count, size_t size) {
+    return fails() ? errno = ENOMEM, NULL : __libc_calloc(count, size);
+}
+void *realloc(void *memory, size_t size) {
+    return fails() ? errno = ENOMEM, NULL : __libc_realloc(memory, size);
+}
+void *aligned_alloc(size_t alignment, size_t size) {
+    return fails() ? errno = ENOMEM, NULL : __libc_memalign(alignment, size);
+}
+int posix_memalign(void **out, size_t alignment, size_t size) {
+    void *memory = fails() ? NULL : __libc_memalign(alignment, size);
+    if (!memory) return ENOMEM;
+    *out = memory;
+    return 0;
+}
+
+/* ---- files ---- */
+
+static int is_file(int fd) {
+    struct stat st;
+    return fstat(fd, &st) == 0 && S_ISREG(st.st_mode);
+}
+
+/* 0: as ever. 1: it fails, errno is set. 2: it is cut short. */
+static int write_fault(int fd) {
+    if (!ready || !is_file(fd) || ++writes < failing_write || !failing_write) return 0;
+    if (!write_errno) return 2;
+    errno = write_errno;
+    return 1;
+}
+
+ssize_t write(int fd, const void *bytes, size_t size) {
+    const int fault = write_fault(fd);
+    return fault == 1 ? -1 : syscall(SYS_write, fd, bytes, fault && size > 1 ? 1 : size);
+}
+ssize_t pwrite(int fd, const void *bytes, size_t size, off_t at) {
+    const int fault = write_fault(fd);
+    return fault == 1 ? -1 : syscall(SYS_pwrite64, fd, bytes, fault && size > 1 ? 1 : size, at);
+}
+ssize_t pwrite64(int fd, const void *bytes, size_t size, off_t at) { return pwrite(fd, bytes, size, at); }
+
+/* ---- time ---- */
+
+int clock_gettime(clockid_t clock, struct timespec *out) {
+    const int result = (int)syscall(SYS_clock_gettime, clock, out);
+    struct timespec now;
+    if (result || clock != CLOCK_REALTIME || !ready || !clock_jump_s) return result;
+    (void)syscall(SYS_clock_gettime, CLOCK_MONOTONIC, &now);
+    if (now.tv_sec >= started_s + JUMP_AFTER_S) out->tv_sec += clock_jump_s;
+    return 0;
+}
