@@ -7,14 +7,15 @@ source=$1 bin=$2 folder=$3
 for program in blender node; do
     command -v $program > /dev/null || { echo "skipped: there is no $program"; exit 0; }
 done
-python3 -c 'import numpy' 2> /dev/null || { echo "skipped: Blender wants python3-numpy for glTF"; exit 0; }
+blender --background --factory-startup --python-exit-code 2 --python-expr 'import numpy' > /dev/null 2>&1 ||
+    { echo "skipped: Blender's glTF importer wants numpy"; exit 0; }
 mkdir -p "$folder"
 cd "$folder"
 camera=1.5,1.7,2.2:-0.2,1,-1:60
 node --input-type=module -e "
 import { writeFileSync } from 'node:fs';
 import { room } from '$source/client/web/test/room.mjs';
-writeFileSync('room.gltf', room(true));"
+writeFileSync('room.gltf', room({ turned: true }));"
 "$bin/lightwell-view" --path-trace room.gltf --spp 64 --bounces 4 --camera $camera --size 480x270 \
     --out ours.exr
 for name in lit split; do
