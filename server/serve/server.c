@@ -529,7 +529,7 @@ static void drop_connection(struct lw_server *server, struct door *door) {
 }
 
 static const char *why_not(enum lw_status status) {
-    return status == LW_UNAVAILABLE ? "its address has too many, or connects too often"
+    return status == LW_UNAVAILABLE ? "too many, in all or of its address, or too often"
                                     : lw_status_text(status);
 }
 

@@ -446,7 +446,7 @@ static enum lw_status open_session(struct link *link, int descriptor) {
         if (status != LW_OK) return status;
     }
     link->session = lw_session_open(sessions, &link->transport, &peer);
-    if (!link->session) return peer.is_too_many ? LW_UNAVAILABLE : LW_OS;
+    if (!link->session) return LW_UNAVAILABLE;
     if (is_local && !peer.may_control)
         lw_session_refuse(link->session, LW_REFUSAL_NOT_ALLOWED,
                           "this socket is for the server's own user and root alone");

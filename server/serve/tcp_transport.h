@@ -21,8 +21,8 @@ struct lw_tcp_transport_shared {
     uint64_t handshakes_turn, handshakes_ns;  /* time that handshakes took in that turn */
 };
 
-/** Takes the next connection of a listener. Errors: LW_NO_MEMORY, LW_OS; LW_UNAVAILABLE: its address connects
- * too often. Then there is no session, and the listener may still have the connection. */
+/** Takes the next connection of a listener. Errors: LW_NO_MEMORY, LW_OS; LW_UNAVAILABLE: there are too many,
+ * or its address connects too often. Then there is no session, and the listener may still have it. */
 LW_MUST_CHECK enum lw_status lw_tcp_transport_accept(struct lw_tcp_transport_shared *shared,
                                                      uv_stream_t *listener);
 
