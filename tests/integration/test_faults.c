@@ -590,10 +590,10 @@ static void a_link_that_was_down(void **state) {
     assert_int_equal(lw_process_stop(&daemon, SIGTERM, 20), 0);
 }
 
-/* With an argument all of each, which takes an hour; else samples. */
+/* test_faults [long [PATTERN]]: all of each, which takes an hour, or of those tests alone; else samples. */
 int main(int argc, char **argv) {
-    (void)argv;
     is_long = argc > 1;
+    if (argc > 2) cmocka_set_test_filter(argv[2]);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(killed_clients_leave_nothing, kill_all),
         cmocka_unit_test_teardown(a_killed_server_leaves_whole_light_or_none, kill_all),
