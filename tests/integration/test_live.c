@@ -592,7 +592,8 @@ static void test_thread_comes_back(void **state) {
     }
     fails(status, LW_LIVE_OTHER_SCENE, "another scene");
     struct lw_live_scene scene = {.struct_size = sizeof scene};
-    fails(lw_live_get_scene(live, &scene, &err), LW_LIVE_NOT_READY, "not arrived");
+    status = lw_live_get_scene(live, &scene, &err); /* the library's thread may have it already */
+    if (status != LW_LIVE_OK) fails(status, LW_LIVE_NOT_READY, "not arrived");
     wait_frames(3, stats().tiles + 1);
     ok(lw_live_get_scene(live, &scene, &err));
     free(t.rgb);
