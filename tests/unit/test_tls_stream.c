@@ -183,7 +183,7 @@ static void test_garbage(void **state) {
         uint8_t *bad = malloc(size);
         memcpy(bad, good, size);
         bad[i] ^= 0x55;
-        struct end peer = {.output = {bad, i % 2 ? size : i, size}};
+        struct end peer = {.output = {.bytes = bad, .size = i % 2 ? size : i, .capacity = size}};
         hear(&server, &peer, SIZE_MAX);
         assert_false(lw_tls_stream_is_ready(server.stream));
         if (server.status != LW_OK) { /* and it stays so */
