@@ -1445,7 +1445,8 @@ static void test_connections_without_memory(void **state) {
     int web = dial_port(lw_server_http_port(f->server));
     struct pollfd answer = {.fd = web, .events = POLLIN};
     char text[16] = "";
-    put_bytes(web, "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n", 37);
+    static const char request[] = "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n";
+    put_bytes(web, request, sizeof request - 1);
     assert_int_equal(poll(&answer, 1, WAIT_MS), 1);
     assert_true(recv(web, text, sizeof text - 1, 0) > 0);
     assert_memory_equal(text, "HTTP/1.1 ", 9);
