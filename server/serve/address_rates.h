@@ -5,6 +5,7 @@
 #define LW_SERVE_ADDRESS_RATES_H
 
 #include "server/serve/address_places.h"
+#include "server/serve/leaky_bucket.h"
 
 #define LW_ADDRESS_RATES_SLOTS 4096u
 
@@ -13,8 +14,7 @@ struct lw_address_rates {
     uint64_t seed;
     struct lw_address_rates_slot {
         struct lw_address address;
-        double done; /* less what time has made good */
-        uint64_t as_of_ns;
+        struct lw_leaky_bucket bucket;
     } slot[LW_ADDRESS_RATES_SLOTS];
 };
 

@@ -3,25 +3,14 @@
 #include "common/log.h"
 
 #include <inttypes.h>
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
-
-/* Whether one more is within the rate; counts it then. */
-static bool say(struct lw_peer_log_slot *slot, double rate_hz, double burst, uint64_t now_ns) {
-    const double elapsed_s = now_ns > slot->as_of_ns ? 1e-9 * (double)(now_ns - slot->as_of_ns) : 0;
-    slot->said = fmax(slot->said - elapsed_s * rate_hz, 0);
-    slot->as_of_ns = now_ns;
-    if (slot->said + 1 > burst) return false;
-    slot->said += 1;
-    return true;
-}
 
 bool lw_peer_log_allows(struct lw_peer_log *log, const struct lw_address *address, const char *address_text,
                         uint64_t now_ns) {
     struct lw_peer_log_slot *slot = &log->slot[lw_address_hash(address, log->seed) % LW_PEER_LOG_SLOTS];
-    if (say(slot, LW_PEER_LOG_HZ, LW_PEER_LOG_BURST, now_ns) &&
-        say(&log->all, LW_PEER_LOG_ALL_HZ, 10 * LW_PEER_LOG_ALL_HZ, now_ns))
+    if (lw_leaky_bucket_take(&slot->bucket, LW_PEER_LOG_HZ, LW_PEER_LOG_BURST, now_ns) &&
+        lw_leaky_bucket_take(&log->all, LW_PEER_LOG_ALL_HZ, 10 * LW_PEER_LOG_ALL_HZ, now_ns))
         return true;
     slot->left_out++;
     snprintf(slot->address, sizeof slot->address, "%s", address_text);

@@ -5,6 +5,7 @@
 #define LW_SERVE_PEER_LOG_H
 
 #include "server/serve/address_places.h"
+#include "server/serve/leaky_bucket.h"
 
 #include <stdarg.h>
 
@@ -19,10 +20,11 @@ struct lw_peer_log {
     uint64_t seed;
     uint64_t told_ns;
     struct lw_peer_log_slot {
-        double said; /* lines, less what time has made good */
-        uint64_t as_of_ns, left_out;
+        struct lw_leaky_bucket bucket; /* of lines */
+        uint64_t left_out;
         char address[64]; /* of the last line left out: addresses may share a slot */
-    } slot[LW_PEER_LOG_SLOTS], all;
+    } slot[LW_PEER_LOG_SLOTS];
+    struct lw_leaky_bucket all; /* of all lines */
 };
 
 /** Whether a line may be said now; if not it is counted. address_text: for people. */
