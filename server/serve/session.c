@@ -209,10 +209,8 @@ void lw_session_refuse(struct lw_session *s, enum lw_refusal code, const char *f
     s->refusal = code;
     lw_session_tell(s, "%s: %s", s->welcomed ? "sent away" : "refused", text);
     end_service(s);
-    if (s->inbox) { /* unread bytes would make the close a reset, which the refusal may not survive */
-        lw_session_queues_leave_inbox(s);
-        s->link->ops->read(s->link, true);
-    }
+    /* unread bytes would make the close a reset, which the refusal may not survive */
+    lw_session_queues_read_on(s);
     lw_session_count(s->shared, &s->shared->stats.refused, 1);
     s->state = LW_SESSION_LEAVING;
     s->since_ns = lw_clock_ns();

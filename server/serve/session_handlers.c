@@ -322,19 +322,15 @@ void lw_session_handlers_take(struct lw_session *s) {
     }
     if (s->state >= LW_SESSION_LEAVING) {
         lw_message_reader_clear(&s->input);
-        if (s->state == LW_SESSION_LEAVING && s->inbox && !s->rates.waits) {
-            lw_session_queues_leave_inbox(s);
-            s->link->ops->read(s->link, true);
-        }
+        if (s->state == LW_SESSION_LEAVING && !s->rates.waits) lw_session_queues_read_on(s);
     } else if (lw_message_reader_keep(&s->input) != LW_OK) {
         lw_session_close(s, "out of memory");
     } else if (s->rates.waits) {
         lw_session_queues_enter_inbox(s, &s->shared->slowed);
     } else if (more) {
         lw_session_queues_enter_inbox(s, &s->shared->unread);
-    } else if (s->inbox) {
-        lw_session_queues_leave_inbox(s);
-        s->link->ops->read(s->link, true);
+    } else {
+        lw_session_queues_read_on(s);
     }
 }
 

@@ -3,8 +3,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-static size_t bit_words(const struct lw_atlas_map *map) { return (size_t)map->tile_count / 64 + 1; }
-
 bool lw_session_interest_test_and_set(uint64_t *bits, uint32_t tile) {
     const uint64_t bit = 1ull << (tile % 64);
     const bool before = bits[tile / 64] & bit;
@@ -15,8 +13,9 @@ bool lw_session_interest_test_and_set(uint64_t *bits, uint32_t tile) {
 /* Sets a session's bits of listed tiles, and with stand-ins those of coarser ones that cover the same. */
 static void mark(struct lw_session *s) {
     const struct lw_atlas_map *map = s->shared->atlas_map;
-    uint64_t *listed_bits = s->interest_bits + bit_words(map);
-    memset(s->interest_bits, 0, 2 * bit_words(map) * sizeof *s->interest_bits);
+    const size_t words = lw_session_interest_words(s);
+    uint64_t *listed_bits = s->interest_bits + words;
+    memset(s->interest_bits, 0, 2 * words * sizeof *s->interest_bits);
     for (uint32_t i = 0; i < s->interest.tile_count; i++) {
         const uint32_t listed = s->interest.tile[i];
         const struct lw_tile_place *place = &map->place[listed];
@@ -53,14 +52,13 @@ static void count_out(struct lw_session *s, const struct lw_session_interest *in
 }
 
 bool lw_session_interest_take_up(struct lw_session *s) {
-    const struct lw_atlas_map *map = s->shared->atlas_map;
     struct lw_session_interest before = s->interest;
     if (s->waiting.everything) {
         free(s->interest_bits);
         s->interest_bits = NULL;
-    } else if (!s->interest_bits &&
-               !(s->interest_bits = calloc(2 * bit_words(map), sizeof *s->interest_bits))) {
-        return false;
+    } else if (!s->interest_bits) {
+        s->interest_bits = calloc(2 * lw_session_interest_words(s), sizeof *s->interest_bits);
+        if (!s->interest_bits) return false;
     }
     s->interest = s->waiting;
     s->waiting = (struct lw_session_interest){0};

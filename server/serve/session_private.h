@@ -129,6 +129,13 @@ void lw_session_tell(const struct lw_session *s, const char *format, ...) LW_PRI
 
 /* ---- session_interest.c ---- */
 
+/** Words of one of the two sets of bits in s->interest_bits. */
+static inline size_t lw_session_interest_words(const struct lw_session *s) {
+    return (size_t)s->shared->atlas_map->tile_count / 64 + 1;
+}
+static inline bool lw_session_interest_is_set(const uint64_t *bits, uint32_t tile) {
+    return bits[tile / 64] >> (tile % 64) & 1;
+}
 /** Sets a tile's bit; returns whether it was set. */
 bool lw_session_interest_test_and_set(uint64_t *bits, uint32_t tile);
 /** s->waiting holds from now on. false: there is no memory, and nothing has changed. */
@@ -150,6 +157,8 @@ void lw_session_queues_dequeue(struct lw_session *s);
 /** Into an inbox, at its end: nothing is read meanwhile. The link keeps what it has, and so does the peer. */
 void lw_session_queues_enter_inbox(struct lw_session *s, struct lw_session_inbox *inbox);
 void lw_session_queues_leave_inbox(struct lw_session *s);
+/** Out of the inbox that it is in, if any: what comes is read again. */
+void lw_session_queues_read_on(struct lw_session *s);
 
 /* ---- tile_stream.c ---- */
 

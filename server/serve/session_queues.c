@@ -25,6 +25,12 @@ void lw_session_queues_leave_inbox(struct lw_session *s) {
     *(s->next_unread ? &s->next_unread->previous_unread : &inbox->last) = s->previous_unread;
 }
 
+void lw_session_queues_read_on(struct lw_session *s) {
+    if (!s->inbox) return;
+    lw_session_queues_leave_inbox(s);
+    s->link->ops->read(s->link, true);
+}
+
 void lw_session_queues_enter_inbox(struct lw_session *s, struct lw_session_inbox *inbox) {
     if (!s->inbox) s->link->ops->read(s->link, false);
     lw_session_queues_leave_inbox(s);

@@ -1,17 +1,12 @@
 #include "server/serve/session_private.h"
 
 #include <stdlib.h>
-#include <string.h>
 
 #define AHEAD 32u /* tiles for which a session asks the transcoder at once */
 
 static bool is_coarsest(const struct lw_atlas_map *map, uint32_t tile) {
     return map->place[tile].level + 1 == map->atlas[map->place[tile].object].level_count;
 }
-
-static size_t bit_words(const struct lw_atlas_map *map) { return (size_t)map->tile_count / 64 + 1; }
-
-static bool is_set(const uint64_t *bits, uint32_t tile) { return bits[tile / 64] >> (tile % 64) & 1; }
 
 static bool takes_coarse(const struct lw_session *s) { return s->is_narrow && !s->refines; }
 
@@ -29,8 +24,10 @@ static bool lacks(const struct lw_session *s, uint32_t tile) {
     const struct lw_atlas_map *map = s->shared->atlas_map;
     const struct lw_snapshot_tile *now = newest_of(s, tile);
     if (!now->blob || due_version(s, tile) <= s->sent[tile]) return false;
-    if (!s->interest_bits || is_set(s->interest_bits + bit_words(map), tile)) return true;
-    const bool covers = is_set(s->interest_bits, tile);
+    if (!s->interest_bits ||
+        lw_session_interest_is_set(s->interest_bits + lw_session_interest_words(s), tile))
+        return true;
+    const bool covers = lw_session_interest_is_set(s->interest_bits, tile);
     if (covers && map->place[tile].level <= LW_ATLAS_READ_MAX) return true;
     if (!covers && !(s->interest.stand_ins && is_coarsest(map, tile))) return false;
     return lw_priority_is_due_to_stand_in(&s->form->priority, tile, lw_snapshot_frame_of(s->sent[tile]),
