@@ -7,7 +7,7 @@ opened, reopened and flooding all the time that is measured. What is told is the
 
 The hostile ones come from 127.0.0.2: an address of its own, with the limits of the own machine, which are wider
 than those of others. bench_hostile runs at the nice level --nice, 0 by default: as much of a core as the
-server's network thread. At 19 the solver and whoever else is on the machine would leave it little, and it would
+server's network thread. At 19 the solver and other programs would leave it little, and it would
 look harmless. The columns behind the times say what it did: megabytes written, connections closed by the server,
 processor time over time; and how much of a core the server's network thread took, of how much in all.
 """

@@ -51,8 +51,8 @@ export function viewOf(toWorld: number[], fovY: number, height = 0): View {
   return { position, right, up: cross(right, forward), forward, fovY, height };
 }
 
-/** PX,PY,PZ:TX,TY,TZ:FOV, as lightwell-view takes it, or with 10m in place of FOV for an orthographic view that
- * is 10 m high; null: it is none. */
+/** PX,PY,PZ:TX,TY,TZ:FOV, as lightwell-view takes it, or with 10m in place of FOV for an orthographic view
+ * that is 10 m high; null: it is none. */
 export function parseView(text: string): View | null {
   const parallel = text.endsWith('m');
   const parts = (parallel ? text.slice(0, -1) : text).split(':').map((part) => part.split(',').map(Number));

@@ -37,7 +37,8 @@ export interface TextureData {
 }
 
 /** Numbers of a material, in texels of 4: base colour; emission, cutoff; the rows of both transforms of
- * coordinates, with the UV set behind each first row; alpha mode and whether it is unlit behind the others. */
+ * coordinates, with the UV set behind each first row; alpha mode and whether it is unlit behind the others.
+ */
 export const MATERIAL_TEXELS = 6;
 
 export interface SceneData {
