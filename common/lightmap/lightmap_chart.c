@@ -232,6 +232,28 @@ static enum lw_status collapse(const struct lw_lightmap_topology *topology,
     return LW_OK;
 }
 
+/* Edges at which the surface is only approximately round, not those where it has an edge and is cut. */
+static enum lw_status find_bends(const struct lw_lightmap_topology *topology,
+                                 struct lw_lightmap_charts *charts) {
+    charts->bend = calloc((size_t)charts->chart_count + 1, sizeof *charts->bend);
+    if (!charts->bend) return LW_NO_MEMORY;
+    for (uint32_t n = 0; n < 3 * charts->triangle_count; n++) {
+        const uint32_t t = n / 3, other = topology->neighbour[n];
+        if (other == LW_SCENE_NONE || !(topology->area[t] > 0)) continue;
+        if (topology->hard[n] && charts->chart[other / 3] != charts->chart[t]) continue;
+        const struct lw_vec2 a = charts->point[charts->corner[t][n % 3]],
+                             b = charts->point[charts->corner[t][(n % 3 + 1) % 3]];
+        const float x = b.y - a.y, y = a.x - b.x, length = sqrtf(x * x + y * y);
+        if (!(length > 0)) continue;
+        struct lw_lightmap_bend *bend = &charts->bend[charts->chart[t]];
+        const float weight = 0.5f * topology->bend[n] / length; /* the other half is the neighbour's */
+        bend->xx += weight * x * x;
+        bend->xy += weight * x * y;
+        bend->yy += weight * y * y;
+    }
+    return LW_OK;
+}
+
 enum lw_status lw_lightmap_chart_build(struct lw_lightmap_charts *charts, const struct lw_mesh *mesh,
                                        double scale) {
     struct lw_lightmap_topology topology;
@@ -259,6 +281,7 @@ enum lw_status lw_lightmap_chart_build(struct lw_lightmap_charts *charts, const 
     if (status == LW_OK) status = lw_lightmap_split(charts, &topology);
     if (status == LW_OK) status = lw_lightmap_merge(charts, &topology, plane, apart);
     if (status == LW_OK) status = collapse(&topology, charts);
+    if (status == LW_OK) status = find_bends(&topology, charts);
     lw_lightmap_apart_destroy(apart);
     lw_lightmap_plane_destroy(plane);
     lw_lightmap_topology_finish(&topology);
@@ -270,5 +293,6 @@ void lw_lightmap_chart_finish(struct lw_lightmap_charts *charts) {
     free(charts->corner);
     free(charts->point);
     free(charts->chart);
+    free(charts->bend);
     *charts = (struct lw_lightmap_charts){0};
 }

@@ -18,6 +18,11 @@ struct lw_lightmap_charts {
     /* texels; every chart has a frame of its own, y is left of x seen from the front */
     struct lw_vec2 *point;
     uint32_t *chart; /* per triangle; LW_SCENE_NONE if no triangle of the mesh has area */
+    /* Per chart, in its frame: the sum of angle * length * n n^T over its bent edges, n across the edge; by
+     * its area, how much the surface bends per texel, and which way. */
+    struct lw_lightmap_bend {
+        float xx, xy, yy;
+    } * bend;
 };
 
 /** scale  texels per unit of object space. Errors: LW_NO_MEMORY. */

@@ -22,6 +22,11 @@
 #define NARROW      0.05f
 #define NARROW_FROM 16.0f /* texels; smaller charts are never narrowed */
 
+/* How far a surface may bend within a texel, radians: 16 texels around a column. Beyond, texels are narrower,
+ * by this much at most: a chair's leg stays coarse. (docs/results/density.md) */
+#define BEND    0.4f
+#define REFINED 2.0f
+
 /* Past this many rectangles the skyline's quadratic search takes too long; rows of like height do as well
  * then. */
 #define SKYLINE_MAX 12000
@@ -471,6 +476,23 @@ static float place_in_space(struct lw_lightmap_slot *slot, const struct lw_mesh 
     return area / 2;
 }
 
+static float finer(float bend_per_texel) { return fminf(fmaxf(bend_per_texel / BEND, 1), REFINED); }
+
+/* A column that is lit from one side has its light on few texels around it, and the mean of lit and unlit
+ * at its rim: what bends gets texels that are narrower across. */
+static void refine(struct lw_lightmap_slot *slot, const struct lw_lightmap_bend *bend) {
+    struct lw_lightmap_box *box = &slot->box;
+    if (!(slot->area > 0)) return;
+    const float x = box->axis.x, y = box->axis.y,
+                along = x * x * bend->xx + 2 * x * y * bend->xy + y * y * bend->yy,
+                across = bend->xx + bend->yy - along;
+    box->stretch = (struct lw_vec2){finer(along / slot->area), finer(across / slot->area)};
+    box->low.x *= box->stretch.x, box->size.x *= box->stretch.x;
+    box->low.y *= box->stretch.y, box->size.y *= box->stretch.y;
+    slot->area *= box->stretch.x * box->stretch.y;
+    if (box->size.x < box->size.y) *box = lw_lightmap_shape_turned(box);
+}
+
 enum lw_status lw_lightmap_pack_init(struct lw_lightmap_layout *layout,
                                      const struct lw_lightmap_charts *charts, const struct lw_mesh *mesh) {
     size_t triangles = charts->triangle_count, count = charts->chart_count;
@@ -489,6 +511,7 @@ enum lw_status lw_lightmap_pack_init(struct lw_lightmap_layout *layout,
             for (uint32_t i = start[c]; i < start[c + 1]; i++) slot[c].area += area_of(charts, order[i]);
             area += (double)place_in_space(&slot[c], mesh, order + start[c], start[c + 1] - start[c]);
             own_area += (double)slot[c].area;
+            refine(&slot[c], &charts->bend[c]);
         }
         for (uint32_t c = 0; c < count; c++)
             slot[c].centre = lw_vec3_scale(slot[c].centre, (float)sqrt(own_area / area));

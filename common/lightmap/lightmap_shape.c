@@ -38,13 +38,15 @@ static struct lw_lightmap_box box_along(const struct lw_vec2 *hull, uint32_t cou
         low.x = fminf(low.x, x), high.x = fmaxf(high.x, x);
         low.y = fminf(low.y, y), high.y = fmaxf(high.y, y);
     }
-    return (struct lw_lightmap_box){axis, low, {high.x - low.x, high.y - low.y}};
+    return (struct lw_lightmap_box){axis, {1, 1}, low, {high.x - low.x, high.y - low.y}};
 }
 
 struct lw_lightmap_box lw_lightmap_shape_turned(const struct lw_lightmap_box *box) {
     /* x' = y, y' = -x */
-    return (struct lw_lightmap_box){
-        {-box->axis.y, box->axis.x}, {box->low.y, -(box->low.x + box->size.x)}, {box->size.y, box->size.x}};
+    return (struct lw_lightmap_box){{-box->axis.y, box->axis.x},
+                                    {box->stretch.y, box->stretch.x},
+                                    {box->low.y, -(box->low.x + box->size.x)},
+                                    {box->size.y, box->size.x}};
 }
 
 /* The smallest rectangle has a side along an edge of the hull (Freeman and Shapira 1975); with a margin that

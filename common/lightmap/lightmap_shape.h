@@ -11,9 +11,11 @@
 /* What a rectangle costs beyond its content, on a side: both gutters, and half a block lost to rounding. */
 #define LW_LIGHTMAP_SHAPE_MARGIN (2.0f * LW_LIGHTMAP_GUTTER + LW_LIGHTMAP_BLOCK / 2.0f)
 
-/** A rectangle at an angle: it spans from low to low + size in the frame (axis, axis turned left). */
+/** A rectangle at an angle: it spans from low to low + size in the frame (axis, axis turned left), in which
+ * the chart is stretched. */
 struct lw_lightmap_box {
-    struct lw_vec2 axis; /* unit */
+    struct lw_vec2 axis;    /* unit */
+    struct lw_vec2 stretch; /* along the frame's axes; 1 unless the chart is refined */
     struct lw_vec2 low, size;
 };
 
@@ -36,8 +38,8 @@ static inline float lw_lightmap_shape_cost(struct lw_lightmap_box box) {
 }
 
 static inline struct lw_vec2 lw_lightmap_shape_local(const struct lw_lightmap_box *box, struct lw_vec2 p) {
-    return (struct lw_vec2){box->axis.x * p.x + box->axis.y * p.y - box->low.x,
-                            box->axis.x * p.y - box->axis.y * p.x - box->low.y};
+    return (struct lw_vec2){box->stretch.x * (box->axis.x * p.x + box->axis.y * p.y) - box->low.x,
+                            box->stretch.y * (box->axis.x * p.y - box->axis.y * p.x) - box->low.y};
 }
 
 #endif

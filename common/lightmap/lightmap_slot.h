@@ -15,7 +15,7 @@ struct lw_lightmap_slot {
     struct lw_vec2 origin, scale;
     uint32_t x, y, width, height; /* rectangle around it, in texels; whole blocks, except for slivers */
     uint32_t gutter;              /* inside the rectangle; 0 for slivers */
-    float area;                   /* of the chart, in its own units */
+    float area;                   /* of the chart, in units of the box */
     struct lw_vec3 centre;        /* of the chart in space, in its own units */
     struct lw_vec3 normal;        /* mean of the chart */
 };

@@ -273,6 +273,34 @@ static void curved_shapes_stay_in_bounds(void **state) {
     }
 }
 
+/* Texels of the atlas for each that the density asks for. */
+static float refined(void **state, surface *at, float density) {
+    struct shape *s = fresh(state);
+    float uv = 0, os = 0;
+    grid(s, at, 48, 24);
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    const struct lw_lightmap_report r = build(scene, density, 0);
+    for (uint32_t t = 0; t < scene->mesh->triangle_count; t++) {
+        uv += area_uv(scene->mesh, t);
+        os += area_os(scene->mesh, t) * r.texels_per_metre * r.texels_per_metre;
+    }
+    assert_int_equal(lw_lightmap_overlaps(scene->mesh), 0);
+    lw_scene_destroy(scene);
+    return uv / os;
+}
+
+static void what_bends_has_narrow_texels(void **state) {
+    const float wider = 1.13f; /* charts are, to fill blocks */
+    float around = refined(state, cylinder, 20);
+    assert_true(around > 0.9f && around < wider); /* 0.1 radians a texel */
+    around = refined(state, cylinder, 3);         /* 0.67: 1.67 times as many around as along */
+    assert_true(around > 1.5f && around < 1.7f * wider * wider);
+    around = refined(state, cylinder, 1); /* 2: no more than twice as many */
+    assert_true(around > 1.8f && around < 2 * wider * wider);
+    const float both = refined(state, sphere, 1.5f); /* 0.67 either way */
+    assert_true(both > 2 && both < 4 * wider * wider);
+}
+
 /* Facets lower than a texel may stretch: cut along them, a moulding would be all border. */
 static void fine_facets_stay_together(void **state) {
     struct shape *s = fresh(state);
@@ -762,6 +790,7 @@ int main(void) {
         cmocka_unit_test(a_cube_is_six_squares),
         cmocka_unit_test(a_column_is_one_chart),
         cmocka_unit_test(curved_shapes_stay_in_bounds),
+        cmocka_unit_test(what_bends_has_narrow_texels),
         cmocka_unit_test(fine_facets_stay_together),
         cmocka_unit_test(hooks_interlock),
         cmocka_unit_test(attributes_follow_their_vertices),
