@@ -204,8 +204,8 @@ static void test_a_rail_before_a_wall(void **state) {
 
 /* ---- mouldings: strips far narrower than a texel ---- */
 
-/* Along the top of a wall a cornice of four steps, then a picture rail and a skirting, from 2 cm to 8 cm: fronts,
- * and undersides or tops. A lamp before them sees all of each. */
+/* Along the top of a wall a cornice of four steps, then a picture rail and a skirting, from 1.5 cm to 8 cm:
+ * fronts, and undersides or tops. A lamp before them sees all of each. */
 static void test_mouldings(void **state) {
     (void)state;
     const struct lw_vec3 lamp = lw_vec3(2, 1, 3), along = lw_vec3(4, 0, 0), out = lw_vec3(0, 0, 1);
