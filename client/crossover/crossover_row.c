@@ -102,6 +102,8 @@ static enum lw_status bind_scene(struct lw_crossover_row *row, struct lw_error *
                                 ? bind_note(row, err, "atlas-max", "%lld", (long long)open->atlas_side_max)
                                 : bind_note(row, err, "atlas-max", "the default");
     if (status == LW_OK)
+        status = bind_note(row, err, "density-of", "%s", open->density_of ? open->density_of : "none");
+    if (status == LW_OK)
         status = open->texels_max > 0 ? bind_note(row, err, "max-texels", "%lld", (long long)open->texels_max)
                                       : bind_note(row, err, "max-texels", "the default");
     if (status == LW_OK)

@@ -81,6 +81,7 @@ static void make_command(struct command *c, const struct lw_own_server *s) {
     add(c, "--http", "none"); /* it is for this viewer */
     add(c, "--plain-sky", NULL);
     if (open->texels_per_metre > 0) add_number(c, "--texels-per-metre", open->texels_per_metre);
+    if (open->density_of) add(c, "--density-of", open->density_of);
     if (open->texels_max > 0) add_number(c, "--max-texels", (double)open->texels_max);
     if (open->atlas_side_max > 0) add_number(c, "--atlas-max", (double)open->atlas_side_max);
     if (open->threads > 0) add_number(c, "--threads", (double)open->threads);

@@ -2,6 +2,7 @@
 
 #include "common/lightmap/lightmap_chart.h"
 #include "common/lightmap/lightmap_check.h"
+#include "common/lightmap/lightmap_density.h"
 #include "common/lightmap/lightmap_pack.h"
 #include "common/progress.h"
 #include "common/scene/pose.h"
@@ -38,7 +39,8 @@ struct job {
     uint32_t mesh_index, object_count;
     double metres_per_unit; /* of its largest object */
     double area_os;         /* square units */
-    double relative;        /* its density as a multiple of the scene's */
+    double asked;           /* texels per metre as a multiple of the scene's, by name */
+    double relative;        /* the same where the number of texels is bounded, on top of that */
     bool has_back;
     uint8_t *back; /* per triangle; NULL without backs */
 
@@ -152,6 +154,7 @@ static enum lw_status find_jobs(struct drive *drive) {
         j->mesh_index = m;
         j->area_os = moments[m].area;
         j->relative = 1;
+        j->asked = 1;
         if (!(j->metres_per_unit > 0)) j->metres_per_unit = 1; /* flattened to nothing: any density will do */
         status = find_backs(scene, j);
     }
@@ -286,7 +289,8 @@ static enum lw_status place(struct job *job) {
 
 /* Lays one mesh out at a density. */
 static enum lw_status lay_out(const struct drive *drive, struct job *job, double texels_per_metre) {
-    double scale = fmin(texels_per_metre * job->relative, drive->density_max) * job->metres_per_unit;
+    double scale =
+        fmin(texels_per_metre * job->relative, drive->density_max) * job->asked * job->metres_per_unit;
     free(job->uv);
     job->uv = NULL;
     enum lw_status status = try_file(drive, job, scale);
@@ -317,9 +321,10 @@ static enum lw_status lay_out_all(struct drive *drive, double texels_per_metre, 
     return LW_OK;
 }
 
-/* Of one object, m^2; with its backs. */
+/* Of one object, m^2; with its backs; as much as has its texels at the scene's density. */
 static double surface(const struct job *job) {
-    return job->area_os * job->metres_per_unit * job->metres_per_unit * (job->has_back ? 2 : 1);
+    const double side = job->metres_per_unit * job->asked;
+    return job->area_os * side * side * (job->has_back ? 2 : 1);
 }
 
 static double total_surface(const struct drive *drive) {
@@ -526,8 +531,8 @@ static void report(const struct drive *drive, const struct job *job, struct lw_l
         .texels_per_metre = (float)reached,
         .from_file = job->from_file,
         .capped = job->capped,
-        .bounded = !job->capped && reached < BOUNDED_UNDER * drive->density_max,
-        .density_wanted = (float)drive->density_max,
+        .bounded = !job->capped && reached < BOUNDED_UNDER * drive->density_max * job->asked,
+        .density_wanted = (float)(drive->density_max * job->asked),
         .texels_max = isfinite(drive->texels_max) ? (uint32_t)drive->texels_max : 0,
     };
     lw_lightmap_check_stretch(&map, &out->stretch_rms, &out->stretch_max);
@@ -554,6 +559,16 @@ static enum lw_status commit(struct drive *drive, struct lw_lightmap_report *out
     return LW_OK;
 }
 
+static enum lw_status read_densities(struct drive *drive, const char *density_of, struct lw_error *err) {
+    float *factor = malloc((drive->scene->mesh_count + 1ul) * sizeof *factor);
+    if (!factor) return lw_status_fail(err, LW_NO_MEMORY, "out of memory for lightmap UVs");
+    enum lw_status status = lw_lightmap_density_read(density_of, drive->scene, factor, err);
+    for (uint32_t i = 0; i < drive->job_count && status == LW_OK; i++)
+        drive->job[i].asked = (double)factor[drive->job[i].mesh_index];
+    free(factor);
+    return status;
+}
+
 enum lw_status lw_lightmap_build(struct lw_scene *scene, const struct lw_lightmap_desc *desc,
                                  struct lw_lightmap_report *out_report, struct lw_error *err) {
     uint32_t side = desc->atlas_side_max ? desc->atlas_side_max : LW_LIGHTMAP_SIDE_DEFAULT;
@@ -564,7 +579,10 @@ enum lw_status lw_lightmap_build(struct lw_scene *scene, const struct lw_lightma
     uint64_t triangles = 0;
     struct lw_progress progress;
     enum lw_status status = find_jobs(&drive);
-    if (status != LW_OK) lw_status_fail(err, status, "out of memory for lightmap UVs");
+    if (status != LW_OK)
+        lw_status_fail(err, status, "out of memory for lightmap UVs");
+    else
+        status = read_densities(&drive, desc->density_of, err);
     for (uint32_t i = 0; i < drive.job_count; i++) triangles += drive.job[i].mesh->triangle_count;
     for (uint32_t m = 0; out_report && m < scene->mesh_count; m++)
         out_report[m] = (struct lw_lightmap_report){.mesh = m};

@@ -43,6 +43,9 @@
     "texels of all lightmaps at most, about; a scene that needs more gets fewer per metre (default: none "  \
     "with --texels-per-metre, else " LW_LIGHTMAP_NUMBER(LW_LIGHTMAP_TEXELS_MAX)                             \
     " or half the triangles, whichever is more)"
+#define LW_LIGHTMAP_DENSITY_OF_HELP                                                                         \
+    "texels per metre of the objects of these names, as multiples of the others' (floor=2,street=0.5; from " \
+    "1/64 to 8)"
 /* clang-format on */
 
 struct lw_lightmap_desc {
@@ -55,6 +58,9 @@ struct lw_lightmap_desc {
     /* texels; 0: LW_LIGHTMAP_SIDE_DEFAULT. A mesh that needs more gets a lower density. */
     uint32_t atlas_side_max;
     unsigned threads; /* 0: all */
+    /* Objects that are to have more or fewer texels per metre (lightmap_density.h); NULL: none. Counts within
+     * texels_max. */
+    const char *density_of;
 };
 
 /** What became of one mesh. */
@@ -76,7 +82,8 @@ struct lw_lightmap_report {
 /** Builds lightmap UVs for every mesh that an object uses: from UV set 1 where it is fit, else by unwrapping.
  * Vertices on chart borders are duplicated, so the meshes' arrays are replaced.
  * out_report   mesh_count entries, or NULL
- * Errors: LW_NO_MEMORY; LW_BAD_DATA naming a mesh whose charts cannot fit atlas_side_max at any density. */
+ * Errors: LW_NO_MEMORY; LW_BAD_DATA naming a mesh whose charts cannot fit atlas_side_max at any density;
+ * LW_USAGE for density_of. */
 LW_MUST_CHECK enum lw_status lw_lightmap_build(struct lw_scene *scene, const struct lw_lightmap_desc *desc,
                                                struct lw_lightmap_report *out_report, struct lw_error *err);
 

@@ -44,10 +44,10 @@ struct importer {
 
 static enum lw_status load_package(const struct lw_import_spawn_desc *desc, struct lw_scene **out_scene,
                                    struct lw_error *err) {
-    if (desc->texels_per_metre > 0 || desc->texels_max || desc->atlas_side_max)
+    if (desc->texels_per_metre > 0 || desc->density_of || desc->texels_max || desc->atlas_side_max)
         lw_log(LW_LOG_WARNING,
-               "%s: a scene package has its lightmap already; --texels-per-metre, --max-texels and "
-               "--atlas-max are ignored",
+               "%s: a scene package has its lightmap already; --texels-per-metre, --density-of, --max-texels "
+               "and --atlas-max are ignored",
                desc->scene);
     return lw_package_load(desc->scene, out_scene, err);
 }
@@ -106,11 +106,15 @@ static enum lw_status start(struct importer *importer, struct lw_error *err) {
         return lw_status_fail(err, LW_NO_INPUT, "%.200s...: the path is too long", desc->environment);
     snprintf(environment, sizeof environment, "--environment=%s", desc->environment ? desc->environment : "");
     snprintf(level, sizeof level, "--log-level=%s", lw_log_level_name(lw_log_get_level()));
-    const char *arguments[18] = {importer->program, "-o", importer->package, failure};
+    const char *arguments[20] = {importer->program, "-o", importer->package, failure};
     size_t count = 4;
     if (lw_log_get_level() != LW_LOG_INFO) arguments[count++] = level;
     if (lw_log_get_format() == LW_LOG_JSON) arguments[count++] = "--log-format=json";
     if (desc->texels_per_metre > 0) arguments[count++] = density;
+    if (desc->density_of) {
+        arguments[count++] = "--density-of";
+        arguments[count++] = desc->density_of;
+    }
     if (desc->texels_max) arguments[count++] = most;
     if (desc->atlas_side_max) arguments[count++] = side;
     if (desc->threads) arguments[count++] = threads;

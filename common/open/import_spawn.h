@@ -29,6 +29,7 @@ struct lw_import_spawn_desc {
     const char *scene;       /* a .lwscene, any file that lightwell-import reads, or "builtin:NAME" */
     const char *environment; /* an equirectangular EXR for the scene; NULL: the scene's own, or none */
     double texels_per_metre; /* 0: the importer's default */
+    const char *density_of;  /* of some objects, as multiples (lightmap_density.h); NULL: none */
     uint32_t texels_max;     /* 0: the importer's default */
     uint32_t atlas_side_max; /* texels; 0: the importer's default */
     unsigned threads;        /* 0: all */

@@ -34,6 +34,7 @@ enum lw_status lw_scene_open(const struct lw_scene_open *open, struct lw_scene *
     const struct lw_import_spawn_desc import = {.scene = open->path,
                                                 .environment = open->environment,
                                                 .texels_per_metre = open->texels_per_metre,
+                                                .density_of = open->density_of,
                                                 .texels_max = (uint32_t)open->texels_max,
                                                 .lightmap_unused = open->lightmap_unused,
                                                 .atlas_side_max = (uint32_t)open->atlas_side_max,

@@ -18,6 +18,7 @@
 struct lw_scene_open {
     const char *path;        /* .lwscene, any format that lightwell-import reads, or "builtin:NAME" */
     double texels_per_metre; /* 0: the importer's default */
+    const char *density_of;  /* of some objects, as multiples (lightmap_density.h); or NULL */
     int64_t texels_max;      /* 0: the importer's default */
     int64_t atlas_side_max;  /* texels; 0: the importer's default */
     int64_t threads;         /* 0: all */
@@ -38,6 +39,8 @@ struct lw_scene_open {
 #define LW_SCENE_OPEN_OPTIONS(open)                                                                         \
     {"texels-per-metre", "D", LW_LIGHTMAP_DENSITY_HELP, LW_OPTION_REAL, &(open)->texels_per_metre,          \
      LW_LIGHTMAP_DENSITY_MIN, LW_LIGHTMAP_DENSITY_MAX, NULL},                                               \
+    {"density-of", "NAME=FACTOR,...", LW_LIGHTMAP_DENSITY_OF_HELP, LW_OPTION_STRING, &(open)->density_of,   \
+     0, 0, NULL},                                                                                           \
     {"max-texels", "N", LW_LIGHTMAP_TEXELS_HELP, LW_OPTION_INT, &(open)->texels_max, 1, LW_SCENE_TEXELS_MAX,\
      NULL},                                                                                                 \
     {"atlas-max", "N", "longest side of an atlas, texels (default "                                         \

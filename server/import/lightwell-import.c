@@ -46,6 +46,7 @@ struct arguments {
     const char *scene;
     const char *output;
     const char *environment;
+    const char *density_of;
     double texels_per_metre;
     double scale, read_seconds, import_seconds;
     int sides; /* enum lw_foreign_sides */
@@ -112,6 +113,11 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
          .value = &arguments->texels_per_metre,
          .min = LW_LIGHTMAP_DENSITY_MIN,
          .max = LW_LIGHTMAP_DENSITY_MAX},
+        {.name = "density-of",
+         .argument = "NAME=FACTOR,...",
+         .help = LW_LIGHTMAP_DENSITY_OF_HELP,
+         .kind = LW_OPTION_STRING,
+         .value = &arguments->density_of},
         {.name = "max-texels",
          .argument = "N",
          .help = LW_LIGHTMAP_TEXELS_HELP,
@@ -305,6 +311,7 @@ static enum lw_status keep_lightmaps(const struct lw_scene *scene, struct lw_lig
 static enum lw_status build_lightmaps(const struct arguments *arguments, struct lw_scene *scene,
                                       struct lw_lightmap_report *report, struct lw_error *err) {
     const struct lw_lightmap_desc desc = {.texels_per_metre = (float)arguments->texels_per_metre,
+                                          .density_of = arguments->density_of,
                                           .texels_max = (uint32_t)arguments->texels_max,
                                           .atlas_side_max = (uint32_t)arguments->atlas_side_max,
                                           .threads = (unsigned)arguments->threads};

@@ -246,6 +246,9 @@ static void another_row_is_refused_by_what_differs(void **state) {
     other = first;
     other.scene.atlas_side_max = 512;
     run_row(folder, &other, "whose atlas-max is the default, not 512");
+    other = first;
+    other.scene.density_of = "floor=2";
+    run_row(folder, &other, "whose density-of is none, not floor=2");
     run_row(folder, &first, NULL);
     lw_support_ok(lw_crossover_store_open(&store, folder, false, &err), &err);
     lw_support_ok(lw_crossover_store_set(&store, "version", "0.0.1", &err), &err);

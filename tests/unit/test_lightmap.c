@@ -721,6 +721,45 @@ static void a_ground_does_not_starve_the_rest(void **state) {
     lw_scene_destroy(scene);
 }
 
+static void density_of(struct lw_scene *scene, const char *text, const char *error,
+                       struct lw_lightmap_report *out_report) {
+    struct lw_error err = {0};
+    const struct lw_lightmap_desc desc = {
+        .texels_per_metre = 8, .threads = 1, .density_of = text, .texels_max = error ? 0 : 3000};
+    if (error)
+        lw_support_fails(lw_lightmap_build(scene, &desc, out_report, &err), LW_USAGE, &err, error);
+    else
+        lw_support_ok(lw_lightmap_build(scene, &desc, out_report, &err), &err);
+}
+
+/* Two cubes of 1 m, whose objects have names; a name may hold an equals sign. */
+static void named_objects_have_their_own_density(void **state) {
+    struct shape *s = fresh(state);
+    struct lw_lightmap_report r;
+    cube(s, 1);
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    scene->object[0].name = lw_scene_string(scene, "a=b");
+    density_of(scene, "a=b", "\"a=b\" wants a factor from 1/64 to 8", &r);
+    density_of(scene, "a", "\"a\" is no NAME=FACTOR", &r);
+    density_of(scene, "=2", "\"=2\" is no NAME=FACTOR", &r);
+    density_of(scene, "", "\"\" is no NAME=FACTOR", &r);
+    density_of(scene, "a=b=9", "wants a factor", &r);
+    density_of(scene, "a=b=nan", "wants a factor", &r);
+    density_of(scene, "a=b=2x", "wants a factor", &r);
+    density_of(scene, "a=b=2,c=1", "no object called \"c\"", &r);
+    density_of(scene, "a=b=2,", "\"\" is no NAME=FACTOR", &r);
+    density_of(scene, "a=b=2", NULL, &r);
+    assert_float_equal(r.texels_per_metre, 16, 0.01f);
+    assert_int_equal(r.texels_covered, 6 * 16 * 16);
+    assert_false(r.bounded);
+    lw_scene_destroy(scene);
+    scene = scene_of(s, NULL, 1);
+    scene->object[0].name = lw_scene_string(scene, "cube");
+    density_of(scene, "cube=8", NULL, &r); /* 6 * 64 * 64 would be past the bound of 3000 */
+    assert_true(r.bounded && r.texels_covered < 3600 && r.density_wanted == 64);
+    lw_scene_destroy(scene);
+}
+
 static void threads_do_not_matter(void **state) {
     (void)state;
     struct lw_scene *scene[2];
@@ -812,6 +851,7 @@ int main(void) {
         cmocka_unit_test(texels_bound_the_density),
         cmocka_unit_test(many_triangles_get_texels),
         cmocka_unit_test(a_ground_does_not_starve_the_rest),
+        cmocka_unit_test(named_objects_have_their_own_density),
         cmocka_unit_test(threads_do_not_matter),
         cmocka_unit_test(overlaps_are_seen),
         cmocka_unit_test(mixed_texels_are_seen),

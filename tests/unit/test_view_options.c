@@ -109,6 +109,7 @@ static void test_a_scene_is_no_server(void **state) {
     assert_int_equal(o.path.part, LW_PATH_PART_INDIRECT);
     /* how it is opened is for its server */
     lw_support_ok(parse("room.glb --sky 1,2,3 --environment e.exr --texels-per-metre 5 --max-texels 7 "
+                        "--density-of floor=2 "
                         "--atlas-max 64 --sun-angle 1 --threads 2",
                         &o, &err),
                   &err);
@@ -117,6 +118,7 @@ static void test_a_scene_is_no_server(void **state) {
     assert_string_equal(o.own.environment, "e.exr");
     assert_float_equal(o.own.texels_per_metre, 5, 0);
     assert_int_equal(o.own.texels_max, 7);
+    assert_string_equal(o.own.density_of, "floor=2");
     assert_int_equal(o.own.atlas_side_max, 64);
     lw_support_ok(parse("room.glb --headless --json --sky 1,2,3", &o, &err), &err);
     assert_true(o.own.sky_given);
