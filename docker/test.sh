@@ -212,7 +212,7 @@ serve() {
     grep -Eq '^NSpid:.*\s1$' "/proc/$server/status" || die "the server is not process 1"
     ! grep -Eq '^Uid:.*\s0(\s|$)' "/proc/$server/status" || die "the server runs as root"
     # another address than the usual one of loopback: it listens on all that there are
-    in_network "${enter[@]}" lightwellctl "127.0.0.2:$port" list >/dev/null ||
+    in_network "${enter[@]}" lightwellctl --timeout 180 "127.0.0.2:$port" list >/dev/null ||
         die "the server does not listen everywhere at port $port"
     kill -TERM "$server"
     until=$((SECONDS + 60))
