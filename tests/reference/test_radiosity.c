@@ -1,0 +1,133 @@
+/* The radiosity solver against closed forms, against the cell solver, and against itself. Full passes draw
+ * no number: their tolerances are those of a midpoint rule over texels, from halving the texel. */
+#include "tests/reference/room.h"
+
+static double furnace(float density, float rho, uint32_t bounces) {
+    struct room room = {.texels_per_metre = density};
+    struct room_solution s;
+    double mean = 0;
+    room_box(&room, lw_vec3(2, 2, 2), rho, 1.5f);
+    room_solve_by(&s, &room, "radiosity", (struct lw_solver_desc){.bounces = bounces}, 1);
+    for (uint32_t o = 0; o < 6; o++) mean += room_object_mean(&s, o).total / 6;
+    room_finish(&s);
+    return mean;
+}
+
+/* E = pi Le sum rho^k: form factors of a closed room sum to 1. What is missing lies in the edges, within a
+ * texel of them: it halves with the texel. */
+static void test_furnace(void **state) {
+    (void)state;
+    const double pi_le = 1.5 * acos(-1.0);
+    const double coarse = furnace(4, 0.5f, 3), fine = furnace(8, 0.5f, 3), want = pi_le * 1.875;
+    expect_near(coarse, want, 0.06);
+    expect_near(fine, want, 0.03);
+    expect_near(2 * fine - coarse, want, 0.006);
+    expect_near(furnace(8, 0.5f, 0), pi_le, 0.02);
+}
+
+/* Of one square of 1 m on another: E = pi Le F. */
+static double plates(struct lw_vec3 corner, struct lw_vec3 edge_u, struct lw_vec3 edge_v, float density) {
+    struct room room = {.texels_per_metre = density};
+    struct room_solution s;
+    room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(0, 0, 1), lw_vec3(1, 0, 0), 0.5f, 0);
+    room_quad(&room, corner, edge_u, edge_v, 0, 1);
+    room_solve_by(&s, &room, "radiosity", (struct lw_solver_desc){.bounces = 0}, 1);
+    const double e = room_object_mean(&s, 0).total / acos(-1.0);
+    room_finish(&s);
+    return e;
+}
+
+static void test_form_factors_of_squares(void **state) {
+    (void)state;
+    /* Hottel: parallel, 1 m apart; perpendicular, with a common edge. */
+    expect_near(plates(lw_vec3(0, 1, 0), lw_vec3(1, 0, 0), lw_vec3(0, 0, 1), 16), 0.19982, 0.002);
+    const struct lw_vec3 o = lw_vec3(0, 0, 0), x = lw_vec3(1, 0, 0), y = lw_vec3(0, 1, 0);
+    const double coarse = plates(o, x, y, 8), fine = plates(o, x, y, 16);
+    expect_near(fine, 0.20004, 0.025);
+    expect_near(2 * fine - coarse, 0.20004, 0.004);
+}
+
+/* A double-sided plate between a lamp and the floor: its shadow, and both of its sides. */
+static void test_agrees_with_the_cell_solver(void **state) {
+    (void)state;
+    struct room room = room_with_two_lamps();
+    struct room_solution cells, radiosity;
+    const struct lw_solver_desc desc = {.bounces = 3, .indirect_samples = 4};
+    room.texels_per_metre = 8;
+    room_solve_by(&cells, &room, "cells", desc, 128);
+    room_solve_by(&radiosity, &room, "radiosity", desc, 2);
+    for (uint32_t o = 0; o < room.quad_count; o++) {
+        const struct room_mean want = room_object_mean(&cells, o), got = room_object_mean(&radiosity, o);
+        expect_near(got.total, want.total, 0.02);
+        if (o != ROOM_PANEL) expect_near(got.indirect, want.indirect, 0.03);
+    }
+    room_finish(&cells);
+    room_finish(&radiosity);
+}
+
+static void test_same_bytes_at_any_thread_count(void **state) {
+    (void)state;
+    struct room room = room_with_two_lamps();
+    room.texels_per_metre = 6;
+    struct lw_solver_desc desc = {
+        .bounces = 2, .threads = 1, .radiosity = {.undersample = LW_UNDERSAMPLE_RANDOM, .window = 2}};
+    struct room_solution a, b;
+    room_solve_by(&a, &room, "radiosity", desc, 2);
+    desc.threads = 3;
+    room_solve_by(&b, &room, "radiosity", desc, 2);
+    assert_true(room_expect_same(&a, &b) > 0);
+    room_finish(&a);
+    room_finish(&b);
+}
+
+/* A lamp that moves begins another solution: as if it had always been there. */
+static void test_a_moved_lamp(void **state) {
+    (void)state;
+    struct room room = room_with_two_lamps();
+    struct room_solution a, b;
+    const struct lw_solver_desc desc = {.bounces = 1};
+    struct lw_error err = {0};
+    room.texels_per_metre = 6;
+    room_solve_by(&a, &room, "radiosity", desc, 1);
+    a.pose.light[0].position_ws.x += 0.5f;
+    lw_support_ok(a.solver->ops->frame(a.solver, &a.pose, 2, &a.stats, &err), &err);
+    assert_true(a.stats.moved);
+    room.light_position[0].x += 0.5f;
+    room_solve_by(&b, &room, "radiosity", desc, 1);
+    for (uint32_t o = 0; o < room.quad_count; o++) {
+        const struct room_mean x = room_object_mean(&a, o), y = room_object_mean(&b, o);
+        expect_near(x.total, y.total, 1e-4);
+        expect_near(x.indirect, y.indirect, 1e-4);
+    }
+    room_finish(&a);
+    room_finish(&b);
+}
+
+/* It stops by itself: no frame after the last one that was asked for. */
+static void test_ends(void **state) {
+    (void)state;
+    struct room room = room_with_two_lamps();
+    struct room_solution s;
+    room.texels_per_metre = 6;
+    room_solve_by(&s, &room, "radiosity",
+                  (struct lw_solver_desc){.bounces = 1, .frames_max = 2, .target_error = -1}, 2);
+    assert_true(s.stats.tiles_solved > 0);
+    assert_int_equal(s.stats.tiles_converged, s.stats.tiles);
+    struct lw_error err = {0};
+    lw_support_ok(s.solver->ops->frame(s.solver, &s.pose, 3, &s.stats, &err), &err);
+    assert_int_equal(s.stats.tiles_solved, 0);
+    assert_int_equal(s.stats.rays_shadow + s.stats.rays_bounce, 0);
+    room_finish(&s);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_furnace),
+        cmocka_unit_test(test_form_factors_of_squares),
+        cmocka_unit_test(test_agrees_with_the_cell_solver),
+        cmocka_unit_test(test_same_bytes_at_any_thread_count),
+        cmocka_unit_test(test_a_moved_lamp),
+        cmocka_unit_test(test_ends),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
