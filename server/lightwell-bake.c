@@ -44,7 +44,7 @@ struct settings {
     double error, time_s, limit_s, interval_s, tracing_range, cell_size, probe_spacing;
     bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, denoise, restart, indirect_only;
     int convention, probe_form, sides, undersample;
-    int64_t window;
+    int64_t window, directions;
 };
 
 struct baker {
@@ -93,20 +93,21 @@ static const struct lw_interrupt_phase writing = {.answer = "the maps are lit, a
 
 /* What decides a solver's samples. */
 static struct lw_solver_desc solver_desc(const struct settings *s) {
-    return (struct lw_solver_desc){
-        .bounces = (uint32_t)s->bounces,
-        .tracing_range_m = (float)s->tracing_range,
-        .cell_size_m = (float)s->cell_size,
-        .probe_spacing_m = (float)s->probe_spacing,
-        .probe_form = (enum lw_probe_form_kind)s->probe_form,
-        .radiosity = {.undersample = (enum lw_undersample)s->undersample, .window = (uint32_t)s->window},
-        .direct_samples = 1,
-        .indirect_samples = 1,
-        .target_error = s->samples ? -1 : (float)s->error,
-        .frames_max = (uint32_t)s->samples,
-        .threads = (unsigned)s->scene.threads,
-        .finishing = &signalled,
-        .seed = (uint32_t)s->seed};
+    return (struct lw_solver_desc){.bounces = (uint32_t)s->bounces,
+                                   .tracing_range_m = (float)s->tracing_range,
+                                   .cell_size_m = (float)s->cell_size,
+                                   .probe_spacing_m = (float)s->probe_spacing,
+                                   .probe_form = (enum lw_probe_form_kind)s->probe_form,
+                                   .radiosity = {.undersample = (enum lw_undersample)s->undersample,
+                                                 .directions = (uint32_t)s->directions,
+                                                 .window = (uint32_t)s->window},
+                                   .direct_samples = 1,
+                                   .indirect_samples = 1,
+                                   .target_error = s->samples ? -1 : (float)s->error,
+                                   .frames_max = (uint32_t)s->samples,
+                                   .threads = (unsigned)s->scene.threads,
+                                   .finishing = &signalled,
+                                   .seed = (uint32_t)s->seed};
 }
 
 static enum lw_status check(const struct settings *s, struct lw_error *err) {
@@ -165,6 +166,9 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         {"window", "N",
          "radiosity: texels a side of such a window (default: 1/128 of the side of a square of all texels)",
          LW_OPTION_INT, &s->window, 1, LW_TILE_SIDE, NULL},
+        {"directions", "N",
+         "radiosity: look along N fixed directions about each normal, instead of at all texels",
+         LW_OPTION_INT, &s->directions, 1, LW_RADIOSITY_DIRECTIONS_MAX, NULL},
         {"bounces", "N", "indirect bounces (default 4)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
          NULL},
         {"denoise", NULL, "filter the noise out of the maps; keeps each object's mean (default: off)",
@@ -313,12 +317,13 @@ static enum lw_status make_key(struct baker *b, struct lw_error *err) {
     int length = 0;
     for (size_t i = 0; i < sizeof hash.bytes; i++)
         length += snprintf(text + length, sizeof text - (size_t)length, "%02x", hash.bytes[i]);
-    length += snprintf(
-        text + length, sizeof text - (size_t)length,
-        " " LW_VERSION " solver %s bounces %lld seed %lld range %a cell %a probes %d %a time %a "
-        "denoise %d undersample %d window %lld",
-        s->entry->name, (long long)s->bounces, (long long)s->seed, s->tracing_range, s->cell_size,
-        s->probe_form, s->probe_spacing, s->time_s, s->denoise, s->undersample, (long long)s->window);
+    length +=
+        snprintf(text + length, sizeof text - (size_t)length,
+                 " " LW_VERSION " solver %s bounces %lld seed %lld range %a cell %a probes %d %a time %a "
+                 "denoise %d undersample %d window %lld directions %lld",
+                 s->entry->name, (long long)s->bounces, (long long)s->seed, s->tracing_range, s->cell_size,
+                 s->probe_form, s->probe_spacing, s->time_s, s->denoise, s->undersample, (long long)s->window,
+                 (long long)s->directions);
     if (b->left_out_names) { /* which ones: no text is long enough for all names */
         lw_package_hash((const uint8_t *)b->left_out_names, strlen(b->left_out_names), &hash);
         length += snprintf(text + length, sizeof text - (size_t)length, " left out ");

@@ -5,6 +5,7 @@
 #include "common/log.h"
 #include "server/solve/adapt/estimates.h"
 #include "server/solve/geometry.h"
+#include "server/solve/radiosity/radiosity_directions.h"
 #include "server/solve/radiosity/radiosity_pass.h"
 #include "server/solve/state/checkpoint.h"
 #include "server/solve/transport/direct_light.h"
@@ -14,6 +15,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* By which a frame turns the directions of the one before, radians: no two frames have the same. */
+#define GOLDEN_ANGLE 2.39996323f
 /* Of lw_lights_part: no material's value. */
 #define NO_MATERIAL 2u
 #define WINDOW_MAX  LW_TILE_SIDE /* a window lies in one tile */
@@ -35,6 +38,7 @@ struct radiosity_solver {
     uint8_t *no_light, *no_material; /* of a scene without client lights; of every material, NO_MATERIAL */
     struct lw_patches patches;
     struct lw_shooters shooters;
+    struct lw_radiosity_directions directions;
     struct lw_denoise denoise;
     float *frame_direct[3], *frame_drawn[3], *arrived[3]; /* E of this frame; of the pass under way */
     struct lw_pose pose;
@@ -56,11 +60,17 @@ enum lw_status lw_radiosity_solver_check(const struct lw_solver_desc *desc, stru
                              ? "emissive surfaces that clients draw (--client-lights): those shoot"
                              : NULL;
     if (cannot) return lw_status_fail(err, LW_USAGE, "the solver \"radiosity\" does not do %s", cannot);
-    if (desc->radiosity.window > WINDOW_MAX)
+    const struct lw_radiosity_terms *terms = &desc->radiosity;
+    if (terms->window > WINDOW_MAX)
         return lw_status_fail(err, LW_USAGE, "a window of radiosity has at most %u texels a side",
                               WINDOW_MAX);
-    if (desc->radiosity.window && desc->radiosity.undersample == LW_UNDERSAMPLE_NONE)
+    if (terms->directions > LW_RADIOSITY_DIRECTIONS_MAX)
+        return lw_status_fail(err, LW_USAGE, "radiosity has at most %u directions",
+                              LW_RADIOSITY_DIRECTIONS_MAX);
+    if (terms->window && terms->undersample == LW_UNDERSAMPLE_NONE)
         return lw_status_fail(err, LW_USAGE, "a window of radiosity (--window) needs --undersample");
+    if (terms->directions && terms->undersample != LW_UNDERSAMPLE_NONE)
+        return lw_status_fail(err, LW_USAGE, "--directions looks at no shooters: it excludes --undersample");
     return LW_OK;
 }
 
@@ -95,7 +105,7 @@ static void forget(struct radiosity_solver *s) {
     }
 }
 
-/* Another pose begins anew: nothing of the light before it is kept. */
+/* Another pose begins another solution: nothing of the light before it is kept. */
 static enum lw_status take_pose(struct radiosity_solver *s, const struct lw_pose *pose, bool *out_moved,
                                 struct lw_error *err) {
     const unsigned moved = lw_pose_difference(pose, &s->pose, s->desc.scene);
@@ -164,16 +174,29 @@ static void reflect(struct radiosity_solver *s, float *const e[3]) {
 }
 
 static uint64_t pass(struct radiosity_solver *s, uint32_t order, const float *radiance, uint32_t stride) {
+    const uint32_t salt = s->frames * (s->desc.bounces + 1) + order;
+    if (s->directions.count)
+        return lw_radiosity_directions_run(
+            &(struct lw_radiosity_gather){.patches = &s->patches,
+                                          .directions = &s->directions,
+                                          .trace = s->geometry.trace,
+                                          .radiance = radiance,
+                                          .stride = stride,
+                                          .turn = GOLDEN_ANGLE * (float)s->frames,
+                                          .salt = salt * LW_RADIOSITY_DIRECTIONS_MAX,
+                                          .cancel = s->desc.cancel,
+                                          .progress = &s->progress,
+                                          .threads = s->threads},
+            s->arrived);
     lw_shooters_charge(&s->shooters, radiance, stride, s->threads);
-    return lw_radiosity_pass_run(
-        &(struct lw_radiosity_pass){.patches = &s->patches,
-                                    .shooters = &s->shooters,
-                                    .trace = s->geometry.trace,
-                                    .salt = s->frames * (s->desc.bounces + 1) + order,
-                                    .cancel = s->desc.cancel,
-                                    .progress = &s->progress,
-                                    .threads = s->threads},
-        s->arrived);
+    return lw_radiosity_pass_run(&(struct lw_radiosity_pass){.patches = &s->patches,
+                                                             .shooters = &s->shooters,
+                                                             .trace = s->geometry.trace,
+                                                             .salt = salt,
+                                                             .cancel = s->desc.cancel,
+                                                             .progress = &s->progress,
+                                                             .threads = s->threads},
+                                 s->arrived);
 }
 
 static void add(const struct radiosity_solver *s, float *const dst[3], float *const src[3]) {
@@ -182,12 +205,16 @@ static void add(const struct radiosity_solver *s, float *const dst[3], float *co
         for (int c = 0; c < 3; c++) dst[c][i] += src[c][i];
 }
 
+static bool shoots_emission(const struct radiosity_solver *s) {
+    return s->patches.emission && !s->directions.count;
+}
+
 /* Emission first, then bounce by bounce; into the estimates of the frame. */
 static uint64_t shoot(struct radiosity_solver *s) {
     float *const *const indirect = s->tiles.estimate[LW_TILES_ESTIMATE_BOUNCES + LW_CHANGE_FIRST];
     uint64_t rays = 0;
     const size_t bytes = s->tiles.texel_count * sizeof(float);
-    if (s->patches.emission) {
+    if (shoots_emission(s)) {
         rays += pass(s, 0, s->patches.emission[0], 3);
         add(s, s->frame_direct, s->arrived);
     }
@@ -308,13 +335,15 @@ static enum lw_status show_light(struct radiosity_solver *s, uint64_t number, bo
 static void solve_all(struct radiosity_solver *s, struct lw_solver_stats *stats) {
     uint64_t t = lw_clock_ns();
     lw_patches_place(&s->patches, &s->pose, s->frames, s->threads);
-    lw_shooters_place(&s->shooters, s->desc.seed, s->frames);
+    if (!s->directions.count) lw_shooters_place(&s->shooters, s->desc.seed, s->frames);
     lw_progress_init(&s->progress, s->frames ? "radiosity" : "lighting the first frame",
-                     (uint64_t)s->patches.packet_count * (s->desc.bounces + (s->patches.emission != NULL)));
+                     (uint64_t)s->patches.packet_count * (s->desc.bounces + shoots_emission(s)));
     stats->rays_shadow = light_directly(s);
     stats->direct_ns = lw_clock_ns() - t;
     t = lw_clock_ns();
-    if (!s->frames)
+    if (!s->frames && s->directions.count)
+        lw_log(LW_LOG_INFO, "radiosity: %u patches, %u directions", s->patches.count, s->directions.count);
+    else if (!s->frames)
         lw_log(LW_LOG_INFO, "radiosity: %u patches, %u shooters: %.3g pairs a bounce", s->patches.count,
                s->shooters.count, (double)s->patches.count * (double)s->shooters.count);
     stats->rays_bounce = shoot(s);
@@ -458,6 +487,7 @@ static void destroy(struct lw_solver *solver) {
     lw_geometry_forget_tiles(&s->geometry);
     lw_denoise_finish(&s->denoise);
     lw_shooters_finish(&s->shooters);
+    lw_radiosity_directions_finish(&s->directions);
     lw_patches_finish(&s->patches);
     lw_lights_finish(&s->emitters);
     lw_lights_finish(&s->lights);
@@ -487,14 +517,15 @@ static const struct lw_solver_ops ops = {.name = "radiosity",
                                          .memory_bytes = memory_bytes,
                                          .destroy = destroy};
 
-/* Surfaces shoot: the direct pass samples none of them. */
+/* Surfaces shoot: the direct pass samples none of them. Along directions, which would miss small lamps, it
+ * samples them all. */
 static enum lw_status init_lights(struct radiosity_solver *s) {
     const struct lw_scene *scene = s->desc.scene;
     const struct lw_client_lights *client = s->desc.client_lights;
     s->no_light = calloc(scene->light_count + 1ul, 1);
     s->no_material = malloc(scene->material_count + 1ul);
     if (!s->no_light || !s->no_material) return LW_NO_MEMORY;
-    memset(s->no_material, NO_MATERIAL, scene->material_count);
+    memset(s->no_material, s->directions.count ? 0 : NO_MATERIAL, scene->material_count);
     struct lw_lights_part part = {.light = parts_drawn(s) ? client->light : s->no_light,
                                   .material = s->no_material,
                                   .value = 0,
@@ -520,6 +551,7 @@ static bool allocate(struct radiosity_solver *s) {
 
 static enum lw_status build(struct radiosity_solver *s, const struct lw_pose *pose, struct lw_error *err) {
     const struct lw_scene *scene = s->desc.scene;
+    const struct lw_radiosity_terms *terms = &s->desc.radiosity;
     enum lw_status status = lw_pose_init(&s->pose, scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
     lw_pose_copy(&s->pose, pose, scene);
@@ -532,9 +564,9 @@ static enum lw_status build(struct radiosity_solver *s, const struct lw_pose *po
     status = lw_tiles_init(&s->tiles, scene, s->desc.atlas_map, texels, 1, s->threads);
     if (status == LW_OK && parts_drawn(s)) status = lw_tiles_part_drawn(&s->tiles);
     if (status == LW_OK) status = lw_patches_init(&s->patches, &s->tiles, texels);
-    if (status == LW_OK)
-        status = lw_shooters_init(&s->shooters, &s->patches, s->desc.radiosity.undersample,
-                                  s->desc.radiosity.window);
+    if (status == LW_OK) status = lw_radiosity_directions_init(&s->directions, terms->directions);
+    if (status == LW_OK && !terms->directions)
+        status = lw_shooters_init(&s->shooters, &s->patches, terms->undersample, terms->window);
     if (status == LW_OK && !allocate(s)) status = LW_NO_MEMORY;
     if (status == LW_OK) status = init_lights(s);
     if (status != LW_OK) return lw_status_fail(err, status, "%u texels", texels->count);

@@ -1,5 +1,5 @@
 /* radiosity_solver.h: progressive radiosity on texels; implements solver.h.
- * Flow:    direct light of lamps and sky, emission shot -> [radiosity passes, one a bounce] -> tiles -> publish
+ * Flow:    direct light, emission shot -> [radiosity passes, one a bounce] -> tiles -> publish
  * Threads: those of solver.h.
  * After:   Kahl 2023.
  *

@@ -11,7 +11,7 @@ static enum lw_status check_cells(const struct lw_solver_desc *desc, struct lw_e
     const struct lw_radiosity_terms none = {0};
     if (memcmp(&desc->radiosity, &none, sizeof none) == 0) return LW_OK;
     return lw_status_fail(err, LW_USAGE,
-                          "the solver \"cells\" has no patches: undersampling and windows are for "
+                          "the solver \"cells\" has no patches: those options are for "
                           "\"radiosity\"");
 }
 

@@ -505,6 +505,8 @@ static void wrong_use_is_refused(void **state) {
     bake_fails(64, "for \"radiosity\"", "builtin:cornell -o x --undersample mip");
     bake_fails(64, "--tracing-range", "builtin:cornell -o x --solver radiosity --tracing-range 1");
     bake_fails(64, "needs --undersample", "builtin:cornell -o x --solver radiosity --window 2");
+    bake_fails(64, "excludes --undersample",
+               "builtin:cornell -o x --solver radiosity --directions 64 --undersample mip");
     bake_fails(64, "emissive surfaces",
                "builtin:cornell -o x --solver radiosity --indirect-only --client-lights auto");
     bake_fails(73, "-o /nowhere/maps: the folder", "builtin:cornell -o /nowhere/maps");

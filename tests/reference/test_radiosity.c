@@ -2,6 +2,8 @@
  * no number: their tolerances are those of a midpoint rule over texels, from halving the texel. */
 #include "tests/reference/room.h"
 
+#include "server/solve/radiosity/radiosity_directions.h"
+
 static double furnace(float density, float rho, uint32_t bounces) {
     struct room room = {.texels_per_metre = density};
     struct room_solution s;
@@ -60,6 +62,46 @@ static void test_agrees_with_the_cell_solver(void **state) {
         const struct room_mean want = room_object_mean(&cells, o), got = room_object_mean(&radiosity, o);
         expect_near(got.total, want.total, 0.02);
         if (o != ROOM_PANEL) expect_near(got.indirect, want.indirect, 0.03);
+    }
+    room_finish(&cells);
+    room_finish(&radiosity);
+}
+
+/* Spread evenly over the disc, and so cosine-weighted over the hemisphere: the mean cosine is 2/3,
+ * and more by what the middles of cells 1 / sqrt(N) wide lie above their means at the rim. Hexagons
+ * would keep 1.9 / sqrt(N) from one another; circles that are filled one by one, half of that and more. */
+static void test_directions_are_spread(void **state) {
+    (void)state;
+    for (uint32_t n = 64; n <= LW_RADIOSITY_DIRECTIONS_MAX; n *= 4) {
+        struct lw_radiosity_directions set;
+        double nearest = 4, cosine = 0;
+        lw_support_ok(lw_radiosity_directions_init(&set, n), NULL);
+        for (uint32_t i = 0; i < n; i++) {
+            const double x = (double)set.point[i][0], y = (double)set.point[i][1];
+            assert_true(x * x + y * y < 1);
+            cosine += sqrt(1 - x * x - y * y) / n;
+            for (uint32_t j = 0; j < i; j++)
+                nearest = fmin(nearest, hypot((double)set.point[j][0] - x, (double)set.point[j][1] - y));
+        }
+        assert_true(nearest > 0.9 / sqrt(n));
+        expect_near(cosine, 2.0 / 3, 0.25 / sqrt(n));
+        lw_radiosity_directions_finish(&set);
+    }
+}
+
+static void test_directions_agree_with_the_cell_solver(void **state) {
+    (void)state;
+    struct room room = room_with_two_lamps();
+    struct room_solution cells, radiosity;
+    struct lw_solver_desc desc = {.bounces = 3};
+    room.texels_per_metre = 8;
+    room_solve_by(&cells, &room, "cells", desc, 256);
+    desc.radiosity.directions = 256;
+    room_solve_by(&radiosity, &room, "radiosity", desc, 4);
+    for (uint32_t o = 0; o < room.quad_count; o++) {
+        const struct room_mean want = room_object_mean(&cells, o), got = room_object_mean(&radiosity, o);
+        expect_near(got.direct, want.direct, 0.01);
+        expect_near(got.indirect, want.indirect, 0.015);
     }
     room_finish(&cells);
     room_finish(&radiosity);
@@ -125,6 +167,8 @@ int main(void) {
         cmocka_unit_test(test_furnace),
         cmocka_unit_test(test_form_factors_of_squares),
         cmocka_unit_test(test_agrees_with_the_cell_solver),
+        cmocka_unit_test(test_directions_are_spread),
+        cmocka_unit_test(test_directions_agree_with_the_cell_solver),
         cmocka_unit_test(test_same_bytes_at_any_thread_count),
         cmocka_unit_test(test_a_moved_lamp),
         cmocka_unit_test(test_ends),

@@ -33,9 +33,12 @@ enum lw_undersample {
 };
 #define LW_UNDERSAMPLE_CHOICES "none|stride|random|mip"
 
+#define LW_RADIOSITY_DIRECTIONS_MAX 1024u
+
 /** What the radiosity solver is asked for; zeroed: full passes. */
 struct lw_radiosity_terms {
     enum lw_undersample undersample;
+    uint32_t directions; /* N > 0: each patch looks along these instead of at all shooters */
     uint32_t window; /* side of a window, texels; 0: 1/128 of the side of a square of all texels */
 };
 
