@@ -38,11 +38,12 @@
 
 struct settings {
     struct lw_scene_open scene;
-    const char *output, *gltf_out, *client_lights, *solver;
+    const char *output, *gltf_out, *client_lights, *solver, *visibility;
     const struct lw_solvers_entry *entry; /* of that name */
     int64_t samples, bounces, seed;
     double error, time_s, limit_s, interval_s, tracing_range, cell_size, probe_spacing;
-    bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, denoise, restart, indirect_only;
+    bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, denoise, restart, indirect_only,
+        keep_visibility;
     int convention, probe_form, sides, undersample;
     int64_t window, directions;
 };
@@ -98,7 +99,9 @@ static struct lw_solver_desc solver_desc(const struct settings *s) {
                                    .cell_size_m = (float)s->cell_size,
                                    .probe_spacing_m = (float)s->probe_spacing,
                                    .probe_form = (enum lw_probe_form_kind)s->probe_form,
-                                   .radiosity = {.undersample = (enum lw_undersample)s->undersample,
+                                   .radiosity = {.keeps_visibility = s->keep_visibility || s->visibility,
+                                                 .visibility_path = s->visibility,
+                                                 .undersample = (enum lw_undersample)s->undersample,
                                                  .directions = (uint32_t)s->directions,
                                                  .window = (uint32_t)s->window},
                                    .direct_samples = 1,
@@ -169,6 +172,12 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         {"directions", "N",
          "radiosity: look along N fixed directions about each normal, instead of at all texels",
          LW_OPTION_INT, &s->directions, 1, LW_RADIOSITY_DIRECTIONS_MAX, NULL},
+        {"keep-visibility", NULL,
+         "radiosity: keep a bit for each pair of texels: rays for one bounce only; at most 4 GiB",
+         LW_OPTION_FLAG, &s->keep_visibility, 0, 0, NULL},
+        {"visibility", "FILE",
+         "the same, and keep them in FILE: a bake of the same shapes with other lights takes no bounce ray",
+         LW_OPTION_STRING, &s->visibility, 0, 0, NULL},
         {"bounces", "N", "indirect bounces (default 4)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
          NULL},
         {"denoise", NULL, "filter the noise out of the maps; keeps each object's mean (default: off)",
@@ -320,10 +329,10 @@ static enum lw_status make_key(struct baker *b, struct lw_error *err) {
     length +=
         snprintf(text + length, sizeof text - (size_t)length,
                  " " LW_VERSION " solver %s bounces %lld seed %lld range %a cell %a probes %d %a time %a "
-                 "denoise %d undersample %d window %lld directions %lld",
+                 "denoise %d undersample %d window %lld directions %lld kept %d",
                  s->entry->name, (long long)s->bounces, (long long)s->seed, s->tracing_range, s->cell_size,
                  s->probe_form, s->probe_spacing, s->time_s, s->denoise, s->undersample, (long long)s->window,
-                 (long long)s->directions);
+                 (long long)s->directions, s->keep_visibility || s->visibility);
     if (b->left_out_names) { /* which ones: no text is long enough for all names */
         lw_package_hash((const uint8_t *)b->left_out_names, strlen(b->left_out_names), &hash);
         length += snprintf(text + length, sizeof text - (size_t)length, " left out ");

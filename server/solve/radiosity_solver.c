@@ -14,6 +14,7 @@
 #include <omp.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 /* By which a frame turns the directions of the one before, radians: no two frames have the same. */
 #define GOLDEN_ANGLE 2.39996323f
@@ -39,6 +40,9 @@ struct radiosity_solver {
     struct lw_patches patches;
     struct lw_shooters shooters;
     struct lw_radiosity_directions directions;
+    struct lw_pair_visibility visibility; /* of patches and shooters as they were placed last */
+    uint8_t visibility_key[16];
+    bool visibility_saved;
     struct lw_denoise denoise;
     float *frame_direct[3], *frame_drawn[3], *arrived[3]; /* E of this frame; of the pass under way */
     struct lw_pose pose;
@@ -69,6 +73,8 @@ enum lw_status lw_radiosity_solver_check(const struct lw_solver_desc *desc, stru
                               LW_RADIOSITY_DIRECTIONS_MAX);
     if (terms->window && terms->undersample == LW_UNDERSAMPLE_NONE)
         return lw_status_fail(err, LW_USAGE, "a window of radiosity (--window) needs --undersample");
+    if (terms->directions && terms->keeps_visibility)
+        return lw_status_fail(err, LW_USAGE, "--directions knows no pairs: it excludes --keep-visibility");
     if (terms->directions && terms->undersample != LW_UNDERSAMPLE_NONE)
         return lw_status_fail(err, LW_USAGE, "--directions looks at no shooters: it excludes --undersample");
     return LW_OK;
@@ -95,7 +101,20 @@ static struct lw_transport transport_of(struct radiosity_solver *s, struct lw_ti
 }
 
 static void forget(struct radiosity_solver *s) {
+    const size_t bytes = s->tiles.texel_count * sizeof(float);
+    float *const planes[] = {s->tiles.mean, s->tiles.spread, s->tiles.split_mean, s->tiles.split_spread};
     s->frames = 0;
+    for (int k = 0; k < 4; k++)
+        if (planes[k]) memset(planes[k], 0, bytes);
+    for (int c = 0; c < 3; c++) {
+        memset(s->tiles.direct[c], 0, bytes);
+        memset(s->tiles.order[0][c], 0, bytes);
+        if (s->tiles.drawn[c]) memset(s->tiles.drawn[c], 0, bytes);
+    }
+    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+        if (s->welds[f].member_count)
+            memset(s->welds[f].correction, 0,
+                   (size_t)s->welds[f].member_count * 3 * sizeof *s->welds[f].correction);
     for (uint32_t b = 0; b < s->tiles.block_count; b++) {
         struct lw_solve_block *block = &s->tiles.block[b];
         block->sample_count = 0;
@@ -135,9 +154,9 @@ static enum lw_status take_pose(struct radiosity_solver *s, const struct lw_pose
 static uint64_t light_directly(struct radiosity_solver *s) {
     struct lw_tiles own = s->tiles; /* with sums of the frame's */
     uint64_t rays = 0;
-    for (int c = 0; c < 3; c++) {
-        own.direct[c] = s->frame_direct[c];
-        if (parts_drawn(s)) own.drawn[c] = s->frame_drawn[c];
+    for (int c = 0; c < 3; c++) { /* to 0: a mean that begins elsewhere ends elsewhere, by rounding */
+        own.direct[c] = memset(s->frame_direct[c], 0, s->tiles.texel_count * sizeof(float));
+        if (parts_drawn(s)) own.drawn[c] = memset(s->frame_drawn[c], 0, s->tiles.texel_count * sizeof(float));
     }
     const struct lw_transport t = transport_of(s, &own);
     for (uint32_t k = 0; k < LW_RADIOSITY_SOLVER_DIRECT; k++) {
@@ -189,14 +208,16 @@ static uint64_t pass(struct radiosity_solver *s, uint32_t order, const float *ra
                                           .threads = s->threads},
             s->arrived);
     lw_shooters_charge(&s->shooters, radiance, stride, s->threads);
-    return lw_radiosity_pass_run(&(struct lw_radiosity_pass){.patches = &s->patches,
-                                                             .shooters = &s->shooters,
-                                                             .trace = s->geometry.trace,
-                                                             .salt = salt,
-                                                             .cancel = s->desc.cancel,
-                                                             .progress = &s->progress,
-                                                             .threads = s->threads},
-                                 s->arrived);
+    return lw_radiosity_pass_run(
+        &(struct lw_radiosity_pass){.patches = &s->patches,
+                                    .shooters = &s->shooters,
+                                    .trace = s->geometry.trace,
+                                    .salt = salt,
+                                    .visibility = s->visibility.mask ? &s->visibility : NULL,
+                                    .cancel = s->desc.cancel,
+                                    .progress = &s->progress,
+                                    .threads = s->threads},
+        s->arrived);
 }
 
 static void add(const struct radiosity_solver *s, float *const dst[3], float *const src[3]) {
@@ -332,10 +353,40 @@ static enum lw_status show_light(struct radiosity_solver *s, uint64_t number, bo
     return weld(s, number, err);
 }
 
+/* With bits for each pair, patches stay where they are from frame to frame. */
+static enum lw_status place_all(struct radiosity_solver *s, struct lw_error *err) {
+    const struct lw_radiosity_terms *terms = &s->desc.radiosity;
+    uint8_t key[16];
+    lw_patches_place(&s->patches, &s->pose, terms->keeps_visibility ? 0 : s->frames, s->threads);
+    if (s->directions.count) return LW_OK;
+    lw_shooters_place(&s->shooters, s->desc.seed, terms->keeps_visibility ? 0 : s->frames);
+    if (!terms->keeps_visibility || (s->visibility.mask && s->frames)) return LW_OK;
+    lw_pair_visibility_key(&s->patches, &s->shooters, &s->pose, key);
+    if (s->visibility.mask && memcmp(key, s->visibility_key, sizeof key) == 0) return LW_OK;
+    memcpy(s->visibility_key, key, sizeof key);
+    lw_pair_visibility_finish(&s->visibility);
+    s->visibility_saved = false;
+    enum lw_status status =
+        lw_pair_visibility_init(&s->visibility, s->patches.packet_count, s->shooters.count, err);
+    if (status != LW_OK) return status;
+    lw_log(LW_LOG_INFO, "radiosity: the visibility of all pairs takes %.3g MiB",
+           (double)lw_pair_visibility_bytes(&s->visibility) / (1 << 20));
+    if (!terms->visibility_path || access(terms->visibility_path, F_OK) != 0) return LW_OK;
+    return lw_pair_visibility_load(&s->visibility, terms->visibility_path, key, err);
+}
+
+/* Light is not thrown away because a disk is full. */
+static void save_visibility(struct radiosity_solver *s) {
+    struct lw_error err = {0};
+    const char *path = s->desc.radiosity.visibility_path;
+    if (!path || s->visibility_saved) return;
+    if (lw_pair_visibility_save(&s->visibility, path, s->visibility_key, &err) != LW_OK)
+        lw_log(LW_LOG_WARNING, "the visibility is not saved: %s", err.text);
+    s->visibility_saved = true;
+}
+
 static void solve_all(struct radiosity_solver *s, struct lw_solver_stats *stats) {
     uint64_t t = lw_clock_ns();
-    lw_patches_place(&s->patches, &s->pose, s->frames, s->threads);
-    if (!s->directions.count) lw_shooters_place(&s->shooters, s->desc.seed, s->frames);
     lw_progress_init(&s->progress, s->frames ? "radiosity" : "lighting the first frame",
                      (uint64_t)s->patches.packet_count * (s->desc.bounces + shoots_emission(s)));
     stats->rays_shadow = light_directly(s);
@@ -360,12 +411,14 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     stats.pose_ns = lw_clock_ns() - t;
     const bool solves = !is_done(s);
     if (solves) {
+        if ((status = place_all(s, err)) != LW_OK) return status;
         solve_all(s, &stats);
         if (cancelled(s)) {
             lw_progress_stop(&s->progress);
             return LW_CLOSED;
         }
         lw_progress_finish(&s->progress);
+        if (stats.rays_bounce) save_visibility(s);
         blend(s);
         s->frames++;
         settle(s);
@@ -475,7 +528,7 @@ static size_t memory_bytes(const struct lw_solver *solver) {
     const struct radiosity_solver *s = (const struct radiosity_solver *)solver;
     size_t bytes = lw_tiles_memory_bytes(&s->tiles) + lw_denoise_memory_bytes(&s->denoise) +
                    lw_patches_memory_bytes(&s->patches) + lw_shooters_memory_bytes(&s->shooters) +
-                   lw_geometry_memory_bytes(&s->geometry) +
+                   lw_geometry_memory_bytes(&s->geometry) + lw_pair_visibility_bytes(&s->visibility) +
                    (size_t)s->tiles.texel_count * (parts_drawn(s) ? 9 : 6) * sizeof(float);
     for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) bytes += lw_seams_light_memory_bytes(&s->welds[f]);
     return bytes;
@@ -487,6 +540,7 @@ static void destroy(struct lw_solver *solver) {
     lw_geometry_forget_tiles(&s->geometry);
     lw_denoise_finish(&s->denoise);
     lw_shooters_finish(&s->shooters);
+    lw_pair_visibility_finish(&s->visibility);
     lw_radiosity_directions_finish(&s->directions);
     lw_patches_finish(&s->patches);
     lw_lights_finish(&s->emitters);
@@ -570,6 +624,9 @@ static enum lw_status build(struct radiosity_solver *s, const struct lw_pose *po
     if (status == LW_OK && !allocate(s)) status = LW_NO_MEMORY;
     if (status == LW_OK) status = init_lights(s);
     if (status != LW_OK) return lw_status_fail(err, status, "%u texels", texels->count);
+    if (terms->keeps_visibility && lw_trace_tints(s->geometry.trace))
+        return lw_status_fail(err, LW_USAGE,
+                              "--keep-visibility holds bits, and the scene has surfaces that tint light");
     if ((status = find_seams(s, err)) != LW_OK) return status;
     return s->desc.denoise ? set_up_denoise(s, err) : LW_OK;
 }

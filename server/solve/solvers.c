@@ -8,8 +8,8 @@
 #include <string.h>
 
 static enum lw_status check_cells(const struct lw_solver_desc *desc, struct lw_error *err) {
-    const struct lw_radiosity_terms none = {0};
-    if (memcmp(&desc->radiosity, &none, sizeof none) == 0) return LW_OK;
+    const struct lw_radiosity_terms *r = &desc->radiosity;
+    if (!r->undersample && !r->window && !r->directions && !r->keeps_visibility) return LW_OK;
     return lw_status_fail(err, LW_USAGE,
                           "the solver \"cells\" has no patches: those options are for "
                           "\"radiosity\"");

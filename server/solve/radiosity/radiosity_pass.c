@@ -48,37 +48,61 @@ LW_WIDE static void add(const float weight[restrict LANES], const float flux[res
         for (int i = 0; i < LANES; i++) sum->e[c][i] += weight[i] * flux[c];
 }
 
-/* Returns the rays of a packet. */
-static uint64_t gather(const struct lw_radiosity_pass *pass, const struct lw_patches_packet *packet,
-                       struct sum *sum) {
-    const bool tints = lw_trace_tints(pass->trace);
-    struct lw_ray16 rays = {.salt = pass->salt};
-    uint64_t count = 0;
-    memcpy(rays.org_x, packet->at.x, sizeof rays.org_x);
-    memcpy(rays.org_y, packet->at.y, sizeof rays.org_y);
-    memcpy(rays.org_z, packet->at.z, sizeof rays.org_z);
-    for (int i = 0; i < LANES; i++) rays.t_far[i] = RAY_SHARE;
-    for (uint32_t k = 0; k < pass->shooters->count; k++) {
-        const struct lw_shooter *shooter = &pass->shooters->shooter[k];
+static bool shines(const struct lw_shooter *shooter) {
+    return shooter->flux_w[0] > 0 || shooter->flux_w[1] > 0 || shooter->flux_w[2] > 0;
+}
+
+/* One packet under way. */
+struct flight {
+    const struct lw_radiosity_pass *pass;
+    const struct lw_patches_packet *packet;
+    uint16_t *known; /* of visibility: its row; or NULL */
+    struct lw_ray16 rays;
+    struct sum sum;
+    uint64_t count;
+};
+
+/* Which of the active patches see a shooter. */
+static uint16_t trace(struct flight *f, uint32_t shooter, uint16_t active, float (*tint)[LANES]) {
+    const struct lw_radiosity_pass *pass = f->pass;
+    const unsigned flags = f->packet->coherent ? LW_TRACE_COHERENT : LW_TRACE_LIGHT;
+    aim(&f->packet->at, &pass->shooters->shooter[shooter], &f->rays);
+    f->count += (uint64_t)__builtin_popcount(active);
+    return active & (uint16_t) ~(tint ? lw_trace_tinted16(pass->trace, flags, active, &f->rays, tint)
+                                      : lw_trace_occluded16(pass->trace, flags, active, &f->rays));
+}
+
+static uint16_t seen(struct flight *f, uint32_t shooter, uint16_t active, float (*tint)[LANES]) {
+    const struct lw_pair_visibility *visibility = f->pass->visibility;
+    if (!visibility) return trace(f, shooter, active, tint);
+    if (!visibility->known[shooter]) f->known[shooter] = trace(f, shooter, active, NULL);
+    return f->known[shooter];
+}
+
+static void gather(struct flight *f) {
+    const struct lw_patches_packet *packet = f->packet;
+    const bool tints = lw_trace_tints(f->pass->trace) && !f->pass->visibility;
+    memset(f->rays.t_near, 0, sizeof f->rays.t_near);
+    memcpy(f->rays.org_x, packet->at.x, sizeof f->rays.org_x);
+    memcpy(f->rays.org_y, packet->at.y, sizeof f->rays.org_y);
+    memcpy(f->rays.org_z, packet->at.z, sizeof f->rays.org_z);
+    for (int i = 0; i < LANES; i++) f->rays.t_far[i] = RAY_SHARE;
+    for (uint32_t k = 0; k < f->pass->shooters->count; k++) {
+        const struct lw_shooter *shooter = &f->pass->shooters->shooter[k];
         _Alignas(64) float weight[LANES];
         float tint[3][LANES];
-        if (!(shooter->flux_w[0] > 0 || shooter->flux_w[1] > 0 || shooter->flux_w[2] > 0)) continue;
+        if (!shines(shooter)) continue;
         lw_radiosity_pass_weigh(&packet->at, shooter, weight);
         const uint16_t active = lit(weight, packet->active);
         if (!active) continue;
-        aim(&packet->at, shooter, &rays);
-        const unsigned flags = packet->coherent ? LW_TRACE_COHERENT : LW_TRACE_LIGHT;
-        const uint16_t shadow = tints ? lw_trace_tinted16(pass->trace, flags, active, &rays, tint)
-                                      : lw_trace_occluded16(pass->trace, flags, active, &rays);
-        count += (uint64_t)__builtin_popcount(active);
+        const uint16_t sees = seen(f, k, active, tints ? tint : NULL);
         for (int i = 0; i < LANES; i++)
-            if (!(active >> i & 1) || shadow >> i & 1) weight[i] = 0;
-        add(weight, shooter->flux_w, sum);
+            if (!(sees >> i & 1)) weight[i] = 0;
+        add(weight, shooter->flux_w, &f->sum);
         for (int c = 0; tints && c < 3; c++) /* what the tints add to 1 */
             for (int i = 0; i < LANES; i++)
-                if (weight[i] > 0) sum->e[c][i] += weight[i] * shooter->flux_w[c] * (tint[c][i] - 1);
+                if (weight[i] > 0) f->sum.e[c][i] += weight[i] * shooter->flux_w[c] * (tint[c][i] - 1);
     }
-    return count;
 }
 
 uint64_t lw_radiosity_pass_run(const struct lw_radiosity_pass *pass, float *const out_e[3]) {
@@ -86,12 +110,17 @@ uint64_t lw_radiosity_pass_run(const struct lw_radiosity_pass *pass, float *cons
 #pragma omp parallel for schedule(dynamic, 4) num_threads(pass->threads) reduction(+ : rays)
     for (uint32_t p = 0; p < pass->patches->packet_count; p++) {
         const struct lw_patches_packet *packet = &pass->patches->packet[p];
-        struct sum sum = {0};
         if (pass->cancel && *pass->cancel) continue;
-        rays += gather(pass, packet, &sum);
+        struct flight f = {.pass = pass, .packet = packet, .rays = {.salt = pass->salt}};
+        if (pass->visibility) f.known = pass->visibility->mask + (size_t)p * pass->visibility->shooters;
+        gather(&f);
+        rays += f.count;
         for (int i = 0; i < LANES; i++)
-            for (int c = 0; packet->active >> i & 1 && c < 3; c++) out_e[c][packet->texel[i]] = sum.e[c][i];
+            for (int c = 0; packet->active >> i & 1 && c < 3; c++) out_e[c][packet->texel[i]] = f.sum.e[c][i];
         lw_progress_step(pass->progress, 1);
     }
+    for (uint32_t k = 0; pass->visibility && k < pass->shooters->count; k++)
+        if (!(pass->cancel && *pass->cancel) && shines(&pass->shooters->shooter[k]))
+            pass->visibility->known[k] = 1;
     return rays;
 }

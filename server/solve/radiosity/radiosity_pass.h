@@ -14,13 +14,15 @@
 #define LW_RADIOSITY_RADIOSITY_PASS_H
 
 #include "common/progress.h"
-#include "server/solve/radiosity/shooters.h"
+#include "server/solve/radiosity/pair_visibility.h"
 
 struct lw_radiosity_pass {
     const struct lw_patches *patches;
     const struct lw_shooters *shooters; /* those without flux cost nothing */
     const struct lw_trace *trace;
     uint32_t salt;
+    struct lw_pair_visibility
+        *visibility;              /* NULL: every ray is traced. Else pairs that are known take none */
     const _Atomic bool *cancel;   /* may be NULL */
     struct lw_progress *progress; /* a step is a packet */
     int threads;

@@ -3,6 +3,7 @@
 #ifndef LW_STATE_SOLVER_TERMS_H
 #define LW_STATE_SOLVER_TERMS_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 /* No block counts as converged before this many frames. */
@@ -39,6 +40,9 @@ enum lw_undersample {
 struct lw_radiosity_terms {
     enum lw_undersample undersample;
     uint32_t directions; /* N > 0: each patch looks along these instead of at all shooters */
+    /* The visibility of all pairs is kept: further passes take no ray. */
+    bool keeps_visibility;
+    const char *visibility_path; /* it is read from this file and written to it; NULL: none. With the above */
     uint32_t window; /* side of a window, texels; 0: 1/128 of the side of a square of all texels */
 };
 
