@@ -41,7 +41,7 @@ struct settings {
     const char *output, *gltf_out, *client_lights, *solver, *visibility;
     const struct lw_solvers_entry *entry; /* of that name */
     int64_t samples, bounces, seed;
-    double error, time_s, limit_s, interval_s, tracing_range, cell_size, probe_spacing;
+    double error, subdivide, time_s, limit_s, interval_s, tracing_range, cell_size, probe_spacing;
     bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, denoise, restart, indirect_only,
         keep_visibility;
     int convention, probe_form, sides, undersample;
@@ -102,6 +102,7 @@ static struct lw_solver_desc solver_desc(const struct settings *s) {
                                    .radiosity = {.keeps_visibility = s->keep_visibility || s->visibility,
                                                  .visibility_path = s->visibility,
                                                  .undersample = (enum lw_undersample)s->undersample,
+                                                 .subdivide = (float)s->subdivide,
                                                  .directions = (uint32_t)s->directions,
                                                  .window = (uint32_t)s->window},
                                    .direct_samples = 1,
@@ -169,6 +170,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         {"window", "N",
          "radiosity: texels a side of such a window (default: 1/128 of the side of a square of all texels)",
          LW_OPTION_INT, &s->window, 1, LW_TILE_SIDE, NULL},
+        {"subdivide", "T",
+         "radiosity: squares of up to 16 x 16 texels shoot as one where half their difference in light and "
+         "in normal is under T; 0.05 is usual",
+         LW_OPTION_REAL, &s->subdivide, 1e-4, 1, NULL},
         {"directions", "N",
          "radiosity: look along N fixed directions about each normal, instead of at all texels",
          LW_OPTION_INT, &s->directions, 1, LW_RADIOSITY_DIRECTIONS_MAX, NULL},
@@ -329,10 +334,10 @@ static enum lw_status make_key(struct baker *b, struct lw_error *err) {
     length +=
         snprintf(text + length, sizeof text - (size_t)length,
                  " " LW_VERSION " solver %s bounces %lld seed %lld range %a cell %a probes %d %a time %a "
-                 "denoise %d undersample %d window %lld directions %lld kept %d",
+                 "denoise %d undersample %d window %lld directions %lld kept %d subdivide %a",
                  s->entry->name, (long long)s->bounces, (long long)s->seed, s->tracing_range, s->cell_size,
                  s->probe_form, s->probe_spacing, s->time_s, s->denoise, s->undersample, (long long)s->window,
-                 (long long)s->directions, s->keep_visibility || s->visibility);
+                 (long long)s->directions, s->keep_visibility || s->visibility, s->subdivide);
     if (b->left_out_names) { /* which ones: no text is long enough for all names */
         lw_package_hash((const uint8_t *)b->left_out_names, strlen(b->left_out_names), &hash);
         length += snprintf(text + length, sizeof text - (size_t)length, " left out ");

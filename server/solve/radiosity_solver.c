@@ -73,6 +73,12 @@ enum lw_status lw_radiosity_solver_check(const struct lw_solver_desc *desc, stru
                               LW_RADIOSITY_DIRECTIONS_MAX);
     if (terms->window && terms->undersample == LW_UNDERSAMPLE_NONE)
         return lw_status_fail(err, LW_USAGE, "a window of radiosity (--window) needs --undersample");
+    if (terms->subdivide > 0 &&
+        (terms->directions || terms->keeps_visibility || terms->undersample != LW_UNDERSAMPLE_NONE))
+        return lw_status_fail(
+            err, LW_USAGE,
+            "--subdivide has shooters of its own for each bounce: it excludes --undersample, "
+            "--keep-visibility and --directions");
     if (terms->directions && terms->keeps_visibility)
         return lw_status_fail(err, LW_USAGE, "--directions knows no pairs: it excludes --keep-visibility");
     if (terms->directions && terms->undersample != LW_UNDERSAMPLE_NONE)
@@ -207,7 +213,13 @@ static uint64_t pass(struct radiosity_solver *s, uint32_t order, const float *ra
                                           .progress = &s->progress,
                                           .threads = s->threads},
             s->arrived);
-    lw_shooters_charge(&s->shooters, radiance, stride, s->threads);
+    if (s->desc.radiosity.subdivide > 0) {
+        /* Lamps keep their texels: a lamp of one point casts hard shadows, and there are few of them. */
+        lw_shooters_subdivide(&s->shooters, order ? s->desc.radiosity.subdivide : 0, radiance, stride);
+        lw_log(LW_LOG_DEBUG, "radiosity: bounce %u: %u shooters", order, s->shooters.count);
+    } else {
+        lw_shooters_charge(&s->shooters, radiance, stride, s->threads);
+    }
     return lw_radiosity_pass_run(
         &(struct lw_radiosity_pass){.patches = &s->patches,
                                     .shooters = &s->shooters,

@@ -9,7 +9,8 @@
 
 static enum lw_status check_cells(const struct lw_solver_desc *desc, struct lw_error *err) {
     const struct lw_radiosity_terms *r = &desc->radiosity;
-    if (!r->undersample && !r->window && !r->directions && !r->keeps_visibility) return LW_OK;
+    if (!r->undersample && !r->window && !r->directions && !(r->subdivide > 0) && !r->keeps_visibility)
+        return LW_OK;
     return lw_status_fail(err, LW_USAGE,
                           "the solver \"cells\" has no patches: those options are for "
                           "\"radiosity\"");

@@ -507,6 +507,7 @@ static void wrong_use_is_refused(void **state) {
     bake_fails(64, "needs --undersample", "builtin:cornell -o x --solver radiosity --window 2");
     bake_fails(64, "excludes --undersample",
                "builtin:cornell -o x --solver radiosity --directions 64 --undersample mip");
+    bake_fails(64, "--subdivide", "builtin:cornell -o x --solver radiosity --subdivide 0.1 --directions 64");
     bake_fails(64, "excludes --keep-visibility",
                "builtin:cornell -o x --solver radiosity --directions 64 --visibility x.pairs");
     bake_fails(64, "emissive surfaces",

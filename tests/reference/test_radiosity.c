@@ -145,6 +145,30 @@ static void test_a_moved_lamp(void **state) {
     room_finish(&b);
 }
 
+/* What stands for many has the flux of all, and is near. Windows of 2 x 2 lose light beside them: within 4 %
+ * of full passes. So do squares whose light and normals agree to 0.05. */
+static void test_fewer_shooters(void **state) {
+    (void)state;
+    struct room room = room_with_two_lamps();
+    struct room_solution full, few;
+    const struct lw_solver_desc desc = {.bounces = 2};
+    room.texels_per_metre = 8;
+    room_solve_by(&full, &room, "radiosity", desc, 1);
+    for (int u = LW_UNDERSAMPLE_STRIDE; u <= LW_UNDERSAMPLE_MIP + 1; u++) {
+        struct lw_solver_desc other = desc;
+        if (u <= LW_UNDERSAMPLE_MIP)
+            other.radiosity = (struct lw_radiosity_terms){.undersample = (enum lw_undersample)u, .window = 2};
+        else
+            other.radiosity.subdivide = 0.05f;
+        room_solve_by(&few, &room, "radiosity", other, 1);
+        for (uint32_t o = 0; o < ROOM_FACES; o++)
+            expect_near(room_object_mean(&few, o).total, room_object_mean(&full, o).total, 0.04);
+        assert_true(few.stats.rays_bounce < full.stats.rays_bounce * 2 / 3);
+        room_finish(&few);
+    }
+    room_finish(&full);
+}
+
 /* Bits of all pairs: the light is the same, bit for bit; rays are those of one bounce; a lamp that moves, and
  * another solver that reads the file, take none. */
 static void test_kept_visibility(void **state) {
@@ -246,6 +270,7 @@ int main(void) {
         cmocka_unit_test(test_directions_agree_with_the_cell_solver),
         cmocka_unit_test(test_same_bytes_at_any_thread_count),
         cmocka_unit_test(test_a_moved_lamp),
+        cmocka_unit_test(test_fewer_shooters),
         cmocka_unit_test(test_kept_visibility),
         cmocka_unit_test(test_goes_on_from_a_checkpoint),
         cmocka_unit_test(test_ends),

@@ -36,8 +36,8 @@ void lw_pair_visibility_key(const struct lw_patches *patches, const struct lw_sh
 LW_MUST_CHECK enum lw_status lw_pair_visibility_save(const struct lw_pair_visibility *visibility,
                                                      const char *path, const uint8_t key[16],
                                                      struct lw_error *err);
-/** Takes those of a file. Errors: as lw_checked_file_read_begin(); LW_BAD_DATA for another key or size, naming
- * the path. All are unknown then. */
+/** Takes those of a file. Errors: as lw_checked_file_read_begin(); LW_BAD_DATA naming the path for
+ * another key or size. All are unknown then. */
 LW_MUST_CHECK enum lw_status lw_pair_visibility_load(struct lw_pair_visibility *visibility, const char *path,
                                                      const uint8_t key[16], struct lw_error *err);
 

@@ -54,25 +54,38 @@ static uint32_t draw(const struct lw_shooters *shooters, const struct lw_shooter
     return shooters->member[s->first + s->count - 1];
 }
 
-static void place_shooter(struct lw_shooters *shooters, struct lw_shooter *s, uint32_t seed, uint32_t turn) {
+/* The mean place, raised along the mean normal until it is under none of its members: as far off the surface
+ * as those are, or it would be in its own shadow. */
+static void place_mean(const struct lw_shooters *shooters, struct lw_shooter *s) {
     const struct lw_patches *patches = shooters->patches;
     const uint32_t *member = shooters->member + s->first;
     struct lw_vec3 position = {0}, normal = {0}, n;
+    float under = 0;
+    for (uint32_t i = 0; i < s->count; i++) {
+        const float share = s->area_m2 > 0 ? patches->area_m2[member[i]] / s->area_m2 : 1 / (float)s->count;
+        position = lw_vec3_mad(position, place_of(patches, member[i], &n), share);
+        normal = lw_vec3_mad(normal, n, share);
+    }
+    normal = lw_vec3_normalize(normal);
+    for (uint32_t i = 0; i < s->count; i++)
+        under = fmaxf(under, lw_vec3_dot(lw_vec3_sub(place_of(patches, member[i], &n), position), normal));
+    set_place(s, lw_vec3_mad(position, normal, under), normal);
+}
+
+static void place_shooter(struct lw_shooters *shooters, struct lw_shooter *s, uint32_t seed, uint32_t turn) {
+    const struct lw_patches *patches = shooters->patches;
+    const uint32_t *member = shooters->member + s->first;
+    struct lw_vec3 normal;
     s->area_m2 = 0;
     for (uint32_t i = 0; i < s->count; i++) s->area_m2 += patches->area_m2[member[i]];
     s->texel = shooters->undersample == LW_UNDERSAMPLE_RANDOM
                    ? draw(shooters, s, lw_random_hash3(seed, member[0], turn))
                    : member[0];
-    if (shooters->undersample != LW_UNDERSAMPLE_MIP) {
-        position = place_of(patches, s->texel, &normal);
-    } else {
-        for (uint32_t i = 0; i < s->count; i++) {
-            const float share = s->area_m2 > 0 ? patches->area_m2[member[i]] / s->area_m2 : 1;
-            position = lw_vec3_mad(position, place_of(patches, member[i], &n), share);
-            normal = lw_vec3_mad(normal, n, share);
-        }
-        normal = lw_vec3_normalize(normal);
+    if (shooters->undersample == LW_UNDERSAMPLE_MIP) {
+        place_mean(shooters, s);
+        return;
     }
+    const struct lw_vec3 position = place_of(patches, s->texel, &normal);
     set_place(s, position, normal);
 }
 
@@ -120,6 +133,117 @@ void lw_shooters_place(struct lw_shooters *shooters, uint32_t seed, uint32_t tur
     }
     for (uint32_t k = 0; k < shooters->count; k++) place_shooter(shooters, &shooters->shooter[k], seed, turn);
 }
+
+/* ---- the quad-tree ---- */
+
+/* A square of texels, or nothing: chart NONE. */
+struct square {
+    bool whole; /* one shooter can stand for it */
+    uint32_t chart;
+    float area_m2;
+    struct lw_vec3 radiance, normal; /* sums over the area */
+};
+
+struct tree {
+    struct lw_shooters *shooters;
+    const struct lw_solve_tile *tile;
+    const float *radiance;
+    uint32_t stride, members;
+    float threshold, mean; /* mean: of |L| */
+};
+
+static struct lw_vec3 radiance_of(const struct tree *t, uint32_t texel) {
+    const float *l = t->radiance + (size_t)texel * t->stride;
+    return lw_vec3(l[0], l[1], l[2]);
+}
+
+static struct square texel_square(const struct tree *t, uint32_t x, uint32_t y) {
+    const struct lw_patches *patches = t->shooters->patches;
+    const uint32_t i = y * t->tile->width + x, texel = t->tile->first + i;
+    struct square q = {.whole = true, .chart = LW_TEXEL_NONE};
+    if (x >= t->tile->width || y >= t->tile->height || patches->place[texel] == LW_TEXEL_NONE) return q;
+    struct lw_vec3 normal;
+    place_of(patches, texel, &normal);
+    q.chart = t->tile->mesh->chart[t->tile->local + i];
+    q.area_m2 = fmaxf(patches->area_m2[texel], 1e-30f);
+    q.radiance = lw_vec3_scale(radiance_of(t, texel), q.area_m2);
+    q.normal = lw_vec3_scale(normal, q.area_m2);
+    return q;
+}
+
+static bool are_alike(const struct tree *t, const struct square *a, const struct square *b) {
+    if (a->chart == LW_TEXEL_NONE || b->chart == LW_TEXEL_NONE) return true;
+    if (a->chart != b->chart) return false;
+    const float light = lw_vec3_length(lw_vec3_sub(lw_vec3_scale(a->radiance, 1 / a->area_m2),
+                                                   lw_vec3_scale(b->radiance, 1 / b->area_m2))),
+                turn =
+                    lw_vec3_length(lw_vec3_sub(lw_vec3_normalize(a->normal), lw_vec3_normalize(b->normal)));
+    return 0.5f * light / t->mean + 0.5f * turn < t->threshold;
+}
+
+static void add_square(struct tree *t, uint32_t x0, uint32_t y0, uint32_t side) {
+    struct lw_shooters *shooters = t->shooters;
+    struct lw_shooter *s = &shooters->shooter[shooters->count];
+    *s = (struct lw_shooter){.first = t->members};
+    for (uint32_t y = y0; y < y0 + side && y < t->tile->height; y++)
+        for (uint32_t x = x0; x < x0 + side && x < t->tile->width; x++) {
+            const uint32_t texel = t->tile->first + y * t->tile->width + x;
+            if (shooters->patches->place[texel] == LW_TEXEL_NONE) continue;
+            shooters->member[t->members++] = texel;
+            s->count++;
+        }
+    if (s->count) shooters->count++;
+}
+
+/* The square at a place; where it is not whole, its quarters have become shooters. */
+static struct square split(struct tree *t, uint32_t x, uint32_t y, uint32_t side) {
+    struct square quarter[4], all = {.whole = true, .chart = LW_TEXEL_NONE};
+    const uint32_t half = side / 2;
+    if (side == 1) return texel_square(t, x, y);
+    for (uint32_t k = 0; k < 4; k++) {
+        quarter[k] = split(t, x + (k & 1) * half, y + (k >> 1) * half, half);
+        all.whole &= quarter[k].whole;
+    }
+    for (uint32_t k = 0; k < 4 && all.whole; k++) {
+        for (uint32_t j = 0; j < k; j++) all.whole &= are_alike(t, &quarter[j], &quarter[k]);
+        if (quarter[k].chart == LW_TEXEL_NONE) continue;
+        all.chart = quarter[k].chart;
+        all.area_m2 += quarter[k].area_m2;
+        all.radiance = lw_vec3_add(all.radiance, quarter[k].radiance);
+        all.normal = lw_vec3_add(all.normal, quarter[k].normal);
+    }
+    for (uint32_t k = 0; k < 4 && !all.whole; k++)
+        if (quarter[k].whole) add_square(t, x + (k & 1) * half, y + (k >> 1) * half, half);
+    return all;
+}
+
+void lw_shooters_subdivide(struct lw_shooters *shooters, float threshold, const float *radiance,
+                           uint32_t stride) {
+    const struct lw_patches *patches = shooters->patches;
+    const struct lw_tiles *tiles = patches->tiles;
+    struct tree t = {.shooters = shooters, .radiance = radiance, .stride = stride, .threshold = threshold};
+    double light = 0, area = 0;
+    for (uint32_t p = 0; p < patches->packet_count; p++)
+        for (int i = 0; i < LANES && patches->packet[p].active >> i & 1; i++) {
+            const uint32_t texel = patches->packet[p].texel[i];
+            const float l = lw_vec3_length(radiance_of(&t, texel));
+            light += (double)l * (double)patches->area_m2[texel];
+            area += l > 0 ? (double)patches->area_m2[texel] : 0;
+        }
+    t.mean = light > 0 ? (float)(light / area) : 1;
+    shooters->count = 0;
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        t.tile = &tiles->tile[i];
+        for (uint32_t y = 0; y < t.tile->height && !t.tile->hidden; y += LW_TILE_BLOCK)
+            for (uint32_t x = 0; x < t.tile->width; x += LW_TILE_BLOCK)
+                if (split(&t, x, y, LW_TILE_BLOCK).whole) add_square(&t, x, y, LW_TILE_BLOCK);
+    }
+    shooters->undersample = LW_UNDERSAMPLE_MIP;
+    for (uint32_t k = 0; k < shooters->count; k++) place_shooter(shooters, &shooters->shooter[k], 0, 0);
+    lw_shooters_charge(shooters, radiance, stride, 1);
+}
+
+/* ---- what they send ---- */
 
 void lw_shooters_charge(struct lw_shooters *shooters, const float *radiance, uint32_t stride, int threads) {
     const bool of_all = shooters->undersample == LW_UNDERSAMPLE_MIP;

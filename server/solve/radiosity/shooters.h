@@ -41,6 +41,12 @@ void lw_shooters_place(struct lw_shooters *shooters, uint32_t seed, uint32_t tur
 /** Sets what they send. radiance: per texel of the global numbering, `stride` floats apart, W/(m^2 sr). */
 void lw_shooters_charge(struct lw_shooters *shooters, const float *radiance, uint32_t stride, int threads);
 
+/** Groups placed patches by what they send, and sets it: a quad-tree over each block of 16 x 16 texels, whose
+ * squares stay whole where between any two of their quarters |dL| / (2 L) + |dn| / 2 < threshold. dL, dn: of
+ * mean radiance and mean normal; L: the mean of all patches that send something. Each square is its mean. */
+void lw_shooters_subdivide(struct lw_shooters *shooters, float threshold, const float *radiance,
+                           uint32_t stride);
+
 size_t lw_shooters_memory_bytes(const struct lw_shooters *shooters);
 
 #endif

@@ -39,6 +39,7 @@ enum lw_undersample {
 /** What the radiosity solver is asked for; zeroed: full passes. */
 struct lw_radiosity_terms {
     enum lw_undersample undersample;
+    float subdivide;     /* > 0: squares of texels shoot as one as far as their light agrees to this */
     uint32_t directions; /* N > 0: each patch looks along these instead of at all shooters */
     /* The visibility of all pairs is kept: further passes take no ray. */
     bool keeps_visibility;
