@@ -33,12 +33,13 @@ forbid client/crossover 'client/(scaling|load|control)/' 'crossover knows no oth
 forbid client/load 'client/(view|measure|scaling|crossover|control)/' 'the load test draws nothing'
 forbid client/control 'client/(view|measure|scaling|crossover|load)/' 'control draws and measures nothing'
 forbid server/solve 'server/(publish|serve)/|proto/|uv' 'solve knows no network'
-# Rooms of the solver: surface <- state <- transport <- adapt <- frame, state <- filter <- frame.
+# Rooms of the solver: surface <- state <- transport <- { adapt, radiosity } <- frame, state <- filter <- frame.
 own='server/solve/[a-z_]+\.h'
 forbid server/solve/surface "server/solve/(state|transport|adapt|filter)/|$own" 'surface knows no light'
 forbid server/solve/state "server/solve/(transport|adapt|filter)/|$own" 'state knows no rays'
 forbid server/solve/transport "server/solve/(adapt|filter)/|$own" 'transport does not know what follows from it'
 forbid server/solve/adapt "server/solve/filter/|$own" 'adapt does not know the frame'
+forbid server/solve/radiosity "server/solve/(adapt|filter)/|$own" 'radiosity knows transport alone'
 forbid server/solve/filter "server/solve/(transport|adapt)/|$own" 'filters know sums alone'
 forbid server/publish 'server/serve/' 'publish knows no sessions'
 forbid server/serve '(embree|common/trace/)' 'serve traces no rays'
@@ -194,7 +195,7 @@ if [ -z "$missing" ]; then
         for program in $programs 'lightwell-load scaling' 'lightwell-load crossover'; do $bin/$program --help; done
         sed -n '/^#/p' scripts/crossover.sh
     } | grep -oP -- '--[a-z][a-z-]*' | sort -u)
-    for document in README.md docs/{architecture,solve,change,serving,composing,limitations,operations,baking,importing,planning}.md; do
+    for document in README.md docs/{architecture,solve,solvers,change,serving,composing,limitations,operations,baking,importing,planning}.md; do
         unknown=$(sed 's/systemctl .*//; s/dpkg-buildpackage .*//; s/`systemd-analyze [^`]*`//' $document | grep -oP -- '(?<![\w-])--[a-z][a-z-]*' |
             sort -u | comm -23 - <(echo "$options") || true)
         if [ -n "$unknown" ]; then complain "$document: no program has ${unknown//$'\n'/, }"; fi

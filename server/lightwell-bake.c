@@ -38,12 +38,14 @@
 
 struct settings {
     struct lw_scene_open scene;
-    const char *output, *gltf_out, *client_lights, *solver;
+    const char *output, *gltf_out, *client_lights, *solver, *visibility;
     const struct lw_solvers_entry *entry; /* of that name */
     int64_t samples, bounces, seed;
-    double error, time_s, limit_s, interval_s, tracing_range, cell_size, probe_spacing;
-    bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, denoise, restart, indirect_only;
-    int convention, probe_form, sides;
+    double error, subdivide, time_s, limit_s, interval_s, tracing_range, cell_size, probe_spacing;
+    bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, denoise, restart, indirect_only,
+        keep_visibility;
+    int convention, probe_form, sides, undersample;
+    int64_t window, directions;
 };
 
 struct baker {
@@ -89,6 +91,28 @@ static const struct lw_interrupt_phase lighting = {
 static const struct lw_interrupt_phase writing = {.answer = "the maps are lit, and being written" AGAIN};
 
 /* ---- options ---- */
+
+/* What decides a solver's samples. */
+static struct lw_solver_desc solver_desc(const struct settings *s) {
+    return (struct lw_solver_desc){.bounces = (uint32_t)s->bounces,
+                                   .tracing_range_m = (float)s->tracing_range,
+                                   .cell_size_m = (float)s->cell_size,
+                                   .probe_spacing_m = (float)s->probe_spacing,
+                                   .probe_form = (enum lw_probe_form_kind)s->probe_form,
+                                   .radiosity = {.keeps_visibility = s->keep_visibility || s->visibility,
+                                                 .visibility_path = s->visibility,
+                                                 .undersample = (enum lw_undersample)s->undersample,
+                                                 .subdivide = (float)s->subdivide,
+                                                 .directions = (uint32_t)s->directions,
+                                                 .window = (uint32_t)s->window},
+                                   .direct_samples = 1,
+                                   .indirect_samples = 1,
+                                   .target_error = s->samples ? -1 : (float)s->error,
+                                   .frames_max = (uint32_t)s->samples,
+                                   .threads = (unsigned)s->scene.threads,
+                                   .finishing = &signalled,
+                                   .seed = (uint32_t)s->seed};
+}
 
 static enum lw_status check(const struct settings *s, struct lw_error *err) {
     if (!s->output) return lw_status_fail(err, LW_USAGE, "-o DIR is missing: say where the maps shall go");
@@ -139,6 +163,26 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         {"error", "E", "relative standard error that every tile of 64 x 64 texels gets under (default 0.02)",
          LW_OPTION_REAL, &s->error, 1e-5, 1, &s->error_given},
         {"solver", "NAME", solvers, LW_OPTION_STRING, &s->solver, 0, 0, NULL},
+        {"undersample", LW_UNDERSAMPLE_CHOICES,
+         "radiosity: which texels of a window shoot for it: each (none, default), the first, one drawn "
+         "for each sample, their mean",
+         LW_OPTION_CHOICE, &s->undersample, 0, 0, NULL},
+        {"window", "N",
+         "radiosity: texels a side of such a window (default: 1/128 of the side of a square of all texels)",
+         LW_OPTION_INT, &s->window, 1, LW_TILE_SIDE, NULL},
+        {"subdivide", "T",
+         "radiosity: squares of up to 16 x 16 texels shoot as one where half their difference in light and "
+         "in normal is under T; 0.05 is usual",
+         LW_OPTION_REAL, &s->subdivide, 1e-4, 1, NULL},
+        {"directions", "N",
+         "radiosity: look along N fixed directions about each normal, instead of at all texels",
+         LW_OPTION_INT, &s->directions, 1, LW_RADIOSITY_DIRECTIONS_MAX, NULL},
+        {"keep-visibility", NULL,
+         "radiosity: keep a bit for each pair of texels: rays for one bounce only; at most 4 GiB",
+         LW_OPTION_FLAG, &s->keep_visibility, 0, 0, NULL},
+        {"visibility", "FILE",
+         "the same, and keep them in FILE: a bake of the same shapes with other lights takes no bounce ray",
+         LW_OPTION_STRING, &s->visibility, 0, 0, NULL},
         {"bounces", "N", "indirect bounces (default 4)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
          NULL},
         {"denoise", NULL, "filter the noise out of the maps; keeps each object's mean (default: off)",
@@ -205,7 +249,9 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         lw_status_context(err, "--solver");
         return status;
     }
-    return check(s, err);
+    const struct lw_solver_desc asked = solver_desc(s);
+    status = s->entry->check(&asked, err);
+    return status == LW_OK ? check(s, err) : status;
 }
 
 /* ---- places ---- */
@@ -288,9 +334,10 @@ static enum lw_status make_key(struct baker *b, struct lw_error *err) {
     length +=
         snprintf(text + length, sizeof text - (size_t)length,
                  " " LW_VERSION " solver %s bounces %lld seed %lld range %a cell %a probes %d %a time %a "
-                 "denoise %d",
+                 "denoise %d undersample %d window %lld directions %lld kept %d subdivide %a",
                  s->entry->name, (long long)s->bounces, (long long)s->seed, s->tracing_range, s->cell_size,
-                 s->probe_form, s->probe_spacing, s->time_s, s->denoise);
+                 s->probe_form, s->probe_spacing, s->time_s, s->denoise, s->undersample, (long long)s->window,
+                 (long long)s->directions, s->keep_visibility || s->visibility, s->subdivide);
     if (b->left_out_names) { /* which ones: no text is long enough for all names */
         lw_package_hash((const uint8_t *)b->left_out_names, strlen(b->left_out_names), &hash);
         length += snprintf(text + length, sizeof text - (size_t)length, " left out ");
@@ -367,23 +414,11 @@ static enum lw_status read_scene(struct baker *b, struct lw_error *err) {
 
 static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
     const struct settings *s = &b->settings;
-    enum lw_status status =
-        s->entry->create(&(struct lw_solver_desc){.scene = b->scene,
-                                                  .atlas_map = &b->atlas_map,
-                                                  .client_lights = &b->left_out,
-                                                  .bounces = (uint32_t)s->bounces,
-                                                  .tracing_range_m = (float)s->tracing_range,
-                                                  .cell_size_m = (float)s->cell_size,
-                                                  .probe_spacing_m = (float)s->probe_spacing,
-                                                  .probe_form = (enum lw_probe_form_kind)s->probe_form,
-                                                  .direct_samples = 1,
-                                                  .indirect_samples = 1,
-                                                  .target_error = s->samples ? -1 : (float)s->error,
-                                                  .frames_max = (uint32_t)s->samples,
-                                                  .threads = (unsigned)s->scene.threads,
-                                                  .finishing = &signalled,
-                                                  .seed = (uint32_t)s->seed},
-                         &b->pose, &b->solver, err);
+    struct lw_solver_desc desc = solver_desc(s);
+    desc.scene = b->scene;
+    desc.atlas_map = &b->atlas_map;
+    desc.client_lights = &b->left_out;
+    enum lw_status status = lw_solvers_create(s->entry->name, &desc, &b->pose, &b->solver, err);
     if (status != LW_OK) return status;
     b->solver->ops->show(b->solver, lw_light_form_bit(b->form));
     b->bake.solver = b->solver;

@@ -203,6 +203,9 @@ static enum lw_status check(struct settings *s, struct lw_error *err) {
         lw_status_context(err, "--solver");
         return status;
     }
+    if (!s->entry->follows)
+        return lw_status_fail(err, LW_USAGE, "--solver %s follows no changes: it is for lightwell-bake alone",
+                              s->entry->name);
     if (s->animate && s->freeze)
         return lw_status_fail(err, LW_USAGE, "--animate and --freeze exclude each other");
     if (!s->tls_certificate != !s->tls_key)

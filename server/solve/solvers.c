@@ -2,18 +2,32 @@
 
 #include "server/solve/cell_layer.h"
 #include "server/solve/light_layers.h"
+#include "server/solve/radiosity_solver.h"
 
 #include <stdio.h>
 #include <string.h>
 
+static enum lw_status check_cells(const struct lw_solver_desc *desc, struct lw_error *err) {
+    const struct lw_radiosity_terms *r = &desc->radiosity;
+    if (!r->undersample && !r->window && !r->directions && !(r->subdivide > 0) && !r->keeps_visibility)
+        return LW_OK;
+    return lw_status_fail(err, LW_USAGE,
+                          "the solver \"cells\" has no patches: those options are for "
+                          "\"radiosity\"");
+}
+
 static enum lw_status create_cells(const struct lw_solver_desc *desc, const struct lw_pose *pose,
                                    struct lw_solver **out_solver, struct lw_error *err) {
+    enum lw_status status = check_cells(desc, err);
+    if (status != LW_OK) return status;
     return desc->light_groups ? lw_light_layers_create(desc, pose, out_solver, err)
                               : lw_cell_layer_create(NULL, desc, pose, out_solver, err);
 }
 
 static const struct lw_solvers_entry table[] = {
-    {"cells", "radiance cells, by blocks of texels (Vandersanden 2023)", create_cells},
+    {"cells", "radiance cells, by blocks of texels (Vandersanden 2023)", true, check_cells, create_cells},
+    {"radiosity", "every texel shoots at every other; for bakes (Kahl 2023)", false,
+     lw_radiosity_solver_check, lw_radiosity_solver_create},
 };
 
 const struct lw_solvers_entry *lw_solvers_at(unsigned index) {

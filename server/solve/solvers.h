@@ -12,8 +12,13 @@ struct lw_solvers_entry {
     const char *name;
     /* One line for people. */
     const char *about;
-    /** Builds a solver of a scene at a pose. What desc points to outlives it.
-     * Errors: LW_NO_MEMORY, LW_INTERNAL; LW_BAD_DATA for more texels than fit. */
+    /* It follows changes and interest: what lightwelld asks of a solver. */
+    bool follows;
+    /** Whether it can do what a desc asks for, as far as that is set; scene and atlas_map may be NULL yet.
+     * Errors: LW_USAGE naming what it cannot. */
+    enum lw_status (*check)(const struct lw_solver_desc *desc, struct lw_error *err);
+    /** Builds a solver of a scene at a pose. What desc points to outlives it. It checks first.
+     * Errors: as check(); LW_NO_MEMORY, LW_INTERNAL; LW_BAD_DATA for more texels than fit. */
     enum lw_status (*create)(const struct lw_solver_desc *desc, const struct lw_pose *pose,
                              struct lw_solver **out_solver, struct lw_error *err);
 };

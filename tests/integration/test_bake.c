@@ -464,6 +464,28 @@ static void limits_end_a_bake_with_what_is_there(void **state) {
     json_decref(index);
 }
 
+/* By full passes of radiosity: the means of maps are those of the cells; its state is nobody else's. */
+static void radiosity_bakes_the_same_light(void **state) {
+    (void)state;
+    char cells[256], patches[256], arguments[512];
+    snprintf(cells, sizeof cells, "%s", lw_support_temporary("cells"));
+    snprintf(patches, sizeof patches, "%s", lw_support_temporary("patches"));
+    assert_int_equal(bake(CORNELL " -o %s --samples 256 --bounces 2", cells), 0);
+    assert_int_equal(bake(CORNELL " -o %s --samples 2 --bounces 2 --solver radiosity", patches), 0);
+    expect_finite(patches);
+    static const char *const maps[] = {"floor.exr", "back_wall.exr", "left_wall.exr"};
+    for (size_t i = 0; i < sizeof maps / sizeof *maps; i++) {
+        double mean, other, square;
+        compare_maps(maps[i], cells, patches, &mean, &square);
+        compare_maps(maps[i], patches, cells, &other, &square);
+        if (fabs(other / mean - 1) > 0.03) fail_msg("%s: %g by radiosity, %g by cells", maps[i], other, mean);
+        assert_true(square < 0.02 * mean * mean);
+    }
+    interrupt(cells, "--samples 100000");
+    snprintf(arguments, sizeof arguments, CORNELL " -o %s --samples 2 --solver radiosity", cells);
+    bake_fails(65, "of another scene or of other options", arguments);
+}
+
 /* ---- refusals ---- */
 
 static void wrong_use_is_refused(void **state) {
@@ -480,6 +502,16 @@ static void wrong_use_is_refused(void **state) {
     bake_fails(64, "builtin:cornell has no lamp", "builtin:cornell -o x --indirect-only");
     bake_fails(64, "has no lamp", "builtin:cornell -o x --indirect-only --client-lights none");
     bake_fails(64, "called \"moon\"", "builtin:cornell -o x --indirect-only --client-lights moon");
+    bake_fails(64, "for \"radiosity\"", "builtin:cornell -o x --undersample mip");
+    bake_fails(64, "--tracing-range", "builtin:cornell -o x --solver radiosity --tracing-range 1");
+    bake_fails(64, "needs --undersample", "builtin:cornell -o x --solver radiosity --window 2");
+    bake_fails(64, "excludes --undersample",
+               "builtin:cornell -o x --solver radiosity --directions 64 --undersample mip");
+    bake_fails(64, "--subdivide", "builtin:cornell -o x --solver radiosity --subdivide 0.1 --directions 64");
+    bake_fails(64, "excludes --keep-visibility",
+               "builtin:cornell -o x --solver radiosity --directions 64 --visibility x.pairs");
+    bake_fails(64, "emissive surfaces",
+               "builtin:cornell -o x --solver radiosity --indirect-only --client-lights auto");
     bake_fails(73, "-o /nowhere/maps: the folder", "builtin:cornell -o /nowhere/maps");
     snprintf(arguments, sizeof arguments, "%s -o %s", squares, lw_support_temporary("a-file"));
     bake_fails(73, "not a folder", arguments);
@@ -537,6 +569,7 @@ int main(void) {
         T(an_unfinished_bake_is_not_mixed_with_another),
         T(stopped_early_it_writes_nothing),
         T(limits_end_a_bake_with_what_is_there),
+        T(radiosity_bakes_the_same_light),
         T(wrong_use_is_refused),
         T(a_scene_without_light_is_refused),
         T(a_full_disk_is_told),

@@ -199,6 +199,14 @@ void room_solve(struct room_solution *solution, const struct room *room, struct 
     room_solve_scene(solution, room_scene(room), room->texels_per_metre, desc, frames);
 }
 
+void room_solve_by(struct room_solution *solution, const struct room *room, const char *solver,
+                   struct lw_solver_desc desc, unsigned frames) {
+    struct lw_error err = {0};
+    prepare(solution, room_scene(room), room->texels_per_metre, &desc, 0);
+    lw_support_ok(lw_solvers_create(solver, &desc, &solution->pose, &solution->solver, &err), &err);
+    solve(solution, frames);
+}
+
 void room_solve_until_rest(struct room_solution *solution, uint64_t *frame) {
     struct lw_error err = {0};
     const struct lw_solver_ops *ops = solution->solver->ops;

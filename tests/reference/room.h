@@ -76,6 +76,9 @@ void room_solve_scene(struct room_solution *solution, struct lw_scene *scene, fl
 /** The same in layers, by light_groups.h. */
 void room_solve_layers(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,
                        struct lw_solver_desc desc, const char *light_groups, unsigned frames);
+/** A room by the solver of that name. */
+void room_solve_by(struct room_solution *solution, const struct room *room, const char *solver,
+                   struct lw_solver_desc desc, unsigned frames);
 void room_finish(struct room_solution *solution);
 
 /** Solves on, the pose as it is now, until nothing more is solved; fails if that takes too long. *frame: the

@@ -3,6 +3,9 @@
 #ifndef LW_STATE_SOLVER_TERMS_H
 #define LW_STATE_SOLVER_TERMS_H
 
+#include <stdbool.h>
+#include <stdint.h>
+
 /* No block counts as converged before this many frames. */
 #define LW_SOLVER_FRAMES_MIN 16u
 
@@ -20,6 +23,28 @@ enum lw_probe_projection {
     LW_PROBE_PROJECTION_DEPTH = 0, /* by the distances that the probe sees */
     LW_PROBE_PROJECTION_BOX,       /* at the scene's box: distant-point projection (Vandersanden 2023, 3.6) */
     LW_PROBE_PROJECTION_STEP       /* one longest side of the scene ahead: the same, cheaper */
+};
+
+/** Which texels of a window stand for it when it sends light (shooters.h). */
+enum lw_undersample {
+    LW_UNDERSAMPLE_NONE = 0, /* each for itself */
+    LW_UNDERSAMPLE_STRIDE,   /* the first */
+    LW_UNDERSAMPLE_RANDOM,   /* one drawn for each window and frame */
+    LW_UNDERSAMPLE_MIP       /* their mean */
+};
+#define LW_UNDERSAMPLE_CHOICES "none|stride|random|mip"
+
+#define LW_RADIOSITY_DIRECTIONS_MAX 1024u
+
+/** What the radiosity solver is asked for; zeroed: full passes. */
+struct lw_radiosity_terms {
+    enum lw_undersample undersample;
+    float subdivide;     /* > 0: squares of texels shoot as one as far as their light agrees to this */
+    uint32_t directions; /* N > 0: each patch looks along these instead of at all shooters */
+    /* The visibility of all pairs is kept: further passes take no ray. */
+    bool keeps_visibility;
+    const char *visibility_path; /* it is read from this file and written to it; NULL: none. With the above */
+    uint32_t window; /* side of a window, texels; 0: 1/128 of the side of a square of all texels */
 };
 
 #endif
