@@ -182,13 +182,13 @@ enum lw_status lw_gl_light_init(struct lw_gl_light *light, const struct lw_atlas
     light->first_level = calloc(map->object_count + 1ul, sizeof *light->first_level);
     light->rect = calloc(count + 1ul, sizeof *light->rect);
     light->version = calloc(map->tile_count + 1ul, sizeof *light->version);
-    light->calm = calloc(map->tile_count + 1ul, sizeof *light->calm);
+    light->noise_level = calloc(map->tile_count + 1ul, sizeof *light->noise_level);
     light->settled = calloc(map->object_count + 1ul, sizeof *light->settled);
     light->word = calloc(map->tile_count + 1ul, sizeof *light->word);
     light->queue = calloc(map->tile_count + 1ul, sizeof *light->queue);
     light->texels = calloc((size_t)BORDERED * BORDERED, sizeof *light->texels);
     enum lw_status status = LW_OK;
-    if (!light->first_level || !light->rect || !light->version || !light->calm || !light->settled ||
+    if (!light->first_level || !light->rect || !light->version || !light->noise_level || !light->settled ||
         !light->word || !light->queue || !light->texels)
         status = lw_status_fail(err, LW_NO_MEMORY, "no memory for the light of the view");
     if (status == LW_OK) {
@@ -210,7 +210,7 @@ void lw_gl_light_finish(struct lw_gl_light *light) {
     free(light->queue);
     free(light->word);
     free(light->settled);
-    free(light->calm);
+    free(light->noise_level);
     free(light->version);
     free(light->rect);
     free(light->first_level);
@@ -286,7 +286,7 @@ static void write_words(struct lw_gl_light *light) {
     for (uint32_t t = 0; t < light->map->tile_count; t++) {
         const struct lw_tile_place *p = &light->map->place[t];
         const uint32_t last = light->map->atlas[p->object].level_count - 1;
-        unsigned word = (unsigned)light->calm[t] << LW_GL_LIGHT_CALM_SHIFT;
+        unsigned word = (unsigned)light->noise_level[t] << LW_GL_LIGHT_NOISE_SHIFT;
         for (uint32_t i = 0; i <= LW_ATLAS_READ_MAX; i++) {
             uint32_t k = i > p->level ? i : p->level;
             if (k > last) k = last;
@@ -294,7 +294,7 @@ static void write_words(struct lw_gl_light *light) {
             word |= level_to_read(light, p->object, k, p->x >> shift, p->y >> shift) << (4 * i);
         }
         light->word[t] = (uint16_t)word;
-        if (light->calm[t] || !light->version[t]) light->settled[p->object] = false;
+        if (light->noise_level[t] || !light->version[t]) light->settled[p->object] = false;
     }
     glBindBuffer(GL_TEXTURE_BUFFER, light->tile_buffer);
     glBufferData(GL_TEXTURE_BUFFER, (GLsizeiptr)((light->map->tile_count + 1ul) * sizeof *light->word),
@@ -345,15 +345,15 @@ static int by_number(const void *a, const void *b) {
 /* Lists the tiles that are not in the pages as they are now, coarse levels first; returns how many there
  * are. */
 static uint32_t list_waiting(struct lw_gl_light *light, const struct lw_compose_source *source,
-                             bool *out_calmed) {
+                             bool *out_changed) {
     uint32_t count = 0;
-    *out_calmed = false;
+    *out_changed = false;
     for (uint32_t t = 0; t < light->map->tile_count; t++) {
         const struct lw_client_tile tile = source->tile(source->context, (lw_tile_id){t});
-        const uint8_t calm =
+        const uint8_t noise_level =
             light->unfiltered ? 0 : (uint8_t)lw_atlas_noise_level_min(tile.error, source->noise_shown);
-        *out_calmed |= calm != light->calm[t];
-        light->calm[t] = calm;
+        *out_changed |= noise_level != light->noise_level[t];
+        light->noise_level[t] = noise_level;
         if (tile.version != light->version[t] && tile.version != 0) light->queue[count++] = t;
     }
     return count;
@@ -369,19 +369,19 @@ static void sort_waiting(struct lw_gl_light *light, uint32_t count) {
 
 void lw_gl_light_take(struct lw_gl_light *light, const struct lw_compose_source *source, uint32_t tiles_max) {
     const bool first = light->scale == 0;
-    bool calmed;
-    uint32_t count = list_waiting(light, source, &calmed);
+    bool changed;
+    uint32_t count = list_waiting(light, source, &changed);
     if (count > 0 || first) {
         take_average(light, source);
         if (choose_scale(light) && light->uploaded > 0) {
             memset(light->version, 0, light->map->tile_count * sizeof *light->version);
-            count = list_waiting(light, source, &calmed);
+            count = list_waiting(light, source, &changed);
             tiles_max = 0;
         }
     }
     const uint32_t now = tiles_max == 0 || count < tiles_max ? count : tiles_max;
     light->waiting = count - now;
-    if (now == 0 && !calmed && !first) return;
+    if (now == 0 && !changed && !first) return;
     sort_waiting(light, count);
     glBindTexture(GL_TEXTURE_2D_ARRAY, light->pages);
     glPixelStorei(GL_UNPACK_ALIGNMENT, 4);

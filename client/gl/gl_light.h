@@ -17,9 +17,9 @@
 #include <epoxy/gl.h>
 
 /* The word of a tile: the level to read where the finest one that serves is its own, 1 or 2, four bits each,
- * or LW_GL_LIGHT_NONE; and at which of these it is calm. */
-#define LW_GL_LIGHT_NONE       15u
-#define LW_GL_LIGHT_CALM_SHIFT 12
+ * or LW_GL_LIGHT_NONE; and its noise level (tile/atlas.h). */
+#define LW_GL_LIGHT_NONE        15u
+#define LW_GL_LIGHT_NOISE_SHIFT 12
 
 struct lw_gl_light {
     const struct lw_atlas_map *map;
@@ -37,8 +37,8 @@ struct lw_gl_light {
 
     struct lw_gl_light_rect *rect; /* per level, as in `levels` */
     uint64_t *version;             /* per tile: in the pages; 0: not there */
-    uint8_t *calm;                 /* per tile */
-    bool *settled;    /* per object: all of it is there and calm, so that the words say nothing */
+    uint8_t *noise_level;          /* per tile */
+    bool *settled;    /* per object: all of it is there and of noise level 0, so that the words say nothing */
     uint16_t *word;   /* per tile */
     uint32_t *queue;  /* tiles to upload */
     uint32_t *texels; /* of one tile and its border */

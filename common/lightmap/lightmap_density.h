@@ -1,4 +1,4 @@
-/* lightmap_density.h: how much finer or coarser the lightmaps of some objects are to be than those of the rest.
+/* lightmap_density.h: how much finer or coarser the lightmaps of some objects are than the others.
  * Flow:    --density-of -> [density] -> lightmap
  * Threads: pure functions; [any]. */
 #ifndef LW_COMMON_LIGHTMAP_DENSITY_H

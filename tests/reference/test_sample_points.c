@@ -268,19 +268,19 @@ static void test_a_strip_has_eight_places(void **state) {
     struct lw_texels texels;
     lw_support_ok(lw_texels_init(&texels, solution.scene, 1, NULL, &err), &err);
     const struct lw_mesh_texels *mesh = &texels.mesh[0];
-    const struct lw_sample_points *footprint = &mesh->sample_points;
+    const struct lw_sample_points *points = &mesh->sample_points;
     unsigned whole = 0;
     for (uint32_t i = 0; i < mesh->texel_count; i++) {
-        const uint32_t places = footprint->first[i + 1] - footprint->first[i];
+        const uint32_t places = points->first[i + 1] - points->first[i];
         whole += mesh->covered[i] && places == LW_SAMPLE_POINTS_MAX;
         for (uint32_t k = 0; k < places; k += LW_TRACE_WIDTH) {
             struct lw_sample_points_lanes lanes;
             uint32_t texel[LW_TRACE_WIDTH], place[LW_TRACE_WIDTH];
             for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
                 texel[lane] = i;
-                place[lane] = footprint->first[i] + (lane < places ? lane : 0);
+                place[lane] = points->first[i] + (lane < places ? lane : 0);
             }
-            lw_sample_points_load(footprint, mesh->position, texel, place, &lanes);
+            lw_sample_points_load(points, mesh->position, texel, place, &lanes);
             for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
                 assert_true(lanes.at.z[lane] > -1e-4f && lanes.at.z[lane] < 0.0501f);
         }
