@@ -1,6 +1,7 @@
 #include "tests/support/support.h"
 
 #include "common/builtin/builtin.h"
+#include "common/random.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 #include "common/trace/trace.h"
@@ -90,6 +91,46 @@ static void test_cornell_faces_inward(void **state) {
         for (uint32_t t = 0; t < mesh->triangle_count && !block; t++)
             assert_true(lw_vec3_dot(face(mesh, t), lw_vec3_sub(middle, corner(mesh, t, 0))) > 0);
     }
+    lw_scene_destroy(scene);
+}
+
+static void test_ajar(void **state) {
+    (void)state;
+    struct lw_scene *scene = build("builtin:ajar");
+    check_scene(scene, 72, 72);
+    check_normals(scene);
+    check_albedo(scene);
+    assert_int_equal(scene->object_count, 16);
+    assert_int_equal(scene->camera_count, 1);
+    assert_int_equal(scene->light_count, 0); /* the lamp is a surface */
+    assert_true(scene->duration_s == 0);
+    lw_scene_destroy(scene);
+}
+
+/* The lamp sees no point of the room but behind the door: what lights it has been reflected. */
+static void test_ajar_hides_its_lamp(void **state) {
+    (void)state;
+    struct lw_scene *scene = build("builtin:ajar");
+    struct lw_pose pose;
+    struct lw_trace *trace;
+    struct lw_error err = {0};
+    assert_int_equal(lw_pose_init(&pose, scene), LW_OK);
+    lw_support_ok(lw_trace_create(scene, &pose, &trace, &err), &err);
+    for (uint32_t i = 0; i < 1 << 16; i += LW_TRACE_WIDTH) {
+        struct lw_ray16 rays = {.salt = 0};
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+            float at[2], to[2], up[2];
+            lw_random_sobol2(i + lane, 1, at);
+            lw_random_sobol2(i + lane, 2, to);
+            lw_random_sobol2(i + lane, 3, up);
+            const struct lw_vec3 from = lw_vec3(0.9f + 0.8f * at[0], 2.49f, -1.7f + 0.8f * at[1]);
+            const struct lw_vec3 there = lw_vec3(-2 + 4 * to[0], 2.5f * up[0], 0.45f + 3.5f * to[1]);
+            lw_trace_set_ray(&rays, lane, from, lw_vec3_sub(there, from), 1);
+        }
+        assert_int_equal(lw_trace_occluded16(trace, LW_TRACE_LIGHT, 0xffff, &rays), 0xffff);
+    }
+    lw_trace_destroy(trace);
+    lw_pose_finish(&pose);
     lw_scene_destroy(scene);
 }
 
@@ -341,6 +382,7 @@ static void test_arguments(void **state) {
                {"builtin:city:2:3", "\"2:3\""},
                {"builtin:city:1e1", "\"1e1\""},
                {"builtin:cornell:2", "no argument"},
+               {"builtin:ajar:1", "no argument"},
                {"builtin:atrium:", "no argument"}};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         struct lw_scene *scene = NULL;
@@ -361,7 +403,8 @@ static void test_arguments(void **state) {
 
 static void test_same_bytes_every_time(void **state) {
     (void)state;
-    static const char *const names[] = {"builtin:cornell", "builtin:atrium", "builtin:city:3"};
+    static const char *const names[] = {"builtin:cornell", "builtin:ajar", "builtin:atrium",
+                                        "builtin:city:3"};
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         uint8_t *bytes[2];
         size_t size[2];
@@ -443,6 +486,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_cornell),
         cmocka_unit_test(test_cornell_faces_inward),
+        cmocka_unit_test(test_ajar),
+        cmocka_unit_test(test_ajar_hides_its_lamp),
         cmocka_unit_test_prestate(test_atrium, atrium),
         cmocka_unit_test_prestate(test_atrium_has_what_it_promises, atrium),
         cmocka_unit_test_prestate(test_atrium_moves_lantern_and_rings_alone, atrium),
