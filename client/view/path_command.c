@@ -39,6 +39,7 @@ struct command {
     struct lw_trace *trace;
     struct lw_lights lights;
     struct lw_path_trace *tracer;
+    struct lw_guide *guide; /* NULL: none */
     struct lw_path_view view;
     struct lw_path_film film;
     float *undo; /* half of the film, as it was before a sample */
@@ -50,6 +51,16 @@ struct command {
 
 static size_t half_bytes(const struct lw_view_options *o) {
     return (size_t)o->width * o->height * 3 * sizeof(float);
+}
+
+static enum lw_status set_up_guide(struct command *c, struct lw_error *err) {
+    struct lw_guide_desc desc = {.alpha = 0};
+    /* An empty scene has no bounds, and nothing to guide: one cell is enough. */
+    if (!lw_pose_bounds(&c->pose, c->scene, &desc.minimum_ws, &desc.maximum_ws))
+        desc.minimum_ws = desc.maximum_ws = lw_vec3(0, 0, 0);
+    enum lw_status status = lw_guide_create(&desc, &c->guide, err);
+    if (status == LW_OK) c->view.guide = c->guide;
+    return status;
 }
 
 static enum lw_status set_up(struct command *c, struct lw_error *err) {
@@ -84,6 +95,7 @@ static enum lw_status set_up(struct command *c, struct lw_error *err) {
                                                                .pose = &c->pose,
                                                                .threads = o->threads},
                                   &c->tracer, err);
+    if (status == LW_OK && o->path.guide == LW_VIEW_GUIDE_LEARNED) status = set_up_guide(c, err);
     if (status != LW_OK) return status;
     c->undo = malloc(half_bytes(o));
     if (c->undo == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the picture");
@@ -94,6 +106,7 @@ static void tear_down(struct command *c) {
     lw_path_film_finish(&c->film);
     free(c->undo);
     lw_path_trace_destroy(c->tracer);
+    lw_guide_destroy(c->guide);
     lw_lights_finish(&c->lights);
     lw_trace_destroy(c->trace);
     if (c->scene != NULL) lw_pose_finish(&c->pose);
@@ -121,6 +134,8 @@ static void add_sample(struct command *c) {
     memcpy(c->undo, half, half_bytes(c->options));
     if (!lw_path_trace_render(c->tracer, &c->view, 1, &c->film, &c->count))
         memcpy(half, c->undo, half_bytes(c->options));
+    else if (c->guide)
+        lw_guide_learn(c->guide, c->options->threads);
 }
 
 static void trace_until_enough(struct command *c) {
@@ -160,6 +175,7 @@ static enum lw_status print_report(const struct command *c, const float *rgb, st
            seconds, cpu_seconds, n->paths, cpu_seconds > 0 ? (double)n->paths / cpu_seconds : 0.0);
     printf(" \"rays_primary\": %" PRIu64 ", \"rays_shadow\": %" PRIu64 ", \"rays_bounce\": %" PRIu64 ",\n",
            n->rays_primary, n->rays_shadow, n->rays_bounce);
+    printf(" \"guide\": \"%s\",\n", c->guide ? "learned" : "off");
     printf(" \"width\": %u, \"height\": %u, \"mean_rgb\": [%.9g, %.9g, %.9g]}\n", c->film.width,
            c->film.height, mean[0], mean[1], mean[2]);
     if (fflush(stdout) != 0) return lw_status_fail(err, LW_IO, "cannot write the report to stdout");

@@ -1,6 +1,7 @@
 #include "client/view/path_trace.h"
 
 #include "common/colour.h"
+#include "common/guide/guide.h"
 #include "common/light/direct16.h"
 #include "common/light/direction.h"
 #include "common/random.h"
@@ -59,14 +60,20 @@ struct bundle {
     uint32_t set, sample; /* of those of sampling.h */
     uint32_t salt;
     unsigned going; /* paths that go on from a surface: order[0 .. going - 1] */
+    bool guided;    /* the next bounce rays are drawn by aims */
     uint16_t order[BUNDLE + LANES];
+    struct lw_guide_aim aim[BUNDLE]; /* of paths that go on, where the view has a guide */
     struct path {
         struct lw_vec3 origin;     /* on that surface, lifted off it */
         struct lw_vec3 normal;     /* shading normal, on the side that the path came from */
         struct lw_vec3 throughput; /* the surface's albedo included */
         struct lw_vec3 radiance;   /* gathered so far */
         struct lw_vec3 near;       /* of it: by its first hit; with a clamp */
-        uint32_t x, y;             /* pixel */
+        /* For the guide: the surface's albedo, luminance that it shines, and that it reflects of lamps. */
+        struct lw_vec3 albedo;
+        float shone, reflected;
+        uint32_t place; /* of the guide, that the ray to here was drawn by; LW_GUIDE_NOWHERE: none */
+        uint32_t x, y;  /* pixel */
     } path[BUNDLE];
 };
 
@@ -114,6 +121,7 @@ static void arrive(const struct job *job, struct bundle *b, uint16_t which, cons
                    unsigned i, const struct lw_surface *surface) {
     struct path *path = &b->path[which];
     path->throughput = lw_vec3_mul(path->throughput, surface->albedo);
+    path->albedo = surface->albedo;
     if (!(path->throughput.x + path->throughput.y + path->throughput.z > 0)) return;
 
     const struct lw_place_point point =
@@ -208,10 +216,16 @@ static float weight_of(float own, float other) {
     return 1 / (1 + ratio * ratio);
 }
 
+/* Density by which a bounce ray from a path's surface would be drawn. cosine: of its direction. */
+static float bounce_density(const struct bundle *b, uint16_t which, struct lw_vec3 direction, float cosine) {
+    return b->guided ? lw_guide_density(&b->aim[which], b->path[which].normal, direction) : cosine / LW_PI;
+}
+
 static void light16(const struct job *job, struct bundle *b, const uint16_t *which, unsigned lanes,
                     float pick, const float point[2], struct lw_path_count *count) {
     struct lw_ray16 rays = {.salt = b->salt};
     struct lw_vec3 arriving[LANES];
+    float reflected[LANES]; /* luminance; for the guide */
     uint16_t active = 0;
     for (unsigned i = 0; i < lanes; i++) {
         struct path *path = &b->path[which[i]];
@@ -219,9 +233,14 @@ static void light16(const struct job *job, struct bundle *b, const uint16_t *whi
             lw_lights_sample(job->tracer->lights, path->origin, path->normal, pick, point[0], point[1]);
         float cosine = lw_vec3_dot(path->normal, sample.direction), weight = 1 / LW_PI;
         if (sample.pdf > 0 && job->view->method != LW_PATH_METHOD_LAMPS)
-            weight *= job->view->method == LW_PATH_METHOD_BOTH ? weight_of(sample.pdf, cosine / LW_PI) : 0;
+            weight *= job->view->method == LW_PATH_METHOD_BOTH
+                          ? weight_of(sample.pdf, bounce_density(b, which[i], sample.direction, cosine))
+                          : 0;
         arriving[i] = lw_vec3_scale(lw_vec3_mul(sample.irradiance_normal, path->throughput), cosine * weight);
         if (!(arriving[i].x + arriving[i].y + arriving[i].z > 0)) continue;
+        if (job->view->guide)
+            reflected[i] =
+                cosine * weight * lw_colour_luminance(lw_vec3_mul(sample.irradiance_normal, path->albedo));
         /* Short of the lamp itself, which would be in its own way. */
         lw_trace_set_ray(&rays, i, path->origin, sample.direction, sample.distance_m * 0.9999f);
         active |= (uint16_t)(1u << i);
@@ -232,9 +251,10 @@ static void light16(const struct job *job, struct bundle *b, const uint16_t *whi
     count->rays_shadow += (unsigned)__builtin_popcount(active);
     for (unsigned i = 0; i < lanes; i++)
         if ((active & ~occluded) >> i & 1u) {
-            struct lw_vec3 *radiance = &b->path[which[i]].radiance;
+            struct path *path = &b->path[which[i]];
             const struct lw_vec3 passed = lw_vec3(tint[0][i], tint[1][i], tint[2][i]);
-            *radiance = lw_vec3_add(*radiance, lw_vec3_mul(arriving[i], passed));
+            path->radiance = lw_vec3_add(path->radiance, lw_vec3_mul(arriving[i], passed));
+            if (job->view->guide) path->reflected += reflected[i] * lw_colour_luminance(passed);
         }
 }
 
@@ -278,9 +298,10 @@ static void clamp_far(struct bundle *b, unsigned paths, float limit) {
     }
 }
 
-/* What a bounce ray meets that shines by itself; rays towards lamps may have found it too. */
+/* What a bounce ray meets that shines by itself; rays towards lamps may have found it too. own: the density
+ * that the ray was drawn by. */
 static struct lw_vec3 shine(const struct job *job, enum lw_path_method method, const struct path *path,
-                            const struct lw_ray16 *rays, const struct lw_hit16 *hits, unsigned i,
+                            float own, const struct lw_ray16 *rays, const struct lw_hit16 *hits, unsigned i,
                             const struct lw_surface *surface) {
     if (method == LW_PATH_METHOD_LAMPS) return lw_vec3(0, 0, 0);
     const struct lw_lights *lights = job->tracer->lights;
@@ -292,38 +313,98 @@ static struct lw_vec3 shine(const struct job *job, enum lw_path_method method, c
                     ? lw_lights_pdf_emitter(lights, path->origin, path->normal, hits->object[i],
                                             hits->triangle[i], hits->u[i], hits->v[i], direction, hits->t[i])
                     : lw_lights_pdf_sky(lights, path->origin, path->normal, direction);
-    float own = lw_vec3_dot(path->normal, direction) / LW_PI;
     return lw_vec3_scale(radiance, weight_of(own, pdf));
+}
+
+/* Aims a path's ray; *out_density: that it was drawn by. Returns whether there is one: the guide's may lie
+ * below the surface. */
+static bool aim(struct bundle *b, uint16_t which, const float point[2], struct lw_vec3 local,
+                struct lw_vec3 *out_direction, float *out_density) {
+    struct path *path = &b->path[which];
+    path->place = LW_GUIDE_NOWHERE;
+    if (!b->guided) {
+        *out_direction = lw_direction_about(path->normal, local);
+        *out_density = lw_vec3_dot(path->normal, *out_direction) / LW_PI;
+        return true;
+    }
+    const struct lw_guide_sample sample = lw_guide_sample(&b->aim[which], path->normal, point);
+    const float cosine = lw_vec3_dot(path->normal, sample.direction);
+    if (!(cosine > 0)) return false;
+    path->throughput = lw_vec3_scale(path->throughput, cosine / (LW_PI * sample.density));
+    path->place = sample.place;
+    *out_direction = sample.direction;
+    *out_density = sample.density;
+    return true;
+}
+
+/* Tells the guide what a path's ray has found. */
+static void tell(const struct job *job, struct path *path, float luminance) {
+    if (path->place == LW_GUIDE_NOWHERE) return;
+    lw_guide_note(job->view->guide, path->place, luminance);
+    path->place = LW_GUIDE_NOWHERE;
 }
 
 /* method: how the light of the surfaces that rays leave is found. */
 static void bounce16(const struct job *job, struct bundle *b, const uint16_t *which, unsigned lanes,
-                     struct lw_vec3 local, unsigned flags, enum lw_path_method method, bool last,
+                     const float point[2], unsigned flags, enum lw_path_method method, bool last,
                      struct lw_path_count *count) {
     const struct lw_scene *scene = job->tracer->scene;
+    const struct lw_vec3 local = lw_direction_cosine(point);
     struct lw_ray16 rays = {.salt = b->salt};
     struct lw_hit16 hits;
     uint16_t lane_path[LANES]; /* `which` is what arrive() writes over */
+    float density[LANES];
+    uint16_t active = 0;
     for (unsigned i = 0; i < lanes; i++) {
-        const struct path *path = &b->path[lane_path[i] = which[i]];
-        lw_trace_set_ray(&rays, i, path->origin, lw_direction_about(path->normal, local), INFINITY);
+        struct lw_vec3 direction;
+        lane_path[i] = which[i];
+        if (!aim(b, which[i], point, local, &direction, &density[i])) continue;
+        lw_trace_set_ray(&rays, i, b->path[which[i]].origin, direction, INFINITY);
+        active |= (uint16_t)(1u << i);
     }
-    lw_trace_closest16(job->tracer->trace, flags, (uint16_t)((1u << lanes) - 1u), &rays, &hits);
-    count->rays_bounce += lanes;
+    if (!active) return;
+    lw_trace_closest16(job->tracer->trace, flags, active, &rays, &hits);
+    count->rays_bounce += (unsigned)__builtin_popcount(active);
     for (unsigned i = 0; i < lanes; i++) {
+        if (!(active >> i & 1u)) continue;
         struct path *path = &b->path[lane_path[i]];
         struct lw_surface surface;
         const bool miss = hits.object[i] == LW_TRACE_MISS;
         if (!miss) {
             const uint32_t *material = mesh_of(job, hits.object[i])->material;
             const struct lw_material *m = &scene->material[material[hits.triangle[i]]];
-            if (hits.back[i] && !m->double_sided) continue; /* a black wall */
+            if (hits.back[i] && !m->double_sided) { /* a black wall */
+                tell(job, path, 0);
+                continue;
+            }
             if (last && !(m->emission[0] + m->emission[1] + m->emission[2] > 0)) continue;
             surface_at(job, &hits, i, &surface);
         }
-        struct lw_vec3 seen = shine(job, method, path, &rays, &hits, i, miss ? NULL : &surface);
+        const unsigned going = b->going;
+        struct lw_vec3 seen = shine(job, method, path, density[i], &rays, &hits, i, miss ? NULL : &surface);
         path->radiance = lw_vec3_add(path->radiance, lw_vec3_mul(seen, path->throughput));
+        path->shone = lw_colour_luminance(seen);
+        path->reflected = 0;
         if (!miss && !last) arrive(job, b, lane_path[i], &hits, i, &surface);
+        if (b->going == going) tell(job, path, path->shone);
+    }
+}
+
+/* Aims from where paths have arrived. */
+static void take_aim(const struct job *job, struct bundle *b) {
+    for (unsigned i = 0; i < b->going; i++) {
+        const struct path *path = &b->path[b->order[i]];
+        lw_guide_aim_at(job->view->guide, path->origin, path->normal, &b->aim[b->order[i]]);
+    }
+}
+
+/* Tells the guide what brought them there: what shines, what lamps give, and by Q what else arrives. */
+static void tell_all(const struct job *job, struct bundle *b) {
+    for (unsigned i = 0; i < b->going; i++) {
+        struct path *path = &b->path[b->order[i]];
+        tell(job, path,
+             path->shone + path->reflected +
+                 lw_colour_luminance(path->albedo) * lw_guide_reflected(&b->aim[b->order[i]]));
     }
 }
 
@@ -344,6 +425,7 @@ static void trace_bundle(const struct job *job, struct bundle *b, unsigned paths
     const bool indirect = view->part == LW_PATH_PART_INDIRECT, arrived = b->going > 0;
     const uint32_t bounces = view->part == LW_PATH_PART_DIRECT ? 0 : view->bounces;
     for (unsigned i = 0; indirect && i < paths; i++) b->path[i].radiance = lw_vec3(0, 0, 0);
+    for (unsigned i = 0; i < paths; i++) b->path[i].place = LW_GUIDE_NOWHERE;
     /* Rays of the last surface bring light only where they may meet what shines. */
     const bool rays_may_shine = job->tracer->lights->shining_count || job->tracer->lights->sky_luminance > 0;
     for (uint32_t depth = 0; b->going; depth++) {
@@ -356,6 +438,8 @@ static void trace_bundle(const struct job *job, struct bundle *b, unsigned paths
         draw(b, USE_PICK, depth, pick);
         draw(b, USE_LAMP, depth, lamp);
         draw(b, USE_BOUNCE, depth, bounce);
+        b->guided = view->guide && !last; /* the last rays meet nothing but what shines */
+        if (view->guide) take_aim(job, b);
         for (unsigned first = 0; !unlit && first < going; first += LANES) {
             const unsigned lanes = lanes_from(first, going);
             if (by_all)
@@ -364,11 +448,11 @@ static void trace_bundle(const struct job *job, struct bundle *b, unsigned paths
                 light16(job, b, b->order + first, lanes, pick[0], lamp, count);
         }
         for (unsigned i = 0; first_hit && i < paths; i++) b->path[i].near = b->path[i].radiance;
+        if (view->guide) tell_all(job, b);
         if (last && (method == LW_PATH_METHOD_LAMPS || !rays_may_shine)) break;
         b->going = 0;
         for (unsigned first = 0; first < going; first += LANES)
-            bounce16(job, b, b->order + first, lanes_from(first, going), lw_direction_cosine(bounce), flags,
-                     method, last, count);
+            bounce16(job, b, b->order + first, lanes_from(first, going), bounce, flags, method, last, count);
     }
     if (arrived && view->clamp > 0) clamp_far(b, paths, view->clamp);
 }

@@ -12,6 +12,7 @@
 
 #include "client/view/gbuffer.h"
 #include "client/view/path_film.h"
+#include "common/guide/guide.h"
 #include "common/light/lights.h"
 #include "common/trace/trace.h"
 
@@ -93,6 +94,10 @@ struct lw_path_view {
     /* First hits of the whole picture, already traced with the same pose and camera. Rays from the eye are
      * traced only for pixels that show several surfaces. A pixel is then its centre. NULL: none. */
     const struct lw_gbuffer *first_hits;
+    /* Bounce rays but the last follow it, and it is told what they find; a render draws them all by what it
+     * had learned before. Between renders lw_guide_learn() takes what it was told: then the samples of later
+     * ones depend on where it was called. NULL: cosine-weighted rays alone. */
+    struct lw_guide *guide;
     const _Atomic bool *cancel; /* may be NULL; once true, a render ends within some milliseconds */
 };
 

@@ -15,7 +15,7 @@ struct raw {
     struct lw_access_options access;
     const char *address, *camera, *size, *wait, *exposure;
     int64_t samples, bounces, seed, samples_per_pixel;
-    int curve, pixel, show, direct, renderer;
+    int curve, pixel, guide, show, direct, renderer;
     bool samples_given;
 };
 
@@ -175,6 +175,7 @@ static enum lw_status interpret(const struct raw *raw, struct lw_view_options *o
     out->path.bounces = (uint32_t)raw->bounces;
     out->path.seed = (uint32_t)raw->seed;
     out->path.pixel = (enum lw_path_pixel)raw->pixel;
+    out->path.guide = (enum lw_view_guide)raw->guide;
     out->show = (enum lw_show)raw->show;
     out->path.part = (enum lw_path_part)raw->show; /* the same, as far as paths know them */
     out->renderer = (enum lw_view_renderer)raw->renderer;
@@ -307,6 +308,12 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
          .help = "The mean over a pixel's square (default), or what its centre sees, as --headless shows it.",
          .kind = LW_OPTION_CHOICE,
          .value = &raw.pixel},
+        {.name = "guide",
+         .argument = LW_VIEW_GUIDE_CHOICES,
+         .help = "Bounce rays by the surface alone (default), or half of them by what earlier samples have "
+                 "found: for rooms that indirect light lights.",
+         .kind = LW_OPTION_CHOICE,
+         .value = &raw.guide},
         {.name = "show",
          .argument = LW_SHOW_CHOICES,
          .help =

@@ -38,6 +38,10 @@ enum lw_view_format { LW_VIEW_NO_FILE, LW_VIEW_EXR, LW_VIEW_PNG };
 enum lw_view_renderer { LW_VIEW_RENDERER_AUTO, LW_VIEW_RENDERER_GL, LW_VIEW_RENDERER_CPU };
 #define LW_VIEW_RENDERER_CHOICES "auto|gl|cpu" /* in the order of enum lw_view_renderer */
 
+/* What bounce rays of --path-trace follow. */
+enum lw_view_guide { LW_VIEW_GUIDE_OFF, LW_VIEW_GUIDE_LEARNED };
+#define LW_VIEW_GUIDE_CHOICES "off|learned" /* in the order of enum lw_view_guide */
+
 /** What --path-trace takes. */
 struct lw_view_path {
     struct lw_scene_open open; /* open.path is the scene; NULL: no path tracing */
@@ -46,6 +50,7 @@ struct lw_view_path {
     uint32_t bounces, seed;
     enum lw_path_pixel pixel;
     enum lw_path_part part;
+    enum lw_view_guide guide;
     double time_s; /* of the scene's animation */
 };
 

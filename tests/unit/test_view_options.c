@@ -137,9 +137,11 @@ static void test_path_trace(void **state) {
     assert_int_equal(o.path.bounces, 2);
     assert_int_equal(o.path.seed, 1);
     assert_int_equal(o.path.pixel, LW_PATH_PIXEL_BOX);
+    assert_int_equal(o.path.guide, LW_VIEW_GUIDE_OFF);
     assert_float_equal(o.path.open.sun_angle_deg, LW_SCENE_OPEN_SUN_DIAMETER_DEG, 0);
     lw_support_ok(parse("--path-trace room.glb --json --camera-name a --size 8x8 --spp 1048576 --error 0.01 "
-                        "--bounces 64 --time 2.5 --seed 4294967295 --pixel centre --sky 1,2,3 --sun-angle 0 "
+                        "--bounces 64 --time 2.5 --seed 4294967295 --pixel centre --guide learned --sky "
+                        "1,2,3 --sun-angle 0 "
                         "--threads 3 --tonemap none --exposure 1",
                         &o, &err),
                   &err);
@@ -149,6 +151,7 @@ static void test_path_trace(void **state) {
     assert_float_equal(o.path.time_s, 2.5, 0);
     assert_true(o.path.seed == UINT32_MAX);
     assert_int_equal(o.path.pixel, LW_PATH_PIXEL_CENTRE);
+    assert_int_equal(o.path.guide, LW_VIEW_GUIDE_LEARNED);
     assert_true(o.path.open.sky_given && o.path.open.sky[1] == 2);
     assert_true(o.path.open.sun_angle_given && o.path.open.sun_angle_deg == 0);
     assert_int_equal(o.threads, 3);
@@ -238,6 +241,7 @@ static void test_errors_name_the_option(void **state) {
         {"--path-trace room.glb --json --seed -1", "--seed"},
         {"--path-trace room.glb --json --seed 4294967296", "--seed"},
         {"--path-trace room.glb --json --pixel corner", "--pixel"},
+        {"--path-trace room.glb --json --guide visible", "--guide"},
         /* each way refuses what belongs to another */
         {"--path-trace room.glb --json localhost", "localhost"},
         {"--path-trace room.glb --json --headless", "--headless"},
@@ -249,6 +253,7 @@ static void test_errors_name_the_option(void **state) {
         {"--headless --json --time 1", "--time"},
         {"--headless --json --seed 1", "--seed"},
         {"--headless --json --pixel box", "--pixel"},
+        {"--headless --json --guide learned", "--guide"},
         {"--headless --json --sky 1,1,1", "--sky"},
         {"room.glb --spp 4", "--spp"},
         {"--show shadows", "--show"},
