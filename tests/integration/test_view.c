@@ -329,16 +329,17 @@ static void test_a_wait_in_the_dark_that_is_stopped_writes_nothing(void **state)
 
 /* ---- --path-trace, which asks no server ---- */
 
-static void test_path_trace(void **state) {
-    (void)state;
+static void path_trace_by(const char *guide) {
     char arguments[512], exr[256];
     snprintf(exr, sizeof exr, "%s", lw_support_temporary("path.exr"));
     uint8_t *bytes[2];
     size_t size[2];
     for (int i = 0; i < 2; i++) {
-        snprintf(arguments, sizeof arguments,
-                 "--path-trace builtin:cornell --size 61x40 --spp 7 --bounces 1 --threads %d --json --out %s",
-                 i + 1, exr);
+        snprintf(
+            arguments, sizeof arguments,
+            "--path-trace builtin:cornell --size 61x40 --spp 7 --bounces 1 --threads %d --guide %s --json "
+            "--out %s",
+            i + 1, guide, exr);
         int code = run_view(arguments);
         if (code != 0) fail_msg("ended with %d: %s", code, lw_process_err(&view));
         bytes[i] = lw_support_read_file(exr, &size[i]);
@@ -352,6 +353,9 @@ static void test_path_trace(void **state) {
     assert_true(number_of(json, "rays_shadow") > 0 && number_of(json, "rays_bounce") > 0);
     assert_true(number_of(json, "error") > 0 && number_of(json, "cpu_seconds") > 0);
     assert_non_null(strstr(json, "\"stopped\": false"));
+    char said[64];
+    snprintf(said, sizeof said, "\"guide\": \"%s\"", guide);
+    assert_non_null(strstr(json, said));
 
     float *rgb;
     uint32_t width, height;
@@ -368,6 +372,12 @@ static void test_path_trace(void **state) {
     free(json);
     free(bytes[0]);
     free(bytes[1]);
+}
+
+static void test_path_trace(void **state) {
+    (void)state;
+    path_trace_by("off");
+    path_trace_by("learned");
 }
 
 static void test_path_trace_to_an_error(void **state) {
