@@ -7,6 +7,7 @@
  * and the sequence of bounces.c. What a ray's end sends out is cached: that is what a guide is told. Ways:
  *   cosine    about each texel's normal: what bounces.c does
  *   learned   guide.h. A packet has the aim of its first texel; each ray carries its weight cos / (pi p)
+ *   shared    the same, but a packet whose sample is the guide's takes one world direction for all its rays
  *   visible   each cell of the same grid lists the blocks that give it most light and that it sees
  *             (Vandersanden 2023, chapter 6). A ray goes into the cap about one block's sphere, as seen from
  *             the packet's first texel, with the share beta; the density is that of all caps it lies in.
@@ -41,8 +42,8 @@
 #define SIDE              LW_GUIDE_SIDE
 #define CELLS             (SIDE * SIDE * SIDE)
 
-enum way { COSINE, LEARNED, VISIBLE, WAYS };
-static const char *const way_name[WAYS] = {"cosine", "learned", "visible"};
+enum way { COSINE, LEARNED, SHARED, VISIBLE, WAYS };
+static const char *const way_name[WAYS] = {"cosine", "learned", "shared", "visible"};
 static const uint32_t scale_side[SCALES] = {1, BLOCK};
 
 struct tally {
@@ -248,6 +249,35 @@ static struct lw_vec3 caps_sample(const struct caps *c, const float point[2]) {
 
 /* ---- rays ---- */
 
+/* One direction for all lanes, or one about each one's normal: the choice is the packet's. */
+static void draw_shared(const struct lw_guide_aim *aim, const struct lw_points16 *at, const float point[2],
+                        struct lw_vec3 direction[LANES], float weight[LANES]) {
+    const float beta = aim->q ? aim->beta : 0;
+    const bool guided = point[0] < beta;
+    const float rest[2] = {guided ? point[0] : fminf((point[0] - beta) / (1 - beta), 0x1.fffffep-1f),
+                           point[1]};
+    struct lw_guide_sample one = {.density = 0};
+    float by_q = 0;
+    if (guided) {
+        one = lw_guide_sample(aim, aim->normal, point);
+        by_q = one.density - (1 - beta) * fmaxf(0, lw_vec3_dot(aim->normal, one.direction)) / LW_PI;
+    }
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        const struct lw_vec3 normal = lw_vec3(at->nx[lane], at->ny[lane], at->nz[lane]);
+        float own[2], density;
+        if (guided) {
+            direction[lane] = one.direction;
+            density = (1 - beta) * fmaxf(0, lw_vec3_dot(normal, one.direction)) / LW_PI + by_q;
+        } else {
+            lw_sampling_spread(rest, lane, own);
+            direction[lane] = lw_direction_about(normal, lw_direction_cosine(own));
+            density = lw_guide_density(aim, normal, direction[lane]);
+        }
+        const float cosine = lw_vec3_dot(normal, direction[lane]);
+        weight[lane] = cosine > 0 ? cosine / (LW_PI * density) : 0;
+    }
+}
+
 /* Directions and weights of a packet; place: of the guide. */
 static void draw(const struct bundle *b, const struct lw_points16 *at, const float point[2],
                  struct lw_vec3 direction[LANES], float weight[LANES], uint32_t place[LANES]) {
@@ -255,7 +285,11 @@ static void draw(const struct bundle *b, const struct lw_points16 *at, const flo
                          facing = lw_vec3(at->nx[0], at->ny[0], at->nz[0]);
     struct lw_guide_aim aim;
     struct caps caps = {.count = 0};
-    if (b->way == LEARNED) lw_guide_aim_at(lab.guide, eye, facing, &aim);
+    if (b->way == LEARNED || b->way == SHARED) lw_guide_aim_at(lab.guide, eye, facing, &aim);
+    if (b->way == SHARED) {
+        draw_shared(&aim, at, point, direction, weight);
+        return;
+    }
     if (b->way == VISIBLE) take_caps(eye, facing, &caps);
     for (uint32_t lane = 0; lane < LANES; lane++) {
         const struct lw_vec3 normal = lw_vec3(at->nx[lane], at->ny[lane], at->nz[lane]);
