@@ -14,10 +14,15 @@
  *   moved lamp  a lamp moves then: CPU s until the error is under 0.1 and 0.02 again, over the texels alone
  *               whose light has changed by over a tenth; their share, and the error if nothing were done
  * A point or spot moves by a twentieth of the scene's longest side, a sun turns by 5 degrees; else the first
- * object that emits moves. Solvers whose passes would take more than --pairs pairs a bounce are not run.
+ * object that emits moves. Undersampling whose window is one texel is left out. What takes more than --pairs
+ * pairs a bounce is not run.
  *
- * --passes instead prints what one pass of radiosity costs: the CPU time of a frame of one bounce without that
- * of a frame of none, rays of it, and the errors of the light after one bounce. */
+ * --early S prints errors over CPU time instead, frame by frame for S seconds, as CSV. --points prints what
+ * sets of virtual point lights gain and lose: CPU time of a frame by the number of sets, in the mean of a
+ * round; the same without that of a frame of direct light alone; errors after the first frame, the first
+ * round and four; the sum of indirect light over that of the truth by cells; and the same for some d0.
+ * --passes prints what one pass of radiosity costs: the CPU time of a frame of one bounce without that of a
+ * frame of none, rays of it, and the errors of the light after one bounce. */
 #include "client/view/path_trace.h"
 #include "common/clock.h"
 #include "server/solve/geometry.h"
@@ -45,15 +50,16 @@ enum { BY_CELLS, BY_PATHS };
 struct settings {
     struct lw_scene_open open;
     int64_t bounces, reference, spp, texels;
-    double seconds, pairs;
+    double seconds, pairs, early;
     const char *only;
-    bool passes, still;
+    bool passes, points, still;
 };
 
-/* A solver and what it is asked for. window: at least; 0: the default of --undersample. */
+/* A solver and what it is asked for. */
 struct entrant {
     const char *name, *solver;
     struct lw_radiosity_terms radiosity;
+    struct lw_vpl_terms vpl;
 };
 
 static const struct entrant entrants[] = {
@@ -62,9 +68,21 @@ static const struct entrant entrants[] = {
     {.name = "radiosity, stride", .solver = "radiosity", .radiosity = {.undersample = LW_UNDERSAMPLE_STRIDE}},
     {.name = "radiosity, random", .solver = "radiosity", .radiosity = {.undersample = LW_UNDERSAMPLE_RANDOM}},
     {.name = "radiosity, mip", .solver = "radiosity", .radiosity = {.undersample = LW_UNDERSAMPLE_MIP}},
+    {.name = "radiosity, stride, 4 x 4",
+     .solver = "radiosity",
+     .radiosity = {.undersample = LW_UNDERSAMPLE_STRIDE, .window = 4}},
+    {.name = "radiosity, random, 4 x 4",
+     .solver = "radiosity",
+     .radiosity = {.undersample = LW_UNDERSAMPLE_RANDOM, .window = 4}},
+    {.name = "radiosity, mip, 4 x 4",
+     .solver = "radiosity",
+     .radiosity = {.undersample = LW_UNDERSAMPLE_MIP, .window = 4}},
     {.name = "radiosity, subdivide 0.05", .solver = "radiosity", .radiosity = {.subdivide = 0.05f}},
     {.name = "radiosity, directions 64", .solver = "radiosity", .radiosity = {.directions = 64}},
     {.name = "radiosity, directions 256", .solver = "radiosity", .radiosity = {.directions = 256}},
+    {.name = "vpl, 512", .solver = "vpl"},
+    {.name = "vpl, 512 in 8", .solver = "vpl", .vpl = {.sets = 8}},
+    {.name = "vpl, 512 in 32", .solver = "vpl", .vpl = {.sets = 32}},
 };
 #define ENTRANTS (sizeof entrants / sizeof *entrants)
 
@@ -84,6 +102,7 @@ struct job {
     struct lw_pose pose, moved;
     const char *lamp;
     struct truth truth[TRUTHS], after; /* after: of the moved lamp, of the texels that it changes */
+    double indirect;                   /* sum of the truth by cells */
     double left;                       /* relMSE of the light before, over those */
     size_t texels;
 };
@@ -114,8 +133,21 @@ static double error_of(const struct truth *truth, const float *all, double *out_
     return truth->count ? error / (double)truth->count : 0;
 }
 
-static enum lw_status by_cells(const struct job *job, const struct lw_pose *pose, uint32_t seed,
-                               float **out_light, size_t *out_texels, struct lw_error *err) {
+/* Sum of indirect light over all texels. */
+static double indirect_of(const struct job *job, const struct lw_solver *solver) {
+    double sum = 0;
+    for (uint32_t id = 0; id < job->map.tile_count; id++) {
+        struct lw_solver_tile tile;
+        if (job->map.place[id].level) continue;
+        solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
+        for (uint32_t i = 0; i < tile.width * tile.height; i++)
+            for (int c = 0; tile.covered[i] && c < 3; c++) sum += (double)tile.indirect[c][i];
+    }
+    return sum;
+}
+
+static enum lw_status by_cells(struct job *job, const struct lw_pose *pose, uint32_t seed, float **out_light,
+                               size_t *out_texels, struct lw_error *err) {
     struct lw_solver *solver;
     struct lw_solver_stats stats;
     struct lw_solver_desc desc = bench_light_desc(job->scene, &job->map, -1, seed);
@@ -128,6 +160,7 @@ static enum lw_status by_cells(const struct job *job, const struct lw_pose *pose
     if (status == LW_OK && !(*out_light = bench_read_light(solver, &job->map, out_texels)))
         status = lw_status_fail(err, LW_NO_MEMORY, "texels");
     *out_texels /= 3;
+    job->indirect = indirect_of(job, solver);
     solver->ops->destroy(solver);
     return status;
 }
@@ -154,7 +187,7 @@ static size_t list_spots(const struct job *job, const struct lw_texels *texels, 
     return count;
 }
 
-/* The surface at a sample point of each spot, as if it were what a pixel shows: white, so that its radiance is
+/* The surface at a sample point of each spot, as if a pixel showed it: white, so that its radiance is
  * E / pi. */
 static void show_spots(const struct job *job, const struct lw_texels *texels, const struct spot *spot,
                        uint32_t turn, struct lw_gbuffer *gbuffer) {
@@ -306,7 +339,7 @@ static enum lw_status find_truths(struct job *job, struct lw_error *err) {
         "\n%s: %zu texels; of the truths: paths of %zu texels have noise of relMSE %.5f; cells against them "
         "%.5f, ratio of means %.4f",
         job->label, job->texels, job->truth[BY_PATHS].count, noise, apart, ratio);
-    if (job->settings->passes || job->settings->still) {
+    if (job->settings->passes || job->settings->points || job->settings->early > 0 || job->settings->still) {
         puts("\n");
         return LW_OK;
     }
@@ -360,7 +393,14 @@ static struct lw_solver_desc desc_of(const struct job *job, const struct entrant
     desc.bounces = bounces;
     desc.threads = threads_of(job->settings);
     desc.radiosity = e->radiosity;
+    desc.vpl = e->vpl;
     return desc;
+}
+
+/* Texels a side; 1: each shoots. */
+static double window_of(const struct job *job, const struct entrant *e) {
+    if (e->radiosity.undersample == LW_UNDERSAMPLE_NONE) return 1;
+    return e->radiosity.window ? e->radiosity.window : fmax(1, round(sqrt((double)job->texels) / 128));
 }
 
 /* Of a pass, about: charts and windows that are not full make more. 0: it knows no pairs. */
@@ -369,7 +409,7 @@ static double pairs_of(const struct job *job, const struct entrant *e) {
     if (strcmp(e->solver, "radiosity") != 0 || e->radiosity.directions) return 0;
     if (e->radiosity.subdivide > 0) return n * n / 16; /* it depends on the light: squares of 4 x 4 */
     if (e->radiosity.undersample == LW_UNDERSAMPLE_NONE) return n * n;
-    const double side = fmax(1, round(sqrt(n) / 128));
+    const double side = window_of(job, e);
     return n * n / (side * side);
 }
 
@@ -516,11 +556,94 @@ static enum lw_status print_pass(const struct job *job, const struct entrant *e,
     return status;
 }
 
+static enum lw_status print_early(const struct job *job, const struct entrant *e, struct lw_error *err) {
+    struct run r = {.job = job};
+    const struct lw_solver_desc desc = desc_of(job, e, (uint32_t)job->settings->bounces);
+    if (is_too_much(job, e)) return LW_OK;
+    enum lw_status status = lw_solvers_create(e->solver, &desc, &job->pose, &r.solver, err);
+    if (status != LW_OK) return status;
+    while (status == LW_OK && r.cpu_s < job->settings->early) {
+        size_t values;
+        float *light = NULL;
+        status = step(&r, &job->pose, err);
+        if (status == LW_OK && !(light = bench_read_light(r.solver, &job->map, &values)))
+            status = lw_status_fail(err, LW_NO_MEMORY, "texels");
+        if (status == LW_OK)
+            printf("%s,\"%s\",%llu,%.4f,%.5f,%.5f\n", job->label, e->name, (unsigned long long)r.frame,
+                   r.cpu_s, error_of(&job->truth[BY_CELLS], light, NULL),
+                   error_of(&job->truth[BY_PATHS], light, NULL));
+        fflush(stdout);
+        free(light);
+    }
+    r.solver->ops->destroy(r.solver);
+    return status;
+}
+
+/* ---- virtual point lights ---- */
+
+static enum lw_status print_points_row(const struct job *job, struct lw_vpl_terms terms, double direct_s,
+                                       double *whole_s, struct lw_error *err) {
+    enum { ROUNDS = 4 };
+    struct run r = {.job = job};
+    const struct entrant e = {.name = "vpl", .solver = "vpl", .vpl = terms};
+    const struct lw_solver_desc desc = desc_of(job, &e, (uint32_t)job->settings->bounces);
+    enum lw_status status = lw_solvers_create(e.solver, &desc, &job->pose, &r.solver, err);
+    double error[3] = {0}, round_s = 0, indirect = 0;
+    for (uint64_t f = 1; status == LW_OK && f <= ROUNDS * terms.sets; f++) {
+        size_t values;
+        float *light = NULL;
+        status = step(&r, &job->pose, err);
+        if (f == terms.sets) round_s = r.cpu_s / terms.sets, indirect = indirect_of(job, r.solver);
+        if (status != LW_OK || (f != 1 && f != terms.sets && f != ROUNDS * terms.sets)) continue;
+        if (!(light = bench_read_light(r.solver, &job->map, &values)))
+            return lw_status_fail(err, LW_NO_MEMORY, "texels");
+        const double now = error_of(&job->truth[BY_PATHS], light, NULL);
+        if (f == 1) error[0] = now;
+        if (f == terms.sets) error[1] = now;
+        if (f == ROUNDS * terms.sets) error[2] = now;
+        free(light);
+    }
+    if (terms.sets == 1) *whole_s = round_s;
+    if (status == LW_OK)
+        printf("| %s | %u | %u | %.3g | %.3f | %.1f | %.3f | %.4f | %.4f | %.4f | %.4f |\n", job->label,
+               terms.lights, terms.sets, (double)terms.near_m, round_s, *whole_s / round_s,
+               round_s - direct_s, error[0], error[1], error[2], indirect / job->indirect);
+    fflush(stdout);
+    if (r.solver) r.solver->ops->destroy(r.solver);
+    return status;
+}
+
+static enum lw_status print_points(const struct job *job, struct lw_error *err) {
+    enum { LIGHTS = 512, SETS_MAX = 32 };
+    static const double near_m[] = {0.02, 0.05, 0.1, 0.2, 0.5, 1};
+    const struct entrant e = {.name = "vpl", .solver = "vpl"};
+    struct lw_solver_stats stats;
+    float *light = NULL;
+    double direct_s = 0, whole_s = 0;
+    enum lw_status status = solve_once(job, &e, 0, &direct_s, &stats, &light, err);
+    free(light);
+    puts(
+        "| scene | lights | sets | d0, m; 0: by area | CPU s a frame | of one set over this | without direct "
+        "light | relMSE by paths: first frame | first round | 4 rounds | indirect over the truth's |\n"
+        "|---|---|---|---|---|---|---|---|---|---|---|");
+    for (uint32_t sets = 1; sets <= SETS_MAX && status == LW_OK; sets *= 2)
+        status = print_points_row(job, (struct lw_vpl_terms){.lights = LIGHTS, .sets = sets}, direct_s,
+                                  &whole_s, err);
+    for (size_t k = 0; k < sizeof near_m / sizeof *near_m && status == LW_OK; k++)
+        status = print_points_row(
+            job, (struct lw_vpl_terms){.lights = LIGHTS, .sets = 4, .near_m = (float)near_m[k]}, direct_s,
+            &whole_s, err);
+    return status;
+}
+
 static enum lw_status measure(struct job *job, struct lw_error *err) {
     const struct settings *s = job->settings;
     enum lw_status status = find_truths(job, err);
     if (status != LW_OK) return status;
-    if (s->passes)
+    if (s->points) return print_points(job, err);
+    if (s->early > 0)
+        puts("scene,solver,frame,cpu_s,relmse_cells,relmse_paths");
+    else if (s->passes)
         puts("| scene | texels | solver | CPU s a pass | rays | relMSE by cells, paths | ratio of means |\n"
              "|---|---|---|---|---|---|---|");
     else
@@ -532,7 +655,10 @@ static enum lw_status measure(struct job *job, struct lw_error *err) {
         const struct entrant *e = &entrants[k];
         if (s->only && !strstr(e->name, s->only)) continue;
         if (s->passes && strcmp(e->solver, "radiosity") != 0) continue;
-        status = s->passes ? print_pass(job, e, err) : print_row(job, e, err);
+        if (e->radiosity.undersample != LW_UNDERSAMPLE_NONE && window_of(job, e) <= 1) continue;
+        status = s->early > 0 ? print_early(job, e, err)
+                 : s->passes  ? print_pass(job, e, err)
+                              : print_row(job, e, err);
     }
     return status;
 }
@@ -583,6 +709,10 @@ int main(int argc, char **argv) {
          &s.pairs, 1, 1e15, NULL},
         {"only", "TEXT", "solvers that have it in their name", LW_OPTION_STRING, &s.only, 0, 0, NULL},
         {"passes", NULL, "what a pass of radiosity costs, instead", LW_OPTION_FLAG, &s.passes, 0, 0, NULL},
+        {"early", "S", "errors over the first S CPU seconds, as CSV, instead", LW_OPTION_REAL, &s.early, 1e-3,
+         1e6, NULL},
+        {"points", NULL, "what sets of virtual point lights gain and lose, instead", LW_OPTION_FLAG,
+         &s.points, 0, 0, NULL},
         {"still", NULL, "no lamp moves", LW_OPTION_FLAG, &s.still, 0, 0, NULL}};
     return bench_main(&(struct bench_program){.name = "bench_solvers",
                                               .about = "The solvers at equal error.",
