@@ -14,7 +14,8 @@
 struct vpl_solver {
     struct lw_patch_solver patch;
     struct lw_virtual_lights lights;
-    bool moved; /* something has, since the lights were checked */
+    uint32_t placed; /* turn at which the patches are, and one more */
+    bool moved;      /* something has, since the lights were checked */
 };
 
 enum lw_status lw_vpl_solver_check(const struct lw_solver_desc *desc, struct lw_error *err) {
@@ -63,24 +64,31 @@ static void leave(struct lw_patch_solver *p, const struct lw_pose *next) {
     struct vpl_solver *s = (struct vpl_solver *)p;
     lw_virtual_lights_leave(&s->lights, &p->pose, next);
     s->moved = true;
+    s->placed = 0;
 }
 
 /* All sets of a round meet the same places, so that they add up. */
 static enum lw_status place(struct lw_patch_solver *p, struct lw_error *err) {
+    struct vpl_solver *s = (struct vpl_solver *)p;
+    const uint32_t turn = p->frames / sets_of(p);
     (void)err;
-    lw_patches_place(&p->patches, &p->pose, p->frames / sets_of(p), p->threads);
+    if (s->placed != turn + 1) lw_patches_place(&p->patches, &p->pose, turn, p->threads);
+    s->placed = turn + 1;
     return LW_OK;
 }
 
-/* The radius of a disc as large as the share of all surfaces that the first light of a path stands for:
- * nearer, one point does not stand for it. */
+/* Of the radius of a disc as large as the share of all surfaces that the first light of a path stands for:
+ * between what has the least error in Cornell's box, a half, and in Sponza, a seventh
+ * (docs/results/solvers.md). */
+#define NEAR_SHARE 0.35f
+
 static float near_by_area(const struct vpl_solver *s) {
     const struct lw_patches *patches = &s->patch.patches;
     double area = 0;
     for (uint32_t p = 0; p < patches->packet_count; p++)
         for (int i = 0; i < LW_TRACE_WIDTH && patches->packet[p].active >> i & 1; i++)
             area += (double)patches->area_m2[patches->packet[p].texel[i]];
-    return (float)sqrt(area / ((double)LW_PI * s->lights.paths));
+    return NEAR_SHARE * (float)sqrt(area / ((double)LW_PI * s->lights.paths));
 }
 
 static float largest_m(const struct lw_patch_solver *p) {

@@ -10,7 +10,7 @@
  *   first       CPU s of the first frame, after which every texel has light, and its errors by both truths
  *   0.1, 0.02   CPU s, frames alone, until the error by both truths is under that, by cells and by paths
  *   last        errors and ratio of means where the row ends, by both truths
- *   bytes       of the solver per covered texel, rays' structure included
+ *   bytes       of the solver per covered texel, without the rays' structure
  *   moved lamp  a lamp moves then: CPU s until the error is under 0.1 and 0.02 again, over the texels alone
  *               whose light has changed by over a tenth; their share, and the error if nothing were done
  * A point or spot moves by a twentieth of the scene's longest side, a sun turns by 5 degrees; else the first
@@ -20,11 +20,13 @@
  * --early S prints errors over CPU time instead, frame by frame for S seconds, as CSV. --points prints what
  * sets of virtual point lights gain and lose: CPU time of a frame by the number of sets, in the mean of a
  * round; the same without that of a frame of direct light alone; errors after the first frame, the first
- * round and four; the sum of indirect light over that of the truth by cells; and the same for some d0.
+ * round and four; the median of a texel's indirect light over that of the truth by cells, and how many texels
+ * have under half; and the same for some d0.
  * --passes prints what one pass of radiosity costs: the CPU time of a frame of one bounce without that of a
  * frame of none, rays of it, and the errors of the light after one bounce. */
 #include "client/view/path_trace.h"
 #include "common/clock.h"
+#include "common/colour.h"
 #include "server/solve/geometry.h"
 #include "server/solve/solvers.h"
 #include "tests/bench/bench_light.h"
@@ -102,8 +104,9 @@ struct job {
     struct lw_pose pose, moved;
     const char *lamp;
     struct truth truth[TRUTHS], after; /* after: of the moved lamp, of the texels that it changes */
-    double indirect;                   /* sum of the truth by cells */
-    double left;                       /* relMSE of the light before, over those */
+    float *indirect;                   /* of the truth by cells, luminance */
+    size_t trace_bytes;
+    double left; /* relMSE of the light before, over those */
     size_t texels;
 };
 
@@ -133,17 +136,20 @@ static double error_of(const struct truth *truth, const float *all, double *out_
     return truth->count ? error / (double)truth->count : 0;
 }
 
-/* Sum of indirect light over all texels. */
-static double indirect_of(const struct job *job, const struct lw_solver *solver) {
-    double sum = 0;
-    for (uint32_t id = 0; id < job->map.tile_count; id++) {
+/* Luminance of indirect light, of all texels; the caller frees. NULL: no memory. */
+static float *read_indirect(const struct job *job, const struct lw_solver *solver) {
+    float *light = malloc((job->texels + 1) * sizeof *light);
+    size_t count = 0;
+    for (uint32_t id = 0; light && id < job->map.tile_count; id++) {
         struct lw_solver_tile tile;
         if (job->map.place[id].level) continue;
         solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
         for (uint32_t i = 0; i < tile.width * tile.height; i++)
-            for (int c = 0; tile.covered[i] && c < 3; c++) sum += (double)tile.indirect[c][i];
+            if (tile.covered[i])
+                light[count++] = lw_colour_luminance(
+                    lw_vec3(tile.indirect[0][i], tile.indirect[1][i], tile.indirect[2][i]));
     }
-    return sum;
+    return light;
 }
 
 static enum lw_status by_cells(struct job *job, const struct lw_pose *pose, uint32_t seed, float **out_light,
@@ -160,7 +166,9 @@ static enum lw_status by_cells(struct job *job, const struct lw_pose *pose, uint
     if (status == LW_OK && !(*out_light = bench_read_light(solver, &job->map, out_texels)))
         status = lw_status_fail(err, LW_NO_MEMORY, "texels");
     *out_texels /= 3;
-    job->indirect = indirect_of(job, solver);
+    job->texels = *out_texels;
+    if (status == LW_OK && !job->indirect && !(job->indirect = read_indirect(job, solver)))
+        status = lw_status_fail(err, LW_NO_MEMORY, "texels");
     solver->ops->destroy(solver);
     return status;
 }
@@ -293,6 +301,7 @@ static enum lw_status by_paths(struct job *job, struct truth *truth, double *out
         }
     }
     if (status == LW_OK) truth->epsilon = bench_light_epsilon(truth->light, 3 * truth->count);
+    if (status == LW_OK) job->trace_bytes = lw_trace_memory_bytes(geometry.trace);
     free(all);
     free(spot);
     lw_geometry_finish(&geometry);
@@ -500,7 +509,7 @@ static enum lw_status print_row(const struct job *job, const struct entrant *e, 
         print_reached(reached[BY_PATHS]);
         printf(" %.1f s: %.4f, %.4f; %.3f, %.3f | %.0f |", r.cpu_s, error[BY_CELLS], error[BY_PATHS],
                ratio[BY_CELLS], ratio[BY_PATHS],
-               (double)r.solver->ops->memory_bytes(r.solver) / (double)job->texels);
+               (double)(r.solver->ops->memory_bytes(r.solver) - job->trace_bytes) / (double)job->texels);
         fflush(stdout);
     }
     if (status == LW_OK && !job->settings->still) {
@@ -581,6 +590,26 @@ static enum lw_status print_early(const struct job *job, const struct entrant *e
 
 /* ---- virtual point lights ---- */
 
+static int compare_floats(const void *a, const void *b) {
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+static enum lw_status compare_indirect(const struct job *job, const struct lw_solver *solver,
+                                       double *out_median, double *out_dim, struct lw_error *err) {
+    float *light = read_indirect(job, solver);
+    size_t count = 0, dim = 0;
+    if (!light) return lw_status_fail(err, LW_NO_MEMORY, "texels");
+    for (size_t i = 0; i < job->texels; i++)
+        if (job->indirect[i] > 0) light[count++] = light[i] / job->indirect[i];
+    for (size_t i = 0; i < count; i++) dim += light[i] < 0.5f;
+    qsort(light, count, sizeof *light, compare_floats);
+    *out_median = count ? (double)light[count / 2] : 0;
+    *out_dim = count ? (double)dim / (double)count : 0;
+    free(light);
+    return LW_OK;
+}
+
 static enum lw_status print_points_row(const struct job *job, struct lw_vpl_terms terms, double direct_s,
                                        double *whole_s, struct lw_error *err) {
     enum { ROUNDS = 4 };
@@ -588,12 +617,13 @@ static enum lw_status print_points_row(const struct job *job, struct lw_vpl_term
     const struct entrant e = {.name = "vpl", .solver = "vpl", .vpl = terms};
     const struct lw_solver_desc desc = desc_of(job, &e, (uint32_t)job->settings->bounces);
     enum lw_status status = lw_solvers_create(e.solver, &desc, &job->pose, &r.solver, err);
-    double error[3] = {0}, round_s = 0, indirect = 0;
+    double error[3] = {0}, round_s = 0, median = 0, dim = 0;
     for (uint64_t f = 1; status == LW_OK && f <= ROUNDS * terms.sets; f++) {
         size_t values;
         float *light = NULL;
         status = step(&r, &job->pose, err);
-        if (f == terms.sets) round_s = r.cpu_s / terms.sets, indirect = indirect_of(job, r.solver);
+        if (f == terms.sets) round_s = r.cpu_s / terms.sets;
+        if (status == LW_OK && f == terms.sets) status = compare_indirect(job, r.solver, &median, &dim, err);
         if (status != LW_OK || (f != 1 && f != terms.sets && f != ROUNDS * terms.sets)) continue;
         if (!(light = bench_read_light(r.solver, &job->map, &values)))
             return lw_status_fail(err, LW_NO_MEMORY, "texels");
@@ -605,9 +635,9 @@ static enum lw_status print_points_row(const struct job *job, struct lw_vpl_term
     }
     if (terms.sets == 1) *whole_s = round_s;
     if (status == LW_OK)
-        printf("| %s | %u | %u | %.3g | %.3f | %.1f | %.3f | %.4f | %.4f | %.4f | %.4f |\n", job->label,
-               terms.lights, terms.sets, (double)terms.near_m, round_s, *whole_s / round_s,
-               round_s - direct_s, error[0], error[1], error[2], indirect / job->indirect);
+        printf("| %s | %u | %u | %.3g | %.3f | %.1f | %.3f | %.4f | %.4f | %.4f | %.3f, %.1f %% |\n",
+               job->label, terms.lights, terms.sets, (double)terms.near_m, round_s, *whole_s / round_s,
+               round_s - direct_s, error[0], error[1], error[2], median, 100 * dim);
     fflush(stdout);
     if (r.solver) r.solver->ops->destroy(r.solver);
     return status;
@@ -615,7 +645,7 @@ static enum lw_status print_points_row(const struct job *job, struct lw_vpl_term
 
 static enum lw_status print_points(const struct job *job, struct lw_error *err) {
     enum { LIGHTS = 512, SETS_MAX = 32 };
-    static const double near_m[] = {0.02, 0.05, 0.1, 0.2, 0.5, 1};
+    static const double near_m[] = {0.01, 0.03, 0.1, 0.3, 1, 3};
     const struct entrant e = {.name = "vpl", .solver = "vpl"};
     struct lw_solver_stats stats;
     float *light = NULL;
@@ -624,7 +654,8 @@ static enum lw_status print_points(const struct job *job, struct lw_error *err) 
     free(light);
     puts(
         "| scene | lights | sets | d0, m; 0: by area | CPU s a frame | of one set over this | without direct "
-        "light | relMSE by paths: first frame | first round | 4 rounds | indirect over the truth's |\n"
+        "light | relMSE by paths: first frame | first round | 4 rounds | indirect over the truth's: median, "
+        "share under half |\n"
         "|---|---|---|---|---|---|---|---|---|---|---|");
     for (uint32_t sets = 1; sets <= SETS_MAX && status == LW_OK; sets *= 2)
         status = print_points_row(job, (struct lw_vpl_terms){.lights = LIGHTS, .sets = sets}, direct_s,
@@ -678,6 +709,7 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
     lw_pose_finish(&job.moved);
     for (int t = 0; t < TRUTHS; t++) truth_finish(&job.truth[t]);
     truth_finish(&job.after);
+    free(job.indirect);
     bench_close(job.scene, &job.pose, &job.map);
     return status;
 }

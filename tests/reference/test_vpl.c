@@ -206,6 +206,30 @@ static void test_what_comes_between(void **state) {
     }
 }
 
+/* A shade under the ceiling, above the lamp, takes the points on the ceiling that it hides from theirs on the
+ * floor, and no others. */
+static void test_what_comes_between_two_points(void **state) {
+    (void)state;
+    struct room room = under_a_lamp();
+    struct room_solution s;
+    room.quad[SHADE].corner.y = 1.9f;
+    room_solve_by(&s, &room, "vpl",
+                  (struct lw_solver_desc){.bounces = 2, .vpl = {.lights = 128, .reshoot = UINT32_MAX}}, 0);
+    s.pose.object_dynamic[SHADE] = true;
+    solve_frame(&s, 1);
+    const double floor = room_object_mean(&s, FLOOR).indirect,
+                 ceiling = room_object_mean(&s, CEILING).indirect;
+    s.pose.object_to_world[SHADE].m[0][3] -= 20.5f;
+    solve_frame(&s, 2);
+    assert_true(room_object_mean(&s, CEILING).indirect < 0.9 * ceiling); /* it is in the shade */
+    s.pose.object_to_world[SHADE].m[0][3] += 20.5f;
+    solve_frame(&s, 3);
+    expect_near(room_object_mean(&s, CEILING).indirect, ceiling, 1e-5);
+    const double left = room_object_mean(&s, FLOOR).indirect / floor;
+    if (!(left > 0.2 && left < 0.8)) fail_msg("%g of the second bounce is left", left);
+    room_finish(&s);
+}
+
 /* Who stays follows its lamp. */
 static void test_a_lamp_that_dims(void **state) {
     (void)state;
@@ -251,6 +275,7 @@ int main(void) {
                                        cmocka_unit_test(test_same_bytes_at_any_thread_count),
                                        cmocka_unit_test(test_goes_on_from_a_checkpoint),
                                        cmocka_unit_test(test_what_comes_between),
+                                       cmocka_unit_test(test_what_comes_between_two_points),
                                        cmocka_unit_test(test_a_lamp_that_dims),
                                        cmocka_unit_test(test_refusals)};
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -292,6 +292,12 @@ static void charge(struct lw_virtual_lights *v) {
     }
 }
 
+static bool is_short(const struct lw_virtual_lights *v) {
+    for (uint32_t path = 0; path < v->paths; path++)
+        if (v->light[first_of(v, path)].state == LW_VIRTUAL_LIGHT_LOST) return true;
+    return false;
+}
+
 uint64_t lw_virtual_lights_shoot(struct lw_virtual_lights *lights,
                                  const struct lw_virtual_lights_shot *shot) {
     struct flight f = {.v = lights, .shot = shot};
@@ -299,7 +305,7 @@ uint64_t lw_virtual_lights_shoot(struct lw_virtual_lights *lights,
     uint32_t count = 0;
     if (!lights->paths) return 0;
     if (shot->checks && !all) check(&f);
-    sum_up(lights, shot->direct);
+    if (is_short(lights) || shot->rotates) sum_up(lights, shot->direct);
     for (uint32_t path = 0; path < lights->paths; path++)
         for (uint32_t b = 0; b < lights->bounces; b++) {
             if (lights->light[first_of(lights, path) + b].state != LW_VIRTUAL_LIGHT_LOST) continue;
