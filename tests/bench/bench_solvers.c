@@ -565,6 +565,21 @@ static enum lw_status print_pass(const struct job *job, const struct entrant *e,
     return status;
 }
 
+/* Of indirect light alone, by the truth by cells, each texel by itself: the mean of min(1, (x - t)^2 / (t^2 +
+ * (1 % of the mean of t)^2)). */
+static double indirect_error(const struct job *job, const struct lw_solver *solver) {
+    float *light = read_indirect(job, solver);
+    double mean = 0, error = 0;
+    for (size_t i = 0; i < job->texels; i++) mean += (double)job->indirect[i] / (double)job->texels;
+    for (size_t i = 0; light && i < job->texels; i++) {
+        const double t = (double)job->indirect[i], off = (double)light[i] - t;
+        error += fmin(1, off * off / (t * t + 1e-4 * mean * mean)) / (double)job->texels;
+    }
+    if (!light) error = 1;
+    free(light);
+    return error;
+}
+
 static enum lw_status print_early(const struct job *job, const struct entrant *e, struct lw_error *err) {
     struct run r = {.job = job};
     const struct lw_solver_desc desc = desc_of(job, e, (uint32_t)job->settings->bounces);
@@ -578,9 +593,9 @@ static enum lw_status print_early(const struct job *job, const struct entrant *e
         if (status == LW_OK && !(light = bench_read_light(r.solver, &job->map, &values)))
             status = lw_status_fail(err, LW_NO_MEMORY, "texels");
         if (status == LW_OK)
-            printf("%s,\"%s\",%llu,%.4f,%.5f,%.5f\n", job->label, e->name, (unsigned long long)r.frame,
+            printf("%s,\"%s\",%llu,%.4f,%.5f,%.5f,%.5f\n", job->label, e->name, (unsigned long long)r.frame,
                    r.cpu_s, error_of(&job->truth[BY_CELLS], light, NULL),
-                   error_of(&job->truth[BY_PATHS], light, NULL));
+                   error_of(&job->truth[BY_PATHS], light, NULL), indirect_error(job, r.solver));
         fflush(stdout);
         free(light);
     }
@@ -673,7 +688,7 @@ static enum lw_status measure(struct job *job, struct lw_error *err) {
     if (status != LW_OK) return status;
     if (s->points) return print_points(job, err);
     if (s->early > 0)
-        puts("scene,solver,frame,cpu_s,relmse_cells,relmse_paths");
+        puts("scene,solver,frame,cpu_s,relmse_cells,relmse_paths,indirect");
     else if (s->passes)
         puts("| scene | texels | solver | CPU s a pass | rays | relMSE by cells, paths | ratio of means |\n"
              "|---|---|---|---|---|---|---|");
