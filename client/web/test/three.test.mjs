@@ -1,12 +1,12 @@
 // lightwell-three: a three.js page's picture of a glTF against lightwell-view's, of the same light.
 import assert from 'node:assert/strict';
-import { createReadStream, existsSync, mkdtempSync, rmSync, writeFileSync } from 'node:fs';
-import { createServer } from 'node:http';
+import { existsSync, mkdtempSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
-import { extname, join } from 'node:path';
+import { join } from 'node:path';
 import test from 'node:test';
 
 import { bin, hasDaemon, startDaemon } from './daemon.mjs';
+import { serveExample } from './example.mjs';
 import { web } from './load.mjs';
 import { checkUploads, compare, hasBrowser, openBrowser, pictureName, pixelsOf, reference } from './page.mjs';
 import { lampWay, room } from './room.mjs';
@@ -19,37 +19,13 @@ const missing =
     ? 'there is no lightwelld in build/release/bin'
     : !hasBrowser() && 'there is no chromium';
 
-const types = { '.html': 'text/html', '.js': 'text/javascript', '.wasm': 'application/wasm' };
 const packageFolder = join(web, '../lightwell-three');
-const modules = new URL('../node_modules/', import.meta.url).pathname;
-
-/** The example's folder: page, scene, and both packages. */
-function serve(scene) {
-  const server = createServer((request, response) => {
-    const path = decodeURIComponent(new URL(request.url, 'http://x').pathname);
-    const file = path.startsWith('/node_modules/lightwell-three/')
-      ? join(packageFolder, path.slice(30))
-      : path.startsWith('/node_modules/')
-        ? join(modules, path.slice(14))
-        : path === '/scene.gltf'
-          ? scene
-          : join(packageFolder, path);
-    if (!existsSync(file)) return response.writeHead(404).end();
-    response.writeHead(200, { 'content-type': types[extname(file)] ?? 'application/json' });
-    createReadStream(file).pipe(response);
-  });
-  return new Promise((resolve) => {
-    server.listen(0, '127.0.0.1', () =>
-      resolve({ origin: `http://127.0.0.1:${server.address().port}`, server }),
-    );
-  });
-}
 
 async function show(lights, options, limits) {
   const folder = mkdtempSync(join(tmpdir(), 'lightwell-three-'));
   const scene = join(folder, 'scene.gltf');
   writeFileSync(scene, room(options));
-  const { origin, server } = await serve(scene);
+  const { origin, server } = await serveExample(packageFolder, scene);
   const daemon = await startDaemon(
     scene,
     '--clock',
