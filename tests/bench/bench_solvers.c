@@ -12,7 +12,8 @@
  *   last        errors and ratio of means where the row ends, by both truths
  *   bytes       of the solver per covered texel, without the rays' structure
  *   moved lamp  a lamp moves then: CPU s until the error is under 0.1 and 0.02 again, over the texels alone
- *               whose light has changed by over a tenth; their share, and the error if nothing were done
+ *               whose light has changed by over a tenth; the error at the end. Not where the first frame took
+ *               longer than --seconds
  * A point or spot moves by a twentieth of the scene's longest side, a sun turns by 5 degrees; else the first
  * object that emits moves. Undersampling whose window is one texel is left out. What takes more than --pairs
  * pairs a bounce is not run.
@@ -512,7 +513,9 @@ static enum lw_status print_row(const struct job *job, const struct entrant *e, 
                (double)(r.solver->ops->memory_bytes(r.solver) - job->trace_bytes) / (double)job->texels);
         fflush(stdout);
     }
-    if (status == LW_OK && !job->settings->still) {
+    if (status == LW_OK && !job->settings->still && first_s > job->settings->seconds) {
+        printf(" not run | | |");
+    } else if (status == LW_OK && !job->settings->still) {
         status = until(&r, &job->moved, after, 1, again, error, &ignored, NULL, NULL, err);
         if (status == LW_OK) print_reached(again[0]);
         if (status == LW_OK) printf(" %.4f |", error[0]);
