@@ -18,11 +18,12 @@
  * object that emits moves. Undersampling whose window is one texel is left out. What takes more than --pairs
  * pairs a bounce is not run.
  *
- * --early S prints errors over CPU time instead, frame by frame for S seconds, as CSV. --points prints what
- * sets of virtual point lights gain and lose: CPU time of a frame by the number of sets, in the mean of a
- * round; the same without that of a frame of direct light alone; errors after the first frame, the first
- * round and four; the median of a texel's indirect light over that of the truth by cells, and how many texels
- * have under half; and the same for some d0.
+ * --early S prints errors over CPU time instead, frame by frame for S seconds, as CSV; the last column is of
+ * indirect light alone, each texel by itself. With --denoise, errors are those of what is shown.
+ * --points prints what sets of virtual point lights gain and lose: CPU time of a frame by the number of sets,
+ * in the mean of a round; the same without that of a frame of direct light alone; errors after the first
+ * frame, the first round and four; the median of a texel's indirect light over that of the truth by cells, and
+ * how many texels have under half; and the same for some d0.
  * --passes prints what one pass of radiosity costs: the CPU time of a frame of one bounce without that of a
  * frame of none, rays of it, and the errors of the light after one bounce. */
 #include "client/view/path_trace.h"
@@ -55,7 +56,7 @@ struct settings {
     int64_t bounces, reference, spp, texels;
     double seconds, pairs, early;
     const char *only;
-    bool passes, points, still;
+    bool passes, points, still, denoise;
 };
 
 /* A solver and what it is asked for. */
@@ -583,17 +584,34 @@ static double indirect_error(const struct job *job, const struct lw_solver *solv
     return error;
 }
 
+/* What is shown, as bench_read_light(): filtered and welded. */
+static float *read_shown(const struct job *job, const struct lw_solver *solver) {
+    float *light = malloc((3 * job->texels + 1) * sizeof *light);
+    size_t count = 0;
+    for (uint32_t id = 0; light && id < job->map.tile_count; id++) {
+        struct lw_solver_tile tile;
+        if (job->map.place[id].level) continue;
+        solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
+        for (uint32_t i = 0; i < tile.width * tile.height; i++)
+            for (int c = 0; tile.covered[i] && c < 3; c++) light[count++] = tile.irradiance[c][i];
+    }
+    return light;
+}
+
 static enum lw_status print_early(const struct job *job, const struct entrant *e, struct lw_error *err) {
     struct run r = {.job = job};
-    const struct lw_solver_desc desc = desc_of(job, e, (uint32_t)job->settings->bounces);
+    struct lw_solver_desc desc = desc_of(job, e, (uint32_t)job->settings->bounces);
+    const bool shown = job->settings->denoise;
     if (is_too_much(job, e)) return LW_OK;
+    desc.denoise = shown;
     enum lw_status status = lw_solvers_create(e->solver, &desc, &job->pose, &r.solver, err);
     if (status != LW_OK) return status;
     while (status == LW_OK && r.cpu_s < job->settings->early) {
         size_t values;
         float *light = NULL;
         status = step(&r, &job->pose, err);
-        if (status == LW_OK && !(light = bench_read_light(r.solver, &job->map, &values)))
+        if (status == LW_OK &&
+            !(light = shown ? read_shown(job, r.solver) : bench_read_light(r.solver, &job->map, &values)))
             status = lw_status_fail(err, LW_NO_MEMORY, "texels");
         if (status == LW_OK)
             printf("%s,\"%s\",%llu,%.4f,%.5f,%.5f,%.5f\n", job->label, e->name, (unsigned long long)r.frame,
@@ -761,6 +779,8 @@ int main(int argc, char **argv) {
         {"passes", NULL, "what a pass of radiosity costs, instead", LW_OPTION_FLAG, &s.passes, 0, 0, NULL},
         {"early", "S", "errors over the first S CPU seconds, as CSV, instead", LW_OPTION_REAL, &s.early, 1e-3,
          1e6, NULL},
+        {"denoise", NULL, "with --early: of what is shown, filtered, in place of the sums", LW_OPTION_FLAG,
+         &s.denoise, 0, 0, NULL},
         {"points", NULL, "what sets of virtual point lights gain and lose, instead", LW_OPTION_FLAG,
          &s.points, 0, 0, NULL},
         {"still", NULL, "no lamp moves", LW_OPTION_FLAG, &s.still, 0, 0, NULL}};
