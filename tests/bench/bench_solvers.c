@@ -22,8 +22,8 @@
  * indirect light alone, each texel by itself. With --denoise, errors are those of what is shown.
  * --points prints what sets of virtual point lights gain and lose: CPU time of a frame by the number of sets,
  * in the mean of a round; the same without that of a frame of direct light alone; errors after the first
- * frame, the first round and four; the median of a texel's indirect light over that of the truth by cells, and
- * how many texels have under half; and the same for some d0.
+ * frame, the first round and four; the median of a texel's indirect light over that of the truth by cells,
+ * and how many texels have under half; and the same for some d0.
  * --passes prints what one pass of radiosity costs: the CPU time of a frame of one bounce without that of a
  * frame of none, rays of it, and the errors of the light after one bounce. */
 #include "client/view/path_trace.h"
