@@ -36,16 +36,29 @@ static void write_duration(char *out, size_t out_size, double seconds) {
 
 static bool foretells(const struct lw_progress *p) { return !isnan(p->left_s); }
 
+/* Its steps say how far it is where it cannot foretell the end. */
+static bool counts(const struct lw_progress *p) { return p->unit && p->total && isinf(p->left_s); }
+
 /* 0 to 1. What a stage foretells is a share of time, and not all before its end. */
 static double share_done(const struct lw_progress *p, uint64_t done, double elapsed_s) {
-    if (foretells(p)) return isinf(p->left_s) ? 0 : fmin(0.99, elapsed_s / (elapsed_s + p->left_s));
+    if (foretells(p) && !isinf(p->left_s)) return fmin(0.99, elapsed_s / (elapsed_s + p->left_s));
+    if (foretells(p) && !counts(p)) return 0;
     return (double)done / (double)p->total;
+}
+
+/* "43 %", or "397 of 403 tiles" */
+static void write_share(char *out, size_t out_size, const struct lw_progress *p, uint64_t done,
+                        double share) {
+    if (counts(p))
+        snprintf(out, out_size, "%" PRIu64 " of %" PRIu64 " %s", done, p->total, p->unit);
+    else
+        snprintf(out, out_size, "%.0f %%", 100 * share);
 }
 
 /* "43 %, 12 s left", or the count of steps and the time so far where the total is unknown. */
 static void write_state(char *out, size_t out_size, const struct lw_progress *p, uint64_t done,
                         uint64_t elapsed_ns) {
-    char time[32];
+    char time[32], far[64];
     const double elapsed_s = (double)elapsed_ns / SECOND_NS;
     if (!p->total && !foretells(p)) {
         write_duration(time, sizeof time, elapsed_s);
@@ -57,10 +70,11 @@ static void write_state(char *out, size_t out_size, const struct lw_progress *p,
     const bool limited = p->limit_s > 0 && p->limit_s - elapsed_s < left_s && (share > 0 || foretells(p));
     if (limited) left_s = fmax(p->limit_s - elapsed_s, 0);
     write_duration(time, sizeof time, isinf(left_s) ? elapsed_s : left_s);
+    write_share(far, sizeof far, p, done, share);
     if (isinf(left_s))
-        snprintf(out, out_size, "0 %%, %s so far", time);
+        snprintf(out, out_size, "%s, %s so far", far, time);
     else
-        snprintf(out, out_size, "%.0f %%, %s left%s", 100 * share, time, limited ? " by the time limit" : "");
+        snprintf(out, out_size, "%s, %s left%s", far, time, limited ? " by the time limit" : "");
 }
 
 static bool is_wanted(const struct lw_progress *p) {
@@ -93,12 +107,12 @@ void lw_progress_init(struct lw_progress *p, const char *stage, uint64_t total) 
     atomic_init(&p->done, 0);
     atomic_init(&p->shown_ns, 0);
     p->left_s = (double)NAN;
+    p->unit = NULL;
     p->limit_s = 0;
     p->wanted = NULL;
 }
 
-void lw_progress_step(struct lw_progress *p, uint64_t steps) {
-    uint64_t done = atomic_fetch_add_explicit(&p->done, steps, memory_order_relaxed) + steps;
+static void show_when_due(struct lw_progress *p, uint64_t done) {
     if (!is_wanted(p)) return; /* first: the clock costs more */
     uint64_t now = lw_clock_ns(), elapsed = now - p->started_ns;
     if (elapsed < QUIET_NS) return;
@@ -119,6 +133,15 @@ void lw_progress_step(struct lw_progress *p, uint64_t steps) {
         lw_log(LW_LOG_INFO, "%s: %s", p->stage, state);
 }
 
+void lw_progress_step(struct lw_progress *p, uint64_t steps) {
+    show_when_due(p, atomic_fetch_add_explicit(&p->done, steps, memory_order_relaxed) + steps);
+}
+
+void lw_progress_set(struct lw_progress *p, uint64_t done) {
+    atomic_store_explicit(&p->done, done, memory_order_relaxed);
+    show_when_due(p, done);
+}
+
 void lw_progress_finish(struct lw_progress *p) {
     uint64_t elapsed = lw_clock_ns() - p->started_ns;
     if (elapsed < QUIET_NS || !is_wanted(p)) return;
@@ -130,11 +153,13 @@ void lw_progress_finish(struct lw_progress *p) {
 void lw_progress_stop(struct lw_progress *p) {
     uint64_t elapsed = lw_clock_ns() - p->started_ns, done = p->done;
     if (elapsed < QUIET_NS || !is_wanted(p)) return;
-    char time[32];
+    char time[32], far[64];
     write_duration(time, sizeof time, (double)elapsed / SECOND_NS);
-    if (p->total || foretells(p)) /* rounded down: 99.9 % is not all */
-        lw_log(LW_LOG_INFO, "%s: stopped at %.0f %% after %s", p->stage,
-               floor(100 * fmin(1, share_done(p, done, (double)elapsed / SECOND_NS))), time);
-    else
+    if (p->total || foretells(p)) { /* rounded down: 99.9 % is not all */
+        const double share = fmin(1, share_done(p, done, (double)elapsed / SECOND_NS));
+        write_share(far, sizeof far, p, done, 0.01 * floor(100 * share));
+        lw_log(LW_LOG_INFO, "%s: stopped at %s after %s", p->stage, far, time);
+    } else {
         lw_log(LW_LOG_INFO, "%s: stopped at %" PRIu64 " after %s", p->stage, done, time);
+    }
 }

@@ -15,9 +15,12 @@ struct lw_progress {
     _Atomic uint64_t done;
     uint64_t started_ns;
     _Atomic uint64_t shown_ns; /* when a line was last shown; 0: never */
-    /* What the stage itself thinks is left, in place of what its steps say; infinite: it cannot say yet.
+    /* What the stage itself thinks is left, in place of what its steps say; infinite: it cannot say.
      * NAN, as lw_progress_init() makes it: its steps say it. */
     double left_s;
+    /* What steps are called ("tiles") of a stage that foretells what is left: they are told where it cannot.
+     * NULL, as lw_progress_init() makes it: they are nothing that says how far it is. */
+    const char *unit;
     double limit_s; /* the stage ends then, whatever is left; 0, as lw_progress_init() makes it: never */
     /* May be NULL; lw_progress_init() makes it so. While it is false the stage shows nothing: nobody waits
      * for its end. */
@@ -28,6 +31,8 @@ struct lw_progress {
 void lw_progress_init(struct lw_progress *p, const char *stage, uint64_t total);
 /** Adds steps and shows them when due. */
 void lw_progress_step(struct lw_progress *p, uint64_t steps);
+/** Sets the steps done, which may be fewer than before, and shows them when due. */
+void lw_progress_set(struct lw_progress *p, uint64_t done);
 /** Ends the stage; if it took over a second, shows how long. Call after the last step of every thread. */
 void lw_progress_finish(struct lw_progress *p);
 /** Ends a stage whose work is not done; shows how far it came, and how long that took. */

@@ -35,7 +35,8 @@ static void show(struct run *run, const struct lw_solver_stats *stats, uint64_t 
         run->progress.left_s =
             lw_forecast_note(&run->forecast, seconds_since(run->began_ns), stats->texels_left);
     }
-    lw_progress_step(&run->progress, stats->texels_solved);
+    run->progress.total = stats->tiles;
+    lw_progress_set(&run->progress, stats->tiles_converged);
 }
 
 /* Hours of light are not thrown away because a disk is full. */
@@ -53,6 +54,7 @@ enum lw_status lw_bake_run(const struct lw_bake_desc *desc, uint64_t frames,
     struct lw_bake_result result = {.frames = frames};
     struct run run = {.desc = desc, .began_ns = lw_clock_ns(), .saved_ns = lw_clock_ns()};
     lw_progress_init(&run.progress, "baking", 0);
+    run.progress.unit = "tiles";
     run.progress.limit_s = desc->limit_s;
     for (;;) {
         struct lw_solver_stats stats = {0};

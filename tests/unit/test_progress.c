@@ -149,6 +149,28 @@ static void a_stage_may_foretell_its_end(void **state) {
     assert_string_equal(shown(), "tester: baking: stopped at 25 % after 10 s\n");
 }
 
+/* Where it cannot, its steps say how far it is, also when they become fewer. */
+static void a_stage_may_count_what_it_cannot_foretell(void **state) {
+    (void)state;
+    struct lw_progress p;
+    lw_progress_init(&p, "baking", 403);
+    p.unit = "tiles";
+    p.left_s = HUGE_VAL;
+    pass_ms(2000);
+    lw_progress_set(&p, 398);
+    assert_string_equal(shown(), "tester: baking: 398 of 403 tiles, 2.0 s so far\n");
+    p.limit_s = 20;
+    pass_ms(3000);
+    lw_progress_set(&p, 397);
+    assert_string_equal(shown(), "tester: baking: 397 of 403 tiles, 15 s left by the time limit\n");
+    lw_progress_stop(&p);
+    assert_string_equal(shown(), "tester: baking: stopped at 397 of 403 tiles after 5.0 s\n");
+    p.left_s = 15;
+    pass_ms(3000);
+    lw_progress_set(&p, 399);
+    assert_string_equal(shown(), "tester: baking: 35 %, 12 s left by the time limit\n");
+}
+
 static void long_times_change_their_unit(void **state) {
     (void)state;
     struct lw_progress p;
@@ -305,6 +327,7 @@ int main(void) {
         PLAIN(plain_lines_come_every_two_seconds),
         PLAIN(a_time_limit_is_an_end),
         PLAIN(a_stage_may_foretell_its_end),
+        PLAIN(a_stage_may_count_what_it_cannot_foretell),
         PLAIN(long_times_change_their_unit),
         PLAIN(an_unknown_total_shows_the_count),
         PLAIN(more_steps_than_announced_stay_at_the_end),
