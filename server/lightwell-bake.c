@@ -41,11 +41,11 @@ struct settings {
     const char *output, *gltf_out, *client_lights, *solver, *visibility;
     const struct lw_solvers_entry *entry; /* of that name */
     int64_t samples, bounces, seed;
-    double error, subdivide, time_s, limit_s, interval_s, tracing_range, cell_size, probe_spacing;
+    double error, subdivide, vpl_near, time_s, limit_s, interval_s, tracing_range, cell_size, probe_spacing;
     bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, denoise, restart, indirect_only,
         keep_visibility;
     int convention, probe_form, sides, undersample;
-    int64_t window, directions;
+    int64_t window, directions, vpl_lights, vpl_sets;
 };
 
 struct baker {
@@ -105,6 +105,9 @@ static struct lw_solver_desc solver_desc(const struct settings *s) {
                                                  .subdivide = (float)s->subdivide,
                                                  .directions = (uint32_t)s->directions,
                                                  .window = (uint32_t)s->window},
+                                   .vpl = {.lights = (uint32_t)s->vpl_lights,
+                                           .sets = (uint32_t)s->vpl_sets,
+                                           .near_m = (float)s->vpl_near},
                                    .direct_samples = 1,
                                    .indirect_samples = 1,
                                    .target_error = s->samples ? -1 : (float)s->error,
@@ -183,6 +186,14 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         {"visibility", "FILE",
          "the same, and keep them in FILE: a bake of the same shapes with other lights takes no bounce ray",
          LW_OPTION_STRING, &s->visibility, 0, 0, NULL},
+        {"vpl-lights", "N",
+         "vpl: points on surfaces that stand for the light which those reflect (default 512)", LW_OPTION_INT,
+         &s->vpl_lights, 1, LW_VPL_LIGHTS_MAX, NULL},
+        {"vpl-sets", "T", "vpl: a sample is one of T sets of them (default 1)", LW_OPTION_INT, &s->vpl_sets,
+         1, LW_VPL_SETS_MAX, NULL},
+        {"vpl-near", "METRES",
+         "vpl: nearer than this they are not brighter (default: by the area that each stands for)",
+         LW_OPTION_REAL, &s->vpl_near, 1e-6, 1e6, NULL},
         {"bounces", "N", "indirect bounces (default 4)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
          NULL},
         {"denoise", NULL, "filter the noise out of the maps; keeps each object's mean (default: off)",
@@ -327,17 +338,18 @@ static enum lw_status make_key(struct baker *b, struct lw_error *err) {
     if (status != LW_OK) return status;
     lw_package_hash(package, size, &hash);
     free(package);
-    char text[512];
+    char text[640];
     int length = 0;
     for (size_t i = 0; i < sizeof hash.bytes; i++)
         length += snprintf(text + length, sizeof text - (size_t)length, "%02x", hash.bytes[i]);
-    length +=
-        snprintf(text + length, sizeof text - (size_t)length,
-                 " " LW_VERSION " solver %s bounces %lld seed %lld range %a cell %a probes %d %a time %a "
-                 "denoise %d undersample %d window %lld directions %lld kept %d subdivide %a",
-                 s->entry->name, (long long)s->bounces, (long long)s->seed, s->tracing_range, s->cell_size,
-                 s->probe_form, s->probe_spacing, s->time_s, s->denoise, s->undersample, (long long)s->window,
-                 (long long)s->directions, s->keep_visibility || s->visibility, s->subdivide);
+    length += snprintf(
+        text + length, sizeof text - (size_t)length,
+        " " LW_VERSION " solver %s bounces %lld seed %lld range %a cell %a probes %d %a time %a "
+        "denoise %d undersample %d window %lld directions %lld kept %d subdivide %a vpl %lld %lld %a",
+        s->entry->name, (long long)s->bounces, (long long)s->seed, s->tracing_range, s->cell_size,
+        s->probe_form, s->probe_spacing, s->time_s, s->denoise, s->undersample, (long long)s->window,
+        (long long)s->directions, s->keep_visibility || s->visibility, s->subdivide, (long long)s->vpl_lights,
+        (long long)s->vpl_sets, s->vpl_near);
     if (b->left_out_names) { /* which ones: no text is long enough for all names */
         lw_package_hash((const uint8_t *)b->left_out_names, strlen(b->left_out_names), &hash);
         length += snprintf(text + length, sizeof text - (size_t)length, " left out ");

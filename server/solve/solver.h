@@ -28,6 +28,7 @@ struct lw_solver_desc {
     enum lw_probe_form_kind probe_form;
     enum lw_probe_projection probe_projection;
     struct lw_radiosity_terms radiosity; /* of the solver of that name; others refuse what is not zero */
+    struct lw_vpl_terms vpl;             /* likewise */
     uint32_t direct_samples;             /* per texel and frame, on area lights and sky */
     uint32_t indirect_samples;           /* per texel, bounce and frame */
     /* relative standard error at which a tile converges; < 0: at none. */

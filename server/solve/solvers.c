@@ -3,17 +3,16 @@
 #include "server/solve/cell_layer.h"
 #include "server/solve/light_layers.h"
 #include "server/solve/radiosity_solver.h"
+#include "server/solve/vpl_solver.h"
 
 #include <stdio.h>
 #include <string.h>
 
 static enum lw_status check_cells(const struct lw_solver_desc *desc, struct lw_error *err) {
-    const struct lw_radiosity_terms *r = &desc->radiosity;
-    if (!r->undersample && !r->window && !r->directions && !(r->subdivide > 0) && !r->keeps_visibility)
-        return LW_OK;
-    return lw_status_fail(err, LW_USAGE,
-                          "the solver \"cells\" has no patches: those options are for "
-                          "\"radiosity\"");
+    if (lw_radiosity_terms_any(&desc->radiosity))
+        return lw_status_fail(err, LW_USAGE, LW_RADIOSITY_TERMS_REFUSED, "cells");
+    if (lw_vpl_terms_any(&desc->vpl)) return lw_status_fail(err, LW_USAGE, LW_VPL_TERMS_REFUSED, "cells");
+    return LW_OK;
 }
 
 static enum lw_status create_cells(const struct lw_solver_desc *desc, const struct lw_pose *pose,
@@ -28,6 +27,8 @@ static const struct lw_solvers_entry table[] = {
     {"cells", "radiance cells, by blocks of texels (Vandersanden 2023)", true, check_cells, create_cells},
     {"radiosity", "every texel shoots at every other; for bakes (Kahl 2023)", false,
      lw_radiosity_solver_check, lw_radiosity_solver_create},
+    {"vpl", "virtual point lights, in sets; for bakes (Tonna 2019)", false, lw_vpl_solver_check,
+     lw_vpl_solver_create},
 };
 
 const struct lw_solvers_entry *lw_solvers_at(unsigned index) {

@@ -486,6 +486,29 @@ static void radiosity_bakes_the_same_light(void **state) {
     bake_fails(65, "of another scene or of other options", arguments);
 }
 
+/* By virtual point lights: likewise. */
+static void virtual_lights_bake_the_same_light(void **state) {
+    (void)state;
+    char cells[256], points[256], arguments[512];
+    snprintf(cells, sizeof cells, "%s", lw_support_temporary("cells"));
+    snprintf(points, sizeof points, "%s", lw_support_temporary("points"));
+    assert_int_equal(bake(CORNELL " -o %s --samples 256 --bounces 2", cells), 0);
+    assert_int_equal(
+        bake(CORNELL " -o %s --samples 64 --bounces 2 --solver vpl --vpl-sets 4 --vpl-near 0.02", points), 0);
+    expect_finite(points);
+    static const char *const maps[] = {"floor.exr", "back_wall.exr", "left_wall.exr"};
+    for (size_t i = 0; i < sizeof maps / sizeof *maps; i++) {
+        double mean, other, square;
+        compare_maps(maps[i], cells, points, &mean, &square);
+        compare_maps(maps[i], points, cells, &other, &square);
+        if (fabs(other / mean - 1) > 0.03) fail_msg("%s: %g by points, %g by cells", maps[i], other, mean);
+        assert_true(square < 0.02 * mean * mean);
+    }
+    interrupt(cells, "--samples 100000");
+    snprintf(arguments, sizeof arguments, CORNELL " -o %s --samples 2 --solver vpl", cells);
+    bake_fails(65, "of another scene or of other options", arguments);
+}
+
 /* ---- refusals ---- */
 
 static void wrong_use_is_refused(void **state) {
@@ -512,6 +535,10 @@ static void wrong_use_is_refused(void **state) {
                "builtin:cornell -o x --solver radiosity --directions 64 --visibility x.pairs");
     bake_fails(64, "emissive surfaces",
                "builtin:cornell -o x --solver radiosity --indirect-only --client-lights auto");
+    bake_fails(64, "for \"vpl\"", "builtin:cornell -o x --vpl-sets 4");
+    bake_fails(64, "--tracing-range", "builtin:cornell -o x --solver vpl --tracing-range 1");
+    bake_fails(64, "--vpl-lights 8", "builtin:cornell -o x --solver vpl --vpl-lights 8 --vpl-sets 4");
+    bake_fails(64, "for \"radiosity\"", "builtin:cornell -o x --solver vpl --window 2");
     bake_fails(73, "-o /nowhere/maps: the folder", "builtin:cornell -o /nowhere/maps");
     snprintf(arguments, sizeof arguments, "%s -o %s", squares, lw_support_temporary("a-file"));
     bake_fails(73, "not a folder", arguments);
@@ -570,6 +597,7 @@ int main(void) {
         T(stopped_early_it_writes_nothing),
         T(limits_end_a_bake_with_what_is_there),
         T(radiosity_bakes_the_same_light),
+        T(virtual_lights_bake_the_same_light),
         T(wrong_use_is_refused),
         T(a_scene_without_light_is_refused),
         T(a_full_disk_is_told),

@@ -9,7 +9,8 @@
 #define RAY_SHARE (1 - 0x1p-20f)
 
 LW_WIDE void lw_radiosity_pass_weigh(const struct lw_points16 *restrict at,
-                                     const struct lw_shooter *restrict shooter, float out[restrict 16]) {
+                                     const struct lw_shooter *restrict shooter, float near_m2,
+                                     float out[restrict 16]) {
     const float px = shooter->position[0], py = shooter->position[1], pz = shooter->position[2],
                 nx = shooter->normal[0], ny = shooter->normal[1], nz = shooter->normal[2],
                 area = shooter->area_m2;
@@ -18,7 +19,7 @@ LW_WIDE void lw_radiosity_pass_weigh(const struct lw_points16 *restrict at,
         const float r2 = x * x + y * y + z * z;
         const float here = x * at->nx[i] + y * at->ny[i] + z * at->nz[i], there = -(x * nx + y * ny + z * nz);
         const float both = (here > 0 ? here : 0) * (there > 0 ? there : 0);
-        out[i] = both / (r2 * (LW_PI * r2 + area) + 1e-37f);
+        out[i] = both / (r2 * (LW_PI * (r2 > near_m2 ? r2 : near_m2) + area) + 1e-37f);
     }
 }
 
@@ -92,7 +93,7 @@ static void gather(struct flight *f) {
         _Alignas(64) float weight[LANES];
         float tint[3][LANES];
         if (!shines(shooter)) continue;
-        lw_radiosity_pass_weigh(&packet->at, shooter, weight);
+        lw_radiosity_pass_weigh(&packet->at, shooter, f->pass->near_m2, weight);
         const uint16_t active = lit(weight, packet->active);
         if (!active) continue;
         const uint16_t sees = seen(f, k, active, tints ? tint : NULL);

@@ -21,6 +21,7 @@ struct lw_radiosity_pass {
     const struct lw_shooters *shooters; /* those without flux cost nothing */
     const struct lw_trace *trace;
     uint32_t salt;
+    float near_m2; /* r^2 counts as this at least: points (virtual_lights.h) instead of discs. 0: as it is */
     struct lw_pair_visibility
         *visibility;              /* NULL: every ray is traced. Else pairs that are known take none */
     const _Atomic bool *cancel;   /* may be NULL */
@@ -33,6 +34,7 @@ uint64_t lw_radiosity_pass_run(const struct lw_radiosity_pass *pass, float *cons
 
 /** Form factor from patches to a disc, times its flux over its radiosity: E per W of flux; 0 where one is
  * behind the other. */
-void lw_radiosity_pass_weigh(const struct lw_points16 *at, const struct lw_shooter *shooter, float out[16]);
+void lw_radiosity_pass_weigh(const struct lw_points16 *at, const struct lw_shooter *shooter, float near_m2,
+                             float out[16]);
 
 #endif

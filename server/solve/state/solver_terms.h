@@ -47,4 +47,27 @@ struct lw_radiosity_terms {
     uint32_t window; /* side of a window, texels; 0: 1/128 of the side of a square of all texels */
 };
 
+#define LW_VPL_LIGHTS_MAX     65536u
+#define LW_VPL_LIGHTS_DEFAULT 512u
+#define LW_VPL_SETS_MAX       64u
+
+/** What the solver of virtual point lights is asked for; zero: the default. */
+struct lw_vpl_terms {
+    uint32_t lights;  /* in all; LW_VPL_LIGHTS_DEFAULT */
+    uint32_t sets;    /* each frame shades one of as many sets of them; 1 */
+    uint32_t reshoot; /* lights at most that a frame shoots again; a set; UINT32_MAX: none but those lost */
+    float near_m;     /* nearer than this a light is not brighter; by the area that it stands for */
+};
+
+static inline bool lw_radiosity_terms_any(const struct lw_radiosity_terms *t) {
+    return t->undersample || t->window || t->directions || t->subdivide > 0 || t->keeps_visibility;
+}
+static inline bool lw_vpl_terms_any(const struct lw_vpl_terms *t) {
+    return t->lights || t->sets || t->reshoot || t->near_m > 0;
+}
+#define LW_RADIOSITY_TERMS_REFUSED                                                                           \
+    "the solver \"%s\" has no patches that shoot: those options are for \"radiosity\""
+#define LW_VPL_TERMS_REFUSED                                                                                 \
+    "the solver \"%s\" has no virtual point lights: options --vpl-... are for \"vpl\""
+
 #endif

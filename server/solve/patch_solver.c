@@ -1,0 +1,495 @@
+#include "server/solve/patch_solver.h"
+
+#include "common/clock.h"
+#include "common/light/client_lights.h"
+#include "server/solve/adapt/estimates.h"
+#include "server/solve/transport/direct_light.h"
+
+#include <math.h>
+#include <omp.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Of lw_lights_part: no material's value. */
+#define NO_MATERIAL 2u
+
+static bool parts_drawn(const struct lw_patch_solver *s) {
+    return lw_client_lights_any(s->desc.client_lights);
+}
+
+enum lw_status lw_patch_solver_check(const char *name, const struct lw_solver_desc *desc,
+                                     struct lw_error *err) {
+    const char *cannot = desc->light_groups ? "light groups"
+                         : isfinite(desc->tracing_range_m) && desc->tracing_range_m > 0
+                             ? "a tracing range (--tracing-range)"
+                         : desc->frame_budget_s > 0 ? "a frame's budget"
+                                                    : NULL;
+    return cannot ? lw_status_fail(err, LW_USAGE, "the solver \"%s\" does not do %s", name, cannot) : LW_OK;
+}
+
+bool lw_patch_solver_cancelled(const struct lw_patch_solver *s) { return s->desc.cancel && *s->desc.cancel; }
+
+float *const *lw_patch_solver_bounces(struct lw_patch_solver *s) {
+    return s->tiles.estimate[LW_TILES_ESTIMATE_BOUNCES + LW_CHANGE_FIRST];
+}
+
+void lw_patch_solver_add(const struct lw_patch_solver *s, float *const dst[3], float *const src[3]) {
+#pragma omp parallel for schedule(static) num_threads(s->threads)
+    for (uint32_t i = 0; i < s->tiles.texel_count; i++)
+        for (int c = 0; c < 3; c++) dst[c][i] += src[c][i];
+}
+
+/* ---- a frame ---- */
+
+static struct lw_transport transport_of(struct lw_patch_solver *s, struct lw_tiles *tiles) {
+    return (struct lw_transport){.scene = s->desc.scene,
+                                 .pose = &s->pose,
+                                 .trace = s->geometry.trace,
+                                 .lights = &s->lights,
+                                 .drawn = parts_drawn(s) ? &s->drawn : NULL,
+                                 .texels = &s->geometry.texels,
+                                 .cells = &s->cells,
+                                 .tiles = tiles,
+                                 .direct_samples = 1,
+                                 .indirect_samples = 1,
+                                 .seed = s->desc.seed,
+                                 .tracing_range_m = INFINITY,
+                                 .target_error = s->desc.target_error};
+}
+
+static void forget(struct lw_patch_solver *s) {
+    const size_t bytes = s->tiles.texel_count * sizeof(float);
+    float *const planes[] = {s->tiles.mean, s->tiles.spread, s->tiles.split_mean, s->tiles.split_spread};
+    s->frames = 0;
+    for (int k = 0; k < 4; k++)
+        if (planes[k]) memset(planes[k], 0, bytes);
+    for (int c = 0; c < 3; c++) {
+        memset(s->tiles.direct[c], 0, bytes);
+        memset(s->tiles.order[0][c], 0, bytes);
+        if (s->tiles.drawn[c]) memset(s->tiles.drawn[c], 0, bytes);
+    }
+    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+        if (s->welds[f].member_count)
+            memset(s->welds[f].correction, 0,
+                   (size_t)s->welds[f].member_count * 3 * sizeof *s->welds[f].correction);
+    for (uint32_t b = 0; b < s->tiles.block_count; b++) {
+        struct lw_solve_block *block = &s->tiles.block[b];
+        block->sample_count = 0;
+        block->direct = block->indirect = (struct lw_history){0};
+        block->error = 1;
+        block->state = block->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
+    }
+}
+
+/* Another pose begins another solution: nothing of the light before it is kept. */
+static enum lw_status take_pose(struct lw_patch_solver *s, const struct lw_pose *pose, bool *out_moved,
+                                struct lw_error *err) {
+    const unsigned moved = lw_pose_difference(pose, &s->pose, s->desc.scene);
+    *out_moved = moved != 0;
+    if (!moved && s->placed) return LW_OK;
+    if (s->placed && s->method->leave) s->method->leave(s, pose);
+    lw_pose_copy(&s->pose, pose, s->desc.scene);
+    enum lw_status status = lw_geometry_set_pose(&s->geometry, &s->pose, false, err);
+    if (status != LW_OK) return status;
+    if (moved & LW_POSE_DYNAMIC) lw_tiles_recount(&s->tiles, s->threads);
+    struct lw_lights *const lights[] = {&s->emitters, &s->lights, &s->drawn};
+    for (int i = 0; i < 3; i++) {
+        if (i == 2 && !parts_drawn(s)) continue;
+        if (moved & (LW_POSE_MATERIALS | LW_POSE_SKY) &&
+            (status = lw_lights_set_materials(lights[i], &s->pose)) != LW_OK)
+            return lw_status_fail(err, status, "taking over what has changed");
+        lw_lights_set_pose(lights[i], &s->pose);
+    }
+    lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
+    status = lw_patches_set_pose(&s->patches, &s->pose, &s->emitters, s->threads);
+    if (status != LW_OK) return lw_status_fail(err, status, "patches of %u texels", s->geometry.texels.count);
+    if (s->placed) forget(s);
+    s->placed = true;
+    return LW_OK;
+}
+
+/* Direct light of lamps and sky: the mean of the frame's samples, by itself. */
+static uint64_t light_directly(struct lw_patch_solver *s) {
+    struct lw_tiles own = s->tiles; /* with sums of the frame's */
+    uint64_t rays = 0;
+    for (int c = 0; c < 3; c++) { /* to 0: a mean that begins elsewhere ends elsewhere, by rounding */
+        own.direct[c] = memset(s->frame_direct[c], 0, s->tiles.texel_count * sizeof(float));
+        if (parts_drawn(s)) own.drawn[c] = memset(s->frame_drawn[c], 0, s->tiles.texel_count * sizeof(float));
+    }
+    const struct lw_transport t = transport_of(s, &own);
+    for (uint32_t k = 0; k < s->method->direct_samples; k++) {
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : rays)
+        for (uint32_t i = 0; i < own.count; i++) {
+            struct lw_solve_tile *tile = &own.tile[i];
+            struct lw_ray_count count = {0};
+            if (tile->hidden || lw_patch_solver_cancelled(s)) continue;
+            LW_TILES_EACH_BLOCK (tile, block) {
+                block->due = true;
+                block->direct.weight = 1.0f / (float)(k + 1);
+                block->sample_count = s->frames * s->method->direct_samples + k;
+            }
+            lw_direct_light_solve(&t, tile, &count);
+            rays += count.shadow;
+        }
+    }
+    return rays;
+}
+
+/* The frame's estimates enter the means. */
+static void blend(struct lw_patch_solver *s) {
+    struct lw_tiles *tiles = &s->tiles;
+    const float weight = 1.0f / (float)(s->frames + 1);
+    const struct lw_transport t = transport_of(s, tiles);
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        if (tile->hidden) continue;
+        for (uint32_t texel = tile->first; texel < tile->first + tile->width * tile->height; texel++) {
+            if (!tiles->covered[texel]) continue;
+            const struct lw_vec3 direct = lw_texels_vector(s->frame_direct, texel);
+            lw_tiles_store(tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel, direct);
+            lw_tiles_blend(tiles->direct, texel, direct, weight);
+            lw_tiles_blend(
+                tiles->order[0], texel,
+                lw_texels_vector(tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + LW_CHANGE_FIRST], texel),
+                weight);
+            if (!parts_drawn(s)) continue;
+            const struct lw_vec3 drawn = lw_texels_vector(s->frame_drawn, texel);
+            lw_tiles_store(tiles->drawn_estimate, texel, drawn);
+            lw_tiles_blend(tiles->drawn, texel, drawn, weight);
+        }
+        LW_TILES_EACH_BLOCK (tile, block) {
+            block->sample_count = s->frames;
+            lw_history_take(&block->direct, INFINITY);
+            lw_history_take(&block->indirect, INFINITY);
+        }
+        lw_estimates_finish_tile(&t, tile);
+    }
+}
+
+static bool has_converged(const struct lw_patch_solver *s, const struct lw_solve_block *block) {
+    return !block->covered_count ||
+           (block->sample_count >= s->method->frames_min && block->error <= s->desc.target_error) ||
+           (s->desc.frames_max && block->sample_count >= s->desc.frames_max);
+}
+
+static void settle(struct lw_patch_solver *s) {
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        LW_TILES_EACH_BLOCK (tile, block)
+            block->state = tile->hidden || has_converged(s, block) ? LW_BLOCK_CONVERGED : LW_BLOCK_SAMPLED;
+        lw_tiles_sum_up(tile);
+    }
+}
+
+/* All tiles go on until the last has converged: each lights all others. */
+static bool is_done(const struct lw_patch_solver *s) {
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        if (s->tiles.tile[i].state != LW_BLOCK_CONVERGED) return false;
+    return true;
+}
+
+static void mark_shown(struct lw_patch_solver *s, uint64_t number) {
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        if (tile->hidden || !tile->covered_count) continue;
+        LW_TILES_EACH_BLOCK (tile, block) block->shown_frame = number;
+        tile->solved_frame = number;
+    }
+}
+
+static enum lw_status find_seams(struct lw_patch_solver *s, struct lw_error *err) {
+    enum lw_status status = lw_geometry_find_seams(&s->geometry, &s->tiles, false);
+    if (status == LW_OK && s->seams_found != s->geometry.seams_found) {
+        s->seams_found = s->geometry.seams_found;
+        for (int f = 0; f < LW_LIGHT_FORM_COUNT && status == LW_OK; f++) {
+            lw_seams_light_finish(&s->welds[f]);
+            if (f == LW_LIGHT_FORM_FULL || parts_drawn(s))
+                status = lw_seams_light_init(&s->welds[f], &s->geometry.seams, f);
+        }
+    }
+    return status == LW_OK ? LW_OK
+                           : lw_status_fail(err, status, "seams of %u texels", s->geometry.texels.count);
+}
+
+static enum lw_status weld(struct lw_patch_solver *s, uint64_t number, struct lw_error *err) {
+    enum lw_status status = find_seams(s, err);
+    if (status != LW_OK) return status;
+    lw_seams_weld(&s->geometry.seams, s->welds, s->forms, &s->tiles, number, s->threads);
+    lw_seam_gutters_fill(&s->geometry.seams.gutters, &s->tiles, number, s->forms, s->threads);
+    return LW_OK;
+}
+
+static enum lw_status set_up_denoise(struct lw_patch_solver *s, struct lw_error *err) {
+    if (s->denoise.pairs) return LW_OK;
+    enum lw_status status = lw_geometry_weigh_pairs(&s->geometry);
+    if (status == LW_OK)
+        status = lw_denoise_init(&s->denoise, &s->geometry.pairs, s->desc.atlas_map, &s->tiles, s->threads);
+    return status == LW_OK ? LW_OK
+                           : lw_status_fail(err, status, "denoiser of %u texels", s->geometry.texels.count);
+}
+
+static enum lw_status show_light(struct lw_patch_solver *s, uint64_t number, bool filters,
+                                 struct lw_error *err) {
+    mark_shown(s, number);
+    s->shows_all = false;
+    if (filters)
+        lw_denoise_run(&s->denoise, number, s->forms, s->threads);
+    else
+        lw_tiles_show(&s->tiles, number, s->forms, s->threads);
+    return weld(s, number, err);
+}
+
+static void solve_all(struct lw_patch_solver *s, struct lw_solver_stats *stats) {
+    uint64_t t = lw_clock_ns();
+    lw_progress_init(&s->progress, s->frames ? s->method->name : "lighting the first frame",
+                     s->method->steps(s));
+    stats->rays_shadow = light_directly(s);
+    stats->direct_ns = lw_clock_ns() - t;
+    t = lw_clock_ns();
+    stats->rays_bounce = s->method->bounces(s);
+    stats->scatter_ns = lw_clock_ns() - t;
+}
+
+static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose, uint64_t number,
+                            struct lw_solver_stats *out_stats, struct lw_error *err) {
+    struct lw_patch_solver *s = (struct lw_patch_solver *)solver;
+    struct lw_solver_stats stats = {.tiles = s->tiles.count};
+    uint64_t t = lw_clock_ns();
+    enum lw_status status = take_pose(s, pose, &stats.moved, err);
+    if (status != LW_OK) return status;
+    stats.pose_ns = lw_clock_ns() - t;
+    const bool solves = !is_done(s);
+    if (solves) {
+        if ((status = s->method->place(s, err)) != LW_OK) return status;
+        solve_all(s, &stats);
+        if (lw_patch_solver_cancelled(s)) {
+            lw_progress_stop(&s->progress);
+            return LW_CLOSED;
+        }
+        lw_progress_finish(&s->progress);
+        if (s->method->keep) s->method->keep(s, stats.rays_bounce);
+        blend(s);
+        s->frames++;
+        settle(s);
+        stats.texels_solved = s->patches.count;
+        stats.tiles_solved = s->tiles.count;
+    }
+    if (solves || s->shows_all) {
+        t = lw_clock_ns();
+        if ((status = show_light(s, number, s->desc.denoise, err)) != LW_OK) return status;
+        stats.weld_ns = lw_clock_ns() - t;
+        stats.tiles_shown = s->tiles.count;
+    }
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        stats.tiles_converged += s->tiles.tile[i].state == LW_BLOCK_CONVERGED;
+    if (s->desc.frames_max && stats.tiles_converged < stats.tiles)
+        stats.texels_left = (double)(s->desc.frames_max - s->frames) * s->patches.count;
+    *out_stats = stats;
+    return LW_OK;
+}
+
+/* ---- the rest of solver.h ---- */
+
+static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *interest, struct lw_error *err) {
+    const struct lw_patch_solver *s = (const struct lw_patch_solver *)solver;
+    return interest
+               ? lw_status_fail(err, LW_USAGE, "the solver \"%s\" knows no interest: it lights all texels",
+                                s->method->name)
+               : LW_OK;
+}
+
+static void show_forms(struct lw_solver *solver, unsigned forms) {
+    struct lw_patch_solver *s = (struct lw_patch_solver *)solver;
+    if (!parts_drawn(s)) forms = LW_LIGHT_FORMS_FULL;
+    s->shows_all |= (forms & ~s->forms) != 0 && s->frames > 0;
+    s->forms = forms;
+    lw_tiles_judge_forms(&s->tiles, forms, s->threads);
+}
+
+static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
+    struct lw_patch_solver *s = (struct lw_patch_solver *)solver;
+    enum lw_status status = set_up_denoise(s, err);
+    uint64_t last = 0;
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        last = s->tiles.tile[i].solved_frame > last ? s->tiles.tile[i].solved_frame : last;
+    return status == LW_OK ? show_light(s, last, true, err) : status;
+}
+
+static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *out_tile) {
+    const struct lw_patch_solver *s = (const struct lw_patch_solver *)solver;
+    const struct lw_solve_tile *tile = &s->tiles.tile[s->tiles.slot_of_id[id.v]];
+    *out_tile = (struct lw_solver_tile){.covered = s->tiles.covered + tile->first,
+                                        .filled = s->geometry.texels.filled + tile->first,
+                                        .width = tile->width,
+                                        .height = tile->height,
+                                        .bounces = s->desc.bounces,
+                                        .sample_count = tile->sample_count,
+                                        .error = tile->covered_count ? tile->error : 0,
+                                        .solved_frame = tile->solved_frame};
+    for (int c = 0; c < 3; c++) {
+        out_tile->direct[c] = s->tiles.direct[c] + tile->first;
+        out_tile->indirect[c] = s->tiles.indirect[c] + tile->first;
+        out_tile->irradiance[c] = s->tiles.irradiance[LW_LIGHT_FORM_FULL][c] + tile->first;
+        if (s->forms & lw_light_form_bit(LW_LIGHT_FORM_SPLIT))
+            out_tile->split[c] = s->tiles.irradiance[LW_LIGHT_FORM_SPLIT][c] + tile->first;
+        out_tile->albedo[c] = tile->mesh->albedo[c] + tile->local;
+    }
+}
+
+#define PARTS_MAX (1 + LW_LIGHT_FORM_COUNT + LW_PATCH_SOLVER_PARTS_MAX)
+static uint32_t list_parts(const struct lw_patch_solver *s, uint32_t *frames,
+                           struct lw_checkpoint_part out_part[PARTS_MAX]) {
+    uint32_t n = 0;
+    out_part[n++] = (struct lw_checkpoint_part){frames, sizeof *frames};
+    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+        if (s->welds[f].member_count)
+            out_part[n++] =
+                (struct lw_checkpoint_part){s->welds[f].correction, (size_t)s->welds[f].member_count * 3 *
+                                                                        sizeof *s->welds[f].correction};
+    if (s->method->list_parts) n += s->method->list_parts(s, out_part + n);
+    return n;
+}
+
+static enum lw_status save(const struct lw_solver *solver, const char *path, const uint8_t key[16],
+                           struct lw_error *err) {
+    const struct lw_patch_solver *s = (const struct lw_patch_solver *)solver;
+    struct lw_checkpoint_part part[PARTS_MAX];
+    uint32_t frames = s->frames;
+    const uint32_t parts = list_parts(s, &frames, part);
+    return lw_checkpoint_save(path, key, &s->tiles, part, parts, err);
+}
+
+static enum lw_status load(struct lw_solver *solver, const char *path, const uint8_t key[16],
+                           uint64_t *out_frames, struct lw_error *err) {
+    struct lw_patch_solver *s = (struct lw_patch_solver *)solver;
+    struct lw_checkpoint_part part[PARTS_MAX];
+    uint32_t frames = 0;
+    const uint32_t parts = list_parts(s, &frames, part);
+    enum lw_status status = lw_checkpoint_load(path, key, &s->tiles, part, parts, err);
+    if (status != LW_OK) return status;
+    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) s->welds[f].fresh = true;
+    s->frames = frames;
+    settle(s);
+    *out_frames = frames;
+    return LW_OK;
+}
+
+static size_t memory_bytes(const struct lw_solver *solver) {
+    const struct lw_patch_solver *s = (const struct lw_patch_solver *)solver;
+    size_t bytes = lw_tiles_memory_bytes(&s->tiles) + lw_denoise_memory_bytes(&s->denoise) +
+                   lw_patches_memory_bytes(&s->patches) + lw_geometry_memory_bytes(&s->geometry) +
+                   s->method->memory_bytes(s) +
+                   (size_t)s->tiles.texel_count * (parts_drawn(s) ? 9 : 6) * sizeof(float);
+    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) bytes += lw_seams_light_memory_bytes(&s->welds[f]);
+    return bytes;
+}
+
+static void destroy(struct lw_solver *solver) {
+    if (!solver) return;
+    struct lw_patch_solver *s = (struct lw_patch_solver *)solver;
+    s->method->finish(s);
+    lw_geometry_forget_tiles(&s->geometry);
+    lw_denoise_finish(&s->denoise);
+    lw_patches_finish(&s->patches);
+    lw_lights_finish(&s->emitters);
+    lw_lights_finish(&s->lights);
+    lw_lights_finish(&s->drawn);
+    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) lw_seams_light_finish(&s->welds[f]);
+    lw_tiles_finish(&s->tiles);
+    lw_geometry_finish(&s->geometry);
+    lw_pose_finish(&s->pose);
+    for (int c = 0; c < 3; c++) {
+        free(s->frame_direct[c]);
+        free(s->frame_drawn[c]);
+        free(s->arrived[c]);
+    }
+    free(s->no_light);
+    free(s->no_material);
+    free(s);
+}
+
+static const struct lw_solver_ops shared_ops = {.frame = frame,
+                                                .set_interest = set_interest,
+                                                .show = show_forms,
+                                                .filter = filter,
+                                                .read_tile = read_tile,
+                                                .save = save,
+                                                .load = load,
+                                                .memory_bytes = memory_bytes,
+                                                .destroy = destroy};
+
+/* Where surfaces shoot, the direct pass samples none of them. */
+static enum lw_status init_lights(struct lw_patch_solver *s) {
+    const struct lw_scene *scene = s->desc.scene;
+    const struct lw_client_lights *client = parts_drawn(s) ? s->desc.client_lights : NULL;
+    const bool none = s->method->surfaces_shoot(s);
+    s->no_light = calloc(scene->light_count + 1ul, 1);
+    s->no_material = malloc(scene->material_count + 1ul);
+    if (!s->no_light || !s->no_material) return LW_NO_MEMORY;
+    memset(s->no_material, none ? NO_MATERIAL : 0, scene->material_count);
+    struct lw_lights_part part = {.light = client ? client->light : s->no_light,
+                                  .material = client && !none ? client->material : s->no_material,
+                                  .value = 0,
+                                  .sky = true};
+    enum lw_status status = lw_lights_init(&s->emitters, scene, &s->pose);
+    if (status == LW_OK) status = lw_lights_init_part(&s->lights, scene, &s->pose, &part);
+    if (status != LW_OK || !client) return status;
+    part.value = 1;
+    part.sky = false;
+    return lw_lights_init_part(&s->drawn, scene, &s->pose, &part);
+}
+
+static bool allocate(struct lw_patch_solver *s) {
+    const size_t count = s->tiles.texel_count + 1ul;
+    bool ok = true;
+    for (int c = 0; c < 3; c++) {
+        ok &= (s->frame_direct[c] = calloc(count, sizeof(float))) != NULL;
+        ok &= (s->arrived[c] = calloc(count, sizeof(float))) != NULL;
+        if (parts_drawn(s)) ok &= (s->frame_drawn[c] = calloc(count, sizeof(float))) != NULL;
+    }
+    return ok;
+}
+
+static enum lw_status build(struct lw_patch_solver *s, const struct lw_pose *pose, struct lw_error *err) {
+    const struct lw_scene *scene = s->desc.scene;
+    enum lw_status status = lw_pose_init(&s->pose, scene);
+    if (status != LW_OK) return lw_status_fail(err, status, "poses");
+    lw_pose_copy(&s->pose, pose, scene);
+    status = lw_geometry_init(&s->geometry, scene, &s->pose, s->threads, s->desc.cancel, err);
+    if (status != LW_OK) return status;
+    const struct lw_texels *texels = &s->geometry.texels;
+    struct lw_vec3 lo = {0}, hi = {0};
+    lw_pose_bounds(&s->pose, scene, &lo, &hi);
+    lw_cells_init(&s->cells, lo, hi, s->desc.cell_size_m);
+    status = lw_tiles_init(&s->tiles, scene, s->desc.atlas_map, texels, 1, s->threads);
+    if (status == LW_OK && parts_drawn(s)) status = lw_tiles_part_drawn(&s->tiles);
+    if (status == LW_OK) status = lw_patches_init(&s->patches, &s->tiles, texels);
+    if (status == LW_OK && !allocate(s)) status = LW_NO_MEMORY;
+    if (status == LW_OK) status = init_lights(s);
+    if (status != LW_OK) return lw_status_fail(err, status, "%u texels", texels->count);
+    if ((status = s->method->init(s, err)) != LW_OK) return status;
+    if ((status = find_seams(s, err)) != LW_OK) return status;
+    return s->desc.denoise ? set_up_denoise(s, err) : LW_OK;
+}
+
+enum lw_status lw_patch_solver_create(struct lw_patch_solver *s, const struct lw_patch_solver_method *method,
+                                      const struct lw_solver_desc *desc, const struct lw_pose *pose,
+                                      struct lw_solver **out_solver, struct lw_error *err) {
+    enum lw_status status;
+    bool moved;
+    s->method = method;
+    s->ops = shared_ops;
+    s->ops.name = method->name;
+    s->base.ops = &s->ops;
+    s->desc = *desc;
+    s->forms = LW_LIGHT_FORMS_FULL;
+    s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
+    if ((status = build(s, pose, err)) == LW_OK) status = take_pose(s, pose, &moved, err);
+    if (status != LW_OK) {
+        destroy(&s->base);
+        return status;
+    }
+    *out_solver = &s->base;
+    return LW_OK;
+}

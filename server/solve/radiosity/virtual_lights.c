@@ -1,0 +1,321 @@
+#include "server/solve/radiosity/virtual_lights.h"
+
+#include "common/colour.h"
+#include "common/light/direction.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define LANES LW_TRACE_WIDTH
+/* Samples of all lamps until one arrives: with fewer, texels that a corner of one lamp lights would have no
+ * parent, and would be shot again whenever something moves. */
+#define TRIES 16u
+/* As the direct pass: short of the lamp itself, which would be in its own way. */
+#define RAY_SHARE 0.9999f
+
+/* What a random number is for. */
+enum use { USE_TEXEL, USE_LAMP, USE_POINT, USE_BOUNCE };
+
+enum lw_status lw_virtual_lights_init(struct lw_virtual_lights *lights, const struct lw_patches *patches,
+                                      uint32_t count, uint32_t bounces, uint32_t sets) {
+    const uint32_t paths = bounces ? count / (bounces * sets) * sets : 0;
+    *lights = (struct lw_virtual_lights){.patches = patches,
+                                         .paths = paths     ? paths
+                                                  : bounces ? sets
+                                                            : 0,
+                                         .bounces = bounces,
+                                         .sets = sets};
+    const size_t all = (size_t)lights->paths * bounces;
+    uint32_t packets = 0;
+    for (uint32_t i = 0; i < patches->tiles->count; i++)
+        LW_TILES_EACH_BLOCK (&patches->tiles->tile[i], block) packets += block->packet_count;
+    lights->shooter = aligned_alloc(64, (all + 1) * sizeof *lights->shooter);
+    lights->light = calloc(all + 1, sizeof *lights->light);
+    lights->sum = malloc((packets + 2ul) * sizeof *lights->sum);
+    if (!lights->shooter || !lights->light || !lights->sum) return LW_NO_MEMORY;
+    memset(lights->shooter, 0, (all + 1) * sizeof *lights->shooter);
+    return LW_OK;
+}
+
+void lw_virtual_lights_finish(struct lw_virtual_lights *lights) {
+    free(lights->shooter);
+    free(lights->light);
+    free(lights->sum);
+    *lights = (struct lw_virtual_lights){0};
+}
+
+size_t lw_virtual_lights_memory_bytes(const struct lw_virtual_lights *lights) {
+    return (size_t)lights->paths * lights->bounces * (sizeof *lights->shooter + sizeof *lights->light) +
+           (lights->patches->packet_count + 1ul) * sizeof *lights->sum;
+}
+
+static uint32_t first_of(const struct lw_virtual_lights *v, uint32_t path) { return path * v->bounces; }
+
+/* A path's number, whatever the sets: each set has every sets-th. */
+static uint32_t number_of(const struct lw_virtual_lights *v, uint32_t path) {
+    const uint32_t per_set = v->paths / v->sets;
+    return path / per_set + v->sets * (path % per_set);
+}
+
+/* With all that descend from it. */
+static void lose(struct lw_virtual_lights *v, uint32_t path, uint32_t bounce) {
+    for (uint32_t b = bounce; b < v->bounces; b++)
+        v->light[first_of(v, path) + b].state = LW_VIRTUAL_LIGHT_LOST;
+}
+
+void lw_virtual_lights_leave(struct lw_virtual_lights *lights, const struct lw_pose *was,
+                             const struct lw_pose *is) {
+    for (uint32_t path = 0; path < lights->paths && lights->turn.shot; path++)
+        for (uint32_t b = 0; b < lights->bounces; b++)
+            if (lights->light[first_of(lights, path) + b].state == LW_VIRTUAL_LIGHT_LIT &&
+                lw_pose_object_differs(was, is, lights->light[first_of(lights, path) + b].object))
+                lose(lights, path, b);
+}
+
+/* ---- patches ---- */
+
+static struct lw_vec3 albedo_of(const struct lw_patches *patches, uint32_t texel) {
+    const struct lw_tiles *tiles = patches->tiles;
+    const struct lw_solve_tile *tile =
+        &tiles->tile[tiles->slot_of_id[tiles->block[tiles->block_of_texel[texel]].tile_id]];
+    return lw_texels_vector(tile->mesh->albedo, tile->local + (texel - tile->first));
+}
+
+static uint32_t object_of(const struct lw_patches *patches, uint32_t texel) {
+    const struct lw_tiles *tiles = patches->tiles;
+    return tiles->tile[tiles->slot_of_id[tiles->block[tiles->block_of_texel[texel]].tile_id]].object;
+}
+
+static struct lw_vec3 normal_of(const struct lw_patches *patches, uint32_t texel) {
+    const struct lw_points16 *at = &patches->packet[patches->place[texel] / LANES].at;
+    const uint32_t i = patches->place[texel] % LANES;
+    return lw_vec3(at->nx[i], at->ny[i], at->nz[i]);
+}
+
+/* Light that a patch reflects, by which it is drawn. */
+static double reflected(const struct lw_patches *patches, float *const *direct, uint32_t texel) {
+    const struct lw_vec3 e = lw_vec3(direct[0][texel], direct[1][texel], direct[2][texel]);
+    const double l =
+        (double)(lw_colour_luminance(lw_vec3_mul(albedo_of(patches, texel), e)) * patches->area_m2[texel]);
+    return l > 0 && l < 1e30 ? l : 0;
+}
+
+static void sum_up(struct lw_virtual_lights *v, float *const *direct) {
+    const struct lw_patches *patches = v->patches;
+    v->sum[0] = 0;
+    for (uint32_t p = 0; p < patches->packet_count; p++) {
+        v->sum[p + 1] = v->sum[p];
+        for (int i = 0; i < LANES && patches->packet[p].active >> i & 1; i++)
+            v->sum[p + 1] += reflected(patches, direct, patches->packet[p].texel[i]);
+    }
+}
+
+/* The patch at a place of that sum; out_share: what it has of it. NONE: rounding has it. */
+static uint32_t draw_patch(const struct lw_virtual_lights *v, float *const *direct, double at,
+                           double *out_share) {
+    const struct lw_patches *patches = v->patches;
+    uint32_t lo = 0, hi = patches->packet_count;
+    while (hi - lo > 1) {
+        const uint32_t middle = lo + (hi - lo) / 2;
+        if (v->sum[middle] <= at)
+            lo = middle;
+        else
+            hi = middle;
+    }
+    double left = at - v->sum[lo];
+    uint32_t last = LW_TEXEL_NONE;
+    for (int i = 0; i < LANES && patches->packet[lo].active >> i & 1; i++) {
+        const uint32_t texel = patches->packet[lo].texel[i];
+        const double share = reflected(patches, direct, texel);
+        if (!(share > 0)) continue;
+        last = texel;
+        *out_share = share;
+        if ((left -= share) < 0) break;
+    }
+    return last;
+}
+
+/* ---- rays ---- */
+
+struct flight {
+    struct lw_virtual_lights *v;
+    const struct lw_virtual_lights_shot *shot;
+    uint64_t rays;
+};
+
+static struct lw_vec3 place_of(const struct lw_shooter *s) {
+    return lw_vec3(s->position[0], s->position[1], s->position[2]);
+}
+static struct lw_vec3 facing(const struct lw_shooter *s) {
+    return lw_vec3(s->normal[0], s->normal[1], s->normal[2]);
+}
+
+static void set_place(struct lw_shooter *s, struct lw_vec3 place, struct lw_vec3 normal) {
+    memcpy(s->position, &place, sizeof s->position);
+    memcpy(s->normal, &normal, sizeof s->normal);
+}
+
+static bool sees(struct flight *f, struct lw_vec3 from, struct lw_vec3 direction, float distance) {
+    struct lw_ray16 rays = {.salt = f->shot->salt};
+    lw_trace_set_ray(&rays, 0, from, direction, distance * RAY_SHARE);
+    f->rays++;
+    return !lw_trace_occluded16(f->shot->trace, LW_TRACE_LIGHT, 1, &rays);
+}
+
+/* The first of a path and its lamp. */
+static bool sees_lamp(struct flight *f, const struct lw_shooter *s, const float sample[3]) {
+    const struct lw_vec3 place = place_of(s), normal = facing(s);
+    const struct lw_light_sample lamp =
+        lw_lights_sample(f->shot->lamps, place, normal, sample[0], sample[1], sample[2]);
+    const struct lw_vec3 e = lamp.irradiance_normal;
+    return e.x + e.y + e.z > 0 && lw_vec3_dot(normal, lamp.direction) > 0 &&
+           sees(f, place, lamp.direction, lamp.distance_m);
+}
+
+static bool sees_parent(struct flight *f, uint32_t index) {
+    const struct lw_shooter *s = &f->v->shooter[index], *parent = s - 1;
+    const struct lw_vec3 way = lw_vec3_sub(place_of(parent), place_of(s));
+    return lw_vec3_dot(way, facing(s)) > 0 && lw_vec3_dot(way, facing(parent)) < 0 &&
+           sees(f, place_of(s), way, 1);
+}
+
+/* Between two shots only where something has moved: p was drawn by the light of a few samples, and where they
+ * had none there is no light that could follow. */
+static void read_light(struct flight *f, uint32_t index) {
+    struct lw_virtual_light *light = &f->v->light[index];
+    for (int c = 0; c < 3; c++) light->e[c] = f->shot->direct[c][light->texel];
+}
+
+static void check(struct flight *f) {
+    for (uint32_t path = 0; path < f->v->paths; path++)
+        for (uint32_t b = 0; b < f->v->bounces; b++) {
+            const uint32_t index = first_of(f->v, path) + b;
+            const struct lw_virtual_light *light = &f->v->light[index];
+            if (light->state != LW_VIRTUAL_LIGHT_LIT) continue;
+            const bool stays =
+                b ? sees_parent(f, index)
+                  : light->sample[0] >= 0 && sees_lamp(f, &f->v->shooter[index], light->sample);
+            if (!stays) lose(f->v, path, b);
+            if (!b) read_light(f, first_of(f->v, path));
+        }
+}
+
+/* ---- shots ---- */
+
+static void shoot_first(struct flight *f, uint32_t path) {
+    struct lw_virtual_lights *v = f->v;
+    const struct lw_patches *patches = v->patches;
+    struct lw_virtual_light *light = &v->light[first_of(v, path)];
+    struct lw_shooter *s = &v->shooter[first_of(v, path)];
+    const double total = v->sum[patches->packet_count];
+    const uint32_t number = number_of(v, path);
+    const float draw = lw_random_unit(lw_random_hash4(f->shot->seed, number, light->shots, USE_TEXEL));
+    double share;
+    light->state = LW_VIRTUAL_LIGHT_ENDED;
+    light->texel =
+        total > 0 ? draw_patch(v, f->shot->direct, total * ((double)number + (double)draw) / v->paths, &share)
+                  : LW_TEXEL_NONE;
+    light->shots++;
+    if (light->texel == LW_TEXEL_NONE) return;
+    const struct lw_points16 *at = &patches->packet[patches->place[light->texel] / LANES].at;
+    const uint32_t i = patches->place[light->texel] % LANES;
+    set_place(s, lw_vec3(at->x[i], at->y[i], at->z[i]), normal_of(patches, light->texel));
+    light->object = object_of(patches, light->texel);
+    light->scale = (float)((double)patches->area_m2[light->texel] * total / (share * v->paths));
+    light->state = LW_VIRTUAL_LIGHT_LIT;
+    read_light(f, first_of(v, path));
+    for (uint32_t n = 0; n < TRIES; n++) {
+        const uint32_t turn = light->shots * TRIES + n;
+        light->sample[0] = lw_random_unit(lw_random_hash4(f->shot->seed, number, turn, USE_LAMP));
+        lw_random_sobol2(turn, lw_random_hash3(f->shot->seed, number, USE_POINT), light->sample + 1);
+        if (sees_lamp(f, s, light->sample)) return;
+    }
+    light->sample[0] = -1; /* it is lit, says its texel; it is shot again when something moves */
+}
+
+static void shoot_next(struct flight *f, uint32_t path, uint32_t bounce) {
+    struct lw_virtual_lights *v = f->v;
+    const uint32_t index = first_of(v, path) + bounce;
+    struct lw_virtual_light *light = &v->light[index];
+    const struct lw_shooter *parent = &v->shooter[index - 1];
+    float point[2];
+    lw_random_sobol2(light->shots++, lw_random_hash4(f->shot->seed, number_of(v, path), bounce, USE_BOUNCE),
+                     point);
+    const struct lw_vec3 direction = lw_direction_about(facing(parent), lw_direction_cosine(point));
+    struct lw_ray16 rays = {.salt = f->shot->salt};
+    struct lw_hit16 hits;
+    lw_trace_set_ray(&rays, 0, place_of(parent), direction, INFINITY);
+    lw_trace_closest16(f->shot->trace, LW_TRACE_LIGHT, 1, &rays, &hits);
+    f->rays++;
+    light->state = LW_VIRTUAL_LIGHT_ENDED;
+    if (hits.object[0] == LW_TRACE_MISS) return;
+    const uint32_t texel = lw_texels_at(v->patches->texels, hits.object[0], hits.triangle[0], hits.u[0],
+                                        hits.v[0], hits.back[0]);
+    if (texel == LW_TEXEL_NONE || v->patches->place[texel] == LW_TEXEL_NONE) return;
+    const struct lw_vec3 normal = normal_of(v->patches, texel);
+    if (!(lw_vec3_dot(normal, direction) < 0)) return;
+    set_place(&v->shooter[index],
+              lw_trace_lift(lw_vec3_mad(place_of(parent), direction, hits.t[0]), normal, f->shot->largest_m),
+              normal);
+    light->texel = texel;
+    light->object = hits.object[0];
+    light->state = LW_VIRTUAL_LIGHT_LIT;
+}
+
+/* From one light of a path on; the others stay. Returns how many were shot. */
+static uint32_t shoot_path(struct flight *f, uint32_t path, uint32_t bounce) {
+    struct lw_virtual_lights *v = f->v;
+    uint32_t count = 0;
+    for (uint32_t b = bounce; b < v->bounces; b++, count++) {
+        struct lw_virtual_light *light = &v->light[first_of(v, path) + b];
+        if (b && light[-1].state == LW_VIRTUAL_LIGHT_ENDED)
+            light->state = LW_VIRTUAL_LIGHT_ENDED;
+        else if (b)
+            shoot_next(f, path, b);
+        else
+            shoot_first(f, path);
+    }
+    return count;
+}
+
+static void charge(struct lw_virtual_lights *v) {
+    for (uint32_t path = 0; path < v->paths; path++) {
+        struct lw_vec3 flux = lw_vec3(0, 0, 0);
+        for (uint32_t b = 0; b < v->bounces; b++) {
+            const struct lw_virtual_light *light = &v->light[first_of(v, path) + b];
+            if (!b) flux = lw_vec3_scale(lw_vec3(light->e[0], light->e[1], light->e[2]), light->scale);
+            flux = light->state == LW_VIRTUAL_LIGHT_LIT
+                       ? lw_vec3_mul(flux, albedo_of(v->patches, light->texel))
+                       : lw_vec3(0, 0, 0);
+            memcpy(v->shooter[first_of(v, path) + b].flux_w, &flux, sizeof flux);
+        }
+    }
+}
+
+static bool is_short(const struct lw_virtual_lights *v) {
+    for (uint32_t path = 0; path < v->paths; path++)
+        if (v->light[first_of(v, path)].state == LW_VIRTUAL_LIGHT_LOST) return true;
+    return false;
+}
+
+uint64_t lw_virtual_lights_shoot(struct lw_virtual_lights *lights,
+                                 const struct lw_virtual_lights_shot *shot) {
+    struct flight f = {.v = lights, .shot = shot};
+    const bool all = !lights->turn.shot;
+    uint32_t count = 0;
+    if (!lights->paths) return 0;
+    if (shot->checks && !all) check(&f);
+    if (is_short(lights) || shot->rotates) sum_up(lights, shot->direct);
+    for (uint32_t path = 0; path < lights->paths; path++)
+        for (uint32_t b = 0; b < lights->bounces; b++) {
+            if (lights->light[first_of(lights, path) + b].state != LW_VIRTUAL_LIGHT_LOST) continue;
+            if (all || count < shot->most) count += shoot_path(&f, path, b);
+            break;
+        }
+    lights->turn.shot = 1;
+    for (; shot->rotates && count + lights->bounces <= shot->most && count < lights->paths * lights->bounces;
+         lights->turn.next = (lights->turn.next + 1) % lights->paths)
+        count += shoot_path(&f, lights->turn.next, 0);
+    charge(lights);
+    return f.rays;
+}
