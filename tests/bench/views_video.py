@@ -59,7 +59,7 @@ def views(args, folder, name, wanted, *more):
                 continue
             png = folder / "view.png"
             said = subprocess.run([args.bin / "lightwell-view", "--headless", "127.0.0.1:" + port, "--wait", "complete", "--size",
-                                   args.size, "--camera", camera(frame), "--samples-per-pixel", "1", "--exposure", "-6",
+                                   args.size, "--camera", camera(frame), "--samples-per-pixel", "1", "--exposure", "-5",
                                    "--threads", "1", "--cache", folder / "cache", "--json", "--out", png],
                                   stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=True, text=True).stdout
             compose.append(json.loads(said)["compose_ms"])
