@@ -27,15 +27,6 @@ static void keep(struct lw_builtin_stage *stage, const char *name, struct lw_bui
     lw_builtin_mesh_finish(mesh);
 }
 
-static void quad(struct lw_builtin_stage *stage, const char *name, uint32_t material, struct lw_vec3 corner,
-                 struct lw_vec3 right, struct lw_vec3 up) {
-    struct lw_builtin_mesh mesh;
-    lw_builtin_mesh_init(&mesh);
-    mesh.material = material;
-    lw_builtin_mesh_quad(&mesh, corner, right, up, 0);
-    keep(stage, name, &mesh, lw_vec3(0, 0, 0), 0);
-}
-
 static void box(struct lw_builtin_stage *stage, const char *name, uint32_t material, struct lw_vec3 position,
                 float angle, struct lw_vec3 low, struct lw_vec3 high, unsigned faces) {
     struct lw_builtin_mesh mesh;
@@ -51,14 +42,14 @@ static void room(struct lw_builtin_stage *stage, const char *const name[5], uint
     const float x = HALF_X, z0 = fminf(near, far), z1 = fmaxf(near, far);
     const struct lw_vec3 across = lw_vec3(2 * x, 0, 0), up = lw_vec3(0, HEIGHT, 0),
                          front = lw_vec3(0, 0, z1 - z0), back = lw_vec3(0, 0, z0 - z1);
-    quad(stage, name[0], floor, lw_vec3(-x, 0, z1), across, back);
-    quad(stage, name[1], white, lw_vec3(-x, HEIGHT, z0), across, front);
-    quad(stage, name[2], left, lw_vec3(-x, 0, z1), back, up);
-    quad(stage, name[3], right, lw_vec3(x, 0, z0), front, up);
+    lw_builtin_stage_quad(stage, name[0], floor, lw_vec3(-x, 0, z1), across, back);
+    lw_builtin_stage_quad(stage, name[1], white, lw_vec3(-x, HEIGHT, z0), across, front);
+    lw_builtin_stage_quad(stage, name[2], left, lw_vec3(-x, 0, z1), back, up);
+    lw_builtin_stage_quad(stage, name[3], right, lw_vec3(x, 0, z0), front, up);
     if (far > near)
-        quad(stage, name[4], white, lw_vec3(x, 0, far), lw_vec3(-2 * x, 0, 0), up);
+        lw_builtin_stage_quad(stage, name[4], white, lw_vec3(x, 0, far), lw_vec3(-2 * x, 0, 0), up);
     else
-        quad(stage, name[4], white, lw_vec3(-x, 0, far), across, up);
+        lw_builtin_stage_quad(stage, name[4], white, lw_vec3(-x, 0, far), across, up);
 }
 
 /* The wall between the rooms, with its hole: three boxes, in one mesh. */
@@ -99,7 +90,8 @@ enum lw_status lw_builtin_ajar_build(struct lw_scene **out_scene, struct lw_erro
     room(&stage, here, white, wood, blue, ochre, 0, DEPTH);
     room(&stage, beyond, white, wood, white, white, -WALL_M, -WALL_M - DEPTH);
     wall_between(&stage, white);
-    quad(&stage, "sill", wood, lw_vec3(-DOOR_X, 0, 0), lw_vec3(2 * DOOR_X, 0, 0), lw_vec3(0, 0, -WALL_M));
+    lw_builtin_stage_quad(&stage, "sill", wood, lw_vec3(-DOOR_X, 0, 0), lw_vec3(2 * DOOR_X, 0, 0),
+                          lw_vec3(0, 0, -WALL_M));
     /* Hinged at the hole's left, its edge within the wall; it opens into this room. */
     box(&stage, "door", wood, lw_vec3(-DOOR_X - 0.005f, 0, -0.002f), -AJAR, lw_vec3(0, 0, 0),
         lw_vec3(2 * DOOR_X, DOOR_Y + 0.01f, DOOR_M), LW_BUILTIN_ALL & ~LW_BUILTIN_BOTTOM);
@@ -108,8 +100,8 @@ enum lw_status lw_builtin_ajar_build(struct lw_scene **out_scene, struct lw_erro
     box(&stage, "stool", ochre, lw_vec3(0.9f, 0, 1.0f), -0.3f, lw_vec3(-0.25f, 0, -0.25f),
         lw_vec3(0.25f, 0.45f, 0.25f), LW_BUILTIN_ALL & ~LW_BUILTIN_BOTTOM);
     /* Behind the wall, where the door hides it from all of this room. */
-    quad(&stage, "lamp", lamp, lw_vec3(0.9f, HEIGHT - LAMP_GAP_M, -WALL_M - 1.6f), lw_vec3(LAMP_M, 0, 0),
-         lw_vec3(0, 0, LAMP_M));
+    lw_builtin_stage_quad(&stage, "lamp", lamp, lw_vec3(0.9f, HEIGHT - LAMP_GAP_M, -WALL_M - 1.6f),
+                          lw_vec3(LAMP_M, 0, 0), lw_vec3(0, 0, LAMP_M));
 
     lw_builtin_stage_camera(&stage, "main", lw_vec3(0.3f, 1.35f, DEPTH - 0.15f), lw_vec3(-0.1f, 1.05f, 0),
                             62.0f);

@@ -15,17 +15,6 @@ static const float lamp_radiance[3] = {17.0f, 12.0f, 4.0f};
 #define LAMP_WIDTH (0.13f * SCALE)
 #define LAMP_DEPTH (0.105f * SCALE)
 
-static void wall(struct lw_builtin_stage *stage, const char *name, uint32_t material, struct lw_vec3 corner,
-                 struct lw_vec3 right, struct lw_vec3 up) {
-    struct lw_builtin_mesh mesh;
-    lw_builtin_mesh_init(&mesh);
-    mesh.material = material;
-    lw_builtin_mesh_quad(&mesh, corner, right, up, 0);
-    lw_builtin_stage_object(stage, name, &mesh,
-                            lw_builtin_stage_node(stage, name, LW_SCENE_NONE, lw_vec3(0, 0, 0)));
-    lw_builtin_mesh_finish(&mesh);
-}
-
 static void block(struct lw_builtin_stage *stage, const char *name, uint32_t material,
                   struct lw_vec3 position, float angle, float side, float height) {
     struct lw_builtin_mesh mesh;
@@ -53,17 +42,18 @@ enum lw_status lw_builtin_cornell_build(struct lw_scene **out_scene, struct lw_e
     float x = WIDTH / 2, z = DEPTH / 2;
     struct lw_vec3 right = lw_vec3(WIDTH, 0, 0), up = lw_vec3(0, HEIGHT, 0), front = lw_vec3(0, 0, DEPTH),
                    back = lw_vec3(0, 0, -DEPTH);
-    wall(&stage, "floor", white, lw_vec3(-x, 0, z), right, back);
-    wall(&stage, "ceiling", white, lw_vec3(-x, HEIGHT, -z), right, front);
-    wall(&stage, "back wall", white, lw_vec3(-x, 0, -z), right, up);
-    wall(&stage, "left wall", red, lw_vec3(-x, 0, z), back, up);
-    wall(&stage, "right wall", green, lw_vec3(x, 0, -z), front, up);
+    lw_builtin_stage_quad(&stage, "floor", white, lw_vec3(-x, 0, z), right, back);
+    lw_builtin_stage_quad(&stage, "ceiling", white, lw_vec3(-x, HEIGHT, -z), right, front);
+    lw_builtin_stage_quad(&stage, "back wall", white, lw_vec3(-x, 0, -z), right, up);
+    lw_builtin_stage_quad(&stage, "left wall", red, lw_vec3(-x, 0, z), back, up);
+    lw_builtin_stage_quad(&stage, "right wall", green, lw_vec3(x, 0, -z), front, up);
     block(&stage, "short block", white, lw_vec3(0.0925f * SCALE, 0, 0.111f * SCALE), 0.29f, 0.165f * SCALE,
           0.165f * SCALE);
     block(&stage, "tall block", white, lw_vec3(-0.0905f * SCALE, 0, -0.0715f * SCALE), -0.31f, 0.165f * SCALE,
           0.33f * SCALE);
-    wall(&stage, "lamp", lamp, lw_vec3(-LAMP_WIDTH / 2, HEIGHT - LAMP_GAP_M, -LAMP_DEPTH / 2),
-         lw_vec3(LAMP_WIDTH, 0, 0), lw_vec3(0, 0, LAMP_DEPTH));
+    lw_builtin_stage_quad(&stage, "lamp", lamp,
+                          lw_vec3(-LAMP_WIDTH / 2, HEIGHT - LAMP_GAP_M, -LAMP_DEPTH / 2),
+                          lw_vec3(LAMP_WIDTH, 0, 0), lw_vec3(0, 0, LAMP_DEPTH));
 
     /* far back and narrow, as in the measured photograph */
     lw_builtin_stage_camera(&stage, "main", lw_vec3(0, HEIGHT / 2, z + 0.8f * SCALE),

@@ -205,6 +205,17 @@ static uint32_t aimed_node(struct lw_builtin_stage *stage, const char *name, uin
     return node;
 }
 
+void lw_builtin_stage_quad(struct lw_builtin_stage *stage, const char *name, uint32_t material,
+                           struct lw_vec3 corner, struct lw_vec3 right, struct lw_vec3 up) {
+    struct lw_builtin_mesh mesh;
+    lw_builtin_mesh_init(&mesh);
+    mesh.material = material;
+    lw_builtin_mesh_quad(&mesh, corner, right, up, 0);
+    lw_builtin_stage_object(stage, name, &mesh,
+                            lw_builtin_stage_node(stage, name, LW_SCENE_NONE, lw_vec3(0, 0, 0)));
+    lw_builtin_mesh_finish(&mesh);
+}
+
 void lw_builtin_stage_sun(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 direction,
                           struct lw_vec3 irradiance, float angular_diameter) {
     uint32_t node = aimed_node(stage, name, LW_SCENE_NONE, lw_vec3(0, 0, 0), direction);

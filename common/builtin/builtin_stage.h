@@ -48,6 +48,10 @@ void lw_builtin_stage_instance(struct lw_builtin_stage *stage, const char *name,
 void lw_builtin_stage_object(struct lw_builtin_stage *stage, const char *name, struct lw_builtin_mesh *mesh,
                              uint32_t node);
 
+/** An object of one quad in world space; right and up are its edges from the corner. */
+void lw_builtin_stage_quad(struct lw_builtin_stage *stage, const char *name, uint32_t material,
+                           struct lw_vec3 corner, struct lw_vec3 right, struct lw_vec3 up);
+
 /** direction  where it shines, world space
  *  irradiance W/m^2 on a surface that faces it */
 void lw_builtin_stage_sun(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 direction,

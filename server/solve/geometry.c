@@ -149,6 +149,37 @@ enum lw_status lw_geometry_find_seams(struct lw_geometry *geometry, const struct
     return status;
 }
 
+enum lw_status lw_geometry_set_up_denoise(struct lw_geometry *geometry, const struct lw_atlas_map *map,
+                                          struct lw_tiles *tiles, struct lw_denoise *denoise,
+                                          struct lw_error *err) {
+    if (denoise->pairs) return LW_OK;
+    enum lw_status status = lw_geometry_weigh_pairs(geometry);
+    if (status == LW_OK) status = lw_denoise_init(denoise, &geometry->pairs, map, tiles, geometry->threads);
+    return status == LW_OK ? LW_OK
+                           : lw_status_fail(err, status, "denoiser of %u texels", geometry->texels.count);
+}
+
+void lw_geometry_read_tile(const struct lw_geometry *geometry, const struct lw_tiles *tiles, lw_tile_id id,
+                           uint32_t bounces, unsigned forms, struct lw_solver_tile *out_tile) {
+    const struct lw_solve_tile *tile = &tiles->tile[tiles->slot_of_id[id.v]];
+    *out_tile = (struct lw_solver_tile){.covered = tiles->covered + tile->first,
+                                        .filled = geometry->texels.filled + tile->first,
+                                        .width = tile->width,
+                                        .height = tile->height,
+                                        .bounces = bounces,
+                                        .sample_count = tile->sample_count,
+                                        .error = tile->covered_count ? tile->error : 0,
+                                        .solved_frame = tile->solved_frame};
+    for (int c = 0; c < 3; c++) {
+        out_tile->direct[c] = tiles->direct[c] + tile->first;
+        out_tile->indirect[c] = tiles->indirect[c] + tile->first;
+        out_tile->irradiance[c] = tiles->irradiance[LW_LIGHT_FORM_FULL][c] + tile->first;
+        if (forms & lw_light_form_bit(LW_LIGHT_FORM_SPLIT))
+            out_tile->split[c] = tiles->irradiance[LW_LIGHT_FORM_SPLIT][c] + tile->first;
+        out_tile->albedo[c] = tile->mesh->albedo[c] + tile->local;
+    }
+}
+
 void lw_geometry_forget_tiles(struct lw_geometry *geometry) { (void)end_search(geometry, false); }
 
 size_t lw_geometry_memory_bytes(const struct lw_geometry *geometry) {

@@ -8,6 +8,7 @@
 #include "common/trace/trace.h"
 #include "server/solve/filter/denoise.h"
 #include "server/solve/filter/seams.h"
+#include "server/solve/solver.h"
 
 struct lw_geometry {
     const struct lw_scene *scene;
@@ -40,6 +41,17 @@ LW_MUST_CHECK enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, 
 
 /** Weighs the pairs, unless they are. Errors: LW_NO_MEMORY; there are none then. */
 LW_MUST_CHECK enum lw_status lw_geometry_weigh_pairs(struct lw_geometry *geometry);
+
+/** Makes a denoiser of tiles over its texels, with the pairs weighed, unless there is one.
+ * Errors: LW_NO_MEMORY; there is none then. */
+LW_MUST_CHECK enum lw_status lw_geometry_set_up_denoise(struct lw_geometry *geometry,
+                                                        const struct lw_atlas_map *map,
+                                                        struct lw_tiles *tiles, struct lw_denoise *denoise,
+                                                        struct lw_error *err);
+
+/** What a solver holds of a level-0 tile over its texels. forms: those that are shown. */
+void lw_geometry_read_tile(const struct lw_geometry *geometry, const struct lw_tiles *tiles, lw_tile_id id,
+                           uint32_t bounces, unsigned forms, struct lw_solver_tile *out_tile);
 
 /** Finds the seams, unless they are current; seams_found tells.
  * tiles   any over its texels

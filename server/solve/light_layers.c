@@ -504,9 +504,8 @@ static void show(struct lw_solver *solver, unsigned forms) {
 static uint64_t last_frame(const struct layers *s) {
     uint64_t last = 0;
     for (uint32_t k = 0; k < s->count; k++) {
-        const struct lw_tiles *tiles = tiles_of(&s->layer[k]);
-        for (uint32_t i = 0; i < tiles->count; i++)
-            if (tiles->tile[i].solved_frame > last) last = tiles->tile[i].solved_frame;
+        const uint64_t solved = lw_tiles_last_solved(tiles_of(&s->layer[k]));
+        if (solved > last) last = solved;
     }
     return last;
 }

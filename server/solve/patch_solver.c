@@ -221,12 +221,7 @@ static enum lw_status weld(struct lw_patch_solver *s, uint64_t number, struct lw
 }
 
 static enum lw_status set_up_denoise(struct lw_patch_solver *s, struct lw_error *err) {
-    if (s->denoise.pairs) return LW_OK;
-    enum lw_status status = lw_geometry_weigh_pairs(&s->geometry);
-    if (status == LW_OK)
-        status = lw_denoise_init(&s->denoise, &s->geometry.pairs, s->desc.atlas_map, &s->tiles, s->threads);
-    return status == LW_OK ? LW_OK
-                           : lw_status_fail(err, status, "denoiser of %u texels", s->geometry.texels.count);
+    return lw_geometry_set_up_denoise(&s->geometry, s->desc.atlas_map, &s->tiles, &s->denoise, err);
 }
 
 static enum lw_status show_light(struct lw_patch_solver *s, uint64_t number, bool filters,
@@ -310,31 +305,12 @@ static void show_forms(struct lw_solver *solver, unsigned forms) {
 static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
     struct lw_patch_solver *s = (struct lw_patch_solver *)solver;
     enum lw_status status = set_up_denoise(s, err);
-    uint64_t last = 0;
-    for (uint32_t i = 0; i < s->tiles.count; i++)
-        last = s->tiles.tile[i].solved_frame > last ? s->tiles.tile[i].solved_frame : last;
-    return status == LW_OK ? show_light(s, last, true, err) : status;
+    return status == LW_OK ? show_light(s, lw_tiles_last_solved(&s->tiles), true, err) : status;
 }
 
 static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *out_tile) {
     const struct lw_patch_solver *s = (const struct lw_patch_solver *)solver;
-    const struct lw_solve_tile *tile = &s->tiles.tile[s->tiles.slot_of_id[id.v]];
-    *out_tile = (struct lw_solver_tile){.covered = s->tiles.covered + tile->first,
-                                        .filled = s->geometry.texels.filled + tile->first,
-                                        .width = tile->width,
-                                        .height = tile->height,
-                                        .bounces = s->desc.bounces,
-                                        .sample_count = tile->sample_count,
-                                        .error = tile->covered_count ? tile->error : 0,
-                                        .solved_frame = tile->solved_frame};
-    for (int c = 0; c < 3; c++) {
-        out_tile->direct[c] = s->tiles.direct[c] + tile->first;
-        out_tile->indirect[c] = s->tiles.indirect[c] + tile->first;
-        out_tile->irradiance[c] = s->tiles.irradiance[LW_LIGHT_FORM_FULL][c] + tile->first;
-        if (s->forms & lw_light_form_bit(LW_LIGHT_FORM_SPLIT))
-            out_tile->split[c] = s->tiles.irradiance[LW_LIGHT_FORM_SPLIT][c] + tile->first;
-        out_tile->albedo[c] = tile->mesh->albedo[c] + tile->local;
-    }
+    lw_geometry_read_tile(&s->geometry, &s->tiles, id, s->desc.bounces, s->forms, out_tile);
 }
 
 #define PARTS_MAX (1 + LW_LIGHT_FORM_COUNT + LW_PATCH_SOLVER_PARTS_MAX)
@@ -342,11 +318,7 @@ static uint32_t list_parts(const struct lw_patch_solver *s, uint32_t *frames,
                            struct lw_checkpoint_part out_part[PARTS_MAX]) {
     uint32_t n = 0;
     out_part[n++] = (struct lw_checkpoint_part){frames, sizeof *frames};
-    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-        if (s->welds[f].member_count)
-            out_part[n++] =
-                (struct lw_checkpoint_part){s->welds[f].correction, (size_t)s->welds[f].member_count * 3 *
-                                                                        sizeof *s->welds[f].correction};
+    n += lw_seams_light_list_parts(s->welds, out_part + n);
     if (s->method->list_parts) n += s->method->list_parts(s, out_part + n);
     return n;
 }

@@ -46,7 +46,7 @@
 #define TURN    0.0873 /* radians: 5 degrees */
 #define LIMITS  2
 #define TRUTHS  2
-#define CHECKED 8 /* frames, each of which is looked at; after them some */
+#define CHECKED 8 /* the first frames are all looked at, later ones at 1 + 1/CHECKED of the last number */
 
 static const double limit[LIMITS] = {0.1, 0.02};
 enum { BY_CELLS, BY_PATHS };

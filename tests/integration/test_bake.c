@@ -464,49 +464,36 @@ static void limits_end_a_bake_with_what_is_there(void **state) {
     json_decref(index);
 }
 
-/* By full passes of radiosity: the means of maps are those of the cells; its state is nobody else's. */
-static void radiosity_bakes_the_same_light(void **state) {
-    (void)state;
-    char cells[256], patches[256], arguments[512];
+/* The means of maps are those of the cells; a solver's state is nobody else's. */
+static void bakes_the_same_light(const char *solver, const char *options) {
+    char cells[256], others[256], arguments[512];
     snprintf(cells, sizeof cells, "%s", lw_support_temporary("cells"));
-    snprintf(patches, sizeof patches, "%s", lw_support_temporary("patches"));
+    snprintf(others, sizeof others, "%s", lw_support_temporary(solver));
     assert_int_equal(bake(CORNELL " -o %s --samples 256 --bounces 2", cells), 0);
-    assert_int_equal(bake(CORNELL " -o %s --samples 2 --bounces 2 --solver radiosity", patches), 0);
-    expect_finite(patches);
+    assert_int_equal(bake(CORNELL " -o %s --bounces 2 --solver %s %s", others, solver, options), 0);
+    expect_finite(others);
     static const char *const maps[] = {"floor.exr", "back_wall.exr", "left_wall.exr"};
     for (size_t i = 0; i < sizeof maps / sizeof *maps; i++) {
         double mean, other, square;
-        compare_maps(maps[i], cells, patches, &mean, &square);
-        compare_maps(maps[i], patches, cells, &other, &square);
-        if (fabs(other / mean - 1) > 0.03) fail_msg("%s: %g by radiosity, %g by cells", maps[i], other, mean);
+        compare_maps(maps[i], cells, others, &mean, &square);
+        compare_maps(maps[i], others, cells, &other, &square);
+        if (fabs(other / mean - 1) > 0.03)
+            fail_msg("%s: %g by %s, %g by cells", maps[i], other, solver, mean);
         assert_true(square < 0.02 * mean * mean);
     }
     interrupt(cells, "--samples 100000");
-    snprintf(arguments, sizeof arguments, CORNELL " -o %s --samples 2 --solver radiosity", cells);
+    snprintf(arguments, sizeof arguments, CORNELL " -o %s --samples 2 --solver %s", cells, solver);
     bake_fails(65, "of another scene or of other options", arguments);
 }
 
-/* By virtual point lights: likewise. */
+static void radiosity_bakes_the_same_light(void **state) {
+    (void)state;
+    bakes_the_same_light("radiosity", "--samples 2");
+}
+
 static void virtual_lights_bake_the_same_light(void **state) {
     (void)state;
-    char cells[256], points[256], arguments[512];
-    snprintf(cells, sizeof cells, "%s", lw_support_temporary("cells"));
-    snprintf(points, sizeof points, "%s", lw_support_temporary("points"));
-    assert_int_equal(bake(CORNELL " -o %s --samples 256 --bounces 2", cells), 0);
-    assert_int_equal(
-        bake(CORNELL " -o %s --samples 64 --bounces 2 --solver vpl --vpl-sets 4 --vpl-near 0.02", points), 0);
-    expect_finite(points);
-    static const char *const maps[] = {"floor.exr", "back_wall.exr", "left_wall.exr"};
-    for (size_t i = 0; i < sizeof maps / sizeof *maps; i++) {
-        double mean, other, square;
-        compare_maps(maps[i], cells, points, &mean, &square);
-        compare_maps(maps[i], points, cells, &other, &square);
-        if (fabs(other / mean - 1) > 0.03) fail_msg("%s: %g by points, %g by cells", maps[i], other, mean);
-        assert_true(square < 0.02 * mean * mean);
-    }
-    interrupt(cells, "--samples 100000");
-    snprintf(arguments, sizeof arguments, CORNELL " -o %s --samples 2 --solver vpl", cells);
-    bake_fails(65, "of another scene or of other options", arguments);
+    bakes_the_same_light("vpl", "--samples 64 --vpl-sets 4 --vpl-near 0.02");
 }
 
 /* ---- refusals ---- */

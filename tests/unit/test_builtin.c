@@ -107,7 +107,7 @@ static void test_ajar(void **state) {
     lw_scene_destroy(scene);
 }
 
-/* The lamp sees no point of the room but behind the door: what lights it has been reflected. */
+/* The lamp sees nothing of the room but a wedge behind the door: all other light there has been reflected. */
 static void test_ajar_hides_its_lamp(void **state) {
     (void)state;
     struct lw_scene *scene = build("builtin:ajar");

@@ -1,4 +1,4 @@
-// example.mjs: a server for the folder of a page that uses lightwell-three: example.html, a scene, node_modules.
+// example.mjs: serves the folder of a page that uses lightwell-three: example.html, a scene, node_modules.
 import { createReadStream, existsSync } from 'node:fs';
 import { createServer } from 'node:http';
 import { extname, join } from 'node:path';

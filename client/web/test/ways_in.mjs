@@ -1,6 +1,7 @@
-// ways_in.mjs: a picture of the page, or of lightwell-three's example, as a person sees it. For tests/bench/ways_in.sh:
+// ways_in.mjs: a picture of the page, or of lightwell-three's example, as a person sees it. For
+// tests/bench/ways_in.sh:
 //     node ways_in.mjs page URL OUT.png          the page of a lightwelld
-//     node ways_in.mjs three PACKAGE OUT.png     example.html of an installed lightwell-three, in a room of its own
+//     node ways_in.mjs three PACKAGE OUT.png     an installed lightwell-three's example.html, in a room
 import { mkdtempSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';

@@ -391,6 +391,16 @@ size_t lw_seams_light_memory_bytes(const struct lw_seams_light *light) {
     return light->member_count * member + light->component_count * sizeof *light->active;
 }
 
+uint32_t lw_seams_light_list_parts(const struct lw_seams_light light[LW_LIGHT_FORM_COUNT],
+                                   struct lw_checkpoint_part out_part[LW_LIGHT_FORM_COUNT]) {
+    uint32_t n = 0;
+    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+        if (light[f].member_count)
+            out_part[n++] = (struct lw_checkpoint_part){
+                light[f].correction, (size_t)light[f].member_count * 3 * sizeof *light[f].correction};
+    return n;
+}
+
 /* ---- each frame ---- */
 
 /* What a worker welds: a component. */

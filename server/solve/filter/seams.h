@@ -21,6 +21,7 @@
 #define LW_FILTER_SEAMS_H
 
 #include "server/solve/filter/seam_gutters.h"
+#include "server/solve/state/checkpoint.h"
 
 #define LW_SEAMS_ROWS_MAX (1u << 22) /* 64 bytes each; what is beyond stays unwelded */
 
@@ -65,6 +66,10 @@ void lw_seams_light_finish(struct lw_seams_light *light);
 
 /** Bytes held. */
 size_t lw_seams_light_memory_bytes(const struct lw_seams_light *light);
+
+/** What a frame's welds read of those before it. Returns how many parts these are. */
+uint32_t lw_seams_light_list_parts(const struct lw_seams_light light[LW_LIGHT_FORM_COUNT],
+                                   struct lw_checkpoint_part out_part[LW_LIGHT_FORM_COUNT]);
 
 /** Welds tiles->irradiance, in the given forms (light_form.h; light: by form), around the blocks shown in
  * frame `frame`: covered texels, and gutters beyond seams. shown_frame of all blocks that it writes becomes

@@ -81,6 +81,13 @@ size_t lw_tiles_memory_bytes(const struct lw_tiles *tiles) {
                                  tiles->bounces * sizeof *tiles->radiance_change[0]);
 }
 
+uint64_t lw_tiles_last_solved(const struct lw_tiles *tiles) {
+    uint64_t last = 0;
+    for (uint32_t i = 0; i < tiles->count; i++)
+        if (tiles->tile[i].solved_frame > last) last = tiles->tile[i].solved_frame;
+    return last;
+}
+
 bool lw_tiles_judge_forms(struct lw_tiles *tiles, unsigned forms, int threads) {
     const float *before = tiles->judged_spread;
     tiles->judged_spread =

@@ -152,6 +152,9 @@ void lw_tiles_finish(struct lw_tiles *tiles);
 /** Makes room for what client lights give, apart. Errors: LW_NO_MEMORY; finish the tiles then. */
 LW_MUST_CHECK enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles);
 
+/** The last frame that changed what is shown of any tile; 0: none has. */
+uint64_t lw_tiles_last_solved(const struct lw_tiles *tiles);
+
 /** Chooses judged_spread by the forms that are shown (light_form.h), and sums the variance of blocks again
  * if it is another. Returns whether it is; their errors are those of before until lw_estimates_judge(). */
 bool lw_tiles_judge_forms(struct lw_tiles *tiles, unsigned forms, int threads);
