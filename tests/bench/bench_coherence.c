@@ -31,6 +31,7 @@
 #include "server/solve/transport/bounces.h"
 #include "server/solve/transport/ray_hit.h"
 #include "tests/bench/bench_setup.h"
+#include "tests/bench/bench_tile.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -64,6 +65,7 @@ struct tally {
 };
 
 static const uint32_t scale_side[SCALES] = {1, 4, 16};
+static const struct bench_scales scales = {SCALES, scale_side};
 
 struct settings {
     struct lw_scene_open open;
@@ -80,7 +82,6 @@ static struct {
 } lab;
 
 /* Luminance that arrives, per texel of a tile: sums. */
-typedef float plane[LW_TILE_SIDE * LW_TILE_SIDE];
 
 struct bundle {
     const struct lw_transport *passes;
@@ -89,16 +90,6 @@ struct bundle {
     struct lw_sample_points_frame frame;
     uint32_t use; /* of random numbers: tells ways and references apart */
 };
-
-static float radiance_of(const struct lw_transport *p, uint32_t texel) {
-    if (texel == LW_TEXEL_NONE) return 0;
-    float sum = 0;
-    for (uint32_t k = 0; k < p->tiles->bounces; k++) {
-        const float *l = p->tiles->radiance[k] + (size_t)texel * 4;
-        sum += lw_colour_luminance(lw_vec3(l[0], l[1], l[2]));
-    }
-    return sum;
-}
 
 static struct lw_vec3 draw(const struct bundle *b, uint32_t block, uint32_t texel, uint32_t set,
                            uint32_t sample) {
@@ -151,8 +142,9 @@ static void trace_packet(const struct bundle *b, const uint32_t texel[LANES], ui
     lw_trace_closest16(p->trace, each ? 0 : LW_TRACE_COHERENT, active, &rays, &hits);
     for (uint32_t lane = 0; lane < LANES; lane++)
         if (active >> lane & 1 && hits.object[lane] != LW_TRACE_MISS)
-            sum[texel[lane]] += radiance_of(p, lw_texels_at(p->texels, hits.object[lane], hits.triangle[lane],
-                                                            hits.u[lane], hits.v[lane], hits.back[lane]));
+            sum[texel[lane]] +=
+                bench_radiance_of(p, lw_texels_at(p->texels, hits.object[lane], hits.triangle[lane],
+                                                  hits.u[lane], hits.v[lane], hits.back[lane]));
 }
 
 /* Sixteen texels from (x, y) on, `spacing` apart. */
@@ -202,46 +194,7 @@ static void trace_tile(const struct bundle *b, uint32_t sample, float *sum) {
         }
 }
 
-/* Mean of E over the covered texels of a square of the tile; how many these are. */
-static uint32_t mean_over(const struct bundle *b, uint32_t x, uint32_t y, uint32_t side, const float *sum,
-                          uint32_t samples, double *out) {
-    uint32_t count = 0;
-    double total = 0;
-    for (uint32_t ty = y; ty < y + side && ty < b->tile->height; ty++)
-        for (uint32_t tx = x; tx < x + side && tx < b->tile->width; tx++) {
-            const uint32_t i = ty * b->tile->width + tx;
-            if (!b->passes->tiles->covered[b->tile->first + i]) continue;
-            total += (double)sum[i];
-            count++;
-        }
-    *out = count ? total * (double)LW_PI / samples / count : 0;
-    return count;
-}
-
-static void add_errors(const struct bundle *b, const float *sum, uint32_t samples, plane reference[2],
-                       struct tally *tally) {
-    for (uint32_t k = 0; k < SCALES; k++)
-        for (uint32_t y = 0; y < b->tile->height; y += scale_side[k])
-            for (uint32_t x = 0; x < b->tile->width; x += scale_side[k]) {
-                double value, t[2];
-                if (!mean_over(b, x, y, scale_side[k], sum, samples, &value)) continue;
-                for (int j = 0; j < 2; j++)
-                    mean_over(b, x, y, scale_side[k], reference[j], REFERENCE_SAMPLES, &t[j]);
-                const double middle = (t[0] + t[1]) / 2;
-                tally->error[k] += (value - t[0]) * (value - t[1]) / (middle * middle + lab.eps);
-            }
-}
-
-static void count_means(const struct bundle *b) {
-    double ignored;
-    static const plane none;
-    for (uint32_t k = 0; k < SCALES; k++)
-        for (uint32_t y = 0; y < b->tile->height; y += scale_side[k])
-            for (uint32_t x = 0; x < b->tile->width; x += scale_side[k])
-                lab.means[k] += mean_over(b, x, y, scale_side[k], none, 1, &ignored) > 0;
-}
-
-static void trace_reference(struct bundle *b, plane reference[2]) {
+static void trace_reference(struct bundle *b, bench_plane reference[2]) {
     for (uint32_t j = 0; j < 2; j++) {
         memset(reference[j], 0, sizeof reference[j]);
         b->way = &ways[2]; /* stratified over the samples as any, and fast */
@@ -252,10 +205,10 @@ static void trace_reference(struct bundle *b, plane reference[2]) {
 
 static void experiment(const struct lw_transport *p, const struct lw_solve_tile *tile) {
     struct bundle b = {.passes = p, .tile = tile};
-    static plane reference[2], sum[WAYS];
+    static bench_plane reference[2], sum[WAYS];
     lw_sample_points_frame_init(&b.frame, &p->pose->object_to_world[tile->object]);
     trace_reference(&b, reference);
-    count_means(&b);
+    bench_count_means(p, tile, &scales, lab.means);
     memset(sum, 0, sizeof sum);
     uint64_t cpu_ns[WAYS] = {0};
     for (uint32_t m = 0, done = 0; m < lab.moments; m++)
@@ -268,7 +221,8 @@ static void experiment(const struct lw_transport *p, const struct lw_solve_tile 
                 cpu_ns[w] += lw_clock_thread_cpu_ns() - began_ns;
                 if (done + 1 != 1u << m) continue;
                 lab.tally[w][m].cpu_ns += cpu_ns[w];
-                add_errors(&b, sum[w], done + 1, reference, &lab.tally[w][m]);
+                bench_add_errors(p, tile, &scales, sum[w], done + 1, reference, REFERENCE_SAMPLES, lab.eps,
+                                 lab.tally[w][m].error);
             }
 }
 

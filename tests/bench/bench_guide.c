@@ -24,6 +24,7 @@
 #include "server/solve/solvers.h"
 #include "server/solve/transport/bounces.h"
 #include "tests/bench/bench_setup.h"
+#include "tests/bench/bench_tile.h"
 
 #include <assert.h>
 #include <math.h>
@@ -45,6 +46,7 @@
 enum way { COSINE, LEARNED, SHARED, VISIBLE, WAYS };
 static const char *const way_name[WAYS] = {"cosine", "learned", "shared", "visible"};
 static const uint32_t scale_side[SCALES] = {1, BLOCK};
+static const struct bench_scales scales = {SCALES, scale_side};
 
 struct tally {
     double error[SCALES];
@@ -84,8 +86,6 @@ static struct {
     struct lw_vec3 low, cells_per_m;
 } lab;
 
-typedef float plane[LW_TILE_SIDE * LW_TILE_SIDE];
-
 struct bundle {
     const struct lw_transport *passes;
     const struct lw_solve_tile *tile;
@@ -94,16 +94,6 @@ struct bundle {
     struct lw_sample_points_frame frame;
     uint32_t use; /* of random numbers: tells ways and references apart */
 };
-
-static float radiance_of(const struct lw_transport *p, uint32_t texel) {
-    float sum = 0;
-    if (texel == LW_TEXEL_NONE) return 0;
-    for (uint32_t k = 0; k < p->tiles->bounces; k++) {
-        const float *l = p->tiles->radiance[k] + (size_t)texel * 4;
-        sum += lw_colour_luminance(lw_vec3(l[0], l[1], l[2]));
-    }
-    return sum;
-}
 
 /* ---- lists of visible blocks ---- */
 
@@ -144,7 +134,7 @@ static void find_spheres(const struct lw_transport *p) {
                     lw_affine_point(to_world, lw_texels_vector(tile->mesh->position, tile->local + t));
                 if (pass == 0) {
                     s->centre = lw_vec3_mad(s->centre, at, share);
-                    s->luminance += share * radiance_of(p, texel);
+                    s->luminance += share * bench_radiance_of(p, texel);
                 } else
                     s->radius = fmaxf(s->radius, 1.05f * lw_vec3_length(lw_vec3_sub(at, s->centre)));
             }
@@ -368,7 +358,7 @@ static void trace_packet(const struct bundle *b, const uint32_t texel[LANES], ui
                                  ? LW_TEXEL_NONE
                                  : lw_texels_at(p->texels, hits.object[lane], hits.triangle[lane],
                                                 hits.u[lane], hits.v[lane], hits.back[lane]);
-        const float luminance = radiance_of(p, end);
+        const float luminance = bench_radiance_of(p, end);
         sum[texel[lane]] += weight[lane] * luminance;
         if (b->teaches) teach(b, &lanes.at, lane, place[lane], end, luminance);
     }
@@ -391,45 +381,9 @@ static void trace_tile(const struct bundle *b, uint32_t sample, float *sum) {
         }
 }
 
-/* ---- errors ---- */
-
-static uint32_t mean_over(const struct bundle *b, uint32_t x, uint32_t y, uint32_t side, const float *sum,
-                          uint32_t samples, double *out) {
-    uint32_t count = 0;
-    double total = 0;
-    for (uint32_t ty = y; ty < y + side && ty < b->tile->height; ty++)
-        for (uint32_t tx = x; tx < x + side && tx < b->tile->width; tx++) {
-            const uint32_t i = ty * b->tile->width + tx;
-            if (!b->passes->tiles->covered[b->tile->first + i]) continue;
-            total += (double)sum[i];
-            count++;
-        }
-    *out = count ? total * (double)LW_PI / samples / count : 0;
-    return count;
-}
-
-/* tally NULL: counts the means alone. */
-static void add_errors(const struct bundle *b, const float *sum, uint32_t samples, plane reference[2],
-                       struct tally *tally) {
-    for (uint32_t k = 0; k < SCALES; k++)
-        for (uint32_t y = 0; y < b->tile->height; y += scale_side[k])
-            for (uint32_t x = 0; x < b->tile->width; x += scale_side[k]) {
-                double value, t[2];
-                if (!mean_over(b, x, y, scale_side[k], sum, samples, &value)) continue;
-                if (!tally) {
-                    lab.means[k]++;
-                    continue;
-                }
-                for (int j = 0; j < 2; j++)
-                    mean_over(b, x, y, scale_side[k], reference[j], REFERENCE_SAMPLES, &t[j]);
-                const double middle = (t[0] + t[1]) / 2;
-                tally->error[k] += (value - t[0]) * (value - t[1]) / (middle * middle + lab.eps);
-            }
-}
-
 static void experiment(const struct lw_transport *p, const struct lw_solve_tile *tile) {
     struct bundle b = {.passes = p, .tile = tile};
-    static plane reference[2], sum[WAYS];
+    static bench_plane reference[2], sum[WAYS];
     uint64_t cpu_ns[WAYS] = {0};
     lw_sample_points_frame_init(&b.frame, &p->pose->object_to_world[tile->object]);
     memset(reference, 0, sizeof reference);
@@ -439,7 +393,7 @@ static void experiment(const struct lw_transport *p, const struct lw_solve_tile 
             b.use = 1000 + j;
             trace_tile(&b, s, reference[j]);
         }
-    add_errors(&b, sum[0], 1, reference, NULL);
+    bench_count_means(p, tile, &scales, lab.means);
     for (uint32_t m = 0, done = 0; m < lab.moments; m++)
         for (; done < 1u << m; done++)
             for (uint32_t w = 0; w < WAYS; w++) { /* alternately: all meet the same machine */
@@ -450,13 +404,14 @@ static void experiment(const struct lw_transport *p, const struct lw_solve_tile 
                 cpu_ns[w] += lw_clock_thread_cpu_ns() - began_ns;
                 if (done + 1 != 1u << m) continue;
                 lab.tally[w][m].cpu_ns += cpu_ns[w];
-                add_errors(&b, sum[w], done + 1, reference, &lab.tally[w][m]);
+                bench_add_errors(p, tile, &scales, sum[w], done + 1, reference, REFERENCE_SAMPLES, lab.eps,
+                                 lab.tally[w][m].error);
             }
 }
 
 static void teach_tile(const struct lw_transport *p, const struct lw_solve_tile *tile) {
     struct bundle b = {.passes = p, .tile = tile, .way = LEARNED, .teaches = true, .use = 500};
-    static plane ignored;
+    static bench_plane ignored;
     lw_sample_points_frame_init(&b.frame, &p->pose->object_to_world[tile->object]);
     for (uint32_t s = 0; s < TEACHING_RAYS; s++) trace_tile(&b, lab.teaching_sample + s, ignored);
 }
