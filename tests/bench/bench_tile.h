@@ -1,4 +1,4 @@
-/* bench_tile.h: errors of light that a bench has estimated for the texels of a tile, with a solver's own rays.
+/* bench_tile.h: errors of light that a bench has estimated for a tile's texels, with a solver's own rays.
  * Flow:    sums over a tile's texels, two independent references -> [bench_tile] -> squared relative errors
  * Threads: pure functions, [any]. */
 #ifndef LW_BENCH_TILE_H
