@@ -52,6 +52,7 @@
 #define STALL_FIRST  6.0 /* times that, until first light: texels are placed, and rays' structure is built */
 #define STATUS_MS    10000u
 #define RETURN_S     2.0
+#define PREPARE_S    120.0
 #define STOP_WAIT_S  3u /* for the end of a frame */
 #define DROP_WAIT_S  1u /* for that of a scene that is being read, but will not be lit */
 #define STEP_HZ      30 /* scene time advances by 1/30 s a frame under --clock step */
@@ -96,7 +97,7 @@ struct settings {
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
     int probe_form, denoise;
     double tracing_range, cell_size, probe_spacing, frame_rate, frame_budget_ms, freeze_s, error, link_rate,
-        tile_step, stall_s, return_s;
+        tile_step, stall_s, return_s, prepare_s;
     bool animate, freeze, json, insecure;
     int clock, light, codec, log_format, log_level;
     char host[256], http_host[256]; /* http_host "": none */
@@ -147,11 +148,14 @@ struct daemon {
     struct lw_daemon_metrics metrics;
     const char *isa; /* of the rays' kernels */
     uint64_t started_ns, rays_total;
-    uint64_t first;      /* number of the first frame: 1, or after the frames of the saved light */
-    uint64_t published;  /* the last frame that was */
-    bool moved;          /* something has moved since then */
-    uint32_t forms;      /* of light that are shown and published: bit per enum lw_light_form */
-    uint32_t forms_kept; /* forms of the saved light */
+    uint64_t first;       /* number of the first frame: 1, or after the frames of the saved light */
+    uint64_t published;   /* the last frame that was */
+    bool moved;           /* something has moved since then */
+    bool is_looked_at;    /* by some client */
+    bool is_prepared;     /* all of the scene is solved, though nobody looks */
+    uint64_t prepared_ns; /* wall time for which it was */
+    uint32_t forms;       /* of light that are shown and published: bit per enum lw_light_form */
+    uint32_t forms_kept;  /* forms of the saved light */
     uint64_t taken_ns[LW_LIGHT_FORM_COUNT]; /* when somebody last took it */
 };
 
@@ -335,10 +339,14 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "real: scene time is wall time (default). step: 1/30 s of scene time per solved frame, repeatable. "
          "manual: the same, and a frame begins with each line on stdin, whose end stops the server",
          LW_OPTION_CHOICE, &s->clock, 0, 0, NULL},
-        {"light", "whole|seen",
-         "seen: what clients look at and what lights it, nothing while nobody looks (default). whole: all of "
-         "it",
+        {"light", "whole|seen", "seen: what clients look at and what lights it (default). whole: all of it",
          LW_OPTION_CHOICE, &s->light, 0, 0, NULL},
+        {"prepare", "SECONDS",
+         "with --light seen, light is made better for so long while nobody looks, all over the scene, so "
+         "that "
+         "who comes first finds it good; then nothing is solved until somebody does. Under the real clock "
+         "alone (default 120)",
+         LW_OPTION_REAL, &s->prepare_s, 0, 1e9, NULL},
         {"light-groups", "NAMES",
          "lights that have a layer of their own, so that to dim, recolour or switch them takes no ray: names "
          "of lights, "
@@ -497,6 +505,14 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
 /* Share of a tile's noise that the solver's filter leaves. */
 static float noise_shown(const struct settings *s) { return s->denoise == 1 ? LW_SOLVER_NOISE_SHOWN : 1; }
 
+static enum lw_status solve_nothing(struct daemon *d, struct lw_error *err) {
+    uint8_t *nothing = calloc((size_t)d->atlas_map.tile_count + 1, 1);
+    if (!nothing) return lw_status_fail(err, LW_NO_MEMORY, "tiles");
+    enum lw_status status = d->solver->ops->set_interest(d->solver, nothing, err);
+    free(nothing);
+    return status;
+}
+
 static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     enum lw_status status = s->entry->create(
@@ -523,10 +539,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
         &d->pose, &d->solver, err);
     if (status != LW_OK) return status;
     if (s->light == LIGHT_SEEN) { /* by nobody, to begin with */
-        uint8_t *nothing = calloc((size_t)d->atlas_map.tile_count + 1, 1);
-        if (!nothing) return lw_status_fail(err, LW_NO_MEMORY, "tiles");
-        status = d->solver->ops->set_interest(d->solver, nothing, err);
-        free(nothing);
+        status = solve_nothing(d, err);
         if (status != LW_OK) return status;
     }
     status = lw_publisher_create(&(struct lw_publisher_desc){.scene = &d->state.scene,
@@ -642,13 +655,31 @@ static void wait_until(const struct daemon *d, uint64_t deadline_ns) {
     }
 }
 
+static bool wants_something(const struct daemon *d, const struct lw_server_interest *wanted) {
+    for (uint32_t id = 0; !wanted->everything && id < d->atlas_map.tile_count; id++)
+        if (wanted->levels[id]) return true;
+    return wanted->everything;
+}
+
 /* Tells the solver what clients look at, if that has changed. */
 static enum lw_status follow_clients(struct daemon *d, struct lw_error *err) {
     struct lw_server_interest wanted;
     if (d->settings.light != LIGHT_SEEN || !lw_server_take_interest(d->server, &wanted)) return LW_OK;
+    d->is_looked_at = wants_something(d, &wanted);
+    d->is_prepared = false;
     enum lw_status status = d->solver->ops->set_interest(d->solver, wanted.levels, err);
     free(wanted.levels);
     return status;
+}
+
+/* While nobody looks, all of the scene is solved, until it has been for --prepare seconds. */
+static enum lw_status prepare(struct daemon *d, struct lw_error *err) {
+    const struct settings *s = &d->settings;
+    const bool wanted = s->light == LIGHT_SEEN && s->clock == CLOCK_REAL && d->lit && !d->is_looked_at &&
+                        (double)d->prepared_ns < 1e9 * s->prepare_s;
+    if (wanted == d->is_prepared || d->is_looked_at) return LW_OK;
+    d->is_prepared = wanted;
+    return wanted ? d->solver->ops->set_interest(d->solver, NULL, err) : solve_nothing(d, err);
 }
 
 /* The forms that clients take, and those that they took within FORM_LINGERS_NS. Without clients, the forms
@@ -692,6 +723,7 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     uint64_t began = lw_clock_ns(), cpu_began = work_cpu_ns(d);
     const size_t updates = simulate(d, frame, &cost.changes);
     enum lw_status status = follow_clients(d, err);
+    if (status == LW_OK) status = prepare(d, err);
     const uint32_t forms_before = d->forms;
     if (status == LW_OK) status = show_forms(d, choose_forms(d, frame), err);
     if (status == LW_OK) status = d->solver->ops->frame(d->solver, &d->pose, frame, &solve, err);
@@ -720,6 +752,7 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     }
     lw_snapshot_unref(snapshot);
     cost.wall_ns = lw_clock_ns() - began;
+    if (d->is_prepared) d->prepared_ns += cost.wall_ns;
     if (!d->lit) {
         lw_log(LW_LOG_INFO, "first light after %.1f s: %u texels in %u tiles, %.1f M rays, frame %.0f ms",
                (double)(lw_clock_ns() - d->started_ns) * 1e-9, (unsigned)solve.texels_solved, solve.tiles,
@@ -1148,6 +1181,7 @@ static void init(struct daemon *d, int argc, char **argv) {
                      .seed = 1,
                      .stall_s = STALL_S,
                      .return_s = RETURN_S,
+                     .prepare_s = PREPARE_S,
                      .log_level = LW_LOG_INFO,
                      .error = (double)TARGET_ERROR,
                      .scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG, .cancel = &signalled}}};

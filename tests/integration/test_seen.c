@@ -15,6 +15,8 @@
 
 /* Some fifty tiles that never converge, so that every frame tells what is solved. */
 #define SEEN "builtin:atrium --texels-per-metre 2 --clock step --error 1e-6 --json --light seen "
+/* The same by the wall clock, at rest. */
+#define PREPARED "builtin:atrium --texels-per-metre 2 --freeze 0 --json "
 
 #define CLIENTS_MAX 3
 static struct lw_client *client[CLIENTS_MAX];
@@ -184,11 +186,51 @@ static void a_viewer_asks_for_what_it_sees(void **state) {
     assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
 }
 
+/* By the wall clock it goes on until all is as good as asked for; for --prepare's seconds at most, but those
+ * are of light that is made better. */
+static void light_gets_better_before_anybody_looks(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, "builtin:cornell --texels-per-metre 8 --error 0.1 --json --prepare 1000");
+    wait_for(&daemon, "tiles_solved", 1, INFINITY);
+    const double tiles = lw_process_newest(&daemon, "tiles");
+    wait_for(&daemon, "tiles_converged", tiles, tiles);
+    wait_for(&daemon, "tiles_solved", 0, 0);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_serve(&daemon, PREPARED "--error 1e-6 --prepare 0.5");
+    wait_for(&daemon, "tiles_solved", 1, INFINITY);
+    wait_for(&daemon, "tiles_solved", 0, 0);
+    assert_true(lw_process_newest(&daemon, "tiles_converged") < lw_process_newest(&daemon, "tiles"));
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+}
+
+/* Who looks is served first, and what he looks at alone; what is left of the time comes after him. */
+static void preparing_makes_way(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, PREPARED "--error 1e-6 --prepare 1000");
+    wait_for(&daemon, "tiles_solved", 1, INFINITY);
+    const double all = lw_process_newest(&daemon, "tiles_interest");
+    join(&daemon, 0, true);
+    uint32_t object[2];
+    find_objects(lw_client_atlas_map(client[0]), object);
+    const double one = look_at(0, object[0]);
+    assert_true(one < all);
+    wait_for(&daemon, "tiles_interest", 1, one);
+    lw_client_destroy(client[0]);
+    client[0] = NULL;
+    wait_for(&daemon, "tiles_interest", all, all);
+    wait_for(&daemon, "tiles_solved", 1, INFINITY);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+}
+
 int main(void) {
     lw_log_init("test_seen", LW_LOG_WARNING);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(clients_come_and_go, end_all),
         cmocka_unit_test_teardown(a_viewer_asks_for_what_it_sees, end_all),
+        cmocka_unit_test_teardown(light_gets_better_before_anybody_looks, end_all),
+        cmocka_unit_test_teardown(preparing_makes_way, end_all),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
