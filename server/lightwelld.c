@@ -151,6 +151,8 @@ struct daemon {
     uint64_t first;       /* number of the first frame: 1, or after the frames of the saved light */
     uint64_t published;   /* the last frame that was */
     bool moved;           /* something has moved since then */
+    bool owes_snapshot;   /* there was no memory for one */
+    bool owes_form;       /* nor for a form of light that somebody takes */
     bool is_looked_at;    /* by some client */
     bool is_prepared;     /* all of the scene is solved, though nobody looks */
     uint64_t prepared_ns; /* wall time for which it was */
@@ -697,9 +699,25 @@ static uint32_t choose_forms(struct daemon *d, uint64_t frame) {
     return taken ? forms : d->forms;
 }
 
+/* Once light is shown, lack of memory for what more sessions want ends nothing: they wait, and each frame
+ * tries again. True: they do, and *err is empty. */
+static bool may_wait(const struct daemon *d, enum lw_status status, const char *what, bool *waits,
+                     struct lw_error *err) {
+    const bool waited = *waits;
+    *waits = status == LW_NO_MEMORY && d->lit;
+    if (*waits) *err = (struct lw_error){0};
+    if (*waits && !waited)
+        lw_log(LW_LOG_WARNING,
+               "out of memory for %s: clients keep the light that they have until it is there", what);
+    else if (waited && status == LW_OK)
+        lw_log(LW_LOG_INFO, "there is memory for %s again", what);
+    return *waits;
+}
+
 static enum lw_status show_forms(struct daemon *d, uint32_t forms, struct lw_error *err) {
     if (forms == d->forms) return LW_OK;
     enum lw_status status = lw_publisher_set_forms(d->publisher, forms);
+    if (may_wait(d, status, "another form of the light", &d->owes_form, err)) return LW_OK;
     if (status != LW_OK) return lw_status_fail(err, status, "publisher");
     d->solver->ops->show(d->solver, forms);
     d->forms = forms;
@@ -713,6 +731,21 @@ static bool has_news(struct daemon *d, const struct lw_solver_stats *solve, size
     lw_server_get_stats(d->server, &serve);
     d->moved |= solve->moved;
     return solve->tiles_shown > 0 || updates > 0 || (d->moved && serve.sessions_now > 0);
+}
+
+/* *out_snapshot: stays NULL where there is no memory for it now. */
+static enum lw_status publish_frame(struct daemon *d, uint64_t frame, uint64_t solve_ns, uint64_t tiles_shown,
+                                    struct lw_snapshot **out_snapshot, struct lw_publisher_stats *out_stats,
+                                    struct lw_error *err) {
+    const enum lw_status status = lw_publisher_publish(d->publisher, &d->pose, frame, solve_ns, d->rays_total,
+                                                       tiles_shown, out_snapshot, out_stats);
+    if (may_wait(d, status, "new light", &d->owes_snapshot, err)) return LW_OK;
+    if (status != LW_OK)
+        return lw_status_fail(err, status, "publishing frame %llu", (unsigned long long)frame);
+    lw_server_publish(d->server, *out_snapshot);
+    d->published = frame;
+    d->moved = false;
+    return LW_OK;
 }
 
 static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rested, struct lw_error *err) {
@@ -733,16 +766,13 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     d->rays_total += solve.rays_shadow + solve.rays_bounce + solve.rays_probe;
     /* A frame in which nothing was solved and nothing moved gives no snapshot and no bytes, unless a session
      * has asked for a form of light that was not published. */
-    const bool news = has_news(d, &solve, updates) || !d->lit || (d->forms & ~forms_before);
+    const bool news =
+        has_news(d, &solve, updates) || !d->lit || d->owes_snapshot || (d->forms & ~forms_before);
     *out_rested = !news && !solve.tiles_solved;
     if (news) {
-        status = lw_publisher_publish(d->publisher, &d->pose, frame, lw_clock_ns() - began, d->rays_total,
-                                      solve.tiles_shown, &snapshot, &publish);
-        if (status != LW_OK)
-            return lw_status_fail(err, status, "publishing frame %llu", (unsigned long long)frame);
-        lw_server_publish(d->server, snapshot);
-        d->published = frame;
-        d->moved = false;
+        status = publish_frame(d, frame, lw_clock_ns() - began, solve.tiles_shown, &snapshot, &publish, err);
+        if (status != LW_OK) return status;
+        *out_rested = d->owes_snapshot;
         cost.publish_cpu_ns = work_cpu_ns(d) - cpu_solved;
     }
     if (d->settings.keep) {

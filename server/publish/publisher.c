@@ -64,6 +64,7 @@ struct lw_publisher {
     struct worker *worker;   /* per thread */
     struct lw_pose previous; /* the last one published */
     uint64_t previous_frame;
+    uint64_t since; /* the first frame of those that could not be published since; 0: there is none */
     uint64_t saturated;
 };
 
@@ -186,8 +187,8 @@ static void sum_blocks(const struct lw_solver_tile *tile, struct blocks *out) {
     }
 }
 
-/* Brings an object's pyramid up to date with the solver; false if the frame did not touch it. */
-static bool refresh_levels(const struct lw_publisher *p, struct form *form, uint32_t object, uint64_t frame) {
+/* Brings an object's pyramid up to date with the solver; false if no frame since that one touched it. */
+static bool refresh_levels(const struct lw_publisher *p, struct form *form, uint32_t object, uint64_t since) {
     const struct lw_atlas_map *map = p->desc.atlas_map;
     const struct lw_solver *solver = p->desc.solver;
     const uint32_t first = map->first_tile[object];
@@ -196,7 +197,7 @@ static bool refresh_levels(const struct lw_publisher *p, struct form *form, uint
     bool changed = false;
     for (uint32_t id = first; id < first + count; id++) {
         solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
-        if (tile.solved_frame != frame && form->sent[id].version) continue;
+        if (tile.solved_frame < since && form->sent[id].version) continue;
         if (form->all_light) sum_blocks(&tile, &form->all_light[id]);
         if (form->layer == LW_LIGHT_FORM_SPLIT) memcpy(tile.irradiance, tile.split, sizeof tile.irradiance);
         lw_levels_load_tile(&form->levels[object], &map->place[id], &tile);
@@ -232,7 +233,6 @@ static void note_unlit(struct lw_publisher *p, const struct lw_pose *pose, uint3
         *unlit = frame;
     if (!*unlit || *unlit == SPARE) return;
     p->news[object] = is_lit(p, object, *unlit) ? LIT_AGAIN : HELD_BACK;
-    if (p->news[object] == LIT_AGAIN) *unlit = 0;
 }
 
 static void count_blocks(const struct lw_atlas_map *map, const struct form *form, uint32_t object,
@@ -359,7 +359,10 @@ static enum lw_status send_tile(const struct lw_publisher *p, struct worker *wor
                                                            .bounces = bounces,
                                                            .error = error},
                                  &coded, &blob, &delta);
-    if (status != LW_OK) return status;
+    if (status != LW_OK) {
+        sent->version = 0; /* the history may be ahead of what was sent: no delta may build on that */
+        return status;
+    }
     memcpy(sent->rgb, worker->rgb, floats * sizeof *sent->rgb);
     lw_blob_unref(sent->blob);
     lw_blob_unref(sent->delta);
@@ -413,11 +416,11 @@ static void encode_tiles(struct lw_publisher *p, const struct form *form, uint64
 }
 
 static void refresh_form(struct lw_publisher *p, struct form *form, const struct lw_pose *pose,
-                         uint64_t frame, bool has_light) {
+                         uint64_t since, bool has_light) {
     has_light |= !form->is_published;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(p->threads)
     for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++) {
-        form->changed[o] = has_light && refresh_levels(p, form, o, frame);
+        form->changed[o] = has_light && refresh_levels(p, form, o, since);
         if (p->news[o] != AS_SOLVED) form->changed[o] = p->news[o] == LIT_AGAIN;
     }
     if (has_light) form->dark = find_dark(p->desc.atlas_map, form, pose);
@@ -599,11 +602,12 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
                                     struct lw_snapshot **out_snapshot, struct lw_publisher_stats *out_stats) {
     struct lw_publisher_stats stats = {0};
     /* The first time there may be light that no frame of this solver has made. */
-    const bool has_light = tiles_solved > 0 || !p->previous_frame;
+    const bool has_light = tiles_solved > 0 || !p->previous_frame || p->since;
+    if (!p->since) p->since = frame; /* until all of it is published */
     uint64_t t0 = lw_clock_ns();
     for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++) note_unlit(p, pose, o, frame);
     for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-        if (p->form[f]) refresh_form(p, p->form[f], pose, frame, has_light);
+        if (p->form[f]) refresh_form(p, p->form[f], pose, p->since, has_light);
     uint64_t t1 = lw_clock_ns();
     for (int i = 0; i < p->threads; i++) {
         p->worker[i].status = LW_OK;
@@ -638,6 +642,9 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
     if (status != LW_OK) return status;
     lw_pose_copy(&p->previous, pose, p->desc.scene);
     p->previous_frame = frame;
+    p->since = 0;
+    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++)
+        if (p->news[o] == LIT_AGAIN) p->unlit[o] = 0;
     for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
         if (p->form[f]) p->form[f]->is_published = true;
     *out_stats = stats;
@@ -651,7 +658,7 @@ static size_t form_bytes(const struct lw_atlas_map *map, const struct form *form
             bytes += (size_t)form->levels[o].level[l].width * form->levels[o].level[l].height * 13;
     for (uint32_t t = 0; t < map->tile_count; t++) {
         const struct sent_tile *sent = &form->sent[t];
-        if (sent->rgb)
+        if (sent->rgb && sent->blob)
             bytes += (size_t)map->place[t].width * map->place[t].height * 12 + sent->blob->size +
                      (sent->delta ? sent->delta->size : 0) +
                      (sent->history ? lw_tile_dct_history_size(map->place[t].height) : 0);

@@ -52,16 +52,16 @@ static struct lw_address_places_entry **find(struct lw_address_places *places,
     return at;
 }
 
-bool lw_address_places_take(struct lw_address_places *places, const struct lw_address *address,
-                            uint32_t most) {
+enum lw_status lw_address_places_take(struct lw_address_places *places, const struct lw_address *address,
+                                      uint32_t most) {
     struct lw_address_places_entry **at = find(places, address);
-    if ((*at ? (*at)->count : 0) >= most) return false;
+    if ((*at ? (*at)->count : 0) >= most) return LW_UNAVAILABLE;
     if (!*at) {
-        if (!(*at = calloc(1, sizeof **at))) return false;
+        if (!(*at = calloc(1, sizeof **at))) return LW_NO_MEMORY;
         (*at)->address = *address;
     }
     (*at)->count++;
-    return true;
+    return LW_OK;
 }
 
 void lw_address_places_give(struct lw_address_places *places, const struct lw_address *address) {

@@ -30,9 +30,10 @@ struct lw_address_places {
     struct lw_address_places_entry *bucket[LW_ADDRESS_PLACES_BUCKETS];
 };
 
-/** Takes a place for an address that has fewer than most. false: it has not, or there is no memory. */
-LW_MUST_CHECK bool lw_address_places_take(struct lw_address_places *places, const struct lw_address *address,
-                                          uint32_t most);
+/** Takes a place for an address that has fewer than most. Errors: LW_UNAVAILABLE: it has them; LW_NO_MEMORY.
+ */
+LW_MUST_CHECK enum lw_status lw_address_places_take(struct lw_address_places *places,
+                                                    const struct lw_address *address, uint32_t most);
 /** Gives back one that was taken. */
 void lw_address_places_give(struct lw_address_places *places, const struct lw_address *address);
 void lw_address_places_finish(struct lw_address_places *places);

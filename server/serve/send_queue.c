@@ -118,7 +118,7 @@ struct batch {
 static void take_batch(struct lw_session *s, struct batch *batch) {
     batch->blob_count = batch->tile_count = 0;
     batch->bytes = 0;
-    while (batch->blob_count < LW_SESSION_TRANSPORT_BLOBS && batch->bytes < BATCH_BYTES) {
+    while (batch->blob_count < LW_SESSION_TRANSPORT_BLOBS && batch->bytes < BATCH_BYTES && !s->lacks_memory) {
         bool tile;
         struct lw_blob *blob = next_blob(s, &tile);
         if (!blob) break;

@@ -26,6 +26,7 @@
 #define BACKLOG           1024
 #define TICK_MS           (1000u / LW_SERVER_LOOKS_HZ)
 #define LAG_MS            20u
+#define END_MS            5000u    /* for handles to close */
 #define TURN_NS           4000000u /* of sending, before the loop looks at what else has come */
 #define COMPRESSION_LEVEL 3
 #define ADDRESS_SIZE      300u
@@ -529,7 +530,7 @@ static void drop_connection(struct lw_server *server, struct door *door) {
 }
 
 static const char *why_not(enum lw_status status) {
-    return status == LW_UNAVAILABLE ? "too many, in all or of its address, or too often"
+    return status == LW_UNAVAILABLE ? "too many, in all or of its address, too often, or out of memory"
                                     : lw_status_text(status);
 }
 
@@ -1059,6 +1060,16 @@ static void close_handles(struct lw_server *server) {
     for (size_t i = 0; i < sizeof handles / sizeof *handles; i++) close_handle(handles[i]);
 }
 
+/* Until all handles are closed. False: libwebsockets has lost one, as without memory it may. */
+static bool run_to_the_end(uv_loop_t *loop) {
+    const uint64_t limit_ns = lw_clock_ns() + END_MS * 1000000ull;
+    while (uv_run(loop, UV_RUN_NOWAIT) != 0) {
+        if (lw_clock_ns() > limit_ns) return false;
+        usleep(1000);
+    }
+    return true;
+}
+
 void lw_server_destroy(struct lw_server *server) {
     if (!server) return;
     struct lw_session_shared *shared = &server->shared;
@@ -1071,7 +1082,9 @@ void lw_server_destroy(struct lw_server *server) {
         lw_web_server_close(server->web);
         lw_web_server_close(server->metrics_web);
         close_handles(server);
-        while (uv_run(&server->loop, UV_RUN_DEFAULT) != 0) {
+        if (!run_to_the_end(&server->loop)) {
+            lw_log(LW_LOG_WARNING, "some connection did not close: its memory stays");
+            return; /* what is left of it stands in the loop, and so in here */
         }
         lw_web_server_destroy(server->web);
         lw_web_server_destroy(server->metrics_web);

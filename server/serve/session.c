@@ -60,13 +60,15 @@ bool lw_session_is_crowded(const struct lw_session_shared *shared) {
 static bool take_place(struct lw_session *s) {
     struct lw_session_shared *shared = s->shared;
     const struct lw_address *at = &s->peer.at;
+    enum lw_status status = LW_UNAVAILABLE;
     if (s->peer.is_local) return true;
-    if (!s->peer.is_too_many && shared->place_count < shared->sessions_max &&
-        lw_address_places_take(&shared->places, at, address_share(shared, at))) {
+    if (!s->peer.is_too_many && shared->place_count < shared->sessions_max)
+        status = lw_address_places_take(&shared->places, at, address_share(shared, at));
+    if (status == LW_OK) {
         s->has_place = true;
         shared->place_count++;
-    } else if (shared->turned_away_count < LW_SERVER_TURNED_AWAY_MAX &&
-               lw_address_places_take(&shared->turned_away, at, LW_SERVER_ADDRESS_TURNED_AWAY_MAX)) {
+    } else if (status == LW_UNAVAILABLE && shared->turned_away_count < LW_SERVER_TURNED_AWAY_MAX &&
+               lw_address_places_take(&shared->turned_away, at, LW_SERVER_ADDRESS_TURNED_AWAY_MAX) == LW_OK) {
         s->is_turned_away = true;
         shared->turned_away_count++;
     }
@@ -224,9 +226,21 @@ void lw_session_refuse(struct lw_session *s, enum lw_refusal code, const char *f
     struct lw_message message = {.type = LW_MESSAGE_REFUSAL, .refusal = {code, text, 0}};
     if (code == LW_REFUSAL_SHUTDOWN) message.refusal.retry_after_ms = s->shared->retry_after_ms;
     if (lw_blob_from_message(&message, &s->control) != LW_OK)
-        lw_session_close(s, "out of memory");
+        lw_session_lacks_memory(s);
     else
         lw_session_queues_set_due(s, true);
+}
+
+void lw_session_lacks_memory(struct lw_session *s) {
+    s->lacks_memory = true;
+    lw_session_queues_set_due(s, true);
+}
+
+void lw_session_close_lacking(struct lw_session *s) {
+    static const char why[] = "out of memory";
+    if (s->state == LW_SESSION_CLOSED) return;
+    if (!s->welcomed) lw_session_tell(s, "closed: %s", why); /* else that it left is told */
+    lw_session_close(s, why);
 }
 
 void lw_session_check_token(struct lw_session *s) {
@@ -251,7 +265,7 @@ void lw_session_queue_answer(struct lw_session *s, const struct lw_message *mess
     struct lw_session_answer_entry *last = malloc(sizeof *last);
     if (!last || lw_blob_from_message(message, &last->blob) != LW_OK) {
         free(last);
-        lw_session_close(s, "out of memory"); /* an answer must not be lost */
+        lw_session_lacks_memory(s); /* an answer must not be lost */
         return;
     }
     last->next = NULL;

@@ -72,7 +72,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     s->resumes = hello->features & LW_FEATURE_RESUME;
     if (s->resumes) message.welcome.features |= LW_FEATURE_RESUME;
     if (lw_blob_from_message(&message, &s->control) != LW_OK) {
-        lw_session_close(s, "out of memory");
+        lw_session_lacks_memory(s);
         return;
     }
     s->rate_limit_bytes_hz = s->shared->rate_limit_bytes_hz;
@@ -97,7 +97,7 @@ static bool make_sent(struct lw_session *s) {
 static void handle_holds(struct lw_session *s, const struct lw_message_holds *holds) {
     const struct lw_snapshot *snapshot = s->form->snapshot;
     if (!make_sent(s)) {
-        lw_session_close(s, "out of memory");
+        lw_session_lacks_memory(s);
         return;
     }
     for (size_t i = 0; i < holds->tile_count; i++) {
@@ -133,7 +133,7 @@ static void handle_package_request(struct lw_session *s, const struct lw_message
         return;
     }
     if (!make_sent(s) || !lw_send_queue_start_package(s, request)) {
-        lw_session_close(s, "out of memory");
+        lw_session_lacks_memory(s);
         return;
     }
     s->state = LW_SESSION_STREAMING;
@@ -146,7 +146,7 @@ static void handle_package_request(struct lw_session *s, const struct lw_message
 static void handle_interest(struct lw_session *s, const struct lw_message_interest *said) {
     struct lw_session_interest interest = {.everything = said->everything, .stand_ins = said->stand_ins};
     if (said->tile_count && !(interest.tile = malloc(said->tile_count * sizeof *interest.tile))) {
-        lw_session_close(s, "out of memory");
+        lw_session_lacks_memory(s);
         return;
     }
     for (size_t i = 0; i < said->tile_count; i++) {
@@ -173,7 +173,7 @@ static void handle_interest(struct lw_session *s, const struct lw_message_intere
     if (lw_session_interest_take_up(s))
         lw_session_queues_set_due(s, true);
     else
-        lw_session_close(s, "out of memory");
+        lw_session_lacks_memory(s);
 }
 
 static void handle_update(struct lw_session *s, const struct lw_message_update *update) {
@@ -299,7 +299,7 @@ static bool take_message(struct lw_session *s) {
     if (status == LW_OK && !body) return false;
     if (status == LW_OK) status = lw_message_decode_with(header, body, &s->shared->parse, &message, &err);
     if (status == LW_NO_MEMORY) {
-        lw_session_close(s, "out of memory");
+        lw_session_lacks_memory(s);
         return false;
     }
     if (status != LW_OK) {
@@ -312,19 +312,23 @@ static bool take_message(struct lw_session *s) {
     return true;
 }
 
+static bool takes_more(const struct lw_session *s) {
+    return s->state < LW_SESSION_LEAVING && !s->lacks_memory;
+}
+
 /* Handles what is there, as far as others do not have to wait for it and the peer keeps to its rates. */
 void lw_session_handlers_take(struct lw_session *s) {
     unsigned count = 0;
     bool more = true;
-    while (s->state < LW_SESSION_LEAVING && !s->rates.waits && count < LW_SERVER_TURN_MESSAGES && more) {
+    while (takes_more(s) && !s->rates.waits && count < LW_SERVER_TURN_MESSAGES && more) {
         more = take_message(s);
         count++;
     }
-    if (s->state >= LW_SESSION_LEAVING) {
+    if (!takes_more(s)) {
         lw_message_reader_clear(&s->input);
         if (s->state == LW_SESSION_LEAVING && !s->rates.waits) lw_session_queues_read_on(s);
     } else if (lw_message_reader_keep(&s->input) != LW_OK) {
-        lw_session_close(s, "out of memory");
+        lw_session_lacks_memory(s);
     } else if (s->rates.waits) {
         lw_session_queues_enter_inbox(s, &s->shared->slowed);
     } else if (more) {
@@ -337,12 +341,12 @@ void lw_session_handlers_take(struct lw_session *s) {
 /* With what was kept before: while a session is in an inbox a link may still hand over what it had read. */
 void lw_session_handlers_receive(struct lw_session *s, const uint8_t *bytes, size_t size) {
     if (s->state == LW_SESSION_LEAVING) lw_session_count_other(s, LW_MESSAGE_RATES_BYTES, size);
-    if (s->state >= LW_SESSION_LEAVING) return;
+    if (!takes_more(s)) return;
     s->heard_ns = lw_clock_ns();
     s->pinged = false;
     lw_message_reader_lend(&s->input, bytes, size);
     if (!s->inbox)
         lw_session_handlers_take(s);
     else if (lw_message_reader_keep(&s->input) != LW_OK)
-        lw_session_close(s, "out of memory");
+        lw_session_lacks_memory(s);
 }

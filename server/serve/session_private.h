@@ -45,6 +45,7 @@ struct lw_session {
     struct lw_session *previous_due, *next_due;
     enum lw_session_state state;
     bool ended, welcomed;
+    bool lacks_memory;        /* for what it must have: it is closed at its turn */
     bool has_place;           /* in all, and of its address; or */
     bool is_turned_away;      /* it got none */
     bool keeps_control_place; /* it counts among those who may control */
@@ -124,6 +125,11 @@ void lw_session_count_one(const struct lw_session *s, int64_t change);
 void lw_session_queue_answer(struct lw_session *s, const struct lw_message *message);
 /** The next of these; NULL: there is none. The caller has it then. */
 struct lw_blob *lw_session_take_answer(struct lw_session *s);
+/** There is no memory for what a session must have: it says and takes nothing more, and is closed at its next
+ * turn. Not at once: who calls still works with it, and its link may free it as it is closed. */
+void lw_session_lacks_memory(struct lw_session *s);
+/** Closes it then, with a line. */
+void lw_session_close_lacking(struct lw_session *s);
 /** Logs a line about a peer, unless there were many. */
 void lw_session_tell(const struct lw_session *s, const char *format, ...) LW_PRINTF(2, 3);
 

@@ -56,7 +56,7 @@ static void walk_lacked(struct lw_session *s) {
     }
     if (!priority->listed_count) return;
     if (!(s->lacked = malloc(priority->listed_count * sizeof *s->lacked))) {
-        lw_session_close(s, "out of memory");
+        lw_session_lacks_memory(s);
         return;
     }
     lw_priority_list_end(priority, s->lacked);
@@ -145,7 +145,7 @@ struct lw_blob *lw_tile_stream_next_tile(struct lw_session *s) {
 
 /* Once no tile is left. */
 struct lw_blob *lw_tile_stream_next_settled(struct lw_session *s) {
-    if (!s->settled_due || s->waits) return NULL;
+    if (!s->settled_due || s->waits || s->lacks_memory) return NULL;
     s->settled_due = false;
     return s->form->snapshot->settled ? lw_blob_ref(s->form->snapshot->settled) : NULL;
 }

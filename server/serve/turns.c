@@ -7,9 +7,13 @@
 static void pump(struct lw_session *s) {
     if (s->rate_limit_bytes_hz) lw_send_queue_renew_allowance(s, lw_clock_ns());
     if (s->has_waiting && s->interest_epoch != s->shared->epoch && !lw_session_interest_take_up(s))
-        lw_session_close(s, "out of memory");
+        s->lacks_memory = true;
     s->waits = false;
-    const bool has_all = lw_send_queue_write(s);
+    const bool has_all = !s->lacks_memory && lw_send_queue_write(s);
+    if (s->lacks_memory) {
+        lw_session_close_lacking(s);
+        return;
+    }
     if (has_all && s->is_paced)
         lw_session_queues_enqueue(s, &s->shared->paced);
     else if (has_all && s->waits)

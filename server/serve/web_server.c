@@ -305,8 +305,8 @@ static struct connection *connection_of(struct lws *wsi) { return lws_get_opaque
 /* One more that is no session, if there is a place for its address. */
 static bool take_place(struct lw_web_server *server, const struct lw_address *at) {
     if (server->connection_count >= LW_WEB_SERVER_CONNECTIONS_MAX ||
-        !lw_address_places_take(&server->places, at,
-                                lw_address_places_share(at, LW_WEB_SERVER_CONNECTIONS_MAX)))
+        lw_address_places_take(&server->places, at,
+                               lw_address_places_share(at, LW_WEB_SERVER_CONNECTIONS_MAX)) != LW_OK)
         return false;
     server->connection_count++;
     return true;

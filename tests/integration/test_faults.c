@@ -1,10 +1,13 @@
 /* Faults, and what the documents promise of each: the real programs, killed, stopped, cut off, without
  * memory, disk or the right time. docs/results/reliability.md has them as a table. */
+#include "tests/support/certificate.h"
 #include "tests/support/process.h"
+#include "tests/support/web_peer.h"
 
 #include "client/lib/client.h"
 #include "common/clock.h"
 #include "common/sanitizer.h"
+#include "proto/message.h"
 
 #include <arpa/inet.h>
 #include <dirent.h>
@@ -37,8 +40,8 @@ static unsigned random_below(unsigned limit) {
 
 static int kill_all(void **state) {
     (void)state;
-    const char *const faults[] = {"LD_PRELOAD",  "FAULT_PROGRAM", "FAULT_ALLOCATION", "FAULT_WRITE",
-                                  "FAULT_ERRNO", "FAULT_CLOCK",   "FAULT_COUNT"};
+    const char *const faults[] = {"LD_PRELOAD",  "FAULT_PROGRAM", "FAULT_ALLOCATION", "FAULT_CONNECTION",
+                                  "FAULT_WRITE", "FAULT_ERRNO",   "FAULT_CLOCK",      "FAULT_COUNT"};
     for (size_t i = 0; i < sizeof faults / sizeof *faults; i++) unsetenv(faults[i]);
     lw_process_kill_all();
     return 0;
@@ -283,8 +286,9 @@ static void a_solve_without_memory_is_a_line(void **state) {
     each_allocation_may_fail("lightwelld", serve, 1);
 }
 
-/* A session's own allocations: with a client that comes, gets everything and goes. */
-static void a_session_without_memory_ends_alone(void **state) {
+/* Allocations of all threads while a client comes, gets everything and goes: once there was light, what could
+ * not be published is published later. */
+static void a_frame_without_memory_is_published_later(void **state) {
     (void)state;
     if (LW_SANITIZER) skip();
     const unsigned tries = is_long ? 400 : 6;
@@ -311,13 +315,189 @@ static void a_session_without_memory_ends_alone(void **state) {
         if (lw_client_create(&desc, &client, &err) == LW_OK) lw_client_destroy(client);
         const int code = client ? lw_process_stop(&daemon, SIGTERM, 20) : lw_process_finish(&daemon, 20);
         char *said = lw_process_err(&daemon);
-        if (code < 0 || (code > 0 && !strstr(said, "memory")))
+        if (code < 0 || (code > 0 && (!strstr(said, "memory") || strstr(said, "first light after"))))
             fail_msg("allocation %ld + %u: ends with %d: %s", allocations, i, code, said);
         ended += code > 0;
         free(said);
     }
-    print_message("%u sessions without memory: %u were told so, %u times the server ended with a line\n",
-                  tries, refused, ended);
+    print_message(
+        "%u allocations failed: %u sessions ended, and %u servers with a line, before first light\n", tries,
+        refused, ended);
+}
+
+/* ---- connections without memory ---- */
+
+#define CONNECTIONS_MAX 2000 /* none takes so many allocations */
+#define VISIT_S         20
+/* A browser gives up after this: one connection that libwebsockets has no memory for is neither served nor
+ * closed. */
+#define WEB_S 3
+
+struct way {
+    const char *name, *arguments, *port_file; /* NULL: the daemon's own port */
+    void (*visit)(const struct way *way);
+    char host[256];
+    uint16_t port;
+    struct lw_access access;
+};
+
+static const struct lw_message hello = {.type = LW_MESSAGE_HELLO,
+                                        .hello = {.version = LW_WIRE_VERSION,
+                                                  .features = LW_FEATURE_DCT | LW_FEATURE_PARTS,
+                                                  .name = "test_faults"}},
+                               request = {.type = LW_MESSAGE_PACKAGE_REQUEST},
+                               ping = {.type = LW_MESSAGE_PING};
+
+/* Whether the session goes on until there is light. */
+static bool has_light(struct lw_client *client) {
+    const uint64_t end_ns = lw_clock_ns() + VISIT_S * 1000000000ull;
+    struct lw_client_stats stats = {0};
+    while (!stats.frame) {
+        if (lw_client_poll(client, 10, NULL) != LW_OK) return false;
+        lw_client_get_stats(client, &stats);
+        if (lw_clock_ns() > end_ns) fail_msg("the session neither goes on nor ends");
+    }
+    return true;
+}
+
+static bool is_answered(struct lw_client *client) {
+    const struct lw_scene_change change = {.kind = LW_SCENE_CHANGE_OBJECT_SHOW};
+    const uint64_t end_ns = lw_clock_ns() + VISIT_S * 1000000000ull;
+    struct lw_client_answer answer;
+    uint64_t number;
+    if (lw_client_update(client, &change, 1, &number, NULL) != LW_OK) return false;
+    while (!lw_client_next_answer(client, &answer)) {
+        if (lw_client_poll(client, 10, NULL) != LW_OK) return false;
+        if (lw_clock_ns() > end_ns) fail_msg("an update has no answer");
+    }
+    return true;
+}
+
+/* All that makes a session allocate: package, light in both forms, interest, updates. */
+static void visit_as_client(const struct way *way) {
+    static unsigned visits;
+    struct lw_client *client = NULL;
+    const struct lw_client_desc desc = {.host = way->host,
+                                        .port = way->port,
+                                        .access = &way->access,
+                                        .control = true,
+                                        .draws_direct = visits++ & 1,
+                                        .timeout_ms = VISIT_S * 1000};
+    if (lw_client_create(&desc, &client, NULL) != LW_OK) return;
+    const lw_tile_id few[] = {{0}, {1}};
+    if (has_light(client) && lw_client_want(client, few, 2) == LW_OK &&
+        lw_client_poll(client, 30, NULL) == LW_OK && lw_client_may_update(client))
+        (void)is_answered(client);
+    lw_client_destroy(client);
+}
+
+static int dial_web(const struct way *way) {
+    const struct timeval limit = {.tv_sec = WEB_S};
+    const int s = lw_web_peer_dial(way->port);
+    assert_int_equal(setsockopt(s, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit), 0);
+    return s;
+}
+
+static void visit_as_browser(const struct way *way) {
+    const int s = dial_web(way);
+    free(lw_web_peer_ask(s, "GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n", false, NULL));
+    close(s);
+}
+
+static bool say(int s, const struct lw_message *message) {
+    uint8_t *bytes;
+    size_t size;
+    lw_support_ok(lw_message_encode_alloc(message, &bytes, &size), NULL);
+    const bool said = lw_web_peer_write(s, true, WEB_PEER_BINARY, bytes, size, size);
+    free(bytes);
+    return said;
+}
+
+static void visit_by_web_socket(const struct way *way) {
+    static const char lines[] = "Host: localhost\r\nSec-WebSocket-Protocol: lightwell\r\n";
+    const int s = dial_web(way);
+    if (lw_web_peer_upgrade(s, "/ws", lines) == 101 && say(s, &hello) && say(s, &request) && say(s, &ping))
+        (void)lw_web_peer_closes(s, 100); /* it takes what comes meanwhile */
+    close(s);
+}
+
+static uint16_t read_number(const char *path) {
+    size_t size;
+    char *text = (char *)lw_support_read_file(path, &size);
+    const uint16_t number = (uint16_t)strtoul(text, NULL, 10);
+    free(text);
+    return number;
+}
+
+/* How many allocations the newest connection had that another one followed; its number. */
+static void last_connection(const struct lw_process *daemon, long *out_number, long *out_allocations) {
+    static const char mark[] = "fault_shim: connection ";
+    char *said = lw_process_err(daemon), *at = NULL;
+    for (char *next = said; (next = strstr(next, mark)); next++) at = next;
+    *out_number = *out_allocations = 0;
+    if (at) assert_int_equal(sscanf(at + strlen(mark), "%ld: %ld", out_number, out_allocations), 2);
+    free(said);
+}
+
+/* Each connection fails one allocation later than the one before it, until some have more than they need:
+ * so each of all allocations fails once, and each failure is followed by somebody who is served. */
+static void each_allocation_of_a_connection_may_fail(struct way *way, long step) {
+    char arguments[1024];
+    struct lw_process daemon;
+    long number = 0, allocations = 0;
+    shim("lightwelld");
+    set_number("FAULT_CONNECTION", step);
+    snprintf(arguments, sizeof arguments, CORNELL "--light seen --threads 1 %s", way->arguments);
+    lw_process_serve(&daemon, arguments);
+    unsetenv("LD_PRELOAD");
+    way->port = way->port_file ? read_number(way->port_file) : daemon.port;
+    for (unsigned spared = 0; spared<8; spared += number> allocations) {
+        way->visit(way);
+        if (!lw_process_runs(&daemon))
+            fail_msg("%s: the server ends after connection %ld", way->name, number + 1);
+        last_connection(&daemon, &number, &allocations);
+        if (number > CONNECTIONS_MAX)
+            fail_msg("%s: connection %ld has %ld allocations", way->name, number, allocations);
+    }
+    const int code = lw_process_stop(&daemon, SIGTERM, 30);
+    char *said = lw_process_err(&daemon);
+    if (code || !strstr(said, "out of memory")) fail_msg("%s: ends with %d: %s", way->name, code, said);
+    free(said);
+    print_message("%s: of %ld allocations %s failed, one a connection\n", way->name, allocations,
+                  step > 1 ? "a sample" : "each");
+}
+
+static void sessions_without_memory_end_alone(void **state) {
+    (void)state;
+    if (LW_SANITIZER) skip(); /* it has allocation functions of its own */
+    char certificate[200], key[200], by_socket[300], by_tls[700], by_http[300], socket_path[200],
+        http_port[200];
+    snprintf(certificate, sizeof certificate, "%s", lw_support_temporary("certificate.pem"));
+    snprintf(key, sizeof key, "%s", lw_support_temporary("key.pem"));
+    snprintf(socket_path, sizeof socket_path, "%s", lw_support_temporary("control"));
+    snprintf(http_port, sizeof http_port, "%s", lw_support_temporary("http_port"));
+    lw_certificate_make(certificate, key, "IP:127.0.0.1", 10);
+    snprintf(by_socket, sizeof by_socket, "--http none --control-socket %s", socket_path);
+    snprintf(by_tls, sizeof by_tls, "--http none --control-socket none --tls-certificate %s --tls-key %s",
+             certificate, key);
+    snprintf(by_http, sizeof by_http, "--http 127.0.0.1:0 --http-port-file %s --control-socket none",
+             http_port);
+    struct way way[] = {
+        {.name = "TCP",
+         .arguments = "--http none --control-socket none",
+         .visit = visit_as_client,
+         .host = "127.0.0.1"},
+        {.name = "Unix socket", .arguments = by_socket, .visit = visit_as_client},
+        {.name = "TLS",
+         .arguments = by_tls,
+         .visit = visit_as_client,
+         .host = "127.0.0.1",
+         .access.tls = {.wanted = true, .trusts_all = true}},
+        {.name = "HTTP", .arguments = by_http, .port_file = http_port, .visit = visit_as_browser},
+        {.name = "WebSocket", .arguments = by_http, .port_file = http_port, .visit = visit_by_web_socket}};
+    snprintf(way[1].host, sizeof way[1].host, LW_ACCESS_UNIX "%s", socket_path);
+    for (size_t i = 0; i < sizeof way / sizeof *way; i++)
+        each_allocation_of_a_connection_may_fail(&way[i], way[i].access.tls.wanted && !is_long ? 31 : 1);
 }
 
 /* Promise (importing.md, operations.md): a file is whole or not there, and the failure is a line with 74. */
@@ -599,7 +779,8 @@ int main(int argc, char **argv) {
         cmocka_unit_test_teardown(a_killed_server_leaves_whole_light_or_none, kill_all),
         cmocka_unit_test_teardown(an_import_without_memory_is_a_line, kill_all),
         cmocka_unit_test_teardown(a_solve_without_memory_is_a_line, kill_all),
-        cmocka_unit_test_teardown(a_session_without_memory_ends_alone, kill_all),
+        cmocka_unit_test_teardown(a_frame_without_memory_is_published_later, kill_all),
+        cmocka_unit_test_teardown(sessions_without_memory_end_alone, kill_all),
         cmocka_unit_test_teardown(a_full_disk_leaves_no_half_package, kill_all),
         cmocka_unit_test_teardown(a_full_disk_leaves_no_half_light, kill_all),
         cmocka_unit_test_teardown(a_full_disk_leaves_no_half_bake, kill_all),

@@ -1,18 +1,23 @@
 /* fault_shim.c: a library for LD_PRELOAD under which the C library fails where the environment says so.
  *   FAULT_PROGRAM     of this program alone (its short name); others are left alone
  *   FAULT_ALLOCATION  the Nth allocation gives NULL, from 1 on
+ *   FAULT_CONNECTION  of the main thread, after each connection that it accepts, one allocation gives NULL: of
+ *                     the first connection the first, of each further one that many later than before. How
+ *                     many there were until the next connection goes to stderr
+ *   FAULT_CALLERS     who asked for the allocation that fails goes to stderr
  *   FAULT_WRITE       the Nth write to a regular file, and all after it, fail; with FAULT_ERRNO, or, where
  *                     that is 0, write one byte and no more
  *   FAULT_CLOCK       seconds by which the real clock jumps, two seconds after the start
  *   FAULT_COUNT       both counts go to stderr when the process ends
  * Threads: [any]. */
-#include <dlfcn.h>
 #include <errno.h>
+#include <execinfo.h>
 #include <fcntl.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/uio.h>
@@ -31,6 +36,8 @@ static long failing_allocation, failing_write, clock_jump_s;
 static int write_errno;
 static time_t started_s;
 static _Atomic int ready;
+static int tells_callers;
+static long by_connection, connections, allocations_of_connection; /* the main thread's alone */
 
 static long number_of(const char *name) {
     const char *text = getenv(name);
@@ -54,12 +61,30 @@ __attribute__((constructor)) static void begin(void) {
     (void)syscall(SYS_clock_gettime, CLOCK_MONOTONIC, &now);
     started_s = now.tv_sec;
     if (getenv("FAULT_COUNT")) atexit(tell);
+    by_connection = number_of("FAULT_CONNECTION");
+    tells_callers = getenv("FAULT_CALLERS") != NULL;
+    void *caller;
+    (void)backtrace(&caller, 1); /* the first call allocates */
     ready = 1;
 }
 
 /* ---- memory ---- */
 
-static int fails(void) { return ready && ++allocations == failing_allocation; }
+static int tell_callers(void) {
+    void *caller[32];
+    if (tells_callers) backtrace_symbols_fd(caller, backtrace(caller, 32), STDERR_FILENO);
+    return 1;
+}
+
+static int is_main(void) { return getpid() == syscall(SYS_gettid); }
+
+static int fails(void) {
+    if (!ready) return 0;
+    if (by_connection)
+        return connections && is_main() &&
+               ++allocations_of_connection == (connections - 1) * by_connection + 1 && tell_callers();
+    return ++allocations == failing_allocation && tell_callers();
+}
 
 void *malloc(size_t size) { return fails() ? errno = ENOMEM, NULL : __libc_malloc(size); }
 void *calloc(size_t count, size_t size) {
@@ -76,6 +101,20 @@ int posix_memalign(void **out, size_t alignment, size_t size) {
     if (!memory) return ENOMEM;
     *out = memory;
     return 0;
+}
+
+/* ---- connections ---- */
+
+int accept4(int listener, struct sockaddr *address, socklen_t *size, int flags) {
+    const int fd = (int)syscall(SYS_accept4, listener, address, size, flags);
+    if (fd < 0 || !by_connection || !is_main()) return fd;
+    char text[64];
+    const int length = snprintf(text, sizeof text, "fault_shim: connection %ld: %ld allocations\n",
+                                connections, allocations_of_connection);
+    if (connections) (void)!syscall(SYS_write, STDERR_FILENO, text, (size_t)length);
+    connections++;
+    allocations_of_connection = 0;
+    return fd;
 }
 
 /* ---- files ---- */

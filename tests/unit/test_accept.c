@@ -5,10 +5,13 @@
 #include "server/serve/server.h"
 #include "server/serve/turns.h"
 
+#include <limits.h>
 #include <pthread.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <sys/un.h>
 #include <unistd.h>
 #include <uv.h>
 
@@ -75,6 +78,7 @@ static int create(void **state) {
     lw_support_ok(lw_atlas_map_init(&map, scene), NULL);
     const struct lw_server_desc desc = {.host = "127.0.0.1",
                                         .http_host = "127.0.0.1",
+                                        .control_socket = lw_support_temporary("control"),
                                         .atlas_map = &map,
                                         .package = package,
                                         .package_size = sizeof package,
@@ -137,17 +141,48 @@ static void expect_page(void) {
     close(s);
 }
 
-static void test_no_memory_for_a_session(void **state) {
-    (void)state;
-    const pthread_t thread = begin();
+static int dial(void) { return lw_web_peer_dial(lw_server_port(server)); }
+
+static int dial_locally(void) {
+    struct sockaddr_un to = {.sun_family = AF_UNIX};
+    snprintf(to.sun_path, sizeof to.sun_path, "%s", lw_support_temporary("control"));
+    const int s = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    assert_int_equal(connect(s, (const struct sockaddr *)&to, sizeof to), 0);
+    return s;
+}
+
+static void sessions_without_memory(int (*dial_one)(void)) {
     for (int at_once = 1; at_once <= 3; at_once++) {
         int s[3];
         callocs_to_fail = at_once;
-        for (int i = 0; i < at_once; i++) s[i] = lw_web_peer_dial(lw_server_port(server));
+        for (int i = 0; i < at_once; i++) s[i] = dial_one();
         for (int i = 0; i < at_once; i++) expect_closed(s[i]);
         assert_int_equal(callocs_to_fail, 0);
-        expect_welcome(lw_web_peer_dial(lw_server_port(server)));
+        expect_welcome(dial_one());
     }
+}
+
+static void test_no_memory_for_a_session(void **state) {
+    (void)state;
+    const pthread_t thread = begin();
+    sessions_without_memory(dial);
+    sessions_without_memory(dial_locally);
+    end(thread);
+}
+
+/* Nobody's connection has any memory for a while, at any listener. */
+static void test_no_memory_at_all(void **state) {
+    (void)state;
+    const pthread_t thread = begin();
+    for (int round = 0; round < 3; round++) {
+        callocs_to_fail = mallocs_to_fail = INT_MAX;
+        const int s[] = {dial(), lw_web_peer_dial(lw_server_http_port(server)), dial_locally()};
+        for (size_t i = 0; i < sizeof s / sizeof *s; i++) expect_closed(s[i]);
+        callocs_to_fail = mallocs_to_fail = 0;
+    }
+    expect_welcome(dial());
+    expect_welcome(dial_locally());
+    expect_page();
     end(thread);
 }
 
@@ -189,6 +224,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         TEST(test_no_memory_for_a_session),
         TEST(test_no_memory_for_http),
+        TEST(test_no_memory_at_all),
         TEST(test_many_at_once),
     };
 #undef TEST

@@ -42,20 +42,20 @@ static void test_places(void **state) {
     (void)state;
     struct lw_address_places places = {.seed = 5};
     const struct lw_address a = address("10.0.0.1"), b = address("10.0.0.2");
-    for (int i = 0; i < 3; i++) assert_true(lw_address_places_take(&places, &a, 3));
-    assert_false(lw_address_places_take(&places, &a, 3));
-    assert_true(lw_address_places_take(&places, &b, 3));
+    for (int i = 0; i < 3; i++) assert_int_equal(lw_address_places_take(&places, &a, 3), LW_OK);
+    assert_int_equal(lw_address_places_take(&places, &a, 3), LW_UNAVAILABLE);
+    assert_int_equal(lw_address_places_take(&places, &b, 3), LW_OK);
     lw_address_places_give(&places, &a);
-    assert_true(lw_address_places_take(&places, &a, 3));
-    assert_false(lw_address_places_take(&places, &a, 3));
+    assert_int_equal(lw_address_places_take(&places, &a, 3), LW_OK);
+    assert_int_equal(lw_address_places_take(&places, &a, 3), LW_UNAVAILABLE);
     for (int i = 0; i < 3; i++) lw_address_places_give(&places, &a);
     /* many, some of which share a bucket; nothing is left of who has none */
     for (unsigned i = 0; i < 5000; i++) {
         char text[32];
         snprintf(text, sizeof text, "10.1.%u.%u", i / 250, i % 250);
         const struct lw_address one = address(text);
-        assert_true(lw_address_places_take(&places, &one, 1));
-        assert_false(lw_address_places_take(&places, &one, 1));
+        assert_int_equal(lw_address_places_take(&places, &one, 1), LW_OK);
+        assert_int_equal(lw_address_places_take(&places, &one, 1), LW_UNAVAILABLE);
         if (i % 2) lw_address_places_give(&places, &one);
     }
     lw_address_places_give(&places, &b);

@@ -9,14 +9,31 @@
 
 #define SIDE 64u
 
+static unsigned allocations_left; /* until one fails; 0: none does */
+
+static bool fails(void) { return allocations_left && !--allocations_left; }
+
+void *__real_malloc(size_t size);
+void *__real_calloc(size_t count, size_t size);
+void *__real_aligned_alloc(size_t alignment, size_t size);
+void *__wrap_malloc(size_t size);
+void *__wrap_malloc(size_t size) { return fails() ? NULL : __real_malloc(size); }
+void *__wrap_calloc(size_t count, size_t size);
+void *__wrap_calloc(size_t count, size_t size) { return fails() ? NULL : __real_calloc(count, size); }
+void *__wrap_aligned_alloc(size_t alignment, size_t size);
+void *__wrap_aligned_alloc(size_t alignment, size_t size) {
+    return fails() ? NULL : __real_aligned_alloc(alignment, size);
+}
+
 /* A solver whose only object holds what the test says. */
 static float light[3][SIDE * SIDE], split[3][SIDE * SIDE], nothing[SIDE * SIDE], error;
 static uint8_t covered[SIDE * SIDE];
 static uint64_t solved_frame;
+static uint32_t second_tile; /* of a second object with the same light; 0: there is none */
 
 static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *tile) {
     (void)solver;
-    assert_int_equal(id.v, 0);
+    assert_true(id.v == 0 || id.v == second_tile);
     *tile = (struct lw_solver_tile){.irradiance = {light[0], light[1], light[2]},
                                     .split = {split[0], split[1], split[2]},
                                     .direct = {light[0], light[1], light[2]},
@@ -41,10 +58,11 @@ struct world {
     struct lw_tile_codec *codec;
 };
 
-static void init_world(struct world *w, uint32_t codec) {
-    *w = (struct world){.scene = lw_support_squares(1, 1), .solver = {&ops}};
+static void init_world_of(struct world *w, uint32_t codec, uint32_t objects) {
+    *w = (struct world){.scene = lw_support_squares(objects, 1), .solver = {&ops}};
     w->scene->mesh[0].atlas_width = w->scene->mesh[0].atlas_height = SIDE;
     lw_support_ok(lw_atlas_map_init(&w->map, w->scene), NULL);
+    second_tile = objects > 1 ? w->map.first_tile[1] : 0;
     lw_support_ok(lw_pose_init(&w->pose, w->scene), NULL);
     lw_support_ok(lw_tile_codec_create(&w->codec), NULL);
     lw_support_ok(lw_publisher_create(&(struct lw_publisher_desc){.scene = w->scene,
@@ -58,6 +76,8 @@ static void init_world(struct world *w, uint32_t codec) {
     error = 0.1f;
     memset(covered, 1, sizeof covered);
 }
+
+static void init_world(struct world *w, uint32_t codec) { init_world_of(w, codec, 1); }
 
 static void finish_world(struct world *w) {
     lw_publisher_destroy(w->publisher);
@@ -393,9 +413,83 @@ static void test_halves_have_no_deltas(void **state) {
     finish_world(&w);
 }
 
+static double mean(const float *rgb) {
+    double sum = 0;
+    for (uint32_t i = 0; i < SIDE * SIDE * 3; i++) sum += (double)rgb[i];
+    return sum / (SIDE * SIDE * 3);
+}
+
+struct follower {
+    struct lw_tile_dct_coefficients levels;
+    float followed[SIDE * SIDE * 3], joined[SIDE * SIDE * 3];
+};
+
+/* Two objects: the tile of the second is not even looked at where that of the first fails. */
+static void follow(const struct world *w, const struct lw_snapshot *s, uint32_t id, struct follower *f) {
+    float scale;
+    const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][id];
+    const uint64_t frame = lw_snapshot_frame_of(tile->version);
+    decode(w, tile->blob, frame, 0, &f->levels, f->followed, &scale);
+}
+
+static void expect_newest(const struct world *w, const struct lw_snapshot *s, uint32_t id, uint64_t failed,
+                          struct follower *f) {
+    float scale;
+    const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][id];
+    const uint64_t frame = lw_snapshot_frame_of(tile->version), base = lw_snapshot_frame_of(tile->base);
+    const bool follows = tile->delta && base == failed - 1;
+    assert_in_range(frame, failed, failed + 1);
+    if (follows) decode(w, tile->delta, frame, base, &f->levels, f->followed, &scale);
+    decode(w, tile->blob, frame, 0, NULL, f->joined, &scale);
+    assert_true(mean(f->joined) > 0.95 * mean(&light[0][0]) && mean(f->joined) < 1.05 * mean(&light[0][0]));
+    if (follows) assert_memory_equal(f->followed, f->joined, sizeof f->joined);
+}
+
+/* What a frame could not publish the next one does, though nothing is solved in it; who follows by deltas has
+ * the same as who joins. Returns whether the frame took fewer allocations than that. */
+static bool publish_without(uint64_t failing_frame, unsigned allocation) {
+    static struct follower first, second;
+    struct world w;
+    struct lw_snapshot *s = NULL;
+    init_world_of(&w, LW_TILE_CODEC_DCT, 2);
+    for (uint64_t frame = 1; frame < failing_frame; frame++) {
+        set_light(frame, (float)frame);
+        s = publish(&w, frame);
+        follow(&w, s, 0, &first);
+        follow(&w, s, second_tile, &second);
+        lw_snapshot_unref(s);
+    }
+    set_light(failing_frame, (float)failing_frame);
+    allocations_left = allocation;
+    const enum lw_status status =
+        lw_publisher_publish(w.publisher, &w.pose, failing_frame, 1, 1, 1, &s, &stats);
+    allocations_left = 0;
+    if (status != LW_OK) {
+        assert_int_equal(status, LW_NO_MEMORY);
+        (void)lw_publisher_memory_bytes(w.publisher);
+        s = publish_solved(&w, failing_frame + 1, 0);
+        assert_int_equal(s->previous_frame, failing_frame - 1);
+        expect_newest(&w, s, 0, failing_frame, &first);
+        expect_newest(&w, s, second_tile, failing_frame, &second);
+    }
+    lw_snapshot_unref(s);
+    finish_world(&w);
+    return status == LW_OK;
+}
+
+static void test_without_memory(void **state) {
+    (void)state;
+    for (uint64_t frame = 1; frame <= 3; frame++) {
+        unsigned allocation = 1;
+        while (!publish_without(frame, allocation)) allocation++;
+        assert_true(allocation > 8);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_deltas),
+        cmocka_unit_test(test_without_memory),
         cmocka_unit_test(test_an_object_that_was_a_spare),
         cmocka_unit_test(test_another_class_of_error),
         cmocka_unit_test(test_steps),

@@ -1398,62 +1398,6 @@ static void test_bytes_gone_wrong(void **state) {
     end(f);
 }
 
-static struct fixture *start_controlled_with(struct lw_server_desc desc);
-static int dial_locally(void);
-static int dial_and_control(const struct fixture *f, bool stream);
-
-/* Allocations of the server's thread that fail; those of the test do not. */
-static _Atomic bool no_memory;
-static pthread_t no_memory_thread;
-
-static bool has_no_memory(void) { return no_memory && pthread_equal(pthread_self(), no_memory_thread); }
-
-void *__real_malloc(size_t size);
-void *__wrap_malloc(size_t size);
-void *__wrap_malloc(size_t size) { return has_no_memory() ? NULL : __real_malloc(size); }
-void *__real_calloc(size_t count, size_t size);
-void *__wrap_calloc(size_t count, size_t size);
-void *__wrap_calloc(size_t count, size_t size) { return has_no_memory() ? NULL : __real_calloc(count, size); }
-
-static int dial_port(uint16_t port) {
-    struct sockaddr_in to = {
-        .sin_family = AF_INET, .sin_port = htons(port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-    int s = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    assert_int_equal(connect(s, (struct sockaddr *)&to, sizeof to), 0);
-    return s;
-}
-
-/* A connection that there is no memory for is closed, and those after it are served, at every listener. */
-static void test_connections_without_memory(void **state) {
-    (void)state;
-    struct fixture *f = start_controlled_with((struct lw_server_desc){.http_host = "127.0.0.1"});
-    no_memory_thread = f->thread;
-    for (int round = 0; round < 3; round++) {
-        no_memory = true;
-        int refused[] = {dial(f), dial_port(lw_server_http_port(f->server)), dial_locally()};
-        for (size_t i = 0; i < sizeof refused / sizeof *refused; i++) {
-            struct pollfd end = {.fd = refused[i], .events = POLLIN};
-            char byte;
-            assert_int_equal(poll(&end, 1, WAIT_MS), 1);
-            assert_true(recv(refused[i], &byte, 1, 0) <= 0);
-            close(refused[i]);
-        }
-        no_memory = false;
-    }
-    close(dial_and_stream(f));
-    close(dial_and_control(f, false));
-    int web = dial_port(lw_server_http_port(f->server));
-    struct pollfd answer = {.fd = web, .events = POLLIN};
-    char text[16] = "";
-    static const char request[] = "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n";
-    put_bytes(web, request, sizeof request - 1);
-    assert_int_equal(poll(&answer, 1, WAIT_MS), 1);
-    assert_true(recv(web, text, sizeof text - 1, 0) > 0);
-    assert_memory_equal(text, "HTTP/1.1 ", 9);
-    close(web);
-    end(f);
-}
-
 static void test_garbage(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){0});
@@ -2700,7 +2644,6 @@ int main(void) {
         cmocka_unit_test(test_what_waits_is_told),
         cmocka_unit_test(test_acks),
         cmocka_unit_test(test_bytes_gone_wrong),
-        cmocka_unit_test(test_connections_without_memory),
         cmocka_unit_test(test_garbage),
         cmocka_unit_test(test_out_of_order),
         cmocka_unit_test(test_wrong_version),
