@@ -327,7 +327,7 @@ static void a_frame_without_memory_is_published_later(void **state) {
 
 /* ---- connections without memory ---- */
 
-#define CONNECTIONS_MAX 2000 /* none takes so many allocations */
+#define CONNECTIONS_MAX 2000 /* allocations that none takes */
 #define VISIT_S         20
 /* A browser gives up after this: one connection that libwebsockets has no memory for is neither served nor
  * closed. */

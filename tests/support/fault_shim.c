@@ -1,7 +1,7 @@
 /* fault_shim.c: a library for LD_PRELOAD under which the C library fails where the environment says so.
  *   FAULT_PROGRAM     of this program alone (its short name); others are left alone
  *   FAULT_ALLOCATION  the Nth allocation gives NULL, from 1 on
- *   FAULT_CONNECTION  of the main thread, after each connection that it accepts, one allocation gives NULL: of
+ *   FAULT_CONNECTION  one allocation of the main thread after each connection that it accepts gives NULL: of
  *                     the first connection the first, of each further one that many later than before. How
  *                     many there were until the next connection goes to stderr
  *   FAULT_CALLERS     who asked for the allocation that fails goes to stderr
