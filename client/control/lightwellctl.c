@@ -132,16 +132,17 @@ static enum lw_status poll_until_deadline(struct ctl *c, const char *what, struc
 static enum lw_status connect_to_server(struct ctl *c, bool operate, struct lw_error *err) {
     const double connect_s = c->timeout_s < 5 ? c->timeout_s : 5;
     return lw_client_create(
-        &(struct lw_client_desc){.host = c->host,
-                                 .port = c->port,
-                                 .access = &c->access,
-                                 .name = "lightwellctl",
-                                 .timeout_ms = (unsigned)(connect_s * 1e3) + 1,
-                                 .cache_folder = *c->cache_folder ? c->cache_folder : NULL,
-                                 .wants_nothing = true,
-                                 .control = true,
-                                 .watch.damaged = lw_package_cache_warn,
-                                 .operate = operate},
+        &(struct lw_client_desc){
+            .host = c->host,
+            .port = c->port,
+            .access = &c->access,
+            .name = "lightwellctl",
+            .timeout_ms = (unsigned)(connect_s * 1e3) + 1,
+            .cache_folder = *c->cache_folder ? c->cache_folder : NULL,
+            .wants_nothing = true,
+            .control = true,
+            .watch = {.damaged = lw_package_cache_warn, .unkept = lw_package_cache_warn_unkept},
+            .operate = operate},
         &c->client, err);
 }
 

@@ -103,16 +103,19 @@ static uint8_t *find_part(void *client, const struct lw_package_hash *hash, uint
 }
 
 /* Where it cannot be kept it is downloaded again: no harm. A package of several parts is kept as these, and
- * nothing of it twice. */
+ * nothing of it twice. What has failed once would fail for each part. */
 static void keep_package(const struct lw_client *c) {
     const struct lw_download *d = &c->download;
     const enum lw_package_cache_kind kind =
         d->part_count > 1 ? LW_PACKAGE_CACHE_PART : LW_PACKAGE_CACHE_PACKAGE;
     uint64_t begin = 0;
-    for (size_t i = 0; i < d->part_count; begin = d->part[i++].end)
-        if (!d->part[i].was_held)
-            (void)!lw_package_cache_write(c->cache_folder, kind, &d->part[i].hash, d->bytes + begin,
-                                          (size_t)(d->part[i].end - begin), NULL);
+    struct lw_error err = {0};
+    for (size_t i = 0; i < d->part_count && !err.status; begin = d->part[i++].end)
+        if (!d->part[i].was_held &&
+            lw_package_cache_write(c->cache_folder, kind, &d->part[i].hash, d->bytes + begin,
+                                   (size_t)(d->part[i].end - begin), &err) != LW_OK &&
+            c->watch.unkept)
+            c->watch.unkept(c->watch.context, err.text);
 }
 
 /* There is a scene: which light of it will come? */

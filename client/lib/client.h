@@ -35,6 +35,9 @@ struct lw_client_watch {
     /** A file in the folder of packages is not what its name says, or cannot be read: it is downloaded again.
      * Once per client. */
     void (*damaged)(void *context, const char *folder);
+    /** A downloaded package, or a part of it, could not be written to that folder: the next client downloads
+     * it again. `why` names the file. */
+    void (*unkept)(void *context, const char *why);
     /** Called around connecting, which may take long and uses nothing of the client. */
     void (*leave)(void *context);
     void (*enter)(void *context);

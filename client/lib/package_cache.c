@@ -53,6 +53,11 @@ void lw_package_cache_warn(void *context, const char *folder) {
            folder);
 }
 
+void lw_package_cache_warn_unkept(void *context, const char *why) {
+    (void)context;
+    lw_log(LW_LOG_WARNING, "the scene package is not kept, and the next client downloads it again: %s", why);
+}
+
 /* All that lie above a file; opening it says what is wrong with them. */
 static void make_folders(char *path) {
     for (char *slash = path; (slash = strchr(slash + 1, '/'));) {

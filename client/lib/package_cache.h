@@ -26,6 +26,8 @@ LW_MUST_CHECK enum lw_package_cache_found lw_package_cache_read(const char *fold
 
 /** Warns of it in the log: what a program of ours gives as lw_client_watch.damaged. context: unused. */
 void lw_package_cache_warn(void *context, const char *folder);
+/** The same of lw_client_watch.unkept. */
+void lw_package_cache_warn_unkept(void *context, const char *why);
 
 /** Writes bytes under their hash. Makes the folder, and those above it. Removes the least recently used files
  * until the rest keep to LW_PACKAGE_CACHE_BYTES_MAX. Files with other names stay and do not count.

@@ -75,7 +75,8 @@ static enum lw_status connect_to_server(struct headless *h, struct lw_error *err
                                                   .cache_folder = h->options->cache_folder,
                                                   .wants_nothing = true,
                                                   .draws_direct = h->options->draws_direct,
-                                                  .watch.damaged = lw_package_cache_warn},
+                                                  .watch = {.damaged = lw_package_cache_warn,
+                                                            .unkept = lw_package_cache_warn_unkept}},
                          &h->client, err);
     h->welcomed_ns = lw_clock_ns();
     return status;

@@ -43,8 +43,12 @@ enum lw_status lw_saved_picture_write(const float *rgb, uint32_t width, uint32_t
     enum lw_status status = lw_image_write_png(path, srgb, width, height, err);
     free(srgb);
     if (status != LW_OK) return status;
-    snprintf(path, sizeof path, "%s.exr", name);
-    status = lw_image_write_exr(path, rgb, width, height, "W/(m^2 sr)", err);
-    if (status == LW_OK) snprintf(out_name, LW_SAVED_PICTURE_NAME_SIZE, "%s", name);
+    char exr[sizeof path];
+    snprintf(exr, sizeof exr, "%s.exr", name);
+    status = lw_image_write_exr(exr, rgb, width, height, "W/(m^2 sr)", err);
+    if (status == LW_OK)
+        snprintf(out_name, LW_SAVED_PICTURE_NAME_SIZE, "%s", name);
+    else
+        unlink(path); /* both or none */
     return status;
 }

@@ -38,7 +38,8 @@ static void *attempt(void *argument) {
                                                   .wants_nothing = true,
                                                   .budget_ns = LW_SEEKER_BUDGET_NS,
                                                   .draws_direct = seeker->draws_direct,
-                                                  .watch.damaged = lw_package_cache_warn},
+                                                  .watch = {.damaged = lw_package_cache_warn,
+                                                            .unkept = lw_package_cache_warn_unkept}},
                          &client, &err) == LW_OK)
         seeker->client = client;
     atomic_store_explicit(&seeker->done, true, memory_order_release);

@@ -559,6 +559,64 @@ static void a_full_disk_leaves_no_half_bake(void **state) {
     each_write_may_fail("lightwell-bake", arguments, output, true);
 }
 
+/* Its files in a folder; with half ones, which have names of their own. */
+static unsigned files_in(const char *path) {
+    unsigned count = 0;
+    DIR *folder = opendir(path);
+    for (const struct dirent *entry; folder && (entry = readdir(folder));) count += entry->d_name[0] != '.';
+    if (folder) closedir(folder);
+    return count;
+}
+
+static void empty(const char *path) {
+    char command[600];
+    snprintf(command, sizeof command, "rm -rf '%s'", path);
+    assert_int_equal(system(command), 0);
+}
+
+/* Promise (client.h): a package that cannot be kept is told in one line, and the command does what it is for;
+ * what is in the folder is whole. */
+static void a_full_disk_leaves_no_half_cache(void **state) {
+    (void)state;
+    if (LW_SANITIZER) skip();
+    static const int faults[] = {ENOSPC, EIO, 0};
+    char arguments[600], folder[300];
+    struct lw_process daemon, ctl;
+    long allocations, writes;
+    lw_process_serve(&daemon, "builtin:atrium --texels-per-metre 0.5 --freeze 0 --http none --threads 1");
+    snprintf(folder, sizeof folder, "%s", lw_support_temporary("full_cache"));
+    snprintf(arguments, sizeof arguments, "127.0.0.1:%u list --cache %s", daemon.port, folder);
+    count_calls("lightwellctl", arguments, 0, &allocations, &writes);
+    const unsigned whole = files_in(folder);
+    assert_true(writes > 0 && whole > 0);
+    const long step = is_long || writes < 3 ? 1 : writes / 3;
+    for (size_t f = 0; f < sizeof faults / sizeof *faults; f++)
+        for (long n = faults[f] ? 1 : writes; n <= writes; n += step) { /* a byte at a time takes long */
+            empty(folder);
+            set_number("FAULT_WRITE", n);
+            set_number("FAULT_ERRNO", faults[f]);
+            lw_process_start(&ctl, "lightwellctl", arguments);
+            lw_process_expect(&ctl, lw_process_finish(&ctl, 5 * LIMIT_S), 0);
+            char *said = lw_process_err(&ctl), *line = strstr(said, "is not kept");
+            if ((line != NULL) != (faults[f] != 0)) fail_msg("write %ld of %ld: %s", n, writes, said);
+            if (line && (!strstr(line, folder) || !strstr(line, strerror(faults[f])) ||
+                         strstr(line + 1, "is not kept")))
+                fail_msg("write %ld of %ld: %s", n, writes, said);
+            free(said);
+            const unsigned kept = files_in(folder);
+            if (faults[f] ? kept >= whole : kept != whole)
+                fail_msg("write %ld: %u of %u files", n, kept, whole);
+            unsetenv("FAULT_WRITE"); /* what is there is taken for whole: it must be */
+            lw_process_start(&ctl, "lightwellctl", arguments);
+            lw_process_expect(&ctl, lw_process_finish(&ctl, LIMIT_S), 0);
+            said = lw_process_err(&ctl);
+            if (*said) fail_msg("after write %ld: %s", n, said);
+            free(said);
+            assert_int_equal(files_in(folder), whole);
+        }
+    print_message("lightwellctl: %ld writes of the cache, each with ENOSPC and EIO, one cut short\n", writes);
+}
+
 static void a_full_disk_leaves_no_half_picture(void **state) {
     (void)state;
     if (LW_SANITIZER) skip();
@@ -784,6 +842,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test_teardown(a_full_disk_leaves_no_half_package, kill_all),
         cmocka_unit_test_teardown(a_full_disk_leaves_no_half_light, kill_all),
         cmocka_unit_test_teardown(a_full_disk_leaves_no_half_bake, kill_all),
+        cmocka_unit_test_teardown(a_full_disk_leaves_no_half_cache, kill_all),
         cmocka_unit_test_teardown(a_full_disk_leaves_no_half_picture, kill_all),
         cmocka_unit_test_teardown(a_jump_of_the_clock_is_not_felt, kill_all),
         cmocka_unit_test_teardown(a_stopped_server_goes_on, kill_all),
