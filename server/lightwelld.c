@@ -53,9 +53,10 @@
 #define STATUS_MS    10000u
 #define RETURN_S     2.0
 #define PREPARE_S    120.0
-#define STOP_WAIT_S  3u /* for the end of a frame */
-#define DROP_WAIT_S  1u /* for that of a scene that is being read, but will not be lit */
-#define STEP_HZ      30 /* scene time advances by 1/30 s a frame under --clock step */
+#define STOP_WAIT_S  3u        /* for the end of a frame */
+#define DROP_WAIT_S  1u        /* for that of a scene that is being read, but will not be lit */
+#define STEP_HZ      30        /* scene time advances by 1/30 s a frame under --clock step */
+#define MAPPED_MIN   (1 << 18) /* bytes of an array that is mapped by itself */
 /* A form of light that no client takes any more is published for this long, since clients come back after a
  * broken link. */
 #define FORM_LINGERS_NS 10000000000u
@@ -1401,7 +1402,16 @@ static struct daemon *successor(struct daemon *d, bool served, bool *out_left) {
     return u->next;
 }
 
+/* Arrays of a scene, which are large, are mapped by themselves and go back to the system with it. The C
+ * library would raise that threshold to 32 MB as such arrays are freed, and later scenes would leave the heap
+ * in pieces. */
+static void map_large_arrays(void) {
+    mallopt(M_MMAP_THRESHOLD, MAPPED_MIN);
+    mallopt(M_TRIM_THRESHOLD, 8 * MAPPED_MIN); /* what frames free is not given back each time */
+}
+
 int main(int argc, char **argv) {
+    map_large_arrays();
     struct daemon *d = malloc(sizeof *d);
     struct lw_error err = {0};
     bool done = false, left = false;

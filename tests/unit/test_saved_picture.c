@@ -10,8 +10,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-/* The picture that a window saves: two files, or none and a line. The limit of a file's size stands for a full
- * disk. */
+/* The picture that a window saves: two files, or none and a line. The limit of a file's size stands for a
+ * full disk. */
 
 #define SIDE 64u
 
