@@ -14,7 +14,7 @@
 #include "server/solve/solver.h"
 #include "server/solve/state/checkpoint.h"
 
-#define LW_PATCH_SOLVER_PARTS_MAX 3u /* of a method */
+#define LW_PATCH_SOLVER_PARTS_MAX 4u /* of a method */
 
 struct lw_patch_solver;
 

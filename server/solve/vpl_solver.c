@@ -88,7 +88,7 @@ static float near_by_area(const struct vpl_solver *s) {
     for (uint32_t p = 0; p < patches->packet_count; p++)
         for (int i = 0; i < LW_TRACE_WIDTH && patches->packet[p].active >> i & 1; i++)
             area += (double)patches->area_m2[patches->packet[p].texel[i]];
-    return NEAR_SHARE * (float)sqrt(area / ((double)LW_PI * s->lights.paths));
+    return NEAR_SHARE * (float)sqrt(area / ((double)LW_PI * s->lights.paths.paths));
 }
 
 static float largest_m(const struct lw_patch_solver *p) {
@@ -101,7 +101,7 @@ static uint32_t most_of(const struct lw_patch_solver *p) {
     const struct lw_virtual_lights *lights = &((const struct vpl_solver *)p)->lights;
     return p->desc.vpl.reshoot == UINT32_MAX ? 0
            : p->desc.vpl.reshoot             ? p->desc.vpl.reshoot
-                                             : lights->paths / lights->sets * lights->bounces;
+                                             : lw_virtual_paths_set_count(&lights->paths);
 }
 
 static uint64_t bounces(struct lw_patch_solver *p) {
@@ -109,8 +109,8 @@ static uint64_t bounces(struct lw_patch_solver *p) {
     float *const *const indirect = lw_patch_solver_bounces(p);
     const uint32_t sets = sets_of(p), set = p->frames % sets;
     for (int c = 0; c < 3; c++) memset(indirect[c], 0, p->tiles.texel_count * sizeof(float));
-    if (!s->lights.paths) return 0;
-    if (!p->frames) s->lights.turn.next = 0; /* each set is shot again just before its turn */
+    if (!s->lights.paths.paths) return 0;
+    if (!p->frames) s->lights.paths.turn.next = 0; /* each set is shot again just before its turn */
     uint64_t rays =
         lw_virtual_lights_shoot(&s->lights, &(struct lw_virtual_lights_shot){.trace = p->geometry.trace,
                                                                              .lamps = &p->emitters,
@@ -126,7 +126,7 @@ static uint64_t bounces(struct lw_patch_solver *p) {
     if (!p->frames)
         lw_log(LW_LOG_INFO,
                "vpl: %u patches, %u lights in %u sets, as bright as at %.3g m where they are nearer",
-               p->patches.count, s->lights.paths * s->lights.bounces, sets, (double)near_m);
+               p->patches.count, s->lights.paths.paths * s->lights.paths.bounces, sets, (double)near_m);
     const struct lw_shooters shooters = lw_virtual_lights_set(&s->lights, set);
     rays += lw_radiosity_pass_run(&(struct lw_radiosity_pass){.patches = &p->patches,
                                                               .shooters = &shooters,
@@ -145,12 +145,13 @@ static uint64_t bounces(struct lw_patch_solver *p) {
 
 static uint32_t list_parts(const struct lw_patch_solver *p, struct lw_checkpoint_part *out_part) {
     const struct lw_virtual_lights *lights = &((const struct vpl_solver *)p)->lights;
-    const size_t count = (size_t)lights->paths * lights->bounces;
-    out_part[0] = (struct lw_checkpoint_part){(void *)&lights->turn, sizeof lights->turn};
+    const size_t count = (size_t)lights->paths.paths * lights->paths.bounces;
+    out_part[0] = (struct lw_checkpoint_part){(void *)&lights->paths.turn, sizeof lights->paths.turn};
     if (!count) return 1;
     out_part[1] = (struct lw_checkpoint_part){lights->shooter, count * sizeof *lights->shooter};
     out_part[2] = (struct lw_checkpoint_part){lights->light, count * sizeof *lights->light};
-    return 3;
+    out_part[3] = (struct lw_checkpoint_part){lights->paths.state, count * sizeof *lights->paths.state};
+    return 4;
 }
 
 static size_t memory_bytes(const struct lw_patch_solver *p) {

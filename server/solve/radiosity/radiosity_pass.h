@@ -32,9 +32,4 @@ struct lw_radiosity_pass {
 /** Writes E, W/m^2, of every patch; other texels stay as they are. Returns rays traced. */
 uint64_t lw_radiosity_pass_run(const struct lw_radiosity_pass *pass, float *const out_e[3]);
 
-/** Form factor from patches to a disc, times its flux over its radiosity: E per W of flux; 0 where one is
- * behind the other. */
-void lw_radiosity_pass_weigh(const struct lw_points16 *at, const struct lw_shooter *shooter, float near_m2,
-                             float out[16]);
-
 #endif

@@ -18,14 +18,10 @@ enum use { USE_TEXEL, USE_LAMP, USE_POINT, USE_BOUNCE };
 
 enum lw_status lw_virtual_lights_init(struct lw_virtual_lights *lights, const struct lw_patches *patches,
                                       uint32_t count, uint32_t bounces, uint32_t sets) {
-    const uint32_t paths = bounces ? count / (bounces * sets) * sets : 0;
-    *lights = (struct lw_virtual_lights){.patches = patches,
-                                         .paths = paths     ? paths
-                                                  : bounces ? sets
-                                                            : 0,
-                                         .bounces = bounces,
-                                         .sets = sets};
-    const size_t all = (size_t)lights->paths * bounces;
+    *lights = (struct lw_virtual_lights){.patches = patches};
+    enum lw_status status = lw_virtual_paths_init(&lights->paths, count, bounces, sets);
+    if (status != LW_OK) return status;
+    const size_t all = (size_t)lights->paths.paths * bounces;
     uint32_t packets = 0;
     for (uint32_t i = 0; i < patches->tiles->count; i++)
         LW_TILES_EACH_BLOCK (&patches->tiles->tile[i], block) packets += block->packet_count;
@@ -41,35 +37,33 @@ void lw_virtual_lights_finish(struct lw_virtual_lights *lights) {
     free(lights->shooter);
     free(lights->light);
     free(lights->sum);
+    lw_virtual_paths_finish(&lights->paths);
     *lights = (struct lw_virtual_lights){0};
 }
 
 size_t lw_virtual_lights_memory_bytes(const struct lw_virtual_lights *lights) {
-    return (size_t)lights->paths * lights->bounces * (sizeof *lights->shooter + sizeof *lights->light) +
+    return (size_t)lights->paths.paths * lights->paths.bounces *
+               (sizeof *lights->shooter + sizeof *lights->light + sizeof *lights->paths.state) +
            (lights->patches->packet_count + 1ul) * sizeof *lights->sum;
 }
 
-static uint32_t first_of(const struct lw_virtual_lights *v, uint32_t path) { return path * v->bounces; }
-
-/* A path's number, whatever the sets: each set has every sets-th. */
-static uint32_t number_of(const struct lw_virtual_lights *v, uint32_t path) {
-    const uint32_t per_set = v->paths / v->sets;
-    return path / per_set + v->sets * (path % per_set);
+static uint32_t index_of(const struct lw_virtual_lights *v, uint32_t path, uint32_t bounce) {
+    return lw_virtual_paths_light(&v->paths, path, bounce);
 }
 
-/* With all that descend from it. */
-static void lose(struct lw_virtual_lights *v, uint32_t path, uint32_t bounce) {
-    for (uint32_t b = bounce; b < v->bounces; b++)
-        v->light[first_of(v, path) + b].state = LW_VIRTUAL_LIGHT_LOST;
+static uint32_t number_of(const struct lw_virtual_lights *v, uint32_t path) {
+    return lw_virtual_paths_number(&v->paths, path);
 }
 
 void lw_virtual_lights_leave(struct lw_virtual_lights *lights, const struct lw_pose *was,
                              const struct lw_pose *is) {
-    for (uint32_t path = 0; path < lights->paths && lights->turn.shot; path++)
-        for (uint32_t b = 0; b < lights->bounces; b++)
-            if (lights->light[first_of(lights, path) + b].state == LW_VIRTUAL_LIGHT_LIT &&
-                lw_pose_object_differs(was, is, lights->light[first_of(lights, path) + b].object))
-                lose(lights, path, b);
+    for (uint32_t path = 0; path < lights->paths.paths && lights->paths.turn.shot; path++)
+        for (uint32_t b = 0; b < lights->paths.bounces; b++) {
+            const uint32_t index = index_of(lights, path, b);
+            if (lw_virtual_paths_is_lit(&lights->paths, index) &&
+                lw_pose_object_differs(was, is, lights->light[index].object))
+                lw_virtual_paths_lose(&lights->paths, path, b);
+        }
 }
 
 /* ---- patches ---- */
@@ -186,56 +180,50 @@ static void read_light(struct flight *f, uint32_t index) {
     for (int c = 0; c < 3; c++) light->e[c] = f->shot->direct[c][light->texel];
 }
 
-static void check(struct flight *f) {
-    for (uint32_t path = 0; path < f->v->paths; path++)
-        for (uint32_t b = 0; b < f->v->bounces; b++) {
-            const uint32_t index = first_of(f->v, path) + b;
-            const struct lw_virtual_light *light = &f->v->light[index];
-            if (light->state != LW_VIRTUAL_LIGHT_LIT) continue;
-            const bool stays =
-                b ? sees_parent(f, index)
-                  : light->sample[0] >= 0 && sees_lamp(f, &f->v->shooter[index], light->sample);
-            if (!stays) lose(f->v, path, b);
-            if (!b) read_light(f, first_of(f->v, path));
-        }
+static bool holds(void *context, uint32_t path, uint32_t bounce) {
+    struct flight *f = context;
+    const uint32_t index = index_of(f->v, path, bounce);
+    const struct lw_virtual_light *light = &f->v->light[index];
+    if (bounce) return sees_parent(f, index);
+    read_light(f, index);
+    return light->sample[0] >= 0 && sees_lamp(f, &f->v->shooter[index], light->sample);
 }
 
 /* ---- shots ---- */
 
-static void shoot_first(struct flight *f, uint32_t path) {
+static bool shoot_first(struct flight *f, uint32_t path) {
     struct lw_virtual_lights *v = f->v;
     const struct lw_patches *patches = v->patches;
-    struct lw_virtual_light *light = &v->light[first_of(v, path)];
-    struct lw_shooter *s = &v->shooter[first_of(v, path)];
+    struct lw_virtual_light *light = &v->light[index_of(v, path, 0)];
+    struct lw_shooter *s = &v->shooter[index_of(v, path, 0)];
     const double total = v->sum[patches->packet_count];
     const uint32_t number = number_of(v, path);
     const float draw = lw_random_unit(lw_random_hash4(f->shot->seed, number, light->shots, USE_TEXEL));
     double share;
-    light->state = LW_VIRTUAL_LIGHT_ENDED;
-    light->texel =
-        total > 0 ? draw_patch(v, f->shot->direct, total * ((double)number + (double)draw) / v->paths, &share)
-                  : LW_TEXEL_NONE;
+    light->texel = total > 0 ? draw_patch(v, f->shot->direct,
+                                          total * ((double)number + (double)draw) / v->paths.paths, &share)
+                             : LW_TEXEL_NONE;
     light->shots++;
-    if (light->texel == LW_TEXEL_NONE) return;
+    if (light->texel == LW_TEXEL_NONE) return false;
     const struct lw_points16 *at = &patches->packet[patches->place[light->texel] / LANES].at;
     const uint32_t i = patches->place[light->texel] % LANES;
     set_place(s, lw_vec3(at->x[i], at->y[i], at->z[i]), normal_of(patches, light->texel));
     light->object = object_of(patches, light->texel);
-    light->scale = (float)((double)patches->area_m2[light->texel] * total / (share * v->paths));
-    light->state = LW_VIRTUAL_LIGHT_LIT;
-    read_light(f, first_of(v, path));
+    light->scale = (float)((double)patches->area_m2[light->texel] * total / (share * v->paths.paths));
+    read_light(f, index_of(v, path, 0));
     for (uint32_t n = 0; n < TRIES; n++) {
         const uint32_t turn = light->shots * TRIES + n;
         light->sample[0] = lw_random_unit(lw_random_hash4(f->shot->seed, number, turn, USE_LAMP));
         lw_random_sobol2(turn, lw_random_hash3(f->shot->seed, number, USE_POINT), light->sample + 1);
-        if (sees_lamp(f, s, light->sample)) return;
+        if (sees_lamp(f, s, light->sample)) return true;
     }
     light->sample[0] = -1; /* it is lit, says its texel; it is shot again when something moves */
+    return true;
 }
 
-static void shoot_next(struct flight *f, uint32_t path, uint32_t bounce) {
+static bool shoot_next(struct flight *f, uint32_t path, uint32_t bounce) {
     struct lw_virtual_lights *v = f->v;
-    const uint32_t index = first_of(v, path) + bounce;
+    const uint32_t index = index_of(v, path, bounce);
     struct lw_virtual_light *light = &v->light[index];
     const struct lw_shooter *parent = &v->shooter[index - 1];
     float point[2];
@@ -247,75 +235,47 @@ static void shoot_next(struct flight *f, uint32_t path, uint32_t bounce) {
     lw_trace_set_ray(&rays, 0, place_of(parent), direction, INFINITY);
     lw_trace_closest16(f->shot->trace, LW_TRACE_LIGHT, 1, &rays, &hits);
     f->rays++;
-    light->state = LW_VIRTUAL_LIGHT_ENDED;
-    if (hits.object[0] == LW_TRACE_MISS) return;
+    if (hits.object[0] == LW_TRACE_MISS) return false;
     const uint32_t texel = lw_texels_at(v->patches->texels, hits.object[0], hits.triangle[0], hits.u[0],
                                         hits.v[0], hits.back[0]);
-    if (texel == LW_TEXEL_NONE || v->patches->place[texel] == LW_TEXEL_NONE) return;
+    if (texel == LW_TEXEL_NONE || v->patches->place[texel] == LW_TEXEL_NONE) return false;
     const struct lw_vec3 normal = normal_of(v->patches, texel);
-    if (!(lw_vec3_dot(normal, direction) < 0)) return;
+    if (!(lw_vec3_dot(normal, direction) < 0)) return false;
     set_place(&v->shooter[index],
               lw_trace_lift(lw_vec3_mad(place_of(parent), direction, hits.t[0]), normal, f->shot->largest_m),
               normal);
     light->texel = texel;
     light->object = hits.object[0];
-    light->state = LW_VIRTUAL_LIGHT_LIT;
+    return true;
 }
 
-/* From one light of a path on; the others stay. Returns how many were shot. */
-static uint32_t shoot_path(struct flight *f, uint32_t path, uint32_t bounce) {
-    struct lw_virtual_lights *v = f->v;
-    uint32_t count = 0;
-    for (uint32_t b = bounce; b < v->bounces; b++, count++) {
-        struct lw_virtual_light *light = &v->light[first_of(v, path) + b];
-        if (b && light[-1].state == LW_VIRTUAL_LIGHT_ENDED)
-            light->state = LW_VIRTUAL_LIGHT_ENDED;
-        else if (b)
-            shoot_next(f, path, b);
-        else
-            shoot_first(f, path);
-    }
-    return count;
+static bool shoot(void *context, uint32_t path, uint32_t bounce) {
+    return bounce ? shoot_next(context, path, bounce) : shoot_first(context, path);
 }
 
 static void charge(struct lw_virtual_lights *v) {
-    for (uint32_t path = 0; path < v->paths; path++) {
+    for (uint32_t path = 0; path < v->paths.paths; path++) {
         struct lw_vec3 flux = lw_vec3(0, 0, 0);
-        for (uint32_t b = 0; b < v->bounces; b++) {
-            const struct lw_virtual_light *light = &v->light[first_of(v, path) + b];
+        for (uint32_t b = 0; b < v->paths.bounces; b++) {
+            const uint32_t index = index_of(v, path, b);
+            const struct lw_virtual_light *light = &v->light[index];
             if (!b) flux = lw_vec3_scale(lw_vec3(light->e[0], light->e[1], light->e[2]), light->scale);
-            flux = light->state == LW_VIRTUAL_LIGHT_LIT
+            flux = lw_virtual_paths_is_lit(&v->paths, index)
                        ? lw_vec3_mul(flux, albedo_of(v->patches, light->texel))
                        : lw_vec3(0, 0, 0);
-            memcpy(v->shooter[first_of(v, path) + b].flux_w, &flux, sizeof flux);
+            memcpy(v->shooter[index].flux_w, &flux, sizeof flux);
         }
     }
-}
-
-static bool is_short(const struct lw_virtual_lights *v) {
-    for (uint32_t path = 0; path < v->paths; path++)
-        if (v->light[first_of(v, path)].state == LW_VIRTUAL_LIGHT_LOST) return true;
-    return false;
 }
 
 uint64_t lw_virtual_lights_shoot(struct lw_virtual_lights *lights,
                                  const struct lw_virtual_lights_shot *shot) {
     struct flight f = {.v = lights, .shot = shot};
-    const bool all = !lights->turn.shot;
-    uint32_t count = 0;
-    if (!lights->paths) return 0;
-    if (shot->checks && !all) check(&f);
-    if (is_short(lights) || shot->rotates) sum_up(lights, shot->direct);
-    for (uint32_t path = 0; path < lights->paths; path++)
-        for (uint32_t b = 0; b < lights->bounces; b++) {
-            if (lights->light[first_of(lights, path) + b].state != LW_VIRTUAL_LIGHT_LOST) continue;
-            if (all || count < shot->most) count += shoot_path(&f, path, b);
-            break;
-        }
-    lights->turn.shot = 1;
-    for (; shot->rotates && count + lights->bounces <= shot->most && count < lights->paths * lights->bounces;
-         lights->turn.next = (lights->turn.next + 1) % lights->paths)
-        count += shoot_path(&f, lights->turn.next, 0);
+    const struct lw_virtual_paths_rays rays = {.context = &f, .holds = holds, .shoot = shoot};
+    if (!lights->paths.paths) return 0;
+    if (shot->checks && lights->paths.turn.shot) lw_virtual_paths_check(&lights->paths, &rays);
+    if (lw_virtual_paths_lack(&lights->paths) || shot->rotates) sum_up(lights, shot->direct);
+    lw_virtual_paths_shoot(&lights->paths, &rays, shot->rotates, shot->most);
     charge(lights);
     return f.rays;
 }

@@ -14,17 +14,11 @@
 #ifndef LW_RADIOSITY_VIRTUAL_LIGHTS_H
 #define LW_RADIOSITY_VIRTUAL_LIGHTS_H
 
+#include "common/light/virtual_paths.h"
 #include "server/solve/radiosity/shooters.h"
-
-enum lw_virtual_light_state {
-    LW_VIRTUAL_LIGHT_LOST,  /* it waits to be shot */
-    LW_VIRTUAL_LIGHT_ENDED, /* no light gets there: the ray met nothing that reflects */
-    LW_VIRTUAL_LIGHT_LIT
-};
 
 /** Beside its shooter. */
 struct lw_virtual_light {
-    enum lw_virtual_light_state state;
     uint32_t texel, object; /* texel: of the global numbering */
     uint32_t shots;         /* times that it was shot: where its random numbers go on */
     float e[3], scale;      /* first of a path: E of its texel, and flux over albedo x E */
@@ -33,13 +27,10 @@ struct lw_virtual_light {
 
 struct lw_virtual_lights {
     const struct lw_patches *patches;
-    uint32_t paths, bounces, sets; /* paths: a multiple of sets; path p of set s: s + sets * p */
-    struct lw_shooter *shooter;    /* set by set, path by path: paths x bounces; area 0 */
+    struct lw_virtual_paths paths;
+    struct lw_shooter *shooter; /* of each light; area 0 */
     struct lw_virtual_light *light;
     double *sum; /* per packet of patches and one more: light reflected by those before */
-    struct {
-        uint32_t next, shot; /* path whose turn it is; whether all have been shot */
-    } turn;
 };
 
 /** About `lights` of them, none shot yet. Errors: LW_NO_MEMORY; finish them then. */
@@ -70,7 +61,7 @@ uint64_t lw_virtual_lights_shoot(struct lw_virtual_lights *lights, const struct 
 
 /** The lights of a set, as shooters of a pass. */
 static inline struct lw_shooters lw_virtual_lights_set(const struct lw_virtual_lights *lights, uint32_t set) {
-    const uint32_t count = lights->paths / lights->sets * lights->bounces;
+    const uint32_t count = lw_virtual_paths_set_count(&lights->paths);
     return (struct lw_shooters){
         .patches = lights->patches, .shooter = lights->shooter + (size_t)set * count, .count = count};
 }
