@@ -33,7 +33,9 @@ static enum lw_status parse_opponents(const char *text, struct lw_crossover_opti
             kind++;
         if (kind == LW_PATH_RENDERER_COUNT)
             return lw_status_fail(
-                err, LW_USAGE, "--opponents: \"%s\" is none of raw, lights, reprojected, svgf, svgf-quarter",
+                err, LW_USAGE,
+                "--opponents: \"%s\" is none of raw, lights, reprojected, svgf, svgf-quarter, "
+                "vpl",
                 word);
         for (uint32_t i = 0; i < o->opponent_count; i++)
             if ((int)o->opponent[i] == kind)
@@ -92,7 +94,8 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
         {"motion", LW_SCENE_MOTION_CHOICES, "what moves (default lamp-walk)", LW_OPTION_CHOICE, &motion, 0, 0,
          NULL},
         {"opponents", "LIST",
-         "what each user would run instead, apart by commas: raw, lights, reprojected, svgf, svgf-quarter "
+         "what each user would run instead, apart by commas: raw, lights, reprojected, svgf, svgf-quarter, "
+         "vpl "
          "(default svgf,svgf-quarter)",
          LW_OPTION_STRING, &opponents, 0, 0, NULL},
         {"paths", "LIST",

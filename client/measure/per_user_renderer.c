@@ -45,6 +45,7 @@ static enum lw_status init_screen(struct per_user_renderer *c, struct screen *sc
                                                                    .scene = c->desc.scene,
                                                                    .trace = c->world.trace,
                                                                    .tracer = c->world.tracer,
+                                                                   .lights = &c->world.lights,
                                                                    .width = c->width,
                                                                    .height = c->height,
                                                                    .bounces = c->desc.bounces,

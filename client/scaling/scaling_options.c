@@ -103,7 +103,7 @@ enum lw_status lw_scaling_options_parse(int argc, char **argv, struct lw_scaling
     int motion = LW_SCENE_MOTION_LIGHT, views = LW_VIEWS_WALK, light = 0, opponent = LW_PATH_RENDERER_SVGF,
         denoise = 1;
     int64_t bounces = 2, seed = 1, repeats = 3, reference = 256;
-    _Static_assert(LW_PATH_RENDERER_COUNT == 5, "--opponent names them all, in order");
+    _Static_assert(LW_PATH_RENDERER_COUNT == 6, "--opponent names them all, in order");
     const struct lw_option table[] = {
         {"users", "LIST", "user counts to measure, growing (default " DEFAULT_USERS ")", LW_OPTION_STRING,
          &users, 0, 0, NULL},
@@ -135,12 +135,12 @@ enum lw_status lw_scaling_options_parse(int argc, char **argv, struct lw_scaling
          "seen: the server lights the interest set and its contributors (default; with one run of the "
          "whole scene as well, which only-seen leaves out). whole: all of the scene",
          LW_OPTION_CHOICE, &light, 0, 0, NULL},
-        {"opponent", "raw|lights|reprojected|svgf|svgf-quarter",
+        {"opponent", "raw|lights|reprojected|svgf|svgf-quarter|vpl",
          "what each user would run instead: raw paths; with all lights at first hits and a clamp; and "
          "histories "
          "re-projected; and filtered over time and picture (default svgf); and with paths for a quarter of "
          "the "
-         "pixels",
+         "pixels; and with bounces by the user's own virtual point lights",
          LW_OPTION_CHOICE, &opponent, 0, 0, NULL},
         {"denoise", "off|on", "filter the lightmaps (default on)", LW_OPTION_CHOICE, &denoise, 0, 0, NULL},
         {"solver", "NAME", "the server's solver, by a name that lightwelld --help lists (default: its own)",

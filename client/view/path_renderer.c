@@ -27,6 +27,7 @@ struct lw_path_renderer {
         uint32_t turn;   /* which pixel of each square it has */
         float *rgb;      /* of all pixels */
     } quarter;
+    struct lw_instant_radiosity *instant; /* of VPL */
     float mean; /* luminance of the last picture; 0: there is none, or it was black */
 };
 
@@ -101,6 +102,16 @@ static enum lw_status init_memory(struct lw_path_renderer *r, struct lw_error *e
                                                        .threads = d->threads,
                                                        .time_alone = d->kind == LW_PATH_RENDERER_REPROJECTED},
                                 &r->svgf, err);
+    if (status == LW_OK && d->kind == LW_PATH_RENDERER_VPL)
+        status = lw_instant_radiosity_create(&(struct lw_instant_radiosity_desc){.scene = d->scene,
+                                                                                 .trace = d->trace,
+                                                                                 .lights = d->lights,
+                                                                                 .width = d->width,
+                                                                                 .height = d->height,
+                                                                                 .bounces = d->bounces,
+                                                                                 .threads = d->threads,
+                                                                                 .terms = d->vpl},
+                                             &r->instant, err);
     return status == LW_OK && has_quarter(r) ? init_quarter(r, err) : status;
 }
 
@@ -120,6 +131,7 @@ enum lw_status lw_path_renderer_create(const struct lw_path_renderer_desc *desc,
 void lw_path_renderer_destroy(struct lw_path_renderer *r) {
     if (!r) return;
     finish_quarter(&r->quarter);
+    lw_instant_radiosity_destroy(r->instant);
     lw_svgf_destroy(r->svgf);
     lw_gbuffer_finish(&r->gbuffer);
     free(r->rgb);
@@ -200,6 +212,11 @@ const float *lw_path_renderer_frame(struct lw_path_renderer *r, const struct lw_
         trace_quarter(r, &view, frame->number, frame->samples, &count);
         view.part = LW_PATH_PART_DIRECT;
     }
+    if (r->instant) {
+        count.rays_bounce +=
+            lw_instant_radiosity_shade(r->instant, &r->gbuffer, frame->pose, frame->seed, frame->number);
+        view.part = LW_PATH_PART_DIRECT;
+    }
     if (remembers) view.first_hits = &r->gbuffer;
     if (remembers || !frame->still) lw_path_film_clear(&r->film);
     lw_path_trace_render(r->desc.tracer, &view, frame->samples, &r->film, &count);
@@ -211,6 +228,7 @@ const float *lw_path_renderer_frame(struct lw_path_renderer *r, const struct lw_
         lw_svgf_filter_thin(q->svgf, &q->gbuffer, &r->gbuffer, q->radiance, q->rgb);
         add(r->rgb, q->rgb, 3 * pixels);
     }
+    if (r->instant) lw_instant_radiosity_add(r->instant, &r->gbuffer, r->rgb);
     if (view.all_lights) r->mean = mean_luminance(r->rgb, pixels);
     if (out_cost) {
         out_cost->trace_s += 1e-9 * (double)(traced_ns - began_ns);
@@ -218,6 +236,10 @@ const float *lw_path_renderer_frame(struct lw_path_renderer *r, const struct lw_
         out_cost->rays += count.rays_primary + count.rays_shadow + count.rays_bounce;
     }
     return r->rgb;
+}
+
+float lw_path_renderer_near_m(const struct lw_path_renderer *r) {
+    return r->instant ? lw_instant_radiosity_near_m(r->instant) : 0;
 }
 
 uint32_t lw_path_renderer_samples(const struct lw_path_renderer *r) { return r->film.samples; }

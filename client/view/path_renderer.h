@@ -1,6 +1,7 @@
 /* path_renderer.h: moving pictures by paths from the eye, as other renderers make them: raw, accumulated over
  * time, filtered.
- * Flow:    scene, pose, camera -> [path_renderer: path_trace, gbuffer, svgf] -> radiance of a frame
+ * Flow:    scene, pose, camera -> [path_renderer: path_trace, gbuffer, svgf, instant_radiosity] -> radiance of a
+ *          frame
  * Threads: one thread at a time per renderer; works on several inside. Same inputs, same bytes, at any
  * number.
  *
@@ -9,6 +10,7 @@
 #ifndef LW_CLIENT_VIEW_PATH_RENDERER_H
 #define LW_CLIENT_VIEW_PATH_RENDERER_H
 
+#include "client/view/instant_radiosity.h"
 #include "client/view/path_trace.h"
 
 /* tag, short name, what it does. From LIGHTS on, each traces a shadow ray to each light or group of lights at
@@ -19,7 +21,8 @@
     X(LIGHTS, "lights", "all lights at first hits, a clamp")                                                 \
     X(REPROJECTED, "reprojected", "lights, and histories of up to 32 frames, longer where nothing moves")    \
     X(SVGF, "svgf", "lights, and SVGF over time and picture")                                                \
-    X(SVGF_QUARTER, "svgf-quarter", "svgf, bounces for a quarter of the pixels with guided upsampling")
+    X(SVGF_QUARTER, "svgf-quarter", "svgf, bounces for a quarter of the pixels with guided upsampling")      \
+    X(VPL, "vpl", "svgf for light of lamps; bounces by the user's own virtual point lights")
 
 enum lw_path_renderer_kind {
 #define X(tag, name, about) LW_PATH_RENDERER_##tag,
@@ -38,14 +41,16 @@ struct lw_path_renderer_desc {
     const struct lw_scene *scene;
     const struct lw_trace *trace;       /* of the same scene, at the pose of each frame */
     const struct lw_path_trace *tracer; /* likewise */
+    const struct lw_lights *lights;     /* likewise; of VPL */
     uint32_t width, height;             /* pixels */
     uint32_t bounces;                   /* of indirect light */
     unsigned threads;                   /* 0: all; of filters. Those of paths are the tracer's */
+    struct lw_instant_radiosity_terms vpl;
 };
 
 struct lw_path_renderer;
 
-/** What desc points to must outlive it. Errors: LW_NO_MEMORY. */
+/** What desc points to must outlive it. Errors: LW_NO_MEMORY; LW_USAGE: desc->vpl (instant_radiosity.h). */
 LW_MUST_CHECK enum lw_status lw_path_renderer_create(const struct lw_path_renderer_desc *desc,
                                                      struct lw_path_renderer **out_renderer,
                                                      struct lw_error *err);
@@ -54,7 +59,8 @@ void lw_path_renderer_destroy(struct lw_path_renderer *renderer);
 struct lw_path_frame {
     const struct lw_pose *pose;
     struct lw_camera_view camera;
-    uint32_t samples; /* paths per pixel that this frame adds; SVGF_QUARTER: for a quarter of the pixels */
+    uint32_t samples; /* paths per pixel that this frame adds; SVGF_QUARTER: for a quarter of the pixels; VPL:
+                         * of light of lamps */
     uint32_t seed;    /* for renderers with a history: the same in all frames */
     uint32_t number;  /* of the frame, from 0 */
     bool still;       /* nothing has moved since the last frame: renderers without a history add up samples */
@@ -71,6 +77,9 @@ struct lw_path_frame_cost {
  * Returns   width * height * 3 floats, W/(m^2 sr), until the next call */
 const float *lw_path_renderer_frame(struct lw_path_renderer *renderer, const struct lw_path_frame *frame,
                                     struct lw_path_frame_cost *out_cost);
+
+/** VPL: nearer than this a virtual light is not brighter, m; known from the first frame on. Else 0. */
+float lw_path_renderer_near_m(const struct lw_path_renderer *renderer);
 
 /** Samples per pixel in the last picture, where nothing moves and the renderer has no history. */
 uint32_t lw_path_renderer_samples(const struct lw_path_renderer *renderer);

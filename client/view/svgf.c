@@ -1,5 +1,6 @@
 #include "client/view/svgf.h"
 
+#include "client/view/reprojection.h"
 #include "common/colour.h"
 #include "common/wide.h"
 
@@ -33,11 +34,6 @@
 #define SPREAD_RADIUS 4 /* pixels */
 #define SPREAD_STEP   2
 
-/* A history serves where it is so near to where its point was: pixels' breadth off the tangent plane; cosine
- * of normals. */
-#define PAST_APART_MAX  2.0f
-#define PAST_COSINE_MIN 0.5f /* 0.9 forgot what small things looked like: 16 % more error in the atrium */
-
 /* Differences of luminance that count as none, absolute and relative; weights below the smallest are none. */
 #define ROUNDING_MIN   1e-6f
 #define ROUNDING_SHARE 1e-4f
@@ -52,9 +48,7 @@ struct past {
     _Alignas(64) float light[3];
     float moment[2]; /* means of luminance and of its square */
     float count;     /* frames behind those means; 0: none */
-    uint32_t object;
-    float depth, slope[2], apart;
-    float normal[3];
+    struct lw_reprojection_surface at;
     float quick; /* mean of luminance over the last few frames */
     float unused;
 };
@@ -71,8 +65,7 @@ struct lw_svgf {
     unsigned levels; /* passes over the picture */
     float emission;  /* whether it counts: 1 or 0 */
     bool started;
-    struct lw_camera_view camera; /* of the frame before */
-    struct lw_camera_plane aim;   /* likewise */
+    struct lw_reprojection before; /* the frame before */
     struct past *past, *next;
     struct light light[2];
     float *count;
@@ -122,8 +115,7 @@ struct job {
     struct lw_svgf *svgf;
     const struct lw_gbuffer *gbuffer;
     const float *radiance;
-    struct lw_camera_view before; /* the camera of the frame before */
-    struct lw_camera_plane aim;   /* likewise */
+    struct lw_reprojection before; /* the frame before */
 };
 
 static float luminance_of(const float rgb[3]) { return lw_colour_luminance(lw_vec3(rgb[0], rgb[1], rgb[2])); }
@@ -148,27 +140,9 @@ static bool divide(const struct job *job, size_t at, float out[3]) {
     return true;
 }
 
-/* Where a point was in the picture before: pixels, and its inverse depth. */
-static bool find_before(const struct job *job, struct lw_vec3 point, float *out_x, float *out_y,
-                        float *out_depth) {
-    const struct lw_camera_view *c = &job->before;
-    struct lw_vec3 away = lw_vec3_sub(point, c->position);
-    const float z = lw_vec3_dot(away, c->forward);
-    if (!(z > 0)) return false;
-    const float scale = 1 / lw_camera_pixel_at(&job->aim, z);
-    *out_x = job->aim.half_width + lw_vec3_dot(away, c->right) * scale - 0.5f;
-    *out_y = job->aim.half_height - lw_vec3_dot(away, c->up) * scale - 0.5f;
-    *out_depth = 1 / z;
-    return *out_x > -1 && *out_y > -1 && *out_x < (float)job->svgf->width &&
-           *out_y < (float)job->svgf->height;
-}
-
 static bool serves(const struct past *past, float dx, float dy, float depth, uint32_t object,
                    struct lw_vec3 normal) {
-    if (past->object != object || !(past->count > 0)) return false;
-    const float off = depth - past->depth - past->slope[0] * dx - past->slope[1] * dy;
-    const float cosine = past->normal[0] * normal.x + past->normal[1] * normal.y + past->normal[2] * normal.z;
-    return fabsf(off) * past->apart <= PAST_APART_MAX && cosine >= PAST_COSINE_MIN;
+    return past->count > 0 && lw_reprojection_serves(&past->at, dx, dy, depth, object, normal);
 }
 
 static void add_past(struct past *sum, const struct past *past, float weight) {
@@ -184,7 +158,9 @@ static void read_past(const struct job *job, size_t at, struct past *out) {
     const struct lw_gbuffer_planes *g = &job->gbuffer->plane;
     float x, y, depth, weights = 0;
     *out = (struct past){0};
-    if (!svgf->started || !find_before(job, lw_gbuffer_load3(g->before, at), &x, &y, &depth)) return;
+    if (!svgf->started ||
+        !lw_reprojection_find(&job->before, lw_gbuffer_load3(g->before, at), &x, &y, &depth))
+        return;
     const struct lw_vec3 normal = lw_gbuffer_load3(g->normal, at);
     const int left = (int)floorf(x), top = (int)floorf(y);
     const float fx = x - (float)left, fy = y - (float)top;
@@ -209,14 +185,6 @@ static void read_past(const struct job *job, size_t at, struct past *out) {
     }
 }
 
-static void remember_surface(const struct lw_gbuffer_planes *g, size_t at, struct past *out) {
-    out->object = g->object[at];
-    out->depth = g->depth[at];
-    out->slope[0] = g->slope[0][at], out->slope[1] = g->slope[1][at];
-    out->apart = g->apart[at];
-    for (int c = 0; c < 3; c++) out->normal[c] = g->normal[c][at];
-}
-
 static void accumulate_row(const struct job *job, uint32_t y) {
     struct lw_svgf *svgf = job->svgf;
     const struct lw_gbuffer_planes *g = &job->gbuffer->plane;
@@ -227,7 +195,7 @@ static void accumulate_row(const struct job *job, uint32_t y) {
         struct past *next = &svgf->next[at];
         float now[3];
         if (g->object[at] == LW_TRACE_MISS || !divide(job, at, now)) {
-            *next = (struct past){.object = LW_TRACE_MISS};
+            *next = (struct past){.at.object = LW_TRACE_MISS};
             for (int c = 0; c < 3; c++) light->rgb[c][at] = 0;
             light->variance[at] = 0;
             svgf->count[at] = 0;
@@ -241,7 +209,7 @@ static void accumulate_row(const struct job *job, uint32_t y) {
         next->moment[0] += share * (luminance - next->moment[0]);
         next->moment[1] += share * (luminance * luminance - next->moment[1]);
         next->quick += (share > 1 / QUICK_MAX ? share : 1 / QUICK_MAX) * (luminance - next->quick);
-        remember_surface(g, at, next);
+        next->at = lw_reprojection_surface_of(g, at);
         for (int c = 0; c < 3; c++) light->rgb[c][at] = next->light[c];
         const float spread = next->moment[1] - next->moment[0] * next->moment[0];
         light->variance[at] = spread > 0 ? spread * share : 0;
@@ -324,13 +292,14 @@ static void estimate_variance(const struct job *job, uint32_t x, uint32_t y) {
             const int px = (int)x + dx, py = (int)y + dy;
             if (px < 0 || py < 0 || px >= (int)svgf->width || py >= (int)svgf->height) continue;
             const struct past *past = &svgf->next[(size_t)py * svgf->width + (size_t)px];
-            if (past->object != centre->object) continue;
-            const float off =
-                past->depth - centre->depth - centre->slope[0] * (float)dx - centre->slope[1] * (float)dy;
-            const float cosine = past->normal[0] * centre->normal[0] + past->normal[1] * centre->normal[1] +
-                                 past->normal[2] * centre->normal[2];
+            if (past->at.object != centre->at.object) continue;
+            const float off = past->at.depth - centre->at.depth - centre->at.slope[0] * (float)dx -
+                              centre->at.slope[1] * (float)dy;
+            const float cosine = past->at.normal[0] * centre->at.normal[0] +
+                                 past->at.normal[1] * centre->at.normal[1] +
+                                 past->at.normal[2] * centre->at.normal[2];
             const float weight =
-                falloff(fabsf(off) * centre->apart / SIGMA_PLANE + NORMAL_POWER * (1 - cosine));
+                falloff(fabsf(off) * centre->at.apart / SIGMA_PLANE + NORMAL_POWER * (1 - cosine));
             weights += weight;
             for (int m = 0; m < 2; m++) moment[m] += weight * past->moment[m];
         }
@@ -500,12 +469,9 @@ static void deliver_row(const struct job *job, uint32_t y, float *out_rgb) {
 
 static void accumulate_and_filter(struct lw_svgf *svgf, const struct lw_gbuffer *gbuffer,
                                   const float *radiance, float *out_rgb) {
-    const struct lw_camera_plane aim = lw_gbuffer_aim(gbuffer);
-    const struct job job = {.svgf = svgf,
-                            .gbuffer = gbuffer,
-                            .radiance = radiance,
-                            .before = svgf->started ? svgf->camera : gbuffer->camera,
-                            .aim = svgf->started ? svgf->aim : aim};
+    const struct lw_reprojection now = lw_reprojection_of(gbuffer);
+    const struct job job = {
+        .svgf = svgf, .gbuffer = gbuffer, .radiance = radiance, .before = svgf->started ? svgf->before : now};
 #pragma omp parallel num_threads(svgf->threads)
     {
 #pragma omp for schedule(dynamic, 8)
@@ -530,8 +496,7 @@ static void accumulate_and_filter(struct lw_svgf *svgf, const struct lw_gbuffer 
     struct past *past = svgf->past;
     svgf->past = svgf->next;
     svgf->next = past;
-    svgf->camera = gbuffer->camera;
-    svgf->aim = aim;
+    svgf->before = now;
     svgf->started = true;
 }
 

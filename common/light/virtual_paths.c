@@ -1,6 +1,14 @@
 #include "common/light/virtual_paths.h"
 
+#include "common/vec.h"
+
+#include <math.h>
 #include <stdlib.h>
+
+/* Of the radius of a disc as large as the share of all surfaces that the first light of a path stands for:
+ * between what has the least error in Cornell's box, a half, and in Sponza, a seventh
+ * (docs/results/solvers.md). */
+#define NEAR_SHARE 0.35f
 
 enum lw_status lw_virtual_paths_init(struct lw_virtual_paths *paths, uint32_t lights, uint32_t bounces,
                                      uint32_t sets) {
@@ -15,6 +23,10 @@ enum lw_status lw_virtual_paths_init(struct lw_virtual_paths *paths, uint32_t li
 void lw_virtual_paths_finish(struct lw_virtual_paths *paths) {
     free(paths->state);
     *paths = (struct lw_virtual_paths){0};
+}
+
+float lw_virtual_paths_near_m(const struct lw_virtual_paths *paths, double area_m2) {
+    return NEAR_SHARE * (float)sqrt(area_m2 / ((double)LW_PI * paths->paths));
 }
 
 void lw_virtual_paths_lose(struct lw_virtual_paths *paths, uint32_t path, uint32_t bounce) {

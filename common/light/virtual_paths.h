@@ -57,6 +57,9 @@ static inline bool lw_virtual_paths_is_lit(const struct lw_virtual_paths *paths,
     return paths->state[light] == LW_VIRTUAL_LIGHT_LIT;
 }
 
+/** d0 by itself, m: nearer than that a light is not brighter. area_m2: of all surfaces. */
+float lw_virtual_paths_near_m(const struct lw_virtual_paths *paths, double area_m2);
+
 /** Loses a light and all that descend from it. */
 void lw_virtual_paths_lose(struct lw_virtual_paths *paths, uint32_t path, uint32_t bounce);
 

@@ -77,18 +77,13 @@ static enum lw_status place(struct lw_patch_solver *p, struct lw_error *err) {
     return LW_OK;
 }
 
-/* Of the radius of a disc as large as the share of all surfaces that the first light of a path stands for:
- * between what has the least error in Cornell's box, a half, and in Sponza, a seventh
- * (docs/results/solvers.md). */
-#define NEAR_SHARE 0.35f
-
 static float near_by_area(const struct vpl_solver *s) {
     const struct lw_patches *patches = &s->patch.patches;
     double area = 0;
     for (uint32_t p = 0; p < patches->packet_count; p++)
         for (int i = 0; i < LW_TRACE_WIDTH && patches->packet[p].active >> i & 1; i++)
             area += (double)patches->area_m2[patches->packet[p].texel[i]];
-    return NEAR_SHARE * (float)sqrt(area / ((double)LW_PI * s->lights.paths.paths));
+    return lw_virtual_paths_near_m(&s->lights.paths, area);
 }
 
 static float largest_m(const struct lw_patch_solver *p) {

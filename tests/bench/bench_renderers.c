@@ -30,8 +30,12 @@
 struct settings {
     struct lw_scene_open open;
     int64_t bounces, reference, frames, width, height, spp_min, spp_max;
+    int64_t vpl_lights;
+    const char *vpl_sets; /* apart by commas */
+    double vpl_near_m;
     double move_m, turn_deg, step_s, start_s;
-    int motion; /* enum lw_scene_motion */
+    int motion;            /* enum lw_scene_motion */
+    const char *renderers; /* names, apart by commas; NULL: all */
     const char *folder;
 };
 
@@ -147,21 +151,24 @@ static enum lw_status write_picture(const struct scene *s, const char *name, con
 }
 
 static enum lw_status measure(struct scene *s, const char *name, enum lw_path_renderer_kind kind,
-                              uint32_t spp, struct lw_error *err) {
+                              uint32_t spp, uint32_t sets, struct lw_error *err) {
     const struct settings *o = s->settings;
     struct lw_path_renderer *renderer;
     struct lw_path_frame_cost cost = {0};
     const float *rgb = NULL;
-    enum lw_status status =
-        lw_path_renderer_create(&(struct lw_path_renderer_desc){.kind = kind,
-                                                                .scene = s->scene,
-                                                                .trace = s->trace,
-                                                                .tracer = s->tracer,
-                                                                .width = (uint32_t)o->width,
-                                                                .height = (uint32_t)o->height,
-                                                                .bounces = (uint32_t)o->bounces,
-                                                                .threads = (unsigned)o->open.threads},
-                                &renderer, err);
+    enum lw_status status = lw_path_renderer_create(
+        &(struct lw_path_renderer_desc){
+            .kind = kind,
+            .scene = s->scene,
+            .trace = s->trace,
+            .tracer = s->tracer,
+            .lights = &s->lights,
+            .vpl = {.lights = (uint32_t)o->vpl_lights, .sets = sets, .near_m = (float)o->vpl_near_m},
+            .width = (uint32_t)o->width,
+            .height = (uint32_t)o->height,
+            .bounces = (uint32_t)o->bounces,
+            .threads = (unsigned)o->open.threads},
+        &renderer, err);
     if (status != LW_OK) return status;
     for (int64_t f = 0; status == LW_OK && f < o->frames; f++) {
         status = go_to(s, f, err);
@@ -172,13 +179,55 @@ static enum lw_status measure(struct scene *s, const char *name, enum lw_path_re
     }
     if (status == LW_OK) {
         const double n = (double)o->frames, total_s = (cost.trace_s + cost.filter_s) / n;
-        printf("| %s | %u | %.4g | %.3f | %.3f | %.3f | %.3f | %.3f |\n", lw_path_renderer_name(kind), spp,
-               error_of(s, rgb), cost.trace_s / n, cost.filter_s / n, total_s, 1e-6 * (double)cost.rays / n,
+        printf("| %s", lw_path_renderer_name(kind));
+        if (sets) printf(", %u set%s", sets, sets == 1 ? "" : "s");
+        printf(" | %u | %.4g | %.3f | %.3f | %.3f | %.3f | %.3f |\n", spp, error_of(s, rgb), cost.trace_s / n,
+               cost.filter_s / n, total_s, 1e-6 * (double)cost.rays / n,
                (double)cost.rays / (total_s * n) / s->bare_rate);
+        if (kind == LW_PATH_RENDERER_VPL)
+            fprintf(stderr, "vpl: nearer than %.3g m a light is not brighter\n",
+                    (double)lw_path_renderer_near_m(renderer));
         fflush(stdout);
         status = write_picture(s, name, lw_path_renderer_name(kind), spp, rgb, err);
     }
     lw_path_renderer_destroy(renderer);
+    return status;
+}
+
+/* Whether a renderer is to be measured. */
+static bool is_asked_for(const struct settings *settings, enum lw_path_renderer_kind kind) {
+    const char *name = lw_path_renderer_name(kind);
+    for (const char *at = settings->renderers; at;) {
+        const size_t length = strcspn(at, ",");
+        if (length == strlen(name) && strncmp(at, name, length) == 0) return true;
+        at = at[length] ? at + length + 1 : NULL;
+    }
+    return !settings->renderers;
+}
+
+/* Each number of sets that is asked for. */
+static enum lw_status measure_vpl(struct scene *s, const char *name, uint32_t spp, struct lw_error *err) {
+    enum lw_status status = LW_OK;
+    for (const char *at = s->settings->vpl_sets; status == LW_OK && at;) {
+        char *end;
+        const unsigned long sets = strtoul(at, &end, 10);
+        if (end == at || (*end && *end != ',') || sets < 1 || sets > LW_INSTANT_RADIOSITY_SETS_MAX)
+            return lw_status_fail(err, LW_USAGE, "--vpl-sets: \"%s\" is no list of numbers up to %u",
+                                  s->settings->vpl_sets, LW_INSTANT_RADIOSITY_SETS_MAX);
+        status = measure(s, name, LW_PATH_RENDERER_VPL, spp, (uint32_t)sets, err);
+        at = *end ? end + 1 : NULL;
+    }
+    return status;
+}
+
+static enum lw_status measure_all(struct scene *s, const char *name, uint32_t spp, struct lw_error *err) {
+    enum lw_status status = LW_OK;
+    for (int k = 0; status == LW_OK && k < LW_PATH_RENDERER_COUNT; k++) {
+        const enum lw_path_renderer_kind kind = (enum lw_path_renderer_kind)k;
+        if (!is_asked_for(s->settings, kind)) continue;
+        status = kind == LW_PATH_RENDERER_VPL ? measure_vpl(s, name, spp, err)
+                                              : measure(s, name, kind, spp, 0, err);
+    }
     return status;
 }
 
@@ -230,8 +279,7 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
         status = write_picture(&s, name, "reference", settings->reference, s.reference, err);
     }
     for (int64_t spp = settings->spp_min; status == LW_OK && spp <= settings->spp_max; spp *= 2)
-        for (int kind = 0; status == LW_OK && kind < LW_PATH_RENDERER_COUNT; kind++)
-            status = measure(&s, name, (enum lw_path_renderer_kind)kind, (uint32_t)spp, err);
+        status = measure_all(&s, name, (uint32_t)spp, err);
     tear_down(&s);
     return status;
 }
@@ -247,7 +295,8 @@ int main(int argc, char **argv) {
                          .move_m = 0.02,
                          .turn_deg = 0.5,
                          .step_s = 1 / 30.0,
-                         .motion = LW_SCENE_MOTION_ALL};
+                         .motion = LW_SCENE_MOTION_ALL,
+                         .vpl_sets = "8"};
     const struct lw_option table[] = {
         {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s.bounces, 0,
          LW_PATH_TRACE_BOUNCES_MAX, NULL},
@@ -262,11 +311,20 @@ int main(int argc, char **argv) {
          &s.move_m, -1e6, 1e6, NULL},
         {"turn", "DEG", "its turn per picture, to its left (default 0.5)", LW_OPTION_REAL, &s.turn_deg, -180,
          180, NULL},
+        {"renderers", "LIST", "those to measure, apart by commas (default: all)", LW_OPTION_STRING,
+         &s.renderers, 0, 0, NULL},
+        {"vpl-lights", "N", "virtual point lights of vpl (default 512)", LW_OPTION_INT, &s.vpl_lights, 0,
+         LW_INSTANT_RADIOSITY_LIGHTS_MAX, NULL},
+        {"vpl-sets", "LIST", "sets that they come in, apart by commas (default 8)", LW_OPTION_STRING,
+         &s.vpl_sets, 0, 0, NULL},
+        {"vpl-near", "METRES",
+         "nearer than this they are not brighter (default: by the area of all surfaces)", LW_OPTION_REAL,
+         &s.vpl_near_m, 0, 1e6, NULL},
         {"time", "SECONDS", "of the animation at the first picture (default 0)", LW_OPTION_REAL, &s.start_s,
          0, 1e9, NULL},
         {"step", "SECONDS", "of the animation from picture to picture (default 1/30)", LW_OPTION_REAL,
          &s.step_s, 0, 1e9, NULL},
-        {"motion", "static|light|object|all", "what moves but the camera (default all)", LW_OPTION_CHOICE,
+        {"motion", LW_SCENE_MOTION_CHOICES, "what moves but the camera (default all)", LW_OPTION_CHOICE,
          &s.motion, 0, 0, NULL},
         {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL}};
     return bench_main(

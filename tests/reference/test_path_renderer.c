@@ -52,6 +52,7 @@ static float *render(struct set *set, enum lw_path_renderer_kind kind, unsigned 
                                                                           .scene = set->scene,
                                                                           .trace = set->world.trace,
                                                                           .tracer = set->world.tracer,
+                                                                          .lights = &set->world.lights,
                                                                           .width = WIDTH,
                                                                           .height = HEIGHT,
                                                                           .bounces = BOUNCES,

@@ -33,6 +33,8 @@ static void values(void **state) {
     (void)state;
     struct lw_crossover_options o;
     struct lw_error err = {0};
+    lw_support_ok(parse("--opponents", "svgf,vpl", &o, &err), &err);
+    assert_true(o.opponent_count == 2 && o.opponent[1] == LW_PATH_RENDERER_VPL);
     lw_support_ok(parse("--opponents", "raw,svgf", &o, &err), &err);
     assert_true(o.opponent_count == 2 && o.opponent[0] == LW_PATH_RENDERER_RAW);
     lw_support_ok(parse("--paths", "1,2,8", &o, &err), &err);
