@@ -5,9 +5,9 @@
  *
  *   E = sum over lights j of flux_j V_j cos cos_j / (pi max(r^2, d0^2))
  *
- *   shade     a frame takes one of T sets of lights; each pixel of 4 x 4 a sixteenth of the set. Sixteen
+ *   shade     a frame takes one of T sets of lights; each pixel of 4 x 4 a sixteenth of it. Sixteen
  *             pixels of one kind, every 4th both ways, meet a light in one packet of rays
- *   filter    each pixel has the mean of those of 4 x 4 around it that lie on its surface, by depth and normal
+ *   filter    each pixel has the mean of those of 4 x 4 around it on its surface, by depth and normal
  *   sets      each set's light is brought along from picture to picture; a pixel has the sum of all sets
  *   albedo    last
  *

@@ -1,7 +1,7 @@
 /* path_renderer.h: moving pictures by paths from the eye, as other renderers make them: raw, accumulated over
  * time, filtered.
- * Flow:    scene, pose, camera -> [path_renderer: path_trace, gbuffer, svgf, instant_radiosity] -> radiance of a
- *          frame
+ * Flow:    scene, pose, camera -> [path_renderer: path_trace, gbuffer, svgf, instant_radiosity] -> radiance
+ *          of a frame
  * Threads: one thread at a time per renderer; works on several inside. Same inputs, same bytes, at any
  * number.
  *

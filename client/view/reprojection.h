@@ -7,7 +7,8 @@
 
 #include "client/view/gbuffer.h"
 
-/* What a pixel kept serves a point so near to it: pixels' breadth off the tangent plane; cosine of normals. */
+/* What a pixel kept serves a point so near to it: pixels' breadth off the tangent plane; cosine of
+ * normals. */
 #define LW_REPROJECTION_APART_MAX 2.0f
 #define LW_REPROJECTION_COSINE_MIN                                                                           \
     0.5f /* 0.9 forgot what small things looked like: 16 % more error in the atrium */

@@ -50,8 +50,8 @@ LW_MUST_CHECK enum lw_status lw_shot_lights_init(struct lw_shot_lights *lights,
 /** A zeroed one is fine. */
 void lw_shot_lights_finish(struct lw_shot_lights *lights);
 
-/** Goes on to a pose: the first time all lights are shot; later, where something has changed, they are checked
- * and shot again. Returns rays. */
+/** Goes on to a pose: the first time all lights are shot; later, where something has changed, they are
+ * checked and shot again. Returns rays. */
 uint64_t lw_shot_lights_step(struct lw_shot_lights *lights, const struct lw_pose *pose, uint32_t seed);
 
 /** The area of all surfaces, m^2. */

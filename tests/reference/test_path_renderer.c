@@ -182,8 +182,8 @@ static void test_mean_of_virtual_lights(void **state) {
 }
 
 /* With nothing moving, the sum of eight sets is what all lights give at once. What differs is the pixel of
- * 4 x 4 that a light is shaded at: shadows of single lights lie a pixel elsewhere. A set more or less would be
- * an eighth of the light by bounces, a fifth of all here. */
+ * 4 x 4 that a light is shaded at: shadows of single lights lie a pixel elsewhere. A set more or less would
+ * be an eighth of the light by bounces, a fifth of all here. */
 static void test_sets_add_up(void **state) {
     (void)state;
     struct set set;

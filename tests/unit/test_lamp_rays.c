@@ -1,5 +1,5 @@
-/* Rays from lamps: what they bring to a small disc is its E by the closed form, lamp by lamp; and what a point
- * gets from the place where a ray began follows the same law. */
+/* Rays from lamps: what they bring to a small disc is its E by the closed form, lamp by lamp; and what a
+ * point gets from the place where a ray began follows the same law. */
 #include "common/light/direction.h"
 #include "common/light/lamp_rays.h"
 #include "common/random.h"
