@@ -270,9 +270,11 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     if (status == LW_OK) status = trace_reference(&s, err);
     if (status == LW_OK) {
         s.bare_rate = bare_rate(&s);
-        printf("\n%s, %dx%d, %d frames; relMSE of the reference %.2g; %.3g M bare rays a CPU second\n\n",
-               name, (int)settings->width, (int)settings->height, (int)settings->frames, s.reference_error,
-               1e-6 * s.bare_rate);
+        printf(
+            "\n%s, %dx%d, %d frames; relMSE of the reference %.2g; %.3g M bare rays a CPU second; pictures "
+            "at exposure %.3f\n\n",
+            name, (int)settings->width, (int)settings->height, (int)settings->frames, s.reference_error,
+            1e-6 * s.bare_rate, (double)lw_tonemap_auto_stops(s.reference, value_count(&s) / 3));
         printf(
             "| renderer | spp | relMSE | paths, CPU s | filter, CPU s | frame, CPU s | Mrays | over_raw |\n");
         printf("|---|---|---|---|---|---|---|---|\n");

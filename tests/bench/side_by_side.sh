@@ -1,0 +1,60 @@
+#!/bin/bash
+# side_by_side.sh FOLDER SCENE[@CAMERA][+WxH+X+Y...]...: what somebody sees at his default settings, beside what he would see
+# without a server: parts of a picture of 960 x 540 (W x H pixels at X, Y), a row each, of tiles with all light; tiles under
+# direct light drawn at pixels; one path a pixel and SVGF (bench_renderers), eight frames of it; and 256 paths a pixel. All of
+# a scene at one exposure, held still; both pictures of the server's a minute after the client has joined. Leaves them in
+# FOLDER, and all rows in FOLDER/side_by_side.png. Wants ImageMagick.
+set -euo pipefail
+[ $# -ge 2 ] || { sed -n '2,6s/^# //p' "$0"; exit 64; }
+bin=${LW_BIN:-$(cd "$(dirname "$0")/../.." && pwd)/build/release/bin}
+folder=$(realpath -m "$1")
+shift
+mkdir -p "$folder"
+width=960 height=540
+daemon=
+trap '[ -z "$daemon" ] || kill "$daemon" 2>/dev/null || true' EXIT
+
+# run LOG COMMAND...: quiet, unless it fails
+run() {
+    local log=$1
+    shift
+    "$@" >"$log" 2>&1 || { cat "$log" >&2; exit 1; }
+}
+# look WHAT: a picture of a client that has just joined
+look() {
+    run "$folder/log" "$bin/lightwell-view" --headless "127.0.0.1:$(cat "$folder/port")" --direct "$1" --wait seconds:60 \
+        --timeout 600 ${camera:+--camera-name "$camera"} --size "${width}x$height" --samples-per-pixel 8 \
+        --exposure "$stops" --out "$folder/$name-$1.png"
+}
+
+rows=()
+for argument in "$@"; do
+    IFS=+ read -r -a part <<<"$argument"
+    scene=${part[0]%@*} camera=
+    [ "$scene" = "${part[0]}" ] || camera=${part[0]#*@}
+    name=$(basename "$scene")
+    run "$folder/$name.md" "$bin/bench_renderers" --width "$width" --height "$height" --reference 256 --frames 8 --spp-max 1 \
+        --motion static --move 0 --turn 0 -o "$folder" "${part[0]}"
+    stops=$(sed -n 's/.*pictures at exposure //p' "$folder/$name.md")
+    rm -f "$folder/port"
+    "$bin/lightwelld" "$scene" --freeze 0 --listen 127.0.0.1:0 --http none --control-socket none --port-file "$folder/port" \
+        >/dev/null 2>"$folder/served" &
+    daemon=$!
+    for _ in $(seq 3000); do
+        [ ! -e "$folder/port" ] || break
+        kill -0 "$daemon" 2>/dev/null || { cat "$folder/served" >&2; exit 1; }
+        sleep 0.1
+    done
+    look tiles
+    look auto
+    kill "$daemon" && { wait "$daemon" || true; }
+    daemon=
+    for ((p = 1; p < ${#part[@]}; p += 3)); do
+        row=$folder/$name-row$p.png
+        convert "$folder/$name-tiles.png" "$folder/$name-auto.png" "$folder/$name-svgf-1.png" "$folder/$name-reference-256.png" \
+            -crop "${part[p]}+${part[p + 1]}+${part[p + 2]}" +repage -filter point -resize 300x +append "$row"
+        rows+=("$row")
+    done
+done
+convert "${rows[@]}" -append "$folder/side_by_side.png"
+echo "$folder/side_by_side.png"
