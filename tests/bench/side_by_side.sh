@@ -1,6 +1,6 @@
 #!/bin/bash
 # side_by_side.sh FOLDER SCENE[@CAMERA][+WxH+X+Y...]...: what somebody sees at his default settings, beside what he would see
-# without a server: parts of a picture of 960 x 540 (W x H pixels at X, Y), a row each, of tiles with all light; tiles under
+# without a server: parts of a picture of 640 x 360 (W x H pixels at X, Y), a row each, of tiles with all light; tiles under
 # direct light drawn at pixels; one path a pixel and SVGF (bench_renderers), eight frames of it; and 256 paths a pixel. All of
 # a scene at one exposure, held still; both pictures of the server's a minute after the client has joined. Leaves them in
 # FOLDER, and all rows in FOLDER/side_by_side.png. Wants ImageMagick.
@@ -10,7 +10,7 @@ bin=${LW_BIN:-$(cd "$(dirname "$0")/../.." && pwd)/build/release/bin}
 folder=$(realpath -m "$1")
 shift
 mkdir -p "$folder"
-width=960 height=540
+width=640 height=360
 daemon=
 trap '[ -z "$daemon" ] || kill "$daemon" 2>/dev/null || true' EXIT
 
