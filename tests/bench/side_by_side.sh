@@ -34,7 +34,7 @@ for argument in "$@"; do
     [ "$scene" = "${part[0]}" ] || camera=${part[0]#*@}
     name=$(basename "$scene")
     run "$folder/$name.md" "$bin/bench_renderers" --width "$width" --height "$height" --reference 256 --frames 8 --spp-max 1 \
-        --motion static --move 0 --turn 0 -o "$folder" "${part[0]}"
+        --motion all --step 0 --move 0 --turn 0 -o "$folder" "${part[0]}"
     stops=$(sed -n 's/.*pictures at exposure //p' "$folder/$name.md")
     rm -f "$folder/port"
     "$bin/lightwelld" "$scene" --freeze 0 --listen 127.0.0.1:0 --http none --control-socket none --port-file "$folder/port" \

@@ -454,7 +454,8 @@ static void each_allocation_of_a_connection_may_fail(struct way *way, long step)
     for (unsigned spared = 0; spared<8; spared += number> allocations) {
         way->visit(way);
         if (!lw_process_runs(&daemon))
-            fail_msg("%s: the server ends after connection %ld", way->name, number + 1);
+            fail_msg("%s: the server ends with %d after connection %ld", way->name,
+                     lw_process_stop(&daemon, 0, 1), number + 1);
         last_connection(&daemon, &number, &allocations);
         if (number > CONNECTIONS_MAX)
             fail_msg("%s: connection %ld has %ld allocations", way->name, number, allocations);

@@ -158,7 +158,7 @@ static void dim_lamp(struct lw_client *client) {
 /* Nothing is solved then, but for what has come: who joins sees it lit. */
 static void what_is_added_while_nobody_looks_is_lit_too(void **state) {
     (void)state;
-    serve(CORNELL " --json");
+    serve(CORNELL " --json --prepare 0");
     struct lw_client *controller = join(true);
     const double rays = lw_process_newest(&server, "rays_total");
     const uint32_t object = add(controller, 0.3f, 0.5f, 0.4f);
