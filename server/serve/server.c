@@ -18,19 +18,21 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/eventfd.h>
 #include <sys/random.h>
 #include <sys/resource.h>
 #include <unistd.h>
 #include <zstd.h>
 
-#define BACKLOG           1024
-#define TICK_MS           (1000u / LW_SERVER_LOOKS_HZ)
-#define LAG_MS            20u
-#define END_MS            5000u    /* for handles to close */
-#define TURN_NS           4000000u /* of sending, before the loop looks at what else has come */
-#define COMPRESSION_LEVEL 3
-#define ADDRESS_SIZE      300u
-#define DESCRIPTORS_MAX   65536u
+#define BACKLOG            1024
+#define TICK_MS            (1000u / LW_SERVER_LOOKS_HZ)
+#define LAG_MS             20u
+#define END_MS             5000u    /* for handles to close */
+#define TURN_NS            4000000u /* of sending, before the loop looks at what else has come */
+#define COMPRESSION_LEVEL  3
+#define ADDRESS_SIZE       300u
+#define DESCRIPTORS_SPARED 8u /* the highest, of which a server takes one */
+#define DESCRIPTORS_MAX    65536u
 
 #define DOORS 4
 
@@ -48,6 +50,8 @@ struct lw_server {
     uv_tcp_t listener, http_listener, metrics_listener;
     uv_pipe_t control_listener;
     uv_tcp_t spare; /* for a connection that nothing else could take */
+    uv_poll_t top;  /* of the highest descriptor (reserve_descriptors()) */
+    int top_fd;     /* 0: none */
     uv_async_t wake;
     uv_prepare_t prepare; /* before the loop waits */
     uv_check_t check;     /* after it has waited */
@@ -792,6 +796,28 @@ static enum lw_status start_metrics(struct lw_server *server, const struct lw_se
     return status == LW_OK ? lw_web_server_create(&web, &server->metrics_web, err) : status;
 }
 
+static void on_top(uv_poll_t *handle, int status, int events) { (void)handle, (void)status, (void)events; }
+
+/* Where libuv lacks memory for its table of descriptors, it aborts: that is made now, for as many as there may
+ * be. A reload has two servers in one process. */
+static void reserve_descriptors(struct lw_server *server) {
+    struct rlimit limit;
+    const int event = eventfd(0, EFD_CLOEXEC);
+    int top = -1;
+    if (event < 0) return;
+    if (getrlimit(RLIMIT_NOFILE, &limit) == 0 && limit.rlim_cur > DESCRIPTORS_SPARED)
+        top = fcntl(event, F_DUPFD_CLOEXEC, (int)(limit.rlim_cur - DESCRIPTORS_SPARED));
+    close(event);
+    if (top < 0) return;
+    if (uv_poll_init(&server->loop, &server->top, top) < 0) {
+        close(top);
+        return;
+    }
+    server->top_fd = top;
+    (void)uv_poll_start(&server->top, UV_READABLE, on_top);
+    (void)uv_poll_stop(&server->top);
+}
+
 static enum lw_status init_handles(struct lw_server *server, struct lw_error *err) {
     int result = uv_loop_init(&server->loop);
     if (result < 0) return lw_status_fail(err, LW_OS, "cannot start an event loop: %s", uv_strerror(result));
@@ -817,6 +843,7 @@ static enum lw_status init_handles(struct lw_server *server, struct lw_error *er
     server->wake.data = server->tick.data = server->lag.data = server->beat.data = server;
     server->prepare.data = server->check.data = server->busy.data = server;
     server->interrupt.data = server->terminate.data = server->hangup.data = server;
+    reserve_descriptors(server);
     return LW_OK;
 }
 
@@ -1058,6 +1085,7 @@ static void close_handles(struct lw_server *server) {
         (uv_handle_t *)&server->interrupt,     (uv_handle_t *)&server->terminate,
         (uv_handle_t *)&server->hangup};
     for (size_t i = 0; i < sizeof handles / sizeof *handles; i++) close_handle(handles[i]);
+    if (server->top_fd) close_handle((uv_handle_t *)&server->top);
 }
 
 /* Until all handles are closed. False: libwebsockets has lost one, as without memory it may. */
@@ -1089,6 +1117,7 @@ void lw_server_destroy(struct lw_server *server) {
         lw_web_server_destroy(server->web);
         lw_web_server_destroy(server->metrics_web);
         uv_loop_close(&server->loop);
+        if (server->top_fd) close(server->top_fd);
     }
     lw_snapshot_unref(server->latest);
     lw_snapshot_unref(shared->snapshot);
