@@ -798,8 +798,8 @@ static enum lw_status start_metrics(struct lw_server *server, const struct lw_se
 
 static void on_top(uv_poll_t *handle, int status, int events) { (void)handle, (void)status, (void)events; }
 
-/* Where libuv lacks memory for its table of descriptors, it aborts: that is made now, for as many as there may
- * be. A reload has two servers in one process. */
+/* Where libuv lacks memory for its table of descriptors, it aborts: that is made now, for as many as there
+ * may be. A reload has two servers in one process. */
 static void reserve_descriptors(struct lw_server *server) {
     struct rlimit limit;
     const int event = eventfd(0, EFD_CLOEXEC);
