@@ -192,13 +192,13 @@ static void light_gets_better_before_anybody_looks(void **state) {
     (void)state;
     struct lw_process daemon;
     lw_process_serve(&daemon, "builtin:cornell --texels-per-metre 8 --error 0.1 --json --prepare 1000");
-    wait_for(&daemon, "tiles_solved", 1, INFINITY);
+    wait_for(&daemon, "tiles_solved", 1, HUGE_VAL);
     const double tiles = lw_process_newest(&daemon, "tiles");
     wait_for(&daemon, "tiles_converged", tiles, tiles);
     wait_for(&daemon, "tiles_solved", 0, 0);
     assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
     lw_process_serve(&daemon, PREPARED "--error 1e-6 --prepare 0.5");
-    wait_for(&daemon, "tiles_solved", 1, INFINITY);
+    wait_for(&daemon, "tiles_solved", 1, HUGE_VAL);
     wait_for(&daemon, "tiles_solved", 0, 0);
     assert_true(lw_process_newest(&daemon, "tiles_converged") < lw_process_newest(&daemon, "tiles"));
     assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
@@ -209,7 +209,7 @@ static void preparing_makes_way(void **state) {
     (void)state;
     struct lw_process daemon;
     lw_process_serve(&daemon, PREPARED "--error 1e-6 --prepare 1000");
-    wait_for(&daemon, "tiles_solved", 1, INFINITY);
+    wait_for(&daemon, "tiles_solved", 1, HUGE_VAL);
     const double all = lw_process_newest(&daemon, "tiles_interest");
     join(&daemon, 0, true);
     uint32_t object[2];
@@ -220,7 +220,7 @@ static void preparing_makes_way(void **state) {
     lw_client_destroy(client[0]);
     client[0] = NULL;
     wait_for(&daemon, "tiles_interest", all, all);
-    wait_for(&daemon, "tiles_solved", 1, INFINITY);
+    wait_for(&daemon, "tiles_solved", 1, HUGE_VAL);
     assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
 }
 
