@@ -155,7 +155,7 @@ struct daemon {
     bool owes_snapshot;   /* there was no memory for one */
     bool owes_form;       /* nor for a form of light that somebody takes */
     bool is_looked_at;    /* by some client */
-    bool is_prepared;     /* all of the scene is solved, though nobody looks */
+    bool prepares;        /* all of the scene is solved, though nobody looks */
     uint64_t prepared_ns; /* wall time for which it was */
     uint32_t forms;       /* of light that are shown and published: bit per enum lw_light_form */
     uint32_t forms_kept;  /* forms of the saved light */
@@ -669,7 +669,7 @@ static enum lw_status follow_clients(struct daemon *d, struct lw_error *err) {
     struct lw_server_interest wanted;
     if (d->settings.light != LIGHT_SEEN || !lw_server_take_interest(d->server, &wanted)) return LW_OK;
     d->is_looked_at = wants_something(d, &wanted);
-    d->is_prepared = false;
+    d->prepares = false;
     enum lw_status status = d->solver->ops->set_interest(d->solver, wanted.levels, err);
     free(wanted.levels);
     return status;
@@ -680,8 +680,8 @@ static enum lw_status prepare(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     const bool wanted = s->light == LIGHT_SEEN && s->clock == CLOCK_REAL && d->lit && !d->is_looked_at &&
                         (double)d->prepared_ns < 1e9 * s->prepare_s;
-    if (wanted == d->is_prepared || d->is_looked_at) return LW_OK;
-    d->is_prepared = wanted;
+    if (wanted == d->prepares || d->is_looked_at) return LW_OK;
+    d->prepares = wanted;
     return wanted ? d->solver->ops->set_interest(d->solver, NULL, err) : solve_nothing(d, err);
 }
 
@@ -783,7 +783,7 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     }
     lw_snapshot_unref(snapshot);
     cost.wall_ns = lw_clock_ns() - began;
-    if (d->is_prepared) d->prepared_ns += cost.wall_ns;
+    if (d->prepares) d->prepared_ns += cost.wall_ns;
     if (!d->lit) {
         lw_log(LW_LOG_INFO, "first light after %.1f s: %u texels in %u tiles, %.1f M rays, frame %.0f ms",
                (double)(lw_clock_ns() - d->started_ns) * 1e-9, (unsigned)solve.texels_solved, solve.tiles,

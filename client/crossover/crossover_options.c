@@ -34,9 +34,7 @@ static enum lw_status parse_opponents(const char *text, struct lw_crossover_opti
         if (kind == LW_PATH_RENDERER_COUNT)
             return lw_status_fail(
                 err, LW_USAGE,
-                "--opponents: \"%s\" is none of raw, lights, reprojected, svgf, svgf-quarter, "
-                "vpl",
-                word);
+                "--opponents: \"%s\" is none of raw, lights, reprojected, svgf, svgf-quarter, vpl", word);
         for (uint32_t i = 0; i < o->opponent_count; i++)
             if ((int)o->opponent[i] == kind)
                 return lw_status_fail(err, LW_USAGE, "--opponents: %s is there twice", word);
@@ -95,8 +93,7 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
          NULL},
         {"opponents", "LIST",
          "what each user would run instead, apart by commas: raw, lights, reprojected, svgf, svgf-quarter, "
-         "vpl "
-         "(default svgf,svgf-quarter)",
+         "vpl (default svgf,svgf-quarter)",
          LW_OPTION_STRING, &opponents, 0, 0, NULL},
         {"paths", "LIST",
          "paths per pixel and frame of opponents that do not filter (default 1); those that do have one",
