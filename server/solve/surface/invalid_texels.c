@@ -84,17 +84,18 @@ static struct lw_vec3 face_of(const struct row *row, uint32_t lane) {
 /* Not the extent of its sample points: a texel that a chart only crosses may have one. */
 static float texel_size(const struct row *row) { return row->mesh->texel_m * row->frame.stretch; }
 
-static bool is_back(const struct search *s, const struct lw_hit16 *hits, uint32_t lane, float reach_m) {
+static bool is_back(const struct search *s, const struct lw_hit16 *hits, uint32_t lane) {
     const uint32_t object = hits->object[lane];
-    if (object == LW_TRACE_MISS || !hits->back[lane] || hits->t[lane] > reach_m) return false;
+    if (object == LW_TRACE_MISS || !hits->back[lane]) return false;
     const struct lw_scene *scene = s->texels->scene;
     const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
     return !lw_pose_object_moves(s->pose, scene, object) &&
            !scene->material[mesh->material[hits->triangle[lane]]].double_sided;
 }
 
-/* Shoots direction r of a cosine-weighted set from the loaded sample points, as far as there is anything. */
-static void look(const struct search *s, const struct row *row, uint16_t active, uint32_t r,
+/* Shoots direction r of a cosine-weighted set from the loaded sample points, near; those of `far` as far as
+ * there is anything. */
+static void look(const struct search *s, const struct row *row, uint16_t active, uint16_t far, uint32_t r,
                  struct lw_hit16 *out_hits) {
     struct lw_ray16 rays = {.salt = 0};
     float point[2];
@@ -103,7 +104,7 @@ static void look(const struct search *s, const struct row *row, uint16_t active,
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
         if (active >> lane & 1)
             lw_trace_set_ray(&rays, lane, origin_of(row, lane), lw_direction_about(face_of(row, lane), local),
-                             s->far_m);
+                             far >> lane & 1 ? s->far_m : s->near_m);
     lw_trace_closest16(s->trace, LW_TRACE_COHERENT, active, &rays, out_hits);
 }
 
@@ -129,11 +130,10 @@ static uint16_t find_suspects(const struct search *s, struct row *row, uint16_t 
         struct lw_hit16 hits;
         if (!loaded) continue;
         suspects |= find_covered(s, row, loaded);
-        look(s, row, loaded, r, &hits);
+        look(s, row, loaded, loaded, r, &hits);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
-            if (loaded >> lane & 1 &&
-                (is_back(s, &hits, lane, s->far_m) ||
-                 (hits.object[lane] != LW_TRACE_MISS && hits.t[lane] < CLEAR * texel_size(row))))
+            if (loaded >> lane & 1 && (is_back(s, &hits, lane) || (hits.object[lane] != LW_TRACE_MISS &&
+                                                                   hits.t[lane] < CLEAR * texel_size(row))))
                 suspects |= (uint16_t)(1u << lane);
     }
     return suspects;
@@ -157,7 +157,7 @@ static uint16_t find_rim(const struct search *s, struct row *row, uint16_t suspe
         }
         lw_trace_closest16(s->trace, 0, active, &rays, &hits);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
-            if (active >> lane & 1 && is_back(s, &hits, lane, s->far_m)) rim |= (uint16_t)(1u << lane);
+            if (active >> lane & 1 && is_back(s, &hits, lane)) rim |= (uint16_t)(1u << lane);
     }
     return rim;
 }
@@ -169,10 +169,9 @@ static uint16_t find_inside(const struct search *s, const struct row *row, uint1
     uint16_t inside = active;
     for (uint32_t r = 0; r < RAYS && inside; r++) {
         struct lw_hit16 hits;
-        look(s, row, inside, r, &hits);
+        look(s, row, inside, rim, r, &hits);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
-            if (inside >> lane & 1 && !is_back(s, &hits, lane, rim >> lane & 1 ? s->far_m : s->near_m) &&
-                ++free_rays[lane] > RAYS - INSIDE_RAYS)
+            if (inside >> lane & 1 && !is_back(s, &hits, lane) && ++free_rays[lane] > RAYS - INSIDE_RAYS)
                 inside &= (uint16_t) ~(1u << lane);
     }
     return inside;
@@ -207,7 +206,7 @@ static void count_exits(const struct search *s, const struct row *row, uint16_t 
 /* Places inside solids, by generalized winding numbers (Jacobson et al. 2013) of what is near: these bear
  * holes and solids that overlap, and tell a sample point under a sheet, from which the way down leads in,
  * or nowhere, from one in a box. So backs of double-sided surfaces bury, too. What lights the inside of
- * such a solid is nobody's to see. */
+ * such a solid is nobody's to see. Rays up come first: most leave by no face at all. */
 static uint16_t find_enclosed(const struct search *s, const struct row *row, uint16_t active) {
     const float reach_m = fminf(CLEAR * texel_size(row), s->near_m);
     int free_rays[LW_TRACE_WIDTH] = {0};
@@ -216,8 +215,8 @@ static uint16_t find_enclosed(const struct search *s, const struct row *row, uin
         struct lw_ray16 rays = {.salt = 0};
         int exits[LW_TRACE_WIDTH];
         float point[2];
-        lw_random_sobol2(r / 2, 0, point);
-        const struct lw_vec3 local = lw_vec3_scale(lw_direction_cosine(point), r % 2 ? -1 : 1);
+        lw_random_sobol2(r % RAYS, 0, point);
+        const struct lw_vec3 local = lw_vec3_scale(lw_direction_cosine(point), r < RAYS ? 1 : -1);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
             if (enclosed >> lane & 1)
                 lw_trace_set_ray(&rays, lane, origin_of(row, lane),
@@ -261,7 +260,7 @@ static uint16_t find_cut_off(const struct search *s, const struct row *row, uint
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
         if (active >> lane & 1 && hits.object[lane] != LW_TRACE_MISS &&
             hits.t[lane] > TOUCHING * row->lift[lane] &&
-            (hits.object[lane] != row->object || is_back(s, &hits, lane, s->near_m)))
+            (hits.object[lane] != row->object || is_back(s, &hits, lane)))
             cut_off |= (uint16_t)(1u << lane);
     return cut_off;
 }
