@@ -55,26 +55,24 @@ static void note_noise(float *noise, double off_square, double light, const stru
 static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *tile, uint32_t column,
                          uint32_t row) {
     struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
-    const uint32_t right = (column + 1) * LW_TILE_BLOCK, below = (row + 1) * LW_TILE_BLOCK;
     double variance = 0, luminance = 0, square[LW_TILES_PARTS] = {0};
     float drift[LW_TILES_PARTS][LW_CHANGE_REGIONS] = {{0}};
     uint32_t texels[LW_CHANGE_REGIONS] = {0};
     float *const *const sum[LW_TILES_PARTS] = {tiles->direct, tiles->indirect};
-    for (uint32_t y = row * LW_TILE_BLOCK; y < below && y < tile->height; y++)
-        for (uint32_t x = column * LW_TILE_BLOCK; x < right && x < tile->width; x++) {
-            const uint32_t texel = tile->first + y * tile->width + x;
-            if (!tiles->covered[texel]) continue;
-            note_estimate(tiles, texel, block->indirect.weight);
-            variance += (double)tiles->judged_spread[texel];
-            luminance += (double)tiles->mean[texel];
-            texels[lw_change_region(x, y)]++;
-            for (int part = 0; part < LW_TILES_PARTS; part++) {
-                const float off = lw_colour_luminance(
-                    lw_vec3_sub(estimate_at(tiles, part, texel), lw_texels_vector(sum[part], texel)));
-                square[part] += (double)off * (double)off;
-                drift[part][lw_change_region(x, y)] += off;
-            }
+    LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
+        const uint32_t texel = tile->first + y * tile->width + x;
+        if (!tiles->covered[texel]) continue;
+        note_estimate(tiles, texel, block->indirect.weight);
+        variance += (double)tiles->judged_spread[texel];
+        luminance += (double)tiles->mean[texel];
+        texels[lw_change_region(x, y)]++;
+        for (int part = 0; part < LW_TILES_PARTS; part++) {
+            const float off = lw_colour_luminance(
+                lw_vec3_sub(estimate_at(tiles, part, texel), lw_texels_vector(sum[part], texel)));
+            square[part] += (double)off * (double)off;
+            drift[part][lw_change_region(x, y)] += off;
         }
+    }
     const double each = 1.0 / block->covered_count;
     note_noise(&block->noise[LW_TILES_DIRECT], square[LW_TILES_DIRECT] * each, luminance * each,
                &block->direct);

@@ -125,11 +125,6 @@ static void box_sphere(const struct box *box, struct lw_vec3 *out_centre, float 
     *out_radius = 0.5f * lw_vec3_length(lw_vec3_sub(box->hi, box->lo));
 }
 
-#define EACH_TEXEL(tile, column, row, x, y)                                                                  \
-    for (uint32_t y = (row)*LW_TILE_BLOCK; y < (tile)->height && y < ((row) + 1) * LW_TILE_BLOCK; y++)       \
-        for (uint32_t x = (column)*LW_TILE_BLOCK; x < (tile)->width && x < ((column) + 1) * LW_TILE_BLOCK;   \
-             x++)
-
 /* What a block covers, and the box of its texels. */
 static struct box bound_block(const struct lw_solve_tile *tile, uint32_t column, uint32_t row,
                               const uint8_t *covered) {
@@ -137,7 +132,7 @@ static struct box bound_block(const struct lw_solve_tile *tile, uint32_t column,
     const struct lw_mesh_texels *mesh = tile->mesh;
     struct box box = nothing;
     block->covered_count = 0;
-    EACH_TEXEL (tile, column, row, x, y) {
+    LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
         const uint32_t i = y * tile->width + x;
         if (!covered[tile->first + i]) continue;
         const struct lw_vec3 p = lw_texels_vector(mesh->position, tile->local + i);

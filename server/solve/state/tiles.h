@@ -207,6 +207,12 @@ void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, unsigned forms, int t
                                                                                  (tile)->block_rows;         \
          block < end_; block++)
 
+/* The texels of a tile's block at a column and row of its blocks; x, y: in the tile. */
+#define LW_TILES_EACH_TEXEL(tile, column, row, x, y)                                                         \
+    for (uint32_t y = (row)*LW_TILE_BLOCK; y < (tile)->height && y < ((row) + 1) * LW_TILE_BLOCK; y++)       \
+        for (uint32_t x = (column)*LW_TILE_BLOCK; x < (tile)->width && x < ((column) + 1) * LW_TILE_BLOCK;   \
+             x++)
+
 /** The block of a tile that its texel (x, y) lies in. */
 static inline struct lw_solve_block *lw_tiles_block(const struct lw_solve_tile *tile, uint32_t x,
                                                     uint32_t y) {

@@ -1,9 +1,12 @@
 #include "server/solve/transport/bounces.h"
 
+#include "common/colour.h"
 #include "common/light/direction.h"
 #include "common/sampling.h"
 #include "common/wide.h"
 #include "server/solve/transport/ray_hit.h"
+
+#include <math.h>
 
 #define LANES LW_TRACE_WIDTH
 /* This many bounce rays in a row start at the same place of their texel: finding it
@@ -11,6 +14,12 @@
 #define PLACE_SHARE 2u
 /* Texels ahead of the current one whose ray hits are prefetched. */
 #define GATHER_AHEAD 12u
+/* One rare bright sample among few makes a texel shine like a lamp, and what lies close by reads that again
+ * and again while the mean forgets it. So a texel of n frames sends on by itself at most RARE + n times what
+ * its block has in the mean. What is more the whole block sends: light stays. */
+#define RARE        2.0f
+#define RARE_MEAN   4.0f
+#define RARE_FRAMES 64u /* from here on each sends what it has */
 
 /* Nearly the same direction about each lane's normal. */
 LW_WIDE static void aim(const struct lw_points16 *restrict at, const float point[2], float t_far,
@@ -218,22 +227,83 @@ void lw_bounces_repeat(const struct lw_transport *t, const struct lw_solve_tile 
     launch->frames++;
 }
 
-void lw_bounces_radiate(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t bounce) {
-    float *const *e = bounce == 0 ? t->tiles->direct : t->tiles->order[bounce - 1];
-    float *const *albedo = tile->mesh->albedo;
-    struct lw_vec3 *change = t->tiles->radiance_change[bounce];
-    for (uint32_t i = 0; i < tile->width * tile->height; i++) {
-        const uint32_t texel = tile->first + i;
-        float *l = t->tiles->radiance[bounce] + (size_t)texel * 4;
-        const struct lw_vec3 now = lw_vec3_scale(
-            lw_vec3_mul(lw_texels_vector(e, texel), lw_texels_vector(albedo, tile->local + i)), 1 / LW_PI);
-        if (t->tiles->covered[texel]) {
-            const uint32_t block = t->tiles->block_of_texel[texel];
-            change[block] = lw_vec3_mad(change[block], lw_vec3_sub(now, lw_vec3(l[0], l[1], l[2])),
-                                        1 / (float)t->tiles->block[block].covered_count);
+/* What a block's texels send on of one order. */
+struct sending {
+    float *const *e;
+    const struct lw_mesh_texels *mesh;
+    float most;            /* luminance of E that a texel sends on by itself, at most */
+    struct lw_vec3 spread; /* what that keeps back, for each unit of luminance that the block's texels send */
+};
+
+static struct lw_vec3 sent_alone(const struct sending *sending, uint32_t texel, uint32_t local) {
+    const struct lw_vec3 e = lw_texels_vector(sending->e, texel),
+                         l = lw_vec3_scale(lw_vec3_mul(e, lw_texels_vector(sending->mesh->albedo, local)),
+                                           1 / LW_PI);
+    const float luminance = lw_colour_luminance(e);
+    return luminance > sending->most ? lw_vec3_scale(l, sending->most / luminance) : l;
+}
+
+/* The mean that most is a multiple of counts no texel by more than RARE_MEAN times the mean of all, so that a
+ * rare one does not lift it. */
+static float find_most(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t column,
+                       uint32_t row, float *const e[3]) {
+    const struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
+    float most = INFINITY;
+    for (int round = 0; round < 2; round++) {
+        double sum = 0;
+        LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
+            const uint32_t texel = tile->first + y * tile->width + x;
+            if (t->tiles->covered[texel])
+                sum += (double)fminf(most, lw_colour_luminance(lw_texels_vector(e, texel)));
         }
+        most = (float)(sum / block->covered_count) *
+               (round ? RARE + (float)block->indirect.sample_count : RARE_MEAN);
+    }
+    return most;
+}
+
+static void spread_rare(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t column,
+                        uint32_t row, struct sending *sending) {
+    const struct sending all = {.e = sending->e, .mesh = sending->mesh, .most = INFINITY};
+    struct lw_vec3 kept = {0}, back = {0};
+    sending->most = find_most(t, tile, column, row, sending->e);
+    LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
+        const uint32_t i = y * tile->width + x, texel = tile->first + i, local = tile->local + i;
+        if (!t->tiles->covered[texel]) continue;
+        const struct lw_vec3 own = sent_alone(sending, texel, local);
+        kept = lw_vec3_add(kept, own);
+        back = lw_vec3_add(back, lw_vec3_sub(sent_alone(&all, texel, local), own));
+    }
+    const float luminance = lw_colour_luminance(kept);
+    if (luminance > 0) sending->spread = lw_vec3_scale(back, 1 / luminance);
+}
+
+static void radiate_block(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t column,
+                          uint32_t row, uint32_t bounce) {
+    const struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
+    struct sending sending = {.e = bounce == 0 ? t->tiles->direct : t->tiles->order[bounce - 1],
+                              .mesh = tile->mesh,
+                              .most = INFINITY};
+    struct lw_vec3 change = {0};
+    if (bounce && block->covered_count && block->indirect.sample_count < RARE_FRAMES)
+        spread_rare(t, tile, column, row, &sending);
+    LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
+        const uint32_t i = y * tile->width + x, texel = tile->first + i;
+        float *l = t->tiles->radiance[bounce] + (size_t)texel * 4;
+        const struct lw_vec3 own = sent_alone(&sending, texel, tile->local + i),
+                             now = lw_vec3_mad(own, sending.spread, lw_colour_luminance(own));
+        if (t->tiles->covered[texel])
+            change = lw_vec3_add(change, lw_vec3_sub(now, lw_vec3(l[0], l[1], l[2])));
         l[0] = now.x;
         l[1] = now.y;
         l[2] = now.z;
     }
+    struct lw_vec3 *sum = &t->tiles->radiance_change[bounce][block - t->tiles->block];
+    if (block->covered_count) *sum = lw_vec3_mad(*sum, change, 1 / (float)block->covered_count);
+}
+
+void lw_bounces_radiate(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t bounce) {
+    for (uint32_t row = 0; row < tile->block_rows; row++)
+        for (uint32_t column = 0; column < tile->block_columns; column++)
+            radiate_block(t, tile, column, row, bounce);
 }
