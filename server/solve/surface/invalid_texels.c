@@ -29,6 +29,7 @@
 /* A texel whose surroundings are clear this many texel sizes around it is searched no further; double-sided
  * solids are looked for as far. */
 #define CLEAR 2
+#define PART  (256u * LW_TRACE_WIDTH) /* texels, in whole rows */
 
 struct box {
     struct lw_vec3 low, high;
@@ -402,18 +403,19 @@ static bool may_be_freed(const struct search *s, const struct row *row, uint32_t
     return false;
 }
 
-/* Returns how many texels of the object are gone. again: only those are tested that had lost a sample point
- * before; returns how many these are. */
-static uint64_t find_in_object(const struct search *s, uint32_t object, bool again) {
+/* Returns how many texels of an object, from `first` to before `end`, are gone. again: only those are tested
+ * that had lost a sample point before; returns how many these are. */
+static uint64_t find_in_part(const struct search *s, uint32_t object, uint32_t first, uint32_t end,
+                             bool again) {
     struct row row = {.mesh = &s->texels->mesh[s->texels->scene->object[object].mesh], .object = object};
     lw_sample_points_frame_init(&row.frame, &s->pose->object_to_world[object]);
     uint8_t *covered = s->texels->covered + s->texels->first[object],
             *usable = s->texels->usable + s->texels->first[object];
     uint64_t count = 0;
-    for (row.first = 0; row.first < row.mesh->texel_count; row.first += LW_TRACE_WIDTH) {
+    for (row.first = first; row.first < end; row.first += LW_TRACE_WIDTH) {
         uint16_t active = 0;
         memset(row.usable, 0, sizeof row.usable);
-        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH && row.first + lane < row.mesh->texel_count; lane++) {
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH && row.first + lane < end; lane++) {
             const uint32_t i = row.first + lane;
             if (again) {
                 if (!has_lost_places(row.mesh, i, usable[i]) || !may_be_freed(s, &row, i)) continue;
@@ -450,24 +452,54 @@ static struct search begin(struct lw_texels *texels, const struct lw_pose *pose,
         .texels = texels, .pose = pose, .trace = trace, .near_m = NEAR * longest, .far_m = 2 * longest};
 }
 
+/* Texels of an object that one thread searches: a scene may have one that holds half of all. */
+struct part {
+    uint32_t object, first, end;
+};
+
+/* out_part: NULL, to count them. */
+static uint32_t list_parts(const struct search *s, struct part *out_part) {
+    uint32_t count = 0;
+    for (uint32_t o = 0; o < s->texels->scene->object_count; o++) {
+        const uint32_t texels = s->texels->mesh[s->texels->scene->object[o].mesh].texel_count;
+        if (lw_pose_object_moves(s->pose, s->texels->scene, o)) continue;
+        for (uint32_t first = 0; first < texels; first += PART, count++)
+            if (out_part)
+                out_part[count] = (struct part){o, first, texels - first < PART ? texels : first + PART};
+    }
+    return count;
+}
+
 enum lw_status lw_invalid_texels_find(struct lw_texels *texels, const struct lw_pose *pose,
                                       const struct lw_trace *trace, int threads, const _Atomic bool *cancel,
                                       uint64_t *out_count) {
     const uint32_t objects = texels->scene->object_count;
     const struct search search = begin(texels, pose, trace);
+    const uint32_t parts = list_parts(&search, NULL);
+    struct part *part = malloc((parts + 1ul) * sizeof *part);
+    if (!part) return LW_NO_MEMORY;
+    list_parts(&search, part);
     uint64_t count = 0;
     int failures = 0;
     struct lw_progress progress;
-    lw_progress_init(&progress, "looking inside objects", objects);
-#pragma omp parallel for schedule(dynamic, 1) num_threads(threads) reduction(+ : count, failures)
-    for (uint32_t o = 0; o < objects; o++) {
-        if (cancel && *cancel) continue;
-        if (!lw_pose_object_moves(pose, texels->scene, o)) {
-            count += find_in_object(&search, o, false);
-            failures += lw_crossings_find(texels, pose, trace, o, &count) != LW_OK;
+    lw_progress_init(&progress, "looking inside objects", parts + objects);
+#pragma omp parallel num_threads(threads) reduction(+ : count, failures)
+    {
+#pragma omp for schedule(dynamic, 1)
+        for (uint32_t i = 0; i < parts; i++) {
+            if (cancel && *cancel) continue;
+            count += find_in_part(&search, part[i].object, part[i].first, part[i].end, false);
+            lw_progress_step(&progress, 1);
         }
-        lw_progress_step(&progress, 1);
+#pragma omp for schedule(dynamic, 1)
+        for (uint32_t o = 0; o < objects; o++) {
+            if (cancel && *cancel) continue;
+            if (!lw_pose_object_moves(pose, texels->scene, o))
+                failures += lw_crossings_find(texels, pose, trace, o, &count) != LW_OK;
+            lw_progress_step(&progress, 1);
+        }
     }
+    free(part);
     if (cancel && *cancel) {
         lw_progress_stop(&progress);
         return LW_CLOSED;
@@ -512,7 +544,9 @@ enum lw_status lw_invalid_texels_review(struct lw_texels *texels, const struct l
         struct row row = {.mesh = &texels->mesh[scene->object[o].mesh]};
         lw_sample_points_frame_init(&row.frame, &pose->object_to_world[o]);
         uint64_t yielding = 0;
-        if (!find_in_object(&search, o, true) && !may_be_joined(&search, o, texel_size(&row))) continue;
+        if (!find_in_part(&search, o, 0, row.mesh->texel_count, true) &&
+            !may_be_joined(&search, o, texel_size(&row)))
+            continue;
         failures += lw_crossings_find(texels, pose, trace, o, &yielding) != LW_OK;
         lw_texels_link_object(texels, o);
     }
