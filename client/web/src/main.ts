@@ -57,7 +57,8 @@ class App {
   private stopsWanted: number | null = null;
   private progress = 0;
   private help = true;
-  private state = '';
+  private state = ''; // of the connection, mostly
+  private lost = false; // the graphics context
   private failure = '';
   /** For tests and the curious. */
   readonly stats = {
@@ -87,10 +88,11 @@ class App {
       event.preventDefault();
       this.renderer = null;
       this.gl = null;
-      this.state = 'the graphics context is lost; waiting for it to come back';
+      this.lost = true;
       this.showMessage();
     });
     this.canvas.addEventListener('webglcontextrestored', () => {
+      this.lost = false;
       this.queue = [];
       this.openGraphics();
       this.tell({ kind: 'lost' });
@@ -416,7 +418,8 @@ class App {
 
   private showMessage(): void {
     const scene = this.renderer ? '' : `receiving the scene: ${Math.round(100 * this.progress)} %`;
-    element('message').textContent = this.failure || this.state || scene;
+    const lost = this.lost ? 'the graphics context is lost; waiting for it to come back' : '';
+    element('message').textContent = this.failure || lost || this.state || scene;
     element('help').textContent = this.help && this.renderer && !this.failure ? HELP : '';
   }
 

@@ -139,6 +139,12 @@ test('a page lives on', { skip: missing || false }, async () => {
       return lightwell.stats.tiles;
     });
     await until(page, 'the loss', () => /graphics context/.test(lightwell.message()));
+    // the connection has come back meanwhile: that is not what the page waits for
+    const meanwhile = await page.evaluate(() => {
+      lightwell.worker.onmessage({ data: { kind: 'state', text: '', final: false } });
+      return lightwell.message();
+    });
+    assert.match(meanwhile, /graphics context/);
     await page.evaluate(() => lost.restore());
     await page.waitForFunction(
       (count) => lightwell.stats.tiles > count && lightwell.message() === '',
