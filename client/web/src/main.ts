@@ -58,7 +58,6 @@ class App {
   private progress = 0;
   private help = true;
   private state = ''; // of the connection, mostly
-  private lost = false; // the graphics context
   private failure = '';
   /** For tests and the curious. */
   readonly stats = {
@@ -88,11 +87,9 @@ class App {
       event.preventDefault();
       this.renderer = null;
       this.gl = null;
-      this.lost = true;
       this.showMessage();
     });
     this.canvas.addEventListener('webglcontextrestored', () => {
-      this.lost = false;
       this.queue = [];
       this.openGraphics();
       this.tell({ kind: 'lost' });
@@ -418,7 +415,7 @@ class App {
 
   private showMessage(): void {
     const scene = this.renderer ? '' : `receiving the scene: ${Math.round(100 * this.progress)} %`;
-    const lost = this.lost ? 'the graphics context is lost; waiting for it to come back' : '';
+    const lost = this.gl ? '' : 'the graphics context is lost; waiting for it to come back';
     element('message').textContent = this.failure || lost || this.state || scene;
     element('help').textContent = this.help && this.renderer && !this.failure ? HELP : '';
   }

@@ -29,7 +29,8 @@
 /* A texel whose surroundings are clear this many texel sizes around it is searched no further; double-sided
  * solids are looked for as far. */
 #define CLEAR 2
-#define PART  (256u * LW_TRACE_WIDTH) /* texels, in whole rows */
+/* Texels of an object that one thread searches, in whole rows: an object may have half of the scene. */
+#define PART (256u * LW_TRACE_WIDTH)
 
 struct box {
     struct lw_vec3 low, high;
@@ -452,7 +453,6 @@ static struct search begin(struct lw_texels *texels, const struct lw_pose *pose,
         .texels = texels, .pose = pose, .trace = trace, .near_m = NEAR * longest, .far_m = 2 * longest};
 }
 
-/* Texels of an object that one thread searches: a scene may have one that holds half of all. */
 struct part {
     uint32_t object, first, end;
 };

@@ -235,12 +235,16 @@ struct sending {
     struct lw_vec3 spread; /* what that keeps back, for each unit of luminance that the block's texels send */
 };
 
-static struct lw_vec3 sent_alone(const struct sending *sending, uint32_t texel, uint32_t local) {
-    const struct lw_vec3 e = lw_texels_vector(sending->e, texel),
-                         l = lw_vec3_scale(lw_vec3_mul(e, lw_texels_vector(sending->mesh->albedo, local)),
-                                           1 / LW_PI);
-    const float luminance = lw_colour_luminance(e);
-    return luminance > sending->most ? lw_vec3_scale(l, sending->most / luminance) : l;
+static struct lw_vec3 reflected(const struct sending *sending, uint32_t texel, uint32_t local) {
+    return lw_vec3_scale(
+        lw_vec3_mul(lw_texels_vector(sending->e, texel), lw_texels_vector(sending->mesh->albedo, local)),
+        1 / LW_PI);
+}
+
+/* Of what a texel reflects, the share that it sends on by itself. */
+static float share_alone(const struct sending *sending, uint32_t texel) {
+    const float luminance = lw_colour_luminance(lw_texels_vector(sending->e, texel));
+    return luminance > sending->most ? sending->most / luminance : 1;
 }
 
 /* The mean that most is a multiple of counts no texel by more than RARE_MEAN times the mean of all, so that a
@@ -264,15 +268,15 @@ static float find_most(const struct lw_transport *t, const struct lw_solve_tile 
 
 static void spread_rare(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t column,
                         uint32_t row, struct sending *sending) {
-    const struct sending all = {.e = sending->e, .mesh = sending->mesh, .most = INFINITY};
     struct lw_vec3 kept = {0}, back = {0};
     sending->most = find_most(t, tile, column, row, sending->e);
     LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
-        const uint32_t i = y * tile->width + x, texel = tile->first + i, local = tile->local + i;
+        const uint32_t i = y * tile->width + x, texel = tile->first + i;
         if (!t->tiles->covered[texel]) continue;
-        const struct lw_vec3 own = sent_alone(sending, texel, local);
+        const struct lw_vec3 all = reflected(sending, texel, tile->local + i),
+                             own = lw_vec3_scale(all, share_alone(sending, texel));
         kept = lw_vec3_add(kept, own);
-        back = lw_vec3_add(back, lw_vec3_sub(sent_alone(&all, texel, local), own));
+        back = lw_vec3_add(back, lw_vec3_sub(all, own));
     }
     const float luminance = lw_colour_luminance(kept);
     if (luminance > 0) sending->spread = lw_vec3_scale(back, 1 / luminance);
@@ -290,7 +294,8 @@ static void radiate_block(const struct lw_transport *t, const struct lw_solve_ti
     LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
         const uint32_t i = y * tile->width + x, texel = tile->first + i;
         float *l = t->tiles->radiance[bounce] + (size_t)texel * 4;
-        const struct lw_vec3 own = sent_alone(&sending, texel, tile->local + i),
+        const struct lw_vec3 own = lw_vec3_scale(reflected(&sending, texel, tile->local + i),
+                                                 share_alone(&sending, texel)),
                              now = lw_vec3_mad(own, sending.spread, lw_colour_luminance(own));
         if (t->tiles->covered[texel])
             change = lw_vec3_add(change, lw_vec3_sub(now, lw_vec3(l[0], l[1], l[2])));
