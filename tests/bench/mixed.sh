@@ -1,9 +1,11 @@
 #!/bin/bash
-# mixed.sh [--seconds S] [--alone S] [--prepare S] [--spp N] [--reference DIR] [SCENE...]: how near pictures are to the path tracer's, with the direct
-# light of suns and lamps drawn at pixels and with all light in tiles. Prints one table in Markdown.
+# mixed.sh [--seconds S] [--alone S] [--prepare S] [--spp N] [--reference DIR] [SCENE...]: how near pictures are
+# to the path tracer's, with the direct light of suns and lamps drawn at pixels and with all light in tiles.
+# Prints one table in Markdown.
 # Each scene's default view at 640 x 360, default settings, held still: S seconds (60) after the client has joined, then
-# 5 s after another has joined the lit server. With --alone only that: 5 s after the first client has joined a server that
-# nobody looked at for S seconds; --prepare is lightwelld's. The reference: N paths a pixel (200), kept in DIR if one is given.
+# 5 s after another has joined the lit server. With --alone only that: 5 s after the first client has joined a
+# server that nobody looked at for S seconds; --prepare is lightwelld's. The reference: N paths a pixel (200),
+# kept in DIR if one is given.
 # relMSE, FLIP and blocks as bench_compare has them. Default scenes: builtin:cornell builtin:atrium.
 set -euo pipefail
 bin=${LW_BIN:-$(cd "$(dirname "$0")/../.." && pwd)/build/release/bin}
@@ -42,7 +44,8 @@ for scene in "$@"; do
     [ -e "$reference" ] || "$bin/lightwell-view" --path-trace "$scene" --spp "$spp" --size 640x360 --out "$reference" \
         >"$work/log" 2>&1 || { cat "$work/log" >&2; exit 1; }
     rm -f "$work/port"
-    "$bin/lightwelld" "$scene" --freeze 0 --prepare "$prepare" --listen 127.0.0.1:0 --port-file "$work/port" >/dev/null 2>"$work/served" &
+    "$bin/lightwelld" "$scene" --freeze 0 --prepare "$prepare" --listen 127.0.0.1:0 --port-file "$work/port" \
+        >/dev/null 2>"$work/served" &
     daemon=$!
     for _ in $(seq 3000); do
         [ ! -e "$work/port" ] || break
