@@ -122,6 +122,34 @@ static void test_a_wall_above_a_ceiling(void **state) {
     }
 }
 
+/* ---- a wall that goes on under water ---- */
+
+/* The water is seen from above alone, and all under it is dark. Over it the wall may have few texels, or less
+ * than one. */
+static void test_a_wall_that_goes_on_under_water(void **state) {
+    (void)state;
+    const struct lw_vec3 lamp = lw_vec3(2, 1.5f, 2);
+    const float shown[] = {0.05f, 0.1f, 0.15f, 0.25f};
+    for (unsigned k = 0; k < sizeof shown / sizeof *shown; k++) {
+        struct room room = {.texels_per_metre = DENSITY};
+        const float height = 1 + shown[k];
+        room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(0, height, 0), lw_vec3(0, 0, 4), 0.5f, 0); /* facing +X */
+        room_quad(&room, lw_vec3(-0.05f, 1, -1), lw_vec3(0, 0, 6), lw_vec3(6, 0, 0), 0.5f, 0);
+        add_lamp(&room, lamp, 1);
+        struct room_solution solution;
+        room_solve(&solution, &room, (struct lw_solver_desc){0}, 16);
+        for (float y = 1.01f; y < height; y += 0.01f)
+            for (float z = 0.5f; z < 3.5f; z += 0.05f) {
+                const double want = of_lamp(lamp, lw_vec3(0, y, z), lw_vec3(1, 0, 0)),
+                             got = look_up(&solution, 0, (double)(y / height), (double)(z / 4));
+                if (!(fabs(got / want - 1) < 0.15))
+                    fail_msg("%g m over the water: E = %g, not %g at (%g, %g)", (double)shown[k], got, want,
+                             (double)y, (double)z);
+            }
+        room_finish(&solution);
+    }
+}
+
 /* ---- a floor that goes on out of doors ---- */
 
 /* A hut without a floor of its own, and the sun outside, a thousand times as bright as the lamp. The hut's
@@ -250,6 +278,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_a_floor_through_a_partition),
         cmocka_unit_test(test_a_wall_above_a_ceiling),
+        cmocka_unit_test(test_a_wall_that_goes_on_under_water),
         cmocka_unit_test(test_a_floor_that_goes_on_out_of_doors),
         cmocka_unit_test(test_a_rail_before_a_wall),
         cmocka_unit_test(test_mouldings),

@@ -32,13 +32,14 @@ enum {
     CLOSE = 16,
     ALIEN = 32, /* a cavity or out of doors, and its neighbour not */
     DEEP = 64,  /* the same farther from there: else these would be filled from it */
-    EDGE = 128
+    EDGE = 128,
+    BEHIND = 256 /* the face that parts it from a neighbour shows it its back, and that one its front */
 };
 
 /* What no cut parts; held at its root. */
 struct region {
     uint32_t texels, beside; /* beside cuts */
-    uint32_t met;            /* the texels of the largest region across its cuts */
+    uint32_t met;            /* the texels of the largest region that it may yield to, across its cuts */
 };
 
 /* One object, its texels by their index within the mesh. */
@@ -52,7 +53,7 @@ struct part {
     float size_m;
     const uint8_t *covered;
     float *height_m; /* above each texel, at which cuts are looked for */
-    uint8_t *flags;  /* of the above */
+    uint16_t *flags; /* of the above */
     /* Of NEAR texels: rays that see the sky, go far, all; then sums over a texel and its neighbours. */
     struct sight {
         uint16_t sky, far, all;
@@ -61,10 +62,11 @@ struct part {
     struct region *region; /* by its root */
 };
 
-/* Sixteen rays of texels in a row. */
+/* Sixteen rays of texels in a row: up, or to a neighbour. */
 struct rays {
     struct lw_ray16 ray;
-    uint32_t texel[LW_TRACE_WIDTH];
+    struct lw_vec3 from[LW_TRACE_WIDTH], way[LW_TRACE_WIDTH];
+    uint32_t texel[LW_TRACE_WIDTH], neighbour[LW_TRACE_WIDTH];
     uint16_t active;
 };
 
@@ -102,11 +104,31 @@ static void measure(struct part *p, const struct rays *rays) {
     }
 }
 
+static bool is_back(const struct part *p, const struct lw_hit16 *hits, uint32_t lane) {
+    const struct lw_mesh *mesh = &p->scene->mesh[p->scene->object[hits->object[lane]].mesh];
+    return hits->back[lane] && !p->scene->material[mesh->material[hits->triangle[lane]]].double_sided;
+}
+
+/* Looks for cuts from the texels to their neighbours, and where there are any, back from these. */
 static void note_cuts(struct part *p, const struct rays *rays, uint8_t side) {
-    struct lw_hit16 hits;
-    lw_trace_closest16(p->trace, 0, rays->active, &rays->ray, &hits);
-    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
-        if (rays->active >> lane & 1 && is_still(p, &hits, lane)) p->flags[rays->texel[lane]] |= side;
+    struct lw_hit16 there, back;
+    lw_trace_closest16(p->trace, 0, rays->active, &rays->ray, &there);
+    struct lw_ray16 returning = {.salt = 0};
+    uint16_t cut = 0;
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+        if (!(rays->active >> lane & 1) || !is_still(p, &there, lane)) continue;
+        p->flags[rays->texel[lane]] |= side;
+        const struct lw_vec3 way = rays->way[lane];
+        lw_trace_set_ray(&returning, lane, lw_vec3_add(rays->from[lane], way), lw_vec3_scale(way, -1), 1);
+        cut |= (uint16_t)(1u << lane);
+    }
+    if (!cut) return;
+    lw_trace_closest16(p->trace, 0, cut, &returning, &back);
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+        if (!(cut >> lane & 1) || !is_still(p, &back, lane)) continue;
+        const bool own = is_back(p, &there, lane), other = is_back(p, &back, lane);
+        if (own != other) p->flags[own ? rays->texel[lane] : rays->neighbour[lane]] |= BEHIND;
+    }
 }
 
 static float distance(const struct part *p, uint32_t i, uint32_t j) {
@@ -136,12 +158,12 @@ static void shoot(struct part *p, uint8_t side) {
             const uint32_t i = lw_texels_index(p->mesh, x, y), j = side ? next_to(p, x, y, side) : i;
             if (j == LW_TEXEL_NONE || !p->covered[i]) continue;
             rays.texel[lane] = i;
-            if (side) {
-                const struct lw_vec3 from = raised(p, i, p->height_m[i]);
-                lw_trace_set_ray(&rays.ray, lane, from, lw_vec3_sub(raised(p, j, p->height_m[j]), from), 1);
-            } else
-                lw_trace_set_ray(&rays.ray, lane, raised(p, i, lift_of(p, i)), normal_at(p, i),
-                                 2 * HEIGHT * p->size_m);
+            rays.neighbour[lane] = j;
+            rays.from[lane] = raised(p, i, side ? p->height_m[i] : lift_of(p, i));
+            rays.way[lane] =
+                side ? lw_vec3_sub(raised(p, j, p->height_m[j]), rays.from[lane]) : normal_at(p, i);
+            lw_trace_set_ray(&rays.ray, lane, rays.from[lane], rays.way[lane],
+                             side ? 1 : 2 * HEIGHT * p->size_m);
             rays.active |= (uint16_t)(1u << lane);
             if (++lane < LW_TRACE_WIDTH) continue;
             side ? note_cuts(p, &rays, side) : measure(p, &rays);
@@ -245,20 +267,22 @@ static void find_aliens(struct part *p, uint32_t i, uint32_t j, bool cut) {
 }
 
 static bool is_like(const struct part *p, uint32_t i, uint32_t j) {
+    if (p->flags[i] & BEHIND) return true;
     return p->flags[i] & CLOSE ? (p->flags[j] & CLOSE) != 0 : sky_of(&p->sight[j]) >= SKY_OUTSIDE;
 }
 
 static void find_deep(struct part *p, uint32_t i, uint32_t j, bool cut) {
     if (cut) return;
-    if (p->flags[i] & ALIEN && is_like(p, i, j)) p->flags[j] |= DEEP;
-    if (p->flags[j] & ALIEN && is_like(p, j, i)) p->flags[i] |= DEEP;
+    if (p->flags[i] & (ALIEN | BEHIND) && is_like(p, i, j)) p->flags[j] |= DEEP;
+    if (p->flags[j] & (ALIEN | BEHIND) && is_like(p, j, i)) p->flags[i] |= DEEP;
 }
 
 static void meet(struct part *p, uint32_t i, uint32_t j, bool cut) {
     if (!cut) return;
     struct region *a = region_of(p, i), *b = region_of(p, j);
-    if (b->texels > a->met) a->met = b->texels;
-    if (a->texels > b->met) b->met = a->texels;
+    /* to what is behind nobody yields */
+    if (!(p->flags[j] & BEHIND) && b->texels > a->met) a->met = b->texels;
+    if (!(p->flags[i] & BEHIND) && a->texels > b->met) b->met = a->texels;
 }
 
 /* Few of a strip's texels are not beside a cut: those at the ends, whose neighbour lies inside a pillar. */
@@ -270,7 +294,7 @@ static bool is_strip(const struct region *region) {
 static uint64_t choose(struct part *p, uint8_t *covered) {
     uint64_t yielding = 0;
     for (uint32_t i = 0; i < p->mesh->texel_count; i++) {
-        if (!p->covered[i] || !(p->flags[i] & (ALIEN | DEEP) || is_strip(region_of(p, i)))) continue;
+        if (!p->covered[i] || !(p->flags[i] & (ALIEN | DEEP | BEHIND) || is_strip(region_of(p, i)))) continue;
         covered[i] = 0;
         yielding++;
     }
@@ -280,7 +304,7 @@ static uint64_t choose(struct part *p, uint8_t *covered) {
 static enum lw_status allocate(struct part *p) {
     const size_t count = p->mesh->texel_count + 1ul;
     p->height_m = malloc(count * sizeof *p->height_m);
-    p->flags = calloc(count, 1);
+    p->flags = calloc(count, sizeof *p->flags);
     p->own = calloc(count, sizeof *p->own);
     p->sight = calloc(count, sizeof *p->sight);
     p->parent = malloc(count * sizeof *p->parent);

@@ -13,8 +13,10 @@
  *               neighbour
  * out of doors  it and its neighbours see at least a fifth of the sky, a tenth more of it than those beyond
  *               a cut, of whose rays a quarter go farther than 4 texels, as in a room
+ * behind        the single-sided face that parts two texels shows its back to this one alone, as the water
+ *               of a pool does to the wall under it
  *
- * Of the last two the next texel yields as well, or the first would be filled from there. Where both sides
+ * Of the last three the next texel yields as well, or the first would be filled from there. Where both sides
  * are wide, and rooms, the cut stays between two texels, and look-ups mix them within half a texel. */
 #ifndef LW_SURFACE_CROSSINGS_H
 #define LW_SURFACE_CROSSINGS_H

@@ -282,10 +282,11 @@ static uint16_t find_close(const struct search *s, const struct row *row, uint16
 }
 
 /* Where another surface runs through a texel, such as a wall that stands on a floor, light on its far side is
- * not for those who look at this one: keeps the sample points on the side of the texel's own position. Looked
- * along somewhat above the surface, so that a bulge does not part itself, but not above what is close. */
+ * not for those who look at this one: keeps the sample points on the side of the texel's own position, or
+ * those before the face that shows this one its back, as water does to what is under it. Looked along
+ * somewhat above the surface, so that a bulge does not part itself, but not above what is close. */
 static void keep_one_side(const struct search *s, struct row *row, uint16_t suspects) {
-    uint8_t beyond[LW_TRACE_WIDTH] = {0};
+    uint8_t beyond[LW_TRACE_WIDTH] = {0}, before[LW_TRACE_WIDTH] = {0};
     const float height_m = LOOK_ALONG * texel_size(row);
     for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++) {
         const uint16_t active = load_points(row, suspects, k);
@@ -305,12 +306,17 @@ static void keep_one_side(const struct search *s, struct row *row, uint16_t susp
         lw_trace_closest16(s->trace, 0, active, &rays, &hits);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
             if (active >> lane & 1 && hits.object[lane] != LW_TRACE_MISS &&
-                !lw_pose_object_moves(s->pose, s->texels->scene, hits.object[lane]))
+                !lw_pose_object_moves(s->pose, s->texels->scene, hits.object[lane])) {
                 beyond[lane] |= (uint8_t)(1u << k);
+                before[lane] |= (uint8_t)(is_back(s, &hits, lane) << k);
+            }
     }
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
         const uint8_t near = row->usable[lane] & (uint8_t)~beyond[lane];
-        if (near) row->usable[lane] = near; /* else its position is where light cannot reach */
+        if (before[lane])
+            row->usable[lane] = before[lane];
+        else if (near)
+            row->usable[lane] = near; /* else its position is where light cannot reach */
     }
 }
 

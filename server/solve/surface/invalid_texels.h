@@ -6,7 +6,8 @@
  * very plane of a wall, where rays may start on its other side. They see the backs of what they lie in,
  * close by, or stand beside a wall of it. Nobody sees their darkness, but it would bleed into look-ups
  * at the rim of the contact. So they are left out of their texel, as are those close under other
- * surfaces, and those that another surface parts from the texel's own position. A texel without a
+ * surfaces, and those on one side of a surface that cuts the texel: the far side from its own position,
+ * unless a single-sided face shows this one its back. A texel without a
  * sample point is invalid: it counts as uncovered, and is filled from its neighbours like a gutter.
  * Only objects that never move hide points, or lose some. */
 #ifndef LW_SURFACE_INVALID_TEXELS_H
