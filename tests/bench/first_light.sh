@@ -4,11 +4,9 @@
 # to the first (every object's coarsest level) and the complete picture (1280x720, loopback).
 # Needs the release build. Default scenes: builtin:cornell builtin:atrium.
 set -euo pipefail
-bin="$(cd "$(dirname "$0")/../.." && pwd)/build/release/bin"
-bin=${LW_BIN:-$bin}
+. "$(dirname "$0")/served.bash"
 work=$(mktemp -d)
-daemon=
-trap '[ -z "$daemon" ] || kill "$daemon" 2>/dev/null || true; rm -rf "$work"' EXIT
+trap 'stop_serving; rm -rf "$work"' EXIT
 [ $# -gt 0 ] || set -- builtin:cornell builtin:atrium
 
 # median FIELD: of the JSON lines in $work/frames
@@ -22,17 +20,14 @@ view_field() { grep -o "\"$1\": *[0-9.]*" "$work/view" | head -n 1 | grep -o '[0
 echo "| scene | texels | frame ms | direct | scatter | levels | encode | Mrays/s | kB/frame | daemon MB | package ms | first ms | complete ms | compose ms |"
 echo "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"
 for scene in "$@"; do
-    rm -f "$work/port"
     "$bin/lightwelld" "$scene" --freeze 0 --light whole --clock step --frames 30 --listen 127.0.0.1:0 --json >"$work/frames" 2>"$work/log" ||
         { cat "$work/log" >&2; exit 1; }
-    "$bin/lightwelld" "$scene" --freeze 0 --listen 127.0.0.1:0 --port-file "$work/port" >/dev/null 2>"$work/log" &
-    daemon=$!
-    for _ in $(seq 600); do grep -q "first light" "$work/log" && break; sleep 0.1; done
-    "$bin/lightwell-view" "127.0.0.1:$(cat "$work/port")" --headless --size 1280x720 --wait complete --samples-per-pixel 1 --json \
+    serve "$work" "$scene" --freeze 0 >/dev/null
+    until_true "$work/served" grep -q "first light" "$work/served"
+    "$bin/lightwell-view" "$address" --headless --size 1280x720 --wait complete --samples-per-pixel 1 --json \
         --out "$work/view.png" >"$work/view" 2>"$work/view.log" || { cat "$work/view.log" >&2; exit 1; }
     peak_mb=$(awk '/VmHWM/ { printf "%.0f", $2 / 1024 }' "/proc/$daemon/status")
-    kill "$daemon" && wait "$daemon" || true
-    daemon=
+    stop_serving
     rays=$(($(median rays_shadow) + $(median rays_bounce)))
     echo "| $(basename "$scene") | $(median texels_solved) | $(median frame_ms) | $(median direct_ms) | $(median scatter_ms) |" \
         "$(median levels_ms) | $(median encode_ms) |" \

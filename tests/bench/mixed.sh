@@ -8,7 +8,7 @@
 # kept in DIR if one is given.
 # relMSE, FLIP and blocks as bench_compare has them. Default scenes: builtin:cornell builtin:atrium.
 set -euo pipefail
-bin=${LW_BIN:-$(cd "$(dirname "$0")/../.." && pwd)/build/release/bin}
+. "$(dirname "$0")/served.bash"
 seconds=60 alone=0 prepare=120 spp=200 references=
 while [ $# -gt 1 ]; do
     case $1 in
@@ -22,18 +22,16 @@ while [ $# -gt 1 ]; do
     shift 2
 done
 work=$(mktemp -d)
-daemon=
-trap '[ -z "$daemon" ] || kill "$daemon" 2>/dev/null || true; rm -rf "$work"' EXIT
+trap 'stop_serving; rm -rf "$work"' EXIT
 [ $# -gt 0 ] || set -- builtin:cornell builtin:atrium
 references=${references:-$work}
 mkdir -p "$references"
 
 # look WHO SECONDS: a picture of a client that has just joined, and its row
 look() {
-    "$bin/lightwell-view" --headless "127.0.0.1:$(cat "$work/port")" --direct "$1" --wait "seconds:$2" --timeout 600 \
-        --size 640x360 --samples-per-pixel 8 --out "$work/view.exr" >"$work/log" 2>&1 || { cat "$work/log" >&2; exit 1; }
-    "$bin/bench_compare" "$work/view.exr" "$reference" | head -n 1 | sed -E \
-        "s/ratio of means ([^,]*), relMSE ([^,]*), FLIP ([^,]*), ([0-9]+) of ([0-9]+) blocks.*from ([^ ]*) to (.*)/| $name | $1 | $2 s | \1 | \2 | \3 | \4 of \5 | \6 to \7 |/"
+    run "$work/log" "$bin/lightwell-view" --headless "$address" --direct "$1" --wait "seconds:$2" --timeout 600 \
+        --size 640x360 --samples-per-pixel 8 --out "$work/view.exr"
+    as_row "$name | $1 | $2 s" "$work/view.exr" "$reference"
 }
 
 echo "| scene | direct light | after | ratio of means | relMSE | FLIP | blocks within 5 % | blocks |"
@@ -41,17 +39,8 @@ echo "|---|---|---|---|---|---|---|---|"
 for scene in "$@"; do
     name=$(basename "$scene")
     reference=$references/$name.exr
-    [ -e "$reference" ] || "$bin/lightwell-view" --path-trace "$scene" --spp "$spp" --size 640x360 --out "$reference" \
-        >"$work/log" 2>&1 || { cat "$work/log" >&2; exit 1; }
-    rm -f "$work/port"
-    "$bin/lightwelld" "$scene" --freeze 0 --prepare "$prepare" --listen 127.0.0.1:0 --port-file "$work/port" \
-        >/dev/null 2>"$work/served" &
-    daemon=$!
-    for _ in $(seq 3000); do
-        [ ! -e "$work/port" ] || break
-        kill -0 "$daemon" 2>/dev/null || { cat "$work/served" >&2; exit 1; }
-        sleep 0.1
-    done
+    path_traced "$reference" "$scene" "$spp" 640x360
+    serve "$work" "$scene" --freeze 0 --prepare "$prepare" >/dev/null
     if [ "$alone" = 0 ]; then
         look auto "$seconds"
         look tiles "$seconds"
@@ -59,6 +48,5 @@ for scene in "$@"; do
         sleep "$alone"
     fi
     look auto 5
-    kill "$daemon" && { wait "$daemon" || true; }
-    daemon=
+    stop_serving
 done

@@ -6,23 +6,16 @@
 # FOLDER, and all parts in FOLDER/side_by_side.png. Wants ImageMagick.
 set -euo pipefail
 [ $# -ge 2 ] || { sed -n '2,6s/^# //p' "$0"; exit 64; }
-bin=${LW_BIN:-$(cd "$(dirname "$0")/../.." && pwd)/build/release/bin}
+. "$(dirname "$0")/served.bash"
 folder=$(realpath -m "$1")
 shift
 mkdir -p "$folder"
 width=640 height=360
-daemon=
-trap '[ -z "$daemon" ] || kill "$daemon" 2>/dev/null || true' EXIT
+trap stop_serving EXIT
 
-# run LOG COMMAND...: quiet, unless it fails
-run() {
-    local log=$1
-    shift
-    "$@" >"$log" 2>&1 || { cat "$log" >&2; exit 1; }
-}
 # look WHAT: a picture of a client that has just joined
 look() {
-    run "$folder/log" "$bin/lightwell-view" --headless "127.0.0.1:$(cat "$folder/port")" --direct "$1" --wait seconds:60 \
+    run "$folder/log" "$bin/lightwell-view" --headless "$address" --direct "$1" --wait seconds:60 \
         --timeout 600 ${camera:+--camera-name "$camera"} --size "${width}x$height" --samples-per-pixel 8 \
         --exposure "$stops" --out "$folder/$name-$1.png"
 }
@@ -37,19 +30,10 @@ for argument in "$@"; do
     run "$folder/$name.md" "$bin/bench_renderers" --width "$width" --height "$height" --reference 256 --frames 8 --spp-max 1 \
         --renderers svgf --motion all --step 0 --move 0 --turn 0 -o "$folder" "${part[0]}"
     stops=$(sed -n 's/.*pictures at exposure //p' "$folder/$name.md")
-    rm -f "$folder/port"
-    "$bin/lightwelld" "$scene" --freeze 0 --listen 127.0.0.1:0 --http none --control-socket none --port-file "$folder/port" \
-        >/dev/null 2>"$folder/served" &
-    daemon=$!
-    for _ in $(seq 3000); do
-        [ ! -e "$folder/port" ] || break
-        kill -0 "$daemon" 2>/dev/null || { cat "$folder/served" >&2; exit 1; }
-        sleep 0.1
-    done
+    serve "$folder" "$scene" --freeze 0 >/dev/null
     look tiles
     look auto
-    kill "$daemon" && { wait "$daemon" || true; }
-    daemon=
+    stop_serving
     for ((p = 1; p < ${#part[@]}; p += 3)); do
         row=$folder/$name-part$p.png
         for picture in tiles auto svgf-1 reference-256; do
