@@ -104,30 +104,27 @@ static void measure(struct part *p, const struct rays *rays) {
     }
 }
 
-static bool is_back(const struct part *p, const struct lw_hit16 *hits, uint32_t lane) {
-    const struct lw_mesh *mesh = &p->scene->mesh[p->scene->object[hits->object[lane]].mesh];
-    return hits->back[lane] && !p->scene->material[mesh->material[hits->triangle[lane]]].double_sided;
-}
-
-/* Looks for cuts from the texels to their neighbours, and where there are any, back from these. */
+/* Looks for cuts from the texels to their neighbours, and where there are any, whether those who look along
+ * the way see them: single-sided faces only show their fronts. */
 static void note_cuts(struct part *p, const struct rays *rays, uint8_t side) {
-    struct lw_hit16 there, back;
-    lw_trace_closest16(p->trace, 0, rays->active, &rays->ray, &there);
+    struct lw_hit16 hits, there, back;
+    lw_trace_closest16(p->trace, 0, rays->active, &rays->ray, &hits);
     struct lw_ray16 returning = {.salt = 0};
     uint16_t cut = 0;
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
-        if (!(rays->active >> lane & 1) || !is_still(p, &there, lane)) continue;
+        if (!(rays->active >> lane & 1) || !is_still(p, &hits, lane)) continue;
         p->flags[rays->texel[lane]] |= side;
         const struct lw_vec3 way = rays->way[lane];
         lw_trace_set_ray(&returning, lane, lw_vec3_add(rays->from[lane], way), lw_vec3_scale(way, -1), 1);
         cut |= (uint16_t)(1u << lane);
     }
     if (!cut) return;
-    lw_trace_closest16(p->trace, 0, cut, &returning, &back);
+    lw_trace_closest16(p->trace, LW_TRACE_VIEW, cut, &rays->ray, &there);
+    lw_trace_closest16(p->trace, LW_TRACE_VIEW, cut, &returning, &back);
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
-        if (!(cut >> lane & 1) || !is_still(p, &back, lane)) continue;
-        const bool own = is_back(p, &there, lane), other = is_back(p, &back, lane);
-        if (own != other) p->flags[own ? rays->texel[lane] : rays->neighbour[lane]] |= BEHIND;
+        if (!(cut >> lane & 1)) continue;
+        const bool own = is_still(p, &there, lane), other = is_still(p, &back, lane);
+        if (own != other) p->flags[own ? rays->neighbour[lane] : rays->texel[lane]] |= BEHIND;
     }
 }
 

@@ -267,18 +267,24 @@ static uint16_t find_cut_off(const struct search *s, const struct row *row, uint
     return cut_off;
 }
 
-/* Places close under another surface that stands still, such as the part of a wall behind a picture rail. */
-static uint16_t find_close(const struct search *s, const struct row *row, uint16_t active) {
-    struct lw_ray16 rays = {.salt = 0};
+/* Rays that something that stands still stops. */
+static uint16_t find_parted(const struct search *s, unsigned flags, uint16_t active,
+                            const struct lw_ray16 *rays) {
     struct lw_hit16 hits;
-    uint16_t close = 0;
-    set_up_rays(row, active, LW_CROSSINGS_CLOSE * texel_size(row), &rays);
-    lw_trace_closest16(s->trace, LW_TRACE_COHERENT, active, &rays, &hits);
+    uint16_t parted = 0;
+    lw_trace_closest16(s->trace, flags, active, rays, &hits);
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
         if (active >> lane & 1 && hits.object[lane] != LW_TRACE_MISS &&
             !lw_pose_object_moves(s->pose, s->texels->scene, hits.object[lane]))
-            close |= (uint16_t)(1u << lane);
-    return close;
+            parted |= (uint16_t)(1u << lane);
+    return parted;
+}
+
+/* Places close under another surface that stands still, such as the part of a wall behind a picture rail. */
+static uint16_t find_close(const struct search *s, const struct row *row, uint16_t active) {
+    struct lw_ray16 rays = {.salt = 0};
+    set_up_rays(row, active, LW_CROSSINGS_CLOSE * texel_size(row), &rays);
+    return find_parted(s, LW_TRACE_COHERENT, active, &rays);
 }
 
 /* Where another surface runs through a texel, such as a wall that stands on a floor, light on its far side is
@@ -291,7 +297,6 @@ static void keep_one_side(const struct search *s, struct row *row, uint16_t susp
     for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++) {
         const uint16_t active = load_points(row, suspects, k);
         struct lw_ray16 rays = {.salt = 0};
-        struct lw_hit16 hits;
         if (!active) continue;
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
             if (!(active >> lane & 1)) continue;
@@ -303,13 +308,13 @@ static void keep_one_side(const struct search *s, struct row *row, uint16_t susp
             const struct lw_vec3 raised = lw_vec3_mad(origin_of(row, lane), face_of(row, lane), height_m);
             lw_trace_set_ray(&rays, lane, own, lw_vec3_sub(raised, own), 1);
         }
-        lw_trace_closest16(s->trace, 0, active, &rays, &hits);
-        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
-            if (active >> lane & 1 && hits.object[lane] != LW_TRACE_MISS &&
-                !lw_pose_object_moves(s->pose, s->texels->scene, hits.object[lane])) {
-                beyond[lane] |= (uint8_t)(1u << k);
-                before[lane] |= (uint8_t)(is_back(s, &hits, lane) << k);
-            }
+        const uint16_t parted = find_parted(s, 0, active, &rays);
+        /* who looks from there sees fronts alone */
+        const uint16_t seen = parted ? find_parted(s, LW_TRACE_VIEW, parted, &rays) : 0;
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+            beyond[lane] |= (uint8_t)((parted >> lane & 1u) << k);
+            before[lane] |= (uint8_t)(((parted & ~seen) >> lane & 1u) << k);
+        }
     }
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
         const uint8_t near = row->usable[lane] & (uint8_t)~beyond[lane];
