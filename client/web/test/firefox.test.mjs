@@ -36,6 +36,8 @@ for (const [direct, limits] of [
         return lightwell.message().includes('WebGL2') ? [lightwell.message()] : [];
       });
       assert.deepEqual(errors, []);
+      // light in the form that the page takes begins with the frame after it has joined
+      await until(page, 'the scene', () => lightwell.stats.sceneMs > 0);
       daemon.frames(8);
       await until(
         page,

@@ -34,6 +34,8 @@ export async function comparePictures(given, direct, limitMs) {
     page.on('console', (message) => message.type() === 'warning' && thrown.push(message.text()));
     const parameters = `exposure=${exposure}${camera ? `&camera=${camera}` : ''}`;
     await page.goto(`${daemon.url}?${parameters}${direct === 'tiles' ? '&direct=tiles' : ''}`);
+    // light in the form that the page takes begins with the frame after it has joined
+    await until(page, 'the scene', () => lightwell.stats.sceneMs > 0, limitMs);
     daemon.frames(8);
     await until(
       page,
