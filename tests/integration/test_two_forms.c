@@ -75,6 +75,13 @@ static void wait_for_rest(int i) {
     }
 }
 
+/* Every form, and nothing more is solved: a form may have its last frame before another has. */
+static void wait_for_the_last_frame(void) {
+    while (lw_process_newest(&server, "tiles_solved") > 0) poll_all();
+    for (int i = 0; i < CLIENTS; i++)
+        if (client[i]) wait_for_rest(i);
+}
+
 /* Over the texels of all finest levels. */
 static double total_light(int i) {
     double sum = 0;
@@ -238,6 +245,7 @@ static void kept_light_is_there_in_both_forms(void **state) {
     lw_process_serve(&server, arguments);
     for (int i = 0; i < CLIENTS; i++) join(i);
     for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
+    wait_for_the_last_frame();
     for (int i = 0; i < CLIENTS; i++) light[i] = total_light(i);
     assert_int_equal(lw_process_stop(&server, SIGTERM, 20), 0);
     for (int i = 0; i < CLIENTS; i++) leave(i);
