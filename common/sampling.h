@@ -19,6 +19,8 @@ enum lw_sampling_use {
     LW_SAMPLING_EMITTER_PICK,
     LW_SAMPLING_PROBE,
     LW_SAMPLING_FOOTPRINT, /* the order of a texel's places */
+    LW_SAMPLING_REFLECTOR,
+    LW_SAMPLING_REFLECTOR_PICK,
     LW_SAMPLING_PUNCTUAL = 64
 };
 

@@ -60,6 +60,8 @@ struct lw_transport lw_cell_frame_transport(struct lw_cell_solver *s) {
                                  .probes = s->has_probes ? &s->probes : NULL,
                                  .tiles = &s->tiles,
                                  .ray_hit = s->ray_hit,
+                                 .reflectors = &s->reflectors,
+                                 .reflected = s->reflected,
                                  .direct_samples = s->desc.direct_samples,
                                  .indirect_samples = s->desc.indirect_samples,
                                  .seed = s->desc.seed,
@@ -270,7 +272,7 @@ static void run_trace_bounces(struct lw_cell_solver *s, const struct lw_transpor
         if (!has_work(s, &s->tiles.tile[i])) continue;
         struct lw_ray_count count = {0};
         lw_bounces_trace(passes, &s->tiles.tile[i], &count);
-        lw_scheduler_note_hits(&s->scheduler, &s->tiles, &s->tiles.tile[i], s->ray_hit);
+        lw_scheduler_note_hits(&s->scheduler, passes, &s->tiles.tile[i]);
         bounce += count.bounce;
         lw_progress_step(&s->progress, 1);
     }
@@ -325,6 +327,14 @@ static enum lw_status direct(struct frame *f, struct lw_error *err) {
     run_direct(s, &f->transport, &f->stats);
     if (s->desc.bounces) run_radiate(s, &f->transport, 0);
     return LW_OK;
+}
+
+/* They are the same until something is solved again: what is verified by then is traced to the same. */
+static enum lw_status find_reflectors(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    if (!s->desc.bounces) return LW_OK;
+    enum lw_status status = lw_reflectors_update(&s->reflectors, &s->tiles, &s->pose);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "listing what shines by reflected light");
 }
 
 static enum lw_status trace_bounces(struct frame *f, struct lw_error *err) {
@@ -516,6 +526,7 @@ static const struct stage stages[] = {
     {weigh_direct, IF_DUE, SPENT(change_ns)},
     {pass_on, ALWAYS, SPENT(change_ns)},
     {direct, IF_DUE, SPENT(direct_ns)},
+    {find_reflectors, IF_DUE, SPENT(scatter_ns)},
     {trace_bounces, IF_DUE, SPENT(scatter_ns)},
     {gather_probes, IF_DUE, SPENT(probe_ns)},
     {scatter, IF_DUE, SPENT(scatter_ns)},

@@ -38,6 +38,8 @@ struct lw_cell_solver {
     struct lw_denoise denoise;
     /* Ray hits: of each texel, indirect_samples words (transport.h). */
     uint32_t *ray_hit;
+    struct lw_reflectors reflectors;
+    struct lw_reflected *reflected;
     /* The last one given. */
     struct lw_pose pose;
     struct lw_progress progress;

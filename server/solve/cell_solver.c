@@ -150,8 +150,9 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct lw_cell_solver *s = (const struct lw_cell_solver *)solver;
     size_t bytes = (size_t)s->tiles.texel_count * s->desc.indirect_samples * sizeof *s->ray_hit +
-                   lw_tiles_memory_bytes(&s->tiles) + lw_denoise_memory_bytes(&s->denoise) +
-                   lw_scheduler_memory_bytes(&s->scheduler);
+                   (size_t)s->tiles.texel_count * sizeof *s->reflected +
+                   lw_reflectors_memory_bytes(&s->reflectors) + lw_tiles_memory_bytes(&s->tiles) +
+                   lw_denoise_memory_bytes(&s->denoise) + lw_scheduler_memory_bytes(&s->scheduler);
     for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) bytes += lw_seams_light_memory_bytes(&s->welds[f]);
     if (s->has_probes) bytes += lw_probes_memory_bytes(&s->probes);
     return bytes + (s->geometry == &s->own_geometry ? lw_geometry_memory_bytes(s->geometry) : 0);
@@ -163,6 +164,7 @@ static void destroy(struct lw_solver *solver) {
     if (s->geometry) lw_geometry_forget_tiles(s->geometry);
     lw_denoise_finish(&s->denoise);
     lw_probes_finish(&s->probes);
+    lw_reflectors_finish(&s->reflectors);
     lw_lights_finish(&s->lights);
     lw_lights_finish(&s->drawn);
     for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) lw_seams_light_finish(&s->welds[f]);
@@ -171,6 +173,7 @@ static void destroy(struct lw_solver *solver) {
     lw_pose_finish(&s->pose);
     lw_scheduler_finish(&s->scheduler);
     free(s->ray_hit);
+    free(s->reflected);
     free(s);
 }
 
@@ -240,8 +243,11 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
         return lw_status_fail(err, status, "probes");
     if (s->desc.denoise && (status = set_up_denoise(s, err)) != LW_OK) return status;
     s->ray_hit = calloc((size_t)texels->count * s->desc.indirect_samples + 1, sizeof *s->ray_hit);
-    if (!s->ray_hit || lw_scheduler_init(&s->scheduler, s->desc.atlas_map->tile_count, s->tiles.count,
-                                         s->desc.indirect_samples) != LW_OK)
+    s->reflected = calloc((size_t)texels->count + 1, sizeof *s->reflected);
+    if (!s->ray_hit || !s->reflected ||
+        lw_reflectors_init(&s->reflectors, scene, texels, &s->pose) != LW_OK ||
+        lw_scheduler_init(&s->scheduler, s->desc.atlas_map->tile_count, s->tiles.count,
+                          s->desc.indirect_samples) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", texels->count);
     return LW_OK;
 }

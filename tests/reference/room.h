@@ -14,7 +14,7 @@ static inline void expect_near(double got, double want, double tolerance) {
                  100 * (got / want - 1));
 }
 
-#define ROOM_QUADS_MAX  16
+#define ROOM_QUADS_MAX  48
 #define ROOM_LIGHTS_MAX 128
 
 /** A scene under construction: each quad is an object of its own with a material of its own, front by the

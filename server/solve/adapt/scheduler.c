@@ -288,8 +288,15 @@ void lw_scheduler_put_off(struct lw_scheduler *scheduler, struct lw_tiles *tiles
     }
 }
 
-void lw_scheduler_note_hits(struct lw_scheduler *scheduler, const struct lw_tiles *tiles,
-                            const struct lw_solve_tile *tile, const uint32_t *ray_hit) {
+static void note_hit(struct lw_scheduler *scheduler, const struct lw_tiles *tiles, uint32_t texel,
+                     uint32_t weight) {
+    __atomic_fetch_add(&scheduler->hits[tiles->block[tiles->block_of_texel[texel]].tile_id], weight,
+                       __ATOMIC_RELAXED);
+}
+
+void lw_scheduler_note_hits(struct lw_scheduler *scheduler, const struct lw_transport *passes,
+                            const struct lw_solve_tile *tile) {
+    const struct lw_tiles *tiles = passes->tiles;
     if (!scheduler->watched) return;
     const uint32_t weight = scheduler->weight[tile->id.v];
     if (!weight) return;
@@ -297,10 +304,10 @@ void lw_scheduler_note_hits(struct lw_scheduler *scheduler, const struct lw_tile
         const uint32_t texel = tile->first + i;
         if (!tiles->covered[texel]) continue;
         for (uint32_t s = 0; s < scheduler->samples; s++) {
-            const uint32_t hit = ray_hit[(size_t)texel * scheduler->samples + s];
-            if (hit == LW_RAY_HIT_NOTHING || hit & LW_RAY_HIT_PROBE) continue;
-            __atomic_fetch_add(&scheduler->hits[tiles->block[tiles->block_of_texel[hit]].tile_id], weight,
-                               __ATOMIC_RELAXED);
+            const uint32_t hit = passes->ray_hit[(size_t)texel * scheduler->samples + s];
+            if (!(hit & LW_RAY_HIT_PROBE)) note_hit(scheduler, tiles, hit, weight); /* or nothing */
         }
+        if (passes->reflected[texel].weight > 0)
+            note_hit(scheduler, tiles, passes->reflected[texel].texel, weight);
     }
 }

@@ -173,9 +173,9 @@ static inline bool lw_scheduler_is_of_interest(const struct lw_scheduler *schedu
 void lw_scheduler_find_contributors(const struct lw_scheduler *scheduler, struct lw_tiles *tiles,
                                     bool all_contribute);
 
-/** Counts a due tile's bounce rays. ray_hit: of the whole scene, `samples` words per texel (transport.h). */
-void lw_scheduler_note_hits(struct lw_scheduler *scheduler, const struct lw_tiles *tiles,
-                            const struct lw_solve_tile *tile, const uint32_t *ray_hit);
+/** Counts where a due tile's bounce rays, and those to reflectors, have ended. */
+void lw_scheduler_note_hits(struct lw_scheduler *scheduler, const struct lw_transport *passes,
+                            const struct lw_solve_tile *tile);
 
 /* ---- what a frame solves and shows (scheduler.c) ---- */
 

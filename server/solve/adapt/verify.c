@@ -128,19 +128,26 @@ void lw_verify_reread(const struct lw_transport *t, struct lw_solve_tile *tile) 
         if (block->due) lw_gradient_note_staleness(block);
 }
 
+/* By how much a texel's block sends out more than in the frame before, of bounces from the first on. */
+static struct lw_vec3 change_of(const struct lw_transport *t, uint32_t texel) {
+    const uint32_t block = t->tiles->block_of_texel[texel];
+    struct lw_vec3 sum = {0};
+    for (uint32_t bounce = 1; bounce < t->tiles->bounces; bounce++)
+        sum = lw_vec3_add(sum, t->tiles->radiance_change[bounce][block]);
+    return sum;
+}
+
 /* The mean by which what arrives along a texel's rays of bounces from the second on
  * differs from the frame before. */
 static struct lw_vec3 change_at(const struct lw_transport *t, uint32_t texel) {
     const uint32_t n = t->indirect_samples;
     const uint32_t *hit = t->ray_hit + (size_t)texel * n;
+    const struct lw_reflected *reflected = &t->reflected[texel];
     struct lw_vec3 sum = {0};
-    for (uint32_t s = 0; s < n; s++) {
-        if (hit[s] & LW_RAY_HIT_PROBE) continue; /* or nothing */
-        const uint32_t block = t->tiles->block_of_texel[hit[s]];
-        for (uint32_t bounce = 2; bounce <= t->tiles->bounces; bounce++)
-            sum = lw_vec3_add(sum, t->tiles->radiance_change[bounce - 1][block]);
-    }
-    return lw_vec3_scale(sum, LW_PI / (float)n);
+    for (uint32_t s = 0; s < n; s++)
+        if (!(hit[s] & LW_RAY_HIT_PROBE)) /* or nothing */
+            sum = lw_vec3_mad(sum, change_of(t, hit[s]), LW_PI / (float)n);
+    return reflected->weight > 0 ? lw_vec3_mad(sum, change_of(t, reflected->texel), reflected->weight) : sum;
 }
 
 /* weight: of the mean that is out of date by what is found. */

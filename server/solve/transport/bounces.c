@@ -12,6 +12,10 @@
 /* This many bounce rays in a row start at the same place of their texel: finding it
  * costs as much as half a ray. */
 #define PLACE_SHARE 2u
+/* How much of the way to a reflector has to be free. */
+#define REFLECTOR_END 0.9999f
+/* Its rays meet transparent surfaces by chances of their own. */
+#define REFLECTOR_SALT 0x5a000000u
 /* Texels ahead of the current one whose ray hits are prefetched. */
 #define GATHER_AHEAD 12u
 /* One rare bright sample among few makes a texel shine like a lamp, and what lies close by reads that again
@@ -56,9 +60,19 @@ struct flights {
     uint32_t count;
 };
 
-/* Where a lane's ray ended, if it met something; not yet the texel that stands for it. */
-static uint32_t hit_of(const struct lw_transport *t, const struct lw_hit16 *hits, uint32_t lane) {
+static struct lw_vec3 origin_of(const struct lw_ray16 *rays, uint32_t lane) {
+    return lw_vec3(rays->org_x[lane], rays->org_y[lane], rays->org_z[lane]);
+}
+
+/* Where a lane's ray ended, if it met something; not yet the texel that stands for it. Reflectors have rays
+ * of their own. */
+static uint32_t hit_of(const struct lw_transport *t, const struct flight *f, uint32_t lane) {
+    const struct lw_hit16 *hits = &f->hits;
     if (hits->object[lane] == LW_TRACE_MISS) return LW_RAY_HIT_NOTHING;
+    if (t->reflectors->count && hits->t[lane] <= t->tracing_range_m &&
+        lw_reflectors_have(t->reflectors, origin_of(&f->rays, lane), hits->object[lane],
+                           hits->triangle[lane]))
+        return LW_RAY_HIT_NOTHING;
     return lw_texels_under(t->texels, hits->object[lane], hits->triangle[lane], hits->u[lane], hits->v[lane],
                            hits->back[lane]);
 }
@@ -68,8 +82,7 @@ static uint32_t hit_of(const struct lw_transport *t, const struct lw_hit16 *hits
 static bool ask_probes(const struct lw_transport *t, const struct lw_ray16 *rays, uint32_t lane,
                        uint32_t random, uint32_t *out_hit) {
     const struct lw_vec3 d = lw_vec3(rays->dir_x[lane], rays->dir_y[lane], rays->dir_z[lane]);
-    const struct lw_vec3 point =
-        lw_vec3_mad(lw_vec3(rays->org_x[lane], rays->org_y[lane], rays->org_z[lane]), d, rays->t_far[lane]);
+    const struct lw_vec3 point = lw_vec3_mad(origin_of(rays, lane), d, rays->t_far[lane]);
     /* Outside the box there is nothing but what has moved there: a ray that costs next to nothing. */
     if (!lw_cells_contain(&t->probes->grid, point)) return false;
     *out_hit = lw_probes_ask(t->probes, point, d, random);
@@ -81,7 +94,7 @@ static void find_hits(const struct lw_transport *t, struct flight *f, struct lw_
     uint16_t unseen = 0;
     for (uint32_t lane = 0; lane < LANES; lane++) {
         if (!(f->active >> lane & 1)) continue;
-        f->hit[lane] = hit_of(t, &f->hits, lane);
+        f->hit[lane] = hit_of(t, f, lane);
         if (f->hits.object[lane] != LW_TRACE_MISS || !t->probes) continue;
         const uint32_t random =
             lw_random_hash3(t->seed, f->texel[lane], f->rays.salt ^ LW_SAMPLING_PROBE << 24);
@@ -93,7 +106,7 @@ static void find_hits(const struct lw_transport *t, struct flight *f, struct lw_
     if (unseen) {
         lw_trace_closest16(t->trace, f->flags, unseen, &f->rays, &f->hits);
         for (uint32_t lane = 0; lane < LANES; lane++)
-            if (unseen >> lane & 1) f->hit[lane] = hit_of(t, &f->hits, lane);
+            if (unseen >> lane & 1) f->hit[lane] = hit_of(t, f, lane);
         count->bounce += (uint64_t)__builtin_popcount(unseen);
     }
     for (uint32_t lane = 0; lane < LANES; lane++)
@@ -125,6 +138,87 @@ static void land(const struct lw_transport *t, struct flights *flights, struct l
     flights->count = 0;
 }
 
+/* ---- rays to reflectors (reflectors.h) ---- */
+
+/* The random numbers of a packet's rays to one of them. */
+static void draw(const struct lw_transport *t, const struct lw_solve_tile *tile,
+                 const struct lw_ray_launch *launch, uint32_t use, float out[2]) {
+    lw_sampling_point(lw_sampling_seed(t->seed, tile->object, launch->block, use), launch->frames,
+                      launch->set, out);
+}
+
+/* From the middle of a packet's places. */
+static struct lw_vec3 middle_of(const struct lw_points16 *at, uint16_t active) {
+    struct lw_vec3 sum = {0};
+    for (uint32_t lane = 0; lane < LANES; lane++)
+        if (active >> lane & 1) sum = lw_vec3_add(sum, lw_vec3(at->x[lane], at->y[lane], at->z[lane]));
+    return lw_vec3_scale(sum, 1 / (float)__builtin_popcount(active));
+}
+
+/* Of all frames, in how many a packet sends rays to them. In the others it takes their light as sent. */
+static float share_of_frames(const struct lw_transport *t, uint32_t texel, struct lw_vec3 place) {
+    const float own = t->tiles->block[t->tiles->block_of_texel[texel]].reference_luminance;
+    return own > 0 ? fminf(1, lw_reflectors_most(t->reflectors, place) / own) : 1;
+}
+
+/* What a point on a reflector gives a lane, if nothing lies between them; false: nothing. */
+static bool aim_at(const struct lw_transport *t, const struct lw_reflector *reflector,
+                   const struct lw_reflector_point *point, const struct lw_ray_launch_site *site,
+                   uint32_t lane, struct lw_ray16 *rays, struct lw_reflected *out) {
+    const struct lw_points16 *at = &site->lanes.at;
+    const struct lw_vec3 from = lw_vec3(at->x[lane], at->y[lane], at->z[lane]),
+                         normal = lw_vec3(at->nx[lane], at->ny[lane], at->nz[lane]),
+                         way = lw_vec3_sub(point->position_ws, from);
+    const float square = lw_vec3_dot(way, way), here = lw_vec3_dot(way, normal),
+                there = lw_vec3_dot(way, point->normal_ws);
+    if (!(here > 0) || !(square > 0) || sqrtf(square) > t->tracing_range_m ||
+        !lw_reflectors_have(t->reflectors, from, reflector->object, point->triangle))
+        return false;
+    out->texel = lw_texels_at(t->texels, reflector->object, point->triangle, point->u, point->v, there > 0);
+    out->weight = here * fabsf(there) / (square * square) * point->area_m2;
+    lw_trace_set_ray(rays, lane, from, way, REFLECTOR_END);
+    return out->texel != LW_TEXEL_NONE;
+}
+
+/* Looks for a reflector's light from a packet's sample points: once a frame. */
+static void reach(const struct lw_transport *t, const struct lw_solve_tile *tile,
+                  const struct lw_ray_launch *launch, const struct lw_ray_launch_site *site,
+                  struct lw_ray_count *count) {
+    for (uint32_t lane = 0; lane < LANES; lane++) t->reflected[tile->first + launch->texel[lane]].weight = 0;
+    if (!t->reflectors->count) return;
+    const struct lw_vec3 place = middle_of(&site->lanes.at, launch->active);
+    const float share = share_of_frames(t, tile->first + launch->texel[0], place);
+    float pick[2], point[2], probability;
+    draw(t, tile, launch, LW_SAMPLING_REFLECTOR_PICK, pick);
+    if (!(pick[0] < share)) return;
+    draw(t, tile, launch, LW_SAMPLING_REFLECTOR, point);
+    const struct lw_reflector *reflector =
+        lw_reflectors_pick(t->reflectors, place, pick[0] / share, &probability);
+    if (t->pose->object_hidden[reflector->object]) return;
+    struct lw_ray16 rays = {.salt = launch->frames ^ REFLECTOR_SALT};
+    struct lw_reflected found[LANES];
+    uint16_t active = 0;
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        struct lw_reflector_point end;
+        float own[2], triangle[2];
+        if (!(launch->active >> lane & 1)) continue;
+        lw_sampling_spread(point, lane, own);
+        lw_sampling_spread(pick, lane, triangle);
+        lw_reflectors_point(t->reflectors, reflector, t->pose, (float[3]){triangle[1], own[0], own[1]}, &end);
+        if (aim_at(t, reflector, &end, site, lane, &rays, &found[lane])) active |= (uint16_t)(1u << lane);
+    }
+    if (!active) return;
+    const uint16_t seen = active & (uint16_t)~lw_trace_occluded16(t->trace, LW_TRACE_LIGHT, active, &rays);
+    count->bounce += (uint64_t)__builtin_popcount(active);
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        if (!(seen >> lane & 1)) continue;
+        found[lane].weight /= probability * share;
+        t->reflected[tile->first + launch->texel[lane]] = found[lane];
+    }
+}
+
+/* ---- all rays of a packet ---- */
+
 /* Where the rays of a packet's texels end in one frame. Needs its sample points for the first of them. */
 static void trace_packet(const struct lw_transport *t, const struct lw_solve_tile *tile,
                          struct lw_ray_launch *launch, struct lw_ray_launch_site *site,
@@ -135,6 +229,7 @@ static void trace_packet(const struct lw_transport *t, const struct lw_solve_til
         if (s > 0 && s % PLACE_SHARE == 0)
             lw_ray_launch_choose(launch, tile, t->texels->usable, t->seed, sample / PLACE_SHARE);
         if (s % PLACE_SHARE == 0) lw_ray_launch_place(launch, tile, site);
+        if (s == 0) reach(t, tile, launch, site, count);
         struct flight *f = &flights->flight[flights->count++ % FLIGHTS];
         float point[2];
         for (uint32_t lane = 0; lane < LANES; lane++) f->texel[lane] = tile->first + launch->texel[lane];
@@ -184,7 +279,10 @@ struct lw_vec3 lw_bounces_at(const struct lw_transport *t, uint32_t texel, uint3
     const uint32_t *hit = t->ray_hit + (size_t)texel * n;
     struct lw_vec3 sum = {0};
     for (uint32_t s = 0; s < n; s++) sum = lw_vec3_add(sum, radiance_at(t, hit[s], bounce));
-    return lw_vec3_scale(sum, LW_PI / (float)n);
+    const struct lw_reflected *reflected = &t->reflected[texel];
+    sum = lw_vec3_scale(sum, LW_PI / (float)n);
+    if (!(reflected->weight > 0)) return sum;
+    return lw_vec3_mad(sum, radiance_at(t, reflected->texel, bounce), reflected->weight);
 }
 
 /* Ends lie anywhere in memory: what a few texels from here will read is sent for. */

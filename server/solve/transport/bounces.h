@@ -8,11 +8,11 @@
 #include "server/solve/transport/ray_launch.h"
 #include "server/solve/transport/transport.h"
 
-/** Traces the bounce rays of a tile's due blocks and notes where they ended. */
+/** Traces the bounce rays of a tile's due blocks, and those to reflectors, and notes where they ended. */
 void lw_bounces_trace(const struct lw_transport *transport, const struct lw_solve_tile *tile,
                       struct lw_ray_count *count);
 
-/** Traces the bounce rays of one packet's last solve again; their hits replace those of that
+/** Traces the same of one packet's last solve again; their hits replace those of that
  * solve. Needs the site's frame. */
 void lw_bounces_repeat(const struct lw_transport *transport, const struct lw_solve_tile *tile,
                        struct lw_ray_launch *launch, struct lw_ray_launch_site *site,

@@ -10,7 +10,8 @@
  *                                                       solid angle; far: times d^2 / (its area cos')
  *   sky, environment   E += (1/N) sum V L cos / p       p = (1 - a) cos/pi + a p_bright: cosine-weighted, and
  *                                                       where it stands out; a constant sky has a = 0
- *   bounce k           E_k += (pi/N) sum L_{k-1}(hit)   cosine-weighted directions
+ *   bounce k           E_k += (pi/N) sum L_{k-1}(hit)   cosine-weighted directions; and, of reflectors,
+ *                      E_k += V L_{k-1}(y) cos cos' / (d^2 p(y))   (reflectors.h)
  *
  * Many points and spots are split with the emitters into groups. One light of each group stands for all of
  * it, over its probability. (Uniform directions would need (2 pi/N) sum L cos; the 1/(N pi) of Vandersanden
@@ -22,6 +23,13 @@
 #include "common/trace/trace.h"
 #include "server/solve/state/tiles.h"
 #include "server/solve/transport/probes.h"
+#include "server/solve/transport/reflectors.h"
+
+/** What a texel's ray to a reflector has found. */
+struct lw_reflected {
+    uint32_t texel; /* on it; global numbering */
+    float weight;   /* E = weight * what that texel sends out; 0: there is no such light */
+};
 
 /** What the transport of a frame reads. */
 struct lw_transport {
@@ -35,6 +43,8 @@ struct lw_transport {
     const struct lw_probes *probes; /* NULL: the tracing range is infinite */
     struct lw_tiles *tiles;
     uint32_t *ray_hit; /* indirect_samples words per texel of the global numbering (ray_hit.h) */
+    const struct lw_reflectors *reflectors;
+    struct lw_reflected *reflected; /* one per texel of the global numbering */
     uint32_t direct_samples, indirect_samples, seed;
     float tracing_range_m;
     /* of converged blocks. */

@@ -1,0 +1,303 @@
+#include "server/solve/transport/reflectors.h"
+
+#include "common/colour.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* What a ray that meets it would bring, over the mean light of all texels: from here on rays are sent. */
+#define RARE 16.0f
+/* The same of a block's mean: below, its object's triangles are not looked at. */
+#define RARE_BLOCK 4.0f
+/* One that was found to be none is not looked at before its brightest block is that many times as bright. */
+#define AGAIN 1.5f
+/* Its radius over the scene's, at most; and how many triangles it may have. */
+#define SIZE_SHARE    (1.0f / 16)
+#define TRIANGLES_MAX 8192u
+/* Within this many of its radii bounce rays have its light. */
+#define NEAR 3.0f
+/* A triangle is picked by its radiance and this share of the reflector's mean, for that is read at one
+ * point. */
+#define EVEN 0.05f
+
+static struct lw_reflectors_ball ball_of(const struct lw_mesh *mesh) {
+    struct lw_vec3 lo = lw_vec3(INFINITY, INFINITY, INFINITY), hi = lw_vec3_scale(lo, -1);
+    if (mesh->triangle_count > TRIANGLES_MAX) return (struct lw_reflectors_ball){.radius_m = INFINITY};
+    for (uint32_t v = 0; v < mesh->vertex_count; v++) {
+        const struct lw_vec3 p = mesh->position[v];
+        lo = lw_vec3(fminf(lo.x, p.x), fminf(lo.y, p.y), fminf(lo.z, p.z));
+        hi = lw_vec3(fmaxf(hi.x, p.x), fmaxf(hi.y, p.y), fmaxf(hi.z, p.z));
+    }
+    return (struct lw_reflectors_ball){.centre_os = lw_vec3_scale(lw_vec3_add(lo, hi), 0.5f),
+                                       .radius_m = 0.5f * lw_vec3_length(lw_vec3_sub(hi, lo))};
+}
+
+enum lw_status lw_reflectors_init(struct lw_reflectors *r, const struct lw_scene *scene,
+                                  const struct lw_texels *texels, const struct lw_pose *pose) {
+    struct lw_vec3 lo = {0}, hi = {0};
+    *r = (struct lw_reflectors){.scene = scene, .texels = texels};
+    if (lw_pose_bounds(pose, scene, &lo, &hi))
+        r->radius_max_m = SIZE_SHARE * 0.5f * lw_vec3_length(lw_vec3_sub(hi, lo));
+    r->ball = calloc((size_t)scene->mesh_count + 1, sizeof *r->ball);
+    r->brightest = calloc((size_t)scene->object_count + 1, sizeof *r->brightest);
+    r->refused = calloc((size_t)scene->object_count + 1, sizeof *r->refused);
+    r->of_object = malloc((size_t)scene->object_count + 1);
+    if (!r->ball || !r->brightest || !r->refused || !r->of_object) {
+        lw_reflectors_finish(r);
+        return LW_NO_MEMORY;
+    }
+    for (uint32_t m = 0; m < scene->mesh_count; m++) r->ball[m] = ball_of(&scene->mesh[m]);
+    memset(r->of_object, LW_REFLECTORS_MAX, scene->object_count);
+    return LW_OK;
+}
+
+void lw_reflectors_finish(struct lw_reflectors *r) {
+    for (uint32_t i = 0; i <= LW_REFLECTORS_MAX; i++) {
+        free(r->list[i].triangle);
+        free(r->list[i].upto);
+        free(r->list[i].radiance);
+    }
+    free(r->ball);
+    free(r->brightest);
+    free(r->refused);
+    free(r->of_object);
+    *r = (struct lw_reflectors){0};
+}
+
+size_t lw_reflectors_memory_bytes(const struct lw_reflectors *r) {
+    if (!r->scene) return 0;
+    size_t bytes = r->scene->mesh_count * sizeof *r->ball +
+                   r->scene->object_count * (2 * sizeof *r->brightest + sizeof *r->of_object);
+    for (uint32_t i = 0; i <= LW_REFLECTORS_MAX; i++)
+        bytes += r->list[i].capacity *
+                 (sizeof *r->list->triangle + sizeof *r->list->upto + sizeof *r->list->radiance);
+    return bytes;
+}
+
+/* ---- what shines ---- */
+
+static const struct lw_mesh *mesh_of(const struct lw_reflectors *r, uint32_t object) {
+    return &r->scene->mesh[r->scene->object[object].mesh];
+}
+
+static bool is_opaque(const struct lw_reflectors *r, const struct lw_mesh *mesh, uint32_t triangle) {
+    return r->scene->material[mesh->material[triangle]].alpha_mode == LW_ALPHA_OPAQUE;
+}
+
+/* A triangle's first corner, and the ways to its others. */
+static void edges(const struct lw_mesh *mesh, uint32_t triangle, struct lw_vec3 *a, struct lw_vec3 *ab,
+                  struct lw_vec3 *ac) {
+    const uint32_t *vertex = mesh->triangle[triangle];
+    *a = mesh->position[vertex[0]];
+    *ab = lw_vec3_sub(mesh->position[vertex[1]], *a);
+    *ac = lw_vec3_sub(mesh->position[vertex[2]], *a);
+}
+
+/* Luminance of all that a texel sends out. */
+static float radiance_of(const struct lw_tiles *tiles, uint32_t texel) {
+    float sum = 0;
+    if (texel == LW_TEXEL_NONE) return 0;
+    for (uint32_t bounce = 0; bounce < tiles->bounces; bounce++) {
+        const float *l = tiles->radiance[bounce] + (size_t)texel * 4;
+        sum += lw_colour_luminance(lw_vec3(l[0], l[1], l[2]));
+    }
+    return sum;
+}
+
+/* At the middle, on the brighter side. */
+static float radiance_of_triangle(const struct lw_reflectors *r, const struct lw_tiles *tiles,
+                                  uint32_t object, uint32_t triangle) {
+    const float third = 1.0f / 3;
+    return fmaxf(radiance_of(tiles, lw_texels_at(r->texels, object, triangle, third, third, false)),
+                 radiance_of(tiles, lw_texels_at(r->texels, object, triangle, third, third, true)));
+}
+
+static float power_of(const struct lw_reflector *c) { return c->upto[c->count - 1]; }
+
+static enum lw_status reserve(struct lw_reflector *c, uint32_t count) {
+    if (count <= c->capacity) return LW_OK;
+    uint32_t *triangle = realloc(c->triangle, count * sizeof *triangle);
+    if (triangle) c->triangle = triangle;
+    float *upto = realloc(c->upto, count * sizeof *upto);
+    if (upto) c->upto = upto;
+    float *radiance = realloc(c->radiance, count * sizeof *radiance);
+    if (radiance) c->radiance = radiance;
+    if (!triangle || !upto || !radiance) return LW_NO_MEMORY;
+    c->capacity = count;
+    return LW_OK;
+}
+
+/* Returns its greatest radiance. */
+static float list_triangles(const struct lw_reflectors *r, const struct lw_tiles *tiles,
+                            const struct lw_affine *to_world, struct lw_reflector *c) {
+    const struct lw_mesh *mesh = mesh_of(r, c->object);
+    struct lw_vec3 a, ab, ac;
+    float most = 0, power = 0, area = 0, sum = 0;
+    c->count = 0;
+    for (uint32_t i = 0; i < mesh->triangle_count; i++) {
+        if (!is_opaque(r, mesh, i)) continue;
+        edges(mesh, i, &a, &ab, &ac);
+        const float own = 0.5f * lw_vec3_length(lw_vec3_cross(lw_affine_vector(to_world, ab),
+                                                              lw_affine_vector(to_world, ac))),
+                    radiance = radiance_of_triangle(r, tiles, c->object, i);
+        c->triangle[c->count] = i;
+        c->upto[c->count] = own;
+        c->radiance[c->count++] = radiance;
+        most = fmaxf(most, radiance);
+        power += own * radiance;
+        area += own;
+    }
+    for (uint32_t i = 0; i < c->count; i++) {
+        c->radiance[i] += EVEN * power / area;
+        c->upto[i] = sum += c->upto[i] * c->radiance[i];
+    }
+    return sum > 0 && isfinite(sum) ? most : 0;
+}
+
+static void replace(struct lw_reflectors *r, uint32_t index) {
+    const struct lw_reflector was = r->list[index];
+    r->list[index] = r->list[LW_REFLECTORS_MAX];
+    r->list[LW_REFLECTORS_MAX] = was;
+}
+
+static void add(struct lw_reflectors *r) {
+    uint32_t weakest = 0;
+    for (uint32_t i = 1; i < r->count; i++)
+        if (power_of(&r->list[i]) < power_of(&r->list[weakest])) weakest = i;
+    if (r->count < LW_REFLECTORS_MAX)
+        replace(r, r->count++);
+    else if (power_of(&r->list[LW_REFLECTORS_MAX]) > power_of(&r->list[weakest]))
+        replace(r, weakest);
+}
+
+/* By how much the axis that grows most grows. */
+static float largest_scale(const struct lw_affine *t) {
+    float square = 0;
+    for (int j = 0; j < 3; j++)
+        square = fmaxf(square, t->m[0][j] * t->m[0][j] + t->m[1][j] * t->m[1][j] + t->m[2][j] * t->m[2][j]);
+    return sqrtf(square);
+}
+
+/* Lists an object if it is small, and bright. mean: E of the scene. */
+static enum lw_status consider(struct lw_reflectors *r, const struct lw_tiles *tiles,
+                               const struct lw_pose *pose, uint32_t object, float mean) {
+    const float brightness = r->brightest[object] / mean;
+    struct lw_reflector *c = &r->list[LW_REFLECTORS_MAX];
+    const struct lw_reflectors_ball *ball = &r->ball[r->scene->object[object].mesh];
+    const struct lw_affine *to_world = &pose->object_to_world[object];
+    if (!(brightness > RARE_BLOCK) || brightness < AGAIN * r->refused[object]) return LW_OK;
+    c->object = object;
+    c->centre_ws = lw_affine_point(to_world, ball->centre_os);
+    c->radius_m = ball->radius_m * largest_scale(to_world);
+    if (pose->object_hidden[object] || !(c->radius_m <= r->radius_max_m)) return LW_OK;
+    if (reserve(c, mesh_of(r, object)->triangle_count) != LW_OK) return LW_NO_MEMORY;
+    const bool is_rare = LW_PI * list_triangles(r, tiles, to_world, c) > RARE * mean;
+    r->refused[object] = is_rare ? 0 : brightness;
+    if (is_rare) add(r);
+    return LW_OK;
+}
+
+/* Luminance of E, summed over a block's texels; of direct light in a frame that solves it for the first
+ * time. */
+static double light_of(const struct lw_tiles *tiles, const struct lw_solve_tile *tile,
+                       const struct lw_solve_block *block) {
+    const uint32_t index = (uint32_t)(block - tile->block), column = index % tile->block_columns,
+                   row = index / tile->block_columns;
+    double sum = 0;
+    if (block->sample_count) return block->luminance;
+    LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
+        const uint32_t texel = tile->first + y * tile->width + x;
+        if (tiles->covered[texel]) sum += (double)lw_colour_luminance(lw_texels_vector(tiles->direct, texel));
+    }
+    return sum;
+}
+
+/* Returns the mean E of all texels, and notes the objects' brightest blocks. */
+static float survey(struct lw_reflectors *r, const struct lw_tiles *tiles) {
+    double light = 0, texels = 0;
+    memset(r->brightest, 0, r->scene->object_count * sizeof *r->brightest);
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        const struct lw_solve_tile *tile = &tiles->tile[i];
+        float *brightest = &r->brightest[tile->object];
+        LW_TILES_EACH_BLOCK (tile, block) {
+            if (!block->covered_count) continue;
+            const double own = light_of(tiles, tile, block);
+            light += own;
+            texels += block->covered_count;
+            *brightest = fmaxf(*brightest, (float)(own / block->covered_count));
+        }
+    }
+    return texels > 0 ? (float)(light / texels) : 0;
+}
+
+enum lw_status lw_reflectors_update(struct lw_reflectors *r, const struct lw_tiles *tiles,
+                                    const struct lw_pose *pose) {
+    const float mean = survey(r, tiles);
+    enum lw_status status = LW_OK;
+    r->count = 0;
+    memset(r->of_object, LW_REFLECTORS_MAX, r->scene->object_count);
+    for (uint32_t o = 0; status == LW_OK && o < r->scene->object_count; o++)
+        status = consider(r, tiles, pose, o, mean);
+    if (status != LW_OK) r->count = 0;
+    for (uint32_t i = 0; i < r->count; i++) r->of_object[r->list[i].object] = (uint8_t)i;
+    return status;
+}
+
+/* ---- what packets ask ---- */
+
+static float square_of(const struct lw_reflector *c, struct lw_vec3 from) {
+    const struct lw_vec3 d = lw_vec3_sub(c->centre_ws, from);
+    return lw_vec3_dot(d, d);
+}
+
+static float near_square(const struct lw_reflector *c) { return NEAR * NEAR * c->radius_m * c->radius_m; }
+
+bool lw_reflectors_have(const struct lw_reflectors *r, struct lw_vec3 from, uint32_t object,
+                        uint32_t triangle) {
+    const uint8_t index = r->of_object[object];
+    return index < LW_REFLECTORS_MAX && is_opaque(r, mesh_of(r, object), triangle) &&
+           square_of(&r->list[index], from) >= near_square(&r->list[index]);
+}
+
+static float most_of(const struct lw_reflector *c, struct lw_vec3 place) {
+    return power_of(c) / fmaxf(square_of(c, place), near_square(c));
+}
+
+float lw_reflectors_most(const struct lw_reflectors *r, struct lw_vec3 place) {
+    float sum = 0;
+    for (uint32_t i = 0; i < r->count; i++) sum += most_of(&r->list[i], place);
+    return sum;
+}
+
+const struct lw_reflector *lw_reflectors_pick(const struct lw_reflectors *r, struct lw_vec3 place,
+                                              float random, float *out_probability) {
+    const float all = lw_reflectors_most(r, place);
+    float left = random * all;
+    uint32_t i = 0;
+    while (i + 1 < r->count && (left -= most_of(&r->list[i], place)) >= 0) i++;
+    *out_probability = most_of(&r->list[i], place) / all;
+    return &r->list[i];
+}
+
+void lw_reflectors_point(const struct lw_reflectors *r, const struct lw_reflector *c,
+                         const struct lw_pose *pose, const float random[3], struct lw_reflector_point *out) {
+    const float wanted = random[0] * power_of(c), root = sqrtf(random[1]);
+    uint32_t low = 0, high = c->count - 1;
+    while (low < high) {
+        const uint32_t middle = (low + high) / 2;
+        if (c->upto[middle] > wanted)
+            high = middle;
+        else
+            low = middle + 1;
+    }
+    const struct lw_affine *to_world = &pose->object_to_world[c->object];
+    struct lw_vec3 a, ab, ac;
+    edges(mesh_of(r, c->object), c->triangle[low], &a, &ab, &ac);
+    out->triangle = c->triangle[low];
+    out->u = root * (1 - random[2]);
+    out->v = root * random[2];
+    out->position_ws = lw_affine_point(to_world, lw_vec3_mad(lw_vec3_mad(a, ab, out->u), ac, out->v));
+    out->normal_ws = lw_affine_normal(to_world, lw_vec3_cross(ab, ac));
+    out->area_m2 = power_of(c) / c->radiance[low];
+}
