@@ -5,8 +5,9 @@
 
 #include <stdint.h>
 
-/** First entry above pick (in [0, 1)), by bisection; the last one where none is.
- * cdf  count >= 1 ascending sums, the last of them 1 */
+/** First entry above pick, by bisection; the last one where none is.
+ * cdf   count >= 1 ascending sums
+ * pick  in [0, 1) of the last of them, which mostly is 1 */
 static inline uint32_t lw_cdf_choose(const float *cdf, uint32_t count, float pick) {
     uint32_t low = 0, high = count - 1;
     while (low < high) {

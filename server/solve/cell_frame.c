@@ -114,6 +114,7 @@ static enum lw_status place(struct frame *f, struct lw_error *err) {
     lw_lights_set_pose(&s->lights, &s->pose);
     if (lw_cell_frame_parts_drawn(s)) lw_lights_set_pose(&s->drawn, &s->pose);
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
+    lw_reflectors_place(&s->reflectors, &s->tiles);
     if (s->has_probes) {
         uint64_t t = lw_clock_ns();
         f->stats.rays_probe += lw_probes_place(&s->probes, &s->pose, s->geometry->trace, s->threads);
@@ -122,6 +123,15 @@ static enum lw_status place(struct frame *f, struct lw_error *err) {
     s->pose_due = 0;
     s->view_due = false;
     return LW_OK;
+}
+
+/* Rays are traced again to those of the last frame that solved something. A block that it left alone may find
+ * another list than its own, and by that some noise in what has changed. */
+static enum lw_status find_reflectors(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    if (!s->desc.bounces) return LW_OK;
+    enum lw_status status = lw_reflectors_update(&s->reflectors, &s->tiles, &s->pose);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "listing what shines by reflected light");
 }
 
 /* Estimates of the last solves, before anything moves from where it was then. */
@@ -142,11 +152,14 @@ static void recall(struct lw_cell_solver *s, const struct lw_transport *passes,
 static enum lw_status take_pose(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     const unsigned moved = lw_pose_difference(f->pose, &s->pose, s->desc.scene);
-    (void)err;
     f->stats.moved = moved != 0;
     s->scheduler.frames_since_move++;
     if (!moved) return LW_OK;
-    if (s->forgetful) recall(s, &f->transport, &f->stats);
+    if (s->forgetful) {
+        enum lw_status status = find_reflectors(f, err);
+        if (status != LW_OK) return status;
+        recall(s, &f->transport, &f->stats);
+    }
     s->view_due |= memcmp(s->pose.object_hidden, f->pose->object_hidden,
                           s->desc.scene->object_count * sizeof *f->pose->object_hidden) != 0;
     lw_scheduler_move(&s->scheduler, &s->tiles, s->desc.scene, &s->pose, f->pose,
@@ -327,14 +340,6 @@ static enum lw_status direct(struct frame *f, struct lw_error *err) {
     run_direct(s, &f->transport, &f->stats);
     if (s->desc.bounces) run_radiate(s, &f->transport, 0);
     return LW_OK;
-}
-
-/* They are the same until something is solved again: what is verified by then is traced to the same. */
-static enum lw_status find_reflectors(struct frame *f, struct lw_error *err) {
-    struct lw_cell_solver *s = f->s;
-    if (!s->desc.bounces) return LW_OK;
-    enum lw_status status = lw_reflectors_update(&s->reflectors, &s->tiles, &s->pose);
-    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "listing what shines by reflected light");
 }
 
 static enum lw_status trace_bounces(struct frame *f, struct lw_error *err) {
@@ -526,7 +531,7 @@ static const struct stage stages[] = {
     {weigh_direct, IF_DUE, SPENT(change_ns)},
     {pass_on, ALWAYS, SPENT(change_ns)},
     {direct, IF_DUE, SPENT(direct_ns)},
-    {find_reflectors, IF_DUE, SPENT(scatter_ns)},
+    {find_reflectors, IF_DUE, SPENT(pose_ns)},
     {trace_bounces, IF_DUE, SPENT(scatter_ns)},
     {gather_probes, IF_DUE, SPENT(probe_ns)},
     {scatter, IF_DUE, SPENT(scatter_ns)},

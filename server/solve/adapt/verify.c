@@ -182,7 +182,8 @@ void lw_verify_recall(const struct lw_transport *t, const struct lw_solve_tile *
     struct lw_ray_launch launch;
     struct lw_ray_launch_site site;
     lw_sample_points_frame_init(&site.frame, &t->pose->object_to_world[tile->object]);
-    LW_TILES_EACH_BLOCK (tile, block)
+    LW_TILES_EACH_BLOCK (tile, block) {
+        block->traced_luminance = block->reference_luminance;
         for (uint32_t set = 0; block->sample_count && set < block->packet_count; set++) {
             struct lw_direct_light direct;
             lw_ray_launch_init(&launch, tile, block, set);
@@ -196,4 +197,5 @@ void lw_verify_recall(const struct lw_transport *t, const struct lw_solve_tile *
                                    gather_order(t, texel, order));
             }
         }
+    }
 }

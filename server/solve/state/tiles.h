@@ -64,6 +64,8 @@ struct lw_solve_block {
     /* Luminance of E against which errors are measured: its own mean, or the tile's if that is more; and what
      * other layers add to it (light_layers.h). */
     float reference_luminance, other_luminance;
+    /* reference_luminance when its bounce rays were last traced: what they hang on */
+    float traced_luminance;
     float noise
         [LW_TILES_PARTS]; /* relative variances of one frame's estimates of a texel; < 0: not known yet */
     float error;          /* relative standard error of luminance */

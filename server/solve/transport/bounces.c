@@ -155,9 +155,10 @@ static struct lw_vec3 middle_of(const struct lw_points16 *at, uint16_t active) {
     return lw_vec3_scale(sum, 1 / (float)__builtin_popcount(active));
 }
 
-/* Of all frames, in how many a packet sends rays to them. In the others it takes their light as sent. */
+/* Of all frames, in how many a packet sends rays to them; what these find counts as many times more. The same
+ * when rays are traced again. */
 static float share_of_frames(const struct lw_transport *t, uint32_t texel, struct lw_vec3 place) {
-    const float own = t->tiles->block[t->tiles->block_of_texel[texel]].reference_luminance;
+    const float own = t->tiles->block[t->tiles->block_of_texel[texel]].traced_luminance;
     return own > 0 ? fminf(1, lw_reflectors_most(t->reflectors, place) / own) : 1;
 }
 
@@ -258,6 +259,7 @@ void lw_bounces_trace(const struct lw_transport *t, const struct lw_solve_tile *
     lw_sample_points_frame_init(&site.frame, &t->pose->object_to_world[tile->object]);
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->due) continue;
+        block->traced_luminance = block->reference_luminance;
         lw_ray_launch_block(tile, block, t->texels->usable, t->seed,
                             block->sample_count * t->indirect_samples / PLACE_SHARE, launch);
         for (uint32_t set = 0; set < block->packet_count; set++)

@@ -3,7 +3,7 @@
  *
  * A ray hit is one word: a texel to read, a probe and a direction, or nothing. The estimate of bounce k is
  *
- *   E_k(x) = (pi / N) sum over ray hits of L_{k-1}
+ *   E_k(x) = (pi / N) sum over ray hits of L_{k-1}      and the light of reflectors (reflectors.h)
  *
  * the operator sampled once, applied to each order. The rays of different texels are independent, so the
  * product over two bounces stays unbiased. The orders of one texel correlate, which moves no mean. To trace
@@ -16,8 +16,9 @@
 
 #include <stdint.h>
 
-#define LW_RAY_HIT_NOTHING UINT32_MAX  /* the sky (which the direct pass has counted), or a black back */
-#define LW_RAY_HIT_PROBE   0x80000000u /* flag: 15 bits of probe, 16 bits of direction */
+#define LW_RAY_HIT_NOTHING                                                                                   \
+    UINT32_MAX /* the sky or a reflector, which are counted elsewhere, or a black back */
+#define LW_RAY_HIT_PROBE 0x80000000u /* flag: 15 bits of probe, 16 bits of direction */
 
 /** The word for a probe and a direction (of any length but 0); 8 bits for each octahedral coordinate, under a
  * degree: far below what a probe resolves. */

@@ -1,5 +1,6 @@
 #include "server/solve/transport/reflectors.h"
 
+#include "common/cdf.h"
 #include "common/colour.h"
 
 #include <math.h>
@@ -8,30 +9,17 @@
 
 /* What a ray that meets it would bring, over the mean light of all texels: from here on rays are sent. */
 #define RARE 16.0f
-/* The same of a block's mean: below, its object's triangles are not looked at. */
+/* The same of the mean of a block, before its texels are looked at. */
 #define RARE_BLOCK 4.0f
-/* One that was found to be none is not looked at before its brightest block is that many times as bright. */
-#define AGAIN 1.5f
-/* Its radius over the scene's, at most; and how many triangles it may have. */
-#define SIZE_SHARE    (1.0f / 16)
+/* Its radius over the scene's, at most, and how many triangles it may have. Radii are those of tiles, which
+ * are up to 1.7 times too large. */
+#define SIZE_SHARE    (1.0f / 9)
 #define TRIANGLES_MAX 8192u
 /* Within this many of its radii bounce rays have its light. */
-#define NEAR 3.0f
+#define NEAR 2.0f
 /* A triangle is picked by its radiance and this share of the reflector's mean, for that is read at one
  * point. */
 #define EVEN 0.05f
-
-static struct lw_reflectors_ball ball_of(const struct lw_mesh *mesh) {
-    struct lw_vec3 lo = lw_vec3(INFINITY, INFINITY, INFINITY), hi = lw_vec3_scale(lo, -1);
-    if (mesh->triangle_count > TRIANGLES_MAX) return (struct lw_reflectors_ball){.radius_m = INFINITY};
-    for (uint32_t v = 0; v < mesh->vertex_count; v++) {
-        const struct lw_vec3 p = mesh->position[v];
-        lo = lw_vec3(fminf(lo.x, p.x), fminf(lo.y, p.y), fminf(lo.z, p.z));
-        hi = lw_vec3(fmaxf(hi.x, p.x), fmaxf(hi.y, p.y), fmaxf(hi.z, p.z));
-    }
-    return (struct lw_reflectors_ball){.centre_os = lw_vec3_scale(lw_vec3_add(lo, hi), 0.5f),
-                                       .radius_m = 0.5f * lw_vec3_length(lw_vec3_sub(hi, lo))};
-}
 
 enum lw_status lw_reflectors_init(struct lw_reflectors *r, const struct lw_scene *scene,
                                   const struct lw_texels *texels, const struct lw_pose *pose) {
@@ -39,15 +27,12 @@ enum lw_status lw_reflectors_init(struct lw_reflectors *r, const struct lw_scene
     *r = (struct lw_reflectors){.scene = scene, .texels = texels};
     if (lw_pose_bounds(pose, scene, &lo, &hi))
         r->radius_max_m = SIZE_SHARE * 0.5f * lw_vec3_length(lw_vec3_sub(hi, lo));
-    r->ball = calloc((size_t)scene->mesh_count + 1, sizeof *r->ball);
-    r->brightest = calloc((size_t)scene->object_count + 1, sizeof *r->brightest);
-    r->refused = calloc((size_t)scene->object_count + 1, sizeof *r->refused);
+    r->is_bright = calloc((size_t)scene->object_count + 1, sizeof *r->is_bright);
     r->of_object = malloc((size_t)scene->object_count + 1);
-    if (!r->ball || !r->brightest || !r->refused || !r->of_object) {
+    if (!r->is_bright || !r->of_object) {
         lw_reflectors_finish(r);
         return LW_NO_MEMORY;
     }
-    for (uint32_t m = 0; m < scene->mesh_count; m++) r->ball[m] = ball_of(&scene->mesh[m]);
     memset(r->of_object, LW_REFLECTORS_MAX, scene->object_count);
     return LW_OK;
 }
@@ -58,17 +43,14 @@ void lw_reflectors_finish(struct lw_reflectors *r) {
         free(r->list[i].upto);
         free(r->list[i].radiance);
     }
-    free(r->ball);
-    free(r->brightest);
-    free(r->refused);
+    free(r->is_bright);
     free(r->of_object);
     *r = (struct lw_reflectors){0};
 }
 
 size_t lw_reflectors_memory_bytes(const struct lw_reflectors *r) {
     if (!r->scene) return 0;
-    size_t bytes = r->scene->mesh_count * sizeof *r->ball +
-                   r->scene->object_count * (2 * sizeof *r->brightest + sizeof *r->of_object);
+    size_t bytes = r->scene->object_count * (sizeof *r->is_bright + sizeof *r->of_object);
     for (uint32_t i = 0; i <= LW_REFLECTORS_MAX; i++)
         bytes += r->list[i].capacity *
                  (sizeof *r->list->triangle + sizeof *r->list->upto + sizeof *r->list->radiance);
@@ -133,7 +115,8 @@ static float list_triangles(const struct lw_reflectors *r, const struct lw_tiles
                             const struct lw_affine *to_world, struct lw_reflector *c) {
     const struct lw_mesh *mesh = mesh_of(r, c->object);
     struct lw_vec3 a, ab, ac;
-    float most = 0, power = 0, area = 0, sum = 0;
+    float most = 0, power = 0, area = 0;
+    double sum = 0;
     c->count = 0;
     for (uint32_t i = 0; i < mesh->triangle_count; i++) {
         if (!is_opaque(r, mesh, i)) continue;
@@ -150,9 +133,10 @@ static float list_triangles(const struct lw_reflectors *r, const struct lw_tiles
     }
     for (uint32_t i = 0; i < c->count; i++) {
         c->radiance[i] += EVEN * power / area;
-        c->upto[i] = sum += c->upto[i] * c->radiance[i];
+        sum += (double)(c->upto[i] * c->radiance[i]);
+        c->upto[i] = (float)sum;
     }
-    return sum > 0 && isfinite(sum) ? most : 0;
+    return sum > 0 && isfinite((float)sum) ? most : 0;
 }
 
 static void replace(struct lw_reflectors *r, uint32_t index) {
@@ -171,77 +155,119 @@ static void add(struct lw_reflectors *r) {
         replace(r, weakest);
 }
 
-/* By how much the axis that grows most grows. */
-static float largest_scale(const struct lw_affine *t) {
-    float square = 0;
-    for (int j = 0; j < 3; j++)
-        square = fmaxf(square, t->m[0][j] * t->m[0][j] + t->m[1][j] * t->m[1][j] + t->m[2][j] * t->m[2][j]);
-    return sqrtf(square);
+/* The sphere around the tiles of an object. */
+static void place(struct lw_reflector *c, const struct lw_tiles *tiles) {
+    struct lw_vec3 sum = {0};
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        if (tiles->tile[i].object != c->object) continue;
+        sum = lw_vec3_add(sum, tiles->tile[i].centre_ws);
+        count++;
+    }
+    c->centre_ws = lw_vec3_scale(sum, 1 / (float)count);
+    c->radius_m = 0;
+    for (uint32_t i = 0; i < tiles->count; i++)
+        if (tiles->tile[i].object == c->object)
+            c->radius_m =
+                fmaxf(c->radius_m, lw_vec3_length(lw_vec3_sub(tiles->tile[i].centre_ws, c->centre_ws)) +
+                                       tiles->tile[i].radius_m);
 }
 
-/* Lists an object if it is small, and bright. mean: E of the scene. */
+/* Lists a bright object if it is small, and if a ray that meets it may bring `least` or more. */
 static enum lw_status consider(struct lw_reflectors *r, const struct lw_tiles *tiles,
-                               const struct lw_pose *pose, uint32_t object, float mean) {
-    const float brightness = r->brightest[object] / mean;
+                               const struct lw_pose *pose, uint32_t object, float least) {
     struct lw_reflector *c = &r->list[LW_REFLECTORS_MAX];
-    const struct lw_reflectors_ball *ball = &r->ball[r->scene->object[object].mesh];
-    const struct lw_affine *to_world = &pose->object_to_world[object];
-    if (!(brightness > RARE_BLOCK) || brightness < AGAIN * r->refused[object]) return LW_OK;
+    const uint32_t triangles = mesh_of(r, object)->triangle_count;
+    if (triangles > TRIANGLES_MAX) return LW_OK;
     c->object = object;
-    c->centre_ws = lw_affine_point(to_world, ball->centre_os);
-    c->radius_m = ball->radius_m * largest_scale(to_world);
-    if (pose->object_hidden[object] || !(c->radius_m <= r->radius_max_m)) return LW_OK;
-    if (reserve(c, mesh_of(r, object)->triangle_count) != LW_OK) return LW_NO_MEMORY;
-    const bool is_rare = LW_PI * list_triangles(r, tiles, to_world, c) > RARE * mean;
-    r->refused[object] = is_rare ? 0 : brightness;
-    if (is_rare) add(r);
+    place(c, tiles);
+    if (!(c->radius_m <= r->radius_max_m)) return LW_OK;
+    if (reserve(c, triangles) != LW_OK) return LW_NO_MEMORY;
+    if (LW_PI * list_triangles(r, tiles, &pose->object_to_world[object], c) > least) add(r);
     return LW_OK;
 }
 
-/* Luminance of E, summed over a block's texels; of direct light in a frame that solves it for the first
- * time. */
-static double light_of(const struct lw_tiles *tiles, const struct lw_solve_tile *tile,
-                       const struct lw_solve_block *block) {
+static float light_of_texel(const struct lw_tiles *tiles, uint32_t texel) {
+    return lw_colour_luminance(
+        lw_vec3_add(lw_texels_vector(tiles->direct, texel), lw_texels_vector(tiles->indirect, texel)));
+}
+
+/* Of a block's texels: the sum of E, and the most of one. */
+static void survey_block(const struct lw_tiles *tiles, const struct lw_solve_tile *tile,
+                         const struct lw_solve_block *block, double *out_sum, float *out_most) {
     const uint32_t index = (uint32_t)(block - tile->block), column = index % tile->block_columns,
                    row = index / tile->block_columns;
     double sum = 0;
-    if (block->sample_count) return block->luminance;
+    float most = 0;
     LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
         const uint32_t texel = tile->first + y * tile->width + x;
-        if (tiles->covered[texel]) sum += (double)lw_colour_luminance(lw_texels_vector(tiles->direct, texel));
+        if (!tiles->covered[texel]) continue;
+        const float light = light_of_texel(tiles, texel);
+        sum += (double)light;
+        most = fmaxf(most, light);
     }
+    *out_sum = sum;
+    *out_most = most;
+}
+
+/* A block that is solved for the first time has no sum yet. */
+static double light_of(const struct lw_tiles *tiles, const struct lw_solve_tile *tile,
+                       const struct lw_solve_block *block) {
+    double sum = block->luminance;
+    float most;
+    if (!block->sample_count) survey_block(tiles, tile, block, &sum, &most);
     return sum;
 }
 
-/* Returns the mean E of all texels, and notes the objects' brightest blocks. */
-static float survey(struct lw_reflectors *r, const struct lw_tiles *tiles) {
+/* Mean E of all texels that are there. */
+static float mean_light(const struct lw_tiles *tiles) {
     double light = 0, texels = 0;
-    memset(r->brightest, 0, r->scene->object_count * sizeof *r->brightest);
     for (uint32_t i = 0; i < tiles->count; i++) {
         const struct lw_solve_tile *tile = &tiles->tile[i];
-        float *brightest = &r->brightest[tile->object];
+        if (tile->hidden) continue;
         LW_TILES_EACH_BLOCK (tile, block) {
             if (!block->covered_count) continue;
-            const double own = light_of(tiles, tile, block);
-            light += own;
+            light += light_of(tiles, tile, block);
             texels += block->covered_count;
-            *brightest = fmaxf(*brightest, (float)(own / block->covered_count));
         }
     }
     return texels > 0 ? (float)(light / texels) : 0;
 }
 
+/* Which objects have a texel that may be worth it: no albedo is above 1. */
+static void find_bright(struct lw_reflectors *r, const struct lw_tiles *tiles, float mean) {
+    memset(r->is_bright, 0, r->scene->object_count * sizeof *r->is_bright);
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        const struct lw_solve_tile *tile = &tiles->tile[i];
+        if (tile->hidden || r->is_bright[tile->object]) continue;
+        LW_TILES_EACH_BLOCK (tile, block) {
+            double sum;
+            float most;
+            if (!block->covered_count ||
+                !(light_of(tiles, tile, block) > (double)(RARE_BLOCK * mean) * block->covered_count))
+                continue;
+            survey_block(tiles, tile, block, &sum, &most);
+            r->is_bright[tile->object] |= most > RARE * mean;
+        }
+    }
+}
+
 enum lw_status lw_reflectors_update(struct lw_reflectors *r, const struct lw_tiles *tiles,
                                     const struct lw_pose *pose) {
-    const float mean = survey(r, tiles);
+    const float mean = mean_light(tiles);
     enum lw_status status = LW_OK;
     r->count = 0;
     memset(r->of_object, LW_REFLECTORS_MAX, r->scene->object_count);
+    find_bright(r, tiles, mean);
     for (uint32_t o = 0; status == LW_OK && o < r->scene->object_count; o++)
-        status = consider(r, tiles, pose, o, mean);
+        if (r->is_bright[o]) status = consider(r, tiles, pose, o, RARE * mean);
     if (status != LW_OK) r->count = 0;
     for (uint32_t i = 0; i < r->count; i++) r->of_object[r->list[i].object] = (uint8_t)i;
     return status;
+}
+
+void lw_reflectors_place(struct lw_reflectors *r, const struct lw_tiles *tiles) {
+    for (uint32_t i = 0; i < r->count; i++) place(&r->list[i], tiles);
 }
 
 /* ---- what packets ask ---- */
@@ -282,22 +308,15 @@ const struct lw_reflector *lw_reflectors_pick(const struct lw_reflectors *r, str
 
 void lw_reflectors_point(const struct lw_reflectors *r, const struct lw_reflector *c,
                          const struct lw_pose *pose, const float random[3], struct lw_reflector_point *out) {
-    const float wanted = random[0] * power_of(c), root = sqrtf(random[1]);
-    uint32_t low = 0, high = c->count - 1;
-    while (low < high) {
-        const uint32_t middle = (low + high) / 2;
-        if (c->upto[middle] > wanted)
-            high = middle;
-        else
-            low = middle + 1;
-    }
+    const uint32_t i = lw_cdf_choose(c->upto, c->count, random[0] * power_of(c));
+    const float root = sqrtf(random[1]);
     const struct lw_affine *to_world = &pose->object_to_world[c->object];
     struct lw_vec3 a, ab, ac;
-    edges(mesh_of(r, c->object), c->triangle[low], &a, &ab, &ac);
-    out->triangle = c->triangle[low];
+    edges(mesh_of(r, c->object), c->triangle[i], &a, &ab, &ac);
+    out->triangle = c->triangle[i];
     out->u = root * (1 - random[2]);
     out->v = root * random[2];
     out->position_ws = lw_affine_point(to_world, lw_vec3_mad(lw_vec3_mad(a, ab, out->u), ac, out->v));
     out->normal_ws = lw_affine_normal(to_world, lw_vec3_cross(ab, ac));
-    out->area_m2 = power_of(c) / c->radiance[low];
+    out->area_m2 = power_of(c) / c->radiance[i];
 }

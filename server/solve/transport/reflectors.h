@@ -32,16 +32,11 @@ struct lw_reflector {
 };
 
 struct lw_reflectors {
-    const struct lw_scene *scene;   /* outlives it */
-    const struct lw_texels *texels; /* likewise */
-    struct lw_reflectors_ball {     /* per mesh: around its box, object space */
-        struct lw_vec3 centre_os;
-        float radius_m; /* infinite: no object of it may be one */
-    } * ball;
-    float radius_max_m; /* of an object that may be one */
-    float *brightest;   /* per object: E of its brightest block, W/m^2 */
-    float *refused;     /* the same over the scene's mean, when it was last found to be none; or 0 */
-    uint8_t *of_object; /* index into list, or LW_REFLECTORS_MAX */
+    const struct lw_scene *scene;                    /* outlives it */
+    const struct lw_texels *texels;                  /* likewise */
+    float radius_max_m;                              /* of an object that may be one */
+    bool *is_bright;                                 /* per object: it has a texel that may be worth it */
+    uint8_t *of_object;                              /* index into list, or LW_REFLECTORS_MAX */
     struct lw_reflector list[LW_REFLECTORS_MAX + 1]; /* the last: not listed yet */
     uint32_t count;
 };
@@ -56,11 +51,15 @@ void lw_reflectors_finish(struct lw_reflectors *reflectors);
 size_t lw_reflectors_memory_bytes(const struct lw_reflectors *reflectors);
 
 /** Lists what shines now; if there are more than LW_REFLECTORS_MAX, those that shine most. pose: that rays
- * are traced in. Errors: LW_NO_MEMORY; then the list is empty. */
+ * are traced in. The list is a function of light and pose alone. Errors: LW_NO_MEMORY; then it is empty. */
 LW_MUST_CHECK enum lw_status lw_reflectors_update(struct lw_reflectors *reflectors,
                                                   const struct lw_tiles *tiles, const struct lw_pose *pose);
 
-/** Whether what lies between a point and a triangle within the tracing range counts by rays to reflectors. */
+/** Takes over where the listed objects are now. tiles: placed there (lw_tiles_set_pose()). */
+void lw_reflectors_place(struct lw_reflectors *reflectors, const struct lw_tiles *tiles);
+
+/** Whether light from a triangle to a point within the tracing range comes along rays to reflectors, and not
+ * along bounce rays. */
 bool lw_reflectors_have(const struct lw_reflectors *reflectors, struct lw_vec3 from_ws, uint32_t object,
                         uint32_t triangle);
 

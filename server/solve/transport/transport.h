@@ -43,8 +43,8 @@ struct lw_transport {
     const struct lw_probes *probes; /* NULL: the tracing range is infinite */
     struct lw_tiles *tiles;
     uint32_t *ray_hit; /* indirect_samples words per texel of the global numbering (ray_hit.h) */
-    const struct lw_reflectors *reflectors;
-    struct lw_reflected *reflected; /* one per texel of the global numbering */
+    const struct lw_reflectors *reflectors; /* NULL where no bounce ray is traced or read */
+    struct lw_reflected *reflected;         /* one per texel of the global numbering */
     uint32_t direct_samples, indirect_samples, seed;
     float tracing_range_m;
     /* of converged blocks. */
