@@ -77,7 +77,11 @@ static void wait_for_rest(int i) {
 
 /* Every form, and nothing more is solved: a form may have its last frame before another has. */
 static void wait_for_the_last_frame(void) {
-    while (lw_process_newest(&server, "tiles_solved") > 0) poll_all();
+    const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
+    while (lw_process_newest(&server, "tiles_solved") > 0) {
+        poll_all();
+        if (lw_clock_ns() > end_ns) fail_msg("still solving after %d s", LIMIT_S);
+    }
     for (int i = 0; i < CLIENTS; i++)
         if (client[i]) wait_for_rest(i);
 }
@@ -148,7 +152,7 @@ static void a_form_that_is_taken_late_comes_at_once(void **state) {
     lw_process_serve(&server, CORNELL);
     join(FULL);
     wait_for_rest(FULL);
-    while (lw_process_newest(&server, "tiles_solved") > 0) poll_all();
+    wait_for_the_last_frame();
     const double rays = lw_process_newest(&server, "rays_total");
     const uint64_t tiles = tiles_of(FULL), joined_ns = lw_clock_ns();
     join(SPLIT);

@@ -192,31 +192,31 @@ static float light_of_texel(const struct lw_tiles *tiles, uint32_t texel) {
         lw_vec3_add(lw_texels_vector(tiles->direct, texel), lw_texels_vector(tiles->indirect, texel)));
 }
 
-/* Of a block's texels: the sum of E, and the most of one. */
-static void survey_block(const struct lw_tiles *tiles, const struct lw_solve_tile *tile,
-                         const struct lw_solve_block *block, double *out_sum, float *out_most) {
+/* E of a block's texels: the sum, and the most of one. */
+struct block_light {
+    double sum;
+    float most;
+};
+
+static struct block_light survey_block(const struct lw_tiles *tiles, const struct lw_solve_tile *tile,
+                                       const struct lw_solve_block *block) {
     const uint32_t index = (uint32_t)(block - tile->block), column = index % tile->block_columns,
                    row = index / tile->block_columns;
-    double sum = 0;
-    float most = 0;
+    struct block_light light = {0, 0};
     LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
         const uint32_t texel = tile->first + y * tile->width + x;
         if (!tiles->covered[texel]) continue;
-        const float light = light_of_texel(tiles, texel);
-        sum += (double)light;
-        most = fmaxf(most, light);
+        const float own = light_of_texel(tiles, texel);
+        light.sum += (double)own;
+        light.most = fmaxf(light.most, own);
     }
-    *out_sum = sum;
-    *out_most = most;
+    return light;
 }
 
 /* A block that is solved for the first time has no sum yet. */
 static double light_of(const struct lw_tiles *tiles, const struct lw_solve_tile *tile,
                        const struct lw_solve_block *block) {
-    double sum = block->luminance;
-    float most;
-    if (!block->sample_count) survey_block(tiles, tile, block, &sum, &most);
-    return sum;
+    return block->sample_count ? block->luminance : survey_block(tiles, tile, block).sum;
 }
 
 /* Mean E of all texels that are there. */
@@ -241,13 +241,10 @@ static void find_bright(struct lw_reflectors *r, const struct lw_tiles *tiles, f
         const struct lw_solve_tile *tile = &tiles->tile[i];
         if (tile->hidden || r->is_bright[tile->object]) continue;
         LW_TILES_EACH_BLOCK (tile, block) {
-            double sum;
-            float most;
             if (!block->covered_count ||
                 !(light_of(tiles, tile, block) > (double)(RARE_BLOCK * mean) * block->covered_count))
                 continue;
-            survey_block(tiles, tile, block, &sum, &most);
-            r->is_bright[tile->object] |= most > RARE * mean;
+            r->is_bright[tile->object] |= survey_block(tiles, tile, block).most > RARE * mean;
         }
     }
 }
