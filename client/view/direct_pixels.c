@@ -587,7 +587,7 @@ static void shoot(struct job *job, uint32_t pixel, uint32_t k) {
     const struct lw_vec3 origin = lw_vec3(p->x[lane], p->y[lane], p->z[lane]);
     const float *point = d->point[variant][k][lane];
     struct lw_vec3 way;
-    float end = 0.9999f; /* short of the lamp itself, which would be in its own way */
+    float end = LW_TRACE_SHORT;
     w->taken[pixel]++;
     switch ((enum kind)d->candidates.kind[job->candidate]) {
     case KIND_SUN:

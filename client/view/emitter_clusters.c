@@ -684,7 +684,7 @@ bool lw_emitter_clusters_aim(const struct lw_emitter_clusters *clusters,
                              struct lw_vec3 normal, float u, float v, struct lw_vec3 *out_way,
                              float *out_end) {
     const struct lw_vec3 from = lw_vec3_sub(point, cluster->centre);
-    *out_end = 0.9999f; /* short of the lamp itself, which would be in its own way */
+    *out_end = LW_TRACE_SHORT;
     if (lw_vec3_dot(from, from) < far_m2(cluster))
         return aim_near(clusters, cluster, point, normal, u, v, out_way);
     if (!(share[POINTS - 1] > 0)) return false;
@@ -692,6 +692,6 @@ bool lw_emitter_clusters_aim(const struct lw_emitter_clusters *clusters,
     /* where it enters the ball: |from + t way| = reach */
     const float a = lw_vec3_dot(*out_way, *out_way), b = -lw_vec3_dot(from, *out_way),
                 c = lw_vec3_dot(from, from) - cluster->reach_m * cluster->reach_m, left = b * b - a * c;
-    *out_end = left > 0 ? fminf((b - sqrtf(left)) / a, 0.9999f) : 0.9999f;
+    *out_end = left > 0 ? fminf((b - sqrtf(left)) / a, LW_TRACE_SHORT) : LW_TRACE_SHORT;
     return true;
 }

@@ -241,8 +241,7 @@ static void light16(const struct job *job, struct bundle *b, const uint16_t *whi
         if (job->view->guide)
             reflected[i] =
                 cosine * weight * lw_colour_luminance(lw_vec3_mul(sample.irradiance_normal, path->albedo));
-        /* Short of the lamp itself, which would be in its own way. */
-        lw_trace_set_ray(&rays, i, path->origin, sample.direction, sample.distance_m * 0.9999f);
+        lw_trace_set_ray(&rays, i, path->origin, sample.direction, sample.distance_m * LW_TRACE_SHORT);
         active |= (uint16_t)(1u << i);
     }
     if (!active) return;

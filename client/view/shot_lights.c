@@ -7,8 +7,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* As paths have it: short of the lamp itself, which would be in its own way. */
-#define RAY_SHARE 0.9999f
 /* How much brighter a light may grow with its lamp: near to it there would be more of them. */
 #define GROWTH_MAX 2.0f
 /* Of the cosines of shading and true normal. */
@@ -73,7 +71,7 @@ static bool sees(struct flight *f, const struct lw_shot_light *light, struct lw_
                  float distance, struct lw_vec3 *out_tint) {
     struct lw_ray16 rays = {.salt = f->lights->salt};
     float tint[3][LW_TRACE_WIDTH];
-    lw_trace_set_ray(&rays, 0, load(light->position), direction, distance * RAY_SHARE);
+    lw_trace_set_ray(&rays, 0, load(light->position), direction, distance * LW_TRACE_SHORT);
     f->rays++;
     const uint16_t hidden = lw_trace_tinted16(f->lights->desc.trace, LW_TRACE_LIGHT, 1, &rays, tint);
     *out_tint = lw_vec3(tint[0][0], tint[1][0], tint[2][0]);

@@ -17,7 +17,7 @@ LW_WIDE static void aim(const struct lw_light_sample16 *restrict sample, struct 
     memcpy(rays->dir_x, sample->dir_x, sizeof rays->dir_x);
     memcpy(rays->dir_y, sample->dir_y, sizeof rays->dir_y);
     memcpy(rays->dir_z, sample->dir_z, sizeof rays->dir_z);
-    for (int i = 0; i < LANES; i++) rays->t_far[i] = sample->distance_m[i] * 0.9999f;
+    for (int i = 0; i < LANES; i++) rays->t_far[i] = sample->distance_m[i] * LW_TRACE_SHORT;
 }
 
 LW_WIDE static void add_lit(uint16_t lit, const struct lw_light_sample16 *restrict sample, float weight,

@@ -10,8 +10,6 @@
 /* Samples of all lamps until one arrives: with fewer, texels that a corner of one lamp lights would have no
  * parent, and would be shot again whenever something moves. */
 #define TRIES 16u
-/* As the direct pass: short of the lamp itself, which would be in its own way. */
-#define RAY_SHARE 0.9999f
 
 /* What a random number is for. */
 enum use { USE_TEXEL, USE_LAMP, USE_POINT, USE_BOUNCE };
@@ -151,7 +149,7 @@ static void set_place(struct lw_shooter *s, struct lw_vec3 place, struct lw_vec3
 
 static bool sees(struct flight *f, struct lw_vec3 from, struct lw_vec3 direction, float distance) {
     struct lw_ray16 rays = {.salt = f->shot->salt};
-    lw_trace_set_ray(&rays, 0, from, direction, distance * RAY_SHARE);
+    lw_trace_set_ray(&rays, 0, from, direction, distance * LW_TRACE_SHORT);
     f->rays++;
     return !lw_trace_occluded16(f->shot->trace, LW_TRACE_LIGHT, 1, &rays);
 }

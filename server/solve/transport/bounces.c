@@ -12,8 +12,6 @@
 /* This many bounce rays in a row start at the same place of their texel: finding it
  * costs as much as half a ray. */
 #define PLACE_SHARE 2u
-/* How much of the way to a reflector has to be free. */
-#define REFLECTOR_END 0.9999f
 /* Its rays meet transparent surfaces by chances of their own. */
 #define REFLECTOR_SALT 0x5a000000u
 /* Texels ahead of the current one whose ray hits are prefetched. */
@@ -177,7 +175,7 @@ static bool aim_at(const struct lw_transport *t, const struct lw_reflector *refl
         return false;
     out->texel = lw_texels_at(t->texels, reflector->object, point->triangle, point->u, point->v, there > 0);
     out->weight = here * fabsf(there) / (square * square) * point->area_m2;
-    lw_trace_set_ray(rays, lane, from, way, REFLECTOR_END);
+    lw_trace_set_ray(rays, lane, from, way, LW_TRACE_SHORT);
     return out->texel != LW_TEXEL_NONE;
 }
 
