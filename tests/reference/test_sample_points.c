@@ -7,7 +7,8 @@
 #include <math.h>
 #include <string.h>
 
-#define DENSITY 4 /* texels per metre: coarse, so that edges fall inside texels */
+#define DENSITY   4  /* texels per metre: coarse, so that edges fall inside texels */
+#define BAND_ROWS 64 /* of a picture */
 
 /* A floor of 8 m x 8 m under a sun at the zenith and a half plane whose edge runs through (at, 0) at `angle`
  * to Z. */
@@ -290,6 +291,45 @@ static void test_a_strip_has_eight_places(void **state) {
     room_finish(&solution);
 }
 
+/* A picture of three bands, black, white and black, of which a strip half a texel wide shows the white one. */
+static struct lw_scene *strip_of_a_band(const struct room *room) {
+    struct lw_scene *scene = room_scene(room);
+    struct lw_texture *texture = lw_scene_alloc(scene, 1, sizeof *texture);
+    uint8_t(*rgba)[4] = lw_scene_alloc(scene, BAND_ROWS, sizeof *rgba);
+    assert_true(texture && rgba);
+    for (uint32_t row = 0; row < BAND_ROWS; row++)
+        memset(rgba[row], row >= BAND_ROWS / 4 && row < BAND_ROWS * 3 / 4 ? 255 : 0, sizeof rgba[row]);
+    *texture = (struct lw_texture){.name = "bands", .width = 1, .height = BAND_ROWS, .rgba = rgba[0]};
+    scene->texture = texture;
+    scene->texture_count = 1;
+    scene->material[0].base_colour_texture =
+        (struct lw_texture_use){.texture = 0, .transform = {1, 0, 0, 0, 0.5f, 0.25f}};
+    return scene;
+}
+
+/* What a picture has beyond the strip is none of its texels' albedo: bounces would find it dark. */
+static void test_a_strip_has_the_albedo_of_what_is_seen_of_it(void **state) {
+    (void)state;
+    struct room room = {.texels_per_metre = DENSITY};
+    room_quad(&room, lw_vec3(-2, 0, 0), lw_vec3(4, 0, 0), lw_vec3(0, 0, -0.5f / DENSITY), 1, 0);
+    struct room_solution solution;
+    room_solve_scene(&solution, strip_of_a_band(&room), DENSITY, (struct lw_solver_desc){0}, 1);
+    struct lw_error err = {0};
+    struct lw_texels texels;
+    lw_support_ok(lw_texels_init(&texels, solution.scene, 1, NULL, &err), &err);
+    const struct lw_mesh_texels *mesh = &texels.mesh[0];
+    uint32_t covered = 0;
+    for (uint32_t i = 0; i < mesh->texel_count; i++) {
+        if (!mesh->covered[i]) continue;
+        covered++;
+        /* a point on the very edge is between black and white */
+        if (mesh->albedo[0][i] < 0.9f) fail_msg("texel %u: albedo %.3f", i, (double)mesh->albedo[0][i]);
+    }
+    assert_true(covered >= 4 * DENSITY);
+    lw_texels_finish(&texels);
+    room_finish(&solution);
+}
+
 /* The four sides of a bar along x or y, open at both ends. */
 static void bar(struct room *room, struct lw_vec3 low, struct lw_vec3 high, bool along_y, bool double_sided) {
     const struct lw_vec3 size = lw_vec3_sub(high, low),
@@ -353,6 +393,7 @@ static void test_a_sheet_close_to_a_floor_shades_it(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_a_strip_has_eight_places),
+        cmocka_unit_test(test_a_strip_has_the_albedo_of_what_is_seen_of_it),
         cmocka_unit_test(test_the_end_of_a_bar_inside_another_is_not_its_light),
         cmocka_unit_test(test_a_sheet_close_to_a_floor_shades_it),
         cmocka_unit_test(test_texels_hold_the_lit_share_of_a_shadow_edge),

@@ -9,7 +9,7 @@
 
 #define TEXELS_MAX  (1u << 30)
 #define GRAZED_AREA 0.125f /* texels^2 */
-#define ALBEDO_SIDE 4      /* the albedo of a texel is the mean of 4 x 4 points of it */
+#define ALBEDO_SIDE 4      /* the albedo of a texel is the mean of those of 4 x 4 points that lie on its chart */
 
 /* While a mesh is rasterised: which triangle a texel takes, and where on it. */
 struct claim {
@@ -25,10 +25,23 @@ struct claim {
      * holds each; SPOT_BACK: its back */
     uint32_t spot[LW_SAMPLE_POINTS_MAX];
     uint8_t number[LW_SAMPLE_POINTS_MAX];
+    /* Sums over points on the chart: of albedo times how much surface is there, of that, of albedo alone. */
+    struct lw_vec3 albedo, plain_albedo;
+    float surface;
+    uint32_t albedo_points;
 };
 #define SPOT_BACK 0x80000000u
 _Static_assert(LW_SAMPLE_POINTS_SPOTS <= UINT8_MAX + 1, "a spot's number");
 _Static_assert(LW_SCENE_TRIANGLES_MAX <= SPOT_BACK, "a spot's word holds triangle and side");
+
+/* One mesh under way. */
+struct raster {
+    const struct lw_scene *scene;
+    const struct lw_mesh *mesh;
+    const struct lw_mesh_texels *texels;
+    struct claim *claim; /* per texel */
+    uint32_t *parent;    /* of charts that are joined: twice as many as vertices */
+};
 
 static struct lw_vec2 minus(struct lw_vec2 a, struct lw_vec2 b) {
     return (struct lw_vec2){a.x - b.x, a.y - b.y};
@@ -125,6 +138,50 @@ static void claim_spots(struct claim *c, const struct lw_vec2 corner[3], uint32_
     }
 }
 
+/* How much surface is at a point of a material: cut-out parts reflect nothing. */
+static float surface_at(const struct lw_material *material, float alpha) {
+    switch ((enum lw_alpha_mode)material->alpha_mode) {
+    case LW_ALPHA_MASK:
+        return alpha >= material->alpha_cutoff;
+    case LW_ALPHA_BLEND:
+        return alpha;
+    case LW_ALPHA_OPAQUE:
+        break;
+    }
+    return 1;
+}
+
+static void add_albedo_at(const struct raster *r, struct claim *c, uint32_t triangle, float u, float v) {
+    struct lw_surface surface;
+    lw_scene_surface(r->scene, r->mesh, triangle, u, v, &surface);
+    const float there = surface_at(&r->scene->material[r->mesh->material[triangle]], surface.alpha);
+    c->albedo = lw_vec3_mad(c->albedo, surface.albedo, there);
+    c->plain_albedo = lw_vec3_add(c->plain_albedo, surface.albedo);
+    c->surface += there;
+    c->albedo_points++;
+}
+
+/* Adds the albedo of the points of a texel that a triangle holds. Those beyond it are no matter of this
+ * chart, and a picture's next band may begin there. */
+static void add_albedo(const struct raster *r, struct claim *c, const struct lw_vec2 corner[3], uint32_t x,
+                       uint32_t y, uint32_t triangle) {
+    for (int j = 0; j < ALBEDO_SIDE; j++)
+        for (int i = 0; i < ALBEDO_SIDE; i++) {
+            const struct lw_vec2 p = {(float)x + ((float)i + 0.5f) / ALBEDO_SIDE,
+                                      (float)y + ((float)j + 0.5f) / ALBEDO_SIDE};
+            float u = 0, v = 0;
+            if (barycentrics(corner, p, &u, &v) && u >= 0 && v >= 0 && u + v <= 1)
+                add_albedo_at(r, c, triangle, u, v);
+        }
+}
+
+/* A texel too narrow to hold one of those points has the albedo of its own sample. */
+static struct lw_vec3 mean_albedo(const struct raster *r, struct claim *c) {
+    if (!c->albedo_points) add_albedo_at(r, c, c->triangle, c->u, c->v);
+    return c->surface > 0 ? lw_vec3_scale(c->albedo, 1 / c->surface)
+                          : lw_vec3_scale(c->plain_albedo, 1 / (float)c->albedo_points);
+}
+
 /* The number of a triangle's chart until charts are joined. */
 static uint32_t chart_of(const struct lw_mesh *mesh, uint32_t triangle, bool back) {
     return mesh->triangle[triangle][0] + (back ? mesh->vertex_count : 0);
@@ -133,11 +190,11 @@ static uint32_t chart_of(const struct lw_mesh *mesh, uint32_t triangle, bool bac
 /* Lets a triangle claim the texels that it overlaps. Who holds a texel's centre gets it and is sampled there;
  * where nobody does, the largest part gets it and is sampled at the part's middle: never on the chart's very
  * edge, which may lie in the plane of the next wall. */
-static void claim_texels(struct claim *claim, const struct lw_mesh_texels *texels, const struct lw_mesh *mesh,
-                         uint32_t triangle, uint32_t *parent, bool back) {
-    const uint32_t chart = chart_of(mesh, triangle, back);
+static void claim_texels(const struct raster *r, uint32_t triangle, bool back) {
+    const struct lw_mesh_texels *texels = r->texels;
+    const uint32_t chart = chart_of(r->mesh, triangle, back);
     struct lw_vec2 corner[3];
-    lightmap_corners(mesh, triangle, back, corner);
+    lightmap_corners(r->mesh, triangle, back, corner);
     float x_min = fminf(corner[0].x, fminf(corner[1].x, corner[2].x)),
           x_max = fmaxf(corner[0].x, fmaxf(corner[1].x, corner[2].x)),
           y_min = fminf(corner[0].y, fminf(corner[1].y, corner[2].y)),
@@ -149,11 +206,12 @@ static void claim_texels(struct claim *claim, const struct lw_mesh_texels *texel
             struct lw_vec2 sample;
             float u, v, area = clip_to_square(corner, (float)x, (float)y, 1, &sample);
             if (!(area > 0)) continue;
-            struct claim *c = &claim[lw_texels_index(texels, x, y)];
+            struct claim *c = &r->claim[lw_texels_index(texels, x, y)];
             c->area_sum += area;
-            if (c->chart != LW_TEXEL_NONE) lw_union_find_join(parent, c->chart, chart);
+            if (c->chart != LW_TEXEL_NONE) lw_union_find_join(r->parent, c->chart, chart);
             c->chart = chart;
             claim_spots(c, corner, x, y, triangle, back);
+            add_albedo(r, c, corner, x, y, triangle);
             struct lw_vec2 centre = {(float)x + 0.5f, (float)y + 0.5f};
             if (!barycentrics(corner, centre, &u, &v)) continue;
             if (u >= 0 && v >= 0 && u + v <= 1)
@@ -173,27 +231,22 @@ static void claim_texels(struct claim *claim, const struct lw_mesh_texels *texel
 /* Gives the texels that a triangle does not cover, but bilinear look-ups on it read, to its chart: those
  * whose centre it comes nearer to than a texel. Slivers lie so close together that a gutter touches two
  * of them; one alone reads it. */
-static void claim_gutters(struct claim *claim, const struct lw_mesh_texels *texels,
-                          const struct lw_mesh *mesh, uint32_t triangle, uint32_t *parent, bool back) {
-    (void)parent;
+static void claim_gutters(const struct raster *r, uint32_t triangle, bool back) {
+    const uint32_t last_x = r->texels->width - 1, last_y = r->texels->height - 1;
     struct lw_vec2 corner[3], unused;
-    lightmap_corners(mesh, triangle, back, corner);
-    uint32_t x0 =
-                 floor_clamped(fminf(corner[0].x, fminf(corner[1].x, corner[2].x)) - 0.5f, texels->width - 1),
-             x1 =
-                 floor_clamped(fmaxf(corner[0].x, fmaxf(corner[1].x, corner[2].x)) + 0.5f, texels->width - 1),
-             y0 = floor_clamped(fminf(corner[0].y, fminf(corner[1].y, corner[2].y)) - 0.5f,
-                                texels->height - 1),
-             y1 = floor_clamped(fmaxf(corner[0].y, fmaxf(corner[1].y, corner[2].y)) + 0.5f,
-                                texels->height - 1);
+    lightmap_corners(r->mesh, triangle, back, corner);
+    uint32_t x0 = floor_clamped(fminf(corner[0].x, fminf(corner[1].x, corner[2].x)) - 0.5f, last_x),
+             x1 = floor_clamped(fmaxf(corner[0].x, fmaxf(corner[1].x, corner[2].x)) + 0.5f, last_x),
+             y0 = floor_clamped(fminf(corner[0].y, fminf(corner[1].y, corner[2].y)) - 0.5f, last_y),
+             y1 = floor_clamped(fmaxf(corner[0].y, fmaxf(corner[1].y, corner[2].y)) + 0.5f, last_y);
     for (uint32_t y = y0; y <= y1; y++)
         for (uint32_t x = x0; x <= x1; x++) {
-            struct claim *c = &claim[lw_texels_index(texels, x, y)];
+            struct claim *c = &r->claim[lw_texels_index(r->texels, x, y)];
             if (c->triangle != LW_TEXEL_NONE) continue;
             const float area = clip_to_square(corner, (float)x - 0.5f, (float)y - 0.5f, 2, &unused);
             if (!(area > c->read_area)) continue;
             c->read_area = area;
-            c->chart = chart_of(mesh, triangle, back);
+            c->chart = chart_of(r->mesh, triangle, back);
         }
 }
 
@@ -210,37 +263,6 @@ static void drop_grazed(struct claim *claim, const struct lw_mesh_texels *texels
                         claim[lw_texels_index(texels, i, j)].chart == c->chart)
                         c->triangle = LW_TEXEL_NONE;
         }
-}
-
-/* Mean albedo of the part of a texel's square that lies on the claiming triangle (points beyond it are moved
- * onto it), weighted by how much surface is there: cut-out parts do not count. */
-static struct lw_vec3 mean_albedo(const struct lw_scene *scene, const struct lw_mesh *mesh,
-                                  const struct claim *c, uint32_t x, uint32_t y) {
-    struct lw_vec2 corner[3];
-    lightmap_corners(mesh, c->triangle, c->back, corner);
-    const struct lw_material *material = &scene->material[mesh->material[c->triangle]];
-    struct lw_vec3 sum = {0}, plain = {0};
-    float weights = 0;
-    const int side =
-        material->base_colour_texture.texture == LW_SCENE_NONE && !mesh->colour ? 1 : ALBEDO_SIDE;
-    for (int j = 0; j < side; j++)
-        for (int i = 0; i < side; i++) {
-            struct lw_vec2 p = {(float)x + ((float)i + 0.5f) / (float)side,
-                                (float)y + ((float)j + 0.5f) / (float)side};
-            float u = c->u, v = c->v;
-            barycentrics(corner, p, &u, &v);
-            clamp_barycentrics(&u, &v);
-            struct lw_surface surface;
-            lw_scene_surface(scene, mesh, c->triangle, u, v, &surface);
-            float weight = material->alpha_mode == LW_ALPHA_OPAQUE ? 1
-                           : material->alpha_mode == LW_ALPHA_MASK
-                               ? (float)(surface.alpha >= material->alpha_cutoff)
-                               : surface.alpha;
-            plain = lw_vec3_add(plain, surface.albedo);
-            sum = lw_vec3_mad(sum, surface.albedo, weight);
-            weights += weight;
-        }
-    return weights > 0 ? lw_vec3_scale(sum, 1 / weights) : lw_vec3_scale(plain, 1.0f / (float)(side * side));
 }
 
 static void store(float *const dst[3], uint32_t i, struct lw_vec3 v) {
@@ -336,27 +358,27 @@ static uint32_t source_of(const struct lw_mesh_texels *mesh, const uint8_t *cove
     return count ? lw_texels_index(mesh, best->x, best->y) : LW_TEXEL_NONE;
 }
 
-static bool evaluate(struct lw_mesh_texels *texels, const struct lw_scene *scene, const struct lw_mesh *mesh,
-                     const struct claim *claim) {
+static bool evaluate(const struct raster *r, struct lw_mesh_texels *texels) {
+    const struct lw_mesh *mesh = r->mesh;
     struct lw_sample_points *points = &texels->sample_points;
     for (uint32_t i = 0; i < texels->texel_count; i++)
-        points->first[i + 1] = points->first[i] + point_count(&claim[i]);
+        points->first[i + 1] = points->first[i] + point_count(&r->claim[i]);
     const size_t count = points->first[texels->texel_count];
     if (!(points->point = malloc((count + 1) * sizeof *points->point))) return false;
     for (uint32_t y = 0; y < texels->height; y++)
         for (uint32_t x = 0; x < texels->width; x++) {
             uint32_t i = lw_texels_index(texels, x, y);
-            const struct claim *c = &claim[i];
+            struct claim *c = &r->claim[i];
             texels->chart[i] = c->chart;
             if (c->triangle == LW_TEXEL_NONE) continue;
             struct lw_surface surface;
-            lw_scene_surface(scene, mesh, c->triangle, c->u, c->v, &surface);
+            lw_scene_surface(r->scene, mesh, c->triangle, c->u, c->v, &surface);
             struct lw_sample_points_point point = point_at(mesh, c->triangle, c->u, c->v, c->back);
             texels->covered[i] = 1;
             store(texels->position, i, surface.position);
             store(texels->normal, i, point.normal);
             store(texels->geometric, i, point.geometric);
-            store(texels->albedo, i, mean_albedo(scene, mesh, c, x, y));
+            store(texels->albedo, i, mean_albedo(r, c));
             set_sample_points(texels, mesh, c, x, y);
         }
     for (uint32_t y = 0; y < texels->height; y++)
@@ -415,18 +437,17 @@ static void find_charts(const struct lw_mesh *mesh, uint32_t *parent) {
 }
 
 /* What rasterises a triangle. */
-typedef void claim_triangle(struct claim *claim, const struct lw_mesh_texels *texels,
-                            const struct lw_mesh *mesh, uint32_t triangle, uint32_t *parent, bool back);
+typedef void claim_triangle(const struct raster *r, uint32_t triangle, bool back);
 
-static void claim_all(struct claim *claim, const struct lw_mesh_texels *texels, const struct lw_scene *scene,
-                      const struct lw_mesh *mesh, uint32_t *parent, claim_triangle *each) {
+static void claim_all(const struct raster *r, claim_triangle *each) {
+    const struct lw_mesh *mesh = r->mesh;
     for (uint32_t t = 0; t < mesh->triangle_count; t++) {
-        each(claim, texels, mesh, t, parent, false);
-        if (mesh->back_offset && scene->material[mesh->material[t]].double_sided)
-            each(claim, texels, mesh, t, parent, true);
+        each(r, t, false);
+        if (mesh->back_offset && r->scene->material[mesh->material[t]].double_sided) each(r, t, true);
     }
-    for (uint32_t i = 0; i < texels->texel_count; i++)
-        if (claim[i].chart != LW_TEXEL_NONE) claim[i].chart = lw_union_find_root(parent, claim[i].chart);
+    for (uint32_t i = 0; i < r->texels->texel_count; i++)
+        if (r->claim[i].chart != LW_TEXEL_NONE)
+            r->claim[i].chart = lw_union_find_root(r->parent, r->claim[i].chart);
 }
 
 /* The side of a texel in space: by the areas of all triangles there and in the lightmap. */
@@ -458,10 +479,11 @@ static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *sce
         claim[i] = (struct claim){.triangle = LW_TEXEL_NONE, .chart = LW_TEXEL_NONE};
         memset(claim[i].spot, 0xff, sizeof claim[i].spot); /* LW_TEXEL_NONE */
     }
-    claim_all(claim, texels, scene, mesh, parent, claim_texels);
-    claim_all(claim, texels, scene, mesh, parent, claim_gutters);
+    const struct raster raster = {scene, mesh, texels, claim, parent};
+    claim_all(&raster, claim_texels);
+    claim_all(&raster, claim_gutters);
     drop_grazed(claim, texels);
-    const bool ok = evaluate(texels, scene, mesh, claim);
+    const bool ok = evaluate(&raster, texels);
     free(claim);
     free(parent);
     list_triangles(texels, scene, mesh);
