@@ -38,8 +38,9 @@ enum {
 
 /* What no cut parts; held at its root. */
 struct region {
-    uint32_t texels, beside; /* beside cuts */
-    uint32_t met;            /* the texels of the largest region that it may yield to, across its cuts */
+    uint32_t texels, beside;  /* beside cuts */
+    uint32_t met;             /* the texels of the largest region that it may yield to, across its cuts */
+    uint32_t cuts, to_behind; /* how often cuts part it from others; of these, from what is behind */
 };
 
 /* One object, its texels by their index within the mesh. */
@@ -51,9 +52,10 @@ struct part {
     struct lw_affine to_world;
     struct lw_sample_points_frame frame;
     float size_m;
-    const uint8_t *covered;
-    float *height_m; /* above each texel, at which cuts are looked for */
-    uint16_t *flags; /* of the above */
+    const uint8_t *covered, *usable;
+    struct lw_vec3 *place; /* of each texel, object space: the middle of its usable points */
+    float *height_m;       /* above each texel, at which cuts are looked for */
+    uint16_t *flags;       /* of the above */
     /* Of NEAR texels: rays that see the sky, go far, all; then sums over a texel and its neighbours. */
     struct sight {
         uint16_t sky, far, all;
@@ -82,8 +84,7 @@ static struct lw_vec3 normal_at(const struct part *p, uint32_t i) {
 }
 
 static struct lw_vec3 raised(const struct part *p, uint32_t i, float height_m) {
-    return lw_vec3_mad(lw_affine_point(&p->to_world, lw_texels_vector(p->mesh->position, i)), normal_at(p, i),
-                       height_m);
+    return lw_vec3_mad(lw_affine_point(&p->to_world, p->place[i]), normal_at(p, i), height_m);
 }
 
 static float lift_of(const struct part *p, uint32_t i) {
@@ -277,15 +278,18 @@ static void find_deep(struct part *p, uint32_t i, uint32_t j, bool cut) {
 static void meet(struct part *p, uint32_t i, uint32_t j, bool cut) {
     if (!cut) return;
     struct region *a = region_of(p, i), *b = region_of(p, j);
-    /* to what is behind nobody yields */
+    a->cuts++, b->cuts++;
+    a->to_behind += (p->flags[j] & BEHIND) != 0;
+    b->to_behind += (p->flags[i] & BEHIND) != 0;
     if (!(p->flags[j] & BEHIND) && b->texels > a->met) a->met = b->texels;
     if (!(p->flags[i] & BEHIND) && a->texels > b->met) b->met = a->texels;
 }
 
-/* Few of a strip's texels are not beside a cut: those at the ends, whose neighbour lies inside a pillar. */
+/* Few of a strip's texels are not beside a cut: those at the ends, whose neighbour lies inside a pillar. To what
+ * is behind nobody yields: a ledge before a wall that is only modelled from outside has light of its own. */
 static bool is_strip(const struct region *region) {
     return region->texels - region->beside <= region->texels / 4 && region->met >= REGION &&
-           region->met >= 2 * region->texels;
+           region->met >= 2 * region->texels && 2 * region->to_behind <= region->cuts;
 }
 
 static uint64_t choose(struct part *p, uint8_t *covered) {
@@ -298,18 +302,40 @@ static uint64_t choose(struct part *p, uint8_t *covered) {
     return yielding;
 }
 
+/* Where a texel's light comes from: its own position may lie beyond what cuts it. */
+static struct lw_vec3 middle_of(const struct part *p, uint32_t i) {
+    const struct lw_sample_points *points = &p->mesh->sample_points;
+    const uint32_t first = points->first[i], count = points->first[i + 1] - first;
+    if (p->usable[i] == (uint8_t)((1u << count) - 1)) return lw_texels_vector(p->mesh->position, i);
+    uint32_t texel[LW_TRACE_WIDTH], point[LW_TRACE_WIDTH];
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+        texel[lane] = i;
+        point[lane] = first + (lane < count ? lane : 0);
+    }
+    struct lw_sample_points_lanes lanes;
+    lw_sample_points_load(points, p->mesh->position, texel, point, &lanes);
+    struct lw_vec3 sum = {0};
+    for (uint32_t k = 0; k < count; k++)
+        if (p->usable[i] >> k & 1)
+            sum = lw_vec3_add(sum, lw_vec3(lanes.at.x[k], lanes.at.y[k], lanes.at.z[k]));
+    return lw_vec3_scale(sum, 1 / (float)__builtin_popcount(p->usable[i]));
+}
+
 static enum lw_status allocate(struct part *p) {
     const size_t count = p->mesh->texel_count + 1ul;
+    p->place = malloc(count * sizeof *p->place);
     p->height_m = malloc(count * sizeof *p->height_m);
     p->flags = calloc(count, sizeof *p->flags);
     p->own = calloc(count, sizeof *p->own);
     p->sight = calloc(count, sizeof *p->sight);
     p->parent = malloc(count * sizeof *p->parent);
     p->region = calloc(count, sizeof *p->region);
-    return p->height_m && p->flags && p->own && p->sight && p->parent && p->region ? LW_OK : LW_NO_MEMORY;
+    return p->place && p->height_m && p->flags && p->own && p->sight && p->parent && p->region ? LW_OK
+                                                                                               : LW_NO_MEMORY;
 }
 
 static void release(struct part *p) {
+    free(p->place);
     free(p->height_m);
     free(p->flags);
     free(p->own);
@@ -327,12 +353,15 @@ enum lw_status lw_crossings_find(struct lw_texels *texels, const struct lw_pose 
                      .pose = pose,
                      .trace = trace,
                      .to_world = pose->object_to_world[object],
-                     .covered = covered};
+                     .covered = covered,
+                     .usable = usable};
     lw_sample_points_frame_init(&p.frame, &p.to_world);
     p.size_m = p.mesh->texel_m * p.frame.stretch;
     for (uint32_t i = 0; i < p.mesh->texel_count; i++) covered[i] = usable[i] != 0;
     enum lw_status status = allocate(&p);
     if (status == LW_OK) {
+        for (uint32_t i = 0; i < p.mesh->texel_count; i++)
+            if (covered[i]) p.place[i] = middle_of(&p, i);
         shoot(&p, 0);
         shoot(&p, CUT_RIGHT);
         shoot(&p, CUT_BELOW);

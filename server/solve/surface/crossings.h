@@ -8,7 +8,7 @@
  * their neighbours like a gutter, those of the other side.
  *
  * strip         three quarters of what a cut parts lie beside cuts; what is on the other side has at least
- *               32 texels, and twice as many
+ *               32 texels, and twice as many, and is not, for the most part, behind
  * cavity        another surface lies less than an eighth of a texel above the texel, and not above its
  *               neighbour
  * out of doors  it and its neighbours see at least a fifth of the sky, a tenth more of it than those beyond
@@ -16,6 +16,7 @@
  * behind        the single-sided face that parts two texels shows its back to this one alone, as the water
  *               of a pool does to the wall under it
  *
+ * A texel lies where its usable points do: its own position may be on a cut's other side.
  * Of the last three the next texel yields as well, or the first would be filled from there. Where both sides
  * are wide, and rooms, the cut stays between two texels, and look-ups mix them within half a texel. */
 #ifndef LW_SURFACE_CROSSINGS_H
