@@ -68,8 +68,8 @@ static void test_texels_hold_the_lit_share_of_a_shadow_edge(void **state) {
     for (unsigned i = 0; i < sizeof angle / sizeof *angle; i++) expect_shadow_edge(0.1 + 0.07 * i, angle[i]);
 }
 
-/* Many samples a frame go through the places within the frame: a lamp a hundred metres up, nearly a point, over a
- * plate whose edge runs through a row of texels, so high that the floor under it is not close under it. */
+/* Many samples a frame go through the places within the frame: a lamp a hundred metres up, nearly a point,
+ * over a plate whose edge runs through a row of texels, so high that the floor under it is not close under it. */
 static void test_samples_of_one_frame_spread_over_the_texel(void **state) {
     (void)state;
     const float far_m = 100, side_m = 2;
@@ -261,8 +261,8 @@ static void test_a_wall_parts_the_texels_under_it(void **state) {
 }
 
 /* A floor goes on under a wall that is only modelled from outside, but for its last half metre, and ends as a
- * narrow ledge before it, in the sun: that is none of the dark behind the wall. The second one has texels whose
- * middle lies behind, close under a sheet, and points of theirs before the wall. */
+ * narrow ledge before it, in the sun: that is none of the dark behind the wall. The second one has texels
+ * whose middle lies behind, close under a sheet, and points of theirs before the wall. */
 static void test_a_ledge_before_a_wall_has_its_own_light(void **state) {
     (void)state;
     const float wall[] = {0, -0.08f}, end = 0.14f; /* texels of 0.25 m begin at 0 */
@@ -318,7 +318,7 @@ static void test_a_strip_has_eight_places(void **state) {
     room_finish(&solution);
 }
 
-/* A picture of three bands, black, white and black, of which a strip half a texel wide shows the white one. */
+/* A picture of three bands, black, white and black: a strip half a texel wide shows the white one. */
 static struct lw_scene *strip_of_a_band(const struct room *room) {
     struct lw_scene *scene = room_scene(room);
     struct lw_texture *texture = lw_scene_alloc(scene, 1, sizeof *texture);

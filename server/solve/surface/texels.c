@@ -9,7 +9,7 @@
 
 #define TEXELS_MAX  (1u << 30)
 #define GRAZED_AREA 0.125f /* texels^2 */
-#define ALBEDO_SIDE 4      /* the albedo of a texel is the mean of those of 4 x 4 points that lie on its chart */
+#define ALBEDO_SIDE 4      /* a texel has the mean albedo of those of 4 x 4 points that lie on its chart */
 
 /* While a mesh is rasterised: which triangle a texel takes, and where on it. */
 struct claim {
