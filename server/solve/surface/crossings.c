@@ -285,8 +285,9 @@ static void meet(struct part *p, uint32_t i, uint32_t j, bool cut) {
     if (!(p->flags[i] & BEHIND) && a->texels > b->met) b->met = a->texels;
 }
 
-/* Few of a strip's texels are not beside a cut: those at the ends, whose neighbour lies inside a pillar. To
- * what is behind nobody yields: a ledge before a wall that is only modelled from outside has its own light. */
+/* Few of a strip's texels are not beside a cut: those at the ends, whose neighbour lies inside a pillar.
+ * To what is behind nobody yields: a ledge before a wall that is only modelled from outside has its own
+ * light. */
 static bool is_strip(const struct region *region) {
     return region->texels - region->beside <= region->texels / 4 && region->met >= REGION &&
            region->met >= 2 * region->texels && 2 * region->to_behind <= region->cuts;
