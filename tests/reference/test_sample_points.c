@@ -69,7 +69,8 @@ static void test_texels_hold_the_lit_share_of_a_shadow_edge(void **state) {
 }
 
 /* Many samples a frame go through the places within the frame. A lamp a hundred metres up is nearly a
- * point; the edge of a plate runs through a row of texels, so high that the floor under it is not close under it. */
+ * point; the edge of a plate runs through a row of texels, so high that the floor under it is not close
+ * under it. */
 static void test_samples_of_one_frame_spread_over_the_texel(void **state) {
     (void)state;
     const float far_m = 100, side_m = 2;
