@@ -138,26 +138,13 @@ static void claim_spots(struct claim *c, const struct lw_vec2 corner[3], uint32_
     }
 }
 
-/* How much surface is at a point of a material: cut-out parts reflect nothing. */
-static float surface_at(const struct lw_material *material, float alpha) {
-    switch ((enum lw_alpha_mode)material->alpha_mode) {
-    case LW_ALPHA_MASK:
-        return alpha >= material->alpha_cutoff;
-    case LW_ALPHA_BLEND:
-        return alpha;
-    case LW_ALPHA_OPAQUE:
-        break;
-    }
-    return 1;
-}
-
+/* Cut-out parts reflect nothing. */
 static void add_albedo_at(const struct raster *r, struct claim *c, uint32_t triangle, float u, float v) {
     struct lw_surface surface;
     lw_scene_surface(r->scene, r->mesh, triangle, u, v, &surface);
-    const float there = surface_at(&r->scene->material[r->mesh->material[triangle]], surface.alpha);
-    c->albedo = lw_vec3_mad(c->albedo, surface.albedo, there);
+    c->albedo = lw_vec3_mad(c->albedo, surface.albedo, surface.alpha);
     c->plain_albedo = lw_vec3_add(c->plain_albedo, surface.albedo);
-    c->surface += there;
+    c->surface += surface.alpha;
     c->albedo_points++;
 }
 
