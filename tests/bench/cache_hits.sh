@@ -4,7 +4,7 @@
 # There need be no counters: cachegrind simulates one core's caches (48 KiB and 1 MiB). Each setting of bench_thesis runs with
 # one frame and with 1 + N (2): the difference is what N frames read, without what sets them up. One worker, one direct and two bounce
 # rays a texel, D texels a metre (2).
-# Default scenes: builtin:atrium. Wants valgrind; takes minutes.
+# Default scenes: builtin:atrium. Wants valgrind; takes minutes (Cornell) to an hour.
 set -euo pipefail
 bin=${LW_BIN:-$(cd "$(dirname "$0")/../.." && pwd)/build/release/bin}
 frames=2 density=2 l1=49152,12,64 l2=1048576,16,64
