@@ -16,9 +16,10 @@
  * behind        the single-sided face that parts two texels shows its back to this one alone, as the water
  *               of a pool does to the wall under it
  *
- * A texel lies where its usable points do: its own position may be on a cut's other side.
  * Of the last three the next texel yields as well, or the first would be filled from there. Where both sides
- * are wide, and rooms, the cut stays between two texels, and look-ups mix them within half a texel. */
+ * are wide, and rooms, the cut stays between two texels, and look-ups mix them within half a texel.
+ *
+ * A texel lies where its usable points do: its own position may be on a cut's other side. */
 #ifndef LW_SURFACE_CROSSINGS_H
 #define LW_SURFACE_CROSSINGS_H
 
