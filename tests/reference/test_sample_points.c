@@ -237,6 +237,16 @@ static void count_mixed(void *user, struct lw_vec3 p, double area, double direct
     count[direct < 1 ? 0 : direct > 99 ? 1 : 2]++;
 }
 
+/* The texels of a room's first quad under a sun of E = 100 at the zenith. */
+static void count_in_the_sun(struct room *room, unsigned count[3]) {
+    struct room_solution solution;
+    room->light[0] = (struct lw_light){.kind = LW_LIGHT_DIRECTIONAL, .intensity = {100, 100, 100}};
+    room->light_count = 1;
+    room_solve(&solution, room, (struct lw_solver_desc){0}, 16);
+    room_each_texel(&solution, 0, count_mixed, count);
+    room_finish(&solution);
+}
+
 /* A wall through the middle of texels, with a roof on one side of it: the sun outside does not light the
  * floor inside, nor the other way round; each texel belongs to the side that has more of it. */
 static void test_a_wall_parts_the_texels_under_it(void **state) {
@@ -248,16 +258,11 @@ static void test_a_wall_parts_the_texels_under_it(void **state) {
         room_quad(&room, lw_vec3(x, 0, -3), lw_vec3(0, 0, 6), lw_vec3(0, 1, 0), 0, 0);
         room_quad(&room, lw_vec3(-3, 1, -3), lw_vec3(0, 0, 6), lw_vec3(3 + x, 0, 0), 0, 0);
         room.quad[1].double_sided = room.quad[2].double_sided = true;
-        room.light[0] = (struct lw_light){.kind = LW_LIGHT_DIRECTIONAL, .intensity = {100, 100, 100}};
-        room.light_count = 1;
-        struct room_solution solution;
         unsigned count[3] = {0};
-        room_solve(&solution, &room, (struct lw_solver_desc){0}, 16);
-        room_each_texel(&solution, 0, count_mixed, count);
+        count_in_the_sun(&room, count);
         assert_int_equal(count[2], 0);
         assert_int_equal(count[0], 16 * (i ? 9 : 8));
         assert_int_equal(count[1], 16 * (i ? 5 : 6)); /* two rows out of doors yield (crossings.h) */
-        room_finish(&solution);
     }
 }
 
@@ -274,15 +279,10 @@ static void test_a_ledge_before_a_wall_has_its_own_light(void **state) {
         room_quad(&room, lw_vec3(1.5f, 0, wall[i]), lw_vec3(1.5f, 0, 0), lw_vec3(0, 1, 0), 0, 0);
         room_quad(&room, lw_vec3(-3, i ? 0.01f : 1, -3), lw_vec3(0, 0, 3 + wall[i]), lw_vec3(6, 0, 0), 0, 0);
         room.quad[2].double_sided = room.quad[3].double_sided = true;
-        room.light[0] = (struct lw_light){.kind = LW_LIGHT_DIRECTIONAL, .intensity = {100, 100, 100}};
-        room.light_count = 1;
-        struct room_solution solution;
         unsigned count[3] = {0};
-        room_solve(&solution, &room, (struct lw_solver_desc){0}, 16);
-        room_each_texel(&solution, 0, count_mixed, count);
+        count_in_the_sun(&room, count);
         assert_int_equal(count[1], i ? 2 * 16 : 16);
         assert_int_equal(count[2], 0);
-        room_finish(&solution);
     }
 }
 

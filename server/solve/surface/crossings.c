@@ -275,14 +275,18 @@ static void find_deep(struct part *p, uint32_t i, uint32_t j, bool cut) {
     if (p->flags[j] & (ALIEN | BEHIND) && is_like(p, j, i)) p->flags[i] |= DEEP;
 }
 
+/* behind: the other's side of the cut. */
+static void meet_one(struct region *region, const struct region *other, bool behind) {
+    region->cuts++;
+    region->to_behind += behind;
+    if (!behind && other->texels > region->met) region->met = other->texels;
+}
+
 static void meet(struct part *p, uint32_t i, uint32_t j, bool cut) {
     if (!cut) return;
     struct region *a = region_of(p, i), *b = region_of(p, j);
-    a->cuts++, b->cuts++;
-    a->to_behind += (p->flags[j] & BEHIND) != 0;
-    b->to_behind += (p->flags[i] & BEHIND) != 0;
-    if (!(p->flags[j] & BEHIND) && b->texels > a->met) a->met = b->texels;
-    if (!(p->flags[i] & BEHIND) && a->texels > b->met) b->met = a->texels;
+    meet_one(a, b, p->flags[j] & BEHIND);
+    meet_one(b, a, p->flags[i] & BEHIND);
 }
 
 /* Few of a strip's texels are not beside a cut: those at the ends, whose neighbour lies inside a pillar.
@@ -307,7 +311,7 @@ static uint64_t choose(struct part *p, uint8_t *covered) {
 static struct lw_vec3 middle_of(const struct part *p, uint32_t i) {
     const struct lw_sample_points *points = &p->mesh->sample_points;
     const uint32_t first = points->first[i], count = points->first[i + 1] - first;
-    if (p->usable[i] == (uint8_t)((1u << count) - 1)) return lw_texels_vector(p->mesh->position, i);
+    if (p->usable[i] == lw_sample_points_all(points, i)) return lw_texels_vector(p->mesh->position, i);
     uint32_t texel[LW_TRACE_WIDTH], point[LW_TRACE_WIDTH];
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
         texel[lane] = i;

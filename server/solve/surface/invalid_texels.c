@@ -350,17 +350,13 @@ static void examine(const struct search *s, struct row *row, uint16_t suspects) 
     keep_one_side(s, row, suspects);
 }
 
-static uint8_t all_points(const struct lw_mesh_texels *mesh, uint32_t i) {
-    return (uint8_t)((1u << (mesh->sample_points.first[i + 1] - mesh->sample_points.first[i])) - 1);
-}
-
 static bool has_lost_places(const struct lw_mesh_texels *mesh, uint32_t i, uint8_t usable) {
-    return mesh->covered[i] && usable != all_points(mesh, i);
+    return mesh->covered[i] && usable != lw_sample_points_all(&mesh->sample_points, i);
 }
 
 static void unbury(const struct lw_mesh_texels *mesh, uint32_t i, uint8_t *covered, uint8_t *usable) {
     *covered = 1;
-    *usable = all_points(mesh, i);
+    *usable = lw_sample_points_all(&mesh->sample_points, i);
 }
 
 /* Whether the straight line from p by d comes within a margin of the box. */

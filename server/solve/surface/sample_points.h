@@ -84,6 +84,11 @@ void lw_sample_points_load(const struct lw_sample_points *points, float *const p
 void lw_sample_points_to_world(const struct lw_sample_points_frame *frame,
                                struct lw_sample_points_lanes *lanes);
 
+/** The mask of all sample points of a texel. */
+static inline uint8_t lw_sample_points_all(const struct lw_sample_points *points, uint32_t texel) {
+    return (uint8_t)((1u << (points->first[texel + 1] - points->first[texel])) - 1);
+}
+
 /** The sample point of a texel that sample number `sample` takes. usable: mask of its sample points, not
  * 0; turn: a random number that changes with sample / 8, so that no sample point always meets the same
  * part of a light's sequence. */

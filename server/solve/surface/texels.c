@@ -38,7 +38,7 @@ _Static_assert(LW_SCENE_TRIANGLES_MAX <= SPOT_BACK, "a spot's word holds triangl
 struct raster {
     const struct lw_scene *scene;
     const struct lw_mesh *mesh;
-    const struct lw_mesh_texels *texels;
+    struct lw_mesh_texels *texels;
     struct claim *claim; /* per texel */
     uint32_t *parent;    /* of charts that are joined: twice as many as vertices */
 };
@@ -148,8 +148,8 @@ static void add_albedo_at(const struct raster *r, struct claim *c, uint32_t tria
     c->albedo_points++;
 }
 
-/* Adds the albedo of the points of a texel that a triangle holds. Those beyond it are no matter of this
- * chart, and a picture's next band may begin there. */
+/* Adds the albedo of the points of a texel that a triangle holds; on the edge of two, each has it. Those
+ * beyond the chart do not count: a picture's next band may begin there. */
 static void add_albedo(const struct raster *r, struct claim *c, const struct lw_vec2 corner[3], uint32_t x,
                        uint32_t y, uint32_t triangle) {
     for (int j = 0; j < ALBEDO_SIDE; j++)
@@ -345,8 +345,9 @@ static uint32_t source_of(const struct lw_mesh_texels *mesh, const uint8_t *cove
     return count ? lw_texels_index(mesh, best->x, best->y) : LW_TEXEL_NONE;
 }
 
-static bool evaluate(const struct raster *r, struct lw_mesh_texels *texels) {
+static bool evaluate(const struct raster *r) {
     const struct lw_mesh *mesh = r->mesh;
+    struct lw_mesh_texels *texels = r->texels;
     struct lw_sample_points *points = &texels->sample_points;
     for (uint32_t i = 0; i < texels->texel_count; i++)
         points->first[i + 1] = points->first[i] + point_count(&r->claim[i]);
@@ -470,7 +471,7 @@ static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *sce
     claim_all(&raster, claim_texels);
     claim_all(&raster, claim_gutters);
     drop_grazed(claim, texels);
-    const bool ok = evaluate(&raster, texels);
+    const bool ok = evaluate(&raster);
     free(claim);
     free(parent);
     list_triangles(texels, scene, mesh);
@@ -552,8 +553,7 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
         const struct lw_mesh_texels *mesh = &texels->mesh[scene->object[o].mesh];
         memcpy(texels->covered + texels->first[o], mesh->covered, mesh->texel_count);
         for (uint32_t i = 0; i < mesh->texel_count; i++)
-            texels->usable[texels->first[o] + i] =
-                (uint8_t)((1u << (mesh->sample_points.first[i + 1] - mesh->sample_points.first[i])) - 1);
+            texels->usable[texels->first[o] + i] = lw_sample_points_all(&mesh->sample_points, i);
     }
     lw_texels_link(texels, threads ? (int)threads : omp_get_max_threads());
     return LW_OK;
