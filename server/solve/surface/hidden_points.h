@@ -1,0 +1,36 @@
+/* hidden_points.h: which of a texel's sample points light cannot reach.
+ * Flow:    texels of an object, rays' structure -> [hidden_points] -> masks of usable points -> invalid_texels
+ * Threads: [any], each with texels of its own.
+ *
+ * Hundreds of texels are asked about at once: most of their points stand free, and a ray or two says so. Those
+ * that are left after each ray move together, so that packets stay full. */
+#ifndef LW_SURFACE_HIDDEN_POINTS_H
+#define LW_SURFACE_HIDDEN_POINTS_H
+
+#include "common/scene/pose.h"
+#include "common/trace/trace.h"
+#include "server/solve/surface/texels.h"
+
+#define LW_HIDDEN_POINTS_TEXELS 512u /* of a call, at most */
+#define LW_HIDDEN_POINTS_RAYS   8u   /* cosine-weighted directions, those of lw_random_sobol2(0 to 7, 0) */
+/* Texels beside a wall that its back may darken: a look-up at level 2 reads as far. */
+#define LW_HIDDEN_POINTS_RIM 4.0f
+/* A texel whose surroundings are clear this many texel sizes around it is searched no further; double-sided
+ * solids are looked for as far. */
+#define LW_HIDDEN_POINTS_CLEAR 2
+
+struct lw_hidden_points_search {
+    const struct lw_texels *texels;
+    const struct lw_pose *pose;
+    const struct lw_trace *trace;
+    float near_m; /* backs that are farther away hide only what is beside a wall */
+    float far_m;  /* beyond all of the scene */
+};
+
+/** Takes points that light cannot reach out of the masks of some of an object's texels.
+ * texel   within the object; count: up to LW_HIDDEN_POINTS_TEXELS
+ * usable  per texel: its points that are asked about; afterwards those that are left, maybe none */
+void lw_hidden_points_find(const struct lw_hidden_points_search *search, uint32_t object,
+                           const uint32_t *texel, uint32_t count, uint8_t *usable);
+
+#endif
