@@ -10,6 +10,9 @@
 #include <stddef.h>
 #include <string.h>
 
+/* Of the time that rays and sums take. */
+#define LISTING_SHARE 0.05
+
 /* A frame under way. */
 struct frame {
     struct lw_cell_solver *s;
@@ -115,6 +118,7 @@ static enum lw_status place(struct frame *f, struct lw_error *err) {
     if (lw_cell_frame_parts_drawn(s)) lw_lights_set_pose(&s->drawn, &s->pose);
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
     lw_reflectors_place(&s->reflectors, &s->tiles);
+    if (s->view_due || s->pose_due & LW_POSE_DYNAMIC) s->listing_ns = 0; /* rays to what is gone would lie */
     if (s->has_probes) {
         uint64_t t = lw_clock_ns();
         f->stats.rays_probe += lw_probes_place(&s->probes, &s->pose, s->geometry->trace, s->threads);
@@ -132,6 +136,19 @@ static enum lw_status find_reflectors(struct frame *f, struct lw_error *err) {
     if (!s->desc.bounces) return LW_OK;
     enum lw_status status = lw_reflectors_update(&s->reflectors, &s->tiles, &s->pose);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "listing what shines by reflected light");
+}
+
+/* A list that is a little old costs noise, not light: in a big scene, whose frames solve little of it, listing
+ * takes its share of the time and no more. */
+static enum lw_status find_reflectors_in_time(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    if (s->desc.frame_budget_s > 0 && (double)s->listing_ns > LISTING_SHARE * (double)s->since_listing_ns)
+        return LW_OK;
+    const uint64_t began_ns = lw_clock_ns();
+    enum lw_status status = find_reflectors(f, err);
+    s->listing_ns = s->frames ? lw_clock_ns() - began_ns : 0; /* the first frame looks at every texel */
+    s->since_listing_ns = 0;
+    return status;
 }
 
 /* Estimates of the last solves, before anything moves from where it was then. */
@@ -505,6 +522,7 @@ static enum lw_status finish(struct frame *f, struct lw_error *err) {
     (void)err;
     lw_progress_finish(&f->s->progress);
     note_texel_cost(f->s, &f->stats);
+    f->s->since_listing_ns += f->stats.direct_ns + f->stats.scatter_ns;
     f->s->frames++;
     return LW_OK;
 }
@@ -531,7 +549,7 @@ static const struct stage stages[] = {
     {weigh_direct, IF_DUE, SPENT(change_ns)},
     {pass_on, ALWAYS, SPENT(change_ns)},
     {direct, IF_DUE, SPENT(direct_ns)},
-    {find_reflectors, IF_DUE, SPENT(pose_ns)},
+    {find_reflectors_in_time, IF_DUE, SPENT(pose_ns)},
     {trace_bounces, IF_DUE, SPENT(scatter_ns)},
     {gather_probes, IF_DUE, SPENT(probe_ns)},
     {scatter, IF_DUE, SPENT(scatter_ns)},

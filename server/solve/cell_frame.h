@@ -39,6 +39,8 @@ struct lw_cell_solver {
     /* Ray hits: of each texel, indirect_samples words (transport.h). */
     uint32_t *ray_hit;
     struct lw_reflectors reflectors;
+    /* Wall time: that listing them took last, 0 if it is due; that rays and sums have taken since. */
+    uint64_t listing_ns, since_listing_ns;
     struct lw_reflected *reflected;
     /* The last one given. */
     struct lw_pose pose;
