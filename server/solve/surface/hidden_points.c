@@ -228,7 +228,8 @@ static void count_exits(struct packet *p, uint16_t active, int out_exits[LW_TRAC
 /* Points inside solids, by generalized winding numbers (Jacobson et al. 2013) of what is near: these bear
  * holes and solids that overlap, and tell a sample point under a sheet, from which the way down leads in,
  * or nowhere, from one in a box. So backs of double-sided surfaces bury, too. What lights the inside of
- * such a solid is nobody's to see. Rays up come first: most leave by no face at all, and of some it is known. */
+ * such a solid is nobody's to see. Rays up come first: most leave by no face at all, and of some that is
+ * known. */
 static uint16_t may_be_enclosed(struct packet *p, uint32_t r) {
     const float reach_m = reach_of_solids(p->crowd);
     const struct lw_vec3 local = lw_vec3_scale(direction(r % RAYS), r < RAYS ? 1 : -1);

@@ -1,9 +1,9 @@
 /* hidden_points.h: which of a texel's sample points light cannot reach.
- * Flow:    texels of an object, rays' structure -> [hidden_points] -> masks of usable points -> invalid_texels
+ * Flow:    texels of an object, rays' structure -> [hidden_points] -> usable points -> invalid_texels
  * Threads: [any], each with texels of its own.
  *
- * Hundreds of texels are asked about at once: most of their points stand free, and a ray or two says so. Those
- * that are left after each ray move together, so that packets stay full. */
+ * Hundreds of texels are asked about at once: most of their points stand free, and a ray or two says so.
+ * Those that are left after each ray move together, so that packets stay full. */
 #ifndef LW_SURFACE_HIDDEN_POINTS_H
 #define LW_SURFACE_HIDDEN_POINTS_H
 
