@@ -138,8 +138,8 @@ static enum lw_status find_reflectors(struct frame *f, struct lw_error *err) {
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "listing what shines by reflected light");
 }
 
-/* A list that is a little old costs noise, not light: in a big scene, whose frames solve little of it, listing
- * takes its share of the time and no more. */
+/* A list that is a little old costs noise, not light: in a big scene, whose frames solve little of it,
+ * listing takes its share of the time and no more. */
 static enum lw_status find_reflectors_in_time(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     if (s->desc.frame_budget_s > 0 && (double)s->listing_ns > LISTING_SHARE * (double)s->since_listing_ns)

@@ -36,7 +36,7 @@ struct point {
     float lift_m;
     uint16_t texel; /* of the crowd */
     uint8_t number;
-    /* masks of directions: those looked in, in which a back is met, in which nothing is near (reach_of_solids) */
+    /* masks of directions: looked in; in which a back is met; in which nothing is near (reach_of_solids) */
     uint8_t looked, back, clear;
     bool covered;      /* something is close above it */
     uint8_t free_rays; /* of those that look for solids: which leave none */
