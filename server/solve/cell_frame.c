@@ -85,8 +85,9 @@ static struct lw_scheduler_frame following_of(const struct lw_cell_solver *s,
 
 static bool cancelled(const struct lw_cell_solver *s) { return s->desc.cancel && *s->desc.cancel; }
 
-static bool has_work(const struct lw_cell_solver *s, const struct lw_solve_tile *tile) {
-    return tile->work && !cancelled(s);
+/* Those that the frame under way solves. */
+static struct lw_solve_tile *due_tile(const struct lw_cell_solver *s, uint32_t i) {
+    return &s->tiles.tile[s->due[i]];
 }
 
 /* The frames for which probes may remember, that many frames after a movement. */
@@ -209,15 +210,21 @@ static enum lw_status verify(struct frame *f, struct lw_error *err) {
 
 /* ---- stages: what the frame solves ---- */
 
-/* The blocks of the tiles that are due; of an invalidated one its invalidated blocks alone. */
+/* The blocks of the tiles that are due; of an invalidated one its invalidated blocks alone. Other tiles have
+ * none, and are not looked at: in a big scene they are nearly all. */
 static void choose_blocks(struct lw_cell_solver *s) {
+    for (uint32_t i = 0; i < s->due_count; i++)
+        LW_TILES_EACH_BLOCK (due_tile(s, i), block) block->due = false;
+    s->due_count = 0;
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
+        if (!tile->work) continue;
+        tile->solved_tick = s->scheduler.round;
+        s->due[s->due_count++] = i;
         LW_TILES_EACH_BLOCK (tile, block)
-            block->due = tile->work && block->state != LW_BLOCK_CONVERGED &&
+            block->due = block->state != LW_BLOCK_CONVERGED &&
                          (tile->work == LW_TILE_WORK_ALL || lw_gradient_is_strong(&block->change) ||
                           !block->sample_count);
-        if (tile->work) tile->solved_tick = s->scheduler.round;
     }
 }
 
@@ -267,10 +274,8 @@ static enum lw_status pass_on(struct frame *f, struct lw_error *err) {
 static void begin_progress(struct lw_cell_solver *s) {
     static const _Atomic bool never = false;
     const uint32_t passes = 1 + (s->desc.bounces ? 1 + s->desc.bounces : 0);
-    uint64_t due = 0;
-    for (uint32_t i = 0; i < s->tiles.count; i++) due += s->tiles.tile[i].work != LW_TILE_WORK_NONE;
     lw_progress_init(&s->progress, s->frames ? "finishing the samples under way" : "lighting the first frame",
-                     due * passes);
+                     (uint64_t)s->due_count * passes);
     if (s->frames) s->progress.wanted = s->desc.finishing ? s->desc.finishing : &never;
 }
 
@@ -283,11 +288,10 @@ static void run_direct(struct lw_cell_solver *s, const struct lw_transport *pass
                        struct lw_solver_stats *stats) {
     uint64_t shadow = 0;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow)
-    for (uint32_t i = 0; i < s->tiles.count; i++) {
-        struct lw_solve_tile *tile = &s->tiles.tile[i];
-        if (!has_work(s, tile)) continue;
+    for (uint32_t i = 0; i < s->due_count; i++) {
         struct lw_ray_count count = {0};
-        lw_direct_light_solve(passes, tile, &count);
+        if (cancelled(s)) continue;
+        lw_direct_light_solve(passes, due_tile(s, i), &count);
         shadow += count.shadow;
         lw_progress_step(&s->progress, 1);
     }
@@ -298,11 +302,11 @@ static void run_trace_bounces(struct lw_cell_solver *s, const struct lw_transpor
                               struct lw_solver_stats *stats) {
     uint64_t bounce = 0;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : bounce)
-    for (uint32_t i = 0; i < s->tiles.count; i++) {
-        if (!has_work(s, &s->tiles.tile[i])) continue;
+    for (uint32_t i = 0; i < s->due_count; i++) {
         struct lw_ray_count count = {0};
-        lw_bounces_trace(passes, &s->tiles.tile[i], &count);
-        lw_scheduler_note_hits(&s->scheduler, passes, &s->tiles.tile[i]);
+        if (cancelled(s)) continue;
+        lw_bounces_trace(passes, due_tile(s, i), &count);
+        lw_scheduler_note_hits(&s->scheduler, passes, due_tile(s, i));
         bounce += count.bounce;
         lw_progress_step(&s->progress, 1);
     }
@@ -311,25 +315,25 @@ static void run_trace_bounces(struct lw_cell_solver *s, const struct lw_transpor
 
 static void run_radiate(struct lw_cell_solver *s, const struct lw_transport *passes, uint32_t bounce) {
 #pragma omp parallel for schedule(static) num_threads(s->threads)
-    for (uint32_t i = 0; i < s->tiles.count; i++)
-        if (has_work(s, &s->tiles.tile[i])) lw_bounces_radiate(passes, &s->tiles.tile[i], bounce);
+    for (uint32_t i = 0; i < s->due_count; i++)
+        if (!cancelled(s)) lw_bounces_radiate(passes, due_tile(s, i), bounce);
 }
 
 /* Light of earlier frames follows what direct light is now; along rays that new ones are
  * about to take the place of. */
 static void run_reread(struct lw_cell_solver *s, const struct lw_transport *passes) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
-    for (uint32_t i = 0; i < s->tiles.count; i++)
-        if (has_work(s, &s->tiles.tile[i])) lw_verify_reread(passes, &s->tiles.tile[i]);
+    for (uint32_t i = 0; i < s->due_count; i++)
+        if (!cancelled(s)) lw_verify_reread(passes, due_tile(s, i));
 }
 
 /* With which weight this frame's estimates of bounces enter their means. */
 static void weigh_indirect(struct lw_cell_solver *s) {
     const float most = s->has_probes ? (float)probe_history_max(s) : INFINITY;
 #pragma omp parallel for schedule(static) num_threads(s->threads)
-    for (uint32_t i = 0; i < s->tiles.count; i++) {
-        if (!has_work(s, &s->tiles.tile[i])) continue;
-        LW_TILES_EACH_BLOCK (&s->tiles.tile[i], block)
+    for (uint32_t i = 0; i < s->due_count; i++) {
+        if (cancelled(s)) continue;
+        LW_TILES_EACH_BLOCK (due_tile(s, i), block)
             if (block->due) lw_gradient_weigh_indirect(block, most, s->desc.denoise);
     }
 }
@@ -337,15 +341,15 @@ static void weigh_indirect(struct lw_cell_solver *s) {
 /* Bounces from the second on change only now. */
 static void run_arrive(struct lw_cell_solver *s, const struct lw_transport *passes) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
-    for (uint32_t i = 0; i < s->tiles.count; i++)
-        if (has_work(s, &s->tiles.tile[i])) lw_verify_arrive(passes, &s->tiles.tile[i]);
+    for (uint32_t i = 0; i < s->due_count; i++)
+        if (!cancelled(s)) lw_verify_arrive(passes, due_tile(s, i));
 }
 
 static void run_gather(struct lw_cell_solver *s, const struct lw_transport *passes, uint32_t bounce) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
-    for (uint32_t i = 0; i < s->tiles.count; i++) {
-        if (!has_work(s, &s->tiles.tile[i])) continue;
-        lw_bounces_gather(passes, &s->tiles.tile[i], bounce);
+    for (uint32_t i = 0; i < s->due_count; i++) {
+        if (cancelled(s)) continue;
+        lw_bounces_gather(passes, due_tile(s, i), bounce);
         lw_progress_step(&s->progress, 1);
     }
 }
@@ -498,16 +502,24 @@ static double texels_left(const struct lw_cell_solver *s, const struct lw_solve_
 static enum lw_status settle(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     struct lw_solver_stats *stats = &f->stats;
+    uint32_t converged = 0;
+    double left = 0;
     (void)err;
-    stats->tiles = s->tiles.count;
-    for (uint32_t i = 0; i < s->tiles.count; i++) {
-        struct lw_solve_tile *tile = &s->tiles.tile[i];
-        stats->tiles_solved += tile->work != LW_TILE_WORK_NONE;
-        LW_TILES_EACH_BLOCK (tile, block) stats->texels_solved += block->due ? block->covered_count : 0;
-        if (tile->work) settle_tile(s, tile);
-        stats->tiles_converged += tile->state == LW_BLOCK_CONVERGED;
-        if (tile->state != LW_BLOCK_CONVERGED) stats->texels_left += texels_left(s, tile);
+    for (uint32_t i = 0; i < s->due_count; i++) {
+        LW_TILES_EACH_BLOCK (due_tile(s, i), block)
+            stats->texels_solved += block->due ? block->covered_count : 0;
+        settle_tile(s, due_tile(s, i));
     }
+#pragma omp parallel for schedule(static) num_threads(s->threads) reduction(+ : converged, left)
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        const struct lw_solve_tile *tile = &s->tiles.tile[i];
+        converged += tile->state == LW_BLOCK_CONVERGED;
+        if (tile->state != LW_BLOCK_CONVERGED) left += texels_left(s, tile);
+    }
+    stats->tiles = s->tiles.count;
+    stats->tiles_solved = s->due_count;
+    stats->tiles_converged = converged;
+    stats->texels_left = left;
     return LW_OK;
 }
 

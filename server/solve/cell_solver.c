@@ -150,7 +150,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct lw_cell_solver *s = (const struct lw_cell_solver *)solver;
     size_t bytes = (size_t)s->tiles.texel_count * s->desc.indirect_samples * sizeof *s->ray_hit +
-                   (size_t)s->tiles.texel_count * sizeof *s->reflected +
+                   (size_t)s->tiles.texel_count * sizeof *s->reflected + s->tiles.count * sizeof *s->due +
                    lw_reflectors_memory_bytes(&s->reflectors) + lw_tiles_memory_bytes(&s->tiles) +
                    lw_denoise_memory_bytes(&s->denoise) + lw_scheduler_memory_bytes(&s->scheduler);
     for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) bytes += lw_seams_light_memory_bytes(&s->welds[f]);
@@ -174,6 +174,7 @@ static void destroy(struct lw_solver *solver) {
     lw_scheduler_finish(&s->scheduler);
     free(s->ray_hit);
     free(s->reflected);
+    free(s->due);
     free(s);
 }
 
@@ -244,7 +245,8 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
     if (s->desc.denoise && (status = set_up_denoise(s, err)) != LW_OK) return status;
     s->ray_hit = calloc((size_t)texels->count * s->desc.indirect_samples + 1, sizeof *s->ray_hit);
     s->reflected = calloc((size_t)texels->count + 1, sizeof *s->reflected);
-    if (!s->ray_hit || !s->reflected ||
+    s->due = malloc(((size_t)s->tiles.count + 1) * sizeof *s->due);
+    if (!s->ray_hit || !s->reflected || !s->due ||
         lw_reflectors_init(&s->reflectors, scene, texels, &s->pose) != LW_OK ||
         lw_scheduler_init(&s->scheduler, s->desc.atlas_map->tile_count, s->tiles.count,
                           s->desc.indirect_samples) != LW_OK)
