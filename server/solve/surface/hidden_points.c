@@ -197,7 +197,7 @@ static uint16_t has_no_rim(struct packet *p, uint32_t r) {
 }
 
 static bool is_in_doubt(const struct packet *p, uint32_t lane) {
-    return __builtin_popcount(p->point[lane]->looked & ~p->point[lane]->back) <= RAYS - INSIDE_RAYS;
+    return (uint32_t)__builtin_popcount(p->point[lane]->looked & ~p->point[lane]->back) <= RAYS - INSIDE_RAYS;
 }
 
 /* Most points stand free, and two rays say so: those that one ray too many leaves are tested no further. */
