@@ -88,8 +88,7 @@ static bool meets_box(const struct box *box, struct lw_vec3 from, struct lw_vec3
  * seen. */
 static bool shows(const struct judge *j, const struct lw_hit16 *hits, unsigned lane) {
     if (hits->object[lane] == LW_TRACE_MISS) return false;
-    const struct lw_mesh *mesh = &j->scene->mesh[j->scene->object[hits->object[lane]].mesh];
-    return !hits->back[lane] || j->scene->material[mesh->material[hits->triangle[lane]]].double_sided;
+    return !hits->back[lane] || lw_trace_material(j->scene, hits, lane)->double_sided;
 }
 
 /* What a hit belongs to: the part of its object's surface that faces one of 26 directions. */

@@ -105,6 +105,13 @@ LW_MUST_CHECK enum lw_status lw_trace_set_pose_soon(struct lw_trace *trace, cons
  * lw_trace_set_pose(). */
 LW_MUST_CHECK enum lw_status lw_trace_settle(struct lw_trace *trace, bool wait, struct lw_error *err);
 
+/** The material that a ray has met. It must have met something. */
+static inline const struct lw_material *lw_trace_material(const struct lw_scene *scene,
+                                                          const struct lw_hit16 *hits, uint32_t lane) {
+    const struct lw_mesh *mesh = &scene->mesh[scene->object[hits->object[lane]].mesh];
+    return &scene->material[mesh->material[hits->triangle[lane]]];
+}
+
 /** Closest hits of the rays whose bit is set in `active`; lanes that are not active become misses. */
 void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t active,
                         const struct lw_ray16 *rays, struct lw_hit16 *out_hits);

@@ -75,8 +75,7 @@ struct rays {
 static bool is_still(const struct part *p, const struct lw_hit16 *hits, uint32_t lane) {
     const uint32_t object = hits->object[lane];
     if (object == LW_TRACE_MISS || lw_pose_object_moves(p->pose, p->scene, object)) return false;
-    const struct lw_mesh *mesh = &p->scene->mesh[p->scene->object[object].mesh];
-    return p->scene->material[mesh->material[hits->triangle[lane]]].alpha_mode == LW_ALPHA_OPAQUE;
+    return lw_trace_material(p->scene, hits, lane)->alpha_mode == LW_ALPHA_OPAQUE;
 }
 
 static struct lw_vec3 normal_at(const struct part *p, uint32_t i) {
@@ -88,7 +87,7 @@ static struct lw_vec3 raised(const struct part *p, uint32_t i, float height_m) {
 }
 
 static float lift_of(const struct part *p, uint32_t i) {
-    return p->mesh->sample_points.lift[i] * p->frame.stretch + LW_TRACE_LIFT * p->frame.offset_m + 1e-30f;
+    return lw_sample_points_lift_m(&p->frame, p->mesh->sample_points.lift[i]);
 }
 
 /* How much room there is above each texel. */

@@ -89,9 +89,7 @@ static void sift(struct crowd *c, struct list *list,
 static bool is_active(const struct packet *p, uint32_t lane) { return p->active >> lane & 1; }
 
 static const struct lw_material *material_of(const struct packet *p, uint32_t lane) {
-    const struct lw_scene *scene = p->crowd->search->texels->scene;
-    const struct lw_mesh *mesh = &scene->mesh[scene->object[p->hits.object[lane]].mesh];
-    return &scene->material[mesh->material[p->hits.triangle[lane]]];
+    return lw_trace_material(p->crowd->search->texels->scene, &p->hits, lane);
 }
 
 static bool is_met(const struct packet *p, uint32_t lane) { return p->hits.object[lane] != LW_TRACE_MISS; }
@@ -122,8 +120,7 @@ static void trace(struct packet *p, unsigned flags, uint16_t active) {
     lw_trace_closest16(p->crowd->search->trace, flags, active, &p->rays, &p->hits);
 }
 
-/* Direction r of a cosine-weighted set, about a normal that is z. */
-static struct lw_vec3 direction(uint32_t r) {
+struct lw_vec3 lw_hidden_points_direction(uint32_t r) {
     float square[2];
     lw_random_sobol2(r, 0, square);
     return lw_direction_cosine(square);
@@ -137,7 +134,7 @@ static float reach_of_solids(const struct crowd *c) {
  * is anything. */
 static void look(struct packet *p, uint32_t r) {
     struct crowd *c = p->crowd;
-    const struct lw_vec3 local = direction(r);
+    const struct lw_vec3 local = lw_hidden_points_direction(r);
     const float reach_m = reach_of_solids(c);
     uint16_t active = 0;
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
@@ -232,7 +229,7 @@ static void count_exits(struct packet *p, uint16_t active, int out_exits[LW_TRAC
  * known. */
 static uint16_t may_be_enclosed(struct packet *p, uint32_t r) {
     const float reach_m = reach_of_solids(p->crowd);
-    const struct lw_vec3 local = lw_vec3_scale(direction(r % RAYS), r < RAYS ? 1 : -1);
+    const struct lw_vec3 local = lw_vec3_scale(lw_hidden_points_direction(r % RAYS), r < RAYS ? 1 : -1);
     uint16_t enclosed = p->active, active = 0;
     int exits[LW_TRACE_WIDTH] = {0};
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
@@ -334,7 +331,7 @@ static void add_point(struct crowd *c, const struct lw_sample_points_frame *fram
     c->point[c->points++] = (struct point){
         .origin = lw_vec3(lanes->at.x[lane], lanes->at.y[lane], lanes->at.z[lane]),
         .face = lw_vec3(lanes->gx[lane], lanes->gy[lane], lanes->gz[lane]),
-        .lift_m = lanes->lift[lane] * frame->stretch + LW_TRACE_LIFT * frame->offset_m + 1e-30f,
+        .lift_m = lw_sample_points_lift_m(frame, lanes->lift[lane]),
         .texel = (uint16_t)texel,
         .number = (uint8_t)number,
     };

@@ -12,7 +12,7 @@
 #include "server/solve/surface/texels.h"
 
 #define LW_HIDDEN_POINTS_TEXELS 512u /* of a call, at most */
-#define LW_HIDDEN_POINTS_RAYS   8u   /* cosine-weighted directions, those of lw_random_sobol2(0 to 7, 0) */
+#define LW_HIDDEN_POINTS_RAYS   8u   /* directions that are looked in */
 /* Texels beside a wall that its back may darken: a look-up at level 2 reads as far. */
 #define LW_HIDDEN_POINTS_RIM 4.0f
 /* A texel whose surroundings are clear this many texel sizes around it is searched no further; double-sided
@@ -26,6 +26,9 @@ struct lw_hidden_points_search {
     float near_m; /* backs that are farther away hide only what is beside a wall */
     float far_m;  /* beyond all of the scene */
 };
+
+/** Direction r of LW_HIDDEN_POINTS_RAYS, cosine-weighted about a normal that is z; unit. */
+struct lw_vec3 lw_hidden_points_direction(uint32_t r);
 
 /** Takes points that light cannot reach out of the masks of some of an object's texels.
  * texel   within the object; count: up to LW_HIDDEN_POINTS_TEXELS

@@ -2,7 +2,6 @@
 
 #include "common/light/direction.h"
 #include "common/progress.h"
-#include "common/random.h"
 #include "server/solve/surface/crossings.h"
 #include "server/solve/surface/hidden_points.h"
 
@@ -77,9 +76,7 @@ static bool may_be_freed(const struct search *s, uint32_t object, float size_m, 
             meets(box, margin, p, lw_vec3_scale(n, -s->points.near_m)))
             return true;
         for (uint32_t r = 0; r < LW_HIDDEN_POINTS_RAYS; r++) {
-            float point[2];
-            lw_random_sobol2(r, 0, point);
-            const struct lw_vec3 d = lw_direction_about(n, lw_direction_cosine(point));
+            const struct lw_vec3 d = lw_direction_about(n, lw_hidden_points_direction(r));
             if (meets(box, margin, p, lw_vec3_scale(d, s->points.far_m))) return true;
         }
     }

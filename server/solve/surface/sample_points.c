@@ -106,9 +106,9 @@ LW_WIDE void lw_sample_points_to_world(const struct lw_sample_points_frame *fram
     const float(*m)[4] = frame->to_world.m;
     turn(frame->normal, NORMAL_STEPS, l->at.nx, l->at.ny, l->at.nz);
     turn(frame->normal, GEOMETRIC_STEPS, l->gx, l->gy, l->gz);
-    const float base = LW_TRACE_LIFT * frame->offset_m + 1e-30f;
     for (int i = 0; i < LANES; i++) {
-        float x = l->at.x[i], y = l->at.y[i], z = l->at.z[i], lift = l->lift[i] * frame->stretch + base;
+        float x = l->at.x[i], y = l->at.y[i], z = l->at.z[i],
+              lift = lw_sample_points_lift_m(frame, l->lift[i]);
         l->at.x[i] = m[0][0] * x + m[0][1] * y + m[0][2] * z + m[0][3] + lift * l->gx[i];
         l->at.y[i] = m[1][0] * x + m[1][1] * y + m[1][2] * z + m[1][3] + lift * l->gy[i];
         l->at.z[i] = m[2][0] * x + m[2][1] * y + m[2][2] * z + m[2][3] + lift * l->gz[i];

@@ -80,6 +80,11 @@ struct lw_sample_points_lanes {
 void lw_sample_points_load(const struct lw_sample_points *points, float *const position[3],
                            const uint32_t texel[16], const uint32_t point[16],
                            struct lw_sample_points_lanes *lanes);
+/** How far rays start off the surface in world space, m. lift: the same in object space. */
+static inline float lw_sample_points_lift_m(const struct lw_sample_points_frame *frame, float lift) {
+    return lift * frame->stretch + (LW_TRACE_LIFT * frame->offset_m + 1e-30f);
+}
+
 /** Brings loaded lanes to world space and lifts their origins off the surface. */
 void lw_sample_points_to_world(const struct lw_sample_points_frame *frame,
                                struct lw_sample_points_lanes *lanes);

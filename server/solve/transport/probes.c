@@ -146,8 +146,7 @@ static struct lw_vec3 ray_direction(const struct lw_ray16 *rays, uint32_t i) {
 }
 
 static bool black_back(const struct lw_scene *scene, const struct lw_hit16 *hits, uint32_t i) {
-    const struct lw_mesh *mesh = &scene->mesh[scene->object[hits->object[i]].mesh];
-    return hits->back[i] && !scene->material[mesh->material[hits->triangle[i]]].double_sided;
+    return hits->back[i] && !lw_trace_material(scene, hits, i)->double_sided;
 }
 
 /* What a place is worth: the distance to the nearest surface, up to `enough`; negative inside something. */
