@@ -1,4 +1,5 @@
 /* Light that changes: what changed is right again soon, what did not costs nothing. */
+#include "common/builtin/builtin.h"
 #include "server/solve/adapt/gradient.h"
 #include "server/solve/state/tiles.h"
 #include "tests/reference/room.h"
@@ -450,8 +451,31 @@ static void test_noise_is_no_change(void **state) {
     assert_false(wakes(1)); /* the mean of 64 is off by 1/8 */
 }
 
+/* What an object has hidden comes to light as it goes, and texels beside it that yielded to it do no more. */
+static void test_each_object_may_begin_to_move(void **state) {
+    (void)state;
+    struct lw_error err = {0};
+    struct lw_scene *scene;
+    struct room_solution s;
+    uint64_t frame = 1;
+    lw_support_ok(lw_builtin_build("builtin:atrium", &scene, &err), &err);
+    room_solve_scene(&s, scene, 2, desc, 1);
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        shift(&s, o, 0.05f);
+        solve_on(&s, &frame, 1);
+        shift(&s, o, -0.05f);
+        solve_on(&s, &frame, 1);
+    }
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        const struct room_mean mean = room_object_mean(&s, o);
+        assert_true(isfinite(mean.total) && mean.total >= 0);
+    }
+    room_finish(&s);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_each_object_may_begin_to_move),
         cmocka_unit_test(test_a_lamp_goes_out),
         cmocka_unit_test(test_no_ghost_stays),
         cmocka_unit_test(test_there_and_back),

@@ -110,6 +110,39 @@ static void a_search_may_be_left_alone(void **state) {
     tear_down(&floor);
 }
 
+/* As many texels as before may be others: what an object that goes gives back, beside what yields now. */
+static void blocks_take_what_is_covered_now(void **state) {
+    (void)state;
+    struct floor floor;
+    set_up(&floor);
+    const struct lw_solve_tile *tile = &floor.tiles.tile[0];
+    struct lw_solve_block *block = &tile->block[0];
+    uint8_t *covered = floor.geometry.texels.covered + tile->first;
+    uint32_t one = 0;
+    while (!covered[one]) one++;
+    const uint32_t other = one + 1, all = block->covered_count;
+    assert_true(covered[other] && all > 2 && block->packet_count > 0);
+    covered[one] = 0;
+    lw_tiles_recount(&floor.tiles, 1);
+    assert_int_equal(block->covered_count, all - 1);
+    block->direct.sample_count = 5;
+    lw_tiles_recount(&floor.tiles, 1); /* they are the same */
+    assert_int_equal(block->direct.sample_count, 5);
+    covered[one] = 1;
+    covered[other] = 0;
+    lw_tiles_recount(&floor.tiles, 1);
+    assert_int_equal(block->covered_count, all - 1);
+    assert_int_equal(block->direct.sample_count, 0);
+    uint32_t dealt = 0;
+    for (uint32_t p = 0; p < block->packet_count; p++)
+        for (uint32_t lane = 0; lane < block->packet[p].count; lane++, dealt++) {
+            const uint32_t t = block->packet[p].texel[lane];
+            assert_true(covered[t / LW_TILE_BLOCK * tile->width + t % LW_TILE_BLOCK]);
+        }
+    assert_int_equal(dealt, all - 1);
+    tear_down(&floor);
+}
+
 static void who_stops_does_not_wait(void **state) {
     (void)state;
     const _Atomic bool cancel = true;
@@ -128,6 +161,7 @@ int main(void) {
         cmocka_unit_test(seams_that_are_found_later_are_the_same),
         cmocka_unit_test(a_search_that_is_overtaken_is_dropped),
         cmocka_unit_test(a_search_may_be_left_alone),
+        cmocka_unit_test(blocks_take_what_is_covered_now),
         cmocka_unit_test(who_stops_does_not_wait),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -233,19 +233,30 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
     return LW_OK;
 }
 
-/* Texels are only ever given back (invalid_texels.h), so that as many as before are the same ones. */
-static bool covers_as_before(const struct lw_solve_tile *tile, const uint8_t *covered) {
+/* Whether a block's packets hold the texels that it covers: as many, and each of theirs. */
+static bool covers_as_before(const struct lw_solve_tile *tile, const struct lw_solve_block *block,
+                             uint32_t column, uint32_t row, const uint8_t *covered) {
+    const uint32_t first = tile->first + row * LW_TILE_BLOCK * tile->width + column * LW_TILE_BLOCK;
     uint32_t count = 0;
-    for (uint32_t i = 0; i < tile->width * tile->height; i++) count += covered[tile->first + i];
-    return count == tile->covered_count;
+    LW_TILES_EACH_TEXEL (tile, column, row, x, y) count += covered[tile->first + y * tile->width + x];
+    if (count != block->covered_count) return false;
+    for (uint32_t p = 0; p < block->packet_count; p++)
+        for (uint32_t lane = 0; lane < block->packet[p].count; lane++) {
+            const uint32_t t = block->packet[p].texel[lane];
+            if (!covered[first + t / LW_TILE_BLOCK * tile->width + t % LW_TILE_BLOCK]) return false;
+        }
+    return true;
 }
 
 static void recount_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
-    uint32_t before[LW_TILE_BLOCKS * LW_TILE_BLOCKS];
-    LW_TILES_EACH_BLOCK (tile, block) before[block - tile->block] = block->covered_count;
+    bool other[LW_TILE_BLOCKS * LW_TILE_BLOCKS], any = false;
+    for (uint32_t i = 0; i < tile->block_columns * tile->block_rows; i++)
+        any |= other[i] = !covers_as_before(tile, &tile->block[i], i % tile->block_columns,
+                                            i / tile->block_columns, covered);
+    if (!any) return;
     bound_tile(tile, covered);
     LW_TILES_EACH_BLOCK (tile, block) {
-        if (block->covered_count == before[block - tile->block]) continue;
+        if (!other[block - tile->block]) continue;
         block->direct.sample_count = block->indirect.sample_count = 0;
         if (block->covered_count == 0 || tile->hidden)
             block->state = LW_BLOCK_CONVERGED;
@@ -258,8 +269,7 @@ static void recount_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
 
 void lw_tiles_recount(struct lw_tiles *tiles, int threads) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
-    for (uint32_t i = 0; i < tiles->count; i++)
-        if (!covers_as_before(&tiles->tile[i], tiles->covered)) recount_tile(&tiles->tile[i], tiles->covered);
+    for (uint32_t i = 0; i < tiles->count; i++) recount_tile(&tiles->tile[i], tiles->covered);
 }
 
 void lw_tiles_finish(struct lw_tiles *tiles) {
