@@ -197,7 +197,8 @@ static inline void lw_tiles_store(float *const dst[3], uint32_t texel, struct lw
     dst[2][texel] = value.z;
 }
 
-/** Counts again which texels are covered; a block that covers others than before starts from the beginning. */
+/** Counts again which texels are covered; a block that covers others than before starts from the
+ * beginning. */
 void lw_tiles_recount(struct lw_tiles *tiles, int threads);
 
 /** Shows the sums of the blocks of frame `frame` (shown_frame) as they are. forms: which (light_form.h). */
