@@ -322,8 +322,9 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          LW_OPTION_REAL, &s->cell_size, 1e-6, 1e9, NULL},
         {"probe-spacing", "METRES", "distance between probes (default: so that there are some 1,000)",
          LW_OPTION_REAL, &s->probe_spacing, 1e-6, 1e9, NULL},
-        {"probe-form", "octahedral|sh",
-         "how probes keep what they see: maps of 16 x 16 directions (default), or nine spherical harmonics",
+        {"probe-form", "octahedral|sh|cube",
+         "how probes keep what they see: maps of 16 x 16 directions (default), nine spherical harmonics, or "
+         "the faces of a cube, 7 x 7 each",
          LW_OPTION_CHOICE, &s->probe_form, 0, 0, NULL},
         {"denoise", "off|on", "filter the noise out of what is shown (default on)", LW_OPTION_CHOICE,
          &s->denoise, 0, 0, NULL},

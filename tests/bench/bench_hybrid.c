@@ -1,8 +1,10 @@
 /* bench_hybrid: what a finite tracing range costs in accuracy and saves in time. One table in Markdown per
  * scene.
  *
- *     bench_hybrid [--frames N] [--texels-per-metre D] [--quick] SCENE...
+ *     bench_hybrid [--frames N] [--texels-per-metre D] [--quick] [--range R] [--spacing S] SCENE...
  *
+ * Tracing ranges 0.05, 0.1, 0.3 and 1 of the longest side, or R; each with every variant of the probes, or
+ * with the default form and projection alone (--quick), that share S of the longest side apart.
  * Everything is compared with the same solver at range = inf, over the indirect light of every covered texel.
  * Each setting is solved twice with seeds of its own, a and b, and so is the reference, t and u: then
  * mean((a-t)(b-u) / (m^2+eps)), m = (t+u)/2, eps = 1 % of the mean of m^2, is relMSE without the noise, which
@@ -11,6 +13,7 @@
 #include "common/clock.h"
 #include "common/colour.h"
 #include "server/solve/solvers.h"
+#include "server/solve/transport/probe_form.h"
 #include "tests/bench/bench_setup.h"
 
 #include <math.h>
@@ -25,6 +28,7 @@ struct settings {
     struct lw_scene_open open;
     int64_t frames;
     bool quick;
+    double range, spacing; /* 0: all */
 };
 
 struct job {
@@ -48,8 +52,7 @@ struct outcome {
     double frame_ms, rays; /* median; of the last frame */
 };
 
-static const char *const form_names[] = {"octahedral", "sh"}, *const projection_names[] = {"depth", "box",
-                                                                                           "step"};
+static const char *const projection_names[] = {"depth", "box", "step"};
 
 static bool outcome_init(struct outcome *o, const struct job *job) {
     o->texel = malloc((job->texels + 1) * sizeof *o->texel);
@@ -162,7 +165,7 @@ static void print_row(const struct job *job, const struct setting *setting, cons
     char spacing[16] = "default";
     if (setting->spacing > 0) snprintf(spacing, sizeof spacing, "1/%.0f", 1 / (double)setting->spacing);
     if (setting->range > 0)
-        printf("| %.2f | %s | %s | %s ", (double)setting->range, spacing, form_names[setting->form],
+        printf("| %.2f | %s | %s | %s ", (double)setting->range, spacing, lw_probe_form(setting->form)->name,
                projection_names[setting->projection]);
     else
         printf("| inf | – | – | – ");
@@ -171,13 +174,14 @@ static void print_row(const struct job *job, const struct setting *setting, cons
     fflush(stdout);
 }
 
-static enum lw_status measure(const struct job *job, bool quick, struct lw_error *err) {
+static enum lw_status measure(const struct job *job, const struct settings *s, struct lw_error *err) {
     static const float ranges[] = {0.05f, 0.1f, 0.3f, 1};
     static const struct setting variants[] = {
         {0, 0, LW_PROBE_FORM_OCTAHEDRAL, LW_PROBE_PROJECTION_DEPTH},
         {0, 0, LW_PROBE_FORM_OCTAHEDRAL, LW_PROBE_PROJECTION_BOX},
         {0, 0, LW_PROBE_FORM_OCTAHEDRAL, LW_PROBE_PROJECTION_STEP},
         {0, 0, LW_PROBE_FORM_SH, LW_PROBE_PROJECTION_DEPTH},
+        {0, 0, LW_PROBE_FORM_CUBE, LW_PROBE_PROJECTION_DEPTH},
         {0, 1 / 4.0f, LW_PROBE_FORM_OCTAHEDRAL, LW_PROBE_PROJECTION_DEPTH},
         {0, 1 / 16.0f, LW_PROBE_FORM_OCTAHEDRAL, LW_PROBE_PROJECTION_DEPTH}};
     struct outcome a = {0}, b = {0}, t = {0}, u = {0};
@@ -190,10 +194,13 @@ static enum lw_status measure(const struct job *job, bool quick, struct lw_error
     if (status == LW_OK) status = solve(job, &traced, 3, job->frames, &a, err);
     if (status == LW_OK) status = solve(job, &traced, 4, job->frames, &b, err);
     if (status == LW_OK) print_row(job, &traced, &a, &b, &t, &u);
-    for (size_t r = 0; status == LW_OK && r < sizeof ranges / sizeof ranges[0]; r++)
-        for (size_t v = 0; status == LW_OK && v < (quick ? 1 : sizeof variants / sizeof variants[0]); v++) {
+    const size_t range_count = s->range > 0 ? 1 : sizeof ranges / sizeof ranges[0],
+                 variant_count = s->quick || s->spacing > 0 ? 1 : sizeof variants / sizeof variants[0];
+    for (size_t r = 0; status == LW_OK && r < range_count; r++)
+        for (size_t v = 0; status == LW_OK && v < variant_count; v++) {
             struct setting setting = variants[v];
-            setting.range = ranges[r];
+            setting.range = s->range > 0 ? (float)s->range : ranges[r];
+            if (s->spacing > 0) setting.spacing = (float)s->spacing;
             status = solve(job, &setting, 3, job->frames, &a, err);
             if (status == LW_OK) status = solve(job, &setting, 4, job->frames, &b, err);
             if (status == LW_OK) print_row(job, &setting, &a, &b, &t, &u);
@@ -228,7 +235,7 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
                "Mrays |\n"
                "|---|---|---|---|---|---|---|---|---|---|\n",
                bench_label(path, label, sizeof label), job.texels, (double)job.longest_m, job.frames);
-        status = measure(&job, s->quick, err);
+        status = measure(&job, s, err);
     }
     bench_close(job.scene, &job.pose, &job.map);
     return status;
@@ -239,7 +246,11 @@ int main(int argc, char **argv) {
     const struct lw_option table[] = {
         {"frames", "N", "frames of each solve (default 64)", LW_OPTION_INT, &s.frames, 2, 100000, NULL},
         {"quick", NULL, "the default form, spacing and projection only", LW_OPTION_FLAG, &s.quick, 0, 0,
-         NULL}};
+         NULL},
+        {"range", "R", "this tracing range alone, as a share of the longest side", LW_OPTION_REAL, &s.range,
+         1e-3, 1, NULL},
+        {"spacing", "S", "the default form and projection only, probes so far apart, likewise",
+         LW_OPTION_REAL, &s.spacing, 1e-3, 1, NULL}};
     return bench_main(
         &(struct bench_program){.name = "bench_hybrid",
                                 .about = "Bias and cost of tracing ranges, as tables in Markdown.",

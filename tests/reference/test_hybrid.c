@@ -3,17 +3,20 @@
 #include "tests/reference/room.h"
 
 #include "common/builtin/builtin.h"
+#include "server/solve/transport/probe_form.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-static const enum lw_probe_form_kind forms[] = {LW_PROBE_FORM_OCTAHEDRAL, LW_PROBE_FORM_SH};
+static const enum lw_probe_form_kind forms[] = {LW_PROBE_FORM_OCTAHEDRAL, LW_PROBE_FORM_SH,
+                                                LW_PROBE_FORM_CUBE};
+#define FORMS (sizeof forms / sizeof *forms)
 static const enum lw_probe_projection projections[] = {LW_PROBE_PROJECTION_DEPTH, LW_PROBE_PROJECTION_BOX,
                                                        LW_PROBE_PROJECTION_STEP};
 
 /* In a closed room whose walls all emit Le and reflect rho, bounce k adds pi Le rho^k. Radiance is uniform,
- * which both forms of probe represent exactly, so probes must not change the result. */
+ * which all forms of probe represent exactly, so probes must not change the result. */
 static void expect_furnace(enum lw_probe_form_kind form, enum lw_probe_projection projection, float range_m) {
     struct room room = {.texels_per_metre = 8};
     room_box(&room, lw_vec3(2, 2, 2), 0.5f, 1.5f);
@@ -35,7 +38,7 @@ static void expect_furnace(enum lw_probe_form_kind form, enum lw_probe_projectio
 
 static void test_furnace(void **state) {
     (void)state;
-    for (size_t form = 0; form < 2; form++)
+    for (size_t form = 0; form < FORMS; form++)
         for (size_t projection = 0; projection < 3; projection++)
             expect_furnace(forms[form], projections[projection], projection ? 0.7f : 1e-4f);
 }
@@ -72,7 +75,7 @@ static void test_no_light_through_a_wall(void **state) {
     (void)state;
     static const float ranges[] = {0.05f, 0.1f, 0.3f}; /* of the longest side, 4 m and a wall */
     static const float walls[] = {0.02f, 0.2f};
-    for (int form = 0; form < 2; form++)
+    for (size_t form = 0; form < FORMS; form++)
         for (int range = 0; range < 3; range++)
             for (int wall = 0; wall < 2; wall++) {
                 struct room_solution solution;
@@ -85,8 +88,8 @@ static void test_no_light_through_a_wall(void **state) {
                 double lit = mean_of(&solution, 0, 5), dark = mean_of(&solution, 6, 11);
                 if (!(lit > 1 && dark < 2e-4 * lit))
                     fail_msg("%s, range %.2f, wall %.2f m: E %.4g in the dark room, %.4g in the lit one",
-                             form ? "sh" : "octahedral", (double)ranges[range], (double)walls[wall], dark,
-                             lit);
+                             lw_probe_form(forms[form])->name, (double)ranges[range], (double)walls[wall],
+                             dark, lit);
                 room_finish(&solution);
             }
 }
@@ -96,14 +99,15 @@ static void test_energy_is_that_of_rays_without_end(void **state) {
     (void)state;
     struct room_solution reference, hybrid;
     solve_two_rooms(&reference, 0.2f, (struct lw_solver_desc){.bounces = 2, .indirect_samples = 16});
-    for (int form = 0; form < 2; form++) {
+    for (size_t form = 0; form < FORMS; form++) {
+        const bool smears = forms[form] == LW_PROBE_FORM_SH;
         solve_two_rooms(
             &hybrid, 0.2f,
             (struct lw_solver_desc){
                 .bounces = 2, .indirect_samples = 16, .probe_form = forms[form], .tracing_range_m = 0.4f});
-        expect_near(mean_of(&hybrid, 0, 5), mean_of(&reference, 0, 5), form ? 0.03 : 0.015);
+        expect_near(mean_of(&hybrid, 0, 5), mean_of(&reference, 0, 5), smears ? 0.03 : 0.015);
         for (uint32_t o = 0; o < 6; o++)
-            expect_near(mean_of(&hybrid, o, o), mean_of(&reference, o, o), form ? 0.15 : 0.04);
+            expect_near(mean_of(&hybrid, o, o), mean_of(&reference, o, o), smears ? 0.15 : 0.04);
         room_finish(&hybrid);
     }
     room_finish(&reference);
@@ -121,7 +125,7 @@ static void solve_cornell(struct room_solution *solution, enum lw_probe_form_kin
 
 static void test_same_bytes_at_any_thread_count(void **state) {
     (void)state;
-    for (int form = 0; form < 2; form++) {
+    for (size_t form = 0; form < FORMS; form++) {
         struct room_solution a, b;
         solve_cornell(&a, forms[form], 1);
         solve_cornell(&b, forms[form], 3);

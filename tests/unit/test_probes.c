@@ -4,6 +4,7 @@
 #include "common/light/direction.h"
 #include "common/sampling.h"
 #include "common/trace/trace.h"
+#include "server/solve/transport/cube_map.h"
 #include "server/solve/transport/octahedral.h"
 #include "server/solve/transport/probes.h"
 #include "server/solve/transport/ray_hit.h"
@@ -52,6 +53,50 @@ static void test_octahedral_read_is_continuous(void **state) {
     }
 }
 
+static void test_cube_round_trip(void **state) {
+    (void)state;
+    enum { SIDE = 5, FACE = (SIDE + 2) * (SIDE + 2) };
+    for (uint32_t i = 0; i < DIRECTIONS; i++) {
+        const struct lw_cube_map_place p = lw_cube_map_place(direction(i));
+        assert_true(p.face < LW_CUBE_MAP_FACES && p.u >= 0 && p.u <= 1 && p.v >= 0 && p.v <= 1);
+        assert_true(lw_vec3_dot(lw_cube_map_direction(p), direction(i)) > 0.999999f);
+    }
+    for (uint32_t face = 0; face < LW_CUBE_MAP_FACES; face++)
+        for (uint32_t y = 1; y <= SIDE; y++)
+            for (uint32_t x = 1; x <= SIDE; x++) {
+                const struct lw_vec3 d = lw_cube_map_direction((struct lw_cube_map_place){
+                    face, lw_cube_map_middle(SIDE, x), lw_cube_map_middle(SIDE, y)});
+                assert_int_equal(lw_cube_map_cell(SIDE, d), face * FACE + y * (SIDE + 2) + x);
+            }
+}
+
+/* As of the octahedral map, across the cube's edges; and what two faces say of an edge is the same. */
+static void test_cube_read_is_continuous(void **state) {
+    (void)state;
+    enum { SIDE = 32, FACE = (SIDE + 2) * (SIDE + 2) };
+    static float map[LW_CUBE_MAP_FACES * FACE];
+    for (uint32_t face = 0; face < LW_CUBE_MAP_FACES; face++)
+        for (uint32_t y = 1; y <= SIDE; y++)
+            for (uint32_t x = 1; x <= SIDE; x++) {
+                const struct lw_vec3 d = lw_cube_map_direction((struct lw_cube_map_place){
+                    face, lw_cube_map_middle(SIDE, x), lw_cube_map_middle(SIDE, y)});
+                map[face * FACE + y * (SIDE + 2) + x] = d.x + 2 * d.y - 3 * d.z;
+            }
+    lw_cube_map_wrap(map, SIDE, 1);
+    for (uint32_t i = 0; i < DIRECTIONS; i++) {
+        const struct lw_vec3 d = direction(i);
+        float value;
+        lw_cube_map_read(map, SIDE, 1, d, &value);
+        assert_float_equal(value, d.x + 2 * d.y - 3 * d.z, 0.06);
+    }
+    for (float along = -0.97f; along < 0.97f; along += 0.01f) {
+        float one, other;
+        lw_cube_map_read(map, SIDE, 1, lw_vec3(1.0001f, 1, along), &one);
+        lw_cube_map_read(map, SIDE, 1, lw_vec3(1, 1.0001f, along), &other);
+        assert_float_equal(one, other, 0.002);
+    }
+}
+
 typedef float function_of_direction(struct lw_vec3 d);
 
 static void project(const struct lw_probe_form_ops *form, function_of_direction *fn, uint32_t rays,
@@ -87,6 +132,7 @@ static void test_forms_return_smooth_light(void **state) {
     (void)state;
     expect_smooth(LW_PROBE_FORM_SH, 0.01);
     expect_smooth(LW_PROBE_FORM_OCTAHEDRAL, 0.15);
+    expect_smooth(LW_PROBE_FORM_CUBE, 0.15);
 }
 
 /* A small lamp in the dark: nothing may go below zero, and no form may gain light. Its mean over the sphere
@@ -112,16 +158,20 @@ static void test_forms_neither_ring_nor_gain(void **state) {
     (void)state;
     expect_lamp(LW_PROBE_FORM_SH, 0.02);
     expect_lamp(LW_PROBE_FORM_OCTAHEDRAL, 0.05);
+    expect_lamp(LW_PROBE_FORM_CUBE, 0.05);
 }
 
 /* After a single frame most cells of a map have met no ray; what is read has to be light all the same. */
 static void test_map_without_rays_takes_its_neighbours(void **state) {
     (void)state;
-    const struct lw_probe_form_ops *form = lw_probe_form(LW_PROBE_FORM_OCTAHEDRAL);
-    float map[LW_PROBE_FORM_FLOATS_MAX];
-    project(form, smooth, 32, map);
-    for (uint32_t i = 0; i < DIRECTIONS; i++)
-        assert_float_equal(form->read(map, direction(i)).x, smooth(direction(i)), 1.5);
+    static const enum lw_probe_form_kind maps[] = {LW_PROBE_FORM_OCTAHEDRAL, LW_PROBE_FORM_CUBE};
+    for (size_t m = 0; m < sizeof maps / sizeof *maps; m++) {
+        const struct lw_probe_form_ops *form = lw_probe_form(maps[m]);
+        float map[LW_PROBE_FORM_FLOATS_MAX];
+        project(form, smooth, 32, map);
+        for (uint32_t i = 0; i < DIRECTIONS; i++)
+            assert_float_equal(form->read(map, direction(i)).x, smooth(direction(i)), 1.5);
+    }
 }
 
 /* A closed cube of 4 m around the origin, seen from inside, with a solid block in it. */
@@ -357,6 +407,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_octahedral_round_trip),
         cmocka_unit_test(test_octahedral_read_is_continuous),
+        cmocka_unit_test(test_cube_round_trip),
+        cmocka_unit_test(test_cube_read_is_continuous),
         cmocka_unit_test(test_forms_return_smooth_light),
         cmocka_unit_test(test_forms_neither_ring_nor_gain),
         cmocka_unit_test(test_map_without_rays_takes_its_neighbours),

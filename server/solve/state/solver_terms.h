@@ -15,7 +15,7 @@
 #define LW_SOLVER_NOISE_SHOWN 0.2f
 
 /** How a probe keeps what it sees (probe_form.h). */
-enum lw_probe_form_kind { LW_PROBE_FORM_OCTAHEDRAL = 0, LW_PROBE_FORM_SH };
+enum lw_probe_form_kind { LW_PROBE_FORM_OCTAHEDRAL = 0, LW_PROBE_FORM_SH, LW_PROBE_FORM_CUBE };
 
 /** In which direction a probe is read for what a ray beside it runs towards: that of the point where the ray
  * will arrive. Where that is, is guessed: */

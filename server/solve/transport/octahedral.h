@@ -1,6 +1,5 @@
 /* octahedral.h: functions of direction as square maps: the sphere folded to an octahedron, the octahedron to
- * a square. A map has side x side cells and a border of one cell that repeats what lies across the fold, so
- * that bilinear reads need no special case.
+ * a square, whose border (bordered_map.h) repeats what lies across the fold.
  * Threads: pure functions, [any].
  * After:   Meyer et al. 2010 (the mapping), Cigolle et al. 2014 (its error), Majercik
  *          et al. 2019 (bordered maps). */
@@ -8,6 +7,7 @@
 #define LW_TRANSPORT_OCTAHEDRAL_H
 
 #include "common/vec.h"
+#include "server/solve/transport/bordered_map.h"
 
 #include <stdint.h>
 #include <string.h>
@@ -29,16 +29,10 @@ static inline struct lw_vec3 lw_octahedral_decode(struct lw_vec2 p) {
     return lw_vec3_normalize(lw_vec3(u - copysignf(fold, u), v - copysignf(fold, v), z));
 }
 
-/** Cells of a map with its border. */
-static inline uint32_t lw_octahedral_cells(uint32_t side) { return (side + 2) * (side + 2); }
-
 /** The cell of a bordered map that a direction falls into; never one of the border. */
 static inline uint32_t lw_octahedral_cell(uint32_t side, struct lw_vec3 d) {
-    struct lw_vec2 p = lw_octahedral_encode(d);
-    uint32_t x = (uint32_t)(p.x * (float)side), y = (uint32_t)(p.y * (float)side);
-    x = x < side ? x : side - 1;
-    y = y < side ? y : side - 1;
-    return (y + 1) * (side + 2) + x + 1;
+    const struct lw_vec2 p = lw_octahedral_encode(d);
+    return lw_bordered_map_cell(side, p.x, p.y);
 }
 
 /** Direction of a cell's middle. x, y from 0, without the border. */
@@ -68,17 +62,8 @@ static inline void lw_octahedral_wrap(float *map, uint32_t side, uint32_t channe
 /** Bilinear read of a bordered map. */
 static inline void lw_octahedral_read(const float *map, uint32_t side, uint32_t channels, struct lw_vec3 d,
                                       float *out) {
-    struct lw_vec2 p = lw_octahedral_encode(d);
-    float x = p.x * (float)side + 0.5f, y = p.y * (float)side + 0.5f;
-    uint32_t i = (uint32_t)x, j = (uint32_t)y;
-    i = i <= side ? i : side;
-    j = j <= side ? j : side;
-    float fx = x - (float)i, fy = y - (float)j;
-    const float *a = map + (size_t)(j * (side + 2) + i) * channels, *b = a + (size_t)(side + 2) * channels;
-    for (uint32_t c = 0; c < channels; c++) {
-        float low = a[c] + (a[channels + c] - a[c]) * fx, high = b[c] + (b[channels + c] - b[c]) * fx;
-        out[c] = low + (high - low) * fy;
-    }
+    const struct lw_vec2 p = lw_octahedral_encode(d);
+    lw_bordered_map_read(map, side, channels, p.x, p.y, out);
 }
 
 #endif

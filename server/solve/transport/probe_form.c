@@ -1,43 +1,55 @@
 #include "server/solve/transport/probe_form.h"
 
+#include "server/solve/transport/cube_map.h"
 #include "server/solve/transport/octahedral.h"
 
-#define SIDE  16u
-#define CELLS ((SIDE + 2) * (SIDE + 2))
+#include <string.h>
 
-/* Sums: weight, red, green, blue per cell. */
-static void octahedral_add(float *sum, struct lw_vec3 direction, const float *radiance) {
-    float *cell = sum + (size_t)lw_octahedral_cell(SIDE, direction) * 4;
+/* ---- maps: sums of a cell are its weight, red, green, blue ---- */
+
+static void add_to(float *cell, const float *radiance) {
     cell[0] += 1;
     for (int c = 0; c < 3; c++) cell[1 + c] += radiance[c];
 }
 
-/* The mean of a cell that no ray has met yet: that of the nearest ring of cells
- * around it that rays have met. */
-static void fill_from_neighbours(const float *mean, uint32_t x, uint32_t y, float *out_rgb) {
-    for (uint32_t reach = 1; reach < SIDE; reach++) {
-        float sum[4] = {0};
-        uint32_t x0 = x > reach ? x - reach : 1, x1 = x + reach < SIDE ? x + reach : SIDE;
-        uint32_t y0 = y > reach ? y - reach : 1, y1 = y + reach < SIDE ? y + reach : SIDE;
-        for (uint32_t j = y0; j <= y1; j++)
-            for (uint32_t i = x0; i <= x1; i++)
-                for (int c = 0; c < 4; c++) sum[c] += mean[(size_t)(j * (SIDE + 2) + i) * 4 + (size_t)c];
-        if (!(sum[0] > 0)) continue;
-        for (int c = 0; c < 3; c++) out_rgb[c] = sum[1 + c] / sum[0];
-        return;
-    }
-    out_rgb[0] = out_rgb[1] = out_rgb[2] = 0;
+/* The mean of the cells of a bordered square from low to before high, x and y, 0 at its border; false: no ray
+ * has met them. */
+static bool mean_of(const float *sums, uint32_t side, const uint32_t low[2], const uint32_t high[2],
+                    float out_rgb[3]) {
+    float sum[4] = {0};
+    for (uint32_t y = low[1]; y < high[1]; y++)
+        for (uint32_t x = low[0]; x < high[0]; x++)
+            for (uint32_t c = 0; c < 4; c++) sum[c] += sums[(size_t)(y * (side + 2) + x) * 4 + c];
+    for (int c = 0; sum[0] > 0 && c < 3; c++) out_rgb[c] = sum[1 + c] / sum[0];
+    return sum[0] > 0;
+}
+
+/* The mean of each cell of a bordered square; of one that no ray has met yet, of the nearest ring of cells
+ * around it that rays have met; `all` where there is none. */
+static void settle_square(const float *sums, uint32_t side, const float all[3], float *map) {
+    for (uint32_t y = 1; y <= side; y++)
+        for (uint32_t x = 1; x <= side; x++) {
+            float *rgb = map + (size_t)(y * (side + 2) + x) * 3;
+            bool known = false;
+            for (uint32_t reach = 0; !known && reach < side; reach++) {
+                const uint32_t low[2] = {x > reach ? x - reach : 1, y > reach ? y - reach : 1},
+                               high[2] = {x + reach < side ? x + reach + 1 : side + 1,
+                                          y + reach < side ? y + reach + 1 : side + 1};
+                known = mean_of(sums, side, low, high, rgb);
+            }
+            if (!known) memcpy(rgb, all, 3 * sizeof *rgb);
+        }
+}
+
+#define SIDE  16u
+#define CELLS ((SIDE + 2) * (SIDE + 2))
+
+static void octahedral_add(float *sum, struct lw_vec3 direction, const float *radiance) {
+    add_to(sum + (size_t)lw_octahedral_cell(SIDE, direction) * 4, radiance);
 }
 
 static void octahedral_settle(const float *mean, float *map) {
-    for (uint32_t y = 1; y <= SIDE; y++)
-        for (uint32_t x = 1; x <= SIDE; x++) {
-            const size_t i = y * (SIDE + 2) + x;
-            if (mean[i * 4] > 0)
-                for (size_t c = 0; c < 3; c++) map[i * 3 + c] = mean[i * 4 + 1 + c] / mean[i * 4];
-            else
-                fill_from_neighbours(mean, x, y, map + i * 3);
-        }
+    settle_square(mean, SIDE, (const float[3]){0, 0, 0}, map);
     lw_octahedral_wrap(map, SIDE, 3);
 }
 
@@ -46,6 +58,35 @@ static struct lw_vec3 octahedral_read(const float *map, struct lw_vec3 direction
     lw_octahedral_read(map, SIDE, 3, direction, rgb);
     return lw_vec3(rgb[0], rgb[1], rgb[2]);
 }
+
+/* The least side with as many cells as the octahedral map has. */
+#define FACE_SIDE  7u
+#define FACE_CELLS ((FACE_SIDE + 2) * (FACE_SIDE + 2))
+#define CUBE_CELLS (LW_CUBE_MAP_FACES * FACE_CELLS)
+_Static_assert(CUBE_CELLS * 4 <= LW_PROBE_FORM_FLOATS_MAX && CELLS * 4 <= LW_PROBE_FORM_FLOATS_MAX,
+               "room for the sums of all forms");
+
+static void cube_add(float *sum, struct lw_vec3 direction, const float *radiance) {
+    add_to(sum + (size_t)lw_cube_map_cell(FACE_SIDE, direction) * 4, radiance);
+}
+
+static void cube_settle(const float *mean, float *map) {
+    float all[4] = {0};
+    for (size_t i = 0; i < CUBE_CELLS; i++)
+        for (size_t c = 0; c < 4; c++) all[c] += mean[i * 4 + c];
+    for (int c = 1; all[0] > 0 && c < 4; c++) all[c] /= all[0];
+    for (size_t face = 0; face < LW_CUBE_MAP_FACES; face++)
+        settle_square(mean + face * FACE_CELLS * 4, FACE_SIDE, all + 1, map + face * FACE_CELLS * 3);
+    lw_cube_map_wrap(map, FACE_SIDE, 3);
+}
+
+static struct lw_vec3 cube_read(const float *map, struct lw_vec3 direction) {
+    float rgb[3];
+    lw_cube_map_read(map, FACE_SIDE, 3, direction, rgb);
+    return lw_vec3(rgb[0], rgb[1], rgb[2]);
+}
+
+/* ---- spherical harmonics ---- */
 
 #define COEFFICIENTS 9
 
@@ -110,6 +151,7 @@ static struct lw_vec3 sh_read(const float *map, struct lw_vec3 direction) {
 static const struct lw_probe_form_ops forms[] = {
     [LW_PROBE_FORM_OCTAHEDRAL] = {"octahedral", CELLS * 4, CELLS * 3, octahedral_add, octahedral_settle,
                                   octahedral_read},
-    [LW_PROBE_FORM_SH] = {"sh", COEFFICIENTS * 3, COEFFICIENTS * 3, sh_add, sh_settle, sh_read}};
+    [LW_PROBE_FORM_SH] = {"sh", COEFFICIENTS * 3, COEFFICIENTS * 3, sh_add, sh_settle, sh_read},
+    [LW_PROBE_FORM_CUBE] = {"cube", CUBE_CELLS * 4, CUBE_CELLS * 3, cube_add, cube_settle, cube_read}};
 
 const struct lw_probe_form_ops *lw_probe_form(enum lw_probe_form_kind kind) { return &forms[kind]; }

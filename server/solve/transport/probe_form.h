@@ -4,8 +4,10 @@
  *
  *   octahedral  means over the cells of a 16 x 16 octahedral map, read bilinearly: sharp to some 11 degrees
  *   sh          nine spherical-harmonic coefficients per channel (Ramamoorthi and Hanrahan 2001), windowed
- *               until nothing is negative (Sloan 2008): a fourteenth of the memory, but a lamp or a window
- *               smears over a hemisphere */
+ *               until nothing is negative (Sloan 2008): a fortieth of the memory, but a lamp or a window
+ *               smears over a hemisphere
+ *   cube        means over the cells of a cube's faces, 7 x 7 each, read bilinearly: as sharp, half as much
+ *               memory again for its borders */
 #ifndef LW_TRANSPORT_PROBE_FORM_H
 #define LW_TRANSPORT_PROBE_FORM_H
 
@@ -26,7 +28,7 @@ struct lw_probe_form_ops {
     struct lw_vec3 (*read)(const float *map, struct lw_vec3 direction);
 };
 
-#define LW_PROBE_FORM_FLOATS_MAX 1296u /* of sum_floats */
+#define LW_PROBE_FORM_FLOATS_MAX 1944u /* of sum_floats */
 
 const struct lw_probe_form_ops *lw_probe_form(enum lw_probe_form_kind kind);
 
