@@ -54,6 +54,9 @@ class Soak:
 
     def start(self):
         a = self.a
+        for name in ("lightwelld", "lightwellctl", "lightwell-import", "lightwell-load", "bench_soak"):
+            if not (a.bin / name).exists():
+                raise SystemExit(f"soak: {a.bin / name} is missing: scripts/build.sh release, or --bin")
         a.out.mkdir(parents=True, exist_ok=True)
         for name, density in (("a", a.density), ("b", a.density * 1.1)):
             subprocess.run([a.bin / "lightwell-import", a.scene, "-o", a.out / f"{name}.lwscene",
