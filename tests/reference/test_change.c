@@ -1,5 +1,6 @@
 /* Light that changes: what changed is right again soon, what did not costs nothing. */
 #include "common/builtin/builtin.h"
+#include "common/random.h"
 #include "server/solve/adapt/gradient.h"
 #include "server/solve/state/tiles.h"
 #include "tests/reference/room.h"
@@ -451,7 +452,8 @@ static void test_noise_is_no_change(void **state) {
     assert_false(wakes(1)); /* the mean of 64 is off by 1/8 */
 }
 
-/* What an object has hidden comes to light as it goes, and texels beside it that yielded to it do no more. */
+/* What an object has hidden comes to light as it goes, and texels beside it that yielded to it do no
+ * more. */
 static void test_each_object_may_begin_to_move(void **state) {
     (void)state;
     struct lw_error err = {0};
@@ -473,8 +475,38 @@ static void test_each_object_may_begin_to_move(void **state) {
     room_finish(&s);
 }
 
+/* Objects shifted, hidden, shown and put back, one a frame, in whatever order: once all are back, the light
+ * is that of the scene in which all of them may move and none has. */
+static void test_whatever_happened_the_light_comes_back(void **state) {
+    (void)state;
+    const struct room room = make_room(2, 1.4f);
+    struct room_solution s[2];
+    for (int k = 0; k < 2; k++) room_solve(&s[k], &room, desc, 1);
+    uint64_t frame[2] = {1, 1};
+    for (uint32_t i = 0; i < 40; i++) {
+        const uint32_t o = lw_random_hash2(i, 0) % room.quad_count;
+        if (lw_random_hash2(i, 1) & 1)
+            shift(&s[0], o, lw_random_unit(lw_random_hash2(i, 2)) - 0.5f);
+        else
+            s[0].pose.object_hidden[o] = !s[0].pose.object_hidden[o];
+        s[0].pose.object_dynamic[o] = true;
+        solve_on(&s[0], &frame[0], 1);
+    }
+    for (uint32_t o = 0; o < room.quad_count; o++) {
+        s[0].pose.object_to_world[o] = s[1].pose.object_to_world[o];
+        s[0].pose.object_hidden[o] = false;
+        s[0].pose.object_dynamic[o] = s[1].pose.object_dynamic[o] = true;
+    }
+    for (int k = 0; k < 2; k++) room_solve_until_rest(&s[k], &frame[k]);
+    for (uint32_t o = 0; o < room.quad_count; o++)
+        expect_near(room_object_mean(&s[0], o).total, room_object_mean(&s[1], o).total, 0.05);
+    room_finish(&s[1]);
+    room_finish(&s[0]);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_whatever_happened_the_light_comes_back),
         cmocka_unit_test(test_each_object_may_begin_to_move),
         cmocka_unit_test(test_a_lamp_goes_out),
         cmocka_unit_test(test_no_ghost_stays),
