@@ -135,10 +135,8 @@ static void blocks_take_what_is_covered_now(void **state) {
     assert_int_equal(block->direct.sample_count, 0);
     uint32_t dealt = 0;
     for (uint32_t p = 0; p < block->packet_count; p++)
-        for (uint32_t lane = 0; lane < block->packet[p].count; lane++, dealt++) {
-            const uint32_t t = block->packet[p].texel[lane];
-            assert_true(covered[t / LW_TILE_BLOCK * tile->width + t % LW_TILE_BLOCK]);
-        }
+        for (uint32_t lane = 0; lane < block->packet[p].count; lane++, dealt++)
+            assert_true(covered[lw_packet_texel(&block->packet[p], lane, 0, tile->width)]);
     assert_int_equal(dealt, all - 1);
     tear_down(&floor);
 }

@@ -238,8 +238,7 @@ static void place_packet(struct lw_patches *patches, const struct lw_sample_poin
     uint32_t local[LANES], point[LANES];
     out->active = (uint16_t)((1u << from->count) - 1);
     for (uint32_t lane = 0; lane < LANES; lane++) {
-        const uint32_t t = from->texel[lane < from->count ? lane : 0],
-                       within = corner + t / LW_TILE_BLOCK * tile->width + t % LW_TILE_BLOCK;
+        const uint32_t within = lw_packet_texel(from, lane < from->count ? lane : 0, corner, tile->width);
         const uint8_t usable = patches->texels->usable[tile->first + within];
         out->texel[lane] = tile->first + within;
         local[lane] = tile->local + within;

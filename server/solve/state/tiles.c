@@ -241,10 +241,8 @@ static bool covers_as_before(const struct lw_solve_tile *tile, const struct lw_s
     LW_TILES_EACH_TEXEL (tile, column, row, x, y) count += covered[tile->first + y * tile->width + x];
     if (count != block->covered_count) return false;
     for (uint32_t p = 0; p < block->packet_count; p++)
-        for (uint32_t lane = 0; lane < block->packet[p].count; lane++) {
-            const uint32_t t = block->packet[p].texel[lane];
-            if (!covered[first + t / LW_TILE_BLOCK * tile->width + t % LW_TILE_BLOCK]) return false;
-        }
+        for (uint32_t lane = 0; lane < block->packet[p].count; lane++)
+            if (!covered[lw_packet_texel(&block->packet[p], lane, first, tile->width)]) return false;
     return true;
 }
 

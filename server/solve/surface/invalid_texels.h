@@ -24,9 +24,10 @@ LW_MUST_CHECK enum lw_status lw_invalid_texels_find(struct lw_texels *texels, co
                                                     const struct lw_trace *trace, int threads,
                                                     const _Atomic bool *cancel, uint64_t *out_count);
 
-/** After objects have become movers: tests invalid points near where these stood again, and gives
- * back those that are valid now. Movers have all of their texels. Valid points are not tested:
- * fewer objects hide fewer points.
+/** After objects have become movers: texels near where these stood that have lost points are tested again, as
+ * a whole, and have the points that are valid now: most get some back, a few lose others, or yield in
+ * place of those beside them. Texels that have lost none are not tested: fewer objects hide fewer points.
+ * Movers have all of their texels.
  * before: the pose of the last test. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_invalid_texels_review(struct lw_texels *texels, const struct lw_pose *before,
                                                       const struct lw_pose *pose,

@@ -26,6 +26,14 @@ struct lw_packet {
     uint8_t texel[LW_TRACE_WIDTH]; /* within the block: 16 y + x */
 };
 
+/** Where the texel of a lane lies, from the block's first texel, `corner`, on; stride: from one row to the
+ * next. */
+static inline uint32_t lw_packet_texel(const struct lw_packet *packet, uint32_t lane, uint32_t corner,
+                                       uint32_t stride) {
+    const uint32_t texel = packet->texel[lane];
+    return corner + texel / LW_TILE_BLOCK * stride + texel % LW_TILE_BLOCK;
+}
+
 /** Deals out the covered texels of one block.
  * first    the block's first texel within the mesh
  * stride   from one of its rows to the next; width, height: of the block, in texels

@@ -18,10 +18,8 @@ void lw_ray_launch_init(struct lw_ray_launch *launch, const struct lw_solve_tile
     launch->block = (tile->y * LW_TILE_BLOCKS + y) << 16 | (tile->x * LW_TILE_BLOCKS + x);
     launch->frames = block->sample_count;
     launch->active = (uint16_t)((1u << from->count) - 1);
-    for (uint32_t lane = 0; lane < LANES; lane++) {
-        const uint32_t texel = from->texel[lane < from->count ? lane : 0];
-        launch->texel[lane] = corner + texel / LW_TILE_BLOCK * tile->width + texel % LW_TILE_BLOCK;
-    }
+    for (uint32_t lane = 0; lane < LANES; lane++)
+        launch->texel[lane] = lw_packet_texel(from, lane < from->count ? lane : 0, corner, tile->width);
 }
 
 void lw_ray_launch_choose(struct lw_ray_launch *launch, const struct lw_solve_tile *tile,
