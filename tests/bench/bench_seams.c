@@ -1,13 +1,15 @@
 /* bench_seams: how far the two sides of lightmap seams differ where the viewer reads them, after more and
  * more frames.
  *
- *     bench_seams [--frames N] [--denoise] [--objects] [--codec] [--texels-per-metre D] SCENE...
+ *     bench_seams [--frames N] [--denoise] [--objects] [--codec|--bare] [--texels-per-metre D] SCENE...
  *
  * One table in Markdown per scene: after 16, 64, 256 ... frames, up to N, and for levels 0 to 2: mean and
  * median of the relative differences along all seams (tests/support/seam_walk.h), the shares of points within
  * 1 and 5 % and of those so dark that their differences are relative to a floor; with --objects also of each
- * object. Unwelded: the sums before the weld; with --codec in their place the welded light as the lossy tile
- * codec leaves it. On stderr: how far welding moves the mean light of an object. */
+ * object. Sewn: the sums before the weld, with what lies around a chart the mean of its neighbours there
+ * (one texel, as Kahl 2023 sews them). In their place: with --codec the welded light as the lossy tile codec
+ * leaves it; with --bare the sums in charts that black surrounds, and level 0 alone. "Light": mean of what is
+ * read there, over the welded one's. On stderr: how far welding moves the mean light of an object. */
 #include "common/tile/tile_codec.h"
 #include "server/publish/publisher.h"
 #include "server/solve/filter/denoise.h"
@@ -25,7 +27,7 @@
 struct settings {
     struct lw_scene_open open;
     int64_t frames;
-    bool denoise, objects, codec;
+    bool denoise, objects, codec, bare;
 };
 
 struct coded_solver;
@@ -37,6 +39,7 @@ struct job {
     struct lw_seam_edges edges;
     struct lw_solver *solver;
     struct coded_solver *coded; /* NULL without --codec */
+    enum seam_walk_light other; /* beside the welded one */
 };
 
 /* ---- a solver whose tiles went through the codec ---- */
@@ -109,21 +112,23 @@ static void coded_destroy(struct coded_solver *coded) {
 
 /* One row; without points, none. */
 static enum lw_status report_row(const struct job *job, const char *name, unsigned level, uint32_t object) {
-    struct seam_spread spread[2]; /* unwelded or coded, welded */
+    struct seam_spread spread[2]; /* the other, welded */
     for (int welded = 0; welded < 2; welded++) {
         struct seam_walk walk;
         const bool coded = job->coded && !welded;
-        enum lw_status status = seam_walk_init(
-            &walk, job->scene, &job->map, coded ? &job->coded->solver : job->solver, !welded && !job->coded);
+        enum lw_status status =
+            seam_walk_init(&walk, job->scene, &job->map, coded ? &job->coded->solver : job->solver,
+                           welded ? SEAM_WALK_WELDED : job->other);
         if (status != LW_OK) return status;
         status = seam_walk_measure(&walk, &job->edges, level, object, &spread[welded]);
         seam_walk_finish(&walk);
         if (status != LW_OK) return status;
     }
     if (spread[1].points)
-        printf("| %s | %u | %zu | %.4f / %.4f | %.4f / %.4f | %.1f %% | %.1f %% | %.1f %% |\n", name, level,
-               spread[1].points, spread[0].mean, spread[0].p50, spread[1].mean, spread[1].p50,
-               100 * (1 - spread[1].over), 100 * (1 - spread[1].far_over), 100 * spread[1].dark);
+        printf("| %s | %u | %zu | %.4f / %.4f | %.3f | %.4f / %.4f | %.1f %% | %.1f %% | %.1f %% |\n", name,
+               level, spread[1].points, spread[0].mean, spread[0].p50, spread[0].light / spread[1].light,
+               spread[1].mean, spread[1].p50, 100 * (1 - spread[1].over), 100 * (1 - spread[1].far_over),
+               100 * spread[1].dark);
     fflush(stdout);
     return LW_OK;
 }
@@ -133,7 +138,8 @@ static enum lw_status report(const struct job *job, uint32_t frames, bool object
     double scene_change, object_change;
     snprintf(name, sizeof name, "%u frames", frames);
     enum lw_status status = LW_OK;
-    for (unsigned level = 0; status == LW_OK && level < LEVELS; level++)
+    const unsigned levels = job->other == SEAM_WALK_BARE ? 1 : LEVELS;
+    for (unsigned level = 0; status == LW_OK && level < levels; level++)
         status = report_row(job, name, level, LW_SCENE_NONE);
     for (uint32_t o = 0; objects && status == LW_OK && o < job->scene->object_count; o++)
         status = report_row(job, job->scene->object[o].name, 0, o);
@@ -157,7 +163,7 @@ static enum lw_status solve(struct job *job, uint32_t frames, bool objects, stru
 
 static enum lw_status run(void *context, const char *path, struct lw_error *err) {
     const struct settings *s = context;
-    struct job job = {0};
+    struct job job = {.other = s->codec ? SEAM_WALK_WELDED : s->bare ? SEAM_WALK_BARE : SEAM_WALK_SEWN};
     char label[64];
     enum lw_status status =
         bench_open(&s->open, path, BENCH_MOTION_OWN, 0, &job.scene, &job.pose, &job.map, err);
@@ -176,11 +182,13 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
                                    &job.pose, &job.solver, err);
     if (status == LW_OK && s->codec) status = coded_create(job.solver, s->denoise, &job.coded);
     printf("\n### %s%s\n\n"
-           "| after | level | points | %s mean / median | welded mean / median | within 1 %% | within 5 %% | "
-           "dark "
-           "|\n|---|---|---|---|---|---|---|---|---|\n",
+           "| after | level | points | %s mean / median | light | welded mean / median | within 1 %% | "
+           "within 5 %% | dark |\n"
+           "|---|---|---|---|---|---|---|---|---|\n",
            bench_label(path, label, sizeof label), s->denoise ? ", denoised" : "",
-           s->codec ? "coded" : "unwelded");
+           s->codec  ? "coded"
+           : s->bare ? "bare"
+                     : "sewn");
     if (status == LW_OK) status = solve(&job, (uint32_t)s->frames, s->objects, err);
     coded_destroy(job.coded);
     if (job.solver) job.solver->ops->destroy(job.solver);
@@ -189,14 +197,21 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
     return status;
 }
 
+static enum lw_status begin(void *context, struct lw_error *err) {
+    const struct settings *s = context;
+    return s->codec && s->bare ? lw_status_fail(err, LW_USAGE, "--bare excludes --codec") : LW_OK;
+}
+
 int main(int argc, char **argv) {
     struct settings s = {.frames = 64};
     const struct lw_option table[] = {
         {"frames", "N", "of the solve, of 1 + 2 rays a texel (default 64)", LW_OPTION_INT, &s.frames, 1,
          100000, NULL},
         {"denoise", NULL, "filter what is shown, as lightwelld does", LW_OPTION_FLAG, &s.denoise, 0, 0, NULL},
-        {"codec", NULL, "compare with what the lossy tile codec leaves, instead of with the unwelded light",
+        {"codec", NULL, "compare with what the lossy tile codec leaves, instead of with charts that are sewn",
          LW_OPTION_FLAG, &s.codec, 0, 0, NULL},
+        {"bare", NULL, "compare with charts that black surrounds, instead", LW_OPTION_FLAG, &s.bare, 0, 0,
+         NULL},
         {"objects", NULL, "a row for each object after the last frame", LW_OPTION_FLAG, &s.objects, 0, 0,
          NULL}};
     return bench_main(&(struct bench_program){.name = "bench_seams",
@@ -204,6 +219,7 @@ int main(int argc, char **argv) {
                                               .table = table,
                                               .count = sizeof table / sizeof table[0],
                                               .open = &s.open,
+                                              .begin = begin,
                                               .context = &s,
                                               .run = run},
                       argc, argv);

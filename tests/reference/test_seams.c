@@ -27,8 +27,8 @@ static void expect_welded(const char *name, struct lw_scene *scene, float densit
     struct lw_seam_edges edges;
     lw_support_ok(lw_seam_edges_find(scene, &solution.pose, &edges), NULL);
     struct seam_walk before, after;
-    lw_support_ok(seam_walk_init(&before, scene, &solution.map, solution.solver, true), NULL);
-    lw_support_ok(seam_walk_init(&after, scene, &solution.map, solution.solver, false), NULL);
+    lw_support_ok(seam_walk_init(&before, scene, &solution.map, solution.solver, SEAM_WALK_SEWN), NULL);
+    lw_support_ok(seam_walk_init(&after, scene, &solution.map, solution.solver, SEAM_WALK_WELDED), NULL);
     double change, worst;
     seam_walk_mean_change(&solution.map, solution.solver, &change, &worst);
     printf("%-12s mean light changes by %.5f, that of an object by up to %.5f\n", name, change, worst);
@@ -151,7 +151,7 @@ static void test_parts_of_a_frame(void **state) {
     struct seam_walk walk;
     struct seam_spread spread;
     lw_support_ok(lw_seam_edges_find(parts.scene, &parts.pose, &edges), NULL);
-    lw_support_ok(seam_walk_init(&walk, parts.scene, &parts.map, parts.solver, false), NULL);
+    lw_support_ok(seam_walk_init(&walk, parts.scene, &parts.map, parts.solver, SEAM_WALK_WELDED), NULL);
     lw_support_ok(seam_walk_measure(&walk, &edges, 0, LW_SCENE_NONE, &spread), NULL);
     print_spread("ball in parts", "welded", 0, &spread);
     printf("shown otherwise than as a whole by up to %.2g, in square %.2g of what is changed\n", off,
@@ -208,7 +208,7 @@ static void test_slats(void **state) {
     struct room_solution solution;
     room_solve_scene(&solution, scene, 4, (struct lw_solver_desc){.direct_samples = 1}, 2);
     struct seam_walk walk;
-    lw_support_ok(seam_walk_init(&walk, scene, &solution.map, solution.solver, false), NULL);
+    lw_support_ok(seam_walk_init(&walk, scene, &solution.map, solution.solver, SEAM_WALK_WELDED), NULL);
     const struct lw_mesh *mesh = &scene->mesh[0];
     for (uint32_t t = 0; t < mesh->triangle_count; t++)
         for (unsigned i = 0; i <= 16; i++)
@@ -292,9 +292,9 @@ static double read_floor(const struct seam_walk *walk, const struct lw_scene *sc
 }
 
 /* How far the strips differ at worst along the line where they meet. */
-static double read_junction(const struct room_solution *solution, bool one_mesh, bool unwelded) {
+static double read_junction(const struct room_solution *solution, bool one_mesh, enum seam_walk_light light) {
     struct seam_walk walk;
-    lw_support_ok(seam_walk_init(&walk, solution->scene, &solution->map, solution->solver, unwelded), NULL);
+    lw_support_ok(seam_walk_init(&walk, solution->scene, &solution->map, solution->solver, light), NULL);
     double worst = 0;
     for (float x = 0.01f; x < LONG; x += 0.02f) {
         const double a = read_floor(&walk, solution->scene, one_mesh, true, x),
@@ -313,8 +313,8 @@ static void test_t_junction(void **state) {
         room_solve_scene(&solution, make_floor(one_mesh), 7,
                          (struct lw_solver_desc){.bounces = 1, .direct_samples = 8, .indirect_samples = 8},
                          24);
-        const double before = read_junction(&solution, one_mesh, true),
-                     after = read_junction(&solution, one_mesh, false);
+        const double before = read_junction(&solution, one_mesh, SEAM_WALK_SEWN),
+                     after = read_junction(&solution, one_mesh, SEAM_WALK_WELDED);
         printf("T-junction in %s: worst %.4f, unwelded %.4f\n", one_mesh ? "a mesh" : "the world", after,
                before);
         assert_true(before > 0.015);

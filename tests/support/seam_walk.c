@@ -25,8 +25,16 @@ static enum lw_status find_coarsest(struct seam_walk *walk) {
     return status;
 }
 
+/* Of level 0. */
+static void blacken_gutters(struct lw_levels *levels) {
+    const struct lw_levels_image *image = &levels->level[0];
+    for (size_t i = 0; levels->count && i < (size_t)image->width * image->height; i++)
+        for (size_t c = 0; image->covered[i] != 1 && c < 3; c++) image->rgb[i * 3 + c] = 0;
+}
+
 enum lw_status seam_walk_init(struct seam_walk *walk, const struct lw_scene *scene,
-                              const struct lw_atlas_map *map, const struct lw_solver *solver, bool unwelded) {
+                              const struct lw_atlas_map *map, const struct lw_solver *solver,
+                              enum seam_walk_light light) {
     *walk = (struct seam_walk){.object_count = map->object_count, .scene = scene};
     float *plain = calloc(LW_TILE_TEXELS_MAX, sizeof *plain);
     walk->levels = calloc(map->object_count + 1u, sizeof *walk->levels);
@@ -42,13 +50,14 @@ enum lw_status seam_walk_init(struct seam_walk *walk, const struct lw_scene *sce
                 plain[i] = tile.direct[0][i] + tile.indirect[0][i];
                 if (tile.covered[i]) sum += (double)plain[i], count++;
             }
-            if (unwelded) {
+            if (light != SEAM_WALK_WELDED) {
                 tile.filled = NULL;
                 for (int c = 0; c < 3; c++) tile.irradiance[c] = plain;
             }
             lw_levels_load_tile(&walk->levels[o], &map->place[id], &tile);
         }
         lw_levels_build(&walk->levels[o]);
+        if (light == SEAM_WALK_BARE) blacken_gutters(&walk->levels[o]);
     }
     free(plain);
     walk->floor = FLOOR_SHARE * sum / fmax(1, count);
@@ -132,6 +141,7 @@ static struct seam_spread spread_of(double *difference, size_t count) {
 enum lw_status seam_walk_measure(const struct seam_walk *walk, const struct lw_seam_edges *edges,
                                  unsigned level, uint32_t object, struct seam_spread *out) {
     size_t capacity = 1, count = 0, dark = 0;
+    double light = 0;
     for (size_t e = 0; e < edges->count; e++) capacity += points_of(&edges->edge[e], level);
     double *difference = malloc(capacity * sizeof *difference);
     if (!difference) return LW_NO_MEMORY;
@@ -147,12 +157,13 @@ enum lw_status seam_walk_measure(const struct seam_walk *walk, const struct lw_s
                 continue;
             if (!(isfinite(a) && isfinite(b) && a >= 0 && b >= 0)) status = LW_INTERNAL;
             dark += 0.5 * (a + b) < walk->floor;
+            light += 0.5 * (a + b);
             difference[count++] = fabs(a - b) / fmax(0.5 * (a + b), walk->floor);
         }
     }
     if (status == LW_OK) {
         *out = spread_of(difference, count);
-        if (count) out->dark = (double)dark / (double)count;
+        if (count) out->dark = (double)dark / (double)count, out->light = light / (double)count;
     }
     free(difference);
     return status;

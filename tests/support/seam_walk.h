@@ -15,10 +15,16 @@ struct seam_walk {
     double floor;             /* under the divisor: 2 % of the mean light */
 };
 
-/** unwelded: what the solver had before it welded. Errors: LW_NO_MEMORY. */
+enum seam_walk_light {
+    SEAM_WALK_WELDED,
+    SEAM_WALK_SEWN, /* not welded: texels around a chart are the mean of their neighbours on it */
+    SEAM_WALK_BARE  /* not welded: level 0 is black around charts */
+};
+
+/** Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status seam_walk_init(struct seam_walk *walk, const struct lw_scene *scene,
                                             const struct lw_atlas_map *map, const struct lw_solver *solver,
-                                            bool unwelded);
+                                            enum seam_walk_light light);
 void seam_walk_finish(struct seam_walk *walk);
 
 /** What the viewer reads of an object at a place of its atlas (texels of level 0), red channel; false over a
@@ -29,6 +35,7 @@ bool seam_walk_read(const struct seam_walk *walk, uint32_t object, unsigned leve
 /** Relative differences of the two sides, red channel. */
 struct seam_spread {
     size_t points;
+    double light; /* mean of what both sides read, W/m^2 */
     double mean, p50, p99, p999, worst;
     double over, far_over; /* shares of points over 1 % and over 5 % */
     double dark;           /* share of points whose sides' mean is under the floor */
