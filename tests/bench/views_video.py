@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """views_video.py [--frames 60] [--size 1280x720] [--bin DIR]: what it would take to compose each user's view in the
-server and to send it as video, beside tiles. Prints a table in Markdown.
+server and to send it as video, beside tiles. Prints a table in Markdown: CPU of encoding and of decoding a picture, one thread
+each, and how late a picture is by them and by its composition.
 
 A user walks 1.4 m/s through builtin:atrium, whose lamp moves, at 30 frames a second: lightwell-view composes the views, under
 the manual clock. ffmpeg encodes them as one encoder a user would, one thread, no picture held back; kbit/s are at 30 pictures a
@@ -90,12 +91,14 @@ def cpu(command):
 
 
 def encode(args, folder, options, rate, value):
-    """CPU ms a picture, kbit/s at 30 Hz, mean difference and FLIP."""
+    """CPU ms a picture of encoding and decoding, kbit/s at 30 Hz, mean difference and FLIP."""
     source = ["ffmpeg", "-v", "error", "-y", "-f", "rawvideo", "-pix_fmt", "yuv420p", "-s", args.size, "-r", str(HZ), "-i",
               folder / "walk.yuv"]
     idle = cpu(source + ["-f", "null", "-"])
     video = folder / "walk.mkv"
     spent = cpu(source + ["-c:v", *options, rate, str(value), "-g", "9999", video]) - idle
+    decoded_in = cpu(["ffmpeg", "-v", "error", "-threads", "1", "-i", video, "-f", "null", "-"]) - cpu(
+        ["ffmpeg", "-v", "error", "-threads", "1", "-i", video, "-frames:v", "1", "-f", "null", "-"])
     subprocess.run(["ffmpeg", "-v", "error", "-y", "-i", video, "-f", "rawvideo", "-pix_fmt", "rgb24", folder / "decoded.raw"],
                    check=True)
     width, height = map(int, args.size.split("x"))
@@ -106,7 +109,7 @@ def encode(args, folder, options, rate, value):
             decoded.seek(frame * size)
             (folder / "one.raw").write_bytes(decoded.read(size))
             errors.append(compare(args, folder / f"view{frame:03}.raw", folder / "one.raw"))
-    return 1e3 * spent / args.frames, video.stat().st_size * 8e-3 * HZ / args.frames, *mean(errors)
+    return 1e3 * spent / args.frames, 1e3 * decoded_in / (args.frames - 1), video.stat().st_size * 8e-3 * HZ / args.frames, *mean(errors)
 
 
 def main():
@@ -128,13 +131,14 @@ def main():
                         folder / "all.raw", "-f", "rawvideo", "-pix_fmt", "yuv420p", folder / "walk.yuv"], check=True)
         print(f"composing a view: {compose:.0f} ms, one thread; tiles as they are sent: difference {tiles[0]:.2f}/255, "
               f"FLIP {tiles[1]:.4f}\n")
-        print("| sent as | setting | CPU ms a picture | over composing | kbit/s | difference / 255 | FLIP |")
-        print("|---|---|---|---|---|---|---|")
+        print("| sent as | setting | encoding, CPU ms a picture | decoding | a picture is late by, ms | kbit/s | difference / 255 | "
+              "FLIP |")
+        print("|---|---|---|---|---|---|---|---|")
         for what, options, rate, values in ENCODERS:
             for value in values:
-                ms, kbits, difference, flip = encode(args, folder, options, rate, value)
-                print(f"| {what} | {rate} {value} | {ms:.1f} | {ms / compose:.2f} | {kbits:.0f} | {difference:.2f} | {flip:.4f} |",
-                      flush=True)
+                ms, decode, kbits, difference, flip = encode(args, folder, options, rate, value)
+                print(f"| {what} | {rate} {value} | {ms:.1f} | {decode:.1f} | {compose + ms + decode:.0f} | {kbits:.0f} | "
+                      f"{difference:.2f} | {flip:.4f} |", flush=True)
 
 
 main()
