@@ -149,6 +149,28 @@ static void other_bakes_are_refused(void **state) {
     room_finish(&other);
 }
 
+/* Of as many texels in each tile, but of others. */
+static void other_texels_are_refused(void **state) {
+    (void)state;
+    enum { TEXELS = 4 };
+    const char *path = lw_support_temporary("texels");
+    const uint8_t saved[TEXELS] = {1, 0, 1, 0}, moved[TEXELS] = {1, 1, 0, 0};
+    float plane[TEXELS] = {1, 2, 3, 4};
+    struct lw_error err = {0};
+    struct lw_tiles tiles = {.texel_count = TEXELS, .covered = saved, .mean = plane, .spread = plane};
+    for (int c = 0; c < 3; c++)
+        tiles.direct[c] = tiles.indirect[c] = tiles.irradiance[LW_LIGHT_FORM_FULL][c] = plane;
+    lw_support_ok(lw_checkpoint_save(path, key, &tiles, NULL, 0, &err), &err);
+    plane[0] = 5;
+    tiles.covered = moved;
+    lw_support_fails(lw_checkpoint_load(path, key, &tiles, NULL, 0, &err), LW_BAD_DATA, &err, "other texels");
+    assert_true(plane[0] == 5);
+    tiles.covered = saved;
+    err = (struct lw_error){0};
+    lw_support_ok(lw_checkpoint_load(path, key, &tiles, NULL, 0, &err), &err);
+    assert_true(plane[0] == 1);
+}
+
 /* Stops are not part of the state: a resumed solve may aim elsewhere, and an aim that is reached needs no
  * frame. */
 static void limits_may_change(void **state) {
@@ -180,7 +202,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(resumed_is_uninterrupted), cmocka_unit_test(resumed_is_uninterrupted_with_probes),
         cmocka_unit_test(damaged_is_refused),       cmocka_unit_test(other_bakes_are_refused),
-        cmocka_unit_test(limits_may_change),
+        cmocka_unit_test(other_texels_are_refused), cmocka_unit_test(limits_may_change),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -4,6 +4,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <xxhash.h>
 
 static const struct lw_checked_file_kind kind = {{'l', 'w', 's', 'o', 'l', 'v', 'e', '\n'},
                                                  LW_CHECKPOINT_VERSION};
@@ -12,6 +13,7 @@ struct header {
     struct lw_checked_file_kind kind;
     uint32_t tile_count, texel_count, bounces;
     uint8_t key[LW_CHECKPOINT_KEY_SIZE];
+    uint64_t covered;   /* which texels are: XXH3-64 of a byte each */
     uint64_t body_size; /* bytes between header and checksum */
 };
 
@@ -29,14 +31,12 @@ struct block_record {
     float staleness_direct;
     struct lw_vec3 staleness_indirect[LW_CHANGE_REGIONS];
     float light, noise[LW_TILES_PARTS], error;
-    uint32_t covered_count, frames, unseen;
+    uint32_t frames, unseen;
     float standard_error;
-    uint32_t unused; /* 0 */
 };
-_Static_assert(sizeof(struct block_record) == 120, "no padding, which would have any value");
+_Static_assert(sizeof(struct block_record) == 112, "no padding, which would have any value");
 
-/* ---- what is in it
- * -------------------------------------------------------------------------------------------- */
+/* ---- what is in it ---- */
 
 #define PLANES_MAX (3 * (3 + LW_TILES_BOUNCES_MAX + 2) + 4)
 
@@ -65,7 +65,8 @@ static struct header make_header(const uint8_t key[LW_CHECKPOINT_KEY_SIZE], cons
     struct header header = {.kind = kind,
                             .tile_count = tiles->count,
                             .texel_count = tiles->texel_count,
-                            .bounces = tiles->bounces};
+                            .bounces = tiles->bounces,
+                            .covered = XXH3_64bits(tiles->covered, tiles->texel_count)};
     memcpy(header.key, key, sizeof header.key);
     header.body_size = (uint64_t)tiles->count * sizeof(struct record) +
                        (uint64_t)tiles->block_count * sizeof(struct block_record) +
@@ -79,8 +80,7 @@ static int by_id(const void *a, const void *b) {
     return (x->id > y->id) - (x->id < y->id);
 }
 
-/* ---- writing
- * -------------------------------------------------------------------------------------------------- */
+/* ---- writing ---- */
 
 static void put_records(struct lw_checked_file_writer *writer, const struct lw_tiles *tiles) {
     struct record *record = calloc((size_t)tiles->count + 1, sizeof *record);
@@ -110,7 +110,6 @@ static void put_blocks(struct lw_checked_file_writer *writer, const struct lw_ti
             .light = block->reference_luminance,
             .noise = {block->noise[LW_TILES_DIRECT], block->noise[LW_TILES_INDIRECT]},
             .error = block->error,
-            .covered_count = block->covered_count,
             .frames = block->sample_count,
             .unseen = block->unseen,
             .standard_error = change->standard_error};
@@ -137,16 +136,20 @@ enum lw_status lw_checkpoint_save(const char *path, const uint8_t key[LW_CHECKPO
     return lw_checked_file_write_end(&writer);
 }
 
-/* ---- reading
- * -------------------------------------------------------------------------------------------------- */
+/* ---- reading ---- */
 
 static enum lw_status take_header(struct lw_checked_file_reader *reader, const struct header *wanted) {
     struct header header;
     enum lw_status status = lw_checked_file_take(reader, &header, sizeof header);
     if (status != LW_OK) return status;
+    const bool same_texels = header.covered == wanted->covered;
+    header.covered = wanted->covered;
     if (memcmp(&header, wanted, sizeof header) != 0 || reader->left != header.body_size)
         return lw_status_fail(reader->err, LW_BAD_DATA, "%s: is of another scene or of other options",
                               reader->path);
+    if (!same_texels)
+        return lw_status_fail(reader->err, LW_BAD_DATA,
+                              "%s: has other texels covered, as objects stood elsewhere", reader->path);
     return LW_OK;
 }
 
@@ -175,8 +178,6 @@ static enum lw_status take_blocks(struct lw_checked_file_reader *reader, struct 
         struct block_record record;
         enum lw_status status = lw_checked_file_take(reader, &record, sizeof record);
         if (status != LW_OK) return status;
-        if (record.covered_count != block->covered_count)
-            return lw_status_fail(reader->err, LW_BAD_DATA, "%s: is of other texels", reader->path);
         block->variance = record.variance;
         block->luminance = record.luminance;
         block->direct = record.direct;
