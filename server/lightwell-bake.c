@@ -17,6 +17,7 @@
 #include "server/bake/manifest.h"
 #include "server/bake/map_names.h"
 #include "server/bake/sides.h"
+#include "server/probe_options.h"
 #include "server/solve/solvers.h"
 
 #include <errno.h>
@@ -41,10 +42,11 @@ struct settings {
     const char *output, *gltf_out, *client_lights, *solver, *visibility;
     const struct lw_solvers_entry *entry; /* of that name */
     int64_t samples, bounces, seed;
-    double error, subdivide, vpl_near, time_s, limit_s, interval_s, tracing_range, cell_size, probe_spacing;
+    double error, subdivide, vpl_near, time_s, limit_s, interval_s;
+    struct lw_probe_options probes;
     bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, denoise, restart, indirect_only,
         keep_visibility;
-    int convention, probe_form, sides, undersample;
+    int convention, sides, undersample;
     int64_t window, directions, vpl_lights, vpl_sets;
 };
 
@@ -95,10 +97,7 @@ static const struct lw_interrupt_phase writing = {.answer = "the maps are lit, a
 /* What decides a solver's samples. */
 static struct lw_solver_desc solver_desc(const struct settings *s) {
     return (struct lw_solver_desc){.bounces = (uint32_t)s->bounces,
-                                   .tracing_range_m = (float)s->tracing_range,
-                                   .cell_size_m = (float)s->cell_size,
-                                   .probe_spacing_m = (float)s->probe_spacing,
-                                   .probe_form = (enum lw_probe_form_kind)s->probe_form,
+                                   LW_PROBE_OPTIONS_DESC(&s->probes),
                                    .radiosity = {.keeps_visibility = s->keep_visibility || s->visibility,
                                                  .visibility_path = s->visibility,
                                                  .undersample = (enum lw_undersample)s->undersample,
@@ -233,17 +232,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         {"restart", NULL, "do not go on with an unfinished bake in DIR; start again", LW_OPTION_FLAG,
          &s->restart, 0, 0, NULL},
         {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
-        {"tracing-range", "METRES",
-         "bounce rays longer than this ask the probes; inf asks none (default inf)", LW_OPTION_REAL,
-         &s->tracing_range, 1e-6, (double)INFINITY, NULL},
-        {"cell-size", "METRES", "side of a radiance cell (default: a quarter of the scene's longest side)",
-         LW_OPTION_REAL, &s->cell_size, 1e-6, 1e9, NULL},
-        {"probe-spacing", "METRES", "distance between probes (default: so that there are some 1,000)",
-         LW_OPTION_REAL, &s->probe_spacing, 1e-6, 1e9, NULL},
-        {"probe-form", "octahedral|sh|cube",
-         "how probes keep what they see: maps of 16 x 16 directions (default), nine spherical harmonics, or "
-         "the faces of a cube, 7 x 7 each",
-         LW_OPTION_CHOICE, &s->probe_form, 0, 0, NULL},
+        LW_PROBE_OPTIONS(&s->probes),
         LW_SCENE_OPEN_OPTIONS(&s->scene),
     };
     const struct lw_options options = {.program = PROGRAM,
@@ -347,10 +336,10 @@ static enum lw_status make_key(struct baker *b, struct lw_error *err) {
         text + length, sizeof text - (size_t)length,
         " " LW_VERSION " solver %s bounces %lld seed %lld range %a cell %a probes %d %a time %a "
         "denoise %d undersample %d window %lld directions %lld kept %d subdivide %a vpl %lld %lld %a",
-        s->entry->name, (long long)s->bounces, (long long)s->seed, s->tracing_range, s->cell_size,
-        s->probe_form, s->probe_spacing, s->time_s, s->denoise, s->undersample, (long long)s->window,
-        (long long)s->directions, s->keep_visibility || s->visibility, s->subdivide, (long long)s->vpl_lights,
-        (long long)s->vpl_sets, s->vpl_near);
+        s->entry->name, (long long)s->bounces, (long long)s->seed, s->probes.tracing_range_m,
+        s->probes.cell_size_m, s->probes.form, s->probes.probe_spacing_m, s->time_s, s->denoise,
+        s->undersample, (long long)s->window, (long long)s->directions, s->keep_visibility || s->visibility,
+        s->subdivide, (long long)s->vpl_lights, (long long)s->vpl_sets, s->vpl_near);
     if (b->left_out_names) { /* which ones: no text is long enough for all names */
         lw_package_hash((const uint8_t *)b->left_out_names, strlen(b->left_out_names), &hash);
         length += snprintf(text + length, sizeof text - (size_t)length, " left out ");
@@ -570,7 +559,7 @@ static enum lw_status begin_index(struct baker *b, struct lw_error *err) {
                                           .convention = b->convention,
                                           .result = &b->result,
                                           .time_s = s->time_s,
-                                          .tracing_range_m = s->tracing_range,
+                                          .tracing_range_m = s->probes.tracing_range_m,
                                           .samples = (uint32_t)s->samples,
                                           .bounces = (uint32_t)s->bounces,
                                           .denoised = s->denoise,
@@ -679,7 +668,7 @@ int main(int argc, char **argv) {
                      .bounces = DEFAULT_BOUNCES,
                      .seed = 1,
                      .interval_s = DEFAULT_INTERVAL,
-                     .tracing_range = (double)INFINITY,
+                     .probes = {.tracing_range_m = (double)INFINITY},
                      .scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG, .cancel = &signalled}}};
     struct lw_error err = {0};
     bool done = false;

@@ -20,6 +20,7 @@
 #include "server/daemon_metrics.h"
 #include "server/exposure.h"
 #include "server/file_stamp.h"
+#include "server/probe_options.h"
 #include "server/publish/light_store.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
@@ -96,9 +97,9 @@ struct settings {
     const struct lw_solvers_entry *entry; /* of that name */
     int64_t address_sessions;             /* 0: the server's default */
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
-    int probe_form, denoise;
-    double tracing_range, cell_size, probe_spacing, frame_rate, frame_budget_ms, freeze_s, error, link_rate,
-        tile_step, stall_s, return_s, prepare_s;
+    struct lw_probe_options probes;
+    int denoise;
+    double frame_rate, frame_budget_ms, freeze_s, error, link_rate, tile_step, stall_s, return_s, prepare_s;
     bool animate, freeze, json, insecure;
     int clock, light, codec, log_format, log_level;
     char host[256], http_host[256]; /* http_host "": none */
@@ -315,17 +316,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         {"solver", "NAME", solvers, LW_OPTION_STRING, &s->solver, 0, 0, NULL},
         {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
          NULL},
-        {"tracing-range", "METRES",
-         "bounce rays longer than this ask the probes; inf asks none (default inf)", LW_OPTION_REAL,
-         &s->tracing_range, 1e-6, (double)INFINITY, NULL},
-        {"cell-size", "METRES", "side of a radiance cell (default: a quarter of the scene's longest side)",
-         LW_OPTION_REAL, &s->cell_size, 1e-6, 1e9, NULL},
-        {"probe-spacing", "METRES", "distance between probes (default: so that there are some 1,000)",
-         LW_OPTION_REAL, &s->probe_spacing, 1e-6, 1e9, NULL},
-        {"probe-form", "octahedral|sh|cube",
-         "how probes keep what they see: maps of 16 x 16 directions (default), nine spherical harmonics, or "
-         "the faces of a cube, 7 x 7 each",
-         LW_OPTION_CHOICE, &s->probe_form, 0, 0, NULL},
+        LW_PROBE_OPTIONS(&s->probes),
         {"denoise", "off|on", "filter the noise out of what is shown (default on)", LW_OPTION_CHOICE,
          &s->denoise, 0, 0, NULL},
         {"direct-samples", "N", "rays per texel and frame towards lamps and sky (default 1)", LW_OPTION_INT,
@@ -526,10 +517,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
             .client_lights = &d->client_lights,
             .light_groups = &d->light_groups,
             .bounces = (uint32_t)s->bounces,
-            .tracing_range_m = (float)s->tracing_range,
-            .cell_size_m = (float)s->cell_size,
-            .probe_spacing_m = (float)s->probe_spacing,
-            .probe_form = (enum lw_probe_form_kind)s->probe_form,
+            LW_PROBE_OPTIONS_DESC(&s->probes),
             .denoise = s->denoise == 1,
             .direct_samples = (uint32_t)s->direct_samples,
             .indirect_samples = (uint32_t)s->indirect_samples,
@@ -1096,13 +1084,13 @@ static void make_key(const struct daemon *d, uint8_t out_key[LW_SAVED_LIGHT_KEY_
     length += print_hash(text + length, groups, strlen(groups));
     length += print_hash(text + length, d->light_bits, lw_client_lights_bytes(d->scene->light_count));
     length += print_hash(text + length, d->material_bits, lw_client_lights_bytes(d->scene->material_count));
-    length += snprintf(text + length, sizeof text - (size_t)length,
-                       " " LW_VERSION
-                       " solver %s bounces %lld samples %lld %lld seed %lld range %a cell %a probes %d %a "
-                       "denoise %d codec %d freeze %d %a",
-                       s->entry->name, (long long)s->bounces, (long long)s->direct_samples,
-                       (long long)s->indirect_samples, (long long)s->seed, s->tracing_range, s->cell_size,
-                       s->probe_form, s->probe_spacing, s->denoise, s->codec, s->freeze, s->freeze_s);
+    length += snprintf(
+        text + length, sizeof text - (size_t)length,
+        " " LW_VERSION " solver %s bounces %lld samples %lld %lld seed %lld range %a cell %a probes %d %a "
+        "denoise %d codec %d freeze %d %a",
+        s->entry->name, (long long)s->bounces, (long long)s->direct_samples, (long long)s->indirect_samples,
+        (long long)s->seed, s->probes.tracing_range_m, s->probes.cell_size_m, s->probes.form,
+        s->probes.probe_spacing_m, s->denoise, s->codec, s->freeze, s->freeze_s);
     lw_package_hash((const uint8_t *)text, (size_t)length, &hash);
     memcpy(out_key, hash.bytes, LW_SAVED_LIGHT_KEY_SIZE);
 }
@@ -1201,7 +1189,7 @@ static void init(struct daemon *d, int argc, char **argv) {
                      .http = HTTP_ADDRESS,
                      .control_socket = "auto",
                      .bounces = 2,
-                     .tracing_range = (double)INFINITY,
+                     .probes = {.tracing_range_m = (double)INFINITY},
                      .direct_samples = 1,
                      .indirect_samples = 2,
                      .denoise = 1,
