@@ -1,6 +1,6 @@
 /* bench_solvers: the solvers at equal error.
  *
- *     bench_solvers [OPTIONS] SCENE...
+ *     bench_solvers [OPTIONS] SCENE[@CAMERA]...
  *
  * Every solver and its settings light a scene in one thread, frame by frame, until E is within relMSE 0.02 of
  * two truths or --seconds of CPU time are over. Truths: the cell solver, run long with another seed, over all
@@ -19,7 +19,8 @@
  * pairs a bounce is not run.
  *
  * --early S prints errors over CPU time instead, frame by frame for S seconds, as CSV; the last column is of
- * indirect light alone, each texel by itself. With --denoise, errors are those of what is shown.
+ * indirect light alone, each texel by itself. With --denoise, errors are those of what is shown. With -o DIR
+ * also pictures after S/64, S/8 and S seconds (solver_pictures.h), numbered as solvers are: the first has 0.
  * --points prints what sets of virtual point lights gain and lose: CPU time of a frame by the number of sets,
  * in the mean of a round; the same without that of a frame of direct light alone; errors after the first
  * frame, the first round and four; the median of a texel's indirect light over that of the truth by cells,
@@ -33,6 +34,7 @@
 #include "server/solve/solvers.h"
 #include "tests/bench/bench_light.h"
 #include "tests/bench/bench_setup.h"
+#include "tests/bench/solver_pictures.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -55,7 +57,7 @@ struct settings {
     struct lw_scene_open open;
     int64_t bounces, reference, spp, texels;
     double seconds, pairs, early;
-    const char *only;
+    const char *only, *folder;
     bool passes, points, still, denoise;
 };
 
@@ -107,6 +109,7 @@ struct job {
     const char *lamp;
     struct truth truth[TRUTHS], after; /* after: of the moved lamp, of the texels that it changes */
     float *indirect;                   /* of the truth by cells, luminance */
+    struct solver_pictures pictures;   /* with a folder */
     size_t trace_bytes;
     double left; /* relMSE of the light before, over those */
     size_t texels;
@@ -171,6 +174,7 @@ static enum lw_status by_cells(struct job *job, const struct lw_pose *pose, uint
     job->texels = *out_texels;
     if (status == LW_OK && !job->indirect && !(job->indirect = read_indirect(job, solver)))
         status = lw_status_fail(err, LW_NO_MEMORY, "texels");
+    if (status == LW_OK && job->pictures.folder) status = solver_pictures_truth(&job->pictures, solver, err);
     solver->ops->destroy(solver);
     return status;
 }
@@ -598,7 +602,7 @@ static float *read_shown(const struct job *job, const struct lw_solver *solver) 
     return light;
 }
 
-static enum lw_status print_early(const struct job *job, const struct entrant *e, struct lw_error *err) {
+static enum lw_status print_early(struct job *job, const struct entrant *e, struct lw_error *err) {
     struct run r = {.job = job};
     struct lw_solver_desc desc = desc_of(job, e, (uint32_t)job->settings->bounces);
     const bool shown = job->settings->denoise;
@@ -606,6 +610,7 @@ static enum lw_status print_early(const struct job *job, const struct entrant *e
     desc.denoise = shown;
     enum lw_status status = lw_solvers_create(e->solver, &desc, &job->pose, &r.solver, err);
     if (status != LW_OK) return status;
+    if (job->pictures.folder) solver_pictures_begin(&job->pictures);
     while (status == LW_OK && r.cpu_s < job->settings->early) {
         size_t values;
         float *light = NULL;
@@ -619,6 +624,8 @@ static enum lw_status print_early(const struct job *job, const struct entrant *e
                    error_of(&job->truth[BY_PATHS], light, NULL), indirect_error(job, r.solver));
         fflush(stdout);
         free(light);
+        if (status == LW_OK && job->pictures.folder)
+            status = solver_pictures_frame(&job->pictures, r.solver, (uint32_t)(e - entrants), r.cpu_s, err);
     }
     r.solver->ops->destroy(r.solver);
     return status;
@@ -740,12 +747,17 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
     if (status == LW_OK) {
         lw_pose_copy(&job.moved, &job.pose, job.scene);
         move_lamp(&job);
-        status = measure(&job, err);
+        if (job.settings->folder)
+            status = solver_pictures_init(&job.pictures, path, job.scene, &job.pose, &job.map,
+                                          (uint32_t)job.settings->bounces, job.settings->early,
+                                          job.settings->folder, err);
+        if (status == LW_OK) status = measure(&job, err);
     }
     lw_pose_finish(&job.moved);
     for (int t = 0; t < TRUTHS; t++) truth_finish(&job.truth[t]);
     truth_finish(&job.after);
     free(job.indirect);
+    solver_pictures_finish(&job.pictures);
     bench_close(job.scene, &job.pose, &job.map);
     return status;
 }
@@ -753,6 +765,7 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
 static enum lw_status begin(void *context, struct lw_error *err) {
     struct settings *s = context;
     if (s->passes) s->bounces = 1;
+    if (s->folder && !(s->early > 0)) return lw_status_fail(err, LW_USAGE, "-o needs --early");
     for (size_t k = 0; s->only && k < ENTRANTS; k++)
         if (strstr(entrants[k].name, s->only)) return LW_OK;
     return s->only ? lw_status_fail(err, LW_USAGE, "--only: no solver has \"%s\" in its name", s->only)
@@ -781,14 +794,17 @@ int main(int argc, char **argv) {
          1e6, NULL},
         {"denoise", NULL, "with --early: of what is shown, filtered, in place of the sums", LW_OPTION_FLAG,
          &s.denoise, 0, 0, NULL},
+        {"o", "DIR", "with --early: write pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL},
         {"points", NULL, "what sets of virtual point lights gain and lose, instead", LW_OPTION_FLAG,
          &s.points, 0, 0, NULL},
         {"still", NULL, "no lamp moves", LW_OPTION_FLAG, &s.still, 0, 0, NULL}};
     return bench_main(&(struct bench_program){.name = "bench_solvers",
                                               .about = "The solvers at equal error.",
+                                              .operand = "SCENE[@CAMERA]",
                                               .table = table,
                                               .count = sizeof table / sizeof table[0],
                                               .open = &s.open,
+                                              .folder = &s.folder,
                                               .begin = begin,
                                               .context = &s,
                                               .run = run},
