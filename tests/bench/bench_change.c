@@ -14,11 +14,11 @@
 #include "server/solve/solvers.h"
 #include "tests/bench/bench_light.h"
 #include "tests/bench/bench_setup.h"
+#include "tests/bench/bench_shift.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
 #define CHANGED 0.1f /* of a texel's light */
 #define IDLE    20 /* frames without a solve after which all has been asked (server/solve/adapt/gradient.h) */
@@ -43,53 +43,6 @@ struct solution {
     int64_t count; /* frames of the last call of go_on() */
     double cpu_s;  /* of those, all threads */
 };
-
-/* ---- the object and its movement ---- */
-
-static float width_of(const struct lw_mesh *mesh) {
-    float lo = INFINITY, hi = -INFINITY;
-    for (uint32_t v = 0; v < mesh->vertex_count; v++) {
-        lo = fminf(lo, mesh->position[v].x);
-        hi = fmaxf(hi, mesh->position[v].x);
-    }
-    return hi - lo;
-}
-
-static uint32_t find_object(const struct lw_scene *scene, const char *name) {
-    for (uint32_t o = 0; o < scene->object_count; o++)
-        if (strcmp(scene->object[o].name, name) == 0) return o;
-    return LW_SCENE_NONE;
-}
-
-/* In place of the scene's animation: from 1 s on the object stands `shift` widths along its own x. */
-static enum lw_status set_moving(struct lw_scene *scene, const char *name, float shift,
-                                 struct lw_error *err) {
-    const uint32_t o = find_object(scene, name);
-    if (o == LW_SCENE_NONE) return lw_status_fail(err, LW_USAGE, "--object: there is no \"%s\"", name);
-    struct lw_node *node = lw_scene_alloc(scene, (size_t)scene->node_count + 1, sizeof *node);
-    struct lw_channel *channel = lw_scene_alloc(scene, 1, sizeof *channel);
-    float *time_s = lw_scene_alloc(scene, 2, sizeof *time_s),
-          *value = lw_scene_alloc(scene, 6, sizeof *value);
-    if (!node || !channel || !time_s || !value) return lw_status_fail(err, LW_NO_MEMORY, "nodes");
-    memcpy(node, scene->node, scene->node_count * sizeof *node);
-    node[scene->node_count] = (struct lw_node){
-        .name = "moved", .parent = scene->object[o].node, .rotation = {0, 0, 0, 1}, .scale = {1, 1, 1}};
-    time_s[1] = 1;
-    value[3] = shift * width_of(&scene->mesh[scene->object[o].mesh]);
-    *channel = (struct lw_channel){.node = scene->node_count,
-                                   .path = LW_CHANNEL_TRANSLATION,
-                                   .interpolation = LW_INTERPOLATION_STEP,
-                                   .key_count = 2,
-                                   .time_s = time_s,
-                                   .value = value};
-    scene->object[o].node = scene->node_count;
-    scene->node = node;
-    scene->node_count++;
-    scene->channel = channel;
-    scene->channel_count = 1;
-    scene->duration_s = 2;
-    return LW_OK;
-}
 
 /* ---- solving ---- */
 
@@ -217,7 +170,7 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
     enum lw_status status =
         bench_open(&job.settings->open, path, BENCH_MOTION_OWN, 0, &job.scene, &job.pose, &job.map, err);
     if (status == LW_OK)
-        status = set_moving(job.scene, job.settings->object, (float)job.settings->shift, err);
+        status = bench_shift(job.scene, job.settings->object, (float)job.settings->shift, NULL, err);
     if (status == LW_OK) {
         lw_pose_finish(&job.pose);
         status = lw_pose_init(&job.pose, job.scene);
