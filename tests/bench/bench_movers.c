@@ -27,8 +27,9 @@
  *
  * relMSE as in bench_light.h, by the epsilon of the whole scene. In brackets without noise, as bench_hybrid
  * has it: mean((a-t)(b-u) / (m^2+eps)). A texel, or the mean of a block, changes if both seeds say so, the
- * same way. Change: sum of |E_B - E_A| over told blocks, over that over all still ones; noise is in it.
- * Squared: likewise of the product of the two seeds' differences, without noise. */
+ * same way. Change: sum of |E_B - E_A| over told blocks, over that over all still ones: the noise of texels
+ * beside lamps is much of it. Squared: likewise of the two seeds' products (E_B - E_A) / (m^2+eps), without
+ * noise. */
 #include "common/clock.h"
 #include "server/solve/transport/bounces.h"
 #include "server/solve/transport/ray_hit.h"
@@ -74,17 +75,23 @@ static void print_blocks(const struct movers *m) {
     }
 }
 
+/* Of the still change, the share that is told. */
 static void print_change(const struct movers *m) {
     double all = 0, told = 0, all_square = 0, told_square = 0;
     for (uint32_t i = 0; i < m->count; i++) {
+        double d[MOVERS_SEEDS], mean = 0;
         if (!(m->part[i] & STILL)) continue;
-        const double d0 = movers_truth_luminance(m, B, 0, i) - movers_truth_luminance(m, A, 0, i),
-                     d1 = movers_truth_luminance(m, B, 1, i) - movers_truth_luminance(m, A, 1, i),
-                     share = (m->told[0][m->block[i]] + m->told[1][m->block[i]]) / 2.0;
-        all += fabs(d0 + d1);
-        told += share * fabs(d0 + d1);
-        all_square += d0 * d1;
-        told_square += share * d0 * d1;
+        for (uint32_t seed = 0; seed < MOVERS_SEEDS; seed++) {
+            const double b = movers_truth_luminance(m, B, seed, i);
+            d[seed] = b - movers_truth_luminance(m, A, seed, i);
+            mean += b / MOVERS_SEEDS;
+        }
+        const double share = (m->told[0][m->block[i]] + m->told[1][m->block[i]]) / 2.0,
+                     square = fmax(-1, fmin(1, d[0] * d[1] / (mean * mean + m->epsilon)));
+        all += fabs(d[0] + d[1]);
+        told += share * fabs(d[0] + d[1]);
+        all_square += square;
+        told_square += share * square;
     }
     print_share(told, all);
     print_share(told_square, all_square);
