@@ -7,7 +7,8 @@
  * Vandersanden 2023 left open whether precomputed probes and rays from moving objects alone would do. An
  * object, the mover, stands at A, or nowhere (--away), then at B. Solves of --reference frames that never
  * converge, two for each place, are the truth; those of A are also what is precomputed. All is measured by
- * both seeds, each against its own truth. Ways:
+ * both seeds, each against its own truth. Texels that are covered at A alone, since the mover reaches into
+ * something at B, are left out. Ways:
  *   nothing      all texels keep their light of A
  *   lightmaps    the mover alone is lit: N bounce rays a texel, as the solver shoots them, read what texels
  *                sent out at A; of what meets the mover itself, what the mover sent out at A. "direct light

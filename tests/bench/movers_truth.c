@@ -54,8 +54,7 @@ enum lw_status movers_truth_read(const struct movers *m, const struct lw_cell_so
     if (!all || !direct) return lw_status_fail(err, LW_NO_MEMORY, "%u texels", m->count);
     for (uint32_t v = 0; v < 3 * m->count; v++) {
         const uint32_t texel = m->texel[v / 3];
-        if (!s->tiles.covered[texel])
-            return lw_status_fail(err, LW_USAGE, "--shift: other texels are covered at B than at A");
+        if (!s->tiles.covered[texel]) m->part[v / 3] = 0;
         direct[v] = s->tiles.direct[v % 3][texel];
         all[v] = direct[v] + s->tiles.indirect[v % 3][texel];
     }
@@ -110,6 +109,7 @@ static enum lw_status find_change(struct movers *m, struct lw_error *err) {
     if (!sum) return lw_status_fail(err, LW_NO_MEMORY, "%u blocks", m->block_count);
     for (uint32_t i = 0; i < m->count; i++) {
         double light[MOVERS_PLACES][MOVERS_SEEDS];
+        if (!m->part[i]) continue;
         for (int place = A; place < MOVERS_PLACES; place++)
             for (uint32_t seed = 0; seed < MOVERS_SEEDS; seed++)
                 sum[m->block[i]][place][seed] += light[place][seed] =

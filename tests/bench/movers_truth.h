@@ -79,7 +79,8 @@ LW_MUST_CHECK enum lw_status movers_truth_go_on(const struct movers *m, struct l
                                                 int64_t frames, struct movers_cost *cost, uint8_t *solved,
                                                 struct lw_error *err);
 
-/** All light and direct light of the texels, as movers_truth_take() has memory. */
+/** All light and direct light of the texels, as movers_truth_take() has memory. A texel that is not covered
+ * there no longer belongs to a part. */
 LW_MUST_CHECK enum lw_status movers_truth_read(const struct movers *m, const struct lw_cell_solver *s,
                                                float **out_all, float **out_direct, struct lw_error *err);
 
