@@ -87,7 +87,7 @@ static bool cancelled(const struct lw_cell_solver *s) { return s->desc.cancel &&
 
 /* Those that the frame under way solves. */
 static struct lw_solve_tile *due_tile(const struct lw_cell_solver *s, uint32_t i) {
-    return &s->tiles.tile[s->due[i]];
+    return &s->tiles.tile[s->tiles.slot_of_id[s->due[i].v]];
 }
 
 /* The frames for which probes may remember, that many frames after a movement. */
@@ -220,7 +220,7 @@ static void choose_blocks(struct lw_cell_solver *s) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         if (!tile->work) continue;
         tile->solved_tick = s->scheduler.round;
-        s->due[s->due_count++] = i;
+        s->due[s->due_count++] = tile->id;
         LW_TILES_EACH_BLOCK (tile, block)
             block->due = block->state != LW_BLOCK_CONVERGED &&
                          (tile->work == LW_TILE_WORK_ALL || lw_gradient_is_strong(&block->change) ||

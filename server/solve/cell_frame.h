@@ -22,8 +22,9 @@ struct lw_cell_solver {
     struct lw_geometry own_geometry;
     struct lw_cells cells;
     struct lw_tiles tiles;
-    /* Indices into tiles.tile: those that the frame under way, or the last one, solves. */
-    uint32_t *due, due_count;
+    /* Tiles that the frame under way, or the last one, solves. By id: a movement reorders tiles.tile. */
+    lw_tile_id *due;
+    uint32_t due_count;
     /* SPLIT: only with client lights. */
     struct lw_seams_light welds[LW_LIGHT_FORM_COUNT];
     /* That are shown (light_form.h). */

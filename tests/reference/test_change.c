@@ -2,6 +2,7 @@
 #include "common/builtin/builtin.h"
 #include "common/random.h"
 #include "server/solve/adapt/gradient.h"
+#include "server/solve/cell_frame.h"
 #include "server/solve/state/tiles.h"
 #include "tests/reference/room.h"
 
@@ -452,6 +453,31 @@ static void test_noise_is_no_change(void **state) {
     assert_false(wakes(1)); /* the mean of 64 is off by 1/8 */
 }
 
+/* Movements that put tiles in another order, between frames that solve a few of them each. */
+static void test_what_is_not_solved_is_not_due(void **state) {
+    (void)state;
+    const struct room room = make_room(8, 1.4f);
+    struct lw_solver_desc small_cells = desc;
+    struct room_solution s;
+    uint64_t frame = 4;
+    small_cells.cell_size_m = 0.5f;
+    room_solve(&s, &room, small_cells, 4);
+    uint8_t *interest = calloc(s.map.tile_count + 1u, 1);
+    assert_non_null(interest);
+    for (uint32_t i = 0; i < s.map.tile_count; i++) interest[i] = s.map.place[i].object == PLATE;
+    lw_support_ok(s.solver->ops->set_interest(s.solver, interest, NULL), NULL);
+    for (unsigned i = 0; i < 20; i++) {
+        shift(&s, PLATE, i & 1 ? -5 : 5);
+        s.pose.object_hidden[PLATE] = i & 2;
+        solve_on(&s, &frame, 1);
+        const struct lw_tiles *tiles = &((const struct lw_cell_solver *)s.solver)->tiles;
+        for (uint32_t k = 0; k < tiles->count; k++)
+            LW_TILES_EACH_BLOCK (&tiles->tile[k], block) assert_true(tiles->tile[k].work || !block->due);
+    }
+    free(interest);
+    room_finish(&s);
+}
+
 /* What an object has hidden comes to light as it goes, and texels beside it that yielded to it do no
  * more. */
 static void test_each_object_may_begin_to_move(void **state) {
@@ -546,6 +572,7 @@ static void test_an_atrium_comes_back(void **state) {
 int main(int argc, char **argv) {
     const struct CMUnitTest long_tests[] = {cmocka_unit_test(test_an_atrium_comes_back)};
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_what_is_not_solved_is_not_due),
         cmocka_unit_test(test_whatever_happened_the_light_comes_back),
         cmocka_unit_test(test_each_object_may_begin_to_move),
         cmocka_unit_test(test_a_lamp_goes_out),
