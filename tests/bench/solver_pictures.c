@@ -31,7 +31,7 @@ enum lw_status solver_pictures_init(struct solver_pictures *p, const char *name,
 }
 
 void solver_pictures_finish(struct solver_pictures *p) {
-    if (p->light.map) bench_view_light_finish(&p->light);
+    bench_view_light_finish(&p->light);
     lw_compose_destroy(p->compose);
     lw_trace_destroy(p->trace);
     free(p->rgb);

@@ -43,7 +43,8 @@ def thin(rows):
 def ask(options, name):
     seconds, settings, scene = SCENES[name]
     with tempfile.TemporaryDirectory() as pictures:
-        text = subprocess.run([options.bin + "/bench_solvers", "--threads", "1", "--early", seconds, "-o", pictures, *settings, scene],
+        text = subprocess.run([options.bin + "/bench_solvers", "--threads", "1", "--early", seconds,
+                               *(["-o", pictures] if name in PICTURED else []), *settings, scene],
                               check=True, stdout=subprocess.PIPE, text=True).stdout
         rows = text[text.index("scene,solver,"):]
         write_csv(os.path.join(FOLDER, name + ".csv"), thin(list(csv.DictReader(io.StringIO(rows)))))
