@@ -89,6 +89,9 @@ float *const *lw_patch_solver_bounces(struct lw_patch_solver *s);
 /** Adds planes of all texels. */
 void lw_patch_solver_add(const struct lw_patch_solver *s, float *const dst[3], float *const src[3]);
 
+/** Sets tiles.radiance[0] to what each texel reflects of E. */
+void lw_patch_solver_reflect(struct lw_patch_solver *s, float *const e[3]);
+
 /** Once true, a frame under way is thrown away. */
 bool lw_patch_solver_cancelled(const struct lw_patch_solver *s);
 

@@ -55,21 +55,6 @@ enum lw_status lw_radiosity_solver_check(const struct lw_solver_desc *desc, stru
 
 /* ---- a frame ---- */
 
-/* What each patch reflects of the light that has arrived, for the next pass. */
-static void reflect(struct lw_patch_solver *p, float *const e[3]) {
-    float *radiance = p->tiles.radiance[0];
-#pragma omp parallel for schedule(dynamic, 1) num_threads(p->threads)
-    for (uint32_t i = 0; i < p->tiles.count; i++) {
-        const struct lw_solve_tile *tile = &p->tiles.tile[i];
-        for (uint32_t k = 0; k < tile->width * tile->height; k++)
-            for (int c = 0; c < 3; c++)
-                radiance[4 * (size_t)(tile->first + k) + (size_t)c] =
-                    p->tiles.covered[tile->first + k]
-                        ? tile->mesh->albedo[c][tile->local + k] * e[c][tile->first + k] / LW_PI
-                        : 0;
-    }
-}
-
 static uint64_t pass(struct radiosity_solver *s, uint32_t order, const float *radiance, uint32_t stride) {
     struct lw_patch_solver *p = &s->patch;
     const uint32_t salt = p->frames * (p->desc.bounces + 1) + order;
@@ -131,7 +116,7 @@ static uint64_t shoot(struct lw_patch_solver *p) {
     }
     for (int c = 0; c < 3; c++) memset(indirect[c], 0, p->tiles.texel_count * sizeof(float));
     for (uint32_t order = 1; order <= p->desc.bounces && !lw_patch_solver_cancelled(p); order++) {
-        reflect(p, order == 1 ? p->frame_direct : p->arrived);
+        lw_patch_solver_reflect(p, order == 1 ? p->frame_direct : p->arrived);
         rays += pass(s, order, p->tiles.radiance[0], 4);
         lw_patch_solver_add(p, indirect, p->arrived);
     }

@@ -254,19 +254,8 @@ static enum lw_status place(struct lw_patch_solver *p, struct lw_error *err) {
 
 /* What shooters send: what they reflect of direct light. */
 static uint64_t charge(struct lw_patch_solver *p) {
-    float *radiance = p->tiles.radiance[0];
-    for (uint32_t i = 0; i < p->tiles.count; i++) {
-        const struct lw_solve_tile *tile = &p->tiles.tile[i];
-        for (uint32_t k = 0; k < tile->width * tile->height; k++)
-            for (int c = 0; c < 3; c++) {
-                const uint32_t texel = tile->first + k;
-                radiance[4 * (size_t)texel + (size_t)c] =
-                    p->tiles.covered[texel]
-                        ? tile->mesh->albedo[c][tile->local + k] * p->frame_direct[c][texel] / LW_PI
-                        : 0;
-            }
-    }
-    lw_shooters_charge(&((struct lab *)p)->shooters, radiance, 4, p->threads);
+    lw_patch_solver_reflect(p, p->frame_direct);
+    lw_shooters_charge(&((struct lab *)p)->shooters, p->tiles.radiance[0], 4, p->threads);
     return 0;
 }
 
