@@ -14,8 +14,7 @@ enum lw_status solver_pictures_init(struct solver_pictures *p, const char *name,
                                     const struct lw_pose *pose, const struct lw_atlas_map *map,
                                     uint32_t bounces, double last_s, const char *folder,
                                     struct lw_error *err) {
-    *p = (struct solver_pictures){
-        .scene = scene, .pose = pose, .folder = folder, .view = {.width = WIDTH, .height = HEIGHT}};
+    *p = (struct solver_pictures){.pose = pose, .folder = folder, .view = {.width = WIDTH, .height = HEIGHT}};
     for (uint32_t m = SOLVER_PICTURES_MOMENTS; m-- > 0; last_s /= 8) p->moment_s[m] = last_s;
     p->rgb = calloc(3 * PIXELS, sizeof *p->rgb);
     p->srgb = malloc(3 * PIXELS);

@@ -10,7 +10,6 @@
 #define SOLVER_PICTURES_MOMENTS 3u
 
 struct solver_pictures {
-    const struct lw_scene *scene;
     const struct lw_pose *pose;
     const char *folder;
     double moment_s[SOLVER_PICTURES_MOMENTS]; /* rising */
