@@ -18,7 +18,13 @@ export class Interest {
     return this.now;
   }
 
-  /** Another session begins, or the server was told something else. */
+  /** A session begins: the server was told that nothing is wanted. The set may follow at once. */
+  begin(): void {
+    this.told = new Uint32Array(0);
+    this.toldMs = -Infinity;
+  }
+
+  /** The server was told something else than the set. */
   forget(): void {
     this.told = null;
     this.toldMs = -Infinity;

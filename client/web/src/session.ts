@@ -315,8 +315,7 @@ export class Session {
     if (kept.replica) {
       if (sameRun) this.sendHolds(kept.replica);
       else kept.replica.beginRun();
-      this.host.send(wire.writePackageRequest(welcome.compressedSize, new Uint8Array(0)));
-      this.asked = true;
+      this.askFor(welcome.compressedSize, new Uint8Array(0));
       return;
     }
     if (!kept.download?.isOf(welcome)) {
@@ -325,9 +324,18 @@ export class Session {
       if (this.closed) return;
     }
     const request = kept.download.request();
-    this.host.send(wire.writePackageRequest(request.offset, request.held));
-    this.asked = true;
+    this.askFor(request.offset, request.held);
     this.finishDownload();
+  }
+
+  /** Asks for the package. A session streams from here on, and who has never sent INTEREST gets all tiles: so
+   * it goes first. The view's set follows once there is a view. */
+  private askFor(offset: number, heldParts: Uint8Array): void {
+    const nothing = new Uint32Array(0);
+    this.host.send(wire.writeInterest(false, { object: nothing, level: nothing, tile: nothing }, true));
+    this.interest.begin();
+    this.host.send(wire.writePackageRequest(offset, heldParts));
+    this.asked = true;
   }
 
   private finishDownload(): void {

@@ -6,7 +6,17 @@ import { join } from 'node:path';
 import { root } from './load.mjs';
 
 export const bin = process.env.LW_BIN ?? join(root, 'build/release/bin');
-const START_MS = 240000; // a scene that is unwrapped first, on a busy machine
+/** Ends what hangs, and judges nothing: a test waits for events, on however busy a machine. */
+export const LIMIT_MS = 480000;
+
+/** What a promise resolves to, within the limit. */
+export async function within(what, promise) {
+  let limit;
+  const late = new Promise((_, reject) => {
+    limit = setTimeout(() => reject(new Error(`waited for ${what}`)), LIMIT_MS);
+  });
+  return Promise.race([promise, late]).finally(() => clearTimeout(limit));
+}
 
 export function hasDaemon() {
   return existsSync(join(bin, 'lightwelld'));
@@ -24,7 +34,7 @@ export function startDaemon(...options) {
     const limit = setTimeout(() => {
       child.kill('SIGKILL');
       reject(new Error(`lightwelld did not start:\n${said}`));
-    }, START_MS);
+    }, LIMIT_MS);
     const hear = (data) => {
       said += data;
       const address = /serving .* at 127\.0\.0\.1:(\d+)/.exec(said);
