@@ -355,10 +355,12 @@ class App {
     if (now - this.meteredMs >= METER_MS) {
       const stops = renderer.meter();
       if (stops !== null) {
-        if (this.stopsWanted === null) renderer.stops = stops;
+        if (this.stopsWanted === null) {
+          renderer.stops = stops;
+          this.dirty = true;
+        }
         this.stopsWanted = stops;
         this.meteredMs = now;
-        this.dirty = true;
       }
     }
     const way = (this.stopsWanted ?? renderer.stops) - renderer.stops;
@@ -432,6 +434,11 @@ class App {
 
   lightsDrawn(): { lights: number; maps: number } {
     return this.renderer?.lightsDrawn() ?? { lights: 0, maps: 0 };
+  }
+
+  go(view: string): void {
+    const parsed = parseView(view);
+    if (parsed) this.flight.go(parsed);
   }
 
   view(): string {
