@@ -22,7 +22,8 @@ export function hasDaemon() {
   return existsSync(join(bin, 'lightwelld'));
 }
 
-/** Starts one; resolves once it listens. frames(n) lights frames under the manual clock. stop() ends it. */
+/** Starts one; resolves once it listens. frames(n) lights frames under the manual clock, and says the last
+ * one's number. stop() ends it. */
 export function startDaemon(...options) {
   const addresses = ['--listen', '127.0.0.1:0'];
   if (!options.includes('--http')) addresses.push('--http', '127.0.0.1:0');
@@ -30,6 +31,7 @@ export function startDaemon(...options) {
     env: { ...process.env, OMP_WAIT_POLICY: 'passive' },
   });
   let said = '';
+  let frames = 0;
   return new Promise((resolve, reject) => {
     const limit = setTimeout(() => {
       child.kill('SIGKILL');
@@ -45,7 +47,10 @@ export function startDaemon(...options) {
         port: Number(address[1]),
         url: page[0],
         said: () => said,
-        frames: (count) => child.stdin.write('\n'.repeat(count)),
+        frames: (count) => {
+          child.stdin.write('\n'.repeat(count));
+          return (frames += count);
+        },
         stop: () =>
           new Promise((ended) => {
             if (child.exitCode !== null || child.signalCode) return ended();

@@ -26,7 +26,7 @@ test(`memory over ${MINUTES} minutes`, { skip: missing || false }, async () => {
     const thrown = [];
     page.on('pageerror', (error) => thrown.push(error.stack));
     await page.goto(`${daemon.url}?direct=tiles`); // so that a software GPU keeps up
-    await until(page, 'light', () => lightwell.stats.first && lightwell.stats.pictures > 1, 600000);
+    await until(page, 'light', () => lightwell.stats.first && lightwell.stats.pictures > 1);
     const whole = await browser.newBrowserCDPSession();
     const { processInfo } = await whole.send('SystemInfo.getProcessInfo');
     // of the renderers the one with the page is the largest
