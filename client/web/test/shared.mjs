@@ -8,23 +8,28 @@ import { openBrowser } from './page.mjs';
 let browser = null;
 after(async () => (await browser)?.close());
 
-/** A page of its own context. look(page, context): what to do with it. It shall throw nothing, nor warn of
- * anything unless mayWarn. more: of the context. */
+/** A page of its own context. look(page, context): what to do with it; it ends when the page throws something.
+ * Nor shall the page warn of anything, unless mayWarn. args: of the browser, by the first page. more: of the
+ * context. */
 export async function withPage(viewport, look, { mayWarn = false, args = [], ...more } = {}) {
   browser ??= openBrowser(...args);
   const context = await (await browser).newContext({ viewport, ...more });
   context.setDefaultTimeout(LIMIT_MS);
   context.setDefaultNavigationTimeout(LIMIT_MS);
-  const thrown = [];
-  context.on('weberror', (error) => thrown.push(error.error().stack));
+  const warnings = [];
   context.on('console', (message) => {
-    if (message.type() === 'warning' && !mayWarn) thrown.push(message.text());
+    if (message.type() === 'warning' && !mayWarn) warnings.push(message.text());
   });
+  const threw = new Promise((_, reject) => {
+    context.on('weberror', (error) => reject(new Error(`the page threw ${error.error().stack}`)));
+  });
+  const looked = context.newPage().then((page) => look(page, context));
   try {
-    const result = await look(await context.newPage(), context);
-    assert.deepEqual(thrown, []);
+    const result = await Promise.race([looked, threw]);
+    assert.deepEqual(warnings, []);
     return result;
   } finally {
+    for (const promise of [looked, threw]) promise.catch(() => {});
     await context.close();
   }
 }

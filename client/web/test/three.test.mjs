@@ -8,12 +8,13 @@ import test from 'node:test';
 import { bin, hasDaemon, startDaemon } from './daemon.mjs';
 import { serveExample } from './example.mjs';
 import { web } from './load.mjs';
-import { checkUploads, compare, hasBrowser, openBrowser, pictureName, pixelsOf, reference } from './page.mjs';
+import { checkUploads, compare, hasBrowser, pictureName, pixelsOf, reference, until } from './page.mjs';
 import { lampWay, room } from './room.mjs';
+import { withPage } from './shared.mjs';
 
-const WIDTH = 480;
-const HEIGHT = 270;
-const FRAMES = 64;
+const WIDTH = 320;
+const HEIGHT = 180;
+const FRAMES = 8;
 const missing =
   !hasDaemon() || !existsSync(join(bin, 'lightwell-view'))
     ? 'there is no lightwelld in build/release/bin'
@@ -21,87 +22,98 @@ const missing =
 
 const packageFolder = join(web, '../lightwell-three');
 
-async function show(lights, options, limits) {
+/** In the page, before all else: it draws when told to, and what its worker says is noted. */
+function hook() {
+  const waiting = [];
+  globalThis.requestAnimationFrame = (draw) => waiting.push(draw);
+  globalThis.drawOne = () => {
+    const draws = waiting.splice(0);
+    for (const draw of draws) draw(performance.now());
+    return draws.length > 0;
+  };
+  const heard = { scene: false, settled: 0, timeS: 0, frame: 0, tiles: new Set() };
+  globalThis.heard = heard;
+  const hear = ({ data }) => {
+    if (data.kind === 'scene') heard.scene = true;
+    if (data.kind === 'tiles') for (const id of data.batch.id) heard.tiles.add(id);
+    if (data.kind === 'settled') heard.settled = heard.frame;
+    if (data.kind !== 'frame') return;
+    heard.frame = Number(data.frame.frame);
+    heard.timeS = data.frame.timeS;
+  };
+  globalThis.Worker = class extends Worker {
+    constructor(...given) {
+      super(...given);
+      this.addEventListener('message', hear);
+    }
+  };
+}
+
+/** The page with all light of so many frames. */
+async function lit(page, daemon, frames) {
+  // a client of a kind of its own gets its light with the next frame
+  await until(page, 'the scene', () => heard.scene);
+  daemon.frames(1);
+  await until(page, 'its first picture', () => drawOne() && example);
+  await until(page, 'all tiles of the view', () => {
+    const { light, camera, renderer } = example;
+    light.update(camera, renderer.domElement.height);
+    return light.listInterest(camera, renderer.domElement.height).every((id) => heard.tiles.has(id));
+  });
+  const last = daemon.frames(frames);
+  const settled = (frame) => {
+    const { light, camera, renderer } = example;
+    light.update(camera, renderer.domElement.height);
+    return heard.settled >= frame && !light.queue.length;
+  };
+  await until(page, 'the last tiles', settled, { given: last });
+}
+
+async function compareWithOurs(page, daemon, picture, { what, view, limits }) {
+  const three = await pixelsOf(page, picture);
+  const camera = ['--camera', '1.5,1.7,2.2:-0.2,1,-1:60', '--exposure', '1', '--tonemap', 'none'];
+  const keepAs = pictureName('room', `${what}-cpu`);
+  const cpu = await reference(page, daemon, `${WIDTH}x${HEIGHT}`, [...camera, ...view], keepAs);
+  const name = pictureName('room', `${what}-three`);
+  if (name) writeFileSync(name, Buffer.from(picture.slice(picture.indexOf(',') + 1), 'base64'));
+  const { difference, flip } = compare(WIDTH, HEIGHT, cpu, three);
+  console.log(`${what}: mean difference ${difference}/255, FLIP ${flip}`);
+  assert.ok(difference <= limits.difference, `mean difference ${difference}/255`);
+  assert.ok(flip <= limits.flip, `FLIP ${flip}`);
+}
+
+/** The page's picture of a room against ours; returns the lamps that it draws, and the time. */
+async function show(lights, { given, what, daemon: more = [], view = [], limits }) {
   const folder = mkdtempSync(join(tmpdir(), 'lightwell-three-'));
   const scene = join(folder, 'scene.gltf');
-  writeFileSync(scene, room(options));
+  writeFileSync(scene, room(given));
   const { origin, server } = await serveExample(packageFolder, scene);
-  const daemon = await startDaemon(
-    scene,
-    '--clock',
-    'manual',
-    '--light',
-    'whole',
-    '--codec',
-    'half',
-    '--http-origin',
-    origin,
-    ...options.daemon,
-  );
-  const browser = await openBrowser();
-  try {
-    const page = await browser.newPage({ viewport: { width: WIDTH, height: HEIGHT } });
-    const thrown = [];
-    page.on('pageerror', (error) => thrown.push(error.stack));
+  const light = ['--clock', 'manual', '--light', 'whole', '--codec', 'half', '--http-origin', origin];
+  const daemon = await startDaemon(scene, ...light, ...more);
+  const look = async (page) => {
+    await page.addInitScript(hook);
     const address = `ws://${new URL(daemon.url).host}/ws`;
-    const view = 'from=1.5,1.7,2.2&to=-0.2,1,-1&fov=60&exposure=1';
-    // a client of a kind of its own gets its light with the next frame
-    const light = setInterval(() => daemon.frames(1), 500);
-    await page.goto(`${origin}/example.html?scene=scene.gltf&server=${address}&${view}&lights=${lights}`);
-    const attached = () => globalThis.example;
-    const limit = { timeout: 240000, polling: 100 };
-    await page.waitForFunction(attached, null, limit).finally(() => clearInterval(light));
-    await page.evaluate(() => {
-      const { light } = example;
-      globalThis.uploadMs = [];
-      light.update = (...given) => {
-        const waiting = light.queue.length;
-        const begin = performance.now();
-        Object.getPrototypeOf(light).update.apply(light, given);
-        if (waiting) uploadMs.push(performance.now() - begin);
-      };
-    });
-    daemon.frames(FRAMES);
-    const done = (frames) => globalThis.example?.light.frame >= frames;
-    await page.waitForFunction(done, FRAMES, limit);
-    await page.waitForTimeout(4000); // its last tiles
+    const from = 'from=1.5,1.7,2.2&to=-0.2,1,-1&fov=60&exposure=1';
+    await page.goto(`${origin}/example.html?scene=scene.gltf&server=${address}&${from}&lights=${lights}`);
+    await lit(page, daemon, FRAMES);
     const state = await page.evaluate(() => {
       const { light, scene, camera, renderer } = example;
       const lamps = [];
       scene.traverse(
         (node) => node.isLight && node.visible && lamps.push([node.type, ...node.position.toArray()]),
       );
-      light.update(camera, renderer.domElement.height);
       renderer.render(scene, camera);
-      return { lamps, missing: light.missing, picture: renderer.domElement.toDataURL() };
+      const { timeS } = heard;
+      return { lamps, timeS, missing: light.missing, picture: renderer.domElement.toDataURL() };
     });
-    // a software GPU that draws shadow maps as well makes every call wait
-    if (lights === 'tiles') checkUploads('three', await page.evaluate(() => uploadMs));
-    assert.deepEqual(thrown, []);
     assert.deepEqual(state.missing, []);
-    if (!options.view) return state;
-    const three = await pixelsOf(page, state.picture);
-    const cpuOptions = [
-      '--camera',
-      '1.5,1.7,2.2:-0.2,1,-1:60',
-      '--exposure',
-      '1',
-      '--tonemap',
-      'none',
-      ...options.view,
-    ];
-    const what = options.outside ? 'outside' : options.unlit ? 'unlit' : lights;
-    const keepAs = pictureName('room', `${what}-cpu`);
-    const cpu = await reference(page, daemon, `${WIDTH}x${HEIGHT}`, cpuOptions, keepAs);
-    const name = pictureName('room', `${what}-three`);
-    if (name) writeFileSync(name, Buffer.from(state.picture.slice(state.picture.indexOf(',') + 1), 'base64'));
-    const { difference, flip } = compare(WIDTH, HEIGHT, cpu, three);
-    console.log(`${what}: mean difference ${difference}/255, FLIP ${flip}`);
-    assert.ok(difference <= limits.difference, `mean difference ${difference}/255`);
-    assert.ok(flip <= limits.flip, `FLIP ${flip}`);
+    await compareWithOurs(page, daemon, state.picture, { what, view, limits });
+    await checkUploads(page, 'example.light', 'example.light.update(example.camera, 180)');
     return state;
+  };
+  try {
+    return await withPage({ width: WIDTH, height: HEIGHT }, look, { mayWarn: true });
   } finally {
-    await browser.close();
     await daemon.stop();
     server.close();
     server.closeAllConnections();
@@ -109,41 +121,31 @@ async function show(lights, options, limits) {
   }
 }
 
-test('three: all light in lightmaps', { skip: missing || false }, async () => {
-  const { lamps } = await show(
-    'tiles',
-    { daemon: [], view: ['--direct', 'tiles'] },
-    { difference: 2, flip: 0.03 },
-  );
+test('three: all light in lightmaps, and what is unlit as its colour', { skip: missing || false }, async () => {
+  const limits = { difference: 2, flip: 0.03 };
+  const given = { unlit: true };
+  const { lamps } = await show('tiles', { given, what: 'tiles', view: ['--direct', 'tiles'], limits });
   assert.deepEqual(lamps, []);
-});
-
-test('three: what is unlit is seen as its colour', { skip: missing || false }, async () => {
-  const options = { daemon: [], view: ['--direct', 'tiles'], unlit: true };
-  await show('tiles', options, { difference: 2, flip: 0.03 });
 });
 
 test("three: the lamp is three's own, with shadows", { skip: missing || false }, async () => {
   const limits = { difference: 4, flip: 0.06 };
-  const { lamps } = await show('own', { daemon: ['--client-lights', 'lamps'], view: [] }, limits);
+  const { lamps } = await show('own', { what: 'own', daemon: ['--client-lights', 'lamps'], limits });
   assert.equal(lamps.length, 1);
   assert.equal(lamps[0][0], 'PointLight');
   lamps[0].slice(1).forEach((x, i) => assert.ok(Math.abs(x - [0.6, 2.4, 0.4][i]) < 1e-5));
 });
 
-test('three: a sun, and a lamp that is elsewhere than in the file', { skip: missing || false }, async () => {
+test('three: a sun, and a lamp that moves as the server moves it', { skip: missing || false }, async () => {
   const limits = { difference: 4, flip: 0.06 };
-  const daemon = ['--client-lights', 'lamps', '--freeze', '0.5'];
-  const { lamps } = await show('own', { daemon, view: [], outside: true }, limits);
+  const given = { outside: true };
+  const daemon = ['--client-lights', 'lamps'];
+  const { lamps, timeS } = await show('own', { given, what: 'outside', daemon, limits });
   assert.deepEqual(lamps.map(([type]) => type).sort(), ['DirectionalLight', 'PointLight']);
+  assert.ok(timeS > 0.1 && timeS < 1, `${timeS} s`); // elsewhere than in the file, and on its way
   const [, ...at] = lamps.find(([type]) => type === 'PointLight');
-  at.forEach((x, i) => assert.ok(Math.abs(x - (lampWay[0][i] + lampWay[1][i]) / 2) < 1e-4, `${at}`));
-});
-
-test('three: a lamp moves as the server moves it', { skip: missing || false }, async () => {
-  const { lamps } = await show('own', { daemon: ['--client-lights', 'lamps'], outside: true });
-  const [, ...at] = lamps.find(([type]) => type === 'PointLight');
-  const way = at.map((x, i) => (x - lampWay[0][i]) / (lampWay[1][i] - lampWay[0][i]));
-  assert.ok(way[0] > 0.01 && way[0] <= 1, `${at}`);
-  way.forEach((share) => assert.ok(Math.abs(share - way[0]) < 1e-3, `${way}`));
+  at.forEach((x, i) => {
+    const there = lampWay[0][i] + timeS * (lampWay[1][i] - lampWay[0][i]);
+    assert.ok(Math.abs(x - there) < 1e-4, `${at} after ${timeS} s`);
+  });
 });
