@@ -9,7 +9,8 @@ import test from 'node:test';
 
 import { hasDaemon, startDaemon } from './daemon.mjs';
 import { load } from './load.mjs';
-import { hasBrowser, openBrowser, pictureName, until } from './page.mjs';
+import { hasBrowser, pictureName, until } from './page.mjs';
+import { withPage } from './shared.mjs';
 
 const { writeHello, writeUpdate, readUpdated, Refusal, Session, nothingKept, lampsOf, changesOf } = await load(
   'wire',
@@ -107,41 +108,43 @@ test('a page by https, with a token', { skip: missing || false }, async () => {
     ...['builtin:cornell', '--freeze', '0', '--tls-certificate', certificate, '--tls-key', key],
     ...['--tokens', tokens, '--control-socket', 'none'],
   );
-  const browser = await openBrowser(`--ignore-certificate-errors-spki-list=${pin}`);
+  const size = { width: 160, height: 90 };
+  const args = [`--ignore-certificate-errors-spki-list=${pin}`];
+  const address = `${daemon.url}?direct=tiles`;
   try {
     assert.match(daemon.url, /^https:/);
-    const page = await browser.newPage({ viewport: { width: 320, height: 180 } });
-    const thrown = [];
-    page.on('pageerror', (error) => thrown.push(error.stack));
-    await page.goto(daemon.url);
-    await page.locator('#token:visible').waitFor({ timeout: 120000 }); // it wants one
-    await page.locator('#token input').fill('nonsense');
-    await page.locator('#token button').click();
-    assert.equal(await page.evaluate(() => document.querySelector('#token input').validity.customError), true);
-    await page.locator('#token input').fill(VIEW);
-    await page.locator('#token button').click();
-    await until(page, 'light', () => lightwell.stats.tiles > 0);
-    assert.equal(await page.locator('#lamps label').count(), 0);
-    await page.reload(); // the tab has kept it
-    await until(page, 'light again', () => lightwell.stats.tiles > 0);
-    const other = await browser.newPage({ viewport: { width: 320, height: 180 } });
-    await other.goto(`${daemon.url}#token=${CONTROL}`);
-    await until(other, 'light', () => lightwell.stats.tiles > 0);
-    assert.equal(new URL(other.url()).hash, ''); // no longer in the address
-    const slider = other.locator('#lamps input').first();
-    await slider.waitFor({ timeout: 120000 });
-    await until(other, 'an exposure', () => lightwell.exposure() !== 0);
-    const stops = await other.evaluate(() => lightwell.exposure());
-    await slider.fill('0.25');
-    await other.waitForFunction((before) => lightwell.exposure() > before + 0.5, stops, {
-      timeout: 240000,
-      polling: 100,
+    await withPage(
+      size,
+      async (page) => {
+        await page.goto(address);
+        await page.locator('#token:visible').waitFor(); // it wants one
+        await page.locator('#token input').fill('nonsense');
+        await page.locator('#token button').click();
+        const error = () => document.querySelector('#token input').validity.customError;
+        assert.equal(await page.evaluate(error), true);
+        await page.locator('#token input').fill(VIEW);
+        await page.locator('#token button').click();
+        await until(page, 'light', () => lightwell.stats.tiles > 0);
+        assert.equal(await page.locator('#lamps label').count(), 0);
+        await page.reload(); // the tab has kept it
+        await until(page, 'light again', () => lightwell.stats.tiles > 0);
+      },
+      { args },
+    );
+    await withPage(size, async (page) => {
+      await page.goto(`${address}#token=${CONTROL}`);
+      await until(page, 'light', () => lightwell.stats.tiles > 0);
+      assert.equal(new URL(page.url()).hash, ''); // no longer in the address
+      const slider = page.locator('#lamps input').first();
+      await slider.waitFor();
+      await until(page, 'an exposure', () => lightwell.exposure() !== 0);
+      const stops = await page.evaluate(() => lightwell.exposure());
+      await slider.fill('0.25');
+      await until(page, 'a longer exposure', (before) => lightwell.exposure() > before + 0.5, { given: stops });
+      const name = pictureName('access', 'control'); // with its sliders
+      if (name) await page.screenshot({ path: name });
     });
-    const name = pictureName('access', 'control'); // with its sliders
-    if (name) await other.screenshot({ path: name });
-    assert.deepEqual(thrown, []);
   } finally {
-    await browser.close();
     await daemon.stop();
     rmSync(folder, { recursive: true });
   }
