@@ -1,28 +1,58 @@
 #!/bin/bash
-# Runs examples/ on a lightwelld of their own: examples.sh LIGHTWELLD MINIMAL GL_LIGHTMAP FOLDER
+# Runs examples/ on a lightwelld of their own, whose frames come when they are asked for:
+#     examples.sh LIGHTWELLD FOLDER MINIMAL GL_LIGHTMAP [MINIMAL GL_LIGHTMAP...]
 set -euo pipefail
-daemon_program=$1 minimal=$2 gl_lightmap=$3 folder=$4
+daemon_program=$1 folder=$2
+shift 2
+limit=480 # seconds; ends what hangs, and judges nothing
 mkdir -p "$folder"
 rm -f "$folder"/*
-"$daemon_program" builtin:atrium --texels-per-metre 4 --bounces 1 --error 1e-6 --client-lights none \
-    --listen 127.0.0.1:0 --port-file "$folder/port" >"$folder/out" 2>"$folder/err" &
-daemon=$!
-trap 'kill $daemon; wait $daemon || true' EXIT
-for ((i = 0; i < 1200; i++)); do
-    [ -s "$folder/port" ] && break
-    sleep 0.1
+
+coproc daemon {
+    exec "$daemon_program" builtin:cornell --error 1e-6 --client-lights none \
+        --clock manual --listen 127.0.0.1:0 2>&1
+}
+pid=$daemon_PID frames=${daemon[1]}
+trap 'kill $pid; wait $pid || true' EXIT
+port=
+while [ -z "$port" ] && read -r -t $limit line <&"${daemon[0]}"; do
+    echo "$line" >>"$folder/log"
+    port=$(sed -n 's/.*serving .* at 127\.0\.0\.1:\([0-9]*\).*/\1/p' <<<"$line")
 done
-port=$(cat "$folder/port")
+[ -n "$port" ] || { cat "$folder/log"; exit 1; }
 
-# Light at a point, three times different.
-timeout 200 "$minimal" "$port" 0 6 0 | head -4 >"$folder/minimal" || true
-cat "$folder/minimal"
-[ "$(grep -c 'W/m^2' "$folder/minimal")" -eq 3 ] || exit 1
-[ "$(sort -u "$folder/minimal" | wc -l)" -eq 4 ] || exit 1
+# Light at a point, three times different. A frame that changes nothing there says nothing: then the next one.
+light_at_a_point() {
+    local line lines=0
+    exec {told}< <(exec timeout $limit "$1" "$port" 0 1 0)
+    local client=$!
+    while [ $lines -lt 4 ]; do
+        echo >&"$frames"
+        if read -r -t 1 line <&"$told"; then
+            echo "$line"
+            lines=$((lines + 1))
+        else
+            kill -0 $client || exit 1
+        fi
+    done
+    kill $client
+    exec {told}<&-
+}
 
-# A picture that is lit: some of it bright, some dark, most in between.
-timeout 200 "$gl_lightmap" "$port" "$folder/atrium.ppm" 3
-od -An -v -t u1 -w3 -j 16 "$folder/atrium.ppm" | awk '
-    { g = $2; dark += g < 8; bright += g > 247; n++ }
-    END { printf "%d pixels, %.3f dark, %.3f bright\n", n, dark / n, bright / n
-          exit !(n == 1280 * 720 && dark / n < 0.2 && bright / n < 0.4 && dark + bright < n / 2) }'
+# A picture that is lit: beside the box all is black, 0.43 of it; within, little is dark, or as bright as its lamp.
+lit_picture() {
+    timeout $limit "$1" "$port" "$folder/cornell.ppm" 1
+    od -An -v -t u1 -w3 -j 16 "$folder/cornell.ppm" | awk '
+        { dark += $1 < 8 && $2 < 8; bright += $2 > 247; n++ }
+        END { printf "%d pixels, %.3f dark, %.3f bright\n", n, dark / n, bright / n
+              exit !(n == 1280 * 720 && dark / n > 0.4 && dark / n < 0.55 && bright / n < 0.05) }'
+}
+
+while [ $# -gt 0 ]; do
+    light_at_a_point "$1" >"$folder/minimal"
+    cat "$folder/minimal"
+    [ "$(grep -c 'W/m^2' "$folder/minimal")" -eq 3 ]
+    [ "$(sed 's/.* s //' "$folder/minimal" | sort -u | wc -l)" -eq 4 ]
+    lit_picture "$2"
+    shift 2
+done

@@ -12,7 +12,7 @@ file(REMOVE_RECURSE ${work})
 
 # run(WHAT COMMAND...): ends the test with what it said unless it succeeds; out: its output
 function(run what)
-  execute_process(COMMAND ${ARGN} RESULT_VARIABLE code OUTPUT_VARIABLE told ERROR_VARIABLE told TIMEOUT 300)
+  execute_process(COMMAND ${ARGN} RESULT_VARIABLE code OUTPUT_VARIABLE told ERROR_VARIABLE told TIMEOUT 500)
   if(NOT code EQUAL 0)
     message(FATAL_ERROR "${what} ended with ${code}: ${told}")
   endif()
@@ -226,7 +226,8 @@ set(ENV{PATH} ${path})
 # ---- the examples on it ----
 
 foreach(kind lightwell lightwell_static)
-  run("examples/ on lightwelld" bash ${SOURCE_DIR}/tests/integration/examples.sh ${prefix}/${BINDIR}/lightwelld
-    ${work}/examples/build/minimal_${kind} ${work}/examples/build/gl_lightmap_${kind} ${work}/${kind})
-  message(STATUS "${kind}: ${out}")
+  list(APPEND examples ${work}/examples/build/minimal_${kind} ${work}/examples/build/gl_lightmap_${kind})
 endforeach()
+run("examples/ on lightwelld" bash ${SOURCE_DIR}/tests/integration/examples.sh ${prefix}/${BINDIR}/lightwelld
+  ${work}/run ${examples})
+message(STATUS "${out}")
