@@ -7,12 +7,17 @@
  *   FAULT_CALLERS     who asked for the allocation that fails goes to stderr
  *   FAULT_WRITE       the Nth write to a regular file, and all after it, fail; with FAULT_ERRNO, or, where
  *                     that is 0, write one byte and no more
- *   FAULT_CLOCK       seconds by which the real clock jumps, two seconds after the start
+ *   FAULT_SIGNAL      at the Nth allocation the process gets SIGTERM
+ *   FAULT_JOIN        pthread_timedjoin_np() has waited in vain at once
+ *   FAULT_CLOCK       seconds by which the real clock jumps at the first connection
  *   FAULT_COUNT       both counts go to stderr when the process ends
  * Threads: [any]. */
+#include <dlfcn.h>
 #include <errno.h>
 #include <execinfo.h>
 #include <fcntl.h>
+#include <pthread.h>
+#include <signal.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -24,20 +29,19 @@
 #include <time.h>
 #include <unistd.h>
 
-#define JUMP_AFTER_S 2
-
 void *__libc_malloc(size_t size);
 void *__libc_calloc(size_t count, size_t size);
 void *__libc_realloc(void *memory, size_t size);
 void *__libc_memalign(size_t alignment, size_t size);
 
 static _Atomic long allocations, writes;
-static long failing_allocation, failing_write, clock_jump_s;
+static long failing_allocation, failing_write, clock_jump_s, signalling_allocation;
 static int write_errno;
-static time_t started_s;
+static int joins_in_vain;
 static _Atomic int ready;
 static int tells_callers;
 static long by_connection, connections, allocations_of_connection; /* the main thread's alone */
+static _Atomic int has_accepted;
 
 static long number_of(const char *name) {
     const char *text = getenv(name);
@@ -57,9 +61,8 @@ __attribute__((constructor)) static void begin(void) {
     failing_write = number_of("FAULT_WRITE");
     write_errno = (int)number_of("FAULT_ERRNO");
     clock_jump_s = number_of("FAULT_CLOCK");
-    struct timespec now;
-    (void)syscall(SYS_clock_gettime, CLOCK_MONOTONIC, &now);
-    started_s = now.tv_sec;
+    signalling_allocation = number_of("FAULT_SIGNAL");
+    joins_in_vain = getenv("FAULT_JOIN") != NULL;
     if (getenv("FAULT_COUNT")) atexit(tell);
     by_connection = number_of("FAULT_CONNECTION");
     tells_callers = getenv("FAULT_CALLERS") != NULL;
@@ -83,7 +86,9 @@ static int fails(void) {
     if (by_connection)
         return connections && is_main() &&
                ++allocations_of_connection == (connections - 1) * by_connection + 1 && tell_callers();
-    return ++allocations == failing_allocation && tell_callers();
+    const long number = ++allocations;
+    if (number == signalling_allocation) kill(getpid(), SIGTERM);
+    return number == failing_allocation && tell_callers();
 }
 
 void *malloc(size_t size) { return fails() ? errno = ENOMEM, NULL : __libc_malloc(size); }
@@ -107,6 +112,7 @@ int posix_memalign(void **out, size_t alignment, size_t size) {
 
 int accept4(int listener, struct sockaddr *address, socklen_t *size, int flags) {
     const int fd = (int)syscall(SYS_accept4, listener, address, size, flags);
+    if (fd >= 0) has_accepted = 1;
     if (fd < 0 || !by_connection || !is_main()) return fd;
     char text[64];
     const int length = snprintf(text, sizeof text, "fault_shim: connection %ld: %ld allocations\n",
@@ -146,9 +152,11 @@ ssize_t pwrite64(int fd, const void *bytes, size_t size, off_t at) { return pwri
 
 int clock_gettime(clockid_t clock, struct timespec *out) {
     const int result = (int)syscall(SYS_clock_gettime, clock, out);
-    struct timespec now;
-    if (result || clock != CLOCK_REALTIME || !ready || !clock_jump_s) return result;
-    (void)syscall(SYS_clock_gettime, CLOCK_MONOTONIC, &now);
-    if (now.tv_sec >= started_s + JUMP_AFTER_S) out->tv_sec += clock_jump_s;
-    return 0;
+    if (!result && clock == CLOCK_REALTIME && ready && has_accepted) out->tv_sec += clock_jump_s;
+    return result;
+}
+
+int pthread_timedjoin_np(pthread_t thread, void **value, const struct timespec *until) {
+    int (*real)(pthread_t, void **, const struct timespec *) = dlsym(RTLD_NEXT, "pthread_timedjoin_np");
+    return ready && joins_in_vain ? ETIMEDOUT : real(thread, value, until);
 }

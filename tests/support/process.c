@@ -5,20 +5,24 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <poll.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/inotify.h>
+#include <sys/pidfd.h>
 #include <sys/prctl.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
 
+#define LOOK_AGAIN_MS 20 /* at what gives no event: another process's state, a file of another folder */
 #define WORDS_MAX     48
 #define PROCESSES_MAX 16
-#define LIMIT_S       60  /* until a daemon serves, and until it has printed a line */
-#define FAILED_EXEC   127 /* as shells say it */
+#define FRAME_MAX     8192 /* of a frame's JSON */
+#define FAILED_EXEC   127  /* as shells say it */
 
 static pid_t running[PROCESSES_MAX]; /* 0: free */
 
@@ -26,9 +30,81 @@ void lw_process_sleep_ms(unsigned ms) {
     nanosleep(&(struct timespec){.tv_sec = ms / 1000, .tv_nsec = (long)(ms % 1000) * 1000000}, NULL);
 }
 
+/* ---- waiting ---- */
+
+/* Events of the folder where programs write their output and their port. What happens between a look at a
+ * condition and the wait for the next event is in the queue. */
+static int folder_events = -1;
+
+static void watch_folder(void) {
+    if (folder_events >= 0) return;
+    char *folder = strdup(lw_support_temporary("")); /* with a slash at its end */
+    assert_non_null(folder);
+    folder_events = inotify_init1(IN_CLOEXEC | IN_NONBLOCK);
+    if (inotify_add_watch(folder_events, folder, IN_MODIFY | IN_CREATE | IN_MOVED_TO | IN_DELETE) < 0)
+        fail_msg("cannot watch %s: %s", folder, strerror(errno));
+    free(folder);
+}
+
+static void forget_events(void) {
+    char events[4096];
+    while (read(folder_events, events, sizeof events) > 0) {
+    }
+}
+
+/* Until something is written there, the program ends, or it is time to look again. */
+static void wait_for_event(const struct lw_process *process) {
+    const int end =
+        process->pid ? pidfd_open(process->pid, 0) : -1; /* it polls as readable from its end on */
+    struct pollfd event[] = {{.fd = folder_events, .events = POLLIN}, {.fd = end, .events = POLLIN}};
+    poll(event, 2, LOOK_AGAIN_MS);
+    forget_events();
+    if (end >= 0) close(end);
+}
+
+static uint64_t limit_ns(unsigned limit_s) { return lw_clock_ns() + limit_s * 1000000000ull; }
+
+bool lw_process_await(struct lw_process *process, bool (*is_so)(void *context), void *context) {
+    const uint64_t deadline_ns = limit_ns(LW_PROCESS_LIMIT_S);
+    watch_folder();
+    for (;;) {
+        const bool runs = lw_process_runs(process);
+        if (is_so(context)) return true;
+        if (!runs) return false;
+        if (lw_clock_ns() > deadline_ns)
+            fail_msg("waited for %u s in vain; it said: %s", LW_PROCESS_LIMIT_S, lw_process_err(process));
+        wait_for_event(process);
+    }
+}
+
+static bool file_is_there(void *path) { return access(path, F_OK) == 0; }
+
+bool lw_process_await_file(struct lw_process *process, const char *path) {
+    return lw_process_await(process, file_is_there, (void *)path);
+}
+
+struct text_in_file {
+    const char *path, *text;
+};
+
+static bool text_is_there(void *context) {
+    const struct text_in_file *in = context;
+    size_t size;
+    char *said = (char *)lw_support_read_file(in->path, &size);
+    const bool there = strstr(said, in->text) != NULL;
+    free(said);
+    return there;
+}
+
+void lw_process_await_text(struct lw_process *process, const char *text) {
+    if (!lw_process_await(process, text_is_there, &(struct text_in_file){process->err, text}))
+        fail_msg("ended without \"%s\"; it said: %s", text, lw_process_err(process));
+}
+
 /* ---- starting ---- */
 
 static char given_display[32];
+static int given_input = -1; /* of the next program; -1: ours */
 
 void lw_process_set_display(const char *display) {
     snprintf(given_display, sizeof given_display, "%s", display ? display : "");
@@ -38,13 +114,13 @@ static void make_temporary(void) {
     if (mkdir(lw_support_temporary("tmp"), 0700) != 0 && errno != EEXIST) fail_msg("cannot make a folder");
 }
 
-static void find_program(char *path, size_t size, const char *program) {
+void lw_process_find(char *path, size_t size, const char *file) {
     char self[512];
     ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
     assert_true(length > 0);
     self[length] = '\0';
     *strrchr(self, '/') = '\0';
-    assert_true((size_t)snprintf(path, size, "%s/%s", self, program) < size);
+    assert_true((size_t)snprintf(path, size, "%s/%s", self, file) < size);
 }
 
 /* In the child. The parent's death is ours: nothing is left running where a test is killed. */
@@ -59,6 +135,7 @@ static void become(const char *path, char **argv, const int outputs[2], pid_t pa
     else
         unsetenv("DISPLAY");
     unsetenv("WAYLAND_DISPLAY");
+    if (given_input >= 0) dup2(given_input, STDIN_FILENO);
     dup2(outputs[0], STDOUT_FILENO);
     dup2(outputs[1], STDERR_FILENO);
     execv(path, argv);
@@ -87,7 +164,8 @@ void lw_process_start(struct lw_process *process, const char *program, const cha
     char path[600], line[2048], *argv[WORDS_MAX] = {path};
     *process = (struct lw_process){0};
     make_temporary();
-    find_program(path, sizeof path, program);
+    watch_folder();
+    lw_process_find(path, sizeof path, program);
     assert_true((size_t)snprintf(line, sizeof line, "%s", arguments) < sizeof line);
     int argc = 1;
     for (char *word = strtok(line, " "); word; word = strtok(NULL, " ")) {
@@ -127,17 +205,19 @@ static void kill_and_reap(struct lw_process *process) {
 
 int lw_process_finish(struct lw_process *process, unsigned limit_s) {
     assert_true(process->pid > 0);
-    uint64_t deadline_ns = lw_clock_ns() + limit_s * 1000000000ull;
+    const uint64_t deadline_ns = limit_ns(limit_s);
     while (lw_process_runs(process)) {
         if (lw_clock_ns() > deadline_ns) {
             kill_and_reap(process);
             fail_msg("did not end within %u s; it said: %s", limit_s, lw_process_err(process));
         }
-        lw_process_sleep_ms(2);
+        wait_for_event(process);
     }
     int status;
     assert_int_equal(waitpid(process->pid, &status, 0), process->pid);
     forget(process);
+    if (process->in) close(process->in);
+    process->in = 0;
     return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
 }
 
@@ -209,16 +289,28 @@ void lw_process_serve(struct lw_process *process, const char *arguments) {
                                  port_file, arguments) < sizeof line);
     lw_process_start(process, "lightwelld", line);
     snprintf(process->port_file, sizeof process->port_file, "%s", port_file);
-    uint64_t deadline_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
-    while (access(port_file, R_OK) != 0) {
-        if (!lw_process_runs(process) || lw_clock_ns() > deadline_ns)
-            fail_msg("lightwelld %s does not serve: %s", line, lw_process_err(process));
-        lw_process_sleep_ms(2);
-    }
+    if (!lw_process_await_file(process, port_file))
+        fail_msg("lightwelld %s does not serve: %s", line, lw_process_err(process));
     char *text = text_of(port_file); /* written whole, then renamed */
     assert_non_null(strchr(text, '\n'));
     process->port = (uint16_t)atoi(text);
     free(text);
+}
+
+void lw_process_serve_by_hand(struct lw_process *process, const char *arguments) {
+    char line[2048];
+    int ends[2];
+    assert_int_equal(pipe2(ends, O_CLOEXEC), 0);
+    assert_true((size_t)snprintf(line, sizeof line, "--clock manual %s", arguments) < sizeof line);
+    given_input = ends[0];
+    lw_process_serve(process, line);
+    given_input = -1;
+    close(ends[0]);
+    process->in = ends[1];
+}
+
+void lw_process_step(struct lw_process *process, unsigned frames) {
+    while (frames--) assert_int_equal(write(process->in, "\n", 1), 1);
 }
 
 /* ---- what a daemon with --json says ---- */
@@ -231,19 +323,58 @@ double lw_process_number(const char *line, const char *key) {
     return atof(at + strlen(quoted));
 }
 
-double lw_process_newest(const struct lw_process *process, const char *key) {
-    for (uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull; lw_clock_ns() < end_ns;) {
-        char *text = lw_process_out(process), *end = strrchr(text, '\n');
-        if (end) {
-            *end = '\0';
-            char *start = strrchr(text, '\n');
-            double number = lw_process_number(start ? start + 1 : text, key);
-            free(text);
-            return number;
-        }
-        free(text);
-        lw_process_sleep_ms(10);
+/* The newest whole line on stdout, without what is before it; NULL: there is none yet. The caller frees. */
+static char *newest_line(const char *path) {
+    char *text = calloc(1, FRAME_MAX + 1), *line = NULL;
+    FILE *file = fopen(path, "rbe");
+    assert_true(text && file);
+    assert_int_equal(fseek(file, 0, SEEK_END), 0);
+    const long size = ftell(file);
+    assert_int_equal(fseek(file, size > FRAME_MAX ? size - FRAME_MAX : 0, SEEK_SET), 0);
+    const size_t got = fread(text, 1, FRAME_MAX, file);
+    fclose(file);
+    char *end = memrchr(text, '\n', got);
+    if (end) {
+        *end = '\0';
+        const char *start = memrchr(text, '\n', (size_t)(end - text));
+        assert_true(start || size <= FRAME_MAX); /* a line is no longer */
+        assert_non_null(line = strdup(start ? start + 1 : text));
     }
-    fail_msg("no frame within %u s", LIMIT_S);
-    return 0;
+    free(text);
+    return line;
+}
+
+static bool has_a_line(void *path) {
+    char *line = newest_line(path);
+    free(line);
+    return line != NULL;
+}
+
+double lw_process_newest(const struct lw_process *process, const char *key) {
+    char *line = newest_line(process->out);
+    if (!line) {
+        struct lw_process waited = *process;
+        if (!lw_process_await(&waited, has_a_line, waited.out))
+            fail_msg("ended without a frame; it said: %s", lw_process_err(process));
+        line = newest_line(process->out);
+    }
+    const double number = lw_process_number(line, key);
+    free(line);
+    return number;
+}
+
+struct frames {
+    const struct lw_process *process;
+    double number;
+};
+
+static bool frame_is_there(void *context) {
+    const struct frames *f = context;
+    return lw_process_newest(f->process, "frame") >= f->number;
+}
+
+void lw_process_await_frames(struct lw_process *process, unsigned count) {
+    struct frames f = {process, lw_process_newest(process, "frame") + count};
+    if (!lw_process_await(process, frame_is_there, &f))
+        fail_msg("ended before frame %g; it said: %s", f.number, lw_process_err(process));
 }

@@ -8,12 +8,17 @@
 #include <stdbool.h>
 #include <sys/types.h>
 
+/** Seconds after which a test gives up whatever it waits for. It ends what hangs and judges nothing: under the
+ * time limit of a test, so that the test can say what it waited for. */
+#define LW_PROCESS_LIMIT_S 550u
+
 /** A program that was started. Its output goes to files of the test's own folder. */
 struct lw_process {
     pid_t pid; /* 0: it ended and was waited for */
     char out[128], err[128];
     char port_file[128]; /* lw_process_serve() only */
     uint16_t port;       /* lw_process_serve() only */
+    int in;              /* lw_process_serve_by_hand() only, until its end */
 };
 
 /** Starts a program of the build; `arguments` are words separated by blanks. It finds no display but
@@ -22,12 +27,19 @@ struct lw_process {
  * Ends the test where it cannot be started. */
 void lw_process_start(struct lw_process *process, const char *program, const char *arguments);
 
+/** Path of a file beside the test's own program. */
+void lw_process_find(char *path, size_t size, const char *file);
+
 /** The display that programs find from now on; NULL, as at first: none. */
 void lw_process_set_display(const char *display);
 
 /** Starts lightwelld on a free port of 127.0.0.1, or on a --listen among the arguments, and waits until it
- * serves. Ends the test where that takes more than a minute, or where the daemon ends instead. */
+ * serves. Ends the test where the daemon ends instead. */
 void lw_process_serve(struct lw_process *process, const char *arguments);
+
+/** The same under --clock manual: frames come when lw_process_step() asks for them. */
+void lw_process_serve_by_hand(struct lw_process *process, const char *arguments);
+void lw_process_step(struct lw_process *process, unsigned frames);
 
 /** Whether it has not ended yet. */
 bool lw_process_runs(struct lw_process *process);
@@ -35,6 +47,20 @@ bool lw_process_runs(struct lw_process *process);
 /** Waits for its end and returns its exit code, or minus the number of the signal that ended it. Ends the
  * test after limit_s. */
 int lw_process_finish(struct lw_process *process, unsigned limit_s);
+
+/** Waits until this is so. It is asked at first, each time that a program writes to its output or that a file of
+ * the folder of lw_support_temporary() is made, renamed or removed, at the program's end, and now and then for
+ * what gives no event. The functions below wait the same way. False: the program has ended, and it is not so. */
+bool lw_process_await(struct lw_process *process, bool (*is_so)(void *context), void *context);
+
+/** Waits for a file in that folder. */
+bool lw_process_await_file(struct lw_process *process, const char *path);
+
+/** Waits until this stands on its stderr; ends the test where the program ends without it. */
+void lw_process_await_text(struct lw_process *process, const char *text);
+
+/** Waits for so many more frames of a lightwelld --json. */
+void lw_process_await_frames(struct lw_process *process, unsigned count);
 
 /** Sends a signal and finishes. */
 int lw_process_stop(struct lw_process *process, int signal_number, unsigned limit_s);
@@ -61,8 +87,7 @@ char *lw_process_err(const struct lw_process *process);
 /** The number under a key of a line of JSON, or ends the test: there is none. */
 double lw_process_number(const char *line, const char *key);
 
-/** The same of the newest whole line on stdout, as lightwelld --json prints one a frame. Ends the test where
- * none comes within a minute. */
+/** The same of the newest whole line on stdout, as lightwelld --json prints one a frame; waits for the first. */
 double lw_process_newest(const struct lw_process *process, const char *key);
 
 /** Ends the test unless nothing is left in the programs' $TMPDIR. */
