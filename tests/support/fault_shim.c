@@ -5,6 +5,7 @@
  *                     the first connection the first, of each further one that many later than before. How
  *                     many there were until the next connection goes to stderr
  *   FAULT_CALLERS     who asked for the allocation that fails goes to stderr
+ *   FAULT_KILL        at the Nth write to a regular file the process gets SIGKILL
  *   FAULT_WRITE       the Nth write to a regular file, and all after it, fail; with FAULT_ERRNO, or, where
  *                     that is 0, write one byte and no more
  *   FAULT_SIGNAL      at the Nth allocation the process gets SIGTERM
@@ -35,7 +36,7 @@ void *__libc_realloc(void *memory, size_t size);
 void *__libc_memalign(size_t alignment, size_t size);
 
 static _Atomic long allocations, writes;
-static long failing_allocation, failing_write, clock_jump_s, signalling_allocation;
+static long failing_allocation, failing_write, killing_write, clock_jump_s, signalling_allocation;
 static int write_errno;
 static int joins_in_vain;
 static _Atomic int ready;
@@ -62,6 +63,7 @@ __attribute__((constructor)) static void begin(void) {
     write_errno = (int)number_of("FAULT_ERRNO");
     clock_jump_s = number_of("FAULT_CLOCK");
     signalling_allocation = number_of("FAULT_SIGNAL");
+    killing_write = number_of("FAULT_KILL");
     joins_in_vain = getenv("FAULT_JOIN") != NULL;
     if (getenv("FAULT_COUNT")) atexit(tell);
     by_connection = number_of("FAULT_CONNECTION");
@@ -72,6 +74,12 @@ __attribute__((constructor)) static void begin(void) {
 }
 
 /* ---- memory ---- */
+
+/* A connection has failed: who visits need not wait for an answer. */
+static int tell_failure(void) {
+    static const char text[] = "fault_shim: failed\n";
+    return syscall(SYS_write, STDERR_FILENO, text, sizeof text - 1) > 0;
+}
 
 static int tell_callers(void) {
     void *caller[32];
@@ -85,7 +93,8 @@ static int fails(void) {
     if (!ready) return 0;
     if (by_connection)
         return connections && is_main() &&
-               ++allocations_of_connection == (connections - 1) * by_connection + 1 && tell_callers();
+               ++allocations_of_connection == (connections - 1) * by_connection + 1 && tell_failure() &&
+               tell_callers();
     const long number = ++allocations;
     if (number == signalling_allocation) kill(getpid(), SIGTERM);
     return number == failing_allocation && tell_callers();
@@ -132,7 +141,10 @@ static int is_file(int fd) {
 
 /* 0: as ever. 1: it fails, errno is set. 2: it is cut short. */
 static int write_fault(int fd) {
-    if (!ready || fd <= STDERR_FILENO || !is_file(fd) || ++writes < failing_write || !failing_write) return 0;
+    if (!ready || fd <= STDERR_FILENO || !is_file(fd)) return 0;
+    const long number = ++writes;
+    if (number == killing_write) kill(getpid(), SIGKILL);
+    if (!failing_write || number < failing_write) return 0;
     if (!write_errno) return 2;
     errno = write_errno;
     return 1;
