@@ -8,11 +8,12 @@
 #include <string.h>
 #include <unistd.h>
 
-#define LIMIT_S 120
+#define LIMIT_S LW_PROCESS_LIMIT_S
 #define SMALL                                                                                                \
-    "crossover builtin:cornell --texels-per-metre 40 --size 64x36 --reference-samples 8 --repeats 1 --warm " \
-    "1 "                                                                                                     \
-    "--densities 1 --alone 1 "
+    "crossover builtin:cornell --texels-per-metre 16 --size 64x36 --reference-samples 8 --repeats 1 "        \
+    "--warm 1 --seconds 0.1 --densities 1 --alone 1 "
+/* One opponent, one path. */
+#define SMALLEST SMALL "--opponents svgf --bounces 1 "
 
 static int run(const char *arguments, struct lw_process *process) {
     lw_process_start(process, "lightwell-load", arguments);
@@ -117,26 +118,14 @@ static void measures_reports_and_goes_on(void **state) {
     free(said);
 }
 
-/* Waits for a text on stderr. */
-static void await_text(const struct lw_process *process, const char *text) {
-    for (int i = 0;; i++) {
-        char *said = lw_process_err(process);
-        const bool there = strstr(said, text) != NULL;
-        free(said);
-        if (there) return;
-        if (i > LIMIT_S * 20) fail_msg("no \"%s\" in %d s", text, LIMIT_S);
-        lw_process_sleep_ms(50);
-    }
-}
-
 static void an_interruption_keeps_what_is_there(void **state) {
     (void)state;
     struct lw_process process;
     char arguments[500];
     const char *folder = lw_support_temporary("interrupted");
-    snprintf(arguments, sizeof arguments, SMALL "-o %s", folder);
+    snprintf(arguments, sizeof arguments, SMALLEST "-o %s", folder);
     lw_process_start(&process, "lightwell-load", arguments);
-    await_text(&process, "repeat 1, svgf, 1 path:");
+    lw_process_await_text(&process, "repeat 1, svgf, 1 path:");
     assert_int_equal(lw_process_stop(&process, SIGINT, LIMIT_S), 75);
     char *costs = lw_support_read_text(folder, "costs.csv");
     assert_int_equal(count_lines(costs, "svgf,1 path,0,"), 13);
@@ -162,6 +151,15 @@ static pid_t server_of(pid_t parent) {
     return found;
 }
 
+struct server {
+    pid_t parent, pid;
+};
+
+static bool has_server(void *context) {
+    struct server *server = context;
+    return (server->pid = server_of(server->parent)) != 0;
+}
+
 static void a_server_that_dies_is_told_and_the_rest_measured(void **state) {
     (void)state;
     struct lw_process process;
@@ -169,12 +167,9 @@ static void a_server_that_dies_is_told_and_the_rest_measured(void **state) {
     const char *folder = lw_support_temporary("dies");
     snprintf(arguments, sizeof arguments, SMALL "-o %s", folder);
     lw_process_start(&process, "lightwell-load", arguments);
-    pid_t server = 0;
-    for (int i = 0; !(server = server_of(process.pid)); i++) {
-        if (i > LIMIT_S * 50) fail_msg("no server in %d s", LIMIT_S);
-        lw_process_sleep_ms(20);
-    }
-    kill(server, SIGKILL); /* the first setting's */
+    struct server server = {.parent = process.pid};
+    assert_true(lw_process_await(&process, has_server, &server));
+    kill(server.pid, SIGKILL); /* the first setting's */
     assert_int_equal(lw_process_finish(&process, LIMIT_S) == 0, 0);
     char *said = lw_process_err(&process), *report = lw_support_read_text(folder, "report.md");
     assert_non_null(strstr(said, "cache, x1 1+1 rest 0.2: not measured: "));
@@ -194,7 +189,7 @@ static void a_scene_without_motion_is_a_report(void **state) {
     struct lw_process process;
     char arguments[500];
     const char *folder = lw_support_temporary("sunless");
-    snprintf(arguments, sizeof arguments, SMALL "--motion sun-swing -o %s", folder);
+    snprintf(arguments, sizeof arguments, SMALLEST "--motion sun-swing -o %s", folder);
     lw_process_expect(&process, run(arguments, &process), 65);
     char *said = lw_process_err(&process), *report = lw_support_read_text(folder, "report.md");
     assert_non_null(strstr(said, "it has no sun"));
