@@ -17,7 +17,7 @@ static const char *make_token(const char *role, const char *name) {
     char arguments[40];
     snprintf(arguments, sizeof arguments, "token %s", role);
     lw_process_start(&ctl, "lightwellctl", arguments);
-    lw_process_expect(&ctl, lw_process_finish(&ctl, 60), 0);
+    lw_process_expect(&ctl, lw_process_finish(&ctl, LW_PROCESS_LIMIT_S), 0);
     char *line = lw_process_out(&ctl);
     assert_int_equal(strlen(line), strlen(role) + 1 + 2 * LW_TOKEN_SIZE + 1);
     const char *path = lw_support_temporary(name);
@@ -55,7 +55,7 @@ static int run(const char *program, const char *options, const char *token_file,
     snprintf(arguments, sizeof arguments, "%u %s%s%s", server.port, options,
              token_file ? " --token-file " : "", token_file ? token_file : "");
     lw_process_start(&process, program, arguments);
-    const int code = lw_process_finish(&process, 120);
+    const int code = lw_process_finish(&process, LW_PROCESS_LIMIT_S);
     char *text = lw_process_err(&process);
     if (said && !strstr(text, said)) fail_msg("%s %s said %s", program, arguments, text);
     free(text);
@@ -93,7 +93,7 @@ static void test_programs_with_tokens(void **state) {
     free(line);
     assert_int_equal(chmod(view, 0644), 0);
     assert_int_equal(run("lightwellctl", "status", view, "--token-file: "), 65);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
 }
 
 static void test_programs_by_the_control_socket(void **state) {
@@ -104,19 +104,19 @@ static void test_programs_by_the_control_socket(void **state) {
     assert_int_equal(mkdir(lw_support_temporary("runtime"), 0700), 0);
     lw_process_serve(&server, "builtin:cornell --http none --freeze 0");
     assert_int_equal(run("lightwellctl", "sky 1 1 1", NULL, NULL), 0); /* found by the port */
-    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
     snprintf(arguments, sizeof arguments, "builtin:cornell --http none --freeze 0 --control-socket %s", path);
     lw_process_serve(&server, arguments);
     assert_int_equal(run("lightwellctl", "sky 1 1 1", NULL, "a token for control"), 69);
     struct lw_process ctl;
     snprintf(arguments, sizeof arguments, "unix:%s sky 1 1 1", path);
     lw_process_start(&ctl, "lightwellctl", arguments);
-    lw_process_expect(&ctl, lw_process_finish(&ctl, 60), 0);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+    lw_process_expect(&ctl, lw_process_finish(&ctl, LW_PROCESS_LIMIT_S), 0);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
     assert_int_equal(rmdir(lw_support_temporary("runtime/lightwell")), 0); /* the socket has gone */
     assert_int_equal(rmdir(lw_support_temporary("runtime")), 0);
     lw_process_start(&ctl, "lightwellctl", arguments);
-    lw_process_expect(&ctl, lw_process_finish(&ctl, 60), 69);
+    lw_process_expect(&ctl, lw_process_finish(&ctl, LW_PROCESS_LIMIT_S), 69);
 }
 
 int main(void) {

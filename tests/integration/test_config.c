@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LIMIT_S 60
+#define LIMIT_S LW_PROCESS_LIMIT_S
 
 static const char *file_of(const char *text) {
     static char path[512];

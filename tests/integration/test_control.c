@@ -17,7 +17,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LIMIT_S 60
+#define LIMIT_S LW_PROCESS_LIMIT_S
 #define BLOCK   8u /* pixels: means over blocks are compared */
 #define CAMERA  "0,0.99,3.4:0,0.99,0:40"
 
@@ -258,7 +258,7 @@ static double wait_until_near(const struct image *reference, double near) {
     for (const uint64_t limit_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;;) {
         const double now = difference(reference);
         if (now < near) return now;
-        if (lw_clock_ns() > limit_ns) fail_msg("%.4f off after %d s, not %.4f", now, LIMIT_S, near);
+        if (lw_clock_ns() > limit_ns) fail_msg("%.4f off after %u s, not %.4f", now, LIMIT_S, near);
     }
 }
 

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LIMIT_S 60
+#define LIMIT_S LW_PROCESS_LIMIT_S
 
 static struct lw_process server;
 
@@ -27,8 +27,7 @@ static int stop(void **state) {
 
 /* What the server has sent; it says so at the end of each frame. */
 static double bytes_sent(void) {
-    const double frame = lw_process_newest(&server, "frame");
-    while (lw_process_newest(&server, "frame") < frame + 2) lw_process_sleep_ms(5);
+    lw_process_await_frames(&server, 2);
     return lw_process_newest(&server, "bytes_sent");
 }
 

@@ -145,7 +145,7 @@ static uint64_t limit_ns(void) { return lw_clock_ns() + LIMIT_S * 1000000000ull;
 static void wait_complete(const struct lw_client *client) {
     for (uint64_t deadline_ns = limit_ns(); !is_complete(client);) {
         assert_true(poll_all() > 0);
-        if (lw_clock_ns() > deadline_ns) fail_msg("no complete light within %d s", LIMIT_S);
+        if (lw_clock_ns() > deadline_ns) fail_msg("no complete light within %u s", LIMIT_S);
     }
 }
 
@@ -173,7 +173,7 @@ static void settle(const struct lw_process *daemon, unsigned first) {
             tiles += stats_of(viewers.client[i]).tiles;
         }
         if (tiles && is_settled(daemon, tiles)) return;
-        if (lw_clock_ns() > deadline_ns) fail_msg("not converged within %d s", LIMIT_S);
+        if (lw_clock_ns() > deadline_ns) fail_msg("not converged within %u s", LIMIT_S);
         poll_all();
     }
 }
@@ -489,7 +489,7 @@ static void misbehaving_peers_hurt_nobody(void **state) {
     for (uint64_t end_ns = limit_ns();
          stats_of(good).frame <= frame + 20 || stats_of(good).tiles <= tiles + 20;) {
         poll_all();
-        if (lw_clock_ns() > end_ns) fail_msg("not served within %d s", LIMIT_S);
+        if (lw_clock_ns() > end_ns) fail_msg("not served within %u s", LIMIT_S);
     }
     long after_kb = resident_kb(&daemon);
     assert_true(lw_process_runs(&daemon));
@@ -541,26 +541,6 @@ static void a_signal_ends_a_long_frame(void **state) {
     free(out);
 }
 
-/* A child of the process, or 0. */
-static pid_t child_of(pid_t parent) {
-    pid_t child = 0;
-    DIR *processes = opendir("/proc");
-    assert_non_null(processes);
-    for (struct dirent *entry; !child && (entry = readdir(processes));) {
-        char path[300], line[512] = "";
-        int its_parent = 0;
-        snprintf(path, sizeof path, "/proc/%s/stat", entry->d_name);
-        FILE *file = fopen(path, "r");
-        if (!file) continue;
-        const char *name_end = fgets(line, sizeof line, file) ? strrchr(line, ')') : NULL;
-        if (name_end && sscanf(name_end, ") %*c %d", &its_parent) == 1 && its_parent == parent)
-            child = atoi(entry->d_name);
-        fclose(file);
-    }
-    closedir(processes);
-    return child;
-}
-
 /* ThreadSanitizer's runtime puts signals off, and of those that come while a process is being spawned it
  * loses one in a thousand: the handler is never called. It also leaves $TMPDIR/tsan.rodata.PID where it is
  * killed as it starts. Nothing here runs in two threads yet. */
@@ -576,7 +556,7 @@ struct importer {
 static bool importer_is_there(void *context) {
     struct importer *importer = context;
     char path[64], name[32] = "";
-    if (!importer->pid) importer->pid = child_of(importer->parent);
+    if (!importer->pid) importer->pid = lw_process_child_of(importer->parent);
     if (!importer->pid || !importer->must_be_itself) return importer->pid != 0;
     snprintf(path, sizeof path, "/proc/%d/comm", (int)importer->pid);
     FILE *file = fopen(path, "re");
@@ -882,7 +862,7 @@ static unsigned watch_frames(const struct lw_client *client, unsigned count, dou
     uint64_t frame = 0;
     for (uint64_t deadline_ns = limit_ns(); seen < count;) {
         assert_int_equal(poll_all(), viewers.count);
-        if (lw_clock_ns() > deadline_ns) fail_msg("%u frames within %d s", seen, LIMIT_S);
+        if (lw_clock_ns() > deadline_ns) fail_msg("%u frames within %u s", seen, LIMIT_S);
         struct lw_client_stats stats = stats_of(client);
         if (stats.frame == frame) continue;
         frame = stats.frame;

@@ -14,7 +14,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#define LIMIT_S 60u
+#define LIMIT_S LW_PROCESS_LIMIT_S
 
 static char package[256];
 static bool parent_is_gone;
@@ -80,17 +80,8 @@ static pid_t only_child_of(pid_t process) {
 }
 
 static void expect_end(pid_t process) {
-    int status;
-    for (uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull; lw_clock_ns() < end_ns;) {
-        if (waitpid(process, &status, WNOHANG) == process) {
-            assert_true(WIFEXITED(status) && WEXITSTATUS(status) == 0); /* in order */
-            return;
-        }
-        lw_process_sleep_ms(10);
-    }
-    kill(process, SIGKILL);
-    waitpid(process, NULL, 0);
-    fail_msg("the server outlives what started it by %u s", LIMIT_S);
+    struct lw_process server = {.pid = process};
+    assert_int_equal(lw_process_finish(&server, LIMIT_S), 0); /* in order */
 }
 
 static void ends_with_who_is_killed(bool real_clock) {

@@ -130,7 +130,7 @@ static double light_at(uint16_t port) {
     double sum = 0;
     while (!is_at_rest(client)) {
         lw_support_ok(lw_client_poll(client, 10, &err), &err);
-        if (lw_clock_ns() > end_ns) fail_msg("no light within %d s", LIMIT_S);
+        if (lw_clock_ns() > end_ns) fail_msg("no light within %u s", LIMIT_S);
     }
     for (uint32_t o = 0; o < lw_client_atlas_map(client)->object_count; o++) {
         const struct lw_client_level level = lw_client_get_level(client, o, 0);

@@ -82,7 +82,7 @@ static void wait_for_all(struct run *run) {
     const uint64_t deadline_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
     while (!has_all(run->client, 1)) {
         poll_once(run);
-        if (lw_clock_ns() > deadline_ns) fail_msg("no light within %d s", LIMIT_S);
+        if (lw_clock_ns() > deadline_ns) fail_msg("no light within %u s", LIMIT_S);
     }
 }
 
@@ -92,7 +92,7 @@ static void wait_for_rest(struct run *run) {
     wait_for_all(run);
     while (worst_error(run->client) > TARGET || lw_process_newest(&run->daemon, "tiles_solved") > 0) {
         poll_once(run);
-        if (lw_clock_ns() > deadline_ns) fail_msg("not converged within %d s", LIMIT_S);
+        if (lw_clock_ns() > deadline_ns) fail_msg("not converged within %u s", LIMIT_S);
     }
 }
 

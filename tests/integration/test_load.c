@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LIMIT_S   60   /* for what takes a few seconds on a quiet machine */
+#define LIMIT_S   LW_PROCESS_LIMIT_S
 #define WINDOW_MS 1000 /* of a run that is cut short */
 
 #define NEVER_RESTS                                                                                          \
@@ -85,13 +85,13 @@ static json_t *load(const struct lw_process *daemon, const char *arguments) {
 static void wait_for_users(const struct lw_process *daemon, unsigned users) {
     const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
     while (lw_process_newest(daemon, "sessions") != users) {
-        if (lw_clock_ns() > end_ns) fail_msg("no %u users within %d s", users, LIMIT_S);
+        if (lw_clock_ns() > end_ns) fail_msg("no %u users within %u s", users, LIMIT_S);
         lw_process_sleep_ms(10);
     }
     const double last = lw_process_newest(daemon, "frame") + 10;
     lw_process_sleep_ms(WINDOW_MS);
     while (lw_process_newest(daemon, "frame") < last) {
-        if (lw_clock_ns() > end_ns) fail_msg("no frames within %d s", LIMIT_S);
+        if (lw_clock_ns() > end_ns) fail_msg("no frames within %u s", LIMIT_S);
         lw_process_sleep_ms(10);
     }
 }

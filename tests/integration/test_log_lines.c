@@ -8,7 +8,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#define LIMIT_S 60
+#define LIMIT_S LW_PROCESS_LIMIT_S
 #define SCENE   "builtin:cornell --texels-per-metre 8 --light whole --frames 2 --http none "
 
 static char *run(const char *arguments) {

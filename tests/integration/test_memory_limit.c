@@ -8,7 +8,7 @@
 #include <string.h>
 #include <sys/resource.h>
 
-#define LIMIT_S 120
+#define LIMIT_S LW_PROCESS_LIMIT_S
 #define SCENE                                                                                                \
     "builtin:cornell --texels-per-metre 200 --threads 1 --light whole --frames 1 --listen 127.0.0.1:0 "      \
     "--http none"

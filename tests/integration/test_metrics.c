@@ -11,7 +11,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define LIMIT_S 60
+#define LIMIT_S LW_PROCESS_LIMIT_S
 #define SCENE   "builtin:cornell --texels-per-metre 8 --light whole --http none --metrics 127.0.0.1:0 "
 
 static struct lw_process daemon_process;
@@ -23,8 +23,7 @@ static void serve(const char *arguments) {
     (void)unlink(port_file);
     snprintf(line, sizeof line, SCENE "--metrics-port-file %s %s", port_file, arguments);
     lw_process_serve(&daemon_process, line);
-    FILE *file = NULL; /* it is written after the port that lw_process_serve() waits for */
-    for (int i = 0; !(file = fopen(port_file, "re")) && i < LIMIT_S * 100; i++) lw_process_sleep_ms(10);
+    FILE *file = fopen(port_file, "re"); /* it is written before the one that lw_process_serve() waits for */
     assert_non_null(file);
     assert_non_null(fgets(text, sizeof text, file));
     fclose(file);
@@ -69,11 +68,12 @@ static double metric(const char *sample) {
     return value;
 }
 
-static void await_ready(void) {
-    unsigned status = 0;
-    for (int i = 0; i < LIMIT_S * 10 && (status = ask("/readyz", NULL)) != 200; i++) lw_process_sleep_ms(100);
-    assert_int_equal(status, 200);
+static bool is_ready(void *context) {
+    (void)context;
+    return ask("/readyz", NULL) == 200;
 }
+
+static void await_ready(void) { assert_true(lw_process_await(&daemon_process, is_ready, NULL)); }
 
 /* Ready is who has light; alive is who has none yet, too. */
 static void test_ready_with_light(void **state) {
@@ -103,18 +103,24 @@ static void test_ready_with_light(void **state) {
     assert_int_equal(lw_process_finish(&daemon_process, LIMIT_S), 0);
 }
 
+static bool is_unhealthy(void *context) {
+    char *body;
+    (void)context;
+    const bool unhealthy = ask("/healthz", &body) == 503;
+    if (unhealthy) assert_string_equal(body, "the solver makes no progress\n");
+    free(body);
+    return unhealthy;
+}
+
 static void test_a_hang_is_not_healthy(void **state) {
     (void)state;
-    char *body;
     serve("--stall-limit 0.001 --texels-per-metre 100 --threads 1 --clock step --error 1e-6");
-    unsigned status = 0;
-    for (int i = 0; i < LIMIT_S * 100 && status != 503; i++) {
-        lw_process_sleep_ms(10);
-        status = ask("/healthz", &body);
-        if (status == 503) assert_string_equal(body, "the solver makes no progress\n");
-        free(body);
-    }
-    assert_int_equal(status, 503);
+    assert_true(lw_process_await(&daemon_process, is_unhealthy, NULL));
+}
+
+static bool has_no_session(void *context) {
+    (void)context;
+    return metric("lightwell_sessions") == 0;
 }
 
 /* What clients get, and what that costs, is counted. */
@@ -129,7 +135,7 @@ static void test_clients_are_counted(void **state) {
     snprintf(arguments, sizeof arguments, "127.0.0.1:%u --users 3 --seconds 2", daemon_process.port);
     lw_process_start(&load, "lightwell-load", arguments);
     lw_process_expect(&load, lw_process_finish(&load, LIMIT_S), 0);
-    for (int i = 0; i < LIMIT_S * 10 && metric("lightwell_sessions") != 0; i++) lw_process_sleep_ms(100);
+    assert_true(lw_process_await(&daemon_process, has_no_session, NULL));
     assert_int_equal(ask("/metrics", &after), 200);
     static const char *const grows[] = {"lightwell_sent_bytes_total",
                                         "lightwell_sent_tiles_total",

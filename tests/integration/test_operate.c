@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LIMIT_S 60
+#define LIMIT_S LW_PROCESS_LIMIT_S
 #define SCENE   "builtin:cornell --texels-per-metre 8 --light whole --http none "
 
 static struct lw_process server;
@@ -69,6 +69,14 @@ static void test_not_over_tcp(void **state) {
     lw_process_refuses("lightwellctl", "list --watch", 64, "--watch is for stats", LIMIT_S);
 }
 
+static bool has_two_lines(void *context) {
+    char *said = lw_process_out(context);
+    const char *first = strchr(said, '\n');
+    const bool two = first && strchr(first + 1, '\n');
+    free(said);
+    return two;
+}
+
 /* A line a second, until the server ends. */
 static void test_watch(void **state) {
     (void)state;
@@ -76,14 +84,8 @@ static void test_watch(void **state) {
     char line[400], *said;
     snprintf(line, sizeof line, "unix:%s stats --watch", socket_path);
     lw_process_start(&watch, "lightwellctl", line);
-    for (uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;;) {
-        said = lw_process_out(&watch);
-        const char *first = strchr(said, '\n'), *second = first ? strchr(first + 1, '\n') : NULL;
-        if (second) break;
-        if (lw_clock_ns() > end_ns) fail_msg("%s", said);
-        free(said);
-        lw_process_sleep_ms(50);
-    }
+    assert_true(lw_process_await(&watch, has_two_lines, &watch));
+    said = lw_process_out(&watch);
     assert_memory_equal(said, "sessions ", 9);
     free(said);
     lw_process_expect(&server, lw_process_stop(&server, SIGTERM, LIMIT_S), 0);

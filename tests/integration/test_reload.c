@@ -10,7 +10,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#define LIMIT_S 120
+#define LIMIT_S LW_PROCESS_LIMIT_S
 
 static struct lw_process daemon_process;
 static struct lw_live *live;
@@ -70,16 +70,7 @@ static void hang_up(void) { assert_int_equal(kill(daemon_process.pid, SIGHUP), 0
 
 /* Until it has said a text `times` times on stderr. */
 static void await_said(const char *text, unsigned times) {
-    for (uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;;) {
-        char *said = lw_process_err(&daemon_process);
-        unsigned count = 0;
-        for (const char *at = said; (at = strstr(at, text)) != NULL; at++) count++;
-        if (count < times && (lw_clock_ns() > end_ns || !lw_process_runs(&daemon_process)))
-            fail_msg("\"%s\" %u times, not %u, in: %s", text, count, times, said);
-        free(said);
-        if (count >= times) return;
-        lw_process_sleep_ms(10);
-    }
+    lw_process_await_texts(&daemon_process, text, times);
 }
 
 static struct lw_live_stats stats(void) {
@@ -198,6 +189,10 @@ static void test_options(void **state) {
     unsetenv("XDG_RUNTIME_DIR");
 }
 
+static bool is_reading(void *context) {
+    return lw_process_child_of(((struct lw_process *)context)->pid) != 0;
+}
+
 /* A stop while a large scene is being read, and while one hands over. */
 static void test_stop_meanwhile(void **state) {
     (void)state;
@@ -206,7 +201,7 @@ static void test_stop_meanwhile(void **state) {
     await_loop();
     write_config("builtin:city", "");
     hang_up();
-    lw_process_sleep_ms(300);
+    assert_true(lw_process_await(&daemon_process, is_reading, &daemon_process));
     hang_up(); /* it is told to wait */
     await_said("are being read since the last SIGHUP", 1);
     stop();

@@ -10,7 +10,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define LIMIT_S 120
+#define LIMIT_S LW_PROCESS_LIMIT_S
 #define SMALL                                                                                                \
     "builtin:cornell --texels-per-metre 12 --size 80x45 --seconds 0.2 --reference-samples 16 --users 1,2,4 " \
     "--repeats 2 "
@@ -151,6 +151,13 @@ static void both_sides_may_be_filtered(void **state) {
     free(csv);
 }
 
+static bool has_begun(void *context) {
+    char *said = lw_process_err(context);
+    const bool begun = strstr(said, "shared cache") || strstr(said, "svgf, 1 path");
+    free(said);
+    return begun;
+}
+
 static void an_interruption_keeps_what_is_there(void **state) {
     (void)state;
     struct lw_process process;
@@ -161,14 +168,7 @@ static void an_interruption_keeps_what_is_there(void **state) {
              "-o %s",
              folder);
     lw_process_start(&process, "lightwell-load", arguments);
-    for (int i = 0;; i++) {
-        char *said = lw_process_err(&process);
-        bool begun = strstr(said, "shared cache") || strstr(said, "svgf, 1 path");
-        free(said);
-        if (begun) break;
-        if (i > LIMIT_S * 20) fail_msg("nothing was measured in %d s", LIMIT_S);
-        lw_process_sleep_ms(50);
-    }
+    assert_true(lw_process_await(&process, has_begun, &process));
     kill(process.pid, SIGINT); /* timeout(1) sends two at once, which are one */
     assert_int_equal(lw_process_stop(&process, SIGINT, LIMIT_S), 0);
     char *report = lw_support_read_text(folder, "report.md"),

@@ -14,7 +14,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-#define LIMIT_S     60
+#define LIMIT_S     LW_PROCESS_LIMIT_S
 #define WATCHDOG_US "300000"
 #define SCENE       "builtin:cornell --texels-per-metre 8 --light whole "
 

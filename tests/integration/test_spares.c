@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LIMIT_NS    60000000000ull
+#define LIMIT_NS    (LW_PROCESS_LIMIT_S * 1000000000ull)
 #define SETTLING_NS 700000000ull /* hundreds of frames */
 #define CORNELL     "builtin:cornell --texels-per-metre 8 --threads 1 --frame-rate 500 --spares 2"
 
@@ -18,7 +18,7 @@ static struct lw_process server;
 
 static void serve(const char *arguments) { lw_process_serve(&server, arguments); }
 
-static void stop(void) { assert_int_equal(lw_process_stop(&server, SIGTERM, 20), 0); }
+static void stop(void) { assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0); }
 
 static int kill_all(void **state) {
     (void)state;
@@ -316,7 +316,7 @@ static void bad_spares_end_the_daemon_with_a_line(void **state) {
         struct lw_process p;
         snprintf(arguments, sizeof arguments, "builtin:cornell --texels-per-metre 8 --spares %s", bad[i]);
         lw_process_start(&p, "lightwelld", arguments);
-        assert_int_equal(lw_process_finish(&p, 60), 64);
+        assert_int_equal(lw_process_finish(&p, LW_PROCESS_LIMIT_S), 64);
         char *err = lw_process_err(&p);
         assert_non_null(strstr(err, "--spares: "));
         free(err);

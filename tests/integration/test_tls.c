@@ -15,7 +15,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define LIMIT_MS 60000
+#define LIMIT_MS (LW_PROCESS_LIMIT_S * 1000)
 
 static struct lw_process server;
 static char certificate[200], key[200], http_file[200];
@@ -51,7 +51,7 @@ static void runs(const char *program, const char *options, int code, const char 
     char arguments[700];
     snprintf(arguments, sizeof arguments, "%u %s", server.port, options);
     lw_process_start(&process, program, arguments);
-    lw_process_expect(&process, lw_process_finish(&process, 120), code);
+    lw_process_expect(&process, lw_process_finish(&process, LW_PROCESS_LIMIT_S), code);
     char *text = lw_process_err(&process);
     if (said && !strstr(text, said)) fail_msg("%s %s said %s", program, arguments, text);
     free(text);
@@ -78,7 +78,7 @@ static void test_programs_by_tls(void **state) {
     snprintf(both, sizeof both, "status --tls-insecure --ca %s", certificate);
     runs("lightwellctl", both, 64, "exclude each other");
     runs("lightwellctl", "status --ca /nowhere", 66, "/nowhere");
-    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
 }
 
 static void test_plain_server(void **state) {
@@ -89,7 +89,7 @@ static void test_plain_server(void **state) {
     char *log = lw_process_err(&server);
     assert_non_null(strstr(log, "it speaks TLS, and this server has no certificate"));
     free(log);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
 }
 
 /* ---- at the browsers' port ---- */
@@ -183,23 +183,13 @@ static void test_https_and_wss(void **state) {
     assert_non_null(strstr(text, "This server speaks TLS alone"));
     free(text);
     close(plain);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
 }
 
 /* ---- SIGHUP ---- */
 
 /* Waits until the server has said this `count` times. */
-static void await_lines(const char *text, unsigned count) {
-    for (unsigned waited = 0; waited < LIMIT_MS; waited += 20) {
-        char *log = lw_process_err(&server);
-        unsigned there = 0;
-        for (const char *at = log; (at = strstr(at, text)); at++) there++;
-        free(log);
-        if (there >= count) return;
-        lw_process_sleep_ms(20);
-    }
-    fail_msg("the server did not say %u times %s", count, text);
-}
+static void await_lines(const char *text, unsigned count) { lw_process_await_texts(&server, text, count); }
 
 static void test_new_files(void **state) {
     (void)state;
@@ -219,7 +209,7 @@ static void test_new_files(void **state) {
     lw_support_ok(lw_tls_stream_write(before.stream, (const uint8_t *)"\0\0\0\0", 4, &before.output), NULL);
     flush(&before); /* who was there before stays */
     hang_up(&before);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
 }
 
 static void test_bad_options(void **state) {
@@ -253,7 +243,7 @@ static void test_addresses_of_other_machines(void **state) {
                               "--control-socket none");
     await_lines("warning: --listen: other machines can reach 0.0.0.0", 1);
     runs("lightwellctl", "status", 0, NULL);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
 }
 
 #define TOKEN "00112233445566778899aabbccddeeff00112233445566778899aabbccddeeff"
@@ -288,7 +278,7 @@ static void test_monitoring_from_other_machines(void **state) {
     assert_int_equal(status_of("Authorization: Basic " TOKEN "\r\n"), 401);
     assert_int_equal(status_of("Authorization: Bearer 1" TOKEN "\r\n"), 401);
     assert_int_equal(status_of("Authorization: Bearer " TOKEN "\r\n"), 200);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
 }
 
 /* What is no TLS, or begins as if it were, harms nobody. */
@@ -306,7 +296,7 @@ static void test_garbage(void **state) {
     }
     trusting("lightwellctl", "status");
     for (unsigned i = 0; i < 60; i++) close(peers[i]);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, 60), 0);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
 }
 
 int main(void) {

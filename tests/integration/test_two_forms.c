@@ -12,7 +12,7 @@
 #include <string.h>
 #include <sys/socket.h>
 
-#define LIMIT_S 60
+#define LIMIT_S LW_PROCESS_LIMIT_S
 #define TARGET  0.3f
 #define CORNELL                                                                                              \
     "builtin:cornell --texels-per-metre 8 --clock step --json --light whole --error 0.3 --frame-rate 200 "
@@ -71,7 +71,7 @@ static void wait_for_rest(int i) {
     const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
     while (!is_at_rest(i)) {
         poll_all();
-        if (lw_clock_ns() > end_ns) fail_msg("not converged within %d s", LIMIT_S);
+        if (lw_clock_ns() > end_ns) fail_msg("not converged within %u s", LIMIT_S);
     }
 }
 
@@ -136,7 +136,7 @@ static void full_is_split_and_what_is_drawn(void **state) {
         }
         assert_true(shining == 1 && drawn == 1);
         assert_true(lw_process_newest(&server, "sessions_drawing") == 1);
-        assert_int_equal(lw_process_stop(&server, SIGTERM, 20), 0);
+        assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
         for (int i = 0; i < CLIENTS; i++) leave(i);
     }
     print_message("direct light: full %.1f, split %.3f; with bounces: full %.1f, split %.1f\n",
@@ -251,7 +251,7 @@ static void kept_light_is_there_in_both_forms(void **state) {
     for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
     wait_for_the_last_frame();
     for (int i = 0; i < CLIENTS; i++) light[i] = total_light(i);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, 20), 0);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
     for (int i = 0; i < CLIENTS; i++) leave(i);
     lw_process_serve(&server, arguments);
     for (int i = 0; i < CLIENTS; i++) join(i);
@@ -261,7 +261,7 @@ static void kept_light_is_there_in_both_forms(void **state) {
     assert_true(said("showing frame") && said("going on after"));
     for (int i = 0; i < CLIENTS; i++) assert_true(fabs(total_light(i) - light[i]) < 0.01 * light[i]);
     assert_true(lw_process_newest(&server, "rays_total") == 0);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, 20), 0);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
     for (int i = 0; i < CLIENTS; i++) leave(i);
     /* the split form is of other lights then */
     snprintf(arguments, sizeof arguments, CORNELL "--client-lights none --keep %s",

@@ -18,7 +18,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define LIMIT_S 60
+#define LIMIT_S LW_PROCESS_LIMIT_S
 #define RESTS                                                                                                \
     "builtin:cornell --texels-per-metre 8 --clock step --json --light whole --error 0.3 --http 127.0.0.1:0 "
 #define SLOW_LIMIT_S     30u /* for what takes REQUEST_S, or a HELLO's time */
@@ -41,11 +41,7 @@ static void serve(const char *arguments) {
     const char *port_file = lw_support_temporary("http-port");
     snprintf(line, sizeof line, RESTS "--http-port-file %s %s", port_file, arguments);
     lw_process_serve(&daemon_process, line);
-    FILE *file = fopen(port_file, "r"); /* written before the other one is looked at, or soon after */
-    for (int i = 0; !file && i < 1000; i++) {
-        lw_process_sleep_ms(10);
-        file = fopen(port_file, "r");
-    }
+    FILE *file = fopen(port_file, "re"); /* written before the one that lw_process_serve() waits for */
     assert_non_null(file);
     assert_non_null(fgets(text, sizeof text, file));
     fclose(file);
@@ -520,11 +516,12 @@ static size_t take_session(struct peer *p, uint8_t **out_bytes) {
     return size;
 }
 
-static void wait_for_rest(void) {
-    for (uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
-         lw_process_newest(&daemon_process, "tiles_solved") > 0; lw_process_sleep_ms(20))
-        assert_true(lw_clock_ns() < end_ns);
+static bool is_at_rest(void *context) {
+    (void)context;
+    return lw_process_newest(&daemon_process, "tiles_solved") == 0;
 }
+
+static void wait_for_rest(void) { assert_true(lw_process_await(&daemon_process, is_at_rest, NULL)); }
 
 /* Chunks, frame and tiles are the same bytes in the same order, however the messages are cut. */
 static void test_same_as_tcp(void **state) {
@@ -746,7 +743,8 @@ static void test_connections_have_a_limit(void **state) {
     for (unsigned i = CONNECTIONS; i + 1 < IN_ALL; i++) close(s[i]);
     close(more);
     close(s[0]);
-    for (uint64_t end_ns = lw_clock_ns() + 5000000000ull;;) { /* there is room again, for a session too */
+    for (uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
+         ;) { /* there is room again, for a session too */
         more = lw_web_peer_dial(web_port);
         char *answer = lw_web_peer_ask(more, "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n", false, NULL);
         const bool served = strstr(answer, " 200 ");
@@ -785,7 +783,7 @@ static void test_requests_without_end(void **state) {
     assert_true(lw_clock_ns() - began_ns > 900000000ull);
     expect_header(answer, "\r\nretry-after: 1\r\n");
     free(answer);
-    assert_true(lw_web_peer_closes(s, 2000));
+    assert_true(lw_web_peer_closes(s, LIMIT_S * 1000));
     close(s);
     assert_int_equal(ask("GET", "/", "", NULL, NULL), 200);
     stop();

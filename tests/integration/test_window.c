@@ -20,7 +20,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#define LIMIT_NS 120000000000u
+#define LIMIT_NS (LW_PROCESS_LIMIT_S * 1000000000ull)
 
 static struct lw_process server;
 static char address[16];
@@ -142,7 +142,7 @@ static int start(void **state) {
 static int stop(void **state) {
     (void)state;
     close_window();
-    const int code = server.pid ? lw_process_stop(&server, SIGTERM, 60) : 0;
+    const int code = server.pid ? lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S) : 0;
     lw_process_kill_all();
     return code;
 }
@@ -339,7 +339,7 @@ static void test_another_scene(void **state) {
     step_until(is_lit, "light");
     const struct lw_camera_view start = now().start;
     press(SDLK_m);
-    assert_int_equal(lw_process_stop(&first, SIGTERM, 60), 0);
+    assert_int_equal(lw_process_stop(&first, SIGTERM, LW_PROCESS_LIMIT_S), 0);
     struct lw_process second;
     snprintf(line, sizeof line, "builtin:atrium --listen 127.0.0.1:%u --texels-per-metre 2", first.port);
     lw_process_serve(&second, line);
@@ -349,7 +349,7 @@ static void test_another_scene(void **state) {
     assert_int_equal(now().steering.mode, LW_STEERING_FLY);
     steps(3);
     close_window();
-    assert_int_equal(lw_process_stop(&second, SIGTERM, 60), 0);
+    assert_int_equal(lw_process_stop(&second, SIGTERM, LW_PROCESS_LIMIT_S), 0);
 }
 
 static bool imports(void) { return strstr(now().says, "importing builtin:cornell, ") != NULL; }
@@ -521,16 +521,10 @@ static void test_lost_display(void **state) {
     unsetenv("SDL_RENDER_DRIVER");
     unsetenv("SDL_FRAMEBUFFER_ACCELERATION");
     setenv("SDL_VIDEODRIVER", "dummy", 1);
-    for (int tenths = 0; tenths < 600; tenths++) {
-        char *err = lw_process_err(&view);
-        const bool serves = strstr(err, "serving builtin:cornell") != NULL;
-        free(err);
-        if (serves || !lw_process_runs(&view)) break;
-        lw_process_sleep_ms(100);
-    }
+    lw_process_await_text(&view, "serving builtin:cornell");
     kill(xvfb, SIGKILL);
     waitpid(xvfb, NULL, 0);
-    const int code = lw_process_finish(&view, 60);
+    const int code = lw_process_finish(&view, LW_PROCESS_LIMIT_S);
     char *err = lw_process_err(&view);
     if (code != 69 || !strstr(err, "lightwell-view: error: the display has gone\n") || strstr(err, "XIO") ||
         !strstr(err, "lightwelld: stopped"))

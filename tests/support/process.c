@@ -85,20 +85,26 @@ bool lw_process_await_file(struct lw_process *process, const char *path) {
 
 struct text_in_file {
     const char *path, *text;
+    unsigned times;
 };
 
 static bool text_is_there(void *context) {
     const struct text_in_file *in = context;
+    unsigned times = 0;
     size_t size;
     char *said = (char *)lw_support_read_file(in->path, &size);
-    const bool there = strstr(said, in->text) != NULL;
+    for (const char *at = said; (at = strstr(at, in->text)) != NULL; at++) times++;
     free(said);
-    return there;
+    return times >= in->times;
+}
+
+void lw_process_await_texts(struct lw_process *process, const char *text, unsigned times) {
+    if (!lw_process_await(process, text_is_there, &(struct text_in_file){process->err, text, times}))
+        fail_msg("ended without \"%s\" %u times; it said: %s", text, times, lw_process_err(process));
 }
 
 void lw_process_await_text(struct lw_process *process, const char *text) {
-    if (!lw_process_await(process, text_is_there, &(struct text_in_file){process->err, text}))
-        fail_msg("ended without \"%s\"; it said: %s", text, lw_process_err(process));
+    lw_process_await_texts(process, text, 1);
 }
 
 /* ---- starting ---- */
@@ -253,6 +259,25 @@ int lw_process_teardown(void **state) {
     (void)state;
     lw_process_kill_all();
     return 0;
+}
+
+pid_t lw_process_child_of(pid_t parent) {
+    pid_t child = 0;
+    DIR *processes = opendir("/proc");
+    assert_non_null(processes);
+    for (struct dirent *entry; !child && (entry = readdir(processes));) {
+        char path[300], line[512] = "";
+        int its_parent = 0;
+        snprintf(path, sizeof path, "/proc/%s/stat", entry->d_name);
+        FILE *file = fopen(path, "r");
+        if (!file) continue;
+        const char *name_end = fgets(line, sizeof line, file) ? strrchr(line, ')') : NULL;
+        if (name_end && sscanf(name_end, ") %*c %d", &its_parent) == 1 && its_parent == parent)
+            child = atoi(entry->d_name);
+        fclose(file);
+    }
+    closedir(processes);
+    return child;
 }
 
 void lw_process_expect(const struct lw_process *process, int code, int expected) {

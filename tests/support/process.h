@@ -59,6 +59,12 @@ bool lw_process_await_file(struct lw_process *process, const char *path);
 /** Waits until this stands on its stderr; ends the test where the program ends without it. */
 void lw_process_await_text(struct lw_process *process, const char *text);
 
+/** The same, until it stands there so many times. */
+void lw_process_await_texts(struct lw_process *process, const char *text, unsigned times);
+
+/** A child of the process, or 0. */
+pid_t lw_process_child_of(pid_t parent);
+
 /** Waits for so many more frames of a lightwelld --json. */
 void lw_process_await_frames(struct lw_process *process, unsigned count);
 
