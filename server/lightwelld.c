@@ -113,7 +113,7 @@ struct settings {
 struct succession {
     pthread_t thread;
     bool runs;           /* it is to be joined */
-    _Atomic bool ended;  /* its last act, unless it relays */
+    _Atomic bool ended;  /* it leaves next alone from now on, and does not relay */
     _Atomic bool relays; /* the server hands over to next's */
     bool only_scene;     /* no option has changed: a scene that is the same changes nothing */
     struct daemon *next;
@@ -1308,13 +1308,12 @@ static void *succeed(void *argument) {
         lw_server_relay(d->server);
         return NULL;
     }
-    if (status == LW_OK) {
-        d->scene_stamp = d->succession.next->scene_stamp;
+    if (status == LW_OK) d->scene_stamp = d->succession.next->scene_stamp;
+    d->succession.ended = true; /* before the line: who reads it may send the next SIGHUP at once */
+    if (status == LW_OK)
         lw_log(LW_LOG_INFO, "%s is the same scene as before", d->settings.scene.path);
-    } else if (status != LW_CLOSED) {
+    else if (status != LW_CLOSED)
         lw_log(LW_LOG_ERROR, "options and scene stay as they were: %s", err.text);
-    }
-    d->succession.ended = true;
     return NULL;
 }
 
