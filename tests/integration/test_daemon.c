@@ -585,8 +585,8 @@ static void signals_stop_an_import(void **state) {
     }
 }
 
-/* A start that gets SIGTERM at its Nth allocation; 0: at none. Returns its exit code, or minus the signal. The
- * number of allocations goes to *out_allocations. */
+/* A start that gets SIGTERM at its Nth allocation; 0: at none. Returns its exit code, or minus the signal.
+ * The number of allocations goes to *out_allocations. */
 static int start_with_signal_at(long n, long *out_allocations) {
     struct lw_process daemon;
     char arguments[256], number[32], shim[512], *port_file = strdup(lw_support_temporary("any"));

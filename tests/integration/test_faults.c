@@ -375,8 +375,8 @@ static void a_frame_without_memory_is_published_later(void **state) {
 
 #define CONNECTIONS_MAX 2000 /* allocations that none takes */
 #define VISIT_S         LIMIT_S
-/* A browser gives up so long after the failure: one connection that libwebsockets has no memory for is neither
- * served nor closed before its time is over. Who is not hit waits for his answer. */
+/* A browser gives up so long after the failure: one connection that libwebsockets has no memory for is
+ * neither served nor closed before its time is over. Who is not hit waits for his answer. */
 #define PATIENCE_NS 100000000u
 
 struct way {
@@ -720,8 +720,8 @@ static void a_jump_of_the_clock_is_not_felt(void **state) {
     }
 }
 
-/* Promise (wire_format.md, section 3): silence is an end after 60 s, not after 5. The client's clock goes ahead,
- * in the long test both wait. */
+/* Promise (wire_format.md, section 3): silence is an end after 60 s, not after 5. The client's clock goes
+ * ahead; in the long test both wait. */
 static void a_stopped_server_goes_on(void **state) {
     (void)state;
     struct lw_process daemon;

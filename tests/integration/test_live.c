@@ -520,7 +520,7 @@ static void test_views_want_what_they_show(void **state) {
 
 /* ---- no allocation once warm ---- */
 
-/* Until the server has made so many. */
+/* Until the server has made this number of frames. */
 static void draw_frames(const struct textures *t, unsigned frames, unsigned *out_texels) {
     struct lw_live_camera camera = {.struct_size = sizeof camera};
     ok(lw_live_get_camera(live, 0, &camera, &err));

@@ -8,8 +8,8 @@
 #include <stdbool.h>
 #include <sys/types.h>
 
-/** Seconds after which a test gives up whatever it waits for. It ends what hangs and judges nothing: under the
- * time limit of a test, so that the test can say what it waited for. */
+/** Seconds after which a test gives up a wait. It ends what hangs and judges nothing. It is under the time
+ * limit of a test, so that the test can say what it waited for. */
 #define LW_PROCESS_LIMIT_S 550u
 
 /** A program that was started. Its output goes to files of the test's own folder. */
@@ -48,9 +48,10 @@ bool lw_process_runs(struct lw_process *process);
  * test after limit_s. */
 int lw_process_finish(struct lw_process *process, unsigned limit_s);
 
-/** Waits until this is so. It is asked at first, each time that a program writes to its output or that a file of
- * the folder of lw_support_temporary() is made, renamed or removed, at the program's end, and now and then for
- * what gives no event. The functions below wait the same way. False: the program has ended, and it is not so. */
+/** Waits until a condition holds. It is asked at first, each time that a program writes to its output or that
+ * a file of the folder of lw_support_temporary() is made, renamed or removed, at the program's end, and each
+ * 20 ms for what gives no event. The functions below wait the same way. False: the program has ended, and the
+ * condition does not hold. */
 bool lw_process_await(struct lw_process *process, bool (*is_so)(void *context), void *context);
 
 /** Waits for a file in that folder. */
@@ -59,13 +60,13 @@ bool lw_process_await_file(struct lw_process *process, const char *path);
 /** Waits until this stands on its stderr; ends the test where the program ends without it. */
 void lw_process_await_text(struct lw_process *process, const char *text);
 
-/** The same, until it stands there so many times. */
+/** The same, until it stands there `times` times. */
 void lw_process_await_texts(struct lw_process *process, const char *text, unsigned times);
 
 /** A child of the process, or 0. */
 pid_t lw_process_child_of(pid_t parent);
 
-/** Waits for so many more frames of a lightwelld --json. */
+/** Waits for `count` more frames of a lightwelld --json. */
 void lw_process_await_frames(struct lw_process *process, unsigned count);
 
 /** Sends a signal and finishes. */
@@ -93,7 +94,7 @@ char *lw_process_err(const struct lw_process *process);
 /** The number under a key of a line of JSON, or ends the test: there is none. */
 double lw_process_number(const char *line, const char *key);
 
-/** The same of the newest whole line on stdout, as lightwelld --json prints one a frame; waits for the first. */
+/** The same of the newest whole line on stdout, as lightwelld --json prints one a frame. Waits for the first. */
 double lw_process_newest(const struct lw_process *process, const char *key);
 
 /** Ends the test unless nothing is left in the programs' $TMPDIR. */

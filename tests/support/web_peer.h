@@ -17,8 +17,8 @@ enum web_peer_opcode {
     WEB_PEER_PONG = 10
 };
 
-/** Whoever waits for bytes asks this now and then, and takes true for the end of the connection; NULL, as at
- * first: only the end is the end. */
+/** A function that is asked while bytes are waited for: true counts as the end of the connection. NULL, as at
+ * first: none. */
 void lw_web_peer_give_up(bool (*is_time)(void *context), void *context);
 
 /** Connects to a port of 127.0.0.1, or ends the test. */
