@@ -94,7 +94,8 @@ char *lw_process_err(const struct lw_process *process);
 /** The number under a key of a line of JSON, or ends the test: there is none. */
 double lw_process_number(const char *line, const char *key);
 
-/** The same of the newest whole line on stdout, as lightwelld --json prints one a frame. Waits for the first. */
+/** The same of the newest whole line on stdout, as lightwelld --json prints one a frame. Waits for the
+ * first. */
 double lw_process_newest(const struct lw_process *process, const char *key);
 
 /** Ends the test unless nothing is left in the programs' $TMPDIR. */
