@@ -25,13 +25,11 @@ run: deps ## light the built-in atrium; the server says what to do next
 	@scripts/build.sh release programs
 	@exec build/release/bin/lightwelld builtin:atrium --animate
 
-# three at a time for two cores: some wait more than they compute
-test: deps build ## the fast tests: unit, golden, reference, integration
-	@ctest --test-dir build/release -L '^(unit|golden|reference|integration)$$' -j 3 \
-	  --no-tests=error --output-on-failure --timeout 600
+test: deps build ## the fast tests: unit, golden, reference, integration; names the ten slowest
+	@scripts/check.sh fast
 
-test-long: deps-all ## sanitizers, both compilers, other processors and instruction sets, long tests, a short run of each fuzzer
-	@scripts/check.sh gcc clang dev tsan arm64 rays-all isa long fuzz
+test-long: deps-all ## all other checks, long tests, the fast ones ten times under load, a short run of each fuzzer
+	@scripts/check.sh gcc clang dev tsan arm64 rays-all isa long flakes fuzz
 
 bench: build ## what each kernel costs and how far it is from bare rays: one table, and bench.json
 	@tests/bench/bench.py $(BENCH_SCENES)

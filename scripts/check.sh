@@ -1,5 +1,7 @@
 #!/bin/bash
-# One stage of the checks beyond `make test`: scripts/check.sh STAGE...
+# One stage of the checks: scripts/check.sh STAGE...
+#   fast         what `make test` runs, against the release build as it is
+#   flakes       the same FLAKE_ROUNDS times (default 10) under changing load; names each test that was not green in each round
 #   gcc, clang   build everything without a warning
 #   dev          unit and golden tests under ASan and UBSan
 #   tsan         tests of threaded code under ThreadSanitizer
@@ -14,11 +16,61 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 jobs=${LW_JOBS:-$(nproc)}
 
-# run_tests PRESET CTEST-ARGUMENTS...
+# run_tests PRESET CTEST-ARGUMENTS...: ctest's output and status, and the slowest tests; a report for each test in
+# build/PRESET/tests.xml
 run_tests() {
-    local preset=$1
+    local preset=$1 status=0
     shift
-    ctest --test-dir "build/$preset" --no-tests=error --output-on-failure -j "$jobs" "$@"
+    ctest --test-dir "build/$preset" --no-tests=error --output-on-failure --output-junit tests.xml -j "$jobs" "$@" || status=$?
+    echo "The slowest, in seconds of wall time:"
+    sed -n 's/^.*<testcase name="\([^"]*\)".* time="\([^"]*\)".*$/\2 \1/p' "build/$preset/tests.xml" | sort -rn |
+        awk 'NR <= 10 { printf "%8.1f  %s\n", $1, $2 }'
+    return "$status"
+}
+
+busy=()
+stop_busy() {
+    if [ ${#busy[@]} -gt 0 ]; then kill "${busy[@]}" 2>/dev/null || true; fi
+    busy=()
+}
+trap stop_busy EXIT
+
+# start_busy COUNT: loops that compute; they end with this script even if it is killed
+start_busy() {
+    local i
+    for ((i = 0; i < $1; i++)); do
+        while kill -0 $$ 2>/dev/null; do :; done &
+        busy+=($!)
+        disown
+    done
+}
+
+# The fast tests beside other work that comes and goes: a test that was red once is a defect.
+find_flakes() {
+    local rounds=${FLAKE_ROUNDS:-10} logs=build/flakes round load at_once
+    local -a loads=(0 12 2 6) widths=(3 1 6 2 4)
+    rm -rf "$logs"
+    mkdir -p "$logs"
+    for ((round = 1; round <= rounds; round++)); do
+        load=${loads[(round - 1) % 4]} at_once=${widths[(round - 1) % 5]}
+        echo "flakes: round $round of $rounds: $at_once at a time beside $load busy loops"
+        start_busy "$load"
+        run_tests release -L "$fast" -j "$at_once" >"$logs/$round.log" 2>&1 || true
+        stop_busy
+        cp build/release/tests.xml "$logs/$round.xml"
+        # a test that ctest could not start is red, too; one that skips itself is not
+        sed -n "/(Skipped)\$/!s/^\t *[0-9]* - \([^ ]*\) (.*)\$/$round \1/p" "$logs/$round.log" | tee -a "$logs/red" |
+            sed 's/^[0-9]* /flakes: red: /'
+    done
+    if [ ! -s "$logs/red" ]; then
+        echo "flakes: all green in $rounds rounds; logs in $logs"
+        return 0
+    fi
+    awk -v rounds="$rounds" '{ count[$2]++; in_rounds[$2] = in_rounds[$2] " " $1 }
+        END { for (name in count) printf "flakes: %s: red in %d of %d rounds:%s\n", name, count[name], rounds, in_rounds[name] }' \
+        "$logs/red" | sort >&2
+    echo "flakes: logs in $logs/ROUND.log" >&2
+    return 1
 }
 
 fast='^(unit|golden|reference|integration)$'
@@ -51,6 +103,12 @@ compile_with() {
 for stage in "$@"; do
     echo "check: $stage"
     case $stage in
+    # three at a time for two cores: some wait more than they compute
+    fast) run_tests release -L "$fast" -j 3 ;;
+    flakes)
+        scripts/build.sh release
+        find_flakes
+        ;;
     gcc) compile_with gcc '-O3 -g1' ;; # it tells some of its warnings by what it optimises
     clang) compile_with clang -O0 ;;
     dev)
@@ -97,7 +155,7 @@ for stage in "$@"; do
         done
         ;;
     *)
-        echo "check: no stage \"$stage\"; there are gcc, clang, dev, tsan, arm64, rays, rays-all, isa, long, fuzz" >&2
+        echo "check: no stage \"$stage\"; there are fast, flakes, gcc, clang, dev, tsan, arm64, rays, rays-all, isa, long, fuzz" >&2
         exit 64
         ;;
     esac
