@@ -123,7 +123,7 @@ static void cornell_is_counted(void **state) {
 
 static void atrium_is_counted(void **state) {
     (void)state;
-    expect_cells_counted("builtin:atrium", 3);
+    expect_cells_counted("builtin:atrium", 1.5f);
 }
 
 /* With the sums of layers; another structure for rays stands for theirs. */
@@ -133,7 +133,7 @@ static void layers_are_counted(void **state) {
     struct lw_error err = {0};
     struct lw_light_groups groups;
     struct lw_trace *trace;
-    open_scene(&f, "builtin:atrium", 3);
+    open_scene(&f, "builtin:atrium", 1.5f);
     lw_support_ok(lw_trace_create(f.scene, &f.pose, &trace, &err), &err);
     const size_t trace_bytes = lw_trace_memory_bytes(trace);
     lw_trace_destroy(trace);
