@@ -105,6 +105,8 @@ int lw_support_command_line(char *argv[LW_SUPPORT_WORDS_MAX], const char *comman
     return option ? 6 : 4;
 }
 
+void lw_support_pause(void) { usleep(1000); }
+
 void lw_support_write_file(const char *path, const void *bytes, size_t size) {
     FILE *file = fopen(path, "wb");
     if (!file || fwrite(bytes, 1, size, file) != size || fclose(file)) fail_msg("cannot write %s", path);
