@@ -92,9 +92,9 @@ function(lw_test_environment name)
   endif()
 endfunction()
 
-# The time limit of every test, seconds: it ends what hangs and judges nothing. Twenty times what the longest takes on two quiet
-# cores, so that a slow and busy machine does not reach it.
-set(LW_TEST_TIMEOUT 600)
+# The time limit of every test, seconds: it ends what hangs and judges nothing. Thirty times what the longest takes on two quiet
+# cores, so that a slow machine on which a test gets a tenth of a core does not reach it.
+set(LW_TEST_TIMEOUT 1800)
 if(LW_SANITIZE)
   math(EXPR LW_TEST_TIMEOUT "4 * ${LW_TEST_TIMEOUT}") # instrumented code is slower
 endif()

@@ -28,11 +28,11 @@ static void expect_furnace(enum lw_probe_form_kind form, enum lw_probe_projectio
                                        .probe_form = form,
                                        .probe_projection = projection,
                                        .direct_samples = 8},
-               48);
+               16);
     double want = 0, mean = 0;
     for (uint32_t k = 0; k <= 3; k++) want += 1.5 * acos(-1.0) * pow(0.5, k);
     for (uint32_t o = 0; o < 6; o++) mean += room_object_mean(&solution, o).total / 6;
-    expect_near(mean, want, 0.015); /* of the direct term: test_bounces.c */
+    expect_near(mean, want, 0.015); /* 128 samples scatter by 0.42 %: test_bounces.c */
     room_finish(&solution);
 }
 
@@ -45,7 +45,8 @@ static void test_furnace(void **state) {
 
 /* Two rooms of 2 x 2 x 2 m beside each other, apart by a wall of `thick` metres with faces of its own. One
  * has a lamp. The other is dark: all light there has come through the wall. */
-static void solve_two_rooms(struct room_solution *solution, float thick, struct lw_solver_desc desc) {
+static void solve_two_rooms(struct room_solution *solution, float thick, struct lw_solver_desc desc,
+                            unsigned frames) {
     const struct lw_vec3 x = lw_vec3(2, 0, 0), y = lw_vec3(0, 2, 0), z = lw_vec3(0, 0, 2);
     struct room room = {.texels_per_metre = 6};
     room_box(&room, lw_vec3(2, 2, 2), 0.7f, 0);
@@ -58,7 +59,7 @@ static void solve_two_rooms(struct room_solution *solution, float thick, struct 
     room_quad(&room, o, y, z, 0.7f, 0);
     room_quad(&room, lw_vec3(left + 2, 0, 0), z, y, 0.7f, 0);
     room_quad(&room, lw_vec3(0.7f, 1.99f, 0.7f), lw_vec3(0.6f, 0, 0), lw_vec3(0, 0, 0.6f), 0, 50);
-    room_solve(solution, &room, desc, 12);
+    room_solve(solution, &room, desc, frames);
 }
 
 static double mean_of(const struct room_solution *solution, uint32_t first, uint32_t last) {
@@ -79,12 +80,12 @@ static void test_no_light_through_a_wall(void **state) {
         for (int range = 0; range < 3; range++)
             for (int wall = 0; wall < 2; wall++) {
                 struct room_solution solution;
-                solve_two_rooms(
-                    &solution, walls[wall],
-                    (struct lw_solver_desc){.bounces = 2,
-                                            .probe_spacing_m = 0.5f,
-                                            .probe_form = forms[form],
-                                            .tracing_range_m = ranges[range] * (4 + walls[wall])});
+                solve_two_rooms(&solution, walls[wall],
+                                (struct lw_solver_desc){.bounces = 2,
+                                                        .probe_spacing_m = 0.5f,
+                                                        .probe_form = forms[form],
+                                                        .tracing_range_m = ranges[range] * (4 + walls[wall])},
+                                4);
                 double lit = mean_of(&solution, 0, 5), dark = mean_of(&solution, 6, 11);
                 if (!(lit > 1 && dark < 2e-4 * lit))
                     fail_msg("%s, range %.2f, wall %.2f m: E %.4g in the dark room, %.4g in the lit one",
@@ -98,13 +99,14 @@ static void test_no_light_through_a_wall(void **state) {
 static void test_energy_is_that_of_rays_without_end(void **state) {
     (void)state;
     struct room_solution reference, hybrid;
-    solve_two_rooms(&reference, 0.2f, (struct lw_solver_desc){.bounces = 2, .indirect_samples = 16});
+    solve_two_rooms(&reference, 0.2f, (struct lw_solver_desc){.bounces = 2, .indirect_samples = 16}, 12);
     for (size_t form = 0; form < FORMS; form++) {
         const bool smears = forms[form] == LW_PROBE_FORM_SH;
         solve_two_rooms(
             &hybrid, 0.2f,
             (struct lw_solver_desc){
-                .bounces = 2, .indirect_samples = 16, .probe_form = forms[form], .tracing_range_m = 0.4f});
+                .bounces = 2, .indirect_samples = 16, .probe_form = forms[form], .tracing_range_m = 0.4f},
+            12);
         expect_near(mean_of(&hybrid, 0, 5), mean_of(&reference, 0, 5), smears ? 0.03 : 0.015);
         for (uint32_t o = 0; o < 6; o++)
             expect_near(mean_of(&hybrid, o, o), mean_of(&reference, o, o), smears ? 0.15 : 0.04);
