@@ -18,7 +18,7 @@
 /* Connections that come when there is no memory for them, or many at once: later ones are served. */
 
 #define MANY    200
-#define WAIT_MS 20000
+#define WAIT_MS 600000 /* ends what hangs */
 
 static pthread_t loop;
 static _Atomic int runs, callocs_to_fail, mallocs_to_fail;
@@ -102,7 +102,7 @@ static int destroy(void **state) {
 static pthread_t begin(void) {
     pthread_t thread;
     assert_int_equal(pthread_create(&thread, NULL, serve, NULL), 0);
-    while (!runs) usleep(1000);
+    LW_SUPPORT_WAIT_UNTIL(runs);
     return thread;
 }
 

@@ -162,8 +162,7 @@ static void add_real(struct fixture *f, uint64_t version) {
 }
 
 static void wait_until_made(struct fixture *f) {
-    for (uint64_t end_ns = lw_clock_ns() + 60000000000ull; !lw_deltas_collect(&f->deltas); usleep(100))
-        assert_true(lw_clock_ns() < end_ns);
+    LW_SUPPORT_WAIT_UNTIL(lw_deltas_collect(&f->deltas));
     pthread_mutex_lock(&f->mutex);
     assert_true(f->called);
     pthread_mutex_unlock(&f->mutex);
@@ -315,7 +314,7 @@ static void test_a_recoder_takes_no_more_than_it_says(void **state) {
     struct lw_delta delta;
     assert_int_equal(lw_deltas_next(&f.deltas, 0, 1, false, &delta), LW_DELTAS_DELTA);
     assert_int_equal(delta.version, 2); /* one after another */
-    while (!lw_transcoder_collect(f.transcoder, &result)) usleep(100);
+    LW_SUPPORT_WAIT_UNTIL(lw_transcoder_collect(f.transcoder, &result));
     assert_null(result.blob); /* there is nothing between what is damaged */
     assert_true(result.tile == 0 && result.base == 1 && result.version == 2);
     assert_true(lw_transcoder_ask(f.transcoder, &job));
