@@ -2,7 +2,7 @@
 # One stage of the checks: scripts/check.sh STAGE...
 #   fast         what `make test` runs, against the release build as it is
 #   flakes       the same FLAKE_ROUNDS times (default 10) under changing load; names each test that was not green in each round
-#   gcc, clang   build everything without a warning
+#   gcc, clang   compile everything without a warning
 #   dev          unit and golden tests under ASan and UBSan
 #   tsan         tests of threaded code under ThreadSanitizer
 #   arm64        compile all but the tests for arm64 without a warning
@@ -92,12 +92,17 @@ with_each_isa() {
     done
 }
 
+# compile_objects FOLDER PATTERN: all object files of C whose path matches, and nothing is linked: warnings are all there by then
+compile_objects() {
+    ninja -C "build/$1" -t targets all | sed -nE "s/^($2[^:]*\.o): C_COMPILER.*/\1/p" | xargs ninja -C "build/$1" -j "$jobs"
+}
+
 # compile_with COMPILER FLAGS
 compile_with() {
     local compiler=$1
     cmake --preset release -B "build/$compiler" -DCMAKE_C_COMPILER="$compiler" -DCMAKE_C_FLAGS_RELEASE="$2" \
         -DLW_WERROR=ON --log-level=WARNING
-    cmake --build "build/$compiler" --parallel "$jobs"
+    compile_objects "$compiler" ''
 }
 
 for stage in "$@"; do
@@ -122,9 +127,7 @@ for stage in "$@"; do
     arm64)
         cmake --preset release -B build/arm64 -DCMAKE_TOOLCHAIN_FILE=cmake/arm64.cmake -DCMAKE_PREFIX_PATH=/usr \
             -DLW_WERROR=ON --log-level=WARNING
-        # objects only: there are no libraries to link with
-        ninja -C build/arm64 -t targets all | sed -n 's/^\(\(common\|proto\|server\|client\)[^:]*\.o\): C_COMPILER.*/\1/p' |
-            xargs ninja -C build/arm64 -j "$jobs"
+        compile_objects arm64 '(common|proto|server|client)' # there are no libraries to link with
         ;;
     rays | rays-all)
         scripts/build.sh release
