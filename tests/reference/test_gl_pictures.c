@@ -192,10 +192,11 @@ static void compare(const char *name, struct world *w) {
 static struct lw_scene *open_scene(const char *name) {
     struct lw_error err = {0};
     struct lw_scene *scene;
-    lw_support_ok(
-        lw_scene_open(&(struct lw_scene_open){.path = name, .texels_per_metre = 4, .sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG},
-                      &scene, &err),
-        &err);
+    lw_support_ok(lw_scene_open(&(struct lw_scene_open){.path = name,
+                                                        .texels_per_metre = 4,
+                                                        .sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG},
+                                &scene, &err),
+                  &err);
     return scene;
 }
 
