@@ -478,8 +478,8 @@ static void test_what_is_not_solved_is_not_due(void **state) {
     room_finish(&s);
 }
 
-/* What an object has hidden comes to light as it goes, and texels beside it that yielded to it do no more. Every
- * `stride`th object, one after another. */
+/* What an object has hidden comes to light as it goes, and texels beside it that yielded to it do no more.
+ * Every `stride`th object, one after another. */
 static void begin_to_move(uint32_t stride) {
     struct lw_error err = {0};
     struct lw_scene *scene;
@@ -502,7 +502,7 @@ static void begin_to_move(uint32_t stride) {
 
 static void test_objects_may_begin_to_move(void **state) {
     (void)state;
-    begin_to_move(16);
+    begin_to_move(48);
 }
 
 static void test_each_object_may_begin_to_move(void **state) {

@@ -41,7 +41,8 @@ size_t lw_support_count_files(const char *relative);
  * valid until the next call. Skips the calling test, saying so, where it is missing. */
 const char *lw_support_scene(const char *relative);
 
-/** Waits where no event tells: looks each millisecond. The test's time limit (LW_TEST_TIMEOUT) ends what hangs. */
+/** Waits where no event tells: looks each millisecond. The test's time limit (LW_TEST_TIMEOUT) ends what
+ * hangs. */
 #define LW_SUPPORT_WAIT_UNTIL(condition)                                                                     \
     while (!(condition)) lw_support_pause()
 void lw_support_pause(void);

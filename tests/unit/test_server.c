@@ -29,8 +29,8 @@
 #include <zstd.h>
 
 /* A server in a thread of its own, raw sockets here. Snapshots are made by hand: the payloads only have to
- * be bytes. Peers ask for one form of light, which snapshots have; the server knows both. The server's clock stands
- * from its start to its end: no time-out strikes unless the test moves the clock. */
+ * be bytes. Peers ask for one form of light, which snapshots have; the server knows both. The server's clock
+ * stands from its start to its end: no time-out strikes unless the test moves the clock. */
 
 #define OBJECTS      3u
 #define STEP_MS      20 /* by which time goes on, for who waits for that */
@@ -364,9 +364,9 @@ static void expect_light(const struct fixture *f, int s, uint64_t frame) {
     expect_tiles(s, f->map.tile_count, frame);
 }
 
-/* Nothing is on its way to a peer, and nothing comes: between questions and their answers there is nothing else. Two of
- * them, as an answer may overtake tiles, which are sent before the second question is read. Time for the
- * server to let more of them in goes by. */
+/* Nothing is on its way to a peer, and nothing comes: questions get their answers and nothing in between. Two of
+ * them, as an answer may overtake tiles, which are sent before the second question is read. Time goes by, so
+ * that the server lets more of them in. */
 static void expect_silence(int s) {
     static uint64_t token = 1000;
     for (int i = 0; i < 2; i++) {
@@ -2438,8 +2438,8 @@ static void test_answers_that_nobody_reads_end_the_session(void **state) {
 
 /* ---- fairness ---- */
 
-/* Writes as much as the link takes: until it takes no more after the server has had its turns, or the other end has
- * closed it, which sets *out_closed. Returns the bytes. total: what has been written of this already. */
+/* Writes until the link takes no more though the server has had its turns, or the other end has closed it, which
+ * sets *out_closed. Returns the bytes. total: what has been written of this already. */
 static size_t flood(int s, const struct lw_blob *bytes, size_t total, bool *out_closed) {
     for (unsigned full = 0; full < 3;) {
         const size_t at = total % bytes->size;
@@ -2467,7 +2467,8 @@ static void take_refusal(int s, enum lw_refusal code, char text[LW_MESSAGE_TEXT_
     close(s);
 }
 
-/* Most of a flood is not read: it stays in the sockets of both sides. Who goes on is refused, and told why. */
+/* Most of a flood is not read: it stays in the sockets of both sides. Who goes on is refused, and told
+ * why. */
 static void test_flood_of_messages(void **state) {
     (void)state;
     static const struct {
