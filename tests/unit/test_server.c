@@ -364,9 +364,9 @@ static void expect_light(const struct fixture *f, int s, uint64_t frame) {
     expect_tiles(s, f->map.tile_count, frame);
 }
 
-/* Nothing is on its way to a peer, and nothing comes: questions get their answers and nothing in between. Two of
- * them, as an answer may overtake tiles, which are sent before the second question is read. Time goes by, so
- * that the server lets more of them in. */
+/* Nothing is on its way to a peer, and nothing comes: questions get their answers and nothing in between. Two
+ * of them, as an answer may overtake tiles, which are sent before the second question is read. Time goes by,
+ * so that the server lets more of them in. */
 static void expect_silence(int s) {
     static uint64_t token = 1000;
     for (int i = 0; i < 2; i++) {
@@ -2438,8 +2438,8 @@ static void test_answers_that_nobody_reads_end_the_session(void **state) {
 
 /* ---- fairness ---- */
 
-/* Writes until the link takes no more though the server has had its turns, or the other end has closed it, which
- * sets *out_closed. Returns the bytes. total: what has been written of this already. */
+/* Writes until the link takes no more though the server has had its turns, or the other end has closed it,
+ * which sets *out_closed. Returns the bytes. total: what has been written of this already. */
 static size_t flood(int s, const struct lw_blob *bytes, size_t total, bool *out_closed) {
     for (unsigned full = 0; full < 3;) {
         const size_t at = total % bytes->size;
