@@ -163,9 +163,9 @@ enum lw_status lw_image_write_exr_with(const char *path, const struct lw_image_e
 struct reader {
     struct stream *stream;
     exr_context_t context;
-    exr_attr_box2i_t window;
-    uint32_t width, height;
-    unsigned channels; /* 3: R, G, B; 4: A too, where the file has it */
+    exr_attr_box2i_t window, display; /* where there is data, and what is shown */
+    uint32_t width, height;           /* of the data */
+    unsigned channels;                /* 3: R, G, B; 4: A too, where the file has it */
     float *pixel;
     /* A apart: OpenEXR 3.1.5 mixes up the channels of four halves that it turns into one run of floats */
     float *alpha;
@@ -197,20 +197,27 @@ static enum lw_status check_channels(struct reader *reader) {
     return LW_OK;
 }
 
-static enum lw_status read_size(struct reader *reader) {
-    exr_result_t result = exr_get_data_window(reader->context, 0, &reader->window);
-    if (result) return check(reader->stream, result, LW_BAD_DATA, "read");
-    int64_t width = (int64_t)reader->window.max.x - reader->window.min.x + 1,
-            height = (int64_t)reader->window.max.y - reader->window.min.y + 1;
+static enum lw_status measure(struct reader *reader, const exr_attr_box2i_t *window, const char *name,
+                              uint32_t *out_width, uint32_t *out_height) {
+    int64_t width = (int64_t)window->max.x - window->min.x + 1,
+            height = (int64_t)window->max.y - window->min.y + 1;
     if (width < 1 || height < 1 || width > LW_IMAGE_SIDE_MAX || height > LW_IMAGE_SIDE_MAX ||
         (uint64_t)width * (uint64_t)height > READ_PIXELS_MAX)
-        return lw_status_fail(reader->stream->err, LW_BAD_DATA,
-                              "%s: the EXR has %lld x %lld pixels; the limit is %u a side and %u in all",
-                              reader->stream->path, (long long)width, (long long)height, LW_IMAGE_SIDE_MAX,
-                              READ_PIXELS_MAX);
-    reader->width = (uint32_t)width;
-    reader->height = (uint32_t)height;
+        return lw_status_fail(
+            reader->stream->err, LW_BAD_DATA,
+            "%s: the EXR has %lld x %lld pixels in its %s window; the limit is %u a side and %u in all",
+            reader->stream->path, (long long)width, (long long)height, name, LW_IMAGE_SIDE_MAX,
+            READ_PIXELS_MAX);
+    *out_width = (uint32_t)width;
+    *out_height = (uint32_t)height;
     return LW_OK;
+}
+
+static enum lw_status read_size(struct reader *reader) {
+    exr_result_t result = exr_get_data_window(reader->context, 0, &reader->window);
+    if (!result) result = exr_get_display_window(reader->context, 0, &reader->display);
+    if (result) return check(reader->stream, result, LW_BAD_DATA, "read");
+    return measure(reader, &reader->window, "data", &reader->width, &reader->height);
 }
 
 /* Decodes one chunk whose upper left pixel is (x, y) of our image. */
@@ -288,6 +295,37 @@ static enum lw_status read_pixels(struct reader *reader) {
     return check(reader->stream, result, LW_BAD_DATA, "read");
 }
 
+/* The part of one row of what is shown for which there is data. y: of the display window, from 0. */
+static void place_row(const struct reader *reader, int64_t y, uint32_t width, float *out) {
+    const int64_t left = (int64_t)reader->window.min.x - reader->display.min.x,
+                  row = y + reader->display.min.y - reader->window.min.y;
+    const int64_t from = left > 0 ? left : 0,
+                  to = left + reader->width < width ? left + reader->width : (int64_t)width;
+    if (row < 0 || row >= reader->height || from >= to) return;
+    const float *data =
+        reader->pixel + ((size_t)row * reader->width + (size_t)(from - left)) * reader->channels;
+    memcpy(out + (size_t)from * reader->channels, data,
+           (size_t)(to - from) * (size_t)pixel_bytes(reader->channels));
+}
+
+/* Puts the data where it is shown: 0 where there is none, nothing of what lies outside. */
+static enum lw_status place_in_display(struct reader *reader) {
+    uint32_t width = 0, height = 0;
+    if (memcmp(&reader->window, &reader->display, sizeof reader->window) == 0) return LW_OK;
+    enum lw_status status = measure(reader, &reader->display, "display", &width, &height);
+    if (status) return status;
+    float *shown = calloc((size_t)width * height, (size_t)pixel_bytes(reader->channels));
+    if (!shown)
+        return lw_status_fail(reader->stream->err, LW_NO_MEMORY, "%s: out of memory", reader->stream->path);
+    for (uint32_t y = 0; y < height; y++)
+        place_row(reader, y, width, shown + (size_t)y * width * reader->channels);
+    free(reader->pixel);
+    reader->pixel = shown;
+    reader->width = width;
+    reader->height = height;
+    return LW_OK;
+}
+
 static enum lw_status read_exr(const char *path, unsigned channels, float **out_pixel, uint32_t *out_width,
                                uint32_t *out_height, struct lw_error *err) {
     struct stat st;
@@ -307,6 +345,7 @@ static enum lw_status read_exr(const char *path, unsigned channels, float **out_
     enum lw_status status =
         check(&stream, result, result == EXR_ERR_FILE_ACCESS ? LW_NO_INPUT : LW_BAD_DATA, "read");
     if (!status) status = read_pixels(&reader);
+    if (!status) status = place_in_display(&reader);
     if (reader.started) exr_decoding_destroy(reader.context, &reader.pipeline);
     if (reader.context) exr_finish(&reader.context);
     free(reader.alpha);

@@ -47,7 +47,8 @@ LW_MUST_CHECK enum lw_status lw_image_encode_png(const uint8_t *pixel, uint32_t 
                                                  unsigned channels, uint8_t **out_png, size_t *out_size,
                                                  struct lw_error *err);
 
-/** Reads R, G, B of an EXR as floats (for tests and tools); *out_rgb is malloc'ed.
+/** Reads R, G, B of an EXR as floats; *out_rgb is malloc'ed. The picture is the display window: data outside
+ * of it is left out, and where it has none it is 0 (alpha too).
  * Errors: LW_NO_INPUT, LW_BAD_DATA, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_image_read_exr(const char *path, float **out_rgb, uint32_t *out_width,
                                                uint32_t *out_height, struct lw_error *err);

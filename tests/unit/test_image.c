@@ -167,7 +167,8 @@ struct foreign {
     exr_pixel_type_t type;
     const char *const *channels; /* alphabetical */
     int channel_count;
-    int32_t x, y, width, height;
+    int32_t x, y, width, height;       /* of the data */
+    int32_t shown_width, shown_height; /* of the display window, from (0, 0) on; 0: like the data */
 };
 
 static void must(exr_result_t result) { assert_int_equal(result, EXR_ERR_SUCCESS); }
@@ -183,13 +184,16 @@ static unsigned foreign_value(int channel, int32_t x, int32_t y) {
     return (unsigned)(channel * 300 + y * 16 + x) % 1024;
 }
 
+static int32_t shown(int32_t stated, int32_t data) { return stated ? stated : data; }
+
 static void write_foreign(const struct foreign *f) {
     exr_context_t context;
     exr_context_initializer_t initializer = EXR_DEFAULT_CONTEXT_INITIALIZER;
     int part;
     must(exr_start_write(&context, path, EXR_WRITE_FILE_DIRECTLY, &initializer));
     must(exr_add_part(context, NULL, f->tiled ? EXR_STORAGE_TILED : EXR_STORAGE_SCANLINE, &part));
-    must(exr_initialize_required_attr_simple(context, part, f->width, f->height, EXR_COMPRESSION_ZIP));
+    must(exr_initialize_required_attr_simple(context, part, shown(f->shown_width, f->width),
+                                             shown(f->shown_height, f->height), EXR_COMPRESSION_ZIP));
     exr_attr_box2i_t window;
     window.min.x = f->x, window.min.y = f->y;
     window.max.x = f->x + f->width - 1, window.max.y = f->y + f->height - 1;
@@ -243,12 +247,28 @@ static void write_foreign(const struct foreign *f) {
 static const char *const abgr[] = {"A", "B", "G", "R"}, *const many[] = {"A", "B", "G", "R", "S", "Z"},
                          *const grey[] = {"Y"};
 
-static void exr_reads_halves_tiles_and_other_origins(void **state) {
+/* What a pixel of the display window must be: the data that lies there, else 0. */
+static unsigned expected_value(const struct foreign *f, int channel, int32_t x, int32_t y) {
+    int written = 0;
+    while (f->channels[written][0] != "RGB"[channel]) written++;
+    const int32_t data_x = x - f->x, data_y = y - f->y;
+    if (data_x < 0 || data_x >= f->width || data_y < 0 || data_y >= f->height) return 0;
+    return foreign_value(written, data_x, data_y);
+}
+
+static void exr_reads_halves_tiles_and_windows(void **state) {
     (void)state;
     static const struct foreign files[] = {
-        {false, EXR_PIXEL_HALF, abgr, 4, 0, 0, 13, 19},    {false, EXR_PIXEL_FLOAT, many, 6, -3, 5, 13, 40},
-        {true, EXR_PIXEL_HALF, abgr, 4, 0, 0, 21, 10},     {true, EXR_PIXEL_FLOAT, many, 6, 7, -2, 16, 17},
-        {false, EXR_PIXEL_FLOAT, abgr + 1, 3, 0, 0, 1, 1},
+        {false, EXR_PIXEL_HALF, abgr, 4, 0, 0, 13, 19, 0, 0},
+        {true, EXR_PIXEL_HALF, abgr, 4, 0, 0, 21, 10, 0, 0},
+        {false, EXR_PIXEL_FLOAT, abgr + 1, 3, 0, 0, 1, 1, 0, 0},
+        /* data that reach over the edges, that lie within them, and that do both */
+        {false, EXR_PIXEL_FLOAT, many, 6, -3, 5, 13, 40, 0, 0},
+        {true, EXR_PIXEL_FLOAT, many, 6, 7, -2, 16, 17, 0, 0},
+        {false, EXR_PIXEL_HALF, abgr, 4, 4, 3, 9, 5, 32, 16},
+        {true, EXR_PIXEL_HALF, abgr, 4, -8, -4, 48, 24, 32, 16},
+        {false, EXR_PIXEL_FLOAT, abgr + 1, 3, -5, 12, 20, 20, 32, 16},
+        {false, EXR_PIXEL_FLOAT, abgr + 1, 3, 100, -90, 8, 8, 32, 16},
     };
     for (size_t n = 0; n < sizeof files / sizeof *files; n++) {
         const struct foreign *f = &files[n];
@@ -257,16 +277,11 @@ static void exr_reads_halves_tiles_and_other_origins(void **state) {
         uint32_t width, height;
         struct lw_error err = {0};
         lw_support_ok(lw_image_read_exr(path, &rgb, &width, &height, &err), &err);
-        assert_int_equal(width, f->width);
-        assert_int_equal(height, f->height);
-        for (int32_t y = 0; y < f->height; y++)
-            for (int32_t x = 0; x < f->width; x++)
-                for (int c = 0; c < 3; c++) {
-                    int written = 0;
-                    while (f->channels[written][0] != "RGB"[c]) written++;
-                    float value = rgb[((size_t)y * width + (size_t)x) * 3 + (size_t)c];
-                    assert_int_equal((int)value, foreign_value(written, x, y));
-                }
+        assert_int_equal(width, shown(f->shown_width, f->width));
+        assert_int_equal(height, shown(f->shown_height, f->height));
+        for (uint32_t i = 0; i < width * height * 3; i++)
+            assert_int_equal((unsigned)rgb[i], expected_value(f, (int)(i % 3), (int32_t)(i / 3 % width),
+                                                              (int32_t)(i / 3 / width)));
         free(rgb);
     }
 }
@@ -288,10 +303,10 @@ static void exr_refuses_what_is_none(void **state) {
     lw_support_write_file(path, "hello", 5);
     assert_int_equal(read_status(&err), LW_BAD_DATA);
     assert_non_null(strstr(err.text, path));
-    write_foreign(&(struct foreign){false, EXR_PIXEL_HALF, grey, 1, 0, 0, 4, 4});
+    write_foreign(&(struct foreign){false, EXR_PIXEL_HALF, grey, 1, 0, 0, 4, 4, 0, 0});
     assert_int_equal(read_status(&err), LW_BAD_DATA);
     assert_non_null(strstr(err.text, "R, G and B"));
-    write_foreign(&(struct foreign){false, EXR_PIXEL_UINT, abgr, 4, 0, 0, 4, 4});
+    write_foreign(&(struct foreign){false, EXR_PIXEL_UINT, abgr, 4, 0, 0, 4, 4, 0, 0});
     assert_int_equal(read_status(&err), LW_BAD_DATA);
     assert_non_null(strstr(err.text, "half or float"));
 }
@@ -453,7 +468,7 @@ int main(void) {
         T(exr_header_says_what_it_holds),
         T(exr_maps_have_coverage_attributes_and_halves),
         T(png_in_memory_keeps_every_byte),
-        T(exr_reads_halves_tiles_and_other_origins),
+        T(exr_reads_halves_tiles_and_windows),
         T(exr_refuses_what_is_none),
         T(exr_survives_every_truncation_and_many_flips),
         T(png_keeps_every_byte_and_says_srgb),
