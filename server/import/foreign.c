@@ -2,6 +2,7 @@
 
 #include "common/log.h"
 #include "server/import/foreign_animation.h"
+#include "server/import/foreign_text.h"
 #include "server/import/guard.h"
 #include "server/import/new_root.h"
 
@@ -24,23 +25,6 @@
 
 /* ---- Assimp ---- */
 
-/* Whether an OBJ has smoothing groups and no normals. Assimp reads the groups of no format but ignores
- * OBJ's. */
-static bool asks_for_smooth(const struct lw_foreign_files *files) {
-    const char *at = (const char *)files->bytes, *end = at + files->size;
-    bool smooth = false;
-    if (files->format != LW_SCENE_FORMAT_OBJ) return false;
-    while (at < end) {
-        size_t left = (size_t)(end - at);
-        if (left > 2 && at[0] == 'v' && at[1] == 'n') return false;
-        if (left > 2 && at[0] == 's' && (at[1] == ' ' || at[1] == '\t') && at[2] != '0' && at[2] != 'o')
-            smooth = true;
-        const char *line_end = memchr(at, '\n', left);
-        at = line_end ? line_end + 1 : end;
-    }
-    return smooth;
-}
-
 /* What Assimp says is English for its developers, in several lines at worst: it comes behind our own
  * words. */
 static enum lw_status fail_by_assimp(const struct lw_foreign_import *import, struct lw_error *err) {
@@ -49,8 +33,8 @@ static enum lw_status fail_by_assimp(const struct lw_foreign_import *import, str
     if (strstr(said, "bad_alloc") || strstr(said, "length_error"))
         return lw_status_fail(
             err, LW_BAD_DATA, "needs more memory than a file of %zu bytes should (%llu MiB): it is broken",
-            import->files->size,
-            (unsigned long long)((MEMORY_BASE + MEMORY_PER_BYTE * import->files->size) >> 20));
+            import->files->file_size,
+            (unsigned long long)((MEMORY_BASE + MEMORY_PER_BYTE * import->files->file_size) >> 20));
     snprintf(text, sizeof text, "%s", *said ? said : "no reason is given");
     return lw_status_fail(err, LW_BAD_DATA, "is no %s file that can be read: %s",
                           lw_scene_format_name(import->desc->format), text);
@@ -67,14 +51,6 @@ static struct aiPropertyStore *create_properties(void) {
     return store;
 }
 
-/* What is known to make Assimp 5.2.5 loop or crash and costs a line to tell. */
-static enum lw_status check_file(const struct lw_foreign_files *files, struct lw_error *err) {
-    static const char end[] = "end_header";
-    if (files->format == LW_SCENE_FORMAT_PLY && !memmem(files->bytes, files->size, end, sizeof end - 1))
-        return lw_status_fail(err, LW_BAD_DATA, "is cut short: its header has no end");
-    return LW_OK;
-}
-
 /* First without post-processing, so that we check the indices before Assimp follows them. */
 static enum lw_status read_file(struct lw_foreign_import *import, struct lw_foreign_files *files,
                                 struct lw_error *err) {
@@ -88,7 +64,7 @@ static enum lw_status read_file(struct lw_foreign_import *import, struct lw_fore
         lw_status_fail(err, LW_BAD_DATA, "holds no scene");
     else if (!lw_foreign_meshes_check(import, err)) {
         unsigned steps = aiProcess_Triangulate | aiProcess_SortByPType;
-        if (asks_for_smooth(files)) steps |= aiProcess_GenSmoothNormals;
+        if (files->obj.smooth) steps |= aiProcess_GenSmoothNormals;
         import->ai = aiApplyPostProcessing(ai, steps);
         if (!import->ai) (void)fail_by_assimp(import, err); /* it has freed the scene */
     }
@@ -110,10 +86,6 @@ static void report(const struct lw_foreign_import *import, const struct lw_forei
         lw_log(LW_LOG_WARNING,
                "%s: %llu triangles are wound against their normals: the normals say what is front", path,
                (unsigned long long)meshes->turned_count);
-    if (import->files->library_lost[0] && !import->files->library_found)
-        lw_log(LW_LOG_WARNING,
-               "%s: the material library \"%s\" is not there: what needs it is grey; put it beside the scene",
-               path, import->files->library_lost);
 }
 
 /* ---- units and axes ---- */
@@ -189,7 +161,7 @@ static enum lw_status load(const struct lw_foreign_desc *desc, struct lw_foreign
         .failure_fd = desc->failure_fd,
         .processor_s = desc->read_seconds > 0 ? desc->read_seconds : SECONDS_BASE + SECONDS_PER_MIB * mib,
         .memory_bytes = MEMORY_BASE + MEMORY_PER_BYTE * files->size};
-    enum lw_status status = check_file(files, err);
+    enum lw_status status = lw_foreign_text_mend(files, err);
     if (status) return status;
     lw_guard_enter(&guard);
     status = read_file(&import, files, err);

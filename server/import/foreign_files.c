@@ -1,18 +1,14 @@
 #include "server/import/foreign_files.h"
 
 #include "common/file_read.h"
-#include "server/import/beside.h"
-
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
-/* One open file; its bytes belong to it unless they are the scene's. */
+/* One open file. */
 struct reader {
-    struct aiFile file; /* first: Assimp hands it back */
-    const uint8_t *bytes;
-    uint8_t *own;
+    struct aiFile file;   /* first: Assimp hands it back */
+    const uint8_t *bytes; /* the scene's */
     size_t size, at;
 };
 
@@ -44,7 +40,7 @@ static enum aiReturn seek(struct aiFile *file, size_t offset, enum aiOrigin orig
     return aiReturn_SUCCESS;
 }
 
-static struct reader *create_reader(const uint8_t *bytes, uint8_t *own, size_t size) {
+static struct reader *create_reader(const uint8_t *bytes, size_t size) {
     struct reader *reader = malloc(sizeof *reader);
     if (!reader) return NULL;
     *reader = (struct reader){.file = {.ReadProc = read_bytes,
@@ -54,50 +50,20 @@ static struct reader *create_reader(const uint8_t *bytes, uint8_t *own, size_t s
                                        .SeekProc = seek,
                                        .FlushProc = flush},
                               .bytes = bytes,
-                              .own = own,
                               .size = size};
-    return reader;
-}
-
-static bool is_library(const char *name) {
-    size_t length = strlen(name);
-    return length > 4 && strcasecmp(name + length - 4, ".mtl") == 0;
-}
-
-static struct reader *open_library(struct lw_foreign_files *files, const char *name) {
-    struct lw_error ignored = {0};
-    char *path = NULL;
-    uint8_t *bytes = NULL;
-    size_t size = 0;
-    struct reader *reader = NULL;
-    if (lw_beside_find(files->folder, files->name, name, &path) && path &&
-        lw_file_read_beneath(files->folder, path, LW_FOREIGN_MTL_SIZE_MAX, true, &bytes, &size, &ignored) ==
-            LW_OK)
-        reader = create_reader(bytes, bytes, size);
-    if (!reader) free(bytes);
-    free(path);
-    files->library_found |= reader != NULL;
-    if (!reader && !files->library_lost[0])
-        snprintf(files->library_lost, sizeof files->library_lost, "%s", name);
     return reader;
 }
 
 static struct aiFile *open_file(struct aiFileIO *io, const char *name, const char *mode) {
     struct lw_foreign_files *files = (struct lw_foreign_files *)io;
     if (strpbrk(mode, "wa+")) return NULL;
-    if (strcmp(name, files->name) == 0)
-        return (struct aiFile *)create_reader(files->bytes, NULL, files->size);
-    if (files->format == LW_SCENE_FORMAT_OBJ && is_library(name))
-        return (struct aiFile *)open_library(files, name);
-    return NULL;
+    if (strcmp(name, files->name) != 0) return NULL;
+    return (struct aiFile *)create_reader(files->bytes, files->size);
 }
 
 static void close_file(struct aiFileIO *io, struct aiFile *file) {
     (void)io;
-    struct reader *reader = (struct reader *)file;
-    if (!reader) return;
-    free(reader->own);
-    free(reader);
+    free(file);
 }
 
 enum lw_status lw_foreign_files_init(struct lw_foreign_files *files, const char *path,
@@ -112,10 +78,15 @@ enum lw_status lw_foreign_files_init(struct lw_foreign_files *files, const char 
     if (!files->folder) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     snprintf(files->name, sizeof files->name, "%.*s%s", dot ? (int)(dot - base) : (int)strlen(base), base,
              lw_scene_format_ending(format));
-    return lw_file_read(path, LW_FOREIGN_FILE_SIZE_MAX, true, &files->bytes, &files->size, err);
+    const enum lw_status status =
+        lw_file_read(path, LW_FOREIGN_FILE_SIZE_MAX, true, &files->bytes, &files->size, err);
+    files->file_size = files->size;
+    return status;
 }
 
 void lw_foreign_files_finish(struct lw_foreign_files *files) {
+    lw_obj_materials_finish(&files->materials);
+    lw_obj_text_finish(&files->obj);
     free(files->bytes);
     free(files->folder);
     *files = (struct lw_foreign_files){0};

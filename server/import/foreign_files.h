@@ -1,26 +1,27 @@
-/* foreign_files.h: the files that Assimp may read, served from memory: the scene, and the material libraries
- * of an OBJ (beside.h). It cannot open, list or overwrite any other.
+/* foreign_files.h: the file that Assimp may read, served from memory: the scene. It cannot open, list or
+ * overwrite any other.
  * Threads: one set belongs to one import. */
 #ifndef LW_IMPORT_FOREIGN_FILES_H
 #define LW_IMPORT_FOREIGN_FILES_H
 
+#include "server/import/obj_materials.h"
 #include "server/import/scene_format.h"
 
 #include <assimp/cfileio.h>
 
-#define LW_FOREIGN_FILE_SIZE_MAX (4ull << 30)  /* bytes of a scene file */
-#define LW_FOREIGN_MTL_SIZE_MAX  (64ull << 20) /* bytes of a material library */
+#define LW_FOREIGN_FILE_SIZE_MAX (4ull << 30) /* bytes of a scene file */
 
 struct lw_foreign_files {
     struct aiFileIO io; /* first: Assimp hands it back to our callbacks */
     enum lw_scene_format format;
-    const char *path; /* of the scene */
-    char *folder;     /* of the scene */
-    char name[300];   /* what Assimp is told the scene is called: its base name with the right ending */
-    uint8_t *bytes;   /* of the scene */
-    size_t size;
-    bool library_found;     /* any material library */
-    char library_lost[200]; /* name of the first that was not; "" */
+    const char *path;       /* of the scene */
+    char *folder;           /* of the scene */
+    char name[300];         /* what Assimp is told the scene is called: its base name with the right ending */
+    uint8_t *bytes;         /* of the scene, as foreign_text.h leaves them */
+    size_t size, file_size; /* file_size: before that */
+    struct lw_obj_text obj; /* of an OBJ; its text is moved to the bytes */
+    struct lw_obj_materials materials;
+    bool has_material; /* a PLY or STL names a colour for what has none */
 };
 
 /** Reads the scene file. finish() also after failure.

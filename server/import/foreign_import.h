@@ -20,8 +20,11 @@
     X(ORTHOGRAPHIC, "orthographic cameras are ignored")                                                      \
     X(AMBIENT, "ambient lights are ignored: lightwelld --sky gives light from all around")                   \
     X(AREA, "area lights are ignored: give a mesh an emissive material instead")                             \
+    X(ATTENUATION, "constant and linear attenuation of lights are ignored: light falls off with the square") \
+    X(VERTEX_ALPHA, "the alpha of vertex colours is ignored: surfaces are opaque")                           \
     X(UV_SET, "textures that use a third or higher UV set are ignored")                                      \
     X(UV_MISSING, "a material has a texture for which its mesh has no texture coordinates: (0, 0) is used")  \
+    X(OPACITY_TRANSFORM, "an opacity map lies otherwise than the colour beside it: it is read as that lies") \
     X(SHEAR, "animated nodes lose the shear of their matrix")                                                \
     X(CHANNEL_TWICE, "several animations move the same node: the first one counts")                          \
     X(CHANNEL_LOST, "animations of nodes that do not exist are ignored")

@@ -1,22 +1,23 @@
 /* Rules for what diffuse light cannot show, and why: docs/importing.md, "Materials". */
 #include "server/import/foreign_material.h"
 
+#include "common/colour.h"
 #include "common/file_read.h"
 #include "common/log.h"
 #include "server/import/beside.h"
+#include "server/import/foreign_look.h"
 #include "server/import/image_file.h"
 #include "server/import/mesh_builder.h"
 #include "server/import/mirror.h"
 
-#include <assimp/material.h>
+#include <limits.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* What Assimp puts where a file names no diffuse colour. */
-#define ASSIMP_GREY         0.6f
-#define ASSIMP_DEFAULT_NAME "DefaultMaterial"
+/* Albedo of what has none. Assimp puts the same where FBX and Collada name no diffuse colour. */
+#define GREY 0.6f
 
 /* An opacity map with less than this share of texels between nearly 0 and nearly 1 cuts out; else it
  * blends. */
@@ -29,7 +30,7 @@
 enum { VARIANTS = 4 }; /* one- or two-sided, own colour or white */
 
 struct lw_foreign_picture {
-    char *key; /* path as the file has it; of a colour and an opacity map, both */
+    char *key; /* folder and path as the file has them; of one that is made of others, what it is made of */
     const uint8_t *rgba;
     uint32_t width, height;
     bool unreadable, has_alpha;
@@ -135,15 +136,43 @@ static enum lw_status load_embedded(struct lw_foreign_materials *materials, cons
     return LW_OK;
 }
 
-static enum lw_status load_file(struct lw_foreign_materials *materials, const char *path,
+/* Beside the library that names it, then as if the scene did, then by its name near the library. *out: from
+ * the scene's folder on; NULL: not there. */
+static enum lw_status find_file(const struct lw_foreign_files *files, const struct lw_foreign_map *map,
+                                char **out, struct lw_error *err) {
+    char path[PATH_MAX], folder[PATH_MAX], *near = NULL;
+    *out = NULL;
+    if (!*map->folder) {
+        if (lw_beside_find(files->folder, files->name, map->path.data, out) && !*out) goto no_memory;
+        return LW_OK;
+    }
+    if (snprintf(path, sizeof path, "%s/%s", map->folder, map->path.data) >= (int)sizeof path ||
+        snprintf(folder, sizeof folder, "%s/%s", files->folder, map->folder) >= (int)sizeof folder)
+        return LW_OK;
+    if (lw_beside_find(files->folder, files->name, path, out)) {
+        if (!*out) goto no_memory;
+        return LW_OK;
+    }
+    if (!lw_beside_find(folder, files->name, map->path.data, &near)) return LW_OK;
+    if (!near) goto no_memory;
+    const int length = snprintf(path, sizeof path, "%s/%s", map->folder, near);
+    free(near);
+    if (length >= (int)sizeof path) return LW_OK;
+    *out = strdup(path);
+    if (*out) return LW_OK;
+no_memory:
+    return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+}
+
+static enum lw_status load_file(struct lw_foreign_materials *materials, const struct lw_foreign_map *map,
                                 struct lw_foreign_picture *picture, struct lw_error *err) {
     const struct lw_foreign_files *files = materials->import->files;
     char *found = NULL;
     uint8_t *bytes = NULL;
     size_t size = 0;
-    if (!lw_beside_find(files->folder, files->name, path, &found))
+    if (find_file(files, map, &found, err)) return err->status;
+    if (!found)
         return lw_status_fail(err, LW_BAD_DATA, "is not there: put it into the folder of the scene or below");
-    if (!found) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     if (lw_file_read_beneath(files->folder, found, LW_IMAGE_FILE_SIZE_MAX, true, &bytes, &size, err) == LW_OK)
         (void)decode(materials, bytes, size, picture, err);
     free(bytes);
@@ -176,23 +205,54 @@ static bool has_alpha(const struct lw_foreign_picture *picture) {
     return false;
 }
 
+/* Colours are sRGB in a picture, and linear where a map changes them. */
+static uint8_t change_value(uint8_t value, const struct lw_foreign_map *map) {
+    const float linear = map->base + map->gain * lw_colour_from_srgb((float)value / 255);
+    return (uint8_t)(lw_colour_to_srgb(fminf(fmaxf(linear, 0), 1)) * 255 + 0.5f);
+}
+
+/* A copy of a picture with the values that its map asks for. */
+static enum lw_status change_picture(struct lw_foreign_materials *materials, const struct lw_foreign_map *map,
+                                     uint32_t *index, struct lw_error *err) {
+    char key[PATH_MAX + 64];
+    uint8_t table[256], *rgba;
+    snprintf(key, sizeof key, "%.*s\n%.9g %.9g", PATH_MAX - 1, materials->picture[*index].key,
+             (double)map->base, (double)map->gain);
+    struct lw_foreign_picture *made = find_picture(materials, key);
+    if (!made) {
+        if (add_picture(materials, key, &made, err)) return err->status;
+        const struct lw_foreign_picture *from = &materials->picture[*index];
+        made->width = from->width;
+        made->height = from->height;
+        made->has_alpha = from->has_alpha;
+        if (allocate_texels(materials, made, &rgba, err)) return err->status;
+        for (int i = 0; i < 256; i++) table[i] = change_value((uint8_t)i, map);
+        for (size_t i = 0; i < 4 * (size_t)from->width * from->height; i++)
+            rgba[i] = i % 4 == 3 ? from->rgba[i] : table[from->rgba[i]];
+    }
+    *index = (uint32_t)(made - materials->picture);
+    return LW_OK;
+}
+
 /* *out_index into the pictures, which may move. A picture that cannot be read is one that is marked so. */
-static enum lw_status get_picture(struct lw_foreign_materials *materials, const char *path,
+static enum lw_status get_picture(struct lw_foreign_materials *materials, const struct lw_foreign_map *map,
                                   uint32_t *out_index, struct lw_error *err) {
-    struct lw_foreign_picture *picture = find_picture(materials, path);
+    char key[PATH_MAX];
+    snprintf(key, sizeof key, "%s%s%s", map->folder, *map->folder ? "/" : "", map->path.data);
+    struct lw_foreign_picture *picture = find_picture(materials, key);
     if (!picture) {
-        if (add_picture(materials, path, &picture, err)) return err->status;
-        const struct aiTexture *embedded = find_embedded(materials->import->ai, path);
+        if (add_picture(materials, key, &picture, err)) return err->status;
+        const struct aiTexture *embedded = find_embedded(materials->import->ai, map->path.data);
         if (embedded)
             (void)load_embedded(materials, embedded, picture, err);
         else
-            (void)load_file(materials, path, picture, err);
+            (void)load_file(materials, map, picture, err);
         if (err->status == LW_NO_MEMORY) return err->status;
         picture->unreadable = err->status != LW_OK;
         if (picture->unreadable && materials->unreadable_count++ < WARNINGS_MAX)
             lw_log(LW_LOG_WARNING,
                    "%s: texture \"%s\": %s; a colour stands in (half the diffuse colour, no emission)",
-                   materials->import->desc->path, path, err->text);
+                   materials->import->desc->path, map->path.data, err->text);
         *err = (struct lw_error){0};
         if (!picture->unreadable) picture->has_alpha = has_alpha(picture);
     }
@@ -200,36 +260,51 @@ static enum lw_status get_picture(struct lw_foreign_materials *materials, const 
     return LW_OK;
 }
 
+static uint8_t opacity_of(const uint8_t texel[4], bool has_alpha, const struct lw_foreign_map *map) {
+    const char channel = map->channel ? map->channel : has_alpha ? 'm' : 'l';
+    const float value = channel == 'r'   ? texel[0]
+                        : channel == 'g' ? texel[1]
+                        : channel == 'b' ? texel[2]
+                        : channel == 'm' ? texel[3]
+                                         : (float)((texel[0] + texel[1] + texel[2]) / 3);
+    return (uint8_t)fminf(fmaxf(255 * map->base + map->gain * value, 0), 255);
+}
+
 /* The colour of one picture (white if there is none) with the opacity of another, at the larger of their
  * sizes. An opacity map without an alpha channel has it in its brightness. */
+static void fill_combined(const struct lw_foreign_picture *colour, const struct lw_foreign_picture *opacity,
+                          const struct lw_foreign_map *map, const struct lw_foreign_picture *made,
+                          uint8_t *rgba) {
+    const struct lw_foreign_picture *c = colour ? colour : opacity, *o = opacity;
+    for (uint32_t y = 0; y < made->height; y++)
+        for (uint32_t x = 0; x < made->width; x++) {
+            const uint8_t *from = c->rgba + 4 * ((uint64_t)y * c->height / made->height * c->width +
+                                                 (uint64_t)x * c->width / made->width);
+            const uint8_t *mask = o->rgba + 4 * ((uint64_t)y * o->height / made->height * o->width +
+                                                 (uint64_t)x * o->width / made->width);
+            uint8_t *to = rgba + 4 * ((size_t)y * made->width + x);
+            memcpy(to, colour ? from : (const uint8_t[]){255, 255, 255}, 3);
+            to[3] = opacity_of(mask, o->has_alpha, map);
+        }
+}
+
 static enum lw_status combine(struct lw_foreign_materials *materials, uint32_t colour, uint32_t opacity,
-                              uint32_t *out_index, struct lw_error *err) {
+                              const struct lw_foreign_map *map, uint32_t *out_index, struct lw_error *err) {
     bool coloured = colour != LW_SCENE_NONE;
-    size_t size =
-        strlen(materials->picture[opacity].key) + (coloured ? strlen(materials->picture[colour].key) : 0) + 2;
-    char *key = malloc(size);
-    if (!key) return lw_status_fail(err, LW_NO_MEMORY, "out of memory for pictures");
-    snprintf(key, size, "%s\n%s", coloured ? materials->picture[colour].key : "",
-             materials->picture[opacity].key);
+    char *key = NULL;
+    if (asprintf(&key, "%s\n%s\n%c %.9g %.9g", coloured ? materials->picture[colour].key : "",
+                 materials->picture[opacity].key, map->channel ? map->channel : '-', (double)map->base,
+                 (double)map->gain) < 0)
+        return lw_status_fail(err, LW_NO_MEMORY, "out of memory for pictures");
     struct lw_foreign_picture *made = find_picture(materials, key);
     if (!made && add_picture(materials, key, &made, err) == LW_OK) {
         const struct lw_foreign_picture *o = &materials->picture[opacity],
-                                        *c = coloured ? &materials->picture[colour] : o;
+                                        *c = coloured ? &materials->picture[colour] : NULL;
         uint8_t *rgba;
-        made->width = c->width > o->width ? c->width : o->width;
-        made->height = c->height > o->height ? c->height : o->height;
+        made->width = c && c->width > o->width ? c->width : o->width;
+        made->height = c && c->height > o->height ? c->height : o->height;
         made->has_alpha = true;
-        if (!allocate_texels(materials, made, &rgba, err))
-            for (uint32_t y = 0; y < made->height; y++)
-                for (uint32_t x = 0; x < made->width; x++) {
-                    const uint8_t *from = c->rgba + 4 * ((uint64_t)y * c->height / made->height * c->width +
-                                                         (uint64_t)x * c->width / made->width);
-                    const uint8_t *mask = o->rgba + 4 * ((uint64_t)y * o->height / made->height * o->width +
-                                                         (uint64_t)x * o->width / made->width);
-                    uint8_t *to = rgba + 4 * ((size_t)y * made->width + x);
-                    memcpy(to, coloured ? from : (const uint8_t[]){255, 255, 255}, 3);
-                    to[3] = o->has_alpha ? mask[3] : (uint8_t)((mask[0] + mask[1] + mask[2]) / 3);
-                }
+        if (!allocate_texels(materials, made, &rgba, err)) fill_combined(c, o, map, made, rgba);
     }
     free(key);
     if (err->status) return err->status;
@@ -248,62 +323,8 @@ static bool blends(const struct lw_foreign_picture *picture) {
 
 /* ---- textures ---- */
 
-/* A material's texture of one kind, before its picture is read. */
-struct reference {
-    bool there;
-    struct aiString path;
-    unsigned uv_set;
-    uint8_t wrap_s, wrap_t;
-    float transform[6];
-};
-
-static uint8_t wrap_of(enum aiTextureMapMode mode) {
-    return mode == aiTextureMapMode_Mirror ? LW_WRAP_MIRROR
-           : mode == aiTextureMapMode_Wrap ? LW_WRAP_REPEAT
-                                           : LW_WRAP_CLAMP;
-}
-
-/* Assimp: coordinates are scaled, turned about (0.5, 0.5) and moved, with v up. Ours have v down: v' = 1 - v
- * on both sides of the transform. */
-static void convert_transform(const struct aiUVTransform *from, float out[6]) {
-    float c = cosf(from->mRotation), s = sinf(from->mRotation);
-    float a[6] = {
-        c * from->mScaling.x, -s * from->mScaling.y, 0.5f - 0.5f * c + 0.5f * s + from->mTranslation.x,
-        s * from->mScaling.x, c * from->mScaling.y,  0.5f - 0.5f * s - 0.5f * c + from->mTranslation.y};
-    const float flipped[6] = {a[0], -a[1], a[1] + a[2], -a[3], a[4], 1 - a[4] - a[5]};
-    memcpy(out, flipped, sizeof flipped);
-}
-
-static enum lw_status read_reference(const struct aiMaterial *ai, enum aiTextureType type,
-                                     struct reference *out, struct lw_error *err) {
-    enum aiTextureMapMode mode[3] = {aiTextureMapMode_Wrap, aiTextureMapMode_Wrap, aiTextureMapMode_Wrap};
-    struct aiUVTransform transform = {.mScaling = {1, 1}};
-    *out = (struct reference){0};
-    if (aiGetMaterialTexture(ai, type, 0, &out->path, NULL, &out->uv_set, NULL, NULL, mode, NULL) !=
-            aiReturn_SUCCESS ||
-        out->path.length == 0)
-        return LW_OK;
-    (void)aiGetMaterialUVTransform(ai, AI_MATKEY_UVTRANSFORM(type, 0), &transform);
-    out->there = true;
-    out->wrap_s = wrap_of(mode[0]);
-    out->wrap_t = wrap_of(mode[1]);
-    convert_transform(&transform, out->transform);
-    for (int i = 0; i < 6; i++)
-        if (!isfinite(out->transform[i]))
-            return lw_status_fail(err, LW_BAD_DATA, "the transform of texture \"%s\" is not finite",
-                                  out->path.data);
-    return LW_OK;
-}
-
-/* The first of two kinds that is there. */
-static enum lw_status read_either(const struct aiMaterial *ai, enum aiTextureType first,
-                                  enum aiTextureType second, struct reference *out, struct lw_error *err) {
-    if (read_reference(ai, first, out, err) || out->there) return err->status;
-    return read_reference(ai, second, out, err);
-}
-
 static enum lw_status use_picture(struct lw_foreign_materials *materials, uint32_t index,
-                                  const struct reference *reference, struct lw_texture_use *out,
+                                  const struct lw_foreign_map *reference, struct lw_texture_use *out,
                                   struct lw_error *err) {
     struct lw_scene *scene = materials->import->scene;
     const struct lw_foreign_picture *picture = &materials->picture[index];
@@ -332,17 +353,13 @@ static enum lw_status use_picture(struct lw_foreign_materials *materials, uint32
 
 /* ---- colours ---- */
 
-/* *out_there: the material has the colour. */
-static enum lw_status read_colour(const struct aiMaterial *ai, const char *key, unsigned type, unsigned index,
-                                  const char *name, float out[3], bool *out_there, struct lw_error *err) {
-    struct aiColor4D colour = {0};
-    *out_there = aiGetMaterialColor(ai, key, type, index, &colour) == aiReturn_SUCCESS;
-    if (!*out_there) return LW_OK;
-    const float c[3] = {colour.r, colour.g, colour.b};
-    for (int i = 0; i < 3; i++)
-        if (!(c[i] >= 0 && c[i] <= LW_SCENE_RADIANCE_MAX))
-            return lw_status_fail(err, LW_BAD_DATA, "its %s colour has the component %g", name, (double)c[i]);
-    memcpy(out, c, sizeof c);
+static enum lw_status check_colour(const struct lw_foreign_look *look, enum lw_foreign_colour which,
+                                   struct lw_error *err) {
+    static const char *const names[LW_FOREIGN_COLOURS] = {"diffuse", "specular", "emissive"};
+    for (int i = 0; i < 3 && look->has_colour[which]; i++)
+        if (!(look->colour[which][i] >= 0 && look->colour[which][i] <= LW_SCENE_RADIANCE_MAX))
+            return lw_status_fail(err, LW_BAD_DATA, "its %s colour has the component %g", names[which],
+                                  (double)look->colour[which][i]);
     return LW_OK;
 }
 
@@ -351,141 +368,168 @@ static bool is_white(const float c[3]) { return c[0] == 1 && c[1] == 1 && c[2] =
 
 /* Next to a texture FBX and Collada mean the texture alone; an MTL file means the product, but a colour that
  * it leaves out, or gives as black, was never meant to hide the texture. */
-static void colour_beside_texture(enum lw_scene_format format, float colour[3]) {
-    bool missing = colour[0] == ASSIMP_GREY && colour[1] == ASSIMP_GREY && colour[2] == ASSIMP_GREY;
-    if (format == LW_SCENE_FORMAT_OBJ && !missing && brightest(colour) > 0) return;
+static void colour_beside_texture(enum lw_scene_format format, const struct lw_foreign_look *look,
+                                  float colour[3]) {
+    if (format == LW_SCENE_FORMAT_OBJ && look->has_colour[LW_FOREIGN_DIFFUSE] && brightest(colour) > 0)
+        return;
     for (int c = 0; c < 3; c++) colour[c] = 1;
 }
 
-/* A lamp is black because it is a lamp. */
-static bool emits(const struct aiMaterial *ai) {
-    struct aiColor4D colour = {0};
-    return aiGetMaterialColor(ai, AI_MATKEY_COLOR_EMISSIVE, &colour) == aiReturn_SUCCESS &&
-           (colour.r > 0 || colour.g > 0 || colour.b > 0);
-}
-
-static enum lw_status read_albedo(struct lw_foreign_materials *materials, const struct aiMaterial *ai,
-                                  const struct reference *texture, float out[3], struct lw_error *err) {
-    float specular[3] = {0};
-    bool there;
-    for (int c = 0; c < 3; c++) out[c] = ASSIMP_GREY;
-    if (read_colour(ai, AI_MATKEY_COLOR_DIFFUSE, "diffuse", out, &there, err) ||
-        (!there && read_colour(ai, AI_MATKEY_BASE_COLOR, "base", out, &there, err)))
-        return err->status;
-    if (texture->there) {
-        colour_beside_texture(materials->import->desc->format, out);
+static enum lw_status read_albedo(struct lw_foreign_materials *materials, const struct lw_foreign_look *look,
+                                  float out[3], struct lw_error *err) {
+    const float *specular = look->colour[LW_FOREIGN_SPECULAR];
+    for (int c = 0; c < 3; c++) out[c] = GREY;
+    if (check_colour(look, LW_FOREIGN_DIFFUSE, err)) return err->status;
+    if (look->has_colour[LW_FOREIGN_DIFFUSE]) memcpy(out, look->colour[LW_FOREIGN_DIFFUSE], 3 * sizeof *out);
+    if (look->colour_map.there) {
+        colour_beside_texture(materials->import->desc->format, look, out);
         return LW_OK;
     }
-    if (emits(ai)) return LW_OK;
-    if (read_colour(ai, AI_MATKEY_COLOR_SPECULAR, "specular", specular, &there, err)) return err->status;
-    if (lw_mirror_is(out, specular)) memcpy(out, specular, sizeof specular);
+    /* a lamp is black because it is a lamp */
+    if (look->has_colour[LW_FOREIGN_EMISSION] && brightest(look->colour[LW_FOREIGN_EMISSION]) > 0)
+        return LW_OK;
+    if (check_colour(look, LW_FOREIGN_SPECULAR, err)) return err->status;
+    if (look->has_colour[LW_FOREIGN_SPECULAR] && lw_mirror_is(out, specular))
+        memcpy(out, specular, 3 * sizeof *out);
+    return LW_OK;
+}
+
+static bool is_changed(const struct lw_foreign_map *map) { return map->base != 0 || map->gain != 1; }
+
+/* The picture of a map, with the values that the map asks for; LW_SCENE_NONE: there is none, or it cannot be
+ * read. */
+static enum lw_status get_colours(struct lw_foreign_materials *materials, const struct lw_foreign_map *map,
+                                  uint32_t *out, bool *out_unreadable, struct lw_error *err) {
+    *out = LW_SCENE_NONE;
+    *out_unreadable = false;
+    if (!map->there) return LW_OK;
+    if (get_picture(materials, map, out, err)) return err->status;
+    *out_unreadable = materials->picture[*out].unreadable;
+    if (*out_unreadable)
+        *out = LW_SCENE_NONE;
+    else if (is_changed(map))
+        return change_picture(materials, map, out, err);
     return LW_OK;
 }
 
 /* The diffuse texture and the opacity map become one texture. Without an opacity map the alpha of a diffuse
- * texture means nothing, as the formats have it. */
-static enum lw_status read_base(struct lw_foreign_materials *materials, const struct aiMaterial *ai,
-                                struct lw_material *out, struct lw_error *err) {
-    struct reference colour, opacity;
-    uint32_t colour_picture = LW_SCENE_NONE, opacity_picture = LW_SCENE_NONE;
-    float alpha = 1;
-    if (read_either(ai, aiTextureType_DIFFUSE, aiTextureType_BASE_COLOR, &colour, err) ||
-        read_reference(ai, aiTextureType_OPACITY, &opacity, err) ||
-        read_albedo(materials, ai, &colour, out->base_colour, err) ||
-        (colour.there && get_picture(materials, colour.path.data, &colour_picture, err)) ||
-        (opacity.there && get_picture(materials, opacity.path.data, &opacity_picture, err)))
-        return err->status;
-    if (brightest(out->base_colour) > 1) {
-        lw_tally_add(&materials->bright, out->name);
-        for (int c = 0; c < 3; c++) out->base_colour[c] = fminf(out->base_colour[c], 1);
-    }
-    if (colour.there && materials->picture[colour_picture].unreadable) {
-        for (int c = 0; c < 3; c++) out->base_colour[c] *= LW_IMAGE_FILE_STAND_IN_ALBEDO;
-        colour_picture = LW_SCENE_NONE;
-    }
-    if (opacity.there && materials->picture[opacity_picture].unreadable) opacity_picture = LW_SCENE_NONE;
-    if (colour.uv_set > 1 || opacity.uv_set > 1) {
-        lw_foreign_import_warn(materials->import, LW_FOREIGN_WARN_UV_SET);
-        colour_picture = opacity_picture = LW_SCENE_NONE;
-    }
-    bool own_alpha = opacity_picture != LW_SCENE_NONE && opacity_picture == colour_picture &&
-                     !materials->picture[opacity_picture].has_alpha;
-    if (own_alpha)
-        opacity_picture = LW_SCENE_NONE; /* exporters name the colour again; there is nothing in it */
-    uint32_t picture = colour_picture;
-    if (opacity_picture != LW_SCENE_NONE && opacity_picture != colour_picture &&
-        combine(materials, colour_picture, opacity_picture, &picture, err))
-        return err->status;
-    if (picture != LW_SCENE_NONE &&
-        use_picture(materials, picture, colour.there ? &colour : &opacity, &out->base_colour_texture, err))
-        return err->status;
+ * texture means nothing, as the formats have it. *out: LW_SCENE_NONE if there is none. *out_opacity: it has
+ * one. */
+static enum lw_status join_maps(struct lw_foreign_materials *materials, const struct lw_foreign_look *look,
+                                uint32_t colour, uint32_t opacity, uint32_t *out, bool *out_opacity,
+                                struct lw_error *err) {
+    const struct lw_foreign_map *map = &look->opacity_map;
+    const bool plain = !map->channel && !is_changed(map);
+    if (colour != LW_SCENE_NONE && opacity != LW_SCENE_NONE &&
+        memcmp(map->transform, look->colour_map.transform, sizeof map->transform) != 0)
+        lw_foreign_import_warn(materials->import, LW_FOREIGN_WARN_OPACITY_TRANSFORM);
+    if (plain && opacity == colour && opacity != LW_SCENE_NONE && !materials->picture[opacity].has_alpha)
+        opacity = LW_SCENE_NONE; /* exporters name the colour again; there is nothing in it */
+    *out = colour;
+    *out_opacity = opacity != LW_SCENE_NONE;
+    if (*out_opacity && (opacity != colour || !plain))
+        return combine(materials, colour, opacity, map, out, err);
+    return LW_OK;
+}
 
-    (void)aiGetMaterialFloatArray(ai, AI_MATKEY_OPACITY, &alpha, NULL);
+static enum lw_status read_alpha(struct lw_foreign_materials *materials, const struct lw_foreign_look *look,
+                                 bool has_map, uint32_t picture, struct lw_material *out,
+                                 struct lw_error *err) {
+    float alpha = look->opacity;
     if (!(alpha >= 0 && alpha <= 1)) {
         if (!isfinite(alpha) || alpha < 0)
             return lw_status_fail(err, LW_BAD_DATA, "its opacity is %g", (double)alpha);
         alpha = 1;
     }
-    if (alpha == 0 && opacity_picture == LW_SCENE_NONE) {
+    if (alpha == 0 && !has_map) {
         lw_tally_add(&materials->invisible, out->name);
         alpha = 1;
     }
     out->base_colour[3] = alpha;
     if (alpha < 1)
         out->alpha_mode = LW_ALPHA_BLEND;
-    else if (opacity_picture != LW_SCENE_NONE)
+    else if (has_map)
         out->alpha_mode = blends(&materials->picture[picture]) ? LW_ALPHA_BLEND : LW_ALPHA_MASK;
     return LW_OK;
 }
 
-static enum lw_status read_emission(struct lw_foreign_materials *materials, const struct aiMaterial *ai,
-                                    struct lw_material *out, struct lw_error *err) {
-    struct reference reference;
-    uint32_t picture = 0;
-    bool there;
-    if (read_colour(ai, AI_MATKEY_COLOR_EMISSIVE, "emissive", out->emission, &there, err) ||
-        read_either(ai, aiTextureType_EMISSIVE, aiTextureType_EMISSION_COLOR, &reference, err) ||
-        !reference.there)
+static enum lw_status read_base(struct lw_foreign_materials *materials, const struct lw_foreign_look *look,
+                                struct lw_material *out, struct lw_error *err) {
+    const struct lw_foreign_map *colour = &look->colour_map, *opacity = &look->opacity_map;
+    struct lw_foreign_map plain = *opacity; /* its values are changed where it becomes an alpha */
+    uint32_t colour_picture, opacity_picture, picture;
+    bool colour_lost, opacity_lost, has_opacity;
+    plain.base = 0;
+    plain.gain = 1;
+    if (read_albedo(materials, look, out->base_colour, err) ||
+        get_colours(materials, colour, &colour_picture, &colour_lost, err) ||
+        get_colours(materials, &plain, &opacity_picture, &opacity_lost, err))
         return err->status;
+    if (brightest(out->base_colour) > 1) {
+        lw_tally_add(&materials->bright, out->name);
+        for (int c = 0; c < 3; c++) out->base_colour[c] = fminf(out->base_colour[c], 1);
+    }
+    for (int c = 0; colour_lost && c < 3; c++) out->base_colour[c] *= LW_IMAGE_FILE_STAND_IN_ALBEDO;
+    if (colour->uv_set > 1 || opacity->uv_set > 1) {
+        lw_foreign_import_warn(materials->import, LW_FOREIGN_WARN_UV_SET);
+        colour_picture = opacity_picture = LW_SCENE_NONE;
+    }
+    if (join_maps(materials, look, colour_picture, opacity_picture, &picture, &has_opacity, err) ||
+        (picture != LW_SCENE_NONE &&
+         use_picture(materials, picture, colour->there ? colour : opacity, &out->base_colour_texture, err)))
+        return err->status;
+    return read_alpha(materials, look, has_opacity, picture, out, err);
+}
+
+static enum lw_status read_emission(struct lw_foreign_materials *materials,
+                                    const struct lw_foreign_look *look, struct lw_material *out,
+                                    struct lw_error *err) {
+    const struct lw_foreign_map *map = &look->emission_map;
+    uint32_t picture = 0;
+    if (check_colour(look, LW_FOREIGN_EMISSION, err)) return err->status;
+    if (look->has_colour[LW_FOREIGN_EMISSION])
+        memcpy(out->emission, look->colour[LW_FOREIGN_EMISSION], sizeof out->emission);
+    if (!map->there) return LW_OK;
     if (brightest(out->emission) <= 0)
         for (int c = 0; c < 3; c++)
             out->emission[c] = 1; /* a colour left at black is no wish to hide the map */
-    if (get_picture(materials, reference.path.data, &picture, err)) return err->status;
-    if (materials->picture[picture].unreadable || reference.uv_set > 1) {
+    if (get_picture(materials, map, &picture, err)) return err->status;
+    if (materials->picture[picture].unreadable || map->uv_set > 1) {
         /* most of such a map is black: all of it alight would be worse than none */
         memset(out->emission, 0, sizeof out->emission);
-        if (reference.uv_set > 1) lw_foreign_import_warn(materials->import, LW_FOREIGN_WARN_UV_SET);
+        if (map->uv_set > 1) lw_foreign_import_warn(materials->import, LW_FOREIGN_WARN_UV_SET);
         return LW_OK;
     }
-    return use_picture(materials, picture, &reference, &out->emission_texture, err);
+    if (map->base == 0 && map->gain >= 0) /* light may be above 1, a picture may not */
+        for (int c = 0; c < 3; c++)
+            out->emission[c] = fminf(out->emission[c] * map->gain, LW_SCENE_RADIANCE_MAX);
+    else if (change_picture(materials, map, &picture, err))
+        return err->status;
+    return use_picture(materials, picture, map, &out->emission_texture, err);
 }
 
 /* ---- materials ---- */
 
-static enum lw_status convert(struct lw_foreign_materials *materials, const struct aiMaterial *ai,
+static enum lw_status convert(struct lw_foreign_materials *materials, unsigned index,
                               struct lw_foreign_converted *converted, struct lw_error *err) {
     struct lw_material *out = &converted->material;
-    struct aiString name = {0};
-    int two_sided = 0;
-    (void)aiGetMaterialString(ai, AI_MATKEY_NAME, &name);
+    struct lw_foreign_look look;
     *out = (struct lw_material){.base_colour = {1, 1, 1, 1},
                                 .base_colour_texture = no_texture,
                                 .emission_texture = no_texture,
                                 .alpha_cutoff = 0.5f};
-    out->name = lw_foreign_import_text(materials->import, &name);
+    const enum lw_status status = lw_foreign_look_read(materials->import, index, &look, err);
+    out->name = lw_foreign_import_text(materials->import, &look.name);
     if (!out->name) return lw_status_fail(err, LW_NO_MEMORY, "out of memory for materials");
-    if (read_base(materials, ai, out, err) || read_emission(materials, ai, out, err)) {
+    if (status || read_base(materials, &look, out, err) || read_emission(materials, &look, out, err)) {
         lw_status_context(err, "material \"%.80s\"", out->name);
         return err->status;
     }
-    (void)aiGetMaterialIntegerArray(ai, AI_MATKEY_TWOSIDED, &two_sided, NULL);
-    converted->stated_two_sided = two_sided != 0;
+    converted->stated_two_sided = look.stated_two_sided;
     converted->emits = brightest(out->emission) > 0;
-    converted->is_default = strcmp(name.data, ASSIMP_DEFAULT_NAME) == 0;
+    converted->is_default = look.is_default;
     converted->done = true;
-    if (aiGetMaterialTextureCount(ai, aiTextureType_NORMALS) +
-        aiGetMaterialTextureCount(ai, aiTextureType_HEIGHT))
-        lw_foreign_import_warn(materials->import, LW_FOREIGN_WARN_NORMAL_MAP);
+    if (look.has_bump) lw_foreign_import_warn(materials->import, LW_FOREIGN_WARN_NORMAL_MAP);
     return LW_OK;
 }
 
@@ -509,7 +553,7 @@ enum lw_status lw_foreign_materials_get(struct lw_foreign_materials *materials, 
     if (index >= ai->mNumMaterials)
         return lw_status_fail(err, LW_BAD_DATA, "uses material %u of %u", index, ai->mNumMaterials);
     struct lw_foreign_converted *converted = &materials->converted[index];
-    if (!converted->done && convert(materials, ai->mMaterials[index], converted, err)) return err->status;
+    if (!converted->done && convert(materials, index, converted, err)) return err->status;
     bool two_sided = is_two_sided(materials, converted, surface.closed);
     /* vertex colours are the colour of what has no material; the default grey would darken them */
     bool white = surface.coloured && converted->is_default && !is_white(converted->material.base_colour);

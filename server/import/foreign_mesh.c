@@ -10,8 +10,9 @@
 #define TABLE_SIZE_MIN 1024u
 
 /* Vertex colours outside of this are wrong, not rounded. */
-#define COLOUR_MIN (-1e-3f)
-#define COLOUR_MAX 1.001f
+#define COLOUR_ROUNDING 1e-3f
+#define COLOUR_MIN      (-COLOUR_ROUNDING)
+#define COLOUR_MAX      (1 + COLOUR_ROUNDING)
 
 void lw_foreign_meshes_init(struct lw_foreign_meshes *meshes, struct lw_foreign_materials *materials) {
     *meshes = (struct lw_foreign_meshes){.materials = materials};
@@ -83,11 +84,22 @@ static struct lw_vec3 unit_or_none(const struct aiVector3D *n) {
                    (float)((double)n->z / length));
 }
 
+/* What Assimp gives the facets of an STL that have no colour beside some that have one. A colour of the file
+ * is a multiple of 1/31. */
+static bool is_stl_default(const struct lw_foreign_import *import, const struct aiColor4D *c) {
+    const float grey = 0.6f;
+    return import->desc->format == LW_SCENE_FORMAT_STL && c->r == grey && c->g == grey && c->b == grey;
+}
+
 /* Colours on vertices are what a screen shows, in all of these formats. */
 static enum lw_status read_colour(struct lw_foreign_meshes *meshes, const struct aiColor4D *c, unsigned i,
                                   struct lw_vec4 *out, struct lw_error *err) {
     const float in[3] = {c->r, c->g, c->b};
     float linear[3];
+    if (is_stl_default(meshes->materials->import, c)) {
+        *out = (struct lw_vec4){c->r, c->g, c->b, 1};
+        return LW_OK;
+    }
     for (int k = 0; k < 3; k++) {
         if (!isfinite(in[k]) || in[k] < COLOUR_MIN)
             return lw_status_fail(err, LW_BAD_DATA, "the colour of vertex %u is (%g, %g, %g)", i,
@@ -95,6 +107,8 @@ static enum lw_status read_colour(struct lw_foreign_meshes *meshes, const struct
         meshes->is_bright |= in[k] > COLOUR_MAX;
         linear[k] = lw_colour_from_srgb(fminf(fmaxf(in[k], 0), 1));
     }
+    if (c->a < 1 - COLOUR_ROUNDING)
+        lw_foreign_import_warn(meshes->materials->import, LW_FOREIGN_WARN_VERTEX_ALPHA);
     *out = (struct lw_vec4){linear[0], linear[1], linear[2], 1};
     return LW_OK;
 }

@@ -6,6 +6,10 @@
 #define FOV_MIN 1e-3f
 #define FOV_MAX 3.1f
 
+/* Of an FBX camera that says nothing Assimp makes one of a degree; FBX means this (radians). */
+#define FBX_UNSAID 0.017453292f
+#define FBX_FOV    0.43833938f
+
 struct conversion {
     struct lw_foreign_import *import;
     struct lw_foreign_meshes *meshes;
@@ -189,6 +193,10 @@ static void read_cones(enum lw_scene_format format, const struct aiLight *from, 
  * d^2). */
 static float strength_of(const struct conversion *conversion, const struct aiLight *from) {
     float q = from->mAttenuationQuadratic;
+    const bool is_constant = from->mAttenuationConstant == 0 || from->mAttenuationConstant == 1;
+    if (conversion->import->desc->format == LW_SCENE_FORMAT_COLLADA &&
+        from->mType != aiLightSource_DIRECTIONAL && (from->mAttenuationLinear != 0 || !is_constant))
+        lw_foreign_import_warn(conversion->import, LW_FOREIGN_WARN_ATTENUATION);
     if (conversion->import->desc->format != LW_SCENE_FORMAT_COLLADA || !(q > 0) ||
         from->mType == aiLightSource_DIRECTIONAL)
         return 1;
@@ -258,7 +266,10 @@ static enum lw_status add_camera(struct conversion *conversion, const struct aiC
         lw_foreign_import_warn(conversion->import, LW_FOREIGN_WARN_ORTHOGRAPHIC);
         return LW_OK;
     }
-    camera.fov_y = 2 * atanf(tanf(0.5f * fminf(from->mHorizontalFOV, FOV_MAX)) / aspect);
+    float fov = fminf(from->mHorizontalFOV, FOV_MAX);
+    if (conversion->import->desc->format == LW_SCENE_FORMAT_FBX && fabsf(fov - FBX_UNSAID) < 1e-7f)
+        fov = FBX_FOV;
+    camera.fov_y = 2 * atanf(tanf(0.5f * fov) / aspect);
     camera.fov_y = fminf(fmaxf(camera.fov_y, FOV_MIN), FOV_MAX);
     if (!add_mount(conversion, parent == LW_SCENE_NONE ? 0 : parent, camera.name, vec(&from->mPosition),
                    vec(&from->mLookAt), vec(&from->mUp), &camera.node, err))

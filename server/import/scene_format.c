@@ -1,6 +1,7 @@
 #include "server/import/scene_format.h"
 
 #include "common/file_read.h"
+#include "server/import/text_lines.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -45,6 +46,13 @@ static struct start skip_blanks(struct start start) {
     return (struct start){start.path, start.bytes + at, start.size - at};
 }
 
+/* "ply" or "solid", in any case: a word of its own. */
+static bool begins_with_word(const struct start *start, const char *word) {
+    const size_t length = strlen(word);
+    return start->size > length && strncasecmp((const char *)start->bytes, word, length) == 0 &&
+           strchr(" \t\r\n", start->bytes[length]) && start->bytes[length];
+}
+
 /* 84 bytes of header, then 50 for each of the triangles that it counts. */
 static bool is_binary_stl(const struct start *start) {
     struct stat info;
@@ -62,14 +70,14 @@ static bool fits(const struct start *start, enum lw_scene_format format) {
     case LW_SCENE_FORMAT_GLTF:
         return begins_with(start, "glTF") || begins_with(&first, "{");
     case LW_SCENE_FORMAT_PLY:
-        return begins_with(start, "ply\n") || begins_with(start, "ply\r");
+        return begins_with_word(&first, "ply");
     case LW_SCENE_FORMAT_FBX:
         return begins_with(start, "Kaydara FBX Binary") ||
                (is_text(start) && (begins_with(&first, "; FBX") || contains(start, "FBXHeaderExtension")));
     case LW_SCENE_FORMAT_COLLADA:
         return begins_with(&first, "<") && contains(start, "<COLLADA");
     case LW_SCENE_FORMAT_STL:
-        return (begins_with(&first, "solid") && is_text(start)) || is_binary_stl(start);
+        return (begins_with_word(&first, "solid") && is_text(start)) || is_binary_stl(start);
     case LW_SCENE_FORMAT_OBJ:
         return is_text(start);
     case LW_SCENE_FORMAT_COUNT:
@@ -90,6 +98,8 @@ static bool ends_with(const char *path, const char *ending) {
 
 static enum lw_status tell(const struct start *start, enum lw_scene_format *out, struct lw_error *err) {
     if (start->size == 0) return lw_status_fail(err, LW_BAD_DATA, "is empty");
+    if (lw_text_lines_is_wide(start->bytes, start->size))
+        return lw_status_fail(err, LW_BAD_DATA, "is UTF-16 text, which is not read: save it as UTF-8");
     for (int f = 0; f < LW_SCENE_FORMAT_COUNT; f++) {
         *out = (enum lw_scene_format)f;
         if (has_mark(*out) && fits(start, *out)) return LW_OK;

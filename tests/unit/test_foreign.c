@@ -880,6 +880,40 @@ static void equal_key_times_are_one_key(void **state) {
     free(text);
 }
 
+/* Where FBX says nothing, Assimp's own guesses do not count. */
+static void fbx_leaves_out_what_it_means(void **state) {
+    (void)state;
+    char *text = replaced(fbx, " C: \"OO\",50,20\n", "");
+    struct lw_scene *scene = load_text("bare.fbx", text);
+    assert_float_equal(scene->material[scene->mesh[0].material[0]].base_colour[0], 0.6, 1e-6);
+    lw_scene_destroy(scene);
+    free(text);
+    text = replaced(fbx, "   P: \"DiffuseColor\", \"Color\", \"\", \"A\",0.8,0.8,0.8\n", "");
+    char *plain = replaced(text, " C: \"OP\",61,50, \"DiffuseColor\"\n", "");
+    scene = load_text("plain.fbx", plain);
+    assert_float_equal(material_named(scene, "paint")->base_colour[0], 0.6, 1e-6);
+    lw_scene_destroy(scene);
+    free(plain);
+    free(text);
+    text = replaced(fbx, "   P: \"FieldOfView\", \"FieldOfView\", \"\", \"A\",90\n", "");
+    scene = load_text("view.fbx", text);
+    assert_string_equal(talk, "");
+    assert_float_equal(scene->camera[0].fov_y, 2 * atanf(tanf(0.5f * 25.115f * LW_PI / 180) / 2), 1e-5);
+    lw_scene_destroy(scene);
+    free(text);
+    static const char *const kinds[] = {"0", "1"};
+    for (int i = 0; i < 2; i++) {
+        char line[128];
+        snprintf(line, sizeof line,
+                 "   P: \"CameraProjectionType\", \"enum\", \"\", \"\",%s\n   P: \"FieldOfView\"", kinds[i]);
+        text = replaced(fbx, "   P: \"FieldOfView\"", line);
+        scene = load_text("parallel.fbx", text);
+        assert_int_equal(strstr(talk, "orthographic cameras are read as perspective ones") != NULL, i);
+        lw_scene_destroy(scene);
+        free(text);
+    }
+}
+
 /* FBX counts in centimetres unless it says otherwise. */
 static void fbx_units_are_centimetres(void **state) {
     (void)state;
@@ -1055,6 +1089,7 @@ int main(void) {
         cmocka_unit_test(collada_arrives_in_metres_and_upright),
         cmocka_unit_test(tga_and_bmp_are_read_by_every_format),
         cmocka_unit_test(fbx_arrives_in_metres_and_upright),
+        cmocka_unit_test(fbx_leaves_out_what_it_means),
         cmocka_unit_test(equal_key_times_are_one_key),
         cmocka_unit_test(lamps_alone_are_no_triangles),
         cmocka_unit_test(fbx_units_are_centimetres),

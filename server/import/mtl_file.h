@@ -1,0 +1,40 @@
+/* mtl_file.h: reads a material library of OBJ. What is read, named and skipped of it: docs/importing.md.
+ * Flow:    bytes of the library -> [mtl_file] -> obj_materials
+ * Threads: a library belongs to one import. */
+#ifndef LW_IMPORT_MTL_FILE_H
+#define LW_IMPORT_MTL_FILE_H
+
+#include "server/import/name_table.h"
+#include "server/import/skipped.h"
+
+enum lw_mtl_colour { LW_MTL_DIFFUSE, LW_MTL_SPECULAR, LW_MTL_EMISSION, LW_MTL_COLOURS };
+enum lw_mtl_map_kind { LW_MTL_MAP_DIFFUSE, LW_MTL_MAP_EMISSION, LW_MTL_MAP_OPACITY, LW_MTL_MAPS };
+
+struct lw_mtl_map {
+    char *path;                /* as it stands there; NULL: no map */
+    float scale[2], offset[2]; /* texture coordinates, v up: scale x + offset */
+    float base, gain;          /* values: base + gain x */
+    bool clamp;
+    char channel; /* r, g, b, m (the alpha), l (the brightness); 0: not said */
+};
+
+struct lw_mtl_material {
+    bool has_colour[LW_MTL_COLOURS], has_opacity, has_bump;
+    float colour[LW_MTL_COLOURS][3]; /* as they stand there: not checked but for being numbers */
+    float opacity;
+    struct lw_mtl_map map[LW_MTL_MAPS];
+};
+
+struct lw_mtl_file {
+    struct lw_name_table name; /* of the materials */
+    struct lw_mtl_material *material;
+    size_t capacity;
+    struct lw_skipped skipped;
+};
+
+/** finish() also after failure. Errors: LW_BAD_DATA (UTF-16, too many materials); LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_mtl_file_read(struct lw_mtl_file *mtl, const uint8_t *bytes, size_t size,
+                                              struct lw_error *err);
+void lw_mtl_file_finish(struct lw_mtl_file *mtl);
+
+#endif
