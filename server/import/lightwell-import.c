@@ -9,10 +9,9 @@
 #include "common/options.h"
 #include "common/progress.h"
 #include "common/scene/package.h"
-#include "common/scene/pose.h"
-#include "common/trace/trace.h"
 #include "server/import/cage.h"
 #include "server/import/environment_file.h"
+#include "server/import/far_out.h"
 #include "server/import/foreign.h"
 #include "server/import/gltf.h"
 #include "server/import/guard.h"
@@ -500,33 +499,6 @@ static enum lw_status report_on(const struct arguments *arguments, const struct 
 
 /* ---- the program ---- */
 
-/* Rays start off their surface by what rounding asks for (LW_TRACE_LIFT): far from the origin by more than a
- * texel. */
-static enum lw_status warn_of_rounding(const struct arguments *arguments, const struct lw_scene *scene,
-                                       const struct lw_lightmap_report *report, struct lw_error *err) {
-    struct lw_pose pose;
-    uint32_t count = 0, first = 0;
-    float largest_m = 0;
-    if (lw_pose_init(&pose, scene)) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
-    for (uint32_t o = 0; o < scene->object_count; o++) {
-        struct lw_vec3 low = lw_vec3(INFINITY, INFINITY, INFINITY), high = lw_vec3_scale(low, -1);
-        lw_pose_object_bounds(&pose, scene, o, &low, &high);
-        const struct lw_vec3 far =
-            lw_vec3(fmaxf(-low.x, high.x), fmaxf(-low.y, high.y), fmaxf(-low.z, high.z));
-        const float coordinate_m = fmaxf(far.x, fmaxf(far.y, far.z));
-        if (LW_TRACE_LIFT * coordinate_m * report[scene->object[o].mesh].texels_per_metre <= 1) continue;
-        if (!count++) first = o, largest_m = coordinate_m;
-    }
-    lw_pose_finish(&pose);
-    if (count)
-        lw_log(LW_LOG_WARNING,
-               "%s: object \"%s\" and %u more lie so far out (%g m) that floats are coarser than their "
-               "texels: light is "
-               "inexact there; bring the scene nearer to the origin",
-               arguments->scene, scene->object[first].name, count - 1, (double)largest_m);
-    return LW_OK;
-}
-
 /* One line for all, by the largest texels. */
 static void warn_of_bound(const struct arguments *arguments, const struct lw_scene *scene,
                           const struct lw_lightmap_report *report) {
@@ -598,7 +570,7 @@ static enum lw_status run(const struct arguments *arguments, struct lw_error *er
     if (!report) status = lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", arguments->scene);
     if (!status) status = build_lightmaps(arguments, scene, report, err);
     if (!status && !arguments->lightmap_unused) warn_of_bound(arguments, scene, report);
-    if (!status) status = warn_of_rounding(arguments, scene, report, err);
+    if (!status) status = lw_far_out_warn(scene, report, arguments->scene, err);
     if (!status) status = write_package(arguments, scene, err);
     if (!status)
         status = report_on(arguments, scene, report, (double)(lw_clock_ns() - started_ns) * 1e-9, err);

@@ -340,11 +340,76 @@ static void scale_and_sides_reach_the_package(void **state) {
     expect_program("sh\xE4\xE4t.obj", "--json --texels-per-metre 0.04", 0, "has no light");
 }
 
-/* 2 m at 1,000 km from the origin, where floats are 6 cm apart, are told. */
+/* A desk of 2 x 2 m, a lamp 0.4 m above it and a camera beside that, all at (x, 0, 0). */
+static void write_desk(const char *name, const char *x) {
+    static const char format[] =
+        "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_lights_punctual\"],"
+        "\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"point\",\"name\":\"desk lamp\"}]}},"
+        "\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"translation\":[%s,0,0],\"children\":[1,2,3]},"
+        "{\"mesh\":0,\"name\":\"desk\"},{\"translation\":[0,0.4,0],\"extensions\":{\"KHR_lights_punctual\":"
+        "{\"light\":0}}},{\"camera\":0,\"name\":\"eye\",\"translation\":[0,0.5,0]}],"
+        "\"cameras\":[{\"name\":\"eye\",\"type\":\"perspective\",\"perspective\":{\"yfov\":1,\"znear\":0.1}}]"
+        ","
+        "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1}]}],"
+        "\"buffers\":[{\"byteLength\":60,\"uri\":\"data:application/octet-stream;base64,"
+        "AACAvwAAAAAAAIA/AACAPwAAAAAAAIA/AACAPwAAAAAAAIC/AACAvwAAAAAAAIC/AAABAAIAAAACAAMA\"}],"
+        "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":12}"
+        "],"
+        "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"min\":[-1,0,"
+        "-1],"
+        "\"max\":[1,0,1]},{\"bufferView\":1,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"}]}";
+    char text[2048];
+    snprintf(text, sizeof text, format, x);
+    write_text(name, text);
+}
+
+/* What the program tells on stderr of a scene that it reads. */
+static char *told_of(const char *scene, const char *options) {
+    char arguments[1024], path[512];
+    struct lw_process process;
+    snprintf(path, sizeof path, "%s", lw_support_temporary(scene));
+    snprintf(arguments, sizeof arguments, "%s -o %s --threads 1 %s", path,
+             lw_support_temporary("out.lwscene"), options);
+    lw_process_start(&process, "lightwell-import", arguments);
+    assert_int_equal(lw_process_finish(&process, 60), 0);
+    return lw_process_err(&process);
+}
+
+static void expect_told(const char *scene, const char *text, bool expected) {
+    char *told = told_of(scene, "--texels-per-metre 10");
+    if ((strstr(told, text) != NULL) != expected)
+        fail_msg("%s: \"%s\" is %stold: %s", scene, text, expected ? "not " : "", told);
+    free(told);
+}
+
+/* Where floats are too coarse for texels, for the distance of a lamp and of a camera. A ray starts 7 cm off a
+ * surface at 100 km: 0.4 m below a lamp that is half as much light again. */
 static void what_lies_too_far_out_is_told(void **state) {
     (void)state;
     write_text("far.obj", "v 1000000 0 0\nv 1000002 0 0\nv 1000002 0 -2\nv 1000000 0 -2\nf 1 2 3 4\n");
-    expect_program("far.obj", "", 0, "so far out (1e+06 m)");
+    expect_told("far.obj", "so far out (1e+06 m) that floats are coarse against their texels", true);
+    write_desk("desk.gltf", "0");
+    expect_told("desk.gltf", "so far out", false);
+    write_desk("desk.gltf", "10000");
+    expect_told("desk.gltf", "so far out", false);
+    write_desk("desk.gltf", "20000");
+    expect_told("desk.gltf", "lamp \"desk lamp\" and 0 more lie so far out (20000 m)", true);
+    expect_told("desk.gltf", "light is up to 8 % off there", true);
+    expect_told("desk.gltf", "object \"desk\"", false);
+    write_desk("desk.gltf", "-1e5");
+    expect_told("desk.gltf", "(0.4 m): light is up to 48 % off there; bring the scene nearer to the origin",
+                true);
+    expect_told("desk.gltf", "camera \"eye\" and 0 more lie so far out (100000 m)", true);
+    expect_told("desk.gltf", "object \"desk\" and 0 more lie so far out (100001 m)", true);
+    /* a material that shines is a lamp too, over a desk but not over itself */
+    write_text("far.mtl", "newmtl lamp\nKe 5 5 5\n");
+    write_text("lamp.obj",
+               "mtllib far.mtl\no desk\nv 20000 0 0\nv 20002 0 0\nv 20002 0 -2\nv 20000 0 -2\nf 1 2 3 4\n"
+               "o lamp\nusemtl lamp\nv 20001 0.4 -1\nv 20001 0.4 -1.1\nv 20001.1 0.4 -1\nf 5 6 7\n");
+    expect_told("lamp.obj", "lamp \"lamp\" and 0 more lie so far out (20001.1 m)", true);
+    write_text("lamp.obj", "mtllib far.mtl\no lamp\nusemtl lamp\nv 20001 0.4 -1\nv 20001 0.4 -1.1\n"
+                           "v 20001.1 0.4 -1\nf 1 2 3\n");
+    expect_told("lamp.obj", "so far out", false);
 }
 
 static int clean_up(void **state) {
