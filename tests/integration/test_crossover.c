@@ -10,7 +10,7 @@
 
 #define LIMIT_S LW_PROCESS_LIMIT_S
 #define SMALL                                                                                                \
-    "crossover builtin:cornell --texels-per-metre 16 --size 64x36 --reference-samples 8 --repeats 1 "        \
+    "crossover builtin:cornell --texels-per-metre 8 --size 64x32 --reference-samples 8 --repeats 1 "        \
     "--warm 1 --seconds 0.1 --densities 1 --alone 1 "
 /* One opponent, one path. */
 #define SMALLEST SMALL "--opponents svgf --bounces 1 "
@@ -95,13 +95,28 @@ static void measures_reports_and_goes_on(void **state) {
     free(again);
     free(costs);
 
-    /* users who draw by OpenGL join the same row, and see the same light */
+    /* another row does not mix with it */
+    snprintf(arguments, sizeof arguments, SMALL "--motion static -o %s", folder);
+    lw_process_expect(&process, run(arguments, &process), 64);
+    said = lw_process_err(&process);
+    assert_non_null(strstr(said, "holds a row whose motion is lamp-walk, not static"));
+    free(said);
+}
+
+/* Users who draw by OpenGL join the row of those who draw by rays, and see the same light. */
+static void users_of_opengl_join_the_row(void **state) {
+    (void)state;
+    struct lw_process process;
+    char arguments[500];
+    const char *folder = lw_support_temporary("opengl");
+    snprintf(arguments, sizeof arguments, SMALL "-o %s", folder);
+    lw_process_expect(&process, run(arguments, &process), 0);
     snprintf(arguments, sizeof arguments, SMALL "--renderer gl -o %s", folder);
     lw_process_expect(&process, run(arguments, &process), 0);
-    said = lw_process_err(&process);
+    char *said = lw_process_err(&process);
     assert_null(strstr(said, "repeat 1, svgf"));
     free(said);
-    samples = lw_support_read_text(folder, "samples.csv");
+    char *samples = lw_support_read_text(folder, "samples.csv");
     assert_int_equal(count_lines(samples, "cache,x1 1+1 rest 0.2 gl,0,"), 24);
     const double by_rays = mean_relmse(samples, "cache,x1 1+1 rest 0.2,0,"),
                  by_gl = mean_relmse(samples, "cache,x1 1+1 rest 0.2 gl,0,");
@@ -109,13 +124,6 @@ static void measures_reports_and_goes_on(void **state) {
         fail_msg("relMSE %g by rays, %g by OpenGL", by_rays, by_gl);
     free(samples);
     lw_process_left_nothing();
-
-    /* another row does not mix with it */
-    snprintf(arguments, sizeof arguments, SMALL "--motion static -o %s", folder);
-    lw_process_expect(&process, run(arguments, &process), 64);
-    said = lw_process_err(&process);
-    assert_non_null(strstr(said, "holds a row whose motion is lamp-walk, not static"));
-    free(said);
 }
 
 static void an_interruption_keeps_what_is_there(void **state) {
@@ -243,6 +251,7 @@ int main(int argc, char **argv) {
     const struct CMUnitTest long_tests[] = {
         cmocka_unit_test_teardown(a_server_that_dies_is_told_and_the_rest_measured, lw_process_teardown),
         cmocka_unit_test_teardown(by_the_wall_clock_each_side_is_judged, lw_process_teardown),
+        cmocka_unit_test_teardown(users_of_opengl_join_the_row, lw_process_teardown),
     };
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(measures_reports_and_goes_on, lw_process_teardown),

@@ -12,7 +12,7 @@
 
 #define LIMIT_S LW_PROCESS_LIMIT_S
 #define SMALL                                                                                                \
-    "builtin:cornell --texels-per-metre 12 --size 80x45 --seconds 0.2 --reference-samples 16 --users 1,2,4 " \
+    "builtin:cornell --texels-per-metre 8 --size 64x36 --seconds 0.2 --reference-samples 16 --users 1,2,4 " \
     "--repeats 2 "
 
 static int run(const char *arguments, struct lw_process *process) {
@@ -205,10 +205,10 @@ int main(int argc, char **argv) {
     const struct CMUnitTest long_tests[] = {
         cmocka_unit_test_teardown(given_settings_of_the_whole_take_one_sequence, lw_process_teardown),
         cmocka_unit_test_teardown(both_sides_may_be_filtered, lw_process_teardown),
+        cmocka_unit_test_teardown(equals_are_equal, lw_process_teardown),
     };
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(measures_and_reports, lw_process_teardown),
-        cmocka_unit_test_teardown(equals_are_equal, lw_process_teardown),
         cmocka_unit_test_teardown(settings_may_be_given_and_plots_missing, lw_process_teardown),
         cmocka_unit_test_teardown(an_interruption_keeps_what_is_there, lw_process_teardown),
         cmocka_unit_test_teardown(fails_with_one_line, lw_process_teardown),

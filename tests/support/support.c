@@ -31,7 +31,7 @@ static void remove_folder(void) {
 }
 
 const char *lw_support_temporary(const char *name) {
-    static char paths[16][128];
+    static char paths[LW_SUPPORT_PATHS][128];
     static unsigned next;
     if (!*temporary_folder) {
         strcpy(temporary_folder, "/tmp/lightwell-test-XXXXXX");
@@ -39,7 +39,7 @@ const char *lw_support_temporary(const char *name) {
         temporary_owner = getpid();
         assert_int_equal(atexit(remove_folder), 0);
     }
-    char *path = paths[next++ % 16];
+    char *path = paths[next++ % LW_SUPPORT_PATHS];
     int length = snprintf(path, sizeof paths[0], "%s/%s", temporary_folder, name);
     assert_true(length > 0 && (size_t)length < sizeof paths[0]);
     return path;
