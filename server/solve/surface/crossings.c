@@ -306,23 +306,32 @@ static uint64_t choose(struct part *p, uint8_t *covered) {
     return yielding;
 }
 
-/* Where a texel's light comes from: its own position may lie beyond what cuts it. */
-static struct lw_vec3 middle_of(const struct part *p, uint32_t i) {
-    const struct lw_sample_points *points = &p->mesh->sample_points;
-    const uint32_t first = points->first[i], count = points->first[i + 1] - first;
-    if (p->usable[i] == lw_sample_points_all(points, i)) return lw_texels_vector(p->mesh->position, i);
-    uint32_t texel[LW_TRACE_WIDTH], point[LW_TRACE_WIDTH];
-    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
-        texel[lane] = i;
-        point[lane] = first + (lane < count ? lane : 0);
+static bool is_whole(const struct part *p, uint32_t i) {
+    return !p->mesh->covered[i] ||
+           (p->usable[i] == lw_sample_points_all(&p->mesh->sample_points, i) && !(p->flags[i] & CUT));
+}
+
+/* Whether something stands on a texel or on one beside it. */
+static bool has_wall_near(const struct part *p, uint32_t x, uint32_t y) {
+    for (uint32_t v = y ? y - 1 : 0; v <= y + 1 && v < p->mesh->height; v++)
+        for (uint32_t u = x ? x - 1 : 0; u <= x + 1 && u < p->mesh->width; u++)
+            if (!is_whole(p, lw_texels_index(p->mesh, u, v))) return true;
+    return false;
+}
+
+/* Tells the sides and the walls between them to all that share light between texels. */
+static void note_walls(struct part *p, uint32_t *side, uint8_t *walls) {
+    for (uint32_t i = 0; i < p->mesh->texel_count; i++) {
+        side[i] = lw_union_find_root(p->parent, i);
+        walls[i] = (uint8_t)((p->flags[i] & CUT_RIGHT ? LW_TEXELS_WALL_RIGHT : 0) |
+                             (p->flags[i] & CUT_BELOW ? LW_TEXELS_WALL_BELOW : 0) |
+                             (p->mesh->covered[i] && !p->usable[i] ? LW_TEXELS_WALL_ON : 0));
     }
-    struct lw_sample_points_lanes lanes;
-    lw_sample_points_load(points, p->mesh->position, texel, point, &lanes);
-    struct lw_vec3 sum = {0};
-    for (uint32_t k = 0; k < count; k++)
-        if (p->usable[i] >> k & 1)
-            sum = lw_vec3_add(sum, lw_vec3(lanes.at.x[k], lanes.at.y[k], lanes.at.z[k]));
-    return lw_vec3_scale(sum, 1 / (float)__builtin_popcount(p->usable[i]));
+    for (uint32_t y = 0; y < p->mesh->height; y++)
+        for (uint32_t x = 0; x < p->mesh->width; x++) {
+            const uint32_t i = lw_texels_index(p->mesh, x, y);
+            if (has_wall_near(p, x, y)) walls[i] |= LW_TEXELS_WALL_NEAR;
+        }
 }
 
 static enum lw_status allocate(struct part *p) {
@@ -365,7 +374,7 @@ enum lw_status lw_crossings_find(struct lw_texels *texels, const struct lw_pose 
     enum lw_status status = allocate(&p);
     if (status == LW_OK) {
         for (uint32_t i = 0; i < p.mesh->texel_count; i++)
-            if (covered[i]) p.place[i] = middle_of(&p, i);
+            if (covered[i]) p.place[i] = lw_texels_place(texels, object, i);
         shoot(&p, 0);
         shoot(&p, CUT_RIGHT);
         shoot(&p, CUT_BELOW);
@@ -381,6 +390,7 @@ enum lw_status lw_crossings_find(struct lw_texels *texels, const struct lw_pose 
         walk(&p, find_deep);
         walk(&p, meet);
         *out_count += choose(&p, covered);
+        note_walls(&p, texels->side + texels->first[object], texels->walls + texels->first[object]);
     }
     release(&p);
     return status;

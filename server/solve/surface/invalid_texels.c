@@ -235,6 +235,7 @@ enum lw_status lw_invalid_texels_review(struct lw_texels *texels, const struct l
         *box = (struct box){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
         lw_pose_object_bounds(before, scene, o, &box->low, &box->high);
         unbury_all(texels, o);
+        lw_texels_forget_walls(texels, o);
         lw_texels_link_object(texels, o);
     }
     int failures = 0;

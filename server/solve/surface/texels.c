@@ -544,7 +544,10 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
     texels->usable = malloc(count + 1);
     texels->filled = malloc(count + 1);
     texels->source = malloc((count + 1) * sizeof *texels->source);
-    if (failures || !texels->covered || !texels->usable || !texels->filled || !texels->source) {
+    texels->side = malloc((count + 1) * sizeof *texels->side);
+    texels->walls = malloc(count + 1);
+    if (failures || !texels->covered || !texels->usable || !texels->filled || !texels->source || !texels->side ||
+        !texels->walls) {
         lw_texels_finish(texels);
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", (unsigned)count);
     }
@@ -554,6 +557,7 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
         memcpy(texels->covered + texels->first[o], mesh->covered, mesh->texel_count);
         for (uint32_t i = 0; i < mesh->texel_count; i++)
             texels->usable[texels->first[o] + i] = lw_sample_points_all(&mesh->sample_points, i);
+        lw_texels_forget_walls(texels, o);
     }
     lw_texels_link(texels, threads ? (int)threads : omp_get_max_threads());
     return LW_OK;
@@ -572,7 +576,8 @@ static size_t mesh_bytes(const struct lw_mesh_texels *t, const struct lw_mesh *m
 size_t lw_texels_memory_bytes(const struct lw_texels *texels) {
     const struct lw_scene *scene = texels->scene;
     size_t bytes = texels->count * (sizeof *texels->covered + sizeof *texels->usable +
-                                    sizeof *texels->filled + sizeof *texels->source) +
+                                    sizeof *texels->filled + sizeof *texels->source + sizeof *texels->side +
+                                    sizeof *texels->walls) +
                    scene->mesh_count * sizeof *texels->mesh + scene->object_count * sizeof *texels->first +
                    scene->material_count * sizeof *texels->base_colour;
     for (uint32_t m = 0; m < scene->mesh_count; m++)
@@ -619,6 +624,31 @@ enum lw_status lw_texels_set_albedo(struct lw_texels *texels, int threads) {
     return LW_OK;
 }
 
+void lw_texels_forget_walls(struct lw_texels *texels, uint32_t object) {
+    const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
+    memcpy(texels->side + texels->first[object], mesh->chart, mesh->texel_count * sizeof *texels->side);
+    memset(texels->walls + texels->first[object], 0, mesh->texel_count);
+}
+
+struct lw_vec3 lw_texels_place(const struct lw_texels *texels, uint32_t object, uint32_t i) {
+    const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
+    const struct lw_sample_points *points = &mesh->sample_points;
+    const uint8_t usable = texels->usable[texels->first[object] + i];
+    const uint32_t first = points->first[i], count = points->first[i + 1] - first;
+    if (usable == lw_sample_points_all(points, i)) return lw_texels_vector(mesh->position, i);
+    uint32_t texel[LW_TRACE_WIDTH], point[LW_TRACE_WIDTH];
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+        texel[lane] = i;
+        point[lane] = first + (lane < count ? lane : 0);
+    }
+    struct lw_sample_points_lanes lanes;
+    lw_sample_points_load(points, mesh->position, texel, point, &lanes);
+    struct lw_vec3 sum = {0};
+    for (uint32_t k = 0; k < count; k++)
+        if (usable >> k & 1) sum = lw_vec3_add(sum, lw_vec3(lanes.at.x[k], lanes.at.y[k], lanes.at.z[k]));
+    return lw_vec3_scale(sum, 1 / (float)__builtin_popcount(usable));
+}
+
 void lw_texels_link_object(struct lw_texels *texels, uint32_t object) {
     const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
     const uint32_t first = texels->first[object];
@@ -640,6 +670,8 @@ void lw_texels_link(struct lw_texels *texels, int threads) {
 void lw_texels_finish(struct lw_texels *texels) {
     for (uint32_t m = 0; texels->mesh && m < texels->scene->mesh_count; m++) free_mesh(&texels->mesh[m]);
     free(texels->source);
+    free(texels->side);
+    free(texels->walls);
     free(texels->covered);
     free(texels->usable);
     free(texels->filled);

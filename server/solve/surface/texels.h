@@ -14,6 +14,14 @@
 
 #define LW_TEXEL_NONE UINT32_MAX
 
+/** What stands on a texel or beside it. */
+enum lw_texels_walls {
+    LW_TEXELS_WALL_RIGHT = 1, /* between it and the texel to its right */
+    LW_TEXELS_WALL_BELOW = 2, /* between it and the one below */
+    LW_TEXELS_WALL_ON = 4,    /* on it: light reaches none of its points */
+    LW_TEXELS_WALL_NEAR = 8   /* its square may lie on several sides */
+};
+
 /** The lightmap coordinates of one triangle, in quarter texels; 16 bytes, one load per hit. */
 struct lw_triangle_uv {
     uint16_t u[3], v[3];
@@ -48,6 +56,10 @@ struct lw_texels {
     /* Per texel of the global numbering: mask of its sample points that light can reach. */
     uint8_t *usable;
     uint8_t *filled; /* per texel of the global numbering: 1: not covered, but another texel stands for it */
+    /* Per texel of the global numbering: which part of its object it is on, of those that walls and the borders of
+     * charts make (crossings.h). Light is not shared between texels of different sides. */
+    uint32_t *side;
+    uint8_t *walls; /* per texel of the global numbering: enum lw_texels_walls */
     /* Per texel: the covered one that stands for it: itself, the nearest within 2 texels,
      * first of its chart, or NONE. */
     uint32_t *source;
@@ -69,6 +81,13 @@ size_t lw_texels_memory_bytes(const struct lw_texels *texels);
  * again, at the price of their share of lw_texels_init(). Errors: LW_NO_MEMORY; some meshes may then
  * have their new albedo already. */
 LW_MUST_CHECK enum lw_status lw_texels_set_albedo(struct lw_texels *texels, int threads);
+
+/** Forgets all walls of an object: each of its charts is one side. */
+void lw_texels_forget_walls(struct lw_texels *texels, uint32_t object);
+
+/** Where a covered texel's light comes from, object space: the middle of its usable points, for its own position may
+ * lie beyond what cuts it. local: within the object */
+struct lw_vec3 lw_texels_place(const struct lw_texels *texels, uint32_t object, uint32_t local);
 
 /** Sets every texel's source, and what is filled, from what is covered now. */
 void lw_texels_link(struct lw_texels *texels, int threads);
@@ -110,6 +129,20 @@ static inline uint32_t lw_texels_index(const struct lw_mesh_texels *mesh, uint32
              columns = mesh->width - tile_x * LW_TILE_SIDE;
     if (columns > LW_TILE_SIDE) columns = LW_TILE_SIDE;
     return lw_texels_tile_start(mesh, tile_x, tile_y) + (y % LW_TILE_SIDE) * columns + x % LW_TILE_SIDE;
+}
+
+/** Where a texel of a mesh lies in its atlas. */
+static inline void lw_texels_coordinates(const struct lw_mesh_texels *mesh, uint32_t index, uint32_t *out_x,
+                                         uint32_t *out_y) {
+    const uint32_t tile_y = index / (LW_TILE_SIDE * mesh->width);
+    uint32_t rows = mesh->height - tile_y * LW_TILE_SIDE;
+    if (rows > LW_TILE_SIDE) rows = LW_TILE_SIDE;
+    const uint32_t within = index - tile_y * LW_TILE_SIDE * mesh->width, tile_x = within / (rows * LW_TILE_SIDE);
+    uint32_t columns = mesh->width - tile_x * LW_TILE_SIDE;
+    if (columns > LW_TILE_SIDE) columns = LW_TILE_SIDE;
+    const uint32_t in_tile = within - tile_x * LW_TILE_SIDE * rows;
+    *out_x = tile_x * LW_TILE_SIDE + in_tile % columns;
+    *out_y = tile_y * LW_TILE_SIDE + in_tile / columns;
 }
 
 /** Where a triangle of an object lies in the lightmap. */

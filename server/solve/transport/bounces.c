@@ -4,6 +4,7 @@
 #include "common/light/direction.h"
 #include "common/sampling.h"
 #include "common/wide.h"
+#include "server/solve/surface/sides.h"
 #include "server/solve/transport/ray_hit.h"
 
 #include <math.h>
@@ -108,18 +109,29 @@ static void find_hits(const struct lw_transport *t, struct flight *f, struct lw_
         count->bounce += (uint64_t)__builtin_popcount(unseen);
     }
     for (uint32_t lane = 0; lane < LANES; lane++)
-        if (f->active >> lane & 1 && !(f->hit[lane] & LW_RAY_HIT_PROBE))
+        if (f->active >> lane & 1 && !(f->hit[lane] & LW_RAY_HIT_PROBE)) {
             __builtin_prefetch(&t->texels->source[f->hit[lane]]);
+            __builtin_prefetch(&t->texels->walls[f->hit[lane]]);
+        }
 }
 _Static_assert((LW_RAY_HIT_NOTHING & LW_RAY_HIT_PROBE) != 0 && LW_TEXEL_NONE == LW_RAY_HIT_NOTHING,
                "no texels either");
 
 /* Notes the texels that stand for those that a packet's rays have met. */
 static void note_hits(const struct lw_transport *t, const struct flight *f) {
-    for (uint32_t lane = 0; lane < LANES; lane++)
-        if (f->active >> lane & 1)
-            t->ray_hit[(size_t)f->texel[lane] * t->indirect_samples + f->sample] =
-                f->hit[lane] & LW_RAY_HIT_PROBE ? f->hit[lane] : t->texels->source[f->hit[lane]];
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        if (!(f->active >> lane & 1)) continue;
+        uint32_t *hit = &t->ray_hit[(size_t)f->texel[lane] * t->indirect_samples + f->sample];
+        if (f->hit[lane] & LW_RAY_HIT_PROBE)
+            *hit = f->hit[lane];
+        else if (t->texels->walls[f->hit[lane]] & LW_TEXELS_WALL_NEAR)
+            *hit = lw_sides_read(&(struct lw_sides){t->texels, t->pose, t->trace}, f->hits.object[lane], f->hit[lane],
+                                 origin_of(&f->rays, lane),
+                                 lw_vec3(f->rays.dir_x[lane], f->rays.dir_y[lane], f->rays.dir_z[lane]),
+                                 f->hits.t[lane]);
+        else
+            *hit = t->texels->source[f->hit[lane]];
+    }
 }
 
 /* One step for the two packets before the one that has been traced last. */
@@ -325,76 +337,105 @@ void lw_bounces_repeat(const struct lw_transport *t, const struct lw_solve_tile 
     launch->frames++;
 }
 
-/* What a block's texels send on of one order. */
+/* What the texels of one block and one side (texels.h) send on of one order. */
 struct sending {
+    uint32_t side, count;
+    double sum;                  /* of luminance of E */
+    float most;                  /* luminance of E that a texel sends on by itself, at most */
+    struct lw_vec3 kept, back;   /* what the texels send by themselves, and what they keep back */
+    struct lw_vec3 spread;       /* what is kept back, for each unit of luminance that is sent */
+};
+struct senders {
     float *const *e;
     const struct lw_mesh_texels *mesh;
-    float most;            /* luminance of E that a texel sends on by itself, at most */
-    struct lw_vec3 spread; /* what that keeps back, for each unit of luminance that the block's texels send */
+    uint32_t count; /* 0: each texel sends what it has */
+    struct sending sending[LW_TILE_BLOCK * LW_TILE_BLOCK];
 };
 
-static struct lw_vec3 reflected(const struct sending *sending, uint32_t texel, uint32_t local) {
+static struct lw_vec3 reflected(const struct senders *senders, uint32_t texel, uint32_t local) {
     return lw_vec3_scale(
-        lw_vec3_mul(lw_texels_vector(sending->e, texel), lw_texels_vector(sending->mesh->albedo, local)),
+        lw_vec3_mul(lw_texels_vector(senders->e, texel), lw_texels_vector(senders->mesh->albedo, local)),
         1 / LW_PI);
 }
 
 /* Of what a texel reflects, the share that it sends on by itself. */
-static float share_alone(const struct sending *sending, uint32_t texel) {
-    const float luminance = lw_colour_luminance(lw_texels_vector(sending->e, texel));
+static float share_alone(const struct sending *sending, float luminance) {
     return luminance > sending->most ? sending->most / luminance : 1;
+}
+
+/* Those of the texel's side, entered if they are new. Neighbours are mostly on the same side. */
+static struct sending *sending_of(struct senders *senders, uint32_t side, struct sending *last) {
+    if (last && last->side == side) return last;
+    for (uint32_t k = 0; k < senders->count; k++)
+        if (senders->sending[k].side == side) return &senders->sending[k];
+    struct sending *fresh = &senders->sending[senders->count++];
+    *fresh = (struct sending){.side = side, .most = INFINITY};
+    return fresh;
 }
 
 /* The mean that most is a multiple of counts no texel by more than RARE_MEAN times the mean of all, so that a
  * rare one does not lift it. */
-static float find_most(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t column,
-                       uint32_t row, float *const e[3]) {
-    const struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
-    float most = INFINITY;
+static void find_most(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t column,
+                      uint32_t row, float sample_count, struct senders *senders) {
+    struct sending *sending = NULL;
     for (int round = 0; round < 2; round++) {
-        double sum = 0;
         LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
             const uint32_t texel = tile->first + y * tile->width + x;
-            if (t->tiles->covered[texel])
-                sum += (double)fminf(most, lw_colour_luminance(lw_texels_vector(e, texel)));
+            if (!t->tiles->covered[texel]) continue;
+            sending = sending_of(senders, t->texels->side[texel], sending);
+            sending->count += round == 0;
+            sending->sum += (double)fminf(sending->most, lw_colour_luminance(lw_texels_vector(senders->e, texel)));
         }
-        most = (float)(sum / block->covered_count) *
-               (round ? RARE + (float)block->indirect.sample_count : RARE_MEAN);
+        for (uint32_t k = 0; k < senders->count; k++) {
+            struct sending *each = &senders->sending[k];
+            each->most = (float)(each->sum / each->count) * (round ? RARE + sample_count : RARE_MEAN);
+            each->sum = 0;
+        }
     }
-    return most;
 }
 
 static void spread_rare(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t column,
-                        uint32_t row, struct sending *sending) {
-    struct lw_vec3 kept = {0}, back = {0};
-    sending->most = find_most(t, tile, column, row, sending->e);
+                        uint32_t row, float sample_count, struct senders *senders) {
+    struct sending *sending = NULL;
+    find_most(t, tile, column, row, sample_count, senders);
     LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
         const uint32_t i = y * tile->width + x, texel = tile->first + i;
         if (!t->tiles->covered[texel]) continue;
-        const struct lw_vec3 all = reflected(sending, texel, tile->local + i),
-                             own = lw_vec3_scale(all, share_alone(sending, texel));
-        kept = lw_vec3_add(kept, own);
-        back = lw_vec3_add(back, lw_vec3_sub(all, own));
+        sending = sending_of(senders, t->texels->side[texel], sending);
+        const float luminance = lw_colour_luminance(lw_texels_vector(senders->e, texel));
+        const struct lw_vec3 all = reflected(senders, texel, tile->local + i),
+                             own = lw_vec3_scale(all, share_alone(sending, luminance));
+        sending->kept = lw_vec3_add(sending->kept, own);
+        sending->back = lw_vec3_add(sending->back, lw_vec3_sub(all, own));
     }
-    const float luminance = lw_colour_luminance(kept);
-    if (luminance > 0) sending->spread = lw_vec3_scale(back, 1 / luminance);
+    for (uint32_t k = 0; k < senders->count; k++) {
+        struct sending *each = &senders->sending[k];
+        const float luminance = lw_colour_luminance(each->kept);
+        if (luminance > 0) each->spread = lw_vec3_scale(each->back, 1 / luminance);
+    }
 }
 
 static void radiate_block(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t column,
                           uint32_t row, uint32_t bounce) {
     const struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
-    struct sending sending = {.e = bounce == 0 ? t->tiles->direct : t->tiles->order[bounce - 1],
-                              .mesh = tile->mesh,
-                              .most = INFINITY};
+    struct senders senders;
+    struct sending *sending = NULL;
+    senders.e = bounce == 0 ? t->tiles->direct : t->tiles->order[bounce - 1];
+    senders.mesh = tile->mesh;
+    senders.count = 0;
     struct lw_vec3 change = {0};
     if (bounce && block->covered_count && block->indirect.sample_count < RARE_FRAMES)
-        spread_rare(t, tile, column, row, &sending);
+        spread_rare(t, tile, column, row, (float)block->indirect.sample_count, &senders);
     LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
         const uint32_t i = y * tile->width + x, texel = tile->first + i;
         float *l = t->tiles->radiance[bounce] + (size_t)texel * 4;
-        const struct lw_vec3 own = lw_vec3_scale(reflected(&sending, texel, tile->local + i),
-                                                 share_alone(&sending, texel)),
-                             now = lw_vec3_mad(own, sending.spread, lw_colour_luminance(own));
+        struct lw_vec3 now = reflected(&senders, texel, tile->local + i);
+        if (senders.count && t->tiles->covered[texel]) {
+            sending = sending_of(&senders, t->texels->side[texel], sending);
+            now = lw_vec3_scale(
+                now, share_alone(sending, lw_colour_luminance(lw_texels_vector(senders.e, texel))));
+            now = lw_vec3_mad(now, sending->spread, lw_colour_luminance(now));
+        }
         if (t->tiles->covered[texel])
             change = lw_vec3_add(change, lw_vec3_sub(now, lw_vec3(l[0], l[1], l[2])));
         l[0] = now.x;

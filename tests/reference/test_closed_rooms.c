@@ -1,0 +1,157 @@
+/* Closed rooms with a lamp inside and the sun outside: none of either's light passes a wall. The lamp is red and
+ * the sun blue, so that one solve tells the two apart. What is read is what an engine reads: bilinear. */
+#include "tests/reference/room.h"
+
+#include "common/random.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#define RED  0
+#define BLUE 2
+#define LAMP 40.0f   /* W/sr */
+#define SUN  5000.0f /* W/m^2 */
+
+/* A room of inner half width `half` and height `high` that stands on a ground quad. */
+struct house {
+    float half, high, thick; /* thick 0: walls are double-sided quads */
+    float angle;             /* about Y */
+    float shift_x, shift_z;
+    float density;
+    bool roof_only; /* unused */
+};
+
+static struct lw_vec3 at(const struct house *h, float x, float y, float z) {
+    const float c = cosf(h->angle), s = sinf(h->angle);
+    return lw_vec3(c * x + s * z + h->shift_x, y, -s * x + c * z + h->shift_z);
+}
+static struct lw_vec3 along(const struct house *h, float x, float y, float z) {
+    return lw_vec3_sub(at(h, x, y, z), at(h, 0, 0, 0));
+}
+
+/* Faces of a box, outward. */
+static void add_box(struct room *room, const struct house *h, struct lw_vec3 low, struct lw_vec3 high) {
+    const float sx = high.x - low.x, sy = high.y - low.y, sz = high.z - low.z;
+    const struct lw_vec3 o = at(h, low.x, low.y, low.z), x = along(h, sx, 0, 0), y = along(h, 0, sy, 0),
+                         z = along(h, 0, 0, sz);
+    room_quad(room, o, x, z, 0.7f, 0);                    /* down */
+    room_quad(room, lw_vec3_add(o, y), z, x, 0.7f, 0);    /* up */
+    room_quad(room, o, y, x, 0.7f, 0);                    /* -z */
+    room_quad(room, lw_vec3_add(o, z), x, y, 0.7f, 0);    /* +z */
+    room_quad(room, o, z, y, 0.7f, 0);                    /* -x */
+    room_quad(room, lw_vec3_add(o, x), y, z, 0.7f, 0);    /* +x */
+}
+
+static void add_house(struct room *room, const struct house *h) {
+    const float a = h->half, b = h->half + h->thick, y = h->high;
+    room_quad(room, lw_vec3(-6, 0, -6), lw_vec3(0, 0, 12), lw_vec3(12, 0, 0), 0.7f, 0);
+    add_box(room, h, lw_vec3(a, 0, -a), lw_vec3(b, y, a));
+    add_box(room, h, lw_vec3(-b, 0, -a), lw_vec3(-a, y, a));
+    add_box(room, h, lw_vec3(-b, 0, -b), lw_vec3(b, y, -a));
+    add_box(room, h, lw_vec3(-b, 0, a), lw_vec3(b, y, b));
+    add_box(room, h, lw_vec3(-b, y, -b), lw_vec3(b, y + h->thick, b));
+    room->light[room->light_count] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {LAMP, 0, 0}};
+    room->light_position[room->light_count++] = at(h, 0, h->high - 0.5f, 0);
+    room->light[room->light_count++] = (struct lw_light){.kind = LW_LIGHT_DIRECTIONAL, .intensity = {0, 0, SUN}};
+}
+
+static double texel(const struct room_solution *s, uint32_t object, uint32_t x, uint32_t y, int channel) {
+    const struct lw_atlas_level *level = &s->map.atlas[object].level[0];
+    struct lw_solver_tile tile;
+    s->solver->ops->read_tile(
+        s->solver,
+        (lw_tile_id){s->map.first_tile[object] + y / LW_TILE_SIDE * level->tiles_x + x / LW_TILE_SIDE},
+        &tile);
+    return (double)tile.irradiance[channel][y % LW_TILE_SIDE * tile.width + x % LW_TILE_SIDE];
+}
+
+static double look_up(const struct room_solution *s, uint32_t quad, double along_u, double along_v, int channel) {
+    const struct lw_mesh *mesh = &s->scene->mesh[quad];
+    const struct lw_vec2 a = mesh->lightmap_uv[mesh->triangle[0][0]],
+                         b = mesh->lightmap_uv[mesh->triangle[0][1]],
+                         c = mesh->lightmap_uv[mesh->triangle[1][2]];
+    const double x = (double)a.x + along_u * (double)(b.x - a.x) + along_v * (double)(c.x - a.x) - 0.5,
+                 y = (double)a.y + along_u * (double)(b.y - a.y) + along_v * (double)(c.y - a.y) - 0.5;
+    double sum = 0;
+    for (uint32_t j = 0; j < 2; j++)
+        for (uint32_t i = 0; i < 2; i++) {
+            const double wx = i ? x - floor(x) : 1 - (x - floor(x)),
+                         wy = j ? y - floor(y) : 1 - (y - floor(y));
+            if (wx * wy > 0)
+                sum += wx * wy * texel(s, quad, (uint32_t)floor(x) + i, (uint32_t)floor(y) + j, channel);
+        }
+    return sum;
+}
+
+struct pair {
+    double red, blue;
+};
+
+static struct pair ground_at(const struct room_solution *s, struct lw_vec3 p) {
+    const double u = (double)(p.z + 6) / 12, v = (double)(p.x + 6) / 12;
+    return (struct pair){look_up(s, 0, u, v, RED), look_up(s, 0, u, v, BLUE)};
+}
+
+/* Mean over the floor inside, or over a strip around the house. */
+static struct pair mean_ground(const struct room_solution *s, const struct house *h, float low, float high) {
+    struct pair sum = {0};
+    unsigned count = 0;
+    const int steps = 120;
+    for (int i = 0; i < steps; i++)
+        for (int j = 0; j < steps; j++) {
+            const float x = ((float)i + 0.5f) / (float)steps * 2 * high - high, z = ((float)j + 0.5f) / (float)steps * 2 * high - high;
+            if (fmaxf(fabsf(x), fabsf(z)) < low) continue;
+            const struct pair p = ground_at(s, at(h, x, 0, z));
+            sum.red += p.red, sum.blue += p.blue, count++;
+        }
+    sum.red /= count, sum.blue /= count;
+    return sum;
+}
+
+static struct pair mean_quad(const struct room_solution *s, uint32_t quad, double u0, double u1, double v0, double v1) {
+    struct pair sum = {0};
+    const int steps = 60;
+    for (int i = 0; i < steps; i++)
+        for (int j = 0; j < steps; j++) {
+            const double u = u0 + (u1 - u0) * (i + 0.5) / steps, v = v0 + (v1 - v0) * (j + 0.5) / steps;
+            sum.red += look_up(s, quad, u, v, RED), sum.blue += look_up(s, quad, u, v, BLUE);
+        }
+    sum.red /= steps * steps, sum.blue /= steps * steps;
+    return sum;
+}
+
+static void measure(const struct house *h, bool denoise, unsigned bounces, unsigned frames) {
+    struct room room = {.texels_per_metre = h->density};
+    add_house(&room, h);
+    struct room_solution s;
+    room_solve(&s, &room, (struct lw_solver_desc){.bounces = bounces, .denoise = denoise, .tracing_range_m = INFINITY}, frames);
+    const struct pair floor = mean_ground(&s, h, 0, h->half - 0.01f), middle = mean_ground(&s, h, 0, 1),
+                      near = mean_ground(&s, h, h->half + h->thick + 0.01f, h->half + h->thick + 0.3f);
+    const float b = h->half + h->thick;
+    const double edge = (double)(h->thick / (2 * b));
+    const struct pair wall = mean_quad(&s, 5, 0, 1, 0, 1), /* -x face of the +x wall */
+        ceiling = mean_quad(&s, 25, edge, 1 - edge, edge, 1 - edge);
+    print_message("thick %.2f angle %.1f density %g bounces %u %s: floor %.2f + %.3f, middle %.2f + %.3f, wall %.2f + %.3f, "
+                  "ceiling %.2f + %.3f; outside %.0f + %.3f\n",
+                  (double)h->thick, (double)h->angle, (double)h->density, bounces, denoise ? "filtered" : "raw", floor.red, floor.blue,
+                  middle.red, middle.blue, wall.red, wall.blue, ceiling.red, ceiling.blue, near.blue, near.red);
+    room_finish(&s);
+}
+
+static void test_family(void **state) {
+    (void)state;
+    const float thick[] = {0.02f, 0.1f, 0.3f, 1.0f}, density[] = {3, 5, 12};
+    for (unsigned t = 0; t < 4; t++)
+        for (unsigned d = 0; d < 3; d++)
+            for (unsigned a = 0; a < 2; a++) {
+                const struct house h = {.half = 2, .high = 3, .thick = thick[t], .angle = a ? 0.3f : 0, .density = density[d],
+                                        .shift_x = a ? 0.13f : 0, .shift_z = a ? 0.07f : 0};
+                measure(&h, false, 2, 24);
+                if (d == 1) measure(&h, true, 2, 24), measure(&h, false, 0, 24), measure(&h, false, 1, 24);
+            }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_family)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
