@@ -5,6 +5,7 @@
 #include "common/random.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 
 #define RED  0
@@ -120,6 +121,28 @@ static struct pair mean_quad(const struct room_solution *s, uint32_t quad, doubl
     return sum;
 }
 
+#include "server/solve/surface/invalid_texels.h"
+#include "common/trace/trace.h"
+static void debug_texels(const struct room_solution *s, const struct house *h) {
+    struct lw_texels t; struct lw_error err={0}; struct lw_trace *trace; uint64_t n;
+    lw_support_ok(lw_texels_init(&t, s->scene, 1, NULL, &err), &err);
+    lw_support_ok(lw_trace_create(s->scene, &s->pose, &trace, &err), &err);
+    lw_support_ok(lw_invalid_texels_find(&t, &s->pose, trace, 1, NULL, &n), &err);
+    const struct lw_mesh_texels *m=&t.mesh[0];
+    for (uint32_t y=0;y<m->height;y++) for (uint32_t x=0;x<m->width;x++) {
+        const uint32_t i=lw_texels_index(m,x,y);
+        if (!m->covered[i]) continue;
+        const struct lw_vec3 p=lw_texels_vector(m->position,i);
+        const float c=cosf(h->angle), q=sinf(h->angle), dx=p.x-h->shift_x, dz=p.z-h->shift_z;
+        const float hx=c*dx-q*dz, hz=q*dx+c*dz;
+        const double blue=texel(s,0,x,y,2);
+        struct lw_vec3 pl = t.covered[i]? lw_texels_place(&t,0,i):p;
+        const float px=c*(pl.x-h->shift_x)-q*(pl.z-h->shift_z), pz=q*(pl.x-h->shift_x)+c*(pl.z-h->shift_z);
+        if (fmaxf(fabsf(hx),fabsf(hz))<h->half+h->thick+0.3f && fmaxf(fabsf(hx),fabsf(hz))>h->half-0.4f && fabsf(hx)>fabsf(hz) && hz>-1 && hz<0.5f)
+            printf("DBG (%6.3f %6.3f) place (%6.3f %6.3f) covered %d usable %02x walls %x side %u blue %.2f red %.2f\n", (double)hx,(double)hz,(double)px,(double)pz,t.covered[i],t.usable[i],t.walls[i],t.side[i],blue,texel(s,0,x,y,0));
+    }
+    lw_texels_finish(&t); lw_trace_destroy(trace);
+}
 static void measure(const struct house *h, bool denoise, unsigned bounces, unsigned frames) {
     struct room room = {.texels_per_metre = h->density};
     add_house(&room, h);
@@ -135,11 +158,13 @@ static void measure(const struct house *h, bool denoise, unsigned bounces, unsig
                   "ceiling %.2f + %.3f; outside %.0f + %.3f\n",
                   (double)h->thick, (double)h->angle, (double)h->density, bounces, denoise ? "filtered" : "raw", floor.red, floor.blue,
                   middle.red, middle.blue, wall.red, wall.blue, ceiling.red, ceiling.blue, near.blue, near.red);
+    if (getenv("DBG")) debug_texels(&s, h);
     room_finish(&s);
 }
 
 static void test_family(void **state) {
     (void)state;
+    if (getenv("DBG")) { float v[3]; sscanf(getenv("DBG"),"%f,%f,%f",v,v+1,v+2); const struct house h={.half=2,.high=3,.thick=v[0],.angle=v[1],.density=v[2],.shift_x=v[1]>0?0.13f:0,.shift_z=v[1]>0?0.07f:0}; measure(&h,false,0,8); return; }
     const float thick[] = {0.02f, 0.1f, 0.3f, 1.0f}, density[] = {3, 5, 12};
     for (unsigned t = 0; t < 4; t++)
         for (unsigned d = 0; d < 3; d++)

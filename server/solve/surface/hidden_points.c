@@ -23,11 +23,15 @@
 
 #define POINTS (LW_HIDDEN_POINTS_TEXELS * LW_SAMPLE_POINTS_MAX)
 
+struct point;
+
 struct texel {
     uint32_t index;         /* within the object */
     uint8_t usable;         /* mask of its points */
     uint8_t beyond, before; /* masks of its points: behind what cuts the texel, and before that */
-    bool suspect, rim;
+    const struct point *pivot; /* NULL: the texel's own position */
+    uint8_t together;          /* mask of its points: the most that one of them sees along the surface */
+    bool suspect, rim, torn;
     bool by_solid; /* what is near one of its points may be the inside of a solid */
 };
 
@@ -293,25 +297,31 @@ static uint16_t is_open(struct packet *p, uint32_t unused) {
     return points & (uint16_t)~find_parted(p, LW_TRACE_COHERENT);
 }
 
-/* From the texel's own position to its points, somewhat above the surface, so that a bulge does not part
- * itself, but not above what is close: finds those that something stands before. Who looks from there sees
- * fronts alone. */
-static uint16_t is_parted(struct packet *p, uint32_t unused) {
-    (void)unused;
-    const struct crowd *c = p->crowd;
+/* Somewhat above the surface, so that a bulge does not part itself, but not above what is close. */
+static struct lw_vec3 raised(const struct crowd *c, const struct point *point) {
+    return lw_vec3_mad(point->origin, point->face, LOOK_ALONG * c->size_m);
+}
+
+/* Where one looks along the surface from: the texel's own position, or its pivot. */
+static struct lw_vec3 look_from(const struct crowd *c, const struct texel *texel) {
     const struct lw_hidden_points_search *s = c->search;
     const struct lw_mesh_texels *mesh = &s->texels->mesh[s->texels->scene->object[c->object].mesh];
     const struct lw_affine *to_world = &s->pose->object_to_world[c->object];
-    const float height_m = LOOK_ALONG * c->size_m;
+    if (texel->pivot) return raised(c, texel->pivot);
+    return lw_vec3_mad(lw_affine_point(to_world, lw_texels_vector(mesh->position, texel->index)),
+                       lw_affine_normal(to_world, lw_texels_vector(mesh->geometric, texel->index)),
+                       LOOK_ALONG * c->size_m);
+}
+
+/* Finds the points that something stands before, who looks along the surface. Who looks from there sees fronts
+ * alone. */
+static uint16_t is_parted(struct packet *p, uint32_t unused) {
+    (void)unused;
+    const struct crowd *c = p->crowd;
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
         if (!is_active(p, lane)) continue;
-        const struct point *point = p->point[lane];
-        const uint32_t i = c->texel[point->texel].index;
-        const struct lw_vec3 own =
-            lw_vec3_mad(lw_affine_point(to_world, lw_texels_vector(mesh->position, i)),
-                        lw_affine_normal(to_world, lw_texels_vector(mesh->geometric, i)), height_m);
-        const struct lw_vec3 raised = lw_vec3_mad(point->origin, point->face, height_m);
-        lw_trace_set_ray(&p->rays, lane, own, lw_vec3_sub(raised, own), 1);
+        const struct lw_vec3 own = look_from(c, &c->texel[p->point[lane]->texel]);
+        lw_trace_set_ray(&p->rays, lane, own, lw_vec3_sub(raised(c, p->point[lane]), own), 1);
     }
     p->active = find_parted(p, 0);
     const uint16_t seen = p->active ? find_parted(p, LW_TRACE_VIEW) : 0;
@@ -450,20 +460,53 @@ static void prefer_certain(struct crowd *c, struct list *list) {
         if (certain[t]) c->texel[t].usable = certain[t];
 }
 
+/* Looks from one point of each torn texel to the others, from each in turn, and keeps the largest number that see one
+ * another. */
+static void find_together(struct crowd *c, struct list *list) {
+    for (uint32_t number = 0; number < LW_SAMPLE_POINTS_MAX; number++) {
+        bool any = false;
+        for (uint32_t t = 0; t < c->texels; t++) c->texel[t].pivot = NULL;
+        for (uint32_t i = 0; i < c->points; i++) {
+            struct texel *texel = &c->texel[c->point[i].texel];
+            if (c->point[i].number != number || !texel->torn || !(texel->usable >> number & 1)) continue;
+            texel->pivot = &c->point[i];
+            texel->beyond = texel->before = 0;
+            any = true;
+        }
+        if (!any) continue;
+        list_points(c, list, UINT8_MAX, true);
+        uint32_t kept = 0;
+        for (uint32_t i = 0; i < list->count; i++)
+            if (c->texel[c->point[list->point[i]].texel].pivot) list->point[kept++] = list->point[i];
+        list->count = kept;
+        sift(c, list, is_parted, 0);
+        for (uint32_t t = 0; t < c->texels; t++) {
+            struct texel *texel = &c->texel[t];
+            const uint8_t seen = texel->usable & (uint8_t)~texel->beyond;
+            if (texel->pivot && __builtin_popcount(seen) > __builtin_popcount(texel->together)) texel->together = seen;
+        }
+    }
+}
+
 /* Where another surface runs through a texel, such as a wall that stands on a floor, light on its far side is
  * not for those who look at this one: keeps the sample points on the side of the texel's own position, or
- * those before the face that shows this one its back, as water does to what is under it. */
+ * those before the face that shows this one its back, as water does to what is under it. Of these, and where the own
+ * position is inside the wall, those of the side that has most. */
 static void keep_one_side(struct crowd *c, struct list *list) {
     list_points(c, list, UINT8_MAX, true);
     sift(c, list, is_parted, 0);
     for (uint32_t t = 0; t < c->texels; t++) {
         struct texel *texel = &c->texel[t];
         const uint8_t near = texel->usable & (uint8_t)~texel->beyond;
+        texel->torn = texel->before || (!near && texel->beyond);
         if (texel->before)
             texel->usable = texel->before;
         else if (near)
-            texel->usable = near; /* else its position is where light cannot reach */
+            texel->usable = near;
     }
+    find_together(c, list);
+    for (uint32_t t = 0; t < c->texels; t++)
+        if (c->texel[t].torn) c->texel[t].usable = c->texel[t].together;
 }
 
 void lw_hidden_points_find(const struct lw_hidden_points_search *search, uint32_t object,
