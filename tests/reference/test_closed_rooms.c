@@ -138,7 +138,7 @@ static void debug_texels(const struct room_solution *s, const struct house *h) {
         const double blue=texel(s,0,x,y,2);
         struct lw_vec3 pl = t.covered[i]? lw_texels_place(&t,0,i):p;
         const float px=c*(pl.x-h->shift_x)-q*(pl.z-h->shift_z), pz=q*(pl.x-h->shift_x)+c*(pl.z-h->shift_z);
-        if (fmaxf(fabsf(hx),fabsf(hz))<h->half+h->thick+0.3f && fmaxf(fabsf(hx),fabsf(hz))>h->half-0.4f && fabsf(hx)>fabsf(hz) && hz>-1 && hz<0.5f)
+        if (fmaxf(fabsf(hx),fabsf(hz))<h->half+h->thick+0.3f && fmaxf(fabsf(hx),fabsf(hz))>h->half-0.4f && hx>1.2f && hz > 1.2f)
             printf("DBG (%6.3f %6.3f) place (%6.3f %6.3f) covered %d usable %02x walls %x side %u blue %.2f red %.2f\n", (double)hx,(double)hz,(double)px,(double)pz,t.covered[i],t.usable[i],t.walls[i],t.side[i],blue,texel(s,0,x,y,0));
     }
     lw_texels_finish(&t); lw_trace_destroy(trace);
@@ -164,7 +164,7 @@ static void measure(const struct house *h, bool denoise, unsigned bounces, unsig
 
 static void test_family(void **state) {
     (void)state;
-    if (getenv("DBG")) { float v[3]; sscanf(getenv("DBG"),"%f,%f,%f",v,v+1,v+2); const struct house h={.half=2,.high=3,.thick=v[0],.angle=v[1],.density=v[2],.shift_x=v[1]>0?0.13f:0,.shift_z=v[1]>0?0.07f:0}; measure(&h,false,0,8); return; }
+    if (getenv("DBG")) { float v[3]; sscanf(getenv("DBG"),"%f,%f,%f",v,v+1,v+2); const struct house h={.half=2,.high=3,.thick=v[0],.angle=v[1],.density=v[2],.shift_x=v[1]>0?0.13f:0,.shift_z=v[1]>0?0.07f:0}; measure(&h,false,getenv("B")?2:0,getenv("B")?256:8); return; }
     const float thick[] = {0.02f, 0.1f, 0.3f, 1.0f}, density[] = {3, 5, 12};
     for (unsigned t = 0; t < 4; t++)
         for (unsigned d = 0; d < 3; d++)

@@ -263,9 +263,30 @@ static void find_aliens(struct part *p, uint32_t i, uint32_t j, bool cut) {
     if (is_alien(p, j, i, cut)) p->flags[i] |= ALIEN;
 }
 
+/* Whether something parts two texels beside or above each other, or one of them is no part of the chart. */
+static bool is_parted(const struct part *p, uint32_t x, uint32_t y, uint32_t u, uint32_t v) {
+    const uint32_t i = lw_texels_index(p->mesh, x < u ? x : u, y < v ? y : v);
+    const uint32_t a = lw_texels_index(p->mesh, x, y), b = lw_texels_index(p->mesh, u, v);
+    return !p->covered[a] || !p->covered[b] || p->mesh->chart[a] != p->mesh->chart[b] ||
+           p->flags[i] & (x != u ? CUT_RIGHT : CUT_BELOW);
+}
+
+/* At the corner of a room the texel beyond both of its walls touches one inside. */
+static void find_corner_aliens(struct part *p) {
+    for (uint32_t y = 0; y + 1 < p->mesh->height; y++)
+        for (uint32_t x = 0; x + 1 < p->mesh->width; x++)
+            for (uint32_t k = 0; k < 2; k++) {
+                const uint32_t u = x + k, w = x + 1 - k; /* from (u, y) to (w, y + 1) */
+                const uint32_t i = lw_texels_index(p->mesh, u, y), j = lw_texels_index(p->mesh, w, y + 1);
+                if (!p->covered[i] || !p->covered[j] || p->mesh->chart[i] != p->mesh->chart[j]) continue;
+                const bool parted = (is_parted(p, u, y, w, y) || is_parted(p, w, y, w, y + 1)) &&
+                                    (is_parted(p, u, y, u, y + 1) || is_parted(p, u, y + 1, w, y + 1));
+                if (parted) find_aliens(p, i, j, true);
+            }
+}
+
 static bool is_like(const struct part *p, uint32_t i, uint32_t j) {
-    if (p->flags[i] & BEHIND) return true;
-    return p->flags[i] & CLOSE ? (p->flags[j] & CLOSE) != 0 : sky_of(&p->sight[j]) >= SKY_OUTSIDE;
+    return p->flags[i] & BEHIND || (p->flags[i] & CLOSE && p->flags[j] & CLOSE);
 }
 
 static void find_deep(struct part *p, uint32_t i, uint32_t j, bool cut) {
@@ -304,6 +325,91 @@ static uint64_t choose(struct part *p, uint8_t *covered) {
         yielding++;
     }
     return yielding;
+}
+
+/* ---- what stands for texels that yield ---- */
+
+/* The eight texels around one, in a circle. */
+#define RING 8
+static const int ring_x[RING] = {1, 1, 0, -1, -1, -1, 0, 1}, ring_y[RING] = {0, 1, 1, 1, 0, -1, -1, -1};
+
+/* A run of covered texels around an uncovered one that nothing parts. */
+struct run {
+    struct sight sight;
+    uint32_t nearest; /* of its texels */
+    float square;     /* of that one's distance, object space */
+};
+
+/* The covered texel at place k of the circle about (x, y), of the same chart; LW_TEXEL_NONE: there is none. */
+static uint32_t ring_texel(const struct part *p, const uint8_t *covered, uint32_t x, uint32_t y, uint32_t k) {
+    const int64_t u = (int64_t)x + ring_x[k], v = (int64_t)y + ring_y[k];
+    if (u < 0 || v < 0 || u >= p->mesh->width || v >= p->mesh->height) return LW_TEXEL_NONE;
+    const uint32_t j = lw_texels_index(p->mesh, (uint32_t)u, (uint32_t)v);
+    return covered[j] && p->mesh->chart[j] == p->mesh->chart[lw_texels_index(p->mesh, x, y)] ? j : LW_TEXEL_NONE;
+}
+
+/* Whether something parts the texels at places k and k + 1: of two beside each other, the left or upper one knows. */
+static bool ring_cut(const struct part *p, uint32_t a, uint32_t b, uint32_t k) {
+    const uint32_t next = (k + 1) % RING;
+    const bool across = ring_x[k] != ring_x[next];
+    const bool forward = across ? ring_x[next] > ring_x[k] : ring_y[next] > ring_y[k];
+    return p->flags[forward ? a : b] & (across ? CUT_RIGHT : CUT_BELOW);
+}
+
+/* Lists the runs about (x, y); returns how many there are. */
+static uint32_t list_runs(struct part *p, const uint8_t *covered, uint32_t x, uint32_t y, struct run out[RING]) {
+    uint32_t texel[RING], of[RING], count = 0, first = RING;
+    for (uint32_t k = 0; k < RING; k++) texel[k] = ring_texel(p, covered, x, y, k);
+    /* begin where a run begins */
+    for (uint32_t k = 0; k < RING && first == RING; k++) {
+        const uint32_t before = (k + RING - 1) % RING;
+        if (texel[k] != LW_TEXEL_NONE &&
+            (texel[before] == LW_TEXEL_NONE || ring_cut(p, texel[before], texel[k], before)))
+            first = k;
+    }
+    if (first == RING) return 0;
+    const struct lw_vec3 middle = lw_texels_vector(p->mesh->position, lw_texels_index(p->mesh, x, y));
+    for (uint32_t i = 0; i < RING; i++) {
+        const uint32_t k = (first + i) % RING, before = (k + RING - 1) % RING;
+        if (texel[k] == LW_TEXEL_NONE) continue;
+        const bool goes_on = i > 0 && texel[before] != LW_TEXEL_NONE && !ring_cut(p, texel[before], texel[k], before);
+        if (!goes_on) out[count++] = (struct run){.nearest = LW_TEXEL_NONE, .square = INFINITY};
+        of[k] = count - 1;
+        struct run *run = &out[of[k]];
+        const struct lw_vec3 way = lw_vec3_sub(p->place[texel[k]], middle);
+        const float square = lw_vec3_dot(way, way);
+        if (square < run->square) run->square = square, run->nearest = texel[k];
+    }
+    if (count < 2) return count;
+    for (uint32_t k = 0; k < RING; k++) {
+        if (texel[k] == LW_TEXEL_NONE) continue;
+        if (!p->own[texel[k]].all) look_around(p, texel[k]);
+        add_sight(&out[of[k]].sight, &p->own[texel[k]]);
+    }
+    return count;
+}
+
+/* Of two runs, the one in whose place a texel between them is shown: the room's, where the other is out of doors;
+ * else the nearer one. */
+static const struct run *better_of(const struct run *a, const struct run *b) {
+    const float sky_a = sky_of(&a->sight), sky_b = sky_of(&b->sight);
+    const struct run *dark = sky_a < sky_b ? a : b;
+    if (is_room(&dark->sight) && fmaxf(sky_a, sky_b) >= SKY_OUTSIDE && fabsf(sky_a - sky_b) >= SKY_MORE) return dark;
+    return a->square <= b->square ? a : b;
+}
+
+/* Texels between several sides: which of them each shows. */
+static void choose_sources(struct part *p, const uint8_t *covered, uint32_t first, uint32_t *source) {
+    for (uint32_t y = 0; y < p->mesh->height; y++)
+        for (uint32_t x = 0; x < p->mesh->width; x++) {
+            const uint32_t i = lw_texels_index(p->mesh, x, y);
+            struct run run[RING];
+            if (!p->mesh->covered[i] || covered[i]) continue;
+            const uint32_t count = list_runs(p, covered, x, y, run);
+            const struct run *best = run;
+            for (uint32_t k = 1; k < count; k++) best = better_of(best, &run[k]);
+            if (count) source[i] = first + best->nearest;
+        }
 }
 
 static bool is_whole(const struct part *p, uint32_t i) {
@@ -387,10 +493,13 @@ enum lw_status lw_crossings_find(struct lw_texels *texels, const struct lw_pose 
             if (covered[i] && p.flags[i] & NEAR) look_around(&p, i);
         walk(&p, share_sight);
         walk(&p, find_aliens);
+        find_corner_aliens(&p);
         walk(&p, find_deep);
         walk(&p, meet);
         *out_count += choose(&p, covered);
         note_walls(&p, texels->side + texels->first[object], texels->walls + texels->first[object]);
+        lw_texels_link_object(texels, object);
+        choose_sources(&p, covered, texels->first[object], texels->source + texels->first[object]);
     }
     release(&p);
     return status;

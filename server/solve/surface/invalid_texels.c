@@ -205,7 +205,6 @@ enum lw_status lw_invalid_texels_find(struct lw_texels *texels, const struct lw_
         return LW_CLOSED;
     }
     lw_progress_finish(&progress);
-    if (count) lw_texels_link(texels, threads);
     if (failures) return LW_NO_MEMORY;
     *out_count = count;
     return LW_OK;
@@ -245,7 +244,6 @@ enum lw_status lw_invalid_texels_review(struct lw_texels *texels, const struct l
         uint64_t yielding = 0;
         if (!find_again(&search, o) && !may_be_joined(&search, o, texel_size(&search, o))) continue;
         failures += lw_crossings_find(texels, pose, trace, o, &yielding) != LW_OK;
-        lw_texels_link_object(texels, o);
     }
     free(search.left);
     return failures ? LW_NO_MEMORY : LW_OK;
