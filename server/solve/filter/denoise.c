@@ -121,15 +121,73 @@ static uint8_t *weigh_mesh(const struct lw_mesh_texels *mesh, int threads) {
     return pair;
 }
 
+/* ---- walls, once for each object that some stand on ---- */
+
+static bool has_walls(const struct lw_texels *texels, uint32_t object) {
+    const uint32_t count = texels->mesh[texels->scene->object[object].mesh].texel_count;
+    for (uint32_t i = 0; i < count; i++)
+        if (texels->walls[texels->first[object] + i]) return true;
+    return false;
+}
+
+/* Whether a wall stands between two texels beside or above each other, or on one of them. */
+static bool is_parted(const struct lw_mesh_texels *mesh, const uint8_t *walls, int64_t x, int64_t y, int64_t u,
+                      int64_t v) {
+    const uint32_t a = lw_texels_index(mesh, (uint32_t)x, (uint32_t)y),
+                   b = lw_texels_index(mesh, (uint32_t)u, (uint32_t)v), first = x < u || y < v ? a : b;
+    return (walls[a] | walls[b]) & LW_TEXELS_WALL_ON ||
+           walls[first] & (x != u ? LW_TEXELS_WALL_RIGHT : LW_TEXELS_WALL_BELOW);
+}
+
+/* One texel along a direction; a diagonal goes by way of either corner. */
+static bool is_step_parted(const struct lw_mesh_texels *mesh, const uint8_t *walls, int64_t x, int64_t y,
+                           const struct direction *d) {
+    const int64_t u = x + d->dx, v = y + d->dy;
+    if (!d->dx || !d->dy) return is_parted(mesh, walls, x, y, u, v);
+    return (is_parted(mesh, walls, x, y, u, y) || is_parted(mesh, walls, u, y, u, v)) &&
+           (is_parted(mesh, walls, x, y, x, v) || is_parted(mesh, walls, x, v, u, v));
+}
+
+/* Takes the weight of those pairs of a row that a wall parts on the straight way between them. */
+static void part_row(const struct lw_mesh_texels *mesh, const uint8_t *walls, uint32_t y, uint32_t step,
+                     const struct direction *d, uint8_t *pair) {
+    for (uint32_t x = 0; x < mesh->width; x++) {
+        int64_t u = x, v = y;
+        for (uint32_t k = 0; k < step && pair[x]; k++, u += d->dx, v += d->dy)
+            if (is_step_parted(mesh, walls, u, v, d)) pair[x] = 0;
+    }
+}
+
+/* The pairs of an object's mesh, but for those that walls part. */
+static uint8_t *part_pairs(const struct lw_texels *texels, uint32_t object, const uint8_t *pair, int threads) {
+    const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
+    const uint8_t *walls = texels->walls + texels->first[object];
+    const size_t area = area_of(mesh);
+    uint8_t *own = malloc(mesh_bytes(mesh));
+    if (!own) return NULL;
+    memcpy(own, pair, mesh_bytes(mesh));
+#pragma omp parallel for schedule(static) num_threads(threads)
+    for (uint32_t y = 0; y < mesh->height; y++)
+        for (uint32_t k = 0; k < LW_DENOISE_PASSES * DIRECTIONS; k++)
+            part_row(mesh, walls, y, 1u << k / DIRECTIONS, &direction[k % DIRECTIONS],
+                     own + k * area + (y + MARGIN) * stride_of(mesh) + MARGIN);
+    return own;
+}
+
 enum lw_status lw_denoise_pairs_init(struct lw_denoise_pairs *pairs, const struct lw_scene *scene,
                                      const struct lw_texels *texels, int threads) {
     *pairs = (struct lw_denoise_pairs){.scene = scene, .texels = texels};
-    pairs->pair = calloc((size_t)scene->mesh_count + 1, sizeof *pairs->pair);
-    bool ok = pairs->pair != NULL;
+    pairs->of_mesh = calloc((size_t)scene->mesh_count + 1, sizeof *pairs->of_mesh);
+    pairs->pair = calloc((size_t)scene->object_count + 1, sizeof *pairs->pair);
+    bool ok = pairs->of_mesh && pairs->pair;
     for (uint32_t o = 0; ok && o < scene->object_count; o++) {
         const uint32_t m = scene->object[o].mesh;
-        if (pairs->pair[m] || !texels->mesh[m].texel_count) continue;
-        ok = (pairs->pair[m] = weigh_mesh(&texels->mesh[m], threads)) != NULL;
+        if (!texels->mesh[m].texel_count) continue;
+        if (!pairs->of_mesh[m]) pairs->of_mesh[m] = weigh_mesh(&texels->mesh[m], threads);
+        pairs->pair[o] = pairs->of_mesh[m];
+        if (pairs->pair[o] && has_walls(texels, o))
+            pairs->pair[o] = part_pairs(texels, o, pairs->of_mesh[m], threads);
+        ok = pairs->pair[o] != NULL;
     }
     if (ok) return LW_OK;
     lw_denoise_pairs_finish(pairs);
@@ -138,14 +196,21 @@ enum lw_status lw_denoise_pairs_init(struct lw_denoise_pairs *pairs, const struc
 
 size_t lw_denoise_pairs_memory_bytes(const struct lw_denoise_pairs *pairs) {
     if (!pairs->pair) return 0;
-    size_t bytes = pairs->scene->mesh_count * sizeof *pairs->pair;
-    for (uint32_t m = 0; m < pairs->scene->mesh_count; m++)
-        if (pairs->pair[m]) bytes += mesh_bytes(&pairs->texels->mesh[m]);
+    const struct lw_scene *scene = pairs->scene;
+    size_t bytes = scene->mesh_count * sizeof *pairs->of_mesh + scene->object_count * sizeof *pairs->pair;
+    for (uint32_t m = 0; m < scene->mesh_count; m++)
+        if (pairs->of_mesh[m]) bytes += mesh_bytes(&pairs->texels->mesh[m]);
+    for (uint32_t o = 0; o < scene->object_count; o++)
+        if (pairs->pair[o] && pairs->pair[o] != pairs->of_mesh[scene->object[o].mesh])
+            bytes += mesh_bytes(&pairs->texels->mesh[scene->object[o].mesh]);
     return bytes;
 }
 
 void lw_denoise_pairs_finish(struct lw_denoise_pairs *pairs) {
-    for (uint32_t m = 0; pairs->pair && m < pairs->scene->mesh_count; m++) free(pairs->pair[m]);
+    for (uint32_t o = 0; pairs->pair && pairs->of_mesh && o < pairs->scene->object_count; o++)
+        if (pairs->pair[o] != pairs->of_mesh[pairs->scene->object[o].mesh]) free(pairs->pair[o]);
+    for (uint32_t m = 0; pairs->of_mesh && m < pairs->scene->mesh_count; m++) free(pairs->of_mesh[m]);
+    free(pairs->of_mesh);
     free(pairs->pair);
     *pairs = (struct lw_denoise_pairs){0};
 }
@@ -549,7 +614,7 @@ static bool find_job(const struct lw_denoise *d, const struct lw_solve_tile *til
     *out = (struct job){.denoise = d,
                         .tile = tile,
                         .mesh = tile->mesh,
-                        .pair = d->pairs->pair[d->pairs->scene->object[tile->object].mesh],
+                        .pair = d->pairs->pair[tile->object],
                         .pair_stride = stride_of(tile->mesh),
                         .pair_area = area_of(tile->mesh),
                         .x = tile->x * LW_TILE_SIDE + x[0] * LW_TILE_BLOCK,

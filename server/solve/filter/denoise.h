@@ -14,7 +14,9 @@
  * that lie beside each other in the atlas alone are far apart), and with the difference of luminance against
  * its own standard deviation. So the filter fades out as noise falls.
  *
- * The part that is geometry is found once per mesh, and serves any number of solves over the same
+ * No pair exchanges across a wall (texels.h).
+ *
+ * The part that is geometry is found once per mesh, that of walls once per object. Both serve any number of solves over the same
  * texels. What is shown of a block is a function of its sums and of those LW_DENOISE_REACH around it. So
  * a frame filters the blocks that it shows and those beside them. The picture does not depend on the
  * frames in which the sums came about. */
@@ -28,12 +30,12 @@
 #define LW_DENOISE_REACH  9u
 #define LW_DENOISE_PLANES 5u /* r, g, b, luminance, its variance */
 
-/** How far the texels of each mesh may exchange light for their surfaces' sake. */
+/** How far texels may exchange light, for their surfaces' sake and for the walls that stand between them. */
 struct lw_denoise_pairs {
     const struct lw_scene *scene;   /* outlives it */
     const struct lw_texels *texels; /* likewise */
-    /* Per mesh: weights of the pairs of all passes and directions, or NULL: it has no texels. */
-    uint8_t **pair;
+    uint8_t **of_mesh; /* per mesh: weights of the pairs of all passes and directions, or NULL: it has no texels */
+    uint8_t **pair;    /* per object: those of its mesh, or a copy without the pairs that walls part */
 };
 
 /** Errors: LW_NO_MEMORY. */
