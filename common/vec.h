@@ -79,6 +79,12 @@ static inline struct lw_vec3 lw_affine_vector(const struct lw_affine *t, struct 
                    t->m[1][0] * v.x + t->m[1][1] * v.y + t->m[1][2] * v.z,
                    t->m[2][0] * v.x + t->m[2][1] * v.y + t->m[2][2] * v.z);
 }
+/** A bound of how much longer it makes a vector. */
+static inline float lw_affine_stretch(const struct lw_affine *t) {
+    float most = 0;
+    for (int r = 0; r < 3; r++) most = fmaxf(most, fabsf(t->m[r][0]) + fabsf(t->m[r][1]) + fabsf(t->m[r][2]));
+    return most;
+}
 static inline float lw_affine_determinant(const struct lw_affine *t) {
     struct lw_vec3 x = lw_vec3(t->m[0][0], t->m[1][0], t->m[2][0]),
                    y = lw_vec3(t->m[0][1], t->m[1][1], t->m[2][1]),

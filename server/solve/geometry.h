@@ -9,6 +9,7 @@
 #include "server/solve/filter/denoise.h"
 #include "server/solve/filter/seams.h"
 #include "server/solve/solver.h"
+#include "server/solve/surface/sides.h"
 
 struct lw_geometry {
     const struct lw_scene *scene;
@@ -38,6 +39,11 @@ void lw_geometry_finish(struct lw_geometry *geometry);
  * Errors: LW_NO_MEMORY, LW_INTERNAL. */
 LW_MUST_CHECK enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct lw_pose *pose,
                                                   bool later, struct lw_error *err);
+
+/** Its texels as rays read them. */
+static inline struct lw_sides lw_geometry_sides(const struct lw_geometry *geometry) {
+    return (struct lw_sides){.texels = &geometry->texels, .pose = &geometry->pose, .trace = geometry->trace};
+}
 
 /** Weighs the pairs, unless they are. Errors: LW_NO_MEMORY; there are none then. */
 LW_MUST_CHECK enum lw_status lw_geometry_weigh_pairs(struct lw_geometry *geometry);

@@ -112,14 +112,17 @@ static uint64_t gather(const struct lw_radiosity_gather *g, const struct lw_patc
         const float x = c * p[0] - s * p[1], y = s * p[0] + c * p[1];
         aim(&packet->at, lw_vec3(x, y, sqrtf(fmaxf(0, 1 - x * x - y * y))), &rays);
         rays.salt = g->salt + n;
-        lw_trace_closest16(g->trace, flags, packet->active, &rays, &hits);
-        for (int i = 0; i < LANES; i++) {
-            if (!(packet->active >> i & 1) || hits.object[i] == LW_TRACE_MISS) continue;
-            const uint32_t texel =
-                lw_texels_at(texels, hits.object[i], hits.triangle[i], hits.u[i], hits.v[i], hits.back[i]);
-            if (texel == LW_TEXEL_NONE) continue;
-            for (int k = 0; k < 3; k++) sum[k][i] += g->radiance[(size_t)texel * g->stride + (size_t)k];
-        }
+        lw_trace_closest16(g->sides->trace, flags, packet->active, &rays, &hits);
+        uint32_t texel[LANES];
+        for (int i = 0; i < LANES; i++)
+            texel[i] = hits.object[i] == LW_TRACE_MISS
+                           ? LW_TEXEL_NONE
+                           : lw_texels_under(texels, hits.object[i], hits.triangle[i], hits.u[i], hits.v[i],
+                                             hits.back[i]);
+        lw_sides_read16(g->sides, packet->active, &rays, &hits, texel);
+        for (int i = 0; i < LANES; i++)
+            for (int k = 0; packet->active >> i & 1 && texel[i] != LW_TEXEL_NONE && k < 3; k++)
+                sum[k][i] += g->radiance[(size_t)texel[i] * g->stride + (size_t)k];
     }
     for (int i = 0; i < LANES; i++)
         for (int k = 0; packet->active >> i & 1 && k < 3; k++)

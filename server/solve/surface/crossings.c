@@ -412,16 +412,11 @@ static void choose_sources(struct part *p, const uint8_t *covered, uint32_t firs
         }
 }
 
-static bool is_whole(const struct part *p, uint32_t i) {
-    return !p->mesh->covered[i] ||
-           (p->usable[i] == lw_sample_points_all(&p->mesh->sample_points, i) && !(p->flags[i] & CUT));
-}
-
-/* Whether something stands on a texel or on one beside it. */
-static bool has_wall_near(const struct part *p, uint32_t x, uint32_t y) {
+/* Whether something cuts a texel off a neighbour, or one beside it. What cuts a corner off is found so, too. */
+static bool has_cut_near(const struct part *p, uint32_t x, uint32_t y) {
     for (uint32_t v = y ? y - 1 : 0; v <= y + 1 && v < p->mesh->height; v++)
         for (uint32_t u = x ? x - 1 : 0; u <= x + 1 && u < p->mesh->width; u++)
-            if (!is_whole(p, lw_texels_index(p->mesh, u, v))) return true;
+            if (p->flags[lw_texels_index(p->mesh, u, v)] & CUT) return true;
     return false;
 }
 
@@ -436,7 +431,7 @@ static void note_walls(struct part *p, uint32_t *side, uint8_t *walls) {
     for (uint32_t y = 0; y < p->mesh->height; y++)
         for (uint32_t x = 0; x < p->mesh->width; x++) {
             const uint32_t i = lw_texels_index(p->mesh, x, y);
-            if (has_wall_near(p, x, y)) walls[i] |= LW_TEXELS_WALL_NEAR;
+            if (walls[i] & LW_TEXELS_WALL_ON || has_cut_near(p, x, y)) walls[i] |= LW_TEXELS_WALL_NEAR;
         }
 }
 

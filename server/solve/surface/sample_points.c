@@ -58,11 +58,8 @@ void lw_sample_points_frame_init(struct lw_sample_points_frame *frame, const str
     for (int i = 0; i < 9; i++) size = fmaxf(size, fabsf(frame->normal[i / 3][i % 3]));
     for (int i = 0; i < 9; i++)
         frame->normal[i / 3][i % 3] = size > 0 ? frame->normal[i / 3][i % 3] / size : (float)(i % 4 == 0);
-    frame->stretch = frame->offset_m = 0;
-    for (int r = 0; r < 3; r++) {
-        frame->stretch = fmaxf(frame->stretch, fabsf(t->m[r][0]) + fabsf(t->m[r][1]) + fabsf(t->m[r][2]));
-        frame->offset_m = fmaxf(frame->offset_m, fabsf(t->m[r][3]));
-    }
+    frame->stretch = lw_affine_stretch(t);
+    frame->offset_m = fmaxf(fabsf(t->m[0][3]), fmaxf(fabsf(t->m[1][3]), fabsf(t->m[2][3])));
 }
 
 LW_WIDE void lw_sample_points_load(const struct lw_sample_points *points, float *const position[3],

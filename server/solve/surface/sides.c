@@ -3,78 +3,112 @@
 /* The reader looks from this far before the ray's end, in texels: high enough that a bulge does not hide its own
  * neighbours. */
 #define BEFORE 0.1f
+/* And along this share of the way to a texel's place, which lies on the surface. */
+#define WAY 0.98f
 
-/* A texel that may be read, by its distance from the ray's end. */
-struct candidate {
-    uint32_t texel; /* within the object */
-    struct lw_vec3 place_ws;
-    float square_m;
-};
-
+/* Where one ray ends. */
 struct reader {
-    const struct lw_sides *sides;
+    const struct lw_texels *texels;
+    const struct lw_trace *trace;
     uint32_t object;
     struct lw_affine to_world;
-    struct lw_sample_points_frame frame;
-    struct lw_vec3 end_ws, eye_ws;
+    struct lw_vec3 end, eye; /* world space */
 };
 
-/* Where a texel's light comes from, off the surface. */
+/* A texel that it may read. */
+struct candidate {
+    uint32_t texel; /* within the object */
+    struct lw_vec3 place;
+    float square; /* of the distance from the ray's end, m^2 */
+};
+
+static const struct lw_mesh_texels *mesh_of(const struct lw_texels *texels, uint32_t object) {
+    return &texels->mesh[texels->scene->object[object].mesh];
+}
+
+static struct reader reader_of(const struct lw_sides *sides, const struct lw_ray16 *rays,
+                               const struct lw_hit16 *hits, uint32_t lane) {
+    const struct lw_vec3 origin = lw_vec3(rays->org_x[lane], rays->org_y[lane], rays->org_z[lane]),
+                         dir = lw_vec3(rays->dir_x[lane], rays->dir_y[lane], rays->dir_z[lane]);
+    const uint32_t object = hits->object[lane];
+    const float t = hits->t[lane];
+    struct reader r = {.texels = sides->texels,
+                       .trace = sides->trace,
+                       .object = object,
+                       .to_world = sides->pose->object_to_world[object]};
+    const float size_m = mesh_of(r.texels, object)->texel_m * lw_affine_stretch(&r.to_world);
+    r.end = lw_vec3_mad(origin, dir, t);
+    r.eye = lw_vec3_mad(origin, dir, t - fminf(BEFORE * size_m / lw_vec3_length(dir), 0.5f * t));
+    return r;
+}
+
 static struct candidate candidate_of(const struct reader *r, uint32_t local) {
-    const struct lw_texels *texels = r->sides->texels;
-    const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[r->object].mesh];
-    const struct lw_vec3 normal = lw_affine_normal(&r->to_world, lw_texels_vector(mesh->geometric, local));
-    struct candidate c = {.texel = local};
-    c.place_ws = lw_vec3_mad(lw_affine_point(&r->to_world, lw_texels_place(texels, r->object, local)), normal,
-                             lw_sample_points_lift_m(&r->frame, mesh->sample_points.lift[local]));
-    const struct lw_vec3 way = lw_vec3_sub(c.place_ws, r->end_ws);
-    c.square_m = lw_vec3_dot(way, way);
-    return c;
+    const struct lw_vec3 place = lw_affine_point(&r->to_world, lw_texels_place(r->texels, r->object, local)),
+                         way = lw_vec3_sub(place, r->end);
+    return (struct candidate){.texel = local, .place = place, .square = lw_vec3_dot(way, way)};
 }
 
-/* Which of some places the reader sees. */
-static uint16_t seen_of(const struct reader *r, const struct candidate *c, uint32_t count) {
-    struct lw_ray16 rays = {.salt = 0};
-    const uint16_t active = (uint16_t)((1u << count) - 1);
-    for (uint32_t k = 0; k < count; k++)
-        lw_trace_set_ray(&rays, k, r->eye_ws, lw_vec3_sub(c[k].place_ws, r->eye_ws), LW_TRACE_SHORT);
-    return active & (uint16_t)~lw_trace_occluded16(r->sides->trace, LW_TRACE_LIGHT, active, &rays);
+static void look_at(const struct reader *r, struct lw_ray16 *rays, uint32_t lane, struct lw_vec3 place) {
+    lw_trace_set_ray(rays, lane, r->eye, lw_vec3_sub(place, r->eye), WAY);
 }
 
-/* Lists the sixteen nearest covered texels around one, nearest first. */
+/* The covered texels around one, the sixteen nearest, nearest first. */
 static uint32_t list_around(const struct reader *r, uint32_t local, struct candidate out[LW_TRACE_WIDTH]) {
-    const struct lw_texels *texels = r->sides->texels;
-    const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[r->object].mesh];
-    const uint8_t *covered = texels->covered + texels->first[r->object];
+    const struct lw_mesh_texels *mesh = mesh_of(r->texels, r->object);
     struct lw_texels_neighbour near[LW_TEXELS_NEIGHBOURS_MAX];
     uint32_t x, y, count = 0;
     lw_texels_coordinates(mesh, local, &x, &y);
-    const uint32_t all = lw_texels_neighbours(mesh, covered, x, y, near);
+    const uint32_t all =
+        lw_texels_neighbours(mesh, r->texels->covered + r->texels->first[r->object], x, y, near);
     for (uint32_t k = 0; k < all; k++) {
         const struct candidate c = candidate_of(r, lw_texels_index(mesh, near[k].x, near[k].y));
-        uint32_t i = count < LW_TRACE_WIDTH ? count++ : count;
-        for (; i > 0 && out[i - 1].square_m > c.square_m; i--)
+        uint32_t i = count;
+        for (; i > 0 && out[i - 1].square > c.square; i--)
             if (i < LW_TRACE_WIDTH) out[i] = out[i - 1];
         if (i < LW_TRACE_WIDTH) out[i] = c;
+        if (count < LW_TRACE_WIDTH) count++;
     }
     return count;
 }
 
-uint32_t lw_sides_read(const struct lw_sides *sides, uint32_t object, uint32_t under, struct lw_vec3 origin,
-                       struct lw_vec3 dir, float t) {
-    const struct lw_texels *texels = sides->texels;
-    const uint32_t first = texels->first[object], source = texels->source[under];
-    struct reader r = {.sides = sides, .object = object, .to_world = sides->pose->object_to_world[object]};
-    lw_sample_points_frame_init(&r.frame, &r.to_world);
-    const float size_m = texels->mesh[texels->scene->object[object].mesh].texel_m * r.frame.stretch;
-    r.end_ws = lw_vec3_mad(origin, dir, t);
-    r.eye_ws = lw_vec3_mad(origin, dir, t - fminf(BEFORE * size_m / lw_vec3_length(dir), 0.5f * t));
+/* The nearest texel around one that the reader sees. */
+static uint32_t search_around(const struct reader *r, uint32_t local) {
     struct candidate c[LW_TRACE_WIDTH];
-    if (source != LW_TEXEL_NONE) {
-        c[0] = candidate_of(&r, source - first);
-        if (seen_of(&r, c, 1)) return source;
+    struct lw_ray16 rays = {.salt = 0};
+    const uint32_t count = list_around(r, local, c);
+    if (!count) return LW_TEXEL_NONE;
+    for (uint32_t k = 0; k < count; k++) look_at(r, &rays, k, c[k].place);
+    const uint16_t active = (uint16_t)((1u << count) - 1),
+                   seen = active & (uint16_t)~lw_trace_occluded16(r->trace, LW_TRACE_LIGHT, active, &rays);
+    return seen ? r->texels->first[r->object] + c[__builtin_ctz(seen)].texel : LW_TEXEL_NONE;
+}
+
+void lw_sides_read16(const struct lw_sides *sides, uint16_t active, const struct lw_ray16 *rays,
+                     const struct lw_hit16 *hits, uint32_t texel[LW_TRACE_WIDTH]) {
+    const struct lw_texels *texels = sides->texels;
+    struct reader reader[LW_TRACE_WIDTH];
+    struct lw_ray16 looks = {.salt = 0};
+    uint16_t asked = 0, blind = 0;
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+        if (!(active >> lane & 1) || texel[lane] == LW_TEXEL_NONE) continue;
+        const uint32_t source = texels->source[texel[lane]], object = hits->object[lane];
+        if (!(texels->walls[texel[lane]] & LW_TEXELS_WALL_NEAR)) {
+            texel[lane] = source;
+            continue;
+        }
+        reader[lane] = reader_of(sides, rays, hits, lane);
+        if (source == LW_TEXEL_NONE) {
+            blind |= (uint16_t)(1u << lane);
+            continue;
+        }
+        look_at(&reader[lane], &looks, lane, candidate_of(&reader[lane], source - texels->first[object]).place);
+        asked |= (uint16_t)(1u << lane);
     }
-    const uint32_t count = list_around(&r, under - first, c);
-    const uint16_t seen = count ? seen_of(&r, c, count) : 0;
-    return seen ? first + c[__builtin_ctz(seen)].texel : LW_TEXEL_NONE;
+    if (asked) blind |= lw_trace_occluded16(sides->trace, LW_TRACE_LIGHT, asked, &looks) & asked;
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+        if (blind >> lane & 1)
+            texel[lane] = search_around(&reader[lane], texel[lane] - texels->first[reader[lane].object]);
+        else if (asked >> lane & 1)
+            texel[lane] = texels->source[texel[lane]];
+    }
 }

@@ -1,9 +1,9 @@
-/* sides.h: which texel to read where walls stand on a surface: one on the same side as the reader.
- * Flow:    hit near a wall -> [sides] -> the texel whose light is read
+/* sides.h: which texel a ray reads where walls stand on a surface: one on its own side.
+ * Flow:    ray hits -> [sides] -> the texels whose light they read
  * Threads: [any].
  *
  * A texel's square may lie on several sides of what stands on it, but its light is that of one (crossings.h). A
- * ray that ends on another side reads the nearest texel that can be seen from just before its end. */
+ * ray that ends on another side reads the nearest texel that is seen from just before its end. */
 #ifndef LW_SURFACE_SIDES_H
 #define LW_SURFACE_SIDES_H
 
@@ -17,10 +17,13 @@ struct lw_sides {
     const struct lw_trace *trace;
 };
 
-/** The texel (global index) to read for a ray that ends at origin + t dir, on the square of texel `under` (global index)
- * of an object; LW_TEXEL_NONE where no texel of its side is near. World space. Costs a ray, and sixteen more where that
- * meets a wall. */
-uint32_t lw_sides_read(const struct lw_sides *sides, uint32_t object, uint32_t under, struct lw_vec3 origin,
-                       struct lw_vec3 dir, float t);
+/** Puts the texels to read in the place of those on whose squares rays end; global indices.
+ * active  lanes that have met something
+ * rays    as they were traced; directions of any length
+ * texel   on whose square each lane ends, or LW_TEXEL_NONE; afterwards what it reads, or LW_TEXEL_NONE where no
+ *         texel of its side is near
+ * Cost: nothing where no wall is near; else a ray, and sixteen more where that meets something. */
+void lw_sides_read16(const struct lw_sides *sides, uint16_t active, const struct lw_ray16 *rays,
+                     const struct lw_hit16 *hits, uint32_t texel[LW_TRACE_WIDTH]);
 
 #endif

@@ -117,21 +117,16 @@ static void find_hits(const struct lw_transport *t, struct flight *f, struct lw_
 _Static_assert((LW_RAY_HIT_NOTHING & LW_RAY_HIT_PROBE) != 0 && LW_TEXEL_NONE == LW_RAY_HIT_NOTHING,
                "no texels either");
 
-/* Notes the texels that stand for those that a packet's rays have met. */
-static void note_hits(const struct lw_transport *t, const struct flight *f) {
-    for (uint32_t lane = 0; lane < LANES; lane++) {
-        if (!(f->active >> lane & 1)) continue;
-        uint32_t *hit = &t->ray_hit[(size_t)f->texel[lane] * t->indirect_samples + f->sample];
-        if (f->hit[lane] & LW_RAY_HIT_PROBE)
-            *hit = f->hit[lane];
-        else if (t->texels->walls[f->hit[lane]] & LW_TEXELS_WALL_NEAR)
-            *hit = lw_sides_read(&(struct lw_sides){t->texels, t->pose, t->trace}, f->hits.object[lane], f->hit[lane],
-                                 origin_of(&f->rays, lane),
-                                 lw_vec3(f->rays.dir_x[lane], f->rays.dir_y[lane], f->rays.dir_z[lane]),
-                                 f->hits.t[lane]);
-        else
-            *hit = t->texels->source[f->hit[lane]];
-    }
+/* Notes the texels that a packet's rays read. */
+static void note_hits(const struct lw_transport *t, struct flight *f) {
+    const struct lw_sides sides = {.texels = t->texels, .pose = t->pose, .trace = t->trace};
+    uint16_t surfaces = 0;
+    for (uint32_t lane = 0; lane < LANES; lane++)
+        if (f->active >> lane & 1 && !(f->hit[lane] & LW_RAY_HIT_PROBE)) surfaces |= (uint16_t)(1u << lane);
+    lw_sides_read16(&sides, surfaces, &f->rays, &f->hits, f->hit);
+    for (uint32_t lane = 0; lane < LANES; lane++)
+        if (f->active >> lane & 1)
+            t->ray_hit[(size_t)f->texel[lane] * t->indirect_samples + f->sample] = f->hit[lane];
 }
 
 /* One step for the two packets before the one that has been traced last. */

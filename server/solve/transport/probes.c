@@ -293,8 +293,8 @@ static uint32_t gather_seed(const struct lw_probes *probes, uint32_t p) {
     return lw_sampling_seed(probes->desc.seed, p, 0, LW_SAMPLING_PROBE);
 }
 
-uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_trace *trace,
-                          const struct lw_texels *texels, uint32_t frame, bool eager, int threads) {
+uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_sides *sides, uint32_t frame, bool eager,
+                          int threads) {
     uint64_t count = 0;
 #pragma omp parallel for schedule(dynamic, 4) num_threads(threads) reduction(+ : count)
     for (uint32_t p = 0; p < probes->count; p++) {
@@ -305,15 +305,17 @@ uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_trace *trace
             struct lw_ray16 rays;
             struct lw_hit16 hits;
             set_rays(&rays, probe->position_ws, gather_seed(probes, p), probe->age * LW_PROBES_RAYS + first);
-            lw_trace_closest16(trace, LW_TRACE_LIGHT, UINT16_MAX, &rays, &hits);
-            for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++) {
-                struct lw_probe_ray *ray = &probes->ray[p * LW_PROBES_RAYS + first + i];
-                ray->direction = ray_direction(&rays, i);
-                ray->hit = hits.object[i] == LW_TRACE_MISS
-                               ? LW_RAY_HIT_NOTHING
-                               : lw_texels_at(texels, hits.object[i], hits.triangle[i], hits.u[i], hits.v[i],
-                                              hits.back[i]);
-            }
+            lw_trace_closest16(sides->trace, LW_TRACE_LIGHT, UINT16_MAX, &rays, &hits);
+            uint32_t texel[LW_TRACE_WIDTH];
+            for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++)
+                texel[i] = hits.object[i] == LW_TRACE_MISS
+                               ? LW_TEXEL_NONE
+                               : lw_texels_under(sides->texels, hits.object[i], hits.triangle[i], hits.u[i],
+                                                 hits.v[i], hits.back[i]);
+            lw_sides_read16(sides, UINT16_MAX, &rays, &hits, texel);
+            for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++)
+                probes->ray[p * LW_PROBES_RAYS + first + i] =
+                    (struct lw_probe_ray){.direction = ray_direction(&rays, i), .hit = texel[i]};
         }
         probe->age++;
         count += LW_PROBES_RAYS;
