@@ -635,6 +635,50 @@ static bool meet_backs(const struct lw_trace *trace, const struct lw_ray16 *rays
     return any;
 }
 
+static void take_hit(struct RTCRayHit16 *to, const struct RTCRayHit16 *from, int i) {
+    to->ray.tfar[i] = from->ray.tfar[i];
+    to->hit.u[i] = from->hit.u[i];
+    to->hit.v[i] = from->hit.v[i];
+    to->hit.primID[i] = from->hit.primID[i];
+    to->hit.geomID[i] = from->hit.geomID[i];
+}
+
+/* What rounding may put between two hits of one place, in t. */
+static float uncertainty(const struct RTCRay16 *ray, int i) {
+    const float length = sqrtf(ray->dir_x[i] * ray->dir_x[i] + ray->dir_y[i] * ray->dir_y[i] +
+                               ray->dir_z[i] * ray->dir_z[i]),
+                largest = fmaxf(fabsf(ray->org_x[i]), fmaxf(fabsf(ray->org_y[i]), fabsf(ray->org_z[i])));
+    return LW_TRACE_LIFT * (largest / length + ray->tfar[i]);
+}
+
+/* Two single-sided faces in one place that look opposite ways are a wall that is lit on both sides. Which of them a ray
+ * meets is chance: of a back and a front the front counts. */
+static void prefer_fronts(const struct lw_trace *trace, const int valid[16], struct RTCRayHit16 *rh,
+                          uint8_t back[16]) {
+    _Alignas(64) int again[16];
+    _Alignas(64) struct RTCRayHit16 front = *rh;
+    uint8_t front_back[16];
+    bool any = false;
+    for (int i = 0; i < 16; i++) {
+        again[i] = 0;
+        if (!valid[i] || !back[i] || rh->hit.geomID[i] == LW_TRACE_MISS) continue;
+        if (material_of(&trace->geometry[rh->hit.geomID[i]], rh->hit.primID[i])->double_sided) continue;
+        const float off = uncertainty(&rh->ray, i);
+        again[i] = -1;
+        any = true;
+        front.ray.tnear[i] = fmaxf(rh->ray.tnear[i], rh->ray.tfar[i] - off);
+        front.ray.tfar[i] = rh->ray.tfar[i] + off;
+        front.hit.geomID[i] = front.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
+    }
+    if (!any) return;
+    intersect(trace, LW_TRACE_VIEW, true, again, &front, front_back);
+    for (int i = 0; i < 16; i++) {
+        if (!again[i] || front.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID) continue;
+        take_hit(rh, &front, i);
+        back[i] = front_back[i];
+    }
+}
+
 void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t active,
                         const struct lw_ray16 *rays, struct lw_hit16 *out_hits) {
     _Alignas(64) int valid[16];
@@ -647,6 +691,7 @@ void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t a
     /* A view mostly looks at fronts: a filter that asks of each hit costs a fifth more than to ask of the
      * last one, and to trace again where that is a back. */
     intersect(trace, flags, false, valid, &rh, out_hits->back);
+    if (!(flags & LW_TRACE_VIEW)) prefer_fronts(trace, valid, &rh, out_hits->back);
     if ((flags & LW_TRACE_VIEW) && meet_backs(trace, rays, valid, &rh, out_hits->back))
         intersect(trace, flags, true, valid, &rh, out_hits->back);
 

@@ -19,7 +19,7 @@ struct house {
     float angle;             /* about Y */
     float shift_x, shift_z;
     float density;
-    bool roof_only; /* unused */
+    enum { BOXES, SHEETS, DOUBLED } kind;
 };
 
 static struct lw_vec3 at(const struct house *h, float x, float y, float z) {
@@ -43,14 +43,37 @@ static void add_box(struct room *room, const struct house *h, struct lw_vec3 low
     room_quad(room, lw_vec3_add(o, x), y, z, 0.7f, 0);    /* +x */
 }
 
-static void add_house(struct room *room, const struct house *h) {
+/* A wall of no thickness: one quad with two sides, or two with one. */
+static void add_sheet(struct room *room, const struct house *h, struct lw_vec3 corner, struct lw_vec3 u, struct lw_vec3 v) {
+    room_quad(room, corner, u, v, 0.7f, 0);
+    if (h->kind == SHEETS)
+        room->quad[room->quad_count - 1].double_sided = true;
+    else
+        room_quad(room, corner, v, u, 0.7f, 0);
+}
+
+static void add_sheets(struct room *room, const struct house *h) {
+    const float a = h->half;
+    const struct lw_vec3 o = at(h, -a, 0, -a), x = along(h, 2 * a, 0, 0), y = along(h, 0, h->high, 0), z = along(h, 0, 0, 2 * a);
+    add_sheet(room, h, o, x, y);
+    add_sheet(room, h, lw_vec3_add(o, z), x, y);
+    add_sheet(room, h, o, z, y);
+    add_sheet(room, h, lw_vec3_add(o, x), z, y);
+    add_sheet(room, h, lw_vec3_add(o, y), z, x);
+}
+
+static void add_boxes(struct room *room, const struct house *h) {
     const float a = h->half, b = h->half + h->thick, y = h->high;
-    room_quad(room, lw_vec3(-6, 0, -6), lw_vec3(0, 0, 12), lw_vec3(12, 0, 0), 0.7f, 0);
     add_box(room, h, lw_vec3(a, 0, -a), lw_vec3(b, y, a));
     add_box(room, h, lw_vec3(-b, 0, -a), lw_vec3(-a, y, a));
     add_box(room, h, lw_vec3(-b, 0, -b), lw_vec3(b, y, -a));
     add_box(room, h, lw_vec3(-b, 0, a), lw_vec3(b, y, b));
     add_box(room, h, lw_vec3(-b, y, -b), lw_vec3(b, y + h->thick, b));
+}
+
+static void add_house(struct room *room, const struct house *h) {
+    room_quad(room, lw_vec3(-6, 0, -6), lw_vec3(0, 0, 12), lw_vec3(12, 0, 0), 0.7f, 0);
+    h->kind == BOXES ? add_boxes(room, h) : add_sheets(room, h);
     room->light[room->light_count] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {LAMP, 0, 0}};
     room->light_position[room->light_count++] = at(h, 0, h->high - 0.5f, 0);
     room->light[room->light_count++] = (struct lw_light){.kind = LW_LIGHT_DIRECTIONAL, .intensity = {0, 0, SUN}};
@@ -152,11 +175,14 @@ static void measure(const struct house *h, bool denoise, unsigned bounces, unsig
                       near = mean_ground(&s, h, h->half + h->thick + 0.01f, h->half + h->thick + 0.3f);
     const float b = h->half + h->thick;
     const double edge = (double)(h->thick / (2 * b));
-    const struct pair wall = mean_quad(&s, 5, 0, 1, 0, 1), /* -x face of the +x wall */
+    struct pair wall = {0}, ceiling = {0};
+    if (h->kind == BOXES) {
+        wall = mean_quad(&s, 5, 0, 1, 0, 1); /* -x face of the +x wall */
         ceiling = mean_quad(&s, 25, edge, 1 - edge, edge, 1 - edge);
-    print_message("thick %.2f angle %.1f density %g bounces %u %s: floor %.2f + %.3f, middle %.2f + %.3f, wall %.2f + %.3f, "
+    }
+    print_message("%s thick %.2f angle %.1f density %g bounces %u %s: floor %.2f + %.3f, middle %.2f + %.3f, wall %.2f + %.3f, "
                   "ceiling %.2f + %.3f; outside %.0f + %.3f\n",
-                  (double)h->thick, (double)h->angle, (double)h->density, bounces, denoise ? "filtered" : "raw", floor.red, floor.blue,
+                  h->kind == BOXES ? "boxes" : h->kind == SHEETS ? "sheets" : "doubled", (double)h->thick, (double)h->angle, (double)h->density, bounces, denoise ? "filtered" : "raw", floor.red, floor.blue,
                   middle.red, middle.blue, wall.red, wall.blue, ceiling.red, ceiling.blue, near.blue, near.red);
     if (getenv("DBG")) debug_texels(&s, h);
     room_finish(&s);
@@ -172,6 +198,13 @@ static void test_family(void **state) {
                 const struct house h = {.half = 2, .high = 3, .thick = thick[t], .angle = a ? 0.3f : 0, .density = density[d],
                                         .shift_x = a ? 0.13f : 0, .shift_z = a ? 0.07f : 0};
                 measure(&h, false, 2, 24);
+                if (t < 2) {
+                    struct house sheet = h;
+                    sheet.thick = 0;
+                    sheet.kind = t ? SHEETS : DOUBLED;
+                    measure(&sheet, false, 2, 24);
+                    measure(&sheet, true, 2, 24);
+                }
                 if (d == 1) measure(&h, true, 2, 24), measure(&h, false, 0, 24), measure(&h, false, 1, 24);
             }
 }
