@@ -209,7 +209,33 @@ static void test_family(void **state) {
             }
 }
 
+static void test_switch(void **state) {
+    (void)state;
+    for (unsigned k = 0; k < 4; k++) {
+        const struct house h = {.half = 2, .high = 3, .thick = k & 1 ? 0.3f : 0.1f, .angle = 0.3f, .shift_x = 0.13f, .shift_z = 0.07f, .density = 5};
+        struct room room = {.texels_per_metre = h.density};
+        add_house(&room, &h);
+        struct room_solution s;
+        struct lw_error err = {0};
+        struct lw_scene *scene = room_scene(&room);
+        room_solve_scene(&s, scene, room.texels_per_metre, (struct lw_solver_desc){.bounces = 2, .denoise = true, .tracing_range_m = INFINITY, .target_error = k & 2 ? 0.1f : -1}, 0);
+        float sun = s.pose.light[1].intensity.z;
+        s.pose.light[1].intensity.z = 0;
+        uint64_t f = 0;
+        for (unsigned i = 0; i < 32; i++) lw_support_ok(s.solver->ops->frame(s.solver, &s.pose, ++f, &s.stats, &err), &err);
+        s.pose.light[1].intensity.z = sun;
+        for (unsigned i = 1; i <= 256; i++) {
+            lw_support_ok(s.solver->ops->frame(s.solver, &s.pose, ++f, &s.stats, &err), &err);
+            if (i & (i - 1)) continue;
+            const struct pair floor = mean_ground(&s, &h, 0, h.half - 0.01f), middle = mean_ground(&s, &h, 0, 1), wall = mean_quad(&s, 5, 0, 1, 0, 1), ceiling = mean_quad(&s, 25, 0.1, 0.9, 0.1, 0.9);
+            const struct pair near = mean_ground(&s, &h, h.half + h.thick + 0.2f, h.half + h.thick + 0.5f);
+            print_message("thick %.1f switch +%u: floor %.2f + %.3f, middle %.2f + %.3f, wall %.2f + %.3f, ceiling %.2f + %.3f, outside %.0f\n", (double)h.thick, i, floor.red, floor.blue, middle.red, middle.blue, wall.red, wall.blue, ceiling.red, ceiling.blue, near.blue);
+        }
+        room_finish(&s);
+    }
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_family)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_family), cmocka_unit_test(test_switch)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -14,6 +14,7 @@ struct block {
     struct lw_mesh_texels mesh;
     float position[3][COUNT], normal[3][COUNT], reach[COUNT];
     uint8_t covered[COUNT];
+    uint32_t side[COUNT];
     struct lw_packet packet[LW_PACKETS_MAX];
     uint32_t count;
 };
@@ -38,7 +39,7 @@ static struct block *flat(void) {
 }
 
 static void deal(struct block *b) {
-    b->count = lw_packets_deal(&b->mesh, 0, SIDE, SIDE, SIDE, b->covered, b->packet);
+    b->count = lw_packets_deal(&b->mesh, 0, SIDE, SIDE, SIDE, b->covered, b->side, b->packet);
 }
 
 /* Each covered texel once, no other, in as few packets as they fill. */

@@ -143,6 +143,7 @@ struct lw_tiles {
      * form is shown. What clients draw has no noise, and only enters bounces then. */
     const float *judged_spread;
     const uint8_t *covered; /* the texels' own */
+    const uint32_t *side;   /* likewise */
 };
 
 /** Errors: LW_NO_MEMORY. */

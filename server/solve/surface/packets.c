@@ -14,6 +14,7 @@
 
 struct member {
     float at[AXES];
+    uint32_t side;
     uint8_t texel; /* 16 y + x */
     uint8_t turn;  /* along a Morton curve over the block: 16 in a row are 4 x 4 texels */
 };
@@ -89,8 +90,31 @@ static uint32_t split(struct member *member, uint32_t count, float spacing, stru
     return packets + deal(member, count, out + packets);
 }
 
+static int compare_sides(const void *left, const void *right) {
+    const struct member *a = left, *b = right;
+    return a->side != b->side ? (a->side < b->side ? -1 : 1) : (int)a->turn - (int)b->turn;
+}
+
+static uint32_t packets_for(uint32_t count) { return (count + LANES - 1) / LANES; }
+
+/* Deals each side by itself, in the order of their numbers, as long as a block has packets enough; the rest together. */
+static uint32_t split_sides(struct member *member, uint32_t count, float spacing, struct lw_packet *out) {
+    uint32_t packets = 0;
+    qsort(member, count, sizeof *member, compare_sides);
+    while (count) {
+        uint32_t own = 1;
+        while (own < count && member[own].side == member[0].side) own++;
+        if (packets + packets_for(own) + packets_for(count - own) > LW_PACKETS_MAX) own = count;
+        packets += split(member, own, spacing, out + packets);
+        member += own;
+        count -= own;
+    }
+    return packets;
+}
+
 uint32_t lw_packets_deal(const struct lw_mesh_texels *mesh, uint32_t first, uint32_t stride, uint32_t width,
-                         uint32_t height, const uint8_t *covered, struct lw_packet out[LW_PACKETS_MAX]) {
+                         uint32_t height, const uint8_t *covered, const uint32_t *side,
+                         struct lw_packet out[LW_PACKETS_MAX]) {
     struct member member[LW_TILE_BLOCK * LW_TILE_BLOCK];
     uint32_t count = 0;
     float reach = 0;
@@ -101,10 +125,11 @@ uint32_t lw_packets_deal(const struct lw_mesh_texels *mesh, uint32_t first, uint
             const struct lw_vec3 p = lw_texels_vector(mesh->position, i),
                                  n = lw_texels_vector(mesh->normal, i);
             member[count++] = (struct member){.at = {p.x, p.y, p.z, n.x, n.y, n.z},
+                                              .side = side[y * stride + x],
                                               .texel = (uint8_t)(y * LW_TILE_BLOCK + x),
                                               .turn = turn_of(x, y)};
             reach += mesh->sample_points.reach[i];
         }
     /* Places reach half a texel to both sides along its axes. */
-    return count ? split(member, count, fmaxf(2 * reach / (float)count, 1e-30f), out) : 0;
+    return count ? split_sides(member, count, fmaxf(2 * reach / (float)count, 1e-30f), out) : 0;
 }
