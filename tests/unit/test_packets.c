@@ -14,7 +14,7 @@ struct block {
     struct lw_mesh_texels mesh;
     float position[3][COUNT], normal[3][COUNT], reach[COUNT];
     uint8_t covered[COUNT];
-    uint32_t side[COUNT];
+    uint32_t side[COUNT], chart[COUNT];
     struct lw_packet packet[LW_PACKETS_MAX];
     uint32_t count;
 };
@@ -30,6 +30,7 @@ static struct block *flat(void) {
     assert_non_null(b);
     for (int c = 0; c < 3; c++) b->mesh.position[c] = b->position[c], b->mesh.normal[c] = b->normal[c];
     b->mesh.sample_points.reach = b->reach;
+    b->mesh.chart = b->chart;
     for (uint32_t i = 0; i < COUNT; i++) {
         set_texel(b, i, lw_vec3(0.1f * (float)(i % SIDE), 0, 0.1f * (float)(i / SIDE)), lw_vec3(0, 1, 0));
         b->reach[i] = 0.05f;

@@ -14,7 +14,7 @@
 
 struct member {
     float at[AXES];
-    uint32_t side;
+    uint32_t chart, side;
     uint8_t texel; /* 16 y + x */
     uint8_t turn;  /* along a Morton curve over the block: 16 in a row are 4 x 4 texels */
 };
@@ -92,24 +92,34 @@ static uint32_t split(struct member *member, uint32_t count, float spacing, stru
 
 static int compare_sides(const void *left, const void *right) {
     const struct member *a = left, *b = right;
+    if (a->chart != b->chart) return a->chart < b->chart ? -1 : 1;
     return a->side != b->side ? (a->side < b->side ? -1 : 1) : (int)a->turn - (int)b->turn;
+}
+
+/* Only walls part, and not charts, of which there may be many in a block: those are told apart by how they lie. */
+static bool is_walled(const struct member *member, uint32_t count, uint32_t first) {
+    for (uint32_t i = first; i < count && member[i].chart == member[first].chart; i++)
+        if (member[i].side != member[first].side) return true;
+    return false;
 }
 
 static uint32_t packets_for(uint32_t count) { return (count + LANES - 1) / LANES; }
 
-/* Deals each side by itself, in the order of their numbers, as long as a block has packets enough; the rest together. */
+/* Deals the sides of charts that walls cut each by itself, as long as a block has packets enough; the rest together. */
 static uint32_t split_sides(struct member *member, uint32_t count, float spacing, struct lw_packet *out) {
-    uint32_t packets = 0;
+    uint32_t packets = 0, together = 0;
     qsort(member, count, sizeof *member, compare_sides);
-    while (count) {
-        uint32_t own = 1;
-        while (own < count && member[own].side == member[0].side) own++;
-        if (packets + packets_for(own) + packets_for(count - own) > LW_PACKETS_MAX) own = count;
-        packets += split(member, own, spacing, out + packets);
-        member += own;
-        count -= own;
+    for (uint32_t i = 0, end; i < count; i = end) {
+        const bool walled = is_walled(member, count, i) || (i && is_walled(member, i + 1, i - 1));
+        for (end = i + 1; end < count && member[end].side == member[i].side && member[end].chart == member[i].chart;)
+            end++;
+        const uint32_t own = end - i, left = together + count - end;
+        if (walled && packets + packets_for(own) + packets_for(left) <= LW_PACKETS_MAX)
+            packets += split(member + i, own, spacing, out + packets);
+        else
+            for (uint32_t k = i; k < end; k++) member[together++] = member[k];
     }
-    return packets;
+    return packets + (together ? split(member, together, spacing, out + packets) : 0);
 }
 
 uint32_t lw_packets_deal(const struct lw_mesh_texels *mesh, uint32_t first, uint32_t stride, uint32_t width,
@@ -125,6 +135,7 @@ uint32_t lw_packets_deal(const struct lw_mesh_texels *mesh, uint32_t first, uint
             const struct lw_vec3 p = lw_texels_vector(mesh->position, i),
                                  n = lw_texels_vector(mesh->normal, i);
             member[count++] = (struct member){.at = {p.x, p.y, p.z, n.x, n.y, n.z},
+                                              .chart = mesh->chart[i],
                                               .side = side[y * stride + x],
                                               .texel = (uint8_t)(y * LW_TILE_BLOCK + x),
                                               .turn = turn_of(x, y)};
