@@ -131,8 +131,8 @@ static bool has_walls(const struct lw_texels *texels, uint32_t object) {
 }
 
 /* Whether a wall stands between two texels beside or above each other, or on one of them. */
-static bool is_parted(const struct lw_mesh_texels *mesh, const uint8_t *walls, int64_t x, int64_t y, int64_t u,
-                      int64_t v) {
+static bool is_parted(const struct lw_mesh_texels *mesh, const uint8_t *walls, int64_t x, int64_t y,
+                      int64_t u, int64_t v) {
     const uint32_t a = lw_texels_index(mesh, (uint32_t)x, (uint32_t)y),
                    b = lw_texels_index(mesh, (uint32_t)u, (uint32_t)v), first = x < u || y < v ? a : b;
     return (walls[a] | walls[b]) & LW_TEXELS_WALL_ON ||
@@ -159,7 +159,8 @@ static void part_row(const struct lw_mesh_texels *mesh, const uint8_t *walls, ui
 }
 
 /* The pairs of an object's mesh, but for those that walls part. */
-static uint8_t *part_pairs(const struct lw_texels *texels, uint32_t object, const uint8_t *pair, int threads) {
+static uint8_t *part_pairs(const struct lw_texels *texels, uint32_t object, const uint8_t *pair,
+                           int threads) {
     const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
     const uint8_t *walls = texels->walls + texels->first[object];
     const size_t area = area_of(mesh);

@@ -34,8 +34,9 @@
 struct lw_denoise_pairs {
     const struct lw_scene *scene;   /* outlives it */
     const struct lw_texels *texels; /* likewise */
-    uint8_t **of_mesh; /* per mesh: weights of the pairs of all passes and directions, or NULL: it has no texels */
-    uint8_t **pair;    /* per object: those of its mesh, or a copy without the pairs that walls part */
+    uint8_t *
+        *of_mesh; /* per mesh: weights of the pairs of all passes and directions, or NULL: it has no texels */
+    uint8_t **pair; /* per object: those of its mesh, or a copy without the pairs that walls part */
 };
 
 /** Errors: LW_NO_MEMORY. */

@@ -345,7 +345,8 @@ static uint32_t ring_texel(const struct part *p, const uint8_t *covered, uint32_
     const int64_t u = (int64_t)x + ring_x[k], v = (int64_t)y + ring_y[k];
     if (u < 0 || v < 0 || u >= p->mesh->width || v >= p->mesh->height) return LW_TEXEL_NONE;
     const uint32_t j = lw_texels_index(p->mesh, (uint32_t)u, (uint32_t)v);
-    return covered[j] && p->mesh->chart[j] == p->mesh->chart[lw_texels_index(p->mesh, x, y)] ? j : LW_TEXEL_NONE;
+    return covered[j] && p->mesh->chart[j] == p->mesh->chart[lw_texels_index(p->mesh, x, y)] ? j
+                                                                                             : LW_TEXEL_NONE;
 }
 
 /* Whether something parts the texels at places k and k + 1: of two beside each other, the left or upper one knows. */
@@ -357,7 +358,8 @@ static bool ring_cut(const struct part *p, uint32_t a, uint32_t b, uint32_t k) {
 }
 
 /* Lists the runs about (x, y); returns how many there are. */
-static uint32_t list_runs(struct part *p, const uint8_t *covered, uint32_t x, uint32_t y, struct run out[RING]) {
+static uint32_t list_runs(struct part *p, const uint8_t *covered, uint32_t x, uint32_t y,
+                          struct run out[RING]) {
     uint32_t texel[RING], of[RING], count = 0, first = RING;
     for (uint32_t k = 0; k < RING; k++) texel[k] = ring_texel(p, covered, x, y, k);
     /* begin where a run begins */
@@ -372,7 +374,8 @@ static uint32_t list_runs(struct part *p, const uint8_t *covered, uint32_t x, ui
     for (uint32_t i = 0; i < RING; i++) {
         const uint32_t k = (first + i) % RING, before = (k + RING - 1) % RING;
         if (texel[k] == LW_TEXEL_NONE) continue;
-        const bool goes_on = i > 0 && texel[before] != LW_TEXEL_NONE && !ring_cut(p, texel[before], texel[k], before);
+        const bool goes_on =
+            i > 0 && texel[before] != LW_TEXEL_NONE && !ring_cut(p, texel[before], texel[k], before);
         if (!goes_on) out[count++] = (struct run){.nearest = LW_TEXEL_NONE, .square = INFINITY};
         of[k] = count - 1;
         struct run *run = &out[of[k]];
@@ -394,7 +397,8 @@ static uint32_t list_runs(struct part *p, const uint8_t *covered, uint32_t x, ui
 static const struct run *better_of(const struct run *a, const struct run *b) {
     const float sky_a = sky_of(&a->sight), sky_b = sky_of(&b->sight);
     const struct run *dark = sky_a < sky_b ? a : b;
-    if (is_room(&dark->sight) && fmaxf(sky_a, sky_b) >= SKY_OUTSIDE && fabsf(sky_a - sky_b) >= SKY_MORE) return dark;
+    if (is_room(&dark->sight) && fmaxf(sky_a, sky_b) >= SKY_OUTSIDE && fabsf(sky_a - sky_b) >= SKY_MORE)
+        return dark;
     return a->square <= b->square ? a : b;
 }
 

@@ -26,9 +26,9 @@
 struct point;
 
 struct texel {
-    uint32_t index;         /* within the object */
-    uint8_t usable;         /* mask of its points */
-    uint8_t beyond, before; /* masks of its points: behind what cuts the texel, and before that */
+    uint32_t index;            /* within the object */
+    uint8_t usable;            /* mask of its points */
+    uint8_t beyond, before;    /* masks of its points: behind what cuts the texel, and before that */
     const struct point *pivot; /* NULL: the texel's own position */
     uint8_t together;          /* mask of its points: the most that one of them sees along the surface */
     bool suspect, rim, torn;
@@ -483,7 +483,8 @@ static void find_together(struct crowd *c, struct list *list) {
         for (uint32_t t = 0; t < c->texels; t++) {
             struct texel *texel = &c->texel[t];
             const uint8_t seen = texel->usable & (uint8_t)~texel->beyond;
-            if (texel->pivot && __builtin_popcount(seen) > __builtin_popcount(texel->together)) texel->together = seen;
+            if (texel->pivot && __builtin_popcount(seen) > __builtin_popcount(texel->together))
+                texel->together = seen;
         }
     }
 }

@@ -111,7 +111,8 @@ static uint32_t split_sides(struct member *member, uint32_t count, float spacing
     qsort(member, count, sizeof *member, compare_sides);
     for (uint32_t i = 0, end; i < count; i = end) {
         const bool walled = is_walled(member, count, i) || (i && is_walled(member, i + 1, i - 1));
-        for (end = i + 1; end < count && member[end].side == member[i].side && member[end].chart == member[i].chart;)
+        for (end = i + 1;
+             end < count && member[end].side == member[i].side && member[end].chart == member[i].chart;)
             end++;
         const uint32_t own = end - i, left = together + count - end;
         if (walled && packets + packets_for(own) + packets_for(left) <= LW_PACKETS_MAX)

@@ -101,7 +101,8 @@ void lw_sides_read16(const struct lw_sides *sides, uint16_t active, const struct
             blind |= (uint16_t)(1u << lane);
             continue;
         }
-        look_at(&reader[lane], &looks, lane, candidate_of(&reader[lane], source - texels->first[object]).place);
+        look_at(&reader[lane], &looks, lane,
+                candidate_of(&reader[lane], source - texels->first[object]).place);
         asked |= (uint16_t)(1u << lane);
     }
     if (asked) blind |= lw_trace_occluded16(sides->trace, LW_TRACE_LIGHT, asked, &looks) & asked;

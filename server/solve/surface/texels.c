@@ -546,8 +546,8 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
     texels->source = malloc((count + 1) * sizeof *texels->source);
     texels->side = malloc((count + 1) * sizeof *texels->side);
     texels->walls = malloc(count + 1);
-    if (failures || !texels->covered || !texels->usable || !texels->filled || !texels->source || !texels->side ||
-        !texels->walls) {
+    if (failures || !texels->covered || !texels->usable || !texels->filled || !texels->source ||
+        !texels->side || !texels->walls) {
         lw_texels_finish(texels);
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", (unsigned)count);
     }
@@ -575,11 +575,11 @@ static size_t mesh_bytes(const struct lw_mesh_texels *t, const struct lw_mesh *m
 
 size_t lw_texels_memory_bytes(const struct lw_texels *texels) {
     const struct lw_scene *scene = texels->scene;
-    size_t bytes = texels->count * (sizeof *texels->covered + sizeof *texels->usable +
-                                    sizeof *texels->filled + sizeof *texels->source + sizeof *texels->side +
-                                    sizeof *texels->walls) +
-                   scene->mesh_count * sizeof *texels->mesh + scene->object_count * sizeof *texels->first +
-                   scene->material_count * sizeof *texels->base_colour;
+    size_t bytes =
+        texels->count * (sizeof *texels->covered + sizeof *texels->usable + sizeof *texels->filled +
+                         sizeof *texels->source + sizeof *texels->side + sizeof *texels->walls) +
+        scene->mesh_count * sizeof *texels->mesh + scene->object_count * sizeof *texels->first +
+        scene->material_count * sizeof *texels->base_colour;
     for (uint32_t m = 0; m < scene->mesh_count; m++)
         if (texels->mesh[m].texel_count) bytes += mesh_bytes(&texels->mesh[m], &scene->mesh[m]);
     return bytes;

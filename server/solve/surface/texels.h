@@ -137,7 +137,8 @@ static inline void lw_texels_coordinates(const struct lw_mesh_texels *mesh, uint
     const uint32_t tile_y = index / (LW_TILE_SIDE * mesh->width);
     uint32_t rows = mesh->height - tile_y * LW_TILE_SIDE;
     if (rows > LW_TILE_SIDE) rows = LW_TILE_SIDE;
-    const uint32_t within = index - tile_y * LW_TILE_SIDE * mesh->width, tile_x = within / (rows * LW_TILE_SIDE);
+    const uint32_t within = index - tile_y * LW_TILE_SIDE * mesh->width,
+                   tile_x = within / (rows * LW_TILE_SIDE);
     uint32_t columns = mesh->width - tile_x * LW_TILE_SIDE;
     if (columns > LW_TILE_SIDE) columns = LW_TILE_SIDE;
     const uint32_t in_tile = within - tile_x * LW_TILE_SIDE * rows;

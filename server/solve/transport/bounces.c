@@ -335,10 +335,10 @@ void lw_bounces_repeat(const struct lw_transport *t, const struct lw_solve_tile 
 /* What the texels of one block and one side (texels.h) send on of one order. */
 struct sending {
     uint32_t side, count;
-    double sum;                  /* of luminance of E */
-    float most;                  /* luminance of E that a texel sends on by itself, at most */
-    struct lw_vec3 kept, back;   /* what the texels send by themselves, and what they keep back */
-    struct lw_vec3 spread;       /* what is kept back, for each unit of luminance that is sent */
+    double sum;                /* of luminance of E */
+    float most;                /* luminance of E that a texel sends on by itself, at most */
+    struct lw_vec3 kept, back; /* what the texels send by themselves, and what they keep back */
+    struct lw_vec3 spread;     /* what is kept back, for each unit of luminance that is sent */
 };
 struct senders {
     float *const *e;
@@ -379,7 +379,8 @@ static void find_most(const struct lw_transport *t, const struct lw_solve_tile *
             if (!t->tiles->covered[texel]) continue;
             sending = sending_of(senders, t->texels->side[texel], sending);
             sending->count += round == 0;
-            sending->sum += (double)fminf(sending->most, lw_colour_luminance(lw_texels_vector(senders->e, texel)));
+            sending->sum +=
+                (double)fminf(sending->most, lw_colour_luminance(lw_texels_vector(senders->e, texel)));
         }
         for (uint32_t k = 0; k < senders->count; k++) {
             struct sending *each = &senders->sending[k];
