@@ -1,23 +1,29 @@
-/* crossings.h: texels that would show light of places that nobody who looks at their chart sees.
- * Flow:    texels, rays' structure -> [crossings] -> texels without them
+/* crossings.h: which parts of an object other surfaces part, and which texels show what.
+ * Flow:    texels, rays' structure -> [crossings] -> sides, walls; texels that yield, and what stands for them
  * Threads: [any], one call per object at a time.
  *
  * Other surfaces cut a chart: a ceiling the wall that goes on above it, a wall the floor that goes on out
- * of doors, a picture rail the wall behind it. A look-up beside the cut reads texels of both sides, so that
- * light leaks over it, by up to a texel. Some texels yield: they count as uncovered, and are filled from
- * their neighbours like a gutter, those of the other side.
+ * of doors, a picture rail the wall behind it. Rays between neighbouring texels find the cuts. What no cut
+ * parts is one side (texels.h).
+ *
+ * A look-up beside a cut reads texels of both sides, so that light would leak over it, by up to a texel.
+ * Some texels yield: they count as uncovered, and show the light of the other side.
  *
  * strip         three quarters of what a cut parts lie beside cuts; what is on the other side has at least
  *               32 texels, and twice as many, and is not, for the most part, behind
  * cavity        another surface lies less than an eighth of a texel above the texel, and not above its
  *               neighbour
  * out of doors  it and its neighbours see at least a fifth of the sky, a tenth more of it than those beyond
- *               a cut, of whose rays a quarter go farther than 4 texels, as in a room
+ *               a cut, beside it or across a corner, of whose rays a quarter go farther than 4 texels, as in
+ *               a room
  * behind        the single-sided face that parts two texels shows its back to this one alone, as the water
  *               of a pool does to the wall under it
  *
- * Of the last three the next texel yields as well, or the first would be filled from there. Where both sides
- * are wide, and rooms, the cut stays between two texels, and look-ups mix them within half a texel.
+ * In a cavity, and behind, the next texel yields as well. Where both sides are wide, and rooms, the cut stays
+ * between two texels, and look-ups mix them within half a texel.
+ *
+ * Around an uncovered texel may lie covered ones of several sides, as where a wall stands on it. It shows the
+ * room's, where the others are out of doors; else those whose light comes from nearest.
  *
  * A texel lies where its usable points do: its own position may be on a cut's other side. */
 #ifndef LW_SURFACE_CROSSINGS_H
@@ -31,8 +37,8 @@
 #define LW_CROSSINGS_CLOSE 0.125f
 
 /** Takes the texels of an object that yield out of covered; their usable points stay in the mask. Those that
- * yielded before are decided again. The object stands still. Adds to *out_count how many yield. Errors:
- * LW_NO_MEMORY. */
+ * yielded before are decided again. Sets the object's sides and walls, and links its sources. The object stands
+ * still. Adds to *out_count how many yield. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_crossings_find(struct lw_texels *texels, const struct lw_pose *pose,
                                                const struct lw_trace *trace, uint32_t object,
                                                uint64_t *out_count);

@@ -18,7 +18,7 @@
 #include "server/solve/surface/texels.h"
 
 /** Takes invalid points out of usable, invalid texels and those that yield (crossings.h) out of covered, and
- * links the sources again. *out_count: how many texels are gone. cancel may be NULL; once true, it ends
+ * links the sources. *out_count: how many texels are gone. cancel may be NULL; once true, it ends
  * within a part of an object. Errors: LW_NO_MEMORY; LW_CLOSED: cancelled. */
 LW_MUST_CHECK enum lw_status lw_invalid_texels_find(struct lw_texels *texels, const struct lw_pose *pose,
                                                     const struct lw_trace *trace, int threads,
