@@ -88,6 +88,15 @@ static bool ask_probes(const struct lw_transport *t, const struct lw_ray16 *rays
     return *out_hit != LW_PROBES_UNSEEN;
 }
 
+static void take_hit(struct lw_hit16 *to, const struct lw_hit16 *from, uint32_t lane) {
+    to->t[lane] = from->t[lane];
+    to->u[lane] = from->u[lane];
+    to->v[lane] = from->v[lane];
+    to->object[lane] = from->object[lane];
+    to->triangle[lane] = from->triangle[lane];
+    to->back[lane] = from->back[lane];
+}
+
 /* Ends of a packet's rays: what they hit, else what a probe knows, else what they hit further on. */
 static void find_hits(const struct lw_transport *t, struct flight *f, struct lw_ray_count *count) {
     uint16_t unseen = 0;
@@ -103,9 +112,13 @@ static void find_hits(const struct lw_transport *t, struct flight *f, struct lw_
         unseen |= (uint16_t)(1u << lane);
     }
     if (unseen) {
-        lw_trace_closest16(t->trace, f->flags, unseen, &f->rays, &f->hits);
-        for (uint32_t lane = 0; lane < LANES; lane++)
-            if (unseen >> lane & 1) f->hit[lane] = hit_of(t, f, lane);
+        struct lw_hit16 further;
+        lw_trace_closest16(t->trace, f->flags, unseen, &f->rays, &further);
+        for (uint32_t lane = 0; lane < LANES; lane++) {
+            if (!(unseen >> lane & 1)) continue;
+            take_hit(&f->hits, &further, lane);
+            f->hit[lane] = hit_of(t, f, lane);
+        }
         count->bounce += (uint64_t)__builtin_popcount(unseen);
     }
     for (uint32_t lane = 0; lane < LANES; lane++)
