@@ -651,8 +651,8 @@ static float uncertainty(const struct RTCRay16 *ray, int i) {
     return LW_TRACE_LIFT * (largest / length + ray->tfar[i]);
 }
 
-/* Two single-sided faces in one place that look opposite ways are a wall that is lit on both sides. Which of them a ray
- * meets is chance: of a back and a front the front counts. */
+/* Two single-sided faces in one place that look opposite ways are a wall that is lit on both sides. Which of
+ * them a ray meets is chance: of a back and a front the front counts. */
 static void prefer_fronts(const struct lw_trace *trace, const int valid[16], struct RTCRayHit16 *rh,
                           uint8_t back[16]) {
     _Alignas(64) int again[16];

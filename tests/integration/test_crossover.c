@@ -10,7 +10,7 @@
 
 #define LIMIT_S LW_PROCESS_LIMIT_S
 #define SMALL                                                                                                \
-    "crossover builtin:cornell --texels-per-metre 8 --size 64x32 --reference-samples 8 --repeats 1 "        \
+    "crossover builtin:cornell --texels-per-metre 8 --size 64x32 --reference-samples 8 --repeats 1 "         \
     "--warm 1 --seconds 0.1 --densities 1 --alone 1 "
 /* One opponent, one path. */
 #define SMALLEST SMALL "--opponents svgf --bounces 1 "

@@ -12,7 +12,7 @@
 
 #define LIMIT_S LW_PROCESS_LIMIT_S
 #define SMALL                                                                                                \
-    "builtin:cornell --texels-per-metre 8 --size 64x36 --seconds 0.2 --reference-samples 16 --users 1,2,4 " \
+    "builtin:cornell --texels-per-metre 8 --size 64x36 --seconds 0.2 --reference-samples 16 --users 1,2,4 "  \
     "--repeats 2 "
 
 static int run(const char *arguments, struct lw_process *process) {

@@ -1,7 +1,7 @@
-/* Closed rooms on a ground that runs through, a lamp inside and the sun outside: neither's light passes a wall. The
- * lamp is red and the sun blue, so that one solve tells them apart. What is read is what an engine reads: bilinear.
- * The sun changes nothing inside by more than 1 %; a lamp lights nothing outside but for the texel at a wall's foot,
- * which the ground's two sides share. "long" asks the whole family. */
+/* Closed rooms on a ground that runs through, a lamp inside and the sun outside: neither's light passes a
+ * wall. The lamp is red and the sun blue, so that one solve tells them apart. What is read is what an engine
+ * reads: bilinear. The sun changes nothing inside by more than 1 %; a lamp lights nothing outside but for
+ * the texel at a wall's foot, which the ground's two sides share. "long" asks the whole family. */
 #include "tests/reference/room.h"
 
 #include <math.h>

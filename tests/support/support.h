@@ -28,8 +28,8 @@ struct lw_scene *lw_support_squares(unsigned count, float side_m);
  * interpolation, a hierarchy with a mirroring matrix, names in several scripts. The same on every call. */
 struct lw_scene *lw_support_everything(void);
 
-/** Path of a file in a folder that the test program removes when it ends; valid until LW_SUPPORT_PATHS calls later, those of
- * process.h included. */
+/** Path of a file in a folder that the test program removes when it ends; valid until LW_SUPPORT_PATHS calls
+ * later, those of process.h included. */
 #define LW_SUPPORT_PATHS 128
 const char *lw_support_temporary(const char *name);
 

@@ -16,10 +16,10 @@
  *
  * No pair exchanges across a wall (texels.h).
  *
- * The part that is geometry is found once per mesh, that of walls once per object. Both serve any number of solves over the same
- * texels. What is shown of a block is a function of its sums and of those LW_DENOISE_REACH around it. So
- * a frame filters the blocks that it shows and those beside them. The picture does not depend on the
- * frames in which the sums came about. */
+ * The part that is geometry is found once per mesh, that of walls once per object. Both serve any number of
+ * solves over the same texels. What is shown of a block is a function of its sums and of those
+ * LW_DENOISE_REACH around it. So a frame filters the blocks that it shows and those beside them. The picture
+ * does not depend on the frames in which the sums came about. */
 #ifndef LW_FILTER_DENOISE_H
 #define LW_FILTER_DENOISE_H
 

@@ -340,7 +340,7 @@ struct run {
     float square;     /* of that one's distance, object space */
 };
 
-/* The covered texel at place k of the circle about (x, y), of the same chart; LW_TEXEL_NONE: there is none. */
+/* The covered texel of the same chart at place k of the circle about (x, y), or LW_TEXEL_NONE. */
 static uint32_t ring_texel(const struct part *p, const uint8_t *covered, uint32_t x, uint32_t y, uint32_t k) {
     const int64_t u = (int64_t)x + ring_x[k], v = (int64_t)y + ring_y[k];
     if (u < 0 || v < 0 || u >= p->mesh->width || v >= p->mesh->height) return LW_TEXEL_NONE;
@@ -349,7 +349,8 @@ static uint32_t ring_texel(const struct part *p, const uint8_t *covered, uint32_
                                                                                              : LW_TEXEL_NONE;
 }
 
-/* Whether something parts the texels at places k and k + 1: of two beside each other, the left or upper one knows. */
+/* Whether something parts the texels at places k and k + 1: of two beside each other, the left or upper one
+ * knows. */
 static bool ring_cut(const struct part *p, uint32_t a, uint32_t b, uint32_t k) {
     const uint32_t next = (k + 1) % RING;
     const bool across = ring_x[k] != ring_x[next];
@@ -392,8 +393,8 @@ static uint32_t list_runs(struct part *p, const uint8_t *covered, uint32_t x, ui
     return count;
 }
 
-/* Of two runs, the one in whose place a texel between them is shown: the room's, where the other is out of doors;
- * else the nearer one. */
+/* Of two runs, the one in whose place a texel between them is shown: the room's, where the other is out of
+ * doors; else the nearer one. */
 static const struct run *better_of(const struct run *a, const struct run *b) {
     const float sky_a = sky_of(&a->sight), sky_b = sky_of(&b->sight);
     const struct run *dark = sky_a < sky_b ? a : b;
@@ -416,7 +417,7 @@ static void choose_sources(struct part *p, const uint8_t *covered, uint32_t firs
         }
 }
 
-/* Whether something cuts a texel off a neighbour, or one beside it. What cuts a corner off is found so, too. */
+/* Whether something cuts a texel off a neighbour, or one beside it: that may cut off its corner. */
 static bool has_cut_near(const struct part *p, uint32_t x, uint32_t y) {
     for (uint32_t v = y ? y - 1 : 0; v <= y + 1 && v < p->mesh->height; v++)
         for (uint32_t u = x ? x - 1 : 0; u <= x + 1 && u < p->mesh->width; u++)

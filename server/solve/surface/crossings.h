@@ -1,5 +1,5 @@
 /* crossings.h: which parts of an object other surfaces part, and which texels show what.
- * Flow:    texels, rays' structure -> [crossings] -> sides, walls; texels that yield, and what stands for them
+ * Flow:    texels, rays' structure -> [crossings] -> sides, walls, sources; texels that yield
  * Threads: [any], one call per object at a time.
  *
  * Other surfaces cut a chart: a ceiling the wall that goes on above it, a wall the floor that goes on out
@@ -37,8 +37,8 @@
 #define LW_CROSSINGS_CLOSE 0.125f
 
 /** Takes the texels of an object that yield out of covered; their usable points stay in the mask. Those that
- * yielded before are decided again. Sets the object's sides and walls, and links its sources. The object stands
- * still. Adds to *out_count how many yield. Errors: LW_NO_MEMORY. */
+ * yielded before are decided again. Sets the object's sides and walls, and links its sources. The object
+ * stands still. Adds to *out_count how many yield. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_crossings_find(struct lw_texels *texels, const struct lw_pose *pose,
                                                const struct lw_trace *trace, uint32_t object,
                                                uint64_t *out_count);

@@ -313,8 +313,8 @@ static struct lw_vec3 look_from(const struct crowd *c, const struct texel *texel
                        LOOK_ALONG * c->size_m);
 }
 
-/* Finds the points that something stands before, who looks along the surface. Who looks from there sees fronts
- * alone. */
+/* Finds the points that something stands before, who looks along the surface. Who looks from there sees
+ * fronts alone. */
 static uint16_t is_parted(struct packet *p, uint32_t unused) {
     (void)unused;
     const struct crowd *c = p->crowd;
@@ -460,8 +460,8 @@ static void prefer_certain(struct crowd *c, struct list *list) {
         if (certain[t]) c->texel[t].usable = certain[t];
 }
 
-/* Looks from one point of each torn texel to the others, from each in turn, and keeps the largest number that see one
- * another. */
+/* Looks from one point of each torn texel to the others, from each in turn, and keeps the largest number
+ * that see one another. */
 static void find_together(struct crowd *c, struct list *list) {
     for (uint32_t number = 0; number < LW_SAMPLE_POINTS_MAX; number++) {
         bool any = false;
@@ -491,8 +491,8 @@ static void find_together(struct crowd *c, struct list *list) {
 
 /* Where another surface runs through a texel, such as a wall that stands on a floor, light on its far side is
  * not for those who look at this one: keeps the sample points on the side of the texel's own position, or
- * those before the face that shows this one its back, as water does to what is under it. Of these, and where the own
- * position is inside the wall, those of the side that has most. */
+ * those before the face that shows this one its back, as water does to what is under it. Of these, and where
+ * the own position is inside the wall, those of the side that has most. */
 static void keep_one_side(struct crowd *c, struct list *list) {
     list_points(c, list, UINT8_MAX, true);
     sift(c, list, is_parted, 0);

@@ -96,7 +96,8 @@ static int compare_sides(const void *left, const void *right) {
     return a->side != b->side ? (a->side < b->side ? -1 : 1) : (int)a->turn - (int)b->turn;
 }
 
-/* Only walls part, and not charts, of which there may be many in a block: those are told apart by how they lie. */
+/* Only walls part, and not charts, of which there may be many in a block: those are told apart by how they
+ * lie. */
 static bool is_walled(const struct member *member, uint32_t count, uint32_t first) {
     for (uint32_t i = first; i < count && member[i].chart == member[first].chart; i++)
         if (member[i].side != member[first].side) return true;
@@ -105,7 +106,8 @@ static bool is_walled(const struct member *member, uint32_t count, uint32_t firs
 
 static uint32_t packets_for(uint32_t count) { return (count + LANES - 1) / LANES; }
 
-/* Deals the sides of charts that walls cut each by itself, as long as a block has packets enough; the rest together. */
+/* Deals the sides of charts that walls cut each by itself, as long as a block has packets enough; the rest
+ * together. */
 static uint32_t split_sides(struct member *member, uint32_t count, float spacing, struct lw_packet *out) {
     uint32_t packets = 0, together = 0;
     qsort(member, count, sizeof *member, compare_sides);

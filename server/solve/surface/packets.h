@@ -6,12 +6,12 @@
  * coherent the nearer the texels are and the more alike their normals, and cost the less the more lanes are
  * filled. But neighbours that share directions share their error, which no filter removes.
  *
- * So the covered texels of a block are taken apart by their sides, as far as that makes no more than LW_PACKETS_MAX
- * packets: what is found on one side of a wall says nothing of the other. Those of a side are halved until each group
- * lies on one surface. The packets of a group take turns with its texels, so that neighbours belong to
- * different ones. On a block of one flat surface packet k takes every fourth texel in both directions.
- * Groups are cut at multiples of
- * sixteen: a block has as few packets as its texels fill. */
+ * So the covered texels of a block are taken apart by their sides, as far as that makes no more than
+ * LW_PACKETS_MAX packets: what is found on one side of a wall says nothing of the other. Those of a side are
+ * halved until each group lies on one surface. The packets of a group take turns with its texels, so that
+ * neighbours belong to different ones. On a block of one flat surface packet k takes every fourth texel in
+ * both directions. Groups of a side are cut at multiples of sixteen: it has as few packets as its texels
+ * fill. */
 #ifndef LW_SURFACE_PACKETS_H
 #define LW_SURFACE_PACKETS_H
 

@@ -1,7 +1,7 @@
 #include "server/solve/surface/sides.h"
 
-/* The reader looks from this far before the ray's end, in texels: high enough that a bulge does not hide its own
- * neighbours. */
+/* The reader looks from this far before the ray's end, in texels: high enough that a bulge does not hide its
+ * own neighbours. */
 #define BEFORE 0.1f
 /* And along this share of the way to a texel's place, which lies on the surface. */
 #define WAY 0.98f

@@ -2,8 +2,9 @@
  * Flow:    ray hits -> [sides] -> the texels whose light they read
  * Threads: [any].
  *
- * A texel's square may lie on several sides of what stands on it, but its light is that of one (crossings.h). A
- * ray that ends on another side reads the nearest texel that is seen from just before its end. */
+ * A texel's square may lie on several sides of what stands on it, but its light is that of one
+ * (crossings.h). A ray that ends on another side reads the nearest texel that is seen from just before its
+ * end. */
 #ifndef LW_SURFACE_SIDES_H
 #define LW_SURFACE_SIDES_H
 
@@ -20,8 +21,8 @@ struct lw_sides {
 /** Puts the texels to read in the place of those on whose squares rays end; global indices.
  * active  lanes that have met something
  * rays    as they were traced; directions of any length
- * texel   on whose square each lane ends, or LW_TEXEL_NONE; afterwards what it reads, or LW_TEXEL_NONE where no
- *         texel of its side is near
+ * texel   on whose square each lane ends, or LW_TEXEL_NONE; afterwards what it reads, or LW_TEXEL_NONE where
+ *         no texel of its side is near
  * Cost: nothing where no wall is near; else a ray, and sixteen more where that meets something. */
 void lw_sides_read16(const struct lw_sides *sides, uint16_t active, const struct lw_ray16 *rays,
                      const struct lw_hit16 *hits, uint32_t texel[LW_TRACE_WIDTH]);

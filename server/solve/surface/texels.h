@@ -56,8 +56,8 @@ struct lw_texels {
     /* Per texel of the global numbering: mask of its sample points that light can reach. */
     uint8_t *usable;
     uint8_t *filled; /* per texel of the global numbering: 1: not covered, but another texel stands for it */
-    /* Per texel of the global numbering: which part of its object it is on, of those that walls and the borders of
-     * charts make (crossings.h). Light is not shared between texels of different sides. */
+    /* Per texel of the global numbering: which part of its object it is on, of those that walls and the
+     * borders of charts make (crossings.h). Light is not shared between texels of different sides. */
     uint32_t *side;
     uint8_t *walls; /* per texel of the global numbering: enum lw_texels_walls */
     /* Per texel: the covered one that stands for it: itself, the nearest within 2 texels,
@@ -85,8 +85,8 @@ LW_MUST_CHECK enum lw_status lw_texels_set_albedo(struct lw_texels *texels, int 
 /** Forgets all walls of an object: each of its charts is one side. */
 void lw_texels_forget_walls(struct lw_texels *texels, uint32_t object);
 
-/** Where a covered texel's light comes from, object space: the middle of its usable points, for its own position may
- * lie beyond what cuts it. local: within the object */
+/** Where a covered texel's light comes from, object space: the middle of its usable points, for its own
+ * position may lie beyond what cuts it. local: within the object */
 struct lw_vec3 lw_texels_place(const struct lw_texels *texels, uint32_t object, uint32_t local);
 
 /** Sets every texel's source, and what is filled, from what is covered now. */
