@@ -375,7 +375,7 @@ static enum lw_status trace_bounces(struct frame *f, struct lw_error *err) {
 static enum lw_status gather_probes(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     (void)err;
-    const struct lw_sides sides = lw_geometry_sides(s->geometry);
+    const struct lw_wall_sides sides = lw_geometry_sides(s->geometry);
     if (s->has_probes)
         f->stats.rays_probe += lw_probes_gather(&s->probes, &sides, s->frames, is_fading(s), s->threads);
     return LW_OK;

@@ -9,7 +9,7 @@
 #include "server/solve/filter/denoise.h"
 #include "server/solve/filter/seams.h"
 #include "server/solve/solver.h"
-#include "server/solve/surface/sides.h"
+#include "server/solve/surface/wall_sides.h"
 
 struct lw_geometry {
     const struct lw_scene *scene;
@@ -41,8 +41,9 @@ LW_MUST_CHECK enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, 
                                                   bool later, struct lw_error *err);
 
 /** Its texels as rays read them. */
-static inline struct lw_sides lw_geometry_sides(const struct lw_geometry *geometry) {
-    return (struct lw_sides){.texels = &geometry->texels, .pose = &geometry->pose, .trace = geometry->trace};
+static inline struct lw_wall_sides lw_geometry_sides(const struct lw_geometry *geometry) {
+    return (struct lw_wall_sides){
+        .texels = &geometry->texels, .pose = &geometry->pose, .trace = geometry->trace};
 }
 
 /** Weighs the pairs, unless they are. Errors: LW_NO_MEMORY; there are none then. */

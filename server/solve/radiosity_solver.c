@@ -58,7 +58,7 @@ enum lw_status lw_radiosity_solver_check(const struct lw_solver_desc *desc, stru
 static uint64_t pass(struct radiosity_solver *s, uint32_t order, const float *radiance, uint32_t stride) {
     struct lw_patch_solver *p = &s->patch;
     const uint32_t salt = p->frames * (p->desc.bounces + 1) + order;
-    const struct lw_sides sides = lw_geometry_sides(&p->geometry);
+    const struct lw_wall_sides sides = lw_geometry_sides(&p->geometry);
     if (s->directions.count)
         return lw_radiosity_directions_run(
             &(struct lw_radiosity_gather){.patches = &p->patches,

@@ -365,7 +365,7 @@ static enum lw_status fill_probes(struct movers *m, uint32_t seed, struct lw_err
     lw_pose_bounds(&s->pose, m->scene, &desc.minimum_ws, &desc.maximum_ws);
     if (lw_probes_init(probes, &desc) != LW_OK) return lw_status_fail(err, LW_NO_MEMORY, "probes");
     uint64_t rays = lw_probes_place(probes, &s->pose, s->geometry->trace, s->threads);
-    const struct lw_sides sides = lw_geometry_sides(s->geometry);
+    const struct lw_wall_sides sides = lw_geometry_sides(s->geometry);
     for (uint32_t g = 0; g < GATHERINGS; g++) {
         rays += lw_probes_gather(probes, &sides, g, true, s->threads);
         for (uint32_t bounce = 0; bounce < desc.bounces; bounce++)

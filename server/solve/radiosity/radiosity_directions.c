@@ -119,7 +119,7 @@ static uint64_t gather(const struct lw_radiosity_gather *g, const struct lw_patc
                            ? LW_TEXEL_NONE
                            : lw_texels_under(texels, hits.object[i], hits.triangle[i], hits.u[i], hits.v[i],
                                              hits.back[i]);
-        lw_sides_read16(g->sides, packet->active, &rays, &hits, texel);
+        lw_wall_sides_read16(g->sides, packet->active, &rays, &hits, texel);
         for (int i = 0; i < LANES; i++)
             for (int k = 0; packet->active >> i & 1 && texel[i] != LW_TEXEL_NONE && k < 3; k++)
                 sum[k][i] += g->radiance[(size_t)texel[i] * g->stride + (size_t)k];

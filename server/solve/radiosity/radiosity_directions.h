@@ -14,7 +14,7 @@
 
 #include "common/progress.h"
 #include "server/solve/radiosity/patches.h"
-#include "server/solve/surface/sides.h"
+#include "server/solve/surface/wall_sides.h"
 
 struct lw_radiosity_directions {
     uint32_t count;
@@ -30,7 +30,7 @@ void lw_radiosity_directions_finish(struct lw_radiosity_directions *directions);
 struct lw_radiosity_gather {
     const struct lw_patches *patches;
     const struct lw_radiosity_directions *directions;
-    const struct lw_sides *sides;
+    const struct lw_wall_sides *sides;
     const float *radiance; /* per texel of the global numbering, W/(m^2 sr) */
     uint32_t stride;       /* floats from one to the next */
     float turn;            /* of all directions about the normals, radians */

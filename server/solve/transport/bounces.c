@@ -4,7 +4,7 @@
 #include "common/light/direction.h"
 #include "common/sampling.h"
 #include "common/wide.h"
-#include "server/solve/surface/sides.h"
+#include "server/solve/surface/wall_sides.h"
 #include "server/solve/transport/ray_hit.h"
 
 #include <math.h>
@@ -132,11 +132,11 @@ _Static_assert((LW_RAY_HIT_NOTHING & LW_RAY_HIT_PROBE) != 0 && LW_TEXEL_NONE == 
 
 /* Notes the texels that a packet's rays read. */
 static void note_hits(const struct lw_transport *t, struct flight *f) {
-    const struct lw_sides sides = {.texels = t->texels, .pose = t->pose, .trace = t->trace};
+    const struct lw_wall_sides sides = {.texels = t->texels, .pose = t->pose, .trace = t->trace};
     uint16_t surfaces = 0;
     for (uint32_t lane = 0; lane < LANES; lane++)
         if (f->active >> lane & 1 && !(f->hit[lane] & LW_RAY_HIT_PROBE)) surfaces |= (uint16_t)(1u << lane);
-    lw_sides_read16(&sides, surfaces, &f->rays, &f->hits, f->hit);
+    lw_wall_sides_read16(&sides, surfaces, &f->rays, &f->hits, f->hit);
     for (uint32_t lane = 0; lane < LANES; lane++)
         if (f->active >> lane & 1)
             t->ray_hit[(size_t)f->texel[lane] * t->indirect_samples + f->sample] = f->hit[lane];

@@ -293,8 +293,8 @@ static uint32_t gather_seed(const struct lw_probes *probes, uint32_t p) {
     return lw_sampling_seed(probes->desc.seed, p, 0, LW_SAMPLING_PROBE);
 }
 
-uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_sides *sides, uint32_t frame, bool eager,
-                          int threads) {
+uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_wall_sides *sides, uint32_t frame,
+                          bool eager, int threads) {
     uint64_t count = 0;
 #pragma omp parallel for schedule(dynamic, 4) num_threads(threads) reduction(+ : count)
     for (uint32_t p = 0; p < probes->count; p++) {
@@ -312,7 +312,7 @@ uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_sides *sides
                                ? LW_TEXEL_NONE
                                : lw_texels_under(sides->texels, hits.object[i], hits.triangle[i], hits.u[i],
                                                  hits.v[i], hits.back[i]);
-            lw_sides_read16(sides, UINT16_MAX, &rays, &hits, texel);
+            lw_wall_sides_read16(sides, UINT16_MAX, &rays, &hits, texel);
             for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++)
                 probes->ray[p * LW_PROBES_RAYS + first + i] =
                     (struct lw_probe_ray){.direction = ray_direction(&rays, i), .hit = texel[i]};

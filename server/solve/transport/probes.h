@@ -16,7 +16,7 @@
 #include "common/trace/trace.h"
 #include "server/solve/state/cells.h"
 #include "server/solve/state/checkpoint.h"
-#include "server/solve/surface/sides.h"
+#include "server/solve/surface/wall_sides.h"
 #include "server/solve/transport/probe_form.h"
 
 #define LW_PROBES_RAYS    128u /* per probe and frame, a multiple of 16 */
@@ -78,8 +78,8 @@ uint64_t lw_probes_place(struct lw_probes *probes, const struct lw_pose *pose, c
 
 /** Traces this frame's rays: of every probe if `eager`, because light may change; else of those that are new
  * and of one in four of the others. frame: any count of frames. Returns rays traced. */
-uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_sides *sides, uint32_t frame, bool eager,
-                          int threads);
+uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_wall_sides *sides, uint32_t frame,
+                          bool eager, int threads);
 
 /** Turns the radiance of bounce order `bounce` at the rays' ends into what probes see, blended
  * into a history of at most `history_max` + 1 gatherings. radiance: 4 floats per texel of the

@@ -1,4 +1,4 @@
-#include "server/solve/surface/sides.h"
+#include "server/solve/surface/wall_sides.h"
 
 /* The reader looks from this far before the ray's end, in texels: high enough that a bulge does not hide its
  * own neighbours. */
@@ -26,7 +26,7 @@ static const struct lw_mesh_texels *mesh_of(const struct lw_texels *texels, uint
     return &texels->mesh[texels->scene->object[object].mesh];
 }
 
-static struct reader reader_of(const struct lw_sides *sides, const struct lw_ray16 *rays,
+static struct reader reader_of(const struct lw_wall_sides *sides, const struct lw_ray16 *rays,
                                const struct lw_hit16 *hits, uint32_t lane) {
     const struct lw_vec3 origin = lw_vec3(rays->org_x[lane], rays->org_y[lane], rays->org_z[lane]),
                          dir = lw_vec3(rays->dir_x[lane], rays->dir_y[lane], rays->dir_z[lane]);
@@ -83,8 +83,8 @@ static uint32_t search_around(const struct reader *r, uint32_t local) {
     return seen ? r->texels->first[r->object] + c[__builtin_ctz(seen)].texel : LW_TEXEL_NONE;
 }
 
-void lw_sides_read16(const struct lw_sides *sides, uint16_t active, const struct lw_ray16 *rays,
-                     const struct lw_hit16 *hits, uint32_t texel[LW_TRACE_WIDTH]) {
+void lw_wall_sides_read16(const struct lw_wall_sides *sides, uint16_t active, const struct lw_ray16 *rays,
+                          const struct lw_hit16 *hits, uint32_t texel[LW_TRACE_WIDTH]) {
     const struct lw_texels *texels = sides->texels;
     struct reader reader[LW_TRACE_WIDTH];
     struct lw_ray16 looks = {.salt = 0};
