@@ -169,6 +169,43 @@ while read -r document; do
     done < <(grep -oP '`\K(common|proto|server|client|tests|docs|scripts|cmake)/[\w./*-]+(?=`)' "$document")
 done < <(git ls-files '*.md')
 
+# Figures that stand in two documents have a mark right behind them, 0.25<!-- r1 atrium-lamp-walk-720 -->. One mark has one
+# value, in two documents or more. "r1 ROW", "m ROW" and "p ROW", with " svgf" for that opponent in place of svgf-quarter, are
+# roundings of the report in docs/results/crossover/ROW, by relMSE; p is the opponent's CPU s a frame.
+found=$(git ls-files '*.md' | grep -v '^docs/results/crossover/' | xargs grep -HnoP '(\d[\d.,]*)?\**<!-- [a-z0-9][a-z0-9. -]* -->' |
+    awk -F: '
+    function measured(kind, row, opponent,   path, line, part, number) {
+        path = "docs/results/crossover/" row "/report.md"
+        while ((getline line < path) > 0) {
+            split(line, part, / *\| */)
+            if (part[2] ~ "^" opponent "," && part[4] == "relMSE") {
+                number = part[kind == "r1" ? 8 : kind == "m" ? 9 : 3]
+                break
+            }
+        }
+        close(path)
+        sub(/ .*/, "", number)
+        return number
+    }
+    {
+        at = $1 ":" $2
+        value = name = $3
+        sub(/\**<!-- .*/, "", value)
+        gsub(/.*<!-- | -->/, "", name)
+        if (value == "") print at ": no figure before the mark \"" name "\""
+        if (!(name in first)) { first[name] = value; place[name] = at; document[name] = $1 }
+        if (value != first[name]) print at ": " value " for \"" name "\", and " first[name] " at " place[name]
+        if ($1 != document[name]) shared[name] = 1
+        if (split(name, word, " ") < 2 || word[1] !~ /^(r1|m|p)$/) next
+        number = measured(word[1], word[2], word[3] == "" ? "svgf-quarter" : word[3])
+        decimals = length(value) - index(value ".", ".")
+        off = value - number
+        if (number !~ /^[0-9]/ || (off < 0 ? -off : off) > 0.5 / 10 ^ (decimals < 0 ? 0 : decimals) + 1e-9)
+            print at ": " value " for \"" name "\", of which the report has " (number == "" ? "nothing" : number)
+    }
+    END { for (name in first) if (!(name in shared)) print place[name] ": \"" name "\" stands in one document alone" }' || true)
+if [ -n "$found" ]; then complain "figures:"$'\n'"$found"; fi
+
 # The Dockerfile, by an npm package, where scripts/deps.sh has fetched it. A warning counts, too.
 docker_lint=client/web/node_modules/dockerfile-utils/bin/dockerfile-utils
 if command -v node >/dev/null && [ -e $docker_lint ]; then
