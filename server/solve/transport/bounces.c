@@ -390,7 +390,7 @@ static void find_most(const struct lw_transport *t, const struct lw_solve_tile *
         LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
             const uint32_t texel = tile->first + y * tile->width + x;
             if (!t->tiles->covered[texel]) continue;
-            sending = sending_of(senders, t->texels->side[texel], sending);
+            sending = sending_of(senders, t->tiles->side[texel], sending);
             sending->count += round == 0;
             sending->sum +=
                 (double)fminf(sending->most, lw_colour_luminance(lw_texels_vector(senders->e, texel)));
@@ -410,7 +410,7 @@ static void spread_rare(const struct lw_transport *t, const struct lw_solve_tile
     LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
         const uint32_t i = y * tile->width + x, texel = tile->first + i;
         if (!t->tiles->covered[texel]) continue;
-        sending = sending_of(senders, t->texels->side[texel], sending);
+        sending = sending_of(senders, t->tiles->side[texel], sending);
         const float luminance = lw_colour_luminance(lw_texels_vector(senders->e, texel));
         const struct lw_vec3 all = reflected(senders, texel, tile->local + i),
                              own = lw_vec3_scale(all, share_alone(sending, luminance));
@@ -440,7 +440,7 @@ static void radiate_block(const struct lw_transport *t, const struct lw_solve_ti
         float *l = t->tiles->radiance[bounce] + (size_t)texel * 4;
         struct lw_vec3 now = reflected(&senders, texel, tile->local + i);
         if (senders.count && t->tiles->covered[texel]) {
-            sending = sending_of(&senders, t->texels->side[texel], sending);
+            sending = sending_of(&senders, t->tiles->side[texel], sending);
             now = lw_vec3_scale(
                 now, share_alone(sending, lw_colour_luminance(lw_texels_vector(senders.e, texel))));
             now = lw_vec3_mad(now, sending->spread, lw_colour_luminance(now));
