@@ -14,7 +14,6 @@ struct block {
     struct lw_mesh_texels mesh;
     float position[3][COUNT], normal[3][COUNT], reach[COUNT];
     uint8_t covered[COUNT];
-    uint32_t side[COUNT], chart[COUNT];
     struct lw_packet packet[LW_PACKETS_MAX];
     uint32_t count;
 };
@@ -30,7 +29,6 @@ static struct block *flat(void) {
     assert_non_null(b);
     for (int c = 0; c < 3; c++) b->mesh.position[c] = b->position[c], b->mesh.normal[c] = b->normal[c];
     b->mesh.sample_points.reach = b->reach;
-    b->mesh.chart = b->chart;
     for (uint32_t i = 0; i < COUNT; i++) {
         set_texel(b, i, lw_vec3(0.1f * (float)(i % SIDE), 0, 0.1f * (float)(i / SIDE)), lw_vec3(0, 1, 0));
         b->reach[i] = 0.05f;
@@ -40,7 +38,7 @@ static struct block *flat(void) {
 }
 
 static void deal(struct block *b) {
-    b->count = lw_packets_deal(&b->mesh, 0, SIDE, SIDE, SIDE, b->covered, b->side, b->packet);
+    b->count = lw_packets_deal(&b->mesh, 0, SIDE, SIDE, SIDE, b->covered, b->packet);
 }
 
 /* Each covered texel once, no other, in as few packets as they fill. */

@@ -159,15 +159,14 @@ static uint32_t side_of(uint32_t block, uint32_t texels) {
     return left < LW_TILE_BLOCK ? left : LW_TILE_BLOCK;
 }
 
-static void deal_packets(const struct lw_tiles *tiles, const struct lw_solve_tile *tile) {
+static void deal_packets(const struct lw_solve_tile *tile, const uint8_t *covered) {
     for (uint32_t row = 0; row < tile->block_rows; row++)
         for (uint32_t column = 0; column < tile->block_columns; column++) {
             struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
             const uint32_t i = row * LW_TILE_BLOCK * tile->width + column * LW_TILE_BLOCK;
             block->packet_count =
                 lw_packets_deal(tile->mesh, tile->local + i, tile->width, side_of(column, tile->width),
-                                side_of(row, tile->height), tiles->covered + tile->first + i,
-                                tiles->side + tile->first + i, block->packet);
+                                side_of(row, tile->height), covered + tile->first + i, block->packet);
         }
 }
 
@@ -231,7 +230,7 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
         tile->state = tile->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
     }
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
-    for (uint32_t i = 0; i < tiles->count; i++) deal_packets(tiles, &tiles->tile[i]);
+    for (uint32_t i = 0; i < tiles->count; i++) deal_packets(&tiles->tile[i], tiles->covered);
     return LW_OK;
 }
 
@@ -248,8 +247,7 @@ static bool covers_as_before(const struct lw_solve_tile *tile, const struct lw_s
     return true;
 }
 
-static void recount_tile(const struct lw_tiles *tiles, struct lw_solve_tile *tile) {
-    const uint8_t *covered = tiles->covered;
+static void recount_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
     bool other[LW_TILE_BLOCKS * LW_TILE_BLOCKS], any = false;
     for (uint32_t i = 0; i < tile->block_columns * tile->block_rows; i++)
         any |= other[i] = !covers_as_before(tile, &tile->block[i], i % tile->block_columns,
@@ -265,12 +263,12 @@ static void recount_tile(const struct lw_tiles *tiles, struct lw_solve_tile *til
             block->state = LW_BLOCK_SAMPLED;
     }
     lw_tiles_sum_up(tile);
-    deal_packets(tiles, tile);
+    deal_packets(tile, covered);
 }
 
 void lw_tiles_recount(struct lw_tiles *tiles, int threads) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
-    for (uint32_t i = 0; i < tiles->count; i++) recount_tile(tiles, &tiles->tile[i]);
+    for (uint32_t i = 0; i < tiles->count; i++) recount_tile(&tiles->tile[i], tiles->covered);
 }
 
 void lw_tiles_finish(struct lw_tiles *tiles) {

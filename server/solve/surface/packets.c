@@ -14,7 +14,6 @@
 
 struct member {
     float at[AXES];
-    uint32_t chart, side;
     uint8_t texel; /* 16 y + x */
     uint8_t turn;  /* along a Morton curve over the block: 16 in a row are 4 x 4 texels */
 };
@@ -90,44 +89,8 @@ static uint32_t split(struct member *member, uint32_t count, float spacing, stru
     return packets + deal(member, count, out + packets);
 }
 
-static int compare_sides(const void *left, const void *right) {
-    const struct member *a = left, *b = right;
-    if (a->chart != b->chart) return a->chart < b->chart ? -1 : 1;
-    return a->side != b->side ? (a->side < b->side ? -1 : 1) : (int)a->turn - (int)b->turn;
-}
-
-/* Only walls part, and not charts, of which there may be many in a block: those are told apart by how they
- * lie. */
-static bool is_walled(const struct member *member, uint32_t count, uint32_t first) {
-    for (uint32_t i = first; i < count && member[i].chart == member[first].chart; i++)
-        if (member[i].side != member[first].side) return true;
-    return false;
-}
-
-static uint32_t packets_for(uint32_t count) { return (count + LANES - 1) / LANES; }
-
-/* Deals the sides of charts that walls cut each by itself, as long as a block has packets enough; the rest
- * together. */
-static uint32_t split_sides(struct member *member, uint32_t count, float spacing, struct lw_packet *out) {
-    uint32_t packets = 0, together = 0;
-    qsort(member, count, sizeof *member, compare_sides);
-    for (uint32_t i = 0, end; i < count; i = end) {
-        const bool walled = is_walled(member, count, i) || (i && is_walled(member, i + 1, i - 1));
-        for (end = i + 1;
-             end < count && member[end].side == member[i].side && member[end].chart == member[i].chart;)
-            end++;
-        const uint32_t own = end - i, left = together + count - end;
-        if (walled && packets + packets_for(own) + packets_for(left) <= LW_PACKETS_MAX)
-            packets += split(member + i, own, spacing, out + packets);
-        else
-            for (uint32_t k = i; k < end; k++) member[together++] = member[k];
-    }
-    return packets + (together ? split(member, together, spacing, out + packets) : 0);
-}
-
 uint32_t lw_packets_deal(const struct lw_mesh_texels *mesh, uint32_t first, uint32_t stride, uint32_t width,
-                         uint32_t height, const uint8_t *covered, const uint32_t *side,
-                         struct lw_packet out[LW_PACKETS_MAX]) {
+                         uint32_t height, const uint8_t *covered, struct lw_packet out[LW_PACKETS_MAX]) {
     struct member member[LW_TILE_BLOCK * LW_TILE_BLOCK];
     uint32_t count = 0;
     float reach = 0;
@@ -138,12 +101,10 @@ uint32_t lw_packets_deal(const struct lw_mesh_texels *mesh, uint32_t first, uint
             const struct lw_vec3 p = lw_texels_vector(mesh->position, i),
                                  n = lw_texels_vector(mesh->normal, i);
             member[count++] = (struct member){.at = {p.x, p.y, p.z, n.x, n.y, n.z},
-                                              .chart = mesh->chart[i],
-                                              .side = side[y * stride + x],
                                               .texel = (uint8_t)(y * LW_TILE_BLOCK + x),
                                               .turn = turn_of(x, y)};
             reach += mesh->sample_points.reach[i];
         }
     /* Places reach half a texel to both sides along its axes. */
-    return count ? split_sides(member, count, fmaxf(2 * reach / (float)count, 1e-30f), out) : 0;
+    return count ? split(member, count, fmaxf(2 * reach / (float)count, 1e-30f), out) : 0;
 }

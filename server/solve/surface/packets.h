@@ -6,12 +6,11 @@
  * coherent the nearer the texels are and the more alike their normals, and cost the less the more lanes are
  * filled. But neighbours that share directions share their error, which no filter removes.
  *
- * So the covered texels of a block are taken apart by their sides, as far as that makes no more than
- * LW_PACKETS_MAX packets: what is found on one side of a wall says nothing of the other. Those of a side are
- * halved until each group lies on one surface. The packets of a group take turns with its texels, so that
- * neighbours belong to different ones. On a block of one flat surface packet k takes every fourth texel in
- * both directions. Groups of a side are cut at multiples of sixteen: it has as few packets as its texels
- * fill. */
+ * So the covered texels of a block, on which charts of several surfaces may lie, are halved until each group
+ * lies on one surface. The packets of a group take turns with its texels, so that neighbours belong to
+ * different ones. On a block of one flat surface packet k takes every fourth texel in both directions.
+ * Groups are cut at multiples of
+ * sixteen: a block has as few packets as its texels fill. */
 #ifndef LW_SURFACE_PACKETS_H
 #define LW_SURFACE_PACKETS_H
 
@@ -39,10 +38,8 @@ static inline uint32_t lw_packet_texel(const struct lw_packet *packet, uint32_t 
  * first    the block's first texel within the mesh
  * stride   from one of its rows to the next; width, height: of the block, in texels
  * covered  of the block's first texel, rows as above: what takes part
- * side     likewise: its side (texels.h)
  * Returns how many packets there are, 0 to LW_PACKETS_MAX. */
 uint32_t lw_packets_deal(const struct lw_mesh_texels *mesh, uint32_t first, uint32_t stride, uint32_t width,
-                         uint32_t height, const uint8_t *covered, const uint32_t *side,
-                         struct lw_packet out[LW_PACKETS_MAX]);
+                         uint32_t height, const uint8_t *covered, struct lw_packet out[LW_PACKETS_MAX]);
 
 #endif
