@@ -25,8 +25,8 @@
 #define ROOM 4.0f
 
 enum {
-    CUT_RIGHT = 1,
-    CUT_BELOW = 2,
+    CUT_RIGHT = LW_TEXELS_WALL_RIGHT,
+    CUT_BELOW = LW_TEXELS_WALL_BELOW,
     CUT = 4,  /* on any side */
     NEAR = 8, /* at or beside a cut of two large regions, in either */
     CLOSE = 16,
@@ -340,55 +340,53 @@ struct run {
     float square;     /* of that one's distance, object space */
 };
 
-/* The covered texel of the same chart at place k of the circle about (x, y), or LW_TEXEL_NONE. */
-static uint32_t ring_texel(const struct part *p, const uint8_t *covered, uint32_t x, uint32_t y, uint32_t k) {
+/* Whether the texel at place k of the circle about (x, y) is covered, and of the same chart. */
+static bool has_ring_texel(const struct part *p, uint32_t x, uint32_t y, uint32_t k) {
     const int64_t u = (int64_t)x + ring_x[k], v = (int64_t)y + ring_y[k];
-    if (u < 0 || v < 0 || u >= p->mesh->width || v >= p->mesh->height) return LW_TEXEL_NONE;
+    if (u < 0 || v < 0 || u >= p->mesh->width || v >= p->mesh->height) return false;
     const uint32_t j = lw_texels_index(p->mesh, (uint32_t)u, (uint32_t)v);
-    return covered[j] && p->mesh->chart[j] == p->mesh->chart[lw_texels_index(p->mesh, x, y)] ? j
-                                                                                             : LW_TEXEL_NONE;
+    return p->covered[j] && p->mesh->chart[j] == p->mesh->chart[lw_texels_index(p->mesh, x, y)];
 }
 
-/* Whether something parts the texels at places k and k + 1: of two beside each other, the left or upper one
- * knows. */
-static bool ring_cut(const struct part *p, uint32_t a, uint32_t b, uint32_t k) {
-    const uint32_t next = (k + 1) % RING;
-    const bool across = ring_x[k] != ring_x[next];
-    const bool forward = across ? ring_x[next] > ring_x[k] : ring_y[next] > ring_y[k];
-    return p->flags[forward ? a : b] & (across ? CUT_RIGHT : CUT_BELOW);
+static uint32_t ring_texel(const struct part *p, uint32_t x, uint32_t y, uint32_t k) {
+    return lw_texels_index(p->mesh, x + (uint32_t)ring_x[k], y + (uint32_t)ring_y[k]);
 }
 
-/* Lists the runs about (x, y); returns how many there are. */
-static uint32_t list_runs(struct part *p, const uint8_t *covered, uint32_t x, uint32_t y,
-                          struct run out[RING]) {
-    uint32_t texel[RING], of[RING], count = 0, first = RING;
-    for (uint32_t k = 0; k < RING; k++) texel[k] = ring_texel(p, covered, x, y, k);
-    /* begin where a run begins */
-    for (uint32_t k = 0; k < RING && first == RING; k++) {
-        const uint32_t before = (k + RING - 1) % RING;
-        if (texel[k] != LW_TEXEL_NONE &&
-            (texel[before] == LW_TEXEL_NONE || ring_cut(p, texel[before], texel[k], before)))
-            first = k;
-    }
-    if (first == RING) return 0;
+/* Whether the texel at place k goes on a run from the one before it. */
+static bool goes_on(const struct part *p, uint32_t x, uint32_t y, const bool there[RING], uint32_t k) {
+    const uint32_t before = (k + RING - 1) % RING;
+    return there[k] && there[before] &&
+           !is_parted(p, x + (uint32_t)ring_x[before], y + (uint32_t)ring_y[before], x + (uint32_t)ring_x[k],
+                      y + (uint32_t)ring_y[k]);
+}
+
+static void add_to_run(const struct part *p, struct run *run, uint32_t texel, struct lw_vec3 middle) {
+    const struct lw_vec3 way = lw_vec3_sub(p->place[texel], middle);
+    const float square = lw_vec3_dot(way, way);
+    if (square < run->square) run->square = square, run->nearest = texel;
+}
+
+/* Lists the runs about (x, y); returns how many there are. Sights are of two or more. */
+static uint32_t list_runs(struct part *p, uint32_t x, uint32_t y, struct run out[RING]) {
     const struct lw_vec3 middle = lw_texels_vector(p->mesh->position, lw_texels_index(p->mesh, x, y));
+    bool there[RING];
+    uint32_t of[RING], count = 0, first = 0;
+    for (uint32_t k = 0; k < RING; k++) there[k] = has_ring_texel(p, x, y, k);
+    while (first < RING && (!there[first] || goes_on(p, x, y, there, first))) first++;
+    if (first == RING) return 0;
     for (uint32_t i = 0; i < RING; i++) {
-        const uint32_t k = (first + i) % RING, before = (k + RING - 1) % RING;
-        if (texel[k] == LW_TEXEL_NONE) continue;
-        const bool goes_on =
-            i > 0 && texel[before] != LW_TEXEL_NONE && !ring_cut(p, texel[before], texel[k], before);
-        if (!goes_on) out[count++] = (struct run){.nearest = LW_TEXEL_NONE, .square = INFINITY};
+        const uint32_t k = (first + i) % RING;
+        if (!there[k]) continue;
+        if (!goes_on(p, x, y, there, k))
+            out[count++] = (struct run){.nearest = LW_TEXEL_NONE, .square = INFINITY};
         of[k] = count - 1;
-        struct run *run = &out[of[k]];
-        const struct lw_vec3 way = lw_vec3_sub(p->place[texel[k]], middle);
-        const float square = lw_vec3_dot(way, way);
-        if (square < run->square) run->square = square, run->nearest = texel[k];
+        add_to_run(p, &out[of[k]], ring_texel(p, x, y, k), middle);
     }
-    if (count < 2) return count;
-    for (uint32_t k = 0; k < RING; k++) {
-        if (texel[k] == LW_TEXEL_NONE) continue;
-        if (!p->own[texel[k]].all) look_around(p, texel[k]);
-        add_sight(&out[of[k]].sight, &p->own[texel[k]]);
+    for (uint32_t k = 0; k < RING && count > 1; k++) {
+        if (!there[k]) continue;
+        const uint32_t texel = ring_texel(p, x, y, k);
+        if (!p->own[texel].all) look_around(p, texel);
+        add_sight(&out[of[k]].sight, &p->own[texel]);
     }
     return count;
 }
@@ -404,13 +402,13 @@ static const struct run *better_of(const struct run *a, const struct run *b) {
 }
 
 /* Texels between several sides: which of them each shows. */
-static void choose_sources(struct part *p, const uint8_t *covered, uint32_t first, uint32_t *source) {
+static void choose_sources(struct part *p, uint32_t first, uint32_t *source) {
     for (uint32_t y = 0; y < p->mesh->height; y++)
         for (uint32_t x = 0; x < p->mesh->width; x++) {
             const uint32_t i = lw_texels_index(p->mesh, x, y);
             struct run run[RING];
-            if (!p->mesh->covered[i] || covered[i]) continue;
-            const uint32_t count = list_runs(p, covered, x, y, run);
+            if (!p->mesh->covered[i] || p->covered[i]) continue;
+            const uint32_t count = list_runs(p, x, y, run);
             const struct run *best = run;
             for (uint32_t k = 1; k < count; k++) best = better_of(best, &run[k]);
             if (count) source[i] = first + best->nearest;
@@ -429,8 +427,7 @@ static bool has_cut_near(const struct part *p, uint32_t x, uint32_t y) {
 static void note_walls(struct part *p, uint32_t *side, uint8_t *walls) {
     for (uint32_t i = 0; i < p->mesh->texel_count; i++) {
         side[i] = lw_union_find_root(p->parent, i);
-        walls[i] = (uint8_t)((p->flags[i] & CUT_RIGHT ? LW_TEXELS_WALL_RIGHT : 0) |
-                             (p->flags[i] & CUT_BELOW ? LW_TEXELS_WALL_BELOW : 0) |
+        walls[i] = (uint8_t)((p->flags[i] & (CUT_RIGHT | CUT_BELOW)) |
                              (p->mesh->covered[i] && !p->usable[i] ? LW_TEXELS_WALL_ON : 0));
     }
     for (uint32_t y = 0; y < p->mesh->height; y++)
@@ -499,7 +496,7 @@ enum lw_status lw_crossings_find(struct lw_texels *texels, const struct lw_pose 
         *out_count += choose(&p, covered);
         note_walls(&p, texels->side + texels->first[object], texels->walls + texels->first[object]);
         lw_texels_link_object(texels, object);
-        choose_sources(&p, covered, texels->first[object], texels->source + texels->first[object]);
+        choose_sources(&p, texels->first[object], texels->source + texels->first[object]);
     }
     release(&p);
     return status;
