@@ -96,7 +96,6 @@ LW_WIDE static void aim(const struct lw_points16 *restrict at, struct lw_vec3 lo
 
 static uint64_t gather(const struct lw_radiosity_gather *g, const struct lw_patches_packet *packet,
                        float *const out_e[3]) {
-    const struct lw_texels *texels = g->patches->texels;
     const float c = cosf(g->turn), s = sinf(g->turn), weight = LW_PI / (float)g->directions->count;
     const unsigned flags = packet->coherent ? LW_TRACE_COHERENT : LW_TRACE_LIGHT;
     float sum[3][LANES] = {{0}};
@@ -114,14 +113,9 @@ static uint64_t gather(const struct lw_radiosity_gather *g, const struct lw_patc
         rays.salt = g->salt + n;
         lw_trace_closest16(g->sides->trace, flags, packet->active, &rays, &hits);
         uint32_t texel[LANES];
+        lw_wall_sides_at16(g->sides, packet->active, &rays, &hits, texel);
         for (int i = 0; i < LANES; i++)
-            texel[i] = hits.object[i] == LW_TRACE_MISS
-                           ? LW_TEXEL_NONE
-                           : lw_texels_under(texels, hits.object[i], hits.triangle[i], hits.u[i], hits.v[i],
-                                             hits.back[i]);
-        lw_wall_sides_read16(g->sides, packet->active, &rays, &hits, texel);
-        for (int i = 0; i < LANES; i++)
-            for (int k = 0; packet->active >> i & 1 && texel[i] != LW_TEXEL_NONE && k < 3; k++)
+            for (int k = 0; texel[i] != LW_TEXEL_NONE && k < 3; k++)
                 sum[k][i] += g->radiance[(size_t)texel[i] * g->stride + (size_t)k];
     }
     for (int i = 0; i < LANES; i++)

@@ -113,3 +113,13 @@ void lw_wall_sides_read16(const struct lw_wall_sides *sides, uint16_t active, co
             texel[lane] = texels->source[texel[lane]];
     }
 }
+
+void lw_wall_sides_at16(const struct lw_wall_sides *sides, uint16_t active, const struct lw_ray16 *rays,
+                        const struct lw_hit16 *hits, uint32_t out_texel[LW_TRACE_WIDTH]) {
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+        out_texel[lane] = !(active >> lane & 1) || hits->object[lane] == LW_TRACE_MISS
+                              ? LW_TEXEL_NONE
+                              : lw_texels_under(sides->texels, hits->object[lane], hits->triangle[lane],
+                                                hits->u[lane], hits->v[lane], hits->back[lane]);
+    lw_wall_sides_read16(sides, active, rays, hits, out_texel);
+}

@@ -27,4 +27,9 @@ struct lw_wall_sides {
 void lw_wall_sides_read16(const struct lw_wall_sides *sides, uint16_t active, const struct lw_ray16 *rays,
                           const struct lw_hit16 *hits, uint32_t texel[LW_TRACE_WIDTH]);
 
+/** The texels that rays read, by lw_texels_under() and the above. Lanes that are not active, that have met
+ * nothing, or the back of a single-sided surface, get LW_TEXEL_NONE. */
+void lw_wall_sides_at16(const struct lw_wall_sides *sides, uint16_t active, const struct lw_ray16 *rays,
+                        const struct lw_hit16 *hits, uint32_t out_texel[LW_TRACE_WIDTH]);
+
 #endif

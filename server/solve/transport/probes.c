@@ -307,12 +307,7 @@ uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_wall_sides *
             set_rays(&rays, probe->position_ws, gather_seed(probes, p), probe->age * LW_PROBES_RAYS + first);
             lw_trace_closest16(sides->trace, LW_TRACE_LIGHT, UINT16_MAX, &rays, &hits);
             uint32_t texel[LW_TRACE_WIDTH];
-            for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++)
-                texel[i] = hits.object[i] == LW_TRACE_MISS
-                               ? LW_TEXEL_NONE
-                               : lw_texels_under(sides->texels, hits.object[i], hits.triangle[i], hits.u[i],
-                                                 hits.v[i], hits.back[i]);
-            lw_wall_sides_read16(sides, UINT16_MAX, &rays, &hits, texel);
+            lw_wall_sides_at16(sides, UINT16_MAX, &rays, &hits, texel);
             for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++)
                 probes->ray[p * LW_PROBES_RAYS + first + i] =
                     (struct lw_probe_ray){.direction = ray_direction(&rays, i), .hit = texel[i]};
