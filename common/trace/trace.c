@@ -619,14 +619,19 @@ static void intersect(const struct lw_trace *trace, unsigned flags, bool every_h
     find_sides(trace, valid, rh, back);
 }
 
+/* Whether a ray has met the back of a single-sided surface. */
+static bool meets_plain_back(const struct lw_trace *trace, const struct RTCRayHit16 *rh,
+                             const uint8_t back[16], int i) {
+    return back[i] && !material_of(&trace->geometry[rh->hit.geomID[i]], rh->hit.primID[i])->double_sided;
+}
+
 /* Makes those rays valid again that have met what the view does not see; whether any has. */
 static bool meet_backs(const struct lw_trace *trace, const struct lw_ray16 *rays, int valid[16],
                        struct RTCRayHit16 *rh, const uint8_t back[16]) {
     bool any = false;
     for (int i = 0; i < 16; i++) {
         valid[i] = 0;
-        if (!back[i]) continue;
-        if (material_of(&trace->geometry[rh->hit.geomID[i]], rh->hit.primID[i])->double_sided) continue;
+        if (!meets_plain_back(trace, rh, back, i)) continue;
         valid[i] = -1;
         any = true;
         rh->ray.tfar[i] = rays->t_far[i];
@@ -653,16 +658,14 @@ static float uncertainty(const struct RTCRay16 *ray, int i) {
 
 /* Two single-sided faces in one place that look opposite ways are a wall that is lit on both sides. Which of
  * them a ray meets is chance: of a back and a front the front counts. */
-static void prefer_fronts(const struct lw_trace *trace, const int valid[16], struct RTCRayHit16 *rh,
-                          uint8_t back[16]) {
+static void prefer_fronts(const struct lw_trace *trace, struct RTCRayHit16 *rh, uint8_t back[16]) {
     _Alignas(64) int again[16];
     _Alignas(64) struct RTCRayHit16 front = *rh;
     uint8_t front_back[16];
     bool any = false;
     for (int i = 0; i < 16; i++) {
         again[i] = 0;
-        if (!valid[i] || !back[i] || rh->hit.geomID[i] == LW_TRACE_MISS) continue;
-        if (material_of(&trace->geometry[rh->hit.geomID[i]], rh->hit.primID[i])->double_sided) continue;
+        if (!meets_plain_back(trace, rh, back, i)) continue;
         const float off = uncertainty(&rh->ray, i);
         again[i] = -1;
         any = true;
@@ -691,7 +694,7 @@ void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t a
     /* A view mostly looks at fronts: a filter that asks of each hit costs a fifth more than to ask of the
      * last one, and to trace again where that is a back. */
     intersect(trace, flags, false, valid, &rh, out_hits->back);
-    if (!(flags & LW_TRACE_VIEW)) prefer_fronts(trace, valid, &rh, out_hits->back);
+    if (!(flags & LW_TRACE_VIEW)) prefer_fronts(trace, &rh, out_hits->back);
     if ((flags & LW_TRACE_VIEW) && meet_backs(trace, rays, valid, &rh, out_hits->back))
         intersect(trace, flags, true, valid, &rh, out_hits->back);
 
