@@ -300,3 +300,32 @@ struct room_mean room_object_mean(const struct room_solution *solution, uint32_t
     mean.total = mean.direct + mean.indirect;
     return mean;
 }
+
+struct lw_vec3 room_texel(const struct room_solution *solution, uint32_t object, uint32_t x, uint32_t y) {
+    const struct lw_atlas_level *level = &solution->map.atlas[object].level[0];
+    const uint32_t id =
+        solution->map.first_tile[object] + y / LW_TILE_SIDE * level->tiles_x + x / LW_TILE_SIDE;
+    struct lw_solver_tile tile;
+    solution->solver->ops->read_tile(solution->solver, (lw_tile_id){id}, &tile);
+    const uint32_t i = y % LW_TILE_SIDE * tile.width + x % LW_TILE_SIDE;
+    return lw_vec3(tile.irradiance[0][i], tile.irradiance[1][i], tile.irradiance[2][i]);
+}
+
+struct lw_vec3 room_look_up(const struct room_solution *solution, uint32_t quad, double along_u,
+                            double along_v) {
+    const struct lw_mesh *mesh = &solution->scene->mesh[quad];
+    const struct lw_vec2 a = mesh->lightmap_uv[mesh->triangle[0][0]],
+                         b = mesh->lightmap_uv[mesh->triangle[0][1]],
+                         c = mesh->lightmap_uv[mesh->triangle[1][2]];
+    const double x = (double)a.x + along_u * (double)(b.x - a.x) + along_v * (double)(c.x - a.x) - 0.5,
+                 y = (double)a.y + along_u * (double)(b.y - a.y) + along_v * (double)(c.y - a.y) - 0.5;
+    struct lw_vec3 sum = {0};
+    for (uint32_t k = 0; k < 4; k++) {
+        const uint32_t i = k & 1, j = k >> 1;
+        const double wx = i ? x - floor(x) : 1 - (x - floor(x)), wy = j ? y - floor(y) : 1 - (y - floor(y));
+        if (wx * wy > 0)
+            sum = lw_vec3_mad(sum, room_texel(solution, quad, (uint32_t)floor(x) + i, (uint32_t)floor(y) + j),
+                              (float)(wx * wy));
+    }
+    return sum;
+}

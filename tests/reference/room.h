@@ -96,6 +96,12 @@ struct room_mean {
 };
 struct room_mean room_object_mean(const struct room_solution *solution, uint32_t object);
 
+/** What is shown of a texel of level 0. */
+struct lw_vec3 room_texel(const struct room_solution *solution, uint32_t object, uint32_t x, uint32_t y);
+/** What an engine reads of a quad's front, along its edges, each 0 to 1: bilinear. */
+struct lw_vec3 room_look_up(const struct room_solution *solution, uint32_t quad, double along_u,
+                            double along_v);
+
 /** Calls back for every covered texel of an object. position: world space; area: how much of the texel is
  * surface. */
 typedef void room_texel_fn(void *user, struct lw_vec3 position_ws, double area, double direct,

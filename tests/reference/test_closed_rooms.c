@@ -7,8 +7,6 @@
 #include <math.h>
 #include <string.h>
 
-#define RED   0
-#define BLUE  2
 #define LAMP  40.0f   /* W/sr */
 #define SUN   5000.0f /* W/m^2 on the ground */
 #define HALF  2.0f    /* inner half width, m */
@@ -107,30 +105,9 @@ static void add(struct colour *sum, struct colour c, double weight) {
     sum->blue += weight * c.blue;
 }
 
-static struct colour texel(const struct room_solution *s, uint32_t object, uint32_t x, uint32_t y) {
-    const struct lw_atlas_level *level = &s->map.atlas[object].level[0];
-    const uint32_t id = s->map.first_tile[object] + y / LW_TILE_SIDE * level->tiles_x + x / LW_TILE_SIDE;
-    struct lw_solver_tile tile;
-    s->solver->ops->read_tile(s->solver, (lw_tile_id){id}, &tile);
-    const uint32_t i = y % LW_TILE_SIDE * tile.width + x % LW_TILE_SIDE;
-    return (struct colour){(double)tile.irradiance[RED][i], (double)tile.irradiance[BLUE][i]};
-}
-
-/* Of a quad's front, along its edges, each 0 to 1. */
 static struct colour look_up(const struct room_solution *s, uint32_t quad, double along_u, double along_v) {
-    const struct lw_mesh *mesh = &s->scene->mesh[quad];
-    const struct lw_vec2 a = mesh->lightmap_uv[mesh->triangle[0][0]],
-                         b = mesh->lightmap_uv[mesh->triangle[0][1]],
-                         c = mesh->lightmap_uv[mesh->triangle[1][2]];
-    const double x = (double)a.x + along_u * (double)(b.x - a.x) + along_v * (double)(c.x - a.x) - 0.5,
-                 y = (double)a.y + along_u * (double)(b.y - a.y) + along_v * (double)(c.y - a.y) - 0.5;
-    struct colour sum = {0};
-    for (uint32_t k = 0; k < 4; k++) {
-        const uint32_t i = k & 1, j = k >> 1;
-        const double wx = i ? x - floor(x) : 1 - (x - floor(x)), wy = j ? y - floor(y) : 1 - (y - floor(y));
-        if (wx * wy > 0) add(&sum, texel(s, quad, (uint32_t)floor(x) + i, (uint32_t)floor(y) + j), wx * wy);
-    }
-    return sum;
+    const struct lw_vec3 e = room_look_up(s, quad, along_u, along_v);
+    return (struct colour){(double)e.x, (double)e.z};
 }
 
 static struct colour mean_of_quad(const struct room_solution *s, uint32_t quad, double margin) {

@@ -21,32 +21,8 @@ static void add_lamp(struct room *room, struct lw_vec3 at, float intensity) {
     room->light_position[room->light_count++] = at;
 }
 
-static double texel(const struct room_solution *s, uint32_t object, uint32_t x, uint32_t y) {
-    const struct lw_atlas_level *level = &s->map.atlas[object].level[0];
-    struct lw_solver_tile tile;
-    s->solver->ops->read_tile(
-        s->solver,
-        (lw_tile_id){s->map.first_tile[object] + y / LW_TILE_SIDE * level->tiles_x + x / LW_TILE_SIDE},
-        &tile);
-    return (double)tile.irradiance[0][y % LW_TILE_SIDE * tile.width + x % LW_TILE_SIDE];
-}
-
-/* What an engine reads of a quad's front, s along its edge u and t along v, each 0 to 1: bilinear. */
 static double look_up(const struct room_solution *s, uint32_t quad, double along_u, double along_v) {
-    const struct lw_mesh *mesh = &s->scene->mesh[quad];
-    const struct lw_vec2 a = mesh->lightmap_uv[mesh->triangle[0][0]],
-                         b = mesh->lightmap_uv[mesh->triangle[0][1]],
-                         c = mesh->lightmap_uv[mesh->triangle[1][2]];
-    const double x = (double)a.x + along_u * (double)(b.x - a.x) + along_v * (double)(c.x - a.x) - 0.5,
-                 y = (double)a.y + along_u * (double)(b.y - a.y) + along_v * (double)(c.y - a.y) - 0.5;
-    double sum = 0;
-    for (uint32_t j = 0; j < 2; j++)
-        for (uint32_t i = 0; i < 2; i++) {
-            const double wx = i ? x - floor(x) : 1 - (x - floor(x)),
-                         wy = j ? y - floor(y) : 1 - (y - floor(y));
-            if (wx * wy > 0) sum += wx * wy * texel(s, quad, (uint32_t)floor(x) + i, (uint32_t)floor(y) + j);
-        }
-    return sum;
+    return (double)room_look_up(s, quad, along_u, along_v).x;
 }
 
 /* Of quad 0, a wall at x = 0 that is 4 m long: what is read between two heights is the light of this lamp. */
