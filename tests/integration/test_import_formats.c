@@ -206,14 +206,18 @@ static void write_polygon(const char *name, unsigned count) {
     assert_int_equal(fclose(file), 0);
 }
 
-/* Runs the program, which must end with the code and say one line, or none, that holds `text`. */
-static void expect_program(const char *scene, const char *options, int code, const char *text) {
+static void start_import(struct lw_process *process, const char *scene, const char *options) {
     char arguments[1024], path[512];
-    struct lw_process process;
     snprintf(path, sizeof path, "%s", lw_support_temporary(scene));
     snprintf(arguments, sizeof arguments, "%s -o %s --threads 1 %s", path,
              lw_support_temporary("out.lwscene"), options);
-    lw_process_start(&process, "lightwell-import", arguments);
+    lw_process_start(process, "lightwell-import", arguments);
+}
+
+/* Runs the program, which must end with the code and say one line, or none, that holds `text`. */
+static void expect_program(const char *scene, const char *options, int code, const char *text) {
+    struct lw_process process;
+    start_import(&process, scene, options);
     int ended = lw_process_finish(&process, 60);
     char *said = lw_process_err(&process);
     if (ended != code || !strstr(said, text)) fail_msg("%s: ends with %d: %s", scene, ended, said);
@@ -365,12 +369,8 @@ static void write_desk(const char *name, const char *x) {
 
 /* What the program tells on stderr of a scene that it reads. */
 static char *told_of(const char *scene, const char *options) {
-    char arguments[1024], path[512];
     struct lw_process process;
-    snprintf(path, sizeof path, "%s", lw_support_temporary(scene));
-    snprintf(arguments, sizeof arguments, "%s -o %s --threads 1 %s", path,
-             lw_support_temporary("out.lwscene"), options);
-    lw_process_start(&process, "lightwell-import", arguments);
+    start_import(&process, scene, options);
     assert_int_equal(lw_process_finish(&process, 60), 0);
     return lw_process_err(&process);
 }

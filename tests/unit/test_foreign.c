@@ -1,16 +1,13 @@
 /* OBJ, PLY, FBX, Collada and STL through Assimp, against files written here: one known value per rule of
  * docs/importing.md, and files that are broken in one place each. */
-#include "tests/support/support.h"
+#include "tests/support/foreign_case.h"
 
 #include "common/image/image.h"
 #include "common/log.h"
 #include "common/sanitizer.h"
 #include "common/scene/pose.h"
-#include "server/import/foreign.h"
 #include "server/import/guard.h"
 
-#include <errno.h>
-#include <fcntl.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -19,12 +16,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-static void write_bytes(const char *name, const void *bytes, size_t size) {
-    lw_support_write_file(lw_support_temporary(name), bytes, size);
-}
-
-static void write_text(const char *name, const char *text) { write_bytes(name, text, strlen(text)); }
-
 /* 2 x 2: above red and green, below blue and white */
 static void write_picture(const char *name) {
     static const uint8_t rgb[12] = {255, 0, 0, 0, 255, 0, 0, 0, 255, 255, 255, 255};
@@ -32,53 +23,22 @@ static void write_picture(const char *name) {
     lw_support_ok(lw_image_write_png(lw_support_temporary(name), rgb, 2, 2, &err), &err);
 }
 
-static void make_folder(const char *name) {
-    assert_true(mkdir(lw_support_temporary(name), 0700) == 0 || errno == EEXIST);
-}
-
-/* What is told on stderr while a file is read goes here. */
-static char talk[8192];
-
-static enum lw_status load_sides(const char *name, enum lw_foreign_sides sides, struct lw_scene **out,
-                                 struct lw_error *err) {
-    char path[512];
-    snprintf(path, sizeof path, "%s", lw_support_temporary(name));
-    struct lw_foreign_desc desc = {.path = path, .sides = sides};
-    *out = NULL;
-    fflush(stderr);
-    int saved = dup(STDERR_FILENO);
-    int file = open(lw_support_temporary("talk"), O_RDWR | O_CREAT | O_TRUNC, 0600);
-    assert_true(saved >= 0 && file >= 0 && dup2(file, STDERR_FILENO) >= 0);
-    enum lw_status status = lw_scene_format_of(path, &desc.format, err);
-    if (status == LW_OK) {
-        assert_int_not_equal(desc.format, LW_SCENE_FORMAT_GLTF);
-        status = lw_foreign_load(&desc, out, err);
-    }
-    fflush(stderr);
-    dup2(saved, STDERR_FILENO);
-    ssize_t length = pread(file, talk, sizeof talk - 1, 0);
-    talk[length > 0 ? length : 0] = 0;
-    close(saved);
-    close(file);
-    return status;
-}
-
 static struct lw_scene *load(const char *name) {
     struct lw_scene *scene;
     struct lw_error err = {0};
-    lw_support_ok(load_sides(name, LW_FOREIGN_SIDES_AUTO, &scene, &err), &err);
+    lw_support_ok(lw_foreign_case_load(name, LW_FOREIGN_SIDES_AUTO, &scene, &err), &err);
     return scene;
 }
 
 static struct lw_scene *load_text(const char *name, const char *text) {
-    write_text(name, text);
+    lw_foreign_case_write_text(name, text);
     return load(name);
 }
 
 static void refuse(const char *name, const char *reason) {
     struct lw_scene *scene;
     struct lw_error err = {0};
-    enum lw_status status = load_sides(name, LW_FOREIGN_SIDES_AUTO, &scene, &err);
+    enum lw_status status = lw_foreign_case_load(name, LW_FOREIGN_SIDES_AUTO, &scene, &err);
     if (status != LW_BAD_DATA || !strstr(err.text, reason))
         fail_msg("%s: \"%s\", not \"%s\"", name, status ? err.text : "it loads", reason);
     assert_null(scene);
@@ -86,7 +46,7 @@ static void refuse(const char *name, const char *reason) {
 }
 
 static void refuse_text(const char *name, const char *text, const char *reason) {
-    write_text(name, text);
+    lw_foreign_case_write_text(name, text);
     refuse(name, reason);
 }
 
@@ -136,9 +96,9 @@ static struct lw_vec3 albedo_at(const struct lw_scene *scene, const struct lw_me
 static void textures_stand_upright(void **state) {
     (void)state;
     write_picture("pic.png");
-    write_text("one.mtl", "newmtl paint\nKd 1 1 1\nmap_Kd pic.png\n");
+    lw_foreign_case_write_text("one.mtl", "newmtl paint\nKd 1 1 1\nmap_Kd pic.png\n");
     struct lw_scene *scene = load_text("one.obj", "mtllib one.mtl\n" SQUARE "usemtl paint\n" FACE);
-    assert_string_equal(talk, "");
+    assert_string_equal(lw_foreign_case_talk(), "");
     assert_int_equal(triangles_of(scene), 2);
     assert_int_equal(scene->mesh[0].vertex_count, 4); /* shared again */
     const struct lw_mesh *mesh = &scene->mesh[0];
@@ -152,19 +112,19 @@ static void textures_stand_upright(void **state) {
 static void obj_materials_follow_their_rules(void **state) {
     (void)state;
     write_picture("pic.png");
-    write_text("rules.mtl", "newmtl paint\nKd 0.1 0.2 0.3\nKs 1 1 1\n"
-                            "newmtl mirror\nKd 0 0 0\nKs 0.9 0.8 0.7\n"
-                            "newmtl rubber\nKd 0 0 0\nKs 0.5 0.5 0.5\n"
-                            "newmtl tube\nKd 0 0 0\nKs 0.9 0.9 0.9\nKe 5 5 5\n"
-                            "newmtl lamp\nKd 0.5 0.5 0.5\nKe 17 12 4\n"
-                            "newmtl glass\nKd 1 1 1\nd 0.25\n"
-                            "newmtl turned\nKd 1 1 1\nTr 0.25\n"
-                            "newmtl gone\nKd 1 1 1\nd 0\n"
-                            "newmtl bright\nKd 3 0.5 1.5\n"
-                            "newmtl half\nKd 0.5 0.5 0.5\nmap_Kd pic.png\n"
-                            "newmtl black\nKd 0 0 0\nmap_Kd pic.png\n"
-                            "newmtl leaf\nKd 1 1 1\nmap_d pic.png\n"
-                            "newmtl glow\nKd 0 0 0\nmap_Ke pic.png\n");
+    lw_foreign_case_write_text("rules.mtl", "newmtl paint\nKd 0.1 0.2 0.3\nKs 1 1 1\n"
+                                            "newmtl mirror\nKd 0 0 0\nKs 0.9 0.8 0.7\n"
+                                            "newmtl rubber\nKd 0 0 0\nKs 0.5 0.5 0.5\n"
+                                            "newmtl tube\nKd 0 0 0\nKs 0.9 0.9 0.9\nKe 5 5 5\n"
+                                            "newmtl lamp\nKd 0.5 0.5 0.5\nKe 17 12 4\n"
+                                            "newmtl glass\nKd 1 1 1\nd 0.25\n"
+                                            "newmtl turned\nKd 1 1 1\nTr 0.25\n"
+                                            "newmtl gone\nKd 1 1 1\nd 0\n"
+                                            "newmtl bright\nKd 3 0.5 1.5\n"
+                                            "newmtl half\nKd 0.5 0.5 0.5\nmap_Kd pic.png\n"
+                                            "newmtl black\nKd 0 0 0\nmap_Kd pic.png\n"
+                                            "newmtl leaf\nKd 1 1 1\nmap_d pic.png\n"
+                                            "newmtl glow\nKd 0 0 0\nmap_Ke pic.png\n");
     static const char *const names[] = {"paint", "rubber", "tube", "mirror", "lamp", "glass", "turned",
                                         "gone",  "bright", "half", "black",  "leaf", "glow"};
     char text[4096] = "mtllib rules.mtl\n" SQUARE;
@@ -190,11 +150,11 @@ static void obj_materials_follow_their_rules(void **state) {
     assert_float_equal(glass->base_colour[3], 0.25, 0);
     assert_float_equal(material_named(scene, "turned")->base_colour[3], 0.75, 1e-6);
     assert_int_equal(material_named(scene, "gone")->alpha_mode, LW_ALPHA_OPAQUE);
-    assert_non_null(strstr(talk, "materials of opacity 0 are taken as opaque: \"gone\"\n"));
+    assert_non_null(strstr(lw_foreign_case_talk(), "materials of opacity 0 are taken as opaque: \"gone\"\n"));
     c = material_named(scene, "bright")->base_colour;
     assert_float_equal(c[0], 1, 0);
     assert_float_equal(c[1], 0.5, 0);
-    assert_non_null(strstr(talk, "diffuse colours above 1 are lowered to 1: \"bright\"\n"));
+    assert_non_null(strstr(lw_foreign_case_talk(), "diffuse colours above 1 are lowered to 1: \"bright\"\n"));
     assert_float_equal(material_named(scene, "half")->base_colour[1], 0.5, 0);
     assert_float_equal(material_named(scene, "black")->base_colour[1], 1, 0);
     const struct lw_material *leaf = material_named(scene, "leaf");
@@ -205,10 +165,10 @@ static void obj_materials_follow_their_rules(void **state) {
     assert_int_not_equal(material_named(scene, "glow")->emission_texture.texture, LW_SCENE_NONE);
     lw_scene_destroy(scene);
 
-    write_text("wrong.mtl", "newmtl paint\nKd 0.1 -0.2 0.3\n");
+    lw_foreign_case_write_text("wrong.mtl", "newmtl paint\nKd 0.1 -0.2 0.3\n");
     refuse_text("wrong.obj", "mtllib wrong.mtl\n" SQUARE "usemtl paint\n" FACE,
                 "material \"paint\": its diffuse colour has the component -0.2");
-    write_text("wrong.mtl", "newmtl paint\nKe nan 1 1\n");
+    lw_foreign_case_write_text("wrong.mtl", "newmtl paint\nKe nan 1 1\n");
     refuse_text("wrong.obj", "mtllib wrong.mtl\n" SQUARE "usemtl paint\n" FACE,
                 "material \"paint\": its emissive colour has the component nan");
 }
@@ -220,7 +180,7 @@ static void opacity_maps_cut_out(void **state) {
     struct lw_error err = {0};
     lw_support_ok(lw_image_write_png(lw_support_temporary("mask.png"), rgb, 2, 1, &err), &err);
     write_picture("pic.png");
-    write_text("leaf.mtl", "newmtl leaf\nKd 1 1 1\nmap_Kd pic.png\nmap_d mask.png\n");
+    lw_foreign_case_write_text("leaf.mtl", "newmtl leaf\nKd 1 1 1\nmap_Kd pic.png\nmap_d mask.png\n");
     struct lw_scene *scene = load_text("leaf.obj", "mtllib leaf.mtl\n" SQUARE "usemtl leaf\n" FACE);
     const struct lw_material *leaf = material_named(scene, "leaf");
     const struct lw_texture *texture = &scene->texture[leaf->base_colour_texture.texture];
@@ -257,10 +217,10 @@ static void closed_surfaces_have_one_side(void **state) {
     assert_true(scene->material[scene->mesh[0].material[12]].double_sided);
     lw_scene_destroy(scene);
     struct lw_error err = {0};
-    lw_support_ok(load_sides("open.obj", LW_FOREIGN_SIDES_ONE, &scene, &err), &err);
+    lw_support_ok(lw_foreign_case_load("open.obj", LW_FOREIGN_SIDES_ONE, &scene, &err), &err);
     assert_false(scene->material[0].double_sided);
     lw_scene_destroy(scene);
-    lw_support_ok(load_sides("cube.obj", LW_FOREIGN_SIDES_TWO, &scene, &err), &err);
+    lw_support_ok(lw_foreign_case_load("cube.obj", LW_FOREIGN_SIDES_TWO, &scene, &err), &err);
     assert_true(scene->material[0].double_sided);
     lw_scene_destroy(scene);
 }
@@ -296,17 +256,17 @@ static void normals_are_the_files_or_flat_or_smooth_where_it_asks(void **state) 
     struct lw_surface surface;
     lw_scene_surface(scene, mesh, 0, 0.2f, 0.2f, &surface);
     assert_vec3(surface.geometric_normal, 0, 0, -1);
-    assert_non_null(strstr(talk, "1 triangles are wound against their normals"));
+    assert_non_null(strstr(lw_foreign_case_talk(), "1 triangles are wound against their normals"));
     lw_scene_destroy(scene);
 }
 
 /* Paths of other machines, other letters, other folders. */
 static void textures_are_found_by_name(void **state) {
     (void)state;
-    make_folder("textures");
-    make_folder("deep");
-    make_folder("deep/er");
-    make_folder("found.fbm");
+    lw_foreign_case_make_folder("textures");
+    lw_foreign_case_make_folder("deep");
+    lw_foreign_case_make_folder("deep/er");
+    lw_foreign_case_make_folder("found.fbm");
     write_picture("textures/wood 1.png");
     write_picture("deep/er/Tile.PNG");
     write_picture("found.fbm/embedded.png");
@@ -324,25 +284,25 @@ static void textures_are_found_by_name(void **state) {
     for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) {
         char text[256];
         snprintf(text, sizeof text, "newmtl paint\nKd 1 1 1\nmap_Kd %s\n", paths[i]);
-        write_text("found.mtl", text);
+        lw_foreign_case_write_text("found.mtl", text);
         struct lw_scene *scene = load_text("found.obj", "mtllib found.mtl\n" SQUARE "usemtl paint\n" FACE);
-        if (scene->texture_count != 1) fail_msg("%s: not found: %s", paths[i], talk);
+        if (scene->texture_count != 1) fail_msg("%s: not found: %s", paths[i], lw_foreign_case_talk());
         lw_scene_destroy(scene);
     }
     /* no file outside the folder is ever read */
     write_picture("outside.png");
-    make_folder("inside");
-    write_text("inside/one.mtl", "newmtl paint\nKd 1 1 1\nmap_Kd ../outside.png\n");
+    lw_foreign_case_make_folder("inside");
+    lw_foreign_case_write_text("inside/one.mtl", "newmtl paint\nKd 1 1 1\nmap_Kd ../outside.png\n");
     struct lw_scene *scene = load_text("inside/one.obj", "mtllib one.mtl\n" SQUARE "usemtl paint\n" FACE);
     assert_int_equal(scene->texture_count, 0);
-    assert_non_null(strstr(talk, "texture \"../outside.png\": is not there"));
+    assert_non_null(strstr(lw_foreign_case_talk(), "texture \"../outside.png\": is not there"));
     lw_scene_destroy(scene);
 }
 
 static void unreadable_textures_have_a_stand_in(void **state) {
     (void)state;
-    write_text("old.dds", "DDS |and so on, for more bytes than a header has");
-    write_text("cut.png", "\x89PNG\r\n\x1a\n");
+    lw_foreign_case_write_text("old.dds", "DDS |and so on, for more bytes than a header has");
+    lw_foreign_case_write_text("cut.png", "\x89PNG\r\n\x1a\n");
     static const struct {
         const char *name, *reason;
     } cases[] = {{"none.png", "texture \"none.png\": is not there"},
@@ -352,21 +312,23 @@ static void unreadable_textures_have_a_stand_in(void **state) {
         char text[256];
         snprintf(text, sizeof text, "newmtl paint\nKd 0.8 0.8 0.8\nKe 0 0 0\nmap_Kd %s\nmap_Ke %s\n",
                  cases[i].name, cases[i].name);
-        write_text("lost.mtl", text);
+        lw_foreign_case_write_text("lost.mtl", text);
         struct lw_scene *scene = load_text("lost.obj", "mtllib lost.mtl\n" SQUARE "usemtl paint\n" FACE);
-        if (!strstr(talk, cases[i].reason)) fail_msg("\"%s\" lacks \"%s\"", talk, cases[i].reason);
-        assert_int_equal(strchr(talk, '\n')[1], 0); /* one line */
+        if (!strstr(lw_foreign_case_talk(), cases[i].reason))
+            fail_msg("\"%s\" lacks \"%s\"", lw_foreign_case_talk(), cases[i].reason);
+        assert_int_equal(strchr(lw_foreign_case_talk(), '\n')[1], 0); /* one line */
         assert_float_equal(scene->material[0].base_colour[0], 0.4, 1e-6);
         assert_float_equal(scene->material[0].emission[0], 0, 0);
         lw_scene_destroy(scene);
     }
     struct lw_scene *scene = load_text("nolib.obj", "mtllib lost and gone.mtl\n" SQUARE FACE);
-    assert_non_null(strstr(talk, "the material library \"lost and gone.mtl\" is not there"));
+    assert_non_null(
+        strstr(lw_foreign_case_talk(), "the material library \"lost and gone.mtl\" is not there"));
     lw_scene_destroy(scene);
     /* a library of the scene's own name serves, as viewers have it */
-    write_text("own.mtl", "newmtl paint\nKd 0.25 0.25 0.25\n");
+    lw_foreign_case_write_text("own.mtl", "newmtl paint\nKd 0.25 0.25 0.25\n");
     scene = load_text("own.obj", "mtllib lost.and.gone.mtl\n" SQUARE "usemtl paint\n" FACE);
-    assert_string_equal(talk, "");
+    assert_string_equal(lw_foreign_case_talk(), "");
     assert_float_equal(scene->material[0].base_colour[0], 0.25, 0);
     lw_scene_destroy(scene);
 }
@@ -415,12 +377,12 @@ static void stl_has_triangles_alone(void **state) {
     uint8_t binary[84 + 50] = {[80] = 1};
     const float facet[12] = {0, 0, 1, 0, 0, 0, 3, 0, 0, 0, 3, 0};
     memcpy(binary + 84, facet, sizeof facet);
-    write_bytes("two.stl", binary, sizeof binary);
+    lw_foreign_case_write_bytes("two.stl", binary, sizeof binary);
     scene = load("two.stl");
     assert_int_equal(triangles_of(scene), 1);
     lw_scene_destroy(scene);
     binary[80] = 2;
-    write_bytes("short.stl", binary, sizeof binary);
+    lw_foreign_case_write_bytes("short.stl", binary, sizeof binary);
     refuse("short.stl", "has the name of a STL file but does not begin like one");
 }
 
@@ -522,12 +484,12 @@ static const struct lw_light *light_named(const struct lw_scene *scene, const ch
 
 static void collada_arrives_in_metres_and_upright(void **state) {
     (void)state;
-    make_folder("some dir");
+    lw_foreign_case_make_folder("some dir");
     write_picture("some dir/pic.png");
     struct lw_scene *scene = load_text("t.dae", dae);
     struct lw_pose pose;
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
-    assert_non_null(strstr(talk, "ambient lights are ignored"));
+    assert_non_null(strstr(lw_foreign_case_talk(), "ambient lights are ignored"));
     assert_int_equal(scene->object_count, 2);
     assert_int_equal(triangles_of(scene), 4);
     /* a square of 1 m that lies flat: file (x, y, z) cm is (x, z, -y) / 100 m */
@@ -783,14 +745,15 @@ static void tga_and_bmp_are_read_by_every_format(void **state) {
     for (int i = 0; i < 2; i++) {
         char library[64];
         snprintf(library, sizeof library, "newmtl paint\nKd 1 1 1\nmap_Kd %s\n", names[i]);
-        write_text("four.mtl", library);
+        lw_foreign_case_write_text("four.mtl", library);
         char *const texts[] = {strdup("mtllib four.mtl\n" SQUARE "usemtl paint\n" FACE),
                                with_picture(dae, "some%20dir/PIC.png", names[i]),
                                with_picture(fbx, "textures\\pic.png", names[i])};
         const char *const scenes[] = {"four.obj", "four.dae", "four.fbx"};
         for (int s = 0; s < 3; s++) {
             struct lw_scene *scene = load_text(scenes[s], texts[s]);
-            if (scene->texture_count != 1) fail_msg("%s, %s: %s", scenes[s], names[i], talk);
+            if (scene->texture_count != 1)
+                fail_msg("%s, %s: %s", scenes[s], names[i], lw_foreign_case_talk());
             assert_int_equal(scene->texture[0].width, 2);
             assert_memory_equal(scene->texture[0].rgba, rgba, sizeof rgba);
             lw_scene_destroy(scene);
@@ -804,7 +767,7 @@ static void fbx_arrives_in_metres_and_upright(void **state) {
     struct lw_scene *scene = load_text("t.fbx", fbx);
     struct lw_pose pose;
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
-    assert_string_equal(talk, "");
+    assert_string_equal(lw_foreign_case_talk(), "");
     assert_int_equal(scene->object_count, 1);
     assert_vec3(place(&pose, scene, "quad", lw_vec3(1, 1, 0)), 4, 0, -1);
     const struct lw_material *paint = material_named(scene, "paint");
@@ -865,7 +828,7 @@ static void lamps_alone_are_no_triangles(void **state) {
  * there. */
 static void equal_key_times_are_one_key(void **state) {
     (void)state;
-    make_folder("some dir");
+    lw_foreign_case_make_folder("some dir");
     write_picture("some dir/pic.png");
     char *text = replaced(dae, ">0.5 2</float_array>", ">2 2</float_array>");
     struct lw_scene *scene = load_text("equal.dae", text);
@@ -897,7 +860,7 @@ static void fbx_leaves_out_what_it_means(void **state) {
     free(text);
     text = replaced(fbx, "   P: \"FieldOfView\", \"FieldOfView\", \"\", \"A\",90\n", "");
     scene = load_text("view.fbx", text);
-    assert_string_equal(talk, "");
+    assert_string_equal(lw_foreign_case_talk(), "");
     assert_float_equal(scene->camera[0].fov_y, 2 * atanf(tanf(0.5f * 25.115f * LW_PI / 180) / 2), 1e-5);
     lw_scene_destroy(scene);
     free(text);
@@ -908,7 +871,8 @@ static void fbx_leaves_out_what_it_means(void **state) {
                  "   P: \"CameraProjectionType\", \"enum\", \"\", \"\",%s\n   P: \"FieldOfView\"", kinds[i]);
         text = replaced(fbx, "   P: \"FieldOfView\"", line);
         scene = load_text("parallel.fbx", text);
-        assert_int_equal(strstr(talk, "orthographic cameras are read as perspective ones") != NULL, i);
+        assert_int_equal(
+            strstr(lw_foreign_case_talk(), "orthographic cameras are read as perspective ones") != NULL, i);
         lw_scene_destroy(scene);
         free(text);
     }
@@ -939,7 +903,7 @@ static void broken_files_are_refused_in_one_line(void **state) {
     refuse_text("index.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 9\n", "out of range");
     refuse_text("nan.obj", "v 0 0 0\nv nan 0 0\nv 1 1 0\nf 1 2 3\n", "vertex 1 is not a finite number");
     refuse_text("far.obj", "v 0 0 0\nv 2e9 0 0\nv 1 1 0\nf 1 2 3\n", "vertex 1 is farther than 1e+09 m");
-    write_bytes("zeros.obj", "v 0 0 0\n\0\0\0\0", 12);
+    lw_foreign_case_write_bytes("zeros.obj", "v 0 0 0\n\0\0\0\0", 12);
     refuse("zeros.obj", "has the name of a OBJ file but does not begin like one");
     refuse_text("not.fbx", "hello", "has the name of a FBX file but does not begin like one");
     refuse_text("not.dae", "<html></html>", "has the name of a Collada file but does not begin like one");
@@ -947,12 +911,12 @@ static void broken_files_are_refused_in_one_line(void **state) {
     refuse_text("cut.dae", "<?xml version=\"1.0\"?><COLLADA><asset>", "is no Collada file that can be read");
     refuse_text("cut.fbx", "Kaydara FBX Binary  ", "is no FBX file that can be read");
     refuse_text("cut.ply", "ply\nformat ascii 1.0\n", "is cut short: its header has no end");
-    make_folder("folder.obj");
+    lw_foreign_case_make_folder("folder.obj");
     refuse("folder.obj", "is not a regular file");
     struct lw_scene *scene;
     struct lw_error err = {0};
-    lw_support_fails(load_sides("never.obj", LW_FOREIGN_SIDES_AUTO, &scene, &err), LW_NO_INPUT, &err,
-                     "never.obj: No such file");
+    lw_support_fails(lw_foreign_case_load("never.obj", LW_FOREIGN_SIDES_AUTO, &scene, &err), LW_NO_INPUT,
+                     &err, "never.obj: No such file");
 }
 
 /* Headers of two hundred bytes that claim 2^31 elements. */
@@ -983,7 +947,7 @@ static void odd_files_are_read(void **state) {
                       "o gr\xFCn\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 7 7 7\nf 1 2 3\nf 1 2 3\nf 3 2 1\nf 1 1 2\n");
     assert_int_equal(triangles_of(scene), 3);
     assert_int_equal(scene->mesh[0].vertex_count, 6); /* flat: three a side; nobody uses the fourth */
-    assert_non_null(strstr(talk, "1 triangles without area are left out"));
+    assert_non_null(strstr(lw_foreign_case_talk(), "1 triangles without area are left out"));
     assert_string_equal(scene->object[0].name, "gr\xC3\xBCn");
     lw_scene_destroy(scene);
     /* a millimetre and a hundred kilometres */

@@ -1,83 +1,48 @@
 /* OBJ, MTL, PLY, STL and Collada as people and exporters write them: what is read, what is named and
  * skipped, line by line of the tables of docs/importing.md. */
-#include "tests/support/support.h"
+#include "tests/support/foreign_case.h"
 
 #include "common/log.h"
 #include "common/scene/pose.h"
-#include "server/import/foreign.h"
 
-#include <errno.h>
-#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
-
-static char talk[16384]; /* what is told on stderr while a file is read */
-
-static void write_bytes(const char *name, const void *bytes, size_t size) {
-    lw_support_write_file(lw_support_temporary(name), bytes, size);
-}
-
-static void write_text(const char *name, const char *text) { write_bytes(name, text, strlen(text)); }
-
-static void make_folder(const char *name) {
-    assert_true(mkdir(lw_support_temporary(name), 0700) == 0 || errno == EEXIST);
-}
 
 /* One texel of a TGA. */
 static void write_picture(const char *name, uint8_t red, uint8_t green, uint8_t blue) {
     const uint8_t tga[21] = {[2] = 2, [12] = 1, [14] = 1, [16] = 24, [18] = blue, [19] = green, [20] = red};
-    write_bytes(name, tga, sizeof tga);
-}
-
-static enum lw_status try_load(const char *name, struct lw_scene **out, struct lw_error *err) {
-    char path[512];
-    snprintf(path, sizeof path, "%s", lw_support_temporary(name));
-    struct lw_foreign_desc desc = {.path = path};
-    *out = NULL;
-    fflush(stderr);
-    int saved = dup(STDERR_FILENO);
-    int file = open(lw_support_temporary("talk"), O_RDWR | O_CREAT | O_TRUNC, 0600);
-    assert_true(saved >= 0 && file >= 0 && dup2(file, STDERR_FILENO) >= 0);
-    enum lw_status status = lw_scene_format_of(path, &desc.format, err);
-    if (status == LW_OK) status = lw_foreign_load(&desc, out, err);
-    fflush(stderr);
-    dup2(saved, STDERR_FILENO);
-    ssize_t length = pread(file, talk, sizeof talk - 1, 0);
-    talk[length > 0 ? length : 0] = 0;
-    close(saved);
-    close(file);
-    return status;
+    lw_foreign_case_write_bytes(name, tga, sizeof tga);
 }
 
 static struct lw_scene *load(const char *name) {
     struct lw_scene *scene;
     struct lw_error err = {0};
-    if (try_load(name, &scene, &err)) fail_msg("%s: %s", name, err.text);
+    if (lw_foreign_case_load(name, LW_FOREIGN_SIDES_AUTO, &scene, &err)) fail_msg("%s: %s", name, err.text);
     return scene;
 }
 
 static struct lw_scene *load_text(const char *name, const char *text) {
-    write_text(name, text);
+    lw_foreign_case_write_text(name, text);
     return load(name);
 }
 
 static void refuse_text(const char *name, const char *text, const char *reason) {
     struct lw_scene *scene;
     struct lw_error err = {0};
-    write_text(name, text);
-    if (try_load(name, &scene, &err) != LW_BAD_DATA || !strstr(err.text, reason))
+    lw_foreign_case_write_text(name, text);
+    if (lw_foreign_case_load(name, LW_FOREIGN_SIDES_AUTO, &scene, &err) != LW_BAD_DATA ||
+        !strstr(err.text, reason))
         fail_msg("%s: \"%s\", not \"%s\"", name, err.text, reason);
 }
 
 static void assert_told(const char *what) {
-    if (!strstr(talk, what)) fail_msg("\"%s\" is not told; but: %s", what, talk);
+    if (!strstr(lw_foreign_case_talk(), what))
+        fail_msg("\"%s\" is not told; but: %s", what, lw_foreign_case_talk());
 }
 
 static void assert_quiet(const char *text) {
-    if (*talk) fail_msg("%s tells: %s", text, talk);
+    if (*lw_foreign_case_talk()) fail_msg("%s tells: %s", text, lw_foreign_case_talk());
 }
 
 static const struct lw_material *first_material(const struct lw_scene *scene) {
@@ -88,7 +53,7 @@ static void assert_colour(const struct lw_scene *scene, float red, float green, 
     const float *c = first_material(scene)->base_colour;
     if (fabsf(c[0] - red) > 1e-5f || fabsf(c[1] - green) > 1e-5f || fabsf(c[2] - blue) > 1e-5f)
         fail_msg("%s: (%g, %g, %g), not (%g, %g, %g); told: %s", of, (double)c[0], (double)c[1], (double)c[2],
-                 (double)red, (double)green, (double)blue, talk);
+                 (double)red, (double)green, (double)blue, lw_foreign_case_talk());
 }
 
 #define QUAD "v 0 0 2\nv 2 0 2\nv 2 0 0\nv 0 0 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
@@ -96,7 +61,7 @@ static void assert_colour(const struct lw_scene *scene, float red, float green, 
 #define RED  0.8f, 0.1f, 0.1f
 #define GREY 0.6f, 0.6f, 0.6f
 
-static void write_red_library(void) { write_text("m.mtl", "newmtl red\nKd 0.8 0.1 0.1\n"); }
+static void write_red_library(void) { lw_foreign_case_write_text("m.mtl", "newmtl red\nKd 0.8 0.1 0.1\n"); }
 
 /* ---- text ---- */
 
@@ -147,7 +112,7 @@ static void mtl_is_read_however_it_is_written(void **state) {
     };
     write_picture("red.tga", 200, 10, 10);
     for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
-        write_text("t.mtl", texts[i]);
+        lw_foreign_case_write_text("t.mtl", texts[i]);
         struct lw_scene *scene = load_text("text.obj", "mtllib t.mtl\nusemtl t\n" QUAD FACE);
         assert_quiet(texts[i]);
         assert_colour(scene, RED, texts[i]);
@@ -160,7 +125,7 @@ static void mtl_is_read_however_it_is_written(void **state) {
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         char text[256];
         snprintf(text, sizeof text, "newmtl %s # tail\nKd 0.8 0.1 0.1\n", names[i]);
-        write_text("t.mtl", text);
+        lw_foreign_case_write_text("t.mtl", text);
         snprintf(text, sizeof text, "mtllib t.mtl\nusemtl %s\n" QUAD FACE, names[i]);
         struct lw_scene *scene = load_text("text.obj", text);
         assert_quiet(names[i]);
@@ -176,7 +141,7 @@ static void wide_text_is_named(void **state) {
     static const char *const starts[] = {"\xFF\xFEv", "\xFE\xFFv", "\xFF\xFEv"};
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
         refuse_text(names[i], starts[i % 3], "is UTF-16 text, which is not read: save it as UTF-8");
-    write_text("wide.mtl", "\xFF\xFEn");
+    lw_foreign_case_write_text("wide.mtl", "\xFF\xFEn");
     struct lw_scene *scene = load_text("text.obj", "mtllib wide.mtl\nusemtl t\n" QUAD FACE);
     assert_told("the material library \"wide.mtl\" is UTF-16: save it as UTF-8");
     assert_colour(scene, GREY, "wide.mtl");
@@ -187,11 +152,11 @@ static void wide_text_is_named(void **state) {
 
 static void libraries_are_found(void **state) {
     (void)state;
-    make_folder("my mats");
-    make_folder("other");
+    lw_foreign_case_make_folder("my mats");
+    lw_foreign_case_make_folder("other");
     write_red_library();
-    write_text("my mats/a b.mtl", "newmtl blue\nKd 0.1 0.1 0.8\nnewmtl red\nKd 0 0 0\n");
-    write_text("other/none", "newmtl green\nKd 0.1 0.8 0.1\n");
+    lw_foreign_case_write_text("my mats/a b.mtl", "newmtl blue\nKd 0.1 0.1 0.8\nnewmtl red\nKd 0 0 0\n");
+    lw_foreign_case_write_text("other/none", "newmtl green\nKd 0.1 0.8 0.1\n");
     static const struct {
         const char *lines, *used;
         float colour[3];
@@ -207,7 +172,7 @@ static void libraries_are_found(void **state) {
         {"mtllib C:\\work\\m.mtl", "red", {RED}, NULL},
         {"mtllib m.mtl gone.mtl", "red", {RED}, "the material library \"gone.mtl\" is not there"},
         {"mtllib gone.mtl m.mtl lost.mtl", "red", {RED}, "library \"gone.mtl\" (and 1 more) is not there"},
-        {"mtllib ../m.mtl", "red", {RED}, NULL}, /* nothing outside of the folder is looked at */
+        {"mtllib ../m.mtl", "red", {RED}, NULL}, /* no file outside of the folder is opened */
         {"mtllib", "red", {GREY}, "line 1: \"mtllib\": names no library"},
         {"mtllib m.mtl", "green", {GREY}, "materials that no library has are grey: \"green\""},
         {"mtllib m.mtl", "RED", {GREY}, "materials that no library has are grey: \"RED\""},
@@ -228,7 +193,7 @@ static void libraries_are_found(void **state) {
     struct lw_scene *scene = load_text("names.obj", "mtllib m.mtl\n" QUAD "usemtl a\n" FACE "usemtl b\n" FACE
                                                     "usemtl red\n" FACE "usemtl c\n" FACE);
     assert_told("materials that no library has are grey: \"a\" and 2 more"); /* one line for all */
-    assert_int_equal(strchr(talk, '\n')[1], 0);
+    assert_int_equal(strchr(lw_foreign_case_talk(), '\n')[1], 0);
     lw_scene_destroy(scene);
 }
 
@@ -251,9 +216,9 @@ static void libraries_and_materials_are_bounded(void **state) {
 
 static void textures_lie_beside_their_library(void **state) {
     (void)state;
-    make_folder("mats");
-    make_folder("mats/tex");
-    make_folder("pics");
+    lw_foreign_case_make_folder("mats");
+    lw_foreign_case_make_folder("mats/tex");
+    lw_foreign_case_make_folder("pics");
     write_picture("mats/tex/deep blue.tga", 10, 10, 200);
     write_picture("mats/flat.tga", 1, 2, 3);
     write_picture("flat.tga", 4, 5, 6);
@@ -269,13 +234,13 @@ static void textures_lie_beside_their_library(void **state) {
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         char text[256];
         snprintf(text, sizeof text, "newmtl t\nKd 1 1 1\nmap_Kd %s\n", cases[i].path);
-        write_text("mats/sub.mtl", text);
+        lw_foreign_case_write_text("mats/sub.mtl", text);
         struct lw_scene *scene = load_text("beside.obj", "mtllib mats/sub.mtl\nusemtl t\n" QUAD FACE);
-        if (scene->texture_count != 1) fail_msg("%s: %s", cases[i].path, talk);
+        if (scene->texture_count != 1) fail_msg("%s: %s", cases[i].path, lw_foreign_case_talk());
         assert_int_equal(scene->texture[0].rgba[0], cases[i].red);
         lw_scene_destroy(scene);
     }
-    write_text("mats/sub.mtl", "newmtl t\nmap_Kd ../../outside.tga\n");
+    lw_foreign_case_write_text("mats/sub.mtl", "newmtl t\nmap_Kd ../../outside.tga\n");
     struct lw_scene *scene = load_text("beside.obj", "mtllib mats/sub.mtl\nusemtl t\n" QUAD FACE);
     assert_told("texture \"../../outside.tga\": is not there");
     lw_scene_destroy(scene);
@@ -326,13 +291,13 @@ static void map_options_move_textures_or_are_named(void **state) {
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         char text[256];
         snprintf(text, sizeof text, "newmtl t\nmap_Kd %s my red.tga\n", cases[i].options);
-        write_text("o.mtl", text);
+        lw_foreign_case_write_text("o.mtl", text);
         struct lw_scene *scene = load_text("options.obj", "mtllib o.mtl\nusemtl t\n" QUAD FACE);
         if (cases[i].told)
             assert_told(cases[i].told);
         else
             assert_quiet(text);
-        if (scene->texture_count != 1) fail_msg("%s: no texture: %s", text, talk);
+        if (scene->texture_count != 1) fail_msg("%s: no texture: %s", text, lw_foreign_case_talk());
         const float *m = first_material(scene)->base_colour_texture.transform;
         const float expected[6] = {cases[i].scale[0], 0, cases[i].offset[0], 0, cases[i].scale[1],
                                    cases[i].offset[1]};
@@ -345,7 +310,7 @@ static void map_options_move_textures_or_are_named(void **state) {
 static struct lw_scene *load_map(const char *line) {
     char text[256];
     snprintf(text, sizeof text, "newmtl t\nKd 1 1 1\n%s\n", line);
-    write_text("o.mtl", text);
+    lw_foreign_case_write_text("o.mtl", text);
     return load_text("options.obj", "mtllib o.mtl\nusemtl t\n" QUAD FACE);
 }
 
@@ -442,15 +407,15 @@ static void rare_statements_of_mtl_are_named(void **state) {
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         char text[256];
         snprintf(text, sizeof text, "newmtl t\nKd 0.8 0.1 0.1\n%s\n", cases[i].line);
-        write_text("rare.mtl", text);
+        lw_foreign_case_write_text("rare.mtl", text);
         struct lw_scene *scene = load_text("rare.obj", "mtllib rare.mtl\nusemtl t\n" QUAD FACE);
         assert_told(cases[i].told);
-        assert_int_equal(strchr(talk, '\n')[1], 0); /* one line */
+        assert_int_equal(strchr(lw_foreign_case_talk(), '\n')[1], 0); /* one line */
         assert_colour(scene, RED, text);
         assert_int_equal(first_material(scene)->alpha_mode, LW_ALPHA_OPAQUE);
         lw_scene_destroy(scene);
     }
-    write_text("rare.mtl", "Kd 1 1 1\nnewmtl t\nKd 0.5\nTr 0.75\nd 0.25\nTr 0.9\nKe 2\n");
+    lw_foreign_case_write_text("rare.mtl", "Kd 1 1 1\nnewmtl t\nKd 0.5\nTr 0.75\nd 0.25\nTr 0.9\nKe 2\n");
     struct lw_scene *scene = load_text("rare.obj", "mtllib rare.mtl\nusemtl t\n" QUAD FACE);
     assert_told("line 1: \"Kd\": stands before the first newmtl");
     assert_colour(scene, 0.5f, 0.5f, 0.5f, "one number");               /* is all three */
@@ -500,7 +465,7 @@ static void rare_statements_of_obj_are_named(void **state) {
     for (int i = 0; i < 30; i++) sprintf(text + strlen(text), "frob%d\n", i);
     struct lw_scene *scene = load_text("rare.obj", text);
     assert_told("\"frob9\"");
-    assert_null(strstr(talk, "\"frob10\""));
+    assert_null(strstr(lw_foreign_case_talk(), "\"frob10\""));
     assert_told("20 more lines of other kinds are not read");
     lw_scene_destroy(scene);
 }
@@ -667,7 +632,7 @@ static void ply_is_read_however_it_is_written(void **state) {
             sprintf(text + strlen(text), "%s%s", lines[i], ends[e]);
         const size_t length = strlen(text);
         memcpy(text + length, "\x0A\x01\x01\x09\x01\x01\x0A\x09\x01\x03\x00\x01\x02", 13);
-        write_bytes("b.ply", text, length + 13);
+        lw_foreign_case_write_bytes("b.ply", text, length + 13);
         struct lw_scene *scene = load("b.ply");
         assert_int_equal(scene->mesh[0].triangle_count, 1);
         float x = 0;
@@ -682,7 +647,7 @@ static void ply_is_read_however_it_is_written(void **state) {
         "property uchar y\nproperty uchar z\nelement face 1\n"
         "property list uchar uchar vertex_indices\nend_header\n"
         "\x07\x02\x07\x07\x07\x01\x07\x05\x01\x01\x09\x01\x01\x05\x09\x01\x03\x00\x01\x02";
-    write_bytes("camera.ply", foreign, sizeof foreign - 1);
+    lw_foreign_case_write_bytes("camera.ply", foreign, sizeof foreign - 1);
     struct lw_scene *scene = load("camera.ply");
     assert_told("line 3: \"camera\": is not read");
     assert_float_equal(scene->mesh[0].position[1].x, 9, 0);
@@ -775,7 +740,7 @@ static struct lw_scene *load_binary_stl(const char *header, unsigned first, unsi
     }
     binary[84 + 48] = (uint8_t)first, binary[84 + 49] = (uint8_t)(first >> 8);
     binary[84 + 98] = (uint8_t)second, binary[84 + 99] = (uint8_t)(second >> 8);
-    write_bytes("two.stl", binary, sizeof binary);
+    lw_foreign_case_write_bytes("two.stl", binary, sizeof binary);
     return load("two.stl");
 }
 
