@@ -28,7 +28,7 @@ run: deps ## light the built-in atrium; the server says what to do next
 test: deps build ## the fast tests: unit, golden, reference, integration; names the ten slowest
 	@scripts/check.sh fast
 
-test-long: deps-all ## all other checks, long tests, the fast ones ten times under load, a short run of each fuzzer
+test-long: deps-all ## other checks, long tests, the fast ones ten times under load, each fuzzer for a while
 	@scripts/check.sh gcc clang dev tsan arm64 rays-all isa long flakes fuzz
 
 bench: build ## what each kernel costs and how far it is from bare rays: one table, and bench.json

@@ -140,7 +140,9 @@ test('a page by https, with a token', { skip: missing || false }, async () => {
       await until(page, 'an exposure', () => lightwell.exposure() !== 0);
       const stops = await page.evaluate(() => lightwell.exposure());
       await slider.fill('0.25');
-      await until(page, 'a longer exposure', (before) => lightwell.exposure() > before + 0.5, { given: stops });
+      await until(page, 'a longer exposure', (before) => lightwell.exposure() > before + 0.5, {
+        given: stops,
+      });
       const name = pictureName('access', 'control'); // with its sliders
       if (name) await page.screenshot({ path: name });
     });

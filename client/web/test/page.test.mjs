@@ -150,7 +150,9 @@ test('a page lives on', { skip: missing || false }, async () => {
     // nothing changes: it stops drawing, though it meters its exposure, and the legend says how things are
     const legend = () => page.evaluate(() => document.getElementById('legend').textContent);
     await until(page, 'a picture that is complete', () =>
-      /^picture complete · light complete · .*\d+ kbit\/s/.test(document.getElementById('legend').textContent),
+      /^picture complete · light complete · .*\d+ kbit\/s/.test(
+        document.getElementById('legend').textContent,
+      ),
     );
     assert.doesNotMatch(await legend(), /NaN|undefined|Infinity/);
 

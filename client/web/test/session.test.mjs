@@ -14,7 +14,8 @@ const { Session, nothingKept, Tiles, buildGeometry, readTile, Type } = await loa
 );
 const skip = hasDaemon() ? false : 'there is no lightwelld in build/release/bin';
 
-/** One connection by TCP, which carries the same bytes as a WebSocket. Its clock stands at 0: no PING, no silence. */
+/** One connection by TCP, which carries the same bytes as a WebSocket. Its clock stands at 0: no PING, no
+ * silence. */
 class Connection {
   constructor(port, kept, tiles, parts) {
     this.parts = parts;

@@ -1,4 +1,4 @@
-// shared.mjs: one browser for all tests of a file: it starts with the first page, and ends after the last test.
+// shared.mjs: one browser for all tests of a file, from the first page to the last test's end.
 import assert from 'node:assert/strict';
 import { after } from 'node:test';
 
@@ -8,7 +8,8 @@ import { openBrowser } from './page.mjs';
 let browser = null;
 after(async () => (await browser)?.close());
 
-/** A page of its own context. look(page, context): what to do with it; it ends when the page throws something.
+/** A page of its own context. look(page, context): what to do with it. It ends when the page
+ * throws something.
  * Nor shall the page warn of anything, unless mayWarn. args: of the browser, by the first page. more: of the
  * context. */
 export async function withPage(viewport, look, { mayWarn = false, args = [], ...more } = {}) {

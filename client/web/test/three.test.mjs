@@ -49,7 +49,7 @@ function hook() {
   };
 }
 
-/** The page with all light of so many frames. */
+/** The page with all light of `frames` frames. */
 async function lit(page, daemon, frames) {
   // a client of a kind of its own gets its light with the next frame
   await until(page, 'the scene', () => heard.scene);
@@ -121,7 +121,8 @@ async function show(lights, { given, what, daemon: more = [], view = [], limits 
   }
 }
 
-test('three: all light in lightmaps, and what is unlit as its colour', { skip: missing || false }, async () => {
+const inLightmaps = 'three: all light in lightmaps, and what is unlit as its colour';
+test(inLightmaps, { skip: missing || false }, async () => {
   const limits = { difference: 2, flip: 0.03 };
   const given = { unlit: true };
   const { lamps } = await show('tiles', { given, what: 'tiles', view: ['--direct', 'tiles'], limits });
