@@ -3,7 +3,7 @@
 /* The reader looks from this far before the ray's end, in texels: high enough that a bulge does not hide its
  * own neighbours. */
 #define BEFORE 0.1f
-/* And along this share of the way to a texel's place, which lies on the surface. */
+/* Share of the way to a texel's place that must be free: the place lies on the surface. */
 #define WAY 0.98f
 
 /* Where one ray ends. */

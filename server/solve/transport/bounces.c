@@ -348,10 +348,10 @@ void lw_bounces_repeat(const struct lw_transport *t, const struct lw_solve_tile 
 /* What the texels of one block and one side (texels.h) send on of one order. */
 struct sending {
     uint32_t side, count;
-    double sum;                /* of luminance of E */
+    double sum;                /* luminance of E, all texels */
     float most;                /* luminance of E that a texel sends on by itself, at most */
-    struct lw_vec3 kept, back; /* what the texels send by themselves, and what they keep back */
-    struct lw_vec3 spread;     /* what is kept back, for each unit of luminance that is sent */
+    struct lw_vec3 kept, back; /* radiance that texels send by themselves; radiance beyond that */
+    struct lw_vec3 spread;     /* radiance beyond, per unit of luminance sent */
 };
 struct senders {
     float *const *e;
@@ -371,7 +371,7 @@ static float share_alone(const struct sending *sending, float luminance) {
     return luminance > sending->most ? sending->most / luminance : 1;
 }
 
-/* Those of the texel's side, entered if they are new. Neighbours are mostly on the same side. */
+/* The entry of a side, made if there is none. Neighbours are mostly on one side: last is tried first. */
 static struct sending *sending_of(struct senders *senders, uint32_t side, struct sending *last) {
     if (last && last->side == side) return last;
     for (uint32_t k = 0; k < senders->count; k++)
