@@ -135,6 +135,7 @@ static void full_is_split_and_what_is_drawn(void **state) {
             drawn += draws->material[m];
         }
         assert_true(shining == 1 && drawn == 1);
+        lw_process_await_frames(&server, 2); /* light may come before its frame's line */
         assert_true(lw_process_newest(&server, "sessions_drawing") == 1);
         assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
         for (int i = 0; i < CLIENTS; i++) leave(i);
@@ -159,6 +160,7 @@ static void a_form_that_is_taken_late_comes_at_once(void **state) {
     wait_for_rest(SPLIT);
     print_message("light after %.0f ms\n", 1e-6 * (double)(lw_clock_ns() - joined_ns));
     poll_all();
+    lw_process_await_frames(&server, 2);
     assert_true(lw_process_newest(&server, "rays_total") == rays);
     assert_int_equal(tiles_of(FULL), tiles); /* what they have is as it was */
     /* and who comes back finds it still there */

@@ -11,7 +11,8 @@ void lw_foreign_case_write_bytes(const char *name, const void *bytes, size_t siz
 void lw_foreign_case_write_text(const char *name, const char *text);
 void lw_foreign_case_make_folder(const char *name);
 
-/** Loads a file. *out: NULL unless that succeeds. Errors: those of lw_scene_format_of() and lw_foreign_load(). */
+/** Loads a file. *out: NULL unless that succeeds. Errors: those of lw_scene_format_of() and
+ * lw_foreign_load(). */
 LW_MUST_CHECK enum lw_status lw_foreign_case_load(const char *name, enum lw_foreign_sides sides,
                                                   struct lw_scene **out, struct lw_error *err);
 
