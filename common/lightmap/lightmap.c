@@ -4,6 +4,7 @@
 #include "common/lightmap/lightmap_check.h"
 #include "common/lightmap/lightmap_density.h"
 #include "common/lightmap/lightmap_pack.h"
+#include "common/lightmap/lightmap_things.h"
 #include "common/progress.h"
 #include "common/scene/pose.h"
 
@@ -39,6 +40,7 @@ struct job {
     uint32_t mesh_index, object_count;
     double metres_per_unit; /* of its largest object */
     double area_os;         /* square units */
+    double edges_os;        /* units (lightmap_things.h); 0 where the density is given */
     double asked;           /* texels per metre as a multiple of the scene's, by name */
     double relative;        /* the same where the number of texels is bounded, on top of that */
     bool has_back;
@@ -354,17 +356,56 @@ static double clamp_density(double density) {
     return density < (double)FLT_MIN ? (double)FLT_MIN : density > 1e9 ? 1e9 : density;
 }
 
+static enum lw_status find_edges(struct drive *drive) {
+    enum lw_status status = LW_OK;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(drive->threads)
+    for (uint32_t i = 0; i < drive->job_count; i++) {
+        const enum lw_status failed = lw_lightmap_things_edges(drive->job[i].mesh, &drive->job[i].edges_os);
+        if (failed)
+#pragma omp atomic write
+            status = failed;
+    }
+    return status;
+}
+
+/* The mean size of things, m: twice the area by the edges. An object that is larger than all others together,
+ * such as a ground to the horizon, counts as one of their size. 0: no edges. */
+static double size_of_things(const struct drive *drive) {
+    double area = 0, edges = 0, largest = 0, its_edges = 0;
+    for (uint32_t i = 0; i < drive->job_count; i++) {
+        const struct job *job = &drive->job[i];
+        const double side = job->metres_per_unit, one = job->area_os * side * side;
+        area += one * (double)job->object_count;
+        edges += job->edges_os * side * (double)job->object_count;
+        if (one > largest) largest = one, its_edges = job->edges_os * side;
+    }
+    const double others = area - largest;
+    if (largest > others && others > 0) {
+        area = 2 * others;
+        edges -= its_edges * (1 - others / largest);
+    }
+    return edges > 0 ? 2 * area / edges : 0;
+}
+
+/* What is wanted where nothing is asked for: texels per metre of a scene of this surface, m^2. */
+static double default_density(const struct drive *drive, double area) {
+    const double things = size_of_things(drive), most = drive->texels_max;
+    double density = LW_LIGHTMAP_DENSITY_DEFAULT;
+    if (!(area > 0)) return density;
+    density = fmax(density, sqrt(fmin((double)LW_LIGHTMAP_TEXELS_MIN, most) / area));
+    if (!(things > 0)) return density;
+    const double affordable = sqrt(fmin((double)LW_LIGHTMAP_TEXELS_FINE, most) / area);
+    return fmax(density, fmin(LW_LIGHTMAP_ACROSS / things, affordable));
+}
+
 /* What is wanted, and what bounds it. */
 static void choose_density(struct drive *drive, const struct lw_lightmap_desc *desc) {
-    const double area = total_surface(drive);
     const bool given = desc->texels_per_metre > 0;
     drive->texels_max = desc->texels_max ? (double)desc->texels_max
                         : given          ? (double)INFINITY
                                          : default_most(drive);
-    double density = given ? (double)desc->texels_per_metre : LW_LIGHTMAP_DENSITY_DEFAULT;
-    if (!given && area > 0)
-        density = fmax(density, sqrt(fmin((double)LW_LIGHTMAP_TEXELS_MIN, drive->texels_max) / area));
-    drive->density_max = clamp_density(density);
+    drive->density_max =
+        clamp_density(given ? (double)desc->texels_per_metre : default_density(drive, total_surface(drive)));
 }
 
 /* Before anything is laid out: charts cover about as many texels as surfaces have, and more at their
@@ -579,6 +620,7 @@ enum lw_status lw_lightmap_build(struct lw_scene *scene, const struct lw_lightma
     uint64_t triangles = 0;
     struct lw_progress progress;
     enum lw_status status = find_jobs(&drive);
+    if (status == LW_OK && !(desc->texels_per_metre > 0)) status = find_edges(&drive);
     if (status != LW_OK)
         lw_status_fail(err, status, "out of memory for lightmap UVs");
     else

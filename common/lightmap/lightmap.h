@@ -28,6 +28,8 @@
 
 /* Defaults; plain numbers, so that help texts print them. Reasons: docs/results/density.md. */
 #define LW_LIGHTMAP_DENSITY_DEFAULT 5       /* texels per metre */
+#define LW_LIGHTMAP_ACROSS          16      /* texels across a thing, if they are no more in all than ... */
+#define LW_LIGHTMAP_TEXELS_FINE     100000  /* ... this: what light that is finer may cost */
 #define LW_LIGHTMAP_TEXELS_MIN      20000   /* a scene of a few square metres has a higher density */
 #define LW_LIGHTMAP_TEXELS_MAX      1000000 /* or half the triangles of all objects, if that is more */
 #define LW_LIGHTMAP_SIDE_DEFAULT    4096    /* texels */
@@ -38,7 +40,9 @@
 #define LW_LIGHTMAP_NUMBER(value)  LW_LIGHTMAP_NUMBER_(value)
 #define LW_LIGHTMAP_DENSITY_HELP                                                                            \
     "texels per metre of the lightmaps (default: " LW_LIGHTMAP_NUMBER(LW_LIGHTMAP_DENSITY_DEFAULT)          \
-    ", or more where a scene would have under " LW_LIGHTMAP_NUMBER(LW_LIGHTMAP_TEXELS_MIN) " texels)"
+    "; more where a scene would have under " LW_LIGHTMAP_NUMBER(LW_LIGHTMAP_TEXELS_MIN)                     \
+    " texels, and " LW_LIGHTMAP_NUMBER(LW_LIGHTMAP_ACROSS) " across a thing of mean size while the scene "  \
+    "has under " LW_LIGHTMAP_NUMBER(LW_LIGHTMAP_TEXELS_FINE) ")"
 #define LW_LIGHTMAP_TEXELS_HELP                                                                             \
     "texels of all lightmaps at most, about; a scene that needs more gets fewer per metre (default: none "  \
     "with --texels-per-metre, else " LW_LIGHTMAP_NUMBER(LW_LIGHTMAP_TEXELS_MAX)                             \
@@ -49,7 +53,10 @@
 /* clang-format on */
 
 struct lw_lightmap_desc {
-    float texels_per_metre; /* 0: LW_LIGHTMAP_DENSITY_DEFAULT, or what gives LW_LIGHTMAP_TEXELS_MIN */
+    /* 0: LW_LIGHTMAP_DENSITY_DEFAULT; what gives LW_LIGHTMAP_TEXELS_MIN, if that is more; what gives
+     * LW_LIGHTMAP_ACROSS texels to the mean size of things (lightmap_things.h), if that is more, or
+     * LW_LIGHTMAP_TEXELS_FINE, if that is less. */
+    float texels_per_metre;
     /* Covered texels of all objects, about. A scene that would have more gets a lower density, the same for
      * all objects; only an object that would take over half of the texels, such as a ground to the horizon,
      * gets less than the others. 0: no bound with texels_per_metre; else LW_LIGHTMAP_TEXELS_MAX, or half the

@@ -2,6 +2,7 @@
 
 #include "common/builtin/builtin.h"
 #include "common/lightmap/lightmap.h"
+#include "common/lightmap/lightmap_things.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -650,6 +651,39 @@ static void a_small_scene_has_texels_enough(void **state) {
     lw_scene_destroy(scene);
 }
 
+/* Cubes of 1 m have what a thing of 1 m wants, while that is affordable. */
+static void small_things_have_finer_texels(void **state) {
+    const uint32_t cubes[] = {50, 500};
+    for (int i = 0; i < 2; i++) {
+        struct shape *s = fresh(state);
+        cube(s, 1);
+        struct lw_scene *scene = scene_of(s, NULL, cubes[i]);
+        struct lw_lightmap_report r = build_default(scene, 0);
+        const double wanted = fmin(LW_LIGHTMAP_ACROSS, sqrt(LW_LIGHTMAP_TEXELS_FINE / (6.0 * cubes[i])));
+        assert_float_equal(r.density_wanted, wanted, 1e-4);
+        lw_scene_destroy(scene);
+        scene = scene_of(s, NULL, cubes[i]);
+        r = build_default(scene, 150 * cubes[i]); /* the bound is stronger */
+        assert_in_range(r.texels_covered, 100, 160);
+        lw_scene_destroy(scene);
+    }
+}
+
+/* An open cylinder of radius 0.5 and height 2: its two rims, and a full turn along its height, in right
+ * angles. */
+static void round_things_have_one_size(void **state) {
+    for (unsigned columns = 12; columns <= 96; columns *= 2) {
+        struct shape *s = fresh(state);
+        grid(s, cylinder, columns, 4);
+        struct lw_scene *scene = scene_of(s, NULL, 1);
+        double length;
+        lw_support_ok(lw_lightmap_things_edges(scene->mesh, &length), NULL);
+        const double rims = 2 * columns * sin((double)LW_PI / columns), turn = 4 * 2;
+        assert_true(fabs(length - (rims + turn)) < 1e-3);
+        lw_scene_destroy(scene);
+    }
+}
+
 static void texels_bound_the_density(void **state) {
     struct lw_scene *scene = cube_of_side(state, 1e5f);
     struct lw_lightmap_report r = build_default(scene, 0);
@@ -695,19 +729,26 @@ static void many_triangles_get_texels(void **state) {
     lw_scene_destroy(scene);
 }
 
-/* A ground of 3 km and a plate of 10 m: even densities would leave the plate 11 of the 1,000,000 texels. */
-static void a_ground_does_not_starve_the_rest(void **state) {
+/* A square plate on a ground of this side; mesh 0 is the ground. */
+static struct lw_scene *plate_on_a_ground(void **state, float ground_m, float plate_m) {
     struct shape *s = fresh(state);
-    quad(s, lw_vec3(0, 0, 0), lw_vec3(3000, 0, 0), lw_vec3(0, 3000, 0));
+    quad(s, lw_vec3(0, 0, 0), lw_vec3(ground_m, 0, 0), lw_vec3(0, ground_m, 0));
     struct lw_scene *scene = scene_of(s, NULL, 2);
     struct lw_mesh *mesh = lw_scene_alloc(scene, 2, sizeof *mesh);
     struct lw_vec3 *small = lw_scene_alloc(scene, s->vertex_count, sizeof *small);
-    for (uint32_t v = 0; v < s->vertex_count; v++) small[v] = lw_vec3_scale(s->position[v], 1.0f / 300);
+    for (uint32_t v = 0; v < s->vertex_count; v++)
+        small[v] = lw_vec3_scale(s->position[v], plate_m / ground_m);
     mesh[0] = mesh[1] = scene->mesh[0];
     mesh[1].position = small;
     scene->mesh = mesh;
     scene->mesh_count = 2;
     scene->object[1].mesh = 1;
+    return scene;
+}
+
+/* A ground of 3 km and a plate of 10 m: even densities would leave the plate 11 of the 1,000,000 texels. */
+static void a_ground_does_not_starve_the_rest(void **state) {
+    struct lw_scene *scene = plate_on_a_ground(state, 3000, 10);
     struct lw_lightmap_report r[2];
     struct lw_error err = {0};
     lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){0}, r, &err), &err);
@@ -757,6 +798,18 @@ static void named_objects_have_their_own_density(void **state) {
     scene->object[0].name = lw_scene_string(scene, "cube");
     density_of(scene, "cube=8", NULL, &r); /* 6 * 64 * 64 would be past the bound of 3000 */
     assert_true(r.bounded && r.texels_covered < 3600 && r.density_wanted == 64);
+    lw_scene_destroy(scene);
+}
+
+/* The ground, far larger, counts as a second plate: of its area and its share of the ground's edges. */
+static void a_ground_does_not_coarsen_the_rest(void **state) {
+    struct lw_scene *scene = plate_on_a_ground(state, 30, 2);
+    struct lw_lightmap_report r[2];
+    struct lw_error err = {0};
+    lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){0}, r, &err), &err);
+    const double edges_m = 4 * 2 + 4 * 30 / 225.0, things_m = 2 * (4 + 4) / edges_m;
+    for (int i = 0; i < 2; i++)
+        assert_float_equal(r[i].density_wanted, (float)(LW_LIGHTMAP_ACROSS / things_m), 1e-4f);
     lw_scene_destroy(scene);
 }
 
@@ -848,9 +901,12 @@ int main(void) {
         cmocka_unit_test(ugly_meshes_are_laid_out),
         cmocka_unit_test(the_default_is_a_density),
         cmocka_unit_test(a_small_scene_has_texels_enough),
+        cmocka_unit_test(small_things_have_finer_texels),
+        cmocka_unit_test(round_things_have_one_size),
         cmocka_unit_test(texels_bound_the_density),
         cmocka_unit_test(many_triangles_get_texels),
         cmocka_unit_test(a_ground_does_not_starve_the_rest),
+        cmocka_unit_test(a_ground_does_not_coarsen_the_rest),
         cmocka_unit_test(named_objects_have_their_own_density),
         cmocka_unit_test(threads_do_not_matter),
         cmocka_unit_test(overlaps_are_seen),
