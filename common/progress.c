@@ -110,6 +110,15 @@ void lw_progress_init(struct lw_progress *p, const char *stage, uint64_t total) 
     p->unit = NULL;
     p->limit_s = 0;
     p->wanted = NULL;
+    p->waiting = NULL;
+}
+
+void lw_progress_init_waiting(struct lw_progress *p, const char *stage, uint64_t total,
+                              struct lw_waiting *waiting, enum lw_waiting_stage waiting_stage) {
+    lw_progress_init(p, stage, total);
+    p->waiting = waiting;
+    p->waiting_stage = waiting_stage;
+    lw_waiting_raise(waiting, waiting_stage, 0, total);
 }
 
 static void show_when_due(struct lw_progress *p, uint64_t done) {
@@ -133,13 +142,18 @@ static void show_when_due(struct lw_progress *p, uint64_t done) {
         lw_log(LW_LOG_INFO, "%s: %s", p->stage, state);
 }
 
+static void note(struct lw_progress *p, uint64_t done) {
+    lw_waiting_raise(p->waiting, p->waiting_stage, done, p->total);
+    show_when_due(p, done);
+}
+
 void lw_progress_step(struct lw_progress *p, uint64_t steps) {
-    show_when_due(p, atomic_fetch_add_explicit(&p->done, steps, memory_order_relaxed) + steps);
+    note(p, atomic_fetch_add_explicit(&p->done, steps, memory_order_relaxed) + steps);
 }
 
 void lw_progress_set(struct lw_progress *p, uint64_t done) {
     atomic_store_explicit(&p->done, done, memory_order_relaxed);
-    show_when_due(p, done);
+    note(p, done);
 }
 
 void lw_progress_finish(struct lw_progress *p) {

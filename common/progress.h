@@ -5,6 +5,8 @@
 #ifndef LW_COMMON_PROGRESS_H
 #define LW_COMMON_PROGRESS_H
 
+#include "common/waiting.h"
+
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -25,10 +27,17 @@ struct lw_progress {
     /* May be NULL; lw_progress_init() makes it so. While it is false the stage shows nothing: nobody waits
      * for its end. */
     const _Atomic bool *wanted;
+    /* Hears of each step which share of waiting_stage is done, whether the stage shows anything or not. NULL,
+     * as lw_progress_init() makes it: nobody does. It outlives the stage. */
+    struct lw_waiting *waiting;
+    enum lw_waiting_stage waiting_stage;
 };
 
 /** Starts a stage. stage must outlive p. */
 void lw_progress_init(struct lw_progress *p, const char *stage, uint64_t total);
+/** The same for a stage before the first light: waiting, which may be NULL, hears how much of it is done. */
+void lw_progress_init_waiting(struct lw_progress *p, const char *stage, uint64_t total,
+                              struct lw_waiting *waiting, enum lw_waiting_stage waiting_stage);
 /** Adds steps and shows them when due. */
 void lw_progress_step(struct lw_progress *p, uint64_t steps);
 /** Sets the steps done, which may be fewer than before, and shows them when due. */

@@ -274,9 +274,14 @@ static enum lw_status pass_on(struct frame *f, struct lw_error *err) {
 static void begin_progress(struct lw_cell_solver *s) {
     static const _Atomic bool never = false;
     const uint32_t passes = 1 + (s->desc.bounces ? 1 + s->desc.bounces : 0);
-    lw_progress_init(&s->progress, s->frames ? "finishing the samples under way" : "lighting the first frame",
-                     (uint64_t)s->due_count * passes);
-    if (s->frames) s->progress.wanted = s->desc.finishing ? s->desc.finishing : &never;
+    const uint64_t steps = (uint64_t)s->due_count * passes;
+    if (!s->frames) {
+        lw_progress_init_waiting(&s->progress, "lighting the first frame", steps, s->desc.waiting,
+                                 LW_WAITING_FIRST_LIGHT);
+        return;
+    }
+    lw_progress_init(&s->progress, "finishing the samples under way", steps);
+    s->progress.wanted = s->desc.finishing ? s->desc.finishing : &never;
 }
 
 /* While what is remembered of the time before a movement may still show. */

@@ -22,17 +22,17 @@ struct lw_geometry_search {
 
 enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_scene *scene,
                                 const struct lw_pose *pose, int threads, const _Atomic bool *cancel,
-                                struct lw_error *err) {
+                                struct lw_waiting *waiting, struct lw_error *err) {
     *geometry = (struct lw_geometry){.scene = scene, .threads = threads};
     enum lw_status status = lw_pose_init(&geometry->pose, scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
     lw_pose_copy(&geometry->pose, pose, scene);
     if ((status = lw_trace_create(scene, &geometry->pose, &geometry->trace, err)) != LW_OK) return status;
-    status = lw_texels_init(&geometry->texels, scene, (unsigned)threads, cancel, err);
+    status = lw_texels_init(&geometry->texels, scene, (unsigned)threads, cancel, waiting, err);
     if (status != LW_OK) return status;
     uint64_t invalid = 0;
     status = lw_invalid_texels_find(&geometry->texels, &geometry->pose, geometry->trace, threads, cancel,
-                                    &invalid);
+                                    waiting, &invalid);
     if (status == LW_CLOSED) return status;
     if (status != LW_OK) return lw_status_fail(err, status, "%u texels", geometry->texels.count);
     if (invalid)

@@ -24,11 +24,15 @@ struct lw_geometry {
     int threads;
 };
 
-/** Builds structure and texels at a pose. scene outlives the geometry. cancel may be NULL; once true, it ends
- * soon. Errors: LW_NO_MEMORY, LW_INTERNAL; LW_BAD_DATA for more texels than fit; LW_CLOSED: cancelled. */
+/** Builds structure and texels at a pose.
+ * scene    outlives the geometry
+ * cancel   may be NULL; once true, it ends soon
+ * waiting  may be NULL; hears how far it is
+ * Errors   LW_NO_MEMORY, LW_INTERNAL; LW_BAD_DATA for more texels than fit; LW_CLOSED: cancelled */
 LW_MUST_CHECK enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_scene *scene,
                                               const struct lw_pose *pose, int threads,
-                                              const _Atomic bool *cancel, struct lw_error *err);
+                                              const _Atomic bool *cancel, struct lw_waiting *waiting,
+                                              struct lw_error *err);
 /** A zeroed one is fine. */
 void lw_geometry_finish(struct lw_geometry *geometry);
 

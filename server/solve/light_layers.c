@@ -470,6 +470,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         struct lw_solver_stats of_layer;
         if (!layer->ran) continue;
         if (s->count > 1) measure(s, layer);
+        lw_waiting_set_part(s->desc.waiting, (uint32_t)(layer - s->layer), s->count);
         enum lw_status status =
             layer->solver->ops->frame(layer->solver, &layer->pose, number, &of_layer, err);
         if (status != LW_OK) return status;
@@ -651,7 +652,8 @@ static enum lw_status build(struct layers *s, const struct lw_pose *pose, struct
     enum lw_status status = lw_pose_init(&s->pose, s->desc.scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
     lw_pose_copy(&s->pose, pose, s->desc.scene);
-    status = lw_geometry_init(&s->geometry, s->desc.scene, &s->pose, s->threads, s->desc.cancel, err);
+    status = lw_geometry_init(&s->geometry, s->desc.scene, &s->pose, s->threads, s->desc.cancel,
+                              s->desc.waiting, err);
     bool plain = s->groups.count == 1;
     while (status == LW_OK && s->count < s->groups.count) {
         status = build_layer(s, s->count++, err);

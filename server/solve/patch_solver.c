@@ -251,8 +251,11 @@ static enum lw_status show_light(struct lw_patch_solver *s, uint64_t number, boo
 
 static void solve_all(struct lw_patch_solver *s, struct lw_solver_stats *stats) {
     uint64_t t = lw_clock_ns();
-    lw_progress_init(&s->progress, s->frames ? s->method->name : "lighting the first frame",
-                     s->method->steps(s));
+    if (s->frames)
+        lw_progress_init(&s->progress, s->method->name, s->method->steps(s));
+    else
+        lw_progress_init_waiting(&s->progress, "lighting the first frame", s->method->steps(s),
+                                 s->desc.waiting, LW_WAITING_FIRST_LIGHT);
     stats->rays_shadow = light_directly(s);
     stats->direct_ns = lw_clock_ns() - t;
     t = lw_clock_ns();
@@ -442,7 +445,8 @@ static enum lw_status build(struct lw_patch_solver *s, const struct lw_pose *pos
     enum lw_status status = lw_pose_init(&s->pose, scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
     lw_pose_copy(&s->pose, pose, scene);
-    status = lw_geometry_init(&s->geometry, scene, &s->pose, s->threads, s->desc.cancel, err);
+    status =
+        lw_geometry_init(&s->geometry, scene, &s->pose, s->threads, s->desc.cancel, s->desc.waiting, err);
     if (status != LW_OK) return status;
     const struct lw_texels *texels = &s->geometry.texels;
     struct lw_vec3 lo = {0}, hi = {0};

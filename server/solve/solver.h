@@ -16,6 +16,7 @@
 #define LW_SOLVER_BOUNCES_MAX 16u
 
 struct lw_client_lights;
+struct lw_waiting;
 
 /** Zero means default, where zero makes no sense as a value. */
 struct lw_solver_desc {
@@ -53,6 +54,9 @@ struct lw_solver_desc {
     /* May be NULL; while true, changes wait for the end of the frame under way, which
      * shows nothing that may wait. */
     const _Atomic bool *awaited;
+    /* May be NULL; hears how far creation and the first frame are, up to LW_WAITING_FIRST_LIGHT (waiting.h).
+     * It outlives the solver. */
+    struct lw_waiting *waiting;
 };
 
 /** What one frame cost. Times are wall time of the calling thread. */

@@ -109,7 +109,7 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
     struct figures f = {0};
     char label[64];
     enum lw_status status = bench_open(&set->open, path, BENCH_MOTION_OWN, 0, &scene, &pose, NULL, err);
-    if (status == LW_OK) status = lw_texels_init(&texels, scene, 0, NULL, err);
+    if (status == LW_OK) status = lw_texels_init(&texels, scene, 0, NULL, NULL, err);
     for (uint32_t o = 0; status == LW_OK && o < scene->object_count; o++)
         f.atlas_texels += texels.mesh[scene->object[o].mesh].texel_count;
     if (status == LW_OK && !(f.square = malloc((f.atlas_texels + 1) * sizeof *f.square)))

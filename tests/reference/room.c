@@ -240,7 +240,7 @@ static double covered_area(const struct lw_mesh *mesh, double x, double y) {
 void room_each_texel(const struct room_solution *solution, uint32_t object, room_texel_fn *fn, void *user) {
     struct lw_error err = {0};
     struct lw_texels texels;
-    lw_support_ok(lw_texels_init(&texels, solution->scene, 1, NULL, &err), &err);
+    lw_support_ok(lw_texels_init(&texels, solution->scene, 1, NULL, NULL, &err), &err);
     const struct lw_mesh_texels *mesh = &texels.mesh[solution->scene->object[object].mesh];
     const struct lw_atlas_level *level = &solution->map.atlas[object].level[0];
     for (uint32_t t = 0; t < level->tiles_x * level->tiles_y; t++) {

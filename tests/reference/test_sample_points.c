@@ -156,7 +156,7 @@ static void test_a_coarse_sphere_shades_smoothly(void **state) {
     room_solve_scene(&solution, scene, 16, (struct lw_solver_desc){.direct_samples = 1}, 32);
     struct lw_error err = {0};
     struct lw_texels texels;
-    lw_support_ok(lw_texels_init(&texels, scene, 1, NULL, &err), &err);
+    lw_support_ok(lw_texels_init(&texels, scene, 1, NULL, NULL, &err), &err);
     const struct lw_mesh_texels *mesh = &texels.mesh[0];
     unsigned lit_texels = 0, near_terminator = 0;
     double sum = 0, want_sum = 0;
@@ -295,7 +295,7 @@ static void test_a_strip_has_eight_places(void **state) {
     room_solve(&solution, &room, (struct lw_solver_desc){0}, 1);
     struct lw_error err = {0};
     struct lw_texels texels;
-    lw_support_ok(lw_texels_init(&texels, solution.scene, 1, NULL, &err), &err);
+    lw_support_ok(lw_texels_init(&texels, solution.scene, 1, NULL, NULL, &err), &err);
     const struct lw_mesh_texels *mesh = &texels.mesh[0];
     const struct lw_sample_points *points = &mesh->sample_points;
     unsigned whole = 0;
@@ -344,7 +344,7 @@ static void test_a_strip_has_the_albedo_of_what_is_seen_of_it(void **state) {
     room_solve_scene(&solution, strip_of_a_band(&room), DENSITY, (struct lw_solver_desc){0}, 1);
     struct lw_error err = {0};
     struct lw_texels texels;
-    lw_support_ok(lw_texels_init(&texels, solution.scene, 1, NULL, &err), &err);
+    lw_support_ok(lw_texels_init(&texels, solution.scene, 1, NULL, NULL, &err), &err);
     const struct lw_mesh_texels *mesh = &texels.mesh[0];
     uint32_t covered = 0;
     for (uint32_t i = 0; i < mesh->texel_count; i++) {

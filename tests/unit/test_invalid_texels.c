@@ -39,10 +39,10 @@ static void what_was_buried_comes_to_light(void **state) {
                   &err);
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
     lw_support_ok(lw_trace_create(scene, &pose, &trace, &err), &err);
-    lw_support_ok(lw_texels_init(&texels, scene, 1, NULL, &err), &err);
+    lw_support_ok(lw_texels_init(&texels, scene, 1, NULL, NULL, &err), &err);
     const uint32_t all = covered(&texels, floor, true);
     uint64_t count;
-    lw_support_ok(lw_invalid_texels_find(&texels, &pose, trace, 1, NULL, &count), NULL);
+    lw_support_ok(lw_invalid_texels_find(&texels, &pose, trace, 1, NULL, NULL, &count), NULL);
     assert_true(count > 0);
     const uint32_t with_both = covered(&texels, floor, false);
     assert_true(with_both < all); /* some 0.6 m x 0.6 m under each */
@@ -70,8 +70,8 @@ static void what_was_buried_comes_to_light(void **state) {
 
     /* as if there had never been a block: what the walls bury stays so */
     struct lw_texels fresh;
-    lw_support_ok(lw_texels_init(&fresh, scene, 1, NULL, &err), &err);
-    lw_support_ok(lw_invalid_texels_find(&fresh, &pose, trace, 1, NULL, &count), NULL);
+    lw_support_ok(lw_texels_init(&fresh, scene, 1, NULL, NULL, &err), &err);
+    lw_support_ok(lw_invalid_texels_find(&fresh, &pose, trace, 1, NULL, NULL, &count), NULL);
     assert_int_equal(with_none, covered(&fresh, floor, false));
     assert_memory_equal(texels.covered, fresh.covered, texels.count);
     assert_memory_equal(texels.usable, fresh.usable, texels.count);

@@ -172,7 +172,7 @@ static uint32_t list_parts(const struct search *s, struct part *out_part) {
 
 enum lw_status lw_invalid_texels_find(struct lw_texels *texels, const struct lw_pose *pose,
                                       const struct lw_trace *trace, int threads, const _Atomic bool *cancel,
-                                      uint64_t *out_count) {
+                                      struct lw_waiting *waiting, uint64_t *out_count) {
     const uint32_t objects = texels->scene->object_count;
     const struct search search = begin(texels, pose, trace);
     const uint32_t parts = list_parts(&search, NULL);
@@ -182,7 +182,8 @@ enum lw_status lw_invalid_texels_find(struct lw_texels *texels, const struct lw_
     uint64_t count = 0;
     int failures = 0;
     struct lw_progress progress;
-    lw_progress_init(&progress, "looking inside objects", parts + objects);
+    lw_progress_init_waiting(&progress, "looking inside objects", (uint64_t)parts + objects, waiting,
+                             LW_WAITING_LOOKING_INSIDE);
 #pragma omp parallel num_threads(threads) reduction(+ : count, failures)
     {
 #pragma omp for schedule(dynamic, 1)

@@ -18,11 +18,15 @@
 #include "server/solve/surface/texels.h"
 
 /** Takes invalid points out of usable, invalid texels and those that yield (crossings.h) out of covered, and
- * links the sources. *out_count: how many texels are gone. cancel may be NULL; once true, it ends
- * within a part of an object. Errors: LW_NO_MEMORY; LW_CLOSED: cancelled. */
+ * links the sources.
+ * cancel     may be NULL; once true, it ends within a part of an object
+ * waiting    may be NULL; hears how far it is
+ * out_count  how many texels are gone
+ * Errors     LW_NO_MEMORY; LW_CLOSED: cancelled */
 LW_MUST_CHECK enum lw_status lw_invalid_texels_find(struct lw_texels *texels, const struct lw_pose *pose,
                                                     const struct lw_trace *trace, int threads,
-                                                    const _Atomic bool *cancel, uint64_t *out_count);
+                                                    const _Atomic bool *cancel, struct lw_waiting *waiting,
+                                                    uint64_t *out_count);
 
 /** After objects have become movers: texels near where these stood that have lost points are tested again, as
  * a whole, and have the points that are valid now: most get some back, a few lose others, or yield in

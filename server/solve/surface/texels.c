@@ -496,7 +496,7 @@ static void note_colours(struct lw_texels *texels) {
 }
 
 enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *scene, unsigned threads,
-                              const _Atomic bool *cancel, struct lw_error *err) {
+                              const _Atomic bool *cancel, struct lw_waiting *waiting, struct lw_error *err) {
     *texels = (struct lw_texels){.scene = scene};
     texels->mesh = calloc(scene->mesh_count + 1, sizeof *texels->mesh);
     texels->first = calloc(scene->object_count + 1, sizeof *texels->first);
@@ -526,7 +526,7 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
 
     int failures = 0;
     struct lw_progress progress;
-    lw_progress_init(&progress, "placing texels", count);
+    lw_progress_init_waiting(&progress, "placing texels", count, waiting, LW_WAITING_PLACING_TEXELS);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads ? (int)threads : omp_get_max_threads())  \
     reduction(+ : failures)
     for (uint32_t m = 0; m < scene->mesh_count; m++) {

@@ -10,6 +10,7 @@
 
 #include "common/scene/scene.h"
 #include "common/tile/atlas.h"
+#include "common/waiting.h"
 #include "server/solve/surface/sample_points.h"
 
 #define LW_TEXEL_NONE UINT32_MAX
@@ -67,11 +68,12 @@ struct lw_texels {
 
 /** Rasterises every mesh that an object uses.
  * cancel   may be NULL; once true, it ends within a mesh
+ * waiting  may be NULL; hears how far it is
  * Errors: LW_NO_MEMORY; LW_BAD_DATA for more than 2^30 texels in all; LW_CLOSED, with *err as it was:
  * cancelled. */
 LW_MUST_CHECK enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *scene,
                                             unsigned threads, const _Atomic bool *cancel,
-                                            struct lw_error *err);
+                                            struct lw_waiting *waiting, struct lw_error *err);
 void lw_texels_finish(struct lw_texels *texels);
 
 /** Bytes held. */
