@@ -34,7 +34,8 @@ enum lw_message_type {
     LW_MESSAGE_UPDATED = 14, /* server -> client, answer to update */
     LW_MESSAGE_HOLDS = 15,   /* client -> server: tiles of an earlier session */
     LW_MESSAGE_ASK = 16,     /* client -> server: as an operator, for figures or an end */
-    LW_MESSAGE_REPORT = 17   /* server -> client: answer to it */
+    LW_MESSAGE_REPORT = 17,  /* server -> client: answer to it */
+    LW_MESSAGE_WAITING = 18  /* server -> client: why there is no light yet */
 };
 
 struct lw_framing_header {

@@ -24,7 +24,8 @@
     X(UPDATED, "UPDATED", lightwell__wire__updated__descriptor)                                              \
     X(HOLDS, "HOLDS", lightwell__wire__holds__descriptor)                                                    \
     X(ASK, "ASK", lightwell__wire__ask__descriptor)                                                          \
-    X(REPORT, "REPORT", lightwell__wire__report__descriptor)
+    X(REPORT, "REPORT", lightwell__wire__report__descriptor)                                                 \
+    X(WAITING, "WAITING", lightwell__wire__waiting__descriptor)
 
 #define TRANSFORM_FLOATS 12u
 #define VECTOR_FLOATS    3u
@@ -271,6 +272,11 @@ static enum lw_status check_values(const struct lw_message *m, struct lw_error *
             return over(err, "data", "is", LW_MESSAGE_REPORT_MAX, " bytes");
         return m->report.code && m->report.size ? invalid(err, "data", "is there though it is refused")
                                                 : LW_OK;
+    case LW_MESSAGE_WAITING:
+        if (m->waiting.stage < 1 || m->waiting.stage > LW_MESSAGE_WAITING_STAGE_MAX)
+            return invalid(err, "stage", "is not in 1..65535");
+        return m->waiting.share >= 0 && m->waiting.share <= 1 ? LW_OK
+                                                              : invalid(err, "share", "is not from 0 to 1");
     case LW_MESSAGE_ACK:
     case LW_MESSAGE_PING:
     case LW_MESSAGE_PONG:
@@ -306,6 +312,7 @@ union wire {
     Lightwell__Wire__Holds holds;
     Lightwell__Wire__Ask ask;
     Lightwell__Wire__Report report;
+    Lightwell__Wire__Waiting waiting;
 };
 
 static const ProtobufCMessageDescriptor *descriptor_of(unsigned type) {
@@ -439,6 +446,10 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->report.code = m->report.code;
         wire->report.data.data = (uint8_t *)m->report.data;
         wire->report.data.len = m->report.size;
+        break;
+    case LW_MESSAGE_WAITING:
+        wire->waiting.stage = m->waiting.stage;
+        wire->waiting.share = m->waiting.share;
         break;
     }
 }
@@ -985,6 +996,9 @@ static enum lw_status read_wire(const union wire *w, struct lw_message *m, struc
     case LW_MESSAGE_REPORT:
         m->report = (struct lw_message_report){w->report.request, w->report.code, w->report.data.data,
                                                w->report.data.len};
+        return LW_OK;
+    case LW_MESSAGE_WAITING:
+        m->waiting = (struct lw_message_waiting){w->waiting.stage, w->waiting.share};
         return LW_OK;
     }
     return LW_INTERNAL;

@@ -34,9 +34,10 @@
 #define LW_MESSAGE_CLIENT_LIGHTS_MAX    (LW_SCENE_LIGHTS_MAX / 8)    /* bytes: a bit for each */
 #define LW_MESSAGE_CLIENT_MATERIALS_MAX (LW_SCENE_MATERIALS_MAX / 8) /* likewise */
 /* largest code; those not named below are refusals all the same */
-#define LW_MESSAGE_REFUSAL_MAX     65535u
-#define LW_MESSAGE_RETRY_AFTER_MAX 3600000u /* ms */
-#define LW_MESSAGE_FIELDS_MAX      64u      /* protobuf fields of a body, a packed list counting as one */
+#define LW_MESSAGE_REFUSAL_MAX       65535u
+#define LW_MESSAGE_RETRY_AFTER_MAX   3600000u /* ms */
+#define LW_MESSAGE_WAITING_STAGE_MAX 65535u   /* those that are not named are stages all the same */
+#define LW_MESSAGE_FIELDS_MAX        64u      /* protobuf fields of a body, a packed list counting as one */
 /* Zstd's bound for a package. */
 #define LW_MESSAGE_COMPRESSED_MAX (LW_PACKAGE_SIZE_MAX + (LW_PACKAGE_SIZE_MAX >> 8))
 
@@ -226,6 +227,12 @@ struct lw_message_report {
     size_t size; /* bytes; 0 with a code */
 };
 
+struct lw_message_waiting {
+    uint32_t stage; /* enum lw_waiting_stage, not UNKNOWN, or one of a newer server; at most
+                       LW_MESSAGE_WAITING_STAGE_MAX */
+    float share;    /* of it that is done, 0 to 1 */
+};
+
 struct lw_message {
     enum lw_message_type type;
     union {
@@ -245,6 +252,7 @@ struct lw_message {
         struct lw_message_holds holds;
         struct lw_message_ask ask;
         struct lw_message_report report;
+        struct lw_message_waiting waiting;
     };
     void *storage;       /* what decoding allocated */
     void *scratch;       /* for encoding lists: 4 bytes for each of their numbers; NULL: malloc() */

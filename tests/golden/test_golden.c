@@ -1,6 +1,7 @@
 #include "tests/support/support.h"
 
 #include "common/tile/tile_codec.h"
+#include "common/waiting.h"
 #include "proto/message.h"
 
 #include <ctype.h>
@@ -245,6 +246,10 @@ static const struct golden {
       .report = {7, LW_REPORT_DONE, (const uint8_t *)"lightwell_sessions 3\n", 21}}},
     {"report_empty.bin", {.type = LW_MESSAGE_REPORT, .report = {.request = 8}}},
     {"report_unknown.bin", {.type = LW_MESSAGE_REPORT, .report = {9, LW_REPORT_UNKNOWN, NULL, 0}}},
+    {"waiting.bin", {.type = LW_MESSAGE_WAITING, .waiting = {LW_WAITING_LOOKING_INSIDE, 0.25f}}},
+    {"waiting_none_done.bin", {.type = LW_MESSAGE_WAITING, .waiting = {LW_WAITING_PLACING_TEXELS, 0}}},
+    {"waiting_ready.bin", {.type = LW_MESSAGE_WAITING, .waiting = {LW_WAITING_READY, 1}}},
+    {"waiting_unknown_stage.bin", {.type = LW_MESSAGE_WAITING, .waiting = {65535, 0.5f}}},
     {"ping.bin", {.type = LW_MESSAGE_PING, .ping = {0x0123456789abcdef}}},
     {"pong.bin", {.type = LW_MESSAGE_PONG, .pong = {0x0123456789abcdef}}},
 };
@@ -293,6 +298,8 @@ static const struct {
     {"invalid_update_values.bin", "12000000 0d00 0000 12040c000000 1a0400000000 220403000000", "shorter"},
     {"invalid_holds_lengths.bin", "12000000 0f00 0000 0a0411000000 120400000000 1a0402000000",
      "differ in length"},
+    {"invalid_waiting_stage.bin", "05000000 1200 0000 15 0000803e", "stage is not in 1..65535"},
+    {"invalid_waiting_share.bin", "07000000 1200 0000 0802 15 0000c03f", "share is not from 0 to 1"},
     {"invalid_settled.bin", "00000000 0c00 0000", "frame is 0"},
     {"invalid_tile_scale.bin", "06000000 0800 0000 2001 3001 5200", "scale"},
     {"invalid_tile_payload.bin", "09000000 0800 0000 2001 3001 3d00008040", "payload"},
@@ -414,7 +421,8 @@ static void test_examples_of_the_document(void **state) {
                                        "hello_draws.bin",
                                        "welcome_draws.bin",
                                        "tile_split.bin",
-                                       "holds.bin"};
+                                       "holds.bin",
+                                       "waiting.bin"};
     size_t size;
     char *document = (char *)lw_support_read_file(lw_support_source("proto/wire_format.md"), &size);
     for (unsigned i = 0; i < sizeof file / sizeof *file; i++) {

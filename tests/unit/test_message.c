@@ -1,5 +1,6 @@
 #include "tests/support/support.h"
 
+#include "common/waiting.h"
 #include "proto/message.h"
 
 #include <float.h>
@@ -111,6 +112,8 @@ static const struct lw_message samples[] = {
     {.type = LW_MESSAGE_ASK, .ask = {0, 77, LW_MESSAGE_RETRY_AFTER_MAX}},
     {.type = LW_MESSAGE_REPORT, .report = {FAR, LW_REPORT_DONE, bytes_of_data, sizeof bytes_of_data}},
     {.type = LW_MESSAGE_REPORT, .report = {1, LW_REPORT_UNKNOWN, NULL, 0}},
+    {.type = LW_MESSAGE_WAITING, .waiting = {LW_WAITING_LOOKING_INSIDE, 0.42f}},
+    {.type = LW_MESSAGE_WAITING, .waiting = {LW_MESSAGE_WAITING_STAGE_MAX, 1}},
     {.type = LW_MESSAGE_HOLDS, .holds = {held, 2}},
     {.type = LW_MESSAGE_HOLDS},
 };
@@ -237,6 +240,10 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
         break;
     case LW_MESSAGE_SETTLED:
         assert_int_equal(a->settled.frame, b->settled.frame);
+        break;
+    case LW_MESSAGE_WAITING:
+        assert_int_equal(a->waiting.stage, b->waiting.stage);
+        assert_true(a->waiting.share == b->waiting.share);
         break;
     case LW_MESSAGE_PING:
     case LW_MESSAGE_PONG:
@@ -932,9 +939,25 @@ static void test_out_of_memory(void **state) {
     }
 }
 
+static void test_waiting(void **state) {
+    (void)state;
+    const float bad[] = {NAN, INFINITY, -0.01f, 1.01f};
+    struct lw_message m = {.type = LW_MESSAGE_WAITING, .waiting = {LW_WAITING_FIRST_LIGHT, 0}};
+    lw_support_ok(lw_message_validate(&m, NULL), NULL);
+    for (int i = 0; i < 4; i++) {
+        m.waiting.share = bad[i];
+        expect_invalid(&m, "share is not from 0 to 1");
+    }
+    m.waiting.share = 1;
+    m.waiting.stage = LW_WAITING_UNKNOWN;
+    expect_invalid(&m, "stage is not in 1..65535");
+    m.waiting.stage = LW_MESSAGE_WAITING_STAGE_MAX + 1;
+    expect_invalid(&m, "stage is not in 1..65535");
+}
+
 static void test_unknown_type(void **state) {
     (void)state;
-    const uint16_t types[] = {0, LW_MESSAGE_REPORT + 1, UINT16_MAX};
+    const uint16_t types[] = {0, LW_MESSAGE_WAITING + 1, UINT16_MAX};
     for (int i = 0; i < 3; i++) {
         struct lw_message m;
         struct lw_error err = {0};
@@ -946,7 +969,7 @@ static void test_unknown_type(void **state) {
         err = (struct lw_error){0};
         lw_support_fails(lw_message_validate(&m, &err), LW_PROTOCOL, &err, "unknown");
     }
-    for (uint16_t type = LW_MESSAGE_HELLO; type <= LW_MESSAGE_REPORT; type++)
+    for (uint16_t type = LW_MESSAGE_HELLO; type <= LW_MESSAGE_WAITING; type++)
         assert_non_null(lw_message_name(type));
 }
 
@@ -957,6 +980,7 @@ int main(void) {
         cmocka_unit_test(test_truncated),
         cmocka_unit_test(test_flipped_bits),
         cmocka_unit_test(test_texts),
+        cmocka_unit_test(test_waiting),
         cmocka_unit_test(test_welcome),
         cmocka_unit_test(test_refusal_code),
         cmocka_unit_test(test_package),
