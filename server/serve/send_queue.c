@@ -28,6 +28,29 @@ static struct lw_blob *next_ping(struct lw_session *s) {
     return lw_blob_from_message(&message, &blob) == LW_OK ? blob : NULL; /* then it is not answered either */
 }
 
+/* Why there is no light for the peer yet, at most once a look; that there is, to who was told anything else.
+ * A session that has light from the start is told nothing. */
+static struct lw_blob *next_waiting(struct lw_session *s) {
+    if (!s->shared->first_light || s->state != LW_SESSION_STREAMING || s->told.stage == LW_WAITING_READY)
+        return NULL;
+    struct lw_waiting_state now = {LW_WAITING_READY, 1};
+    if (!lw_tile_stream_has_light(s)) {
+        if (!s->first_light_due) return NULL;
+        s->first_light_due = false;
+        now = lw_waiting_read(s->shared->first_light);
+        /* ready: the peer's form of light comes with the next frame */
+        if (now.stage == LW_WAITING_UNKNOWN || now.stage == LW_WAITING_READY) return NULL;
+    } else if (s->told.stage == LW_WAITING_UNKNOWN) {
+        return NULL;
+    }
+    struct lw_blob *blob = NULL;
+    struct lw_message message = {.type = LW_MESSAGE_WAITING, .waiting = {now.stage, now.share}};
+    if (lw_blob_from_message(&message, &blob) != LW_OK) return NULL; /* the next look finds it again */
+    s->told = now;
+    s->told_ns = lw_clock_ns();
+    return blob;
+}
+
 static bool holds_part(const struct lw_session *s, uint32_t part) {
     return s->held && s->held[part / 8] >> (part % 8) & 1;
 }
@@ -97,7 +120,7 @@ static struct lw_blob *next_blob(struct lw_session *s, bool *out_tile) {
     struct lw_blob *blob = s->control;
     s->control = NULL;
     if (blob || s->state == LW_SESSION_LEAVING) return blob;
-    if ((blob = next_pong(s)) || (blob = next_ping(s))) return blob;
+    if ((blob = next_pong(s)) || (blob = next_ping(s)) || (blob = next_waiting(s))) return blob;
     const bool framed = s->state == LW_SESSION_STREAMING && !s->partial_chunk &&
                         s->next_chunk == s->shared->chunk_count && lw_tile_stream_has_light(s);
     if (framed && (blob = lw_tile_stream_next_frame(s))) return blob;

@@ -899,6 +899,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     struct lw_session_shared *shared = &server->shared;
     shared->atlas_map = desc->atlas_map;
     shared->scene = desc->scene;
+    shared->first_light = desc->first_light;
     shared->epoch = 1;
     shared->sessions_max = desc->sessions_max ? desc->sessions_max : LW_SERVER_SESSIONS_MAX;
     shared->address_sessions_max = desc->address_sessions_max;

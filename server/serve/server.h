@@ -1,6 +1,7 @@
 /* server.h: sessions over TCP and WebSocket on one libuv loop: hello, package, then tiles of the
  * newest snapshot, coarse first.
  * Flow:    snapshots -> [server: per session, what it lacks] -> writev -> link
+ *          how far the first light is -> [server] -> sessions that wait for it
  *          what each session wants -> [server] -> what any of them wants -> solver
  *          updates of the scene -> [server: checked, in order] -> solver -> published -> answered
  * Threads: the loop owns all sessions [loop]. lw_server_publish(), lw_server_take_interest(),
@@ -32,6 +33,8 @@ struct lw_server_sockets {
     int listen, http, metrics;
 };
 
+struct lw_waiting;
+
 struct lw_server_desc {
     const char *host; /* numeric or a name */
     /* Of the server before this one, in place of host, port and the others; NULL: there was none. What is
@@ -62,6 +65,9 @@ struct lw_server_desc {
      * LW_LIGHT_FORM_FULL alone. They outlive it. */
     const uint8_t *client_lights, *client_materials;
     size_t client_lights_size, client_materials_size;
+    /* How far the first light is, for sessions that wait for it; outlives the server. NULL: they are not
+     * told. */
+    const struct lw_waiting *first_light;
     /* What updates are checked against, immutable; NULL: no session may send any. */
     const struct lw_scene *scene;
     uint32_t sessions_max; /* 0: LW_SERVER_SESSIONS_MAX */

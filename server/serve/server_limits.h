@@ -48,8 +48,9 @@
 #define LW_SERVER_ANSWERS_MAX 4096u /* to updates, that wait for a session to read them; more end it */
 #define LW_SERVER_BURST_MS    100u  /* a session under a rate limit may have this much of it at once */
 
-#define LW_SERVER_RELAY_MS 200u /* when clients come back to a server that is followed by another at once */
-#define LW_SERVER_WINDOW_S 5u   /* over which delays are told */
-#define LW_SERVER_LOOKS_HZ 4u   /* looks at time limits and at what waits */
+#define LW_SERVER_RELAY_MS   200u /* when clients come back to a server that is followed by another at once */
+#define LW_SERVER_WINDOW_S   5u   /* over which delays are told */
+#define LW_SERVER_LOOKS_HZ   4u   /* looks at time limits and at what waits */
+#define LW_SERVER_WAITING_MS 200u /* between two WAITING of a session that waits for the first light */
 
 #endif

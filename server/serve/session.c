@@ -293,6 +293,17 @@ void lw_session_answer(struct lw_session *s, const struct lw_message_updated *an
     lw_session_queue_answer(s, &(struct lw_message){.type = LW_MESSAGE_UPDATED, .updated = *answer});
 }
 
+/* The peer is told at its turn. */
+static void look_at_first_light(struct lw_session *s, uint64_t now_ns) {
+    if (!s->shared->first_light || s->state != LW_SESSION_STREAMING || s->told.stage == LW_WAITING_READY)
+        return;
+    if (now_ns < s->told_ns + LW_SERVER_WAITING_MS * 1000000ull) return;
+    const struct lw_waiting_state now = lw_waiting_read(s->shared->first_light);
+    if (now.stage == s->told.stage && now.share == s->told.share) return;
+    s->first_light_due = true;
+    lw_session_queues_set_due(s, false);
+}
+
 /* Progress is what the peer takes: our own socket would take megabytes for one who reads nothing. */
 static bool is_stalled(struct lw_session *s, uint64_t now_ns, struct lw_session_waiting *waiting) {
     size_t ours, socket;
@@ -338,6 +349,7 @@ void lw_session_tick(struct lw_session *s, uint64_t now_ns, struct lw_session_wa
     const char *excess =
         lw_message_rates_judge(&s->rates, now_ns - s->looked_ns, s->shared->excess_timeout_ns);
     s->looked_ns = now_ns;
+    look_at_first_light(s, now_ns);
     if (s->state == LW_SESSION_LEAVING && age_ns > s->linger_ns)
         lw_session_close(s, "refused");
     else if (s->state == LW_SESSION_EXPECTS_HELLO && age_ns > hello_timeout_ns(s->shared))

@@ -7,6 +7,7 @@
 
 #include "common/histogram.h"
 #include "common/scene/scene_roster.h"
+#include "common/waiting.h"
 #include "server/serve/address_rates.h"
 #include "server/serve/deltas.h"
 #include "server/serve/interest_union.h"
@@ -42,6 +43,7 @@ struct lw_session_shared {
     const struct lw_scene *scene;            /* what updates are checked against; NULL: there are none */
     struct lw_scene_roster roster;           /* of it, after all updates so far */
     struct lw_updates updates;               /* of all sessions */
+    const struct lw_waiting *first_light;    /* how far it is; NULL: nobody is told */
     uint64_t epoch; /* counts ticks and snapshots seen: in each, a session may change its mind once */
     struct lw_snapshot *snapshot; /* newest; NULL before the first */
     uint64_t generation;          /* counts the snapshots that the loop has seen */

@@ -137,6 +137,7 @@ static void handle_package_request(struct lw_session *s, const struct lw_message
         return;
     }
     s->state = LW_SESSION_STREAMING;
+    s->first_light_due = s->shared->first_light != NULL;
     lw_session_queues_set_due(s, true);
     lw_session_interest_join(s);
 }

@@ -3,6 +3,7 @@
 #include "common/clock.h"
 #include "common/scene/scene_spares.h"
 #include "common/tile/tile_codec.h"
+#include "common/waiting.h"
 #include "server/serve/priority.h"
 #include "server/serve/server.h"
 #include "tests/support/server_clock.h"
@@ -426,6 +427,70 @@ static void test_join(void **state) {
     }
     expect_silence(s);
     close(s);
+    end(f);
+}
+
+static void expect_waiting(int s, enum lw_waiting_stage stage, float share) {
+    struct lw_message m;
+    expect(s, LW_MESSAGE_WAITING, &m);
+    assert_int_equal(m.waiting.stage, stage);
+    assert_true(m.waiting.share == share);
+    lw_message_finish(&m);
+}
+
+/* Time for the server's next look, at which it may say more. */
+static void pass_a_wait(void) { assert_true(server_clock_step(LW_SERVER_WAITING_MS)); }
+
+/* Who comes before the first light hears why there is none, and who comes later, how far that is by then: now
+ * and again, if there is news, until there is light. */
+static void test_waiting_for_the_first_light(void **state) {
+    (void)state;
+    struct lw_waiting waiting = {0};
+    struct fixture *f = start(&(struct lw_server_desc){.first_light = &waiting});
+    const int none = dial_and_greet(f); /* it wants no light */
+    lw_waiting_raise(&waiting, LW_WAITING_PLACING_TEXELS, 0, 0);
+    const int early = dial_and_stream(f);
+    expect_waiting(early, LW_WAITING_PLACING_TEXELS, 0);
+    pass_a_wait();
+    expect_silence(early); /* no news */
+    pass_a_wait();
+    lw_waiting_raise(&waiting, LW_WAITING_LOOKING_INSIDE, 1, 4);
+    expect_waiting(early, LW_WAITING_LOOKING_INSIDE, 0.25f);
+    lw_waiting_raise(&waiting, LW_WAITING_LOOKING_INSIDE, 2, 4);
+    expect_silence(early); /* so soon */
+    lw_waiting_raise(&waiting, LW_WAITING_LOOKING_INSIDE, 3, 4);
+    const int late = dial_and_stream(f);
+    expect_waiting(late, LW_WAITING_LOOKING_INSIDE, 0.75f);
+    pass_a_wait();
+    bool is_told = false; /* perhaps of the half, too: the look may have been between */
+    while (!is_told) {
+        struct lw_message m;
+        expect(early, LW_MESSAGE_WAITING, &m);
+        is_told = m.waiting.share == 0.75f;
+        lw_message_finish(&m);
+    }
+    pass_a_wait();
+    lw_waiting_raise(&waiting, LW_WAITING_FIRST_LIGHT, 1, 2);
+    expect_waiting(early, LW_WAITING_FIRST_LIGHT, 0.5f);
+    expect_waiting(late, LW_WAITING_FIRST_LIGHT, 0.5f);
+    lw_waiting_raise(&waiting, LW_WAITING_READY, 1, 1);
+    pass_a_wait();
+    expect_silence(early); /* nothing has been published yet */
+    publish(f, make_snapshot(f, 7, 0));
+    expect_waiting(early, LW_WAITING_READY, 1);
+    expect_light(f, early, 7);
+    expect_waiting(late, LW_WAITING_READY, 1);
+    expect_light(f, late, 7);
+    const int last = dial_and_stream(f);
+    expect_light(f, last, 7); /* it never waits */
+    pass_a_wait();
+    expect_silence(early);
+    expect_silence(last);
+    expect_silence(none);
+    close(none);
+    close(early);
+    close(late);
+    close(last);
     end(f);
 }
 
@@ -2680,6 +2745,7 @@ static int ask_for_split(void **state) {
 int main(void) {
     const struct CMUnitTest in_split_form[] = {
         cmocka_unit_test(test_join),
+        cmocka_unit_test(test_waiting_for_the_first_light),
         cmocka_unit_test(test_what_is_held_is_not_sent),
         cmocka_unit_test(test_newer_snapshot),
         cmocka_unit_test(test_deltas),
@@ -2711,6 +2777,7 @@ int main(void) {
         cmocka_unit_test(test_tokens_are_read_again),
         cmocka_unit_test(test_token_files_that_cannot_be_used),
         cmocka_unit_test(test_join),
+        cmocka_unit_test(test_waiting_for_the_first_light),
         cmocka_unit_test(test_package_from_offset),
         cmocka_unit_test(test_parts_of_the_package),
         cmocka_unit_test(test_what_is_held_is_not_sent),
