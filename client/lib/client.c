@@ -47,6 +47,7 @@ struct lw_client {
     bool may_hold; /* we may say what we have */
     struct lw_draws draws;
     struct lw_interest interest;
+    struct lw_waiting_state waiting; /* for the first light, as the server said last */
     bool may_update, may_ask;
     uint64_t asked;          /* the request of the last ASK */
     char *report;            /* the answer that has arrived, ended by a zero */
@@ -186,6 +187,7 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
                               "it speaks version %u of the protocol, this client version %u",
                               welcome->version, LW_WIRE_VERSION);
     c->welcomed = true;
+    c->waiting = (struct lw_waiting_state){LW_WAITING_UNKNOWN, 0};
     c->package_compressed_size = welcome->package_compressed_size;
     c->stats.bounces = welcome->bounces;
     c->stats.target_error = welcome->target_error;
@@ -240,6 +242,7 @@ static enum lw_status handle_frame(struct lw_client *c, const struct lw_message_
     memcpy(c->stats.sky, frame->sky, sizeof c->stats.sky);
     if (frame->material_count || frame->hidden_count || frame->shown_count)
         c->stats.changed_frame = frame->frame;
+    c->waiting = (struct lw_waiting_state){LW_WAITING_READY, 1};
     c->frame_ns = lw_clock_ns();
     c->frame_solve_ns = frame->solve_ns;
     return LW_OK;
@@ -296,6 +299,16 @@ static enum lw_status handle_report(struct lw_client *c, const struct lw_message
     return LW_OK;
 }
 
+static enum lw_status handle_waiting(struct lw_client *c, const struct lw_message_waiting *waiting,
+                                     struct lw_error *err) {
+    if (!c->welcomed) return out_of_order(err, LW_MESSAGE_WAITING);
+    if (c->waiting.stage == LW_WAITING_READY) return LW_OK; /* the server may mean something new by it */
+    const bool is_known = waiting->stage < LW_WAITING_STAGE_COUNT;
+    c->waiting.stage = is_known ? (enum lw_waiting_stage)waiting->stage : LW_WAITING_UNKNOWN;
+    c->waiting.share = waiting->share;
+    return LW_OK;
+}
+
 static enum lw_status handle_ping(struct lw_client *c, uint64_t token, struct lw_error *err) {
     struct lw_message pong = {.type = LW_MESSAGE_PONG, .pong.token = token};
     return lw_link_send(&c->link, &pong, err);
@@ -319,6 +332,8 @@ static enum lw_status handle_message(struct lw_client *c, const struct lw_messag
         return handle_updated(c, &m->updated, err);
     case LW_MESSAGE_REPORT:
         return handle_report(c, &m->report, err);
+    case LW_MESSAGE_WAITING:
+        return handle_waiting(c, &m->waiting, err);
     case LW_MESSAGE_PING:
         return handle_ping(c, m->ping.token, err);
     case LW_MESSAGE_PONG:
@@ -790,6 +805,10 @@ struct lw_client_level lw_client_get_level(const struct lw_client *c, uint32_t o
 
 struct lw_client_tile lw_client_get_tile(const struct lw_client *c, lw_tile_id tile) {
     return c->replica ? lw_replica_get_tile(c->replica, tile) : (struct lw_client_tile){0};
+}
+
+struct lw_waiting_state lw_client_waiting(const struct lw_client *c) {
+    return c->waiting;
 }
 
 void lw_client_get_stats(const struct lw_client *c, struct lw_client_stats *out_stats) {

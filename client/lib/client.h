@@ -19,6 +19,7 @@
 #include "common/scene/scene.h"
 #include "common/scene/scene_change.h"
 #include "common/tile/atlas.h"
+#include "common/waiting.h"
 
 struct lw_client;
 
@@ -248,6 +249,12 @@ LW_MUST_CHECK enum lw_status lw_client_ask(struct lw_client *client, uint32_t wh
 /** Takes the answer that has arrived; false: there is none. out_text: ends with a zero, the caller free()s
  * it. */
 bool lw_client_take_report(struct lw_client *client, uint32_t *out_code, char **out_text);
+
+/** Why there is no light yet, as the server said last: at most five times a second, until its first light.
+ * stage  enum lw_waiting_stage (waiting.h). UNKNOWN: it has said nothing, as one of before never does, or a
+ *        stage of a newer one. READY once there is light to send: with the first frame at the latest
+ * share  of the stage that is done, 0 to 1 */
+struct lw_waiting_state lw_client_waiting(const struct lw_client *client);
 
 /** What is known of one tile. */
 struct lw_client_tile {

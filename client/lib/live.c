@@ -350,6 +350,25 @@ enum lw_live_status lw_live_get_stats(const struct lw_live *live, struct lw_live
     return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_stats: struct_size is not sizeof *out_stats");
 }
 
+_Static_assert((int)LW_LIVE_WAITING_PLACING_TEXELS == LW_WAITING_PLACING_TEXELS &&
+                   (int)LW_LIVE_WAITING_LOOKING_INSIDE == LW_WAITING_LOOKING_INSIDE &&
+                   (int)LW_LIVE_WAITING_FIRST_LIGHT == LW_WAITING_FIRST_LIGHT &&
+                   (int)LW_LIVE_WAITING_READY == LW_WAITING_READY,
+               "numbers of stages are for ever");
+
+enum lw_live_waiting lw_live_get_waiting(const struct lw_live *live, float *out_share) {
+    struct lw_waiting_state waiting = {LW_WAITING_UNKNOWN, 0};
+    if (live) {
+        lw_live_lock(live);
+        waiting = lw_client_waiting(live->client);
+        lw_live_unlock(live);
+    }
+    if (out_share) *out_share = waiting.share;
+    return (enum lw_live_waiting)waiting.stage;
+}
+
+const char *lw_live_waiting_text(enum lw_live_waiting waiting) { return lw_waiting_text((uint32_t)waiting); }
+
 /* ---- what is wanted ---- */
 
 enum lw_live_status lw_live_want_views(struct lw_live *live, const struct lw_live_view *view, size_t count,

@@ -608,6 +608,8 @@ static void handle_message(struct lw_load_session *s, const struct lw_message *m
     case LW_MESSAGE_PING:
         send_message(s, &(struct lw_message){.type = LW_MESSAGE_PONG, .pong.token = m->ping.token});
         break;
+    case LW_MESSAGE_WAITING: /* so much is waited for anyway */
+        break;
     case LW_MESSAGE_PONG:
         handle_pong(s, m->pong.token, now_ns);
         break;

@@ -1031,6 +1031,85 @@ static void test_unknown_types_are_skipped(void **state) {
     finish_world(&w);
 }
 
+static void poll_until_waiting(struct lw_client *client, enum lw_waiting_stage stage, float share) {
+    struct lw_error err = {0};
+    const uint64_t end_ns = lw_clock_ns() + WAIT_NS;
+    for (struct lw_waiting_state now;
+         now = lw_client_waiting(client), now.stage != stage || now.share != share;) {
+        assert_true(lw_clock_ns() < end_ns);
+        lw_support_ok(lw_client_poll(client, 100, &err), &err);
+    }
+}
+
+/* Why there is no light yet, from the server's own account to its first frame, and again in a new session. */
+static void test_waiting(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct lw_waiting waiting = {0};
+    struct running r = start_server_with(&w, (struct lw_server_desc){.first_light = &waiting});
+    const struct lw_client_desc desc = {.host = "127.0.0.1", .port = lw_server_port(r.server)};
+    struct lw_client *client;
+    struct lw_error err = {0};
+    lw_support_ok(lw_client_create(&desc, &client, &err), &err);
+    assert_int_equal(lw_client_waiting(client).stage, LW_WAITING_UNKNOWN);
+    lw_waiting_raise(&waiting, LW_WAITING_PLACING_TEXELS, 1, 10);
+    poll_until_waiting(client, LW_WAITING_PLACING_TEXELS, 0.1f);
+    lw_waiting_raise(&waiting, LW_WAITING_LOOKING_INSIDE, 42, 100);
+    poll_until_waiting(client, LW_WAITING_LOOKING_INSIDE, 0.42f);
+    lw_waiting_raise(&waiting, LW_WAITING_FIRST_LIGHT, 17, 100);
+    poll_until_waiting(client, LW_WAITING_FIRST_LIGHT, 0.17f);
+    assert_true(lw_client_scene(client) != NULL); /* which has come meanwhile */
+    struct lw_snapshot *snapshot = make_snapshot(&w, 1);
+    lw_server_publish(r.server, snapshot);
+    lw_snapshot_unref(snapshot);
+    poll_until_waiting(client, LW_WAITING_READY, 1);
+    poll_until_tiles(client, w.map.tile_count);
+    lw_support_ok(lw_client_reconnect(client, &err), &err);
+    assert_int_equal(lw_client_waiting(client).stage, LW_WAITING_UNKNOWN); /* of this session */
+    poll_until_waiting(client, LW_WAITING_READY, 1);                       /* by its first frame */
+    lw_client_destroy(client);
+    stop_server(&r);
+    finish_world(&w);
+}
+
+/* Stages of a newer server, and what comes too early or too late. */
+static void test_waiting_for_what_is_new(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct script s = {0};
+    struct lw_client *client;
+    struct lw_error err = {0};
+    const struct lw_message welcome = welcome_of(&w),
+                            first = {.type = LW_MESSAGE_WAITING, .waiting = {2, 0.5f}},
+                            later = {.type = LW_MESSAGE_WAITING, .waiting = {77, 0.5f}},
+                            frame = {.type = LW_MESSAGE_FRAME, .frame = {.frame = 5}};
+    say(&s, &first);
+    expect_failure(&s, LW_PROTOCOL, "message WAITING: out of order", false);
+    say(&s, &welcome);
+    say(&s, &first);
+    say(&s, &later);
+    begin(&s);
+    const struct lw_client_desc desc = {.host = "127.0.0.1", .port = s.port};
+    lw_support_ok(lw_client_create(&desc, &client, &err), &err);
+    poll_until_waiting(client, LW_WAITING_UNKNOWN, 0.5f);
+    lw_client_destroy(client);
+    end(&s);
+    say(&s, &welcome);
+    say_package(&s, &w);
+    say(&s, &frame);
+    say(&s, &first);
+    say(&s, &(struct lw_message){.type = LW_MESSAGE_SETTLED, .settled.frame = 5});
+    begin(&s);
+    const struct lw_client_desc again = {.host = "127.0.0.1", .port = s.port};
+    lw_support_ok(lw_client_create(&again, &client, &err), &err);
+    for (struct lw_client_stats stats = {0}; stats.settled_frame != 5; lw_client_get_stats(client, &stats))
+        lw_support_ok(lw_client_poll(client, 100, &err), &err);
+    assert_int_equal(lw_client_waiting(client).stage, LW_WAITING_READY);
+    lw_client_destroy(client);
+    end(&s);
+    finish_world(&w);
+}
+
 static void test_what_comes_with_the_welcome(void **state) {
     (void)state;
     struct world w = make_world();
@@ -1604,6 +1683,8 @@ int main(void) {
         cmocka_unit_test(test_not_a_lightwelld),
         cmocka_unit_test(test_refused),
         cmocka_unit_test(test_unknown_types_are_skipped),
+        cmocka_unit_test(test_waiting),
+        cmocka_unit_test(test_waiting_for_what_is_new),
         cmocka_unit_test(test_what_comes_with_the_welcome),
         cmocka_unit_test(test_reconnect),
         cmocka_unit_test(test_draws),

@@ -176,6 +176,23 @@ struct lw_live_stats {
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status
 lw_live_get_stats(const struct lw_live *live, struct lw_live_stats *out_stats, struct lw_live_error *err);
 
+/** What a server does before its first light: why there is none yet. */
+enum lw_live_waiting {
+    LW_LIVE_WAITING_UNKNOWN = 0,        /**< It has not said: an older server, or nothing has come yet. */
+    LW_LIVE_WAITING_PLACING_TEXELS = 1, /**< It places texels on surfaces. */
+    LW_LIVE_WAITING_LOOKING_INSIDE = 2, /**< It looks for texels that lie inside objects. */
+    LW_LIVE_WAITING_FIRST_LIGHT = 3,    /**< It lights its first frame. */
+    LW_LIVE_WAITING_READY = 4           /**< There is light, and it is on its way, or here. */
+};
+/** Why there is no light yet, as the server said last. It says so after it was asked for the scene, at most
+ * five times a second, until it is READY; it says nothing of the time before it listens. A session keeps
+ * READY; a new one (lw_live_reconnect()) begins with UNKNOWN again. For every frame, before has_light.
+ * live       NULL: UNKNOWN
+ * out_share  of that stage, 0..1, which never falls within a stage; NULL is fine */
+LW_LIVE_API enum lw_live_waiting lw_live_get_waiting(const struct lw_live *live, float *out_share);
+/** Its words, such as "looking inside objects"; never NULL. [any] */
+LW_LIVE_API const char *lw_live_waiting_text(enum lw_live_waiting waiting);
+
 /* ---- the scene: all LW_LIVE_NOT_READY before it has arrived; then pointers live
  * as long as the session ---- */
 
