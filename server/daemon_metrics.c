@@ -229,6 +229,11 @@ enum lw_status lw_daemon_metrics_text(struct lw_daemon_metrics *metrics,
                         "1: clients get light; what /readyz says.");
     lw_exposition_gauge(&e, "lightwell_solver_stalled", state->is_stalled,
                         "1: the solver has made no progress within --stall-limit.");
+    lw_exposition_gauge(&e, "lightwell_waiting_stage", state->first_light.stage,
+                        "What the first light waits for; 1: placing texels, 2: looking inside objects, 3: "
+                        "first light itself, 4: nothing, it is there.");
+    lw_exposition_gauge(&e, "lightwell_waiting_share", (double)state->first_light.share,
+                        "How much of that is done, 0 to 1.");
     write_solve(&e, &sums);
     write_serve(&e, &sums, serve);
     write_cpu(&e, &sums, serve);
@@ -243,6 +248,14 @@ static bool plain_page(struct lw_server_page *out_page, unsigned status, const c
     return out_page->text;
 }
 
+/* "no light yet: looking inside objects, 42 %" */
+static bool unlit_page(struct lw_server_page *out_page, const struct lw_waiting_state *first_light) {
+    char line[LW_WAITING_LINE_SIZE], text[LW_WAITING_LINE_SIZE + 16];
+    lw_waiting_line(first_light->stage, first_light->share, line);
+    snprintf(text, sizeof text, "no light yet: %s\n", line);
+    return plain_page(out_page, 503, text);
+}
+
 bool lw_daemon_metrics_page(struct lw_daemon_metrics *metrics, const char *path,
                             const struct lw_daemon_metrics_state *state, const struct lw_server_stats *serve,
                             struct lw_server_page *out_page) {
@@ -252,7 +265,7 @@ bool lw_daemon_metrics_page(struct lw_daemon_metrics *metrics, const char *path,
     if (strcmp(path, "/readyz") == 0)
         return state->is_stopping  ? plain_page(out_page, 503, "stopping\n")
                : state->is_stalled ? plain_page(out_page, 503, "the solver makes no progress\n")
-               : !state->is_lit    ? plain_page(out_page, 503, "no light yet\n")
+               : !state->is_lit    ? unlit_page(out_page, &state->first_light)
                                    : plain_page(out_page, 200, "ok\n");
     if (strcmp(path, "/metrics") != 0) return false;
     *out_page = (struct lw_server_page){.status = 200, .type = LW_EXPOSITION_TYPE};

@@ -4,6 +4,7 @@
 #ifndef LW_DAEMON_METRICS_H
 #define LW_DAEMON_METRICS_H
 
+#include "common/waiting.h"
 #include "server/cost_report.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
@@ -52,6 +53,7 @@ struct lw_daemon_metrics_state {
     bool is_lit;      /* there is light to send */
     bool is_stalled;  /* the solver makes no progress */
     bool is_stopping; /* sessions are sent away */
+    struct lw_waiting_state first_light;
 };
 
 void lw_daemon_metrics_init(struct lw_daemon_metrics *metrics, const char *isa, const char *solver);

@@ -17,6 +17,7 @@
 #include "common/tile/tile_codec.h"
 #include "common/trace/trace.h"
 #include "common/wait_policy.h"
+#include "common/waiting.h"
 #include "server/daemon_metrics.h"
 #include "server/exposure.h"
 #include "server/file_stamp.h"
@@ -143,6 +144,7 @@ struct daemon {
     _Atomic bool stopping;
     _Atomic bool cancel;            /* ends a frame under way */
     _Atomic bool lit;               /* the solver has had a frame */
+    struct lw_waiting first_light;  /* how far that is */
     _Atomic uint64_t solver_due_ns; /* when the solver must have made progress; UINT64_MAX: it rests */
     _Atomic uint64_t frame_count;   /* that were solved */
     struct lw_error solver_error;   /* read after the thread is joined */
@@ -527,6 +529,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
             .frame_budget_s =
                 s->clock == CLOCK_REAL && isfinite(s->frame_budget_ms) ? s->frame_budget_ms * 1e-3 : 0,
             .cancel = &d->cancel,
+            .waiting = &d->first_light,
             .awaited = s->clock == CLOCK_REAL ? lw_server_updates_wait(d->server) : NULL},
         &d->pose, &d->solver, err);
     if (status != LW_OK) return status;
@@ -782,6 +785,7 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
         lw_daemon_metrics_first_light(&d->metrics, after_s);
     }
     d->lit = true;
+    lw_waiting_raise(&d->first_light, LW_WAITING_READY, 1, 1);
     lw_daemon_metrics_frame(&d->metrics,
                             &(struct lw_daemon_metrics_frame){.number = frame,
                                                               .wall_ns = cost.wall_ns,
@@ -825,11 +829,14 @@ static void on_beat(void *context) {
     }
     d->told_stall = false;
     const unsigned long long frames = d->frame_count;
+    const struct lw_waiting_state first_light = lw_waiting_read(&d->first_light);
+    char waiting[LW_WAITING_LINE_SIZE];
+    lw_waiting_line(first_light.stage, first_light.share, waiting);
     if (frames)
         lw_service_notify("WATCHDOG=1\nSTATUS=%llu frames, %llu sessions", frames,
                           (unsigned long long)serve.sessions_now);
     else
-        lw_service_notify("WATCHDOG=1\nSTATUS=no light yet, %llu sessions",
+        lw_service_notify("WATCHDOG=1\nSTATUS=no light yet: %s; %llu sessions", waiting,
                           (unsigned long long)serve.sessions_now);
 }
 
@@ -848,8 +855,10 @@ static bool on_page(void *context, const char *path, struct lw_server_page *out_
     struct daemon *d = context;
     struct lw_server_stats serve;
     lw_server_get_stats(d->server, &serve);
-    const struct lw_daemon_metrics_state state = {
-        .is_lit = d->lit || d->forms_kept, .is_stalled = is_stalled(d), .is_stopping = d->stops};
+    const struct lw_daemon_metrics_state state = {.is_lit = d->lit || d->forms_kept,
+                                                  .is_stalled = is_stalled(d),
+                                                  .is_stopping = d->stops,
+                                                  .first_light = lw_waiting_read(&d->first_light)};
     return lw_daemon_metrics_page(&d->metrics, path, &state, &serve, out_page);
 }
 
@@ -1151,6 +1160,7 @@ static enum lw_status create_server(struct daemon *d, struct lw_server_sockets *
         .bounces = (uint32_t)s->bounces,
         .target_error = (float)s->error,
         .noise_shown = noise_shown(s),
+        .first_light = &d->first_light,
         .client_lights = d->light_bits,
         .client_lights_size = lw_client_lights_bytes(d->scene->light_count),
         .client_materials = d->material_bits,
@@ -1167,6 +1177,7 @@ static enum lw_status create_server(struct daemon *d, struct lw_server_sockets *
 static enum lw_status run(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     d->started_ns = lw_clock_ns();
+    lw_waiting_raise(&d->first_light, LW_WAITING_PLACING_TEXELS, 0, 0);
     if (!d->server) { /* it follows nobody */
         enum lw_status status = read_scene(d, err);
         if (status != LW_OK) return status;

@@ -1,5 +1,7 @@
 #include "client/control/ctl_figures.h"
 
+#include "common/waiting.h"
+
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -81,13 +83,26 @@ static double frames(const struct lw_ctl_figures *f) {
     return lw_ctl_figures_get(f, "lightwell_frame_duration_seconds_count");
 }
 
+/* "no: looking inside objects, 42 %". A server of before has no such figure. */
+static void put_ready(struct writer *w, const struct lw_ctl_figures *f) {
+    const uint32_t stage = (uint32_t)fmax(lw_ctl_figures_get(f, "lightwell_waiting_stage"), 0);
+    char waiting[LW_WAITING_LINE_SIZE];
+    lw_waiting_line(stage, (float)lw_ctl_figures_get(f, "lightwell_waiting_share"), waiting);
+    put(w, "ready      ");
+    if (lw_ctl_figures_get(f, "lightwell_ready") > 0)
+        put(w, "yes\n");
+    else if (lw_ctl_figures_get(f, "lightwell_solver_stalled") > 0)
+        put(w, "no: the solver makes no progress\n");
+    else if (stage == LW_WAITING_UNKNOWN || stage >= LW_WAITING_READY)
+        put(w, "no: no light yet, or stopping\n");
+    else
+        put(w, "no: %s\n", waiting);
+}
+
 void lw_ctl_figures_table(const struct lw_ctl_figures *f, char *dst, size_t dst_size) {
     struct writer w = {dst, dst_size};
     const double count = frames(f), sum = lw_ctl_figures_get(f, "lightwell_frame_duration_seconds_sum");
-    put(&w, "ready      %s\n",
-        lw_ctl_figures_get(f, "lightwell_ready") > 0            ? "yes"
-        : lw_ctl_figures_get(f, "lightwell_solver_stalled") > 0 ? "no: the solver makes no progress"
-                                                                : "no: no light yet, or stopping");
+    put_ready(&w, f);
     put(&w, "sessions   %.0f, of them %.0f draw direct light; %.0f so far, %.0f refusals\n",
         lw_ctl_figures_get(f, "lightwell_sessions"), lw_ctl_figures_get(f, "lightwell_drawing_sessions"),
         lw_ctl_figures_get(f, "lightwell_opened_sessions_total"),

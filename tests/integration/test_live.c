@@ -88,6 +88,60 @@ static void open_live(uint16_t port, uint32_t flags) {
     }
 }
 
+/* ---- before the first light ---- */
+
+struct heard {
+    enum lw_live_waiting stage;
+    float share;
+};
+
+/* What is said of the wait, which goes on: never an earlier stage, nor less of one. */
+static struct heard hear(struct heard before) {
+    struct heard now;
+    ok(lw_live_poll(live, 20, &err));
+    now.stage = lw_live_get_waiting(live, &now.share);
+    assert_true(now.stage >= before.stage);
+    assert_true(now.share >= 0 && now.share <= 1);
+    if (now.stage == before.stage) assert_true(now.share >= before.share);
+    return now;
+}
+
+/* The manual clock holds the server before its first frame: all of its work before that is done by then. Who
+ * comes then is told so at once; with the frame the wait is over. */
+static void test_waits_for_the_first_light(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    struct lw_live_desc desc = {.struct_size = sizeof desc, .name = "test_live"};
+    struct heard heard = {LW_LIVE_WAITING_UNKNOWN, 0};
+    lw_process_serve_by_hand(&daemon, "builtin:cornell --texels-per-metre 40 --light whole --error 0.5");
+    desc.port = daemon.port;
+    assert_int_equal(lw_live_get_waiting(NULL, NULL), LW_LIVE_WAITING_UNKNOWN);
+    for (int client = 0; client < 2; client++) {
+        lw_live_close(live);
+        ok(lw_live_open(&desc, &live, &err));
+        assert_int_equal(lw_live_get_waiting(live, &heard.share), LW_LIVE_WAITING_UNKNOWN);
+        heard = (struct heard){LW_LIVE_WAITING_UNKNOWN, 0};
+        while (heard.stage == LW_LIVE_WAITING_UNKNOWN) heard = hear(heard);
+        assert_true(heard.stage <= LW_LIVE_WAITING_LOOKING_INSIDE);
+        if (client) assert_true(heard.stage == LW_LIVE_WAITING_LOOKING_INSIDE && heard.share == 1);
+        while (heard.stage < LW_LIVE_WAITING_LOOKING_INSIDE || heard.share < 1) heard = hear(heard);
+        assert_int_equal(heard.stage, LW_LIVE_WAITING_LOOKING_INSIDE);
+    }
+    assert_false(stats().frame);
+    lw_process_step(&daemon, 1);
+    while (heard.stage != LW_LIVE_WAITING_READY) heard = hear(heard);
+    assert_true(heard.share == 1);
+    while (!stats().has_light) heard = hear(heard);
+    assert_string_equal(lw_live_waiting_text(heard.stage), "ready");
+    assert_string_equal(lw_live_waiting_text(LW_LIVE_WAITING_LOOKING_INSIDE), "looking inside objects");
+    lw_live_close(live);
+    ok(lw_live_open(&desc, &live, &err)); /* who comes now gets light without a wait */
+    heard = (struct heard){LW_LIVE_WAITING_UNKNOWN, 0};
+    while (heard.stage == LW_LIVE_WAITING_UNKNOWN) heard = hear(heard);
+    assert_int_equal(heard.stage, LW_LIVE_WAITING_READY);
+    assert_true(stats().frame > 0);
+}
+
 /* ---- counting allocations: of all threads of this process, libraries' too ---- */
 
 static atomic_bool is_counted;
@@ -689,6 +743,7 @@ int main(void) {
         cmocka_unit_test_teardown(test_coarse_light_stands_in, end_session),
         cmocka_unit_test_teardown(test_a_ray_finds_light, end_session),
         cmocka_unit_test_teardown(test_views_want_what_they_show, end_all),
+        cmocka_unit_test_teardown(test_waits_for_the_first_light, end_all),
         cmocka_unit_test_teardown(test_before_the_scene, end_all),
         cmocka_unit_test_teardown(test_newer_programs, end_all),
         cmocka_unit_test_teardown(test_dirty_rectangles_are_all, end_all),

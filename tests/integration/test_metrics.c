@@ -75,6 +75,11 @@ static bool is_ready(void *context) {
 
 static void await_ready(void) { assert_true(lw_process_await(&daemon_process, is_ready, NULL)); }
 
+static bool has_looked_inside(void *context) {
+    (void)context;
+    return metric("lightwell_waiting_stage") == 2 && metric("lightwell_waiting_share") == 1;
+}
+
 /* Ready is who has light; alive is who has none yet, too. */
 static void test_ready_with_light(void **state) {
     (void)state;
@@ -89,14 +94,16 @@ static void test_ready_with_light(void **state) {
     close(own_input);
     close(input[0]);
     assert_int_equal(ask("/healthz", NULL), 200);
+    assert_true(lw_process_await(&daemon_process, has_looked_inside, NULL)); /* and now it waits for us */
     assert_int_equal(ask("/readyz", &body), 503);
-    assert_string_equal(body, "no light yet\n");
+    assert_string_equal(body, "no light yet: looking inside objects, 100 %\n");
     free(body);
     assert_true(metric("lightwell_ready") == 0);
     assert_int_equal(write(input[1], "\n", 1), 1);
     await_ready();
     assert_true(metric("lightwell_ready") == 1);
     assert_true(metric("lightwell_first_light_seconds") > 0);
+    assert_true(metric("lightwell_waiting_stage") == 4);
     assert_true(metric("lightwell_frame_duration_seconds_count") == 1);
     assert_true(metric("lightwell_frame") == 1);
     close(input[1]);
