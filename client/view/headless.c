@@ -48,12 +48,14 @@ struct headless {
     struct lw_gl_offscreen *offscreen; /* NULL: rays draw */
     struct lw_gl_view gl;
     struct lw_settling settling;
-    bool settled;                 /* things move, and the error that is shown falls no more */
-    uint64_t moved_ns;            /* when something moved last; 0: never */
-    double time_s;                /* of the scene, then */
-    struct lw_client_stats stats; /* as of the picture */
-    bool stopped;                 /* by a signal, before the wait was over */
-    bool late;                    /* the wait took too long, but there is light */
+    bool settled;                       /* things move, and the error that is shown falls no more */
+    uint64_t moved_ns;                  /* when something moved last; 0: never */
+    double time_s;                      /* of the scene, then */
+    struct lw_client_stats stats;       /* as of the picture */
+    struct lw_waiting_state server;     /* before its first light */
+    struct lw_progress server_progress; /* of that stage */
+    bool stopped;                       /* by a signal, before the wait was over */
+    bool late;                          /* the wait took too long, but there is light */
     float *rgb;
 };
 
@@ -86,6 +88,24 @@ static enum lw_status connect_to_server(struct headless *h, struct lw_error *err
 static void show_progress(struct lw_progress *progress, uint64_t done) {
     uint64_t so_far = atomic_load(&progress->done);
     lw_progress_step(progress, done > so_far ? done - so_far : 0);
+}
+
+static bool is_before_light(struct lw_waiting_state server) {
+    return server.stage != LW_WAITING_UNKNOWN && server.stage != LW_WAITING_READY;
+}
+
+/* Until its first light the server's stages, as it says them; a server of our own shows them itself. */
+static void show_wait(struct headless *h, struct lw_progress *progress, uint64_t done) {
+    const struct lw_waiting_state now = lw_client_waiting(h->client);
+    if (now.stage != h->server.stage && is_before_light(now))
+        lw_progress_init(&h->server_progress, lw_waiting_text(now.stage), 100);
+    else if (now.stage != h->server.stage && is_before_light(h->server)) /* its time begins with light */
+        lw_progress_init(progress, progress->stage, progress->total);
+    h->server = now;
+    if (!is_before_light(now))
+        show_progress(progress, done);
+    else if (!h->options->scene)
+        lw_progress_set(&h->server_progress, (uint64_t)lroundf(100 * now.share));
 }
 
 static enum lw_status receive_scene(struct headless *h, struct lw_error *err) {
@@ -215,6 +235,12 @@ static uint32_t tiles_served(const struct headless *h, const struct lw_compose_r
 static enum lw_status fail_late(const struct headless *h, struct lw_error *err) {
     const struct lw_compose_report *r = &h->report;
     double limit_s = h->options->timeout_s;
+    if (h->stats.first_ns == 0 && is_before_light(h->server)) {
+        char line[LW_WAITING_LINE_SIZE];
+        lw_waiting_line(h->server.stage, h->server.share, line);
+        return lw_status_fail(err, LW_TIMED_OUT, "no light within %g s, the server is at: %s (--timeout)",
+                              limit_s, line);
+    }
     if (h->stats.first_ns == 0)
         return lw_status_fail(err, LW_TIMED_OUT,
                               "no first light of every object within %g s: %" PRIu64
@@ -270,7 +296,7 @@ static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
             status = take_picture(h, err);
             break;
         }
-        show_progress(&progress, judged_by_tiles ? tiles_served(h, &h->report) : h->stats.tiles);
+        show_wait(h, &progress, judged_by_tiles ? tiles_served(h, &h->report) : h->stats.tiles);
         if (lw_clock_ns() > h->deadline_ns) {
             h->late =
                 shows_light(&h->report) && take_picture(h, err) == LW_OK && finish_picture(h, err) == LW_OK;

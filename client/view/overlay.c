@@ -3,6 +3,8 @@
 #include <math.h>
 #include <stdio.h>
 
+_Static_assert(LW_WAITING_LINE_SIZE <= LW_OVERLAY_LINE_SIZE, "what is waited for fits into a line");
+
 #define ERROR_TOLD 0.26f /* the largest that is told: 1 % */
 
 const char *const lw_overlay_keys[LW_OVERLAY_KEYS] = {
@@ -43,8 +45,10 @@ void lw_overlay_state(const struct lw_overlay_state *state, char out[LW_OVERLAY_
     const size_t size = LW_OVERLAY_LINE_SIZE;
     if (state->lost)
         snprintf(out, size, state->receiving ? "server is back: receiving" : "server gone: looking for it");
+    else if (!state->lit && state->waiting.stage == LW_WAITING_READY)
+        snprintf(out, size, "light is arriving");
     else if (!state->lit)
-        snprintf(out, size, "waiting for the first light");
+        lw_waiting_line(state->waiting.stage, state->waiting.share, out);
     else if (!r->complete)
         snprintf(out, size, "light is arriving, %u %%", percent_there(r));
     else if (r->converged)

@@ -5,6 +5,7 @@
 #define LW_CLIENT_VIEW_OVERLAY_H
 
 #include "client/view/compose.h"
+#include "common/waiting.h"
 
 #define LW_OVERLAY_LINE_SIZE 64
 
@@ -13,9 +14,10 @@
 extern const char *const lw_overlay_keys[LW_OVERLAY_KEYS];
 
 struct lw_overlay_state {
-    bool lost;      /* the server is gone, */
-    bool receiving; /* and back, with a scene that is on its way */
-    bool lit;       /* the first light is there */
+    bool lost;                       /* the server is gone, */
+    bool receiving;                  /* and back, with a scene that is on its way */
+    bool lit;                        /* the first light is there; */
+    struct lw_waiting_state waiting; /* until then: what the server does for it */
     struct lw_compose_report report;
 };
 

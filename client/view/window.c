@@ -616,6 +616,7 @@ static void show_figures(struct lw_window *w) {
     const struct lw_overlay_state state = {.lost = w->lost,
                                            .receiving = w->incoming != NULL,
                                            .lit = stats.first_ns != 0,
+                                           .waiting = lw_client_waiting(w->client),
                                            .report = w->picture.report};
     if (state.lit)
         snprintf(line[2], sizeof line[2], "light %.0f ms old", (double)stats.light_age_ns * 1e-6);

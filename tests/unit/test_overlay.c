@@ -14,6 +14,10 @@ static void test_state(void **unused) {
     (void)unused;
     struct lw_overlay_state s = {0};
     assert_says(&s, "waiting for the first light");
+    s.waiting = (struct lw_waiting_state){LW_WAITING_LOOKING_INSIDE, 0.42f};
+    assert_says(&s, "looking inside objects, 42 %");
+    s.waiting = (struct lw_waiting_state){LW_WAITING_READY, 1};
+    assert_says(&s, "light is arriving");
     s.lit = true;
     s.report = (struct lw_compose_report){
         .tiles_needed = 90, .tiles_missing = 5, .tiles_unfinished = 7, .shown_error = 1};
