@@ -10,6 +10,8 @@ import { LimitError } from './failure.ts';
 import type { CameraPlace, FromWorker, ToWorker } from './protocol.ts';
 import { type Curve, Renderer, SAMPLES_STILL } from './renderer.ts';
 import type { TileBatch } from './replica.ts';
+import { waitingText } from './waiting.ts';
+import type { Waiting } from './wire.ts';
 
 const UPLOAD_MS = 3; // of each picture's time, for tiles
 const SURVEY_MS = 100;
@@ -56,6 +58,7 @@ class App {
   private autoExposure = true;
   private stopsWanted: number | null = null;
   private progress = 0;
+  private wait: Waiting | null = null; // why there is no light yet; null: nobody has said, or there is
   private help = true;
   private state = ''; // of the connection, mostly
   private failure = '';
@@ -172,6 +175,8 @@ class App {
       this.solveMs = message.frame.solveNs / 1e6;
       this.timeS = message.frame.timeS;
       this.stats.frames++;
+      this.wait = null;
+      this.showWait();
       this.stats.frame = Number(message.frame.frame);
       this.dirty = true;
     } else if (message.kind === 'tiles') {
@@ -179,6 +184,10 @@ class App {
       this.renderer?.setMean(message.mean);
       this.stats.first ||= message.first;
       this.queue.push({ batch: message.batch, at: 0, texel: 0 });
+    } else if (message.kind === 'waiting') {
+      this.wait = message.waiting;
+      this.state = ''; // the server is there
+      this.showMessage();
     } else this.stats.settled = this.stats.frames;
   }
 
@@ -419,7 +428,19 @@ class App {
     const scene = this.renderer ? '' : `receiving the scene: ${Math.round(100 * this.progress)} %`;
     const lost = this.gl ? '' : 'the graphics context is lost; waiting for it to come back';
     element('message').textContent = this.failure || lost || this.state || scene;
+    this.showWait();
     element('help').textContent = this.help && this.renderer && !this.failure ? HELP : '';
+  }
+
+  /** What the server does before its first light, where nothing else is to be said: text for people, and a
+   * progress bar for who hears the page. */
+  private showWait(): void {
+    const bar = element('wait');
+    const waits = this.renderer && !element('message').textContent && (this.wait || !this.stats.frames);
+    const text = waits ? waitingText(this.wait) : '';
+    bar.textContent = text;
+    bar.setAttribute('aria-valuetext', text);
+    bar.setAttribute('aria-valuenow', `${Math.round(100 * (this.wait?.share ?? 0))}`);
   }
 
   // ---- for tests ----

@@ -2,7 +2,7 @@
 import type { Cluster } from './clusters.ts';
 import type { SceneData } from './geometry.ts';
 import type { TileBatch } from './replica.ts';
-import type { Frame } from './wire.ts';
+import type { Frame, Waiting } from './wire.ts';
 
 export interface CameraPlace {
   name: string;
@@ -47,5 +47,6 @@ export type FromWorker =
     }
   | { kind: 'camera'; place: CameraPlace }
   | { kind: 'settled' }
+  | { kind: 'waiting'; waiting: Waiting } // for the first light of a session, before its frames
   // received since the page began; not decoded yet; memory of the decoder
   | { kind: 'traffic'; bytes: number; waiting: number; memory: number };

@@ -41,6 +41,7 @@ export interface SessionHost extends PartStore {
   frame(news: FrameNews): void;
   tiles(batch: TileBatch, mean: [number, number, number], visible: Uint8Array<ArrayBuffer> | null): void;
   settled(): void;
+  waiting?(waiting: wire.Waiting): void; // for the first light; before frame()
   token?: Uint8Array; // 32 bytes
   mayControl?(): void; // change() has effect; before scene()
   refused?(text: string): void; // a change
@@ -268,6 +269,9 @@ export class Session {
       if (wire.readSettled(body) !== this.lastFrame) return outOfOrder('SETTLED');
       this.flush();
       this.host.settled();
+    } else if (type === wire.Type.WAITING) {
+      const waiting = wire.readWaiting(body);
+      if (!this.lastFrame) this.host.waiting?.(waiting);
     } else if (type === wire.Type.UPDATED) {
       const updated = wire.readUpdated(body);
       if (updated.request !== this.request || this.answered === this.request) outOfOrder('UPDATED');

@@ -32,6 +32,7 @@ export const Type = {
   UPDATE: 13,
   UPDATED: 14,
   HOLDS: 15,
+  WAITING: 18,
 } as const;
 
 export const Feature = { CONTROL: 2n, RESUME: 4n, PARTS: 16n, DCT: 32n, DRAWS: 64n } as const;
@@ -468,6 +469,25 @@ export function readSettled(body: Uint8Array): bigint {
   }
   if (!frame) r.fail('frame 0');
   return frame;
+}
+
+/** Why there is no light yet. */
+export interface Waiting {
+  stage: number; // waiting.ts names some
+  share: number; // of it that is done, 0 to 1
+}
+
+export function readWaiting(body: Uint8Array): Waiting {
+  const r = new Reader('WAITING', body);
+  const w = { stage: 0, share: 0 };
+  while (r.next()) {
+    if (r.no === 1) w.stage = r.uint32();
+    else if (r.no === 2) w.share = r.float();
+    else r.skip();
+  }
+  if (w.stage < 1 || w.stage > 65535) r.fail('stage out of range');
+  if (w.share < 0 || w.share > 1) r.fail('share out of range');
+  return w;
 }
 
 /** The answer to an UPDATE. code: 0: done. */

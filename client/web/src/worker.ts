@@ -114,6 +114,7 @@ class Link {
           batch.texels.buffer,
         ]),
       settled: () => post({ kind: 'settled' }),
+      waiting: (waiting) => post({ kind: 'waiting', waiting }),
       token,
       mayControl: () => {
         this.controls = true;

@@ -20,6 +20,7 @@ const viewport = { width: WIDTH, height: HEIGHT };
 test('the Cornell box', { skip: missing || false }, async (t) => {
   const daemon = await startStill('builtin:cornell');
   try {
+    await t.test('it says why there is no light yet', () => withPage(viewport, waitingPage(daemon)));
     for (const direct of ['tiles', 'auto'])
       await t.test(`picture, direct light: ${direct}`, () =>
         comparePictures(daemon, 'builtin:cornell', {
@@ -33,6 +34,21 @@ test('the Cornell box', { skip: missing || false }, async (t) => {
     await daemon.stop();
   }
 });
+
+/** The clock holds the server before its first frame. */
+const waitingPage = (daemon) => async (page) => {
+  await page.goto(`${daemon.url}?camera=0,1,3:0,1,0:45&direct=tiles`);
+  const says = () => document.getElementById('wait').textContent;
+  await until(page, 'its wait', `(${says})() === 'Looking inside objects: 100 %'`);
+  assert.equal(await page.evaluate(() => lightwell.message()), '');
+  const bar = page.getByRole('progressbar', { name: 'First light' });
+  assert.equal(await bar.getAttribute('aria-valuetext'), 'Looking inside objects: 100 %');
+  assert.equal(await bar.getAttribute('aria-valuenow'), '100');
+  daemon.frames(1);
+  await until(page, 'a picture', () => lightwell.stats.pictures > 0);
+  assert.equal(await page.evaluate(says), '');
+  assert.equal(await bar.count(), 0, 'it is hidden');
+};
 
 const touchPage = (daemon) => async (page, context) => {
   await page.goto(`${daemon.url}?camera=0,1,3:0,1,0:45&direct=tiles`);

@@ -22,6 +22,7 @@ class Connection {
     this.frames = 0;
     this.tileCount = 0;
     this.settledFrame = 0;
+    this.waits = [];
     this.sent = [];
     this.socket = connect(port, '127.0.0.1');
     this.session = new Session(kept, tiles, this, 0n, 0);
@@ -52,6 +53,9 @@ class Connection {
     this.tileCount += batch.id.length;
     this.session.taken(batch.id.length);
   }
+  waiting(waiting) {
+    this.waits.push(waiting);
+  }
   settled() {
     this.settledFrame = this.frames;
   }
@@ -81,8 +85,18 @@ test('a session gets scene and light, and comes back with what it has', { skip }
     const parts = new Map();
     const first = new Connection(daemon.port, kept, tiles, parts);
     await first.until('the scene', () => first.replica);
+    // the clock holds it before its first frame
+    const isInside = ({ stage, share }) => stage === 2 && share === 1;
+    await first.until('the look inside objects', () => first.waits.some(isInside));
+    assert.equal(first.frames, 0);
     daemon.frames(1);
     await first.until('the first light', () => first.settledFrame > 0);
+    assert.deepEqual(first.waits.at(-1), { stage: 4, share: 1 });
+    first.waits.reduce((before, now) => {
+      const isLater = now.stage > before.stage || (now.stage === before.stage && now.share > before.share);
+      assert.ok(isLater, JSON.stringify(first.waits));
+      return now;
+    });
     const { replica } = kept;
     const { map } = replica;
     assert.ok(replica.hasFirst());
@@ -121,6 +135,7 @@ test('a session gets scene and light, and comes back with what it has', { skip }
     assert.equal(kept.replica, replica);
     assert.equal(second.replica, undefined, 'the scene is kept');
     assert.equal(second.tileCount, 0, 'and so is its light');
+    assert.deepEqual(second.waits, [], 'for which it need not wait');
     second.end();
 
     // another page of the same browser: the package comes from the store

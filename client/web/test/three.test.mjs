@@ -53,8 +53,19 @@ function hook() {
 async function lit(page, daemon, frames) {
   // a client of a kind of its own gets its light with the next frame
   await until(page, 'the scene', () => heard.scene);
+  const says = () => document.getElementById('state').textContent;
+  const bar = () => {
+    const { hidden, value } = document.getElementById('wait');
+    return hidden || value;
+  };
+  // the clock holds the server before its first frame
+  await until(page, 'its wait', () => document.getElementById('wait').value === 1);
+  assert.equal(await page.evaluate(says), 'Looking inside objects: 100 %');
+  assert.equal(await page.evaluate(bar), 1);
   daemon.frames(1);
   await until(page, 'its first picture', () => drawOne() && example);
+  assert.equal(await page.evaluate(says), '');
+  assert.equal(await page.evaluate(bar), true, 'it is hidden');
   await until(page, 'all tiles of the view', () => {
     const { light, camera, renderer } = example;
     light.update(camera, renderer.domElement.height);

@@ -20,6 +20,7 @@ const readers = {
   [Type.PING]: wire.readToken,
   [Type.PONG]: wire.readToken,
   [Type.SETTLED]: wire.readSettled,
+  [Type.WAITING]: wire.readWaiting,
 };
 
 function read(name) {
@@ -75,6 +76,9 @@ test('what they say', () => {
   assert.deepEqual(Array.from(read('frame_spares.bin').hidden.slice(0, 2)), [8, 9]);
   assert.equal(read('refusal.bin').code > 0, true);
   assert.equal(read('refusal.bin').retryAfterMs, 0);
+  assert.deepEqual(read('waiting.bin'), { stage: 2, share: 0.25 });
+  assert.deepEqual(read('waiting_none_done.bin'), { stage: 1, share: 0 });
+  assert.deepEqual(read('waiting_unknown_stage.bin'), { stage: 65535, share: 0.5 });
   assert.equal(read('refusal_retry_after.bin').retryAfterMs, 2000);
 });
 

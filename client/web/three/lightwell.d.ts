@@ -10,8 +10,20 @@ export interface AttachOptions {
   worker?: string | URL;
   /** For a server that wants one: 64 hexadecimal digits. */
   token?: string;
-  /** What a person should know: the link is lost, comes back; '' for all is well. */
+  /** What a person should know: the link is lost, comes back, or why there is no light yet ("Looking inside
+   * objects: 42 %"); '' for all is well. */
   onState?: (text: string) => void;
+  /** The same wait in numbers, for a bar of your own: a few times a second at most, from the scene's request
+   * to the first light, the last time with 'ready'. Never, if there is light already. */
+  onWaiting?: (waiting: LightwellWaiting) => void;
+}
+
+/** What a server does before its first light. */
+export interface LightwellWaiting {
+  /** 'other': of a newer server. */
+  stage: 'placing texels' | 'looking inside objects' | 'first light' | 'ready' | 'other';
+  /** Of that stage, 0 to 1. */
+  share: number;
 }
 
 export class Lightwell {

@@ -13,6 +13,7 @@ import { MATERIAL_TEXELS, type MeshShape, type SceneData } from '../src/geometry
 import { LightKind } from '../src/package.ts';
 import type { FromWorker, ToWorker } from '../src/protocol.ts';
 import type { TileBatch } from '../src/replica.ts';
+import { waitingText } from '../src/waiting.ts';
 import { INTEREST_MAX, type Frame } from '../src/wire.ts';
 
 /** UV channel of the lightmap: 'uv2', since a glTF uses up to two. */
@@ -31,9 +32,30 @@ export interface AttachOptions {
   worker?: string | URL;
   /** For a server that wants one: 64 hexadecimal digits. */
   token?: string;
-  /** What a person should know: the link is lost, comes back; '' for all is well. */
+  /** What a person should know: the link is lost, comes back, or why there is no light yet ("Looking inside
+   * objects: 42 %"); '' for all is well. */
   onState?: (text: string) => void;
+  /** The same wait in numbers, for a bar of your own: a few times a second at most, from the scene's request
+   * to the first light, the last time with 'ready'. Never, if there is light already. */
+  onWaiting?: (waiting: LightwellWaiting) => void;
 }
+
+/** What a server does before its first light. */
+export interface LightwellWaiting {
+  /** 'other': of a newer server. */
+  stage: 'placing texels' | 'looking inside objects' | 'first light' | 'ready' | 'other';
+  /** Of that stage, 0 to 1. */
+  share: number;
+}
+
+/** By WAITING's numbers. */
+const STAGES: LightwellWaiting['stage'][] = [
+  'other',
+  'placing texels',
+  'looking inside objects',
+  'first light',
+  'ready',
+];
 
 /** A lightmap: level 0 of an object's atlas, in which coarser tiles stand in for finer ones. */
 interface Lightmap {
@@ -109,6 +131,10 @@ export class Lightwell {
     else if (message.kind === 'state') {
       if (message.final) this.failed?.(new Error(message.text));
       this.options.onState?.(message.text);
+    } else if (message.kind === 'waiting') {
+      const { stage, share } = message.waiting;
+      this.options.onWaiting?.({ stage: STAGES[stage] ?? 'other', share });
+      this.options.onState?.(waitingText(message.waiting));
     } else if (message.kind === 'scene') this.takeScene(message.data, message.draws, message.clientLights);
     else if (message.kind === 'frame') this.takeFrame(message.frame, message.visible);
     else if (message.kind === 'tiles') {

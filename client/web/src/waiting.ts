@@ -1,0 +1,14 @@
+// waiting.ts: why there is no light yet, in words: what a server does before its first light.
+import type { Waiting } from './wire.ts';
+
+export const READY = 4;
+/** By WAITING's numbers of stages; after READY there may be those of newer servers. */
+const WORDS = ['', 'Placing texels', 'Looking inside objects', 'First light'];
+
+/** 'Looking inside objects: 42 %'; '': there is light. null: the server, which may be an older one, has not
+ * said; stages of a newer one are told as that. */
+export function waitingText(waiting: Waiting | null): string {
+  if (waiting?.stage === READY) return '';
+  const words = waiting && WORDS[waiting.stage];
+  return words ? `${words}: ${Math.round(100 * waiting.share)} %` : 'Waiting for the first light';
+}
