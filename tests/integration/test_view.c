@@ -177,6 +177,30 @@ static void test_late(void **state) {
     assert_int_equal(lw_process_stop(&slow, SIGTERM, LW_PROCESS_LIMIT_S), 0);
 }
 
+/* A server before its first light, held there by its clock: the wait says what it does. */
+static void test_before_the_first_light(void **state) {
+    (void)state;
+    char arguments[512], png[256];
+    struct lw_process held;
+    lw_process_serve_by_hand(&held, "builtin:cornell --texels-per-metre 8 --light whole");
+    snprintf(png, sizeof png, "%s", lw_support_temporary("first.png"));
+    snprintf(arguments, sizeof arguments, "127.0.0.1:%u --headless --wait first --timeout 3 --out %s",
+             held.port, png);
+    assert_int_equal(run_view(arguments), 75);
+    char *err = lw_process_err(&view);
+    if (!strstr(err, "the scene has not arrived") && /* on a busy machine */
+        !strstr(err, "no light within 3 s, the server is at: looking inside objects, 100 % (--timeout)"))
+        fail_msg("%s", err);
+    free(err);
+    snprintf(arguments, sizeof arguments, "127.0.0.1:%u --headless --wait first --out %s", held.port, png);
+    lw_process_start(&view, "lightwell-view", arguments);
+    lw_process_await_text(&view, "lightwell-view: looking inside objects: 100 %");
+    lw_process_step(&held, 1);
+    assert_int_equal(lw_process_finish(&view, LW_PROCESS_LIMIT_S), 0);
+    assert_int_equal(access(png, F_OK), 0);
+    assert_int_equal(lw_process_stop(&held, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+}
+
 static void test_failures(void **state) {
     (void)state;
     char arguments[512];
@@ -450,6 +474,7 @@ int main(void) {
         cmocka_unit_test(test_good_picture),
         cmocka_unit_test(test_png),
         cmocka_unit_test(test_late),
+        cmocka_unit_test(test_before_the_first_light),
         cmocka_unit_test(test_failures),
         cmocka_unit_test(test_own_server),
         cmocka_unit_test(test_own_server_without_light),

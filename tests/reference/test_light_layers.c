@@ -74,6 +74,25 @@ static void expect_light_of(const struct room_solution *s, const struct room *ro
     room_finish(&fresh);
 }
 
+/* Each layer is a part of the wait: none of them begins it again. */
+static void test_layers_wait_together(void **state) {
+    (void)state;
+    struct room_solution s;
+    struct lw_waiting waiting = {0};
+    struct lw_solver_desc told = desc;
+    const struct room room = room_with_two_lamps();
+    uint64_t frame = 0;
+    told.waiting = &waiting;
+    room_solve_layers(&s, room_scene(&room), room.texels_per_metre, told, "left;right", 0);
+    assert_int_equal(lw_waiting_read(&waiting).stage, LW_WAITING_LOOKING_INSIDE);
+    assert_true(lw_waiting_read(&waiting).share == 1);
+    step(&s, &frame);
+    assert_int_equal(lw_waiting_read(&waiting).stage, LW_WAITING_FIRST_LIGHT);
+    assert_true(lw_waiting_read(&waiting).share == 1);
+    assert_true(waiting.part == 2 && waiting.parts == 3);
+    room_finish(&s);
+}
+
 /* However it is parted, light is the same. */
 static void test_the_sum_is_the_light_of_all(void **state) {
     (void)state;
@@ -371,6 +390,7 @@ int main(void) {
         cmocka_unit_test(test_groups_by_name),
         cmocka_unit_test(test_groups_of_what_dims),
         cmocka_unit_test(test_bad_names),
+        cmocka_unit_test(test_layers_wait_together),
         cmocka_unit_test(test_the_sum_is_the_light_of_all),
         cmocka_unit_test(test_another_weight_takes_no_ray),
         cmocka_unit_test(test_the_last_light_goes_out),

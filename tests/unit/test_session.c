@@ -30,7 +30,8 @@ int __wrap_clock_gettime(clockid_t clock, struct timespec *out) {
 struct link {
     struct lw_session_transport transport;
     bool is_full, is_read, is_closed;
-    uint32_t writes;
+    uint32_t writes, waits;
+    struct lw_message_waiting wait; /* the last of these */
     size_t bytes, overhead;
     uint16_t last;        /* type of the last message written */
     enum lw_refusal code; /* of a REFUSAL */
@@ -50,6 +51,10 @@ static int write_blobs(struct lw_session_transport *transport, struct lw_blob *c
         if (m.type == LW_MESSAGE_REFUSAL) {
             link->code = m.refusal.code;
             snprintf(link->text, sizeof link->text, "%s", m.refusal.text);
+        }
+        if (m.type == LW_MESSAGE_WAITING) {
+            link->waits++;
+            link->wait = m.waiting;
         }
         lw_message_finish(&m);
         lw_blob_unref(blob[i]);
@@ -581,6 +586,42 @@ static void test_turned_away_of_an_address(void **state) {
     assert_true(is_refused(open_from(2, false), LW_REFUSAL_FULL));
 }
 
+/* ---- before the first light ---- */
+
+static void expect_waits(const struct lw_session *s, uint32_t count, uint32_t stage, float share) {
+    const struct link *link = (const struct link *)s->link;
+    assert_int_equal(link->waits, count);
+    assert_int_equal(link->wait.stage, stage);
+    assert_true(link->wait.share == share);
+}
+
+/* At once, and then as often as there is news, at most. */
+static void test_waiting_for_light(void **state) {
+    (void)state;
+    struct lw_waiting light = {0};
+    shared.first_light = &light;
+    lw_waiting_raise(&light, LW_WAITING_PLACING_TEXELS, 1, 2);
+    struct lw_session *s = open_one();
+    greet(s);
+    look(s, now_ns + SECOND_NS);
+    expect_waits(s, 0, 0, 0); /* it wants nothing yet */
+    ask_for_package(s, false);
+    expect_waits(s, 1, LW_WAITING_PLACING_TEXELS, 0.5f);
+    const uint64_t told_ns = now_ns, apart_ns = LW_SERVER_WAITING_MS * 1000000ull;
+    lw_waiting_raise(&light, LW_WAITING_LOOKING_INSIDE, 1, 4);
+    look(s, told_ns + apart_ns - 1);
+    expect_waits(s, 1, LW_WAITING_PLACING_TEXELS, 0.5f);
+    look(s, told_ns + apart_ns);
+    expect_waits(s, 2, LW_WAITING_LOOKING_INSIDE, 0.25f);
+    look(s, now_ns + SECOND_NS);
+    expect_waits(s, 2, LW_WAITING_LOOKING_INSIDE, 0.25f);
+    for (unsigned i = 0; i < 100; i++) {
+        lw_waiting_raise(&light, LW_WAITING_FIRST_LIGHT, i + 1, 101);
+        look(s, now_ns + apart_ns / 10);
+    }
+    expect_waits(s, 12, LW_WAITING_FIRST_LIGHT, 0.9f);
+}
+
 int main(void) {
 #define TEST(name) cmocka_unit_test_setup_teardown(name, start, finish)
     const struct CMUnitTest tests[] = {
@@ -604,6 +645,7 @@ int main(void) {
         TEST(test_places_of_an_address),
         TEST(test_turned_away),
         TEST(test_turned_away_of_an_address),
+        TEST(test_waiting_for_light),
     };
 #undef TEST
     return cmocka_run_group_tests(tests, NULL, NULL);
