@@ -57,6 +57,7 @@ static enum lw_status handle(struct scout *s, const struct lw_message *m, struct
                               m->refusal.text && *m->refusal.text ? m->refusal.text : "it did not say why");
     if (m->type == LW_MESSAGE_WELCOME) return handle_welcome(s, &m->welcome, err);
     if (m->type == LW_MESSAGE_PONG) return LW_OK; /* the link pings where the download takes long */
+    if (m->type == LW_MESSAGE_WAITING && s->welcomed) return LW_OK;
     if (m->type != LW_MESSAGE_PACKAGE_CHUNK || !s->welcomed)
         return lw_status_fail(err, LW_PROTOCOL, "message %s: out of order",
                               lw_message_name((uint16_t)m->type));
