@@ -503,6 +503,7 @@ static size_t take_session(struct peer *p, uint8_t **out_bytes) {
             lw_message_finish(&m);
             continue;
         }
+        if (type == LW_MESSAGE_WAITING) continue; /* who comes later may not have to wait */
         if (size + header.body_size + 2 > capacity) {
             capacity = 2 * (size + header.body_size + 2);
             all = realloc(all, capacity);

@@ -39,10 +39,13 @@ test('the Cornell box', { skip: missing || false }, async (t) => {
 const waitingPage = (daemon) => async (page) => {
   await page.goto(`${daemon.url}?camera=0,1,3:0,1,0:45&direct=tiles`);
   const says = () => document.getElementById('wait').textContent;
-  await until(page, 'its wait', `(${says})() === 'Looking inside objects: 100 %'`);
+  const inside = 'Looking inside objects: 100 %';
+  await until(page, 'its wait', (text) => document.getElementById('wait').textContent === text, {
+    given: inside,
+  });
   assert.equal(await page.evaluate(() => lightwell.message()), '');
   const bar = page.getByRole('progressbar', { name: 'First light' });
-  assert.equal(await bar.getAttribute('aria-valuetext'), 'Looking inside objects: 100 %');
+  assert.equal(await bar.getAttribute('aria-valuetext'), inside);
   assert.equal(await bar.getAttribute('aria-valuenow'), '100');
   daemon.frames(1);
   await until(page, 'a picture', () => lightwell.stats.pictures > 0);
