@@ -5,27 +5,42 @@
 /* ---- noise and shapes ---- */
 
 static float mix(float a, float b, float t) { return a + (b - a) * t; }
-static float clamp01(float x) { return fminf(fmaxf(x, 0.0f), 1.0f); }
+static float clamp01(float x) { return x < 0.0f ? 0.0f : x > 1.0f ? 1.0f : x; }
 static float smooth(float low, float high, float x) {
     float t = clamp01((x - low) / (high - low));
     return t * t * (3.0f - 2.0f * t);
 }
 static float fraction(float x) { return x - floorf(x); }
 
+static uint32_t wrapped(int x, int period) { return (uint32_t)(((x % period) + period) % period); }
+
+/* Periods stay below 4099. */
+static float lattice_at(uint32_t x, uint32_t y, uint32_t seed) {
+    return lw_random_unit(lw_random_hash(x + 4099u * y + 0x9e3779b9u * seed));
+}
 static float lattice(int x, int y, int period, uint32_t seed) {
-    uint32_t px = (uint32_t)(((x % period) + period) % period),
-             py = (uint32_t)(((y % period) + period) % period);
-    return lw_random_unit(lw_random_hash(px + 4099u * py + 0x9e3779b9u * seed)); /* periods stay below 4099 */
+    return lattice_at(wrapped(x, period), wrapped(y, period), seed);
+}
+
+/* floorf, which is a call on processors that the compiler must assume, for |x| < 2^31. */
+static int floor_int(float x) {
+    const int i = (int)x;
+    return i - ((float)i > x);
 }
 
 /** Value noise in [0, 1] that repeats after `period` cells. */
 static float noise(float x, float y, int period, uint32_t seed) {
-    float fx = floorf(x), fy = floorf(y), tx = x - fx, ty = y - fy;
-    int ix = (int)fx, iy = (int)fy;
+    const int fx = floor_int(x), fy = floor_int(y);
+    const bool within = (uint32_t)fx < (uint32_t)period && (uint32_t)fy < (uint32_t)period;
+    const uint32_t ix = within ? (uint32_t)fx : wrapped(fx, period),
+                   iy = within ? (uint32_t)fy : wrapped(fy, period),
+                   next_x = ix + 1 < (uint32_t)period ? ix + 1 : 0,
+                   next_y = iy + 1 < (uint32_t)period ? iy + 1 : 0;
+    float tx = x - (float)fx, ty = y - (float)fy;
     tx = tx * tx * (3.0f - 2.0f * tx);
     ty = ty * ty * (3.0f - 2.0f * ty);
-    return mix(mix(lattice(ix, iy, period, seed), lattice(ix + 1, iy, period, seed), tx),
-               mix(lattice(ix, iy + 1, period, seed), lattice(ix + 1, iy + 1, period, seed), tx), ty);
+    return mix(mix(lattice_at(ix, iy, seed), lattice_at(next_x, iy, seed), tx),
+               mix(lattice_at(ix, next_y, seed), lattice_at(next_x, next_y, seed), tx), ty);
 }
 
 /** Octaves of noise over the unit square, in [0, 1], starting with `cells` cells. */
