@@ -131,6 +131,22 @@ static const struct table tables[] = {
          {{-11.07f, 1.57f, 0.77f}, {-6.22f, 0.71f, -0.09f}, 60, "the edge of the sun along the nave"},
          {{3.57f, 1.45f, -1.02f}, {1.47f, 0.90f, -2.69f}, 60, "floor and curtains in the sun"},
      }},
+    {"cornell",
+     {2.00f, 1.98f, 2.01f},
+     {
+         {{-0.43f, 0.79f, 0.67f}, {-1.00f, 0.73f, 0.05f}, 60, "the red wall from near"},
+         {{0.67f, 0.79f, -0.73f}, {-0.93f, 0.55f, 1.14f}, 60, "from behind the blocks, out of the box"},
+         {{-0.01f, 1.38f, 0.23f}, {1.00f, 1.48f, 0.28f}, 60, "the green wall from beneath the lamp"},
+         {{0.53f, 0.79f, 0.70f}, {-1.00f, 0.93f, 0.14f}, 60, "across the box to the red wall"},
+         {{0.39f, 0.79f, -0.04f}, {1.00f, 0.69f, 0.43f}, 60, "the green wall from near"},
+         {{0.58f, 1.38f, 0.30f}, {-1.00f, 1.24f, -0.09f}, 60, "above the blocks to the red wall"},
+         {{0.08f, 0.79f, 0.63f}, {0.55f, 1.20f, -1.01f}, 60, "the back wall from the opening"},
+         {{0.02f, 0.79f, -0.71f}, {0.96f, 0.69f, -1.01f}, 60, "the corner of back and green wall"},
+         {{0.71f, 0.79f, 0.34f}, {0.44f, 0.66f, -1.01f}, 60, "along the green wall"},
+         {{0.48f, 0.79f, -0.35f}, {0.09f, 0.79f, -1.01f}, 60, "the back wall from near"},
+         {{0.44f, 1.38f, 0.64f}, {0.87f, 1.00f, -1.01f}, 60, "the back wall from the opening, above"},
+         {{0.29f, 1.38f, 0.25f}, {-0.91f, 1.24f, -1.01f}, 60, "the corner of back and red wall"},
+     }},
 };
 
 static const struct table *find_table(const struct lw_scene *scene, struct lw_vec3 low, struct lw_vec3 high) {
