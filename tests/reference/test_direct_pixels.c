@@ -48,11 +48,22 @@ static void set_up_scene(struct world *w, struct lw_scene *scene, const char *na
     if (scene->camera_count) w->view.camera = lw_camera_of_scene(scene, &w->pose, 0);
 }
 
+/* Built once: no test changes it. */
+static struct lw_scene *atrium;
+
 static void set_up(struct world *w, const char *name, const char *names) {
-    struct lw_scene *scene;
+    const bool is_atrium = strcmp(name, "builtin:atrium") == 0;
+    struct lw_scene *scene = is_atrium ? atrium : NULL;
     struct lw_error err = {0};
-    lw_support_ok(lw_builtin_build(name, &scene, &err), &err);
+    if (!scene) lw_support_ok(lw_builtin_build(name, &scene, &err), &err);
+    if (is_atrium) atrium = scene;
     set_up_scene(w, scene, names);
+}
+
+static int destroy_atrium(void **state) {
+    (void)state;
+    lw_scene_destroy(atrium);
+    return 0;
 }
 
 static void tear_down(struct world *w) {
@@ -60,7 +71,7 @@ static void tear_down(struct world *w) {
     lw_trace_destroy(w->trace);
     lw_atlas_map_finish(&w->map);
     lw_pose_finish(&w->pose);
-    lw_scene_destroy(w->scene);
+    if (w->scene != atrium) lw_scene_destroy(w->scene);
 }
 
 static struct lw_compose *new_compose(const struct world *w, bool drawn, unsigned threads) {
@@ -383,5 +394,5 @@ int main(void) {
         cmocka_unit_test(test_absurd_lights),
         cmocka_unit_test(test_absurd_emitters),
     };
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    return cmocka_run_group_tests(tests, NULL, destroy_atrium);
 }

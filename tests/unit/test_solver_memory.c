@@ -48,12 +48,18 @@ struct fixture {
     struct lw_pose pose;
 };
 
-static void open_scene(struct fixture *f, const char *name, float texels_per_metre) {
+static struct lw_scene *build(const char *name, float texels_per_metre) {
+    struct lw_scene *scene;
     struct lw_error err = {0};
-    lw_support_ok(lw_builtin_build(name, &f->scene, &err), &err);
-    lw_support_ok(lw_lightmap_build(
-                      f->scene, &(struct lw_lightmap_desc){.texels_per_metre = texels_per_metre}, NULL, &err),
+    lw_support_ok(lw_builtin_build(name, &scene, &err), &err);
+    lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = texels_per_metre},
+                                    NULL, &err),
                   &err);
+    return scene;
+}
+
+static void open_scene(struct fixture *f, struct lw_scene *scene) {
+    f->scene = scene;
     lw_support_ok(lw_atlas_map_init(&f->map, f->scene), NULL);
     lw_support_ok(lw_pose_init(&f->pose, f->scene), NULL);
 }
@@ -61,7 +67,6 @@ static void open_scene(struct fixture *f, const char *name, float texels_per_met
 static void close_scene(struct fixture *f) {
     lw_pose_finish(&f->pose);
     lw_atlas_map_finish(&f->map);
-    lw_scene_destroy(f->scene);
 }
 
 static struct lw_solver_desc desc_of(const struct fixture *f) {
@@ -91,10 +96,10 @@ static void run_frame(struct lw_solver *solver, const struct fixture *f) {
 }
 
 /* One layer; geometry and cell solver apart. */
-static void expect_cells_counted(const char *name, float texels_per_metre) {
+static void expect_cells_counted(const char *name, struct lw_scene *scene) {
     struct fixture f;
     struct lw_error err = {0};
-    open_scene(&f, name, texels_per_metre);
+    open_scene(&f, scene);
     const struct lw_solver_desc desc = desc_of(&f);
     const int64_t before = held_bytes;
     struct lw_geometry geometry;
@@ -118,22 +123,20 @@ static void expect_cells_counted(const char *name, float texels_per_metre) {
 
 static void cornell_is_counted(void **state) {
     (void)state;
-    expect_cells_counted("builtin:cornell", 40);
+    struct lw_scene *scene = build("builtin:cornell", 40);
+    expect_cells_counted("builtin:cornell", scene);
+    lw_scene_destroy(scene);
 }
 
-static void atrium_is_counted(void **state) {
-    (void)state;
-    expect_cells_counted("builtin:atrium", 1.5f);
-}
+static void atrium_is_counted(void **state) { expect_cells_counted("builtin:atrium", *state); }
 
 /* With the sums of layers; another structure for rays stands for theirs. */
 static void layers_are_counted(void **state) {
-    (void)state;
     struct fixture f;
     struct lw_error err = {0};
     struct lw_light_groups groups;
     struct lw_trace *trace;
-    open_scene(&f, "builtin:atrium", 1.5f);
+    open_scene(&f, *state);
     lw_support_ok(lw_trace_create(f.scene, &f.pose, &trace, &err), &err);
     const size_t trace_bytes = lw_trace_memory_bytes(trace);
     lw_trace_destroy(trace);
@@ -153,10 +156,13 @@ static void layers_are_counted(void **state) {
 }
 
 int main(void) {
+    struct lw_scene *atrium = build("builtin:atrium", 1.5f);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(cornell_is_counted),
-        cmocka_unit_test(atrium_is_counted),
-        cmocka_unit_test(layers_are_counted),
+        cmocka_unit_test_prestate(atrium_is_counted, atrium),
+        cmocka_unit_test_prestate(layers_are_counted, atrium),
     };
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    const int failed = cmocka_run_group_tests(tests, NULL, NULL);
+    lw_scene_destroy(atrium);
+    return failed;
 }
