@@ -273,7 +273,7 @@ static double share_after_six_frames(bool filtered) {
     room_quad(&here, lw_vec3(1.2f, 1.6f, 0.4f), lw_vec3(1.2f, 0, 0), lw_vec3(0, 0, 1.2f), 0, 10);
     room_quad(&there, lw_vec3(1.2f, 1.6f, 0.4f), lw_vec3(1.2f, 0, 0), lw_vec3(0, 0, 1.2f), 0, 10);
     room_solve(&s, &here, settings, 400);
-    room_solve(&fresh, &there, settings, 400);
+    room_solve(&fresh, &there, settings, 200);
     const struct squares before = light_of_floor(&s), after = light_of_floor(&fresh);
     shift(&s, PLATE, 0.15f);
     solve_on(&s, &frame, 6);
@@ -392,7 +392,7 @@ static struct squares light_of_two_lamps(bool lit) {
     const struct room room = room_of_two_lamps();
     room_solve(&s, &room, exact, 0);
     light_up(&s, lit);
-    solve_on(&s, &frame, 300);
+    solve_on(&s, &frame, 150); /* a square: 900 times the samples of a texel in six frames */
     const struct squares light = light_of_floor(&s);
     room_finish(&s);
     return light;
@@ -480,13 +480,13 @@ static void test_what_is_not_solved_is_not_due(void **state) {
 
 /* What an object has hidden comes to light as it goes, and texels beside it that yielded to it do no more.
  * Every `stride`th object, one after another. */
-static void begin_to_move(uint32_t stride) {
+static void begin_to_move(uint32_t stride, float texels_per_metre) {
     struct lw_error err = {0};
     struct lw_scene *scene;
     struct room_solution s;
     uint64_t frame = 1;
     lw_support_ok(lw_builtin_build("builtin:atrium", &scene, &err), &err);
-    room_solve_scene(&s, scene, 2, desc, 1);
+    room_solve_scene(&s, scene, texels_per_metre, desc, 1);
     for (uint32_t o = 0; o < scene->object_count; o += stride) {
         shift(&s, o, 0.05f);
         solve_on(&s, &frame, 1);
@@ -507,12 +507,12 @@ static void begin_to_move(uint32_t stride) {
 
 static void test_objects_may_begin_to_move(void **state) {
     (void)state;
-    begin_to_move(4);
+    begin_to_move(4, 1);
 }
 
 static void test_each_object_may_begin_to_move(void **state) {
     (void)state;
-    begin_to_move(1);
+    begin_to_move(1, 2);
 }
 
 /* One object after the other is shifted by up to half of `reach`, hidden or shown, `changes` times, a frame
