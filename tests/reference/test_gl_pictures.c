@@ -65,7 +65,7 @@ static void fill(struct world *w, uint32_t o, uint32_t k, float tint, float scal
         }
 }
 
-/* Scenes that several tests look at, which change none of them: to import one takes longer than to draw it. */
+/* Scenes that several tests look at and none changes: to import one takes longer than to draw it. */
 static struct opened {
     char name[512];
     struct lw_scene *scene;
