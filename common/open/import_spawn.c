@@ -72,11 +72,15 @@ static void find_program(struct importer *importer) {
         lw_program_path(PROGRAM_NAME, importer->program, sizeof importer->program);
 }
 
+/* An importer that root has started may already be nobody, and not root's to limit any more: before that, it
+ * has limited itself (cage.h). */
+static bool has_gone(int error) { return error == ESRCH || (error == EPERM && geteuid() == 0); }
+
 static void limit_memory(const struct importer *importer) {
     uint64_t bytes = importer->desc->memory_max ? importer->desc->memory_max : LW_IMPORT_SPAWN_MEMORY_MAX;
     const struct rlimit limit = {bytes, bytes};
     if (LW_SANITIZER) return; /* a sanitizer's shadow alone reserves terabytes */
-    if (prlimit(importer->pid, RLIMIT_AS, &limit, NULL) < 0 && errno != ESRCH)
+    if (prlimit(importer->pid, RLIMIT_AS, &limit, NULL) < 0 && !has_gone(errno))
         lw_log(LW_LOG_WARNING, "cannot limit the memory of %s: %s", PROGRAM_NAME, strerror(errno));
 }
 

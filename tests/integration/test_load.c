@@ -81,19 +81,22 @@ static json_t *load(const struct lw_process *daemon, const char *arguments) {
     return report_of(&load);
 }
 
-/* Until there are `users` users, and then for the window and some frames, however busy the machine is. */
-static void wait_for_users(const struct lw_process *daemon, unsigned users) {
-    const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
-    while (lw_process_newest(daemon, "sessions") != users) {
-        if (lw_clock_ns() > end_ns) fail_msg("no %u users within %u s", users, LIMIT_S);
-        lw_process_sleep_ms(10);
-    }
-    const double last = lw_process_newest(daemon, "frame") + 10;
+struct users {
+    const struct lw_process *daemon;
+    unsigned count;
+};
+
+static bool are_there(void *context) {
+    const struct users *users = context;
+    return lw_process_newest(users->daemon, "sessions") == users->count;
+}
+
+/* Until there are `count` users, and then for the window, which is real time, and some frames. */
+static void wait_for_users(struct lw_process *daemon, unsigned count) {
+    struct users users = {daemon, count};
+    if (!lw_process_await(daemon, are_there, &users)) fail_msg("ended before there were %u users", count);
     lw_process_sleep_ms(WINDOW_MS);
-    while (lw_process_newest(daemon, "frame") < last) {
-        if (lw_clock_ns() > end_ns) fail_msg("no frames within %u s", LIMIT_S);
-        lw_process_sleep_ms(10);
-    }
+    lw_process_await_frames(daemon, 10);
 }
 
 static void test_fifty_users(void **state) {

@@ -103,12 +103,6 @@ static bool said(const char *text) {
     return found;
 }
 
-/* A server may serve some moments before it says what. */
-static void expect_line(const char *text) {
-    for (uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull; !said(text); lw_process_sleep_ms(5))
-        if (lw_clock_ns() > end_ns) fail_msg("it does not say: %s", text);
-}
-
 static uint64_t tiles_of(int i) {
     struct lw_client_stats stats;
     lw_client_get_stats(client[i], &stats);
@@ -123,7 +117,7 @@ static void full_is_split_and_what_is_drawn(void **state) {
         char arguments[300];
         snprintf(arguments, sizeof arguments, CORNELL "--bounces %d", bounces);
         lw_process_serve(&server, arguments);
-        expect_line("clients draw the direct light of 1 emissive material, if they can");
+        lw_process_await_text(&server, "clients draw the direct light of 1 emissive material, if they can");
         for (int i = 0; i < CLIENTS; i++) join(i);
         for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
         for (int i = 0; i < CLIENTS; i++) light[bounces / 2][i] = total_light(i);
@@ -180,7 +174,8 @@ static void who_draws_joins_a_scene_that_moves(void **state) {
     (void)state;
     struct lw_client_stats stats;
     lw_process_serve(&server, "builtin:atrium --texels-per-metre 1 --json");
-    expect_line("clients draw the direct light of 1 sun, 2 emissive materials, if they can");
+    lw_process_await_text(&server,
+                          "clients draw the direct light of 1 sun, 2 emissive materials, if they can");
     const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
     for (int i = 0; i < CLIENTS; i++) {
         const uint64_t joined_ns = lw_clock_ns();
@@ -271,7 +266,7 @@ static void kept_light_is_there_in_both_forms(void **state) {
     lw_process_serve(&server, arguments);
     join(SPLIT);
     wait_for_rest(SPLIT);
-    expect_line("clients draw no direct light");
+    lw_process_await_text(&server, "clients draw no direct light");
     assert_false(said("showing frame"));
     assert_null(lw_client_draws(client[SPLIT]));
     assert_true(fabs(total_light(SPLIT) - light[FULL]) < 0.05 * light[FULL]);

@@ -18,7 +18,8 @@
 #include <zstd.h>
 
 #define USERS_MAX 4u
-#define SECONDS   0.5
+#define LATE_MS   1000
+#define SECONDS   3 /* measured: what a server says comes within them on a busy machine, too */
 
 struct fake;
 
@@ -167,7 +168,8 @@ static void *serve(void *argument) {
     say(f, &(struct lw_message){.type = LW_MESSAGE_PONG, .pong.token = 1}); /* as after 5 s of download */
     say_package(f, 0);
     close(f->peer);
-    for (uint32_t u = 0; u < f->users; u++) {
+    bool asked[USERS_MAX] = {false};
+    for (uint32_t u = 0; u < f->users; u++) { /* when the last one says hello, the measured time has begun */
         f->peer = peer[u] = accept(f->listener, NULL, NULL);
         hear_hello(f);
         if (f->part->instead) {
@@ -175,7 +177,11 @@ static void *serve(void *argument) {
             continue;
         }
         say_welcome(f, false);
-        if (hear_request(f) != UINT64_MAX && f->part->after) f->part->after(f, u);
+        asked[u] = hear_request(f) != UINT64_MAX;
+    }
+    for (uint32_t u = 0; u < f->users; u++) {
+        f->peer = peer[u];
+        if (asked[u] && f->part->after) f->part->after(f, u);
     }
     for (uint32_t u = 0; u < f->users; u++) {
         struct lw_message m;
@@ -255,7 +261,6 @@ static void say_two_frames(struct fake *f, uint32_t user) {
     say_frame(f, 3); /* a large frame comes in several messages */
     say_tiles(f, 2);
     say_settled(f, 3);
-    usleep(100000); /* into the measured time */
     say_frame(f, 4);
     say_bytes(f, "\x01\x00\x00\x00\xff\x00\x00\x00?", 9); /* of a newer server */
     say_tiles(f, 4);
@@ -283,7 +288,7 @@ static void test_figures(void **state) {
     assert_int_equal(f->age.count, tiles);
     assert_true(f->age.min >= 5000000 && f->age.min <= 5000000 + f->update.max);
     assert_int_equal(f->whole.count, 1);
-    assert_true(f->whole.max < 500000000);
+    assert_true((double)f->whole.max < SECONDS * 1e9);
     assert_true(r->measured_s >= SECONDS && r->measured_s < 10);
     assert_int_equal(r->users_at_end, 1);
     assert_true(r->user_s > 0.5 * SECONDS && r->user_s <= r->measured_s + 0.1);
@@ -291,24 +296,23 @@ static void test_figures(void **state) {
 }
 
 static void say_at_user_times(struct fake *f, uint32_t user) {
-    if (user == 1) usleep(200000);
+    if (user == 1) usleep(LATE_MS * 1000);
     say_frame(f, 1);
     say_tiles(f, 1);
-    if (user == 0) usleep(100000);
     say_frame(f, 2);
     say_tiles(f, 2);
     say_settled(f, 2);
 }
 
-/* The second user hears of frame 2 some 200 ms after the first: that is its latency. */
+/* The second user hears of frame 2 so much later than the first: that is its latency. */
 static void test_latency_counts_from_the_first_who_heard(void **state) {
     (void)state;
     uint32_t tiles;
     struct lw_load_report *r = run(&(struct part){.after = say_at_user_times}, 2, false, &tiles);
     const struct lw_load_figures *f = &r->figures;
     assert_int_equal(f->update.count, 2 * tiles);
-    assert_true(f->update.max >= 190000000);
-    assert_true(lw_histogram_quantile(&f->update, 0.25) < 150000000);
+    assert_true(f->update.max >= 0.95 * LATE_MS * 1e6);
+    assert_true((double)lw_histogram_quantile(&f->update, 0.25) < 0.75 * LATE_MS * 1e6);
     assert_int_equal(r->tiles_decoded, 2 * tiles);
     free(r);
 }
