@@ -108,8 +108,8 @@ compile_with() {
 for stage in "$@"; do
     echo "check: $stage"
     case $stage in
-    # three at a time for two cores: some wait more than they compute
-    fast) run_tests release -L "$fast" -j 3 ;;
+    # four at a time for two cores: many wait more than they compute
+    fast) run_tests release -L "$fast" -j 4 ;;
     flakes)
         scripts/build.sh release
         find_flakes
