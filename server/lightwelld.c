@@ -62,6 +62,10 @@
 /* A form of light that no client takes any more is published for this long, since clients come back after a
  * broken link. */
 #define FORM_LINGERS_NS 10000000000u
+/* A picture of one sample for each texel is blotched. So the first one that is shown has this many, or as
+ * many as there are so long after the first. */
+#define FIRST_ROUNDS 3
+#define FIRST_NS     1500000000u
 
 enum clock_kind { CLOCK_REAL, CLOCK_STEP, CLOCK_MANUAL };
 enum light_kind { LIGHT_WHOLE, LIGHT_SEEN };
@@ -152,7 +156,11 @@ struct daemon {
     struct lw_daemon_metrics metrics;
     const char *isa; /* of the rays' kernels */
     uint64_t started_ns, rays_total;
-    uint64_t first;       /* number of the first frame: 1, or after the frames of the saved light */
+    uint64_t first; /* number of the first frame: 1, or after the frames of the saved light */
+    struct {        /* until there is light */
+        uint64_t lit_ns, frame_ns, texels; /* the end of the first frame, how long it took, what it solved */
+        unsigned rounds;                   /* that all of the light has had (frames whose light is shown) */
+    } young;
     uint64_t published;   /* the last frame that was */
     bool moved;           /* something has moved since then */
     bool owes_snapshot;   /* there was no memory for one */
@@ -667,11 +675,12 @@ static enum lw_status follow_clients(struct daemon *d, struct lw_error *err) {
     return status;
 }
 
-/* While nobody looks, all of the scene is solved, until it has been for --prepare seconds. */
-static enum lw_status prepare(struct daemon *d, struct lw_error *err) {
+/* While nobody looks, all of the scene is solved from the second frame on, until it has been for --prepare
+ * seconds. */
+static enum lw_status prepare(struct daemon *d, uint64_t frame, struct lw_error *err) {
     const struct settings *s = &d->settings;
-    const bool wanted = s->light == LIGHT_SEEN && s->clock == CLOCK_REAL && d->lit && !d->is_looked_at &&
-                        (double)d->prepared_ns < 1e9 * s->prepare_s;
+    const bool wanted = s->light == LIGHT_SEEN && s->clock == CLOCK_REAL && frame > d->first &&
+                        !d->is_looked_at && (double)d->prepared_ns < 1e9 * s->prepare_s;
     if (wanted == d->prepares || d->is_looked_at) return LW_OK;
     d->prepares = wanted;
     return wanted ? d->solver->ops->set_interest(d->solver, NULL, err) : solve_nothing(d, err);
@@ -741,6 +750,35 @@ static enum lw_status publish_frame(struct daemon *d, uint64_t frame, uint64_t s
     return LW_OK;
 }
 
+/* Whether the first light is held back, to be better soon. Who has changed the scene does not wait. */
+static bool is_too_young(struct daemon *d, uint64_t frame, const struct lw_solver_stats *solve,
+                         size_t updates) {
+    const struct settings *s = &d->settings;
+    const bool goes_on = s->light != LIGHT_SEEN || d->is_looked_at || s->prepare_s > 0;
+    return s->clock == CLOCK_REAL && !d->lit && !d->forms_kept && !updates && goes_on &&
+           solve->tiles_solved && d->young.rounds < FIRST_ROUNDS &&
+           frame - d->first + 1 != (uint64_t)s->frames && lw_clock_ns() - d->young.lit_ns < FIRST_NS;
+}
+
+static void note_young(struct daemon *d, const struct lw_solver_stats *solve, uint64_t began_ns) {
+    if (!d->young.rounds++) {
+        d->young.lit_ns = lw_clock_ns();
+        d->young.frame_ns = d->young.lit_ns - began_ns;
+        d->young.texels = solve->texels_solved;
+    }
+}
+
+static void tell_first_light(struct daemon *d, const struct lw_solver_stats *solve) {
+    const double after_s = (double)(lw_clock_ns() - d->started_ns) * 1e-9;
+    lw_log(LW_LOG_INFO, "first light after %.1f s: %u texels in %u tiles, %.1f M rays, frame %.0f ms",
+           after_s, (unsigned)d->young.texels, solve->tiles, (double)d->rays_total * 1e-6,
+           (double)d->young.frame_ns * 1e-6);
+    lw_service_notify("STATUS=first light after %.1f s", after_s);
+    lw_daemon_metrics_first_light(&d->metrics, after_s);
+    d->lit = true;
+    lw_waiting_raise(&d->first_light, LW_WAITING_READY, 1, 1);
+}
+
 static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rested, struct lw_error *err) {
     struct lw_solver_stats solve = {0};
     struct lw_publisher_stats publish = {0};
@@ -749,7 +787,7 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     uint64_t began = lw_clock_ns(), cpu_began = work_cpu_ns(d);
     const size_t updates = simulate(d, frame, &cost.changes);
     enum lw_status status = follow_clients(d, err);
-    if (status == LW_OK) status = prepare(d, err);
+    if (status == LW_OK) status = prepare(d, frame, err);
     const uint32_t forms_before = d->forms;
     if (status == LW_OK) status = show_forms(d, choose_forms(d, frame), err);
     if (status == LW_OK) status = d->solver->ops->frame(d->solver, &d->pose, frame, &solve, err);
@@ -759,8 +797,10 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     d->rays_total += solve.rays_shadow + solve.rays_bounce + solve.rays_probe;
     /* A frame in which nothing was solved and nothing moved gives no snapshot and no bytes, unless a session
      * has asked for a form of light that was not published. */
+    if (!d->lit && solve.tiles_shown) note_young(d, &solve, began);
     const bool news =
-        has_news(d, &solve, updates) || !d->lit || d->owes_snapshot || (d->forms & ~forms_before);
+        !is_too_young(d, frame, &solve, updates) &&
+        (has_news(d, &solve, updates) || !d->lit || d->owes_snapshot || (d->forms & ~forms_before));
     *out_rested = !news && !solve.tiles_solved;
     if (news) {
         status = publish_frame(d, frame, lw_clock_ns() - began, solve.tiles_shown, &snapshot, &publish, err);
@@ -776,16 +816,7 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     lw_snapshot_unref(snapshot);
     cost.wall_ns = lw_clock_ns() - began;
     if (d->prepares) d->prepared_ns += cost.wall_ns;
-    if (!d->lit) {
-        lw_log(LW_LOG_INFO, "first light after %.1f s: %u texels in %u tiles, %.1f M rays, frame %.0f ms",
-               (double)(lw_clock_ns() - d->started_ns) * 1e-9, (unsigned)solve.texels_solved, solve.tiles,
-               (double)d->rays_total * 1e-6, (double)cost.wall_ns * 1e-6);
-        const double after_s = (double)(lw_clock_ns() - d->started_ns) * 1e-9;
-        lw_service_notify("STATUS=first light after %.1f s", after_s);
-        lw_daemon_metrics_first_light(&d->metrics, after_s);
-    }
-    d->lit = true;
-    lw_waiting_raise(&d->first_light, LW_WAITING_READY, 1, 1);
+    if (news && !d->lit) tell_first_light(d, &solve);
     lw_daemon_metrics_frame(&d->metrics,
                             &(struct lw_daemon_metrics_frame){.number = frame,
                                                               .wall_ns = cost.wall_ns,

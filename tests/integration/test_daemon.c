@@ -78,6 +78,18 @@ static double last_of(const struct report *report, const char *key) {
     return lw_process_number(report->line[report->lines - 1], key);
 }
 
+/* The number of the first frame that clients got, and how long after the first frame of all it was, s. */
+static double first_published(const struct report *report, double *out_after_s) {
+    for (unsigned i = 0; i < report->lines; i++) {
+        const double frame = lw_process_number(report->line[i], "published");
+        *out_after_s = lw_process_number(report->line[i], "time_s") -
+                       lw_process_number(report->line[0], "time_s") +
+                       1e-3 * lw_process_number(report->line[i], "frame_ms");
+        if (frame > 0) return frame;
+    }
+    return 0;
+}
+
 /* ---- clients ---- */
 
 /* The clients of a test, of one daemon or of several in turn. What they have
@@ -893,6 +905,34 @@ static void serve_moving(struct lw_process *daemon, const char *more) {
     lw_process_serve(daemon, arguments);
 }
 
+/* The first picture is that of three frames, or of as many as there are a second and a half after the first;
+ * where there will be no more, of those that there are. */
+static void the_first_light_has_several_frames(void **state) {
+    (void)state;
+    static const struct {
+        const char *options;
+        double frame;
+    } light[] = {{"--prepare 1000", 3}, {"--light whole", 3}, {"--frames 2", 2}, {"--prepare 0", 1}};
+    for (size_t i = 0; i < sizeof light / sizeof *light; i++) {
+        struct lw_process daemon;
+        char arguments[128];
+        snprintf(arguments, sizeof arguments, "builtin:cornell --texels-per-metre 8 --json %s",
+                 light[i].options);
+        lw_process_serve(&daemon, arguments);
+        if (light[i].frame != 2) lw_process_await_frames(&daemon, 4);
+        if (light[i].frame == 2)
+            assert_int_equal(lw_process_finish(&daemon, LIMIT_S), 0);
+        else
+            stop(&daemon);
+        struct report report = read_report(&daemon);
+        double after_s;
+        const double frame = first_published(&report, &after_s);
+        if (!(frame == light[i].frame || (frame > 0 && frame < light[i].frame && after_s > 1.2)))
+            fail_msg("%s: frame %g, after %g s", light[i].options, frame, after_s);
+        free_report(&report);
+    }
+}
+
 static void expect_frame_by_frame(struct lw_process *daemon) {
     struct lw_client *client = join(daemon);
     assert_int_equal(watch_frames(client, 10, 1.0 / 30, 0), 9);
@@ -1013,6 +1053,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test_teardown(the_city_moves_frame_by_frame, end_all),
     };
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(the_first_light_has_several_frames, end_all),
         cmocka_unit_test_teardown(one_solve_serves_all, end_all),
         cmocka_unit_test_teardown(all_see_the_same, end_all),
         cmocka_unit_test_teardown(threads_change_nothing_and_seeds_do, end_all),
