@@ -600,7 +600,13 @@ static void a_signal_while_it_writes_leaves_nothing(void **state) {
     assert_int_equal(mkdir(folder, 0700), 0);
     char words[512], package[256];
     snprintf(package, sizeof package, "%s/city.lwscene", folder);
-    snprintf(words, sizeof words, "builtin:city:1 -o %s", package);
+    char source[256]; /* charts and all: what comes before the writing takes a fifth of building it */
+    struct lw_process importer;
+    snprintf(source, sizeof source, "%s", lw_support_temporary("city.lwscene"));
+    snprintf(words, sizeof words, "builtin:city:1 --texels-per-metre 0.5 -o %s", source);
+    lw_process_start(&importer, "lightwell-import", words);
+    lw_process_expect(&importer, lw_process_finish(&importer, 120), 0);
+    snprintf(words, sizeof words, "%s -o %s", source, package);
     for (size_t i = 0; i < sizeof signals / sizeof *signals; i++) {
         struct lw_process process;
         lw_process_start(&process, "lightwell-import", words);

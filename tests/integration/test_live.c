@@ -541,7 +541,7 @@ static void test_views_want_what_they_show(void **state) {
         }
     assert_true(hits > 100);
     /* a small picture of the same reads coarser levels: fewer tiles */
-    view = view_of(&camera, 32, 18);
+    view = view_of(&camera, 16, 9);
     live->interest.view[0] = view;
     uint32_t finest = 0, finest_of_small = 0;
     for (uint32_t i = 0; i < count; i++)

@@ -29,7 +29,7 @@ static int make_atrium(void **state) {
     struct lw_process import;
     char arguments[400];
     snprintf(atrium, sizeof atrium, "%s", lw_support_temporary("atrium.lwscene"));
-    snprintf(arguments, sizeof arguments, "builtin:atrium --texels-per-metre 1 -o %s", atrium);
+    snprintf(arguments, sizeof arguments, "builtin:atrium --texels-per-metre 0.5 -o %s", atrium);
     lw_process_start(&import, "lightwell-import", arguments);
     lw_process_expect(&import, lw_process_finish(&import, LIMIT_S), 0);
     return 0;

@@ -341,7 +341,7 @@ static void test_another_scene(void **state) {
     press(SDLK_m);
     assert_int_equal(lw_process_stop(&first, SIGTERM, LW_PROCESS_LIMIT_S), 0);
     struct lw_process second;
-    snprintf(line, sizeof line, "builtin:atrium --listen 127.0.0.1:%u --texels-per-metre 2", first.port);
+    snprintf(line, sizeof line, "builtin:ajar --listen 127.0.0.1:%u --texels-per-metre 4", first.port);
     lw_process_serve(&second, line);
     step_until(is_of_another_scene, "another scene");
     assert_true(apart(now().start.position, start.position) > 0.1f);
