@@ -236,7 +236,7 @@ static void test_pictures_converge(void **state) {
     (void)state;
     struct world w;
     set_up(&w, "builtin:cornell", "auto");
-    float *reference = trace_reference(&w, 512);
+    float *reference = trace_reference(&w, 256);
     const double one = noise_of(&w, 1, reference), many = noise_of(&w, 16, reference);
     if (!(many < 0.7 * one)) fail_msg("relMSE of 16 pictures is %g, of one %g", many, one);
     free(reference);

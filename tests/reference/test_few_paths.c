@@ -97,12 +97,12 @@ static double gain(const char *name, uint32_t reference_samples) {
  * few neighbours to learn from. */
 static void test_cornell(void **state) {
     (void)state;
-    assert_true(gain("builtin:cornell", 64) > 80);
+    assert_true(gain("builtin:cornell", 32) > 80);
 }
 
 static void test_atrium(void **state) {
     (void)state;
-    assert_true(gain("builtin:atrium", 16) > 6);
+    assert_true(gain("builtin:atrium", 8) > 6);
 }
 
 int main(void) {

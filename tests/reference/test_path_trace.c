@@ -11,6 +11,10 @@
 #define SIGMA 4.5  /* standard errors; of a thousand such comparisons none fails by chance */
 #define FLAT  1e-5 /* what float sums may be off by where nothing is random */
 
+/* Times the samples of the fast test; noise falls by its root. */
+static unsigned effort = 1;
+static double noise(double tolerance) { return tolerance / sqrt(effort); }
+
 /* A scene with everything that a render needs. */
 struct set {
     struct lw_scene *scene;
@@ -426,9 +430,9 @@ static void test_a_transparent_lamp_shines_its_share(void **state) {
             struct lw_path_view view = view_of(lw_vec3(0.5f, 4, 0.5f), lw_vec3(0.5f, 0, 0.5f), 0, 0);
             view.camera.fov_y = 2 * atanf(0.125f);
             view.method = (enum lw_path_method)method;
-            struct mean mean = mean_of(&set, view, 24, 64);
+            struct mean mean = mean_of(&set, view, 24, 32 * effort);
             if (i == 0) whole = mean.value;
-            if (i == 1) expect_near(mean.value, 0.25 * whole, 0.03); /* 3 sigma of either */
+            if (i == 1) expect_near(mean.value, 0.25 * whole, noise(0.042)); /* 3 sigma of either */
             if (i == 2) assert_true(mean.value == 0);
             tear_down(&set);
         }
@@ -462,8 +466,8 @@ static void test_methods_agree(void **state) {
         view.method = way[w].method;
         view.pattern = way[w].pattern;
         view.all_lights = way[w].all_lights;
-        mean[w] = mean_of(&set, view, 32, view.method == LW_PATH_METHOD_BOUNCE ? 128 : 32);
-        assert_true(mean[w].error < 0.01 * mean[w].value);
+        mean[w] = mean_of(&set, view, 32, (view.method == LW_PATH_METHOD_BOUNCE ? 64 : 16) * effort);
+        assert_true(mean[w].error < noise(0.014) * mean[w].value);
     }
     for (int a = 0; a < WAYS; a++)
         for (int b = 0; b < a; b++) {
@@ -509,7 +513,7 @@ static void test_parts_add_up(void **state) {
     struct mean mean[3];
     for (int part = 0; part < 3; part++) {
         view.part = (enum lw_path_part)part;
-        mean[part] = mean_of(&set, view, 32, 32);
+        mean[part] = mean_of(&set, view, 32, 16 * effort);
     }
     const double sum = mean[LW_PATH_PART_DIRECT].value + mean[LW_PATH_PART_INDIRECT].value;
     const double error = sqrt(pow(mean[0].error, 2) + pow(mean[1].error, 2) + pow(mean[2].error, 2));
@@ -810,7 +814,7 @@ static void test_convergence(void **state) {
     set_up(&set, scene, 2);
     struct lw_path_view view = {
         .camera = lw_camera_of_scene(scene, &set.world.pose, 0), .bounces = 2, .seed = 9};
-    struct lw_path_film reference = render(&set, &view, 48, 48, 1024);
+    struct lw_path_film reference = render(&set, &view, 48, 48, 512 * effort);
     view.seed = 1;
     double last = 0;
     for (uint32_t n = 4; n <= 32; n *= 8) {
@@ -828,7 +832,10 @@ static void test_convergence(void **state) {
     tear_down(&set);
 }
 
-int main(void) {
+/* With an argument: the same of more samples. */
+int main(int argc, char **argv) {
+    (void)argv;
+    if (argc > 1) effort = 2;
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_parallel),
         cmocka_unit_test(test_furnace_partial_sums),

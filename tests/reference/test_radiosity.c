@@ -94,7 +94,7 @@ static void test_directions_agree_with_the_cell_solver(void **state) {
     struct room room = room_with_two_lamps();
     struct room_solution cells, radiosity;
     struct lw_solver_desc desc = {.bounces = 3};
-    room.texels_per_metre = 8;
+    room.texels_per_metre = 6;
     room_solve_by(&cells, &room, "cells", desc, 256);
     desc.radiosity.directions = 256;
     room_solve_by(&radiosity, &room, "radiosity", desc, 4);
