@@ -916,8 +916,8 @@ static void the_first_light_has_several_frames(void **state) {
     for (size_t i = 0; i < sizeof light / sizeof *light; i++) {
         struct lw_process daemon;
         char arguments[128];
-        snprintf(arguments, sizeof arguments, "builtin:cornell --texels-per-metre 8 --json %s",
-                 light[i].options);
+        snprintf(arguments, sizeof arguments,
+                 "builtin:cornell --texels-per-metre 8 --json --frame-budget-ms inf %s", light[i].options);
         lw_process_serve(&daemon, arguments);
         if (light[i].frame != 2) lw_process_await_frames(&daemon, 4);
         if (light[i].frame == 2)
