@@ -40,7 +40,7 @@ struct job {
     uint32_t mesh_index, object_count;
     double metres_per_unit; /* of its largest object */
     double area_os;         /* square units */
-    double edges_os;        /* units (lightmap_things.h); 0 where the density is given */
+    double edges_os;        /* units (lightmap_things.h); 0 where they do not matter */
     double asked;           /* texels per metre as a multiple of the scene's, by name */
     double relative;        /* the same where the number of texels is bounded, on top of that */
     bool has_back;
@@ -387,25 +387,33 @@ static double size_of_things(const struct drive *drive) {
     return edges > 0 ? 2 * area / edges : 0;
 }
 
-/* What is wanted where nothing is asked for: texels per metre of a scene of this surface, m^2. */
-static double default_density(const struct drive *drive, double area) {
-    const double things = size_of_things(drive), most = drive->texels_max;
-    double density = LW_LIGHTMAP_DENSITY_DEFAULT;
-    if (!(area > 0)) return density;
-    density = fmax(density, sqrt(fmin((double)LW_LIGHTMAP_TEXELS_MIN, most) / area));
-    if (!(things > 0)) return density;
+/* What is wanted where nothing is asked for, texels per metre. Edges are measured where they can matter. */
+static enum lw_status default_density(struct drive *drive, double *out_density) {
+    const double area = total_surface(drive), most = drive->texels_max;
+    *out_density = LW_LIGHTMAP_DENSITY_DEFAULT;
+    if (!(area > 0)) return LW_OK;
+    *out_density = fmax(*out_density, sqrt(fmin((double)LW_LIGHTMAP_TEXELS_MIN, most) / area));
     const double affordable = sqrt(fmin((double)LW_LIGHTMAP_TEXELS_FINE, most) / area);
-    return fmax(density, fmin(LW_LIGHTMAP_ACROSS / things, affordable));
+    if (affordable <= *out_density) return LW_OK;
+    const enum lw_status status = find_edges(drive);
+    const double things = size_of_things(drive);
+    if (status == LW_OK && things > 0)
+        *out_density = fmax(*out_density, fmin(LW_LIGHTMAP_ACROSS / things, affordable));
+    return status;
 }
 
 /* What is wanted, and what bounds it. */
-static void choose_density(struct drive *drive, const struct lw_lightmap_desc *desc) {
+static enum lw_status choose_density(struct drive *drive, const struct lw_lightmap_desc *desc,
+                                     struct lw_error *err) {
     const bool given = desc->texels_per_metre > 0;
+    double density = (double)desc->texels_per_metre;
+    enum lw_status status = LW_OK;
     drive->texels_max = desc->texels_max ? (double)desc->texels_max
                         : given          ? (double)INFINITY
                                          : default_most(drive);
-    drive->density_max =
-        clamp_density(given ? (double)desc->texels_per_metre : default_density(drive, total_surface(drive)));
+    if (!given) status = default_density(drive, &density);
+    drive->density_max = clamp_density(density);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "out of memory for lightmap UVs");
 }
 
 /* Before anything is laid out: charts cover about as many texels as surfaces have, and more at their
@@ -620,7 +628,6 @@ enum lw_status lw_lightmap_build(struct lw_scene *scene, const struct lw_lightma
     uint64_t triangles = 0;
     struct lw_progress progress;
     enum lw_status status = find_jobs(&drive);
-    if (status == LW_OK && !(desc->texels_per_metre > 0)) status = find_edges(&drive);
     if (status != LW_OK)
         lw_status_fail(err, status, "out of memory for lightmap UVs");
     else
@@ -628,7 +635,7 @@ enum lw_status lw_lightmap_build(struct lw_scene *scene, const struct lw_lightma
     for (uint32_t i = 0; i < drive.job_count; i++) triangles += drive.job[i].mesh->triangle_count;
     for (uint32_t m = 0; out_report && m < scene->mesh_count; m++)
         out_report[m] = (struct lw_lightmap_report){.mesh = m};
-    choose_density(&drive, desc);
+    if (status == LW_OK) status = choose_density(&drive, desc, err);
     lw_progress_init(&progress, "unwrapping", triangles * (is_too_much(&drive) ? DENSITY_ROUNDS : 1));
     if (status == LW_OK) status = lay_out_scene(&drive, &progress, err);
     lw_progress_finish(&progress);
