@@ -1,5 +1,6 @@
 /* Indirect light against closed forms and against itself: the closed furnace,
  * threads, linearity, convergence. */
+#include "tests/reference/effort.h"
 #include "tests/reference/room.h"
 
 #include "common/builtin/builtin.h"
@@ -7,10 +8,6 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-
-/* Times the samples of the fast test; noise falls by its root. */
-static unsigned effort = 1;
-static double noise(double tolerance) { return tolerance / sqrt(effort); }
 
 /* In a closed room whose walls all emit Le and reflect rho, bounce k adds pi Le rho^k. */
 static void expect_furnace(float rho, uint32_t bounces, double tolerance) {
@@ -217,7 +214,7 @@ static void test_rare_samples_are_no_lamps(void **state) {
 /* With an argument: the same of more samples. */
 int main(int argc, char **argv) {
     (void)argv;
-    if (argc > 1) effort = 2;
+    set_effort(argc);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_furnace),
         cmocka_unit_test(test_same_bytes_at_any_thread_count),

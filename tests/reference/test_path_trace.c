@@ -3,6 +3,7 @@
 #include "client/measure/path_world.h"
 #include "common/builtin/builtin.h"
 #include "common/colour.h"
+#include "tests/reference/effort.h"
 #include "tests/reference/room.h"
 
 #include <string.h>
@@ -10,10 +11,6 @@
 #define SEEDS 16
 #define SIGMA 4.5  /* standard errors; of a thousand such comparisons none fails by chance */
 #define FLAT  1e-5 /* what float sums may be off by where nothing is random */
-
-/* Times the samples of the fast test; noise falls by its root. */
-static unsigned effort = 1;
-static double noise(double tolerance) { return tolerance / sqrt(effort); }
 
 /* A scene with everything that a render needs. */
 struct set {
@@ -835,7 +832,7 @@ static void test_convergence(void **state) {
 /* With an argument: the same of more samples. */
 int main(int argc, char **argv) {
     (void)argv;
-    if (argc > 1) effort = 2;
+    set_effort(argc);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_parallel),
         cmocka_unit_test(test_furnace_partial_sums),

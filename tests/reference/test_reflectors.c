@@ -1,12 +1,9 @@
 /* Light by way of small bright objects: a lamp over a dish in a black room, against closed forms. */
 #include "server/solve/transport/reflectors.h"
+#include "tests/reference/effort.h"
 #include "tests/reference/room.h"
 
 #include <math.h>
-
-/* Times the samples of the fast test; noise falls by its root. */
-static unsigned effort = 1;
-static double noise(double tolerance) { return tolerance / sqrt(effort); }
 
 #define SEGMENTS 96 /* of room_disc() */
 #define RADIUS   0.06f
@@ -156,7 +153,7 @@ static void test_same_bytes_at_any_thread_count(void **state) {
 /* With an argument: the same of more samples. */
 int main(int argc, char **argv) {
     (void)argv;
-    if (argc > 1) effort = 2;
+    set_effort(argc);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_few_frames_have_its_light),
         cmocka_unit_test(test_its_light_arrives_once),

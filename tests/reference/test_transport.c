@@ -1,5 +1,6 @@
 /* Light transport as a whole: form factors off the axis, reciprocity, energy, partial sums, and what a result
  * must not hang on: the order of tiles, the packet that a ray travels in. */
+#include "tests/reference/effort.h"
 #include "tests/reference/room.h"
 
 #include "common/random.h"
@@ -7,10 +8,6 @@
 
 #include <math.h>
 #include <string.h>
-
-/* Times the samples of the fast test; noise falls by its root. */
-static unsigned effort = 1;
-static double noise(double tolerance) { return tolerance / sqrt(effort); }
 
 #define PI 3.14159265358979323846
 
@@ -217,7 +214,7 @@ static void test_packets_against_single_rays(void **state) {
 /* With an argument: the same of more samples. */
 int main(int argc, char **argv) {
     (void)argv;
-    if (argc > 1) effort = 2;
+    set_effort(argc);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_disc),
         cmocka_unit_test(test_reciprocity),
