@@ -795,9 +795,9 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     uint64_t cpu_solved = work_cpu_ns(d);
     cost.solve_cpu_ns = cpu_solved - cpu_began;
     d->rays_total += solve.rays_shadow + solve.rays_bounce + solve.rays_probe;
+    if (!d->lit && solve.tiles_shown) note_young(d, &solve, began);
     /* A frame in which nothing was solved and nothing moved gives no snapshot and no bytes, unless a session
      * has asked for a form of light that was not published. */
-    if (!d->lit && solve.tiles_shown) note_young(d, &solve, began);
     const bool news =
         !is_too_young(d, frame, &solve, updates) &&
         (has_news(d, &solve, updates) || !d->lit || d->owes_snapshot || (d->forms & ~forms_before));

@@ -9,8 +9,7 @@
  * So the covered texels of a block, on which charts of several surfaces may lie, are halved until each group
  * lies on one surface. The packets of a group take turns with its texels, so that neighbours belong to
  * different ones. On a block of one flat surface packet k takes every fourth texel in both directions.
- * Groups are cut at multiples of
- * sixteen: a block has as few packets as its texels fill. */
+ * Groups are cut at multiples of sixteen: a block has as few packets as its texels fill. */
 #ifndef LW_SURFACE_PACKETS_H
 #define LW_SURFACE_PACKETS_H
 
