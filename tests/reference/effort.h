@@ -1,5 +1,5 @@
-/* effort.h: how many samples a reference test takes: as few as the fast tests can do with, or, where the program
- * has an argument, twice as many. */
+/* effort.h: how many samples a reference test takes: as few as the fast tests can do with, or, where the
+ * program has an argument, twice as many. */
 #ifndef LW_TESTS_EFFORT_H
 #define LW_TESTS_EFFORT_H
 
