@@ -181,9 +181,12 @@ static void test_late(void **state) {
 static void test_before_the_first_light(void **state) {
     (void)state;
     char arguments[512], png[256];
-    struct lw_process held;
+    struct lw_process held, waiting;
     lw_process_serve_by_hand(&held, "builtin:cornell --texels-per-metre 8 --light whole");
     snprintf(png, sizeof png, "%s", lw_support_temporary("first.png"));
+    snprintf(arguments, sizeof arguments, "127.0.0.1:%u --headless --wait first --out %s", held.port, png);
+    lw_process_start(&waiting, "lightwell-view", arguments);
+    lw_process_await_text(&waiting, "lightwell-view: looking inside objects: 100 %");
     snprintf(arguments, sizeof arguments, "127.0.0.1:%u --headless --wait first --timeout 3 --out %s",
              held.port, png);
     assert_int_equal(run_view(arguments), 75);
@@ -192,11 +195,8 @@ static void test_before_the_first_light(void **state) {
         !strstr(err, "no light within 3 s, the server is at: looking inside objects, 100 % (--timeout)"))
         fail_msg("%s", err);
     free(err);
-    snprintf(arguments, sizeof arguments, "127.0.0.1:%u --headless --wait first --out %s", held.port, png);
-    lw_process_start(&view, "lightwell-view", arguments);
-    lw_process_await_text(&view, "lightwell-view: looking inside objects: 100 %");
     lw_process_step(&held, 1);
-    assert_int_equal(lw_process_finish(&view, LW_PROCESS_LIMIT_S), 0);
+    assert_int_equal(lw_process_finish(&waiting, LW_PROCESS_LIMIT_S), 0);
     assert_int_equal(access(png, F_OK), 0);
     assert_int_equal(lw_process_stop(&held, SIGTERM, LW_PROCESS_LIMIT_S), 0);
 }
