@@ -255,7 +255,8 @@ static enum lw_status weigh_direct(struct frame *f, struct lw_error *err) {
     struct lw_ray_count rays = {0};
     (void)err;
     for (uint32_t bounce = 0; bounce < s->desc.bounces; bounce++)
-        memset(s->tiles.radiance_change[bounce], 0, s->tiles.block_count * sizeof(struct lw_vec3));
+        memset(s->tiles.radiance_change[bounce], 0,
+               (size_t)s->tiles.block_count * LW_REGIONS * sizeof(struct lw_vec3));
     lw_scheduler_weigh(&s->scheduler, &f->following, &rays);
     count_rays(&f->stats, &rays);
     return LW_OK;

@@ -438,7 +438,7 @@ static bool wakes(float each) {
         packet[set].count = LW_TRACE_WIDTH;
         for (uint32_t k = 0; k < LW_TRACE_WIDTH; k++) /* every fourth texel in both directions */
             packet[set].texel[k] = (uint8_t)((set / 4 + k / 4 * 4) * LW_TILE_BLOCK + set % 4 + k % 4 * 4);
-        for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) {
+        for (uint32_t r = 0; r < LW_REGIONS; r++) {
             block.change.packet[set].indirect[0][r].y = 4 * 0.125f;
             block.change.packet[set].indirect_square[r] = 4 * each * each;
         }

@@ -212,10 +212,34 @@ static void test_all(void **state) {
     }
 }
 
+/* The sun comes and goes: what follows from it stays outside from the first frame on. */
+static void test_the_sun_is_switched(void **state) {
+    (void)state;
+    for (unsigned k = 0; k < 2; k++) {
+        const struct house h = {
+            .kind = BOXES, .thick = k ? 0.3f : 0.1f, .angle = 0.3f, .density = 5, .filtered = true};
+        const struct room room = build(&h);
+        struct room_solution s;
+        struct lw_error err = {0};
+        room_solve(&s, &room,
+                   (struct lw_solver_desc){
+                       .bounces = 2, .denoise = true, .tracing_range_m = INFINITY, .target_error = 0.1f},
+                   1);
+        for (uint64_t frame = 2; frame <= 13; frame++) {
+            const bool shines = frame < 4 || frame > 8;
+            s.pose.light[1].intensity.z = shines ? SUN : 0;
+            lw_support_ok(s.solver->ops->frame(s.solver, &s.pose, frame, &s.stats, &err), &err);
+            if (shines) expect_apart(&s, &h);
+        }
+        room_finish(&s);
+    }
+}
+
 int main(int argc, char **argv) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_bare),
         cmocka_unit_test(test_filtered),
+        cmocka_unit_test(test_the_sun_is_switched),
     };
     const struct CMUnitTest all[] = {cmocka_unit_test(test_all)};
     return argc > 1 && strcmp(argv[1], "long") == 0 ? cmocka_run_group_tests(all, NULL, NULL)

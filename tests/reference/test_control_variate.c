@@ -73,13 +73,17 @@ static struct sums add_up(const struct lit *lit) {
  * and by `noise` up or down besides. */
 static void find(struct lit *lit, float first, float later, float noise) {
     struct lw_change_block *change = &lit->block->change;
+    const struct lw_solve_tile *tile = lit->tile;
+    const uint32_t number = (uint32_t)(lit->block - tile->block),
+                   corner = tile->first + number / tile->block_columns * LW_TILE_BLOCK * tile->width +
+                            number % tile->block_columns * LW_TILE_BLOCK;
     change->told = change->verified = lw_change_all_packets(lit->block);
     for (uint32_t set = 0; set < lit->block->packet_count; set++) {
         struct lw_change_packet *packet = &change->packet[set];
         memset(packet, 0, sizeof *packet);
         for (uint32_t lane = 0; lane < lit->block->packet[set].count; lane++) {
-            const uint32_t texel = lit->block->packet[set].texel[lane],
-                           r = lw_change_region(texel % LW_TILE_BLOCK, texel / LW_TILE_BLOCK);
+            const uint32_t texel = lw_packet_texel(&lit->block->packet[set], lane, corner, tile->width),
+                           r = lit->tiles->region_of_texel[texel];
             const float sign = lane % 2 ? noise : -noise, all = first + later + sign;
             packet->indirect[LW_CHANGE_FIRST][r] = lw_vec3_add(
                 packet->indirect[LW_CHANGE_FIRST][r], lw_vec3(first + sign, first + sign, first + sign));

@@ -13,7 +13,7 @@
 struct block {
     struct lw_mesh_texels mesh;
     float position[3][COUNT], normal[3][COUNT], reach[COUNT];
-    uint8_t covered[COUNT];
+    uint8_t covered[COUNT], region[COUNT];
     struct lw_packet packet[LW_PACKETS_MAX];
     uint32_t count;
 };
@@ -33,12 +33,13 @@ static struct block *flat(void) {
         set_texel(b, i, lw_vec3(0.1f * (float)(i % SIDE), 0, 0.1f * (float)(i / SIDE)), lw_vec3(0, 1, 0));
         b->reach[i] = 0.05f;
         b->covered[i] = 1;
+        b->region[i] = (uint8_t)(i % SIDE / 4);
     }
     return b;
 }
 
 static void deal(struct block *b) {
-    b->count = lw_packets_deal(&b->mesh, 0, SIDE, SIDE, SIDE, b->covered, b->packet);
+    b->count = lw_packets_deal(&b->mesh, 0, SIDE, SIDE, SIDE, b->covered, b->region, b->packet);
 }
 
 /* Each covered texel once, no other, in as few packets as they fill. */
@@ -49,6 +50,12 @@ static void check(const struct block *b) {
     for (uint32_t i = 0; i < COUNT; i++) {
         assert_int_equal(seen[i], b->covered[i]);
         covered += b->covered[i];
+    }
+    for (uint32_t k = 0; k < b->count; k++) {
+        uint32_t lanes[LW_REGIONS] = {0};
+        for (uint32_t lane = 0; lane < b->packet[k].count; lane++)
+            lanes[b->region[b->packet[k].texel[lane]]]++;
+        for (uint32_t r = 0; r < LW_REGIONS; r++) assert_int_equal(b->packet[k].lanes[r], lanes[r]);
     }
     assert_int_equal(b->count, (covered + LW_TRACE_WIDTH - 1) / LW_TRACE_WIDTH);
 }

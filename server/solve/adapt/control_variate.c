@@ -175,25 +175,20 @@ void lw_control_variate_note_error(struct lw_solve_tile *tile) {
 
 /* ---- indirect light: what is known ---- */
 
-/* What those packets of a surface have found that were told, by the quarters of the block. */
+/* What those packets of a surface have found that were told, by the regions of the block. */
 struct finding {
-    struct lw_vec3 sum[LW_CHANGE_ORDERS][LW_CHANGE_REGIONS];
-    float square[LW_CHANGE_REGIONS];
-    uint32_t lanes[LW_CHANGE_REGIONS];
+    struct lw_vec3 sum[LW_CHANGE_ORDERS][LW_REGIONS];
+    float square[LW_REGIONS];
+    uint32_t lanes[LW_REGIONS];
 };
-
-static void count_lanes(const struct lw_packet *packet, uint32_t lanes[LW_CHANGE_REGIONS]) {
-    for (uint32_t lane = 0; lane < packet->count; lane++)
-        lanes[lw_change_region(packet->texel[lane] % LW_TILE_BLOCK, packet->texel[lane] / LW_TILE_BLOCK)]++;
-}
 
 static struct finding find(const struct lw_solve_block *block, uint32_t first) {
     struct finding f = {.lanes = {0}};
     EACH_PACKET(block, first, set) {
         const struct lw_change_packet *packet = &block->change.packet[set];
         if (!(block->change.told >> set & 1)) continue;
-        count_lanes(&block->packet[set], f.lanes);
-        for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) {
+        for (uint32_t r = 0; r < LW_REGIONS; r++) {
+            f.lanes[r] += block->packet[set].lanes[r];
             f.square[r] += packet->indirect_square[r];
             for (int order = 0; order < LW_CHANGE_ORDERS; order++)
                 f.sum[order][r] = lw_vec3_add(f.sum[order][r], packet->indirect[order][r]);
@@ -209,10 +204,11 @@ struct mean {
     uint32_t lanes;
 };
 
-static struct mean mean_of(const struct finding *f, uint32_t first, uint32_t last) {
+/* Of the regions from `first` to before `end`. */
+static struct mean mean_of(const struct finding *f, uint32_t first, uint32_t end) {
     struct mean m = {.lanes = 0};
     float square = 0;
-    for (uint32_t r = first; r <= last; r++) {
+    for (uint32_t r = first; r < end; r++) {
         m.lanes += f->lanes[r];
         square += f->square[r];
         for (int order = 0; order < LW_CHANGE_ORDERS; order++)
@@ -229,7 +225,10 @@ static struct mean mean_of(const struct finding *f, uint32_t first, uint32_t las
     return m;
 }
 
-static struct mean mean_of_surface(const struct finding *f) { return mean_of(f, 0, LW_CHANGE_REGIONS - 1); }
+/* The regions of a block's part: what lies on other sides of walls says nothing of it (regions.h). */
+#define EACH_PART(block, from, to)                                                                           \
+    for (uint32_t part_ = 0, from = 0, to; part_ < (block)->parts.count && (to = (block)->parts.end[part_]); \
+         from = to, part_++)
 
 /* Mean square by which the surfaces of a tile have changed, less what is noise, and what that may be by
  * chance (a standard deviation, if nothing has changed). */
@@ -239,11 +238,13 @@ static float spread_of(const struct lw_solve_tile *tile) {
         if (!block->change.told) continue;
         EACH_SURFACE(block, first) {
             const struct finding f = find(block, first);
-            const struct mean m = mean_of_surface(&f);
-            const double noise = (double)m.lanes * (double)m.error;
-            square += (double)m.lanes * (double)m.square - noise;
-            chance += 2 * noise * noise;
-            lanes += m.lanes;
+            EACH_PART(block, from, to) {
+                const struct mean m = mean_of(&f, from, to);
+                const double noise = (double)m.lanes * (double)m.error;
+                square += (double)m.lanes * (double)m.square - noise;
+                chance += 2 * noise * noise;
+                lanes += m.lanes;
+            }
         }
     }
     return lanes > 0 ? (float)fmax((square - sqrt(chance)) / lanes, 0) : 0;
@@ -251,23 +252,24 @@ static float spread_of(const struct lw_solve_tile *tile) {
 
 /* ---- indirect light: what is done ---- */
 
-/* W/m^2 to be added to the mean of a surface's texels in each quarter of the block. */
+/* W/m^2 to be added to the mean of a surface's texels in each region of a part of the block. */
 struct shift {
-    struct lw_vec3 of[LW_CHANGE_ORDERS][LW_CHANGE_REGIONS];
+    uint32_t from, to; /* regions */
+    struct lw_vec3 of[LW_CHANGE_ORDERS][LW_REGIONS];
 };
 
 /* Returns what is believed of what a surface has found, 0 to 1. spread: of its tile. */
 static float choose_shift(const struct finding *f, const struct mean *whole, float spread,
                           struct shift *out) {
     const float believed = spread / (spread + NOISE_COUNTS * whole->error);
-    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) {
-        const struct mean part = mean_of(f, r, r);
-        const struct lw_vec3 off = lw_vec3_sub(part.all, whole->all);
+    for (uint32_t r = out->from; r < out->to; r++) {
+        const struct mean region = mean_of(f, r, r + 1);
+        const struct lw_vec3 off = lw_vec3_sub(region.all, whole->all);
         const float square = lw_vec3_dot(off, off),
-                    own = part.lanes > 1 && square > part.error ? 1 - part.error / square : 0;
+                    own = region.lanes > 1 && square > region.error ? 1 - region.error / square : 0;
         for (int order = 0; order < LW_CHANGE_ORDERS; order++)
             out->of[order][r] = lw_vec3_mad(lw_vec3_scale(whole->of[order], believed),
-                                            lw_vec3_sub(part.of[order], whole->of[order]), own);
+                                            lw_vec3_sub(region.of[order], whole->of[order]), own);
     }
     return believed;
 }
@@ -276,11 +278,9 @@ static float choose_shift(const struct finding *f, const struct mean *whole, flo
 static void take_from(struct lw_solve_block *block, uint32_t first, const struct shift *shift) {
     EACH_PACKET(block, first, set) {
         struct lw_change_packet *packet = &block->change.packet[set];
-        uint32_t lanes[LW_CHANGE_REGIONS] = {0};
         if (!(block->change.verified >> set & 1)) continue;
-        count_lanes(&block->packet[set], lanes);
-        for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) {
-            const float n = (float)lanes[r];
+        for (uint32_t r = shift->from; r < shift->to; r++) {
+            const float n = (float)block->packet[set].lanes[r];
             const struct lw_vec3 both =
                 lw_vec3_add(shift->of[LW_CHANGE_FIRST][r], shift->of[LW_CHANGE_LATER][r]);
             packet->indirect_square[r] +=
@@ -332,31 +332,34 @@ static float shift_texel(struct lw_tiles *tiles, uint32_t texel, int c, const st
     return first_now - first + later_now - later;
 }
 
-/* The texels of a surface, with the quarter that each lies in. */
+/* The texels of a surface and a part, with the region that each lies in. */
 struct texels {
     uint32_t texel[LW_TILE_BLOCK * LW_TILE_BLOCK], count;
     uint8_t region[LW_TILE_BLOCK * LW_TILE_BLOCK];
 };
 
-static void list_texels(const struct lw_solve_tile *tile, const struct lw_solve_block *block, uint32_t first,
+static void list_texels(const struct lw_tiles *tiles, const struct lw_solve_tile *tile,
+                        const struct lw_solve_block *block, uint32_t first, const struct shift *shift,
                         struct texels *out) {
     out->count = 0;
     EACH_PACKET(block, first, set) {
         struct lw_ray_launch launch;
         lw_ray_launch_init(&launch, tile, block, set);
         for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
-            const uint32_t texel = launch.texel[lane];
-            out->texel[out->count] = tile->first + texel;
-            out->region[out->count++] = (uint8_t)lw_change_region(texel % tile->width, texel / tile->width);
+            const uint32_t texel = tile->first + launch.texel[lane];
+            const uint8_t region = tiles->region_of_texel[texel];
+            if (region < shift->from || region >= shift->to) continue;
+            out->texel[out->count] = texel;
+            out->region[out->count++] = region;
         }
     }
 }
 
-static void shift_surface(struct lw_tiles *tiles, struct lw_solve_block *block, const struct texels *texels,
-                          const struct shift *shift, bool estimates) {
+static void shift_texels(struct lw_tiles *tiles, struct lw_solve_block *block, const struct texels *texels,
+                         const struct shift *shift, bool estimates) {
     static const float weight[3] = {0.2126f, 0.7152f, 0.0722f};
     for (int c = 0; c < 3; c++) {
-        struct sum sum[LW_CHANGE_REGIONS] = {{{0}, 0}};
+        struct sum sum[LW_REGIONS] = {{{0}, 0}};
         for (uint32_t i = 0; i < texels->count; i++) {
             struct sum *region = &sum[texels->region[i]];
             region->light[LW_CHANGE_FIRST] += (double)tiles->order[0][c][texels->texel[i]];
@@ -377,21 +380,20 @@ static void shift_surface(struct lw_tiles *tiles, struct lw_solve_block *block, 
     }
 }
 
-static bool correct_surface(struct lw_tiles *tiles, const struct lw_solve_tile *tile,
-                            struct lw_solve_block *block, uint32_t first, float spread, float least,
-                            bool estimates) {
-    const struct finding f = find(block, first);
-    const struct mean whole = mean_of_surface(&f);
+/* shift: has its regions. */
+static bool correct_part(struct lw_tiles *tiles, const struct lw_solve_tile *tile,
+                         struct lw_solve_block *block, uint32_t first, const struct finding *f, float spread,
+                         float least, bool estimates, struct shift *shift) {
+    const struct mean whole = mean_of(f, shift->from, shift->to);
     if (!whole.lanes) return false;
-    struct shift shift;
     struct texels texels;
-    const float believed = choose_shift(&f, &whole, spread, &shift),
+    const float believed = choose_shift(f, &whole, spread, shift),
                 all = block->reference_luminance + block->other_luminance,
                 square = believed * believed * whole.square, light = all * all;
     if (!(square > least * least * light)) return false;
-    list_texels(tile, block, first, &texels);
-    shift_surface(tiles, block, &texels, &shift, estimates);
-    take_from(block, first, &shift);
+    list_texels(tiles, tile, block, first, shift, &texels);
+    shift_texels(tiles, block, &texels, shift, estimates);
+    take_from(block, first, shift);
     const bool much = square > SHOWN_MIN * SHOWN_MIN * light;
     const float variance = ERROR_NOISE * believed * whole.error + (much ? ERROR_MIN * ERROR_MIN * square : 0),
                 share = (float)texels.count / (float)block->covered_count;
@@ -399,6 +401,18 @@ static bool correct_surface(struct lw_tiles *tiles, const struct lw_solve_tile *
         sqrtf(block->change.standard_error * block->change.standard_error + share * variance);
     block->unseen |= much;
     return true;
+}
+
+static bool correct_surface(struct lw_tiles *tiles, const struct lw_solve_tile *tile,
+                            struct lw_solve_block *block, uint32_t first, float spread, float least,
+                            bool estimates) {
+    const struct finding f = find(block, first);
+    bool any = false;
+    EACH_PART(block, from, to) {
+        struct shift shift = {.from = from, .to = to};
+        any |= correct_part(tiles, tile, block, first, &f, spread, least, estimates, &shift);
+    }
+    return any;
 }
 
 bool lw_control_variate_indirect(struct lw_tiles *tiles, struct lw_solve_tile *tile, float target_error,

@@ -12,7 +12,8 @@
  *   direct    texel by texel, where all packets of a block were verified. Standard error: what a plane
  *             through a packet's differences leaves (edges of shadows), and what packets that lie among each
  *             other differ by: where one light stands for many, the two samples may be of different lights
- *   indirect  surface by surface of a block, and by its quarters as far as these differ by more than chance.
+ *   indirect  surface by surface of a block, side by side where walls stand on it (regions.h), and by its
+ *             regions as far as these differ by more than chance.
  *             A texel has few rays, and packets share theirs. So a surface's difference is taken over as far
  *             as the surfaces of its tile changed by more than their standard errors (empirical Bayes, Efron
  *             and Morris 1975)

@@ -56,8 +56,8 @@ static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *til
                          uint32_t row) {
     struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
     double variance = 0, luminance = 0, square[LW_TILES_PARTS] = {0};
-    float drift[LW_TILES_PARTS][LW_CHANGE_REGIONS] = {{0}};
-    uint32_t texels[LW_CHANGE_REGIONS] = {0};
+    float drift[LW_TILES_PARTS][LW_REGIONS] = {{0}};
+    uint32_t texels[LW_REGIONS] = {0};
     float *const *const sum[LW_TILES_PARTS] = {tiles->direct, tiles->indirect};
     LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
         const uint32_t texel = tile->first + y * tile->width + x;
@@ -65,12 +65,13 @@ static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *til
         note_estimate(tiles, texel, block->indirect.weight);
         variance += (double)tiles->judged_spread[texel];
         luminance += (double)tiles->mean[texel];
-        texels[lw_change_region(x, y)]++;
+        const uint32_t region = tiles->region_of_texel[texel];
+        texels[region]++;
         for (int part = 0; part < LW_TILES_PARTS; part++) {
             const float off = lw_colour_luminance(
                 lw_vec3_sub(estimate_at(tiles, part, texel), lw_texels_vector(sum[part], texel)));
             square[part] += (double)off * (double)off;
-            drift[part][lw_change_region(x, y)] += off;
+            drift[part][region] += off;
         }
     }
     const double each = 1.0 / block->covered_count;
@@ -78,7 +79,7 @@ static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *til
                &block->direct);
     note_noise(&block->noise[LW_TILES_INDIRECT], square[LW_TILES_INDIRECT] * each, luminance * each,
                &block->indirect);
-    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
+    for (uint32_t r = 0; r < LW_REGIONS; r++)
         for (int part = 0; texels[r] && part < LW_TILES_PARTS; part++)
             lw_gradient_note_drift(block, part, r, drift[part][r] / (float)texels[r]);
     block->sample_count++;

@@ -131,7 +131,7 @@ bool lw_gradient_choose_all(struct lw_solve_block *block, uint32_t moves) {
 /* How far light is off what it was. */
 struct off {
     float direct;
-    struct lw_vec3 indirect[LW_CHANGE_REGIONS];
+    struct lw_vec3 indirect[LW_REGIONS];
 };
 
 /* What rays end on has noise too, and new noise whenever it is solved: texels differ each in its own way,
@@ -139,10 +139,10 @@ struct off {
  * of the regions' means, less those of their standard errors. (Without that, noise that was taken for change
  * shortened memories, which made noise: indirect light of the atrium never converged after a movement. Twice
  * the errors overlooks changes.) */
-static float share_known(const struct off *sum, const float square[LW_CHANGE_REGIONS],
-                         const uint32_t lanes[LW_CHANGE_REGIONS]) {
+static float share_known(const struct off *sum, const float square[LW_REGIONS],
+                         const uint32_t lanes[LW_REGIONS]) {
     float means = 0, errors = 0;
-    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) {
+    for (uint32_t r = 0; r < LW_REGIONS; r++) {
         if (lanes[r] < 2) continue;
         const float n = (float)lanes[r],
                     mean_square = lw_vec3_dot(sum->indirect[r], sum->indirect[r]) / (n * n);
@@ -157,39 +157,34 @@ static float share_known(const struct off *sum, const float square[LW_CHANGE_REG
 static struct off add_up(const struct lw_solve_block *block, uint16_t packets) {
     const struct lw_change_block *change = &block->change;
     struct off off = {0};
-    uint32_t texels = 0, lanes[LW_CHANGE_REGIONS] = {0};
-    float square[LW_CHANGE_REGIONS] = {0};
+    uint32_t texels = 0, lanes[LW_REGIONS] = {0};
+    float square[LW_REGIONS] = {0};
     for (uint32_t set = 0; set < block->packet_count; set++) {
         if (!(packets >> set & 1)) continue;
         off.direct += change->packet[set].direct_square + change->packet[set].direct_error;
         texels += block->packet[set].count;
-        for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
+        for (uint32_t r = 0; r < LW_REGIONS; r++)
             off.indirect[r] = lw_vec3_add(off.indirect[r], lw_change_both_orders(&change->packet[set], r)),
-            square[r] += change->packet[set].indirect_square[r];
-        for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
-            const uint32_t texel = block->packet[set].texel[lane];
-            lanes[lw_change_region(texel % LW_TILE_BLOCK, texel / LW_TILE_BLOCK)]++;
-        }
+            square[r] += change->packet[set].indirect_square[r], lanes[r] += block->packet[set].lanes[r];
     }
     const float known = share_known(&off, square, lanes);
     off.direct = change->staleness_direct + (texels ? sqrtf(off.direct / (float)texels) : 0);
-    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
+    for (uint32_t r = 0; r < LW_REGIONS; r++)
         off.indirect[r] = lw_vec3_mad(change->staleness_indirect[r], off.indirect[r],
                                       lanes[r] ? known / (float)lanes[r] : 0);
     return off;
 }
 
 /* Root mean square over the regions. */
-static float mean_over(const struct lw_vec3 region[LW_CHANGE_REGIONS]) {
+static float mean_over(const struct lw_vec3 region[LW_REGIONS]) {
     float square = 0;
-    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
+    for (uint32_t r = 0; r < LW_REGIONS; r++)
         square += lw_vec3_max_abs(region[r]) * lw_vec3_max_abs(region[r]);
-    return sqrtf(square / LW_CHANGE_REGIONS);
+    return sqrtf(square / LW_REGIONS);
 }
 
 /* Of indirect light: what it is off, and may be off besides. */
-static float off_indirect(const struct lw_solve_block *block,
-                          const struct lw_vec3 region[LW_CHANGE_REGIONS]) {
+static float off_indirect(const struct lw_solve_block *block, const struct lw_vec3 region[LW_REGIONS]) {
     return hypotf(mean_over(region), block->change.standard_error);
 }
 
@@ -304,7 +299,7 @@ static float take_drift(struct lw_change_drift *drift) {
 
 /* Adds what estimates have been off their means to what those are known to be out of date. */
 static void add_drift(struct lw_change_block *change, struct off *off) {
-    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) {
+    for (uint32_t r = 0; r < LW_REGIONS; r++) {
         const float direct = take_drift(&change->drift[LW_TILES_DIRECT][r]),
                     indirect = take_drift(&change->drift[LW_TILES_INDIRECT][r]);
         off->direct = fmaxf(off->direct, direct);
@@ -337,7 +332,7 @@ void lw_gradient_weigh_indirect(struct lw_solve_block *block, float most_frames,
     const float room =
         room_for(block, LW_TILES_INDIRECT, off_indirect(block, change->staleness_indirect), filtered);
     const float weight = lw_history_take(&block->indirect, fminf(room, most_frames));
-    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
+    for (uint32_t r = 0; r < LW_REGIONS; r++)
         change->staleness_indirect[r] = lw_vec3_scale(change->staleness_indirect[r], 1 - weight);
     change->standard_error *= 1 - weight;
 }

@@ -13,11 +13,6 @@
  * single bright ends are no news. */
 #define DIFFERENCE_MAX 4.0f
 
-/* Of a block; texel: within the tile. */
-static uint32_t quarter_of(const struct lw_solve_tile *tile, uint32_t texel) {
-    return lw_change_region(texel % tile->width, texel / tile->width);
-}
-
 /* An estimate beyond float's range is in no mean (lw_tiles_blend()), and tells nothing. */
 static struct lw_vec3 difference(struct lw_vec3 now, struct lw_vec3 then) {
     const struct lw_vec3 off = lw_vec3_sub(now, then);
@@ -79,7 +74,7 @@ static void compare_indirect(const struct lw_transport *t, const struct lw_solve
         const float size = lw_vec3_max_abs(off[lane]);
         const float others = lanes > 1 ? (sum - size) / (float)(lanes - 1) : size;
         const float bound = DIFFERENCE_MAX * fmaxf(block->reference_luminance, others);
-        const uint32_t region = quarter_of(tile, launch->texel[lane]);
+        const uint32_t region = t->tiles->region_of_texel[tile->first + launch->texel[lane]];
         const float share = size > bound ? bound / size : 1;
         for (int order = 0; order < LW_CHANGE_ORDERS; order++)
             found.indirect[order][region] =
@@ -128,12 +123,12 @@ void lw_verify_reread(const struct lw_transport *t, struct lw_solve_tile *tile) 
         if (block->due) lw_gradient_note_staleness(block);
 }
 
-/* By how much a texel's block sends out more than in the frame before, of bounces from the first on. */
+/* By how much a texel's region of its block sends out more than in the frame before, of bounces from the first on. */
 static struct lw_vec3 change_of(const struct lw_transport *t, uint32_t texel) {
-    const uint32_t block = t->tiles->block_of_texel[texel];
+    const uint32_t region = LW_REGIONS * t->tiles->block_of_texel[texel] + t->tiles->region_of_texel[texel];
     struct lw_vec3 sum = {0};
     for (uint32_t bounce = 1; bounce < t->tiles->bounces; bounce++)
-        sum = lw_vec3_add(sum, t->tiles->radiance_change[bounce][block]);
+        sum = lw_vec3_add(sum, t->tiles->radiance_change[bounce][region]);
     return sum;
 }
 
@@ -159,8 +154,9 @@ static void note_arrival(const struct lw_transport *t, const struct lw_solve_til
         lw_ray_launch_init(&launch, tile, block, set);
         *found = (struct lw_change_packet){0};
         for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
-            const uint32_t region = quarter_of(tile, launch.texel[lane]);
-            const struct lw_vec3 off = lw_vec3_scale(change_at(t, tile->first + launch.texel[lane]), weight);
+            const uint32_t texel = tile->first + launch.texel[lane],
+                           region = t->tiles->region_of_texel[texel];
+            const struct lw_vec3 off = lw_vec3_scale(change_at(t, texel), weight);
             struct lw_vec3 *sum = &found->indirect[LW_CHANGE_LATER][region];
             *sum = lw_vec3_add(*sum, off);
             found->indirect_square[region] += lw_vec3_dot(off, off);

@@ -5,12 +5,6 @@
 
 #include "server/solve/surface/packets.h"
 
-/* Indirect light may change in one corner of a block and not in another: quarters of 8 x 8 texels. */
-#define LW_CHANGE_REGIONS 4u
-static inline uint32_t lw_change_region(uint32_t x, uint32_t y) {
-    return (y % LW_TILE_BLOCK >= LW_TILE_BLOCK / 2) * 2 + (x % LW_TILE_BLOCK >= LW_TILE_BLOCK / 2);
-}
-
 /* Of indirect light: its first bounce, and all later ones. */
 enum { LW_CHANGE_FIRST, LW_CHANGE_LATER, LW_CHANGE_ORDERS };
 
@@ -21,8 +15,8 @@ struct lw_change_packet {
     struct lw_vec3 direct; /* mean */
     /* Sums of squares: that no plane explains; of the standard error in all. */
     float direct_rough, direct_error;
-    struct lw_vec3 indirect[LW_CHANGE_ORDERS][LW_CHANGE_REGIONS]; /* sum of differences */
-    float indirect_square[LW_CHANGE_REGIONS]; /* sum of the squared lengths of both orders' together */
+    struct lw_vec3 indirect[LW_CHANGE_ORDERS][LW_REGIONS]; /* sum of differences */
+    float indirect_square[LW_REGIONS]; /* sum of the squared lengths of both orders' together */
 };
 
 static inline struct lw_vec3 lw_change_both_orders(const struct lw_change_packet *packet, uint32_t region) {
@@ -71,10 +65,10 @@ struct lw_change_block {
     uint32_t moves;        /* of the scene, when it was last verified */
     uint32_t solved_moves; /* and solved */
     /* By how much the means are out of date (history.h). */
-    float staleness_direct;                               /* root mean square over the texels */
-    struct lw_vec3 staleness_indirect[LW_CHANGE_REGIONS]; /* mean over the texels of a region */
+    float staleness_direct;                        /* root mean square over the texels */
+    struct lw_vec3 staleness_indirect[LW_REGIONS]; /* mean over the texels of a region */
     float standard_error; /* standard error of what was taken over of indirect light */
-    struct lw_change_drift drift[LW_CHANGE_PARTS][LW_CHANGE_REGIONS];
+    struct lw_change_drift drift[LW_CHANGE_PARTS][LW_REGIONS];
     uint32_t still_solves; /* since something had moved */
 };
 

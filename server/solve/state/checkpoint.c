@@ -29,7 +29,7 @@ struct block_record {
     double variance, luminance;
     struct lw_history direct, indirect;
     float staleness_direct;
-    struct lw_vec3 staleness_indirect[LW_CHANGE_REGIONS];
+    struct lw_vec3 staleness_indirect[LW_REGIONS];
     float light, noise[LW_TILES_PARTS], error;
     uint32_t frames, unseen;
     float standard_error;

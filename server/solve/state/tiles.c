@@ -57,8 +57,8 @@ static bool allocate_sums(struct lw_tiles *tiles) {
     struct plane plane[PLANES_MAX];
     bool ok = allocate(tiles, plane, list_planes(tiles, plane));
     for (uint32_t k = 0; k < tiles->bounces; k++)
-        ok &= (tiles->radiance_change[k] =
-                   calloc((size_t)tiles->block_count + 1, sizeof *tiles->radiance_change[k])) != NULL;
+        ok &= (tiles->radiance_change[k] = calloc((size_t)tiles->block_count * LW_REGIONS + 1,
+                                                  sizeof *tiles->radiance_change[k])) != NULL;
     tiles->judged_spread = tiles->spread;
     return ok;
 }
@@ -75,10 +75,11 @@ size_t lw_tiles_memory_bytes(const struct lw_tiles *tiles) {
     for (uint32_t i = 0, n = list_planes(&copy, plane); i < n; i++) floats += plane[i].floats;
     for (uint32_t i = 0, n = list_drawn(&copy, plane); tiles->drawn[0] && i < n; i++)
         floats += plane[i].floats;
-    return tiles->texel_count * (floats * sizeof(float) + sizeof *tiles->block_of_texel) +
+    return tiles->texel_count *
+               (floats * sizeof(float) + sizeof *tiles->block_of_texel + sizeof *tiles->region_of_texel) +
            tiles->count * sizeof *tiles->tile + tiles->id_count * sizeof *tiles->slot_of_id +
            tiles->block_count * (sizeof *tiles->block + LW_PACKETS_MAX * sizeof *tiles->packet +
-                                 tiles->bounces * sizeof *tiles->radiance_change[0]);
+                                 tiles->bounces * LW_REGIONS * sizeof *tiles->radiance_change[0]);
 }
 
 uint64_t lw_tiles_last_solved(const struct lw_tiles *tiles) {
@@ -159,14 +160,18 @@ static uint32_t side_of(uint32_t block, uint32_t texels) {
     return left < LW_TILE_BLOCK ? left : LW_TILE_BLOCK;
 }
 
-static void deal_packets(const struct lw_solve_tile *tile, const uint8_t *covered) {
+static void deal_packets(const struct lw_tiles *tiles, const struct lw_solve_tile *tile) {
     for (uint32_t row = 0; row < tile->block_rows; row++)
         for (uint32_t column = 0; column < tile->block_columns; column++) {
             struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
-            const uint32_t i = row * LW_TILE_BLOCK * tile->width + column * LW_TILE_BLOCK;
+            const uint32_t corner = row * LW_TILE_BLOCK * tile->width + column * LW_TILE_BLOCK,
+                           i = tile->first + corner, width = side_of(column, tile->width),
+                           height = side_of(row, tile->height);
+            block->parts = lw_regions_deal(tile->mesh, tile->local + corner, tile->width, width, height,
+                                           tiles->covered + i, tiles->side + i, tiles->region_of_texel + i);
             block->packet_count =
-                lw_packets_deal(tile->mesh, tile->local + i, tile->width, side_of(column, tile->width),
-                                side_of(row, tile->height), covered + tile->first + i, block->packet);
+                lw_packets_deal(tile->mesh, tile->local + corner, tile->width, width, height,
+                                tiles->covered + i, tiles->region_of_texel + i, block->packet);
         }
 }
 
@@ -188,10 +193,11 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
     tiles->tile = calloc((size_t)tiles->count + 1, sizeof *tiles->tile);
     tiles->block = calloc((size_t)tiles->block_count + 1, sizeof *tiles->block);
     tiles->block_of_texel = malloc(((size_t)tiles->texel_count + 1) * sizeof *tiles->block_of_texel);
+    tiles->region_of_texel = malloc((size_t)tiles->texel_count + 1);
     tiles->slot_of_id = malloc(((size_t)map->tile_count + 1) * sizeof *tiles->slot_of_id);
     tiles->packet = malloc(((size_t)tiles->block_count * LW_PACKETS_MAX + 1) * sizeof *tiles->packet);
-    if (!tiles->tile || !tiles->block || !tiles->packet || !tiles->block_of_texel || !tiles->slot_of_id ||
-        !allocate_sums(tiles)) {
+    if (!tiles->tile || !tiles->block || !tiles->packet || !tiles->block_of_texel ||
+        !tiles->region_of_texel || !tiles->slot_of_id || !allocate_sums(tiles)) {
         lw_tiles_finish(tiles);
         return LW_NO_MEMORY;
     }
@@ -230,7 +236,7 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
         tile->state = tile->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
     }
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
-    for (uint32_t i = 0; i < tiles->count; i++) deal_packets(&tiles->tile[i], tiles->covered);
+    for (uint32_t i = 0; i < tiles->count; i++) deal_packets(tiles, &tiles->tile[i]);
     return LW_OK;
 }
 
@@ -247,7 +253,8 @@ static bool covers_as_before(const struct lw_solve_tile *tile, const struct lw_s
     return true;
 }
 
-static void recount_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
+static void recount_tile(const struct lw_tiles *tiles, struct lw_solve_tile *tile) {
+    const uint8_t *covered = tiles->covered;
     bool other[LW_TILE_BLOCKS * LW_TILE_BLOCKS], any = false;
     for (uint32_t i = 0; i < tile->block_columns * tile->block_rows; i++)
         any |= other[i] = !covers_as_before(tile, &tile->block[i], i % tile->block_columns,
@@ -263,12 +270,12 @@ static void recount_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
             block->state = LW_BLOCK_SAMPLED;
     }
     lw_tiles_sum_up(tile);
-    deal_packets(tile, covered);
+    deal_packets(tiles, tile);
 }
 
 void lw_tiles_recount(struct lw_tiles *tiles, int threads) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
-    for (uint32_t i = 0; i < tiles->count; i++) recount_tile(&tiles->tile[i], tiles->covered);
+    for (uint32_t i = 0; i < tiles->count; i++) recount_tile(tiles, &tiles->tile[i]);
 }
 
 void lw_tiles_finish(struct lw_tiles *tiles) {
@@ -278,6 +285,7 @@ void lw_tiles_finish(struct lw_tiles *tiles) {
     for (uint32_t k = 0; k < tiles->bounces; k++) free(tiles->radiance_change[k]);
     free(tiles->slot_of_id);
     free(tiles->block_of_texel);
+    free(tiles->region_of_texel);
     free(tiles->packet);
     free(tiles->block);
     free(tiles->tile);

@@ -51,6 +51,7 @@ struct lw_solve_block {
     uint32_t covered_count;
     struct lw_packet *packet; /* of its covered texels */
     uint32_t packet_count;
+    struct lw_region_parts parts; /* of its regions */
     enum lw_block_state state;
     bool due;             /* the frame under way solves it */
     bool unseen;          /* it was solved since it was last shown */
@@ -122,6 +123,7 @@ struct lw_tiles {
     uint32_t block_count;
     struct lw_packet *packet; /* LW_PACKETS_MAX for each block */
     uint32_t *block_of_texel; /* index into block */
+    uint8_t *region_of_texel; /* of its block (regions.h) */
     float *direct[3];         /* E of bounce 0 per texel, W/m^2 */
     float *indirect[3];       /* sum over bounces 1..N */
     /* Of direct, and of its last estimate, what client lights give. NULL: there are none. */
@@ -133,7 +135,8 @@ struct lw_tiles {
     /* What each texel sends out of bounce order 0..N-1, for the next one: 4 floats each, W/(m^2 sr). One
      * plane per order, so that what a tile sends stays while it is not solved. */
     float *radiance[LW_TILES_BOUNCES_MAX];
-    /* Per block: by how much that differs, in the mean, from the frame before. */
+    /* Per region of each block, LW_REGIONS x block + region: by how much that differs, in the mean, from the
+     * frame before. */
     struct lw_vec3 *radiance_change[LW_TILES_BOUNCES_MAX];
     float *estimate[LW_TILES_ESTIMATES]
                    [3];   /* E as the last frame in which a texel was solved had it by itself */

@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #define LANES LW_TRACE_WIDTH
 /* Normals that no two of a group differ by more than: some 18 degrees, as for Embree's
@@ -15,7 +16,8 @@
 struct member {
     float at[AXES];
     uint8_t texel; /* 16 y + x */
-    uint8_t turn;  /* along a Morton curve over the block: 16 in a row are 4 x 4 texels */
+    uint8_t region;
+    uint8_t turn; /* along a Morton curve over the block: 16 in a row are 4 x 4 texels */
 };
 
 struct extent {
@@ -64,7 +66,11 @@ static uint32_t deal(struct member *member, uint32_t count, struct lw_packet *ou
     for (uint32_t k = 0; k < packets; k++) {
         out[k].count = 0;
         out[k].group = (uint8_t)packets;
-        for (uint32_t i = k; i < count; i += packets) out[k].texel[out[k].count++] = member[i].texel;
+        memset(out[k].lanes, 0, sizeof out[k].lanes);
+        for (uint32_t i = k; i < count; i += packets) {
+            out[k].texel[out[k].count++] = member[i].texel;
+            out[k].lanes[member[i].region]++;
+        }
     }
     return packets;
 }
@@ -90,7 +96,8 @@ static uint32_t split(struct member *member, uint32_t count, float spacing, stru
 }
 
 uint32_t lw_packets_deal(const struct lw_mesh_texels *mesh, uint32_t first, uint32_t stride, uint32_t width,
-                         uint32_t height, const uint8_t *covered, struct lw_packet out[LW_PACKETS_MAX]) {
+                         uint32_t height, const uint8_t *covered, const uint8_t *region,
+                         struct lw_packet out[LW_PACKETS_MAX]) {
     struct member member[LW_TILE_BLOCK * LW_TILE_BLOCK];
     uint32_t count = 0;
     float reach = 0;
@@ -102,6 +109,7 @@ uint32_t lw_packets_deal(const struct lw_mesh_texels *mesh, uint32_t first, uint
                                  n = lw_texels_vector(mesh->normal, i);
             member[count++] = (struct member){.at = {p.x, p.y, p.z, n.x, n.y, n.z},
                                               .texel = (uint8_t)(y * LW_TILE_BLOCK + x),
+                                              .region = region[y * stride + x],
                                               .turn = turn_of(x, y)};
             reach += mesh->sample_points.reach[i];
         }

@@ -14,7 +14,7 @@
 #define LW_SURFACE_PACKETS_H
 
 #include "common/trace/trace.h"
-#include "server/solve/surface/texels.h"
+#include "server/solve/surface/regions.h"
 
 /* Of a block of 16 x 16 texels. */
 #define LW_PACKETS_MAX (LW_TILE_BLOCK * LW_TILE_BLOCK / LW_TRACE_WIDTH)
@@ -23,6 +23,7 @@ struct lw_packet {
     uint8_t count;                 /* of its lanes, from the first */
     uint8_t group;                 /* packets of its group, which follow each other */
     uint8_t texel[LW_TRACE_WIDTH]; /* within the block: 16 y + x */
+    uint8_t lanes[LW_REGIONS];     /* of its lanes, those in each region (regions.h) */
 };
 
 /** Where the texel of a lane lies, from the block's first texel, `corner`, on; stride: from one row to the
@@ -37,8 +38,10 @@ static inline uint32_t lw_packet_texel(const struct lw_packet *packet, uint32_t 
  * first    the block's first texel within the mesh
  * stride   from one of its rows to the next; width, height: of the block, in texels
  * covered  of the block's first texel, rows as above: what takes part
+ * region   likewise
  * Returns how many packets there are, 0 to LW_PACKETS_MAX. */
 uint32_t lw_packets_deal(const struct lw_mesh_texels *mesh, uint32_t first, uint32_t stride, uint32_t width,
-                         uint32_t height, const uint8_t *covered, struct lw_packet out[LW_PACKETS_MAX]);
+                         uint32_t height, const uint8_t *covered, const uint8_t *region,
+                         struct lw_packet out[LW_PACKETS_MAX]);
 
 #endif

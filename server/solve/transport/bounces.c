@@ -432,7 +432,8 @@ static void radiate_block(const struct lw_transport *t, const struct lw_solve_ti
     senders.e = bounce == 0 ? t->tiles->direct : t->tiles->order[bounce - 1];
     senders.mesh = tile->mesh;
     senders.count = 0;
-    struct lw_vec3 change = {0};
+    struct lw_vec3 change[LW_REGIONS] = {{0}};
+    uint32_t texels[LW_REGIONS] = {0};
     if (bounce && block->covered_count && block->indirect.sample_count < RARE_FRAMES)
         spread_rare(t, tile, column, row, (float)block->indirect.sample_count, &senders);
     LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
@@ -445,14 +446,18 @@ static void radiate_block(const struct lw_transport *t, const struct lw_solve_ti
                 now, share_alone(sending, lw_colour_luminance(lw_texels_vector(senders.e, texel))));
             now = lw_vec3_mad(now, sending->spread, lw_colour_luminance(now));
         }
-        if (t->tiles->covered[texel])
-            change = lw_vec3_add(change, lw_vec3_sub(now, lw_vec3(l[0], l[1], l[2])));
+        if (t->tiles->covered[texel]) {
+            const uint32_t region = t->tiles->region_of_texel[texel];
+            change[region] = lw_vec3_add(change[region], lw_vec3_sub(now, lw_vec3(l[0], l[1], l[2])));
+            texels[region]++;
+        }
         l[0] = now.x;
         l[1] = now.y;
         l[2] = now.z;
     }
-    struct lw_vec3 *sum = &t->tiles->radiance_change[bounce][block - t->tiles->block];
-    if (block->covered_count) *sum = lw_vec3_mad(*sum, change, 1 / (float)block->covered_count);
+    struct lw_vec3 *sum = &t->tiles->radiance_change[bounce][(block - t->tiles->block) * LW_REGIONS];
+    for (uint32_t r = 0; r < LW_REGIONS; r++)
+        if (texels[r]) sum[r] = lw_vec3_mad(sum[r], change[r], 1 / (float)texels[r]);
 }
 
 void lw_bounces_radiate(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t bounce) {
