@@ -371,7 +371,7 @@ static json_t *measure(struct bench *b, const char *text) {
                  share = median_of(outcome, (size_t)b->updates, share_ms);
     if (!b->json) print_medians(b, text, first, share);
     lw_client_destroy(b->client);
-    (void)lw_process_stop(&b->server, SIGTERM, 30);
+    (void)lw_process_stop(&b->server, SIGTERM, LW_PROCESS_LIMIT_S);
     memset(l->wanted, 0, l->map.tile_count);
     latency_pair_finish(&pair);
     return b->json ? json_pack("{s:s, s:o, s:o, s:o, s:o}", "update", text, "agreement",

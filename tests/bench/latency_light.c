@@ -297,7 +297,7 @@ void latency_light_introduce(struct latency_light *l) {
     latency_light_serve(l, "--freeze 0", &server);
     l->introduced = join(server.port, true);
     while (!latency_light_scene(l)) latency_light_poll(l->introduced, LATENCY_POLL_MS, &stats);
-    (void)lw_process_stop(&server, SIGTERM, 30);
+    (void)lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S);
     lay_out(l, latency_light_scene(l));
 }
 
@@ -366,7 +366,7 @@ static void solve_fresh(const struct latency_light *l, const struct latency_stat
     lw_client_destroy(client);
     close(line[1]);
     close(line[0]);
-    (void)lw_process_stop(&server, SIGTERM, 30);
+    (void)lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S);
 }
 
 /* ---- kept in files ---- */

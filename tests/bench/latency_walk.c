@@ -179,7 +179,7 @@ static void walk(struct walk *w) {
             if (w->stop[i].seen < (size_t)w->desc->passes) see(w, &w->stop[i], client, &stats, clock.now_s);
     }
     lw_client_destroy(client);
-    (void)lw_process_stop(&server, SIGTERM, 30);
+    (void)lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S);
 }
 
 /* The mean over pairs of different passes. */

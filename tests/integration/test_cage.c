@@ -108,7 +108,7 @@ static void nothing_gets_out_of_the_program(void **state) {
     assert_int_equal(dup2(STDERR_FILENO, LW_IMPORT_PROBE_DESCRIPTOR), LW_IMPORT_PROBE_DESCRIPTOR);
     lw_process_start(&process, "import_probe", words);
     close(LW_IMPORT_PROBE_DESCRIPTOR);
-    const int code = lw_process_finish(&process, 60);
+    const int code = lw_process_finish(&process, LW_PROCESS_LIMIT_S);
     lw_process_expect(&process, code, 0);
     char *talk = lw_process_err(&process);
     expect_cage(talk);
@@ -167,7 +167,7 @@ static int import(const char *name, char **out_talk) {
     char words[700];
     snprintf(words, sizeof words, "%s/%s -o %s", scene_folder, name, lw_support_temporary("links.lwscene"));
     lw_process_start(&process, "lightwell-import", words);
-    const int code = lw_process_finish(&process, 60);
+    const int code = lw_process_finish(&process, LW_PROCESS_LIMIT_S);
     *out_talk = lw_process_err(&process);
     return code;
 }

@@ -570,7 +570,7 @@ static void what_is_read_is_not_written_over(void **state) {
     for (int i = 0; i < 2; i++) {
         snprintf(words, sizeof words, "%s -o %s", i ? package : scene, package);
         lw_process_start(&process, "lightwell-import", words);
-        assert_int_equal(lw_process_finish(&process, 60), 0);
+        assert_int_equal(lw_process_finish(&process, LW_PROCESS_LIMIT_S), 0);
         bytes[i] = lw_support_read_file(package, i ? &after : &size);
     }
     assert_int_equal(size, after);
@@ -605,14 +605,14 @@ static void a_signal_while_it_writes_leaves_nothing(void **state) {
     snprintf(source, sizeof source, "%s", lw_support_temporary("city.lwscene"));
     snprintf(words, sizeof words, "builtin:city:1 --texels-per-metre 0.5 -o %s", source);
     lw_process_start(&importer, "lightwell-import", words);
-    lw_process_expect(&importer, lw_process_finish(&importer, 120), 0);
+    lw_process_expect(&importer, lw_process_finish(&importer, LW_PROCESS_LIMIT_S), 0);
     snprintf(words, sizeof words, "%s -o %s", source, package);
     for (size_t i = 0; i < sizeof signals / sizeof *signals; i++) {
         struct lw_process process;
         lw_process_start(&process, "lightwell-import", words);
         while (lw_process_runs(&process) && !has_ending(folder, ".tmp")) {
         }
-        const int code = lw_process_stop(&process, signals[i], 120);
+        const int code = lw_process_stop(&process, signals[i], LW_PROCESS_LIMIT_S);
         assert_true(code == 0 || code == -signals[i]);
         assert_false(has_ending(folder, ".tmp"));
         const bool there = access(package, F_OK) == 0;
@@ -632,7 +632,7 @@ static void help_tells_people_what_is_for_people(void **state) {
     (void)state;
     struct lw_process process;
     lw_process_start(&process, "lightwell-import", "--help");
-    assert_int_equal(lw_process_finish(&process, 60), 0);
+    assert_int_equal(lw_process_finish(&process, LW_PROCESS_LIMIT_S), 0);
     char *help = lw_process_out(&process);
     assert_non_null(strstr(help, "--texels-per-metre"));
     assert_null(strstr(help, "--failure-fd"));

@@ -218,7 +218,7 @@ static void start_import(struct lw_process *process, const char *scene, const ch
 static void expect_program(const char *scene, const char *options, int code, const char *text) {
     struct lw_process process;
     start_import(&process, scene, options);
-    int ended = lw_process_finish(&process, 60);
+    int ended = lw_process_finish(&process, LW_PROCESS_LIMIT_S);
     char *said = lw_process_err(&process);
     if (ended != code || !strstr(said, text)) fail_msg("%s: ends with %d: %s", scene, ended, said);
     const char *error = strstr(said, "error: ");
@@ -271,7 +271,7 @@ static void the_corpus_ends_in_a_scene_or_one_line(void **state) {
         snprintf(arguments, sizeof arguments, "%s/%s -o %s --threads 1 --read-seconds 2 --texels-per-metre 4",
                  folder, entry->d_name, lw_support_temporary("out.lwscene"));
         lw_process_start(&process, "lightwell-import", arguments);
-        int ended = lw_process_finish(&process, 60);
+        int ended = lw_process_finish(&process, LW_PROCESS_LIMIT_S);
         char *said = lw_process_err(&process);
         const char *error = strstr(said, "error: ");
         if ((ended != 0 && ended != 65) || (ended == 0) != (error == NULL) ||
@@ -371,7 +371,7 @@ static void write_desk(const char *name, const char *x) {
 static char *told_of(const char *scene, const char *options) {
     struct lw_process process;
     start_import(&process, scene, options);
-    assert_int_equal(lw_process_finish(&process, 60), 0);
+    assert_int_equal(lw_process_finish(&process, LW_PROCESS_LIMIT_S), 0);
     return lw_process_err(&process);
 }
 

@@ -436,6 +436,7 @@ static bool wakes(float each) {
                                    .reference_luminance = 1};
     for (uint32_t set = 0; set < LW_PACKETS_MAX; set++) {
         packet[set].count = LW_TRACE_WIDTH;
+        memset(packet[set].lanes, LW_TRACE_WIDTH / LW_REGIONS, sizeof packet[set].lanes);
         for (uint32_t k = 0; k < LW_TRACE_WIDTH; k++) /* every fourth texel in both directions */
             packet[set].texel[k] = (uint8_t)((set / 4 + k / 4 * 4) * LW_TILE_BLOCK + set % 4 + k % 4 * 4);
         for (uint32_t r = 0; r < LW_REGIONS; r++) {

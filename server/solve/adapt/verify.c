@@ -123,7 +123,8 @@ void lw_verify_reread(const struct lw_transport *t, struct lw_solve_tile *tile) 
         if (block->due) lw_gradient_note_staleness(block);
 }
 
-/* By how much a texel's region of its block sends out more than in the frame before, of bounces from the first on. */
+/* By how much a texel's region of its block sends out more than in the frame before, of bounces from the
+ * first on. */
 static struct lw_vec3 change_of(const struct lw_transport *t, uint32_t texel) {
     const uint32_t region = LW_REGIONS * t->tiles->block_of_texel[texel] + t->tiles->region_of_texel[texel];
     struct lw_vec3 sum = {0};

@@ -2,10 +2,10 @@
  * Flow:    sides of texels -> [regions] -> packets; what changes, and is corrected, by regions
  * Threads: pure function, [any].
  *
- * Indirect light may change in one corner of a block and not in another: its regions are the quarters of 8 x 8
- * texels. What changes on one side of a wall says nothing of the other, however near. So a block on which
- * walls stand has regions by sides (texels.h): the largest sides have one each, and a second one while there
- * are regions left. Regions of a side belong to one part; quarters are all of one. */
+ * Indirect light may change in one corner of a block and not in another: its regions are the quarters of
+ * 8 x 8 texels. What changes on one side of a wall says nothing of the other, however near. So a block on
+ * which walls stand has regions by sides (texels.h): the largest sides have one each, and a second one while
+ * there are regions left. Regions of a side belong to one part; quarters are all of one. */
 #ifndef LW_SURFACE_REGIONS_H
 #define LW_SURFACE_REGIONS_H
 
