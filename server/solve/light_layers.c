@@ -312,19 +312,35 @@ static float error_of(const struct layers *s, lw_tile_id id) {
 
 /* ---- frames ---- */
 
+/* other: of another layer, the same texels. Of several parts, that which the next judgement chooses counts
+ * (estimates.h); until then the darkest. */
+static void add_beside(struct lw_solve_block *block, const struct lw_solve_block *other, float weight) {
+    if (block->parts.count == 1) {
+        block->other_luminance += weight * (float)other->luminance / (float)other->covered_count;
+        return;
+    }
+    float least = INFINITY;
+    for (uint32_t part = 0; part < block->parts.count; part++) {
+        block->part_other[part] += weight * other->part_luminance[part];
+        least = fminf(least, block->part_other[part]);
+    }
+    block->other_luminance = least;
+}
+
 /* Tells a layer's blocks what light the others give, in the measure in which this one is solved. */
 static void set_beside(const struct layers *s, const struct layer *layer) {
     struct lw_tiles *tiles = lw_cell_layer_tiles(layer->solver);
     const float share = s->still_frames < LW_CELL_LAYER_FADE_FRAMES ? 1 : STILL_SHARE;
-    for (uint32_t b = 0; b < tiles->block_count; b++) tiles->block[b].other_luminance = 0;
+    for (uint32_t b = 0; b < tiles->block_count; b++) {
+        tiles->block[b].other_luminance = 0;
+        memset(tiles->block[b].part_other, 0, sizeof tiles->block[b].part_other);
+    }
     for (const struct layer *other = s->layer; other < s->layer + s->count; other++) {
         if (other == layer || !runs(s, other)) continue;
         const struct lw_solve_block *block = tiles_of(other)->block;
         const float weight = share * mean_weight(other) / fmaxf(mean_weight(layer), WEIGHT_MIN);
         for (uint32_t b = 0; b < tiles->block_count; b++)
-            if (block[b].covered_count)
-                tiles->block[b].other_luminance +=
-                    weight * (float)block[b].luminance / (float)block[b].covered_count;
+            if (block[b].covered_count) add_beside(&tiles->block[b], &block[b], weight);
     }
 }
 

@@ -433,6 +433,7 @@ static bool wakes(float each) {
                                    .packet = packet,
                                    .packet_count = LW_PACKETS_MAX,
                                    .state = LW_BLOCK_CONVERGED,
+                                   .weight = {1, 1, 1, 1},
                                    .reference_luminance = 1};
     for (uint32_t set = 0; set < LW_PACKETS_MAX; set++) {
         packet[set].count = LW_TRACE_WIDTH;

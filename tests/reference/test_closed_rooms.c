@@ -87,9 +87,9 @@ static struct room build(const struct house *h) {
     const float edge = -FIELD / 2;
     room_quad(&room, lw_vec3(edge, 0, edge), lw_vec3(0, 0, FIELD), lw_vec3(FIELD, 0, 0), 0.7f, 0);
     h->kind == BOXES ? add_boxes(&room, h) : add_sheets(&room, h);
-    room.light[0] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {LAMP, 0, 0}};
+    room.light[0] = (struct lw_light){.name = "lamp", .kind = LW_LIGHT_POINT, .intensity = {LAMP, 0, 0}};
     room.light_position[0] = at(h, 0, HIGH - 0.5f, 0);
-    room.light[1] = (struct lw_light){.kind = LW_LIGHT_DIRECTIONAL, .intensity = {0, 0, SUN}};
+    room.light[1] = (struct lw_light){.name = "sun", .kind = LW_LIGHT_DIRECTIONAL, .intensity = {0, 0, SUN}};
     room.light_count = 2;
     return room;
 }
@@ -235,11 +235,44 @@ static void test_the_sun_is_switched(void **state) {
     }
 }
 
+static double lamp_on_floor(const struct room_solution *s, const struct house *h) {
+    return mean_of_ground(s, h, 0, HALF - 0.005f).red;
+}
+
+/* A lamp of 12 W/m^2 that becomes a quarter of itself, beside 5 kW/m^2 of sun on the same ground: errors
+ * inside are measured against what light there is inside. */
+static void test_the_lamp_is_dimmed(void **state) {
+    (void)state;
+    const char *const groups[] = {NULL, "lamp;sun"};
+    for (unsigned k = 0; k < 2; k++) {
+        const struct house h = {.kind = BOXES, .thick = 0.3f, .angle = 0.3f, .density = 5, .filtered = true};
+        const struct room room = build(&h);
+        struct room_solution s;
+        struct lw_error err = {0};
+        const struct lw_solver_desc desc = {
+            .bounces = 2, .denoise = true, .tracing_range_m = INFINITY, .target_error = 0.1f};
+        if (groups[k])
+            room_solve_layers(&s, room_scene(&room), h.density, desc, groups[k], 1);
+        else
+            room_solve(&s, &room, desc, 1);
+        double before = 0;
+        for (uint64_t frame = 2; frame <= 32; frame++) {
+            if (frame == 20) before = lamp_on_floor(&s, &h);
+            s.pose.light[0].intensity.x = frame < 20 ? LAMP : LAMP / 4;
+            lw_support_ok(s.solver->ops->frame(s.solver, &s.pose, frame, &s.stats, &err), &err);
+        }
+        const double share = lamp_on_floor(&s, &h) / before;
+        if (!(fabs(share - 0.25) <= 0.02)) fail_msg("%s: %g of the lamp's light is left", groups[k], share);
+        room_finish(&s);
+    }
+}
+
 int main(int argc, char **argv) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_bare),
         cmocka_unit_test(test_filtered),
         cmocka_unit_test(test_the_sun_is_switched),
+        cmocka_unit_test(test_the_lamp_is_dimmed),
     };
     const struct CMUnitTest all[] = {cmocka_unit_test(test_all)};
     return argc > 1 && strcmp(argv[1], "long") == 0 ? cmocka_run_group_tests(all, NULL, NULL)

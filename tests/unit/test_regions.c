@@ -1,4 +1,4 @@
-/* What regions hold: quarters of a block, or texels of one side of its walls. */
+/* What regions hold: quarters of a block, or texels of one room; what rooms are. */
 #include "server/solve/surface/regions.h"
 #include "tests/support/support.h"
 
@@ -6,14 +6,15 @@
 #define COUNT (SIDE * SIDE)
 
 struct block {
-    uint8_t covered[COUNT], region[COUNT];
-    uint32_t side[COUNT], chart[COUNT];
+    uint8_t covered[COUNT], room[COUNT], region[COUNT];
+    uint32_t side[COUNT], chart[COUNT], wide;
     struct lw_region_parts parts;
 };
 
 static void deal(struct block *b) {
     const struct lw_mesh_texels mesh = {.chart = b->chart};
-    b->parts = lw_regions_deal(&mesh, 0, SIDE, SIDE, SIDE, b->covered, b->side, b->region);
+    b->wide = lw_rooms_find(&mesh, 0, SIDE, SIDE, b->covered, b->side, b->room);
+    b->parts = lw_regions_deal(SIDE, SIDE, SIDE, b->covered, b->room, b->region);
 }
 
 static struct block whole(void) {
@@ -117,6 +118,34 @@ static void what_is_not_covered_does_not_count(void **state) {
     assert_int_equal(b.parts.count, 1);
 }
 
+/* The largest comes first; charts that nothing cuts are room 0. */
+static void rooms_by_size(void **state) {
+    (void)state;
+    struct block b = whole();
+    for (uint32_t i = 0; i < COUNT; i++) {
+        b.chart[i] = i / SIDE >= 12;
+        b.side[i] = b.chart[i] ? 9 : i / SIDE < 3 ? 1 : 2; /* 48, 144 and, of a chart of its own, 64 texels */
+    }
+    deal(&b);
+    assert_int_equal(b.wide, 1);
+    for (uint32_t i = 0; i < COUNT; i++) assert_int_equal(b.room[i], b.chart[i] ? 0 : b.side[i] == 2 ? 1 : 2);
+    for (uint32_t part = 0; part < b.parts.count; part++)
+        assert_int_equal(b.parts.room[part], part == 0 ? 1 : part == 1 ? 0 : 2);
+}
+
+/* Each texel a side of its own: more than there are numbers. */
+static void more_rooms_than_numbers(void **state) {
+    (void)state;
+    struct block b = whole();
+    for (uint32_t i = 0; i < COUNT; i++) b.side[i] = i;
+    deal(&b);
+    assert_int_equal(b.wide, 0);
+    assert_int_equal(b.room[0], 1);
+    assert_int_equal(b.room[COUNT - 2], LW_ROOMS_MAX - 1);
+    assert_int_equal(b.room[COUNT - 1], LW_ROOMS_MAX - 1);
+    assert_int_equal(b.parts.count, LW_REGIONS);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(without_walls_quarters),
@@ -124,6 +153,8 @@ int main(void) {
         cmocka_unit_test(many_sides),
         cmocka_unit_test(beside_a_chart_without_walls),
         cmocka_unit_test(what_is_not_covered_does_not_count),
+        cmocka_unit_test(rooms_by_size),
+        cmocka_unit_test(more_rooms_than_numbers),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

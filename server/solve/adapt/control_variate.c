@@ -96,14 +96,16 @@ void lw_control_variate_direct(struct lw_tiles *tiles, const struct lw_solve_til
                                const struct lw_vec3 off[LW_TRACE_WIDTH], const struct lw_vec3 *off_drawn) {
     const uint32_t lanes = (uint32_t)__builtin_popcount(launch->active);
     struct lw_change_packet *packet = &block->change.packet[set];
+    struct lw_vec3 weighted[LANES];
     float rough = 0;
     packet->direct_square = 0;
     for (uint32_t lane = 0; lane < lanes; lane++) {
-        add_direct(tiles, block, tile->first + launch->texel[lane], off[lane],
-                   off_drawn ? off_drawn[lane] : lw_vec3(0, 0, 0));
-        packet->direct = lw_vec3_mad(packet->direct, off[lane], 1 / (float)lanes);
+        const uint32_t texel = tile->first + launch->texel[lane];
+        add_direct(tiles, block, texel, off[lane], off_drawn ? off_drawn[lane] : lw_vec3(0, 0, 0));
+        weighted[lane] = lw_vec3_scale(off[lane], block->weight[tiles->region_of_texel[texel]]);
+        packet->direct = lw_vec3_mad(packet->direct, weighted[lane], 1 / (float)lanes);
     }
-    for (int c = 0; c < 3; c++) rough = fmaxf(rough, roughness(tile, launch, off, lanes, c));
+    for (int c = 0; c < 3; c++) rough = fmaxf(rough, roughness(tile, launch, weighted, lanes, c));
     packet->direct_rough += rough;
     block->unseen = true;
 }
@@ -230,7 +232,7 @@ static struct mean mean_of(const struct finding *f, uint32_t first, uint32_t end
     for (uint32_t part_ = 0, from = 0, to; part_ < (block)->parts.count && (to = (block)->parts.end[part_]); \
          from = to, part_++)
 
-/* Mean square by which the surfaces of a tile have changed, less what is noise, and what that may be by
+/* Weighted mean square by which the surfaces of a tile have changed, less what is noise, and what that may be by
  * chance (a standard deviation, if nothing has changed). */
 static float spread_of(const struct lw_solve_tile *tile) {
     double square = 0, chance = 0, lanes = 0;
@@ -240,8 +242,9 @@ static float spread_of(const struct lw_solve_tile *tile) {
             const struct finding f = find(block, first);
             EACH_PART(block, from, to) {
                 const struct mean m = mean_of(&f, from, to);
-                const double noise = (double)m.lanes * (double)m.error;
-                square += (double)m.lanes * (double)m.square - noise;
+                const double weight = (double)block->weight[from], each = weight * weight * (double)m.lanes,
+                             noise = each * (double)m.error;
+                square += each * (double)m.square - noise;
                 chance += 2 * noise * noise;
                 lanes += m.lanes;
             }
@@ -258,10 +261,10 @@ struct shift {
     struct lw_vec3 of[LW_CHANGE_ORDERS][LW_REGIONS];
 };
 
-/* Returns what is believed of what a surface has found, 0 to 1. spread: of its tile. */
-static float choose_shift(const struct finding *f, const struct mean *whole, float spread,
+/* Returns what is believed of what a surface has found, 0 to 1. spread: of its tile; weight: of its part. */
+static float choose_shift(const struct finding *f, const struct mean *whole, float spread, float weight,
                           struct shift *out) {
-    const float believed = spread / (spread + NOISE_COUNTS * whole->error);
+    const float believed = spread / (spread + NOISE_COUNTS * weight * weight * whole->error);
     for (uint32_t r = out->from; r < out->to; r++) {
         const struct mean region = mean_of(f, r, r + 1);
         const struct lw_vec3 off = lw_vec3_sub(region.all, whole->all);
@@ -387,8 +390,9 @@ static bool correct_part(struct lw_tiles *tiles, const struct lw_solve_tile *til
     const struct mean whole = mean_of(f, shift->from, shift->to);
     if (!whole.lanes) return false;
     struct texels texels;
-    const float believed = choose_shift(f, &whole, spread, shift),
-                all = block->reference_luminance + block->other_luminance,
+    const float weight = block->weight[shift->from],
+                believed = choose_shift(f, &whole, spread, weight, shift),
+                all = (block->reference_luminance + block->other_luminance) / weight,
                 square = believed * believed * whole.square, light = all * all;
     if (!(square > least * least * light)) return false;
     list_texels(tiles, tile, block, first, shift, &texels);
@@ -397,8 +401,8 @@ static bool correct_part(struct lw_tiles *tiles, const struct lw_solve_tile *til
     const bool much = square > SHOWN_MIN * SHOWN_MIN * light;
     const float variance = ERROR_NOISE * believed * whole.error + (much ? ERROR_MIN * ERROR_MIN * square : 0),
                 share = (float)texels.count / (float)block->covered_count;
-    block->change.standard_error =
-        sqrtf(block->change.standard_error * block->change.standard_error + share * variance);
+    block->change.standard_error = sqrtf(block->change.standard_error * block->change.standard_error +
+                                         share * weight * weight * variance);
     block->unseen |= much;
     return true;
 }

@@ -3,6 +3,8 @@
 #include "common/colour.h"
 #include "server/solve/adapt/gradient.h"
 
+#include <string.h>
+
 /* This many samples without light count as an error of 1; a full tile converges
  * after some 25 frames at 0.02. */
 #define DARK_SAMPLES 2000.0
@@ -10,6 +12,8 @@
 #define LIKE 4.0
 /* Of a block's estimated noise, what each frame brings. */
 #define NOISE_WEIGHT 0.125f
+/* Of the tile's light, what a darker room is measured against at least. */
+#define DARKEST 1e-4f
 
 /* What the last solve had of one part of a texel's light. */
 static struct lw_vec3 estimate_at(const struct lw_tiles *tiles, int part, uint32_t texel) {
@@ -55,7 +59,7 @@ static void note_noise(float *noise, double off_square, double light, const stru
 static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *tile, uint32_t column,
                          uint32_t row) {
     struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
-    double variance = 0, luminance = 0, square[LW_TILES_PARTS] = {0};
+    double variance = 0, luminance = 0, light = 0, square[LW_TILES_PARTS] = {0};
     float drift[LW_TILES_PARTS][LW_REGIONS] = {{0}};
     uint32_t texels[LW_REGIONS] = {0};
     float *const *const sum[LW_TILES_PARTS] = {tiles->direct, tiles->indirect};
@@ -63,21 +67,23 @@ static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *til
         const uint32_t texel = tile->first + y * tile->width + x;
         if (!tiles->covered[texel]) continue;
         note_estimate(tiles, texel, block->indirect.weight);
-        variance += (double)tiles->judged_spread[texel];
-        luminance += (double)tiles->mean[texel];
         const uint32_t region = tiles->region_of_texel[texel];
+        const double weight = (double)block->weight[region];
+        variance += weight * weight * (double)tiles->judged_spread[texel];
+        luminance += (double)tiles->mean[texel];
+        light += weight * (double)tiles->mean[texel];
         texels[region]++;
         for (int part = 0; part < LW_TILES_PARTS; part++) {
-            const float off = lw_colour_luminance(
-                lw_vec3_sub(estimate_at(tiles, part, texel), lw_texels_vector(sum[part], texel)));
+            const float off =
+                block->weight[region] * lw_colour_luminance(lw_vec3_sub(estimate_at(tiles, part, texel),
+                                                                        lw_texels_vector(sum[part], texel)));
             square[part] += (double)off * (double)off;
             drift[part][region] += off;
         }
     }
     const double each = 1.0 / block->covered_count;
-    note_noise(&block->noise[LW_TILES_DIRECT], square[LW_TILES_DIRECT] * each, luminance * each,
-               &block->direct);
-    note_noise(&block->noise[LW_TILES_INDIRECT], square[LW_TILES_INDIRECT] * each, luminance * each,
+    note_noise(&block->noise[LW_TILES_DIRECT], square[LW_TILES_DIRECT] * each, light * each, &block->direct);
+    note_noise(&block->noise[LW_TILES_INDIRECT], square[LW_TILES_INDIRECT] * each, light * each,
                &block->indirect);
     for (uint32_t r = 0; r < LW_REGIONS; r++)
         for (int part = 0; texels[r] && part < LW_TILES_PARTS; part++)
@@ -87,19 +93,102 @@ static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *til
     block->luminance = luminance;
 }
 
+/* ---- against what light errors are measured ---- */
+
+/* Mean luminance of a tile, and of its wide rooms by themselves; variance of the parts of its blocks. */
+struct tile_light {
+    double mean, room[LW_ROOMS_MAX];
+    double variance[LW_TILE_BLOCKS * LW_TILE_BLOCKS][LW_REGIONS];
+};
+
+/* Of a tile with several rooms. Sets the luminance of its blocks' parts. */
+static void measure_rooms(const struct lw_tiles *tiles, const struct lw_solve_tile *tile,
+                          struct tile_light *light) {
+    double sum[LW_TILE_BLOCKS * LW_TILE_BLOCKS][LW_REGIONS] = {{0}};
+    uint32_t texels[LW_TILE_BLOCKS * LW_TILE_BLOCKS][LW_REGIONS] = {{0}}, in_room[LW_ROOMS_MAX] = {0};
+    memset(light->room, 0, sizeof light->room);
+    memset(light->variance, 0, sizeof light->variance);
+    for (uint32_t i = 0; i < tile->width * tile->height; i++) {
+        const uint32_t texel = tile->first + i;
+        if (!tiles->covered[texel]) continue;
+        const ptrdiff_t b = lw_tiles_block(tile, i % tile->width, i / tile->width) - tile->block;
+        uint32_t part = 0;
+        while (tiles->region_of_texel[texel] >= tile->block[b].parts.end[part]) part++;
+        sum[b][part] += (double)tiles->mean[texel];
+        light->variance[b][part] += (double)tiles->judged_spread[texel];
+        texels[b][part]++;
+    }
+    LW_TILES_EACH_BLOCK (tile, block) {
+        const ptrdiff_t b = block - tile->block;
+        for (uint32_t part = 0; part < block->parts.count; part++) {
+            light->room[block->parts.room[part]] += sum[b][part];
+            in_room[block->parts.room[part]] += texels[b][part];
+            block->part_luminance[part] = texels[b][part] ? (float)(sum[b][part] / texels[b][part]) : 0;
+        }
+    }
+    for (uint32_t room = 0; room < LW_ROOMS_MAX; room++)
+        if (in_room[room]) light->room[room] /= in_room[room];
+}
+
+/* Against which a dark corner is measured. */
+static double light_around(const struct lw_solve_tile *tile, const struct tile_light *light, uint32_t room) {
+    return room && room <= tile->wide_rooms ? fmax(light->room[room], (double)DARKEST * light->mean)
+                                            : light->mean;
+}
+
+/* Of several parts that with the least light, but some, stands for the block: elsewhere a W/m^2 counts as much
+ * less as there is more light. Returns the block's light without other layers'. */
+static double weigh_parts(const struct lw_solve_tile *tile, struct lw_solve_block *block,
+                          const struct tile_light *tile_light) {
+    float light[LW_REGIONS], factor[LW_REGIONS];
+    uint32_t least = 0;
+    for (uint32_t part = 0; part < block->parts.count; part++) {
+        const float around = (float)light_around(tile, tile_light, block->parts.room[part]);
+        light[part] = fmaxf(block->part_luminance[part], around) + block->part_other[part];
+        if (light[part] > 0 && !(light[least] > 0 && light[least] <= light[part])) least = part;
+    }
+    block->variance = 0;
+    for (uint32_t part = 0, r = 0; part < block->parts.count; part++) {
+        const float weight = light[part] > 0 ? light[least] / light[part] : 1;
+        block->variance += (double)weight * (double)weight * tile_light->variance[block - tile->block][part];
+        for (; r < block->parts.end[part]; r++) {
+            factor[r] = weight / block->weight[r];
+            block->weight[r] = weight;
+        }
+    }
+    lw_gradient_reweigh(block, factor);
+    block->other_luminance = block->part_other[least];
+    return (double)(light[least] - block->part_other[least]);
+}
+
+static double light_of(const struct lw_solve_tile *tile, struct lw_solve_block *block,
+                       const struct tile_light *light) {
+    if (block->parts.count > 1) return weigh_parts(tile, block, light);
+    return fmax(block->luminance / block->covered_count, light_around(tile, light, block->parts.room[0]));
+}
+
+static bool has_rooms(const struct lw_solve_tile *tile) {
+    LW_TILES_EACH_BLOCK (tile, block)
+        if (block->covered_count && (block->parts.count > 1 || block->parts.room[0])) return true;
+    return false;
+}
+
 void lw_estimates_judge(const struct lw_transport *t, struct lw_solve_tile *tile) {
     if (!tile->covered_count) return;
     const uint32_t samples =
         t->direct_samples > t->indirect_samples ? t->direct_samples : t->indirect_samples;
     double luminance = 0, looks = 0, square = 0;
+    struct tile_light tile_light;
     LW_TILES_EACH_BLOCK (tile, block) {
         luminance += block->luminance;
         looks += (double)block->sample_count * samples * block->covered_count;
     }
-    const double tile_mean = luminance / tile->covered_count;
+    tile_light.mean = luminance / tile->covered_count;
+    if (has_rooms(tile)) measure_rooms(t->tiles, tile, &tile_light);
     LW_TILES_EACH_BLOCK (tile, block) {
-        const double n = block->covered_count, light = n > 0 ? fmax(block->luminance / n, tile_mean) : 0;
+        const double n = block->covered_count;
         if (!(n > 0)) continue;
+        const double light = light_of(tile, block, &tile_light);
         if (!(light < LIKE * (double)block->reference_luminance &&
               (double)block->reference_luminance < LIKE * light))
             block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;

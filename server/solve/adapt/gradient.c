@@ -128,7 +128,7 @@ bool lw_gradient_choose_all(struct lw_solve_block *block, uint32_t moves) {
     return true;
 }
 
-/* How far light is off what it was. */
+/* How far light is off what it was; weighted by regions (lw_solve_block.weight). */
 struct off {
     float direct;
     struct lw_vec3 indirect[LW_REGIONS];
@@ -163,9 +163,13 @@ static struct off add_up(const struct lw_solve_block *block, uint16_t packets) {
         if (!(packets >> set & 1)) continue;
         off.direct += change->packet[set].direct_square + change->packet[set].direct_error;
         texels += block->packet[set].count;
-        for (uint32_t r = 0; r < LW_REGIONS; r++)
-            off.indirect[r] = lw_vec3_add(off.indirect[r], lw_change_both_orders(&change->packet[set], r)),
-            square[r] += change->packet[set].indirect_square[r], lanes[r] += block->packet[set].lanes[r];
+        for (uint32_t r = 0; r < LW_REGIONS; r++) {
+            const float weight = block->weight[r];
+            off.indirect[r] =
+                lw_vec3_mad(off.indirect[r], lw_change_both_orders(&change->packet[set], r), weight);
+            square[r] += weight * weight * change->packet[set].indirect_square[r];
+            lanes[r] += block->packet[set].lanes[r];
+        }
     }
     const float known = share_known(&off, square, lanes);
     off.direct = change->staleness_direct + (texels ? sqrtf(off.direct / (float)texels) : 0);
@@ -281,6 +285,26 @@ static float room_for(const struct lw_solve_block *block, int part, float stalen
     if (noise < 0) return 1; /* not known before there are two */
     return lw_history_max(
         counted[filtered][part] * noise * block->reference_luminance * block->reference_luminance, staleness);
+}
+
+/* What is known of all regions together follows that which counts most more. */
+void lw_gradient_reweigh(struct lw_solve_block *block, const float factor[LW_REGIONS]) {
+    struct lw_change_block *change = &block->change;
+    float most = 1;
+    for (uint32_t r = 0; r < LW_REGIONS; r++) {
+        change->staleness_indirect[r] = lw_vec3_scale(change->staleness_indirect[r], factor[r]);
+        for (int part = 0; part < LW_TILES_PARTS; part++) {
+            change->drift[part][r].mean *= factor[r];
+            change->drift[part][r].square *= factor[r] * factor[r];
+        }
+        most = fmaxf(most, factor[r]);
+    }
+    change->staleness_direct *= most;
+    change->standard_error *= most;
+    for (uint32_t set = 0; set < block->packet_count; set++) {
+        change->packet[set].direct_square *= most * most;
+        change->packet[set].direct_error *= most * most;
+    }
 }
 
 void lw_gradient_note_drift(struct lw_solve_block *block, int part, uint32_t region, float off) {

@@ -44,7 +44,8 @@ static bool compare_direct(const struct lw_transport *t, const struct lw_solve_t
         if (t->drawn)
             off_drawn[lane] = difference(lw_direct_light_lane(direct->drawn, lane),
                                          lw_texels_vector(t->tiles->drawn_estimate, texel));
-        *square += lw_vec3_max_abs(off[lane]) * lw_vec3_max_abs(off[lane]);
+        const float weighted = block->weight[t->tiles->region_of_texel[texel]] * lw_vec3_max_abs(off[lane]);
+        *square += weighted * weighted;
     }
     if (!all || !(*square > 0)) return false;
     lw_control_variate_direct(t->tiles, tile, block, set, launch, off, t->drawn ? off_drawn : NULL);
@@ -73,8 +74,9 @@ static void compare_indirect(const struct lw_transport *t, const struct lw_solve
     for (uint32_t lane = 0; lane < lanes; lane++) {
         const float size = lw_vec3_max_abs(off[lane]);
         const float others = lanes > 1 ? (sum - size) / (float)(lanes - 1) : size;
-        const float bound = DIFFERENCE_MAX * fmaxf(block->reference_luminance, others);
         const uint32_t region = t->tiles->region_of_texel[tile->first + launch->texel[lane]];
+        const float bound =
+            DIFFERENCE_MAX * fmaxf(block->reference_luminance / block->weight[region], others);
         const float share = size > bound ? bound / size : 1;
         for (int order = 0; order < LW_CHANGE_ORDERS; order++)
             found.indirect[order][region] =

@@ -10,8 +10,10 @@ enum { LW_CHANGE_FIRST, LW_CHANGE_LATER, LW_CHANGE_ORDERS };
 
 /* What the texels of a packet have found; E in W/m^2. */
 struct lw_change_packet {
-    float direct_square; /* sum of squared differences of direct light; of the channel that differs most */
-    /* Of what direct light was corrected by since the block was solved (control_variate.h): */
+    /* weighted (lw_solve_block.weight): sum of squared differences of direct light; of the channel that
+     * differs most */
+    float direct_square;
+    /* Of what direct light was corrected by since the block was solved (control_variate.h); weighted: */
     struct lw_vec3 direct; /* mean */
     /* Sums of squares: that no plane explains; of the standard error in all. */
     float direct_rough, direct_error;
@@ -64,7 +66,7 @@ struct lw_change_block {
     uint32_t tick;         /* round in which it last served somebody */
     uint32_t moves;        /* of the scene, when it was last verified */
     uint32_t solved_moves; /* and solved */
-    /* By how much the means are out of date (history.h). */
+    /* By how much the means are out of date (history.h); weighted. */
     float staleness_direct;                        /* root mean square over the texels */
     struct lw_vec3 staleness_indirect[LW_REGIONS]; /* mean over the texels of a region */
     float standard_error; /* standard error of what was taken over of indirect light */

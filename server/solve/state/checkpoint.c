@@ -32,9 +32,9 @@ struct block_record {
     struct lw_vec3 staleness_indirect[LW_REGIONS];
     float light, noise[LW_TILES_PARTS], error;
     uint32_t frames, unseen;
-    float standard_error;
+    float standard_error, weight[LW_REGIONS];
 };
-_Static_assert(sizeof(struct block_record) == 112, "no padding, which would have any value");
+_Static_assert(sizeof(struct block_record) == 128, "no padding, which would have any value");
 
 /* ---- what is in it ---- */
 
@@ -114,6 +114,7 @@ static void put_blocks(struct lw_checked_file_writer *writer, const struct lw_ti
             .unseen = block->unseen,
             .standard_error = change->standard_error};
         memcpy(record.staleness_indirect, change->staleness_indirect, sizeof record.staleness_indirect);
+        memcpy(record.weight, block->weight, sizeof record.weight);
         lw_checked_file_put(writer, &record, sizeof record);
     }
 }
@@ -187,6 +188,7 @@ static enum lw_status take_blocks(struct lw_checked_file_reader *reader, struct 
         memcpy(block->change.staleness_indirect, record.staleness_indirect, sizeof record.staleness_indirect);
         block->reference_luminance = record.light;
         memcpy(block->noise, record.noise, sizeof record.noise);
+        memcpy(block->weight, record.weight, sizeof record.weight);
         block->error = record.error;
         block->sample_count = record.frames;
         block->unseen = record.unseen != 0;

@@ -3,6 +3,7 @@
 #include "common/colour.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 /* A plane: where it hangs, and floats for each texel. All that allocates, frees or
  * counts them goes by these lists. */
@@ -104,9 +105,11 @@ void lw_tiles_sum_variance(struct lw_tiles *tiles, int threads) {
         const struct lw_solve_tile *tile = &tiles->tile[t];
         LW_TILES_EACH_BLOCK (tile, block) block->variance = 0;
         for (uint32_t i = 0; i < tile->width * tile->height; i++)
-            if (tiles->covered[tile->first + i])
-                lw_tiles_block(tile, i % tile->width, i / tile->width)->variance +=
-                    (double)tiles->judged_spread[tile->first + i];
+            if (tiles->covered[tile->first + i]) {
+                struct lw_solve_block *block = lw_tiles_block(tile, i % tile->width, i / tile->width);
+                const double weight = (double)block->weight[tiles->region_of_texel[tile->first + i]];
+                block->variance += weight * weight * (double)tiles->judged_spread[tile->first + i];
+            }
     }
 }
 
@@ -160,15 +163,21 @@ static uint32_t side_of(uint32_t block, uint32_t texels) {
     return left < LW_TILE_BLOCK ? left : LW_TILE_BLOCK;
 }
 
-static void deal_packets(const struct lw_tiles *tiles, const struct lw_solve_tile *tile) {
+static void deal_packets(const struct lw_tiles *tiles, struct lw_solve_tile *tile) {
+    uint8_t room[LW_TILE_SIDE * LW_TILE_SIDE];
+    tile->wide_rooms = (uint8_t)lw_rooms_find(tile->mesh, tile->local, tile->width, tile->height,
+                                              tiles->covered + tile->first, tiles->side + tile->first, room);
     for (uint32_t row = 0; row < tile->block_rows; row++)
         for (uint32_t column = 0; column < tile->block_columns; column++) {
             struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
             const uint32_t corner = row * LW_TILE_BLOCK * tile->width + column * LW_TILE_BLOCK,
                            i = tile->first + corner, width = side_of(column, tile->width),
                            height = side_of(row, tile->height);
-            block->parts = lw_regions_deal(tile->mesh, tile->local + corner, tile->width, width, height,
-                                           tiles->covered + i, tiles->side + i, tiles->region_of_texel + i);
+            const struct lw_region_parts before = block->parts;
+            block->parts = lw_regions_deal(tile->width, width, height, tiles->covered + i, room + corner,
+                                           tiles->region_of_texel + i);
+            if (memcmp(&before, &block->parts, sizeof before) != 0)
+                for (uint32_t r = 0; r < LW_REGIONS; r++) block->weight[r] = 1;
             block->packet_count =
                 lw_packets_deal(tile->mesh, tile->local + corner, tile->width, width, height,
                                 tiles->covered + i, tiles->region_of_texel + i, block->packet);

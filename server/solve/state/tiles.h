@@ -52,6 +52,11 @@ struct lw_solve_block {
     struct lw_packet *packet; /* of its covered texels */
     uint32_t packet_count;
     struct lw_region_parts parts; /* of its regions */
+    /* What a W/m^2 counts in each region, where light is compared with the block's: 1 in the part that has
+     * least, and as much less elsewhere as there is more light. 1 throughout where there is one part. */
+    float weight[LW_REGIONS];
+    /* By parts, if there are several: luminance of E in the mean; what other layers add to it. */
+    float part_luminance[LW_REGIONS], part_other[LW_REGIONS];
     enum lw_block_state state;
     bool due;             /* the frame under way solves it */
     bool unseen;          /* it was solved since it was last shown */
@@ -60,10 +65,12 @@ struct lw_solve_block {
     uint32_t sample_count;
     struct lw_history direct, indirect;
     struct lw_change_block change;
-    double variance;  /* sum over its texels: of one frame's estimate, luminance, about the running mean */
+    /* sum over its texels: of one frame's estimate, weighted luminance, about the running mean */
+    double variance;
     double luminance; /* sum over its texels, of E */
-    /* Luminance of E against which errors are measured: its own mean, or the tile's if that is more; and what
-     * other layers add to it (light_layers.h). */
+    /* Luminance of E against which errors are measured: its own mean, or that of the room that it is in or of
+     * the tile (regions.h), if that is more; and what other layers add to it (light_layers.h). Of several
+     * parts that with the least. */
     float reference_luminance, other_luminance;
     /* reference_luminance when its bounce rays were last traced: what they hang on */
     float traced_luminance;
@@ -94,7 +101,8 @@ struct lw_solve_tile {
     float radius_os;
     /* as its object is: it counts as converged, and starts again when it is shown. */
     bool hidden;
-    bool begins; /* it has, and nothing of it has been shown since */
+    uint8_t wide_rooms; /* (regions.h) */
+    bool begins;        /* it has, and nothing of it has been shown since */
     uint32_t covered_count;
     uint32_t sample_count; /* the fewest of its blocks */
     float error;           /* relative standard error of luminance, over all its blocks */
