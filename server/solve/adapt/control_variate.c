@@ -232,8 +232,8 @@ static struct mean mean_of(const struct finding *f, uint32_t first, uint32_t end
     for (uint32_t part_ = 0, from = 0, to; part_ < (block)->parts.count && (to = (block)->parts.end[part_]); \
          from = to, part_++)
 
-/* Weighted mean square by which the surfaces of a tile have changed, less what is noise, and what that may be by
- * chance (a standard deviation, if nothing has changed). */
+/* Weighted mean square by which the surfaces of a tile have changed, less what is noise, and what that may be
+ * by chance (a standard deviation, if nothing has changed). */
 static float spread_of(const struct lw_solve_tile *tile) {
     double square = 0, chance = 0, lanes = 0;
     LW_TILES_EACH_BLOCK (tile, block) {

@@ -136,8 +136,8 @@ static double light_around(const struct lw_solve_tile *tile, const struct tile_l
                                             : light->mean;
 }
 
-/* Of several parts that with the least light, but some, stands for the block: elsewhere a W/m^2 counts as much
- * less as there is more light. Returns the block's light without other layers'. */
+/* Of several parts that with the least light, but some, stands for the block: elsewhere a W/m^2 counts as
+ * much less as there is more light. Returns the block's light without other layers'. */
 static double weigh_parts(const struct lw_solve_tile *tile, struct lw_solve_block *block,
                           const struct tile_light *tile_light) {
     float light[LW_REGIONS], factor[LW_REGIONS];

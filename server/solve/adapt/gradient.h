@@ -75,8 +75,8 @@ static inline bool lw_gradient_is_strong(const struct lw_change_block *change) {
     return change->strength >= LW_GRADIENT_STRONG;
 }
 
-/** A W/m^2 of a region counts `factor` times what it did (lw_solve_block.weight): so does what is known of its
- * staleness. */
+/** A W/m^2 of a region counts `factor` times what it did (lw_solve_block.weight): so does what is known of
+ * its staleness. */
 void lw_gradient_reweigh(struct lw_solve_block *block, const float factor[LW_REGIONS]);
 
 /** Notes what the estimates of a solve are off their means, in the mean over the texels of a region;

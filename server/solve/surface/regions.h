@@ -3,8 +3,8 @@
  *          rooms of texels -> [regions] -> packets; what changes, and is corrected, by regions
  * Threads: pure functions, [any].
  *
- * Where walls cut a chart of a tile, each of its sides (texels.h) is a room by itself. Charts that nothing cuts
- * are one room together.
+ * Where walls cut a chart of a tile, each of its sides (texels.h) is a room by itself. Charts that nothing
+ * cuts are one room together.
  *
  * Indirect light may change in one corner of a block and not in another: its regions are the quarters of
  * 8 x 8 texels. What changes in one room says nothing of another, however near. So a block with several rooms
