@@ -89,12 +89,12 @@ static void many_sides(void **state) {
     }
 }
 
-/* A chart that nothing cuts is together with others like it, and with no side of one that is cut. */
-static void beside_a_chart_without_walls(void **state) {
+/* Small charts that nothing cuts are together, and with no side of one that is cut. */
+static void beside_charts_without_walls(void **state) {
     (void)state;
     struct block b = whole();
     for (uint32_t i = 0; i < COUNT; i++) {
-        b.chart[i] = i / SIDE < 4 ? 0 : i / SIDE < 8 ? 1 : 2;
+        b.chart[i] = i / SIDE < 4 ? 0 : i / SIDE < 12 ? 1 : 2;
         b.side[i] = 10 * b.chart[i] + (b.chart[i] == 1 && i % SIDE < 8);
         b.covered[i] = i % 5 != 0;
     }
@@ -118,17 +118,24 @@ static void what_is_not_covered_does_not_count(void **state) {
     assert_int_equal(b.parts.count, 1);
 }
 
-/* The largest comes first; charts that nothing cuts are room 0. */
+/* The largest comes first; a chart that nothing cuts is one if it is wide, and else room 0. */
 static void rooms_by_size(void **state) {
     (void)state;
     struct block b = whole();
     for (uint32_t i = 0; i < COUNT; i++) {
         b.chart[i] = i / SIDE >= 12;
         b.side[i] = b.chart[i] ? 9 : i / SIDE < 3 ? 1 : 2; /* 48, 144 and, of a chart of its own, 64 texels */
+        b.covered[i] = i != COUNT - 1;
     }
     deal(&b);
     assert_int_equal(b.wide, 1);
     for (uint32_t i = 0; i < COUNT; i++) assert_int_equal(b.room[i], b.chart[i] ? 0 : b.side[i] == 2 ? 1 : 2);
+    b.covered[COUNT - 1] = 1;
+    deal(&b);
+    assert_int_equal(b.wide, 2);
+    for (uint32_t i = 0; i < COUNT; i++) assert_int_equal(b.room[i], b.chart[i] ? 2 : b.side[i] == 2 ? 1 : 3);
+    b.covered[COUNT - 1] = 0;
+    deal(&b);
     for (uint32_t part = 0; part < b.parts.count; part++)
         assert_int_equal(b.parts.room[part], part == 0 ? 1 : part == 1 ? 0 : 2);
 }
@@ -151,7 +158,7 @@ int main(void) {
         cmocka_unit_test(without_walls_quarters),
         cmocka_unit_test(a_wall_parts_two_sides),
         cmocka_unit_test(many_sides),
-        cmocka_unit_test(beside_a_chart_without_walls),
+        cmocka_unit_test(beside_charts_without_walls),
         cmocka_unit_test(what_is_not_covered_does_not_count),
         cmocka_unit_test(rooms_by_size),
         cmocka_unit_test(more_rooms_than_numbers),

@@ -8,7 +8,7 @@ struct member {
     uint32_t chart, side, texel;
 };
 
-/* Texels of one side of a chart that is cut, from `first` on. */
+/* Texels of one side, from `first` on. */
 struct side {
     uint32_t first, count;
 };
@@ -38,12 +38,13 @@ static uint32_t end_of_side(const struct member *member, uint32_t end_of_chart, 
     return end;
 }
 
-/* Of charts that are cut; members are sorted. */
+/* Of charts that are cut or wide; members are sorted. */
 static uint32_t list_sides(const struct member *member, uint32_t count, struct side *out) {
     uint32_t sides = 0;
     for (uint32_t i = 0, end; i < count; i = end) {
         end = end_of_chart(member, count, i);
-        if (member[i].side == member[end - 1].side) continue;
+        const bool cut = member[i].side != member[end - 1].side;
+        if (!cut && end - i < LW_ROOM_WIDE) continue;
         for (uint32_t k = i, next; k < end; k = next) {
             next = end_of_side(member, end, k);
             out[sides++] = (struct side){k, next - k};

@@ -3,8 +3,8 @@
  *          rooms of texels -> [regions] -> packets; what changes, and is corrected, by regions
  * Threads: pure functions, [any].
  *
- * Where walls cut a chart of a tile, each of its sides (texels.h) is a room by itself. Charts that nothing
- * cuts are one room together.
+ * Each side of a chart (texels.h) within a tile is a room by itself: a wall's faces share a tile, and one
+ * looks at the sun. Small charts that no wall cuts are one room together.
  *
  * Indirect light may change in one corner of a block and not in another: its regions are the quarters of
  * 8 x 8 texels. What changes in one room says nothing of another, however near. So a block with several rooms
@@ -17,7 +17,7 @@
 
 #define LW_REGIONS 4u
 
-/* Rooms of a tile have numbers of 8 bits; 0: what no wall cuts. The smallest of very many share the last. */
+/* Rooms of a tile have numbers of 8 bits; 0: small charts. The smallest of very many share the last. */
 #define LW_ROOMS_MAX 256u
 /* Texels of a room that is wide: its light is measured by itself, and not against its tile's. */
 #define LW_ROOM_WIDE 64u
