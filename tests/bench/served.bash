@@ -28,7 +28,7 @@ serve() {
     local folder=$1
     shift
     rm -f "$folder/port"
-    "$bin/lightwelld" "$@" --listen 127.0.0.1:0 --http none --control-socket none --port-file "$folder/port" \
+    "$bin/lightwelld" --listen 127.0.0.1:0 --http none --control-socket none --port-file "$folder/port" "$@" \
         <&0 2>"$folder/served" & # without the first its lines would be of /dev/null
     daemon=$!
     until_true "$folder/served" [ -s "$folder/port" ]
