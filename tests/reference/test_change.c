@@ -511,7 +511,7 @@ static void begin_to_move(uint32_t stride, float texels_per_metre) {
 
 static void test_objects_may_begin_to_move(void **state) {
     (void)state;
-    begin_to_move(4, 0.5f);
+    begin_to_move(8, 0.5f);
 }
 
 static void test_each_object_may_begin_to_move(void **state) {
