@@ -10,7 +10,7 @@
 
 #define LIMIT_S LW_PROCESS_LIMIT_S
 #define SCENE                                                                                                \
-    "builtin:cornell --texels-per-metre 200 --threads 1 --light whole --frames 1 --listen 127.0.0.1:0 "      \
+    "builtin:cornell --texels-per-metre 140 --threads 1 --light whole --frames 1 --listen 127.0.0.1:0 "      \
     "--http none"
 
 static int run_with(unsigned limit_mb, char **out_said) {
@@ -30,7 +30,7 @@ static int run_with(unsigned limit_mb, char **out_said) {
 /* Whatever allocation it is that fails. */
 static void test_out_of_memory(void **state) {
     (void)state;
-    static const unsigned limits_mb[] = {250, 320, 360, 400};
+    static const unsigned limits_mb[] = {250, 280, 300, 340};
     unsigned advised = 0;
     if (LW_SANITIZER) {
         print_message("skipped: a sanitizer needs address space without a limit\n");
