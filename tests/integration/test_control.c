@@ -217,7 +217,7 @@ static struct image live_picture(void) {
 static struct image path_traced(const char *scene, double time_s) {
     char reference[256];
     struct image image;
-    snprintf(reference, sizeof reference, "--path-trace %s --time %g --spp 128 --bounces 2 --pixel centre",
+    snprintf(reference, sizeof reference, "--path-trace %s --time %g --spp 64 --bounces 2 --pixel centre",
              scene, time_s);
     image.rgb = picture(reference, "reference.exr", &image.width, &image.height);
     return image;
