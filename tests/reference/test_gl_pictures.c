@@ -547,13 +547,13 @@ static uint32_t count_single_calls(const struct world *w) {
 static void test_draw_calls(void **state) {
     (void)state;
     struct world w;
-    start(&w, open_scene("builtin:city:2"), 0, 1);
+    start(&w, open_scene("builtin:city:1"), 0, 1);
     uint32_t placed = 0;
     for (uint32_t o = 0; o < w.scene->object_count; o++) placed += !w.pose.object_hidden[o];
     const struct lw_gl_renderer_figures all = figures_from(&w, "-900,700,-900:0,0,0:60"),
                                         part = figures_from(&w, "0,2,0:100,2,0:40"),
                                         none = figures_from(&w, "0,400,0:0,500,1:40");
-    print_message("city:2, %u objects: %u in %u draw calls; from within %u in %u; of the sky %u in %u\n",
+    print_message("city:1, %u objects: %u in %u draw calls; from within %u in %u; of the sky %u in %u\n",
                   placed, all.objects, all.draw_calls, part.objects, part.draw_calls, none.objects,
                   none.draw_calls);
     assert_int_equal(all.objects, placed);
