@@ -40,7 +40,7 @@ static const char *type_of(const char *path) {
     return "application/octet-stream";
 }
 
-static enum lw_status add(struct lw_web_files *files, const char *name, const char *path,
+static enum lw_status add(struct lw_web_files *files, const char *name, const char *path, int64_t modified_s,
                           struct lw_error *err) {
     if (files->count == LW_WEB_FILES_MAX)
         return lw_status_fail(err, LW_BAD_DATA, "%s: a web root has at most %u files", name,
@@ -49,7 +49,7 @@ static enum lw_status add(struct lw_web_files *files, const char *name, const ch
     if (!grown) return lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", name);
     files->file = grown;
     struct lw_web_file *file = &grown[files->count];
-    *file = (struct lw_web_file){.type = type_of(path), .path = strdup(path)};
+    *file = (struct lw_web_file){.type = type_of(path), .path = strdup(path), .modified_s = modified_s};
     if (!file->path) return lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", name);
     enum lw_status status =
         lw_file_read(name, LW_WEB_FILES_BYTES_MAX - files->bytes, true, &file->bytes, &file->size, err);
@@ -90,7 +90,7 @@ static enum lw_status read_folder(struct lw_web_files *files, const char *folder
         if (status != LW_OK) break;
         snprintf(inner_path, PATH_SIZE, "%s/%s", path, entry->d_name);
         if (S_ISREG(st.st_mode))
-            status = add(files, inner_folder, inner_path, err);
+            status = add(files, inner_folder, inner_path, (int64_t)st.st_mtim.tv_sec, err);
         else if (S_ISDIR(st.st_mode) && depth == LW_WEB_FILES_DEPTH_MAX)
             status = lw_status_fail(err, LW_BAD_DATA, "%s: folders lie at most %u deep in a web root",
                                     inner_folder, LW_WEB_FILES_DEPTH_MAX);
@@ -106,6 +106,25 @@ static int compare(const void *a, const void *b) {
     return strcmp(of_a->path, of_b->path);
 }
 
+static const struct lw_web_file *find(const struct lw_web_files *files, char *path) {
+    const struct lw_web_file wanted = {.path = path};
+    return files->count ? bsearch(&wanted, files->file, files->count, sizeof wanted, compare) : NULL;
+}
+
+/* Finds what codings each file has. The files are in order, and stay where they are. */
+static void find_codings(struct lw_web_files *files) {
+    for (size_t i = 0; i < files->count; i++)
+        for (unsigned coding = 0; coding < LW_CONTENT_CODING_COUNT; coding++) {
+            struct lw_web_file *file = &files->file[i];
+            char path[PATH_SIZE];
+            const int size = snprintf(path, sizeof path, "%s%s", file->path,
+                                      lw_content_coding_ending((enum lw_content_coding)coding));
+            const struct lw_web_file *coded = (size_t)size < sizeof path ? find(files, path) : NULL;
+            if (coded && coded->size && coded->size < file->size && coded->modified_s >= file->modified_s)
+                file->coded[coding] = coded;
+        }
+}
+
 enum lw_status lw_web_files_read(const char *folder, struct lw_web_files *out_files, struct lw_error *err) {
     struct lw_web_files files = {0};
     const enum lw_status status = read_folder(&files, folder, "", 0, err);
@@ -114,6 +133,7 @@ enum lw_status lw_web_files_read(const char *folder, struct lw_web_files *out_fi
         return status;
     }
     if (files.count) qsort(files.file, files.count, sizeof *files.file, compare);
+    find_codings(&files);
     *out_files = files;
     return LW_OK;
 }
@@ -132,7 +152,12 @@ const struct lw_web_file *lw_web_files_find(const struct lw_web_files *files, co
     const size_t length = strlen(path);
     const bool is_folder = length && path[length - 1] == '/';
     const int size = snprintf(whole, sizeof whole, "%s%s", path, is_folder ? "index.html" : "");
-    if (size < 0 || (size_t)size >= sizeof whole || !files->count) return NULL;
-    const struct lw_web_file wanted = {.path = whole};
-    return bsearch(&wanted, files->file, files->count, sizeof wanted, compare);
+    return size < 0 || (size_t)size >= sizeof whole ? NULL : find(files, whole);
+}
+
+unsigned lw_web_files_codings(const struct lw_web_file *file) {
+    unsigned codings = 0;
+    for (unsigned coding = 0; coding < LW_CONTENT_CODING_COUNT; coding++)
+        if (file->coded[coding]) codings |= 1u << coding;
+    return codings;
 }

@@ -1,13 +1,17 @@
 /* web_files.h: the files of the browser client, read once and kept in memory.
- * Flow:    folder -> [web_files] -> path -> bytes -> web_server
+ * Flow:    folder -> [web_files] -> path, coding -> bytes -> web_server
  * Threads: built once; after that immutable, [any].
  *
  * A path is looked up in a list of what was found, so that none leads out of the folder. Links and names that
- * begin with a dot are left out. */
+ * begin with a dot are left out.
+ *
+ * A file NAME.br or NAME.gz beside NAME is NAME in that coding. One that is older than NAME, to the second, or
+ * not smaller is no coding of it. */
 #ifndef LW_SERVE_WEB_FILES_H
 #define LW_SERVE_WEB_FILES_H
 
 #include "common/status.h"
+#include "server/serve/content_coding.h"
 
 #include <stddef.h>
 #include <stdint.h>
@@ -23,7 +27,9 @@ struct lw_web_files {
         char tag[35];     /* for ETag, with its quotes: a hash of the bytes */
         uint8_t *bytes;
         size_t size;
-    } * file; /* by path */
+        int64_t modified_s;
+        const struct lw_web_file *coded[LW_CONTENT_CODING_COUNT]; /* NULL: there is none */
+    } * file;                                                     /* by path */
     size_t count, bytes;
 };
 
@@ -37,5 +43,8 @@ void lw_web_files_finish(struct lw_web_files *files);
 /** The file at a URL's path, which is decoded; at a folder's, that ends with a slash, its
  * index.html. NULL: there is none. */
 const struct lw_web_file *lw_web_files_find(const struct lw_web_files *files, const char *path);
+
+/** Which codings a file has besides identity: bit 1 << coding. */
+unsigned lw_web_files_codings(const struct lw_web_file *file);
 
 #endif

@@ -1,6 +1,7 @@
 #include "server/serve/web_server.h"
 
 #include "common/clock.h"
+#include "server/serve/content_coding.h"
 #include "server/serve/http_origin.h"
 #include "server/serve/tcp_transport.h"
 #include "server/serve/tls_context.h"
@@ -69,14 +70,16 @@ static bool add_header(struct lws *wsi, uint8_t **at, uint8_t *end, const char *
 }
 
 /* What a page of ours may do: nothing but our own files and our own WebSocket.
- * The Host was looked at before. */
+ * The Host was looked at before. An IPv6 address is no source of a policy (CSP3, host-part): 'self' stands
+ * for it, and for its WebSockets where the browser follows CSP3. */
 static bool add_policy(struct lws *wsi, const struct connection *c, uint8_t **at, uint8_t *end) {
-    char policy[3 * LW_HTTP_ORIGIN_MAX + 300];
+    char policy[3 * LW_HTTP_ORIGIN_MAX + 300], sockets[2 * LW_HTTP_ORIGIN_MAX + 20] = "";
+    if (*c->host != '[') snprintf(sockets, sizeof sockets, " ws://%s wss://%s", c->host, c->host);
     snprintf(policy, sizeof policy,
              "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; style-src 'self'; "
-             "img-src 'self' data: blob:; connect-src 'self' ws://%s wss://%s; base-uri 'none'; "
+             "img-src 'self' data: blob:; connect-src 'self'%s; base-uri 'none'; "
              "form-action 'none'; frame-ancestors 'none'",
-             c->host, c->host);
+             sockets);
     return add_header(wsi, at, end, "content-security-policy:", policy);
 }
 
@@ -88,15 +91,24 @@ static bool add_common(struct lws *wsi, uint8_t **at, uint8_t *end) {
            add_header(wsi, at, end, "cross-origin-resource-policy:", "same-origin");
 }
 
+/* What is said of a file besides. */
+struct about {
+    const char *tag;    /* NULL: the answer is made for this request */
+    const char *coding; /* NULL: none */
+    bool varies;        /* with Accept-Encoding */
+};
+
 /* Writes headers from server->room on. Returns 0, or -1: the connection is to be closed. */
 static int write_headers(struct lws *wsi, struct connection *c, unsigned status, const char *type,
-                         size_t size, const char *cache, const char *tag) {
+                         size_t size, const struct about *about) {
     uint8_t *begin = c->server->room + LWS_PRE, *at = begin, *end = begin + HEADERS_SIZE;
     char length[24];
     snprintf(length, sizeof length, "%zu", size);
     bool done = lws_add_http_header_status(wsi, status, &at, end) == 0 && add_common(wsi, &at, end) &&
-                add_header(wsi, &at, end, "cache-control:", cache);
-    if (done && tag) done = add_header(wsi, &at, end, "etag:", tag);
+                add_header(wsi, &at, end, "cache-control:", about->tag ? "no-cache" : "no-store");
+    if (done && about->tag) done = add_header(wsi, &at, end, "etag:", about->tag);
+    if (done && about->coding) done = add_header(wsi, &at, end, "content-encoding:", about->coding);
+    if (done && about->varies) done = add_header(wsi, &at, end, "vary:", "accept-encoding");
     if (done && type)
         done = add_header(wsi, &at, end, "content-type:", type) &&
                add_header(wsi, &at, end, "content-length:", length);
@@ -116,7 +128,7 @@ static int end_answer(struct lws *wsi) { return lws_http_transaction_completed(w
  * peer sends makes no difference. */
 static int refuse(struct lws *wsi, struct connection *c, unsigned status, const char *text) {
     const size_t size = strlen(text);
-    if (write_headers(wsi, c, status, "text/plain; charset=utf-8", size, "no-store", NULL) < 0) return -1;
+    if (write_headers(wsi, c, status, "text/plain; charset=utf-8", size, &(struct about){0}) < 0) return -1;
     memcpy(c->server->room + LWS_PRE, text, size);
     (void)lws_write(wsi, c->server->room + LWS_PRE, size, LWS_WRITE_HTTP_FINAL);
     return -1;
@@ -137,8 +149,8 @@ static int write_body(struct lws *wsi, struct connection *c) {
 }
 
 static int answer(struct lws *wsi, struct connection *c, unsigned status, const char *type,
-                  const uint8_t *bytes, size_t size, const char *tag, bool head) {
-    if (write_headers(wsi, c, status, type, size, tag ? "no-cache" : "no-store", tag) < 0) return -1;
+                  const uint8_t *bytes, size_t size, const struct about *about, bool head) {
+    if (write_headers(wsi, c, status, type, size, about) < 0) return -1;
     if (head || !size) return end_answer(wsi);
     c->body = bytes;
     c->body_size = size;
@@ -200,8 +212,8 @@ static bool check_origin(struct lws *wsi, const struct connection *c) {
 
 static int answer_nothing(struct lws *wsi, struct connection *c, bool head) {
     static const char text[] = "There is no such page.\n";
-    return answer(wsi, c, 404, "text/plain; charset=utf-8", (const uint8_t *)text, sizeof text - 1, NULL,
-                  head);
+    return answer(wsi, c, 404, "text/plain; charset=utf-8", (const uint8_t *)text, sizeof text - 1,
+                  &(struct about){0}, head);
 }
 
 static int answer_page(struct lws *wsi, struct connection *c, const char *path, bool head) {
@@ -209,7 +221,24 @@ static int answer_page(struct lws *wsi, struct connection *c, const char *path, 
     if (!c->server->page(c->server->page_context, path, &made)) return answer_nothing(wsi, c, head);
     free(c->made);
     c->made = made.text;
-    return answer(wsi, c, made.status, made.type, (const uint8_t *)made.text, made.size, NULL, head);
+    return answer(wsi, c, made.status, made.type, (const uint8_t *)made.text, made.size, &(struct about){0},
+                  head);
+}
+
+/* A file, in the coding that the client wants of those it has. */
+static int answer_file(struct lws *wsi, struct connection *c, const struct lw_web_file *file, bool head) {
+    char accept[LW_CONTENT_CODING_ACCEPT_MAX], tag[64];
+    const unsigned codings = lw_web_files_codings(file);
+    const bool says = get_header(wsi, WSI_TOKEN_HTTP_ACCEPT_ENCODING, accept, sizeof accept);
+    const enum lw_content_coding coding = lw_content_coding_choose(says ? accept : NULL, codings);
+    if (coding == LW_CONTENT_CODING_NONE)
+        return refuse(wsi, c, 406, "Accept-Encoding excludes all that this file has.\n");
+    const struct lw_web_file *sent = coding == LW_CONTENT_CODING_IDENTITY ? file : file->coded[coding];
+    const struct about about = {
+        .tag = sent->tag, .coding = lw_content_coding_name(coding), .varies = codings != 0};
+    if (get_header(wsi, WSI_TOKEN_HTTP_IF_NONE_MATCH, tag, sizeof tag) && strstr(tag, sent->tag))
+        return answer(wsi, c, 304, NULL, NULL, 0, &about, true);
+    return answer(wsi, c, 200, file->type, sent->bytes, sent->size, &about, head);
 }
 
 static bool is_plain_at_tls(struct lws *wsi, const struct connection *c) {
@@ -259,7 +288,7 @@ static int refuse_haste(struct lws *wsi, struct connection *c) {
 
 static int handle_request(struct lws *wsi, struct connection *c, const char *path) {
     struct lw_web_server *server = c->server;
-    char *uri, tag[64];
+    char *uri;
     int uri_length;
     const int method = lws_http_get_uri_and_method(wsi, &uri, &uri_length);
     if (asks_too_often(c)) return slow_down(wsi, c);
@@ -274,12 +303,9 @@ static int handle_request(struct lws *wsi, struct connection *c, const char *pat
     if (strcmp(path, ENDPOINT) == 0) return refuse(wsi, c, 426, "This is for WebSockets.\n");
     const struct lw_web_file *file = lw_web_files_find(&server->files, path);
     if (!file && !server->files.count && strcmp(path, "/") == 0)
-        return answer(wsi, c, 200, "text/html; charset=utf-8", (const uint8_t *)page, sizeof page - 1, NULL,
-                      method == HEAD);
-    if (!file) return answer_nothing(wsi, c, method == HEAD);
-    if (get_header(wsi, WSI_TOKEN_HTTP_IF_NONE_MATCH, tag, sizeof tag) && strstr(tag, file->tag))
-        return answer(wsi, c, 304, NULL, NULL, 0, file->tag, true);
-    return answer(wsi, c, 200, file->type, file->bytes, file->size, file->tag, method == HEAD);
+        return answer(wsi, c, 200, "text/html; charset=utf-8", (const uint8_t *)page, sizeof page - 1,
+                      &(struct about){0}, method == HEAD);
+    return file ? answer_file(wsi, c, file, method == HEAD) : answer_nothing(wsi, c, method == HEAD);
 }
 
 /* Returns 0: libwebsockets goes on with the handshake. */

@@ -76,6 +76,12 @@ static const char *make_root(void) {
     lw_support_write_file(path, wasm, sizeof wasm);
     snprintf(path, sizeof path, "%s/js/index.html", root);
     lw_support_write_file(path, "<p>inner</p>", 12);
+    snprintf(path, sizeof path, "%s/js/main.js", root);
+    lw_support_write_file(path, "let identity;", 13);
+    snprintf(path, sizeof path, "%s/js/main.js.br", root);
+    lw_support_write_file(path, "brotli", 6);
+    snprintf(path, sizeof path, "%s/js/main.js.gz", root);
+    lw_support_write_file(path, "gzip", 4);
     snprintf(path, sizeof path, "%s/.hidden", root);
     lw_support_write_file(path, "secret", 6);
     snprintf(path, sizeof path, "%s/link", root);
@@ -155,6 +161,73 @@ static void test_files(void **state) {
     assert_int_equal(ask("GET", "/js/", "", &answer, NULL), 200);
     assert_string_equal(body_of(answer), "<p>inner</p>");
     free(answer);
+    stop();
+}
+
+/* A file comes in the coding that the client wants, if it is there; each coding is a representation of its
+ * own. */
+static void test_codings(void **state) {
+    (void)state;
+    static const struct {
+        const char *path, *accept, *coding, *body;
+    } wanted[] = {{"/js/main.js", "Accept-Encoding: gzip, deflate, br\r\n", "br", "brotli"},
+                  {"/js/main.js", "Accept-Encoding: br;q=0.1, gzip\r\n", "gzip", "gzip"},
+                  {"/js/main.js", "Accept-Encoding: deflate\r\nAccept-Encoding: gzip\r\n", "gzip", "gzip"},
+                  {"/js/main.js", "Accept-Encoding: zstd\r\n", NULL, "let identity;"},
+                  {"/js/main.js", "Accept-Encoding: br;q=7\r\n", NULL, "let identity;"},
+                  {"/js/main.js", "", NULL, "let identity;"},
+                  {"/js/", "Accept-Encoding: gzip, br\r\n", NULL, "<p>inner</p>"}};
+    char tags[3][60], line[100], *answer;
+    unsigned tag_count = 0;
+    serve_root("");
+    for (size_t i = 0; i < sizeof wanted / sizeof *wanted; i++) {
+        assert_int_equal(ask("GET", wanted[i].path, wanted[i].accept, &answer, NULL), 200);
+        assert_string_equal(body_of(answer), wanted[i].body);
+        snprintf(line, sizeof line, "\r\ncontent-encoding: %s\r\n", wanted[i].coding ? wanted[i].coding : "");
+        if (wanted[i].coding)
+            expect_header(answer, line);
+        else
+            assert_null(strcasestr(answer, "content-encoding"));
+        if (strcmp(wanted[i].path, "/js/main.js") == 0) {
+            expect_header(answer, "\r\nvary: accept-encoding\r\n");
+            expect_header(answer, "\r\ncontent-type: text/javascript");
+        } else
+            assert_null(strcasestr(answer, "vary:"));
+        if (i == 0 || i == 1 || i == 3)
+            snprintf(tags[tag_count++], sizeof tags[0], "If-None-Match: W/%.34s\r\n",
+                     strcasestr(answer, "\r\netag: ") + 8);
+        free(answer);
+    }
+    for (unsigned i = 0; i < tag_count; i++) { /* of which the first is of br */
+        snprintf(line, sizeof line, "Accept-Encoding: br\r\n%s", tags[i]);
+        assert_int_equal(ask("GET", "/js/main.js", line, NULL, NULL), i == 0 ? 304 : 200);
+    }
+    assert_int_equal(ask("HEAD", "/js/main.js", "Accept-Encoding: gzip\r\n", &answer, NULL), 200);
+    expect_header(answer, "\r\ncontent-length: 4\r\n");
+    free(answer);
+    assert_int_equal(ask("GET", "/js/main.js", "Accept-Encoding: *;q=0\r\n", NULL, NULL), 406);
+    assert_int_equal(ask("GET", "/js/", "Accept-Encoding: br, identity;q=0\r\n", NULL, NULL), 406);
+    stop();
+}
+
+/* An IPv6 address is no source of a policy: browsers leave such a one out, and warn. */
+static void test_policy(void **state) {
+    (void)state;
+    static const struct {
+        const char *host, *line;
+    } hosts[] = {
+        {"localhost:7781", "; connect-src 'self' ws://localhost:7781 wss://localhost:7781; base-uri"},
+        {"[::1]:7781", "; connect-src 'self'; base-uri"}};
+    char request[200];
+    serve_root("");
+    for (size_t i = 0; i < sizeof hosts / sizeof *hosts; i++) {
+        snprintf(request, sizeof request, "GET / HTTP/1.1\r\nHost: %s\r\n\r\n", hosts[i].host);
+        const int s = lw_web_peer_dial(web_port);
+        char *answer = lw_web_peer_ask(s, request, false, NULL);
+        expect_header(answer, hosts[i].line);
+        free(answer);
+        close(s);
+    }
     stop();
 }
 
@@ -868,6 +941,8 @@ int main(int argc, char **argv) {
     const struct CMUnitTest long_tests[] = {cmocka_unit_test_teardown(test_answers_are_taken, end_all)};
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(test_files, end_all),
+        cmocka_unit_test_teardown(test_codings, end_all),
+        cmocka_unit_test_teardown(test_policy, end_all),
         cmocka_unit_test_teardown(test_what_is_no_file, end_all),
         cmocka_unit_test_teardown(test_headers_have_a_limit, end_all),
         cmocka_unit_test_teardown(test_hosts, end_all),

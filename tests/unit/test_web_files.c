@@ -2,10 +2,12 @@
 
 #include "server/serve/web_files.h"
 
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <time.h>
 #include <unistd.h>
 
 static const char *folder(const char *name) {
@@ -78,6 +80,43 @@ static void test_find(void **state) {
     assert_null(lw_web_files_find(&files, path));
 }
 
+static void set_time(const char *in, const char *name, time_t modified_s) {
+    char path[600];
+    snprintf(path, sizeof path, "%s/%s", in, name);
+    const struct timespec times[2] = {{.tv_sec = modified_s}, {.tv_sec = modified_s, .tv_nsec = 1}};
+    assert_int_equal(utimensat(AT_FDCWD, path, times, 0), 0);
+}
+
+/* A coding that is missing, empty, not smaller or out of date is none. */
+static void test_codings(void **state) {
+    (void)state;
+    static const struct {
+        const char *name, *text;
+        time_t modified_s;
+    } made[] = {{"a.js", "a long text", 1000},   {"a.js.br", "br", 1000}, {"a.js.gz", "gzip", 1001},
+                {"b.css", "a long text", 1000},  {"b.css.br", "br", 999}, {"b.css.gz", "gzip", 1000},
+                {"c.wasm", "a long text", 1000}, {"c.wasm.br", "", 1000}, {"c.wasm.gz", "a long text", 1000},
+                {"d.html", "a long text", 1000}, {"e.js.br", "br", 1000}, {"d.htmlx.br", "br", 1000}};
+    struct lw_web_files files;
+    struct lw_error err = {0};
+    const char *root = folder("codings");
+    for (size_t i = 0; i < sizeof made / sizeof *made; i++) {
+        write_in(root, made[i].name, made[i].text);
+        set_time(root, made[i].name, made[i].modified_s);
+    }
+    lw_support_ok(lw_web_files_read(root, &files, &err), &err);
+    const struct lw_web_file *a = lw_web_files_find(&files, "/a.js");
+    assert_int_equal(lw_web_files_codings(a), 1u << LW_CONTENT_CODING_BR | 1u << LW_CONTENT_CODING_GZIP);
+    assert_ptr_equal(a->coded[LW_CONTENT_CODING_BR], lw_web_files_find(&files, "/a.js.br"));
+    assert_memory_equal(a->coded[LW_CONTENT_CODING_GZIP]->bytes, "gzip", 4);
+    assert_string_not_equal(a->tag, a->coded[LW_CONTENT_CODING_BR]->tag);
+    assert_int_equal(lw_web_files_codings(lw_web_files_find(&files, "/b.css")), 1u << LW_CONTENT_CODING_GZIP);
+    assert_int_equal(lw_web_files_codings(lw_web_files_find(&files, "/c.wasm")), 0);
+    assert_int_equal(lw_web_files_codings(lw_web_files_find(&files, "/d.html")), 0);
+    assert_null(lw_web_files_find(&files, "/e.js"));
+    lw_web_files_finish(&files);
+}
+
 static void test_limits(void **state) {
     (void)state;
     struct lw_web_files files;
@@ -126,6 +165,7 @@ static void test_limits(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_find), cmocka_unit_test(test_limits)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_find), cmocka_unit_test(test_codings),
+                                       cmocka_unit_test(test_limits)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

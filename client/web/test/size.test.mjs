@@ -1,18 +1,26 @@
-// All that a browser loads, gzipped, stays small.
+// All that a browser loads stays small, by brotli and by gzip, and is what it loads without them.
 import assert from 'node:assert/strict';
 import { readdirSync, readFileSync } from 'node:fs';
 import { join } from 'node:path';
 import test from 'node:test';
-import { gzipSync } from 'node:zlib';
+import { brotliDecompressSync, gunzipSync } from 'node:zlib';
 
 import { web } from './load.mjs';
 
-test('the client is at most 80 kB', () => {
-  const sizes = readdirSync(web).map((name) => [
-    name,
-    gzipSync(readFileSync(join(web, name)), { level: 9 }).length,
-  ]);
-  assert.ok(sizes.some(([name]) => name === 'worker.js'));
-  const all = sizes.reduce((sum, [, size]) => sum + size, 0);
-  assert.ok(all <= 80000, `${all} bytes: ${sizes.map((each) => each.join(' ')).join(', ')}`);
-});
+const names = readdirSync(web).filter((name) => !/\.(br|gz)$/.test(name));
+const file = (name) => readFileSync(join(web, name));
+
+for (const [ending, most, decompress] of [
+  ['.br', 75000, brotliDecompressSync],
+  ['.gz', 84000, gunzipSync],
+])
+  test(`the client is at most ${most / 1000} kB as ${ending}`, () => {
+    assert.ok(names.includes('worker.js'));
+    const sizes = names.map((name) => {
+      const coded = file(name + ending);
+      assert.ok(decompress(coded).equals(file(name)), name);
+      return [name, coded.length];
+    });
+    const all = sizes.reduce((sum, [, size]) => sum + size, 0);
+    assert.ok(all <= most, `${all} bytes: ${sizes.map((each) => each.join(' ')).join(', ')}`);
+  });
