@@ -18,6 +18,7 @@ packages=(
     doxygen # the reference of liblightwell
     clang lld wasi-libc libclang-rt-14-dev-wasm32 # the browser client's tile decoder
     chromium # the tests of the browser client
+    nginx-light caddy # the proxies of docs/operations.md, which its tests start
 )
 # Node.js may have come from elsewhere, with a npm of its own.
 if ! command -v node >/dev/null || ! command -v npm >/dev/null; then packages+=(nodejs npm ca-certificates); fi
@@ -50,8 +51,20 @@ install_missing() {
         as_root=(sudo)
     fi
     echo "deps: installing ${#missing[@]} Debian packages: ${missing[*]}" >&2
+    # The proxies are for tests alone, which start their own: no service of theirs begins, now or at a restart.
+    local policy=/usr/sbin/policy-rc.d proxies=()
+    for package in nginx-light caddy; do
+        if [[ " ${missing[*]} " = *" $package "* ]]; then proxies+=("${package%-light}.service"); fi
+    done
+    if [ ${#proxies[@]} -gt 0 ] && [ ! -e $policy ]; then
+        printf '#!/bin/sh\nexit 101\n' | "${as_root[@]}" install -m 755 /dev/stdin $policy
+        trap "${as_root[*]} rm -f $policy" EXIT
+    fi
     "${as_root[@]}" apt-get update
     "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "${missing[@]}"
+    if [ ${#proxies[@]} -gt 0 ] && command -v systemctl >/dev/null; then
+        "${as_root[@]}" systemctl disable --quiet "${proxies[@]}" || true
+    fi
 }
 if [ ${#missing[@]} -gt 0 ]; then install_missing; fi
 

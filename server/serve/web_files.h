@@ -5,8 +5,8 @@
  * A path is looked up in a list of what was found, so that none leads out of the folder. Links and names that
  * begin with a dot are left out.
  *
- * A file NAME.br or NAME.gz beside NAME is NAME in that coding. One that is older than NAME, to the second, or
- * not smaller is no coding of it. */
+ * A file NAME.br or NAME.gz beside NAME is NAME in that coding. One that is older than NAME, to the second,
+ * or not smaller is no coding of it. */
 #ifndef LW_SERVE_WEB_FILES_H
 #define LW_SERVE_WEB_FILES_H
 

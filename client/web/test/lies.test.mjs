@@ -296,6 +296,9 @@ test('which server a page asks', () => {
   const page = (address, given = null) => serverAddress(new URL(address), given);
   assert.deepEqual(page('http://host:7781/'), { url: 'ws://host:7781/ws' });
   assert.deepEqual(page('https://host/'), { url: 'wss://host/ws' });
+  // a proxy serves it below a path
+  assert.deepEqual(page('https://host/light/?camera-name=a/b#x'), { url: 'wss://host/light/ws' });
+  assert.deepEqual(page('http://[::1]:7781/a/index.html'), { url: 'ws://[::1]:7781/a/ws' });
   assert.deepEqual(page('https://host/', 'wss://other/ws'), { url: 'wss://other/ws' });
   assert.deepEqual(page('http://host/', 'ws://other:1/ws'), { url: 'ws://other:1/ws' });
   // browsers let a page by https open these alone
