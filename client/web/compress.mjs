@@ -1,6 +1,8 @@
-// compress.mjs FILE...: writes FILE.br and FILE.gz, which lightwelld sends to browsers that take them.
+// compress.mjs FILE...: writes FILE.br and FILE.gz, which lightwelld sends to browsers that take them. zlib's
+// gzip would be 4 % larger than zopfli's.
 import { readFileSync, writeFileSync } from 'node:fs';
-import { brotliCompressSync, constants, gzipSync } from 'node:zlib';
+import { brotliCompressSync, constants } from 'node:zlib';
+import { gzipAsync } from '@gfx/zopfli';
 
 const files = process.argv.slice(2);
 if (!files.length) {
@@ -15,5 +17,5 @@ for (const file of files) {
     [constants.BROTLI_PARAM_SIZE_HINT]: bytes.length,
   };
   writeFileSync(`${file}.br`, brotliCompressSync(bytes, { params }));
-  writeFileSync(`${file}.gz`, gzipSync(bytes, { level: 9 }));
+  writeFileSync(`${file}.gz`, await gzipAsync(bytes, {}));
 }
