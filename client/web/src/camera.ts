@@ -75,20 +75,46 @@ export function formatView(view: View): string {
   return `${view.position.map(round)}:${target.map(round)}:${frame}`;
 }
 
-/** The whole of a box, from outside. */
+const FILL = 0.94; // of the picture, by a box that is framed
+const FRAME_FOV_Y = (35 / 180) * Math.PI;
+
+/** The whole of a box, from outside and a little above, from as near as it fits into the picture; as frame()
+ * of client/view/camera_default.c. A corner at x to the right and z towards the eye is in the picture if
+ * |x - x0| <= slope (distance - z): that bounds distance + x0 / slope and distance - x0 / slope from below. */
 export function frameBox(low: Vec3, high: Vec3, aspect: number): View {
-  const fovY = (50 / 180) * Math.PI;
+  const view = lookAt([0, 0, 0], [-0.45, -0.4, -0.8], FRAME_FOV_Y);
   const centre = add(low, add(high, low, -1), 0.5);
-  const radius = Math.max(1e-6, Math.hypot(...add(high, low, -1)) / 2);
-  const half = Math.min(fovY / 2, Math.atan(Math.tan(fovY / 2) * aspect));
-  return lookAt(add(centre, normalize([0.6, 0.45, 1]), radius / Math.sin(half)), centre, fovY);
+  const slope = FILL * Math.tan(FRAME_FOV_Y / 2);
+  const bound = [0, 0, 0, 0];
+  for (let i = 0; i < 8; i++) {
+    const corner = centre.map((c, k) => (i & (1 << k) ? high : low)[k as 0] - c) as Vec3;
+    const [x, y] = [dot(corner, view.right) / (slope * aspect), dot(corner, view.up) / slope];
+    const z = -dot(corner, view.forward);
+    [x, -x, y, -y].forEach((side, k) => (bound[k] = Math.max(bound[k]!, z + side)));
+  }
+  const [right, left, above, below] = bound as [number, number, number, number];
+  const distance = Math.max(1e-6, (right + left) / 2, (above + below) / 2);
+  let position = add(centre, view.right, (slope * aspect * (right - left)) / 2);
+  position = add(position, view.up, (slope * (above - below)) / 2);
+  return { ...view, position: add(position, view.forward, -distance) };
+}
+
+const HELD_MAX_MS = 1000; // of a key between two pictures
+
+/** Whether a key is for what has the focus: text is typed, letters choose from lists, arrows move sliders. */
+function isForFocus(event: KeyboardEvent): boolean {
+  const { target } = event;
+  if (!(target instanceof Element)) return false;
+  if (target.matches('input:not([type=range]), select')) return true;
+  return target.matches('input') && /^(Arrow|Page|Home|End)/.test(event.key);
 }
 
 /** Mouse, touch and keys turn and move a view. */
 export class Flight {
   view: View = lookAt([0, 0, 0], [0, 0, -1], 0.9);
   speed = 1; // m/s
-  private readonly keys = new Set<string>();
+  /** Since when each key is held, and how long it was held since the last step before that; ms. */
+  private readonly keys = new Map<string, { sinceMs: number | null; heldMs: number }>();
   private readonly pointers = new Map<number, { x: number; y: number }>();
   private changed = true;
 
@@ -115,11 +141,17 @@ export class Flight {
       { passive: false },
     );
     window.addEventListener('keydown', (event) => {
-      if (event.ctrlKey || event.metaKey || event.altKey) return;
-      this.keys.add(event.code);
-      if (!event.repeat) this.onKey(event.key);
+      if (event.ctrlKey || event.metaKey || event.altKey || isForFocus(event)) return;
+      const key = this.keys.get(event.code) ?? { sinceMs: null, heldMs: 0 };
+      key.sinceMs ??= event.timeStamp;
+      this.keys.set(event.code, key);
+      // letters are the same by Shift and Caps Lock
+      if (!event.repeat) this.onKey(event.key.toLowerCase());
     });
-    window.addEventListener('keyup', (event) => this.keys.delete(event.code));
+    window.addEventListener('keyup', (event) => {
+      const key = this.keys.get(event.code);
+      if (key) this.hold(key, event.timeStamp, null);
+    });
     window.addEventListener('blur', () => this.keys.clear());
   }
 
@@ -173,13 +205,25 @@ export class Flight {
     this.go({ ...this.view, position });
   }
 
-  /** Moves by the keys that are held; true if the view is another than at the last call. */
-  step(seconds: number): boolean {
-    const held = (...codes: string[]) => (codes.some((code) => this.keys.has(code)) ? 1 : 0);
-    const by = seconds * this.speed * (held('ShiftLeft', 'ShiftRight') ? 4 : 1);
+  private hold(key: { sinceMs: number | null; heldMs: number }, nowMs: number, sinceMs: number | null): void {
+    if (key.sinceMs !== null) key.heldMs += Math.max(0, nowMs - key.sinceMs);
+    key.sinceMs = sinceMs;
+  }
+
+  /** Moves by the time that keys were held since the last call, however many pictures that were; true if the
+   * view is another than at the last call. */
+  step(nowMs: number): boolean {
+    for (const key of this.keys.values())
+      if (key.sinceMs !== null) this.hold(key, nowMs, Math.max(nowMs, key.sinceMs));
+    const held = (...codes: string[]) =>
+      Math.min(HELD_MAX_MS, Math.max(...codes.map((code) => this.keys.get(code)?.heldMs ?? 0))) / 1000;
+    const by = this.speed * (held('ShiftLeft', 'ShiftRight') ? 4 : 1);
     const right = held('KeyD', 'ArrowRight') - held('KeyA', 'ArrowLeft');
     const forward = held('KeyW', 'ArrowUp') - held('KeyS', 'ArrowDown');
     const up = held('KeyE', 'PageUp') - held('KeyQ', 'PageDown');
+    for (const [code, key] of this.keys)
+      if (key.sinceMs === null) this.keys.delete(code);
+      else key.heldMs = 0;
     if (right || up || forward) this.move(right * by, up * by, forward * by);
     const changed = this.changed;
     this.changed = false;

@@ -7,11 +7,20 @@ export type GL = WebGL2RenderingContext;
 export class Program {
   private readonly places = new Map<string, WebGLUniformLocation | null>();
   private linked = false;
+  private ready = false;
 
   constructor(
     private readonly gl: GL,
     readonly program: WebGLProgram,
   ) {}
+
+  /** Whether use() need not wait for the compiler. Browsers that do not say so have it wait. */
+  isReady(): boolean {
+    const { gl, program } = this;
+    const parallel = gl.getExtension('KHR_parallel_shader_compile');
+    this.ready ||= !parallel || !!gl.getProgramParameter(program, parallel.COMPLETION_STATUS_KHR);
+    return this.ready;
+  }
 
   /** Waits for the compiler the first time. */
   use(): void {
@@ -35,6 +44,13 @@ export class Program {
     }
     return place;
   }
+}
+
+/** Whether pictures are drawn by the CPU, as far as the browser says. */
+export function isSoftware(gl: GL): boolean {
+  const names = gl.getExtension('WEBGL_debug_renderer_info');
+  const name = String(gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+  return /swiftshader|llvmpipe|softpipe|basic render|software/i.test(name);
 }
 
 /** The compiler works beside us until the program is used. */
@@ -110,6 +126,29 @@ export function nearest(gl: GL, target: number): void {
   for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
     gl.texParameteri(target, name, gl.NEAREST);
   for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(target, name, gl.CLAMP_TO_EDGE);
+}
+
+/** Whether the GPU has done all that it was told until begin(). */
+export class Fence {
+  private sync: WebGLSync | null = null;
+
+  constructor(private readonly gl: GL) {}
+
+  begin(): void {
+    this.gl.deleteSync(this.sync);
+    this.sync = this.gl.fenceSync(this.gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    this.gl.flush();
+  }
+
+  busy(): boolean {
+    const { gl } = this;
+    if (!this.sync) return false;
+    const state = gl.clientWaitSync(this.sync, 0, 0);
+    if (state === gl.TIMEOUT_EXPIRED) return true;
+    gl.deleteSync(this.sync);
+    this.sync = null;
+    return false;
+  }
 }
 
 /** Pixels of the bound framebuffer, read once the GPU has them. */

@@ -45,6 +45,7 @@ interface Source {
   reach: number;
   near: number;
   maps: ShadowMap[];
+  shown: boolean; // all of its maps have been drawn once
 }
 
 const luminance = (c: ArrayLike<number>) => 0.2126 * c[0]! + 0.7152 * c[1]! + 0.0722 * c[2]!;
@@ -107,6 +108,7 @@ export class Lights {
         reach: 0,
         near: 0,
         maps: [],
+        shown: false,
       });
     };
     const some = (suns: boolean) =>
@@ -212,8 +214,9 @@ export class Lights {
 
   // ---- a picture ----
 
-  /** Places the maps for a view and writes the table; returns the maps that are to be drawn. scene: a box
-   * around it. */
+  /** Places the maps for a view and writes the table; returns the maps that are to be drawn. A new light gets
+   * one of its maps with each picture, and shines once it has all: a slow GPU draws them one after another.
+   * scene: a box around it. */
   choose(view: View, scene: Box): ShadowMap[] {
     const { gl } = this;
     const { low, high } = this.scene;
@@ -231,11 +234,23 @@ export class Lights {
     });
     gl.bindTexture(gl.TEXTURE_2D, this.table);
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, LIGHT_TEXELS, LIGHTS_MAX, gl.RGBA, gl.FLOAT, table);
-    const dirty = this.sources
-      .flatMap((source) => (source.intensity > 0 ? source.maps : []))
-      .filter((map) => map.dirty);
-    this.mapsDrawn += dirty.length;
-    return dirty;
+    const dirtyOf = (shown: boolean) =>
+      this.sources
+        .filter((source) => source.intensity > 0 && this.isShown(source) === shown)
+        .flatMap((source) => source.maps.filter((map) => map.dirty));
+    return [...dirtyOf(true), ...dirtyOf(false).slice(0, 1)];
+  }
+
+  private isShown(source: Source): boolean {
+    source.shown ||= source.maps.length > 0 && source.maps.every((map) => !map.dirty);
+    return source.shown;
+  }
+
+  /** How many lights shine, or will once their maps are drawn. */
+  shining(): { shown: number; pending: number } {
+    const shining = this.sources.filter((source) => source.intensity > 0);
+    const shown = shining.filter((source) => this.isShown(source)).length;
+    return { shown, pending: shining.length - shown };
   }
 
   private placeLamp(source: Source, number: number, size: number): void {
@@ -318,8 +333,9 @@ export class Lights {
    * W/m^2. */
   near(box: Box, least: number): number[] {
     const list: number[] = [];
-    this.sources.forEach(({ kind, position, intensity }, i) => {
-      if (!(intensity > 0)) return;
+    this.sources.forEach((source, i) => {
+      const { kind, position, intensity } = source;
+      if (!(intensity > 0) || !this.isShown(source)) return;
       const way = position.map((p, k) => Math.max(box.low[k as 0] - p, p - box.high[k as 0], 0));
       if (!kind || intensity > least * way.reduce((sum, x) => sum + x * x, 0)) list.push(i);
     });

@@ -1,16 +1,18 @@
 // main.ts: the page: canvas, keys, legend, messages.
 // Parameters of the address: camera=PX,PY,PZ:TX,TY,TZ:FOV, camera-name=NAME, exposure=STOPS,
-// tonemap=reinhard|aces|none, server=ws://HOST:PORT/ws (default: where the page comes from), direct=tiles.
+// tonemap=reinhard|aces|none, server=ws://HOST:PORT/ws (default: ws beside the page), direct=auto|tiles|pixels.
 // Behind #: token=DIGITS (access.ts).
 import { askForToken, findToken, showSliders } from './access.ts';
 import { serverAddress } from './address.ts';
 import { Attention } from './attention.ts';
-import { Flight, formatView, frameBox, parseView, viewOf } from './camera.ts';
+import { Flight, formatView, frameBox, parseView, type Vec3, viewOf } from './camera.ts';
 import { LimitError } from './failure.ts';
+import { isSoftware } from './gpu.ts';
+import type { Box } from './lights.ts';
 import type { CameraPlace, FromWorker, ToWorker } from './protocol.ts';
 import { type Curve, Renderer, SAMPLES_STILL } from './renderer.ts';
 import type { TileBatch } from './replica.ts';
-import { waitingText } from './waiting.ts';
+import { lightingText } from './waiting.ts';
 import type { Waiting } from './wire.ts';
 
 const UPLOAD_MS = 3; // of each picture's time, for tiles
@@ -23,10 +25,23 @@ const PIXEL_RATIO_MAX = 2;
 const UPLOADS_KEPT = 1000;
 const ADAPTATION_MS = 400; // of the exposure
 const METER_MS = 250;
+/** Pictures that take longer are slow: light comes in tiles alone after SLOW_PICTURES of them, or SLOW_SUM_MS. */
+const SLOW_MS = 100;
+const SLOW_PICTURES = 3;
+const SLOW_SUM_MS = 2000;
+/** A slow GPU draws smaller pictures, of SMALL_MS each, and whole ones of a still view if they take under
+ * WHOLE_MS. */
+const SMALL_MS = 150;
+const WHOLE_MS = 1000;
+const SHARE_MIN = 0.25; // of width and height
 
 const HELP = `Drag or one finger: look. Wheel or two fingers: move.
 W A S D, E Q: fly; Shift: faster. 1 to 9: cameras. 0: all of it.
 + and -: exposure; X: automatic. T: tone curve. P: save picture. H: this text.`;
+
+/** Where direct light comes from: tiles, or lights that the page draws at pixels; auto: at pixels, if that is
+ * fast enough. */
+type Direct = 'auto' | 'tiles' | 'pixels';
 
 const element = (id: string) => document.getElementById(id)!;
 
@@ -35,18 +50,31 @@ class App {
   private readonly canvas = document.querySelector('canvas')!;
   private readonly parameters = new URLSearchParams(location.search);
   private readonly flight = new Flight(this.canvas, (key) => this.onKey(key));
+  private readonly camera = element('camera') as HTMLSelectElement;
   private gl: WebGL2RenderingContext | null = null;
   private renderer: Renderer | null = null;
   private cameras: CameraPlace[] = [];
+  private body: Box | null = null;
   private queue: { batch: TileBatch; at: number; texel: number }[] = [];
   private attention = new Attention();
   private framed = false; // the view has been chosen
+  private keepsView = false; // the next scene is the same one
   private dirty = true;
   private samples = 0; // that the picture is the mean of
   private movedMs = 0;
   private surveyedMs = 0;
   private meteredMs = 0;
-  private drawnMs = 0;
+  private steppedMs = 0;
+  private beganMs = 0; // the picture that the GPU draws; 0: none
+  private slow = { count: 0, sumMs: 0 }; // pictures, one after another
+  private share = 1; // of width and height that pictures have while things change
+  private stillShare = 1; // that all pictures of a still view have
+  private owesLook = false; // a picture was drawn since the last look
+  private drawnShare = 1; // that the last one has
+  private wholeMs = 0; // that a whole picture takes
+  private direct: Direct = 'auto';
+  private tilesWhy = ''; // all light comes in tiles
+  private readonly still = matchMedia('(prefers-reduced-motion: reduce)');
   private drawn = 0; // pictures since the last legend
   private legendMs = 0;
   private legendBytes = 0;
@@ -75,6 +103,7 @@ class App {
     interest: 0,
     missing: 0,
     pictures: 0,
+    slowestMs: 0, // picture of the GPU
     // ms since the page was opened: scene there, first light drawn, all of the view's light drawn
     sceneMs: 0,
     firstMs: 0,
@@ -94,17 +123,28 @@ class App {
     });
     this.canvas.addEventListener('webglcontextrestored', () => {
       this.queue = [];
+      this.keepsView = true;
       this.openGraphics();
       this.tell({ kind: 'lost' });
     });
-    document.addEventListener('visibilitychange', () =>
-      this.tell({ kind: 'pause', paused: document.hidden }),
-    );
-    // hints are for keys; a finger has none to hide them
+    document.addEventListener('visibilitychange', () => {
+      this.beganMs = 0; // what is hidden is not drawn
+      this.tell({ kind: 'pause', paused: document.hidden });
+    });
+    // hints are for keys, and cover much of a small window
     this.canvas.addEventListener('pointerdown', (event) => {
       if (event.pointerType !== 'touch' || !this.help) return;
       this.help = false;
       this.showMessage();
+    });
+    for (const button of element('tools').querySelectorAll('button'))
+      button.addEventListener('click', () => this.onKey(button.value));
+    let pointed = false; // keys are to fly again once a finger or the mouse has chosen
+    this.camera.addEventListener('pointerdown', () => (pointed = true));
+    this.camera.addEventListener('change', () => {
+      this.onKey(this.camera.value);
+      if (pointed) this.canvas.focus();
+      pointed = false;
     });
     window.addEventListener('resize', () => (this.dirty = true));
     if (!this.openGraphics()) return;
@@ -114,7 +154,14 @@ class App {
       return;
     }
     const { url } = server;
-    const draws = this.parameters.get('direct') !== 'tiles';
+    const direct = this.parameters.get('direct');
+    if (direct === 'tiles' || direct === 'pixels') this.direct = direct;
+    if (this.direct === 'auto' && isSoftware(this.gl!)) {
+      this.direct = 'tiles';
+      this.tilesWhy = 'drawn without a GPU: all light in tiles';
+      this.share = SHARE_MIN;
+    }
+    const draws = this.direct !== 'tiles';
     const token = findToken();
     if (token) this.tell({ kind: 'token', token });
     this.tell({ kind: 'connect', url, draws, clusters: draws });
@@ -195,10 +242,12 @@ class App {
     if (!this.gl) return;
     this.queue = [];
     this.cameras = message.cameras;
+    this.body = message.body;
     try {
       const before = this.renderer;
       const { draws, clientLights: lights, clusters } = message;
-      this.renderer = new Renderer(this.gl, message.data, draws ? { lights, clusters } : null);
+      const drawn = draws ? { lights, clusters } : null;
+      this.renderer = new Renderer(this.gl, message.data, drawn, this.direct === 'tiles');
       before?.destroy();
     } catch (error) {
       if (!(error instanceof LimitError)) throw error;
@@ -210,7 +259,14 @@ class App {
     const curve = this.parameters.get('tonemap');
     if (curve === 'aces' || curve === 'none') this.renderer.curve = curve;
     this.attention = new Attention();
-    this.framed = false;
+    this.framed &&= this.keepsView;
+    this.keepsView = false;
+    this.stopsWanted = null;
+    this.beganMs = 0;
+    this.dirty = true;
+    const options = [...message.cameras.slice(0, 9).map(({ name }) => name || 'nameless'), 'All of it'];
+    this.camera.replaceChildren(...options.map((name, i) => new Option(name, `${(i + 1) % options.length}`)));
+    this.camera.selectedIndex = -1;
     this.stats.sceneMs ||= performance.now();
     document.title = `${message.data.name || 'scene'} – lightwell`;
     this.showMessage();
@@ -233,20 +289,24 @@ class App {
     const index = name === null ? 0 : this.cameras.findIndex((camera) => camera.name === name);
     if (index < 0) this.state = `camera-name=${name}: the scene has no such camera`;
     if (this.state) this.showMessage();
-    if (this.cameras[index]) this.tell({ kind: 'camera', index, timeS: this.timeS });
-    else this.goAround();
+    if (this.cameras[index]) this.goToCamera(index);
+    else this.goAround(this.body);
   }
 
-  private goAround(): void {
+  private goToCamera(index: number): void {
+    this.camera.value = `${index + 1}`;
+    this.tell({ kind: 'camera', index, timeS: this.timeS });
+  }
+
+  /** body: what to show of the scene; null: all of it. */
+  private goAround(body: Box | null): void {
     const box = this.renderer?.bounds();
-    if (box)
-      this.flight.go(
-        frameBox(
-          box.low,
-          box.high,
-          Math.max(1, this.canvas.clientWidth) / Math.max(1, this.canvas.clientHeight),
-        ),
-      );
+    if (!box) return;
+    const low = box.low.map((x, k) => Math.max(x, body?.low[k as 0] ?? x)) as Vec3;
+    const high = box.high.map((x, k) => Math.min(x, body?.high[k as 0] ?? x)) as Vec3;
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    this.camera.value = body ? '' : '0';
+    this.flight.go(frameBox(low, high, Math.max(1, width) / Math.max(1, height)));
   }
 
   private goTo(place: CameraPlace): void {
@@ -256,9 +316,8 @@ class App {
   private onKey(key: string): void {
     const { renderer } = this;
     if (!renderer) return;
-    if (key >= '1' && key <= '9' && this.cameras[Number(key) - 1])
-      this.tell({ kind: 'camera', index: Number(key) - 1, timeS: this.timeS });
-    else if (key === '0') this.goAround();
+    if (key >= '1' && key <= '9' && this.cameras[Number(key) - 1]) this.goToCamera(Number(key) - 1);
+    else if (key === '0') this.goAround(null);
     else if (key === '+' || key === '-' || key === '=') {
       this.autoExposure = false;
       renderer.stops += key === '-' ? -0.25 : 0.25;
@@ -288,8 +347,8 @@ class App {
 
   private step(now: number): void {
     requestAnimationFrame((next) => this.step(next));
-    const seconds = Math.min(0.1, (now - this.drawnMs) / 1000);
-    this.drawnMs = now;
+    const seconds = (now - this.steppedMs) / 1000;
+    this.steppedMs = now;
     if (!this.renderer || !this.gl || this.gl.isContextLost()) return;
     try {
       this.show(now, seconds);
@@ -302,19 +361,57 @@ class App {
   }
 
   private show(now: number, seconds: number): void {
+    const renderer = this.renderer!;
     if (!this.framed && this.stats.frames) this.frameView();
-    if (this.flight.step(seconds)) {
+    if (this.flight.step(now)) {
       this.dirty = true;
       this.movedMs = now;
     }
     this.takeTiles();
+    // one picture at a time: a slow GPU would only fall behind
+    if (!renderer.isDrawable() || renderer.busy()) return;
+    if (this.beganMs) this.judgePicture(now - this.beganMs);
     this.adapt(now, seconds);
     const still = now - this.movedMs > REFINE_MS && this.samples <= SAMPLES_STILL;
-    if ((this.dirty || still) && this.framed) this.draw();
+    const wanted = (this.dirty || still) && this.framed;
+    // a slow GPU gets either at a time
+    if (wanted && !(this.share < 1 && this.owesLook)) {
+      this.owesLook = true;
+      this.beganMs = performance.now();
+      this.draw();
+      if (this.share < 1) return;
+    }
+    this.owesLook = false;
     this.look(now);
   }
 
+  /** ms: that the GPU took for a picture. */
+  private judgePicture(ms: number): void {
+    this.beganMs = 0;
+    this.stats.slowestMs = Math.max(this.stats.slowestMs, ms);
+    this.wholeMs = ms / this.drawnShare ** 2;
+    if (this.direct === 'tiles') {
+      // in steps, for each other size takes other textures
+      const share = 2 ** (Math.round(Math.log2(SMALL_MS / this.wholeMs)) / 2);
+      this.share = Math.min(1, Math.max(SHARE_MIN, share));
+    }
+    if (this.direct !== 'auto' || !this.renderer?.lightsDrawn().lights) return;
+    const { count, sumMs } = this.slow;
+    this.slow = ms > SLOW_MS ? { count: count + 1, sumMs: sumMs + ms } : { count: 0, sumMs: 0 };
+    if (this.slow.count < SLOW_PICTURES && this.slow.sumMs < SLOW_SUM_MS) return;
+    this.direct = 'tiles';
+    this.tilesWhy = 'a slow GPU: all light in tiles';
+    this.keepsView = true;
+    this.tell({ kind: 'tiles' });
+  }
+
   private draw(): void {
+    if (this.dirty) this.samples = 0;
+    if (this.samples === 1) this.stillShare = this.wholeMs < WHOLE_MS ? 1 : this.share;
+    this.drawPicture(this.samples ? this.stillShare : this.share);
+  }
+
+  private drawPicture(share: number): void {
     const ratio = Math.min(devicePixelRatio, PIXEL_RATIO_MAX);
     const width = Math.max(1, Math.round(this.canvas.clientWidth * ratio));
     const height = Math.max(1, Math.round(this.canvas.clientHeight * ratio));
@@ -324,19 +421,28 @@ class App {
       this.dirty = true;
     }
     if (this.dirty) this.samples = 0;
-    this.renderer?.draw(this.flight.view, width, height, this.samples++);
-    this.dirty = false;
+    this.drawnShare = share;
+    this.renderer?.draw(this.flight.view, width, height, this.samples++, share);
+    this.dirty = !!this.renderer?.lightsPending();
     if (this.samples > 1) return;
     this.drawn++;
     this.stats.pictures++;
     const { stats } = this;
-    if (stats.tiles && !stats.firstMs) stats.firstMs = performance.now();
+    if (!stats.tiles || stats.firstMs) return;
+    stats.firstMs = performance.now();
+    this.showWait();
   }
 
   /** Draws the current view on the canvas, with all samples of a still picture. */
   finish(): void {
-    do this.draw();
-    while (this.samples <= SAMPLES_STILL);
+    const { renderer } = this;
+    if (!renderer) return;
+    renderer.waits = true;
+    this.dirty ||= this.stillShare < 1;
+    this.stillShare = 1;
+    do this.drawPicture(1);
+    while (this.dirty || this.samples <= SAMPLES_STILL);
+    renderer.waits = false;
   }
 
   private takeTiles(): void {
@@ -374,7 +480,7 @@ class App {
     }
     const way = (this.stopsWanted ?? renderer.stops) - renderer.stops;
     if (Math.abs(way) < 0.02) return;
-    renderer.stops += way * (1 - Math.exp((-1000 * seconds) / ADAPTATION_MS));
+    renderer.stops += way * (this.still.matches ? 1 : 1 - Math.exp((-1000 * seconds) / ADAPTATION_MS));
     this.dirty = true;
   }
 
@@ -402,20 +508,18 @@ class App {
   private showLegend(now: number): void {
     const seconds = (now - this.legendMs) / 1000;
     const rate = ((this.bytes - this.legendBytes) * 8) / 1000 / seconds;
-    const age = (now - this.frameMs + this.solveMs) / 1000;
+    const age = Math.max(0, now - this.frameMs + this.solveMs) / 1000; // a picture may be older than a frame
     const { frames, settled, missing } = this.stats;
     const finer = this.samples <= SAMPLES_STILL;
-    const parts = [
-      this.drawn
-        ? `${Math.round(this.drawn / seconds)} pictures/s`
-        : finer
-          ? 'smoothing edges'
-          : 'picture complete',
-    ];
-    if (frames && settled === frames && !missing) parts.push('light complete');
+    const parts: string[] = [];
+    if (this.drawn) parts.push(`${Math.round(this.drawn / seconds)} pictures/s`);
+    else if (this.stats.pictures) parts.push(finer ? 'smoothing edges' : 'picture complete');
+    const here = !this.state && !this.wait; // the server, and its light
+    if (here && frames && settled === frames && !missing) parts.push('light complete');
     else if (frames)
       parts.push(age < 10 ? `light ${age.toFixed(1)} s old` : `no new light for ${Math.round(age)} s`);
-    if (missing) parts.push(`${missing} tiles of light on their way`);
+    if (missing && here) parts.push(`${missing} tiles of light on their way`);
+    if (this.tilesWhy) parts.push(this.tilesWhy);
     parts.push(`${Math.round(rate)} kbit/s`);
     if (this.waiting > 1e6) parts.push(`${(this.waiting / 1e6).toFixed(1)} MB to decode`);
     element('legend').textContent = this.renderer ? parts.join(' · ') : '';
@@ -425,22 +529,38 @@ class App {
   }
 
   private showMessage(): void {
-    const scene = this.renderer ? '' : `receiving the scene: ${Math.round(100 * this.progress)} %`;
-    const lost = this.gl ? '' : 'the graphics context is lost; waiting for it to come back';
-    element('message').textContent = this.failure || lost || this.state || scene;
+    const lost = this.gl ? '' : 'The graphics context is lost; waiting for it to come back';
+    const text = this.failure || lost || this.state;
+    // what has not changed is not read out again
+    if (element('message').textContent !== text) element('message').textContent = text;
     this.showWait();
-    element('help').textContent = this.help && this.renderer && !this.failure ? HELP : '';
+    const usable = this.renderer && !this.failure;
+    element('help').textContent = this.help && usable ? HELP : '';
+    element('tools').hidden = !usable;
+    element('auto').setAttribute('aria-pressed', `${this.autoExposure}`);
   }
 
-  /** What the server does before its first light, where nothing else is to be said: text for people, and a
-   * progress bar for who hears the page. */
+  /** What is waited for, where nothing else is to be said, and how much of it is done. */
+  private waitingFor(): [text: string, share: number] {
+    if (element('message').textContent) return ['', 0];
+    if (!this.renderer && this.progress)
+      return this.progress < 1
+        ? [`Receiving the scene: ${Math.round(100 * this.progress)} %`, this.progress]
+        : ['Preparing the scene', 1];
+    if (this.wait || (this.renderer && !this.stats.frames))
+      return [lightingText(this.wait), this.wait?.share ?? 0];
+    if (!this.renderer) return ['Connecting', 0];
+    return this.stats.firstMs ? ['', 0] : ['Drawing the first picture', 1];
+  }
+
+  /** Text for people, and a progress bar for who hears the page. */
   private showWait(): void {
     const bar = element('wait');
-    const waits = this.renderer && !element('message').textContent && (this.wait || !this.stats.frames);
-    const text = waits ? waitingText(this.wait) : '';
+    const [text, share] = this.waitingFor();
+    if (bar.textContent === text) return;
     bar.textContent = text;
     bar.setAttribute('aria-valuetext', text);
-    bar.setAttribute('aria-valuenow', `${Math.round(100 * (this.wait?.share ?? 0))}`);
+    bar.setAttribute('aria-valuenow', `${Math.round(100 * share)}`);
   }
 
   // ---- for tests ----

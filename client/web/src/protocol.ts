@@ -1,6 +1,7 @@
 // protocol.ts: what page and worker tell each other.
 import type { Cluster } from './clusters.ts';
 import type { SceneData } from './geometry.ts';
+import type { Box } from './lights.ts';
 import type { TileBatch } from './replica.ts';
 import type { Frame, Waiting } from './wire.ts';
 
@@ -20,7 +21,8 @@ export type ToWorker =
   | { kind: 'taken'; count: number }
   | { kind: 'pause'; paused: boolean }
   | { kind: 'lost' } // what the page had of scene and light is gone
-  | { kind: 'camera'; index: number; timeS: number }; // go to one of the scene
+  | { kind: 'camera'; index: number; timeS: number } // go to one of the scene
+  | { kind: 'tiles' }; // all light is to come in tiles from now on: a new scene follows
 
 export type FromWorker =
   // what a person should know; '': all is well. final: no more attempts
@@ -32,6 +34,7 @@ export type FromWorker =
       kind: 'scene';
       data: SceneData;
       cameras: CameraPlace[];
+      body: Box | null; // what a view shows where there is no camera
       draws: boolean;
       clientLights: Uint8Array;
       clusters: number; // of emissive meshes to draw as lamps

@@ -6,7 +6,7 @@ import type { Cluster } from './clusters.ts';
 import { autoStops } from './exposure.ts';
 import { LimitError } from './failure.ts';
 import { type Group, isBlended, MATERIAL_TEXELS, type SceneData } from './geometry.ts';
-import { createProgram, type GL, LaterPixels, nearest, type Program, Table } from './gpu.ts';
+import { createProgram, Fence, type GL, LaterPixels, nearest, type Program, Table } from './gpu.ts';
 import { type Box, Lights, type ShadowMap } from './lights.ts';
 import { LAMP_SIDE, SUN_SIDE } from './limits.ts';
 import { AlphaMode, NONE } from './package.ts';
@@ -92,6 +92,9 @@ function widen(box: Box, by: Box): void {
 
 export class Renderer {
   private readonly programs = new Map<string, Program>();
+  private readonly later = new Map<string, string[]>(); // programs that are still to be made
+  private drawable = false; // all programs of the first picture are there
+  private readonly fence: Fence;
   private readonly buffers: WebGLBuffer[] = [];
   private readonly objects: Table<Float32Array>;
   private readonly materials: Table<Float32Array>;
@@ -129,11 +132,13 @@ export class Renderer {
   stops = 0;
   curve: Curve = 'reinhard';
   unfiltered = false;
+  waits = false; // for the compiler
 
   constructor(
     private readonly gl: GL,
     private readonly data: SceneData,
     drawn: { lights: Uint8Array; clusters: number } | null,
+    slow = false, // the GPU: pictures of one sample each
   ) {
     if (!gl.getExtension('EXT_color_buffer_float') && !gl.getExtension('EXT_color_buffer_half_float'))
       throw new LimitError('the graphics here cannot draw into 16-bit floats');
@@ -204,12 +209,20 @@ export class Renderer {
       return i < 0 ? a.mesh - b.mesh : x[i]! - y[i]!;
     });
     const most = gl.getInternalformatParameter(gl.RENDERBUFFER, gl.RGBA16F, gl.SAMPLES) as Int32Array;
-    this.samples = Math.min(SAMPLES, most[0] ?? 1);
+    this.samples = slow ? 1 : Math.min(SAMPLES, most[0] ?? 1);
     for (const fragment of [SKY_FRAGMENT, TONEMAP_FRAGMENT, METER_FRAGMENT])
       this.programOf(SCREEN_VERTEX, fragment, []);
-    for (const draw of this.draws)
-      for (const extra of this.lights ? ['DIRECT', 'DEPTH', 'SHADOW', 'SURVEY'] : ['', 'SURVEY'])
+    for (const extra of ['', 'SURVEY'])
+      for (const draw of this.draws)
         this.programOf(SURFACE_VERTEX, SURFACE_FRAGMENT, this.definesWith(draw, extra));
+    // the compiler gets those of direct light with the first pictures
+    if (this.lights)
+      for (const extra of ['SHADOW', 'DEPTH', 'DIRECT'])
+        for (const draw of this.draws) {
+          const defines = this.definesWith(draw, extra);
+          this.later.set(defines.join(), defines);
+        }
+    this.fence = new Fence(gl);
     this.surveyPixels = new LaterPixels(gl);
     this.meterPixels = new LaterPixels(gl);
     if (gl.getError() === gl.OUT_OF_MEMORY)
@@ -532,6 +545,9 @@ export class Renderer {
     gl.bindTexture(gl.TEXTURE_2D, picture);
     gl.texStorage2D(gl.TEXTURE_2D, 1, format, width, height);
     nearest(gl, gl.TEXTURE_2D);
+    if (format === gl.RGBA16F)
+      for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
+        gl.texParameteri(gl.TEXTURE_2D, name, gl.LINEAR);
     const resolved = frame();
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, picture, 0);
     let framebuffer = resolved;
@@ -735,9 +751,47 @@ export class Renderer {
     return 0.2126 * this.mean[0] + 0.7152 * this.mean[1] + 0.0722 * this.mean[2];
   }
 
+  /** Gets on with what direct light needs, a program or a shadow map with each picture until all is there.
+   * Returns whether this picture has any. */
+  private prepareLights(view: View): boolean {
+    const bounds = this.lights && this.bounds();
+    if (!this.lights || !bounds) return false;
+    for (const [name, defines] of this.later) {
+      this.programOf(SURFACE_VERTEX, SURFACE_FRAGMENT, defines);
+      this.later.delete(name);
+      break;
+    }
+    if (this.later.size || !this.isReady()) return false;
+    for (const map of this.lights.choose(view, bounds)) this.drawMap(map);
+    return this.lights.shining().shown > 0;
+  }
+
+  /** Whether more direct light comes with the next pictures. */
+  lightsPending(): boolean {
+    if (!this.lights || !this.bounds()) return false;
+    return this.later.size > 0 || !this.isReady() || this.lights.shining().pending > 0;
+  }
+
+  /** Whether the compiler has all programs that it was given, or is waited for. */
+  private isReady(): boolean {
+    return this.waits || [...this.programs.values()].every((program) => program.isReady());
+  }
+
+  /** Whether a picture need not wait for the compiler. */
+  isDrawable(): boolean {
+    this.drawable ||= this.isReady();
+    return this.drawable;
+  }
+
+  /** Whether the GPU still draws the last picture. */
+  busy(): boolean {
+    return this.fence.busy();
+  }
+
   private drawMap(map: ShadowMap): void {
     const { gl } = this;
     const lights = this.lights!;
+    lights.mapsDrawn++;
     const side = map.sun ? SUN_SIDE : LAMP_SIDE;
     gl.bindFramebuffer(gl.FRAMEBUFFER, lights.frame);
     const texture = map.sun ? lights.sunMaps : lights.lampMaps;
@@ -812,18 +866,20 @@ export class Renderer {
   }
 
   /** Draws onto the canvas. sample: 0, or the number of one more of the same view, light and exposure, up to
-   * SAMPLES_STILL. */
-  draw(view: View, width: number, height: number, sample: number): void {
+   * SAMPLES_STILL. share: of the canvas' width and height that the picture has, before it is stretched. */
+  draw(view: View, canvasWidth: number, canvasHeight: number, sample: number, share: number): void {
     const { gl } = this;
+    const [width, height] = [canvasWidth, canvasHeight].map((side) => Math.max(1, Math.round(share * side))) as [
+      number,
+      number,
+    ];
     this.upload();
-    this.target = this.fitted(this.target, width, height, gl.RGBA16F, this.samples);
     if (sample) {
       this.single = this.fitted(this.single, width, height, gl.RGBA16F, 1);
       this.average = this.fitted(this.average, width, height, gl.RGBA16F, 1);
-    }
-    const target = sample ? this.single! : this.target;
-    const bounds = this.lights && this.bounds();
-    if (bounds) for (const map of this.lights!.choose(view, bounds)) this.drawMap(map);
+    } else this.target = this.fitted(this.target, width, height, gl.RGBA16F, this.samples); // it is shown
+    const target = (sample ? this.single : this.target)!;
+    const lights = this.prepareLights(view) ? this.lights : null;
     const scale = scaleOf(view, width, height);
     const exposure = 2 ** this.stops;
     const [x, y] = placeOf(sample);
@@ -838,7 +894,6 @@ export class Renderer {
       gl.uniform1i(program.at('hasEnvironment'), this.environment ? 1 : 0);
       this.bind(program, 0, 'environment', gl.TEXTURE_2D, this.environment ?? this.white);
     });
-    const { lights } = this;
     const place = (program: Program) => {
       gl.uniform2f(program.at('offset'), ...offset);
       gl.uniform1f(program.at('sharper'), sample ? SHARPER : 0);
@@ -869,14 +924,15 @@ export class Renderer {
       gl.blitFramebuffer(0, 0, width, height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.NEAREST);
     }
     if (sample) this.addSample(sample - 1);
-    if (sample && sample < SAMPLES_STILL) return;
+    if (sample && sample < SAMPLES_STILL) return this.fence.begin();
     this.shown = sample ? this.average! : target;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-    gl.viewport(0, 0, width, height);
+    gl.viewport(0, 0, canvasWidth, canvasHeight);
     this.drawScreen(TONEMAP_FRAGMENT, (program) => {
       this.bind(program, 0, 'picture', gl.TEXTURE_2D, this.shown!.picture);
       gl.uniform1i(program.at('curve'), CURVES.indexOf(this.curve));
     });
+    this.fence.begin();
   }
 
   /** The mean of the picture just drawn and of `before` earlier ones. */

@@ -448,7 +448,7 @@ uniform sampler2D picture;
 uniform int curve;
 out vec4 srgb;
 void main() {
-  vec3 c = max(texelFetch(picture, ivec2(gl_FragCoord.xy), 0).rgb, 0.0);
+  vec3 c = max(textureLod(picture, vScreen * 0.5 + 0.5, 0.0).rgb, 0.0); // the picture may be smaller
   if (curve == 0) c /= 1.0 + dot(c, vec3(0.2126, 0.7152, 0.0722));
   else if (curve == 1) c = c * (2.51 * c + 0.03) / (c * (2.43 * c + 0.59) + 0.14);
   c = clamp(c, 0.0, 1.0);

@@ -1,5 +1,6 @@
 // worker.ts: the link to the server, beside the page: socket, session, decoding, reconnecting.
 import { ClosedError, DrawsTooMuch, nothingKept, Session, type SessionHost } from './session.ts';
+import { findBody } from './body.ts';
 import { Clusters, fitsMaps } from './clusters.ts';
 import { LimitError, ProtocolError, TokenError } from './failure.ts';
 import { buffersOf, buildGeometry } from './geometry.ts';
@@ -35,6 +36,7 @@ class Link {
   private paused = false;
   private over = false;
   private received = 0;
+  private heard = false; // something of this connection
   private clusters: Clusters | null = null;
   private controls = false; // this session may change the scene
   private lamps: Lamp[] = [];
@@ -61,6 +63,7 @@ class Link {
       return;
     }
     this.socket = socket;
+    this.heard = false;
     this.controls = false;
     socket.binaryType = 'arraybuffer';
     socket.onopen = () => {
@@ -78,6 +81,8 @@ class Link {
       if (socket !== this.socket || !this.session) return;
       if (!(event.data instanceof ArrayBuffer))
         return this.end(`${this.url}: text where bytes were expected`);
+      if (!this.heard) post({ kind: 'state', text: '', final: false }); // it answers
+      this.heard = true;
       this.received += event.data.byteLength;
       this.session.push(new Uint8Array(event.data), performance.now());
       void this.pump();
@@ -137,6 +142,7 @@ class Link {
       kind: 'scene',
       data,
       cameras: this.cameras(replica, 0),
+      body: findBody(replica.scene),
       draws: replica.layer === 1,
       clientLights,
       clusters: this.clusters?.count() ?? 0,
@@ -208,11 +214,8 @@ class Link {
 
   private fail(error: unknown): void {
     const text = `${this.url}: ${(error as Error).message}`;
-    if (error instanceof DrawsTooMuch) {
-      this.draws = false;
-      this.drop();
-      this.connect();
-    } else if (error instanceof TokenError) {
+    if (error instanceof DrawsTooMuch) this.takeAllLight();
+    else if (error instanceof TokenError) {
       this.drop();
       post({ kind: 'state', text, final: false });
       post({ kind: 'token' });
@@ -260,8 +263,16 @@ class Link {
       } else if (message.kind === 'camera') this.postCamera(message.index, message.timeS);
       else if (message.kind === 'dim') this.dimmed.set(message.lamp, message.factor);
       else if (message.kind === 'token') this.connect();
+      else if (message.kind === 'tiles') this.takeAllLight();
       else this.begin();
     });
+  }
+
+  /** Connects again without drawing any light. Parts of the scene are kept in the browser. */
+  private takeAllLight(): void {
+    this.draws = false;
+    this.drop();
+    this.connect();
   }
 
   /** The page has lost scene and light: all of them again. */

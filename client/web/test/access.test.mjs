@@ -9,7 +9,7 @@ import test from 'node:test';
 
 import { hasDaemon, startDaemon } from './daemon.mjs';
 import { load } from './load.mjs';
-import { hasBrowser, pictureName, until } from './page.mjs';
+import { checkAccessibility, checkLayout, hasBrowser, pictureName, until } from './page.mjs';
 import { withPage } from './shared.mjs';
 
 const { writeHello, writeUpdate, readUpdated, Refusal, Session, nothingKept, lampsOf, changesOf } = await load(
@@ -109,6 +109,7 @@ test('a page by https, with a token', { skip: missing || false }, async () => {
     ...['--tokens', tokens, '--control-socket', 'none'],
   );
   const size = { width: 160, height: 90 };
+  const narrow = { width: 480, height: 640 };
   const args = [`--ignore-certificate-errors-spki-list=${pin}`];
   const address = `${daemon.url}?direct=tiles`;
   try {
@@ -118,6 +119,11 @@ test('a page by https, with a token', { skip: missing || false }, async () => {
       async (page) => {
         await page.goto(address);
         await page.locator('#token:visible').waitFor(); // it wants one
+        await page.setViewportSize(narrow);
+        await checkAccessibility(page, 'token');
+        assert.deepEqual(await checkLayout(page, 'token'), ['token', 'message']);
+        const asks = pictureName('page', 'token');
+        if (asks) await page.screenshot({ path: asks });
         await page.locator('#token input').fill('nonsense');
         await page.locator('#token button').click();
         const error = () => document.querySelector('#token input').validity.customError;
@@ -143,6 +149,18 @@ test('a page by https, with a token', { skip: missing || false }, async () => {
       await until(page, 'a longer exposure', (before) => lightwell.exposure() > before + 0.5, {
         given: stops,
       });
+      // arrows move a slider that has the focus, and not the view
+      const view = await page.evaluate(() => lightwell.view());
+      await slider.focus();
+      await page.keyboard.down('ArrowRight');
+      assert.equal(await page.evaluate(() => lightwell.flight.keys.size), 0);
+      await page.keyboard.up('ArrowRight');
+      assert.equal(await slider.inputValue(), '0.3');
+      await slider.press('w');
+      await until(page, 'a step by a letter', (before) => lightwell.view() !== before, { given: view });
+      await page.setViewportSize(narrow);
+      await checkAccessibility(page, 'sliders');
+      assert.deepEqual(await checkLayout(page, 'sliders'), ['legend', 'lamps', 'help', 'tools']);
       const name = pictureName('access', 'control'); // with its sliders
       if (name) await page.screenshot({ path: name });
     });

@@ -28,7 +28,7 @@ for (const [direct, limits] of [
     });
     try {
       const camera = '0.3,1.2,3.4:0,0.8,0:45';
-      const more = direct === 'tiles' ? '&direct=tiles' : '';
+      const more = `&direct=${direct === 'tiles' ? 'tiles' : 'pixels'}`;
       await page.goto(`${daemon.url}?exposure=2&camera=${camera}${more}`);
       const errors = await page.evaluate(() => {
         globalThis.errors = [];

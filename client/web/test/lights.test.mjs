@@ -142,11 +142,18 @@ function lightsOf(drawn) {
   return lights;
 }
 
-function drawn(lights, from = view, box = scene) {
-  const maps = lights.choose(from, box);
-  for (const map of maps) map.dirty = false;
-  return maps;
+/** Pictures until all maps are drawn; returns those of each picture. */
+function pictures(lights, from = view, box = scene) {
+  const all = [];
+  for (;;) {
+    const maps = lights.choose(from, box);
+    if (!maps.length) return all;
+    for (const map of maps) map.dirty = false;
+    all.push(maps);
+  }
 }
+
+const drawn = (...args) => pictures(...args).flat();
 
 test('maps are drawn again only where something has moved', () => {
   const lights = lightsOf(7);
@@ -171,6 +178,29 @@ test('maps are drawn again only where something has moved', () => {
   assert.equal(drawn(lights).length, 0, 'dimmed, not moved');
 });
 
+test('a new light gets a map with each picture, and shines once it has all', () => {
+  const lights = lightsOf(7);
+  const shown = [];
+  const box = { low: [-1, 0, -1], high: [1, 1, 1] };
+  for (let picture = 0; picture < 15; picture++) {
+    const maps = lights.choose(view, scene);
+    assert.equal(maps.length, 1);
+    shown.push(lights.near(box, 0.01).length);
+    maps[0].dirty = false;
+  }
+  // a sun's three, then six of each lamp
+  assert.deepEqual(shown, [...Array(3).fill(0), ...Array(6).fill(1), ...Array(6).fill(2)]);
+  assert.deepEqual(lights.near(box, 0.01), [0, 1, 2]);
+  assert.deepEqual(lights.shining(), { shown: 3, pending: 0 });
+
+  // one that moves goes on shining, and gets all of its maps at once
+  lights.takeFrame(lit(0, [0, 4, 0.5], [0, -1, 0]));
+  assert.equal(lights.choose(view, scene).length, 6);
+  // one that is off waits for none
+  lights.takeFrame({ ...lit(2, [5, 4, 0], [0, -1, 0]), lightIntensity: new Float32Array(3) });
+  assert.deepEqual(lights.shining(), { shown: 2, pending: 0 });
+});
+
 test('the smaller maps of a sun follow the eye in steps', () => {
   const lights = lightsOf(2);
   drawn(lights);
@@ -181,6 +211,7 @@ test('the smaller maps of a sun follow the eye in steps', () => {
 
 test('lights that give too little to be seen are left out', () => {
   const lights = lightsOf(7);
+  drawn(lights);
   const box = { low: [-1, 0, -1], high: [1, 1, 1] };
   assert.deepEqual(lights.near(box, 0.01), [0, 1, 2]);
   assert.deepEqual(lights.near(box, 5 / 9.01), [0, 1]); // the spot is farther away than the point

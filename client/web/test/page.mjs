@@ -31,6 +31,40 @@ export async function until(page, what, expression, { given = null, limitMs = LI
   });
 }
 
+/** The page as axe-core judges it: nothing serious. Returns what it finds, in lines. */
+export async function checkAccessibility(page, what) {
+  const source = readFileSync(new URL('../node_modules/axe-core/axe.min.js', import.meta.url), 'utf8');
+  await page.evaluate(`typeof axe === 'undefined' && (0, eval)(${JSON.stringify(source)}), 0`);
+  const { violations, passes } = await page.evaluate(() => axe.run());
+  const lines = violations.map(
+    ({ id, impact, nodes, help }) => `${impact}: ${id}: ${help}: ${nodes.map((node) => node.html).join(' ')}`,
+  );
+  console.log(`axe, ${what}: ${passes.length} rules hold; ${lines.length ? lines.join('; ') : 'no violation'}`);
+  const serious = lines.filter((line) => /^(serious|critical)/.test(line));
+  assert.deepEqual(serious, [], what);
+  return lines;
+}
+
+/** None of the page's boxes covers another, or leaves the window. */
+export async function checkLayout(page, what) {
+  const boxes = await page.evaluate(() =>
+    ['legend', 'token', 'lamps', 'message', 'wait', 'help', 'tools'].flatMap((id) => {
+      const { left, top, right, bottom } = document.getElementById(id).getBoundingClientRect();
+      return right > left && bottom > top ? [{ id, left, top, right, bottom }] : [];
+    }),
+  );
+  const { width, height } = page.viewportSize();
+  for (const [i, a] of boxes.entries()) {
+    const inside = a.left >= 0 && a.top >= 0 && a.right <= width && a.bottom <= height;
+    assert.ok(inside, `${what}: ${JSON.stringify(a)} in ${width} x ${height}`);
+    for (const b of boxes.slice(i + 1)) {
+      const apart = a.right <= b.left || b.right <= a.left || a.bottom <= b.top || b.bottom <= a.top;
+      assert.ok(apart, `${what}: ${JSON.stringify(a)} covers ${JSON.stringify(b)}`);
+    }
+  }
+  return boxes.map(({ id }) => id);
+}
+
 /** A picture as 3 bytes a pixel, row 0 on top. url: data of a PNG; none: what the page shows now. */
 export async function pixelsOf(page, url) {
   const base64 = await page.evaluate(async (source) => {

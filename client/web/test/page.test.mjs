@@ -1,12 +1,13 @@
 // The page's picture against the CPU's, of the same light from the same camera.
 import assert from 'node:assert/strict';
 import { existsSync, mkdtempSync, rmSync, writeFileSync } from 'node:fs';
+import { get } from 'node:http';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import test from 'node:test';
 
 import { bin, hasDaemon, startDaemon } from './daemon.mjs';
-import { checkUploads, hasBrowser, until } from './page.mjs';
+import { checkAccessibility, checkLayout, checkUploads, hasBrowser, pictureName, until } from './page.mjs';
 import { comparePictures, HEIGHT, startStill, WIDTH } from './pictures.mjs';
 import { withPage } from './shared.mjs';
 
@@ -35,20 +36,51 @@ test('the Cornell box', { skip: missing || false }, async (t) => {
   }
 });
 
+const WIRE_MAX = 85000; // bytes, of all that the page loads at first, headers included
+
+/** What the page has loaded, as it is transferred: by brotli, as to this machine and by https, and by gzip. */
+async function checkTransfer(page, url) {
+  const entries = () => performance.getEntriesByType('resource').map(({ name }) => name);
+  const inWorker = await page.workers()[0].evaluate(entries);
+  const names = new Set([url, ...(await page.evaluate(entries)), ...inWorker].filter((name) => /^http/.test(name)));
+  assert.equal(names.size, 6, [...names].join(' '));
+  for (const coding of ['br', 'gzip']) {
+    let bytes = 0;
+    for (const name of names)
+      bytes += await new Promise((resolve, reject) => {
+        get(name, { headers: { 'accept-encoding': coding }, agent: false }, (response) => {
+          assert.equal(response.headers['content-encoding'], coding, name);
+          response.resume().on('end', () => resolve(response.socket.bytesRead));
+        }).on('error', reject);
+      });
+    console.log(`the page on the wire by ${coding}: ${bytes} bytes`);
+    assert.ok(bytes <= WIRE_MAX, `${bytes} bytes by ${coding}`);
+  }
+}
+
+/** Leaves the page as a person sees it, for people to look at. */
+async function showState(page, what) {
+  const name = pictureName('page', what);
+  if (name) await page.screenshot({ path: name });
+}
+
 /** The clock holds the server before its first frame. */
 const waitingPage = (daemon) => async (page) => {
   await page.goto(`${daemon.url}?camera=0,1,3:0,1,0:45&direct=tiles`);
   const says = () => document.getElementById('wait').textContent;
-  const inside = 'Looking inside objects: 100 %';
+  const inside = 'The server is lighting the scene, 100 %: looking inside objects';
   await until(page, 'its wait', (text) => document.getElementById('wait').textContent === text, {
     given: inside,
   });
   assert.equal(await page.evaluate(() => lightwell.message()), '');
-  const bar = page.getByRole('progressbar', { name: 'First light' });
+  const bar = page.getByRole('progressbar', { name: 'Progress' });
   assert.equal(await bar.getAttribute('aria-valuetext'), inside);
   assert.equal(await bar.getAttribute('aria-valuenow'), '100');
+  await checkAccessibility(page, 'waiting');
+  await showState(page, 'waiting');
+  await checkTransfer(page, daemon.url);
   daemon.frames(1);
-  await until(page, 'a picture', () => lightwell.stats.pictures > 0);
+  await until(page, 'a picture', () => lightwell.stats.firstMs > 0);
   assert.equal(await page.evaluate(says), '');
   assert.equal(await bar.count(), 0, 'it is hidden');
 };
@@ -174,6 +206,8 @@ test('a page lives on', { skip: missing || false }, async () => {
       ),
     );
     assert.doesNotMatch(await legend(), /NaN|undefined|Infinity/);
+    await checkAccessibility(page, 'lit');
+    await showState(page, 'lit');
 
     // mouse and keys
     const viewAfter = async (before) => {
@@ -189,6 +223,41 @@ test('a page lives on', { skip: missing || false }, async () => {
     await page.keyboard.down('w');
     await viewAfter(turned);
     await page.keyboard.up('w');
+
+    // a narrow window: what keys do, fingers reach, and nothing covers anything
+    await page.setViewportSize({ width: 480, height: 640 });
+    assert.deepEqual(await checkLayout(page, 'narrow'), ['legend', 'help', 'tools']);
+    await showState(page, 'narrow');
+    const view = await page.evaluate(() => lightwell.view());
+    await page.getByRole('combobox', { name: 'Camera' }).selectOption('All of it');
+    await viewAfter(view);
+    await page.getByRole('button', { name: 'Darker' }).click(); // by hand from here on
+    const stops = await page.evaluate(() => lightwell.exposure());
+    await page.getByRole('button', { name: 'Brighter' }).click();
+    assert.equal(await page.evaluate(() => lightwell.exposure()), stops + 0.25);
+    const auto = page.getByRole('button', { name: 'Automatic exposure' });
+    assert.equal(await auto.getAttribute('aria-pressed'), 'false');
+    await auto.click();
+    assert.equal(await auto.getAttribute('aria-pressed'), 'true');
+    const [download] = await Promise.all([
+      page.waitForEvent('download'),
+      page.getByRole('button', { name: 'Save picture' }).click(),
+    ]);
+    assert.equal(download.suggestedFilename(), 'lightwell.png');
+    await page.setViewportSize({ width: 160, height: 90 });
+
+    // a frame that is newer than the picture is not of the future
+    const age = await page.evaluate(() => {
+      const { frameMs, solveMs, stats } = lightwell;
+      const { settled } = stats;
+      Object.assign(lightwell, { frameMs: performance.now() + 5000, solveMs: 0 });
+      stats.settled = -1;
+      lightwell.showLegend(performance.now());
+      Object.assign(lightwell, { frameMs, solveMs });
+      stats.settled = settled;
+      return document.getElementById('legend').textContent;
+    });
+    assert.match(age, /light 0\.0 s old/);
 
     // a window without room: pictures of one pixel, and a view that stays one
     await page.evaluate(() => (document.querySelector('canvas').style.cssText = 'width: 0; height: 0'));
@@ -236,14 +305,45 @@ test('a page lives on', { skip: missing || false }, async () => {
     // the server goes away, and another one comes
     await daemon.stop();
     await until(page, 'the end', () => /trying again/.test(lightwell.message()));
-    daemon = await startDaemon('builtin:cornell', '--http', `127.0.0.1:${port}`);
+    await until(page, 'a legend that claims nothing', () => {
+      const text = document.getElementById('legend').textContent;
+      return text && !/complete · light|light complete/.test(text);
+    });
+    await showState(page, 'away');
+    // the clock holds the next one before its first frame: it answers, and has no light yet
+    daemon = await startDaemon('builtin:cornell', '--http', `127.0.0.1:${port}`, '--clock', 'manual');
+    await until(page, 'its wait', () => /^The server is lighting/.test(document.getElementById('wait').textContent));
+    assert.equal(await page.evaluate(() => lightwell.message()), '');
+    assert.doesNotMatch(await legend(), /light complete/);
+    await showState(page, 'relighting');
     const frames = await page.evaluate(() => lightwell.stats.frames);
+    daemon.frames(1);
     await until(
       page,
       'light of another server',
       (count) => lightwell.stats.frames > count && lightwell.message() === '',
       { given: frames },
     );
+
+    // a GPU that is slow: pictures of lights that the page draws take too long
+    const slow = await context.newPage();
+    await slow.addInitScript(() => {
+      const { getParameter } = WebGL2RenderingContext.prototype;
+      WebGL2RenderingContext.prototype.getParameter = function (name) {
+        return name === 0x9246 ? 'a GPU' : getParameter.call(this, name); // UNMASKED_RENDERER_WEBGL
+      };
+    });
+    await slow.goto(`${daemon.url}?camera=0,1,3:0,1,0:45`);
+    await until(slow, 'the scene', () => lightwell.stats.sceneMs > 0);
+    await slow.evaluate(() => {
+      for (let picture = 0; picture < 3; picture++) lightwell.judgePicture(101);
+    });
+    await until(slow, 'another scene', () => lightwell.renderer && lightwell.lightsDrawn().lights === 0);
+    daemon.frames(1);
+    await until(slow, 'light in tiles', () => lightwell.stats.tiles > 0 && !lightwell.stats.missing);
+    await until(slow, 'a word of it', () => /a slow GPU/.test(document.getElementById('legend').textContent));
+    assert.match(await slow.evaluate(() => lightwell.view()), /^0,1,3:/);
+    await slow.close();
 
     // a browser without WebGL2
     const plain = await context.newPage();

@@ -56,7 +56,7 @@ async function compareView(page, daemon, scene, { direct, camera, exposure, what
  * cameras: one picture each, '': where the page stands by itself */
 export async function comparePictures(daemon, scene, { direct, exposure, cameras }, limitMs = LIMIT_MS) {
   await withPage({ width: WIDTH, height: HEIGHT }, async (page) => {
-    const parameters = `exposure=${exposure}${direct === 'tiles' ? '&direct=tiles' : ''}`;
+    const parameters = `exposure=${exposure}&direct=${direct === 'tiles' ? 'tiles' : 'pixels'}`;
     await page.goto(`${daemon.url}?${parameters}`);
     // light in the form that the page takes begins with the frame after it has joined
     await until(page, 'the scene', () => lightwell.stats.sceneMs > 0, { limitMs });

@@ -6,7 +6,7 @@ import test from 'node:test';
 
 import { load, root, wasm } from './load.mjs';
 
-const { READY, Session, Tiles, nothingKept, waitingText } = await load('session', 'tiles', 'waiting');
+const { lightingText, READY, Session, Tiles, nothingKept, waitingText } = await load('session', 'tiles', 'waiting');
 const golden = (name) => new Uint8Array(readFileSync(join(root, 'tests/golden/v1', name)));
 
 test('words for people', () => {
@@ -17,6 +17,11 @@ test('words for people', () => {
   assert.equal(text(3, Math.fround(0.17)), 'First light: 17 %');
   assert.equal(text(READY, 1), '');
   assert.equal(text(77, 0.5), 'Waiting for the first light', 'of a newer server');
+  const lighting = (stage, share) => lightingText({ stage, share });
+  assert.equal(lighting(2, 0.4), 'The server is lighting the scene, 40 %: looking inside objects');
+  assert.equal(lighting(READY, 1), '');
+  assert.equal(lighting(77, 0.5), 'Waiting for the first light');
+  assert.equal(lightingText(null), 'Waiting for the first light');
 });
 
 async function hear(...names) {
