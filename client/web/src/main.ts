@@ -370,7 +370,8 @@ class App {
     this.takeTiles();
     // one picture at a time: a slow GPU would only fall behind
     if (!renderer.isDrawable() || renderer.busy()) return;
-    if (this.beganMs) this.judgePicture(now - this.beganMs);
+    // by the clock, for `now` may be of before the picture began
+    if (this.beganMs) this.judgePicture(Math.max(1, performance.now() - this.beganMs));
     this.adapt(now, seconds);
     const still = now - this.movedMs > REFINE_MS && this.samples <= SAMPLES_STILL;
     const wanted = (this.dirty || still) && this.framed;

@@ -1,12 +1,14 @@
 // The page's picture against the CPU's, of the same light from the same camera.
 import assert from 'node:assert/strict';
-import { existsSync, mkdtempSync, rmSync, writeFileSync } from 'node:fs';
+import { existsSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { get } from 'node:http';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import test from 'node:test';
+import { WebSocketServer } from 'ws';
 
 import { bin, hasDaemon, startDaemon } from './daemon.mjs';
+import { root } from './load.mjs';
 import { checkAccessibility, checkLayout, checkUploads, hasBrowser, pictureName, until } from './page.mjs';
 import { comparePictures, HEIGHT, startStill, WIDTH } from './pictures.mjs';
 import { withPage } from './shared.mjs';
@@ -246,6 +248,12 @@ test('a page lives on', { skip: missing || false }, async () => {
     assert.equal(download.suggestedFilename(), 'lightwell.png');
     await page.setViewportSize({ width: 160, height: 90 });
 
+    // as a scene without a camera is seen: the worker has said around what
+    const whole = await page.evaluate(() => lightwell.view());
+    await page.evaluate(() => Object.assign(lightwell, { cameras: [], framed: false }));
+    assert.match(await viewAfter(whole), /:35$/);
+    assert.ok(await page.evaluate(() => lightwell.body.low.every((low, k) => low < lightwell.body.high[k])));
+
     // a frame that is newer than the picture is not of the future
     const age = await page.evaluate(() => {
       const { frameMs, solveMs, stats } = lightwell;
@@ -324,6 +332,32 @@ test('a page lives on', { skip: missing || false }, async () => {
       (count) => lightwell.stats.frames > count && lightwell.message() === '',
       { given: frames },
     );
+
+    // a server that answers, and has nothing to say yet
+    let connections = 0;
+    const loose = await context.browser().newContext({ bypassCSP: true }); // it may ask other servers
+    const dumb = new WebSocketServer({ host: '127.0.0.1', port: 0 });
+    const welcome = readFileSync(join(root, 'tests/golden/v1/welcome.bin'));
+    dumb.on('connection', (socket) => (connections++ ? socket.send(welcome) : socket.close()));
+    try {
+      const early = await loose.newPage();
+      await early.addInitScript(() => {
+        globalThis.said = [];
+        new MutationObserver(() => {
+          const text = document.getElementById('message')?.textContent ?? '';
+          if (said.at(-1) !== text) said.push(text);
+        }).observe(document, { subtree: true, childList: true });
+      });
+      await early.goto(`${daemon.url}?server=ws://127.0.0.1:${dumb.address().port}/ws`);
+      await until(early, 'an end, and an answer', () => {
+        const end = said.findIndex((text) => /does not answer/.test(text));
+        return end >= 0 && said[end + 1] === '';
+      });
+    } finally {
+      await loose.close();
+      dumb.close();
+      for (const socket of dumb.clients) socket.terminate();
+    }
 
     // a GPU that is slow: pictures of lights that the page draws take too long
     const slow = await context.newPage();
