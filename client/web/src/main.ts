@@ -25,6 +25,7 @@ const PIXEL_RATIO_MAX = 2;
 const UPLOADS_KEPT = 1000;
 const ADAPTATION_MS = 400; // of the exposure
 const METER_MS = 250;
+const ADAPT_FROM = 0.1; // stops: a smaller picture of the same view, or a sharper one, is metered alike
 /** Pictures that take longer are slow: light comes in tiles alone after SLOW_PICTURES of them, or SLOW_SUM_MS. */
 const SLOW_MS = 100;
 const SLOW_PICTURES = 3;
@@ -84,6 +85,7 @@ class App {
   private solveMs = 0;
   private timeS = 0;
   private autoExposure = true;
+  private adapting = false;
   private stopsWanted: number | null = null;
   private progress = 0;
   private wait: Waiting | null = null; // why there is no light yet; null: nobody has said, or there is
@@ -480,7 +482,8 @@ class App {
       }
     }
     const way = (this.stopsWanted ?? renderer.stops) - renderer.stops;
-    if (Math.abs(way) < 0.02) return;
+    this.adapting = Math.abs(way) > (this.adapting ? 0.02 : ADAPT_FROM);
+    if (!this.adapting) return;
     renderer.stops += way * (this.still.matches ? 1 : 1 - Math.exp((-1000 * seconds) / ADAPTATION_MS));
     this.dirty = true;
   }
