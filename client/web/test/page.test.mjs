@@ -311,6 +311,9 @@ test('a page lives on', { skip: missing || false }, async () => {
     assert.equal(kept, 1);
 
     // the server goes away, and another one comes
+    await until(page, 'complete light', () =>
+      document.getElementById('legend').textContent.includes('light complete'),
+    );
     await daemon.stop();
     await until(page, 'the end', () => /trying again/.test(lightwell.message()));
     await until(page, 'a legend that claims nothing', () => {
