@@ -52,6 +52,7 @@ struct connection {
     double requests; /* so far, less what time has made good */
     uint64_t asked_ns;
     bool is_slowed;
+    bool is_public; /* pages of any origin may read the answer */
 };
 
 /* Where there is no client. */
@@ -113,6 +114,7 @@ static int write_headers(struct lws *wsi, struct connection *c, unsigned status,
         done = add_header(wsi, &at, end, "content-type:", type) &&
                add_header(wsi, &at, end, "content-length:", length);
     if (done && type && strncmp(type, "text/html", 9) == 0) done = add_policy(wsi, c, &at, end);
+    if (done && c->is_public) done = add_header(wsi, &at, end, "access-control-allow-origin:", "*");
     if (done && status == 405) done = add_header(wsi, &at, end, "allow:", "GET, HEAD");
     if (done && status == 429) done = add_header(wsi, &at, end, "retry-after:", "1");
     if (done && status == 401) done = add_header(wsi, &at, end, "www-authenticate:", "Bearer");
@@ -210,6 +212,11 @@ static bool check_origin(struct lws *wsi, const struct connection *c) {
            (lw_http_origin_is_same(origin, c->host) || lw_http_origin_is_listed(c->server->origins, origin));
 }
 
+static int refuse_origin(struct lws *wsi, struct connection *c) {
+    return refuse(wsi, c, 403,
+                  "Pages of that origin may not connect: lightwelld --http-origin ORIGIN adds one.\n");
+}
+
 static int answer_nothing(struct lws *wsi, struct connection *c, bool head) {
     static const char text[] = "There is no such page.\n";
     return answer(wsi, c, 404, "text/plain; charset=utf-8", (const uint8_t *)text, sizeof text - 1,
@@ -293,6 +300,9 @@ static int handle_request(struct lws *wsi, struct connection *c, const char *pat
     const int method = lws_http_get_uri_and_method(wsi, &uri, &uri_length);
     if (asks_too_often(c)) return slow_down(wsi, c);
     if (is_plain_at_tls(wsi, c)) return refuse_plain(wsi, c);
+    /* A browser hides from a page why its WebSocket was refused: the page asks for the same path by GET. The
+     * answer says no more than the refusal. */
+    c->is_public = !server->page && strcmp(path, ENDPOINT) == 0;
     if (!check_host(wsi, c)) return refuse_host(wsi, c);
     if (server->wants_token && !says_token(wsi, server->sockets.sessions))
         return refuse(wsi, c, 401, "This wants a token of the server's: Authorization: Bearer TOKEN.\n");
@@ -300,7 +310,9 @@ static int handle_request(struct lws *wsi, struct connection *c, const char *pat
     if (has_header(wsi, WSI_TOKEN_HTTP_CONTENT_LENGTH) || has_header(wsi, WSI_TOKEN_HTTP_TRANSFER_ENCODING))
         return refuse(wsi, c, 400, "A request has no body here.\n");
     if (server->page) return answer_page(wsi, c, path, method == HEAD);
-    if (strcmp(path, ENDPOINT) == 0) return refuse(wsi, c, 426, "This is for WebSockets.\n");
+    if (strcmp(path, ENDPOINT) == 0)
+        return check_origin(wsi, c) ? refuse(wsi, c, 426, "This is for WebSockets.\n")
+                                    : refuse_origin(wsi, c);
     const struct lw_web_file *file = lw_web_files_find(&server->files, path);
     if (!file && !server->files.count && strcmp(path, "/") == 0)
         return answer(wsi, c, 200, "text/html; charset=utf-8", (const uint8_t *)page, sizeof page - 1,
@@ -316,9 +328,7 @@ static int handle_upgrade(struct lws *wsi, struct connection *c, const char *wha
     if (c->server->page || strcasecmp(what, "websocket") != 0 ||
         !get_header(wsi, WSI_TOKEN_GET_URI, path, sizeof path) || strcmp(path, ENDPOINT) != 0)
         return refuse(wsi, c, 404, "WebSockets are at " ENDPOINT ".\n");
-    if (!check_origin(wsi, c))
-        return refuse(wsi, c, 403,
-                      "Pages of that origin may not connect: lightwelld --http-origin ORIGIN adds one.\n");
+    if (!check_origin(wsi, c)) return refuse_origin(wsi, c);
     if (!has_header(wsi, WSI_TOKEN_PROTOCOL))
         return refuse(wsi, c, 400, "The WebSocket's protocol must be " LW_WS_TRANSPORT_PROTOCOL ".\n");
     return 0;

@@ -443,6 +443,18 @@ static void test_who_may_open(void **state) {
     const int s = lw_web_peer_dial(web_port);
     assert_int_equal(lw_web_peer_upgrade(s, "/ws", "Host: evil.example\r\n" PROTOCOL), 403);
     close(s);
+    /* what a page may ask in place of the answer that its browser hides */
+    char *why;
+    assert_int_equal(ask("GET", "/ws", "Origin: http://evil.example\r\n", &why, NULL), 403);
+    expect_header(why, "\r\naccess-control-allow-origin: *\r\n");
+    expect_header(why, "--http-origin");
+    free(why);
+    assert_int_equal(ask("GET", "/ws", "Origin: https://a.example\r\n", &why, NULL), 426);
+    expect_header(why, "\r\naccess-control-allow-origin: *\r\n");
+    free(why);
+    assert_int_equal(ask("GET", "/", "Origin: https://a.example\r\n", &why, NULL), 200);
+    assert_null(strcasestr(why, "access-control"));
+    free(why);
     const int h2 = lw_web_peer_dial(web_port);
     char *answer =
         lw_web_peer_ask(h2,
