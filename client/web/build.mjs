@@ -1,7 +1,9 @@
 // build.mjs OUT: bundles the browser client into a folder: index.html, lightwell.css, lightwell.js,
-// worker.js, zstd.wasm; and the npm package lightwell-three into a folder beside it.
+// worker.js, zstd.wasm; and the npm package lightwell-three into a folder beside it. lightwell_tiles.wasm is
+// in OUT already.
 import { build } from 'esbuild';
-import { copyFileSync, existsSync, mkdirSync, readFileSync, writeFileSync } from 'node:fs';
+import { copyFileSync, existsSync, mkdirSync, readdirSync, readFileSync, writeFileSync } from 'node:fs';
+import ts from 'typescript';
 
 const out = process.argv[2];
 if (!out) {
@@ -21,8 +23,11 @@ const zstdApart = {
           writeFileSync(`${out}/zstd.wasm`, Buffer.from(text, 'base64'));
           return '';
         })
-        .replace('`data:application/wasm;base64,${wasm}`', '"zstd.wasm"');
-      if (!contents.includes('fetch("zstd.wasm")') || !existsSync(`${out}/zstd.wasm`))
+        .replace(
+          'fetch(`data:application/wasm;base64,${wasm}`).then((response) => response.arrayBuffer())',
+          'ZSTDDecoder.load()',
+        );
+      if (!contents.includes('init = ZSTDDecoder.load()') || !existsSync(`${out}/zstd.wasm`))
         throw new Error('zstddec is not as build.mjs knows it');
       return { contents, loader: 'js' };
     });
@@ -41,32 +46,80 @@ const plainShaders = {
     }));
   },
 };
-await build({
-  plugins: [zstdApart, plainShaders],
-  entryPoints: { lightwell: here('src/main.ts'), worker: here('src/worker.ts') },
-  outdir: out,
+const bundled = {
   bundle: true,
   minify: true,
   format: 'esm',
   target: ['es2022'],
   legalComments: 'none',
   logLevel: 'warning',
+};
+await build({
+  ...bundled,
+  plugins: [zstdApart, plainShaders],
+  entryPoints: { lightwell: here('src/main.ts'), worker: here('src/worker.ts') },
+  outdir: out,
+  define: { FOR_THREE: 'false' },
 });
 for (const name of ['index.html', 'lightwell.css']) copyFileSync(here(`src/${name}`), `${out}/${name}`);
 
 // for pages with three.js, beside it
 const three = `${out}/../lightwell-three`;
 mkdirSync(three, { recursive: true });
-await build({
-  entryPoints: [here('three/lightwell.ts')],
-  outdir: three,
-  bundle: true,
-  minify: true,
-  format: 'esm',
-  target: ['es2022'],
-  external: ['three'],
-  logLevel: 'warning',
-});
-for (const name of ['package.json', 'README.md', 'lightwell.d.ts', 'example.html'])
+// lightwell-three/inline: start_inline.ts in the place of start.ts, and what that wants
+const inline = {
+  name: 'inline',
+  setup({ onResolve, onLoad }) {
+    onResolve({ filter: /^\.\/start\.ts$/ }, () => ({ path: here('three/start_inline.ts') }));
+    onResolve({ filter: /^built:/ }, ({ path }) => ({ path: path.slice(6), namespace: 'built' }));
+    onLoad({ filter: /./, namespace: 'built' }, ({ path }) => ({
+      contents: readFileSync(`${three}/${path}`),
+      loader: path.endsWith('.wasm') ? 'binary' : 'text',
+    }));
+  },
+};
+for (const name of ['zstd.wasm', 'lightwell_tiles.wasm']) copyFileSync(`${out}/${name}`, `${three}/${name}`);
+for (const [path, plugins] of [
+  ['src/worker.ts', [zstdApart]],
+  ['three/lightwell.ts', []],
+  ['three/inline.ts', [inline]],
+])
+  await build({
+    ...bundled,
+    plugins,
+    entryPoints: [here(path)],
+    outdir: three,
+    external: ['three'],
+    define: { FOR_THREE: 'true' },
+  });
+writeFileSync(`${three}/lightwell.d.ts`, declarationsOf('lightwell'));
+writeFileSync(`${three}/inline.d.ts`, "export * from './lightwell.js';\n");
+for (const name of ['package.json', 'README.md', 'example.html'])
   copyFileSync(here(`three/${name}`), `${three}/${name}`);
-for (const name of ['worker.js', 'zstd.wasm']) copyFileSync(`${out}/${name}`, `${three}/${name}`);
+copyFileSync(here('../../LICENSE'), `${three}/LICENSE`);
+writeFileSync(`${three}/NOTICE`, notice());
+
+/** What a module of three/ declares, without what is private. */
+function declarationsOf(name) {
+  const fileName = here(`three/${name}.ts`);
+  const compilerOptions = { target: 'ES2022', module: 'ESNext', strict: true, isolatedDeclarations: true };
+  const { outputText, diagnostics } = ts.transpileDeclaration(readFileSync(fileName, 'utf8'), {
+    fileName,
+    compilerOptions: { ...compilerOptions, declaration: true },
+    reportDiagnostics: true,
+  });
+  if (diagnostics.length) throw new Error(ts.formatDiagnostics(diagnostics, ts.createCompilerHost({})));
+  const text = outputText.replace(/^( {4}\/\*\*(?:(?!\*\/)[^])*\*\/\n)?    private (?!constructor)[^\n]*;\n/gm, '');
+  if (/'\.\.?\//.test(text)) throw new Error(`${name}.d.ts names a module that the package does not have`);
+  return text;
+}
+
+/** The licences of what is compiled in: zstddec, and zstd in it. */
+function notice() {
+  const folder = here('node_modules/zstddec/');
+  const zstd = /\/\*\*\n\* BSD License\n[^]*?\*\//.exec(readFileSync(`${folder}dist/zstddec.mjs`, 'utf8'));
+  if (!zstd) throw new Error('zstddec does not say the licence of zstd where build.mjs knows it');
+  const plain = zstd[0].replace(/^\/\*\*\n|\*\/$/g, '').replace(/^\* ?/gm, '');
+  const own = readFileSync(`${folder}${readdirSync(folder).find((name) => /^LICEN[CS]E/.test(name))}`, 'utf8');
+  return `worker.js, zstd.wasm and inline.js contain zstddec, and zstd.\n\nzstddec\n\n${own}\nzstd\n\n${plain}`;
+}

@@ -12,11 +12,20 @@ export interface CameraPlace {
   toWorld: number[]; // 3 x 4, row-major
 }
 
+/** Where the two WebAssembly modules are, or their bytes. */
+export interface Wasm {
+  tiles: string | ArrayBuffer;
+  zstd: string | ArrayBuffer;
+}
+
+/** Why no more attempts are made. failed: this page cannot go on, as without its WebAssembly. */
+export type End = 'forbidden' | 'refused' | 'failed';
+
 export type ToWorker =
   | { kind: 'token'; token: string } // 64 hexadecimal digits; before connect, or in answer to 'token'
   | { kind: 'dim'; lamp: number; factor: number }
   // draws: suns, points and spots of the server's; clusters: and small emissive meshes
-  | { kind: 'connect'; url: string; draws: boolean; clusters: boolean }
+  | { kind: 'connect'; url: string; draws: boolean; clusters: boolean; wasm?: Wasm }
   | { kind: 'interest'; ids: Uint32Array<ArrayBuffer> }
   | { kind: 'taken'; count: number }
   | { kind: 'pause'; paused: boolean }
@@ -25,8 +34,8 @@ export type ToWorker =
   | { kind: 'tiles' }; // all light is to come in tiles from now on: a new scene follows
 
 export type FromWorker =
-  // what a person should know; '': all is well. final: no more attempts
-  | { kind: 'state'; text: string; final: boolean }
+  // what a person should know; '': all is well. final: no more attempts, and why
+  | { kind: 'state'; text: string; final: boolean; end?: End }
   | { kind: 'token' } // the server wants one, or another one; `state` says so
   | { kind: 'lamps'; names: string[] } // that this client may change
   | { kind: 'progress'; fraction: number }

@@ -42,6 +42,11 @@ interface Exports {
 const PAYLOAD_MAX = 1 << 18;
 const TEXELS_MAX = 64 * 64;
 
+/** Gives the bytes of zstd.wasm, before the first Tiles.create(). build.mjs takes them out of zstddec. */
+export function zstdFrom(load: () => Promise<ArrayBuffer>): void {
+  (ZSTDDecoder as unknown as { load: typeof load }).load = load;
+}
+
 /** What deltas of a tile build on: a place in the module's memory. */
 export type Coefficients = number;
 

@@ -2,15 +2,19 @@
 import { ClosedError, DrawsTooMuch, nothingKept, Session, type SessionHost } from './session.ts';
 import { findBody } from './body.ts';
 import { Clusters, fitsMaps } from './clusters.ts';
-import { LimitError, ProtocolError, TokenError } from './failure.ts';
+import { ProtocolError, TokenError } from './failure.ts';
 import { buffersOf, buildGeometry } from './geometry.ts';
 import { changesOf, type Lamp, lampsOf } from './lamps.ts';
 import { nodeToWorld } from './pose.ts';
-import type { CameraPlace, FromWorker, ToWorker } from './protocol.ts';
+import { askWhy } from './refusal.ts';
+import type { CameraPlace, End, FromWorker, ToWorker, Wasm } from './protocol.ts';
 import type { Replica } from './replica.ts';
 import { Store } from './store.ts';
-import { Tiles } from './tiles.ts';
+import { Tiles, zstdFrom } from './tiles.ts';
 import { Feature } from './wire.ts';
+
+/** Of lightwell-three, which has room for more help than the page (build.mjs). */
+declare const FOR_THREE: boolean;
 
 const TICK_MS = 50;
 const SLICE_MS = 8; // of decoding, before other events have their turn
@@ -89,6 +93,13 @@ class Link {
     };
     socket.onclose = () => {
       if (socket !== this.socket) return;
+      // it has not opened: nobody listens, or the server does not let this page in
+      if (FOR_THREE && !this.session)
+        return void askWhy(this.url).then(({ forbidden, text }) => {
+          if (socket !== this.socket) return;
+          if (forbidden) this.end(`${this.url}: ${text}`, 'forbidden');
+          else this.reconnect(`${this.url}: ${text}`);
+        });
       // what has come is still to be read: a refusal may be the last message
       void this.pump().then(() => {
         if (socket === this.socket) this.reconnect(`${this.url} does not answer`);
@@ -220,10 +231,11 @@ class Link {
       post({ kind: 'state', text, final: false });
       post({ kind: 'token' });
     } else if (error instanceof ClosedError) this.reconnect(text, error.retryAfterMs);
-    else if (error instanceof ProtocolError || error instanceof LimitError) this.end(text);
+    else if (error instanceof ProtocolError) this.end(text);
     else
       this.end(
         error instanceof RangeError ? `${this.url}: this page has no memory left for the scene` : text,
+        FOR_THREE ? 'failed' : undefined,
       );
   }
 
@@ -235,10 +247,10 @@ class Link {
     socket?.close();
   }
 
-  private end(text: string): void {
+  private end(text: string, end?: End): void {
     this.drop();
     this.over = true;
-    post({ kind: 'state', text, final: true });
+    post({ kind: 'state', text, final: true, ...(FOR_THREE && { end }) });
   }
 
   private reconnect(text: string, toldMs = 0): void {
@@ -287,11 +299,26 @@ class Link {
 
 let link: Promise<Link> | null = null;
 
-async function open(url: string, draws: boolean, clusters: boolean): Promise<Link> {
-  const response = await fetch('lightwell_tiles.wasm');
-  if (!response.ok) throw new Error(`lightwell_tiles.wasm: ${response.status} ${response.statusText}`);
+const WASM_MAGIC = 0x0061736d;
+
+const beside: Wasm = { tiles: 'lightwell_tiles.wasm', zstd: 'zstd.wasm' };
+
+/** A module's bytes. A bundler that does not know a file, or a server that answers all addresses with its
+ * page, gives text. */
+async function bytesOf(from: string | ArrayBuffer): Promise<ArrayBuffer> {
+  if (FOR_THREE && typeof from !== 'string') return from;
+  const response = await fetch(from as string);
+  if (!response.ok) throw new Error(`${from}: ${response.status}`);
+  const bytes = await response.arrayBuffer();
+  if (FOR_THREE && (bytes.byteLength < 8 || new DataView(bytes).getUint32(0) !== WASM_MAGIC))
+    throw new Error(`${from}: what is there is not WebAssembly`);
+  return bytes;
+}
+
+async function open(url: string, draws: boolean, clusters: boolean, wasm = beside): Promise<Link> {
+  zstdFrom(() => bytesOf(wasm.zstd));
   const [tiles, store] = await Promise.all([
-    response.arrayBuffer().then((bytes) => Tiles.create(bytes)),
+    bytesOf(wasm.tiles).then((bytes) => Tiles.create(bytes)),
     Store.open(),
   ]);
   return new Link(url, draws, clusters, tiles, store);
@@ -301,7 +328,7 @@ self.onmessage = (event: MessageEvent<ToWorker>) => {
   const message = event.data;
   if (message.kind === 'token') setToken(message.token);
   if (message.kind === 'connect') {
-    link = open(message.url, message.draws, message.clusters);
-    link.catch((error: Error) => post({ kind: 'state', text: error.message, final: true }));
+    link = open(message.url, message.draws, message.clusters, message.wasm);
+    link.catch((error: Error) => post({ kind: 'state', text: error.message, final: true, ...(FOR_THREE && { end: 'failed' }) }));
   } else void link?.then((it) => it.take(message));
 };

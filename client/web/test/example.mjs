@@ -7,10 +7,13 @@ const types = { '.html': 'text/html', '.js': 'text/javascript', '.wasm': 'applic
 const modules = new URL('../node_modules/', import.meta.url).pathname;
 const own = '/node_modules/lightwell-three/';
 
-/** packageFolder: lightwell-three as it is built or installed; scene: the file that is /scene.gltf. */
+/** packageFolder: lightwell-three as it is built or installed; scene: the file that is /scene.gltf. Below
+ * /three-170/ it is the same with node_modules/three-170 as three. */
 export function serveExample(packageFolder, scene) {
   const server = createServer((request, response) => {
-    const path = decodeURIComponent(new URL(request.url, 'http://x').pathname);
+    const asked = decodeURIComponent(new URL(request.url, 'http://x').pathname);
+    const [, three = 'three'] = /^\/(three-\d+)\//.exec(asked) ?? [];
+    const path = asked.replace(/^\/three-\d+/, '').replace('/node_modules/three/', `/node_modules/${three}/`);
     let file = join(packageFolder, path);
     if (path === '/scene.gltf') file = scene;
     else if (path.startsWith(own)) file = join(packageFolder, path.slice(own.length));

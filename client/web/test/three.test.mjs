@@ -15,6 +15,7 @@ import { withPage } from './shared.mjs';
 const WIDTH = 320;
 const HEIGHT = 180;
 const FRAMES = 8;
+const SAME = { difference: 2, flip: 0.02 }; // pictures of other versions and renderers, against the newest
 const missing =
   !hasDaemon() || !existsSync(join(bin, 'lightwell-view'))
     ? 'there is no lightwelld in build/release/bin'
@@ -51,6 +52,23 @@ function hook() {
 
 /** The page with all light of `frames` frames. */
 async function lit(page, daemon, frames) {
+  await until(page, 'all tiles of the view', () => {
+    if (!globalThis.example) return drawOne() && false;
+    const { light, camera, renderer } = example;
+    light.update(camera, renderer.domElement.height);
+    return light.listInterest(camera, renderer.domElement.height).every((id) => heard.tiles.has(id));
+  });
+  const last = daemon.frames(frames);
+  const settled = (frame) => {
+    const { light, camera, renderer } = example;
+    light.update(camera, renderer.domElement.height);
+    return heard.settled >= frame && !light.queue.length;
+  };
+  await until(page, 'the last tiles', settled, { given: last });
+}
+
+/** The first page of a server that is held before its first frame. */
+async function firstLight(page, daemon) {
   // a client of a kind of its own gets its light with the next frame
   await until(page, 'the scene', () => heard.scene);
   const says = () => document.getElementById('state').textContent;
@@ -66,64 +84,31 @@ async function lit(page, daemon, frames) {
   await until(page, 'its first picture', () => drawOne() && example);
   assert.equal(await page.evaluate(says), '');
   assert.equal(await page.evaluate(bar), true, 'it is hidden');
-  await until(page, 'all tiles of the view', () => {
-    const { light, camera, renderer } = example;
-    light.update(camera, renderer.domElement.height);
-    return light.listInterest(camera, renderer.domElement.height).every((id) => heard.tiles.has(id));
-  });
-  const last = daemon.frames(frames);
-  const settled = (frame) => {
-    const { light, camera, renderer } = example;
-    light.update(camera, renderer.domElement.height);
-    return heard.settled >= frame && !light.queue.length;
-  };
-  await until(page, 'the last tiles', settled, { given: last });
 }
 
-async function compareWithOurs(page, daemon, picture, { what, view, limits }) {
-  const three = await pixelsOf(page, picture);
+/** The CPU's picture of what the server holds. */
+function oursOf(page, daemon, what, view) {
   const camera = ['--camera', '1.5,1.7,2.2:-0.2,1,-1:60', '--exposure', '1', '--tonemap', 'none'];
-  const keepAs = pictureName('room', `${what}-cpu`);
-  const cpu = await reference(page, daemon, `${WIDTH}x${HEIGHT}`, [...camera, ...view], keepAs);
-  const name = pictureName('room', `${what}-three`);
-  if (name) writeFileSync(name, Buffer.from(picture.slice(picture.indexOf(',') + 1), 'base64'));
-  const { difference, flip } = compare(WIDTH, HEIGHT, cpu, three);
-  console.log(`${what}: mean difference ${difference}/255, FLIP ${flip}`);
-  assert.ok(difference <= limits.difference, `mean difference ${difference}/255`);
-  assert.ok(flip <= limits.flip, `FLIP ${flip}`);
+  return reference(page, daemon, `${WIDTH}x${HEIGHT}`, [...camera, ...view], pictureName('room', `${what}-cpu`));
 }
 
-/** The page's picture of a room against ours; returns the lamps that it draws, and the time. */
-async function show(lights, { given, what, daemon: more = [], view = [], limits }) {
+function compareWith(wanted, got, what, limits) {
+  const { difference, flip } = compare(WIDTH, HEIGHT, wanted, got);
+  console.log(`${what}: mean difference ${difference}/255, FLIP ${flip}`);
+  assert.ok(difference <= limits.difference, `${what}: mean difference ${difference}/255`);
+  assert.ok(flip <= limits.flip, `${what}: FLIP ${flip}`);
+}
+
+/** A scene's file, its web server, and a lightwelld that is held before its first frame. */
+async function serve(given, more, run) {
   const folder = mkdtempSync(join(tmpdir(), 'lightwell-three-'));
   const scene = join(folder, 'scene.gltf');
   writeFileSync(scene, room(given));
   const { origin, server } = await serveExample(packageFolder, scene);
   const light = ['--clock', 'manual', '--light', 'whole', '--codec', 'half', '--http-origin', origin];
   const daemon = await startDaemon(scene, ...light, ...more);
-  const look = async (page) => {
-    await page.addInitScript(hook);
-    const address = `ws://${new URL(daemon.url).host}/ws`;
-    const from = 'from=1.5,1.7,2.2&to=-0.2,1,-1&fov=60&exposure=1';
-    await page.goto(`${origin}/example.html?scene=scene.gltf&server=${address}&${from}&lights=${lights}`);
-    await lit(page, daemon, FRAMES);
-    const state = await page.evaluate(() => {
-      const { light, scene, camera, renderer } = example;
-      const lamps = [];
-      scene.traverse(
-        (node) => node.isLight && node.visible && lamps.push([node.type, ...node.position.toArray()]),
-      );
-      renderer.render(scene, camera);
-      const { timeS } = heard;
-      return { lamps, timeS, missing: light.missing, picture: renderer.domElement.toDataURL() };
-    });
-    assert.deepEqual(state.missing, []);
-    await compareWithOurs(page, daemon, state.picture, { what, view, limits });
-    await checkUploads(page, 'example.light', 'example.light.update(example.camera, 180)');
-    return state;
-  };
   try {
-    return await withPage({ width: WIDTH, height: HEIGHT }, look, { mayWarn: true });
+    return await run({ origin, daemon, address: `ws://${new URL(daemon.url).host}/ws` });
   } finally {
     await daemon.stop();
     server.close();
@@ -132,11 +117,88 @@ async function show(lights, { given, what, daemon: more = [], view = [], limits 
   }
 }
 
-const inLightmaps = 'three: all light in lightmaps, and what is unlit as its colour';
+/** WebGPU by SwiftShader. */
+const PAGE = { mayWarn: true, args: ['--enable-unsafe-webgpu', '--use-webgpu-adapter=swiftshader', '--enable-features=Vulkan', '--use-vulkan=swiftshader'] };
+const NEWEST = { three: 'three', renderer: 'webgl' };
+
+/** The page's picture of a room against ours; returns the lamps that it draws, and the time. All pages after
+ * the first, each of a version of three and a renderer, show what the first one does. */
+function show(lights, { given, what, daemon: more = [], view = [], limits, variants = [] }) {
+  return serve(given, more, async ({ origin, daemon, address }) => {
+    let first = null;
+    const look = async (page, { three, renderer }) => {
+      await page.addInitScript(hook);
+      const from = 'from=1.5,1.7,2.2&to=-0.2,1,-1&fov=60&exposure=1';
+      const place = `${origin}${three === 'three' ? '' : `/${three}`}/example.html?scene=scene.gltf`;
+      await page.goto(`${place}&server=${address}&${from}&lights=${lights}&renderer=${renderer}`);
+      if (!first) await firstLight(page, daemon);
+      await lit(page, daemon, first ? 0 : FRAMES);
+      const state = await page.evaluate(async () => {
+        const { light, scene, camera, renderer } = example;
+        const lamps = [];
+        scene.traverse(
+          (node) => node.isLight && node.visible && lamps.push([node.type, ...node.position.toArray()]),
+        );
+        renderer.render(scene, camera);
+        const { timeS } = heard;
+        return { lamps, timeS, missing: light.missing, picture: renderer.domElement.toDataURL() };
+      });
+      assert.deepEqual(state.missing, []);
+      if (renderer === 'webgpu') state.picture = await page.evaluate(readTarget);
+      const picture = await pixelsOf(page, state.picture);
+      const name = pictureName('room', `${what}-${three}-${renderer}`);
+      if (name) writeFileSync(name, Buffer.from(state.picture.slice(state.picture.indexOf(',') + 1), 'base64'));
+      if (first) compareWith(first.picture, picture, `${what}, ${three}, ${renderer}`, SAME);
+      else {
+        compareWith(await oursOf(page, daemon, what, view), picture, what, limits);
+        await checkUploads(page, 'example.light', 'example.light.update(example.camera, 180)');
+        first = { ...state, picture };
+      }
+    };
+    for (const variant of [NEWEST, ...variants])
+      await withPage({ width: WIDTH, height: HEIGHT }, (page) => look(page, variant), PAGE);
+    return first;
+  });
+}
+
+/** In the page: its picture by way of a render target, for a canvas of WebGPU by SwiftShader stays white. There
+ * three neither maps tones nor encodes sRGB. */
+async function readTarget() {
+  const { DataUtils, HalfFloatType, RenderTarget } = await import('three');
+  const { scene, camera, renderer } = example;
+  const { width, height } = renderer.domElement;
+  const target = new RenderTarget(width, height, { type: HalfFloatType, samples: 4 });
+  renderer.setRenderTarget(target);
+  renderer.render(scene, camera);
+  const linear = await renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height);
+  renderer.setRenderTarget(null);
+  target.dispose();
+  const encode = (x) => (x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055);
+  const stride = linear.length / height;
+  const image = new ImageData(width, height);
+  for (let at = 0; at < image.data.length; at++) {
+    const [row, inRow] = [Math.floor(at / (4 * width)), at % (4 * width)];
+    const value = Math.min(renderer.toneMappingExposure * DataUtils.fromHalfFloat(linear[row * stride + inRow]), 1);
+    image.data[at] = at % 4 === 3 ? 255 : Math.round(255 * encode(value));
+  }
+  const canvas = document.createElement('canvas');
+  Object.assign(canvas, { width, height });
+  canvas.getContext('2d').putImageData(image, 0, 0);
+  return canvas.toDataURL();
+}
+
+const inLightmaps = 'three: all light in lightmaps, and what is unlit as its colour; other versions, other renderers';
 test(inLightmaps, { skip: missing || false }, async () => {
   const limits = { difference: 2, flip: 0.03 };
   const given = { unlit: true };
-  const { lamps } = await show('tiles', { given, what: 'tiles', view: ['--direct', 'tiles'], limits });
+  const variants = [
+    { three: 'three-160', renderer: 'webgl' },
+    { three: 'three-170', renderer: 'webgl' },
+    { three: 'three', renderer: 'nodes' },
+    { three: 'three', renderer: 'webgpu' },
+  ];
+  const view = ['--direct', 'tiles'];
+  const { lamps } = await show('tiles', { given, what: 'tiles', view, limits, variants });
   assert.deepEqual(lamps, []);
 });
 

@@ -2,42 +2,102 @@
 //
 //     const light = await Lightwell.attach(scene, 'wss://host/ws');
 //     ... before each picture: light.update(camera, renderer.domElement.height);
+//     light.dispose();
 //
-// Light arrives as lightMap, of every object by itself; suns, points and spots that the server leaves to
-// clients are three's own, with shadows. An original glTF has no coordinates for it, and other vertices, so
-// that attach() replaces geometry, by the names of nodes, and clones materials.
+// Light arrives as lightMap, of every object by itself (lightmaps.ts); suns, points and spots that the server
+// leaves to clients are three's own, with shadows. attach() puts the server's meshes in the place of the loaded
+// ones (swap.ts), and dispose() puts those back. Objects of the client's alone get light by rays (gather.ts).
 import * as THREE from 'three';
 
+import { serverAddress } from '../src/address.ts';
 import { AtlasMap } from '../src/atlas.ts';
-import { MATERIAL_TEXELS, type MeshShape, type SceneData } from '../src/geometry.ts';
+import type { SceneData } from '../src/geometry.ts';
 import { LightKind } from '../src/package.ts';
 import type { FromWorker, ToWorker } from '../src/protocol.ts';
 import type { TileBatch } from '../src/replica.ts';
-import { waitingText } from '../src/waiting.ts';
+import { READY, waitingText } from '../src/waiting.ts';
 import { INTEREST_MAX, type Frame } from '../src/wire.ts';
+import { Follower } from './follow.ts';
+import { Gather } from './gather.ts';
+import { type AnyRenderer, takeTile, upload } from './lightmaps.ts';
+import { startWorker } from './start.ts';
+import { Changes, hideLights, type Placed, placeObjects } from './swap.ts';
 
-/** UV channel of the lightmap: 'uv2', since a glTF uses up to two. */
-const CHANNEL = 2;
 const UPLOAD_MS = 3;
 const INTEREST_MS = 200;
-const NEVER = 255; // a level that no texel has
+const TIMEOUT_MS = 10_000;
+const SUN_SHADOW = 2048;
+const POINT_SHADOW = 512; // of each of six sides
+const SHADOW_MAX = 16384;
 
 export interface AttachOptions {
   /** Draw the server's suns, points and spots as three's own lights with shadows, where it lets clients do
    * so, and emissive surfaces are not among them. Default true. */
   keyLights?: boolean;
-  /** Side of their shadow maps, texels. Default 2048. */
+  /** Side of their shadow maps, texels. Default 2048, and 512 for each of the six sides of a point light. */
   shadowMapSize?: number;
-  /** worker.js of this package. Default: beside this file. */
-  worker?: string | URL;
+  /** Folder that holds worker.js, lightwell_tiles.wasm and zstd.wasm of this package, for a bundler that does
+   * not find them. Default: beside lightwell.js. lightwell-three/inline needs none. */
+  assets?: string | URL;
   /** For a server that wants one: 64 hexadecimal digits. */
   token?: string;
-  /** What a person should know: the link is lost, comes back, or why there is no light yet ("Looking inside
-   * objects: 42 %"); '' for all is well. */
-  onState?: (text: string) => void;
-  /** The same wait in numbers, for a bar of your own: a few times a second at most, from the scene's request
-   * to the first light, the last time with 'ready'. Never, if there is light already. */
+  /** The longest silence of the server before its scene is here, ms; Infinity: no limit. The first light may
+   * take longer: `signal` ends that wait. Default 10,000. */
+  timeoutMs?: number;
+  /** Ends the wait for the first light: attach() rejects with its reason. Later it has no effect. */
+  signal?: AbortSignal;
+  /** Called when the state or its text changes, and only then. text: what a person should know, one line
+   * ("Looking inside objects: 42 %"); '': nothing. */
+  onState?: (state: LightwellState, text: string) => void;
+  /** The wait for the first light in numbers, for a bar of your own: a few times a second at most, from the
+   * scene's request to the first light, the last time with 'ready'. Never, if there is light already. */
   onWaiting?: (waiting: LightwellWaiting) => void;
+}
+
+/** What becomes of the light.
+ *
+ * connecting  there is no connection yet; it is tried again
+ * receiving   the scene is on its way
+ * lighting    the scene is here, and no light yet
+ * live        light is here, and follows the server
+ * lost        light is here, and the connection is gone; it is tried again
+ * forbidden   the server does not let this page in, or wants a token; final
+ * refused     this server and this page cannot work together; final */
+export type LightwellState =
+  | 'connecting'
+  | 'receiving'
+  | 'lighting'
+  | 'live'
+  | 'lost'
+  | 'forbidden'
+  | 'refused';
+
+/** Why attach(), sample() or follow() failed.
+ *
+ * option     an argument is wrong; the message names it
+ * timeout    the server has been silent for timeoutMs: it is down, or the address is wrong
+ * forbidden  the server does not let this page in (--http-origin, --http-host), or wants a token
+ * refused    this server and this page cannot work together
+ * attached   the scene, or a part of it, has a Lightwell already
+ * failed     this page cannot go on: its worker, its WebAssembly, its memory
+ * disposed   dispose() was called before the first light */
+export type LightwellErrorCode =
+  | 'option'
+  | 'timeout'
+  | 'forbidden'
+  | 'refused'
+  | 'attached'
+  | 'failed'
+  | 'disposed';
+
+export class LightwellError extends Error {
+  constructor(
+    readonly code: LightwellErrorCode,
+    message: string,
+  ) {
+    super(message);
+    this.name = 'LightwellError';
+  }
 }
 
 /** What a server does before its first light. */
@@ -57,64 +117,126 @@ const STAGES: LightwellWaiting['stage'][] = [
   'ready',
 ];
 
-/** A lightmap: level 0 of an object's atlas, in which coarser tiles stand in for finer ones. */
-interface Lightmap {
-  texture: THREE.DataTexture;
-  texels: Uint32Array;
-  level: Uint8Array; // by texel: of the tile that it is from, NEVER: none
-  width: number;
-  height: number;
-}
+const fail = (what: string): never => {
+  throw new LightwellError('option', what);
+};
 
-interface Placed {
-  mesh: THREE.Mesh;
-  lightmap: Lightmap | null;
-  sphere: THREE.Sphere; // object space
-  texels: number; // of level 0 to a unit of length
+/** Scenes that have light, and from where. */
+const attached = new WeakMap<THREE.Object3D, string>();
+
+function checkGiven(scene: THREE.Object3D, url: string, options: AttachOptions): void {
+  if (!(scene as Partial<THREE.Object3D> | null)?.isObject3D) fail('scene: it is not a THREE.Object3D');
+  if (typeof url !== 'string' || !/^wss?:\/\/[^/]+/.test(url))
+    fail(`url: ${String(url)}: it is not ws://HOST:PORT/ws or wss://HOST:PORT/ws`);
+  const address = serverAddress(new URL(location.href), url);
+  if ('problem' in address) fail(`url: ${address.problem}`);
+  const { shadowMapSize: side, timeoutMs, token } = options;
+  if (side !== undefined && !(Number.isInteger(side) && side > 0 && side <= SHADOW_MAX))
+    fail(`shadowMapSize: ${side}: it is not a whole number from 1 to ${SHADOW_MAX}`);
+  if (timeoutMs !== undefined && !(timeoutMs > 0)) fail(`timeoutMs: ${timeoutMs}: it is not a time above 0`);
+  if (token !== undefined && !/^([0-9a-f]{64})?$/i.test(token))
+    fail('token: it is not 64 hexadecimal digits');
+  const check = (node: THREE.Object3D) => {
+    const by = attached.get(node);
+    if (by !== undefined)
+      throw new LightwellError('attached', `scene: it has light from ${by} already; dispose() that first`);
+  };
+  scene.traverse(check);
+  scene.traverseAncestors(check);
 }
 
 export class Lightwell {
   private readonly worker: Worker;
-  private readonly placed: (Placed | null)[] = []; // by object
-  private readonly lights: (THREE.Light | null)[] = []; // by light
+  private readonly endWorker: () => void;
+  private placed: (Placed | null)[] = []; // by object
+  private lights: (THREE.Light | null)[] = []; // by light
+  private changes = new Changes(); // of the scene
   private map: AtlasMap | null = null;
+  private gather: Gather | null = null;
+  private readonly follower = new Follower();
   private queue: { batch: TileBatch; at: number; texel: number }[] = [];
   private interestMs = 0;
   private solveMs = 0;
   private frameMs = 0;
-  private renderer: THREE.WebGLRenderer | null = null; // once it has drawn one of the meshes
-  private ready: (() => void) | null = null;
-  private failed: ((error: Error) => void) | null = null;
-  /** Number of the server's newest frame that has come. */
-  frame = 0;
+  private heardMs = performance.now();
+  private heardBytes = 0;
+  private limit: ReturnType<typeof setTimeout> | undefined;
+  private renderer: AnyRenderer | null = null; // once it has drawn one of the meshes
+  private settle: { resolve(): void; reject(reason: unknown): void } | null = null;
+  private readonly onAbort = () => this.giveUp(this.options.signal!.reason);
+  private wait = waitingText(null); // for the first light, in words
+  private over = false; // no more from the server
+  private disposed = false;
+  private told = { state: 'connecting' as LightwellState, text: '' };
+  private frameNumber = 0;
   /** Names of nodes of the server's scene that the three.js scene does not have. */
   readonly missing: string[] = [];
 
   private constructor(
     private readonly root: THREE.Object3D,
-    url: string,
+    private readonly url: string,
     private readonly options: AttachOptions,
   ) {
-    this.worker = new Worker(options.worker ?? new URL('./worker.js', import.meta.url), { type: 'module' });
-    this.worker.onmessage = (event: MessageEvent<FromWorker>) => this.take(event.data);
-    this.worker.onerror = (event) =>
-      this.failed?.(new Error(`worker.js: ${event.message || 'it does not load'}`));
+    const { worker, wasm, end } = startWorker(options.assets);
+    this.worker = worker;
+    this.endWorker = end;
+    worker.onmessage = (event: MessageEvent<FromWorker>) => this.take(event.data);
+    worker.onerror = (event) => {
+      event.preventDefault?.();
+      const why = event.message || 'it does not load; see Bundlers in the README of lightwell-three';
+      this.stop(new LightwellError('failed', `worker.js: ${why}`));
+    };
+    attached.set(root, url);
     if (options.token) this.tell({ kind: 'token', token: options.token });
-    this.tell({ kind: 'connect', url, draws: options.keyLights ?? true, clusters: false });
+    this.tell({ kind: 'connect', url, draws: options.keyLights ?? true, clusters: false, wasm });
+    this.watch();
   }
 
-  /** Resolves once the scene has its first light. Rejects with one line if the server cannot be used. */
+  /** Resolves once the scene has its first light.
+   *
+   * scene    what GLTFLoader has loaded from the file that the server lights; its meshes are replaced until
+   *          dispose()
+   * url      ws://HOST:PORT/ws or wss://HOST:PORT/ws
+   * Errors   a LightwellError whose `code` says what it is, in one line; the reason of `options.signal` */
   static attach(scene: THREE.Object3D, url: string, options: AttachOptions = {}): Promise<Lightwell> {
     return new Promise((resolve, reject) => {
+      options.signal?.throwIfAborted();
+      checkGiven(scene, url, options);
       const light: Lightwell = new Lightwell(scene, url, options);
-      light.ready = () => resolve(light);
-      light.failed = reject;
+      light.settle = { resolve: () => resolve(light), reject };
+      options.signal?.addEventListener('abort', light.onAbort);
     });
   }
 
-  /** Ends the session; what is there stays. */
+  /** Number of the server's newest frame that has come. */
+  get frame(): number {
+    return this.frameNumber;
+  }
+
+  /** What becomes of the light; onState tells each change. */
+  get state(): LightwellState {
+    return this.told.state;
+  }
+
+  /** Ends the session. What is there stays, until dispose(). */
   detach(): void {
+    if (this.over) return;
+    this.over = true;
     this.worker.terminate();
+    this.endWorker();
+    clearTimeout(this.limit);
+    this.options.signal?.removeEventListener('abort', this.onAbort);
+  }
+
+  /** Ends the session, puts the scene back as it was before attach(), and frees all that came since: geometry,
+   * textures, shadow maps, the worker. What follow() has changed goes back, too. */
+  dispose(): void {
+    if (this.disposed) return;
+    if (this.settle) return this.giveUp(new LightwellError('disposed', 'dispose() came before the first light'));
+    this.disposed = true;
+    this.detach();
+    this.clear();
+    attached.delete(this.root);
   }
 
   /** How old the light is, in seconds. While nothing changes it grows, though the light is right. */
@@ -122,67 +244,166 @@ export class Lightwell {
     return (performance.now() - this.frameMs + this.solveMs) / 1000;
   }
 
+  /** Irradiance at a point on a surface, for objects of the client's alone: W/m^2 per linear-sRGB channel, by
+   * 128 rays to the nearest surfaces that the server lights. It does not contain what three's own lights give
+   * (keyLights), nor see small lamps that shine by their material well.
+   *
+   * point    world space
+   * normal   of the surface, world space; any length
+   * target   gets the result and is returned
+   * Errors   a LightwellError ('option'): a number that is not finite, a normal without a direction. Before the
+   *          first light and after dispose() the result is 0. */
+  sample(point: THREE.Vector3, normal: THREE.Vector3, target: THREE.Color = new THREE.Color()): THREE.Color {
+    const numbers = [...point.toArray(), ...normal.toArray()];
+    if (!numbers.every(Number.isFinite)) fail('sample: point or normal is not finite');
+    if (!normal.lengthSq()) fail('sample: normal has no direction');
+    const e = this.gather?.irradiance(point, normal.clone().normalize()) ?? [0, 0, 0];
+    [target.r, target.g, target.b] = [e[0]!, e[1]!, e[2]!];
+    return target;
+  }
+
+  /** Keeps a light probe for an object of the client's alone, which lights this object and what is below it, and
+   * nothing else: nine coefficients of spherical harmonics at its centre, by 256 rays, renewed by update() as it
+   * moves and the light changes. Materials are copied meanwhile.
+   *
+   * Returns a function that ends it. dispose() does, too.
+   * Errors   a LightwellError ('option'): no Object3D, or one that the server lights */
+  follow(object: THREE.Object3D): () => void {
+    if (!(object as Partial<THREE.Object3D> | null)?.isObject3D) fail('follow: it is not a THREE.Object3D');
+    if (this.disposed) fail('follow: dispose() has been called');
+    const lit = new Set<THREE.Object3D>();
+    for (const placed of this.placed) if (placed) lit.add(placed.mesh);
+    if (lit.has(object)) fail(`follow: the server lights "${object.name}" itself`);
+    return this.follower.add(object, lit, this.gather);
+  }
+
   private tell(message: ToWorker): void {
-    this.worker.postMessage(message);
+    if (!this.over) this.worker.postMessage(message);
+  }
+
+  private say(state: LightwellState, text = ''): void {
+    if (this.over || (this.told.state === state && this.told.text === text)) return;
+    this.told = { state, text };
+    this.options.onState?.(state, text);
+  }
+
+  /** The server must be heard of before its scene is here. */
+  private watch(): void {
+    const limitMs = this.options.timeoutMs ?? TIMEOUT_MS;
+    if (!Number.isFinite(limitMs)) return;
+    const leftMs = this.heardMs + limitMs - performance.now();
+    if (this.settle && !this.isWaitingForServer()) this.heardMs = performance.now();
+    else if (leftMs <= 0) {
+      const why = this.told.text ? `: ${this.told.text.replace('; trying again', '')}` : '';
+      return this.stop(
+        new LightwellError('timeout', `${this.url}: no answer in ${limitMs / 1000} s${unprefixed(why, this.url)}`),
+      );
+    }
+    clearTimeout(this.limit);
+    this.limit = setTimeout(() => this.watch(), Math.min(Math.max(leftMs, 50), 2 ** 31 - 1));
+  }
+
+  private isWaitingForServer(): boolean {
+    return this.told.state === 'connecting' || this.told.state === 'receiving';
+  }
+
+  /** No more comes. Before the first light attach() rejects. */
+  private stop(error: LightwellError): void {
+    const { code, message } = error;
+    if (code === 'forbidden' || code === 'refused') this.say(code, message);
+    else if (!this.settle) this.say('lost', message);
+    if (this.settle) this.giveUp(error);
+    else this.detach();
+  }
+
+  private giveUp(reason: unknown): void {
+    const { settle } = this;
+    this.settle = null;
+    this.dispose();
+    settle?.reject(reason);
   }
 
   private take(message: FromWorker): void {
-    if (message.kind === 'token') this.failed?.(new Error('the server wants a token, or not this one'));
-    else if (message.kind === 'state') {
-      if (message.final) this.failed?.(new Error(message.text));
-      this.options.onState?.(message.text);
-    } else if (message.kind === 'waiting') {
+    if (this.over) return;
+    if (message.kind !== 'traffic' || message.bytes !== this.heardBytes) {
+      if (message.kind === 'traffic') this.heardBytes = message.bytes;
+      if (message.kind !== 'state' || !message.text) this.heardMs = performance.now();
+    }
+    if (message.kind === 'token') this.stop(new LightwellError('forbidden', this.forbidden()));
+    else if (message.kind === 'state') this.takeState(message);
+    else if (message.kind === 'progress')
+      this.say('receiving', `Receiving the scene: ${Math.round(100 * message.fraction)} %`);
+    else if (message.kind === 'waiting') {
       const { stage, share } = message.waiting;
       this.options.onWaiting?.({ stage: STAGES[stage] ?? 'other', share });
-      this.options.onState?.(waitingText(message.waiting));
+      this.wait = waitingText(message.waiting);
+      // it may come before the scene
+      if (this.told.state === 'lighting' && stage !== READY) this.say('lighting', this.wait);
     } else if (message.kind === 'scene') this.takeScene(message.data, message.draws, message.clientLights);
     else if (message.kind === 'frame') this.takeFrame(message.frame, message.visible);
     else if (message.kind === 'tiles') {
       if (message.visible) this.setVisible(message.visible);
       this.queue.push({ batch: message.batch, at: 0, texel: 0 });
-      if (!message.first || !this.ready) return;
+      if (!message.first || !this.settle) return;
       while (this.queue.length) this.takeTiles(Infinity);
-      this.ready();
-      this.ready = null;
+      clearTimeout(this.limit);
+      this.options.signal?.removeEventListener('abort', this.onAbort);
+      const { settle } = this;
+      this.settle = null;
+      this.say('live');
+      settle.resolve();
     }
+  }
+
+  private forbidden(): string {
+    return `${this.url}: the server wants a token${this.options.token ? ', and not this one' : ''}`;
+  }
+
+  private takeState({ text, final, end }: Extract<FromWorker, { kind: 'state' }>): void {
+    if (final) return this.stop(new LightwellError(end ?? 'refused', text));
+    if (!text) {
+      if (!this.settle) this.say('live');
+      return;
+    }
+    this.say(this.settle ? 'connecting' : 'lost', text);
   }
 
   // ---- the scene ----
 
+  /** A server that was started again may light another one. */
   private takeScene(data: SceneData, draws: boolean, clientLights: Uint8Array): void {
+    this.clear();
     this.map = new AtlasMap(data.meshes, data.objectMesh);
-    this.queue = [];
-    const nodes = new Map<string, THREE.Object3D>();
-    this.root.traverse((node) => {
-      // GLTFLoader changes some names, and keeps the file's here
-      const name = (node.userData.name as string | undefined) ?? node.name;
-      if (name && !nodes.has(name)) nodes.set(name, node);
-    });
-    const names = new Set(data.objectName);
-    const geometries = new Map<number, THREE.BufferGeometry>();
-    data.objectMesh.forEach((index, object) => {
-      this.placed[object] = null;
-      const node = nodes.get(data.objectName[object]!);
-      if (!node) return void this.missing.push(data.objectName[object]!);
-      const shape = data.meshes[index]!;
-      if (!geometries.has(index)) geometries.set(index, geometryOf(data, shape));
-      const placed = place(node, geometries.get(index)!, data, shape, names);
-      this.placed[object] = placed;
-      const before = placed.mesh.onBeforeRender;
-      placed.mesh.onBeforeRender = (renderer, ...rest) => {
-        this.renderer = renderer;
-        before.call(placed.mesh, renderer, ...rest);
-      };
-    });
+    this.placed = placeObjects(data, this.root, this.changes, this.missing);
+    for (const placed of this.placed) {
+      if (!placed) continue;
+      const { mesh } = placed;
+      const before = mesh.onBeforeRender;
+      this.changes.set(mesh, {
+        onBeforeRender: (renderer, ...rest) => {
+          this.renderer = renderer;
+          before.call(mesh, renderer, ...rest);
+        },
+      });
+    }
+    hideLights(data, this.root, this.changes);
     this.placeLights(data, draws, clientLights);
+    this.gather = new Gather(data, this.root, this.placed, (light) => !!this.lights[light]);
+    if (this.settle) this.say('lighting', this.wait);
   }
 
-  /** Lights of the file are in the tiles, or else the server's. */
+  /** The scene as it was before. */
+  private clear(): void {
+    if (this.disposed) this.follower.restore();
+    this.changes.restore();
+    this.placed = [];
+    this.lights = [];
+    this.queue = [];
+    this.missing.length = 0;
+    this.map = this.gather = this.renderer = null;
+  }
+
   private placeLights(data: SceneData, draws: boolean, clientLights: Uint8Array): void {
-    this.root.traverse((node) => {
-      const light = node as Partial<THREE.DirectionalLight & THREE.PointLight & THREE.SpotLight>;
-      if (light.isDirectionalLight || light.isPointLight || light.isSpotLight) node.visible = false;
-    });
     data.lights.forEach((from, i) => {
       this.lights[i] = null;
       if (!draws || !((clientLights[i >> 3]! >> (i & 7)) & 1)) return;
@@ -194,43 +415,33 @@ export class Lightwell {
             : new THREE.PointLight(0, 0, 0, 2);
       light.name = from.name;
       light.castShadow = true;
-      light.shadow!.mapSize.setScalar(this.options.shadowMapSize ?? 2048);
+      const side = this.options.shadowMapSize ?? (from.kind === LightKind.POINT ? POINT_SHADOW : SUN_SHADOW);
+      light.shadow!.mapSize.setScalar(side);
       light.shadow!.bias = -0.0005;
       light.shadow!.normalBias = 0.02;
       this.root.add(light);
-      if ('target' in light) this.root.add(light.target);
+      const target = 'target' in light ? light.target : null;
+      if (target) this.root.add(target);
+      this.changes.add(() => {
+        light.removeFromParent();
+        target?.removeFromParent();
+        light.dispose();
+      });
       this.lights[i] = light;
     });
   }
 
   private takeFrame(frame: Frame, visible: Uint8Array | null): void {
     this.frameMs = performance.now();
-    this.frame = Number(frame.frame);
+    this.frameNumber = Number(frame.frame);
     this.solveMs = frame.solveNs / 1e6;
     this.root.updateWorldMatrix(true, false);
     const rows = new THREE.Matrix4();
     frame.object.forEach((object, i) => {
       const placed = this.placed[object];
       if (!placed) return;
-      const m = frame.transform.subarray(12 * i, 12 * i + 12) as unknown as number[];
-      rows.set(
-        m[0]!,
-        m[1]!,
-        m[2]!,
-        m[3]!,
-        m[4]!,
-        m[5]!,
-        m[6]!,
-        m[7]!,
-        m[8]!,
-        m[9]!,
-        m[10]!,
-        m[11]!,
-        0,
-        0,
-        0,
-        1,
-      );
+      // 3 x 4, row-major
+      rows.fromArray([...frame.transform.subarray(12 * i, 12 * i + 12), 0, 0, 0, 1]).transpose();
       const { mesh } = placed;
       // the server's world is the scene's space
       mesh.parent!.updateWorldMatrix(true, false);
@@ -241,14 +452,16 @@ export class Lightwell {
     frame.light.forEach((index, i) => this.moveLight(index, frame, i));
     frame.material.forEach((material, i) => {
       for (const placed of this.placed)
-        for (const each of placed ? materialsOf(placed.mesh) : []) {
-          if (each.userData.lightwellMaterial !== material) continue;
-          const standard = each as THREE.MeshStandardMaterial;
+        for (const each of placed?.materials ?? []) {
+          if (each.index !== material) continue;
+          const standard = each.material as THREE.MeshStandardMaterial;
           standard.color?.fromArray(frame.baseColour, 3 * i);
           standard.emissive?.fromArray(frame.emission, 3 * i);
           standard.emissiveIntensity = 1;
         }
     });
+    this.gather?.takeFrame(frame);
+    this.follower.lightChanged();
     if (visible) this.setVisible(visible);
   }
 
@@ -280,15 +493,20 @@ export class Lightwell {
     this.placed.forEach((placed, object) => {
       if (placed) placed.mesh.visible = visible[object] === 1;
     });
+    this.gather?.forget();
   }
 
   // ---- light ----
 
-  /** Takes over light that has come, for 3 ms at most, and says what the camera sees. To be called once a
-   * picture. height: of the picture, pixels. A page that never calls it gets no light after the first. */
+  /** Takes over light that has come, for 3 ms at most, renews one followed object, and says what the camera
+   * sees. To be called once a picture. A page that never calls it gets no light after the first.
+   *
+   * camera   that the picture is drawn with
+   * height   of the picture, pixels */
   update(camera: THREE.Camera, height: number): void {
     const untilMs = performance.now() + UPLOAD_MS;
     while (this.queue.length && performance.now() < untilMs) this.takeTiles(untilMs);
+    if (this.gather) this.follower.update(this.gather);
     if (performance.now() - this.interestMs < INTEREST_MS || !this.map) return;
     this.interestMs = performance.now();
     this.tell({ kind: 'interest', ids: this.listInterest(camera, height) });
@@ -304,48 +522,14 @@ export class Lightwell {
       const lightmap = this.placed[place.object]?.lightmap;
       if (lightmap) {
         takeTile(lightmap, place, batch.texels.subarray(first.texel, first.texel + size));
-        this.upload(lightmap, place);
+        upload(lightmap, place, this.renderer);
       }
       first.texel += size;
       first.at++;
     } while (first.at < batch.id.length && performance.now() < untilMs);
     if (first.at === batch.id.length) this.queue.shift();
+    this.follower.lightChanged();
     this.tell({ kind: 'taken', count: first.at - from });
-  }
-
-  /** A texture that the GPU has gets the tile alone; one that it has not, all of it with the next picture. */
-  private upload(map: Lightmap, { level, x, y, width, height }: ReturnType<AtlasMap['place']>): void {
-    const { renderer } = this;
-    const kept = renderer?.properties.get(map.texture) as
-      { __webglTexture?: WebGLTexture; __version?: number } | undefined;
-    if (!renderer || !kept?.__webglTexture || kept.__version !== map.texture.version) {
-      map.texture.needsUpdate = true;
-      return;
-    }
-    const gl = renderer.getContext() as WebGL2RenderingContext;
-    const [left, top] = [x << level, y << level];
-    const [right, bottom] = [(x + width) << level, (y + height) << level];
-    renderer.state.bindTexture(gl.TEXTURE_2D, kept.__webglTexture);
-    gl.pixelStorei(gl.UNPACK_FLIP_Y_WEBGL, false);
-    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
-    const from = [
-      [gl.UNPACK_ROW_LENGTH, map.width],
-      [gl.UNPACK_SKIP_PIXELS, left],
-      [gl.UNPACK_SKIP_ROWS, top],
-    ] as const;
-    for (const [name, value] of from) gl.pixelStorei(name, value);
-    gl.texSubImage2D(
-      gl.TEXTURE_2D,
-      0,
-      left,
-      top,
-      Math.min(map.width, right) - left,
-      Math.min(map.height, bottom) - top,
-      gl.RGB,
-      gl.UNSIGNED_INT_5_9_9_9_REV,
-      map.texels,
-    );
-    for (const [name] of from) gl.pixelStorei(name, 0);
   }
 
   /** All tiles of objects in view, of the level whose texels are as large as pixels. */
@@ -378,152 +562,7 @@ export class Lightwell {
   }
 }
 
-/** Puts a tile into level 0, unless a finer one is there. */
-function takeTile(map: Lightmap, place: ReturnType<AtlasMap['place']>, texels: Uint32Array): void {
-  const { level, x, y, width, height } = place;
-  const right = Math.min(map.width, (x + width) << level);
-  const bottom = Math.min(map.height, (y + height) << level);
-  for (let row = y << level; row < bottom; row++) {
-    const from = ((row >> level) - y) * width - x;
-    for (let at = row * map.width + (x << level), column = x << level; column < right; column++, at++) {
-      if (map.level[at]! < level) continue;
-      map.level[at] = level;
-      map.texels[at] = texels[from + (column >> level)]!;
-    }
-  }
-}
-
-function materialsOf(mesh: THREE.Mesh): THREE.Material[] {
-  return Array.isArray(mesh.material) ? mesh.material : [mesh.material];
-}
-
-/** A mesh of the package. Double-sided triangles are there twice, as their backs have light of their own. */
-function geometryOf(data: SceneData, shape: MeshShape): THREE.BufferGeometry {
-  const { firstVertex, vertexCount, atlasWidth, atlasHeight, backOffset } = shape;
-  const sides = shape.groups.some((group) => group.doubleSided) ? 2 : 1;
-  const geometry = new THREE.BufferGeometry();
-  const put = (
-    name: string,
-    from: ArrayLike<number> | null,
-    width: number,
-    stride: number,
-    value?: (x: number, k: number, back: boolean) => number,
-  ) => {
-    if (!from) return;
-    const values = new Float32Array(width * vertexCount * sides);
-    for (let side = 0, at = 0; side < sides; side++)
-      for (let v = firstVertex; v < firstVertex + vertexCount; v++)
-        for (let k = 0; k < width; k++, at++) {
-          const x = from[stride * v + k]!;
-          values[at] = value ? value(x, k, side === 1) : x;
-        }
-    geometry.setAttribute(name, new THREE.BufferAttribute(values, width));
-  };
-  put('position', data.position, 3, 3);
-  put('normal', data.normal, 3, 4, (x, _, back) => (back ? -x : x) / 127);
-  put('uv', data.uv[0], 2, 2);
-  put('uv1', data.uv[1], 2, 2);
-  put('color', data.colour, 4, 4);
-  const sizes = [atlasWidth || 1, atlasHeight || 1];
-  put('uv2', data.lightmapUv, 2, 2, (x, k, back) => (x + (back && k === 1 ? backOffset : 0)) / sizes[k]!);
-  // by material, so that each has a group
-  const corners = new Map<number, number[]>();
-  for (const group of shape.groups)
-    for (let i = group.first; i < group.first + group.count; i += 3) {
-      const [a, b, c] = [0, 1, 2].map((k) => data.index[i + k]! - firstVertex) as [number, number, number];
-      const material = data.tag[firstVertex + a]! & 0xffff;
-      if (!corners.has(material)) corners.set(material, []);
-      corners.get(material)!.push(a, b, c);
-      if (group.doubleSided) corners.get(material)!.push(vertexCount + a, vertexCount + c, vertexCount + b);
-    }
-  const index: number[] = [];
-  const materials: number[] = [];
-  for (const [material, list] of corners) {
-    geometry.addGroup(index.length, list.length, materials.length);
-    materials.push(material);
-    for (const corner of list) index.push(corner);
-  }
-  geometry.setIndex(index);
-  geometry.userData.materials = materials;
-  return geometry;
-}
-
-function isUnlit(data: SceneData, material: number): boolean {
-  return data.materials[4 * MATERIAL_TEXELS * (material + 1) - 1] === 1;
-}
-
-/** Puts a mesh of the package in the place of a node's own. names: of all nodes with meshes. */
-function place(
-  node: THREE.Object3D,
-  geometry: THREE.BufferGeometry,
-  data: SceneData,
-  shape: MeshShape,
-  names: Set<string>,
-): Placed {
-  // a mesh of several primitives is a group of as many meshes
-  const isOwn = (child: THREE.Object3D) =>
-    (child as Partial<THREE.Mesh>).isMesh &&
-    !names.has((child.userData.name as string | undefined) ?? child.name);
-  const own = ((node as Partial<THREE.Mesh>).isMesh ? [node] : node.children.filter(isOwn)) as THREE.Mesh[];
-  const originals = own.flatMap(materialsOf);
-  const lightmap = lightmapOf(shape);
-  const materials = (geometry.userData.materials as number[]).map((index) => {
-    const name = data.materialName[index]!;
-    const original = originals.find((material) => material.name === name) ?? originals[0];
-    const unlit = isUnlit(data, index);
-    const none = unlit ? new THREE.MeshBasicMaterial() : new THREE.MeshStandardMaterial();
-    const material = (original ?? none).clone() as THREE.MeshStandardMaterial;
-    material.userData.lightwellMaterial = index;
-    material.lightMap = unlit ? null : (lightmap?.texture ?? null);
-    material.lightMapIntensity = data.lightUnit;
-    material.side = THREE.FrontSide; // backs are triangles of their own
-    material.vertexColors = !!data.colour;
-    return material;
-  });
-  const mesh = own[0] ?? new THREE.Mesh();
-  mesh.geometry = geometry;
-  mesh.material = materials.length === 1 ? materials[0]! : materials;
-  mesh.castShadow = mesh.receiveShadow = true;
-  for (const rest of own.slice(1)) rest.removeFromParent();
-  if (!own.length) node.add(mesh);
-  const sphere = new THREE.Sphere(new THREE.Vector3(...shape.centre), shape.radius);
-  return { mesh, lightmap, sphere, texels: density(data, shape) };
-}
-
-/** Texels of level 0 to a unit of length, in the mean. */
-function density(data: SceneData, shape: MeshShape): number {
-  let [area, texels] = [0, 0];
-  const [p, q, r] = [new THREE.Vector3(), new THREE.Vector3(), new THREE.Vector3()];
-  for (const group of shape.groups)
-    for (let i = group.first; i < group.first + group.count; i += 3) {
-      const [a, b, c] = [data.index[i]!, data.index[i + 1]!, data.index[i + 2]!];
-      p.fromArray(data.position, 3 * a);
-      q.fromArray(data.position, 3 * b).sub(p);
-      r.fromArray(data.position, 3 * c).sub(p);
-      area += q.cross(r).length();
-      const uv = data.lightmapUv;
-      const [u, v] = [uv[2 * a]!, uv[2 * a + 1]!];
-      texels += Math.abs((uv[2 * b]! - u) * (uv[2 * c + 1]! - v) - (uv[2 * b + 1]! - v) * (uv[2 * c]! - u));
-    }
-  return area > 0 ? Math.sqrt(texels / area) : 0;
-}
-
-function lightmapOf(shape: MeshShape): Lightmap | null {
-  const { atlasWidth: width, atlasHeight: height } = shape;
-  if (!width || !height) return null;
-  const texels = new Uint32Array(width * height);
-  const texture = new THREE.DataTexture(
-    texels as unknown as BufferSource,
-    width,
-    height,
-    THREE.RGBFormat,
-    THREE.UnsignedInt5999Type,
-  );
-  texture.internalFormat = 'RGB9_E5';
-  texture.magFilter = texture.minFilter = THREE.LinearFilter;
-  texture.generateMipmaps = false;
-  texture.flipY = false;
-  texture.colorSpace = THREE.NoColorSpace;
-  texture.channel = CHANNEL;
-  return { texture, texels, level: new Uint8Array(width * height).fill(NEVER), width, height };
+/** A sentence of the worker's names the address first. */
+function unprefixed(text: string, url: string): string {
+  return text.replace(`: ${url}: `, ': ');
 }
