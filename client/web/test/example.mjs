@@ -16,6 +16,7 @@ export function serveExample(packageFolder, scene) {
     const path = asked.replace(/^\/three-\d+/, '').replace('/node_modules/three/', `/node_modules/${three}/`);
     let file = join(packageFolder, path);
     if (path === '/scene.gltf') file = scene;
+    else if (path === '/test.html') file = new URL('three_page.html', import.meta.url).pathname;
     else if (path.startsWith(own)) file = join(packageFolder, path.slice(own.length));
     else if (path.startsWith('/node_modules/')) file = join(modules, path.slice('/node_modules/'.length));
     if (!existsSync(file)) return response.writeHead(404).end();

@@ -3,18 +3,21 @@
 // twice: so each probe belongs to copies of one object's materials (materials.ts).
 import * as THREE from 'three';
 
-import type { Gather } from './gather.ts';
+import { type Gather, RAYS } from './gather.ts';
 import { isLit, materialsOf, withServersLight } from './materials.ts';
 import { Changes } from './swap.ts';
 
 const MOVED = 0.02; // of the object's radius
+const RAYS_PER_UPDATE = 64;
 
 interface Followed {
   object: THREE.Object3D;
   probe: THREE.LightProbe; // in no scene
   changes: Changes;
-  at: THREE.Vector3; // where it was gathered
-  light: number; // that was gathered; -1: none
+  next: THREE.SphericalHarmonics3; // that is being gathered
+  at: THREE.Vector3; // where
+  light: number; // which; -1: none
+  ray: number; // the next one; RAYS: it is done
 }
 
 export class Follower {
@@ -48,9 +51,9 @@ export class Follower {
       const made = materialsOf(mesh).map(copyOf);
       changes.set(mesh, { material: Array.isArray(mesh.material) ? made : made[0]! });
     });
-    const followed = { object, probe, changes, at: new THREE.Vector3(), light: -1 };
+    const followed = { object, probe, changes, next: new THREE.SphericalHarmonics3(), at: new THREE.Vector3(), light: -1, ray: RAYS };
     this.followed.set(object, followed);
-    if (gather) this.renew(followed, gather);
+    if (gather) this.renew(followed, gather, RAYS);
     return stop;
   }
 
@@ -63,26 +66,36 @@ export class Follower {
     for (const object of [...this.followed.keys()]) this.remove(object);
   }
 
-  /** Renews one that has moved, or all of them in turn while light changes: one a call. */
+  /** Goes on with one that has moved, or with all of them in turn while light changes: 64 rays a call. */
   update(gather: Gather): void {
     const all = [...this.followed.values()];
     for (let i = 0; i < all.length; i++) {
-      this.turn = (this.turn + 1) % all.length;
-      if (this.renew(all[this.turn]!, gather)) return;
+      const at = (this.turn + i) % all.length;
+      if (!this.renew(all[at]!, gather, RAYS_PER_UPDATE)) continue;
+      this.turn = all[at]!.ray < RAYS ? at : (at + 1) % all.length;
+      return;
     }
   }
 
-  private renew(followed: Followed, gather: Gather): boolean {
-    const { object, probe, at } = followed;
-    const { center, radius } = new THREE.Box3()
-      .setFromObject(object)
-      .getBoundingSphere(new THREE.Sphere(new THREE.Vector3()));
-    if (radius < 0) object.getWorldPosition(center); // it has no mesh
-    const moved = center.distanceTo(at) > MOVED * Math.max(radius, 0);
-    if (followed.light === this.light && !moved) return false;
-    at.copy(center);
-    followed.light = this.light;
-    gather.project(center, probe.sh);
+  /** False: it is as it should be. */
+  private renew(followed: Followed, gather: Gather, rays: number): boolean {
+    const { object, probe, at, next } = followed;
+    if (followed.ray >= RAYS) {
+      const { center, radius } = new THREE.Box3()
+        .setFromObject(object)
+        .getBoundingSphere(new THREE.Sphere(new THREE.Vector3()));
+      if (radius < 0) object.getWorldPosition(center); // it has no mesh
+      const moved = center.distanceTo(at) > MOVED * Math.max(radius, 0);
+      if (followed.light === this.light && !moved) return false;
+      at.copy(center);
+      next.zero();
+      followed.light = this.light;
+      followed.ray = 0;
+    }
+    const end = Math.min(followed.ray + rays, RAYS);
+    gather.project(at, next, followed.ray, end);
+    followed.ray = end;
+    if (end === RAYS) probe.sh.copy(next);
     return true;
   }
 }

@@ -55,6 +55,10 @@ export class Gather {
   private inverse: THREE.Matrix4[] = [];
   private sky = new Float64Array(3);
   private readonly e = new Float64Array(3);
+  private readonly o = new THREE.Vector3(); // of a ray in an object's space, as the next three
+  private readonly d = new THREE.Vector3();
+  private readonly from = [0, 0, 0];
+  private readonly to = [0, 0, 0];
 
   /** drawn: whether three's own light stands for a light of the server's. */
   constructor(
@@ -133,14 +137,16 @@ export class Gather {
   private cast(origin: THREE.Vector3, direction: THREE.Vector3, far: number): Hit | null {
     const objects = (this.objects ??= this.placeObjects());
     let hit: Hit | null = null;
-    const [o, d] = [new THREE.Vector3(), new THREE.Vector3()];
-    objects.trace(origin.toArray(), direction.toArray(), far, (item, nearest) => {
+    const { o, d, from, to } = this;
+    origin.toArray(from);
+    direction.toArray(to);
+    objects.trace(from.slice(), to.slice(), far, (item, nearest) => {
       const placed = this.shown[item]!;
       const inverse = this.inverse[item]!;
-      o.copy(origin).applyMatrix4(inverse);
-      d.copy(direction).add(origin).applyMatrix4(inverse).sub(o); // as long as it was, in its own units
+      o.copy(origin).applyMatrix4(inverse).toArray(from);
+      // as long as it was, in the object's units
+      d.copy(direction).add(origin).applyMatrix4(inverse).sub(o).toArray(to);
       const { geometry } = placed.mesh;
-      const [from, to] = [o.toArray(), d.toArray()];
       return this.treeOf(geometry).trace(from, to, nearest, (triangle, before) => {
         const found = meet(geometry, triangle, from, to, before);
         if (!found) return before;
@@ -258,24 +264,26 @@ export class Gather {
     return out;
   }
 
-  /** Radiance from all around a point, as spherical harmonics of three's LightProbe. */
-  project(point: THREE.Vector3, sh: THREE.SphericalHarmonics3): void {
-    sh.zero();
+  /** Adds the radiance that comes to a point along directions [first, end) of all RAYS to spherical harmonics of
+   * three's LightProbe; with the last one that of lights, too. */
+  project(point: THREE.Vector3, sh: THREE.SphericalHarmonics3, first: number, end: number): void {
     const basis = new Array<number>(9);
     const direction = new THREE.Vector3();
     const out = new Float64Array(3);
-    const add = (towards: THREE.Vector3, light: ArrayLike<number>) => {
+    const add = (towards: THREE.Vector3, light: Float64Array) => {
       THREE.SphericalHarmonics3.getBasisAt(towards, basis);
-      const colour = new THREE.Vector3().fromArray(light as number[]);
-      basis.forEach((value, i) => sh.coefficients[i]!.addScaledVector(colour, value));
+      basis.forEach((value, i) => {
+        const c = sh.coefficients[i]!;
+        c.set(c.x + value * light[0]!, c.y + value * light[1]!, c.z + value * light[2]!);
+      });
     };
-    for (let i = 0; i < RAYS; i++) {
+    for (let i = first; i < end; i++) {
       out.fill(0);
       direction.fromArray(DIRECTIONS, 3 * i);
       this.addRadiance(point, direction, (4 * Math.PI) / RAYS, out);
       add(direction, out);
     }
-    this.eachLamp(point, add);
+    if (end === RAYS) this.eachLamp(point, add);
   }
 
   /** Those whose light is in the tiles and that nothing hides from a point: the direction to each, and its

@@ -15,6 +15,7 @@ export class Tree {
   private readonly link: Uint32Array;
   private readonly item: Uint32Array;
   private nodes = 0;
+  private readonly stack = new Uint32Array(STACK); // visits trace other trees, never this one
 
   /** boxes: low and high of each item, 6 numbers. */
   constructor(private readonly boxes: Float32Array) {
@@ -22,10 +23,10 @@ export class Tree {
     this.item = Uint32Array.from({ length: count }, (_, i) => i);
     this.box = new Float32Array(6 * Math.max(1, 2 * count));
     this.link = new Uint32Array(2 * Math.max(1, 2 * count));
-    this.build(0, count);
+    this.build(0, count, 0);
   }
 
-  private build(first: number, end: number): void {
+  private build(first: number, end: number, depth: number): void {
     const node = this.nodes++;
     const { box, boxes, item, link } = this;
     const low = [Infinity, Infinity, Infinity, Infinity, Infinity, Infinity]; // of boxes, of centres
@@ -50,16 +51,17 @@ export class Tree {
       item[i] = item[split]!;
       item[split++] = each;
     }
-    if (split === first || split === end) split = (first + end) >> 1; // all centres in one place
-    this.build(first, split);
+    // all centres in one place, or a tree that would be deeper than the stack
+    if (split === first || split === end || depth > STACK / 2) split = (first + end) >> 1;
+    this.build(first, split, depth + 1);
     link.set([this.nodes, 0], 2 * node);
-    this.build(split, end);
+    this.build(split, end, depth + 1);
   }
 
   /** Visits the items whose boxes a ray meets before the nearest distance so far, roughly near ones first.
    * origin, direction: 3 each. Returns the nearest distance. */
   trace(origin: ArrayLike<number>, direction: ArrayLike<number>, nearest: number, visit: Visit): number {
-    const stack = new Uint32Array(STACK);
+    const { stack } = this;
     let depth = 0;
     if (this.item.length && this.enters(0, origin, direction, nearest) < nearest) stack[depth++] = 0;
     while (depth) {
