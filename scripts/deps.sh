@@ -68,9 +68,14 @@ install_missing() {
 }
 if [ ${#missing[@]} -gt 0 ]; then install_missing; fi
 
+# npm_packages FOLDER WHAT OTHERWISE
+npm_packages() {
+    if [ ! -e "$1/package-lock.json" ] || [ "$1/node_modules/.package-lock.json" -nt "$1/package-lock.json" ]; then return; fi
+    echo "deps: installing the npm packages of $2" >&2
+    (cd "$1" && npm ci --ignore-scripts --loglevel=error >&2) || echo "deps: npm could not fetch them; $3" >&2
+}
 web=$(dirname "$0")/../client/web
-if [ -e "$web/package-lock.json" ] && [ ! "$web/node_modules/.package-lock.json" -nt "$web/package-lock.json" ]; then
-    echo "deps: installing the npm packages of the browser client" >&2
-    (cd "$web" && npm ci --ignore-scripts --loglevel=error >&2) ||
-        echo "deps: npm could not fetch them; the browser client will be left out" >&2
+npm_packages "$web" 'the browser client' 'the browser client will be left out'
+if [ "${1:-}" = --all ]; then
+    npm_packages "$web/test/bundlers" 'the bundlers of the long tests' 'lightwell-three is not tested with them'
 fi

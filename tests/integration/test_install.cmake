@@ -194,8 +194,9 @@ endforeach()
 if(EXISTS ${BINARY_DIR}/web/index.html)
   foreach(file web/index.html web/lightwell.css web/lightwell.js web/worker.js web/lightwell_tiles.wasm web/zstd.wasm
       lightwell-three/package.json lightwell-three/lightwell.js lightwell-three/lightwell.d.ts lightwell-three/worker.js
-      lightwell-three/lightwell_tiles.wasm lightwell-three/zstd.wasm lightwell-three/example.html
-      lightwell-three/README.md)
+      lightwell-three/inline.js lightwell-three/inline.d.ts lightwell-three/lightwell_tiles.wasm
+      lightwell-three/zstd.wasm lightwell-three/example.html lightwell-three/README.md lightwell-three/LICENSE
+      lightwell-three/NOTICE)
     if(NOT EXISTS ${prefix}/share/lightwell/${file})
       message(FATAL_ERROR "${prefix}/share/lightwell/${file} is not installed")
     endif()
