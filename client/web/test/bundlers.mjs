@@ -61,12 +61,13 @@ function makeApp(folder, { example, three = 'three', inline = false }) {
 }
 
 /** Serves the files of a folder, and nothing else: no page in the place of a file that is not there. */
-function serveFolder(folder) {
+function serveFolder(folder, policy = () => '') {
   const server = createServer((request, response) => {
     const path = decodeURIComponent(new URL(request.url, 'http://x').pathname);
     const file = join(folder, path.endsWith('/') ? `${path}index.html` : path);
     if (!existsSync(file) || statSync(file).isDirectory()) return response.writeHead(404).end();
-    response.writeHead(200, { 'content-type': types[extname(file)] ?? 'application/octet-stream' });
+    const type = types[extname(file)] ?? 'application/octet-stream';
+    response.writeHead(200, { 'content-type': type, 'content-security-policy': policy() });
     createReadStream(file).pipe(response);
   });
   const close = () => {
@@ -92,10 +93,10 @@ async function vite(folder) {
   return import(join(folder, 'vite/dist/node/index.js'));
 }
 
-const buildByVite = (from) => async (app) => {
+const buildByVite = (from) => async (app, { policy }) => {
   const { build } = await vite(from);
   await build({ root: app, logLevel: 'error' });
-  return serveFolder(join(app, 'dist'));
+  return serveFolder(join(app, 'dist'), policy);
 };
 
 const serveByVite = (from) => async (app) => {
@@ -168,8 +169,10 @@ export const bundlers = {
 export async function open(folder, bundler, options) {
   const app = mkdtempSync(join(folder, 'app-'));
   makeApp(app, options);
-  const site = await bundlers[bundler](app, options);
   let daemon = null;
+  const policy = () =>
+    options.csp?.replaceAll('HOST:PORT', new URL(daemon.url).host).concat("; default-src 'none'; style-src 'unsafe-inline'") ?? '';
+  const site = await bundlers[bundler](app, { ...options, policy });
   const warned = [];
   const look = async (page) => {
     page.on('console', (message) => message.type() === 'error' && warned.push(message.text()));
