@@ -109,7 +109,10 @@ function declarationsOf(name) {
     reportDiagnostics: true,
   });
   if (diagnostics.length) throw new Error(ts.formatDiagnostics(diagnostics, ts.createCompilerHost({})));
-  const text = outputText.replace(/^( {4}\/\*\*(?:(?!\*\/)[^])*\*\/\n)?    private (?!constructor)[^\n]*;\n/gm, '');
+  const text = outputText.replace(
+    /^( {4}\/\*\*(?:(?!\*\/)[^])*\*\/\n)?    private (?!constructor)[^\n]*;\n/gm,
+    '',
+  );
   if (/'\.\.?\//.test(text)) throw new Error(`${name}.d.ts names a module that the package does not have`);
   return text;
 }
@@ -120,6 +123,9 @@ function notice() {
   const zstd = /\/\*\*\n\* BSD License\n[^]*?\*\//.exec(readFileSync(`${folder}dist/zstddec.mjs`, 'utf8'));
   if (!zstd) throw new Error('zstddec does not say the licence of zstd where build.mjs knows it');
   const plain = zstd[0].replace(/^\/\*\*\n|\*\/$/g, '').replace(/^\* ?/gm, '');
-  const own = readFileSync(`${folder}${readdirSync(folder).find((name) => /^LICEN[CS]E/.test(name))}`, 'utf8');
+  const own = readFileSync(
+    `${folder}${readdirSync(folder).find((name) => /^LICEN[CS]E/.test(name))}`,
+    'utf8',
+  );
   return `worker.js, zstd.wasm and inline.js contain zstddec, and zstd.\n\nzstddec\n\n${own}\nzstd\n\n${plain}`;
 }

@@ -1,5 +1,6 @@
-// refusal.ts: why a WebSocket did not open. A browser hides the answer to the handshake from the page, so that
-// a server that is down and one that forbids the page look the same: a GET of the same path tells them apart.
+// refusal.ts: why a WebSocket did not open. A browser hides the answer to the handshake from the page, so
+// that a server that is down and one that forbids the page look the same: a GET of the same path tells them
+// apart.
 
 const LIMIT_MS = 5000;
 const TEXT_MAX = 200;

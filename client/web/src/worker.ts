@@ -329,6 +329,8 @@ self.onmessage = (event: MessageEvent<ToWorker>) => {
   if (message.kind === 'token') setToken(message.token);
   if (message.kind === 'connect') {
     link = open(message.url, message.draws, message.clusters, message.wasm);
-    link.catch((error: Error) => post({ kind: 'state', text: error.message, final: true, ...(FOR_THREE && { end: 'failed' }) }));
+    link.catch((error: Error) =>
+      post({ kind: 'state', text: error.message, final: true, ...(FOR_THREE && { end: 'failed' }) }),
+    );
   } else void link?.then((it) => it.take(message));
 };

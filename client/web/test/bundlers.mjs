@@ -93,11 +93,13 @@ async function vite(folder) {
   return import(join(folder, 'vite/dist/node/index.js'));
 }
 
-const buildByVite = (from) => async (app, { policy }) => {
-  const { build } = await vite(from);
-  await build({ root: app, logLevel: 'error' });
-  return serveFolder(join(app, 'dist'), policy);
-};
+const buildByVite =
+  (from) =>
+  async (app, { policy }) => {
+    const { build } = await vite(from);
+    await build({ root: app, logLevel: 'error' });
+    return serveFolder(join(app, 'dist'), policy);
+  };
 
 const serveByVite = (from) => async (app) => {
   const { createServer: create } = await vite(from);
@@ -171,7 +173,9 @@ export async function open(folder, bundler, options) {
   makeApp(app, options);
   let daemon = null;
   const policy = () =>
-    options.csp?.replaceAll('HOST:PORT', new URL(daemon.url).host).concat("; default-src 'none'; style-src 'unsafe-inline'") ?? '';
+    options.csp
+      ?.replaceAll('HOST:PORT', new URL(daemon.url).host)
+      .concat("; default-src 'none'; style-src 'unsafe-inline'") ?? '';
   const site = await bundlers[bundler](app, { ...options, policy });
   const warned = [];
   const look = async (page) => {
@@ -179,7 +183,8 @@ export async function open(folder, bundler, options) {
     const server = `ws://${new URL(daemon.url).host}/ws`;
     await page.goto(`${site.origin}/?scene=scene.gltf&server=${server}${site.query ?? ''}`);
     const isLit = () => {
-      if (globalThis.example?.light?.state !== 'live') return document.querySelector('#state')?.textContent || false;
+      if (globalThis.example?.light?.state !== 'live')
+        return document.querySelector('#state')?.textContent || false;
       const { renderer, scene, camera } = example;
       renderer.render(scene, camera);
       const small = document.createElement('canvas');
@@ -188,7 +193,9 @@ export async function open(folder, bundler, options) {
       context.drawImage(renderer.domElement, 0, 0, 32, 18);
       const { data } = context.getImageData(0, 0, 32, 18);
       // each of its pixels is lit
-      return Array.from({ length: 32 * 18 }, (_, i) => data[4 * i] + data[4 * i + 1]).every((sum) => sum > 20);
+      return Array.from({ length: 32 * 18 }, (_, i) => data[4 * i] + data[4 * i + 1]).every(
+        (sum) => sum > 20,
+      );
     };
     const lit = async () => (await page.evaluate(isLit)) === true;
     await until(page, `light (${bundler})`, () => globalThis.example?.light?.state === 'live', {

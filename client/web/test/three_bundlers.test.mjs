@@ -21,14 +21,18 @@ if (!missing) pack(folder);
 
 // as the package's README has it; the scene's buffer is a data: URL
 const csp =
-  "script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; connect-src 'self' data: ws://HOST:PORT http://HOST:PORT";
+  "script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; " +
+  "connect-src 'self' data: ws://HOST:PORT http://HOST:PORT";
 const rows = [
   ...Object.keys(bundlers).flatMap((bundler) => [
     [bundler, { example: 'vite' }],
     [bundler, { example: 'vite', inline: true }],
   ]),
   ['Vite 6, build', { example: 'vite', csp }],
-  ['Vite 6, build', { example: 'vite', csp: csp.replace("worker-src 'self'", 'worker-src blob:'), inline: true }],
+  [
+    'Vite 6, build',
+    { example: 'vite', csp: csp.replace("worker-src 'self'", 'worker-src blob:'), inline: true },
+  ],
   ['Vite 6, build', { example: 'react' }],
   ...['three-160', 'three-170'].map((three) => ['Vite 6, build', { example: 'vite', three }]),
 ];

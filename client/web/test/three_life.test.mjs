@@ -1,8 +1,9 @@
-// lightwell-three: from attach() to dispose(): errors and states, the scene as it was, light for objects that only
-// the client has. One server for all; LW_MOUNTS mounts (default 4; 100 as a long test).
+// lightwell-three: from attach() to dispose(): errors and states, the scene as it was, light for objects that
+// only the client has. One server for all. With LW_LONG a hundred mounts instead of three, and a server that
+// goes and comes back.
 import assert from 'node:assert/strict';
 import { existsSync, mkdtempSync, rmSync, writeFileSync } from 'node:fs';
-import { connect } from 'node:net';
+import { connect, createServer } from 'node:net';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import test, { after, before } from 'node:test';
@@ -16,7 +17,8 @@ import { withPage } from './shared.mjs';
 
 const WIDTH = 320;
 const HEIGHT = 180;
-const MOUNTS = Number(process.env.LW_MOUNTS ?? 4);
+const long = !!process.env.LW_LONG;
+const MOUNTS = long ? 100 : 3;
 const missing =
   !hasDaemon() || !existsSync(join(bin, 'compare_pictures'))
     ? 'there is no lightwelld in build/release/bin'
@@ -31,7 +33,16 @@ before(async () => {
   const scene = join(folder, 'scene.gltf');
   writeFileSync(scene, room());
   site = await serveExample(join(web, '../lightwell-three'), scene);
-  const light = ['--light', 'whole', '--client-lights', 'lamps', '--texels-per-metre', '16', '--bounces', '8'];
+  const light = [
+    '--light',
+    'whole',
+    '--client-lights',
+    'lamps',
+    '--texels-per-metre',
+    '16',
+    '--bounces',
+    '8',
+  ];
   daemon = await startDaemon(scene, ...light, '--http-origin', site.origin);
   address = `ws://${new URL(daemon.url).host}/ws`;
 });
@@ -58,7 +69,11 @@ async function closedPort() {
   const { server } = await serveExample('/', '/');
   const { port } = server.address();
   await new Promise((closed) => server.close(closed));
-  const refused = await new Promise((is) => connect(port, '127.0.0.1').on('error', () => is(true)).on('connect', is));
+  const refused = await new Promise((is) =>
+    connect(port, '127.0.0.1')
+      .on('error', () => is(true))
+      .on('connect', is),
+  );
   assert.equal(refused, true);
   return port;
 }
@@ -75,26 +90,28 @@ const failure = async ([url, options]) => {
   );
 };
 
-test('three: an argument that is wrong is named', skip, () =>
-  withThree(async (page) => {
-    for (const [url, options, named] of [
-      ['http://x/ws', {}, /^url: http:\/\/x\/ws: it is not ws:/],
-      [address, { shadowMapSize: 0.5 }, /^shadowMapSize: 0.5/],
-      [address, { timeoutMs: 0 }, /^timeoutMs: 0/],
-      [address, { token: 'abc' }, /^token: /],
-      [address, { noScene: true }, /^scene: it is not a THREE.Object3D/],
-    ]) {
-      const { name, code, message, workers } = await page.evaluate(failure, [url, options]);
-      assert.equal(`${name} ${code} ${workers}`, 'LightwellError option 0');
-      assert.match(message, named);
-    }
-    const aborted = await page.evaluate(failure, [address, { aborted: true }]);
-    assert.equal(aborted.name, 'AbortError');
-  }),
-);
+async function checkArguments(page) {
+  for (const [url, options, named] of [
+    ['http://x/ws', {}, /^url: http:\/\/x\/ws: it is not ws:/],
+    [address, { shadowMapSize: 0.5 }, /^shadowMapSize: 0.5/],
+    [address, { timeoutMs: 0 }, /^timeoutMs: 0/],
+    [address, { token: 'abc' }, /^token: /],
+    [address, { noScene: true }, /^scene: it is not a THREE.Object3D/],
+  ]) {
+    const { name, code, message, workers } = await page.evaluate(failure, [url, options]);
+    assert.equal(`${name} ${code} ${workers}`, 'LightwellError option 0');
+    assert.match(message, named);
+  }
+  const aborted = await page.evaluate(failure, [address, { aborted: true }]);
+  assert.equal(aborted.name, 'AbortError');
+}
 
-test('three: a server that is down, and one that forbids the page', skip, async () => {
+test('three: errors: arguments, a server that is down, one that forbids the page', skip, async () => {
   const down = `ws://127.0.0.1:${await closedPort()}/ws`;
+  // one that takes connections and says nothing
+  const mute = createServer(() => {});
+  await new Promise((listens) => mute.listen(0, '127.0.0.1', listens));
+  const silent = `ws://127.0.0.1:${mute.address().port}/ws`;
   const look = async (page) => {
     const { code, message, states, workers } = await page.evaluate(failure, [down, { timeoutMs: 300 }]);
     assert.deepEqual([code, workers], ['timeout', 0]);
@@ -104,13 +121,20 @@ test('three: a server that is down, and one that forbids the page', skip, async 
     const lost = await page.evaluate(failure, [down, { assets: files }]);
     assert.deepEqual([lost.code, lost.workers], ['failed', 0]);
     assert.match(lost.message, /^worker.js: it does not load/);
+    const unheard = await page.evaluate(failure, [silent, { timeoutMs: 300 }]);
+    assert.deepEqual([unheard.code, unheard.workers, unheard.states], ['timeout', 0, []]);
+    await checkArguments(page);
   };
   await withThree(look);
+  mute.close();
   // by another name it is another origin, which --http-origin does not name
   const other = site.origin.replace('127.0.0.1', 'localhost');
   const forbidden = await withThree((page) => page.evaluate(failure, [address, {}]), other);
   assert.deepEqual([forbidden.code, forbidden.workers], ['forbidden', 0]);
-  assert.match(forbidden.message, /the server forbids this page: Pages of that origin .* --http-origin ORIGIN/);
+  assert.match(
+    forbidden.message,
+    /the server forbids this page: Pages of that origin .* --http-origin ORIGIN/,
+  );
   assert.deepEqual(forbidden.states, [`forbidden: ${forbidden.message}`]);
 });
 
@@ -182,7 +206,9 @@ test(`three: ${MOUNTS} mounts leave the scene as it was, and nothing behind`, sk
           const firstMs = performance.now() - began;
           if (!during) {
             const lamp = [];
-            scene.traverse((node) => node.isLight && node.visible && lamp.push(node === own ? 'own' : node.name));
+            scene.traverse(
+              (node) => node.isLight && node.visible && lamp.push(node === own ? 'own' : node.name),
+            );
             const twice = [scene, scene.children[0]].map((each) =>
               Lightwell.attach(each, address).catch((error) => `${error.code}: ${error.message}`),
             );
@@ -230,12 +256,17 @@ test(`three: ${MOUNTS} mounts leave the scene as it was, and nothing behind`, sk
     for (const { states } of told) {
       assert.equal(new Set(states).size, states.length, `each once: ${states}`);
       const names = states.map((each) => each.split(' ')[0]).filter((name, i, all) => name !== all[i - 1]);
-      assert.deepEqual(names, names.includes('receiving') ? ['receiving', 'lighting', 'live'] : ['lighting', 'live']);
+      assert.deepEqual(
+        names,
+        names.includes('receiving') ? ['receiving', 'lighting', 'live'] : ['lighting', 'live'],
+      );
     }
     const times = told.map(({ firstMs }) => firstMs).sort((a, b) => a - b);
     const [first, middle] = [told[0].firstMs, times[times.length >> 1]].map(Math.round);
     console.log(`${MOUNTS} mounts: ${result.steps.at(-1)} geometries, textures, programs, workers;`);
-    console.log(`to the first light: ${first} ms at first, median ${middle} ms, longest ${Math.round(times.at(-1))} ms`);
+    console.log(
+      `to the first light: ${first} ms at first, median ${middle} ms, longest ${Math.round(times.at(-1))} ms`,
+    );
   }),
 );
 
@@ -338,7 +369,8 @@ test('three: light for objects that only the client has', skip, () =>
       };
     }, address);
     console.log(`of the lightmap: ${result.ratios.map((each) => each.map((x) => x.toFixed(2))).join('; ')}`);
-    console.log(`probe over sample: ${result.probes.map((x) => x.toFixed(2))}; ${result.sampleMs.toFixed(2)} ms a sample`);
+    const sampleMs = result.sampleMs.toFixed(2);
+    console.log(`probe over sample: ${result.probes.map((x) => x.toFixed(2))}; ${sampleMs} ms a sample`);
     for (const ratio of result.ratios.flat()) assert.ok(Math.abs(ratio - 1) < 0.08, `${result.ratios}`);
     for (const ratio of result.probes) assert.ok(Math.abs(ratio - 1) < 0.2, `${result.probes}`);
     assert.deepEqual(result.errors, [
@@ -360,5 +392,43 @@ test('three: light for objects that only the client has', skip, () =>
     console.log(`followed, by WebGPURenderer: FLIP ${same.flip}; not followed: FLIP ${other.flip}`);
     assert.ok(same.flip < 0.02, `FLIP ${same.flip}`);
     assert.ok(other.flip > 0.02, `FLIP ${other.flip}`);
+  }),
+);
+
+const goes = { skip: missing || (!long && 'LW_LONG is not set') };
+test('three: a server that goes, comes back, and then wants a token', goes, () =>
+  withThree(async (page) => {
+    await page.evaluate(async (address) => {
+      globalThis.states = [];
+      const scene = await load();
+      globalThis.light = await Lightwell.attach(scene, address, {
+        onState: (state, text) => states.push([state, text]),
+      });
+      globalThis.maps = () => {
+        let count = 0;
+        scene.traverse((node) => [node.material].flat().forEach((each) => (count += each?.lightMap ? 1 : 0)));
+        return count;
+      };
+    }, address);
+    const { port } = new URL(daemon.url);
+    const maps = await page.evaluate(() => maps());
+    const last = () => page.evaluate(() => [...states.at(-1), maps(), light.state]);
+    await daemon.stop();
+    await until(page, 'that it is lost', () => light.state === 'lost');
+    const [, text, kept] = await last();
+    assert.match(text, /trying again$/);
+    assert.equal(kept, maps, 'the light stays');
+    const again = ['--http', `127.0.0.1:${port}`, '--http-origin', site.origin, '--client-lights', 'lamps'];
+    daemon = await startDaemon(join(folder, 'scene.gltf'), ...again);
+    await until(page, 'light again', () => light.state === 'live');
+    await daemon.stop();
+    await until(page, 'that it is lost again', () => light.state === 'lost');
+    const tokens = join(folder, 'tokens');
+    writeFileSync(tokens, `view ${'5'.repeat(64)}\n`, { mode: 0o600 });
+    daemon = await startDaemon(join(folder, 'scene.gltf'), ...again, '--tokens', tokens);
+    await until(page, 'that it is forbidden', () => light.state === 'forbidden');
+    const [state, why, still] = await last();
+    assert.deepEqual([state, why, still], ['forbidden', `${address}: the server wants a token`, maps]);
+    assert.equal(await page.evaluate(() => (light.dispose(), workers + maps())), 0);
   }),
 );

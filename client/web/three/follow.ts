@@ -51,7 +51,15 @@ export class Follower {
       const made = materialsOf(mesh).map(copyOf);
       changes.set(mesh, { material: Array.isArray(mesh.material) ? made : made[0]! });
     });
-    const followed = { object, probe, changes, next: new THREE.SphericalHarmonics3(), at: new THREE.Vector3(), light: -1, ray: RAYS };
+    const followed = {
+      object,
+      probe,
+      changes,
+      next: new THREE.SphericalHarmonics3(),
+      at: new THREE.Vector3(),
+      light: -1,
+      ray: RAYS,
+    };
     this.followed.set(object, followed);
     if (gather) this.renew(followed, gather, RAYS);
     return stop;

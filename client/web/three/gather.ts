@@ -212,7 +212,8 @@ export class Gather {
     }
   }
 
-  /** A texture of a material at a hit, linear; white where there is none. at: texel of the transform's rows. */
+  /** A texture of a material at a hit, linear; white where there is none. at: texel of the transform's rows.
+   * */
   private texel(
     material: number,
     texture: number,
@@ -264,8 +265,8 @@ export class Gather {
     return out;
   }
 
-  /** Adds the radiance that comes to a point along directions [first, end) of all RAYS to spherical harmonics of
-   * three's LightProbe; with the last one that of lights, too. */
+  /** Adds the radiance that comes to a point along directions [first, end) of all RAYS to spherical harmonics
+   * of three's LightProbe; with the last one that of lights, too. */
   project(point: THREE.Vector3, sh: THREE.SphericalHarmonics3, first: number, end: number): void {
     const basis = new Array<number>(9);
     const direction = new THREE.Vector3();

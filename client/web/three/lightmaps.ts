@@ -56,7 +56,14 @@ export function lightmapOf(shape: MeshShape): Lightmap | null {
   texture.colorSpace = THREE.NoColorSpace;
   texture.channel = CHANNEL;
   texture.needsUpdate = true;
-  const map = { texture, texels, level: new Uint8Array(texels.length).fill(NEVER), width, height, uploaded: 0 };
+  const map = {
+    texture,
+    texels,
+    level: new Uint8Array(texels.length).fill(NEVER),
+    width,
+    height,
+    uploaded: 0,
+  };
   texture.onUpdate = () => (map.uploaded = texture.version);
   return map;
 }

@@ -5,8 +5,9 @@
 //     light.dispose();
 //
 // Light arrives as lightMap, of every object by itself (lightmaps.ts); suns, points and spots that the server
-// leaves to clients are three's own, with shadows. attach() puts the server's meshes in the place of the loaded
-// ones (swap.ts), and dispose() puts those back. Objects of the client's alone get light by rays (gather.ts).
+// leaves to clients are three's own, with shadows. attach() puts the server's meshes in the place of the
+// loaded ones (swap.ts), and dispose() puts those back. Objects of the client's alone get light by rays
+// (gather.ts).
 import * as THREE from 'three';
 
 import { serverAddress } from '../src/address.ts';
@@ -228,11 +229,12 @@ export class Lightwell {
     this.options.signal?.removeEventListener('abort', this.onAbort);
   }
 
-  /** Ends the session, puts the scene back as it was before attach(), and frees all that came since: geometry,
-   * textures, shadow maps, the worker. What follow() has changed goes back, too. */
+  /** Ends the session, puts the scene back as it was before attach(), and frees all that came since:
+   * geometry, textures, shadow maps, the worker. What follow() has changed goes back, too. */
   dispose(): void {
     if (this.disposed) return;
-    if (this.settle) return this.giveUp(new LightwellError('disposed', 'dispose() came before the first light'));
+    if (this.settle)
+      return this.giveUp(new LightwellError('disposed', 'dispose() came before the first light'));
     this.disposed = true;
     this.detach();
     this.clear();
@@ -251,7 +253,8 @@ export class Lightwell {
    * point    world space
    * normal   of the surface, world space; any length
    * target   gets the result and is returned
-   * Errors   a LightwellError ('option'): a number that is not finite, a normal without a direction. Before the
+   * Errors   a LightwellError ('option'): a number that is not finite, a normal without a direction. Before
+   * the
    *          first light and after dispose() the result is 0. */
   sample(point: THREE.Vector3, normal: THREE.Vector3, target: THREE.Color = new THREE.Color()): THREE.Color {
     const numbers = [...point.toArray(), ...normal.toArray()];
@@ -262,9 +265,9 @@ export class Lightwell {
     return target;
   }
 
-  /** Keeps a light probe for an object of the client's alone, which lights this object and what is below it, and
-   * nothing else: nine coefficients of spherical harmonics at its centre, by 256 rays, renewed by update() as it
-   * moves and the light changes. Materials are copied meanwhile.
+  /** Keeps a light probe for an object of the client's alone, which lights this object and what is below it,
+   * and nothing else: nine coefficients of spherical harmonics at its centre, by 256 rays, renewed by
+   * update() as it moves and the light changes. Materials are copied meanwhile.
    *
    * Returns a function that ends it. dispose() does, too.
    * Errors   a LightwellError ('option'): no Object3D, or one that the server lights */
@@ -296,7 +299,10 @@ export class Lightwell {
     else if (leftMs <= 0) {
       const why = this.told.text ? `: ${this.told.text.replace('; trying again', '')}` : '';
       return this.stop(
-        new LightwellError('timeout', `${this.url}: no answer in ${limitMs / 1000} s${unprefixed(why, this.url)}`),
+        new LightwellError(
+          'timeout',
+          `${this.url}: no answer in ${limitMs / 1000} s${unprefixed(why, this.url)}`,
+        ),
       );
     }
     clearTimeout(this.limit);

@@ -27,8 +27,8 @@ function inherited<K extends string>(material: object, name: K): (...given: unkn
   return (Object.getPrototypeOf(material) as Record<K, (...given: unknown[]) => unknown>)[name]!;
 }
 
-/** A copy of a material that shows lightmaps and probes as albedo / pi x E. probe: the copy gets its light, too.
- * Own hooks of the original (onBeforeCompile) go on. */
+/** A copy of a material that shows lightmaps and probes as albedo / pi x E. probe: the copy gets its light,
+ * too. Own hooks of the original (onBeforeCompile) go on. */
 export function withServersLight(original: THREE.Material, probe: THREE.LightProbe | null): THREE.Material {
   const material = original.clone();
   const before = Object.hasOwn(original, 'onBeforeCompile') ? original.onBeforeCompile : null;
@@ -51,7 +51,8 @@ export function withServersLight(original: THREE.Material, probe: THREE.LightPro
   const kind = `lightwell ${before ?? ''} ${probe ? 'probe' : ''}`;
   const uuid = probe?.uuid ?? '';
   material.customProgramCacheKey = function (this: NodeMaterial) {
-    return `${String(inherited(this, 'customProgramCacheKey').call(this))} ${kind} ${this.isNodeMaterial ? uuid : ''}`;
+    const key = String(inherited(this, 'customProgramCacheKey').call(this));
+    return `${key} ${kind} ${this.isNodeMaterial ? uuid : ''}`;
   };
   hookNodes(material as NodeMaterial, probe);
   return material;

@@ -1,5 +1,5 @@
-// start_inline.ts: in the place of start.ts in lightwell-three/inline: the worker and its WebAssembly as parts
-// of this file, for pages from another place than the package, and bundlers that know no files.
+// start_inline.ts: in the place of start.ts in lightwell-three/inline: the worker and its WebAssembly as
+// parts of this file, for pages from another place than the package, and bundlers that know no files.
 // build.mjs gives the three modules.
 import tiles from 'built:lightwell_tiles.wasm';
 import source from 'built:worker.js';

@@ -1,5 +1,6 @@
-// swap.ts: puts the server's meshes, with their lightmaps, in the place of those of a glTF that GLTFLoader has
-// loaded, and puts the loaded ones back. An original glTF has no coordinates for lightmaps, and other vertices.
+// swap.ts: puts the server's meshes, with their lightmaps, in the place of those of a glTF that GLTFLoader
+// has loaded, and puts the loaded ones back. An original glTF has no coordinates for lightmaps, and other
+// vertices.
 import * as THREE from 'three';
 
 import { MATERIAL_TEXELS, type MeshShape, type SceneData } from '../src/geometry.ts';
@@ -106,7 +107,13 @@ function geometryOf(data: SceneData, shape: MeshShape): THREE.BufferGeometry {
   put('uv1', data.uv[1], 2, 2);
   put('color', data.colour, 4, 4);
   const sizes = [atlasWidth || 1, atlasHeight || 1];
-  put(`uv${CHANNEL}`, data.lightmapUv, 2, 2, (x, k, back) => (x + (back && k === 1 ? backOffset : 0)) / sizes[k]!);
+  put(
+    `uv${CHANNEL}`,
+    data.lightmapUv,
+    2,
+    2,
+    (x, k, back) => (x + (back && k === 1 ? backOffset : 0)) / sizes[k]!,
+  );
   // by material, so that each has a group
   const corners = new Map<number, number[]>();
   for (const group of shape.groups)
@@ -134,9 +141,9 @@ function isUnlit(data: SceneData, material: number): boolean {
 }
 
 /** The meshes of a node that are of the file. GLTFLoader makes one mesh of one primitive, which is the node
- * itself, and of several a group of as many meshes, in front of the node's other children. What an app has put
- * below the node stays: it has a name of the server's, a place of its own, a material that the file does not
- * know, or `userData.lightwell` false. */
+ * itself, and of several a group of as many meshes, in front of the node's other children. What an app has
+ * put below the node stays: it has a name of the server's, a place of its own, a material that the file does
+ * not know, or `userData.lightwell` false. */
 function ownMeshes(node: THREE.Object3D, names: Set<string>, materials: Set<string>): THREE.Mesh[] {
   if ((node as Partial<THREE.Mesh>).isMesh) return [node as THREE.Mesh];
   const still = new THREE.Matrix4();
@@ -221,9 +228,9 @@ function density(data: SceneData, shape: MeshShape): number {
   return area > 0 ? Math.sqrt(texels / area) : 0;
 }
 
-/** Hides the scene's own copies of the server's lights, whose light is in the maps or comes back as lights that
- * follow the server. An app's own lights are none of these: of another kind, or of another name and other
- * colours, or with `userData.lightwell` false. */
+/** Hides the scene's own copies of the server's lights, whose light is in the maps or comes back as lights
+ * that follow the server. An app's own lights are none of these: of another kind, or of another name and
+ * other colours, or with `userData.lightwell` false. */
 export function hideLights(data: SceneData, root: THREE.Object3D, changes: Changes): void {
   const found: THREE.Light[] = [];
   root.traverse((node) => {
@@ -250,7 +257,8 @@ export function hideLights(data: SceneData, root: THREE.Object3D, changes: Chang
       color
         .toArray()
         .every(
-          (x, k) => Math.abs(x * intensity - from.intensity[k]!) <= COLOUR_EPS * (from.intensity[k]! + COLOUR_EPS),
+          (x, k) =>
+            Math.abs(x * intensity - from.intensity[k]!) <= COLOUR_EPS * (from.intensity[k]! + COLOUR_EPS),
         ),
     byName,
   );

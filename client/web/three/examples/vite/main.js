@@ -1,6 +1,6 @@
-// Shows public/scene.glb in the light of the lightwelld at ws://127.0.0.1:7781/ws, with a ball of the page's own.
-// Parameters of the address: scene, server; assets, the folder of the package's files, for a bundler that does not
-// find them.
+// Shows public/scene.glb in the light of the lightwelld at ws://127.0.0.1:7781/ws, with a ball of the page's
+// own. Parameters of the address: scene, server; assets, the folder of the package's files, for a bundler
+// that does not find them.
 import * as THREE from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
