@@ -187,7 +187,10 @@ test(`three: ${MOUNTS} mounts leave the scene as it was, and nothing behind`, sk
       async ([address, mounts]) => {
         const added = new THREE.Mesh(new THREE.BoxGeometry(0.3, 0.3, 0.3), new THREE.MeshStandardMaterial());
         // a node of several primitives is a group, which this mesh is in, too
-        scene.getObjectByName('the_room').add(added);
+        // one like the file's own primitives but for its material, one but for its place
+        const second = new THREE.Mesh(added.geometry, new THREE.MeshStandardMaterial({ name: 'wall' }));
+        second.position.set(0.1, 0, 0);
+        scene.getObjectByName('the_room').add(added, second);
         const own = new THREE.PointLight(0xffffff, 1);
         scene.add(own);
         scene.updateMatrixWorld(true);
@@ -212,6 +215,8 @@ test(`three: ${MOUNTS} mounts leave the scene as it was, and nothing behind`, sk
             const twice = [scene, scene.children[0]].map((each) =>
               Lightwell.attach(each, address).catch((error) => `${error.code}: ${error.message}`),
             );
+            // as with each frame of the server's
+            for (let k = 0; k < 2; k++) light.take({ kind: 'state', text: '', final: false });
             const stop = light.follow(added);
             added.position.set(0.05, 0.1, 0.1);
             during = {
@@ -219,6 +224,7 @@ test(`three: ${MOUNTS} mounts leave the scene as it was, and nothing behind`, sk
               twice: await Promise.all(twice),
               isSame: before === describe(scene),
               state: light.state,
+              stay: [added, second].map(({ visible, geometry }) => visible && geometry === added.geometry),
             };
             stop();
             light.follow(added);
@@ -246,6 +252,7 @@ test(`three: ${MOUNTS} mounts leave the scene as it was, and nothing behind`, sk
     assert.equal(result.same, true);
     assert.deepEqual(during.lamp, ['lamp', 'own']);
     assert.equal(during.state, 'live');
+    assert.deepEqual(during.stay, [true, true]);
     assert.equal(during.isSame, false);
     assert.ok(Math.abs(during.movedTo - 4 * 0.05) < 1e-6, `it is at ${during.movedTo}`);
     const said = `attached: scene: it has light from ${address} already; dispose() that first`;

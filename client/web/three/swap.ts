@@ -141,9 +141,8 @@ function isUnlit(data: SceneData, material: number): boolean {
 }
 
 /** The meshes of a node that are of the file. GLTFLoader makes one mesh of one primitive, which is the node
- * itself, and of several a group of as many meshes, in front of the node's other children. What an app has
- * put below the node stays: it has a name of the server's, a place of its own, a material that the file does
- * not know, or `userData.lightwell` false. */
+ * itself, and of several a group of as many meshes. What an app has put below the node stays: it has a name of
+ * the server's, a place of its own, a material that the file does not know, or `userData.lightwell` false. */
 function ownMeshes(node: THREE.Object3D, names: Set<string>, materials: Set<string>): THREE.Mesh[] {
   if ((node as Partial<THREE.Mesh>).isMesh) return [node as THREE.Mesh];
   const still = new THREE.Matrix4();
@@ -156,8 +155,7 @@ function ownMeshes(node: THREE.Object3D, names: Set<string>, materials: Set<stri
       materialsOf(child as THREE.Mesh).every((material) => materials.has(material.name))
     );
   };
-  const end = node.children.findIndex((child) => !isOwn(child));
-  return node.children.slice(0, end < 0 ? undefined : end) as THREE.Mesh[];
+  return node.children.filter(isOwn) as THREE.Mesh[];
 }
 
 /** Puts a mesh of the package in the place of a node's own. names: of all nodes with meshes. */
