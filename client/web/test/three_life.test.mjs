@@ -216,7 +216,7 @@ test(`three: ${MOUNTS} mounts leave the scene as it was, and nothing behind`, sk
               Lightwell.attach(each, address).catch((error) => `${error.code}: ${error.message}`),
             );
             // as with each frame of the server's
-            for (let k = 0; k < 2; k++) light.take({ kind: 'state', text: '', final: false });
+            for (let k = 0; k < 2; k++) light.say('live');
             const stop = light.follow(added);
             added.position.set(0.05, 0.1, 0.1);
             during = {

@@ -367,11 +367,7 @@ export class Lightwell {
 
   private takeState({ text, final, end }: Extract<FromWorker, { kind: 'state' }>): void {
     if (final) return this.stop(new LightwellError(end ?? 'refused', text));
-    if (!text) {
-      if (!this.settle) this.say('live');
-      return;
-    }
-    this.say(this.settle ? 'connecting' : 'lost', text);
+    if (text) this.say(this.settle ? 'connecting' : 'lost', text);
   }
 
   // ---- the scene ----
@@ -469,6 +465,7 @@ export class Lightwell {
     this.gather?.takeFrame(frame);
     this.follower.lightChanged();
     if (visible) this.setVisible(visible);
+    if (!this.settle) this.say('live');
   }
 
   private moveLight(index: number, frame: Frame, i: number): void {
