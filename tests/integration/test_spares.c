@@ -11,7 +11,7 @@
 #include <string.h>
 
 #define LIMIT_NS        (LW_PROCESS_LIMIT_S * 1000000000ull)
-#define SETTLING_FRAMES 200u
+#define SETTLING_FRAMES 60u
 #define CORNELL         "builtin:cornell --texels-per-metre 8 --threads 1 --frame-rate 500 --spares 2"
 
 static struct lw_process server;
