@@ -97,6 +97,7 @@ static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *til
 
 /* Mean luminance of a tile, and of its wide rooms by themselves; variance of the parts of its blocks. */
 struct tile_light {
+    bool several; /* rooms; else what follows the mean is not set */
     double mean, room[LW_ROOMS_MAX];
     double variance[LW_TILE_BLOCKS * LW_TILE_BLOCKS][LW_REGIONS];
 };
@@ -132,8 +133,9 @@ static void measure_rooms(const struct lw_tiles *tiles, const struct lw_solve_ti
 
 /* Against which a dark corner is measured. */
 static double light_around(const struct lw_solve_tile *tile, const struct tile_light *light, uint32_t room) {
-    return room && room <= tile->wide_rooms ? fmax(light->room[room], (double)DARKEST * light->mean)
-                                            : light->mean;
+    return light->several && room && room <= tile->wide_rooms
+               ? fmax(light->room[room], (double)DARKEST * light->mean)
+               : light->mean;
 }
 
 /* Of several parts that with the least light, but some, stands for the block: elsewhere a W/m^2 counts as
@@ -167,9 +169,14 @@ static double light_of(const struct lw_solve_tile *tile, struct lw_solve_block *
     return fmax(block->luminance / block->covered_count, light_around(tile, light, block->parts.room[0]));
 }
 
-static bool has_rooms(const struct lw_solve_tile *tile) {
-    LW_TILES_EACH_BLOCK (tile, block)
-        if (block->covered_count && (block->parts.count > 1 || block->parts.room[0])) return true;
+/* The light of a single room is its tile's. */
+static bool has_several_rooms(const struct lw_solve_tile *tile) {
+    const struct lw_solve_block *first = NULL;
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (!block->covered_count) continue;
+        if (!first) first = block;
+        if (block->parts.count > 1 || block->parts.room[0] != first->parts.room[0]) return true;
+    }
     return false;
 }
 
@@ -179,12 +186,13 @@ void lw_estimates_judge(const struct lw_transport *t, struct lw_solve_tile *tile
         t->direct_samples > t->indirect_samples ? t->direct_samples : t->indirect_samples;
     double luminance = 0, looks = 0, square = 0;
     struct tile_light tile_light;
+    tile_light.several = has_several_rooms(tile);
     LW_TILES_EACH_BLOCK (tile, block) {
         luminance += block->luminance;
         looks += (double)block->sample_count * samples * block->covered_count;
     }
     tile_light.mean = luminance / tile->covered_count;
-    if (has_rooms(tile)) measure_rooms(t->tiles, tile, &tile_light);
+    if (tile_light.several) measure_rooms(t->tiles, tile, &tile_light);
     LW_TILES_EACH_BLOCK (tile, block) {
         const double n = block->covered_count;
         if (!(n > 0)) continue;

@@ -163,7 +163,7 @@ static uint32_t side_of(uint32_t block, uint32_t texels) {
     return left < LW_TILE_BLOCK ? left : LW_TILE_BLOCK;
 }
 
-static void deal_packets(const struct lw_tiles *tiles, struct lw_solve_tile *tile) {
+static void deal_blocks(const struct lw_tiles *tiles, struct lw_solve_tile *tile) {
     uint8_t room[LW_TILE_SIDE * LW_TILE_SIDE];
     tile->wide_rooms = (uint8_t)lw_rooms_find(tile->mesh, tile->local, tile->width, tile->height,
                                               tiles->covered + tile->first, tiles->side + tile->first, room);
@@ -245,7 +245,7 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
         tile->state = tile->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
     }
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
-    for (uint32_t i = 0; i < tiles->count; i++) deal_packets(tiles, &tiles->tile[i]);
+    for (uint32_t i = 0; i < tiles->count; i++) deal_blocks(tiles, &tiles->tile[i]);
     return LW_OK;
 }
 
@@ -279,7 +279,7 @@ static void recount_tile(const struct lw_tiles *tiles, struct lw_solve_tile *til
             block->state = LW_BLOCK_SAMPLED;
     }
     lw_tiles_sum_up(tile);
-    deal_packets(tiles, tile);
+    deal_blocks(tiles, tile);
 }
 
 void lw_tiles_recount(struct lw_tiles *tiles, int threads) {
