@@ -127,5 +127,6 @@ function notice() {
     `${folder}${readdirSync(folder).find((name) => /^LICEN[CS]E/.test(name))}`,
     'utf8',
   );
-  return `worker.js, zstd.wasm and inline.js contain zstddec, and zstd.\n\nzstddec\n\n${own}\nzstd\n\n${plain}`;
+  const said = 'worker.js, zstd.wasm and inline.js contain zstddec, and zstd.';
+  return `${said}\n\nzstddec\n\n${own}\nzstd\n\n${plain}`;
 }

@@ -1,9 +1,10 @@
 #!/bin/bash
-# closed_rooms.sh [--seconds S] [THICK...]: what light passes the walls of a closed house (closed_house.py) whose floor
-# goes on out of doors under a sun of 5 kW/m^2. Prints one table in Markdown.
-# E inside, W/m^2 (pi x radiance over 0.7 of albedo), mean over a picture from above, which sees the floor and all walls: by paths; live, S seconds (10) after a
-# client has joined, without the sun and with it; 3 s after the sun was switched off and on; 3 s after the lamp was then
-# dimmed to a quarter, times four. THICK: walls, m (0.02 0.1 0.3 1).
+# closed_rooms.sh [--seconds S] [THICK...]: what light passes the walls of a closed house (closed_house.py) whose
+# floor goes on out of doors under a sun of 5 kW/m^2. Prints one table in Markdown.
+# E inside, W/m^2 (pi x radiance over 0.7 of albedo), mean over a picture from above, which sees the floor and
+# all walls: by paths; live, S seconds (10) after a client has joined, without the sun and with it; 3 s after
+# the sun was switched off and on; 3 s after the lamp was then dimmed to a quarter, times four. THICK: walls, m
+# (0.02 0.1 0.3 1).
 set -euo pipefail
 . "$(dirname "$0")/served.bash"
 seconds=10
@@ -13,21 +14,21 @@ work=$(mktemp -d)
 trap 'stop_serving; rm -rf "$work"' EXIT
 camera=0.1,2.9,0.1:0,0,0:110
 
-# mean_inside VIEWER-OPTION...: of the picture
+# mean_inside VIEWER-OPTION...: mean radiance of the picture
 mean_inside() {
-    "$bin/lightwell-view" --headless --camera "$camera" --size 320x180 --json --out "$work/view.exr" "$@" \
-        2>"$work/log" | grep -oE '"mean_rgb": *\[[0-9.e+-]*' | grep -oE '[0-9.e+-]*$' || { cat "$work/log" >&2; exit 1; }
+    "$bin/lightwell-view" --camera "$camera" --size 320x180 --json --out "$work/view.exr" "$@" 2>"$work/log" |
+        grep -oE '"mean_rgb": *\[[0-9.e+-]*' | grep -oE '[0-9.e+-]*$' || { cat "$work/log" >&2; exit 1; }
 }
-live() { mean_inside "$address" --wait "seconds:$1"; }
+live() { mean_inside --headless "$address" --wait "seconds:$1"; }
 change() { run "$work/log" "$bin/lightwellctl" "unix:$work/control.sock" "$@"; }
 
 echo "| walls, m | paths | no sun | sun | it came 3 s ago | lamp dimmed 3 s ago, x 4 |"
 echo "|---|---|---|---|---|---|"
 for thick in "$@"; do
-    for sun in 0 5000; do python3 "$(dirname "$0")/closed_house.py" "$thick" 0.3 "$sun" >"$work/$sun.gltf"; done
-    paths=$("$bin/lightwell-view" --path-trace "$work/5000.gltf" --camera "$camera" --size 320x180 --spp 256 --json \
-        --out "$work/view.exr" 2>"$work/log" | grep -oE '"mean_rgb": *\[[0-9.e+-]*' |
-        grep -oE '[0-9.e+-]*$') || { cat "$work/log" >&2; exit 1; }
+    for sun in 0 5000; do
+        python3 "$(dirname "$0")/closed_house.py" "$thick" 0.3 "$sun" >"$work/$sun.gltf"
+    done
+    paths=$(mean_inside --path-trace "$work/5000.gltf" --spp 256)
     serve "$work" "$work/0.gltf"
     without=$(live "$seconds")
     stop_serving

@@ -1,8 +1,9 @@
 #!/bin/bash
-# first_seconds.sh [--size WxH] [--pictures FOLDER] SCENE...: what who is there at a server's first light sees in the seconds after.
-# Prints one table in Markdown.
-# Each scene frozen at time 0, default options. Start: from the command to the first light that a client has, s. Then three
-# clients join, whose default views (640x360) are taken when whole (and how soon that is, s), after 3 s and after 10 s.
+# first_seconds.sh [--size WxH] [--pictures FOLDER] SCENE...: what clients see in the seconds after a server's
+# first light. Prints one table in Markdown.
+# Each scene frozen at time 0, default options. Start: from the command to the first light that a client has,
+# s. Then three clients join, whose default views (640x360) are taken when whole (and how soon that is, s),
+# after 3 s and after 10 s.
 # FLIP against the view of another after 75 s. --pictures: keeps them there.
 set -euo pipefail
 . "$(dirname "$0")/served.bash"
@@ -45,6 +46,9 @@ for scene in "$@"; do
     wait "$three" "$ten"
     view "$pictures/$name-75.exr" seconds:65
     stop_serving
-    echo "| $name | $start | $whole | $(flip "$pictures/$name-whole.exr" "$pictures/$name-75.exr") |" \
-        "$(flip "$pictures/$name-3.exr" "$pictures/$name-75.exr") | $(flip "$pictures/$name-10.exr" "$pictures/$name-75.exr") |"
+    row="| $name | $start | $whole |"
+    for moment in whole 3 10; do
+        row+=" $(flip "$pictures/$name-$moment.exr" "$pictures/$name-75.exr") |"
+    done
+    echo "$row"
 done

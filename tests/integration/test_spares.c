@@ -124,7 +124,7 @@ static uint64_t next_frame(struct lw_client *client) {
     return answer.frame;
 }
 
-/* And some frames later. */
+/* The brightness of an object after SETTLING_FRAMES more frames. */
 static double settled_brightness(struct lw_client *client, uint32_t object) {
     const uint64_t first = next_frame(client);
     while (next_frame(client) < first + SETTLING_FRAMES) continue;

@@ -80,7 +80,8 @@ const FRAME_FOV_Y = (35 / 180) * Math.PI;
 
 /** The whole of a box, from outside and a little above, from as near as it fits into the picture; as frame()
  * of client/view/camera_default.c. A corner at x to the right and z towards the eye is in the picture if
- * |x - x0| <= slope (distance - z): that bounds distance + x0 / slope and distance - x0 / slope from below. */
+ * |x - x0| <= slope (distance - z): that bounds distance + x0 / slope and distance - x0 / slope from
+ * below. */
 export function frameBox(low: Vec3, high: Vec3, aspect: number): View {
   const view = lookAt([0, 0, 0], [-0.45, -0.4, -0.8], FRAME_FOV_Y);
   const centre = add(low, add(high, low, -1), 0.5);

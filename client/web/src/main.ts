@@ -1,6 +1,7 @@
 // main.ts: the page: canvas, keys, legend, messages.
 // Parameters of the address: camera=PX,PY,PZ:TX,TY,TZ:FOV, camera-name=NAME, exposure=STOPS,
-// tonemap=reinhard|aces|none, server=ws://HOST:PORT/ws (default: ws beside the page), direct=auto|tiles|pixels.
+// tonemap=reinhard|aces|none, server=ws://HOST:PORT/ws (default: ws beside the page),
+// direct=auto|tiles|pixels.
 // Behind #: token=DIGITS (access.ts).
 import { askForToken, findToken, showSliders } from './access.ts';
 import { serverAddress } from './address.ts';
@@ -26,7 +27,8 @@ const UPLOADS_KEPT = 1000;
 const ADAPTATION_MS = 400; // of the exposure
 const METER_MS = 250;
 const ADAPT_FROM = 0.1; // stops: a smaller picture of the same view, or a sharper one, is metered alike
-/** Pictures that take longer are slow: light comes in tiles alone after SLOW_PICTURES of them, or SLOW_SUM_MS. */
+/** Pictures that take longer are slow: light comes in tiles alone after SLOW_PICTURES of them, or
+ * SLOW_SUM_MS. */
 const SLOW_MS = 100;
 const SLOW_PICTURES = 3;
 const SLOW_SUM_MS = 2000;
@@ -130,7 +132,7 @@ class App {
       this.tell({ kind: 'lost' });
     });
     document.addEventListener('visibilitychange', () => {
-      this.beganMs = 0; // what is hidden is not drawn
+      this.beganMs = 0; // a hidden page draws nothing
       this.tell({ kind: 'pause', paused: document.hidden });
     });
     // hints are for keys, and cover much of a small window

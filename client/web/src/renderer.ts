@@ -869,7 +869,8 @@ export class Renderer {
    * SAMPLES_STILL. share: of the canvas' width and height that the picture has, before it is stretched. */
   draw(view: View, canvasWidth: number, canvasHeight: number, sample: number, share: number): void {
     const { gl } = this;
-    const [width, height] = [canvasWidth, canvasHeight].map((side) => Math.max(1, Math.round(share * side))) as [
+    const scaled = (side: number) => Math.max(1, Math.round(share * side));
+    const [width, height] = [canvasWidth, canvasHeight].map(scaled) as [
       number,
       number,
     ];

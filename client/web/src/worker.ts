@@ -13,7 +13,8 @@ import { Store } from './store.ts';
 import { Tiles, zstdFrom } from './tiles.ts';
 import { Feature } from './wire.ts';
 
-/** Of lightwell-three, which has room for more help than the page (build.mjs). */
+/** True in the worker of lightwell-three, whose messages help more: the page has no bytes for that
+ * (build.mjs). */
 declare const FOR_THREE: boolean;
 
 const TICK_MS = 50;

@@ -1,7 +1,7 @@
 // frames.mjs: how long the frames of a page take, and when it is lit. Chromium without a GPU (SwiftShader).
 //     node test/frames.mjs URL [WIDTHxHEIGHT] [SECONDS] [OUT.png]
-// URL: the page of a lightwelld that is lit. A frame is the time between two calls of requestAnimationFrame();
-// times are from the navigation on, in seconds. It judges nothing.
+// URL: the page of a lightwelld that is lit. A frame is the time between two calls of
+// requestAnimationFrame(); times are from the navigation on, in seconds. It judges nothing.
 import { openBrowser, until } from './page.mjs';
 
 const [url, size = '1280x720', seconds = '20', out = ''] = process.argv.slice(2);
@@ -31,7 +31,10 @@ try {
   await page.addInitScript(watch);
   await page.goto(url);
   // all tiles of the view are there, and a picture of them
-  const lit = () => lightwell.stats.firstMs > 0 && lightwell.stats.surveys > 0 && lightwell.stats.missing === 0;
+  const lit = () => {
+    const { firstMs, surveys, missing } = lightwell.stats;
+    return firstMs > 0 && surveys > 0 && missing === 0;
+  };
   await until(page, 'all light of the view', lit);
   const litMs = await page.evaluate(() => performance.now());
   await page.waitForFunction((ms) => performance.now() > ms, 1000 * Number(seconds));

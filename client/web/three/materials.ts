@@ -7,7 +7,7 @@ import * as THREE from 'three';
 type Shader = THREE.WebGLProgramParametersWithUniforms;
 type Node = { mul(factor: number): Node };
 
-/** Of NodeMaterial, as far as it is known here. */
+/** The fields of NodeMaterial that this module uses. */
 interface NodeMaterial extends THREE.Material {
   isNodeMaterial?: boolean;
   setupLightingModel(builder: unknown): LightingModel;
