@@ -7,6 +7,7 @@
 #ifndef LW_COMMON_SCENE_H
 #define LW_COMMON_SCENE_H
 
+#include "common/shading/lobes.h"
 #include "common/status.h"
 #include "common/vec.h"
 
@@ -34,12 +35,20 @@
 #define LW_SCENE_DURATION_MAX         1e9f  /* s */
 #define LW_SCENE_ENVIRONMENT_SIDE_MAX 4096u /* texels, either way */
 
+/* What the four bytes of a texel are. */
+enum lw_content {
+    LW_CONTENT_COLOUR,  /* R, G, B sRGB; A linear, not premultiplied */
+    LW_CONTENT_NORMAL,  /* R, G: x and y of a unit normal in tangent space, 127.5 (1 + x); B: z; A: 255 */
+    LW_CONTENT_SURFACE, /* R occlusion, G roughness, B metalness, linear; A: 255 */
+};
+
 struct lw_texture {
     const char *name;
     uint32_t width, height;
-    /* width*height*4, row 0 first (glTF: v = 0), sRGB colour, linear alpha, not premultiplied */
+    /* width*height*4, row 0 first (glTF: v = 0) */
     const uint8_t *rgba;
     uint8_t wrap_s, wrap_t; /* enum lw_wrap */
+    uint8_t content;        /* enum lw_content; of textures of finishes. Else LW_CONTENT_COLOUR */
 };
 enum lw_wrap { LW_WRAP_REPEAT, LW_WRAP_CLAMP, LW_WRAP_MIRROR };
 
@@ -59,8 +68,26 @@ enum lw_alpha_mode {
 /** What a file says about a light's direct light: common/light/client_lights.h. */
 enum lw_drawn_by { LW_DRAWN_BY_RULE /* nothing */, LW_DRAWN_BY_CLIENTS, LW_DRAWN_BY_SERVER };
 
+/** How smooth a surface is, what it mirrors, and its small relief: metallic-roughness as glTF 2.0 has it,
+ * with KHR_materials_specular and KHR_materials_ior. Textures are of lw_scene.finish_texture. */
+struct lw_finish {
+    float metalness, roughness;            /* [0, 1]; times B and G of the texture */
+    struct lw_texture_use surface_texture; /* LW_CONTENT_SURFACE */
+    /* What a dielectric mirrors: at normal incidence min(((ior - 1) / (ior + 1))^2 colour, 1) specular, at
+     * grazing incidence specular. 0 and metalness 0: nothing, a matt surface. */
+    float specular;                         /* [0, 1]; times A of the texture */
+    float specular_colour[3];               /* >= 0; times R, G, B of the texture */
+    struct lw_texture_use specular_texture; /* LW_CONTENT_COLOUR */
+    float ior;                              /* >= 1 */
+    /* Of light that comes from everywhere, tiles and sky, 1 + strength (R - 1) arrives. */
+    float occlusion; /* [0, 1]: strength */
+    struct lw_texture_use occlusion_texture;
+    float normal_scale;                   /* of x and y; any finite number */
+    struct lw_texture_use normal_texture; /* LW_CONTENT_NORMAL */
+};
+
 /** Diffuse reflection base_colour/pi, plus emission. A single-sided surface reflects and emits from its
- * front.
+ * front. With a finish it also mirrors, and base_colour is that of the metal or of what is under the gloss.
  *
  * An unlit surface is seen as its base colour, 1 W/(m^2 sr) for 1, whatever light falls on it. It reflects
  * nothing, and what is seen of it is no light to others. */
@@ -77,6 +104,7 @@ struct lw_material {
     uint8_t unlit;    /* then emission is 0 */
     /* BLEND: factors of light that passes, on top of 1 - alpha; their luminance is 1. All 0: none */
     float tint[3];
+    const struct lw_finish *finish; /* NULL: matt and even */
 };
 
 /** A triangle mesh in object space. Its lightmap UVs are shared by all objects that use it. */
@@ -89,6 +117,8 @@ struct lw_mesh {
     const struct lw_vec4 *colour;   /* vertex colour times alpha, linear; or NULL for white */
     const uint32_t (*triangle)[3];  /* vertex indices */
     const uint32_t *material;       /* per triangle */
+    /* Of normal maps: 3 per triangle, of its corners (tangent.h); or NULL: no material has one */
+    const uint16_t *tangent;
 
     /* Lightmap (common/lightmap/lightmap.h). Atlas coordinates are in texels: texel (i, j) has its centre at
      * (i + 0.5, j + 0.5). A mesh with double-sided triangles keeps the light of their backs in a second copy
@@ -178,6 +208,7 @@ struct lw_scene {
     struct lw_mesh *mesh;
     struct lw_material *material;
     struct lw_texture *texture;
+    struct lw_texture *finish_texture;
     struct lw_node *node;
     struct lw_object *object;
     struct lw_light *light;
@@ -185,7 +216,7 @@ struct lw_scene {
     struct lw_channel *channel;       /* of nodes */
     struct lw_channel *light_channel; /* of lights */
     uint32_t mesh_count, material_count, texture_count, node_count, object_count, light_count, camera_count,
-        channel_count, light_channel_count;
+        channel_count, light_channel_count, finish_texture_count;
     float duration_s; /* of the animation, which loops; 0: none */
     float sky[3];     /* W/(m^2 sr) from everywhere outside; the environment's comes on top */
     struct lw_environment environment;
@@ -258,6 +289,10 @@ bool lw_scene_has_light(const struct lw_scene *scene);
 struct lw_vec4 lw_scene_sample(const struct lw_scene *scene, const struct lw_texture_use *use,
                                struct lw_vec2 uv);
 
+/** The same of a texture of finishes; its bytes as lw_content has them. */
+struct lw_vec4 lw_scene_sample_finish(const struct lw_scene *scene, const struct lw_texture_use *use,
+                                      struct lw_vec2 uv);
+
 /** Radiance that arrives from outside the scene: sky and environment, W/(m^2 sr). direction_ws: unit, where
  * one looks. */
 struct lw_vec3 lw_scene_sky(const struct lw_scene *scene, struct lw_vec3 direction_ws);
@@ -266,10 +301,13 @@ struct lw_vec3 lw_scene_sky(const struct lw_scene *scene, struct lw_vec3 directi
 struct lw_surface {
     struct lw_vec3 position, normal; /* object space, interpolated; the normal is unit */
     struct lw_vec3 geometric_normal; /* object space, unit, by winding */
-    struct lw_vec3 albedo;           /* base colour x texture x vertex colour, in [0, 1]; unlit: 0 */
-    float alpha;                     /* in [0, 1]: 1 for OPAQUE; 1 or 0 for MASK, by alpha_cutoff */
-    struct lw_vec3 emission;         /* W/(m^2 sr); unlit: what is seen, and is no light */
-    struct lw_vec2 lightmap_uv;      /* texels; of the front */
+    /* Diffuse: base colour x texture x vertex colour, in [0, 1]; unlit: 0. With a finish, the mean over all
+     * directions of what is reflected by the diffuse lobe (common/shading/lobes.h). */
+    struct lw_vec3 albedo;
+    struct lw_vec3 base;        /* the base colour there, in [0, 1] */
+    float alpha;                /* in [0, 1]: 1 for OPAQUE; 1 or 0 for MASK, by alpha_cutoff */
+    struct lw_vec3 emission;    /* W/(m^2 sr); unlit: what is seen, and is no light */
+    struct lw_vec2 lightmap_uv; /* texels; of the front */
     const struct lw_material *material;
 };
 void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
@@ -280,8 +318,8 @@ struct lw_facet {
     const struct lw_mesh *mesh;
     const struct lw_material *material;
     uint32_t vertex[3];
-    bool varies; /* false: the next three fields hold for every point */
-    struct lw_vec3 albedo;
+    bool varies; /* false: the next four fields hold for every point */
+    struct lw_vec3 albedo, base;
     float alpha;
     struct lw_vec3 emission;
     struct lw_vec2 lightmap_uv[3]; /* of the corners */
@@ -312,6 +350,22 @@ void lw_scene_facet_texels(const struct lw_scene *scene, const struct lw_facet *
  * stays. */
 void lw_scene_facet_colour(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
                            const struct lw_texture_quad *texels, struct lw_surface *out);
+
+/** How a point of a surface scatters light. */
+struct lw_finish_point {
+    struct lw_lobes lobes;
+    float occlusion;        /* of light from everywhere, what arrives: [0, 1] */
+    bool bumpy;             /* there is a normal map here */
+    struct lw_vec3 bump;    /* its normal, in tangent space, unit, z > 0 */
+    struct lw_vec4 tangent; /* object space, unit, not quite at right angles; glTF's w */
+};
+/** Without a finish it is matt: lobes.diffuse is the albedo. surface: lw_scene_surface() of that point. */
+void lw_scene_finish(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
+                     float v, const struct lw_surface *surface, struct lw_finish_point *out);
+/** The normal of a bumpy point. normal, tangent: world space or object space, the tangent of any length; both
+ * on the side of the surface where the map is as it was drawn, the front. Unit. */
+struct lw_vec3 lw_scene_bump(const struct lw_finish_point *point, struct lw_vec3 normal,
+                             struct lw_vec3 tangent);
 
 /** The two normals alone, as in struct lw_surface: returns the shading normal. */
 struct lw_vec3 lw_scene_normal(const struct lw_mesh *mesh, uint32_t triangle, float u, float v,

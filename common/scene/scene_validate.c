@@ -132,6 +132,7 @@ static enum lw_status check_counts(const struct lw_scene *scene, struct lw_error
         {"meshes", scene->mesh_count, LW_SCENE_MESHES_MAX, scene->mesh},
         {"materials", scene->material_count, LW_SCENE_MATERIALS_MAX, scene->material},
         {"textures", scene->texture_count, LW_SCENE_TEXTURES_MAX, scene->texture},
+        {"textures of finishes", scene->finish_texture_count, LW_SCENE_TEXTURES_MAX, scene->finish_texture},
         {"nodes", scene->node_count, LW_SCENE_NODES_MAX, scene->node},
         {"objects", scene->object_count, LW_SCENE_OBJECTS_MAX, scene->object},
         {"lights", scene->light_count, LW_SCENE_LIGHTS_MAX, scene->light},
@@ -160,6 +161,15 @@ static enum lw_status check_texture(const struct lw_texture *texture, struct ele
     if (!texture->rgba) return refuse(e, "has no pixels");
     if (texture->wrap_s > LW_WRAP_MIRROR) return refuse(e, "wrap_s %u is no wrap mode", texture->wrap_s);
     if (texture->wrap_t > LW_WRAP_MIRROR) return refuse(e, "wrap_t %u is no wrap mode", texture->wrap_t);
+    if (texture->content > LW_CONTENT_SURFACE) return refuse(e, "content %u is none", texture->content);
+    return LW_OK;
+}
+
+static enum lw_status check_texture_place(const struct lw_texture_use *use, const struct element *e,
+                                          const char *field) {
+    if (use->uv_set > 1) return refuse(e, "%s uses UV set %u; there are sets 0 and 1", field, use->uv_set);
+    if (find_not_finite(use->transform, 6) < 6)
+        return refuse(e, "%s has a transform that is not finite", field);
     return LW_OK;
 }
 
@@ -167,10 +177,55 @@ static enum lw_status check_texture_use(const struct lw_scene *scene, const stru
                                         const struct element *e, const char *field) {
     if (use->texture != LW_SCENE_NONE && use->texture >= scene->texture_count)
         return refuse(e, "%s names texture %u of %u", field, use->texture, scene->texture_count);
-    if (use->uv_set > 1) return refuse(e, "%s uses UV set %u; there are sets 0 and 1", field, use->uv_set);
-    if (find_not_finite(use->transform, 6) < 6)
-        return refuse(e, "%s has a transform that is not finite", field);
-    return LW_OK;
+    return check_texture_place(use, e, field);
+}
+
+static enum lw_status check_finish_texture_use(const struct lw_scene *scene, const struct lw_texture_use *use,
+                                               enum lw_content content, const struct element *e,
+                                               const char *field) {
+    if (use->texture != LW_SCENE_NONE) {
+        if (use->texture >= scene->finish_texture_count)
+            return refuse(e, "%s names texture %u of %u", field, use->texture, scene->finish_texture_count);
+        if (scene->finish_texture[use->texture].content != content)
+            return refuse(e, "%s names texture %u, whose content is %u, not %u", field, use->texture,
+                          scene->finish_texture[use->texture].content, content);
+    }
+    return check_texture_place(use, e, field);
+}
+
+static enum lw_status check_finish(const struct lw_scene *scene, const struct lw_finish *finish,
+                                   const struct element *e) {
+    const struct {
+        const char *name;
+        const float *value;
+        size_t count;
+        float low, high;
+    } number[] = {
+        {"metalness", &finish->metalness, 1, 0, 1},
+        {"roughness", &finish->roughness, 1, 0, 1},
+        {"specular", &finish->specular, 1, 0, 1},
+        {"specular_colour", finish->specular_colour, 3, 0, LW_SCENE_RADIANCE_MAX},
+        {"ior", &finish->ior, 1, 1, LW_SCENE_RADIANCE_MAX},
+        {"occlusion", &finish->occlusion, 1, 0, 1},
+        {"normal_scale", &finish->normal_scale, 1, -LW_SCENE_RADIANCE_MAX, LW_SCENE_RADIANCE_MAX},
+    };
+    const struct {
+        const char *name;
+        const struct lw_texture_use *use;
+        enum lw_content content;
+    } texture[] = {
+        {"surface_texture", &finish->surface_texture, LW_CONTENT_SURFACE},
+        {"specular_texture", &finish->specular_texture, LW_CONTENT_COLOUR},
+        {"occlusion_texture", &finish->occlusion_texture, LW_CONTENT_SURFACE},
+        {"normal_texture", &finish->normal_texture, LW_CONTENT_NORMAL},
+    };
+    enum lw_status status = LW_OK;
+    for (size_t i = 0; i < sizeof number / sizeof *number && !status; i++)
+        status =
+            check_range(e, number[i].name, number[i].value, number[i].count, number[i].low, number[i].high);
+    for (size_t i = 0; i < sizeof texture / sizeof *texture && !status; i++)
+        status = check_finish_texture_use(scene, texture[i].use, texture[i].content, e, texture[i].name);
+    return status;
 }
 
 static enum lw_status check_material(const struct lw_scene *scene, const struct lw_material *material,
@@ -193,7 +248,8 @@ static enum lw_status check_material(const struct lw_scene *scene, const struct 
     if (material->unlit && lw_material_shines(material)) return refuse(e, "is unlit, and has an emission");
     if (lw_material_tints(material) && material->alpha_mode != LW_ALPHA_BLEND)
         return refuse(e, "has a tint, but lets no light pass: its alpha mode is not blend");
-    return check_range(e, "tint", material->tint, 3, 0, TINT_MAX);
+    status = check_range(e, "tint", material->tint, 3, 0, TINT_MAX);
+    return status || !material->finish ? status : check_finish(scene, material->finish, e);
 }
 
 static enum lw_status check_triangles(const struct lw_scene *scene, const struct lw_mesh *mesh,
@@ -398,6 +454,9 @@ static enum lw_status check_elements(const struct lw_scene *scene, struct lw_err
     enum lw_status status = LW_OK;
     for (uint32_t i = 0; !status && i < scene->texture_count; i++)
         status = check_texture(&scene->texture[i], &(struct element){err, "texture", i, NULL});
+    for (uint32_t i = 0; !status && i < scene->finish_texture_count; i++)
+        status =
+            check_texture(&scene->finish_texture[i], &(struct element){err, "texture of finishes", i, NULL});
     for (uint32_t i = 0; !status && i < scene->material_count; i++)
         status = check_material(scene, &scene->material[i], &(struct element){err, "material", i, NULL});
     for (uint32_t i = 0; !status && i < scene->mesh_count; i++)

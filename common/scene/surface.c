@@ -1,5 +1,6 @@
 #include "common/colour.h"
 #include "common/scene/scene.h"
+#include "common/shading/tangent.h"
 
 /* floorf() without the call that it is where the instruction set has no rounding (SSE2). */
 static inline float whole(float x) {
@@ -58,9 +59,8 @@ static struct lw_vec4 mix(struct lw_vec4 a, struct lw_vec4 b, float t) {
     return (struct lw_vec4){s * a.x + t * b.x, s * a.y + t * b.y, s * a.z + t * b.z, s * a.w + t * b.w};
 }
 
-static inline void find_texels(const struct lw_scene *scene, const struct lw_texture_use *use,
+static inline void find_texels(const struct lw_texture *texture, const struct lw_texture_use *use,
                                struct lw_vec2 uv, struct lw_texture_quad *out) {
-    const struct lw_texture *texture = &scene->texture[use->texture];
     const float *m = use->transform;
     float u = reduce(m[0] * uv.x + m[1] * uv.y + m[2], texture->wrap_s);
     float v = reduce(m[3] * uv.x + m[4] * uv.y + m[5], texture->wrap_t);
@@ -96,8 +96,24 @@ struct lw_vec4 lw_scene_sample(const struct lw_scene *scene, const struct lw_tex
                                struct lw_vec2 uv) {
     if (use->texture == LW_SCENE_NONE) return (struct lw_vec4){1, 1, 1, 1};
     struct lw_texture_quad texels;
-    find_texels(scene, use, uv, &texels);
+    find_texels(&scene->texture[use->texture], use, uv, &texels);
     return read_texels(&texels);
+}
+
+static struct lw_vec4 linear_texel(const uint8_t *p) {
+    const float unit = 1.0f / 255.0f;
+    return (struct lw_vec4){(float)p[0] * unit, (float)p[1] * unit, (float)p[2] * unit, (float)p[3] * unit};
+}
+
+struct lw_vec4 lw_scene_sample_finish(const struct lw_scene *scene, const struct lw_texture_use *use,
+                                      struct lw_vec2 uv) {
+    if (use->texture == LW_SCENE_NONE) return (struct lw_vec4){1, 1, 1, 1};
+    const struct lw_texture *texture = &scene->finish_texture[use->texture];
+    struct lw_texture_quad t;
+    find_texels(texture, use, uv, &t);
+    if (texture->content == LW_CONTENT_COLOUR) return read_texels(&t);
+    return mix(mix(linear_texel(t.at[0]), linear_texel(t.at[1]), t.x),
+               mix(linear_texel(t.at[2]), linear_texel(t.at[3]), t.x), t.y);
 }
 
 /* Barycentric weights of a triangle's corners, with the corners. */
@@ -160,13 +176,54 @@ static struct lw_vec4 base_colour(const struct lw_scene *scene, const struct lw_
     return tint(mesh, material, lw_scene_sample(scene, use, uv), corners);
 }
 
-/* What a surface of that base colour reflects; what of an unlit one is seen is added to its emission. */
-static struct lw_vec3 reflected(const struct lw_material *material, struct lw_vec3 colour,
-                                struct lw_vec3 *emission) {
-    const struct lw_vec3 albedo = lw_vec3(clamp01(colour.x), clamp01(colour.y), clamp01(colour.z));
-    if (!material->unlit) return albedo;
-    *emission = lw_vec3_add(*emission, albedo);
-    return lw_vec3(0, 0, 0);
+static struct lw_vec4 finish_texel(const struct lw_scene *scene, const struct lw_mesh *mesh,
+                                   const struct lw_texture_use *use, const struct corners *corners) {
+    if (use->texture == LW_SCENE_NONE) return (struct lw_vec4){1, 1, 1, 1};
+    return lw_scene_sample_finish(scene, use, interpolate2(mesh->uv[use->uv_set], corners));
+}
+
+static float blend(float a, float b, float t) { return a + t * (b - a); }
+
+/* Of a surface of that base colour. */
+static struct lw_lobes lobes_of(const struct lw_scene *scene, const struct lw_mesh *mesh,
+                                const struct lw_finish *finish, const struct corners *corners,
+                                struct lw_vec3 base) {
+    const struct lw_vec4 surface = finish_texel(scene, mesh, &finish->surface_texture, corners);
+    const struct lw_vec4 mirror = finish_texel(scene, mesh, &finish->specular_texture, corners);
+    const float metal = clamp01(finish->metalness * surface.z), under = 1 - metal;
+    const float strength = clamp01(finish->specular * mirror.w);
+    const float bend = (finish->ior - 1) / (finish->ior + 1), f0 = bend * bend;
+    const float *tint = finish->specular_colour;
+    const struct lw_vec3 gloss =
+        lw_vec3(clamp01(f0 * tint[0] * mirror.x) * strength, clamp01(f0 * tint[1] * mirror.y) * strength,
+                clamp01(f0 * tint[2] * mirror.z) * strength);
+    return (struct lw_lobes){
+        .diffuse = lw_vec3_scale(base, under),
+        .f0 = lw_vec3(blend(gloss.x, base.x, metal), blend(gloss.y, base.y, metal),
+                      blend(gloss.z, base.z, metal)),
+        .f90 = blend(strength, 1, metal),
+        .gloss0 = fmaxf(gloss.x, fmaxf(gloss.y, gloss.z)),
+        .gloss90 = strength,
+        .roughness = clamp01(finish->roughness * surface.y),
+    };
+}
+
+/* What a surface of that base colour reflects diffusely; what of an unlit one is seen is added to its
+ * emission. */
+static struct lw_vec3 reflected(const struct lw_scene *scene, const struct lw_mesh *mesh,
+                                const struct lw_material *material, const struct corners *corners,
+                                struct lw_vec3 base, struct lw_vec3 *emission) {
+    if (material->unlit) {
+        *emission = lw_vec3_add(*emission, base);
+        return lw_vec3(0, 0, 0);
+    }
+    if (!material->finish) return base;
+    const struct lw_lobes lobes = lobes_of(scene, mesh, material->finish, corners, base);
+    return lw_lobes_albedo(&lobes);
+}
+
+static struct lw_vec3 clamp_colour(struct lw_vec4 colour) {
+    return lw_vec3(clamp01(colour.x), clamp01(colour.y), clamp01(colour.z));
 }
 
 static struct lw_vec3 emission(const struct lw_scene *scene, const struct lw_mesh *mesh,
@@ -200,13 +257,20 @@ void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, 
     out->normal = lw_scene_normal(mesh, triangle, u, v, &out->geometric_normal);
     out->alpha = opacity(material, colour.w);
     out->emission = emission(scene, mesh, material, &corners);
-    out->albedo = reflected(material, lw_vec3(colour.x, colour.y, colour.z), &out->emission);
+    out->base = clamp_colour(colour);
+    out->albedo = reflected(scene, mesh, material, &corners, out->base, &out->emission);
     out->lightmap_uv = interpolate2(mesh->lightmap_uv, &corners);
     out->material = material;
 }
 
 static void gather2(const struct lw_vec2 *array, const uint32_t vertex[3], struct lw_vec2 out[3]) {
     for (int i = 0; i < 3; i++) out[i] = array ? array[vertex[i]] : (struct lw_vec2){0, 0};
+}
+
+/* Whether what it reflects differs from place to place. */
+static bool finish_varies(const struct lw_finish *finish) {
+    return finish && (finish->surface_texture.texture != LW_SCENE_NONE ||
+                      finish->specular_texture.texture != LW_SCENE_NONE);
 }
 
 void lw_scene_facet(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle,
@@ -219,11 +283,13 @@ void lw_scene_facet(const struct lw_scene *scene, const struct lw_mesh *mesh, ui
     out->mesh = mesh;
     out->material = material;
     for (int i = 0; i < 3; i++) out->vertex[i] = vertex[i];
-    out->varies =
-        base->texture != LW_SCENE_NONE || mesh->colour || (shines && glow->texture != LW_SCENE_NONE);
+    out->varies = base->texture != LW_SCENE_NONE || mesh->colour ||
+                  (shines && glow->texture != LW_SCENE_NONE) || finish_varies(material->finish);
     out->alpha = opacity(material, f[3]);
     out->emission = lw_vec3(e[0], e[1], e[2]);
-    out->albedo = reflected(material, lw_vec3(f[0], f[1], f[2]), &out->emission);
+    const struct corners any = {{vertex[0], vertex[1], vertex[2]}, {1, 0, 0}};
+    out->base = clamp_colour((struct lw_vec4){f[0], f[1], f[2], 1});
+    out->albedo = reflected(scene, mesh, material, &any, out->base, &out->emission);
     gather2(mesh->lightmap_uv, vertex, out->lightmap_uv);
     gather2(mesh->uv[base->uv_set], vertex, out->uv);
 }
@@ -233,7 +299,7 @@ void lw_scene_facet_texels(const struct lw_scene *scene, const struct lw_facet *
     const struct lw_texture_use *use = &facet->material->base_colour_texture;
     out->at[0] = NULL;
     if (use->texture == LW_SCENE_NONE) return;
-    find_texels(scene, use, lw_scene_facet_mean(facet->uv, weight), out);
+    find_texels(&scene->texture[use->texture], use, lw_scene_facet_mean(facet->uv, weight), out);
     __builtin_prefetch(out->at[0]);
     __builtin_prefetch(out->at[2]);
 }
@@ -247,7 +313,50 @@ void lw_scene_facet_colour(const struct lw_scene *scene, const struct lw_facet *
     const struct lw_vec4 colour = tint(facet->mesh, material, sample, &corners);
     out->alpha = opacity(material, colour.w);
     out->emission = emission(scene, facet->mesh, material, &corners);
-    out->albedo = reflected(material, lw_vec3(colour.x, colour.y, colour.z), &out->emission);
+    out->base = clamp_colour(colour);
+    out->albedo = reflected(scene, facet->mesh, material, &corners, out->base, &out->emission);
+}
+
+static struct lw_vec4 interpolate_tangent(const struct lw_mesh *mesh, uint32_t triangle,
+                                          const struct corners *c) {
+    struct lw_vec4 sum = {0, 0, 0, 0};
+    for (int i = 0; i < 3; i++) {
+        const struct lw_vec4 t =
+            lw_tangent_decode(mesh->tangent[3 * (size_t)triangle + (size_t)i], mesh->normal[c->vertex[i]]);
+        const float w = c->weight[i];
+        sum = (struct lw_vec4){sum.x + w * t.x, sum.y + w * t.y, sum.z + w * t.z, t.w};
+    }
+    return sum;
+}
+
+/* Normal of a map. Scaled by less than 0 it turns around; an even one stands where it is too short. */
+static struct lw_vec3 bump_of(struct lw_vec4 texel, float scale) {
+    const float x = (texel.x * 255 - 127.5f) / 127.5f, y = (texel.y * 255 - 127.5f) / 127.5f;
+    const float z = sqrtf(fmaxf(1 - x * x - y * y, 1e-4f));
+    return lw_vec3_normalize(lw_vec3(scale * x, scale * y, z));
+}
+
+void lw_scene_finish(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
+                     float v, const struct lw_surface *surface, struct lw_finish_point *out) {
+    const struct lw_finish *finish = surface->material->finish;
+    *out = (struct lw_finish_point){.lobes = lw_lobes_matt(surface->albedo), .occlusion = 1};
+    if (!finish || surface->material->unlit) return;
+    const struct corners corners = find_corners(mesh, triangle, u, v);
+    out->lobes = lobes_of(scene, mesh, finish, &corners, surface->base);
+    out->occlusion =
+        1 + finish->occlusion * (finish_texel(scene, mesh, &finish->occlusion_texture, &corners).x - 1);
+    if (finish->normal_texture.texture == LW_SCENE_NONE || !mesh->tangent) return;
+    out->bumpy = true;
+    out->bump = bump_of(finish_texel(scene, mesh, &finish->normal_texture, &corners), finish->normal_scale);
+    out->tangent = interpolate_tangent(mesh, triangle, &corners);
+}
+
+struct lw_vec3 lw_scene_bump(const struct lw_finish_point *point, struct lw_vec3 normal,
+                             struct lw_vec3 tangent) {
+    const struct lw_vec3 t = lw_vec3_normalize(lw_vec3_mad(tangent, normal, -lw_vec3_dot(tangent, normal)));
+    const struct lw_vec3 b = lw_vec3_scale(lw_vec3_cross(normal, t), point->tangent.w);
+    return lw_vec3_normalize(
+        lw_vec3_mad(lw_vec3_mad(lw_vec3_scale(t, point->bump.x), b, point->bump.y), normal, point->bump.z));
 }
 
 /* Share in which a corner lifts, by the cosine of its normal with the face: see scene.h. */
@@ -287,7 +396,7 @@ float lw_scene_alpha(const struct lw_scene *scene, const struct lw_mesh *mesh, u
     float alpha = material->base_colour[3];
     if (use->texture != LW_SCENE_NONE) {
         struct lw_texture_quad quad;
-        find_texels(scene, use, interpolate2(mesh->uv[use->uv_set], &corners), &quad);
+        find_texels(&scene->texture[use->texture], use, interpolate2(mesh->uv[use->uv_set], &corners), &quad);
         alpha *= read_alpha(&quad);
     }
     if (mesh->colour) alpha *= interpolate4(mesh->colour, &corners).w;

@@ -19,9 +19,9 @@ static void add_textures(struct lw_scene *scene) {
     static const uint8_t grey[4] = {188, 188, 188, 255};
     static const uint8_t ramp[3 * 1 * 4] = {0, 1, 2, 3, 100, 101, 102, 103, 250, 251, 252, 253};
     const struct lw_texture textures[] = {
-        {"checker", 2, 2, KEEP(scene, checker), LW_WRAP_REPEAT, LW_WRAP_CLAMP},
-        {"", 1, 1, KEEP(scene, grey), LW_WRAP_MIRROR, LW_WRAP_REPEAT},
-        {"Rampe größer", 3, 1, KEEP(scene, ramp), LW_WRAP_CLAMP, LW_WRAP_MIRROR},
+        {"checker", 2, 2, KEEP(scene, checker), LW_WRAP_REPEAT, LW_WRAP_CLAMP, LW_CONTENT_COLOUR},
+        {"", 1, 1, KEEP(scene, grey), LW_WRAP_MIRROR, LW_WRAP_REPEAT, LW_CONTENT_COLOUR},
+        {"Rampe größer", 3, 1, KEEP(scene, ramp), LW_WRAP_CLAMP, LW_WRAP_MIRROR, LW_CONTENT_COLOUR},
     };
     scene->texture = KEEP(scene, textures);
     scene->texture_count = COUNT(textures);
@@ -30,7 +30,7 @@ static void add_textures(struct lw_scene *scene) {
 static void add_materials(struct lw_scene *scene) {
     const struct lw_texture_use none = {LW_SCENE_NONE, 0, {1, 0, 0, 0, 1, 0}};
     const struct lw_material materials[] = {
-        {"plain", {0.25f, 0.5f, 0.75f, 1}, none, {0, 0, 0}, none, 0.5f, LW_ALPHA_OPAQUE, 0, 0, 0, {0}},
+        {"plain", {0.25f, 0.5f, 0.75f, 1}, none, {0, 0, 0}, none, 0.5f, LW_ALPHA_OPAQUE, 0, 0, 0, {0}, NULL},
         {"leaf 葉",
          {1, 1, 1, 1},
          {0, 1, {2, 0, 0.5f, 0, -1, 1}},
@@ -41,7 +41,8 @@ static void add_materials(struct lw_scene *scene) {
          1,
          0,
          0,
-         {0}},
+         {0},
+         NULL},
         {"lamp",
          {0, 0, 0, 0.5f},
          {2, 0, {1, 0, 0, 0, 1, 0}},
@@ -52,7 +53,8 @@ static void add_materials(struct lw_scene *scene) {
          0,
          0,
          0,
-         {0}},
+         {0},
+         NULL},
     };
     scene->material = KEEP(scene, materials);
     scene->material_count = COUNT(materials);

@@ -12,7 +12,7 @@ static const struct lw_texture_use plain_use = {0, 0, {1, 0, 0, 0, 1, 0}};
 static const uint8_t row[] = {0, 0, 0, 0, 127, 0, 0, 51, 255, 0, 0, 255};
 
 static struct lw_vec4 sample_row(uint8_t wrap_s, uint8_t wrap_t, float u, float v) {
-    struct lw_texture texture = {"", 3, 1, row, wrap_s, wrap_t};
+    struct lw_texture texture = {"", 3, 1, row, wrap_s, wrap_t, LW_CONTENT_COLOUR};
     struct lw_scene scene = {.texture = &texture, .texture_count = 1};
     return lw_scene_sample(&scene, &plain_use, (struct lw_vec2){u, v});
 }
@@ -67,7 +67,7 @@ static void edges_follow_the_wrap_mode(void **state) {
 static void rows_go_down_and_have_their_own_wrap_mode(void **state) {
     (void)state;
     static const uint8_t column[] = {255, 0, 0, 255, 0, 255, 0, 255}; /* red at v = 0, green below */
-    struct lw_texture texture = {"", 1, 2, column, LW_WRAP_REPEAT, LW_WRAP_CLAMP};
+    struct lw_texture texture = {"", 1, 2, column, LW_WRAP_REPEAT, LW_WRAP_CLAMP, LW_CONTENT_COLOUR};
     struct lw_scene scene = {.texture = &texture, .texture_count = 1};
     struct lw_vec4 c = lw_scene_sample(&scene, &plain_use, (struct lw_vec2){7.3f, 0.25f});
     assert_near(c.x, 1);
@@ -96,7 +96,7 @@ static void wild_coordinates_stay_inside(void **state) {
 
 static void no_texture_is_white_and_transforms_apply(void **state) {
     (void)state;
-    struct lw_texture texture = {"", 3, 1, row, LW_WRAP_CLAMP, LW_WRAP_CLAMP};
+    struct lw_texture texture = {"", 3, 1, row, LW_WRAP_CLAMP, LW_WRAP_CLAMP, LW_CONTENT_COLOUR};
     struct lw_scene scene = {.texture = &texture, .texture_count = 1};
     struct lw_texture_use use = {LW_SCENE_NONE, 0, {0}};
     struct lw_vec4 c = lw_scene_sample(&scene, &use, (struct lw_vec2){0.3f, 0.4f});
