@@ -21,6 +21,9 @@ static const struct {
     {.name = LW_BUILTIN_PREFIX "atrium",
      .about = "a sunlit two-storey court with cloth, plants and lamps; animated",
      .build = lw_builtin_atrium_build},
+    {.name = LW_BUILTIN_PREFIX "atrium-matt",
+     .about = "the same court, all its surfaces matt and even",
+     .build = lw_builtin_atrium_matt_build},
     {.name = LW_BUILTIN_PREFIX "city",
      .about = "a town of four million triangles, sunlit, with street lamps and traffic; "
               "city:BLOCKS has BLOCKS x BLOCKS blocks, 1 to 32 (6)",

@@ -1,5 +1,5 @@
 /* builtin.h: scenes that need no file: "builtin:cornell", "builtin:atrium", "builtin:city", and with an
- * argument "builtin:city:2".
+ * argument "builtin:city:2". "builtin:atrium-matt" is the atrium of before it had finishes, byte for byte.
  * Threads: [any], one scene per call. */
 #ifndef LW_COMMON_BUILTIN_H
 #define LW_COMMON_BUILTIN_H

@@ -19,6 +19,7 @@ static const float lamp_radiance[3] = {1500.0f, 820.0f, 330.0f};
 static const float lantern_radiance[3] = {1900.0f, 900.0f, 280.0f};
 
 struct palette {
+    bool is_matt;
     uint32_t plaster, dado, upper_dado, ashlar, rib, marble, moulding, vault, inlay, meander, tiles, step,
         wood, roof, water, soil, clay, pottery, glaze, red, blue, green, frond, leaf, brass, bronze, lamp,
         lantern;
@@ -79,6 +80,85 @@ static struct palette mix_palette(struct lw_builtin_stage *stage) {
     lw_builtin_stage_emission(stage, p.lamp, lamp_radiance);
     lw_builtin_stage_emission(stage, p.lantern, lantern_radiance);
     return p;
+}
+
+/* Without a relief a surface is smooth but for its roughness. */
+#define SMOOTH LW_BUILTIN_RELIEF_COUNT
+
+/** The finish of a material. Its roughness is times the relief's; specular and ior are of a dielectric's
+ * gloss; scale is the normal map's. */
+struct polish {
+    uint32_t material;
+    enum lw_builtin_relief_kind relief;
+    float metalness, roughness, specular, ior, scale;
+};
+
+static struct lw_texture_use use_texture(uint32_t texture) {
+    return (struct lw_texture_use){.texture = texture, .transform = {1, 0, 0, 0, 1, 0}};
+}
+
+static void polish(struct lw_builtin_stage *stage, const struct polish *how,
+                   struct lw_builtin_relief relief) {
+    const struct lw_finish finish = {
+        .metalness = how->metalness,
+        .roughness = how->roughness,
+        .surface_texture = use_texture(relief.surface),
+        .specular = how->specular,
+        .specular_colour = {1, 1, 1},
+        .specular_texture = use_texture(LW_SCENE_NONE),
+        .ior = how->ior,
+        .occlusion = relief.surface == LW_SCENE_NONE ? 0 : 1,
+        .occlusion_texture = use_texture(relief.surface),
+        .normal_scale = how->scale,
+        .normal_texture = use_texture(relief.normal),
+    };
+    lw_builtin_stage_gloss(stage, how->material, &finish);
+}
+
+/* What of a metal is mirrored comes out of its base colour, which for the matt form is darker. */
+static void set_metal(struct lw_builtin_stage *stage, uint32_t material, float r, float g, float b) {
+    if (stage->failed) return;
+    float *base = stage->scene->material[material].base_colour;
+    base[0] = r, base[1] = g, base[2] = b;
+}
+
+static void polish_palette(struct lw_builtin_stage *stage, const struct palette *p) {
+    const struct polish polishes[] = {
+        {p->plaster, LW_BUILTIN_RELIEF_PLASTER, 0, 0.94f, 0.6f, 1.5f, 1},
+        {p->vault, LW_BUILTIN_RELIEF_PLASTER, 0, 0.94f, 0.6f, 1.5f, 1},
+        {p->dado, LW_BUILTIN_RELIEF_PLASTER, 0, 0.36f, 1, 1.5f, 0.35f}, /* stucco, rubbed with wax */
+        {p->upper_dado, LW_BUILTIN_RELIEF_PLASTER, 0, 0.36f, 1, 1.5f, 0.35f},
+        {p->clay, LW_BUILTIN_RELIEF_PLASTER, 0, 0.86f, 0.8f, 1.5f, 1.4f},
+        {p->ashlar, LW_BUILTIN_RELIEF_ASHLAR, 0, 0.86f, 0.8f, 1.5f, 1},
+        {p->rib, LW_BUILTIN_RELIEF_ASHLAR, 0, 0.80f, 0.8f, 1.5f, 0.8f},
+        {p->marble, LW_BUILTIN_RELIEF_MARBLE, 0, 1, 1, 1.5f, 1},
+        {p->moulding, LW_BUILTIN_RELIEF_MARBLE, 0, 1, 1, 1.5f, 1},
+        {p->step, LW_BUILTIN_RELIEF_MARBLE, 0, 1, 1, 1.5f, 1},
+        {p->inlay, LW_BUILTIN_RELIEF_INLAY, 0, 1, 1, 1.5f, 1},
+        {p->meander, LW_BUILTIN_RELIEF_MEANDER, 0, 1, 1, 1.5f, 1},
+        {p->tiles, LW_BUILTIN_RELIEF_TILES, 0, 1, 1, 1.52f, 1},
+        {p->wood, LW_BUILTIN_RELIEF_WOOD, 0, 0.58f, 0.8f, 1.5f, 1},
+        {p->roof, LW_BUILTIN_RELIEF_ROOF, 0, 0.85f, 0.8f, 1.5f, 1},
+        {p->pottery, LW_BUILTIN_RELIEF_POTTERY, 0, 1, 1, 1.5f, 1},
+        {p->glaze, SMOOTH, 0, 0.10f, 1, 1.52f, 1},
+        {p->water, LW_BUILTIN_RELIEF_RIPPLES, 0, 0.04f, 1, 1.33f, 1},
+        {p->soil, SMOOTH, 0, 0.98f, 0.4f, 1.5f, 1},
+        {p->red, LW_BUILTIN_RELIEF_WEAVE, 0, 0.90f, 0.35f, 1.5f, 1},
+        {p->blue, LW_BUILTIN_RELIEF_WEAVE, 0, 0.90f, 0.35f, 1.5f, 1},
+        {p->green, LW_BUILTIN_RELIEF_WEAVE, 0, 0.90f, 0.35f, 1.5f, 1},
+        {p->frond, SMOOTH, 0, 0.48f, 0.9f, 1.45f, 1},
+        {p->leaf, SMOOTH, 0, 0.38f, 0.9f, 1.45f, 1},
+        {p->brass, LW_BUILTIN_RELIEF_BRONZE, 1, 0.80f, 1, 1.5f, 0.5f},
+        {p->bronze, LW_BUILTIN_RELIEF_BRONZE, 1, 1, 1, 1.5f, 1},
+    };
+    struct lw_builtin_relief relief[LW_BUILTIN_RELIEF_COUNT + 1];
+    for (unsigned i = 0; i < LW_BUILTIN_RELIEF_COUNT; i++)
+        relief[i] = lw_builtin_texture_add_relief(stage, (enum lw_builtin_relief_kind)i);
+    relief[SMOOTH] = (struct lw_builtin_relief){LW_SCENE_NONE, LW_SCENE_NONE};
+    for (unsigned i = 0; i < sizeof polishes / sizeof *polishes; i++)
+        polish(stage, &polishes[i], relief[polishes[i].relief]);
+    set_metal(stage, p->brass, 0.86f, 0.68f, 0.34f);
+    set_metal(stage, p->bronze, 0.74f, 0.50f, 0.29f);
 }
 
 static void in_space(struct lw_builtin_mesh *mesh, uint32_t material, float metres) {
@@ -247,7 +327,10 @@ static void build_basin(struct lw_builtin_stage *stage, struct lw_builtin_mesh *
     place(mesh, 0, LW_HOUSE_COURT_Y, 0, 0);
     along(mesh, p->moulding, 1.6f);
     lw_builtin_furnish_basin(mesh);
-    along(mesh, p->water, 1.0f);
+    if (p->is_matt)
+        along(mesh, p->water, 1.0f);
+    else
+        in_space(mesh, p->water, 1.0f); /* no seam in the ripples */
     lw_builtin_furnish_water(mesh);
     finish(stage, mesh, "basin");
 }
@@ -325,13 +408,15 @@ static void build_lamps_and_rings(struct lw_builtin_stage *stage, struct lw_buil
     turn_about(stage, rings, 0.41f);
 }
 
-enum lw_status lw_builtin_atrium_build(struct lw_scene **out_scene, struct lw_error *err) {
+static enum lw_status build(bool is_matt, struct lw_scene **out_scene, struct lw_error *err) {
     struct lw_builtin_stage stage;
     struct lw_builtin_mesh mesh;
     if (lw_builtin_stage_init(&stage, "atrium") != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory while building a scene");
     lw_builtin_mesh_init(&mesh);
     struct palette palette = mix_palette(&stage);
+    palette.is_matt = is_matt;
+    if (!is_matt) polish_palette(&stage, &palette);
     build_house(&stage, &mesh, &palette);
     build_basin(&stage, &mesh, &palette);
     build_vases(&stage, &mesh, &palette);
@@ -348,4 +433,11 @@ enum lw_status lw_builtin_atrium_build(struct lw_scene **out_scene, struct lw_er
     lw_builtin_stage_camera(&stage, "vase", lw_vec3(-7.3f, 1.25f, 3.6f), lw_vec3(-4.6f, 0.85f, 5.8f), 42.0f);
     lw_builtin_stage_camera(&stage, "lamp", lw_vec3(-4.0f, 1.65f, 7.9f), lw_vec3(1.8f, 2.35f, 6.9f), 55.0f);
     return lw_builtin_stage_finish(&stage, out_scene, err);
+}
+
+enum lw_status lw_builtin_atrium_build(struct lw_scene **out_scene, struct lw_error *err) {
+    return build(false, out_scene, err);
+}
+enum lw_status lw_builtin_atrium_matt_build(struct lw_scene **out_scene, struct lw_error *err) {
+    return build(true, out_scene, err);
 }

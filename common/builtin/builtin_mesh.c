@@ -1,5 +1,7 @@
 #include "common/builtin/builtin_mesh.h"
 
+#include "common/shading/tangent.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -79,6 +81,25 @@ void lw_builtin_mesh_triangle(struct lw_builtin_mesh *mesh, uint32_t a, uint32_t
     t[1] = mirrored ? c : b;
     t[2] = mirrored ? b : c;
     mesh->triangle_material[mesh->triangle_count++] = mesh->material;
+}
+
+/* With edges e and f, dp/du = (e fv - f ev) / (eu fv - ev fu). The divisor is negative where v runs down
+ * beside u, as in pictures: there glTF's w is 1. */
+void lw_builtin_mesh_tangents(const struct lw_builtin_mesh *mesh, uint16_t *out_tangent) {
+    for (uint32_t t = 0; !mesh->failed && t < mesh->triangle_count; t++) {
+        const uint32_t *corner = mesh->triangle[t];
+        const struct lw_vec3 at = mesh->position[corner[0]];
+        const struct lw_vec3 e = lw_vec3_sub(mesh->position[corner[1]], at),
+                             f = lw_vec3_sub(mesh->position[corner[2]], at);
+        const struct lw_vec2 *uv = mesh->uv, *from = &uv[corner[0]];
+        const float eu = uv[corner[1]].x - from->x, ev = uv[corner[1]].y - from->y,
+                    fu = uv[corner[2]].x - from->x, fv = uv[corner[2]].y - from->y;
+        const bool mirrored = eu * fv - ev * fu > 0;
+        const struct lw_vec3 tangent =
+            lw_vec3_scale(lw_vec3_sub(lw_vec3_scale(e, fv), lw_vec3_scale(f, ev)), mirrored ? 1 : -1);
+        for (int c = 0; c < 3; c++)
+            *out_tangent++ = lw_tangent_encode(mesh->normal[corner[c]], tangent, mirrored);
+    }
 }
 
 /* ---- patches ---- */

@@ -46,6 +46,10 @@ void lw_builtin_mesh_use(struct lw_builtin_mesh *mesh, uint32_t material, enum l
 void lw_builtin_mesh_place(struct lw_builtin_mesh *mesh, struct lw_vec3 position, float angle,
                            struct lw_vec3 scale);
 
+/** Tangents of all corners by their triangles' texture coordinates, 3 codes per triangle (tangent.h): a
+ * normal map's x points where u grows, its y where v falls. */
+void lw_builtin_mesh_tangents(const struct lw_builtin_mesh *mesh, uint16_t *out_tangent);
+
 /** Adds one vertex, or one triangle counter-clockwise from its front. Only the placement is applied. */
 uint32_t lw_builtin_mesh_vertex(struct lw_builtin_mesh *mesh, struct lw_vec3 position, struct lw_vec3 normal,
                                 struct lw_vec2 uv);

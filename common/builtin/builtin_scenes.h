@@ -8,6 +8,8 @@
 LW_MUST_CHECK enum lw_status lw_builtin_cornell_build(struct lw_scene **out_scene, struct lw_error *err);
 LW_MUST_CHECK enum lw_status lw_builtin_ajar_build(struct lw_scene **out_scene, struct lw_error *err);
 LW_MUST_CHECK enum lw_status lw_builtin_atrium_build(struct lw_scene **out_scene, struct lw_error *err);
+/** The same without finishes; both are called "atrium". */
+LW_MUST_CHECK enum lw_status lw_builtin_atrium_matt_build(struct lw_scene **out_scene, struct lw_error *err);
 
 /* Blocks along a side of the town; 6 by 6 are 4 million triangles, 32 by 32 below 2^27. */
 #define LW_BUILTIN_CITY_BLOCKS_MIN     1u

@@ -69,22 +69,34 @@ enum lw_status lw_builtin_stage_finish(struct lw_builtin_stage *stage, struct lw
     return status;
 }
 
+/** Texels of a texture that is appended to a list: lw_scene.texture or finish_texture. */
+static uint8_t *add_texture(struct lw_builtin_stage *stage, void *list_pointer, uint32_t *count,
+                            struct lw_texture texture, uint32_t *out_index) {
+    uint8_t *rgba = keep(stage, (size_t)texture.width * texture.height, 4);
+    const char *kept_name = keep_string(stage, texture.name);
+    *out_index = LW_SCENE_NONE;
+    struct lw_texture *added = append(stage, list_pointer, count, sizeof *added);
+    if (!added) return NULL;
+    *out_index = *count - 1;
+    *added = texture;
+    added->name = kept_name;
+    added->rgba = rgba;
+    added->wrap_s = added->wrap_t = LW_WRAP_REPEAT;
+    return rgba;
+}
+
 uint8_t *lw_builtin_stage_texture(struct lw_builtin_stage *stage, const char *name, uint32_t width,
                                   uint32_t height, uint32_t *out_index) {
-    uint8_t *rgba = keep(stage, (size_t)width * height, 4);
-    const char *kept_name = keep_string(stage, name);
-    *out_index = LW_SCENE_NONE;
-    struct lw_texture *texture =
-        append(stage, &stage->scene->texture, &stage->scene->texture_count, sizeof *texture);
-    if (!texture) return NULL;
-    *out_index = stage->scene->texture_count - 1;
-    *texture = (struct lw_texture){.name = kept_name,
-                                   .width = width,
-                                   .height = height,
-                                   .rgba = rgba,
-                                   .wrap_s = LW_WRAP_REPEAT,
-                                   .wrap_t = LW_WRAP_REPEAT};
-    return rgba;
+    const struct lw_texture texture = {.name = name, .width = width, .height = height};
+    return add_texture(stage, &stage->scene->texture, &stage->scene->texture_count, texture, out_index);
+}
+
+uint8_t *lw_builtin_stage_finish_texture(struct lw_builtin_stage *stage, const char *name, uint32_t width,
+                                         uint32_t height, enum lw_content content, uint32_t *out_index) {
+    const struct lw_texture texture = {
+        .name = name, .width = width, .height = height, .content = (uint8_t)content};
+    return add_texture(stage, &stage->scene->finish_texture, &stage->scene->finish_texture_count, texture,
+                       out_index);
 }
 
 uint32_t lw_builtin_stage_material(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 albedo,
@@ -101,6 +113,14 @@ uint32_t lw_builtin_stage_material(struct lw_builtin_stage *stage, const char *n
                              .alpha_cutoff = 0.5f,
                              .alpha_mode = LW_ALPHA_OPAQUE};
     return stage->scene->material_count - 1;
+}
+
+void lw_builtin_stage_gloss(struct lw_builtin_stage *stage, uint32_t material,
+                            const struct lw_finish *finish) {
+    struct lw_finish *kept = keep(stage, 1, sizeof *kept);
+    if (!kept) return;
+    *kept = *finish;
+    stage->scene->material[material].finish = kept;
 }
 
 void lw_builtin_stage_emission(struct lw_builtin_stage *stage, uint32_t material, const float radiance[3]) {
@@ -135,6 +155,21 @@ static void *keep_copy(struct lw_builtin_stage *stage, const void *from, size_t 
     return to;
 }
 
+static bool needs_tangents(const struct lw_builtin_stage *stage, const struct lw_builtin_mesh *mesh) {
+    for (uint32_t t = 0; !stage->failed && t < mesh->triangle_count; t++) {
+        const struct lw_finish *finish = stage->scene->material[mesh->triangle_material[t]].finish;
+        if (finish && finish->normal_texture.texture != LW_SCENE_NONE) return true;
+    }
+    return false;
+}
+
+static const uint16_t *keep_tangents(struct lw_builtin_stage *stage, const struct lw_builtin_mesh *mesh) {
+    if (!needs_tangents(stage, mesh)) return NULL;
+    uint16_t *tangent = keep(stage, mesh->triangle_count, 3 * sizeof *tangent);
+    if (tangent) lw_builtin_mesh_tangents(mesh, tangent);
+    return tangent;
+}
+
 uint32_t lw_builtin_stage_mesh(struct lw_builtin_stage *stage, const char *name,
                                struct lw_builtin_mesh *mesh) {
     stage->failed |= mesh->failed;
@@ -147,6 +182,7 @@ uint32_t lw_builtin_stage_mesh(struct lw_builtin_stage *stage, const char *name,
     kept.triangle = keep_copy(stage, mesh->triangle, mesh->triangle_count, sizeof *mesh->triangle);
     kept.material =
         keep_copy(stage, mesh->triangle_material, mesh->triangle_count, sizeof *mesh->triangle_material);
+    kept.tangent = keep_tangents(stage, mesh);
     lw_builtin_mesh_finish(mesh);
     lw_builtin_mesh_init(mesh);
     struct lw_mesh *added = append(stage, &stage->scene->mesh, &stage->scene->mesh_count, sizeof *added);

@@ -25,10 +25,19 @@ LW_MUST_CHECK enum lw_status lw_builtin_stage_finish(struct lw_builtin_stage *st
 uint8_t *lw_builtin_stage_texture(struct lw_builtin_stage *stage, const char *name, uint32_t width,
                                   uint32_t height, uint32_t *out_index);
 
+/** The same of finishes (lw_scene.finish_texture). */
+uint8_t *lw_builtin_stage_finish_texture(struct lw_builtin_stage *stage, const char *name, uint32_t width,
+                                         uint32_t height, enum lw_content content, uint32_t *out_index);
+
 /** An opaque, single-sided, dark material of this albedo; returned index for meshes. texture: or
  * LW_SCENE_NONE. */
 uint32_t lw_builtin_stage_material(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 albedo,
                                    uint32_t texture);
+
+/** Gives a material a finish. Meshes that are kept afterwards have tangents where one of their materials has
+ * a normal map. */
+void lw_builtin_stage_gloss(struct lw_builtin_stage *stage, uint32_t material,
+                            const struct lw_finish *finish);
 
 void lw_builtin_stage_emission(struct lw_builtin_stage *stage, uint32_t material, const float radiance[3]);
 

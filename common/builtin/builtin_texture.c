@@ -2,6 +2,14 @@
 
 #include "common/random.h"
 
+#include <stdlib.h>
+
+/** A point of a relief. */
+struct grain {
+    float height_mm, roughness;
+    float open; /* how much of what comes from everywhere reaches it, in [0, 1] */
+};
+
 /* ---- noise and shapes ---- */
 
 static float mix(float a, float b, float t) { return a + (b - a) * t; }
@@ -110,7 +118,8 @@ static struct lw_vec4 marble(float u, float v) {
     return opaque(veined(u, v, lw_vec3(0.91f, 0.87f, 0.80f), lw_vec3(0.72f, 0.64f, 0.55f), 100));
 }
 
-static struct lw_vec4 inlay(float u, float v) {
+/** The stone of one field of the floor; out_line: how far the nearest joint is. */
+static struct lw_vec3 inlaid_stone(float u, float v, float *out_line) {
     const struct lw_vec3 cream = lw_vec3(0.86f, 0.80f, 0.68f), porphyry = lw_vec3(0.55f, 0.23f, 0.20f),
                          serpentine = lw_vec3(0.30f, 0.42f, 0.34f), ochre = lw_vec3(0.76f, 0.62f, 0.42f),
                          grey = lw_vec3(0.56f, 0.54f, 0.52f);
@@ -134,6 +143,13 @@ static struct lw_vec4 inlay(float u, float v) {
         line = fminf(line, fminf(fabsf(radius - 0.52f), fabsf(radius - 0.46f)));
         line = fminf(line, fminf(fabsf(radius - 0.16f), fabsf(radius - star) * 0.6f));
     }
+    *out_line = line;
+    return stone;
+}
+
+static struct lw_vec4 inlay(float u, float v) {
+    float line;
+    struct lw_vec3 stone = inlaid_stone(u, v, &line);
     float clouds = fractal(u, v, 8, 4, 200);
     float vein = fabsf(2.0f * noise(6.0f * u + 2.0f * clouds, 6.0f * v, 6, 210) - 1.0f);
     stone = lw_vec3_scale(stone, (0.84f + 0.2f * clouds) * (0.88f + 0.12f * smooth(0.0f, 0.15f, vein)));
@@ -241,8 +257,8 @@ static struct lw_vec4 leaf(float u, float v) {
     return (struct lw_vec4){c.x, c.y, c.z, inside ? 1.0f : 0.0f};
 }
 
-static struct lw_vec4 pottery(float u, float v) {
-    const struct lw_vec3 clay = lw_vec3(0.76f, 0.45f, 0.28f), black = lw_vec3(0.17f, 0.13f, 0.12f);
+/** Where the amphora is painted, without what has worn off: 0 or 1. */
+static float pottery_paint(float u, float v) {
     float paint = 0;
     if (v < 0.10f)
         paint = 1;
@@ -261,8 +277,15 @@ static struct lw_vec4 pottery(float u, float v) {
         paint = sinf(2.0f * LW_PI * u * 12.0f) * 0.03f + 0.74f > v ? 1.0f : 0.0f;
     else if (v > 0.84f)
         paint = v < 0.96f;
-    float wear = fractal(u, v, 8, 5, 91);
-    struct lw_vec3 c = blend(clay, black, paint * smooth(0.16f, 0.28f, wear));
+    return paint;
+}
+static float pottery_gloss(float u, float v) {
+    return pottery_paint(u, v) * smooth(0.16f, 0.28f, fractal(u, v, 8, 5, 91));
+}
+
+static struct lw_vec4 pottery(float u, float v) {
+    const struct lw_vec3 clay = lw_vec3(0.76f, 0.45f, 0.28f), black = lw_vec3(0.17f, 0.13f, 0.12f);
+    struct lw_vec3 c = blend(clay, black, pottery_gloss(u, v));
     return opaque(lw_vec3_scale(c, 0.84f + 0.22f * fractal(u, v, 4, 4, 95)));
 }
 
@@ -321,6 +344,98 @@ static struct lw_vec4 stripes(float u, float v) {
         blend(lw_vec3(0.88f, 0.85f, 0.78f), lw_vec3(0.70f, 0.22f, 0.18f), smooth(0.48f, 0.52f, edge)));
 }
 
+/* ---- reliefs ---- */
+
+#define EVEN(height_mm) ((struct grain){(height_mm), 1, 1})
+
+/** Heights that the trowel and the sand leave. */
+static struct grain plaster_relief(float u, float v) {
+    return EVEN(9.0f * fractal(u, v, 6, 3, 611) + 2.2f * fractal(u, v, 48, 2, 613));
+}
+
+static struct grain ashlar_relief(float u, float v) {
+    struct cell block = brick(u, v, 2, 4, 0.5f);
+    float grain = fractal(u, v, 16, 5, 7 + (uint32_t)block.y);
+    float joint = 1.0f - smooth(0.0015f, 0.008f, block.edge + 0.003f * (grain - 0.5f));
+    float pits = smooth(0.66f, 0.74f, fractal(u, v, 32, 3, 77));
+    return (struct grain){6.0f * grain - 1.6f * pits - 4.5f * joint, 1, 1.0f - 0.5f * joint};
+}
+
+/** Sawn and rubbed, not polished: it is dull where hands and weather have been. */
+static struct grain marble_relief(float u, float v) {
+    float worn = smooth(0.40f, 0.70f, fractal(u, v, 5, 4, 621));
+    return (struct grain){2.4f * fractal(u, v, 8, 4, 623), 0.30f + 0.22f * worn, 1};
+}
+
+static struct grain inlay_relief(float u, float v) {
+    float line, worn = smooth(0.35f, 0.75f, fractal(u, v, 4, 5, 631));
+    struct lw_vec3 stone = inlaid_stone(u, v, &line);
+    float joint = 1.0f - smooth(0.002f, 0.008f, line), soft = smooth(0.4f, 0.8f, stone.y);
+    return (struct grain){1.6f * fractal(u, v, 4, 3, 633) - 1.0f * joint,
+                          mix(0.13f + 0.06f * soft + 0.20f * worn, 0.75f, joint), 1.0f - 0.4f * joint};
+}
+
+/** No stone of a mosaic lies quite level. */
+static struct grain meander_relief(float u, float v) {
+    float x = u * 64.0f, y = v * 16.0f, fx = fraction(x) - 0.5f, fy = fraction(y) - 0.5f;
+    int ix = floor_int(x), iy = floor_int(y);
+    float lean_x = lattice(ix, iy, 64, 641) - 0.5f, lean_y = lattice(ix, iy, 64, 643) - 0.5f;
+    float gap = smooth(0.38f, 0.5f, fmaxf(fabsf(fx), fabsf(fy)));
+    return (struct grain){1.2f * (lean_x * fx + lean_y * fy) - 1.2f * gap,
+                          mix(0.22f + 0.14f * lattice(ix, iy, 64, 645), 0.85f, gap), 1.0f - 0.4f * gap};
+}
+
+/** Glazed terracotta, bowed as kilns leave it; feet have dulled it in places. */
+static struct grain tiles_relief(float u, float v) {
+    struct cell tile = brick(u, v, 4, 4, 0);
+    float grout = 1.0f - smooth(0.003f, 0.008f, tile.edge), rim = smooth(0.003f, 0.022f, tile.edge);
+    float worn = smooth(0.42f, 0.72f, fractal(u, v, 6, 4, 651));
+    float glaze = 0.14f + 0.08f * lattice(tile.x, tile.y, 64, 653) + 0.26f * worn;
+    return (struct grain){3.5f * rim + 2.0f * fractal(u, v, 8, 4, 655), mix(glaze, 0.92f, grout),
+                          1.0f - 0.5f * grout};
+}
+
+static struct grain wood_relief(float u, float v) {
+    float across = fraction(u * 4.0f), edge = fminf(across, 1 - across) / 4.0f;
+    float sway = 3.0f * noise(u * 8.0f, v * 8.0f, 8, 657); /* of fibres that run along v */
+    float fibre = noise(u * 128.0f + sway, 0, 128, 659);
+    return EVEN(0.7f * fibre + 4.0f * smooth(0.001f, 0.008f, edge));
+}
+
+static struct grain roof_relief(float u, float v) {
+    float across = fraction(u * 4.0f), along = fraction(v * 4.0f);
+    return EVEN(30.0f * sinf(LW_PI * across) + 12.0f * smooth(0.0f, 0.12f, along));
+}
+
+static struct grain weave_relief(float u, float v) {
+    float weave = 0.5f * sinf(2.0f * LW_PI * u * 128.0f) + 0.5f * sinf(2.0f * LW_PI * v * 128.0f);
+    return EVEN(0.45f * weave + 14.0f * fractal(u, v, 8, 3, 661));
+}
+
+static struct grain pottery_relief(float u, float v) {
+    float gloss = pottery_gloss(u, v);
+    return (struct grain){1.2f * fractal(u, v, 8, 3, 671),
+                          mix(0.68f, 0.24f + 0.12f * fractal(u, v, 6, 3, 673), gloss), 1};
+}
+
+/** Hammered and polished, then handled. */
+static struct grain bronze_relief(float u, float v) {
+    float worn = smooth(0.35f, 0.70f, fractal(u, v, 6, 4, 681));
+    return (struct grain){2.6f * fractal(u, v, 14, 2, 683), 0.24f + 0.26f * worn, 1};
+}
+
+/** Waves that the air makes, of 11 to 50 cm. */
+static struct grain ripples_relief(float u, float v) {
+    static const struct {
+        float x, y, mm, phase;
+    } wave[] = {{2, 1, 1.00f, 0.3f},  {-1, 2, 0.90f, 1.9f}, {3, -2, 0.50f, 4.0f}, {4, 3, 0.34f, 2.6f},
+                {-3, 5, 0.24f, 0.8f}, {6, -5, 0.16f, 5.3f}, {-7, -4, 0.14f, 3.1f}};
+    float height = 0;
+    for (unsigned i = 0; i < sizeof wave / sizeof *wave; i++)
+        height += wave[i].mm * sinf(2.0f * LW_PI * (wave[i].x * u + wave[i].y * v) + wave[i].phase);
+    return EVEN(height);
+}
+
 /* ---- storing ---- */
 
 static uint8_t quantise(float x) { return (uint8_t)(clamp01(x) * 255.0f + 0.5f); }
@@ -348,4 +463,67 @@ uint32_t lw_builtin_texture_add(struct lw_builtin_stage *stage, enum lw_builtin_
             rgba[3] = quantise(c.w);
         }
     return index;
+}
+
+static void store_surface(uint8_t *rgba, const struct grain *grain, size_t count) {
+    for (size_t i = 0; i < count; i++, rgba += 4) {
+        rgba[0] = quantise(grain[i].open);
+        rgba[1] = quantise(grain[i].roughness);
+        rgba[2] = rgba[3] = 255;
+    }
+}
+
+/** y of a normal is up in the picture, rows run down. texel_mm: side of a texel. */
+static void store_normals(uint8_t *rgba, const struct grain *grain, uint32_t width, uint32_t height,
+                          float texel_mm) {
+    for (uint32_t y = 0; y < height; y++)
+        for (uint32_t x = 0; x < width; x++, rgba += 4) {
+            const struct grain *row = &grain[(size_t)y * width],
+                               *above = &grain[(size_t)(y ? y - 1 : height - 1) * width],
+                               *below = &grain[(size_t)(y + 1 < height ? y + 1 : 0) * width];
+            const float right =
+                row[x + 1 < width ? x + 1 : 0].height_mm - row[x ? x - 1 : width - 1].height_mm;
+            const float up = above[x].height_mm - below[x].height_mm;
+            const struct lw_vec3 n = lw_vec3_normalize(lw_vec3(-right, -up, 2 * texel_mm));
+            rgba[0] = (uint8_t)(127.5f * (1 + n.x) + 0.5f);
+            rgba[1] = (uint8_t)(127.5f * (1 + n.y) + 0.5f);
+            rgba[2] = (uint8_t)(127.5f * (1 + n.z) + 0.5f);
+            rgba[3] = 255;
+        }
+}
+
+struct lw_builtin_relief lw_builtin_texture_add_relief(struct lw_builtin_stage *stage,
+                                                       enum lw_builtin_relief_kind kind) {
+    static const struct {
+        const char *normal, *surface;
+        uint32_t width, height;
+        float metres;
+        bool is_even;
+        struct grain (*grain)(float u, float v);
+    } reliefs[LW_BUILTIN_RELIEF_COUNT] = {
+#define X(kind, name, width, height, metres, even)                                                           \
+    {#name " normal", #name " surface", width, height, metres, even, name##_relief},
+        LW_BUILTIN_RELIEF_MAP(X)
+#undef X
+    };
+    struct lw_builtin_relief out = {LW_SCENE_NONE, LW_SCENE_NONE};
+    const uint32_t width = reliefs[kind].width, height = reliefs[kind].height;
+    struct grain *grain = malloc((size_t)width * height * sizeof *grain);
+    if (!grain) {
+        stage->failed = true;
+        return out;
+    }
+    for (uint32_t y = 0; y < height; y++)
+        for (uint32_t x = 0; x < width; x++)
+            grain[(size_t)y * width + x] =
+                reliefs[kind].grain(((float)x + 0.5f) / (float)width, ((float)y + 0.5f) / (float)height);
+    uint8_t *rgba = lw_builtin_stage_finish_texture(stage, reliefs[kind].normal, width, height,
+                                                    LW_CONTENT_NORMAL, &out.normal);
+    if (rgba) store_normals(rgba, grain, width, height, 1e3f * reliefs[kind].metres / (float)width);
+    rgba = reliefs[kind].is_even ? NULL
+                                 : lw_builtin_stage_finish_texture(stage, reliefs[kind].surface, width,
+                                                                   height, LW_CONTENT_SURFACE, &out.surface);
+    if (rgba) store_surface(rgba, grain, (size_t)width * height);
+    free(grain);
+    return out;
 }

@@ -42,4 +42,35 @@ enum lw_builtin_texture_kind {
 /** Computes a texture into the stage and returns its index. */
 uint32_t lw_builtin_texture_add(struct lw_builtin_stage *stage, enum lw_builtin_texture_kind kind);
 
+/* name, width, height in texels, metres across, and whether it is equally rough everywhere; a function of
+ * heights, roughness and how open a point lies */
+#define LW_BUILTIN_RELIEF_MAP(X)                                                                             \
+    X(PLASTER, plaster, 256, 256, 4.0f, true)                                                                \
+    X(ASHLAR, ashlar, 512, 512, 1.5f, false) /* of the same blocks as the texture, and so on */              \
+    X(MARBLE, marble, 256, 256, 2.4f, false)                                                                 \
+    X(INLAY, inlay, 512, 512, 2.0f, false)                                                                   \
+    X(MEANDER, meander, 512, 128, 2.48f, false)                                                              \
+    X(TILES, tiles, 512, 512, 1.6f, false)                                                                   \
+    X(WOOD, wood, 256, 256, 1.0f, true)                                                                      \
+    X(ROOF, roof, 128, 128, 1.0f, true)                                                                      \
+    X(WEAVE, weave, 512, 512, 2.15f, true)                                                                   \
+    X(POTTERY, pottery, 256, 256, 1.2f, false)                                                               \
+    X(BRONZE, bronze, 256, 256, 1.0f, false)                                                                 \
+    X(RIPPLES, ripples, 256, 256, 1.0f, true)
+
+enum lw_builtin_relief_kind {
+#define X(kind, name, width, height, metres, even) LW_BUILTIN_RELIEF_##kind,
+    LW_BUILTIN_RELIEF_MAP(X)
+#undef X
+        LW_BUILTIN_RELIEF_COUNT
+};
+
+/** Textures of finishes: a normal map, and a surface texture with metalness 1 unless the relief is even. */
+struct lw_builtin_relief {
+    uint32_t normal, surface;
+};
+/** Computes them into the stage. */
+struct lw_builtin_relief lw_builtin_texture_add_relief(struct lw_builtin_stage *stage,
+                                                       enum lw_builtin_relief_kind kind);
+
 #endif

@@ -217,8 +217,8 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
         .about =
             "Turns a scene into a self-contained scene package with lightmap coordinates, which lightwelld "
             "lights. SCENE is glTF 2.0, OBJ, PLY, FBX, Collada or STL (" LW_SCENE_FORMAT_ENDINGS
-            "), or builtin:cornell, builtin:atrium, builtin:city[:BLOCKS]. What is kept of each: "
-            "docs/importing.md.\n"
+            "), or builtin:cornell, builtin:ajar, builtin:atrium[-matt], builtin:city[:BLOCKS]. "
+            "What is kept of each: docs/importing.md.\n"
             "Example: lightwell-import court.glb -o court.lwscene",
         .table = table,
         .count = sizeof table / sizeof *table,

@@ -1,9 +1,11 @@
 #include "tests/support/support.h"
 
 #include "common/builtin/builtin.h"
+#include "common/builtin/builtin_texture.h"
 #include "common/random.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
+#include "common/shading/tangent.h"
 #include "common/trace/trace.h"
 
 #include <stdlib.h>
@@ -64,7 +66,7 @@ static void check_albedo(const struct lw_scene *scene) {
         for (uint32_t t = 0; t < mesh->triangle_count; t++) {
             struct lw_surface surface;
             lw_scene_surface(scene, mesh, t, 1 / 3.0f, 1 / 3.0f, &surface);
-            float high = fmaxf(surface.albedo.x, fmaxf(surface.albedo.y, surface.albedo.z));
+            const float high = fmaxf(surface.base.x, fmaxf(surface.base.y, surface.base.z));
             if (high > 0.86f || high < 0.01f) fail_msg("%s: albedo %g", mesh->name, (double)high);
         }
     }
@@ -219,6 +221,163 @@ static void test_atrium_loop_is_smooth(void **state) {
         }
     }
     lw_pose_finish(&pose);
+}
+
+static const struct lw_finish *finish_of(const struct lw_scene *scene, const char *material) {
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        if (strcmp(scene->material[m].name, material) == 0) return scene->material[m].finish;
+    fail_msg("no material %s", material);
+    return NULL;
+}
+
+static void test_atrium_has_finishes(void **state) {
+    const struct lw_scene *scene = *state;
+    for (uint32_t m = 0; m < scene->material_count; m++) /* all but what shines */
+        assert_int_equal(scene->material[m].finish == NULL, lw_material_shines(&scene->material[m]));
+    assert_true(finish_of(scene, "bronze")->metalness == 1 && finish_of(scene, "brass")->metalness == 1);
+    assert_true(finish_of(scene, "water")->ior == 1.33f && finish_of(scene, "water")->roughness < 0.1f);
+    assert_true(finish_of(scene, "red cloth")->roughness > 0.8f);
+    uint32_t metals = 0;
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        metals += scene->material[m].finish && scene->material[m].finish->metalness > 0;
+    assert_int_equal(metals, 2);
+}
+
+/* Tiles are smooth and their grout is not; metals send nothing back diffusely. */
+static void test_atrium_finishes_vary(void **state) {
+    const struct lw_scene *scene = *state;
+    const struct lw_texture *surface =
+        &scene->finish_texture[finish_of(scene, "tiles")->surface_texture.texture];
+    const uint8_t *grout = surface->rgba, /* where four tiles meet, and the middle of one */
+        *glaze = surface->rgba + 4 * ((size_t)(surface->height / 8) * surface->width + surface->width / 8);
+    assert_int_equal(surface->content, LW_CONTENT_SURFACE);
+    assert_true(grout[1] > 220 && glaze[1] < 130);
+    assert_true(grout[0] < glaze[0]);
+    const struct lw_mesh *rings = &scene->mesh[scene->object[find_object(scene, "armillary")].mesh];
+    struct lw_surface at;
+    lw_scene_surface(scene, rings, 0, 0.3f, 0.3f, &at);
+    assert_true(at.albedo.x == 0 && at.albedo.y == 0 && at.albedo.z == 0 && at.base.x > 0.5f);
+}
+
+/** The largest mean step in either direction between texels `from` and `from + 1` of rows or columns. */
+static float step_across(const struct lw_texture *texture, bool rows, uint32_t from) {
+    const uint32_t count = rows ? texture->width : texture->height,
+                   side = rows ? texture->height : texture->width;
+    float sum[2] = {0, 0};
+    for (uint32_t i = 0; i < count; i++)
+        for (int c = 0; c < 2; c++) {
+            const uint32_t a = from, b = (from + 1) % side;
+            const size_t p = rows ? (size_t)a * texture->width + i : (size_t)i * texture->width + a,
+                         q = rows ? (size_t)b * texture->width + i : (size_t)i * texture->width + b;
+            sum[c] +=
+                fabsf((float)texture->rgba[4 * p + (size_t)c] - (float)texture->rgba[4 * q + (size_t)c]);
+        }
+    return fmaxf(sum[0], sum[1]) / (float)count;
+}
+
+/* Every normal map is of unit normals that lean little on the whole, and goes on where it repeats: the step
+ * there is no larger than the largest one inside. */
+static void test_atrium_normal_maps_repeat(void **state) {
+    const struct lw_scene *scene = *state;
+    unsigned maps = 0;
+    for (uint32_t t = 0; t < scene->finish_texture_count; t++) {
+        const struct lw_texture *texture = &scene->finish_texture[t];
+        if (texture->content != LW_CONTENT_NORMAL) continue;
+        double up = 0, aside[2] = {0, 0};
+        const size_t count = (size_t)texture->width * texture->height;
+        for (size_t i = 0; i < count; i++) {
+            const uint8_t *p = texture->rgba + 4 * i;
+            const float x = (float)p[0] / 127.5f - 1, y = (float)p[1] / 127.5f - 1,
+                        z = (float)p[2] / 127.5f - 1;
+            if (fabsf(x * x + y * y + z * z - 1) > 0.03f) fail_msg("%s: a normal is not unit", texture->name);
+            aside[0] += (double)x, aside[1] += (double)y, up += (double)z;
+        }
+        if (up < 0.9 * (double)count) fail_msg("%s: %g", texture->name, up / (double)count);
+        for (int c = 0; c < 2; c++) assert_true(fabs(aside[c]) < 0.02 * (double)count);
+        for (int rows = 0; rows < 2; rows++) {
+            const uint32_t side = rows ? texture->height : texture->width;
+            float inside = 0;
+            for (uint32_t i = 0; i + 1 < side; i++) inside = fmaxf(inside, step_across(texture, rows, i));
+            if (step_across(texture, rows, side - 1) > 1.01f * inside)
+                fail_msg("%s: %g across its edge, at most %g inside", texture->name,
+                         (double)step_across(texture, rows, side - 1), (double)inside);
+        }
+        maps++;
+    }
+    assert_in_range(maps, 8, 16);
+}
+
+/* A map's x is where u grows on the surface, its y where v falls, whichever way the triangle lies. */
+static void test_atrium_tangents(void **state) {
+    const struct lw_scene *scene = *state;
+    uint32_t checked = 0;
+    for (uint32_t m = 0; m < scene->mesh_count; m++) {
+        const struct lw_mesh *mesh = &scene->mesh[m];
+        for (uint32_t t = 0; t < mesh->triangle_count && mesh->tangent; t += 7) {
+            const uint32_t *v = mesh->triangle[t];
+            const struct lw_vec2 *uv = mesh->uv[0];
+            const float eu = uv[v[1]].x - uv[v[0]].x, ev = uv[v[1]].y - uv[v[0]].y,
+                        fu = uv[v[2]].x - uv[v[0]].x, fv = uv[v[2]].y - uv[v[0]].y, area = eu * fv - ev * fu;
+            const struct lw_vec3 e = lw_vec3_sub(corner(mesh, t, 1), corner(mesh, t, 0)),
+                                 f = lw_vec3_sub(corner(mesh, t, 2), corner(mesh, t, 0)),
+                                 n = lw_vec3_normalize(face(mesh, t));
+            bool even = fabsf(area) > 1e-6f; /* its corners' normals are its own */
+            for (int c = 0; c < 3; c++) even &= lw_vec3_dot(mesh->normal[v[c]], n) > 0.9999f;
+            if (!even) continue;
+            const struct lw_vec4 decoded =
+                lw_tangent_decode(mesh->tangent[3 * (size_t)t], mesh->normal[v[0]]);
+            const struct lw_vec3 tangent = lw_vec3(decoded.x, decoded.y, decoded.z),
+                                 y = lw_vec3_scale(lw_vec3_cross(n, tangent), decoded.w);
+            const struct lw_vec3 along_u = lw_vec3_normalize(
+                lw_vec3_scale(lw_vec3_sub(lw_vec3_scale(e, fv), lw_vec3_scale(f, ev)), 1 / area));
+            const struct lw_vec3 along_v =
+                lw_vec3_scale(lw_vec3_sub(lw_vec3_scale(f, eu), lw_vec3_scale(e, fu)), 1 / area);
+            if (lw_vec3_dot(tangent, along_u) < 0.999f) fail_msg("%s: triangle %u: tangent", mesh->name, t);
+            if (lw_vec3_dot(y, along_v) >= 0) fail_msg("%s: triangle %u: y", mesh->name, t);
+            checked++;
+        }
+    }
+    assert_true(checked > 1000);
+}
+
+static void assert_same(const void *a, const void *b, size_t size) {
+    assert_int_equal(a == NULL, b == NULL);
+    if (a) assert_memory_equal(a, b, size);
+}
+
+/* It is the same court: meshes but the water's texture coordinates, colours but the metals', all the rest. */
+static void test_atrium_matt(void **state) {
+    const struct lw_scene *scene = *state;
+    struct lw_scene *matt = build("builtin:atrium-matt");
+    check_scene(matt, 250000, 350000);
+    assert_string_equal(matt->name, scene->name);
+    assert_int_equal(matt->finish_texture_count, 0);
+    assert_int_equal(matt->material_count, scene->material_count);
+    for (uint32_t m = 0; m < matt->material_count; m++) {
+        assert_null(matt->material[m].finish);
+        const bool metal = scene->material[m].finish && scene->material[m].finish->metalness > 0;
+        if (!metal)
+            assert_memory_equal(matt->material[m].base_colour, scene->material[m].base_colour,
+                                sizeof matt->material[m].base_colour);
+    }
+    assert_int_equal(matt->texture_count, scene->texture_count);
+    for (uint32_t t = 0; t < matt->texture_count; t++)
+        assert_same(matt->texture[t].rgba, scene->texture[t].rgba,
+                    4ul * matt->texture[t].width * matt->texture[t].height);
+    assert_int_equal(matt->mesh_count, scene->mesh_count);
+    for (uint32_t m = 0; m < matt->mesh_count; m++) {
+        const struct lw_mesh *a = &matt->mesh[m], *b = &scene->mesh[m];
+        assert_null(a->tangent);
+        assert_int_equal(a->vertex_count, b->vertex_count);
+        assert_int_equal(a->triangle_count, b->triangle_count);
+        assert_same(a->position, b->position, a->vertex_count * sizeof *a->position);
+        assert_same(a->normal, b->normal, a->vertex_count * sizeof *a->normal);
+        assert_same(a->triangle, b->triangle, a->triangle_count * sizeof *a->triangle);
+        assert_same(a->material, b->material, a->triangle_count * sizeof *a->material);
+        if (strcmp(a->name, "basin") != 0)
+            assert_same(a->uv[0], b->uv[0], a->vertex_count * sizeof *a->uv[0]);
+    }
+    lw_scene_destroy(matt);
 }
 
 /* ---- city ---- */
@@ -383,7 +542,8 @@ static void test_arguments(void **state) {
                {"builtin:city:1e1", "\"1e1\""},
                {"builtin:cornell:2", "no argument"},
                {"builtin:ajar:1", "no argument"},
-               {"builtin:atrium:", "no argument"}};
+               {"builtin:atrium:", "no argument"},
+               {"builtin:atrium-matt:1", "builtin:atrium-matt takes no argument"}};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         struct lw_scene *scene = NULL;
         struct lw_error err = {0};
@@ -401,10 +561,10 @@ static void test_arguments(void **state) {
     assert_int_equal(lw_builtin_build("builtin:citycentre", &scene, &err), LW_NO_INPUT);
 }
 
+/* Of two atriums test_atrium_matt() knows it. */
 static void test_same_bytes_every_time(void **state) {
     (void)state;
-    static const char *const names[] = {"builtin:cornell", "builtin:ajar", "builtin:atrium",
-                                        "builtin:city:1"};
+    static const char *const names[] = {"builtin:cornell", "builtin:ajar", "builtin:city:1"};
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         uint8_t *bytes[2];
         size_t size[2];
@@ -462,7 +622,27 @@ static void test_out_of_memory(void **state) {
     assert_in_range(enough, 10, 1000);
     static const unsigned stops[] = {0, 4, 4000};
     for (size_t i = 0; i < sizeof stops / sizeof *stops; i++)
-        assert_true(fails_after("builtin:atrium", stops[i]) && fails_after("builtin:city:1", stops[i]));
+        assert_true(fails_after("builtin:atrium-matt", stops[i]) && fails_after("builtin:city:1", stops[i]));
+}
+
+static void test_reliefs_out_of_memory(void **state) {
+    (void)state;
+    bool failed = true;
+    for (unsigned before = 0; failed; before++) {
+        struct lw_builtin_stage stage;
+        struct lw_scene *scene = NULL;
+        struct lw_error err = {0};
+        assert_int_equal(lw_builtin_stage_init(&stage, "reliefs"), LW_OK);
+        allocations_left = before;
+        const struct lw_builtin_relief relief =
+            lw_builtin_texture_add_relief(&stage, LW_BUILTIN_RELIEF_BRONZE);
+        failed = allocations_left == UINT32_MAX;
+        allocations_left = UINT32_MAX;
+        assert_int_equal(stage.failed, failed);
+        if (!failed) assert_true(before >= 3 && relief.normal == 0 && relief.surface == 1);
+        assert_int_equal(lw_builtin_stage_finish(&stage, &scene, &err), failed ? LW_NO_MEMORY : LW_OK);
+        lw_scene_destroy(scene);
+    }
 }
 
 static void test_unknown_name_lists_the_names(void **state) {
@@ -492,6 +672,11 @@ int main(void) {
         cmocka_unit_test_prestate(test_atrium_has_what_it_promises, atrium),
         cmocka_unit_test_prestate(test_atrium_moves_lantern_and_rings_alone, atrium),
         cmocka_unit_test_prestate(test_atrium_loop_is_smooth, atrium),
+        cmocka_unit_test_prestate(test_atrium_has_finishes, atrium),
+        cmocka_unit_test_prestate(test_atrium_finishes_vary, atrium),
+        cmocka_unit_test_prestate(test_atrium_normal_maps_repeat, atrium),
+        cmocka_unit_test_prestate(test_atrium_tangents, atrium),
+        cmocka_unit_test_prestate(test_atrium_matt, atrium),
         cmocka_unit_test(test_city),
         cmocka_unit_test(test_city_grows_by_instances),
         cmocka_unit_test(test_city_walk_is_free),
@@ -499,6 +684,7 @@ int main(void) {
         cmocka_unit_test(test_arguments),
         cmocka_unit_test(test_same_bytes_every_time),
         cmocka_unit_test(test_out_of_memory),
+        cmocka_unit_test(test_reliefs_out_of_memory),
         cmocka_unit_test(test_unknown_name_lists_the_names),
     };
     int failed = cmocka_run_group_tests(tests, NULL, NULL);
