@@ -117,11 +117,11 @@ summarise() {
 options=("$@")
 stopped=
 trap 'stopped=1' INT TERM
-row atrium-lamp-walk builtin:atrium lamp-walk
-row atrium-sun-swing builtin:atrium sun-swing
-row atrium-lamp-switch builtin:atrium lamp-switch
-row atrium-carry builtin:atrium carry
-row atrium-static builtin:atrium static
+row atrium-lamp-walk builtin:atrium-matt lamp-walk
+row atrium-sun-swing builtin:atrium-matt sun-swing
+row atrium-lamp-switch builtin:atrium-matt lamp-switch
+row atrium-carry builtin:atrium-matt carry
+row atrium-static builtin:atrium-matt static
 if [ -n "$sponza" ]; then
     row sponza-lamp-walk "$sponza" lamp-walk
     row sponza-sun-swing "$sponza" sun-swing

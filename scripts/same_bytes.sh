@@ -4,7 +4,7 @@
 #   scripts/same_bytes.sh BEFORE AFTER [SCENE...]
 #
 # BEFORE, AFTER  folders of programs, such as build/release/bin
-# SCENE          default: builtin:cornell builtin:atrium builtin:city:2, and the file that $LW_SPONZA names
+# SCENE          default: builtin:cornell builtin:atrium-matt builtin:city:2, and the file that $LW_SPONZA names
 #
 # Each build solves LW_SAME_FRAMES frames (8) of each scene with one seed, a frame at a time (--clock manual), in both
 # ways that light is chosen, and what comes of it is compared:
@@ -19,7 +19,7 @@ set -euo pipefail
 before=$(realpath "$1") after=$(realpath "$2")
 shift 2
 scenes=("$@")
-[ $# -gt 0 ] || scenes=(builtin:cornell builtin:atrium builtin:city:2 ${LW_SPONZA:+"$LW_SPONZA"})
+[ $# -gt 0 ] || scenes=(builtin:cornell builtin:atrium-matt builtin:city:2 ${LW_SPONZA:+"$LW_SPONZA"})
 frames=${LW_SAME_FRAMES:-8}
 folder=$(mktemp -d)
 daemon=

@@ -62,7 +62,7 @@ def rows_of(tool, *arguments):
 
 def default_scenes():
     sponza = os.path.join(os.environ.get("LW_TEST_SCENES", os.path.join(ROOT, "../shared/scenes")), SPONZA)
-    return ["builtin:cornell", "builtin:atrium", "builtin:city:2"] + ([sponza] if os.path.exists(sponza) else [])
+    return ["builtin:cornell", "builtin:atrium-matt", "builtin:city:2"] + ([sponza] if os.path.exists(sponza) else [])
 
 
 def processor():

@@ -401,7 +401,7 @@ static void measure_updates(struct bench *b, const char *const *update, size_t c
 }
 
 int main(int argc, char **argv) {
-    const char *argument[1 + UPDATES_MAX] = {"builtin:atrium"};
+    const char *argument[1 + UPDATES_MAX] = {"builtin:atrium-matt"};
     struct bench b = {
         .updates = 2, .settle_s = 20, .frames = 96, .light = {.fresh_frames = 12, .daemon_options = ""}};
     const char *times = NULL;
@@ -439,8 +439,8 @@ int main(int argc, char **argv) {
         .synopsis = "[OPTIONS] [SCENE \"CAMERA COMMAND\"... | --walk SCENE CAMERA]",
         .about = "How long a change of the scene takes to reach a client, and to become the light that it "
                  "leads to.\n"
-                 "Without arguments: a lamp, a vase and the sun of builtin:atrium; with --walk alone its "
-                 "lantern, from its camera " WALK_CAMERA ".",
+                 "Without arguments: a lamp, a vase and the sun of builtin:atrium-matt; with --walk alone "
+                 "its lantern, from its camera " WALK_CAMERA ".",
         .table = table,
         .count = sizeof table / sizeof table[0],
         .positional = argument,

@@ -1,6 +1,6 @@
 /* bench_take: what taking tiles in costs the thread that draws, and how soon a picture by OpenGL is there.
  *
- *     lightwelld builtin:atrium &            (lit for a minute)
+ *     lightwelld builtin:atrium-matt &            (lit for a minute)
  *     bench_take [--budget-ms MS] [--tiles N] [--seconds S] [HOST:PORT]
  *
  * Connects as the window of lightwell-view does, draws its pictures by OpenGL without a window, 30 a second,

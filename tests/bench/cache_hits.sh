@@ -4,7 +4,7 @@
 # There need be no counters: cachegrind simulates one core's caches (48 KiB and 1 MiB). Each setting of
 # bench_thesis runs with one frame and with 1 + N (2): the difference is what N frames read, without what sets
 # them up. One worker, one direct and two bounce rays a texel, D texels a metre (2).
-# Default scenes: builtin:atrium. Wants valgrind; takes minutes (Cornell) to an hour.
+# Default scenes: builtin:atrium-matt. Wants valgrind; takes minutes (Cornell) to an hour.
 set -euo pipefail
 . "$(dirname "$0")/served.bash" # bin, run
 frames=2 density=2 l1=49152,12,64 l2=1048576,16,64
@@ -18,7 +18,7 @@ while [ $# -gt 1 ]; do
     esac
     shift 2
 done
-[ $# -gt 0 ] || set -- builtin:atrium
+[ $# -gt 0 ] || set -- builtin:atrium-matt
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """codec_video.py DUMP: what tiles would cost as pictures of a video, or as EXR: rows for the tables of bench_codec.
 
-    bench_codec --frames 64 --dump /tmp/tiles builtin:atrium && codec_video.py /tmp/tiles
+    bench_codec --frames 64 --dump /tmp/tiles builtin:atrium-matt && codec_video.py /tmp/tiles
 
 The tiles of all levels lie beside one another in one picture of log2(1 + E/y0)/10, ten bits a channel (EXR: half floats of E over white);
 what no look-up reads has its tile's mean. H.264 and H.265 by ffmpeg's libx264 and libx265, one thread. Bits are per texel

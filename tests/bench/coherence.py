@@ -16,7 +16,7 @@ import subprocess
 from plots import RESULTS, ROOT, SPONZA, plot, read_csv, write_csv
 
 FOLDER = os.path.join(RESULTS, "coherence")
-DEFAULT = ["builtin:cornell", "builtin:atrium"] + ([SPONZA] if os.path.exists(SPONZA) else []) + ["builtin:city"]
+DEFAULT = ["builtin:cornell", "builtin:atrium-matt"] + ([SPONZA] if os.path.exists(SPONZA) else []) + ["builtin:city"]
 ERRORS = {"relmse": "texels", "relmse_4x4": "means of 4 x 4", "relmse_16x16": "means of 16 x 16"}
 
 

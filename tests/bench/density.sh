@@ -22,7 +22,7 @@ while [ $# -gt 1 ]; do
 done
 work=$(mktemp -d)
 trap 'stop_serving; rm -rf "$work"' EXIT
-[ $# -gt 0 ] || set -- builtin:cornell builtin:atrium
+[ $# -gt 0 ] || set -- builtin:cornell builtin:atrium-matt
 references=${references:-$work}
 mkdir -p "$references"
 

@@ -2,12 +2,12 @@
 # first_light.sh [SCENE...]: what a frame of a scene costs, and how soon a client sees it. Prints one table in Markdown.
 # Frames: medians of frames 5..30 of a frozen scene under the step clock. Client: connect to a daemon that has its light,
 # to the first (every object's coarsest level) and the complete picture (1280x720, loopback).
-# Needs the release build. Default scenes: builtin:cornell builtin:atrium.
+# Needs the release build. Default scenes: builtin:cornell builtin:atrium-matt.
 set -euo pipefail
 . "$(dirname "$0")/served.bash"
 work=$(mktemp -d)
 trap 'stop_serving; rm -rf "$work"' EXIT
-[ $# -gt 0 ] || set -- builtin:cornell builtin:atrium
+[ $# -gt 0 ] || set -- builtin:cornell builtin:atrium-matt
 
 # median FIELD: of the JSON lines in $work/frames
 median() {

@@ -99,7 +99,7 @@ def measure(server, options, kind):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scene", default="builtin:atrium", help="scene and options of lightwelld")
+    parser.add_argument("--scene", default="builtin:atrium-matt", help="scene and options of lightwelld")
     parser.add_argument("--kinds", default=" ".join(PLAIN + BY_TLS))
     parser.add_argument("--count", type=int, default=128)
     parser.add_argument("--honest", type=int, default=100)

@@ -1,14 +1,14 @@
 #!/bin/bash
 # hybrid_bias.sh [SCENE...]: what finite tracing ranges cost in accuracy and save in time, as tables in Markdown
 # for docs/results/hybrid_bias.md. Needs the release build.
-# Default scenes: builtin:cornell builtin:atrium, and Sponza where LW_TEST_SCENES (default ../shared/scenes) has
+# Default scenes: builtin:cornell builtin:atrium-matt, and Sponza where LW_TEST_SCENES (default ../shared/scenes) has
 # it. LW_FRAMES (16), LW_DENSITY (texels a metre: 36 in Cornell's box, else 2).
 set -euo pipefail
 root="$(cd "$(dirname "$0")/../.." && pwd)"
 bin=${LW_BIN:-$root/build/release/bin}
 scenes=${LW_TEST_SCENES:-$root/../shared/scenes}
 if [ $# -eq 0 ]; then
-    set -- builtin:cornell builtin:atrium
+    set -- builtin:cornell builtin:atrium-matt
     if [ -e "$scenes/sponza/Sponza_lit.gltf" ]; then set -- "$@" "$scenes/sponza/Sponza_lit.gltf"; fi
 fi
 for scene in "$@"; do

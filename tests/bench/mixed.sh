@@ -6,7 +6,7 @@
 # 5 s after another has joined the lit server. With --alone only that: 5 s after the first client has joined a
 # server that nobody looked at for S seconds; --prepare is lightwelld's. The reference: N paths a pixel (200),
 # kept in DIR if one is given.
-# relMSE, FLIP and blocks as bench_compare has them. Default scenes: builtin:cornell builtin:atrium.
+# relMSE, FLIP and blocks as bench_compare has them. Default scenes: builtin:cornell builtin:atrium-matt.
 set -euo pipefail
 . "$(dirname "$0")/served.bash"
 seconds=60 alone=0 prepare=120 spp=200 references=
@@ -23,7 +23,7 @@ while [ $# -gt 1 ]; do
 done
 work=$(mktemp -d)
 trap 'stop_serving; rm -rf "$work"' EXIT
-[ $# -gt 0 ] || set -- builtin:cornell builtin:atrium
+[ $# -gt 0 ] || set -- builtin:cornell builtin:atrium-matt
 references=${references:-$work}
 mkdir -p "$references"
 

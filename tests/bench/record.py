@@ -4,7 +4,7 @@ place solved again.
 
     tests/bench/record.py BIN OUT [DAEMON OPTIONS]
 
-builtin:atrium, its animation held, moved by lightwellctl, a command a frame; the daemon's clock is manual. Into OUT: picture_NN.png as
+builtin:atrium-matt, its animation held, moved by lightwellctl, a command a frame; the daemon's clock is manual. Into OUT: picture_NN.png as
 a client sees it, every PICTURES commands or rests, at one exposure, and all of them on one sheet (pictures.png); fresh.png, the last of
 them beside what another daemon shows that never knew another state; counters.csv, a row a frame; counters.png (gnuplot). Printed: relMSE
 of the last picture against the other daemon's, and that of a second such daemon with another seed. BIN: build/release/bin.
@@ -18,7 +18,7 @@ import time
 from plots import plot, sheet, write_csv
 from seen import Daemon, rel_mse, view
 
-SCENE = "builtin:atrium"
+SCENE = "builtin:atrium-matt"
 CAMERA = "-7.6,1.5,7.7:-4.0,0.8,6.0:58"
 LAMP_FROM, LAMP_TO, VASE_FROM, VASE_TO = -2.5, -5.0, (-5.05, 5.72), (-4.45, 6.12)
 SETTLE, LAMP, VASE, REST = 32, 16, 8, 40  # frames of each part

@@ -8,7 +8,7 @@ set -euo pipefail
 old=$1 new=$2
 shift 2
 scenes=("$@")
-[ ${#scenes[@]} -gt 0 ] || scenes=(builtin:cornell builtin:atrium builtin:city:2)
+[ ${#scenes[@]} -gt 0 ] || scenes=(builtin:cornell builtin:atrium-matt builtin:city:2)
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 failed=0

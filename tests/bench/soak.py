@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """An hour of users who come and go, light and objects that move, updates, scenes that are loaded again.
 
-    tests/bench/soak.py --out DIR [--minutes 60] [--users 200] [--scene builtin:atrium] [--density 2]
+    tests/bench/soak.py --out DIR [--minutes 60] [--users 200] [--scene builtin:atrium-matt] [--density 2]
 
 Writes DIR/soak.csv, DIR/soak.json and DIR/soak.svg (gnuplot), and prints what soak.json holds. Wanted: resident
 memory grows by less than 1 MB an hour after the first 10 minutes, descriptors do not, no frame takes over a
@@ -31,7 +31,7 @@ def parse():
     p.add_argument("--out", required=True, type=pathlib.Path)
     p.add_argument("--minutes", type=float, default=60)
     p.add_argument("--users", type=int, default=200)
-    p.add_argument("--scene", default="builtin:atrium")
+    p.add_argument("--scene", default="builtin:atrium-matt")
     p.add_argument("--density", type=float, default=2, help="texels per metre of the first scene")
     p.add_argument("--frame-rate", type=float, default=10)
     p.add_argument("--compare-s", type=float, default=300, help="between two comparisons of light")

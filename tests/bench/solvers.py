@@ -19,7 +19,7 @@ from plots import RESULTS, ROOT, SPONZA, plot, read_csv, sheet, write_csv
 FOLDER = os.path.join(RESULTS, "solvers")
 SCENES = {  # CPU seconds; what bench_solvers is asked for; the scene
     "cornell": ("2", ["--reference", "256", "--pairs", "3e8", "--texels-per-metre", "20"], "builtin:cornell"),
-    "atrium": ("16", ["--reference", "192", "--pairs", "1e7", "--texels-per-metre", "2"], "builtin:atrium"),
+    "atrium": ("16", ["--reference", "192", "--pairs", "1e7", "--texels-per-metre", "2"], "builtin:atrium-matt"),
     "sponza": ("16", ["--reference", "192", "--pairs", "1e7", "--texels-per-metre", "2"], SPONZA + "@-8,1.8,-0.3:8,3,0:75"),
     "city": ("16", ["--reference", "16", "--pairs", "1e7", "--texels", "2048", "--spp", "384", "--texels-per-metre", "0.3"],
              "builtin:city:2"),

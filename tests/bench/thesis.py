@@ -71,7 +71,7 @@ def main():
     parser.add_argument("--density", default="2", help="texels per metre (default 2)")
     parser.add_argument("--plot", action="store_true")
     parser.add_argument("question", choices=["cells", "range", "projection", "order", "samples", "texels"])
-    parser.add_argument("scene", nargs="*", default=["builtin:atrium"] + ([SPONZA] if os.path.exists(SPONZA) else []))
+    parser.add_argument("scene", nargs="*", default=["builtin:atrium-matt"] + ([SPONZA] if os.path.exists(SPONZA) else []))
     options = parser.parse_args()
     path = os.path.join(FOLDER, options.question + ".csv")
     if not options.plot:

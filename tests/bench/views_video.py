@@ -3,7 +3,7 @@
 server and to send it as video, beside tiles. Prints a table in Markdown: CPU of encoding and of decoding a picture, one thread
 each, and how late a picture is by them and by its composition.
 
-A user walks 1.4 m/s through builtin:atrium, whose lamp moves, at 30 frames a second: lightwell-view composes the views, under
+A user walks 1.4 m/s through builtin:atrium-matt, whose lamp moves, at 30 frames a second: lightwell-view composes the views, under
 the manual clock. ffmpeg encodes them as one encoder a user would, one thread, no picture held back; kbit/s are at 30 pictures a
 second. FLIP and the mean difference (255ths): of every tenth decoded picture against the composed one; of tiles: of the same
 views from tiles as they are sent, against tiles in half floats. Wants ffmpeg with libx264, libvpx and SVT-AV1.
@@ -37,7 +37,7 @@ def camera(frame):
 def serve(args, folder, *more):
     port = folder / "port"
     port.unlink(missing_ok=True)
-    daemon = subprocess.Popen([args.bin / "lightwelld", "builtin:atrium", "--clock", "manual", "--light", "whole", "--listen",
+    daemon = subprocess.Popen([args.bin / "lightwelld", "builtin:atrium-matt", "--clock", "manual", "--light", "whole", "--listen",
                                "127.0.0.1:0", "--http", "none", "--port-file", port, *more],
                               stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     while not port.exists() or not port.read_text():

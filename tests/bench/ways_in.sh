@@ -57,7 +57,7 @@ window() {
 }
 
 rm -f "$folder/port" "$folder/page"
-"$prefix/bin/lightwelld" builtin:atrium --freeze 3 --listen 127.0.0.1:0 --http 127.0.0.1:0 --port-file "$folder/port" \
+"$prefix/bin/lightwelld" builtin:atrium-matt --freeze 3 --listen 127.0.0.1:0 --http 127.0.0.1:0 --port-file "$folder/port" \
     >"$folder/lightwelld.out" 2>"$folder/lightwelld.err" &
 started+=($!)
 until_file "$folder/port"

@@ -402,7 +402,7 @@ static void stopped_early_it_writes_nothing(void **state) {
     (void)state;
     char out[256], arguments[512];
     snprintf(out, sizeof out, "%s", lw_support_temporary("early"));
-    snprintf(arguments, sizeof arguments, "builtin:atrium --threads 1 -o %s", out);
+    snprintf(arguments, sizeof arguments, "builtin:atrium-matt --threads 1 -o %s", out);
     lw_process_start(&process, "lightwell-bake", arguments);
     assert_true(lw_process_await_file(&process, out)); /* made after the handler is in place */
     assert_int_equal(lw_process_stop(&process, SIGINT, LIMIT_S), 75);

@@ -37,7 +37,7 @@
 #define CONVERGES   CORNELL "--error 0.3 --frame-rate 300 "
 #define NEVER_RESTS CORNELL "--error 1e-6 " /* hundreds of frames a second, for ever */
 #define MOVING      "--texels-per-metre 8 --clock step --json --light whole " /* behind its file's name */
-#define ATRIUM      "builtin:atrium --texels-per-metre 0.5 --clock step --json --light whole "
+#define ATRIUM      "builtin:atrium-matt --texels-per-metre 0.5 --clock step --json --light whole "
 #define CITY        "builtin:city:1 --texels-per-metre 0.3 --clock step --json "
 
 /* ---- what the daemon prints ---- */
@@ -584,7 +584,7 @@ static void signals_stop_an_import(void **state) {
     for (int i = 0; i < 2; i++) {
         struct lw_process daemon;
         char arguments[256], *port_file = strdup(lw_support_temporary("never"));
-        snprintf(arguments, sizeof arguments, "builtin:atrium --listen 127.0.0.1:0 --port-file %s",
+        snprintf(arguments, sizeof arguments, "builtin:atrium-matt --listen 127.0.0.1:0 --port-file %s",
                  port_file);
         lw_process_start(&daemon, "lightwelld", arguments);
         struct importer importer = {.parent = daemon.pid, .must_be_itself = i == 0};

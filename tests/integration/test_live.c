@@ -40,8 +40,8 @@ static int end_session(void **state) {
 static const struct lw_process *still_daemon(void) {
     static struct lw_process daemon;
     if (!daemon.pid)
-        lw_process_serve(&daemon, "builtin:atrium --texels-per-metre 2 --bounces 0 --denoise off --freeze 1 "
-                                  "--error 0.5 --light seen");
+        lw_process_serve(&daemon, "builtin:atrium-matt --texels-per-metre 2 --bounces 0 --denoise off "
+                                  "--freeze 1 --error 0.5 --light seen");
     return &daemon;
 }
 

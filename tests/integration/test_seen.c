@@ -22,7 +22,7 @@
 static struct lw_client *client[CLIENTS_MAX];
 
 /* Objects that hide one another and move. To build it takes longer than to light it. */
-#define ATRIUM "builtin:atrium --texels-per-metre 0.5 "
+#define ATRIUM "builtin:atrium-matt --texels-per-metre 0.5 "
 /* Two rooms: what hangs in one is hardly seen from the other. */
 #define ROOMS "builtin:ajar --texels-per-metre 20 "
 

@@ -134,7 +134,7 @@ static void test_hang(void **state) {
     (void)state;
     char text[600];
     listen_as_manager(false);
-    lw_process_serve(&daemon_process, "builtin:atrium --light whole --stall-limit 0.001");
+    lw_process_serve(&daemon_process, "builtin:atrium-matt --light whole --stall-limit 0.001");
     await("STATUS=the solver has made no progress", "");
     assert_true(hear(text, sizeof text, LIMIT_S * 1000));
     if (says(text, "WATCHDOG=1") || !says(text, "STATUS=the solver has made no progress"))

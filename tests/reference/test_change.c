@@ -489,7 +489,7 @@ static void begin_to_move(uint32_t stride, float texels_per_metre) {
     struct lw_scene *scene;
     struct room_solution s;
     uint64_t frame = 1;
-    lw_support_ok(lw_builtin_build("builtin:atrium", &scene, &err), &err);
+    lw_support_ok(lw_builtin_build("builtin:atrium-matt", &scene, &err), &err);
     room_solve_scene(&s, scene, texels_per_metre, desc, 1);
     for (uint32_t o = 0; o < scene->object_count; o += stride) {
         shift(&s, o, 0.05f);
@@ -572,7 +572,7 @@ static void test_an_atrium_comes_back(void **state) {
     for (int k = 0; k < 2; k++) {
         struct lw_scene *scene;
         struct lw_error err = {0};
-        lw_support_ok(lw_builtin_build("builtin:atrium", &scene, &err), &err);
+        lw_support_ok(lw_builtin_build("builtin:atrium-matt", &scene, &err), &err);
         room_solve_scene(&s[k], scene, 1, desc, 1);
     }
     change_and_put_back(&s[0], &frame[0], 150, 2);

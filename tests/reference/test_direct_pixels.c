@@ -52,7 +52,7 @@ static void set_up_scene(struct world *w, struct lw_scene *scene, const char *na
 static struct lw_scene *atrium;
 
 static void set_up(struct world *w, const char *name, const char *names) {
-    const bool is_atrium = strcmp(name, "builtin:atrium") == 0;
+    const bool is_atrium = strcmp(name, "builtin:atrium-matt") == 0;
     struct lw_scene *scene = is_atrium ? atrium : NULL;
     struct lw_error err = {0};
     if (!scene) lw_support_ok(lw_builtin_build(name, &scene, &err), &err);
@@ -200,7 +200,7 @@ static void assert_alike(const struct world *w, uint32_t pictures, uint32_t samp
 static void test_sun(void **state) {
     (void)state;
     struct world w;
-    set_up(&w, "builtin:atrium", "sun");
+    set_up(&w, "builtin:atrium-matt", "sun");
     assert_alike(&w, 1, 32, 0.03, 0.016);
     tear_down(&w);
 }
@@ -208,7 +208,7 @@ static void test_sun(void **state) {
 static void test_lamps(void **state) {
     (void)state;
     struct world w;
-    set_up(&w, "builtin:atrium", "lamp,lantern");
+    set_up(&w, "builtin:atrium-matt", "lamp,lantern");
     assert_alike(&w, 1, 64, 0.08, 0.02);
     tear_down(&w);
 }
@@ -246,7 +246,7 @@ static void test_pictures_converge(void **state) {
 static void test_threads_change_nothing(void **state) {
     (void)state;
     struct world w;
-    set_up(&w, "builtin:atrium", "auto");
+    set_up(&w, "builtin:atrium-matt", "auto");
     float *one = draw(&w, 1, 1), *three = draw(&w, 1, 3);
     assert_memory_equal(one, three, VALUES * sizeof *one);
     free(three);
@@ -270,7 +270,7 @@ static void test_nothing_is_remembered(void **state) {
     (void)state;
     struct world w;
     struct lw_error err = {0};
-    set_up(&w, "builtin:atrium", "auto");
+    set_up(&w, "builtin:atrium-matt", "auto");
     float *before = new_picture(), *after = new_picture(), *fresh = new_picture();
     struct lw_compose *compose = new_compose(&w, true, 0);
     render(compose, &w, 0, before);

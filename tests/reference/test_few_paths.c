@@ -102,7 +102,7 @@ static void test_cornell(void **state) {
 
 static void test_atrium(void **state) {
     (void)state;
-    assert_true(gain("builtin:atrium", 8) > 6);
+    assert_true(gain("builtin:atrium-matt", 8) > 6);
 }
 
 int main(void) {

@@ -265,7 +265,7 @@ static void test_drawn(const char *name, const char *camera, float scale) {
 
 static void test_drawn_atrium(void **state) {
     (void)state;
-    test_drawn("builtin:atrium", NULL, 1);
+    test_drawn("builtin:atrium-matt", NULL, 1);
 }
 
 static void test_drawn_cornell(void **state) {
@@ -283,9 +283,9 @@ static void test_drawn_sponza(void **state) {
 static void test_atrium(void **state) {
     (void)state;
     struct world w;
-    start(&w, open_scene("builtin:atrium"), 0.5f, 1);
+    start(&w, open_scene("builtin:atrium-matt"), 0.5f, 1);
     draw(&w);
-    compare("builtin:atrium", &w);
+    compare("builtin:atrium-matt", &w);
     for (uint32_t t = 0; t < w.map.tile_count; t++) {
         const struct lw_tile_place *p = &w.map.place[t];
         const uint32_t number = t * 2654435761u >> 16;
@@ -296,7 +296,7 @@ static void test_atrium(void **state) {
     finish_renderer(&w);
     start_renderer(&w);
     draw(&w);
-    compare("builtin:atrium, part of the light", &w);
+    compare("builtin:atrium-matt, part of the light", &w);
     finish(&w);
 }
 

@@ -365,7 +365,7 @@ static void test_atrium(void **state) {
     (void)state;
     struct lw_scene *scene;
     struct lw_error err = {0};
-    lw_support_ok(lw_builtin_build("builtin:atrium", &scene, &err), &err);
+    lw_support_ok(lw_builtin_build("builtin:atrium-matt", &scene, &err), &err);
     expect_welded("atrium", scene, 0, 1, 16, 0.0035, 0.06, 2, (const double[]){0.12, 0.17}, 10000);
 }
 

@@ -18,7 +18,7 @@ struct stage {
 static struct lw_scene *atrium;
 
 static void begin(struct stage *s, const char *name) {
-    const bool is_atrium = strcmp(name, "builtin:atrium") == 0;
+    const bool is_atrium = strcmp(name, "builtin:atrium-matt") == 0;
     struct lw_error err = {0};
     if (is_atrium) {
         if (!atrium) lw_support_ok(lw_builtin_build(name, &atrium, &err), &err);
@@ -58,7 +58,7 @@ static void small_emitters_and_punctual_lights(void **state) {
     struct stage s;
     struct lw_error err = {0};
     struct lw_client_lights client;
-    begin(&s, "builtin:atrium");
+    begin(&s, "builtin:atrium-matt");
     lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, "auto", &err), &err);
     assert_int_equal(client.drawn_lights, s.scene->light_count);
     uint32_t emissive = 0;
@@ -122,7 +122,7 @@ static void names_choose(void **state) {
     struct stage s;
     struct lw_error err = {0};
     struct lw_client_lights client;
-    begin(&s, "builtin:atrium");
+    begin(&s, "builtin:atrium-matt");
     const uint32_t lamp = find_material(s.scene, true), dark = find_material(s.scene, false);
     lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, "none", &err), &err);
     assert_false(lw_client_lights_any(&client));
@@ -155,7 +155,7 @@ static void the_scene_says_who_draws(void **state) {
     struct stage s;
     struct lw_error err = {0};
     struct lw_client_lights client;
-    begin(&s, "builtin:atrium");
+    begin(&s, "builtin:atrium-matt");
     const uint32_t lamp = find_material(s.scene, true), dark = find_material(s.scene, false);
     s.scene->light[0].drawn_by = LW_DRAWN_BY_SERVER;
     s.scene->material[lamp].drawn_by = LW_DRAWN_BY_SERVER;
@@ -220,7 +220,7 @@ static void parts_add_up(void **state) {
     struct lw_error err = {0};
     struct lw_client_lights client;
     struct lw_lights all, part[2];
-    begin(&s, "builtin:atrium");
+    begin(&s, "builtin:atrium-matt");
     lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, "auto", &err), &err);
     lw_support_ok(lw_lights_init(&all, s.scene, &s.pose), NULL);
     for (int drawn = 0; drawn < 2; drawn++) {

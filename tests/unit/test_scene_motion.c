@@ -19,7 +19,7 @@ static struct lw_scene *build(const char *name) {
 static struct built {
     const char *name;
     struct lw_scene *scene;
-} large[] = {{"builtin:atrium", NULL}, {"builtin:city", NULL}};
+} large[] = {{"builtin:atrium-matt", NULL}, {"builtin:city", NULL}};
 
 static void *copy(struct lw_scene *scene, const void *array, size_t count, size_t size) {
     void *copied = lw_scene_alloc(scene, count, size);
@@ -312,9 +312,9 @@ static void movers_keep_their_speed(void **state) {
         enum lw_scene_motion motion;
         float least, most;
     } cases[] = {
-        {"builtin:atrium", LW_SCENE_MOTION_LAMP_WALK, 1.5f, 1.5f},
-        {"builtin:atrium", LW_SCENE_MOTION_SUN_SWING, 6, 6},
-        {"builtin:atrium", LW_SCENE_MOTION_CARRY, 1, 1},
+        {"builtin:atrium-matt", LW_SCENE_MOTION_LAMP_WALK, 1.5f, 1.5f},
+        {"builtin:atrium-matt", LW_SCENE_MOTION_SUN_SWING, 6, 6},
+        {"builtin:atrium-matt", LW_SCENE_MOTION_CARRY, 1, 1},
         {"builtin:city", LW_SCENE_MOTION_LAMP_WALK, 1.5f, 1.5f},
         {"builtin:city", LW_SCENE_MOTION_SUN_SWING, 6, 6},
         {"builtin:cornell", LW_SCENE_MOTION_LAMP_WALK, 0.01f, 1.5f}, /* no room for a walker's pace */
@@ -341,7 +341,7 @@ static void movers_of_sponza_keep_their_speed(void **state) {
 /* Nothing but cameras and the mover moves. */
 static void other_movers_stand(void **state) {
     (void)state;
-    struct lw_scene *scene = fresh("builtin:atrium");
+    struct lw_scene *scene = fresh("builtin:atrium-matt");
     set(scene, LW_SCENE_MOTION_LAMP_WALK);
     struct moved moved = moved_in(scene);
     assert_int_equal(moved.lamps, 1);
@@ -351,7 +351,7 @@ static void other_movers_stand(void **state) {
     moved = moved_in(scene);
     assert_int_equal(moved.lights, 1);
     assert_int_equal(moved.objects + moved.lamps, 0);
-    scene = fresh("builtin:atrium");
+    scene = fresh("builtin:atrium-matt");
     set(scene, LW_SCENE_MOTION_CARRY);
     moved = moved_in(scene);
     assert_int_equal(moved.objects, 1);
@@ -395,7 +395,7 @@ static void check_switch(struct lw_scene *scene, bool shrinks) {
 
 static void a_lamp_goes_off_and_on(void **state) {
     (void)state;
-    struct lw_scene *scene = fresh("builtin:atrium");
+    struct lw_scene *scene = fresh("builtin:atrium-matt");
     check_switch(scene, true);
     scene = lw_support_squares(3, 1);
     check_switch(scene, false);

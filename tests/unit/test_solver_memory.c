@@ -128,7 +128,7 @@ static void cornell_is_counted(void **state) {
     lw_scene_destroy(scene);
 }
 
-static void atrium_is_counted(void **state) { expect_cells_counted("builtin:atrium", *state); }
+static void atrium_is_counted(void **state) { expect_cells_counted("builtin:atrium-matt", *state); }
 
 /* With the sums of layers; another structure for rays stands for theirs. */
 static void layers_are_counted(void **state) {
@@ -156,7 +156,7 @@ static void layers_are_counted(void **state) {
 }
 
 int main(void) {
-    struct lw_scene *atrium = build("builtin:atrium", 1.5f);
+    struct lw_scene *atrium = build("builtin:atrium-matt", 1.5f);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(cornell_is_counted),
         cmocka_unit_test_prestate(atrium_is_counted, atrium),

@@ -54,7 +54,7 @@ static float widest(const struct lw_views *views, uint32_t users) {
 
 static void walkers_walk_inside(void **state) {
     (void)state;
-    struct place p = open_place("builtin:atrium");
+    struct place p = open_place("builtin:atrium-matt");
     struct lw_vec3 low, high;
     assert_true(lw_pose_bounds(&p.pose, p.scene, &low, &high));
     struct lw_views *views = views_of(&p, LW_VIEWS_WALK, 8, 1);
@@ -76,7 +76,7 @@ static void walkers_walk_inside(void **state) {
 
 static void spread_parts_users(void **state) {
     (void)state;
-    struct place p = open_place("builtin:atrium");
+    struct place p = open_place("builtin:atrium-matt");
     for (int kind = LW_VIEWS_WALK; kind <= LW_VIEWS_CENTRE; kind++) {
         struct lw_views *together = views_of(&p, (enum lw_views_kind)kind, 8, 0),
                         *over_all = views_of(&p, (enum lw_views_kind)kind, 8, 1);

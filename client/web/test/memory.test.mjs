@@ -19,7 +19,7 @@ const mean = (values) => values.reduce((sum, value) => sum + value, 0) / values.
 const megabytes = (bytes) => (bytes / 1e6).toFixed(1);
 
 test(`memory over ${MINUTES} minutes`, { skip: missing || false }, async () => {
-  const daemon = await startDaemon('builtin:atrium', '--frame-rate', '5');
+  const daemon = await startDaemon('builtin:atrium-matt', '--frame-rate', '5');
   const browser = await openBrowser('--js-flags=--expose-gc');
   try {
     const page = await browser.newPage({ viewport: { width: 240, height: 135 } });

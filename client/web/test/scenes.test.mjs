@@ -9,7 +9,7 @@ import { comparePictures, scenePath, startStill } from './pictures.mjs';
 
 const LIMIT_MS = 1500000;
 const sponza = 'sponza/Sponza_lit.gltf@-8,1.8,-0.3:5,4,-0.3:75@-6';
-const scenes = (process.env.LW_WEB_SCENES ?? `builtin:atrium@@-4 ${sponza}`).split(' ');
+const scenes = (process.env.LW_WEB_SCENES ?? `builtin:atrium-matt@@-4 ${sponza}`).split(' ');
 const missing =
   !hasDaemon() || !existsSync(join(bin, 'lightwell-view'))
     ? 'there is no lightwelld in build/release/bin'
