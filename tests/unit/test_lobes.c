@@ -4,6 +4,7 @@
 #include "common/shading/lobe_table.h"
 #include "common/shading/lobes.h"
 #include "common/shading/microfacets.h"
+#include "common/shading/shading_bend.h"
 #include "common/shading/tangent.h"
 
 #include <math.h>
@@ -143,6 +144,26 @@ static void nothing_is_negative_or_no_number(void **state) {
     }
 }
 
+/* Any bumps, under any eye: they face it, and mirror nothing from below. */
+static void bent_normals_mirror_what_is_above(void **state) {
+    (void)state;
+    for (uint32_t s = 0; s < 20000; s++) {
+        float a[2], b[2];
+        lw_random_sobol2(s, 12, a);
+        lw_random_sobol2(s, 13, b);
+        const struct lw_vec3 v = at(s % 3 ? a[0] : 0.01f * a[0], 0), n = at(2 * b[0] - 1, 2 * LW_PI * b[1]);
+        const struct lw_vec3 up = lw_vec3(0, 0, 1), bent = lw_shading_bend(n, up, v);
+        const struct lw_vec3 mirrored = lw_microfacets_mirror(v, bent);
+        assert_true(lw_vec3_is_finite(bent) && fabsf(lw_vec3_length(bent) - 1) < 1e-5f);
+        assert_true(lw_vec3_dot(bent, v) > 0);
+        assert_true(mirrored.z > 0 || v.z < LW_SHADING_BEND_SEEN_MIN);
+        if (n.z > 0.995f && v.z > 0.3f) assert_memory_equal(&n, &bent, sizeof n);
+    }
+    /* a smoothed normal that has turned away from the eye */
+    const struct lw_vec3 v = at(-0.3f, 0), bent = lw_shading_bend(at(0.9f, 2), lw_vec3(0, 0, 1), v);
+    assert_true(lw_vec3_is_finite(bent) && lw_vec3_dot(bent, v) > 0);
+}
+
 /* A mirror's share is Fresnel's reflectance. */
 static void smooth_mirrors_follow_fresnel(void **state) {
     (void)state;
@@ -179,6 +200,7 @@ int main(void) {
         cmocka_unit_test(the_albedo_is_the_diffuse_lobe_alone),
         cmocka_unit_test(nothing_is_negative_or_no_number),
         cmocka_unit_test(smooth_mirrors_follow_fresnel),
+        cmocka_unit_test(bent_normals_mirror_what_is_above),
         cmocka_unit_test(tangents_come_back_from_16_bits),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
