@@ -1,12 +1,12 @@
 #include "common/scene/package.h"
 
 #include "common/atomic_file.h"
+#include "common/scene/finish_package.h"
 #include "common/scene/pixel_filter.h"
+#include "common/scene/records.h"
 
 #include <errno.h>
 #include <fcntl.h>
-#include <stdarg.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -15,18 +15,10 @@
 
 /* docs/scene_package.md is the format; this file follows it. Arrays are used where they lie in the reader's
  * copy. */
-_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
-               "packages are little-endian, and so are their readers");
-
 #define SUFFIX      ".lwscene"
 #define MAGIC       "LWSCENE\n"
-#define MAGIC_SIZE  8u
-#define HEADER_SIZE 32u
 #define CHECKSUM_AT 24u /* in the header; reserved before version 5 */
-#define ENTRY_SIZE  24u /* of the section table */
-#define ALIGNMENT   16u
-#define ABSENT      UINT32_MAX /* first element of an array that is not there */
-#define NO_LIMIT    UINT32_MAX
+#define NO_LIMIT    LW_RECORDS_NO_LIMIT
 
 /* id - 1, name, bytes per element, most elements; the order is the file's */
 #define SECTION_MAP(X)                                                                                       \
@@ -56,20 +48,24 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
     X(MATERIAL_DRAWERS, "material drawers", 4, LW_SCENE_MATERIALS_MAX)                                       \
     X(MATERIAL_LOOKS, "material looks", 16, LW_SCENE_MATERIALS_MAX)                                          \
     X(CAMERA_HEIGHTS, "camera heights", 4, LW_SCENE_CAMERAS_MAX)                                             \
-    X(LIGHT_CHANNELS, "light channels", 24, LW_SCENE_CHANNELS_MAX)
+    X(LIGHT_CHANNELS, "light channels", 24, LW_SCENE_CHANNELS_MAX)                                           \
+    X(FINISHES, "finishes", 1, NO_LIMIT)
 
 /* Version 1 ends with the pixels, version 2 has an environment, in version 3 pixels are filtered, version 4
  * says who draws lights. For clients each scene is written in one of them, so that there is one way to say
  * it: where the file says who draws a light in version 4, else with textures in version 3. Those of before
  * are read as well. Version 5, for files, is version 4 for every scene, and has a checksum. Version 6, with a
- * checksum too, is for files and clients: for scenes with what no earlier one can say. */
+ * checksum too, is for files and clients: for scenes with what no earlier one can say. Version 7, for files, has
+ * the finishes of a scene (finish_package.h) besides; clients get these apart. */
 #define SECTION_COUNT_V1 20u
 #define SECTION_COUNT_V2 22u
 #define SECTION_COUNT_V4 24u
+#define SECTION_COUNT_V6 27u
 #define VERSION_FILTERED 3u
 #define VERSION_DRAWERS  4u
 #define VERSION_SEALED   5u
 #define VERSION_LOOKS    6u
+#define VERSION_FINISHES 7u
 
 enum section_id {
 #define X(id, name, size, limit) SECTION_##id,
@@ -78,173 +74,64 @@ enum section_id {
         SECTION_COUNT
 };
 
-static const struct {
-    const char *name;
-    uint32_t element_size, limit;
-} kinds[SECTION_COUNT] = {
+static const struct lw_records_kind kinds[SECTION_COUNT] = {
 #define X(id, name, size, limit) {name, size, limit},
     SECTION_MAP(X)
 #undef X
 };
 
+static const struct lw_records_format format = {MAGIC, "scene package", kinds, SECTION_STRINGS,
+                                                LW_PACKAGE_SIZE_MAX};
+
 /* The arrays' C types are the file's elements. */
 _Static_assert(sizeof(struct lw_vec2) == 8 && sizeof(struct lw_vec3) == 12 && sizeof(struct lw_vec4) == 16,
                "");
 
-/* One description of each record serves three purposes, so that writer and reader cannot disagree. */
-enum mode {
-    MEASURE, /* counts elements per section */
-    WRITE,
-    READ
-};
-
-struct section {
-    uint8_t *bytes;
-    uint64_t count;  /* elements */
-    uint64_t cursor; /* elements used so far: each array lies right behind the one before */
-};
-
-struct codec {
-    enum mode mode;
-    uint32_t version, section_count; /* of the package */
-    struct section section[SECTION_COUNT];
-    uint8_t *at; /* in the record */
-    enum section_id record_section;
-    uint32_t record;
-    enum lw_status status; /* of the first failure; later fields are then read as zero */
-    struct lw_error *err;
-};
-
-static void LW_PRINTF(2, 3) fail(struct codec *c, const char *format, ...) {
-    if (c->status) return;
-    char text[256];
-    va_list args;
-    va_start(args, format);
-    vsnprintf(text, sizeof text, format, args);
-    va_end(args);
-    c->status = lw_status_fail(c->err, LW_BAD_DATA, "section %s, record %u: %s",
-                               kinds[c->record_section].name, c->record, text);
+static void scene_record(struct lw_records *c, struct lw_scene *scene) {
+    scene->name = lw_record_string(c, scene->name);
+    lw_record_words(c, &scene->duration_s, 1);
+    lw_record_words(c, scene->sky, 3);
 }
 
-/* Fields of 4 bytes: numbers and floats, `count` in a row. */
-static void words(struct codec *c, void *words, size_t count) {
-    size_t size = 4 * count;
-    if (c->mode == WRITE) memcpy(c->at, words, size);
-    if (c->mode == READ) memcpy(words, c->at, size);
-    if (c->mode != MEASURE) c->at += size;
-}
-
-/* A small number that takes a word in the file and a byte in memory. */
-static void choice(struct codec *c, uint8_t *value, uint32_t max, const char *field) {
-    uint32_t word = *value;
-    words(c, &word, 1);
-    if (c->mode != READ) return;
-    if (word > max)
-        fail(c, "%s is %u; the largest is %u", field, word, max);
-    else
-        *value = (uint8_t)word;
-}
-
-static void reserved(struct codec *c) {
-    uint32_t word = 0;
-    words(c, &word, 1);
-    if (word != 0) fail(c, "a reserved field is %u, not 0", word);
-}
-
-/* Takes `count` elements of a section; returns where they begin, or NULL. */
-static uint8_t *take(struct codec *c, enum section_id id, uint64_t count, uint32_t first, const char *field) {
-    struct section *section = &c->section[id];
-    if (c->mode == READ) {
-        if (first != section->cursor) {
-            fail(c, "%s starts at %u of %s; the next free element is %llu", field, first, kinds[id].name,
-                 (unsigned long long)section->cursor);
-            return NULL;
-        }
-        if (count > section->count - section->cursor) {
-            fail(c, "%s takes %llu %s from %u on; there are %llu", field, (unsigned long long)count,
-                 kinds[id].name, first, (unsigned long long)section->count);
-            return NULL;
-        }
-    }
-    uint8_t *start = section->bytes ? section->bytes + section->cursor * kinds[id].element_size : NULL;
-    section->cursor += count;
-    return start;
-}
-
-/* The array as the scene holds it, written or found; NULL if it is absent. */
-static const void *array(struct codec *c, enum section_id id, const void *elements, uint64_t count,
-                         const char *field) {
-    uint32_t first = elements ? (uint32_t)c->section[id].cursor : ABSENT;
-    words(c, &first, 1);
-    if (first == ABSENT || c->status) return NULL;
-    uint8_t *start = take(c, id, count, first, field);
-    if (c->mode == READ) return start;
-    if (c->mode == WRITE && count > 0) memcpy(start, elements, count * kinds[id].element_size);
-    return elements;
-}
-
-/* Strings end with a NUL that their length does not count, so that the reader can point at them. */
-static const char *string(struct codec *c, const char *text) {
-    uint64_t length = text ? strlen(text) : 0;
-    /* what does not fit 32 bits is measured all the same, and then exceeds the size limit */
-    uint32_t place[2] = {(uint32_t)c->section[SECTION_STRINGS].cursor, (uint32_t)length};
-    words(c, place, 2);
-    if (c->status) return text;
-    uint64_t size = (c->mode == READ ? place[1] : length) + 1;
-    uint8_t *start = take(c, SECTION_STRINGS, size, place[0], "name");
-    if (c->mode == WRITE) memcpy(start, text, size);
-    if (c->mode != READ || !start) return text;
-    if (memchr(start, 0, size) != start + place[1]) {
-        fail(c, "name of %u bytes does not end where its NUL is", place[1]);
-        return NULL;
-    }
-    return (const char *)start;
-}
-
-static void scene_record(struct codec *c, struct lw_scene *scene) {
-    scene->name = string(c, scene->name);
-    words(c, &scene->duration_s, 1);
-    words(c, scene->sky, 3);
-}
-
-static void mesh_record(struct codec *c, struct lw_mesh *mesh) {
-    mesh->name = string(c, mesh->name);
-    words(c, &mesh->vertex_count, 1);
-    words(c, &mesh->triangle_count, 1);
+static void mesh_record(struct lw_records *c, struct lw_mesh *mesh) {
+    mesh->name = lw_record_string(c, mesh->name);
+    lw_record_words(c, &mesh->vertex_count, 1);
+    lw_record_words(c, &mesh->triangle_count, 1);
     uint32_t vertices = mesh->vertex_count, triangles = mesh->triangle_count;
-    mesh->position = array(c, SECTION_POSITIONS, mesh->position, vertices, "positions");
-    mesh->normal = array(c, SECTION_NORMALS, mesh->normal, vertices, "normals");
-    mesh->uv[0] = array(c, SECTION_UVS, mesh->uv[0], vertices, "UV set 0");
-    mesh->uv[1] = array(c, SECTION_UVS, mesh->uv[1], vertices, "UV set 1");
-    mesh->colour = array(c, SECTION_COLOURS, mesh->colour, vertices, "colours");
-    mesh->triangle = array(c, SECTION_TRIANGLES, mesh->triangle, triangles, "triangles");
-    mesh->material = array(c, SECTION_TRIANGLE_MATERIALS, mesh->material, triangles, "triangle materials");
-    mesh->lightmap_uv = array(c, SECTION_LIGHTMAP_UVS, mesh->lightmap_uv, vertices, "lightmap UVs");
-    words(c, &mesh->atlas_width, 1);
-    words(c, &mesh->atlas_height, 1);
-    words(c, &mesh->back_offset, 1);
-    reserved(c);
+    mesh->position = lw_record_array(c, SECTION_POSITIONS, mesh->position, vertices, "positions");
+    mesh->normal = lw_record_array(c, SECTION_NORMALS, mesh->normal, vertices, "normals");
+    mesh->uv[0] = lw_record_array(c, SECTION_UVS, mesh->uv[0], vertices, "UV set 0");
+    mesh->uv[1] = lw_record_array(c, SECTION_UVS, mesh->uv[1], vertices, "UV set 1");
+    mesh->colour = lw_record_array(c, SECTION_COLOURS, mesh->colour, vertices, "colours");
+    mesh->triangle = lw_record_array(c, SECTION_TRIANGLES, mesh->triangle, triangles, "triangles");
+    mesh->material =
+        lw_record_array(c, SECTION_TRIANGLE_MATERIALS, mesh->material, triangles, "triangle materials");
+    mesh->lightmap_uv = lw_record_array(c, SECTION_LIGHTMAP_UVS, mesh->lightmap_uv, vertices, "lightmap UVs");
+    lw_record_words(c, &mesh->atlas_width, 1);
+    lw_record_words(c, &mesh->atlas_height, 1);
+    lw_record_words(c, &mesh->back_offset, 1);
+    lw_record_reserved(c);
 }
 
-static void texture_use(struct codec *c, struct lw_texture_use *use) {
-    words(c, &use->texture, 1);
-    words(c, &use->uv_set, 1);
-    words(c, use->transform, 6);
+static void texture_use(struct lw_records *c, struct lw_texture_use *use) {
+    lw_record_words(c, &use->texture, 1);
+    lw_record_words(c, &use->uv_set, 1);
+    lw_record_words(c, use->transform, 6);
 }
 
-static void material_record(struct codec *c, struct lw_material *material) {
-    material->name = string(c, material->name);
-    words(c, material->base_colour, 4);
-    words(c, material->emission, 3);
-    words(c, &material->alpha_cutoff, 1);
+static void material_record(struct lw_records *c, struct lw_material *material) {
+    material->name = lw_record_string(c, material->name);
+    lw_record_words(c, material->base_colour, 4);
+    lw_record_words(c, material->emission, 3);
+    lw_record_words(c, &material->alpha_cutoff, 1);
     texture_use(c, &material->base_colour_texture);
     texture_use(c, &material->emission_texture);
-    choice(c, &material->alpha_mode, LW_ALPHA_BLEND, "alpha mode");
-    choice(c, &material->double_sided, 1, "double_sided");
+    lw_record_choice(c, &material->alpha_mode, LW_ALPHA_BLEND, "alpha mode");
+    lw_record_choice(c, &material->double_sided, 1, "double_sided");
 }
 
 /* In place: the reader's copy of the package is the scene's own. */
-static void unfilter(struct codec *c, const struct lw_texture *texture, uint8_t *pixels) {
+static void unfilter(struct lw_records *c, const struct lw_texture *texture, uint8_t *pixels) {
     const size_t size = 4 * (size_t)texture->width * texture->height;
     uint8_t *bytes = malloc(size + 1);
     if (!bytes) {
@@ -256,126 +143,114 @@ static void unfilter(struct codec *c, const struct lw_texture *texture, uint8_t 
     free(bytes);
 }
 
-static void texture_record(struct codec *c, struct lw_texture *texture) {
-    texture->name = string(c, texture->name);
-    words(c, &texture->width, 1);
-    words(c, &texture->height, 1);
+static void texture_record(struct lw_records *c, struct lw_texture *texture) {
+    texture->name = lw_record_string(c, texture->name);
+    lw_record_words(c, &texture->width, 1);
+    lw_record_words(c, &texture->height, 1);
     const uint64_t pixels = (uint64_t)texture->width * texture->height;
-    const struct section *section = &c->section[SECTION_PIXELS];
+    const struct lw_records_section *section = &c->section[SECTION_PIXELS];
     uint8_t *there = section->bytes ? section->bytes + 4 * section->cursor : NULL;
-    const uint8_t *rgba = array(c, SECTION_PIXELS, texture->rgba, pixels, "pixels");
-    if (c->mode == WRITE) lw_pixel_filter_apply(rgba, texture->width, texture->height, there);
-    if (c->mode == READ && rgba && c->version >= VERSION_FILTERED) unfilter(c, texture, there);
+    const uint8_t *rgba = lw_record_array(c, SECTION_PIXELS, texture->rgba, pixels, "pixels");
+    if (c->mode == LW_RECORDS_WRITE) lw_pixel_filter_apply(rgba, texture->width, texture->height, there);
+    if (c->mode == LW_RECORDS_READ && rgba && c->version >= VERSION_FILTERED) unfilter(c, texture, there);
     texture->rgba = rgba;
-    choice(c, &texture->wrap_s, LW_WRAP_MIRROR, "wrap_s");
-    choice(c, &texture->wrap_t, LW_WRAP_MIRROR, "wrap_t");
+    lw_record_choice(c, &texture->wrap_s, LW_WRAP_MIRROR, "wrap_s");
+    lw_record_choice(c, &texture->wrap_t, LW_WRAP_MIRROR, "wrap_t");
 }
 
-static void node_record(struct codec *c, struct lw_node *node) {
-    node->name = string(c, node->name);
-    words(c, &node->parent, 1);
-    choice(c, &node->has_matrix, 1, "has_matrix");
-    words(c, node->translation, 3);
-    words(c, node->rotation, 4);
-    words(c, node->scale, 3);
-    words(c, node->matrix.m, 12);
+static void node_record(struct lw_records *c, struct lw_node *node) {
+    node->name = lw_record_string(c, node->name);
+    lw_record_words(c, &node->parent, 1);
+    lw_record_choice(c, &node->has_matrix, 1, "has_matrix");
+    lw_record_words(c, node->translation, 3);
+    lw_record_words(c, node->rotation, 4);
+    lw_record_words(c, node->scale, 3);
+    lw_record_words(c, node->matrix.m, 12);
 }
 
-static void object_record(struct codec *c, struct lw_object *object) {
-    object->name = string(c, object->name);
-    words(c, &object->mesh, 1);
-    words(c, &object->node, 1);
+static void object_record(struct lw_records *c, struct lw_object *object) {
+    object->name = lw_record_string(c, object->name);
+    lw_record_words(c, &object->mesh, 1);
+    lw_record_words(c, &object->node, 1);
 }
 
-static void light_record(struct codec *c, struct lw_light *light) {
-    light->name = string(c, light->name);
-    words(c, &light->node, 1);
-    choice(c, &light->kind, LW_LIGHT_DIRECTIONAL, "kind");
-    words(c, light->intensity, 3);
-    words(c, &light->inner_cone, 1);
-    words(c, &light->outer_cone, 1);
-    words(c, &light->angular_diameter, 1);
+static void light_record(struct lw_records *c, struct lw_light *light) {
+    light->name = lw_record_string(c, light->name);
+    lw_record_words(c, &light->node, 1);
+    lw_record_choice(c, &light->kind, LW_LIGHT_DIRECTIONAL, "kind");
+    lw_record_words(c, light->intensity, 3);
+    lw_record_words(c, &light->inner_cone, 1);
+    lw_record_words(c, &light->outer_cone, 1);
+    lw_record_words(c, &light->angular_diameter, 1);
 }
 
-static void camera_record(struct codec *c, struct lw_camera *camera) {
-    camera->name = string(c, camera->name);
-    words(c, &camera->node, 1);
-    words(c, &camera->fov_y, 1);
+static void camera_record(struct lw_records *c, struct lw_camera *camera) {
+    camera->name = lw_record_string(c, camera->name);
+    lw_record_words(c, &camera->node, 1);
+    lw_record_words(c, &camera->fov_y, 1);
 }
 
-static void channel_record(struct codec *c, struct lw_channel *channel) {
-    words(c, &channel->node, 1);
-    choice(c, &channel->path, c->record_section == SECTION_CHANNELS ? LW_CHANNEL_SCALE : LW_CHANNEL_FACTOR,
-           "path");
-    choice(c, &channel->interpolation, LW_INTERPOLATION_CUBIC, "interpolation");
-    words(c, &channel->key_count, 1);
+static void channel_record(struct lw_records *c, struct lw_channel *channel) {
+    lw_record_words(c, &channel->node, 1);
+    lw_record_choice(c, &channel->path,
+                     c->record_section == SECTION_CHANNELS ? LW_CHANNEL_SCALE : LW_CHANNEL_FACTOR, "path");
+    lw_record_choice(c, &channel->interpolation, LW_INTERPOLATION_CUBIC, "interpolation");
+    lw_record_words(c, &channel->key_count, 1);
     uint64_t floats = lw_channel_width(channel);
     if (channel->interpolation == LW_INTERPOLATION_CUBIC) floats *= 3;
-    channel->time_s = array(c, SECTION_KEY_TIMES, channel->time_s, channel->key_count, "times");
-    channel->value = array(c, SECTION_KEY_VALUES, channel->value, floats * channel->key_count, "values");
+    channel->time_s = lw_record_array(c, SECTION_KEY_TIMES, channel->time_s, channel->key_count, "times");
+    channel->value =
+        lw_record_array(c, SECTION_KEY_VALUES, channel->value, floats * channel->key_count, "values");
 }
 
-static void environment_record(struct codec *c, struct lw_environment *environment) {
-    words(c, &environment->width, 1);
-    words(c, &environment->height, 1);
-    environment->rgb = array(c, SECTION_ENVIRONMENT_TEXELS, environment->rgb,
-                             (uint64_t)environment->width * environment->height, "texels");
-    if (!environment->rgb) fail(c, "has no texels");
+static void environment_record(struct lw_records *c, struct lw_environment *environment) {
+    lw_record_words(c, &environment->width, 1);
+    lw_record_words(c, &environment->height, 1);
+    environment->rgb = lw_record_array(c, SECTION_ENVIRONMENT_TEXELS, environment->rgb,
+                                       (uint64_t)environment->width * environment->height, "texels");
+    if (!environment->rgb) lw_record_fail(c, "has no texels");
 }
 
-static void light_drawer_record(struct codec *c, struct lw_light *light) {
-    choice(c, &light->drawn_by, LW_DRAWN_BY_SERVER, "who draws it");
+static void light_drawer_record(struct lw_records *c, struct lw_light *light) {
+    lw_record_choice(c, &light->drawn_by, LW_DRAWN_BY_SERVER, "who draws it");
 }
 
-static void material_drawer_record(struct codec *c, struct lw_material *material) {
-    choice(c, &material->drawn_by, LW_DRAWN_BY_SERVER, "who draws it");
+static void material_drawer_record(struct lw_records *c, struct lw_material *material) {
+    lw_record_choice(c, &material->drawn_by, LW_DRAWN_BY_SERVER, "who draws it");
 }
 
-static void material_look_record(struct codec *c, struct lw_material *material) {
-    choice(c, &material->unlit, 1, "unlit");
-    words(c, material->tint, 3);
+static void material_look_record(struct lw_records *c, struct lw_material *material) {
+    lw_record_choice(c, &material->unlit, 1, "unlit");
+    lw_record_words(c, material->tint, 3);
 }
 
-static void camera_height_record(struct codec *c, struct lw_camera *camera) {
-    words(c, &camera->height_m, 1);
+static void camera_height_record(struct lw_records *c, struct lw_camera *camera) {
+    lw_record_words(c, &camera->height_m, 1);
 }
 
-static void begin_record(struct codec *c, enum section_id id, uint32_t record) {
-    c->record_section = id;
-    c->record = record;
-    c->at = take(c, id, 1, (uint32_t)c->section[id].cursor, "record");
-}
-
-/* Only a reader may store into the scene: while it is written, others may read it. */
-#define RECORDS(c, id, elements, element_count, function)                                                    \
-    for (uint32_t i = 0; !(c)->status && i < (element_count); i++) {                                         \
-        typeof(*(elements)) element = (elements)[i];                                                         \
-        begin_record(c, SECTION_##id, i);                                                                    \
-        function(c, &element);                                                                               \
-        if ((c)->mode == READ) (elements)[i] = element;                                                      \
-    }
-
-static void all_records(struct codec *c, struct lw_scene *scene) {
-    begin_record(c, SECTION_SCENE, 0);
+static void all_records(struct lw_records *c, struct lw_scene *scene) {
+    lw_record_begin(c, SECTION_SCENE, 0);
     scene_record(c, scene);
-    RECORDS(c, MESHES, scene->mesh, scene->mesh_count, mesh_record)
-    RECORDS(c, MATERIALS, scene->material, scene->material_count, material_record)
-    RECORDS(c, TEXTURES, scene->texture, scene->texture_count, texture_record)
-    RECORDS(c, NODES, scene->node, scene->node_count, node_record)
-    RECORDS(c, OBJECTS, scene->object, scene->object_count, object_record)
-    RECORDS(c, LIGHTS, scene->light, scene->light_count, light_record)
-    RECORDS(c, CAMERAS, scene->camera, scene->camera_count, camera_record)
-    RECORDS(c, CHANNELS, scene->channel, scene->channel_count, channel_record)
+    LW_RECORDS_EACH(c, SECTION_MESHES, scene->mesh, scene->mesh_count, mesh_record)
+    LW_RECORDS_EACH(c, SECTION_MATERIALS, scene->material, scene->material_count, material_record)
+    LW_RECORDS_EACH(c, SECTION_TEXTURES, scene->texture, scene->texture_count, texture_record)
+    LW_RECORDS_EACH(c, SECTION_NODES, scene->node, scene->node_count, node_record)
+    LW_RECORDS_EACH(c, SECTION_OBJECTS, scene->object, scene->object_count, object_record)
+    LW_RECORDS_EACH(c, SECTION_LIGHTS, scene->light, scene->light_count, light_record)
+    LW_RECORDS_EACH(c, SECTION_CAMERAS, scene->camera, scene->camera_count, camera_record)
+    LW_RECORDS_EACH(c, SECTION_CHANNELS, scene->channel, scene->channel_count, channel_record)
     const uint64_t environments =
-        c->mode == READ ? c->section[SECTION_ENVIRONMENTS].count : scene->environment.width > 0;
-    RECORDS(c, ENVIRONMENTS, &scene->environment, environments, environment_record)
+        c->mode == LW_RECORDS_READ ? c->section[SECTION_ENVIRONMENTS].count : scene->environment.width > 0;
+    LW_RECORDS_EACH(c, SECTION_ENVIRONMENTS, &scene->environment, environments, environment_record)
     if (c->version < VERSION_DRAWERS) return;
-    RECORDS(c, LIGHT_DRAWERS, scene->light, scene->light_count, light_drawer_record)
-    RECORDS(c, MATERIAL_DRAWERS, scene->material, scene->material_count, material_drawer_record)
+    LW_RECORDS_EACH(c, SECTION_LIGHT_DRAWERS, scene->light, scene->light_count, light_drawer_record)
+    LW_RECORDS_EACH(c, SECTION_MATERIAL_DRAWERS, scene->material, scene->material_count,
+                    material_drawer_record)
     if (c->version < VERSION_LOOKS) return;
-    RECORDS(c, MATERIAL_LOOKS, scene->material, scene->material_count, material_look_record)
-    RECORDS(c, CAMERA_HEIGHTS, scene->camera, scene->camera_count, camera_height_record)
-    RECORDS(c, LIGHT_CHANNELS, scene->light_channel, scene->light_channel_count, channel_record)
+    LW_RECORDS_EACH(c, SECTION_MATERIAL_LOOKS, scene->material, scene->material_count, material_look_record)
+    LW_RECORDS_EACH(c, SECTION_CAMERA_HEIGHTS, scene->camera, scene->camera_count, camera_height_record)
+    LW_RECORDS_EACH(c, SECTION_LIGHT_CHANNELS, scene->light_channel, scene->light_channel_count,
+                    channel_record)
 }
 
 /* How many sections a version has; 0: it is not known. */
@@ -386,6 +261,7 @@ static uint32_t sections_of(uint32_t version) {
                                                         SECTION_COUNT_V2,
                                                         SECTION_COUNT_V4,
                                                         SECTION_COUNT_V4,
+                                                        SECTION_COUNT_V6,
                                                         SECTION_COUNT};
     return version <= LW_PACKAGE_VERSION ? of[version] : 0;
 }
@@ -413,103 +289,67 @@ static uint32_t version_of(const struct lw_scene *scene) {
     return scene->texture_count ? VERSION_FILTERED : scene->environment.width ? 2 : 1;
 }
 
-static uint64_t align(uint64_t offset) { return (offset + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT; }
-
-/* Offset of each section, one behind the other; returns where the last one ends. */
-static uint64_t lay_out(const struct codec *c, uint64_t offset[SECTION_COUNT]) {
-    uint64_t end = HEADER_SIZE + c->section_count * ENTRY_SIZE;
-    for (uint32_t i = 0; i < c->section_count; i++) {
-        offset[i] = align(end);
-        end = offset[i] + c->section[i].count * kinds[i].element_size;
-    }
-    return end;
-}
-
-static void write_u32(uint8_t *p, uint32_t value) { memcpy(p, &value, sizeof value); }
-static void write_u64(uint8_t *p, uint64_t value) { memcpy(p, &value, sizeof value); }
-static uint32_t read_u32(const uint8_t *p) {
-    uint32_t value;
-    memcpy(&value, p, sizeof value);
-    return value;
-}
-static uint64_t read_u64(const uint8_t *p) {
-    uint64_t value;
-    memcpy(&value, p, sizeof value);
-    return value;
-}
-
-static void write_header(const struct codec *c, const uint64_t offset[SECTION_COUNT], uint8_t *bytes,
-                         uint64_t size) {
-    memcpy(bytes, MAGIC, MAGIC_SIZE);
-    write_u32(bytes + 8, c->version);
-    write_u32(bytes + 12, c->section_count);
-    write_u64(bytes + 16, size);
-    for (uint32_t i = 0; i < c->section_count; i++) {
-        uint8_t *entry = bytes + HEADER_SIZE + i * ENTRY_SIZE;
-        write_u32(entry, i + 1);
-        write_u32(entry + 4, kinds[i].element_size);
-        write_u64(entry + 8, offset[i]);
-        write_u64(entry + 16, c->section[i].count);
-    }
-}
-
 /* Needs the bytes for a moment, to leave the checksum itself out without a copy or an allocation. */
 static uint64_t checksum_of(uint8_t *bytes, size_t size) {
-    const uint64_t there = read_u64(bytes + CHECKSUM_AT);
+    const uint64_t there = lw_records_get_u64(bytes + CHECKSUM_AT);
     uint64_t checksum;
     struct lw_package_hash hash;
-    write_u64(bytes + CHECKSUM_AT, 0);
+    lw_records_put_u64(bytes + CHECKSUM_AT, 0);
     lw_package_hash(bytes, size, &hash);
-    write_u64(bytes + CHECKSUM_AT, there);
+    lw_records_put_u64(bytes + CHECKSUM_AT, there);
     memcpy(&checksum, hash.bytes, sizeof checksum);
     return checksum;
 }
 
 void lw_package_seal(uint8_t *bytes, size_t size) {
-    if (size >= HEADER_SIZE && read_u32(bytes + 8) >= VERSION_SEALED)
-        write_u64(bytes + CHECKSUM_AT, checksum_of(bytes, size));
+    if (size >= LW_RECORDS_HEADER && lw_records_get_u32(bytes + 8) >= VERSION_SEALED)
+        lw_records_put_u64(bytes + CHECKSUM_AT, checksum_of(bytes, size));
 }
 
+static struct lw_records records_of(enum lw_records_mode mode, uint32_t version, struct lw_error *err) {
+    return (struct lw_records){.format = &format,
+                               .mode = mode,
+                               .version = version,
+                               .section_count = sections_of(version),
+                               .err = err};
+}
+
+/* finishes: bytes of their package, for version 7. */
+struct blob {
+    uint8_t *bytes;
+    size_t size;
+};
+
 /* Lays out what the scene would take in a version. */
-static enum lw_status measure(struct codec *c, struct lw_scene *copy, uint64_t offset[SECTION_COUNT],
-                              uint64_t *out_size) {
+static enum lw_status measure(struct lw_records *c, struct lw_scene *copy, const struct blob *finishes,
+                              uint64_t offset[LW_RECORDS_SECTIONS_MAX], uint64_t *out_size) {
     all_records(c, copy);
-    for (uint32_t i = 0; i < c->section_count; i++) {
-        c->section[i].count = c->section[i].cursor;
-        c->section[i].cursor = 0;
-    }
-    const uint64_t size = lay_out(c, offset);
-    if (size > LW_PACKAGE_SIZE_MAX)
-        return lw_status_fail(c->err, LW_BAD_DATA,
-                              "the scene package would take %llu bytes; the limit is %llu",
-                              (unsigned long long)size, LW_PACKAGE_SIZE_MAX);
-    *out_size = size;
-    return LW_OK;
+    c->section[SECTION_FINISHES].cursor = finishes->size;
+    return lw_records_measure(c, offset, out_size);
 }
 
 enum lw_status lw_package_check_size(const struct lw_scene *scene, struct lw_error *err) {
     struct lw_scene copy = *scene;
-    struct codec c = {
-        .mode = MEASURE, .err = err, .version = VERSION_SEALED, .section_count = sections_of(VERSION_SEALED)};
-    uint64_t offset[SECTION_COUNT], size = 0;
-    return measure(&c, &copy, offset, &size);
+    struct lw_records c = records_of(LW_RECORDS_MEASURE, VERSION_SEALED, err);
+    uint64_t offset[LW_RECORDS_SECTIONS_MAX], size = 0;
+    return measure(&c, &copy, &(struct blob){0}, offset, &size);
 }
 
-static enum lw_status write_version(const struct lw_scene *scene, uint32_t version, uint8_t **out_bytes,
-                                    size_t *out_size, struct lw_error *err) {
+static enum lw_status write_version(const struct lw_scene *scene, uint32_t version,
+                                    const struct blob *finishes, uint8_t **out_bytes, size_t *out_size,
+                                    struct lw_error *err) {
     struct lw_scene copy = *scene; /* records of the original are only read */
-    struct codec c = {.mode = MEASURE, .err = err, .version = version, .section_count = sections_of(version)};
-    uint64_t offset[SECTION_COUNT], size = 0;
-    enum lw_status status = measure(&c, &copy, offset, &size);
+    struct lw_records c = records_of(LW_RECORDS_MEASURE, version, err);
+    uint64_t offset[LW_RECORDS_SECTIONS_MAX], size = 0;
+    enum lw_status status = measure(&c, &copy, finishes, offset, &size);
     if (status) return status;
     uint8_t *bytes = calloc(size, 1); /* reserved fields and padding are zero */
     if (!bytes)
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for a scene package of %llu bytes",
                               (unsigned long long)size);
-    write_header(&c, offset, bytes, size);
-    for (uint32_t i = 0; i < c.section_count; i++) c.section[i].bytes = bytes + offset[i];
-    c.mode = WRITE;
+    lw_records_start_writing(&c, offset, bytes, size);
     all_records(&c, &copy);
+    if (finishes->size) memcpy(c.section[SECTION_FINISHES].bytes, finishes->bytes, finishes->size);
     lw_package_seal(bytes, size);
     *out_bytes = bytes;
     *out_size = size;
@@ -519,86 +359,56 @@ static enum lw_status write_version(const struct lw_scene *scene, uint32_t versi
 enum lw_status lw_package_write(const struct lw_scene *scene, uint8_t **out_bytes, size_t *out_size,
                                 struct lw_error *err) {
     enum lw_status status = lw_scene_validate(scene, err);
-    return status ? status : write_version(scene, version_of(scene), out_bytes, out_size, err);
+    return status ? status
+                  : write_version(scene, version_of(scene), &(struct blob){0}, out_bytes, out_size, err);
 }
 
 enum lw_status lw_package_write_sealed(const struct lw_scene *scene, uint8_t **out_bytes, size_t *out_size,
                                        struct lw_error *err) {
+    struct blob finishes = {0};
+    uint32_t version = wants_looks(scene) ? VERSION_LOOKS : VERSION_SEALED;
     enum lw_status status = lw_scene_validate(scene, err);
-    const uint32_t version = wants_looks(scene) ? VERSION_LOOKS : VERSION_SEALED;
-    return status ? status : write_version(scene, version, out_bytes, out_size, err);
+    if (!status && lw_finish_package_wanted(scene)) {
+        version = VERSION_FINISHES;
+        status = lw_finish_package_write(scene, &finishes.bytes, &finishes.size, err);
+    }
+    if (!status) status = write_version(scene, version, &finishes, out_bytes, out_size, err);
+    free(finishes.bytes);
+    return status;
 }
 
 static enum lw_status check_header(const uint8_t *bytes, size_t size, struct lw_error *err) {
-    if (size < MAGIC_SIZE || memcmp(bytes, MAGIC, MAGIC_SIZE) != 0)
+    if (size < LW_RECORDS_MAGIC || memcmp(bytes, MAGIC, LW_RECORDS_MAGIC) != 0)
         return lw_status_fail(err, LW_BAD_DATA, "not a scene package: it does not begin with LWSCENE");
-    if (size < HEADER_SIZE)
+    if (size < LW_RECORDS_HEADER)
         return lw_status_fail(err, LW_BAD_DATA, "scene package is cut off after %zu bytes, in its header",
                               size);
-    const uint32_t version = read_u32(bytes + 8), sections = sections_of(version);
+    const uint32_t version = lw_records_get_u32(bytes + 8), sections = sections_of(version);
     if (!sections)
         return lw_status_fail(
             err, LW_BAD_DATA,
             "scene package has version %u; this program reads versions 1 to %u: import the scene again",
             version, LW_PACKAGE_VERSION);
-    if (size < HEADER_SIZE + sections * ENTRY_SIZE)
+    if (size < LW_RECORDS_HEADER + sections * LW_RECORDS_ENTRY)
         return lw_status_fail(err, LW_BAD_DATA, "scene package is cut off after %zu bytes, in its header",
                               size);
-    if (read_u32(bytes + 12) != sections)
+    if (lw_records_get_u32(bytes + 12) != sections)
         return lw_status_fail(err, LW_BAD_DATA, "scene package has %u sections; version %u has %u",
-                              read_u32(bytes + 12), version, sections);
-    if (read_u64(bytes + 16) != size)
+                              lw_records_get_u32(bytes + 12), version, sections);
+    if (lw_records_get_u64(bytes + 16) != size)
         return lw_status_fail(err, LW_BAD_DATA, "scene package says it has %llu bytes, but there are %zu",
-                              (unsigned long long)read_u64(bytes + 16), size);
+                              (unsigned long long)lw_records_get_u64(bytes + 16), size);
     if (size > LW_PACKAGE_SIZE_MAX)
         return lw_status_fail(err, LW_BAD_DATA, "scene package has %zu bytes; the limit is %llu", size,
                               LW_PACKAGE_SIZE_MAX);
-    if (version < VERSION_SEALED && read_u64(bytes + CHECKSUM_AT) != 0)
+    if (version < VERSION_SEALED && lw_records_get_u64(bytes + CHECKSUM_AT) != 0)
         return lw_status_fail(err, LW_BAD_DATA, "scene package: a reserved field of the header is not 0");
     return LW_OK;
 }
 
-/* One entry of the table. Sections follow one another in order with nothing between them but zeros up to the
- * next multiple of 16, so there is one right offset for each: that rules out overlaps, gaps, duplicates and
- * omissions. */
-static enum lw_status read_entry(struct codec *c, uint32_t i, uint8_t *bytes, size_t size, uint64_t *end) {
-    const uint8_t *entry = bytes + HEADER_SIZE + i * ENTRY_SIZE;
-    const char *name = kinds[i].name;
-    uint64_t offset = read_u64(entry + 8), count = read_u64(entry + 16);
-    if (read_u32(entry) != i + 1)
-        return lw_status_fail(c->err, LW_BAD_DATA, "entry %u of the section table has id %u, not %u (%s)", i,
-                              read_u32(entry), i + 1, name);
-    if (read_u32(entry + 4) != kinds[i].element_size)
-        return lw_status_fail(c->err, LW_BAD_DATA, "section %s has elements of %u bytes, not %u", name,
-                              read_u32(entry + 4), kinds[i].element_size);
-    if (offset != align(*end) || offset > size)
-        return lw_status_fail(c->err, LW_BAD_DATA, "section %s starts at byte %llu, not %llu of %zu", name,
-                              (unsigned long long)offset, (unsigned long long)align(*end), size);
-    if (count > (size - offset) / kinds[i].element_size)
-        return lw_status_fail(c->err, LW_BAD_DATA, "section %s has %llu elements, more than the file holds",
-                              name, (unsigned long long)count);
-    if (count > kinds[i].limit)
-        return lw_status_fail(c->err, LW_BAD_DATA, "section %s has %llu elements; the limit is %u", name,
-                              (unsigned long long)count, kinds[i].limit);
-    for (uint64_t p = *end; p < offset; p++)
-        if (bytes[p] != 0)
-            return lw_status_fail(c->err, LW_BAD_DATA, "byte %llu before section %s is padding, but not 0",
-                                  (unsigned long long)p, name);
-    c->section[i].bytes = bytes + offset;
-    c->section[i].count = count;
-    *end = offset + count * kinds[i].element_size;
-    return LW_OK;
-}
-
-static enum lw_status read_table(struct codec *c, uint8_t *bytes, size_t size) {
-    uint64_t end = HEADER_SIZE + c->section_count * ENTRY_SIZE;
-    for (uint32_t i = 0; i < c->section_count; i++) {
-        enum lw_status status = read_entry(c, i, bytes, size, &end);
-        if (status) return status;
-    }
-    if (end != size)
-        return lw_status_fail(c->err, LW_BAD_DATA, "scene package ends at byte %llu, but there are %zu",
-                              (unsigned long long)end, size);
+static enum lw_status read_table(struct lw_records *c, uint8_t *bytes, size_t size) {
+    enum lw_status status = lw_records_read_table(c, bytes, size);
+    if (status) return status;
     if (c->section[SECTION_SCENE].count != 1)
         return lw_status_fail(c->err, LW_BAD_DATA, "section scene has %llu elements, not 1",
                               (unsigned long long)c->section[SECTION_SCENE].count);
@@ -613,7 +423,7 @@ static enum lw_status read_table(struct codec *c, uint8_t *bytes, size_t size) {
 
 /* The records' counts are backed by bytes of the file by now, so what is allocated is at most a few times its
  * size. */
-static bool allocate_records(struct lw_scene *scene, const struct codec *c) {
+static bool allocate_records(struct lw_scene *scene, const struct lw_records *c) {
 #define ALLOCATE(id, elements, element_count)                                                                \
     do {                                                                                                     \
         element_count = (uint32_t)c->section[SECTION_##id].count;                                            \
@@ -628,7 +438,7 @@ static bool allocate_records(struct lw_scene *scene, const struct codec *c) {
     ALLOCATE(LIGHTS, scene->light, scene->light_count);
     ALLOCATE(CAMERAS, scene->camera, scene->camera_count);
     ALLOCATE(CHANNELS, scene->channel, scene->channel_count);
-    if (c->section_count == SECTION_COUNT)
+    if (c->section_count >= SECTION_COUNT_V6)
         ALLOCATE(LIGHT_CHANNELS, scene->light_channel, scene->light_channel_count);
 #undef ALLOCATE
     return true;
@@ -637,24 +447,23 @@ static bool allocate_records(struct lw_scene *scene, const struct codec *c) {
 /* Turns bytes that the scene owns into the scene. */
 static enum lw_status read_in_place(struct lw_scene *scene, uint8_t *bytes, size_t size,
                                     struct lw_error *err) {
-    const uint32_t version = read_u32(bytes + 8);
-    if (version >= VERSION_SEALED && checksum_of(bytes, size) != read_u64(bytes + CHECKSUM_AT))
+    const uint32_t version = lw_records_get_u32(bytes + 8);
+    if (version >= VERSION_SEALED && checksum_of(bytes, size) != lw_records_get_u64(bytes + CHECKSUM_AT))
         return lw_status_fail(
             err, LW_BAD_DATA,
             "scene package is damaged: its bytes do not have its checksum; import the scene "
             "again");
-    struct codec c = {.mode = READ, .err = err, .version = version, .section_count = sections_of(version)};
+    struct lw_records c = records_of(LW_RECORDS_READ, version, err);
     enum lw_status status = read_table(&c, bytes, size);
     if (status) return status;
     if (!allocate_records(scene, &c))
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for the records of a scene package");
     all_records(&c, scene);
     if (c.status) return c.status;
-    for (uint32_t i = 0; i < c.section_count; i++)
-        if (c.section[i].cursor != c.section[i].count)
-            return lw_status_fail(err, LW_BAD_DATA, "section %s has %llu elements, but %llu are in use",
-                                  kinds[i].name, (unsigned long long)c.section[i].count,
-                                  (unsigned long long)c.section[i].cursor);
+    const struct lw_records_section finishes = c.section[SECTION_FINISHES];
+    c.section[SECTION_FINISHES].cursor = finishes.count;
+    status = lw_records_check_used(&c);
+    if (status) return status;
     if (version == VERSION_DRAWERS && !says_who_draws(scene))
         return lw_status_fail(err, LW_BAD_DATA,
                               "no light and no material says who draws it: then the version is 1 to 3");
@@ -662,7 +471,11 @@ static enum lw_status read_in_place(struct lw_scene *scene, uint8_t *bytes, size
         return lw_status_fail(err, LW_BAD_DATA,
                               "no material is unlit or has a tint, no camera orthographic, no light has a "
                               "channel: then the version is 1 to 5");
-    return lw_scene_validate(scene, err);
+    status = lw_scene_validate(scene, err);
+    if (status || version < VERSION_FINISHES) return status;
+    status = lw_finish_package_read(finishes.bytes, (size_t)finishes.count, scene, err);
+    if (status) lw_status_context(err, "section finishes");
+    return status;
 }
 
 /* An empty scene with room for the package's bytes in its storage. */
@@ -703,16 +516,18 @@ enum lw_status lw_package_read(const uint8_t *bytes, size_t size, struct lw_scen
 #define TEXTURE_PIXELS 16u
 
 /* Ends of parts, for a reader's codec with its table; returns how many. */
-static size_t find_cuts(const struct codec *c, const uint8_t *bytes, size_t size, uint64_t *end) {
-    const struct section *textures = &c->section[SECTION_TEXTURES], *pixels = &c->section[SECTION_PIXELS];
+static size_t find_cuts(const struct lw_records *c, const uint8_t *bytes, size_t size, uint64_t *end) {
+    const struct lw_records_section *textures = &c->section[SECTION_TEXTURES],
+                                    *pixels = &c->section[SECTION_PIXELS];
     const uint64_t first = (uint64_t)(pixels->bytes - bytes);
     size_t count = 0;
     uint64_t at = 0; /* in pixels */
     for (uint64_t i = 0; i < textures->count; i++) {
         const uint8_t *record = textures->bytes + i * kinds[SECTION_TEXTURES].element_size;
-        const uint64_t texels =
-            (uint64_t)read_u32(record + TEXTURE_WIDTH) * read_u32(record + TEXTURE_HEIGHT);
-        if (read_u32(record + TEXTURE_PIXELS) != at || !texels || texels > pixels->count - at) break;
+        const uint64_t texels = (uint64_t)lw_records_get_u32(record + TEXTURE_WIDTH) *
+                                lw_records_get_u32(record + TEXTURE_HEIGHT);
+        if (lw_records_get_u32(record + TEXTURE_PIXELS) != at || !texels || texels > pixels->count - at)
+            break;
         if (!i) end[count++] = first;
         at += texels;
         end[count++] = first + 4 * at;
@@ -727,8 +542,8 @@ enum lw_status lw_package_cut(const uint8_t *bytes, size_t size, uint64_t **out_
     end[0] = size;
     *out_count = 1;
     if (check_header(bytes, size, NULL) == LW_OK) {
-        const uint32_t version = read_u32(bytes + 8);
-        struct codec c = {.mode = READ, .version = version, .section_count = sections_of(version)};
+        const uint32_t version = lw_records_get_u32(bytes + 8);
+        struct lw_records c = records_of(LW_RECORDS_READ, version, NULL);
         uint8_t *unchanged = (uint8_t *)bytes; /* tables are only read */
         if (read_table(&c, unchanged, size) == LW_OK) *out_count = find_cuts(&c, bytes, size, end);
     }
@@ -784,7 +599,7 @@ fail:
 bool lw_package_is(const char *path) {
     const size_t length = strlen(path), suffix = strlen(SUFFIX);
     if (length >= suffix && strcmp(path + length - suffix, SUFFIX) == 0) return true;
-    char start[MAGIC_SIZE];
+    char start[LW_RECORDS_MAGIC];
     int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     if (fd < 0) return false;
     ssize_t got = read(fd, start, sizeof start);

@@ -10,10 +10,10 @@
 #include <signal.h>
 
 /* The newest version: it holds everything, and a checksum. Files have it where 5, with a checksum too, cannot
- * hold the scene. Clients get a scene in the oldest version that can: 1; 2 with an environment; 3 with
+ * hold the scene, and 7 where it has finishes (finish_package.h), which clients get apart. Clients get a scene in the oldest version that can: 1; 2 with an environment; 3 with
  * textures; 4 where it says who draws a light; 6 with what is unlit or has a tint, with orthographic cameras,
  * with lights that are animated. */
-#define LW_PACKAGE_VERSION  6u
+#define LW_PACKAGE_VERSION  7u
 #define LW_PACKAGE_SIZE_MAX (4ull << 30) /* bytes */
 
 /** Content address of a package: XXH3-128 of its bytes, big-endian. */
@@ -31,11 +31,11 @@ LW_MUST_CHECK enum lw_status lw_package_write(const struct lw_scene *scene, uint
  * Errors: LW_BAD_DATA with both sizes. */
 LW_MUST_CHECK enum lw_status lw_package_check_size(const struct lw_scene *scene, struct lw_error *err);
 
-/** The same for a file, with a checksum: version 5, or 6 where that has to be. */
+/** The same for a file, with a checksum and with finishes: version 5, or 6 or 7 where that has to be. */
 LW_MUST_CHECK enum lw_status lw_package_write_sealed(const struct lw_scene *scene, uint8_t **out_bytes,
                                                      size_t *out_size, struct lw_error *err);
 
-/** Puts the checksum of a package of version 5 or 6 into its header. Other bytes stay as they are. */
+/** Puts the checksum of a package from version 5 on into its header. Other bytes stay as they are. */
 void lw_package_seal(uint8_t *bytes, size_t size);
 
 /** Reads a package from outside. Checks every offset, count, index and number before use, stays within

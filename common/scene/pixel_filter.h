@@ -14,4 +14,12 @@ void lw_pixel_filter_apply(const uint8_t *rgba, uint32_t width, uint32_t height,
 /** The way back, for any bytes. */
 void lw_pixel_filter_undo(const uint8_t *bytes, uint32_t width, uint32_t height, uint8_t *out_rgba);
 
+/** The same of the first `planes` bytes of each pixel, each byte for itself. out_bytes: planes * width *
+ * height. */
+void lw_pixel_filter_apply_planes(const uint8_t *rgba, uint32_t width, uint32_t height, uint32_t planes,
+                                  uint8_t *out_bytes);
+/** The way back; the other bytes of pixels stay. */
+void lw_pixel_filter_undo_planes(const uint8_t *bytes, uint32_t width, uint32_t height, uint32_t planes,
+                                 uint8_t *out_rgba);
+
 #endif

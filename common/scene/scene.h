@@ -256,6 +256,9 @@ LW_MUST_CHECK enum lw_status lw_scene_add_object(struct lw_scene *scene, uint32_
  * Errors: LW_BAD_DATA naming the element and field; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_validate(const struct lw_scene *scene, struct lw_error *err);
 
+/** Checks finishes and their textures alone: of a scene that was valid without. */
+LW_MUST_CHECK enum lw_status lw_scene_validate_finishes(const struct lw_scene *scene, struct lw_error *err);
+
 /** Floats of one value of a channel. */
 static inline unsigned lw_channel_width(const struct lw_channel *channel) {
     return channel->path == LW_CHANNEL_ROTATION ? 4 : channel->path == LW_CHANNEL_FACTOR ? 1 : 3;

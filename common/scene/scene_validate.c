@@ -248,8 +248,7 @@ static enum lw_status check_material(const struct lw_scene *scene, const struct 
     if (material->unlit && lw_material_shines(material)) return refuse(e, "is unlit, and has an emission");
     if (lw_material_tints(material) && material->alpha_mode != LW_ALPHA_BLEND)
         return refuse(e, "has a tint, but lets no light pass: its alpha mode is not blend");
-    status = check_range(e, "tint", material->tint, 3, 0, TINT_MAX);
-    return status || !material->finish ? status : check_finish(scene, material->finish, e);
+    return check_range(e, "tint", material->tint, 3, 0, TINT_MAX);
 }
 
 static enum lw_status check_triangles(const struct lw_scene *scene, const struct lw_mesh *mesh,
@@ -454,9 +453,6 @@ static enum lw_status check_elements(const struct lw_scene *scene, struct lw_err
     enum lw_status status = LW_OK;
     for (uint32_t i = 0; !status && i < scene->texture_count; i++)
         status = check_texture(&scene->texture[i], &(struct element){err, "texture", i, NULL});
-    for (uint32_t i = 0; !status && i < scene->finish_texture_count; i++)
-        status =
-            check_texture(&scene->finish_texture[i], &(struct element){err, "texture of finishes", i, NULL});
     for (uint32_t i = 0; !status && i < scene->material_count; i++)
         status = check_material(scene, &scene->material[i], &(struct element){err, "material", i, NULL});
     for (uint32_t i = 0; !status && i < scene->mesh_count; i++)
@@ -556,6 +552,18 @@ static enum lw_status check_environment(const struct lw_environment *environment
                        LW_SCENE_RADIANCE_MAX);
 }
 
+enum lw_status lw_scene_validate_finishes(const struct lw_scene *scene, struct lw_error *err) {
+    enum lw_status status = LW_OK;
+    for (uint32_t i = 0; !status && i < scene->finish_texture_count; i++)
+        status =
+            check_texture(&scene->finish_texture[i], &(struct element){err, "texture of finishes", i, NULL});
+    for (uint32_t i = 0; !status && i < scene->material_count; i++)
+        if (scene->material[i].finish)
+            status = check_finish(scene, scene->material[i].finish,
+                                  &(struct element){err, "material", i, scene->material[i].name});
+    return status;
+}
+
 enum lw_status lw_scene_validate(const struct lw_scene *scene, struct lw_error *err) {
     struct element whole = {err, "scene", LW_SCENE_NONE, NULL};
     enum lw_status status = check_name(&whole, scene->name);
@@ -564,6 +572,7 @@ enum lw_status lw_scene_validate(const struct lw_scene *scene, struct lw_error *
     if (!status) status = check_environment(&scene->environment, err);
     if (!status) status = check_counts(scene, err);
     if (!status) status = check_elements(scene, err);
+    if (!status) status = lw_scene_validate_finishes(scene, err);
     if (!status)
         status = check_channels_differ(scene->channel, scene->channel_count, "channel", "node",
                                        scene->node_count, err);

@@ -544,7 +544,7 @@ static void fields_lie_where_the_document_says(void **state) {
 /* One lie each: the name of a place, and what is said about it. */
 #define LIE_MAP(X)                                                                                           \
     X("does not begin with LWSCENE", b[0] = 'l')                                                             \
-    X("has version 7; this program reads versions 1 to 6", set_u32(b + 8, 7))                                \
+    X("has version 8; this program reads versions 1 to 7", set_u32(b + 8, 8))                                \
     X("has 22 sections; version 1 has 20", set_u32(b + 8, 1))                                                \
     X("has 21 sections; version 3 has 22", set_u32(b + 12, 21))                                              \
     X("section environments has 0 elements, not 1: without one", set_u32(b + 8, 2))                          \
