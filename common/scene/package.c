@@ -55,8 +55,8 @@
  * says who draws lights. For clients each scene is written in one of them, so that there is one way to say
  * it: where the file says who draws a light in version 4, else with textures in version 3. Those of before
  * are read as well. Version 5, for files, is version 4 for every scene, and has a checksum. Version 6, with a
- * checksum too, is for files and clients: for scenes with what no earlier one can say. Version 7, for files, has
- * the finishes of a scene (finish_package.h) besides; clients get these apart. */
+ * checksum too, is for files and clients: for scenes with what no earlier one can say. Version 7, for files,
+ * has the finishes of a scene (finish_package.h) besides; clients get these apart. */
 #define SECTION_COUNT_V1 20u
 #define SECTION_COUNT_V2 22u
 #define SECTION_COUNT_V4 24u
