@@ -304,8 +304,8 @@ struct lw_vec3 lw_scene_sky(const struct lw_scene *scene, struct lw_vec3 directi
 struct lw_surface {
     struct lw_vec3 position, normal; /* object space, interpolated; the normal is unit */
     struct lw_vec3 geometric_normal; /* object space, unit, by winding */
-    /* Diffuse: base colour x texture x vertex colour, in [0, 1]; unlit: 0. With a finish, the mean over all
-     * directions of what is reflected by the diffuse lobe (common/shading/lobes.h). */
+    /* Base colour x texture x vertex colour, in [0, 1]; unlit: 0. With a finish, what all lobes send back of
+     * light from everywhere, mirrored light included: lw_lobes_albedo(). For bounces that spread it evenly. */
     struct lw_vec3 albedo;
     struct lw_vec3 base;        /* the base colour there, in [0, 1] */
     float alpha;                /* in [0, 1]: 1 for OPAQUE; 1 or 0 for MASK, by alpha_cutoff */

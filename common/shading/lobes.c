@@ -91,9 +91,18 @@ float lw_lobes_pdf(const struct lw_lobes_seen *seen, struct lw_vec3 to_light) {
     return spread + seen->mirror_share * lw_microfacets_pdf(seen->to_eye, half, seen->alpha);
 }
 
+/* By the diffuse lobe, and by facets once and many times. */
+static float sent_back(float diffuse, float f0, float f90, struct lw_lobe_share mean) {
+    const float e = total(mean), many = many_times(fresnel_mean(f0, f90), e);
+    return fminf(diffuse + f0 * mean.a + f90 * mean.b + (1 - e) * many, 1);
+}
+
 struct lw_vec3 lw_lobes_albedo(const struct lw_lobes *lobes) {
     if (!lw_lobes_mirror(lobes)) return lobes->diffuse;
     const struct lw_lobe_share mean = lw_lobe_table_mean(lobes->roughness);
     const float many = many_times(fresnel_mean(lobes->gloss0, lobes->gloss90), total(mean));
-    return lw_vec3_scale(lobes->diffuse, 1 - of_gloss(lobes, mean, many));
+    const float left = 1 - of_gloss(lobes, mean, many);
+    return lw_vec3(sent_back(lobes->diffuse.x * left, lobes->f0.x, lobes->f90, mean),
+                   sent_back(lobes->diffuse.y * left, lobes->f0.y, lobes->f90, mean),
+                   sent_back(lobes->diffuse.z * left, lobes->f0.z, lobes->f90, mean));
 }

@@ -58,7 +58,7 @@ bool lw_lobes_draw(const struct lw_lobes_seen *seen, const float u[2], float pic
 /** Density of such directions per solid angle. */
 float lw_lobes_pdf(const struct lw_lobes_seen *seen, struct lw_vec3 to_light);
 
-/** What the diffuse lobe sends back of light from everywhere, a mean over all directions: for bounces. */
+/** What all lobes send back of light from everywhere, in [0, 1]. Bounces of the solve spread it evenly. */
 struct lw_vec3 lw_lobes_albedo(const struct lw_lobes *lobes);
 
 #endif

@@ -104,18 +104,29 @@ static void densities_are_those_of_what_is_drawn(void **state) {
     }
 }
 
-/* What bounces carry is what the diffuse lobe sends back of light from everywhere, a mean over all eyes. */
-static void the_albedo_is_the_diffuse_lobe_alone(void **state) {
-    (void)state;
-    const struct lw_lobes lobes = varnish(0.6f, 0.4f);
+/* The mean over all eyes, weighted by their cosines, of what is sent to them. */
+static double sent_to_all(const struct lw_lobes *lobes) {
     double sum = 0;
     for (int i = 0; i < 256; i++) {
-        const float cosine = sqrtf(((float)i + 0.5f) / 256);
-        const struct lw_lobes_seen seen = lw_lobes_see(&lobes, at(cosine, 0));
-        sum += (double)(lw_lobes_albedo(&lobes).x * seen.spread.x) / 256 / (double)seen.spread.x;
-        assert_true(seen.spread.x + seen.mirrored.x <= 1);
+        const struct lw_lobes_seen seen = lw_lobes_see(lobes, at(sqrtf(((float)i + 0.5f) / 256), 0));
+        sum += (double)(seen.spread.x + seen.mirrored.x) / 256;
+        assert_true(seen.spread.x + seen.mirrored.x <= 1.001f);
     }
-    assert_true(sum < 0.6 * 0.97 && sum > 0.6 * 0.9);
+    return sum;
+}
+
+/* What bounces carry is what all lobes send back of light from everywhere: of white all of it. */
+static void the_albedo_is_all_that_is_sent_back(void **state) {
+    (void)state;
+    for (int r = 0; r <= 4; r++) {
+        const struct lw_lobes lobes = varnish(0.6f, 0.25f * (float)r), white = varnish(1, 0.25f * (float)r),
+                              mirror = metal(1, 0.25f * (float)r), copper = metal(0.6f, 0.25f * (float)r);
+        assert_true(fabs((double)lw_lobes_albedo(&lobes).x - sent_to_all(&lobes)) < 0.005);
+        assert_true(fabs((double)lw_lobes_albedo(&copper).x - sent_to_all(&copper)) < 0.005);
+        assert_true(lw_lobes_albedo(&lobes).x > 0.6f && lw_lobes_albedo(&lobes).x < 0.65f);
+        assert_true(fabsf(lw_lobes_albedo(&white).x - 1) < 1e-5f && lw_lobes_albedo(&white).x <= 1);
+        assert_true(fabsf(lw_lobes_albedo(&mirror).x - 1) < 1e-5f && lw_lobes_albedo(&mirror).x <= 1);
+    }
     const struct lw_lobes matt = lw_lobes_matt(lw_vec3(0.6f, 0.6f, 0.6f));
     assert_true(lw_lobes_albedo(&matt).x == 0.6f);
     const struct lw_lobes_seen seen = lw_lobes_see(&matt, at(0.5f, 0));
@@ -197,7 +208,7 @@ int main(void) {
         cmocka_unit_test(none_sends_back_more_than_arrives),
         cmocka_unit_test(light_goes_both_ways_alike),
         cmocka_unit_test(densities_are_those_of_what_is_drawn),
-        cmocka_unit_test(the_albedo_is_the_diffuse_lobe_alone),
+        cmocka_unit_test(the_albedo_is_all_that_is_sent_back),
         cmocka_unit_test(nothing_is_negative_or_no_number),
         cmocka_unit_test(smooth_mirrors_follow_fresnel),
         cmocka_unit_test(bent_normals_mirror_what_is_above),

@@ -1,0 +1,153 @@
+/* What surfaces with a finish send back in the solve: all that their lobes send back of light from
+ * everywhere, evenly. */
+#include "tests/reference/effort.h"
+#include "tests/reference/room.h"
+
+#include <math.h>
+#include <string.h>
+
+#define SIDE 8u /* texels of a texture */
+
+static struct lw_texture_use use_of(uint32_t texture) {
+    return (struct lw_texture_use){.texture = texture, .transform = {1, 0, 0, 0, 1, 0}};
+}
+
+static struct lw_finish *add_finish(struct lw_scene *scene, uint32_t material, float metalness,
+                                    float roughness) {
+    struct lw_finish *finish = lw_scene_alloc(scene, 1, sizeof *finish);
+    assert_non_null(finish);
+    *finish = (struct lw_finish){.metalness = metalness,
+                                 .roughness = roughness,
+                                 .surface_texture = use_of(LW_SCENE_NONE),
+                                 .specular = 1,
+                                 .specular_colour = {1, 1, 1},
+                                 .specular_texture = use_of(LW_SCENE_NONE),
+                                 .ior = 1.5f,
+                                 .occlusion_texture = use_of(LW_SCENE_NONE),
+                                 .normal_scale = 1,
+                                 .normal_texture = use_of(LW_SCENE_NONE)};
+    scene->material[material].finish = finish;
+    return finish;
+}
+
+/* Metal where u < 0.5, rough to one half everywhere. */
+static uint32_t half_of_metal(struct lw_scene *scene) {
+    uint8_t *rgba = lw_scene_alloc(scene, SIDE * SIDE, 4);
+    scene->finish_texture = lw_scene_alloc(scene, 1, sizeof *scene->finish_texture);
+    assert_true(rgba && scene->finish_texture);
+    for (uint32_t i = 0; i < SIDE * SIDE; i++) {
+        const uint8_t texel[4] = {255, 128, i % SIDE < SIDE / 2 ? 255 : 0, 255};
+        memcpy(rgba + 4ul * i, texel, sizeof texel);
+    }
+    scene->finish_texture[0] = (struct lw_texture){
+        .name = "half", .width = SIDE, .height = SIDE, .rgba = rgba, .content = LW_CONTENT_SURFACE};
+    scene->finish_texture_count = 1;
+    return 0;
+}
+
+static float varnish_albedo(float base, float roughness) {
+    const struct lw_lobes lobes = {.diffuse = lw_vec3(base, base, base),
+                                   .f0 = lw_vec3(0.04f, 0.04f, 0.04f),
+                                   .f90 = 1,
+                                   .gloss0 = 0.04f,
+                                   .gloss90 = 1,
+                                   .roughness = roughness};
+    return lw_lobes_albedo(&lobes).x;
+}
+static float metal_albedo(float base, float roughness) {
+    const struct lw_lobes lobes = {.f0 = lw_vec3(base, base, base), .f90 = 1, .roughness = roughness};
+    return lw_lobes_albedo(&lobes).x;
+}
+
+/* The albedo of an object's texel that is nearest to (u, v) of its quad, as tiles have it. */
+static float albedo_at(const struct room_solution *s, uint32_t quad, float u, float v) {
+    const struct lw_mesh *mesh = &s->scene->mesh[quad];
+    const struct lw_vec2 a = mesh->lightmap_uv[mesh->triangle[0][0]],
+                         b = mesh->lightmap_uv[mesh->triangle[0][1]],
+                         c = mesh->lightmap_uv[mesh->triangle[1][2]];
+    const uint32_t x = (uint32_t)(a.x + u * (b.x - a.x) + v * (c.x - a.x)),
+                   y = (uint32_t)(a.y + u * (b.y - a.y) + v * (c.y - a.y));
+    struct lw_solver_tile tile;
+    s->solver->ops->read_tile(s->solver, (lw_tile_id){s->map.first_tile[quad]}, &tile);
+    const uint32_t i = y * tile.width + x;
+    assert_true(x < tile.width && y < tile.height && tile.covered[i]);
+    return tile.albedo[0][i];
+}
+
+static struct room box(float albedo, float emission) {
+    struct room room = {.texels_per_metre = 8};
+    room_box(&room, lw_vec3(2, 2, 2), albedo, emission);
+    return room;
+}
+
+static void test_texels_have_what_all_lobes_send_back(void **state) {
+    (void)state;
+    const struct room room = box(0.6f, 1);
+    struct lw_scene *scene = room_scene(&room);
+    add_finish(scene, 0, 1, 0.25f);
+    add_finish(scene, 1, 0, 0.25f);
+    add_finish(scene, 2, 1, 1)->surface_texture = use_of(half_of_metal(scene));
+    struct room_solution s;
+    room_solve_scene(&s, scene, room.texels_per_metre, (struct lw_solver_desc){.bounces = 1}, 1);
+    expect_near((double)albedo_at(&s, 0, 0.5f, 0.5f), (double)metal_albedo(0.6f, 0.25f), 1e-5);
+    expect_near((double)albedo_at(&s, 1, 0.5f, 0.5f), (double)varnish_albedo(0.6f, 0.25f), 1e-5);
+    expect_near((double)albedo_at(&s, 2, 0.25f, 0.5f), (double)metal_albedo(0.6f, 128 / 255.0f), 1e-5);
+    expect_near((double)albedo_at(&s, 2, 0.75f, 0.5f), (double)varnish_albedo(0.6f, 128 / 255.0f), 1e-5);
+    expect_near((double)albedo_at(&s, 3, 0.5f, 0.5f), 0.6, 1e-6);
+    assert_true(albedo_at(&s, 1, 0.5f, 0.5f) > 0.6f);
+    room_finish(&s);
+}
+
+/* A material that changes its colour keeps its finish: the lobes are taken again. */
+static void test_a_changed_colour_passes_the_gloss(void **state) {
+    (void)state;
+    const struct room room = box(0.6f, 1);
+    struct lw_scene *scene = room_scene(&room);
+    add_finish(scene, 0, 1, 0.25f);
+    add_finish(scene, 1, 0, 0.25f);
+    struct room_solution s;
+    struct lw_error err = {0};
+    room_solve_scene(&s, scene, room.texels_per_metre, (struct lw_solver_desc){.bounces = 1}, 1);
+    for (uint32_t m = 0; m < 2; m++)
+        for (int c = 0; c < 3; c++)
+            scene->material[m].base_colour[c] = s.pose.material[m].base_colour[c] = 0.2f;
+    lw_support_ok(s.solver->ops->frame(s.solver, &s.pose, 2, &s.stats, &err), &err);
+    expect_near((double)albedo_at(&s, 0, 0.5f, 0.5f), (double)metal_albedo(0.2f, 0.25f), 1e-5);
+    expect_near((double)albedo_at(&s, 1, 0.5f, 0.5f), (double)varnish_albedo(0.2f, 0.25f), 1e-5);
+    room_finish(&s);
+}
+
+/* As the furnace of test_bounces.c, whatever mirrors: bounce k adds pi Le rho^k, rho being all that is sent
+ * back. A white mirror's loses nothing. */
+static void expect_furnace(float base, float metalness, float roughness, float rho) {
+    const uint32_t bounces = 3;
+    const struct room room = box(base, 1.5f);
+    struct lw_scene *scene = room_scene(&room);
+    for (uint32_t m = 0; m < 6; m++) add_finish(scene, m, metalness, roughness);
+    struct room_solution s;
+    double want = 0, mean = 0;
+    room_solve_scene(&s, scene, room.texels_per_metre,
+                     (struct lw_solver_desc){.bounces = bounces, .direct_samples = 16}, 32 * effort);
+    for (uint32_t k = 0; k <= bounces; k++) want += 1.5 * (double)LW_PI * pow((double)rho, k);
+    for (uint32_t o = 0; o < 6; o++) mean += room_object_mean(&s, o).total / 6;
+    expect_near(mean, want, noise(0.013));
+    room_finish(&s);
+}
+
+static void test_furnaces(void **state) {
+    (void)state;
+    expect_furnace(0.5f, 0, 0.3f, varnish_albedo(0.5f, 0.3f));
+    expect_furnace(0.5f, 1, 0.3f, metal_albedo(0.5f, 0.3f));
+    expect_furnace(1, 1, 0.6f, 1);
+}
+
+int main(int argc, char **argv) {
+    (void)argv;
+    set_effort(argc);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_texels_have_what_all_lobes_send_back),
+        cmocka_unit_test(test_a_changed_colour_passes_the_gloss),
+        cmocka_unit_test(test_furnaces),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
