@@ -33,6 +33,8 @@ static const char *const supported_extensions[] = {
     "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_specular",
     "KHR_mesh_quantization",
     "KHR_node_visibility",
     "KHR_materials_pbrSpecularGlossiness",
@@ -42,12 +44,11 @@ static const char *const supported_extensions[] = {
     "MSFT_lod",
 };
 
-/* What is ignored also where it is required: without it a diffuse surface has the same light, or nearly. */
+/* What is ignored also where it is required: without it a surface has the same light, or nearly. */
 static const char *const harmless_extensions[] = {
-    "KHR_materials_anisotropy", "KHR_materials_clearcoat", "KHR_materials_diffuse_transmission",
-    "KHR_materials_dispersion", "KHR_materials_ior",       "KHR_materials_iridescence",
-    "KHR_materials_sheen",      "KHR_materials_specular",  "KHR_materials_variants",
-    "KHR_materials_volume",     "KHR_xmp_json_ld",
+    "KHR_materials_anisotropy", "KHR_materials_clearcoat",   "KHR_materials_diffuse_transmission",
+    "KHR_materials_dispersion", "KHR_materials_iridescence", "KHR_materials_sheen",
+    "KHR_materials_variants",   "KHR_materials_volume",      "KHR_xmp_json_ld",
 };
 
 #define EXTENSIONS_TOLD_MAX 10 /* that are ignored, by name */

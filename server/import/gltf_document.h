@@ -42,7 +42,6 @@ enum lw_gltf_list {
 
 /* Ignored features; one warning each per file. */
 #define LW_GLTF_WARNING_MAP(X)                                                                               \
-    X(NORMAL_MAP, "normal maps are ignored")                                                                 \
     X(SKIN, "skins are not animated: skinned meshes keep their rest pose")                                   \
     X(TRANSMISSION, "transmission by a texture is ignored: such materials stay as opaque as they are")       \
     X(TINT, "light that bounces through coloured transmission keeps its brightness and loses its colour")    \

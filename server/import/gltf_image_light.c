@@ -22,7 +22,7 @@ static const struct lw_vec3 upward[FACES] = {{0, 1, 0}, {0, 1, 0}, {0, 0, -1},
 
 static struct lw_vec3 read_texel(const struct cube *cube, unsigned face, uint32_t x, uint32_t y) {
     const struct lw_gltf_image_slot *image = cube->face[face];
-    const uint8_t *p = image->rgba + 4 * ((size_t)y * image->width + x);
+    const uint8_t *p = image->texel[LW_CONTENT_COLOUR] + 4 * ((size_t)y * image->width + x);
     const float scale = cube->intensity * 255.0f / (float)(p[3] ? p[3] : 1);
     return lw_vec3(scale * lw_colour_from_srgb8(p[0]), scale * lw_colour_from_srgb8(p[1]),
                    scale * lw_colour_from_srgb8(p[2]));
@@ -88,7 +88,8 @@ static enum lw_status read_faces(struct lw_gltf_materials *materials, const json
             return lw_status_fail(
                 err, LW_BAD_DATA,
                 "specularImages: [0][%u] must be an index into images, which has %u elements", f, count);
-        if (lw_gltf_materials_image(materials, (uint32_t)image, &cube->face[f], err)) return err->status;
+        if (lw_gltf_textures_image(&materials->textures, (uint32_t)image, LW_CONTENT_COLOUR, &cube->face[f],
+                                   err)) return err->status;
         *out_found &= !cube->face[f]->unreadable;
     }
     for (unsigned f = 0; *out_found && f < FACES; f++)

@@ -15,7 +15,7 @@ enum { MODE_TRIANGLES = 4, MODE_STRIP = 5, MODE_FAN = 6 };
 
 /* A primitive with its accessors open; count 0: absent. */
 struct primitive {
-    struct lw_gltf_accessor position, normal, uv[2], colour, indices;
+    struct lw_gltf_accessor position, normal, uv[2], colour, tangent, indices;
     uint32_t material; /* of the scene */
     uint64_t mode;
     uint32_t corner_count; /* indices, or vertices if there are none */
@@ -110,10 +110,30 @@ static enum lw_status read_draco(const struct lw_gltf_document *document, struct
 static void warn_about(struct lw_gltf_meshes *meshes, const struct primitive *p) {
     struct lw_gltf_document *document = meshes->materials->document;
     const struct lw_material *material = &meshes->materials->scene->material[p->material];
-    const struct lw_texture_use *uses[] = {&material->base_colour_texture, &material->emission_texture};
-    for (int i = 0; i < 2; i++)
-        if (uses[i]->texture != LW_SCENE_NONE && !p->uv[uses[i]->uv_set].count)
+    const struct lw_finish *f = material->finish;
+    const struct lw_texture_use *uses[] = {&material->base_colour_texture, &material->emission_texture,
+                                           f ? &f->surface_texture : NULL,  f ? &f->specular_texture : NULL,
+                                           f ? &f->occlusion_texture : NULL, f ? &f->normal_texture : NULL};
+    for (size_t i = 0; i < sizeof uses / sizeof *uses; i++)
+        if (uses[i] && uses[i]->texture != LW_SCENE_NONE && !p->uv[uses[i]->uv_set].count)
             lw_gltf_document_warn(document, LW_GLTF_WARN_UV_MISSING);
+}
+
+/* Without normals those of the file do not count, as glTF has it. */
+static enum lw_status open_tangents(struct lw_gltf_meshes *meshes, const json_t *attributes,
+                                    struct primitive *p, struct lw_error *err) {
+    const struct lw_finish *finish = meshes->materials->scene->material[p->material].finish;
+    const unsigned accept = LW_GLTF_ACCEPT_FLOAT | LW_GLTF_ACCEPT_NORMALIZED_SIGNED |
+                            (p->draco ? LW_GLTF_ACCEPT_UNBACKED : 0);
+    if (!finish || finish->normal_texture.texture == LW_SCENE_NONE || !p->normal.count) return LW_OK;
+    if (!open_attribute(meshes, attributes, "TANGENT", 4, 4, accept, &p->tangent, err) &&
+        !(p->draco_mesh && p->tangent.count &&
+          lw_gltf_draco_attribute(p->draco, p->draco_mesh, "TANGENT", &p->tangent, err)) &&
+        p->tangent.count && p->tangent.count != p->position.count)
+        lw_status_fail(err, LW_BAD_DATA, "TANGENT: accessor %u has %u elements, POSITION has %u",
+                       p->tangent.index, p->tangent.count, p->position.count);
+    if (err->status) lw_status_context(err, "attributes");
+    return err->status;
 }
 
 static enum lw_status open_primitive(struct lw_gltf_meshes *meshes, const json_t *object, struct primitive *p,
@@ -131,7 +151,8 @@ static enum lw_status open_primitive(struct lw_gltf_meshes *meshes, const json_t
         return err->status;
     }
     if (open_indices(document, object, p, err) || read_draco(document, p, err) ||
-        lw_gltf_materials_get(meshes->materials, material, &p->material, err))
+        lw_gltf_materials_get(meshes->materials, material, &p->material, err) ||
+        open_tangents(meshes, attributes, p, err))
         return err->status;
     warn_about(meshes, p);
     return LW_OK;
@@ -170,6 +191,14 @@ static enum lw_status read_position(const struct primitive *p, uint32_t i, struc
 
 static float clamp_unit(float v) { return v < 0 ? 0 : v > 1 ? 1 : v; }
 
+/* Those of a shape that is moved are made again, where it has gone. What is no tangent is told of later. */
+static struct lw_vec4 read_tangent(const struct primitive *p, uint32_t i) {
+    float t[4];
+    if (!p->tangent.count || p->shape.skin || p->shape.morph_count) return (struct lw_vec4){0, 0, 0, 0};
+    lw_gltf_accessor_read(&p->tangent, i, t);
+    return (struct lw_vec4){t[0], t[1], t[2], t[3] == 0 ? NAN : t[3]};
+}
+
 static enum lw_status read_vertex(struct lw_gltf_meshes *meshes, const struct primitive *p, uint32_t i,
                                   struct lw_mesh_builder_vertex *out, struct lw_error *err) {
     static const char *const uv_name[2] = {"TEXCOORD_0", "TEXCOORD_1"};
@@ -192,6 +221,7 @@ static enum lw_status read_vertex(struct lw_gltf_meshes *meshes, const struct pr
         if (read_finite(&p->uv[set], uv_name[set], i, v, err)) return err->status;
         out->uv[set] = (struct lw_vec2){v[0], v[1]};
     }
+    out->tangent = read_tangent(p, i);
     if (p->colour.count) {
         v[3] = 1;
         if (read_finite(&p->colour, "COLOR_0", i, v, err)) return err->status;
@@ -287,6 +317,7 @@ static enum lw_status add_triangles(struct lw_gltf_meshes *meshes, const struct 
         if (add_triangle(meshes, p, t, err)) return err->status;
     for (int set = 0; set < 2; set++) meshes->builder.has_uv[set] |= p->uv[set].count > 0;
     meshes->builder.has_colour |= p->colour.count > 0;
+    meshes->builder.has_tangent |= p->tangent.count > 0;
     return LW_OK;
 }
 

@@ -49,6 +49,7 @@ struct arguments {
     double texels_per_metre;
     double scale, read_seconds, import_seconds;
     int sides; /* enum lw_foreign_sides */
+    int materials; /* 0: full, 1: matt */
     int log_format, log_level;
     int64_t picture_texels, texels_max, atlas_side_max, threads, failure_fd;
     bool json, report, lightmap_unused;
@@ -242,7 +243,7 @@ static enum lw_status read_gltf(const struct arguments *arguments, struct lw_sce
                                         .failure_fd = (int)arguments->failure_fd};
     lw_guard_enter(&guard);
     enum lw_status status =
-        lw_gltf_load(arguments->scene, (uint64_t)arguments->picture_texels, out_scene, err);
+        lw_gltf_load(arguments->scene, &(struct lw_gltf_options){.picture_texels = (uint64_t)arguments->picture_texels, .matt = arguments->materials == 1}, out_scene, err);
     lw_guard_leave();
     return status;
 }

@@ -1,5 +1,7 @@
 #include "server/import/mesh_builder.h"
 
+#include "server/import/mesh_tangents.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -14,7 +16,8 @@ void lw_mesh_builder_finish(struct lw_mesh_builder *builder) {
 
 void lw_mesh_builder_begin(struct lw_mesh_builder *builder) {
     builder->vertex_count = builder->triangle_count = 0;
-    builder->has_uv[0] = builder->has_uv[1] = builder->has_colour = false;
+    builder->has_uv[0] = builder->has_uv[1] = builder->has_colour = builder->has_tangent =
+        false;
 }
 
 bool lw_mesh_builder_reserve(void **array, size_t *capacity, size_t count, size_t size) {
@@ -71,8 +74,22 @@ enum lw_status lw_mesh_builder_triangle(struct lw_mesh_builder *builder, const u
     return LW_OK;
 }
 
-enum lw_status lw_mesh_builder_end(const struct lw_mesh_builder *builder, struct lw_scene *scene,
-                                   const char *name, struct lw_mesh *out, struct lw_error *err) {
+static enum lw_status build_tangents(struct lw_mesh_builder *builder, struct lw_scene *scene,
+                                     struct lw_mesh *mesh, struct lw_error *err) {
+    struct lw_vec4 *given = NULL;
+    if (builder->has_tangent) {
+        given = malloc(builder->vertex_count * sizeof *given);
+        if (!given) return lw_status_fail(err, LW_NO_MEMORY, "out of memory for tangents");
+        for (uint32_t i = 0; i < builder->vertex_count; i++) given[i] = builder->vertex[i].tangent;
+    }
+    const enum lw_status status =
+        lw_mesh_tangents_build(scene, mesh, given, &builder->bad_tangent_count, err);
+    free(given);
+    return status;
+}
+
+enum lw_status lw_mesh_builder_end(struct lw_mesh_builder *builder, struct lw_scene *scene, const char *name,
+                                   struct lw_mesh *out, struct lw_error *err) {
     uint32_t vertices = builder->vertex_count, triangles = builder->triangle_count;
     struct lw_vec3 *position = lw_scene_alloc(scene, vertices, sizeof *position);
     struct lw_vec3 *normal = lw_scene_alloc(scene, vertices, sizeof *normal);
@@ -107,5 +124,5 @@ enum lw_status lw_mesh_builder_end(const struct lw_mesh_builder *builder, struct
                             .colour = colour,
                             .triangle = triangle,
                             .material = material};
-    return LW_OK;
+    return build_tangents(builder, scene, out, err);
 }

@@ -12,6 +12,7 @@ struct lw_mesh_builder_vertex {
     struct lw_vec3 normal;
     struct lw_vec2 uv[2];
     struct lw_vec4 colour;
+    struct lw_vec4 tangent; /* as the file has it; w 0: it has none */
 };
 
 struct lw_mesh_builder {
@@ -20,8 +21,10 @@ struct lw_mesh_builder {
     uint32_t *material; /* per triangle */
     uint32_t vertex_count, triangle_count;
     bool has_uv[2], has_colour; /* set by the reader: whether the mesh keeps them */
+    bool has_tangent;           /* the same: some vertices have one */
     size_t vertex_capacity, triangle_capacity, material_capacity;
     uint64_t degenerate_count; /* triangles of all meshes that were left out because they have no area */
+    uint64_t bad_tangent_count; /* vertices of all meshes whose tangent was none */
 };
 
 void lw_mesh_builder_init(struct lw_mesh_builder *builder);
@@ -46,9 +49,9 @@ LW_MUST_CHECK enum lw_status lw_mesh_builder_triangle(struct lw_mesh_builder *bu
                                                       const uint32_t vertex[3], uint32_t material,
                                                       struct lw_vec3 normal, struct lw_error *err);
 
-/** Copies the mesh into memory of the scene; it has at least one triangle. Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_mesh_builder_end(const struct lw_mesh_builder *builder,
-                                                 struct lw_scene *scene, const char *name,
-                                                 struct lw_mesh *out, struct lw_error *err);
+/** Copies the mesh into memory of the scene, with tangents where materials have normal maps. It has at least
+ * one triangle, and its materials are the scene's. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_mesh_builder_end(struct lw_mesh_builder *builder, struct lw_scene *scene,
+                                                 const char *name, struct lw_mesh *out, struct lw_error *err);
 
 #endif
