@@ -52,7 +52,7 @@ static _Noreturn void become(const char *program, char *const *arguments, int fa
 /* What lightwelld is called with. */
 struct command {
     char program[PATH_MAX];
-    const char *word[32];
+    const char *word[40];
     char number[8][64]; /* that words point to */
     unsigned count, numbers;
 };
@@ -87,6 +87,7 @@ static void make_command(struct command *c, const struct lw_own_server *s) {
     if (open->threads > 0) add_number(c, "--threads", (double)open->threads);
     if (open->import_seconds > 0) add_number(c, "--import-seconds", open->import_seconds);
     if (open->picture_texels > 0) add_number(c, "--picture-texels", (double)open->picture_texels);
+    if (open->materials == LW_IMPORT_SPAWN_MATT) add(c, "--materials", "matt");
     if (open->environment) add(c, "--environment", open->environment);
     if (open->sun_angle_given) add_number(c, "--sun-angle", open->sun_angle_deg);
     if (open->sky_given) {

@@ -49,7 +49,9 @@ static enum lw_status load_package(const struct lw_import_spawn_desc *desc, stru
                "%s: a scene package has its lightmap already; --texels-per-metre, --density-of, --max-texels "
                "and --atlas-max are ignored",
                desc->scene);
-    return lw_package_load(desc->scene, out_scene, err);
+    const enum lw_status status = lw_package_load(desc->scene, out_scene, err);
+    if (!status && desc->materials == LW_IMPORT_SPAWN_MATT) lw_scene_drop_finishes(*out_scene);
+    return status;
 }
 
 /* ---- the temporary folder ---- */
@@ -110,7 +112,7 @@ static enum lw_status start(struct importer *importer, struct lw_error *err) {
         return lw_status_fail(err, LW_NO_INPUT, "%.200s...: the path is too long", desc->environment);
     snprintf(environment, sizeof environment, "--environment=%s", desc->environment ? desc->environment : "");
     snprintf(level, sizeof level, "--log-level=%s", lw_log_level_name(lw_log_get_level()));
-    const char *arguments[20] = {importer->program, "-o", importer->package, failure};
+    const char *arguments[21] = {importer->program, "-o", importer->package, failure};
     size_t count = 4;
     if (lw_log_get_level() != LW_LOG_INFO) arguments[count++] = level;
     if (lw_log_get_format() == LW_LOG_JSON) arguments[count++] = "--log-format=json";
@@ -124,6 +126,7 @@ static enum lw_status start(struct importer *importer, struct lw_error *err) {
     if (desc->threads) arguments[count++] = threads;
     if (desc->import_seconds > 0) arguments[count++] = seconds;
     if (desc->picture_texels) arguments[count++] = pictures;
+    if (desc->materials == LW_IMPORT_SPAWN_MATT) arguments[count++] = "--materials=matt";
     if (desc->environment) arguments[count++] = environment;
     if (desc->lightmap_unused) arguments[count++] = "--lightmap-unused";
     arguments[count++] = "--";

@@ -25,6 +25,13 @@
     "texels of all pictures of the scene together; those past it have a stand-in, and a line says so "       \
     "(default 268435456, of 16384 x 16384)"
 
+/* Whether what a scene says of gloss and relief is kept. */
+#define LW_IMPORT_SPAWN_MATERIALS "full|matt"
+#define LW_IMPORT_SPAWN_MATERIALS_HELP                                                                       \
+    "full: surfaces have the gloss, the normal maps and the occlusion of the file; matt: none of them "       \
+    "(default full)"
+enum lw_import_spawn_materials { LW_IMPORT_SPAWN_FULL, LW_IMPORT_SPAWN_MATT };
+
 struct lw_import_spawn_desc {
     const char *scene;       /* a .lwscene, any file that lightwell-import reads, or "builtin:NAME" */
     const char *environment; /* an equirectangular EXR for the scene; NULL: the scene's own, or none */
@@ -35,6 +42,7 @@ struct lw_import_spawn_desc {
     unsigned threads;        /* 0: all */
     double import_seconds;   /* processor time; 0: LW_IMPORT_SPAWN_SECONDS */
     uint32_t picture_texels; /* 0: the importer's default */
+    enum lw_import_spawn_materials materials;
     bool lightmap_unused;    /* nothing is said about how coarse it is */
     uint64_t memory_max; /* bytes; 0: LW_IMPORT_SPAWN_MEMORY_MAX. Not imposed where a sanitizer needs more. */
     const char *program; /* NULL: lightwell-import beside this program, else in PATH */

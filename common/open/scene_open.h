@@ -24,6 +24,7 @@ struct lw_scene_open {
     int64_t threads;         /* 0: all */
     double import_seconds;   /* processor time of the importer; 0: its default */
     int64_t picture_texels;  /* 0: the importer's default */
+    int materials;           /* enum lw_import_spawn_materials */
     bool lightmap_unused;    /* nothing is said about how coarse it is */
     bool sky_given, sun_angle_given;
     float sky[3];            /* W/(m^2 sr) */
@@ -52,6 +53,8 @@ struct lw_scene_open {
      LW_IMPORT_SPAWN_SECONDS_MAX, NULL},                                                                    \
     {"picture-texels", "N", LW_IMPORT_SPAWN_PICTURES_HELP, LW_OPTION_INT, &(open)->picture_texels, 1,       \
      1e9, NULL},                                                                                            \
+    {"materials", LW_IMPORT_SPAWN_MATERIALS, LW_IMPORT_SPAWN_MATERIALS_HELP, LW_OPTION_CHOICE,              \
+     &(open)->materials, 0, 0, NULL},                                                                       \
     {"sky", "R,G,B", "radiance of the sky, W/(m^2 sr), instead of the scene's", LW_OPTION_RGB,              \
      (open)->sky, 0, 1e9, &(open)->sky_given},                                                              \
     {"environment", "FILE.exr", "equirectangular radiance around the scene, W/(m^2 sr), on top of the sky", \

@@ -87,6 +87,13 @@ void lw_scene_finish_variant(struct lw_scene *variant) {
     *variant = (struct lw_scene){0};
 }
 
+void lw_scene_drop_finishes(struct lw_scene *scene) {
+    for (uint32_t i = 0; i < scene->material_count; i++) scene->material[i].finish = NULL;
+    for (uint32_t i = 0; i < scene->mesh_count; i++) scene->mesh[i].tangent = NULL;
+    scene->finish_texture = NULL;
+    scene->finish_texture_count = 0;
+}
+
 void *lw_scene_alloc(struct lw_scene *scene, size_t count, size_t size) {
     size_t bytes;
     if (__builtin_mul_overflow(count, size, &bytes) || bytes > SIZE_MAX - ALIGNMENT) return NULL;

@@ -238,6 +238,9 @@ LW_MUST_CHECK enum lw_status lw_scene_init_variant(struct lw_scene *variant, con
 /** A zeroed one is fine. */
 void lw_scene_finish_variant(struct lw_scene *variant);
 
+/** Makes all materials matt and even: no finishes, none of their textures, no tangents. For builders only. */
+void lw_scene_drop_finishes(struct lw_scene *scene);
+
 /** Zeroed memory that lives as long as the scene, 16-byte aligned and readable for 16 bytes past its end
  * (vector loads of the last vertex); NULL when out of memory, never for count 0. For builders only. */
 void *lw_scene_alloc(struct lw_scene *scene, size_t count, size_t size);

@@ -91,15 +91,16 @@ static float height_of(const uint8_t *rgba, uint32_t width, uint32_t x, uint32_t
 }
 
 /* x is to the right; y is up, against the rows. */
-void lw_finish_texels_height(const uint8_t *rgba, const struct lw_finish_texels_height *map, uint8_t *out) {
-    const uint32_t w = map->width, h = map->height;
-    const float slope = 0.5f * map->factor * LW_FINISH_TEXELS_RELIEF * (float)(w > h ? w : h);
+void lw_finish_texels_height(const uint8_t *rgba, const struct lw_texture *texture, uint8_t *out) {
+    const uint32_t w = texture->width, h = texture->height;
+    const uint8_t s = texture->wrap_s, t = texture->wrap_t;
+    const float slope = 0.5f * LW_FINISH_TEXELS_RELIEF * (float)(w > h ? w : h);
     for (uint32_t y = 0; y < h; y++)
         for (uint32_t x = 0; x < w; x++) {
-            const float right = height_of(rgba, w, beside(x, 1, w, map->wrap_s), y),
-                        left = height_of(rgba, w, beside(x, -1, w, map->wrap_s), y),
-                        below = height_of(rgba, w, x, beside(y, 1, h, map->wrap_t)),
-                        above = height_of(rgba, w, x, beside(y, -1, h, map->wrap_t));
+            const float right = height_of(rgba, w, beside(x, 1, w, s), y),
+                        left = height_of(rgba, w, beside(x, -1, w, s), y),
+                        below = height_of(rgba, w, x, beside(y, 1, h, t)),
+                        above = height_of(rgba, w, x, beside(y, -1, h, t));
             const struct lw_vec3 n =
                 lw_vec3_normalize(lw_vec3((left - right) * slope, (below - above) * slope, 1));
             const uint8_t texel[4] = {to_byte(n.x), to_byte(n.y), to_byte(n.z), 255};

@@ -5,7 +5,7 @@
 
 #include "common/scene/scene.h"
 
-/** White lies this share of the picture's longer side above black, where a height map has a factor of 1. */
+/** White lies this share of the picture's longer side above black, by a height map. */
 #define LW_FINISH_TEXELS_RELIEF 0.02f
 
 /** Whether no texel has an alpha below 255. */
@@ -24,13 +24,9 @@ bool lw_finish_texels_are_normals(const uint8_t *rgba, size_t texels);
  * LW_CONTENT_SURFACE with roughness 1 - glossiness x A, and the picture opaque. */
 void lw_finish_texels_gloss(uint8_t *rgba, size_t texels, float glossiness, uint8_t *out_surface);
 
-struct lw_finish_texels_height {
-    uint32_t width, height;
-    uint8_t wrap_s, wrap_t; /* enum lw_wrap: what lies beyond the edge */
-    float factor;           /* of the height */
-};
-/** Heights, the mean of R, G and B, become LW_CONTENT_NORMAL by differences of neighbours. out: not rgba. */
-void lw_finish_texels_height(const uint8_t *rgba, const struct lw_finish_texels_height *map, uint8_t *out);
+/** Heights, the mean of R, G and B, become LW_CONTENT_NORMAL by differences of neighbours; texture->rgba is not
+ * read. out: not rgba. */
+void lw_finish_texels_height(const uint8_t *rgba, const struct lw_texture *texture, uint8_t *out);
 
 /** A picture that is read at another size. */
 struct lw_finish_texels_join {

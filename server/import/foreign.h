@@ -22,6 +22,7 @@ struct lw_foreign_desc {
     enum lw_foreign_sides sides;
     double read_seconds;     /* processor time that Assimp may take; 0: by the size of the file */
     uint64_t picture_texels; /* of all pictures together at most; 0: LW_IMAGE_FILE_TEXELS */
+    bool matt;               /* no finishes: what is said of gloss and relief is not read */
     int failure_fd;          /* where the guard says why it ended the process; 0: stderr */
 };
 

@@ -87,6 +87,26 @@ static void read_screen_colour(float c[3]) {
     for (int i = 0; i < 3; i++) c[i] = lw_colour_from_srgb(fminf(fmaxf(c[i], 0), 1));
 }
 
+static bool read_number(const struct aiMaterial *ai, const char *key, unsigned type, unsigned index,
+                        float *out) {
+    return aiGetMaterialFloatArray(ai, key, type, index, out, NULL) == aiReturn_SUCCESS;
+}
+
+static enum lw_status read_gloss(const struct aiMaterial *ai, struct lw_foreign_look *out,
+                                 struct lw_error *err) {
+    out->has_metalness = read_number(ai, AI_MATKEY_METALLIC_FACTOR, &out->metalness);
+    out->has_roughness = read_number(ai, AI_MATKEY_ROUGHNESS_FACTOR, &out->roughness);
+    (void)read_number(ai, AI_MATKEY_SHININESS, &out->exponent);
+    (void)read_number(ai, AI_MATKEY_BUMPSCALING, &out->relief);
+    if (out->relief == 0) out->relief = 1; /* a factor left at 0 is no wish to hide the map */
+    if (read_map(ai, aiTextureType_METALNESS, &out->metalness_map, err) ||
+        read_map(ai, aiTextureType_DIFFUSE_ROUGHNESS, &out->roughness_map, err) ||
+        read_map(ai, aiTextureType_AMBIENT_OCCLUSION, &out->occlusion_map, err) ||
+        read_either(ai, aiTextureType_NORMALS, aiTextureType_NORMAL_CAMERA, &out->relief_map, err))
+        return err->status;
+    return out->relief_map.there ? LW_OK : read_map(ai, aiTextureType_HEIGHT, &out->relief_map, err);
+}
+
 static enum lw_status read_assimp(const struct lw_foreign_import *import, const struct aiMaterial *ai,
                                   struct lw_foreign_look *out, struct lw_error *err) {
     int two_sided = 0;
@@ -100,15 +120,13 @@ static enum lw_status read_assimp(const struct lw_foreign_import *import, const 
     (void)read_colour(ai, AI_MATKEY_COLOR_SPECULAR, out, LW_FOREIGN_SPECULAR);
     (void)read_colour(ai, AI_MATKEY_COLOR_EMISSIVE, out, LW_FOREIGN_EMISSION);
     (void)aiGetMaterialFloatArray(ai, AI_MATKEY_OPACITY, &out->opacity, NULL);
-    out->has_bump = aiGetMaterialTextureCount(ai, aiTextureType_NORMALS) +
-                    aiGetMaterialTextureCount(ai, aiTextureType_HEIGHT);
     if (bare) memset(out->has_colour, 0, sizeof out->has_colour);
     if (import->desc->format == LW_SCENE_FORMAT_STL) read_screen_colour(out->colour[LW_FOREIGN_DIFFUSE]);
     if (read_either(ai, aiTextureType_DIFFUSE, aiTextureType_BASE_COLOR, &out->colour_map, err) ||
         read_map(ai, aiTextureType_OPACITY, &out->opacity_map, err) ||
         read_either(ai, aiTextureType_EMISSIVE, aiTextureType_EMISSION_COLOR, &out->emission_map, err))
         return err->status;
-    return LW_OK;
+    return bare ? LW_OK : read_gloss(ai, out, err);
 }
 
 /* ---- OBJ ---- */
@@ -138,10 +156,20 @@ static void take_mtl(const struct lw_mtl_material *from, const char *folder, str
         memcpy(out->colour[c], from->colour[colours[c]], sizeof out->colour[c]);
     }
     out->opacity = from->opacity;
-    out->has_bump = from->has_bump;
     take_map(&from->map[LW_MTL_MAP_DIFFUSE], folder, &out->colour_map);
     take_map(&from->map[LW_MTL_MAP_EMISSION], folder, &out->emission_map);
     take_map(&from->map[LW_MTL_MAP_OPACITY], folder, &out->opacity_map);
+    take_map(&from->map[LW_MTL_MAP_ROUGHNESS], folder, &out->roughness_map);
+    take_map(&from->map[LW_MTL_MAP_METALNESS], folder, &out->metalness_map);
+    out->is_normal = from->map[LW_MTL_MAP_NORMAL].path != NULL;
+    const struct lw_mtl_map *relief = &from->map[out->is_normal ? LW_MTL_MAP_NORMAL : LW_MTL_MAP_BUMP];
+    take_map(relief, folder, &out->relief_map);
+    if (relief->path) out->relief = relief->bump * relief->gain;
+    out->has_roughness = from->has_number[LW_MTL_ROUGHNESS];
+    out->roughness = from->number[LW_MTL_ROUGHNESS];
+    out->has_metalness = from->has_number[LW_MTL_METALNESS];
+    out->metalness = from->number[LW_MTL_METALNESS];
+    if (from->has_number[LW_MTL_EXPONENT]) out->exponent = from->number[LW_MTL_EXPONENT];
 }
 
 /* Assimp knows the materials of an OBJ by their number in our text (obj_text.h). */
@@ -165,10 +193,17 @@ static void read_obj(const struct lw_foreign_import *import, const struct aiMate
 enum lw_status lw_foreign_look_read(const struct lw_foreign_import *import, unsigned index,
                                     struct lw_foreign_look *out, struct lw_error *err) {
     const struct aiMaterial *ai = import->ai->mMaterials[index];
+    const struct lw_foreign_map no_map = {.folder = "", .gain = 1};
     *out = (struct lw_foreign_look){.opacity = 1,
-                                    .colour_map = {.folder = "", .gain = 1},
-                                    .emission_map = {.folder = "", .gain = 1},
-                                    .opacity_map = {.folder = "", .gain = 1}};
+                                    .exponent = -1,
+                                    .relief = 1,
+                                    .colour_map = no_map,
+                                    .emission_map = no_map,
+                                    .opacity_map = no_map,
+                                    .metalness_map = no_map,
+                                    .roughness_map = no_map,
+                                    .occlusion_map = no_map,
+                                    .relief_map = no_map};
     if (import->desc->format != LW_SCENE_FORMAT_OBJ) return read_assimp(import, ai, out, err);
     read_obj(import, ai, out);
     return LW_OK;

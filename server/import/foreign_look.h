@@ -23,11 +23,18 @@ struct lw_foreign_map {
 struct lw_foreign_look {
     struct aiString name;
     bool is_default; /* of what has no material */
-    bool stated_two_sided, has_bump;
+    bool stated_two_sided;
     bool has_colour[LW_FOREIGN_COLOURS];
     float colour[LW_FOREIGN_COLOURS][3]; /* as the file has them */
     float opacity;
     struct lw_foreign_map colour_map, emission_map, opacity_map;
+
+    bool has_metalness, has_roughness;
+    float metalness, roughness; /* as the file has them */
+    float exponent;             /* of Phong's highlight; below 0: not said */
+    struct lw_foreign_map metalness_map, roughness_map, occlusion_map, relief_map;
+    float relief; /* factor of the heights, or of the slopes of normals */
+    bool is_normal; /* the relief map: of normals; else its picture tells */
 };
 
 /** The look of a material of Assimp's. Errors: LW_BAD_DATA: a texture's transform is not finite. */

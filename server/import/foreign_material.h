@@ -3,8 +3,7 @@
 #ifndef LW_IMPORT_FOREIGN_MATERIAL_H
 #define LW_IMPORT_FOREIGN_MATERIAL_H
 
-#include "server/import/foreign_import.h"
-#include "server/import/image_file.h"
+#include "server/import/foreign_finish.h"
 
 /** Properties of a surface that its material depends on. */
 struct lw_foreign_surface {
@@ -12,17 +11,13 @@ struct lw_foreign_surface {
     bool coloured; /* it has vertex colours */
 };
 
-struct lw_foreign_picture;
 struct lw_foreign_converted;
 
 struct lw_foreign_materials {
     struct lw_foreign_import *import;
     struct lw_foreign_converted *converted; /* per material of the file */
-    struct lw_foreign_picture *picture;
-    uint32_t picture_count;
-    size_t picture_capacity;
-    struct lw_image_file_budget pictures;
-    uint64_t unreadable_count; /* pictures */
+    struct lw_foreign_pictures pictures;
+    struct lw_foreign_finish finish;
     struct lw_tally bright;    /* materials whose diffuse colour is above 1 */
     struct lw_tally invisible; /* materials whose opacity is 0 */
 };

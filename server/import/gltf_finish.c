@@ -94,6 +94,16 @@ static enum lw_status add_made(struct lw_gltf_finishes *finishes, const struct l
     return LW_OK;
 }
 
+/* Texels for one. *out NULL: there is no room, which is told. */
+static enum lw_status make_texels(struct reader *r, uint32_t width, uint32_t height, uint8_t **out,
+                                  struct lw_error *err) {
+    *out = NULL;
+    if (lw_gltf_textures_texels(r->textures, width, height, out, err) != LW_BAD_DATA) return err->status;
+    lw_tally_add(&r->finishes->left_out, r->name);
+    *err = (struct lw_error){0};
+    return LW_OK;
+}
+
 /* ---- specular and index of refraction ---- */
 
 /* KHR_materials_ior: the reflectance of n is that of 1/n. */
@@ -149,7 +159,7 @@ static enum lw_status make_pair(struct reader *r, const struct pair *pair, uint3
         return lw_gltf_textures_add_finish(r->textures, &texture, out, err);
     texture.width = s->rgba && c->rgba && s->width > c->width ? s->width : texture.width;
     texture.height = s->rgba && c->rgba && s->height > c->height ? s->height : texture.height;
-    if (lw_gltf_textures_texels(r->textures, texture.width, texture.height, &rgba, err)) return err->status;
+    if (make_texels(r, texture.width, texture.height, &rgba, err) || !rgba) return err->status;
     join_pair(pair, &texture, rgba);
     if (lw_gltf_textures_add_finish(r->textures, &texture, out, err)) return err->status;
     return add_made(r->finishes, &(struct lw_gltf_made){{a, b}, 0, {*out, LW_SCENE_NONE}}, err);
@@ -192,7 +202,7 @@ static enum lw_status split_picture(struct reader *r, uint32_t index, float glos
     *out = (struct lw_gltf_made){{index, LW_SCENE_NONE}, glossiness, {LW_SCENE_NONE, LW_SCENE_NONE}};
     if (lw_gltf_textures_sampler(r->textures, index, &colour, &image, err) ||
         (image != LW_SCENE_NONE && lw_gltf_textures_decode(r->textures, image, &colour, &rgba, err)) ||
-        !rgba || lw_gltf_textures_texels(r->textures, colour.width, colour.height, &roughness, err))
+        !rgba || make_texels(r, colour.width, colour.height, &roughness, err) || !roughness)
         return err->status;
     lw_finish_texels_gloss(rgba, (size_t)colour.width * colour.height, glossiness, roughness);
     surface = colour;
@@ -369,6 +379,8 @@ void lw_gltf_finishes_report(const struct lw_gltf_finishes *finishes) {
     lw_tally_warn(&finishes->out_of_range, file, "values of gloss are taken to the end of their range");
     lw_tally_warn(&finishes->low_ior, file,
                   "indices of refraction below 1 are taken as 1 by them, negative ones as 1.5");
+    lw_tally_warn(&finishes->left_out, file,
+                  "gloss is left out where its picture is one too many; --picture-texels allows more");
     lw_tally_warn(&finishes->apart, file,
                   "a specular texture lies otherwise than the specular colour: it is read as that lies");
 }

@@ -21,6 +21,7 @@ struct lw_gltf_finishes {
     struct lw_tally silent;       /* materials that say nothing of gloss */
     struct lw_tally out_of_range; /* factors that were taken as the nearest that may be */
     struct lw_tally low_ior;      /* indices of refraction below 1 */
+    struct lw_tally left_out;     /* materials for whose pictures there is no room */
     struct lw_tally apart;        /* specular textures that lie otherwise than their colours */
 };
 

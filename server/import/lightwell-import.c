@@ -12,6 +12,7 @@
 #include "server/import/cage.h"
 #include "server/import/environment_file.h"
 #include "server/import/far_out.h"
+#include "server/import/finish_report.h"
 #include "server/import/foreign.h"
 #include "server/import/gltf.h"
 #include "server/import/guard.h"
@@ -49,7 +50,7 @@ struct arguments {
     double texels_per_metre;
     double scale, read_seconds, import_seconds;
     int sides; /* enum lw_foreign_sides */
-    int materials; /* 0: full, 1: matt */
+    int materials; /* enum lw_import_spawn_materials */
     int log_format, log_level;
     int64_t picture_texels, texels_max, atlas_side_max, threads, failure_fd;
     bool json, report, lightmap_unused;
@@ -164,6 +165,11 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
          .value = &arguments->picture_texels,
          .min = 1,
          .max = LW_IMAGE_FILE_TEXELS_MAX},
+        {.name = "materials",
+         .argument = LW_IMPORT_SPAWN_MATERIALS,
+         .help = LW_IMPORT_SPAWN_MATERIALS_HELP,
+         .kind = LW_OPTION_CHOICE,
+         .value = &arguments->materials},
         {.name = "import-seconds",
          .argument = "S",
          .help = LW_IMPORT_SPAWN_SECONDS_HELP,
@@ -243,7 +249,10 @@ static enum lw_status read_gltf(const struct arguments *arguments, struct lw_sce
                                         .failure_fd = (int)arguments->failure_fd};
     lw_guard_enter(&guard);
     enum lw_status status =
-        lw_gltf_load(arguments->scene, &(struct lw_gltf_options){.picture_texels = (uint64_t)arguments->picture_texels, .matt = arguments->materials == 1}, out_scene, err);
+        lw_gltf_load(arguments->scene,
+                     &(struct lw_gltf_options){.picture_texels = (uint64_t)arguments->picture_texels,
+                                               .matt = arguments->materials == LW_IMPORT_SPAWN_MATT},
+                     out_scene, err);
     lw_guard_leave();
     return status;
 }
@@ -254,6 +263,7 @@ static enum lw_status read_file(const struct arguments *arguments, struct lw_sce
                                       .sides = (enum lw_foreign_sides)arguments->sides,
                                       .read_seconds = arguments->read_seconds,
                                       .picture_texels = (uint64_t)arguments->picture_texels,
+                                      .matt = arguments->materials == LW_IMPORT_SPAWN_MATT,
                                       .failure_fd = (int)arguments->failure_fd};
     enum lw_status status = lw_scene_format_of(arguments->scene, &foreign.format, err);
     if (status) return status;
@@ -276,6 +286,7 @@ static enum lw_status read_scene(const struct arguments *arguments, struct lw_sc
                                                               : read_file(arguments, &scene, err);
     stage_end(&stage);
     if (status) return status;
+    if (arguments->materials == LW_IMPORT_SPAWN_MATT) lw_scene_drop_finishes(scene); /* of a package, too */
     float s = (float)arguments->scale;
     const struct lw_affine place = {{{s, 0, 0, 0}, {0, s, 0, 0}, {0, 0, s, 0}}};
     for (uint32_t i = 0; i < scene->camera_count; i++) scene->camera[i].height_m *= s;
@@ -462,6 +473,15 @@ static json_t *path_json(const char *path) {
     return text;
 }
 
+static json_t *finishes_json(const struct lw_scene *scene) {
+    struct lw_finish_report r;
+    lw_finish_report_measure(scene, &r);
+    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I}", "materials", (json_int_t)r.materials, "normal_maps",
+                     (json_int_t)r.normal_maps, "normal_texels", (json_int_t)r.normal_texels,
+                     "other_textures", (json_int_t)r.other_maps, "other_texels", (json_int_t)r.other_texels,
+                     "tangents", (json_int_t)r.tangents);
+}
+
 static enum lw_status print_json(const struct arguments *arguments, const struct lw_scene *scene,
                                  const struct lw_lightmap_report *report, const struct totals *totals,
                                  double seconds, struct lw_error *err) {
@@ -471,14 +491,15 @@ static enum lw_status print_json(const struct arguments *arguments, const struct
     struct stat package = {0};
     if (stat(arguments->output, &package) < 0) package.st_size = 0;
     json_t *root =
-        json_pack("{s:o, s:o, s:I, s:f, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:f, s:o}", "scene",
+        json_pack("{s:o, s:o, s:I, s:f, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:f, s:o, s:o}", "scene",
                   path_json(arguments->scene), "package", path_json(arguments->output), "package_bytes",
                   (json_int_t)package.st_size, "seconds", seconds, "triangles", (json_int_t)totals->triangles,
                   "materials", (json_int_t)scene->material_count, "textures",
                   (json_int_t)scene->texture_count, "lights", (json_int_t)scene->light_count, "cameras",
                   (json_int_t)scene->camera_count, "texels", (json_int_t)totals->texels, "texels_covered",
                   (json_int_t)totals->texels_covered, "coverage", totals->coverage, "stretch",
-                  totals->stretch, "duration_s", (double)scene->duration_s, "objects", objects);
+                  totals->stretch, "duration_s", (double)scene->duration_s, "finishes", finishes_json(scene),
+                  "objects", objects);
     int failed = !root ? -1 : json_dumpf(root, stdout, JSON_INDENT(2) | JSON_REAL_PRECISION(6));
     json_decref(root);
     if (!failed) failed = printf("\n") < 0 || fflush(stdout) != 0;
@@ -490,7 +511,10 @@ static enum lw_status report_on(const struct arguments *arguments, const struct 
                                 const struct lw_lightmap_report *report, double seconds,
                                 struct lw_error *err) {
     struct totals totals;
+    struct lw_finish_report finishes;
     if (sum_up(scene, report, &totals, err)) return err->status;
+    lw_finish_report_measure(scene, &finishes);
+    lw_finish_report_log(&finishes, arguments->scene);
     if (arguments->report)
         print_table(scene, report, &totals, UINT32_MAX);
     else if (!arguments->json && lw_log_is_drawn())

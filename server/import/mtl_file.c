@@ -216,7 +216,11 @@ static void skip_number(struct options *options, const char *why) {
 }
 
 static void read_bump_factor(struct options *options) {
-    skip_number(options, "is read of no map: bumps are ignored");
+    float factor = 1;
+    if (option_numbers(options, &factor, 1) == 0 || !isfinite(factor))
+        skip_option(options, "has no number: is not read");
+    else
+        options->map->bump = factor;
 }
 static void read_boost(struct options *options) {
     skip_number(options, "is not read: pictures keep their sharpness");
@@ -293,7 +297,7 @@ static void cut_quotes(char *path) {
 static void read_map(struct reader *reader, const struct statement *statement) {
     struct lw_mtl_map *map = &reader->material->map[statement->which];
     free(map->path);
-    *map = (struct lw_mtl_map){.scale = {1, 1}, .gain = 1};
+    *map = (struct lw_mtl_map){.scale = {1, 1}, .gain = 1, .bump = 1};
     struct options options = {.reader = reader, .map = map, .at = reader->lines.rest};
     lw_text_lines_cut_comment(reader->lines.rest);
     while (read_option(&options)) {
@@ -303,24 +307,42 @@ static void read_map(struct reader *reader, const struct statement *statement) {
         skip_statement(reader, statement, "names no picture");
         return;
     }
-    if (map->channel && statement->which != LW_MTL_MAP_OPACITY)
-        skip(reader, "-imfchan", "is read of map_d alone");
+    const bool is_colour =
+        statement->which == LW_MTL_MAP_DIFFUSE || statement->which == LW_MTL_MAP_EMISSION;
+    const bool is_relief = statement->which == LW_MTL_MAP_BUMP || statement->which == LW_MTL_MAP_NORMAL;
+    if (map->channel && (is_colour || is_relief))
+        skip(reader, "-imfchan", "is read of map_d, map_Pr and map_Pm alone");
+    if (map->bump != 1 && !is_relief) skip(reader, "-bm", "is read of bump and norm alone");
     map->path = strdup(options.at);
     if (!map->path) reader->lines.out_of_memory = true;
 }
 
-static void read_bump(struct reader *reader, const struct statement *statement) {
-    (void)statement;
-    reader->material->has_bump = true;
+static void read_number(struct reader *reader, const struct statement *statement) {
+    float value;
+    if (read_numbers(reader, &value, 1) < 1) {
+        skip_statement(reader, statement, "has no number: is not read");
+        return;
+    }
+    reader->material->number[statement->which] = value;
+    reader->material->has_number[statement->which] = true;
 }
 
 /* ---- the rest ---- */
 
-/* What a diffuse surface has no use for, and every exporter writes. */
-static void read_gloss(struct reader *reader, const struct statement *statement) {
+/* What has no use here, and every exporter writes. */
+static void read_unused(struct reader *reader, const struct statement *statement) {
     float ignored;
     if (read_numbers(reader, &ignored, 1) < 1)
         skip_statement(reader, statement, "has no number: is not read");
+}
+
+/* Sheen, a clear coat, anisotropy: 0 says that there is none. */
+static void read_unshown(struct reader *reader, const struct statement *statement) {
+    float share = 0;
+    if (read_numbers(reader, &share, 1) < 1)
+        skip_statement(reader, statement, "has no number: is not read");
+    else if (share != 0)
+        skip_statement(reader, statement, "is not shown");
 }
 
 static void read_ambient(struct reader *reader, const struct statement *statement) {
@@ -344,26 +366,26 @@ static const struct statement statements[] = {
     {"map_emissive", read_map, LW_MTL_MAP_EMISSION},
     {"map_d", read_map, LW_MTL_MAP_OPACITY},
     {"map_opacity", read_map, LW_MTL_MAP_OPACITY},
-    {"bump", read_bump, 0},
-    {"map_bump", read_bump, 0},
-    {"norm", read_bump, 0},
-    {"map_Kn", read_bump, 0},
+    {"bump", read_map, LW_MTL_MAP_BUMP},
+    {"map_bump", read_map, LW_MTL_MAP_BUMP},
+    {"norm", read_map, LW_MTL_MAP_NORMAL},
+    {"map_Kn", read_map, LW_MTL_MAP_NORMAL},
+    {"map_Pr", read_map, LW_MTL_MAP_ROUGHNESS},
+    {"map_Pm", read_map, LW_MTL_MAP_METALNESS},
     {"Ka", read_ambient, 0},
-    {"Ns", read_gloss, 0},
-    {"Ni", read_gloss, 0},
-    {"illum", read_gloss, 0},
-    {"Pr", read_gloss, 0},
-    {"Pm", read_gloss, 0},
-    {"Ps", read_gloss, 0},
-    {"Pc", read_gloss, 0},
-    {"Pcr", read_gloss, 0},
-    {"aniso", read_gloss, 0},
-    {"anisor", read_gloss, 0},
+    {"Ns", read_number, LW_MTL_EXPONENT},
+    {"Pr", read_number, LW_MTL_ROUGHNESS},
+    {"Pm", read_number, LW_MTL_METALNESS},
+    {"Ni", read_unused, 0},
+    {"illum", read_unused, 0},
+    {"Ps", read_unshown, 0},
+    {"Pc", read_unshown, 0},
+    {"Pcr", read_unused, 0},
+    {"aniso", read_unshown, 0},
+    {"anisor", read_unused, 0},
     {"map_Ka", read_nothing, 0},
     {"map_Ks", read_nothing, 0},
     {"map_Ns", read_nothing, 0},
-    {"map_Pr", read_nothing, 0},
-    {"map_Pm", read_nothing, 0},
     {"map_Ps", read_nothing, 0},
 };
 

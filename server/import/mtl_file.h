@@ -8,18 +8,30 @@
 #include "server/import/skipped.h"
 
 enum lw_mtl_colour { LW_MTL_DIFFUSE, LW_MTL_SPECULAR, LW_MTL_EMISSION, LW_MTL_COLOURS };
-enum lw_mtl_map_kind { LW_MTL_MAP_DIFFUSE, LW_MTL_MAP_EMISSION, LW_MTL_MAP_OPACITY, LW_MTL_MAPS };
+enum lw_mtl_map_kind {
+    LW_MTL_MAP_DIFFUSE,
+    LW_MTL_MAP_EMISSION,
+    LW_MTL_MAP_OPACITY,
+    LW_MTL_MAP_ROUGHNESS,
+    LW_MTL_MAP_METALNESS,
+    LW_MTL_MAP_BUMP,   /* heights, or as some write it normals */
+    LW_MTL_MAP_NORMAL, /* normals */
+    LW_MTL_MAPS
+};
+enum lw_mtl_number { LW_MTL_ROUGHNESS, LW_MTL_METALNESS, LW_MTL_EXPONENT, LW_MTL_NUMBERS };
 
 struct lw_mtl_map {
     char *path;                /* as it stands there; NULL: no map */
     float scale[2], offset[2]; /* texture coordinates, v up: scale x + offset */
     float base, gain;          /* values: base + gain x */
+    float bump;                /* -bm: of heights, or of the slopes of normals */
     bool clamp;
     char channel; /* r, g, b, m (the alpha), l (the brightness); 0: not said */
 };
 
 struct lw_mtl_material {
-    bool has_colour[LW_MTL_COLOURS], has_opacity, has_bump;
+    bool has_colour[LW_MTL_COLOURS], has_opacity, has_number[LW_MTL_NUMBERS];
+    float number[LW_MTL_NUMBERS]; /* as they stand there */
     float colour[LW_MTL_COLOURS][3]; /* as they stand there: not checked but for being numbers */
     float opacity;
     struct lw_mtl_map map[LW_MTL_MAPS];
