@@ -165,9 +165,11 @@ static void take_mtl(const struct lw_mtl_material *from, const char *folder, str
     const struct lw_mtl_map *relief = &from->map[out->is_normal ? LW_MTL_MAP_NORMAL : LW_MTL_MAP_BUMP];
     take_map(relief, folder, &out->relief_map);
     if (relief->path) out->relief = relief->bump * relief->gain;
-    out->has_roughness = from->has_number[LW_MTL_ROUGHNESS];
+    /* exporters that know nothing of gloss write zeros for all */
+    const bool said = from->number[LW_MTL_ROUGHNESS] != 0 || from->number[LW_MTL_METALNESS] != 0;
+    out->has_roughness = said && from->has_number[LW_MTL_ROUGHNESS];
     out->roughness = from->number[LW_MTL_ROUGHNESS];
-    out->has_metalness = from->has_number[LW_MTL_METALNESS];
+    out->has_metalness = said && from->has_number[LW_MTL_METALNESS];
     out->metalness = from->number[LW_MTL_METALNESS];
     if (from->has_number[LW_MTL_EXPONENT]) out->exponent = from->number[LW_MTL_EXPONENT];
 }

@@ -107,8 +107,7 @@ static void mtl_is_read_however_it_is_written(void **state) {
         "newmtl t\nKd 0.8 \\\n0.1 0.1#red\nmap_Kd \\\nred.tga\n",
         "newmtl t\nKd 8e-1 0,1 .1\nmap_Kd \"red.tga\"\n",
         "newmtl t\nKa 1 1 1\nKs 0 0 0\nNs 10\nNi 1.5\nillum 2\nKd 0.8 0.1 0.1\nmap_Kd red.tga\nTf 1 1 1\n"
-        "Pr 0\nPm 0\nPs 0\nPc 0\nPcr 0\naniso 0\nanisor 0\nmap_Ka a\nmap_Ks b\nmap_Ns c\nmap_Pr d\nmap_Pm "
-        "e\n",
+        "Pr 0\nPm 0\nPs 0\nPc 0\nPcr 0\naniso 0\nanisor 0\nmap_Ka a\nmap_Ks b\nmap_Ns c\nmap_Ps d\n",
     };
     write_picture("red.tga", 200, 10, 10);
     for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
@@ -269,11 +268,11 @@ static void map_options_move_textures_or_are_named(void **state) {
         {"-colorspace sRGB -s 2", {2, 1}, {0, 0}, NULL},
         {"-t 1", {1, 1}, {0, 0}, "line 2: \"-t\": turbulence is not read"},
         {"-t 0 1 0", {1, 1}, {0, 0}, "line 2: \"-t\": turbulence is not read"},
-        {"-bm 0.5 -s 2", {2, 1}, {0, 0}, "line 2: \"-bm\": is read of no map"},
+        {"-bm 0.5 -s 2", {2, 1}, {0, 0}, "line 2: \"-bm\": is read of bump and norm alone"},
         {"-blendu off -s 2", {2, 1}, {0, 0}, "line 2: \"-blendu\": is not read"},
         {"-blendv off -s 2", {2, 1}, {0, 0}, "line 2: \"-blendv\": is not read"},
         {"-cc on -s 2", {2, 1}, {0, 0}, "line 2: \"-cc\": colour correction is not read"},
-        {"-imfchan r -s 2", {2, 1}, {0, 0}, "line 2: \"-imfchan\": is read of map_d alone"},
+        {"-imfchan r -s 2", {2, 1}, {0, 0}, "line 2: \"-imfchan\": is read of map_d, map_Pr and map_Pm alone"},
         {"-type sphere -s 2", {2, 1}, {0, 0}, "line 2: \"-type\": is not read"},
         {"-texres 512 -s 2", {2, 1}, {0, 0}, "line 2: \"-texres\": is not read"},
         {"-boost 2 -s 2", {2, 1}, {0, 0}, "line 2: \"-boost\": is not read"},
@@ -401,8 +400,12 @@ static void rare_statements_of_mtl_are_named(void **state) {
         {"map_Tr a.tga", "line 3: \"map_tr\": is not read"},
         {"frobnicate 1 2", "line 3: \"frobnicate\": is not read"},
         {"newmtl t", "line 3: \"newmtl\": a name that was there before: the first one counts"},
-        {"bump -bm 0.2 a.tga", "normal and bump maps are ignored"},
-        {"norm a.tga", "normal and bump maps are ignored"},
+        {"Pc 0.5", "line 3: \"Pc\": is not shown"},
+        {"aniso 1", "line 3: \"aniso\": is not shown"},
+        {"Pr 1.5\nPm 0", "metalness or roughness is taken to the end of its range: \"t\""},
+        {"bump -bm 0.2 a.tga", "texture \"a.tga\": is not there"},
+        {"norm a.tga", "texture \"a.tga\": is not there"},
+        {"map_Pr a.tga", "texture \"a.tga\": is not there"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         char text[256];
