@@ -27,10 +27,9 @@ static const char *const of_a_server[] = {"headless", "wait", "timeout", "cache"
 static const char *const of_viewers[] = {"direct", "renderer",     "token-file", "tls",
                                          "ca",     "tls-insecure", NULL}; /* --headless and the window */
 static const char *const of_scenes[] = {
-    "texels-per-metre", "density-of",     "max-texels",  "atlas-max", "sky",
-    "import-seconds",   "picture-texels", "environment", "sun-angle",
-    "materials",        NULL}; /* where we open one */
-static const char *const of_files[] = {"out", "json", NULL}; /* --headless and --path-trace */
+    "texels-per-metre", "density-of",  "max-texels", "atlas-max", "sky", "import-seconds",
+    "picture-texels",   "environment", "sun-angle",  "materials", NULL}; /* where we open one */
+static const char *const of_files[] = {"out", "json", NULL};             /* --headless and --path-trace */
 
 static bool is_among(const char *name, const char *const *list) {
     for (; *list; list++)

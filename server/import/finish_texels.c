@@ -6,6 +6,7 @@
 /* Lengths of normals, squared, in units of (2 byte - 255): 255 is 1. */
 #define UNIT      65025
 #define SHORT     (UNIT / 100) /* a tenth: no direction */
+#define ROUNDING  512          /* of x and y that lie flat */
 #define SLACK_MIN (UNIT * 94 / 100)
 #define SLACK_MAX (UNIT * 106 / 100) /* within 3 % it is rounding: the file's bytes stay */
 
@@ -38,7 +39,7 @@ static bool mend_normal(uint8_t texel[4]) {
     const int flat = x * x + y * y, squared = flat + z * z;
     const bool odd = z < 0 || squared < SHORT;
     if (odd && flat > UNIT) texel[0] = texel[1] = 128;
-    if (odd || (squared >= SLACK_MIN && squared <= SLACK_MAX && flat <= UNIT)) return odd;
+    if (odd || (squared >= SLACK_MIN && squared <= SLACK_MAX && flat <= UNIT + ROUNDING)) return odd;
     const float length = sqrtf((float)squared);
     texel[0] = to_byte((float)x / length);
     texel[1] = to_byte((float)y / length);

@@ -131,10 +131,10 @@ static enum lw_status join_gloss(struct reader *r, uint32_t roughness, uint32_t 
     const char rough_channel = channel_of(rough_map, roughness == metalness, 'g'),
                metal_channel = channel_of(metal_map, roughness == metalness, 'b');
     struct lw_finish_texels_join a = {0}, b = {0};
-    if (rough) a = (struct lw_finish_texels_join){all[roughness].rgba, all[roughness].width,
-                                                  all[roughness].height};
-    if (metal) b = (struct lw_finish_texels_join){all[metalness].rgba, all[metalness].width,
-                                                  all[metalness].height};
+    if (rough)
+        a = (struct lw_finish_texels_join){all[roughness].rgba, all[roughness].width, all[roughness].height};
+    if (metal)
+        b = (struct lw_finish_texels_join){all[metalness].rgba, all[metalness].width, all[metalness].height};
     const uint32_t width = a.width > b.width ? a.width : b.width,
                    height = a.height > b.height ? a.height : b.height;
     char *key = NULL;
@@ -150,8 +150,10 @@ static enum lw_status join_gloss(struct reader *r, uint32_t roughness, uint32_t 
         for (uint32_t x = 0; x < width; x++) {
             uint8_t *to = rgba + 4 * ((size_t)y * width + x);
             memset(to, 255, 4);
-            if (rough) to[1] = value_of(lw_finish_texels_at(&a, x, y, width, height), rough_map, rough_channel);
-            if (metal) to[2] = value_of(lw_finish_texels_at(&b, x, y, width, height), metal_map, metal_channel);
+            if (rough)
+                to[1] = value_of(lw_finish_texels_at(&a, x, y, width, height), rough_map, rough_channel);
+            if (metal)
+                to[2] = value_of(lw_finish_texels_at(&b, x, y, width, height), metal_map, metal_channel);
         }
     return err->status;
 }
@@ -210,10 +212,8 @@ static enum lw_status make_normals(struct reader *r, uint32_t from, uint32_t *ou
 static enum lw_status make_heights(struct reader *r, uint32_t from, uint32_t *out, struct lw_error *err) {
     const struct lw_foreign_map *map = &r->look->relief_map;
     const struct lw_foreign_picture *picture = &r->pictures->picture[from];
-    const struct lw_texture texture = {.width = picture->width,
-                                       .height = picture->height,
-                                       .wrap_s = map->wrap_s,
-                                       .wrap_t = map->wrap_t};
+    const struct lw_texture texture = {
+        .width = picture->width, .height = picture->height, .wrap_s = map->wrap_s, .wrap_t = map->wrap_t};
     char *key = NULL;
     uint8_t *rgba;
     if (asprintf(&key, "heights\n%s\n%u %u", picture->key, map->wrap_s, map->wrap_t) < 0)
@@ -281,7 +281,8 @@ enum lw_status lw_foreign_finish_read(struct lw_foreign_finish *finish, const st
     else if (lw_foreign_finish_is_said(look) && read_gloss(&r, err))
         return err->status;
     if (read_relief(&r, err) || read_occlusion(&r, err)) return err->status;
-    if (r.finish.metalness == 0 && r.finish.specular == 0 && r.finish.normal_texture.texture == LW_SCENE_NONE &&
+    if (r.finish.metalness == 0 && r.finish.specular == 0 &&
+        r.finish.normal_texture.texture == LW_SCENE_NONE &&
         r.finish.occlusion_texture.texture == LW_SCENE_NONE)
         return LW_OK;
     struct lw_finish *own = lw_scene_alloc(finish->pictures->import->scene, 1, sizeof *own);
@@ -294,8 +295,9 @@ enum lw_status lw_foreign_finish_read(struct lw_foreign_finish *finish, const st
 void lw_foreign_finish_report(const struct lw_foreign_finish *finish) {
     const char *path = finish->pictures->import->desc->path;
     lw_tally_warn(&finish->out_of_range, path, "metalness or roughness is taken to the end of its range");
-    lw_tally_warn(&finish->left_out, path,
-                  "gloss or relief is left out where its picture is one too many; --picture-texels allows more");
+    lw_tally_warn(
+        &finish->left_out, path,
+        "gloss or relief is left out where its picture is one too many; --picture-texels allows more");
     lw_tally_warn(&finish->odd_normals, path,
                   "normal maps have texels of no length, or that point into the surface: those are even, or "
                   "follow from x and y");

@@ -13,7 +13,8 @@
 
 /* Ignored features; one warning each per file. */
 #define LW_FOREIGN_WARNING_MAP(X)                                                                            \
-    X(GLOSS_TRANSFORM, "a metalness map lies otherwise than the roughness beside it: it is read as that lies") \
+    X(GLOSS_TRANSFORM,                                                                                       \
+      "a metalness map lies otherwise than the roughness beside it: it is read as that lies")                \
     X(SKIN, "skins are ignored: skinned meshes keep the pose of the file")                                   \
     X(MORPH, "morph targets are ignored")                                                                    \
     X(POINTS, "points and lines are ignored: only triangles are lit")                                        \

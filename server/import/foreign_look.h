@@ -33,7 +33,7 @@ struct lw_foreign_look {
     float metalness, roughness; /* as the file has them */
     float exponent;             /* of Phong's highlight; below 0: not said */
     struct lw_foreign_map metalness_map, roughness_map, occlusion_map, relief_map;
-    float relief; /* factor of the heights, or of the slopes of normals */
+    float relief;   /* factor of the heights, or of the slopes of normals */
     bool is_normal; /* the relief map: of normals; else its picture tells */
 };
 

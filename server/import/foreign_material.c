@@ -158,7 +158,8 @@ static enum lw_status join_maps(struct lw_foreign_materials *materials, const st
     if (colour != LW_SCENE_NONE && opacity != LW_SCENE_NONE &&
         memcmp(map->transform, look->colour_map.transform, sizeof map->transform) != 0)
         lw_foreign_import_warn(materials->import, LW_FOREIGN_WARN_OPACITY_TRANSFORM);
-    if (plain && opacity == colour && opacity != LW_SCENE_NONE && !materials->pictures.picture[opacity].has_alpha)
+    if (plain && opacity == colour && opacity != LW_SCENE_NONE &&
+        !materials->pictures.picture[opacity].has_alpha)
         opacity = LW_SCENE_NONE; /* exporters name the colour again; there is nothing in it */
     *out = colour;
     *out_opacity = opacity != LW_SCENE_NONE;
@@ -184,7 +185,8 @@ static enum lw_status read_alpha(struct lw_foreign_materials *materials, const s
     if (alpha < 1)
         out->alpha_mode = LW_ALPHA_BLEND;
     else if (has_map)
-        out->alpha_mode = lw_foreign_pictures_blend(&materials->pictures.picture[picture]) ? LW_ALPHA_BLEND : LW_ALPHA_MASK;
+        out->alpha_mode =
+            lw_foreign_pictures_blend(&materials->pictures.picture[picture]) ? LW_ALPHA_BLEND : LW_ALPHA_MASK;
     return LW_OK;
 }
 
@@ -257,7 +259,8 @@ static enum lw_status convert(struct lw_foreign_materials *materials, unsigned i
     const enum lw_status status = lw_foreign_look_read(materials->import, index, &look, err);
     out->name = lw_foreign_import_text(materials->import, &look.name);
     if (!out->name) return lw_status_fail(err, LW_NO_MEMORY, "out of memory for materials");
-    if (status || read_base(materials, &look, out, &mirror, err) || read_emission(materials, &look, out, err) ||
+    if (status || read_base(materials, &look, out, &mirror, err) ||
+        read_emission(materials, &look, out, err) ||
         (!materials->import->desc->matt &&
          lw_foreign_finish_read(&materials->finish, &look, mirror, out, err))) {
         lw_status_context(err, "material \"%.80s\"", out->name);

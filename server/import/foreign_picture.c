@@ -48,14 +48,15 @@ static const struct aiTexture *find_embedded(const struct aiScene *ai, const cha
         if (strcmp(ai->mTextures[i]->mFilename.data, path) == 0) return ai->mTextures[i];
     for (unsigned i = 0; i < ai->mNumTextures; i++) {
         const char *name = ai->mTextures[i]->mFilename.data;
-        if (*name && strcmp(lw_foreign_pictures_base_name(name), lw_foreign_pictures_base_name(path)) == 0) return ai->mTextures[i];
+        if (*name && strcmp(lw_foreign_pictures_base_name(name), lw_foreign_pictures_base_name(path)) == 0)
+            return ai->mTextures[i];
     }
     return NULL;
 }
 
 enum lw_status lw_foreign_pictures_texels(struct lw_foreign_pictures *pictures,
-                                      struct lw_foreign_picture *picture, uint8_t **out,
-                                      struct lw_error *err) {
+                                          struct lw_foreign_picture *picture, uint8_t **out,
+                                          struct lw_error *err) {
     const uint64_t texels = (uint64_t)picture->width * picture->height;
     if (picture->width < 1 || picture->height < 1 || picture->width > LW_SCENE_TEXTURE_SIDE_MAX ||
         picture->height > LW_SCENE_TEXTURE_SIDE_MAX)
@@ -139,7 +140,7 @@ static enum lw_status load_file(struct lw_foreign_pictures *pictures, const stru
 }
 
 enum lw_status lw_foreign_pictures_add(struct lw_foreign_pictures *pictures, const char *key,
-                                  struct lw_foreign_picture **out, struct lw_error *err) {
+                                       struct lw_foreign_picture **out, struct lw_error *err) {
     char *own_key = strdup(key);
     if (!own_key || !lw_mesh_builder_reserve((void **)&pictures->picture, &pictures->picture_capacity,
                                              pictures->picture_count + 1ul, sizeof *pictures->picture)) {
@@ -170,8 +171,9 @@ static uint8_t change_value(uint8_t value, const struct lw_foreign_map *map) {
 }
 
 /* A copy of a picture with the values that its map asks for. */
-enum lw_status lw_foreign_pictures_change(struct lw_foreign_pictures *pictures, const struct lw_foreign_map *map,
-                                     uint32_t *index, struct lw_error *err) {
+enum lw_status lw_foreign_pictures_change(struct lw_foreign_pictures *pictures,
+                                          const struct lw_foreign_map *map, uint32_t *index,
+                                          struct lw_error *err) {
     char key[PATH_MAX + 64];
     uint8_t table[256], *rgba;
     snprintf(key, sizeof key, "%.*s\n%.9g %.9g", PATH_MAX - 1, pictures->picture[*index].key,
@@ -194,7 +196,7 @@ enum lw_status lw_foreign_pictures_change(struct lw_foreign_pictures *pictures, 
 
 /* *out_index into the pictures, which may move. A picture that cannot be read is one that is marked so. */
 enum lw_status lw_foreign_pictures_get(struct lw_foreign_pictures *pictures, const struct lw_foreign_map *map,
-                                  uint32_t *out_index, struct lw_error *err) {
+                                       uint32_t *out_index, struct lw_error *err) {
     char key[PATH_MAX];
     snprintf(key, sizeof key, "%s%s%s", map->folder, *map->folder ? "/" : "", map->path.data);
     struct lw_foreign_picture *picture = lw_foreign_pictures_find(pictures, key);
@@ -209,7 +211,8 @@ enum lw_status lw_foreign_pictures_get(struct lw_foreign_pictures *pictures, con
         picture->unreadable = err->status != LW_OK;
         if (picture->unreadable && pictures->unreadable_count++ < WARNINGS_MAX)
             lw_log(LW_LOG_WARNING,
-                   "%s: texture \"%s\": %s; a colour stands in (half the diffuse colour; no emission, gloss, relief)",
+                   "%s: texture \"%s\": %s; a colour stands in (half the diffuse colour; no emission, gloss, "
+                   "relief)",
                    pictures->import->desc->path, map->path.data, err->text);
         *err = (struct lw_error){0};
         if (!picture->unreadable) picture->has_alpha = has_alpha(picture);
@@ -246,8 +249,9 @@ static void fill_combined(const struct lw_foreign_picture *colour, const struct 
         }
 }
 
-enum lw_status lw_foreign_pictures_combine(struct lw_foreign_pictures *pictures, uint32_t colour, uint32_t opacity,
-                              const struct lw_foreign_map *map, uint32_t *out_index, struct lw_error *err) {
+enum lw_status lw_foreign_pictures_combine(struct lw_foreign_pictures *pictures, uint32_t colour,
+                                           uint32_t opacity, const struct lw_foreign_map *map,
+                                           uint32_t *out_index, struct lw_error *err) {
     bool coloured = colour != LW_SCENE_NONE;
     char *key = NULL;
     if (asprintf(&key, "%s\n%s\n%c %.9g %.9g", coloured ? pictures->picture[colour].key : "",

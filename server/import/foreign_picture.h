@@ -51,8 +51,9 @@ LW_MUST_CHECK enum lw_status lw_foreign_pictures_change(struct lw_foreign_pictur
                                                         const struct lw_foreign_map *map, uint32_t *index,
                                                         struct lw_error *err);
 /** The colour of one picture (LW_SCENE_NONE: white) with the opacity of another. */
-LW_MUST_CHECK enum lw_status lw_foreign_pictures_combine(struct lw_foreign_pictures *pictures, uint32_t colour,
-                                                         uint32_t opacity, const struct lw_foreign_map *map,
+LW_MUST_CHECK enum lw_status lw_foreign_pictures_combine(struct lw_foreign_pictures *pictures,
+                                                         uint32_t colour, uint32_t opacity,
+                                                         const struct lw_foreign_map *map,
                                                          uint32_t *out_index, struct lw_error *err);
 /** Whether its alpha lets parts of light pass, rather than cuts out. */
 bool lw_foreign_pictures_blend(const struct lw_foreign_picture *picture);

@@ -87,8 +87,8 @@ static struct lw_gltf_made *find_made(struct lw_gltf_finishes *finishes, uint32_
 
 static enum lw_status add_made(struct lw_gltf_finishes *finishes, const struct lw_gltf_made *made,
                                struct lw_error *err) {
-    if (!lw_mesh_builder_reserve((void **)&finishes->made, &finishes->made_capacity,
-                                 finishes->made_count + 1, sizeof *finishes->made))
+    if (!lw_mesh_builder_reserve((void **)&finishes->made, &finishes->made_capacity, finishes->made_count + 1,
+                                 sizeof *finishes->made))
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory for textures");
     finishes->made[finishes->made_count++] = *made;
     return LW_OK;
@@ -173,7 +173,8 @@ static enum lw_status read_pair(struct reader *r, const json_t *extension, struc
          lw_gltf_textures_sample(r->textures, pair.strength.texture, LW_CONTENT_COLOUR,
                                  &pair.strength_texture, err)) ||
         (pair.colour.texture != LW_SCENE_NONE &&
-         lw_gltf_textures_sample(r->textures, pair.colour.texture, LW_CONTENT_COLOUR, &pair.colour_texture, err)))
+         lw_gltf_textures_sample(r->textures, pair.colour.texture, LW_CONTENT_COLOUR, &pair.colour_texture,
+                                 err)))
         return err->status;
     if (!pair.strength_texture.rgba && !pair.colour_texture.rgba) return LW_OK;
     if (pair.strength_texture.rgba && pair.colour_texture.rgba && !lie_alike(&pair))
@@ -304,7 +305,8 @@ static enum lw_status read_gloss(struct reader *r, const json_t *object, struct 
             return err->status;
         }
         if (!said.pbr) r->finish.metalness = 1;
-        if ((said.ior && read_ior(r, said.ior, err)) || (said.specular && read_specular(r, said.specular, err)))
+        if ((said.ior && read_ior(r, said.ior, err)) ||
+            (said.specular && read_specular(r, said.specular, err)))
             return err->status;
     }
     if (!said.gloss && !said.metal) lw_tally_add(&r->finishes->silent, r->name);
@@ -332,9 +334,9 @@ static enum lw_status read_relief(struct reader *r, const json_t *object, struct
     if ((f->normal_scale != 0 &&
          lw_gltf_textures_use_finish(r->textures, object, "normalTexture", LW_CONTENT_NORMAL,
                                      &f->normal_texture, &lost, err)) ||
-        (f->occlusion > 0 && lw_gltf_textures_use_finish(r->textures, object, "occlusionTexture",
-                                                         LW_CONTENT_SURFACE, &f->occlusion_texture, &lost,
-                                                         err)))
+        (f->occlusion > 0 &&
+         lw_gltf_textures_use_finish(r->textures, object, "occlusionTexture", LW_CONTENT_SURFACE,
+                                     &f->occlusion_texture, &lost, err)))
         return err->status;
     return LW_OK;
 }

@@ -89,7 +89,8 @@ static enum lw_status read_faces(struct lw_gltf_materials *materials, const json
                 err, LW_BAD_DATA,
                 "specularImages: [0][%u] must be an index into images, which has %u elements", f, count);
         if (lw_gltf_textures_image(&materials->textures, (uint32_t)image, LW_CONTENT_COLOUR, &cube->face[f],
-                                   err)) return err->status;
+                                   err))
+            return err->status;
         *out_found &= !cube->face[f]->unreadable;
     }
     for (unsigned f = 0; *out_found && f < FACES; f++)

@@ -58,7 +58,8 @@ static enum lw_status read_base_colour(struct lw_gltf_materials *materials, cons
     const char *factor = glossy ? "diffuseFactor" : "baseColorFactor";
     const char *texture = glossy ? "diffuseTexture" : "baseColorTexture";
     if (lw_gltf_json_reals(pbr, factor, 4, 0, HUGE_VAL, out->base_colour, err) ||
-        lw_gltf_textures_use(&materials->textures, pbr, texture, &out->base_colour_texture, &unreadable, err) ||
+        lw_gltf_textures_use(&materials->textures, pbr, texture, &out->base_colour_texture, &unreadable,
+                             err) ||
         (glossy && materials->matt && read_specular(glossy, out, err))) {
         lw_status_context(err, glossy ? "KHR_materials_pbrSpecularGlossiness" : "pbrMetallicRoughness");
         return err->status;

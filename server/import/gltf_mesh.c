@@ -111,8 +111,8 @@ static void warn_about(struct lw_gltf_meshes *meshes, const struct primitive *p)
     struct lw_gltf_document *document = meshes->materials->document;
     const struct lw_material *material = &meshes->materials->scene->material[p->material];
     const struct lw_finish *f = material->finish;
-    const struct lw_texture_use *uses[] = {&material->base_colour_texture, &material->emission_texture,
-                                           f ? &f->surface_texture : NULL,  f ? &f->specular_texture : NULL,
+    const struct lw_texture_use *uses[] = {&material->base_colour_texture,   &material->emission_texture,
+                                           f ? &f->surface_texture : NULL,   f ? &f->specular_texture : NULL,
                                            f ? &f->occlusion_texture : NULL, f ? &f->normal_texture : NULL};
     for (size_t i = 0; i < sizeof uses / sizeof *uses; i++)
         if (uses[i] && uses[i]->texture != LW_SCENE_NONE && !p->uv[uses[i]->uv_set].count)
@@ -123,8 +123,8 @@ static void warn_about(struct lw_gltf_meshes *meshes, const struct primitive *p)
 static enum lw_status open_tangents(struct lw_gltf_meshes *meshes, const json_t *attributes,
                                     struct primitive *p, struct lw_error *err) {
     const struct lw_finish *finish = meshes->materials->scene->material[p->material].finish;
-    const unsigned accept = LW_GLTF_ACCEPT_FLOAT | LW_GLTF_ACCEPT_NORMALIZED_SIGNED |
-                            (p->draco ? LW_GLTF_ACCEPT_UNBACKED : 0);
+    const unsigned accept =
+        LW_GLTF_ACCEPT_FLOAT | LW_GLTF_ACCEPT_NORMALIZED_SIGNED | (p->draco ? LW_GLTF_ACCEPT_UNBACKED : 0);
     if (!finish || finish->normal_texture.texture == LW_SCENE_NONE || !p->normal.count) return LW_OK;
     if (!open_attribute(meshes, attributes, "TANGENT", 4, 4, accept, &p->tangent, err) &&
         !(p->draco_mesh && p->tangent.count &&

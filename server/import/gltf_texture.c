@@ -43,8 +43,7 @@ enum lw_status lw_gltf_textures_texels(struct lw_gltf_textures *textures, uint32
                                        uint8_t **out, struct lw_error *err) {
     if (lw_image_file_count(&textures->document->pictures, width, height, err)) return err->status;
     *out = lw_scene_alloc(textures->scene, (size_t)width * height, 4);
-    if (!*out)
-        return lw_status_fail(err, LW_NO_MEMORY, "out of memory for %u x %u texels", width, height);
+    if (!*out) return lw_status_fail(err, LW_NO_MEMORY, "out of memory for %u x %u texels", width, height);
     return LW_OK;
 }
 

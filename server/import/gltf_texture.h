@@ -18,7 +18,7 @@ struct lw_gltf_image_slot {
 
 /** A texture as a material names it. */
 struct lw_gltf_texture_info {
-    uint32_t texture;            /* of the document; LW_SCENE_NONE: none, or one on a UV set that is not read */
+    uint32_t texture; /* of the document; LW_SCENE_NONE: none, or one on a UV set that is not read */
     struct lw_texture_use place; /* its texture is LW_SCENE_NONE */
 };
 

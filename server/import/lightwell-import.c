@@ -49,7 +49,7 @@ struct arguments {
     const char *density_of;
     double texels_per_metre;
     double scale, read_seconds, import_seconds;
-    int sides; /* enum lw_foreign_sides */
+    int sides;     /* enum lw_foreign_sides */
     int materials; /* enum lw_import_spawn_materials */
     int log_format, log_level;
     int64_t picture_texels, texels_max, atlas_side_max, threads, failure_fd;
@@ -490,16 +490,15 @@ static enum lw_status print_json(const struct arguments *arguments, const struct
         json_array_append_new(objects, object_json(scene, i, report));
     struct stat package = {0};
     if (stat(arguments->output, &package) < 0) package.st_size = 0;
-    json_t *root =
-        json_pack("{s:o, s:o, s:I, s:f, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:f, s:o, s:o}", "scene",
-                  path_json(arguments->scene), "package", path_json(arguments->output), "package_bytes",
-                  (json_int_t)package.st_size, "seconds", seconds, "triangles", (json_int_t)totals->triangles,
-                  "materials", (json_int_t)scene->material_count, "textures",
-                  (json_int_t)scene->texture_count, "lights", (json_int_t)scene->light_count, "cameras",
-                  (json_int_t)scene->camera_count, "texels", (json_int_t)totals->texels, "texels_covered",
-                  (json_int_t)totals->texels_covered, "coverage", totals->coverage, "stretch",
-                  totals->stretch, "duration_s", (double)scene->duration_s, "finishes", finishes_json(scene),
-                  "objects", objects);
+    json_t *root = json_pack(
+        "{s:o, s:o, s:I, s:f, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:f, s:o, s:o}", "scene",
+        path_json(arguments->scene), "package", path_json(arguments->output), "package_bytes",
+        (json_int_t)package.st_size, "seconds", seconds, "triangles", (json_int_t)totals->triangles,
+        "materials", (json_int_t)scene->material_count, "textures", (json_int_t)scene->texture_count,
+        "lights", (json_int_t)scene->light_count, "cameras", (json_int_t)scene->camera_count, "texels",
+        (json_int_t)totals->texels, "texels_covered", (json_int_t)totals->texels_covered, "coverage",
+        totals->coverage, "stretch", totals->stretch, "duration_s", (double)scene->duration_s, "finishes",
+        finishes_json(scene), "objects", objects);
     int failed = !root ? -1 : json_dumpf(root, stdout, JSON_INDENT(2) | JSON_REAL_PRECISION(6));
     json_decref(root);
     if (!failed) failed = printf("\n") < 0 || fflush(stdout) != 0;

@@ -16,8 +16,7 @@ void lw_mesh_builder_finish(struct lw_mesh_builder *builder) {
 
 void lw_mesh_builder_begin(struct lw_mesh_builder *builder) {
     builder->vertex_count = builder->triangle_count = 0;
-    builder->has_uv[0] = builder->has_uv[1] = builder->has_colour = builder->has_tangent =
-        false;
+    builder->has_uv[0] = builder->has_uv[1] = builder->has_colour = builder->has_tangent = false;
 }
 
 bool lw_mesh_builder_reserve(void **array, size_t *capacity, size_t count, size_t size) {

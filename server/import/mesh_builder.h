@@ -23,7 +23,7 @@ struct lw_mesh_builder {
     bool has_uv[2], has_colour; /* set by the reader: whether the mesh keeps them */
     bool has_tangent;           /* the same: some vertices have one */
     size_t vertex_capacity, triangle_capacity, material_capacity;
-    uint64_t degenerate_count; /* triangles of all meshes that were left out because they have no area */
+    uint64_t degenerate_count;  /* triangles of all meshes that were left out because they have no area */
     uint64_t bad_tangent_count; /* vertices of all meshes whose tangent was none */
 };
 

@@ -119,11 +119,11 @@ static struct key key_of(const struct rule *r, uint32_t vertex, uint32_t triangl
     const struct lw_texture_use *use = normal_map(r->scene, mesh, triangle);
     const float *m = use->transform;
     const struct lw_vec2 uv = mesh->uv[use->uv_set][vertex];
-    return (struct key){.position = plain(mesh->position[vertex]),
-                        .normal = plain(mesh->normal[vertex]),
-                        .uv = {m[0] * uv.x + m[1] * uv.y + m[2] + 0.0f,
-                               1 - (m[3] * uv.x + m[4] * uv.y + m[5])},
-                        .material = mesh->material[triangle]};
+    return (struct key){
+        .position = plain(mesh->position[vertex]),
+        .normal = plain(mesh->normal[vertex]),
+        .uv = {m[0] * uv.x + m[1] * uv.y + m[2] + 0.0f, 1 - (m[3] * uv.x + m[4] * uv.y + m[5])},
+        .material = mesh->material[triangle]};
 }
 
 static uint32_t *slot_of(const struct rule *r, const struct key *key) {
@@ -191,8 +191,8 @@ static void measure_faces(struct rule *r) {
         const float s_length = lw_vec3_length(s), t_length = lw_vec3_length(t);
         struct face *face = &r->face[f];
         *face = (struct face){.preserves = area > 0};
-        face->any = !(fabsf(area) > FLT_MIN && s_length > FLT_MIN && t_length > FLT_MIN) ||
-                    !isfinite(area) || !isfinite(s_length);
+        face->any = !(fabsf(area) > FLT_MIN && s_length > FLT_MIN && t_length > FLT_MIN) || !isfinite(area) ||
+                    !isfinite(s_length);
         if (!face->any) face->along_u = lw_vec3_scale(s, (area > 0 ? 1 : -1) / s_length);
     }
 }

@@ -307,8 +307,7 @@ static void read_map(struct reader *reader, const struct statement *statement) {
         skip_statement(reader, statement, "names no picture");
         return;
     }
-    const bool is_colour =
-        statement->which == LW_MTL_MAP_DIFFUSE || statement->which == LW_MTL_MAP_EMISSION;
+    const bool is_colour = statement->which == LW_MTL_MAP_DIFFUSE || statement->which == LW_MTL_MAP_EMISSION;
     const bool is_relief = statement->which == LW_MTL_MAP_BUMP || statement->which == LW_MTL_MAP_NORMAL;
     if (map->channel && (is_colour || is_relief))
         skip(reader, "-imfchan", "is read of map_d, map_Pr and map_Pm alone");

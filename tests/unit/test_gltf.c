@@ -1263,8 +1263,9 @@ static void skins_stand_as_their_joints_do(void **state) {
 
 static void harmless_extensions_may_be_required(void **state) {
     (void)state;
-    static const char *const names[] = {"anisotropy",  "clearcoat", "diffuse_transmission", "dispersion",
-                                        "iridescence", "sheen",     "variants",             "volume"};
+    static const char *const names[] = {"anisotropy", "clearcoat",   "diffuse_transmission",
+                                        "dispersion", "iridescence", "sheen",
+                                        "variants",   "volume"};
     char talk[4096], change[256], line[128];
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         snprintf(change, sizeof change,
