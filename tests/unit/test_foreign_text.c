@@ -272,7 +272,7 @@ static void map_options_move_textures_or_are_named(void **state) {
         {"-blendu off -s 2", {2, 1}, {0, 0}, "line 2: \"-blendu\": is not read"},
         {"-blendv off -s 2", {2, 1}, {0, 0}, "line 2: \"-blendv\": is not read"},
         {"-cc on -s 2", {2, 1}, {0, 0}, "line 2: \"-cc\": colour correction is not read"},
-        {"-imfchan r -s 2", {2, 1}, {0, 0}, "line 2: \"-imfchan\": is read of map_d, map_Pr and map_Pm alone"},
+        {"-imfchan r -s 2", {2, 1}, {0, 0}, "line 2: \"-imfchan\": is read of map_d, map_Pr"},
         {"-type sphere -s 2", {2, 1}, {0, 0}, "line 2: \"-type\": is not read"},
         {"-texres 512 -s 2", {2, 1}, {0, 0}, "line 2: \"-texres\": is not read"},
         {"-boost 2 -s 2", {2, 1}, {0, 0}, "line 2: \"-boost\": is not read"},

@@ -1,5 +1,5 @@
-/* What glTF materials say of gloss, relief and occlusion, by scenes that are made here: one square, one material,
- * pictures of a few texels. */
+/* What glTF materials say of gloss, relief and occlusion, by scenes that are made here: one square, one
+ * material, pictures of a few texels. */
 #include "tests/support/glb.h"
 #include "tests/support/support.h"
 
@@ -371,7 +371,8 @@ static void bad_values_are_told_and_mended(void **state) {
                      "materials[0]: normalTexture: index");
 }
 
-/* A black mirror, a metal of roughness 0, all at once: what is reflected is a number, and no more than arrives. */
+/* A black mirror, a metal of roughness 0, all at once: what is reflected is a number, and no more than
+ * arrives. */
 static void no_finish_makes_energy(void **state) {
     (void)state;
     static const char *const materials[] = {

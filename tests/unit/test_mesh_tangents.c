@@ -1,5 +1,5 @@
-/* Tangents against those of npm's mikktspace (three's mikktspace.module.js, Mikkelsen's code in WebAssembly), and
- * against what they must be on flat squares. */
+/* Tangents against those of npm's mikktspace (three's mikktspace.module.js, Mikkelsen's code in WebAssembly),
+ * and against what they must be on flat squares. */
 #include "tests/support/support.h"
 
 #include "common/shading/tangent.h"
@@ -14,8 +14,8 @@
 #define FACES    (2 * (COLUMNS - 1) * (ROWS - 1))
 #define STEP     1.2e-4f /* of a tangent's 15 bits, radians: half a step, and rounding */
 
-/* A rough sheet: u runs to its middle column and back, as mirrored halves of a model have it; the first triangle
- * has no area in the picture. */
+/* A rough sheet: u runs to its middle column and back, as mirrored halves of a model have it; the first
+ * triangle has no area in the picture. */
 static const float height[VERTICES] = {0, 2, 1, 0, 3, 1, 4, 2, 1, 0,
                                        0, 1, 3, 2, 1, 2, 0, 1, 4, 0}; /* 1/8 m */
 static const struct lw_vec3 normal[VERTICES] = {
