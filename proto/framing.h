@@ -29,13 +29,15 @@ enum lw_message_type {
     LW_MESSAGE_ACK = 9,             /* client -> server */
     LW_MESSAGE_PING = 10,           /* either way */
     LW_MESSAGE_PONG = 11,
-    LW_MESSAGE_SETTLED = 12, /* server -> client: no tile of the last frame is left to send */
-    LW_MESSAGE_UPDATE = 13,  /* client -> server: changes of the scene */
-    LW_MESSAGE_UPDATED = 14, /* server -> client, answer to update */
-    LW_MESSAGE_HOLDS = 15,   /* client -> server: tiles of an earlier session */
-    LW_MESSAGE_ASK = 16,     /* client -> server: as an operator, for figures or an end */
-    LW_MESSAGE_REPORT = 17,  /* server -> client: answer to it */
-    LW_MESSAGE_WAITING = 18  /* server -> client: why there is no light yet */
+    LW_MESSAGE_SETTLED = 12,        /* server -> client: no tile of the last frame is left to send */
+    LW_MESSAGE_UPDATE = 13,         /* client -> server: changes of the scene */
+    LW_MESSAGE_UPDATED = 14,        /* server -> client, answer to update */
+    LW_MESSAGE_HOLDS = 15,          /* client -> server: tiles of an earlier session */
+    LW_MESSAGE_ASK = 16,            /* client -> server: as an operator, for figures or an end */
+    LW_MESSAGE_REPORT = 17,         /* server -> client: answer to it */
+    LW_MESSAGE_WAITING = 18,        /* server -> client: why there is no light yet */
+    LW_MESSAGE_FINISH_REQUEST = 19, /* client -> server: as PACKAGE_REQUEST, of the finish package */
+    LW_MESSAGE_FINISH_CHUNK = 20    /* server -> client */
 };
 
 struct lw_framing_header {

@@ -25,7 +25,9 @@
     X(HOLDS, "HOLDS", lightwell__wire__holds__descriptor)                                                    \
     X(ASK, "ASK", lightwell__wire__ask__descriptor)                                                          \
     X(REPORT, "REPORT", lightwell__wire__report__descriptor)                                                 \
-    X(WAITING, "WAITING", lightwell__wire__waiting__descriptor)
+    X(WAITING, "WAITING", lightwell__wire__waiting__descriptor)                                              \
+    X(FINISH_REQUEST, "FINISH_REQUEST", lightwell__wire__package_request__descriptor)                        \
+    X(FINISH_CHUNK, "FINISH_CHUNK", lightwell__wire__package_chunk__descriptor)
 
 #define TRANSFORM_FLOATS 12u
 #define VECTOR_FLOATS    3u
@@ -41,6 +43,16 @@ const char *lw_message_name(uint16_t type) {
     default:
         return NULL;
     }
+}
+
+struct lw_message_package lw_message_welcome_package(const struct lw_message_welcome *w) {
+    return (struct lw_message_package){.hash = w->package_hash,
+                                       .size = w->package_size,
+                                       .compressed_size = w->package_compressed_size,
+                                       .part_size = w->part_size,
+                                       .part_compressed_size = w->part_compressed_size,
+                                       .part_hash = w->part_hash,
+                                       .part_count = w->part_count};
 }
 
 /* ---- validation ---- */
@@ -113,6 +125,22 @@ static bool add_up(const uint64_t *size, size_t count, uint64_t whole) {
     return whole == 0;
 }
 
+static enum lw_status check_finish(const struct lw_message_package *f, struct lw_error *err) {
+    if (!f->size && !f->compressed_size && !f->part_count) return LW_OK;
+    if (f->size < 1 || f->size > LW_FINISH_PACKAGE_SIZE_MAX)
+        return invalid(err, "finish_size", "is 0 or over 4294967295 bytes");
+    if (f->compressed_size < 1 || f->compressed_size > LW_MESSAGE_COMPRESSED_MAX)
+        return invalid(err, "finish_compressed_size", "is 0 or over the limit");
+    if (f->part_count > LW_MESSAGE_FINISH_PARTS_MAX)
+        return over(err, "finish_part_size", "has", LW_MESSAGE_FINISH_PARTS_MAX, " entries");
+    if (!add_up(f->part_size, f->part_count, f->size))
+        return invalid(err, "finish_part_size", "has a 0, or is not finish_size in all");
+    if (!add_up(f->part_compressed_size, f->part_count, f->compressed_size))
+        return invalid(err, "finish_part_compressed_size",
+                       "has a 0, or is not finish_compressed_size in all");
+    return LW_OK;
+}
+
 static enum lw_status check_parts(const struct lw_message_welcome *w, struct lw_error *err) {
     if (!w->part_count) return LW_OK;
     if (w->part_count > LW_MESSAGE_PARTS_MAX)
@@ -140,6 +168,7 @@ static enum lw_status check_welcome(const struct lw_message_welcome *w, struct l
     if (w->client_materials_size > LW_MESSAGE_CLIENT_MATERIALS_MAX)
         return over(err, "client_materials", "is", LW_MESSAGE_CLIENT_MATERIALS_MAX, " bytes");
     enum lw_status status = check_parts(w, err);
+    if (status == LW_OK) status = check_finish(&w->finish, err);
     return status != LW_OK ? status : check_text(w->name, LW_MESSAGE_NAME_MAX, "name", err);
 }
 
@@ -236,12 +265,14 @@ static enum lw_status check_values(const struct lw_message *m, struct lw_error *
     case LW_MESSAGE_REFUSAL:
         return check_refusal(&m->refusal, err);
     case LW_MESSAGE_PACKAGE_REQUEST:
+    case LW_MESSAGE_FINISH_REQUEST:
         if (m->package_request.offset > LW_MESSAGE_COMPRESSED_MAX)
             return invalid(err, "offset", "is past the limit");
         if (m->package_request.held_size > LW_MESSAGE_PARTS_MAX / 8 + 1)
             return over(err, "held", "is", LW_MESSAGE_PARTS_MAX / 8 + 1, " bytes");
         return LW_OK;
     case LW_MESSAGE_PACKAGE_CHUNK:
+    case LW_MESSAGE_FINISH_CHUNK:
         return check_chunk(&m->package_chunk, err);
     case LW_MESSAGE_INTEREST:
         return check_interest(&m->interest, err);
@@ -330,6 +361,18 @@ static const ProtobufCMessageDescriptor *descriptor_of(unsigned type) {
 /* protobuf-c's structs are not const, but packing only reads. */
 static char *text_of(const char *text) { return (char *)(text ? text : ""); }
 
+static void fill_finish(Lightwell__Wire__Welcome *w, const struct lw_message_package *f) {
+    if (!f->size) return;
+    w->finish_hash = (ProtobufCBinaryData){sizeof f->hash.bytes, (uint8_t *)f->hash.bytes};
+    w->finish_size = f->size;
+    w->finish_compressed_size = f->compressed_size;
+    w->n_finish_part_size = w->n_finish_part_compressed_size = f->part_count;
+    w->finish_part_size = (uint64_t *)f->part_size;
+    w->finish_part_compressed_size = (uint64_t *)f->part_compressed_size;
+    w->finish_part_hash =
+        (ProtobufCBinaryData){f->part_count * sizeof *f->part_hash, (uint8_t *)f->part_hash};
+}
+
 /* Everything but the lists that differ in layout. */
 static void fill_scalars(union wire *wire, const struct lw_message *m) {
     protobuf_c_message_init(descriptor_of(m->type), wire);
@@ -364,6 +407,7 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
             (ProtobufCBinaryData){m->welcome.client_lights_size, (uint8_t *)m->welcome.client_lights};
         wire->welcome.client_materials =
             (ProtobufCBinaryData){m->welcome.client_materials_size, (uint8_t *)m->welcome.client_materials};
+        fill_finish(&wire->welcome, &m->welcome.finish);
         break;
     case LW_MESSAGE_REFUSAL:
         wire->refusal.code = (uint32_t)m->refusal.code;
@@ -371,11 +415,13 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->refusal.retry_after_ms = m->refusal.retry_after_ms;
         break;
     case LW_MESSAGE_PACKAGE_REQUEST:
+    case LW_MESSAGE_FINISH_REQUEST:
         wire->package_request.offset = m->package_request.offset;
         wire->package_request.held =
             (ProtobufCBinaryData){m->package_request.held_size, (uint8_t *)m->package_request.held};
         break;
     case LW_MESSAGE_PACKAGE_CHUNK:
+    case LW_MESSAGE_FINISH_CHUNK:
         wire->package_chunk.offset = m->package_chunk.offset;
         wire->package_chunk.data =
             (ProtobufCBinaryData){m->package_chunk.size, (uint8_t *)m->package_chunk.data};
@@ -607,6 +653,7 @@ static uint32_t body_max(unsigned type) {
     switch (type) {
     case LW_MESSAGE_HELLO:
     case LW_MESSAGE_PACKAGE_REQUEST:
+    case LW_MESSAGE_FINISH_REQUEST:
     case LW_MESSAGE_INTEREST:
     case LW_MESSAGE_ACK:
     case LW_MESSAGE_PING:
@@ -757,6 +804,24 @@ cut_off:
     return lw_status_fail(err, LW_PROTOCOL, "is no protobuf: cut off in byte %zu of %zu", at, size);
 }
 
+static enum lw_status read_finish(const Lightwell__Wire__Welcome *w, struct lw_message_package *f,
+                                  struct lw_error *err) {
+    if (w->finish_hash.len != (w->finish_size ? sizeof f->hash.bytes : 0))
+        return invalid(err, "finish_hash", "is not 16 bytes, or there without finish_size");
+    if (w->n_finish_part_compressed_size != w->n_finish_part_size ||
+        w->finish_part_hash.len != w->n_finish_part_size * sizeof *f->part_hash)
+        return invalid(err, "finish_part_size, finish_part_compressed_size and finish_part_hash",
+                       "differ in length");
+    *f = (struct lw_message_package){.size = w->finish_size,
+                                     .compressed_size = w->finish_compressed_size,
+                                     .part_size = w->finish_part_size,
+                                     .part_compressed_size = w->finish_part_compressed_size,
+                                     .part_hash = (const void *)w->finish_part_hash.data,
+                                     .part_count = w->n_finish_part_size};
+    if (w->finish_hash.len) memcpy(f->hash.bytes, w->finish_hash.data, sizeof f->hash.bytes);
+    return LW_OK;
+}
+
 static enum lw_status read_welcome(const Lightwell__Wire__Welcome *w, struct lw_message *m,
                                    struct lw_error *err) {
     if (w->package_hash.len != sizeof m->welcome.package_hash.bytes)
@@ -783,7 +848,7 @@ static enum lw_status read_welcome(const Lightwell__Wire__Welcome *w, struct lw_
                                              .client_materials = w->client_materials.data,
                                              .client_materials_size = w->client_materials.len};
     memcpy(m->welcome.package_hash.bytes, w->package_hash.data, sizeof m->welcome.package_hash.bytes);
-    return LW_OK;
+    return read_finish(w, &m->welcome.finish, err);
 }
 
 static enum lw_status read_interest(const Lightwell__Wire__Interest *w, struct lw_message *m,
@@ -957,10 +1022,12 @@ static enum lw_status read_wire(const union wire *w, struct lw_message *m, struc
                                                  w->refusal.retry_after_ms};
         return LW_OK;
     case LW_MESSAGE_PACKAGE_REQUEST:
+    case LW_MESSAGE_FINISH_REQUEST:
         m->package_request = (struct lw_message_package_request){
             w->package_request.offset, w->package_request.held.data, w->package_request.held.len};
         return LW_OK;
     case LW_MESSAGE_PACKAGE_CHUNK:
+    case LW_MESSAGE_FINISH_CHUNK:
         m->package_chunk = (struct lw_message_package_chunk){
             w->package_chunk.offset, w->package_chunk.data.data, w->package_chunk.data.len};
         return LW_OK;

@@ -11,6 +11,7 @@
 #define LW_PROTO_MESSAGE_H
 
 #include "common/light/light_form.h"
+#include "common/scene/finish_package.h"
 #include "common/scene/package.h"
 #include "common/scene/scene_change.h"
 #include "common/token.h"
@@ -27,9 +28,10 @@
 #define LW_MESSAGE_INTEREST_MAX         4096u
 #define LW_MESSAGE_HOLDS_MAX            2048u
 #define LW_MESSAGE_PARTS_MAX            (LW_SCENE_TEXTURES_MAX + 2u) /* of a package */
-#define LW_MESSAGE_CHUNK_MAX            (1u << 18)                   /* bytes of package data */
-#define LW_MESSAGE_PAYLOAD_MAX          (1u << 18)                   /* bytes of a tile */
-#define LW_MESSAGE_REPORT_MAX           (1u << 18)                   /* bytes of a report */
+#define LW_MESSAGE_FINISH_PARTS_MAX     8192u      /* of a finish package: both lists fit into a welcome */
+#define LW_MESSAGE_CHUNK_MAX            (1u << 18) /* bytes of package data */
+#define LW_MESSAGE_PAYLOAD_MAX          (1u << 18) /* bytes of a tile */
+#define LW_MESSAGE_REPORT_MAX           (1u << 18) /* bytes of a report */
 #define LW_MESSAGE_BOUNCES_MAX          64u
 #define LW_MESSAGE_CLIENT_LIGHTS_MAX    (LW_SCENE_LIGHTS_MAX / 8)    /* bytes: a bit for each */
 #define LW_MESSAGE_CLIENT_MATERIALS_MAX (LW_SCENE_MATERIALS_MAX / 8) /* likewise */
@@ -42,12 +44,13 @@
 #define LW_MESSAGE_COMPRESSED_MAX (LW_PACKAGE_SIZE_MAX + (LW_PACKAGE_SIZE_MAX >> 8))
 
 /* Values are forever. */
-#define LW_FEATURE_CONTROL 2u   /* sends updates of the scene */
-#define LW_FEATURE_RESUME  4u   /* says what it has */
-#define LW_FEATURE_PARTS   16u  /* reads packages of several parts */
-#define LW_FEATURE_DCT     32u  /* reads tiles of LW_TILE_CODEC_DCT; 1 and 8 were earlier forms of them */
-#define LW_FEATURE_DRAWS   64u  /* draws the direct light of client lights: tiles come without it */
-#define LW_FEATURE_OPERATE 128u /* asks as an operator: over the server's own Unix socket alone */
+#define LW_FEATURE_CONTROL   2u   /* sends updates of the scene */
+#define LW_FEATURE_RESUME    4u   /* says what it has */
+#define LW_FEATURE_PARTS     16u  /* reads packages of several parts */
+#define LW_FEATURE_DCT       32u  /* reads tiles of LW_TILE_CODEC_DCT; 1 and 8 were earlier forms of them */
+#define LW_FEATURE_DRAWS     64u  /* draws the direct light of client lights: tiles come without it */
+#define LW_FEATURE_OPERATE   128u /* asks as an operator: over the server's own Unix socket alone */
+#define LW_FEATURE_MATERIALS 256u /* may ask for the finish package */
 #define LW_FEATURES_READ                                                                                     \
     (LW_FEATURE_DCT | LW_FEATURE_RESUME |                                                                    \
      LW_FEATURE_PARTS) /* all that our clients know and need not ask for */
@@ -58,6 +61,16 @@ struct lw_message_hello {
     const char *name;             /* of the client program, for the operator's log */
     uint64_t rate_limit_bytes_hz; /* that it wants at most; 0: no limit */
     const uint8_t *token;         /* LW_TOKEN_SIZE bytes; NULL: none */
+};
+
+/** A package as a welcome tells it. */
+struct lw_message_package {
+    struct lw_package_hash hash;
+    uint64_t size;                                    /* bytes of the package */
+    uint64_t compressed_size;                         /* bytes of its zstd form, which the chunks carry */
+    const uint64_t *part_size, *part_compressed_size; /* of each part; they add up to those of the package */
+    const struct lw_package_hash *part_hash;
+    size_t part_count; /* 0: the package is one part, of which nothing more is told */
 };
 
 struct lw_message_welcome {
@@ -78,6 +91,7 @@ struct lw_message_welcome {
      * first; bytes that are missing count as 0. */
     const uint8_t *client_lights, *client_materials;
     size_t client_lights_size, client_materials_size;
+    struct lw_message_package finish; /* with parts; size 0: there is none, or it was not asked for */
 };
 
 /* Values are forever. */
@@ -239,8 +253,8 @@ struct lw_message {
         struct lw_message_hello hello;
         struct lw_message_welcome welcome;
         struct lw_message_refusal refusal;
-        struct lw_message_package_request package_request;
-        struct lw_message_package_chunk package_chunk;
+        struct lw_message_package_request package_request, finish_request;
+        struct lw_message_package_chunk package_chunk, finish_chunk;
         struct lw_message_interest interest;
         struct lw_message_frame frame;
         struct lw_message_tile tile;
@@ -269,6 +283,9 @@ struct lw_message_memory {
     size_t budget;            /* that a message may ask for; 0: any */
 };
 void lw_message_memory_finish(struct lw_message_memory *memory);
+
+/** The scene package of a welcome. */
+struct lw_message_package lw_message_welcome_package(const struct lw_message_welcome *welcome);
 
 /** The type's name as in wire_format.md, e.g. "TILE"; NULL for a type that this version does not know. */
 const char *lw_message_name(uint16_t type);

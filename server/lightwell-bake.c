@@ -10,6 +10,7 @@
 #include "common/open/scene_open.h"
 #include "common/options.h"
 #include "common/progress.h"
+#include "common/scene/finish_package.h"
 #include "common/scene/package.h"
 #include "common/wait_policy.h"
 #include "server/bake/bake.h"
@@ -317,6 +318,16 @@ static char *maps_from_glb(const struct settings *s) {
 
 /* ---- scene and solver ---- */
 
+/* Writes the hash of bytes that it frees. Returns the new length. */
+static int print_hash(char *text, size_t size, int length, uint8_t *bytes, size_t byte_count) {
+    struct lw_package_hash hash;
+    lw_package_hash(bytes, byte_count, &hash);
+    free(bytes);
+    for (size_t i = 0; i < sizeof hash.bytes; i++)
+        length += snprintf(text + length, size - (size_t)length, "%02x", hash.bytes[i]);
+    return length;
+}
+
 /* What decides a sample's value. What only says when to stop is left out: a bake that was stopped may aim
  * higher. */
 static enum lw_status make_key(struct baker *b, struct lw_error *err) {
@@ -324,14 +335,15 @@ static enum lw_status make_key(struct baker *b, struct lw_error *err) {
     uint8_t *package;
     size_t size;
     struct lw_package_hash hash;
+    char text[704];
     enum lw_status status = lw_package_write(b->scene, &package, &size, err);
     if (status != LW_OK) return status;
-    lw_package_hash(package, size, &hash);
-    free(package);
-    char text[640];
-    int length = 0;
-    for (size_t i = 0; i < sizeof hash.bytes; i++)
-        length += snprintf(text + length, sizeof text - (size_t)length, "%02x", hash.bytes[i]);
+    int length = print_hash(text, sizeof text, 0, package, size);
+    if (lw_finish_package_wanted(b->scene)) {
+        status = lw_finish_package_write(b->scene, &package, &size, err);
+        if (status != LW_OK) return status;
+        length = print_hash(text, sizeof text, length, package, size);
+    }
     length += snprintf(
         text + length, sizeof text - (size_t)length,
         " " LW_VERSION " solver %s bounces %lld seed %lld range %a cell %a probes %d %a time %a "

@@ -11,6 +11,7 @@
 #include "common/open/scene_open.h"
 #include "common/options_config.h"
 #include "common/program_path.h"
+#include "common/scene/finish_package.h"
 #include "common/scene/package.h"
 #include "common/scene/scene_spares.h"
 #include "common/scene/scene_state.h"
@@ -135,6 +136,8 @@ struct daemon {
     struct lw_scene_state state; /* of it, by updates: what is lit */
     uint8_t *package;
     size_t package_size;
+    uint8_t *finishes; /* finish package; NULL: all is matt */
+    size_t finishes_size;
     struct lw_atlas_map atlas_map;
     struct lw_pose pose;
     struct lw_light_groups light_groups;
@@ -491,6 +494,8 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
         return status;
     }
     status = lw_package_write(d->scene, &d->package, &d->package_size, err);
+    if (status == LW_OK && lw_finish_package_wanted(d->scene))
+        status = lw_finish_package_write(d->scene, &d->finishes, &d->finishes_size, err);
     if (status != LW_OK) return status;
     if ((status = lw_atlas_map_init(&d->atlas_map, d->scene)) != LW_OK)
         return lw_status_fail(err, status, "tiles");
@@ -962,6 +967,15 @@ static void give_way(void) {
 #endif
 }
 
+static void log_scene(const struct daemon *d, uint64_t memory_bytes) {
+    char finishes[40] = "";
+    if (d->finishes_size)
+        snprintf(finishes, sizeof finishes, " and %.1f MB of finishes", (double)d->finishes_size * 1e-6);
+    lw_log(LW_LOG_INFO, "%s: %u objects, %u tiles; %.0f MB for the solve, package %.1f MB%s",
+           d->settings.scene.path, d->scene->object_count, d->atlas_map.tile_count,
+           (double)memory_bytes * 1e-6, (double)d->package_size * 1e-6, finishes);
+}
+
 /* Texels and rays' structure are built while clients already get the scene package. */
 static void *solve_in_thread(void *argument) {
     struct daemon *d = argument;
@@ -970,9 +984,7 @@ static void *solve_in_thread(void *argument) {
         const uint64_t memory_bytes =
             d->solver->ops->memory_bytes(d->solver) + lw_publisher_memory_bytes(d->publisher);
         lw_daemon_metrics_memory(&d->metrics, memory_bytes);
-        lw_log(LW_LOG_INFO, "%s: %u objects, %u tiles; %.0f MB for the solve, package %.1f MB",
-               d->settings.scene.path, d->scene->object_count, d->atlas_map.tile_count,
-               (double)memory_bytes * 1e-6, (double)d->package_size * 1e-6);
+        log_scene(d, memory_bytes);
         d->first = 1;
         if (d->settings.keep) d->first += lw_light_store_resume(&d->light_store, &d->atlas_map, d->solver);
         if (!d->forms_kept || show_forms(d, d->forms_kept, &d->solver_error) == LW_OK) solve_frames(d);
@@ -1118,9 +1130,10 @@ static int print_hash(char *dst, const void *bytes, size_t size) {
 static void make_key(const struct daemon *d, uint8_t out_key[LW_SAVED_LIGHT_KEY_SIZE]) {
     const struct settings *s = &d->settings;
     struct lw_package_hash hash;
-    char text[512];
+    char text[640];
     const char *groups = s->light_groups ? s->light_groups : "";
     int length = print_hash(text, d->package, d->package_size);
+    if (d->finishes_size) length += print_hash(text + length, d->finishes, d->finishes_size);
     length += print_hash(text + length, groups, strlen(groups));
     length += print_hash(text + length, d->light_bits, lw_client_lights_bytes(d->scene->light_count));
     length += print_hash(text + length, d->material_bits, lw_client_lights_bytes(d->scene->material_count));
@@ -1188,6 +1201,8 @@ static enum lw_status create_server(struct daemon *d, struct lw_server_sockets *
         .atlas_map = &d->atlas_map,
         .package = d->package,
         .package_size = d->package_size,
+        .finishes = d->finishes,
+        .finishes_size = d->finishes_size,
         .bounces = (uint32_t)s->bounces,
         .target_error = (float)s->error,
         .noise_shown = noise_shown(s),
@@ -1263,6 +1278,7 @@ static void finish(struct daemon *d) {
     lw_scene_state_finish(&d->state);
     lw_atlas_map_finish(&d->atlas_map);
     free(d->package);
+    free(d->finishes);
     lw_scene_destroy(d->scene);
     lw_options_config_finish(&d->settings.config);
     free(d->settings.printed);
@@ -1325,12 +1341,17 @@ static bool scene_may_have_changed(const struct daemon *d) {
            !lw_file_stamp_equal(&environment_now, &d->environment_stamp);
 }
 
+static bool are_same_bytes(const uint8_t *a, size_t a_size, const uint8_t *b, size_t b_size) {
+    return a_size == b_size && (!a_size || memcmp(a, b, a_size) == 0);
+}
+
 static enum lw_status prepare_next(struct daemon *d, bool *out_same, struct lw_error *err) {
     struct daemon *next = d->succession.next;
     enum lw_status status = read_scene(next, err);
     if (status != LW_OK) return status;
-    *out_same = d->succession.only_scene && next->package_size == d->package_size &&
-                memcmp(next->package, d->package, d->package_size) == 0;
+    *out_same = d->succession.only_scene &&
+                are_same_bytes(next->package, next->package_size, d->package, d->package_size) &&
+                are_same_bytes(next->finishes, next->finishes_size, d->finishes, d->finishes_size);
     if (*out_same) return LW_OK;
     status = create_server(next, &d->succession.sockets, err);
     if (status == LW_OK) status = set_up_solver(next, err);

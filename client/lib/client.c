@@ -27,7 +27,7 @@ struct lw_client {
     struct lw_access access;
     struct ssl_ctx_st *trust; /* by TLS: whom it believes; NULL: in plain */
     unsigned timeout_ms;
-    bool control, operate, draws_direct, wants_nothing;
+    bool control, operate, draws_direct, materials, wants_nothing;
     uint64_t rate_limit_bytes_hz, budget_ns;
     struct lw_client_watch watch;
     bool watch_has_scene, told_damage;
@@ -37,8 +37,12 @@ struct lw_client {
     struct lw_message_interest_tile *interest_tile;
     uint32_t *interest_scratch;
     bool welcomed;
-    struct lw_download download; /* until the replica is there */
-    struct lw_replica *replica;  /* NULL before the package is complete */
+    struct lw_download download;        /* until the replica is there */
+    struct lw_download finish_download; /* of finishes, while they come */
+    enum lw_client_finishes finishes;
+    bool finish_asked;                  /* in this session */
+    struct lw_package_hash finish_hash; /* of those that are there */
+    struct lw_replica *replica;         /* NULL before the package is complete */
     const struct lw_client *scene_of;
     bool found_other_scene; /* the last attempt to connect again did */
     struct lw_package_hash package_hash;
@@ -73,11 +77,18 @@ static bool has_scene(const struct lw_client *c, const struct lw_package_hash *h
     return c && c->replica && memcmp(c->package_hash.bytes, hash->bytes, sizeof hash->bytes) == 0;
 }
 
+static bool has_other_finishes(const struct lw_client *c, const struct lw_message_welcome *welcome) {
+    return c->finishes == LW_CLIENT_FINISHES_THERE &&
+           (!welcome->finish.size ||
+            memcmp(c->finish_hash.bytes, welcome->finish.hash.bytes, sizeof c->finish_hash.bytes) != 0);
+}
+
 /* The session before this one has left a scene. */
 static enum lw_status take_up_scene(struct lw_client *c, const struct lw_message_welcome *welcome,
                                     bool same_run, struct lw_error *err) {
     c->found_other_scene =
-        memcmp(c->package_hash.bytes, welcome->package_hash.bytes, sizeof c->package_hash.bytes) != 0;
+        memcmp(c->package_hash.bytes, welcome->package_hash.bytes, sizeof c->package_hash.bytes) != 0 ||
+        has_other_finishes(c, welcome);
     if (c->found_other_scene) return lw_status_fail(err, LW_BAD_DATA, "it lights another scene now");
     if (same_run) return LW_OK;
     lw_replica_begin_run(c->replica);
@@ -105,10 +116,8 @@ static uint8_t *find_part(void *client, const struct lw_package_hash *hash, uint
 
 /* Where it cannot be kept it is downloaded again: no harm. A package of several parts is kept as these, and
  * nothing of it twice. What has failed once would fail for each part. */
-static void keep_package(const struct lw_client *c) {
-    const struct lw_download *d = &c->download;
-    const enum lw_package_cache_kind kind =
-        d->part_count > 1 ? LW_PACKAGE_CACHE_PART : LW_PACKAGE_CACHE_PACKAGE;
+static void keep_parts(const struct lw_client *c, const struct lw_download *d,
+                       enum lw_package_cache_kind kind) {
     uint64_t begin = 0;
     struct lw_error err = {0};
     for (size_t i = 0; i < d->part_count && !err.status; begin = d->part[i++].end)
@@ -136,7 +145,9 @@ static enum lw_status take_package(struct lw_client *c, struct lw_error *err) {
     struct lw_replica *replica = NULL;
     if (c->watch.leave) c->watch.leave(c->watch.context);
     enum lw_status status = lw_replica_create(c->download.bytes, c->download.size, &replica, err);
-    if (status == LW_OK && c->cache_folder) keep_package(c);
+    const bool has_parts = c->download.part_count > 1;
+    if (status == LW_OK && c->cache_folder)
+        keep_parts(c, &c->download, has_parts ? LW_PACKAGE_CACHE_PART : LW_PACKAGE_CACHE_PACKAGE);
     if (c->watch.enter) c->watch.enter(c->watch.context);
     c->replica = replica;
     lw_download_finish(&c->download);
@@ -144,11 +155,48 @@ static enum lw_status take_package(struct lw_client *c, struct lw_error *err) {
     return status == LW_OK ? begin_light(c, err) : status;
 }
 
+/* Notes finishes that are to come; they are asked for once there is light. */
+static enum lw_status begin_finishes(struct lw_client *c, const struct lw_message_welcome *welcome,
+                                     bool same_run, struct lw_error *err) {
+    c->finish_asked = false;
+    if (c->finishes == LW_CLIENT_FINISHES_THERE) return LW_OK;
+    const struct lw_message_package *finish = &welcome->finish;
+    const bool goes_on =
+        same_run && c->finish_download.zstd && finish->size &&
+        !memcmp(c->finish_download.hash.bytes, finish->hash.bytes, sizeof finish->hash.bytes);
+    if (goes_on) return LW_OK;
+    lw_download_finish(&c->finish_download);
+    c->finishes = LW_CLIENT_FINISHES_NONE;
+    if (!c->materials || !finish->size || (c->replica && lw_replica_is_beside(c->replica))) return LW_OK;
+    enum lw_status status = lw_download_init(&c->finish_download, "finish package", finish, NULL, NULL);
+    if (status != LW_OK) return lw_status_fail(err, status, "out of memory");
+    c->finishes = LW_CLIENT_FINISHES_COMING;
+    return LW_OK;
+}
+
+static enum lw_status take_finishes(struct lw_client *c, struct lw_error *err) {
+    struct lw_download *d = &c->finish_download;
+    if (c->watch.leave) c->watch.leave(c->watch.context);
+    enum lw_status status = lw_replica_read_finishes(c->replica, d->bytes, d->size, err);
+    if (status == LW_OK && c->cache_folder) keep_parts(c, d, LW_PACKAGE_CACHE_PART);
+    if (c->watch.enter) c->watch.enter(c->watch.context);
+    c->finish_hash = d->hash;
+    lw_download_finish(d);
+    if (status != LW_OK) return status;
+    lw_replica_show_finishes(c->replica);
+    c->finishes = LW_CLIENT_FINISHES_THERE;
+    c->stats.finishes_ns = lw_clock_ns();
+    if (c->watch.finishes) c->watch.finishes(c->watch.context);
+    return LW_OK;
+}
+
 static enum lw_status begin_download(struct lw_client *c, const struct lw_message_welcome *welcome,
                                      bool same_run, struct lw_error *err) {
     if (same_run && c->download.zstd) return LW_OK;
     lw_download_finish(&c->download);
-    enum lw_status status = lw_download_init(&c->download, welcome, c->cache_folder ? find_part : NULL, c);
+    const struct lw_message_package package = lw_message_welcome_package(welcome);
+    enum lw_status status =
+        lw_download_init(&c->download, "scene package", &package, c->cache_folder ? find_part : NULL, c);
     if (status != LW_OK) return lw_status_fail(err, status, "out of memory");
     status = lw_download_begin(&c->download, err);
     return status == LW_OK && lw_download_is_complete(&c->download) ? take_package(c, err) : status;
@@ -200,6 +248,7 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
     if (c->operate) return LW_OK; /* it wants no scene */
     enum lw_status status = lw_draws_begin(&c->draws, welcome, c->draws_direct, err);
     if (status == LW_OK) status = find_scene(c, welcome, same_run, err);
+    if (status == LW_OK) status = begin_finishes(c, welcome, same_run, err);
     if (status != LW_OK) return status;
     return c->replica ? begin_light(c, err) : begin_download(c, welcome, same_run, err);
 }
@@ -224,6 +273,14 @@ static enum lw_status handle_chunk(struct lw_client *c, const struct lw_message_
     if (!c->welcomed || c->replica) return out_of_order(err, LW_MESSAGE_PACKAGE_CHUNK);
     enum lw_status status = lw_download_add(&c->download, chunk, err);
     return status == LW_OK && lw_download_is_complete(&c->download) ? take_package(c, err) : status;
+}
+
+static enum lw_status handle_finish_chunk(struct lw_client *c, const struct lw_message_package_chunk *chunk,
+                                          struct lw_error *err) {
+    if (!c->finish_asked || c->finishes != LW_CLIENT_FINISHES_COMING)
+        return out_of_order(err, LW_MESSAGE_FINISH_CHUNK);
+    enum lw_status status = lw_download_add(&c->finish_download, chunk, err);
+    return status == LW_OK && lw_download_is_complete(&c->finish_download) ? take_finishes(c, err) : status;
 }
 
 static enum lw_status handle_frame(struct lw_client *c, const struct lw_message_frame *frame,
@@ -322,6 +379,8 @@ static enum lw_status handle_message(struct lw_client *c, const struct lw_messag
         return handle_refusal(c, &m->refusal, err);
     case LW_MESSAGE_PACKAGE_CHUNK:
         return handle_chunk(c, &m->package_chunk, err);
+    case LW_MESSAGE_FINISH_CHUNK:
+        return handle_finish_chunk(c, &m->finish_chunk, err);
     case LW_MESSAGE_FRAME:
         return handle_frame(c, &m->frame, err);
     case LW_MESSAGE_TILE:
@@ -532,6 +591,27 @@ static enum lw_status ask_for_package(struct lw_client *c, struct lw_error *err)
     return status;
 }
 
+/* Once there is light that can be shown. */
+static enum lw_status ask_for_finishes(struct lw_client *c, struct lw_error *err) {
+    struct lw_message request = {.type = LW_MESSAGE_FINISH_REQUEST};
+    struct lw_download *d = &c->finish_download;
+    uint8_t *held = NULL;
+    if (c->finishes != LW_CLIENT_FINISHES_COMING || c->finish_asked || !c->replica || !c->stats.frame ||
+        !lw_replica_has_first(c->replica))
+        return LW_OK;
+    c->finish_asked = true;
+    if (c->cache_folder) {
+        lw_download_find_held(d, find_part, c);
+        enum lw_status status = lw_download_begin(d, err);
+        if (status != LW_OK || lw_download_is_complete(d)) return status ? status : take_finishes(c, err);
+    }
+    if (lw_download_request(d, &request.finish_request, &held) != LW_OK)
+        return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    enum lw_status status = lw_link_send(&c->link, &request, err);
+    free(held);
+    return status;
+}
+
 #define HOLDS_AT_ONCE 1024u /* leaves room in the outbox for what must not be dropped */
 
 /* Tells the server which tiles it need not send. Where the link is busy some are not told: they come
@@ -573,7 +653,8 @@ static enum lw_status shake_hands(struct lw_client *c, struct lw_error *err) {
                                          .features = LW_FEATURES_READ |
                                                      (c->control ? LW_FEATURE_CONTROL : 0) |
                                                      (c->operate ? LW_FEATURE_OPERATE : 0) |
-                                                     (c->draws_direct ? LW_FEATURE_DRAWS : 0),
+                                                     (c->draws_direct ? LW_FEATURE_DRAWS : 0) |
+                                                     (c->materials ? LW_FEATURE_MATERIALS : 0),
                                          .name = c->name,
                                          .rate_limit_bytes_hz = c->rate_limit_bytes_hz,
                                          .token = c->access.has_token ? c->access.token.bytes : NULL}};
@@ -661,6 +742,8 @@ void lw_client_forget_scene(struct lw_client *c) {
     lw_replica_destroy(c->replica);
     c->replica = NULL;
     lw_download_finish(&c->download);
+    lw_download_finish(&c->finish_download);
+    c->finishes = LW_CLIENT_FINISHES_NONE;
     lw_draws_finish(&c->draws);
     lw_interest_finish(&c->interest);
     lw_interest_init(&c->interest);
@@ -670,7 +753,7 @@ void lw_client_forget_scene(struct lw_client *c) {
     c->watch_has_scene = c->may_hold = c->found_other_scene = false;
     c->run = c->frame_acked = c->frame_ns = c->frame_solve_ns = 0;
     c->stats.frame = c->stats.settled_frame = c->stats.changed_frame = 0;
-    c->stats.package_ns = c->stats.first_ns = 0;
+    c->stats.package_ns = c->stats.first_ns = c->stats.finishes_ns = 0;
     c->stats.time_s = 0;
 }
 
@@ -687,6 +770,7 @@ enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_cli
     c->control = desc->control;
     c->operate = desc->operate;
     c->draws_direct = desc->draws_direct;
+    c->materials = desc->materials;
     c->rate_limit_bytes_hz = desc->rate_limit_bytes_hz;
     c->budget_ns = desc->budget_ns ? desc->budget_ns : BUDGET_DEFAULT_NS;
     c->watch = desc->watch;
@@ -717,6 +801,7 @@ void lw_client_destroy(struct lw_client *c) {
     if (!c) return;
     lw_replica_destroy(c->replica);
     lw_download_finish(&c->download);
+    lw_download_finish(&c->finish_download);
     lw_draws_finish(&c->draws);
     lw_link_finish(&c->link);
     lw_tls_trust_unref(c->trust);
@@ -741,6 +826,7 @@ static enum lw_status wait_and_take(struct lw_client *c, unsigned timeout_ms, st
     if (status == LW_OK) status = wait_for_server(c, any ? 0 : lw_clock_ns() + timeout_ms * 1000000ull, err);
     const uint64_t now_ns = lw_clock_ns(), end_ns = (any ? began_ns : now_ns) + c->budget_ns;
     if (status == LW_OK && now_ns < end_ns) status = take_all(c, end_ns, err);
+    if (status == LW_OK) status = ask_for_finishes(c, err);
     if (status != LW_OK || c->frame_acked == c->stats.frame) return status;
     c->frame_acked = c->stats.frame;
     struct lw_message ack = {.type = LW_MESSAGE_ACK, .ack.frame = c->stats.frame};
@@ -761,6 +847,8 @@ int lw_client_descriptor(const struct lw_client *c) { return c->link.socket; }
 const struct lw_scene *lw_client_scene(const struct lw_client *c) {
     return c->replica ? lw_replica_scene(c->replica) : NULL;
 }
+
+enum lw_client_finishes lw_client_finishes(const struct lw_client *c) { return c->finishes; }
 
 float lw_client_package_progress(const struct lw_client *c) {
     return c->replica ? 1.0f : (float)((double)c->download.received / (double)c->download.compressed_size);

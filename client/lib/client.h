@@ -28,6 +28,8 @@ struct lw_client_watch {
     void *context;
     /** The scene has arrived: once, before any tile of it. */
     enum lw_status (*scene)(void *context, const struct lw_client *client, struct lw_error *err);
+    /** The scene has its finishes now: once a scene, if desc.materials. */
+    void (*finishes)(void *context);
     /** The texels of a tile have changed. */
     void (*tile)(void *context, lw_tile_id tile);
     /** Waits in place of the client until a descriptor can be read (or written), or until the deadline
@@ -59,7 +61,10 @@ struct lw_client_desc {
     bool wants_nothing; /* its interest set is empty until lw_client_want(); else it begins with everything */
     bool control;       /* it may call lw_client_update() */
     bool operate;       /* it may call lw_client_ask(); it gets no scene */
-    bool draws_direct;  /* it draws the direct light that lw_client_draws() lists: levels come without it */
+    /* It wants the finishes of materials, which come after its first light (lw_client_finishes()). Means
+     * nothing with scene_of: a shared scene keeps the finishes that it had then. */
+    bool materials;
+    bool draws_direct; /* it draws the direct light that lw_client_draws() lists: levels come without it */
     uint64_t rate_limit_bytes_hz; /* the most that the server sends; 0: all that the link takes */
     uint64_t budget_ns;           /* lw_client_poll() takes no further message in after this; 0: 20 ms */
     struct lw_client_watch watch;
@@ -117,8 +122,18 @@ int lw_client_descriptor(const struct lw_client *client);
 
 /** The scene, once its package has arrived; NULL before. Geometry, materials, lightmap UVs. Lives with the
  * client. lw_client_poll() keeps materials' base_colour and emission and the sky as the newest frame has them
- * (lw_client_stats.changed_frame); nothing else of it changes. */
+ * (lw_client_stats.changed_frame), and gives it finishes once (lw_client_finishes()); nothing else of it
+ * changes. */
 const struct lw_scene *lw_client_scene(const struct lw_client *client);
+/** Finishes of a scene's materials: material.finish, mesh.tangent, finish_texture. */
+enum lw_client_finishes {
+    LW_CLIENT_FINISHES_NONE, /* none will come: all is matt, or was not asked for; or there is no scene yet */
+    LW_CLIENT_FINISHES_COMING, /* the scene is shown matt until they are there */
+    LW_CLIENT_FINISHES_THERE   /* in lw_client_scene(), within lw_client_poll(); watch.finishes() said so */
+};
+/** With a server of before, or a scene without finishes, NONE from the scene's arrival on. */
+enum lw_client_finishes lw_client_finishes(const struct lw_client *client);
+
 /** Fraction of the scene package that has arrived, 0..1. */
 float lw_client_package_progress(const struct lw_client *client);
 /** The tiles of the scene, for walking over atlases; NULL before the scene is there. */
@@ -279,6 +294,7 @@ struct lw_client_stats {
     /* lw_clock_ns() when connect was called; when the package was complete; when every object's coarsest
      * level was there. 0: not yet. */
     uint64_t connected_ns, package_ns, first_ns;
+    uint64_t finishes_ns; /* lw_clock_ns() when the scene got its finishes; 0: not yet */
     /* How old the newest frame's light is now: its solve time plus the time since it arrived. The network's
      * delay is not in it. It grows until the next frame. A server whose light has converged sends no frames:
      * where nothing moves and every tile's error is at most target_error, the light is current at any age. */

@@ -8,40 +8,47 @@
 #define CAPACITY_START (256u << 10) /* bytes */
 
 /* Without a list the package is one part, whose hash is its own. */
-static void list_parts(struct lw_download *d, const struct lw_message_welcome *welcome) {
+static void list_parts(struct lw_download *d, const struct lw_message_package *package) {
     uint64_t end = 0, compressed_end = 0;
-    for (size_t i = 0; i < welcome->part_count; i++) {
-        end += welcome->part_size[i];
-        compressed_end += welcome->part_compressed_size[i];
+    for (size_t i = 0; i < package->part_count; i++) {
+        end += package->part_size[i];
+        compressed_end += package->part_compressed_size[i];
         d->part[i] = (struct lw_download_part){
-            .end = end, .compressed_end = compressed_end, .hash = welcome->part_hash[i]};
+            .end = end, .compressed_end = compressed_end, .hash = package->part_hash[i]};
     }
-    if (!welcome->part_count)
-        d->part[0] = (struct lw_download_part){.end = welcome->package_size,
-                                               .compressed_end = welcome->package_compressed_size,
-                                               .hash = welcome->package_hash};
+    if (!package->part_count)
+        d->part[0] = (struct lw_download_part){
+            .end = package->size, .compressed_end = package->compressed_size, .hash = package->hash};
 }
 
-enum lw_status lw_download_init(struct lw_download *download, const struct lw_message_welcome *welcome,
-                                lw_download_find *find, void *where) {
-    const size_t count = welcome->part_count ? welcome->part_count : 1;
+enum lw_status lw_download_init(struct lw_download *download, const char *what,
+                                const struct lw_message_package *package, lw_download_find *find,
+                                void *where) {
+    const size_t count = package->part_count ? package->part_count : 1;
     *download = (struct lw_download){.zstd = ZSTD_createDCtx(),
-                                     .package_size = welcome->package_size,
-                                     .compressed_size = welcome->package_compressed_size,
-                                     .hash = welcome->package_hash,
+                                     .package_size = package->size,
+                                     .what = what,
+                                     .compressed_size = package->compressed_size,
+                                     .hash = package->hash,
                                      .part = calloc(count, sizeof *download->part),
                                      .part_count = count};
     if (!download->zstd || !download->part) {
         lw_download_finish(download);
         return LW_NO_MEMORY;
     }
-    list_parts(download, welcome);
-    for (size_t i = 0; find && i < welcome->part_count; i++) {
-        struct lw_download_part *part = &download->part[i];
-        part->held = find(where, &part->hash, welcome->part_size[i]);
+    list_parts(download, package);
+    if (find && package->part_count) lw_download_find_held(download, find, where);
+    return LW_OK;
+}
+
+void lw_download_find_held(struct lw_download *d, lw_download_find *find, void *where) {
+    for (size_t i = d->parts_done; i < d->part_count; i++) {
+        struct lw_download_part *part = &d->part[i];
+        const bool has_begun = i == d->parts_done && d->received > (i ? d->part[i - 1].compressed_end : 0);
+        if (part->held || has_begun) continue;
+        part->held = find(where, &part->hash, part->end - (i ? d->part[i - 1].end : 0));
         part->was_held = part->held;
     }
-    return LW_OK;
 }
 
 void lw_download_finish(struct lw_download *download) {
@@ -76,7 +83,7 @@ static enum lw_status reserve(struct lw_download *d, uint64_t size, struct lw_er
     if (capacity > d->package_size) capacity = d->package_size;
     uint8_t *grown = realloc(d->bytes, (size_t)capacity);
     if (!grown)
-        return lw_status_fail(err, LW_NO_MEMORY, "scene package: out of memory after %zu bytes", d->size);
+        return lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory after %zu bytes", d->what, d->size);
     d->bytes = grown;
     d->capacity = (size_t)capacity;
     return LW_OK;
@@ -86,7 +93,7 @@ static enum lw_status check_whole(struct lw_download *d, struct lw_error *err) {
     struct lw_package_hash hash;
     lw_package_hash(d->bytes, d->size, &hash);
     if (memcmp(hash.bytes, d->hash.bytes, sizeof hash.bytes) != 0)
-        return lw_status_fail(err, LW_PROTOCOL, "scene package: its hash is not the one promised");
+        return lw_status_fail(err, LW_PROTOCOL, "%s: its hash is not the one promised", d->what);
     return LW_OK;
 }
 
@@ -115,7 +122,7 @@ static enum lw_status decompress(struct lw_download *d, const uint8_t *data, siz
     *out_ended = false;
     for (;;) {
         if (*out_ended && in.pos < in.size)
-            return lw_status_fail(err, LW_PROTOCOL, "scene package: bytes after its end");
+            return lw_status_fail(err, LW_PROTOCOL, "%s: bytes after its end", d->what);
         if (*out_ended) return LW_OK;
         if (d->size == d->capacity && d->size < part->end) {
             enum lw_status status = reserve(d, (uint64_t)d->size + 1, err);
@@ -124,7 +131,7 @@ static enum lw_status decompress(struct lw_download *d, const uint8_t *data, siz
         ZSTD_outBuffer out = {d->bytes, d->capacity < part->end ? d->capacity : (size_t)part->end, d->size};
         size_t before = in.pos, result = ZSTD_decompressStream(d->zstd, &out, &in);
         if (ZSTD_isError(result))
-            return lw_status_fail(err, LW_PROTOCOL, "scene package: %s", ZSTD_getErrorName(result));
+            return lw_status_fail(err, LW_PROTOCOL, "%s: %s", d->what, ZSTD_getErrorName(result));
         bool advanced = out.pos > d->size || in.pos > before, full = out.pos == out.size;
         d->size = out.pos;
         *out_ended = result == 0;
@@ -132,7 +139,7 @@ static enum lw_status decompress(struct lw_download *d, const uint8_t *data, siz
         if (!*out_ended && in.pos == in.size && !full) return LW_OK;
         if (!*out_ended && !advanced && d->size == part->end) {
             if (in.pos == in.size) return LW_OK;
-            return lw_status_fail(err, LW_PROTOCOL, "scene package: more than the %" PRIu64 " bytes promised",
+            return lw_status_fail(err, LW_PROTOCOL, "%s: more than the %" PRIu64 " bytes promised", d->what,
                                   d->package_size);
         }
     }
@@ -141,11 +148,10 @@ static enum lw_status decompress(struct lw_download *d, const uint8_t *data, siz
 enum lw_status lw_download_add(struct lw_download *d, const struct lw_message_package_chunk *chunk,
                                struct lw_error *err) {
     if (chunk->offset != d->received)
-        return lw_status_fail(err, LW_PROTOCOL,
-                              "scene package: chunk at %" PRIu64 " where %" PRIu64 " was expected",
-                              chunk->offset, d->received);
+        return lw_status_fail(err, LW_PROTOCOL, "%s: chunk at %" PRIu64 " where %" PRIu64 " was expected",
+                              d->what, chunk->offset, d->received);
     if (d->parts_done == d->part_count || chunk->size > d->part[d->parts_done].compressed_end - d->received)
-        return lw_status_fail(err, LW_PROTOCOL, "scene package: more than the %" PRIu64 " bytes promised",
+        return lw_status_fail(err, LW_PROTOCOL, "%s: more than the %" PRIu64 " bytes promised", d->what,
                               d->compressed_size);
     const struct lw_download_part *part = &d->part[d->parts_done];
     d->received += chunk->size;
@@ -153,10 +159,10 @@ enum lw_status lw_download_add(struct lw_download *d, const struct lw_message_pa
     enum lw_status status = decompress(d, chunk->data, chunk->size, &ended, err);
     if (status != LW_OK) return status;
     const bool is_all = d->received == part->compressed_end;
-    if (ended && !is_all) return lw_status_fail(err, LW_PROTOCOL, "scene package: bytes after its end");
+    if (ended && !is_all) return lw_status_fail(err, LW_PROTOCOL, "%s: bytes after its end", d->what);
     if (!is_all) return LW_OK;
     if (!ended || d->size != part->end)
-        return lw_status_fail(err, LW_PROTOCOL, "scene package: %zu bytes where %" PRIu64 " were promised",
+        return lw_status_fail(err, LW_PROTOCOL, "%s: %zu bytes where %" PRIu64 " were promised", d->what,
                               d->size, part->end);
     d->parts_done++;
     return take_held(d, err);

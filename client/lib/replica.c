@@ -1,6 +1,7 @@
 #include "client/lib/replica.h"
 
 #include "common/clock.h"
+#include "common/scene/finish_package.h"
 #include "common/tile/tile_codec.h"
 
 #include <stdlib.h>
@@ -12,6 +13,7 @@ struct lw_replica {
     const struct lw_replica *beside; /* who owns scene and map; NULL: we do */
     struct lw_scene *scene;          /* as in the package */
     struct lw_scene now;             /* the same with materials of its own, and sky: as in the newest frame */
+    struct lw_scene finished; /* the scene with finishes that are not shown yet; zero: there are none */
     struct lw_atlas_map map;
     struct lw_pose pose;
     struct lw_tile_codec *codec;
@@ -119,6 +121,12 @@ enum lw_status lw_replica_create_beside(const struct lw_replica *other, struct l
     return complete(r, r ? LW_OK : LW_NO_MEMORY, out_replica, err);
 }
 
+static void drop_finished(struct lw_replica *r) {
+    free(r->finished.material);
+    free(r->finished.mesh);
+    r->finished = (struct lw_scene){0};
+}
+
 void lw_replica_destroy(struct lw_replica *r) {
     if (!r) return;
     for (uint32_t i = 0; r->coefficients && i < r->map.tile_count; i++) free(r->coefficients[i]);
@@ -130,10 +138,47 @@ void lw_replica_destroy(struct lw_replica *r) {
     free(r->first_texel);
     lw_tile_codec_destroy(r->codec);
     if (r->has_pose) lw_pose_finish(&r->pose);
+    drop_finished(r);
     lw_scene_finish_variant(&r->now);
     if (r->has_map) lw_atlas_map_finish(&r->map);
     if (r->scene && !r->beside) lw_scene_destroy(r->scene);
     free(r);
+}
+
+/* Materials and meshes of its own; the rest is the scene's. */
+enum lw_status lw_replica_read_finishes(struct lw_replica *r, const uint8_t *package, size_t size,
+                                        struct lw_error *err) {
+    const struct lw_scene *scene = r->scene;
+    struct lw_scene *finished = &r->finished;
+    const size_t materials = scene->material_count, meshes = scene->mesh_count;
+    drop_finished(r);
+    *finished = *scene; /* its storage too: what is read lives as long as the scene */
+    finished->material = malloc((materials + 1) * sizeof *finished->material);
+    finished->mesh = malloc((meshes + 1) * sizeof *finished->mesh);
+    enum lw_status status = LW_OK;
+    if (!finished->material || !finished->mesh)
+        status = lw_status_fail(err, LW_NO_MEMORY, "finish package: out of memory");
+    if (status == LW_OK) {
+        memcpy(finished->material, scene->material, materials * sizeof *scene->material);
+        memcpy(finished->mesh, scene->mesh, meshes * sizeof *scene->mesh);
+        status = lw_finish_package_read(package, size, finished, err);
+    }
+    if (status != LW_OK) drop_finished(r);
+    return status;
+}
+
+bool lw_replica_is_beside(const struct lw_replica *r) { return r->beside; }
+
+void lw_replica_show_finishes(struct lw_replica *r) {
+    const struct lw_scene *finished = &r->finished;
+    if (!finished->material) return;
+    for (uint32_t m = 0; m < finished->material_count; m++)
+        r->scene->material[m].finish = r->now.material[m].finish = finished->material[m].finish;
+    for (uint32_t m = 0; m < finished->mesh_count; m++)
+        r->scene->mesh[m].tangent = finished->mesh[m].tangent; /* now has the same meshes */
+    r->scene->finish_texture = r->now.finish_texture = finished->finish_texture;
+    r->scene->finish_texture_count = r->now.finish_texture_count = finished->finish_texture_count;
+    drop_finished(r);
 }
 
 void lw_replica_set_watch(struct lw_replica *r, lw_replica_watch *watch, void *context) {

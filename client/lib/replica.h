@@ -46,6 +46,15 @@ lw_replica_take_frame(struct lw_replica *replica, const struct lw_message_frame 
 LW_MUST_CHECK enum lw_status lw_replica_take_tile(struct lw_replica *replica,
                                                   const struct lw_message_tile *tile, struct lw_error *err);
 
+/** Reads a finish package for the scene, which stays as it is until lw_replica_show_finishes(): others may
+ * read the scene meanwhile. Not for a replica beside another. Errors: as lw_finish_package_read(). */
+LW_MUST_CHECK enum lw_status lw_replica_read_finishes(struct lw_replica *replica, const uint8_t *package,
+                                                      size_t size, struct lw_error *err);
+/** Whether the scene is another replica's. */
+bool lw_replica_is_beside(const struct lw_replica *replica);
+/** Gives the scene what was read. */
+void lw_replica_show_finishes(struct lw_replica *replica);
+
 /** Whether every object's coarsest level is there. */
 bool lw_replica_has_first(const struct lw_replica *replica);
 

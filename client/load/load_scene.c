@@ -45,7 +45,8 @@ static enum lw_status handle_welcome(struct scout *s, const struct lw_message_we
     s->scene->hash = welcome->package_hash;
     s->scene->package_size = welcome->package_size;
     s->scene->compressed_size = welcome->package_compressed_size;
-    enum lw_status status = lw_download_init(&s->download, welcome, NULL, NULL);
+    const struct lw_message_package package = lw_message_welcome_package(welcome);
+    enum lw_status status = lw_download_init(&s->download, "scene package", &package, NULL, NULL);
     struct lw_message request = {.type = LW_MESSAGE_PACKAGE_REQUEST};
     return status == LW_OK ? lw_link_send(&s->link, &request, err) : status;
 }

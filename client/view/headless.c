@@ -77,6 +77,7 @@ static enum lw_status connect_to_server(struct headless *h, struct lw_error *err
                                                   .cache_folder = h->options->cache_folder,
                                                   .wants_nothing = true,
                                                   .draws_direct = h->options->draws_direct,
+                                                  .materials = true,
                                                   .watch = {.damaged = lw_package_cache_warn,
                                                             .unkept = lw_package_cache_warn_unkept}},
                          &h->client, err);
@@ -208,6 +209,8 @@ static void note_error(struct headless *h, const struct lw_compose_report *repor
 
 static bool serves_the_wait(const struct headless *h, const struct lw_compose_report *report) {
     if (h->stats.first_ns == 0) return false;
+    const bool is_timed = h->options->wait == LW_VIEW_WAIT_FIRST || h->options->wait == LW_VIEW_WAIT_SECONDS;
+    if (!is_timed && lw_client_finishes(h->client) == LW_CLIENT_FINISHES_COMING) return false;
     switch (h->options->wait) {
     case LW_VIEW_WAIT_FIRST:
         return true;

@@ -38,6 +38,7 @@ static void *attempt(void *argument) {
                                                   .wants_nothing = true,
                                                   .budget_ns = LW_SEEKER_BUDGET_NS,
                                                   .draws_direct = seeker->draws_direct,
+                                                  .materials = true,
                                                   .watch = {.damaged = lw_package_cache_warn,
                                                             .unkept = lw_package_cache_warn_unkept}},
                          &client, &err) == LW_OK)

@@ -310,6 +310,7 @@ static enum lw_status connect_first(struct lw_window *w, uint16_t port, struct l
                                                      .wants_nothing = true,
                                                      .budget_ns = LW_SEEKER_BUDGET_NS,
                                                      .draws_direct = o->draws_direct,
+                                                     .materials = true,
                                                      .watch = {.damaged = lw_package_cache_warn,
                                                                .unkept = lw_package_cache_warn_unkept}},
                             &w->incoming, err);

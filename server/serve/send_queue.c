@@ -51,61 +51,88 @@ static struct lw_blob *next_waiting(struct lw_session *s) {
     return blob;
 }
 
-static bool holds_part(const struct lw_session *s, uint32_t part) {
-    return s->held && s->held[part / 8] >> (part % 8) & 1;
+static bool holds_part(const struct lw_session_sending *sending, uint32_t part) {
+    return sending->held && sending->held[part / 8] >> (part % 8) & 1;
 }
 
 /* What comes next is a chunk that the peer asked for, or the end. */
-static void skip_held(struct lw_session *s) {
-    const struct lw_session_shared *shared = s->shared;
-    while (s->next_chunk < shared->chunk_count && holds_part(s, shared->chunk[s->next_chunk].part))
-        s->next_chunk++;
+static void skip_held(struct lw_session_sending *sending) {
+    while (sending->next < sending->of->chunk_count &&
+           holds_part(sending, sending->of->chunk[sending->next].part))
+        sending->next++;
 }
 
-static struct lw_blob *next_chunk(struct lw_session *s) {
-    struct lw_blob *blob = s->partial_chunk;
-    s->partial_chunk = NULL;
-    if (blob || s->next_chunk == s->shared->chunk_count) return blob;
-    blob = lw_blob_ref(s->shared->chunk[s->next_chunk++].blob);
-    skip_held(s);
+static bool has_chunks(const struct lw_session_sending *sending) {
+    return sending->of && (sending->partial || sending->next < sending->of->chunk_count);
+}
+
+static struct lw_blob *next_chunk(struct lw_session_sending *sending) {
+    struct lw_blob *blob = sending->partial;
+    sending->partial = NULL;
+    if (blob || !has_chunks(sending)) return blob;
+    blob = lw_blob_ref(sending->of->chunk[sending->next++].blob);
+    skip_held(sending);
     return blob;
 }
 
 /* A request from inside a chunk: the rest of that chunk becomes a message of its own. */
-static enum lw_status cut_chunk(struct lw_session *s, uint32_t chunk_index, uint64_t offset) {
-    const struct lw_blob *whole = s->shared->chunk[chunk_index].blob;
+static enum lw_status cut_chunk(struct lw_session_sending *sending, const struct lw_blob *whole,
+                                uint64_t offset) {
     struct lw_message message;
     enum lw_status status = lw_message_decode_whole(whole->bytes, whole->size, &message);
     if (status != LW_OK) return status;
-    struct lw_message_package_chunk *chunk = &message.package_chunk;
-    size_t skip = (size_t)(offset - chunk->offset);
-    struct lw_message rest = {.type = LW_MESSAGE_PACKAGE_CHUNK,
-                              .package_chunk = {offset, chunk->data + skip, chunk->size - skip}};
-    status = lw_blob_from_message(&rest, &s->partial_chunk);
+    const struct lw_message_package_chunk *chunk = &message.package_chunk; /* FINISH_CHUNK is the same */
+    const size_t skip = (size_t)(offset - chunk->offset);
+    const struct lw_message rest = {.type = message.type,
+                                    .package_chunk = {offset, chunk->data + skip, chunk->size - skip}};
+    status = lw_blob_from_message(&rest, &sending->partial);
     lw_message_finish(&message);
     return status;
 }
 
 /* False if there is no memory. */
-static bool take_up_held(struct lw_session *s, const struct lw_message_package_request *request) {
-    const size_t size = s->shared->welcome.part_count / 8 + 1;
+static bool take_up_held(struct lw_session_sending *sending, size_t part_count,
+                         const struct lw_message_package_request *request) {
+    const size_t size = part_count / 8 + 1;
     if (!request->held_size) return true;
-    if (!(s->held = calloc(size, 1))) return false;
-    memcpy(s->held, request->held, request->held_size < size ? request->held_size : size);
+    if (!(sending->held = calloc(size, 1))) return false;
+    memcpy(sending->held, request->held, request->held_size < size ? request->held_size : size);
     return true;
 }
 
-bool lw_send_queue_start_package(struct lw_session *s, const struct lw_message_package_request *request) {
-    const struct lw_session_shared *shared = s->shared;
-    if (!take_up_held(s, request)) return false;
+bool lw_send_queue_start(struct lw_session_sending *sending, const struct lw_session_package *package,
+                         size_t part_count, const struct lw_message_package_request *request) {
+    if (!take_up_held(sending, part_count, request)) return false;
     uint32_t at = 0;
-    while (at < shared->chunk_count && shared->chunk[at].end <= request->offset) at++;
-    const bool inside = request->offset > (at ? shared->chunk[at - 1].end : 0);
-    if (inside && !holds_part(s, shared->chunk[at].part) && cut_chunk(s, at, request->offset) != LW_OK)
+    while (at < package->chunk_count && package->chunk[at].end <= request->offset) at++;
+    const bool inside = request->offset > (at ? package->chunk[at - 1].end : 0);
+    if (inside && !holds_part(sending, package->chunk[at].part) &&
+        cut_chunk(sending, package->chunk[at].blob, request->offset) != LW_OK)
         return false;
-    s->next_chunk = at + inside;
-    skip_held(s);
+    sending->of = package;
+    sending->next = at + inside;
+    skip_held(sending);
     return true;
+}
+
+void lw_send_queue_finish_sending(struct lw_session_sending *sending) {
+    lw_blob_unref(sending->partial);
+    free(sending->held);
+    *sending = (struct lw_session_sending){0};
+}
+
+/* Finishes never delay the first light, and later they leave tiles most of a full link. */
+static struct lw_blob *next_finish_chunk(struct lw_session *s, bool tiles_wait) {
+    if (!has_chunks(&s->finishes) || !s->has_first_light) return NULL;
+    if (tiles_wait && s->tiles_before > 0) return NULL;
+    struct lw_blob *blob = next_chunk(&s->finishes);
+    s->tiles_before = LW_SESSION_TILES_FIRST * (int64_t)blob->size;
+    return blob;
+}
+
+static void count_tile(struct lw_session *s, const struct lw_blob *tile) {
+    if (s->tiles_before > 0) s->tiles_before -= (int64_t)tile->size;
+    if (!s->has_first_light && ++s->first_sent >= s->shared->first_tiles) s->has_first_light = true;
 }
 
 /* Whether the rate limit lets light through, or the package: what may be large and can wait. */
@@ -121,15 +148,20 @@ static struct lw_blob *next_blob(struct lw_session *s, bool *out_tile) {
     s->control = NULL;
     if (blob || s->state == LW_SESSION_LEAVING) return blob;
     if ((blob = next_pong(s)) || (blob = next_ping(s)) || (blob = next_waiting(s))) return blob;
-    const bool framed = s->state == LW_SESSION_STREAMING && !s->partial_chunk &&
-                        s->next_chunk == s->shared->chunk_count && lw_tile_stream_has_light(s);
+    const bool framed =
+        s->state == LW_SESSION_STREAMING && !has_chunks(&s->package) && lw_tile_stream_has_light(s);
     if (framed && (blob = lw_tile_stream_next_frame(s))) return blob;
     if ((blob = lw_session_take_answer(s))) return blob; /* after the frame that shows what it answers */
     if (!is_allowed(s)) return NULL;
-    if (!framed) return s->state == LW_SESSION_STREAMING ? next_chunk(s) : NULL;
-    blob = lw_tile_stream_next_tile(s);
-    *out_tile = blob != NULL;
-    return blob ? blob : lw_tile_stream_next_settled(s);
+    if (!framed) return s->state == LW_SESSION_STREAMING ? next_chunk(&s->package) : NULL;
+    if ((blob = next_finish_chunk(s, true))) return blob;
+    if ((blob = lw_tile_stream_next_tile(s))) {
+        *out_tile = true;
+        count_tile(s, blob);
+        return blob;
+    }
+    if ((blob = lw_tile_stream_next_settled(s))) s->has_first_light = true;
+    return blob ? blob : next_finish_chunk(s, false);
 }
 
 struct batch {

@@ -84,98 +84,156 @@ struct lw_server {
     clockid_t cpu_clock; /* its CPU clock; valid while it runs */
 };
 
-/* ---- the compressed package ---- */
+/* ---- the compressed packages ---- */
 
-static enum lw_status add_chunk(struct lw_session_shared *shared, uint32_t *capacity, uint32_t part,
-                                const uint8_t *data, size_t size) {
-    if (shared->chunk_count == *capacity) {
-        uint32_t grown_capacity = *capacity ? *capacity * 2 : 64;
-        struct lw_session_chunk *grown = realloc(shared->chunk, grown_capacity * sizeof *grown);
+/* One of them on its way into messages. */
+struct packing {
+    enum lw_message_type type; /* of its chunks */
+    struct lw_session_package *to;
+    struct lw_message_package *told; /* its lists are allocated */
+    uint32_t capacity;               /* chunks */
+    ZSTD_CCtx *zstd;
+    uint8_t *piece; /* LW_SESSION_CHUNK bytes */
+};
+
+static enum lw_status add_chunk(struct packing *p, uint32_t part, size_t size) {
+    struct lw_session_package *to = p->to;
+    if (to->chunk_count == p->capacity) {
+        uint32_t grown_capacity = p->capacity ? p->capacity * 2 : 64;
+        struct lw_session_chunk *grown = realloc(to->chunk, grown_capacity * sizeof *grown);
         if (!grown) return LW_NO_MEMORY;
-        shared->chunk = grown;
-        *capacity = grown_capacity;
+        to->chunk = grown;
+        p->capacity = grown_capacity;
     }
-    uint64_t *compressed_size = &shared->welcome.package_compressed_size;
-    struct lw_session_chunk *chunk = &shared->chunk[shared->chunk_count];
-    struct lw_message message = {.type = LW_MESSAGE_PACKAGE_CHUNK,
-                                 .package_chunk = {*compressed_size, data, size}};
+    uint64_t *compressed_size = &p->told->compressed_size;
+    struct lw_session_chunk *chunk = &to->chunk[to->chunk_count];
+    struct lw_message message = {.type = p->type, .package_chunk = {*compressed_size, p->piece, size}};
     enum lw_status status = lw_blob_from_message(&message, &chunk->blob);
     if (status == LW_OK) {
         *compressed_size += size;
         chunk->end = *compressed_size;
         chunk->part = part;
-        shared->chunk_count++;
+        to->chunk_count++;
     }
     return status;
 }
 
 /* Straight into messages that all sessions share; the compressed whole never exists in one piece. */
-static enum lw_status compress_part(struct lw_session_shared *shared, ZSTD_CCtx *zstd, uint8_t *piece,
-                                    uint32_t *capacity, uint32_t part, const uint8_t *bytes, size_t size) {
+static enum lw_status compress_part(struct packing *p, uint32_t part, const uint8_t *bytes, size_t size) {
     ZSTD_inBuffer in = {bytes, size, 0};
-    if (ZSTD_isError(ZSTD_CCtx_setPledgedSrcSize(zstd, size))) return LW_INTERNAL;
+    if (ZSTD_isError(ZSTD_CCtx_setPledgedSrcSize(p->zstd, size))) return LW_INTERNAL;
     enum lw_status status = LW_OK;
     for (size_t left = 1; status == LW_OK && left;) {
-        ZSTD_outBuffer out = {piece, LW_SESSION_CHUNK, 0};
+        ZSTD_outBuffer out = {p->piece, LW_SESSION_CHUNK, 0};
         do {
-            left = ZSTD_compressStream2(zstd, &out, &in, ZSTD_e_end);
+            left = ZSTD_compressStream2(p->zstd, &out, &in, ZSTD_e_end);
         } while (!ZSTD_isError(left) && left && out.pos < out.size);
-        status = ZSTD_isError(left) ? LW_NO_MEMORY : add_chunk(shared, capacity, part, piece, out.pos);
+        status = ZSTD_isError(left) ? LW_NO_MEMORY : add_chunk(p, part, out.pos);
     }
     return status;
 }
 
-/* Tells those of several parts; the lists are the welcome's from now on, and freed with it. */
-static enum lw_status list_parts(struct lw_message_welcome *welcome, const uint8_t *package,
-                                 const uint64_t *end, size_t count) {
+/* The lists of parts; free_parts() frees them. */
+static enum lw_status list_parts(struct lw_message_package *told, const uint8_t *package, const uint64_t *end,
+                                 size_t count) {
     uint64_t *size = malloc(2 * count * sizeof *size);
     struct lw_package_hash *hash = malloc(count * sizeof *hash);
-    welcome->part_size = size;
-    welcome->part_hash = hash;
+    told->part_size = size;
+    told->part_hash = hash;
     if (!size || !hash) return LW_NO_MEMORY;
-    welcome->part_compressed_size = size + count;
+    told->part_compressed_size = size + count;
     for (size_t i = 0; i < count; i++) {
         const uint64_t begin = i ? end[i - 1] : 0;
         size[i] = end[i] - begin;
         size[count + i] = 0;
         lw_package_hash(package + begin, (size_t)size[i], &hash[i]);
     }
-    welcome->part_count = count;
-    welcome->features |= LW_FEATURE_PARTS;
+    told->part_count = count;
     return LW_OK;
 }
 
-static enum lw_status compress_package(struct lw_session_shared *shared, const uint8_t *package,
-                                       size_t size) {
-    struct lw_message_welcome *welcome = &shared->welcome;
+static void free_parts(struct lw_message_package *told) {
+    free((void *)told->part_size); /* and part_compressed_size */
+    free((void *)told->part_hash);
+}
+
+/* A package that ends as its parts do. */
+static enum lw_status compress(struct packing *p, const uint8_t *bytes, const uint64_t *end, size_t count) {
+    const size_t size = (size_t)end[count - 1];
+    p->piece = malloc(LW_SESSION_CHUNK);
+    p->zstd = ZSTD_createCCtx();
+    enum lw_status status = p->piece && p->zstd ? list_parts(p->told, bytes, end, count) : LW_NO_MEMORY;
+    if (status == LW_OK &&
+        ZSTD_isError(ZSTD_CCtx_setParameter(p->zstd, ZSTD_c_compressionLevel, COMPRESSION_LEVEL)))
+        status = LW_INTERNAL;
+    p->told->size = size;
+    lw_package_hash(bytes, size, &p->told->hash);
+    for (size_t i = 0; status == LW_OK && i < count; i++) {
+        const uint64_t begin = i ? end[i - 1] : 0, compressed = p->told->compressed_size;
+        status = compress_part(p, (uint32_t)i, bytes + begin, (size_t)(end[i] - begin));
+        ((uint64_t *)p->told->part_compressed_size)[i] = p->told->compressed_size - compressed;
+    }
+    ZSTD_freeCCtx(p->zstd);
+    free(p->piece);
+    return status;
+}
+
+static enum lw_status compress_package(struct lw_session_shared *shared, const uint8_t *bytes, size_t size) {
+    struct lw_message_welcome *w = &shared->welcome;
+    struct lw_message_package told = {0};
     uint64_t *end = NULL;
     size_t count = 0;
-    uint8_t *piece = malloc(LW_SESSION_CHUNK);
-    ZSTD_CCtx *zstd = ZSTD_createCCtx();
-    uint32_t capacity = 0;
-    enum lw_status status = piece && zstd ? lw_package_cut(package, size, &end, &count) : LW_NO_MEMORY;
-    if (status == LW_OK &&
-        ZSTD_isError(ZSTD_CCtx_setParameter(zstd, ZSTD_c_compressionLevel, COMPRESSION_LEVEL)))
-        status = LW_INTERNAL;
-    if (status == LW_OK && count > 1) status = list_parts(welcome, package, end, count);
-    for (size_t i = 0; status == LW_OK && i < count; i++) {
-        const uint64_t begin = i ? end[i - 1] : 0, compressed = welcome->package_compressed_size;
-        status = compress_part(shared, zstd, piece, &capacity, (uint32_t)i, package + begin,
-                               (size_t)(end[i] - begin));
-        if (count > 1)
-            ((uint64_t *)welcome->part_compressed_size)[i] = welcome->package_compressed_size - compressed;
+    enum lw_status status = lw_package_cut(bytes, size, &end, &count);
+    if (status == LW_OK)
+        status = compress(
+            &(struct packing){.type = LW_MESSAGE_PACKAGE_CHUNK, .to = &shared->package, .told = &told}, bytes,
+            end, count);
+    free(end);
+    w->package_hash = told.hash;
+    w->package_size = told.size;
+    w->package_compressed_size = told.compressed_size;
+    if (status != LW_OK || count == 1) { /* of one part nothing more is told */
+        free_parts(&told);
+        return status;
     }
-    ZSTD_freeCCtx(zstd);
-    free(piece);
+    w->part_size = told.part_size;
+    w->part_compressed_size = told.part_compressed_size;
+    w->part_hash = told.part_hash;
+    w->part_count = count;
+    w->features |= LW_FEATURE_PARTS;
+    return status;
+}
+
+/* Textures beyond the limit of parts are in the last one. */
+static enum lw_status compress_finishes(struct lw_session_shared *shared, const uint8_t *bytes, size_t size) {
+    uint64_t *end = NULL;
+    size_t count = 0;
+    if (!size) return LW_OK;
+    enum lw_status status = lw_finish_package_cut(bytes, size, &end, &count);
+    if (status == LW_OK && count > LW_MESSAGE_FINISH_PARTS_MAX) {
+        count = LW_MESSAGE_FINISH_PARTS_MAX;
+        end[count - 1] = size;
+    }
+    if (status == LW_OK)
+        status = compress(&(struct packing){.type = LW_MESSAGE_FINISH_CHUNK,
+                                            .to = &shared->finishes,
+                                            .told = &shared->welcome.finish},
+                          bytes, end, count);
     free(end);
     return status;
+}
+
+static void free_chunks(struct lw_session_package *package) {
+    for (uint32_t i = 0; i < package->chunk_count; i++) lw_blob_unref(package->chunk[i].blob);
+    free(package->chunk);
 }
 
 /* ---- the order of tiles ---- */
 
 /* Levels count from fine to coarse and objects differ in their number of levels: what goes first is each
  * object's coarsest level, then each one's next finer, down to level 0. */
-static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_order) {
+static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_order,
+                                 uint32_t *out_coarsest) {
     uint32_t *order = malloc((map->tile_count ? map->tile_count : 1) * sizeof *order), filled = 0;
     if (!order) return LW_NO_MEMORY;
     for (uint32_t above = 0; above < LW_ATLAS_LEVELS_MAX; above++)
@@ -185,6 +243,7 @@ static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_
             const struct lw_atlas_level *level = &atlas->level[atlas->level_count - 1 - above];
             for (uint32_t t = 0; t < level->tiles_x * level->tiles_y; t++)
                 order[filled++] = map->first_tile[o] + level->first_tile + t;
+            if (!above) *out_coarsest = filled;
         }
     assert(filled == map->tile_count);
     *out_order = order;
@@ -919,15 +978,13 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     shared->welcome = (struct lw_message_welcome){.version = LW_WIRE_VERSION,
                                                   .features = desc->features,
                                                   .name = "lightwelld " LW_VERSION,
-                                                  .package_size = desc->package_size,
                                                   .bounces = desc->bounces,
                                                   .target_error = desc->target_error,
                                                   .noise_shown = desc->noise_shown};
-    lw_package_hash(desc->package, desc->package_size, &shared->welcome.package_hash);
     if (getrandom(&shared->welcome.run, sizeof shared->welcome.run, 0) != (ssize_t)sizeof shared->welcome.run)
         shared->welcome.run = 0; /* then nobody takes up where another run ended */
     uint32_t tiles = desc->atlas_map->tile_count;
-    enum lw_status status = make_order(desc->atlas_map, &server->order);
+    enum lw_status status = make_order(desc->atlas_map, &server->order, &shared->first_tiles);
     if (status == LW_OK && !(shared->listed = calloc(tiles / 64 + 1, sizeof *shared->listed)))
         status = LW_NO_MEMORY;
     if (status == LW_OK) status = lw_interest_union_init(&shared->interest_union, desc->atlas_map);
@@ -935,7 +992,8 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     if (status == LW_OK) status = init_split(server, desc);
     if (status == LW_OK && shared->scene) status = lw_scene_roster_init(&shared->roster, shared->scene);
     shared->order = server->order;
-    return status == LW_OK ? compress_package(shared, desc->package, desc->package_size) : status;
+    if (status == LW_OK) status = compress_package(shared, desc->package, desc->package_size);
+    return status == LW_OK ? compress_finishes(shared, desc->finishes, desc->finishes_size) : status;
 }
 
 /* One that follows another watches before that one ends: its watchers would leave a gap. */
@@ -1122,10 +1180,11 @@ void lw_server_destroy(struct lw_server *server) {
     }
     lw_snapshot_unref(server->latest);
     lw_snapshot_unref(shared->snapshot);
-    for (uint32_t i = 0; i < shared->chunk_count; i++) lw_blob_unref(shared->chunk[i].blob);
-    free(shared->chunk);
-    free((void *)shared->welcome.part_size); /* and part_compressed_size */
-    free((void *)shared->welcome.part_hash);
+    free_chunks(&shared->package);
+    free_chunks(&shared->finishes);
+    struct lw_message_package package = lw_message_welcome_package(&shared->welcome);
+    free_parts(&package);
+    free_parts(&shared->welcome.finish);
     for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) finish_form(&shared->form[f]);
     free(shared->listed);
     free(server->order);

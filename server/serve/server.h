@@ -57,6 +57,8 @@ struct lw_server_desc {
     const struct lw_atlas_map *atlas_map; /* outlives the server */
     const uint8_t *package;               /* outlives the server */
     size_t package_size;
+    const uint8_t *finishes; /* finish package, for clients that ask; outlives the server. NULL: none */
+    size_t finishes_size;
     uint32_t bounces;   /* for the welcome */
     float target_error; /* for the welcome */
     float noise_shown;  /* likewise; 0: nothing filters */
@@ -85,7 +87,7 @@ struct lw_server_desc {
 
 struct lw_server;
 
-/** Compresses the package, binds and listens; nothing is served before lw_server_run().
+/** Compresses the packages, binds and listens; nothing is served before lw_server_run().
  * Errors: LW_UNAVAILABLE naming the address in use and what to do; LW_NO_HOST; LW_OS; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_server_create(const struct lw_server_desc *desc,
                                               struct lw_server **out_server, struct lw_error *err);

@@ -133,9 +133,9 @@ void lw_session_closed(struct lw_session *s) {
     assert(s->state == LW_SESSION_CLOSED);
     lw_blob_unref(s->control);
     for (struct lw_blob *blob; (blob = lw_session_take_answer(s));) lw_blob_unref(blob);
-    lw_blob_unref(s->partial_chunk);
+    lw_send_queue_finish_sending(&s->package);
+    lw_send_queue_finish_sending(&s->finishes);
     lw_message_reader_clear(&s->input);
-    free(s->held);
     free(s->sent);
     free(s->lacked);
     free(s->interest_bits);

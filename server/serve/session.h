@@ -30,13 +30,16 @@ struct lw_session;
 struct lw_session_shared {
     const struct lw_atlas_map *atlas_map;
     struct lw_message_welcome welcome; /* without the session's number */
-    /* The compressed package, each part cut into LW_SESSION_CHUNK bytes. */
-    struct lw_session_chunk {
-        struct lw_blob *blob; /* the message */
-        uint64_t end;         /* of its data, in the compressed package */
-        uint32_t part;        /* of the package */
-    } * chunk;
-    uint32_t chunk_count;
+    /* The compressed packages, each part cut into LW_SESSION_CHUNK bytes. */
+    struct lw_session_package {
+        struct lw_session_chunk {
+            struct lw_blob *blob; /* the message */
+            uint64_t end;         /* of its data, in the compressed package */
+            uint32_t part;        /* of the package */
+        } * chunk;
+        uint32_t chunk_count;
+    } package, finishes;                     /* finishes: without a chunk there are none */
+    uint32_t first_tiles;                    /* the tiles of every object's coarsest level */
     const uint32_t *order;                   /* tile ids: every object's coarsest level first */
     uint64_t *listed;                        /* bit per tile, all 0: to find those that a list has twice */
     struct lw_interest_union interest_union; /* by all sessions that are streamed to, whatever their form */
@@ -100,6 +103,9 @@ struct lw_session_shared {
 };
 
 #define LW_SESSION_CHUNK (64u << 10) /* bytes of package data in a PACKAGE_CHUNK */
+
+/* Bytes of tiles that are sent before a FINISH_CHUNK, over its own, while tiles wait. */
+#define LW_SESSION_TILES_FIRST 3u
 
 /** Whether an address may connect once more; counts it then. Beyond that a session gets no place
  * (peer.is_too_many), or there is none. */

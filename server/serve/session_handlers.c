@@ -20,6 +20,16 @@ static void choose_form(struct lw_session *s, const struct lw_message_hello *hel
     welcome->client_lights_size = welcome->client_materials_size = 0;
 }
 
+/* Who knows nothing of finishes hears nothing of them. */
+static void choose_finishes(struct lw_session *s, const struct lw_message_hello *hello,
+                            struct lw_message_welcome *welcome) {
+    s->has_materials = (hello->features & LW_FEATURE_MATERIALS) && welcome->finish.size;
+    if (s->has_materials)
+        welcome->features |= LW_FEATURE_MATERIALS;
+    else
+        welcome->finish = (struct lw_message_package){0};
+}
+
 /* Notes what the peer may do; false: it is refused. */
 static bool admit(struct lw_session *s, const struct lw_message_hello *hello) {
     if (!s->shared->tokens || s->peer.may_control) return true;
@@ -64,6 +74,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     struct lw_message message = {.type = LW_MESSAGE_WELCOME, .welcome = s->shared->welcome};
     message.welcome.session = s->number;
     choose_form(s, hello, &message.welcome);
+    choose_finishes(s, hello, &message.welcome);
     s->controls = s->peer.may_control && s->shared->scene && (hello->features & LW_FEATURE_CONTROL);
     if (s->controls) message.welcome.features |= LW_FEATURE_CONTROL;
     s->operates = s->peer.is_operator && (hello->features & LW_FEATURE_OPERATE);
@@ -113,26 +124,27 @@ static void handle_holds(struct lw_session *s, const struct lw_message_holds *ho
     }
 }
 
-static bool names_parts_that_exist(const struct lw_session *s,
-                                   const struct lw_message_package_request *request) {
-    for (size_t i = s->shared->welcome.part_count; i < 8 * request->held_size; i++)
-        if (request->held[i / 8] >> (i % 8) & 1) return false;
+/* A request for a package, of which a welcome told; false: it makes no sense, and the peer is refused. */
+static bool check_request(struct lw_session *s, const char *name, const struct lw_message_package *package,
+                          const struct lw_message_package_request *request) {
+    if (request->offset > package->compressed_size) {
+        lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "message %s: offset is past the package's end", name);
+        return false;
+    }
+    for (size_t i = package->part_count; i < 8 * request->held_size; i++)
+        if (request->held[i / 8] >> (i % 8) & 1) {
+            lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "message %s: held names a part that is not there",
+                              name);
+            return false;
+        }
     return true;
 }
 
 static void handle_package_request(struct lw_session *s, const struct lw_message_package_request *request) {
     const struct lw_session_shared *shared = s->shared;
-    if (request->offset > shared->welcome.package_compressed_size) {
-        lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
-                          "message PACKAGE_REQUEST: offset is past the package's end");
-        return;
-    }
-    if (!names_parts_that_exist(s, request)) {
-        lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
-                          "message PACKAGE_REQUEST: held names a part that is not there");
-        return;
-    }
-    if (!make_sent(s) || !lw_send_queue_start_package(s, request)) {
+    const struct lw_message_package package = lw_message_welcome_package(&shared->welcome);
+    if (!check_request(s, "PACKAGE_REQUEST", &package, request)) return;
+    if (!make_sent(s) || !lw_send_queue_start(&s->package, &shared->package, package.part_count, request)) {
         lw_session_lacks_memory(s);
         return;
     }
@@ -140,6 +152,16 @@ static void handle_package_request(struct lw_session *s, const struct lw_message
     s->first_light_due = s->shared->first_light != NULL;
     lw_session_queues_set_due(s, true);
     lw_session_interest_join(s);
+}
+
+static void handle_finish_request(struct lw_session *s, const struct lw_message_package_request *request) {
+    const struct lw_session_shared *shared = s->shared;
+    const struct lw_message_package *finish = &shared->welcome.finish;
+    if (!check_request(s, "FINISH_REQUEST", finish, request)) return;
+    if (lw_send_queue_start(&s->finishes, &shared->finishes, finish->part_count, request))
+        lw_session_queues_set_due(s, true);
+    else
+        lw_session_lacks_memory(s);
 }
 
 /* Notes a session's interest. A peer may say it as often as it likes: the first holds at once, later ones
@@ -239,6 +261,8 @@ static void handle_ask(struct lw_session *s, const struct lw_message_ask *ask) {
 static void handle_message(struct lw_session *s, const struct lw_message *m) {
     bool in_order = m->type == LW_MESSAGE_HELLO             ? s->state == LW_SESSION_EXPECTS_HELLO
                     : m->type == LW_MESSAGE_PACKAGE_REQUEST ? s->state == LW_SESSION_WELCOMED
+                    : m->type == LW_MESSAGE_FINISH_REQUEST
+                        ? s->state == LW_SESSION_STREAMING && s->has_materials && !s->finishes.of
                     : m->type == LW_MESSAGE_HOLDS
                         ? s->state == LW_SESSION_WELCOMED && s->resumes
                         : s->state == LW_SESSION_WELCOMED || s->state == LW_SESSION_STREAMING;
@@ -253,6 +277,9 @@ static void handle_message(struct lw_session *s, const struct lw_message *m) {
         break;
     case LW_MESSAGE_PACKAGE_REQUEST:
         handle_package_request(s, &m->package_request);
+        break;
+    case LW_MESSAGE_FINISH_REQUEST:
+        handle_finish_request(s, &m->finish_request);
         break;
     case LW_MESSAGE_HOLDS:
         handle_holds(s, &m->holds);

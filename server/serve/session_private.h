@@ -77,9 +77,16 @@ struct lw_session {
     uint64_t pong_token;
     struct lw_session_answer_entry *first_answer, *last_answer; /* to updates, not sent yet */
     uint32_t answer_count;
-    struct lw_blob *partial_chunk; /* where a package request starts inside a chunk */
-    uint32_t next_chunk;
-    uint8_t *held; /* bit per part of the package that is not sent; NULL: all are */
+    struct lw_session_sending {
+        const struct lw_session_package *of; /* NULL: it was not asked for */
+        struct lw_blob *partial;             /* where a request starts inside a chunk */
+        uint32_t next;                       /* chunk */
+        uint8_t *held;                       /* bit per part that is not sent; NULL: all are */
+    } package, finishes;
+    bool has_materials;   /* may ask for finishes */
+    bool has_first_light; /* it was sent, or there is nothing to send */
+    uint64_t first_sent;  /* tiles, until then */
+    int64_t tiles_before; /* bytes of tiles that go before the next FINISH_CHUNK */
     uint64_t frame_sent, frame_acked;
     bool settled_due;                             /* of the one sent */
     uint64_t *sent;                               /* per tile: the version sent; NULL before that matters */
@@ -181,8 +188,10 @@ struct lw_blob *lw_tile_stream_next_settled(struct lw_session *s);
 
 /* ---- send_queue.c ---- */
 
-/** Chunks of the package are sent as a valid request asks. false: there is no memory. */
-bool lw_send_queue_start_package(struct lw_session *s, const struct lw_message_package_request *request);
+/** Chunks of a package of part_count parts are sent as a valid request asks. false: there is no memory. */
+bool lw_send_queue_start(struct lw_session_sending *sending, const struct lw_session_package *package,
+                         size_t part_count, const struct lw_message_package_request *request);
+void lw_send_queue_finish_sending(struct lw_session_sending *sending);
 /** Adds what the rate limit has let through since the last call. */
 void lw_send_queue_renew_allowance(struct lw_session *s, uint64_t now_ns);
 /** Writes a turn's batches. true: nothing is left that may be sent now; false: the link is full, or the turn

@@ -43,7 +43,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
     struct lw_download download;
     struct lw_message_package_request request;
     uint8_t *held;
-    require(lw_download_init(&download, &m.welcome, find, NULL) == LW_OK);
+    const struct lw_message_package package = lw_message_welcome_package(&m.welcome);
+    require(lw_download_init(&download, "scene package", &package, find, NULL) == LW_OK);
     enum lw_status status = lw_download_begin(&download, NULL);
     require(lw_download_request(&download, &request, &held) == LW_OK);
     free(held);

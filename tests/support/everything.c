@@ -151,6 +151,41 @@ static void add_channels(struct lw_scene *scene) {
     scene->duration_s = 4;
 }
 
+/* Two materials; each content, one texture that two uses share, tangents of one mesh. */
+void lw_support_add_finishes(struct lw_scene *scene) {
+    static const uint8_t bumps[2 * 2 * 4] = {128, 128, 255, 255, 200, 100, 233, 255,
+                                             0,   128, 128, 255, 128, 255, 128, 255};
+    static const uint8_t surface[3 * 1 * 4] = {255, 10, 0, 255, 200, 100, 128, 255, 0, 255, 255, 255};
+    static const uint8_t colour[1 * 2 * 4] = {1, 2, 3, 4, 250, 251, 252, 253};
+    const struct lw_texture textures[] = {
+        {"bumps", 2, 2, KEEP(scene, bumps), LW_WRAP_REPEAT, LW_WRAP_CLAMP, LW_CONTENT_NORMAL},
+        {"", 3, 1, KEEP(scene, surface), LW_WRAP_MIRROR, LW_WRAP_REPEAT, LW_CONTENT_SURFACE},
+        {"Glanz größer", 1, 2, KEEP(scene, colour), LW_WRAP_CLAMP, LW_WRAP_MIRROR, LW_CONTENT_COLOUR},
+    };
+    const struct lw_texture_use none = {LW_SCENE_NONE, 0, {1, 0, 0, 0, 1, 0}};
+    const struct lw_finish finishes[] = {
+        {0.25f,
+         0.5f,
+         {1, 1, {2, 0, 0.5f, 0, -1, 1}},
+         0.75f,
+         {1, 0.5f, 2},
+         none,
+         1.33f,
+         0.875f,
+         {1, 0, {1, 0, 0, 0, 1, 0}},
+         -1.5f,
+         {0, 0, {0, 1, 0, 1, 0, 0}}},
+        {1, 0, none, 1, {1, 1, 1}, {2, 1, {1, 0, 0, 0, 1, 0}}, 1.5f, 0, none, 1, none},
+    };
+    static const uint16_t tangents[] = {0, 0x8000, 0x7fff, 1, 0xffff, 12345};
+    const struct lw_finish *kept = KEEP(scene, finishes);
+    scene->finish_texture = KEEP(scene, textures);
+    scene->finish_texture_count = COUNT(textures);
+    scene->material[1].finish = &kept[0];
+    scene->material[2].finish = &kept[1];
+    scene->mesh[0].tangent = KEEP(scene, tangents);
+}
+
 struct lw_scene *lw_support_everything(void) {
     struct lw_scene *scene;
     lw_support_ok(lw_scene_create(&scene), NULL);

@@ -27,6 +27,8 @@ struct lw_scene *lw_support_squares(unsigned count, float side_m);
  * triangles and an atlas with backs), three textures, every alpha mode, wrap mode, kind of light, path and
  * interpolation, a hierarchy with a mirroring matrix, names in several scripts. The same on every call. */
 struct lw_scene *lw_support_everything(void);
+/** Gives that scene finishes: of two materials, with textures of each content, and tangents of one mesh. */
+void lw_support_add_finishes(struct lw_scene *scene);
 
 /** Path of a file in a folder that the test program removes when it ends; valid until LW_SUPPORT_PATHS calls
  * later, those of process.h included. */

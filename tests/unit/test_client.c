@@ -5,6 +5,7 @@
 #include "client/lib/package_cache.h"
 #include "client/lib/replica.h"
 #include "common/clock.h"
+#include "common/scene/finish_package.h"
 #include "common/scene/scene_spares.h"
 #include "common/tile/tile_codec.h"
 #include "server/serve/server.h"
@@ -826,6 +827,175 @@ static void test_parts(void **state) {
     finish_world(&w);
 }
 
+/* ---- finishes ---- */
+
+static uint8_t *write_finishes(const struct world *w, struct lw_server_desc *desc) {
+    uint8_t *bytes;
+    lw_support_ok(lw_finish_package_write(w->scene, &bytes, &desc->finishes_size, NULL), NULL);
+    desc->finishes = bytes;
+    return bytes;
+}
+
+static uint8_t *add_finishes(struct world *w, struct lw_server_desc *desc) {
+    lw_support_add_finishes(w->scene);
+    return write_finishes(w, desc);
+}
+
+static void expect_finish(const struct world *w, const struct lw_client *client) {
+    const struct lw_scene *scene = lw_client_scene(client);
+    uint8_t *ours, *theirs;
+    size_t our_size, their_size;
+    lw_support_ok(lw_finish_package_write(w->scene, &ours, &our_size, NULL), NULL);
+    lw_support_ok(lw_finish_package_write(scene, &theirs, &their_size, NULL), NULL);
+    assert_int_equal(our_size, their_size);
+    assert_memory_equal(ours, theirs, our_size);
+    free(ours);
+    free(theirs);
+}
+
+static void expect_matt(const struct lw_client *client) {
+    const struct lw_scene *scene = lw_client_scene(client);
+    for (uint32_t m = 0; m < scene->material_count; m++) assert_null(scene->material[m].finish);
+    for (uint32_t m = 0; m < scene->mesh_count; m++) assert_null(scene->mesh[m].tangent);
+    assert_int_equal(scene->finish_texture_count, 0);
+}
+
+static void count_finishes(void *context) { ++*(unsigned *)context; }
+
+/* Waits for the light and, where they are to come, finishes. Returns the bytes that it took. */
+static uint64_t fetch_finishes(const struct running *r, const struct world *w, struct lw_client_desc desc,
+                               enum lw_client_finishes expected) {
+    struct lw_client *client;
+    struct lw_client_stats stats;
+    struct lw_error err = {0};
+    unsigned told = 0;
+    desc.host = "127.0.0.1";
+    desc.port = lw_server_port(r->server);
+    desc.watch.context = &told;
+    desc.watch.finishes = count_finishes;
+    lw_support_ok(lw_client_create(&desc, &client, &err), &err);
+    do {
+        lw_support_ok(lw_client_poll(client, 100, &err), &err);
+        lw_client_get_stats(client, &stats);
+        if (!stats.first_ns && lw_client_scene(client)) expect_matt(client);
+    } while (!stats.settled_frame || lw_client_finishes(client) == LW_CLIENT_FINISHES_COMING);
+    assert_int_equal(lw_client_finishes(client), expected);
+    assert_int_equal(told, expected == LW_CLIENT_FINISHES_THERE);
+    assert_int_equal(stats.finishes_ns != 0, told);
+    if (told) {
+        assert_true(stats.finishes_ns >= stats.first_ns);
+        expect_finish(w, client);
+    } else {
+        expect_matt(client);
+    }
+    lw_client_destroy(client);
+    return stats.bytes;
+}
+
+/* Who asks gets them, after its light; who does not, and who has a server without, has a matt scene. */
+static void test_finishes(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct lw_server_desc desc = {0};
+    uint8_t *bytes = add_finishes(&w, &desc);
+    struct running r = start_server_with(&w, desc);
+    publish(&r, make_snapshot(&w, 1));
+    const uint64_t matt = fetch_finishes(&r, &w, (struct lw_client_desc){0}, LW_CLIENT_FINISHES_NONE);
+    const uint64_t all =
+        fetch_finishes(&r, &w, (struct lw_client_desc){.materials = true}, LW_CLIENT_FINISHES_THERE);
+    assert_true(all > matt);
+    stop_server(&r);
+    r = start_server(&w, 0);
+    publish(&r, make_snapshot(&w, 1));
+    fetch_finishes(&r, &w, (struct lw_client_desc){.materials = true}, LW_CLIENT_FINISHES_NONE);
+    stop_server(&r);
+    free(bytes);
+    finish_world(&w);
+}
+
+static void test_cached_finishes(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct lw_server_desc desc = {0};
+    uint8_t *bytes = add_finishes(&w, &desc);
+    struct running r = start_server_with(&w, desc);
+    char folder[256];
+    snprintf(folder, sizeof folder, "%s", lw_support_temporary("finishes"));
+    const struct lw_client_desc cached = {.materials = true, .cache_folder = folder};
+    const unsigned parts = w.scene->texture_count + 1 + w.scene->finish_texture_count + 1;
+    publish(&r, make_snapshot(&w, 1));
+    const uint64_t whole = fetch_finishes(&r, &w, cached, LW_CLIENT_FINISHES_THERE);
+    size_t size = 0;
+    assert_int_equal(for_files(folder, ".lwpart", add_size, &size), parts);
+    assert_int_equal(size, w.package_size + desc.finishes_size);
+    const uint64_t again = fetch_finishes(&r, &w, cached, LW_CLIENT_FINISHES_THERE);
+    assert_true(again + w.compressed_size < whole);
+    for_files(folder, ".lwpart", damage, &(bool){false});
+    assert_int_equal(fetch_finishes(&r, &w, cached, LW_CLIENT_FINISHES_THERE), whole);
+    assert_int_equal(remove_files(folder, ".lwpart"), parts);
+    rmdir(folder);
+    stop_server(&r);
+    free(bytes);
+    finish_world(&w);
+}
+
+static void poll_until_finished(struct lw_client *client) {
+    struct lw_error err = {0};
+    const uint64_t end_ns = lw_clock_ns() + WAIT_NS;
+    while (lw_client_finishes(client) != LW_CLIENT_FINISHES_THERE) {
+        assert_true(lw_clock_ns() < end_ns);
+        lw_support_ok(lw_client_poll(client, 100, &err), &err);
+    }
+}
+
+/* A client that comes back keeps its finishes; others than those are another scene. */
+static void test_finishes_of_another_session(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct lw_server_desc desc = {0};
+    struct lw_client *client;
+    struct lw_client_stats before, after;
+    struct lw_error err = {0};
+    uint8_t *bytes = add_finishes(&w, &desc);
+    struct running r = start_server_with(&w, desc);
+    const uint16_t port = lw_server_port(r.server);
+    publish(&r, make_snapshot(&w, 1));
+    lw_support_ok(
+        lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1", .port = port, .materials = true},
+                         &client, &err),
+        &err);
+    poll_until_finished(client);
+    lw_client_get_stats(client, &before);
+    assert_int_equal(shutdown(lw_client_descriptor(client), SHUT_RDWR), 0);
+    lose_connection(client);
+    lw_support_ok(lw_client_reconnect(client, &err), &err);
+    poll_until_tiles(client, before.tiles);
+    lw_client_get_stats(client, &after);
+    assert_int_equal(after.finishes_ns, before.finishes_ns);
+    expect_finish(&w, client);
+    stop_server(&r);
+    free(bytes);
+
+    ((struct lw_finish *)w.scene->material[1].finish)->roughness = 0.125f;
+    bytes = write_finishes(&w, &desc);
+    desc.port = port;
+    r = start_server_with(&w, desc);
+    publish(&r, make_snapshot(&w, 1));
+    lose_connection(client);
+    lw_support_fails(lw_client_reconnect(client, &err), LW_BAD_DATA, &err, "another scene");
+    assert_true(lw_client_found_other_scene(client));
+    lw_client_forget_scene(client);
+    assert_int_equal(lw_client_finishes(client), LW_CLIENT_FINISHES_NONE);
+    err = (struct lw_error){0};
+    lw_support_ok(lw_client_reconnect(client, &err), &err);
+    poll_until_finished(client);
+    expect_finish(&w, client);
+    lw_client_destroy(client);
+    stop_server(&r);
+    free(bytes);
+    finish_world(&w);
+}
+
 static void test_backoff(void **state) {
     (void)state;
     for (unsigned attempt = 0; attempt < 40; attempt++) {
@@ -1168,6 +1338,156 @@ static void test_download_goes_on(void **state) {
         lw_client_destroy(client);
         end(&s);
     }
+    finish_world(&w);
+}
+
+/* Finishes of a script: all of them in one part. */
+static uint8_t *tell_finishes(struct world *w, struct lw_message *welcome, const uint8_t *bytes,
+                              size_t size) {
+    static uint64_t sizes[2];
+    static struct lw_package_hash hash;
+    uint8_t *compressed = malloc(ZSTD_compressBound(size));
+    sizes[0] = size;
+    sizes[1] = ZSTD_compress(compressed, ZSTD_compressBound(size), bytes, size, 3);
+    lw_package_hash(bytes, size, &hash);
+    *welcome = welcome_of(w);
+    welcome->welcome.run = 77;
+    welcome->welcome.features = LW_FEATURE_MATERIALS;
+    welcome->welcome.finish = (struct lw_message_package){.hash = hash,
+                                                          .size = sizes[0],
+                                                          .compressed_size = sizes[1],
+                                                          .part_size = &sizes[0],
+                                                          .part_compressed_size = &sizes[1],
+                                                          .part_hash = &hash,
+                                                          .part_count = 1};
+    return compressed;
+}
+
+/* A frame and all of its tiles, after which the client asks for finishes. */
+static void say_all_light(struct script *s, const struct world *w) {
+    uint8_t *payload = malloc(lw_tile_codec_bound());
+    say(s, &(struct lw_message){.type = LW_MESSAGE_FRAME, .frame = {.frame = 1}});
+    for (uint32_t t = 0; t < w->map.tile_count; t++) {
+        const struct lw_message tile = tile_message(w, t, 1, payload);
+        say(s, &tile);
+    }
+    free(payload);
+}
+
+static void expect_finish_failure(struct script *s, enum lw_status expected, const char *text) {
+    struct lw_client *client = NULL;
+    struct lw_error err = {0};
+    begin(s);
+    lw_support_ok(lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1",
+                                                            .port = s->port,
+                                                            .timeout_ms = 400,
+                                                            .budget_ns = 1, /* a message at a time */
+                                                            .materials = true},
+                                   &client, &err),
+                  &err);
+    enum lw_status status = LW_OK;
+    while (status == LW_OK) status = lw_client_poll(client, 100, &err);
+    lw_support_fails(status, expected, &err, text);
+    if (lw_client_scene(client)) expect_matt(client);
+    lw_client_destroy(client);
+    end(s);
+}
+
+static void test_damaged_finishes(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct lw_server_desc desc = {0};
+    struct lw_message welcome;
+    uint8_t *bytes = add_finishes(&w, &desc), *compressed;
+    const struct {
+        enum lw_status status;
+        const char *text;
+    } expected[] = {{LW_PROTOCOL, "message FINISH_CHUNK: out of order"},
+                    {LW_PROTOCOL, "finish package: chunk at 1 where 0 was expected"},
+                    {LW_PROTOCOL, "finish package: its hash is not the one promised"},
+                    {LW_BAD_DATA, "material 3, after 1 of 3"},
+                    {LW_PROTOCOL, "message FINISH_CHUNK: out of order"}};
+    for (int lie = 0; lie < 5; lie++) {
+        struct script s = {0};
+        uint8_t *record = bytes + 32 + 24 * 7 + 8 + 16 + 168; /* the second finish, behind the scene */
+        if (lie == 3) record[0] = 3;
+        compressed = tell_finishes(&w, &welcome, bytes, desc.finishes_size);
+        record[0] = 2;
+        if (lie == 2) welcome.welcome.finish.hash.bytes[3] ^= 1;
+        const size_t size = welcome.welcome.finish.compressed_size;
+        struct lw_message chunk = {.type = LW_MESSAGE_FINISH_CHUNK, .finish_chunk = {0, compressed, size}};
+        if (lie == 1) chunk.finish_chunk = (struct lw_message_package_chunk){1, compressed + 1, size - 1};
+        say(&s, &welcome);
+        if (lie) say_package(&s, &w);
+        if (lie) say_all_light(&s, &w);
+        say(&s, &chunk);
+        if (lie == 4) say(&s, &chunk); /* they are there */
+        if (lie < 4) {
+            expect_finish_failure(&s, expected[lie].status, expected[lie].text);
+        } else {
+            struct lw_client *client = NULL;
+            struct lw_error err = {0};
+            begin(&s);
+            enum lw_status status = lw_client_create(
+                &(struct lw_client_desc){
+                    .host = "127.0.0.1", .port = s.port, .budget_ns = 1, .materials = true},
+                &client, &err);
+            while (status == LW_OK) status = lw_client_poll(client, 100, &err);
+            lw_support_fails(status, LW_PROTOCOL, &err, expected[lie].text);
+            expect_finish(&w, client);
+            lw_client_destroy(client);
+            end(&s);
+        }
+        free(compressed);
+    }
+    free(bytes);
+    finish_world(&w);
+}
+
+/* What was cut short goes on in the same run, and begins again in another. */
+static void test_finishes_go_on(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct lw_server_desc desc = {0};
+    struct lw_message welcome;
+    uint8_t *bytes = add_finishes(&w, &desc), *compressed;
+    compressed = tell_finishes(&w, &welcome, bytes, desc.finishes_size);
+    const size_t size = welcome.welcome.finish.compressed_size, half = size / 2;
+    for (int same = 0; same < 2; same++) {
+        struct script s = {.closes = true};
+        struct lw_client *client;
+        struct lw_error err = {0};
+        welcome.welcome.run = 77;
+        say(&s, &welcome);
+        say_package(&s, &w);
+        say_all_light(&s, &w);
+        say(&s, &(struct lw_message){.type = LW_MESSAGE_FINISH_CHUNK, .finish_chunk = {0, compressed, half}});
+        begin(&s);
+        const uint16_t port = s.port;
+        lw_support_ok(lw_client_create(
+                          &(struct lw_client_desc){
+                              .host = "127.0.0.1", .port = port, .budget_ns = 1, .materials = true},
+                          &client, &err),
+                      &err);
+        lose_connection(client);
+        assert_int_equal(lw_client_finishes(client), LW_CLIENT_FINISHES_COMING);
+        end(&s);
+        const size_t from = same ? half : 0;
+        s = (struct script){.port = port};
+        welcome.welcome.run = same ? 77 : 78;
+        say(&s, &welcome);
+        say_all_light(&s, &w);
+        say(&s, &(struct lw_message){.type = LW_MESSAGE_FINISH_CHUNK,
+                                     .finish_chunk = {from, compressed + from, size - from}});
+        begin(&s);
+        lw_support_ok(lw_client_reconnect(client, &err), &err);
+        poll_until_finished(client);
+        expect_finish(&w, client);
+        lw_client_destroy(client);
+        end(&s);
+    }
+    free(compressed);
+    free(bytes);
     finish_world(&w);
 }
 
@@ -1692,6 +2012,11 @@ int main(void) {
         cmocka_unit_test(test_cache),
         cmocka_unit_test(test_parts),
         cmocka_unit_test(test_a_package_in_the_cache),
+        cmocka_unit_test(test_finishes),
+        cmocka_unit_test(test_cached_finishes),
+        cmocka_unit_test(test_finishes_of_another_session),
+        cmocka_unit_test(test_damaged_finishes),
+        cmocka_unit_test(test_finishes_go_on),
         cmocka_unit_test(test_backoff),
         cmocka_unit_test(test_download_goes_on),
         cmocka_unit_test(test_damaged_package),

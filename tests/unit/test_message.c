@@ -65,6 +65,20 @@ static const struct lw_message samples[] = {
                  .client_lights_size = sizeof bytes_of_data,
                  .client_materials = bytes_of_data,
                  .client_materials_size = 1}},
+    {.type = LW_MESSAGE_WELCOME,
+     .welcome = {.version = 1,
+                 .features = LW_FEATURE_MATERIALS,
+                 .package_size = 1,
+                 .package_compressed_size = 1,
+                 .finish = {.hash = {{16, 15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1}},
+                            .size = LW_FINISH_PACKAGE_SIZE_MAX,
+                            .compressed_size = 7,
+                            .part_size = (const uint64_t[]){1, LW_FINISH_PACKAGE_SIZE_MAX - 1},
+                            .part_compressed_size = (const uint64_t[]){3, 4},
+                            .part_hash = (const struct lw_package_hash[]){{{1}}, {{2}}},
+                            .part_count = 2}}},
+    {.type = LW_MESSAGE_FINISH_REQUEST, .finish_request = {LW_MESSAGE_COMPRESSED_MAX, bytes_of_data, 6}},
+    {.type = LW_MESSAGE_FINISH_CHUNK, .finish_chunk = {77777, bytes_of_data, sizeof bytes_of_data}},
     {.type = LW_MESSAGE_REFUSAL, .refusal = {.code = LW_REFUSAL_FULL, .text = "no more sessions"}},
     {.type = LW_MESSAGE_REFUSAL, .refusal = {.code = (enum lw_refusal)LW_MESSAGE_REFUSAL_MAX, .text = ""}},
     {.type = LW_MESSAGE_REFUSAL,
@@ -121,6 +135,18 @@ static const struct lw_message samples[] = {
 
 static void expect_text(const char *a, const char *b) { assert_string_equal(a ? a : "", b ? b : ""); }
 
+static void expect_same_finish(const struct lw_message_package *a, const struct lw_message_package *b) {
+    assert_int_equal(a->size, b->size);
+    assert_int_equal(a->compressed_size, b->compressed_size);
+    assert_int_equal(a->part_count, b->part_count);
+    assert_memory_equal(&a->hash, &b->hash, sizeof a->hash);
+    for (size_t i = 0; i < a->part_count; i++) {
+        assert_int_equal(a->part_size[i], b->part_size[i]);
+        assert_int_equal(a->part_compressed_size[i], b->part_compressed_size[i]);
+        assert_memory_equal(&a->part_hash[i], &b->part_hash[i], sizeof a->part_hash[i]);
+    }
+}
+
 static void expect_equal(const struct lw_message *a, const struct lw_message *b) {
     assert_int_equal(a->type, b->type);
     switch (a->type) {
@@ -150,6 +176,7 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
         assert_int_equal(a->welcome.client_materials_size, b->welcome.client_materials_size);
         assert_memory_equal(a->welcome.client_materials, b->welcome.client_materials,
                             a->welcome.client_materials_size);
+        expect_same_finish(&a->welcome.finish, &b->welcome.finish);
         break;
     case LW_MESSAGE_REFUSAL:
         assert_int_equal(a->refusal.code, b->refusal.code);
@@ -157,9 +184,13 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
         assert_int_equal(a->refusal.retry_after_ms, b->refusal.retry_after_ms);
         break;
     case LW_MESSAGE_PACKAGE_REQUEST:
+    case LW_MESSAGE_FINISH_REQUEST:
         assert_int_equal(a->package_request.offset, b->package_request.offset);
+        assert_int_equal(a->package_request.held_size, b->package_request.held_size);
+        assert_memory_equal(a->package_request.held, b->package_request.held, a->package_request.held_size);
         break;
     case LW_MESSAGE_PACKAGE_CHUNK:
+    case LW_MESSAGE_FINISH_CHUNK:
         assert_int_equal(a->package_chunk.offset, b->package_chunk.offset);
         assert_int_equal(a->package_chunk.size, b->package_chunk.size);
         assert_memory_equal(a->package_chunk.data, b->package_chunk.data, a->package_chunk.size);
@@ -955,9 +986,50 @@ static void test_waiting(void **state) {
     expect_invalid(&m, "stage is not in 1..65535");
 }
 
+/* A welcome with the most parts of both packages, and the most bits of client lights, fits a body. */
+static void test_parts_of_finishes(void **state) {
+    (void)state;
+    static uint64_t ones[LW_MESSAGE_PARTS_MAX];
+    static struct lw_package_hash hash[LW_MESSAGE_PARTS_MAX];
+    static uint8_t bits[LW_MESSAGE_CLIENT_LIGHTS_MAX];
+    for (size_t i = 0; i < LW_MESSAGE_PARTS_MAX; i++) ones[i] = 1;
+    struct lw_message m = {.type = LW_MESSAGE_WELCOME,
+                           .welcome = {.version = 1,
+                                       .package_size = LW_MESSAGE_PARTS_MAX,
+                                       .package_compressed_size = LW_MESSAGE_PARTS_MAX,
+                                       .part_size = ones,
+                                       .part_compressed_size = ones,
+                                       .part_hash = hash,
+                                       .part_count = LW_MESSAGE_PARTS_MAX,
+                                       .client_lights = bits,
+                                       .client_lights_size = sizeof bits,
+                                       .client_materials = bits,
+                                       .client_materials_size = LW_MESSAGE_CLIENT_MATERIALS_MAX,
+                                       .finish = {.size = LW_MESSAGE_FINISH_PARTS_MAX,
+                                                  .compressed_size = LW_MESSAGE_FINISH_PARTS_MAX,
+                                                  .part_size = ones,
+                                                  .part_compressed_size = ones,
+                                                  .part_hash = hash,
+                                                  .part_count = LW_MESSAGE_FINISH_PARTS_MAX}}};
+    uint8_t *bytes;
+    size_t size;
+    struct lw_error err = {0};
+    lw_support_ok(lw_message_encode_alloc(&m, &bytes, &size), NULL);
+    struct lw_message read;
+    lw_support_ok(lw_message_decode_whole(bytes, size, &read), NULL);
+    expect_equal(&m, &read);
+    lw_message_finish(&read);
+    free(bytes);
+    m.welcome.finish.part_count++;
+    m.welcome.finish.size++;
+    m.welcome.finish.compressed_size++;
+    lw_support_fails(lw_message_validate(&m, &err), LW_PROTOCOL, &err,
+                     "finish_part_size has over 8192 entries");
+}
+
 static void test_unknown_type(void **state) {
     (void)state;
-    const uint16_t types[] = {0, LW_MESSAGE_WAITING + 1, UINT16_MAX};
+    const uint16_t types[] = {0, LW_MESSAGE_FINISH_CHUNK + 1, UINT16_MAX};
     for (int i = 0; i < 3; i++) {
         struct lw_message m;
         struct lw_error err = {0};
@@ -969,7 +1041,7 @@ static void test_unknown_type(void **state) {
         err = (struct lw_error){0};
         lw_support_fails(lw_message_validate(&m, &err), LW_PROTOCOL, &err, "unknown");
     }
-    for (uint16_t type = LW_MESSAGE_HELLO; type <= LW_MESSAGE_WAITING; type++)
+    for (uint16_t type = LW_MESSAGE_HELLO; type <= LW_MESSAGE_FINISH_CHUNK; type++)
         assert_non_null(lw_message_name(type));
 }
 
@@ -990,6 +1062,7 @@ int main(void) {
         cmocka_unit_test(test_tile_numbers),
         cmocka_unit_test(test_fields),
         cmocka_unit_test(test_unknown_type),
+        cmocka_unit_test(test_parts_of_finishes),
         cmocka_unit_test(test_memory_of_an_empty_list),
         cmocka_unit_test(test_memory_budget),
         cmocka_unit_test(test_out_of_memory),

@@ -6,6 +6,7 @@
 #include "common/waiting.h"
 #include "server/serve/priority.h"
 #include "server/serve/server.h"
+#include "server/serve/session.h"
 #include "tests/support/server_clock.h"
 
 #include <arpa/inet.h>
@@ -579,6 +580,177 @@ static void test_parts_of_the_package(void **state) {
     close(s);
     end(f);
     free(package);
+    lw_scene_destroy(scene);
+}
+
+#define FINISH_PARTS 4u /* a head and three textures */
+
+static void add_finishes(struct lw_server_desc *desc, struct lw_scene **out_scene) {
+    uint8_t *bytes;
+    *out_scene = lw_support_everything();
+    lw_support_add_finishes(*out_scene);
+    lw_support_ok(lw_finish_package_write(*out_scene, &bytes, &desc->finishes_size, NULL), NULL);
+    desc->finishes = bytes;
+}
+
+static int dial_with_materials(const struct fixture *f, struct lw_message *out_welcome) {
+    int s = dial(f);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
+                                .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_MATERIALS}});
+    expect(s, LW_MESSAGE_WELCOME, out_welcome);
+    return s;
+}
+
+static void ask_for_finishes(int s, uint64_t offset, uint8_t held) {
+    put(s, &(struct lw_message){.type = LW_MESSAGE_FINISH_REQUEST, .finish_request = {offset, &held, 1}});
+}
+
+/* The same welcome and package as from a server without finishes, but for what is by chance. */
+static void test_who_knows_no_finishes_hears_of_none(void **state) {
+    (void)state;
+    struct lw_message of[2];
+    for (int with = 0; with < 2; with++) {
+        struct lw_server_desc desc = {0};
+        struct lw_scene *scene = NULL;
+        if (with) add_finishes(&desc, &scene);
+        struct fixture *f = start(&desc);
+        int s = dial(f);
+        put(s, &hello);
+        expect(s, LW_MESSAGE_WELCOME, &of[with]);
+        assert_int_equal(of[with].welcome.features, 0);
+        assert_int_equal(of[with].welcome.finish.size, 0);
+        if (with) { /* nor may it ask */
+            ask_for_package(s, of[with].welcome.package_compressed_size);
+            ask_for_finishes(s, 0, 0);
+            expect_refusal(s, LW_REFUSAL_PROTOCOL);
+        } else {
+            close(s);
+            s = dial_with_materials(f, &of[1]); /* a server without any */
+            assert_int_equal(of[1].welcome.features, 0);
+            assert_int_equal(of[1].welcome.finish.size, 0);
+            lw_message_finish(&of[1]);
+            close(s);
+        }
+        end(f);
+        free((void *)desc.finishes);
+        lw_scene_destroy(scene);
+    }
+    assert_memory_equal(&of[0].welcome.package_hash, &of[1].welcome.package_hash,
+                        sizeof of[0].welcome.package_hash);
+    assert_int_equal(of[0].welcome.package_size, of[1].welcome.package_size);
+    assert_int_equal(of[0].welcome.package_compressed_size, of[1].welcome.package_compressed_size);
+    for (int i = 0; i < 2; i++) lw_message_finish(&of[i]);
+}
+
+/* Chunks from an offset on, but for held parts, whose bytes are those of the package; behind the first
+ * light. */
+static void expect_finishes(const struct fixture *f, const struct lw_server_desc *desc, uint64_t offset,
+                            uint8_t held) {
+    struct lw_message welcome, m;
+    int s = dial_with_materials(f, &welcome);
+    const struct lw_message_package *told = &welcome.welcome.finish;
+    struct lw_package_hash hash;
+    lw_package_hash(desc->finishes, desc->finishes_size, &hash);
+    assert_int_equal(welcome.welcome.features, LW_FEATURE_MATERIALS);
+    assert_memory_equal(&told->hash, &hash, sizeof hash);
+    assert_int_equal(told->size, desc->finishes_size);
+    assert_int_equal(told->part_count, FINISH_PARTS);
+    ask_for_package(s, welcome.welcome.package_compressed_size);
+    ask_for_finishes(s, offset, held);
+    expect_frame(s, 7, 1);
+    expect_tiles(s, OBJECTS, 7); /* of the coarsest levels */
+    uint64_t begin = 0, at = 0;
+    uint32_t tiles = OBJECTS;
+    for (size_t i = 0; i < told->part_count; i++) {
+        const uint64_t end = begin + told->part_compressed_size[i], from = begin < offset ? offset : begin;
+        begin = end;
+        at += told->part_size[i];
+        if (held >> i & 1 || from >= end) continue;
+        for (;; lw_message_finish(&m), tiles++) { /* tiles go on beside them */
+            assert_true(get(s, &m));
+            if (m.type != LW_MESSAGE_TILE) break;
+        }
+        if (m.type == LW_MESSAGE_SETTLED) {
+            lw_message_finish(&m);
+            assert_true(get(s, &m));
+        }
+        assert_int_equal(m.type, LW_MESSAGE_FINISH_CHUNK);
+        assert_int_equal(m.finish_chunk.offset, from);
+        assert_int_equal(m.finish_chunk.size, end - from);
+        uint8_t bytes[4096];
+        if (from + told->part_compressed_size[i] == end) { /* all of it: a frame of its own */
+            assert_int_equal(ZSTD_decompress(bytes, sizeof bytes, m.finish_chunk.data, m.finish_chunk.size),
+                             told->part_size[i]);
+            assert_memory_equal(bytes, desc->finishes + at - told->part_size[i], told->part_size[i]);
+        }
+        lw_message_finish(&m);
+    }
+    lw_message_finish(&welcome);
+    close(s);
+}
+
+static void test_finishes(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    struct lw_server_desc desc = {0};
+    add_finishes(&desc, &scene);
+    struct fixture *f = start(&desc);
+    publish(f, make_snapshot(f, 7, 0));
+    for (unsigned held = 0; held < 1u << FINISH_PARTS; held += 3) expect_finishes(f, &desc, 0, (uint8_t)held);
+    for (uint64_t offset = 1; offset < 40; offset += 6) expect_finishes(f, &desc, offset * 7, offset % 16);
+    end(f);
+    free((void *)desc.finishes);
+    lw_scene_destroy(scene);
+}
+
+/* Asked for long before there is light, they come behind it, and then a chunk for each tile that waits. */
+static void test_finishes_wait_for_the_first_light(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    struct lw_server_desc desc = {0};
+    struct lw_message welcome, m;
+    add_finishes(&desc, &scene);
+    struct fixture *f = start(&desc);
+    int s = dial_with_materials(f, &welcome);
+    ask_for_package(s, welcome.welcome.package_compressed_size);
+    ask_for_finishes(s, 0, 0);
+    lw_message_finish(&welcome);
+    expect_silence(s);
+    publish(f, make_snapshot(f, 7, 0));
+    expect_frame(s, 7, 1);
+    expect_tiles(s, OBJECTS, 7); /* of the coarsest levels */
+    for (unsigned i = 0; i < FINISH_PARTS; i++) {
+        expect(s, LW_MESSAGE_FINISH_CHUNK, &m);
+        assert_true(LW_SESSION_TILES_FIRST * m.finish_chunk.size < PAYLOAD_SIZE);
+        lw_message_finish(&m);
+        expect_tiles(s, 1, 7);
+    }
+    expect_tiles(s, f->map.tile_count - OBJECTS - FINISH_PARTS, 7);
+    close(s);
+    end(f);
+    free((void *)desc.finishes);
+    lw_scene_destroy(scene);
+}
+
+/* What makes no sense is refused. */
+static void test_finishes_out_of_order(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    struct lw_server_desc desc = {0};
+    add_finishes(&desc, &scene);
+    struct fixture *f = start(&desc);
+    for (int wrong = 0; wrong < 4; wrong++) {
+        struct lw_message welcome;
+        int s = dial_with_materials(f, &welcome);
+        const uint64_t end = welcome.welcome.finish.compressed_size;
+        if (wrong) ask_for_package(s, welcome.welcome.package_compressed_size);
+        if (wrong == 1) ask_for_finishes(s, end, 0); /* and then again */
+        ask_for_finishes(s, wrong == 2 ? end + 1 : 0, wrong == 3 ? 1u << FINISH_PARTS : 0);
+        expect_refusal(s, LW_REFUSAL_PROTOCOL);
+        lw_message_finish(&welcome);
+    }
+    end(f);
+    free((void *)desc.finishes);
     lw_scene_destroy(scene);
 }
 
@@ -2748,6 +2920,10 @@ int main(void) {
         cmocka_unit_test(test_join),
         cmocka_unit_test(test_waiting_for_the_first_light),
         cmocka_unit_test(test_what_is_held_is_not_sent),
+        cmocka_unit_test(test_who_knows_no_finishes_hears_of_none),
+        cmocka_unit_test(test_finishes),
+        cmocka_unit_test(test_finishes_wait_for_the_first_light),
+        cmocka_unit_test(test_finishes_out_of_order),
         cmocka_unit_test(test_newer_snapshot),
         cmocka_unit_test(test_deltas),
         cmocka_unit_test(test_deltas_to_catch_up),

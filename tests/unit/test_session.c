@@ -118,14 +118,14 @@ static int start(void **state) {
     shared.silence_timeout_ns = LW_SERVER_SILENCE_S * SECOND_NS;
     shared.on_open = shared.on_close = note;
     static uint8_t data[LW_SESSION_CHUNK];
-    shared.chunk = calloc(CHUNKS, sizeof *shared.chunk);
-    for (; shared.chunk_count < CHUNKS; shared.chunk_count++) {
-        struct lw_session_chunk *chunk = &shared.chunk[shared.chunk_count];
+    shared.package.chunk = calloc(CHUNKS, sizeof *shared.package.chunk);
+    for (; shared.package.chunk_count < CHUNKS; shared.package.chunk_count++) {
+        struct lw_session_chunk *chunk = &shared.package.chunk[shared.package.chunk_count];
         const struct lw_message m = {
             .type = LW_MESSAGE_PACKAGE_CHUNK,
-            .package_chunk = {shared.chunk_count * LW_SESSION_CHUNK, data, sizeof data}};
+            .package_chunk = {shared.package.chunk_count * LW_SESSION_CHUNK, data, sizeof data}};
         lw_support_ok(lw_blob_from_message(&m, &chunk->blob), NULL);
-        chunk->end = (shared.chunk_count + 1ull) * LW_SESSION_CHUNK;
+        chunk->end = (shared.package.chunk_count + 1ull) * LW_SESSION_CHUNK;
         shared.welcome.package_compressed_size = chunk->end;
     }
     return 0;
@@ -140,8 +140,8 @@ static int finish(void **state) {
         lw_session_closed(s);
         free(link);
     }
-    for (uint32_t i = 0; i < CHUNKS; i++) lw_blob_unref(shared.chunk[i].blob);
-    free(shared.chunk);
+    for (uint32_t i = 0; i < CHUNKS; i++) lw_blob_unref(shared.package.chunk[i].blob);
+    free(shared.package.chunk);
     lw_interest_union_finish(&shared.interest_union);
     lw_updates_finish(&shared.updates);
     lw_address_places_finish(&shared.places);
