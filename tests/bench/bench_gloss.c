@@ -2,15 +2,15 @@
  *
  *     bench_gloss [OPTIONS] SCENE...
  *
- * Indirect E of texels, the solve's over that of paths that bounce by all lobes, normal maps included; one row
- * for each object with much light, and one for all. Columns:
+ * Indirect E of texels, the solve's over that of paths that bounce by all lobes, normal maps included; one
+ * row for each object with much light, and one for all. Columns:
  *   texels      of the object, those that paths start from
  *   E           indirect, by paths, W/m^2, luminance, with the standard error
  *   all         ratio: surfaces send back evenly all that their lobes send back (lw_lobes_albedo())
  *   left        ratio: what their gloss leaves; what is mirrored is lost
  *   matt        ratio, both without finishes: what the size of texels does
- *   tiles       in the row of all: mean of |solve - paths| / paths over tiles, weighted by their light, of each
- *               of the three */
+ *   tiles       in the row of all: mean of |solve - paths| / paths over tiles, weighted by their light, of
+ *               each of the three */
 #include "client/view/place.h"
 #include "common/colour.h"
 #include "common/light/direction.h"
@@ -36,6 +36,7 @@ enum solve { SOLVE_ALL, SOLVE_LEFT, SOLVE_MATT, SOLVES };
 struct settings {
     struct lw_scene_open open;
     int64_t bounces, frames, spp, texels, rows;
+    const char *without;
 };
 
 /* A texel that paths start from. */
@@ -300,12 +301,16 @@ static enum lw_status solve(struct job *job, enum solve which, struct lw_error *
 
 /* ---- texels ---- */
 
+static bool is_left_out(const struct job *job, uint32_t object) {
+    return job->settings->without && strcmp(job->settings->without, job->scene->object[object].name) == 0;
+}
+
 /* Every `step`th covered texel. */
 static size_t list_spots(const struct job *job, size_t step, struct spot *out) {
     size_t count = 0;
     for (uint32_t id = 0; id < job->map.tile_count; id++) {
         const struct lw_tile_place *place = &job->map.place[id];
-        if (place->level) continue;
+        if (place->level || is_left_out(job, place->object)) continue;
         const struct lw_texels *texels = &job->geometry.texels;
         const uint32_t start =
             lw_texels_tile_start(&texels->mesh[job->scene->object[place->object].mesh], place->x, place->y);
@@ -447,6 +452,7 @@ int main(int argc, char **argv) {
         {"spp", "N", "paths of a texel (default 64)", LW_OPTION_INT, &s.spp, LANES, 1 << 16, NULL},
         {"texels", "N", "texels that paths start from (default 16384)", LW_OPTION_INT, &s.texels, 16, 1 << 22,
          NULL},
+        {"without", "NAME", "an object that no paths start from", LW_OPTION_STRING, &s.without, 0, 0, NULL},
         {"rows", "N", "objects, those with most light (default 12)", LW_OPTION_INT, &s.rows, 0, 1000, NULL},
     };
     return bench_main(

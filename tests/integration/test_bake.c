@@ -397,6 +397,34 @@ static void an_unfinished_bake_is_not_mixed_with_another(void **state) {
     bake_fails(65, "cut short", arguments);
 }
 
+/* The same scene with another gloss is another scene: bounces differ. */
+static void nor_with_one_of_other_finishes(void **state) {
+    (void)state;
+    struct lw_scene *scene = lw_support_squares(1, 1);
+    struct lw_error err = {0};
+    char path[256], out[256], arguments[640];
+    const struct lw_texture_use none = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}};
+    const struct lw_finish finish = {.metalness = 1,
+                                     .specular_colour = {1, 1, 1},
+                                     .ior = 1.5f,
+                                     .normal_scale = 1,
+                                     .surface_texture = none,
+                                     .specular_texture = none,
+                                     .occlusion_texture = none,
+                                     .normal_texture = none};
+    snprintf(path, sizeof path, "%s", lw_support_temporary("finished.lwscene"));
+    snprintf(out, sizeof out, "%s", lw_support_temporary("finished"));
+    lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = 16}, NULL, &err),
+                  &err);
+    lw_support_ok(lw_package_save(scene, path, &err), &err);
+    interrupt(path, out, "");
+    scene->material[0].finish = &finish;
+    lw_support_ok(lw_package_save(scene, path, &err), &err);
+    snprintf(arguments, sizeof arguments, "%s -o %s --samples 4", path, out);
+    bake_fails(65, "of another scene or of other options", arguments);
+    lw_scene_destroy(scene);
+}
+
 /* Before there is light, the signal ends it without a file. */
 static void stopped_early_it_writes_nothing(void **state) {
     (void)state;
@@ -549,6 +577,7 @@ int main(void) {
         T(indirect_only_leaves_the_lamp_to_the_engine),
         T(a_back_that_is_lit_is_shown),
         T(resumed_is_uninterrupted),
+        T(nor_with_one_of_other_finishes),
         T(denoise_takes_noise_and_leaves_light),
         T(an_unfinished_bake_is_not_mixed_with_another),
         T(stopped_early_it_writes_nothing),
