@@ -1,13 +1,17 @@
 #include "client/view/compose.h"
 
+#include "client/view/ambient.h"
 #include "client/view/direct_pixels.h"
+#include "client/view/gloss.h"
 #include "client/view/place.h"
 #include "common/colour.h"
 #include "common/lightmap/lightmap.h"
 #include "common/scene/environment.h"
+#include "common/shading/tangent.h"
 #include "common/tile/bilinear.h"
 
 #include <omp.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -15,6 +19,7 @@
 #define LISTED      1024u /* the same, of pixels in a list */
 #define BLOCK       4u    /* pixels; one packet is BLOCK x BLOCK */
 
+_Static_assert(LW_GLOSS_WIDTH == LW_TRACE_WIDTH, "finishes are worked out packet by packet");
 _Static_assert(BLOCK *BLOCK == LW_TRACE_WIDTH, "a packet is one block of pixels");
 _Static_assert(SCREEN_TILE == BLOCK * LW_DIRECT_PIXELS_SIDE,
                "direct light is worked out for one screen tile");
@@ -50,7 +55,8 @@ struct packet {
     struct lw_vec3 radiance[LW_TRACE_WIDTH];
     struct lw_vec3
         reflects[LW_TRACE_WIDTH]; /* of the layer at hand: radiance that the eye sees, over E there */
-    float base[LW_TRACE_WIDTH];   /* E there, luminance */
+    struct lw_vec3 mirrors[LW_TRACE_WIDTH]; /* the same, over what the gloss mirrors; with a finish */
+    float base[LW_TRACE_WIDTH];             /* E there, luminance */
     float transmittance[LW_TRACE_WIDTH];
     struct lw_vec3 tint[LW_TRACE_WIDTH]; /* on top of that */
     const struct lw_camera_plane *plane;
@@ -95,13 +101,15 @@ struct lw_compose {
     bool surveys;         /* a survey shows nothing */
 
     struct lw_direct_pixels *direct; /* NULL: all light is in the tiles */
-    struct lw_place *place;          /* per object; with direct alone */
-    struct worker *worker;           /* per thread; likewise */
+    struct lw_place *place;          /* per object; with direct or finishes alone */
+    struct worker *worker;           /* per thread; with direct alone */
+    struct lw_ambient ambient;       /* with finishes alone */
 
     /* this render's */
     enum lw_show show;
     const struct lw_vec3 *tile_colour;
     const struct lw_pose *pose;
+    bool finishes; /* pixels of finished surfaces are worked out by their finish */
     struct lw_vec3 sky;
     struct lw_vec3 stand_in; /* irradiance where nothing at all has arrived */
     float mean;              /* irradiance of what has arrived, luminance; 0: nothing */
@@ -156,9 +164,8 @@ static void lay_out_levels(struct lw_compose *compose) {
 }
 
 static bool init_direct(struct lw_compose *compose, const struct lw_compose_desc *desc) {
-    compose->place = calloc((size_t)desc->scene->object_count + 1, sizeof *compose->place);
     compose->worker = aligned_alloc(64, (size_t)compose->threads * sizeof *compose->worker);
-    if (!compose->place || !compose->worker) return false;
+    if (!compose->worker) return false;
     memset(compose->worker, 0, (size_t)compose->threads * sizeof *compose->worker);
     for (int i = 0; i < compose->threads; i++)
         if (lw_direct_tile_create(&compose->worker[i].tile) != LW_OK) return false;
@@ -191,9 +198,11 @@ enum lw_status lw_compose_create(const struct lw_compose_desc *desc, struct lw_c
     compose->needed = calloc((size_t)map->tile_count + 1, 1);
     compose->around = calloc((size_t)map->tile_count + 1, 1);
     compose->shown = calloc((size_t)map->tile_count + 1, sizeof *compose->shown);
+    compose->place = calloc((size_t)desc->scene->object_count + 1, sizeof *compose->place);
     compose->survey = calloc((size_t)SURVEY_SIDE * SURVEY_SIDE * 3, sizeof *compose->survey);
     if (!compose->level || !compose->object || !compose->coarsest || !compose->here ||
-        !compose->noise_level || !compose->needed || !compose->around || !compose->shown || !compose->survey)
+        !compose->noise_level || !compose->needed || !compose->around || !compose->shown ||
+        !compose->survey || !compose->place)
         goto fail;
     if (!find_coarsest(compose)) goto fail;
     if (lw_client_lights_any(desc->drawn) && !init_direct(compose, desc)) goto fail;
@@ -210,6 +219,7 @@ void lw_compose_destroy(struct lw_compose *compose) {
     lw_direct_pixels_destroy(compose->direct);
     for (int i = 0; compose->worker != NULL && i < compose->threads; i++)
         lw_direct_tile_destroy(compose->worker[i].tile);
+    lw_ambient_finish(&compose->ambient);
     free(compose->worker);
     free(compose->place);
     free(compose->shown);
@@ -253,6 +263,21 @@ static struct lw_vec3 average_irradiance(const struct lw_compose *compose, bool 
     return lw_vec3(LW_PI, LW_PI, LW_PI);
 }
 
+static bool is_finished(const struct lw_material *material) { return material->finish && !material->unlit; }
+
+/* Whether any material has a finish, or all surfaces are shown as if they had one. */
+static bool find_finishes(const struct lw_compose *compose) {
+    if (lw_show_is_of_finish(compose->show)) return true;
+    for (uint32_t m = 0; m < compose->scene->material_count; m++)
+        if (is_finished(&compose->scene->material[m])) return true;
+    return false;
+}
+
+static void place_objects(struct lw_compose *compose) {
+    for (uint32_t o = 0; o < compose->scene->object_count; o++)
+        compose->place[o] = lw_place_of(&compose->pose->object_to_world[o]);
+}
+
 static void begin(struct lw_compose *compose, const struct lw_compose_source *source,
                   const struct lw_pose *pose) {
     const struct lw_atlas_map *map = compose->map;
@@ -275,6 +300,11 @@ static void begin(struct lw_compose *compose, const struct lw_compose_source *so
     bool known;
     compose->stand_in = average_irradiance(compose, &known);
     compose->mean = known ? lw_colour_luminance(compose->stand_in) : 0;
+    compose->finishes = find_finishes(compose);
+    if (!compose->finishes) return;
+    place_objects(compose);
+    /* without memory for it nothing is mirrored of the environment but what E tells */
+    if (lw_ambient_take(&compose->ambient, &compose->scene->environment) != LW_OK) return;
 }
 
 /* The texels that a bilinear lookup reads, how it weighs them, and the tiles that hold them. */
@@ -364,11 +394,14 @@ struct patch {
     float grazing;         /* COSINE_MIN of that */
     float texels;          /* of level 0 on twice the triangle */
     unsigned coarsest;     /* no coarser level serves */
-    /* with direct light: */
+    /* with direct light or finishes: */
     bool flat;                /* all normals are the face's */
     struct lw_vec3 corner[3]; /* world space, m */
     struct lw_vec3 face;      /* unit normal */
     float largest_m;          /* of lw_trace_lift() */
+    /* of a normal map: where its u points at the corners, world space, any length; its handedness there */
+    struct lw_vec3 tangent[3];
+    float turn;
 };
 
 /* Whether corners' normals are the face's, but for rounding. */
@@ -393,6 +426,19 @@ static void place_patch(const struct lw_compose *compose, uint32_t o, const stru
     out->largest_m = place->growth * largest + place->shift_m;
 }
 
+static void turn_patch(const struct lw_compose *compose, uint32_t o, const struct lw_mesh *mesh,
+                       struct patch *out) {
+    const struct lw_affine *to_world = &compose->place[o].to_world;
+    const uint16_t *code = mesh->tangent + 3 * (size_t)out->triangle;
+    float turn = 1;
+    for (int k = 0; k < 3; k++) {
+        const struct lw_vec4 t = lw_tangent_decode(code[k], mesh->normal[out->facet.vertex[k]]);
+        out->tangent[k] = lw_affine_vector(to_world, lw_vec3(t.x, t.y, t.z));
+        turn = t.w;
+    }
+    out->turn = lw_affine_determinant(to_world) < 0 ? -turn : turn;
+}
+
 static void find_patch(const struct lw_compose *compose, uint32_t o, uint32_t triangle, struct patch *out) {
     const uint32_t m = compose->scene->object[o].mesh;
     const struct lw_mesh *mesh = &compose->scene->mesh[m];
@@ -410,7 +456,8 @@ static void find_patch(const struct lw_compose *compose, uint32_t o, uint32_t tr
         fabsf((uv[1].x - uv[0].x) * (uv[2].y - uv[0].y) - (uv[1].y - uv[0].y) * (uv[2].x - uv[0].x));
     out->coarsest =
         compose->coarsest[m] && lw_vec3_length(normal_os) > 1e-30f ? compose->coarsest[m][triangle] : 0;
-    if (compose->direct) place_patch(compose, o, mesh, normal_os, out);
+    if (compose->direct || compose->finishes) place_patch(compose, o, mesh, normal_os, out);
+    if (compose->finishes && mesh->tangent && out->facet.material->finish) turn_patch(compose, o, mesh, out);
 }
 
 /* The level of which a texel is as large as the pixel where its ray meets the surface, or smaller.
@@ -453,10 +500,17 @@ struct look {
     const struct object *object;
     float weight[3];
     struct lw_texture_quad texels;
-    struct lw_vec2 uv; /* of the lightmap */
+    struct lw_finish_texels finish; /* where shades_finish() and it has one */
+    struct lw_vec2 uv;              /* of the lightmap */
     unsigned level;
     struct footprint footprint; /* in that */
 };
+
+/* Whether a surface is shaded by its finish. */
+static bool shades_finish(const struct lw_compose *compose, const struct lw_material *material) {
+    return compose->finishes && !compose->surveys &&
+           (is_finished(material) || lw_show_is_of_finish(compose->show));
+}
 
 /* Finds out what a hit is to be shaded from, and starts to fetch it. */
 static void look_at(const struct lw_compose *compose, struct patches *patches, const struct packet *p,
@@ -470,6 +524,8 @@ static void look_at(const struct lw_compose *compose, struct patches *patches, c
     out->weight[1] = hits->u[i];
     out->weight[2] = hits->v[i];
     if (facet->varies) lw_scene_facet_texels(compose->scene, facet, out->weight, &out->texels);
+    if (shades_finish(compose, facet->material) && is_finished(facet->material))
+        lw_scene_facet_finish_texels(compose->scene, facet, out->weight, &out->texels, &out->finish);
 
     const struct object *object = &compose->object[hits->object[i]];
     out->object = object;
@@ -548,9 +604,129 @@ static struct lw_vec3 behind(const struct lw_compose *compose, struct lw_vec3 di
     return lw_vec3_add(compose->sky, lw_environment_radiance(&compose->scene->environment, direction));
 }
 
+/* The point of a surface that a pixel shows, as rays of light start there. */
+static struct lw_place_point point_of(const struct lw_compose *compose, const struct look *look,
+                                      const struct lw_hit16 *hits, unsigned i) {
+    const struct patch *patch = look->patch;
+    const struct lw_mesh *mesh = patch->facet.mesh;
+    if (patch->flat) {
+        const struct lw_vec3 face = lw_vec3_scale(patch->face, hits->back[i] ? -1.0f : 1.0f);
+        struct lw_vec3 at = lw_vec3_scale(patch->corner[0], look->weight[0]);
+        at = lw_vec3_mad(at, patch->corner[1], look->weight[1]);
+        at = lw_vec3_mad(at, patch->corner[2], look->weight[2]);
+        return (struct lw_place_point){lw_trace_lift(at, face, patch->largest_m), face, face};
+    }
+    struct lw_surface surface;
+    surface.normal =
+        lw_scene_normal(mesh, patch->triangle, hits->u[i], hits->v[i], &surface.geometric_normal);
+    return lw_place_point(&compose->place[patch->object], mesh, hits, i, &surface);
+}
+
+/* The same without its origin, where no light is looked for. */
+static struct lw_place_point facing_of(const struct lw_compose *compose, const struct look *look,
+                                       const struct lw_hit16 *hits, unsigned i) {
+    const struct patch *patch = look->patch;
+    const float side = hits->back[i] ? -1.0f : 1.0f;
+    struct lw_place_point point = {.normal = lw_vec3_scale(patch->face, side)};
+    if (patch->flat) return point;
+    struct lw_vec3 face;
+    const struct lw_vec3 normal =
+        lw_scene_normal(patch->facet.mesh, patch->triangle, hits->u[i], hits->v[i], &face);
+    const struct lw_vec3 turned =
+        lw_affine_vector(&compose->place[patch->object].to_normal, lw_scene_light_normal(normal, face));
+    point.normal = lw_vec3_scale(lw_vec3_normalize(turned), side);
+    return point;
+}
+
+/* The lanes of a packet that have met surfaces with a finish. */
+struct finished {
+    struct lw_gloss16 gloss;
+    float e[3][LW_TRACE_WIDTH];
+    uint16_t lanes;
+    struct lw_place_point point[LW_TRACE_WIDTH]; /* from here on of those lanes alone */
+    struct lw_gloss_seen16 seen;
+    struct lw_vec3 factor[LW_TRACE_WIDTH]; /* of what leaves: how much of it the eye sees */
+    float weight[LW_TRACE_WIDTH];          /* the same without colour */
+    struct lw_vec3 emission[LW_TRACE_WIDTH];
+    unsigned level[LW_TRACE_WIDTH]; /* that e is read at */
+};
+
+static void set_lane(float (*to)[LW_TRACE_WIDTH], unsigned i, struct lw_vec3 v) {
+    to[0][i] = v.x, to[1][i] = v.y, to[2][i] = v.z;
+}
+
+static struct lw_vec3 mean3(const struct lw_vec3 corner[3], const float weight[3]) {
+    const struct lw_vec3 a = lw_vec3_scale(corner[0], weight[0]);
+    return lw_vec3_mad(lw_vec3_mad(a, corner[1], weight[1]), corner[2], weight[2]);
+}
+
+/* Where the normal map of a lane points. */
+static void take_tangent(const struct look *look, unsigned i, struct lw_gloss16 *out) {
+    if (!look->finish.normal.at[0]) return;
+    set_lane(out->tangent, i, mean3(look->patch->tangent, look->weight));
+    out->turn[i] = look->patch->turn;
+}
+
+/* Notes a hit for shade_finished(). surface: its base, alpha and emission */
+static void take_finish(struct lw_compose *compose, const struct packet *p, const struct look *look,
+                        const struct lw_hit16 *hits, unsigned i, const struct lw_surface *surface,
+                        float weight, struct finished *f) {
+    struct lw_gloss16 *g = &f->gloss;
+    if (f->lanes == 0) memset(f, 0, offsetof(struct finished, point));
+    f->lanes |= (uint16_t)(1u << i);
+    f->point[i] = (compose->direct ? point_of : facing_of)(compose, look, hits, i);
+    set_lane(g->base, i, surface->base), set_lane(g->plain, i, f->point[i].normal);
+    const struct lw_material *material = look->patch->facet.material;
+    const bool finished = is_finished(material);
+    lw_gloss_take(g, i, compose->scene, finished ? material : NULL, &look->finish);
+    if (finished) take_tangent(look, i, g);
+    g->side[i] = hits->back[i] ? -1 : 1;
+    set_lane(g->to_eye, i, lw_vec3(-p->rays.dir_x[i], -p->rays.dir_y[i], -p->rays.dir_z[i]));
+    f->weight[i] = weight;
+    f->factor[i] = lw_vec3_scale(p->tint[i], weight);
+    f->emission[i] = surface->emission;
+    set_lane(f->e, i, irradiance(compose, look, &f->level[i]));
+}
+
+/* A chart of a lane's finish. */
+static struct lw_vec3 finish_chart(const struct lw_compose *compose, const struct finished *f, unsigned i) {
+    const float(*n)[LW_TRACE_WIDTH] = f->seen.normal;
+    if (compose->show == LW_SHOW_NORMALS) return lw_show_normal_colour(lw_vec3(n[0][i], n[1][i], n[2][i]));
+    return grey(compose->show == LW_SHOW_ROUGHNESS ? f->seen.roughness[i] : f->seen.metalness[i]);
+}
+
+/* Shades the lanes that shade() has left. */
+static void shade_finished(const struct lw_compose *compose, struct packet *p,
+                           const struct look look[LW_TRACE_WIDTH], struct finished *f) {
+    const struct lw_gloss_sky sky = {compose->sky, &compose->ambient};
+    float out[3][LW_TRACE_WIDTH];
+    lw_gloss_see16(&f->gloss, &f->seen);
+    lw_gloss_ambient16(&f->gloss, &f->seen, f->lanes, &sky, (const float(*)[LW_TRACE_WIDTH])f->e, out);
+    for (uint32_t left = f->lanes; left; left &= left - 1) {
+        const unsigned i = (unsigned)__builtin_ctz(left);
+        const struct lw_vec3 reflected = lw_vec3(out[0][i], out[1][i], out[2][i]),
+                             e = lw_vec3(f->e[0][i], f->e[1][i], f->e[2][i]);
+        struct lw_vec3 reflects =
+            lw_vec3(f->seen.diffuse[0][i], f->seen.diffuse[1][i], f->seen.diffuse[2][i]);
+        const struct lw_vec3 shown =
+            lw_show_is_of_finish(compose->show)
+                ? finish_chart(compose, f, i)
+                : leaving(compose, &look[i], f->emission[i], reflected, e, f->level[i], &reflects);
+        const bool mirrors = compose->show == LW_SHOW_ALL || compose->show == LW_SHOW_DIRECT;
+        const float light = f->weight[i] * lw_colour_luminance(reflected);
+        if (lw_show_is_of_finish(compose->show)) reflects = grey(0);
+        p->radiance[i] = lw_vec3_add(p->radiance[i], lw_vec3_mul(shown, f->factor[i]));
+        if (light > p->reflected[i] && look[i].object->level_count > 0)
+            p->reflected[i] = light, p->tile[i] = look[i].footprint.tile[0];
+        p->base[i] = lw_colour_luminance(e);
+        p->reflects[i] = lw_vec3_scale(lw_vec3_mul(reflects, f->factor[i]), 1.0f / LW_PI);
+        p->mirrors[i] = mirrors ? f->factor[i] : grey(0);
+    }
+}
+
 /* Takes in one hit; true if the ray goes on behind it. */
 static bool shade(struct lw_compose *compose, struct packet *p, const struct look *look,
-                  const struct lw_hit16 *hits, unsigned i, bool last) {
+                  const struct lw_hit16 *hits, unsigned i, bool last, struct finished *f) {
     struct lw_vec3 *radiance = &p->radiance[i];
     p->reflects[i] = lw_vec3(0, 0, 0);
     if (look->patch == NULL) {
@@ -560,11 +736,18 @@ static bool shade(struct lw_compose *compose, struct packet *p, const struct loo
         return false;
     }
     const struct lw_facet *facet = &look->patch->facet;
-    struct lw_surface surface = {.albedo = facet->albedo, .emission = facet->emission, .alpha = facet->alpha};
-    if (facet->varies) lw_scene_facet_colour(compose->scene, facet, look->weight, &look->texels, &surface);
+    struct lw_surface surface = {
+        .albedo = facet->albedo, .base = facet->base, .emission = facet->emission, .alpha = facet->alpha};
+    const bool finished = shades_finish(compose, facet->material);
+    if (facet->varies)
+        (finished ? lw_scene_facet_base : lw_scene_facet_colour)(compose->scene, facet, look->weight,
+                                                                 &look->texels, &surface);
     float alpha = 1.0f;
     if (facet->material->alpha_mode == LW_ALPHA_BLEND && !last) alpha = surface.alpha;
-    if (alpha > 0) {
+    if (alpha > 0 && finished) {
+        take_finish(compose, p, look, hits, i, &surface, p->transmittance[i] * alpha, f);
+        p->transmittance[i] *= 1.0f - alpha;
+    } else if (alpha > 0) {
         unsigned level;
         const struct lw_vec3 e = irradiance(compose, look, &level);
         struct lw_vec3 reflected = lw_vec3_scale(lw_vec3_mul(surface.albedo, e), 1.0f / LW_PI);
@@ -639,14 +822,17 @@ static void note_shown(struct lw_compose *compose, const struct packet *p, uint1
 
 /* Takes in the nearest hits of a packet's rays; returns the rays that go on behind them. */
 static uint16_t meet(struct lw_compose *compose, struct packet *p, uint16_t going, bool last,
-                     struct patches *patches, struct look look[LW_TRACE_WIDTH], struct lw_hit16 *hits) {
+                     struct patches *patches, struct look look[LW_TRACE_WIDTH], struct lw_hit16 *hits,
+                     struct finished *f) {
     uint16_t go_on = 0;
+    f->lanes = 0;
     lw_trace_closest16(compose->trace, LW_TRACE_VIEW | LW_TRACE_COHERENT, going, &p->rays, hits);
     patches->packet++;
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++)
         if (going >> i & 1u) look_at(compose, patches, p, hits, i, &look[i]);
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++)
-        if ((going >> i & 1u) && shade(compose, p, &look[i], hits, i, last)) go_on |= (uint16_t)(1u << i);
+        if ((going >> i & 1u) && shade(compose, p, &look[i], hits, i, last, f)) go_on |= (uint16_t)(1u << i);
+    if (f->lanes) shade_finished(compose, p, look, f);
     return go_on;
 }
 
@@ -656,10 +842,11 @@ static void render_packet(struct lw_compose *compose, const struct lw_compose_vi
                           struct patches *patches, struct packet *p) {
     struct look look[LW_TRACE_WIDTH];
     struct lw_hit16 hits;
+    struct finished finished;
     uint16_t going = at->active;
     aim(p, view, plane, at);
     for (unsigned layer = 1; going && layer <= LW_COMPOSE_LAYERS_MAX; layer++)
-        going = meet(compose, p, going, layer == LW_COMPOSE_LAYERS_MAX, patches, look, &hits);
+        going = meet(compose, p, going, layer == LW_COMPOSE_LAYERS_MAX, patches, look, &hits, &finished);
 }
 
 static void place_block(const struct lw_compose_view *view, uint32_t x, uint32_t y, struct places *out) {
@@ -691,37 +878,24 @@ static void render_block(struct lw_compose *compose, const struct lw_compose_vie
     show(compose, view, &p, &at, out_rgb);
 }
 
-/* The point of a surface that a pixel shows, as rays of light start there. */
-static struct lw_place_point point_of(const struct lw_compose *compose, const struct look *look,
-                                      const struct lw_hit16 *hits, unsigned i) {
-    const struct patch *patch = look->patch;
-    const struct lw_mesh *mesh = patch->facet.mesh;
-    if (patch->flat) {
-        const struct lw_vec3 face = lw_vec3_scale(patch->face, hits->back[i] ? -1.0f : 1.0f);
-        struct lw_vec3 at = lw_vec3_scale(patch->corner[0], look->weight[0]);
-        at = lw_vec3_mad(at, patch->corner[1], look->weight[1]);
-        at = lw_vec3_mad(at, patch->corner[2], look->weight[2]);
-        return (struct lw_place_point){lw_trace_lift(at, face, patch->largest_m), face, face};
-    }
-    struct lw_surface surface;
-    surface.normal =
-        lw_scene_normal(mesh, patch->triangle, hits->u[i], hits->v[i], &surface.geometric_normal);
-    return lw_place_point(&compose->place[patch->object], mesh, hits, i, &surface);
-}
+static bool is_any(struct lw_vec3 v) { return v.x + v.y + v.z > 0; }
 
 static void note_points(const struct lw_compose *compose, const struct packet *p, uint16_t going,
                         const struct look look[LW_TRACE_WIDTH], const struct lw_hit16 *hits,
-                        struct lw_direct_block *out) {
+                        const struct finished *f, struct lw_direct_block *out) {
     struct lw_points16 *at = &out->points;
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
         if (!(going >> i & 1u) || !look[i].patch) continue;
-        if (!(p->reflects[i].x + p->reflects[i].y + p->reflects[i].z > 0)) continue;
-        const struct lw_place_point point = point_of(compose, &look[i], hits, i);
+        const bool finished = f->lanes >> i & 1u;
+        if (!is_any(p->reflects[i]) && !(finished && is_any(p->mirrors[i]))) continue;
+        const struct lw_place_point point = finished ? f->point[i] : point_of(compose, &look[i], hits, i);
         at->x[i] = point.origin.x, at->y[i] = point.origin.y, at->z[i] = point.origin.z;
         at->nx[i] = point.normal.x, at->ny[i] = point.normal.y, at->nz[i] = point.normal.z;
         out->base[i] = p->base[i];
         out->active |= (uint16_t)(1u << i);
     }
+    out->finished = f->lanes & out->active;
+    if (out->finished) out->seen = f->seen;
 }
 
 static void add_direct(struct packet *p, const struct lw_direct_block *block) {
@@ -729,6 +903,10 @@ static void add_direct(struct packet *p, const struct lw_direct_block *block) {
         if (!(block->active >> i & 1u)) continue;
         const struct lw_vec3 e = lw_vec3(block->e[0][i], block->e[1][i], block->e[2][i]);
         p->radiance[i] = lw_vec3_add(p->radiance[i], lw_vec3_mul(p->reflects[i], e));
+        if (!(block->finished >> i & 1u)) continue;
+        const struct lw_vec3 mirrored =
+            lw_vec3(block->mirrored[0][i], block->mirrored[1][i], block->mirrored[2][i]);
+        p->radiance[i] = lw_vec3_add(p->radiance[i], lw_vec3_mul(p->mirrors[i], mirrored));
     }
 }
 
@@ -736,6 +914,7 @@ static void add_direct(struct packet *p, const struct lw_direct_block *block) {
 static void render_lit(struct lw_compose *compose, const struct lw_compose_view *view,
                        const struct lw_camera_plane *plane, struct patches *patches, struct worker *w) {
     struct look look[LW_TRACE_WIDTH];
+    struct finished finished;
     bool any = false;
     for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) {
         w->going[b] = w->at[b].active;
@@ -747,12 +926,12 @@ static void render_lit(struct lw_compose *compose, const struct lw_compose_view 
         any = false;
         for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) {
             struct lw_hit16 hits;
-            w->tile->block[b].active = 0;
+            w->tile->block[b].active = w->tile->block[b].finished = 0;
             if (!w->going[b]) continue;
             const uint16_t met = w->going[b];
-            w->going[b] =
-                meet(compose, &w->packet[b], met, layer == LW_COMPOSE_LAYERS_MAX, patches, look, &hits);
-            note_points(compose, &w->packet[b], met, look, &hits, &w->tile->block[b]);
+            w->going[b] = meet(compose, &w->packet[b], met, layer == LW_COMPOSE_LAYERS_MAX, patches, look,
+                               &hits, &finished);
+            note_points(compose, &w->packet[b], met, look, &hits, &finished, &w->tile->block[b]);
             any |= w->going[b] != 0;
         }
         lw_direct_pixels_light(compose->direct, w->tile);
@@ -801,8 +980,7 @@ static void render(struct lw_compose *compose, const struct lw_compose_view *vie
 }
 
 static void begin_direct(struct lw_compose *compose, uint32_t sample) {
-    for (uint32_t o = 0; o < compose->scene->object_count; o++)
-        compose->place[o] = lw_place_of(&compose->pose->object_to_world[o]);
+    if (!compose->finishes) place_objects(compose);
     for (int i = 0; i < compose->threads; i++) compose->worker[i].tile->rays = 0;
     lw_direct_pixels_begin(compose->direct, compose->pose, compose->mean, sample);
 }
@@ -817,9 +995,9 @@ static uint64_t count_shadow_rays(const struct lw_compose *compose) {
 void lw_compose_render(struct lw_compose *compose, const struct lw_compose_source *source,
                        const struct lw_pose *pose, const struct lw_compose_view *view, float *out_rgb,
                        struct lw_compose_report *out_report) {
-    begin(compose, source, pose);
     compose->show = view->show;
     compose->tile_colour = view->tile_colour;
+    begin(compose, source, pose);
     memset(compose->shown, 0, compose->map->tile_count * sizeof *compose->shown);
     compose->pixel_count = (uint64_t)view->width * view->height;
     if (compose->direct) begin_direct(compose, view->sample);
@@ -908,9 +1086,9 @@ void lw_compose_survey(struct lw_compose *compose, const struct lw_compose_sourc
     struct lw_camera_plane plane = lw_camera_plane(&wide.camera, wide.width, wide.height);
     plane.pixel = lw_camera_plane(&view->camera, view->width, view->height).pixel;
     swap_needed(compose);
-    begin(compose, source, pose);
     compose->show = LW_SHOW_ALL;
     compose->surveys = true;
+    begin(compose, source, pose);
     render(compose, &wide, &plane, false, compose->survey);
     compose->surveys = false;
     swap_needed(compose);

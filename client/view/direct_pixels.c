@@ -337,7 +337,11 @@ struct lw_direct_work {
     uint16_t facing[BLOCKS]; /* bit i: e > 0 */
     /* bit i: e is at least SHARE_FAINT, SHARE_SEEN, SHARE_NOISY of all */
     uint16_t faint[BLOCKS], seen[BLOCKS], noisy[BLOCKS];
+    /* of the light at hand, of blocks with a finish: what pixels mirror of e, lw_gloss_lamp16() */
+    float dv[BLOCKS][LANES], rim[BLOCKS][LANES];
+    uint16_t reached[BLOCKS];                           /* likewise: bit i: e > 0 */
     uint16_t flat[BLOCKS];                              /* bit i: pixel i belongs to a quad on one surface */
+    bool finished;                                      /* some pixels of the tile have a finish */
     bool whole[BLOCKS];                                 /* the block lies on one flat piece of surface */
     uint8_t lit[BLOCKS * LANES], taken[BLOCKS * LANES]; /* shadow rays */
     float share[BLOCKS * LANES];
@@ -496,6 +500,95 @@ static struct lw_vec3 colour_of(const struct lw_direct_pixels *d, uint32_t candi
                                                          : d->lights.punctual[index].intensity;
 }
 
+/* ---- finishes ---- */
+
+/* Points with their bumped normals. */
+LW_WIDE static void bump_points(const struct lw_direct_block *restrict block,
+                                struct lw_points16 *restrict out) {
+    for (uint32_t i = 0; i < LANES; i++) {
+        const bool finished = block->finished >> i & 1u;
+        out->x[i] = block->points.x[i], out->y[i] = block->points.y[i], out->z[i] = block->points.z[i];
+        out->nx[i] = finished ? block->seen.normal[0][i] : block->points.nx[i];
+        out->ny[i] = finished ? block->seen.normal[1][i] : block->points.ny[i];
+        out->nz[i] = finished ? block->seen.normal[2][i] : block->points.nz[i];
+    }
+}
+
+/* The points whose plain surface a lamp is above. */
+LW_WIDE static uint32_t find_above(const struct lw_points16 *restrict p, struct lw_vec3 at, float at_point,
+                                   float radius) {
+    uint32_t bits = 0;
+    for (uint32_t i = 0; i < LANES; i++) {
+        const float x = at.x - at_point * p->x[i], y = at.y - at_point * p->y[i],
+                    z = at.z - at_point * p->z[i];
+        bits |= p->nx[i] * x + p->ny[i] * y + p->nz[i] * z > -radius ? 1u << i : 0;
+    }
+    return bits;
+}
+
+/* A cluster looks like a disc that is smaller than the ball around it. */
+#define DISC_SHARE 0.6f
+
+static struct lw_gloss_lamp lamp_of(const struct lw_direct_pixels *d, uint32_t candidate) {
+    const struct candidates *c = &d->candidates;
+    const uint32_t index = c->index[candidate];
+    if (c->kind[candidate] != KIND_SUN)
+        return (struct lw_gloss_lamp){.at = lw_vec3(c->x[candidate], c->y[candidate], c->z[candidate]),
+                                      .radius = DISC_SHARE * c->radius_m[candidate]};
+    return (struct lw_gloss_lamp){.at = lw_vec3_scale(d->lights.punctual[index].direction_ws, -1),
+                                  .radius = tanf(0.5f * d->desc.scene->light[index].angular_diameter),
+                                  .is_sun = true};
+}
+
+/* light_points() of a block with finishes, and what it mirrors of that. */
+static uint16_t light_finished(const struct lw_direct_pixels *d, uint32_t candidate,
+                               const struct lw_direct_block *block, float e[LANES], float dv[LANES],
+                               float rim[LANES]) {
+    const struct lw_gloss_lamp lamp = lamp_of(d, candidate);
+    struct lw_points16 bumped;
+    bump_points(block, &bumped);
+    const uint32_t reached = light_points(d, candidate, &bumped, e);
+    const uint32_t above =
+        find_above(&block->points, lamp.at, lamp.is_sun ? 0 : 1, lamp.is_sun ? 0 : lamp.radius);
+    lw_gloss_lamp16(&block->seen, &block->points, &lamp, dv, rim);
+    return (uint16_t)(reached & (above | ~(uint32_t)block->finished));
+}
+
+static uint16_t light_block(const struct lw_direct_pixels *d, uint32_t candidate, struct lw_direct_work *w,
+                            const struct lw_direct_block *block, uint32_t b) {
+    return block->finished ? light_finished(d, candidate, block, w->e[b], w->dv[b], w->rim[b])
+                           : light_points(d, candidate, &block->points, w->e[b]);
+}
+
+/* Adds what pixels mirror of e to the radiance that they send out. colour: of e */
+LW_WIDE static void add_mirrored(const float *restrict e, const float *restrict dv, const float *restrict rim,
+                                 struct lw_vec3 colour, struct lw_direct_block *restrict block) {
+    const float tint[3] = {colour.x, colour.y, colour.z};
+    for (uint32_t c = 0; c < 3; c++)
+        for (uint32_t i = 0; i < LANES; i++) {
+            const float f = block->seen.mirror[c][i] + block->seen.rim[c][i] * rim[i];
+            block->mirrored[c][i] += block->finished >> i & 1u ? e[i] * dv[i] * tint[c] * f : 0;
+        }
+}
+
+/* What of a light counts as much as matt white would, over its e: how bright it makes a pixel, beside what
+ * the pixel sends back of light from everywhere. */
+LW_WIDE static void weigh_mirrored(const struct lw_direct_block *restrict block, const float *restrict dv,
+                                   const float *restrict rim, float *restrict out) {
+    const struct lw_gloss_seen16 *restrict g = &block->seen;
+    for (uint32_t i = 0; i < LANES; i++) {
+        const float diffuse =
+            0.2126f * g->diffuse[0][i] + 0.7152f * g->diffuse[1][i] + 0.0722f * g->diffuse[2][i];
+        const float mirror =
+            0.2126f * g->mirror[0][i] + 0.7152f * g->mirror[1][i] + 0.0722f * g->mirror[2][i];
+        const float edge = 0.2126f * g->rim[0][i] + 0.7152f * g->rim[1][i] + 0.0722f * g->rim[2][i];
+        const float all =
+            0.2126f * g->mirrored[0][i] + 0.7152f * g->mirrored[1][i] + 0.0722f * g->mirrored[2][i];
+        const float shown = diffuse + LW_PI * dv[i] * (mirror + edge * rim[i]);
+        out[i] = block->finished >> i & 1u ? shown / (diffuse + all + 1e-6f) : 1;
+    }
+}
+
 /* Whether a point lies on the flat piece of surface around another. */
 static bool is_flat(const struct lw_points16 *p, uint32_t a, uint32_t b) {
     const float dx = p->x[b] - p->x[a], dy = p->y[b] - p->y[a], dz = p->z[b] - p->z[a];
@@ -542,6 +635,7 @@ struct job {
     uint32_t seed;
     bool wide;       /* shadow rays of a pixel may differ */
     bool far;        /* the tile is small, seen from the light */
+    bool finished;   /* some of its pixels have a finish */
     uint32_t number; /* of this job among those of the tile's memory */
 };
 
@@ -838,12 +932,22 @@ static float smooth(const struct job *job, uint32_t pixel) {
 }
 
 /* Adds a share of the light at hand to a block. */
-LW_WIDE static void add_part(const float *restrict share, const float *restrict e, struct lw_vec3 colour,
-                             uint16_t facing, float (*restrict out)[LANES]) {
+LW_WIDE static void add_matt_part(const float *restrict share, const float *restrict e, struct lw_vec3 colour,
+                                  uint16_t facing, float (*restrict out)[LANES]) {
     for (uint32_t i = 0; i < LANES; i++) {
         const float part = facing >> i & 1u ? e[i] * share[i] : 0;
         out[0][i] += part * colour.x, out[1][i] += part * colour.y, out[2][i] += part * colour.z;
     }
+}
+
+static void add_part(const struct job *job, uint32_t b, const float share[LANES], struct lw_vec3 colour) {
+    const struct lw_direct_work *w = job->work;
+    struct lw_direct_block *block = &job->tile->block[b];
+    add_matt_part(share, w->e[b], colour, w->facing[b], block->e);
+    if (!block->finished) return;
+    float e[LANES];
+    for (uint32_t i = 0; i < LANES; i++) e[i] = w->facing[b] >> i & 1u ? w->e[b][i] * share[i] : 0;
+    add_mirrored(e, w->dv[b], w->rim[b], colour, block);
 }
 
 static bool is_mixed(const struct lw_direct_work *w) {
@@ -858,8 +962,7 @@ static void resolve(const struct job *job) {
     if (!is_mixed(w)) { /* all of the tile is lit, or dark */
         static const float all[LANES] = {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
         for (uint32_t b = 0; b < BLOCKS; b++)
-            if (w->facing[b] && w->state[b] == LIT)
-                add_part(all, w->e[b], colour, w->facing[b], job->tile->block[b].e);
+            if (w->facing[b] && w->state[b] == LIT) add_part(job, b, all, colour);
         return;
     }
     for (uint32_t b = 0; b < BLOCKS; b++)
@@ -872,7 +975,7 @@ static void resolve(const struct job *job) {
             const uint32_t i = (uint32_t)__builtin_ctz(left);
             if (w->taken[b * LANES + i] > 1) share[i] = smooth(job, b * LANES + i);
         }
-        add_part(share, w->e[b], colour, w->facing[b], job->tile->block[b].e);
+        add_part(job, b, share, colour);
     }
 }
 
@@ -914,7 +1017,14 @@ LW_WIDE static struct weight find_weights(const float *restrict e, const float *
 static void weigh(struct lw_direct_work *w, uint32_t b, const struct lw_direct_block *block,
                   float luminance) {
     struct weight weight = {0};
-    if (w->facing[b]) weight = find_weights(w->e[b], block->base, block->e, luminance);
+    if (w->facing[b] && block->finished) {
+        float e[LANES];
+        weigh_mirrored(block, w->dv[b], w->rim[b], e);
+        for (uint32_t i = 0; i < LANES; i++) e[i] *= w->e[b][i];
+        weight = find_weights(e, block->base, block->e, luminance);
+    } else if (w->facing[b]) {
+        weight = find_weights(w->e[b], block->base, block->e, luminance);
+    }
     w->faint[b] = (uint16_t)weight.faint & w->facing[b];
     w->seen[b] = (uint16_t)weight.seen & w->facing[b];
     w->noisy[b] = (uint16_t)weight.noisy & w->facing[b];
@@ -1028,18 +1138,39 @@ LW_WIDE static uint32_t part_blocks(const struct outlook *restrict outlook, cons
     return any;
 }
 
+/* A block that mirrors more of a light than its share of e is not weak there. Returns the bits of what is
+ * left. */
+static uint32_t part_finished(const struct job *job, const struct outlook *outlook, uint32_t any,
+                              struct parts *out) {
+    const struct lw_direct_work *w = job->work;
+    for (uint32_t b = 0; b < BLOCKS; b++) {
+        const struct lw_direct_block *block = &job->tile->block[b];
+        float gain[LANES], greatest = 1;
+        if (!block->finished || !(out->weak[b] > 0)) continue;
+        weigh_mirrored(block, w->dv[b], w->rim[b], gain);
+        for (uint32_t i = 0; i < LANES; i++) greatest = fmaxf(greatest, gain[i]);
+        const float bright = greatest * outlook->most[b];
+        if (bright < SHARE_FAINT * (w->summary.found[b] + bright)) continue;
+        out->weak[b] = 0, out->full[b] = 1;
+        any |= 2;
+    }
+    return any;
+}
+
 /* Each pixel for itself: the edge of a spot may cross a block. */
 static uint32_t part_light(const struct job *job, const struct outlook *outlook, struct parts *out) {
-    if (outlook && !job->tile->listed && !(job->direct->candidates.cos_reach[job->candidate] > -1))
-        return part_blocks(outlook, job->work->summary.found, out);
+    if (outlook && !job->tile->listed && !(job->direct->candidates.cos_reach[job->candidate] > -1)) {
+        const uint32_t any = part_blocks(outlook, job->work->summary.found, out);
+        return any & 1u && job->finished ? part_finished(job, outlook, any, out) : any;
+    }
     for (uint32_t b = 0; b < BLOCKS; b++) out->weak[b] = 0, out->full[b] = 1;
     return 2;
 }
 
 /* Adds E to a block's pixels by their own normals. way: to the light, unit length */
-LW_WIDE static void add_by_normals(struct lw_direct_block *restrict block, struct lw_vec3 way,
+LW_WIDE static void add_by_normals(struct lw_direct_block *restrict block,
+                                   const struct lw_points16 *restrict p, struct lw_vec3 way,
                                    struct lw_vec3 e) {
-    const struct lw_points16 *restrict p = &block->points;
     for (uint32_t i = 0; i < LANES; i++) {
         const float cosine = p->nx[i] * way.x + p->ny[i] * way.y + p->nz[i] * way.z;
         const float k = cosine > 0 ? cosine : 0;
@@ -1067,12 +1198,24 @@ static uint32_t shoot_weakly(struct job *job, const struct parts *parts, uint32_
     return from * LANES + lane;
 }
 
+static void add_finished(struct lw_direct_block *block, struct lw_vec3 way, struct lw_vec3 e,
+                         const float dv[LANES], const float rim[LANES]) {
+    struct lw_points16 bumped;
+    float cosine[LANES];
+    bump_points(block, &bumped);
+    add_by_normals(block, &bumped, way, e);
+    for (uint32_t i = 0; i < LANES; i++)
+        cosine[i] = fmaxf(bumped.nx[i] * way.x + bumped.ny[i] * way.y + bumped.nz[i] * way.z, 0);
+    add_mirrored(cosine, dv, rim, e, block);
+}
+
 /* weight: what the group's ray counts for */
 static void add_to_block(const struct job *job, const struct outlook *outlook, uint32_t b, float weight,
                          struct lw_vec3 colour) {
     struct lw_direct_work *w = job->work;
+    struct lw_direct_block *block = &job->tile->block[b];
     w->summary.found[b] += weight * outlook->expected[b];
-    if (w->whole[b]) {
+    if (w->whole[b] && !block->finished) {
         const float e = weight * outlook->expected[b];
         w->weak[0][b] += e * colour.x, w->weak[1][b] += e * colour.y, w->weak[2][b] += e * colour.z;
         return;
@@ -1082,8 +1225,11 @@ static void add_to_block(const struct job *job, const struct outlook *outlook, u
     const uint32_t i = b % LANES, from = job->candidate;
     const struct lw_vec3 way =
         lw_vec3_sub(lw_vec3(c->x[from], c->y[from], c->z[from]), lw_vec3(at->x[i], at->y[i], at->z[i]));
-    add_by_normals(&job->tile->block[b], lw_vec3_normalize(way),
-                   lw_vec3_scale(colour, weight * outlook->full[b]));
+    const struct lw_vec3 unit = lw_vec3_normalize(way), e = lw_vec3_scale(colour, weight * outlook->full[b]);
+    if (block->finished)
+        add_finished(block, unit, e, w->dv[b], w->rim[b]);
+    else
+        add_by_normals(block, &block->points, unit, e);
 }
 
 /* colour: of unit luminance */
@@ -1147,18 +1293,23 @@ static void add_light(const struct lw_direct_pixels *d, struct lw_direct_tile *t
                       .candidate = candidate,
                       .number = ++w->jobs,
                       .far = is_far(&d->candidates, candidate, region),
+                      .finished = w->finished,
                       .seed = lw_random_hash4(d->seed, tile->x, tile->y, candidate),
                       .wide = d->blends || has_extent(d, candidate)};
     const struct lw_vec3 colour = colour_of(d, candidate);
     const float luminance = lw_colour_luminance(colour);
     struct parts parts;
     bool full = false;
+    for (uint32_t b = 0; w->finished && b < BLOCKS; b++) /* first: they say what is weak */
+        if (tile->block[b].finished) w->reached[b] = light_block(d, candidate, w, &tile->block[b], b);
     const uint32_t any = part_light(&job, outlook, &parts);
     for (uint32_t b = 0; (any & 2u) && b < BLOCKS; b++) {
+        const struct lw_direct_block *block = &tile->block[b];
         w->facing[b] = 0;
-        if (parts.full[b] && tile->block[b].active)
+        if (parts.full[b] && block->active)
             w->facing[b] =
-                light_points(d, candidate, &tile->block[b].points, w->e[b]) & tile->block[b].active;
+                block->active &
+                (block->finished ? w->reached[b] : light_points(d, candidate, &block->points, w->e[b]));
         weigh(w, b, &tile->block[b], luminance);
         full |= w->facing[b] != 0;
     }
@@ -1183,7 +1334,7 @@ static void add_rest(const struct lw_direct_pixels *d, struct lw_direct_tile *ti
                           .candidate = w->order[at].candidate,
                           .seed = seed,
                           .number = ++w->jobs};
-        w->facing[b] = light_points(d, job.candidate, &block->points, w->e[b]) & block->active;
+        w->facing[b] = light_block(d, job.candidate, w, block, b) & block->active;
         if (!w->facing[b]) continue;
         const struct lw_vec3 colour =
             lw_vec3_scale(colour_of(d, job.candidate), choice->rest / w->order[at].bound);
@@ -1192,16 +1343,21 @@ static void add_rest(const struct lw_direct_pixels *d, struct lw_direct_tile *ti
         for (uint32_t i = 0; i < LANES; i++)
             if (w->facing[b] >> i & 1u) shoot(&job, b * LANES + i, 0);
         flush(&job);
-        for (uint32_t i = 0; i < LANES; i++) {
-            if (!w->lit[b * LANES + i]) continue;
-            const float e = w->e[b][i];
-            block->e[0][i] += e * colour.x, block->e[1][i] += e * colour.y, block->e[2][i] += e * colour.z;
-        }
+        float share[LANES];
+        for (uint32_t i = 0; i < LANES; i++) share[i] = w->lit[b * LANES + i] ? 1 : 0;
+        add_part(&job, b, share, colour);
     }
 }
 
 static void clear(struct lw_direct_tile *tile) {
-    for (uint32_t b = 0; b < BLOCKS; b++) memset(tile->block[b].e, 0, sizeof tile->block[b].e);
+    tile->work->finished = false;
+    for (uint32_t b = 0; b < BLOCKS; b++) {
+        struct lw_direct_block *block = &tile->block[b];
+        memset(block->e, 0, sizeof block->e);
+        if (!block->finished) continue;
+        memset(block->mirrored, 0, sizeof block->mirrored);
+        tile->work->finished = true;
+    }
 }
 
 /* Adds what all of a block gets. Where nothing is, and what overflowed, is no light. */
@@ -1211,6 +1367,11 @@ LW_WIDE static void finish(struct lw_direct_block *restrict block, float red, fl
         for (uint32_t i = 0; i < LANES; i++) {
             const float e = block->e[c][i] + more[c];
             block->e[c][i] = (block->active >> i & 1u) && e >= 0 && e <= FLT_MAX ? e : 0;
+        }
+    for (uint32_t c = 0; block->finished && c < 3; c++)
+        for (uint32_t i = 0; i < LANES; i++) {
+            const float m = block->mirrored[c][i];
+            block->mirrored[c][i] = m >= 0 && m <= FLT_MAX ? m : 0;
         }
 }
 

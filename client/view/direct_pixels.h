@@ -22,6 +22,7 @@
 #ifndef LW_CLIENT_VIEW_DIRECT_PIXELS_H
 #define LW_CLIENT_VIEW_DIRECT_PIXELS_H
 
+#include "client/view/gloss.h"
 #include "common/light/client_lights.h"
 #include "common/points16.h"
 #include "common/trace/trace.h"
@@ -63,6 +64,11 @@ struct lw_direct_block {
     float base[LW_TRACE_WIDTH];
     float e[3][LW_TRACE_WIDTH]; /* W/m^2; written where active, else 0 */
     uint16_t active;
+    /* Those with a finish: e is by their bumped normals, mirrored is added to the radiance that they send to
+     * the eye. Shadow rays go by the plain ones. */
+    uint16_t finished;
+    struct lw_gloss_seen16 seen;       /* of them */
+    float mirrored[3][LW_TRACE_WIDTH]; /* W/(m^2 sr); like e */
 };
 
 /** A screen tile of up to 8 x 8 blocks, row by row, and a worker's scratch memory. */

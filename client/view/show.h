@@ -18,7 +18,10 @@
     X(AGE, "age", "since a tile came: blue 0.1 s, green 10 s, red 1000 s")                                   \
     X(ERROR, "error", "a tile's error: blue 0.1 %, green 3 %, red 100 %")                                    \
     X(LEVEL, "level", "mip level that is read: green 0, yellow 1, red 2, violet coarser")                    \
-    X(INTEREST, "interest", "asked for: green in view, blue around it, yellow seen before; else dark")
+    X(INTEREST, "interest", "asked for: green in view, blue around it, yellow seen before; else dark")       \
+    X(NORMALS, "normals", "normals with their maps: X red, Y green, Z blue, 0 grey")                         \
+    X(ROUGHNESS, "roughness", "roughness: a mirror is black")                                                \
+    X(METALNESS, "metalness", "metalness: a metal is white")
 
 enum lw_show {
 #define X(tag, name, about) LW_SHOW_##tag,
@@ -26,7 +29,8 @@ enum lw_show {
 #undef X
         LW_SHOW_COUNT
 };
-#define LW_SHOW_CHOICES "all|direct|indirect|irradiance|texels|age|error|level|interest"
+#define LW_SHOW_CHOICES                                                                                      \
+    "all|direct|indirect|irradiance|texels|age|error|level|interest|normals|roughness|metalness"
 
 const char *lw_show_name(enum lw_show show);
 const char *lw_show_about(enum lw_show show);
@@ -37,6 +41,8 @@ static inline bool lw_show_is_chart(enum lw_show show) { return show >= LW_SHOW_
 static inline bool lw_show_is_of_tiles(enum lw_show show) {
     return show == LW_SHOW_AGE || show == LW_SHOW_ERROR || show == LW_SHOW_INTEREST;
 }
+/** Whether it is a chart of the surfaces themselves, which need no light. */
+static inline bool lw_show_is_of_finish(enum lw_show show) { return show >= LW_SHOW_NORMALS; }
 
 /* Colours of charts where a surface has no lightmap, and of what is behind all surfaces. */
 #define LW_SHOW_UNLIT  0.2f
@@ -50,6 +56,11 @@ struct lw_vec3 lw_show_ramp(float t);
 
 /** Linear RGB of a mip level. */
 struct lw_vec3 lw_show_level_colour(unsigned level);
+
+/** Linear RGB of a unit normal in world space. */
+static inline struct lw_vec3 lw_show_normal_colour(struct lw_vec3 n) {
+    return lw_vec3(0.5f + 0.5f * n.x, 0.5f + 0.5f * n.y, 0.5f + 0.5f * n.z);
+}
 
 /** What is known of tiles. */
 struct lw_show_tiles {

@@ -319,7 +319,8 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
          .help =
              "All light (default); direct: what shines and the light of lamps that are drawn here; "
              "indirect: the light of tiles (of --path-trace: by bounces); irradiance: what arrives; or a "
-             "chart of texels, of tiles' age and error, of the level that is read, or of the interest set.",
+             "chart of texels, of tiles' age and error, of the level that is read, of the interest set, or "
+             "of surfaces' normals, roughness and metalness.",
          .kind = LW_OPTION_CHOICE,
          .value = &raw.show},
         {.name = "time",

@@ -356,6 +356,21 @@ void lw_scene_facet_texels(const struct lw_scene *scene, const struct lw_facet *
  * stays. */
 void lw_scene_facet_colour(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
                            const struct lw_texture_quad *texels, struct lw_surface *out);
+/** The same without albedo, which stays; the emission is without what of an unlit surface is seen. */
+void lw_scene_facet_base(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
+                         const struct lw_texture_quad *texels, struct lw_surface *out);
+
+/** The texels that a point of a facet with a finish reads its finish from; prefetches them. base: of its base
+ * colour. */
+struct lw_finish_texels {
+    struct lw_texture_quad surface, specular, occlusion, normal;
+};
+void lw_scene_facet_finish_texels(const struct lw_scene *scene, const struct lw_facet *facet,
+                                  const float weight[3], const struct lw_texture_quad *base,
+                                  struct lw_finish_texels *out);
+/** The texel of those of a specular texture; white where there is none. */
+struct lw_vec4 lw_scene_specular_texel(const struct lw_scene *scene, const struct lw_finish *finish,
+                                       const struct lw_texture_quad *texels);
 
 /** How a point of a surface scatters light. */
 struct lw_finish_point {

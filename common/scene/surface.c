@@ -2,6 +2,8 @@
 #include "common/scene/scene.h"
 #include "common/shading/tangent.h"
 
+#include <string.h>
+
 /* floorf() without the call that it is where the instruction set has no rounding (SSE2). */
 static inline float whole(float x) {
     if (!(fabsf(x) < 0x1p23f)) return x; /* whole already, or no number */
@@ -105,15 +107,18 @@ static struct lw_vec4 linear_texel(const uint8_t *p) {
     return (struct lw_vec4){(float)p[0] * unit, (float)p[1] * unit, (float)p[2] * unit, (float)p[3] * unit};
 }
 
+static struct lw_vec4 read_linear(const struct lw_texture_quad *t) {
+    return mix(mix(linear_texel(t->at[0]), linear_texel(t->at[1]), t->x),
+               mix(linear_texel(t->at[2]), linear_texel(t->at[3]), t->x), t->y);
+}
+
 struct lw_vec4 lw_scene_sample_finish(const struct lw_scene *scene, const struct lw_texture_use *use,
                                       struct lw_vec2 uv) {
     if (use->texture == LW_SCENE_NONE) return (struct lw_vec4){1, 1, 1, 1};
     const struct lw_texture *texture = &scene->finish_texture[use->texture];
     struct lw_texture_quad t;
     find_texels(texture, use, uv, &t);
-    if (texture->content == LW_CONTENT_COLOUR) return read_texels(&t);
-    return mix(mix(linear_texel(t.at[0]), linear_texel(t.at[1]), t.x),
-               mix(linear_texel(t.at[2]), linear_texel(t.at[3]), t.x), t.y);
+    return texture->content == LW_CONTENT_COLOUR ? read_texels(&t) : read_linear(&t);
 }
 
 /* Barycentric weights of a triangle's corners, with the corners. */
@@ -289,7 +294,10 @@ void lw_scene_facet(const struct lw_scene *scene, const struct lw_mesh *mesh, ui
     out->emission = lw_vec3(e[0], e[1], e[2]);
     const struct corners any = {{vertex[0], vertex[1], vertex[2]}, {1, 0, 0}};
     out->base = clamp_colour((struct lw_vec4){f[0], f[1], f[2], 1});
-    out->albedo = reflected(scene, mesh, material, &any, out->base, &out->emission);
+    if (out->varies && material->finish)
+        out->albedo = out->base; /* nobody reads it */
+    else
+        out->albedo = reflected(scene, mesh, material, &any, out->base, &out->emission);
     gather2(mesh->lightmap_uv, vertex, out->lightmap_uv);
     gather2(mesh->uv[base->uv_set], vertex, out->uv);
 }
@@ -304,17 +312,27 @@ void lw_scene_facet_texels(const struct lw_scene *scene, const struct lw_facet *
     __builtin_prefetch(out->at[2]);
 }
 
-void lw_scene_facet_colour(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
-                           const struct lw_texture_quad *texels, struct lw_surface *out) {
+static struct corners facet_corners(const struct lw_facet *facet, const float weight[3]) {
+    return (struct corners){{facet->vertex[0], facet->vertex[1], facet->vertex[2]},
+                            {weight[0], weight[1], weight[2]}};
+}
+
+void lw_scene_facet_base(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
+                         const struct lw_texture_quad *texels, struct lw_surface *out) {
     const struct lw_material *material = facet->material;
-    const struct corners corners = {{facet->vertex[0], facet->vertex[1], facet->vertex[2]},
-                                    {weight[0], weight[1], weight[2]}};
+    const struct corners corners = facet_corners(facet, weight);
     const struct lw_vec4 sample = texels->at[0] ? read_texels(texels) : (struct lw_vec4){1, 1, 1, 1};
     const struct lw_vec4 colour = tint(facet->mesh, material, sample, &corners);
     out->alpha = opacity(material, colour.w);
     out->emission = emission(scene, facet->mesh, material, &corners);
     out->base = clamp_colour(colour);
-    out->albedo = reflected(scene, facet->mesh, material, &corners, out->base, &out->emission);
+}
+
+void lw_scene_facet_colour(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
+                           const struct lw_texture_quad *texels, struct lw_surface *out) {
+    const struct corners corners = facet_corners(facet, weight);
+    lw_scene_facet_base(scene, facet, weight, texels, out);
+    out->albedo = reflected(scene, facet->mesh, facet->material, &corners, out->base, &out->emission);
 }
 
 static struct lw_vec4 interpolate_tangent(const struct lw_mesh *mesh, uint32_t triangle,
@@ -336,6 +354,11 @@ static struct lw_vec3 bump_of(struct lw_vec4 texel, float scale) {
     return lw_vec3_normalize(lw_vec3(scale * x, scale * y, z));
 }
 
+static bool is_same_use(const struct lw_texture_use *a, const struct lw_texture_use *b) {
+    return a->texture == b->texture && a->uv_set == b->uv_set &&
+           memcmp(a->transform, b->transform, sizeof a->transform) == 0;
+}
+
 void lw_scene_finish(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
                      float v, const struct lw_surface *surface, struct lw_finish_point *out) {
     const struct lw_finish *finish = surface->material->finish;
@@ -349,6 +372,60 @@ void lw_scene_finish(const struct lw_scene *scene, const struct lw_mesh *mesh, u
     out->bumpy = true;
     out->bump = bump_of(finish_texel(scene, mesh, &finish->normal_texture, &corners), finish->normal_scale);
     out->tangent = interpolate_tangent(mesh, triangle, &corners);
+}
+
+/* Whether two textures are read at the same texels. */
+static bool is_same_grid(const struct lw_texture *a, const struct lw_texture *b) {
+    return a->width == b->width && a->height == b->height && a->wrap_s == b->wrap_s && a->wrap_t == b->wrap_t;
+}
+
+/* The texels of another texture, at the places of those of `from`. */
+static void move_texels(const struct lw_texture_quad *at, const struct lw_texture *from,
+                        const struct lw_texture *to, struct lw_texture_quad *out) {
+    for (int i = 0; i < 4; i++) out->at[i] = to->rgba + (at->at[i] - from->rgba);
+    out->x = at->x, out->y = at->y;
+}
+
+static void find_finish_texels(const struct lw_scene *scene, const struct lw_facet *facet,
+                               const float weight[3], const struct lw_texture_quad *base,
+                               const struct lw_texture_use *use, struct lw_texture_quad *out) {
+    out->at[0] = NULL;
+    if (use->texture == LW_SCENE_NONE) return;
+    const struct lw_texture_use *of = &facet->material->base_colour_texture;
+    const struct lw_texture *to = &scene->finish_texture[use->texture];
+    if (of->texture != LW_SCENE_NONE && of->uv_set == use->uv_set &&
+        memcmp(of->transform, use->transform, sizeof of->transform) == 0 &&
+        is_same_grid(&scene->texture[of->texture], to)) {
+        move_texels(base, &scene->texture[of->texture], to, out);
+    } else {
+        const struct corners corners = facet_corners(facet, weight);
+        find_texels(to, use, interpolate2(facet->mesh->uv[use->uv_set], &corners), out);
+    }
+    __builtin_prefetch(out->at[0]);
+    __builtin_prefetch(out->at[2]);
+}
+
+void lw_scene_facet_finish_texels(const struct lw_scene *scene, const struct lw_facet *facet,
+                                  const float weight[3], const struct lw_texture_quad *base,
+                                  struct lw_finish_texels *out) {
+    const struct lw_finish *f = facet->material->finish;
+    find_finish_texels(scene, facet, weight, base, &f->surface_texture, &out->surface);
+    find_finish_texels(scene, facet, weight, base, &f->specular_texture, &out->specular);
+    if (is_same_use(&f->occlusion_texture, &f->surface_texture)) /* most files have both in one */
+        out->occlusion = out->surface;
+    else
+        find_finish_texels(scene, facet, weight, base, &f->occlusion_texture, &out->occlusion);
+    out->normal.at[0] = NULL;
+    if (facet->mesh->tangent)
+        find_finish_texels(scene, facet, weight, base, &f->normal_texture, &out->normal);
+}
+
+struct lw_vec4 lw_scene_specular_texel(const struct lw_scene *scene, const struct lw_finish *finish,
+                                       const struct lw_texture_quad *t) {
+    if (!t->at[0]) return (struct lw_vec4){1, 1, 1, 1};
+    if (scene->finish_texture[finish->specular_texture.texture].content == LW_CONTENT_COLOUR)
+        return read_texels(t);
+    return read_linear(t);
 }
 
 struct lw_vec3 lw_scene_bump(const struct lw_finish_point *point, struct lw_vec3 normal,

@@ -1,0 +1,257 @@
+#include "client/view/gloss.h"
+
+#include "common/shading/lobe_table.h"
+#include "common/shading/microfacets.h"
+#include "common/shading/shading_bend.h"
+#include "common/wide.h"
+
+#include <float.h>
+#include <string.h>
+
+#define WIDTH LW_GLOSS_WIDTH
+
+#define GRAZING    1e-4f /* the smallest cosine of an eye */
+#define GRAZING_IN 1e-3f /* the same of light: lamps have a size */
+#define BUMP_MAX   1e4f  /* slope */
+#define SHORT2     1e-12f
+
+LW_WIDE_INLINE float least(float a, float b) { return a < b ? a : b; }
+LW_WIDE_INLINE float most(float a, float b) { return a > b ? a : b; }
+LW_WIDE_INLINE float inside(float x, float low, float high) { return least(most(x, low), high); }
+
+static void take_texels(const struct lw_texture_quad *from, unsigned i, struct lw_gloss_texels16 *out) {
+    out->x[i] = from->x, out->y[i] = from->y;
+    for (int k = 0; k < 4; k++) memcpy(&out->at[k][i], from->at[k], 4);
+}
+
+static void take_white(unsigned i, struct lw_gloss_texels16 *out) {
+    out->x[i] = out->y[i] = 0;
+    for (int k = 0; k < 4; k++) out->at[k][i] = UINT32_MAX;
+}
+
+void lw_gloss_take(struct lw_gloss16 *g, unsigned i, const struct lw_scene *scene,
+                   const struct lw_material *material, const struct lw_finish_texels *texels) {
+    const struct lw_finish *finish = material ? material->finish : NULL;
+    g->roughness[i] = 1, g->metalness[i] = g->specular[i] = g->normal_scale[i] = g->occlusion[i] = 0;
+    take_white(i, &g->surface), take_white(i, &g->shade), take_white(i, &g->bump);
+    if (!finish) return;
+    const struct lw_vec4 specular = lw_scene_specular_texel(scene, finish, &texels->specular);
+    const float bend = (finish->ior - 1) / (finish->ior + 1), *tint = finish->specular_colour;
+    g->metalness[i] = finish->metalness, g->roughness[i] = finish->roughness;
+    g->specular[i] = finish->specular * specular.w;
+    g->dielectric[0][i] = bend * bend * tint[0] * specular.x;
+    g->dielectric[1][i] = bend * bend * tint[1] * specular.y;
+    g->dielectric[2][i] = bend * bend * tint[2] * specular.z;
+    g->occlusion[i] = finish->occlusion;
+    if (texels->surface.at[0]) take_texels(&texels->surface, i, &g->surface);
+    if (texels->occlusion.at[0]) take_texels(&texels->occlusion, i, &g->shade);
+    if (!texels->normal.at[0]) return;
+    take_texels(&texels->normal, i, &g->bump);
+    g->normal_scale[i] = finish->normal_scale;
+}
+
+/* A channel of look-ups, in [0, 1]. */
+LW_WIDE_INLINE float channel(const struct lw_gloss_texels16 *t, unsigned shift, unsigned i) {
+    const float a = (float)(int)(t->at[0][i] >> shift & 255u), b = (float)(int)(t->at[1][i] >> shift & 255u),
+                c = (float)(int)(t->at[2][i] >> shift & 255u), d = (float)(int)(t->at[3][i] >> shift & 255u);
+    const float upper = a + t->x[i] * (b - a), lower = c + t->x[i] * (d - c);
+    return (upper + t->y[i] * (lower - upper)) * (1.0f / 255);
+}
+
+/* The bumped normal, on the side that is seen. Where the map's tangent is none, the plain one. */
+LW_WIDE static void bump_all(const struct lw_gloss16 *restrict g, float (*restrict normal)[WIDTH]) {
+    for (unsigned i = 0; i < WIDTH; i++) {
+        const float side = g->side[i];
+        const float nx = side * g->plain[0][i], ny = side * g->plain[1][i], nz = side * g->plain[2][i];
+        float tx = g->tangent[0][i], ty = g->tangent[1][i], tz = g->tangent[2][i];
+        const float along = tx * nx + ty * ny + tz * nz;
+        tx -= along * nx, ty -= along * ny, tz -= along * nz;
+        const float length2 = tx * tx + ty * ty + tz * tz;
+        const bool good = (length2 > SHORT2) & (length2 < FLT_MAX);
+        const float scale = good ? 1 / sqrtf(length2) : 0;
+        tx *= scale, ty *= scale, tz *= scale;
+        const float bx = ny * tz - nz * ty, by = nz * tx - nx * tz, bz = nx * ty - ny * tx;
+        const float u = 2 * channel(&g->bump, 0, i) - 1, v = 2 * channel(&g->bump, 8, i) - 1;
+        const float x = inside(g->normal_scale[i] * u, -BUMP_MAX, BUMP_MAX);
+        const float y = inside(g->normal_scale[i] * v, -BUMP_MAX, BUMP_MAX) * g->turn[i];
+        const float z = sqrtf(most(1 - u * u - v * v, 1e-4f));
+        const float mx = x * tx + y * bx + z * nx, my = x * ty + y * by + z * ny,
+                    mz = x * tz + y * bz + z * nz;
+        const float unit = side / sqrtf(most(mx * mx + my * my + mz * mz, SHORT2));
+        normal[0][i] = mx * unit, normal[1][i] = my * unit, normal[2][i] = mz * unit;
+    }
+}
+
+LW_WIDE static void read_all(const struct lw_gloss16 *restrict g, struct lw_gloss_seen16 *restrict out) {
+    for (unsigned i = 0; i < WIDTH; i++) {
+        out->roughness[i] = inside(g->roughness[i] * channel(&g->surface, 8, i), 0, 1);
+        out->metalness[i] = inside(g->metalness[i] * channel(&g->surface, 16, i), 0, 1);
+        out->open[i] = 1 + g->occlusion[i] * (channel(&g->shade, 0, i) - 1);
+        out->alpha[i] = most(out->roughness[i] * out->roughness[i], LW_MICROFACETS_ALPHA_MIN);
+    }
+}
+
+/* lw_shading_bend(), and the unit direction of the eye. */
+LW_WIDE static void bend_all(const struct lw_gloss16 *restrict g, struct lw_gloss_seen16 *restrict out) {
+    for (unsigned i = 0; i < WIDTH; i++) {
+        float vx = g->to_eye[0][i], vy = g->to_eye[1][i], vz = g->to_eye[2][i];
+        const float near = 1 / sqrtf(most(vx * vx + vy * vy + vz * vz, FLT_MIN));
+        vx *= near, vy *= near, vz *= near;
+        float gx = g->plain[0][i], gy = g->plain[1][i], gz = g->plain[2][i];
+        const float turned = most(LW_SHADING_BEND_SEEN_MIN - (gx * vx + gy * vy + gz * vz), 0);
+        gx += turned * vx, gy += turned * vy, gz += turned * vz;
+        const float even = 1 / sqrtf(most(gx * gx + gy * gy + gz * gz, SHORT2));
+        gx *= even, gy *= even, gz *= even;
+        const float nx = out->normal[0][i], ny = out->normal[1][i], nz = out->normal[2][i];
+        const float seen = gx * vx + gy * vy + gz * vz, wanted = least(0.9f * seen, 0.01f);
+        const float facing = nx * vx + ny * vy + nz * vz;
+        float rx = 2 * facing * nx - vx, ry = 2 * facing * ny - vy, rz = 2 * facing * nz - vz;
+        const float above = rx * gx + ry * gy + rz * gz, lift = most(wanted - above, 0);
+        rx += lift * gx, ry += lift * gy, rz += lift * gz;
+        const float unit = 1 / sqrtf(most(rx * rx + ry * ry + rz * rz, SHORT2));
+        const float hx = rx * unit + vx, hy = ry * unit + vy, hz = rz * unit + vz;
+        const float half2 = hx * hx + hy * hy + hz * hz, scale = 1 / sqrtf(most(half2, SHORT2));
+        const bool stays = (facing > 0) & (above >= wanted), none = !(half2 > SHORT2);
+        const float x = stays  ? nx
+                        : none ? gx
+                               : hx * scale,
+                    y = stays  ? ny
+                        : none ? gy
+                               : hy * scale,
+                    z = stays  ? nz
+                        : none ? gz
+                               : hz * scale;
+        out->normal[0][i] = x, out->normal[1][i] = y, out->normal[2][i] = z;
+        out->eye[0][i] = vx, out->eye[1][i] = vy, out->eye[2][i] = vz;
+        out->cosine[i] = inside(x * vx + y * vy + z * vz, GRAZING, 1);
+    }
+}
+
+/* a and b of lobe_table.h; where light falls out of it by rounding, none. */
+LW_WIDE static void look_up(const float *restrict table, const float *restrict cosine,
+                            const float *restrict roughness, float *restrict a, float *restrict b) {
+    const int side = LW_LOBE_TABLE_SIDE;
+    for (unsigned i = 0; i < WIDTH; i++) {
+        const float x = sqrtf(cosine[i]) * (float)(side - 1), y = roughness[i] * (float)(side - 1);
+        const int u = (int)least(x, (float)(side - 2)), v = (int)least(y, (float)(side - 2));
+        const float s = x - (float)u, t = y - (float)v;
+        const int at = 2 * (v * side + u), below = at + 2 * side;
+        const float upper_a = table[at] + s * (table[at + 2] - table[at]),
+                    upper_b = table[at + 1] + s * (table[at + 3] - table[at + 1]),
+                    lower_a = table[below] + s * (table[below + 2] - table[below]),
+                    lower_b = table[below + 1] + s * (table[below + 3] - table[below + 1]);
+        a[i] = upper_a + t * (lower_a - upper_a);
+        b[i] = upper_b + t * (lower_b - upper_b);
+    }
+}
+
+LW_WIDE static void weigh_all(const struct lw_gloss16 *restrict g, const float *restrict a,
+                              const float *restrict b, struct lw_gloss_seen16 *restrict out) {
+    float under[WIDTH], again[WIDTH], f90[WIDTH], strength[WIDTH];
+    for (unsigned i = 0; i < WIDTH; i++) {
+        const float metal = out->metalness[i];
+        strength[i] = inside(g->specular[i], 0, 1);
+        f90[i] = strength[i] + metal * (1 - strength[i]);
+        const float gloss0 =
+            inside(most(g->dielectric[0][i], most(g->dielectric[1][i], g->dielectric[2][i])), 0, 1);
+        under[i] = most(1 - strength[i] * (gloss0 * a[i] + b[i]), 0) * (1 - metal);
+        again[i] = 1 / inside(a[i] + b[i], 1e-3f, 1) - 1;
+    }
+    for (unsigned c = 0; c < 3; c++)
+        for (unsigned i = 0; i < WIDTH; i++) {
+            const float gloss = inside(g->dielectric[c][i], 0, 1) * strength[i];
+            const float f0 = gloss + out->metalness[i] * (g->base[c][i] - gloss), boost = 1 + f0 * again[i];
+            out->diffuse[c][i] = g->base[c][i] * under[i];
+            out->mirror[c][i] = f0 * boost;
+            out->rim[c][i] = most(f90[i] - f0, 0) * boost;
+            out->mirrored[c][i] = (f0 * a[i] + f90[i] * b[i]) * boost;
+        }
+}
+
+void lw_gloss_see16(const struct lw_gloss16 *gloss, struct lw_gloss_seen16 *out) {
+    float a[WIDTH], b[WIDTH];
+    bump_all(gloss, out->normal);
+    bend_all(gloss, out);
+    read_all(gloss, out);
+    look_up(&lw_lobe_table()->a, out->cosine, out->roughness, a, b);
+    weigh_all(gloss, a, b, out);
+}
+
+/* open, mirrored: what the open sky would give a matt surface, over pi; what it would give the mirror. */
+LW_WIDE static void ambient_all(const struct lw_gloss_seen16 *restrict seen, const float (*restrict e)[WIDTH],
+                                const float (*restrict open)[WIDTH], const float (*restrict mirrored)[WIDTH],
+                                float (*restrict out)[WIDTH]) {
+    float share[WIDTH];
+    for (unsigned i = 0; i < WIDTH; i++) {
+        const float all = 0.2126f * open[0][i] + 0.7152f * open[1][i] + 0.0722f * open[2][i];
+        const float arrives = (0.2126f * e[0][i] + 0.7152f * e[1][i] + 0.0722f * e[2][i]) * (1 / LW_PI);
+        share[i] = all > 0 ? least(arrives / most(all, FLT_MIN), 1) : 0;
+    }
+    for (unsigned c = 0; c < 3; c++)
+        for (unsigned i = 0; i < WIDTH; i++) {
+            const float even = e[c][i] * (1 / LW_PI);
+            const float ambient = share[i] * mirrored[c][i] + most(even - share[i] * open[c][i], 0);
+            out[c][i] = seen->open[i] * (even * seen->diffuse[c][i] + ambient * seen->mirrored[c][i]);
+        }
+}
+
+static struct lw_vec3 lane(const float (*from)[WIDTH], unsigned i) {
+    return lw_vec3(from[0][i], from[1][i], from[2][i]);
+}
+
+static void add_lane(float (*to)[WIDTH], unsigned i, struct lw_vec3 v) {
+    to[0][i] += v.x, to[1][i] += v.y, to[2][i] += v.z;
+}
+
+void lw_gloss_ambient16(const struct lw_gloss16 *gloss, const struct lw_gloss_seen16 *seen, uint16_t lanes,
+                        const struct lw_gloss_sky *sky, const float e[3][LW_GLOSS_WIDTH],
+                        float out[3][LW_GLOSS_WIDTH]) {
+    float open[3][WIDTH], mirrored[3][WIDTH];
+    const float even[3] = {sky->sky.x, sky->sky.y, sky->sky.z};
+    for (unsigned c = 0; c < 3; c++)
+        for (unsigned i = 0; i < WIDTH; i++) open[c][i] = mirrored[c][i] = even[c];
+    for (uint32_t left = sky->ambient->rgb ? lanes : 0; left; left &= left - 1) {
+        const unsigned i = (unsigned)__builtin_ctz(left);
+        const struct lw_vec3 normal = lane(seen->normal, i), eye = lane(seen->eye, i);
+        const struct lw_vec3 way = lw_vec3_sub(lw_vec3_scale(normal, 2 * seen->cosine[i]), eye);
+        add_lane(open, i, lw_ambient_matt(sky->ambient, lane(gloss->plain, i)));
+        add_lane(mirrored, i, lw_ambient_mirrored(sky->ambient, way, seen->roughness[i]));
+    }
+    ambient_all(seen, e, (const float(*)[WIDTH])open, (const float(*)[WIDTH])mirrored, out);
+}
+
+LW_WIDE_INLINE float stretch(float cosine, float alpha2) {
+    return sqrtf(alpha2 + (1 - alpha2) * cosine * cosine);
+}
+
+/* at_point: 0 for a sun, whose direction is the same everywhere; else 1. */
+LW_WIDE static void lamp_all(const struct lw_gloss_seen16 *restrict g, const struct lw_points16 *restrict p,
+                             struct lw_vec3 at, float at_point, float radius, float *restrict dv,
+                             float *restrict rim) {
+    for (unsigned i = 0; i < WIDTH; i++) {
+        float x = at.x - at_point * p->x[i], y = at.y - at_point * p->y[i], z = at.z - at_point * p->z[i];
+        const float near = 1 / sqrtf(x * x + y * y + z * z + 1e-20f);
+        x *= near, y *= near, z *= near;
+        const float nx = g->normal[0][i], ny = g->normal[1][i], nz = g->normal[2][i];
+        const float vx = g->eye[0][i], vy = g->eye[1][i], vz = g->eye[2][i];
+        const float wide = 0.5f * radius * near;
+        const float a2 = least(g->alpha[i] * g->alpha[i] + wide * wide, 1);
+        const float in = inside(nx * x + ny * y + nz * z, GRAZING_IN, 1), out = g->cosine[i];
+        float hx = x + vx, hy = y + vy, hz = z + vz;
+        const float unit = 1 / sqrtf(hx * hx + hy * hy + hz * hz + SHORT2);
+        hx *= unit, hy *= unit, hz *= unit;
+        const float cx = ny * hz - nz * hy, cy = nz * hx - nx * hz, cz = nx * hy - ny * hx;
+        const float up = nx * hx + ny * hy + nz * hz;
+        const float d = cx * cx + cy * cy + cz * cz + a2 * up * up;
+        const float v = 0.5f / (in * stretch(out, a2) + out * stretch(in, a2));
+        const float c = 1 - inside(vx * hx + vy * hy + vz * hz, 0, 1), c2 = c * c;
+        dv[i] = a2 / (LW_PI * d * d + FLT_MIN) * v;
+        rim[i] = c2 * c2 * c;
+    }
+}
+
+void lw_gloss_lamp16(const struct lw_gloss_seen16 *seen, const struct lw_points16 *points,
+                     const struct lw_gloss_lamp *lamp, float out_dv[LW_GLOSS_WIDTH],
+                     float out_rim[LW_GLOSS_WIDTH]) {
+    lamp_all(seen, points, lamp->at, lamp->is_sun ? 0 : 1, lamp->radius, out_dv, out_rim);
+}

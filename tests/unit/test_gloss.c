@@ -1,0 +1,358 @@
+/* Finishes as clients draw them, against the exact lobes and closed forms; whatever a file may have. */
+#include "tests/support/support.h"
+
+#include "client/view/gloss.h"
+#include "common/random.h"
+#include "common/shading/lobe_table.h"
+#include "common/shading/shading_bend.h"
+#include "common/shading/tangent.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum { WIDTH = LW_GLOSS_WIDTH };
+
+static void set(float (*to)[WIDTH], unsigned i, struct lw_vec3 v) {
+    to[0][i] = v.x, to[1][i] = v.y, to[2][i] = v.z;
+}
+static struct lw_vec3 get(const float (*from)[WIDTH], unsigned i) {
+    return lw_vec3(from[0][i], from[1][i], from[2][i]);
+}
+
+static void set_texels(struct lw_gloss_texels16 *to, unsigned i, uint32_t texel) {
+    for (int k = 0; k < 4; k++) to->at[k][i] = texel;
+}
+
+/* What a floor is made of, and the lobes that it has. */
+struct stuff {
+    struct lw_vec3 base;
+    float metalness, roughness;
+};
+static struct lw_lobes lobes_of(const struct stuff *s) {
+    const float under = 1 - s->metalness, gloss = 0.04f;
+    return (struct lw_lobes){.diffuse = lw_vec3_scale(s->base, under),
+                             .f0 = lw_vec3(gloss * under + s->base.x * s->metalness,
+                                           gloss * under + s->base.y * s->metalness,
+                                           gloss * under + s->base.z * s->metalness),
+                             .f90 = 1,
+                             .gloss0 = gloss,
+                             .gloss90 = 1,
+                             .roughness = s->roughness};
+}
+
+/* An even floor that is seen from to_eye. */
+static void set_floor(struct lw_gloss16 *g, unsigned i, const struct stuff *s, struct lw_vec3 to_eye) {
+    set(g->base, i, s->base);
+    g->metalness[i] = s->metalness, g->roughness[i] = s->roughness, g->specular[i] = 1;
+    set(g->dielectric, i, lw_vec3(0.04f, 0.04f, 0.04f));
+    set_texels(&g->surface, i, UINT32_MAX), set_texels(&g->shade, i, UINT32_MAX);
+    set(g->plain, i, lw_vec3(0, 0, 1)), set(g->tangent, i, lw_vec3(1, 0, 0));
+    g->turn[i] = g->side[i] = 1;
+    set(g->to_eye, i, to_eye);
+}
+
+static struct lw_vec3 ambient(const struct lw_gloss16 *g, const struct lw_gloss_seen16 *seen, unsigned i,
+                              const struct lw_gloss_sky *sky, struct lw_vec3 e) {
+    float all[3][WIDTH], out[3][WIDTH];
+    for (unsigned k = 0; k < WIDTH; k++) set(all, k, e);
+    lw_gloss_ambient16(g, seen, (uint16_t)(1u << i), sky, (const float(*)[WIDTH])all, out);
+    return lw_vec3(out[0][i], out[1][i], out[2][i]);
+}
+
+static struct lw_vec3 slanted(float cosine) { return lw_vec3(sqrtf(1 - cosine * cosine), 0, cosine); }
+
+static struct stuff metal(float roughness) { return (struct stuff){{1, 0.7f, 0.3f}, 1, roughness}; }
+static struct stuff glossy(float roughness) { return (struct stuff){{1, 1, 1}, 0, roughness}; }
+
+/* Under an even sky white surfaces send back all light, and none sends back more. */
+static void test_furnace(void **state) {
+    (void)state;
+    const struct lw_ambient none = {0};
+    const struct lw_gloss_sky sky = {{1, 1, 1}, &none};
+    for (int k = 0; k <= 20; k++) {
+        struct lw_gloss16 g = {0};
+        struct lw_gloss_seen16 seen;
+        for (unsigned i = 0; i < WIDTH; i++) {
+            struct stuff stuff = i < 8 ? metal((float)k / 20) : glossy((float)k / 20);
+            stuff.base = lw_vec3(1, 1, 1);
+            set_floor(&g, i, &stuff, slanted(0.05f + 0.95f * (float)(i % 8) / 7));
+        }
+        lw_gloss_see16(&g, &seen);
+        for (unsigned i = 0; i < WIDTH; i++) {
+            const struct lw_vec3 l = ambient(&g, &seen, i, &sky, lw_vec3(LW_PI, LW_PI, LW_PI));
+            if (!(l.x > 0.99f && l.x < 1.02f))
+                fail_msg("roughness %g, lane %u: %g", (double)g.roughness[i], i, (double)l.x);
+        }
+    }
+}
+
+/* Light of a point lamp in all directions: against the exact lobes; all that is mirrored is what the ambient
+ * term has. */
+static void test_lamp(void **state) {
+    (void)state;
+    enum { STEPS = 256 };
+    for (int k = 3; k <= 10; k++) {
+        const struct stuff stuff = metal((float)k / 10);
+        const struct lw_lobes lobes = lobes_of(&stuff);
+        struct lw_gloss16 g = {0};
+        struct lw_gloss_seen16 seen;
+        struct lw_points16 points = {.x = {0}};
+        for (unsigned i = 0; i < WIDTH; i++) set_floor(&g, i, &stuff, slanted(0.3f + 0.7f * (float)i / 15));
+        lw_gloss_see16(&g, &seen);
+        double sum[WIDTH] = {0}, exact[WIDTH] = {0}, off[WIDTH] = {0};
+        for (int s = 0; s < STEPS * STEPS; s++) {
+            const float u = ((float)(s % STEPS) + 0.5f) / STEPS, v = ((float)(s / STEPS) + 0.5f) / STEPS;
+            const float r = sqrtf(u), phi = 2 * LW_PI * v; /* by the cosine: each stands for pi/count of it */
+            const struct lw_vec3 to_light = lw_vec3(r * cosf(phi), r * sinf(phi), sqrtf(1 - u));
+            const struct lw_gloss_lamp lamp = {.at = to_light, .is_sun = true};
+            float dv[WIDTH], rim[WIDTH];
+            lw_gloss_lamp16(&seen, &points, &lamp, dv, rim);
+            for (unsigned i = 0; i < WIDTH; i++) {
+                const double part = (double)(dv[i] * (seen.mirror[0][i] + seen.rim[0][i] * rim[i]));
+                const struct lw_lobes_seen from = lw_lobes_see(&lobes, slanted(0.3f + 0.7f * (float)i / 15));
+                const double truth = (double)(lw_lobes_reflect(&from, to_light).x / to_light.z);
+                sum[i] += part, exact[i] += truth, off[i] += fabs(part - truth);
+            }
+            if (k > 3 && s % 4 == 0) s += 12; /* rough lobes want fewer */
+        }
+        for (unsigned i = 0; i < WIDTH; i++) {
+            const double scale = exact[i];
+            if (fabs(sum[i] - exact[i]) > 0.02 * scale || off[i] > 0.25 * scale)
+                fail_msg("roughness %g, lane %u: %g of light, %g off", k / 10.0, i, sum[i] / scale,
+                         off[i] / scale);
+        }
+    }
+}
+
+/* A lamp's highlight lies where the floor is its mirror, and is as bright as D V F there. */
+static void test_highlight(void **state) {
+    (void)state;
+    const float roughness = 0.2f, alpha = roughness * roughness, height = 2;
+    const struct stuff stuff = metal(roughness);
+    const struct lw_vec3 eye = {-1, 0, 2};
+    float best = 0, at = 0;
+    for (int n = 0; n < 400; n++) {
+        struct lw_gloss16 g = {0};
+        struct lw_gloss_seen16 seen;
+        struct lw_points16 points = {.x = {0}};
+        float dv[WIDTH], rim[WIDTH];
+        for (unsigned i = 0; i < WIDTH; i++) {
+            points.x[i] = -1 + 2 * (float)(n * 16 + (int)i) / 6400;
+            set_floor(&g, i, &stuff, lw_vec3_sub(eye, lw_vec3(points.x[i], 0, 0)));
+        }
+        lw_gloss_see16(&g, &seen);
+        const struct lw_gloss_lamp lamp = {.at = {1, 0, height}};
+        lw_gloss_lamp16(&seen, &points, &lamp, dv, rim);
+        for (unsigned i = 0; i < WIDTH; i++)
+            if (dv[i] > best) best = dv[i], at = points.x[i];
+    }
+    assert_true(fabsf(at) < 0.02f);
+    /* both cosines are 2 / sqrt 5: their squares 0.8 */
+    const float stretch2 = alpha * alpha + (1 - alpha * alpha) * 0.8f;
+    const float expected = 1 / (LW_PI * alpha * alpha) * 0.25f / sqrtf(0.8f * stretch2);
+    assert_true(fabsf(best - expected) < 0.01f * expected);
+}
+
+/* A wide lamp's highlight is wider and weaker, all of it no brighter. */
+static void test_wide_lamp(void **state) {
+    (void)state;
+    enum { STEPS = 128 };
+    const struct stuff stuff = metal(0.1f);
+    struct lw_gloss16 g = {0};
+    struct lw_gloss_seen16 seen;
+    struct lw_points16 points = {.x = {0}};
+    for (unsigned i = 0; i < WIDTH; i++) set_floor(&g, i, &stuff, slanted(0.3f + 0.7f * (float)i / 15));
+    lw_gloss_see16(&g, &seen);
+    double sum[WIDTH] = {0};
+    for (int s = 0; s < STEPS * STEPS; s++) {
+        const float u = ((float)(s % STEPS) + 0.5f) / STEPS,
+                    phi = 2 * LW_PI * ((float)(s / STEPS) + 0.5f) / STEPS;
+        const float r = sqrtf(u);
+        const struct lw_gloss_lamp lamp = {
+            .at = {r * cosf(phi), r * sinf(phi), sqrtf(1 - u)}, .radius = 0.5f, .is_sun = true};
+        float dv[WIDTH], rim[WIDTH];
+        lw_gloss_lamp16(&seen, &points, &lamp, dv, rim);
+        for (unsigned i = 0; i < WIDTH; i++) sum[i] += (double)(LW_PI * dv[i] / (STEPS * STEPS));
+    }
+    for (unsigned i = 0; i < WIDTH; i++)
+        if (!(sum[i] < 1.02 && sum[i] > 0.8)) fail_msg("lane %u: %g", i, sum[i]);
+}
+
+/* The mirrored sky: what is open is known by E. */
+static void test_ambient(void **state) {
+    (void)state;
+    enum { W = 64, H = 32 };
+    static float rgb[3 * W * H];
+    for (int y = 0; y < H; y++)
+        for (int x = 0; x < W; x++)
+            for (int c = 0; c < 3; c++) rgb[3 * (y * W + x) + c] = y < H / 2 ? 1 : 0; /* bright above */
+    const struct lw_environment e = {.width = W, .height = H, .rgb = rgb};
+    struct lw_ambient maps = {0};
+    assert_int_equal(lw_ambient_take(&maps, &e), LW_OK);
+    for (unsigned k = 0; k < 3 * LW_AMBIENT_MAPS * LW_AMBIENT_SIDE * LW_AMBIENT_SIDE; k++)
+        assert_true(maps.rgb[k] >= 0 && maps.rgb[k] <= 1.0001f);
+    assert_true(fabsf(lw_ambient_matt(&maps, lw_vec3(0, 1, 0)).x - 1) < 0.01f);
+    assert_true(fabsf(lw_ambient_matt(&maps, lw_vec3(1, 0, 0)).x - 0.5f) < 0.02f);
+    assert_true(lw_ambient_matt(&maps, lw_vec3(0, -1, 0)).x < 0.01f);
+    assert_true(lw_ambient_mirrored(&maps, lw_vec3(0.8f, 0.6f, 0), 0).x > 0.99f);
+    assert_true(lw_ambient_mirrored(&maps, lw_vec3(0.8f, -0.6f, 0), 0).x < 0.01f);
+    const float blurred = lw_ambient_mirrored(&maps, lw_vec3(0.8f, -0.6f, 0), 0.9f).x;
+    assert_true(blurred > 0.05f && blurred < 0.5f);
+
+    const struct lw_gloss_sky sky = {{0, 0, 0}, &maps};
+    const struct stuff stuff = metal(0);
+    struct lw_gloss16 g = {0};
+    struct lw_gloss_seen16 seen;
+    for (unsigned i = 0; i < WIDTH; i++) {
+        set_floor(&g, i, &stuff, lw_vec3(0.6f, 0.8f, 0)); /* a floor whose up is Y */
+        set(g.plain, i, lw_vec3(0, 1, 0));
+    }
+    lw_gloss_see16(&g, &seen);
+    const float open = ambient(&g, &seen, 0, &sky, lw_vec3(LW_PI, LW_PI, LW_PI)).x;
+    const float half = ambient(&g, &seen, 0, &sky, lw_vec3(LW_PI / 2, LW_PI / 2, LW_PI / 2)).x;
+    const float more = ambient(&g, &seen, 0, &sky, lw_vec3(2 * LW_PI, 2 * LW_PI, 2 * LW_PI)).x;
+    assert_true(fabsf(open - 1) < 0.02f && fabsf(half - 0.5f) < 0.02f && fabsf(more - 2) < 0.03f);
+    lw_ambient_finish(&maps);
+}
+
+static uint32_t g_random = 1;
+static float draw(float low, float high) {
+    g_random = lw_random_hash2(g_random, 77);
+    return low + (high - low) * lw_random_unit(g_random);
+}
+
+/* Unit, or none at all. */
+static struct lw_vec3 draw_vector(bool unit) {
+    const struct lw_vec3 v = lw_vec3(draw(-1, 1), draw(-1, 1), draw(-1, 1));
+    if (unit) return lw_vec3_normalize(v);
+    const float length[] = {0, 1e-30f, 1e-4f, 1, 1e9f};
+    return lw_vec3_scale(v, length[(unsigned)draw(0, 4.99f)]);
+}
+
+static void draw_texels(struct lw_gloss_texels16 *to, unsigned i) {
+    for (int k = 0; k < 4; k++) to->at[k][i] = g_random = lw_random_hash2(g_random, 5);
+    to->x[i] = draw(0, 1), to->y[i] = draw(0, 1);
+}
+
+static void draw_lane(struct lw_gloss16 *g, unsigned i) {
+    const float ends[] = {0, 1, draw(0, 1), 1e-20f};
+    set(g->base, i, lw_vec3(ends[(unsigned)draw(0, 3.99f)], draw(0, 1), 0));
+    set(g->dielectric, i, lw_vec3(draw(0, 1) < 0.1f ? 1e30f : draw(0, 1), draw(0, 0.1f), 0));
+    g->metalness[i] = ends[(unsigned)draw(0, 3.99f)], g->specular[i] = ends[(unsigned)draw(0, 3.99f)];
+    g->roughness[i] = ends[(unsigned)draw(0, 3.99f)], g->occlusion[i] = draw(0, 1);
+    g->normal_scale[i] = draw(0, 1) < 0.1f ? -1e38f : draw(-3, 3);
+    draw_texels(&g->surface, i), draw_texels(&g->shade, i), draw_texels(&g->bump, i);
+    set(g->plain, i, draw_vector(true)), set(g->tangent, i, draw_vector(false));
+    g->turn[i] = draw(0, 1) < 0.5f ? 1 : -1, g->side[i] = draw(0, 1) < 0.5f ? 1 : -1;
+    set(g->to_eye, i, lw_vec3_scale(draw_vector(true), draw(0.1f, 100)));
+    if (draw(0, 1) < 0.2f) set(g->to_eye, i, lw_vec3_cross(get(g->plain, i), lw_vec3(0, 0, 1))); /* n.v = 0 */
+}
+
+static bool is_good(struct lw_vec3 v) {
+    return v.x >= 0 && v.y >= 0 && v.z >= 0 && v.x < INFINITY && v.y < INFINITY && v.z < INFINITY;
+}
+
+/* Against lw_scene_finish() and the rule that path tracers have. */
+static void test_same_finish(void **state) {
+    (void)state;
+    enum { SIDE = 8 };
+    uint8_t rgba[2][4 * SIDE * SIDE];
+    for (size_t k = 0; k < sizeof rgba; k++)
+        rgba[k / sizeof rgba[0]][k % sizeof rgba[0]] = (uint8_t)draw(0, 255.9f);
+    struct lw_scene *scene = lw_support_squares(1, 1);
+    scene->finish_texture = (struct lw_texture[]){
+        {.name = "", .width = SIDE, .height = SIDE, .rgba = rgba[0], .content = LW_CONTENT_SURFACE},
+        {.name = "", .width = SIDE, .height = SIDE, .rgba = rgba[1], .content = LW_CONTENT_NORMAL}};
+    scene->finish_texture_count = 2;
+    uint16_t tangent[6];
+    for (int c = 0; c < 6; c++) tangent[c] = lw_tangent_encode(lw_vec3(0, 1, 0), lw_vec3(1, 0, 0.4f), c > 2);
+    scene->mesh[0].tangent = tangent;
+    struct lw_finish finish = {.metalness = 0.8f,
+                               .roughness = 0.9f,
+                               .specular = 0.7f,
+                               .specular_colour = {1, 0.5f, 2},
+                               .ior = 1.7f,
+                               .occlusion = 0.6f,
+                               .normal_scale = 0.8f,
+                               .specular_texture = {.texture = LW_SCENE_NONE},
+                               .normal_texture = {.texture = 1, .transform = {3, 0, 0, 0, 3, 0}}};
+    const float turned[6] = {2, 1, 0.3f, -1, 2, 0.1f};
+    memcpy(finish.surface_texture.transform, turned, sizeof turned);
+    finish.occlusion_texture = finish.surface_texture;
+    scene->material[0].finish = &finish;
+    for (int n = 0; n < 64; n++) {
+        struct lw_gloss16 g = {0};
+        struct lw_gloss_seen16 seen;
+        const float u = draw(0, 0.5f), v = draw(0, 0.5f), weight[3] = {1 - u - v, u, v};
+        const uint32_t t = (uint32_t)n % 2;
+        struct lw_surface surface;
+        struct lw_finish_point point;
+        struct lw_facet facet;
+        struct lw_finish_texels texels;
+        const struct lw_texture_quad none = {{NULL}, 0, 0};
+        lw_scene_surface(scene, scene->mesh, t, u, v, &surface);
+        lw_scene_finish(scene, scene->mesh, t, u, v, &surface, &point);
+        lw_scene_facet(scene, scene->mesh, t, &facet);
+        lw_scene_facet_finish_texels(scene, &facet, weight, &none, &texels);
+        const struct lw_vec3 to_eye = lw_vec3(draw(-1, 1), draw(0.1f, 1), draw(-1, 1));
+        lw_gloss_take(&g, 3, scene, scene->material, &texels);
+        set(g.base, 3, surface.base), set(g.plain, 3, surface.normal), set(g.to_eye, 3, to_eye);
+        set(g.tangent, 3, lw_vec3(point.tangent.x, point.tangent.y, point.tangent.z));
+        g.turn[3] = point.tangent.w, g.side[3] = 1;
+        lw_gloss_see16(&g, &seen);
+        const struct lw_vec3 along = lw_vec3(point.tangent.x, point.tangent.y, point.tangent.z);
+        const struct lw_vec3 bent = lw_shading_bend(lw_scene_bump(&point, surface.normal, along),
+                                                    surface.normal, lw_vec3_normalize(to_eye));
+        assert_true(lw_vec3_length(lw_vec3_sub(bent, get(seen.normal, 3))) < 1e-3f);
+        assert_true(fabsf(seen.open[3] - point.occlusion) < 1e-5f);
+        assert_true(fabsf(seen.roughness[3] - point.lobes.roughness) < 1e-5f);
+        const struct lw_lobe_share s = lw_lobe_table_at(seen.cosine[3], point.lobes.roughness);
+        const struct lw_lobes *l = &point.lobes;
+        const float under = 1 - l->gloss0 * s.a - l->gloss90 * s.b, again = 1 / (s.a + s.b) - 1;
+        assert_true(fabsf(seen.diffuse[1][3] - l->diffuse.y * under) < 1e-4f);
+        assert_true(fabsf(seen.mirror[2][3] - l->f0.z * (1 + l->f0.z * again)) < 1e-4f);
+        assert_true(fabsf(seen.mirrored[0][3] - (l->f0.x * s.a + l->f90 * s.b) * (1 + l->f0.x * again)) <
+                    1e-4f);
+    }
+    lw_scene_destroy(scene);
+}
+
+/* Never NaN, never negative, the mirrored direction never below the surface. */
+static void test_hostile(void **state) {
+    (void)state;
+    const struct lw_ambient none = {0};
+    for (int k = 0; k < 20000; k++) {
+        struct lw_gloss16 g;
+        struct lw_gloss_seen16 seen;
+        struct lw_points16 points;
+        float dv[WIDTH], rim[WIDTH];
+        for (unsigned i = 0; i < WIDTH; i++) {
+            draw_lane(&g, i);
+            points.x[i] = draw(-1, 1), points.y[i] = draw(-1, 1), points.z[i] = 0;
+        }
+        const struct lw_gloss_sky sky = {{draw(0, 1), 0, draw(0, 1e12f)}, &none};
+        const struct lw_gloss_lamp lamp = {.at = k % 3 ? draw_vector(true)
+                                                       : lw_vec3(points.x[0], points.y[0], 0),
+                                           .radius = k % 5 ? 0 : draw(0, 10),
+                                           .is_sun = k % 2};
+        lw_gloss_see16(&g, &seen);
+        lw_gloss_lamp16(&seen, &points, &lamp, dv, rim);
+        for (unsigned i = 0; i < WIDTH; i++) {
+            const struct lw_vec3 l = ambient(&g, &seen, i, &sky, lw_vec3(draw(0, 1e12f), 0, 1));
+            const struct lw_vec3 n = get(seen.normal, i), v = get(seen.eye, i), plain = get(g.plain, i);
+            assert_true(is_good(l) && is_good(get(seen.mirror, i)) && is_good(get(seen.rim, i)));
+            assert_true(dv[i] >= 0 && dv[i] < INFINITY && rim[i] >= 0 && rim[i] <= 1);
+            assert_true(fabsf(lw_vec3_dot(n, n) - 1) < 1e-3f && lw_vec3_dot(n, v) > 0);
+            const struct lw_vec3 way = lw_vec3_sub(lw_vec3_scale(n, 2 * lw_vec3_dot(n, v)), v);
+            assert_true(lw_vec3_dot(plain, v) < 0.01f || lw_vec3_dot(way, plain) > 0);
+        }
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_furnace),    cmocka_unit_test(test_lamp),
+                                       cmocka_unit_test(test_highlight),  cmocka_unit_test(test_wide_lamp),
+                                       cmocka_unit_test(test_ambient),    cmocka_unit_test(test_hostile),
+                                       cmocka_unit_test(test_same_finish)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
