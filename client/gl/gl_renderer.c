@@ -6,6 +6,8 @@
 #include "client/gl/gl_scene.h"
 #include "client/gl/gl_shaders.h"
 #include "client/gl/gl_target.h"
+#include "client/view/ambient.h"
+#include "common/shading/lobe_table.h"
 
 #include <float.h>
 #include <stdio.h>
@@ -37,7 +39,12 @@ enum variant {
     VARIANT_LIT = 2048,
     VARIANT_SHADOW = 4096,
     VARIANT_SHOWN = 8192, /* something else than light: lw_show */
-    VARIANTS = 16384
+    VARIANT_FINISH = 16384,
+    VARIANT_RELIEF = 32768, /* a normal map; the other maps of a finish: */
+    VARIANT_SURFACE_MAP = 65536,
+    VARIANT_SPECULAR_MAP = 131072,
+    VARIANT_SHADE_MAP = 262144,
+    VARIANTS = 524288
 };
 
 /* Texture units. */
@@ -53,13 +60,17 @@ enum {
     UNIT_SHAPES,
     UNIT_SUN_MAPS,
     UNIT_LAMP_MAPS,
-    UNIT_TILE_COLOURS
+    UNIT_TILE_COLOURS,
+    UNIT_LOBES,
+    UNIT_AMBIENT,
+    UNIT_SURFACE /* and the other three maps of a finish */
 };
 
 struct program {
     GLuint name;
     GLint first, eye, parallel, clip, base_uv, glow_uv, base_colour, emission, unlit, cutoff, stand_in,
-        unscale, finer, coarsest, reach, light, light_count, noise, faint, show;
+        unscale, finer, coarsest, reach, light, light_count, noise, faint, show, finish, specular_colour,
+        relief, finish_uv, finish_set, sky;
 };
 
 struct object {
@@ -84,7 +95,12 @@ struct lw_gl_renderer {
     struct lw_gl_lights_box bounds; /* of all that has ever been shown */
     struct lw_gl_lights_box *moved; /* scratch */
     struct lw_gl_target picture, survey, metered;
-    struct program program[VARIANTS];
+    struct program *program; /* those made so far; the first one is none */
+    uint32_t program_count;
+    uint16_t *made; /* per variant: its program, or 0 */
+    struct lw_ambient
+        ambient; /* with finishes and an environment alone; so are its texture and that of lobes */
+    GLuint lobes, ambient_maps;
     GLuint sky, show, empty_array;
     GLint sky_middle, sky_right, sky_up, sky_far, sky_colour, show_exposure, show_curve;
     bool upside_down; /* depth is 1 at the eye and 0 far away, of which floats have most to tell */
@@ -152,24 +168,61 @@ static void set_level_colours(const struct program *p) {
     glUniform3fv(glGetUniformLocation(p->name, "u_level_colours"), 4, colour[0]);
 }
 
+static void find_finish_uniforms(struct program *p) {
+    static const char *const maps[] = {"u_surface", "u_specular", "u_shade", "u_bumps"};
+    p->finish = glGetUniformLocation(p->name, "u_finish");
+    p->specular_colour = glGetUniformLocation(p->name, "u_specular_colour");
+    p->relief = glGetUniformLocation(p->name, "u_relief");
+    p->finish_uv = glGetUniformLocation(p->name, "u_finish_uv");
+    p->finish_set = glGetUniformLocation(p->name, "u_finish_set");
+    p->sky = glGetUniformLocation(p->name, "u_sky");
+    glUseProgram(p->name);
+    for (GLint k = 0; k < 4; k++) glUniform1i(glGetUniformLocation(p->name, maps[k]), UNIT_SURFACE + k);
+    glUniform1i(glGetUniformLocation(p->name, "u_lobes"), UNIT_LOBES);
+    glUniform1i(glGetUniformLocation(p->name, "u_ambient"), UNIT_AMBIENT);
+}
+
+/* A variant's program, or one that is to be made. */
+static enum lw_status add_program(struct lw_gl_renderer *r, unsigned variant, struct program **out,
+                                  struct lw_error *err) {
+    if (r->made[variant] == 0) {
+        struct program *more = realloc(r->program, (r->program_count + 1ul) * sizeof *more);
+        if (!more || r->program_count == UINT16_MAX) {
+            if (more) r->program = more;
+            return lw_status_fail(err, LW_NO_MEMORY, "no memory for a shader program");
+        }
+        r->program = more;
+        more[r->program_count] = (struct program){0};
+        r->made[variant] = (uint16_t)r->program_count++;
+    }
+    *out = &r->program[r->made[variant]];
+    return LW_OK;
+}
+
 /* The program of a variant, made when it is first drawn with. */
 static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, const struct program **out,
                                    struct lw_error *err) {
-    static const char *const names[] = {"BASE", "GLOW",  "BASE_UV1", "GLOW_UV1", "COLOUR",
-                                        "MASK", "BLEND", "LIGHTMAP", "FEEDBACK", "SETTLED",
-                                        "MSAA", "LIT",   "SHADOW",   "SHOWN"};
-    struct program *p = &r->program[variant];
+    static const char *const names[] = {"BASE",   "GLOW",        "BASE_UV1",     "GLOW_UV1", "COLOUR",
+                                        "MASK",   "BLEND",       "LIGHTMAP",     "FEEDBACK", "SETTLED",
+                                        "MSAA",   "LIT",         "SHADOW",       "SHOWN",    "FINISH",
+                                        "RELIEF", "SURFACE_MAP", "SPECULAR_MAP", "SHADE_MAP"};
+    const unsigned maps = VARIANT_RELIEF | VARIANT_SURFACE_MAP | VARIANT_SPECULAR_MAP | VARIANT_SHADE_MAP;
+    struct program *p = NULL;
+    enum lw_status status = add_program(r, variant, &p, err);
     *out = p;
-    if (p->name) return LW_OK;
-    char defines[512];
+    if (status != LW_OK || p->name) return status;
+    char defines[1024];
     brightest(r, defines);
     snprintf(defines + strlen(defines), sizeof defines - strlen(defines), "#define CENTROID %s\n",
              variant & VARIANT_MSAA ? "centroid" : "");
     for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
         if (variant >> i & 1u)
             snprintf(defines + strlen(defines), sizeof defines - strlen(defines), "#define %s\n", names[i]);
-    enum lw_status status = lw_gl_program_create(defines, lw_gl_shaders_scene_vertex,
-                                                 lw_gl_shaders_scene_fragment, &p->name, err);
+    if (variant & (VARIANT_LIT | VARIANT_FINISH | VARIANT_SHOWN)) strcat(defines, "#define NORMAL\n");
+    if (variant & maps) strcat(defines, "#define FINISH_MAP\n");
+    if (r->ambient.rgb) strcat(defines, "#define AMBIENT\n");
+    status = lw_gl_program_create(defines, lw_gl_shaders_scene_vertex, lw_gl_shaders_scene_fragment, &p->name,
+                                  err);
     if (status != LW_OK) return status;
     p->first = glGetUniformLocation(p->name, "u_first");
     p->eye = glGetUniformLocation(p->name, "u_eye");
@@ -191,6 +244,7 @@ static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, c
     p->noise = glGetUniformLocation(p->name, "u_noise");
     p->faint = glGetUniformLocation(p->name, "u_faint");
     p->show = glGetUniformLocation(p->name, "u_show");
+    if (variant & VARIANT_FINISH) find_finish_uniforms(p);
     glUseProgram(p->name);
     glUniform1i(glGetUniformLocation(p->name, "u_base"), UNIT_BASE);
     glUniform1i(glGetUniformLocation(p->name, "u_glow"), UNIT_GLOW);
@@ -230,8 +284,11 @@ static bool allocate(struct lw_gl_renderer *r) {
     r->blended = calloc(objects, sizeof *r->blended);
     r->blends = calloc(meshes, sizeof *r->blends);
     r->moved = calloc(2 * objects, sizeof *r->moved);
-    return r->object && r->by_mesh && r->first_of && r->instance && r->draw && r->blended && r->blends &&
-           r->moved;
+    r->made = calloc(VARIANTS, sizeof *r->made);
+    r->program = calloc(1, sizeof *r->program);
+    r->program_count = 1;
+    return r->made && r->program && r->object && r->by_mesh && r->first_of && r->instance && r->draw &&
+           r->blended && r->blends && r->moved;
 }
 
 static void sort_by_mesh(struct lw_gl_renderer *r) {
@@ -295,8 +352,11 @@ enum lw_status lw_gl_renderer_create(const struct lw_gl_renderer_desc *desc,
 
 void lw_gl_renderer_destroy(struct lw_gl_renderer *r) {
     if (r == NULL) return;
-    for (unsigned i = 0; i < VARIANTS; i++)
+    for (uint32_t i = 1; r->program && i < r->program_count; i++)
         if (r->program[i].name) glDeleteProgram(r->program[i].name);
+    if (r->lobes) glDeleteTextures(1, &r->lobes);
+    if (r->ambient_maps) glDeleteTextures(1, &r->ambient_maps);
+    lw_ambient_finish(&r->ambient);
     if (r->sky) glDeleteProgram(r->sky);
     if (r->show) glDeleteProgram(r->show);
     if (r->empty_array) glDeleteVertexArrays(1, &r->empty_array);
@@ -322,7 +382,49 @@ void lw_gl_renderer_destroy(struct lw_gl_renderer *r) {
     free(r->first_of);
     free(r->by_mesh);
     free(r->object);
+    free(r->program);
+    free(r->made);
     free(r);
+}
+
+/* ---- finishes ---- */
+
+static bool has_finish(const struct lw_scene *scene) {
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        if (scene->material[m].finish && !scene->material[m].unlit) return true;
+    return false;
+}
+
+static void make_smooth(GLenum kind, GLuint *out) {
+    glGenTextures(1, out);
+    glBindTexture(kind, *out);
+    glTexParameteri(kind, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
+    glTexParameteri(kind, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+    glTexParameteri(kind, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
+    glTexParameteri(kind, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
+}
+
+/* What shaders of finishes look up. */
+static enum lw_status make_tables(struct lw_gl_renderer *r, struct lw_error *err) {
+    glActiveTexture(GL_TEXTURE0);
+    make_smooth(GL_TEXTURE_2D, &r->lobes);
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_RG32F, LW_LOBE_TABLE_SIDE, LW_LOBE_TABLE_SIDE, 0, GL_RG, GL_FLOAT,
+                 lw_lobe_table());
+    if (lw_ambient_take(&r->ambient, &r->desc.scene->environment) != LW_OK)
+        return lw_status_fail(err, LW_NO_MEMORY, "no memory for the sky in mirrors");
+    if (!r->ambient.rgb) return LW_OK;
+    make_smooth(GL_TEXTURE_2D_ARRAY, &r->ambient_maps);
+    glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, GL_RGB32F, LW_AMBIENT_SIDE, LW_AMBIENT_SIDE, LW_AMBIENT_MAPS, 0,
+                 GL_RGB, GL_FLOAT, r->ambient.rgb);
+    return LW_OK;
+}
+
+/* Takes over finishes that have arrived. */
+static enum lw_status take_finishes(struct lw_gl_renderer *r, struct lw_error *err) {
+    if (!has_finish(r->desc.scene)) return LW_OK;
+    enum lw_status status = r->lobes ? LW_OK : make_tables(r, err);
+    if (status == LW_OK) status = lw_gl_scene_follow(&r->scene, err);
+    return status;
 }
 
 /* ---- what has changed ---- */
@@ -382,6 +484,8 @@ static uint32_t take_objects(struct lw_gl_renderer *r, const struct lw_pose *pos
 enum lw_status lw_gl_renderer_take(struct lw_gl_renderer *r, const struct lw_compose_source *source,
                                    const struct lw_pose *pose, uint32_t tiles_max, uint32_t *out_waiting,
                                    struct lw_error *err) {
+    enum lw_status finished = take_finishes(r, err);
+    if (finished != LW_OK) return finished;
     lw_gl_light_take(&r->light, source, tiles_max);
     const uint32_t moved = take_objects(r, pose);
     r->pose = pose;
@@ -558,6 +662,23 @@ static void bind(GLenum unit, GLenum kind, GLuint texture) {
     glBindTexture(kind, texture);
 }
 
+/* Whether occlusion and surface are one look-up. */
+static bool is_same_use(const struct lw_finish *f) {
+    const struct lw_texture_use *a = &f->occlusion_texture, *b = &f->surface_texture;
+    return a->texture == b->texture && a->uv_set == b->uv_set &&
+           memcmp(a->transform, b->transform, sizeof a->transform) == 0;
+}
+
+/* Of a material with a finish. */
+static unsigned finish_variant(const struct lw_mesh *mesh, const struct lw_finish *f) {
+    unsigned variant = VARIANT_FINISH;
+    if (f->surface_texture.texture != LW_SCENE_NONE) variant |= VARIANT_SURFACE_MAP;
+    if (f->specular_texture.texture != LW_SCENE_NONE) variant |= VARIANT_SPECULAR_MAP;
+    if (f->normal_texture.texture != LW_SCENE_NONE && mesh->tangent) variant |= VARIANT_RELIEF;
+    if (f->occlusion_texture.texture != LW_SCENE_NONE && !is_same_use(f)) variant |= VARIANT_SHADE_MAP;
+    return variant;
+}
+
 static unsigned variant_of(const struct lw_gl_mesh *mesh, const struct lw_mesh *original,
                            const struct lw_material *m) {
     unsigned variant = mesh->lit ? VARIANT_LIGHTMAP : 0;
@@ -572,7 +693,27 @@ static unsigned variant_of(const struct lw_gl_mesh *mesh, const struct lw_mesh *
     if (original->colour) variant |= VARIANT_COLOUR;
     if (m->alpha_mode == LW_ALPHA_MASK) variant |= VARIANT_MASK;
     if (m->alpha_mode == LW_ALPHA_BLEND) variant |= VARIANT_BLEND;
+    if (m->finish && !m->unlit) variant |= finish_variant(original, m->finish);
     return variant;
+}
+
+static void set_finish(const struct lw_gl_renderer *r, const struct program *p, const struct lw_finish *f) {
+    const struct lw_texture_use *use[4] = {&f->surface_texture, &f->specular_texture, &f->occlusion_texture,
+                                           &f->normal_texture};
+    const float bend = (f->ior - 1) / (f->ior + 1), *tint = f->specular_colour;
+    float uv[8][3], set[4];
+    for (unsigned k = 0; k < 4; k++) {
+        memcpy(uv[2 * k], use[k]->transform, sizeof use[k]->transform);
+        set[k] = (float)use[k]->uv_set;
+        if (use[k]->texture != LW_SCENE_NONE)
+            bind(UNIT_SURFACE + k, GL_TEXTURE_2D, r->scene.finish_texture[use[k]->texture]);
+    }
+    glUniform4f(p->finish, f->metalness, f->roughness, f->specular, bend * bend);
+    glUniform3f(p->specular_colour, tint[0], tint[1], tint[2]);
+    glUniform3f(p->relief, f->normal_scale, f->occlusion, is_same_use(f) ? 1 : 0);
+    glUniform3fv(p->finish_uv, 8, uv[0]);
+    glUniform4fv(p->finish_set, 1, set);
+    glUniform3f(p->sky, r->sky_radiance.x, r->sky_radiance.y, r->sky_radiance.z);
 }
 
 static void set_material(const struct lw_gl_renderer *r, const struct program *p,
@@ -628,6 +769,7 @@ static enum lw_status draw_batch(struct lw_gl_renderer *r, const struct view *v,
     glUniform1ui(p->coarsest, batch->coarsest);
     glUniform1i(p->first, (GLint)d->first);
     set_material(r, p, m);
+    if (variant & VARIANT_FINISH) set_finish(r, p, m->finish);
     if (variant & VARIANT_LIT) {
         GLint light[LW_GL_LIGHTS_MAX];
         const uint32_t count = lw_gl_lights_near(&r->lights, &d->box, FAINT * r->light.mean, light);
@@ -706,6 +848,8 @@ static void begin(struct lw_gl_renderer *r) {
         bind(UNIT_SUN_MAPS, GL_TEXTURE_2D_ARRAY, r->lights.sun_maps);
         bind(UNIT_LAMP_MAPS, GL_TEXTURE_2D_ARRAY, r->lights.lamp_maps);
     }
+    if (r->lobes) bind(UNIT_LOBES, GL_TEXTURE_2D, r->lobes);
+    if (r->ambient_maps) bind(UNIT_AMBIENT, GL_TEXTURE_2D_ARRAY, r->ambient_maps);
     r->figures.draw_calls = 0;
 }
 

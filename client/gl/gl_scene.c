@@ -2,6 +2,7 @@
 
 #include "client/gl/gl_program.h"
 #include "common/lightmap/lightmap.h"
+#include "common/shading/tangent.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -10,7 +11,7 @@
 
 /* How the vertices of a mesh lie: interleaved, with the attributes that it has. */
 struct layout {
-    size_t stride, at[LW_GL_COLOUR + 1]; /* bytes; at: 0 where absent, but of the position */
+    size_t stride, at[LW_GL_ATTRIBUTES]; /* bytes; at: 0 where absent, but of the position */
 };
 
 static struct layout layout_of(const struct lw_mesh *mesh) {
@@ -20,13 +21,79 @@ static struct layout layout_of(const struct lw_mesh *mesh) {
     for (int set = 0; set < 2; set++)
         if (mesh->uv[set]) l.at[LW_GL_UV0 + set] = l.stride, l.stride += sizeof(struct lw_vec2);
     if (mesh->colour) l.at[LW_GL_COLOUR] = l.stride, l.stride += sizeof(struct lw_vec4);
+    if (mesh->tangent) l.at[LW_GL_TANGENT] = l.stride, l.stride += 4 * sizeof(int16_t);
     return l;
 }
 
 static int16_t snorm(float x) { return (int16_t)lrintf(32767.0f * (x > -1 ? (x < 1 ? x : 1) : -1)); }
 
-static void write_vertices(const struct lw_mesh *mesh, const struct layout *l, uint8_t *out) {
-    for (uint32_t v = 0; v < mesh->vertex_count; v++, out += l->stride) {
+/* The vertices of a mesh with tangents: those that it has, and more for corners whose tangents differ. */
+struct split {
+    uint32_t count;
+    uint32_t *corner; /* 3 per triangle: its vertices among these; NULL: the mesh has no tangents */
+    uint32_t *of;     /* the mesh's vertex */
+    uint16_t *code;   /* its tangent */
+    uint32_t *next;   /* scratch: another one of the same vertex; 0: there is none */
+    bool *taken;      /* scratch, of the mesh's vertices */
+};
+
+static void free_split(struct split *s) {
+    free(s->taken);
+    free(s->next);
+    free(s->code);
+    free(s->of);
+    free(s->corner);
+    *s = (struct split){0};
+}
+
+/* The vertex of a tangent; made where there is none. */
+static uint32_t find_vertex(struct split *s, uint32_t vertex, uint16_t code) {
+    if (!s->taken[vertex]) {
+        s->taken[vertex] = true;
+        s->code[vertex] = code;
+        return vertex;
+    }
+    uint32_t at = vertex;
+    while (s->code[at] != code) {
+        if (s->next[at] == 0) {
+            s->of[s->count] = vertex;
+            s->code[s->count] = code;
+            s->next[at] = s->count++;
+        }
+        at = s->next[at];
+    }
+    return at;
+}
+
+static bool split_corners(const struct lw_mesh *mesh, struct split *s) {
+    const size_t corners = 3ul * mesh->triangle_count, room = mesh->vertex_count + corners;
+    *s = (struct split){.count = mesh->vertex_count};
+    if (!mesh->tangent) return true;
+    s->corner = malloc((corners + 1) * sizeof *s->corner);
+    s->of = malloc((room + 1) * sizeof *s->of);
+    s->code = calloc(room + 1, sizeof *s->code);
+    s->next = calloc(room + 1, sizeof *s->next);
+    s->taken = calloc(mesh->vertex_count + 1ul, sizeof *s->taken);
+    if (!s->corner || !s->of || !s->code || !s->next || !s->taken) {
+        free_split(s);
+        return false;
+    }
+    for (uint32_t v = 0; v < mesh->vertex_count; v++) s->of[v] = v;
+    for (size_t c = 0; c < corners; c++)
+        s->corner[c] = find_vertex(s, mesh->triangle[c / 3][c % 3], mesh->tangent[c]);
+    return true;
+}
+
+static void write_tangent(struct lw_vec3 normal, uint16_t code, uint8_t *out) {
+    const struct lw_vec4 t = lw_tangent_decode(code, normal);
+    const int16_t tangent[4] = {snorm(t.x), snorm(t.y), snorm(t.z), snorm(t.w)};
+    memcpy(out, tangent, sizeof tangent);
+}
+
+static void write_vertices(const struct lw_mesh *mesh, const struct split *split, const struct layout *l,
+                           uint8_t *out) {
+    for (uint32_t i = 0; i < split->count; i++, out += l->stride) {
+        const uint32_t v = split->of ? split->of[i] : i;
         const struct lw_vec3 n = mesh->normal[v];
         const int16_t normal[4] = {snorm(n.x), snorm(n.y), snorm(n.z), 0};
         memcpy(out, &mesh->position[v], sizeof(struct lw_vec3));
@@ -37,6 +104,7 @@ static void write_vertices(const struct lw_mesh *mesh, const struct layout *l, u
             if (l->at[LW_GL_UV0 + set])
                 memcpy(out + l->at[LW_GL_UV0 + set], &mesh->uv[set][v], sizeof(struct lw_vec2));
         if (l->at[LW_GL_COLOUR]) memcpy(out + l->at[LW_GL_COLOUR], &mesh->colour[v], sizeof(struct lw_vec4));
+        if (l->at[LW_GL_TANGENT]) write_tangent(n, split->code[i], out + l->at[LW_GL_TANGENT]);
     }
 }
 
@@ -58,6 +126,7 @@ static void make_array(struct lw_gl_scene *s, const struct layout *l, size_t fir
     attribute(LW_GL_UV0, 2, GL_FLOAT, l, first);
     attribute(LW_GL_UV1, 2, GL_FLOAT, l, first);
     attribute(LW_GL_COLOUR, 4, GL_FLOAT, l, first);
+    attribute(LW_GL_TANGENT, 4, GL_SHORT, l, first);
 }
 
 /* ---- batches ---- */
@@ -91,6 +160,10 @@ static enum lw_status cut_into_batches(struct lw_gl_scene *s, uint32_t m, struct
     const struct lw_mesh *mesh = &s->scene->mesh[m];
     memset(lists->level, 0, mesh->triangle_count);
     if (mesh->lightmap_uv && lw_lightmap_coarsest(mesh, lists->level) != LW_OK) return LW_NO_MEMORY;
+    struct split split;
+    if (!split_corners(mesh, &split)) return LW_NO_MEMORY;
+    s->mesh[m].vertex_count = split.count;
+    s->mesh[m].tangents = mesh->tangent != NULL;
     for (uint32_t t = 0; t < mesh->triangle_count; t++)
         lists->key[t] = (uint64_t)mesh->material[t] << 40 | (uint64_t)lists->level[t] << 32 | t;
     qsort(lists->key, mesh->triangle_count, sizeof *lists->key, by_key);
@@ -100,10 +173,15 @@ static enum lw_status cut_into_batches(struct lw_gl_scene *s, uint32_t m, struct
         const uint32_t t = (uint32_t)lists->key[i], material = mesh->material[t], level = lists->level[t];
         if (!batch || batch->material != material || batch->coarsest != level)
             batch = add_batch(s, material, level, lists->count);
-        if (!batch) return LW_NO_MEMORY;
-        for (int k = 0; k < 3; k++) lists->index[lists->count++] = mesh->triangle[t][k];
+        if (!batch) {
+            free_split(&split);
+            return LW_NO_MEMORY;
+        }
+        for (unsigned k = 0; k < 3; k++)
+            lists->index[lists->count++] = split.corner ? split.corner[3ul * t + k] : mesh->triangle[t][k];
         batch->count += 3;
     }
+    free_split(&split);
     s->mesh[m].batch_count = s->batch_count - s->mesh[m].first_batch;
     return LW_OK;
 }
@@ -121,7 +199,7 @@ static void find_box(struct lw_gl_mesh *out, const struct lw_mesh *mesh) {
 static enum lw_status upload_vertices(struct lw_gl_scene *s, struct lw_error *err) {
     size_t size = 0, largest = 0;
     for (uint32_t m = 0; m < s->scene->mesh_count; m++) {
-        const size_t bytes = layout_of(&s->scene->mesh[m]).stride * s->scene->mesh[m].vertex_count;
+        const size_t bytes = layout_of(&s->scene->mesh[m]).stride * s->mesh[m].vertex_count;
         size += bytes;
         largest = bytes > largest ? bytes : largest;
     }
@@ -135,8 +213,14 @@ static enum lw_status upload_vertices(struct lw_gl_scene *s, struct lw_error *er
     for (uint32_t m = 0; m < s->scene->mesh_count && status == LW_OK; m++) {
         const struct lw_mesh *mesh = &s->scene->mesh[m];
         const struct layout l = layout_of(mesh);
-        const size_t bytes = l.stride * mesh->vertex_count;
-        write_vertices(mesh, &l, memory);
+        const size_t bytes = l.stride * s->mesh[m].vertex_count;
+        struct split split;
+        if (!split_corners(mesh, &split)) {
+            status = lw_status_fail(err, LW_NO_MEMORY, "no memory for the scene's vertices");
+            break;
+        }
+        write_vertices(mesh, &split, &l, memory);
+        free_split(&split);
         glBufferSubData(GL_ARRAY_BUFFER, (GLintptr)first, (GLsizeiptr)bytes, memory);
         make_array(s, &l, first, &s->mesh[m].array);
         find_box(&s->mesh[m], mesh);
@@ -200,6 +284,18 @@ static float find_anisotropy(void) {
     return most < ANISOTROPY ? most : ANISOTROPY;
 }
 
+static GLint format_of(const struct lw_texture *t) {
+    switch ((enum lw_content)t->content) {
+    case LW_CONTENT_NORMAL:
+        return GL_RG8;
+    case LW_CONTENT_SURFACE:
+        return GL_RGBA8;
+    case LW_CONTENT_COLOUR:
+        break;
+    }
+    return GL_SRGB8_ALPHA8;
+}
+
 /* exact: no filter but the four nearest texels, as lw_scene_sample() */
 static enum lw_status upload_texture(const struct lw_texture *t, bool exact, float anisotropy, GLuint *out,
                                      struct lw_error *err) {
@@ -216,7 +312,7 @@ static enum lw_status upload_texture(const struct lw_texture *t, bool exact, flo
                               t->name, t->width, t->height, side_max);
     glGenTextures(1, out);
     glBindTexture(GL_TEXTURE_2D, *out);
-    glTexImage2D(GL_TEXTURE_2D, 0, GL_SRGB8_ALPHA8, (GLsizei)t->width, (GLsizei)t->height, 0, GL_RGBA,
+    glTexImage2D(GL_TEXTURE_2D, 0, format_of(t), (GLsizei)t->width, (GLsizei)t->height, 0, GL_RGBA,
                  GL_UNSIGNED_BYTE, t->rgba);
     if (!exact) glGenerateMipmap(GL_TEXTURE_2D);
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, filter);
@@ -254,11 +350,72 @@ static enum lw_status upload_textures(struct lw_gl_scene *s, bool exact, struct 
     return status == LW_OK ? lw_gl_program_check("the scene's textures", err) : status;
 }
 
+/* ---- finishes ---- */
+
+static enum lw_status upload_finish_textures(struct lw_gl_scene *s, struct lw_error *err) {
+    const struct lw_scene *scene = s->scene;
+    if (s->finish_texture_count < scene->finish_texture_count) {
+        GLuint *more = realloc(s->finish_texture, scene->finish_texture_count * sizeof *more);
+        if (!more) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the scene's textures");
+        s->finish_texture = more;
+        while (s->finish_texture_count < scene->finish_texture_count) more[s->finish_texture_count++] = 0;
+    }
+    const float anisotropy = s->exact ? 1 : find_anisotropy();
+    enum lw_status status = LW_OK;
+    for (uint32_t m = 0; m < scene->material_count && status == LW_OK; m++) {
+        const struct lw_finish *f = scene->material[m].finish;
+        if (!f) continue;
+        const uint32_t used[4] = {f->surface_texture.texture, f->specular_texture.texture,
+                                  f->occlusion_texture.texture, f->normal_texture.texture};
+        for (int k = 0; k < 4 && status == LW_OK; k++)
+            if (used[k] != LW_SCENE_NONE && s->finish_texture[used[k]] == 0)
+                status = upload_texture(&scene->finish_texture[used[k]], s->exact, anisotropy,
+                                        &s->finish_texture[used[k]], err);
+    }
+    return status;
+}
+
+static bool has_new_tangents(const struct lw_gl_scene *s) {
+    for (uint32_t m = 0; m < s->scene->mesh_count; m++)
+        if (s->mesh[m].tangents != (s->scene->mesh[m].tangent != NULL)) return true;
+    return false;
+}
+
+static bool has_finish(const struct lw_scene *scene) {
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        if (scene->material[m].finish) return true;
+    return false;
+}
+
+static void drop_meshes(struct lw_gl_scene *s) {
+    for (uint32_t m = 0; s->mesh && m < s->scene->mesh_count; m++) {
+        if (s->mesh[m].array) glDeleteVertexArrays(1, &s->mesh[m].array);
+        s->mesh[m].array = 0;
+    }
+    if (s->vertices) glDeleteBuffers(1, &s->vertices);
+    if (s->indices) glDeleteBuffers(1, &s->indices);
+    s->vertices = s->indices = 0;
+    s->batch_count = 0;
+    free(s->batch);
+    s->batch = NULL;
+}
+
+enum lw_status lw_gl_scene_follow(struct lw_gl_scene *s, struct lw_error *err) {
+    enum lw_status status = LW_OK;
+    if (!has_finish(s->scene)) return LW_OK;
+    if (has_new_tangents(s)) {
+        drop_meshes(s);
+        status = upload_indices(s, err);
+        if (status == LW_OK) status = upload_vertices(s, err);
+    }
+    return status == LW_OK ? upload_finish_textures(s, err) : status;
+}
+
 /* ---- the whole ---- */
 
 enum lw_status lw_gl_scene_init(struct lw_gl_scene *s, const struct lw_scene *scene, bool exact,
                                 struct lw_error *err) {
-    *s = (struct lw_gl_scene){.scene = scene};
+    *s = (struct lw_gl_scene){.scene = scene, .exact = exact};
     s->mesh = calloc(scene->mesh_count + 1ul, sizeof *s->mesh);
     s->texture = calloc(scene->texture_count + 1ul, sizeof *s->texture);
     enum lw_status status = LW_OK;
@@ -266,20 +423,20 @@ enum lw_status lw_gl_scene_init(struct lw_gl_scene *s, const struct lw_scene *sc
     if (status == LW_OK) status = upload_indices(s, err);
     if (status == LW_OK) status = upload_vertices(s, err);
     if (status == LW_OK) status = upload_textures(s, exact, err);
+    if (status == LW_OK) status = lw_gl_scene_follow(s, err);
     if (status != LW_OK) lw_gl_scene_finish(s);
     return status;
 }
 
 void lw_gl_scene_finish(struct lw_gl_scene *s) {
     if (s->scene == NULL) return;
-    for (uint32_t m = 0; s->mesh && m < s->scene->mesh_count; m++)
-        if (s->mesh[m].array) glDeleteVertexArrays(1, &s->mesh[m].array);
+    drop_meshes(s);
     for (uint32_t t = 0; s->texture && t < s->scene->texture_count; t++)
         if (s->texture[t]) glDeleteTextures(1, &s->texture[t]);
+    for (uint32_t t = 0; t < s->finish_texture_count; t++)
+        if (s->finish_texture[t]) glDeleteTextures(1, &s->finish_texture[t]);
     if (s->environment) glDeleteTextures(1, &s->environment);
-    if (s->vertices) glDeleteBuffers(1, &s->vertices);
-    if (s->indices) glDeleteBuffers(1, &s->indices);
-    free(s->batch);
+    free(s->finish_texture);
     free(s->texture);
     free(s->mesh);
     *s = (struct lw_gl_scene){0};

@@ -19,6 +19,8 @@ enum lw_gl_attribute {
     LW_GL_UV0,
     LW_GL_UV1,
     LW_GL_COLOUR,
+    LW_GL_TANGENT, /* of normal maps; w: as glTF's */
+    LW_GL_ATTRIBUTES
 };
 
 struct lw_gl_batch {
@@ -32,6 +34,8 @@ struct lw_gl_mesh {
     uint32_t first_batch, batch_count;
     struct lw_vec3 low, high; /* object space */
     bool lit;                 /* it has a lightmap */
+    bool tangents;            /* it had them when it was uploaded */
+    uint32_t vertex_count;    /* on the GPU: one for each tangent of a vertex */
 };
 
 struct lw_gl_scene {
@@ -42,6 +46,9 @@ struct lw_gl_scene {
     GLuint vertices, indices; /* buffers */
     GLuint *texture;          /* per texture of the scene; 0: no material uses it */
     GLuint environment;       /* 0: there is none */
+    GLuint *finish_texture;   /* as texture, of those of finishes */
+    uint32_t finish_texture_count;
+    bool exact;
 };
 
 /** Uploads a scene, which must outlive it. Zeroed on failure.
@@ -49,6 +56,9 @@ struct lw_gl_scene {
  * Errors: LW_NO_MEMORY, of the GPU too; LW_UNAVAILABLE for a texture that the GPU does not take. */
 LW_MUST_CHECK enum lw_status lw_gl_scene_init(struct lw_gl_scene *scene, const struct lw_scene *original,
                                               bool exact, struct lw_error *err);
+/** Takes over finishes that have arrived since: their textures, meshes' tangents. Costs little where there is
+ * nothing new. Errors: as of lw_gl_scene_init(). */
+LW_MUST_CHECK enum lw_status lw_gl_scene_follow(struct lw_gl_scene *scene, struct lw_error *err);
 /** A zeroed one is fine. */
 void lw_gl_scene_finish(struct lw_gl_scene *scene);
 

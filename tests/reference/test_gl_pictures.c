@@ -9,6 +9,7 @@
 #include "client/view/tonemap.h"
 #include "common/image/flip.h"
 #include "common/open/scene_open.h"
+#include "common/shading/tangent.h"
 
 #include <epoxy/gl.h>
 #include <stdio.h>
@@ -234,10 +235,10 @@ static void test_same_picture(const char *name, const char *camera) {
 }
 
 /* With lights that the client draws, beside as much other light as there may be with them. */
-static void start_drawn(struct world *w, const char *name, float scale) {
+static void start_lit(struct world *w, struct lw_scene *scene, float tint, float scale, const char *lights) {
     struct lw_error err = {0};
-    start(w, open_scene(name), 0, scale);
-    lw_support_ok(lw_client_lights_init(&w->drawn, w->scene, &w->pose, "auto", &err), &err);
+    start(w, scene, tint, scale);
+    lw_support_ok(lw_client_lights_init(&w->drawn, w->scene, &w->pose, lights, &err), &err);
     lw_compose_destroy(w->compose);
     lw_support_ok(
         lw_compose_create(
@@ -247,6 +248,10 @@ static void start_drawn(struct world *w, const char *name, float scale) {
         &err);
     finish_renderer(w);
     start_renderer(w);
+}
+
+static void start_drawn(struct world *w, const char *name, float scale) {
+    start_lit(w, open_scene(name), 0, scale, "auto");
 }
 
 static void test_drawn(const char *name, const char *camera, float scale) {
@@ -404,6 +409,199 @@ static void test_panels(void **state) {
     lw_support_ok(lw_trace_set_pose(w.trace, &w.pose, &err), &err);
     draw(&w);
     compare("panels, changed", &w);
+    finish(&w);
+}
+
+/* A finish map: waves of normals, or of roughness, metalness and occlusion, or of colours. */
+static void add_map(struct lw_scene *scene, uint32_t at, uint8_t content) {
+    enum { SIDE = 32 };
+    uint8_t *rgba = lw_scene_alloc(scene, (size_t)SIDE * SIDE, 4);
+    for (uint32_t i = 0; i < SIDE * SIDE; i++) {
+        const float u = 2 * LW_PI * (float)(i % SIDE) / SIDE, v = 2 * LW_PI * (float)(i / SIDE) / SIDE;
+        const uint8_t texel[4] = {(uint8_t)(127.5f + 60 * sinf(u)), (uint8_t)(127.5f + 60 * sinf(2 * v)),
+                                  (uint8_t)(127.5f + 120 * cosf(u + v)), (uint8_t)(200 + 50 * sinf(v))};
+        memcpy(rgba + 4ul * i, texel, 4);
+    }
+    scene->finish_texture[at] = (struct lw_texture){.name = "",
+                                                    .width = SIDE,
+                                                    .height = SIDE,
+                                                    .rgba = rgba,
+                                                    .content = content,
+                                                    .wrap_t = LW_WRAP_MIRROR};
+}
+
+static const struct lw_finish plain_finish = {.roughness = 0.3f,
+                                              .specular = 1,
+                                              .specular_colour = {1, 1, 1},
+                                              .ior = 1.5f,
+                                              .occlusion = 1,
+                                              .normal_scale = 1,
+                                              .surface_texture = {.texture = LW_SCENE_NONE},
+                                              .specular_texture = {.texture = LW_SCENE_NONE},
+                                              .occlusion_texture = {.texture = LW_SCENE_NONE},
+                                              .normal_texture = {.texture = LW_SCENE_NONE}};
+
+static void use_map(struct lw_texture_use *use, uint32_t map, uint32_t set, float times) {
+    const float turned[6] = {times, 0.3f, 0.1f, -0.2f, times, 0.4f};
+    *use = (struct lw_texture_use){.texture = map, .uv_set = set};
+    memcpy(use->transform, turned, sizeof turned);
+}
+
+/* A ball of triangles in place of a mesh's square, with smooth normals. */
+static void make_round(struct lw_scene *scene, struct lw_mesh *mesh) {
+    enum { ROWS = 16, COLUMNS = 32, COUNT = (ROWS + 1) * (COLUMNS + 1) };
+    struct lw_vec3 *position = lw_scene_alloc(scene, COUNT, sizeof *position),
+                   *normal = lw_scene_alloc(scene, COUNT, sizeof *normal);
+    struct lw_vec2 *uv = lw_scene_alloc(scene, COUNT, sizeof *uv);
+    uint32_t(*triangle)[3] = lw_scene_alloc(scene, 2 * ROWS * COLUMNS, sizeof *triangle);
+    uint32_t *material = lw_scene_alloc(scene, 2 * ROWS * COLUMNS, sizeof *material), count = 0;
+    for (uint32_t i = 0; i < COUNT; i++) {
+        const float u = (float)(i % (COLUMNS + 1)) / COLUMNS, v = (float)(i / (COLUMNS + 1)) / ROWS;
+        const float phi = 2 * LW_PI * u, sine = sinf(LW_PI * v);
+        normal[i] = lw_vec3(sine * cosf(phi), cosf(LW_PI * v), -sine * sinf(phi));
+        position[i] = lw_vec3_scale(normal[i], 0.5f);
+        uv[i] = (struct lw_vec2){u, v};
+    }
+    for (uint32_t j = 0; j < ROWS; j++)
+        for (uint32_t i = 0; i < COLUMNS; i++) {
+            const uint32_t a = j * (COLUMNS + 1) + i, b = a + COLUMNS + 1;
+            const uint32_t corners[2][3] = {{a, b, b + 1}, {a, b + 1, a + 1}};
+            for (uint32_t t = 0; t < 2; t++)
+                if (t ? j > 0 : j + 1 < ROWS) {
+                    material[count] = mesh->material[0];
+                    memcpy(triangle[count++], corners[t], sizeof corners[t]);
+                }
+        }
+    mesh->vertex_count = COUNT, mesh->triangle_count = count;
+    mesh->position = position, mesh->normal = normal, mesh->material = material;
+    mesh->triangle = (const uint32_t(*)[3])triangle;
+    mesh->uv[0] = mesh->uv[1] = uv;
+}
+
+/* Tangents along X, or around a ball; every other triangle of a mesh of many mirrored. */
+static void add_tangents(struct lw_scene *scene, struct lw_mesh *mesh) {
+    uint16_t *tangent = lw_scene_alloc(scene, 3ul * mesh->triangle_count, sizeof *tangent);
+    for (uint32_t c = 0; c < 3 * mesh->triangle_count; c++) {
+        const struct lw_vec3 n = mesh->normal[mesh->triangle[c / 3][c % 3]];
+        const struct lw_vec3 along =
+            mesh->triangle_count > 2 ? lw_vec3_cross(lw_vec3(0, 1, 0), n) : lw_vec3(1, 0, 0);
+        tangent[c] = lw_tangent_encode(n, along, mesh->triangle_count <= 2 && c / 3 % 2);
+    }
+    mesh->tangent = tangent;
+}
+
+/* The panels with finishes, two of them balls, under a lamp. */
+static struct lw_scene *finished_panels(void) {
+    struct lw_scene *scene = panels();
+    scene->finish_texture = lw_scene_alloc(scene, 3, sizeof *scene->finish_texture);
+    scene->finish_texture_count = 3;
+    for (uint8_t k = 0; k < 3; k++)
+        add_map(scene, k, (uint8_t[]){LW_CONTENT_SURFACE, LW_CONTENT_NORMAL, LW_CONTENT_COLOUR}[k]);
+    struct lw_finish *finish = lw_scene_alloc(scene, PANELS, sizeof *finish);
+    for (uint32_t i = 0; i < PANELS; i++) {
+        finish[i] = plain_finish;
+        if (i != UNLIT) scene->material[i].finish = &finish[i];
+    }
+    make_round(scene, &scene->mesh[MIRRORED]);
+    make_round(scene, &scene->mesh[GLOWING]);
+    for (uint32_t i = 0; i < PANELS; i++) add_tangents(scene, &scene->mesh[i]);
+    use_map(&finish[REPEATED].surface_texture, 0, 0, 2), use_map(&finish[REPEATED].normal_texture, 1, 0, 3);
+    finish[REPEATED].occlusion_texture = finish[REPEATED].surface_texture;
+    finish[REPEATED].roughness = 0.8f;
+    finish[MASKED].metalness = 1, finish[MASKED].roughness = 0.1f;
+    use_map(&finish[BLENDED].specular_texture, 2, 1, 1), use_map(&finish[BLENDED].occlusion_texture, 0, 0, 1);
+    finish[BACK].metalness = 0.7f;
+    use_map(&finish[BACK].normal_texture, 1, 1, 2), finish[BACK].normal_scale = -0.7f;
+    use_map(&finish[MIRRORED].normal_texture, 1, 0, 4);
+    use_map(&finish[GLOWING].surface_texture, 0, 0, 3);
+    finish[GLOWING].metalness = 1, finish[GLOWING].roughness = 0.6f;
+    use_map(&finish[COLOURED].normal_texture, 1, 1, 2);
+    finish[COLOURED].roughness = 1, finish[COLOURED].specular = 0; /* matt, but for its relief */
+    finish[TINTED].roughness = 0.05f;
+    for (int c = 0; c < 3; c++) {
+        scene->material[MASKED].base_colour[c] = 0.9f;
+        scene->material[GLOWING].emission[c] = 0.05f;
+        scene->light[0].intensity[c] = 20;
+    }
+    return scene;
+}
+
+/* A sky that is bright and blue above, with a glow at one side. */
+static void add_environment(struct lw_scene *scene) {
+    enum { W = 64, H = 32 };
+    float *rgb = lw_scene_alloc(scene, 3ul * W * H, sizeof *rgb);
+    for (uint32_t i = 0; i < W * H; i++) {
+        const float up = 1 - 2 * ((float)(i / W) + 0.5f) / H, side = cosf(2 * LW_PI * (float)(i % W) / W);
+        rgb[3 * i] = up > 0 ? 0.5f + 3 * powf(fmaxf(side, 0), 8) : 0.2f;
+        rgb[3 * i + 1] = up > 0 ? 0.6f + up : 0.15f, rgb[3 * i + 2] = up > 0 ? 1 + 2 * up : 0.1f;
+    }
+    scene->environment = (struct lw_environment){.width = W, .height = H, .rgb = rgb};
+}
+
+static void test_finish_picture(const char *name, bool environment, const char *lights) {
+    struct world w;
+    struct lw_error err = {0};
+    struct lw_scene *scene = finished_panels();
+    if (environment) add_environment(scene);
+    lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = 30}, NULL, &err),
+                  &err);
+    start_lit(&w, scene, 0.5f, 1, lights);
+    w.view.camera = lw_camera_look_at(lw_vec3(0.3f, 3, 2.2f), lw_vec3(0, 0, 0.1f), 1);
+    draw(&w);
+    compare(name, &w);
+    for (size_t i = 0; i < (size_t)3 * PIXELS; i++)
+        assert_true(w.by_cpu[i] >= 0 && w.by_cpu[i] < INFINITY && w.by_gl[i] >= 0 && w.by_gl[i] < INFINITY);
+    for (int show = LW_SHOW_NORMALS; show < LW_SHOW_COUNT; show++) {
+        w.view.show = (enum lw_show)show;
+        draw(&w);
+        compare(lw_show_name((enum lw_show)show), &w);
+    }
+    finish(&w);
+}
+
+static void test_finishes(void **state) {
+    (void)state;
+    test_finish_picture("finishes, light of tiles", true, "none");
+    test_finish_picture("finishes, even sky and a lamp", false, "lamps");
+}
+
+static void test_finished_atrium(void **state) {
+    (void)state;
+    test_drawn("builtin:atrium", NULL, 1);
+}
+
+/* Finishes that come later are taken up at the next picture. */
+static void test_finishes_arrive(void **state) {
+    (void)state;
+    struct world w;
+    struct lw_error err = {0};
+    struct lw_scene *scene = finished_panels();
+    lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = 30}, NULL, &err),
+                  &err);
+    const struct lw_finish *kept[PANELS];
+    const uint16_t *tangent[PANELS];
+    for (uint32_t i = 0; i < PANELS; i++) {
+        kept[i] = scene->material[i].finish, tangent[i] = scene->mesh[i].tangent;
+        scene->material[i].finish = NULL, scene->mesh[i].tangent = NULL;
+    }
+    const uint32_t count = scene->finish_texture_count;
+    scene->finish_texture_count = 0;
+    start_lit(&w, scene, 0.5f, 1, "lamps");
+    w.view.camera = lw_camera_look_at(lw_vec3(0.3f, 3, 2.2f), lw_vec3(0, 0, 0.1f), 1);
+    draw(&w);
+    compare("before finishes", &w);
+    float *before = malloc(sizeof(float) * 3 * PIXELS);
+    assert_non_null(before);
+    memcpy(before, w.by_gl, sizeof(float) * 3 * PIXELS);
+    scene->finish_texture_count = count;
+    for (uint32_t i = 0; i < PANELS; i++)
+        scene->material[i].finish = kept[i], scene->mesh[i].tangent = tangent[i];
+    draw(&w);
+    compare("after they came", &w);
+    double differs = 0;
+    for (size_t i = 0; i < (size_t)3 * PIXELS; i++) differs += fabs((double)(before[i] - w.by_gl[i]));
+    assert_true(differs > 0.01 * 3 * PIXELS);
+    free(before);
     finish(&w);
 }
 
@@ -692,14 +890,25 @@ static void test_sponza(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_atrium),       cmocka_unit_test(test_cornell),
-        cmocka_unit_test(test_panels),       cmocka_unit_test(test_no_light),
-        cmocka_unit_test(test_shows),        cmocka_unit_test(test_moved_caster),
-        cmocka_unit_test(test_draw_calls),   cmocka_unit_test(test_show_and_meter),
-        cmocka_unit_test(test_uploads),      cmocka_unit_test(test_survey),
-        cmocka_unit_test(test_pack),         cmocka_unit_test(test_sizes),
-        cmocka_unit_test(test_sponza),       cmocka_unit_test(test_drawn_cornell),
-        cmocka_unit_test(test_drawn_atrium), cmocka_unit_test(test_drawn_sponza),
+        cmocka_unit_test(test_atrium),
+        cmocka_unit_test(test_cornell),
+        cmocka_unit_test(test_panels),
+        cmocka_unit_test(test_no_light),
+        cmocka_unit_test(test_shows),
+        cmocka_unit_test(test_moved_caster),
+        cmocka_unit_test(test_draw_calls),
+        cmocka_unit_test(test_show_and_meter),
+        cmocka_unit_test(test_uploads),
+        cmocka_unit_test(test_survey),
+        cmocka_unit_test(test_pack),
+        cmocka_unit_test(test_sizes),
+        cmocka_unit_test(test_sponza),
+        cmocka_unit_test(test_drawn_cornell),
+        cmocka_unit_test(test_drawn_atrium),
+        cmocka_unit_test(test_drawn_sponza),
+        cmocka_unit_test(test_finishes),
+        cmocka_unit_test(test_finishes_arrive),
+        cmocka_unit_test(test_finished_atrium),
     };
     return cmocka_run_group_tests(tests, NULL, close_scenes);
 }
