@@ -12,7 +12,9 @@
  *   lit the same by OpenGL, one sample a pixel, shadow maps as they are; its
  *   time over drawn's: lit_over_drawn
  *   survey   finding the tiles that the view needs
- *   tiles    to take in 16 tiles of light that have changed */
+ *   tiles    to take in 16 tiles of light that have changed
+ * With --finishes another table: compose, drawn, gl and lit with the materials' finishes, and their time over
+ * that of the same without, the pictures in turn. */
 #include "client/gl/gl_offscreen.h"
 #include "client/gl/gl_renderer.h"
 #include "common/clock.h"
@@ -33,6 +35,7 @@ struct settings {
     struct lw_scene_open open;
     int64_t width, height, rounds;
     double time_s;
+    bool finishes;
 };
 
 struct scene {
@@ -179,12 +182,56 @@ static enum lw_status measure(struct scene *s, const char *name, struct lw_error
     return LW_OK;
 }
 
+/* Takes finishes away, and puts them back. */
+static void swap_finishes(struct lw_scene *scene, const struct lw_finish **kept) {
+    for (uint32_t m = 0; m < scene->material_count; m++) {
+        const struct lw_finish *was = scene->material[m].finish;
+        scene->material[m].finish = kept[m];
+        kept[m] = was;
+    }
+}
+
+static enum lw_status measure_finishes(struct scene *s, const char *name, struct lw_error *err) {
+    static const enum kind kinds[] = {COMPOSE, DRAWN, GL, LIT};
+    enum { COUNT = sizeof kinds / sizeof kinds[0] };
+    double with[COUNT][ROUNDS_MAX], over[COUNT][ROUNDS_MAX];
+    const float *sky = s->scene->sky;
+    const struct lw_compose_source source = {
+        .context = s, .level = level, .tile = tile, .sky = lw_vec3(sky[0], sky[1], sky[2]), .noise_shown = 1};
+    const struct lw_finish **kept = calloc(s->scene->material_count + 1ul, sizeof *kept);
+    if (!kept) return LW_NO_MEMORY;
+    enum lw_status status = do_one(s, TILES, 0, err);
+    if (status == LW_OK) status = lw_gl_renderer_take(s->lit, &source, &s->pose, 0, NULL, err);
+    for (int64_t i = -1; i < s->settings->rounds && status == LW_OK; i++)
+        for (int k = 0; k < COUNT && status == LW_OK; k++) {
+            uint64_t at_ns[3] = {lw_clock_process_cpu_ns()};
+            status = do_one(s, kinds[k], i + 1, err);
+            at_ns[1] = lw_clock_process_cpu_ns();
+            swap_finishes(s->scene, kept);
+            if (status == LW_OK) status = do_one(s, kinds[k], i + 1, err);
+            at_ns[2] = lw_clock_process_cpu_ns();
+            swap_finishes(s->scene, kept);
+            if (i < 0) continue;
+            with[k][i] = 1e-6 * (double)(at_ns[1] - at_ns[0]);
+            over[k][i] = (double)(at_ns[1] - at_ns[0]) / (double)(at_ns[2] - at_ns[1]);
+        }
+    free(kept);
+    if (status != LW_OK) return status;
+    printf("| %s |", name);
+    for (int k = 0; k < COUNT; k++)
+        printf(" %.1f | %.2f |", bench_median(with[k], (size_t)s->settings->rounds),
+               bench_median(over[k], (size_t)s->settings->rounds));
+    printf("\n");
+    return LW_OK;
+}
+
 static enum lw_status run(void *context, const char *name, struct lw_error *err) {
     struct scene s = {.settings = context};
     struct lw_gl_offscreen *offscreen = NULL;
     enum lw_status status = lw_gl_offscreen_create(&offscreen, err);
     if (status == LW_OK) status = set_up(&s, name, err);
-    if (status == LW_OK) status = measure(&s, name, err);
+    if (status == LW_OK)
+        status = s.settings->finishes ? measure_finishes(&s, name, err) : measure(&s, name, err);
     lw_gl_renderer_destroy(s.lit);
     lw_gl_renderer_destroy(s.renderer);
     lw_gl_offscreen_destroy(offscreen);
@@ -201,6 +248,17 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%s: %s", name, lw_status_text(status));
 }
 
+static enum lw_status print_heading(void *context, struct lw_error *err) {
+    (void)err;
+    puts(((const struct settings *)context)->finishes
+             ? "| scene | compose | over matt | drawn | over matt | gl | over matt | lit | over matt |\n"
+               "|---|---|---|---|---|---|---|---|---|"
+             : "| scene | compose | gl | gl_over_compose | msaa | drawn | lit | lit_over_drawn | survey | "
+               "tiles | objects | draw calls |\n"
+               "|---|---|---|---|---|---|---|---|---|---|---|---|");
+    return LW_OK;
+}
+
 int main(int argc, char **argv) {
     struct settings s = {.width = 1280, .height = 720, .rounds = 9};
     const struct lw_option table[] = {
@@ -208,18 +266,16 @@ int main(int argc, char **argv) {
         {"height", "N", "pixels (default 720)", LW_OPTION_INT, &s.height, 1, 16384, NULL},
         {"rounds", "N", "pictures; the median time of each kind is printed (default 9)", LW_OPTION_INT,
          &s.rounds, 1, ROUNDS_MAX, NULL},
-        {"time", "SECONDS", "of the animation (default 0)", LW_OPTION_REAL, &s.time_s, 0, 1e9, NULL}};
-    return bench_main(
-        &(struct bench_program){.name = "bench_gl",
-                                .about = "CPU time of a picture by OpenGL, by the composer's.",
-                                .operand = "SCENE[@CAMERA]",
-                                .table = table,
-                                .count = sizeof table / sizeof table[0],
-                                .open = &s.open,
-                                .context = &s,
-                                .heading = "| scene | compose | gl | gl_over_compose | msaa | drawn | lit | "
-                                           "lit_over_drawn | survey | tiles | objects | draw calls |\n"
-                                           "|---|---|---|---|---|---|---|---|---|---|---|---|",
-                                .run = run},
-        argc, argv);
+        {"time", "SECONDS", "of the animation (default 0)", LW_OPTION_REAL, &s.time_s, 0, 1e9, NULL},
+        {"finishes", NULL, "what materials' finishes cost", LW_OPTION_FLAG, &s.finishes, 0, 0, NULL}};
+    return bench_main(&(struct bench_program){.name = "bench_gl",
+                                              .about = "CPU time of a picture by OpenGL, by the composer's.",
+                                              .operand = "SCENE[@CAMERA]",
+                                              .table = table,
+                                              .count = sizeof table / sizeof table[0],
+                                              .open = &s.open,
+                                              .context = &s,
+                                              .begin = print_heading,
+                                              .run = run},
+                      argc, argv);
 }
