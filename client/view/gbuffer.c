@@ -44,10 +44,10 @@ enum lw_status lw_gbuffer_init(struct lw_gbuffer *gbuffer, const struct lw_gbuff
     const size_t pixels = (size_t)g.width * g.height, objects = desc->scene->object_count;
     g.plane.object = calloc(pixels, sizeof *g.plane.object);
     g.memory = calloc(pixels * (PLANES - 1), sizeof *g.memory);
-    g.layered = calloc(pixels, sizeof *g.layered);
+    g.from_eye = calloc(pixels, sizeof *g.from_eye);
     g.place = calloc(objects + 1, sizeof *g.place); /* one more: no objects is no failure */
     g.light = calloc((size_t)desc->scene->light_count + 1, sizeof *g.light);
-    if (!g.plane.object || !g.memory || !g.layered || !g.place || !g.light) {
+    if (!g.plane.object || !g.memory || !g.from_eye || !g.place || !g.light) {
         lw_gbuffer_finish(&g);
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for the first hits of %ux%u pixels", desc->width,
                               desc->height);
@@ -60,7 +60,7 @@ enum lw_status lw_gbuffer_init(struct lw_gbuffer *gbuffer, const struct lw_gbuff
 void lw_gbuffer_finish(struct lw_gbuffer *gbuffer) {
     free(gbuffer->light);
     free(gbuffer->place);
-    free(gbuffer->layered);
+    free(gbuffer->from_eye);
     free(gbuffer->memory);
     free(gbuffer->plane.object);
     *gbuffer = (struct lw_gbuffer){0};
@@ -99,7 +99,7 @@ struct pixel {
     uint32_t object;
     float depth, slope[2], apart;
     struct lw_vec3 normal, before, origin;
-    bool layered;
+    bool from_eye;
 };
 
 static void store3(float *const plane[3], size_t at, struct lw_vec3 v) {
@@ -108,7 +108,7 @@ static void store3(float *const plane[3], size_t at, struct lw_vec3 v) {
 
 static void store(const struct lw_gbuffer *g, size_t at, const struct pixel *pixel) {
     const struct lw_gbuffer_planes *p = &g->plane;
-    g->layered[at] = pixel->layered;
+    g->from_eye[at] = pixel->from_eye;
     p->object[at] = pixel->object;
     p->depth[at] = pixel->depth;
     p->slope[0][at] = pixel->slope[0];
@@ -133,13 +133,11 @@ static const struct lw_mesh *mesh_of(const struct lw_gbuffer *g, uint32_t object
  * its inverse is that at the pixel. */
 static void take(const struct lw_gbuffer *g, const struct lw_camera_plane *plane, const struct lw_ray16 *rays,
                  const struct lw_hit16 *hits, unsigned i, const struct lw_surface *surface,
-                 struct pixel *pixel) {
+                 const struct lw_place_point *point, struct lw_vec3 normal, struct pixel *pixel) {
     const struct lw_vec3 direction = lw_vec3(rays->dir_x[i], rays->dir_y[i], rays->dir_z[i]),
                          origin = lw_vec3(rays->org_x[i], rays->org_y[i], rays->org_z[i]);
     const struct lw_gbuffer_place *place = &g->place[hits->object[i]];
-    const struct lw_place_point point =
-        lw_place_point(&place->now, mesh_of(g, hits->object[i]), hits, i, surface);
-    const struct lw_vec3 face = point.face;
+    const struct lw_vec3 face = point->face;
     const float along = lw_vec3_dot(face, direction), length = lw_vec3_length(direction);
     const float sine = fabsf(along) > SINE_MIN * length ? along : copysignf(SINE_MIN * length, along);
     pixel->object = hits->object[i];
@@ -148,8 +146,8 @@ static void take(const struct lw_gbuffer *g, const struct lw_camera_plane *plane
     pixel->slope[0] = lw_vec3_dot(face, plane->parallel ? plane->across : plane->right) * steep;
     pixel->slope[1] = -lw_vec3_dot(face, plane->parallel ? plane->along : plane->up) * steep;
     pixel->apart = fabsf(sine) * hits->t[i] * hits->t[i] / lw_camera_pixel_at(plane, hits->t[i]);
-    pixel->normal = point.normal;
-    pixel->origin = point.origin;
+    pixel->normal = normal;
+    pixel->origin = point->origin;
     struct lw_vec3 now = lw_vec3_mad(origin, direction, hits->t[i]);
     pixel->before = place->moved ? lw_affine_point(&place->before, surface->position) : now;
 }
@@ -164,20 +162,31 @@ static bool meet(const struct lw_gbuffer *g, const struct lw_camera_plane *plane
         return false;
     }
     struct lw_surface surface;
-    lw_scene_surface(g->scene, mesh_of(g, hits->object[i]), hits->triangle[i], hits->u[i], hits->v[i],
-                     &surface);
+    const struct lw_mesh *mesh = mesh_of(g, hits->object[i]);
+    const struct lw_place *place = &g->place[hits->object[i]].now;
+    lw_scene_surface(g->scene, mesh, hits->triangle[i], hits->u[i], hits->v[i], &surface);
+    const struct lw_place_point point = lw_place_point(place, mesh, hits, i, &surface);
+    struct lw_vec3 albedo = surface.albedo, normal = point.normal;
+    struct lw_place_gloss gloss;
+    if (surface.material->finish &&
+        lw_place_gloss(place, g->scene, mesh, hits, i, &surface, &point,
+                       lw_vec3_scale(lw_vec3_normalize(direction), -1), &gloss)) {
+        albedo = lw_lobes_seen_albedo(&gloss.seen);
+        normal = gloss.normal;
+        pixel->from_eye = true;
+    }
     const bool blend = surface.material->alpha_mode == LW_ALPHA_BLEND && !last;
     const float share = pixel->transmittance * (blend ? surface.alpha : 1.0f);
-    pixel->albedo = lw_vec3_mad(pixel->albedo, lw_vec3_mul(surface.albedo, pixel->tint), share);
+    pixel->albedo = lw_vec3_mad(pixel->albedo, lw_vec3_mul(albedo, pixel->tint), share);
     pixel->emission = lw_vec3_mad(pixel->emission, lw_vec3_mul(surface.emission, pixel->tint), share);
-    const float weight = share * (surface.albedo.x + surface.albedo.y + surface.albedo.z);
+    const float weight = share * (albedo.x + albedo.y + albedo.z);
     if (weight > pixel->weight) {
         pixel->weight = weight;
-        take(g, plane, rays, hits, i, &surface, pixel);
+        take(g, plane, rays, hits, i, &surface, &point, normal, pixel);
     }
     pixel->transmittance -= share;
     pixel->tint = lw_material_tint(surface.material, pixel->tint);
-    pixel->layered |= blend;
+    pixel->from_eye |= blend;
     return blend && pixel->transmittance > TRANSMITTANCE_MIN;
 }
 
@@ -263,7 +272,7 @@ static void thin_row(const struct lw_gbuffer *thin, const struct lw_gbuffer *ful
             to->before[c][at] = from->before[c][of];
             to->origin[c][at] = from->origin[c][of];
         }
-        thin->layered[at] = full->layered[of];
+        thin->from_eye[at] = full->from_eye[of];
     }
 }
 

@@ -7,7 +7,11 @@
  *     radiance = albedo x E/pi + emission
  * holds for the mean of the path tracer's samples. BLEND surfaces are blended front to back: albedo and
  * emission are sums over all layers and the sky behind them, the rest belongs to the layer that weighs most.
- * Where there is one layer, paths may start from here instead of the eye (path_trace.h, first_hits). */
+ * Where there is one layer and it is even, paths may start from here instead of the eye (path_trace.h,
+ * first_hits).
+ *
+ * A surface that mirrors or has a normal map has the map's normal, and as its albedo what it reflects towards
+ * the eye of light from everywhere, its diffuse and its mirrored share together. */
 #ifndef LW_CLIENT_VIEW_GBUFFER_H
 #define LW_CLIENT_VIEW_GBUFFER_H
 
@@ -47,7 +51,7 @@ struct lw_gbuffer {
     struct lw_camera_view camera; /* of the last render */
     bool still;                   /* nothing has changed since the render before: camera, objects, lights */
     struct lw_gbuffer_planes plane;
-    uint8_t *layered; /* 1: the pixel shows more than one surface */
+    uint8_t *from_eye; /* 1: paths start at the eye: there is more than one surface, or one that is not even */
 
     /* inside */
     const struct lw_scene *scene;

@@ -69,15 +69,17 @@ struct bundle {
     struct path {
         struct lw_vec3 origin;     /* on that surface, lifted off it */
         struct lw_vec3 normal;     /* shading normal, on the side that the path came from */
-        struct lw_vec3 throughput; /* the surface's albedo included */
+        struct lw_vec3 throughput; /* the albedo of an even surface included */
         struct lw_vec3 radiance;   /* gathered so far */
         struct lw_vec3 near;       /* of it: by its first hit; with a clamp */
-        /* For the guide: the surface's albedo, luminance that it shines, and that it reflects of lamps. */
+        /* For the guide: the surface's albedo towards the eye, luminance that it shines, and that it reflects of lamps. */
         struct lw_vec3 albedo;
         float shone, reflected;
         uint32_t place; /* of the guide, that the ray to here was drawn by; LW_GUIDE_NOWHERE: none */
         uint32_t x, y;  /* pixel */
+        bool glossy;    /* the surface reflects as `gloss` has it; else evenly, its albedo in the throughput */
     } path[BUNDLE];
+    struct lw_place_gloss gloss[BUNDLE];
 };
 
 enum lw_status lw_path_trace_create(const struct lw_path_trace_desc *desc, struct lw_path_trace **out_tracer,
@@ -118,19 +120,41 @@ static const struct lw_mesh *mesh_of(const struct job *job, uint32_t object) {
     return &scene->mesh[scene->object[object].mesh];
 }
 
+static struct lw_vec3 direction_of(const struct lw_ray16 *rays, unsigned i) {
+    return lw_vec3(rays->dir_x[i], rays->dir_y[i], rays->dir_z[i]);
+}
+
+static bool is_black(struct lw_vec3 v) { return !(v.x + v.y + v.z > 0); }
+
 /* Puts path number `which` onto the surface that lane `i` has met, from where it goes on unless all light is
  * swallowed. */
-static void arrive(const struct job *job, struct bundle *b, uint16_t which, const struct lw_hit16 *hits,
-                   unsigned i, const struct lw_surface *surface) {
+static void arrive(const struct job *job, struct bundle *b, uint16_t which, const struct lw_ray16 *rays,
+                   const struct lw_hit16 *hits, unsigned i, const struct lw_surface *surface) {
     struct path *path = &b->path[which];
-    path->throughput = lw_vec3_mul(path->throughput, surface->albedo);
+    const struct lw_material *material = surface->material;
+    path->glossy = false;
+    if (!material->finish) path->throughput = lw_vec3_mul(path->throughput, surface->albedo);
     path->albedo = surface->albedo;
-    if (!(path->throughput.x + path->throughput.y + path->throughput.z > 0)) return;
+    if (is_black(path->throughput)) return;
 
-    const struct lw_place_point point =
-        lw_place_point(&job->tracer->place[hits->object[i]], mesh_of(job, hits->object[i]), hits, i, surface);
+    const struct lw_place *place = &job->tracer->place[hits->object[i]];
+    const struct lw_mesh *mesh = mesh_of(job, hits->object[i]);
+    const struct lw_place_point point = lw_place_point(place, mesh, hits, i, surface);
     path->normal = point.normal;
     path->origin = point.origin;
+    if (material->finish) {
+        struct lw_place_gloss *gloss = &b->gloss[which];
+        const struct lw_vec3 to_eye = lw_vec3_scale(lw_vec3_normalize(direction_of(rays, i)), -1);
+        path->glossy =
+            lw_place_gloss(place, job->tracer->scene, mesh, hits, i, surface, &point, to_eye, gloss);
+        if (path->glossy) {
+            path->albedo = lw_lobes_seen_albedo(&gloss->seen);
+            path->normal = gloss->normal;
+        } else {
+            path->throughput = lw_vec3_mul(path->throughput, surface->albedo);
+        }
+        if (is_black(lw_vec3_mul(path->throughput, path->albedo))) return;
+    }
     b->order[b->going++] = which;
 }
 
@@ -170,9 +194,9 @@ static void look16(const struct job *job, struct bundle *b, uint16_t first, unsi
             if (!(going >> i & 1u)) continue;
             struct path *path = &b->path[first + i];
             if (hits.object[i] == LW_TRACE_MISS) {
-                struct lw_vec3 direction = lw_vec3(rays.dir_x[i], rays.dir_y[i], rays.dir_z[i]);
-                path->radiance = lw_vec3_mul(lw_scene_sky(job->tracer->scene, lw_vec3_normalize(direction)),
-                                             path->throughput);
+                const struct lw_vec3 direction = lw_vec3_normalize(direction_of(&rays, i));
+                path->radiance =
+                    lw_vec3_mul(lw_scene_sky(job->tracer->scene, direction), path->throughput);
                 continue;
             }
             struct lw_surface surface;
@@ -187,18 +211,18 @@ static void look16(const struct job *job, struct bundle *b, uint16_t first, unsi
                 continue;
             }
             path->radiance = lw_vec3_mul(surface.emission, path->throughput);
-            arrive(job, b, (uint16_t)(first + i), &hits, i, &surface);
+            arrive(job, b, (uint16_t)(first + i), &rays, &hits, i, &surface);
         }
         going = go_on;
     }
 }
 
-/* Takes the first hits of a bundle that has none but single surfaces; whether it is one. */
+/* Takes the first hits of a bundle that has none but single, even surfaces; whether it is one. */
 static bool take_first_hits(const struct job *job, struct bundle *b, unsigned paths) {
     const struct lw_gbuffer *g = job->view->first_hits;
     if (!g) return false;
     for (unsigned i = 0; i < paths; i++)
-        if (g->layered[(size_t)b->path[i].y * g->width + b->path[i].x]) return false;
+        if (g->from_eye[(size_t)b->path[i].y * g->width + b->path[i].x]) return false;
     for (unsigned i = 0; i < paths; i++) {
         struct path *path = &b->path[i];
         const size_t at = (size_t)path->y * g->width + path->x;
@@ -207,6 +231,7 @@ static bool take_first_hits(const struct job *job, struct bundle *b, unsigned pa
         if (!(path->throughput.x + path->throughput.y + path->throughput.z > 0)) continue;
         path->normal = lw_gbuffer_load3(g->plane.normal, at);
         path->origin = lw_gbuffer_load3(g->plane.origin, at);
+        path->glossy = false;
         b->order[b->going++] = (uint16_t)i;
     }
     return true;
@@ -219,9 +244,22 @@ static float weight_of(float own, float other) {
     return 1 / (1 + ratio * ratio);
 }
 
-/* Density by which a bounce ray from a path's surface would be drawn. cosine: of its direction. */
-static float bounce_density(const struct bundle *b, uint16_t which, struct lw_vec3 direction, float cosine) {
-    return b->guided ? lw_guide_density(&b->aim[which], b->path[which].normal, direction) : cosine / LW_PI;
+/* Density by which a bounce ray from a path's surface would be drawn. */
+static float bounce_density(const struct bundle *b, uint16_t which, struct lw_vec3 direction) {
+    const struct path *path = &b->path[which];
+    const float spread = b->guided ? lw_guide_density(&b->aim[which], path->normal, direction)
+                                   : lw_vec3_dot(path->normal, direction) / LW_PI;
+    if (!path->glossy) return spread;
+    const struct lw_place_gloss *gloss = &b->gloss[which];
+    return lw_lobes_pdf_with(&gloss->seen, lw_place_gloss_to_local(gloss, direction), spread);
+}
+
+/* Share of a sample of lamps that counts; bounce rays bring the rest. */
+static float lamp_share(const struct job *job, const struct bundle *b, uint16_t which,
+                        const struct lw_light_sample *sample) {
+    if (!(sample->pdf > 0) || job->view->method == LW_PATH_METHOD_LAMPS) return 1;
+    if (job->view->method == LW_PATH_METHOD_BOUNCE) return 0;
+    return weight_of(sample->pdf, bounce_density(b, which, sample->direction));
 }
 
 static void light16(const struct job *job, struct bundle *b, const uint16_t *which, unsigned lanes,
@@ -232,18 +270,24 @@ static void light16(const struct job *job, struct bundle *b, const uint16_t *whi
     uint16_t active = 0;
     for (unsigned i = 0; i < lanes; i++) {
         struct path *path = &b->path[which[i]];
-        struct lw_light_sample sample =
+        const struct lw_light_sample sample =
             lw_lights_sample(job->tracer->lights, path->origin, path->normal, pick, point[0], point[1]);
-        float cosine = lw_vec3_dot(path->normal, sample.direction), weight = 1 / LW_PI;
-        if (sample.pdf > 0 && job->view->method != LW_PATH_METHOD_LAMPS)
-            weight *= job->view->method == LW_PATH_METHOD_BOTH
-                          ? weight_of(sample.pdf, bounce_density(b, which[i], sample.direction, cosine))
-                          : 0;
-        arriving[i] = lw_vec3_scale(lw_vec3_mul(sample.irradiance_normal, path->throughput), cosine * weight);
-        if (!(arriving[i].x + arriving[i].y + arriving[i].z > 0)) continue;
-        if (job->view->guide)
-            reflected[i] =
-                cosine * weight * lw_colour_luminance(lw_vec3_mul(sample.irradiance_normal, path->albedo));
+        const float cosine = lw_vec3_dot(path->normal, sample.direction),
+                    weight = lamp_share(job, b, which[i], &sample);
+        if (path->glossy) {
+            const struct lw_vec3 light =
+                lw_vec3_mul(lw_vec3_scale(sample.irradiance_normal, weight),
+                            lw_place_gloss_reflect(&b->gloss[which[i]], sample.direction));
+            arriving[i] = lw_vec3_mul(light, path->throughput);
+            reflected[i] = lw_colour_luminance(light);
+        } else {
+            const float scale = cosine * (1 / LW_PI * weight);
+            arriving[i] = lw_vec3_scale(lw_vec3_mul(sample.irradiance_normal, path->throughput), scale);
+            if (job->view->guide)
+                reflected[i] =
+                    scale * lw_colour_luminance(lw_vec3_mul(sample.irradiance_normal, path->albedo));
+        }
+        if (is_black(arriving[i])) continue;
         lw_trace_set_ray(&rays, i, path->origin, sample.direction, sample.distance_m * LW_TRACE_SHORT);
         active |= (uint16_t)(1u << i);
     }
@@ -307,7 +351,7 @@ static struct lw_vec3 shine(const struct job *job, enum lw_path_method method, c
                             const struct lw_surface *surface) {
     if (method == LW_PATH_METHOD_LAMPS) return lw_vec3(0, 0, 0);
     const struct lw_lights *lights = job->tracer->lights;
-    const struct lw_vec3 direction = lw_vec3(rays->dir_x[i], rays->dir_y[i], rays->dir_z[i]);
+    const struct lw_vec3 direction = direction_of(rays, i);
     if (surface && surface->material->unlit) return lw_vec3(0, 0, 0); /* seen, and no light */
     struct lw_vec3 radiance = surface ? surface->emission : lw_scene_sky(job->tracer->scene, direction);
     if (method == LW_PATH_METHOD_BOUNCE || !(radiance.x + radiance.y + radiance.z > 0)) return radiance;
@@ -318,18 +362,56 @@ static struct lw_vec3 shine(const struct job *job, enum lw_path_method method, c
     return lw_vec3_scale(radiance, weight_of(own, pdf));
 }
 
-/* Aims a path's ray; *out_density: that it was drawn by. Returns whether there is one: the guide's may lie
- * below the surface. */
-static bool aim(struct bundle *b, uint16_t which, const float point[2], struct lw_vec3 local,
+/* Random numbers of a bounce: two of the direction, one that chooses the lobe. */
+struct bounce_draw {
+    float point[2], lobe;
+    struct lw_vec3 cosine; /* lw_direction_cosine(point) */
+};
+
+/* Draws a direction of a surface that mirrors: as a mirror's, or, by the guide or the cosine, any. */
+static bool draw_glossy(struct bundle *b, uint16_t which, const struct bounce_draw *draw,
+                        struct lw_vec3 *out_direction) {
+    struct path *path = &b->path[which];
+    const struct lw_place_gloss *gloss = &b->gloss[which];
+    if (b->guided && draw->lobe >= gloss->seen.mirror_share) {
+        const struct lw_guide_sample sample = lw_guide_sample(&b->aim[which], path->normal, draw->point);
+        path->place = sample.place;
+        *out_direction = sample.direction;
+        return true;
+    }
+    struct lw_vec3 local;
+    if (!lw_lobes_draw(&gloss->seen, draw->point, draw->lobe, &local)) return false;
+    *out_direction = lw_place_gloss_to_world(gloss, local);
+    return true;
+}
+
+static bool aim_glossy(struct bundle *b, uint16_t which, const struct bounce_draw *draw,
+                       struct lw_vec3 *out_direction, float *out_density) {
+    struct path *path = &b->path[which];
+    if (!draw_glossy(b, which, draw, out_direction)) return false;
+    const struct lw_vec3 f = lw_place_gloss_reflect(&b->gloss[which], *out_direction);
+    *out_density = bounce_density(b, which, *out_direction);
+    if (is_black(f) || !(*out_density > 0)) {
+        path->place = LW_GUIDE_NOWHERE;
+        return false;
+    }
+    path->throughput = lw_vec3_mul(path->throughput, lw_vec3_scale(f, 1 / *out_density));
+    return true;
+}
+
+/* Aims a path's ray; *out_density: that it was drawn by. Returns whether there is one: it may lie below the
+ * surface. */
+static bool aim(struct bundle *b, uint16_t which, const struct bounce_draw *draw,
                 struct lw_vec3 *out_direction, float *out_density) {
     struct path *path = &b->path[which];
     path->place = LW_GUIDE_NOWHERE;
+    if (path->glossy) return aim_glossy(b, which, draw, out_direction, out_density);
     if (!b->guided) {
-        *out_direction = lw_direction_about(path->normal, local);
+        *out_direction = lw_direction_about(path->normal, draw->cosine);
         *out_density = lw_vec3_dot(path->normal, *out_direction) / LW_PI;
         return true;
     }
-    const struct lw_guide_sample sample = lw_guide_sample(&b->aim[which], path->normal, point);
+    const struct lw_guide_sample sample = lw_guide_sample(&b->aim[which], path->normal, draw->point);
     const float cosine = lw_vec3_dot(path->normal, sample.direction);
     if (!(cosine > 0)) return false;
     path->throughput = lw_vec3_scale(path->throughput, cosine / (LW_PI * sample.density));
@@ -346,21 +428,28 @@ static void tell(const struct job *job, struct path *path, float luminance) {
     path->place = LW_GUIDE_NOWHERE;
 }
 
-/* method: how the light of the surfaces that rays leave is found. */
+/* How the light of lamps on surfaces of one depth is found. */
+struct lit {
+    enum lw_path_method even, glossy;
+};
+
+/* lit: of the surfaces that rays leave. */
 static void bounce16(const struct job *job, struct bundle *b, const uint16_t *which, unsigned lanes,
-                     const float point[2], unsigned flags, enum lw_path_method method, bool last,
+                     const struct bounce_draw *draw, unsigned flags, const struct lit *lit, bool last,
                      struct lw_path_count *count) {
     const struct lw_scene *scene = job->tracer->scene;
-    const struct lw_vec3 local = lw_direction_cosine(point);
     struct lw_ray16 rays = {.salt = b->salt};
     struct lw_hit16 hits;
+    enum lw_path_method method[LANES];
     uint16_t lane_path[LANES]; /* `which` is what arrive() writes over */
     float density[LANES];
     uint16_t active = 0;
     for (unsigned i = 0; i < lanes; i++) {
         struct lw_vec3 direction;
         lane_path[i] = which[i];
-        if (!aim(b, which[i], point, local, &direction, &density[i])) continue;
+        method[i] = b->path[which[i]].glossy ? lit->glossy : lit->even;
+        if (last && method[i] == LW_PATH_METHOD_LAMPS) continue;
+        if (!aim(b, which[i], draw, &direction, &density[i])) continue;
         lw_trace_set_ray(&rays, i, b->path[which[i]].origin, direction, INFINITY);
         active |= (uint16_t)(1u << i);
     }
@@ -383,11 +472,14 @@ static void bounce16(const struct job *job, struct bundle *b, const uint16_t *wh
             surface_at(job, &hits, i, &surface);
         }
         const unsigned going = b->going;
-        struct lw_vec3 seen = shine(job, method, path, density[i], &rays, &hits, i, miss ? NULL : &surface);
-        path->radiance = lw_vec3_add(path->radiance, lw_vec3_mul(seen, path->throughput));
+        struct lw_vec3 seen = shine(job, method[i], path, density[i], &rays, &hits, i, miss ? NULL : &surface);
+        const struct lw_vec3 brought = lw_vec3_mul(seen, path->throughput);
+        path->radiance = lw_vec3_add(path->radiance, brought);
+        /* A lamp in a mirror belongs to the light of lamps there. */
+        if (flags == LW_TRACE_COHERENT && path->glossy) path->near = lw_vec3_add(path->near, brought);
         path->shone = lw_colour_luminance(seen);
         path->reflected = 0;
-        if (!miss && !last) arrive(job, b, lane_path[i], &hits, i, &surface);
+        if (!miss && !last) arrive(job, b, lane_path[i], &rays, &hits, i, &surface);
         if (b->going == going) tell(job, path, path->shone);
     }
 }
@@ -414,10 +506,38 @@ static unsigned lanes_from(unsigned first, unsigned count) {
     return count - first < LANES ? count - first : LANES;
 }
 
+/* Light of lamps, on all surfaces that paths have arrived at. by_all: with a sample of each, where surfaces
+ * are even. A mirror shows lamps to bounce rays as well, which one sample of all is weighed against. */
+static void light(const struct job *job, struct bundle *b, uint32_t depth, bool by_all,
+                  struct lw_path_count *count) {
+    const enum lw_path_method method = job->view->method;
+    const bool ask = method != LW_PATH_METHOD_BOUNCE || job->tracer->scene->light_count > 0;
+    float pick[2], lamp[2];
+    uint16_t even[BUNDLE + LANES], one[BUNDLE + LANES];
+    unsigned evens = 0, ones = 0;
+    draw(b, USE_PICK, depth, pick);
+    draw(b, USE_LAMP, depth, lamp);
+    for (unsigned i = 0; i < b->going; i++)
+        if (by_all && !b->path[b->order[i]].glossy)
+            even[evens++] = b->order[i];
+        else if (ask)
+            one[ones++] = b->order[i];
+    for (unsigned first = 0; first < evens; first += LANES)
+        light16_by_all(job, b, even + first, lanes_from(first, evens), count);
+    for (unsigned first = 0; first < ones; first += LANES)
+        light16(job, b, one + first, lanes_from(first, ones), pick[0], lamp, count);
+}
+
+/* Whether bounce rays may bring light of lamps. */
+static bool rays_bring_lamps(const struct bundle *b, const struct lit *lit) {
+    for (unsigned i = 0; i < b->going; i++)
+        if ((b->path[b->order[i]].glossy ? lit->glossy : lit->even) != LW_PATH_METHOD_LAMPS) return true;
+    return false;
+}
+
 static void trace_bundle(const struct job *job, struct bundle *b, unsigned paths,
                          struct lw_path_count *count) {
     const struct lw_path_view *view = job->view;
-    const bool ask_lamps = view->method != LW_PATH_METHOD_BOUNCE || job->tracer->scene->light_count > 0;
     b->going = 0;
     if (!take_first_hits(job, b, paths))
         for (unsigned first = 0; first < paths; first += LANES)
@@ -433,28 +553,25 @@ static void trace_bundle(const struct job *job, struct bundle *b, unsigned paths
     for (uint32_t depth = 0; b->going; depth++) {
         const bool first_hit = depth == 0, last = depth == bounces;
         const bool by_all = first_hit && view->all_lights, unlit = first_hit && indirect;
-        const enum lw_path_method method = by_all || unlit ? LW_PATH_METHOD_LAMPS : view->method;
+        const struct lit lit = {.even = by_all || unlit ? LW_PATH_METHOD_LAMPS : view->method,
+                                .glossy = unlit ? LW_PATH_METHOD_LAMPS : view->method};
         const unsigned flags = first_hit ? LW_TRACE_COHERENT : 0;
         const unsigned going = b->going;
-        float pick[2], lamp[2], bounce[2];
+        float pick[2];
+        struct bounce_draw bounce;
         draw(b, USE_PICK, depth, pick);
-        draw(b, USE_LAMP, depth, lamp);
-        draw(b, USE_BOUNCE, depth, bounce);
+        draw(b, USE_BOUNCE, depth, bounce.point);
+        bounce.lobe = pick[1];
+        bounce.cosine = lw_direction_cosine(bounce.point);
         b->guided = view->guide && !last; /* the last rays meet nothing but what shines */
         if (view->guide) take_aim(job, b);
-        for (unsigned first = 0; !unlit && first < going; first += LANES) {
-            const unsigned lanes = lanes_from(first, going);
-            if (by_all)
-                light16_by_all(job, b, b->order + first, lanes, count);
-            else if (ask_lamps)
-                light16(job, b, b->order + first, lanes, pick[0], lamp, count);
-        }
+        if (!unlit) light(job, b, depth, by_all, count);
         for (unsigned i = 0; first_hit && i < paths; i++) b->path[i].near = b->path[i].radiance;
         if (view->guide) tell_all(job, b);
-        if (last && (method == LW_PATH_METHOD_LAMPS || !rays_may_shine)) break;
+        if (last && (!rays_may_shine || !rays_bring_lamps(b, &lit))) break;
         b->going = 0;
         for (unsigned first = 0; first < going; first += LANES)
-            bounce16(job, b, b->order + first, lanes_from(first, going), bounce, flags, method, last, count);
+            bounce16(job, b, b->order + first, lanes_from(first, going), &bounce, flags, &lit, last, count);
     }
     if (arrived && view->clamp > 0) clamp_far(b, paths, view->clamp);
 }

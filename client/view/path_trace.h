@@ -6,7 +6,9 @@
  *          hashing).
  *
  * It shares scene, rays and lights with the solve, and counts light as the solve does: visible emission,
- * direct light, and `bounces` orders of indirect light. Everything is diffuse. */
+ * direct light, and `bounces` orders of indirect light. Surfaces with a finish (scene.h) scatter light as
+ * common/shading/lobes.h has it, about the normal of their map; bounce rays are drawn by the lobes. Without
+ * one they are diffuse. Occlusion maps do not count: paths find what hides light. */
 #ifndef LW_CLIENT_VIEW_PATH_TRACE_H
 #define LW_CLIENT_VIEW_PATH_TRACE_H
 
@@ -86,15 +88,18 @@ struct lw_path_view {
     enum lw_path_pattern pattern;
     enum lw_path_part part;
     /* At first hits a sample and a shadow ray for each light or group of lights (direct16.h), in place of one
-     * sample of all lights. Emission that bounce rays from there meet then does not count. */
+     * sample of all lights. Emission that bounce rays from there meet then does not count. First hits that
+     * mirror, or have a normal map, keep to `method`: shadow rays alone do not find a lamp in a mirror. */
     bool all_lights;
-    /* The most luminance, W/(m^2 sr), that one path may bring from beyond its first hit. Brighter paths are
+    /* The most luminance, W/(m^2 sr), that one path may bring from beyond its first hit; a lamp in a mirror
+     * there counts as the first hit's. Brighter paths are
      * scaled down to it: less noise by a few bright paths, and some light is lost. 0: no limit. */
     float clamp;
     /* First hits of the whole picture, already traced with the same pose and camera. Rays from the eye are
-     * traced only for pixels that show several surfaces. A pixel is then its centre. NULL: none. */
+     * traced only for pixels that show several surfaces, or one that is not even (gbuffer.h), and for those
+     * that share random numbers with them. A pixel is then its centre. NULL: none. */
     const struct lw_gbuffer *first_hits;
-    /* Bounce rays but the last follow it, and it is told what they find; a render draws them all by what it
+    /* Bounce rays but the last follow it where no mirror throws them, and it is told what they find; a render draws them all by what it
      * had learned before. Between renders lw_guide_learn() takes what it was told: then the samples of later
      * ones depend on where it was called. NULL: cosine-weighted rays alone. */
     struct lw_guide *guide;

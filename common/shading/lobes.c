@@ -83,12 +83,16 @@ bool lw_lobes_draw(const struct lw_lobes_seen *seen, const float u[2], float pic
     return out->z > 0;
 }
 
-float lw_lobes_pdf(const struct lw_lobes_seen *seen, struct lw_vec3 to_light) {
+float lw_lobes_pdf_with(const struct lw_lobes_seen *seen, struct lw_vec3 to_light, float spread) {
     if (!(to_light.z > 0)) return 0;
-    const float spread = (1 - seen->mirror_share) * to_light.z / LW_PI;
-    if (!(seen->mirror_share > 0)) return spread;
+    const float rest = (1 - seen->mirror_share) * spread;
+    if (!(seen->mirror_share > 0)) return rest;
     const struct lw_vec3 half = lw_vec3_normalize(lw_vec3_add(seen->to_eye, to_light));
-    return spread + seen->mirror_share * lw_microfacets_pdf(seen->to_eye, half, seen->alpha);
+    return rest + seen->mirror_share * lw_microfacets_pdf(seen->to_eye, half, seen->alpha);
+}
+
+float lw_lobes_pdf(const struct lw_lobes_seen *seen, struct lw_vec3 to_light) {
+    return lw_lobes_pdf_with(seen, to_light, to_light.z / LW_PI);
 }
 
 /* By the diffuse lobe, and by facets once and many times. */

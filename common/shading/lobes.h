@@ -58,6 +58,15 @@ bool lw_lobes_draw(const struct lw_lobes_seen *seen, const float u[2], float pic
 /** Density of such directions per solid angle. */
 float lw_lobes_pdf(const struct lw_lobes_seen *seen, struct lw_vec3 to_light);
 
+/** The same where directions that are not a mirror's are drawn with the density `spread` there, in place of
+ * cosine / pi: pick >= seen->mirror_share. */
+float lw_lobes_pdf_with(const struct lw_lobes_seen *seen, struct lw_vec3 to_light, float spread);
+
+/** Towards the eye, what is reflected of light from everywhere. */
+static inline struct lw_vec3 lw_lobes_seen_albedo(const struct lw_lobes_seen *seen) {
+    return lw_vec3_add(seen->mirrored, seen->spread);
+}
+
 /** What all lobes send back of light from everywhere, in [0, 1]. Bounces of the solve spread it evenly. */
 struct lw_vec3 lw_lobes_albedo(const struct lw_lobes *lobes);
 

@@ -218,7 +218,7 @@ static void show_spots(const struct job *job, const struct lw_texels *texels, co
         lw_sample_points_load(&mesh->sample_points, mesh->position, local, point, &lanes);
         lw_sample_points_frame_init(&frame, &job->pose.object_to_world[spot[k].object]);
         lw_sample_points_to_world(&frame, &lanes);
-        gbuffer->layered[k] = 0;
+        gbuffer->from_eye[k] = 0;
         gbuffer->plane.object[k] = spot[k].object;
         const float origin[3] = {lanes.at.x[0], lanes.at.y[0], lanes.at.z[0]},
                     normal[3] = {lanes.at.nx[0], lanes.at.ny[0], lanes.at.nz[0]};

@@ -646,7 +646,7 @@ static void test_first_hits_may_be_given(void **state) {
             &err);
         lw_gbuffer_render(&gbuffer, &set.world.pose, &view.camera);
         unsigned layered = 0;
-        for (int i = 0; i < SIDE * SIDE; i++) layered += gbuffer.layered[i];
+        for (int i = 0; i < SIDE * SIDE; i++) layered += gbuffer.from_eye[i];
         assert_true(panes ? layered > SIDE : layered == 0);
         struct lw_path_film film[2];
         for (int given = 0; given < 2; given++) {
