@@ -168,9 +168,8 @@ static bool meet(const struct lw_gbuffer *g, const struct lw_camera_plane *plane
     const struct lw_place_point point = lw_place_point(place, mesh, hits, i, &surface);
     struct lw_vec3 albedo = surface.albedo, normal = point.normal;
     struct lw_place_gloss gloss;
-    if (surface.material->finish &&
-        lw_place_gloss(place, g->scene, mesh, hits, i, &surface, &point,
-                       lw_vec3_scale(lw_vec3_normalize(direction), -1), &gloss)) {
+    if (surface.material->finish && lw_place_gloss(place, g->scene, mesh, hits, i, &surface, &point,
+                                                   lw_vec3_scale(lw_vec3_normalize(direction), -1), &gloss)) {
         albedo = lw_lobes_seen_albedo(&gloss.seen);
         normal = gloss.normal;
         pixel->from_eye = true;

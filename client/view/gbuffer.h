@@ -51,7 +51,8 @@ struct lw_gbuffer {
     struct lw_camera_view camera; /* of the last render */
     bool still;                   /* nothing has changed since the render before: camera, objects, lights */
     struct lw_gbuffer_planes plane;
-    uint8_t *from_eye; /* 1: paths start at the eye: there is more than one surface, or one that is not even */
+    uint8_t
+        *from_eye; /* 1: paths start at the eye: there is more than one surface, or one that is not even */
 
     /* inside */
     const struct lw_scene *scene;

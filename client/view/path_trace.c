@@ -72,12 +72,13 @@ struct bundle {
         struct lw_vec3 throughput; /* the albedo of an even surface included */
         struct lw_vec3 radiance;   /* gathered so far */
         struct lw_vec3 near;       /* of it: by its first hit; with a clamp */
-        /* For the guide: the surface's albedo towards the eye, luminance that it shines, and that it reflects of lamps. */
+        /* For the guide: the surface's albedo towards the eye, luminance that it shines, and that it reflects
+         * of lamps. */
         struct lw_vec3 albedo;
         float shone, reflected;
         uint32_t place; /* of the guide, that the ray to here was drawn by; LW_GUIDE_NOWHERE: none */
         uint32_t x, y;  /* pixel */
-        bool glossy;    /* the surface reflects as `gloss` has it; else evenly, its albedo in the throughput */
+        bool glossy; /* the surface reflects as `gloss` has it; else evenly, its albedo in the throughput */
     } path[BUNDLE];
     struct lw_place_gloss gloss[BUNDLE];
 };
@@ -195,8 +196,7 @@ static void look16(const struct job *job, struct bundle *b, uint16_t first, unsi
             struct path *path = &b->path[first + i];
             if (hits.object[i] == LW_TRACE_MISS) {
                 const struct lw_vec3 direction = lw_vec3_normalize(direction_of(&rays, i));
-                path->radiance =
-                    lw_vec3_mul(lw_scene_sky(job->tracer->scene, direction), path->throughput);
+                path->radiance = lw_vec3_mul(lw_scene_sky(job->tracer->scene, direction), path->throughput);
                 continue;
             }
             struct lw_surface surface;
@@ -472,7 +472,8 @@ static void bounce16(const struct job *job, struct bundle *b, const uint16_t *wh
             surface_at(job, &hits, i, &surface);
         }
         const unsigned going = b->going;
-        struct lw_vec3 seen = shine(job, method[i], path, density[i], &rays, &hits, i, miss ? NULL : &surface);
+        struct lw_vec3 seen =
+            shine(job, method[i], path, density[i], &rays, &hits, i, miss ? NULL : &surface);
         const struct lw_vec3 brought = lw_vec3_mul(seen, path->throughput);
         path->radiance = lw_vec3_add(path->radiance, brought);
         /* A lamp in a mirror belongs to the light of lamps there. */

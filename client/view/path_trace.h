@@ -99,9 +99,9 @@ struct lw_path_view {
      * traced only for pixels that show several surfaces, or one that is not even (gbuffer.h), and for those
      * that share random numbers with them. A pixel is then its centre. NULL: none. */
     const struct lw_gbuffer *first_hits;
-    /* Bounce rays but the last follow it where no mirror throws them, and it is told what they find; a render draws them all by what it
-     * had learned before. Between renders lw_guide_learn() takes what it was told: then the samples of later
-     * ones depend on where it was called. NULL: cosine-weighted rays alone. */
+    /* Bounce rays but the last follow it where no mirror throws them, and it is told what they find; a render
+     * draws them all by what it had learned before. Between renders lw_guide_learn() takes what it was told:
+     * then the samples of later ones depend on where it was called. NULL: cosine-weighted rays alone. */
     struct lw_guide *guide;
     const _Atomic bool *cancel; /* may be NULL; once true, a render ends within some milliseconds */
 };

@@ -56,8 +56,7 @@ bool lw_place_gloss(const struct lw_place *place, const struct lw_scene *scene, 
     if (!finish.bumpy && !lw_lobes_mirror(&finish.lobes)) return false;
     out->plain = out->normal = point->normal;
     if (finish.bumpy)
-        out->normal =
-            lw_shading_bend(bumped(place, &finish, hits->back[i], surface), point->normal, to_eye);
+        out->normal = lw_shading_bend(bumped(place, &finish, hits->back[i], surface), point->normal, to_eye);
     lw_vec3_frame(out->normal, &out->across, &out->along);
     out->seen = lw_lobes_see(&finish.lobes, lw_place_gloss_to_local(out, to_eye));
     return true;

@@ -30,8 +30,8 @@ struct lw_place_point lw_place_point(const struct lw_place *place, const struct 
 
 /** How the surface of such a point scatters light, seen along a ray. */
 struct lw_place_gloss {
-    struct lw_vec3 plain;  /* the point's normal. Light from below it gives nothing */
-    struct lw_vec3 normal; /* with its bumps, bent towards the eye (shading_bend.h): the lobes' */
+    struct lw_vec3 plain;         /* the point's normal. Light from below it gives nothing */
+    struct lw_vec3 normal;        /* with its bumps, bent towards the eye (shading_bend.h): the lobes' */
     struct lw_vec3 across, along; /* complete it to their frame */
     struct lw_lobes_seen seen;
 };

@@ -6,7 +6,8 @@
  * mirror image of v at n:
  *
  *     t = min(0.9 ng.v, 0.01)
- *     n stays where n.v > 0 and r.ng >= t; else r is lifted along ng until r.ng = t, and n = (v + r) / |v + r|
+ *     n stays where n.v > 0 and r.ng >= t; else r is lifted along ng until r.ng = t, and
+ *     n = (v + r) / |v + r|
  *
  * so that n.v > 0 always. All who shade with normal maps bend so. What light shines from below ng gives
  * nothing. */

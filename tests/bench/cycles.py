@@ -2,8 +2,16 @@
 
 blender --background --factory-startup --python tests/bench/cycles.py -- SCENE.glb --out FILE.exr
     [--camera PX,PY,PZ:TX,TY,TZ:FOV] [--size WxH] [--spp N] [--bounces N] [--sky R,G,B] [--sun-angle DEG] [--seed N]
+    [--materials full|matt] [--gloss split|principled]
 
-Every surface becomes Lambertian with the base colour as albedo; backs of single-sided ones are black and do not shine.
+--materials matt: every surface becomes Lambertian with the base colour as albedo. full, the default: surfaces have
+the file's roughness, metalness and normal maps, built of
+    split       Glossy (GGX), its colour what facets send back once over what white ones do; and Diffuse, its colour
+                what the gloss leaves of the base, and what facets send back many times. Tables by view and roughness,
+                as glTF has it: Schlick's Fresnel, height-correlated masking.
+    principled  Principled (MULTI_GGX) for the metal, and for the gloss on a black base, which is added to Diffuse as
+                above. Its Fresnel is that of a smooth dielectric: at 60 degrees 0.089 where Schlick's has 0.070.
+Backs of single-sided surfaces are black and do not shine.
 Lights take the units of docs/architecture.md: 1 cd = 1 W/sr, 1 lux = 1 W/m^2, emission = radiance. Written for Blender
 3.4 (Debian 12). The file holds linear radiance, box-filtered over pixels.
 """
@@ -31,6 +39,8 @@ def arguments():
     parser.add_argument("--sky", default="0,0,0")
     parser.add_argument("--sun-angle", type=float, default=0.53)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--materials", choices=["full", "matt"], default="full")
+    parser.add_argument("--gloss", choices=["split", "principled"], default="split")
     return parser.parse_args(sys.argv[sys.argv.index("--") + 1:])
 
 
@@ -63,8 +73,167 @@ def connect(links, output, value, socket):
         socket.default_value = value
 
 
-def make_lambertian(material):
-    """Rebuilds what the importer made: diffuse reflection and emission of the front, alpha as it is."""
+SIDE = 32  # entries of a table, each way: cosine (i / (SIDE - 1))^2, roughness j / (SIDE - 1)
+F0, F0_MEAN = 0.04, 0.04 + 0.96 / 21  # of a gloss, by Schlick: at normal incidence, and the mean over directions
+
+
+def facets_once(cosine, roughness, samples=2048):
+    """Of light along a direction what GGX facets send back once, of 1 - c, of c, c = (1 - cos)^5, and the part of it
+    that masking and shadowing leave where they are independent, as Cycles 3.4 has them."""
+    alpha2 = max(roughness * roughness, 1e-3) ** 2
+    k = (numpy.arange(samples) + 0.5) / samples
+    phi = 2 * math.pi * ((numpy.arange(samples) * 0.6180339887) % 1)
+    z = numpy.sqrt((1 - k) / (1 + (alpha2 - 1) * k))
+    r = numpy.sqrt(1 - z * z)
+    v = numpy.array([math.sqrt(1 - cosine * cosine), 0, cosine])
+    with_half = r * numpy.cos(phi) * v[0] + z * v[2]
+    light = 2 * with_half * z - cosine
+    up = (light > 0) & (with_half > 0)
+    light, with_half, z = light[up], with_half[up], z[up]
+
+    def stretch(c):
+        return numpy.sqrt(alpha2 + (1 - alpha2) * c * c)
+
+    jacobian = 4 * with_half / z * light
+    shown = 0.5 / (light * stretch(cosine) + cosine * stretch(light)) * jacobian
+    apart = 1 / ((light + stretch(light)) * (cosine + stretch(cosine))) * jacobian
+    c = (1 - with_half) ** 5
+    return (shown * (1 - c)).sum() / samples, (shown * c).sum() / samples, apart.sum() / samples
+
+
+def many_times(f, mean):
+    return f * f * mean / (1 - f * (1 - mean))
+
+
+def make_tables():
+    """Images over (cosine, roughness): once: A / E', B / E' of Glossy's colour f0 A + B, E' what Glossy itself sends
+    back of white; rest: what a gloss leaves, what facets lose, and E, their mean."""
+    once, rest = numpy.ones((SIDE, SIDE, 4), "f"), numpy.ones((SIDE, SIDE, 4), "f")
+    weight = (numpy.arange(SIDE) / (SIDE - 1)) ** 3  # cosine x d cosine, of cosine = x^2
+    for j in range(SIDE):
+        shares = [facets_once(max(i / (SIDE - 1), 0.02) ** 2, j / (SIDE - 1)) for i in range(SIDE)]
+        a, b, own = numpy.array(shares).T
+        e = numpy.minimum(a + b, 1)
+        mean = (e * weight).sum() / weight.sum()
+        gloss = F0 * a + b + (1 - e) * many_times(F0_MEAN, mean)
+        once[j, :, 0], once[j, :, 1] = a / own, b / own
+        rest[j, :, 0], rest[j, :, 1], rest[j, :, 2] = 1 - gloss, 1 - e, mean
+    images = []
+    for name, table in (("once", once), ("rest", rest)):
+        image = bpy.data.images.new(name, SIDE, SIDE, float_buffer=True, is_data=True)
+        image.pixels.foreach_set(table.ravel())
+        image.update()
+        image.pack()
+        images.append(image)
+    return images
+
+
+class Graph:
+    """Makes nodes of a material: sockets or numbers go in, a socket comes out."""
+
+    def __init__(self, tree):
+        self.nodes, self.links = tree.nodes, tree.links
+
+    def feed(self, value, socket):
+        if isinstance(value, bpy.types.NodeSocket):
+            self.links.new(value, socket)
+        else:
+            socket.default_value = value
+
+    def math(self, operation, *values):
+        node = self.nodes.new("ShaderNodeMath")
+        node.operation = operation
+        for value, socket in zip(values, node.inputs):
+            self.feed(value, socket)
+        return node.outputs[0]
+
+    def vector(self, operation, *values, output=0):
+        node = self.nodes.new("ShaderNodeVectorMath")
+        node.operation = operation
+        for value, socket in zip(values, node.inputs):
+            self.feed(value, socket)
+        return node.outputs[output]
+
+    def scale(self, vector, factor):
+        node = self.nodes.new("ShaderNodeVectorMath")
+        node.operation = "SCALE"
+        self.feed(vector, node.inputs[0])
+        self.feed(factor, node.inputs["Scale"])
+        return node.outputs[0]
+
+    def look_up(self, image, at):
+        node = self.nodes.new("ShaderNodeTexImage")
+        node.image, node.interpolation, node.extension = image, "Linear", "EXTEND"
+        self.links.new(at, node.inputs[0])
+        split = self.nodes.new("ShaderNodeSeparateRGB")
+        self.links.new(node.outputs["Color"], split.inputs[0])
+        return split.outputs
+
+    def shader(self, kind, normal, **inputs):
+        node = self.nodes.new(kind)
+        for name, value in inputs.items():
+            self.feed(value, node.inputs[name.replace("_", " ")])
+        if normal is not None:
+            self.links.new(normal, node.inputs["Normal"])
+        return node
+
+    def join(self, kind, first, second, factor=None):
+        node = self.nodes.new(kind)
+        if factor is not None:
+            self.feed(factor, node.inputs[0])
+        self.links.new(first, node.inputs[-2])
+        self.links.new(second, node.inputs[-1])
+        return node.outputs[0]
+
+
+def make_gloss(graph, principled, kind, tables):
+    """The surface of a material with its file's roughness, metalness and normal map."""
+    def value(name):
+        output, default = source_of(None, principled.inputs[name], None)
+        if output is not None:
+            return output
+        return tuple(default)[:3] if hasattr(default, "__len__") else default
+
+    base, metal, rough = value("Base Color"), value("Metallic"), value("Roughness")
+    normal = source_of(None, principled.inputs["Normal"], None)[0]
+    geometry = graph.nodes.new("ShaderNodeNewGeometry")
+    seen = graph.vector("DOT_PRODUCT", normal or geometry.outputs["Normal"], geometry.outputs["Incoming"],
+                        output="Value")
+    at = graph.nodes.new("ShaderNodeCombineXYZ")
+    side = (SIDE - 1) / SIDE
+    cosine = graph.math("SQRT", graph.math("MAXIMUM", seen, 0.0))
+    graph.feed(graph.math("MULTIPLY_ADD", cosine, side, 0.5 / SIDE), at.inputs[0])
+    graph.feed(graph.math("MULTIPLY_ADD", rough, side, 0.5 / SIDE), at.inputs[1])
+    once = graph.look_up(tables[0], at.outputs[0])
+    rest = graph.look_up(tables[1], at.outputs[0])
+
+    dielectric = graph.math("SUBTRACT", 1.0, metal)
+    plain = graph.vector("ADD", (0, 0, 0), base) if not isinstance(base, tuple) else base
+    under = graph.scale(plain, graph.math("MULTIPLY", dielectric, rest[0]))
+    if kind == "principled":
+        diffuse = graph.shader("ShaderNodeBsdfDiffuse", normal, Color=under)
+        of_metal = graph.shader("ShaderNodeBsdfPrincipled", normal, Base_Color=base if not isinstance(base, tuple)
+                                else base + (1,), Metallic=1.0, Roughness=rough)
+        of_gloss = graph.shader("ShaderNodeBsdfPrincipled", normal, Base_Color=(0, 0, 0, 1), Metallic=0.0,
+                                Roughness=rough, Specular=0.5)
+        of_metal.distribution = of_gloss.distribution = "MULTI_GGX"
+        mirrored = graph.join("ShaderNodeMixShader", of_gloss.outputs[0], of_metal.outputs[0], metal)
+        return graph.join("ShaderNodeAddShader", diffuse.outputs[0], mirrored)
+    f0 = graph.vector("ADD", graph.scale(plain, metal), graph.scale((F0, F0, F0), dielectric))
+    mirror = graph.vector("ADD", graph.scale(f0, once[0]), graph.scale((1, 1, 1), once[1]))
+    # F of many times: f^2 E / (1 - f (1 - E)), f = 20/21 f0 + 1/21
+    mean = graph.vector("ADD", graph.scale(f0, 20 / 21), (1 / 21, 1 / 21, 1 / 21))
+    lost = graph.vector("SUBTRACT", (1, 1, 1), graph.scale(mean, graph.math("SUBTRACT", 1.0, rest[2])))
+    many = graph.vector("DIVIDE", graph.scale(graph.vector("MULTIPLY", mean, mean), rest[2]), lost)
+    spread = graph.vector("ADD", under, graph.scale(many, rest[1]))
+    diffuse = graph.shader("ShaderNodeBsdfDiffuse", normal, Color=spread)
+    glossy = graph.shader("ShaderNodeBsdfGlossy", normal, Color=mirror, Roughness=rough)
+    glossy.distribution = "GGX"
+    return graph.join("ShaderNodeAddShader", diffuse.outputs[0], glossy.outputs[0])
+
+
+def make_surface(material, gloss, tables):
+    """Rebuilds what the importer made: reflection and emission of the front, alpha as it is. gloss: None: matt."""
     tree = material.node_tree
     nodes, links = tree.nodes, tree.links
     principled = next((n for n in nodes if n.type == "BSDF_PRINCIPLED"), None)
@@ -76,13 +245,17 @@ def make_lambertian(material):
     emission = source_of(nodes, principled.inputs["Emission"], links)
     strength = source_of(nodes, principled.inputs["Emission Strength"], links)
 
-    diffuse = nodes.new("ShaderNodeBsdfDiffuse")
-    connect(links, *colour, diffuse.inputs["Color"])
+    if gloss is None:
+        diffuse = nodes.new("ShaderNodeBsdfDiffuse")
+        connect(links, *colour, diffuse.inputs["Color"])
+        reflection = diffuse.outputs[0]
+    else:
+        reflection = make_gloss(Graph(tree), principled, gloss, tables)
     shine = nodes.new("ShaderNodeEmission")
     connect(links, *emission, shine.inputs["Color"])
     connect(links, *strength, shine.inputs["Strength"])
     front = nodes.new("ShaderNodeAddShader")
-    links.new(diffuse.outputs[0], front.inputs[0])
+    links.new(reflection, front.inputs[0])
     links.new(shine.outputs[0], front.inputs[1])
     surface = front.outputs[0]
     if material.use_backface_culling:
@@ -158,9 +331,11 @@ def main():
     for thing in list(bpy.data.objects):
         bpy.data.objects.remove(thing)
     bpy.ops.import_scene.gltf(filepath=args.scene)
+    full = args.materials == "full"
+    tables = make_tables() if full else None
     for material in bpy.data.materials:
         if material.use_nodes:
-            make_lambertian(material)
+            make_surface(material, args.gloss if full else None, tables)
     set_lights(read_json(args.scene), args.sun_angle)
     width, height = (int(x) for x in args.size.split("x"))
     set_camera(args.camera, width, height)
@@ -175,11 +350,11 @@ def main():
     cycles = scene.cycles
     cycles.device, cycles.samples, cycles.seed = "CPU", args.spp, args.seed
     cycles.use_adaptive_sampling = cycles.use_denoising = False
-    cycles.max_bounces = cycles.diffuse_bounces = args.bounces
+    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = args.bounces
     cycles.transparent_max_bounces = 64
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0
     cycles.light_sampling_threshold = 0
-    cycles.caustics_reflective = cycles.caustics_refractive = False
+    cycles.caustics_reflective, cycles.caustics_refractive, cycles.blur_glossy = full, False, 0
     cycles.pixel_filter_type = "BOX"
     scene.render.resolution_x, scene.render.resolution_y = width, height
     scene.render.resolution_percentage = 100

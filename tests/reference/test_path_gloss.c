@@ -208,9 +208,9 @@ static void methods_agree_on_glossy_surfaces(void **state) {
     static const struct {
         enum lw_path_method method;
         bool all_lights, guided;
-    } way[] = {{LW_PATH_METHOD_BOTH, false, false},  {LW_PATH_METHOD_LAMPS, false, false},
+    } way[] = {{LW_PATH_METHOD_BOTH, false, false},   {LW_PATH_METHOD_LAMPS, false, false},
                {LW_PATH_METHOD_BOUNCE, false, false}, {LW_PATH_METHOD_BOTH, true, false},
-               {LW_PATH_METHOD_BOTH, false, true},   {LW_PATH_METHOD_BOUNCE, false, true}};
+               {LW_PATH_METHOD_BOTH, false, true},    {LW_PATH_METHOD_BOUNCE, false, true}};
     enum { WAYS = sizeof way / sizeof *way };
     struct lw_scene *scene;
     struct lw_error err = {0};
@@ -361,11 +361,12 @@ static void first_hits_know_the_finish(void **state) {
     set_up(&set, scene);
     struct lw_path_view view = view_at(0.3f);
     struct lw_gbuffer gbuffer;
-    lw_support_ok(lw_gbuffer_init(&gbuffer,
-                                  &(struct lw_gbuffer_desc){
-                                      .scene = scene, .trace = set.world.trace, .width = SIDE, .height = SIDE},
-                                  &err),
-                  &err);
+    lw_support_ok(
+        lw_gbuffer_init(&gbuffer,
+                        &(struct lw_gbuffer_desc){
+                            .scene = scene, .trace = set.world.trace, .width = SIDE, .height = SIDE},
+                        &err),
+        &err);
     lw_gbuffer_render(&gbuffer, &set.world.pose, &view.camera);
     struct lw_path_film film[2];
     for (int given = 0; given < 2; given++) {
