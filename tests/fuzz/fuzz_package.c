@@ -10,6 +10,7 @@
 
 #define VERSION_FILTERED 3 /* the first whose textures are filtered */
 #define VERSION_SEALED   5 /* has a checksum */
+#define VERSION_FINISHES 7 /* is for files alone, too */
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size);
 
@@ -51,8 +52,9 @@ static void run(const uint8_t *bytes, size_t size) {
     use(scene);
     uint8_t *again;
     size_t again_size;
-    status = bytes[8] == VERSION_SEALED ? lw_package_write_sealed(scene, &again, &again_size, &err)
-                                        : lw_package_write(scene, &again, &again_size, &err);
+    status = bytes[8] == VERSION_SEALED || bytes[8] == VERSION_FINISHES
+                 ? lw_package_write_sealed(scene, &again, &again_size, &err)
+                 : lw_package_write(scene, &again, &again_size, &err);
     require(status == LW_OK, "what was read cannot be written", &err);
     if (scene->texture_count == 0 || bytes[8] >= VERSION_FILTERED)
         require(again_size == size && memcmp(again, bytes, size) == 0, "written again, it differs", &err);
@@ -65,7 +67,7 @@ static void run(const uint8_t *bytes, size_t size) {
 /* A checksum is in the way of a search, so that each sealed package is tried with the right one as well. */
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
     run(bytes, size);
-    if (size < 12 || bytes[8] != VERSION_SEALED) return 0;
+    if (size < 12 || (bytes[8] != VERSION_SEALED && bytes[8] != VERSION_FINISHES)) return 0;
     uint8_t *sealed = malloc(size);
     if (!sealed) abort();
     memcpy(sealed, bytes, size);
