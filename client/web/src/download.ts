@@ -1,8 +1,8 @@
-// download.ts: the scene package as it comes in chunks, part by part, with the parts that the browser has
+// download.ts: a package as it comes in chunks, part by part, with the parts that the browser has
 // already.
 import { LimitError, ProtocolError } from './failure.ts';
 import type { Tiles } from './tiles.ts';
-import type { Welcome } from './wire.ts';
+import type { Told } from './wire.ts';
 
 /** A page has no more memory than this for a package. */
 const PACKAGE_MAX = 2 ** 30;
@@ -34,45 +34,41 @@ export class Download {
   private chunks: Uint8Array[] = [];
 
   constructor(
-    private readonly welcome: Welcome,
+    private readonly told: Told,
+    private readonly run: bigint,
+    private readonly what: string,
     private readonly tiles: Tiles,
     private readonly store: PartStore,
   ) {
-    if (welcome.packageSize > PACKAGE_MAX)
-      throw new LimitError(
-        `the scene has ${Math.ceil(welcome.packageSize / 2 ** 20)} MB, more than a page takes`,
-      );
+    const megabytes = Math.ceil(told.size / 2 ** 20);
+    if (told.size > PACKAGE_MAX)
+      throw new LimitError(`the ${what} has ${megabytes} MB, more than a page takes`);
     try {
-      this.bytes = new Uint8Array(welcome.packageSize);
+      this.bytes = new Uint8Array(told.size);
     } catch {
-      throw new LimitError(
-        `this page has no memory for a scene of ${Math.ceil(welcome.packageSize / 2 ** 20)} MB`,
-      );
+      throw new LimitError(`this page has no memory for a ${what} of ${megabytes} MB`);
     }
     let begin = 0;
     let compressedBegin = 0;
-    for (const { size, compressedSize, hash } of welcome.parts) {
+    for (const { size, compressedSize, hash } of told.parts) {
       this.slots.push({ hash, begin, size, compressedBegin, compressedSize, held: false });
       begin += size;
       compressedBegin += compressedSize;
     }
   }
 
-  isOf(welcome: Welcome): boolean {
-    return (
-      hex(welcome.packageHash) === hex(this.welcome.packageHash) &&
-      welcome.run === this.welcome.run &&
-      !!welcome.run
-    );
+  isOf(told: Told, run: bigint): boolean {
+    return hex(told.hash) === hex(this.told.hash) && run === this.run && !!run;
   }
 
   private fail(what: string): never {
-    throw new ProtocolError(`scene package: ${what}`);
+    throw new ProtocolError(`${this.what} package: ${what}`);
   }
 
   /** Takes the parts that the browser has kept. */
   async begin(): Promise<void> {
-    for (const slot of this.slots) {
+    for (const [i, slot] of this.slots.entries()) {
+      if (i < this.at || (i === this.at && this.inSlot)) continue; // it is there, or comes
       const compressed = await this.store.find(hex(slot.hash));
       const part = compressed && this.tiles.decompress(compressed, slot.size);
       if (!part || hex(this.tiles.hash(part)) !== hex(slot.hash)) continue;
@@ -98,12 +94,12 @@ export class Download {
 
   private received(): number {
     const slot = this.slots[this.at];
-    return slot ? slot.compressedBegin + this.inSlot : this.welcome.compressedSize;
+    return slot ? slot.compressedBegin + this.inSlot : this.told.compressedSize;
   }
 
   /** 0 to 1. */
   progress(): number {
-    return this.received() / this.welcome.compressedSize;
+    return this.received() / this.told.compressedSize;
   }
 
   add(offset: number, data: Uint8Array): void {
@@ -138,7 +134,7 @@ export class Download {
   /** The package, once all of it is there and has the hash that was announced. */
   finished(): Uint8Array<ArrayBuffer> | null {
     if (this.at < this.slots.length) return null;
-    if (hex(this.tiles.hash(this.bytes)) !== hex(this.welcome.packageHash))
+    if (hex(this.tiles.hash(this.bytes)) !== hex(this.told.hash))
       this.fail('it is not the one that was promised');
     return this.bytes;
   }

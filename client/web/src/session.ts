@@ -1,6 +1,8 @@
 // session.ts: one connection: bytes in, messages out: proto/wire_format.md, section 3. Knows no socket.
 import { Download, hex, type PartStore } from './download.ts';
-import { ProtocolError, TokenError } from './failure.ts';
+import { LimitError, ProtocolError, TokenError } from './failure.ts';
+import { readFinishPackage } from './finish_package.ts';
+import type { Finishes } from './finishes.ts';
 import { readPackage, type Scene } from './package.ts';
 import { Replica, type TileBatch } from './replica.ts';
 import type { Tiles } from './tiles.ts';
@@ -38,6 +40,7 @@ export interface SessionHost extends PartStore {
   send(bytes: Uint8Array<ArrayBuffer>): void;
   progress(fraction: number): void;
   scene(replica: Replica): void;
+  finishes?(finishes: Finishes): void; // of the scene, behind its first light; without it none are asked for
   frame(news: FrameNews): void;
   tiles(batch: TileBatch, mean: [number, number, number], visible: Uint8Array<ArrayBuffer> | null): void;
   settled(): void;
@@ -54,10 +57,12 @@ export interface Kept {
   drawn: string; // which lights the client draws
   run: bigint;
   download: Download | null;
+  finishes: Download | null; // on their way
+  finishHash: string; // of those that the host has; '': none
 }
 
 export function nothingKept(): Kept {
-  return { replica: null, packageHash: '', drawn: '', run: 0n, download: null };
+  return { replica: null, packageHash: '', drawn: '', run: 0n, download: null, finishes: null, finishHash: '' };
 }
 
 export class Session {
@@ -65,6 +70,7 @@ export class Session {
   private backlog = 0;
   private welcome: wire.Welcome | null = null;
   private asked = false; // for the package
+  private finishesAsked = false;
   private lastFrame = 0n;
   private readonly interest = new Interest();
   private held = false; // the interest set is empty until the backlog is shorter
@@ -87,6 +93,7 @@ export class Session {
     this.heardMs = this.pingedMs = nowMs;
     this.offered = features | wire.Feature.RESUME | wire.Feature.PARTS | wire.Feature.DCT;
     if (host.mayControl) this.offered |= wire.Feature.CONTROL;
+    if (host.finishes) this.offered |= wire.Feature.MATERIALS;
     host.send(wire.writeHello(this.offered, 'lightwell web', host.token));
   }
 
@@ -251,6 +258,12 @@ export class Session {
       download.add(chunk.offset, chunk.data);
       this.host.progress(download.progress());
       this.finishDownload();
+    } else if (type === wire.Type.FINISH_CHUNK) {
+      const { finishes } = this.kept;
+      if (!finishes || !this.finishesAsked) return outOfOrder('FINISH_CHUNK');
+      const chunk = wire.readChunk(body);
+      finishes.add(chunk.offset, chunk.data);
+      this.finishFinishes();
     } else if (type === wire.Type.FRAME) {
       if (!replica) return outOfOrder('FRAME');
       const frame = wire.readFrame(body);
@@ -264,11 +277,13 @@ export class Session {
     } else if (type === wire.Type.TILE) {
       if (!replica || !this.lastFrame) return outOfOrder('TILE');
       replica.takeTile(wire.readTile(body), this.welcome.noiseShown);
+      if (replica.hasFirst()) await this.askForFinishes();
     } else if (type === wire.Type.PING) this.host.send(wire.writePong(wire.readToken(body)));
     else if (type === wire.Type.SETTLED) {
       if (wire.readSettled(body) !== this.lastFrame) return outOfOrder('SETTLED');
       this.flush();
       this.host.settled();
+      await this.askForFinishes();
     } else if (type === wire.Type.WAITING) {
       const waiting = wire.readWaiting(body);
       if (!this.lastFrame) this.host.waiting?.(waiting);
@@ -277,7 +292,7 @@ export class Session {
       if (updated.request !== this.request || this.answered === this.request) outOfOrder('UPDATED');
       this.answered = updated.request;
       if (updated.code) this.host.refused?.(updated.text);
-    } else if (type <= wire.Type.HOLDS && type !== wire.Type.PONG)
+    } else if ((type <= wire.Type.HOLDS && type !== wire.Type.PONG) || type === wire.Type.FINISH_REQUEST)
       throw new ProtocolError(`a message of type ${type}, which servers do not send`);
   }
 
@@ -308,28 +323,66 @@ export class Session {
     const layer = welcome.features & wire.Feature.DRAWS ? 1 : 0;
     const drawn = layer ? `${hex(welcome.clientLights)} ${hex(clientMaterials)}` : '';
     const sameRun = !!welcome.run && welcome.run === kept.run;
-    const samePackage = hex(welcome.packageHash) === kept.packageHash;
+    const finishHash = welcome.finish ? hex(welcome.finish.hash) : '';
+    const sameFinishes = !kept.finishHash || kept.finishHash === finishHash;
+    const samePackage = hex(welcome.package.hash) === kept.packageHash && sameFinishes;
     kept.run = welcome.run;
-    kept.packageHash = hex(welcome.packageHash);
+    kept.packageHash = hex(welcome.package.hash);
     if (kept.replica && (!samePackage || kept.replica.layer !== layer || kept.drawn !== drawn)) {
       kept.replica.destroy();
       kept.replica = null;
     }
     kept.drawn = drawn;
+    this.beginFinishes(welcome);
     if (kept.replica) {
       if (sameRun) this.sendHolds(kept.replica);
       else kept.replica.beginRun();
-      this.askFor(welcome.compressedSize, new Uint8Array(0));
+      this.askFor(welcome.package.compressedSize, new Uint8Array(0));
       return;
     }
-    if (!kept.download?.isOf(welcome)) {
-      kept.download = new Download(welcome, this.tiles, this.host);
+    if (!kept.download?.isOf(welcome.package, welcome.run)) {
+      kept.download = new Download(welcome.package, welcome.run, 'scene', this.tiles, this.host);
       await kept.download.begin();
       if (this.closed) return;
     }
     const request = kept.download.request();
     this.askFor(request.offset, request.held);
     this.finishDownload();
+  }
+
+  /** Notes finishes that are to come. A page without room for them shows the scene matt. */
+  private beginFinishes({ finish, run }: wire.Welcome): void {
+    const { kept } = this;
+    if (!kept.replica) kept.finishHash = '';
+    if (!finish || kept.finishHash) kept.finishes = null;
+    else if (!kept.finishes?.isOf(finish, run))
+      try {
+        kept.finishes = new Download(finish, run, 'finish', this.tiles, this.host);
+      } catch (error) {
+        if (!(error instanceof LimitError)) throw error;
+        kept.finishes = null;
+      }
+  }
+
+  private async askForFinishes(): Promise<void> {
+    const { finishes } = this.kept;
+    if (!finishes || this.finishesAsked) return;
+    this.finishesAsked = true;
+    await finishes.begin();
+    if (this.closed || this.finishFinishes()) return;
+    const { offset, held } = finishes.request();
+    this.host.send(wire.writePackageRequest(offset, held, wire.Type.FINISH_REQUEST));
+  }
+
+  /** Whether all of them are there. */
+  private finishFinishes(): boolean {
+    const { kept } = this;
+    const bytes = kept.finishes?.finished();
+    if (!bytes || !kept.replica) return false;
+    kept.finishes = null;
+    kept.finishHash = hex(this.welcome!.finish!.hash);
+    this.host.finishes?.(readFinishPackage(bytes, kept.replica.scene));
+    return true;
   }
 
   /** Asks for the package. A session streams from here on, and who has never sent INTEREST gets all tiles: so

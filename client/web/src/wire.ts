@@ -12,6 +12,7 @@ const RETRY_AFTER_MAX = 3_600_000;
 const NAME_MAX = 64;
 const PAYLOAD_MAX = 1 << 18;
 const PARTS_MAX = (1 << 14) + 2;
+const FINISH_PARTS_MAX = 8192;
 const PACKAGE_MAX = 2 ** 32;
 const COMPRESSED_MAX = PACKAGE_MAX + PACKAGE_MAX / 256;
 const BOUNCES_MAX = 64;
@@ -33,9 +34,11 @@ export const Type = {
   UPDATED: 14,
   HOLDS: 15,
   WAITING: 18,
+  FINISH_REQUEST: 19,
+  FINISH_CHUNK: 20,
 } as const;
 
-export const Feature = { CONTROL: 2n, RESUME: 4n, PARTS: 16n, DCT: 32n, DRAWS: 64n } as const;
+export const Feature = { CONTROL: 2n, RESUME: 4n, PARTS: 16n, DCT: 32n, DRAWS: 64n, MATERIALS: 256n } as const;
 
 export const Refusal = {
   VERSION: 1,
@@ -211,19 +214,70 @@ export interface Part {
   hash: Uint8Array;
 }
 
+/** A package as a server tells it. */
+export interface Told {
+  hash: Uint8Array;
+  size: number;
+  compressedSize: number;
+  parts: Part[]; // at least one
+}
+
 export interface Welcome {
   features: bigint;
   name: string;
-  packageHash: Uint8Array;
-  packageSize: number;
-  compressedSize: number;
+  package: Told;
   bounces: number;
   targetError: number;
   run: bigint;
-  parts: Part[]; // at least one
   noiseShown: number;
   clientLights: Uint8Array;
   clientMaterials: Uint8Array;
+  finish: Told | null;
+}
+
+const untold = (): Told => ({ hash: new Uint8Array(0), size: 0, compressedSize: 0, parts: [] });
+
+/** The three lists of parts of a package, as they are read. */
+class PartLists {
+  private sizes: BigUint64Array = new BigUint64Array(0);
+  private compressed: BigUint64Array = new BigUint64Array(0);
+  private hashes: Uint8Array = new Uint8Array(0);
+
+  constructor(
+    private readonly first: number, // field number; the other two lists have the next ones
+    private readonly max: number,
+  ) {}
+
+  /** Whether the field is one of them. */
+  take(r: Reader): boolean {
+    if (r.no === this.first) this.sizes = r.fixed64s(this.max);
+    else if (r.no === this.first + 1) this.compressed = r.fixed64s(this.max);
+    else if (r.no === this.first + 2) this.hashes = r.blob(16 * this.max).slice();
+    else return false;
+    return true;
+  }
+
+  into(r: Reader, of: Told): void {
+    const { sizes, compressed, hashes } = this;
+    if (compressed.length !== sizes.length || hashes.length !== 16 * sizes.length)
+      r.fail('the lists of parts have different lengths');
+    let size = 0n;
+    let compressedSize = 0n;
+    sizes.forEach((bytes, i) => {
+      if (!bytes || !compressed[i]) r.fail(`part ${i} has no bytes`);
+      size += bytes;
+      compressedSize += compressed[i]!;
+      if (size > BigInt(of.size) || compressedSize > BigInt(of.compressedSize))
+        r.fail('the parts are more than the package');
+      of.parts.push({
+        size: Number(bytes),
+        compressedSize: Number(compressed[i]),
+        hash: hashes.subarray(16 * i, 16 * i + 16),
+      });
+    });
+    if (sizes.length && (size !== BigInt(of.size) || compressedSize !== BigInt(of.compressedSize)))
+      r.fail('the parts are less than the package');
+  }
 }
 
 export function readWelcome(body: Uint8Array): Welcome {
@@ -231,65 +285,51 @@ export function readWelcome(body: Uint8Array): Welcome {
   const w: Welcome = {
     features: 0n,
     name: '',
-    packageHash: new Uint8Array(0),
-    packageSize: 0,
-    compressedSize: 0,
+    package: untold(),
     bounces: 0,
     targetError: 0,
     run: 0n,
-    parts: [],
     noiseShown: 0,
     clientLights: new Uint8Array(0),
     clientMaterials: new Uint8Array(0),
+    finish: null,
   };
+  const finish = untold();
   let version = 0;
-  let sizes: BigUint64Array = new BigUint64Array(0);
-  let compressed: BigUint64Array = new BigUint64Array(0);
-  let hashes: Uint8Array = new Uint8Array(0);
+  const parts = new PartLists(11, PARTS_MAX);
+  const finishParts = new PartLists(20, FINISH_PARTS_MAX);
   while (r.next()) {
     if (r.no === 1) version = r.uint32();
     else if (r.no === 2) w.features = r.uint64();
     else if (r.no === 4) w.name = r.string(NAME_MAX);
-    else if (r.no === 5) w.packageHash = r.blob(16).slice();
-    else if (r.no === 6) w.packageSize = r.uint(PACKAGE_MAX);
-    else if (r.no === 7) w.compressedSize = r.uint(COMPRESSED_MAX);
+    else if (r.no === 5) w.package.hash = r.blob(16).slice();
+    else if (r.no === 6) w.package.size = r.uint(PACKAGE_MAX);
+    else if (r.no === 7) w.package.compressedSize = r.uint(COMPRESSED_MAX);
     else if (r.no === 8) w.bounces = r.uint(BOUNCES_MAX);
     else if (r.no === 9) w.targetError = r.float();
     else if (r.no === 10) w.run = r.uint64();
-    else if (r.no === 11) sizes = r.fixed64s(PARTS_MAX);
-    else if (r.no === 12) compressed = r.fixed64s(PARTS_MAX);
-    else if (r.no === 13) hashes = r.blob(16 * PARTS_MAX).slice();
     else if (r.no === 14) w.noiseShown = r.float();
     else if (r.no === 15) w.clientLights = r.blob((1 << 20) / 8).slice();
     else if (r.no === 16) w.clientMaterials = r.blob((1 << 16) / 8).slice();
-    else r.skip();
+    else if (r.no === 17) finish.hash = r.blob(16).slice();
+    else if (r.no === 18) finish.size = r.uint(0xffffffff);
+    else if (r.no === 19) finish.compressedSize = r.uint(COMPRESSED_MAX);
+    else if (!parts.take(r) && !finishParts.take(r)) r.skip();
   }
   if (version !== 1) r.fail(`version ${version}; this client speaks version 1`);
-  if (w.packageHash.length !== 16) r.fail(`package_hash has ${w.packageHash.length} bytes`);
-  if (!w.packageSize || !w.compressedSize) r.fail('the package has no bytes');
+  if (w.package.hash.length !== 16) r.fail(`package_hash has ${w.package.hash.length} bytes`);
+  if (!w.package.size || !w.package.compressedSize) r.fail('the package has no bytes');
   if (w.targetError < 0) r.fail('target_error is below 0');
   if (w.noiseShown < 0 || w.noiseShown > 1) r.fail('noise_shown is not within 0 to 1');
   if (w.noiseShown === 0) w.noiseShown = 1;
-  if (compressed.length !== sizes.length || hashes.length !== 16 * sizes.length)
-    r.fail('the lists of parts have different lengths');
-  let size = 0n;
-  let compressedSize = 0n;
-  sizes.forEach((bytes, i) => {
-    if (!bytes || !compressed[i]) r.fail(`part ${i} has no bytes`);
-    size += bytes;
-    compressedSize += compressed[i]!;
-    if (size > BigInt(w.packageSize) || compressedSize > BigInt(w.compressedSize))
-      r.fail('the parts are more than the package');
-    w.parts.push({
-      size: Number(bytes),
-      compressedSize: Number(compressed[i]),
-      hash: hashes.subarray(16 * i, 16 * i + 16),
-    });
-  });
-  if (sizes.length && (size !== BigInt(w.packageSize) || compressedSize !== BigInt(w.compressedSize)))
-    r.fail('the parts are less than the package');
-  if (!sizes.length)
-    w.parts.push({ size: w.packageSize, compressedSize: w.compressedSize, hash: w.packageHash });
+  parts.into(r, w.package);
+  if (!w.package.parts.length) w.package.parts.push(w.package);
+  finishParts.into(r, finish);
+  const none = !finish.size && !finish.compressedSize;
+  if (finish.hash.length !== (none ? 0 : 16) || none !== !finish.parts.length || none !== !finish.size)
+    r.fail('finish_hash, sizes and parts of finishes do not belong together');
+  if (!none && !finish.compressedSize) r.fail('the finish package has no bytes');
+  if (!none) w.finish = finish;
   return w;
 }
 
@@ -306,6 +346,7 @@ export function readRefusal(body: Uint8Array): { code: number; text: string; ret
   return refusal;
 }
 
+/** PACKAGE_CHUNK and FINISH_CHUNK. */
 export function readChunk(body: Uint8Array): { offset: number; data: Uint8Array } {
   const r = new Reader('PACKAGE_CHUNK', body);
   const chunk: { offset: number; data: Uint8Array } = { offset: 0, data: new Uint8Array(0) };
@@ -587,9 +628,13 @@ export function writeUpdate(request: bigint, changes: Change[]): Uint8Array<Arra
     .finish(Type.UPDATE);
 }
 
-/** held: a bit for each part. */
-export function writePackageRequest(offset: number, held: Uint8Array): Uint8Array<ArrayBuffer> {
-  return new Writer().uint(1, offset).blob(2, held).finish(Type.PACKAGE_REQUEST);
+/** held: a bit for each part. type: PACKAGE_REQUEST or FINISH_REQUEST. */
+export function writePackageRequest(
+  offset: number,
+  held: Uint8Array,
+  type: number = Type.PACKAGE_REQUEST,
+): Uint8Array<ArrayBuffer> {
+  return new Writer().uint(1, offset).blob(2, held).finish(type);
 }
 
 export interface TileList {

@@ -1,10 +1,11 @@
 // Sessions with a real lightwelld: the package, light, and coming back with what is held.
 import assert from 'node:assert/strict';
 import { connect } from 'node:net';
+import { join } from 'node:path';
 import test from 'node:test';
 
 import { hasDaemon, startDaemon, within } from './daemon.mjs';
-import { load, wasm } from './load.mjs';
+import { load, root, wasm } from './load.mjs';
 
 const { Session, nothingKept, Tiles, buildGeometry, readTile, Type } = await load(
   'session',
@@ -149,6 +150,58 @@ test('a session gets scene and light, and comes back with what it has', { skip }
     assert.ok(data.index.every((vertex) => vertex < data.tag.length));
     const triangles = third.replica.scene.meshes.reduce((sum, mesh) => sum + mesh.triangleCount, 0);
     assert.equal(data.index.length, 3 * triangles);
+  } finally {
+    await daemon.stop();
+  }
+});
+
+/** One that shows materials. */
+class Shows extends Connection {
+  finishes(finishes) {
+    this.shown = finishes;
+    this.framesBefore = this.frames;
+  }
+}
+
+const sentTypes = (connection) => connection.sent.map((bytes) => bytes[4]);
+const asked = (connection) => sentTypes(connection).filter((type) => type === Type.FINISH_REQUEST).length;
+
+test('finishes come behind the first light, to who asks, and once', { skip }, async () => {
+  const daemon = await startDaemon(join(root, 'tests/fuzz/corpus/fuzz_package/finishes'), '--clock', 'manual');
+  try {
+    const tiles = await Tiles.create(wasm());
+    const kept = nothingKept();
+    const parts = new Map();
+    const first = new Shows(daemon.port, kept, tiles, parts);
+    await first.until('the scene', () => first.replica);
+    const isInside = ({ stage, share }) => stage === 2 && share === 1;
+    await first.until('the look inside objects', () => first.waits.some(isInside));
+    assert.equal(asked(first), 0, 'not before there is light');
+    daemon.frames(2); // it may have the light of another layer first
+    await first.until('finishes', () => first.shown);
+    assert.equal(asked(first), 1);
+    assert.ok(first.framesBefore > 0 && kept.replica.hasFirst());
+    assert.equal(first.shown.materials[1].roughness, 0.5);
+    assert.equal(first.shown.textures.length, 3);
+    first.end();
+
+    const second = new Shows(daemon.port, kept, tiles, parts);
+    await second.until('more light', () => second.settledFrame > 0);
+    assert.equal(asked(second), 0, 'it has them');
+    assert.equal(second.shown, undefined);
+    second.end();
+
+    // another page of the same browser: from the store
+    const third = new Shows(daemon.port, nothingKept(), tiles, parts);
+    await third.until('finishes', () => third.shown);
+    assert.equal(asked(third), 0);
+    assert.equal(third.shown.materials[1].roughness, 0.5);
+    third.end();
+
+    const matt = new Connection(daemon.port, nothingKept(), tiles, new Map());
+    await matt.until('light', () => matt.settledFrame > 0);
+    assert.equal(asked(matt), 0);
+    matt.end();
   } finally {
     await daemon.stop();
   }

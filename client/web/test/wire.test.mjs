@@ -15,6 +15,7 @@ const readers = {
   [Type.WELCOME]: wire.readWelcome,
   [Type.REFUSAL]: wire.readRefusal,
   [Type.PACKAGE_CHUNK]: wire.readChunk,
+  [Type.FINISH_CHUNK]: wire.readChunk,
   [Type.FRAME]: wire.readFrame,
   [Type.TILE]: wire.readTile,
   [Type.PING]: wire.readToken,
@@ -67,10 +68,10 @@ test('what they say', () => {
   assert.equal(read('tile_split.bin').layer, 1);
   const welcome = read('welcome_parts.bin');
   assert.equal(
-    welcome.parts.reduce((sum, part) => sum + part.size, 0),
-    welcome.packageSize,
+    welcome.package.parts.reduce((sum, part) => sum + part.size, 0),
+    welcome.package.size,
   );
-  assert.equal(read('welcome.bin').parts.length, 1);
+  assert.equal(read('welcome.bin').package.parts.length, 1);
   const frame = read('frame.bin');
   assert.deepEqual(Array.from(frame.transform), [1, 0, 0, 0.5, 0, 0, -1, 2, 0, 1, 0, -3]);
   assert.deepEqual(Array.from(read('frame_spares.bin').hidden.slice(0, 2)), [8, 9]);
