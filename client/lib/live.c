@@ -215,6 +215,7 @@ static enum lw_status open_client(struct lw_live *live, const struct lw_live_des
         .wants_nothing = desc->flags & LW_LIVE_WANTS_NOTHING,
         .control = desc->flags & LW_LIVE_CONTROL,
         .draws_direct = desc->flags & LW_LIVE_DRAWS_DIRECT,
+        .materials = desc->flags & LW_LIVE_MATERIALS,
         .rate_limit_bytes_hz = desc->rate_limit_bytes_per_s,
         .budget_ns = has_thread ? HOLD_NS : 1000ull * (desc->budget_us ? desc->budget_us : BUDGET_DEFAULT_US),
         .watch = {.context = live, .scene = take_scene, .tile = take_tile}};
@@ -240,7 +241,7 @@ enum lw_live_status lw_live_open(const struct lw_live_desc *desc, struct lw_live
                                  struct lw_live_error *err) {
     struct lw_live_desc d = {0};
     const uint32_t flags = LW_LIVE_THREAD | LW_LIVE_WANTS_NOTHING | LW_LIVE_DRAWS_DIRECT | LW_LIVE_CONTROL |
-                           LW_LIVE_AS_IT_IS | LW_LIVE_TLS | LW_LIVE_TLS_INSECURE;
+                           LW_LIVE_AS_IT_IS | LW_LIVE_TLS | LW_LIVE_TLS_INSECURE | LW_LIVE_MATERIALS;
     if (!out_live) return lw_live_fail(err, LW_LIVE_USAGE, "out_live is NULL");
     if (!lw_live_read_struct(&d, sizeof d, desc) && !read_first_desc(&d, desc))
         return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_desc: struct_size is not sizeof desc");
@@ -344,11 +345,16 @@ enum lw_live_status lw_live_get_stats(const struct lw_live *live, struct lw_live
                                   .light_age_ns = s.light_age_ns,
                                   .dirty_tiles = live->scene ? live->tiles.dirty_count : 0,
                                   .bounces = s.bounces,
-                                  .target_error = s.target_error};
+                                  .target_error = s.target_error,
+                                  .finishes = (enum lw_live_finishes)lw_client_finishes(live->client)};
     lw_live_unlock(live);
     if (lw_live_write_struct(out_stats, &stats, sizeof stats)) return LW_LIVE_OK;
     return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_stats: struct_size is not sizeof *out_stats");
 }
+
+_Static_assert((int)LW_LIVE_FINISHES_COMING == LW_CLIENT_FINISHES_COMING &&
+                   (int)LW_LIVE_FINISHES_THERE == LW_CLIENT_FINISHES_THERE,
+               "numbers are for ever");
 
 _Static_assert((int)LW_LIVE_WAITING_PLACING_TEXELS == LW_WAITING_PLACING_TEXELS &&
                    (int)LW_LIVE_WAITING_LOOKING_INSIDE == LW_WAITING_LOOKING_INSIDE &&

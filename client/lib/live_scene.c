@@ -1,6 +1,7 @@
 #include "client/lib/live_scene.h"
 
 #include "client/lib/live_error.h"
+#include "common/shading/tangent.h"
 
 #include <float.h>
 #include <stdlib.h>
@@ -67,7 +68,8 @@ enum lw_live_status lw_live_get_scene(const struct lw_live *live, struct lw_live
                                .sky = {s->sky[0], s->sky[1], s->sky[2]},
                                .environment_width = s->environment.width,
                                .environment_height = s->environment.height,
-                               .environment = s->environment.rgb};
+                               .environment = s->environment.rgb,
+                               .finish_texture_count = s->finish_texture_count};
     END(live, out_scene, of, "lw_live_scene")
 }
 
@@ -102,7 +104,8 @@ enum lw_live_status lw_live_get_mesh(const struct lw_live *live, uint32_t mesh, 
                               .lightmap_uv = m->lightmap_uv ? &m->lightmap_uv->x : NULL,
                               .atlas_width = m->atlas_width,
                               .atlas_height = m->atlas_height,
-                              .back_offset = m->back_offset};
+                              .back_offset = m->back_offset,
+                              .tangent = m->tangent};
     END(live, out_mesh, of, "lw_live_mesh")
 }
 
@@ -122,6 +125,26 @@ static struct lw_live_texture_use texture_use(const struct lw_texture_use *use) 
     return of;
 }
 
+static void add_finish(struct lw_live_material *of, const struct lw_finish *f) {
+    of->has_finish = 1;
+    of->metalness = f->metalness;
+    of->roughness = f->roughness;
+    of->surface_texture = texture_use(&f->surface_texture);
+    of->specular = f->specular;
+    memcpy(of->specular_colour, f->specular_colour, sizeof of->specular_colour);
+    of->specular_texture = texture_use(&f->specular_texture);
+    of->ior = f->ior;
+    of->occlusion = f->occlusion;
+    of->occlusion_texture = texture_use(&f->occlusion_texture);
+    of->normal_scale = f->normal_scale;
+    of->normal_texture = texture_use(&f->normal_texture);
+}
+
+void lw_live_tangent(uint16_t code, const float *normal, float *out_tangent) {
+    const struct lw_vec4 t = lw_tangent_decode(code, from_floats(normal));
+    memcpy(out_tangent, &t, sizeof t);
+}
+
 enum lw_live_status lw_live_get_material(const struct lw_live *live, uint32_t material,
                                          struct lw_live_material *out_material, struct lw_live_error *err) {
     BEGIN(live, "material", material, material_count)
@@ -135,6 +158,7 @@ enum lw_live_status lw_live_get_material(const struct lw_live *live, uint32_t ma
                                   .is_double_sided = m->double_sided,
                                   .is_client_light = draws && draws->material[material],
                                   .is_unlit = m->unlit};
+    if (m->finish) add_finish(&of, m->finish);
     to_floats(of.tint, lw_material_tint(m, lw_vec3(1, 1, 1)));
     memcpy(of.base_colour, m->base_colour, sizeof of.base_colour);
     memcpy(of.emission, m->emission, sizeof of.emission);
@@ -142,16 +166,28 @@ enum lw_live_status lw_live_get_material(const struct lw_live *live, uint32_t ma
     END(live, out_material, of, "lw_live_material")
 }
 
+static struct lw_live_texture live_texture(const struct lw_texture *t) {
+    return (struct lw_live_texture){.name = t->name,
+                                    .width = t->width,
+                                    .height = t->height,
+                                    .rgba = t->rgba,
+                                    .wrap_s = (enum lw_live_wrap)t->wrap_s,
+                                    .wrap_t = (enum lw_live_wrap)t->wrap_t,
+                                    .content = (enum lw_live_content)t->content};
+}
+
+enum lw_live_status lw_live_get_finish_texture(const struct lw_live *live, uint32_t texture,
+                                               struct lw_live_texture *out_texture,
+                                               struct lw_live_error *err) {
+    BEGIN(live, "texture of finishes", texture, finish_texture_count)
+    struct lw_live_texture of = live_texture(&scene->finish_texture[texture]);
+    END(live, out_texture, of, "lw_live_texture")
+}
+
 enum lw_live_status lw_live_get_texture(const struct lw_live *live, uint32_t texture,
                                         struct lw_live_texture *out_texture, struct lw_live_error *err) {
     BEGIN(live, "texture", texture, texture_count)
-    const struct lw_texture *t = &scene->texture[texture];
-    struct lw_live_texture of = {.name = t->name,
-                                 .width = t->width,
-                                 .height = t->height,
-                                 .rgba = t->rgba,
-                                 .wrap_s = (enum lw_live_wrap)t->wrap_s,
-                                 .wrap_t = (enum lw_live_wrap)t->wrap_t};
+    struct lw_live_texture of = live_texture(&scene->texture[texture]);
     END(live, out_texture, of, "lw_live_texture")
 }
 
@@ -177,6 +213,8 @@ _Static_assert((int)LW_LIVE_LIGHT_DIRECTIONAL == LW_LIGHT_DIRECTIONAL &&
                    (int)LW_LIVE_LIGHT_SPOT == LW_LIGHT_SPOT && (int)LW_LIVE_WRAP_MIRROR == LW_WRAP_MIRROR &&
                    (int)LW_LIVE_WRAP_CLAMP == LW_WRAP_CLAMP && (int)LW_LIVE_ALPHA_BLEND == LW_ALPHA_BLEND &&
                    (int)LW_LIVE_ALPHA_MASK == LW_ALPHA_MASK &&
+                   (int)LW_LIVE_CONTENT_NORMAL == LW_CONTENT_NORMAL &&
+                   (int)LW_LIVE_CONTENT_SURFACE == LW_CONTENT_SURFACE &&
                    (int)LW_LIVE_OBJECT_SPARE == LW_CLIENT_OBJECT_SPARE &&
                    (int)LW_LIVE_OBJECT_HIDDEN == LW_CLIENT_OBJECT_HIDDEN,
                "ours and the public ones are the same numbers");

@@ -282,6 +282,56 @@ static void test_names_and_things(void **state) {
 }
 
 /* A program that was built with a newer header has structs that end later: what it added stays as it was. */
+/* A matt scene until its finishes come; for who wants them alone. */
+static void test_finishes(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    char arguments[512];
+    snprintf(arguments, sizeof arguments, "%s --clock step --bounces 0 --error 0.5",
+             lw_support_source("tests/fuzz/corpus/fuzz_package/finishes"));
+    lw_process_serve(&daemon, arguments);
+    struct lw_live_material material = {.struct_size = sizeof material};
+    struct lw_live_mesh mesh = {.struct_size = sizeof mesh};
+    struct lw_live_texture texture = {.struct_size = sizeof texture};
+    struct lw_live_scene scene = {.struct_size = sizeof scene};
+    const uint32_t flags[] = {0, LW_LIVE_MATERIALS, LW_LIVE_MATERIALS | LW_LIVE_THREAD};
+    for (int i = 0; i < 3; i++) {
+        open_live(daemon.port, flags[i]);
+        if (!i) {
+            assert_int_equal(stats().finishes, LW_LIVE_FINISHES_NONE);
+            ok(lw_live_get_material(live, 1, &material, &err));
+            assert_false(material.has_finish);
+            fails(lw_live_get_finish_texture(live, 0, &texture, &err), LW_LIVE_USAGE, "of finishes 0 of 0");
+            lw_live_close(live);
+            continue;
+        }
+        const uint64_t end_ns = lw_clock_ns() + LIMIT_NS;
+        while (stats().finishes != LW_LIVE_FINISHES_THERE) {
+            assert_true(lw_clock_ns() < end_ns);
+            ok(lw_live_poll(live, 20, &err));
+        }
+        ok(lw_live_get_material(live, 1, &material, &err));
+        assert_true(material.has_finish && material.roughness == 0.5f && material.normal_scale == -1.5f);
+        assert_int_equal(material.normal_texture.texture, 0);
+        assert_int_equal(material.specular_texture.texture, LW_LIVE_NONE);
+        ok(lw_live_get_material(live, 0, &material, &err));
+        assert_false(material.has_finish);
+        ok(lw_live_get_mesh(live, 0, &mesh, &err));
+        assert_non_null(mesh.tangent);
+        float tangent[4];
+        lw_live_tangent(mesh.tangent[1], mesh.normal, tangent);
+        assert_true(tangent[3] == -1);
+        assert_true(fabsf(tangent[0] * mesh.normal[0] + tangent[1] * mesh.normal[1] +
+                          tangent[2] * mesh.normal[2]) < 1e-4f);
+        ok(lw_live_get_scene(live, &scene, &err));
+        assert_int_equal(scene.finish_texture_count, 3);
+        ok(lw_live_get_finish_texture(live, 0, &texture, &err));
+        assert_true(texture.content == LW_LIVE_CONTENT_NORMAL && texture.rgba[2] == 255);
+        lw_live_close(live);
+    }
+    live = NULL;
+}
+
 static void test_newer_programs(void **state) {
     (void)state;
     struct lw_process daemon;
@@ -749,6 +799,7 @@ int main(void) {
         cmocka_unit_test_teardown(test_dirty_rectangles_are_all, end_all),
         cmocka_unit_test_teardown(test_dirty_of_one_object, end_all),
         cmocka_unit_test_teardown(test_frames_allocate_nothing, end_all),
+        cmocka_unit_test_teardown(test_finishes, end_all),
         cmocka_unit_test_teardown(test_thread_comes_back, end_all),
         cmocka_unit_test_teardown(test_closes_while_connecting, end_all),
         cmocka_unit_test_teardown(test_changes_the_scene, end_all),

@@ -89,13 +89,14 @@ LW_LIVE_API const char *lw_live_version(void);
 /** A live copy of the light of a server's scene. */
 struct lw_live;
 
-#define LW_LIVE_THREAD        1u  /**< A thread of the library's own receives, decodes and connects again. */
-#define LW_LIVE_WANTS_NOTHING 2u  /**< Until a call of lw_live_want_*(); else it wants everything. */
-#define LW_LIVE_DRAWS_DIRECT  4u  /**< You draw the direct light of what is_client_light marks. */
-#define LW_LIVE_CONTROL       8u  /**< You may call lw_live_change(). */
-#define LW_LIVE_AS_IT_IS      16u /**< lw_live_read() gives texels as they came: see there. */
-#define LW_LIVE_TLS           32u /**< By TLS 1.3; the server's certificate must be for `host`. */
-#define LW_LIVE_TLS_INSECURE  64u /**< By TLS with anybody who answers. For tests. */
+#define LW_LIVE_THREAD        1u   /**< A thread of the library's own receives, decodes and connects again. */
+#define LW_LIVE_WANTS_NOTHING 2u   /**< Until a call of lw_live_want_*(); else it wants everything. */
+#define LW_LIVE_DRAWS_DIRECT  4u   /**< You draw the direct light of what is_client_light marks. */
+#define LW_LIVE_CONTROL       8u   /**< You may call lw_live_change(). */
+#define LW_LIVE_AS_IT_IS      16u  /**< lw_live_read() gives texels as they came: see there. */
+#define LW_LIVE_TLS           32u  /**< By TLS 1.3; the server's certificate must be for `host`. */
+#define LW_LIVE_TLS_INSECURE  64u  /**< By TLS with anybody who answers. For tests. */
+#define LW_LIVE_MATERIALS     128u /**< You want finishes of materials: enum lw_live_finishes. */
 
 /** How to open a session. */
 struct lw_live_desc {
@@ -152,6 +153,13 @@ LW_LIVE_API uint32_t lw_live_backoff_ms(uint32_t attempt, uint32_t seed);
  * ...); -1 with LW_LIVE_THREAD. */
 LW_LIVE_API int lw_live_descriptor(const struct lw_live *live);
 
+/** Finishes of materials: how smooth they are, what they mirror, their relief. They come after the first
+ * light, once a scene. */
+enum lw_live_finishes {
+    LW_LIVE_FINISHES_NONE = 0,   /**< None will come: without LW_LIVE_MATERIALS, or all is matt. */
+    LW_LIVE_FINISHES_COMING = 1, /**< Until they are there all is matt. */
+    LW_LIVE_FINISHES_THERE = 2   /**< lw_live_get_material(), _mesh() and _finish_texture() have them. */
+};
 /** Where the session stands. */
 struct lw_live_stats {
     size_t struct_size;     /**< sizeof(struct lw_live_stats) */
@@ -171,6 +179,7 @@ struct lw_live_stats {
     uint32_t dirty_tiles;   /**< That lw_live_take_dirty() would give. */
     uint32_t bounces;       /**< Indirect bounces of a complete tile. */
     float target_error;     /**< Relative standard error below which a tile counts as converged. */
+    enum lw_live_finishes finishes; /**< When it changes to THERE, ask for meshes and materials again. */
 };
 /** Fills in where the session stands. For every frame. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status
@@ -198,20 +207,21 @@ LW_LIVE_API const char *lw_live_waiting_text(enum lw_live_waiting waiting);
 
 /** How much there is. */
 struct lw_live_scene {
-    size_t struct_size;          /**< sizeof(struct lw_live_scene) */
-    const char *name;            /**< Never NULL, as all names. */
-    uint32_t object_count;       /**< Instances of meshes. */
-    uint32_t mesh_count;         /**< Meshes. */
-    uint32_t node_count;         /**< Nodes of the hierarchy. */
-    uint32_t material_count;     /**< Materials. */
-    uint32_t texture_count;      /**< Textures. */
-    uint32_t light_count;        /**< Punctual lights. */
-    uint32_t camera_count;       /**< Cameras. */
-    float duration_s;            /**< Of the animation, which loops; 0: none. */
-    float sky[3];                /**< W/(m^2 sr) from everywhere outside, as of the newest frame. */
-    uint32_t environment_width;  /**< Texels; 0: no environment. */
-    uint32_t environment_height; /**< Texels. */
-    const float *environment;    /**< RGB, W/(m^2 sr), equirectangular: row 0 is up, the middle +X. */
+    size_t struct_size;            /**< sizeof(struct lw_live_scene) */
+    const char *name;              /**< Never NULL, as all names. */
+    uint32_t object_count;         /**< Instances of meshes. */
+    uint32_t mesh_count;           /**< Meshes. */
+    uint32_t node_count;           /**< Nodes of the hierarchy. */
+    uint32_t material_count;       /**< Materials. */
+    uint32_t texture_count;        /**< Textures. */
+    uint32_t light_count;          /**< Punctual lights. */
+    uint32_t camera_count;         /**< Cameras. */
+    float duration_s;              /**< Of the animation, which loops; 0: none. */
+    float sky[3];                  /**< W/(m^2 sr) from everywhere outside, as of the newest frame. */
+    uint32_t environment_width;    /**< Texels; 0: no environment. */
+    uint32_t environment_height;   /**< Texels. */
+    const float *environment;      /**< RGB, W/(m^2 sr), equirectangular: row 0 is up, the middle +X. */
+    uint32_t finish_texture_count; /**< Textures of finishes; 0 until these are there. */
 };
 /** Counts what the scene has. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status
@@ -271,11 +281,19 @@ struct lw_live_mesh {
     uint32_t atlas_width;     /**< Texels of level 0; 0: no lightmap. */
     uint32_t atlas_height;    /**< Texels of level 0, backs included. */
     uint32_t back_offset;     /**< Added to v it gives the light of a triangle's back; 0: no backs. */
+    /** 3 per triangle, of its corners, for normal maps; NULL: none, or not yet. lw_live_tangent() tells what
+     * one means. */
+    const uint16_t *tangent;
 };
 /** A mesh. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_mesh(const struct lw_live *live, uint32_t mesh,
                                                                struct lw_live_mesh *out_mesh,
                                                                struct lw_live_error *err);
+
+/** The tangent of a corner, from lw_live_mesh.tangent: unit, at right angles to the corner's normal, along a
+ * normal map's u. The map's v is along w normal x tangent.
+ * normal: 3, unit. out_tangent: 4: x, y, z, and w = 1 or -1. */
+LW_LIVE_API void lw_live_tangent(uint16_t code, const float *normal, float *out_tangent);
 
 /** A place in the hierarchy. */
 struct lw_live_node {
@@ -315,6 +333,21 @@ struct lw_live_material {
     int is_client_light; /**< The direct light of its triangles is yours to draw: it is in no texel. */
     int is_unlit;        /**< Seen as base_colour, W/(m^2 sr), in place of base_colour / pi * E. */
     float tint[3];       /**< LW_LIVE_ALPHA_BLEND: 1 - alpha of light passes, times this; 1 is no colour. */
+    /** 0: matt and even, or finishes are not there yet. Else what follows is metallic-roughness of glTF 2.0
+     * with KHR_materials_specular and KHR_materials_ior, textures that follow are those of
+     * lw_live_get_finish_texture(), and base_colour is that of the metal, or of what is under the gloss. */
+    int has_finish;
+    float metalness;                              /**< 0..1; times B of surface_texture. */
+    float roughness;                              /**< 0..1; times G of surface_texture. */
+    struct lw_live_texture_use surface_texture;   /**< LW_LIVE_CONTENT_SURFACE. */
+    float specular;                               /**< 0..1; times A of specular_texture. */
+    float specular_colour[3];                     /**< From 0 on; times R, G, B of specular_texture. */
+    struct lw_live_texture_use specular_texture;  /**< LW_LIVE_CONTENT_COLOUR. */
+    float ior;                                    /**< From 1 on. */
+    float occlusion;                              /**< 0..1: of E, 1 + occlusion (R - 1) arrives. */
+    struct lw_live_texture_use occlusion_texture; /**< LW_LIVE_CONTENT_SURFACE. */
+    float normal_scale;                           /**< Of x and y of the map; any sign. */
+    struct lw_live_texture_use normal_texture;    /**< LW_LIVE_CONTENT_NORMAL. */
 };
 /** A material as it is now. For every frame. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_material(const struct lw_live *live,
@@ -328,16 +361,28 @@ enum lw_live_wrap {
     LW_LIVE_WRAP_CLAMP = 1,  /**< With its last texel. */
     LW_LIVE_WRAP_MIRROR = 2  /**< Again, mirrored. */
 };
+/** What the four bytes of a texel are. */
+enum lw_live_content {
+    LW_LIVE_CONTENT_COLOUR = 0, /**< sRGB colour, linear alpha, not premultiplied. */
+    LW_LIVE_CONTENT_NORMAL = 1, /**< x, y, z of a unit normal in tangent space, 127.5 (1 + x); 255. */
+    LW_LIVE_CONTENT_SURFACE = 2 /**< Occlusion, roughness, metalness, linear; 255. */
+};
 /** A picture. */
 struct lw_live_texture {
-    size_t struct_size;       /**< sizeof(struct lw_live_texture) */
-    const char *name;         /**< Its name. */
-    uint32_t width;           /**< Texels. */
-    uint32_t height;          /**< Texels. */
-    const uint8_t *rgba;      /**< Row 0 is v = 0; sRGB colour, linear alpha, not premultiplied. */
-    enum lw_live_wrap wrap_s; /**< In u. */
-    enum lw_live_wrap wrap_t; /**< In v. */
+    size_t struct_size;           /**< sizeof(struct lw_live_texture) */
+    const char *name;             /**< Its name. */
+    uint32_t width;               /**< Texels. */
+    uint32_t height;              /**< Texels. */
+    const uint8_t *rgba;          /**< Row 0 is v = 0; what they are says content. */
+    enum lw_live_wrap wrap_s;     /**< In u. */
+    enum lw_live_wrap wrap_t;     /**< In v. */
+    enum lw_live_content content; /**< LW_LIVE_CONTENT_COLOUR but of finishes. */
 };
+/** A texture of finishes; there are lw_live_scene.finish_texture_count of them: 0 before these are there. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_finish_texture(const struct lw_live *live,
+                                                                         uint32_t texture,
+                                                                         struct lw_live_texture *out_texture,
+                                                                         struct lw_live_error *err);
 /** A texture. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_texture(const struct lw_live *live,
                                                                   uint32_t texture,
