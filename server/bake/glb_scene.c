@@ -46,13 +46,15 @@ enum lw_status lw_glb_scene_init(struct lw_glb_scene *g, const struct lw_glb_sce
                                .mesh = calloc((size_t)scene->mesh_count + 1, sizeof *g->mesh),
                                .texture = filled(scene->texture_count),
                                .image = filled(scene->texture_count),
+                               .finish_texture = filled(scene->finish_texture_count),
+                               .finish_image = filled(scene->finish_texture_count),
                                .object_mesh = filled(scene->object_count),
                                .object_extras =
                                    calloc((size_t)scene->object_count + 1, sizeof *g->object_extras),
                                .lightmap_sampler = LW_GLB_NONE};
     lw_glb_init(&g->glb, "lightwell " LW_VERSION);
-    if (g->mesh && g->texture && g->image && g->object_mesh && g->object_extras &&
-        g->glb.error.status == LW_OK)
+    if (g->mesh && g->texture && g->image && g->finish_texture && g->finish_image && g->object_mesh &&
+        g->object_extras && g->glb.error.status == LW_OK)
         return LW_OK;
     lw_glb_scene_finish(g);
     return LW_NO_MEMORY;
@@ -72,6 +74,8 @@ void lw_glb_scene_finish(struct lw_glb_scene *g) {
     free(g->object_mesh);
     free(g->image);
     free(g->texture);
+    free(g->finish_texture);
+    free(g->finish_image);
     free(g->mesh);
     lw_glb_finish(&g->glb);
     *g = (struct lw_glb_scene){0};
@@ -118,21 +122,32 @@ static int wrap_code(uint8_t wrap) {
     return wrap == LW_WRAP_CLAMP ? WRAP_CLAMP : wrap == LW_WRAP_MIRROR ? WRAP_MIRROR : WRAP_REPEAT;
 }
 
-/* A texture of the scene; textures of the same picture share the image. */
-static uint32_t get_texture(struct lw_glb_scene *g, uint32_t index) {
-    const struct lw_scene *scene = g->desc.scene;
-    const struct lw_texture *texture = &scene->texture[index];
-    if (g->texture[index] != LW_GLB_NONE) return g->texture[index];
-    for (uint32_t i = 0; i < scene->texture_count && g->image[index] == LW_GLB_NONE; i++)
-        if (scene->texture[i].rgba == texture->rgba) g->image[index] = g->image[i];
-    if (g->image[index] == LW_GLB_NONE) g->image[index] = add_texture_image(g, texture);
+/* A texture of a list; textures of the same picture share the image. texture, image: as in lw_glb_scene. */
+static uint32_t get_texture_of(struct lw_glb_scene *g, const struct lw_texture *list, uint32_t count,
+                               uint32_t index, uint32_t *texture, uint32_t *image) {
+    const struct lw_texture *t = &list[index];
+    if (texture[index] != LW_GLB_NONE) return texture[index];
+    for (uint32_t i = 0; i < count && image[index] == LW_GLB_NONE; i++)
+        if (list[i].rgba == t->rgba) image[index] = image[i];
+    if (image[index] == LW_GLB_NONE) image[index] = add_texture_image(g, t);
     const uint32_t sampler =
         lw_glb_add(&g->glb, "samplers",
                    json_pack("{s:i, s:i, s:i, s:i}", "magFilter", FILTER_LINEAR, "minFilter", FILTER_MIPMAP,
-                             "wrapS", wrap_code(texture->wrap_s), "wrapT", wrap_code(texture->wrap_t)));
-    return g->texture[index] = lw_glb_add(&g->glb, "textures",
-                                          json_pack("{s:I, s:I}", "source", (json_int_t)g->image[index],
-                                                    "sampler", (json_int_t)sampler));
+                             "wrapS", wrap_code(t->wrap_s), "wrapT", wrap_code(t->wrap_t)));
+    return texture[index] = lw_glb_add(
+               &g->glb, "textures",
+               json_pack("{s:I, s:I}", "source", (json_int_t)image[index], "sampler", (json_int_t)sampler));
+}
+
+static uint32_t get_texture(struct lw_glb_scene *g, uint32_t index) {
+    const struct lw_scene *scene = g->desc.scene;
+    return get_texture_of(g, scene->texture, scene->texture_count, index, g->texture, g->image);
+}
+
+static uint32_t get_finish_texture(struct lw_glb_scene *g, uint32_t index) {
+    const struct lw_scene *scene = g->desc.scene;
+    return get_texture_of(g, scene->finish_texture, scene->finish_texture_count, index, g->finish_texture,
+                          g->finish_image);
 }
 
 static uint32_t add_lightmap_texture(struct lw_glb_scene *g, const struct lw_map *map, const char *file,
@@ -150,11 +165,20 @@ static uint32_t add_lightmap_texture(struct lw_glb_scene *g, const struct lw_map
 
 /* ---- meshes ---- */
 
+static bool is_of_uv_set_1(const struct lw_texture_use *use) {
+    return use->texture != LW_SCENE_NONE && use->uv_set == 1;
+}
+
+static bool finish_uses_uv_set_1(const struct lw_finish *f) {
+    return f && (is_of_uv_set_1(&f->surface_texture) || is_of_uv_set_1(&f->specular_texture) ||
+                 is_of_uv_set_1(&f->occlusion_texture) || is_of_uv_set_1(&f->normal_texture));
+}
+
 static bool uses_uv_set_1(const struct lw_scene *scene, const struct lw_mesh *mesh) {
     for (uint32_t t = 0; mesh->uv[1] && t < mesh->triangle_count; t++) {
         const struct lw_material *m = &scene->material[mesh->material[t]];
-        if ((m->base_colour_texture.texture != LW_SCENE_NONE && m->base_colour_texture.uv_set == 1) ||
-            (m->emission_texture.texture != LW_SCENE_NONE && m->emission_texture.uv_set == 1))
+        if (is_of_uv_set_1(&m->base_colour_texture) || is_of_uv_set_1(&m->emission_texture) ||
+            finish_uses_uv_set_1(m->finish))
             return true;
     }
     return false;
@@ -356,14 +380,18 @@ static bool is_identity(const float m[6]) {
     return memcmp(m, identity, sizeof identity) == 0;
 }
 
-static json_t *make_texture_info(struct lw_glb_scene *g, const struct lw_texture_use *use) {
-    json_t *info = json_pack("{s:I, s:i}", "index", (json_int_t)get_texture(g, use->texture), "texCoord",
-                             use->uv_set == 1 ? UV_MOVED : 0);
+static json_t *make_info(struct lw_glb_scene *g, uint32_t texture, const struct lw_texture_use *use) {
+    json_t *info =
+        json_pack("{s:I, s:i}", "index", (json_int_t)texture, "texCoord", use->uv_set == 1 ? UV_MOVED : 0);
     if (!is_identity(use->transform)) {
         lw_glb_use_extension(&g->glb, "KHR_texture_transform");
         set(info, "extensions", json_pack("{s:o}", "KHR_texture_transform", make_transform(use->transform)));
     }
     return info;
+}
+
+static json_t *make_texture_info(struct lw_glb_scene *g, const struct lw_texture_use *use) {
+    return make_info(g, get_texture(g, use->texture), use);
 }
 
 /* A texture on a mesh without its coordinates is read at (0, 0): a constant, which goes into the factor. */
@@ -390,6 +418,59 @@ static void set_base_colour(struct lw_glb_scene *g, json_t *out, const struct lw
     if (use->texture != LW_SCENE_NONE && !is_constant(mesh, use))
         set(pbr, "baseColorTexture", make_texture_info(g, use));
     set(out, "pbrMetallicRoughness", pbr);
+}
+
+/* The texture of a finish, as a member of an object. NULL: there is none, or it is a constant. */
+static json_t *add_finish_texture(struct lw_glb_scene *g, json_t *to, const char *name,
+                                  const struct lw_mesh *mesh, const struct lw_texture_use *use) {
+    if (use->texture == LW_SCENE_NONE || is_constant(mesh, use)) return NULL;
+    json_t *info = make_info(g, get_finish_texture(g, use->texture), use);
+    set(to, name, info);
+    return info;
+}
+
+static struct lw_vec4 finish_constant(const struct lw_glb_scene *g, const struct lw_mesh *mesh,
+                                      const struct lw_texture_use *use) {
+    if (!is_constant(mesh, use)) return (struct lw_vec4){1, 1, 1, 1};
+    return lw_scene_sample_finish(g->desc.scene, use, (struct lw_vec2){0, 0});
+}
+
+/* What a dielectric mirrors; glTF's own values are not said. */
+static void set_specular(struct lw_glb_scene *g, json_t *extensions, const struct lw_finish *f,
+                         const struct lw_mesh *mesh) {
+    const struct lw_vec4 k = finish_constant(g, mesh, &f->specular_texture);
+    const float colour[3] = {f->specular_colour[0] * k.x, f->specular_colour[1] * k.y,
+                             f->specular_colour[2] * k.z};
+    const float specular = f->specular * k.w;
+    if (f->ior != 1.5f) {
+        lw_glb_use_extension(&g->glb, "KHR_materials_ior");
+        set(extensions, "KHR_materials_ior", json_pack("{s:f}", "ior", (double)f->ior));
+    }
+    if (specular == 1 && colour[0] == 1 && colour[1] == 1 && colour[2] == 1 &&
+        f->specular_texture.texture == LW_SCENE_NONE)
+        return;
+    lw_glb_use_extension(&g->glb, "KHR_materials_specular");
+    json_t *out = json_pack("{s:f, s:o}", "specularFactor", (double)specular, "specularColorFactor",
+                            lw_glb_numbers(colour, 3));
+    add_finish_texture(g, out, "specularTexture", mesh, &f->specular_texture);
+    add_finish_texture(g, out, "specularColorTexture", mesh, &f->specular_texture);
+    set(extensions, "KHR_materials_specular", out);
+}
+
+/* Over what set_base_colour() wrote. Occlusion and relief of a constant texture are left out: no surface has
+ * its coordinates. */
+static void set_finish(struct lw_glb_scene *g, json_t *out, json_t *extensions, const struct lw_finish *f,
+                       const struct lw_mesh *mesh) {
+    json_t *pbr = json_object_get(out, "pbrMetallicRoughness");
+    const struct lw_vec4 k = finish_constant(g, mesh, &f->surface_texture);
+    set(pbr, "metallicFactor", json_real((double)unit(f->metalness * k.z)));
+    set(pbr, "roughnessFactor", json_real((double)unit(f->roughness * k.y)));
+    add_finish_texture(g, pbr, "metallicRoughnessTexture", mesh, &f->surface_texture);
+    json_t *info = add_finish_texture(g, out, "normalTexture", mesh, &f->normal_texture);
+    if (info && f->normal_scale != 1) set(info, "scale", json_real((double)f->normal_scale));
+    info = add_finish_texture(g, out, "occlusionTexture", mesh, &f->occlusion_texture);
+    if (info && f->occlusion != 1) set(info, "strength", json_real((double)f->occlusion));
+    set_specular(g, extensions, f, mesh);
 }
 
 static void set_emission(struct lw_glb_scene *g, json_t *out, json_t *extensions,
@@ -436,6 +517,7 @@ static uint32_t add_material(struct lw_glb_scene *g, const struct lw_material *m
         set(extensions, "KHR_materials_unlit", json_object());
     }
     set_base_colour(g, out, material, mesh);
+    if (material->finish && !material->unlit) set_finish(g, out, extensions, material->finish, mesh);
     set_emission(g, out, extensions, material, mesh);
     set_alpha(out, material, material->double_sided && !splits(g, mesh, material));
     set(out, "extensions", extensions);

@@ -33,11 +33,12 @@ struct lw_glb_mesh {
 struct lw_glb_scene {
     struct lw_glb_scene_desc desc;
     struct lw_glb glb;
-    struct lw_glb_mesh *mesh; /* per mesh of the scene */
-    uint32_t *texture;        /* per texture of the scene: the file's, or LW_GLB_NONE */
-    uint32_t *image;          /* per texture of the scene */
-    uint32_t *object_mesh;    /* per object: the file's mesh */
-    json_t **object_extras;   /* per object */
+    struct lw_glb_mesh *mesh;                /* per mesh of the scene */
+    uint32_t *texture;                       /* per texture of the scene: the file's, or LW_GLB_NONE */
+    uint32_t *image;                         /* per texture of the scene */
+    uint32_t *finish_texture, *finish_image; /* the same of textures of finishes */
+    uint32_t *object_mesh;                   /* per object: the file's mesh */
+    json_t **object_extras;                  /* per object */
     uint32_t lightmap_sampler;
 };
 

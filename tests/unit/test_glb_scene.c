@@ -276,6 +276,47 @@ static void emission_and_alpha_stay(void **state) {
     finish(&w);
 }
 
+/* Gloss and relief go out as glTF has them; what is matt is written as it always was. */
+static void finishes_stay(void **state) {
+    (void)state;
+    struct written w;
+    struct lw_scene *scene = lw_support_everything();
+    lw_support_add_finishes(scene);
+    write_scene(&w, scene, true);
+    json_t *materials = json_object_get(w.json, "materials"), *m;
+    size_t i, found = 0;
+    json_array_foreach(materials, i, m) {
+        const char *name = json_string_value(json_object_get(m, "name"));
+        json_t *pbr = json_object_get(m, "pbrMetallicRoughness"),
+               *extensions = json_object_get(m, "extensions");
+        const double metal = json_number_value(json_object_get(pbr, "metallicFactor")),
+                     rough = json_number_value(json_object_get(pbr, "roughnessFactor"));
+        json_t *normal = json_object_get(m, "normalTexture"),
+               *specular = json_object_get(extensions, "KHR_materials_specular");
+        if (strcmp(name, "plain") == 0) {
+            assert_true(metal == 0 && rough == 1 && !normal && !specular);
+        } else if (strcmp(name, "lamp") == 0) {
+            assert_true(metal == 1 && rough == 0 && !normal && specular);
+            assert_non_null(json_object_get(specular, "specularTexture"));
+        } else {
+            found++;
+            assert_true(metal == 0.25 && rough == 0.5);
+            assert_true(json_number_value(json_object_get(normal, "scale")) == -1.5);
+            json_t *surface = json_object_get(pbr, "metallicRoughnessTexture");
+            assert_int_equal(json_integer_value(json_object_get(surface, "texCoord")), 2);
+            json_t *occlusion = json_object_get(m, "occlusionTexture");
+            assert_true(json_number_value(json_object_get(occlusion, "strength")) == 0.875);
+            assert_true(json_integer_value(json_object_get(occlusion, "index")) ==
+                        json_integer_value(json_object_get(surface, "index")));
+            assert_true(json_number_value(json_object_get(specular, "specularFactor")) == 0.75);
+            json_t *ior = json_object_get(json_object_get(extensions, "KHR_materials_ior"), "ior");
+            assert_true(fabs(json_number_value(ior) - 1.33) < 1e-6);
+        }
+    }
+    assert_int_equal(found, 2); /* of two objects */
+    finish(&w);
+}
+
 /* What is unlit has no lightmap to be lit by; an orthographic camera stays one. */
 static void unlit_materials_and_orthographic_cameras_stay(void **state) {
     (void)state;
@@ -425,6 +466,7 @@ int main(void) {
         cmocka_unit_test(each_object_has_its_own_map),
         cmocka_unit_test(lightmap_coordinates_are_texels_over_size),
         cmocka_unit_test(emission_and_alpha_stay),
+        cmocka_unit_test(finishes_stay),
         cmocka_unit_test(unlit_materials_and_orthographic_cameras_stay),
         cmocka_unit_test(textures_keep_pixels_and_wraps),
         cmocka_unit_test(a_texture_without_coordinates_becomes_a_factor),
