@@ -99,7 +99,7 @@ struct lw_window {
     bool redraw; /* the overlay is not */
     bool busy;   /* the last step had something to do */
     uint64_t moved_ns, stepped_ns, coloured_ns, pictures;
-    uint64_t seen_tiles, seen_frame;
+    uint64_t seen_tiles, seen_frame, seen_finishes_ns;
     struct figures figures;
 };
 
@@ -277,7 +277,8 @@ static enum lw_status serve_shown(struct lw_window *w, struct lw_error *err) {
     }
     struct lw_client_stats stats;
     lw_client_get_stats(w->client, &stats);
-    if (stats.tiles != w->seen_tiles) w->stale = true;
+    if (stats.tiles != w->seen_tiles || stats.finishes_ns != w->seen_finishes_ns) w->stale = true;
+    w->seen_finishes_ns = stats.finishes_ns;
     /* tiles grow old, and are asked for, without a word of the server */
     if (lw_show_is_of_tiles(w->picture.show) && lw_clock_ns() - w->coloured_ns > FIGURES_EVERY_NS) {
         w->coloured_ns = lw_clock_ns();
