@@ -60,6 +60,7 @@ struct packet {
     float transmittance[LW_TRACE_WIDTH];
     struct lw_vec3 tint[LW_TRACE_WIDTH]; /* on top of that */
     const struct lw_camera_plane *plane;
+    bool listed; /* its pixels are from anywhere */
     /* of the layer that reflects most of the tiles' light to the eye: its luminance there, the tile it is
      * from */
     float reflected[LW_TRACE_WIDTH];
@@ -70,6 +71,7 @@ struct packet {
 struct places {
     uint32_t x[LW_TRACE_WIDTH], y[LW_TRACE_WIDTH];
     uint16_t active; /* the others are not in the picture */
+    bool listed;     /* they are no block */
 };
 
 /* A thread's memory where direct light is worked out: of one screen tile, or as many pixels of a list. */
@@ -695,11 +697,26 @@ static struct lw_vec3 finish_chart(const struct lw_compose *compose, const struc
     return grey(compose->show == LW_SHOW_ROUGHNESS ? f->seen.roughness[i] : f->seen.metalness[i]);
 }
 
+/* Lanes whose quads are of one object. */
+static uint16_t find_quads(const struct look look[LW_TRACE_WIDTH], uint16_t lanes) {
+    uint16_t quads = 0;
+    for (unsigned q = 0; q < 4; q++) {
+        const unsigned first = (q & 1) * 2 + (q >> 1) * 8, quad = 0x33u << first;
+        if ((lanes & quad) != quad) continue;
+        const uint32_t object = look[first].patch->object;
+        if (look[first + 1].patch->object == object && look[first + 4].patch->object == object &&
+            look[first + 5].patch->object == object)
+            quads |= (uint16_t)quad;
+    }
+    return quads;
+}
+
 /* Shades the lanes that shade() has left. */
 static void shade_finished(const struct lw_compose *compose, struct packet *p,
                            const struct look look[LW_TRACE_WIDTH], struct finished *f) {
     const struct lw_gloss_sky sky = {compose->sky, &compose->ambient};
     float out[3][LW_TRACE_WIDTH];
+    f->gloss.quads = p->listed ? 0 : find_quads(look, f->lanes);
     lw_gloss_see16(&f->gloss, &f->seen);
     lw_gloss_ambient16(&f->gloss, &f->seen, f->lanes, &sky, (const float(*)[LW_TRACE_WIDTH])f->e, out);
     for (uint32_t left = f->lanes; left; left &= left - 1) {
@@ -798,6 +815,7 @@ static void aim(struct packet *p, const struct lw_compose_view *view, const stru
     fill(0, p->reflected);
     p->rays.salt = 0;
     p->plane = plane;
+    p->listed = at->listed;
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) p->radiance[i] = lw_vec3(0, 0, 0);
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) p->tint[i] = lw_vec3(1, 1, 1);
 }
@@ -851,6 +869,7 @@ static void render_packet(struct lw_compose *compose, const struct lw_compose_vi
 
 static void place_block(const struct lw_compose_view *view, uint32_t x, uint32_t y, struct places *out) {
     out->active = 0;
+    out->listed = false;
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
         out->x[i] = x + i % BLOCK, out->y[i] = y + i / BLOCK;
         if (out->x[i] < view->width && out->y[i] < view->height) out->active |= (uint16_t)(1u << i);
@@ -1011,6 +1030,7 @@ void lw_compose_render(struct lw_compose *compose, const struct lw_compose_sourc
 static void place_listed(const struct lw_compose_view *view, const uint32_t *pixel, size_t first, size_t end,
                          struct places *out) {
     out->active = 0;
+    out->listed = true;
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
         const uint32_t place = pixel[first + i < end ? first + i : end - 1];
         out->x[i] = place % view->width, out->y[i] = place / view->width;

@@ -12,7 +12,8 @@
 
 #define GRAZING    1e-4f /* the smallest cosine of an eye */
 #define GRAZING_IN 1e-3f /* the same of light: lamps have a size */
-#define BUMP_MAX   1e4f  /* slope */
+#define SPREAD_MAX 0.18f
+#define BUMP_MAX   1e4f /* slope */
 #define SHORT2     1e-12f
 
 LW_WIDE_INLINE float least(float a, float b) { return a < b ? a : b; }
@@ -168,10 +169,23 @@ LW_WIDE static void weigh_all(const struct lw_gloss16 *restrict g, const float *
         }
 }
 
+/* What neighbours in a quad differ by. */
+LW_WIDE static void spread_all(const float (*restrict normal)[WIDTH], unsigned quads, float *restrict out) {
+    for (unsigned i = 0; i < WIDTH; i++) {
+        float sum = 0;
+        for (unsigned c = 0; c < 3; c++) {
+            const float across = normal[c][i] - normal[c][i ^ 1u], down = normal[c][i] - normal[c][i ^ 4u];
+            sum += across * across + down * down;
+        }
+        out[i] = quads >> i & 1u ? least(0.5f * sum, SPREAD_MAX) : 0;
+    }
+}
+
 void lw_gloss_see16(const struct lw_gloss16 *gloss, struct lw_gloss_seen16 *out) {
     float a[WIDTH], b[WIDTH];
     bump_all(gloss, out->normal);
     bend_all(gloss, out);
+    spread_all((const float(*)[WIDTH])out->normal, gloss->quads, out->spread);
     read_all(gloss, out);
     look_up(&lw_lobe_table()->a, out->cosine, out->roughness, a, b);
     weigh_all(gloss, a, b, out);
@@ -235,7 +249,7 @@ LW_WIDE static void lamp_all(const struct lw_gloss_seen16 *restrict g, const str
         const float nx = g->normal[0][i], ny = g->normal[1][i], nz = g->normal[2][i];
         const float vx = g->eye[0][i], vy = g->eye[1][i], vz = g->eye[2][i];
         const float wide = 0.5f * radius * near;
-        const float a2 = least(g->alpha[i] * g->alpha[i] + wide * wide, 1);
+        const float a2 = least(g->alpha[i] * g->alpha[i] + g->spread[i] + wide * wide, 1);
         const float in = inside(nx * x + ny * y + nz * z, GRAZING_IN, 1), out = g->cosine[i];
         float hx = x + vx, hy = y + vy, hz = z + vz;
         const float unit = 1 / sqrtf(hx * hx + hy * hy + hz * hz + SHORT2);

@@ -13,7 +13,8 @@
  * are seen; what more E is arrives evenly. Path tracers have the exact form (lobes.h), whose lobes are
  * reciprocal.
  *
- * After: Karis 2013 (the split sum); Turquin 2019 (boost). */
+ * After: Karis 2013 (the split sum); Turquin 2019 (boost); Tokuyoshi and Kaplanyan 2019 (a lamp's lobe is as
+ * much wider as normals differ between neighbouring pixels, so that no pixel glints by chance). */
 #ifndef LW_CLIENT_VIEW_GLOSS_H
 #define LW_CLIENT_VIEW_GLOSS_H
 
@@ -42,6 +43,7 @@ struct lw_gloss16 {
      * is seen */
     float tangent[3][LW_GLOSS_WIDTH], turn[LW_GLOSS_WIDTH], side[LW_GLOSS_WIDTH];
     float to_eye[3][LW_GLOSS_WIDTH]; /* any length but 0 */
+    uint16_t quads;                  /* lanes that are pixels of a quad of 4 x 4 pixels, all of one surface */
 };
 
 /** Fills a lane with a finish: all but base, plain, tangent, turn, side and to_eye.
@@ -55,6 +57,8 @@ struct lw_gloss_seen16 {
         64) float normal[3][LW_GLOSS_WIDTH]; /* with its bump: the eye and what it mirrors lie above it */
     float eye[3][LW_GLOSS_WIDTH];            /* unit */
     float cosine[LW_GLOSS_WIDTH], alpha[LW_GLOSS_WIDTH];
+    float
+        spread[LW_GLOSS_WIDTH]; /* of normals within the pixel, alpha^2: wider lobes of lamps in its place */
     float roughness[LW_GLOSS_WIDTH], metalness[LW_GLOSS_WIDTH], open[LW_GLOSS_WIDTH]; /* 1: not occluded */
     float diffuse[3][LW_GLOSS_WIDTH];                        /* with what the gloss leaves of it */
     float mirror[3][LW_GLOSS_WIDTH], rim[3][LW_GLOSS_WIDTH]; /* F boost = mirror + rim (1 - cos)^5 */

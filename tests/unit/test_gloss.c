@@ -215,6 +215,27 @@ static void test_ambient(void **state) {
     lw_ambient_finish(&maps);
 }
 
+/* Where normals differ within a quad of pixels, highlights are wider; other pixels are no neighbours. */
+static void test_spread(void **state) {
+    (void)state;
+    const struct stuff stuff = metal(0);
+    struct lw_gloss16 g = {.quads = 0x0033};
+    struct lw_gloss_seen16 seen;
+    const float tilt = 0.1f;
+    for (unsigned i = 0; i < WIDTH; i++) {
+        set_floor(&g, i, &stuff, lw_vec3(0, 0, 1));
+        set(g.plain, i, i & 1 ? lw_vec3(sinf(tilt), 0, cosf(tilt)) : lw_vec3(0, 0, 1));
+    }
+    lw_gloss_see16(&g, &seen);
+    const float chord = 2 * sinf(0.5f * tilt);
+    for (unsigned i = 0; i < WIDTH; i++)
+        assert_true(fabsf(seen.spread[i] - (g.quads >> i & 1u ? 0.5f * chord * chord : 0)) < 1e-5f);
+    float dv[WIDTH], rim[WIDTH];
+    const struct lw_points16 points = {.x = {0}};
+    lw_gloss_lamp16(&seen, &points, &(struct lw_gloss_lamp){.at = {0, 0, 1}, .is_sun = true}, dv, rim);
+    assert_true(dv[0] < 0.001f * dv[2] && dv[0] > 0);
+}
+
 static uint32_t g_random = 1;
 static float draw(float low, float high) {
     g_random = lw_random_hash2(g_random, 77);
@@ -330,6 +351,7 @@ static void test_hostile(void **state) {
             draw_lane(&g, i);
             points.x[i] = draw(-1, 1), points.y[i] = draw(-1, 1), points.z[i] = 0;
         }
+        g.quads = (uint16_t)lw_random_hash2((uint32_t)k, 9);
         const struct lw_gloss_sky sky = {{draw(0, 1), 0, draw(0, 1e12f)}, &none};
         const struct lw_gloss_lamp lamp = {.at = k % 3 ? draw_vector(true)
                                                        : lw_vec3(points.x[0], points.y[0], 0),
@@ -350,9 +372,9 @@ static void test_hostile(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_furnace),    cmocka_unit_test(test_lamp),
-                                       cmocka_unit_test(test_highlight),  cmocka_unit_test(test_wide_lamp),
-                                       cmocka_unit_test(test_ambient),    cmocka_unit_test(test_hostile),
-                                       cmocka_unit_test(test_same_finish)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_furnace),   cmocka_unit_test(test_lamp),
+                                       cmocka_unit_test(test_highlight), cmocka_unit_test(test_wide_lamp),
+                                       cmocka_unit_test(test_ambient),   cmocka_unit_test(test_hostile),
+                                       cmocka_unit_test(test_spread),    cmocka_unit_test(test_same_finish)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
