@@ -11,18 +11,28 @@
 /* As ray_launch.c. */
 #define COHERENT_COSINE 0.95f
 
-enum lw_status lw_patches_init(struct lw_patches *patches, const struct lw_tiles *tiles,
-                               const struct lw_texels *texels) {
-    *patches = (struct lw_patches){.tiles = tiles, .texels = texels};
+/* Room for the packets of all tiles: where something stands elsewhere, tiles may have more than before. */
+static bool make_room(struct lw_patches *patches) {
+    const struct lw_tiles *tiles = patches->tiles;
     uint32_t packets = 0;
     for (uint32_t i = 0; i < tiles->count; i++)
         LW_TILES_EACH_BLOCK (&tiles->tile[i], block) packets += block->packet_count;
+    if (patches->packet && packets <= patches->packet_capacity) return true;
+    free(patches->packet);
+    patches->packet_count = 0;
+    patches->packet_capacity = packets;
     patches->packet = aligned_alloc(64, (packets + 1ul) * sizeof *patches->packet);
+    return patches->packet != NULL;
+}
+
+enum lw_status lw_patches_init(struct lw_patches *patches, const struct lw_tiles *tiles,
+                               const struct lw_texels *texels) {
+    *patches = (struct lw_patches){.tiles = tiles, .texels = texels};
     patches->area_m2 = calloc(texels->count + 1ul, sizeof *patches->area_m2);
     patches->place = malloc((texels->count + 1ul) * sizeof *patches->place);
     patches->first_packet = malloc((tiles->count + 1ul) * sizeof *patches->first_packet);
-    return patches->packet && patches->area_m2 && patches->place && patches->first_packet ? LW_OK
-                                                                                          : LW_NO_MEMORY;
+    return make_room(patches) && patches->area_m2 && patches->place && patches->first_packet ? LW_OK
+                                                                                             : LW_NO_MEMORY;
 }
 
 void lw_patches_finish(struct lw_patches *patches) {
@@ -35,7 +45,7 @@ void lw_patches_finish(struct lw_patches *patches) {
 }
 
 size_t lw_patches_memory_bytes(const struct lw_patches *patches) {
-    return patches->packet_count * sizeof *patches->packet +
+    return patches->packet_capacity * sizeof *patches->packet +
            patches->tiles->count * sizeof *patches->first_packet +
            patches->texels->count * (sizeof *patches->area_m2 + sizeof *patches->place +
                                      (patches->emission ? sizeof *patches->emission : 0));
@@ -184,6 +194,7 @@ static void settle(struct lw_patches *patches, uint32_t object) {
 enum lw_status lw_patches_set_pose(struct lw_patches *patches, const struct lw_pose *pose,
                                    const struct lw_lights *lights, int threads) {
     const struct lw_texels *texels = patches->texels;
+    if (!make_room(patches)) return LW_NO_MEMORY;
     memset(patches->area_m2, 0, texels->count * sizeof *patches->area_m2);
     if (lights->shining_count && !patches->emission &&
         !(patches->emission = malloc((texels->count + 1ul) * sizeof *patches->emission)))

@@ -24,8 +24,8 @@ struct lw_patches {
     const struct lw_tiles *tiles;
     const struct lw_texels *texels;
     struct lw_patches_packet *packet;
-    uint32_t *first_packet;       /* per tile */
-    uint32_t packet_count, count; /* count: covered texels that are not hidden */
+    uint32_t *first_packet;                        /* per tile */
+    uint32_t packet_capacity, packet_count, count; /* count: covered texels that are not hidden */
     /* Per texel of the global numbering. */
     float *area_m2;
     uint32_t *place; /* where it is among the packets: 16 x packet + lane; LW_TEXEL_NONE: in none */
@@ -39,7 +39,8 @@ LW_MUST_CHECK enum lw_status lw_patches_init(struct lw_patches *patches, const s
 /** A zeroed one is fine. */
 void lw_patches_finish(struct lw_patches *patches);
 
-/** Takes areas and emission from a pose. lights: all that emit. Errors: LW_NO_MEMORY. */
+/** Takes areas and emission from a pose, and what tiles cover now. lights: all that emit.
+ * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_patches_set_pose(struct lw_patches *patches, const struct lw_pose *pose,
                                                  const struct lw_lights *lights, int threads);
 

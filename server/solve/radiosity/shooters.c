@@ -9,17 +9,28 @@
 /* The work's window: this part of a lightmap's side. */
 #define SIDE_SHARE 128.0
 
+/* Texels that are covered where nothing hides them. */
+static uint32_t most_covered(const struct lw_texels *texels) {
+    uint32_t count = 0;
+    for (uint32_t o = 0; o < texels->scene->object_count; o++) {
+        const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[o].mesh];
+        for (uint32_t i = 0; i < mesh->texel_count; i++) count += mesh->covered[i];
+    }
+    return count;
+}
+
 enum lw_status lw_shooters_init(struct lw_shooters *shooters, const struct lw_patches *patches,
                                 enum lw_undersample undersample, uint32_t side) {
     const uint32_t texels = patches->texels->count;
     uint32_t covered = 0;
     for (uint32_t i = 0; i < texels; i++) covered += patches->texels->covered[i];
+    const uint32_t capacity = most_covered(patches->texels);
     if (!side) side = (uint32_t)fmax(1, sqrt((double)covered) / SIDE_SHARE + 0.5);
     if (undersample == LW_UNDERSAMPLE_NONE) side = 1;
     *shooters = (struct lw_shooters){
-        .patches = patches, .undersample = undersample, .side = side, .capacity = covered};
-    shooters->shooter = aligned_alloc(64, (covered + 1ul) * sizeof *shooters->shooter);
-    shooters->member = malloc((covered + 1ul) * sizeof *shooters->member);
+        .patches = patches, .undersample = undersample, .side = side, .capacity = capacity};
+    shooters->shooter = aligned_alloc(64, (capacity + 1ul) * sizeof *shooters->shooter);
+    shooters->member = malloc((capacity + 1ul) * sizeof *shooters->member);
     return shooters->shooter && shooters->member ? LW_OK : LW_NO_MEMORY;
 }
 

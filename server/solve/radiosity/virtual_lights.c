@@ -20,12 +20,10 @@ enum lw_status lw_virtual_lights_init(struct lw_virtual_lights *lights, const st
     enum lw_status status = lw_virtual_paths_init(&lights->paths, count, bounces, sets);
     if (status != LW_OK) return status;
     const size_t all = (size_t)lights->paths.paths * bounces;
-    uint32_t packets = 0;
-    for (uint32_t i = 0; i < patches->tiles->count; i++)
-        LW_TILES_EACH_BLOCK (&patches->tiles->tile[i], block) packets += block->packet_count;
+    const size_t packets = (size_t)patches->tiles->block_count * LW_PACKETS_MAX; /* whatever is covered */
     lights->shooter = aligned_alloc(64, (all + 1) * sizeof *lights->shooter);
     lights->light = calloc(all + 1, sizeof *lights->light);
-    lights->sum = malloc((packets + 2ul) * sizeof *lights->sum);
+    lights->sum = malloc((packets + 2) * sizeof *lights->sum);
     if (!lights->shooter || !lights->light || !lights->sum) return LW_NO_MEMORY;
     memset(lights->shooter, 0, (all + 1) * sizeof *lights->shooter);
     return LW_OK;
