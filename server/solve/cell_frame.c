@@ -103,12 +103,21 @@ static void count_rays(struct lw_solver_stats *stats, const struct lw_ray_count 
 
 /* ---- stages: what has changed ---- */
 
+/* Takes over what of the texels is other than before. */
+static bool take_texels(struct lw_cell_solver *s) {
+    if (s->texel_changes == s->geometry->changes) return false;
+    s->texel_changes = s->geometry->changes;
+    lw_tiles_recount(&s->tiles, s->threads);
+    return true;
+}
+
 /* Takes over s->pose. */
 static enum lw_status place(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
-    enum lw_status status = lw_geometry_set_pose(s->geometry, &s->pose, s->desc.frame_budget_s > 0, err);
+    enum lw_status status =
+        lw_geometry_set_pose(s->geometry, &s->pose, s->desc.frame_budget_s > 0, f->number, err);
     if (status != LW_OK) return status;
-    if (s->pose_due & LW_POSE_DYNAMIC) lw_tiles_recount(&s->tiles, s->threads);
+    (void)take_texels(s);
     if (s->pose_due & (LW_POSE_MATERIALS | LW_POSE_SKY))
         status = lw_lights_set_materials(&s->lights, &s->pose);
     if (status == LW_OK && s->pose_due & (LW_POSE_MATERIALS | LW_POSE_SKY) && lw_cell_frame_parts_drawn(s))
@@ -172,6 +181,11 @@ static enum lw_status take_pose(struct frame *f, struct lw_error *err) {
     const unsigned moved = lw_pose_difference(f->pose, &s->pose, s->desc.scene);
     f->stats.moved = moved != 0;
     s->scheduler.frames_since_move++;
+    enum lw_status rested = lw_geometry_rest(s->geometry, f->number, err);
+    if (rested != LW_OK) return rested;
+    /* What comes to rest parts light that has gone through it so far. */
+    if (take_texels(s) && !moved)
+        lw_scheduler_move(&s->scheduler, &s->tiles, s->desc.scene, &s->pose, &s->pose, false);
     if (!moved) return LW_OK;
     if (s->forgetful) {
         enum lw_status status = find_reflectors(f, err);

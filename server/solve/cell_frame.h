@@ -33,6 +33,7 @@ struct lw_cell_solver {
     bool shows_all;
     /* Of the geometry: those that the welds are of. */
     uint32_t seams_found;
+    uint32_t texel_changes; /* of the geometry, that the tiles know */
     /* Without client lights; and those, zeroed where there are none. */
     struct lw_lights lights, drawn;
     struct lw_probes probes;

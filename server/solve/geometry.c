@@ -31,8 +31,9 @@ enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_sc
     status = lw_texels_init(&geometry->texels, scene, (unsigned)threads, cancel, waiting, err);
     if (status != LW_OK) return status;
     uint64_t invalid = 0;
-    status = lw_invalid_texels_find(&geometry->texels, &geometry->pose, geometry->trace, threads, cancel,
-                                    waiting, &invalid);
+    if ((status = lw_standing_init(&geometry->standing, scene, pose)) == LW_OK)
+        status = lw_invalid_texels_find(&geometry->texels, &geometry->pose, geometry->standing.stands,
+                                        geometry->trace, threads, cancel, waiting, &invalid);
     if (status == LW_CLOSED) return status;
     if (status != LW_OK) return lw_status_fail(err, status, "%u texels", geometry->texels.count);
     if (invalid)
@@ -96,6 +97,7 @@ void lw_geometry_finish(struct lw_geometry *geometry) {
     lw_seams_finish(&geometry->seams);
     lw_denoise_pairs_finish(&geometry->pairs);
     if (geometry->texels.scene) lw_texels_finish(&geometry->texels);
+    lw_standing_finish(&geometry->standing);
     lw_trace_destroy(geometry->trace);
     lw_pose_finish(&geometry->pose);
     *geometry = (struct lw_geometry){0};
@@ -109,8 +111,28 @@ static bool is_recoloured(const struct lw_geometry *geometry, const struct lw_po
     return other;
 }
 
+/* Takes over what stands at a pose and a frame. Nobody looks for seams while texels change. */
+static enum lw_status review(struct lw_geometry *geometry, const struct lw_pose *pose, uint64_t frame) {
+    bool others = false;
+    if (!lw_standing_take(&geometry->standing, &geometry->pose, pose, frame)) return LW_OK;
+    (void)end_search(geometry, false);
+    enum lw_status status =
+        lw_invalid_texels_review(&geometry->texels, &geometry->pose, geometry->standing.stood, pose,
+                                 geometry->trace, geometry->threads, &others);
+    geometry->seams_outdated |= others;
+    geometry->changes++;
+    if (status == LW_OK && geometry->pairs.pair)
+        status = lw_denoise_pairs_review(&geometry->pairs, geometry->threads);
+    return status;
+}
+
+enum lw_status lw_geometry_rest(struct lw_geometry *geometry, uint64_t frame, struct lw_error *err) {
+    enum lw_status status = review(geometry, &geometry->pose, frame);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "taking over what has come to rest");
+}
+
 enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct lw_pose *pose, bool later,
-                                    struct lw_error *err) {
+                                    uint64_t frame, struct lw_error *err) {
     const unsigned moved = lw_pose_difference(pose, &geometry->pose, geometry->scene);
     const bool recoloured = is_recoloured(geometry, pose);
     enum lw_status status = LW_OK;
@@ -121,9 +143,8 @@ enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct l
     if (moved & (LW_POSE_OBJECTS | LW_POSE_DYNAMIC))
         status = later ? lw_trace_set_pose_soon(geometry->trace, pose, err)
                        : lw_trace_set_pose(geometry->trace, pose, err);
-    if (status == LW_OK && (moved & LW_POSE_DYNAMIC))
-        status = lw_invalid_texels_review(&geometry->texels, &geometry->pose, pose, geometry->trace,
-                                          geometry->threads);
+    if (status == LW_OK && (moved & (LW_POSE_OBJECTS | LW_POSE_DYNAMIC)))
+        status = review(geometry, pose, frame);
     lw_pose_copy(&geometry->pose, pose, geometry->scene);
     if (status == LW_OK && recoloured) status = lw_texels_set_albedo(&geometry->texels, geometry->threads);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "taking over what has changed");

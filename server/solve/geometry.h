@@ -9,12 +9,15 @@
 #include "server/solve/filter/denoise.h"
 #include "server/solve/filter/seams.h"
 #include "server/solve/solver.h"
+#include "server/solve/surface/standing.h"
 #include "server/solve/surface/wall_sides.h"
 
 struct lw_geometry {
     const struct lw_scene *scene;
     struct lw_trace *trace;
+    struct lw_standing standing;
     struct lw_texels texels;
+    uint32_t changes;              /* how often texels->changes has counted */
     struct lw_denoise_pairs pairs; /* empty until somebody filters */
     struct lw_seams seams;         /* empty until somebody welds */
     uint32_t seams_found;          /* times that they have been */
@@ -36,13 +39,20 @@ LW_MUST_CHECK enum lw_status lw_geometry_init(struct lw_geometry *geometry, cons
 /** A zeroed one is fine. */
 void lw_geometry_finish(struct lw_geometry *geometry);
 
-/** Moves to another pose, and takes over what base colours the scene has now. Where objects that stood still
- * may move from now on (LW_POSE_DYNAMIC), what they buried comes to light: texels are covered that were not,
- * and seams are those of before until they are found again. A pose at which it is already costs nothing.
- * later: as for lw_trace_set_pose_soon().
- * Errors: LW_NO_MEMORY, LW_INTERNAL. */
+/** Moves to another pose, and takes over what base colours the scene has now. Where objects no longer stand
+ * (standing.h), what they buried comes to light; where others do, texels are hidden and parted: other texels
+ * are covered, of other sides. Who keeps something by texels looks at changes, and takes it over by
+ * lw_tiles_recount(). Seams are those of before until they are found again. A pose at which it is already
+ * costs nothing.
+ * later   as for lw_trace_set_pose_soon()
+ * frame   of the solver
+ * Errors  LW_NO_MEMORY, LW_INTERNAL */
 LW_MUST_CHECK enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct lw_pose *pose,
-                                                  bool later, struct lw_error *err);
+                                                  bool later, uint64_t frame, struct lw_error *err);
+
+/** Goes on to a frame: objects that have been at rest for long enough stand from now on, as above. */
+LW_MUST_CHECK enum lw_status lw_geometry_rest(struct lw_geometry *geometry, uint64_t frame,
+                                              struct lw_error *err);
 
 /** Its texels as rays read them. */
 static inline struct lw_wall_sides lw_geometry_sides(const struct lw_geometry *geometry) {

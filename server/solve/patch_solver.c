@@ -96,16 +96,18 @@ static void forget(struct lw_patch_solver *s) {
 }
 
 /* Another pose begins another solution: nothing of the light before it is kept. */
-static enum lw_status take_pose(struct lw_patch_solver *s, const struct lw_pose *pose, bool *out_moved,
-                                struct lw_error *err) {
+static enum lw_status take_pose(struct lw_patch_solver *s, const struct lw_pose *pose, uint64_t frame,
+                                bool *out_moved, struct lw_error *err) {
     const unsigned moved = lw_pose_difference(pose, &s->pose, s->desc.scene);
     *out_moved = moved != 0;
-    if (!moved && s->placed) return LW_OK;
+    enum lw_status status = lw_geometry_rest(&s->geometry, frame, err);
+    if (status != LW_OK) return status;
+    if (!moved && s->placed && s->texel_changes == s->geometry.changes) return LW_OK;
     if (s->placed && s->method->leave) s->method->leave(s, pose);
     lw_pose_copy(&s->pose, pose, s->desc.scene);
-    enum lw_status status = lw_geometry_set_pose(&s->geometry, &s->pose, false, err);
-    if (status != LW_OK) return status;
-    if (moved & LW_POSE_DYNAMIC) lw_tiles_recount(&s->tiles, s->threads);
+    if ((status = lw_geometry_set_pose(&s->geometry, &s->pose, false, frame, err)) != LW_OK) return status;
+    if (s->texel_changes != s->geometry.changes) lw_tiles_recount(&s->tiles, s->threads);
+    s->texel_changes = s->geometry.changes;
     struct lw_lights *const lights[] = {&s->emitters, &s->lights, &s->drawn};
     for (int i = 0; i < 3; i++) {
         if (i == 2 && !parts_drawn(s)) continue;
@@ -268,7 +270,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     struct lw_patch_solver *s = (struct lw_patch_solver *)solver;
     struct lw_solver_stats stats = {.tiles = s->tiles.count};
     uint64_t t = lw_clock_ns();
-    enum lw_status status = take_pose(s, pose, &stats.moved, err);
+    enum lw_status status = take_pose(s, pose, number, &stats.moved, err);
     if (status != LW_OK) return status;
     stats.pose_ns = lw_clock_ns() - t;
     const bool solves = !is_done(s);
@@ -475,7 +477,7 @@ enum lw_status lw_patch_solver_create(struct lw_patch_solver *s, const struct lw
     s->desc = *desc;
     s->forms = LW_LIGHT_FORMS_FULL;
     s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
-    if ((status = build(s, pose, err)) == LW_OK) status = take_pose(s, pose, &moved, err);
+    if ((status = build(s, pose, err)) == LW_OK) status = take_pose(s, pose, 0, &moved, err);
     if (status != LW_OK) {
         destroy(&s->base);
         return status;

@@ -57,6 +57,7 @@ struct lw_patch_solver {
     struct lw_tiles tiles;
     struct lw_seams_light welds[LW_LIGHT_FORM_COUNT];
     uint32_t seams_found;
+    uint32_t texel_changes; /* of the geometry, that the tiles know */
     unsigned forms;
     bool shows_all;
     /* emitters: all lights, for their surfaces; lights, drawn: what the direct pass samples. */

@@ -378,8 +378,9 @@ static enum lw_status fill_probes(struct movers *m, uint32_t seed, struct lw_err
 /* The mover alone goes to B: what all texels send out stays as it was at A. */
 static enum lw_status carry(const struct movers *m, struct lw_cell_solver *s, struct lw_error *err) {
     lw_pose_copy(&s->pose, &m->pose[B], m->scene);
-    enum lw_status status = lw_geometry_set_pose(s->geometry, &s->pose, false, err);
+    enum lw_status status = lw_geometry_set_pose(s->geometry, &s->pose, false, s->frames, err);
     if (status != LW_OK) return status;
+    lw_tiles_recount(&s->tiles, s->threads);
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
     lw_reflectors_place(&s->reflectors, &s->tiles);
     return LW_OK;

@@ -16,9 +16,11 @@ struct floor {
     struct lw_pose pose;
     struct lw_geometry geometry;
     struct lw_tiles tiles;
+    uint64_t frame;
 };
 
 static void set_up(struct floor *floor) {
+    floor->frame = 0;
     struct lw_error err = {0};
     floor->scene = lw_support_squares(3, 2);
     for (uint32_t i = 0; i < 3; i++)
@@ -46,7 +48,7 @@ static void tear_down(struct floor *floor) {
 static void set_free(struct floor *floor, uint32_t object) {
     struct lw_error err = {0};
     floor->pose.object_dynamic[object] = true;
-    lw_support_ok(lw_geometry_set_pose(&floor->geometry, &floor->pose, true, &err), &err);
+    lw_support_ok(lw_geometry_set_pose(&floor->geometry, &floor->pose, true, ++floor->frame, &err), &err);
 }
 
 static void await_seams(struct floor *floor, uint32_t found) {
@@ -116,6 +118,7 @@ static void blocks_take_what_is_covered_now(void **state) {
     struct floor floor;
     set_up(&floor);
     const struct lw_solve_tile *tile = &floor.tiles.tile[0];
+    uint32_t *changes = &floor.geometry.texels.changes[tile->object];
     struct lw_solve_block *block = &tile->block[0];
     uint8_t *covered = floor.geometry.texels.covered + tile->first;
     uint32_t one = 0;
@@ -123,13 +126,16 @@ static void blocks_take_what_is_covered_now(void **state) {
     const uint32_t other = one + 1, all = block->covered_count;
     assert_true(covered[other] && all > 2 && block->packet_count > 0);
     covered[one] = 0;
+    ++*changes;
     lw_tiles_recount(&floor.tiles, 1);
     assert_int_equal(block->covered_count, all - 1);
     block->direct.sample_count = 5;
+    ++*changes;
     lw_tiles_recount(&floor.tiles, 1); /* they are the same */
     assert_int_equal(block->direct.sample_count, 5);
     covered[one] = 1;
     covered[other] = 0;
+    ++*changes;
     lw_tiles_recount(&floor.tiles, 1);
     assert_int_equal(block->covered_count, all - 1);
     assert_int_equal(block->direct.sample_count, 0);

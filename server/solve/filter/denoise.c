@@ -158,21 +158,35 @@ static void part_row(const struct lw_mesh_texels *mesh, const uint8_t *walls, ui
     }
 }
 
-/* The pairs of an object's mesh, but for those that walls part. */
-static uint8_t *part_pairs(const struct lw_texels *texels, uint32_t object, const uint8_t *pair,
-                           int threads) {
+/* Writes the pairs of an object's mesh, but for those that walls part. */
+static void part_pairs(const struct lw_texels *texels, uint32_t object, const uint8_t *pair, int threads,
+                       uint8_t *own) {
     const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
     const uint8_t *walls = texels->walls + texels->first[object];
     const size_t area = area_of(mesh);
-    uint8_t *own = malloc(mesh_bytes(mesh));
-    if (!own) return NULL;
     memcpy(own, pair, mesh_bytes(mesh));
 #pragma omp parallel for schedule(static) num_threads(threads)
     for (uint32_t y = 0; y < mesh->height; y++)
         for (uint32_t k = 0; k < LW_DENOISE_PASSES * DIRECTIONS; k++)
             part_row(mesh, walls, y, 1u << k / DIRECTIONS, &direction[k % DIRECTIONS],
                      own + k * area + (y + MARGIN) * stride_of(mesh) + MARGIN);
-    return own;
+}
+
+/* An object has pairs of its own while walls stand on it. */
+static bool take_walls(struct lw_denoise_pairs *pairs, uint32_t object, int threads) {
+    const uint32_t m = pairs->scene->object[object].mesh;
+    uint8_t *const of_mesh = pairs->of_mesh[m], **pair = &pairs->pair[object];
+    pairs->changes[object] = pairs->texels->changes[object];
+    if (!has_walls(pairs->texels, object)) {
+        if (*pair != of_mesh) free(*pair);
+        *pair = of_mesh;
+        return true;
+    }
+    uint8_t *own = *pair && *pair != of_mesh ? *pair : malloc(mesh_bytes(&pairs->texels->mesh[m]));
+    if (!own) return false;
+    *pair = own;
+    part_pairs(pairs->texels, object, of_mesh, threads, own);
+    return true;
 }
 
 enum lw_status lw_denoise_pairs_init(struct lw_denoise_pairs *pairs, const struct lw_scene *scene,
@@ -180,25 +194,32 @@ enum lw_status lw_denoise_pairs_init(struct lw_denoise_pairs *pairs, const struc
     *pairs = (struct lw_denoise_pairs){.scene = scene, .texels = texels};
     pairs->of_mesh = calloc((size_t)scene->mesh_count + 1, sizeof *pairs->of_mesh);
     pairs->pair = calloc((size_t)scene->object_count + 1, sizeof *pairs->pair);
-    bool ok = pairs->of_mesh && pairs->pair;
+    pairs->changes = calloc((size_t)scene->object_count + 1, sizeof *pairs->changes);
+    bool ok = pairs->of_mesh && pairs->pair && pairs->changes;
     for (uint32_t o = 0; ok && o < scene->object_count; o++) {
         const uint32_t m = scene->object[o].mesh;
         if (!texels->mesh[m].texel_count) continue;
         if (!pairs->of_mesh[m]) pairs->of_mesh[m] = weigh_mesh(&texels->mesh[m], threads);
-        pairs->pair[o] = pairs->of_mesh[m];
-        if (pairs->pair[o] && has_walls(texels, o))
-            pairs->pair[o] = part_pairs(texels, o, pairs->of_mesh[m], threads);
-        ok = pairs->pair[o] != NULL;
+        ok = pairs->of_mesh[m] && take_walls(pairs, o, threads);
     }
     if (ok) return LW_OK;
     lw_denoise_pairs_finish(pairs);
     return LW_NO_MEMORY;
 }
 
+enum lw_status lw_denoise_pairs_review(struct lw_denoise_pairs *pairs, int threads) {
+    for (uint32_t o = 0; o < pairs->scene->object_count; o++) {
+        if (!pairs->pair[o] || pairs->changes[o] == pairs->texels->changes[o]) continue;
+        if (!take_walls(pairs, o, threads)) return LW_NO_MEMORY;
+    }
+    return LW_OK;
+}
+
 size_t lw_denoise_pairs_memory_bytes(const struct lw_denoise_pairs *pairs) {
     if (!pairs->pair) return 0;
     const struct lw_scene *scene = pairs->scene;
-    size_t bytes = scene->mesh_count * sizeof *pairs->of_mesh + scene->object_count * sizeof *pairs->pair;
+    size_t bytes = scene->mesh_count * sizeof *pairs->of_mesh +
+                   scene->object_count * (sizeof *pairs->pair + sizeof *pairs->changes);
     for (uint32_t m = 0; m < scene->mesh_count; m++)
         if (pairs->of_mesh[m]) bytes += mesh_bytes(&pairs->texels->mesh[m]);
     for (uint32_t o = 0; o < scene->object_count; o++)
@@ -213,6 +234,7 @@ void lw_denoise_pairs_finish(struct lw_denoise_pairs *pairs) {
     for (uint32_t m = 0; pairs->of_mesh && m < pairs->scene->mesh_count; m++) free(pairs->of_mesh[m]);
     free(pairs->of_mesh);
     free(pairs->pair);
+    free(pairs->changes);
     *pairs = (struct lw_denoise_pairs){0};
 }
 

@@ -36,13 +36,17 @@ struct lw_denoise_pairs {
     const struct lw_texels *texels; /* likewise */
     uint8_t *
         *of_mesh; /* per mesh: weights of the pairs of all passes and directions, or NULL: it has no texels */
-    uint8_t **pair; /* per object: those of its mesh, or a copy without the pairs that walls part */
+    uint8_t **pair;    /* per object: those of its mesh, or a copy without the pairs that walls part */
+    uint32_t *changes; /* per object: those of the texels that pair knows */
 };
 
 /** Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_denoise_pairs_init(struct lw_denoise_pairs *pairs,
                                                    const struct lw_scene *scene,
                                                    const struct lw_texels *texels, int threads);
+/** After texels have changed: parts the pairs of those objects again of which they have (texels->changes).
+ * Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_denoise_pairs_review(struct lw_denoise_pairs *pairs, int threads);
 void lw_denoise_pairs_finish(struct lw_denoise_pairs *pairs);
 
 /** Bytes held. */

@@ -1,6 +1,7 @@
 #include "server/solve/state/tiles.h"
 
 #include "common/colour.h"
+#include "common/random.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -184,6 +185,24 @@ static void deal_blocks(const struct lw_tiles *tiles, struct lw_solve_tile *tile
         }
 }
 
+/* Of a block: which sample points its texels have, and which texels it covers. */
+static uint32_t hash_points(const struct lw_tiles *tiles, const struct lw_solve_tile *tile, uint32_t column,
+                            uint32_t row) {
+    uint32_t hash = 0;
+    LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
+        const uint32_t i = tile->first + y * tile->width + x;
+        hash = lw_random_hash2(hash, tiles->covered[i] ? tiles->usable[i] : 0);
+    }
+    return hash;
+}
+
+static void hash_blocks(const struct lw_tiles *tiles, const struct lw_solve_tile *tile) {
+    for (uint32_t row = 0; row < tile->block_rows; row++)
+        for (uint32_t column = 0; column < tile->block_columns; column++)
+            tile->block[row * tile->block_columns + column].points_hash =
+                hash_points(tiles, tile, column, row);
+}
+
 static uint32_t blocks_along(uint32_t texels) { return (texels + LW_TILE_BLOCK - 1) / LW_TILE_BLOCK; }
 
 enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scene,
@@ -193,7 +212,9 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
                                .bounces = bounces,
                                .texel_count = texels->count,
                                .covered = texels->covered,
-                               .side = texels->side};
+                               .usable = texels->usable,
+                               .side = texels->side,
+                               .changes = texels->changes};
     for (uint32_t id = 0; id < map->tile_count; id++) {
         if (map->place[id].level != 0) continue;
         tiles->count++;
@@ -230,6 +251,7 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
                                        .block_rows = blocks_along(place->height),
                                        .error = 1};
         tile->first = texels->first[place->object] + tile->local;
+        tile->changes = texels->changes[place->object];
         for (uint32_t i = 0; i < tile->width * tile->height; i++)
             tiles->block_of_texel[tile->first + i] =
                 (uint32_t)(lw_tiles_block(tile, i % tile->width, i / tile->width) - tiles->block);
@@ -245,41 +267,53 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
         tile->state = tile->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
     }
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
-    for (uint32_t i = 0; i < tiles->count; i++) deal_blocks(tiles, &tiles->tile[i]);
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        deal_blocks(tiles, tile);
+        hash_blocks(tiles, tile);
+    }
     return LW_OK;
 }
 
-/* Whether a block's packets hold the texels that it covers: as many, and each of theirs. */
-static bool covers_as_before(const struct lw_solve_tile *tile, const struct lw_solve_block *block,
-                             uint32_t column, uint32_t row, const uint8_t *covered) {
-    const uint32_t first = tile->first + row * LW_TILE_BLOCK * tile->width + column * LW_TILE_BLOCK;
-    uint32_t count = 0;
-    LW_TILES_EACH_TEXEL (tile, column, row, x, y) count += covered[tile->first + y * tile->width + x];
-    if (count != block->covered_count) return false;
-    for (uint32_t p = 0; p < block->packet_count; p++)
-        for (uint32_t lane = 0; lane < block->packet[p].count; lane++)
-            if (!covered[lw_packet_texel(&block->packet[p], lane, first, tile->width)]) return false;
+static void begin_block(struct lw_solve_block *block) {
+    block->unseen = false;
+    block->sample_count = 0;
+    block->direct = block->indirect = (struct lw_history){0};
+    block->change = (struct lw_change_block){0};
+    block->variance = block->luminance = 0;
+    block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;
+    block->error = 1;
+    block->state = block->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
+}
+
+/* Whether the texels of a block are in the regions of before. */
+static bool has_regions(const struct lw_tiles *tiles, const struct lw_solve_tile *tile, uint32_t column,
+                        uint32_t row, const uint8_t *before) {
+    LW_TILES_EACH_TEXEL (tile, column, row, x, y)
+        if (tiles->region_of_texel[tile->first + y * tile->width + x] != before[y * tile->width + x])
+            return false;
     return true;
 }
 
 static void recount_tile(const struct lw_tiles *tiles, struct lw_solve_tile *tile) {
-    const uint8_t *covered = tiles->covered;
-    bool other[LW_TILE_BLOCKS * LW_TILE_BLOCKS], any = false;
-    for (uint32_t i = 0; i < tile->block_columns * tile->block_rows; i++)
-        any |= other[i] = !covers_as_before(tile, &tile->block[i], i % tile->block_columns,
-                                            i / tile->block_columns, covered);
-    if (!any) return;
-    bound_tile(tile, covered);
+    uint8_t region[LW_TILE_SIDE * LW_TILE_SIDE];
+    uint32_t hash[LW_TILE_BLOCKS * LW_TILE_BLOCKS];
+    if (tile->changes == tiles->changes[tile->object]) return;
+    tile->changes = tiles->changes[tile->object];
+    memcpy(region, tiles->region_of_texel + tile->first, tile->width * tile->height);
+    LW_TILES_EACH_BLOCK (tile, block) hash[block - tile->block] = block->points_hash;
+    bound_tile(tile, tiles->covered);
+    deal_blocks(tiles, tile);
+    hash_blocks(tiles, tile);
     LW_TILES_EACH_BLOCK (tile, block) {
-        if (!other[block - tile->block]) continue;
-        block->direct.sample_count = block->indirect.sample_count = 0;
-        if (block->covered_count == 0 || tile->hidden)
-            block->state = LW_BLOCK_CONVERGED;
-        else if (block->state == LW_BLOCK_CONVERGED)
-            block->state = LW_BLOCK_SAMPLED;
+        const uint32_t b = (uint32_t)(block - tile->block);
+        if (hash[b] == block->points_hash &&
+            has_regions(tiles, tile, b % tile->block_columns, b / tile->block_columns, region))
+            continue;
+        begin_block(block);
+        if (tile->hidden) block->state = LW_BLOCK_CONVERGED;
     }
     lw_tiles_sum_up(tile);
-    deal_blocks(tiles, tile);
 }
 
 void lw_tiles_recount(struct lw_tiles *tiles, int threads) {
@@ -329,17 +363,6 @@ static int by_cell(const void *a, const void *b) {
     const struct lw_solve_tile *x = a, *y = b;
     if (x->cell != y->cell) return x->cell < y->cell ? -1 : 1;
     return x->id.v < y->id.v ? -1 : x->id.v > y->id.v;
-}
-
-static void begin_block(struct lw_solve_block *block) {
-    block->unseen = false;
-    block->sample_count = 0;
-    block->direct = block->indirect = (struct lw_history){0};
-    block->change = (struct lw_change_block){0};
-    block->variance = block->luminance = 0;
-    block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;
-    block->error = 1;
-    block->state = block->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
 }
 
 static void set_hidden(struct lw_solve_tile *tile, bool hidden) {

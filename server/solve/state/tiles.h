@@ -52,6 +52,7 @@ struct lw_solve_block {
     struct lw_packet *packet; /* of its covered texels */
     uint32_t packet_count;
     struct lw_region_parts parts; /* of its regions */
+    uint32_t points_hash;         /* of which sample points its texels have */
     /* What a W/m^2 counts in each region, where light is compared with the block's: 1 in the part that has
      * least, and as much less elsewhere as there is more light. 1 throughout where there is one part. */
     float weight[LW_REGIONS];
@@ -102,6 +103,7 @@ struct lw_solve_tile {
     /* as its object is: it counts as converged, and starts again when it is shown. */
     bool hidden;
     uint8_t wide_rooms; /* (regions.h) */
+    uint32_t changes;   /* of its object's texels, that its blocks know */
     bool begins;        /* it has, and nothing of it has been shown since */
     uint32_t covered_count;
     uint32_t sample_count; /* the fewest of its blocks */
@@ -153,8 +155,10 @@ struct lw_tiles {
     /* That of the two by which errors are measured, always against all light: split_spread while no other
      * form is shown. What clients draw has no noise, and only enters bounces then. */
     const float *judged_spread;
-    const uint8_t *covered; /* the texels' own */
-    const uint32_t *side;   /* likewise */
+    const uint8_t *covered;  /* the texels' own */
+    const uint8_t *usable;   /* likewise */
+    const uint32_t *side;    /* likewise */
+    const uint32_t *changes; /* likewise, per object */
 };
 
 /** Errors: LW_NO_MEMORY. */
@@ -209,8 +213,8 @@ static inline void lw_tiles_store(float *const dst[3], uint32_t texel, struct lw
     dst[2][texel] = value.z;
 }
 
-/** Counts again which texels are covered; a block that covers others than before starts from the
- * beginning. */
+/** Takes over texels->changes. A block of which other texels are covered, or other points of them usable, or
+ * whose regions are others, starts from the beginning. */
 void lw_tiles_recount(struct lw_tiles *tiles, int threads);
 
 /** Shows the sums of the blocks of frame `frame` (shown_frame) as they are. forms: which (light_form.h). */

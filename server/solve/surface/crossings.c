@@ -47,12 +47,17 @@ struct region {
 struct part {
     const struct lw_mesh_texels *mesh;
     const struct lw_scene *scene;
-    const struct lw_pose *pose;
+    const bool *stands;
     const struct lw_trace *trace;
     struct lw_affine to_world;
     struct lw_sample_points_frame frame;
     float size_m;
-    const uint8_t *covered, *usable;
+    uint8_t *covered;
+    const uint8_t *usable;
+    const bool *sought;    /* per block, row by row; NULL: all are */
+    uint32_t blocks_x;     /* blocks of a row */
+    uint32_t first, end;   /* of its texels those that may be on a side with such: whole rows of tiles */
+    uint32_t row, end_row; /* the same as rows of texels */
     struct lw_vec3 *place; /* of each texel, object space: the middle of its usable points */
     float *height_m;       /* above each texel, at which cuts are looked for */
     uint16_t *flags;       /* of the above */
@@ -72,9 +77,25 @@ struct rays {
     uint16_t active;
 };
 
+/* Around blocks that are sought it is known how texels lie, as these yield by their neighbours. */
+#define AROUND 4
+
+static bool is_sought(const struct part *p, uint32_t x, uint32_t y) {
+    return !p->sought || p->sought[y / LW_TILE_BLOCK * p->blocks_x + x / LW_TILE_BLOCK];
+}
+
+/* Whether a block that is sought is that many texels away, or less. */
+static bool is_by_sought(const struct part *p, uint32_t x, uint32_t y, uint32_t reach) {
+    const uint32_t left = x > reach ? x - reach : 0, top = y > reach ? y - reach : 0,
+                   right = x + reach < p->mesh->width ? x + reach : p->mesh->width - 1,
+                   bottom = y + reach < p->mesh->height ? y + reach : p->mesh->height - 1;
+    return is_sought(p, left, top) || is_sought(p, right, top) || is_sought(p, left, bottom) ||
+           is_sought(p, right, bottom);
+}
+
 static bool is_still(const struct part *p, const struct lw_hit16 *hits, uint32_t lane) {
     const uint32_t object = hits->object[lane];
-    if (object == LW_TRACE_MISS || lw_pose_object_moves(p->pose, p->scene, object)) return false;
+    if (object == LW_TRACE_MISS || !p->stands[object]) return false;
     return lw_trace_material(p->scene, hits, lane)->alpha_mode == LW_ALPHA_OPAQUE;
 }
 
@@ -138,7 +159,7 @@ static uint32_t next_to(const struct part *p, uint32_t x, uint32_t y, uint8_t si
     const struct lw_mesh_texels *mesh = p->mesh;
     const uint32_t nx = x + (side == CUT_RIGHT), ny = y + (side == CUT_BELOW),
                    i = lw_texels_index(mesh, x, y);
-    if (nx >= mesh->width || ny >= mesh->height || !p->covered[i]) return LW_TEXEL_NONE;
+    if (nx >= mesh->width || ny >= p->end_row || !p->covered[i]) return LW_TEXEL_NONE;
     const uint32_t j = lw_texels_index(mesh, nx, ny);
     if (!p->covered[j] || mesh->chart[i] != mesh->chart[j]) return LW_TEXEL_NONE;
     const struct lw_vec3 n = lw_texels_vector(mesh->geometric, i), m = lw_texels_vector(mesh->geometric, j);
@@ -150,8 +171,9 @@ static uint32_t next_to(const struct part *p, uint32_t x, uint32_t y, uint8_t si
 static void shoot(struct part *p, uint8_t side) {
     struct rays rays = {.active = 0};
     uint32_t lane = 0;
-    for (uint32_t y = 0; y < p->mesh->height; y++)
+    for (uint32_t y = p->row; y < p->end_row; y++)
         for (uint32_t x = 0; x < p->mesh->width; x++) {
+            if (!is_by_sought(p, x, y, side ? AROUND : AROUND + 1)) continue;
             const uint32_t i = lw_texels_index(p->mesh, x, y), j = side ? next_to(p, x, y, side) : i;
             if (j == LW_TEXEL_NONE || !p->covered[i]) continue;
             rays.texel[lane] = i;
@@ -173,7 +195,7 @@ typedef void each_pair(struct part *p, uint32_t i, uint32_t j, bool cut);
 
 /* Calls back for all neighbours. */
 static void walk(struct part *p, each_pair *each) {
-    for (uint32_t y = 0; y < p->mesh->height; y++)
+    for (uint32_t y = p->row; y < p->end_row; y++)
         for (uint32_t x = 0; x < p->mesh->width; x++)
             for (uint8_t side = CUT_RIGHT; side <= CUT_BELOW; side++) {
                 const uint32_t i = lw_texels_index(p->mesh, x, y), j = next_to(p, x, y, side);
@@ -192,7 +214,7 @@ static struct region *region_of(struct part *p, uint32_t i) {
 }
 
 static void count_regions(struct part *p) {
-    for (uint32_t i = 0; i < p->mesh->texel_count; i++) {
+    for (uint32_t i = p->first; i < p->end; i++) {
         if (!p->covered[i]) continue;
         struct region *region = region_of(p, i);
         region->texels++;
@@ -273,7 +295,7 @@ static bool is_parted(const struct part *p, uint32_t x, uint32_t y, uint32_t u, 
 
 /* At the corner of a room the texel beyond both of its walls touches one inside. */
 static void find_corner_aliens(struct part *p) {
-    for (uint32_t y = 0; y + 1 < p->mesh->height; y++)
+    for (uint32_t y = p->row; y + 1 < p->end_row; y++)
         for (uint32_t x = 0; x + 1 < p->mesh->width; x++)
             for (uint32_t k = 0; k < 2; k++) {
                 const uint32_t u = x + k, w = x + 1 - k; /* from (u, y) to (w, y + 1) */
@@ -317,13 +339,23 @@ static bool is_strip(const struct region *region) {
            region->met >= 2 * region->texels && 2 * region->to_behind <= region->cuts;
 }
 
-static uint64_t choose(struct part *p, uint8_t *covered) {
+static bool yields(struct part *p, uint32_t i) {
+    return p->covered[i] && (p->flags[i] & (ALIEN | DEEP | BEHIND) || is_strip(region_of(p, i)));
+}
+
+/* before: which texels were covered; those that are not sought are again. */
+static uint64_t choose(struct part *p, const uint8_t *before) {
     uint64_t yielding = 0;
-    for (uint32_t i = 0; i < p->mesh->texel_count; i++) {
-        if (!p->covered[i] || !(p->flags[i] & (ALIEN | DEEP | BEHIND) || is_strip(region_of(p, i)))) continue;
-        covered[i] = 0;
-        yielding++;
-    }
+    for (uint32_t y = p->row; y < p->end_row; y++)
+        for (uint32_t x = 0; x < p->mesh->width; x++) {
+            const uint32_t i = lw_texels_index(p->mesh, x, y);
+            if (!is_sought(p, x, y)) {
+                p->covered[i] = before[i];
+            } else if (yields(p, i)) {
+                p->covered[i] = 0;
+                yielding++;
+            }
+        }
     return yielding;
 }
 
@@ -403,11 +435,11 @@ static const struct run *better_of(const struct run *a, const struct run *b) {
 
 /* Texels between several sides: which of them each shows. */
 static void choose_sources(struct part *p, uint32_t first, uint32_t *source) {
-    for (uint32_t y = 0; y < p->mesh->height; y++)
+    for (uint32_t y = p->row; y < p->end_row; y++)
         for (uint32_t x = 0; x < p->mesh->width; x++) {
             const uint32_t i = lw_texels_index(p->mesh, x, y);
             struct run run[RING];
-            if (!p->mesh->covered[i] || p->covered[i]) continue;
+            if (!p->mesh->covered[i] || p->covered[i] || !is_sought(p, x, y)) continue;
             const uint32_t count = list_runs(p, x, y, run);
             const struct run *best = run;
             for (uint32_t k = 1; k < count; k++) best = better_of(best, &run[k]);
@@ -423,16 +455,25 @@ static bool has_cut_near(const struct part *p, uint32_t x, uint32_t y) {
     return false;
 }
 
-/* Tells the sides and the walls between them to all that share light between texels. */
+/* Whether any block of a texel's tile is sought. */
+static bool has_sought(const struct part *p, uint32_t x, uint32_t y) {
+    const uint32_t left = x / LW_TILE_SIDE * LW_TILE_SIDE, top = y / LW_TILE_SIDE * LW_TILE_SIDE;
+    for (uint32_t v = top; v < top + LW_TILE_SIDE && v < p->mesh->height; v += LW_TILE_BLOCK)
+        for (uint32_t u = left; u < left + LW_TILE_SIDE && u < p->mesh->width; u += LW_TILE_BLOCK)
+            if (is_sought(p, u, v)) return true;
+    return false;
+}
+
+/* Tells the sides and the walls between them to all that share light between texels. Sides are numbers that
+ * mean something within a tile, and walls end with what is sought. */
 static void note_walls(struct part *p, uint32_t *side, uint8_t *walls) {
-    for (uint32_t i = 0; i < p->mesh->texel_count; i++) {
-        side[i] = lw_union_find_root(p->parent, i);
-        walls[i] = (uint8_t)((p->flags[i] & (CUT_RIGHT | CUT_BELOW)) |
-                             (p->mesh->covered[i] && !p->usable[i] ? LW_TEXELS_WALL_ON : 0));
-    }
-    for (uint32_t y = 0; y < p->mesh->height; y++)
+    for (uint32_t y = p->row; y < p->end_row; y++)
         for (uint32_t x = 0; x < p->mesh->width; x++) {
             const uint32_t i = lw_texels_index(p->mesh, x, y);
+            if (is_sought(p, x, y) || has_sought(p, x, y)) side[i] = lw_union_find_root(p->parent, i);
+            if (!is_sought(p, x, y)) continue;
+            walls[i] = (uint8_t)((p->flags[i] & (CUT_RIGHT | CUT_BELOW)) |
+                                 (p->mesh->covered[i] && !p->usable[i] ? LW_TEXELS_WALL_ON : 0));
             if (walls[i] & LW_TEXELS_WALL_ON || has_cut_near(p, x, y)) walls[i] |= LW_TEXELS_WALL_NEAR;
         }
 }
@@ -460,44 +501,96 @@ static void release(struct part *p) {
     free(p->region);
 }
 
+/* The rows of tiles with blocks that are sought, and one before and behind: what their sides go on to. */
+static void set_rows(struct part *p) {
+    const uint32_t tiles_y = lw_texels_tiles_along(p->mesh->height);
+    uint32_t row = 0, end = tiles_y;
+    p->blocks_x = lw_texels_blocks_along(p->mesh->width);
+    if (p->sought) {
+        row = tiles_y, end = 0;
+        for (uint32_t b = 0; b < p->blocks_x * lw_texels_blocks_along(p->mesh->height); b++) {
+            if (!p->sought[b]) continue;
+            const uint32_t tile = b / p->blocks_x * LW_TILE_BLOCK / LW_TILE_SIDE;
+            if (tile < row) row = tile;
+            end = tile + 1;
+        }
+        row -= row > 0 && row < end;
+        end += end < tiles_y && end > 0;
+    }
+    p->row = row * LW_TILE_SIDE;
+    p->end_row = end < tiles_y ? end * LW_TILE_SIDE : p->mesh->height;
+    p->first = row < tiles_y ? lw_texels_tile_start(p->mesh, 0, row) : p->mesh->texel_count;
+    p->end = end < tiles_y ? lw_texels_tile_start(p->mesh, 0, end) : p->mesh->texel_count;
+}
+
+/* Where the texels are, and what is known of those that are not sought. */
+static void begin(struct part *p, const struct lw_texels *texels, uint32_t object, uint8_t *out_before) {
+    const uint8_t *walls = texels->walls + texels->first[object];
+    for (uint32_t i = p->first; i < p->end; i++) {
+        out_before[i] = p->covered[i];
+        p->covered[i] = p->usable[i] != 0;
+        p->parent[i] = i;
+        p->height_m[i] = HEIGHT * p->size_m;
+        if (p->covered[i]) p->place[i] = lw_texels_place(texels, object, i);
+        if (p->sought) p->flags[i] = walls[i] & (CUT_RIGHT | CUT_BELOW);
+    }
+    for (uint32_t y = p->row; y < p->end_row && p->sought; y++)
+        for (uint32_t x = 0; x < p->mesh->width; x++)
+            if (is_by_sought(p, x, y, AROUND)) p->flags[lw_texels_index(p->mesh, x, y)] = 0;
+}
+
+static void look_around_near(struct part *p) {
+    for (uint32_t y = p->row; y < p->end_row; y++)
+        for (uint32_t x = 0; x < p->mesh->width; x++) {
+            const uint32_t i = lw_texels_index(p->mesh, x, y);
+            if (p->covered[i] && p->flags[i] & NEAR && is_by_sought(p, x, y, AROUND)) look_around(p, i);
+        }
+}
+
+static void link_blocks(const struct part *p, struct lw_texels *texels, uint32_t object) {
+    for (uint32_t y = p->row; y < p->end_row; y += LW_TILE_BLOCK)
+        for (uint32_t x = 0; x < p->mesh->width; x += LW_TILE_BLOCK)
+            if (is_sought(p, x, y)) lw_texels_link_block(texels, object, x, y);
+}
+
 enum lw_status lw_crossings_find(struct lw_texels *texels, const struct lw_pose *pose,
-                                 const struct lw_trace *trace, uint32_t object, uint64_t *out_count) {
-    uint8_t *covered = texels->covered + texels->first[object];
-    const uint8_t *usable = texels->usable + texels->first[object];
+                                 const struct lw_trace *trace, uint32_t object, const bool *blocks,
+                                 uint64_t *out_count) {
     struct part p = {.mesh = &texels->mesh[texels->scene->object[object].mesh],
                      .scene = texels->scene,
-                     .pose = pose,
+                     .stands = texels->stands,
                      .trace = trace,
                      .to_world = pose->object_to_world[object],
-                     .covered = covered,
-                     .usable = usable};
+                     .covered = texels->covered + texels->first[object],
+                     .usable = texels->usable + texels->first[object],
+                     .sought = blocks};
+    uint8_t *before = malloc(p.mesh->texel_count + 1ul);
     lw_sample_points_frame_init(&p.frame, &p.to_world);
     p.size_m = p.mesh->texel_m * p.frame.stretch;
-    for (uint32_t i = 0; i < p.mesh->texel_count; i++) covered[i] = usable[i] != 0;
+    set_rows(&p);
     enum lw_status status = allocate(&p);
+    if (!before) status = LW_NO_MEMORY;
     if (status == LW_OK) {
-        for (uint32_t i = 0; i < p.mesh->texel_count; i++)
-            if (covered[i]) p.place[i] = lw_texels_place(texels, object, i);
+        begin(&p, texels, object, before);
         shoot(&p, 0);
         shoot(&p, CUT_RIGHT);
         shoot(&p, CUT_BELOW);
-        for (uint32_t i = 0; i < p.mesh->texel_count; i++) p.parent[i] = i;
         walk(&p, join);
         count_regions(&p);
         walk(&p, note_edges);
         walk(&p, note_near);
-        for (uint32_t i = 0; i < p.mesh->texel_count; i++)
-            if (covered[i] && p.flags[i] & NEAR) look_around(&p, i);
+        look_around_near(&p);
         walk(&p, share_sight);
         walk(&p, find_aliens);
         find_corner_aliens(&p);
         walk(&p, find_deep);
         walk(&p, meet);
-        *out_count += choose(&p, covered);
+        *out_count += choose(&p, before);
         note_walls(&p, texels->side + texels->first[object], texels->walls + texels->first[object]);
-        lw_texels_link_object(texels, object);
+        link_blocks(&p, texels, object);
         choose_sources(&p, texels->first[object], texels->source + texels->first[object]);
     }
+    free(before);
     release(&p);
     return status;
 }

@@ -37,10 +37,13 @@
 #define LW_CROSSINGS_CLOSE 0.125f
 
 /** Takes the texels of an object that yield out of covered; their usable points stay in the mask. Those that
- * yielded before are decided again. Sets the object's sides and walls, and links its sources. The object
- * stands still. Adds to *out_count how many yield. Errors: LW_NO_MEMORY. */
+ * yielded before are decided again. Sets the sides and walls, and links the sources. The object stands.
+ * blocks     per block of its level 0, row by row: whether its texels are asked about. Those of other blocks
+ *            stay as they are, and sides go no farther than a row of tiles beyond. NULL: all
+ * out_count  grows by how many yield
+ * Errors     LW_NO_MEMORY */
 LW_MUST_CHECK enum lw_status lw_crossings_find(struct lw_texels *texels, const struct lw_pose *pose,
                                                const struct lw_trace *trace, uint32_t object,
-                                               uint64_t *out_count);
+                                               const bool *blocks, uint64_t *out_count);
 
 #endif

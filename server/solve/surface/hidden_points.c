@@ -98,10 +98,9 @@ static const struct lw_material *material_of(const struct packet *p, uint32_t la
 
 static bool is_met(const struct packet *p, uint32_t lane) { return p->hits.object[lane] != LW_TRACE_MISS; }
 
-/* Only what never moves hides points. */
+/* Only what stands hides points. */
 static bool stands_still(const struct packet *p, uint32_t lane) {
-    const struct lw_hidden_points_search *s = p->crowd->search;
-    return !lw_pose_object_moves(s->pose, s->texels->scene, p->hits.object[lane]);
+    return p->crowd->search->texels->stands[p->hits.object[lane]];
 }
 
 static bool is_back(const struct packet *p, uint32_t lane) {

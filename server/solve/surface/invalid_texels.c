@@ -6,6 +6,7 @@
 #include "server/solve/surface/hidden_points.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 #define NEAR 0.1f /* of the scene's longest side: how far backs hide what is not beside a wall */
 /* Texels of an object that one thread searches: an object may have half of the scene. */
@@ -15,16 +16,23 @@ struct box {
     struct lw_vec3 low, high;
 };
 
+static const struct box nowhere = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+
+struct boxes {
+    struct box *box, all; /* each, and what holds them */
+    uint32_t count;
+};
+
 struct search {
     struct lw_texels *texels;
     struct lw_hidden_points_search points;
-    /* where objects that have become movers stood; of a first look none */
-    struct box *left;
-    uint32_t left_count;
+    /* Where objects stood that do so no longer, and where others stand now; of a first look none. Of those
+     * that stood, the ones that had done so from the first look: they may have hidden what is far away. */
+    struct boxes left, come, first;
 };
 
 static bool has_lost_places(const struct lw_mesh_texels *mesh, uint32_t i, uint8_t usable) {
-    return mesh->covered[i] && usable != lw_sample_points_all(&mesh->sample_points, i);
+    return usable != lw_sample_points_all(&mesh->sample_points, i);
 }
 
 static void unbury(const struct lw_mesh_texels *mesh, uint32_t i, uint8_t *covered, uint8_t *usable) {
@@ -47,19 +55,23 @@ static bool meets(const struct box *box, float margin, struct lw_vec3 p, struct 
     return enter <= leave;
 }
 
-/* Whether what is no longer there may have cut one of the object's charts. */
-static bool may_be_joined(const struct search *s, uint32_t object, float size_m) {
-    struct box own = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    const float margin = 2 * LW_HIDDEN_POINTS_CLEAR * size_m;
-    lw_pose_object_bounds(s->points.pose, s->texels->scene, object, &own.low, &own.high);
-    for (uint32_t k = 0; k < s->left_count; k++) {
-        const struct box *left = &s->left[k];
-        if (left->low.x - margin <= own.high.x && left->low.y - margin <= own.high.y &&
-            left->low.z - margin <= own.high.z && left->high.x + margin >= own.low.x &&
-            left->high.y + margin >= own.low.y && left->high.z + margin >= own.low.z)
-            return true;
-    }
+/* Whether two boxes are that close. */
+static bool touches(const struct box *a, const struct box *b, float margin) {
+    return a->low.x - margin <= b->high.x && a->low.y - margin <= b->high.y &&
+           a->low.z - margin <= b->high.z && a->high.x + margin >= b->low.x &&
+           a->high.y + margin >= b->low.y && a->high.z + margin >= b->low.z;
+}
+
+static bool is_near(const struct boxes *boxes, float margin, const struct box *what) {
+    if (!boxes->count || !touches(&boxes->all, what, margin)) return false;
+    for (uint32_t k = 0; k < boxes->count; k++)
+        if (touches(&boxes->box[k], what, margin)) return true;
     return false;
+}
+
+/* So near what comes or goes, points may be hidden by it, texels parted by it. */
+static float reach_of(float size_m) {
+    return 2 * LW_HIDDEN_POINTS_CLEAR * size_m + LW_HIDDEN_POINTS_RIM * size_m;
 }
 
 /* Whether what is no longer there may have been met from one of the texel's sample points: rays from
@@ -70,8 +82,8 @@ static bool may_be_freed(const struct search *s, uint32_t object, float size_m, 
     const struct lw_vec3 p = lw_affine_point(to_world, lw_texels_vector(mesh->position, i)),
                          n = lw_affine_normal(to_world, lw_texels_vector(mesh->geometric, i));
     const float margin = 2 * size_m;
-    for (uint32_t k = 0; k < s->left_count; k++) {
-        const struct box *box = &s->left[k];
+    for (uint32_t k = 0; k < s->first.count; k++) {
+        const struct box *box = &s->first.box[k];
         if (meets(box, margin + LW_HIDDEN_POINTS_RIM * size_m, p, lw_vec3(0, 0, 0)) ||
             meets(box, margin, p, lw_vec3_scale(n, -s->points.near_m)))
             return true;
@@ -119,25 +131,73 @@ static uint64_t find_in_part(const struct search *s, uint32_t object, uint32_t f
     return gone;
 }
 
-/* Tests those of an object's texels again that have lost a sample point; returns how many these are. */
-static uint64_t find_again(const struct search *s, uint32_t object) {
+/* What is asked again of an object: its texels of some blocks, and of these some from the beginning. */
+struct again {
+    bool *block;      /* per block of level 0, row by row */
+    uint8_t *texel;   /* per texel */
+    uint8_t *covered; /* per texel, before */
+    bool any;
+};
+
+static void again_finish(struct again *again) {
+    free(again->block);
+    free(again->texel);
+    free(again->covered);
+}
+
+static bool again_init(struct again *again, const struct lw_mesh_texels *mesh, const uint8_t *covered) {
+    *again = (struct again){
+        .block =
+            calloc((size_t)lw_texels_blocks_along(mesh->width) * lw_texels_blocks_along(mesh->height) + 1,
+                   sizeof *again->block),
+        .texel = calloc(mesh->texel_count + 1ul, 1),
+        .covered = malloc(mesh->texel_count + 1ul)};
+    if (again->covered) memcpy(again->covered, covered, mesh->texel_count);
+    if (again->block && again->texel && again->covered) return true;
+    again_finish(again);
+    return false;
+}
+
+/* Chooses the texels near what has come or gone, and those that it may have hidden. */
+static void choose_again(const struct search *s, uint32_t object, struct again *again) {
+    const struct lw_mesh_texels *mesh = &s->texels->mesh[s->texels->scene->object[object].mesh];
+    const uint8_t *usable = s->texels->usable + s->texels->first[object];
+    const struct lw_affine *to_world = &s->points.pose->object_to_world[object];
+    const float size_m = texel_size(s, object), reach = reach_of(size_m);
+    struct box own = nowhere;
+    lw_pose_object_bounds(s->points.pose, s->texels->scene, object, &own.low, &own.high);
+    const bool near = is_near(&s->left, reach, &own) || is_near(&s->come, reach, &own);
+    for (uint32_t y = 0; y < mesh->height; y++)
+        for (uint32_t x = 0; x < mesh->width; x++) {
+            const uint32_t i = lw_texels_index(mesh, x, y);
+            if (!mesh->covered[i]) continue;
+            const struct lw_vec3 p = lw_affine_point(to_world, lw_texels_vector(mesh->position, i));
+            const struct box point = {p, p};
+            const bool came = near && is_near(&s->come, reach, &point),
+                       left = near && is_near(&s->left, reach, &point),
+                       lost = has_lost_places(mesh, i, usable[i]);
+            again->texel[i] = came || (lost && (left || may_be_freed(s, object, size_m, i)));
+            if (!again->texel[i] && !left) continue;
+            again->block[y / LW_TILE_BLOCK * lw_texels_blocks_along(mesh->width) + x / LW_TILE_BLOCK] =
+                again->any = true;
+        }
+}
+
+/* Tests texels of an object from the beginning. which: those, or NULL: all. */
+static void find_again(const struct search *s, uint32_t object, const uint8_t *which) {
     const struct lw_mesh_texels *mesh = &s->texels->mesh[s->texels->scene->object[object].mesh];
     uint8_t *covered = s->texels->covered + s->texels->first[object],
             *usable = s->texels->usable + s->texels->first[object];
-    const float size_m = texel_size(s, object);
     uint32_t texel[LW_HIDDEN_POINTS_TEXELS], count = 0;
-    uint64_t all = 0;
     for (uint32_t i = 0; i < mesh->texel_count; i++) {
-        if (has_lost_places(mesh, i, usable[i]) && may_be_freed(s, object, size_m, i)) {
+        if (mesh->covered[i] && (!which || which[i])) {
             unbury(mesh, i, &covered[i], &usable[i]);
             texel[count++] = i;
-            all++;
         }
         if (count < LW_HIDDEN_POINTS_TEXELS && i + 1 < mesh->texel_count) continue;
         find_in(s, object, texel, count);
         count = 0;
     }
-    return all;
 }
 
 static struct search begin(struct lw_texels *texels, const struct lw_pose *pose,
@@ -162,7 +222,7 @@ static uint32_t list_parts(const struct search *s, struct part *out_part) {
     uint32_t count = 0;
     for (uint32_t o = 0; o < s->texels->scene->object_count; o++) {
         const uint32_t texels = s->texels->mesh[s->texels->scene->object[o].mesh].texel_count;
-        if (lw_pose_object_moves(s->points.pose, s->texels->scene, o)) continue;
+        if (!s->texels->stands[o]) continue;
         for (uint32_t first = 0; first < texels; first += PART, count++)
             if (out_part)
                 out_part[count] = (struct part){o, first, texels - first < PART ? texels : first + PART};
@@ -171,8 +231,10 @@ static uint32_t list_parts(const struct search *s, struct part *out_part) {
 }
 
 enum lw_status lw_invalid_texels_find(struct lw_texels *texels, const struct lw_pose *pose,
-                                      const struct lw_trace *trace, int threads, const _Atomic bool *cancel,
-                                      struct lw_waiting *waiting, uint64_t *out_count) {
+                                      const bool *stands, const struct lw_trace *trace, int threads,
+                                      const _Atomic bool *cancel, struct lw_waiting *waiting,
+                                      uint64_t *out_count) {
+    texels->stands = stands;
     const uint32_t objects = texels->scene->object_count;
     const struct search search = begin(texels, pose, trace);
     const uint32_t parts = list_parts(&search, NULL);
@@ -195,8 +257,7 @@ enum lw_status lw_invalid_texels_find(struct lw_texels *texels, const struct lw_
 #pragma omp for schedule(dynamic, 1)
         for (uint32_t o = 0; o < objects; o++) {
             if (cancel && *cancel) continue;
-            if (!lw_pose_object_moves(pose, texels->scene, o))
-                failures += lw_crossings_find(texels, pose, trace, o, &count) != LW_OK;
+            if (stands[o]) failures += lw_crossings_find(texels, pose, trace, o, NULL, &count) != LW_OK;
             lw_progress_step(&progress, 1);
         }
     }
@@ -218,34 +279,102 @@ static void unbury_all(struct lw_texels *texels, uint32_t object) {
         if (mesh->covered[i]) unbury(mesh, i, &texels->covered[first + i], &texels->usable[first + i]);
 }
 
+static void add_box(struct boxes *boxes, const struct lw_pose *pose, const struct lw_scene *scene,
+                    uint32_t object) {
+    struct box *box = &boxes->box[boxes->count++];
+    *box = nowhere;
+    lw_pose_object_bounds(pose, scene, object, &box->low, &box->high);
+    lw_pose_object_bounds(pose, scene, object, &boxes->all.low, &boxes->all.high);
+}
+
+static bool boxes_init(struct boxes *boxes, uint32_t count) {
+    *boxes = (struct boxes){.box = malloc((count + 1ul) * sizeof *boxes->box), .all = nowhere};
+    return boxes->box != NULL;
+}
+
+/* What an object has that has come to stand, or stands elsewhere. */
+static enum lw_status look_at_all(const struct search *s, uint32_t object) {
+    uint64_t yielding = 0;
+    find_again(s, object, NULL);
+    return lw_crossings_find(s->texels, s->points.pose, s->points.trace, object, NULL, &yielding);
+}
+
+static void free_all(struct lw_texels *texels, uint32_t object) {
+    unbury_all(texels, object);
+    lw_texels_forget_walls(texels, object);
+    lw_texels_link_object(texels, object);
+}
+
+/* Looks at what is near on an object that stood and stands where it did. */
+static enum lw_status look_nearby(const struct search *s, uint32_t object, bool *out_any, bool *out_others) {
+    const struct lw_mesh_texels *mesh = &s->texels->mesh[s->texels->scene->object[object].mesh];
+    const uint8_t *covered = s->texels->covered + s->texels->first[object];
+    struct again again;
+    uint64_t yielding = 0;
+    if (!again_init(&again, mesh, covered)) return LW_NO_MEMORY;
+    choose_again(s, object, &again);
+    enum lw_status status = LW_OK;
+    *out_any = again.any;
+    if (again.any) {
+        find_again(s, object, again.texel);
+        status =
+            lw_crossings_find(s->texels, s->points.pose, s->points.trace, object, again.block, &yielding);
+        *out_others = memcmp(again.covered, covered, mesh->texel_count) != 0;
+    }
+    again_finish(&again);
+    return status;
+}
+
+/* An object's part of a review. */
+static enum lw_status review(const struct search *s, const bool *stood, const struct lw_pose *before,
+                             uint32_t object, bool *out_others) {
+    const bool stands = s->texels->stands[object],
+               elsewhere = stands != stood[object] || lw_pose_object_differs(before, s->points.pose, object);
+    bool any = elsewhere && (stands || stood[object]);
+    enum lw_status status = LW_OK;
+    *out_others = any;
+    if (any && stands)
+        status = look_at_all(s, object);
+    else if (any)
+        free_all(s->texels, object);
+    else if (stands)
+        status = look_nearby(s, object, &any, out_others);
+    s->texels->changes[object] += any;
+    return status;
+}
+
 enum lw_status lw_invalid_texels_review(struct lw_texels *texels, const struct lw_pose *before,
-                                        const struct lw_pose *pose, const struct lw_trace *trace,
-                                        int threads) {
+                                        const bool *stood, const struct lw_pose *pose,
+                                        const struct lw_trace *trace, int threads, bool *out_others) {
     const struct lw_scene *scene = texels->scene;
     struct search search = begin(texels, pose, trace);
     /* what an object inside it may have inside by rays as long as then */
     const struct search then = begin(texels, before, trace);
     search.points.near_m = fmaxf(search.points.near_m, then.points.near_m);
     search.points.far_m = fmaxf(search.points.far_m, then.points.far_m);
-    search.left = malloc((scene->object_count + 1ul) * sizeof *search.left);
-    if (!search.left) return LW_NO_MEMORY;
-    for (uint32_t o = 0; o < scene->object_count; o++) {
-        if (!lw_pose_object_moves(pose, scene, o) || lw_pose_object_moves(before, scene, o)) continue;
-        struct box *box = &search.left[search.left_count++];
-        *box = (struct box){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-        lw_pose_object_bounds(before, scene, o, &box->low, &box->high);
-        unbury_all(texels, o);
-        lw_texels_forget_walls(texels, o);
-        lw_texels_link_object(texels, o);
+    int failures = !boxes_init(&search.left, scene->object_count);
+    failures += !boxes_init(&search.come, scene->object_count);
+    failures += !boxes_init(&search.first, scene->object_count);
+    for (uint32_t o = 0; o < scene->object_count && !failures; o++) {
+        const bool stands = texels->stands[o];
+        if (stands == stood[o] && !lw_pose_object_differs(before, pose, o)) continue;
+        if (stood[o]) add_box(&search.left, before, scene, o);
+        if (stood[o] && !lw_pose_object_moves(before, scene, o)) add_box(&search.first, before, scene, o);
+        if (stands) add_box(&search.come, pose, scene, o);
     }
-    int failures = 0;
-#pragma omp parallel for schedule(dynamic, 1) num_threads(threads) reduction(+ : failures)
-    for (uint32_t o = 0; o < scene->object_count; o++) {
-        if (!search.left_count || lw_pose_object_moves(pose, scene, o)) continue;
-        uint64_t yielding = 0;
-        if (!find_again(&search, o) && !may_be_joined(&search, o, texel_size(&search, o))) continue;
-        failures += lw_crossings_find(texels, pose, trace, o, &yielding) != LW_OK;
+    bool others = false;
+    if (!failures && search.left.count + search.come.count) {
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads) reduction(+ : failures) \
+    reduction(|| : others)
+        for (uint32_t o = 0; o < scene->object_count; o++) {
+            bool of_object = false;
+            failures += review(&search, stood, before, o, &of_object) != LW_OK;
+            others |= of_object;
+        }
     }
-    free(search.left);
+    free(search.left.box);
+    free(search.come.box);
+    free(search.first.box);
+    *out_others = others;
     return failures ? LW_NO_MEMORY : LW_OK;
 }

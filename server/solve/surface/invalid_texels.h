@@ -9,7 +9,7 @@
  * surfaces, and those on one side of a surface that cuts the texel: the far side from its own position,
  * unless a single-sided face shows this one its back. A texel without a
  * sample point is invalid: it counts as uncovered, and is filled from its neighbours like a gutter.
- * Only objects that never move hide points, or lose some. */
+ * Only objects that stand (standing.h) hide points, or lose some. */
 #ifndef LW_SURFACE_INVALID_TEXELS_H
 #define LW_SURFACE_INVALID_TEXELS_H
 
@@ -19,22 +19,26 @@
 
 /** Takes invalid points out of usable, invalid texels and those that yield (crossings.h) out of covered, and
  * links the sources.
+ * stands     per object (standing.h); outlives the texels
  * cancel     may be NULL; once true, it ends within a part of an object
  * waiting    may be NULL; hears how far it is
  * out_count  how many texels are gone
  * Errors     LW_NO_MEMORY; LW_CLOSED: cancelled */
 LW_MUST_CHECK enum lw_status lw_invalid_texels_find(struct lw_texels *texels, const struct lw_pose *pose,
-                                                    const struct lw_trace *trace, int threads,
-                                                    const _Atomic bool *cancel, struct lw_waiting *waiting,
-                                                    uint64_t *out_count);
+                                                    const bool *stands, const struct lw_trace *trace,
+                                                    int threads, const _Atomic bool *cancel,
+                                                    struct lw_waiting *waiting, uint64_t *out_count);
 
-/** After objects have become movers: texels near where these stood that have lost points are tested again, as
- * a whole, and have the points that are valid now: most get some back, a few lose others, or yield in
- * place of those beside them. Texels that have lost none are not tested: fewer objects hide fewer points.
- * Movers have all of their texels.
- * before: the pose of the last test. Errors: LW_NO_MEMORY. */
+/** After other objects have come to stand, or stand elsewhere: texels are tested again near where these stood
+ * and where they stand, and wherever what is gone may have hidden points. An object that stands no longer has
+ * all of its texels. texels->changes tells which objects have others.
+ * before, stood  the pose of the last test, and what stood then
+ * out_others     whether any object covers other texels, or stands elsewhere
+ * Errors         LW_NO_MEMORY
+ * Cost           a few rays a texel of the tiles near that; elsewhere a comparison a texel of what stands */
 LW_MUST_CHECK enum lw_status lw_invalid_texels_review(struct lw_texels *texels, const struct lw_pose *before,
-                                                      const struct lw_pose *pose,
-                                                      const struct lw_trace *trace, int threads);
+                                                      const bool *stood, const struct lw_pose *pose,
+                                                      const struct lw_trace *trace, int threads,
+                                                      bool *out_others);
 
 #endif

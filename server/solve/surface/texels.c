@@ -546,8 +546,9 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
     texels->source = malloc((count + 1) * sizeof *texels->source);
     texels->side = malloc((count + 1) * sizeof *texels->side);
     texels->walls = malloc(count + 1);
+    texels->changes = calloc(scene->object_count + 1ul, sizeof *texels->changes);
     if (failures || !texels->covered || !texels->usable || !texels->filled || !texels->source ||
-        !texels->side || !texels->walls) {
+        !texels->side || !texels->walls || !texels->changes) {
         lw_texels_finish(texels);
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", (unsigned)count);
     }
@@ -578,7 +579,8 @@ size_t lw_texels_memory_bytes(const struct lw_texels *texels) {
     size_t bytes =
         texels->count * (sizeof *texels->covered + sizeof *texels->usable + sizeof *texels->filled +
                          sizeof *texels->source + sizeof *texels->side + sizeof *texels->walls) +
-        scene->mesh_count * sizeof *texels->mesh + scene->object_count * sizeof *texels->first +
+        scene->mesh_count * sizeof *texels->mesh +
+        scene->object_count * (sizeof *texels->first + sizeof *texels->changes) +
         scene->material_count * sizeof *texels->base_colour;
     for (uint32_t m = 0; m < scene->mesh_count; m++)
         if (texels->mesh[m].texel_count) bytes += mesh_bytes(&texels->mesh[m], &scene->mesh[m]);
@@ -649,17 +651,26 @@ struct lw_vec3 lw_texels_place(const struct lw_texels *texels, uint32_t object, 
     return lw_vec3_scale(sum, 1 / (float)__builtin_popcount(usable));
 }
 
-void lw_texels_link_object(struct lw_texels *texels, uint32_t object) {
+static uint32_t smaller(uint32_t a, uint32_t b) { return a < b ? a : b; }
+
+void lw_texels_link_block(struct lw_texels *texels, uint32_t object, uint32_t left, uint32_t top) {
     const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
-    const uint32_t first = texels->first[object];
+    const uint32_t first = texels->first[object], right = smaller(left + LW_TILE_BLOCK, mesh->width),
+                   bottom = smaller(top + LW_TILE_BLOCK, mesh->height);
     const uint8_t *covered = texels->covered + first;
-    for (uint32_t y = 0; y < mesh->height; y++)
-        for (uint32_t x = 0; x < mesh->width; x++) {
+    for (uint32_t y = top; y < bottom; y++)
+        for (uint32_t x = left; x < right; x++) {
             uint32_t i = lw_texels_index(mesh, x, y),
                      source = covered[i] ? i : source_of(mesh, covered, x, y);
             texels->source[first + i] = source == LW_TEXEL_NONE ? LW_TEXEL_NONE : first + source;
             texels->filled[first + i] = !covered[i] && source != LW_TEXEL_NONE;
         }
+}
+
+void lw_texels_link_object(struct lw_texels *texels, uint32_t object) {
+    const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
+    for (uint32_t y = 0; y < mesh->height; y += LW_TILE_BLOCK)
+        for (uint32_t x = 0; x < mesh->width; x += LW_TILE_BLOCK) lw_texels_link_block(texels, object, x, y);
 }
 
 void lw_texels_link(struct lw_texels *texels, int threads) {
@@ -672,6 +683,7 @@ void lw_texels_finish(struct lw_texels *texels) {
     free(texels->source);
     free(texels->side);
     free(texels->walls);
+    free(texels->changes);
     free(texels->covered);
     free(texels->usable);
     free(texels->filled);

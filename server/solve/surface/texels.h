@@ -64,6 +64,10 @@ struct lw_texels {
     /* Per texel: the covered one that stands for it: itself, the nearest within 2 texels,
      * first of its chart, or NONE. */
     uint32_t *source;
+    /* Per object: it hides points and parts texels (standing.h). Not the texels' own; NULL until they are
+     * asked about (invalid_texels.h). */
+    const bool *stands;
+    uint32_t *changes; /* per object: how often its covered texels or their sides have changed */
 };
 
 /** Rasterises every mesh that an object uses.
@@ -95,6 +99,16 @@ struct lw_vec3 lw_texels_place(const struct lw_texels *texels, uint32_t object, 
 void lw_texels_link(struct lw_texels *texels, int threads);
 /** Likewise, for one object. */
 void lw_texels_link_object(struct lw_texels *texels, uint32_t object);
+/** Likewise, for one of its blocks of level 0. x, y: its first texel */
+void lw_texels_link_block(struct lw_texels *texels, uint32_t object, uint32_t x, uint32_t y);
+
+/** How many tiles, and blocks, that many texels of a row are. */
+static inline uint32_t lw_texels_tiles_along(uint32_t texels) {
+    return (texels + LW_TILE_SIDE - 1) / LW_TILE_SIDE;
+}
+static inline uint32_t lw_texels_blocks_along(uint32_t texels) {
+    return (texels + LW_TILE_BLOCK - 1) / LW_TILE_BLOCK;
+}
 
 /** A covered texel near a gutter. */
 struct lw_texels_neighbour {
