@@ -137,6 +137,23 @@ static void test_more_than_are_listed(void **state) {
     expect_near(got, want, 0.03);
 }
 
+/* A dish that goes through a wall, with its lamp on one side: its other half is dark, and lights nothing. */
+static void test_a_dish_through_a_wall(void **state) {
+    (void)state;
+    struct room room = black_room();
+    room_quad(&room, lw_vec3(1, 0, 0), lw_vec3(0, 2, 0), lw_vec3(0, 0, 2), 0, 0);
+    room.quad[6].double_sided = true;
+    add_dish(&room, lw_vec3(1.01f, 1, 1), HIGH_M);
+    room.light_position[0].x = 1.05f;
+    struct room_solution solution;
+    room_solve(&solution, &room, (struct lw_solver_desc){.bounces = 1}, 64);
+    const double dark = room_object_mean(&solution, 4).indirect,
+                 lit = room_object_mean(&solution, 5).indirect;
+    room_finish(&solution);
+    if (!(lit > 1e-4 && dark < 0.01 * lit))
+        fail_msg("the wall behind has %g W/m^2, the one before it %g", dark, lit);
+}
+
 static void test_same_bytes_at_any_thread_count(void **state) {
     (void)state;
     struct room room = black_room();
@@ -159,6 +176,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test(test_its_light_arrives_once),
         cmocka_unit_test(test_probes_have_what_is_beyond_the_range),
         cmocka_unit_test(test_more_than_are_listed),
+        cmocka_unit_test(test_a_dish_through_a_wall),
         cmocka_unit_test(test_same_bytes_at_any_thread_count),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -193,10 +193,32 @@ static bool aim_at(const struct lw_transport *t, const struct lw_reflector *refl
     if (!(here > 0) || !(square > 0) || sqrtf(square) > t->tracing_range_m ||
         !lw_reflectors_have(t->reflectors, from, reflector->object, point->triangle))
         return false;
-    out->texel = lw_texels_at(t->texels, reflector->object, point->triangle, point->u, point->v, there > 0);
+    out->texel =
+        lw_texels_under(t->texels, reflector->object, point->triangle, point->u, point->v, there > 0);
     out->weight = here * fabsf(there) / (square * square) * point->area_m2;
     lw_trace_set_ray(rays, lane, from, way, LW_TRACE_SHORT);
-    return out->texel != LW_TEXEL_NONE;
+    return out->texel != LW_TEXEL_NONE && t->texels->source[out->texel] != LW_TEXEL_NONE;
+}
+
+/* Puts the texels that are read in the place of those in which rays to a reflector end; lanes that read none
+ * are left out. A housing may go through a wall, as a recessed lamp does. */
+static uint16_t read_reflector(const struct lw_transport *t, uint32_t object, uint16_t seen,
+                               const struct lw_ray16 *rays, struct lw_reflected found[LANES]) {
+    const struct lw_wall_sides sides = {.texels = t->texels, .pose = t->pose, .trace = t->trace};
+    struct lw_hit16 ends;
+    uint32_t texel[LANES];
+    uint16_t reads = 0;
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        ends.object[lane] = object;
+        ends.t[lane] = 1; /* of the way there */
+        texel[lane] = found[lane].texel;
+    }
+    lw_wall_sides_read16(&sides, seen, rays, &ends, texel);
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        found[lane].texel = texel[lane];
+        if (seen >> lane & 1 && texel[lane] != LW_TEXEL_NONE) reads |= (uint16_t)(1u << lane);
+    }
+    return reads;
 }
 
 /* Looks for a reflector's light from a packet's sample points: once a frame. */
@@ -215,7 +237,7 @@ static void reach(const struct lw_transport *t, const struct lw_solve_tile *tile
         lw_reflectors_pick(t->reflectors, place, pick[0] / share, &probability);
     if (t->pose->object_hidden[reflector->object]) return;
     struct lw_ray16 rays = {.salt = launch->frames ^ REFLECTOR_SALT};
-    struct lw_reflected found[LANES];
+    struct lw_reflected found[LANES] = {0};
     uint16_t active = 0;
     for (uint32_t lane = 0; lane < LANES; lane++) {
         struct lw_reflector_point end;
@@ -227,8 +249,9 @@ static void reach(const struct lw_transport *t, const struct lw_solve_tile *tile
         if (aim_at(t, reflector, &end, site, lane, &rays, &found[lane])) active |= (uint16_t)(1u << lane);
     }
     if (!active) return;
-    const uint16_t seen = active & (uint16_t)~lw_trace_occluded16(t->trace, LW_TRACE_LIGHT, active, &rays);
+    uint16_t seen = active & (uint16_t)~lw_trace_occluded16(t->trace, LW_TRACE_LIGHT, active, &rays);
     count->bounce += (uint64_t)__builtin_popcount(active);
+    seen = read_reflector(t, reflector->object, seen, &rays, found);
     for (uint32_t lane = 0; lane < LANES; lane++) {
         if (!(seen >> lane & 1)) continue;
         found[lane].weight /= probability * share;
