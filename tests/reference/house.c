@@ -162,3 +162,8 @@ double house_lamp_on_floor(const struct room_solution *s, const struct house *h)
 double house_sun_on_floor(const struct room_solution *s, const struct house *h) {
     return mean_of_ground(s, h, 0, HOUSE_HALF - 0.005f).blue;
 }
+
+double house_lamp_at_foot(const struct room_solution *s, const struct house *h, float from, float to) {
+    const float outer = HOUSE_HALF + h->thick;
+    return mean_of_ground(s, h, outer + from / h->density, outer + to / h->density).red;
+}

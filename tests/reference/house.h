@@ -49,5 +49,8 @@ uint32_t house_inner_face(const struct house *h);
 /** The lamp's and the sun's light on the floor, W/m^2. */
 double house_lamp_on_floor(const struct room_solution *s, const struct house *h);
 double house_sun_on_floor(const struct room_solution *s, const struct house *h);
+/** The lamp's light on the ground right outside, W/m^2: from one to another distance from the walls, in
+ * texels. */
+double house_lamp_at_foot(const struct room_solution *s, const struct house *h, float from, float to);
 
 #endif

@@ -1,7 +1,7 @@
 /* Closed rooms on a ground that runs through, a lamp inside and the sun outside: neither's light passes a
  * wall. The lamp is red and the sun blue, so that one solve tells them apart. What is read is what an engine
  * reads: bilinear. The sun changes nothing inside by more than 1 %; a lamp lights nothing outside but for
- * the texel at a wall's foot, which the ground's two sides share. "long" asks the whole family. */
+ * the foot of a thin wall, whose texels the ground's two sides share. "long" asks the whole family. */
 #include "tests/reference/house.h"
 
 #include <math.h>
@@ -42,6 +42,27 @@ static void test_bare(void **state) {
 static void test_filtered(void **state) {
     (void)state;
     each_kind(true, 3, 4);
+}
+
+/* Look-ups at the foot of a wall thinner than three texels read what those inside read, too; a thicker one
+ * has texels of its own for each side. */
+static void test_the_foot_of_a_wall(void **state) {
+    (void)state;
+    const float texels[] = {0.5f, 1.5f, 3};
+    for (unsigned k = 0; k < 3; k++) {
+        const struct house h = {
+            .kind = HOUSE_BOXES, .thick = texels[k] / 5, .angle = 0.3f, .shift_x = 0.13f, .density = 5};
+        const struct room room = house_build(&h);
+        struct room_solution s;
+        room_solve(&s, &room, (struct lw_solver_desc){.bounces = 1, .tracing_range_m = INFINITY}, 2);
+        const double near = house_lamp_at_foot(&s, &h, 0, 0.25f), far = house_lamp_at_foot(&s, &h, 2, 2.5f);
+        room_finish(&s);
+        print_message("a wall of %g texels: %.2g W/m^2 of the lamp at its foot, %.2g two texels away\n",
+                      (double)texels[k], near, far);
+        if (!(far <= 0.01 && (near <= 0.01 || texels[k] < 3)))
+            fail_msg("a wall of %g texels: %g W/m^2 of the lamp at its foot, %g two texels away",
+                     (double)texels[k], near, far);
+    }
 }
 
 static void test_all(void **state) {
@@ -109,6 +130,7 @@ int main(int argc, char **argv) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_bare),
         cmocka_unit_test(test_filtered),
+        cmocka_unit_test(test_the_foot_of_a_wall),
         cmocka_unit_test(test_the_sun_is_switched),
         cmocka_unit_test(test_the_lamp_is_dimmed),
     };
