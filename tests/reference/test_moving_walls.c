@@ -12,6 +12,8 @@ static const struct house boxes = {
     .kind = HOUSE_BOXES, .thick = 0.1f, .angle = 0.3f, .shift_x = 0.13f, .density = 3, .filtered = true};
 static const struct house sheets = {.kind = HOUSE_SHEETS, .angle = 0.3f, .shift_z = 0.07f, .density = 3};
 static const struct house doubled = {.kind = HOUSE_DOUBLED, .density = 3};
+/* Its ground has four tiles, and the room parts of all. */
+static const struct house wide = {.kind = HOUSE_SHEETS, .angle = 0.3f, .density = 10};
 static const struct house coarse = {.kind = HOUSE_SHEETS, .angle = 0.3f, .density = 1.5f};
 static const struct lw_solver_desc terms = {.bounces = 2, .tracing_range_m = INFINITY, .target_error = 0.02f};
 
@@ -110,6 +112,19 @@ static void test_layers(void **state) {
     walk_about(&boxes, "lamp;sun");
 }
 
+/* While it is away the room and what lies out of doors are one side, in tiles far from it, too. */
+static void test_far_from_the_wall(void **state) {
+    (void)state;
+    struct moving m;
+    begin(&m, &wide, NULL);
+    hide(&m, HOUSE_FRONT_X, true);
+    solve(&m, 4);
+    hide(&m, HOUSE_FRONT_X, false);
+    solve(&m, SETTLED);
+    expect_closed(&m, HOUSE_FRONT_X);
+    room_finish(&m.solution);
+}
+
 /* It slides away and back, a bit in every frame: it parts light again some frames after it has come to
  * rest. */
 static void test_sliding(void **state) {
@@ -145,8 +160,13 @@ static void test_other_solvers(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_boxes),  cmocka_unit_test(test_sheets),  cmocka_unit_test(test_doubled_sheets),
-        cmocka_unit_test(test_layers), cmocka_unit_test(test_sliding), cmocka_unit_test(test_other_solvers),
+        cmocka_unit_test(test_boxes),
+        cmocka_unit_test(test_sheets),
+        cmocka_unit_test(test_doubled_sheets),
+        cmocka_unit_test(test_layers),
+        cmocka_unit_test(test_far_from_the_wall),
+        cmocka_unit_test(test_sliding),
+        cmocka_unit_test(test_other_solvers),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -34,6 +34,7 @@ static void expect_fresh(const struct lw_texels *texels, const struct lw_pose *p
     assert_memory_equal(texels->covered, fresh.covered, texels->count);
     assert_memory_equal(texels->usable, fresh.usable, texels->count);
     assert_memory_equal(texels->walls, fresh.walls, texels->count);
+    assert_memory_equal(texels->side, fresh.side, texels->count * sizeof *fresh.side);
     assert_memory_equal(texels->source, fresh.source, texels->count * sizeof *fresh.source);
     lw_texels_finish(&fresh);
 }

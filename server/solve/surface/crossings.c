@@ -159,9 +159,9 @@ static uint32_t next_to(const struct part *p, uint32_t x, uint32_t y, uint8_t si
     const struct lw_mesh_texels *mesh = p->mesh;
     const uint32_t nx = x + (side == CUT_RIGHT), ny = y + (side == CUT_BELOW),
                    i = lw_texels_index(mesh, x, y);
-    if (nx >= mesh->width || ny >= p->end_row || !p->covered[i]) return LW_TEXEL_NONE;
+    if (nx >= mesh->width || ny >= mesh->height || !p->usable[i]) return LW_TEXEL_NONE;
     const uint32_t j = lw_texels_index(mesh, nx, ny);
-    if (!p->covered[j] || mesh->chart[i] != mesh->chart[j]) return LW_TEXEL_NONE;
+    if (!p->usable[j] || mesh->chart[i] != mesh->chart[j]) return LW_TEXEL_NONE;
     const struct lw_vec3 n = lw_texels_vector(mesh->geometric, i), m = lw_texels_vector(mesh->geometric, j);
     return lw_vec3_dot(n, m) < NORMALS_COSINE || distance(p, i, j) > APART * mesh->texel_m ? LW_TEXEL_NONE
                                                                                            : j;
@@ -198,7 +198,9 @@ static void walk(struct part *p, each_pair *each) {
     for (uint32_t y = p->row; y < p->end_row; y++)
         for (uint32_t x = 0; x < p->mesh->width; x++)
             for (uint8_t side = CUT_RIGHT; side <= CUT_BELOW; side++) {
-                const uint32_t i = lw_texels_index(p->mesh, x, y), j = next_to(p, x, y, side);
+                const uint32_t i = lw_texels_index(p->mesh, x, y), j = y + (side == CUT_BELOW) < p->end_row
+                                                                           ? next_to(p, x, y, side)
+                                                                           : LW_TEXEL_NONE;
                 if (j != LW_TEXEL_NONE) each(p, i, j, (p->flags[i] & side) != 0);
             }
 }
@@ -455,27 +457,28 @@ static bool has_cut_near(const struct part *p, uint32_t x, uint32_t y) {
     return false;
 }
 
-/* Whether any block of a texel's tile is sought. */
-static bool has_sought(const struct part *p, uint32_t x, uint32_t y) {
-    const uint32_t left = x / LW_TILE_SIDE * LW_TILE_SIDE, top = y / LW_TILE_SIDE * LW_TILE_SIDE;
-    for (uint32_t v = top; v < top + LW_TILE_SIDE && v < p->mesh->height; v += LW_TILE_BLOCK)
-        for (uint32_t u = left; u < left + LW_TILE_SIDE && u < p->mesh->width; u += LW_TILE_BLOCK)
-            if (is_sought(p, u, v)) return true;
-    return false;
-}
-
-/* Tells the sides and the walls between them to all that share light between texels. Sides are numbers that
- * mean something within a tile, and walls end with what is sought. */
-static void note_walls(struct part *p, uint32_t *side, uint8_t *walls) {
+/* Tells the walls to all that share light between texels. */
+static void note_walls(struct part *p, uint8_t *walls) {
     for (uint32_t y = p->row; y < p->end_row; y++)
         for (uint32_t x = 0; x < p->mesh->width; x++) {
             const uint32_t i = lw_texels_index(p->mesh, x, y);
-            if (is_sought(p, x, y) || has_sought(p, x, y)) side[i] = lw_union_find_root(p->parent, i);
             if (!is_sought(p, x, y)) continue;
             walls[i] = (uint8_t)((p->flags[i] & (CUT_RIGHT | CUT_BELOW)) |
                                  (p->mesh->covered[i] && !p->usable[i] ? LW_TEXELS_WALL_ON : 0));
             if (walls[i] & LW_TEXELS_WALL_ON || has_cut_near(p, x, y)) walls[i] |= LW_TEXELS_WALL_NEAR;
         }
+}
+
+/* Tells the sides: wherever a wall comes or goes, what is far from it may be joined or parted. */
+static void note_sides(struct part *p, const uint8_t *walls, uint32_t *side) {
+    for (uint32_t i = 0; i < p->mesh->texel_count; i++) p->parent[i] = i;
+    for (uint32_t y = 0; y < p->mesh->height; y++)
+        for (uint32_t x = 0; x < p->mesh->width; x++)
+            for (uint8_t way = CUT_RIGHT; way <= CUT_BELOW; way++) {
+                const uint32_t i = lw_texels_index(p->mesh, x, y), j = next_to(p, x, y, way);
+                if (j != LW_TEXEL_NONE && !(walls[i] & way)) lw_union_find_join(p->parent, i, j);
+            }
+    for (uint32_t i = 0; i < p->mesh->texel_count; i++) side[i] = lw_union_find_root(p->parent, i);
 }
 
 static enum lw_status allocate(struct part *p) {
@@ -586,7 +589,8 @@ enum lw_status lw_crossings_find(struct lw_texels *texels, const struct lw_pose 
         walk(&p, find_deep);
         walk(&p, meet);
         *out_count += choose(&p, before);
-        note_walls(&p, texels->side + texels->first[object], texels->walls + texels->first[object]);
+        note_walls(&p, texels->walls + texels->first[object]);
+        note_sides(&p, texels->walls + texels->first[object], texels->side + texels->first[object]);
         link_blocks(&p, texels, object);
         choose_sources(&p, texels->first[object], texels->source + texels->first[object]);
     }

@@ -39,7 +39,7 @@
 /** Takes the texels of an object that yield out of covered; their usable points stay in the mask. Those that
  * yielded before are decided again. Sets the sides and walls, and links the sources. The object stands.
  * blocks     per block of its level 0, row by row: whether its texels are asked about. Those of other blocks
- *            stay as they are, and sides go no farther than a row of tiles beyond. NULL: all
+ *            stay as they are, but for their sides. NULL: all
  * out_count  grows by how many yield
  * Errors     LW_NO_MEMORY */
 LW_MUST_CHECK enum lw_status lw_crossings_find(struct lw_texels *texels, const struct lw_pose *pose,
