@@ -3,8 +3,8 @@
 # floor goes on out of doors under a sun of 5 kW/m^2. Prints one table in Markdown.
 # E inside, W/m^2 (pi x radiance over 0.7 of albedo), mean over a picture from above, which sees the floor and
 # all walls: by paths; live, S seconds (10) after a client has joined, without the sun and with it; 3 s after
-# the sun was switched off and on; 3 s after the lamp was then dimmed to a quarter, times four. THICK: walls, m
-# (0.02 0.1 0.3 1).
+# the sun was switched off and on; 3 s after a wall that was taken away has been put back; 3 s after the lamp was
+# then dimmed to a quarter, times four. THICK: walls, m (0.02 0.1 0.3 1).
 set -euo pipefail
 . "$(dirname "$0")/served.bash"
 seconds=10
@@ -22,8 +22,8 @@ mean_inside() {
 live() { mean_inside --headless "$address" --wait "seconds:$1"; }
 change() { run "$work/log" "$bin/lightwellctl" "unix:$work/control.sock" "$@"; }
 
-echo "| walls, m | paths | no sun | sun | it came 3 s ago | lamp dimmed 3 s ago, x 4 |"
-echo "|---|---|---|---|---|---|"
+echo "| walls, m | paths | no sun | sun | it came 3 s ago | a wall came 3 s ago | lamp dimmed 3 s ago, x 4 |"
+echo "|---|---|---|---|---|---|---|"
 for thick in "$@"; do
     for sun in 0 5000; do
         python3 "$(dirname "$0")/closed_house.py" "$thick" 0.3 "$sun" >"$work/$sun.gltf"
@@ -38,9 +38,14 @@ for thick in "$@"; do
     live 3 >/dev/null
     change light sun on
     came=$(live 3)
+    change hide west
+    live 3 >/dev/null
+    change show west
+    wall=$(live 3)
     change light lamp intensity 10 10 10
     dimmed=$(live 3)
     stop_serving
-    echo "$thick $paths $without $with $came $dimmed" | awk '{ e = atan2(0, -1) / 0.7
-        printf "| %s | %.2f | %.2f | %.2f | %.2f | %.2f |\n", $1, e * $2, e * $3, e * $4, e * $5, 4 * e * $6 }'
+    echo "$thick $paths $without $with $came $wall $dimmed" | awk '{ e = atan2(0, -1) / 0.7
+        printf "| %s | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f |\n", $1, e * $2, e * $3, e * $4, e * $5, e * $6,
+            4 * e * $7 }'
 done
