@@ -121,7 +121,8 @@ static void skip_without_gl(void) {
     if (offscreen == NULL) skip();
 }
 
-/* Wherever it is looked for, an error ends in one line; which says what a user can do. */
+/* Wherever it is looked for, an error ends in one line, which says what a user can do. Each place finds one
+ * of the three errors: what an error means does not depend on the place. */
 static void test_errors(void **state) {
     (void)state;
     static const struct {
@@ -131,22 +132,20 @@ static void test_errors(void **state) {
         {GL_OUT_OF_MEMORY, LW_NO_MEMORY}, {GL_INVALID_OPERATION, LW_UNAVAILABLE}, {0x0507, LW_UNAVAILABLE}};
     skip_without_gl();
     int places = 0;
-    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-        the_error = cases[i].error; /* 0x0507: the context is lost, and says so for ever */
-        for (int calls = 0;; calls++) {
-            struct lw_error err = {0};
-            calls_left = calls;
-            epoxy_glGetError = fail_late;
-            const enum lw_status status = use(&err);
-            epoxy_glGetError = real_get_error;
-            if (status == LW_OK) break;
-            lw_support_fails(status, cases[i].status, &err, "--renderer cpu");
-            assert_null(strchr(err.text, '\n'));
-            assert_true(++places < 1000);
-        }
+    for (;; places++) {
+        struct lw_error err = {0};
+        the_error = cases[places % 3].error; /* 0x0507: the context is lost, and says so for ever */
+        calls_left = places;
+        epoxy_glGetError = fail_late;
+        const enum lw_status status = use(&err);
+        epoxy_glGetError = real_get_error;
+        if (status == LW_OK) break;
+        lw_support_fails(status, cases[places % 3].status, &err, "--renderer cpu");
+        assert_null(strchr(err.text, '\n'));
+        assert_true(places < 1000);
     }
     print_message("%d places\n", places);
-    assert_true(places >= 3 * 6);
+    assert_true(places >= 6);
     struct lw_error err = {0};
     lw_support_ok(use(&err), &err);
 }
