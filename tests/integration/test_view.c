@@ -168,8 +168,8 @@ static void test_late(void **state) {
     uint8_t *png = lw_support_read_file(path, &size);
     assert_memory_equal(png, "\x89PNG\r\n\x1a\n", 8);
     free(png);
-    snprintf(arguments, sizeof arguments, "127.0.0.1:%u --headless --wait good --timeout 0.2 --json",
-             slow.port);
+    snprintf(arguments, sizeof arguments,
+             "127.0.0.1:%u --headless --wait good --timeout 0.2 --size 64x36 --json", slow.port);
     const int good = run_view(arguments);
     err = lw_process_err(&view);
     if (good != 0 && (good != 75 || !strstr(err, "(--timeout)"))) fail_msg("%d: %s", good, err);
@@ -184,11 +184,12 @@ static void test_before_the_first_light(void **state) {
     struct lw_process held, waiting;
     lw_process_serve_by_hand(&held, "builtin:cornell --texels-per-metre 8 --light whole");
     snprintf(png, sizeof png, "%s", lw_support_temporary("first.png"));
-    snprintf(arguments, sizeof arguments, "127.0.0.1:%u --headless --wait first --out %s", held.port, png);
+    snprintf(arguments, sizeof arguments, "127.0.0.1:%u --headless --wait first --size 64x36 --out %s",
+             held.port, png);
     lw_process_start(&waiting, "lightwell-view", arguments);
     lw_process_await_text(&waiting, "lightwell-view: looking inside objects: 100 %");
-    snprintf(arguments, sizeof arguments, "127.0.0.1:%u --headless --wait first --timeout 3 --out %s",
-             held.port, png);
+    snprintf(arguments, sizeof arguments,
+             "127.0.0.1:%u --headless --wait first --size 64x36 --timeout 3 --out %s", held.port, png);
     assert_int_equal(run_view(arguments), 75);
     char *err = lw_process_err(&view);
     if (!strstr(err, "the scene has not arrived") && /* on a busy machine */
