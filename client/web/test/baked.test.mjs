@@ -12,8 +12,8 @@ import { compare, hasBrowser, pixelsOf, until } from './page.mjs';
 import { room } from './room.mjs';
 import { withPage } from './shared.mjs';
 
-const WIDTH = 240;
-const HEIGHT = 135;
+const WIDTH = 160;
+const HEIGHT = 90;
 const BOUNCES = '4';
 const MEAN_MAX = 0.03; // of the picture's mean, each channel
 const FLIP_MAX = 0.15; // 0.11 measured: the noise of ours is most of it
@@ -108,7 +108,7 @@ function pathTraced() {
 
 async function show(...options) {
   const ours = pathTraced();
-  const density = ['--texels-per-metre', '16', '--samples', '64', '--bounces', BOUNCES, '--denoise'];
+  const density = ['--texels-per-metre', '12', '--samples', '32', '--bounces', BOUNCES, '--denoise'];
   const file = ['--convention', 'three', '--restart', '--gltf-out', at('lit.glb')];
   run('lightwell-bake', at('scene.gltf'), '-o', folder, ...density, ...file, ...options);
   const server = await serve(folder);
