@@ -39,9 +39,11 @@ before(async () => {
     '--client-lights',
     'lamps',
     '--texels-per-metre',
-    '16',
-    '--bounces',
     '8',
+    '--bounces',
+    '4',
+    '--error',
+    '0.1',
   ];
   daemon = await startDaemon(scene, ...light, '--http-origin', site.origin);
   address = `ws://${new URL(daemon.url).host}/ws`;
