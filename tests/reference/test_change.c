@@ -341,6 +341,7 @@ static void test_a_lamp_goes_out(void **state) {
 /* The room's lamp, which may be off, and one at the far end, a quarter as strong. */
 static struct room room_of_two_lamps(void) {
     struct room room = make_room(8, 1.4f);
+    room.texels_per_metre = 8;
     for (int c = 0; c < 3; c++) room.light[0].intensity[c] = 20;
     room.light[1] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {5, 5, 5}};
     room.light_position[1] = lw_vec3(6, 1.2f, 0.8f);
