@@ -80,7 +80,7 @@ static struct lw_scene *open_scene(const char *name) {
     if (o->scene) return o->scene;
     snprintf(o->name, sizeof o->name, "%s", name);
     lw_support_ok(lw_scene_open(&(struct lw_scene_open){.path = name,
-                                                        .texels_per_metre = 4,
+                                                        .texels_per_metre = 2,
                                                         .sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG},
                                 &o->scene, &err),
                   &err);
