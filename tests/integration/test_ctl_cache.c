@@ -13,8 +13,10 @@ static struct lw_process server;
 
 static int start(void **state) {
     (void)state;
-    lw_process_serve(&server, "builtin:atrium-matt --texels-per-metre 0.5 --freeze 0 --json "
-                              "--frame-rate 100 --threads 1");
+    char arguments[600];
+    snprintf(arguments, sizeof arguments, "%s --freeze 0 --json --frame-rate 100 --threads 1",
+             lw_process_atrium());
+    lw_process_serve(&server, arguments);
     return 0;
 }
 

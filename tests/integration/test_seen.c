@@ -21,8 +21,6 @@
 #define CLIENTS_MAX 3
 static struct lw_client *client[CLIENTS_MAX];
 
-/* Objects that hide one another and move. To build it takes longer than to light it. */
-#define ATRIUM "builtin:atrium-matt --texels-per-metre 0.5 "
 /* Two rooms: what hangs in one is hardly seen from the other. */
 #define ROOMS "builtin:ajar --texels-per-metre 20 "
 
@@ -139,7 +137,10 @@ static void find_objects(const struct lw_atlas_map *map, uint32_t out[2]) {
 static void clients_come_and_go(void **state) {
     (void)state;
     struct lw_process daemon;
-    serve_by_hand(&daemon, ATRIUM SEEN "--animate");
+    char arguments[600];
+    /* objects that hide one another and move */
+    snprintf(arguments, sizeof arguments, "%s " SEEN "--animate", lw_process_atrium());
+    serve_by_hand(&daemon, arguments);
     /* nobody looks: everything has been lit once, then nothing is */
     wait_for(&daemon, "tiles_solved", 0, 0);
     const double rays = lw_process_newest(&daemon, "rays_total");

@@ -173,7 +173,9 @@ static void a_form_that_is_taken_late_comes_at_once(void **state) {
 static void who_draws_joins_a_scene_that_moves(void **state) {
     (void)state;
     struct lw_client_stats stats;
-    lw_process_serve(&server, "builtin:atrium-matt --texels-per-metre 1 --json");
+    char arguments[600];
+    snprintf(arguments, sizeof arguments, "%s --json", lw_process_atrium());
+    lw_process_serve(&server, arguments);
     lw_process_await_text(&server,
                           "clients draw the direct light of 1 sun, 2 emissive materials, if they can");
     const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;

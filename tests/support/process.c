@@ -129,6 +129,12 @@ void lw_process_find(char *path, size_t size, const char *file) {
     assert_true((size_t)snprintf(path, size, "%s/%s", self, file) < size);
 }
 
+const char *lw_process_atrium(void) {
+    static char path[512];
+    lw_process_find(path, sizeof path, "../scenes/atrium.lwscene");
+    return path;
+}
+
 /* In the child. The parent's death is ours: nothing is left running where a test is killed. */
 static void become(const char *path, char **argv, const int outputs[2], pid_t parent) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);

@@ -30,6 +30,10 @@ void lw_process_start(struct lw_process *process, const char *program, const cha
 /** Path of a file beside the test's own program. */
 void lw_process_find(char *path, size_t size, const char *file);
 
+/** Path of the atrium's package, at half a texel a metre. The build makes it once: to unwrap the atrium takes
+ * longer than to light it. */
+const char *lw_process_atrium(void);
+
 /** The display that programs find from now on; NULL, as at first: none. */
 void lw_process_set_display(const char *display);
 
