@@ -10,10 +10,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define LIMIT_S LW_PROCESS_LIMIT_S
-#define SMALL                                                                                                \
-    "builtin:cornell --texels-per-metre 8 --size 64x36 --seconds 0.2 --reference-samples 16 --users 1,2,4 "  \
-    "--repeats 2 "
+#define LIMIT_S  LW_PROCESS_LIMIT_S
+#define SMALLEST "builtin:cornell --texels-per-metre 8 --size 64x36 --seconds 0.2 --reference-samples 16 "
+#define SMALL    SMALLEST "--users 1,2,4 --repeats 2 "
 
 static int run(const char *arguments, struct lw_process *process) {
     char all[600];
@@ -87,7 +86,8 @@ static void settings_may_be_given_and_plots_missing(void **state) {
     struct lw_process process;
     char arguments[500];
     const char *folder = lw_support_temporary("given");
-    snprintf(arguments, sizeof arguments, SMALL "--settings 2:1+1 --motion static --views centre -o %s",
+    snprintf(arguments, sizeof arguments,
+             SMALLEST "--users 1,2 --repeats 1 --settings 2:1+1 --motion static --views centre -o %s",
              folder);
     const char *path = getenv("PATH");
     char *kept = strdup(path ? path : "");
