@@ -15,7 +15,7 @@ static const uint8_t key[LW_CHECKPOINT_KEY_SIZE] = {1, 2, 3}, other_key[LW_CHECK
 
 /* A closed room with a lamp and a double-sided board in it: tiles in several cells, some with backs. */
 static struct room make_room(void) {
-    struct room room = {.texels_per_metre = 9};
+    struct room room = {.texels_per_metre = 6};
     room_box(&room, lw_vec3(8, 3, 8), 0.6f, 0);
     room_quad(&room, lw_vec3(3, 2.9f, 3), lw_vec3(2, 0, 0), lw_vec3(0, 0, 2), 0.5f, 10);
     room_quad(&room, lw_vec3(1, 1, 1), lw_vec3(1, 0, 0), lw_vec3(0, 1, 1), 0.5f, 0);
