@@ -119,7 +119,7 @@ static void solve_cornell(struct room_solution *solution, enum lw_probe_form_kin
     struct lw_scene *scene;
     struct lw_error err = {0};
     lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
-    room_solve_scene(solution, scene, 8,
+    room_solve_scene(solution, scene, 5,
                      (struct lw_solver_desc){
                          .bounces = 2, .threads = threads, .probe_form = form, .tracing_range_m = 0.3f},
                      3);
