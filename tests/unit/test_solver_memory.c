@@ -156,7 +156,7 @@ static void layers_are_counted(void **state) {
 }
 
 int main(void) {
-    struct lw_scene *atrium = build("builtin:atrium-matt", 1.5f);
+    struct lw_scene *atrium = build("builtin:atrium-matt", 0.5f);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(cornell_is_counted),
         cmocka_unit_test_prestate(atrium_is_counted, atrium),
