@@ -476,10 +476,11 @@ static json_t *path_json(const char *path) {
 static json_t *finishes_json(const struct lw_scene *scene) {
     struct lw_finish_report r;
     lw_finish_report_measure(scene, &r);
-    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I}", "materials", (json_int_t)r.materials, "normal_maps",
-                     (json_int_t)r.normal_maps, "normal_texels", (json_int_t)r.normal_texels,
+    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "materials", (json_int_t)r.materials,
+                     "normal_maps", (json_int_t)r.normal_maps, "normal_texels", (json_int_t)r.normal_texels,
                      "other_textures", (json_int_t)r.other_maps, "other_texels", (json_int_t)r.other_texels,
-                     "tangents", (json_int_t)r.tangents);
+                     "tangents", (json_int_t)r.tangents, "normal_bytes", (json_int_t)r.normal_bytes,
+                     "other_bytes", (json_int_t)r.other_bytes);
 }
 
 static enum lw_status print_json(const struct arguments *arguments, const struct lw_scene *scene,
