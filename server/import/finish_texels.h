@@ -24,8 +24,8 @@ bool lw_finish_texels_are_normals(const uint8_t *rgba, size_t texels);
  * LW_CONTENT_SURFACE with roughness 1 - glossiness x A, and the picture opaque. */
 void lw_finish_texels_gloss(uint8_t *rgba, size_t texels, float glossiness, uint8_t *out_surface);
 
-/** Heights, the mean of R, G and B, become LW_CONTENT_NORMAL by differences of neighbours; texture->rgba is not
- * read. out: not rgba. */
+/** Heights, the mean of R, G and B, become LW_CONTENT_NORMAL by differences of neighbours; texture->rgba is
+ * not read. out: not rgba. */
 void lw_finish_texels_height(const uint8_t *rgba, const struct lw_texture *texture, uint8_t *out);
 
 /** A picture that is read at another size. */

@@ -184,7 +184,7 @@ static enum lw_status read_gloss(struct reader *r, struct lw_error *err) {
                err);
 }
 
-/* A mirror's highlight is as wide as Phong's: alpha^2 = 2 / (exponent + 2), and GGX's alpha is roughness^2. */
+/* A mirror's highlight is as wide as Phong's: alpha^2 = 2 / (exponent + 2); GGX's alpha is roughness^2. */
 static void read_mirror(struct reader *r) {
     const float exponent = r->look->exponent;
     r->finish.metalness = r->finish.specular = 1;

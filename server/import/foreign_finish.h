@@ -7,7 +7,7 @@
 
 #include "server/import/foreign_picture.h"
 
-/** The most textures that so many materials may have. */
+/** The most textures that a number of materials may have. */
 size_t lw_foreign_finish_textures_max(size_t materials);
 
 struct lw_foreign_finish {

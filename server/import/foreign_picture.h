@@ -1,5 +1,5 @@
-/* foreign_picture.h: the pictures that materials of Assimp's and of MTL name, decoded on first use, each once,
- * and those that are made of them.
+/* foreign_picture.h: the pictures that materials of Assimp's and of MTL name, decoded on first use, each
+ * once, and those that are made of them.
  * Threads: one set belongs to one import. */
 #ifndef LW_IMPORT_FOREIGN_PICTURE_H
 #define LW_IMPORT_FOREIGN_PICTURE_H

@@ -36,8 +36,8 @@ void lw_gltf_materials_finish(struct lw_gltf_materials *materials) {
 
 /* ---- materials ---- */
 
-/* Where all is matt, a black diffuse colour under a bright specular one of KHR_materials_pbrSpecularGlossiness
- * is a metal, by the rule as in MTL: it reflects its specular colour. */
+/* Where all is matt, a black diffuse colour under a bright specular one of
+ * KHR_materials_pbrSpecularGlossiness is a metal, by the rule as in MTL: it reflects its specular colour. */
 static enum lw_status read_specular(const json_t *extension, struct lw_material *out, struct lw_error *err) {
     float specular[3] = {0, 0, 0};
     if (lw_gltf_json_reals(extension, "specularFactor", 3, 0, HUGE_VAL, specular, err)) return err->status;

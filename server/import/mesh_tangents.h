@@ -5,12 +5,12 @@
  *          the programs that make normal maps are.
  *
  * Corners with the same place, normal, texture coordinates and material whose triangles touch along edges,
- * and are drawn the same way around, share a tangent. It is the mean of where u grows on their triangles, laid
- * into the plane of the normal, weighted by their angles. The angular threshold is 180 degrees. Texture
+ * and are drawn the same way around, share a tangent. It is the mean of where u grows on their triangles,
+ * laid into the plane of the normal, weighted by their angles. The angular threshold is 180 degrees. Texture
  * coordinates are those of the normal map: its set, after its transform.
  *
- * A triangle that has no area in its picture takes the tangent of the group that it lies beside; one that lies
- * beside none has any. Surfaces without texture coordinates have no tangents. */
+ * A triangle that has no area in its picture takes the tangent of the group that it lies beside; one that
+ * lies beside none has any. Surfaces without texture coordinates have no tangents. */
 #ifndef LW_IMPORT_MESH_TANGENTS_H
 #define LW_IMPORT_MESH_TANGENTS_H
 
