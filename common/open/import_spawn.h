@@ -43,7 +43,7 @@ struct lw_import_spawn_desc {
     double import_seconds;   /* processor time; 0: LW_IMPORT_SPAWN_SECONDS */
     uint32_t picture_texels; /* 0: the importer's default */
     enum lw_import_spawn_materials materials;
-    bool lightmap_unused;    /* nothing is said about how coarse it is */
+    bool lightmap_unused; /* nothing is said about how coarse it is */
     uint64_t memory_max; /* bytes; 0: LW_IMPORT_SPAWN_MEMORY_MAX. Not imposed where a sanitizer needs more. */
     const char *program; /* NULL: lightwell-import beside this program, else in PATH */
     /* may be NULL; becomes non-zero, e.g. in a signal handler: stop everything */
