@@ -48,8 +48,9 @@ export const lampWay = [
 
 /** outside: it has no ceiling, a sun shines in, and the lamp moves.
  *  turned: box and shelf show their double-sided backs, as sofas of some programs do.
- *  unlit: so is the shelf. */
-export function room({ outside = false, turned = false, unlit = false } = {}) {
+ *  unlit: so is the shelf.
+ *  smooth: the box is bronze, a wall varnished, the shelf and the other wall glossy. */
+export function room({ outside = false, turned = false, unlit = false, smooth = false } = {}) {
   const bytes = [];
   const gltf = {
     asset: { version: '2.0' },
@@ -162,6 +163,15 @@ export function room({ outside = false, turned = false, unlit = false } = {}) {
     gltf.extensionsUsed.push('KHR_materials_unlit');
     gltf.meshes[2].primitives[0].material = gltf.materials.length;
     gltf.materials.push({ ...gltf.materials[2], name: 'sign', extensions: { KHR_materials_unlit: {} } });
+  }
+  if (smooth) {
+    const finish = (i, metallicFactor, roughnessFactor) =>
+      Object.assign(gltf.materials[i].pbrMetallicRoughness, { metallicFactor, roughnessFactor });
+    finish(1, 0, 0.4);
+    finish(2, 0, 0.2);
+    gltf.meshes[1].primitives[0].material = gltf.materials.length;
+    const bronze = { baseColorFactor: [0.8, 0.5, 0.25, 1], metallicFactor: 1, roughnessFactor: 0.35 };
+    gltf.materials.push({ name: 'bronze', pbrMetallicRoughness: bronze });
   }
   gltf.buffers = [
     {

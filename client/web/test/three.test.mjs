@@ -10,7 +10,17 @@ import test from 'node:test';
 import { bin, hasDaemon, startDaemon } from './daemon.mjs';
 import { serveExample } from './example.mjs';
 import { web } from './load.mjs';
-import { checkUploads, compare, hasBrowser, pictureName, pixelsOf, reference, until } from './page.mjs';
+import {
+  checkUploads,
+  compare,
+  hasBrowser,
+  pictureName,
+  pixels,
+  pixelsOf,
+  reference,
+  savePicture,
+  until,
+} from './page.mjs';
 import { lampWay, room } from './room.mjs';
 import { withPage } from './shared.mjs';
 
@@ -243,5 +253,56 @@ test('three: a sun, and a lamp that moves as the server moves it', { skip: missi
   at.forEach((x, i) => {
     const there = lampWay[0][i] + timeS * (lampWay[1][i] - lampWay[0][i]);
     assert.ok(Math.abs(x - there) < 1e-4, `${at} after ${timeS} s`);
+  });
+});
+
+test('three: what is smooth is as the page has it', { skip: missing || false }, async () => {
+  await serve({ smooth: true }, [], async ({ origin, daemon, address }) => {
+    const size = { width: WIDTH, height: HEIGHT };
+    const wanted = await withPage(size, async (page) => {
+      const view = '1.5,1.7,2.2:-0.2,1,-1:60';
+      await page.goto(`${daemon.url}?exposure=1&tonemap=none&direct=tiles&camera=${view}`);
+      await until(page, 'the scene', () => lightwell.stats.sceneMs > 0);
+      const isLit = (frame) => {
+        const { frame: last, frames, settled, surveys, missing, finishes } = lightwell.stats;
+        return last >= frame && settled === frames && surveys > 8 && !missing && finishes > 0;
+      };
+      await until(page, 'its light, and what is smooth', isLit, { given: daemon.frames(FRAMES) });
+      await savePicture(page, pictureName('room', 'smooth-page'));
+      const light = await pixels(page);
+      const floor = 3 * ((HEIGHT - 5) * WIDTH + WIDTH / 2);
+      const shown = [];
+      for (let k = 0; k < 4; k++) {
+        await page.keyboard.press('v');
+        shown.push([...(await pixels(page)).subarray(floor, floor + 3)]);
+      }
+      // sRGB of 0.5 is 188: normals, roughness, metalness; and light again
+      const charts = [[188, 255, 188], [255, 255, 255], [0, 0, 0]]; // prettier-ignore
+      const off = shown.slice(0, 3).flatMap((rgb, i) => rgb.map((x, c) => Math.abs(x - charts[i][c])));
+      assert.ok(Math.max(...off) <= 3, `${shown}`);
+      assert.deepEqual(shown[3], [...light.subarray(floor, floor + 3)]);
+      return light;
+    });
+    const look = async (page, { three, renderer }) => {
+      await page.addInitScript(hook);
+      const from = 'from=1.5,1.7,2.2&to=-0.2,1,-1&fov=60&exposure=1';
+      const place = `${origin}${three === 'three' ? '' : `/${three}`}/example.html?scene=scene.gltf`;
+      await page.goto(`${place}&server=${address}&${from}&lights=tiles&renderer=${renderer}`);
+      await lit(page, daemon, 0);
+      const picture = await page.evaluate(() => {
+        const { scene, camera, renderer } = example;
+        renderer.render(scene, camera);
+        return renderer.domElement.toDataURL();
+      });
+      const what = `smooth-${three}-${renderer}`;
+      const name = pictureName('room', what);
+      if (name) writeFileSync(name, Buffer.from(picture.slice(picture.indexOf(',') + 1), 'base64'));
+      // r160 has another approximation of the lobes' table
+      const flip = three === 'three-160' ? 0.04 : 0.03;
+      compareWith(wanted, await pixelsOf(page, picture), what, { difference: 2, flip });
+    };
+    const variants = [NEWEST, { three: 'three', renderer: 'nodes' }];
+    if (process.env.LW_LONG) variants.push({ three: 'three-160', renderer: 'webgl' });
+    for (const variant of variants) await withPage(size, (page) => look(page, variant), PAGE);
   });
 });

@@ -1,11 +1,25 @@
-// materials.ts: makes three's materials show light as the server does: albedo / pi x E.
-// three's physical materials of r187 take what their specular lobe reflects out of the light of lightmaps and
-// probes (RE_IndirectDiffuse_Physical), and put nothing in its place where there is no environment map. Against
-// lightwell-view's picture of the tests' room FLIP is 0.058 so, and 0.010 with that share left in.
+// materials.ts: makes three's materials show light as the server does: what is matt albedo / pi x E; what is
+// smooth or a metal also mirrors it, as the page does.
+// three's physical materials of r187 take what their specular lobe reflects out of the light of lightmaps
+// and probes (RE_IndirectDiffuse_Physical), and put nothing in its place where there is no environment map.
+// Against lightwell-view's picture of the tests' room FLIP is 0.058 so, and 0.010 with that share left in.
 import * as THREE from 'three';
 
 type Shader = THREE.WebGLProgramParametersWithUniforms;
-type Node = { mul(factor: number): Node };
+/** As far as it is used; of the shading language in which WebGPURenderer has its materials. */
+interface Node {
+  r: Node;
+  g: Node;
+  b: Node;
+  mul(factor: number | Node): Node;
+  add(other: Node): Node;
+  sub(other: Node): Node;
+  div(by: number | Node): Node;
+  max(other: number): Node;
+  min(other: number): Node;
+  toVar(): Node;
+  assign(value: Node): void;
+}
 
 /** The fields of NodeMaterial that this module uses. */
 interface NodeMaterial extends THREE.Material {
@@ -22,21 +36,55 @@ interface LightingModel {
 
 const LOBE = ' * ( 1.0 - singleScattering - multiScattering )';
 
+/** What is smooth takes the light of lightmaps and probes as three takes an environment map's: part of it
+ * is mirrored. Where there is an environment map, too, it is mirrored as far as that light tells that it is
+ * seen; the rest comes from everywhere. */
+const MIRRORED = `#if defined( RE_IndirectSpecular )
+const vec3 lightwellWeights = vec3( 0.2126, 0.7152, 0.0722 );
+float lightwellOpen = dot( iblIrradiance, lightwellWeights );
+float lightwellShare = lightwellOpen > 0.0
+  ? min( dot( irradiance, lightwellWeights ) / lightwellOpen, 1.0 ) : 0.0;
+radiance = lightwellShare * radiance
+  + max( irradiance - lightwellShare * iblIrradiance, 0.0 ) * RECIPROCAL_PI;
+iblIrradiance = irradiance;
+irradiance = vec3( 0.0 );
+#endif
+`;
+/** three dims what is mirrored by an ambient occlusion map only with an environment map. */
+const OCCLUDED = `
+#if defined( USE_AOMAP ) && ! defined( USE_ENVMAP )
+reflectedLight.indirectSpecular *= ambientOcclusion;
+#endif
+`;
+
+/** Whether a material mirrors anything, as the server sees it: metalness 0 and roughness 1 is matt. */
+function isSmooth(material: THREE.Material): boolean {
+  const { isMeshStandardMaterial, isMeshPhysicalMaterial, roughness, metalness, roughnessMap } =
+    material as Partial<THREE.MeshPhysicalMaterial>;
+  if (!isMeshStandardMaterial) return false;
+  return !!isMeshPhysicalMaterial || metalness! > 0 || roughness! < 1 || !!roughnessMap;
+}
+
 /** The prototype's method, which an own one of the same name hides. */
 function inherited<K extends string>(material: object, name: K): (...given: unknown[]) => unknown {
   return (Object.getPrototypeOf(material) as Record<K, (...given: unknown[]) => unknown>)[name]!;
 }
 
-/** A copy of a material that shows lightmaps and probes as albedo / pi x E. probe: the copy gets its light,
+/** A copy of a material that shows lightmaps and probes as the server does. probe: the copy gets its light,
  * too. Own hooks of the original (onBeforeCompile) go on. */
 export function withServersLight(original: THREE.Material, probe: THREE.LightProbe | null): THREE.Material {
   const material = original.clone();
+  const smooth = isSmooth(original);
   const before = Object.hasOwn(original, 'onBeforeCompile') ? original.onBeforeCompile : null;
   material.onBeforeCompile = (shader: Shader, renderer) => {
     before?.call(material, shader, renderer);
     const { fragmentShader } = shader;
     const chunk = THREE.ShaderChunk.lights_physical_pars_fragment.replaceAll(LOBE, '');
-    shader.fragmentShader = fragmentShader.replace('#include <lights_physical_pars_fragment>', () => chunk);
+    shader.fragmentShader = smooth
+      ? fragmentShader
+          .replace('#include <lights_fragment_end>', `${MIRRORED}$&`)
+          .replace('#include <aomap_fragment>', `$&${OCCLUDED}`)
+      : fragmentShader.replace('#include <lights_physical_pars_fragment>', () => chunk);
     if (!probe) return;
     shader.uniforms.lightwellProbe = { value: probe.sh.coefficients };
     shader.fragmentShader = shader.fragmentShader
@@ -48,22 +96,47 @@ export function withServersLight(original: THREE.Material, probe: THREE.LightPro
       );
   };
   // WebGLRenderer and WebGPURenderer keep programs by this. Nodes hold their probe, uniforms do not.
-  const kind = `lightwell ${before ?? ''} ${probe ? 'probe' : ''}`;
+  const kind = `lightwell ${before ?? ''} ${probe ? 'probe' : ''} ${smooth ? 'smooth' : ''}`;
   const uuid = probe?.uuid ?? '';
   material.customProgramCacheKey = function (this: NodeMaterial) {
     const key = String(inherited(this, 'customProgramCacheKey').call(this));
     return `${key} ${kind} ${this.isNodeMaterial ? uuid : ''}`;
   };
-  hookNodes(material as NodeMaterial, probe);
+  hookNodes(material as NodeMaterial, probe, smooth);
   return material;
 }
 
+/** Light from everywhere on its way to a surface: variables of the shader. */
+interface IndirectLight {
+  irradiance: Node;
+  iblIrradiance: Node;
+  radiance: Node;
+}
+
+/** MIRRORED. */
+function mirror({ irradiance, iblIrradiance, radiance }: IndirectLight): void {
+  const luminance = ({ r, g, b }: Node) => r.mul(0.2126).add(g.mul(0.7152)).add(b.mul(0.0722));
+  const share = luminance(irradiance).div(luminance(iblIrradiance).max(1e-9)).min(1).toVar();
+  const rest = irradiance.sub(iblIrradiance.mul(share)).max(0).div(Math.PI);
+  radiance.assign(radiance.mul(share).add(rest));
+  iblIrradiance.assign(irradiance);
+  irradiance.assign(irradiance.mul(0));
+}
+
 /** WebGPURenderer copies a material's own properties, these with them, onto a NodeMaterial. */
-function hookNodes(material: NodeMaterial, probe: THREE.LightProbe | null): void {
+function hookNodes(material: NodeMaterial, probe: THREE.LightProbe | null, smooth: boolean): void {
   material.setupLightingModel = function (builder) {
     const model = inherited(this, 'setupLightingModel').call(this, builder) as LightingModel;
     const { indirectDiffuse } = model;
     if (!indirectDiffuse) return model;
+    if (smooth) {
+      model.indirectDiffuse = function (...given) {
+        const [from] = given as [Partial<IndirectLight> & { context?: IndirectLight }];
+        mirror((from.context ?? from) as IndirectLight);
+        indirectDiffuse.apply(this, given);
+      };
+      return model;
+    }
     model.indirectDiffuse = function (...given) {
       const { singleScatteringDielectric: single, multiScatteringDielectric: multi } = this;
       if (single?.mul) this.singleScatteringDielectric = single.mul(0);
