@@ -37,7 +37,7 @@ const zstdApart = {
 const plainShaders = {
   name: 'plain-shaders',
   setup({ onLoad }) {
-    onLoad({ filter: /shaders\.ts$/ }, ({ path }) => ({
+    onLoad({ filter: /shader(s|_head)\.ts$/ }, ({ path }) => ({
       contents: readFileSync(path, 'utf8')
         .replace(/^\s*\/\/.*\n/gm, '')
         .replace(/^ +/gm, '')

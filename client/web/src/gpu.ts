@@ -1,6 +1,6 @@
 // gpu.ts: small things around WebGL2: programs, textures, answers that are read without waiting for them.
 import { LimitError } from './failure.ts';
-import { TABLE_WIDTH } from './shaders.ts';
+import { TABLE_WIDTH } from './shader_head.ts';
 
 export type GL = WebGL2RenderingContext;
 

@@ -11,7 +11,7 @@ import { LimitError } from './failure.ts';
 import { isSoftware } from './gpu.ts';
 import type { Box } from './lights.ts';
 import type { CameraPlace, FromWorker, ToWorker } from './protocol.ts';
-import { type Curve, Renderer, SAMPLES_STILL } from './renderer.ts';
+import { type Curve, Renderer, SAMPLES_STILL, SHOWN } from './renderer.ts';
 import type { TileBatch } from './replica.ts';
 import { lightingText } from './waiting.ts';
 import type { Waiting } from './wire.ts';
@@ -40,7 +40,8 @@ const SHARE_MIN = 0.25; // of width and height
 
 const HELP = `Drag or one finger: look. Wheel or two fingers: move.
 W A S D, E Q: fly; Shift: faster. 1 to 9: cameras. 0: all of it.
-+ and -: exposure; X: automatic. T: tone curve. P: save picture. H: this text.`;
++ and -: exposure; X: automatic. T: tone curve. V: light, normals, roughness,
+metalness. P: save picture. H: this text.`;
 
 /** Where direct light comes from: tiles, or lights that the page draws at pixels; auto: at pixels, if that is
  * fast enough. */
@@ -103,6 +104,7 @@ class App {
     first: false,
     uploadMs: [] as number[], // of the last pictures into which tiles were taken
     decoderBytes: 0, // of memory
+    finishes: 0, // sets of them that pictures show
     surveys: 0,
     interest: 0,
     missing: 0,
@@ -218,6 +220,7 @@ class App {
         this.tell({ kind: 'dim', lamp, factor }),
       );
     else if (message.kind === 'scene') this.takeScene(message);
+    else if (message.kind === 'finishes') this.renderer?.takeFinishes(message.data);
     else if (message.kind === 'camera') this.goTo(message.place);
     else if (message.kind === 'clusters') this.renderer?.takeClusters(message.clusters);
     else if (message.kind === 'frame') {
@@ -328,6 +331,7 @@ class App {
     } else if (key === 'x') this.autoExposure = true;
     else if (key === 't')
       renderer.curve = ({ reinhard: 'aces', aces: 'none', none: 'reinhard' } as const)[renderer.curve];
+    else if (key === 'v') renderer.showNext();
     else if (key === 'h') this.help = !this.help;
     else if (key === 'p') this.savePicture();
     else return;
@@ -372,6 +376,7 @@ class App {
       this.movedMs = now;
     }
     this.takeTiles();
+    this.bring(renderer);
     // one picture at a time: a slow GPU would only fall behind
     if (!renderer.isDrawable() || renderer.busy()) return;
     // by the clock, for `now` may be of before the picture began
@@ -388,6 +393,12 @@ class App {
     }
     this.owesLook = false;
     this.look(now);
+  }
+
+  private bring(renderer: Renderer): void {
+    if (!renderer.bringFinishes()) return;
+    this.dirty = true;
+    this.stats.finishes++;
   }
 
   /** ms: that the GPU took for a picture. */
@@ -443,6 +454,7 @@ class App {
     const { renderer } = this;
     if (!renderer) return;
     renderer.waits = true;
+    while (renderer.bringing()) this.bring(renderer);
     this.dirty ||= this.stillShare < 1;
     this.stillShare = 1;
     do this.drawPicture(1);
@@ -518,6 +530,8 @@ class App {
     const { frames, settled, missing } = this.stats;
     const finer = this.samples <= SAMPLES_STILL;
     const parts: string[] = [];
+    const show = this.renderer?.show ?? SHOWN[0];
+    if (show !== SHOWN[0]) parts.push(show);
     if (this.drawn) parts.push(`${Math.round(this.drawn / seconds)} pictures/s`);
     else if (this.stats.pictures) parts.push(finer ? 'smoothing edges' : 'picture complete');
     const here = !this.state && !this.wait; // the server, and its light
@@ -526,6 +540,7 @@ class App {
       parts.push(age < 10 ? `light ${age.toFixed(1)} s old` : `no new light for ${Math.round(age)} s`);
     if (missing && here) parts.push(`${missing} tiles of light on their way`);
     if (this.tilesWhy) parts.push(this.tilesWhy);
+    if (this.renderer?.note) parts.push(this.renderer.note);
     parts.push(`${Math.round(rate)} kbit/s`);
     if (this.waiting > 1e6) parts.push(`${(this.waiting / 1e6).toFixed(1)} MB to decode`);
     element('legend').textContent = this.renderer ? parts.join(' · ') : '';

@@ -48,6 +48,7 @@ export type FromWorker =
       clientLights: Uint8Array;
       clusters: number; // of emissive meshes to draw as lamps
     }
+  | { kind: 'finishes'; data: SceneData } // the last scene again, with finishes and without textures
   | { kind: 'clusters'; clusters: Cluster[] } // before the frame that they belong to
   | { kind: 'frame'; frame: Frame; visible: Uint8Array | null }
   | {

@@ -5,7 +5,16 @@ import { add, dot, scaleOf, type Vec3, type View } from './camera.ts';
 import type { Cluster } from './clusters.ts';
 import { autoStops } from './exposure.ts';
 import { LimitError } from './failure.ts';
-import { type Group, isBlended, MATERIAL_TEXELS, type SceneData } from './geometry.ts';
+import { FinishMaps } from './finish_maps.ts';
+import { Content, type FinishTexture } from './finishes.ts';
+import {
+  FINISH_TEXELS,
+  type Group,
+  IN_SURFACE,
+  isBlended,
+  MATERIAL_TEXELS,
+  type SceneData,
+} from './geometry.ts';
 import { createProgram, Fence, type GL, LaterPixels, nearest, type Program, Table } from './gpu.ts';
 import { type Box, Lights, type ShadowMap } from './lights.ts';
 import { LAMP_SIDE, SUN_SIDE } from './limits.ts';
@@ -35,8 +44,14 @@ const SAMPLES = 4;
 export const SAMPLES_STILL = 16;
 /** Their textures are read at finer mip levels, by this many. */
 const SHARPER = -3;
+/** A pixel with a finish costs as much as the depth of this number of triangles, or more. */
+const PIXELS_DEAR = 10;
+/** Of textures, where the GPU is fast. */
+const ANISOTROPY = 8;
 /** Share of the mean light from which on a lamp is drawn on an object. */
 const FAINT = 2e-3;
+/** Highlights are seen of lamps that are fainter by this. */
+const FAINT_SHARE = 0.1;
 /** Places on a disc at which shadow maps are read: a spiral, every second one as far out as all of them. */
 const TAPS = Float32Array.from({ length: 32 }, (_, i) => {
   const [tap, radius] = [i >> 1, Math.sqrt(((i >> 1) + 0.5) / 16)];
@@ -45,6 +60,11 @@ const TAPS = Float32Array.from({ length: 32 }, (_, i) => {
 
 export type Curve = 'reinhard' | 'aces' | 'none';
 const CURVES: Curve[] = ['reinhard', 'aces', 'none'];
+
+/** What pictures show: light, or what materials say. By the shader's numbers. */
+export const SHOWN = ['light', 'normals', 'roughness', 'metalness'] as const;
+/** What of a finish has a texture, in the order of FinishPlace: by the shader's names. */
+const FINISH_TEXTURES = ['surface', 'specular', 'occlusion', 'normal'];
 
 /** Tiles that a view needs: in the picture, and around it. */
 export interface Survey {
@@ -65,7 +85,24 @@ interface Draw {
   mesh: number;
   group: Group;
   defines: string[]; // of its programs
+  finish: string[]; // likewise, where light is seen
   programs: Map<string, Program>; // by what is defined besides
+}
+
+/** A scene's surfaces as they are drawn. */
+interface Surfaces {
+  vertices: WebGLVertexArrayObject;
+  buffers: WebGLBuffer[];
+  draws: Draw[];
+  triangles: number; // of all objects
+}
+
+/** Those with finishes, until the GPU has all of them. */
+interface Next {
+  data: SceneData;
+  maps: FinishMaps;
+  surfaces: Surfaces | null;
+  programs: Map<string, Program>;
 }
 
 /** Pixels to draw into. */
@@ -77,6 +114,8 @@ interface Target {
   picture: WebGLTexture; // of resolved
   owned: (() => void)[];
 }
+
+const keyOf = (defines: string[], fragment: string) => `${defines.join()} ${fragment}`;
 
 const emptyBox = (): Box => ({
   low: [Infinity, Infinity, Infinity],
@@ -95,7 +134,6 @@ export class Renderer {
   private readonly later = new Map<string, string[]>(); // programs that are still to be made
   private drawable = false; // all programs of the first picture are there
   private readonly fence: Fence;
-  private readonly buffers: WebGLBuffer[] = [];
   private readonly objects: Table<Float32Array>;
   private readonly materials: Table<Float32Array>;
   private readonly levels: Table<Uint32Array>;
@@ -106,10 +144,11 @@ export class Renderer {
   private readonly textures: WebGLTexture[];
   private readonly environment: WebGLTexture | null;
   private readonly white: WebGLTexture;
-  private readonly vertices: WebGLVertexArrayObject;
   private readonly nothing: WebGLVertexArrayObject;
   private readonly instances: WebGLBuffer;
-  private readonly draws: Draw[] = [];
+  private surfaces: Surfaces;
+  private maps: FinishMaps | null = null;
+  private next: Next | null = null;
   private readonly objectsOf: number[][]; // by mesh
   private readonly visible: Uint8Array;
   private readonly sphere: Float32Array; // by object, world space: centre, radius, 1 if it is mirrored
@@ -133,12 +172,14 @@ export class Renderer {
   curve: Curve = 'reinhard';
   unfiltered = false;
   waits = false; // for the compiler
+  show: (typeof SHOWN)[number] = 'light';
+  note = ''; // what a person should know of finishes
 
   constructor(
     private readonly gl: GL,
-    private readonly data: SceneData,
+    private data: SceneData,
     drawn: { lights: Uint8Array; clusters: number } | null,
-    slow = false, // the GPU: pictures of one sample each
+    private readonly slow = false, // the GPU: pictures of one sample each
   ) {
     if (!gl.getExtension('EXT_color_buffer_float') && !gl.getExtension('EXT_color_buffer_half_float'))
       throw new LimitError('the graphics here cannot draw into 16-bit floats');
@@ -195,30 +236,20 @@ export class Renderer {
     });
     this.textures = data.textures.map((texture) => this.createTexture(texture));
     this.environment = data.environment && this.createEnvironment(data.environment);
-    this.instances = this.createBuffer();
+    this.instances = gl.createBuffer()!;
     this.nothing = gl.createVertexArray()!;
-    this.vertices = this.createVertices();
-    data.meshes.forEach((shape, mesh) => {
-      for (const group of shape.groups)
-        this.draws.push({ mesh, group, defines: this.definesOf(group), programs: new Map() });
-    });
-    const rank = ({ group }: Draw) => [group.alphaMode, group.base, group.glow, group.doubleSided ? 1 : 0];
-    this.draws.sort((a, b) => {
-      const [x, y] = [rank(a), rank(b)];
-      const i = x.findIndex((value, k) => value !== y[k]);
-      return i < 0 ? a.mesh - b.mesh : x[i]! - y[i]!;
-    });
+    this.surfaces = this.createSurfaces(data);
     const most = gl.getInternalformatParameter(gl.RENDERBUFFER, gl.RGBA16F, gl.SAMPLES) as Int32Array;
     this.samples = slow ? 1 : Math.min(SAMPLES, most[0] ?? 1);
     for (const fragment of [SKY_FRAGMENT, TONEMAP_FRAGMENT, METER_FRAGMENT])
       this.programOf(SCREEN_VERTEX, fragment, []);
     for (const extra of ['', 'SURVEY'])
-      for (const draw of this.draws)
+      for (const draw of this.surfaces.draws)
         this.programOf(SURFACE_VERTEX, SURFACE_FRAGMENT, this.definesWith(draw, extra));
     // the compiler gets those of direct light with the first pictures
     if (this.lights)
       for (const extra of ['SHADOW', 'DEPTH', 'DIRECT'])
-        for (const draw of this.draws) {
+        for (const draw of this.surfaces.draws) {
           const defines = this.definesWith(draw, extra);
           this.later.set(defines.join(), defines);
         }
@@ -228,7 +259,7 @@ export class Renderer {
     if (gl.getError() === gl.OUT_OF_MEMORY)
       throw new LimitError('the graphics here has no memory for the scene');
     // the largest is on the GPU now
-    data.index = new Uint32Array(this.keepBlended());
+    this.keepBlended();
   }
 
   /** Frees the GPU's memory; call nothing afterwards. */
@@ -239,8 +270,10 @@ export class Renderer {
     const tables = [this.objects, this.materials, this.levels, this.tileState].map((table) => table.texture);
     for (const texture of [...tables, ...this.textures, this.pageTexture, this.white, this.environment])
       gl.deleteTexture(texture);
-    for (const buffer of this.buffers) gl.deleteBuffer(buffer);
-    gl.deleteVertexArray(this.vertices);
+    gl.deleteBuffer(this.instances);
+    this.deleteSurfaces(this.surfaces);
+    this.dropNext();
+    this.maps?.destroy();
     gl.deleteVertexArray(this.nothing);
     this.lights?.destroy();
     for (const program of this.programs.values()) gl.deleteProgram(program.program);
@@ -271,18 +304,36 @@ export class Renderer {
       throw new LimitError(
         `the scene has a texture of ${t.width} x ${t.height}; the graphics here takes ${sideMax}`,
       );
+    return this.createMipmapped(t, gl.SRGB8_ALPHA8, gl.RGBA, t.rgba, ANISOTROPY);
+  }
+
+  private createFinishTexture(t: FinishTexture): WebGLTexture {
+    const { gl } = this;
+    const sharp = this.slow ? 1 : ANISOTROPY; // three or four more readings for each of the base colour's
+    if (t.content === Content.NORMAL) return this.createMipmapped(t, gl.RG8, gl.RG, t.texels, sharp);
+    return this.createMipmapped(t, t.content ? gl.RGBA8 : gl.SRGB8_ALPHA8, gl.RGBA, t.texels, sharp);
+  }
+
+  private createMipmapped(
+    t: { width: number; height: number; wrapS: number; wrapT: number },
+    internal: number,
+    format: number,
+    texels: Uint8Array,
+    sharp: number, // anisotropy
+  ): WebGLTexture {
+    const { gl } = this;
     const texture = gl.createTexture()!;
     gl.bindTexture(gl.TEXTURE_2D, texture);
     const levels = Math.floor(Math.log2(Math.max(t.width, t.height))) + 1;
-    gl.texStorage2D(gl.TEXTURE_2D, levels, gl.SRGB8_ALPHA8, t.width, t.height);
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, t.width, t.height, gl.RGBA, gl.UNSIGNED_BYTE, t.rgba);
+    gl.texStorage2D(gl.TEXTURE_2D, levels, internal, t.width, t.height);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, t.width, t.height, format, gl.UNSIGNED_BYTE, texels);
     gl.generateMipmap(gl.TEXTURE_2D);
     const wraps = [gl.REPEAT, gl.CLAMP_TO_EDGE, gl.MIRRORED_REPEAT];
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, wraps[t.wrapS]!);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, wraps[t.wrapT]!);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
     const anisotropy = gl.getExtension('EXT_texture_filter_anisotropic');
-    if (anisotropy) gl.texParameteri(gl.TEXTURE_2D, anisotropy.TEXTURE_MAX_ANISOTROPY_EXT, 8);
+    if (anisotropy) gl.texParameteri(gl.TEXTURE_2D, anisotropy.TEXTURE_MAX_ANISOTROPY_EXT, sharp);
     return texture;
   }
 
@@ -309,14 +360,42 @@ export class Renderer {
     return texture;
   }
 
-  private createBuffer(): WebGLBuffer {
-    const buffer = this.gl.createBuffer()!;
-    this.buffers.push(buffer);
-    return buffer;
+  private createSurfaces(data: SceneData): Surfaces {
+    const draws = data.meshes.flatMap((shape, mesh) =>
+      shape.groups.map((group) => ({
+        mesh,
+        group,
+        defines: this.definesOf(group),
+        finish: this.finishOf(data, group),
+        programs: new Map(),
+      })),
+    );
+    const rank = ({ group }: Draw) => [
+      ...[group.alphaMode, group.base, group.glow, group.doubleSided ? 1 : 0],
+      ...(group.finish ?? [-1]),
+    ];
+    draws.sort((a, b) => {
+      const [x, y] = [rank(a), rank(b)];
+      const i = x.findIndex((value, k) => value !== y[k]);
+      return i < 0 ? a.mesh - b.mesh : x[i]! - y[i]!;
+    });
+    const triangles = draws.reduce((sum, d) => sum + (d.group.count / 3) * this.objectsOf[d.mesh]!.length, 0);
+    return { ...this.createVertices(data), draws, triangles };
   }
 
-  private createVertices(): WebGLVertexArrayObject {
-    const { gl, data } = this;
+  private deleteSurfaces({ vertices, buffers }: Surfaces): void {
+    for (const buffer of buffers) this.gl.deleteBuffer(buffer);
+    this.gl.deleteVertexArray(vertices);
+  }
+
+  private createVertices(data: SceneData): Pick<Surfaces, 'vertices' | 'buffers'> {
+    const { gl } = this;
+    const buffers: WebGLBuffer[] = [];
+    const createBuffer = () => {
+      const buffer = gl.createBuffer()!;
+      buffers.push(buffer);
+      return buffer;
+    };
     const vertices = gl.createVertexArray()!;
     gl.bindVertexArray(vertices);
     const put = (
@@ -326,7 +405,7 @@ export class Renderer {
       type: number = gl.FLOAT,
     ) => {
       if (!values) return;
-      gl.bindBuffer(gl.ARRAY_BUFFER, this.createBuffer());
+      gl.bindBuffer(gl.ARRAY_BUFFER, createBuffer());
       gl.bufferData(gl.ARRAY_BUFFER, values, gl.STATIC_DRAW);
       gl.enableVertexAttribArray(place);
       if (type === gl.UNSIGNED_INT) gl.vertexAttribIPointer(place, size, type, 0, 0);
@@ -338,26 +417,27 @@ export class Renderer {
     put(data.uv[1], Attribute.UV1, 2);
     put(data.colour, Attribute.COLOUR, 4);
     put(data.tag, Attribute.TAG, 1, gl.UNSIGNED_INT);
-    if (this.lights) put(data.normal, Attribute.NORMAL, 4, gl.BYTE);
+    if (this.lights || data.finish || this.show !== 'light') put(data.normal, Attribute.NORMAL, 4, gl.BYTE);
+    put(data.finish?.tangent ?? null, Attribute.TANGENT, 4, gl.BYTE);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.instances);
     gl.enableVertexAttribArray(Attribute.OBJECT);
     gl.vertexAttribDivisor(Attribute.OBJECT, 1);
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.createBuffer());
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, createBuffer());
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, data.index, gl.DYNAMIC_DRAW);
     gl.bindVertexArray(null);
     gl.vertexAttrib4f(Attribute.COLOUR, 1, 1, 1, 1);
-    return vertices;
+    return { vertices, buffers };
   }
 
   /** Indices of blended groups alone, which are put in order again and again. */
-  private keepBlended(): number[] {
+  private keepBlended(): void {
     const kept: number[] = [];
-    for (const { group } of this.draws) {
+    for (const { group } of this.surfaces.draws) {
       if (!isBlended(group)) continue;
       group.kept = kept.length;
       for (let i = 0; i < group.count; i++) kept.push(this.data.index[group.first + i]!);
     }
-    return kept;
+    this.data.index = new Uint32Array(kept);
   }
 
   private definesOf(group: Group): string[] {
@@ -369,17 +449,35 @@ export class Renderer {
     return defines;
   }
 
-  /** extra: '', DIRECT, DEPTH, SHADOW or SURVEY. Depth wants little: where a surface and its holes are. */
-  private definesWith(draw: Draw, extra: string): string[] {
-    if (extra !== 'SHADOW' && extra !== 'DEPTH') return extra ? [...draw.defines, extra] : draw.defines;
-    const holes = draw.group.alphaMode !== AlphaMode.OPAQUE;
+  private finishOf(data: SceneData, { finish }: Group): string[] {
+    if (!finish) return [];
+    const names = finish.map((texture, place) => {
+      const name = FINISH_TEXTURES[place]!.toUpperCase();
+      return texture === NONE ? '' : texture === IN_SURFACE ? 'OCCLUSION_IN_SURFACE' : `${name}_TEXTURE`;
+    });
+    // what no mesh has goes to no fragment: normals and tangents are dear enough
+    const none = [data.colour ? '' : 'WHITE', data.uv[1] ? '' : 'ONE_UV'];
+    const sky = this.environment ? 'ENVIRONMENT' : '';
+    return ['FINISH', 'NORMALS', sky, ...none, ...names].filter((name) => name);
+  }
+
+  /** extra: '', DIRECT, SHOW, DEPTH, SHADOW or SURVEY. Depth wants little: where a surface and its holes
+   * are. */
+  private definesWith({ defines, finish, group }: Draw, extra: string): string[] {
+    if (extra === 'SURVEY') return [...defines, extra];
+    if (extra !== 'SHADOW' && extra !== 'DEPTH') {
+      const all = [...defines, ...finish];
+      if (!extra) return all;
+      return finish.length ? [...all, extra] : [...all, 'NORMALS', extra];
+    }
+    const holes = group.alphaMode !== AlphaMode.OPAQUE;
     const needed = (name: string) =>
       name === 'REVERSED' ? extra === 'DEPTH' : holes && name !== 'GLOW_TEXTURE';
-    return [...draw.defines.filter(needed), extra];
+    return [...defines.filter(needed), extra];
   }
 
   private programOf(vertex: string, fragment: string, defines: string[]): Program {
-    const key = `${defines.join()} ${fragment}`;
+    const key = keyOf(defines, fragment);
     let program = this.programs.get(key);
     if (!program) {
       program = createProgram(this.gl, vertex, fragment, defines);
@@ -413,6 +511,86 @@ export class Renderer {
     });
     this.sky = frame.sky;
     if (visible) this.setVisible(visible);
+  }
+
+  /** data: the scene again, with finishes and without textures. bringFinishes() shows them. */
+  takeFinishes(data: SceneData): void {
+    const { gl, environment } = this;
+    this.dropNext();
+    const sky = environment && { texture: environment, width: this.data.environment!.width };
+    const create = (texture: FinishTexture) => this.createFinishTexture(texture);
+    const maps = new FinishMaps(gl, data.finish!.textures, create, sky, this.nothing);
+    this.next = { data, maps, surfaces: null, programs: new Map() };
+  }
+
+  /** Gets on with finishes, one thing with each call: the compiler works beside it. Returns whether pictures
+   * have become others. */
+  bringFinishes(): boolean {
+    const { gl, next } = this;
+    if (!next) return false;
+    if (!next.surfaces) {
+      next.surfaces = this.createSurfaces(next.data);
+      for (const extra of ['', 'DEPTH', ...(this.lights ? ['DIRECT'] : [])])
+        for (const draw of next.surfaces.draws) {
+          const defines = this.definesWith(draw, extra);
+          const key = keyOf(defines, SURFACE_FRAGMENT);
+          if ((draw.finish.length || extra === 'DEPTH') && !this.programs.has(key) && !next.programs.has(key))
+            next.programs.set(key, createProgram(gl, SURFACE_VERTEX, SURFACE_FRAGMENT, defines));
+        }
+      return false;
+    }
+    if (!next.maps.step()) return false;
+    if (gl.getError() === gl.OUT_OF_MEMORY) {
+      this.note = 'no memory on the GPU for what is smooth: surfaces are matt';
+      this.dropNext();
+      return false;
+    }
+    if (!this.waits && ![...next.programs.values()].every((program) => program.isReady())) return false;
+    this.swap(next, next.surfaces);
+    return true;
+  }
+
+  /** Whether finishes are on their way to the GPU. */
+  bringing(): boolean {
+    return !!this.next;
+  }
+
+  private swap({ data, maps, programs }: Next, surfaces: Surfaces): void {
+    this.next = null;
+    this.deleteSurfaces(this.surfaces);
+    this.maps?.destroy();
+    this.maps = maps;
+    this.surfaces = surfaces;
+    this.note = maps.note;
+    programs.forEach((program, key) => this.programs.set(key, program));
+    this.data = { ...data, textures: this.data.textures, environment: this.data.environment };
+    this.keepBlended();
+  }
+
+  private dropNext(): void {
+    const { next } = this;
+    this.next = null;
+    if (!next) return;
+    next.maps.destroy();
+    if (next.surfaces) this.deleteSurfaces(next.surfaces);
+    for (const { program } of next.programs.values()) this.gl.deleteProgram(program);
+  }
+
+  /** The next of SHOWN. */
+  showNext(): void {
+    this.show = SHOWN[(SHOWN.indexOf(this.show) + 1) % SHOWN.length]!;
+    if (this.lights || this.data.finish || this.show === 'light') return;
+    // a matt scene has its normals on the GPU once they are to be seen
+    const { vertices } = this.surfaces;
+    const { gl } = this;
+    gl.bindVertexArray(vertices);
+    const buffer = gl.createBuffer()!;
+    this.surfaces.buffers.push(buffer);
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, this.data.normal, gl.STATIC_DRAW);
+    gl.enableVertexAttribArray(Attribute.NORMAL);
+    gl.vertexAttribPointer(Attribute.NORMAL, 4, gl.BYTE, true, 0, 0);
+    gl.bindVertexArray(null);
   }
 
   takeClusters(clusters: Cluster[]): void {
@@ -637,7 +815,7 @@ export class Renderer {
     return Math.min(0.02, 0.001 * size) * (this.reversed ? 0.1 : 1);
   }
 
-  /** extra: '', DIRECT, DEPTH, SHADOW or SURVEY. */
+  /** extra: '', DIRECT, SHOW, DEPTH, SHADOW or SURVEY. */
   private drawSurfaces(
     view: View,
     scale: [number, number],
@@ -657,7 +835,7 @@ export class Renderer {
         ranges.get(mesh)!.push({ first: ids.length, count: objects.length, mirrored: mirrored === 1 });
         for (const object of objects) ids.push(object);
       });
-    gl.bindVertexArray(this.vertices);
+    gl.bindVertexArray(this.surfaces.vertices);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.instances);
     gl.bufferData(gl.ARRAY_BUFFER, Uint32Array.from(ids), gl.STREAM_DRAW);
     gl.enable(gl.DEPTH_TEST);
@@ -685,25 +863,27 @@ export class Renderer {
         gl.uniform3fv(program.at('standIn'), this.mean);
         gl.uniform1f(program.at('lightUnit'), this.data.lightUnit);
         gl.uniform1i(program.at('unfiltered'), this.unfiltered ? 1 : 0);
+        if (this.maps) this.bindFinishes(program);
         set(program);
       }
       if (!group || group.base !== draw.group.base || group.glow !== draw.group.glow) {
         this.bind(program, 5, 'baseTexture', gl.TEXTURE_2D, this.textures[draw.group.base] ?? this.white);
         this.bind(program, 6, 'glowTexture', gl.TEXTURE_2D, this.textures[draw.group.glow] ?? this.white);
       }
+      if (draw.group.finish && group !== draw.group) this.bindFinish(program, draw.group);
       // a back is a black wall for light
       if (draw.group.doubleSided || shadow) gl.disable(gl.CULL_FACE);
       else gl.enable(gl.CULL_FACE);
       group = draw.group;
     };
     const run = (draw: Draw, first: number, count: number, mirrored: boolean) => {
-      if (extra === 'DIRECT') this.setLights(current!, ids.slice(first, first + count));
+      if (extra === 'DIRECT') this.setLights(current!, ids.slice(first, first + count), !!draw.group.finish);
       gl.frontFace(mirrored ? gl.CW : gl.CCW);
       gl.vertexAttribIPointer(Attribute.OBJECT, 1, gl.UNSIGNED_INT, 4, 4 * first);
       gl.drawElementsInstanced(gl.TRIANGLES, draw.group.count, gl.UNSIGNED_INT, 4 * draw.group.first, count);
     };
     const blended: { draw: Draw; at: number; object: number; mirrored: boolean; depth: number }[] = [];
-    for (const draw of this.draws)
+    for (const draw of this.surfaces.draws)
       for (const range of ranges.get(draw.mesh) ?? []) {
         if (isBlended(draw.group) && extra === 'DEPTH') continue;
         if (isBlended(draw.group) && extra !== 'SURVEY' && !shadow) {
@@ -737,12 +917,30 @@ export class Renderer {
     gl.bindVertexArray(null);
   }
 
+  private bindFinish(program: Program, { finish, material }: Group): void {
+    const { gl } = this;
+    const size = 4 * FINISH_TEXELS;
+    gl.uniform4fv(program.at('finish'), this.data.finish!.materials, size * material, size);
+    finish!.forEach((texture, place) => {
+      const image = this.maps!.textures[texture];
+      const name = `${FINISH_TEXTURES[place]}Texture`;
+      if (image) this.bind(program, 12 + place, name, gl.TEXTURE_2D, image);
+    });
+  }
+
+  private bindFinishes(program: Program): void {
+    const { gl } = this;
+    this.bind(program, 11, 'smoothTable', gl.TEXTURE_2D, this.maps!.smooth);
+    gl.uniform3fv(program.at('sky'), this.sky as Float32Array);
+    gl.uniform1f(program.at('skyUnit'), this.data.lightUnit);
+  }
+
   /** The lights that shine on objects. */
-  private setLights(program: Program, objects: number[]): void {
+  private setLights(program: Program, objects: number[], smooth: boolean): void {
     const { gl } = this;
     const box = emptyBox();
     for (const object of objects) widen(box, this.boxOf(object));
-    const list = this.lights!.near(box, FAINT * this.meanLuminance());
+    const list = this.lights!.near(box, FAINT * this.meanLuminance() * (smooth ? FAINT_SHARE : 1));
     if (list.length) gl.uniform1iv(program.at('light'), list);
     gl.uniform1i(program.at('lightCount'), list.length);
   }
@@ -882,7 +1080,7 @@ export class Renderer {
     const target = (sample ? this.single : this.target)!;
     const lights = this.prepareLights(view) ? this.lights : null;
     const scale = scaleOf(view, width, height);
-    const exposure = 2 ** this.stops;
+    const exposure = this.show === 'light' ? 2 ** this.stops : 0; // of the sky
     const [x, y] = placeOf(sample);
     const offset: [number, number] = [(2 * x) / width, (-2 * y) / height];
     this.clear(target.framebuffer, width, height);
@@ -899,14 +1097,16 @@ export class Renderer {
       gl.uniform2f(program.at('offset'), ...offset);
       gl.uniform1f(program.at('sharper'), sample ? SHARPER : 0);
     };
-    // direct light is dear: depth first, so that only what is seen is lit
-    if (lights) {
+    // direct light is dear, and so are finishes: depth first, so that only what is seen is lit
+    if (lights || (this.maps && width * height * PIXELS_DEAR > this.surfaces.triangles)) {
       gl.colorMask(false, false, false, false);
       this.drawSurfaces(view, scale, 'DEPTH', place);
       gl.colorMask(true, true, true, true);
     }
-    this.drawSurfaces(view, scale, lights ? 'DIRECT' : '', (program) => {
+    const extra = this.show !== 'light' ? 'SHOW' : lights ? 'DIRECT' : '';
+    this.drawSurfaces(view, scale, extra, (program) => {
       place(program);
+      gl.uniform1i(program.at('show'), SHOWN.indexOf(this.show));
       if (lights) {
         this.bind(program, 7, 'lights', gl.TEXTURE_2D, lights.table);
         this.bind(program, 8, 'shapes', gl.TEXTURE_2D, lights.shapes);
@@ -931,7 +1131,8 @@ export class Renderer {
     gl.viewport(0, 0, canvasWidth, canvasHeight);
     this.drawScreen(TONEMAP_FRAGMENT, (program) => {
       this.bind(program, 0, 'picture', gl.TEXTURE_2D, this.shown!.picture);
-      gl.uniform1i(program.at('curve'), CURVES.indexOf(this.curve));
+      const curve = this.show === 'light' ? this.curve : 'none';
+      gl.uniform1i(program.at('curve'), CURVES.indexOf(curve));
     });
     this.fence.begin();
   }
@@ -955,7 +1156,7 @@ export class Renderer {
    * not yet, or black. */
   meter(): number | null {
     const { gl } = this;
-    if (!this.shown) return null;
+    if (!this.shown || this.show !== 'light') return null;
     if (this.meterPixels.busy()) {
       const pixels = this.meterPixels.take();
       const stops = pixels && autoStops(new Float32Array(pixels));

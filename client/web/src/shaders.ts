@@ -1,11 +1,11 @@
 // shaders.ts: what the GPU runs. Shading is client/view/compose.c's: albedo / pi * E + emission, E from the
 // level whose texels are as large as pixels, or what stands in for it.
 
+import { FINISH } from './finish_shaders.ts';
 import { MATERIAL_TEXELS } from './geometry.ts';
+import { HEAD } from './shader_head.ts';
 import { CASCADES, LAMP_SIDE, LIGHTS_MAX, SUN_SIDE } from './limits.ts';
 
-/** Width of textures that hold numbers by index. */
-export const TABLE_WIDTH = 2048;
 /** Where vertex arrays go. */
 export const Attribute = {
   POSITION: 0,
@@ -16,18 +16,10 @@ export const Attribute = {
   TAG: 5,
   OBJECT: 6,
   NORMAL: 7,
+  TANGENT: 8,
 } as const;
 /** Texels of the table of objects: three rows of a transform; first level, levels, back offset. */
 export const OBJECT_TEXELS = 4;
-
-const HEAD = `#version 300 es
-precision highp float;
-precision highp int;
-precision highp sampler2D;
-precision highp usampler2D;
-precision highp sampler2DArray;
-ivec2 at(uint i) { return ivec2(i & ${TABLE_WIDTH - 1}u, i >> ${Math.log2(TABLE_WIDTH)}u); }
-`;
 
 export const SURFACE_VERTEX = `${HEAD}
 layout(location = ${Attribute.POSITION}) in vec3 position;
@@ -38,6 +30,7 @@ layout(location = ${Attribute.COLOUR}) in vec4 colour;
 layout(location = ${Attribute.TAG}) in uint tag;
 layout(location = ${Attribute.OBJECT}) in uint object;
 layout(location = ${Attribute.NORMAL}) in vec3 normal;
+layout(location = ${Attribute.TANGENT}) in vec4 tangent;
 uniform sampler2D objects;
 uniform mat4 clip;
 uniform vec3 eye, right, up, forward;
@@ -45,27 +38,46 @@ uniform vec2 scale, offset;
 uniform float near, parallel; // parallel: of an orthographic view, one over its depth; else 0
 invariant gl_Position; // depth alone and the picture are of different programs
 out vec3 vAt; // from the eye
+#ifndef ONE_UV
 out vec4 vUv;
+#else
+out vec2 vUv;
+#endif
+#ifndef WHITE
 out vec4 vColour;
+#endif
 out vec2 vLightmap;
 centroid out vec2 vLightmapIn; // within the triangle, at every sample
 flat out uint vTag;
 flat out uint vObject;
-#ifdef DIRECT
+#ifdef NORMALS
 out vec3 vNormal;
+#endif
+#ifdef NORMAL_TEXTURE
+out vec4 vTangent;
 #endif
 void main() {
   vec4 p = vec4(position, 1), row[3];
   for (uint i = 0u; i < 3u; i++) row[i] = texelFetch(objects, at(${OBJECT_TEXELS}u * object + i), 0);
   vAt = vec3(dot(row[0], p), dot(row[1], p), dot(row[2], p)) - eye;
-#ifdef DIRECT
+#ifdef NORMALS
   // by cofactors, outward under mirroring
   vec3 xy = cross(row[0].xyz, row[1].xyz), yz = cross(row[1].xyz, row[2].xyz);
   vec3 zx = cross(row[2].xyz, row[0].xyz);
   vNormal = vec3(dot(yz, normal), dot(zx, normal), dot(xy, normal)) * sign(dot(yz, row[0].xyz));
 #endif
+#ifdef NORMAL_TEXTURE
+  for (int k = 0; k < 3; k++) vTangent[k] = dot(row[k].xyz, tangent.xyz);
+  vTangent.w = tangent.w * sign(dot(yz, row[0].xyz)); // a mirrored object turns the map's y around
+#endif
+#ifndef ONE_UV
   vUv = vec4(uv0, uv1);
+#else
+  vUv = uv0;
+#endif
+#ifndef WHITE
   vColour = colour;
+#endif
   vLightmap = lightmap;
   vLightmapIn = lightmap;
   vTag = tag;
@@ -99,7 +111,6 @@ uniform sampler2DArray sunMaps, lampMaps;
 uniform int light[${LIGHTS_MAX}], lightCount;
 uniform float pictureNumber, faint;
 uniform vec2 tap[TAPS]; // on the unit disc
-in vec3 vNormal;
 
 // what of a depth is near / distance
 #ifdef REVERSED
@@ -211,18 +222,21 @@ float shape(int row, int first, vec3 d) {
     mix(texelFetch(shapes, i + ivec2(17, 0), 0).r, texelFetch(shapes, i + ivec2(18, 0), 0).r, f.x), f.y);
 }
 
+// times albedo / pi it is what leaves; of a finish, times 1 / pi
+#ifdef FINISH
+vec3 directLight(Seen s) {
+  vec3 p = vAt, n = s.plain, lit = s.n, sum = vec3(0);
+#else
 vec3 directLight() {
-  vec3 p = vAt, g = normalize(cross(dFdx(p), dFdy(p))), sum = vec3(0);
-  if (dot(g, ray()) > 0.0) g = -g;
-  vec3 n = normalize(gl_FrontFacing ? vNormal : -vNormal);
-  if (!(dot(n, g) > 0.01)) n = g;
+  vec3 p = vAt, g = faceNormal(), n = plainNormal(g), lit = n, sum = vec3(0);
+#endif
   mat2 turn = turnOf(gl_FragCoord.xy);
   for (int k = 0; k < lightCount; k++) {
     int i = light[k];
     vec4 place = lightRow(i, 0), colour = lightRow(i, 1), axis = lightRow(i, 2), maps = lightRow(i, 3);
     bool sun = place.w == 0.0;
     vec3 to = sun ? place.xyz : place.xyz - p;
-    float far2 = dot(to, to) + 1e-20, far = sqrt(far2), e = dot(n, to) / (sun ? 1.0 : far2 * far);
+    float far2 = dot(to, to) + 1e-20, far = sqrt(far2), e = dot(lit, to) / (sun ? 1.0 : far2 * far);
     if (place.w == 2.0) {
       float falls = clamp((dot(axis.xyz, -to) / far - axis.w) * maps.w, 0.0, 1.0);
       e *= falls * falls;
@@ -232,9 +246,19 @@ vec3 directLight() {
       e *= shape(int(axis.x), far * 1.5 < 5.0 * maps.z ? 289 : 0, -to);
       e *= far2 / max(far2, maps.z * maps.z);
     }
+#ifdef FINISH
+    if (!(e > 0.0 && dot(s.plain, to) > 0.0)) continue;
+    vec3 sent = colour.rgb * (e * reflected(s, to / far, dot(lit, to) / far, colour.w / (sun ? 1.0 : far)));
+    if (dot(sent, vec3(0.2126, 0.7152, 0.0722)) <= faint) continue;
+#else
     if (e * dot(colour.rgb, vec3(0.2126, 0.7152, 0.0722)) <= faint) continue;
+#endif
     float seen = sun ? sunSeen(i, to, colour.w, p, n, turn) : lampSeen(maps, colour.w, -to, n, turn);
+#ifdef FINISH
+    sum += sent * seen;
+#else
     sum += colour.rgb * (e * seen);
+#endif
   }
   return sum;
 }
@@ -242,12 +266,28 @@ vec3 directLight() {
 
 export const SURFACE_FRAGMENT = `${HEAD}
 in vec3 vAt;
+#ifndef ONE_UV
 in vec4 vUv;
+#define uvOf(set) (set > 0.5 ? vUv.zw : vUv.xy)
+#else
+in vec2 vUv;
+#define uvOf(set) (vUv - vUv * step(0.5, set))
+#endif
+#ifndef WHITE
 in vec4 vColour;
+#else
+const vec4 vColour = vec4(1);
+#endif
 in vec2 vLightmap;
 centroid in vec2 vLightmapIn;
 flat in uint vTag;
 flat in uint vObject;
+#ifdef NORMALS
+in vec3 vNormal;
+#endif
+#ifdef NORMAL_TEXTURE
+in vec4 vTangent;
+#endif
 uniform sampler2D objects, materials, baseTexture, glowTexture;
 uniform usampler2D levels, tileState;
 uniform sampler2DArray pages;
@@ -327,14 +367,32 @@ uint levelFor(uint coarsest) {
 // row: of the table of materials, where the rows of the transform are
 vec3 sampleTexture(sampler2D image, uint row, out float alpha) {
   vec4 row0 = texelFetch(materials, at(row), 0), row1 = texelFetch(materials, at(row + 1u), 0);
-  vec2 uv = row0.w > 0.5 ? vUv.zw : vUv.xy;
+  vec2 uv = uvOf(row0.w);
   vec4 value = texture(image, vec2(dot(row0.xyz, vec3(uv, 1)), dot(row1.xyz, vec3(uv, 1))), sharper);
   alpha = value.a;
   return value.rgb;
 }
 
+#ifdef NORMALS
+// the side that is seen
+vec3 faceNormal() {
+  vec3 g = normalize(cross(dFdx(vAt), dFdy(vAt)));
+  return dot(g, ray()) > 0.0 ? -g : g;
+}
+
+vec3 plainNormal(vec3 g) {
+  vec3 n = normalize(gl_FrontFacing ? vNormal : -vNormal);
+  return dot(n, g) > 0.01 ? n : g;
+}
+#endif
+#ifdef FINISH
+${FINISH}
+#endif
 #ifdef DIRECT
 ${DIRECT}
+#endif
+#ifdef SHOW
+uniform int show;
 #endif
 
 void main() {
@@ -373,6 +431,13 @@ void main() {
   vec4 object = texelFetch(objects, at(${OBJECT_TEXELS}u * vObject + 3u), 0);
   uint first = uint(object.x), count = uint(object.y), coarsest = vTag >> 16;
   uint level = min(levelFor(coarsest), max(count, 1u) - 1u); // before any pixel leaves: it takes differences
+#ifdef FINISH
+  Seen plain, seen;
+  plain.v = -normalize(ray());
+  plain.plain = plainNormal(faceNormal());
+  if (!(dot(plain.plain, plain.plain) > 0.5)) plain.plain = plain.v; // an edge: it has no face
+  float metalness, occlusion = finishOf(albedo, plain, seen, metalness);
+#endif
 #ifdef MASK
   if (alpha < glow.w) discard;
 #endif
@@ -387,6 +452,15 @@ void main() {
     Footprint f = footprintOf(first, level, uv);
     needed = uvec4(f.tile + 1u, (f.across ? 1u : 0u) | (f.down ? 2u : 0u), f.tilesX, 0u);
   }
+#elif defined(SHOW)
+#ifdef FINISH
+  vec3 normal = seen.n;
+  float rough = seen.lobes.roughness, metal = clamp(metalness, 0.0, 1.0);
+#else
+  vec3 normal = plainNormal(faceNormal());
+  float rough = 1.0, metal = 0.0;
+#endif
+  radiance = vec4(show == 1 ? normal * 0.5 + 0.5 : vec3(show == 2 ? rough : metal), 1);
 #else
   vec3 e = standIn;
   if (count > 0u) {
@@ -399,10 +473,17 @@ void main() {
       ? irradianceAt(f)
       : standInFor(first, count, max(noiseLevel, level), uv);
   }
+#ifdef FINISH
+  vec3 leaving = occlusion * everywhere(seen, e) + emission;
+#ifdef DIRECT
+  leaving += directLight(seen) * ${1 / Math.PI};
+#endif
+#else
 #ifdef DIRECT
   e += directLight();
 #endif
   vec3 leaving = albedo * e * ${1 / Math.PI} + emission;
+#endif
 #ifdef BLEND
   radiance = vec4(min(leaving * exposure, 6e4), clamp(alpha, 0.0, 1.0));
 #else

@@ -3,6 +3,7 @@ import { ClosedError, DrawsTooMuch, nothingKept, Session, type SessionHost } fro
 import { findBody } from './body.ts';
 import { Clusters, fitsMaps } from './clusters.ts';
 import { ProtocolError, TokenError } from './failure.ts';
+import type { Finishes } from './finishes.ts';
 import { buffersOf, buildGeometry } from './geometry.ts';
 import { changesOf, type Lamp, lampsOf } from './lamps.ts';
 import { nodeToWorld } from './pose.ts';
@@ -118,6 +119,8 @@ class Link {
       },
       progress: (fraction) => post({ kind: 'progress', fraction }),
       scene: (replica) => this.postScene(replica),
+      // three's materials have the file's own
+      ...(!FOR_THREE && { finishes: (finishes: Finishes) => this.postFinishes(finishes) }),
       frame: (news) => {
         this.retryMs = RETRY_FIRST_MS;
         post({ kind: 'state', text: '', final: false });
@@ -161,6 +164,12 @@ class Link {
     };
     post(scene, buffersOf(data));
     this.postLamps();
+  }
+
+  /** Surfaces again, with vertices split where tangents differ. */
+  private postFinishes(finishes: Finishes): void {
+    const data = buildGeometry(this.kept.replica!.scene, this.tiles, finishes);
+    post({ kind: 'finishes', data }, buffersOf(data));
   }
 
   private postLamps(): void {

@@ -1,4 +1,5 @@
-// All that a browser loads stays small, by brotli and by gzip, and is what it loads without them.
+// All that a browser loads stays small, by brotli and by gzip, and is what it loads without them. Finishes cost
+// 6 kB: their shaders, their reader, the tables that the GPU makes.
 import assert from 'node:assert/strict';
 import { readdirSync, readFileSync } from 'node:fs';
 import { join } from 'node:path';
@@ -11,8 +12,8 @@ const names = readdirSync(web).filter((name) => !/\.(br|gz)$/.test(name));
 const file = (name) => readFileSync(join(web, name));
 
 for (const [ending, most, decompress] of [
-  ['.br', 76000, brotliDecompressSync],
-  ['.gz', 82000, gunzipSync],
+  ['.br', 81000, brotliDecompressSync],
+  ['.gz', 89000, gunzipSync],
 ])
   test(`the client is at most ${most / 1000} kB as ${ending}`, () => {
     assert.ok(names.includes('worker.js'));
