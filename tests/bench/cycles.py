@@ -6,12 +6,15 @@ blender --background --factory-startup --python tests/bench/cycles.py -- SCENE.g
 
 --materials matt: every surface becomes Lambertian with the base colour as albedo. full, the default: surfaces have
 the file's roughness, metalness and normal maps, built of
-    split       Glossy (GGX), its colour what facets send back once over what white ones do; and Diffuse, its colour
-                what the gloss leaves of the base, and what facets send back many times. Tables by view and roughness,
-                as glTF has it: Schlick's Fresnel, height-correlated masking.
+    split       for the metal and the gloss Principled (GGX) of metalness 1, whose Fresnel is that of a smooth
+                dielectric of ior 1.3 between its colour and 1, near to Schlick's. By tables over view and roughness it
+                is scaled to what glTF's facets (Schlick, height-correlated masking) send back of even light. Diffuse
+                has what the gloss leaves of the base, and what facets send back many times.
     principled  Principled (MULTI_GGX) for the metal, and for the gloss on a black base, which is added to Diffuse as
                 above. Its Fresnel is that of a smooth dielectric: at 60 degrees 0.089 where Schlick's has 0.070.
-Backs of single-sided surfaces are black and do not shine.
+Cycles darkens Diffuse where a bumped normal leans (its bump_shadowing_term, after Estevez et al. 2019), and we do not:
+its colour is divided by the mean of that factor over directions. Silence about metalness and roughness, and 0 and 1 of them, are matt, as docs/importing.md has it. Backs of single-sided
+surfaces are black and do not shine.
 Lights take the units of docs/architecture.md: 1 cd = 1 W/sr, 1 lux = 1 W/m^2, emission = radiance. Written for Blender
 3.4 (Debian 12). The file holds linear radiance, box-filtered over pixels.
 """
@@ -75,51 +78,73 @@ def connect(links, output, value, socket):
 
 SIDE = 32  # entries of a table, each way: cosine (i / (SIDE - 1))^2, roughness j / (SIDE - 1)
 F0, F0_MEAN = 0.04, 0.04 + 0.96 / 21  # of a gloss, by Schlick: at normal incidence, and the mean over directions
+IOR = 1.3  # of Principled's Fresnel
+
+
+def smooth_fresnel(cosine, ior):
+    """Of a smooth dielectric, from 0 at normal incidence to 1 at grazing, as Principled blends colours by it."""
+    inside = numpy.sqrt(1 - (1 - cosine * cosine) / (ior * ior))
+    s, p = (cosine - ior * inside) / (cosine + ior * inside), (ior * cosine - inside) / (ior * cosine + inside)
+    least = ((ior - 1) / (ior + 1)) ** 2
+    return (0.5 * (s * s + p * p) - least) / (1 - least)
 
 
 def facets_once(cosine, roughness, samples=2048):
-    """Of light along a direction what GGX facets send back once, of 1 - c, of c, c = (1 - cos)^5, and the part of it
-    that masking and shadowing leave where they are independent, as Cycles 3.4 has them."""
+    """Of light along a direction what GGX facets send back once, of 1 - c and of c: c is Schlick's (1 - cos)^5 with
+    height-correlated masking; then c of Principled, with masking and shadowing apart, as Cycles 3.4 has them."""
     alpha2 = max(roughness * roughness, 1e-3) ** 2
     k = (numpy.arange(samples) + 0.5) / samples
     phi = 2 * math.pi * ((numpy.arange(samples) * 0.6180339887) % 1)
     z = numpy.sqrt((1 - k) / (1 + (alpha2 - 1) * k))
-    r = numpy.sqrt(1 - z * z)
-    v = numpy.array([math.sqrt(1 - cosine * cosine), 0, cosine])
-    with_half = r * numpy.cos(phi) * v[0] + z * v[2]
+    v = math.sqrt(1 - cosine * cosine)
+    with_half = numpy.sqrt(1 - z * z) * numpy.cos(phi) * v + z * cosine
     light = 2 * with_half * z - cosine
     up = (light > 0) & (with_half > 0)
-    light, with_half, z = light[up], with_half[up], z[up]
+    light, with_half, z = light[up], numpy.minimum(with_half[up], 1), z[up]
 
     def stretch(c):
         return numpy.sqrt(alpha2 + (1 - alpha2) * c * c)
 
-    jacobian = 4 * with_half / z * light
+    jacobian = 4 * with_half / z * light / samples
     shown = 0.5 / (light * stretch(cosine) + cosine * stretch(light)) * jacobian
     apart = 1 / ((light + stretch(light)) * (cosine + stretch(cosine))) * jacobian
-    c = (1 - with_half) ** 5
-    return (shown * (1 - c)).sum() / samples, (shown * c).sum() / samples, apart.sum() / samples
+    c, d = (1 - with_half) ** 5, smooth_fresnel(with_half, IOR)
+    return (shown * (1 - c)).sum(), (shown * c).sum(), (apart * (1 - d)).sum(), (apart * d).sum()
 
 
 def many_times(f, mean):
     return f * f * mean / (1 - f * (1 - mean))
 
 
+def kept_of_bump(cosine, samples=4096):
+    """Mean of Cycles' bump_shadowing_term over cosine-weighted light about a normal that leans by that cosine, of
+    light from above the plain surface."""
+    k = (numpy.arange(samples) + 0.5) / samples
+    phi = 2 * math.pi * ((numpy.arange(samples) * 0.6180339887) % 1)
+    with_normal = numpy.sqrt(k)
+    with_plain = with_normal * cosine + numpy.sqrt(1 - k) * numpy.cos(phi) * math.sqrt(1 - cosine * cosine)
+    up = with_plain > 0
+    g = numpy.minimum(with_plain[up] / (with_normal[up] * cosine), 1)
+    return (g + g * g - g * g * g).mean()
+
+
 def make_tables():
-    """Images over (cosine, roughness): once: A / E', B / E' of Glossy's colour f0 A + B, E' what Glossy itself sends
-    back of white; rest: what a gloss leaves, what facets lose, and E, their mean."""
-    once, rest = numpy.ones((SIDE, SIDE, 4), "f"), numpy.ones((SIDE, SIDE, 4), "f")
+    """Images over (cosine, roughness): once: A, B of glTF's facets, which send back f0 A + B, and what a gloss leaves;
+    own: the same two of Principled, and the mean of A + B. lean: kept_of_bump()."""
+    once, own = numpy.ones((SIDE, SIDE, 4), "f"), numpy.ones((SIDE, SIDE, 4), "f")
     weight = (numpy.arange(SIDE) / (SIDE - 1)) ** 3  # cosine x d cosine, of cosine = x^2
     for j in range(SIDE):
         shares = [facets_once(max(i / (SIDE - 1), 0.02) ** 2, j / (SIDE - 1)) for i in range(SIDE)]
-        a, b, own = numpy.array(shares).T
+        a, b, own_a, own_b = numpy.array(shares).T
         e = numpy.minimum(a + b, 1)
         mean = (e * weight).sum() / weight.sum()
         gloss = F0 * a + b + (1 - e) * many_times(F0_MEAN, mean)
-        once[j, :, 0], once[j, :, 1] = a / own, b / own
-        rest[j, :, 0], rest[j, :, 1], rest[j, :, 2] = 1 - gloss, 1 - e, mean
+        once[j, :, 0], once[j, :, 1], once[j, :, 2] = a, b, 1 - gloss
+        own[j, :, 0], own[j, :, 1], own[j, :, 2] = own_a, own_b, mean
+    lean = numpy.ones((SIDE, SIDE, 4), "f")
+    lean[:, :, 0] = [kept_of_bump(max(i / (SIDE - 1), 0.02)) for i in range(SIDE)]
     images = []
-    for name, table in (("once", once), ("rest", rest)):
+    for name, table in (("once", once), ("own", own), ("lean", lean)):
         image = bpy.data.images.new(name, SIDE, SIDE, float_buffer=True, is_data=True)
         image.pixels.foreach_set(table.ravel())
         image.update()
@@ -157,7 +182,7 @@ class Graph:
     def scale(self, vector, factor):
         node = self.nodes.new("ShaderNodeVectorMath")
         node.operation = "SCALE"
-        self.feed(vector, node.inputs[0])
+        self.feed(tuple(vector)[:3] if hasattr(vector, "__len__") else vector, node.inputs[0])
         self.feed(factor, node.inputs["Scale"])
         return node.outputs[0]
 
@@ -186,6 +211,18 @@ class Graph:
         return node.outputs[0]
 
 
+def make_diffuse(graph, colour, normal, tables):
+    if normal is None:
+        return graph.shader("ShaderNodeBsdfDiffuse", None, Color=colour)
+    geometry = graph.nodes.new("ShaderNodeNewGeometry")
+    lean = graph.vector("DOT_PRODUCT", normal, geometry.outputs["Normal"], output="Value")
+    at = graph.nodes.new("ShaderNodeCombineXYZ")
+    graph.feed(graph.math("MULTIPLY_ADD", lean, (SIDE - 1) / SIDE, 0.5 / SIDE), at.inputs[0])
+    at.inputs[1].default_value = 0.5
+    kept = graph.look_up(tables[2], at.outputs[0])[0]
+    return graph.shader("ShaderNodeBsdfDiffuse", normal, Color=graph.scale(colour, graph.math("DIVIDE", 1.0, kept)))
+
+
 def make_gloss(graph, principled, kind, tables):
     """The surface of a material with its file's roughness, metalness and normal map."""
     def value(name):
@@ -205,13 +242,13 @@ def make_gloss(graph, principled, kind, tables):
     graph.feed(graph.math("MULTIPLY_ADD", cosine, side, 0.5 / SIDE), at.inputs[0])
     graph.feed(graph.math("MULTIPLY_ADD", rough, side, 0.5 / SIDE), at.inputs[1])
     once = graph.look_up(tables[0], at.outputs[0])
-    rest = graph.look_up(tables[1], at.outputs[0])
+    own = graph.look_up(tables[1], at.outputs[0])
 
     dielectric = graph.math("SUBTRACT", 1.0, metal)
     plain = graph.vector("ADD", (0, 0, 0), base) if not isinstance(base, tuple) else base
-    under = graph.scale(plain, graph.math("MULTIPLY", dielectric, rest[0]))
+    under = graph.scale(plain, graph.math("MULTIPLY", dielectric, once[2]))
     if kind == "principled":
-        diffuse = graph.shader("ShaderNodeBsdfDiffuse", normal, Color=under)
+        diffuse = make_diffuse(graph, under, normal, tables)
         of_metal = graph.shader("ShaderNodeBsdfPrincipled", normal, Base_Color=base if not isinstance(base, tuple)
                                 else base + (1,), Metallic=1.0, Roughness=rough)
         of_gloss = graph.shader("ShaderNodeBsdfPrincipled", normal, Base_Color=(0, 0, 0, 1), Metallic=0.0,
@@ -220,20 +257,45 @@ def make_gloss(graph, principled, kind, tables):
         mirrored = graph.join("ShaderNodeMixShader", of_gloss.outputs[0], of_metal.outputs[0], metal)
         return graph.join("ShaderNodeAddShader", diffuse.outputs[0], mirrored)
     f0 = graph.vector("ADD", graph.scale(plain, metal), graph.scale((F0, F0, F0), dielectric))
-    mirror = graph.vector("ADD", graph.scale(f0, once[0]), graph.scale((1, 1, 1), once[1]))
+    grey = graph.vector("DOT_PRODUCT", f0, (1 / 3, 1 / 3, 1 / 3), output="Value")
+
+    def sent(table):
+        return graph.math("MULTIPLY_ADD", grey, table[0], table[1])
+
+    scale = graph.math("DIVIDE", sent(once), sent(own))
     # F of many times: f^2 E / (1 - f (1 - E)), f = 20/21 f0 + 1/21
     mean = graph.vector("ADD", graph.scale(f0, 20 / 21), (1 / 21, 1 / 21, 1 / 21))
-    lost = graph.vector("SUBTRACT", (1, 1, 1), graph.scale(mean, graph.math("SUBTRACT", 1.0, rest[2])))
-    many = graph.vector("DIVIDE", graph.scale(graph.vector("MULTIPLY", mean, mean), rest[2]), lost)
-    spread = graph.vector("ADD", under, graph.scale(many, rest[1]))
-    diffuse = graph.shader("ShaderNodeBsdfDiffuse", normal, Color=spread)
-    glossy = graph.shader("ShaderNodeBsdfGlossy", normal, Color=mirror, Roughness=rough)
+    lost = graph.vector("SUBTRACT", (1, 1, 1), graph.scale(mean, graph.math("SUBTRACT", 1.0, own[2])))
+    many = graph.vector("DIVIDE", graph.scale(graph.vector("MULTIPLY", mean, mean), own[2]), lost)
+    once_lost = graph.math("MAXIMUM", graph.math("SUBTRACT", 1.0, graph.math("ADD", once[0], once[1])), 0.0)
+    diffuse = make_diffuse(graph, graph.vector("ADD", under, graph.scale(many, once_lost)), normal, tables)
+    glossy = graph.shader("ShaderNodeBsdfPrincipled", normal, Base_Color=f0, Metallic=1.0, Roughness=rough,
+                          Specular=((IOR - 1) / (IOR + 1)) ** 2 / 0.08)
     glossy.distribution = "GGX"
-    return graph.join("ShaderNodeAddShader", diffuse.outputs[0], glossy.outputs[0])
+    # A mix scales by 1 at most, and the scale may be more: two halves.
+    black = graph.shader("ShaderNodeBsdfDiffuse", None, Color=(0, 0, 0, 1))
+    half = graph.join("ShaderNodeMixShader", black.outputs[0], glossy.outputs[0],
+                      graph.math("MULTIPLY", scale, 0.5))
+    mirrored = graph.join("ShaderNodeAddShader", half, half)
+    return graph.join("ShaderNodeAddShader", diffuse.outputs[0], mirrored)
+
+
+def says_gloss(gltf):
+    """Names of the materials that are not matt."""
+    names = set()
+    for material in gltf.get("materials", []):
+        pbr, more = material.get("pbrMetallicRoughness", {}), material.get("extensions", {})
+        mapped = "metallicRoughnessTexture" in pbr or {"KHR_materials_specular", "KHR_materials_ior"} & more.keys()
+        said = mapped or "metallicFactor" in pbr or "roughnessFactor" in pbr
+        even = pbr.get("metallicFactor", 1) == 0 and pbr.get("roughnessFactor", 1) == 1
+        if said and (mapped or not even):
+            names.add(material.get("name", ""))
+    return names
 
 
 def make_surface(material, gloss, tables):
-    """Rebuilds what the importer made: reflection and emission of the front, alpha as it is. gloss: None: matt."""
+    """Rebuilds what the importer made: reflection and emission of the front, alpha as it is. gloss: None: matt. tables:
+    None: no normal maps."""
     tree = material.node_tree
     nodes, links = tree.nodes, tree.links
     principled = next((n for n in nodes if n.type == "BSDF_PRINCIPLED"), None)
@@ -245,12 +307,13 @@ def make_surface(material, gloss, tables):
     emission = source_of(nodes, principled.inputs["Emission"], links)
     strength = source_of(nodes, principled.inputs["Emission Strength"], links)
 
-    if gloss is None:
-        diffuse = nodes.new("ShaderNodeBsdfDiffuse")
-        connect(links, *colour, diffuse.inputs["Color"])
-        reflection = diffuse.outputs[0]
+    graph = Graph(tree)
+    if gloss is not None:
+        reflection = make_gloss(graph, principled, gloss, tables)
     else:
-        reflection = make_gloss(Graph(tree), principled, gloss, tables)
+        normal = source_of(nodes, principled.inputs["Normal"], links)[0] if tables else None
+        diffuse = make_diffuse(graph, colour[1] if colour[0] is None else colour[0], normal, tables)
+        reflection = diffuse.outputs[0]
     shine = nodes.new("ShaderNodeEmission")
     connect(links, *emission, shine.inputs["Color"])
     connect(links, *strength, shine.inputs["Strength"])
@@ -332,11 +395,14 @@ def main():
         bpy.data.objects.remove(thing)
     bpy.ops.import_scene.gltf(filepath=args.scene)
     full = args.materials == "full"
+    gltf = read_json(args.scene)
+    glossy = says_gloss(gltf)
     tables = make_tables() if full else None
     for material in bpy.data.materials:
         if material.use_nodes:
-            make_surface(material, args.gloss if full else None, tables)
-    set_lights(read_json(args.scene), args.sun_angle)
+            gloss = args.gloss if full and material.name in glossy else None
+            make_surface(material, gloss, tables)
+    set_lights(gltf, args.sun_angle)
     width, height = (int(x) for x in args.size.split("x"))
     set_camera(args.camera, width, height)
 
