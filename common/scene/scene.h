@@ -308,7 +308,7 @@ struct lw_surface {
     struct lw_vec3 position, normal; /* object space, interpolated; the normal is unit */
     struct lw_vec3 geometric_normal; /* object space, unit, by winding */
     /* Base colour x texture x vertex colour, in [0, 1]; unlit: 0. With a finish, what all lobes send back of
-     * light from everywhere, mirrored light included: lw_lobes_albedo(). For bounces that spread it evenly. */
+     * light from everywhere, mirrored light included: lw_lobes_albedo(). Bounces spread it evenly. */
     struct lw_vec3 albedo;
     struct lw_vec3 base;        /* the base colour there, in [0, 1] */
     float alpha;                /* in [0, 1]: 1 for OPAQUE; 1 or 0 for MASK, by alpha_cutoff */

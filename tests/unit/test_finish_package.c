@@ -272,7 +272,7 @@ static void cut_off_anywhere_is_refused(void **state) {
     free(bytes);
 }
 
-/* So many the reader of the page refuses as well (client/web/test/finish_package.test.mjs). */
+/* As many the reader of the page refuses as well (client/web/test/finish_package.test.mjs). */
 #define FLIPPED_BITS_REFUSED 3521
 
 static void every_flipped_bit_is_refused_or_sound(void **state) {
