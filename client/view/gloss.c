@@ -10,11 +10,12 @@
 
 #define WIDTH LW_GLOSS_WIDTH
 
-#define GRAZING    1e-4f /* the smallest cosine of an eye */
-#define GRAZING_IN 1e-3f /* the same of light: lamps have a size */
-#define SPREAD_MAX 0.18f
-#define BUMP_MAX   1e4f /* slope */
-#define SHORT2     1e-12f
+#define GRAZING      1e-4f /* the smallest cosine of an eye */
+#define GRAZING_IN   1e-3f /* the same of light: lamps have a size */
+#define SPREAD_MAX   0.18f
+#define SPREAD_ALONE 0.01f /* of pixels without neighbours: a lamp's lobe of alpha 0.1 */
+#define BUMP_MAX     1e4f  /* slope */
+#define SHORT2       1e-12f
 
 LW_WIDE_INLINE float least(float a, float b) { return a < b ? a : b; }
 LW_WIDE_INLINE float most(float a, float b) { return a > b ? a : b; }
@@ -169,7 +170,7 @@ LW_WIDE static void weigh_all(const struct lw_gloss16 *restrict g, const float *
         }
 }
 
-/* What neighbours in a quad differ by. */
+/* What neighbours in a quad differ by; thin things and edges have none. */
 LW_WIDE static void spread_all(const float (*restrict normal)[WIDTH], unsigned quads, float *restrict out) {
     for (unsigned i = 0; i < WIDTH; i++) {
         float sum = 0;
@@ -177,7 +178,7 @@ LW_WIDE static void spread_all(const float (*restrict normal)[WIDTH], unsigned q
             const float across = normal[c][i] - normal[c][i ^ 1u], down = normal[c][i] - normal[c][i ^ 4u];
             sum += across * across + down * down;
         }
-        out[i] = quads >> i & 1u ? least(0.5f * sum, SPREAD_MAX) : 0;
+        out[i] = quads >> i & 1u ? least(0.5f * sum, SPREAD_MAX) : SPREAD_ALONE;
     }
 }
 
