@@ -4,8 +4,8 @@
  *
  * Prints the ratio of the means (all channels), relMSE = mean((x - t)^2 / (t^2 + eps)), eps = 1 % of the
  * mean of t^2, FLIP (67 pixels per degree, Reinhard's curve at the reference's own exposure), how many of 8 x
- * 4 blocks are within 5 % of the reference and the farthest, and the ratio in each. For pictures of other
- * renderers (cycles.py) and of other options. */
+ * 4 blocks are within 5 % and 10 % of the reference and the farthest, and the ratio in each. For pictures of
+ * other renderers (cycles.py) and of other options. */
 #include "client/view/tonemap.h"
 #include "common/image/flip.h"
 #include "common/image/image.h"
@@ -18,6 +18,7 @@
 #define COLUMNS 8u
 #define ROWS    4u
 #define NEAR    0.05
+#define NEARBY  0.1
 
 struct picture {
     float *rgb;
@@ -64,15 +65,17 @@ static double flip(const struct picture *x, const struct picture *t) {
 
 static void report_blocks(const struct picture *x, const struct picture *t) {
     double low = (double)INFINITY, high = 0, ratio[ROWS][COLUMNS];
-    uint32_t near = 0;
+    uint32_t near = 0, nearby = 0;
     for (uint32_t r = 0; r < ROWS; r++)
         for (uint32_t c = 0; c < COLUMNS; c++) {
             ratio[r][c] = region_mean(x, c, r) / region_mean(t, c, r);
             near += fabs(ratio[r][c] - 1) <= NEAR;
+            nearby += fabs(ratio[r][c] - 1) <= NEARBY;
             low = fmin(low, ratio[r][c]);
             high = fmax(high, ratio[r][c]);
         }
-    printf("%u of %u blocks within 5 %%, from %.3f to %.3f\n", near, ROWS * COLUMNS, low, high);
+    printf("%u of %u blocks within 5 %%, %u within 10 %%, from %.3f to %.3f\n", near, ROWS * COLUMNS, nearby,
+           low, high);
     for (uint32_t r = 0; r < ROWS; r++)
         for (uint32_t c = 0; c < COLUMNS; c++) printf("%7.4f%s", ratio[r][c], c + 1 < COLUMNS ? "" : "\n");
 }
