@@ -509,6 +509,12 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
     uint64_t count = 0;
     for (uint32_t o = 0; o < scene->object_count; o++) {
         const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
+        if (!mesh->lightmap_uv) {
+            lw_texels_finish(texels);
+            return lw_status_fail(err, LW_BAD_DATA,
+                                  "object %u \"%s\" has no lightmap: import the scene again", o,
+                                  scene->object[o].name);
+        }
         texels->mesh[scene->object[o].mesh] =
             (struct lw_mesh_texels){.width = mesh->atlas_width,
                                     .height = mesh->atlas_height,
