@@ -63,7 +63,7 @@ export class FinishMaps {
     if (textures.some((texture, i) => texture !== given[i]))
       this.note = 'textures of materials coarser than the file has them';
     const [width, height] = environment ? SKIES_SIZE : [LOBES_SIDE, LOBES_SIDE];
-    this.smooth = this.createPicture(width, height, 1);
+    this.smooth = this.createPicture(width, height, 1, environment ? gl.RGBA16F : gl.RG16F);
     this.frame = gl.createFramebuffer()!;
     this.compute(LOBES, this.smooth, [0, 0, LOBES_SIDE, LOBES_SIDE], (program) =>
       gl.uniform1ui(program.at('count'), LOBE_SAMPLES),
@@ -72,11 +72,11 @@ export class FinishMaps {
     for (const texture of textures) this.left.push(() => this.textures.push(create(texture)));
   }
 
-  private createPicture(width: number, height: number, levels: number): WebGLTexture {
+  private createPicture(width: number, height: number, levels: number, format: number): WebGLTexture {
     const { gl } = this;
     const texture = gl.createTexture()!;
     gl.bindTexture(gl.TEXTURE_2D, texture);
-    gl.texStorage2D(gl.TEXTURE_2D, levels, gl.RGBA16F, width, height);
+    gl.texStorage2D(gl.TEXTURE_2D, levels, format, width, height);
     nearest(gl, gl.TEXTURE_2D);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.LINEAR);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, levels > 1 ? gl.LINEAR_MIPMAP_LINEAR : gl.LINEAR);
@@ -113,7 +113,7 @@ export class FinishMaps {
   private blur(environment: WebGLTexture, width: number): void {
     const { gl } = this;
     const [, , wide, high] = SKIES[0];
-    const shrunk = this.createPicture(wide, high, Math.log2(wide) + 1);
+    const shrunk = this.createPicture(wide, high, Math.log2(wide) + 1, gl.RGBA16F);
     this.shrunk = shrunk;
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.REPEAT);
     const read = (program: Program, texture: WebGLTexture) => {

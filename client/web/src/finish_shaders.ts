@@ -47,7 +47,7 @@ struct Lobes {
 struct Seen {
   Lobes lobes;
   vec3 v, plain, n; // unit: to the eye; of the surface without its map, with it
-  float nv, alpha, under; // under: what the gloss leaves
+  float nv, alpha, under, spread; // under: what the gloss leaves; spread: of n within a pixel, alpha^2
   vec3 boost; // for light that facets scatter many times
   vec3 mirrored; // of light from everywhere
 };
@@ -94,6 +94,7 @@ Seen see(Lobes lobes, vec3 v, vec3 plain, vec3 n) {
 #ifdef NORMAL_TEXTURE
   s.n = bentNormal(n, plain, v);
 #endif
+  s.spread = 0.0;
   s.nv = clamp(dot(s.n, v), 1e-4, 1.0);
   s.alpha = max(lobes.roughness * lobes.roughness, 1e-3);
   vec2 share = lobeShares(s.nv, lobes.roughness);
@@ -113,7 +114,7 @@ vec3 reflected(Seen s, vec3 to, float nl, float wide) {
   vec3 h = s.v + to;
   h *= inversesqrt(max(dot(h, h), 1e-9));
   vec3 across = cross(s.n, h);
-  float nh = dot(s.n, h), alpha2 = min(s.alpha * s.alpha + 0.25 * wide * wide, 1.0);
+  float nh = dot(s.n, h), alpha2 = min(s.alpha * s.alpha + s.spread + 0.25 * wide * wide, 1.0);
   float d = dot(across, across) + alpha2 * nh * nh, near = max(nl, 1e-3);
   float visible = 0.5 / (near * stretch(s.nv, alpha2) + s.nv * stretch(near, alpha2));
   vec3 f = s.lobes.f0 + (s.lobes.f90 - s.lobes.f0) * schlick(dot(s.v, h));
@@ -194,6 +195,10 @@ float finishOf(vec3 base, Seen from, out Seen s, out float metalness) {
   metalness = finish[0].x * surface.b;
   s = see(lobesOf(base, metalness, finish[0].y * surface.g, mirror.a, finish[0].w * mirror.rgb),
     from.v, from.plain, n);
+#ifdef DIRECT
+  vec3 across = dFdx(s.n), down = dFdy(s.n);
+  s.spread = min(0.5 * (dot(across, across) + dot(down, down)), 0.18);
+#endif
   return 1.0 + finish[1].w * (occlusion.r - 1.0);
 }
 `;

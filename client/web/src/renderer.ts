@@ -44,8 +44,6 @@ const SAMPLES = 4;
 export const SAMPLES_STILL = 16;
 /** Their textures are read at finer mip levels, by this many. */
 const SHARPER = -3;
-/** A pixel with a finish costs as much as the depth of this number of triangles, or more. */
-const PIXELS_DEAR = 10;
 /** Of textures, where the GPU is fast. */
 const ANISOTROPY = 8;
 /** Share of the mean light from which on a lamp is drawn on an object. */
@@ -94,7 +92,6 @@ interface Surfaces {
   vertices: WebGLVertexArrayObject;
   buffers: WebGLBuffer[];
   draws: Draw[];
-  triangles: number; // of all objects
 }
 
 /** Those with finishes, until the GPU has all of them. */
@@ -309,7 +306,7 @@ export class Renderer {
 
   private createFinishTexture(t: FinishTexture): WebGLTexture {
     const { gl } = this;
-    const sharp = this.slow ? 1 : ANISOTROPY; // three or four more readings for each of the base colour's
+    const sharp = this.slow ? 0 : ANISOTROPY; // each is read as often as the base colour's
     if (t.content === Content.NORMAL) return this.createMipmapped(t, gl.RG8, gl.RG, t.texels, sharp);
     return this.createMipmapped(t, t.content ? gl.RGBA8 : gl.SRGB8_ALPHA8, gl.RGBA, t.texels, sharp);
   }
@@ -319,7 +316,7 @@ export class Renderer {
     internal: number,
     format: number,
     texels: Uint8Array,
-    sharp: number, // anisotropy
+    sharp: number, // anisotropy; 0: of one mip level alone
   ): WebGLTexture {
     const { gl } = this;
     const texture = gl.createTexture()!;
@@ -331,9 +328,10 @@ export class Renderer {
     const wraps = [gl.REPEAT, gl.CLAMP_TO_EDGE, gl.MIRRORED_REPEAT];
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, wraps[t.wrapS]!);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, wraps[t.wrapT]!);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+    const levelsRead = sharp ? gl.LINEAR_MIPMAP_LINEAR : gl.LINEAR_MIPMAP_NEAREST;
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, levelsRead);
     const anisotropy = gl.getExtension('EXT_texture_filter_anisotropic');
-    if (anisotropy) gl.texParameteri(gl.TEXTURE_2D, anisotropy.TEXTURE_MAX_ANISOTROPY_EXT, sharp);
+    if (anisotropy && sharp) gl.texParameteri(gl.TEXTURE_2D, anisotropy.TEXTURE_MAX_ANISOTROPY_EXT, sharp);
     return texture;
   }
 
@@ -379,8 +377,7 @@ export class Renderer {
       const i = x.findIndex((value, k) => value !== y[k]);
       return i < 0 ? a.mesh - b.mesh : x[i]! - y[i]!;
     });
-    const triangles = draws.reduce((sum, d) => sum + (d.group.count / 3) * this.objectsOf[d.mesh]!.length, 0);
-    return { ...this.createVertices(data), draws, triangles };
+    return { ...this.createVertices(data), draws };
   }
 
   private deleteSurfaces({ vertices, buffers }: Surfaces): void {
@@ -530,11 +527,11 @@ export class Renderer {
     if (!next) return false;
     if (!next.surfaces) {
       next.surfaces = this.createSurfaces(next.data);
-      for (const extra of ['', 'DEPTH', ...(this.lights ? ['DIRECT'] : [])])
+      for (const extra of this.lights ? ['', 'DIRECT'] : [''])
         for (const draw of next.surfaces.draws) {
           const defines = this.definesWith(draw, extra);
           const key = keyOf(defines, SURFACE_FRAGMENT);
-          if ((draw.finish.length || extra === 'DEPTH') && !this.programs.has(key) && !next.programs.has(key))
+          if (draw.finish.length && !this.programs.has(key) && !next.programs.has(key))
             next.programs.set(key, createProgram(gl, SURFACE_VERTEX, SURFACE_FRAGMENT, defines));
         }
       return false;
@@ -1097,8 +1094,8 @@ export class Renderer {
       gl.uniform2f(program.at('offset'), ...offset);
       gl.uniform1f(program.at('sharper'), sample ? SHARPER : 0);
     };
-    // direct light is dear, and so are finishes: depth first, so that only what is seen is lit
-    if (lights || (this.maps && width * height * PIXELS_DEAR > this.surfaces.triangles)) {
+    // direct light is dear: depth first, so that only what is seen is lit
+    if (lights) {
       gl.colorMask(false, false, false, false);
       this.drawSurfaces(view, scale, 'DEPTH', place);
       gl.colorMask(true, true, true, true);
