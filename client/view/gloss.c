@@ -156,8 +156,9 @@ LW_WIDE static void weigh_all(const struct lw_gloss16 *restrict g, const float *
         f90[i] = strength[i] + metal * (1 - strength[i]);
         const float gloss0 =
             inside(most(g->dielectric[0][i], most(g->dielectric[1][i], g->dielectric[2][i])), 0, 1);
-        under[i] = most(1 - strength[i] * (gloss0 * a[i] + b[i]), 0) * (1 - metal);
         again[i] = 1 / inside(a[i] + b[i], 1e-3f, 1) - 1;
+        const float taken = strength[i] * (gloss0 * a[i] + b[i]) * (1 + strength[i] * gloss0 * again[i]);
+        under[i] = most(1 - taken, 0) * (1 - metal);
     }
     for (unsigned c = 0; c < 3; c++)
         for (unsigned i = 0; i < WIDTH; i++) {

@@ -4,8 +4,8 @@
  *
  * With a and b of common/shading/lobe_table.h for the eye's cosine, E = a + b:
  *
- *   under = 1 - (gloss0 a + gloss90 b)     what the gloss leaves for the diffuse lobe
  *   boost = 1 + f0 (1/E - 1)               light that facets send to and fro
+ *   under = 1 - (gloss0 a + gloss90 b) (1 + gloss0 (1/E - 1))     what the gloss leaves
  *   of a lamp, E there:      E (diffuse under / pi + D V F boost)
  *   of everything else:      occlusion (E/pi diffuse under + ambient (f0 a + f90 b) boost)
  *

@@ -77,6 +77,7 @@ static void test_furnace(void **state) {
             struct stuff stuff = i < 8 ? metal((float)k / 20) : glossy((float)k / 20);
             stuff.base = lw_vec3(1, 1, 1);
             set_floor(&g, i, &stuff, slanted(0.05f + 0.95f * (float)(i % 8) / 7));
+            if (i % 3 == 2) set(g.dielectric, i, lw_vec3(0.8f, 0.8f, 0.8f)); /* a bright gloss */
         }
         lw_gloss_see16(&g, &seen);
         for (unsigned i = 0; i < WIDTH; i++) {
