@@ -289,6 +289,10 @@ static void test_charts(void **state) {
     press(SDLK_v);
     assert_int_equal(now().show, LW_SHOW_INTEREST);
     assert_memory_equal(now().says, "interest: ", 10);
+    for (int show = LW_SHOW_NORMALS; show < LW_SHOW_COUNT; show++) {
+        press(SDLK_v);
+        assert_int_equal(now().show, show);
+    }
     press(SDLK_v);
     assert_int_equal(now().show, LW_SHOW_ALL);
     for (int i = 0; i < LW_SHOW_COUNT; i++) {
