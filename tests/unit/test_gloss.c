@@ -334,7 +334,8 @@ static void test_same_finish(void **state) {
         assert_true(fabsf(seen.roughness[3] - point.lobes.roughness) < 1e-5f);
         const struct lw_lobe_share s = lw_lobe_table_at(seen.cosine[3], point.lobes.roughness);
         const struct lw_lobes *l = &point.lobes;
-        const float under = 1 - l->gloss0 * s.a - l->gloss90 * s.b, again = 1 / (s.a + s.b) - 1;
+        const float again = 1 / (s.a + s.b) - 1;
+        const float under = 1 - (l->gloss0 * s.a + l->gloss90 * s.b) * (1 + l->gloss0 * again);
         assert_true(fabsf(seen.diffuse[1][3] - l->diffuse.y * under) < 1e-4f);
         assert_true(fabsf(seen.mirror[2][3] - l->f0.z * (1 + l->f0.z * again)) < 1e-4f);
         assert_true(fabsf(seen.mirrored[0][3] - (l->f0.x * s.a + l->f90 * s.b) * (1 + l->f0.x * again)) <
