@@ -3,6 +3,7 @@
 option(LW_WERROR "Treat warnings as errors" OFF)
 set(LW_SANITIZE "" CACHE STRING "Sanitizers for all of our code, e.g. address,undefined or thread")
 option(LW_FUZZ "Build the fuzzers with libFuzzer (clang); otherwise they replay their corpus" OFF)
+option(LW_COMPILE_ONLY "No program is run while others are built: for the warnings of one more compiler" OFF)
 option(LW_COVERAGE "Instrument for gcov" OFF)
 
 if(NOT CMAKE_BUILD_TYPE)

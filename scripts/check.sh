@@ -101,7 +101,7 @@ compile_objects() {
 compile_with() {
     local compiler=$1
     cmake --preset release -B "build/$compiler" -DCMAKE_C_COMPILER="$compiler" -DCMAKE_C_FLAGS_RELEASE="$2" \
-        -DLW_WERROR=ON --log-level=WARNING
+        -DLW_WERROR=ON -DLW_COMPILE_ONLY=ON --log-level=WARNING
     compile_objects "$compiler" ''
 }
 

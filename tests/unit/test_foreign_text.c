@@ -106,8 +106,8 @@ static void mtl_is_read_however_it_is_written(void **state) {
         "\tnewmtl t\n\t\tKd\t0.8 0.1\t0.1\n\t\tmap_Kd\tred.tga\n",
         "newmtl t\nKd 0.8 \\\n0.1 0.1#red\nmap_Kd \\\nred.tga\n",
         "newmtl t\nKd 8e-1 0,1 .1\nmap_Kd \"red.tga\"\n",
-        "newmtl t\nKa 1 1 1\nKs 0 0 0\nNs 10\nNi 1.5\nillum 2\nKd 0.8 0.1 0.1\nmap_Kd red.tga\nTf 1 1 1\n"
-        "Pr 0\nPm 0\nPs 0\nPc 0\nPcr 0\naniso 0\nanisor 0\nmap_Ka a\nmap_Ks b\nmap_Ns c\nmap_Ps d\n",
+        ("newmtl t\nKa 1 1 1\nKs 0 0 0\nNs 10\nNi 1.5\nillum 2\nKd 0.8 0.1 0.1\nmap_Kd red.tga\nTf 1 1 1\n"
+         "Pr 0\nPm 0\nPs 0\nPc 0\nPcr 0\naniso 0\nanisor 0\nmap_Ka a\nmap_Ks b\nmap_Ns c\nmap_Ps d\n"),
     };
     write_picture("red.tga", 200, 10, 10);
     for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
