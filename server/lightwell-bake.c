@@ -339,7 +339,7 @@ static enum lw_status make_key(struct baker *b, struct lw_error *err) {
     enum lw_status status = lw_package_write(b->scene, &package, &size, err);
     if (status != LW_OK) return status;
     int length = print_hash(text, sizeof text, 0, package, size);
-    if (lw_finish_package_wanted(b->scene)) {
+    if (lw_scene_has_finishes(b->scene)) {
         status = lw_finish_package_write(b->scene, &package, &size, err);
         if (status != LW_OK) return status;
         length = print_hash(text, sizeof text, length, package, size);

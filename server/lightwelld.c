@@ -494,7 +494,7 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
         return status;
     }
     status = lw_package_write(d->scene, &d->package, &d->package_size, err);
-    if (status == LW_OK && lw_finish_package_wanted(d->scene))
+    if (status == LW_OK && lw_scene_has_finishes(d->scene))
         status = lw_finish_package_write(d->scene, &d->finishes, &d->finishes_size, err);
     if (status != LW_OK) return status;
     if ((status = lw_atlas_map_init(&d->atlas_map, d->scene)) != LW_OK)

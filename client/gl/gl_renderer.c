@@ -389,12 +389,6 @@ void lw_gl_renderer_destroy(struct lw_gl_renderer *r) {
 
 /* ---- finishes ---- */
 
-static bool has_finish(const struct lw_scene *scene) {
-    for (uint32_t m = 0; m < scene->material_count; m++)
-        if (scene->material[m].finish && !scene->material[m].unlit) return true;
-    return false;
-}
-
 static void make_smooth(GLenum kind, GLuint *out) {
     glGenTextures(1, out);
     glBindTexture(kind, *out);
@@ -421,7 +415,7 @@ static enum lw_status make_tables(struct lw_gl_renderer *r, struct lw_error *err
 
 /* Takes over finishes that have arrived. */
 static enum lw_status take_finishes(struct lw_gl_renderer *r, struct lw_error *err) {
-    if (!has_finish(r->desc.scene)) return LW_OK;
+    if (!lw_scene_has_finishes(r->desc.scene)) return LW_OK;
     enum lw_status status = r->lobes ? LW_OK : make_tables(r, err);
     if (status == LW_OK) status = lw_gl_scene_follow(&r->scene, err);
     return status;

@@ -381,12 +381,6 @@ static bool has_new_tangents(const struct lw_gl_scene *s) {
     return false;
 }
 
-static bool has_finish(const struct lw_scene *scene) {
-    for (uint32_t m = 0; m < scene->material_count; m++)
-        if (scene->material[m].finish) return true;
-    return false;
-}
-
 static void drop_meshes(struct lw_gl_scene *s) {
     for (uint32_t m = 0; s->mesh && m < s->scene->mesh_count; m++) {
         if (s->mesh[m].array) glDeleteVertexArrays(1, &s->mesh[m].array);
@@ -402,7 +396,7 @@ static void drop_meshes(struct lw_gl_scene *s) {
 
 enum lw_status lw_gl_scene_follow(struct lw_gl_scene *s, struct lw_error *err) {
     enum lw_status status = LW_OK;
-    if (!has_finish(s->scene)) return LW_OK;
+    if (!lw_scene_has_finishes(s->scene)) return LW_OK;
     if (has_new_tangents(s)) {
         drop_meshes(s);
         status = upload_indices(s, err);

@@ -71,12 +71,6 @@ static void scene_record(struct lw_records *c, const struct lw_scene *scene) {
     lw_record_reserved(c);
 }
 
-static void texture_use(struct lw_records *c, struct lw_texture_use *use) {
-    lw_record_words(c, &use->texture, 1);
-    lw_record_words(c, &use->uv_set, 1);
-    lw_record_words(c, use->transform, 6);
-}
-
 static void finish_record(struct lw_records *c, struct finish_of *of) {
     struct lw_finish *f = &of->finish;
     lw_record_words(c, &of->material, 1);
@@ -87,10 +81,10 @@ static void finish_record(struct lw_records *c, struct finish_of *of) {
     lw_record_words(c, &f->ior, 1);
     lw_record_words(c, &f->occlusion, 1);
     lw_record_words(c, &f->normal_scale, 1);
-    texture_use(c, &f->surface_texture);
-    texture_use(c, &f->specular_texture);
-    texture_use(c, &f->occlusion_texture);
-    texture_use(c, &f->normal_texture);
+    lw_record_texture_use(c, &f->surface_texture);
+    lw_record_texture_use(c, &f->specular_texture);
+    lw_record_texture_use(c, &f->occlusion_texture);
+    lw_record_texture_use(c, &f->normal_texture);
 }
 
 /* Bytes of a texel: R, G, B, A; x and y of a normal; R, G, B of a surface. */
@@ -98,15 +92,10 @@ static uint32_t planes_of(uint8_t content) {
     return content == LW_CONTENT_COLOUR ? 4 : content == LW_CONTENT_NORMAL ? 2 : 3;
 }
 
-/* z of a normal whose x and y are bytes, as a byte. */
-static uint8_t blue_of(uint8_t red, uint8_t green) {
-    const float x = ((float)red - 127.5f) / 127.5f, y = ((float)green - 127.5f) / 127.5f;
-    return (uint8_t)lrintf(127.5f + 127.5f * sqrtf(fmaxf(1 - x * x - y * y, 0)));
-}
-
 static void restore_texels(uint8_t *rgba, size_t count, uint8_t content) {
     for (size_t i = 0; i < count; i++) {
-        if (content == LW_CONTENT_NORMAL) rgba[4 * i + 2] = blue_of(rgba[4 * i], rgba[4 * i + 1]);
+        if (content == LW_CONTENT_NORMAL)
+            rgba[4 * i + 2] = lw_scene_normal_blue(rgba[4 * i], rgba[4 * i + 1]);
         rgba[4 * i + 3] = 255;
     }
 }
@@ -167,30 +156,16 @@ static void tangents_record(struct lw_records *c, const struct lw_scene *scene, 
     of->tangent = (const uint16_t *)(const void *)bytes;
 }
 
-/* Only a reader may store: while a scene is written, others may read it. */
-#define EACH(c, id, elements, count, call)                                                                   \
-    for (uint32_t i = 0; !(c)->status && i < (count); i++) {                                                 \
-        typeof(*(elements)) element = (elements)[i];                                                         \
-        lw_record_begin(c, id, i);                                                                           \
-        call;                                                                                                \
-        if ((c)->mode == LW_RECORDS_READ) (elements)[i] = element;                                           \
-    }
-
 static void all_records(struct lw_records *c, struct content *of) {
     lw_record_begin(c, SECTION_SCENE, 0);
     scene_record(c, of->scene);
-    EACH(c, SECTION_FINISHES, of->finish, of->finish_count, finish_record(c, &element))
-    EACH(c, SECTION_TEXTURES, of->texture, of->texture_count, texture_record(c, of->scene, &element))
-    EACH(c, SECTION_MESHES, of->tangents, of->mesh_count, tangents_record(c, of->scene, &element))
+    LW_RECORDS_EACH(c, SECTION_FINISHES, of->finish, of->finish_count, finish_record(c, &element))
+    LW_RECORDS_EACH(c, SECTION_TEXTURES, of->texture, of->texture_count,
+                    texture_record(c, of->scene, &element))
+    LW_RECORDS_EACH(c, SECTION_MESHES, of->tangents, of->mesh_count, tangents_record(c, of->scene, &element))
 }
 
 /* ---- writing ---- */
-
-bool lw_finish_package_wanted(const struct lw_scene *scene) {
-    for (uint32_t m = 0; m < scene->material_count; m++)
-        if (scene->material[m].finish) return true;
-    return false;
-}
 
 /* What a scene has. False: no memory. */
 static bool gather(const struct lw_scene *scene, struct lw_scene *copy, struct content *out) {
@@ -298,15 +273,6 @@ static enum lw_status check_order(const struct content *content, struct lw_error
     return LW_OK;
 }
 
-static void take_away(const struct content *content) {
-    struct lw_scene *scene = content->scene;
-    scene->finish_texture = NULL;
-    scene->finish_texture_count = 0;
-    for (uint32_t i = 0; i < content->finish_count; i++)
-        scene->material[content->finish[i].material].finish = NULL;
-    for (uint32_t i = 0; i < content->mesh_count; i++) scene->mesh[content->tangents[i].mesh].tangent = NULL;
-}
-
 /* To a scene that passes all checks with it, or to none. */
 static enum lw_status give(const struct content *content, struct lw_error *err) {
     struct lw_scene *scene = content->scene;
@@ -317,7 +283,7 @@ static enum lw_status give(const struct content *content, struct lw_error *err) 
     for (uint32_t i = 0; i < content->mesh_count; i++)
         scene->mesh[content->tangents[i].mesh].tangent = content->tangents[i].tangent;
     const enum lw_status status = lw_scene_validate_finishes(scene, err);
-    if (status) take_away(content);
+    if (status) lw_scene_drop_finishes(scene);
     return status;
 }
 
@@ -333,16 +299,12 @@ static bool allocate(struct content *content, const struct lw_records *c) {
     return content->finish && content->texture && content->tangents;
 }
 
-enum lw_status lw_finish_package_read(const uint8_t *bytes, size_t size, struct lw_scene *scene,
+enum lw_status lw_finish_package_take(uint8_t *bytes, size_t size, struct lw_scene *scene,
                                       struct lw_error *err) {
     struct content content = {.scene = scene};
     struct lw_records c = records_of(LW_RECORDS_READ, err);
     enum lw_status status = check_header(bytes, size, err);
-    if (status) return status;
-    uint8_t *copy = lw_scene_alloc(scene, size, 1);
-    if (!copy) return lw_status_fail(err, LW_NO_MEMORY, "no memory for finishes of %zu bytes", size);
-    memcpy(copy, bytes, size);
-    status = read_table(&c, copy, size);
+    if (!status) status = read_table(&c, bytes, size);
     if (status) return status;
     if (!allocate(&content, &c)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for finishes");
     all_records(&c, &content);
@@ -350,6 +312,16 @@ enum lw_status lw_finish_package_read(const uint8_t *bytes, size_t size, struct 
     if (!status) status = lw_records_check_used(&c);
     if (!status) status = check_order(&content, err);
     return status ? status : give(&content, err);
+}
+
+enum lw_status lw_finish_package_read(const uint8_t *bytes, size_t size, struct lw_scene *scene,
+                                      struct lw_error *err) {
+    const enum lw_status status = check_header(bytes, size, err);
+    if (status) return status;
+    uint8_t *copy = lw_scene_alloc(scene, size, 1);
+    if (!copy) return lw_status_fail(err, LW_NO_MEMORY, "no memory for finishes of %zu bytes", size);
+    memcpy(copy, bytes, size);
+    return lw_finish_package_take(copy, size, scene, err);
 }
 
 /* ---- parts ---- */

@@ -9,10 +9,7 @@
 #define LW_FINISH_PACKAGE_VERSION  1u
 #define LW_FINISH_PACKAGE_SIZE_MAX UINT32_MAX /* bytes */
 
-/** Whether a scene has finishes. */
-bool lw_finish_package_wanted(const struct lw_scene *scene);
-
-/** Writes the finishes of a valid scene. *out_bytes is malloc'ed; the caller frees it. Same scene, same
+/** Writes the finishes of a valid scene that has some. *out_bytes is malloc'ed; the caller frees it. Same scene, same
  * bytes. Errors: LW_NO_MEMORY; LW_BAD_DATA past LW_FINISH_PACKAGE_SIZE_MAX. */
 LW_MUST_CHECK enum lw_status lw_finish_package_write(const struct lw_scene *scene, uint8_t **out_bytes,
                                                      size_t *out_size, struct lw_error *err);
@@ -22,6 +19,10 @@ LW_MUST_CHECK enum lw_status lw_finish_package_write(const struct lw_scene *scen
  * lw_package_read(). A package that is refused leaves the scene as it was, but for memory.
  * Errors: LW_BAD_DATA naming the section and field, or finishes of another scene; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_finish_package_read(const uint8_t *bytes, size_t size, struct lw_scene *scene,
+                                                    struct lw_error *err);
+
+/** The same of bytes that the scene owns, without a copy. */
+LW_MUST_CHECK enum lw_status lw_finish_package_take(uint8_t *bytes, size_t size, struct lw_scene *scene,
                                                     struct lw_error *err);
 
 /** Cuts a package into parts, each of which clients may have already: before each texture's pixels. Bytes

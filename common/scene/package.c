@@ -113,19 +113,13 @@ static void mesh_record(struct lw_records *c, struct lw_mesh *mesh) {
     lw_record_reserved(c);
 }
 
-static void texture_use(struct lw_records *c, struct lw_texture_use *use) {
-    lw_record_words(c, &use->texture, 1);
-    lw_record_words(c, &use->uv_set, 1);
-    lw_record_words(c, use->transform, 6);
-}
-
 static void material_record(struct lw_records *c, struct lw_material *material) {
     material->name = lw_record_string(c, material->name);
     lw_record_words(c, material->base_colour, 4);
     lw_record_words(c, material->emission, 3);
     lw_record_words(c, &material->alpha_cutoff, 1);
-    texture_use(c, &material->base_colour_texture);
-    texture_use(c, &material->emission_texture);
+    lw_record_texture_use(c, &material->base_colour_texture);
+    lw_record_texture_use(c, &material->emission_texture);
     lw_record_choice(c, &material->alpha_mode, LW_ALPHA_BLEND, "alpha mode");
     lw_record_choice(c, &material->double_sided, 1, "double_sided");
 }
@@ -231,26 +225,31 @@ static void camera_height_record(struct lw_records *c, struct lw_camera *camera)
 static void all_records(struct lw_records *c, struct lw_scene *scene) {
     lw_record_begin(c, SECTION_SCENE, 0);
     scene_record(c, scene);
-    LW_RECORDS_EACH(c, SECTION_MESHES, scene->mesh, scene->mesh_count, mesh_record)
-    LW_RECORDS_EACH(c, SECTION_MATERIALS, scene->material, scene->material_count, material_record)
-    LW_RECORDS_EACH(c, SECTION_TEXTURES, scene->texture, scene->texture_count, texture_record)
-    LW_RECORDS_EACH(c, SECTION_NODES, scene->node, scene->node_count, node_record)
-    LW_RECORDS_EACH(c, SECTION_OBJECTS, scene->object, scene->object_count, object_record)
-    LW_RECORDS_EACH(c, SECTION_LIGHTS, scene->light, scene->light_count, light_record)
-    LW_RECORDS_EACH(c, SECTION_CAMERAS, scene->camera, scene->camera_count, camera_record)
-    LW_RECORDS_EACH(c, SECTION_CHANNELS, scene->channel, scene->channel_count, channel_record)
+    LW_RECORDS_EACH(c, SECTION_MESHES, scene->mesh, scene->mesh_count, mesh_record(c, &element))
+    LW_RECORDS_EACH(c, SECTION_MATERIALS, scene->material, scene->material_count,
+                    material_record(c, &element))
+    LW_RECORDS_EACH(c, SECTION_TEXTURES, scene->texture, scene->texture_count, texture_record(c, &element))
+    LW_RECORDS_EACH(c, SECTION_NODES, scene->node, scene->node_count, node_record(c, &element))
+    LW_RECORDS_EACH(c, SECTION_OBJECTS, scene->object, scene->object_count, object_record(c, &element))
+    LW_RECORDS_EACH(c, SECTION_LIGHTS, scene->light, scene->light_count, light_record(c, &element))
+    LW_RECORDS_EACH(c, SECTION_CAMERAS, scene->camera, scene->camera_count, camera_record(c, &element))
+    LW_RECORDS_EACH(c, SECTION_CHANNELS, scene->channel, scene->channel_count, channel_record(c, &element))
     const uint64_t environments =
         c->mode == LW_RECORDS_READ ? c->section[SECTION_ENVIRONMENTS].count : scene->environment.width > 0;
-    LW_RECORDS_EACH(c, SECTION_ENVIRONMENTS, &scene->environment, environments, environment_record)
+    LW_RECORDS_EACH(c, SECTION_ENVIRONMENTS, &scene->environment, environments,
+                    environment_record(c, &element))
     if (c->version < VERSION_DRAWERS) return;
-    LW_RECORDS_EACH(c, SECTION_LIGHT_DRAWERS, scene->light, scene->light_count, light_drawer_record)
+    LW_RECORDS_EACH(c, SECTION_LIGHT_DRAWERS, scene->light, scene->light_count,
+                    light_drawer_record(c, &element))
     LW_RECORDS_EACH(c, SECTION_MATERIAL_DRAWERS, scene->material, scene->material_count,
-                    material_drawer_record)
+                    material_drawer_record(c, &element))
     if (c->version < VERSION_LOOKS) return;
-    LW_RECORDS_EACH(c, SECTION_MATERIAL_LOOKS, scene->material, scene->material_count, material_look_record)
-    LW_RECORDS_EACH(c, SECTION_CAMERA_HEIGHTS, scene->camera, scene->camera_count, camera_height_record)
+    LW_RECORDS_EACH(c, SECTION_MATERIAL_LOOKS, scene->material, scene->material_count,
+                    material_look_record(c, &element))
+    LW_RECORDS_EACH(c, SECTION_CAMERA_HEIGHTS, scene->camera, scene->camera_count,
+                    camera_height_record(c, &element))
     LW_RECORDS_EACH(c, SECTION_LIGHT_CHANNELS, scene->light_channel, scene->light_channel_count,
-                    channel_record)
+                    channel_record(c, &element))
 }
 
 /* How many sections a version has; 0: it is not known. */
@@ -368,7 +367,7 @@ enum lw_status lw_package_write_sealed(const struct lw_scene *scene, uint8_t **o
     struct blob finishes = {0};
     uint32_t version = wants_looks(scene) ? VERSION_LOOKS : VERSION_SEALED;
     enum lw_status status = lw_scene_validate(scene, err);
-    if (!status && lw_finish_package_wanted(scene)) {
+    if (!status && lw_scene_has_finishes(scene)) {
         version = VERSION_FINISHES;
         status = lw_finish_package_write(scene, &finishes.bytes, &finishes.size, err);
     }
@@ -473,7 +472,7 @@ static enum lw_status read_in_place(struct lw_scene *scene, uint8_t *bytes, size
                               "channel: then the version is 1 to 5");
     status = lw_scene_validate(scene, err);
     if (status || version < VERSION_FINISHES) return status;
-    status = lw_finish_package_read(finishes.bytes, (size_t)finishes.count, scene, err);
+    status = lw_finish_package_take(finishes.bytes, (size_t)finishes.count, scene, err);
     if (status) lw_status_context(err, "section finishes");
     return status;
 }

@@ -20,7 +20,6 @@ void lw_record_fail(struct lw_records *c, const char *format, ...) {
                                c->format->kind[c->record_section].name, c->record, text);
 }
 
-/* Fields of 4 bytes: numbers and floats, `count` in a row. */
 void lw_record_words(struct lw_records *c, void *words, size_t count) {
     size_t size = 4 * count;
     if (c->mode == LW_RECORDS_WRITE) memcpy(c->at, words, size);
@@ -28,7 +27,6 @@ void lw_record_words(struct lw_records *c, void *words, size_t count) {
     if (c->mode != LW_RECORDS_MEASURE) c->at += size;
 }
 
-/* A small number that takes a word in the file and a byte in memory. */
 void lw_record_choice(struct lw_records *c, uint8_t *value, uint32_t max, const char *field) {
     uint32_t word = *value;
     lw_record_words(c, &word, 1);
@@ -45,7 +43,6 @@ void lw_record_reserved(struct lw_records *c) {
     if (word != 0) lw_record_fail(c, "a reserved field is %u, not 0", word);
 }
 
-/* Takes `count` elements of a section; returns where they begin, or NULL. */
 uint8_t *lw_record_take(struct lw_records *c, unsigned id, uint64_t count, uint32_t first,
                         const char *field) {
     struct lw_records_section *section = &c->section[id];
@@ -67,7 +64,6 @@ uint8_t *lw_record_take(struct lw_records *c, unsigned id, uint64_t count, uint3
     return start;
 }
 
-/* The array as the scene holds it, written or found; NULL if it is absent. */
 const void *lw_record_array(struct lw_records *c, unsigned id, const void *elements, uint64_t count,
                             const char *field) {
     uint32_t first = elements ? (uint32_t)c->section[id].cursor : ABSENT;
@@ -80,7 +76,12 @@ const void *lw_record_array(struct lw_records *c, unsigned id, const void *eleme
     return elements;
 }
 
-/* Strings end with a NUL that their length does not count, so that the reader can point at them. */
+void lw_record_texture_use(struct lw_records *c, struct lw_texture_use *use) {
+    lw_record_words(c, &use->texture, 1);
+    lw_record_words(c, &use->uv_set, 1);
+    lw_record_words(c, use->transform, 6);
+}
+
 const char *lw_record_string(struct lw_records *c, const char *text) {
     uint64_t length = text ? strlen(text) : 0;
     /* what does not fit 32 bits is measured all the same, and then exceeds the size limit */

@@ -5,6 +5,7 @@
 #ifndef LW_COMMON_RECORDS_H
 #define LW_COMMON_RECORDS_H
 
+#include "common/scene/scene.h"
 #include "common/status.h"
 
 #include <stddef.h>
@@ -68,6 +69,8 @@ uint8_t *lw_record_take(struct lw_records *c, unsigned id, uint64_t count, uint3
 /** An array as the scene holds it, written or found; NULL if it is absent. */
 const void *lw_record_array(struct lw_records *c, unsigned id, const void *elements, uint64_t count,
                             const char *field);
+/** A texture as a material uses it. */
+void lw_record_texture_use(struct lw_records *c, struct lw_texture_use *use);
 /** A name. It ends with a NUL that its length does not count, so that the reader can point at it. */
 const char *lw_record_string(struct lw_records *c, const char *text);
 
@@ -98,12 +101,13 @@ static inline uint64_t lw_records_get_u64(const uint8_t *p) {
     return value;
 }
 
-/* Only a reader may store into the scene: while it is written, others may read it. */
-#define LW_RECORDS_EACH(c, id, elements, element_count, function)                                            \
+/* Calls `call`, which describes the record `element`, for each of a section's. Only a reader may store into the
+ * scene: while it is written, others may read it. */
+#define LW_RECORDS_EACH(c, id, elements, element_count, call)                                                \
     for (uint32_t i = 0; !(c)->status && i < (element_count); i++) {                                         \
         typeof(*(elements)) element = (elements)[i];                                                         \
         lw_record_begin(c, id, i);                                                                           \
-        function(c, &element);                                                                               \
+        call;                                                                                                \
         if ((c)->mode == LW_RECORDS_READ) (elements)[i] = element;                                           \
     }
 

@@ -87,6 +87,12 @@ void lw_scene_finish_variant(struct lw_scene *variant) {
     *variant = (struct lw_scene){0};
 }
 
+bool lw_scene_has_finishes(const struct lw_scene *scene) {
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        if (scene->material[m].finish) return true;
+    return false;
+}
+
 void lw_scene_drop_finishes(struct lw_scene *scene) {
     for (uint32_t i = 0; i < scene->material_count; i++) scene->material[i].finish = NULL;
     for (uint32_t i = 0; i < scene->mesh_count; i++) scene->mesh[i].tangent = NULL;

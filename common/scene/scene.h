@@ -240,6 +240,7 @@ void lw_scene_finish_variant(struct lw_scene *variant);
 
 /** Makes all materials matt and even: no finishes, none of their textures, no tangents. For builders only. */
 void lw_scene_drop_finishes(struct lw_scene *scene);
+bool lw_scene_has_finishes(const struct lw_scene *scene);
 
 /** Zeroed memory that lives as long as the scene, 16-byte aligned and readable for 16 bytes past its end
  * (vector loads of the last vertex); NULL when out of memory, never for count 0. For builders only. */
@@ -298,6 +299,9 @@ struct lw_vec4 lw_scene_sample(const struct lw_scene *scene, const struct lw_tex
 /** The same of a texture of finishes; its bytes as lw_content has them. */
 struct lw_vec4 lw_scene_sample_finish(const struct lw_scene *scene, const struct lw_texture_use *use,
                                       struct lw_vec2 uv);
+
+/** z of a unit normal by its x and y: bytes of LW_CONTENT_NORMAL. 128 where these are longer than 1. */
+uint8_t lw_scene_normal_blue(uint8_t red, uint8_t green);
 
 /** Radiance that arrives from outside the scene: sky and environment, W/(m^2 sr). direction_ws: unit, where
  * one looks. */

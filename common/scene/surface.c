@@ -347,6 +347,12 @@ static struct lw_vec4 interpolate_tangent(const struct lw_mesh *mesh, uint32_t t
     return sum;
 }
 
+uint8_t lw_scene_normal_blue(uint8_t red, uint8_t green) {
+    const int unit = 255 * 255, x = 2 * red - 255, y = 2 * green - 255; /* 255 is 1 */
+    const int squared = unit - x * x - y * y;
+    return (uint8_t)(127.5f + 127.5f * sqrtf((float)(squared > 0 ? squared : 0) / (float)unit) + 0.5f);
+}
+
 /* Normal of a map. Scaled by less than 0 it turns around; an even one stands where it is too short. */
 static struct lw_vec3 bump_of(struct lw_vec4 texel, float scale) {
     const float x = (texel.x * 255 - 127.5f) / 127.5f, y = (texel.y * 255 - 127.5f) / 127.5f;

@@ -24,15 +24,6 @@ void lw_finish_texels_cover(uint8_t *rgba, size_t texels) {
 
 static uint8_t to_byte(float x) { return (uint8_t)(127.5f + 127.5f * fminf(fmaxf(x, -1), 1) + 0.5f); }
 
-/* z of a unit normal by the bytes of x and y. */
-static void fill_heights(uint8_t table[256][256]) {
-    for (int r = 0; r < 256; r++)
-        for (int g = 0; g < 256; g++) {
-            const int x = 2 * r - 255, y = 2 * g - 255;
-            table[r][g] = to_byte(sqrtf(fmaxf((float)(UNIT - x * x - y * y), 0) / UNIT));
-        }
-}
-
 /* Returns whether it was no normal. */
 static bool mend_normal(uint8_t texel[4]) {
     const int x = 2 * texel[0] - 255, y = 2 * texel[1] - 255, z = 2 * texel[2] - 255;
@@ -47,13 +38,11 @@ static bool mend_normal(uint8_t texel[4]) {
 }
 
 size_t lw_finish_texels_normal(uint8_t *rgba, size_t texels) {
-    uint8_t heights[256][256];
     size_t odd = 0;
-    fill_heights(heights);
     for (size_t i = 0; i < texels; i++) {
         uint8_t *texel = rgba + 4 * i;
         odd += mend_normal(texel);
-        texel[2] = heights[texel[0]][texel[1]];
+        texel[2] = lw_scene_normal_blue(texel[0], texel[1]);
         texel[3] = 255;
     }
     return odd;

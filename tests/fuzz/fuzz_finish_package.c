@@ -52,7 +52,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
     } else {
         require(status == LW_BAD_DATA && *err.text && !strchr(err.text, '\n'), "refused without a reason",
                 &err);
-        require(!lw_finish_package_wanted(scene) && !scene->finish_texture_count, "refused, and left", &err);
+        require(!lw_scene_has_finishes(scene) && !scene->finish_texture_count, "refused, and left", &err);
     }
     lw_scene_destroy(scene);
     return 0;

@@ -52,7 +52,7 @@ static uint8_t *write_everything(size_t *out_size) {
 }
 
 static void expect_matt(const struct lw_scene *scene) {
-    assert_false(lw_finish_package_wanted(scene));
+    assert_false(lw_scene_has_finishes(scene));
     assert_int_equal(scene->finish_texture_count, 0);
     for (uint32_t m = 0; m < scene->mesh_count; m++) assert_null(scene->mesh[m].tangent);
 }
