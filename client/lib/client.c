@@ -40,7 +40,7 @@ struct lw_client {
     struct lw_download download;        /* until the replica is there */
     struct lw_download finish_download; /* of finishes, while they come */
     enum lw_client_finishes finishes;
-    bool finish_asked;                  /* in this session */
+    bool finish_asked;                  /* since the last WELCOME */
     struct lw_package_hash finish_hash; /* of those that are there */
     struct lw_replica *replica;         /* NULL before the package is complete */
     const struct lw_client *scene_of;

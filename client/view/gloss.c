@@ -193,7 +193,7 @@ void lw_gloss_see16(const struct lw_gloss16 *gloss, struct lw_gloss_seen16 *out)
     weigh_all(gloss, a, b, out);
 }
 
-/* open, mirrored: what the open sky would give a matt surface, over pi; what it would give the mirror. */
+/* The open sky: open is its irradiance over pi, mirrored its radiance in the mirror. */
 LW_WIDE static void ambient_all(const struct lw_gloss_seen16 *restrict seen, const float (*restrict e)[WIDTH],
                                 const float (*restrict open)[WIDTH], const float (*restrict mirrored)[WIDTH],
                                 float (*restrict out)[WIDTH]) {

@@ -66,7 +66,7 @@ struct lw_gloss_seen16 {
 };
 void lw_gloss_see16(const struct lw_gloss16 *gloss, struct lw_gloss_seen16 *out);
 
-/** What is open to the sky: sky is even, the environment comes on top. */
+/** Light from outside: an even sky, and the environment on top. */
 struct lw_gloss_sky {
     struct lw_vec3 sky; /* W/(m^2 sr) */
     const struct lw_ambient *ambient;

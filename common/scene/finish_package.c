@@ -55,7 +55,7 @@ struct content {
 
 /* ---- records ---- */
 
-/* Of which scene: the counts that its elements are numbered by. */
+/* The counts of the scene that it belongs to: its records have numbers of that scene. */
 static void scene_record(struct lw_records *c, const struct lw_scene *scene) {
     const struct {
         uint32_t count;

@@ -9,8 +9,8 @@
 #define LW_FINISH_PACKAGE_VERSION  1u
 #define LW_FINISH_PACKAGE_SIZE_MAX UINT32_MAX /* bytes */
 
-/** Writes the finishes of a valid scene that has some. *out_bytes is malloc'ed; the caller frees it. Same scene, same
- * bytes. Errors: LW_NO_MEMORY; LW_BAD_DATA past LW_FINISH_PACKAGE_SIZE_MAX. */
+/** Writes the finishes of a valid scene that has some. *out_bytes is malloc'ed; the caller frees it. Same
+ * scene, same bytes. Errors: LW_NO_MEMORY; LW_BAD_DATA past LW_FINISH_PACKAGE_SIZE_MAX. */
 LW_MUST_CHECK enum lw_status lw_finish_package_write(const struct lw_scene *scene, uint8_t **out_bytes,
                                                      size_t *out_size, struct lw_error *err);
 

@@ -84,7 +84,7 @@ void lw_record_texture_use(struct lw_records *c, struct lw_texture_use *use) {
 
 const char *lw_record_string(struct lw_records *c, const char *text) {
     uint64_t length = text ? strlen(text) : 0;
-    /* what does not fit 32 bits is measured all the same, and then exceeds the size limit */
+    /* a place past 32 bits is cut here; the whole then exceeds the size limit */
     uint32_t place[2] = {(uint32_t)c->section[c->format->strings].cursor, (uint32_t)length};
     lw_record_words(c, place, 2);
     if (c->status) return text;

@@ -101,8 +101,8 @@ static inline uint64_t lw_records_get_u64(const uint8_t *p) {
     return value;
 }
 
-/* Calls `call`, which describes the record `element`, for each of a section's. Only a reader may store into the
- * scene: while it is written, others may read it. */
+/* Calls `call`, which describes the record `element`, for each of a section's. Only a reader may store into
+ * the scene: while it is written, others may read it. */
 #define LW_RECORDS_EACH(c, id, elements, element_count, call)                                                \
     for (uint32_t i = 0; !(c)->status && i < (element_count); i++) {                                         \
         typeof(*(elements)) element = (elements)[i];                                                         \

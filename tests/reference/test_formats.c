@@ -193,7 +193,7 @@ static void unlit_is_seen_and_no_light(void **state) {
 }
 
 /* White metallic-roughness beside a diffuse colour: the latter reflects. */
-/* Without a specular colour it is matt. What lies over it is test_gltf_finish's. */
+/* A black specular colour makes the surface matt. test_gltf_finish has the others. */
 static void specular_glossiness_reflects_its_diffuse(void **state) {
     (void)state;
     const struct file file = plain();

@@ -605,7 +605,7 @@ static void ask_for_finishes(int s, uint64_t offset, uint8_t held) {
     put(s, &(struct lw_message){.type = LW_MESSAGE_FINISH_REQUEST, .finish_request = {offset, &held, 1}});
 }
 
-/* The same welcome and package as from a server without finishes, but for what is by chance. */
+/* Welcome and package are those of a server without finishes, but for the session and the run. */
 static void test_who_knows_no_finishes_hears_of_none(void **state) {
     (void)state;
     struct lw_message of[2];

@@ -62,7 +62,15 @@ export interface Kept {
 }
 
 export function nothingKept(): Kept {
-  return { replica: null, packageHash: '', drawn: '', run: 0n, download: null, finishes: null, finishHash: '' };
+  return {
+    replica: null,
+    packageHash: '',
+    drawn: '',
+    run: 0n,
+    download: null,
+    finishes: null,
+    finishHash: '',
+  };
 }
 
 export class Session {

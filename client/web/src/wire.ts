@@ -38,7 +38,14 @@ export const Type = {
   FINISH_CHUNK: 20,
 } as const;
 
-export const Feature = { CONTROL: 2n, RESUME: 4n, PARTS: 16n, DCT: 32n, DRAWS: 64n, MATERIALS: 256n } as const;
+export const Feature = {
+  CONTROL: 2n,
+  RESUME: 4n,
+  PARTS: 16n,
+  DCT: 32n,
+  DRAWS: 64n,
+  MATERIALS: 256n,
+} as const;
 
 export const Refusal = {
   VERSION: 1,

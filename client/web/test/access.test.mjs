@@ -105,7 +105,8 @@ test('a page by https, with a token', { skip: missing || false }, async () => {
   const spki = new X509Certificate(readFileSync(certificate)).publicKey.export({ type: 'spki', format: 'der' });
   const pin = createHash('sha256').update(spki).digest('base64');
   const daemon = await startDaemon(
-    ...['builtin:cornell', '--texels-per-metre', '8', '--freeze', '0', '--tls-certificate', certificate, '--tls-key', key],
+    ...['builtin:cornell', '--texels-per-metre', '8', '--freeze', '0'],
+    ...['--tls-certificate', certificate, '--tls-key', key],
     ...['--tokens', tokens, '--control-socket', 'none'],
   );
   const size = { width: 160, height: 90 };

@@ -303,7 +303,8 @@ function colouredSky() {
   return { width, height, texels };
 }
 
-gpuTest('mirrors show the environment, blurred if rough, and not where light does not reach', async (floatsOf) => {
+const MIRRORS = 'mirrors show the environment, blurred if rough, and not where light does not reach';
+gpuTest(MIRRORS, async (floatsOf) => {
   // row 0: mirrors by roughness, that look up; row 1: to +x; row 2: to the front; 3: S
   const values = await floatsOf(
     `

@@ -167,7 +167,8 @@ const sentTypes = (connection) => connection.sent.map((bytes) => bytes[4]);
 const asked = (connection) => sentTypes(connection).filter((type) => type === Type.FINISH_REQUEST).length;
 
 test('finishes come behind the first light, to who asks, and once', { skip }, async () => {
-  const daemon = await startDaemon(join(root, 'tests/fuzz/corpus/fuzz_package/finishes'), '--clock', 'manual');
+  const scene = join(root, 'tests/fuzz/corpus/fuzz_package/finishes');
+  const daemon = await startDaemon(scene, '--clock', 'manual');
   try {
     const tiles = await Tiles.create(wasm());
     const kept = nothingKept();

@@ -305,7 +305,7 @@ static void free_all(struct lw_texels *texels, uint32_t object) {
     lw_texels_link_object(texels, object);
 }
 
-/* Looks at what is near on an object that stood and stands where it did. */
+/* Looks again at the near texels of an object that has not moved. */
 static enum lw_status look_nearby(const struct search *s, uint32_t object, bool *out_any, bool *out_others) {
     const struct lw_mesh_texels *mesh = &s->texels->mesh[s->texels->scene->object[object].mesh];
     const uint8_t *covered = s->texels->covered + s->texels->first[object];
