@@ -17,7 +17,7 @@ packages=(
     libcmocka-dev
     doxygen # the reference of liblightwell
     clang lld wasi-libc libclang-rt-14-dev-wasm32 # the browser client's tile decoder
-    chromium # the tests of the browser client
+    chromium-headless-shell # the tests of the browser client; chromium does in its place
     nginx-light caddy # the proxies of docs/operations.md, which its tests start
 )
 # Node.js may have come from elsewhere, with a npm of its own.
@@ -25,6 +25,7 @@ if ! command -v node >/dev/null || ! command -v npm >/dev/null; then packages+=(
 long_packages=(
     clang libomp-14-dev libclang-rt-14-dev clang-format
     gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user
+    chromium # the browser client's long tests, in a browser with windows
     firefox-esr xvfb # the browser client's other browser, which has WebGL on a display alone
     systemd prometheus # systemd-analyze and promtool: what the service's unit and metrics are checked with
 )
@@ -61,12 +62,17 @@ install_missing() {
         trap "${as_root[*]} rm -f $policy" EXIT
     fi
     "${as_root[@]}" apt-get update
-    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "${missing[@]}"
+    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "${missing[@]}" ||
+        return
     if [ ${#proxies[@]} -gt 0 ] && command -v systemctl >/dev/null; then
         "${as_root[@]}" systemctl disable --quiet "${proxies[@]}" || true
     fi
 }
-if [ ${#missing[@]} -gt 0 ]; then install_missing; fi
+if [ "${missing[*]}" = chromium-headless-shell ] && [ -x /usr/bin/chromium ]; then
+    install_missing || echo "deps: chromium-headless-shell is missing; the tests take chromium, and twice as long" >&2
+elif [ ${#missing[@]} -gt 0 ]; then
+    install_missing
+fi
 
 # npm_packages FOLDER WHAT OTHERWISE
 npm_packages() {

@@ -3,9 +3,20 @@ import assert from 'node:assert/strict';
 import { after } from 'node:test';
 
 import { LIMIT_MS } from './daemon.mjs';
-import { openBrowser } from './page.mjs';
+import { openBrowser, readsCanvas } from './page.mjs';
 
 let browser = null;
+
+/** In the page, before all else: it warns where it waits for the GPU to give it pixels. The graphics driver
+ * says so, too, but of the browser's own reading as well. */
+function watchReading() {
+  const { readPixels } = WebGL2RenderingContext.prototype;
+  WebGL2RenderingContext.prototype.readPixels = function (...given) {
+    if (typeof given[6] !== 'number') console.warn('readPixels() into memory waits for the GPU');
+    return readPixels.apply(this, given);
+  };
+}
+
 after(async () => (await browser)?.close());
 
 /** A page of its own context. look(page, context): what to do with it. It ends when the page
@@ -19,8 +30,11 @@ export async function withPage(viewport, look, { mayWarn = false, args = [], ...
   context.setDefaultNavigationTimeout(LIMIT_MS);
   const warnings = [];
   context.on('console', (message) => {
-    if (message.type() === 'warning' && !mayWarn) warnings.push(message.text());
+    if (message.type() !== 'warning' || mayWarn) return;
+    if (readsCanvas && /GPU stall due to ReadPixels/.test(message.text())) return;
+    warnings.push(message.text());
   });
+  if (!mayWarn) await context.addInitScript(watchReading);
   const threw = new Promise((_, reject) => {
     context.on('weberror', (error) => reject(new Error(`the page threw ${error.error().stack}`)));
   });
