@@ -9,7 +9,8 @@ import test from 'node:test';
 
 import { hasDaemon, startDaemon } from './daemon.mjs';
 import { load } from './load.mjs';
-import { checkAccessibility, checkLayout, hasBrowser, pictureName, until } from './page.mjs';
+import { checkAccessibility, checkLayout, hasBrowser } from './page.mjs';
+import { pictureName, resizeAround, until } from './page.mjs';
 import { withPage } from './shared.mjs';
 
 const { writeHello, writeUpdate, readUpdated, Refusal, Session, nothingKept, lampsOf, changesOf } = await load(
@@ -120,7 +121,7 @@ test('a page by https, with a token', { skip: missing || false }, async () => {
       async (page) => {
         await page.goto(address);
         await page.locator('#token:visible').waitFor(); // it wants one
-        await page.setViewportSize(narrow);
+        await resizeAround(page, narrow);
         await checkAccessibility(page, 'token');
         assert.deepEqual(await checkLayout(page, 'token'), ['token', 'message']);
         const asks = pictureName('page', 'token');
@@ -159,7 +160,7 @@ test('a page by https, with a token', { skip: missing || false }, async () => {
       assert.equal(await slider.inputValue(), '0.3');
       await slider.press('w');
       await until(page, 'a step by a letter', (before) => lightwell.view() !== before, { given: view });
-      await page.setViewportSize(narrow);
+      await resizeAround(page, narrow);
       await checkAccessibility(page, 'sliders');
       assert.deepEqual(await checkLayout(page, 'sliders'), ['legend', 'lamps', 'help', 'tools']);
       const name = pictureName('access', 'control'); // with its sliders

@@ -81,6 +81,16 @@ function serveFolder(folder, policy = () => '') {
   });
 }
 
+/** An import map by which a page has three from a folder of modules, and more. */
+function importMap(modules, more = {}) {
+  const imports = {
+    three: `${modules}/three/build/three.module.js`,
+    'three/addons/': `${modules}/three/examples/jsm/`,
+    ...more,
+  };
+  return `<script type="importmap">${JSON.stringify({ imports })}</script>`;
+}
+
 const html = '<!doctype html><meta charset="utf-8"><body><script type="module" src="app.js"></script>';
 
 /** A page around app.js, beside the scene. */
@@ -95,10 +105,18 @@ async function vite(folder) {
 
 const buildByVite =
   (from) =>
-  async (app, { policy }) => {
+  async (app, { policy, threeApart = false }) => {
     const { build } = await vite(from);
-    await build({ root: app, logLevel: 'error' });
-    return serveFolder(join(app, 'dist'), policy);
+    const rollupOptions = threeApart ? { external: /^three(\/|$)/ } : {};
+    await build({ root: app, logLevel: 'error', build: { rollupOptions } });
+    const out = join(app, 'dist');
+    if (threeApart) {
+      const page = readFileSync(join(out, 'index.html'), 'utf8');
+      writeFileSync(join(out, 'index.html'), page.replace('<script', `${importMap('./modules')}<script`));
+      mkdirSync(join(out, 'modules'));
+      symlinkSync(join(own, 'three'), join(out, 'modules/three'));
+    }
+    return serveFolder(out, policy);
   };
 
 const serveByVite = (from) => async (app) => {
@@ -110,7 +128,8 @@ const serveByVite = (from) => async (app) => {
   return { origin, close: () => server.close() };
 };
 
-/** How an app is built: returns an origin and what closes it. query: for the page's address. */
+/** How an app is built: returns an origin and what closes it. query: for the page's address. threeApart: the
+ * page has three beside it, by an import map. */
 export const bundlers = {
   'Vite 6, build': buildByVite(own),
   'Vite 6, dev server': serveByVite(own),
@@ -153,13 +172,10 @@ export const bundlers = {
     return serveFolder(join(app, 'out'));
   },
   'no bundler': async (app) => {
-    const imports = {
-      three: './node_modules/three/build/three.module.js',
-      'three/addons/': './node_modules/three/examples/jsm/',
+    const map = importMap('./node_modules', {
       'lightwell-three': './node_modules/lightwell-three/lightwell.js',
       'lightwell-three/inline': './node_modules/lightwell-three/inline.js',
-    };
-    const map = `<script type="importmap">${JSON.stringify({ imports })}</script>`;
+    });
     const page = readFileSync(join(app, 'index.html'), 'utf8').replace('/main.js', './main.js');
     writeFileSync(join(app, 'index.html'), page.replace('</head>', `${map}</head>`));
     cpSync(join(app, 'public'), app, { recursive: true });

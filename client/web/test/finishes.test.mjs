@@ -167,7 +167,7 @@ function begin(sky) {
   }
 }
 
-/** In the page: draws a fragment shader into floats. */
+/** In the page: draws a fragment shader into floats; their bytes as base64. */
 function drawFloats([fragment, side, name]) {
   const { createProgram, SCREEN_VERTEX } = parts;
   const { gl, nothing } = gpu;
@@ -189,7 +189,9 @@ function drawFloats([fragment, side, name]) {
   const floats = new Float32Array(4 * side * side);
   gl.readPixels(0, 0, side, side, gl.RGBA, gl.FLOAT, floats);
   if (gl.getError()) throw new Error('an error of WebGL');
-  return Array.from(floats);
+  let text = '';
+  for (const byte of new Uint8Array(floats.buffer)) text += String.fromCharCode(byte);
+  return btoa(text);
 }
 
 /** By name; floatsOf(main, side, maps): what the fragments of a shader give, 4 numbers each. */
@@ -337,8 +339,11 @@ test('on the GPU', { skip: missing }, async (all) => {
   const look = async (page) => {
     await page.addScriptTag({ content: script });
     await page.evaluate(begin, colouredSky());
-    const floatsOf = (main, side = 128, maps = 'plain') =>
-      page.evaluate(drawFloats, [`${HEAD}\nout vec4 value;\n${SHADING}\n${main}`, side, maps]);
+    const floatsOf = async (main, side = 128, maps = 'plain') => {
+      const given = [`${HEAD}\nout vec4 value;\n${SHADING}\n${main}`, side, maps];
+      const bytes = Buffer.from(await page.evaluate(drawFloats, given), 'base64');
+      return new Float32Array(Uint8Array.from(bytes).buffer);
+    };
     for (const [name, run] of onGpu) await all.test(name, () => run(floatsOf));
   };
   await withPage({ width: 64, height: 64 }, look, { mayWarn: true }); // it waits for pixels

@@ -9,7 +9,8 @@ import { WebSocketServer } from 'ws';
 
 import { bin, hasDaemon, startDaemon } from './daemon.mjs';
 import { root } from './load.mjs';
-import { checkAccessibility, checkLayout, checkUploads, hasBrowser, pictureName, until } from './page.mjs';
+import { checkAccessibility, checkLayout, checkUploads, hasBrowser } from './page.mjs';
+import { pictureName, resizeAround, until } from './page.mjs';
 import { comparePictures, HEIGHT, startStill, WIDTH } from './pictures.mjs';
 import { withPage } from './shared.mjs';
 
@@ -227,7 +228,7 @@ test('a page lives on', { skip: missing || false }, async () => {
     await page.keyboard.up('w');
 
     // a narrow window: what keys do, fingers reach, and nothing covers anything
-    await page.setViewportSize({ width: 480, height: 640 });
+    await resizeAround(page, { width: 480, height: 640 });
     assert.deepEqual(await checkLayout(page, 'narrow'), ['legend', 'help', 'tools']);
     await showState(page, 'narrow');
     const view = await page.evaluate(() => lightwell.view());
@@ -246,6 +247,7 @@ test('a page lives on', { skip: missing || false }, async () => {
       page.getByRole('button', { name: 'Save picture' }).click(),
     ]);
     assert.equal(download.suggestedFilename(), 'lightwell.png');
+    await page.evaluate(() => (document.querySelector('canvas').style.cssText = ''));
     await page.setViewportSize({ width: 160, height: 90 });
 
     // as a scene without a camera is seen: the worker has said around what
