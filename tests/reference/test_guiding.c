@@ -207,7 +207,7 @@ static void test_less_noise_behind_a_door(void **state) {
     struct set set;
     set_up_builtin(&set, "builtin:ajar", 5, 2);
     struct lw_guide *guide = guide_of(&set, 0);
-    struct lw_path_film film = render(&set, guide, true, 99, WIDE, 384);
+    struct lw_path_film film = render(&set, guide, true, 99, WIDE, 192);
     resolve(&film, reference);
     for (int guided = 0; guided < 2; guided++) {
         film = render(&set, guided ? guide : NULL, true, 1, WIDE, 64);
