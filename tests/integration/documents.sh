@@ -204,7 +204,7 @@ start_server() {
 check_synopsis() {
     local text=$1 help option
     shift
-    help=$(timeout 20 "$@" --help 2>&1) || { echo "\"$* --help\" fails" && return; }
+    help=$(timeout "$limit" "$@" --help 2>&1) || { echo "\"$* --help\" fails" && return; }
     for option in $(grep -oE -- '(^|[ []|\()-(o|-[a-z][a-z-]*)' <<<"$text" | tr -d ' [('); do
         grep -qE -- "(^|[ ,])$option([ ,]|\$)" <<<"$help" || echo "\"$* --help\" does not list $option"
     done

@@ -559,7 +559,8 @@ static void what_is_read_is_not_written_over(void **state) {
     const char *const names[] = {scene, hard, soft};
     for (size_t i = 0; i < 3; i++) {
         snprintf(words, sizeof words, "%s -o %s", scene, names[i]);
-        lw_process_refuses("lightwell-import", words, 64, "would write over the scene, which is read", 60);
+        lw_process_refuses("lightwell-import", words, 64, "would write over the scene, which is read",
+                           LW_PROCESS_LIMIT_S);
         uint8_t *bytes = lw_support_read_file(scene, &after);
         assert_int_equal(after, strlen(text));
         assert_memory_equal(bytes, text, after);

@@ -218,11 +218,12 @@ static void test_bad_options(void **state) {
     make_files("DNS:localhost");
     snprintf(arguments, sizeof arguments, "builtin:cornell --listen 127.0.0.1:0 --tls-certificate %s",
              certificate);
-    lw_process_refuses("lightwelld", arguments, 64, "--tls-certificate and --tls-key need each other", 60);
+    lw_process_refuses("lightwelld", arguments, 64, "--tls-certificate and --tls-key need each other",
+                       LW_PROCESS_LIMIT_S);
     snprintf(arguments, sizeof arguments,
              "builtin:cornell --listen 127.0.0.1:0 --http none --tls-certificate %s --tls-key /nowhere",
              certificate);
-    lw_process_refuses("lightwelld", arguments, 66, "/nowhere", 60);
+    lw_process_refuses("lightwelld", arguments, 66, "/nowhere", LW_PROCESS_LIMIT_S);
 }
 
 /* What other machines reach wants both, unless --insecure is said. */
@@ -231,14 +232,14 @@ static void test_addresses_of_other_machines(void **state) {
     char arguments[900];
     make_files("DNS:localhost");
     lw_process_refuses("lightwelld", "builtin:cornell --listen 0.0.0.0:0", 64, "--listen: other machines",
-                       60);
+                       LW_PROCESS_LIMIT_S);
     lw_process_refuses("lightwelld", "builtin:cornell --listen 127.0.0.1:0 --http 0.0.0.0:0", 64,
-                       "--http: other machines", 60);
+                       "--http: other machines", LW_PROCESS_LIMIT_S);
     lw_process_refuses("lightwelld", "builtin:cornell --listen 127.0.0.1:0 --metrics 0.0.0.0:0", 64,
-                       "--metrics: other machines", 60);
+                       "--metrics: other machines", LW_PROCESS_LIMIT_S);
     snprintf(arguments, sizeof arguments,
              "builtin:cornell --listen 0.0.0.0:0 --tls-certificate %s --tls-key %s", certificate, key);
-    lw_process_refuses("lightwelld", arguments, 64, "which wants tokens (--tokens)", 60);
+    lw_process_refuses("lightwelld", arguments, 64, "which wants tokens (--tokens)", LW_PROCESS_LIMIT_S);
     lw_process_serve(&server, "builtin:cornell --freeze 0 --listen 0.0.0.0:0 --http none --insecure "
                               "--control-socket none");
     await_lines("warning: --listen: other machines can reach 0.0.0.0", 1);
