@@ -41,8 +41,7 @@ enum lw_status lw_scene_open(const struct lw_scene_open *open, struct lw_scene *
                                                 .threads = (unsigned)open->threads,
                                                 .import_seconds = open->import_seconds,
                                                 .picture_texels = (uint32_t)open->picture_texels,
-                                                .materials =
-                                                    (enum lw_import_spawn_materials)open->materials,
+                                                .materials = (enum lw_import_spawn_materials)open->materials,
                                                 .cancel = open->cancel};
     enum lw_status status = lw_import_spawn(&import, &scene, err);
     if (status != LW_OK) return status;
