@@ -10,10 +10,10 @@
 #ifndef LW_PROTO_MESSAGE_H
 #define LW_PROTO_MESSAGE_H
 
-#include "common/light/light_form.h"
 #include "common/scene/finish_package.h"
 #include "common/scene/package.h"
 #include "common/scene/scene_change.h"
+#include "common/tile/tile_channels.h"
 #include "common/token.h"
 #include "common/vec.h"
 #include "proto/framing.h"
@@ -44,11 +44,12 @@
 #define LW_MESSAGE_COMPRESSED_MAX (LW_PACKAGE_SIZE_MAX + (LW_PACKAGE_SIZE_MAX >> 8))
 
 /* Values are forever. */
-#define LW_FEATURE_CONTROL   2u   /* sends updates of the scene */
-#define LW_FEATURE_RESUME    4u   /* says what it has */
-#define LW_FEATURE_PARTS     16u  /* reads packages of several parts */
-#define LW_FEATURE_DCT       32u  /* reads tiles of LW_TILE_CODEC_DCT; 1 and 8 were earlier forms of them */
-#define LW_FEATURE_DRAWS     64u  /* draws the direct light of client lights: tiles come without it */
+#define LW_FEATURE_CONTROL 2u  /* sends updates of the scene */
+#define LW_FEATURE_RESUME  4u  /* says what it has */
+#define LW_FEATURE_PARTS   16u /* reads packages of several parts */
+#define LW_FEATURE_DCT     32u /* reads tiles of LW_TILE_CODEC_DCT; 1 and 8 were earlier forms of them */
+#define LW_FEATURE_DRAWS                                                                                     \
+    LW_TILE_CHANNELS_DRAWS        /* draws the direct light of client lights: tiles come without it */
 #define LW_FEATURE_OPERATE   128u /* asks as an operator: over the server's own Unix socket alone */
 #define LW_FEATURE_MATERIALS 256u /* may ask for the finish package */
 #define LW_FEATURES_READ                                                                                     \
@@ -173,7 +174,7 @@ struct lw_message_frame {
 struct lw_message_tile {
     uint32_t object, level, tile;
     uint64_t version; /* the frame that encoded it; grows per tile */
-    uint32_t layer;   /* enum lw_light_form; others are reserved */
+    uint32_t layer;   /* of lw_tile_channels(); others are reserved */
     uint32_t codec;   /* LW_TILE_CODEC_* */
     float scale;
     uint32_t bounces; /* indirect bounces that it holds */

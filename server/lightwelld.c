@@ -50,7 +50,7 @@
 #define HTTP_ADDRESS LW_OPTIONS_HOST ":7781"
 #define METRICS_PORT 7782
 #define TARGET_ERROR 0.02f
-#define SOLVER_NICE  5 /* lower priority than the loop */
+#define SOLVER_NICE  5  /* lower priority than the loop */
 #define STALL_S      600.0
 #define STALL_FIRST  6.0 /* times that, until first light: texels are placed, and rays' structure is built */
 #define STATUS_MS    10000u
@@ -60,9 +60,9 @@
 #define DROP_WAIT_S  1u        /* for that of a scene that is being read, but will not be lit */
 #define STEP_HZ      30        /* scene time advances by 1/30 s a frame under --clock step */
 #define MAPPED_MIN   (1 << 18) /* bytes of an array that is mapped by itself */
-/* A form of light that no client takes any more is published for this long, since clients come back after a
+/* A channel that no client takes any more is published for this long, since clients come back after a
  * broken link. */
-#define FORM_LINGERS_NS 10000000000u
+#define CHANNEL_LINGERS_NS 10000000000u
 /* A picture of one sample for each texel is blotched. So the first one that is shown has this many, or as
  * many as there are so long after the first. */
 #define FIRST_ROUNDS 3
@@ -164,16 +164,16 @@ struct daemon {
         uint64_t lit_ns, frame_ns, texels; /* the end of the first frame, how long it took, what it solved */
         unsigned rounds;                   /* that all of the light has had (frames whose light is shown) */
     } young;
-    uint64_t published;   /* the last frame that was */
-    bool moved;           /* something has moved since then */
-    bool owes_snapshot;   /* there was no memory for one */
-    bool owes_form;       /* nor for a form of light that somebody takes */
-    bool is_looked_at;    /* by some client */
-    bool prepares;        /* all of the scene is solved, though nobody looks */
-    uint64_t prepared_ns; /* wall time for which it was */
-    uint32_t forms;       /* of light that are shown and published: bit per enum lw_light_form */
-    uint32_t forms_kept;  /* forms of the saved light */
-    uint64_t taken_ns[LW_LIGHT_FORM_COUNT]; /* when somebody last took it */
+    uint64_t published;     /* the last frame that was */
+    bool moved;             /* something has moved since then */
+    bool owes_snapshot;     /* there was no memory for one */
+    bool owes_channel;      /* nor for a channel that somebody takes */
+    bool is_looked_at;      /* by some client */
+    bool prepares;          /* all of the scene is solved, though nobody looks */
+    uint64_t prepared_ns;   /* wall time for which it was */
+    uint32_t channels;      /* that are shown and published: bit for each (tile_channels.h) */
+    uint32_t channels_kept; /* those of the saved light */
+    uint64_t taken_ns[LW_TILE_CHANNELS_MAX]; /* when somebody last took it */
 };
 
 /* Signals before the loop watches for them: a handler can reach nothing but globals. */
@@ -691,19 +691,19 @@ static enum lw_status prepare(struct daemon *d, uint64_t frame, struct lw_error 
     return wanted ? d->solver->ops->set_interest(d->solver, NULL, err) : solve_nothing(d, err);
 }
 
-/* The forms that clients take, and those that they took within FORM_LINGERS_NS. Without clients, the forms
- * stay. Time is that of the scene's clock, since the forms decide what is solved, and runs must be
+/* The channels that clients take, and those that they took within CHANNEL_LINGERS_NS. Without clients, they
+ * stay. Time is that of the scene's clock, since they decide what is solved, and runs must be
  * repeatable. */
-static uint32_t choose_forms(struct daemon *d, uint64_t frame) {
-    const uint32_t taken = lw_server_forms_taken(d->server);
+static uint32_t choose_channels(struct daemon *d, uint64_t frame) {
+    const uint32_t taken = lw_server_channels_taken(d->server);
     const uint64_t now_ns =
         d->settings.clock == CLOCK_REAL ? lw_clock_ns() : 1 + (uint64_t)(1e9 * wall_time(d, frame));
-    uint32_t forms = taken;
-    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) {
+    uint32_t channels = taken;
+    for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++) {
         if (taken >> f & 1) d->taken_ns[f] = now_ns;
-        if (d->taken_ns[f] && now_ns - d->taken_ns[f] < FORM_LINGERS_NS) forms |= d->forms & 1u << f;
+        if (d->taken_ns[f] && now_ns - d->taken_ns[f] < CHANNEL_LINGERS_NS) channels |= d->channels & 1u << f;
     }
-    return taken ? forms : d->forms;
+    return taken ? channels : d->channels;
 }
 
 /* Once light is shown, lack of memory for what more sessions want ends nothing: they wait, and each frame
@@ -721,13 +721,13 @@ static bool may_wait(const struct daemon *d, enum lw_status status, const char *
     return *waits;
 }
 
-static enum lw_status show_forms(struct daemon *d, uint32_t forms, struct lw_error *err) {
-    if (forms == d->forms) return LW_OK;
-    enum lw_status status = lw_publisher_set_forms(d->publisher, forms);
-    if (may_wait(d, status, "another form of the light", &d->owes_form, err)) return LW_OK;
+static enum lw_status show_channels(struct daemon *d, uint32_t channels, struct lw_error *err) {
+    if (channels == d->channels) return LW_OK;
+    enum lw_status status = lw_publisher_set_channels(d->publisher, channels);
+    if (may_wait(d, status, "another form of the light", &d->owes_channel, err)) return LW_OK;
     if (status != LW_OK) return lw_status_fail(err, status, "publisher");
-    d->solver->ops->show(d->solver, forms);
-    d->forms = forms;
+    d->solver->ops->show(d->solver, channels);
+    d->channels = channels;
     return LW_OK;
 }
 
@@ -760,7 +760,7 @@ static bool is_too_young(struct daemon *d, uint64_t frame, const struct lw_solve
                          size_t updates) {
     const struct settings *s = &d->settings;
     const bool goes_on = s->light != LIGHT_SEEN || d->is_looked_at || s->prepare_s > 0;
-    return s->clock == CLOCK_REAL && !d->lit && !d->forms_kept && !updates && goes_on &&
+    return s->clock == CLOCK_REAL && !d->lit && !d->channels_kept && !updates && goes_on &&
            solve->tiles_solved && d->young.rounds < FIRST_ROUNDS &&
            frame - d->first + 1 != (uint64_t)s->frames && lw_clock_ns() - d->young.lit_ns < FIRST_NS;
 }
@@ -793,8 +793,8 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     const size_t updates = simulate(d, frame, &cost.changes);
     enum lw_status status = follow_clients(d, err);
     if (status == LW_OK) status = prepare(d, frame, err);
-    const uint32_t forms_before = d->forms;
-    if (status == LW_OK) status = show_forms(d, choose_forms(d, frame), err);
+    const uint32_t channels_before = d->channels;
+    if (status == LW_OK) status = show_channels(d, choose_channels(d, frame), err);
     if (status == LW_OK) status = d->solver->ops->frame(d->solver, &d->pose, frame, &solve, err);
     if (status != LW_OK) return status;
     uint64_t cpu_solved = work_cpu_ns(d);
@@ -802,10 +802,10 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     d->rays_total += solve.rays_shadow + solve.rays_bounce + solve.rays_probe;
     if (!d->lit && solve.tiles_shown) note_young(d, &solve, began);
     /* A frame in which nothing was solved and nothing moved gives no snapshot and no bytes, unless a session
-     * has asked for a form of light that was not published. */
+     * has asked for a channel that was not published. */
     const bool news =
         !is_too_young(d, frame, &solve, updates) &&
-        (has_news(d, &solve, updates) || !d->lit || d->owes_snapshot || (d->forms & ~forms_before));
+        (has_news(d, &solve, updates) || !d->lit || d->owes_snapshot || (d->channels & ~channels_before));
     *out_rested = !news && !solve.tiles_solved;
     if (news) {
         status = publish_frame(d, frame, lw_clock_ns() - began, solve.tiles_shown, &snapshot, &publish, err);
@@ -891,7 +891,7 @@ static bool on_page(void *context, const char *path, struct lw_server_page *out_
     struct daemon *d = context;
     struct lw_server_stats serve;
     lw_server_get_stats(d->server, &serve);
-    const struct lw_daemon_metrics_state state = {.is_lit = d->lit || d->forms_kept,
+    const struct lw_daemon_metrics_state state = {.is_lit = d->lit || d->channels_kept,
                                                   .is_stalled = is_stalled(d),
                                                   .is_stopping = d->stops,
                                                   .first_light = lw_waiting_read(&d->first_light)};
@@ -987,7 +987,8 @@ static void *solve_in_thread(void *argument) {
         log_scene(d, memory_bytes);
         d->first = 1;
         if (d->settings.keep) d->first += lw_light_store_resume(&d->light_store, &d->atlas_map, d->solver);
-        if (!d->forms_kept || show_forms(d, d->forms_kept, &d->solver_error) == LW_OK) solve_frames(d);
+        if (!d->channels_kept || show_channels(d, d->channels_kept, &d->solver_error) == LW_OK)
+            solve_frames(d);
     }
     rest(d);
     lw_server_stop(d->server);
@@ -1162,7 +1163,7 @@ static enum lw_status recall_light(struct daemon *d, struct lw_error *err) {
     if (!snapshot) return LW_OK;
     lw_server_publish(d->server, snapshot);
     d->published = snapshot->frame;
-    d->forms_kept = snapshot->forms;
+    d->channels_kept = snapshot->channels;
     lw_snapshot_unref(snapshot);
     return LW_OK;
 }
@@ -1240,7 +1241,7 @@ static void init(struct daemon *d, int argc, char **argv) {
     *d = (struct daemon){
         .argc = argc,
         .argv = argv,
-        .forms = 1u << LW_LIGHT_FORM_FULL,
+        .channels = 1u << LW_LIGHT_FORM_FULL,
         .succession = {.sockets = {-1, -1, -1}},
         .settings = {.listen = LW_OPTIONS_ADDRESS,
                      .http = HTTP_ADDRESS,

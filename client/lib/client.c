@@ -28,6 +28,8 @@ struct lw_client {
     struct ssl_ctx_st *trust; /* by TLS: whom it believes; NULL: in plain */
     unsigned timeout_ms;
     bool control, operate, draws_direct, materials, wants_nothing;
+    uint64_t channel_features,
+        features; /* asked for beside irradiance; that the server takes up, of those offered */
     uint64_t rate_limit_bytes_hz, budget_ns;
     struct lw_client_watch watch;
     bool watch_has_scene, told_damage;
@@ -136,8 +138,9 @@ static enum lw_status begin_light(struct lw_client *c, struct lw_error *err) {
         if (status != LW_OK) return status;
         lw_replica_set_watch(c->replica, c->watch.tile, c->watch.context);
     }
-    lw_replica_set_form(c->replica, c->draws.taken_up ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL);
-    return lw_draws_set_scene(&c->draws, lw_replica_scene(c->replica), err);
+    enum lw_status status =
+        lw_replica_set_channels(c->replica, lw_tile_channels_for(c->features, UINT32_MAX), err);
+    return status == LW_OK ? lw_draws_set_scene(&c->draws, lw_replica_scene(c->replica), err) : status;
 }
 
 /* The download is complete. */
@@ -227,6 +230,12 @@ static enum lw_status find_scene(struct lw_client *c, const struct lw_message_we
     return load_cached(c, welcome, err);
 }
 
+static uint64_t offered_features(const struct lw_client *c) {
+    return LW_FEATURES_READ | c->channel_features | (c->control ? LW_FEATURE_CONTROL : 0) |
+           (c->operate ? LW_FEATURE_OPERATE : 0) | (c->draws_direct ? LW_FEATURE_DRAWS : 0) |
+           (c->materials ? LW_FEATURE_MATERIALS : 0);
+}
+
 static enum lw_status handle_welcome(struct lw_client *c, const struct lw_message_welcome *welcome,
                                      struct lw_error *err) {
     if (c->welcomed) return out_of_order(err, LW_MESSAGE_WELCOME);
@@ -240,6 +249,7 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
     c->stats.bounces = welcome->bounces;
     c->stats.target_error = welcome->target_error;
     c->stats.noise_shown = welcome->noise_shown > 0 ? welcome->noise_shown : 1;
+    c->features = welcome->features & offered_features(c);
     c->may_update = welcome->features & LW_FEATURE_CONTROL;
     c->may_ask = welcome->features & LW_FEATURE_OPERATE;
     c->may_hold = welcome->features & LW_FEATURE_RESUME;
@@ -650,11 +660,7 @@ static enum lw_status shake_hands(struct lw_client *c, struct lw_error *err) {
     uint64_t deadline_ns = lw_clock_ns() + c->timeout_ms * 1000000ull;
     struct lw_message hello = {.type = LW_MESSAGE_HELLO,
                                .hello = {.version = LW_WIRE_VERSION,
-                                         .features = LW_FEATURES_READ |
-                                                     (c->control ? LW_FEATURE_CONTROL : 0) |
-                                                     (c->operate ? LW_FEATURE_OPERATE : 0) |
-                                                     (c->draws_direct ? LW_FEATURE_DRAWS : 0) |
-                                                     (c->materials ? LW_FEATURE_MATERIALS : 0),
+                                         .features = offered_features(c),
                                          .name = c->name,
                                          .rate_limit_bytes_hz = c->rate_limit_bytes_hz,
                                          .token = c->access.has_token ? c->access.token.bytes : NULL}};
@@ -771,6 +777,7 @@ enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_cli
     c->operate = desc->operate;
     c->draws_direct = desc->draws_direct;
     c->materials = desc->materials;
+    c->channel_features = desc->channel_features;
     c->rate_limit_bytes_hz = desc->rate_limit_bytes_hz;
     c->budget_ns = desc->budget_ns ? desc->budget_ns : BUDGET_DEFAULT_NS;
     c->watch = desc->watch;
@@ -889,6 +896,10 @@ struct lw_vec3 lw_client_own_emission(const struct lw_client *c, uint32_t materi
 
 struct lw_client_level lw_client_get_level(const struct lw_client *c, uint32_t object, uint32_t level) {
     return c->replica ? lw_replica_get_level(c->replica, object, level) : (struct lw_client_level){0};
+}
+
+const float *lw_client_get_texels(const struct lw_client *c, uint32_t slot, uint32_t object, uint32_t level) {
+    return c->replica ? lw_replica_get_texels(c->replica, slot, object, level) : NULL;
 }
 
 struct lw_client_tile lw_client_get_tile(const struct lw_client *c, lw_tile_id tile) {

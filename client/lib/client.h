@@ -65,6 +65,7 @@ struct lw_client_desc {
      * nothing with scene_of: a shared scene keeps the finishes that it had then. */
     bool materials;
     bool draws_direct; /* it draws the direct light that lw_client_draws() lists: levels come without it */
+    uint64_t channel_features;    /* that ask for channels beside irradiance (tile_channels.h); 0: none */
     uint64_t rate_limit_bytes_hz; /* the most that the server sends; 0: all that the link takes */
     uint64_t budget_ns;           /* lw_client_poll() takes no further message in after this; 0: 20 ms */
     struct lw_client_watch watch;
@@ -194,6 +195,11 @@ struct lw_client_level {
 };
 /** Errors: none; an object or level that is not there gives width 0. */
 struct lw_client_level lw_client_get_level(const struct lw_client *client, uint32_t object, uint32_t level);
+
+/** The same of any channel's slot (tile_channels.h): a float per plane, zeros where nothing has arrived;
+ * NULL: there are none, or the server does not serve it. */
+const float *lw_client_get_texels(const struct lw_client *client, uint32_t slot, uint32_t object,
+                                  uint32_t level);
 
 #define LW_CLIENT_INTEREST_MAX 4096u /* tiles in a list */
 

@@ -7,7 +7,17 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define CHANNELS 3u
+/* The tiles of a channel. */
+struct slot {
+    bool is_there;
+    uint32_t number; /* of the channel */
+    const struct lw_tile_channel *is;
+    float *texels;               /* all levels of all objects, one after another */
+    struct lw_client_tile *tile; /* by tile id */
+    /* By tile id: what deltas build on; NULL before there was anything. */
+    struct lw_tile_dct_coefficients **coefficients;
+    bool *has_coefficients; /* by tile id: they are those of the newest version */
+};
 
 struct lw_replica {
     const struct lw_replica *beside; /* who owns scene and map; NULL: we do */
@@ -17,20 +27,15 @@ struct lw_replica {
     struct lw_atlas_map map;
     struct lw_pose pose;
     struct lw_tile_codec *codec;
-    enum lw_light_form form; /* of the tiles */
     bool has_map, has_pose;
-    float *texels;               /* all levels of all objects, one after another */
-    size_t *first_texel;         /* per object and level */
-    bool *unlit;                 /* by object: since it was a spare, its coarsest level has not come */
-    struct lw_client_tile *tile; /* by tile id */
-    /* By tile id: what deltas build on; NULL before there was anything. */
-    struct lw_tile_dct_coefficients **coefficients;
-    bool *has_coefficients;  /* by tile id: they are those of the newest version */
+    struct slot slot[LW_TILE_CHANNELS_MAX]; /* as channels have it; LW_REPLICA_IRRADIANCE is always there */
+    size_t *first_texel;                    /* per object and level */
+    bool *unlit;             /* by object: since it was a spare, its coarsest level has not come */
     lw_replica_watch *watch; /* NULL: nobody */
     void *watch_context;
     uint64_t version_base, version_max; /* what is added to versions of this run; the largest so far */
-    uint32_t coarsest_missing;          /* tiles of coarsest levels that have not arrived */
-    float decoded[LW_TILE_TEXELS_MAX * CHANNELS];
+    uint32_t coarsest_missing;          /* tiles of irradiance of coarsest levels that have not arrived */
+    float decoded[LW_TILE_TEXELS_MAX * LW_TILE_CHANNEL_PLANES_MAX];
 };
 
 static size_t *first_texel_of(const struct lw_replica *r, uint32_t object, uint32_t level) {
@@ -60,24 +65,43 @@ static uint64_t place_levels(struct lw_replica *r) {
     return texels;
 }
 
-static enum lw_status make_room(struct lw_replica *r, struct lw_error *err) {
-    r->first_texel = calloc((size_t)r->map.object_count * LW_ATLAS_LEVELS_MAX + 1, sizeof *r->first_texel);
-    r->unlit = calloc((size_t)r->map.object_count + 1, sizeof *r->unlit);
-    r->tile = calloc((size_t)r->map.tile_count + 1, sizeof *r->tile);
-    r->coefficients = calloc((size_t)r->map.tile_count + 1, sizeof *r->coefficients);
-    r->has_coefficients = calloc((size_t)r->map.tile_count + 1, sizeof *r->has_coefficients);
-    if (!r->first_texel || !r->unlit || !r->tile || !r->coefficients || !r->has_coefficients)
-        return LW_NO_MEMORY;
-    for (uint32_t o = 0; o < r->map.object_count; o++)
-        r->unlit[o] = lw_scene_is_spare(r->scene, o) && r->map.atlas[o].level_count > 0;
+static void free_slot(const struct lw_replica *r, struct slot *slot) {
+    for (uint32_t i = 0; slot->coefficients && i < r->map.tile_count; i++) free(slot->coefficients[i]);
+    free(slot->coefficients);
+    free(slot->has_coefficients);
+    free(slot->texels);
+    free(slot->tile);
+    *slot = (struct slot){0};
+}
+
+static enum lw_status make_slot(struct lw_replica *r, uint32_t number, struct lw_error *err) {
+    const struct lw_tile_channel *is = lw_tile_channel_at(number);
     const uint64_t texels = place_levels(r);
-    count_coarsest(r);
-    if (texels > LW_REPLICA_BYTES_MAX / (CHANNELS * sizeof(float)))
+    struct slot slot = {.is_there = true, .number = number, .is = is};
+    if (texels > LW_REPLICA_BYTES_MAX / (is->planes * sizeof(float)))
         return lw_status_fail(err, LW_BAD_DATA,
                               "scene package: atlases of %llu texels, over the limit of %llu GiB",
                               (unsigned long long)texels, LW_REPLICA_BYTES_MAX >> 30);
-    r->texels = calloc((size_t)texels + 1, CHANNELS * sizeof(float));
-    return r->texels ? LW_OK : LW_NO_MEMORY;
+    slot.tile = calloc((size_t)r->map.tile_count + 1, sizeof *slot.tile);
+    slot.coefficients = calloc((size_t)r->map.tile_count + 1, sizeof *slot.coefficients);
+    slot.has_coefficients = calloc((size_t)r->map.tile_count + 1, sizeof *slot.has_coefficients);
+    slot.texels = calloc((size_t)texels + 1, is->planes * sizeof(float));
+    if (slot.tile && slot.coefficients && slot.has_coefficients && slot.texels) {
+        r->slot[is->slot] = slot;
+        return LW_OK;
+    }
+    free_slot(r, &slot);
+    return LW_NO_MEMORY;
+}
+
+static enum lw_status make_room(struct lw_replica *r, struct lw_error *err) {
+    r->first_texel = calloc((size_t)r->map.object_count * LW_ATLAS_LEVELS_MAX + 1, sizeof *r->first_texel);
+    r->unlit = calloc((size_t)r->map.object_count + 1, sizeof *r->unlit);
+    if (!r->first_texel || !r->unlit) return LW_NO_MEMORY;
+    for (uint32_t o = 0; o < r->map.object_count; o++)
+        r->unlit[o] = lw_scene_is_spare(r->scene, o) && r->map.atlas[o].level_count > 0;
+    count_coarsest(r);
+    return make_slot(r, LW_LIGHT_FORM_FULL, err);
 }
 
 /* The rest, once scene and map are there. Takes r over. */
@@ -129,11 +153,7 @@ static void drop_finished(struct lw_replica *r) {
 
 void lw_replica_destroy(struct lw_replica *r) {
     if (!r) return;
-    for (uint32_t i = 0; r->coefficients && i < r->map.tile_count; i++) free(r->coefficients[i]);
-    free(r->coefficients);
-    free(r->has_coefficients);
-    free(r->texels);
-    free(r->tile);
+    for (uint32_t i = 0; i < LW_TILE_CHANNELS_MAX; i++) free_slot(r, &r->slot[i]);
     free(r->unlit);
     free(r->first_texel);
     lw_tile_codec_destroy(r->codec);
@@ -189,7 +209,7 @@ void lw_replica_set_watch(struct lw_replica *r, lw_replica_watch *watch, void *c
 void lw_replica_begin_run(struct lw_replica *r) { r->version_base = r->version_max; }
 
 uint64_t lw_replica_version_of_run(const struct lw_replica *r, lw_tile_id tile) {
-    const uint64_t version = tile.v < r->map.tile_count ? r->tile[tile.v].version : 0;
+    const uint64_t version = lw_replica_get_tile(r, tile).version;
     return version > r->version_base ? version - r->version_base : 0;
 }
 
@@ -243,45 +263,67 @@ enum lw_status lw_replica_take_frame(struct lw_replica *r, const struct lw_messa
     return status == LW_OK ? set_materials(r, frame, err) : status;
 }
 
-static void copy_into_level(struct lw_replica *r, const struct lw_tile_place *place) {
-    size_t level_width = r->map.atlas[place->object].level[place->level].width;
+static void copy_into_level(struct lw_replica *r, const struct slot *slot,
+                            const struct lw_tile_place *place) {
+    const size_t level_width = r->map.atlas[place->object].level[place->level].width,
+                 planes = slot->is->planes;
     size_t x = (size_t)place->x * LW_TILE_SIDE, y = (size_t)place->y * LW_TILE_SIDE;
-    float *level = r->texels + CHANNELS * *first_texel_of(r, place->object, place->level);
+    float *level = slot->texels + planes * *first_texel_of(r, place->object, place->level);
     for (uint32_t row = 0; row < place->height; row++)
-        memcpy(level + CHANNELS * ((y + row) * level_width + x), r->decoded + CHANNELS * row * place->width,
-               CHANNELS * place->width * sizeof(float));
+        memcpy(level + planes * ((y + row) * level_width + x), r->decoded + planes * row * place->width,
+               planes * place->width * sizeof(float));
 }
 
-void lw_replica_set_form(struct lw_replica *r, enum lw_light_form form) {
-    if (r->form == form) return;
-    r->form = form;
+/* Irradiance is of another form: what is there would be missing some light, or have it twice. */
+static void drop_light(struct lw_replica *r, struct slot *slot) {
     memset(r->decoded, 0, sizeof r->decoded);
     for (uint32_t t = 0; t < r->map.tile_count; t++) {
-        if (!r->tile[t].version) continue;
-        copy_into_level(r, &r->map.place[t]);
-        r->tile[t] = (struct lw_client_tile){0};
+        if (!slot->tile[t].version) continue;
+        copy_into_level(r, slot, &r->map.place[t]);
+        slot->tile[t] = (struct lw_client_tile){0};
         if (r->watch) r->watch(r->watch_context, (lw_tile_id){t});
     }
     count_coarsest(r);
     lw_replica_begin_run(r); /* versions go on growing for who compares them */
 }
 
+enum lw_status lw_replica_set_channels(struct lw_replica *r, uint32_t channels, struct lw_error *err) {
+    uint32_t wanted[LW_TILE_CHANNELS_MAX]; /* by slot */
+    memset(wanted, 0xff, sizeof wanted);
+    for (uint32_t c = 0; c < lw_tile_channels()->count; c++)
+        if (channels >> c & 1) wanted[lw_tile_channel_at(c)->slot] = c;
+    for (uint32_t i = 0; i < LW_TILE_CHANNELS_MAX; i++) {
+        struct slot *slot = &r->slot[i];
+        if (slot->is_there ? slot->number == wanted[i] : wanted[i] == UINT32_MAX) continue;
+        if (i == LW_REPLICA_IRRADIANCE) { /* renderers may hold on to its texels */
+            slot->number = wanted[i];
+            slot->is = lw_tile_channel_at(wanted[i]);
+            drop_light(r, slot);
+            continue;
+        }
+        free_slot(r, slot);
+        enum lw_status status = wanted[i] == UINT32_MAX ? LW_OK : make_slot(r, wanted[i], err);
+        if (status != LW_OK) return lw_status_fail(err, status, "out of memory");
+    }
+    return LW_OK;
+}
+
 /* Only a tile whose newest version came in codec 4 has coefficients. */
-static enum lw_status decode(struct lw_replica *r, const struct lw_message_tile *t, lw_tile_id id,
-                             const struct lw_tile_place *place) {
-    struct lw_tile_dct_coefficients **coefficients = &r->coefficients[id.v];
+static enum lw_status decode(struct lw_replica *r, struct slot *slot, const struct lw_message_tile *t,
+                             lw_tile_id id, const struct lw_tile_place *place) {
+    struct lw_tile_dct_coefficients **coefficients = &slot->coefficients[id.v];
     if (t->base)
-        return lw_tile_codec_decode_delta(r->codec, t->codec, t->payload, t->payload_size, t->scale,
+        return lw_tile_codec_decode_delta(r->codec, slot->is, t->codec, t->payload, t->payload_size, t->scale,
                                           place->width, place->height, *coefficients, r->decoded);
-    r->has_coefficients[id.v] = t->codec == LW_TILE_CODEC_DCT;
-    if (r->has_coefficients[id.v] && !*coefficients &&
+    slot->has_coefficients[id.v] = t->codec == LW_TILE_CODEC_DCT;
+    if (slot->has_coefficients[id.v] && !*coefficients &&
         !(*coefficients = aligned_alloc(_Alignof(struct lw_tile_dct_coefficients),
-                                        lw_tile_dct_coefficients_size(place->height)))) {
-        r->has_coefficients[id.v] = false;
+                                        lw_tile_dct_coefficients_size(slot->is, place->height)))) {
+        slot->has_coefficients[id.v] = false;
         return LW_NO_MEMORY;
     }
-    return lw_tile_codec_decode(r->codec, t->codec, t->payload, t->payload_size, t->scale, place->width,
-                                place->height, *coefficients, r->decoded);
+    return lw_tile_codec_decode(r->codec, slot->is, t->codec, t->payload, t->payload_size, t->scale,
+                                place->width, place->height, *coefficients, r->decoded);
 }
 
 enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_message_tile *t,
@@ -290,26 +332,30 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
     if (id.v == UINT32_MAX)
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: there is no object %u, level %u, tile %u",
                               t->object, t->level, t->tile);
-    struct lw_client_tile *known = &r->tile[id.v];
     if (t->version > UINT64_MAX - r->version_base)
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: versions have come to their end");
     const uint64_t version = r->version_base + t->version;
-    if (t->layer >= LW_LIGHT_FORM_COUNT) return LW_OK;
-    if (t->layer != (uint32_t)r->form)
+    if (t->layer >= lw_tile_channels()->count) return LW_OK;
+    const uint32_t at = lw_tile_channel_at(t->layer)->slot;
+    struct slot *slot = &r->slot[at];
+    if (!slot->is_there) return LW_OK;
+    if (t->layer != slot->number)
         return lw_status_fail(err, LW_PROTOCOL,
                               "message TILE: it is of layer %u in a session that gets layer %u", t->layer,
-                              (unsigned)r->form);
+                              slot->number);
+    struct lw_client_tile *known = &slot->tile[id.v];
     if (version <= known->version) return LW_OK;
     if (!lw_tile_codec_is_known(t->codec))
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: codec %u is unknown", t->codec);
-    if (t->base && (r->version_base + t->base != known->version || !r->has_coefficients[id.v]))
+    if (t->base && (r->version_base + t->base != known->version || !slot->has_coefficients[id.v]))
         return lw_status_fail(
             err, LW_PROTOCOL,
             "message TILE: object %u, level %u, tile %u: it builds on a version that is not here", t->object,
             t->level, t->tile);
     const struct lw_tile_place *place = &r->map.place[id.v];
-    const bool is_coarsest = t->level == r->map.atlas[t->object].level_count - 1;
-    enum lw_status status = decode(r, t, id, place);
+    const bool is_coarsest =
+        at == LW_REPLICA_IRRADIANCE && t->level == r->map.atlas[t->object].level_count - 1;
+    enum lw_status status = decode(r, slot, t, id, place);
     if (status != LW_OK) {
         /* half of the coefficients are the new version's: no delta may build on them, in a later session
          * either */
@@ -321,13 +367,13 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
         return lw_status_fail(err, LW_PROTOCOL,
                               "message TILE: object %u, level %u, tile %u: the payload is damaged", t->object,
                               t->level, t->tile);
-    copy_into_level(r, place);
+    copy_into_level(r, slot, place);
     if (!known->version && is_coarsest) r->coarsest_missing--;
     if (is_coarsest && !r->pose.object_spare[t->object]) r->unlit[t->object] = false;
     *known = (struct lw_client_tile){
         .version = version, .bounces = t->bounces, .error = t->error, .arrived_ns = lw_clock_ns()};
     if (version > r->version_max) r->version_max = version;
-    if (r->watch) r->watch(r->watch_context, id);
+    if (r->watch && at == LW_REPLICA_IRRADIANCE) r->watch(r->watch_context, id);
     return LW_OK;
 }
 
@@ -360,9 +406,23 @@ struct lw_client_level lw_replica_get_level(const struct lw_replica *r, uint32_t
         return (struct lw_client_level){0};
     const struct lw_atlas_level *at = &r->map.atlas[object].level[level];
     return (struct lw_client_level){at->width, at->height,
-                                    r->texels + CHANNELS * *first_texel_of(r, object, level)};
+                                    lw_replica_get_texels(r, LW_REPLICA_IRRADIANCE, object, level)};
+}
+
+const float *lw_replica_get_texels(const struct lw_replica *r, uint32_t slot, uint32_t object,
+                                   uint32_t level) {
+    if (slot >= LW_TILE_CHANNELS_MAX || !r->slot[slot].is_there || object >= r->map.object_count ||
+        level >= r->map.atlas[object].level_count)
+        return NULL;
+    return r->slot[slot].texels + r->slot[slot].is->planes * *first_texel_of(r, object, level);
 }
 
 struct lw_client_tile lw_replica_get_tile(const struct lw_replica *r, lw_tile_id tile) {
-    return tile.v < r->map.tile_count ? r->tile[tile.v] : (struct lw_client_tile){0};
+    return lw_replica_get_tile_of(r, LW_REPLICA_IRRADIANCE, tile);
+}
+
+struct lw_client_tile lw_replica_get_tile_of(const struct lw_replica *r, uint32_t slot, lw_tile_id tile) {
+    return slot < LW_TILE_CHANNELS_MAX && r->slot[slot].is_there && tile.v < r->map.tile_count
+               ? r->slot[slot].tile[tile.v]
+               : (struct lw_client_tile){0};
 }

@@ -8,7 +8,8 @@
 #include "common/scene/pose.h"
 #include "proto/message.h"
 
-#define LW_REPLICA_BYTES_MAX (8ull << 30) /* of atlases; a scene that needs more is refused */
+#define LW_REPLICA_BYTES_MAX  (8ull << 30) /* of a channel's atlases; a scene that needs more is refused */
+#define LW_REPLICA_IRRADIANCE 0u           /* slot (tile_channels.h) */
 
 struct lw_replica;
 
@@ -22,7 +23,8 @@ LW_MUST_CHECK enum lw_status lw_replica_create_beside(const struct lw_replica *o
                                                       struct lw_replica **out_replica, struct lw_error *err);
 void lw_replica_destroy(struct lw_replica *replica);
 
-/** Called for each tile whose texels have changed, in the replica's thread. It may only read the replica. */
+/** Called for each tile whose irradiance has changed, in the replica's thread. It may only read the
+ * replica. */
 typedef void lw_replica_watch(void *context, lw_tile_id tile);
 /** watch: NULL for nobody */
 void lw_replica_set_watch(struct lw_replica *replica, lw_replica_watch *watch, void *context);
@@ -32,16 +34,19 @@ void lw_replica_begin_run(struct lw_replica *replica);
 /** The version of a tile as the present run of the server counts; 0: it is not of this run. */
 uint64_t lw_replica_version_of_run(const struct lw_replica *replica, lw_tile_id tile);
 
-/** Tiles are of this form from now on. Tiles of another form are dropped: their light would be missing, or
- * there twice. A new replica takes LW_LIGHT_FORM_FULL. */
-void lw_replica_set_form(struct lw_replica *replica, enum lw_light_form form);
+/** Tiles are of these channels from now on, at most one for each slot and one of irradiance. Tiles of
+ * others are dropped. A new replica takes LW_LIGHT_FORM_FULL. Errors: LW_NO_MEMORY, LW_BAD_DATA for too
+ * many texels. */
+LW_MUST_CHECK enum lw_status lw_replica_set_channels(struct lw_replica *replica, uint32_t channels,
+                                                     struct lw_error *err);
 
 /** Takes over transforms, lights, visibility, materials and sky. Errors: LW_PROTOCOL for an object, light or
  * material that the scene does not have. */
 LW_MUST_CHECK enum lw_status
 lw_replica_take_frame(struct lw_replica *replica, const struct lw_message_frame *frame, struct lw_error *err);
 
-/** Decodes a tile into its level. Ignores a tile that is no newer than the one there, or of an unknown layer.
+/** Decodes a tile into its level. Ignores a tile that is no newer than the one there, or of a layer that
+ * is unknown or not taken.
  * Errors: LW_PROTOCOL for a place, codec or payload that makes no sense, or a tile of another form. */
 LW_MUST_CHECK enum lw_status lw_replica_take_tile(struct lw_replica *replica,
                                                   const struct lw_message_tile *tile, struct lw_error *err);
@@ -71,5 +76,10 @@ const struct lw_affine *lw_replica_object_to_world(const struct lw_replica *repl
 struct lw_client_level lw_replica_get_level(const struct lw_replica *replica, uint32_t object,
                                             uint32_t level);
 struct lw_client_tile lw_replica_get_tile(const struct lw_replica *replica, lw_tile_id tile);
+/** The same of any slot: texels row by row, a float per plane; NULL: there are none. */
+const float *lw_replica_get_texels(const struct lw_replica *replica, uint32_t slot, uint32_t object,
+                                   uint32_t level);
+struct lw_client_tile lw_replica_get_tile_of(const struct lw_replica *replica, uint32_t slot,
+                                             lw_tile_id tile);
 
 #endif

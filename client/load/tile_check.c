@@ -86,11 +86,11 @@ static enum lw_status decode(struct lw_tile_check *check, const struct lw_messag
     enum lw_status status;
     if (tile->base) { /* whether its bytes make sense; on black: what the session has is not kept here */
         memset(&check->coefficients, 0, sizeof check->coefficients);
-        status = lw_tile_codec_decode_delta(check->codec, tile->codec, tile->payload, tile->payload_size,
-                                            tile->scale, place->width, place->height, &check->coefficients,
-                                            check->decoded);
+        status = lw_tile_codec_decode_delta(check->codec, NULL, tile->codec, tile->payload,
+                                            tile->payload_size, tile->scale, place->width, place->height,
+                                            &check->coefficients, check->decoded);
     } else {
-        status = lw_tile_codec_decode(check->codec, tile->codec, tile->payload, tile->payload_size,
+        status = lw_tile_codec_decode(check->codec, NULL, tile->codec, tile->payload, tile->payload_size,
                                       tile->scale, place->width, place->height, NULL, check->decoded);
     }
     if (status == LW_NO_MEMORY) return status;
@@ -119,14 +119,14 @@ static enum lw_status follow(struct lw_tile_check *check, const struct lw_messag
     check->decoded_count++;
     if (!t->base && t->codec == LW_TILE_CODEC_DCT && !*coefficients &&
         !(*coefficients = aligned_alloc(_Alignof(struct lw_tile_dct_coefficients),
-                                        lw_tile_dct_coefficients_size(p->height))))
+                                        lw_tile_dct_coefficients_size(NULL, p->height))))
         return LW_NO_MEMORY;
     if (!t->base)
-        status = lw_tile_codec_decode(check->codec, t->codec, t->payload, t->payload_size, t->scale, p->width,
-                                      p->height, *coefficients, check->decoded);
+        status = lw_tile_codec_decode(check->codec, NULL, t->codec, t->payload, t->payload_size, t->scale,
+                                      p->width, p->height, *coefficients, check->decoded);
     else if (*coefficients)
-        status = lw_tile_codec_decode_delta(check->codec, t->codec, t->payload, t->payload_size, t->scale,
-                                            p->width, p->height, *coefficients, check->decoded);
+        status = lw_tile_codec_decode_delta(check->codec, NULL, t->codec, t->payload, t->payload_size,
+                                            t->scale, p->width, p->height, *coefficients, check->decoded);
     if (status == LW_NO_MEMORY) return status;
     *out_decodes = status == LW_OK;
     if (!*out_decodes) return LW_OK;

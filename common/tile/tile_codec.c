@@ -8,9 +8,10 @@
 #include <zstd.h>
 
 #define ZSTD_LEVEL   1 /* tiles are noise at first: higher levels cost time and gain under 2 % */
-#define PLANES_MAX   (LW_TILE_TEXELS_MAX * 3u)
+#define VALUES_MAX   (LW_TILE_TEXELS_MAX * LW_TILE_CHANNEL_PLANES_MAX)
 #define HALF_MAX     65504.0f
 #define HALF_LARGEST 0x7bffu
+#define HALF_SIGN    0x8000u
 /* Values are scaled so that the largest lies in (2^14, 2^15]: inside half's range with a bit to spare, and
  * with its normal numbers reaching 29 powers of two below. */
 #define SCALED_EXPONENT 15
@@ -18,8 +19,8 @@
 struct lw_tile_codec {
     ZSTD_CCtx *compress;
     ZSTD_DCtx *decompress;
-    uint16_t half[PLANES_MAX];
-    uint8_t planes[PLANES_MAX * 2];
+    uint16_t half[VALUES_MAX];
+    uint8_t planes[VALUES_MAX * 2];
     struct lw_tile_dct dct;
     struct lw_tile_dct_coefficients *between; /* two; made when they are needed first */
 };
@@ -48,13 +49,15 @@ void lw_tile_codec_destroy(struct lw_tile_codec *codec) {
 }
 
 size_t lw_tile_codec_bound(void) {
-    const size_t half = ZSTD_compressBound(PLANES_MAX * 2u);
+    const size_t half = ZSTD_compressBound(VALUES_MAX * 2u);
     return half > LW_TILE_DCT_BOUND ? half : LW_TILE_DCT_BOUND;
 }
 
 bool lw_tile_codec_is_known(uint32_t number) {
     return number == LW_TILE_CODEC_HALF_ZSTD || number == LW_TILE_CODEC_DCT;
 }
+
+static size_t planes_of(const struct lw_tile_channel *channel) { return channel ? channel->planes : 3; }
 
 /* Nearest half of a float in [0, HALF_MAX], ties to even: adding 2^(13 + exponent) drops the mantissa's low
  * bits. */
@@ -76,30 +79,34 @@ static float float_from_half(uint16_t h) {
 }
 
 /* The power of two that brings the largest value to half's upper range; 1 for a black tile. */
-static float choose_scale(const float *rgb, size_t count) {
+static float choose_scale(const float *rgb, size_t count, bool is_signed) {
     float largest = 0;
-    for (size_t i = 0; i < count; i++)
-        if (rgb[i] > largest && isfinite(rgb[i])) largest = rgb[i];
+    for (size_t i = 0; i < count; i++) {
+        const float size = is_signed ? fabsf(rgb[i]) : rgb[i];
+        if (size > largest && isfinite(size)) largest = size;
+    }
     if (largest < 0x1p-100f) return 1.0f;
     int exponent;
     frexpf(largest, &exponent);
     return ldexpf(1.0f, exponent - SCALED_EXPONENT);
 }
 
-enum lw_status lw_tile_codec_encode_half(struct lw_tile_codec *codec, const float *rgb, uint32_t width,
-                                         uint32_t height, uint8_t *dst, size_t dst_capacity, size_t *out_size,
-                                         float *out_scale, uint32_t *out_saturated) {
-    const size_t texels = (size_t)width * height, values = texels * 3;
-    if (values > PLANES_MAX || values == 0 || dst_capacity < lw_tile_codec_bound()) return LW_INTERNAL;
-    const float scale = choose_scale(rgb, values), inverse = 1.0f / scale;
+enum lw_status lw_tile_codec_encode_half(struct lw_tile_codec *codec, const struct lw_tile_channel *channel,
+                                         const float *rgb, uint32_t width, uint32_t height, uint8_t *dst,
+                                         size_t dst_capacity, size_t *out_size, float *out_scale,
+                                         uint32_t *out_saturated) {
+    const size_t planes = planes_of(channel), texels = (size_t)width * height, values = texels * planes;
+    const bool is_signed = channel && channel->is_signed;
+    if (values > VALUES_MAX || values == 0 || dst_capacity < lw_tile_codec_bound()) return LW_INTERNAL;
+    const float scale = choose_scale(rgb, values, is_signed), inverse = 1.0f / scale;
+    const uint32_t sign = is_signed ? HALF_SIGN : 0;
     uint32_t saturated = 0;
     for (size_t i = 0; i < texels; i++)
-        for (size_t c = 0; c < 3; c++) {
-            float v = rgb[i * 3 + c] * inverse;
+        for (size_t c = 0; c < planes; c++) {
+            const float value = rgb[i * planes + c] * inverse, v = is_signed ? fabsf(value) : value;
             bool fits = v >= 0 && v <= HALF_MAX; /* false for NaN */
-            codec->half[c * texels + i] = fits                          ? half_from_float(v)
-                                          : v > HALF_MAX && isfinite(v) ? HALF_LARGEST
-                                                                        : 0;
+            const uint32_t half = fits ? half_from_float(v) : v > HALF_MAX && isfinite(v) ? HALF_LARGEST : 0;
+            codec->half[c * texels + i] = (uint16_t)(half | (value < 0 && half ? sign : 0));
             saturated += !fits;
         }
     for (size_t i = 0; i < values; i++) {
@@ -125,7 +132,8 @@ enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *codec, const struc
     return LW_OK;
 }
 
-enum lw_status lw_tile_codec_encode_between(struct lw_tile_codec *codec, const uint8_t *from,
+enum lw_status lw_tile_codec_encode_between(struct lw_tile_codec *codec,
+                                            const struct lw_tile_channel *channel, const uint8_t *from,
                                             size_t from_size, const uint8_t *to, size_t to_size,
                                             uint32_t width, uint32_t height, uint8_t *dst,
                                             size_t dst_capacity, size_t *out_size) {
@@ -133,8 +141,8 @@ enum lw_status lw_tile_codec_encode_between(struct lw_tile_codec *codec, const u
     if (!codec->between && !(codec->between = aligned_alloc(_Alignof(struct lw_tile_dct_coefficients),
                                                             2 * sizeof *codec->between)))
         return LW_NO_MEMORY;
-    const size_t size = lw_tile_dct_encode_between(&codec->dct, from, from_size, to, to_size, width, height,
-                                                   codec->between, dst);
+    const size_t size = lw_tile_dct_encode_between(&codec->dct, channel, from, from_size, to, to_size, width,
+                                                   height, codec->between, dst);
     if (!size) return LW_BAD_DATA;
     *out_size = size;
     return LW_OK;
@@ -147,33 +155,38 @@ static bool is_one_frame(const uint8_t *src, size_t src_size, size_t content_siz
            ZSTD_findFrameCompressedSize(src, src_size) == src_size;
 }
 
-static enum lw_status decode_half(struct lw_tile_codec *codec, const uint8_t *src, size_t src_size,
-                                  float scale, size_t texels, float *rgb) {
-    const size_t values = texels * 3;
+static enum lw_status decode_half(struct lw_tile_codec *codec, const struct lw_tile_channel *channel,
+                                  const uint8_t *src, size_t src_size, float scale, size_t texels,
+                                  float *rgb) {
+    const size_t planes = planes_of(channel), values = texels * planes;
+    const uint32_t sign = channel && channel->is_signed ? HALF_SIGN : 0;
     /* A scale this large would take half's range past float's. */
     if (!(scale <= 0x1p111f) || !is_one_frame(src, src_size, values * 2)) return LW_BAD_DATA;
     size_t size = ZSTD_decompressDCtx(codec->decompress, codec->planes, sizeof codec->planes, src, src_size);
     if (ZSTD_isError(size) || size != values * 2) return LW_BAD_DATA;
     for (size_t i = 0; i < texels; i++)
-        for (size_t c = 0; c < 3; c++) {
-            size_t at = c * texels + i;
-            uint16_t h = (uint16_t)(codec->planes[at] | codec->planes[values + at] << 8);
-            if (h > HALF_LARGEST) return LW_BAD_DATA; /* infinite, NaN or negative */
-            rgb[i * 3 + c] = float_from_half(h) * scale;
+        for (size_t c = 0; c < planes; c++) {
+            const size_t at = c * texels + i;
+            const uint32_t h = codec->planes[at] | (uint32_t)codec->planes[values + at] << 8,
+                           magnitude = h & ~sign;
+            if (magnitude > HALF_LARGEST) return LW_BAD_DATA; /* infinite, NaN or negative */
+            const float value = float_from_half((uint16_t)magnitude) * scale;
+            rgb[i * planes + c] = h == magnitude ? value : -value;
         }
     return LW_OK;
 }
 
-enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, uint32_t number, const uint8_t *src,
-                                    size_t src_size, float scale, uint32_t width, uint32_t height,
+enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, const struct lw_tile_channel *channel,
+                                    uint32_t number, const uint8_t *src, size_t src_size, float scale,
+                                    uint32_t width, uint32_t height,
                                     struct lw_tile_dct_coefficients *coefficients, float *rgb) {
     if (width - 1 >= LW_TILE_SIDE || height - 1 >= LW_TILE_SIDE || !(scale > 0)) return LW_BAD_DATA;
     switch (number) {
     case LW_TILE_CODEC_HALF_ZSTD:
-        return decode_half(codec, src, src_size, scale, (size_t)width * height, rgb);
+        return decode_half(codec, channel, src, src_size, scale, (size_t)width * height, rgb);
     case LW_TILE_CODEC_DCT:
-        return lw_tile_dct_decode(&codec->dct, LW_TILE_DCT_INTRA, src, src_size, scale, width, height,
-                                  coefficients, rgb)
+        return lw_tile_dct_decode(&codec->dct, channel, LW_TILE_DCT_INTRA, src, src_size, scale, width,
+                                  height, coefficients, rgb)
                    ? LW_OK
                    : LW_BAD_DATA;
     default:
@@ -181,11 +194,13 @@ enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, uint32_t number
     }
 }
 
-enum lw_status lw_tile_codec_decode_delta(struct lw_tile_codec *codec, uint32_t number, const uint8_t *src,
-                                          size_t src_size, float scale, uint32_t width, uint32_t height,
+enum lw_status lw_tile_codec_decode_delta(struct lw_tile_codec *codec, const struct lw_tile_channel *channel,
+                                          uint32_t number, const uint8_t *src, size_t src_size, float scale,
+                                          uint32_t width, uint32_t height,
                                           struct lw_tile_dct_coefficients *coefficients, float *rgb) {
-    return number == LW_TILE_CODEC_DCT && lw_tile_dct_decode(&codec->dct, LW_TILE_DCT_DELTA, src, src_size,
-                                                             scale, width, height, coefficients, rgb)
+    return number == LW_TILE_CODEC_DCT &&
+                   lw_tile_dct_decode(&codec->dct, channel, LW_TILE_DCT_DELTA, src, src_size, scale, width,
+                                      height, coefficients, rgb)
                ? LW_OK
                : LW_BAD_DATA;
 }

@@ -23,7 +23,8 @@
 #define FINER_Q              8u      /* half the step */
 #define MEAN_COEFFICIENT_MAX ((1 << LW_TILE_BITS_RAW) - 1)
 #define KEPT_MAX             LW_TILE_RANS_COEFFICIENT_MAX
-#define MEANS_BOUND          (3 * BLOCK_TEXELS * 33 / 8 + 3 * 4 + 8)
+#define PLANES               LW_TILE_CHANNEL_PLANES_MAX
+#define MEANS_BOUND          (PLANES * BLOCK_TEXELS * 33 / 8 + 3 * 4 + 8)
 #define NEAR_SCALE           2.0f /* a history serves as long as its scale */
 #define NEAR_Q               6u   /* and step are so near what the tile wants by itself */
 
@@ -36,6 +37,14 @@
  * bits. */
 #define ROUND_AC   0.44f
 #define ROUND_MEAN 0.5f
+
+/* Of three planes of light, if it is not said. */
+LW_WIDE_INLINE uint32_t planes_of(const struct lw_tile_channel *channel) {
+    return channel ? channel->planes : 3;
+}
+LW_WIDE_INLINE bool is_plain(const struct lw_tile_channel *channel) {
+    return channel && channel->coding == LW_TILE_CODING_PLAIN;
+}
 
 _Static_assert(GRID <= SIDE, "the means of a plane's blocks are one block");
 
@@ -298,12 +307,13 @@ LW_WIDE_INLINE uint32_t blocks(uint32_t texels) { return (texels + SIDE - 1) / S
 
 LW_WIDE_INLINE uint32_t plane_coefficients(uint32_t height) { return blocks(height) * GRID * BLOCK_TEXELS; }
 
-size_t lw_tile_dct_coefficients_size(uint32_t height) {
-    return 3 * plane_coefficients(height) * sizeof(int16_t);
+size_t lw_tile_dct_coefficients_size(const struct lw_tile_channel *channel, uint32_t height) {
+    return planes_of(channel) * plane_coefficients(height) * sizeof(int16_t);
 }
 
-size_t lw_tile_dct_history_size(uint32_t height) {
-    return offsetof(struct lw_tile_dct_history, coefficients) + lw_tile_dct_coefficients_size(height);
+size_t lw_tile_dct_history_size(const struct lw_tile_channel *channel, uint32_t height) {
+    return offsetof(struct lw_tile_dct_history, coefficients) +
+           lw_tile_dct_coefficients_size(channel, height);
 }
 
 /* ---- the means' coefficients as bits ---- */
@@ -429,19 +439,19 @@ LW_WIDE_INLINE int16_t kept_of(int32_t coefficient) {
 
 /* The coefficients of a payload. The first of each block is that of its mean as far as it fits; grid has them
  * all, by rows of SIDE. length: see lw_tile_rans_get() */
-static bool get_coefficients(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *src, size_t src_size,
-                             uint32_t width, uint32_t height, int16_t *coefficient,
-                             int32_t grid[3][BLOCK_TEXELS], uint8_t *length) {
+static bool get_coefficients(struct lw_tile_dct *dct, uint32_t planes, uint32_t kind, const uint8_t *src,
+                             size_t src_size, uint32_t width, uint32_t height, int16_t *coefficient,
+                             int32_t grid[PLANES][BLOCK_TEXELS], uint8_t *length) {
     const uint32_t across = blocks(width), down = blocks(height);
     const uint8_t *rest;
     size_t rest_size, rest_free;
     if (src_size < HEADER_SIZE || src[0] != kind || src[1] > LW_TILE_DCT_STEP_Q_MAX ||
-        !lw_tile_rans_get(&dct->rans, src + HEADER_SIZE, src_size - HEADER_SIZE, width, height, coefficient,
-                          length, &rest, &rest_size, &rest_free))
+        !lw_tile_rans_get(&dct->rans, planes, src + HEADER_SIZE, src_size - HEADER_SIZE, width, height,
+                          coefficient, length, &rest, &rest_size, &rest_free))
         return false;
-    memset(grid, 0, 3 * sizeof *grid);
+    memset(grid, 0, planes * sizeof *grid);
     struct lw_tile_bits_reader r = {.at = rest, .end = rest + rest_size};
-    for (uint32_t p = 0; p < 3; p++) {
+    for (uint32_t p = 0; p < planes; p++) {
         if (!get_means(&r, dct->rans.scan[across][down], across * down, kind, grid[p])) return false;
         for (uint32_t by = 0; by < down; by++)
             for (uint32_t bx = 0; bx < across; bx++)
@@ -453,10 +463,11 @@ static bool get_coefficients(struct lw_tile_dct *dct, uint32_t kind, const uint8
 
 /* What is kept of a tile and dct->change, and their sum back; its means into grid. False if a sum does not
  * fit. */
-LW_WIDE static bool add_change(const struct lw_tile_dct *dct, const uint8_t *length, uint32_t width,
-                               uint32_t height, int16_t *kept, int32_t grid[3][BLOCK_TEXELS]) {
+LW_WIDE static bool add_change(const struct lw_tile_dct *dct, uint32_t planes, const uint8_t *length,
+                               uint32_t width, uint32_t height, int16_t *kept,
+                               int32_t grid[PLANES][BLOCK_TEXELS]) {
     short8 outside = {0};
-    for (uint32_t p = 0; p < 3; p++)
+    for (uint32_t p = 0; p < planes; p++)
         for (uint32_t by = 0; by < blocks(height); by++)
             for (uint32_t bx = 0; bx < blocks(width); bx++) {
                 const uint32_t n = length[(p * GRID + by) * GRID + bx],
@@ -483,23 +494,39 @@ static void scales_of(float scale, const int8_t gain[3], float out[3]) {
 
 static float step_of(uint32_t q) { return exp2f(1 - (float)q / 8); }
 
-bool lw_tile_dct_decode(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *src, size_t src_size,
-                        float scale, uint32_t width, uint32_t height,
+/* The texels of planes that are values over a scale. */
+LW_WIDE static void put_plain(const struct lw_tile_dct *dct, const struct lw_tile_channel *channel,
+                              uint32_t width, uint32_t height, float scale, float *texels) {
+    for (uint32_t y = 0; y < height; y++)
+        for (uint32_t x = 0; x < width; x++)
+            for (uint32_t p = 0; p < channel->planes; p++) {
+                const float value = dct->plane[p][y * STRIDE + x] * scale;
+                *texels++ = channel->is_signed || value > 0 ? value : 0;
+            }
+}
+
+bool lw_tile_dct_decode(struct lw_tile_dct *dct, const struct lw_tile_channel *channel, uint32_t kind,
+                        const uint8_t *src, size_t src_size, float scale, uint32_t width, uint32_t height,
                         struct lw_tile_dct_coefficients *coefficients, float *rgb) {
     if (width - 1 >= LW_TILE_SIDE || height - 1 >= LW_TILE_SIDE || !(scale > 0) || !(scale <= SCALE_MAX))
         return false;
     const bool is_delta = kind == LW_TILE_DCT_DELTA;
+    const uint32_t planes = planes_of(channel);
     int16_t *coefficient = coefficients ? coefficients->coefficient : dct->coefficient;
-    int32_t grid[3][BLOCK_TEXELS];
+    int32_t grid[PLANES][BLOCK_TEXELS];
     uint8_t length[LW_TILE_RANS_BLOCKS];
-    if (!get_coefficients(dct, kind, src, src_size, width, height, is_delta ? dct->change : coefficient, grid,
-                          length) ||
-        (is_delta && !add_change(dct, length, width, height, coefficient, grid)))
+    if (!get_coefficients(dct, planes, kind, src, src_size, width, height,
+                          is_delta ? dct->change : coefficient, grid, length) ||
+        (is_delta && !add_change(dct, planes, length, width, height, coefficient, grid)))
         return false;
-    for (uint32_t p = 0; p < 3; p++)
+    for (uint32_t p = 0; p < planes; p++)
         restore_plane(dct, dct->plane[p], width, height, step_of(src[1]),
                       coefficient + p * plane_coefficients(height), grid[p],
                       is_delta ? NULL : length + p * GRID * GRID);
+    if (is_plain(channel)) {
+        put_plain(dct, channel, width, height, scale, rgb);
+        return !(src[2] | src[3] | src[4]);
+    }
     const int8_t gain[3] = {(int8_t)src[2], (int8_t)src[3], (int8_t)src[4]};
     float scales[3];
     scales_of(scale, gain, scales);
@@ -552,6 +579,45 @@ LW_WIDE static uint32_t take_light(struct lw_tile_dct *dct, const float *rgb, co
         }
     *out_saturated = (uint32_t)sum8(saturated);
     return (uint32_t)sum8(count);
+}
+
+/* Likewise, of values that are coded by their difference; *out_largest: their largest size where something is
+ * covered. */
+static uint32_t take_plain(struct lw_tile_dct *dct, const struct lw_tile_dct_source *source,
+                           float *out_largest, uint32_t *out_saturated) {
+    uint32_t count = 0;
+    const size_t bytes = source->height * STRIDE * sizeof(float);
+    *out_saturated = 0;
+    *out_largest = 0;
+    memset(dct->weight, 0, bytes);
+    for (uint32_t p = 0; p < source->channel->planes; p++) memset(dct->light[p], 0, bytes);
+    for (uint32_t i = 0; i < source->width * source->height; i++) {
+        const bool covered = !source->covered || source->covered[i];
+        const uint32_t at = i / source->width * STRIDE + i % source->width;
+        dct->weight[at] = covered;
+        count += covered;
+        for (uint32_t p = 0; p < source->channel->planes; p++) {
+            const float value = source->rgb[i * source->channel->planes + p], size = fabsf(value);
+            const bool fits = size <= LIGHT_MAX && (source->channel->is_signed || value >= 0); /* no NaN */
+            dct->light[p][at] = fits ? value : 0;
+            *out_saturated += covered && !fits;
+            if (covered && fits && size > *out_largest) *out_largest = size;
+        }
+    }
+    return count;
+}
+
+/* The power of two above it; 1 for a tile of zeros. */
+static float scale_above(float largest) {
+    int exponent;
+    if (!(largest > 0)) return 1;
+    frexpf(largest, &exponent);
+    return clamp(ldexpf(1, exponent), SCALE_MIN, SCALE_MAX);
+}
+
+LW_WIDE static void scale_plain(struct lw_tile_dct *dct, uint32_t planes, uint32_t height, float inverse) {
+    for (uint32_t p = 0; p < planes; p++)
+        for (uint32_t i = 0; i < height * STRIDE; i++) dct->plane[p][i] = dct->light[p][i] * inverse;
 }
 
 LW_WIDE_INLINE float add_up(row8 row) {
@@ -652,10 +718,11 @@ LW_WIDE static void quantise_plane(struct lw_tile_dct *dct, float *plane, uint32
 
 /* Into dct->change, and grids; false if a coefficient is as large as what stands for all larger ones, or a
  * difference is larger. */
-LW_WIDE static bool find_change(struct lw_tile_dct *dct, const int16_t *from, const int16_t *to,
-                                uint32_t width, uint32_t height, int32_t grid[3][BLOCK_TEXELS]) {
+LW_WIDE static bool find_change(struct lw_tile_dct *dct, uint32_t planes, const int16_t *from,
+                                const int16_t *to, uint32_t width, uint32_t height,
+                                int32_t grid[PLANES][BLOCK_TEXELS]) {
     short8 outside = {0};
-    for (uint32_t i = 0; i < 3 * plane_coefficients(height); i += SIDE) {
+    for (uint32_t i = 0; i < planes * plane_coefficients(height); i += SIDE) {
         short8 was, is;
         memcpy(&was, from + i, sizeof was);
         memcpy(&is, to + i, sizeof is);
@@ -664,8 +731,8 @@ LW_WIDE static bool find_change(struct lw_tile_dct *dct, const int16_t *from, co
                    (((is ^ was) & (is ^ change)) < 0) | (change == INT16_MIN);
         memcpy(dct->change + i, &change, sizeof change);
     }
-    memset(grid, 0, 3 * sizeof *grid);
-    for (uint32_t p = 0; p < 3; p++)
+    memset(grid, 0, planes * sizeof *grid);
+    for (uint32_t p = 0; p < planes; p++)
         for (uint32_t by = 0; by < blocks(height); by++)
             for (uint32_t bx = 0; bx < blocks(width); bx++)
                 grid[p][by * SIDE + bx] =
@@ -685,18 +752,18 @@ static bool choose_gain(double was, double is, double black, uint8_t *out_gain) 
     return true;
 }
 
-static size_t put_payload(struct lw_tile_dct *dct, uint32_t kind, uint32_t q, const uint8_t gain[3],
-                          const int16_t *coefficient, int32_t grid[3][BLOCK_TEXELS], uint32_t width,
-                          uint32_t height, uint8_t *dst) {
+static size_t put_payload(struct lw_tile_dct *dct, uint32_t planes, uint32_t kind, uint32_t q,
+                          const uint8_t gain[3], const int16_t *coefficient,
+                          int32_t grid[PLANES][BLOCK_TEXELS], uint32_t width, uint32_t height, uint8_t *dst) {
     uint8_t means[MEANS_BOUND];
     struct lw_tile_bits_writer w = {.at = means};
     const uint32_t across = blocks(width), down = blocks(height);
-    for (uint32_t p = 0; p < 3; p++)
+    for (uint32_t p = 0; p < planes; p++)
         put_means(&w, grid[p], dct->rans.scan[across][down], across * down, kind);
     dst[0] = (uint8_t)kind;
     dst[1] = (uint8_t)q;
     memcpy(dst + 2, gain, 3);
-    return HEADER_SIZE + lw_tile_rans_put(&dct->rans, coefficient, width, height, means,
+    return HEADER_SIZE + lw_tile_rans_put(&dct->rans, planes, coefficient, width, height, means,
                                           (size_t)(lw_tile_bits_end(&w) - means), dst + HEADER_SIZE);
 }
 
@@ -706,34 +773,44 @@ static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *sou
                    uint32_t q, const double sum[3], struct lw_tile_dct_history *history, uint8_t *dst,
                    uint8_t *delta_dst, struct lw_tile_dct_coded *coded) {
     const uint32_t width = source->width, height = source->height, stride = plane_coefficients(height);
+    const uint32_t planes = planes_of(source->channel);
+    const bool plain = is_plain(source->channel);
     const float scale = coded->scale;
-    int32_t grid[3][BLOCK_TEXELS], change[3][BLOCK_TEXELS];
-    take_logarithms(dct, height, 1 / scale);
-    memset(dct->coefficient, 0, lw_tile_dct_coefficients_size(height));
-    for (uint32_t p = 0; p < 3; p++) {
+    int32_t grid[PLANES][BLOCK_TEXELS], change[PLANES][BLOCK_TEXELS];
+    if (plain)
+        scale_plain(dct, planes, height, 1 / scale);
+    else
+        take_logarithms(dct, height, 1 / scale);
+    memset(dct->coefficient, 0, lw_tile_dct_coefficients_size(source->channel, height));
+    for (uint32_t p = 0; p < planes; p++) {
         if (covered_count < width * height) fill_uncovered(dct, dct->plane[p], width, height);
         quantise_plane(dct, dct->plane[p], width, height, step_of(q),
                        delta_dst ? history->coefficients.coefficient + p * stride : NULL,
                        dct->coefficient + p * stride, grid[p]);
-        restore_plane(dct, dct->plane[p], width, height, step_of(q), dct->coefficient + p * stride, grid[p],
-                      NULL);
+        if (!plain)
+            restore_plane(dct, dct->plane[p], width, height, step_of(q), dct->coefficient + p * stride,
+                          grid[p], NULL);
     }
-    double restored[3];
-    sum_light(dct, height, scale, restored);
-    uint8_t gain[3];
+    uint8_t gain[3] = {0};
     bool kept_mean = true;
-    const double black = MEAN_OFF_MAX * (double)scale * covered_count;
-    for (int c = 0; c < 3; c++) kept_mean &= choose_gain(sum[c], restored[c], black, gain + c);
-    coded->size = put_payload(dct, LW_TILE_DCT_INTRA, q, gain, dct->coefficient, grid, width, height, dst);
+    if (!plain) {
+        double restored[3];
+        sum_light(dct, height, scale, restored);
+        const double black = MEAN_OFF_MAX * (double)scale * covered_count;
+        for (int c = 0; c < 3; c++) kept_mean &= choose_gain(sum[c], restored[c], black, gain + c);
+    }
+    coded->size =
+        put_payload(dct, planes, LW_TILE_DCT_INTRA, q, gain, dct->coefficient, grid, width, height, dst);
     coded->delta_size = 0;
     if (delta_dst &&
-        find_change(dct, history->coefficients.coefficient, dct->coefficient, width, height, change))
-        coded->delta_size =
-            put_payload(dct, LW_TILE_DCT_DELTA, q, gain, dct->change, change, width, height, delta_dst);
+        find_change(dct, planes, history->coefficients.coefficient, dct->coefficient, width, height, change))
+        coded->delta_size = put_payload(dct, planes, LW_TILE_DCT_DELTA, q, gain, dct->change, change, width,
+                                        height, delta_dst);
     if (history) {
         history->q = q;
         history->scale = scale;
-        memcpy(history->coefficients.coefficient, dct->coefficient, lw_tile_dct_coefficients_size(height));
+        memcpy(history->coefficients.coefficient, dct->coefficient,
+               lw_tile_dct_coefficients_size(source->channel, height));
     }
     return kept_mean;
 }
@@ -750,11 +827,17 @@ void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source
     const uint32_t width = source->width, height = source->height;
     const float q_wanted = ceilf(8 - 8 * log2f(source->step > 0 ? source->step : 0x1p-20f));
     uint32_t q = (uint32_t)clamp(q_wanted, 0, LW_TILE_DCT_STEP_Q_MAX);
-    const uint32_t count =
-        take_light(dct, source->rgb, source->covered, width, height, &out_coded->saturated);
-    double sum[3];
-    for (int c = 0; c < 3; c++) sum[c] = sum_of(dct, dct->light[c], height);
-    out_coded->scale = choose_scale((sum[0] + sum[1] + sum[2]) / (3.0 * count), source->dark);
+    uint32_t count;
+    double sum[3] = {0};
+    float largest;
+    if (is_plain(source->channel)) {
+        count = take_plain(dct, source, &largest, &out_coded->saturated);
+        out_coded->scale = scale_above(largest);
+    } else {
+        count = take_light(dct, source->rgb, source->covered, width, height, &out_coded->saturated);
+        for (int c = 0; c < 3; c++) sum[c] = sum_of(dct, dct->light[c], height);
+        out_coded->scale = choose_scale((sum[0] + sum[1] + sum[2]) / (3.0 * count), source->dark);
+    }
     const bool continues = goes_on(history, out_coded->scale, q);
     if (continues) {
         out_coded->scale = history->scale;
@@ -772,17 +855,19 @@ void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source
 
 /* ---- between two payloads ---- */
 
-size_t lw_tile_dct_encode_between(struct lw_tile_dct *dct, const uint8_t *from, size_t from_size,
-                                  const uint8_t *to, size_t to_size, uint32_t width, uint32_t height,
-                                  struct lw_tile_dct_coefficients scratch[2], uint8_t *dst) {
-    int32_t grid[3][BLOCK_TEXELS];
+size_t lw_tile_dct_encode_between(struct lw_tile_dct *dct, const struct lw_tile_channel *channel,
+                                  const uint8_t *from, size_t from_size, const uint8_t *to, size_t to_size,
+                                  uint32_t width, uint32_t height, struct lw_tile_dct_coefficients scratch[2],
+                                  uint8_t *dst) {
+    const uint32_t planes = planes_of(channel);
+    int32_t grid[PLANES][BLOCK_TEXELS];
     uint8_t length[LW_TILE_RANS_BLOCKS];
     if (width - 1 >= LW_TILE_SIDE || height - 1 >= LW_TILE_SIDE ||
-        !get_coefficients(dct, LW_TILE_DCT_INTRA, from, from_size, width, height, scratch[0].coefficient,
+        !get_coefficients(dct, planes, LW_TILE_DCT_INTRA, from, from_size, width, height,
+                          scratch[0].coefficient, grid, length) ||
+        !get_coefficients(dct, planes, LW_TILE_DCT_INTRA, to, to_size, width, height, scratch[1].coefficient,
                           grid, length) ||
-        !get_coefficients(dct, LW_TILE_DCT_INTRA, to, to_size, width, height, scratch[1].coefficient, grid,
-                          length) ||
-        !find_change(dct, scratch[0].coefficient, scratch[1].coefficient, width, height, grid))
+        !find_change(dct, planes, scratch[0].coefficient, scratch[1].coefficient, width, height, grid))
         return 0;
-    return put_payload(dct, LW_TILE_DCT_DELTA, to[1], to + 2, dct->change, grid, width, height, dst);
+    return put_payload(dct, planes, LW_TILE_DCT_DELTA, to[1], to + 2, dct->change, grid, width, height, dst);
 }

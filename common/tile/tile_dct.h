@@ -23,33 +23,35 @@
 /* Coefficients of a plane: block by block, of each its rows. The first of each block is one of the means', in
  * rows of blocks. */
 #define LW_TILE_DCT_PLANE_COEFFICIENTS LW_TILE_TEXELS_MAX
+#define LW_TILE_DCT_COEFFICIENTS       (LW_TILE_CHANNEL_PLANES_MAX * LW_TILE_DCT_PLANE_COEFFICIENTS)
 
 /* LW_TILE_RANS_BOUND, and for each mean 12 + 20 + 1 bits. */
 #define LW_TILE_DCT_BOUND 56000u
 
 /** Scratch and tables; some 480 KB. */
 struct lw_tile_dct {
-    _Alignas(64) float plane[3][LW_TILE_TEXELS_MAX]; /* rows of LW_TILE_SIDE */
+    _Alignas(64) float plane[LW_TILE_CHANNEL_PLANES_MAX][LW_TILE_TEXELS_MAX]; /* rows of LW_TILE_SIDE */
     /* By number of points: [frequency][place], and the same transposed; 0 where there is none. */
     _Alignas(64) float basis[LW_TILE_DCT_SIDE + 1][LW_TILE_DCT_SIDE][LW_TILE_DCT_SIDE];
     _Alignas(64) float transposed[LW_TILE_DCT_SIDE + 1][LW_TILE_DCT_SIDE][LW_TILE_DCT_SIDE];
     /* The encoder's, and the decoder's of a tile whose coefficients are not kept: as
      * lw_tile_dct_coefficients. */
-    _Alignas(64) int16_t coefficient[3 * LW_TILE_DCT_PLANE_COEFFICIENTS];
-    _Alignas(64) int16_t change[3 * LW_TILE_DCT_PLANE_COEFFICIENTS]; /* the encoder's */
+    _Alignas(64) int16_t coefficient[LW_TILE_DCT_COEFFICIENTS];
+    _Alignas(64) int16_t change[LW_TILE_DCT_COEFFICIENTS]; /* the encoder's */
     struct lw_tile_rans rans;
     _Alignas(64) float mean[LW_TILE_DCT_SIDE * LW_TILE_DCT_SIDE];
-    _Alignas(64) float light[3][LW_TILE_TEXELS_MAX], weight[LW_TILE_TEXELS_MAX]; /* the encoder's */
+    /* The encoder's: values plane by plane, and 1 where something is covered. */
+    _Alignas(64) float light[LW_TILE_CHANNEL_PLANES_MAX][LW_TILE_TEXELS_MAX], weight[LW_TILE_TEXELS_MAX];
 };
 
 /** Fills in the tables. */
 void lw_tile_dct_init(struct lw_tile_dct *dct);
 
-/** The coefficients of a tile, kept so that a later payload can say by how much they differ: three planes in
+/** The coefficients of a tile, kept so that a later payload can say by how much they differ: planes in
  * the order of lw_tile_dct.coefficient, each as many rows of blocks as the tile has. Coefficients beyond 16
  * bits are kept as the nearest; nothing may build on such a tile. */
 struct lw_tile_dct_coefficients {
-    _Alignas(64) int16_t coefficient[3 * LW_TILE_DCT_PLANE_COEFFICIENTS];
+    _Alignas(64) int16_t coefficient[LW_TILE_DCT_COEFFICIENTS];
 };
 
 /** What an encoder keeps of a tile from one payload to the next; zero: nothing yet. */
@@ -59,13 +61,14 @@ struct lw_tile_dct_history {
     struct lw_tile_dct_coefficients coefficients;
 };
 
-/** Bytes of either struct that a tile of this height uses: 24 KB for 64 texels. No others are touched, so
- * that it may be allocated with this size (aligned_alloc(), a multiple of 64). */
-size_t lw_tile_dct_coefficients_size(uint32_t height);
-size_t lw_tile_dct_history_size(uint32_t height);
+/** Bytes of either struct that a tile of this height uses: 24 KB for 64 texels of light. No others are
+ * touched, so that it may be allocated with this size (aligned_alloc(), a multiple of 64). channel: see
+ * below. */
+size_t lw_tile_dct_coefficients_size(const struct lw_tile_channel *channel, uint32_t height);
+size_t lw_tile_dct_history_size(const struct lw_tile_channel *channel, uint32_t height);
 
 /** Texels to be encoded, and how.
- * rgb        width * height, at most LW_TILE_SIDE each, of 3 floats
+ * rgb        width * height, at most LW_TILE_SIDE each, of a float per plane
  * covered    per texel, 0: the decoded value may be anything; NULL: every texel counts
  * step       of every coefficient, in log2(1 + E/scale); none is off by more than 0.56 of it
  *            (LW_TILE_DCT_HOLD if it builds on a history), so neither is any plane in the root mean square;
@@ -74,12 +77,15 @@ size_t lw_tile_dct_history_size(uint32_t height);
  *            up or down to its step where that is near
  * dark       W/m^2: light this dark looks black beside the scene's white. The scale is no smaller, so what
  *            is darker is coded by its difference and not by its ratio; 0: the tile's own mean alone says
- *            what is dark */
+ *            what is dark
+ * channel    of which planes, coding and sign are read; NULL: three planes of light. Plain values are coded
+ *            by their difference: a step is of a power of two over the largest one; `dark` means nothing */
 struct lw_tile_dct_source {
     const float *rgb;
     const uint8_t *covered;
     uint32_t width, height;
     float step, dark;
+    const struct lw_tile_channel *channel;
 };
 
 /* With a history a coefficient keeps its value while that is within this many steps of the new one. */
@@ -88,7 +94,7 @@ struct lw_tile_dct_source {
 struct lw_tile_dct_coded {
     size_t size, delta_size; /* delta_size 0: there is none */
     float scale;             /* of both */
-    uint32_t saturated;      /* channels that were not finite or negative (taken for 0), or too large */
+    uint32_t saturated; /* values that were not finite, negative without a sign (taken for 0), or too large */
 };
 
 /** Encodes a tile that builds on nothing into at most LW_TILE_DCT_BOUND bytes.
@@ -100,14 +106,15 @@ void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source
                         struct lw_tile_dct_history *history, uint8_t *dst, uint8_t *delta_dst,
                         struct lw_tile_dct_coded *out_coded);
 
-/** Decodes into width * height * 3 floats, finite and >= 0. False for what no encoder writes: another length,
- * kind or step; rgb and coefficients are then unspecified. Bytes may come from anyone. scale: 0 < scale <=
- * 2^60.
+/** Decodes into width * height texels of a float per plane, finite; >= 0 unless the channel is signed.
+ * False for what no encoder writes: another length, kind or step; rgb and coefficients are then
+ * unspecified. Bytes may come from anyone. scale: 0 < scale <= 2^60.
+ * channel    as above
  * kind       what the payload must be: LW_TILE_DCT_INTRA or LW_TILE_DCT_DELTA
  * coefficients  for a delta: of the version before; they become those of this one. NULL, with INTRA only:
  *            they are not kept */
-bool lw_tile_dct_decode(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *src, size_t src_size,
-                        float scale, uint32_t width, uint32_t height,
+bool lw_tile_dct_decode(struct lw_tile_dct *dct, const struct lw_tile_channel *channel, uint32_t kind,
+                        const uint8_t *src, size_t src_size, float scale, uint32_t width, uint32_t height,
                         struct lw_tile_dct_coefficients *coefficients, float *rgb);
 
 /** Encodes how a payload differs from an earlier one of the same tile, both of kind INTRA: a delta over any
@@ -116,8 +123,9 @@ bool lw_tile_dct_decode(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *s
  * dst        LW_TILE_DCT_BOUND bytes
  * Returns the size; 0: one of them is damaged, or has coefficients that may be beyond 16 bits, on which
  * nothing builds. */
-size_t lw_tile_dct_encode_between(struct lw_tile_dct *dct, const uint8_t *from, size_t from_size,
-                                  const uint8_t *to, size_t to_size, uint32_t width, uint32_t height,
-                                  struct lw_tile_dct_coefficients scratch[2], uint8_t *dst);
+size_t lw_tile_dct_encode_between(struct lw_tile_dct *dct, const struct lw_tile_channel *channel,
+                                  const uint8_t *from, size_t from_size, const uint8_t *to, size_t to_size,
+                                  uint32_t width, uint32_t height, struct lw_tile_dct_coefficients scratch[2],
+                                  uint8_t *dst);
 
 #endif

@@ -459,15 +459,15 @@ LW_WIDE_INLINE void take_rows(struct lw_tile_rans *rans, struct block **list, ui
     }
 }
 
-LW_WIDE static bool get_lists(struct lw_tile_rans *rans, const uint8_t *end, uint32_t width, uint32_t height,
-                              int16_t *coefficient, uint8_t *length, struct reader *reader,
+LW_WIDE static bool get_lists(struct lw_tile_rans *rans, uint32_t planes, const uint8_t *end, uint32_t width,
+                              uint32_t height, int16_t *coefficient, uint8_t *length, struct reader *reader,
                               uint32_t *out_lanes) {
     struct block block[LW_TILE_RANS_BLOCKS];
     struct lists lists;
     uint32_t count = 0, outside = 0;
     struct reader r = *reader;
-    memset(coefficient, 0, 3 * (size_t)blocks(height) * GRID * PLACES * sizeof *coefficient);
-    for (uint32_t p = 0; p < 3; p++)
+    memset(coefficient, 0, planes * (size_t)blocks(height) * GRID * PLACES * sizeof *coefficient);
+    for (uint32_t p = 0; p < planes; p++)
         for (uint32_t by = 0; by < blocks(height); by++)
             for (uint32_t bx = 0; bx < blocks(width); bx++) {
                 uint8_t *lengths = length + p * GRID * GRID;
@@ -497,15 +497,16 @@ LW_WIDE static bool get_lists(struct lw_tile_rans *rans, const uint8_t *end, uin
     return reader->at <= end && !outside;
 }
 
-bool lw_tile_rans_get(struct lw_tile_rans *rans, const uint8_t *src, size_t src_size, uint32_t width,
-                      uint32_t height, int16_t *coefficient, uint8_t *length, const uint8_t **out_rest,
-                      size_t *out_rest_size, size_t *out_rest_free) {
+bool lw_tile_rans_get(struct lw_tile_rans *rans, uint32_t planes, const uint8_t *src, size_t src_size,
+                      uint32_t width, uint32_t height, int16_t *coefficient, uint8_t *length,
+                      const uint8_t **out_rest, size_t *out_rest_size, size_t *out_rest_free) {
     if (src_size < 4 || src_size > sizeof rans->bytes - SLACK) return false;
     memcpy(rans->bytes, src, src_size);
     struct reader r = {.at = rans->bytes + 4, .state = {state_at(rans->bytes)}};
     uint8_t *const end = rans->bytes + src_size;
     uint32_t lanes;
-    if (r.state[0] < STATE_LOW || !get_lists(rans, end, width, height, coefficient, length, &r, &lanes))
+    if (r.state[0] < STATE_LOW ||
+        !get_lists(rans, planes, end, width, height, coefficient, length, &r, &lanes))
         return false;
     uint8_t *rest = rans->bytes + (r.at - rans->bytes) - 2 * lanes; /* what is before it has been read */
     for (uint32_t lane = 0; lane < lanes; lane++) {
@@ -623,15 +624,15 @@ LW_WIDE_INLINE uint32_t length_of(const struct lw_tile_rans *rans, const int16_t
     return (uint32_t)length;
 }
 
-LW_WIDE static uint8_t *put_lists(struct lw_tile_rans *rans, const int16_t *coefficient, uint32_t width,
-                                  uint32_t height, const uint8_t *rest, size_t rest_size, uint8_t *end,
-                                  uint32_t *out_lanes) {
+LW_WIDE static uint8_t *put_lists(struct lw_tile_rans *rans, uint32_t planes, const int16_t *coefficient,
+                                  uint32_t width, uint32_t height, const uint8_t *rest, size_t rest_size,
+                                  uint8_t *end, uint32_t *out_lanes) {
     struct block block[LW_TILE_RANS_BLOCKS];
     struct lists lists;
     uint8_t length[LW_TILE_RANS_BLOCKS];
     uint32_t count = 0, state[LANES], at = 0;
     uint32_t *const first_coefficient = rans->symbol + LW_TILE_RANS_BLOCKS;
-    for (uint32_t p = 0; p < 3; p++)
+    for (uint32_t p = 0; p < planes; p++)
         for (uint32_t by = 0; by < blocks(height); by++)
             for (uint32_t bx = 0; bx < blocks(width); bx++) {
                 uint8_t *lengths = length + p * GRID * GRID;
@@ -663,11 +664,12 @@ LW_WIDE static uint8_t *put_lists(struct lw_tile_rans *rans, const int16_t *coef
     return put_state(end, state[0]);
 }
 
-size_t lw_tile_rans_put(struct lw_tile_rans *rans, const int16_t *coefficient, uint32_t width,
-                        uint32_t height, const uint8_t *rest, size_t rest_size, uint8_t *dst) {
+size_t lw_tile_rans_put(struct lw_tile_rans *rans, uint32_t planes, const int16_t *coefficient,
+                        uint32_t width, uint32_t height, const uint8_t *rest, size_t rest_size,
+                        uint8_t *dst) {
     uint8_t *const end = rans->bytes + sizeof rans->bytes;
     uint32_t lanes;
-    const uint8_t *begin = put_lists(rans, coefficient, width, height, rest, rest_size, end, &lanes);
+    const uint8_t *begin = put_lists(rans, planes, coefficient, width, height, rest, rest_size, end, &lanes);
     const size_t size = (size_t)(end - begin), free_size = at_most(2 * lanes, (uint32_t)rest_size);
     memcpy(dst, begin, size);
     memcpy(dst + size, rest + free_size, rest_size - free_size);

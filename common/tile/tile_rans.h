@@ -9,6 +9,7 @@
 #define LW_COMMON_TILE_RANS_H
 
 #include "common/tile/atlas.h"
+#include "common/tile/tile_channels.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -20,13 +21,14 @@
 #define LW_TILE_RANS_SLOTS  1024u
 #define LW_TILE_RANS_TOKENS 24u
 #define LW_TILE_RANS_FAR    104u /* sizes from here on are followed by a word */
-#define LW_TILE_RANS_BLOCKS (3 * LW_TILE_TEXELS_MAX / LW_TILE_RANS_PLACES)
+#define LW_TILE_RANS_BLOCKS (LW_TILE_CHANNEL_PLANES_MAX * LW_TILE_TEXELS_MAX / LW_TILE_RANS_PLACES)
 
 /* The largest coefficient, of either sign. */
 #define LW_TILE_RANS_COEFFICIENT_MAX 32767
 
 /* Of the coefficients alone: 32 bits each, at most; lengths; states. */
-#define LW_TILE_RANS_BOUND (3 * LW_TILE_TEXELS_MAX * 4 + LW_TILE_RANS_BLOCKS * 2 + LW_TILE_RANS_LANES * 4)
+#define LW_TILE_RANS_BOUND                                                                                   \
+    (LW_TILE_CHANNEL_PLANES_MAX * LW_TILE_TEXELS_MAX * 4 + LW_TILE_RANS_BLOCKS * 2 + LW_TILE_RANS_LANES * 4)
 
 #define LW_TILE_RANS_NEAR_MAX 30u /* larger sizes of a neighbour count as this */
 
@@ -54,9 +56,10 @@ struct lw_tile_rans {
     _Alignas(64) int16_t row[LW_TILE_RANS_PLACES][LW_TILE_RANS_LANES];
     uint8_t spread[256][8]; /* of eight lanes, some of which take a word: the number of each one's word */
     enum lw_tile_rans_isa isa;
-    uint32_t symbol[3 * LW_TILE_TEXELS_MAX + LW_TILE_RANS_BLOCKS]; /* the encoder's */
+    uint32_t
+        symbol[LW_TILE_CHANNEL_PLANES_MAX * LW_TILE_TEXELS_MAX + LW_TILE_RANS_BLOCKS]; /* the encoder's */
     /* the encoder's: words of large coefficients */
-    uint16_t far[3 * LW_TILE_TEXELS_MAX];
+    uint16_t far[LW_TILE_CHANNEL_PLANES_MAX * LW_TILE_TEXELS_MAX];
     uint8_t active[LW_TILE_RANS_BLOCKS * LW_TILE_RANS_PLACES],
         far_count[LW_TILE_RANS_BLOCKS * LW_TILE_RANS_PLACES]; /* the encoder's: lanes of each step */
     uint8_t bytes[LW_TILE_RANS_BOUND + 8192];
@@ -67,13 +70,14 @@ void lw_tile_rans_init(struct lw_tile_rans *rans);
 
 /** Writes the coefficients of a tile of width x height texels, and after them other bytes, some of which cost
  * nothing.
- * coefficient  three planes, of each the blocks in rows of LW_TILE_SIDE / 8, of each its rows; the first
+ * planes     of them, at most LW_TILE_CHANNEL_PLANES_MAX
+ * coefficient  plane by plane, of each the blocks in rows of LW_TILE_SIDE / 8, of each its rows; the first
  *              of each block is not written, nor what lies outside the tile
  * rest       rest_size bytes, of which zeros at the end may be left out
  * dst        of LW_TILE_RANS_BOUND + rest_size bytes at least
  * Returns how many it wrote. */
-size_t lw_tile_rans_put(struct lw_tile_rans *rans, const int16_t *coefficient, uint32_t width,
-                        uint32_t height, const uint8_t *rest, size_t rest_size, uint8_t *dst);
+size_t lw_tile_rans_put(struct lw_tile_rans *rans, uint32_t planes, const int16_t *coefficient,
+                        uint32_t width, uint32_t height, const uint8_t *rest, size_t rest_size, uint8_t *dst);
 
 /** Reads them. Bytes may come from anyone; false if they are not what an encoder writes.
  * coefficient  all of it is written, as far as the tile has rows of blocks
@@ -81,8 +85,8 @@ size_t lw_tile_rans_put(struct lw_tile_rans *rans, const int16_t *coefficient, u
  *            first were in its list
  * out_rest   the other bytes, in `rans` until the next call; the first *out_rest_free of them are always
  *            there, if as zeros */
-bool lw_tile_rans_get(struct lw_tile_rans *rans, const uint8_t *src, size_t src_size, uint32_t width,
-                      uint32_t height, int16_t *coefficient, uint8_t *length, const uint8_t **out_rest,
-                      size_t *out_rest_size, size_t *out_rest_free);
+bool lw_tile_rans_get(struct lw_tile_rans *rans, uint32_t planes, const uint8_t *src, size_t src_size,
+                      uint32_t width, uint32_t height, int16_t *coefficient, uint8_t *length,
+                      const uint8_t **out_rest, size_t *out_rest_size, size_t *out_rest_free);
 
 #endif

@@ -30,17 +30,18 @@ double lw_map_half_loss(const float *value, size_t count) {
 /* ---- from the solver's tiles ---- */
 
 /* A tile's light by the convention, in `plane`, in place of its irradiance. */
-static void convert_tile(struct lw_solver_tile *tile, const struct lw_convention *convention,
-                         float plane[3][LW_TILE_TEXELS_MAX]) {
+static void convert_tile(struct lw_solver_tile *tile, enum lw_light_form form,
+                         const struct lw_convention *convention, float plane[3][LW_TILE_TEXELS_MAX]) {
+    const float **e = tile->shown[form];
     for (uint32_t i = 0; i < tile->width * tile->height; i++) {
-        const struct lw_vec3 texel = lw_convention_texel(
-            convention, lw_vec3(tile->irradiance[0][i], tile->irradiance[1][i], tile->irradiance[2][i]),
-            lw_vec3(tile->albedo[0][i], tile->albedo[1][i], tile->albedo[2][i]));
+        const struct lw_vec3 texel =
+            lw_convention_texel(convention, lw_vec3(e[0][i], e[1][i], e[2][i]),
+                                lw_vec3(tile->albedo[0][i], tile->albedo[1][i], tile->albedo[2][i]));
         plane[0][i] = texel.x;
         plane[1][i] = texel.y;
         plane[2][i] = texel.z;
     }
-    for (int c = 0; c < 3; c++) tile->irradiance[c] = plane[c];
+    for (int c = 0; c < 3; c++) e[c] = plane[c];
 }
 
 static void load_tiles(struct lw_map *map, struct lw_levels *levels, const struct lw_atlas_map *atlas_map,
@@ -53,8 +54,7 @@ static void load_tiles(struct lw_map *map, struct lw_levels *levels, const struc
         const lw_tile_id id = {atlas_map->first_tile[map->object] + level->first_tile + t};
         struct lw_solver_tile tile;
         solver->ops->read_tile(solver, id, &tile);
-        if (form == LW_LIGHT_FORM_SPLIT) memcpy(tile.irradiance, tile.split, sizeof tile.irradiance);
-        convert_tile(&tile, convention, plane);
+        convert_tile(&tile, form, convention, plane);
         lw_levels_load_tile(levels, &atlas_map->place[id.v], &tile);
         uint32_t covered = 0;
         for (uint32_t i = 0; i < tile.width * tile.height; i++) covered += tile.covered[i] != 0;
@@ -80,7 +80,7 @@ static void fill_map(struct lw_map *map, const struct lw_levels *levels) {
                 const struct lw_levels_image *image = &levels->level[l];
                 const size_t i = (size_t)(y >> l) * image->width + (x >> l);
                 if (!image->covered[i]) continue;
-                memcpy(out, image->rgb + i * 3, 3 * sizeof *out);
+                memcpy(out, image->value + i * 3, 3 * sizeof *out);
                 out[3] = l == 0 && image->covered[i] == 1;
                 break;
             }
@@ -118,7 +118,7 @@ enum lw_status lw_map_build(struct lw_map *map, const struct lw_scene *scene,
                            .width = mesh->atlas_width,
                            .height = mesh->atlas_height,
                            .back_offset = mesh->back_offset};
-    if (lw_levels_init(&levels, &atlas_map->atlas[object]) != LW_OK)
+    if (lw_levels_init(&levels, form, &atlas_map->atlas[object]) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "the map of object %u", object);
     float(*plane)[LW_TILE_TEXELS_MAX] = malloc(3 * sizeof *plane);
     map->rgba = calloc((size_t)map->width * map->height, 4 * sizeof *map->rgba);

@@ -19,8 +19,9 @@ enum { OLD, LOADED, BESIDE, BUILT };
 _Static_assert((LW_TILE_SIDE >> (PLACEHOLDER_LEVEL - 1)) >= 2 * (RIM_ROUNDS + 2),
                "a cell is wider than two rims");
 
-enum lw_status lw_levels_init(struct lw_levels *levels, const struct lw_atlas *atlas) {
-    *levels = (struct lw_levels){.count = atlas->level_count};
+enum lw_status lw_levels_init(struct lw_levels *levels, uint32_t channel, const struct lw_atlas *atlas) {
+    *levels = (struct lw_levels){
+        .channel = channel, .planes = lw_tile_channel_at(channel)->planes, .count = atlas->level_count};
     if (!levels->count) return LW_OK;
     levels->columns = atlas->level[0].tiles_x;
     levels->rows = atlas->level[0].tiles_y;
@@ -29,9 +30,9 @@ enum lw_status lw_levels_init(struct lw_levels *levels, const struct lw_atlas *a
         struct lw_levels_image *image = &levels->level[l];
         const size_t texels = (size_t)atlas->level[l].width * atlas->level[l].height;
         *image = (struct lw_levels_image){.width = atlas->level[l].width, .height = atlas->level[l].height};
-        image->rgb = calloc(texels * 3, sizeof *image->rgb);
+        image->value = calloc(texels * levels->planes, sizeof *image->value);
         image->covered = calloc(texels, 1);
-        if (!image->rgb || !image->covered) {
+        if (!image->value || !image->covered) {
             lw_levels_finish(levels);
             return LW_NO_MEMORY;
         }
@@ -42,7 +43,7 @@ enum lw_status lw_levels_init(struct lw_levels *levels, const struct lw_atlas *a
 void lw_levels_finish(struct lw_levels *levels) {
     for (uint32_t l = 0; l < levels->count; l++) {
         free(levels->level[l].covered);
-        free(levels->level[l].rgb);
+        free(levels->level[l].value);
     }
     free(levels->part);
     *levels = (struct lw_levels){0};
@@ -57,8 +58,9 @@ void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *p
             size_t to = (size_t)(place->y * LW_TILE_SIDE + y) * image->width + place->x * LW_TILE_SIDE + x;
             const bool filled = tile->filled && tile->filled[from];
             image->covered[to] = tile->covered[from] ? 1 : filled ? GIVEN : 0;
-            for (int c = 0; c < 3; c++)
-                image->rgb[to * 3 + (size_t)c] = image->covered[to] ? tile->irradiance[c][from] : 0;
+            for (uint32_t p = 0; p < levels->planes; p++)
+                image->value[to * levels->planes + p] =
+                    image->covered[to] ? tile->shown[levels->channel][p][from] : 0;
         }
     levels->part[place->y * levels->columns + place->x] = LOADED;
 }
@@ -82,8 +84,9 @@ static struct area area_of(const struct lw_levels *levels, uint32_t cell, uint32
 }
 
 /* Fills one empty texel from its neighbours of earlier rounds, of which it has some. */
-static void fill_texel(struct lw_levels_image *image, uint32_t x, uint32_t y, uint8_t round) {
-    float sum[3] = {0};
+static void fill_texel(struct lw_levels_image *image, uint32_t planes, uint32_t x, uint32_t y,
+                       uint8_t round) {
+    float sum[LW_TILE_CHANNEL_PLANES_MAX] = {0};
     int count = 0;
     for (int dy = -1; dy <= 1; dy++)
         for (int dx = -1; dx <= 1; dx++) {
@@ -91,11 +94,11 @@ static void fill_texel(struct lw_levels_image *image, uint32_t x, uint32_t y, ui
             if (nx < 0 || ny < 0 || nx >= image->width || ny >= image->height) continue;
             size_t n = (size_t)ny * image->width + (size_t)nx;
             if (!image->covered[n] || image->covered[n] >= round) continue;
-            for (int c = 0; c < 3; c++) sum[c] += image->rgb[n * 3 + (size_t)c];
+            for (uint32_t p = 0; p < planes; p++) sum[p] += image->value[n * planes + p];
             count++;
         }
     size_t i = (size_t)y * image->width + x;
-    for (int c = 0; c < 3; c++) image->rgb[i * 3 + (size_t)c] = sum[c] / (float)count;
+    for (uint32_t p = 0; p < planes; p++) image->value[i * planes + p] = sum[p] / (float)count;
     image->covered[i] = round;
 }
 
@@ -120,7 +123,7 @@ LW_WIDE static bool find_rim(const struct lw_levels_image *image, uint32_t x, ui
 }
 
 /* One round; false if it filled nothing. */
-static bool fill_area(struct lw_levels_image *image, struct area area, uint8_t round) {
+static bool fill_area(struct lw_levels_image *image, uint32_t planes, struct area area, uint8_t round) {
     bool filled = false;
     for (uint32_t y = area.y0; y < area.y1; y++)
         for (uint32_t x = area.x0; x < area.x1; x += RUN) {
@@ -128,27 +131,28 @@ static bool fill_area(struct lw_levels_image *image, struct area area, uint8_t r
             uint8_t rim[RUN];
             if (!find_rim(image, x, y, count, round, rim)) continue;
             for (uint32_t i = 0; i < count; i++)
-                if (rim[i]) fill_texel(image, x + i, y, round);
+                if (rim[i]) fill_texel(image, planes, x + i, y, round);
             filled = true;
         }
     return filled;
 }
 
 /* Clears the texels that were filled before. */
-static void clear_area(struct lw_levels_image *image, struct area area) {
+static void clear_area(struct lw_levels_image *image, uint32_t planes, struct area area) {
     for (uint32_t y = area.y0; y < area.y1; y++)
         for (uint32_t x = area.x0; x < area.x1; x++) {
             const size_t i = (size_t)y * image->width + x;
             if (image->covered[i] <= 1 || image->covered[i] >= GIVEN) continue;
             image->covered[i] = 0;
-            for (size_t c = 0; c < 3; c++) image->rgb[i * 3 + c] = 0;
+            for (uint32_t p = 0; p < planes; p++) image->value[i * planes + p] = 0;
         }
 }
 
-static void halve(struct lw_levels_image *coarse, const struct lw_levels_image *fine, struct area area) {
+static void halve(struct lw_levels_image *coarse, const struct lw_levels_image *fine, uint32_t planes,
+                  struct area area) {
     for (uint32_t y = area.y0; y < area.y1; y++)
         for (uint32_t x = area.x0; x < area.x1; x++) {
-            float sum[3] = {0};
+            float sum[LW_TILE_CHANNEL_PLANES_MAX] = {0};
             int count = 0;
             bool surface = false;
             for (uint32_t j = 2 * y; j < 2 * y + 2 && j < fine->height; j++)
@@ -156,12 +160,13 @@ static void halve(struct lw_levels_image *coarse, const struct lw_levels_image *
                     size_t from = (size_t)j * fine->width + i;
                     if (!fine->covered[from]) continue;
                     surface |= fine->covered[from] == 1;
-                    for (int c = 0; c < 3; c++) sum[c] += fine->rgb[from * 3 + (size_t)c];
+                    for (uint32_t p = 0; p < planes; p++) sum[p] += fine->value[from * planes + p];
                     count++;
                 }
             size_t to = (size_t)y * coarse->width + x;
             coarse->covered[to] = surface ? 1 : count ? RIM_ROUNDS + 1 : 0;
-            for (int c = 0; c < 3; c++) coarse->rgb[to * 3 + (size_t)c] = count ? sum[c] / (float)count : 0;
+            for (uint32_t p = 0; p < planes; p++)
+                coarse->value[to * planes + p] = count ? sum[p] / (float)count : 0;
         }
 }
 
@@ -186,18 +191,19 @@ static void build_cells(struct lw_levels *levels, uint32_t level) {
     struct lw_levels_image *image = &levels->level[level];
     EACH_CELL(levels, cell) {
         if (level > 0)
-            halve(image, image - 1, area_of(levels, cell, level));
+            halve(image, image - 1, levels->planes, area_of(levels, cell, level));
         else if (levels->part[cell] == BESIDE)
-            clear_area(image, area_of(levels, cell, level));
+            clear_area(image, levels->planes, area_of(levels, cell, level));
     }
     for (uint8_t r = 0; r < RIM_ROUNDS; r++) EACH_CELL(levels, cell)
-    fill_area(image, area_of(levels, cell, level), (uint8_t)(r + 2));
+    fill_area(image, levels->planes, area_of(levels, cell, level), (uint8_t)(r + 2));
 }
 
 static void build_whole(struct lw_levels *levels, uint32_t level) {
     struct lw_levels_image *image = &levels->level[level];
-    halve(image, image - 1, all_of(image));
-    for (uint32_t r = 0; r < ROUNDS_MAX && fill_area(image, all_of(image), (uint8_t)(r + 2)); r++) {
+    halve(image, image - 1, levels->planes, all_of(image));
+    for (uint32_t r = 0; r < ROUNDS_MAX && fill_area(image, levels->planes, all_of(image), (uint8_t)(r + 2));
+         r++) {
     }
 }
 
@@ -229,13 +235,14 @@ bool lw_levels_has_changed(const struct lw_levels *levels, const struct lw_tile_
     return false;
 }
 
-void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_place *place, float *out_rgb,
+void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_place *place, float *out_value,
                           uint8_t *out_covered) {
     const struct lw_levels_image *image = &levels->level[place->level];
     for (uint32_t y = 0; y < place->height; y++) {
         const size_t from = (size_t)(place->y * LW_TILE_SIDE + y) * image->width + place->x * LW_TILE_SIDE;
         const size_t to = (size_t)y * place->width;
-        memcpy(out_rgb + to * 3, image->rgb + from * 3, (size_t)place->width * 3 * sizeof *out_rgb);
+        memcpy(out_value + to * levels->planes, image->value + from * levels->planes,
+               (size_t)place->width * levels->planes * sizeof *out_value);
         memcpy(out_covered + to, image->covered + from, place->width);
     }
 }
@@ -253,8 +260,9 @@ void lw_levels_count_values(const struct lw_levels *levels, uint64_t bin[LW_LEVE
     const uint32_t level = levels->count > PLACEHOLDER_LEVEL ? PLACEHOLDER_LEVEL : levels->count - 1;
     const struct lw_levels_image *image = &levels->level[level];
     for (size_t i = 0; i < (size_t)image->width * image->height; i++)
-        for (size_t c = 0; image->covered[i] == 1 && c < 3; c++)
-            lw_levels_count_value(bin, image->rgb[i * 3 + c], (uint64_t)1 << 2 * (PLACEHOLDER_LEVEL - level));
+        for (uint32_t p = 0; image->covered[i] == 1 && p < levels->planes; p++)
+            lw_levels_count_value(bin, image->value[i * levels->planes + p],
+                                  (uint64_t)1 << 2 * (PLACEHOLDER_LEVEL - level));
 }
 
 float lw_levels_quantile(const uint64_t bin[LW_LEVELS_BINS], double share) {

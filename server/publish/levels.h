@@ -1,4 +1,5 @@
-/* levels.h: the mip pyramid of one object's atlas: filtered by coverage, gutters filled by extrapolation.
+/* levels.h: the mip pyramid of one channel of one object's atlas: filtered by coverage, gutters filled by
+ * extrapolation.
  * Threads: one lw_levels belongs to one worker at a time.
  *
  * A texel of level k + 1 is the mean of those of its four texels of level k that hold light, gutter texels
@@ -17,21 +18,23 @@
 #include "server/solve/solver.h"
 
 struct lw_levels {
+    uint32_t channel, planes; /* (tile_channels.h) */
     uint32_t count;
     uint32_t columns, rows; /* tiles of level 0 */
     uint8_t *part;          /* per tile of level 0: its state in the next or the last build */
     struct lw_levels_image {
         uint32_t width, height;
-        float *rgb;       /* 3 floats per texel, W/m^2 */
+        float *value;     /* `planes` floats per texel */
         uint8_t *covered; /* 0: nothing; 1: has surface; 2 and more: filled, in that round */
     } level[LW_ATLAS_LEVELS_MAX];
 };
 
 /** Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_levels_init(struct lw_levels *levels, const struct lw_atlas *atlas);
+LW_MUST_CHECK enum lw_status lw_levels_init(struct lw_levels *levels, uint32_t channel,
+                                            const struct lw_atlas *atlas);
 void lw_levels_finish(struct lw_levels *levels);
 
-/** Copies the light of one level-0 tile into level 0. Load all of them before the first build. */
+/** Copies what is shown of one level-0 tile into level 0. Load all of them before the first build. */
 void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *place,
                          const struct lw_solver_tile *tile);
 /** Call after the changed tiles are loaded: fills gutters and builds the coarser texels that depend on
@@ -39,9 +42,9 @@ void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *p
 void lw_levels_build(struct lw_levels *levels);
 /** Whether the last build may have changed a tile, of any level. */
 bool lw_levels_has_changed(const struct lw_levels *levels, const struct lw_tile_place *place);
-/** Copies one tile's texels: width * height * 3 floats, and width * height bytes. A byte is 0 where no
+/** Copies one tile's texels: width * height * planes floats, and width * height bytes. A byte is 0 where no
  * look-up reads the texel. */
-void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_place *place, float *out_rgb,
+void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_place *place, float *out_value,
                           uint8_t *out_covered);
 
 /* Bins of E: by the first bits of a float, four bins per doubling. */

@@ -13,7 +13,7 @@ struct sent_tile {
     uint64_t version; /* 0: never */
     float error;
     float change; /* that it brought */
-    float *rgb;   /* width * height * 3; allocated with the tile's first version */
+    float *value; /* width * height * planes; allocated with the tile's first version */
     struct lw_blob *blob;
     struct lw_blob *delta; /* the same as a delta on version `base`; NULL: none */
     uint64_t base;
@@ -32,24 +32,25 @@ struct blocks {
 struct worker {
     struct lw_tile_codec *codec;
     uint8_t *payload, *delta; /* lw_tile_codec_bound() each */
-    float rgb[LW_TILE_TEXELS_MAX * 3];
+    float value[LW_TILE_TEXELS_MAX * LW_TILE_CHANNEL_PLANES_MAX];
     uint8_t covered[LW_TILE_TEXELS_MAX];
     struct {
         uint64_t tiles, bytes;
-    } encoded[LW_LIGHT_FORM_COUNT];
+    } encoded[LW_TILE_CHANNELS_MAX];
     uint64_t saturated;
     enum lw_status status;
 };
 
-/* One form of all tiles. */
-struct form {
-    enum lw_light_form layer;
+/* One channel of all tiles. */
+struct channel {
+    uint32_t number;
+    const struct lw_tile_channel *is;
     bool is_published;        /* a snapshot has had it */
     struct lw_levels *levels; /* per object */
     struct sent_tile *sent;   /* per tile id */
     bool *changed;            /* per object: changed in this frame */
-    struct blocks *all_light; /* per tile id of level 0, split form alone */
-    float dark;               /* W/m^2: looks black in this frame */
+    struct blocks *all_light; /* per tile id of level 0, of a part of the light alone */
+    float dark;               /* W/m^2: looks black in this frame; 0: not light */
 };
 
 /* How an object's tiles are sent in this frame. */
@@ -58,8 +59,8 @@ enum news { AS_SOLVED, HELD_BACK, LIT_AGAIN /* the first light since it was a sp
 struct lw_publisher {
     struct lw_publisher_desc desc;
     int threads;
-    struct form *form[LW_LIGHT_FORM_COUNT]; /* NULL: not published */
-    enum news *news;                        /* per object */
+    struct channel *channel[LW_TILE_CHANNELS_MAX]; /* NULL: not published */
+    enum news *news;                               /* per object */
     uint64_t *unlit;         /* per object: 0; SPARE; or the frame since which it is none, until it is lit */
     struct worker *worker;   /* per thread */
     struct lw_pose previous; /* the last one published */
@@ -70,59 +71,59 @@ struct lw_publisher {
 
 #define SPARE UINT64_MAX
 
-static void destroy_form(const struct lw_atlas_map *map, struct form *form) {
-    if (!form) return;
-    for (uint32_t o = 0; form->levels && o < map->object_count; o++) lw_levels_finish(&form->levels[o]);
-    for (uint32_t t = 0; form->sent && t < map->tile_count; t++) {
-        free(form->sent[t].rgb);
-        free(form->sent[t].history);
-        lw_blob_unref(form->sent[t].blob);
-        lw_blob_unref(form->sent[t].delta);
+static void destroy_channel(const struct lw_atlas_map *map, struct channel *channel) {
+    if (!channel) return;
+    for (uint32_t o = 0; channel->levels && o < map->object_count; o++) lw_levels_finish(&channel->levels[o]);
+    for (uint32_t t = 0; channel->sent && t < map->tile_count; t++) {
+        free(channel->sent[t].value);
+        free(channel->sent[t].history);
+        lw_blob_unref(channel->sent[t].blob);
+        lw_blob_unref(channel->sent[t].delta);
     }
-    free(form->all_light);
-    free(form->changed);
-    free(form->sent);
-    free(form->levels);
-    free(form);
+    free(channel->all_light);
+    free(channel->changed);
+    free(channel->sent);
+    free(channel->levels);
+    free(channel);
 }
 
-static enum lw_status create_form(const struct lw_atlas_map *map, enum lw_light_form layer,
-                                  struct form **out_form) {
-    struct form *form = calloc(1, sizeof *form);
-    if (!form) return LW_NO_MEMORY;
-    form->layer = layer;
-    form->levels = calloc((size_t)map->object_count + 1, sizeof *form->levels);
-    form->sent = calloc((size_t)map->tile_count + 1, sizeof *form->sent);
-    form->changed = calloc((size_t)map->object_count + 1, sizeof *form->changed);
-    if (layer == LW_LIGHT_FORM_SPLIT)
-        form->all_light = calloc((size_t)map->tile_count + 1, sizeof *form->all_light);
+static enum lw_status create_channel(const struct lw_atlas_map *map, uint32_t number,
+                                     struct channel **out_channel) {
+    struct channel *channel = calloc(1, sizeof *channel);
+    if (!channel) return LW_NO_MEMORY;
+    channel->number = number;
+    channel->is = lw_tile_channel_at(number);
+    const bool is_part = channel->is->coding == LW_TILE_CODING_LIGHT && number != LW_LIGHT_FORM_FULL;
+    channel->levels = calloc((size_t)map->object_count + 1, sizeof *channel->levels);
+    channel->sent = calloc((size_t)map->tile_count + 1, sizeof *channel->sent);
+    channel->changed = calloc((size_t)map->object_count + 1, sizeof *channel->changed);
+    if (is_part) channel->all_light = calloc((size_t)map->tile_count + 1, sizeof *channel->all_light);
     enum lw_status status =
-        form->levels && form->sent && form->changed && (form->all_light || layer != LW_LIGHT_FORM_SPLIT)
+        channel->levels && channel->sent && channel->changed && (channel->all_light || !is_part)
             ? LW_OK
             : LW_NO_MEMORY;
     for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++)
-        status = lw_levels_init(&form->levels[o], &map->atlas[o]);
+        status = lw_levels_init(&channel->levels[o], number, &map->atlas[o]);
     if (status == LW_OK)
-        *out_form = form;
+        *out_channel = channel;
     else
-        destroy_form(map, form);
+        destroy_channel(map, channel);
     return status;
 }
 
-enum lw_status lw_publisher_set_forms(struct lw_publisher *p, uint32_t forms) {
-    struct form *made[LW_LIGHT_FORM_COUNT] = {0};
+enum lw_status lw_publisher_set_channels(struct lw_publisher *p, uint32_t channels) {
+    struct channel *made[LW_TILE_CHANNELS_MAX] = {0};
     enum lw_status status = LW_OK;
-    for (unsigned f = 0; status == LW_OK && f < LW_LIGHT_FORM_COUNT; f++)
-        if (forms >> f & 1 && !p->form[f])
-            status = create_form(p->desc.atlas_map, (enum lw_light_form)f, &made[f]);
-    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) {
+    for (unsigned f = 0; status == LW_OK && f < LW_TILE_CHANNELS_MAX; f++)
+        if (channels >> f & 1 && !p->channel[f]) status = create_channel(p->desc.atlas_map, f, &made[f]);
+    for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++) {
         if (status != LW_OK) {
-            destroy_form(p->desc.atlas_map, made[f]);
+            destroy_channel(p->desc.atlas_map, made[f]);
         } else if (made[f]) {
-            p->form[f] = made[f];
-        } else if (!(forms >> f & 1)) {
-            destroy_form(p->desc.atlas_map, p->form[f]);
-            p->form[f] = NULL;
+            p->channel[f] = made[f];
+        } else if (!(channels >> f & 1)) {
+            destroy_channel(p->desc.atlas_map, p->channel[f]);
+            p->channel[f] = NULL;
         }
     }
     return status;
@@ -148,7 +149,7 @@ enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
         if (!(p->worker[i].payload = malloc(lw_tile_codec_bound()))) goto fail;
         if (!(p->worker[i].delta = malloc(lw_tile_codec_bound()))) goto fail;
     }
-    if ((status = lw_publisher_set_forms(p, 1u << LW_LIGHT_FORM_FULL)) != LW_OK) goto fail;
+    if ((status = lw_publisher_set_channels(p, 1u << LW_LIGHT_FORM_FULL)) != LW_OK) goto fail;
     *out_publisher = p;
     return LW_OK;
 fail:
@@ -158,7 +159,7 @@ fail:
 
 void lw_publisher_destroy(struct lw_publisher *p) {
     if (!p) return;
-    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) destroy_form(p->desc.atlas_map, p->form[f]);
+    for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++) destroy_channel(p->desc.atlas_map, p->channel[f]);
     for (int i = 0; p->worker && i < p->threads; i++) {
         lw_tile_codec_destroy(p->worker[i].codec);
         free(p->worker[i].payload);
@@ -188,7 +189,8 @@ static void sum_blocks(const struct lw_solver_tile *tile, struct blocks *out) {
 }
 
 /* Brings an object's pyramid up to date with the solver; false if no frame since that one touched it. */
-static bool refresh_levels(const struct lw_publisher *p, struct form *form, uint32_t object, uint64_t since) {
+static bool refresh_levels(const struct lw_publisher *p, struct channel *channel, uint32_t object,
+                           uint64_t since) {
     const struct lw_atlas_map *map = p->desc.atlas_map;
     const struct lw_solver *solver = p->desc.solver;
     const uint32_t first = map->first_tile[object];
@@ -197,13 +199,12 @@ static bool refresh_levels(const struct lw_publisher *p, struct form *form, uint
     bool changed = false;
     for (uint32_t id = first; id < first + count; id++) {
         solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
-        if (tile.solved_frame < since && form->sent[id].version) continue;
-        if (form->all_light) sum_blocks(&tile, &form->all_light[id]);
-        if (form->layer == LW_LIGHT_FORM_SPLIT) memcpy(tile.irradiance, tile.split, sizeof tile.irradiance);
-        lw_levels_load_tile(&form->levels[object], &map->place[id], &tile);
+        if (tile.solved_frame < since && channel->sent[id].version) continue;
+        if (channel->all_light) sum_blocks(&tile, &channel->all_light[id]);
+        lw_levels_load_tile(&channel->levels[object], &map->place[id], &tile);
         changed = true;
     }
-    if (changed) lw_levels_build(&form->levels[object]);
+    if (changed) lw_levels_build(&channel->levels[object]);
     return changed;
 }
 
@@ -235,12 +236,12 @@ static void note_unlit(struct lw_publisher *p, const struct lw_pose *pose, uint3
     p->news[object] = is_lit(p, object, *unlit) ? LIT_AGAIN : HELD_BACK;
 }
 
-static void count_blocks(const struct lw_atlas_map *map, const struct form *form, uint32_t object,
+static void count_blocks(const struct lw_atlas_map *map, const struct channel *channel, uint32_t object,
                          uint64_t bin[LW_LEVELS_BINS]) {
     const uint32_t first = map->first_tile[object];
     const uint32_t count = map->atlas[object].level_count ? level0_tiles(&map->atlas[object]) : 0;
     for (uint32_t id = first; id < first + count; id++) {
-        const struct blocks *blocks = &form->all_light[id];
+        const struct blocks *blocks = &channel->all_light[id];
         for (size_t b = 0; b < sizeof blocks->covered / sizeof *blocks->covered; b++)
             for (int c = 0; blocks->covered[b] && c < 3; c++)
                 lw_levels_count_value(bin, blocks->rgb[b][c] / (float)blocks->covered[b], 1);
@@ -248,14 +249,16 @@ static void count_blocks(const struct lw_atlas_map *map, const struct form *form
 }
 
 /* Hidden objects have no light, or stale light. */
-static float find_dark(const struct lw_atlas_map *map, const struct form *form, const struct lw_pose *pose) {
+static float find_dark(const struct lw_atlas_map *map, const struct channel *channel,
+                       const struct lw_pose *pose) {
     uint64_t bin[LW_LEVELS_BINS] = {0};
+    if (channel->is->coding != LW_TILE_CODING_LIGHT) return 0;
     for (uint32_t o = 0; o < map->object_count; o++) {
         if (pose->object_hidden[o]) continue;
-        if (form->all_light)
-            count_blocks(map, form, o, bin);
+        if (channel->all_light)
+            count_blocks(map, channel, o, bin);
         else
-            lw_levels_count_values(&form->levels[o], bin);
+            lw_levels_count_values(&channel->levels[o], bin);
     }
     return LW_PUBLISHER_DARK_SHARE * lw_levels_quantile(bin, LW_PUBLISHER_WHITE_QUANTILE);
 }
@@ -280,7 +283,7 @@ float lw_publisher_error(const struct lw_atlas_map *map, const struct lw_solver 
 
 /* Root mean square of the relative difference. A hundredth of the tile's mean is added to the divisor.
  * *out_mean: of `now`. */
-static float find_change(const float *now, const float *then, size_t count, float *out_mean) {
+static float find_ratio(const float *now, const float *then, size_t count, float *out_mean) {
     double mean = 0, sum = 0;
     for (size_t i = 0; i < count; i++) mean += (double)now[i];
     const float floor = (float)(0.01 * mean / (double)count) + 1e-12f;
@@ -292,26 +295,37 @@ static float find_change(const float *now, const float *then, size_t count, floa
     return (float)sqrt(sum / (double)count);
 }
 
+/* Of plain values: root mean square of the difference over that of `now`. */
+static float find_difference(const float *now, const float *then, size_t count, float *out_mean) {
+    double square = 0, sum = 0;
+    for (size_t i = 0; i < count; i++) {
+        const double off = (double)now[i] - (double)then[i];
+        square += (double)now[i] * (double)now[i];
+        sum += off * off;
+    }
+    *out_mean = (float)sqrt(square / (double)count);
+    return (float)sqrt(sum / (square + 1e-24 * (double)count));
+}
+
 static enum lw_status encode_tile(const struct lw_publisher *p, struct worker *worker,
-                                  const struct form *form, struct sent_tile *sent,
+                                  const struct channel *channel, struct sent_tile *sent,
                                   const struct lw_tile_place *place, float error,
                                   struct lw_tile_dct_coded *out_coded) {
     if (p->desc.codec != LW_TILE_CODEC_DCT) {
         out_coded->delta_size = 0;
-        return lw_tile_codec_encode_half(worker->codec, worker->rgb, place->width, place->height,
-                                         worker->payload, lw_tile_codec_bound(), &out_coded->size,
-                                         &out_coded->scale, &out_coded->saturated);
+        return lw_tile_codec_encode_half(worker->codec, channel->is, worker->value, place->width,
+                                         place->height, worker->payload, lw_tile_codec_bound(),
+                                         &out_coded->size, &out_coded->scale, &out_coded->saturated);
     }
-    const size_t size = lw_tile_dct_history_size(place->height);
+    const size_t size = lw_tile_dct_history_size(channel->is, place->height);
     if (!sent->history && !(sent->history = aligned_alloc(_Alignof(struct lw_tile_dct_history), size)))
         return LW_NO_MEMORY;
     if (!sent->version) memset(sent->history, 0, size);
     const float step = lw_publisher_step(error, p->desc.noise_shown, place->level, p->desc.step_widest);
     return lw_tile_codec_encode_dct(
         worker->codec,
-        &(struct lw_tile_dct_source){
-            worker->rgb, worker->covered, place->width, place->height,
-            form->layer == LW_LIGHT_FORM_SPLIT ? LW_PUBLISHER_SPLIT_WIDER * step : step, form->dark},
+        &(struct lw_tile_dct_source){worker->value, worker->covered, place->width, place->height,
+                                     channel->is->step * step, channel->dark, channel->is},
         sent->history, worker->payload, worker->delta, lw_tile_codec_bound(), out_coded);
 }
 
@@ -340,22 +354,23 @@ static enum lw_status make_tile_blobs(const struct lw_publisher *p, struct worke
     return status;
 }
 
-static enum lw_status send_tile(const struct lw_publisher *p, struct worker *worker, const struct form *form,
-                                lw_tile_id id, uint64_t frame, float error, uint32_t bounces, float change) {
+static enum lw_status send_tile(const struct lw_publisher *p, struct worker *worker,
+                                const struct channel *channel, lw_tile_id id, uint64_t frame, float error,
+                                uint32_t bounces, float change) {
     const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
-    struct sent_tile *sent = &form->sent[id.v];
-    const size_t floats = (size_t)place->width * place->height * 3;
-    if (!sent->rgb && !(sent->rgb = malloc(floats * sizeof *sent->rgb))) return LW_NO_MEMORY;
+    struct sent_tile *sent = &channel->sent[id.v];
+    const size_t floats = (size_t)place->width * place->height * channel->is->planes;
+    if (!sent->value && !(sent->value = malloc(floats * sizeof *sent->value))) return LW_NO_MEMORY;
     struct lw_tile_dct_coded coded;
     struct lw_blob *blob, *delta;
-    enum lw_status status = encode_tile(p, worker, form, sent, place, error, &coded);
+    enum lw_status status = encode_tile(p, worker, channel, sent, place, error, &coded);
     if (status == LW_OK)
         status = make_tile_blobs(p, worker, sent,
                                  &(struct lw_message_tile){.object = place->object,
                                                            .level = place->level,
                                                            .tile = lw_atlas_map_number(p->desc.atlas_map, id),
                                                            .version = lw_snapshot_version(frame),
-                                                           .layer = form->layer,
+                                                           .layer = channel->number,
                                                            .bounces = bounces,
                                                            .error = error},
                                  &coded, &blob, &delta);
@@ -363,7 +378,7 @@ static enum lw_status send_tile(const struct lw_publisher *p, struct worker *wor
         sent->version = 0; /* the history may be ahead of what was sent: no delta may build on that */
         return status;
     }
-    memcpy(sent->rgb, worker->rgb, floats * sizeof *sent->rgb);
+    memcpy(sent->value, worker->value, floats * sizeof *sent->value);
     lw_blob_unref(sent->blob);
     lw_blob_unref(sent->delta);
     sent->blob = blob;
@@ -372,8 +387,8 @@ static enum lw_status send_tile(const struct lw_publisher *p, struct worker *wor
     sent->version = lw_snapshot_version(frame);
     sent->error = error;
     sent->change = change;
-    worker->encoded[form->layer].tiles++;
-    worker->encoded[form->layer].bytes += delta ? delta->size : blob->size;
+    worker->encoded[channel->number].tiles++;
+    worker->encoded[channel->number].bytes += delta ? delta->size : blob->size;
     worker->saturated += coded.saturated;
     return LW_OK;
 }
@@ -386,44 +401,45 @@ static bool is_of_another_class(const struct lw_publisher *p, float error, float
                lw_atlas_noise_level_min(sent_error, p->desc.noise_shown);
 }
 
-static void consider_tile(const struct lw_publisher *p, struct worker *worker, const struct form *form,
+static void consider_tile(const struct lw_publisher *p, struct worker *worker, const struct channel *channel,
                           lw_tile_id id, uint64_t frame) {
     const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
-    const struct sent_tile *sent = &form->sent[id.v];
-    const struct lw_levels *levels = &form->levels[place->object];
-    if (worker->status != LW_OK || !form->changed[place->object] || !lw_levels_has_changed(levels, place))
+    const struct sent_tile *sent = &channel->sent[id.v];
+    const struct lw_levels *levels = &channel->levels[place->object];
+    if (worker->status != LW_OK || !channel->changed[place->object] || !lw_levels_has_changed(levels, place))
         return;
     uint32_t bounces;
     const float error = lw_publisher_error(p->desc.atlas_map, p->desc.solver, id, &bounces);
-    lw_levels_store_tile(levels, place, worker->rgb, worker->covered);
+    lw_levels_store_tile(levels, place, worker->value, worker->covered);
     float threshold = fmaxf(LW_PUBLISHER_VISIBLE_CHANGE, LW_PUBLISHER_NOISE_SHARE * error), change = 1;
     if (sent->version) {
         float mean;
-        change = find_change(worker->rgb, sent->rgb, (size_t)place->width * place->height * 3, &mean);
+        change = (channel->is->coding == LW_TILE_CODING_LIGHT ? find_ratio : find_difference)(
+            worker->value, sent->value, (size_t)place->width * place->height * channel->is->planes, &mean);
         if (!is_of_another_class(p, error, sent->error) && p->news[place->object] != LIT_AGAIN &&
             change <= threshold)
             return;
         /* large relative changes of dark light are hardly visible */
-        change *= mean / (mean + form->dark + 1e-30f);
+        change *= mean / (mean + channel->dark + 1e-30f);
     }
-    worker->status = send_tile(p, worker, form, id, frame, error, bounces, change);
+    worker->status = send_tile(p, worker, channel, id, frame, error, bounces, change);
 }
 
-static void encode_tiles(struct lw_publisher *p, const struct form *form, uint64_t frame) {
+static void encode_tiles(struct lw_publisher *p, const struct channel *channel, uint64_t frame) {
 #pragma omp parallel for schedule(dynamic, 4) num_threads(p->threads)
     for (uint32_t id = 0; id < p->desc.atlas_map->tile_count; id++)
-        consider_tile(p, &p->worker[omp_get_thread_num()], form, (lw_tile_id){id}, frame);
+        consider_tile(p, &p->worker[omp_get_thread_num()], channel, (lw_tile_id){id}, frame);
 }
 
-static void refresh_form(struct lw_publisher *p, struct form *form, const struct lw_pose *pose,
-                         uint64_t since, bool has_light) {
-    has_light |= !form->is_published;
+static void refresh_channel(struct lw_publisher *p, struct channel *channel, const struct lw_pose *pose,
+                            uint64_t since, bool has_light) {
+    has_light |= !channel->is_published;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(p->threads)
     for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++) {
-        form->changed[o] = has_light && refresh_levels(p, form, o, since);
-        if (p->news[o] != AS_SOLVED) form->changed[o] = p->news[o] == LIT_AGAIN;
+        channel->changed[o] = has_light && refresh_levels(p, channel, o, since);
+        if (p->news[o] != AS_SOLVED) channel->changed[o] = p->news[o] == LIT_AGAIN;
     }
-    if (has_light) form->dark = find_dark(p->desc.atlas_map, form, pose);
+    if (has_light) channel->dark = find_dark(p->desc.atlas_map, channel, pose);
 }
 
 /* The pose in a frame message: all of it, or the changes since the previous frame. */
@@ -565,9 +581,9 @@ static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose
                                     struct lw_message_frame *frame, struct lw_snapshot **out_snapshot) {
     const uint32_t tile_count = p->desc.atlas_map->tile_count;
     struct lw_snapshot *snapshot;
-    uint32_t forms = 0;
-    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) forms |= (uint32_t)(p->form[f] != NULL) << f;
-    enum lw_status status = lw_snapshot_create(tile_count, forms, &snapshot);
+    uint32_t channels = 0;
+    for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++) channels |= (uint32_t)(p->channel[f] != NULL) << f;
+    enum lw_status status = lw_snapshot_create(tile_count, channels, &snapshot);
     if (status != LW_OK) return status;
     snapshot->frame = frame->frame;
     snapshot->time_s = frame->time_s;
@@ -582,9 +598,9 @@ static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose
         lw_snapshot_unref(snapshot);
         return status;
     }
-    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-        for (uint32_t t = 0; p->form[f] && t < tile_count; t++) {
-            const struct sent_tile *sent = &p->form[f]->sent[t];
+    for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++)
+        for (uint32_t t = 0; p->channel[f] && t < tile_count; t++) {
+            const struct sent_tile *sent = &p->channel[f]->sent[t];
             if (!sent->blob) continue;
             snapshot->tile[f][t] =
                 (struct lw_snapshot_tile){.version = sent->version,
@@ -606,19 +622,19 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
     if (!p->since) p->since = frame; /* until all of it is published */
     uint64_t t0 = lw_clock_ns();
     for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++) note_unlit(p, pose, o, frame);
-    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-        if (p->form[f]) refresh_form(p, p->form[f], pose, p->since, has_light);
+    for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++)
+        if (p->channel[f]) refresh_channel(p, p->channel[f], pose, p->since, has_light);
     uint64_t t1 = lw_clock_ns();
     for (int i = 0; i < p->threads; i++) {
         p->worker[i].status = LW_OK;
         p->worker[i].saturated = 0;
         memset(p->worker[i].encoded, 0, sizeof p->worker[i].encoded);
     }
-    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-        if (p->form[f]) encode_tiles(p, p->form[f], frame);
+    for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++)
+        if (p->channel[f]) encode_tiles(p, p->channel[f], frame);
     for (int i = 0; i < p->threads; i++) {
         if (p->worker[i].status != LW_OK) return p->worker[i].status;
-        for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) {
+        for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++) {
             stats.tiles_encoded += p->worker[i].encoded[f].tiles;
             stats.bytes_encoded += p->worker[i].encoded[f].bytes;
         }
@@ -645,30 +661,31 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
     p->since = 0;
     for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++)
         if (p->news[o] == LIT_AGAIN) p->unlit[o] = 0;
-    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-        if (p->form[f]) p->form[f]->is_published = true;
+    for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++)
+        if (p->channel[f]) p->channel[f]->is_published = true;
     *out_stats = stats;
     return LW_OK;
 }
 
-static size_t form_bytes(const struct lw_atlas_map *map, const struct form *form) {
-    size_t bytes = form->all_light ? map->tile_count * sizeof *form->all_light : 0;
+static size_t channel_bytes(const struct lw_atlas_map *map, const struct channel *channel) {
+    size_t bytes = channel->all_light ? map->tile_count * sizeof *channel->all_light : 0;
     for (uint32_t o = 0; o < map->object_count; o++)
-        for (uint32_t l = 0; l < form->levels[o].count; l++)
-            bytes += (size_t)form->levels[o].level[l].width * form->levels[o].level[l].height * 13;
+        for (uint32_t l = 0; l < channel->levels[o].count; l++)
+            bytes += (size_t)channel->levels[o].level[l].width * channel->levels[o].level[l].height *
+                     (4 * channel->is->planes + 1);
     for (uint32_t t = 0; t < map->tile_count; t++) {
-        const struct sent_tile *sent = &form->sent[t];
-        if (sent->rgb && sent->blob)
-            bytes += (size_t)map->place[t].width * map->place[t].height * 12 + sent->blob->size +
-                     (sent->delta ? sent->delta->size : 0) +
-                     (sent->history ? lw_tile_dct_history_size(map->place[t].height) : 0);
+        const struct sent_tile *sent = &channel->sent[t];
+        if (sent->value && sent->blob)
+            bytes += (size_t)map->place[t].width * map->place[t].height * 4 * channel->is->planes +
+                     sent->blob->size + (sent->delta ? sent->delta->size : 0) +
+                     (sent->history ? lw_tile_dct_history_size(channel->is, map->place[t].height) : 0);
     }
     return bytes;
 }
 
 size_t lw_publisher_memory_bytes(const struct lw_publisher *p) {
     size_t bytes = 0;
-    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-        if (p->form[f]) bytes += form_bytes(p->desc.atlas_map, p->form[f]);
+    for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++)
+        if (p->channel[f]) bytes += channel_bytes(p->desc.atlas_map, p->channel[f]);
     return bytes;
 }

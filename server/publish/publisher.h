@@ -1,5 +1,5 @@
 /* publisher.h: encodes the changed tiles of a frame and builds an immutable snapshot.
- * Flow:    solver tiles -> [per form of light: levels, changed tiles, encoded once] -> snapshot -> sessions
+ * Flow:    solver tiles -> [per channel: levels, changed tiles, encoded once] -> snapshot -> sessions
  * Threads: one thread calls (the solver's); workers inside. */
 #ifndef LW_PUBLISH_PUBLISHER_H
 #define LW_PUBLISH_PUBLISHER_H
@@ -21,16 +21,12 @@
  *     level 0             e: half of the other levels' step, so that the sides of a welded seam stay close
  *     level l             2 e / 2^l: a texel is the mean of 4^l texels of level 0
  *     noisy level 0       2 widest: views read only slivers of it (client/view/compose.c)
- * From LW_PUBLISHER_STEP_MIN to `widest`. One widest step for all tiles costs the fewest bits for an error of
- * the whole view. Its default keeps a view within 2 % of the uncoded light (docs/results/streaming.md). */
+ * From LW_PUBLISHER_STEP_MIN to `widest`, times the step of the channel. One widest step for all tiles
+ * costs the fewest bits for an error of the whole view. Its default keeps a view within 2 % of the uncoded
+ * light (docs/results/streaming.md). */
 /* about 1 % error: invisible, and below the error of converged tiles */
 #define LW_PUBLISHER_STEP_MIN    0x1p-5f
 #define LW_PUBLISHER_STEP_WIDEST 0.1f
-/* All steps of LW_LIGHT_FORM_SPLIT are wider by this factor. The light that clients draw has no coding error,
- * so the view's error is that of tiles with all light, for a quarter of the bytes less than with the same
- * steps (docs/results/codec.md). */
-#define LW_PUBLISHER_SPLIT_WIDER 2.0f
-
 static inline float lw_publisher_step(float error, float noise_shown, uint32_t level, float widest) {
     if (level == 0 && lw_atlas_noise_level_min(error, noise_shown) > 0) return 2 * widest;
     const float step = level == 0 ? error : 2 * ldexpf(error, -(int)level);
@@ -39,8 +35,8 @@ static inline float lw_publisher_step(float error, float noise_shown, uint32_t l
 
 /* White is the E that 99 % of the values of coarse texels are below. Light below LW_PUBLISHER_DARK_SHARE of
  * white looks black beside it: the lossy codec keeps its difference, not its ratio. The share is a fifth of
- * the hundredth that coding losses are measured against. White is of all light in both forms, since clients
- * add drawn light to a tile's light. */
+ * the hundredth that coding losses are measured against. White is of all light in every channel of light,
+ * since clients add drawn light to a tile's light. */
 #define LW_PUBLISHER_WHITE_QUANTILE 0.99
 #define LW_PUBLISHER_DARK_SHARE     (1 / 512.0f)
 
@@ -61,7 +57,7 @@ struct lw_publisher_stats {
     uint64_t bytes_encoded; /* of this frame, for a client that has the previous tiles */
     uint64_t split_tiles_encoded, split_bytes_encoded; /* the part of LW_LIGHT_FORM_SPLIT */
     uint64_t levels_ns, encode_ns;
-    uint64_t saturated; /* channels that did not fit the tile codec's range, so far */
+    uint64_t saturated; /* values that did not fit the tile codec's range, so far */
 };
 
 struct lw_publisher;
@@ -71,11 +67,11 @@ LW_MUST_CHECK enum lw_status lw_publisher_create(const struct lw_publisher_desc 
                                                  struct lw_publisher **out_publisher);
 void lw_publisher_destroy(struct lw_publisher *publisher);
 
-/** Which forms are published from the next frame on: bit per enum lw_light_form, LW_LIGHT_FORM_FULL alone at
- * first. The solver must show them (solver.h). The next snapshot has a new version of every tile of a newly
- * published form. The state of a form that is no longer published is freed. Errors: LW_NO_MEMORY; then
+/** Which channels are published from the next frame on: bit for each, LW_LIGHT_FORM_FULL alone at first. The
+ * solver must show them (solver.h). The next snapshot has a new version of every tile of a newly published
+ * channel. The state of a channel that is no longer published is freed. Errors: LW_NO_MEMORY; then
  * nothing has changed. */
-LW_MUST_CHECK enum lw_status lw_publisher_set_forms(struct lw_publisher *publisher, uint32_t forms);
+LW_MUST_CHECK enum lw_status lw_publisher_set_channels(struct lw_publisher *publisher, uint32_t channels);
 
 /** Error of a tile of any level, as it is sent: the largest of the level-0 tiles below it. out_bounces: the
  * least number of bounces of those; may be NULL. [any] while no frame is solved. */

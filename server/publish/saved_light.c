@@ -12,12 +12,18 @@ static const struct lw_checked_file_kind kind = {{'l', 'w', 'k', 'e', 'p', 't', 
 struct header {
     struct lw_checked_file_kind kind;
     uint32_t steady;
-    uint32_t forms; /* bit per enum lw_light_form, one at least */
+    uint32_t channels; /* bit for each that is kept, one at least */
     uint64_t frame;
     uint8_t key[LW_SAVED_LIGHT_KEY_SIZE];
 };
 
 /* ---- writing ---- */
+
+static uint32_t kept_of(uint32_t channels) {
+    for (uint32_t c = 0; c < lw_tile_channels()->count; c++)
+        if (!lw_tile_channel_at(c)->kept) channels &= ~(1u << c);
+    return channels;
+}
 
 enum lw_status lw_saved_light_save(const char *path, const uint8_t key[LW_SAVED_LIGHT_KEY_SIZE],
                                    const struct lw_snapshot *snapshot, bool steady, struct lw_error *err) {
@@ -25,14 +31,13 @@ enum lw_status lw_saved_light_save(const char *path, const uint8_t key[LW_SAVED_
     enum lw_status status = lw_checked_file_write_begin(&writer, path, err);
     if (status != LW_OK) return status;
     struct header header = {
-        .kind = kind, .steady = steady, .forms = snapshot->forms, .frame = snapshot->frame};
+        .kind = kind, .steady = steady, .channels = kept_of(snapshot->channels), .frame = snapshot->frame};
     memcpy(header.key, key, sizeof header.key);
     lw_checked_file_put(&writer, &header, sizeof header);
     lw_checked_file_put(&writer, snapshot->frame_full->bytes, snapshot->frame_full->size);
-    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-        for (uint32_t i = 0; lw_snapshot_has(snapshot, (enum lw_light_form)f) && i < snapshot->tile_count;
-             i++) {
-            const struct lw_blob *blob = snapshot->tile[f][i].blob;
+    for (unsigned c = 0; c < LW_TILE_CHANNELS_MAX; c++)
+        for (uint32_t i = 0; header.channels >> c & 1 && i < snapshot->tile_count; i++) {
+            const struct lw_blob *blob = snapshot->tile[c][i].blob;
             if (blob) lw_checked_file_put(&writer, blob->bytes, blob->size);
         }
     return lw_checked_file_write_end(&writer);
@@ -51,7 +56,8 @@ static enum lw_status check_header(const struct header *header, const uint8_t ke
     if (memcmp(header->key, key, LW_SAVED_LIGHT_KEY_SIZE) != 0)
         return lw_status_fail(err, LW_BAD_DATA,
                               "is of another scene, of other options or of another release");
-    if (header->steady > 1 || !header->frame || !header->forms || header->forms >> LW_LIGHT_FORM_COUNT)
+    if (header->steady > 1 || !header->frame || !header->channels ||
+        header->channels >> lw_tile_channels()->count)
         return lw_status_fail(err, LW_BAD_DATA, "has a header that makes no sense");
     return LW_OK;
 }
@@ -83,7 +89,7 @@ static enum lw_status take_tile(struct reader *reader, struct lw_message *messag
     struct lw_message_tile *tile = &message->tile;
     struct lw_snapshot *snapshot = reader->snapshot;
     const uint32_t id = lw_atlas_map_find_tile(reader->map, tile->object, tile->level, tile->tile).v;
-    if (tile->layer >= LW_LIGHT_FORM_COUNT || !lw_snapshot_has(snapshot, (enum lw_light_form)tile->layer))
+    if (tile->layer >= LW_TILE_CHANNELS_MAX || !lw_snapshot_has(snapshot, tile->layer))
         return lw_status_fail(err, LW_BAD_DATA, "holds a tile of layer %u, which it does not have",
                               tile->layer);
     if (id == UINT32_MAX || snapshot->tile[tile->layer][id].blob || tile->base ||
@@ -131,7 +137,7 @@ static enum lw_status read_bytes(struct reader *reader, const uint8_t *bytes, si
     memcpy(&header, bytes, sizeof header);
     enum lw_status status = check_header(&header, key, err);
     if (status != LW_OK) return status;
-    status = lw_snapshot_create(reader->map->tile_count, header.forms, &reader->snapshot);
+    status = lw_snapshot_create(reader->map->tile_count, header.channels, &reader->snapshot);
     if (status != LW_OK) return lw_status_fail(err, status, "out of memory");
     reader->snapshot->frame = header.frame;
     if (header.steady) reader->error_min = 0;

@@ -3,9 +3,9 @@
  * Threads: one thread per call; snapshots are immutable.
  *
  * The file: a header with a version and the caller's key (which scene, which options), the snapshot's FRAME
- * and TILE messages as on the wire, those of each form of light that it has (proto/wire_format.md), a
- * checksum (common/checked_file.h). Integers have the machine's byte order: the file is for this machine
- * only. */
+ * and TILE messages as on the wire, those of each channel that it has and that is kept
+ * (proto/wire_format.md), a checksum (common/checked_file.h). Integers have the machine's byte order: the
+ * file is for this machine only. */
 #ifndef LW_PUBLISH_SAVED_LIGHT_H
 #define LW_PUBLISH_SAVED_LIGHT_H
 
@@ -23,9 +23,9 @@ LW_MUST_CHECK enum lw_status lw_saved_light_save(const char *path, const uint8_t
                                                  const struct lw_snapshot *snapshot, bool steady,
                                                  struct lw_error *err);
 
-/** Reads it back as a snapshot of the same frame and forms. Counters of rays and CPU time are 0. If it was
- * not steady, light and scene are of a past moment: no tile counts as converged (its error becomes at least
- * twice target_error), and sessions get no SETTLED message.
+/** Reads it back as a snapshot of the same frame and kept channels. Counters of rays and CPU time are 0. If
+ * it was not steady, light and scene are of a past moment: no tile counts as converged (its error becomes
+ * at least twice target_error), and sessions get no SETTLED message.
  * Errors: LW_NO_INPUT: no such file; LW_BAD_DATA naming the path: damaged, of another version, of another
  * key, or not of this map's tiles; LW_IO, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_saved_light_load(const char *path, const uint8_t key[LW_SAVED_LIGHT_KEY_SIZE],

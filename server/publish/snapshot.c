@@ -48,15 +48,15 @@ void lw_blob_unref(struct lw_blob *blob) {
     if (blob && drop(&blob->references)) free(blob);
 }
 
-enum lw_status lw_snapshot_create(uint32_t tile_count, uint32_t forms, struct lw_snapshot **out_snapshot) {
+enum lw_status lw_snapshot_create(uint32_t tile_count, uint32_t channels, struct lw_snapshot **out_snapshot) {
     struct lw_snapshot *snapshot = calloc(1, sizeof *snapshot);
     if (!snapshot) return LW_NO_MEMORY;
     atomic_init(&snapshot->references, 1);
-    snapshot->forms = forms;
+    snapshot->channels = channels;
     snapshot->tile_count = tile_count;
-    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) {
-        if (!lw_snapshot_has(snapshot, (enum lw_light_form)f)) continue;
-        if ((snapshot->tile[f] = calloc((size_t)tile_count + 1, sizeof *snapshot->tile[f]))) continue;
+    for (unsigned c = 0; c < LW_TILE_CHANNELS_MAX; c++) {
+        if (!lw_snapshot_has(snapshot, c)) continue;
+        if ((snapshot->tile[c] = calloc((size_t)tile_count + 1, sizeof *snapshot->tile[c]))) continue;
         lw_snapshot_unref(snapshot);
         return LW_NO_MEMORY;
     }
@@ -74,12 +74,12 @@ void lw_snapshot_unref(struct lw_snapshot *snapshot) {
     lw_blob_unref(snapshot->frame_delta);
     lw_blob_unref(snapshot->frame_full);
     lw_blob_unref(snapshot->settled);
-    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) {
-        for (uint32_t i = 0; snapshot->tile[f] && i < snapshot->tile_count; i++) {
-            lw_blob_unref(snapshot->tile[f][i].blob);
-            lw_blob_unref(snapshot->tile[f][i].delta);
+    for (unsigned c = 0; c < LW_TILE_CHANNELS_MAX; c++) {
+        for (uint32_t i = 0; snapshot->tile[c] && i < snapshot->tile_count; i++) {
+            lw_blob_unref(snapshot->tile[c][i].blob);
+            lw_blob_unref(snapshot->tile[c][i].delta);
         }
-        free(snapshot->tile[f]);
+        free(snapshot->tile[c]);
     }
     free(snapshot);
 }

@@ -49,20 +49,19 @@ struct lw_snapshot {
     struct lw_blob *frame_full;
     struct lw_blob *settled; /* LW_MESSAGE_SETTLED; NULL: sessions are not told */
     uint64_t previous_frame; /* the frame that frame_delta builds on */
-    uint32_t forms;          /* bit per enum lw_light_form: those of which it has the tiles */
+    uint32_t channels;       /* bit per channel (tile_channels.h): those of which it has the tiles */
     uint32_t tile_count;
-    struct lw_snapshot_tile *tile[LW_LIGHT_FORM_COUNT]; /* by form, by lw_tile_id; NULL: not of this form */
+    struct lw_snapshot_tile *tile[LW_TILE_CHANNELS_MAX]; /* by channel, by lw_tile_id; NULL: not of it */
 };
 
 /** An empty snapshot with one reference: frame 0, no frame messages, tiles of version 0. The caller fills it
- * in before it shares it; the snapshot takes over the references of its blobs. forms: bit per enum
- * lw_light_form.
+ * in before it shares it; the snapshot takes over the references of its blobs. channels: bit for each.
  * Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_snapshot_create(uint32_t tile_count, uint32_t forms,
+LW_MUST_CHECK enum lw_status lw_snapshot_create(uint32_t tile_count, uint32_t channels,
                                                 struct lw_snapshot **out_snapshot);
-/** Whether it has the tiles of a form. */
-static inline bool lw_snapshot_has(const struct lw_snapshot *snapshot, enum lw_light_form form) {
-    return snapshot->forms >> form & 1;
+/** Whether it has the tiles of a channel. */
+static inline bool lw_snapshot_has(const struct lw_snapshot *snapshot, uint32_t channel) {
+    return snapshot->channels >> channel & 1;
 }
 struct lw_snapshot *lw_snapshot_ref(struct lw_snapshot *snapshot); /* returns snapshot */
 void lw_snapshot_unref(struct lw_snapshot *snapshot);              /* NULL is fine */

@@ -38,7 +38,7 @@ static struct lw_blob *next_waiting(struct lw_session *s) {
         if (!s->first_light_due) return NULL;
         s->first_light_due = false;
         now = lw_waiting_read(s->shared->first_light);
-        /* ready: the peer's form of light comes with the next frame */
+        /* ready: the peer's channels come with the next frame */
         if (now.stage == LW_WAITING_UNKNOWN || now.stage == LW_WAITING_READY) return NULL;
     } else if (s->told.stage == LW_WAITING_UNKNOWN) {
         return NULL;

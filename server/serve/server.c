@@ -252,34 +252,32 @@ static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_
 
 /* ---- hand-over ---- */
 
-/* Lists what a snapshot changes of a form, in the order in which it goes to those who had all of the one
+/* Lists what a snapshot changes of a channel, in the order in which it goes to those who had all of the one
  * before. */
-static void note_changed(const struct lw_server *server, struct lw_session_form *form,
+static void note_changed(const struct lw_server *server, struct lw_session_channel *channel,
                          const struct lw_snapshot *after) {
-    const struct lw_snapshot *before = form->snapshot;
-    lw_priority_list_begin(&form->priority);
+    const struct lw_snapshot *before = channel->snapshot;
+    lw_priority_list_begin(&channel->priority);
     for (uint32_t i = 0; i < after->tile_count; i++) {
         const uint32_t id = server->order[i];
-        const struct lw_snapshot_tile *tile = &after->tile[form->form][id];
-        const uint64_t had = before ? before->tile[form->form][id].version : 0;
+        const struct lw_snapshot_tile *tile = &after->tile[channel->number][id];
+        const uint64_t had = before ? before->tile[channel->number][id].version : 0;
         if (tile->version <= had) continue;
-        lw_deltas_add(&form->deltas, id, tile);
-        lw_priority_note(&form->priority, id, lw_snapshot_frame_of(tile->version), tile->change);
-        lw_priority_list(&form->priority, id,
-                         lw_priority_of(&form->priority, id, lw_snapshot_frame_of(had), after->frame));
+        lw_deltas_add(&channel->deltas, id, tile);
+        lw_priority_note(&channel->priority, id, lw_snapshot_frame_of(tile->version), tile->change);
+        lw_priority_list(&channel->priority, id,
+                         lw_priority_of(&channel->priority, id, lw_snapshot_frame_of(had), after->frame));
     }
-    form->changed_count = form->priority.listed_count;
-    lw_priority_list_end(&form->priority, form->changed);
+    channel->changed_count = channel->priority.listed_count;
+    lw_priority_list_end(&channel->priority, channel->changed);
 }
 
-static bool is_served(const struct lw_session_form *form) { return form->changed; }
-
-static void adopt_form(const struct lw_server *server, struct lw_session_form *form,
-                       struct lw_snapshot *snapshot) {
-    note_changed(server, form, snapshot);
-    lw_snapshot_unref(form->snapshot);
-    form->snapshot = lw_snapshot_ref(snapshot);
-    form->generation++;
+static void adopt_channel(const struct lw_server *server, struct lw_session_channel *channel,
+                          struct lw_snapshot *snapshot) {
+    note_changed(server, channel, snapshot);
+    lw_snapshot_unref(channel->snapshot);
+    channel->snapshot = lw_snapshot_ref(snapshot);
+    channel->generation++;
 }
 
 /* Those that the snapshot shows. */
@@ -298,9 +296,9 @@ static void answer_updates(struct lw_session_shared *shared) {
 static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     struct lw_session_shared *shared = &server->shared;
     assert(snapshot->tile_count == shared->atlas_map->tile_count);
-    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-        if (is_served(&shared->form[f]) && lw_snapshot_has(snapshot, (enum lw_light_form)f))
-            adopt_form(server, &shared->form[f], snapshot);
+    for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++)
+        if (shared->channels_served >> f & 1 && lw_snapshot_has(snapshot, f))
+            adopt_channel(server, &shared->channel[f], snapshot);
     lw_snapshot_unref(shared->snapshot);
     shared->snapshot = snapshot;
     shared->generation++;
@@ -349,7 +347,7 @@ bool lw_server_take_interest(struct lw_server *server, struct lw_server_interest
     return news;
 }
 
-uint32_t lw_server_forms_taken(const struct lw_server *server) { return server->shared.forms_taken; }
+uint32_t lw_server_channels_taken(const struct lw_server *server) { return server->shared.channels_taken; }
 
 size_t lw_server_take_updates(struct lw_server *server, uint64_t frame, struct lw_scene_change **out_change,
                               size_t *out_change_count) {
@@ -911,24 +909,25 @@ static void wake_loop(void *context) {
     uv_async_send(&server->wake);
 }
 
-static enum lw_status init_form(struct lw_server *server, const struct lw_server_desc *desc,
-                                enum lw_light_form which) {
-    struct lw_session_form *form = &server->shared.form[which];
+static enum lw_status init_channel(struct lw_server *server, const struct lw_server_desc *desc,
+                                   uint32_t number) {
+    struct lw_session_channel *channel = &server->shared.channel[number];
     const uint32_t tiles = desc->atlas_map->tile_count;
-    form->form = which;
-    form->changed = malloc((tiles ? tiles : 1) * sizeof *form->changed);
-    enum lw_status status = form->changed ? LW_OK : LW_NO_MEMORY;
+    const struct lw_tile_channel *is = lw_tile_channel_at(number);
+    channel->number = number;
+    channel->changed = malloc((tiles ? tiles : 1) * sizeof *channel->changed);
+    enum lw_status status = channel->changed ? LW_OK : LW_NO_MEMORY;
     if (status == LW_OK && (desc->features & LW_FEATURE_DCT))
-        status = lw_transcoder_create(desc->atlas_map, wake_loop, server, &form->transcoder);
-    if (status == LW_OK) status = lw_deltas_init(&form->deltas, tiles, form->transcoder);
-    return status == LW_OK ? lw_priority_init(&form->priority, desc->atlas_map) : status;
+        status = lw_transcoder_create(is, desc->atlas_map, wake_loop, server, &channel->transcoder);
+    if (status == LW_OK) status = lw_deltas_init(&channel->deltas, tiles, channel->transcoder);
+    return status == LW_OK ? lw_priority_init(&channel->priority, desc->atlas_map) : status;
 }
 
-static void finish_form(struct lw_session_form *form) {
-    lw_snapshot_unref(form->snapshot);
-    lw_deltas_finish(&form->deltas);
-    lw_priority_finish(&form->priority);
-    free(form->changed);
+static void finish_channel(struct lw_session_channel *channel) {
+    lw_snapshot_unref(channel->snapshot);
+    lw_deltas_finish(&channel->deltas);
+    lw_priority_finish(&channel->priority);
+    free(channel->changed);
 }
 
 static bool any_bit(const uint8_t *bits, size_t size) {
@@ -937,17 +936,23 @@ static bool any_bit(const uint8_t *bits, size_t size) {
     return false;
 }
 
-/* Whose direct light clients draw; if there are any the second form is served. */
-static enum lw_status init_split(struct lw_server *server, const struct lw_server_desc *desc) {
+/* The split form of light is served where clients may draw any. */
+static enum lw_status init_channels(struct lw_server *server, const struct lw_server_desc *desc) {
     struct lw_message_welcome *welcome = &server->shared.welcome;
-    if (!any_bit(desc->client_lights, desc->client_lights_size) &&
-        !any_bit(desc->client_materials, desc->client_materials_size))
-        return LW_OK;
-    welcome->client_lights = desc->client_lights;
-    welcome->client_lights_size = desc->client_lights_size;
-    welcome->client_materials = desc->client_materials;
-    welcome->client_materials_size = desc->client_materials_size;
-    return init_form(server, desc, LW_LIGHT_FORM_SPLIT);
+    uint32_t *served = &server->shared.channels_served;
+    *served = desc->channels | lw_light_form_bit(LW_LIGHT_FORM_FULL);
+    if (any_bit(desc->client_lights, desc->client_lights_size) ||
+        any_bit(desc->client_materials, desc->client_materials_size)) {
+        *served |= lw_light_form_bit(LW_LIGHT_FORM_SPLIT);
+        welcome->client_lights = desc->client_lights;
+        welcome->client_lights_size = desc->client_lights_size;
+        welcome->client_materials = desc->client_materials;
+        welcome->client_materials_size = desc->client_materials_size;
+    }
+    enum lw_status status = LW_OK;
+    for (uint32_t c = 0; status == LW_OK && c < LW_TILE_CHANNELS_MAX; c++)
+        if (*served >> c & 1) status = init_channel(server, desc, c);
+    return status;
 }
 
 static uint64_t timeout_ns(unsigned ms, unsigned default_s) {
@@ -988,8 +993,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     if (status == LW_OK && !(shared->listed = calloc(tiles / 64 + 1, sizeof *shared->listed)))
         status = LW_NO_MEMORY;
     if (status == LW_OK) status = lw_interest_union_init(&shared->interest_union, desc->atlas_map);
-    if (status == LW_OK) status = init_form(server, desc, LW_LIGHT_FORM_FULL);
-    if (status == LW_OK) status = init_split(server, desc);
+    if (status == LW_OK) status = init_channels(server, desc);
     if (status == LW_OK && shared->scene) status = lw_scene_roster_init(&shared->roster, shared->scene);
     shared->order = server->order;
     if (status == LW_OK) status = compress_package(shared, desc->package, desc->package_size);
@@ -1160,9 +1164,9 @@ static bool run_to_the_end(uv_loop_t *loop) {
 void lw_server_destroy(struct lw_server *server) {
     if (!server) return;
     struct lw_session_shared *shared = &server->shared;
-    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) {
-        lw_transcoder_destroy(shared->form[f].transcoder); /* it wakes the loop, which goes now */
-        shared->form[f].transcoder = shared->form[f].deltas.transcoder = NULL;
+    for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++) {
+        lw_transcoder_destroy(shared->channel[f].transcoder); /* it wakes the loop, which goes now */
+        shared->channel[f].transcoder = shared->channel[f].deltas.transcoder = NULL;
     }
     if (server->loop.data) {
         while (shared->first) lw_session_close(shared->first, "the server ends");
@@ -1185,7 +1189,7 @@ void lw_server_destroy(struct lw_server *server) {
     struct lw_message_package package = lw_message_welcome_package(&shared->welcome);
     free_parts(&package);
     free_parts(&shared->welcome.finish);
-    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) finish_form(&shared->form[f]);
+    for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++) finish_channel(&shared->channel[f]);
     free(shared->listed);
     free(server->order);
     free_interest(&server->interest);

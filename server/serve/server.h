@@ -5,7 +5,8 @@
  *          what each session wants -> [server] -> what any of them wants -> solver
  *          updates of the scene -> [server: checked, in order] -> solver -> published -> answered
  * Threads: the loop owns all sessions [loop]. lw_server_publish(), lw_server_take_interest(),
- *          lw_server_forms_taken(), lw_server_take_updates() and lw_server_stop() are [any]: they hand over,
+ *          lw_server_channels_taken(), lw_server_take_updates() and lw_server_stop() are [any]: they hand
+ * over,
  *          wake the loop and never wait for it. */
 #ifndef LW_SERVE_SERVER_H
 #define LW_SERVE_SERVER_H
@@ -63,8 +64,9 @@ struct lw_server_desc {
     float target_error; /* for the welcome */
     float noise_shown;  /* likewise; 0: nothing filters */
     uint64_t features;  /* LW_FEATURE_* that a client must have: what its tiles are made of */
-    /* For the welcome: who draws (message.h). Without a bit set there is
-     * LW_LIGHT_FORM_FULL alone. They outlive it. */
+    uint32_t channels;  /* of which snapshots may have tiles, beside irradiance (tile_channels.h) */
+    /* For the welcome: who draws (message.h). Without a bit set there is no LW_LIGHT_FORM_SPLIT. They
+     * outlive it. */
     const uint8_t *client_lights, *client_materials;
     size_t client_lights_size, client_materials_size;
     /* How far the first light is, for sessions that wait for it; outlives the server. NULL: they are not
@@ -124,9 +126,9 @@ struct lw_server_interest {
 /** Takes what sessions want if it is not what was last taken; before the first time, that is nothing. One
  * taker, at its own pace: changes in between are put together. Returns whether there is news. [any] */
 bool lw_server_take_interest(struct lw_server *server, struct lw_server_interest *out_interest);
-/** In which forms sessions take light now: bit per enum lw_light_form; 0: nobody takes any. A session gets
- * frames once there is a snapshot with its form. [any] */
-uint32_t lw_server_forms_taken(const struct lw_server *server);
+/** Which channels sessions take now: bit for each; 0: nobody takes any. A session gets frames once there is a
+ * snapshot with its channels. [any] */
+uint32_t lw_server_channels_taken(const struct lw_server *server);
 /** Takes the updates that sessions have sent, for frame `frame`: they are answered once that one, or a later
  * one, has been handed over by lw_server_publish(). One taker, at the beginning of each frame.
  * *out_change: their changes, in order, all passed by lw_scene_change_check(); the taker's to free().

@@ -109,7 +109,7 @@ struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_s
         return NULL;
     }
     s->input.body_max = LW_FRAMING_CLIENT_BODY_MAX;
-    s->form = &shared->form[LW_LIGHT_FORM_FULL];
+    s->take[s->take_count++].channel = &shared->channel[LW_LIGHT_FORM_FULL];
     s->interest.everything = true;
     s->number = ++shared->number;
     s->since_ns = s->looked_ns = s->heard_ns = s->progress_ns = lw_clock_ns();
@@ -136,8 +136,10 @@ void lw_session_closed(struct lw_session *s) {
     lw_send_queue_finish_sending(&s->package);
     lw_send_queue_finish_sending(&s->finishes);
     lw_message_reader_clear(&s->input);
-    free(s->sent);
-    free(s->lacked);
+    for (uint32_t i = 0; i < s->take_count; i++) {
+        free(s->take[i].sent);
+        free(s->take[i].lacked);
+    }
     free(s->interest_bits);
     free(s->interest.tile);
     free(s->waiting.tile);
@@ -156,7 +158,8 @@ static void unlink_session(struct lw_session *s) {
 void lw_session_count_one(const struct lw_session *s, int64_t change) {
     struct lw_server_stats *stats = &s->shared->stats;
     lw_session_count(s->shared, &stats->sessions_now, change);
-    if (s->form->form == LW_LIGHT_FORM_SPLIT) lw_session_count(s->shared, &stats->sessions_drawing, change);
+    if (s->take[0].channel->number == LW_LIGHT_FORM_SPLIT)
+        lw_session_count(s->shared, &stats->sessions_drawing, change);
 }
 
 /* No longer one of those who are served. */

@@ -42,7 +42,7 @@ struct lw_session_shared {
     uint32_t first_tiles;                    /* the tiles of every object's coarsest level */
     const uint32_t *order;                   /* tile ids: every object's coarsest level first */
     uint64_t *listed;                        /* bit per tile, all 0: to find those that a list has twice */
-    struct lw_interest_union interest_union; /* by all sessions that are streamed to, whatever their form */
+    struct lw_interest_union interest_union; /* by all sessions that are streamed to */
     const struct lw_scene *scene;            /* what updates are checked against; NULL: there are none */
     struct lw_scene_roster roster;           /* of it, after all updates so far */
     struct lw_updates updates;               /* of all sessions */
@@ -50,19 +50,20 @@ struct lw_session_shared {
     uint64_t epoch; /* counts ticks and snapshots seen: in each, a session may change its mind once */
     struct lw_snapshot *snapshot; /* newest; NULL before the first */
     uint64_t generation;          /* counts the snapshots that the loop has seen */
-    /* By enum lw_light_form; the split one is there if there are client lights. */
-    struct lw_session_form {
-        enum lw_light_form form;
+    /* By channel (tile_channels.h); zeroed where it is not served. */
+    struct lw_session_channel {
+        uint32_t number;
         uint32_t session_count;       /* that are streamed to */
-        struct lw_snapshot *snapshot; /* newest that has this form; NULL before the first */
+        struct lw_snapshot *snapshot; /* newest that has this channel; NULL before the first */
         uint64_t generation;          /* counts those */
         uint32_t *changed;            /* tile ids, by priority, that it changed against the one before */
         uint32_t changed_count;
         struct lw_transcoder *transcoder; /* NULL: tiles are of a codec that has no deltas */
         struct lw_deltas deltas;          /* that lead to that snapshot */
         struct lw_priority priority;
-    } form[LW_LIGHT_FORM_COUNT];
-    _Atomic uint32_t forms_taken; /* bit per form: some session is streamed to in it */
+    } channel[LW_TILE_CHANNELS_MAX];
+    uint32_t channels_served;        /* bit for each */
+    _Atomic uint32_t channels_taken; /* bit for each: some session is streamed to in it */
     struct lw_session_recent {
         uint64_t frame, at_ns;
     } recent[LW_SESSION_RECENT]; /* by generation: when the loop got each of the last snapshots */

@@ -3,19 +3,23 @@
 #include "common/clock.h"
 #include "server/serve/session_private.h"
 
+#include <assert.h>
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 
 /* Who draws direct light gets the rest; all others get all of it, and are not told who would draw what. */
-static void choose_form(struct lw_session *s, const struct lw_message_hello *hello,
-                        struct lw_message_welcome *welcome) {
-    if ((hello->features & LW_FEATURE_DRAWS) &&
-        (welcome->client_lights_size || welcome->client_materials_size)) {
-        s->form = &s->shared->form[LW_LIGHT_FORM_SPLIT];
-        welcome->features |= LW_FEATURE_DRAWS;
-        return;
-    }
+static void choose_channels(struct lw_session *s, const struct lw_message_hello *hello,
+                            struct lw_message_welcome *welcome) {
+    const uint32_t served = s->shared->channels_served;
+    const uint64_t asked = hello->features & lw_tile_channels_features(served);
+    const uint32_t channels = lw_tile_channels_for(asked, served);
+    s->take_count = 0;
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
+        if (channels >> c & 1) s->take[s->take_count++].channel = &s->shared->channel[c];
+    assert(s->take_count); /* each has irradiance */
+    welcome->features |= asked;
+    if (asked & LW_FEATURE_DRAWS) return;
     welcome->client_lights = welcome->client_materials = NULL;
     welcome->client_lights_size = welcome->client_materials_size = 0;
 }
@@ -73,7 +77,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     }
     struct lw_message message = {.type = LW_MESSAGE_WELCOME, .welcome = s->shared->welcome};
     message.welcome.session = s->number;
-    choose_form(s, hello, &message.welcome);
+    choose_channels(s, hello, &message.welcome);
     choose_finishes(s, hello, &message.welcome);
     s->controls = s->peer.may_control && s->shared->scene && (hello->features & LW_FEATURE_CONTROL);
     if (s->controls) message.welcome.features |= LW_FEATURE_CONTROL;
@@ -96,17 +100,22 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     lw_session_queues_set_due(s, true);
     lw_session_count(s->shared, &s->shared->stats.sessions_total, 1);
     lw_session_count_one(s, 1);
-    lw_session_tell(s, "joined%s", s->form->form == LW_LIGHT_FORM_SPLIT ? ", draws direct light" : "");
+    lw_session_tell(s, "joined%s", message.welcome.features & LW_FEATURE_DRAWS ? ", draws direct light" : "");
 }
 
 static bool make_sent(struct lw_session *s) {
-    if (!s->sent) s->sent = calloc(s->shared->atlas_map->tile_count, sizeof *s->sent);
-    return s->sent;
+    bool ok = true;
+    for (struct lw_session_take *t = s->take; t < s->take + s->take_count; t++) {
+        if (!t->sent) t->sent = calloc(s->shared->atlas_map->tile_count, sizeof *t->sent);
+        ok &= t->sent != NULL;
+    }
+    return ok;
 }
 
-/* What an earlier session of the peer was sent counts as sent. */
+/* What an earlier session of the peer was sent of irradiance counts as sent. */
 static void handle_holds(struct lw_session *s, const struct lw_message_holds *holds) {
-    const struct lw_snapshot *snapshot = s->form->snapshot;
+    const struct lw_session_take *take = &s->take[0];
+    const struct lw_snapshot *snapshot = take->channel->snapshot;
     if (!make_sent(s)) {
         lw_session_lacks_memory(s);
         return;
@@ -114,13 +123,13 @@ static void handle_holds(struct lw_session *s, const struct lw_message_holds *ho
     for (size_t i = 0; i < holds->tile_count; i++) {
         struct lw_message_held t = holds->tile[i];
         uint32_t id = lw_atlas_map_find_tile(s->shared->atlas_map, t.object, t.level, t.tile).v;
-        if (id == UINT32_MAX || !snapshot || t.version > snapshot->tile[s->form->form][id].version) {
+        if (id == UINT32_MAX || !snapshot || t.version > snapshot->tile[take->channel->number][id].version) {
             lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
                               "message HOLDS: there is no object %u, level %u, tile %u of version %" PRIu64,
                               t.object, t.level, t.tile, t.version);
             return;
         }
-        s->sent[id] = t.version;
+        take->sent[id] = t.version;
     }
 }
 

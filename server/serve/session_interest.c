@@ -32,9 +32,12 @@ static void mark(struct lw_session *s) {
     }
 }
 
-/* One session more, or less, that takes light in this form. */
-static void count_taker(struct lw_session_form *form, _Atomic uint32_t *forms_taken, bool more) {
-    if (more ? !form->session_count++ : !--form->session_count) *forms_taken ^= 1u << form->form;
+/* One session more, or less, that takes its channels. */
+static void count_taker(struct lw_session *s, bool more) {
+    for (uint32_t i = 0; i < s->take_count; i++) {
+        struct lw_session_channel *c = s->take[i].channel;
+        if (more ? !c->session_count++ : !--c->session_count) s->shared->channels_taken ^= 1u << c->number;
+    }
 }
 
 static void count_in(struct lw_session *s, const struct lw_session_interest *interest) {
@@ -72,16 +75,16 @@ bool lw_session_interest_take_up(struct lw_session *s) {
     }
     free(before.tile);
     s->settled_due = s->frame_sent > 0;
-    s->generation = 0; /* the walk starts again */
+    for (uint32_t i = 0; i < s->take_count; i++) s->take[i].generation = 0; /* the walk starts again */
     return true;
 }
 
 void lw_session_interest_join(struct lw_session *s) {
     count_in(s, &s->interest);
-    count_taker(s->form, &s->shared->forms_taken, true);
+    count_taker(s, true);
 }
 
 void lw_session_interest_leave(struct lw_session *s) {
     count_out(s, &s->interest);
-    count_taker(s->form, &s->shared->forms_taken, false);
+    count_taker(s, false);
 }

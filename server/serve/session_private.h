@@ -36,11 +36,26 @@ struct lw_session_interest {
     uint32_t *tile; /* lw_tile_id, each once */
 };
 
+/* A channel that a session gets. */
+struct lw_session_take {
+    struct lw_session_channel *channel;
+    uint64_t *sent;      /* per tile: the version sent; NULL before that matters */
+    uint64_t generation; /* of the snapshot that the walk below goes over */
+    /* What the walk goes over: tiles that it lacks, by priority. NULL: it had all of the snapshot before, and
+     * the walk goes over what this one changed. */
+    uint32_t *lacked;
+    uint32_t walk_left;   /* tiles still to look at */
+    uint32_t walk_cursor; /* in lacked, or in changed */
+    bool delta_follows;   /* to the delta sent last: of the walk's next tile */
+    bool is_narrow;       /* the link takes less than changes: it gets coarse tiles before finer ones */
+    bool refines;         /* narrow: it has all of these, and the walk goes over what they lack */
+    uint64_t judged;      /* a generation: whether the link is narrow */
+};
+
 struct lw_session {
     struct lw_session_transport *link;
     struct lw_session_shared *shared;
     struct lw_session *previous, *next;
-    struct lw_session_form *form;   /* of light, that it gets */
     struct lw_session_queue *queue; /* in which it waits for its turn; NULL: in none */
     struct lw_session *previous_due, *next_due;
     enum lw_session_state state;
@@ -89,24 +104,15 @@ struct lw_session {
     int64_t tiles_before; /* bytes of tiles that go before the next FINISH_CHUNK */
     uint64_t frame_sent, frame_acked;
     bool settled_due;                             /* of the one sent */
-    uint64_t *sent;                               /* per tile: the version sent; NULL before that matters */
     struct lw_session_interest interest, waiting; /* what holds; what came since, if has_waiting */
     bool has_waiting;
     uint64_t interest_epoch; /* of the server, when interest was last taken up */
     /* Bit per tile: to be sent; then a bit per tile again: those that are not stand-ins. NULL: everything. */
     uint64_t *interest_bits;
-    uint64_t generation; /* of the snapshot that the walk below goes over */
-    /* What the walk goes over: tiles that it lacks, by priority. NULL: it had all of the snapshot before, and
-     * the walk goes over what this one changed. */
-    uint32_t *lacked;
-    bool delta_follows;   /* to the delta sent last: of the walk's next tile */
-    bool waits;           /* for what the transcoder makes of that tile */
-    bool is_narrow;       /* its link takes less than changes: it gets coarse tiles before finer ones */
-    bool refines;         /* narrow: it has all of these, and the walk goes over what they lack */
-    bool link_was_full;   /* since the snapshot was new; */
-    uint64_t judged;      /* its generation */
-    uint32_t walk_left;   /* tiles still to look at */
-    uint32_t walk_cursor; /* in lacked, or in changed */
+    struct lw_session_take take[LW_TILE_CHANNELS_MAX]; /* what it gets, by the channels' numbers */
+    uint32_t take_count;
+    bool waits;         /* for what the transcoder makes of a tile */
+    bool link_was_full; /* since the snapshot was new */
 
     uint64_t rate_limit_bytes_hz; /* 0: none */
     double allowance;             /* bytes that it may be sent now; below 0: it has had too much */
@@ -156,7 +162,7 @@ static inline bool lw_session_interest_is_set(const uint64_t *bits, uint32_t til
 bool lw_session_interest_test_and_set(uint64_t *bits, uint32_t tile);
 /** s->waiting holds from now on. false: there is no memory, and nothing has changed. */
 bool lw_session_interest_take_up(struct lw_session *s);
-/** The session's interest and form count, from when it is streamed to until it is no more. */
+/** The session's interest and its channels' counts, from when it is streamed to until it is no more. */
 void lw_session_interest_join(struct lw_session *s);
 void lw_session_interest_leave(struct lw_session *s);
 

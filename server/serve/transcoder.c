@@ -8,6 +8,7 @@
 #include <string.h>
 
 struct lw_transcoder {
+    const struct lw_tile_channel *channel;
     const struct lw_atlas_map *atlas_map;
     void (*wake)(void *context);
     void *context;
@@ -15,7 +16,7 @@ struct lw_transcoder {
     /* The thread's. */
     struct lw_tile_codec *codec;
     uint8_t *payload, *delta; /* lw_tile_codec_bound() each */
-    float rgb[LW_TILE_TEXELS_MAX * 3];
+    float value[LW_TILE_TEXELS_MAX * LW_TILE_CHANNEL_PLANES_MAX];
     struct coarse {
         struct lw_tile_dct_history *history; /* NULL: none was made */
         uint64_t version;                    /* that was last made; 0: nothing builds on it */
@@ -50,9 +51,9 @@ static struct lw_blob *make_delta(struct lw_transcoder *r, const struct lw_trans
         lw_message_finish(&from);
         return NULL;
     }
-    if (lw_tile_codec_encode_between(r->codec, from.tile.payload, from.tile.payload_size, to.tile.payload,
-                                     to.tile.payload_size, place->width, place->height, r->payload,
-                                     lw_tile_codec_bound(), &size) == LW_OK &&
+    if (lw_tile_codec_encode_between(r->codec, r->channel, from.tile.payload, from.tile.payload_size,
+                                     to.tile.payload, to.tile.payload_size, place->width, place->height,
+                                     r->payload, lw_tile_codec_bound(), &size) == LW_OK &&
         size < to.tile.payload_size) {
         struct lw_message delta = {.type = LW_MESSAGE_TILE, .tile = to.tile};
         delta.tile.base = job->base;
@@ -76,9 +77,10 @@ static enum lw_status encode_coarse(struct lw_transcoder *r, uint32_t id, const 
                                     struct lw_tile_dct_coded *out_coded) {
     const struct lw_tile_place *place = &r->atlas_map->place[id];
     struct coarse *coarse = &r->coarse[id];
-    const size_t size = lw_tile_dct_history_size(place->height);
-    enum lw_status status = lw_tile_codec_decode(r->codec, tile->codec, tile->payload, tile->payload_size,
-                                                 tile->scale, place->width, place->height, NULL, r->rgb);
+    const size_t size = lw_tile_dct_history_size(r->channel, place->height);
+    enum lw_status status =
+        lw_tile_codec_decode(r->codec, r->channel, tile->codec, tile->payload, tile->payload_size,
+                             tile->scale, place->width, place->height, NULL, r->value);
     if (status != LW_OK) return status;
     if (!coarse->history) {
         coarse->history = aligned_alloc(_Alignof(struct lw_tile_dct_history), size);
@@ -87,9 +89,9 @@ static enum lw_status encode_coarse(struct lw_transcoder *r, uint32_t id, const 
     }
     /* What is not covered is as smooth as it was made, and counts like the rest. */
     return lw_tile_codec_encode_dct(r->codec,
-                                    &(struct lw_tile_dct_source){r->rgb, NULL, place->width, place->height,
+                                    &(struct lw_tile_dct_source){r->value, NULL, place->width, place->height,
                                                                  coarse_step(tile->payload[1]),
-                                                                 dark_for(tile->scale)},
+                                                                 dark_for(tile->scale), r->channel},
                                     coarse->history, r->payload, r->delta, lw_tile_codec_bound(), out_coded);
 }
 
@@ -152,11 +154,12 @@ static void free_recoder(struct lw_transcoder *r) {
     free(r);
 }
 
-enum lw_status lw_transcoder_create(const struct lw_atlas_map *atlas_map, void (*wake)(void *context),
+enum lw_status lw_transcoder_create(const struct lw_tile_channel *channel,
+                                    const struct lw_atlas_map *atlas_map, void (*wake)(void *context),
                                     void *context, struct lw_transcoder **out_recoder) {
     struct lw_transcoder *r = calloc(1, sizeof *r);
     if (!r) return LW_NO_MEMORY;
-    *r = (struct lw_transcoder){.atlas_map = atlas_map, .wake = wake, .context = context};
+    *r = (struct lw_transcoder){.channel = channel, .atlas_map = atlas_map, .wake = wake, .context = context};
     enum lw_status status = lw_tile_codec_create(&r->codec);
     r->payload = malloc(lw_tile_codec_bound());
     r->delta = malloc(lw_tile_codec_bound());

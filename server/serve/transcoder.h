@@ -44,9 +44,11 @@ struct lw_transcoder_result {
 
 struct lw_transcoder;
 
-/** atlas_map outlives it. wake is called by its thread whenever something is there to be collected.
+/** channel: of the tiles. It and atlas_map outlive it. wake is called by its thread whenever something is
+ * there to be collected.
  * Errors: LW_NO_MEMORY, LW_OS. */
-LW_MUST_CHECK enum lw_status lw_transcoder_create(const struct lw_atlas_map *atlas_map,
+LW_MUST_CHECK enum lw_status lw_transcoder_create(const struct lw_tile_channel *channel,
+                                                  const struct lw_atlas_map *atlas_map,
                                                   void (*wake)(void *context), void *context,
                                                   struct lw_transcoder **out_recoder);
 /** Ends its thread; what was asked for is dropped. */

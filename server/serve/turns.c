@@ -44,7 +44,7 @@ void lw_turns_serve_paced(struct lw_session_shared *shared) {
 
 void lw_turns_collect(struct lw_session_shared *shared) {
     bool any = false;
-    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) any |= lw_deltas_collect(&shared->form[f].deltas);
+    for (unsigned c = 0; c < LW_TILE_CHANNELS_MAX; c++) any |= lw_deltas_collect(&shared->channel[c].deltas);
     if (!any) return;
     while (shared->waiting.first) lw_session_queues_set_due(shared->waiting.first, false);
 }

@@ -194,9 +194,9 @@ void lw_geometry_read_tile(const struct lw_geometry *geometry, const struct lw_t
     for (int c = 0; c < 3; c++) {
         out_tile->direct[c] = tiles->direct[c] + tile->first;
         out_tile->indirect[c] = tiles->indirect[c] + tile->first;
-        out_tile->irradiance[c] = tiles->irradiance[LW_LIGHT_FORM_FULL][c] + tile->first;
-        if (forms & lw_light_form_bit(LW_LIGHT_FORM_SPLIT))
-            out_tile->split[c] = tiles->irradiance[LW_LIGHT_FORM_SPLIT][c] + tile->first;
+        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+            if (f == LW_LIGHT_FORM_FULL || forms & lw_light_form_bit(f))
+                out_tile->shown[f][c] = tiles->irradiance[f][c] + tile->first;
         out_tile->albedo[c] = tile->mesh->albedo[c] + tile->local;
     }
 }

@@ -546,9 +546,9 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
     for (int c = 0; c < 3; c++) {
         out_tile->direct[c] = s->direct[c] + first;
         out_tile->indirect[c] = s->indirect[c] + first;
-        out_tile->irradiance[c] = s->irradiance[LW_LIGHT_FORM_FULL][c] + first;
-        if (s->forms & lw_light_form_bit(LW_LIGHT_FORM_SPLIT))
-            out_tile->split[c] = s->irradiance[LW_LIGHT_FORM_SPLIT][c] + first;
+        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+            if (f == LW_LIGHT_FORM_FULL || s->forms & lw_light_form_bit(f))
+                out_tile->shown[f][c] = s->irradiance[f][c] + first;
     }
     for (uint32_t k = 1; k < s->count; k++) {
         const uint32_t frames = tile_of(&s->layer[k], id)->sample_count;

@@ -5,9 +5,9 @@
 #ifndef LW_SOLVE_SOLVER_H
 #define LW_SOLVE_SOLVER_H
 
-#include "common/light/light_form.h"
 #include "common/scene/pose.h"
 #include "common/tile/atlas.h"
+#include "common/tile/tile_channels.h"
 #include "server/solve/light_groups.h"
 #include "server/solve/state/solver_terms.h"
 
@@ -80,10 +80,11 @@ struct lw_solver_stats {
 /** One level-0 tile as the solver holds it: planar, tile-contiguous. Valid until
  * the next call on the solver. */
 struct lw_solver_tile {
-    const float *direct[3];     /* E of bounce 0, W/m^2 per channel; width*height each */
-    const float *indirect[3];   /* sum over bounces 1..N */
-    const float *irradiance[3]; /* what is shown: direct + indirect, filtered and welded as the desc says */
-    const float *split[3];  /* the same without the direct light of client lights; NULL: not shown (show()) */
+    const float *direct[3];   /* E of bounce 0, W/m^2 per channel; width*height each */
+    const float *indirect[3]; /* sum over bounces 1..N */
+    /* What is shown, by channel (tile_channels.h) and plane: of irradiance direct + indirect, filtered and
+     * welded as the desc says. NULL: not shown (show()). */
+    const float *shown[LW_TILE_CHANNELS_MAX][LW_TILE_CHANNEL_PLANES_MAX];
     const float *albedo[3]; /* mean over each texel */
     const uint8_t *covered; /* 1: a texel with surface; others hold 0 */
     const uint8_t *filled;  /* 1: a gutter, with the light and albedo of its chart; NULL: there are none */
@@ -111,11 +112,12 @@ struct lw_solver_ops {
      * interest again these count as far as they are right: in full if nothing has moved since. Errors:
      * LW_NO_MEMORY; nothing is changed then. */
     enum lw_status (*set_interest)(struct lw_solver *solver, const uint8_t *interest, struct lw_error *err);
-    /** Says in which forms light is shown (light_form.h), from the next frame on: a set of bits, not empty. A
-     * form that was not shown before is made of everything in that frame, whether it solves anything or not;
-     * one that no longer is stays as it was. FULL alone, to begin with; without client lights nothing else is
-     * ever shown. While SPLIT is shown alone errors are those of its noise, against all light. Converged
-     * tiles for which that makes a difference go on when FULL is shown again. */
+    /** Says which channels are shown (tile_channels.h), from the next frame on: a set of bits, not empty;
+     * of those that a solver does not have nothing is. A form of light that was not shown before is made of
+     * everything in that frame, whether it solves anything or not; one that no longer is stays as it was.
+     * FULL alone, to begin with; without client lights nothing else is ever shown. While SPLIT is shown
+     * alone errors are those of its noise, against all light. Converged tiles for which that makes a
+     * difference go on when FULL is shown again. */
     void (*show)(struct lw_solver *solver, unsigned forms);
     /** Filters the noise out of every tile's light, between two frames and whatever the desc says of it: for
      * those who read once, at the end. The next frame begins from the sums as ever. Errors: LW_NO_MEMORY. */

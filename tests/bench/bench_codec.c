@@ -74,7 +74,7 @@ static enum lw_status take_object(struct job *job, uint32_t object, struct tile 
     float rgb[LW_TILE_TEXELS_MAX * 3];
     uint8_t covered[LW_TILE_TEXELS_MAX];
     struct lw_levels levels;
-    enum lw_status status = lw_levels_init(&levels, atlas);
+    enum lw_status status = lw_levels_init(&levels, LW_LIGHT_FORM_FULL, atlas);
     if (status != LW_OK) return status;
     for (uint32_t i = first; i < first + atlas->tile_count && !job->map.place[i].level; i++) {
         struct lw_solver_tile tile;
@@ -184,23 +184,24 @@ struct coder {
 
 static enum lw_status half_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
     uint32_t saturated;
-    return lw_tile_codec_encode_half(coder->tile, tile->rgb, tile->width, tile->height, out->bytes,
+    return lw_tile_codec_encode_half(coder->tile, NULL, tile->rgb, tile->width, tile->height, out->bytes,
                                      sizeof out->bytes, &out->size, &out->scale, &saturated);
 }
 
 static enum lw_status half_decode(struct coder *coder, const struct coded *coded, const struct tile *tile,
                                   float *rgb) {
-    return lw_tile_codec_decode(coder->tile, LW_TILE_CODEC_HALF_ZSTD, coded->bytes, coded->size, coded->scale,
-                                tile->width, tile->height, NULL, rgb);
+    return lw_tile_codec_decode(coder->tile, NULL, LW_TILE_CODEC_HALF_ZSTD, coded->bytes, coded->size,
+                                coded->scale, tile->width, tile->height, NULL, rgb);
 }
 
 static enum lw_status dct_encode(struct coder *coder, const struct tile *tile, float step,
                                  struct coded *out) {
     struct lw_tile_dct_coded result;
-    enum lw_status status = lw_tile_codec_encode_dct(
-        coder->tile,
-        &(struct lw_tile_dct_source){tile->rgb, tile->covered, tile->width, tile->height, step, coder->dark},
-        NULL, out->bytes, NULL, sizeof out->bytes, &result);
+    enum lw_status status =
+        lw_tile_codec_encode_dct(coder->tile,
+                                 &(struct lw_tile_dct_source){tile->rgb, tile->covered, tile->width,
+                                                              tile->height, step, coder->dark, NULL},
+                                 NULL, out->bytes, NULL, sizeof out->bytes, &result);
     out->size = result.size;
     out->scale = result.scale;
     return status;
@@ -221,7 +222,7 @@ static enum lw_status change_encode(struct coder *coder, const struct tile *tile
         &(struct lw_tile_dct_source){
             tile->rgb, tile->covered, tile->width, tile->height,
             lw_publisher_step(tile->error, LW_SOLVER_NOISE_SHOWN, tile->level, LW_PUBLISHER_STEP_WIDEST),
-            coder->dark},
+            coder->dark, NULL},
         &coder->history, out->bytes, coder->delta, sizeof out->bytes, &result);
     out->is_delta = result.delta_size && result.delta_size < result.size;
     out->size = out->is_delta ? result.delta_size : result.size;
@@ -234,8 +235,8 @@ static enum lw_status change_decode(struct coder *coder, const struct coded *cod
                                     float *rgb) {
     coder->coefficients = tile->before->coefficients;
     return (coded->is_delta ? lw_tile_codec_decode_delta : lw_tile_codec_decode)(
-        coder->tile, LW_TILE_CODEC_DCT, coded->bytes, coded->size, coded->scale, tile->width, tile->height,
-        &coder->coefficients, rgb);
+        coder->tile, NULL, LW_TILE_CODEC_DCT, coded->bytes, coded->size, coded->scale, tile->width,
+        tile->height, &coder->coefficients, rgb);
 }
 
 /* What a client that was sent the set before has of it. */
@@ -250,7 +251,7 @@ static enum lw_status keep_history(struct coder *coder, struct coded *scratch, c
         &(struct lw_tile_dct_source){
             before->rgb, before->covered, tile->width, tile->height,
             lw_publisher_step(before->error, LW_SOLVER_NOISE_SHOWN, tile->level, LW_PUBLISHER_STEP_WIDEST),
-            coder->dark},
+            coder->dark, NULL},
         tile->before, scratch->bytes, coder->delta, sizeof scratch->bytes, &result);
 }
 
@@ -268,7 +269,7 @@ static enum lw_status sought_encode(struct coder *coder, const struct tile *tile
 
 static enum lw_status dct_decode(struct coder *coder, const struct coded *coded, const struct tile *tile,
                                  float *rgb) {
-    return lw_tile_codec_decode(coder->tile, LW_TILE_CODEC_DCT, coded->bytes, coded->size, coded->scale,
+    return lw_tile_codec_decode(coder->tile, NULL, LW_TILE_CODEC_DCT, coded->bytes, coded->size, coded->scale,
                                 tile->width, tile->height, NULL, rgb);
 }
 

@@ -86,7 +86,7 @@ static size_t read_light(const struct job *job, const struct lw_solver *solver, 
         solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
         for (uint32_t i = 0; i < tile.width * tile.height; i++) {
             if (!tile.covered[i]) continue;
-            if (out) out[n] = luminance(form == LW_LIGHT_FORM_SPLIT ? tile.split : tile.irradiance, i);
+            if (out) out[n] = luminance(tile.shown[form], i);
             n++;
         }
     }
@@ -105,7 +105,7 @@ static double mean_change(const struct job *job, const struct lw_solver *solver)
             solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
             for (uint32_t i = 0; i < tile.width * tile.height; i++)
                 if (tile.covered[i]) {
-                    shown += (double)luminance(tile.irradiance, i);
+                    shown += (double)luminance(tile.shown[LW_LIGHT_FORM_FULL], i);
                     solved += (double)luminance(tile.direct, i) + (double)luminance(tile.indirect, i);
                 }
         }

@@ -12,7 +12,7 @@
  *   own        bits per texel that a look-up may read, by tables counted on this scene alone
  *   others     by tables counted on the other FILEs
  *   shipped    by those of common/tile/tile_rans.c
- *   as coded   by lw_tile_rans_put(): shipped, and the lanes' states
+ *   as coded   by lw_tile_rans_put(): shipped, 3, and the lanes' states
  * Bits are of coefficients and lengths, not of means. Last come the tables counted on all FILEs, as
  * tile_rans.c has them. --unseen is measured alone. */
 #include "common/log.h"
@@ -157,8 +157,8 @@ static void count_coefficients(struct bench *b, const int16_t *coefficient, uint
 static void count_kind(struct bench *b, const int16_t *coefficient, uint32_t width, uint32_t height,
                        unsigned kind, struct scene *scene) {
     count_coefficients(b, coefficient, width, height, &scene->counts[kind], &scene->raw_bits[kind]);
-    scene->coded_bits[kind] +=
-        8.0 * (double)lw_tile_rans_put(&b->dct.rans, coefficient, width, height, b->covered, 0, b->payload);
+    scene->coded_bits[kind] += 8.0 * (double)lw_tile_rans_put(&b->dct.rans, 3, coefficient, width, height,
+                                                              b->covered, 0, b->payload);
     for (uint32_t t = 0; t < width * height; t++) scene->covered[kind] += b->covered[t] != 0;
 }
 
@@ -169,7 +169,8 @@ static void count_tile(struct bench *b, uint32_t width, uint32_t height, float d
     struct lw_tile_dct_coded coded;
     memcpy(b->change, b->history.coefficients.coefficient, sizeof b->change);
     lw_tile_dct_encode(
-        &b->dct, &(struct lw_tile_dct_source){b->rgb, b->covered, width, height, kinds[kind].step, dark},
+        &b->dct,
+        &(struct lw_tile_dct_source){b->rgb, b->covered, width, height, kinds[kind].step, dark, NULL},
         &b->history, b->payload, b->delta, &coded);
     const bool is_delta = coded.delta_size && coded.delta_size < coded.size;
     for (uint32_t i = 0; i < 3 * LW_TILE_DCT_PLANE_COEFFICIENTS; i++)

@@ -61,7 +61,7 @@ static void read_coded(const struct lw_solver *solver, lw_tile_id id, struct lw_
     const uint32_t texels = tile->width * tile->height;
     for (uint32_t i = 0; i < texels; i++) {
         coded->covered[i] = tile->covered[i] || (tile->filled && tile->filled[i]);
-        for (uint32_t c = 0; c < 3; c++) coded->rgb[i * 3 + c] = tile->irradiance[c][i];
+        for (uint32_t c = 0; c < 3; c++) coded->rgb[i * 3 + c] = tile->shown[LW_LIGHT_FORM_FULL][c][i];
     }
     struct lw_tile_dct_coded result;
     enum lw_status status = lw_tile_codec_encode_dct(
@@ -74,12 +74,12 @@ static void read_coded(const struct lw_solver *solver, lw_tile_id id, struct lw_
             .step = lw_publisher_step(tile->error, coded->noise_shown, 0, LW_PUBLISHER_STEP_WIDEST)},
         NULL, coded->payload, NULL, lw_tile_codec_bound(), &result);
     if (status == LW_OK)
-        status = lw_tile_codec_decode(coded->codec, LW_TILE_CODEC_DCT, coded->payload, result.size,
+        status = lw_tile_codec_decode(coded->codec, NULL, LW_TILE_CODEC_DCT, coded->payload, result.size,
                                       result.scale, tile->width, tile->height, NULL, coded->rgb);
     if (status != LW_OK) abort();
     for (uint32_t c = 0; c < 3; c++) {
         for (uint32_t i = 0; i < texels; i++) coded->light[c][i] = coded->rgb[i * 3 + c];
-        tile->irradiance[c] = coded->light[c];
+        tile->shown[LW_LIGHT_FORM_FULL][c] = coded->light[c];
     }
 }
 

@@ -597,7 +597,8 @@ static float *read_shown(const struct job *job, const struct lw_solver *solver) 
         if (job->map.place[id].level) continue;
         solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
         for (uint32_t i = 0; i < tile.width * tile.height; i++)
-            for (int c = 0; tile.covered[i] && c < 3; c++) light[count++] = tile.irradiance[c][i];
+            for (int c = 0; tile.covered[i] && c < 3; c++)
+                light[count++] = tile.shown[LW_LIGHT_FORM_FULL][c][i];
     }
     return light;
 }

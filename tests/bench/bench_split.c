@@ -37,12 +37,11 @@ static enum lw_status build_levels(struct job *job, enum lw_light_form form) {
     struct lw_levels *levels = job->levels[form] = calloc((size_t)map->object_count + 1, sizeof *levels);
     enum lw_status status = levels ? LW_OK : LW_NO_MEMORY;
     for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++)
-        status = lw_levels_init(&levels[o], &map->atlas[o]);
+        status = lw_levels_init(&levels[o], form, &map->atlas[o]);
     for (uint32_t id = 0; status == LW_OK && id < map->tile_count; id++) {
         struct lw_solver_tile tile;
         if (map->place[id].level) continue;
         job->solver->ops->read_tile(job->solver, (lw_tile_id){id}, &tile);
-        if (form == LW_LIGHT_FORM_SPLIT) memcpy(tile.irradiance, tile.split, sizeof tile.irradiance);
         lw_levels_load_tile(&levels[map->place[id].object], &map->place[id], &tile);
     }
     for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++)
@@ -74,10 +73,10 @@ static enum lw_status measure_tile(const struct job *job, uint32_t id, enum lw_l
     enum lw_status status =
         lw_tile_codec_encode_dct(job->codec,
                                  &(struct lw_tile_dct_source){of, covered, place->width, place->height, step,
-                                                              LW_PUBLISHER_DARK_SHARE * job->white},
+                                                              LW_PUBLISHER_DARK_SHARE * job->white, NULL},
                                  NULL, payload, NULL, sizeof payload, &coded);
     if (status == LW_OK)
-        status = lw_tile_codec_decode(job->codec, LW_TILE_CODEC_DCT, payload, coded.size, coded.scale,
+        status = lw_tile_codec_decode(job->codec, NULL, LW_TILE_CODEC_DCT, payload, coded.size, coded.scale,
                                       place->width, place->height, NULL, decoded);
     f->bits += 8 * (double)coded.size;
     for (uint32_t i = 0; status == LW_OK && i < place->width * place->height; i++) {

@@ -113,7 +113,7 @@ static void take_lattice(const struct settings *s, const float *picture, float *
 static struct lw_client_level level_of(const struct lw_levels *levels, uint32_t level) {
     if (level >= levels->count) return (struct lw_client_level){0};
     return (struct lw_client_level){levels->level[level].width, levels->level[level].height,
-                                    levels->level[level].rgb};
+                                    levels->level[level].value};
 }
 
 static struct lw_client_level own_level(const void *context, uint32_t object, uint32_t level) {
@@ -133,7 +133,6 @@ static void take_light(struct job *job, const struct lw_solver *solver) {
             .version = 1, .bounces = 2, .error = lw_publisher_error(map, solver, (lw_tile_id){id}, NULL)};
         if (place->level) continue;
         solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
-        if (job->form == LW_LIGHT_FORM_SPLIT) memcpy(tile.irradiance, tile.split, sizeof tile.irradiance);
         lw_levels_load_tile(&job->levels[place->object], place, &tile);
     }
     for (uint32_t o = 0; o < map->object_count; o++)
@@ -158,7 +157,8 @@ static void copy_tile(const struct lw_levels *from, struct lw_levels *to, const 
     const struct lw_levels_image *image = &from->level[place->level];
     for (uint32_t y = 0; y < place->height; y++) {
         const size_t at = (size_t)(place->y * LW_TILE_SIDE + y) * image->width + place->x * LW_TILE_SIDE;
-        memcpy(to->level[place->level].rgb + 3 * at, image->rgb + 3 * at, place->width * 3 * sizeof(float));
+        memcpy(to->level[place->level].value + 3 * at, image->value + 3 * at,
+               place->width * 3 * sizeof(float));
     }
 }
 
@@ -252,7 +252,7 @@ static enum lw_status open_light(struct job *job, struct light *light, struct lw
                                                                  .step_widest = (float)s->step_widest,
                                                                  .threads = (unsigned)s->open.threads},
                                      &light->publisher);
-    if (status == LW_OK) status = lw_publisher_set_forms(light->publisher, lw_light_form_bit(job->form));
+    if (status == LW_OK) status = lw_publisher_set_channels(light->publisher, lw_light_form_bit(job->form));
     if (status == LW_OK) light->solver->ops->show(light->solver, lw_light_form_bit(job->form));
     return status;
 }
@@ -541,15 +541,15 @@ static enum lw_status prepare(struct job *job, struct lw_error *err) {
     job->sent_levels = calloc((size_t)job->map.object_count + 1, sizeof *job->sent_levels);
     if (!job->levels || !job->tile || !job->moment || !job->picture || !job->sent_levels) return LW_NO_MEMORY;
     for (uint32_t o = 0; o < job->map.object_count; o++) {
-        enum lw_status status = lw_levels_init(&job->levels[o], &job->map.atlas[o]);
-        if (status == LW_OK) status = lw_levels_init(&job->sent_levels[o], &job->map.atlas[o]);
+        enum lw_status status = lw_levels_init(&job->levels[o], job->form, &job->map.atlas[o]);
+        if (status == LW_OK) status = lw_levels_init(&job->sent_levels[o], job->form, &job->map.atlas[o]);
         if (status != LW_OK) return status;
     }
     enum lw_status status = choose_drawn(job, err);
     if (status == LW_OK) status = lw_folders_make_temporary(job->cache, sizeof job->cache, err);
     if (status == LW_OK) status = lw_package_write(job->scene, &job->package, &job->package_size, err);
     if (status == LW_OK) status = lw_replica_create(job->package, job->package_size, &job->replica, err);
-    if (status == LW_OK) lw_replica_set_form(job->replica, job->form);
+    if (status == LW_OK) status = lw_replica_set_channels(job->replica, lw_light_form_bit(job->form), NULL);
     return status;
 }
 

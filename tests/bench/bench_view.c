@@ -32,7 +32,7 @@ enum lw_status bench_view_light_init(struct bench_view_light *light, const struc
     if (!light->levels || !light->tile_error || !light->tile_bounces)
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for the light of tiles");
     for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++)
-        status = lw_levels_init(&light->levels[o], &map->atlas[o]);
+        status = lw_levels_init(&light->levels[o], LW_LIGHT_FORM_FULL, &map->atlas[o]);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "no memory for the light of tiles");
 }
 
@@ -64,7 +64,7 @@ void bench_view_light_read(struct bench_view_light *light, const struct lw_solve
 static struct lw_client_level level(const void *context, uint32_t object, uint32_t k) {
     const struct bench_view_light *light = context;
     const struct lw_levels_image *image = &light->levels[object].level[k];
-    return (struct lw_client_level){.width = image->width, .height = image->height, .rgb = image->rgb};
+    return (struct lw_client_level){.width = image->width, .height = image->height, .rgb = image->value};
 }
 
 static struct lw_client_tile tile(const void *context, lw_tile_id id) {

@@ -75,7 +75,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
         } else if (kind == 2) {
             lw_replica_begin_run(r);
         } else if (kind == 3) {
-            lw_replica_set_form(r, length & 1 ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL);
+            const enum lw_light_form form = length & 1 ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL;
+            if (lw_replica_set_channels(r, lw_light_form_bit(form), NULL) != LW_OK) abort();
         } else {
             break;
         }

@@ -21,19 +21,20 @@ static void expect_between(struct lw_tile_codec *codec, const uint8_t *bytes, si
     memcpy(other, bytes, size);
     for (size_t at = size; at-- > 5;) { /* the last that makes a payload of it */
         other[at] ^= 1;
-        if (lw_tile_codec_decode(codec, LW_TILE_CODEC_DCT, other, size, 1, width, height, NULL, rgb) == LW_OK)
+        if (lw_tile_codec_decode(codec, NULL, LW_TILE_CODEC_DCT, other, size, 1, width, height, NULL, rgb) ==
+            LW_OK)
             break;
         other[at] ^= 1;
         if (size - at > 16) break;
     }
     size_t delta_size;
-    if (lw_tile_codec_encode_between(codec, bytes, size, other, size, width, height, delta, capacity,
+    if (lw_tile_codec_encode_between(codec, NULL, bytes, size, other, size, width, height, delta, capacity,
                                      &delta_size) == LW_OK) {
         require(delta_size <= capacity);
-        require(lw_tile_codec_decode(codec, LW_TILE_CODEC_DCT, bytes, size, 1, width, height, &coefficients,
-                                     rgb) == LW_OK);
-        require(lw_tile_codec_decode_delta(codec, LW_TILE_CODEC_DCT, delta, delta_size, 1, width, height,
-                                           &coefficients, rgb) == LW_OK);
+        require(lw_tile_codec_decode(codec, NULL, LW_TILE_CODEC_DCT, bytes, size, 1, width, height,
+                                     &coefficients, rgb) == LW_OK);
+        require(lw_tile_codec_decode_delta(codec, NULL, LW_TILE_CODEC_DCT, delta, delta_size, 1, width,
+                                           height, &coefficients, rgb) == LW_OK);
     }
     free(other);
     free(delta);
@@ -53,7 +54,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
     for (uint32_t i = 0; i < 3 * LW_TILE_DCT_PLANE_COEFFICIENTS; i++)
         coefficients.coefficient[i] = (int16_t)(i * 7919);
     enum lw_status status = (bytes[0] & 128 ? lw_tile_codec_decode_delta : lw_tile_codec_decode)(
-        codec, number, bytes + 3, size - 3, 0x1p60f, width, height, &coefficients, rgb);
+        codec, NULL, number, bytes + 3, size - 3, 0x1p60f, width, height, &coefficients, rgb);
     require(status == LW_OK || status == LW_BAD_DATA);
     require(status != LW_OK || (values > 0 && width <= LW_TILE_SIDE && height <= LW_TILE_SIDE));
     for (size_t i = 0; status == LW_OK && i < values; i++) require(isfinite(rgb[i]) && rgb[i] >= 0);

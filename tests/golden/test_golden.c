@@ -484,13 +484,13 @@ static void test_tile_payload(void **state) {
     struct lw_tile_codec *codec;
     float rgb[3];
     lw_support_ok(lw_tile_codec_create(&codec), NULL);
-    lw_support_ok(lw_tile_codec_decode(codec, LW_TILE_CODEC_HALF_ZSTD, tile_payload, sizeof tile_payload, 4,
-                                       1, 1, NULL, rgb),
+    lw_support_ok(lw_tile_codec_decode(codec, NULL, LW_TILE_CODEC_HALF_ZSTD, tile_payload,
+                                       sizeof tile_payload, 4, 1, 1, NULL, rgb),
                   NULL);
     assert_true(rgb[0] == 4 && rgb[1] == 2 && rgb[2] == 1);
     static struct lw_tile_dct_coefficients coefficients; /* black */
-    lw_support_ok(lw_tile_codec_decode_delta(codec, LW_TILE_CODEC_DCT, delta_payload, sizeof delta_payload,
-                                             0.125f, 1, 1, &coefficients, rgb),
+    lw_support_ok(lw_tile_codec_decode_delta(codec, NULL, LW_TILE_CODEC_DCT, delta_payload,
+                                             sizeof delta_payload, 0.125f, 1, 1, &coefficients, rgb),
                   NULL);
     for (int c = 0; c < 3; c++) assert_true(fabsf(rgb[c] - 0.125f) < 1e-6f);
     lw_tile_codec_destroy(codec);

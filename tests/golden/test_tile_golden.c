@@ -87,7 +87,7 @@ static void write_valid(void) {
         memcpy(file_bytes, size_of, sizeof size_of);
         memcpy(file_bytes + 8, &coded.scale, sizeof coded.scale);
         lw_support_write_file(path_of(valid[i].name, ".tile"), file_bytes, HEAD_SIZE + coded.size);
-        lw_support_ok(lw_tile_codec_decode(codec, LW_TILE_CODEC_DCT, file_bytes + HEAD_SIZE, coded.size,
+        lw_support_ok(lw_tile_codec_decode(codec, NULL, LW_TILE_CODEC_DCT, file_bytes + HEAD_SIZE, coded.size,
                                            coded.scale, valid[i].width, valid[i].height, NULL, rgb),
                       NULL);
         lw_support_write_file(path_of(valid[i].name, ".rgb"), rgb,
@@ -116,8 +116,8 @@ static void write_next(void) {
             memcpy(file_bytes, size_of, sizeof size_of);
             memcpy(file_bytes + 8, &coded.scale, sizeof coded.scale);
             lw_support_write_file(path_of(valid[i].name, ".next"), file_bytes, HEAD_SIZE + coded.delta_size);
-            lw_support_ok(lw_tile_codec_decode(codec, LW_TILE_CODEC_DCT, payload, coded.size, coded.scale,
-                                               valid[i].width, valid[i].height, NULL, rgb),
+            lw_support_ok(lw_tile_codec_decode(codec, NULL, LW_TILE_CODEC_DCT, payload, coded.size,
+                                               coded.scale, valid[i].width, valid[i].height, NULL, rgb),
                           NULL);
             lw_support_write_file(path_of(valid[i].name, ".next.rgb"), rgb,
                                   (size_t)valid[i].width * valid[i].height * 12);
@@ -149,7 +149,7 @@ static bool decode(const char *name, bool is_next, struct lw_tile_dct_coefficien
     uint8_t *bytes = lw_support_read_file(path_of(name, is_next ? ".next" : ".tile"), &size);
     memcpy(out_head, bytes, sizeof *out_head);
     enum lw_status status = (is_next ? lw_tile_codec_decode_delta : lw_tile_codec_decode)(
-        codec, LW_TILE_CODEC_DCT, bytes + HEAD_SIZE, size - HEAD_SIZE, out_head->scale, out_head->width,
+        codec, NULL, LW_TILE_CODEC_DCT, bytes + HEAD_SIZE, size - HEAD_SIZE, out_head->scale, out_head->width,
         out_head->height, coefficients, rgb);
     free(bytes);
     assert_true(status == LW_OK || status == LW_BAD_DATA);

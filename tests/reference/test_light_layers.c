@@ -39,7 +39,8 @@ static struct picture look(const struct room_solution *s) {
         s->solver->ops->read_tile(s->solver, (lw_tile_id){s->map.first_tile[0] + t}, &tile);
         const size_t texels = tile.width * tile.height;
         for (int c = 0; c < 3; c++)
-            memcpy(picture.light[c] + picture.count, tile.irradiance[c], texels * sizeof(float));
+            memcpy(picture.light[c] + picture.count, tile.shown[LW_LIGHT_FORM_FULL][c],
+                   texels * sizeof(float));
         picture.count += texels;
     }
     return picture;

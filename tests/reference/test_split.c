@@ -62,8 +62,10 @@ static struct shown look(const struct parted *p, uint32_t object) {
         p->s.solver->ops->read_tile(p->s.solver, (lw_tile_id){p->s.map.first_tile[object] + t}, &tile);
         for (uint32_t i = 0; i < tile.width * tile.height; i++) {
             if (!tile.covered[i]) continue;
-            const double full = (double)tile.irradiance[0][i],
-                         split = (double)(tile.split[0] ? tile.split[0][i] : 0);
+            const double full = (double)tile.shown[LW_LIGHT_FORM_FULL][0][i],
+                         split = (double)(tile.shown[LW_LIGHT_FORM_SPLIT][0]
+                                              ? tile.shown[LW_LIGHT_FORM_SPLIT][0][i]
+                                              : 0);
             shown.full += full;
             shown.split += split;
             shown.difference_square += (full - split) * (full - split);
@@ -180,7 +182,7 @@ static void test_a_form_may_come_late(void **state) {
         room_solve_until_rest(&late.s, &late.frame);
         struct lw_solver_tile tile;
         late.s.solver->ops->read_tile(late.s.solver, (lw_tile_id){late.s.map.first_tile[0]}, &tile);
-        assert_null(tile.split[0]);
+        assert_null(tile.shown[LW_LIGHT_FORM_SPLIT][0]);
         show(&late, SPLIT);
         step(&late, 1);
         assert_int_equal(late.s.stats.rays_shadow + late.s.stats.rays_bounce, 0);
@@ -211,7 +213,7 @@ static void test_no_client_lights(void **state) {
     step(&p, 2);
     struct lw_solver_tile tile;
     p.s.solver->ops->read_tile(p.s.solver, (lw_tile_id){p.s.map.first_tile[0]}, &tile);
-    assert_null(tile.split[0]);
+    assert_null(tile.shown[LW_LIGHT_FORM_SPLIT][0]);
     assert_true(look(&p, 0).full > 0);
     end(&p);
 }
@@ -250,9 +252,14 @@ static void test_noise_of_what_is_drawn_filters_nothing(void **state) {
         p.s.solver->ops->read_tile(p.s.solver, (lw_tile_id){id}, &x);
         sharp.s.solver->ops->read_tile(sharp.s.solver, (lw_tile_id){id}, &y);
         for (uint32_t i = 0; i < x.width * x.height; i++) {
-            const double off = x.covered[i] ? (double)(x.split[0][i] - y.irradiance[0][i]) : 0;
+            const double off =
+                x.covered[i]
+                    ? (double)(x.shown[LW_LIGHT_FORM_SPLIT][0][i] - y.shown[LW_LIGHT_FORM_FULL][0][i])
+                    : 0;
             change += off * off;
-            light += x.covered[i] ? (double)(y.irradiance[0][i] * y.irradiance[0][i]) : 0;
+            light += x.covered[i]
+                         ? (double)(y.shown[LW_LIGHT_FORM_FULL][0][i] * y.shown[LW_LIGHT_FORM_FULL][0][i])
+                         : 0;
         }
     }
     print_message("relative squared change %.2g\n", change / light);
@@ -272,7 +279,8 @@ static double error_between(const struct parted *a, const struct parted *b) {
         b->s.solver->ops->read_tile(b->s.solver, (lw_tile_id){b->s.map.first_tile[0] + t}, &y);
         for (uint32_t i = 0; i < x.width * x.height; i++) {
             if (!x.covered[i]) continue;
-            const double off = (double)(x.split[0][i] - y.split[0][i]);
+            const double off =
+                (double)(x.shown[LW_LIGHT_FORM_SPLIT][0][i] - y.shown[LW_LIGHT_FORM_SPLIT][0][i]);
             square += off * off / 2;
             light += (double)(y.direct[0][i] + y.indirect[0][i]);
             count++;

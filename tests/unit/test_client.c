@@ -92,7 +92,7 @@ static struct lw_message tile_message(const struct world *w, uint32_t id, uint64
                                     .error = 0.5f,
                                     .payload = payload}};
     uint32_t saturated;
-    lw_support_ok(lw_tile_codec_encode_half(w->codec, rgb, p->width, p->height, payload,
+    lw_support_ok(lw_tile_codec_encode_half(w->codec, NULL, rgb, p->width, p->height, payload,
                                             lw_tile_codec_bound(), &m.tile.payload_size, &m.tile.scale,
                                             &saturated),
                   NULL);
@@ -131,7 +131,7 @@ static void *serve(void *server) {
 /* Adds split tiles, which hold other light. */
 static struct lw_snapshot *add_split(const struct world *w, struct lw_snapshot *snapshot) {
     uint8_t *payload = malloc(lw_tile_codec_bound());
-    snapshot->forms |= 1u << LW_LIGHT_FORM_SPLIT;
+    snapshot->channels |= 1u << LW_LIGHT_FORM_SPLIT;
     snapshot->tile[LW_LIGHT_FORM_SPLIT] = calloc(w->map.tile_count, sizeof(struct lw_snapshot_tile));
     for (uint32_t t = 0; t < w->map.tile_count; t++) {
         struct lw_snapshot_tile *tile = &snapshot->tile[LW_LIGHT_FORM_SPLIT][t];

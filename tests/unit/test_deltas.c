@@ -109,7 +109,9 @@ static void set_up(struct fixture *f) {
     f->payload = malloc(lw_tile_codec_bound());
     f->delta = malloc(lw_tile_codec_bound());
     assert_true(f->payload && f->delta);
-    lw_support_ok(lw_transcoder_create(&f->map, note_wake, f, &f->transcoder), NULL);
+    lw_support_ok(
+        lw_transcoder_create(lw_tile_channel_at(LW_LIGHT_FORM_FULL), &f->map, note_wake, f, &f->transcoder),
+        NULL);
     lw_support_ok(lw_deltas_init(&f->deltas, f->map.tile_count, f->transcoder), NULL);
 }
 
@@ -150,7 +152,7 @@ static void add_real(struct fixture *f, uint64_t version) {
             rgb[3 * i + c] = 2 + 0.2f * sinf(0.3f * (float)(i % SIDE) + (float)(version % 4)) +
                              0.3f * sinf((float)(i * (c + 7)));
     lw_support_ok(lw_tile_codec_encode_dct(f->codec,
-                                           &(struct lw_tile_dct_source){rgb, NULL, SIDE, SIDE, 0.1f, 0},
+                                           &(struct lw_tile_dct_source){rgb, NULL, SIDE, SIDE, 0.1f, 0, NULL},
                                            &f->history, f->payload, f->delta, lw_tile_codec_bound(), &coded),
                   NULL);
     struct lw_snapshot_tile tile = {.version = version, .base = f->deltas.tile[0].version};
@@ -179,8 +181,8 @@ static void decode(struct fixture *f, const struct lw_blob *blob, uint64_t base,
     assert_int_equal(m.tile.version, version);
     assert_true(m.tile.error == 0.25f && m.tile.bounces == 3);
     lw_support_ok((base ? lw_tile_codec_decode_delta
-                        : lw_tile_codec_decode)(f->codec, m.tile.codec, m.tile.payload, m.tile.payload_size,
-                                                m.tile.scale, SIDE, SIDE, levels, rgb),
+                        : lw_tile_codec_decode)(f->codec, NULL, m.tile.codec, m.tile.payload,
+                                                m.tile.payload_size, m.tile.scale, SIDE, SIDE, levels, rgb),
                   NULL);
     lw_message_finish(&m);
 }

@@ -14,15 +14,15 @@ static struct lw_tile_place place = {.width = SIDE, .height = SIDE};
 static void load(struct lw_levels *levels) {
     struct lw_atlas atlas;
     lw_atlas_init(&atlas, SIDE, SIDE);
-    lw_support_ok(lw_levels_init(levels, &atlas), NULL);
+    lw_support_ok(lw_levels_init(levels, LW_LIGHT_FORM_FULL, &atlas), NULL);
     struct lw_solver_tile tile = {.covered = covered, .width = SIDE, .height = SIDE};
-    for (int c = 0; c < 3; c++) tile.irradiance[c] = plane[c];
+    for (int c = 0; c < 3; c++) tile.shown[LW_LIGHT_FORM_FULL][c] = plane[c];
     lw_levels_load_tile(levels, &place, &tile);
     lw_levels_build(levels);
 }
 
 static float red(const struct lw_levels *levels, uint32_t level, uint32_t x, uint32_t y) {
-    return levels->level[level].rgb[(y * levels->level[level].width + x) * 3];
+    return levels->level[level].value[(y * levels->level[level].width + x) * 3];
 }
 
 /* Two charts: the left half holds 1, the right half 9, with columns 14..17 empty between them. */
@@ -70,9 +70,9 @@ static void test_filled_gutters_are_kept(void **state) {
     struct lw_levels levels;
     struct lw_atlas atlas;
     lw_atlas_init(&atlas, SIDE, SIDE);
-    lw_support_ok(lw_levels_init(&levels, &atlas), NULL);
+    lw_support_ok(lw_levels_init(&levels, LW_LIGHT_FORM_FULL, &atlas), NULL);
     struct lw_solver_tile tile = {.covered = covered, .filled = filled, .width = SIDE, .height = SIDE};
-    for (int c = 0; c < 3; c++) tile.irradiance[c] = plane[c];
+    for (int c = 0; c < 3; c++) tile.shown[LW_LIGHT_FORM_FULL][c] = plane[c];
     lw_levels_load_tile(&levels, &place, &tile);
     lw_levels_build(&levels);
     assert_true(red(&levels, 0, 1, 0) == 10);
@@ -91,7 +91,7 @@ static void test_coarsest_level_has_no_hole(void **state) {
     struct lw_levels levels;
     load(&levels);
     const struct lw_levels_image *coarse = &levels.level[levels.count - 1];
-    for (uint32_t i = 0; i < coarse->width * coarse->height; i++) assert_true(coarse->rgb[i * 3] == 5);
+    for (uint32_t i = 0; i < coarse->width * coarse->height; i++) assert_true(coarse->value[i * 3] == 5);
     assert_true(red(&levels, 0, 0, 0) == 0); /* far from any chart: nothing, which costs nothing to send */
     lw_levels_finish(&levels);
 }
@@ -153,7 +153,7 @@ static void load_tile(struct solved *s, uint32_t t, struct lw_levels *levels) {
                                   .filled = s->filled[t],
                                   .width = s->place[t].width,
                                   .height = s->place[t].height};
-    for (int c = 0; c < 3; c++) tile.irradiance[c] = s->light[t][c];
+    for (int c = 0; c < 3; c++) tile.shown[LW_LIGHT_FORM_FULL][c] = s->light[t][c];
     lw_levels_load_tile(levels, &s->place[t], &tile);
 }
 
@@ -189,7 +189,7 @@ static void test_parts_are_as_the_whole(void **state) {
     lw_atlas_init(&s.atlas, WIDTH, HEIGHT);
     assert_true(s.atlas.level[0].tiles_x == 4 && s.atlas.level[0].tiles_y == 6 && s.atlas.level_count > 4);
     struct lw_levels parts, before;
-    lw_support_ok(lw_levels_init(&parts, &s.atlas), NULL);
+    lw_support_ok(lw_levels_init(&parts, LW_LIGHT_FORM_FULL, &s.atlas), NULL);
     for (uint32_t t = 0; t < 24; t++) {
         s.place[t] = (struct lw_tile_place){.x = t % 4, .y = t / 4};
         s.place[t].width = t % 4 == 3 ? WIDTH - 192 : 64;
@@ -198,7 +198,7 @@ static void test_parts_are_as_the_whole(void **state) {
         load_tile(&s, t, &parts);
     }
     lw_levels_build(&parts);
-    lw_support_ok(lw_levels_init(&before, &s.atlas), NULL);
+    lw_support_ok(lw_levels_init(&before, LW_LIGHT_FORM_FULL, &s.atlas), NULL);
     for (uint32_t t = 0; t < 24; t++) load_tile(&s, t, &before);
     lw_levels_build(&before);
     for (int round = 0; round < 40; round++) {
@@ -209,13 +209,13 @@ static void test_parts_are_as_the_whole(void **state) {
             load_tile(&s, t, &parts);
         }
         lw_levels_build(&parts);
-        lw_support_ok(lw_levels_init(&whole, &s.atlas), NULL);
+        lw_support_ok(lw_levels_init(&whole, LW_LIGHT_FORM_FULL, &s.atlas), NULL);
         for (uint32_t t = 0; t < 24; t++) load_tile(&s, t, &whole);
         lw_levels_build(&whole);
         for (uint32_t l = 0; l < whole.count; l++) {
             const size_t texels = (size_t)whole.level[l].width * whole.level[l].height;
             assert_memory_equal(parts.level[l].covered, whole.level[l].covered, texels);
-            assert_memory_equal(parts.level[l].rgb, whole.level[l].rgb, texels * 3 * sizeof(float));
+            assert_memory_equal(parts.level[l].value, whole.level[l].value, texels * 3 * sizeof(float));
         }
         const uint32_t changed = count_changed(&parts, &before, &s.atlas);
         if (round % 3 == 0) assert_true(changed <= 9 + 4 + 4 + 4);

@@ -83,7 +83,7 @@ static void say_tile(struct fake *f, uint32_t id, uint64_t version, float value,
                                     .codec = LW_TILE_CODEC_HALF_ZSTD,
                                     .bounces = 2,
                                     .payload = payload}};
-    lw_support_ok(lw_tile_codec_encode_half(f->codec, rgb, p->width, p->height, payload,
+    lw_support_ok(lw_tile_codec_encode_half(f->codec, NULL, rgb, p->width, p->height, payload,
                                             lw_tile_codec_bound(), &m.tile.payload_size, &m.tile.scale,
                                             &saturated),
                   NULL);

@@ -42,7 +42,7 @@ static void fake_read_tile(const struct lw_solver *solver, lw_tile_id id, struct
                                    .error = place->x ? 0.3f : 0.1f,
                                    .sample_count = 7 + place->x};
     for (int c = 0; c < 3; c++) {
-        out->irradiance[c] = fake->light[c];
+        out->shown[LW_LIGHT_FORM_FULL][c] = fake->light[c];
         out->albedo[c] = fake->albedo[c];
     }
 }

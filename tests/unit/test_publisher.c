@@ -34,8 +34,7 @@ static uint32_t second_tile; /* of a second object with the same light; 0: there
 static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *tile) {
     (void)solver;
     assert_true(id.v == 0 || id.v == second_tile);
-    *tile = (struct lw_solver_tile){.irradiance = {light[0], light[1], light[2]},
-                                    .split = {split[0], split[1], split[2]},
+    *tile = (struct lw_solver_tile){.shown = {{light[0], light[1], light[2]}, {split[0], split[1], split[2]}},
                                     .direct = {light[0], light[1], light[2]},
                                     .indirect = {nothing, nothing, nothing},
                                     .covered = covered,
@@ -121,8 +120,8 @@ static size_t decode(const struct world *w, const struct lw_blob *blob, uint64_t
     assert_int_equal(m.tile.version, lw_snapshot_version(version));
     assert_int_equal(m.tile.base, lw_snapshot_version(base));
     lw_support_ok((base ? lw_tile_codec_decode_delta
-                        : lw_tile_codec_decode)(w->codec, m.tile.codec, m.tile.payload, m.tile.payload_size,
-                                                m.tile.scale, SIDE, SIDE, levels, rgb),
+                        : lw_tile_codec_decode)(w->codec, NULL, m.tile.codec, m.tile.payload,
+                                                m.tile.payload_size, m.tile.scale, SIDE, SIDE, levels, rgb),
                   NULL);
     const size_t size = m.tile.payload_size;
     *out_scale = m.tile.scale;
@@ -312,14 +311,14 @@ static void test_forms(void **state) {
     for (uint32_t i = 0; i < SIDE * SIDE; i++)
         for (int c = 0; c < 3; c++) split[c][i] = 0.25f * light[c][i];
     struct lw_snapshot *s = publish(&w, 1);
-    assert_int_equal(s->forms, FULL);
+    assert_int_equal(s->channels, FULL);
     assert_null(s->tile[LW_LIGHT_FORM_SPLIT]);
     assert_int_equal(stats.split_tiles_encoded, 0);
     lw_snapshot_unref(s);
     const size_t one = lw_publisher_memory_bytes(w.publisher);
-    lw_support_ok(lw_publisher_set_forms(w.publisher, FULL | SPLIT), NULL);
+    lw_support_ok(lw_publisher_set_channels(w.publisher, FULL | SPLIT), NULL);
     s = publish_solved(&w, 2, 0);
-    assert_int_equal(s->forms, FULL | SPLIT);
+    assert_int_equal(s->channels, FULL | SPLIT);
     expect_form(&w, s, LW_LIGHT_FORM_FULL, 1, light[0][0]);
     expect_form(&w, s, LW_LIGHT_FORM_SPLIT, 2, split[0][0]);
     assert_true(stats.split_tiles_encoded == w.map.tile_count &&
@@ -331,15 +330,15 @@ static void test_forms(void **state) {
     expect_form(&w, s, LW_LIGHT_FORM_SPLIT, 2, split[0][0]);
     assert_int_equal(stats.tiles_encoded, 0);
     lw_snapshot_unref(s);
-    lw_support_ok(lw_publisher_set_forms(w.publisher, SPLIT), NULL);
+    lw_support_ok(lw_publisher_set_channels(w.publisher, SPLIT), NULL);
     set_light(4, 10); /* a client light is brighter: the rest is as it was */
     s = publish(&w, 4);
-    assert_int_equal(s->forms, SPLIT);
+    assert_int_equal(s->channels, SPLIT);
     expect_form(&w, s, LW_LIGHT_FORM_SPLIT, 2, split[0][0]);
     lw_snapshot_unref(s);
-    lw_support_ok(lw_publisher_set_forms(w.publisher, FULL), NULL);
+    lw_support_ok(lw_publisher_set_channels(w.publisher, FULL), NULL);
     s = publish_solved(&w, 5, 0);
-    assert_int_equal(s->forms, FULL);
+    assert_int_equal(s->channels, FULL);
     expect_form(&w, s, LW_LIGHT_FORM_FULL, 5, light[0][0]);
     lw_snapshot_unref(s);
     assert_true(lw_publisher_memory_bytes(w.publisher) < 5 * one / 4);
@@ -361,7 +360,7 @@ static void test_split_steps_are_wider(void **state) {
     (void)state;
     struct world w;
     init_world(&w, LW_TILE_CODEC_DCT);
-    lw_support_ok(lw_publisher_set_forms(w.publisher, FULL | SPLIT), NULL);
+    lw_support_ok(lw_publisher_set_channels(w.publisher, FULL | SPLIT), NULL);
     for (uint64_t frame = 1; frame <= 2; frame++) {
         error = frame == 1 ? 0.2f : 0.04f;
         set_light(frame, frame == 1 ? 5 : 5000); /* so far apart that nothing goes on from the first */
@@ -381,7 +380,7 @@ static void test_dark_beside_what_is_drawn(void **state) {
     static float rgb[SIDE * SIDE * 3];
     struct world w;
     init_world(&w, LW_TILE_CODEC_DCT);
-    lw_support_ok(lw_publisher_set_forms(w.publisher, SPLIT), NULL);
+    lw_support_ok(lw_publisher_set_channels(w.publisher, SPLIT), NULL);
     set_light(1, 1);
     float scale;
     for (uint32_t i = 0; i < SIDE * SIDE; i++)

@@ -106,7 +106,7 @@ static void steady_light_comes_back_as_it_was(void **state) {
     assert_int_equal(again->frame, FRAME);
     assert_non_null(again->settled);
     assert_null(again->frame_delta);
-    assert_int_equal(again->forms, BOTH);
+    assert_int_equal(again->channels, BOTH);
     for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
         for (uint32_t i = 0; i < w->map.tile_count; i++) {
             const struct lw_snapshot_tile *is = &again->tile[f][i], *was = &w->snapshot->tile[f][i];
@@ -199,13 +199,13 @@ static void what_is_written_wrongly_is_refused(void **state) {
         lw_blob_ref(w->snapshot->tile[LW_LIGHT_FORM_FULL][first].blob);
     lw_support_ok(lw_saved_light_save(w->path, key, w->snapshot, true, NULL), NULL);
     refused(w, key, "it came twice");
-    w->snapshot->forms = 1u << LW_LIGHT_FORM_FULL;
+    w->snapshot->channels = 1u << LW_LIGHT_FORM_FULL;
     struct lw_snapshot_tile *tile = &w->snapshot->tile[LW_LIGHT_FORM_FULL][second];
     lw_blob_unref(tile->blob);
     tile->blob = tile_blob(1, LW_LIGHT_FORM_SPLIT, 0);
     lw_support_ok(lw_saved_light_save(w->path, key, w->snapshot, true, NULL), NULL);
     refused(w, key, "holds a tile of layer 1, which it does not have");
-    w->snapshot->forms = 0;
+    w->snapshot->channels = 0;
     lw_support_ok(lw_saved_light_save(w->path, key, w->snapshot, true, NULL), NULL);
     refused(w, key, "has a header that makes no sense");
 }

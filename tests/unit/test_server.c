@@ -961,7 +961,8 @@ static struct lw_snapshot *make_moving(const struct fixture *f, struct lw_tile_c
         rgb[i] = 2 + sinf((float)(i * 7)) + 0.3f * sinf((float)i * 0.1f + (float)frame);
     struct lw_tile_dct_coded coded;
     lw_support_ok(lw_tile_codec_encode_dct(
-                      codec, &(struct lw_tile_dct_source){rgb, NULL, place->width, place->height, 0.1f, 0},
+                      codec,
+                      &(struct lw_tile_dct_source){rgb, NULL, place->width, place->height, 0.1f, 0, NULL},
                       history, payload, delta, capacity, &coded),
                   NULL);
     struct lw_snapshot *snapshot = make_snapshot(f, frame, previous);
@@ -2807,7 +2808,7 @@ static struct lw_snapshot *make_forms(const struct fixture *f, uint64_t frame, u
         of[i]->tile[i] = NULL;
         lw_snapshot_unref(of[i]);
     }
-    snapshot->forms = forms;
+    snapshot->channels = forms;
     return snapshot;
 }
 
@@ -2822,7 +2823,7 @@ static void expect_light_in(const struct fixture *f, int s, enum lw_light_form a
 }
 
 static void wait_for_forms(const struct fixture *f, uint32_t forms) {
-    LW_SUPPORT_WAIT_UNTIL(lw_server_forms_taken(f->server) == forms);
+    LW_SUPPORT_WAIT_UNTIL(lw_server_channels_taken(f->server) == forms);
 }
 
 /* Each gets its own form, whatever the others get; who comes when nobody has taken its form waits for it. */
@@ -2830,11 +2831,11 @@ static void test_forms_beside_each_other(void **state) {
     (void)state;
     enum { FULL = 1u << LW_LIGHT_FORM_FULL, SPLIT = 1u << LW_LIGHT_FORM_SPLIT };
     struct fixture *f = start(&(struct lw_server_desc){0});
-    assert_int_equal(lw_server_forms_taken(f->server), 0);
+    assert_int_equal(lw_server_channels_taken(f->server), 0);
     publish(f, make_forms(f, 1, 0, FULL));
     int full = dial_in(f, LW_LIGHT_FORM_FULL);
     expect_light_in(f, full, LW_LIGHT_FORM_FULL, 1);
-    assert_int_equal(lw_server_forms_taken(f->server), FULL);
+    assert_int_equal(lw_server_channels_taken(f->server), FULL);
     int split = dial_in(f, LW_LIGHT_FORM_SPLIT);
     wait_for_forms(f, FULL | SPLIT);
     assert_int_equal(stats_of(f).sessions_now, 2);
@@ -2862,7 +2863,7 @@ static void test_forms_beside_each_other(void **state) {
     wait_for_forms(f, SPLIT);
     close(split);
     wait_for_sessions(f, 1);
-    assert_int_equal(lw_server_forms_taken(f->server), SPLIT);
+    assert_int_equal(lw_server_channels_taken(f->server), SPLIT);
     close(late);
     wait_for_forms(f, 0);
     assert_int_equal(stats_of(f).sessions_drawing, 0);
@@ -2877,7 +2878,7 @@ static void test_a_form_is_taken_with_the_package(void **state) {
     form = LW_LIGHT_FORM_SPLIT;
     int s = dial_and_greet(f);
     expect_silence(s);
-    assert_int_equal(lw_server_forms_taken(f->server), 0);
+    assert_int_equal(lw_server_channels_taken(f->server), 0);
     ask_for_package(s, 0);
     wait_for_forms(f, 1u << LW_LIGHT_FORM_SPLIT);
     close(s);

@@ -32,7 +32,7 @@ static void init_world(struct world *w, bool always) {
     for (int i = 0; i < PAYLOADS; i++) {
         for (size_t t = 0; t < sizeof rgb / sizeof rgb[0]; t++) rgb[t] = (float)(i + 1);
         w->payload[i] = malloc(lw_tile_codec_bound());
-        lw_support_ok(lw_tile_codec_encode_half(codec, rgb, LW_TILE_SIDE, LW_TILE_SIDE, w->payload[i],
+        lw_support_ok(lw_tile_codec_encode_half(codec, NULL, rgb, LW_TILE_SIDE, LW_TILE_SIDE, w->payload[i],
                                                 lw_tile_codec_bound(), &w->size[i], &w->scale[i], &saturated),
                       NULL);
     }
@@ -112,7 +112,7 @@ static struct lw_message_tile black_tile(uint64_t version, uint64_t base) {
     lw_tile_dct_init(&dct);
     history.scale = 0;
     for (int i = 0; i < 2; i++) {
-        const struct lw_tile_dct_source source = {rgb, NULL, LW_TILE_SIDE, LW_TILE_SIDE, 1, 0};
+        const struct lw_tile_dct_source source = {rgb, NULL, LW_TILE_SIDE, LW_TILE_SIDE, 1, 0, NULL};
         lw_tile_dct_encode(&dct, &source, &history, payload[0], payload[1], &coded);
     }
     return (struct lw_message_tile){.version = version,

@@ -29,10 +29,10 @@ static int tear_down(void **state) {
 static uint32_t round_trip(uint32_t width, uint32_t height, float *out_scale) {
     size_t size;
     uint32_t saturated;
-    lw_support_ok(lw_tile_codec_encode_half(codec, rgb, width, height, payload, lw_tile_codec_bound(), &size,
-                                            out_scale, &saturated),
+    lw_support_ok(lw_tile_codec_encode_half(codec, NULL, rgb, width, height, payload, lw_tile_codec_bound(),
+                                            &size, out_scale, &saturated),
                   NULL);
-    lw_support_ok(lw_tile_codec_decode(codec, LW_TILE_CODEC_HALF_ZSTD, payload, size, *out_scale, width,
+    lw_support_ok(lw_tile_codec_decode(codec, NULL, LW_TILE_CODEC_HALF_ZSTD, payload, size, *out_scale, width,
                                        height, NULL, back),
                   NULL);
     return saturated;
@@ -83,39 +83,39 @@ static void test_hostile_payloads_are_refused(void **state) {
     size_t size;
     float scale;
     uint32_t saturated;
-    lw_support_ok(lw_tile_codec_encode_half(codec, rgb, 8, 8, payload, lw_tile_codec_bound(), &size, &scale,
-                                            &saturated),
+    lw_support_ok(lw_tile_codec_encode_half(codec, NULL, rgb, 8, 8, payload, lw_tile_codec_bound(), &size,
+                                            &scale, &saturated),
                   NULL);
     for (size_t n = 0; n < size; n++)
         assert_int_equal(
-            lw_tile_codec_decode(codec, LW_TILE_CODEC_HALF_ZSTD, payload, n, scale, 8, 8, NULL, back),
+            lw_tile_codec_decode(codec, NULL, LW_TILE_CODEC_HALF_ZSTD, payload, n, scale, 8, 8, NULL, back),
             LW_BAD_DATA);
     assert_int_equal(
-        lw_tile_codec_decode(codec, LW_TILE_CODEC_HALF_ZSTD, payload, size, scale, 8, 7, NULL, back),
+        lw_tile_codec_decode(codec, NULL, LW_TILE_CODEC_HALF_ZSTD, payload, size, scale, 8, 7, NULL, back),
         LW_BAD_DATA);
     assert_int_equal(
-        lw_tile_codec_decode(codec, LW_TILE_CODEC_HALF_ZSTD, payload, size, scale, 64, 64, NULL, back),
+        lw_tile_codec_decode(codec, NULL, LW_TILE_CODEC_HALF_ZSTD, payload, size, scale, 64, 64, NULL, back),
         LW_BAD_DATA);
     assert_int_equal(
-        lw_tile_codec_decode(codec, LW_TILE_CODEC_HALF_ZSTD, payload, size, scale, 65, 64, NULL, back),
+        lw_tile_codec_decode(codec, NULL, LW_TILE_CODEC_HALF_ZSTD, payload, size, scale, 65, 64, NULL, back),
         LW_BAD_DATA);
     const float bad[] = {0, -1, NAN, INFINITY, 0x1p112f};
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++)
-        assert_int_equal(
-            lw_tile_codec_decode(codec, LW_TILE_CODEC_HALF_ZSTD, payload, size, bad[i], 8, 8, NULL, back),
-            LW_BAD_DATA);
+        assert_int_equal(lw_tile_codec_decode(codec, NULL, LW_TILE_CODEC_HALF_ZSTD, payload, size, bad[i], 8,
+                                              8, NULL, back),
+                         LW_BAD_DATA);
     /* Flipped bits: refused, or finite numbers. */
     for (size_t bit = 0; bit < size * 8; bit++) {
         payload[bit / 8] ^= (uint8_t)(1u << bit % 8);
-        if (lw_tile_codec_decode(codec, LW_TILE_CODEC_HALF_ZSTD, payload, size, scale, 8, 8, NULL, back) ==
-            LW_OK)
+        if (lw_tile_codec_decode(codec, NULL, LW_TILE_CODEC_HALF_ZSTD, payload, size, scale, 8, 8, NULL,
+                                 back) == LW_OK)
             for (uint32_t i = 0; i < 192; i++) assert_true(isfinite(back[i]) && back[i] >= 0);
         payload[bit / 8] ^= (uint8_t)(1u << bit % 8);
     }
 }
 
 static enum lw_status decode_frame(const uint8_t *bytes, size_t size) {
-    return lw_tile_codec_decode(codec, LW_TILE_CODEC_HALF_ZSTD, bytes, size, 1, 1, 1, NULL, back);
+    return lw_tile_codec_decode(codec, NULL, LW_TILE_CODEC_HALF_ZSTD, bytes, size, 1, 1, 1, NULL, back);
 }
 
 /* zstd would take all of these. */
@@ -146,7 +146,7 @@ static void test_unknown_codecs_are_refused(void **state) {
     (void)state;
     const uint8_t nothing[8] = {0};
     assert_false(lw_tile_codec_is_known(0) || lw_tile_codec_is_known(3) || lw_tile_codec_is_known(5));
-    assert_int_equal(lw_tile_codec_decode(codec, 3, nothing, sizeof nothing, 1, 1, 1, NULL, back),
+    assert_int_equal(lw_tile_codec_decode(codec, NULL, 3, nothing, sizeof nothing, 1, 1, 1, NULL, back),
                      LW_BAD_DATA);
 }
 
@@ -155,11 +155,11 @@ static void test_encode_checks_its_room(void **state) {
     size_t size;
     float scale;
     uint32_t saturated;
-    assert_int_equal(lw_tile_codec_encode_half(codec, rgb, 64, 64, payload, lw_tile_codec_bound() - 1, &size,
-                                               &scale, &saturated),
+    assert_int_equal(lw_tile_codec_encode_half(codec, NULL, rgb, 64, 64, payload, lw_tile_codec_bound() - 1,
+                                               &size, &scale, &saturated),
                      LW_INTERNAL);
-    assert_int_equal(lw_tile_codec_encode_half(codec, rgb, 64, 65, payload, lw_tile_codec_bound(), &size,
-                                               &scale, &saturated),
+    assert_int_equal(lw_tile_codec_encode_half(codec, NULL, rgb, 64, 65, payload, lw_tile_codec_bound(),
+                                               &size, &scale, &saturated),
                      LW_INTERNAL);
 }
 

@@ -28,8 +28,8 @@ static void make_light(uint32_t width, uint32_t height, float noise, uint32_t se
 
 static size_t encode(uint32_t width, uint32_t height, const uint8_t *mask, float step, float *out_scale) {
     struct lw_tile_dct_coded coded;
-    lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, mask, width, height, step, 0}, NULL, payload,
-                       NULL, &coded);
+    lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, mask, width, height, step, 0, NULL}, NULL,
+                       payload, NULL, &coded);
     assert_int_equal(coded.saturated, 0);
     assert_true(coded.size <= sizeof payload && coded.delta_size == 0);
     *out_scale = coded.scale;
@@ -38,8 +38,8 @@ static size_t encode(uint32_t width, uint32_t height, const uint8_t *mask, float
 
 static size_t round_trip(uint32_t width, uint32_t height, float step, float *out_scale) {
     const size_t size = encode(width, height, NULL, step, out_scale);
-    assert_true(
-        lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, size, *out_scale, width, height, NULL, back));
+    assert_true(lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, payload, size, *out_scale, width, height,
+                                   NULL, back));
     return size;
 }
 
@@ -128,7 +128,7 @@ static void test_uncovered_texels_cost_nothing(void **state) {
         if (!covered[i / 3]) rgb[i] = i % 5 ? 1000 * (float)(i % 7) : NAN;
     assert_int_equal(encode(64, 64, covered, 0.1f, &scale), size);
     assert_memory_equal(first, payload, size);
-    assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, size, scale, 64, 64, NULL, back));
+    assert_true(lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, payload, size, scale, 64, 64, NULL, back));
     for (uint32_t i = 0; i < LW_TILE_TEXELS_MAX * 3; i++)
         if (covered[i / 3]) assert_true(fabsf(log2f(1 + back[i] / scale) - log2f(1 + rgb[i] / scale)) < 0.3f);
     memset(covered, 0, sizeof covered);
@@ -156,18 +156,18 @@ static void test_what_has_no_number_is_counted(void **state) {
     rgb[4] = INFINITY;
     rgb[5] = -1;
     struct lw_tile_dct_coded coded;
-    lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, NULL, 8, 8, 0.01f, 0}, NULL, payload, NULL,
-                       &coded);
+    lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, NULL, 8, 8, 0.01f, 0, NULL}, NULL, payload,
+                       NULL, &coded);
     assert_int_equal(coded.saturated, 3);
-    assert_true(
-        lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, coded.size, coded.scale, 8, 8, NULL, back));
+    assert_true(lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, payload, coded.size, coded.scale, 8, 8,
+                                   NULL, back));
     assert_true(back[3] < 0.1f && fabsf(back[6] - 2) < 0.1f);
 }
 
 static void expect_harmless(size_t size, float scale) {
     const uint32_t values = 12 * 12 * 3;
     for (uint32_t i = 0; i < 16; i++) back[values + i] = 77; /* past the tile */
-    if (lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, size, scale, 12, 12, NULL, back))
+    if (lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, payload, size, scale, 12, 12, NULL, back))
         for (uint32_t i = 0; i < values; i++) assert_true(isfinite(back[i]) && back[i] >= 0);
     for (uint32_t i = 0; i < 16; i++) assert_true(back[values + i] == 77);
 }
@@ -178,14 +178,17 @@ static void test_hostile_payloads_are_refused(void **state) {
     make_light(12, 12, 0.5f, 1);
     const size_t size = encode(12, 12, NULL, 0.3f, &scale);
     for (size_t n = 0; n < size; n++)
-        assert_false(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, n, scale, 12, 12, NULL, back));
+        assert_false(
+            lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, payload, n, scale, 12, 12, NULL, back));
     payload[size] = 0;
-    assert_false(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, size + 1, scale, 12, 12, NULL, back));
+    assert_false(
+        lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, payload, size + 1, scale, 12, 12, NULL, back));
     const float bad[] = {0, -1, NAN, INFINITY, 0x1p61f};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
-        assert_false(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, size, bad[i], 12, 12, NULL, back));
-    assert_false(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, size, scale, 0, 12, NULL, back));
-    assert_false(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, size, scale, 12, 65, NULL, back));
+        assert_false(
+            lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, payload, size, bad[i], 12, 12, NULL, back));
+    assert_false(lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, payload, size, scale, 0, 12, NULL, back));
+    assert_false(lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, payload, size, scale, 12, 65, NULL, back));
     for (size_t bit = 0; bit < size * 8; bit++) {
         payload[bit / 8] ^= (uint8_t)(1u << bit % 8);
         expect_harmless(size, 0x1p60f);
@@ -208,7 +211,7 @@ static void test_deltas(void **state) {
     static uint8_t delta[LW_TILE_DCT_BOUND];
     for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
         const uint32_t width = sizes[s].width, height = sizes[s].height;
-        struct lw_tile_dct_source source = {rgb, NULL, width, height, 0.25f, 0};
+        struct lw_tile_dct_source source = {rgb, NULL, width, height, 0.25f, 0, NULL};
         struct lw_tile_dct_coded coded;
         history = (struct lw_tile_dct_history){.scale = 0};
         size_t all = 0, deltas = 0;
@@ -220,15 +223,16 @@ static void test_deltas(void **state) {
             assert_int_equal(has_delta, version > 0);
             all += coded.size;
             deltas += has_delta ? coded.delta_size : coded.size;
-            assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, coded.size, coded.scale, width,
-                                           height, has_delta ? NULL : &coefficients, whole));
-            assert_false(has_delta && lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, delta, coded.delta_size,
-                                                         coded.scale, width, height, NULL, back));
-            assert_false(lw_tile_dct_decode(&dct, LW_TILE_DCT_DELTA, payload, coded.size, coded.scale, width,
-                                            height, &coefficients, back));
+            assert_true(lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, payload, coded.size, coded.scale,
+                                           width, height, has_delta ? NULL : &coefficients, whole));
+            assert_false(has_delta &&
+                         lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, delta, coded.delta_size,
+                                            coded.scale, width, height, NULL, back));
+            assert_false(lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_DELTA, payload, coded.size, coded.scale,
+                                            width, height, &coefficients, back));
             if (!has_delta) continue;
-            assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_DELTA, delta, coded.delta_size, coded.scale,
-                                           width, height, &coefficients, back));
+            assert_true(lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_DELTA, delta, coded.delta_size,
+                                           coded.scale, width, height, &coefficients, back));
             assert_memory_equal(back, whole, (size_t)width * height * 3 * sizeof *back);
             for (uint32_t i = 0; i < width * height * 3; i++)
                 assert_true(fabsf(log2f((1 + back[i] / coded.scale) / (1 + rgb[i] / coded.scale))) < 1);
@@ -254,27 +258,27 @@ static void test_one_delta_over_several_versions(void **state) {
         size_t first_size = 0, chain = 0;
         for (uint32_t version = 0; version < 5; version++) {
             make_light(width, height, 0.1f, 1 + version);
-            lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, NULL, width, height, 0.1f, 0},
+            lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, NULL, width, height, 0.1f, 0, NULL},
                                &history, payload, delta, &coded);
             if (version) chain += coded.delta_size;
             if (version) continue;
             memcpy(first, payload, first_size = coded.size);
-            assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, first, first_size, coded.scale, width,
-                                           height, &coefficients, back));
+            assert_true(lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, first, first_size, coded.scale,
+                                           width, height, &coefficients, back));
         }
-        assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, coded.size, coded.scale, width,
+        assert_true(lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, payload, coded.size, coded.scale, width,
                                        height, NULL, whole));
-        const size_t size = lw_tile_dct_encode_between(&dct, first, first_size, payload, coded.size, width,
-                                                       height, scratch, jump);
+        const size_t size = lw_tile_dct_encode_between(&dct, NULL, first, first_size, payload, coded.size,
+                                                       width, height, scratch, jump);
         assert_true(size > 0 && (width * height < 100 || size < chain / 2));
-        assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_DELTA, jump, size, coded.scale, width, height,
+        assert_true(lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_DELTA, jump, size, coded.scale, width, height,
                                        &coefficients, back));
         assert_memory_equal(back, whole, (size_t)width * height * 3 * sizeof *back);
-        assert_int_equal(lw_tile_dct_encode_between(&dct, first, first_size - 1, payload, coded.size, width,
-                                                    height, scratch, jump),
+        assert_int_equal(lw_tile_dct_encode_between(&dct, NULL, first, first_size - 1, payload, coded.size,
+                                                    width, height, scratch, jump),
                          0);
-        assert_int_equal(lw_tile_dct_encode_between(&dct, first, first_size, delta, coded.delta_size, width,
-                                                    height, scratch, jump),
+        assert_int_equal(lw_tile_dct_encode_between(&dct, NULL, first, first_size, delta, coded.delta_size,
+                                                    width, height, scratch, jump),
                          0);
     }
 }
@@ -289,10 +293,10 @@ static void test_nothing_is_coded_between_coefficients_beyond_16_bits(void **sta
     for (int fine = 0; fine < 2; fine++) {
         struct lw_tile_dct_coded coded;
         const float step = fine ? 0x1p-8f : 0.1f;
-        lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, NULL, 64, 64, step, 0}, NULL, payload,
-                           NULL, &coded);
-        const bool fits = lw_tile_dct_encode_between(&dct, payload, coded.size, payload, coded.size, 64, 64,
-                                                     scratch, jump) > 0;
+        lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, NULL, 64, 64, step, 0, NULL}, NULL,
+                           payload, NULL, &coded);
+        const bool fits = lw_tile_dct_encode_between(&dct, NULL, payload, coded.size, payload, coded.size, 64,
+                                                     64, scratch, jump) > 0;
         assert_int_equal(fits, !fine);
     }
 }
@@ -305,8 +309,8 @@ static void test_sums_have_a_limit(void **state) {
     const uint8_t delta[] = {LW_TILE_DCT_DELTA, 8, 0, 0, 0, 0x66, 0x48, 1, 0, 0};
     for (int at = 32765; at <= 32767; at++) {
         coefficients.coefficient[0] = (int16_t)at;
-        const bool fits =
-            lw_tile_dct_decode(&dct, LW_TILE_DCT_DELTA, delta, sizeof delta, 1, 1, 1, &coefficients, back);
+        const bool fits = lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_DELTA, delta, sizeof delta, 1, 1, 1,
+                                             &coefficients, back);
         assert_int_equal(fits, at < 32767);
         if (fits) assert_int_equal(coefficients.coefficient[0], at + 1);
     }
@@ -318,11 +322,11 @@ static void test_dark_is_coded_by_difference(void **state) {
     struct lw_tile_dct_coded coded[2];
     make_light(64, 64, 0.9f, 1);
     for (int i = 0; i < 2; i++)
-        lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, NULL, 64, 64, 0.1f, i ? 100 : 0}, NULL,
-                           payload, NULL, &coded[i]);
+        lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, NULL, 64, 64, 0.1f, i ? 100 : 0, NULL},
+                           NULL, payload, NULL, &coded[i]);
     assert_true(coded[1].size < coded[0].size / 4 && coded[1].scale >= 100);
-    assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, coded[1].size, coded[1].scale, 64, 64,
-                                   NULL, back));
+    assert_true(lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, payload, coded[1].size, coded[1].scale, 64,
+                                   64, NULL, back));
     assert_true(log_error(LW_TILE_TEXELS_MAX, coded[1].scale) < 0.1);
     expect_means(LW_TILE_TEXELS_MAX);
 }

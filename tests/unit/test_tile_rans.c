@@ -43,7 +43,7 @@ static void make_coefficients(uint32_t width, uint32_t height, uint32_t share, u
 }
 
 static size_t put(uint32_t width, uint32_t height, size_t rest_size) {
-    const size_t size = lw_tile_rans_put(&rans, coefficient, width, height, rest, rest_size, payload);
+    const size_t size = lw_tile_rans_put(&rans, 3, coefficient, width, height, rest, rest_size, payload);
     assert_true(size <= LW_TILE_RANS_BOUND + rest_size);
     return size;
 }
@@ -52,7 +52,7 @@ static bool get(enum lw_tile_rans_isa isa, size_t size, uint32_t width, uint32_t
                 const uint8_t **out_rest, size_t *out_rest_size) {
     size_t free_size;
     rans.isa = isa;
-    return lw_tile_rans_get(&rans, payload, size, width, height, to, length, out_rest, out_rest_size,
+    return lw_tile_rans_get(&rans, 3, payload, size, width, height, to, length, out_rest, out_rest_size,
                             &free_size);
 }
 

@@ -3,7 +3,7 @@
 import { AtlasMap, noiseLevelMin } from './atlas.ts';
 import { ProtocolError } from './failure.ts';
 import { NONE, type Scene } from './package.ts';
-import type { Coefficients, Tiles } from './tiles.ts';
+import { type Channel, channelsFor, type Coefficients, type Tiles } from './tiles.ts';
 import type { Frame, Tile, TileList } from './wire.ts';
 
 /** Tiles on their way to the renderer. */
@@ -11,7 +11,31 @@ export interface TileBatch {
   id: Uint32Array<ArrayBuffer>;
   noiseLevel: Uint8Array<ArrayBuffer>; // the finest level at which each one's noise is bearable
   texels: Uint32Array<ArrayBuffer>; // RGB9E5, one tile behind the other
+  others: OtherTile[]; // of other channels than irradiance
 }
+
+export interface OtherTile {
+  id: number;
+  slot: number;
+  values: Float32Array<ArrayBuffer>; // of a texel all planes
+}
+
+/** The tiles of a channel. */
+class Slot {
+  readonly version: BigUint64Array; // by tile; 0: none of this run
+  readonly coefficients: Uint32Array; // by tile; 0: none
+
+  constructor(
+    readonly number: number,
+    readonly channel: Channel,
+    tiles: number,
+  ) {
+    this.version = new BigUint64Array(tiles);
+    this.coefficients = new Uint32Array(tiles);
+  }
+}
+
+const IRRADIANCE = 0;
 
 const fail = (what: string): never => {
   throw new ProtocolError(what);
@@ -19,8 +43,7 @@ const fail = (what: string): never => {
 
 export class Replica {
   readonly map: AtlasMap;
-  private readonly version: BigUint64Array; // by tile; 0: none of this run
-  private readonly levels: Uint32Array; // by tile; 0: none
+  private readonly slots = new Map<number, Slot>();
   private readonly hiddenNow: Uint8Array;
   private readonly spare: Uint8Array;
   private readonly unlit: Uint8Array; // since it was a spare, its coarsest level has not come
@@ -29,17 +52,17 @@ export class Replica {
   private sumTexels = 0;
   private coarsestMissing = 0;
   private visibleChanged = true;
-  private batch: { id: number[]; noiseLevel: number[]; texels: Uint32Array[]; size: number } =
-    this.emptyBatch();
+  private batch = this.emptyBatch();
 
   constructor(
     readonly scene: Scene,
     private readonly tiles: Tiles,
-    public layer: number,
+    features: bigint, // of the session
+    private readonly channels: Channel[] = tiles.channels,
   ) {
     this.map = new AtlasMap(scene.meshes, scene.objectMesh);
-    this.version = new BigUint64Array(this.map.tileCount);
-    this.levels = new Uint32Array(this.map.tileCount);
+    for (const [slot, number] of channelsFor(channels, features))
+      this.slots.set(slot, new Slot(number, channels[number]!, this.map.tileCount));
     const objects = scene.objectMesh.length;
     this.hiddenNow = new Uint8Array(objects);
     this.spare = new Uint8Array(objects);
@@ -53,18 +76,36 @@ export class Replica {
     }
   }
 
-  private emptyBatch(): { id: number[]; noiseLevel: number[]; texels: Uint32Array[]; size: number } {
-    return { id: [], noiseLevel: [], texels: [], size: 0 };
+  private emptyBatch() {
+    return {
+      id: [] as number[],
+      noiseLevel: [] as number[],
+      texels: [] as Uint32Array[],
+      size: 0,
+      others: [] as OtherTile[],
+    };
+  }
+
+  /** Its tiles' channel of irradiance. */
+  get layer(): number {
+    return this.slots.get(IRRADIANCE)!.number;
+  }
+
+  /** Whether a session with these features gets the same channels. */
+  isFor(features: bigint): boolean {
+    const taken = channelsFor(this.channels, features);
+    return taken.size === this.slots.size && [...taken].every(([s, n]) => this.slots.get(s)?.number === n);
   }
 
   destroy(): void {
-    for (const levels of this.levels) if (levels) this.tiles.freeCoefficients(levels);
+    for (const { coefficients } of this.slots.values())
+      for (const of of coefficients) if (of) this.tiles.freeCoefficients(of);
   }
 
   /** The server has started again, or the old light is gone: versions that come now count as newer than all
    * that are there. */
   beginRun(): void {
-    this.version.fill(0n);
+    for (const slot of this.slots.values()) slot.version.fill(0n);
   }
 
   takeFrame(frame: Frame): void {
@@ -101,21 +142,30 @@ export class Replica {
     const id = this.map.find(t.object, t.level, t.tile);
     const where = `message TILE: object ${t.object}, level ${t.level}, tile ${t.tile}`;
     if (id < 0) fail(`${where}: there is none`);
-    if (t.layer >= 2) return;
-    if (t.layer !== this.layer)
-      fail(`${where}: it is of layer ${t.layer} in a session that gets layer ${this.layer}`);
-    if (t.version <= this.version[id]!) return;
+    const slot = this.slots.get(this.channels[t.layer]?.slot ?? -1);
+    if (!slot) return;
+    if (t.layer !== slot.number)
+      fail(`${where}: it is of layer ${t.layer} in a session that gets layer ${slot.number}`);
+    const { version } = slot;
+    if (t.version <= version[id]!) return;
     if (t.codec !== 1 && t.codec !== 4) fail(`${where}: codec ${t.codec} is unknown`);
-    if (t.base && (t.base !== this.version[id] || !this.levels[id]))
+    if (t.base && (t.base !== version[id] || !slot.coefficients[id]))
       fail(`${where}: it builds on a version that is not here`);
     const place = this.map.place(id);
-    if (!this.decode(t, id, place.width, place.height)) {
-      this.version[id] = 0n; // levels are half those of the new version
+    this.tiles.choose(slot.channel);
+    if (!this.decode(t, slot, id, place.width, place.height)) {
+      version[id] = 0n; // coefficients are half those of the new version
       fail(`${where}: the payload is damaged`);
+    }
+    version[id] = t.version;
+    const { planes, slot: at } = slot.channel;
+    if (at !== IRRADIANCE) {
+      const values = this.tiles.values(planes * place.width * place.height).slice();
+      this.batch.others.push({ id, slot: at, values });
+      return;
     }
     const texels = new Uint32Array(place.width * place.height);
     const sum = this.tiles.pack(texels);
-    this.version[id] = t.version;
     if (t.level === this.map.of(t.object).levels.length - 1)
       this.takeCoarsest(t.object, id, sum, texels.length);
     this.batch.id.push(id);
@@ -124,14 +174,16 @@ export class Replica {
     this.batch.size += texels.length;
   }
 
-  private decode(t: Tile, id: number, width: number, height: number): boolean {
+  private decode(t: Tile, slot: Slot, id: number, width: number, height: number): boolean {
+    const { coefficients } = slot;
     if (t.codec === 1) {
-      if (this.levels[id]) this.tiles.freeCoefficients(this.levels[id]!);
-      this.levels[id] = 0;
-      return this.tiles.decodeHalf(t.payload, t.scale, width, height);
+      if (coefficients[id]) this.tiles.freeCoefficients(coefficients[id]!);
+      coefficients[id] = 0;
+      return this.tiles.decodeHalf(slot.channel.planes, t.payload, t.scale, width, height);
     }
-    if (!this.levels[id]) this.levels[id] = this.tiles.createCoefficients(height);
-    return this.tiles.decode(t.base > 0n, t.payload, t.scale, width, height, this.levels[id] as Coefficients);
+    if (!coefficients[id]) coefficients[id] = this.tiles.createCoefficients(height);
+    const of = coefficients[id] as Coefficients;
+    return this.tiles.decode(t.base > 0n, t.payload, t.scale, width, height, of);
   }
 
   private takeCoarsest(object: number, id: number, sum: Float64Array, texels: number): void {
@@ -162,7 +214,7 @@ export class Replica {
   }
 
   batchTiles(): number {
-    return this.batch.id.length;
+    return this.batch.id.length + this.batch.others.length;
   }
 
   takeBatch(): TileBatch {
@@ -173,7 +225,8 @@ export class Replica {
       at += tile.length;
     }
     const noiseLevel = Uint8Array.from(this.batch.noiseLevel);
-    const batch = { id: Uint32Array.from(this.batch.id), noiseLevel, texels };
+    const { others } = this.batch;
+    const batch = { id: Uint32Array.from(this.batch.id), noiseLevel, texels, others };
     this.batch = this.emptyBatch();
     return batch;
   }
@@ -194,12 +247,13 @@ export class Replica {
     return list;
   }
 
-  /** The tiles of this run, for HOLDS. */
+  /** The tiles of irradiance of this run, for HOLDS. */
   held(): { ids: number[]; version: BigUint64Array } {
+    const { version } = this.slots.get(IRRADIANCE)!;
     const ids: number[] = [];
-    this.version.forEach((version, id) => {
-      if (version) ids.push(id);
+    version.forEach((of, id) => {
+      if (of) ids.push(id);
     });
-    return { ids, version: BigUint64Array.from(ids, (id) => this.version[id]!) };
+    return { ids, version: BigUint64Array.from(ids, (id) => version[id]!) };
   }
 }

@@ -193,8 +193,9 @@ export class Session {
   private flush(): void {
     const { replica } = this.kept;
     if (!replica || !replica.batchTiles()) return;
-    this.untaken += replica.batchTiles();
-    this.host.tiles(replica.takeBatch(), replica.meanIrradiance(), replica.takeVisible());
+    const batch = replica.takeBatch();
+    this.untaken += batch.id.length;
+    this.host.tiles(batch, replica.meanIrradiance(), replica.takeVisible());
   }
 
   /** The renderer has taken over `count` tiles. */
@@ -328,15 +329,14 @@ export class Session {
     this.welcome = welcome;
     if (welcome.features & wire.Feature.CONTROL) this.host.mayControl?.();
     const { kept } = this;
-    const layer = welcome.features & wire.Feature.DRAWS ? 1 : 0;
-    const drawn = layer ? `${hex(welcome.clientLights)} ${hex(clientMaterials)}` : '';
+    const drawn = welcome.features & wire.Feature.DRAWS ? `${hex(welcome.clientLights)} ${hex(clientMaterials)}` : '';
     const sameRun = !!welcome.run && welcome.run === kept.run;
     const finishHash = welcome.finish ? hex(welcome.finish.hash) : '';
     const sameFinishes = !kept.finishHash || kept.finishHash === finishHash;
     const samePackage = hex(welcome.package.hash) === kept.packageHash && sameFinishes;
     kept.run = welcome.run;
     kept.packageHash = hex(welcome.package.hash);
-    if (kept.replica && (!samePackage || kept.replica.layer !== layer || kept.drawn !== drawn)) {
+    if (kept.replica && (!samePackage || !kept.replica.isFor(welcome.features) || kept.drawn !== drawn)) {
       kept.replica.destroy();
       kept.replica = null;
     }
@@ -408,7 +408,7 @@ export class Session {
     if (!bytes || !this.welcome) return;
     this.kept.download = null;
     const scene: Scene = readPackage(bytes, this.tiles);
-    this.kept.replica = new Replica(scene, this.tiles, this.welcome.features & wire.Feature.DRAWS ? 1 : 0);
+    this.kept.replica = new Replica(scene, this.tiles, this.welcome.features);
     this.host.scene(this.kept.replica);
   }
 

@@ -6,7 +6,9 @@ import { LimitError } from './failure.ts';
 interface Exports {
   memory: WebAssembly.Memory;
   lw_web_tiles_init(): void;
-  lw_web_tiles_rgb(): number;
+  lw_web_tiles_channel(number: number, column: number): number;
+  lw_web_tiles_choose(planes: number, isSigned: boolean, isPlain: boolean): void;
+  lw_web_tiles_values(): number;
   lw_web_tiles_packed(): number;
   lw_web_tiles_alloc(size: number): number;
   lw_web_tiles_free(at: number): void;
@@ -47,6 +49,25 @@ export function zstdFrom(load: () => Promise<ArrayBuffer>): void {
   (ZSTDDecoder as unknown as { load: typeof load }).load = load;
 }
 
+/** A channel of tiles: common/tile/tile_channels.h. */
+export interface Channel {
+  planes: number;
+  isSigned: boolean;
+  isPlain: boolean;
+  asked: bigint; // a session gets it whose features, masked by `asked`, are `asks`
+  asks: bigint;
+  slot: number; // channels of one slot exclude each other; 0: irradiance
+}
+
+/** Of channels, those that a session with these features gets, by slot: their numbers. */
+export function channelsFor(channels: Channel[], features: bigint): Map<number, number> {
+  const taken = new Map<number, number>();
+  channels.forEach((channel, number) => {
+    if ((features & channel.asked) === channel.asks) taken.set(channel.slot, number);
+  });
+  return taken;
+}
+
 /** What deltas of a tile build on: a place in the module's memory. */
 export type Coefficients = number;
 
@@ -55,6 +76,8 @@ export class Tiles {
   private readonly payload: number;
   private readonly sum: number;
   private readonly zstd: ZSTDDecoder;
+  /** What tiles may hold, by number: their `layer`. */
+  readonly channels: Channel[] = [];
   /** A texel of 1 in a texture is so much light, W/m^2. */
   readonly unit: number;
 
@@ -65,6 +88,16 @@ export class Tiles {
     this.payload = this.alloc(PAYLOAD_MAX);
     this.sum = this.alloc(24);
     this.unit = this.wasm.lw_web_tiles_unit();
+    const of = (column: number) => this.wasm.lw_web_tiles_channel(this.channels.length, column);
+    while (of(0) >= 0)
+      this.channels.push({
+        planes: of(0),
+        isSigned: of(1) === 1,
+        isPlain: of(2) === 1,
+        asked: BigInt(of(3)),
+        asks: BigInt(of(4)),
+        slot: of(5),
+      });
   }
 
   static async create(module: BufferSource): Promise<Tiles> {
@@ -91,6 +124,11 @@ export class Tiles {
   /** Of the module. */
   memoryBytes(): number {
     return this.wasm.memory.buffer.byteLength;
+  }
+
+  /** What is decoded from now on is of this channel. */
+  choose(channel: Channel): void {
+    this.wasm.lw_web_tiles_choose(channel.planes, channel.isSigned, channel.isPlain);
   }
 
   createCoefficients(height: number): Coefficients {
@@ -128,19 +166,19 @@ export class Tiles {
   }
 
   /** Decodes a payload of codec 1. */
-  decodeHalf(payload: Uint8Array, scale: number, width: number, height: number): boolean {
-    const planes = this.decompress(payload, 6 * width * height);
+  decodeHalf(planeCount: number, payload: Uint8Array, scale: number, width: number, height: number): boolean {
+    const planes = this.decompress(payload, 2 * planeCount * width * height);
     if (!planes) return false;
     new Uint8Array(this.wasm.memory.buffer, this.payload).set(planes);
     return this.wasm.lw_web_tiles_decode_half(this.payload, scale, width, height) !== 0;
   }
 
-  /** Of what was decoded last, W/m^2, good until the next call. */
-  rgb(texels: number): Float32Array {
-    return new Float32Array(this.wasm.memory.buffer, this.wasm.lw_web_tiles_rgb(), 3 * texels);
+  /** What was decoded last, a number per plane, good until the next call. */
+  values(count: number): Float32Array {
+    return new Float32Array(this.wasm.memory.buffer, this.wasm.lw_web_tiles_values(), count);
   }
 
-  /** What was decoded last as RGB9E5 into `out`; returns the sum of each channel, W/m^2. */
+  /** Light that was decoded last as RGB9E5 into `out`; returns the sum of each channel, W/m^2. */
   pack(out: Uint32Array): Float64Array {
     this.wasm.lw_web_tiles_pack(out.length, this.sum);
     out.set(new Uint32Array(this.wasm.memory.buffer, this.wasm.lw_web_tiles_packed(), out.length));
@@ -152,7 +190,7 @@ export class Tiles {
     const out = new Uint32Array(rgb.length / 3);
     for (let at = 0; at < out.length; at += TEXELS_MAX) {
       const some = out.subarray(at, at + TEXELS_MAX);
-      this.rgb(TEXELS_MAX).set(rgb.subarray(3 * at, 3 * (at + some.length)));
+      this.values(3 * TEXELS_MAX).set(rgb.subarray(3 * at, 3 * (at + some.length)));
       this.pack(some);
     }
     return out;

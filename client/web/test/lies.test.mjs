@@ -171,7 +171,7 @@ for (const [what, fields, expected] of [
   ['a shown object', [ids(15, NONE)], /shown_object 4294967295 of 3/],
 ])
   test(`FRAME tells of ${what} that the scene lacks`, () => {
-    const replica = new Replica(scene, tiles, 0);
+    const replica = new Replica(scene, tiles, 0n);
     assert.throws(
       () => replica.takeFrame(frame(...fields)),
       (error) => {
@@ -216,7 +216,7 @@ for (const [what, fields, expected] of [
   ['another layer', [0, 0, 0, uint(5, 1), blob(10, [1])], /layer 1/],
 ])
   test(`TILE is of ${what}`, () => {
-    const replica = new Replica(scene, tiles, 0);
+    const replica = new Replica(scene, tiles, 0n);
     assert.throws(
       () => replica.takeTile(tile(...fields), 1),
       (error) => {
@@ -233,7 +233,7 @@ test('half the texels of a tile, or twice as many', () => {
   const planes = (texels) => stored(new Uint8Array(6 * texels));
   const half = (object, level, number, payload) =>
     tile(object, level, number, uint(6, 1), blob(10, [...payload]));
-  const replica = new Replica(scene, tiles, 0);
+  const replica = new Replica(scene, tiles, 0n);
   for (const texels of [64 * 15, 64 * 60])
     assert.throws(() => replica.takeTile(half(0, 0, 0, planes(texels)), 1), /damaged/);
   replica.takeTile(half(0, 0, 0, planes(64 * 30)), 1);

@@ -24,7 +24,7 @@ function read(name) {
 function decode(name, delta, coefficients) {
   const { width, height, scale, payload } = read(name);
   if (!tiles.decode(delta, payload, scale, width, height, coefficients)) return null;
-  return Buffer.from(tiles.rgb(width * height).slice().buffer);
+  return Buffer.from(tiles.values(3 * width * height).slice().buffer);
 }
 
 const names = readdirSync(golden).filter((name) => name.endsWith('.tile'));

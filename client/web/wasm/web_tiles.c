@@ -27,7 +27,8 @@
 #define SHARED_MAX (511.0f / 512.0f * 65536.0f)
 
 #define HALF_LARGEST 0x7bffu
-#define VALUES_MAX   (LW_TILE_TEXELS_MAX * 3u)
+#define HALF_SIGN    0x8000u
+#define VALUES_MAX   (LW_TILE_TEXELS_MAX * LW_TILE_CHANNEL_PLANES_MAX)
 
 /* The C library's, for cosines beyond 2^20: 7 kB that this page would load for the decoder's table of angles
  * below 2 pi. */
@@ -37,23 +38,46 @@ __attribute__((used)) int __rem_pio2_large(double *x, double *y, int e0, int nx,
 }
 
 static struct lw_tile_dct dct;
-static float rgb[VALUES_MAX];
+static float values[VALUES_MAX];
+static struct lw_tile_channel channel; /* of what is decoded */
 static uint32_t packed[LW_TILE_TEXELS_MAX];
 static XXH3_state_t hash;
 
-void EXPORT(lw_web_tiles_init)(void) { lw_tile_dct_init(&dct); }
+void EXPORT(lw_web_tiles_init)(void) {
+    lw_tile_dct_init(&dct);
+    channel = *lw_tile_channel_at(LW_LIGHT_FORM_FULL);
+}
 
-/** Where decoded texels are: width * height * 3 floats, W/m^2; and as lw_web_tiles_pack() makes them. */
-float *EXPORT(lw_web_tiles_rgb)(void) { return rgb; }
+/** The table of tile_channels.h, number by number; -1 behind the last: planes, is it signed, is it coded
+ * plain, the bits of features that it asks about and for, its slot. */
+int32_t EXPORT(lw_web_tiles_channel)(uint32_t number, uint32_t column) {
+    if (number >= lw_tile_channels()->count) return -1;
+    const struct lw_tile_channel *c = lw_tile_channel_at(number);
+    const uint32_t is[] = {c->planes,          c->is_signed,      c->coding == LW_TILE_CODING_PLAIN,
+                           (uint32_t)c->asked, (uint32_t)c->asks, c->slot};
+    return (int32_t)is[column];
+}
+
+/** Tiles are of such a channel from now on. planes: at most LW_TILE_CHANNEL_PLANES_MAX */
+void EXPORT(lw_web_tiles_choose)(uint32_t planes, bool is_signed, bool is_plain) {
+    channel = (struct lw_tile_channel){.planes = planes,
+                                       .is_signed = is_signed,
+                                       .coding = is_plain ? LW_TILE_CODING_PLAIN : LW_TILE_CODING_LIGHT};
+}
+
+/** Where decoded texels are: width * height floats per plane; and, of light, as lw_web_tiles_pack() makes
+ * them. */
+float *EXPORT(lw_web_tiles_values)(void) { return values; }
 uint32_t *EXPORT(lw_web_tiles_packed)(void) { return packed; }
 
 void *EXPORT(lw_web_tiles_alloc)(size_t size) { return malloc(size); }
 void EXPORT(lw_web_tiles_free)(void *bytes) { free(bytes); }
 
-/** Memory for what deltas of a tile of this height build on; NULL: there is none. lw_web_tiles_free() frees
- * it. */
+/** Memory for what deltas of a tile of this channel and height build on; NULL: there is none.
+ * lw_web_tiles_free() frees it. */
 struct lw_tile_dct_coefficients *EXPORT(lw_web_tiles_coefficients)(uint32_t height) {
-    return aligned_alloc(_Alignof(struct lw_tile_dct_coefficients), lw_tile_dct_coefficients_size(height));
+    return aligned_alloc(_Alignof(struct lw_tile_dct_coefficients),
+                         lw_tile_dct_coefficients_size(&channel, height));
 }
 
 static bool is_tile(uint32_t width, uint32_t height) {
@@ -66,7 +90,8 @@ bool EXPORT(lw_web_tiles_decode)(uint32_t kind, const uint8_t *src, size_t src_s
                                  uint32_t width, uint32_t height,
                                  struct lw_tile_dct_coefficients *coefficients) {
     return is_tile(width, height) && scale > 0 && (kind == LW_TILE_DCT_INTRA || coefficients) &&
-           lw_tile_dct_decode(&dct, kind, src, src_size, scale, width, height, coefficients, rgb);
+           lw_tile_dct_decode(&dct, &channel, kind, src, src_size, scale, width, height, coefficients,
+                              values);
 }
 
 static float float_from_half(uint32_t half) {
@@ -74,14 +99,16 @@ static float float_from_half(uint32_t half) {
     return exponent ? ldexpf((float)(mantissa | 0x400u), (int)exponent - 25) : (float)mantissa * 0x1p-24f;
 }
 
-/** Decodes a payload of codec 1 that zstd has been taken off: 6 * width * height bytes. */
-bool EXPORT(lw_web_tiles_decode_half)(const uint8_t *planes, float scale, uint32_t width, uint32_t height) {
-    const size_t texels = (size_t)width * height, values = 3 * texels;
+/** Decodes a payload of codec 1 that zstd has been taken off: 2 * planes * width * height bytes. */
+bool EXPORT(lw_web_tiles_decode_half)(const uint8_t *bytes, float scale, uint32_t width, uint32_t height) {
+    const size_t texels = (size_t)width * height, count = channel.planes * texels;
+    const uint32_t sign = channel.is_signed ? HALF_SIGN : 0;
     if (!is_tile(width, height) || !(scale > 0 && scale <= 0x1p111f)) return false;
-    for (size_t i = 0; i < values; i++) {
-        const uint32_t half = planes[i] | (uint32_t)planes[values + i] << 8;
-        if (half > HALF_LARGEST) return false;
-        rgb[3 * (i % texels) + i / texels] = float_from_half(half) * scale;
+    for (size_t i = 0; i < count; i++) {
+        const uint32_t half = bytes[i] | (uint32_t)bytes[count + i] << 8, size = half & ~sign;
+        if (size > HALF_LARGEST) return false;
+        const float value = float_from_half(size) * scale;
+        values[channel.planes * (i % texels) + i / texels] = half == size ? value : -value;
     }
     return true;
 }
@@ -108,13 +135,13 @@ static uint32_t pack(float r, float g, float b) {
 }
 _Static_assert(EXPONENT_MAX - EXPONENT_BIAS == 16, "SHARED_MAX has the largest exponent");
 
-/** Makes the first texels of rgb RGB9E5 in units of LIGHT_UNIT; out_sum: of each channel, W/m^2. */
+/** Makes the first texels of light RGB9E5 in units of LIGHT_UNIT; out_sum: of each channel, W/m^2. */
 void EXPORT(lw_web_tiles_pack)(uint32_t texels, double out_sum[3]) {
     const float scale = 1 / LIGHT_UNIT;
     double sum[3] = {0};
     for (uint32_t i = 0; i < texels && i < LW_TILE_TEXELS_MAX; i++) {
-        packed[i] = pack(rgb[3 * i] * scale, rgb[3 * i + 1] * scale, rgb[3 * i + 2] * scale);
-        for (int c = 0; c < 3; c++) sum[c] += (double)rgb[3 * i + (uint32_t)c];
+        packed[i] = pack(values[3 * i] * scale, values[3 * i + 1] * scale, values[3 * i + 2] * scale);
+        for (int c = 0; c < 3; c++) sum[c] += (double)values[3 * i + (uint32_t)c];
     }
     memcpy(out_sum, sum, sizeof sum);
 }

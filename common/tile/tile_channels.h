@@ -1,0 +1,65 @@
+/* tile_channels.h: what a tile holds, as data: groups of planes, and how each is coded, kept and asked for.
+ * Flow:    the table -> solver, publisher, codecs, sessions, replica: each loops over it (docs/channels.md)
+ * Threads: constants, [any]. */
+#ifndef LW_COMMON_TILE_CHANNELS_H
+#define LW_COMMON_TILE_CHANNELS_H
+
+#include "common/light/light_form.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#define LW_TILE_CHANNELS_DRAWS 64u /* LW_FEATURE_DRAWS: a bit of features, for ever */
+
+#define LW_TILE_CHANNELS_MAX       8u
+#define LW_TILE_CHANNEL_PLANES_MAX 3u /* planes of a channel */
+
+/** How the lossy codec sees values. */
+enum lw_tile_coding {
+    LW_TILE_CODING_LIGHT, /* by ratio: three colours, >= 0, as logarithms of brightness and colour */
+    LW_TILE_CODING_PLAIN  /* by difference: each plane by itself */
+};
+
+struct lw_tile_channel {
+    const char *name, *unit, *meaning;
+    uint32_t planes;
+    bool is_signed; /* values may be below 0; only with LW_TILE_CODING_PLAIN */
+    enum lw_tile_coding coding;
+    float step; /* of the lossy codec, times that of all light */
+    bool kept;  /* the saved light has it */
+    /* A session whose features, masked by `asked`, are `asks` gets this channel (LW_FEATURE_*). */
+    uint64_t asked, asks;
+    uint32_t slot; /* where a client keeps it: channels of one slot exclude each other; 0: irradiance */
+};
+
+/** The number of a channel is its bit in sets of channels and, on the wire, Tile.layer: forever. The first
+ * LW_LIGHT_FORM_COUNT are the forms of light. */
+struct lw_tile_channels {
+    uint32_t count;
+    struct lw_tile_channel channel[LW_TILE_CHANNELS_MAX];
+};
+
+const struct lw_tile_channels *lw_tile_channels(void);
+
+static inline const struct lw_tile_channel *lw_tile_channel_at(uint32_t number) {
+    return &lw_tile_channels()->channel[number];
+}
+
+/** Of a set of channels, those that a session with these features gets. */
+static inline uint32_t lw_tile_channels_for(uint64_t features, uint32_t served) {
+    const struct lw_tile_channels *all = lw_tile_channels();
+    uint32_t channels = 0;
+    for (uint32_t i = 0; i < all->count; i++)
+        if ((features & all->channel[i].asked) == all->channel[i].asks) channels |= 1u << i;
+    return channels & served;
+}
+
+/** The features that ask for any of a set of channels. */
+static inline uint64_t lw_tile_channels_features(uint32_t channels) {
+    uint64_t features = 0;
+    for (uint32_t i = 0; i < lw_tile_channels()->count; i++)
+        if (channels >> i & 1) features |= lw_tile_channel_at(i)->asks;
+    return features;
+}
+
+#endif
