@@ -50,6 +50,7 @@
 #define HTTP_ADDRESS LW_OPTIONS_HOST ":7781"
 #define METRICS_PORT 7782
 #define TARGET_ERROR 0.02f
+#define BUDGET_MS    33 /* for a frame */
 #define SOLVER_NICE  5  /* lower priority than the loop */
 #define STALL_S      600.0
 #define STALL_FIRST  6.0 /* times that, until first light: texels are placed, and rays' structure is built */
@@ -217,6 +218,16 @@ static enum lw_status check_exposure(const struct settings *s, struct lw_error *
     return status;
 }
 
+/* Defaults choose nothing: a file of all options may hold those of other clocks and codecs. */
+static uint32_t choices_of(const struct settings *s) {
+    static const uint32_t clock[] = {LW_CHOICE_REAL, LW_CHOICE_STEP, LW_CHOICE_MANUAL};
+    return LW_CHOICE_SERVED | s->entry->choice | clock[s->clock] |
+           (s->codec == CODEC_DCT ? LW_CHOICE_DCT : LW_CHOICE_HALF) |
+           (s->tile_step != (double)LW_PUBLISHER_STEP_WIDEST ? LW_CHOICE_STEP_WIDEST : 0) |
+           (isfinite(s->frame_budget_ms) && s->frame_budget_ms != BUDGET_MS ? LW_CHOICE_BUDGET : 0) |
+           (s->animate ? LW_CHOICE_ANIMATE : 0) | (s->freeze ? LW_CHOICE_FREEZE : 0);
+}
+
 /* What one option alone does not tell. */
 static enum lw_status check(struct settings *s, struct lw_error *err) {
     enum lw_status status;
@@ -224,11 +235,7 @@ static enum lw_status check(struct settings *s, struct lw_error *err) {
         lw_status_context(err, "--solver");
         return status;
     }
-    if (!s->entry->follows)
-        return lw_status_fail(err, LW_USAGE, "--solver %s follows no changes: it is for lightwell-bake alone",
-                              s->entry->name);
-    if (s->animate && s->freeze)
-        return lw_status_fail(err, LW_USAGE, "--animate and --freeze exclude each other");
+    if ((status = lw_combinations_check(choices_of(s), err)) != LW_OK) return status;
     if (!s->tls_certificate != !s->tls_key)
         return lw_status_fail(err, LW_USAGE, "--tls-certificate and --tls-key need each other");
     status = lw_options_address(s->listen, s->host, sizeof s->host, &s->port, err);
@@ -1205,6 +1212,7 @@ static enum lw_status create_server(struct daemon *d, struct lw_server_sockets *
         .finishes = d->finishes,
         .finishes_size = d->finishes_size,
         .bounces = (uint32_t)s->bounces,
+        .channels = s->entry->channels & ~(1u << LW_LIGHT_FORM_SPLIT),
         .target_error = (float)s->error,
         .noise_shown = noise_shown(s),
         .first_light = &d->first_light,
@@ -1255,7 +1263,7 @@ static void init(struct daemon *d, int argc, char **argv) {
                      .codec = CODEC_DCT,
                      .tile_step = (double)LW_PUBLISHER_STEP_WIDEST,
                      .frame_rate = 30,
-                     .frame_budget_ms = 33,
+                     .frame_budget_ms = BUDGET_MS,
                      .seed = 1,
                      .stall_s = STALL_S,
                      .return_s = RETURN_S,

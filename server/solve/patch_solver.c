@@ -17,16 +17,6 @@ static bool parts_drawn(const struct lw_patch_solver *s) {
     return lw_client_lights_any(s->desc.client_lights);
 }
 
-enum lw_status lw_patch_solver_check(const char *name, const struct lw_solver_desc *desc,
-                                     struct lw_error *err) {
-    const char *cannot = desc->light_groups ? "light groups"
-                         : isfinite(desc->tracing_range_m) && desc->tracing_range_m > 0
-                             ? "a tracing range (--tracing-range)"
-                         : desc->frame_budget_s > 0 ? "a frame's budget"
-                                                    : NULL;
-    return cannot ? lw_status_fail(err, LW_USAGE, "the solver \"%s\" does not do %s", name, cannot) : LW_OK;
-}
-
 bool lw_patch_solver_cancelled(const struct lw_patch_solver *s) { return s->desc.cancel && *s->desc.cancel; }
 
 float *const *lw_patch_solver_bounces(struct lw_patch_solver *s) {

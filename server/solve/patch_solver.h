@@ -72,10 +72,6 @@ struct lw_patch_solver {
     uint32_t frames; /* whole ones, since the light last changed */
 };
 
-/** Errors: LW_USAGE naming what none of these solvers does, or the options of another one. */
-LW_MUST_CHECK enum lw_status lw_patch_solver_check(const char *name, const struct lw_solver_desc *desc,
-                                                   struct lw_error *err);
-
 /** Builds a solver in zeroed memory of malloc() that begins with a lw_patch_solver, and which is freed where
  * this fails. Errors: as lw_solvers_entry.create(). */
 LW_MUST_CHECK enum lw_status lw_patch_solver_create(struct lw_patch_solver *s,

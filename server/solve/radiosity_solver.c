@@ -2,6 +2,7 @@
 
 #include "common/light/client_lights.h"
 #include "common/log.h"
+#include "server/solve/combinations.h"
 #include "server/solve/patch_solver.h"
 #include "server/solve/radiosity/radiosity_directions.h"
 #include "server/solve/radiosity/radiosity_pass.h"
@@ -24,13 +25,8 @@ struct radiosity_solver {
 };
 
 enum lw_status lw_radiosity_solver_check(const struct lw_solver_desc *desc, struct lw_error *err) {
-    enum lw_status status = lw_patch_solver_check("radiosity", desc, err);
+    enum lw_status status = lw_combinations_check(LW_CHOICE_RADIOSITY | lw_combinations_of(desc), err);
     if (status != LW_OK) return status;
-    if (lw_vpl_terms_any(&desc->vpl)) return lw_status_fail(err, LW_USAGE, LW_VPL_TERMS_REFUSED, "radiosity");
-    if (desc->client_lights && desc->client_lights->drawn_materials)
-        return lw_status_fail(err, LW_USAGE,
-                              "the solver \"radiosity\" does not do emissive surfaces that clients draw "
-                              "(--client-lights): those shoot");
     const struct lw_radiosity_terms *terms = &desc->radiosity;
     if (terms->window > WINDOW_MAX)
         return lw_status_fail(err, LW_USAGE, "a window of radiosity has at most %u texels a side",
@@ -40,16 +36,6 @@ enum lw_status lw_radiosity_solver_check(const struct lw_solver_desc *desc, stru
                               LW_RADIOSITY_DIRECTIONS_MAX);
     if (terms->window && terms->undersample == LW_UNDERSAMPLE_NONE)
         return lw_status_fail(err, LW_USAGE, "a window of radiosity (--window) needs --undersample");
-    if (terms->subdivide > 0 &&
-        (terms->directions || terms->keeps_visibility || terms->undersample != LW_UNDERSAMPLE_NONE))
-        return lw_status_fail(
-            err, LW_USAGE,
-            "--subdivide has shooters of its own for each bounce: it excludes --undersample, "
-            "--keep-visibility and --directions");
-    if (terms->directions && terms->keeps_visibility)
-        return lw_status_fail(err, LW_USAGE, "--directions knows no pairs: it excludes --keep-visibility");
-    if (terms->directions && terms->undersample != LW_UNDERSAMPLE_NONE)
-        return lw_status_fail(err, LW_USAGE, "--directions looks at no shooters: it excludes --undersample");
     return LW_OK;
 }
 

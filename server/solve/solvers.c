@@ -9,10 +9,7 @@
 #include <string.h>
 
 static enum lw_status check_cells(const struct lw_solver_desc *desc, struct lw_error *err) {
-    if (lw_radiosity_terms_any(&desc->radiosity))
-        return lw_status_fail(err, LW_USAGE, LW_RADIOSITY_TERMS_REFUSED, "cells");
-    if (lw_vpl_terms_any(&desc->vpl)) return lw_status_fail(err, LW_USAGE, LW_VPL_TERMS_REFUSED, "cells");
-    return LW_OK;
+    return lw_combinations_check(LW_CHOICE_CELLS | lw_combinations_of(desc), err);
 }
 
 static enum lw_status create_cells(const struct lw_solver_desc *desc, const struct lw_pose *pose,
@@ -23,12 +20,15 @@ static enum lw_status create_cells(const struct lw_solver_desc *desc, const stru
                               : lw_cell_layer_create(NULL, desc, pose, out_solver, err);
 }
 
+#define BOTH_FORMS (1u << LW_LIGHT_FORM_FULL | 1u << LW_LIGHT_FORM_SPLIT)
+
 static const struct lw_solvers_entry table[] = {
-    {"cells", "radiance cells, by blocks of texels (Vandersanden 2023)", true, check_cells, create_cells},
-    {"radiosity", "every texel shoots at every other; for bakes (Kahl 2023)", false,
+    {"cells", "radiance cells, by blocks of texels (Vandersanden 2023)", LW_CHOICE_CELLS, BOTH_FORMS,
+     check_cells, create_cells},
+    {"radiosity", "every texel shoots at every other; for bakes (Kahl 2023)", LW_CHOICE_RADIOSITY, BOTH_FORMS,
      lw_radiosity_solver_check, lw_radiosity_solver_create},
-    {"vpl", "virtual point lights, in sets; for bakes (Tonna 2019)", false, lw_vpl_solver_check,
-     lw_vpl_solver_create},
+    {"vpl", "virtual point lights, in sets; for bakes (Tonna 2019)", LW_CHOICE_VPL, BOTH_FORMS,
+     lw_vpl_solver_check, lw_vpl_solver_create},
 };
 
 const struct lw_solvers_entry *lw_solvers_at(unsigned index) {

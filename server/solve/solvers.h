@@ -6,14 +6,14 @@
 #ifndef LW_SOLVE_SOLVERS_H
 #define LW_SOLVE_SOLVERS_H
 
-#include "server/solve/solver.h"
+#include "server/solve/combinations.h"
 
 struct lw_solvers_entry {
     const char *name;
     /* One line for people. */
     const char *about;
-    /* It follows changes and interest: what lightwelld asks of a solver. */
-    bool follows;
+    uint32_t choice;   /* LW_CHOICE_* (combinations.h) */
+    uint32_t channels; /* that it shows: bit for each (tile_channels.h) */
     /** Whether it can do what a desc asks for, as far as that is set; scene and atlas_map may be NULL yet.
      * Errors: LW_USAGE naming what it cannot. */
     enum lw_status (*check)(const struct lw_solver_desc *desc, struct lw_error *err);

@@ -1,6 +1,7 @@
 #include "server/solve/vpl_solver.h"
 
 #include "common/log.h"
+#include "server/solve/combinations.h"
 #include "server/solve/patch_solver.h"
 #include "server/solve/radiosity/radiosity_pass.h"
 #include "server/solve/radiosity/virtual_lights.h"
@@ -20,10 +21,8 @@ struct vpl_solver {
 
 enum lw_status lw_vpl_solver_check(const struct lw_solver_desc *desc, struct lw_error *err) {
     const struct lw_vpl_terms *terms = &desc->vpl;
-    enum lw_status status = lw_patch_solver_check("vpl", desc, err);
+    enum lw_status status = lw_combinations_check(LW_CHOICE_VPL | lw_combinations_of(desc), err);
     if (status != LW_OK) return status;
-    if (lw_radiosity_terms_any(&desc->radiosity))
-        return lw_status_fail(err, LW_USAGE, LW_RADIOSITY_TERMS_REFUSED, "vpl");
     if (terms->lights > LW_VPL_LIGHTS_MAX)
         return lw_status_fail(err, LW_USAGE, "there are at most %u virtual point lights (--vpl-lights)",
                               LW_VPL_LIGHTS_MAX);

@@ -514,10 +514,10 @@ static void wrong_use_is_refused(void **state) {
     bake_fails(64, "for \"radiosity\"", "builtin:cornell -o x --undersample mip");
     bake_fails(64, "--tracing-range", "builtin:cornell -o x --solver radiosity --tracing-range 1");
     bake_fails(64, "needs --undersample", "builtin:cornell -o x --solver radiosity --window 2");
-    bake_fails(64, "excludes --undersample",
+    bake_fails(64, "--directions does not work with --undersample",
                "builtin:cornell -o x --solver radiosity --directions 64 --undersample mip");
     bake_fails(64, "--subdivide", "builtin:cornell -o x --solver radiosity --subdivide 0.1 --directions 64");
-    bake_fails(64, "excludes --keep-visibility",
+    bake_fails(64, "--directions does not work with --keep-visibility",
                "builtin:cornell -o x --solver radiosity --directions 64 --visibility x.pairs");
     bake_fails(64, "emissive surfaces",
                "builtin:cornell -o x --solver radiosity --indirect-only --client-lights auto");

@@ -257,9 +257,9 @@ static void refuse(struct lw_solver_desc desc, const char *solver, const char *p
 static void test_refusals(void **state) {
     (void)state;
     struct lw_light_groups groups = {0};
-    refuse((struct lw_solver_desc){.light_groups = &groups}, "vpl", "light groups");
+    refuse((struct lw_solver_desc){.light_groups = &groups}, "vpl", "--light-groups");
     refuse((struct lw_solver_desc){.tracing_range_m = 1}, "vpl", "--tracing-range");
-    refuse((struct lw_solver_desc){.frame_budget_s = 1}, "vpl", "budget");
+    refuse((struct lw_solver_desc){.frame_budget_s = 1}, "vpl", "--frame-budget-ms");
     refuse((struct lw_solver_desc){.radiosity = {.directions = 4}}, "vpl", "for \"radiosity\"");
     refuse((struct lw_solver_desc){.vpl = {.sets = 2}}, "radiosity", "for \"vpl\"");
     refuse((struct lw_solver_desc){.vpl = {.near_m = 2}}, "cells", "for \"vpl\"");

@@ -59,15 +59,7 @@ struct lw_vpl_terms {
     float near_m;     /* nearer than this a light is not brighter; by the area that it stands for */
 };
 
-static inline bool lw_radiosity_terms_any(const struct lw_radiosity_terms *t) {
-    return t->undersample || t->window || t->directions || t->subdivide > 0 || t->keeps_visibility;
-}
 static inline bool lw_vpl_terms_any(const struct lw_vpl_terms *t) {
     return t->lights || t->sets || t->reshoot || t->near_m > 0;
 }
-#define LW_RADIOSITY_TERMS_REFUSED                                                                           \
-    "the solver \"%s\" has no patches that shoot: those options are for \"radiosity\""
-#define LW_VPL_TERMS_REFUSED                                                                                 \
-    "the solver \"%s\" has no virtual point lights: options --vpl-... are for \"vpl\""
-
 #endif
