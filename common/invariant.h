@@ -9,7 +9,7 @@
  *   LW_INVARIANTS   LW_INVARIANT   LW_INVARIANT_DEAR   chosen by
  *   OFF             not checked    not checked         measurements of what the checks cost
  *   CHEAP           checked        not checked         AUTO in release builds
- *   ALL             checked        checked             AUTO in debug builds (dev, tsan, fuzz, coverage); .ci/run
+ *   ALL             checked        checked             AUTO in debug builds; .ci/run
  */
 #ifndef LW_COMMON_INVARIANT_H
 #define LW_COMMON_INVARIANT_H

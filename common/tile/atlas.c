@@ -1,11 +1,15 @@
 #include "common/tile/atlas.h"
 
+#include "common/invariant.h"
+
+#include <stddef.h>
 #include <stdlib.h>
 
 static uint32_t tiles_across(uint32_t texels) { return (texels + LW_TILE_SIDE - 1) / LW_TILE_SIDE; }
 
 void lw_atlas_init(struct lw_atlas *atlas, uint32_t width, uint32_t height) {
     *atlas = (struct lw_atlas){0};
+    LW_INVARIANT(width > 0 && height > 0);
     for (uint32_t w = width, h = height;;) {
         struct lw_atlas_level *level = &atlas->level[atlas->level_count++];
         *level = (struct lw_atlas_level){.width = w,
@@ -22,6 +26,7 @@ void lw_atlas_init(struct lw_atlas *atlas, uint32_t width, uint32_t height) {
 }
 
 static void place_tiles(struct lw_tile_place *place, const struct lw_atlas *atlas, uint32_t object) {
+    const struct lw_tile_place *const first = place;
     for (uint32_t l = 0; l < atlas->level_count; l++) {
         const struct lw_atlas_level *level = &atlas->level[l];
         for (uint32_t y = 0; y < level->tiles_y; y++)
@@ -35,6 +40,7 @@ static void place_tiles(struct lw_tile_place *place, const struct lw_atlas *atla
                                                   .height = height < LW_TILE_SIDE ? height : LW_TILE_SIDE};
             }
     }
+    LW_INVARIANT(place - first == (ptrdiff_t)atlas->tile_count);
 }
 
 enum lw_status lw_atlas_map_init(struct lw_atlas_map *map, const struct lw_scene *scene) {
@@ -76,7 +82,9 @@ lw_tile_id lw_atlas_map_find(const struct lw_atlas_map *map, uint32_t object, ui
         return (lw_tile_id){UINT32_MAX};
     const struct lw_atlas_level *l = &map->atlas[object].level[level];
     if (x >= l->tiles_x || y >= l->tiles_y) return (lw_tile_id){UINT32_MAX};
-    return (lw_tile_id){map->first_tile[object] + l->first_tile + y * l->tiles_x + x};
+    const lw_tile_id id = {map->first_tile[object] + l->first_tile + y * l->tiles_x + x};
+    LW_INVARIANT(id.v < map->tile_count);
+    return id;
 }
 
 lw_tile_id lw_atlas_map_find_tile(const struct lw_atlas_map *map, uint32_t object, uint32_t level,
@@ -88,6 +96,7 @@ lw_tile_id lw_atlas_map_find_tile(const struct lw_atlas_map *map, uint32_t objec
 }
 
 uint32_t lw_atlas_map_number(const struct lw_atlas_map *map, lw_tile_id id) {
+    LW_INVARIANT(id.v < map->tile_count);
     const struct lw_tile_place *place = &map->place[id.v];
     return place->y * map->atlas[place->object].level[place->level].tiles_x + place->x;
 }

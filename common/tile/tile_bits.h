@@ -4,6 +4,8 @@
 #ifndef LW_COMMON_TILE_BITS_H
 #define LW_COMMON_TILE_BITS_H
 
+#include "common/invariant.h"
+
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
@@ -28,6 +30,7 @@ static inline uint64_t lw_tile_bits_order(uint64_t bytes) {
 
 /** count <= 56, and bits has no others. */
 static inline void lw_tile_bits_put(struct lw_tile_bits_writer *w, uint64_t bits, unsigned count) {
+    LW_INVARIANT_DEAR(w->count < 8 && count <= 56 && bits >> count == 0);
     w->held |= bits << w->count;
     w->count += count;
     const uint64_t bytes = lw_tile_bits_order(w->held);
@@ -43,6 +46,7 @@ static inline uint8_t *lw_tile_bits_end(struct lw_tile_bits_writer *w) { return 
  * has one: more_count is 0 or 1. */
 static inline void lw_tile_bits_put_rice(struct lw_tile_bits_writer *w, uint32_t v, unsigned k, uint64_t more,
                                          unsigned more_count) {
+    LW_INVARIANT_DEAR(v >> LW_TILE_BITS_RAW == 0 && more >> more_count == 0 && more_count <= 1);
     uint32_t ones = v >> k;
     uint64_t low = v & ((1u << k) - 1);
     unsigned zero = 1;

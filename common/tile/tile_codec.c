@@ -1,5 +1,6 @@
 #include "common/tile/tile_codec.h"
 
+#include "common/invariant.h"
 #include "common/tile/tile_dct.h"
 
 #include <math.h>
@@ -63,6 +64,7 @@ static size_t planes_of(const struct lw_tile_channel *channel) { return channel 
  * bits. */
 static uint16_t half_from_float(float f) {
     uint32_t bits;
+    LW_INVARIANT_DEAR(f >= 0 && f <= HALF_MAX);
     if (f < 0x1p-14f) return (uint16_t)lrintf(f * 0x1p24f); /* subnormal: multiples of 2^-24 */
     memcpy(&bits, &f, sizeof bits);
     bits += 0xfffu + (bits >> 13 & 1u);
@@ -116,6 +118,7 @@ enum lw_status lw_tile_codec_encode_half(struct lw_tile_codec *codec, const stru
     size_t size =
         ZSTD_compressCCtx(codec->compress, dst, dst_capacity, codec->planes, values * 2, ZSTD_LEVEL);
     if (ZSTD_isError(size)) return LW_NO_MEMORY;
+    LW_INVARIANT(size > 0 && size <= dst_capacity && scale > 0 && saturated <= values);
     *out_size = size;
     *out_scale = scale;
     *out_saturated = saturated;
@@ -129,6 +132,9 @@ enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *codec, const struc
         dst_capacity < lw_tile_codec_bound())
         return LW_INTERNAL;
     lw_tile_dct_encode(&codec->dct, source, history, dst, delta_dst, out_coded);
+    LW_INVARIANT(out_coded->size > 0 && out_coded->size <= LW_TILE_DCT_BOUND);
+    LW_INVARIANT(out_coded->delta_size <= LW_TILE_DCT_BOUND && (history || !out_coded->delta_size));
+    LW_INVARIANT(out_coded->saturated <= 3 * source->width * source->height);
     return LW_OK;
 }
 
@@ -143,6 +149,7 @@ enum lw_status lw_tile_codec_encode_between(struct lw_tile_codec *codec,
         return LW_NO_MEMORY;
     const size_t size = lw_tile_dct_encode_between(&codec->dct, channel, from, from_size, to, to_size, width,
                                                    height, codec->between, dst);
+    LW_INVARIANT(size <= LW_TILE_DCT_BOUND);
     if (!size) return LW_BAD_DATA;
     *out_size = size;
     return LW_OK;

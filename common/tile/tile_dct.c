@@ -1,5 +1,6 @@
 #include "common/tile/tile_dct.h"
 
+#include "common/invariant.h"
 #include "common/tile/tile_bits.h"
 #include "common/wide.h"
 
@@ -418,6 +419,7 @@ LW_WIDE static void restore_plane(struct lw_tile_dct *dct, float *plane, uint32_
                                   float step, const int16_t *coefficients, const int32_t *grid,
                                   const uint8_t *length) {
     const uint32_t across = blocks(width), down = blocks(height);
+    LW_INVARIANT(across - 1 < GRID && down - 1 < GRID && step > 0);
     for (uint32_t i = 0; i < BLOCK_TEXELS; i++) dct->mean[i] = (float)grid[i] * step;
     inverse(dct, dct->mean, SIDE, across, down, across + down - 1);
     for (uint32_t by = 0; by < down; by++)
@@ -760,6 +762,7 @@ static size_t put_payload(struct lw_tile_dct *dct, uint32_t planes, uint32_t kin
     const uint32_t across = blocks(width), down = blocks(height);
     for (uint32_t p = 0; p < planes; p++)
         put_means(&w, grid[p], dct->rans.scan[across][down], across * down, kind);
+    LW_INVARIANT((size_t)(lw_tile_bits_end(&w) - means) <= MEANS_BOUND && q <= LW_TILE_DCT_STEP_Q_MAX);
     dst[0] = (uint8_t)kind;
     dst[1] = (uint8_t)q;
     memcpy(dst + 2, gain, 3);
@@ -796,6 +799,8 @@ static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *sou
     if (!plain) {
         double restored[3];
         sum_light(dct, height, scale, restored);
+        LW_INVARIANT(restored[0] >= 0 && restored[1] >= 0 && restored[2] >= 0 &&
+                     isfinite(restored[0] + restored[1] + restored[2]));
         const double black = MEAN_OFF_MAX * (double)scale * covered_count;
         for (int c = 0; c < 3; c++) kept_mean &= choose_gain(sum[c], restored[c], black, gain + c);
     }
@@ -838,8 +843,12 @@ void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source
         for (int c = 0; c < 3; c++) sum[c] = sum_of(dct, dct->light[c], height);
         out_coded->scale = choose_scale((sum[0] + sum[1] + sum[2]) / (3.0 * count), source->dark);
     }
+    LW_INVARIANT(count <= width * height && out_coded->scale >= SCALE_MIN && out_coded->scale <= SCALE_MAX);
+    LW_INVARIANT(sum[0] >= 0 && sum[1] >= 0 && sum[2] >= 0 && isfinite(sum[0] + sum[1] + sum[2]));
     const bool continues = goes_on(history, out_coded->scale, q);
     if (continues) {
+        LW_INVARIANT(history->scale >= SCALE_MIN && history->scale <= SCALE_MAX &&
+                     history->q <= LW_TILE_DCT_STEP_Q_MAX);
         out_coded->scale = history->scale;
         q = history->q;
     }

@@ -1,7 +1,9 @@
 #include "common/tile/tile_rans.h"
 
+#include "common/invariant.h"
 #include "common/wide.h"
 
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 #if defined(__x86_64__) && defined(__GNUC__)
@@ -197,6 +199,7 @@ LW_WIDE_INLINE void sort_lists(struct block *block, uint32_t count, struct lists
         first[n] = at;
         at += of_n;
     }
+    LW_INVARIANT(at == out->count && out->count <= LW_TILE_RANS_BLOCKS); /* all that have a list */
     for (uint32_t i = 0; i < count; i++)
         if (block[i].length) out->list[first[block[i].length]++] = &block[i];
 }
@@ -514,6 +517,7 @@ bool lw_tile_rans_get(struct lw_tile_rans *rans, uint32_t planes, const uint8_t 
         rest[2 * lane] = (uint8_t)r.state[lane];
         rest[2 * lane + 1] = (uint8_t)(r.state[lane] >> 8);
     }
+    LW_INVARIANT(rest >= rans->bytes && rest <= end);
     *out_rest = rest;
     *out_rest_size = (size_t)(end - rest);
     *out_rest_free = 2 * lanes;
@@ -595,6 +599,7 @@ LW_WIDE_INLINE uint8_t *put_state(uint8_t *end, uint32_t state) {
 LW_WIDE_INLINE uint32_t put_symbol(const struct lw_tile_rans *rans, uint32_t x, uint32_t symbol,
                                    uint8_t **end) {
     const uint32_t share = symbol >> 16 & 1023, raw_bits = symbol >> 26;
+    LW_INVARIANT_DEAR(share > 0 && x >= STATE_LOW); /* there is such a token, and a state is a state */
     put_word(*end, x);
     const uint32_t gives = x >= share << (22 - raw_bits);
     *end -= 2 * gives;
@@ -649,6 +654,7 @@ LW_WIDE static uint8_t *put_lists(struct lw_tile_rans *rans, uint32_t planes, co
     struct writer w = {first_coefficient, rans->far, rans->active, rans->far_count};
     for (uint32_t i = 0; i < lists.count; i += lists.lanes)
         list_group(rans, lists.list + i, at_most(lists.count - i, lists.lanes), &w);
+    LW_INVARIANT(w.symbol <= rans->symbol + sizeof rans->symbol / sizeof *rans->symbol);
     for (uint32_t lane = 0; lane < lists.lanes; lane++, at += 2)
         state[lane] = STATE_LOW | (at < rest_size ? rest[at] : 0u) |
                       (at + 1 < rest_size ? (uint32_t)rest[at + 1] << 8 : 0u);
@@ -658,6 +664,8 @@ LW_WIDE static uint8_t *put_lists(struct lw_tile_rans *rans, uint32_t planes, co
         for (uint32_t lane = active; lane-- > 0;)
             state[lane] = put_symbol(rans, state[lane], *--w.symbol, &end);
     }
+    LW_INVARIANT(w.symbol == first_coefficient && w.far == rans->far); /* each was put once */
+    LW_INVARIANT(w.active == rans->active && w.far_count == rans->far_count);
     for (uint32_t lane = lists.lanes; lane-- > 1;) end = put_state(end, state[lane]);
     while (count-- > 0) state[0] = put_symbol(rans, state[0], rans->symbol[count], &end);
     *out_lanes = lists.lanes;
@@ -670,6 +678,7 @@ size_t lw_tile_rans_put(struct lw_tile_rans *rans, uint32_t planes, const int16_
     uint8_t *const end = rans->bytes + sizeof rans->bytes;
     uint32_t lanes;
     const uint8_t *begin = put_lists(rans, planes, coefficient, width, height, rest, rest_size, end, &lanes);
+    LW_INVARIANT(begin >= rans->bytes && end - begin <= (ptrdiff_t)LW_TILE_RANS_BOUND);
     const size_t size = (size_t)(end - begin), free_size = at_most(2 * lanes, (uint32_t)rest_size);
     memcpy(dst, begin, size);
     memcpy(dst + size, rest + free_size, rest_size - free_size);
