@@ -1,7 +1,9 @@
 #include "server/publish/levels.h"
 
+#include "common/invariant.h"
 #include "common/wide.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -29,6 +31,7 @@ enum lw_status lw_levels_init(struct lw_levels *levels, uint32_t channel, const 
     for (uint32_t l = 0; l < levels->count; l++) {
         struct lw_levels_image *image = &levels->level[l];
         const size_t texels = (size_t)atlas->level[l].width * atlas->level[l].height;
+        LW_INVARIANT(texels > 0 && (l == 0 || atlas->level[l].width == (atlas->level[l - 1].width + 1) / 2));
         *image = (struct lw_levels_image){.width = atlas->level[l].width, .height = atlas->level[l].height};
         image->value = calloc(texels * levels->planes, sizeof *image->value);
         image->covered = calloc(texels, 1);
@@ -52,6 +55,8 @@ void lw_levels_finish(struct lw_levels *levels) {
 void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *place,
                          const struct lw_solver_tile *tile) {
     struct lw_levels_image *image = &levels->level[0];
+    LW_INVARIANT(place->level == 0 && place->x < levels->columns && place->y < levels->rows);
+    LW_INVARIANT(tile->width == place->width && tile->height == place->height);
     for (uint32_t y = 0; y < tile->height; y++)
         for (uint32_t x = 0; x < tile->width; x++) {
             size_t from = (size_t)y * tile->width + x;
@@ -80,6 +85,7 @@ static struct area area_of(const struct lw_levels *levels, uint32_t cell, uint32
     const struct lw_levels_image *image = &levels->level[level];
     const uint32_t side = LW_TILE_SIDE >> level, x = cell % levels->columns * side,
                    y = cell / levels->columns * side;
+    LW_INVARIANT(x < image->width && y < image->height);
     return (struct area){x, y, smaller(x + side, image->width), smaller(y + side, image->height)};
 }
 
@@ -98,6 +104,7 @@ static void fill_texel(struct lw_levels_image *image, uint32_t planes, uint32_t 
             count++;
         }
     size_t i = (size_t)y * image->width + x;
+    LW_INVARIANT_DEAR(count > 0 && !image->covered[i]);
     for (uint32_t p = 0; p < planes; p++) image->value[i * planes + p] = sum[p] / (float)count;
     image->covered[i] = round;
 }
@@ -150,6 +157,8 @@ static void clear_area(struct lw_levels_image *image, uint32_t planes, struct ar
 
 static void halve(struct lw_levels_image *coarse, const struct lw_levels_image *fine, uint32_t planes,
                   struct area area) {
+    LW_INVARIANT(coarse->width == (fine->width + 1) / 2 && coarse->height == (fine->height + 1) / 2);
+    LW_INVARIANT(area.x1 <= coarse->width && area.y1 <= coarse->height);
     for (uint32_t y = area.y0; y < area.y1; y++)
         for (uint32_t x = area.x0; x < area.x1; x++) {
             float sum[LW_TILE_CHANNEL_PLANES_MAX] = {0};
@@ -207,6 +216,14 @@ static void build_whole(struct lw_levels *levels, uint32_t level) {
     }
 }
 
+/* All texels are filled, or there was nothing to fill from. */
+static bool has_no_hole(const struct lw_levels_image *image) {
+    const size_t texels = (size_t)image->width * image->height;
+    size_t covered = 0;
+    for (size_t i = 0; i < texels; i++) covered += image->covered[i] != 0;
+    return covered == 0 || covered == texels;
+}
+
 /* The coarsest level is what a newcomer sees first: it must have no hole, whichever it is. */
 static bool is_whole(const struct lw_levels *levels, uint32_t level) {
     return level >= PLACEHOLDER_LEVEL || (level > 0 && level + 1 == levels->count);
@@ -222,6 +239,7 @@ void lw_levels_build(struct lw_levels *levels) {
         else
             build_cells(levels, l);
     }
+    LW_INVARIANT_DEAR(levels->count < 2 || has_no_hole(&levels->level[levels->count - 1]));
     EACH_CELL(levels, cell)
     levels->part[cell] = BUILT;
 }
@@ -238,6 +256,9 @@ bool lw_levels_has_changed(const struct lw_levels *levels, const struct lw_tile_
 void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_place *place, float *out_value,
                           uint8_t *out_covered) {
     const struct lw_levels_image *image = &levels->level[place->level];
+    LW_INVARIANT(place->level < levels->count);
+    LW_INVARIANT(place->x * LW_TILE_SIDE + place->width <= image->width &&
+                 place->y * LW_TILE_SIDE + place->height <= image->height);
     for (uint32_t y = 0; y < place->height; y++) {
         const size_t from = (size_t)(place->y * LW_TILE_SIDE + y) * image->width + place->x * LW_TILE_SIDE;
         const size_t to = (size_t)y * place->width;
@@ -251,6 +272,7 @@ void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_p
 
 void lw_levels_count_value(uint64_t bin[LW_LEVELS_BINS], float value, uint64_t weight) {
     uint32_t bits;
+    LW_INVARIANT_DEAR(value >= 0 && isfinite(value));
     memcpy(&bits, &value, sizeof bits);
     bin[bits >> BIN_SHIFT & (LW_LEVELS_BINS - 1)] += weight;
 }
@@ -267,6 +289,7 @@ void lw_levels_count_values(const struct lw_levels *levels, uint64_t bin[LW_LEVE
 
 float lw_levels_quantile(const uint64_t bin[LW_LEVELS_BINS], double share) {
     uint64_t all = 0, under = 0;
+    LW_INVARIANT(share >= 0 && share <= 1);
     for (uint32_t i = 0; i < LW_LEVELS_BINS; i++) all += bin[i];
     if (!all) return 0;
     uint32_t i = 0;
@@ -274,5 +297,6 @@ float lw_levels_quantile(const uint64_t bin[LW_LEVELS_BINS], double share) {
     const uint32_t bits = i << BIN_SHIFT;
     float value;
     memcpy(&value, &bits, sizeof value);
+    LW_INVARIANT(under > 0 && under <= all);
     return value;
 }

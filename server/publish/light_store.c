@@ -2,6 +2,7 @@
 
 #include "common/atomic_file.h"
 #include "common/clock.h"
+#include "common/invariant.h"
 #include "common/log.h"
 
 #include <errno.h>
@@ -87,6 +88,7 @@ struct lw_snapshot *lw_light_store_recall(struct lw_light_store *store, const st
     }
     lw_log(LW_LOG_INFO, "showing frame %llu of the last run until there is light",
            (unsigned long long)snapshot->frame);
+    LW_INVARIANT(!store->newest && snapshot->frame > 0 && snapshot->tile_count == atlas_map->tile_count);
     store->newest = lw_snapshot_ref(snapshot);
     return snapshot;
 }
@@ -115,12 +117,14 @@ void lw_light_store_note(struct lw_light_store *store, struct lw_snapshot *snaps
     store->changed |= changed;
     store->due |= solved || changed || snapshot;
     if (!snapshot) return;
+    LW_INVARIANT(!store->newest || snapshot->frame >= store->newest->frame);
     lw_snapshot_unref(store->newest);
     store->newest = lw_snapshot_ref(snapshot);
 }
 
 static enum lw_status save(struct lw_light_store *store, const struct lw_solver *solver,
                            struct lw_error *err) {
+    LW_INVARIANT(store->due && store->newest);
     enum lw_status status =
         lw_saved_light_save(store->shown_path, store->key, store->newest, !store->changed, err);
     if (status == LW_OK && solver && !store->changed)

@@ -1,6 +1,7 @@
 #include "server/publish/publisher.h"
 
 #include "common/clock.h"
+#include "common/invariant.h"
 #include "common/tile/tile_codec.h"
 #include "server/publish/levels.h"
 
@@ -113,6 +114,7 @@ static enum lw_status create_channel(const struct lw_atlas_map *map, uint32_t nu
 
 enum lw_status lw_publisher_set_channels(struct lw_publisher *p, uint32_t channels) {
     struct channel *made[LW_TILE_CHANNELS_MAX] = {0};
+    LW_INVARIANT(channels >> LW_TILE_CHANNELS_MAX == 0);
     enum lw_status status = LW_OK;
     for (unsigned f = 0; status == LW_OK && f < LW_TILE_CHANNELS_MAX; f++)
         if (channels >> f & 1 && !p->channel[f]) status = create_channel(p->desc.atlas_map, f, &made[f]);
@@ -125,6 +127,7 @@ enum lw_status lw_publisher_set_channels(struct lw_publisher *p, uint32_t channe
             destroy_channel(p->desc.atlas_map, p->channel[f]);
             p->channel[f] = NULL;
         }
+        LW_INVARIANT(status != LW_OK || (p->channel[f] != NULL) == (channels >> f & 1));
     }
     return status;
 }
@@ -179,6 +182,7 @@ static uint32_t level0_tiles(const struct lw_atlas *atlas) {
 
 static void sum_blocks(const struct lw_solver_tile *tile, struct blocks *out) {
     const uint32_t columns = (tile->width + BLOCK_SIDE - 1) / BLOCK_SIDE;
+    LW_INVARIANT(tile->width - 1 < LW_TILE_SIDE && tile->height - 1 < LW_TILE_SIDE);
     memset(out, 0, sizeof *out);
     for (uint32_t i = 0; i < tile->width * tile->height; i++) {
         if (!tile->covered[i]) continue;
@@ -197,6 +201,7 @@ static bool refresh_levels(const struct lw_publisher *p, struct channel *channel
     const uint32_t count = map->atlas[object].level_count ? level0_tiles(&map->atlas[object]) : 0;
     struct lw_solver_tile tile;
     bool changed = false;
+    LW_INVARIANT(first + count <= map->tile_count);
     for (uint32_t id = first; id < first + count; id++) {
         solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
         if (tile.solved_frame < since && channel->sent[id].version) continue;
@@ -232,6 +237,7 @@ static void note_unlit(struct lw_publisher *p, const struct lw_pose *pose, uint3
         *unlit = SPARE;
     else if (*unlit == SPARE)
         *unlit = frame;
+    LW_INVARIANT(*unlit == SPARE || *unlit <= frame);
     if (!*unlit || *unlit == SPARE) return;
     p->news[object] = is_lit(p, object, *unlit) ? LIT_AGAIN : HELD_BACK;
 }
@@ -277,6 +283,7 @@ float lw_publisher_error(const struct lw_atlas_map *map, const struct lw_solver 
             error = fmaxf(error, tile.error);
             bounces = tile.bounces < bounces ? tile.bounces : bounces;
         }
+    LW_INVARIANT(error >= 0 && bounces < UINT32_MAX); /* there was a tile of level 0 */
     if (out_bounces) *out_bounces = bounces;
     return error;
 }
@@ -292,6 +299,7 @@ static float find_ratio(const float *now, const float *then, size_t count, float
         sum += (double)(relative * relative);
     }
     *out_mean = (float)(mean / (double)count);
+    LW_INVARIANT(sum >= 0 && mean >= 0 && isfinite(sum) && isfinite(mean));
     return (float)sqrt(sum / (double)count);
 }
 
@@ -342,7 +350,9 @@ static enum lw_status make_tile_blobs(const struct lw_publisher *p, struct worke
     *out_delta = NULL;
     enum lw_status status =
         lw_blob_from_message(&(struct lw_message){.type = LW_MESSAGE_TILE, .tile = *tile}, &blob);
+    LW_INVARIANT(coded->size > 0 && coded->size <= lw_tile_codec_bound() && coded->scale > 0);
     if (status == LW_OK && coded->delta_size && coded->delta_size < coded->size) {
+        LW_INVARIANT(sent->version > 0 && sent->version < tile->version); /* there is what it builds on */
         tile->base = sent->version;
         tile->payload = worker->delta;
         tile->payload_size = coded->delta_size;
@@ -378,6 +388,7 @@ static enum lw_status send_tile(const struct lw_publisher *p, struct worker *wor
         sent->version = 0; /* the history may be ahead of what was sent: no delta may build on that */
         return status;
     }
+    LW_INVARIANT(lw_snapshot_version(frame) > sent->version);
     memcpy(sent->value, worker->value, floats * sizeof *sent->value);
     lw_blob_unref(sent->blob);
     lw_blob_unref(sent->delta);
@@ -468,6 +479,8 @@ static void list_state(const struct lw_publisher *p, const struct lw_pose *pose,
         else if (!pose->object_spare[o])
             change->hidden[change->hidden_count++] = o;
     }
+    LW_INVARIANT(change->spare_count <= change->hidden_count);
+    LW_INVARIANT(change->hidden_count + change->shown_count <= scene->object_count); /* each once */
     for (uint32_t m = 0; m < scene->material_count; m++) {
         const struct lw_material_state *now = &pose->material[m];
         if (!everything && !memcmp(now, &p->previous.material[m], sizeof *now)) continue;
@@ -550,6 +563,7 @@ static enum lw_status encode_change(const struct lw_message_frame *frame, const 
         }
         at += written;
     }
+    LW_INVARIANT(at == size);
     *out_blob = blob;
     return LW_OK;
 }
@@ -602,6 +616,8 @@ static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose
         for (uint32_t t = 0; p->channel[f] && t < tile_count; t++) {
             const struct sent_tile *sent = &p->channel[f]->sent[t];
             if (!sent->blob) continue;
+            LW_INVARIANT(sent->version <= lw_snapshot_version(frame->frame) &&
+                         (!sent->delta || sent->base < sent->version));
             snapshot->tile[f][t] =
                 (struct lw_snapshot_tile){.version = sent->version,
                                           .blob = lw_blob_ref(sent->blob),
@@ -617,6 +633,7 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
                                     uint64_t solve_ns, uint64_t rays_total, uint64_t tiles_solved,
                                     struct lw_snapshot **out_snapshot, struct lw_publisher_stats *out_stats) {
     struct lw_publisher_stats stats = {0};
+    LW_INVARIANT(frame > p->previous_frame && p->since <= frame);
     /* The first time there may be light that no frame of this solver has made. */
     const bool has_light = tiles_solved > 0 || !p->previous_frame || p->since;
     if (!p->since) p->since = frame; /* until all of it is published */

@@ -1,6 +1,7 @@
 #include "server/publish/saved_light.h"
 
 #include "common/checked_file.h"
+#include "common/invariant.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -28,6 +29,7 @@ static uint32_t kept_of(uint32_t channels) {
 enum lw_status lw_saved_light_save(const char *path, const uint8_t key[LW_SAVED_LIGHT_KEY_SIZE],
                                    const struct lw_snapshot *snapshot, bool steady, struct lw_error *err) {
     struct lw_checked_file_writer writer;
+    LW_INVARIANT(snapshot->frame > 0 && kept_of(snapshot->channels)); /* nothing else is read back */
     enum lw_status status = lw_checked_file_write_begin(&writer, path, err);
     if (status != LW_OK) return status;
     struct header header = {
@@ -38,6 +40,7 @@ enum lw_status lw_saved_light_save(const char *path, const uint8_t key[LW_SAVED_
     for (unsigned c = 0; c < LW_TILE_CHANNELS_MAX; c++)
         for (uint32_t i = 0; header.channels >> c & 1 && i < snapshot->tile_count; i++) {
             const struct lw_blob *blob = snapshot->tile[c][i].blob;
+            LW_INVARIANT(snapshot->tile[c][i].version <= lw_snapshot_version(snapshot->frame));
             if (blob) lw_checked_file_put(&writer, blob->bytes, blob->size);
         }
     return lw_checked_file_write_end(&writer);
@@ -80,6 +83,7 @@ static enum lw_status take_frame(struct reader *reader, struct lw_message *messa
         lw_blob_unref(whole);
         return lw_status_fail(err, status, "frame");
     }
+    LW_INVARIANT(before + size == whole->size);
     lw_blob_unref(snapshot->frame_full);
     snapshot->frame_full = whole;
     return LW_OK;
@@ -100,6 +104,7 @@ static enum lw_status take_tile(struct reader *reader, struct lw_message *messag
                               tile->object, tile->level, tile->tile);
     tile->error = fmaxf(tile->error, reader->error_min);
     struct lw_snapshot_tile *taken = &snapshot->tile[tile->layer][id];
+    LW_INVARIANT(id < snapshot->tile_count);
     enum lw_status status = lw_blob_from_message(message, &taken->blob);
     if (status != LW_OK) return lw_status_fail(err, status, "a tile");
     taken->version = tile->version;

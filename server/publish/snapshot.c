@@ -1,6 +1,7 @@
 #include "server/publish/snapshot.h"
 
-#include <assert.h>
+#include "common/invariant.h"
+
 #include <stdlib.h>
 
 enum lw_status lw_blob_create(size_t size, struct lw_blob **out_blob) {
@@ -15,9 +16,11 @@ enum lw_status lw_blob_create(size_t size, struct lw_blob **out_blob) {
 
 enum lw_status lw_blob_from_message(const struct lw_message *message, struct lw_blob **out_blob) {
     struct lw_blob *blob;
-    enum lw_status status = lw_blob_create(lw_message_size(message), &blob);
+    const size_t size = lw_message_size(message);
+    enum lw_status status = lw_blob_create(size, &blob);
     if (status != LW_OK) return status;
-    status = lw_message_encode(message, blob->bytes, blob->size, &blob->size);
+    status = lw_message_encode(message, blob->bytes, size, &blob->size);
+    LW_INVARIANT(status != LW_OK || blob->size == size);
     if (status == LW_OK)
         *out_blob = blob;
     else
@@ -29,13 +32,13 @@ enum lw_status lw_blob_from_message(const struct lw_message *message, struct lw_
  * thread's writes; dropping the last one acquires the writes of all threads before it frees. */
 static void take(_Atomic uint32_t *references) {
     uint32_t before = atomic_fetch_add_explicit(references, 1, memory_order_relaxed);
-    assert(before > 0 && before < UINT32_MAX);
+    LW_INVARIANT(before > 0 && before < UINT32_MAX);
     (void)before;
 }
 
 static bool drop(_Atomic uint32_t *references) {
     uint32_t before = atomic_fetch_sub_explicit(references, 1, memory_order_acq_rel);
-    assert(before > 0);
+    LW_INVARIANT(before > 0);
     return before == 1;
 }
 
@@ -50,6 +53,7 @@ void lw_blob_unref(struct lw_blob *blob) {
 
 enum lw_status lw_snapshot_create(uint32_t tile_count, uint32_t channels, struct lw_snapshot **out_snapshot) {
     struct lw_snapshot *snapshot = calloc(1, sizeof *snapshot);
+    LW_INVARIANT(channels >> LW_TILE_CHANNELS_MAX == 0);
     if (!snapshot) return LW_NO_MEMORY;
     atomic_init(&snapshot->references, 1);
     snapshot->channels = channels;
