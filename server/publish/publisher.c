@@ -299,7 +299,7 @@ static float find_ratio(const float *now, const float *then, size_t count, float
         sum += (double)(relative * relative);
     }
     *out_mean = (float)(mean / (double)count);
-    LW_INVARIANT(sum >= 0 && mean >= 0 && isfinite(sum) && isfinite(mean));
+    LW_INVARIANT_DEAR(sum >= 0 && mean >= 0 && isfinite(sum) && isfinite(mean));
     return (float)sqrt(sum / (double)count);
 }
 

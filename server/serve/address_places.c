@@ -1,6 +1,7 @@
 #include "server/serve/address_places.h"
 
-#include <assert.h>
+#include "common/invariant.h"
+
 #include <netinet/in.h>
 #include <stdlib.h>
 #include <string.h>
@@ -61,12 +62,13 @@ enum lw_status lw_address_places_take(struct lw_address_places *places, const st
         (*at)->address = *address;
     }
     (*at)->count++;
+    LW_INVARIANT((*at)->count <= most);
     return LW_OK;
 }
 
 void lw_address_places_give(struct lw_address_places *places, const struct lw_address *address) {
     struct lw_address_places_entry **at = find(places, address), *entry = *at;
-    assert(entry);
+    LW_INVARIANT(entry && entry->count > 0);
     if (--entry->count) return;
     *at = entry->next;
     free(entry);

@@ -1,5 +1,7 @@
 #include "server/serve/deltas.h"
 
+#include "common/invariant.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -28,6 +30,7 @@ static void forget_jumps(struct lw_deltas_of_tile *of) {
 }
 
 static void forget(struct lw_deltas_of_tile *of, uint32_t count) {
+    LW_INVARIANT(count <= of->count && of->count <= LW_DELTAS_KEPT);
     for (uint32_t i = 0; i < count; i++) {
         lw_blob_unref(of->base[i].whole);
         lw_blob_unref(of->base[i].delta);
@@ -51,9 +54,17 @@ void lw_deltas_finish(struct lw_deltas *deltas) {
     *deltas = (struct lw_deltas){0};
 }
 
+/* Each version is newer than the one before, and the newest than all. */
+static bool is_ascending(const struct lw_deltas_of_tile *of) {
+    for (uint32_t i = 0; i < of->count; i++)
+        if (of->base[i].version >= (i + 1 < of->count ? of->base[i + 1].version : of->version)) return false;
+    return true;
+}
+
 static void add(struct lw_deltas_of_tile *of, uint64_t version, struct lw_blob *whole, uint64_t base,
                 struct lw_blob *delta) {
     const bool goes_on = delta && of->whole && of->version == base;
+    LW_INVARIANT(version > of->version);
     forget_jumps(of);
     if (!goes_on)
         forget(of, of->count);
@@ -66,9 +77,11 @@ static void add(struct lw_deltas_of_tile *of, uint64_t version, struct lw_blob *
         lw_blob_unref(of->whole);
     of->version = version;
     of->whole = lw_blob_ref(whole);
+    LW_INVARIANT_DEAR(is_ascending(of));
 }
 
 void lw_deltas_add(struct lw_deltas *deltas, uint32_t tile, const struct lw_snapshot_tile *version) {
+    LW_INVARIANT(tile < deltas->tile_count);
     add(&deltas->tile[tile], version->version, version->blob, version->base, version->delta);
 }
 
@@ -108,6 +121,7 @@ static bool wait_for_coarse(struct lw_deltas *deltas, uint32_t tile) {
             deltas->transcoder,
             &(struct lw_transcoder_job){.tile = tile, .coarse = true, .version = version, .to = fine->whole}))
         of->asked = version;
+    LW_INVARIANT(of->known <= of->asked);
     return of->asked >= version;
 }
 
@@ -115,6 +129,7 @@ static enum lw_deltas_way next_of(struct lw_deltas *deltas, uint32_t tile, uint6
                                   struct lw_delta *out_delta) {
     struct lw_deltas_of_tile *of = coarse ? &deltas->coarse[tile] : &deltas->tile[tile];
     struct lw_delta_base *base = find(of, from), *end = of->base + of->count;
+    LW_INVARIANT(of->version >= from); /* ways lead to newer versions */
     if (wait_for_jump(deltas, tile, coarse, base)) return LW_DELTAS_WAIT;
     size_t chain = 0;
     for (const struct lw_delta_base *b = base; b && b < end; b++) chain += b->delta->size;
@@ -132,6 +147,7 @@ static enum lw_deltas_way next_of(struct lw_deltas *deltas, uint32_t tile, uint6
 
 enum lw_deltas_way lw_deltas_next(struct lw_deltas *deltas, uint32_t tile, uint64_t from, bool coarse,
                                   struct lw_delta *out_delta) {
+    LW_INVARIANT(tile < deltas->tile_count);
     const enum lw_deltas_way way = !coarse || find(&deltas->tile[tile], from)
                                        ? next_of(deltas, tile, from, false, out_delta)
                                        : LW_DELTAS_WHOLE;
@@ -153,12 +169,15 @@ bool lw_deltas_collect(struct lw_deltas *deltas) {
     bool any = false;
     for (struct lw_transcoder_result r; deltas->transcoder && lw_transcoder_collect(deltas->transcoder, &r);
          any = true) {
+        LW_INVARIANT(r.tile < deltas->tile_count);
         struct lw_deltas_of_tile *of = r.coarse ? &deltas->coarse[r.tile] : &deltas->tile[r.tile];
         struct lw_delta_base *base = of->version == r.version ? find(of, r.base) : NULL;
         if (r.coarse && !r.base) {
+            LW_INVARIANT(r.version > of->known && r.version <= of->asked); /* in the order of asking */
             of->known = r.version;
             if (r.blob) add(of, r.version, r.blob, r.delta_base, r.delta);
-        } else if (base) { /* else too late */
+        } else if (base) {                                                  /* else too late */
+            LW_INVARIANT(base->is_asked && !base->is_known && !base->jump); /* answered once */
             base->is_known = true;
             base->jump = r.blob;
             r.blob = NULL;

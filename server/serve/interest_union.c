@@ -1,6 +1,7 @@
 #include "server/serve/interest_union.h"
 
-#include <assert.h>
+#include "common/invariant.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -21,17 +22,21 @@ void lw_interest_union_add_everything(struct lw_interest_union *interest_union) 
 }
 
 void lw_interest_union_remove_everything(struct lw_interest_union *interest_union) {
-    assert(interest_union->everything > 0);
+    LW_INVARIANT(interest_union->everything > 0);
     interest_union->changed |= --interest_union->everything == 0;
 }
 
 void lw_interest_union_add(struct lw_interest_union *interest_union, const uint32_t *tile, size_t count) {
-    for (size_t i = 0; i < count; i++) interest_union->changed |= interest_union->count[tile[i]]++ == 0;
+    for (size_t i = 0; i < count; i++) {
+        LW_INVARIANT(tile[i] < interest_union->atlas_map->tile_count);
+        interest_union->changed |= interest_union->count[tile[i]]++ == 0;
+    }
 }
 
 void lw_interest_union_remove(struct lw_interest_union *interest_union, const uint32_t *tile, size_t count) {
     for (size_t i = 0; i < count; i++) {
-        assert(interest_union->count[tile[i]] > 0);
+        LW_INVARIANT(tile[i] < interest_union->atlas_map->tile_count);
+        LW_INVARIANT(interest_union->count[tile[i]] > 0);
         interest_union->changed |= --interest_union->count[tile[i]] == 0;
     }
 }
@@ -40,6 +45,7 @@ static void cover(const struct lw_atlas_map *map, uint32_t tile, uint8_t *out_le
     const struct lw_tile_place *place = &map->place[tile];
     const struct lw_atlas_level *fine = &map->atlas[place->object].level[0];
     const uint32_t side = 1u << place->level, x0 = place->x * side, y0 = place->y * side;
+    LW_INVARIANT(x0 < fine->tiles_x && y0 < fine->tiles_y); /* a tile covers something */
     for (uint32_t y = y0; y < y0 + side && y < fine->tiles_y; y++)
         for (uint32_t x = x0; x < x0 + side && x < fine->tiles_x; x++) {
             uint8_t *level =

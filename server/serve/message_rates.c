@@ -1,5 +1,7 @@
 #include "server/serve/message_rates.h"
 
+#include "common/invariant.h"
+
 #include <math.h>
 
 static const struct {
@@ -66,11 +68,13 @@ bool lw_message_rates_count(struct lw_message_rates *rates, struct lw_framing_he
 }
 
 void lw_message_rates_bound(struct lw_message_rates *rates, enum lw_message_rates_kind kind, double at_once) {
+    LW_INVARIANT(kind < LW_MESSAGE_RATES_COUNT && at_once >= 0);
     rates->left[kind] = fmin(fmax(rates->left[kind], 0), at_once);
 }
 
 bool lw_message_rates_count_other(struct lw_message_rates *rates, enum lw_message_rates_kind kind,
                                   double count, uint64_t now_ns) {
+    LW_INVARIANT(kind < LW_MESSAGE_RATES_COUNT && count >= 0);
     rates->left[kind] -= rates->trusted ? count / LW_MESSAGE_RATES_TRUST : count;
     return lw_message_rates_wait(rates, now_ns);
 }

@@ -1,6 +1,7 @@
 #include "server/serve/priority.h"
 
-#include <assert.h>
+#include "common/invariant.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -27,6 +28,9 @@ void lw_priority_finish(struct lw_priority *priority) {
 
 void lw_priority_note(struct lw_priority *priority, uint32_t tile, uint64_t version, float change) {
     struct lw_priority_tile *of = &priority->tile[tile];
+    LW_INVARIANT(tile < priority->atlas_map->tile_count);
+    LW_INVARIANT_DEAR(change >= 0);
+    LW_INVARIANT(!of->count || version >= of->version[(of->count - 1) % LW_PRIORITY_KEPT]);
     of->version[of->count % LW_PRIORITY_KEPT] = version;
     of->square[of->count % LW_PRIORITY_KEPT] = change > 0 ? change * change : 1;
     of->count++;
@@ -63,6 +67,7 @@ float lw_priority_of(const struct lw_priority *priority, uint32_t tile, uint64_t
     uint64_t since = frame;
     const float square = square_since(&priority->tile[tile], has, &since);
     const float wrong = frame > since ? (float)(frame - since) + 1 : 1; /* frames */
+    LW_INVARIANT(square >= 0 && area > 0);
     return square * area * wrong * wrong;
 }
 
@@ -80,7 +85,7 @@ static uint32_t bin_of(float value) {
 void lw_priority_list_begin(struct lw_priority *priority) { priority->listed_count = 0; }
 
 void lw_priority_list(struct lw_priority *priority, uint32_t tile, float value) {
-    assert(priority->listed_count < priority->atlas_map->tile_count);
+    LW_INVARIANT(priority->listed_count < priority->atlas_map->tile_count);
     priority->bin[priority->listed_count] = (uint16_t)bin_of(value);
     priority->listed[priority->listed_count++] = tile;
 }
@@ -89,6 +94,8 @@ void lw_priority_list_end(const struct lw_priority *priority, uint32_t *out_tile
     uint32_t first[LW_PRIORITY_BINS + 1] = {0};
     for (uint32_t i = 0; i < priority->listed_count; i++) first[priority->bin[i] + 1]++;
     for (uint32_t b = 0; b < LW_PRIORITY_BINS; b++) first[b + 1] += first[b];
+    LW_INVARIANT(first[LW_PRIORITY_BINS] == priority->listed_count);
     for (uint32_t i = 0; i < priority->listed_count; i++)
         out_tile[first[priority->bin[i]]++] = priority->listed[i];
+    LW_INVARIANT(first[LW_PRIORITY_BINS - 1] == priority->listed_count); /* a permutation: no place is left */
 }

@@ -1,6 +1,7 @@
 #include "server/serve/session_private.h"
 
 #include "common/clock.h"
+#include "common/invariant.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -83,6 +84,7 @@ static enum lw_status cut_chunk(struct lw_session_sending *sending, const struct
     if (status != LW_OK) return status;
     const struct lw_message_package_chunk *chunk = &message.package_chunk; /* FINISH_CHUNK is the same */
     const size_t skip = (size_t)(offset - chunk->offset);
+    LW_INVARIANT(offset > chunk->offset && skip < chunk->size); /* inside, as its end says */
     const struct lw_message rest = {.type = message.type,
                                     .package_chunk = {offset, chunk->data + skip, chunk->size - skip}};
     status = lw_blob_from_message(&rest, &sending->partial);
@@ -106,12 +108,14 @@ bool lw_send_queue_start(struct lw_session_sending *sending, const struct lw_ses
     uint32_t at = 0;
     while (at < package->chunk_count && package->chunk[at].end <= request->offset) at++;
     const bool inside = request->offset > (at ? package->chunk[at - 1].end : 0);
+    LW_INVARIANT(!sending->of && (!inside || at < package->chunk_count));
     if (inside && !holds_part(sending, package->chunk[at].part) &&
         cut_chunk(sending, package->chunk[at].blob, request->offset) != LW_OK)
         return false;
     sending->of = package;
     sending->next = at + inside;
     skip_held(sending);
+    LW_INVARIANT(sending->next <= package->chunk_count);
     return true;
 }
 
@@ -171,6 +175,7 @@ struct batch {
 };
 
 static void take_batch(struct lw_session *s, struct batch *batch) {
+    LW_INVARIANT(!s->is_writing); /* else what the link has would be lost */
     batch->blob_count = batch->tile_count = 0;
     batch->bytes = 0;
     while (batch->blob_count < LW_SESSION_TRANSPORT_BLOBS && batch->bytes < BATCH_BYTES && !s->lacks_memory) {
@@ -188,6 +193,7 @@ static void take_batch(struct lw_session *s, struct batch *batch) {
 static int write_batch(struct lw_session *s, const struct batch *batch) {
     const int written = s->link->ops->write(s->link, batch->blob, batch->blob_count);
     if (written < 0) return written;
+    LW_INVARIANT((size_t)written <= batch->bytes && batch->tile_count <= batch->blob_count);
     s->given += batch->bytes;
     s->writing = batch->bytes - (size_t)written;
     s->is_writing = s->writing > 0;
@@ -212,6 +218,7 @@ bool lw_send_queue_write(struct lw_session *s) {
 void lw_send_queue_renew_allowance(struct lw_session *s, uint64_t now_ns) {
     const double rate_hz = (double)s->rate_limit_bytes_hz, since_s = 1e-9 * (double)(now_ns - s->allowed_ns);
     s->allowance = fmin(s->allowance + rate_hz * since_s, 1e-3 * LW_SERVER_BURST_MS * rate_hz);
+    LW_INVARIANT(now_ns >= s->allowed_ns && isfinite(s->allowance));
     s->allowed_ns = now_ns;
     s->is_paced = false;
 }

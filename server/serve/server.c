@@ -1,6 +1,7 @@
 #include "server/serve/server.h"
 
 #include "common/clock.h"
+#include "common/invariant.h"
 #include "common/log.h"
 #include "common/slices.h"
 #include "server/serve/control_socket.h"
@@ -9,7 +10,6 @@
 #include "server/serve/turns.h"
 #include "server/serve/web_server.h"
 
-#include <assert.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
@@ -112,6 +112,7 @@ static enum lw_status add_chunk(struct packing *p, uint32_t part, size_t size) {
     if (status == LW_OK) {
         *compressed_size += size;
         chunk->end = *compressed_size;
+        LW_INVARIANT(to->chunk_count < p->capacity && size <= LW_SESSION_CHUNK);
         chunk->part = part;
         to->chunk_count++;
     }
@@ -144,6 +145,7 @@ static enum lw_status list_parts(struct lw_message_package *told, const uint8_t 
     told->part_compressed_size = size + count;
     for (size_t i = 0; i < count; i++) {
         const uint64_t begin = i ? end[i - 1] : 0;
+        LW_INVARIANT(end[i] > begin);
         size[i] = end[i] - begin;
         size[count + i] = 0;
         lw_package_hash(package + begin, (size_t)size[i], &hash[i]);
@@ -245,7 +247,7 @@ static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_
                 order[filled++] = map->first_tile[o] + level->first_tile + t;
             if (!above) *out_coarsest = filled;
         }
-    assert(filled == map->tile_count);
+    LW_INVARIANT(filled == map->tile_count);
     *out_order = order;
     return LW_OK;
 }
@@ -269,6 +271,7 @@ static void note_changed(const struct lw_server *server, struct lw_session_chann
                          lw_priority_of(&channel->priority, id, lw_snapshot_frame_of(had), after->frame));
     }
     channel->changed_count = channel->priority.listed_count;
+    LW_INVARIANT(channel->changed_count <= after->tile_count);
     lw_priority_list_end(&channel->priority, channel->changed);
 }
 
@@ -295,7 +298,8 @@ static void answer_updates(struct lw_session_shared *shared) {
 
 static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     struct lw_session_shared *shared = &server->shared;
-    assert(snapshot->tile_count == shared->atlas_map->tile_count);
+    LW_INVARIANT(snapshot->tile_count == shared->atlas_map->tile_count);
+    LW_INVARIANT(!shared->snapshot || snapshot->frame >= shared->snapshot->frame);
     for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++)
         if (shared->channels_served >> f & 1 && lw_snapshot_has(snapshot, f))
             adopt_channel(server, &shared->channel[f], snapshot);
@@ -331,6 +335,7 @@ static void hand_over_interest(struct lw_server *server) {
     }
     interest_union->changed = false;
     uv_mutex_lock(&server->mutex);
+    LW_INVARIANT(!server->has_interest && !server->interest.levels); /* only this thread hands one over */
     server->interest = list;
     server->has_interest = true;
     uv_mutex_unlock(&server->mutex);
@@ -836,7 +841,7 @@ static enum lw_status start_http(struct lw_server *server, const struct lw_serve
 static enum lw_status start_metrics(struct lw_server *server, const struct lw_server_desc *desc,
                                     struct lw_error *err) {
     if (!desc->metrics_host || (desc->sockets && desc->sockets->metrics < 0)) return LW_OK;
-    assert(desc->hooks.page);
+    LW_INVARIANT(desc->hooks.page);
     const struct lw_web_server_desc web = {.loop = &server->loop,
                                            .sessions = &server->shared,
                                            .host = desc->metrics_host,
@@ -1019,7 +1024,7 @@ static void set_descriptor_limit(void) {
 
 enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_server **out_server,
                                 struct lw_error *err) {
-    assert(desc->package_size > 0);
+    LW_INVARIANT(desc->package_size > 0);
     struct lw_server *server = calloc(1, sizeof *server);
     if (!server) goto no_memory;
     if (uv_mutex_init(&server->mutex) < 0) {

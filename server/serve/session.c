@@ -1,10 +1,10 @@
 #include "server/serve/session.h"
 
 #include "common/clock.h"
+#include "common/invariant.h"
 #include "common/log.h"
 #include "server/serve/session_private.h"
 
-#include <assert.h>
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -18,6 +18,7 @@ struct lw_session *lw_session_next(const struct lw_session *session) {
 
 void lw_session_count(struct lw_session_shared *shared, uint64_t *counter, int64_t change) {
     uv_mutex_lock(&shared->stats_mutex);
+    LW_INVARIANT(change >= 0 || *counter >= (uint64_t)-change);
     *counter += (uint64_t)change;
     uv_mutex_unlock(&shared->stats_mutex);
 }
@@ -51,6 +52,7 @@ uint32_t lw_session_kept_places(const struct lw_session_shared *shared) {
 }
 
 bool lw_session_is_crowded(const struct lw_session_shared *shared) {
+    LW_INVARIANT(shared->control_count <= shared->place_count);
     return shared->place_count - shared->control_count >
            shared->sessions_max - lw_session_kept_places(shared);
 }
@@ -72,6 +74,9 @@ static bool take_place(struct lw_session *s) {
         s->is_turned_away = true;
         shared->turned_away_count++;
     }
+    LW_INVARIANT(!(s->has_place && s->is_turned_away));
+    LW_INVARIANT(shared->place_count <= shared->sessions_max &&
+                 shared->turned_away_count <= LW_SERVER_TURNED_AWAY_MAX);
     return s->has_place || s->is_turned_away;
 }
 
@@ -79,6 +84,8 @@ static void give_place(struct lw_session *s) {
     struct lw_session_shared *shared = s->shared;
     if (s->has_place) lw_address_places_give(&shared->places, &s->peer.at);
     if (s->is_turned_away) lw_address_places_give(&shared->turned_away, &s->peer.at);
+    LW_INVARIANT(shared->place_count >= s->has_place && shared->turned_away_count >= s->is_turned_away);
+    LW_INVARIANT(shared->control_count >= s->keeps_control_place);
     shared->place_count -= s->has_place;
     shared->turned_away_count -= s->is_turned_away;
     shared->control_count -= s->keeps_control_place;
@@ -130,7 +137,8 @@ struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_s
 
 void lw_session_closed(struct lw_session *s) {
     struct lw_session_shared *shared = s->shared;
-    assert(s->state == LW_SESSION_CLOSED);
+    LW_INVARIANT(s->state == LW_SESSION_CLOSED && !s->welcomed && !s->has_place && !s->is_turned_away);
+    LW_INVARIANT(!s->queue && !s->inbox); /* nobody finds it any more */
     lw_blob_unref(s->control);
     for (struct lw_blob *blob; (blob = lw_session_take_answer(s));) lw_blob_unref(blob);
     lw_send_queue_finish_sending(&s->package);
@@ -148,6 +156,7 @@ void lw_session_closed(struct lw_session *s) {
 }
 
 static void unlink_session(struct lw_session *s) {
+    LW_INVARIANT((s->shared->first == s) == !s->previous && (!s->next || s->next->previous == s));
     if (s->previous)
         s->previous->next = s->next;
     else
@@ -192,6 +201,7 @@ static const char *reason(int result) {
 void lw_session_lost(struct lw_session *s, int result) { lw_session_close(s, reason(result)); }
 
 void lw_session_written(struct lw_session *s, int result, bool was_full) {
+    LW_INVARIANT(s->is_writing || s->state == LW_SESSION_CLOSED);
     s->is_writing = false;
     if (s->state == LW_SESSION_CLOSED) return;
     if (result < 0) {
@@ -271,6 +281,7 @@ void lw_session_queue_answer(struct lw_session *s, const struct lw_message *mess
         lw_session_lacks_memory(s); /* an answer must not be lost */
         return;
     }
+    LW_INVARIANT(!s->first_answer == !s->answer_count && !s->last_answer == !s->answer_count);
     last->next = NULL;
     if (s->last_answer)
         s->last_answer->next = last;
@@ -285,6 +296,7 @@ struct lw_blob *lw_session_take_answer(struct lw_session *s) {
     struct lw_session_answer_entry *answer = s->first_answer;
     if (!answer) return NULL;
     struct lw_blob *blob = answer->blob;
+    LW_INVARIANT(s->answer_count > 0 && (s->answer_count == 1) == !answer->next);
     s->first_answer = answer->next;
     if (!s->first_answer) s->last_answer = NULL;
     s->answer_count--;

@@ -1,6 +1,7 @@
 #include "server/serve/session_handlers.h"
 
 #include "common/clock.h"
+#include "common/invariant.h"
 #include "server/serve/session_private.h"
 
 #include <assert.h>
@@ -48,6 +49,7 @@ static bool admit(struct lw_session *s, const struct lw_message_hello *hello) {
     s->peer.may_control = s->role == LW_TOKENS_CONTROL;
     s->keeps_control_place = s->peer.may_control && s->has_place;
     s->shared->control_count += s->keeps_control_place;
+    LW_INVARIANT(s->shared->control_count <= s->shared->place_count);
     if (s->peer.may_control || !lw_session_is_crowded(s->shared)) return true;
     lw_session_refuse(s, LW_REFUSAL_FULL, "the last %u places are for those who may control",
                       lw_session_kept_places(s->shared));
@@ -95,6 +97,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
         (!s->rate_limit_bytes_hz || hello->rate_limit_bytes_hz < s->rate_limit_bytes_hz))
         s->rate_limit_bytes_hz = hello->rate_limit_bytes_hz;
     s->allowed_ns = lw_clock_ns();
+    LW_INVARIANT(s->state == LW_SESSION_EXPECTS_HELLO && !s->welcomed); /* else it counts twice */
     s->state = LW_SESSION_WELCOMED;
     s->welcomed = true;
     lw_session_queues_set_due(s, true);
@@ -197,6 +200,7 @@ static void handle_interest(struct lw_session *s, const struct lw_message_intere
     for (size_t i = 0; i < said->tile_count; i++)
         if (!lw_session_interest_test_and_set(listed, interest.tile[i]))
             interest.tile[interest.tile_count++] = interest.tile[i];
+    LW_INVARIANT(interest.tile_count <= said->tile_count && !(interest.everything && interest.tile_count));
     for (uint32_t i = 0; i < interest.tile_count; i++) listed[interest.tile[i] / 64] = 0;
     free(s->waiting.tile);
     s->waiting = interest;

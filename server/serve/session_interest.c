@@ -1,5 +1,7 @@
 #include "server/serve/session_private.h"
 
+#include "common/invariant.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -18,6 +20,7 @@ static void mark(struct lw_session *s) {
     memset(s->interest_bits, 0, 2 * words * sizeof *s->interest_bits);
     for (uint32_t i = 0; i < s->interest.tile_count; i++) {
         const uint32_t listed = s->interest.tile[i];
+        LW_INVARIANT(listed < map->tile_count);
         const struct lw_tile_place *place = &map->place[listed];
         lw_session_interest_test_and_set(listed_bits, listed);
         /* above a tile that has its bit all have theirs */
@@ -36,7 +39,9 @@ static void mark(struct lw_session *s) {
 static void count_taker(struct lw_session *s, bool more) {
     for (uint32_t i = 0; i < s->take_count; i++) {
         struct lw_session_channel *c = s->take[i].channel;
+        LW_INVARIANT(more || c->session_count > 0);
         if (more ? !c->session_count++ : !--c->session_count) s->shared->channels_taken ^= 1u << c->number;
+        LW_INVARIANT((s->shared->channels_taken >> c->number & 1) == (c->session_count > 0));
     }
 }
 
@@ -56,6 +61,7 @@ static void count_out(struct lw_session *s, const struct lw_session_interest *in
 
 bool lw_session_interest_take_up(struct lw_session *s) {
     struct lw_session_interest before = s->interest;
+    LW_INVARIANT(s->has_waiting && s->waiting.tile_count <= s->shared->atlas_map->tile_count);
     if (s->waiting.everything) {
         free(s->interest_bits);
         s->interest_bits = NULL;

@@ -1,10 +1,10 @@
 #include "server/serve/tcp_transport.h"
 
 #include "common/clock.h"
+#include "common/invariant.h"
 #include "server/serve/control_socket.h"
 #include "server/serve/session_handlers.h"
 
-#include <assert.h>
 #if defined(__linux__)
 #include <linux/sockios.h>
 #endif
@@ -87,6 +87,7 @@ static int queue_rest(struct link *link, struct lw_blob *const *blob, uv_buf_t *
         written -= buffer[first].len;
         lw_blob_unref(blob[first]);
     }
+    LW_INVARIANT(first < count && !link->pending);
     buffer[first].base += written;
     buffer[first].len -= written;
     const uint32_t left = count - first;
@@ -195,6 +196,7 @@ static int write_by_tls(struct link *link, struct lw_blob *const *blob, uint32_t
     const int result = send_output(link, true);
     if (result < 0) return result;
     const size_t sent = output->taken + (size_t)result;
+    LW_INVARIANT(sent <= size);
     if (sent == size) return (int)bytes;
     const size_t share = (size_t)((double)bytes * (double)sent / (double)size);
     return (int)(share < bytes ? share : bytes - 1); /* not all: the rest is waited for */
@@ -202,7 +204,7 @@ static int write_by_tls(struct link *link, struct lw_blob *const *blob, uint32_t
 
 /* Before the handshake is done a session says one thing: that it is refused. */
 static int hold(struct link *link, struct lw_blob *const *blob, uint32_t count) {
-    assert(count == 1 && !link->held);
+    LW_INVARIANT(count == 1 && !link->held);
     (void)count;
     link->held = blob[0];
     return 0;
@@ -212,7 +214,7 @@ static int write_blobs(struct lw_session_transport *transport, struct lw_blob *c
     struct link *link = link_of(transport);
     uv_buf_t buffer[LW_SESSION_TRANSPORT_BLOBS] = {{0}};
     size_t bytes = 0;
-    assert(count <= LW_SESSION_TRANSPORT_BLOBS && !link->pending);
+    LW_INVARIANT(count <= LW_SESSION_TRANSPORT_BLOBS && !link->pending);
     if (!count) return 0;
     for (uint32_t i = 0; i < count; i++) {
         buffer[i] = uv_buf_init((char *)blob[i]->bytes, (unsigned)blob[i]->size);
@@ -408,7 +410,7 @@ static void read_on(struct lw_session_transport *transport, bool on) {
 
 static void on_closed(uv_handle_t *handle) {
     struct link *link = handle->data;
-    assert(!link->pending); /* libuv cancels writes before it calls back */
+    LW_INVARIANT(!link->pending); /* libuv cancels writes before it calls back */
     if (link->session) lw_session_closed(link->session);
     lw_blob_unref(link->held);
     lw_tls_stream_destroy(link->stream);

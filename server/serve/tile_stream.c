@@ -1,5 +1,7 @@
 #include "server/serve/session_private.h"
 
+#include "common/invariant.h"
+
 #include <stdlib.h>
 
 #define AHEAD 32u /* tiles for which a session asks the transcoder at once */
@@ -17,6 +19,7 @@ static const struct lw_snapshot_tile *newest_of(const struct lw_session_take *t,
 /* The version of a tile that will do. */
 static uint64_t due_version(const struct lw_session_take *t, uint32_t tile) {
     const uint64_t newest = newest_of(t, tile)->version;
+    LW_INVARIANT(newest > 0);
     return takes_coarse(t) ? lw_snapshot_coarse_version(newest) : newest;
 }
 
@@ -60,6 +63,7 @@ static void walk_lacked(struct lw_session *s, struct lw_session_take *t) {
         return;
     }
     lw_priority_list_end(priority, t->lacked);
+    LW_INVARIANT(priority->listed_count <= shared->atlas_map->tile_count);
     t->walk_left = priority->listed_count;
 }
 
@@ -74,6 +78,7 @@ static void judge_link(struct lw_session_take *t, bool link_was_full) {
 /* A session that had everything walks what changed, in the order that all such sessions share. Any other one
  * has a list of its own. */
 static void start_walk(struct lw_session *s, struct lw_session_take *t) {
+    LW_INVARIANT(t->generation < t->channel->generation);
     const bool had_all = t->walk_left == 0 && t->generation + 1 == t->channel->generation;
     judge_link(t, s->link_was_full);
     t->generation = t->channel->generation;
@@ -98,6 +103,7 @@ static void start_walks(struct lw_session *s) {
 
 struct lw_blob *lw_tile_stream_next_frame(struct lw_session *s) {
     const struct lw_snapshot *snapshot = s->take[0].channel->snapshot;
+    LW_INVARIANT(s->take_count > 0 && s->frame_sent <= snapshot->frame);
     start_walks(s);
     if (s->frame_sent == snapshot->frame) return NULL;
     bool builds_on = snapshot->frame_delta && s->frame_sent && s->frame_sent == snapshot->previous_frame;
@@ -118,6 +124,8 @@ static void prepare_ahead(const struct lw_session *s, const struct lw_session_ta
 
 static struct lw_blob *next_tile_of_walk(struct lw_session *s, struct lw_session_take *t) {
     const uint32_t *list = t->lacked ? t->lacked : t->channel->changed;
+    LW_INVARIANT(t->generation == t->channel->generation); /* the list is of this snapshot */
+    LW_INVARIANT(t->lacked || !t->walk_left || t->walk_cursor + t->walk_left <= t->channel->changed_count);
     for (; t->walk_left; t->walk_cursor++, t->walk_left--) {
         const uint32_t id = list[t->walk_cursor];
         if (!t->delta_follows && !lacks(s, t, id)) continue;
@@ -127,6 +135,7 @@ static struct lw_blob *next_tile_of_walk(struct lw_session *s, struct lw_session
             s->waits = true;
             return NULL;
         }
+        LW_INVARIANT(delta.version > t->sent[id] && delta.version <= newest_of(t, id)->version);
         t->sent[id] = delta.version;
         t->delta_follows = delta.version < due_version(t, id);
         if (!t->delta_follows) {

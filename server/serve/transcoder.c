@@ -1,5 +1,6 @@
 #include "server/serve/transcoder.h"
 
+#include "common/invariant.h"
 #include "common/tile/tile_codec.h"
 
 #include <math.h>
@@ -38,6 +39,12 @@ static enum lw_status read_tile(const struct lw_blob *blob, struct lw_message *o
         return LW_BAD_DATA;
     }
     return status;
+}
+
+/* The counters of jobs; under the mutex. */
+static bool is_in_order(const struct lw_transcoder *r) {
+    return r->collected <= r->done && r->done <= r->asked &&
+           r->asked - r->collected <= LW_TRANSCODER_JOBS_MAX;
 }
 
 /* NULL is no failure that anybody must hear of: there are other ways to the version. */
@@ -82,6 +89,7 @@ static enum lw_status encode_coarse(struct lw_transcoder *r, uint32_t id, const 
         lw_tile_codec_decode(r->codec, r->channel, tile->codec, tile->payload, tile->payload_size,
                              tile->scale, place->width, place->height, NULL, r->value);
     if (status != LW_OK) return status;
+    LW_INVARIANT(tile->payload_size > 1); /* it holds its step */
     if (!coarse->history) {
         coarse->history = aligned_alloc(_Alignof(struct lw_tile_dct_history), size);
         if (!coarse->history) return LW_NO_MEMORY;
@@ -100,6 +108,7 @@ static void make_coarse(struct lw_transcoder *r, const struct lw_transcoder_job 
     struct coarse *coarse = &r->coarse[job->tile];
     struct lw_message m;
     struct lw_tile_dct_coded coded = {0};
+    LW_INVARIANT(job->version > coarse->version); /* asked for in this order */
     if (read_tile(job->to, &m) != LW_OK) return;
     const bool smaller =
         encode_coarse(r, job->tile, &m.tile, &coded) == LW_OK && coded.size < m.tile.payload_size;
@@ -127,6 +136,7 @@ static void *work(void *context) {
             pthread_cond_wait(&r->asked_for, &r->mutex);
             continue;
         }
+        LW_INVARIANT(is_in_order(r));
         const uint64_t at = r->done % LW_TRANSCODER_JOBS_MAX;
         const struct lw_transcoder_job job = r->job[at];
         pthread_mutex_unlock(&r->mutex);
@@ -139,6 +149,7 @@ static void *work(void *context) {
         pthread_mutex_lock(&r->mutex);
         r->made[at] = made;
         r->done++;
+        LW_INVARIANT(is_in_order(r));
         if (r->done == r->asked || r->done == r->collected + 1) r->wake(r->context);
     }
     pthread_mutex_unlock(&r->mutex);
@@ -204,6 +215,7 @@ void lw_transcoder_destroy(struct lw_transcoder *r) {
 }
 
 bool lw_transcoder_ask(struct lw_transcoder *r, const struct lw_transcoder_job *job) {
+    LW_INVARIANT(job->tile < r->atlas_map->tile_count && job->version > job->base);
     pthread_mutex_lock(&r->mutex);
     const bool fits = r->asked - r->collected < LW_TRANSCODER_JOBS_MAX;
     if (fits) {
@@ -212,6 +224,7 @@ bool lw_transcoder_ask(struct lw_transcoder *r, const struct lw_transcoder_job *
         if (at->from) lw_blob_ref(at->from);
         lw_blob_ref(at->to);
         r->asked++;
+        LW_INVARIANT(is_in_order(r));
         pthread_cond_signal(&r->asked_for);
     }
     pthread_mutex_unlock(&r->mutex);
@@ -226,6 +239,7 @@ bool lw_transcoder_collect(struct lw_transcoder *r, struct lw_transcoder_result 
         const uint64_t at = r->collected++ % LW_TRANSCODER_JOBS_MAX;
         job = r->job[at];
         *out_result = r->made[at];
+        LW_INVARIANT(is_in_order(r) && job.tile == out_result->tile && job.version == out_result->version);
     }
     pthread_mutex_unlock(&r->mutex);
     if (any) unref_job(&job);

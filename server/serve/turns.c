@@ -1,10 +1,12 @@
 #include "server/serve/turns.h"
 
 #include "common/clock.h"
+#include "common/invariant.h"
 #include "server/serve/session_handlers.h"
 #include "server/serve/session_private.h"
 
 static void pump(struct lw_session *s) {
+    LW_INVARIANT(!s->queue && s->state != LW_SESSION_CLOSED);
     if (s->rate_limit_bytes_hz) lw_send_queue_renew_allowance(s, lw_clock_ns());
     if (s->has_waiting && s->interest_epoch != s->shared->epoch && !lw_session_interest_take_up(s))
         s->lacks_memory = true;
@@ -38,7 +40,10 @@ void lw_turns_begin_snapshot(struct lw_session_shared *shared) {
 }
 
 void lw_turns_serve_paced(struct lw_session_shared *shared) {
-    while (shared->paced.first) lw_session_queues_set_due(shared->paced.first, false);
+    for (struct lw_session *s; (s = shared->paced.first);) {
+        lw_session_queues_set_due(s, false);
+        LW_INVARIANT(s->queue == &shared->due[1]); /* it is not found again */
+    }
     end_waiting(shared, lw_clock_ns());
 }
 
@@ -46,7 +51,10 @@ void lw_turns_collect(struct lw_session_shared *shared) {
     bool any = false;
     for (unsigned c = 0; c < LW_TILE_CHANNELS_MAX; c++) any |= lw_deltas_collect(&shared->channel[c].deltas);
     if (!any) return;
-    while (shared->waiting.first) lw_session_queues_set_due(shared->waiting.first, false);
+    for (struct lw_session *s; (s = shared->waiting.first);) {
+        lw_session_queues_set_due(s, false);
+        LW_INVARIANT(s->queue == &shared->due[1]);
+    }
 }
 
 bool lw_turns_any_due(const struct lw_session_shared *shared) {

@@ -1,5 +1,7 @@
 #include "server/serve/updates.h"
 
+#include "common/invariant.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -13,6 +15,12 @@ void lw_updates_finish(struct lw_updates *updates) {
     free(updates->entry);
     free(updates->change);
     uv_mutex_destroy(&updates->mutex);
+}
+
+/* Under the mutex. */
+static bool is_in_order(const struct lw_updates *u) {
+    return u->taken_count <= u->entry_count && u->entry_count <= u->entry_capacity &&
+           u->change_count <= u->change_capacity && u->change_count <= LW_UPDATES_CHANGES_MAX;
 }
 
 static bool grow(void **array, size_t *capacity, size_t needed, size_t size) {
@@ -36,6 +44,7 @@ static bool add(struct lw_updates *u, const struct lw_updates_entry *entry,
     if (count) memcpy(u->change + u->change_count, change, count * sizeof *change);
     u->change_count += count;
     u->waiting = true;
+    LW_INVARIANT(is_in_order(u));
     return true;
 }
 
@@ -57,6 +66,8 @@ bool lw_updates_add(struct lw_updates *updates, struct lw_session *session, uint
 size_t lw_updates_take(struct lw_updates *u, uint64_t frame, struct lw_scene_change **out_change,
                        size_t *out_change_count) {
     uv_mutex_lock(&u->mutex);
+    LW_INVARIANT(is_in_order(u));
+    LW_INVARIANT(!u->taken_count || u->entry[u->taken_count - 1].frame <= frame); /* taken frame by frame */
     size_t count = u->entry_count - u->taken_count;
     for (size_t i = u->taken_count; i < u->entry_count; i++) u->entry[i].frame = frame;
     u->taken_count = u->entry_count;
@@ -73,6 +84,7 @@ bool lw_updates_next(struct lw_updates *u, uint64_t frame, struct lw_updates_ent
     uv_mutex_lock(&u->mutex);
     bool has = u->taken_count && u->entry[0].frame <= frame;
     if (has) {
+        LW_INVARIANT(is_in_order(u));
         *out_entry = u->entry[0];
         u->taken_count--;
         u->entry_count--;

@@ -1,9 +1,9 @@
 #include "server/serve/ws_transport.h"
 
+#include "common/invariant.h"
 #include "server/serve/session_handlers.h"
 #include "server/serve/tcp_transport.h"
 
-#include <assert.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -35,7 +35,7 @@ static struct lw_ws_transport *link_of(struct lw_session_transport *transport) {
 
 static int write_blobs(struct lw_session_transport *transport, struct lw_blob *const *blob, uint32_t count) {
     struct lw_ws_transport *link = link_of(transport);
-    assert(link->first == link->blob_count && count <= LW_SESSION_TRANSPORT_BLOBS);
+    LW_INVARIANT(link->first == link->blob_count && count <= LW_SESSION_TRANSPORT_BLOBS);
     memcpy(link->blob, blob, count * sizeof(struct lw_blob *));
     link->first = 0;
     link->blob_count = count;
@@ -61,7 +61,7 @@ static int end_writing(struct lw_session_transport *transport, enum lw_refusal c
     struct lw_ws_transport *link = link_of(transport);
     char reason[REASON_MAX];
     size_t size = strlen(text);
-    assert(!link->in_event);
+    LW_INVARIANT(!link->in_event);
     if (link->lost) return 0;
     if (size > REASON_MAX)
         for (size = REASON_MAX; size && ((unsigned char)text[size] & 0xc0) == 0x80;)
@@ -147,6 +147,7 @@ static size_t fill(struct lw_ws_transport *link) {
         link->first++;
         lw_blob_unref(blob);
     }
+    LW_INVARIANT(size <= link->waiting && size <= LW_WS_TRANSPORT_MESSAGE);
     link->waiting -= size;
     return size;
 }
