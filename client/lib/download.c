@@ -1,5 +1,7 @@
 #include "client/lib/download.h"
 
+#include "common/invariant.h"
+
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
@@ -81,6 +83,7 @@ static enum lw_status reserve(struct lw_download *d, uint64_t size, struct lw_er
     uint64_t capacity = d->capacity ? 2 * (uint64_t)d->capacity : CAPACITY_START;
     if (capacity < size) capacity = size;
     if (capacity > d->package_size) capacity = d->package_size;
+    LW_INVARIANT(capacity >= size); /* no part ends past the package */
     uint8_t *grown = realloc(d->bytes, (size_t)capacity);
     if (!grown)
         return lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory after %zu bytes", d->what, d->size);
@@ -103,6 +106,7 @@ static enum lw_status take_held(struct lw_download *d, struct lw_error *err) {
         struct lw_download_part *part = &d->part[d->parts_done];
         enum lw_status status = reserve(d, part->end, err);
         if (status != LW_OK) return status;
+        LW_INVARIANT(d->size == (d->parts_done ? part[-1].end : 0) && part->end <= d->capacity);
         memcpy(d->bytes + d->size, part->held, (size_t)part->end - d->size);
         free(part->held);
         part->held = NULL;
@@ -133,6 +137,7 @@ static enum lw_status decompress(struct lw_download *d, const uint8_t *data, siz
         if (ZSTD_isError(result))
             return lw_status_fail(err, LW_PROTOCOL, "%s: %s", d->what, ZSTD_getErrorName(result));
         bool advanced = out.pos > d->size || in.pos > before, full = out.pos == out.size;
+        LW_INVARIANT(out.pos >= d->size && out.pos <= d->capacity && out.pos <= part->end);
         d->size = out.pos;
         *out_ended = result == 0;
         /* input used up and room left: zstd has nothing more to give */

@@ -1,5 +1,7 @@
 #include "client/lib/interest.h"
 
+#include "common/invariant.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -46,6 +48,13 @@ static void sort(lw_tile_id *tile, size_t count) {
         }
 }
 
+/* Ascending, each tile once. */
+static bool is_in_order(const struct lw_interest_list *list) {
+    for (uint32_t i = 1; i < list->count; i++)
+        if (list->tile[i - 1].v >= list->tile[i].v) return false;
+    return list->count <= list->capacity && !(list->everything && list->count);
+}
+
 enum lw_status lw_interest_set(struct lw_interest *interest, const lw_tile_id *tile, size_t count,
                                uint32_t most) {
     struct lw_interest_list *now = &interest->now;
@@ -60,6 +69,7 @@ enum lw_status lw_interest_set(struct lw_interest *interest, const lw_tile_id *t
     }
     now->everything = different > most;
     now->count = now->everything ? 0 : different;
+    LW_INVARIANT_DEAR(is_in_order(now));
     return LW_OK;
 }
 
@@ -84,6 +94,7 @@ bool lw_interest_is_due(const struct lw_interest *interest, uint64_t now_ns) {
     if (since_ns < LW_INTEREST_TELL_NS) return false;
     if (now->everything || told->everything) return now->everything != told->everything;
     if (count_lacking(now, told)) return true;
+    LW_INVARIANT(told->count >= now->count);
     const uint32_t shed = told->count - now->count; /* now has nothing that told lacks */
     return shed && (shed >= (told->count + LW_INTEREST_SHED_ONE - 1) / LW_INTEREST_SHED_ONE ||
                     since_ns >= LW_INTEREST_SHED_NS);
@@ -95,6 +106,7 @@ enum lw_status lw_interest_tell(struct lw_interest *interest, uint64_t now_ns) {
     if (now->count) memcpy(told->tile, now->tile, now->count * sizeof *now->tile);
     told->everything = now->everything;
     told->count = now->count;
+    LW_INVARIANT_DEAR(is_in_order(told));
     interest->told_ns = now_ns;
     return LW_OK;
 }

@@ -4,6 +4,7 @@
 #include "client/lib/tls_trust.h"
 #include "common/clock.h"
 #include "common/control_path.h"
+#include "common/invariant.h"
 
 #include <arpa/inet.h>
 #include <errno.h>
@@ -136,6 +137,7 @@ static int send_sealed(struct lw_link *link) {
         if (sent < 0 && errno == EINTR) continue;
         if (sent < 0) return errno == EWOULDBLOCK ? EAGAIN : errno;
         link->sealed_sent += (size_t)sent;
+        LW_INVARIANT(link->sealed_sent <= sealed->size);
     }
     sealed->size = link->sealed_sent = 0;
     return 0;
@@ -147,6 +149,7 @@ static enum lw_status unseal(struct lw_link *link, size_t *size, struct lw_error
         enum lw_status status = lw_tls_stream_read(
             link->tls, link->input + *size, INPUT_SIZE + SEALED_MORE - *size, &got, &link->sealed, err);
         if (status != LW_OK) return status;
+        LW_INVARIANT(got <= INPUT_SIZE + SEALED_MORE - *size);
         *size += got;
     }
     return LW_OK;
@@ -262,6 +265,7 @@ static enum lw_status flush(struct lw_link *link, struct lw_error *err) {
         if (sent < 0 && errno == EINTR) continue;
         if (sent < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return LW_OK;
         if (sent < 0) return closed(link, strerror(errno), err);
+        LW_INVARIANT((size_t)sent <= link->outbox_size);
         link->outbox_size -= (size_t)sent;
         memmove(link->outbox, link->outbox + sent, link->outbox_size);
     }
@@ -286,6 +290,7 @@ enum lw_status lw_link_send(struct lw_link *link, const struct lw_message *messa
         return lw_status_fail(err, status, "cannot write message %s: %s",
                               lw_message_name((uint16_t)message->type), lw_status_text(status));
     link->outbox_size += size;
+    LW_INVARIANT(link->outbox_size <= sizeof link->outbox);
     return flush(link, err);
 }
 

@@ -1,5 +1,7 @@
 #include "client/lib/live_interest.h"
 
+#include "common/invariant.h"
+
 #include <float.h>
 #include <stdlib.h>
 #include <string.h>
@@ -255,6 +257,7 @@ static void look_at_object(struct lw_live_interest *interest, const struct lw_cl
 
 /* Lists a tile that is not in this round's list; counts up to one too many. */
 static void list(struct lw_live_interest *interest, lw_tile_id tile, uint32_t *count) {
+    LW_INVARIANT(tile.v < interest->map->tile_count);
     if (interest->mark[tile.v] == interest->round || *count > LW_CLIENT_INTEREST_MAX) return;
     interest->mark[tile.v] = interest->round;
     interest->list[(*count)++] = tile;

@@ -1,6 +1,7 @@
 #include "client/lib/live_tiles.h"
 
 #include "client/lib/live_error.h"
+#include "common/invariant.h"
 
 #include <stdlib.h>
 
@@ -27,6 +28,7 @@ void lw_live_tiles_finish(struct lw_live_tiles *tiles) {
 lw_tile_id lw_live_tiles_cover(const struct lw_live_tiles *tiles, const struct lw_tile_place *p,
                                uint32_t level) {
     const unsigned up = level - p->level;
+    LW_INVARIANT(level >= p->level && level < tiles->map->atlas[p->object].level_count);
     return lw_atlas_map_find(tiles->map, p->object, level, p->x >> up, p->y >> up);
 }
 
@@ -54,6 +56,7 @@ static void mark_one(struct lw_live_tiles *tiles, lw_tile_id tile) {
     if (!(*state & QUEUED))
         tiles->ring[(tiles->ring_first + tiles->ring_count++) % tiles->map->tile_count] = tile;
     *state = DIRTY | QUEUED;
+    LW_INVARIANT(tiles->ring_count <= tiles->map->tile_count && tiles->dirty_count <= tiles->ring_count);
 }
 
 /* Of what lies below a tile, what is read from the level that has changed. */
@@ -108,6 +111,7 @@ static struct lw_live_rect grow(struct lw_live_tiles *tiles, const struct lw_til
         for (uint32_t x = 0; x < width; x++)
             tiles->state[lw_atlas_map_find(tiles->map, p->object, p->level, p->x + x, p->y + y).v] &=
                 (uint8_t)~DIRTY;
+    LW_INVARIANT(width * height <= tiles->dirty_count);
     tiles->dirty_count -= width * height;
     struct lw_live_rect rect = {.object = p->object,
                                 .level = p->level,
@@ -160,6 +164,7 @@ static void take_oldest(struct lw_live_tiles *tiles, struct taking *t, uint32_t 
         if (!is_wanted && tiles->state[tile.v] & DIRTY) {
             tiles->ring[(tiles->ring_first + tiles->ring_count - 1) % tiles->map->tile_count] = tile;
         } else {
+            LW_INVARIANT(tiles->ring_count > 0 && !(tiles->state[tile.v] & DIRTY));
             tiles->state[tile.v] &= (uint8_t)~QUEUED;
             tiles->ring_count--;
         }

@@ -1,9 +1,11 @@
 #include "client/lib/replica.h"
 
 #include "common/clock.h"
+#include "common/invariant.h"
 #include "common/scene/finish_package.h"
 #include "common/tile/tile_codec.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -192,6 +194,8 @@ bool lw_replica_is_beside(const struct lw_replica *r) { return r->beside; }
 void lw_replica_show_finishes(struct lw_replica *r) {
     const struct lw_scene *finished = &r->finished;
     if (!finished->material) return;
+    LW_INVARIANT(!r->beside && finished->material_count == r->scene->material_count &&
+                 finished->mesh_count == r->scene->mesh_count);
     for (uint32_t m = 0; m < finished->material_count; m++)
         r->scene->material[m].finish = r->now.material[m].finish = finished->material[m].finish;
     for (uint32_t m = 0; m < finished->mesh_count; m++)
@@ -206,7 +210,10 @@ void lw_replica_set_watch(struct lw_replica *r, lw_replica_watch *watch, void *c
     r->watch_context = context;
 }
 
-void lw_replica_begin_run(struct lw_replica *r) { r->version_base = r->version_max; }
+void lw_replica_begin_run(struct lw_replica *r) {
+    LW_INVARIANT(r->version_max >= r->version_base);
+    r->version_base = r->version_max;
+}
 
 uint64_t lw_replica_version_of_run(const struct lw_replica *r, lw_tile_id tile) {
     const uint64_t version = lw_replica_get_tile(r, tile).version;
@@ -263,12 +270,22 @@ enum lw_status lw_replica_take_frame(struct lw_replica *r, const struct lw_messa
     return status == LW_OK ? set_materials(r, frame, err) : status;
 }
 
+/* What the decoder promises, whatever the bytes. */
+static bool are_values(const struct lw_tile_channel *is, const float *value, size_t count) {
+    for (size_t i = 0; i < count; i++)
+        if (!isfinite(value[i]) || (is->coding == LW_TILE_CODING_LIGHT && value[i] < 0)) return false;
+    return true;
+}
+
 static void copy_into_level(struct lw_replica *r, const struct slot *slot,
                             const struct lw_tile_place *place) {
     const size_t level_width = r->map.atlas[place->object].level[place->level].width,
                  planes = slot->is->planes;
     size_t x = (size_t)place->x * LW_TILE_SIDE, y = (size_t)place->y * LW_TILE_SIDE;
     float *level = slot->texels + planes * *first_texel_of(r, place->object, place->level);
+    LW_INVARIANT(x + place->width <= level_width &&
+                 y + place->height <= r->map.atlas[place->object].level[place->level].height);
+    LW_INVARIANT_DEAR(are_values(slot->is, r->decoded, planes * place->width * place->height));
     for (uint32_t row = 0; row < place->height; row++)
         memcpy(level + planes * ((y + row) * level_width + x), r->decoded + planes * row * place->width,
                planes * place->width * sizeof(float));
@@ -368,11 +385,13 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
                               "message TILE: object %u, level %u, tile %u: the payload is damaged", t->object,
                               t->level, t->tile);
     copy_into_level(r, slot, place);
+    LW_INVARIANT(known->version || !is_coarsest || r->coarsest_missing > 0);
     if (!known->version && is_coarsest) r->coarsest_missing--;
     if (is_coarsest && !r->pose.object_spare[t->object]) r->unlit[t->object] = false;
     *known = (struct lw_client_tile){
         .version = version, .bounces = t->bounces, .error = t->error, .arrived_ns = lw_clock_ns()};
     if (version > r->version_max) r->version_max = version;
+    LW_INVARIANT(known->version > r->version_base && known->version <= r->version_max);
     if (r->watch && at == LW_REPLICA_IRRADIANCE) r->watch(r->watch_context, id);
     return LW_OK;
 }
