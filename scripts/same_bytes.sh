@@ -13,6 +13,9 @@
 #   rays    rays and texels of each frame, from --json
 #   view    a view by rays, linear EXR (lightwell-view --headless)
 #   maps    what lightwell-bake writes (not of scenes named in LW_SAME_UNBAKED)
+# Then each build runs the scripts of tests/reference/test_solve_scripts.c: frames with a budget of units, interest
+# that jumps, onsets, sweeps, groups, forms, objects hidden and shown, a checkpoint, probes. One digest a frame is
+# compared; of a script that differs the first frame is named. LW_SAME_SCRIPTS=only runs nothing else.
 # Ends with 0 if all are the same.
 set -euo pipefail
 [ $# -ge 2 ] || { sed -n '2,/^set/{/^set/d;s/^# \{0,1\}//;p}' "$0"; exit 64; }
@@ -81,7 +84,25 @@ only_tiles() {
 # digest FILE...: of their bytes; "-": there are none
 digest() { [ -e "$1" ] && cat "$@" | sha256sum | cut -c1-16 || echo -; }
 
+# compare_scripts: the digests of both builds, script by script
+compare_scripts() {
+    local side script line
+    for side in before after; do "${!side}/test_solve_scripts" digests >"$folder/scripts-$side" 2>/dev/null; done
+    cut -d' ' -f1 "$folder/scripts-before" "$folder/scripts-after" | sort -u >"$folder/names"
+    while read -r script; do
+        for side in before after; do grep "^$script " "$folder/scripts-$side" >"$folder/of-$side" || true; done
+        line=$(cmp "$folder/of-before" "$folder/of-after" 2>&1 | grep -oP '(line |EOF on ).*' || true)
+        [ -z "$line" ] || failed=1
+        printf '%-31s %-17s %-17s %s\n' "$script" "$(digest "$folder/of-before")" "$(digest "$folder/of-after")" \
+            "${line:+DIFFERENT from frame ${line#line }}"
+    done <"$folder/names"
+}
+
 failed=0
+if [ "${LW_SAME_SCRIPTS:-}" = only ]; then
+    compare_scripts
+    exit $failed
+fi
 printf '%-24s %-6s %-17s %-17s\n' scene what before after
 for scene in "${scenes[@]}"; do
     name=$(basename "$scene")
@@ -103,4 +124,5 @@ for scene in "${scenes[@]}"; do
         printf '%-24s %-6s %-17s %-17s %s\n' "$name" $what "${found[before]}" "${found[after]}" $verdict
     done
 done
+compare_scripts
 exit $failed

@@ -106,7 +106,8 @@ struct settings {
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
     struct lw_probe_options probes;
     int denoise;
-    double frame_rate, frame_budget_ms, freeze_s, error, link_rate, tile_step, stall_s, return_s, prepare_s;
+    double frame_rate, frame_budget_ms, frame_budget_units, freeze_s, error, link_rate, tile_step, stall_s,
+        return_s, prepare_s;
     bool animate, freeze, json, insecure;
     int clock, light, codec, log_format, log_level;
     char host[256], http_host[256]; /* http_host "": none */
@@ -225,7 +226,8 @@ static uint32_t choices_of(const struct settings *s) {
            (s->codec == CODEC_DCT ? LW_CHOICE_DCT : LW_CHOICE_HALF) |
            (s->tile_step != (double)LW_PUBLISHER_STEP_WIDEST ? LW_CHOICE_STEP_WIDEST : 0) |
            (isfinite(s->frame_budget_ms) && s->frame_budget_ms != BUDGET_MS ? LW_CHOICE_BUDGET : 0) |
-           (s->animate ? LW_CHOICE_ANIMATE : 0) | (s->freeze ? LW_CHOICE_FREEZE : 0);
+           (isfinite(s->frame_budget_units) ? LW_CHOICE_UNITS : 0) | (s->animate ? LW_CHOICE_ANIMATE : 0) |
+           (s->freeze ? LW_CHOICE_FREEZE : 0);
 }
 
 /* What one option alone does not tell. */
@@ -350,6 +352,11 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "left is for the "
          "next. inf: as long as it takes. Under the real clock alone (default 33)",
          LW_OPTION_REAL, &s->frame_budget_ms, 1, (double)INFINITY, NULL},
+        {"frame-budget-units", "N",
+         "work that a frame may do, about, as the texels that it solves if it does nothing else: a budget "
+         "that "
+         "is repeatable. Under the step and manual clocks alone (default inf)",
+         LW_OPTION_REAL, &s->frame_budget_units, 1, (double)INFINITY, NULL},
         {"clock", "real|step|manual",
          "real: scene time is wall time (default). step: 1/30 s of scene time per solved frame, repeatable. "
          "manual: the same, and a frame begins with each line on stdin, whose end stops the server",
@@ -548,6 +555,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
             .seed = (uint32_t)s->seed,
             .frame_budget_s =
                 s->clock == CLOCK_REAL && isfinite(s->frame_budget_ms) ? s->frame_budget_ms * 1e-3 : 0,
+            .frame_budget_units = isfinite(s->frame_budget_units) ? s->frame_budget_units : 0,
             .cancel = &d->cancel,
             .waiting = &d->first_light,
             .awaited = s->clock == CLOCK_REAL ? lw_server_updates_wait(d->server) : NULL},
@@ -1264,6 +1272,7 @@ static void init(struct daemon *d, int argc, char **argv) {
                      .tile_step = (double)LW_PUBLISHER_STEP_WIDEST,
                      .frame_rate = 30,
                      .frame_budget_ms = BUDGET_MS,
+                     .frame_budget_units = (double)INFINITY,
                      .seed = 1,
                      .stall_s = STALL_S,
                      .return_s = RETURN_S,

@@ -12,6 +12,11 @@
 
 /* Of the time that rays and sums take. */
 #define LISTING_SHARE 0.05
+/* Texels of a scene that listing looks at in the time in which one is solved. */
+#define LISTING_TEXELS 256u
+/* Of running means of rates: light changes seldom, and verification in bursts. */
+#define SOLVE_RATE_FRAMES  10
+#define VERIFY_RATE_FRAMES 2
 
 /* A frame under way. */
 struct frame {
@@ -21,6 +26,7 @@ struct frame {
     struct lw_transport transport;
     struct lw_scheduler_frame following;
     struct lw_solver_stats stats;
+    uint64_t verified; /* work (budget.h) */
     /* Of the stage under way: time that belongs to probes. */
     uint64_t probe_ns;
     /* Something is due. */
@@ -32,7 +38,8 @@ struct frame {
 /* Seams that hold an object which has begun to move may do so a little longer where
  * frames have a time to keep. */
 enum lw_status lw_cell_frame_find_seams(struct lw_cell_solver *s) {
-    enum lw_status status = lw_geometry_find_seams(s->geometry, &s->tiles, s->desc.frame_budget_s > 0);
+    enum lw_status status =
+        lw_geometry_find_seams(s->geometry, &s->tiles, lw_solver_desc_is_limited(&s->desc));
     if (status != LW_OK || s->seams_found == s->geometry->seams_found) return status;
     s->seams_found = s->geometry->seams_found;
     for (int f = 0; f < LW_LIGHT_FORM_COUNT && status == LW_OK; f++) {
@@ -72,12 +79,20 @@ struct lw_transport lw_cell_frame_transport(struct lw_cell_solver *s) {
                                  .target_error = s->desc.target_error};
 }
 
+static bool counts_units(const struct lw_cell_solver *s) { return s->desc.frame_budget_units > 0; }
+
+static struct lw_budget budget_of(const struct lw_cell_solver *s) {
+    if (!lw_scheduler_mode_is_limited(s->turn.mode)) return (struct lw_budget){0};
+    return counts_units(s) ? lw_budget_of_units(s->turn.budget)
+                           : lw_budget_of_time(s->turn.budget, &s->rates);
+}
+
 static struct lw_scheduler_frame following_of(const struct lw_cell_solver *s,
                                               const struct lw_transport *passes) {
     return (struct lw_scheduler_frame){.passes = passes,
 
                                        .converged = lw_cell_frame_converged(s),
-                                       .budget_s = s->turn.budget_s,
+                                       .budget = budget_of(s),
                                        .mode = s->turn.mode,
                                        .filtered = s->desc.denoise,
                                        .threads = s->threads};
@@ -115,7 +130,7 @@ static bool take_texels(struct lw_cell_solver *s) {
 static enum lw_status place(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     enum lw_status status =
-        lw_geometry_set_pose(s->geometry, &s->pose, s->desc.frame_budget_s > 0, f->number, err);
+        lw_geometry_set_pose(s->geometry, &s->pose, lw_solver_desc_is_limited(&s->desc), f->number, err);
     if (status != LW_OK) return status;
     (void)take_texels(s);
     if (s->pose_due & (LW_POSE_MATERIALS | LW_POSE_SKY))
@@ -128,7 +143,7 @@ static enum lw_status place(struct frame *f, struct lw_error *err) {
     if (lw_cell_frame_parts_drawn(s)) lw_lights_set_pose(&s->drawn, &s->pose);
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
     lw_reflectors_place(&s->reflectors, &s->tiles);
-    if (s->view_due || s->pose_due & LW_POSE_DYNAMIC) s->listing_ns = 0; /* rays to what is gone would lie */
+    if (s->view_due || s->pose_due & LW_POSE_DYNAMIC) s->listing = 0; /* rays to what is gone would lie */
     if (s->has_probes) {
         uint64_t t = lw_clock_ns();
         f->stats.rays_probe += lw_probes_place(&s->probes, &s->pose, s->geometry->trace, s->threads);
@@ -152,12 +167,14 @@ static enum lw_status find_reflectors(struct frame *f, struct lw_error *err) {
  * listing takes its share of the time and no more. */
 static enum lw_status find_reflectors_in_time(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
-    if (s->desc.frame_budget_s > 0 && (double)s->listing_ns > LISTING_SHARE * (double)s->since_listing_ns)
+    if (lw_solver_desc_is_limited(&s->desc) && (double)s->listing > LISTING_SHARE * (double)s->since_listing)
         return LW_OK;
     const uint64_t began_ns = lw_clock_ns();
     enum lw_status status = find_reflectors(f, err);
-    s->listing_ns = s->frames ? lw_clock_ns() - began_ns : 0; /* the first frame looks at every texel */
-    s->since_listing_ns = 0;
+    s->listing = !s->frames        ? 0 /* the first frame looks at every texel */
+                 : counts_units(s) ? s->tiles.texel_count / LISTING_TEXELS * LW_BUDGET_UNIT
+                                   : lw_clock_ns() - began_ns;
+    s->since_listing = 0;
     return status;
 }
 
@@ -217,7 +234,7 @@ static enum lw_status verify(struct frame *f, struct lw_error *err) {
     struct lw_ray_count rays = {0};
     (void)err;
     lw_scheduler_find_contributors(&s->scheduler, &s->tiles, s->has_probes);
-    lw_scheduler_verify(&s->scheduler, &f->following, &rays);
+    f->verified = lw_scheduler_verify(&s->scheduler, &f->following, &rays);
     count_rays(&f->stats, &rays);
     return LW_OK;
 }
@@ -242,16 +259,25 @@ static void choose_blocks(struct lw_cell_solver *s) {
     }
 }
 
+/* The share of the frame's budget that verification has taken. */
+static double spent_share(const struct frame *f) {
+    const struct lw_cell_solver *s = f->s;
+    if (!f->following.budget.limited) return 0;
+    return counts_units(s) ? (double)f->verified / (double)f->following.budget.verify
+                           : (double)f->stats.change_ns / (1e9 * s->turn.budget);
+}
+
 /* Where nothing is due the pose waits, and with it the probes' rays. */
 static enum lw_status choose(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     struct lw_scheduler_count count;
+    lw_budget_note(&s->rates.verify_ns, f->verified, f->stats.change_ns, 1.0 / VERIFY_RATE_FRAMES);
     enum lw_status status = LW_OK;
     const struct lw_scheduler_room everything = {UINT64_MAX, UINT64_MAX};
     lw_scheduler_choose(&s->scheduler, &s->tiles,
-                        s->frames ? lw_scheduler_room_in_time(&s->scheduler, &s->tiles, &f->following,
-                                                              s->texel_ns, f->stats.change_ns)
-                                  : everything, /* the first frame lights all */
+                        s->frames
+                            ? lw_scheduler_room_left(&s->scheduler, &s->tiles, &f->following, spent_share(f))
+                            : everything, /* the first frame lights all */
                         &count);
     f->stats.tiles_interest = count.interest;
     f->stats.tiles_contributing = count.contributing;
@@ -543,19 +569,15 @@ static enum lw_status settle(struct frame *f, struct lw_error *err) {
     return LW_OK;
 }
 
-/* What a texel takes now, in wall time: a running mean over some ten frames' worth. */
-static void note_texel_cost(struct lw_cell_solver *s, const struct lw_solver_stats *stats) {
-    if (!stats->texels_solved) return;
-    const double ns = (double)(stats->direct_ns + stats->scatter_ns) / (double)stats->texels_solved;
-    s->texel_ns = s->texel_ns > 0 ? s->texel_ns + (ns - s->texel_ns) * 0.1 : ns;
-}
-
 static enum lw_status finish(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    const uint64_t work = f->stats.texels_solved * LW_BUDGET_SOLVE,
+                   took_ns = f->stats.direct_ns + f->stats.scatter_ns;
     (void)err;
-    lw_progress_finish(&f->s->progress);
-    note_texel_cost(f->s, &f->stats);
-    f->s->since_listing_ns += f->stats.direct_ns + f->stats.scatter_ns;
-    f->s->frames++;
+    lw_progress_finish(&s->progress);
+    lw_budget_note(&s->rates.solve_ns, work, took_ns, 1.0 / SOLVE_RATE_FRAMES);
+    s->since_listing += counts_units(s) ? work : took_ns;
+    s->frames++;
     return LW_OK;
 }
 

@@ -43,8 +43,9 @@ struct lw_cell_solver {
     /* Ray hits: of each texel, indirect_samples words (transport.h). */
     uint32_t *ray_hit;
     struct lw_reflectors reflectors;
-    /* Wall time: that listing them took last, 0 if it is due; that rays and sums have taken since. */
-    uint64_t listing_ns, since_listing_ns;
+    /* Wall time, or work under a budget of units: that listing them took last, 0 if it is due; that rays and
+     * sums have taken since. */
+    uint64_t listing, since_listing;
     struct lw_reflected *reflected;
     /* The last one given. */
     struct lw_pose pose;
@@ -52,8 +53,7 @@ struct lw_cell_solver {
     struct lw_scheduler scheduler;
     /* That solved something. */
     uint32_t frames;
-    /* Wall time that a texel takes, a running mean. */
-    double texel_ns;
+    struct lw_budget_rates rates;
     struct lw_cell_layer_turn turn;
     /* The tiles' estimates are not those of their last solve: a checkpoint keeps none. */
     bool forgetful;

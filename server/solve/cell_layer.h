@@ -34,8 +34,8 @@ struct lw_tiles *lw_cell_layer_tiles(struct lw_solver *solver);
 /** What a layer gets of a frame. */
 struct lw_cell_layer_turn {
     enum lw_scheduler_mode mode;
-    /* Wall time for solving, about, if the mode has a budget. */
-    double budget_s;
+    /* If the mode has one: wall time in s, or units, as the desc has it. */
+    double budget;
 };
 
 /** Sets the turn of the frames to come. */

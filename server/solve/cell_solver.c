@@ -263,9 +263,9 @@ enum lw_status lw_cell_layer_create(struct lw_geometry *geometry, const struct l
     s->base.ops = &ops;
     s->geometry = geometry;
     s->desc = *desc;
-    s->turn = (struct lw_cell_layer_turn){.budget_s = desc->frame_budget_s,
-                                          .mode = desc->frame_budget_s > 0 ? LW_SCHEDULER_ONSET
-                                                                           : LW_SCHEDULER_UNLIMITED};
+    s->turn = (struct lw_cell_layer_turn){.budget = lw_solver_desc_budget(desc),
+                                          .mode = lw_solver_desc_is_limited(desc) ? LW_SCHEDULER_ONSET
+                                                                                  : LW_SCHEDULER_UNLIMITED};
     s->forms = LW_LIGHT_FORMS_FULL;
     s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     if (!(s->desc.tracing_range_m > 0)) s->desc.tracing_range_m = INFINITY;

@@ -15,7 +15,7 @@ static const struct {
     {C(RADIOSITY) | C(VPL), C(SERVED), "it follows no changes, and is for lightwell-bake alone"},
     {C(RADIOSITY) | C(VPL), C(GROUPS), "it has one layer of light"},
     {C(RADIOSITY) | C(VPL), C(TRACING_RANGE), "it has no probes"},
-    {C(RADIOSITY) | C(VPL), C(BUDGET), "each of its frames lights all texels"},
+    {C(RADIOSITY) | C(VPL), C(BUDGET) | C(UNITS), "each of its frames lights all texels"},
     {C(RADIOSITY), C(DRAWN_SURFACES), "in it those shoot"},
     {C(CELLS) | C(VPL), SHOTS, "it has no patches that shoot: that is for \"radiosity\""},
     {C(CELLS) | C(RADIOSITY), C(VPL_TERMS), "it has no virtual point lights: that is for \"vpl\""},
@@ -24,7 +24,9 @@ static const struct {
     {C(DIRECTIONS), C(UNDERSAMPLE), "it looks at no shooters"},
     {C(DIRECTIONS), C(VISIBILITY), "it knows no pairs"},
     {C(HALF), C(STEP_WIDEST), "it has no steps"},
-    {C(STEP) | C(MANUAL), C(BUDGET), "a frame takes as long as it takes, so that runs are repeatable"},
+    {C(STEP) | C(MANUAL), C(BUDGET), "--frame-budget-units is theirs, so that runs are repeatable"},
+    {C(REAL), C(UNITS), "the real clock has --frame-budget-ms"},
+    {C(BUDGET), C(UNITS), "a frame has one budget"},
     {C(ANIMATE), C(FREEZE), "the scene moves or does not"},
 };
 
@@ -45,6 +47,7 @@ uint32_t lw_combinations_of(const struct lw_solver_desc *desc) {
         {desc->light_groups != NULL, C(GROUPS)},
         {isfinite(desc->tracing_range_m) && desc->tracing_range_m > 0, C(TRACING_RANGE)},
         {desc->frame_budget_s > 0, C(BUDGET)},
+        {desc->frame_budget_units > 0, C(UNITS)},
         {terms->undersample != LW_UNDERSAMPLE_NONE, C(UNDERSAMPLE)},
         {terms->window != 0, C(WINDOW)},
         {terms->subdivide > 0, C(SUBDIVIDE)},

@@ -33,6 +33,7 @@
     X(STEP, "--clock step")                                                                                  \
     X(MANUAL, "--clock manual")                                                                              \
     X(BUDGET, "--frame-budget-ms")                                                                           \
+    X(UNITS, "--frame-budget-units")                                                                         \
     X(ANIMATE, "--animate")                                                                                  \
     X(FREEZE, "--freeze")
 

@@ -440,7 +440,7 @@ static enum lw_status begin_sums(struct layers *s, struct lw_error *err) {
 static void give_time(struct layers *s, bool moved) {
     uint32_t running = 0, first = 0;
     unsigned most = 0;
-    if (!(s->desc.frame_budget_s > 0)) return;
+    if (!lw_solver_desc_is_limited(&s->desc)) return;
     for (struct layer *layer = s->layer; layer < s->layer + s->count; layer++) {
         const unsigned hurry = layer->ran ? lw_cell_layer_backlog(layer->solver) : 0;
         running += layer->ran;
@@ -460,13 +460,13 @@ static void give_time(struct layers *s, bool moved) {
                  budgets = most                                                   ? HURRY_SHARE
                            : moved && s->still_frames > LW_SCHEDULER_STILL_FRAMES ? BEGIN_SHARE
                                                                                   : 1,
-                 budget_s = budgets * s->desc.frame_budget_s;
+                 budget = budgets * lw_solver_desc_budget(&s->desc);
     for (struct layer *layer = s->layer; layer < s->layer + s->count; layer++) {
         if (!layer->ran) continue;
         const bool yields = lw_cell_layer_backlog(layer->solver) < most;
-        lw_cell_layer_set_turn(
-            layer->solver, &(struct lw_cell_layer_turn){.mode = yields ? LW_SCHEDULER_YIELD : s->mode,
-                                                        .budget_s = (yields ? left : 1) / shares * budget_s});
+        lw_cell_layer_set_turn(layer->solver,
+                               &(struct lw_cell_layer_turn){.mode = yields ? LW_SCHEDULER_YIELD : s->mode,
+                                                            .budget = (yields ? left : 1) / shares * budget});
     }
 }
 

@@ -46,8 +46,9 @@ struct lw_solver_desc {
     const struct lw_light_groups *light_groups;
     /* Filters what is shown, in every frame (denoise.h); direct and indirect stay as they are. */
     bool denoise;
-    /* Wall time in which a frame solves, about; 0: as long as it takes, the same bytes every time. */
-    double frame_budget_s;
+    /* What a frame solves, about: wall time; or work, in texels solved (adapt/budget.h), which gives the same
+     * bytes every time. Both 0: all that there is. At most one is set. */
+    double frame_budget_s, frame_budget_units;
     /* May be NULL; once true, a frame under way ends within a tile, creation within a mesh: LW_CLOSED */
     const _Atomic bool *cancel;
     const _Atomic bool *finishing; /* may be NULL; once true, frames say how far they are */
@@ -58,6 +59,15 @@ struct lw_solver_desc {
      * It outlives the solver. */
     struct lw_waiting *waiting;
 };
+
+/** Whether frames end before all is done that there is. */
+static inline bool lw_solver_desc_is_limited(const struct lw_solver_desc *desc) {
+    return desc->frame_budget_s > 0 || desc->frame_budget_units > 0;
+}
+/** Wall time in s, or units; 0: no limit. */
+static inline double lw_solver_desc_budget(const struct lw_solver_desc *desc) {
+    return desc->frame_budget_units > 0 ? desc->frame_budget_units : desc->frame_budget_s;
+}
 
 /** What one frame cost. Times are wall time of the calling thread. */
 struct lw_solver_stats {

@@ -57,6 +57,8 @@ static void test_errors(void **state) {
     lw_process_refuses("lightwelld", line, 64, "--solver", LIMIT_S);
     lw_process_refuses("lightwelld", "--config /nowhere/lightwelld.conf", 66, "/nowhere/lightwelld.conf",
                        LIMIT_S);
+    lw_process_refuses("lightwelld", "builtin:cornell --check-config --frame-budget-units 1000", 64,
+                       "--clock real does not work with --frame-budget-units", LIMIT_S);
     setenv("LIGHTWELL_BOUNCE", "3", 1);
     lw_process_refuses("lightwelld", "builtin:cornell --check-config", 64,
                        "environment: LIGHTWELL_BOUNCE: unknown key \"bounce\"", LIMIT_S);

@@ -213,7 +213,7 @@ echo \"\${COMPREPLY[*]}\"" _ ${line} OUTPUT_VARIABLE told ERROR_VARIABLE told OU
     message(FATAL_ERROR "bash completes ${line} to \"${told}\" instead of \"${expected}\"")
   endif()
 endfunction()
-completes("lightwelld;lightwelld;--frame-" "--frame-rate --frame-budget-ms")
+completes("lightwelld;lightwelld;--frame-" "--frame-rate --frame-budget-ms --frame-budget-units")
 completes("lightwelld;lightwelld --light;s" "seen")
 completes("lightwell-load;lightwell-load;sc" "scaling")
 

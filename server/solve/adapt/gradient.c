@@ -75,44 +75,77 @@ static void reread_packets(struct lw_solve_block *block) {
     change->verified |= change->compare;
 }
 
+/* What a round verifies of a block. */
+struct choice {
+    enum lw_change_verified verify;
+    bool noted;  /* the block takes part in the round, even if nothing is verified */
+    bool begins; /* something begins to move, as far as the block knows */
+    bool lit;    /* all packets, about direct light; else by packets */
+    uint32_t packets;
+};
+
+static struct choice choose(const struct lw_solve_block *block, const struct lw_gradient_round *round) {
+    const struct lw_change_block *change = &block->change;
+    const bool moved = change->moves != round->moves, missed = round->tick - change->tick > ROUNDS_MAX,
+               first = change->moves < round->began, converged = block->state == LW_BLOCK_CONVERGED,
+               lit = (missed || first) && change->moves < round->light_moves;
+    if (!block->packet_count || !block->sample_count) return (struct choice){0};
+    const bool begins = moved && (missed || first || (converged ? !change->unchecked : !change->moving));
+    if (!begins && round->spreads && !lw_gradient_is_invalidated(change) && !(round->turn && converged))
+        return (struct choice){.verify = LW_CHANGE_VERIFIED_RAYS};
+    if (!converged && !begins) return (struct choice){0};
+    /* Each packet once in LW_PACKETS_MAX rounds, however few a block has. */
+    const bool active = moved || change->unchecked || round->active,
+               turn = round->turn &&
+                      (round->tick + lw_random_hash(block->tile_id)) % LW_PACKETS_MAX < block->packet_count;
+    if (!active || !(begins || turn)) return (struct choice){.noted = true, .begins = begins};
+    return (struct choice){.verify = lit && !lw_scheduler_mode_is_limited(round->mode)
+                                         ? LW_CHANGE_VERIFIED_ALL
+                                     : begins ? LW_CHANGE_VERIFIED_ONSET
+                                              : LW_CHANGE_VERIFIED_TURN,
+                           .noted = true,
+                           .begins = begins,
+                           .lit = lit,
+                           .packets = first ? witnesses_of(block) : 1};
+}
+
+uint64_t lw_gradient_work(const struct lw_solve_block *block, const struct lw_gradient_round *round) {
+    const struct choice choice = choose(block, round);
+    const uint64_t texels = block->covered_count;
+    switch (choice.verify) {
+    case LW_CHANGE_VERIFIED_NONE:
+        return 0;
+    case LW_CHANGE_VERIFIED_RAYS:
+        return texels * LW_BUDGET_READ;
+    case LW_CHANGE_VERIFIED_ALL:
+        return texels * (LW_BUDGET_SHADOW + LW_BUDGET_READ);
+    default:
+        break;
+    }
+    if (choice.lit) return texels * LW_BUDGET_SHADOW;
+    return choice.packets * texels / block->packet_count *
+           (LW_BUDGET_SHADOW + LW_BUDGET_TRACE + LW_BUDGET_READ);
+}
+
 bool lw_gradient_choose(struct lw_solve_block *block, const struct lw_gradient_round *round) {
     struct lw_change_block *change = &block->change;
-    const bool moved = change->moves != round->moves, missed = round->tick - change->tick > ROUNDS_MAX,
-               first = change->moves < round->began,
-               lit = (missed || first) && change->moves < round->light_moves;
+    const struct choice choice = choose(block, round);
     change->compare = change->retrace = change->direct = 0;
-    change->verify = LW_CHANGE_VERIFIED_NONE;
+    change->verify = choice.verify;
     change->tick = round->tick;
-    if (!block->packet_count || !block->sample_count) return false;
-    const bool begins =
-        moved &&
-        (missed || first || (block->state == LW_BLOCK_CONVERGED ? !change->unchecked : !change->moving));
-    if (!begins && round->spreads && !lw_gradient_is_invalidated(change) &&
-        !(round->turn && block->state == LW_BLOCK_CONVERGED)) {
+    if (choice.noted) {
+        if (change->moves != round->moves) change->unchecked = lw_change_all_packets(block);
+        change->moves = round->moves;
+        change->moving = true;
+        if (choice.begins) change->verified = 0;
+    }
+    if (choice.verify == LW_CHANGE_VERIFIED_NONE) return false;
+    if (choice.verify == LW_CHANGE_VERIFIED_RAYS || choice.verify == LW_CHANGE_VERIFIED_ALL)
         reread_packets(block);
-        change->verify = LW_CHANGE_VERIFIED_RAYS;
-        return true;
-    }
-    if (block->state != LW_BLOCK_CONVERGED && !begins) return false;
-    if (moved) change->unchecked = lw_change_all_packets(block);
-    change->moves = round->moves;
-    change->moving = true;
-    if (begins) change->verified = 0;
-    if (!change->unchecked && !round->active) return false;
-    /* Each packet once in LW_PACKETS_MAX rounds, however few a block has. */
-    if (!begins && (!round->turn ||
-                    (round->tick + lw_random_hash(block->tile_id)) % LW_PACKETS_MAX >= block->packet_count))
-        return false;
-    change->verify = begins ? LW_CHANGE_VERIFIED_ONSET : LW_CHANGE_VERIFIED_TURN;
-    if (lit) {
-        if (!lw_scheduler_mode_is_limited(round->mode)) {
-            reread_packets(block);
-            change->verify = LW_CHANGE_VERIFIED_ALL;
-        }
+    if (choice.lit)
         change->direct = change->verified = lw_change_all_packets(block);
-    } else {
-        verify_packets(change, take_turn(block, first ? witnesses_of(block) : 1));
-    }
+    else if (choice.packets)
+        verify_packets(change, take_turn(block, choice.packets));
     return true;
 }
 

@@ -36,6 +36,7 @@
 #ifndef LW_ADAPT_GRADIENT_H
 #define LW_ADAPT_GRADIENT_H
 
+#include "server/solve/adapt/budget.h"
 #include "server/solve/adapt/scheduler_mode.h"
 #include "server/solve/state/tiles.h"
 
@@ -54,6 +55,15 @@ struct lw_gradient_round {
  * table above: mostly one, or none; of a block that has not converged only where something begins to move.
  * Returns whether there are any. */
 bool lw_gradient_choose(struct lw_solve_block *block, const struct lw_gradient_round *round);
+
+/** The work that verifying what lw_gradient_choose() would choose takes, about (budget.h). */
+uint64_t lw_gradient_work(const struct lw_solve_block *block, const struct lw_gradient_round *round);
+
+/** The same of lw_gradient_choose_all(). */
+static inline uint64_t lw_gradient_work_all(const struct lw_solve_block *block) {
+    const bool any = block->packet_count && block->sample_count;
+    return any ? (uint64_t)block->covered_count * (LW_BUDGET_SHADOW + LW_BUDGET_READ) : 0;
+}
 
 /** Chooses all packets, about direct light and along the ray hits. Returns whether there are any. */
 bool lw_gradient_choose_all(struct lw_solve_block *block, uint32_t moves);

@@ -231,14 +231,12 @@ static void take_all(const struct lw_scheduler *scheduler, struct lw_tiles *tile
     take(scheduler, tiles, OTHER, room.all, &taken);
 }
 
-struct lw_scheduler_room lw_scheduler_room_in_time(const struct lw_scheduler *scheduler,
-                                                   const struct lw_tiles *tiles,
-                                                   const struct lw_scheduler_frame *frame, double texel_ns,
-                                                   uint64_t verify_ns) {
+struct lw_scheduler_room lw_scheduler_room_left(const struct lw_scheduler *scheduler,
+                                                const struct lw_tiles *tiles,
+                                                const struct lw_scheduler_frame *frame, double spent) {
     if (!lw_scheduler_mode_is_limited(frame->mode)) return (struct lw_scheduler_room){UINT64_MAX, UINT64_MAX};
-    const double budget_ns = frame->budget_s * 1e9,
-                 left_ns = fmax(budget_ns - (double)verify_ns, SOLVING_SHARE * budget_ns);
-    const uint64_t texels = 1 + (uint64_t)(left_ns / fmax(texel_ns, 1));
+    const double left = fmax(1 - spent, SOLVING_SHARE);
+    const uint64_t texels = 1 + (uint64_t)(left * (double)frame->budget.solve) / LW_BUDGET_SOLVE;
     const bool yields = frame->mode == LW_SCHEDULER_YIELD;
     bool waits = yields;
     for (uint32_t i = 0; i < tiles->count && frame->mode == LW_SCHEDULER_ONSET && !waits; i++)

@@ -108,6 +108,7 @@ struct lw_scheduler {
     struct lw_scheduler_turn {
         float rank;
         uint32_t tile; /* index into the tiles */
+        uint64_t work; /* to verify it, and all before it that are unverified */
     } * turn;
     struct {
         uint32_t next;  /* tile */
@@ -129,8 +130,7 @@ struct lw_scheduler_frame {
     const struct lw_transport *passes;
     struct lw_converged converged;
     enum lw_scheduler_mode mode;
-    /* Wall time, if the mode has a budget. */
-    double budget_s;
+    struct lw_budget budget; /* limited as the mode is */
     /* What is shown is filtered (denoise.h). */
     bool filtered;
     int threads;
@@ -181,12 +181,10 @@ void lw_scheduler_note_hits(struct lw_scheduler *scheduler, const struct lw_tran
 
 /** How many texels a frame may solve. Until all tiles are verified after an onset,
  * invalidated blocks alone are solved.
- * texel_ns   wall time that a texel takes
- * verify_ns  wall time that lw_scheduler_verify() has taken of the frame's budget */
-struct lw_scheduler_room lw_scheduler_room_in_time(const struct lw_scheduler *scheduler,
-                                                   const struct lw_tiles *tiles,
-                                                   const struct lw_scheduler_frame *frame, double texel_ns,
-                                                   uint64_t verify_ns);
+ * spent: the share of the frame's budget that lw_scheduler_verify() has taken */
+struct lw_scheduler_room lw_scheduler_room_left(const struct lw_scheduler *scheduler,
+                                                const struct lw_tiles *tiles,
+                                                const struct lw_scheduler_frame *frame, double spent);
 
 /** Sets `work` and `shows` of every tile, for the frame that begins. At least one tile is due, if any waits
  * for which there is room at all. */
@@ -207,9 +205,9 @@ void lw_scheduler_move(struct lw_scheduler *scheduler, struct lw_tiles *tiles, c
 void lw_scheduler_resume(struct lw_scheduler *scheduler, uint32_t moves, uint32_t frames_since_move);
 
 /** Before it is chosen what the frame solves: verifies blocks, invalidates and corrects them. Those that
- * there is no time for are verified in the next frame. Adds the rays to count. */
-void lw_scheduler_verify(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
-                         struct lw_ray_count *count);
+ * there is no time for are verified in the next frame. Adds the rays to count. Returns the work (budget.h). */
+uint64_t lw_scheduler_verify(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
+                             struct lw_ray_count *count);
 
 /** Lights have begun to move, and some tile of interest was not verified since. */
 bool lw_scheduler_is_behind(const struct lw_scheduler *scheduler, const struct lw_tiles *tiles);

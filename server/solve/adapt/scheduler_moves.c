@@ -1,6 +1,5 @@
 #include "server/solve/adapt/scheduler.h"
 
-#include "common/clock.h"
 #include "server/solve/adapt/control_variate.h"
 #include "server/solve/adapt/estimates.h"
 #include "server/solve/adapt/gradient.h"
@@ -73,7 +72,8 @@ static void sort_tiles(struct lw_scheduler *scheduler, const struct lw_tiles *ti
     for (uint32_t i = 0; limited && i < tiles->count; i++)
         any |= tiles->tile[i].contributes && tiles->tile[i].unverified;
     for (uint32_t i = 0; i < tiles->count; i++)
-        scheduler->turn[i] = (struct lw_scheduler_turn){any ? rank_of(scheduler, &tiles->tile[i]) : 0, i};
+        scheduler->turn[i] =
+            (struct lw_scheduler_turn){.rank = any ? rank_of(scheduler, &tiles->tile[i]) : 0, .tile = i};
     if (any) qsort(scheduler->turn, tiles->count, sizeof *scheduler->turn, compare_turns);
 }
 
@@ -144,32 +144,47 @@ bool lw_scheduler_is_behind(const struct lw_scheduler *scheduler, const struct l
     return scheduler->shone && is_unverified(scheduler, tiles);
 }
 
-/* A frame's round of questions. */
-struct search {
-    const struct lw_scheduler_frame *frame;
-    uint64_t began_ns;
-    struct lw_gradient_round round;
-    bool begun, found; /* by any worker: a question that there was no time for, a change */
-};
-
-/* Whether there is no time to verify another tile; but one is verified in any case. There should be
- * time to solve what is found. */
-static bool is_time_over(const struct lw_scheduler *scheduler, struct search *search) {
-    const struct lw_scheduler_frame *frame = search->frame;
-    const bool found = __atomic_load_n(&search->found, __ATOMIC_RELAXED);
-    const double budgets = found && !verifies_all(scheduler, frame) ? VERIFY_SHARE : SEARCH_SHARE;
-    return lw_scheduler_mode_is_limited(frame->mode) &&
-           (double)(lw_clock_ns() - search->began_ns) > budgets * frame->budget_s * 1e9 &&
-           __atomic_exchange_n(&search->begun, true, __ATOMIC_RELAXED);
+static uint64_t work_of(const struct lw_solve_tile *tile, const struct lw_gradient_round *round) {
+    uint64_t work = 0;
+    LW_TILES_EACH_BLOCK (tile, block) work += lw_gradient_work(block, round);
+    return work;
 }
 
-/* Verifies one tile; adds its rays to count. Returns whether its direct light has been corrected. */
-static bool verify_tile(struct search *search, struct lw_solve_tile *tile, struct lw_ray_count *count) {
-    const struct lw_scheduler_frame *frame = search->frame;
+/* Fills turn[].work. */
+static void forecast(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
+                     const struct lw_gradient_round *round) {
+    const struct lw_tiles *tiles = frame->passes->tiles;
+    uint64_t sum = 0;
+#pragma omp parallel for schedule(static) num_threads(frame->threads)
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        const struct lw_solve_tile *tile = &tiles->tile[scheduler->turn[i].tile];
+        scheduler->turn[i].work = tile->contributes && tile->unverified ? work_of(tile, round) : 0;
+    }
+    for (uint32_t i = 0; i < tiles->count; i++) scheduler->turn[i].work = sum += scheduler->turn[i].work;
+}
+
+/* Turns from `first` on whose unverified tiles fit into a share of the budget; one does in any case. */
+static uint32_t turns_within(const struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
+                             double share) {
+    const uint32_t count = frame->passes->tiles->count;
+    if (!lw_scheduler_mode_is_limited(frame->mode)) return count;
+    const uint64_t most = (uint64_t)(share * (double)frame->budget.verify);
+    uint32_t i = 0;
+    while (i < count && !scheduler->turn[i].work) i++;
+    if (i < count) i++;
+    while (i < count && scheduler->turn[i].work <= most) i++;
+    return i;
+}
+
+/* Verifies one tile; adds its rays to count, its work to work. Returns whether its direct light has been
+ * corrected. */
+static bool verify_tile(const struct lw_scheduler_frame *frame, const struct lw_gradient_round *round,
+                        struct lw_solve_tile *tile, struct lw_ray_count *count, uint64_t *work) {
     const float target_error = frame->converged.target_error;
     bool any = false, more = false;
+    *work += work_of(tile, round);
     tile->unverified = false;
-    LW_TILES_EACH_BLOCK (tile, block) any |= lw_gradient_choose(block, &search->round);
+    LW_TILES_EACH_BLOCK (tile, block) any |= lw_gradient_choose(block, round);
     if (!any) return false;
     const bool direct = tile->corrected = lw_verify_compare(frame->passes, tile, count);
     LW_TILES_EACH_BLOCK (tile, block) more |= lw_gradient_choose_more(block, target_error, frame->mode);
@@ -184,50 +199,78 @@ static bool verify_tile(struct search *search, struct lw_solve_tile *tile, struc
     }
     lw_scheduler_sum_invalidated(tile);
     lw_tiles_sum_up(tile);
-    if (tile->invalidated) __atomic_store_n(&search->found, true, __ATOMIC_RELAXED);
     return direct;
 }
 
-/* Invalidates converged blocks whose light has changed; at an onset it verifies the others too. */
-static void verify_tiles(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
-                         struct lw_ray_count *count) {
+/* What a search has found so far. */
+struct found {
+    struct lw_ray_count rays;
+    uint64_t work;
+    bool direct; /* direct light was corrected */
+    bool change; /* a tile was invalidated */
+};
+
+/* Verifies tiles in turn: unverified ones of the turns from `first` to `end`, others if first is 0. */
+static void verify_turns(const struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
+                         const struct lw_gradient_round *round, uint32_t first, uint32_t end,
+                         struct found *found) {
     struct lw_tiles *tiles = frame->passes->tiles;
-    struct search search = {
-        .frame = frame,
-        .began_ns = lw_clock_ns(),
-        .round = {.moves = scheduler->moves,
-                  .began = scheduler->began,
-                  .light_moves = scheduler->light_moves,
-                  .tick = scheduler->round,
-                  .turn = scheduler->ended,
-                  /* not all were verified */
-                  .active = scheduler->still_rounds <= LW_PACKETS_MAX,
-                  .spreads = is_at_once(frame) && scheduler->passes > 0 && !is_unverified(scheduler, tiles),
-                  .mode = frame->mode}};
-    uint64_t shadow = 0, bounce = 0;
-    bool direct = false;
-    sort_tiles(scheduler, tiles, lw_scheduler_mode_is_limited(frame->mode));
-#pragma omp parallel for schedule(dynamic, 1) num_threads(frame->threads) reduction(+ : shadow, bounce) \
-    reduction(|| : direct)
-    for (uint32_t i = 0; i < tiles->count; i++) {
+    uint64_t shadow = 0, bounce = 0, work = 0;
+    bool direct = false, change = false;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(frame->threads) reduction(+ : shadow, bounce, work) \
+    reduction(|| : direct, change)
+    for (uint32_t i = first; i < (first ? end : tiles->count); i++) {
         struct lw_solve_tile *tile = &tiles->tile[scheduler->turn[i].tile];
         struct lw_ray_count of_tile = {0};
-        if (!tile->contributes || (tile->unverified && is_time_over(scheduler, &search))) continue;
-        direct |= verify_tile(&search, tile, &of_tile);
+        if (!tile->contributes || (tile->unverified ? i >= end : first > 0)) continue;
+        direct |= verify_tile(frame, round, tile, &of_tile, &work);
+        change |= tile->invalidated;
         shadow += of_tile.shadow;
         bounce += of_tile.bounce;
     }
-    count->shadow += shadow;
-    count->bounce += bounce;
+    found->rays.shadow += shadow;
+    found->rays.bounce += bounce;
+    found->work += work;
+    found->direct |= direct;
+    found->change |= change;
+}
+
+/* Invalidates converged blocks whose light has changed; at an onset it verifies the others too. Where a change
+ * is found there should be time to solve it. */
+static uint64_t verify_tiles(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
+                             struct lw_ray_count *count) {
+    struct lw_tiles *tiles = frame->passes->tiles;
+    const bool limited = lw_scheduler_mode_is_limited(frame->mode);
+    const struct lw_gradient_round round = {.moves = scheduler->moves,
+                                            .began = scheduler->began,
+                                            .light_moves = scheduler->light_moves,
+                                            .tick = scheduler->round,
+                                            .turn = scheduler->ended,
+                                            /* not all were verified */
+                                            .active = scheduler->still_rounds <= LW_PACKETS_MAX,
+                                            .spreads = is_at_once(frame) && scheduler->passes > 0 &&
+                                                       !is_unverified(scheduler, tiles),
+                                            .mode = frame->mode};
+    struct found found = {0};
+    sort_tiles(scheduler, tiles, limited);
+    if (limited) forecast(scheduler, frame, &round);
+    const uint32_t search = turns_within(scheduler, frame, SEARCH_SHARE),
+                   sure =
+                       verifies_all(scheduler, frame) ? search : turns_within(scheduler, frame, VERIFY_SHARE);
+    verify_turns(scheduler, frame, &round, 0, sure, &found);
+    if (!found.change && sure < search) verify_turns(scheduler, frame, &round, sure, search, &found);
+    count->shadow += found.rays.shadow;
+    count->bounce += found.rays.bounce;
     /* As many as there are bounces, once direct light has changed, and again once
      * nothing invalidated is left to solve. */
     scheduler->solved_invalidated |= scheduler->solved_first > 0;
-    if (direct || (scheduler->solved_invalidated && !scheduler->passes && !scheduler->backlog)) {
+    if (found.direct || (scheduler->solved_invalidated && !scheduler->passes && !scheduler->backlog)) {
         scheduler->passes = tiles->bounces;
         scheduler->solved_invalidated = false;
-    } else if (search.round.spreads) {
+    } else if (round.spreads) {
         scheduler->passes--;
     }
+    return found.work;
 }
 
 /* ---- while lights keep moving ---- */
@@ -252,33 +295,50 @@ static void correct_tile(const struct lw_scheduler *scheduler, const struct lw_s
 
 /* A round is too long to wait for. A share of each frame goes on through the interest set, until all of it
  * has been corrected since the last movement. */
-static void sweep(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
-                  struct lw_ray_count *count) {
+static bool is_swept(const struct lw_scheduler *scheduler, const struct lw_solve_tile *tile) {
+    return tile->contributes && lw_scheduler_is_of_interest(scheduler, tile);
+}
+
+/* The first tile behind those that a sweep corrects in a frame: at least one, if any is left. */
+static uint32_t end_of_sweep(const struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
+                             uint64_t *out_work) {
     const struct lw_tiles *tiles = frame->passes->tiles;
-    const uint64_t until_ns = lw_clock_ns() + (uint64_t)(SWEEP_SHARE * frame->budget_s * 1e9);
-    uint64_t shadow = 0, bounce = 0;
+    const uint64_t most = (uint64_t)(SWEEP_SHARE * (double)frame->budget.verify);
+    uint32_t i = scheduler->sweep.next;
+    *out_work = 0;
+    for (; i < tiles->count; i++) {
+        uint64_t work = 0;
+        if (!is_swept(scheduler, &tiles->tile[i])) continue;
+        LW_TILES_EACH_BLOCK (&tiles->tile[i], block) work += lw_gradient_work_all(block);
+        if (*out_work && *out_work + work > most) break;
+        *out_work += work;
+    }
+    return i;
+}
+
+static uint64_t sweep(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
+                      struct lw_ray_count *count) {
+    const struct lw_tiles *tiles = frame->passes->tiles;
+    uint64_t shadow = 0, bounce = 0, work;
     scheduler->sweep.ended = false;
     if (is_at_once(frame)) /* all are verified at once, or solved */
         scheduler->sweep.moves = scheduler->light_moves;
-    if (scheduler->sweep.next == 0 && scheduler->sweep.moves == scheduler->light_moves) return;
+    if (scheduler->sweep.next == 0 && scheduler->sweep.moves == scheduler->light_moves) return 0;
     if (scheduler->sweep.next == 0) scheduler->sweep.moves = scheduler->light_moves;
-    uint32_t next = scheduler->sweep.next;
-#pragma omp parallel num_threads(frame->threads) reduction(+ : shadow, bounce)
-    for (;;) {
-        const uint32_t i = __atomic_fetch_add(&next, 1, __ATOMIC_RELAXED);
+    const uint32_t end = end_of_sweep(scheduler, frame, &work);
+#pragma omp parallel for schedule(dynamic, 1) num_threads(frame->threads) reduction(+ : shadow, bounce)
+    for (uint32_t i = scheduler->sweep.next; i < end; i++) {
         struct lw_ray_count of_tile = {0};
-        if (i >= tiles->count) break;
-        struct lw_solve_tile *tile = &tiles->tile[i];
-        if (!tile->contributes || !lw_scheduler_is_of_interest(scheduler, tile)) continue;
-        correct_tile(scheduler, frame, tile, &of_tile);
+        if (!is_swept(scheduler, &tiles->tile[i])) continue;
+        correct_tile(scheduler, frame, &tiles->tile[i], &of_tile);
         shadow += of_tile.shadow;
         bounce += of_tile.bounce;
-        if (lw_clock_ns() > until_ns) break;
     }
-    scheduler->sweep.ended = next >= tiles->count;
-    scheduler->sweep.next = scheduler->sweep.ended ? 0 : next;
+    scheduler->sweep.ended = end >= tiles->count;
+    scheduler->sweep.next = scheduler->sweep.ended ? 0 : end;
     count->shadow += shadow;
     count->bounce += bounce;
+    return work;
 }
 
 /* ---- a frame ---- */
@@ -289,16 +349,18 @@ static bool is_any_stale(const struct lw_tiles *tiles) {
     return false;
 }
 
-void lw_scheduler_verify(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
-                         struct lw_ray_count *count) {
+uint64_t lw_scheduler_verify(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
+                             struct lw_ray_count *count) {
+    uint64_t work = 0;
     if (scheduler->moves && lw_scheduler_has_interest(scheduler)) {
-        verify_tiles(scheduler, frame, count);
-        sweep(scheduler, frame, count);
+        work = verify_tiles(scheduler, frame, count);
+        work += sweep(scheduler, frame, count);
     }
     if (is_any_stale(frame->passes->tiles) || scheduler->corrected)
         scheduler->unchanged_rounds = 0;
     else
         scheduler->unchanged_rounds += scheduler->ended;
+    return work;
 }
 
 bool lw_scheduler_is_changing(const struct lw_scheduler *scheduler) {
