@@ -1,22 +1,20 @@
 #include "server/solve/cell_frame.h"
 
 #include "common/clock.h"
+#include "server/solve/adapt/correct.h"
 #include "server/solve/adapt/estimates.h"
 #include "server/solve/adapt/verify.h"
+#include "server/solve/cell_light.h"
 #include "server/solve/transport/bounces.h"
-#include "server/solve/transport/direct_light.h"
 
 #include <math.h>
-#include <stddef.h>
 #include <string.h>
 
-/* Of the time that rays and sums take. */
-#define LISTING_SHARE 0.05
-/* Texels of a scene that listing looks at in the time in which one is solved. */
-#define LISTING_TEXELS 256u
-/* Of running means of rates: light changes seldom, and verification in bursts. */
+/* Of running means of rates: light changes seldom, and verification in bursts. Under this share of a budget
+ * what is not verified takes most of the time. */
 #define SOLVE_RATE_FRAMES  10
 #define VERIFY_RATE_FRAMES 2
+#define VERIFY_RATE_SHARE  8
 
 /* A frame under way. */
 struct frame {
@@ -24,19 +22,14 @@ struct frame {
     const struct lw_pose *pose;
     uint64_t number;
     struct lw_transport transport;
-    struct lw_scheduler_frame following;
+    struct lw_correct correct;
+    struct lw_cell_light light;
     struct lw_solver_stats stats;
     uint64_t verified; /* work (budget.h) */
-    /* Of the stage under way: time that belongs to probes. */
-    uint64_t probe_ns;
-    /* Something is due. */
-    bool solves;
-    /* Light that others read may be changing. */
-    bool changing;
 };
 
-/* Seams that hold an object which has begun to move may do so a little longer where
- * frames have a time to keep. */
+/* Seams that hold an object which has begun to move may do so a little longer where frames have a time to
+ * keep. */
 enum lw_status lw_cell_frame_find_seams(struct lw_cell_solver *s) {
     enum lw_status status =
         lw_geometry_find_seams(s->geometry, &s->tiles, lw_solver_desc_is_limited(&s->desc));
@@ -44,19 +37,28 @@ enum lw_status lw_cell_frame_find_seams(struct lw_cell_solver *s) {
     s->seams_found = s->geometry->seams_found;
     for (int f = 0; f < LW_LIGHT_FORM_COUNT && status == LW_OK; f++) {
         lw_seams_light_finish(&s->welds[f]);
-        if (f == LW_LIGHT_FORM_FULL || lw_cell_frame_parts_drawn(s))
+        if (f == LW_LIGHT_FORM_FULL || lw_cell_data_parts_drawn(s))
             status = lw_seams_light_init(&s->welds[f], &s->geometry->seams, f);
     }
     return status;
 }
 
+struct radiating {
+    struct lw_transport passes;
+    uint32_t bounce;
+};
+
+static void radiate_tile(void *user, uint32_t item, struct lw_work_report *report) {
+    const struct radiating *r = user;
+    (void)report;
+    lw_bounces_radiate(&r->passes, &r->passes.tiles->tile[item], r->bounce);
+}
+
 /* What all tiles send out, from their sums. */
 void lw_cell_frame_radiate_all(struct lw_cell_solver *s) {
-    const struct lw_transport passes = {.tiles = &s->tiles};
-    for (uint32_t bounce = 0; bounce < s->desc.bounces; bounce++) {
-#pragma omp parallel for schedule(static) num_threads(s->threads)
-        for (uint32_t i = 0; i < s->tiles.count; i++) lw_bounces_radiate(&passes, &s->tiles.tile[i], bounce);
-    }
+    struct radiating r = {.passes = {.tiles = &s->tiles}};
+    for (r.bounce = 0; r.bounce < s->desc.bounces; r.bounce++)
+        lw_work_run(&s->work, s->tiles.count, LW_WORK_CHEAP, NULL, radiate_tile, &r);
 }
 
 struct lw_transport lw_cell_frame_transport(struct lw_cell_solver *s) {
@@ -64,9 +66,8 @@ struct lw_transport lw_cell_frame_transport(struct lw_cell_solver *s) {
                                  .pose = &s->pose,
                                  .trace = s->geometry->trace,
                                  .lights = &s->lights,
-                                 .drawn = lw_cell_frame_parts_drawn(s) ? &s->drawn : NULL,
+                                 .drawn = lw_cell_data_parts_drawn(s) ? &s->drawn : NULL,
                                  .texels = &s->geometry->texels,
-                                 .cells = &s->cells,
                                  .probes = s->has_probes ? &s->probes : NULL,
                                  .tiles = &s->tiles,
                                  .ray_hit = s->ray_hit,
@@ -79,44 +80,22 @@ struct lw_transport lw_cell_frame_transport(struct lw_cell_solver *s) {
                                  .target_error = s->desc.target_error};
 }
 
-static bool counts_units(const struct lw_cell_solver *s) { return s->desc.frame_budget_units > 0; }
-
 static struct lw_budget budget_of(const struct lw_cell_solver *s) {
-    if (!lw_scheduler_mode_is_limited(s->turn.mode)) return (struct lw_budget){0};
-    return counts_units(s) ? lw_budget_of_units(s->turn.budget)
-                           : lw_budget_of_time(s->turn.budget, &s->rates);
+    struct lw_budget budget = {0};
+    if (!lw_solver_desc_is_limited(&s->desc)) return budget;
+    budget = lw_solver_desc_counts(&s->desc) ? lw_budget_of_units(s->turn.budget)
+                                             : lw_budget_of_time(s->turn.budget, &s->rates);
+    budget.onset = s->turn.onset;
+    budget.yields = s->turn.yields;
+    return budget;
 }
 
-static struct lw_scheduler_frame following_of(const struct lw_cell_solver *s,
-                                              const struct lw_transport *passes) {
-    return (struct lw_scheduler_frame){.passes = passes,
-
-                                       .converged = lw_cell_frame_converged(s),
-                                       .budget = budget_of(s),
-                                       .mode = s->turn.mode,
-                                       .filtered = s->desc.denoise,
-                                       .threads = s->threads};
+static void add_rays(struct frame *f, const struct lw_work_report *report) {
+    f->stats.rays_shadow += report->rays.shadow;
+    f->stats.rays_bounce += report->rays.bounce;
 }
 
-static bool cancelled(const struct lw_cell_solver *s) { return s->desc.cancel && *s->desc.cancel; }
-
-/* Those that the frame under way solves. */
-static struct lw_solve_tile *due_tile(const struct lw_cell_solver *s, uint32_t i) {
-    return &s->tiles.tile[s->tiles.slot_of_id[s->due[i].v]];
-}
-
-/* The frames for which probes may remember, that many frames after a movement. */
-static uint32_t probe_history_max(const struct lw_cell_solver *s) {
-    const struct lw_scheduler *follow = &s->scheduler;
-    return follow->moves ? LW_CELL_LAYER_HISTORY_PROBES - 1 + follow->frames_since_move / 2 : UINT32_MAX;
-}
-
-static void count_rays(struct lw_solver_stats *stats, const struct lw_ray_count *count) {
-    stats->rays_shadow += count->shadow;
-    stats->rays_bounce += count->bounce;
-}
-
-/* ---- stages: what has changed ---- */
+/* ---- pose ---- */
 
 /* Takes over what of the texels is other than before. */
 static bool take_texels(struct lw_cell_solver *s) {
@@ -135,356 +114,336 @@ static enum lw_status place(struct frame *f, struct lw_error *err) {
     (void)take_texels(s);
     if (s->pose_due & (LW_POSE_MATERIALS | LW_POSE_SKY))
         status = lw_lights_set_materials(&s->lights, &s->pose);
-    if (status == LW_OK && s->pose_due & (LW_POSE_MATERIALS | LW_POSE_SKY) && lw_cell_frame_parts_drawn(s))
+    if (status == LW_OK && s->pose_due & (LW_POSE_MATERIALS | LW_POSE_SKY) && lw_cell_data_parts_drawn(s))
         status = lw_lights_set_materials(&s->drawn, &s->pose);
     if (status != LW_OK) return lw_status_fail(err, status, "taking over what has changed");
     if (s->pose_due & LW_POSE_MATERIALS) lw_cell_frame_radiate_all(s);
     lw_lights_set_pose(&s->lights, &s->pose);
-    if (lw_cell_frame_parts_drawn(s)) lw_lights_set_pose(&s->drawn, &s->pose);
+    if (lw_cell_data_parts_drawn(s)) lw_lights_set_pose(&s->drawn, &s->pose);
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
     lw_reflectors_place(&s->reflectors, &s->tiles);
     if (s->view_due || s->pose_due & LW_POSE_DYNAMIC) s->listing = 0; /* rays to what is gone would lie */
-    if (s->has_probes) {
-        uint64_t t = lw_clock_ns();
-        f->stats.rays_probe += lw_probes_place(&s->probes, &s->pose, s->geometry->trace, s->threads);
-        f->probe_ns += lw_clock_ns() - t;
-    }
     s->pose_due = 0;
     s->view_due = false;
+    if (!s->has_probes) return LW_OK;
+    lw_cell_light_charge(&f->light, &f->stats.pose_ns);
+    f->stats.rays_probe += lw_probes_place(&s->probes, &s->pose, s->geometry->trace, s->threads);
+    lw_cell_light_charge(&f->light, &f->stats.probe_ns);
     return LW_OK;
 }
 
-/* Rays are traced again to those of the last frame that solved something. A block that it left alone may find
- * another list than its own, and by that some noise in what has changed. */
-static enum lw_status find_reflectors(struct frame *f, struct lw_error *err) {
-    struct lw_cell_solver *s = f->s;
-    if (!s->desc.bounces) return LW_OK;
-    enum lw_status status = lw_reflectors_update(&s->reflectors, &s->tiles, &s->pose);
-    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "listing what shines by reflected light");
-}
-
-/* A list that is a little old costs noise, not light: in a big scene, whose frames solve little of it,
- * listing takes its share of the time and no more. */
-static enum lw_status find_reflectors_in_time(struct frame *f, struct lw_error *err) {
-    struct lw_cell_solver *s = f->s;
-    if (lw_solver_desc_is_limited(&s->desc) && (double)s->listing > LISTING_SHARE * (double)s->since_listing)
-        return LW_OK;
-    const uint64_t began_ns = lw_clock_ns();
-    enum lw_status status = find_reflectors(f, err);
-    s->listing = !s->frames        ? 0 /* the first frame looks at every texel */
-                 : counts_units(s) ? s->tiles.texel_count / LISTING_TEXELS * LW_BUDGET_UNIT
-                                   : lw_clock_ns() - began_ns;
-    s->since_listing = 0;
-    return status;
+static void recall_tile(void *user, uint32_t item, struct lw_work_report *report) {
+    const struct lw_transport *passes = user;
+    lw_verify_recall(passes, &passes->tiles->tile[item], &report->rays);
 }
 
 /* Estimates of the last solves, before anything moves from where it was then. */
-static void recall(struct lw_cell_solver *s, const struct lw_transport *passes,
-                   struct lw_solver_stats *stats) {
-    uint64_t shadow = 0, bounce = 0;
-#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
-    for (uint32_t i = 0; i < s->tiles.count; i++) {
-        struct lw_ray_count count = {0};
-        lw_verify_recall(passes, &s->tiles.tile[i], &count);
-        shadow += count.shadow;
-        bounce += count.bounce;
-    }
-    count_rays(stats, &(struct lw_ray_count){shadow, bounce});
+static enum lw_status recall(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    enum lw_status status = lw_cell_light_list_reflectors(s, err);
+    if (status != LW_OK) return status;
+    const struct lw_work_report report =
+        lw_work_run(&s->work, s->tiles.count, LW_WORK_TILES, NULL, recall_tile, &f->transport);
+    add_rays(f, &report);
     s->forgetful = false;
+    return LW_OK;
+}
+
+static void note_motion(struct lw_cell_solver *s, const struct lw_pose *is, bool shines) {
+    lw_motion_note(&s->motion, &s->tiles, s->desc.scene, &s->pose, is, shines);
+    lw_plan_note_move(&s->memory);
 }
 
 static enum lw_status take_pose(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     const unsigned moved = lw_pose_difference(f->pose, &s->pose, s->desc.scene);
     f->stats.moved = moved != 0;
-    s->scheduler.frames_since_move++;
-    enum lw_status rested = lw_geometry_rest(s->geometry, f->number, err);
-    if (rested != LW_OK) return rested;
+    s->motion.frames_since_move++;
+    enum lw_status status = lw_geometry_rest(s->geometry, f->number, err);
+    if (status != LW_OK) return status;
     /* What comes to rest parts light that has gone through it so far. */
-    if (take_texels(s) && !moved)
-        lw_scheduler_move(&s->scheduler, &s->tiles, s->desc.scene, &s->pose, &s->pose, false);
+    if (take_texels(s) && !moved) note_motion(s, &s->pose, false);
     if (!moved) return LW_OK;
-    if (s->forgetful) {
-        enum lw_status status = find_reflectors(f, err);
-        if (status != LW_OK) return status;
-        recall(s, &f->transport, &f->stats);
-    }
+    if (s->forgetful && (status = recall(f, err)) != LW_OK) return status;
     s->view_due |= memcmp(s->pose.object_hidden, f->pose->object_hidden,
                           s->desc.scene->object_count * sizeof *f->pose->object_hidden) != 0;
-    lw_scheduler_move(&s->scheduler, &s->tiles, s->desc.scene, &s->pose, f->pose,
-                      lw_lights_differ(&s->lights, &s->pose, f->pose) ||
-                          (lw_cell_frame_parts_drawn(s) && lw_lights_differ(&s->drawn, &s->pose, f->pose)));
+    note_motion(s, f->pose,
+                lw_lights_differ(&s->lights, &s->pose, f->pose) ||
+                    (lw_cell_data_parts_drawn(s) && lw_lights_differ(&s->drawn, &s->pose, f->pose)));
     lw_pose_copy(&s->pose, f->pose, s->desc.scene);
     s->pose_due |= moved;
     return LW_OK;
 }
 
-/* What appears is lit at once, whatever the interest: there is nothing without light (scheduler.h). That what
- * went was gone must be known by then. */
-static enum lw_status place_if_seen(struct frame *f, struct lw_error *err) {
+/* What appears is lit at once, whatever the interest: there is nothing without light (plan.h). So hidden
+ * objects are placed before anything is verified. Where nobody looks and nothing was hidden the pose waits.
+ * */
+static enum lw_status pose(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
-    const bool looked_at = lw_scheduler_has_interest(&s->scheduler);
-    enum lw_status status = lw_trace_settle(s->geometry->trace, false, err);
+    const bool looked_at = s->interest.scope != LW_INTEREST_NOTHING;
+    enum lw_status status = take_pose(f, err);
+    if (status == LW_OK) status = lw_trace_settle(s->geometry->trace, false, err);
     if (status == LW_OK && s->pose_due && (looked_at || s->view_due)) status = place(f, err);
+    lw_cell_light_charge(&f->light, &f->stats.pose_ns);
     return status;
 }
 
-static enum lw_status verify(struct frame *f, struct lw_error *err) {
-    struct lw_cell_solver *s = f->s;
-    struct lw_ray_count rays = {0};
-    (void)err;
-    lw_scheduler_find_contributors(&s->scheduler, &s->tiles, s->has_probes);
-    f->verified = lw_scheduler_verify(&s->scheduler, &f->following, &rays);
-    count_rays(&f->stats, &rays);
-    return LW_OK;
+/* ---- plan ---- */
+
+static struct lw_plan_input input_of(const struct lw_cell_solver *s, const struct lw_budget *budget) {
+    return (struct lw_plan_input){.fact = s->fact,
+                                  .count = s->tiles.count,
+                                  .moves = {.moves = s->motion.moves,
+                                            .began = s->motion.began,
+                                            .light_moves = s->motion.light_moves,
+                                            .shone = s->motion.shone},
+                                  .budget = *budget,
+                                  .everything = s->interest.scope == LW_INTEREST_EVERYTHING,
+                                  .looked_at = s->interest.scope != LW_INTEREST_NOTHING,
+                                  .bounces = s->tiles.bounces};
 }
 
-/* ---- stages: what the frame solves ---- */
+static bool has_unseen(const struct lw_solve_tile *tile) {
+    LW_TILES_EACH_BLOCK (tile, block)
+        if (block->unseen) return true;
+    return false;
+}
+
+static void fill_fact(void *user, uint32_t item, struct lw_work_report *report) {
+    const struct lw_cell_solver *s = user;
+    const struct lw_solve_tile *tile = &s->tiles.tile[item];
+    struct lw_plan_fact *fact = &s->fact[item];
+    (void)report;
+    *fact = (struct lw_plan_fact){.id = tile->id,
+                                  .object = tile->object,
+                                  .covered_count = tile->covered_count,
+                                  .sample_count = tile->sample_count,
+                                  .invalidated_count = tile->invalidated_count,
+                                  .priority = tile->priority,
+                                  .importance = lw_interest_set_importance(&s->interest, tile->id),
+                                  .level = lw_interest_set_level(&s->interest, tile->id),
+                                  .state = (uint8_t)tile->state,
+                                  .hidden = tile->hidden,
+                                  .contributes = s->mark[tile->id.v].contributes,
+                                  .invalidated = tile->invalidated,
+                                  .begins = tile->begins,
+                                  .corrected = s->mark[tile->id.v].corrected,
+                                  .unseen = has_unseen(tile)};
+}
+
+static void gather_facts(struct lw_cell_solver *s) {
+    lw_work_run(&s->work, s->tiles.count, LW_WORK_CHEAP, NULL, fill_fact, s);
+}
+
+static void begin_mark(void *user, uint32_t item, struct lw_work_report *report) {
+    const struct lw_cell_solver *s = user;
+    const struct lw_solve_tile *tile = &s->tiles.tile[item];
+    (void)report;
+    s->mark[tile->id.v] =
+        (struct lw_cell_mark){.contributes = lw_interest_set_contributes(&s->interest, tile, s->has_probes)};
+}
+
+struct forecast {
+    const struct lw_cell_solver *s;
+    struct lw_gradient_round round;
+};
+
+static void forecast_tile(void *user, uint32_t item, struct lw_work_report *report) {
+    const struct forecast *forecast = user;
+    const struct lw_solve_tile *tile = &forecast->s->tiles.tile[item];
+    struct lw_plan_fact *fact = &forecast->s->fact[item];
+    (void)report;
+    if (!fact->contributes) return;
+    fact->distance_m = lw_motion_distance(&forecast->s->motion, tile);
+    LW_TILES_EACH_BLOCK (tile, block) {
+        fact->verify_work += lw_gradient_work(block, &forecast->round);
+        fact->correct_work += lw_gradient_work_all(block);
+    }
+}
+
+static void plan_verify(struct frame *f) {
+    struct lw_cell_solver *s = f->s;
+    lw_work_run(&s->work, s->tiles.count, LW_WORK_CHEAP, NULL, begin_mark, s);
+    gather_facts(s);
+    const struct lw_plan_input in = input_of(s, &f->correct.budget);
+    struct forecast forecast = {s, lw_plan_round(&s->memory, &in)};
+    if (in.budget.limited && in.moves.moves && in.looked_at)
+        lw_work_run(&s->work, s->tiles.count, LW_WORK_CHEAP, NULL, forecast_tile, &forecast);
+    lw_plan_verify(&s->memory, &in, &s->plan);
+}
+
+/* Of the frame's budget, the share that verification has taken. */
+static double spent_share(const struct frame *f) {
+    const struct lw_budget *budget = &f->correct.budget;
+    if (!budget->limited) return 0;
+    return lw_solver_desc_counts(&f->s->desc) ? (double)f->verified / (double)budget->verify
+                                              : (double)f->stats.change_ns / (1e9 * f->s->turn.budget);
+}
 
 /* The blocks of the tiles that are due; of an invalidated one its invalidated blocks alone. Other tiles have
  * none, and are not looked at: in a big scene they are nearly all. */
 static void choose_blocks(struct lw_cell_solver *s) {
     for (uint32_t i = 0; i < s->due_count; i++)
-        LW_TILES_EACH_BLOCK (due_tile(s, i), block) block->due = false;
-    s->due_count = 0;
-    for (uint32_t i = 0; i < s->tiles.count; i++) {
-        struct lw_solve_tile *tile = &s->tiles.tile[i];
-        if (!tile->work) continue;
-        tile->solved_tick = s->scheduler.round;
-        s->due[s->due_count++] = tile->id;
-        LW_TILES_EACH_BLOCK (tile, block)
+        LW_TILES_EACH_BLOCK (lw_cell_light_due(s, i), block) block->due = false;
+    s->due_count = s->plan.solve.count;
+    for (uint32_t i = 0; i < s->due_count; i++) {
+        s->due[i] = s->plan.solve.entry[i].id;
+        LW_TILES_EACH_BLOCK (lw_cell_light_due(s, i), block)
             block->due = block->state != LW_BLOCK_CONVERGED &&
-                         (tile->work == LW_TILE_WORK_ALL || lw_gradient_is_strong(&block->change) ||
+                         (!s->plan.solve.entry[i].part || lw_gradient_is_strong(&block->change) ||
                           !block->sample_count);
     }
 }
 
-/* The share of the frame's budget that verification has taken. */
-static double spent_share(const struct frame *f) {
-    const struct lw_cell_solver *s = f->s;
-    if (!f->following.budget.limited) return 0;
-    return counts_units(s) ? (double)f->verified / (double)f->following.budget.verify
-                           : (double)f->stats.change_ns / (1e9 * s->turn.budget);
-}
-
 /* Where nothing is due the pose waits, and with it the probes' rays. */
-static enum lw_status choose(struct frame *f, struct lw_error *err) {
+static enum lw_status plan_light(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
-    struct lw_scheduler_count count;
-    lw_budget_note(&s->rates.verify_ns, f->verified, f->stats.change_ns, 1.0 / VERIFY_RATE_FRAMES);
     enum lw_status status = LW_OK;
-    const struct lw_scheduler_room everything = {UINT64_MAX, UINT64_MAX};
-    lw_scheduler_choose(&s->scheduler, &s->tiles,
-                        s->frames
-                            ? lw_scheduler_room_left(&s->scheduler, &s->tiles, &f->following, spent_share(f))
-                            : everything, /* the first frame lights all */
-                        &count);
-    f->stats.tiles_interest = count.interest;
-    f->stats.tiles_contributing = count.contributing;
-    f->solves = count.due > 0;
-    f->changing = lw_scheduler_is_changing(&s->scheduler);
-    lw_scheduler_note_work(&s->scheduler, f->solves);
-    if (f->solves && s->pose_due) status = place(f, err);
+    if (f->verified >= f->correct.budget.verify / VERIFY_RATE_SHARE)
+        lw_budget_note(&s->rates.verify_ns, f->verified, f->stats.change_ns, 1.0 / VERIFY_RATE_FRAMES);
+    if (s->memory.ended && s->memory.watched)
+        lw_interest_set_take_importance(&s->interest, &s->tiles, s->desc.indirect_samples);
+    gather_facts(s);
+    struct lw_plan_input in = input_of(s, &f->correct.budget);
+    in.spent = spent_share(f);
+    in.lights_all = s->frames == 0;
+    lw_plan_light(&s->memory, &in, &s->plan);
+    f->stats.tiles_interest = s->memory.interest;
+    f->stats.tiles_contributing = s->memory.contributing;
+    f->light.changing = s->plan.changing;
+    if (s->plan.solve.count && s->pose_due) status = place(f, err);
     choose_blocks(s);
+    lw_cell_light_charge(&f->light, &f->stats.pose_ns);
     return status;
 }
 
-/* After place(): its new materials were verified before. */
-static enum lw_status weigh_direct(struct frame *f, struct lw_error *err) {
+/* ---- verify ---- */
+
+struct verification {
+    struct frame *f;
+    const struct lw_plan_entry *entry;
+};
+
+static void report_found(struct frame *f, lw_tile_id id, const struct lw_correct_found *found,
+                         struct lw_work_report *report) {
+    f->s->mark[id.v].corrected |= found->corrected;
+    report->rays = found->rays;
+    report->direct = found->direct;
+    report->invalidated = found->invalidated;
+}
+
+static struct lw_solve_tile *tile_of(const struct lw_cell_solver *s, lw_tile_id id) {
+    return &s->tiles.tile[s->tiles.slot_of_id[id.v]];
+}
+
+static void verify_tile(void *user, uint32_t item, struct lw_work_report *report) {
+    const struct verification *v = user;
+    const lw_tile_id id = v->entry[item].id;
+    const struct lw_correct_found found =
+        lw_correct_round(&v->f->correct, &v->f->s->plan.round, tile_of(v->f->s, id));
+    report_found(v->f, id, &found, report);
+}
+
+static void correct_tile(void *user, uint32_t item, struct lw_work_report *report) {
+    const struct verification *v = user;
+    const lw_tile_id id = v->entry[item].id;
+    const struct lw_correct_found found =
+        lw_correct_all(&v->f->correct, v->f->s->motion.moves, tile_of(v->f->s, id));
+    report_found(v->f, id, &found, report);
+}
+
+/* Carries out entries of a list from `first` on, and adds what was found. */
+static void run_entries(struct frame *f, const struct lw_plan_list *list, uint32_t first, uint32_t end,
+                        lw_work_fn *fn, struct lw_plan_found *found) {
+    struct verification v = {f, list->entry + first};
+    const struct lw_work_report report = lw_work_run(&f->s->work, end - first, LW_WORK_TILES, NULL, fn, &v);
+    add_rays(f, &report);
+    found->direct |= report.direct;
+    found->invalidated |= report.invalidated;
+}
+
+static void verify(struct frame *f) {
     struct lw_cell_solver *s = f->s;
-    struct lw_ray_count rays = {0};
-    (void)err;
+    const struct lw_plan *plan = &s->plan;
+    const struct lw_plan_input in = input_of(s, &f->correct.budget);
+    struct lw_plan_found found = {.verified = plan->verify_sure}, swept = {0};
+    run_entries(f, &plan->verify, 0, plan->verify_sure, verify_tile, &found);
+    f->verified = plan->verify_work[0] + plan->correct_work;
+    if (!found.invalidated) {
+        run_entries(f, &plan->verify, plan->verify_sure, plan->verify.count, verify_tile, &found);
+        f->verified += plan->verify_work[1];
+        found.verified = plan->verify.count;
+    }
+    lw_plan_note_verified(&s->memory, &in, plan, &found);
+    run_entries(f, &plan->correct, 0, plan->correct.count, correct_tile, &swept);
+    lw_cell_light_charge(&f->light, &f->stats.change_ns);
+}
+
+bool lw_cell_frame_is_behind(const struct lw_cell_solver *s) {
+    const struct lw_plan_input in = {.fact = s->fact, .count = s->tiles.count};
+    return s->motion.shone && lw_plan_is_behind(&s->memory, &in);
+}
+
+/* ---- light ---- */
+
+static void weigh_tile(void *user, uint32_t item, struct lw_work_report *report) {
+    const struct frame *f = user;
+    report->rays = lw_correct_due(&f->correct, f->s->motion.moves, lw_cell_light_due(f->s, item)).rays;
+}
+
+/* After place(): its new materials were verified before. */
+static void weigh(struct frame *f) {
+    struct lw_cell_solver *s = f->s;
     for (uint32_t bounce = 0; bounce < s->desc.bounces; bounce++)
         memset(s->tiles.radiance_change[bounce], 0,
                (size_t)s->tiles.block_count * LW_REGIONS * sizeof(struct lw_vec3));
-    lw_scheduler_weigh(&s->scheduler, &f->following, &rays);
-    count_rays(&f->stats, &rays);
-    return LW_OK;
+    const struct lw_work_report report =
+        lw_work_run(&s->work, s->due_count, LW_WORK_TILES, NULL, weigh_tile, f);
+    add_rays(f, &report);
 }
 
-static enum lw_status pass_on(struct frame *f, struct lw_error *err) {
-    (void)err;
-    lw_scheduler_pass_on(&f->s->scheduler, &f->following);
-    return LW_OK;
+static void pass_on_tile(void *user, uint32_t item, struct lw_work_report *report) {
+    const struct frame *f = user;
+    const struct lw_solve_tile *tile = &f->s->tiles.tile[item];
+    (void)report;
+    if (!f->s->mark[tile->id.v].corrected) return;
+    for (uint32_t bounce = 0; bounce < f->s->tiles.bounces; bounce++)
+        lw_bounces_radiate(&f->transport, tile, bounce);
 }
 
-/* ---- stages: light ---- */
-
-/* A step is a tile in a pass over all that are due. Shown of the first frame, which may be long, and while
- * somebody waits for the end of one. */
-static void begin_progress(struct lw_cell_solver *s) {
-    static const _Atomic bool never = false;
-    const uint32_t passes = 1 + (s->desc.bounces ? 1 + s->desc.bounces : 0);
-    const uint64_t steps = (uint64_t)s->due_count * passes;
-    if (!s->frames) {
-        lw_progress_init_waiting(&s->progress, "lighting the first frame", steps, s->desc.waiting,
-                                 LW_WAITING_FIRST_LIGHT);
-        return;
-    }
-    lw_progress_init(&s->progress, "finishing the samples under way", steps);
-    s->progress.wanted = s->desc.finishing ? s->desc.finishing : &never;
-}
-
-/* While what is remembered of the time before a movement may still show. */
-static bool is_fading(const struct lw_cell_solver *s) {
-    return s->scheduler.moves && s->scheduler.frames_since_move < LW_CELL_LAYER_FADE_FRAMES;
-}
-
-static void run_direct(struct lw_cell_solver *s, const struct lw_transport *passes,
-                       struct lw_solver_stats *stats) {
-    uint64_t shadow = 0;
-#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow)
-    for (uint32_t i = 0; i < s->due_count; i++) {
-        struct lw_ray_count count = {0};
-        if (cancelled(s)) continue;
-        lw_direct_light_solve(passes, due_tile(s, i), &count);
-        shadow += count.shadow;
-        lw_progress_step(&s->progress, 1);
-    }
-    stats->rays_shadow += shadow;
-}
-
-static void run_trace_bounces(struct lw_cell_solver *s, const struct lw_transport *passes,
-                              struct lw_solver_stats *stats) {
-    uint64_t bounce = 0;
-#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : bounce)
-    for (uint32_t i = 0; i < s->due_count; i++) {
-        struct lw_ray_count count = {0};
-        if (cancelled(s)) continue;
-        lw_bounces_trace(passes, due_tile(s, i), &count);
-        lw_scheduler_note_hits(&s->scheduler, passes, due_tile(s, i));
-        bounce += count.bounce;
-        lw_progress_step(&s->progress, 1);
-    }
-    stats->rays_bounce += bounce;
-}
-
-static void run_radiate(struct lw_cell_solver *s, const struct lw_transport *passes, uint32_t bounce) {
-#pragma omp parallel for schedule(static) num_threads(s->threads)
-    for (uint32_t i = 0; i < s->due_count; i++)
-        if (!cancelled(s)) lw_bounces_radiate(passes, due_tile(s, i), bounce);
-}
-
-/* Light of earlier frames follows what direct light is now; along rays that new ones are
- * about to take the place of. */
-static void run_reread(struct lw_cell_solver *s, const struct lw_transport *passes) {
-#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
-    for (uint32_t i = 0; i < s->due_count; i++)
-        if (!cancelled(s)) lw_verify_reread(passes, due_tile(s, i));
-}
-
-/* With which weight this frame's estimates of bounces enter their means. */
-static void weigh_indirect(struct lw_cell_solver *s) {
-    const float most = s->has_probes ? (float)probe_history_max(s) : INFINITY;
-#pragma omp parallel for schedule(static) num_threads(s->threads)
-    for (uint32_t i = 0; i < s->due_count; i++) {
-        if (cancelled(s)) continue;
-        LW_TILES_EACH_BLOCK (due_tile(s, i), block)
-            if (block->due) lw_gradient_weigh_indirect(block, most, s->desc.denoise);
-    }
-}
-
-/* Bounces from the second on change only now. */
-static void run_arrive(struct lw_cell_solver *s, const struct lw_transport *passes) {
-#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
-    for (uint32_t i = 0; i < s->due_count; i++)
-        if (!cancelled(s)) lw_verify_arrive(passes, due_tile(s, i));
-}
-
-static void run_gather(struct lw_cell_solver *s, const struct lw_transport *passes, uint32_t bounce) {
-#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
-    for (uint32_t i = 0; i < s->due_count; i++) {
-        if (cancelled(s)) continue;
-        lw_bounces_gather(passes, due_tile(s, i), bounce);
-        lw_progress_step(&s->progress, 1);
-    }
-}
-
-static enum lw_status direct(struct frame *f, struct lw_error *err) {
+/* What corrected tiles reflect is sent out again, whether anything is solved or not. */
+static enum lw_status light(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
-    (void)err;
-    begin_progress(s);
-    run_direct(s, &f->transport, &f->stats);
-    if (s->desc.bounces) run_radiate(s, &f->transport, 0);
-    return LW_OK;
+    if (s->due_count) weigh(f);
+    lw_work_run(&s->work, s->tiles.count, LW_WORK_TILES, NULL, pass_on_tile, f);
+    lw_cell_light_charge(&f->light, &f->stats.change_ns);
+    return s->due_count ? lw_cell_light_run(&f->light, err) : LW_OK;
 }
 
-static enum lw_status trace_bounces(struct frame *f, struct lw_error *err) {
-    struct lw_cell_solver *s = f->s;
-    (void)err;
-    if (s->desc.bounces && f->changing) run_reread(s, &f->transport);
-    if (s->desc.bounces) run_trace_bounces(s, &f->transport, &f->stats);
-    weigh_indirect(s);
-    return LW_OK;
-}
+/* ---- show ---- */
 
-static enum lw_status gather_probes(struct frame *f, struct lw_error *err) {
-    struct lw_cell_solver *s = f->s;
-    (void)err;
-    const struct lw_wall_sides sides = lw_geometry_sides(s->geometry);
-    if (s->has_probes)
-        f->stats.rays_probe += lw_probes_gather(&s->probes, &sides, s->frames, is_fading(s), s->threads);
-    return LW_OK;
+static void finish_tile(void *user, uint32_t item, struct lw_work_report *report) {
+    const struct frame *f = user;
+    struct lw_solve_tile *tile = lw_cell_light_due(f->s, item);
+    (void)report;
+    lw_estimates_finish_tile(&f->transport, tile);
 }
-
-static void project_probes(struct frame *f, uint32_t bounce) {
-    struct lw_cell_solver *s = f->s;
-    const uint64_t t = lw_clock_ns();
-    lw_probes_project(&s->probes, bounce, s->tiles.radiance[bounce], probe_history_max(s), s->threads);
-    f->probe_ns += lw_clock_ns() - t;
-}
-
-static enum lw_status scatter(struct frame *f, struct lw_error *err) {
-    struct lw_cell_solver *s = f->s;
-    (void)err;
-    for (uint32_t bounce = 1; bounce <= s->desc.bounces; bounce++) {
-        if (s->has_probes) project_probes(f, bounce - 1);
-        run_gather(s, &f->transport, bounce);
-        if (bounce < s->desc.bounces) run_radiate(s, &f->transport, bounce);
-    }
-    return LW_OK;
-}
-
-static enum lw_status arrive(struct frame *f, struct lw_error *err) {
-    (void)err;
-    if (f->s->desc.bounces > 1 && f->changing) run_arrive(f->s, &f->transport);
-    return LW_OK;
-}
-
-static enum lw_status stop_if_cancelled(struct frame *f, struct lw_error *err) {
-    (void)err;
-    if (!cancelled(f->s)) return LW_OK;
-    lw_progress_stop(&f->s->progress);
-    return LW_CLOSED;
-}
-
-/* ---- stages: what is shown ---- */
 
 /* Of what was solved in this frame, or before and not shown. */
-static enum lw_status accumulate(struct frame *f, struct lw_error *err) {
-    struct lw_cell_solver *s = f->s;
-    const uint64_t frame = f->number;
-    (void)err;
-    lw_scheduler_show(&s->scheduler, &f->following);
-    uint32_t shown = 0;
-    if (s->desc.awaited && *s->desc.awaited && s->frames > 0) lw_scheduler_put_off(&s->scheduler, &s->tiles);
-#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shown)
-    for (uint32_t i = 0; i < s->tiles.count; i++) {
-        struct lw_solve_tile *tile = &s->tiles.tile[i];
-        if (tile->work) lw_estimates_finish_tile(&f->transport, tile);
-        LW_TILES_EACH_BLOCK (tile, block) {
-            block->unseen |= tile->work && block->due && block->covered_count;
-            if (!(block->unseen && tile->shows) &&
-                !(s->shows_all && block->covered_count && block->sample_count))
-                continue;
-            block->unseen = tile->begins = false;
-            block->shown_frame = tile->solved_frame = frame;
-        }
-        shown += tile->solved_frame == frame;
+static void show_tile(void *user, uint32_t item, struct lw_work_report *report) {
+    const struct frame *f = user;
+    const struct lw_cell_solver *s = f->s;
+    struct lw_solve_tile *tile = &s->tiles.tile[item];
+    const struct lw_plan_tile *planned = &s->memory.tile[tile->id.v];
+    LW_TILES_EACH_BLOCK (tile, block) {
+        block->unseen |= planned->work && block->due && block->covered_count;
+        if (!(block->unseen && planned->shows) &&
+            !(s->shows_all && block->covered_count && block->sample_count))
+            continue;
+        block->unseen = tile->begins = false;
+        block->shown_frame = tile->solved_frame = f->number;
     }
-    f->stats.tiles_shown = shown;
-    s->shows_all = false;
-    return LW_OK;
+    report->tiles = tile->solved_frame == f->number;
 }
 
 /* The two sides of seams and the gutters, around what a frame shows. */
@@ -497,32 +456,48 @@ enum lw_status lw_cell_frame_weld(struct lw_cell_solver *s, uint64_t number, str
     return LW_OK;
 }
 
-static enum lw_status filter(struct frame *f, struct lw_error *err) {
+static void filter(const struct frame *f) {
     struct lw_cell_solver *s = f->s;
-    (void)err;
-    if (!f->stats.tiles_shown) return LW_OK;
     if (s->desc.denoise)
         lw_denoise_run(&s->denoise, f->number, s->forms, s->threads);
     else
         lw_tiles_show(&s->tiles, f->number, s->forms, s->threads);
-    return LW_OK;
 }
 
-static enum lw_status weld(struct frame *f, struct lw_error *err) {
-    return f->stats.tiles_shown ? lw_cell_frame_weld(f->s, f->number, err) : LW_OK;
+static enum lw_status show(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    gather_facts(s);
+    struct lw_plan_input in = input_of(s, &f->correct.budget);
+    in.awaited = s->desc.awaited && *s->desc.awaited && s->frames > 0;
+    lw_plan_show(&s->memory, &in, &s->plan);
+    lw_work_run(&s->work, s->due_count, LW_WORK_TILES, NULL, finish_tile, f);
+    f->stats.tiles_shown = lw_work_run(&s->work, s->tiles.count, LW_WORK_CHEAP, NULL, show_tile, f).tiles;
+    s->shows_all = false;
+    f->light.began_ns = lw_clock_ns();
+    if (!f->stats.tiles_shown) return LW_OK;
+    filter(f);
+    lw_cell_light_charge(&f->light, &f->stats.denoise_ns);
+    enum lw_status status = lw_cell_frame_weld(s, f->number, err);
+    lw_cell_light_charge(&f->light, &f->stats.weld_ns);
+    return status;
 }
+
+/* ---- note ---- */
 
 /* Blocks whose error is low enough stay converged until their light changes. */
-static void settle_tile(const struct lw_cell_solver *s, struct lw_solve_tile *tile) {
-    const struct lw_converged converged = lw_cell_frame_converged(s);
+static void settle_tile(void *user, uint32_t item, struct lw_work_report *report) {
+    const struct frame *f = user;
+    const struct lw_converged converged = f->correct.converged;
+    struct lw_solve_tile *tile = lw_cell_light_due(f->s, item);
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->due || !block->covered_count) continue;
-        block->state = lw_converged_is(&converged, block)                  ? LW_BLOCK_CONVERGED
-                       : lw_gradient_is_stale(block, s->desc.target_error) ? LW_BLOCK_STALE
-                                                                           : LW_BLOCK_SAMPLED;
+        report->texels += block->covered_count;
+        block->state = lw_converged_is(&converged, block)                     ? LW_BLOCK_CONVERGED
+                       : lw_gradient_is_stale(block, f->s->desc.target_error) ? LW_BLOCK_STALE
+                                                                              : LW_BLOCK_SAMPLED;
         if (block->state == LW_BLOCK_CONVERGED) block->change.strength = 0;
     }
-    lw_scheduler_sum_invalidated(tile);
+    lw_correct_sum(tile);
     lw_tiles_sum_up(tile);
 }
 
@@ -536,103 +511,57 @@ static double frames_left(const struct lw_converged *converged, const struct lw_
                 seen * (block->luminance > 0 ? ratio * ratio : ratio) - seen);
 }
 
-static double texels_left(const struct lw_cell_solver *s, const struct lw_solve_tile *tile) {
-    const struct lw_converged converged = lw_cell_frame_converged(s);
-    double sum = 0;
+static void count_tile(void *user, uint32_t item, struct lw_work_report *report) {
+    const struct frame *f = user;
+    const struct lw_converged *converged = &f->correct.converged;
+    const struct lw_solve_tile *tile = &f->s->tiles.tile[item];
+    report->tiles = tile->state == LW_BLOCK_CONVERGED;
+    if (tile->state == LW_BLOCK_CONVERGED) return;
     LW_TILES_EACH_BLOCK (tile, block)
-        if (!lw_converged_may(&converged, tile, block))
-            sum += frames_left(&converged, block) * (double)block->covered_count;
-    return sum;
+        if (!lw_converged_may(converged, tile, block))
+            report->texels_left += frames_left(converged, block) * (double)block->covered_count;
 }
 
-static enum lw_status settle(struct frame *f, struct lw_error *err) {
+static void note(struct frame *f) {
     struct lw_cell_solver *s = f->s;
     struct lw_solver_stats *stats = &f->stats;
-    uint32_t converged = 0;
-    double left = 0;
-    (void)err;
-    for (uint32_t i = 0; i < s->due_count; i++) {
-        LW_TILES_EACH_BLOCK (due_tile(s, i), block)
-            stats->texels_solved += block->due ? block->covered_count : 0;
-        settle_tile(s, due_tile(s, i));
-    }
-#pragma omp parallel for schedule(static) num_threads(s->threads) reduction(+ : converged, left)
-    for (uint32_t i = 0; i < s->tiles.count; i++) {
-        const struct lw_solve_tile *tile = &s->tiles.tile[i];
-        converged += tile->state == LW_BLOCK_CONVERGED;
-        if (tile->state != LW_BLOCK_CONVERGED) left += texels_left(s, tile);
-    }
+    stats->texels_solved = lw_work_run(&s->work, s->due_count, LW_WORK_CHEAP, NULL, settle_tile, f).texels;
+    const struct lw_work_report all =
+        lw_work_run(&s->work, s->tiles.count, LW_WORK_CHEAP, NULL, count_tile, f);
     stats->tiles = s->tiles.count;
     stats->tiles_solved = s->due_count;
-    stats->tiles_converged = converged;
-    stats->texels_left = left;
-    return LW_OK;
-}
-
-static enum lw_status finish(struct frame *f, struct lw_error *err) {
-    struct lw_cell_solver *s = f->s;
-    const uint64_t work = f->stats.texels_solved * LW_BUDGET_SOLVE,
-                   took_ns = f->stats.direct_ns + f->stats.scatter_ns;
-    (void)err;
+    stats->tiles_converged = all.tiles;
+    stats->texels_left = all.texels_left;
+    if (!s->due_count) return;
+    const uint64_t work = stats->texels_solved * LW_BUDGET_SOLVE,
+                   took_ns = stats->direct_ns + stats->scatter_ns;
     lw_progress_finish(&s->progress);
     lw_budget_note(&s->rates.solve_ns, work, took_ns, 1.0 / SOLVE_RATE_FRAMES);
-    s->since_listing += counts_units(s) ? work : took_ns;
+    s->since_listing += lw_solver_desc_counts(&s->desc) ? work : took_ns;
     s->frames++;
-    return LW_OK;
 }
 
 /* ---- the frame ---- */
 
-struct stage {
-    enum lw_status (*run)(struct frame *f, struct lw_error *err);
-    /* Left out where nothing is due. */
-    bool solves;
-    /* Offset into struct lw_solver_stats: where its time counts; or NOT_COUNTED. */
-    size_t spent;
-};
-#define SPENT(field) offsetof(struct lw_solver_stats, field)
-#define NOT_COUNTED  SIZE_MAX
-#define ALWAYS       false
-#define IF_DUE       true
-
-static const struct stage stages[] = {
-    {take_pose, ALWAYS, SPENT(pose_ns)},
-    {place_if_seen, ALWAYS, SPENT(pose_ns)},
-    {verify, ALWAYS, SPENT(change_ns)},
-    {choose, ALWAYS, SPENT(pose_ns)},
-    {weigh_direct, IF_DUE, SPENT(change_ns)},
-    {pass_on, ALWAYS, SPENT(change_ns)},
-    {direct, IF_DUE, SPENT(direct_ns)},
-    {find_reflectors_in_time, IF_DUE, SPENT(pose_ns)},
-    {trace_bounces, IF_DUE, SPENT(scatter_ns)},
-    {gather_probes, IF_DUE, SPENT(probe_ns)},
-    {scatter, IF_DUE, SPENT(scatter_ns)},
-    {arrive, IF_DUE, NOT_COUNTED},
-    {stop_if_cancelled, IF_DUE, NOT_COUNTED},
-    {accumulate, ALWAYS, NOT_COUNTED},
-    {filter, ALWAYS, SPENT(denoise_ns)},
-    {weld, ALWAYS, SPENT(weld_ns)},
-    {settle, ALWAYS, NOT_COUNTED},
-    {finish, IF_DUE, NOT_COUNTED},
-};
-
-static void note_time(struct frame *f, size_t spent, uint64_t ns) {
-    if (spent != NOT_COUNTED) *(uint64_t *)((char *)&f->stats + spent) += ns - f->probe_ns;
-    f->stats.probe_ns += f->probe_ns;
-    f->probe_ns = 0;
-}
-
-enum lw_status lw_cell_frame_run(struct lw_cell_solver *s, const struct lw_pose *pose, uint64_t number,
+enum lw_status lw_cell_frame_run(struct lw_cell_solver *s, const struct lw_pose *is, uint64_t number,
                                  struct lw_solver_stats *out_stats, struct lw_error *err) {
-    struct frame f = {.s = s, .pose = pose, .number = number, .transport = lw_cell_frame_transport(s)};
-    f.following = following_of(s, &f.transport);
-    for (size_t i = 0; i < sizeof stages / sizeof *stages; i++) {
-        if (stages[i].solves && !f.solves) continue;
-        const uint64_t began_ns = lw_clock_ns();
-        enum lw_status status = stages[i].run(&f, err);
-        if (status != LW_OK) return status;
-        note_time(&f, stages[i].spent, lw_clock_ns() - began_ns);
-    }
+    struct frame f = {.s = s, .pose = is, .number = number, .transport = lw_cell_frame_transport(s)};
+    f.correct = (struct lw_correct){.passes = &f.transport,
+                                    .converged = lw_cell_data_converged(s),
+                                    .budget = budget_of(s),
+                                    .filtered = s->desc.denoise};
+    f.light = (struct lw_cell_light){
+        .s = s, .transport = &f.transport, .stats = &f.stats, .began_ns = lw_clock_ns()};
+    enum lw_status status = pose(&f, err);
+    if (status != LW_OK) return status;
+    plan_verify(&f);
+    lw_cell_light_charge(&f.light, &f.stats.pose_ns);
+    verify(&f);
+    if (s->desc.cancel && *s->desc.cancel) return LW_CLOSED;
+    if ((status = plan_light(&f, err)) != LW_OK || (status = light(&f, err)) != LW_OK ||
+        (status = show(&f, err)) != LW_OK)
+        return status;
+    note(&f);
     *out_stats = f.stats;
     return LW_OK;
 }

@@ -9,7 +9,6 @@
 #ifndef LW_SOLVE_CELL_LAYER_H
 #define LW_SOLVE_CELL_LAYER_H
 
-#include "server/solve/adapt/scheduler.h"
 #include "server/solve/geometry.h"
 #include "server/solve/solver.h"
 #include "server/solve/state/tiles.h"
@@ -31,11 +30,10 @@ LW_MUST_CHECK enum lw_status lw_cell_layer_create(struct lw_geometry *geometry,
 /** Its blocks and sums, between two frames. Of these, `beside` of blocks may be written. */
 struct lw_tiles *lw_cell_layer_tiles(struct lw_solver *solver);
 
-/** What a layer gets of a frame. */
+/** What a layer gets of a frame, if frames have a budget. */
 struct lw_cell_layer_turn {
-    enum lw_scheduler_mode mode;
-    /* If the mode has one: wall time in s, or units, as the desc has it. */
-    double budget;
+    double budget;      /* wall time in s, or units, as the desc has it */
+    bool onset, yields; /* (adapt/budget.h) */
 };
 
 /** Sets the turn of the frames to come. */
@@ -46,6 +44,9 @@ void lw_cell_layer_set_turn(struct lw_solver *solver, const struct lw_cell_layer
 #define LW_CELL_LAYER_BACKLOG_MAX 16u
 /** How much has changed of what the last frame had no time for, in a few steps; 0: it had for all. */
 unsigned lw_cell_layer_backlog(const struct lw_solver *solver);
+
+/** Whether the last frame solved some of a tile. */
+bool lw_cell_layer_solved(const struct lw_solver *solver, lw_tile_id id);
 
 /** Judges again whether converged blocks are converged, with other_luminance as it is now. */
 void lw_cell_layer_review(struct lw_solver *solver);

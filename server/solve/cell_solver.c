@@ -32,15 +32,17 @@ void lw_cell_layer_set_turn(struct lw_solver *solver, const struct lw_cell_layer
 
 unsigned lw_cell_layer_backlog(const struct lw_solver *solver) {
     const struct lw_cell_solver *s = (const struct lw_cell_solver *)solver;
-    return lw_scheduler_mode_is_onset(s->turn.mode) && lw_scheduler_is_behind(&s->scheduler, &s->tiles)
-               ? LW_CELL_LAYER_BACKLOG_MAX
-               : s->scheduler.backlog;
+    return s->turn.onset && lw_cell_frame_is_behind(s) ? LW_CELL_LAYER_BACKLOG_MAX : s->memory.changed_left;
+}
+
+bool lw_cell_layer_solved(const struct lw_solver *solver, lw_tile_id id) {
+    return ((const struct lw_cell_solver *)solver)->memory.tile[id.v].work != LW_TILE_WORK_NONE;
 }
 
 void lw_cell_layer_review(struct lw_solver *solver) {
     struct lw_cell_solver *s = (struct lw_cell_solver *)solver;
     const struct lw_transport passes = lw_cell_frame_transport(s);
-    const struct lw_converged converged = lw_cell_frame_converged(s);
+    const struct lw_converged converged = lw_cell_data_converged(s);
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         lw_estimates_judge(&passes, tile);
@@ -51,19 +53,22 @@ void lw_cell_layer_review(struct lw_solver *solver) {
         }
         lw_tiles_sum_up(tile);
     }
-    s->scheduler.still_rounds = 0;
+    s->memory.still_rounds = 0;
 }
 
 static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *interest, struct lw_error *err) {
     struct lw_cell_solver *s = (struct lw_cell_solver *)solver;
-    enum lw_status status = lw_scheduler_set_interest(&s->scheduler, interest);
-    return status == LW_OK ? LW_OK
-                           : lw_status_fail(err, status, "schedule of %u texels", s->geometry->texels.count);
+    enum lw_status status = lw_interest_set_replace(&s->interest, interest);
+    if (status != LW_OK)
+        return lw_status_fail(err, status, "interest in %u texels", s->geometry->texels.count);
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        s->fact[i].level = lw_interest_set_level(&s->interest, s->fact[i].id);
+    return LW_OK;
 }
 
 static void show_forms(struct lw_solver *solver, unsigned forms) {
     struct lw_cell_solver *s = (struct lw_cell_solver *)solver;
-    if (!lw_cell_frame_parts_drawn(s)) forms = LW_LIGHT_FORMS_FULL;
+    if (!lw_cell_data_parts_drawn(s)) forms = LW_LIGHT_FORMS_FULL;
     s->shows_all |= (forms & ~s->forms) != 0;
     s->forms = forms;
     if (lw_tiles_judge_forms(&s->tiles, forms, s->threads)) lw_cell_layer_review(solver);
@@ -107,8 +112,7 @@ static uint32_t list_parts(const struct lw_cell_solver *s, struct remembered *re
 static enum lw_status save(const struct lw_solver *solver, const char *path, const uint8_t key[16],
                            struct lw_error *err) {
     const struct lw_cell_solver *s = (const struct lw_cell_solver *)solver;
-    struct remembered remembered = {s->frames, s->scheduler.frames_since_move, s->scheduler.moves,
-                                    judges_split(s)};
+    struct remembered remembered = {s->frames, s->motion.frames_since_move, s->motion.moves, judges_split(s)};
     struct lw_checkpoint_part part[PARTS_MAX];
     const uint32_t parts = list_parts(s, &remembered, part);
     return lw_checkpoint_save(path, key, &s->tiles, part, parts, err);
@@ -118,13 +122,15 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
                            uint64_t *out_frames, struct lw_error *err) {
     struct lw_cell_solver *s = (struct lw_cell_solver *)solver;
     struct remembered remembered;
-    const struct lw_converged converged = lw_cell_frame_converged(s);
+    const struct lw_converged converged = lw_cell_data_converged(s);
     struct lw_checkpoint_part part[PARTS_MAX];
     const uint32_t parts = list_parts(s, &remembered, part);
     enum lw_status status = lw_checkpoint_load(path, key, &s->tiles, part, parts, err);
     if (status != LW_OK) return status;
     s->frames = remembered.frames;
-    lw_scheduler_resume(&s->scheduler, remembered.moves, remembered.frames_since_move);
+    s->motion.moves = remembered.moves;
+    s->motion.frames_since_move = remembered.frames_since_move;
+    lw_plan_resume(&s->memory);
     s->forgetful = true;
     for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) s->welds[f].fresh = true;
     if (remembered.judges_split != judges_split(s)) {
@@ -136,7 +142,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         LW_TILES_EACH_BLOCK (tile, block) {
             block->state = lw_converged_may(&converged, tile, block) ? LW_BLOCK_CONVERGED : LW_BLOCK_SAMPLED;
-            block->change.moves = s->scheduler.moves;
+            block->change.moves = s->motion.moves;
         }
         lw_tiles_sum_up(tile);
     }
@@ -152,7 +158,9 @@ static size_t memory_bytes(const struct lw_solver *solver) {
     size_t bytes = (size_t)s->tiles.texel_count * s->desc.indirect_samples * sizeof *s->ray_hit +
                    (size_t)s->tiles.texel_count * sizeof *s->reflected + s->tiles.count * sizeof *s->due +
                    lw_reflectors_memory_bytes(&s->reflectors) + lw_tiles_memory_bytes(&s->tiles) +
-                   lw_denoise_memory_bytes(&s->denoise) + lw_scheduler_memory_bytes(&s->scheduler);
+                   lw_denoise_memory_bytes(&s->denoise) + lw_interest_set_memory_bytes(&s->interest) +
+                   lw_plan_bytes(s->tiles.count, s->memory.ids) + s->memory.ids * sizeof *s->mark +
+                   s->tiles.count * (sizeof *s->fact + sizeof *s->work.reports);
     for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) bytes += lw_seams_light_memory_bytes(&s->welds[f]);
     if (s->has_probes) bytes += lw_probes_memory_bytes(&s->probes);
     return bytes + (s->geometry == &s->own_geometry ? lw_geometry_memory_bytes(s->geometry) : 0);
@@ -171,7 +179,13 @@ static void destroy(struct lw_solver *solver) {
     lw_tiles_finish(&s->tiles);
     lw_geometry_finish(&s->own_geometry);
     lw_pose_finish(&s->pose);
-    lw_scheduler_finish(&s->scheduler);
+    lw_interest_set_finish(&s->interest);
+    lw_motion_finish(&s->motion);
+    lw_plan_finish(&s->plan);
+    lw_plan_memory_finish(&s->memory);
+    lw_work_finish(&s->work);
+    free(s->fact);
+    free(s->mark);
     free(s->ray_hit);
     free(s->reflected);
     free(s->due);
@@ -208,11 +222,23 @@ static enum lw_status place_probes(struct lw_cell_solver *s, struct lw_vec3 lo, 
 
 static enum lw_status init_lights(struct lw_cell_solver *s) {
     const struct lw_client_lights *client = s->desc.client_lights;
-    if (!lw_cell_frame_parts_drawn(s)) return lw_lights_init(&s->lights, s->desc.scene, &s->pose);
+    if (!lw_cell_data_parts_drawn(s)) return lw_lights_init(&s->lights, s->desc.scene, &s->pose);
     const struct lw_lights_part served = lw_client_lights_part(client, false),
                                 drawn = lw_client_lights_part(client, true);
     enum lw_status status = lw_lights_init_part(&s->lights, s->desc.scene, &s->pose, &served);
     return status == LW_OK ? lw_lights_init_part(&s->drawn, s->desc.scene, &s->pose, &drawn) : status;
+}
+
+static enum lw_status allocate_plan(struct lw_cell_solver *s) {
+    const uint32_t ids = s->desc.atlas_map->tile_count;
+    lw_interest_set_init(&s->interest, ids);
+    s->fact = calloc(s->tiles.count + 1ul, sizeof *s->fact);
+    s->mark = calloc(ids + 1ul, sizeof *s->mark);
+    enum lw_status status = s->fact && s->mark ? LW_OK : LW_NO_MEMORY;
+    if (status == LW_OK) status = lw_motion_init(&s->motion, s->desc.scene->object_count);
+    if (status == LW_OK) status = lw_plan_init(&s->plan, s->tiles.count);
+    if (status == LW_OK) status = lw_plan_memory_init(&s->memory, ids);
+    return status == LW_OK ? lw_work_init(&s->work, s->tiles.count, s->threads, s->desc.cancel) : status;
 }
 
 static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose, struct lw_error *err) {
@@ -233,7 +259,7 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
     if ((status = lw_tiles_init(&s->tiles, scene, s->desc.atlas_map, texels, s->desc.bounces, s->threads)) !=
         LW_OK)
         return lw_status_fail(err, status, "%u texels", texels->count);
-    if (lw_cell_frame_parts_drawn(s) && (status = lw_tiles_part_drawn(&s->tiles)) != LW_OK)
+    if (lw_cell_data_parts_drawn(s) && (status = lw_tiles_part_drawn(&s->tiles)) != LW_OK)
         return lw_status_fail(err, status, "%u texels", texels->count);
     if ((status = lw_cell_frame_find_seams(s)) != LW_OK)
         return lw_status_fail(err, status, "seams of %u texels", texels->count);
@@ -248,9 +274,7 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
     s->reflected = calloc((size_t)texels->count + 1, sizeof *s->reflected);
     s->due = malloc(((size_t)s->tiles.count + 1) * sizeof *s->due);
     if (!s->ray_hit || !s->reflected || !s->due ||
-        lw_reflectors_init(&s->reflectors, scene, texels, &s->pose) != LW_OK ||
-        lw_scheduler_init(&s->scheduler, s->desc.atlas_map->tile_count, s->tiles.count,
-                          s->desc.indirect_samples) != LW_OK)
+        lw_reflectors_init(&s->reflectors, scene, texels, &s->pose) != LW_OK || allocate_plan(s) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", texels->count);
     return LW_OK;
 }
@@ -264,8 +288,7 @@ enum lw_status lw_cell_layer_create(struct lw_geometry *geometry, const struct l
     s->geometry = geometry;
     s->desc = *desc;
     s->turn = (struct lw_cell_layer_turn){.budget = lw_solver_desc_budget(desc),
-                                          .mode = lw_solver_desc_is_limited(desc) ? LW_SCHEDULER_ONSET
-                                                                                  : LW_SCHEDULER_UNLIMITED};
+                                          .onset = lw_solver_desc_is_limited(desc)};
     s->forms = LW_LIGHT_FORMS_FULL;
     s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     if (!(s->desc.tracing_range_m > 0)) s->desc.tracing_range_m = INFINITY;

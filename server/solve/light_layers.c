@@ -4,6 +4,7 @@
 #include "common/light/client_lights.h"
 #include "common/log.h"
 #include "common/random.h"
+#include "server/solve/adapt/motion.h"
 #include "server/solve/cell_layer.h"
 
 #include <limits.h>
@@ -55,9 +56,8 @@ struct layers {
     struct layer layer[LW_LIGHT_GROUPS_MAX];
     uint32_t count;
     uint32_t still_frames; /* since any layer's light moved */
-    /* ONSET: a movement has begun and not gone on, and not all that it has changed
-     * was solved since; else STEADY. */
-    enum lw_scheduler_mode mode;
+    /* A movement has begun and not gone on, and not all that it has changed was solved since. */
+    bool onset;
     uint32_t yield_frames; /* frames in a row in which a layer has waited for another */
     bool shows_all;        /* a form is new: the next frame shows everything */
     bool sums;             /* what is shown is in the planes below; else it is the one layer's own */
@@ -379,9 +379,9 @@ static void count_tiles(const struct layers *s, struct lw_solver_stats *stats) {
         bool solved = false, converged = true;
         for (uint32_t k = 0; k < s->count; k++) {
             if (!s->layer[k].ran) continue;
-            const struct lw_solve_tile *tile = tile_of(&s->layer[k], first->tile[i].id);
-            solved |= tile->work != LW_TILE_WORK_NONE;
-            converged &= tile->state == LW_BLOCK_CONVERGED;
+            const lw_tile_id id = first->tile[i].id;
+            solved |= lw_cell_layer_solved(s->layer[k].solver, id);
+            converged &= tile_of(&s->layer[k], id)->state == LW_BLOCK_CONVERGED;
         }
         stats->tiles_solved += solved;
         stats->tiles_converged += converged;
@@ -447,25 +447,25 @@ static void give_time(struct layers *s, bool moved) {
         most = hurry > most ? hurry : most;
     }
     /* Under steady movement all of the interest set has its turn. */
-    const bool follows =
-        moved ? s->still_frames > LW_SCHEDULER_STILL_FRAMES
-              : s->mode == LW_SCHEDULER_ONSET && (most || s->still_frames <= LW_SCHEDULER_STILL_FRAMES);
-    s->mode = follows ? LW_SCHEDULER_ONSET : LW_SCHEDULER_STEADY;
+    const bool follows = moved ? s->still_frames > LW_MOTION_STILL_FRAMES
+                               : s->onset && (most || s->still_frames <= LW_MOTION_STILL_FRAMES);
+    s->onset = follows;
     if (moved || !follows || s->yield_frames >= YIELDS_MAX) most = 0;
     for (const struct layer *layer = s->layer; layer < s->layer + s->count; layer++)
         first += layer->ran && lw_cell_layer_backlog(layer->solver) >= most;
     s->yield_frames = first < running ? s->yield_frames + 1 : 0;
     const double left = most == LW_CELL_LAYER_BACKLOG_MAX ? YIELDS_SHARE_LEAST : YIELDS_SHARE,
                  shares = first + left * (running - first),
-                 budgets = most                                                   ? HURRY_SHARE
-                           : moved && s->still_frames > LW_SCHEDULER_STILL_FRAMES ? BEGIN_SHARE
-                                                                                  : 1,
+                 budgets = most                                                ? HURRY_SHARE
+                           : moved && s->still_frames > LW_MOTION_STILL_FRAMES ? BEGIN_SHARE
+                                                                               : 1,
                  budget = budgets * lw_solver_desc_budget(&s->desc);
     for (struct layer *layer = s->layer; layer < s->layer + s->count; layer++) {
         if (!layer->ran) continue;
         const bool yields = lw_cell_layer_backlog(layer->solver) < most;
         lw_cell_layer_set_turn(layer->solver,
-                               &(struct lw_cell_layer_turn){.mode = yields ? LW_SCHEDULER_YIELD : s->mode,
+                               &(struct lw_cell_layer_turn){.onset = yields || s->onset,
+                                                            .yields = yields,
                                                             .budget = (yields ? left : 1) / shares * budget});
     }
 }

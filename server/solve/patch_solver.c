@@ -52,7 +52,6 @@ static struct lw_transport transport_of(struct lw_patch_solver *s, struct lw_til
                                  .lights = &s->lights,
                                  .drawn = parts_drawn(s) ? &s->drawn : NULL,
                                  .texels = &s->geometry.texels,
-                                 .cells = &s->cells,
                                  .tiles = tiles,
                                  .direct_samples = 1,
                                  .indirect_samples = 1,

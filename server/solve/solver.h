@@ -64,6 +64,10 @@ struct lw_solver_desc {
 static inline bool lw_solver_desc_is_limited(const struct lw_solver_desc *desc) {
     return desc->frame_budget_s > 0 || desc->frame_budget_units > 0;
 }
+/** Whether the budget is one of units. */
+static inline bool lw_solver_desc_counts(const struct lw_solver_desc *desc) {
+    return desc->frame_budget_units > 0;
+}
 /** Wall time in s, or units; 0: no limit. */
 static inline double lw_solver_desc_budget(const struct lw_solver_desc *desc) {
     return desc->frame_budget_units > 0 ? desc->frame_budget_units : desc->frame_budget_s;
@@ -116,7 +120,7 @@ struct lw_solver_ops {
      * cancelled; LW_NO_MEMORY, LW_INTERNAL. */
     enum lw_status (*frame)(struct lw_solver *solver, const struct lw_pose *pose, uint64_t frame,
                             struct lw_solver_stats *out_stats, struct lw_error *err);
-    /** Sets the interest set; from the next frame on it alone is solved, with its contributors (scheduler.h).
+    /** Sets the interest set; from the next frame on it alone is solved, with its contributors (plan.h).
      * interest: per lw_tile_id, 0 or 1 + the finest level of interest; entries of level 0 are read, before it
      * returns; NULL: everything, as in a new solver. Tiles of no interest keep their sums. When they are of
      * interest again these count as far as they are right: in full if nothing has moved since. Errors:

@@ -1,6 +1,5 @@
 /* Interest: tiles in the interest set get the light of a full solve, their contributors follow, other tiles
  * are not solved. */
-#include "server/solve/adapt/scheduler.h"
 #include "tests/reference/room.h"
 
 #include <stdlib.h>
@@ -324,40 +323,6 @@ static void test_a_round_in_many_frames(void **state) {
     room_finish(&s);
 }
 
-/* Frames with room for one tile: of those whose light has changed, the one of which most has is solved and
- * shown, the next in the next frame, and only then, in its round, what has hardly changed. */
-static void test_what_has_changed_most_comes_first(void **state) {
-    (void)state;
-    static const float priority[] = {0, 0.02f, 0.5f, 0};
-    struct lw_solve_tile tile[4];
-    struct lw_tiles tiles = {.count = 4, .tile = tile};
-    struct lw_scheduler schedule;
-    struct lw_scheduler_count count;
-    const struct lw_scheduler_room room = {60, 60};
-    lw_support_ok(lw_scheduler_init(&schedule, 4, 4, 1), NULL);
-    for (uint32_t i = 0; i < 4; i++)
-        tile[i] = (struct lw_solve_tile){.id = {i},
-                                         .covered_count = 100,
-                                         .sample_count = 1,
-                                         .state = i ? LW_BLOCK_STALE : LW_BLOCK_SAMPLED,
-                                         .invalidated = i > 0,
-                                         .invalidated_count = 50,
-                                         .priority = priority[i]};
-    static const uint32_t order[] = {2, 1};
-    for (uint32_t k = 0; k < 2; k++) {
-        lw_scheduler_choose(&schedule, &tiles, room, &count);
-        assert_int_equal(count.due, 1);
-        assert_true(tile[order[k]].work == LW_TILE_WORK_INVALIDATED && tile[order[k]].shows);
-        assert_int_equal(schedule.backlog > 0, k == 0);
-    }
-    lw_scheduler_choose(&schedule, &tiles, room, &count);
-    assert_true(count.due == 1 && !tile[0].work && tile[3].work != LW_TILE_WORK_INVALIDATED);
-    lw_scheduler_choose(&schedule, &tiles, (struct lw_scheduler_room){60, 0}, &count);
-    assert_int_equal(count.due, 0); /* what others in a hurry leave no time for */
-    assert_false(schedule.ended);
-    lw_scheduler_finish(&schedule);
-}
-
 /* At the end of a round somebody waits for the frame to end: the round is shown in the next frame, even if
  * somebody waits then. */
 static void test_a_round_is_put_off_once(void **state) {
@@ -392,7 +357,6 @@ int main(void) {
         cmocka_unit_test(test_wakes_to_the_light_of_today),
         cmocka_unit_test(test_changes_reach_what_is_looked_at),
         cmocka_unit_test(test_a_round_in_many_frames),
-        cmocka_unit_test(test_what_has_changed_most_comes_first),
         cmocka_unit_test(test_a_round_is_put_off_once),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

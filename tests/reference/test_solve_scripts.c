@@ -1,7 +1,7 @@
-/* Scripts of what a solver is asked for, frame by frame: interest that jumps, movements, groups, forms, objects
- * that go and come, a checkpoint. Under a budget of units the same script gives the same bytes at any thread
- * count. `test_solve_scripts digests` prints a digest of each frame, which scripts/same_bytes.sh compares
- * between two builds. */
+/* Scripts of what a solver is asked for, frame by frame: interest that jumps, movements, groups, forms,
+ * objects that go and come, a checkpoint. Under a budget of units the same script gives the same bytes at any
+ * thread count. `test_solve_scripts digests` prints a digest of each frame, which scripts/same_bytes.sh
+ * compares between two builds. */
 #include "common/light/client_lights.h"
 #include "tests/reference/room.h"
 

@@ -27,12 +27,22 @@ struct lw_budget_rates {
     double solve_ns, verify_ns;
 };
 
-/** Of a frame; zeroed: no limit. */
+/** Of a frame; zeroed: no limit, which makes each frame do all that there is. */
 struct lw_budget {
+    /* Few packets must then do where all would be surer. */
     bool limited;
+    /* Limited, and something has just begun to move: what follows comes before all else. */
+    bool onset;
+    /* An onset, and another layer has changed more: the frame verifies, and solves nothing. */
+    bool yields;
     /* Work that fits, if a frame did nothing else. */
     uint64_t solve, verify;
 };
+
+/** Whether what follows from a movement comes at once, and not in turn. */
+static inline bool lw_budget_is_at_once(const struct lw_budget *budget) {
+    return !budget->limited || budget->onset;
+}
 
 static inline uint64_t lw_budget_whole(double work) {
     return work < 1 ? 1 : work < 1e18 ? (uint64_t)work : (uint64_t)1e18;

@@ -99,10 +99,9 @@ static struct choice choose(const struct lw_solve_block *block, const struct lw_
                turn = round->turn &&
                       (round->tick + lw_random_hash(block->tile_id)) % LW_PACKETS_MAX < block->packet_count;
     if (!active || !(begins || turn)) return (struct choice){.noted = true, .begins = begins};
-    return (struct choice){.verify = lit && !lw_scheduler_mode_is_limited(round->mode)
-                                         ? LW_CHANGE_VERIFIED_ALL
-                                     : begins ? LW_CHANGE_VERIFIED_ONSET
-                                              : LW_CHANGE_VERIFIED_TURN,
+    return (struct choice){.verify = lit && !round->budget.limited ? LW_CHANGE_VERIFIED_ALL
+                                     : begins                      ? LW_CHANGE_VERIFIED_ONSET
+                                                                   : LW_CHANGE_VERIFIED_TURN,
                            .noted = true,
                            .begins = begins,
                            .lit = lit,
@@ -265,24 +264,24 @@ void lw_gradient_note_staleness(struct lw_solve_block *block) {
     change->verified = change->told = 0;
 }
 
-bool lw_gradient_choose_more(struct lw_solve_block *block, float target_error, enum lw_scheduler_mode mode) {
+bool lw_gradient_choose_more(struct lw_solve_block *block, float target_error,
+                             const struct lw_budget *budget) {
     struct lw_change_block *change = &block->change;
     const uint16_t verified = change->compare, found = witnesses(block);
     change->compare = change->direct = 0;
     if (!verified || rereads(change) || !has_changed(block, found, target_error)) return false;
-    if (change->verify == LW_CHANGE_VERIFIED_ONSET &&
-        (lw_scheduler_mode_is_limited(mode) || has_changed(block, found, CERTAIN)))
+    if (change->verify == LW_CHANGE_VERIFIED_ONSET && (budget->limited || has_changed(block, found, CERTAIN)))
         return false;
     verify_packets(change, lw_change_all_packets(block) & (uint16_t)~verified);
     return change->compare != 0;
 }
 
-void lw_gradient_invalidate(struct lw_solve_block *block, float target_error, enum lw_scheduler_mode mode) {
+void lw_gradient_invalidate(struct lw_solve_block *block, float target_error,
+                            const struct lw_budget *budget) {
     struct lw_change_block *change = &block->change;
     change->compare = change->direct = 0;
     const struct off off = add_up(block, witnesses(block));
-    if (lw_scheduler_mode_is_limited(mode) && stands_alone(change))
-        target_error = fmaxf(target_error, LIMITED_ERROR_MIN);
+    if (budget->limited && stands_alone(change)) target_error = fmaxf(target_error, LIMITED_ERROR_MIN);
     if (!(block->state == LW_BLOCK_CONVERGED || stands_alone(change)) ||
         !is_too_much(block, &off, target_error))
         return;
@@ -293,7 +292,7 @@ void lw_gradient_invalidate(struct lw_solve_block *block, float target_error, en
 
 void lw_gradient_review(struct lw_solve_block *block, float target_error) {
     if (block->change.verify == LW_CHANGE_VERIFIED_ONSET) block->change.verify = LW_CHANGE_VERIFIED_TURN;
-    lw_gradient_invalidate(block, target_error, LW_SCHEDULER_UNLIMITED);
+    lw_gradient_invalidate(block, target_error, &(struct lw_budget){0});
 }
 
 bool lw_gradient_choose_due(struct lw_solve_block *block, uint32_t moves) {
@@ -366,7 +365,7 @@ static void add_drift(struct lw_change_block *change, struct off *off) {
 }
 
 void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered,
-                              enum lw_scheduler_mode mode) {
+                              const struct lw_budget *budget) {
     struct lw_change_block *change = &block->change;
     struct off off = add_up(block, lw_gradient_is_invalidated(change) ? change->judged : change->verified);
     change->still_solves = moves != change->solved_moves ? 0 : change->still_solves + 1;
@@ -380,7 +379,7 @@ void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool
     change->moves = change->solved_moves = moves;
     change->compare = change->retrace = change->direct = change->verified = change->told = change->unchecked =
         0;
-    change->strength *= lw_scheduler_mode_is_onset(mode) ? AGAIN : 0;
+    change->strength *= budget->onset ? AGAIN : 0;
     if (!lw_gradient_is_strong(change)) change->strength = 0;
 }
 

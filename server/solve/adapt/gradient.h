@@ -37,18 +37,17 @@
 #define LW_ADAPT_GRADIENT_H
 
 #include "server/solve/adapt/budget.h"
-#include "server/solve/adapt/scheduler_mode.h"
 #include "server/solve/state/tiles.h"
 
 /* What is verified of all blocks in a frame. */
 struct lw_gradient_round {
     uint32_t moves, began,
         light_moves; /* of the scene, so far; when it last began to move; when its lights last did */
-    uint32_t tick;   /* counts the rounds (scheduler.h) */
+    uint32_t tick;   /* counts the rounds (plan.h) */
     bool turn;       /* a round begins */
     bool active;     /* light elsewhere may be changing */
     bool spreads; /* it has changed in the last frames: what follows from that is not to wait for its turn */
-    enum lw_scheduler_mode mode;
+    struct lw_budget budget;
 };
 
 /** Chooses the packets of a block that are verified before it is known what this frame solves. See the
@@ -72,7 +71,8 @@ bool lw_gradient_choose_all(struct lw_solve_block *block, uint32_t moves);
  * lw_gradient_invalidate(). These are all, if the first ones found so much that the block may have to be
  * invalidated, but not so much that it must. Under a budget none at an onset, where one packet is enough.
  * Returns whether there are any. */
-bool lw_gradient_choose_more(struct lw_solve_block *block, float target_error, enum lw_scheduler_mode mode);
+bool lw_gradient_choose_more(struct lw_solve_block *block, float target_error,
+                             const struct lw_budget *budget);
 
 /* Its light has changed by more than its target error allows, and it was not solved since. */
 static inline bool lw_gradient_is_invalidated(const struct lw_change_block *change) {
@@ -98,7 +98,7 @@ void lw_gradient_note_staleness(struct lw_solve_block *block);
 
 /** Invalidates a block if its packets' differences exceed its target error. Under a budget those of few
  * packets must also exceed their noise. */
-void lw_gradient_invalidate(struct lw_solve_block *block, float target_error, enum lw_scheduler_mode mode);
+void lw_gradient_invalidate(struct lw_solve_block *block, float target_error, const struct lw_budget *budget);
 
 /** Chooses the packets of a block that is to be solved, unless it was verified in this frame or is
  * invalidated: one, if something has moved since. Returns whether there are any. */
@@ -109,7 +109,7 @@ bool lw_gradient_choose_due(struct lw_solve_block *block, uint32_t moves);
  * matters less, and means of changed light stand for fewer frames. At an onset a block that has changed much
  * is invalidated again, with half the strength, since its new light has hardly any samples. */
 void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered,
-                              enum lw_scheduler_mode mode);
+                              const struct lw_budget *budget);
 
 /** After lw_verify_arrive() of the first bounce: the same for indirect light. most: frames that its
  * mean may stand for in any case. */

@@ -371,7 +371,6 @@ static void set_hidden(struct lw_solve_tile *tile, bool hidden) {
     tile->priority = 1;
     tile->invalidated_count = tile->covered_count;
     tile->begins = !hidden;
-    tile->waiting = false;
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!hidden)
             begin_block(block);

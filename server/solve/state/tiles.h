@@ -25,7 +25,7 @@ enum {
 /* Of bounce orders that tiles can hold. */
 #define LW_TILES_BOUNCES_MAX 16u
 
-/* Of a block; of a tile: that of its least settled block (scheduler.h has the diagram). */
+/* Of a block; of a tile: that of its least settled block (docs/change.md has the diagram). */
 enum lw_block_state {
     /* Its light has changed: it is solved, whatever its noise. */
     LW_BLOCK_STALE,
@@ -109,20 +109,11 @@ struct lw_solve_tile {
     uint32_t sample_count; /* the fewest of its blocks */
     float error;           /* relative standard error of luminance, over all its blocks */
     enum lw_block_state state;
-    /* it is of interest, or lights what is (scheduler.h). */
-    bool contributes;
     bool invalidated; /* one of its blocks has found that its light has changed, and was not solved since */
     /* If so: mean square over those blocks of the share of light that has changed, at most 1. */
     float priority;
     uint32_t invalidated_count; /* texels of those blocks */
-    bool corrected;             /* its light, in this frame, by what packets have found (control_variate.h) */
-    bool moved;                 /* its object has, when something moved last */
-    bool unverified;            /* since then */
-    bool waiting;               /* the round under way has yet to solve it (scheduler.h) */
-    enum lw_tile_work work;     /* in the frame under way (scheduler.h) */
-    bool shows;            /* what was solved is to be seen in this frame, not merely read by other tiles */
-    uint32_t solved_tick;  /* of the schedule, when it was last solved */
-    uint64_t solved_frame; /* last frame that showed one of its blocks */
+    uint64_t solved_frame;      /* last frame that showed one of its blocks */
 };
 
 struct lw_tiles {

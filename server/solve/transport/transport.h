@@ -39,7 +39,6 @@ struct lw_transport {
     const struct lw_lights *lights; /* without the client lights */
     const struct lw_lights *drawn;  /* those; NULL: there are none, and lights are all */
     const struct lw_texels *texels;
-    const struct lw_cells *cells;
     const struct lw_probes *probes; /* NULL: the tracing range is infinite */
     struct lw_tiles *tiles;
     uint32_t *ray_hit; /* indirect_samples words per texel of the global numbering (ray_hit.h) */

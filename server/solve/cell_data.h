@@ -1,0 +1,95 @@
+/* cell_data.h: what a cell solver holds: place, light, plan, and what is shown.
+ * Threads: those of solver.h. */
+#ifndef LW_SOLVE_CELL_DATA_H
+#define LW_SOLVE_CELL_DATA_H
+
+#include "common/light/client_lights.h"
+#include "common/progress.h"
+#include "server/solve/adapt/converged.h"
+#include "server/solve/adapt/interest_set.h"
+#include "server/solve/adapt/motion.h"
+#include "server/solve/adapt/plan.h"
+#include "server/solve/adapt/work.h"
+#include "server/solve/cell_layer.h"
+#include "server/solve/filter/denoise.h"
+
+/* What is known of a tile in this frame, by lw_tile_id. */
+struct lw_cell_mark {
+    bool contributes;
+    bool corrected;
+};
+
+struct lw_cell_solver {
+    struct lw_solver base;
+    struct lw_solver_desc desc;
+    int threads;
+
+    /* -- place -- */
+    struct lw_geometry *geometry;
+    /* Unless it is shared. */
+    struct lw_geometry own_geometry;
+    struct lw_cells cells;
+    struct lw_tiles tiles;
+    /* The last one given. */
+    struct lw_pose pose;
+    /* What of it has changed since rays, lights and tiles were last placed: LW_POSE_*. */
+    unsigned pose_due;
+    /* Likewise: which objects are hidden. */
+    bool view_due;
+    uint32_t texel_changes; /* of the geometry, that the tiles know */
+
+    /* -- light -- */
+    /* Without client lights; and those, zeroed where there are none. */
+    struct lw_lights lights, drawn;
+    struct lw_probes probes;
+    bool has_probes;
+    /* Ray hits: of each texel, indirect_samples words (transport.h). */
+    uint32_t *ray_hit;
+    struct lw_reflectors reflectors;
+    struct lw_reflected *reflected;
+    /* Wall time, or work under a budget of units: that listing reflectors took last, 0 if it is due; that
+     * rays and sums have taken since. */
+    uint64_t listing, since_listing;
+    /* That solved something. */
+    uint32_t frames;
+    /* The tiles' estimates are not those of their last solve: a checkpoint keeps none. */
+    bool forgetful;
+
+    /* -- plan -- */
+    struct lw_interest_set interest;
+    struct lw_motion motion;
+    struct lw_plan_memory memory;
+    struct lw_plan plan;
+    struct lw_plan_fact *fact; /* per tile, in the order of tiles.tile as of the last plan */
+    struct lw_cell_mark *mark; /* per lw_tile_id */
+    /* Tiles that the frame under way, or the last one, solves. */
+    lw_tile_id *due;
+    uint32_t due_count;
+    struct lw_cell_layer_turn turn;
+    struct lw_budget_rates rates;
+    struct lw_work work;
+    struct lw_progress progress;
+
+    /* -- what is shown -- */
+    /* Empty unless the desc asks for it. */
+    struct lw_denoise denoise;
+    /* SPLIT: only with client lights. */
+    struct lw_seams_light welds[LW_LIGHT_FORM_COUNT];
+    /* Of the geometry: those that the welds are of. */
+    uint32_t seams_found;
+    /* That are shown (light_form.h). */
+    unsigned forms;
+    /* One of them is new: the next frame shows everything. */
+    bool shows_all;
+};
+
+static inline struct lw_converged lw_cell_data_converged(const struct lw_cell_solver *s) {
+    return (struct lw_converged){.target_error = s->desc.target_error, .frames_max = s->desc.frames_max};
+}
+
+/** Whether light of client lights is kept apart. */
+static inline bool lw_cell_data_parts_drawn(const struct lw_cell_solver *s) {
+    return lw_client_lights_any(s->desc.client_lights);
+}
+
+#endif
