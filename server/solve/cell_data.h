@@ -9,15 +9,10 @@
 #include "server/solve/adapt/interest_set.h"
 #include "server/solve/adapt/motion.h"
 #include "server/solve/adapt/plan.h"
+#include "server/solve/adapt/ranks.h"
 #include "server/solve/adapt/work.h"
 #include "server/solve/cell_layer.h"
 #include "server/solve/filter/denoise.h"
-
-/* What is known of a tile in this frame, by lw_tile_id. */
-struct lw_cell_mark {
-    bool contributes;
-    bool corrected;
-};
 
 struct lw_cell_solver {
     struct lw_solver base;
@@ -60,11 +55,12 @@ struct lw_cell_solver {
     struct lw_motion motion;
     struct lw_plan_memory memory;
     struct lw_plan plan;
-    struct lw_plan_fact *fact; /* per tile, in the order of tiles.tile as of the last plan */
-    struct lw_cell_mark *mark; /* per lw_tile_id */
-    /* Tiles that the frame under way, or the last one, solves. */
+    struct lw_plan_fact *fact;     /* per tile, in the order of tiles.tile as of the last plan */
+    bool *contributes, *corrected; /* per lw_tile_id, in this frame */
+    /* Tiles that the frame under way, or the last one, solves; first those that this rank owns. */
     lw_tile_id *due;
-    uint32_t due_count;
+    uint32_t due_count, own_count;
+    lw_tile_id *exchanged; /* scratch: of a list of the plan */
     struct lw_cell_layer_turn turn;
     struct lw_budget_rates rates;
     struct lw_work work;

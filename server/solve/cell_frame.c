@@ -90,6 +90,18 @@ static struct lw_budget budget_of(const struct lw_cell_solver *s) {
     return budget;
 }
 
+/* Whether this rank carries out what is planned for a tile. */
+static bool owns(const struct lw_cell_solver *s, lw_tile_id id) {
+    return s->tiles.tile[s->tiles.slot_of_id[id.v]].owner == lw_ranks_self(s->desc.ranks);
+}
+
+static void exchange_due(const struct frame *f, enum lw_ranks_moment moment) {
+    struct lw_cell_solver *s = f->s;
+    lw_ranks_run(s->desc.ranks,
+                 &(struct lw_ranks_exchange){
+                     .moment = moment, .tiles = &s->tiles, .tile = s->due, .tile_count = s->due_count});
+}
+
 static void add_rays(struct frame *f, const struct lw_work_report *report) {
     f->stats.rays_shadow += report->rays.shadow;
     f->stats.rays_bounce += report->rays.bounce;
@@ -215,6 +227,7 @@ static void fill_fact(void *user, uint32_t item, struct lw_work_report *report) 
     struct lw_plan_fact *fact = &s->fact[item];
     (void)report;
     *fact = (struct lw_plan_fact){.id = tile->id,
+                                  .owner = tile->owner,
                                   .object = tile->object,
                                   .covered_count = tile->covered_count,
                                   .sample_count = tile->sample_count,
@@ -224,10 +237,10 @@ static void fill_fact(void *user, uint32_t item, struct lw_work_report *report) 
                                   .level = lw_interest_set_level(&s->interest, tile->id),
                                   .state = (uint8_t)tile->state,
                                   .hidden = tile->hidden,
-                                  .contributes = s->mark[tile->id.v].contributes,
+                                  .contributes = s->contributes[tile->id.v],
                                   .invalidated = tile->invalidated,
                                   .begins = tile->begins,
-                                  .corrected = s->mark[tile->id.v].corrected,
+                                  .corrected = s->corrected[tile->id.v],
                                   .unseen = has_unseen(tile)};
 }
 
@@ -239,8 +252,8 @@ static void begin_mark(void *user, uint32_t item, struct lw_work_report *report)
     const struct lw_cell_solver *s = user;
     const struct lw_solve_tile *tile = &s->tiles.tile[item];
     (void)report;
-    s->mark[tile->id.v] =
-        (struct lw_cell_mark){.contributes = lw_interest_set_contributes(&s->interest, tile, s->has_probes)};
+    s->contributes[tile->id.v] = lw_interest_set_contributes(&s->interest, tile, s->has_probes);
+    s->corrected[tile->id.v] = false;
 }
 
 struct forecast {
@@ -286,12 +299,17 @@ static void choose_blocks(struct lw_cell_solver *s) {
     for (uint32_t i = 0; i < s->due_count; i++)
         LW_TILES_EACH_BLOCK (lw_cell_light_due(s, i), block) block->due = false;
     s->due_count = s->plan.solve.count;
+    s->own_count = 0;
     for (uint32_t i = 0; i < s->due_count; i++) {
-        s->due[i] = s->plan.solve.entry[i].id;
+        const struct lw_plan_entry *entry = &s->plan.solve.entry[i];
+        s->due[i] = entry->id;
         LW_TILES_EACH_BLOCK (lw_cell_light_due(s, i), block)
             block->due = block->state != LW_BLOCK_CONVERGED &&
-                         (!s->plan.solve.entry[i].part || lw_gradient_is_strong(&block->change) ||
-                          !block->sample_count);
+                         (!entry->part || lw_gradient_is_strong(&block->change) || !block->sample_count);
+        if (!owns(s, entry->id)) continue;
+        const lw_tile_id first = s->due[s->own_count];
+        s->due[s->own_count++] = entry->id;
+        s->due[i] = first;
     }
 }
 
@@ -301,8 +319,13 @@ static enum lw_status plan_light(struct frame *f, struct lw_error *err) {
     enum lw_status status = LW_OK;
     if (f->verified >= f->correct.budget.verify / VERIFY_RATE_SHARE)
         lw_budget_note(&s->rates.verify_ns, f->verified, f->stats.change_ns, 1.0 / VERIFY_RATE_FRAMES);
-    if (s->memory.ended && s->memory.watched)
+    if (s->memory.ended && s->memory.watched) {
+        lw_ranks_run(s->desc.ranks, &(struct lw_ranks_exchange){.moment = LW_RANKS_COUNTED,
+                                                                .tiles = &s->tiles,
+                                                                .count = s->interest.hits,
+                                                                .count_size = s->interest.ids});
         lw_interest_set_take_importance(&s->interest, &s->tiles, s->desc.indirect_samples);
+    }
     gather_facts(s);
     struct lw_plan_input in = input_of(s, &f->correct.budget);
     in.spent = spent_share(f);
@@ -326,7 +349,7 @@ struct verification {
 
 static void report_found(struct frame *f, lw_tile_id id, const struct lw_correct_found *found,
                          struct lw_work_report *report) {
-    f->s->mark[id.v].corrected |= found->corrected;
+    f->s->corrected[id.v] |= found->corrected;
     report->rays = found->rays;
     report->direct = found->direct;
     report->invalidated = found->invalidated;
@@ -339,6 +362,7 @@ static struct lw_solve_tile *tile_of(const struct lw_cell_solver *s, lw_tile_id 
 static void verify_tile(void *user, uint32_t item, struct lw_work_report *report) {
     const struct verification *v = user;
     const lw_tile_id id = v->entry[item].id;
+    if (!owns(v->f->s, id)) return;
     const struct lw_correct_found found =
         lw_correct_round(&v->f->correct, &v->f->s->plan.round, tile_of(v->f->s, id));
     report_found(v->f, id, &found, report);
@@ -347,6 +371,7 @@ static void verify_tile(void *user, uint32_t item, struct lw_work_report *report
 static void correct_tile(void *user, uint32_t item, struct lw_work_report *report) {
     const struct verification *v = user;
     const lw_tile_id id = v->entry[item].id;
+    if (!owns(v->f->s, id)) return;
     const struct lw_correct_found found =
         lw_correct_all(&v->f->correct, v->f->s->motion.moves, tile_of(v->f->s, id));
     report_found(v->f, id, &found, report);
@@ -357,9 +382,17 @@ static void run_entries(struct frame *f, const struct lw_plan_list *list, uint32
                         lw_work_fn *fn, struct lw_plan_found *found) {
     struct verification v = {f, list->entry + first};
     const struct lw_work_report report = lw_work_run(&f->s->work, end - first, LW_WORK_TILES, NULL, fn, &v);
+    bool flags[] = {report.direct, report.invalidated};
+    for (uint32_t i = first; i < end; i++) f->s->exchanged[i - first] = list->entry[i].id;
+    lw_ranks_run(f->s->desc.ranks, &(struct lw_ranks_exchange){.moment = LW_RANKS_VERIFIED,
+                                                               .tiles = &f->s->tiles,
+                                                               .tile = f->s->exchanged,
+                                                               .tile_count = end - first,
+                                                               .found = flags,
+                                                               .corrected = f->s->corrected});
     add_rays(f, &report);
-    found->direct |= report.direct;
-    found->invalidated |= report.invalidated;
+    found->direct |= flags[0];
+    found->invalidated |= flags[1];
 }
 
 static void verify(struct frame *f) {
@@ -398,15 +431,16 @@ static void weigh(struct frame *f) {
         memset(s->tiles.radiance_change[bounce], 0,
                (size_t)s->tiles.block_count * LW_REGIONS * sizeof(struct lw_vec3));
     const struct lw_work_report report =
-        lw_work_run(&s->work, s->due_count, LW_WORK_TILES, NULL, weigh_tile, f);
+        lw_work_run(&s->work, s->own_count, LW_WORK_TILES, NULL, weigh_tile, f);
     add_rays(f, &report);
+    exchange_due(f, LW_RANKS_WEIGHED);
 }
 
 static void pass_on_tile(void *user, uint32_t item, struct lw_work_report *report) {
     const struct frame *f = user;
     const struct lw_solve_tile *tile = &f->s->tiles.tile[item];
     (void)report;
-    if (!f->s->mark[tile->id.v].corrected) return;
+    if (!f->s->corrected[tile->id.v]) return;
     for (uint32_t bounce = 0; bounce < f->s->tiles.bounces; bounce++)
         lw_bounces_radiate(&f->transport, tile, bounce);
 }
@@ -466,11 +500,12 @@ static void filter(const struct frame *f) {
 
 static enum lw_status show(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
+    lw_work_run(&s->work, s->own_count, LW_WORK_TILES, NULL, finish_tile, f);
+    if (s->due_count) exchange_due(f, LW_RANKS_LIT);
     gather_facts(s);
     struct lw_plan_input in = input_of(s, &f->correct.budget);
     in.awaited = s->desc.awaited && *s->desc.awaited && s->frames > 0;
     lw_plan_show(&s->memory, &in, &s->plan);
-    lw_work_run(&s->work, s->due_count, LW_WORK_TILES, NULL, finish_tile, f);
     f->stats.tiles_shown = lw_work_run(&s->work, s->tiles.count, LW_WORK_CHEAP, NULL, show_tile, f).tiles;
     s->shows_all = false;
     f->light.began_ns = lw_clock_ns();

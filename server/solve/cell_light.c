@@ -131,7 +131,7 @@ static struct lw_ray_count run_pass(const struct lw_cell_light *light, enum lw_w
                                     enum pass_kind steps, lw_work_fn *fn, uint32_t bounce) {
     struct lw_cell_solver *s = light->s;
     struct pass pass = {light, bounce};
-    return lw_work_run(&s->work, s->due_count, kind, steps == PASS_STEPS ? &s->progress : NULL, fn, &pass)
+    return lw_work_run(&s->work, s->own_count, kind, steps == PASS_STEPS ? &s->progress : NULL, fn, &pass)
         .rays;
 }
 
@@ -140,7 +140,7 @@ static struct lw_ray_count run_pass(const struct lw_cell_light *light, enum lw_w
 static void begin_progress(struct lw_cell_solver *s) {
     static const _Atomic bool never = false;
     const uint32_t passes = 1 + (s->desc.bounces ? 1 + s->desc.bounces : 0);
-    const uint64_t steps = (uint64_t)s->due_count * passes;
+    const uint64_t steps = (uint64_t)s->own_count * passes;
     if (!s->frames) {
         lw_progress_init_waiting(&s->progress, "lighting the first frame", steps, s->desc.waiting,
                                  LW_WAITING_FIRST_LIGHT);
@@ -150,9 +150,20 @@ static void begin_progress(struct lw_cell_solver *s) {
     s->progress.wanted = s->desc.finishing ? s->desc.finishing : &never;
 }
 
+/* What the due tiles send out, of all ranks. */
+static void run_radiate(const struct lw_cell_light *light, uint32_t bounce) {
+    struct lw_cell_solver *s = light->s;
+    run_pass(light, LW_WORK_CHEAP, PASS_QUIET, radiate, bounce);
+    lw_ranks_run(s->desc.ranks, &(struct lw_ranks_exchange){.moment = LW_RANKS_RADIATED,
+                                                            .tiles = &s->tiles,
+                                                            .tile = s->due,
+                                                            .tile_count = s->due_count,
+                                                            .bounce = bounce});
+}
+
 static void run_direct(struct lw_cell_light *light) {
     light->stats->rays_shadow += run_pass(light, LW_WORK_TILES, PASS_STEPS, solve_direct, 0).shadow;
-    if (light->s->desc.bounces) run_pass(light, LW_WORK_CHEAP, PASS_QUIET, radiate, 0);
+    if (light->s->desc.bounces) run_radiate(light, 0);
     lw_cell_light_charge(light, &light->stats->direct_ns);
 }
 
@@ -167,7 +178,7 @@ static void run_bounces(struct lw_cell_light *light) {
     for (uint32_t bounce = 1; bounce <= s->desc.bounces; bounce++) {
         if (s->has_probes) project_probes(light, bounce - 1);
         run_pass(light, LW_WORK_TILES, PASS_STEPS, gather, bounce);
-        if (bounce < s->desc.bounces) run_pass(light, LW_WORK_CHEAP, PASS_QUIET, radiate, bounce);
+        if (bounce < s->desc.bounces) run_radiate(light, bounce);
         lw_cell_light_charge(light, &light->stats->scatter_ns);
     }
     if (s->desc.bounces > 1 && light->changing) run_pass(light, LW_WORK_TILES, PASS_QUIET, arrive, 0);

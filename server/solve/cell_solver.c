@@ -156,10 +156,10 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct lw_cell_solver *s = (const struct lw_cell_solver *)solver;
     size_t bytes = (size_t)s->tiles.texel_count * s->desc.indirect_samples * sizeof *s->ray_hit +
-                   (size_t)s->tiles.texel_count * sizeof *s->reflected + s->tiles.count * sizeof *s->due +
+                   (size_t)s->tiles.texel_count * sizeof *s->reflected + 2 * s->tiles.count * sizeof *s->due +
                    lw_reflectors_memory_bytes(&s->reflectors) + lw_tiles_memory_bytes(&s->tiles) +
                    lw_denoise_memory_bytes(&s->denoise) + lw_interest_set_memory_bytes(&s->interest) +
-                   lw_plan_bytes(s->tiles.count, s->memory.ids) + s->memory.ids * sizeof *s->mark +
+                   lw_plan_bytes(s->tiles.count, s->memory.ids) + 2 * s->memory.ids * sizeof(bool) +
                    s->tiles.count * (sizeof *s->fact + sizeof *s->work.reports);
     for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) bytes += lw_seams_light_memory_bytes(&s->welds[f]);
     if (s->has_probes) bytes += lw_probes_memory_bytes(&s->probes);
@@ -185,10 +185,12 @@ static void destroy(struct lw_solver *solver) {
     lw_plan_memory_finish(&s->memory);
     lw_work_finish(&s->work);
     free(s->fact);
-    free(s->mark);
+    free(s->contributes);
+    free(s->corrected);
     free(s->ray_hit);
     free(s->reflected);
     free(s->due);
+    free(s->exchanged);
     free(s);
 }
 
@@ -233,8 +235,9 @@ static enum lw_status allocate_plan(struct lw_cell_solver *s) {
     const uint32_t ids = s->desc.atlas_map->tile_count;
     lw_interest_set_init(&s->interest, ids);
     s->fact = calloc(s->tiles.count + 1ul, sizeof *s->fact);
-    s->mark = calloc(ids + 1ul, sizeof *s->mark);
-    enum lw_status status = s->fact && s->mark ? LW_OK : LW_NO_MEMORY;
+    s->contributes = calloc(ids + 1ul, sizeof *s->contributes);
+    s->corrected = calloc(ids + 1ul, sizeof *s->corrected);
+    enum lw_status status = s->fact && s->contributes && s->corrected ? LW_OK : LW_NO_MEMORY;
     if (status == LW_OK) status = lw_motion_init(&s->motion, s->desc.scene->object_count);
     if (status == LW_OK) status = lw_plan_init(&s->plan, s->tiles.count);
     if (status == LW_OK) status = lw_plan_memory_init(&s->memory, ids);
@@ -265,6 +268,9 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
         return lw_status_fail(err, status, "seams of %u texels", texels->count);
     if ((status = init_lights(s)) != LW_OK) return lw_status_fail(err, status, "lights");
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        s->tiles.tile[i].owner =
+            lw_ranks_owner(s->desc.ranks, s->tiles.tile[i].cell, lw_cells_total(&s->cells));
 
     s->has_probes = isfinite(s->desc.tracing_range_m) && s->desc.bounces > 0;
     if (s->has_probes && (status = place_probes(s, lo, hi)) != LW_OK)
@@ -273,7 +279,8 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
     s->ray_hit = calloc((size_t)texels->count * s->desc.indirect_samples + 1, sizeof *s->ray_hit);
     s->reflected = calloc((size_t)texels->count + 1, sizeof *s->reflected);
     s->due = malloc(((size_t)s->tiles.count + 1) * sizeof *s->due);
-    if (!s->ray_hit || !s->reflected || !s->due ||
+    s->exchanged = malloc(((size_t)s->tiles.count + 1) * sizeof *s->exchanged);
+    if (!s->ray_hit || !s->reflected || !s->due || !s->exchanged ||
         lw_reflectors_init(&s->reflectors, scene, texels, &s->pose) != LW_OK || allocate_plan(s) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", texels->count);
     return LW_OK;

@@ -27,6 +27,8 @@ static const struct {
     {C(STEP) | C(MANUAL), C(BUDGET), "--frame-budget-units is theirs, so that runs are repeatable"},
     {C(REAL), C(UNITS), "the real clock has --frame-budget-ms"},
     {C(BUDGET), C(UNITS), "a frame has one budget"},
+    {C(RADIOSITY) | C(VPL) | C(GROUPS) | C(TRACING_RANGE) | C(BUDGET), C(RANKS),
+     "solvers that share a scene exchange no light of it"},
     {C(ANIMATE), C(FREEZE), "the scene moves or does not"},
 };
 
@@ -48,6 +50,7 @@ uint32_t lw_combinations_of(const struct lw_solver_desc *desc) {
         {isfinite(desc->tracing_range_m) && desc->tracing_range_m > 0, C(TRACING_RANGE)},
         {desc->frame_budget_s > 0, C(BUDGET)},
         {desc->frame_budget_units > 0, C(UNITS)},
+        {desc->ranks != NULL, C(RANKS)},
         {terms->undersample != LW_UNDERSAMPLE_NONE, C(UNDERSAMPLE)},
         {terms->window != 0, C(WINDOW)},
         {terms->subdivide > 0, C(SUBDIVIDE)},

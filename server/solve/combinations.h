@@ -34,6 +34,7 @@
     X(MANUAL, "--clock manual")                                                                              \
     X(BUDGET, "--frame-budget-ms")                                                                           \
     X(UNITS, "--frame-budget-units")                                                                         \
+    X(RANKS, "ranks")                                                                                        \
     X(ANIMATE, "--animate")                                                                                  \
     X(FREEZE, "--freeze")
 

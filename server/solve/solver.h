@@ -16,6 +16,7 @@
 #define LW_SOLVER_BOUNCES_MAX 16u
 
 struct lw_client_lights;
+struct lw_ranks;
 struct lw_waiting;
 
 /** Zero means default, where zero makes no sense as a value. */
@@ -49,6 +50,9 @@ struct lw_solver_desc {
     /* What a frame solves, about: wall time; or work, in texels solved (adapt/budget.h), which gives the same
      * bytes every time. Both 0: all that there is. At most one is set. */
     double frame_budget_s, frame_budget_units;
+    /* Those that light the scene together (adapt/ranks.h); it outlives the solver. NULL: this one alone. Of the
+     * cell solver, without probes, layers and budgets of wall time. */
+    const struct lw_ranks *ranks;
     /* May be NULL; once true, a frame under way ends within a tile, creation within a mesh: LW_CLOSED */
     const _Atomic bool *cancel;
     const _Atomic bool *finishing; /* may be NULL; once true, frames say how far they are */

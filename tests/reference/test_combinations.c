@@ -5,6 +5,7 @@
 #include "common/light/client_lights.h"
 #include "common/tile/tile_codec.h"
 #include "server/publish/publisher.h"
+#include "server/solve/adapt/ranks.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -43,6 +44,15 @@ static const char *const refused[] = {
     "HALF STEP_WIDEST",
     "STEP BUDGET",
     "MANUAL BUDGET",
+    "RADIOSITY UNITS",
+    "VPL UNITS",
+    "REAL UNITS",
+    "BUDGET UNITS",
+    "RADIOSITY RANKS",
+    "VPL RANKS",
+    "GROUPS RANKS",
+    "TRACING_RANGE RANKS",
+    "BUDGET RANKS",
     "ANIMATE FREEZE",
 };
 
@@ -114,6 +124,9 @@ struct start {
     struct lw_client_lights lamps, surfaces;
 };
 
+static void exchange(void *user, const struct lw_ranks_exchange *what) { (void)user, (void)what; }
+static const struct lw_ranks alone = {.count = 1, .exchange = exchange};
+
 static struct lw_solver_desc desc_of(const struct start *s, uint32_t choices) {
     return (struct lw_solver_desc){
         .scene = s->scene,
@@ -129,6 +142,8 @@ static struct lw_solver_desc desc_of(const struct start *s, uint32_t choices) {
                          : choices & LW_CHOICE_SPLIT        ? &s->lamps
                                                             : NULL,
         .frame_budget_s = choices & LW_CHOICE_BUDGET ? 0.01 : 0,
+        .frame_budget_units = choices & LW_CHOICE_UNITS ? 1000 : 0,
+        .ranks = choices & LW_CHOICE_RANKS ? &alone : NULL,
         /* a window needs something to choose in it */
         .radiosity = {.undersample = choices & (LW_CHOICE_UNDERSAMPLE | LW_CHOICE_WINDOW)
                                          ? LW_UNDERSAMPLE_MIP

@@ -335,6 +335,50 @@ void lw_tiles_finish(struct lw_tiles *tiles) {
     *tiles = (struct lw_tiles){0};
 }
 
+void lw_tiles_take_radiance(struct lw_tiles *tiles, const struct lw_tiles *from, lw_tile_id id,
+                            uint32_t bounce) {
+    const struct lw_solve_tile *tile = &tiles->tile[tiles->slot_of_id[id.v]];
+    const size_t first = 4 * (size_t)tile->first, change = LW_REGIONS * (size_t)(tile->block - tiles->block);
+    memcpy(tiles->radiance[bounce] + first, from->radiance[bounce] + first,
+           4 * sizeof(float) * tile->width * tile->height);
+    memcpy(tiles->radiance_change[bounce] + change, from->radiance_change[bounce] + change,
+           LW_REGIONS * sizeof(struct lw_vec3) * tile->block_columns * tile->block_rows);
+}
+
+static void take_block(struct lw_solve_block *block, const struct lw_solve_block *from) {
+    struct lw_packet *packet = block->packet; /* packets are equal, and lie elsewhere */
+    *block = *from;
+    block->packet = packet;
+}
+
+static void take_planes(const struct plane *to, const struct plane *from, uint32_t planes,
+                        const struct lw_solve_tile *tile) {
+    for (uint32_t i = 0; i < planes; i++) {
+        const size_t first = (size_t)tile->first * from[i].floats;
+        memcpy(*to[i].at + first, *from[i].at + first,
+               sizeof(float) * from[i].floats * tile->width * tile->height);
+    }
+}
+
+void lw_tiles_take(struct lw_tiles *tiles, const struct lw_tiles *from, lw_tile_id id) {
+    struct lw_solve_tile *tile = &tiles->tile[tiles->slot_of_id[id.v]];
+    const struct lw_solve_tile *other = &from->tile[from->slot_of_id[id.v]];
+    struct lw_tiles source = *from; /* the lists hold places to write to */
+    struct plane to[PLANES_MAX], of[PLANES_MAX];
+    take_planes(to, of, (list_planes(&source, of), list_planes(tiles, to)), tile);
+    if (tiles->drawn[0]) take_planes(to, of, (list_drawn(&source, of), list_drawn(tiles, to)), tile);
+    for (uint32_t b = 0; b < tile->block_columns * tile->block_rows; b++)
+        take_block(&tile->block[b], &other->block[b]);
+    tile->sample_count = other->sample_count;
+    tile->error = other->error;
+    tile->state = other->state;
+    tile->begins = other->begins;
+    tile->invalidated = other->invalidated;
+    tile->priority = other->priority;
+    tile->invalidated_count = other->invalidated_count;
+    tile->solved_frame = other->solved_frame;
+}
+
 void lw_tiles_sum_up(struct lw_solve_tile *tile) {
     tile->state = LW_BLOCK_CONVERGED;
     tile->sample_count = tile->covered_count ? UINT32_MAX : 0;

@@ -95,7 +95,7 @@ struct lw_solve_tile {
     uint32_t local, first;        /* first texel within the mesh; within the global numbering */
     struct lw_solve_block *block; /* row by row */
     uint32_t block_columns, block_rows;
-    uint32_t cell;
+    uint32_t cell, owner;     /* where it stands; the rank that solves it, by the cell where it first stood */
     struct lw_vec3 centre_ws; /* of the sphere that holds all its texels, as the pose has it */
     float radius_m;
     struct lw_vec3 centre_os; /* the same in object space */
@@ -227,6 +227,13 @@ static inline struct lw_solve_block *lw_tiles_block(const struct lw_solve_tile *
                                                     uint32_t y) {
     return &tile->block[y / LW_TILE_BLOCK * tile->block_columns + x / LW_TILE_BLOCK];
 }
+
+/** Takes over, from tiles of the same scene, what a tile keeps of its light: sums, estimates, blocks, state.
+ * */
+void lw_tiles_take(struct lw_tiles *tiles, const struct lw_tiles *from, lw_tile_id id);
+/** What it sends out of a bounce order. */
+void lw_tiles_take_radiance(struct lw_tiles *tiles, const struct lw_tiles *from, lw_tile_id id,
+                            uint32_t bounce);
 
 /** Sums up a tile's blocks: its sample count, its state. */
 void lw_tiles_sum_up(struct lw_solve_tile *tile);
