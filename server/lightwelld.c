@@ -97,6 +97,7 @@ struct settings {
     char *printed; /* all options, as a file for --config */
     bool check_config, print_config;
     const char *listen, *port_file, *http, *http_port_file, *http_hosts, *http_origins, *web_root;
+    const char *plan_log;
     const char *metrics, *metrics_port_file, *crossover_report;
     struct lw_cost_report renderers; /* of that report */
     const char *tokens, *control_socket, *tls_certificate, *tls_key;
@@ -357,6 +358,11 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "that "
          "is repeatable. Under the step and manual clocks alone (default inf)",
          LW_OPTION_REAL, &s->frame_budget_units, 1, (double)INFINITY, NULL},
+        {"plan-log", "FILE",
+         "write there what each frame verifies, solves and shows, and why; for reports of faults. It grows "
+         "by "
+         "what changes, some kB a frame (default: none)",
+         LW_OPTION_STRING, &s->plan_log, 0, 0, NULL},
         {"clock", "real|step|manual",
          "real: scene time is wall time (default). step: 1/30 s of scene time per solved frame, repeatable. "
          "manual: the same, and a frame begins with each line on stdin, whose end stops the server",
@@ -555,6 +561,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
             .seed = (uint32_t)s->seed,
             .frame_budget_s =
                 s->clock == CLOCK_REAL && isfinite(s->frame_budget_ms) ? s->frame_budget_ms * 1e-3 : 0,
+            .plan_log = s->plan_log,
             .frame_budget_units = isfinite(s->frame_budget_units) ? s->frame_budget_units : 0,
             .cancel = &d->cancel,
             .waiting = &d->first_light,

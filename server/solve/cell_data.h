@@ -8,7 +8,7 @@
 #include "server/solve/adapt/converged.h"
 #include "server/solve/adapt/interest_set.h"
 #include "server/solve/adapt/motion.h"
-#include "server/solve/adapt/plan.h"
+#include "server/solve/adapt/plan_log.h"
 #include "server/solve/adapt/ranks.h"
 #include "server/solve/adapt/work.h"
 #include "server/solve/cell_layer.h"
@@ -55,6 +55,7 @@ struct lw_cell_solver {
     struct lw_motion motion;
     struct lw_plan_memory memory;
     struct lw_plan plan;
+    struct lw_plan_log *plan_log;  /* NULL: none is written */
     struct lw_plan_fact *fact;     /* per tile, in the order of tiles.tile as of the last plan */
     bool *contributes, *corrected; /* per lw_tile_id, in this frame */
     /* Tiles that the frame under way, or the last one, solves; first those that this rank owns. */

@@ -164,6 +164,7 @@ static enum lw_status recall(struct frame *f, struct lw_error *err) {
 static void note_motion(struct lw_cell_solver *s, const struct lw_pose *is, bool shines) {
     lw_motion_note(&s->motion, &s->tiles, s->desc.scene, &s->pose, is, shines);
     lw_plan_note_move(&s->memory);
+    lw_plan_log_event(s->plan_log, "move");
 }
 
 static enum lw_status take_pose(struct frame *f, struct lw_error *err) {
@@ -283,6 +284,7 @@ static void plan_verify(struct frame *f) {
     if (in.budget.limited && in.moves.moves && in.looked_at)
         lw_work_run(&s->work, s->tiles.count, LW_WORK_CHEAP, NULL, forecast_tile, &forecast);
     lw_plan_verify(&s->memory, &in, &s->plan);
+    lw_plan_log_stage(s->plan_log, LW_PLAN_STAGE_VERIFY, &in, &s->plan);
 }
 
 /* Of the frame's budget, the share that verification has taken. */
@@ -331,6 +333,7 @@ static enum lw_status plan_light(struct frame *f, struct lw_error *err) {
     in.spent = spent_share(f);
     in.lights_all = s->frames == 0;
     lw_plan_light(&s->memory, &in, &s->plan);
+    lw_plan_log_stage(s->plan_log, LW_PLAN_STAGE_LIGHT, &in, &s->plan);
     f->stats.tiles_interest = s->memory.interest;
     f->stats.tiles_contributing = s->memory.contributing;
     f->light.changing = s->plan.changing;
@@ -408,6 +411,7 @@ static void verify(struct frame *f) {
         found.verified = plan->verify.count;
     }
     lw_plan_note_verified(&s->memory, &in, plan, &found);
+    lw_plan_log_found(s->plan_log, &found);
     run_entries(f, &plan->correct, 0, plan->correct.count, correct_tile, &swept);
     lw_cell_light_charge(&f->light, &f->stats.change_ns);
 }
@@ -506,6 +510,7 @@ static enum lw_status show(struct frame *f, struct lw_error *err) {
     struct lw_plan_input in = input_of(s, &f->correct.budget);
     in.awaited = s->desc.awaited && *s->desc.awaited && s->frames > 0;
     lw_plan_show(&s->memory, &in, &s->plan);
+    lw_plan_log_stage(s->plan_log, LW_PLAN_STAGE_SHOW, &in, &s->plan);
     f->stats.tiles_shown = lw_work_run(&s->work, s->tiles.count, LW_WORK_CHEAP, NULL, show_tile, f).tiles;
     s->shows_all = false;
     f->light.began_ns = lw_clock_ns();
@@ -587,6 +592,7 @@ enum lw_status lw_cell_frame_run(struct lw_cell_solver *s, const struct lw_pose 
                                     .filtered = s->desc.denoise};
     f.light = (struct lw_cell_light){
         .s = s, .transport = &f.transport, .stats = &f.stats, .began_ns = lw_clock_ns()};
+    lw_plan_log_frame(s->plan_log, number);
     enum lw_status status = pose(&f, err);
     if (status != LW_OK) return status;
     plan_verify(&f);

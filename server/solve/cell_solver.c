@@ -53,7 +53,8 @@ void lw_cell_layer_review(struct lw_solver *solver) {
         }
         lw_tiles_sum_up(tile);
     }
-    s->memory.still_rounds = 0;
+    lw_plan_review(&s->memory);
+    lw_plan_log_event(s->plan_log, "review");
 }
 
 static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *interest, struct lw_error *err) {
@@ -131,6 +132,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     s->motion.moves = remembered.moves;
     s->motion.frames_since_move = remembered.frames_since_move;
     lw_plan_resume(&s->memory);
+    lw_plan_log_event(s->plan_log, "resume");
     s->forgetful = true;
     for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) s->welds[f].fresh = true;
     if (remembered.judges_split != judges_split(s)) {
@@ -182,6 +184,7 @@ static void destroy(struct lw_solver *solver) {
     lw_interest_set_finish(&s->interest);
     lw_motion_finish(&s->motion);
     lw_plan_finish(&s->plan);
+    lw_plan_log_destroy(s->plan_log);
     lw_plan_memory_finish(&s->memory);
     lw_work_finish(&s->work);
     free(s->fact);
@@ -283,7 +286,8 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
     if (!s->ray_hit || !s->reflected || !s->due || !s->exchanged ||
         lw_reflectors_init(&s->reflectors, scene, texels, &s->pose) != LW_OK || allocate_plan(s) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", texels->count);
-    return LW_OK;
+    if (!s->desc.plan_log) return LW_OK;
+    return lw_plan_log_create(s->desc.plan_log, s->tiles.count, s->memory.ids, &s->plan_log, err);
 }
 
 enum lw_status lw_cell_layer_create(struct lw_geometry *geometry, const struct lw_solver_desc *desc,

@@ -661,6 +661,11 @@ static enum lw_status build_layer(struct layers *s, uint32_t k, struct lw_error 
     desc.scene = &layer->scene;
     desc.threads = (unsigned)s->threads;
     if (k > 0) desc.seed = lw_random_hash2(desc.seed, k); /* noise of one layer does not repeat another's */
+    char path[PATH_MAX];
+    if (k > 0 && desc.plan_log) {
+        snprintf(path, sizeof path, "%s.%u", s->desc.plan_log, k);
+        desc.plan_log = path;
+    }
     return lw_cell_layer_create(&s->geometry, &desc, &layer->pose, &layer->solver, err);
 }
 

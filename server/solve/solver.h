@@ -50,9 +50,12 @@ struct lw_solver_desc {
     /* What a frame solves, about: wall time; or work, in texels solved (adapt/budget.h), which gives the same
      * bytes every time. Both 0: all that there is. At most one is set. */
     double frame_budget_s, frame_budget_units;
-    /* Those that light the scene together (adapt/ranks.h); it outlives the solver. NULL: this one alone. Of the
-     * cell solver, without probes, layers and budgets of wall time. */
+    /* Those that light the scene together (adapt/ranks.h); it outlives the solver. NULL: this one alone. Of
+     * the cell solver, without probes, layers and budgets of wall time. */
     const struct lw_ranks *ranks;
+    /* Of the cell solver: writes its plans there (adapt/plan_log.h), those of the second layer to path.1 and
+     * so on. NULL: nowhere. */
+    const char *plan_log;
     /* May be NULL; once true, a frame under way ends within a tile, creation within a mesh: LW_CLOSED */
     const _Atomic bool *cancel;
     const _Atomic bool *finishing; /* may be NULL; once true, frames say how far they are */

@@ -3,6 +3,7 @@
  * thread count. `test_solve_scripts digests` prints a digest of each frame, which scripts/same_bytes.sh
  * compares between two builds. */
 #include "common/light/client_lights.h"
+#include "server/solve/adapt/plan_log.h"
 #include "tests/reference/room.h"
 
 #include <stdio.h>
@@ -310,6 +311,44 @@ static void same_bytes_at_any_thread_count(void **state) {
     }
 }
 
+/* A log's plans are made again from their inputs; one entry that is another is named by its line. */
+static void a_log_is_replayed(void **state) {
+    (void)state;
+    const char *path = lw_support_temporary("plans");
+    struct lw_error err = {0}, other = {0}, none = {0};
+    struct record record = {0};
+    struct run run;
+    struct lw_solver_desc desc = describe(SOME, 2);
+    uint64_t plans = 0;
+    desc.plan_log = path;
+    begin(&run, &record, desc, NULL);
+    step(&run, 20);
+    move_lamp(&run, 0, 0.3f);
+    step(&run, 6);
+    look(&run, 0, 3, 0);
+    for (unsigned f = 0; f < 6; f++) {
+        move_lamp(&run, 0, 0.05f);
+        step(&run, 1);
+    }
+    end(&run);
+    lw_support_ok(lw_plan_log_replay(path, NULL, 0, &plans, &err), &err);
+    assert_int_equal(plans, 3 * 32);
+
+    size_t size;
+    char *text = (char *)lw_support_read_file(path, &size), *entry = strstr(text, "\nplan ");
+    assert_non_null(entry);
+    entry += strcspn(entry + 1, "\n"); /* the last figure of the last tile of the list */
+    *entry = *entry == '1' ? '2' : '1';
+    FILE *file = fopen(path, "w");
+    assert_non_null(file);
+    assert_int_equal(fwrite(text, 1, size, file), size);
+    fclose(file);
+    free(text);
+    lw_support_fails(lw_plan_log_replay(path, NULL, 0, &plans, &other), LW_BAD_DATA, &other, "is another");
+    lw_support_fails(lw_plan_log_replay(lw_support_source("README.md"), NULL, 0, &plans, &none), LW_BAD_DATA,
+                     &none, "README.md:1: no plan log");
+}
+
 /* Frames of few units solve and verify little, frames of many units much: the budget is kept. */
 static void budgets_are_kept(void **state) {
     (void)state;
@@ -342,6 +381,7 @@ static int print_digests(void) {
 int main(int argc, char **argv) {
     if (argc == 2 && !strcmp(argv[1], "digests")) return print_digests();
     const struct CMUnitTest tests[] = {cmocka_unit_test(same_bytes_at_any_thread_count),
+                                       cmocka_unit_test(a_log_is_replayed),
                                        cmocka_unit_test(budgets_are_kept)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -80,6 +80,8 @@ void lw_plan_note_move(struct lw_plan_memory *memory) {
 
 void lw_plan_resume(struct lw_plan_memory *memory) { memory->unchanged_rounds = CHANGING_ROUNDS + 1; }
 
+void lw_plan_review(struct lw_plan_memory *memory) { memory->still_rounds = 0; }
+
 bool lw_plan_is_behind(const struct lw_plan_memory *memory, const struct lw_plan_input *in) {
     for (uint32_t i = 0; i < in->count; i++)
         if (memory->tile[in->fact[i].id.v].unverified && in->fact[i].contributes && in->fact[i].level)

@@ -168,6 +168,9 @@ void lw_plan_note_move(struct lw_plan_memory *memory);
 /** Goes on where a checkpoint was saved, of a scene that has not changed since. */
 void lw_plan_resume(struct lw_plan_memory *memory);
 
+/** Tiles were judged again: what had rested may not have. */
+void lw_plan_review(struct lw_plan_memory *memory);
+
 /** What a frame asks of its blocks, which says how much work that is (lw_gradient_work()). */
 struct lw_gradient_round lw_plan_round(const struct lw_plan_memory *memory, const struct lw_plan_input *in);
 
