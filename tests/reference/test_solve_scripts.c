@@ -65,8 +65,7 @@ static uint64_t digest_frame(const struct run *run) {
         const size_t texels = (size_t)tile.width * tile.height;
         sum = digest_plane(sum, tile.direct, texels);
         sum = digest_plane(sum, tile.indirect, texels);
-        sum = digest_plane(sum, tile.irradiance, texels);
-        sum = digest_plane(sum, tile.split, texels);
+        for (uint32_t k = 0; k < LW_TILE_CHANNELS_MAX; k++) sum = digest_plane(sum, tile.shown[k], texels);
         sum = digest(sum, &tile.sample_count, sizeof tile.sample_count);
         sum = digest(sum, &tile.error, sizeof tile.error);
         sum = digest(sum, &tile.solved_frame, sizeof tile.solved_frame);
