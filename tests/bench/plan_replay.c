@@ -1,4 +1,4 @@
-/* plan_replay: makes the plans of a log again (lightwelld --plan-log), tells them, and says if one is another.
+/* plan_replay: makes the plans of a log again (lightwelld --plan-log), and tells them.
  *
  *   plan_replay LOG          a line for each list of each frame
  *   plan_replay LOG FRAME    of one frame, each entry */
