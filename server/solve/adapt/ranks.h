@@ -3,8 +3,8 @@
  * Threads: [solver] of each rank calls; exchange returns once all ranks have called.
  *
  * Every rank holds all tiles, plans for all of them, and carries out the entries whose owner it is. A plan
- * is a function of facts, so ranks that have exchanged the same facts have the same plan. On one machine there are
- * no ranks (NULL), and an exchange does nothing. */
+ * is a function of facts, so ranks that have exchanged the same facts have the same plan. On one machine
+ * there are no ranks (NULL), and an exchange does nothing. */
 #ifndef LW_ADAPT_RANKS_H
 #define LW_ADAPT_RANKS_H
 
