@@ -129,21 +129,26 @@ LW_WIDE static void bend_all(const struct lw_gloss16 *restrict g, struct lw_glos
     }
 }
 
+/* Of an entry of the packed table. */
+LW_WIDE_INLINE float share_a(uint32_t entry) { return (float)(int)(entry & 0xffffu) * (1.0f / 65535); }
+LW_WIDE_INLINE float share_b(uint32_t entry) { return (float)(int)(entry >> 16) * (1.0f / 65535); }
+
+LW_WIDE_INLINE float mix(float a, float b, float t) { return a + t * (b - a); }
+
 /* a and b of lobe_table.h; where light falls out of it by rounding, none. */
-LW_WIDE static void look_up(const float *restrict table, const float *restrict cosine,
+LW_WIDE static void look_up(const uint32_t *restrict table, const float *restrict cosine,
                             const float *restrict roughness, float *restrict a, float *restrict b) {
     const int side = LW_LOBE_TABLE_SIDE;
     for (unsigned i = 0; i < WIDTH; i++) {
         const float x = sqrtf(cosine[i]) * (float)(side - 1), y = roughness[i] * (float)(side - 1);
-        const int u = (int)least(x, (float)(side - 2)), v = (int)least(y, (float)(side - 2));
+        const int cut_x = (int)x, cut_y = (int)y; /* to be cut off as floats they would want a branch */
+        const int u = cut_x < side - 2 ? cut_x : side - 2, v = cut_y < side - 2 ? cut_y : side - 2;
         const float s = x - (float)u, t = y - (float)v;
-        const int at = 2 * (v * side + u), below = at + 2 * side;
-        const float upper_a = table[at] + s * (table[at + 2] - table[at]),
-                    upper_b = table[at + 1] + s * (table[at + 3] - table[at + 1]),
-                    lower_a = table[below] + s * (table[below + 2] - table[below]),
-                    lower_b = table[below + 1] + s * (table[below + 3] - table[below + 1]);
-        a[i] = upper_a + t * (lower_a - upper_a);
-        b[i] = upper_b + t * (lower_b - upper_b);
+        const int at = v * side + u;
+        const uint32_t first = table[at], second = table[at + 1], third = table[at + side],
+                       fourth = table[at + side + 1];
+        a[i] = mix(mix(share_a(first), share_a(second), s), mix(share_a(third), share_a(fourth), s), t);
+        b[i] = mix(mix(share_b(first), share_b(second), s), mix(share_b(third), share_b(fourth), s), t);
     }
 }
 
@@ -189,7 +194,7 @@ void lw_gloss_see16(const struct lw_gloss16 *gloss, struct lw_gloss_seen16 *out)
     bend_all(gloss, out);
     spread_all((const float(*)[WIDTH])out->normal, gloss->quads, out->spread);
     read_all(gloss, out);
-    look_up(&lw_lobe_table()->a, out->cosine, out->roughness, a, b);
+    look_up(lw_lobe_table_packed(), out->cosine, out->roughness, a, b);
     weigh_all(gloss, a, b, out);
 }
 

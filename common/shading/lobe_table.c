@@ -4,12 +4,12 @@
 #include "common/shading/microfacets.h"
 
 #include <pthread.h>
-#include <stdint.h>
 
 #define SIDE    LW_LOBE_TABLE_SIDE
 #define SAMPLES 1024u /* of an entry: 0.1 % off at most */
 
 static struct lw_lobe_share table[SIDE][SIDE], mean[SIDE]; /* rows: roughness */
+static uint32_t packed[SIDE][SIDE];
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 
 /* By visible normals: what is left to weigh is F and the light's own masking. */
@@ -29,12 +29,15 @@ static struct lw_lobe_share integrate(float cosine, float alpha) {
     return (struct lw_lobe_share){(float)(a / SAMPLES), (float)(b / SAMPLES)};
 }
 
+static uint32_t in_16_bits(float x) { return (uint32_t)lrintf(65535 * fminf(fmaxf(x, 0), 1)); }
+
 static void fill(void) {
     for (int j = 0; j < SIDE; j++) {
         const float roughness = (float)j / (SIDE - 1), alpha = lw_microfacets_alpha(roughness);
         for (int i = 0; i < SIDE; i++) {
             const float t = (float)i / (SIDE - 1);
             table[j][i] = integrate(fmaxf(t * t, 1e-4f), alpha);
+            packed[j][i] = in_16_bits(table[j][i].a) | in_16_bits(table[j][i].b) << 16;
         }
         /* 2 cos d(cos), cos = t^2: 4 t^3 dt, between the entries as the look-up has it */
         double a = 0, b = 0;
@@ -80,4 +83,9 @@ struct lw_lobe_share lw_lobe_table_mean(float roughness) {
 const struct lw_lobe_share *lw_lobe_table(void) {
     pthread_once(&once, fill);
     return table[0];
+}
+
+const uint32_t *lw_lobe_table_packed(void) {
+    pthread_once(&once, fill);
+    return packed[0];
 }

@@ -9,6 +9,8 @@
 #ifndef LW_COMMON_LOBE_TABLE_H
 #define LW_COMMON_LOBE_TABLE_H
 
+#include <stdint.h>
+
 /* Cosines and roughnesses: entry i is at cosine (i / (SIDE - 1))^2, entry j at roughness j / (SIDE - 1). */
 #define LW_LOBE_TABLE_SIDE 32
 
@@ -23,5 +25,7 @@ struct lw_lobe_share lw_lobe_table_mean(float roughness);
 
 /** The table for shaders: LW_LOBE_TABLE_SIDE rows, one for each roughness, of as many entries. */
 const struct lw_lobe_share *lw_lobe_table(void);
+/** The same in half the memory, for vectors: 65535 a in the lower 16 bits, 65535 b in the upper ones. */
+const uint32_t *lw_lobe_table_packed(void);
 
 #endif
