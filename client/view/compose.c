@@ -2,7 +2,7 @@
 
 #include "client/view/ambient.h"
 #include "client/view/direct_pixels.h"
-#include "client/view/gloss.h"
+#include "client/view/gloss_maps.h"
 #include "client/view/place.h"
 #include "common/colour.h"
 #include "common/lightmap/lightmap.h"
@@ -398,12 +398,15 @@ struct patch {
     unsigned coarsest;     /* no coarser level serves */
     /* with direct light or finishes: */
     bool flat;                /* all normals are the face's */
-    struct lw_vec3 corner[3]; /* world space, m */
+    struct lw_vec3 corner[3]; /* world space, m; with direct light alone, as the next but one */
     struct lw_vec3 face;      /* unit normal */
     float largest_m;          /* of lw_trace_lift() */
-    /* of a normal map: where its u points at the corners, world space, any length; its handedness there */
-    struct lw_vec3 tangent[3];
-    float turn;
+    /* of a surface that is shaded by a finish: */
+    bool sound;  /* the mean of the corners' normals is on the face's side wherever it is */
+    bool simple; /* gloss_maps.h reads its base colour, and nothing else of it varies */
+    bool bumpy;
+    struct lw_gloss_corner finish[3];
+    float turn; /* handedness of the normal map */
 };
 
 /* Whether corners' normals are the face's, but for rounding. */
@@ -428,17 +431,56 @@ static void place_patch(const struct lw_compose *compose, uint32_t o, const stru
     out->largest_m = place->growth * largest + place->shift_m;
 }
 
-static void turn_patch(const struct lw_compose *compose, uint32_t o, const struct lw_mesh *mesh,
-                       struct patch *out) {
-    const struct lw_affine *to_world = &compose->place[o].to_world;
+/* Whether a surface is shaded by its finish. */
+static bool shades_finish(const struct lw_compose *compose, const struct lw_material *material) {
+    return compose->finishes && !compose->surveys &&
+           (is_finished(material) || lw_show_is_of_finish(compose->show));
+}
+
+static void turn_patch(const struct lw_affine *to_world, const struct lw_mesh *mesh, struct patch *out) {
     const uint16_t *code = mesh->tangent + 3 * (size_t)out->triangle;
     float turn = 1;
     for (int k = 0; k < 3; k++) {
         const struct lw_vec4 t = lw_tangent_decode(code[k], mesh->normal[out->facet.vertex[k]]);
-        out->tangent[k] = lw_affine_vector(to_world, lw_vec3(t.x, t.y, t.z));
+        const struct lw_vec3 tangent = lw_affine_vector(to_world, lw_vec3(t.x, t.y, t.z));
+        out->finish[k].tangent += (lw_gloss_float4){tangent.x, tangent.y, tangent.z, 0};
         turn = t.w;
     }
     out->turn = lw_affine_determinant(to_world) < 0 ? -turn : turn;
+}
+
+/* Whether its base colour is factor and texture alone, and its emission the same everywhere. */
+static bool is_simple(const struct lw_mesh *mesh, const struct lw_material *material) {
+    return is_finished(material) && material->alpha_mode == LW_ALPHA_OPAQUE && !mesh->colour &&
+           (material->emission_texture.texture == LW_SCENE_NONE || !lw_material_shines(material));
+}
+
+/* lw_scene_light_normal() takes the face where a shading normal's cosine with it is not above 0.01. */
+#define SOUND_MIN 0.011f
+
+/* What the finishes of a triangle's points are made of. */
+static void finish_patch(const struct lw_compose *compose, uint32_t o, const struct lw_mesh *mesh,
+                         struct lw_vec3 normal_os, struct patch *out) {
+    const struct lw_place *place = &compose->place[o];
+    const struct lw_vec3 face = lw_vec3_normalize(normal_os);
+    const struct lw_material *material = out->facet.material;
+    out->simple = is_simple(mesh, material);
+    out->bumpy =
+        mesh->tangent && is_finished(material) && material->finish->normal_texture.texture != LW_SCENE_NONE;
+    out->face = lw_vec3_normalize(out->normal);
+    out->sound = true;
+    for (int k = 0; k < 3; k++) {
+        const uint32_t v = out->facet.vertex[k];
+        const struct lw_vec2 none = {0, 0}, first = mesh->uv[0] ? mesh->uv[0][v] : none,
+                             second = mesh->uv[1] ? mesh->uv[1][v] : none;
+        const struct lw_vec3 normal = lw_affine_vector(&place->to_normal, mesh->normal[v]);
+        out->sound &= lw_vec3_dot(mesh->normal[v], face) > SOUND_MIN;
+        out->finish[k].normal = (lw_gloss_float4){normal.x, normal.y, normal.z, first.x};
+        out->finish[k].tangent = (lw_gloss_float4){0, 0, 0, first.y};
+        out->finish[k].second = (lw_gloss_float4){second.x, second.y, 0, 0};
+    }
+    out->turn = 1;
+    if (out->bumpy) turn_patch(&place->to_world, mesh, out);
 }
 
 static void find_patch(const struct lw_compose *compose, uint32_t o, uint32_t triangle, struct patch *out) {
@@ -458,8 +500,8 @@ static void find_patch(const struct lw_compose *compose, uint32_t o, uint32_t tr
         fabsf((uv[1].x - uv[0].x) * (uv[2].y - uv[0].y) - (uv[1].y - uv[0].y) * (uv[2].x - uv[0].x));
     out->coarsest =
         compose->coarsest[m] && lw_vec3_length(normal_os) > 1e-30f ? compose->coarsest[m][triangle] : 0;
-    if (compose->direct || compose->finishes) place_patch(compose, o, mesh, normal_os, out);
-    if (compose->finishes && mesh->tangent && out->facet.material->finish) turn_patch(compose, o, mesh, out);
+    if (compose->direct) place_patch(compose, o, mesh, normal_os, out);
+    if (shades_finish(compose, out->facet.material)) finish_patch(compose, o, mesh, normal_os, out);
 }
 
 /* The level of which a texel is as large as the pixel where its ray meets the surface, or smaller.
@@ -502,17 +544,10 @@ struct look {
     const struct object *object;
     float weight[3];
     struct lw_texture_quad texels;
-    struct lw_finish_texels finish; /* where shades_finish() and it has one */
-    struct lw_vec2 uv;              /* of the lightmap */
+    struct lw_vec2 uv; /* of the lightmap */
     unsigned level;
     struct footprint footprint; /* in that */
 };
-
-/* Whether a surface is shaded by its finish. */
-static bool shades_finish(const struct lw_compose *compose, const struct lw_material *material) {
-    return compose->finishes && !compose->surveys &&
-           (is_finished(material) || lw_show_is_of_finish(compose->show));
-}
 
 /* Finds out what a hit is to be shaded from, and starts to fetch it. */
 static void look_at(const struct lw_compose *compose, struct patches *patches, const struct packet *p,
@@ -525,9 +560,8 @@ static void look_at(const struct lw_compose *compose, struct patches *patches, c
     out->weight[0] = 1 - hits->u[i] - hits->v[i];
     out->weight[1] = hits->u[i];
     out->weight[2] = hits->v[i];
-    if (facet->varies) lw_scene_facet_texels(compose->scene, facet, out->weight, &out->texels);
-    if (shades_finish(compose, facet->material) && is_finished(facet->material))
-        lw_scene_facet_finish_texels(compose->scene, facet, out->weight, &out->texels, &out->finish);
+    const bool maps_read = shades_finish(compose, facet->material) && patch->simple;
+    if (facet->varies && !maps_read) lw_scene_facet_texels(compose->scene, facet, out->weight, &out->texels);
 
     const struct object *object = &compose->object[hits->object[i]];
     out->object = object;
@@ -624,28 +658,29 @@ static struct lw_place_point point_of(const struct lw_compose *compose, const st
     return lw_place_point(&compose->place[patch->object], mesh, hits, i, &surface);
 }
 
-/* The same without its origin, where no light is looked for. */
-static struct lw_place_point facing_of(const struct lw_compose *compose, const struct look *look,
-                                       const struct lw_hit16 *hits, unsigned i) {
+/* The normal of a surface's point, on the side that was met. */
+static struct lw_vec3 facing_of(const struct lw_compose *compose, const struct look *look,
+                                const struct lw_hit16 *hits, unsigned i) {
     const struct patch *patch = look->patch;
-    const float side = hits->back[i] ? -1.0f : 1.0f;
-    struct lw_place_point point = {.normal = lw_vec3_scale(patch->face, side)};
-    if (patch->flat) return point;
     struct lw_vec3 face;
     const struct lw_vec3 normal =
         lw_scene_normal(patch->facet.mesh, patch->triangle, hits->u[i], hits->v[i], &face);
     const struct lw_vec3 turned =
         lw_affine_vector(&compose->place[patch->object].to_normal, lw_scene_light_normal(normal, face));
-    point.normal = lw_vec3_scale(lw_vec3_normalize(turned), side);
-    return point;
+    return lw_vec3_scale(lw_vec3_normalize(turned), hits->back[i] ? -1.0f : 1.0f);
 }
 
 /* The lanes of a packet that have met surfaces with a finish. */
 struct finished {
     struct lw_gloss16 gloss;
+    struct lw_gloss_uv16 uv;
+    float side[LW_TRACE_WIDTH];
     float e[3][LW_TRACE_WIDTH];
+    struct lw_gloss_corner mean[LW_TRACE_WIDTH];
     uint16_t lanes;
+    uint16_t exact;                              /* those whose normals are not those of the mean */
     struct lw_place_point point[LW_TRACE_WIDTH]; /* from here on of those lanes alone */
+    struct lw_vec3 base[LW_TRACE_WIDTH];         /* where the patch is not simple */
     struct lw_gloss_seen16 seen;
     struct lw_vec3 factor[LW_TRACE_WIDTH]; /* of what leaves: how much of it the eye sees */
     float weight[LW_TRACE_WIDTH];          /* the same without colour */
@@ -657,37 +692,68 @@ static void set_lane(float (*to)[LW_TRACE_WIDTH], unsigned i, struct lw_vec3 v) 
     to[0][i] = v.x, to[1][i] = v.y, to[2][i] = v.z;
 }
 
-static struct lw_vec3 mean3(const struct lw_vec3 corner[3], const float weight[3]) {
-    const struct lw_vec3 a = lw_vec3_scale(corner[0], weight[0]);
-    return lw_vec3_mad(lw_vec3_mad(a, corner[1], weight[1]), corner[2], weight[2]);
-}
-
-/* Where the normal map of a lane points. */
-static void take_tangent(const struct look *look, unsigned i, struct lw_gloss16 *out) {
-    if (!look->finish.normal.at[0]) return;
-    set_lane(out->tangent, i, mean3(look->patch->tangent, look->weight));
-    out->turn[i] = look->patch->turn;
-}
-
-/* Notes a hit for shade_finished(). surface: its base, alpha and emission */
+/* Notes a hit for shade_finished(). surface: its alpha and emission; its base where it is not simple */
 static void take_finish(struct lw_compose *compose, const struct packet *p, const struct look *look,
                         const struct lw_hit16 *hits, unsigned i, const struct lw_surface *surface,
                         float weight, struct finished *f) {
-    struct lw_gloss16 *g = &f->gloss;
-    if (f->lanes == 0) memset(f, 0, offsetof(struct finished, point));
+    const struct patch *patch = look->patch;
+    if (f->lanes == 0) {
+        memset(f->mean, 0, sizeof f->mean), memset(f->side, 0, sizeof f->side), memset(f->e, 0, sizeof f->e);
+        f->exact = 0;
+    }
     f->lanes |= (uint16_t)(1u << i);
-    f->point[i] = (compose->direct ? point_of : facing_of)(compose, look, hits, i);
-    set_lane(g->base, i, surface->base), set_lane(g->plain, i, f->point[i].normal);
-    const struct lw_material *material = look->patch->facet.material;
-    const bool finished = is_finished(material);
-    lw_gloss_take(g, i, compose->scene, finished ? material : NULL, &look->finish);
-    if (finished) take_tangent(look, i, g);
-    g->side[i] = hits->back[i] ? -1 : 1;
-    set_lane(g->to_eye, i, lw_vec3(-p->rays.dir_x[i], -p->rays.dir_y[i], -p->rays.dir_z[i]));
+    f->mean[i] = lw_gloss_maps_mean(patch->finish, look->weight);
+    f->side[i] = hits->back[i] ? -1 : 1;
+    if (compose->direct)
+        f->point[i] = point_of(compose, look, hits, i);
+    else if (!patch->sound)
+        f->point[i].normal = facing_of(compose, look, hits, i);
+    if (compose->direct || !patch->sound) f->exact |= (uint16_t)(1u << i);
+    f->base[i] = surface->base;
     f->weight[i] = weight;
     f->factor[i] = lw_vec3_scale(p->tint[i], weight);
     f->emission[i] = surface->emission;
     set_lane(f->e, i, irradiance(compose, look, &f->level[i]));
+}
+
+/* Lanes of the same finish, all of which is read the same way. */
+static uint16_t lanes_like(const struct look look[LW_TRACE_WIDTH], uint32_t lanes, unsigned first) {
+    const struct patch *like = look[first].patch;
+    uint16_t same = 0;
+    for (uint32_t left = lanes; left; left &= left - 1) {
+        const unsigned i = (unsigned)__builtin_ctz(left);
+        const struct patch *patch = look[i].patch;
+        const bool is = patch == like || (patch->facet.material == like->facet.material &&
+                                          patch->simple == like->simple && patch->bumpy == like->bumpy);
+        if (is) same |= (uint16_t)(1u << i);
+    }
+    return same;
+}
+
+/* Reads the finishes of all lanes. */
+static void read_finishes(const struct lw_compose *compose, const struct packet *p,
+                          const struct look look[LW_TRACE_WIDTH], struct finished *f) {
+    struct lw_gloss16 *g = &f->gloss;
+    lw_gloss_maps_begin(f->mean, f->side, g, &f->uv);
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++)
+        g->to_eye[0][i] = -p->rays.dir_x[i], g->to_eye[1][i] = -p->rays.dir_y[i],
+        g->to_eye[2][i] = -p->rays.dir_z[i];
+    for (uint32_t left = f->lanes; left;) {
+        const unsigned first = (unsigned)__builtin_ctz(left);
+        const struct patch *patch = look[first].patch;
+        const uint16_t same = lanes_like(look, left, first);
+        const unsigned what =
+            (patch->bumpy ? LW_GLOSS_MAPS_BUMPS : 0u) | (patch->simple ? LW_GLOSS_MAPS_BASE : 0u);
+        left &= ~(uint32_t)same;
+        if (is_finished(patch->facet.material))
+            lw_gloss_maps_take(g, same, compose->scene, patch->facet.material, what, &f->uv);
+    }
+    for (uint32_t left = f->lanes; left; left &= left - 1) {
+        const unsigned i = (unsigned)__builtin_ctz(left);
+        if (!look[i].patch->simple) set_lane(g->base, i, f->base[i]);
+        if (f->exact >> i & 1u) set_lane(g->plain, i, f->point[i].normal);
+        g->turn[i] = look[i].patch->turn;
+    }
 }
 
 /* A chart of a lane's finish. */
@@ -716,6 +782,7 @@ static void shade_finished(const struct lw_compose *compose, struct packet *p,
                            const struct look look[LW_TRACE_WIDTH], struct finished *f) {
     const struct lw_gloss_sky sky = {compose->sky, &compose->ambient};
     float out[3][LW_TRACE_WIDTH];
+    read_finishes(compose, p, look, f);
     f->gloss.quads = p->listed ? 0 : find_quads(look, f->lanes);
     lw_gloss_see16(&f->gloss, &f->seen);
     lw_gloss_ambient16(&f->gloss, &f->seen, f->lanes, &sky, (const float(*)[LW_TRACE_WIDTH])f->e, out);
@@ -729,12 +796,13 @@ static void shade_finished(const struct lw_compose *compose, struct packet *p,
             lw_show_is_of_finish(compose->show)
                 ? finish_chart(compose, f, i)
                 : leaving(compose, &look[i], f->emission[i], reflected, e, f->level[i], &reflects);
-        const bool mirrors = compose->show == LW_SHOW_ALL || compose->show == LW_SHOW_DIRECT;
         const float light = f->weight[i] * lw_colour_luminance(reflected);
-        if (lw_show_is_of_finish(compose->show)) reflects = grey(0);
         p->radiance[i] = lw_vec3_add(p->radiance[i], lw_vec3_mul(shown, f->factor[i]));
         if (light > p->reflected[i] && look[i].object->level_count > 0)
             p->reflected[i] = light, p->tile[i] = look[i].footprint.tile[0];
+        if (!compose->direct) continue;
+        const bool mirrors = compose->show == LW_SHOW_ALL || compose->show == LW_SHOW_DIRECT;
+        if (lw_show_is_of_finish(compose->show)) reflects = grey(0);
         p->base[i] = lw_colour_luminance(e);
         p->reflects[i] = lw_vec3_scale(lw_vec3_mul(reflects, f->factor[i]), 1.0f / LW_PI);
         p->mirrors[i] = mirrors ? f->factor[i] : grey(0);
@@ -756,7 +824,7 @@ static bool shade(struct lw_compose *compose, struct packet *p, const struct loo
     struct lw_surface surface = {
         .albedo = facet->albedo, .base = facet->base, .emission = facet->emission, .alpha = facet->alpha};
     const bool finished = shades_finish(compose, facet->material);
-    if (facet->varies)
+    if (facet->varies && !(finished && look->patch->simple))
         (finished ? lw_scene_facet_base : lw_scene_facet_colour)(compose->scene, facet, look->weight,
                                                                  &look->texels, &surface);
     float alpha = 1.0f;

@@ -6,7 +6,6 @@
 #include "common/wide.h"
 
 #include <float.h>
-#include <string.h>
 
 #define WIDTH LW_GLOSS_WIDTH
 
@@ -20,37 +19,6 @@
 LW_WIDE_INLINE float least(float a, float b) { return a < b ? a : b; }
 LW_WIDE_INLINE float most(float a, float b) { return a > b ? a : b; }
 LW_WIDE_INLINE float inside(float x, float low, float high) { return least(most(x, low), high); }
-
-static void take_texels(const struct lw_texture_quad *from, unsigned i, struct lw_gloss_texels16 *out) {
-    out->x[i] = from->x, out->y[i] = from->y;
-    for (int k = 0; k < 4; k++) memcpy(&out->at[k][i], from->at[k], 4);
-}
-
-static void take_white(unsigned i, struct lw_gloss_texels16 *out) {
-    out->x[i] = out->y[i] = 0;
-    for (int k = 0; k < 4; k++) out->at[k][i] = UINT32_MAX;
-}
-
-void lw_gloss_take(struct lw_gloss16 *g, unsigned i, const struct lw_scene *scene,
-                   const struct lw_material *material, const struct lw_finish_texels *texels) {
-    const struct lw_finish *finish = material ? material->finish : NULL;
-    g->roughness[i] = 1, g->metalness[i] = g->specular[i] = g->normal_scale[i] = g->occlusion[i] = 0;
-    take_white(i, &g->surface), take_white(i, &g->shade), take_white(i, &g->bump);
-    if (!finish) return;
-    const struct lw_vec4 specular = lw_scene_specular_texel(scene, finish, &texels->specular);
-    const float bend = (finish->ior - 1) / (finish->ior + 1), *tint = finish->specular_colour;
-    g->metalness[i] = finish->metalness, g->roughness[i] = finish->roughness;
-    g->specular[i] = finish->specular * specular.w;
-    g->dielectric[0][i] = bend * bend * tint[0] * specular.x;
-    g->dielectric[1][i] = bend * bend * tint[1] * specular.y;
-    g->dielectric[2][i] = bend * bend * tint[2] * specular.z;
-    g->occlusion[i] = finish->occlusion;
-    if (texels->surface.at[0]) take_texels(&texels->surface, i, &g->surface);
-    if (texels->occlusion.at[0]) take_texels(&texels->occlusion, i, &g->shade);
-    if (!texels->normal.at[0]) return;
-    take_texels(&texels->normal, i, &g->bump);
-    g->normal_scale[i] = finish->normal_scale;
-}
 
 /* A channel of look-ups, in [0, 1]. */
 LW_WIDE_INLINE float channel(const struct lw_gloss_texels16 *t, unsigned shift, unsigned i) {

@@ -1,5 +1,6 @@
 /* gloss.h: sixteen points of surfaces with a finish as an eye sees them, in the form that clients draw.
- * Flow:    finishes of a packet's hits -> [gloss] -> compose (light from everywhere), direct_pixels (lamps)
+ * Flow:    finishes of a packet's hits (gloss_maps) -> [gloss] -> compose (light from everywhere),
+ *          direct_pixels (lamps)
  * Threads: pure functions, [any].
  *
  * With a and b of common/shading/lobe_table.h for the eye's cosine, E = a + b:
@@ -45,11 +46,6 @@ struct lw_gloss16 {
     float to_eye[3][LW_GLOSS_WIDTH]; /* any length but 0 */
     uint16_t quads;                  /* lanes that are pixels of a quad of 4 x 4 pixels, all of one surface */
 };
-
-/** Fills a lane with a finish: all but base, plain, tangent, turn, side and to_eye.
- * material  NULL: a matt surface, in a chart of finishes; texels are not read then */
-void lw_gloss_take(struct lw_gloss16 *gloss, unsigned lane, const struct lw_scene *scene,
-                   const struct lw_material *material, const struct lw_finish_texels *texels);
 
 /** What the eye sees of them, whatever the light. Finite for finite input, even a hostile one. */
 struct lw_gloss_seen16 {

@@ -364,15 +364,7 @@ void lw_scene_facet_colour(const struct lw_scene *scene, const struct lw_facet *
 void lw_scene_facet_base(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
                          const struct lw_texture_quad *texels, struct lw_surface *out);
 
-/** The texels that a point of a facet with a finish reads its finish from; prefetches them. base: of its base
- * colour. */
-struct lw_finish_texels {
-    struct lw_texture_quad surface, specular, occlusion, normal;
-};
-void lw_scene_facet_finish_texels(const struct lw_scene *scene, const struct lw_facet *facet,
-                                  const float weight[3], const struct lw_texture_quad *base,
-                                  struct lw_finish_texels *out);
-/** The texel of those of a specular texture; white where there is none. */
+/** A specular texture of a finish at four of its texels. */
 struct lw_vec4 lw_scene_specular_texel(const struct lw_scene *scene, const struct lw_finish *finish,
                                        const struct lw_texture_quad *texels);
 

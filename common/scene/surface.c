@@ -360,11 +360,6 @@ static struct lw_vec3 bump_of(struct lw_vec4 texel, float scale) {
     return lw_vec3_normalize(lw_vec3(scale * x, scale * y, z));
 }
 
-static bool is_same_use(const struct lw_texture_use *a, const struct lw_texture_use *b) {
-    return a->texture == b->texture && a->uv_set == b->uv_set &&
-           memcmp(a->transform, b->transform, sizeof a->transform) == 0;
-}
-
 void lw_scene_finish(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
                      float v, const struct lw_surface *surface, struct lw_finish_point *out) {
     const struct lw_finish *finish = surface->material->finish;
@@ -380,55 +375,8 @@ void lw_scene_finish(const struct lw_scene *scene, const struct lw_mesh *mesh, u
     out->tangent = interpolate_tangent(mesh, triangle, &corners);
 }
 
-/* Whether two textures are read at the same texels. */
-static bool is_same_grid(const struct lw_texture *a, const struct lw_texture *b) {
-    return a->width == b->width && a->height == b->height && a->wrap_s == b->wrap_s && a->wrap_t == b->wrap_t;
-}
-
-/* The texels of another texture, at the places of those of `from`. */
-static void move_texels(const struct lw_texture_quad *at, const struct lw_texture *from,
-                        const struct lw_texture *to, struct lw_texture_quad *out) {
-    for (int i = 0; i < 4; i++) out->at[i] = to->rgba + (at->at[i] - from->rgba);
-    out->x = at->x, out->y = at->y;
-}
-
-static void find_finish_texels(const struct lw_scene *scene, const struct lw_facet *facet,
-                               const float weight[3], const struct lw_texture_quad *base,
-                               const struct lw_texture_use *use, struct lw_texture_quad *out) {
-    out->at[0] = NULL;
-    if (use->texture == LW_SCENE_NONE) return;
-    const struct lw_texture_use *of = &facet->material->base_colour_texture;
-    const struct lw_texture *to = &scene->finish_texture[use->texture];
-    if (of->texture != LW_SCENE_NONE && of->uv_set == use->uv_set &&
-        memcmp(of->transform, use->transform, sizeof of->transform) == 0 &&
-        is_same_grid(&scene->texture[of->texture], to)) {
-        move_texels(base, &scene->texture[of->texture], to, out);
-    } else {
-        const struct corners corners = facet_corners(facet, weight);
-        find_texels(to, use, interpolate2(facet->mesh->uv[use->uv_set], &corners), out);
-    }
-    __builtin_prefetch(out->at[0]);
-    __builtin_prefetch(out->at[2]);
-}
-
-void lw_scene_facet_finish_texels(const struct lw_scene *scene, const struct lw_facet *facet,
-                                  const float weight[3], const struct lw_texture_quad *base,
-                                  struct lw_finish_texels *out) {
-    const struct lw_finish *f = facet->material->finish;
-    find_finish_texels(scene, facet, weight, base, &f->surface_texture, &out->surface);
-    find_finish_texels(scene, facet, weight, base, &f->specular_texture, &out->specular);
-    if (is_same_use(&f->occlusion_texture, &f->surface_texture)) /* most files have both in one */
-        out->occlusion = out->surface;
-    else
-        find_finish_texels(scene, facet, weight, base, &f->occlusion_texture, &out->occlusion);
-    out->normal.at[0] = NULL;
-    if (facet->mesh->tangent)
-        find_finish_texels(scene, facet, weight, base, &f->normal_texture, &out->normal);
-}
-
 struct lw_vec4 lw_scene_specular_texel(const struct lw_scene *scene, const struct lw_finish *finish,
                                        const struct lw_texture_quad *t) {
-    if (!t->at[0]) return (struct lw_vec4){1, 1, 1, 1};
     if (scene->finish_texture[finish->specular_texture.texture].content == LW_CONTENT_COLOUR)
         return read_texels(t);
     return read_linear(t);

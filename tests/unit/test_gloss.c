@@ -1,7 +1,7 @@
 /* Finishes as clients draw them, against the exact lobes and closed forms; whatever a file may have. */
 #include "tests/support/support.h"
 
-#include "client/view/gloss.h"
+#include "client/view/gloss_maps.h"
 #include "common/random.h"
 #include "common/shading/lobe_table.h"
 #include "common/shading/shading_bend.h"
@@ -278,69 +278,188 @@ static bool is_good(struct lw_vec3 v) {
     return v.x >= 0 && v.y >= 0 && v.z >= 0 && v.x < INFINITY && v.y < INFINITY && v.z < INFINITY;
 }
 
-/* Against lw_scene_finish() and the rule that path tracers have. */
+/* Lanes of a packet, at random places of a square. */
+struct spots {
+    struct lw_surface surface[WIDTH];
+    struct lw_finish_point point[WIDTH];
+    struct lw_gloss_corner mean[WIDTH];
+    float side[WIDTH];
+};
+
+static struct lw_gloss_corner corner_of(const struct lw_mesh *mesh, uint32_t triangle, int k) {
+    const uint32_t v = mesh->triangle[triangle][k];
+    const struct lw_vec3 n = mesh->normal[v];
+    const struct lw_vec4 t = lw_tangent_decode(mesh->tangent[3 * triangle + (uint32_t)k], n);
+    return (struct lw_gloss_corner){{n.x, n.y, n.z, mesh->uv[0][v].x},
+                                    {t.x, t.y, t.z, mesh->uv[0][v].y},
+                                    {mesh->uv[1][v].x, mesh->uv[1][v].y, 0, 0}};
+}
+
+static void draw_spots(const struct lw_scene *scene, struct spots *out) {
+    const struct lw_mesh *mesh = scene->mesh;
+    for (unsigned i = 0; i < WIDTH; i++) {
+        const float u = draw(0, 0.5f), v = draw(0, 0.5f), weight[3] = {1 - u - v, u, v};
+        const uint32_t t = i % 2;
+        const struct lw_gloss_corner corner[3] = {corner_of(mesh, t, 0), corner_of(mesh, t, 1),
+                                                  corner_of(mesh, t, 2)};
+        lw_scene_surface(scene, mesh, t, u, v, &out->surface[i]);
+        lw_scene_finish(scene, mesh, t, u, v, &out->surface[i], &out->point[i]);
+        out->mean[i] = lw_gloss_maps_mean(corner, weight);
+        out->side[i] = 1;
+    }
+}
+
+static void compare_lane(const struct spots *spots, const struct lw_gloss16 *g,
+                         const struct lw_gloss_seen16 *seen, unsigned i) {
+    const struct lw_surface *surface = &spots->surface[i];
+    const struct lw_finish_point *point = &spots->point[i];
+    const struct lw_vec3 along = lw_vec3(point->tangent.x, point->tangent.y, point->tangent.z);
+    const struct lw_vec3 bent = lw_shading_bend(lw_scene_bump(point, surface->normal, along), surface->normal,
+                                                lw_vec3_normalize(get(g->to_eye, i)));
+    assert_true(lw_vec3_length(lw_vec3_sub(bent, get(seen->normal, i))) < 1e-3f);
+    assert_true(lw_vec3_length(lw_vec3_sub(surface->base, get(g->base, i))) < 1e-5f);
+    assert_true(fabsf(seen->open[i] - point->occlusion) < 1e-5f);
+    assert_true(fabsf(seen->roughness[i] - point->lobes.roughness) < 1e-5f);
+    const struct lw_lobe_share s = lw_lobe_table_at(seen->cosine[i], point->lobes.roughness);
+    const struct lw_lobes *l = &point->lobes;
+    const float again = 1 / (s.a + s.b) - 1;
+    const float under = 1 - (l->gloss0 * s.a + l->gloss90 * s.b) * (1 + l->gloss0 * again);
+    assert_true(fabsf(seen->diffuse[1][i] - l->diffuse.y * under) < 1e-4f);
+    assert_true(fabsf(seen->mirror[2][i] - l->f0.z * (1 + l->f0.z * again)) < 1e-4f);
+    assert_true(fabsf(seen->mirrored[0][i] - (l->f0.x * s.a + l->f90 * s.b) * (1 + l->f0.x * again)) < 1e-4f);
+}
+
+enum { TEXTURES = 5, SIDE_MAX = 8 };
+
+/* Textures of both kinds, whose sides and wraps are drawn again for each round. */
+static void draw_textures(struct lw_texture texture[TEXTURES], uint8_t rgba[TEXTURES][4 * 64]) {
+    for (unsigned k = 0; k < TEXTURES; k++) {
+        for (unsigned j = 0; j < 4 * 64; j++) rgba[k][j] = (uint8_t)draw(0, 255.9f);
+        texture[k] = (struct lw_texture){.name = "",
+                                         .width = 1 + (uint32_t)draw(0, SIDE_MAX - 0.01f),
+                                         .height = 1 + (uint32_t)draw(0, SIDE_MAX - 0.01f),
+                                         .rgba = rgba[k],
+                                         .wrap_s = (uint8_t)draw(0, 2.99f),
+                                         .wrap_t = (uint8_t)draw(0, 2.99f)};
+    }
+}
+
+static struct lw_texture_use draw_use(uint32_t texture) {
+    struct lw_texture_use use = {.texture = texture, .uv_set = draw(0, 1) < 0.5f};
+    for (int k = 0; k < 6; k++) use.transform[k] = draw(-3, 3);
+    return use;
+}
+
+/* A material with all maps; some of them at the same places. */
+static void draw_finish(struct lw_scene *scene, struct lw_finish *out) {
+    *out = (struct lw_finish){.metalness = draw(0, 1),
+                              .roughness = draw(0, 1),
+                              .specular = draw(0, 1),
+                              .specular_colour = {1, 0.5f, 2},
+                              .ior = 1.7f,
+                              .occlusion = 0.6f,
+                              .normal_scale = 0.8f,
+                              .surface_texture = draw_use(0),
+                              .normal_texture = draw_use(1),
+                              .specular_texture = draw_use(2),
+                              .occlusion_texture = draw_use(3)};
+    struct lw_material *material = scene->material;
+    material->base_colour_texture = draw_use(0);
+    for (int c = 0; c < 3; c++) material->base_colour[c] = draw(0, 1);
+    if (draw(0, 1) < 0.5f) { /* as most files have it */
+        out->occlusion_texture = out->surface_texture;
+        out->normal_texture = out->surface_texture, out->normal_texture.texture = 1;
+        material->base_colour_texture = out->surface_texture;
+    }
+    if (draw(0, 1) < 0.5f) out->specular_texture.texture = LW_SCENE_NONE;
+    material->finish = out;
+}
+
+/* Against lw_scene_finish() and the rule that path tracers have; lanes that are not asked for stay. */
 static void test_same_finish(void **state) {
     (void)state;
-    enum { SIDE = 8 };
-    uint8_t rgba[2][4 * SIDE * SIDE];
-    for (size_t k = 0; k < sizeof rgba; k++)
-        rgba[k / sizeof rgba[0]][k % sizeof rgba[0]] = (uint8_t)draw(0, 255.9f);
+    uint8_t rgba[TEXTURES][4 * 64];
+    struct lw_texture texture[TEXTURES];
     struct lw_scene *scene = lw_support_squares(1, 1);
-    scene->finish_texture = (struct lw_texture[]){
-        {.name = "", .width = SIDE, .height = SIDE, .rgba = rgba[0], .content = LW_CONTENT_SURFACE},
-        {.name = "", .width = SIDE, .height = SIDE, .rgba = rgba[1], .content = LW_CONTENT_NORMAL}};
-    scene->finish_texture_count = 2;
+    struct lw_vec2 uv[2][4];
     uint16_t tangent[6];
     for (int c = 0; c < 6; c++) tangent[c] = lw_tangent_encode(lw_vec3(0, 1, 0), lw_vec3(1, 0, 0.4f), c > 2);
+    assert_true(scene->mesh[0].vertex_count <= 4);
     scene->mesh[0].tangent = tangent;
-    struct lw_finish finish = {.metalness = 0.8f,
-                               .roughness = 0.9f,
-                               .specular = 0.7f,
-                               .specular_colour = {1, 0.5f, 2},
-                               .ior = 1.7f,
-                               .occlusion = 0.6f,
-                               .normal_scale = 0.8f,
-                               .specular_texture = {.texture = LW_SCENE_NONE},
-                               .normal_texture = {.texture = 1, .transform = {3, 0, 0, 0, 3, 0}}};
-    const float turned[6] = {2, 1, 0.3f, -1, 2, 0.1f};
-    memcpy(finish.surface_texture.transform, turned, sizeof turned);
-    finish.occlusion_texture = finish.surface_texture;
-    scene->material[0].finish = &finish;
-    for (int n = 0; n < 64; n++) {
-        struct lw_gloss16 g = {0};
+    scene->mesh[0].uv[0] = uv[0], scene->mesh[0].uv[1] = uv[1];
+    scene->finish_texture = texture, scene->finish_texture_count = 4;
+    scene->texture = texture + 4, scene->texture_count = 1;
+    for (int n = 0; n < 400; n++) {
+        struct lw_gloss16 g;
+        struct lw_gloss_uv16 places;
         struct lw_gloss_seen16 seen;
-        const float u = draw(0, 0.5f), v = draw(0, 0.5f), weight[3] = {1 - u - v, u, v};
-        const uint32_t t = (uint32_t)n % 2;
-        struct lw_surface surface;
-        struct lw_finish_point point;
-        struct lw_facet facet;
-        struct lw_finish_texels texels;
-        const struct lw_texture_quad none = {{NULL}, 0, 0};
-        lw_scene_surface(scene, scene->mesh, t, u, v, &surface);
-        lw_scene_finish(scene, scene->mesh, t, u, v, &surface, &point);
-        lw_scene_facet(scene, scene->mesh, t, &facet);
-        lw_scene_facet_finish_texels(scene, &facet, weight, &none, &texels);
-        const struct lw_vec3 to_eye = lw_vec3(draw(-1, 1), draw(0.1f, 1), draw(-1, 1));
-        lw_gloss_take(&g, 3, scene, scene->material, &texels);
-        set(g.base, 3, surface.base), set(g.plain, 3, surface.normal), set(g.to_eye, 3, to_eye);
-        set(g.tangent, 3, lw_vec3(point.tangent.x, point.tangent.y, point.tangent.z));
-        g.turn[3] = point.tangent.w, g.side[3] = 1;
+        struct lw_finish finish;
+        struct spots spots;
+        const uint16_t lanes = n % 4 ? (uint16_t)lw_random_hash2((uint32_t)n, 3) : 0xffff;
+        draw_textures(texture, rgba);
+        if (draw(0, 1) < 0.5f) texture[0].width = texture[1].width = texture[4].width = 4;
+        if (draw(0, 1) < 0.5f) texture[2].content = LW_CONTENT_SURFACE;
+        texture[0].content = texture[3].content = LW_CONTENT_SURFACE, texture[1].content = LW_CONTENT_NORMAL;
+        for (int v = 0; v < 4; v++)
+            for (int k = 0; k < 2; k++) uv[k][v] = (struct lw_vec2){draw(-2, 2), draw(-2, 2)};
+        draw_finish(scene, &finish);
+        draw_spots(scene, &spots);
+        lw_gloss_maps_begin(spots.mean, spots.side, &g, &places);
+        for (unsigned i = 0; i < WIDTH; i++)
+            set(g.to_eye, i, lw_vec3(draw(-1, 1), draw(0.1f, 1), draw(-1, 1))),
+                g.turn[i] = spots.point[i].tangent.w;
+        lw_gloss_maps_take(&g, lanes, scene, scene->material, LW_GLOSS_MAPS_BUMPS | LW_GLOSS_MAPS_BASE,
+                           &places);
         lw_gloss_see16(&g, &seen);
-        const struct lw_vec3 along = lw_vec3(point.tangent.x, point.tangent.y, point.tangent.z);
-        const struct lw_vec3 bent = lw_shading_bend(lw_scene_bump(&point, surface.normal, along),
-                                                    surface.normal, lw_vec3_normalize(to_eye));
-        assert_true(lw_vec3_length(lw_vec3_sub(bent, get(seen.normal, 3))) < 1e-3f);
-        assert_true(fabsf(seen.open[3] - point.occlusion) < 1e-5f);
-        assert_true(fabsf(seen.roughness[3] - point.lobes.roughness) < 1e-5f);
-        const struct lw_lobe_share s = lw_lobe_table_at(seen.cosine[3], point.lobes.roughness);
-        const struct lw_lobes *l = &point.lobes;
-        const float again = 1 / (s.a + s.b) - 1;
-        const float under = 1 - (l->gloss0 * s.a + l->gloss90 * s.b) * (1 + l->gloss0 * again);
-        assert_true(fabsf(seen.diffuse[1][3] - l->diffuse.y * under) < 1e-4f);
-        assert_true(fabsf(seen.mirror[2][3] - l->f0.z * (1 + l->f0.z * again)) < 1e-4f);
-        assert_true(fabsf(seen.mirrored[0][3] - (l->f0.x * s.a + l->f90 * s.b) * (1 + l->f0.x * again)) <
-                    1e-4f);
+        for (unsigned i = 0; i < WIDTH; i++) {
+            if (lanes >> i & 1u)
+                compare_lane(&spots, &g, &seen, i);
+            else
+                assert_true(seen.metalness[i] == 0 && seen.roughness[i] == 1 && g.base[0][i] == 0);
+        }
     }
+    scene->texture = NULL, scene->finish_texture = NULL;
+    scene->texture_count = scene->finish_texture_count = 0;
+    lw_scene_destroy(scene);
+}
+
+/* Whatever a file has for texture coordinates, texels are those of the texture. */
+static void test_far_coordinates(void **state) {
+    (void)state;
+    static const float odd[] = {NAN, INFINITY, -INFINITY, 3e38f, -3e38f, 1e30f,       -8388609, 1e-40f,
+                                1,   -1,       2,         -2,    0,      0.99999994f, -1e-9f,   16777216};
+    uint8_t rgba[4 * 6];
+    memset(rgba, 77, sizeof rgba);
+    struct lw_scene *scene = lw_support_squares(1, 1);
+    for (unsigned wrap = 0; wrap < 9; wrap++) {
+        struct lw_texture texture = {.name = "",
+                                     .width = 3,
+                                     .height = 2,
+                                     .rgba = rgba,
+                                     .content = LW_CONTENT_SURFACE,
+                                     .wrap_s = (uint8_t)(wrap % 3),
+                                     .wrap_t = (uint8_t)(wrap / 3)};
+        const struct lw_texture_use none = {.texture = LW_SCENE_NONE},
+                                    use = {.transform = {1, 0, 0, 0, 1, 0}};
+        const struct lw_finish finish = {.roughness = 1,
+                                         .ior = 1,
+                                         .surface_texture = use,
+                                         .specular_texture = none,
+                                         .occlusion_texture = none,
+                                         .normal_texture = none};
+        struct lw_gloss16 g = {0};
+        struct lw_gloss_uv16 uv;
+        scene->finish_texture = &texture, scene->finish_texture_count = 1;
+        scene->material[0].finish = &finish;
+        for (unsigned i = 0; i < WIDTH; i++) uv.u[0][i] = odd[i], uv.v[0][i] = odd[(i + wrap) % WIDTH];
+        lw_gloss_maps_take(&g, 0xffff, scene, scene->material, 0, &uv);
+        for (unsigned i = 0; i < WIDTH; i++) {
+            for (int k = 0; k < 4; k++) assert_int_equal(g.surface.at[k][i], 0x4d4d4d4d);
+            assert_true(g.surface.x[i] >= 0 && g.surface.x[i] <= 1 && g.surface.y[i] >= 0 &&
+                        g.surface.y[i] <= 1);
+        }
+    }
+    scene->finish_texture = NULL, scene->finish_texture_count = 0;
     lw_scene_destroy(scene);
 }
 
@@ -378,9 +497,11 @@ static void test_hostile(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_furnace),   cmocka_unit_test(test_lamp),
-                                       cmocka_unit_test(test_highlight), cmocka_unit_test(test_wide_lamp),
-                                       cmocka_unit_test(test_ambient),   cmocka_unit_test(test_hostile),
-                                       cmocka_unit_test(test_spread),    cmocka_unit_test(test_same_finish)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_furnace),        cmocka_unit_test(test_lamp),
+        cmocka_unit_test(test_highlight),      cmocka_unit_test(test_wide_lamp),
+        cmocka_unit_test(test_ambient),        cmocka_unit_test(test_hostile),
+        cmocka_unit_test(test_spread),         cmocka_unit_test(test_same_finish),
+        cmocka_unit_test(test_far_coordinates)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
