@@ -52,8 +52,12 @@ void lw_levels_finish(struct lw_levels *levels) {
     *levels = (struct lw_levels){0};
 }
 
-void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *place,
-                         const struct lw_solver_tile *tile) {
+/* The compiler unrolls loops over three planes, which most channels have. */
+#define BY_PLANES(function, number, ...)                                                                     \
+    ((number) == 3 ? function(3, __VA_ARGS__) : function(number, __VA_ARGS__))
+
+LW_WIDE_INLINE void load_tile(uint32_t planes, struct lw_levels *levels, const struct lw_tile_place *place,
+                              const struct lw_solver_tile *tile) {
     struct lw_levels_image *image = &levels->level[0];
     LW_INVARIANT(place->level == 0 && place->x < levels->columns && place->y < levels->rows);
     LW_INVARIANT(tile->width == place->width && tile->height == place->height);
@@ -63,11 +67,16 @@ void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *p
             size_t to = (size_t)(place->y * LW_TILE_SIDE + y) * image->width + place->x * LW_TILE_SIDE + x;
             const bool filled = tile->filled && tile->filled[from];
             image->covered[to] = tile->covered[from] ? 1 : filled ? GIVEN : 0;
-            for (uint32_t p = 0; p < levels->planes; p++)
-                image->value[to * levels->planes + p] =
+            for (uint32_t p = 0; p < planes; p++)
+                image->value[to * planes + p] =
                     image->covered[to] ? tile->shown[levels->channel][p][from] : 0;
         }
     levels->part[place->y * levels->columns + place->x] = LOADED;
+}
+
+void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *place,
+                         const struct lw_solver_tile *tile) {
+    BY_PLANES(load_tile, levels->planes, levels, place, tile);
 }
 
 /* Texels of a level, up to but without the last ones. */
@@ -90,8 +99,8 @@ static struct area area_of(const struct lw_levels *levels, uint32_t cell, uint32
 }
 
 /* Fills one empty texel from its neighbours of earlier rounds, of which it has some. */
-static void fill_texel(struct lw_levels_image *image, uint32_t planes, uint32_t x, uint32_t y,
-                       uint8_t round) {
+LW_WIDE_INLINE void fill_texel(uint32_t planes, struct lw_levels_image *image, uint32_t x, uint32_t y,
+                               uint8_t round) {
     float sum[LW_TILE_CHANNEL_PLANES_MAX] = {0};
     int count = 0;
     for (int dy = -1; dy <= 1; dy++)
@@ -138,7 +147,7 @@ static bool fill_area(struct lw_levels_image *image, uint32_t planes, struct are
             uint8_t rim[RUN];
             if (!find_rim(image, x, y, count, round, rim)) continue;
             for (uint32_t i = 0; i < count; i++)
-                if (rim[i]) fill_texel(image, planes, x + i, y, round);
+                if (rim[i]) BY_PLANES(fill_texel, planes, image, x + i, y, round);
             filled = true;
         }
     return filled;
@@ -155,8 +164,8 @@ static void clear_area(struct lw_levels_image *image, uint32_t planes, struct ar
         }
 }
 
-static void halve(struct lw_levels_image *coarse, const struct lw_levels_image *fine, uint32_t planes,
-                  struct area area) {
+LW_WIDE_INLINE void halve(uint32_t planes, struct lw_levels_image *coarse, const struct lw_levels_image *fine,
+                          struct area area) {
     LW_INVARIANT(coarse->width == (fine->width + 1) / 2 && coarse->height == (fine->height + 1) / 2);
     LW_INVARIANT(area.x1 <= coarse->width && area.y1 <= coarse->height);
     for (uint32_t y = area.y0; y < area.y1; y++)
@@ -200,7 +209,7 @@ static void build_cells(struct lw_levels *levels, uint32_t level) {
     struct lw_levels_image *image = &levels->level[level];
     EACH_CELL(levels, cell) {
         if (level > 0)
-            halve(image, image - 1, levels->planes, area_of(levels, cell, level));
+            BY_PLANES(halve, levels->planes, image, image - 1, area_of(levels, cell, level));
         else if (levels->part[cell] == BESIDE)
             clear_area(image, levels->planes, area_of(levels, cell, level));
     }
@@ -210,7 +219,7 @@ static void build_cells(struct lw_levels *levels, uint32_t level) {
 
 static void build_whole(struct lw_levels *levels, uint32_t level) {
     struct lw_levels_image *image = &levels->level[level];
-    halve(image, image - 1, levels->planes, all_of(image));
+    BY_PLANES(halve, levels->planes, image, image - 1, all_of(image));
     for (uint32_t r = 0; r < ROUNDS_MAX && fill_area(image, levels->planes, all_of(image), (uint8_t)(r + 2));
          r++) {
     }
