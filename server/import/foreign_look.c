@@ -92,11 +92,17 @@ static bool read_number(const struct aiMaterial *ai, const char *key, unsigned t
     return aiGetMaterialFloatArray(ai, key, type, index, out, NULL) == aiReturn_SUCCESS;
 }
 
+/* Of the exponent of an FBX Assimp makes a roughness, 1 - sqrt(exponent) / 10. Exporters write an exponent on
+ * everything, so that it is no gloss. */
+static bool is_of_exponent(const struct lw_foreign_look *look) {
+    return look->exponent >= 0 && fabsf(look->roughness - (1 - sqrtf(look->exponent) / 10)) < 1e-5f;
+}
+
 static enum lw_status read_gloss(const struct aiMaterial *ai, struct lw_foreign_look *out,
                                  struct lw_error *err) {
-    out->has_metalness = read_number(ai, AI_MATKEY_METALLIC_FACTOR, &out->metalness);
-    out->has_roughness = read_number(ai, AI_MATKEY_ROUGHNESS_FACTOR, &out->roughness);
     (void)read_number(ai, AI_MATKEY_SHININESS, &out->exponent);
+    out->has_metalness = read_number(ai, AI_MATKEY_METALLIC_FACTOR, &out->metalness);
+    out->has_roughness = read_number(ai, AI_MATKEY_ROUGHNESS_FACTOR, &out->roughness) && !is_of_exponent(out);
     (void)read_number(ai, AI_MATKEY_BUMPSCALING, &out->relief);
     if (out->relief == 0) out->relief = 1; /* a factor left at 0 is no wish to hide the map */
     if (read_map(ai, aiTextureType_METALNESS, &out->metalness_map, err) ||
