@@ -245,7 +245,8 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
                               welcome->version, LW_WIRE_VERSION);
     c->welcomed = true;
     c->waiting = (struct lw_waiting_state){LW_WAITING_UNKNOWN, 0};
-    c->package_compressed_size = welcome->package_compressed_size;
+    c->package_compressed_size = c->stats.package_bytes = welcome->package_compressed_size;
+    c->stats.finish_bytes = welcome->finish.size ? welcome->finish.compressed_size : 0;
     c->stats.bounces = welcome->bounces;
     c->stats.target_error = welcome->target_error;
     c->stats.noise_shown = welcome->noise_shown > 0 ? welcome->noise_shown : 1;

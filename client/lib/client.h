@@ -294,9 +294,11 @@ struct lw_client_stats {
     uint64_t settled_frame;        /* newest frame of which all tiles have arrived */
     double time_s;                 /* scene time of that frame */
     uint64_t frames, tiles, bytes; /* received */
-    uint64_t rays_total;           /* the server's, as of that frame */
-    uint64_t server_cpu_ns;        /* likewise: CPU time of its process since it started; 0: not told */
-    uint64_t decode_ns;            /* spent on decoding tiles */
+    /* of the scene package and of the finish package, as they travel; 0: not told, or there is none */
+    uint64_t package_bytes, finish_bytes;
+    uint64_t rays_total;    /* the server's, as of that frame */
+    uint64_t server_cpu_ns; /* likewise: CPU time of its process since it started; 0: not told */
+    uint64_t decode_ns;     /* spent on decoding tiles */
     /* lw_clock_ns() when connect was called; when the package was complete; when every object's coarsest
      * level was there. 0: not yet. */
     uint64_t connected_ns, package_ns, first_ns;

@@ -341,8 +341,10 @@ static enum lw_status print_report(const struct headless *h, struct lw_error *er
            ms_between(from_ns, s->first_ns), ms_between(from_ns, h->waited_ns), (double)h->compose_ns * 1e-6,
            (double)s->light_age_ns * 1e-6);
     printf(" \"frame\": %" PRIu64 ", \"time_s\": %.6f, \"frames\": %" PRIu64 ", \"tiles\": %" PRIu64
-           ", \"bytes\": %" PRIu64 ", \"rays_total\": %" PRIu64 ",\n",
-           s->frame, s->time_s, s->frames, s->tiles, s->bytes, s->rays_total);
+           ", \"bytes\": %" PRIu64 ", \"package_bytes\": %" PRIu64 ", \"finish_bytes\": %" PRIu64
+           ", \"rays_total\": %" PRIu64 ",\n",
+           s->frame, s->time_s, s->frames, s->tiles, s->bytes, s->package_bytes, s->finish_bytes,
+           s->rays_total);
     printf(" \"tiles_used\": %u, \"tiles_missing\": %u, \"tiles_unfinished\": %u, \"tiles_noisy\": %u, "
            "\"max_error\": %.6g, \"target_error\": %.6g, \"shown_error\": %.6g, \"good_error\": %.6g,\n",
            r->tiles_needed, r->tiles_missing, r->tiles_unfinished, r->tiles_noisy, (double)r->max_error,

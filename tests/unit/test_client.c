@@ -882,7 +882,10 @@ static uint64_t fetch_finishes(const struct running *r, const struct world *w, s
     assert_int_equal(lw_client_finishes(client), expected);
     assert_int_equal(told, expected == LW_CLIENT_FINISHES_THERE);
     assert_int_equal(stats.finishes_ns != 0, told);
+    assert_int_equal(stats.finish_bytes != 0, told);
+    assert_in_range(stats.package_bytes, 1, stats.bytes);
     if (told) {
+        assert_in_range(stats.finish_bytes, 1, stats.bytes - stats.package_bytes);
         assert_true(stats.finishes_ns >= stats.first_ns);
         expect_finish(w, client);
     } else {
