@@ -1,11 +1,12 @@
 /* bench_compare: one picture against another, region by region.
  *
- *     bench_compare PICTURE.exr REFERENCE.exr
+ *     bench_compare PICTURE.exr REFERENCE.exr [SHOWN.png STOPS]
  *
  * Prints the ratio of the means (all channels), relMSE = mean((x - t)^2 / (t^2 + eps)), eps = 1 % of the
  * mean of t^2, FLIP (67 pixels per degree, Reinhard's curve at the reference's own exposure), how many of 8 x
  * 4 blocks are within 5 % and 10 % of the reference and the farthest, and the ratio in each. For pictures of
- * other renderers (cycles.py) and of other options. */
+ * other renderers (cycles.py) and of other options. SHOWN.png is the picture at that exposure, by Reinhard's
+ * curve, as lightwell-view writes it. */
 #include "client/view/tonemap.h"
 #include "common/image/flip.h"
 #include "common/image/image.h"
@@ -96,17 +97,32 @@ static void report(const struct picture *x, const struct picture *t) {
     report_blocks(x, t);
 }
 
+static enum lw_status write_shown(const struct picture *p, const char *path, const char *stops,
+                                  struct lw_error *err) {
+    const size_t pixels = (size_t)p->width * p->height;
+    uint8_t *srgb = malloc(3 * pixels);
+    struct lw_tonemap tonemap;
+    if (!srgb) return lw_status_fail(err, LW_NO_MEMORY, "out of memory for %s", path);
+    lw_tonemap_init(&tonemap, LW_TONEMAP_REINHARD, strtof(stops, NULL));
+    lw_tonemap_encode(&tonemap, p->rgb, pixels, 3, srgb);
+    const enum lw_status status = lw_image_write_png(path, srgb, p->width, p->height, err);
+    free(srgb);
+    return status;
+}
+
 int main(int argc, char **argv) {
     struct lw_error err = {0};
     struct picture picture[2] = {0};
     enum lw_status status = LW_OK;
     lw_log_init("bench_compare", LW_LOG_WARNING);
-    if (argc != 3) status = lw_status_fail(&err, LW_USAGE, "bench_compare PICTURE.exr REFERENCE.exr");
+    if (argc != 3 && argc != 5)
+        status = lw_status_fail(&err, LW_USAGE, "bench_compare PICTURE.exr REFERENCE.exr [SHOWN.png STOPS]");
     for (int i = 0; status == LW_OK && i < 2; i++)
         status = lw_image_read_exr(argv[1 + i], &picture[i].rgb, &picture[i].width, &picture[i].height, &err);
     if (status == LW_OK && (picture[0].width != picture[1].width || picture[0].height != picture[1].height))
         status = lw_status_fail(&err, LW_BAD_DATA, "the pictures differ in size");
     if (status == LW_OK) report(&picture[0], &picture[1]);
+    if (status == LW_OK && argc == 5) status = write_shown(&picture[0], argv[3], argv[4], &err);
     for (int i = 0; i < 2; i++) free(picture[i].rgb);
     return status == LW_OK ? 0 : lw_log_failure(&err);
 }

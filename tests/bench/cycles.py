@@ -21,6 +21,7 @@ Lights take the units of docs/architecture.md: 1 cd = 1 W/sr, 1 lux = 1 W/m^2, e
 import argparse
 import json
 import math
+import re
 import struct
 import sys
 
@@ -400,7 +401,9 @@ def main():
     tables = make_tables() if full else None
     for material in bpy.data.materials:
         if material.use_nodes:
-            gloss = args.gloss if full and material.name in glossy else None
+            # Blender numbers what the file calls alike: marble, marble.001
+            names = {material.name, re.sub(r"\.\d{3}$", "", material.name)}
+            gloss = args.gloss if full and names & glossy else None
             make_surface(material, gloss, tables)
     set_lights(gltf, args.sun_angle)
     width, height = (int(x) for x in args.size.split("x"))
