@@ -1,14 +1,17 @@
-// example.mjs: serves the folder of a page that uses lightwell-three: example.html, a scene, node_modules.
+// example.mjs: serves the folder of a page that uses lightwell-three: example.html, a scene, node_modules;
+// waits for that page's light.
 import { createReadStream, existsSync } from 'node:fs';
 import { createServer } from 'node:http';
-import { extname, join } from 'node:path';
+import { dirname, extname, join } from 'node:path';
+
+import { until } from './page.mjs';
 
 const types = { '.html': 'text/html', '.js': 'text/javascript', '.wasm': 'application/wasm' };
 const modules = new URL('../node_modules/', import.meta.url).pathname;
 const own = '/node_modules/lightwell-three/';
 
-/** packageFolder: lightwell-three as it is built or installed; scene: the file that is /scene.gltf. Below
- * /three-170/ it is the same with node_modules/three-170 as three. */
+/** packageFolder: lightwell-three as it is built or installed; scene: the file that is /scene.gltf, with the
+ * files beside it. Below /three-170/ it is the same with node_modules/three-170 as three. */
 export function serveExample(packageFolder, scene) {
   const server = createServer((request, response) => {
     const asked = decodeURIComponent(new URL(request.url, 'http://x').pathname);
@@ -19,6 +22,7 @@ export function serveExample(packageFolder, scene) {
     else if (path === '/test.html') file = new URL('three_page.html', import.meta.url).pathname;
     else if (path.startsWith(own)) file = join(packageFolder, path.slice(own.length));
     else if (path.startsWith('/node_modules/')) file = join(modules, path.slice('/node_modules/'.length));
+    if (!existsSync(file)) file = join(dirname(scene), path);
     if (!existsSync(file)) return response.writeHead(404).end();
     response.writeHead(200, { 'content-type': types[extname(file)] ?? 'application/json' });
     createReadStream(file).pipe(response);
@@ -28,4 +32,48 @@ export function serveExample(packageFolder, scene) {
       resolve({ origin: `http://127.0.0.1:${server.address().port}`, server }),
     );
   });
+}
+
+/** In the page, before all else: it draws when told to, and what its worker says is noted. */
+export function hookExample() {
+  const waiting = [];
+  globalThis.requestAnimationFrame = (draw) => waiting.push(draw);
+  globalThis.drawOne = () => {
+    const draws = waiting.splice(0);
+    for (const draw of draws) draw(performance.now());
+    return draws.length > 0;
+  };
+  const heard = { scene: false, settled: 0, timeS: 0, frame: 0, tiles: new Set() };
+  globalThis.heard = heard;
+  const hear = ({ data }) => {
+    if (data.kind === 'scene') heard.scene = true;
+    if (data.kind === 'tiles') for (const id of data.batch.id) heard.tiles.add(id);
+    if (data.kind === 'settled') heard.settled = heard.frame;
+    if (data.kind !== 'frame') return;
+    heard.frame = Number(data.frame.frame);
+    heard.timeS = data.frame.timeS;
+  };
+  globalThis.Worker = class extends Worker {
+    constructor(...given) {
+      super(...given);
+      this.addEventListener('message', hear);
+    }
+  };
+}
+
+/** The page with all light of `frames` frames. */
+export async function untilExampleIsLit(page, daemon, frames) {
+  await until(page, 'all tiles of the view', () => {
+    if (!globalThis.example) return drawOne() && false;
+    const { light, camera, renderer } = example;
+    light.update(camera, renderer.domElement.height);
+    return light.listInterest(camera, renderer.domElement.height).every((id) => heard.tiles.has(id));
+  });
+  const last = daemon.frames(frames);
+  const settled = (frame) => {
+    const { light, camera, renderer } = example;
+    light.update(camera, renderer.domElement.height);
+    return heard.settled >= frame && !light.queue.length;
+  };
+  await until(page, 'the last tiles', settled, { given: last });
 }

@@ -28,6 +28,15 @@ export async function openBrowser(...more) {
   return chromium.launch({ executablePath: program, args: [...graphics, '--no-sandbox', ...more] });
 }
 
+/** In the page: from now on it takes light, but draws with lightwell.finish() alone, and looks once in two
+ * seconds what light it lacks: without a GPU pictures cost more than all else. */
+export function drawNothing() {
+  const look = lightwell.look.bind(lightwell);
+  let lookedMs = 0;
+  lightwell.draw = () => (lightwell.dirty = false);
+  lightwell.look = (now) => now > lookedMs + 2000 && look((lookedMs = now));
+}
+
 /** Waits until a function of the page, of what is given, is true. */
 export async function until(page, what, expression, { given = null, limitMs = LIMIT_MS } = {}) {
   await page.waitForFunction(expression, given, { timeout: limitMs, polling: 100 }).catch(async (error) => {

@@ -8,7 +8,7 @@ import { join } from 'node:path';
 import test from 'node:test';
 
 import { bin, hasDaemon, startDaemon } from './daemon.mjs';
-import { serveExample } from './example.mjs';
+import { hookExample, serveExample, untilExampleIsLit } from './example.mjs';
 import { web } from './load.mjs';
 import {
   checkUploads,
@@ -34,50 +34,6 @@ const missing =
     : !hasBrowser() && 'there is no chromium';
 
 const packageFolder = join(web, '../lightwell-three');
-
-/** In the page, before all else: it draws when told to, and what its worker says is noted. */
-function hook() {
-  const waiting = [];
-  globalThis.requestAnimationFrame = (draw) => waiting.push(draw);
-  globalThis.drawOne = () => {
-    const draws = waiting.splice(0);
-    for (const draw of draws) draw(performance.now());
-    return draws.length > 0;
-  };
-  const heard = { scene: false, settled: 0, timeS: 0, frame: 0, tiles: new Set() };
-  globalThis.heard = heard;
-  const hear = ({ data }) => {
-    if (data.kind === 'scene') heard.scene = true;
-    if (data.kind === 'tiles') for (const id of data.batch.id) heard.tiles.add(id);
-    if (data.kind === 'settled') heard.settled = heard.frame;
-    if (data.kind !== 'frame') return;
-    heard.frame = Number(data.frame.frame);
-    heard.timeS = data.frame.timeS;
-  };
-  globalThis.Worker = class extends Worker {
-    constructor(...given) {
-      super(...given);
-      this.addEventListener('message', hear);
-    }
-  };
-}
-
-/** The page with all light of `frames` frames. */
-async function lit(page, daemon, frames) {
-  await until(page, 'all tiles of the view', () => {
-    if (!globalThis.example) return drawOne() && false;
-    const { light, camera, renderer } = example;
-    light.update(camera, renderer.domElement.height);
-    return light.listInterest(camera, renderer.domElement.height).every((id) => heard.tiles.has(id));
-  });
-  const last = daemon.frames(frames);
-  const settled = (frame) => {
-    const { light, camera, renderer } = example;
-    light.update(camera, renderer.domElement.height);
-    return heard.settled >= frame && !light.queue.length;
-  };
-  await until(page, 'the last tiles', settled, { given: last });
-}
 
 /** The first page of a server that is held before its first frame. */
 async function firstLight(page, daemon) {
@@ -157,12 +113,12 @@ function show(lights, { given, what, daemon: more = [], view = [], limits, varia
   return serve(given, more, async ({ origin, daemon, address }) => {
     let first = null;
     const look = async (page, { three, renderer }) => {
-      await page.addInitScript(hook);
+      await page.addInitScript(hookExample);
       const from = 'from=1.5,1.7,2.2&to=-0.2,1,-1&fov=60&exposure=1';
       const place = `${origin}${three === 'three' ? '' : `/${three}`}/example.html?scene=scene.gltf`;
       await page.goto(`${place}&server=${address}&${from}&lights=${lights}&renderer=${renderer}`);
       if (!first) await firstLight(page, daemon);
-      await lit(page, daemon, first ? 0 : FRAMES);
+      await untilExampleIsLit(page, daemon, first ? 0 : FRAMES);
       const state = await page.evaluate(async () => {
         const { light, scene, camera, renderer } = example;
         const lamps = [];
@@ -288,11 +244,11 @@ test('three: what is smooth is as the page has it', { skip: missing || false }, 
       return light;
     });
     const look = async (page, { three, renderer }) => {
-      await page.addInitScript(hook);
+      await page.addInitScript(hookExample);
       const from = 'from=1.5,1.7,2.2&to=-0.2,1,-1&fov=60&exposure=1';
       const place = `${origin}${three === 'three' ? '' : `/${three}`}/example.html?scene=scene.gltf`;
       await page.goto(`${place}&server=${address}&${from}&lights=tiles&renderer=${renderer}`);
-      await lit(page, daemon, 0);
+      await untilExampleIsLit(page, daemon, 0);
       const picture = await page.evaluate(() => {
         const { scene, camera, renderer } = example;
         renderer.render(scene, camera);
