@@ -1,6 +1,7 @@
 #include "server/solve/cell_frame.h"
 
 #include "common/clock.h"
+#include "common/invariant.h"
 #include "server/solve/adapt/correct.h"
 #include "server/solve/adapt/estimates.h"
 #include "server/solve/adapt/verify.h"
@@ -135,6 +136,7 @@ static enum lw_status place(struct frame *f, struct lw_error *err) {
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
     lw_reflectors_place(&s->reflectors, &s->tiles);
     if (s->view_due || s->pose_due & LW_POSE_DYNAMIC) s->listing = 0; /* rays to what is gone would lie */
+    LW_INVARIANT(s->texel_changes == s->geometry->changes);
     s->pose_due = 0;
     s->view_due = false;
     if (!s->has_probes) return LW_OK;
@@ -313,6 +315,7 @@ static void choose_blocks(struct lw_cell_solver *s) {
         s->due[s->own_count++] = entry->id;
         s->due[i] = first;
     }
+    LW_INVARIANT(s->own_count <= s->due_count && s->due_count <= s->tiles.count);
 }
 
 /* Where nothing is due the pose waits, and with it the probes' rays. */

@@ -1,6 +1,7 @@
 #include "server/solve/cell_light.h"
 
 #include "common/clock.h"
+#include "common/invariant.h"
 #include "server/solve/adapt/verify.h"
 #include "server/solve/transport/bounces.h"
 #include "server/solve/transport/direct_light.h"
@@ -186,6 +187,7 @@ static void run_bounces(struct lw_cell_light *light) {
 
 enum lw_status lw_cell_light_run(struct lw_cell_light *light, struct lw_error *err) {
     struct lw_cell_solver *s = light->s;
+    LW_INVARIANT(s->due_count > 0 && s->pose_due == 0); /* rays run in the pose that is lit */
     begin_progress(s);
     run_direct(light);
     enum lw_status status = list_reflectors_in_time(s, err);

@@ -1,6 +1,7 @@
 #include "server/solve/light_layers.h"
 
 #include "common/colour.h"
+#include "common/invariant.h"
 #include "common/light/client_lights.h"
 #include "common/log.h"
 #include "common/random.h"
@@ -460,6 +461,7 @@ static void give_time(struct layers *s, bool moved) {
                            : moved && s->still_frames > LW_MOTION_STILL_FRAMES ? BEGIN_SHARE
                                                                                : 1,
                  budget = budgets * lw_solver_desc_budget(&s->desc);
+    LW_INVARIANT(first <= running && (running == 0 || shares > 0));
     for (struct layer *layer = s->layer; layer < s->layer + s->count; layer++) {
         if (!layer->ran) continue;
         const bool yields = lw_cell_layer_backlog(layer->solver) < most;

@@ -1,6 +1,7 @@
 #include "server/solve/adapt/control_variate.h"
 
 #include "common/colour.h"
+#include "common/invariant.h"
 
 #include <math.h>
 
@@ -89,6 +90,7 @@ static void add_direct(struct lw_tiles *tiles, struct lw_solve_block *block, uin
     tiles->mean[texel] += brighter;
     block->luminance += (double)brighter;
     if (tiles->split_mean) tiles->split_mean[texel] += luminance(served[0], served[1], served[2]);
+    LW_INVARIANT_DEAR(lw_vec3_is_finite(lw_texels_vector(tiles->direct, texel)));
 }
 
 void lw_control_variate_direct(struct lw_tiles *tiles, const struct lw_solve_tile *tile,

@@ -1,5 +1,6 @@
 #include "server/solve/adapt/correct.h"
 
+#include "common/invariant.h"
 #include "server/solve/adapt/control_variate.h"
 #include "server/solve/adapt/estimates.h"
 #include "server/solve/adapt/verify.h"
@@ -22,6 +23,8 @@ void lw_correct_sum(struct lw_solve_tile *tile) {
         tile->invalidated_count += block->covered_count;
     }
     tile->priority = tile->invalidated_count ? (float)(square / tile->invalidated_count) : 0;
+    LW_INVARIANT(tile->invalidated_count <= tile->covered_count);
+    LW_INVARIANT_DEAR(tile->priority >= 0 && tile->priority <= 1);
 }
 
 /* After the comparison: corrects indirect light, and judges again what was corrected. */

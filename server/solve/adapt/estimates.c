@@ -1,6 +1,7 @@
 #include "server/solve/adapt/estimates.h"
 
 #include "common/colour.h"
+#include "common/invariant.h"
 #include "server/solve/adapt/gradient.h"
 
 #include <string.h>
@@ -214,6 +215,7 @@ void lw_estimates_judge(const struct lw_transport *t, struct lw_solve_tile *tile
         square += n * (double)block->error * (double)block->error;
     }
     tile->error = (float)sqrt(square / tile->covered_count);
+    LW_INVARIANT_DEAR(tile->error >= 0 && tile->error < 1.001f);
 }
 
 void lw_estimates_finish_tile(const struct lw_transport *t, struct lw_solve_tile *tile) {

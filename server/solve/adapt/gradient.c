@@ -1,5 +1,6 @@
 #include "server/solve/adapt/gradient.h"
 
+#include "common/invariant.h"
 #include "common/random.h"
 #include "server/solve/state/tiles.h"
 
@@ -145,6 +146,7 @@ bool lw_gradient_choose(struct lw_solve_block *block, const struct lw_gradient_r
         change->direct = change->verified = lw_change_all_packets(block);
     else if (choice.packets)
         verify_packets(change, take_turn(block, choice.packets));
+    LW_INVARIANT(!((change->compare | change->direct) & ~lw_change_all_packets(block)));
     return true;
 }
 
@@ -286,6 +288,7 @@ void lw_gradient_invalidate(struct lw_solve_block *block, float target_error,
         !is_too_much(block, &off, target_error))
         return;
     change->strength = fminf(1, share_of(block, &off));
+    LW_INVARIANT_DEAR(change->strength > 0);
     change->judged = witnesses(block);
     block->state = LW_BLOCK_STALE;
 }
@@ -340,6 +343,7 @@ void lw_gradient_reweigh(struct lw_solve_block *block, const float factor[LW_REG
 }
 
 void lw_gradient_note_drift(struct lw_solve_block *block, int part, uint32_t region, float off) {
+    LW_INVARIANT_DEAR(region < LW_REGIONS && part < LW_TILES_PARTS);
     struct lw_change_drift *drift = &block->change.drift[part][region];
     drift->mean += (off - drift->mean) * DRIFT_WEIGHT;
     drift->square += (off * off - drift->square) * DRIFT_WEIGHT;
@@ -376,6 +380,7 @@ void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool
     memcpy(change->staleness_indirect, off.indirect, sizeof off.indirect);
     memset(change->packet, 0, sizeof change->packet);
     change->moving = moves != change->solved_moves;
+    LW_INVARIANT(moves >= change->solved_moves); /* movements are counted up */
     change->moves = change->solved_moves = moves;
     change->compare = change->retrace = change->direct = change->verified = change->told = change->unchecked =
         0;

@@ -1,5 +1,6 @@
 #include "server/solve/adapt/interest_set.h"
 
+#include "common/invariant.h"
 #include "server/solve/transport/ray_hit.h"
 
 #include <stdlib.h>
@@ -53,6 +54,7 @@ enum lw_status lw_interest_set_replace(struct lw_interest_set *interest, const u
     interest->scope = LW_INTEREST_NOTHING;
     for (uint32_t id = 0; id < interest->ids; id++)
         if (level[id]) interest->scope = LW_INTEREST_TILES;
+    LW_INVARIANT(interest->level && interest->hits && interest->importance);
     return LW_OK;
 }
 
@@ -66,6 +68,7 @@ bool lw_interest_set_contributes(const struct lw_interest_set *interest, const s
 
 static void note_hit(struct lw_interest_set *interest, const struct lw_tiles *tiles, uint32_t texel,
                      uint32_t weight) {
+    LW_INVARIANT_DEAR(texel < tiles->texel_count);
     __atomic_fetch_add(&interest->hits[tiles->block[tiles->block_of_texel[texel]].tile_id], weight,
                        __ATOMIC_RELAXED);
 }
@@ -75,6 +78,7 @@ void lw_interest_set_note_hits(struct lw_interest_set *interest, const struct lw
     const struct lw_tiles *tiles = passes->tiles;
     const uint32_t samples = passes->indirect_samples;
     if (!weight) return;
+    LW_INVARIANT(interest->ids == tiles->id_count && weight <= UINT16_MAX);
     for (uint32_t i = turn % COUNT_ONE_IN; i < tile->width * tile->height; i += COUNT_ONE_IN) {
         const uint32_t texel = tile->first + i;
         if (!tiles->covered[texel]) continue;
@@ -89,6 +93,7 @@ void lw_interest_set_note_hits(struct lw_interest_set *interest, const struct lw
 
 void lw_interest_set_take_importance(struct lw_interest_set *interest, const struct lw_tiles *tiles,
                                      uint32_t samples) {
+    LW_INVARIANT(interest->ids == tiles->id_count);
     for (uint32_t i = 0; i < tiles->count; i++) {
         const struct lw_solve_tile *tile = &tiles->tile[i];
         const float own =

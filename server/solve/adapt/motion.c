@@ -1,5 +1,7 @@
 #include "server/solve/adapt/motion.h"
 
+#include "common/invariant.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -49,6 +51,8 @@ void lw_motion_note(struct lw_motion *motion, const struct lw_tiles *tiles, cons
         motion->shone = shines;
     }
     motion->frames_since_move = 0;
+    LW_INVARIANT(motion->began <= motion->moves && motion->light_moves <= motion->moves);
+    LW_INVARIANT(motion->place_count <= LW_MOTION_PLACES_MAX);
 }
 
 float lw_motion_distance(const struct lw_motion *motion, const struct lw_solve_tile *tile) {

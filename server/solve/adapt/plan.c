@@ -1,5 +1,6 @@
 #include "server/solve/adapt/plan.h"
 
+#include "common/invariant.h"
 #include "common/random.h"
 #include "server/solve/adapt/interest_set.h"
 
@@ -27,7 +28,7 @@
 enum lw_status lw_plan_init(struct lw_plan *plan, uint32_t tiles) {
     struct lw_plan_list *list[] = {&plan->verify, &plan->correct, &plan->solve, &plan->show};
     bool ok = true;
-    *plan = (struct lw_plan){0};
+    *plan = (struct lw_plan){.capacity = tiles};
     for (size_t i = 0; i < sizeof list / sizeof *list; i++)
         ok &= (list[i]->entry = malloc((tiles + 1ul) * sizeof *list[i]->entry)) != NULL;
     ok &= (plan->order = malloc((tiles + 1ul) * sizeof *plan->order)) != NULL;
@@ -65,7 +66,15 @@ const char *lw_plan_reason_name(enum lw_plan_reason reason) {
         LW_PLAN_REASONS(LW_PLAN_REASON)
 #undef LW_PLAN_REASON
     };
+    LW_INVARIANT(reason < LW_PLAN_REASON_COUNT);
     return names[reason];
+}
+
+static bool are_facts(const struct lw_plan_memory *memory, const struct lw_plan_input *in) {
+    for (uint32_t i = 0; i < in->count; i++)
+        if (in->fact[i].id.v >= memory->ids || in->fact[i].invalidated_count > in->fact[i].covered_count)
+            return false;
+    return true;
 }
 
 static void add(struct lw_plan_list *list, lw_tile_id id, enum lw_plan_reason reason, bool part) {
@@ -180,17 +189,22 @@ static void plan_correct(struct lw_plan_memory *memory, const struct lw_plan_inp
 }
 
 void lw_plan_verify(struct lw_plan_memory *memory, const struct lw_plan_input *in, struct lw_plan *plan) {
+    LW_INVARIANT(in->count <= plan->capacity);
+    LW_INVARIANT_DEAR(are_facts(memory, in));
     plan->verify.count = plan->correct.count = plan->verify_sure = 0;
     plan->verify_work[0] = plan->verify_work[1] = plan->correct_work = 0;
     if (!in->moves.moves || !in->looked_at) return;
     memory->sweep_ended = false;
     plan_verify(memory, in, plan);
     plan_correct(memory, in, plan);
+    LW_INVARIANT(plan->verify_sure <= plan->verify.count && plan->verify.count <= in->count);
+    LW_INVARIANT(memory->swept < in->count || memory->swept == 0);
 }
 
 void lw_plan_note_verified(struct lw_plan_memory *memory, const struct lw_plan_input *in,
                            const struct lw_plan *plan, const struct lw_plan_found *found) {
     if (!in->moves.moves || !in->looked_at) return;
+    LW_INVARIANT(found->verified <= plan->verify.count);
     for (uint32_t i = 0; i < found->verified; i++)
         memory->tile[plan->verify.entry[i].id.v].unverified = false;
     /* As many as there are bounces, once direct light has changed, and again once nothing invalidated is left
@@ -200,6 +214,7 @@ void lw_plan_note_verified(struct lw_plan_memory *memory, const struct lw_plan_i
         memory->rereads = in->bounces;
         memory->solved_changed = false;
     } else if (plan->round.spreads) {
+        LW_INVARIANT(memory->rereads > 0);
         memory->rereads--;
     }
 }
@@ -325,6 +340,7 @@ static void take(struct lw_plan_memory *memory, const struct lw_plan_input *in, 
         add(&plan->solve, fact->id, reason, part);
         *taken += count;
     }
+    LW_INVARIANT(plan->solve.count <= in->count);
 }
 
 /* What is left of the round, and how much of what has changed. */
@@ -348,6 +364,7 @@ static void choose_shown(struct lw_plan_memory *memory, const struct lw_plan_inp
     const bool whole = memory->ended || (memory->deferred && !memory->changed_solves);
     memory->released = memory->deferred && whole;
     memory->deferred &= !whole;
+    LW_INVARIANT(!(memory->released && memory->deferred));
     for (uint32_t i = 0; i < in->count; i++) {
         const struct lw_plan_fact *fact = &in->fact[i];
         struct lw_plan_tile *tile = &memory->tile[fact->id.v];
@@ -367,6 +384,8 @@ static bool is_any_stale(const struct lw_plan_input *in) {
 void lw_plan_light(struct lw_plan_memory *memory, const struct lw_plan_input *in, struct lw_plan *plan) {
     const struct room room = room_of(memory, in);
     uint64_t taken = 0;
+    LW_INVARIANT(in->count <= plan->capacity && in->spent >= 0);
+    LW_INVARIANT_DEAR(are_facts(memory, in));
     memory->unchanged_rounds =
         is_any_stale(in) || memory->corrected ? 0 : memory->unchanged_rounds + memory->ended;
     plan->changing = in->moves.moves && memory->unchanged_rounds <= CHANGING_ROUNDS;
@@ -411,6 +430,7 @@ static void defer(struct lw_plan_memory *memory, const struct lw_plan_input *in)
 }
 
 void lw_plan_show(struct lw_plan_memory *memory, const struct lw_plan_input *in, struct lw_plan *plan) {
+    LW_INVARIANT(in->count <= plan->capacity);
     plan->show.count = memory->corrected = 0;
     show_corrected(memory, in);
     if (in->awaited) defer(memory, in);

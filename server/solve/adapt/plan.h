@@ -139,6 +139,7 @@ struct lw_plan_list {
 
 struct lw_plan {
     struct lw_plan_list verify, correct, solve, show;
+    uint32_t capacity; /* of each, in tiles */
     /* Entries of verify that are verified in any case; the others if those have found no change. */
     uint32_t verify_sure;
     uint64_t verify_work[2]; /* of those; of the others */

@@ -1,10 +1,14 @@
 #include "server/solve/adapt/work.h"
 
+#include "common/invariant.h"
+
 #include <stdlib.h>
 
 enum lw_status lw_work_init(struct lw_work *work, uint32_t items, int threads, const _Atomic bool *cancel) {
-    *work = (struct lw_work){
-        .threads = threads, .cancel = cancel, .reports = calloc(items + 1ul, sizeof *work->reports)};
+    *work = (struct lw_work){.threads = threads,
+                             .cancel = cancel,
+                             .items = items,
+                             .reports = calloc(items + 1ul, sizeof *work->reports)};
     return work->reports ? LW_OK : LW_NO_MEMORY;
 }
 
@@ -33,6 +37,7 @@ static void add(struct lw_work_report *sum, const struct lw_work_report *report)
 struct lw_work_report lw_work_run(const struct lw_work *work, uint32_t count, enum lw_work_kind kind,
                                   struct lw_progress *progress, lw_work_fn *fn, void *user) {
     struct lw_work_report sum = {0};
+    LW_INVARIANT(count <= work->items && work->threads > 0);
     if (kind == LW_WORK_TILES) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(work->threads)
         for (uint32_t i = 0; i < count; i++)

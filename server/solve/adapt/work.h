@@ -22,8 +22,9 @@ typedef void lw_work_fn(void *user, uint32_t item, struct lw_work_report *report
 
 struct lw_work {
     int threads;
-    const _Atomic bool *cancel;     /* may be NULL; once true, tiles are left out */
-    struct lw_work_report *reports; /* of as many items as a list may have */
+    const _Atomic bool *cancel; /* may be NULL; once true, tiles are left out */
+    struct lw_work_report *reports;
+    uint32_t items; /* that a list may have */
 };
 
 enum lw_work_kind {

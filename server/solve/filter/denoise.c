@@ -1,9 +1,9 @@
 #include "server/solve/filter/denoise.h"
 
 #include "common/colour.h"
+#include "common/invariant.h"
 #include "common/wide.h"
 
-#include <assert.h>
 #include <omp.h>
 #include <stdlib.h>
 #include <string.h>
@@ -648,7 +648,7 @@ static bool find_job(const struct lw_denoise *d, const struct lw_solve_tile *til
 }
 
 void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, unsigned forms, int threads) {
-    assert(threads <= denoise->threads);
+    LW_INVARIANT(threads <= denoise->threads && forms != 0);
     mark_all(denoise, frame);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
     for (uint32_t i = 0; i < denoise->tiles->count; i++) {

@@ -1,5 +1,6 @@
 #include "server/solve/filter/seams.h"
 
+#include "common/invariant.h"
 #include "common/tile/bilinear.h"
 #include "common/union_find.h"
 
@@ -620,6 +621,7 @@ static void weld_form(const struct lw_seams *s, struct lw_seams_light *light, st
 void lw_seams_weld(const struct lw_seams *s, struct lw_seams_light light[LW_LIGHT_FORM_COUNT], unsigned forms,
                    struct lw_tiles *tiles, uint64_t frame, int threads) {
     struct lw_seams_light *last = NULL;
+    LW_INVARIANT(forms != 0);
     for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
         if (forms & lw_light_form_bit(f)) weld_form(s, last = &light[f], tiles, frame, threads);
     if (last) show(s, last, tiles, frame);

@@ -15,6 +15,7 @@
 #ifndef LW_STATE_HISTORY_H
 #define LW_STATE_HISTORY_H
 
+#include "common/invariant.h"
 #include <math.h>
 
 struct lw_history {
@@ -30,6 +31,7 @@ static inline float lw_history_max(float variance, float s) { return variance / 
 static inline float lw_history_take(struct lw_history *memory, float room) {
     memory->sample_count = fminf(memory->sample_count, room) + 1;
     memory->weight = 1 / memory->sample_count;
+    LW_INVARIANT_DEAR(memory->weight > 0 && memory->weight <= 1);
     return memory->weight;
 }
 

@@ -1,6 +1,7 @@
 #include "server/solve/state/tiles.h"
 
 #include "common/colour.h"
+#include "common/invariant.h"
 #include "common/random.h"
 
 #include <stdlib.h>
@@ -93,6 +94,7 @@ uint64_t lw_tiles_last_solved(const struct lw_tiles *tiles) {
 
 bool lw_tiles_judge_forms(struct lw_tiles *tiles, unsigned forms, int threads) {
     const float *before = tiles->judged_spread;
+    LW_INVARIANT(forms != 0);
     tiles->judged_spread =
         forms == lw_light_form_bit(LW_LIGHT_FORM_SPLIT) ? tiles->split_spread : tiles->spread;
     if (tiles->judged_spread == before) return false;
@@ -156,6 +158,7 @@ static void bound_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
             box_add(&box, part.lo, part.hi);
             tile->covered_count += tile->block[row * tile->block_columns + column].covered_count;
         }
+    LW_INVARIANT(tile->covered_count <= tile->width * tile->height);
     if (tile->covered_count) box_sphere(&box, &tile->centre_os, &tile->radius_os);
 }
 
@@ -266,6 +269,7 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
         }
         tile->state = tile->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
     }
+    LW_INVARIANT(n == tiles->count && blocks == tiles->block_count);
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
@@ -338,6 +342,7 @@ void lw_tiles_finish(struct lw_tiles *tiles) {
 void lw_tiles_take_radiance(struct lw_tiles *tiles, const struct lw_tiles *from, lw_tile_id id,
                             uint32_t bounce) {
     const struct lw_solve_tile *tile = &tiles->tile[tiles->slot_of_id[id.v]];
+    LW_INVARIANT(bounce < tiles->bounces && from->texel_count == tiles->texel_count);
     const size_t first = 4 * (size_t)tile->first, change = LW_REGIONS * (size_t)(tile->block - tiles->block);
     memcpy(tiles->radiance[bounce] + first, from->radiance[bounce] + first,
            4 * sizeof(float) * tile->width * tile->height);
@@ -364,6 +369,7 @@ void lw_tiles_take(struct lw_tiles *tiles, const struct lw_tiles *from, lw_tile_
     struct lw_solve_tile *tile = &tiles->tile[tiles->slot_of_id[id.v]];
     const struct lw_solve_tile *other = &from->tile[from->slot_of_id[id.v]];
     struct lw_tiles source = *from; /* the lists hold places to write to */
+    LW_INVARIANT(tile->first == other->first && tile->covered_count == other->covered_count);
     struct plane to[PLANES_MAX], of[PLANES_MAX];
     take_planes(to, of, (list_planes(&source, of), list_planes(tiles, to)), tile);
     if (tiles->drawn[0]) take_planes(to, of, (list_drawn(&source, of), list_drawn(tiles, to)), tile);
@@ -387,6 +393,7 @@ void lw_tiles_sum_up(struct lw_solve_tile *tile) {
         if (block->state < tile->state) tile->state = block->state;
         if (block->sample_count < tile->sample_count) tile->sample_count = block->sample_count;
     }
+    LW_INVARIANT(tile->sample_count < UINT32_MAX); /* what covers texels has a block that does */
 }
 
 void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, unsigned forms, int threads) {
@@ -410,6 +417,7 @@ static int by_cell(const void *a, const void *b) {
 }
 
 static void set_hidden(struct lw_solve_tile *tile, bool hidden) {
+    LW_INVARIANT(tile->hidden != hidden);
     tile->hidden = hidden;
     tile->invalidated = !hidden; /* first among what waits for a frame */
     tile->priority = 1;
@@ -422,6 +430,14 @@ static void set_hidden(struct lw_solve_tile *tile, bool hidden) {
             block->state = LW_BLOCK_CONVERGED;
     }
     lw_tiles_sum_up(tile);
+}
+
+/* Every tile has an id of its own, and a slot. */
+static bool is_permutation(const struct lw_tiles *tiles) {
+    for (uint32_t i = 0; i < tiles->count; i++)
+        if (tiles->tile[i].id.v >= tiles->id_count || tiles->slot_of_id[tiles->tile[i].id.v] != i)
+            return false;
+    return true;
 }
 
 void lw_tiles_set_pose(struct lw_tiles *tiles, const struct lw_cells *cells, const struct lw_pose *pose) {
@@ -438,4 +454,5 @@ void lw_tiles_set_pose(struct lw_tiles *tiles, const struct lw_cells *cells, con
     }
     qsort(tiles->tile, tiles->count, sizeof *tiles->tile, by_cell);
     for (uint32_t i = 0; i < tiles->count; i++) tiles->slot_of_id[tiles->tile[i].id.v] = i;
+    LW_INVARIANT_DEAR(is_permutation(tiles));
 }

@@ -1,6 +1,7 @@
 #include "server/solve/transport/bounces.h"
 
 #include "common/colour.h"
+#include "common/invariant.h"
 #include "common/light/direction.h"
 #include "common/sampling.h"
 #include "common/wide.h"
@@ -342,6 +343,7 @@ static int estimate_of(uint32_t bounce) {
 }
 
 void lw_bounces_gather(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t bounce) {
+    LW_INVARIANT(bounce > 0 && bounce <= t->tiles->bounces);
     float *const *estimate = t->tiles->estimate[estimate_of(bounce)];
     const uint32_t count = tile->width * tile->height;
     for (uint32_t i = 0; i < count; i++) {
@@ -484,6 +486,7 @@ static void radiate_block(const struct lw_transport *t, const struct lw_solve_ti
 }
 
 void lw_bounces_radiate(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t bounce) {
+    LW_INVARIANT(bounce < t->tiles->bounces);
     for (uint32_t row = 0; row < tile->block_rows; row++)
         for (uint32_t column = 0; column < tile->block_columns; column++)
             radiate_block(t, tile, column, row, bounce);

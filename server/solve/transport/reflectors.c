@@ -2,6 +2,7 @@
 
 #include "common/cdf.h"
 #include "common/colour.h"
+#include "common/invariant.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -259,6 +260,7 @@ enum lw_status lw_reflectors_update(struct lw_reflectors *r, const struct lw_til
     for (uint32_t o = 0; status == LW_OK && o < r->scene->object_count; o++)
         if (r->is_bright[o]) status = consider(r, tiles, pose, o, RARE * mean);
     if (status != LW_OK) r->count = 0;
+    LW_INVARIANT(r->count <= LW_REFLECTORS_MAX);
     for (uint32_t i = 0; i < r->count; i++) r->of_object[r->list[i].object] = (uint8_t)i;
     return status;
 }
@@ -296,6 +298,7 @@ float lw_reflectors_most(const struct lw_reflectors *r, struct lw_vec3 place) {
 const struct lw_reflector *lw_reflectors_pick(const struct lw_reflectors *r, struct lw_vec3 place,
                                               float random, float *out_probability) {
     const float all = lw_reflectors_most(r, place);
+    LW_INVARIANT_DEAR(r->count > 0 && random >= 0 && random < 1);
     float left = random * all;
     uint32_t i = 0;
     while (i + 1 < r->count && (left -= most_of(&r->list[i], place)) >= 0) i++;
