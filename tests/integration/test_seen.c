@@ -134,6 +134,9 @@ static void find_objects(const struct lw_atlas_map *map, uint32_t out[2]) {
     assert_true(most[1] >= 1);
 }
 
+/* Frames in which each contributor is solved at least once: fewer have more or less of them by chance. */
+#define CYCLE 16
+
 static void clients_come_and_go(void **state) {
     (void)state;
     struct lw_process daemon;
@@ -153,13 +156,13 @@ static void clients_come_and_go(void **state) {
     find_objects(lw_client_atlas_map(client[0]), object);
     const double one = look_at(0, object[0]);
     wait_for(&daemon, "tiles_interest", 1, one);
-    const double first = solved_over(&daemon, 5);
+    const double first = solved_over(&daemon, CYCLE);
     assert_true(lw_process_newest(&daemon, "tiles_contributing") > 0);
     /* a second one elsewhere; both see theirs change */
     join(&daemon, 1, true);
     const double both = one + look_at(1, object[1]);
     wait_for(&daemon, "tiles_interest", lw_process_newest(&daemon, "tiles_interest") + 1, both);
-    const double second = solved_over(&daemon, 5);
+    const double second = solved_over(&daemon, CYCLE);
     /* somebody who wants everything */
     join(&daemon, 2, false);
     wait_for(&daemon, "tiles_contributing", 0, 0);
