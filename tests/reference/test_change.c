@@ -447,7 +447,7 @@ static bool wakes(float each) {
             block.change.packet[set].indirect_square[r] = 4 * each * each;
         }
     }
-    lw_gradient_invalidate(&block, 0.02f, false);
+    lw_gradient_invalidate(&block, 0.02f, &(struct lw_budget){0});
     return block.state != LW_BLOCK_CONVERGED;
 }
 
