@@ -273,7 +273,7 @@ enum lw_status lw_replica_take_frame(struct lw_replica *r, const struct lw_messa
 /* What the decoder promises, whatever the bytes. */
 static bool are_values(const struct lw_tile_channel *is, const float *value, size_t count) {
     for (size_t i = 0; i < count; i++)
-        if (!isfinite(value[i]) || (is->coding == LW_TILE_CODING_LIGHT && value[i] < 0)) return false;
+        if (!isfinite(value[i]) || (value[i] < 0 && !is->is_signed)) return false;
     return true;
 }
 

@@ -32,7 +32,7 @@ enum lw_status lw_blob_from_message(const struct lw_message *message, struct lw_
  * thread's writes; dropping the last one acquires the writes of all threads before it frees. */
 static void take(_Atomic uint32_t *references) {
     uint32_t before = atomic_fetch_add_explicit(references, 1, memory_order_relaxed);
-    LW_INVARIANT(before > 0 && before < UINT32_MAX);
+    LW_INVARIANT(before - 1 < UINT32_MAX - 1); /* above 0, and there is one more */
     (void)before;
 }
 

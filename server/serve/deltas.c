@@ -129,7 +129,7 @@ static enum lw_deltas_way next_of(struct lw_deltas *deltas, uint32_t tile, uint6
                                   struct lw_delta *out_delta) {
     struct lw_deltas_of_tile *of = coarse ? &deltas->coarse[tile] : &deltas->tile[tile];
     struct lw_delta_base *base = find(of, from), *end = of->base + of->count;
-    LW_INVARIANT(of->version >= from); /* ways lead to newer versions */
+    LW_INVARIANT_DEAR(of->version >= from); /* ways lead to newer versions */
     if (wait_for_jump(deltas, tile, coarse, base)) return LW_DELTAS_WAIT;
     size_t chain = 0;
     for (const struct lw_delta_base *b = base; b && b < end; b++) chain += b->delta->size;
@@ -147,7 +147,7 @@ static enum lw_deltas_way next_of(struct lw_deltas *deltas, uint32_t tile, uint6
 
 enum lw_deltas_way lw_deltas_next(struct lw_deltas *deltas, uint32_t tile, uint64_t from, bool coarse,
                                   struct lw_delta *out_delta) {
-    LW_INVARIANT(tile < deltas->tile_count);
+    LW_INVARIANT_DEAR(tile < deltas->tile_count);
     const enum lw_deltas_way way = !coarse || find(&deltas->tile[tile], from)
                                        ? next_of(deltas, tile, from, false, out_delta)
                                        : LW_DELTAS_WHOLE;

@@ -19,7 +19,7 @@ static const struct lw_snapshot_tile *newest_of(const struct lw_session_take *t,
 /* The version of a tile that will do. */
 static uint64_t due_version(const struct lw_session_take *t, uint32_t tile) {
     const uint64_t newest = newest_of(t, tile)->version;
-    LW_INVARIANT(newest > 0);
+    LW_INVARIANT_DEAR(newest > 0);
     return takes_coarse(t) ? lw_snapshot_coarse_version(newest) : newest;
 }
 
@@ -103,7 +103,7 @@ static void start_walks(struct lw_session *s) {
 
 struct lw_blob *lw_tile_stream_next_frame(struct lw_session *s) {
     const struct lw_snapshot *snapshot = s->take[0].channel->snapshot;
-    LW_INVARIANT(s->take_count > 0 && s->frame_sent <= snapshot->frame);
+    LW_INVARIANT_DEAR(s->take_count > 0 && s->frame_sent <= snapshot->frame);
     start_walks(s);
     if (s->frame_sent == snapshot->frame) return NULL;
     bool builds_on = snapshot->frame_delta && s->frame_sent && s->frame_sent == snapshot->previous_frame;
@@ -124,8 +124,9 @@ static void prepare_ahead(const struct lw_session *s, const struct lw_session_ta
 
 static struct lw_blob *next_tile_of_walk(struct lw_session *s, struct lw_session_take *t) {
     const uint32_t *list = t->lacked ? t->lacked : t->channel->changed;
-    LW_INVARIANT(t->generation == t->channel->generation); /* the list is of this snapshot */
-    LW_INVARIANT(t->lacked || !t->walk_left || t->walk_cursor + t->walk_left <= t->channel->changed_count);
+    LW_INVARIANT_DEAR(t->generation == t->channel->generation); /* the list is of this snapshot */
+    LW_INVARIANT_DEAR(t->lacked || !t->walk_left ||
+                      t->walk_cursor + t->walk_left <= t->channel->changed_count);
     for (; t->walk_left; t->walk_cursor++, t->walk_left--) {
         const uint32_t id = list[t->walk_cursor];
         if (!t->delta_follows && !lacks(s, t, id)) continue;
@@ -135,7 +136,8 @@ static struct lw_blob *next_tile_of_walk(struct lw_session *s, struct lw_session
             s->waits = true;
             return NULL;
         }
-        LW_INVARIANT(delta.version > t->sent[id] && delta.version <= newest_of(t, id)->version);
+        LW_INVARIANT(delta.version > t->sent[id]);
+        LW_INVARIANT_DEAR(delta.version <= newest_of(t, id)->version);
         t->sent[id] = delta.version;
         t->delta_follows = delta.version < due_version(t, id);
         if (!t->delta_follows) {
