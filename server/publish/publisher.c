@@ -385,7 +385,12 @@ static enum lw_status send_tile(const struct lw_publisher *p, struct worker *wor
                                                            .error = error},
                                  &coded, &blob, &delta);
     if (status != LW_OK) {
-        sent->version = 0; /* the history may be ahead of what was sent: no delta may build on that */
+        /* The history may be ahead of what was sent: no delta may build on that. What was sent goes, too: a
+         * snapshot may follow in which this tile is held back. */
+        lw_blob_unref(sent->blob);
+        lw_blob_unref(sent->delta);
+        sent->blob = sent->delta = NULL;
+        sent->version = 0;
         return status;
     }
     LW_INVARIANT(lw_snapshot_version(frame) > sent->version);
@@ -615,6 +620,7 @@ static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose
     for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++)
         for (uint32_t t = 0; p->channel[f] && t < tile_count; t++) {
             const struct sent_tile *sent = &p->channel[f]->sent[t];
+            LW_INVARIANT(!sent->blob == !sent->version);
             if (!sent->blob) continue;
             LW_INVARIANT(sent->version <= lw_snapshot_version(frame->frame) &&
                          (!sent->delta || sent->base < sent->version));

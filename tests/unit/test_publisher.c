@@ -476,6 +476,43 @@ static bool publish_without(uint64_t failing_frame, unsigned allocation) {
     return status == LW_OK;
 }
 
+/* A spare's light is not published for want of memory, then it is added and held back: a tile that is of no
+ * version has no bytes either, and nothing builds on it. Returns whether the frame took fewer allocations. */
+static bool hold_back_without(unsigned allocation) {
+    struct world w;
+    struct lw_snapshot *s = NULL;
+    init_world(&w, LW_TILE_CODEC_DCT);
+    set_light(1, 5);
+    lw_snapshot_unref(publish(&w, 1));
+    set_light(2, 6);
+    lw_snapshot_unref(publish(&w, 2));
+    w.pose.object_spare[0] = w.pose.object_hidden[0] = true;
+    lw_snapshot_unref(publish(&w, 3));
+    set_light(4, 7);
+    allocations_left = allocation;
+    const enum lw_status status = lw_publisher_publish(w.publisher, &w.pose, 4, 1, 1, 1, &s, &stats);
+    allocations_left = 0;
+    if (status != LW_OK) {
+        w.pose.object_spare[0] = w.pose.object_hidden[0] = false;
+        s = publish_solved(&w, 5, 0);
+        for (uint32_t t = 0; t < s->tile_count; t++) {
+            const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][t];
+            assert_int_equal(tile->version == 0, tile->blob == NULL);
+            assert_true(!tile->delta || tile->base < tile->version);
+        }
+    }
+    lw_snapshot_unref(s);
+    finish_world(&w);
+    return status == LW_OK;
+}
+
+static void test_held_back_without_memory(void **state) {
+    (void)state;
+    unsigned allocation = 1;
+    while (!hold_back_without(allocation)) allocation++;
+    assert_true(allocation > 4);
+}
+
 static void test_without_memory(void **state) {
     (void)state;
     for (uint64_t frame = 1; frame <= 3; frame++) {
@@ -488,6 +525,7 @@ static void test_without_memory(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_deltas),
+        cmocka_unit_test(test_held_back_without_memory),
         cmocka_unit_test(test_without_memory),
         cmocka_unit_test(test_an_object_that_was_a_spare),
         cmocka_unit_test(test_another_class_of_error),
