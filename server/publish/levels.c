@@ -11,6 +11,8 @@
 #define RIM_ROUNDS        2u
 #define PLACEHOLDER_LEVEL 3u   /* from this level on charts mix, and every texel is filled */
 #define ROUNDS_MAX        250u /* covered[] counts rounds in a byte */
+/* The mean of filled texels alone, on a coarser level: as those of the last round of a rim. */
+#define HALVED (RIM_ROUNDS + 1)
 /* Filled by the solver: a round after all others of level 0, so that no fill starts from it. */
 #define GIVEN (RIM_ROUNDS + 2)
 
@@ -182,7 +184,7 @@ LW_WIDE_INLINE void halve(uint32_t planes, struct lw_levels_image *coarse, const
                     count++;
                 }
             size_t to = (size_t)y * coarse->width + x;
-            coarse->covered[to] = surface ? 1 : count ? RIM_ROUNDS + 1 : 0;
+            coarse->covered[to] = surface ? 1 : count ? HALVED : 0;
             for (uint32_t p = 0; p < planes; p++)
                 coarse->value[to * planes + p] = count ? sum[p] / (float)count : 0;
         }
@@ -220,9 +222,8 @@ static void build_cells(struct lw_levels *levels, uint32_t level) {
 static void build_whole(struct lw_levels *levels, uint32_t level) {
     struct lw_levels_image *image = &levels->level[level];
     BY_PLANES(halve, levels->planes, image, image - 1, all_of(image));
-    for (uint32_t r = 0; r < ROUNDS_MAX && fill_area(image, levels->planes, all_of(image), (uint8_t)(r + 2));
-         r++) {
-    }
+    for (uint32_t round = 2; round < ROUNDS_MAX + 2; round++)
+        if (!fill_area(image, levels->planes, all_of(image), (uint8_t)round) && round > HALVED) break;
 }
 
 /* All texels are filled, or there was nothing to fill from. */

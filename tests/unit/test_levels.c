@@ -97,6 +97,32 @@ static void test_coarsest_level_has_no_hole(void **state) {
 }
 
 /* A sixteenth of a lightmap is bright. */
+/* Nor beside texels that are the mean of gutters alone. */
+static void test_coarsest_level_is_filled_from_gutters(void **state) {
+    (void)state;
+    static uint8_t filled[SIDE * SIDE];
+    memset(covered, 0, sizeof covered);
+    memset(plane, 0, sizeof plane);
+    for (uint32_t y = 0; y < SIDE; y++)
+        for (uint32_t x = 0; x < SIDE;
+             x++) { /* a chart, a gutter around it, and a corner far from the chart */
+            covered[y * SIDE + x] = x < 40;
+            filled[y * SIDE + x] = x >= 40 && x < 60;
+            plane[0][y * SIDE + x] = x < 40 ? 4 : x < 60 ? 10 : 0;
+        }
+    struct lw_levels levels;
+    struct lw_atlas atlas;
+    lw_atlas_init(&atlas, SIDE, SIDE);
+    lw_support_ok(lw_levels_init(&levels, LW_LIGHT_FORM_FULL, &atlas), NULL);
+    struct lw_solver_tile tile = {.covered = covered, .filled = filled, .width = SIDE, .height = SIDE};
+    for (int c = 0; c < 3; c++) tile.shown[LW_LIGHT_FORM_FULL][c] = plane[c];
+    lw_levels_load_tile(&levels, &place, &tile);
+    lw_levels_build(&levels);
+    const uint32_t last = levels.count - 1, side = SIDE >> last;
+    for (uint32_t y = 0; y < side; y++) assert_true(red(&levels, last, side - 1, y) == 10);
+    lw_levels_finish(&levels);
+}
+
 static void test_quantile(void **state) {
     (void)state;
     static uint64_t bin[LW_LEVELS_BINS];
@@ -232,6 +258,7 @@ int main(void) {
         cmocka_unit_test(test_mean_is_over_covered_texels),
         cmocka_unit_test(test_filled_gutters_are_kept),
         cmocka_unit_test(test_coarsest_level_has_no_hole),
+        cmocka_unit_test(test_coarsest_level_is_filled_from_gutters),
         cmocka_unit_test(test_quantile),
         cmocka_unit_test(test_parts_are_as_the_whole),
     };
