@@ -313,16 +313,16 @@ static float error_of(const struct layers *s, lw_tile_id id) {
 
 /* ---- frames ---- */
 
-/* other: of another layer, the same texels. Of several parts, that which the next judgement chooses counts
- * (estimates.h); until then the darkest. */
+/* other: of another layer, the same texels, whose sums may end a little below none. Of several parts, that
+ * which the next judgement chooses counts (estimates.h); until then the darkest. */
 static void add_beside(struct lw_solve_block *block, const struct lw_solve_block *other, float weight) {
     if (block->parts.count == 1) {
-        block->other_luminance += weight * (float)other->luminance / (float)other->covered_count;
+        block->other_luminance += weight * fmaxf((float)other->luminance, 0) / (float)other->covered_count;
         return;
     }
     float least = INFINITY;
     for (uint32_t part = 0; part < block->parts.count; part++) {
-        block->part_other[part] += weight * other->part_luminance[part];
+        block->part_other[part] += weight * fmaxf(other->part_luminance[part], 0);
         least = fminf(least, block->part_other[part]);
     }
     block->other_luminance = least;

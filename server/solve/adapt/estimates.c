@@ -201,7 +201,7 @@ void lw_estimates_judge(const struct lw_transport *t, struct lw_solve_tile *tile
         if (!(light < LIKE * (double)block->reference_luminance &&
               (double)block->reference_luminance < LIKE * light))
             block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;
-        block->reference_luminance = (float)light;
+        block->reference_luminance = (float)fmax(light, 0); /* sums that are corrected end a little below */
         /* variance is that of one estimate; the mean of h of them has 1/(h-1) of it
          * (Bessel's correction in it). */
         const double others = (double)block->indirect.sample_count - 1;
