@@ -17,7 +17,7 @@ struct lw_cell_light {
 
 /** The tile of that index among the due ones. */
 static inline struct lw_solve_tile *lw_cell_light_due(const struct lw_cell_solver *s, uint32_t i) {
-    return &s->tiles.tile[s->tiles.slot_of_id[s->due[i].v]];
+    return lw_tiles_at(&s->tiles, s->due[i]);
 }
 
 /** Adds the time since the last call to a field of the stats. */

@@ -184,7 +184,7 @@ enum lw_status lw_geometry_set_up_denoise(struct lw_geometry *geometry, const st
 void lw_geometry_read_tile(const struct lw_geometry *geometry, const struct lw_tiles *tiles, lw_tile_id id,
                            uint32_t bounces, unsigned forms, struct lw_solver_tile *out_tile) {
     LW_INVARIANT(id.v < tiles->id_count && tiles->slot_of_id[id.v] < tiles->count);
-    const struct lw_solve_tile *tile = &tiles->tile[tiles->slot_of_id[id.v]];
+    const struct lw_solve_tile *tile = lw_tiles_at(tiles, id);
     *out_tile = (struct lw_solver_tile){.covered = tiles->covered + tile->first,
                                         .filled = geometry->texels.filled + tile->first,
                                         .width = tile->width,

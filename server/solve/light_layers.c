@@ -189,8 +189,7 @@ static const struct lw_tiles *tiles_of(const struct layer *layer) {
 }
 
 static const struct lw_solve_tile *tile_of(const struct layer *layer, lw_tile_id id) {
-    const struct lw_tiles *tiles = tiles_of(layer);
-    return &tiles->tile[tiles->slot_of_id[id.v]];
+    return lw_tiles_at(tiles_of(layer), id);
 }
 
 static bool parts_drawn(const struct layers *s) { return lw_client_lights_any(s->desc.client_lights); }

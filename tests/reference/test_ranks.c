@@ -22,15 +22,11 @@ struct seat {
     uint32_t self;
 };
 
-static const struct lw_solve_tile *tile_of(const struct lw_tiles *tiles, lw_tile_id id) {
-    return &tiles->tile[tiles->slot_of_id[id.v]];
-}
-
 static void take_tiles(struct seat *seat, const struct lw_ranks_exchange *what) {
     struct meeting *m = seat->meeting;
     for (uint32_t i = 0; i < what->tile_count; i++) {
         const lw_tile_id id = what->tile[i];
-        const uint32_t owner = tile_of(what->tiles, id)->owner;
+        const uint32_t owner = lw_tiles_at(what->tiles, id)->owner;
         if (owner == seat->self) continue;
         const struct lw_ranks_exchange *other = &m->of[owner];
         if (what->moment == LW_RANKS_RADIATED)

@@ -596,7 +596,7 @@ static void mark(struct lw_denoise *d, uint32_t object, int64_t column, int64_t 
     const uint32_t x = (uint32_t)column * LW_TILE_BLOCK, y = (uint32_t)row * LW_TILE_BLOCK;
     if (column < 0 || row < 0 || x >= level->width || y >= level->height) return;
     const lw_tile_id id = lw_atlas_map_find(d->map, object, 0, x / LW_TILE_SIDE, y / LW_TILE_SIDE);
-    const struct lw_solve_tile *tile = &d->tiles->tile[d->tiles->slot_of_id[id.v]];
+    const struct lw_solve_tile *tile = lw_tiles_at(d->tiles, id);
     const struct lw_solve_block *block = lw_tiles_block(tile, x % LW_TILE_SIDE, y % LW_TILE_SIDE);
     d->marked[block - d->tiles->block] = block->covered_count > 0;
 }

@@ -239,7 +239,7 @@ static bool is_shown(const struct lw_tiles *tiles, uint32_t texel, uint64_t fram
 
 static void note_shown(struct lw_tiles *tiles, uint32_t texel, uint64_t frame) {
     const uint32_t id = tiles->block[tiles->block_of_texel[texel]].tile_id;
-    __atomic_store_n(&tiles->tile[tiles->slot_of_id[id]].solved_frame, frame, __ATOMIC_RELAXED);
+    __atomic_store_n(&lw_tiles_at(tiles, (lw_tile_id){id})->solved_frame, frame, __ATOMIC_RELAXED);
 }
 
 /* light: three planes of one form. */

@@ -591,7 +591,7 @@ static void show(const struct lw_seams *s, const struct lw_seams_light *light, s
         for (uint32_t b = s->first_block[c]; light->active[c] && b < s->first_block[c + 1]; b++) {
             struct lw_solve_block *block = &tiles->block[s->block[b]];
             block->shown_frame = frame;
-            tiles->tile[tiles->slot_of_id[block->tile_id]].solved_frame = frame;
+            lw_tiles_at(tiles, (lw_tile_id){block->tile_id})->solved_frame = frame;
         }
 }
 

@@ -67,13 +67,13 @@ void lw_virtual_lights_leave(struct lw_virtual_lights *lights, const struct lw_p
 static struct lw_vec3 albedo_of(const struct lw_patches *patches, uint32_t texel) {
     const struct lw_tiles *tiles = patches->tiles;
     const struct lw_solve_tile *tile =
-        &tiles->tile[tiles->slot_of_id[tiles->block[tiles->block_of_texel[texel]].tile_id]];
+        lw_tiles_at(tiles, (lw_tile_id){tiles->block[tiles->block_of_texel[texel]].tile_id});
     return lw_texels_vector(tile->mesh->albedo, tile->local + (texel - tile->first));
 }
 
 static uint32_t object_of(const struct lw_patches *patches, uint32_t texel) {
     const struct lw_tiles *tiles = patches->tiles;
-    return tiles->tile[tiles->slot_of_id[tiles->block[tiles->block_of_texel[texel]].tile_id]].object;
+    return lw_tiles_at(tiles, (lw_tile_id){tiles->block[tiles->block_of_texel[texel]].tile_id})->object;
 }
 
 static struct lw_vec3 normal_of(const struct lw_patches *patches, uint32_t texel) {

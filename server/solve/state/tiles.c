@@ -341,7 +341,7 @@ void lw_tiles_finish(struct lw_tiles *tiles) {
 
 void lw_tiles_take_radiance(struct lw_tiles *tiles, const struct lw_tiles *from, lw_tile_id id,
                             uint32_t bounce) {
-    const struct lw_solve_tile *tile = &tiles->tile[tiles->slot_of_id[id.v]];
+    const struct lw_solve_tile *tile = lw_tiles_at(tiles, id);
     LW_INVARIANT(bounce < tiles->bounces && from->texel_count == tiles->texel_count);
     const size_t first = 4 * (size_t)tile->first, change = LW_REGIONS * (size_t)(tile->block - tiles->block);
     memcpy(tiles->radiance[bounce] + first, from->radiance[bounce] + first,
@@ -366,8 +366,8 @@ static void take_planes(const struct plane *to, const struct plane *from, uint32
 }
 
 void lw_tiles_take(struct lw_tiles *tiles, const struct lw_tiles *from, lw_tile_id id) {
-    struct lw_solve_tile *tile = &tiles->tile[tiles->slot_of_id[id.v]];
-    const struct lw_solve_tile *other = &from->tile[from->slot_of_id[id.v]];
+    struct lw_solve_tile *tile = lw_tiles_at(tiles, id);
+    const struct lw_solve_tile *other = lw_tiles_at(from, id);
     struct lw_tiles source = *from; /* the lists hold places to write to */
     LW_INVARIANT(tile->first == other->first && tile->covered_count == other->covered_count);
     struct plane to[PLANES_MAX], of[PLANES_MAX];

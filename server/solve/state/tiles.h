@@ -222,6 +222,11 @@ void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, unsigned forms, int t
         for (uint32_t x = (column)*LW_TILE_BLOCK; x < (tile)->width && x < ((column) + 1) * LW_TILE_BLOCK;   \
              x++)
 
+/** The tile of an id of level 0. */
+static inline struct lw_solve_tile *lw_tiles_at(const struct lw_tiles *tiles, lw_tile_id id) {
+    return &tiles->tile[tiles->slot_of_id[id.v]];
+}
+
 /** The block of a tile that its texel (x, y) lies in. */
 static inline struct lw_solve_block *lw_tiles_block(const struct lw_solve_tile *tile, uint32_t x,
                                                     uint32_t y) {
