@@ -93,7 +93,7 @@ static struct lw_budget budget_of(const struct lw_cell_solver *s) {
 
 /* Whether this rank carries out what is planned for a tile. */
 static bool owns(const struct lw_cell_solver *s, lw_tile_id id) {
-    return s->tiles.tile[s->tiles.slot_of_id[id.v]].owner == lw_ranks_self(s->desc.ranks);
+    return lw_tiles_at(&s->tiles, id)->owner == lw_ranks_self(s->desc.ranks);
 }
 
 static void exchange_due(const struct frame *f, enum lw_ranks_moment moment) {
@@ -191,8 +191,8 @@ static enum lw_status take_pose(struct frame *f, struct lw_error *err) {
 }
 
 /* What appears is lit at once, whatever the interest: there is nothing without light (plan.h). So hidden
- * objects are placed before anything is verified. Where nobody looks and nothing was hidden the pose waits.
- * */
+ * objects are placed before anything is verified. Where nobody looks, and nothing was hidden, the
+ * pose waits. */
 static enum lw_status pose(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     const bool looked_at = s->interest.scope != LW_INTEREST_NOTHING;
@@ -218,12 +218,6 @@ static struct lw_plan_input input_of(const struct lw_cell_solver *s, const struc
                                   .bounces = s->tiles.bounces};
 }
 
-static bool has_unseen(const struct lw_solve_tile *tile) {
-    LW_TILES_EACH_BLOCK (tile, block)
-        if (block->unseen) return true;
-    return false;
-}
-
 static void fill_fact(void *user, uint32_t item, struct lw_work_report *report) {
     const struct lw_cell_solver *s = user;
     const struct lw_solve_tile *tile = &s->tiles.tile[item];
@@ -243,8 +237,7 @@ static void fill_fact(void *user, uint32_t item, struct lw_work_report *report) 
                                   .contributes = s->contributes[tile->id.v],
                                   .invalidated = tile->invalidated,
                                   .begins = tile->begins,
-                                  .corrected = s->corrected[tile->id.v],
-                                  .unseen = has_unseen(tile)};
+                                  .corrected = s->corrected[tile->id.v]};
 }
 
 static void gather_facts(struct lw_cell_solver *s) {
@@ -353,49 +346,42 @@ struct verification {
     const struct lw_plan_entry *entry;
 };
 
-static void report_found(struct frame *f, lw_tile_id id, const struct lw_correct_found *found,
-                         struct lw_work_report *report) {
-    f->s->corrected[id.v] |= found->corrected;
-    report->rays = found->rays;
-    report->direct = found->direct;
-    report->invalidated = found->invalidated;
-}
-
-static struct lw_solve_tile *tile_of(const struct lw_cell_solver *s, lw_tile_id id) {
-    return &s->tiles.tile[s->tiles.slot_of_id[id.v]];
-}
-
-static void verify_tile(void *user, uint32_t item, struct lw_work_report *report) {
+/* What an entry asks for, of a tile that this rank owns. */
+static void carry_out(void *user, uint32_t item, struct lw_work_report *report) {
     const struct verification *v = user;
-    const lw_tile_id id = v->entry[item].id;
-    if (!owns(v->f->s, id)) return;
-    const struct lw_correct_found found =
-        lw_correct_round(&v->f->correct, &v->f->s->plan.round, tile_of(v->f->s, id));
-    report_found(v->f, id, &found, report);
+    const struct lw_plan_entry *entry = &v->entry[item];
+    struct lw_cell_solver *s = v->f->s;
+    struct lw_solve_tile *tile = lw_tiles_at(&s->tiles, entry->id);
+    if (!owns(s, entry->id)) return;
+    const struct lw_correct_found found = entry->reason == LW_PLAN_SWEPT
+                                              ? lw_correct_all(&v->f->correct, s->motion.moves, tile)
+                                              : lw_correct_round(&v->f->correct, &s->plan.round, tile);
+    s->corrected[entry->id.v] |= found.corrected;
+    report->rays = found.rays;
+    report->direct = found.direct;
+    report->invalidated = found.invalidated;
 }
 
-static void correct_tile(void *user, uint32_t item, struct lw_work_report *report) {
-    const struct verification *v = user;
-    const lw_tile_id id = v->entry[item].id;
-    if (!owns(v->f->s, id)) return;
-    const struct lw_correct_found found =
-        lw_correct_all(&v->f->correct, v->f->s->motion.moves, tile_of(v->f->s, id));
-    report_found(v->f, id, &found, report);
+/* Adds what other ranks have found of those entries, and takes their tiles. */
+static void exchange_entries(struct lw_cell_solver *s, const struct lw_plan_entry *entry, uint32_t count,
+                             bool found[2]) {
+    if (!s->desc.ranks) return;
+    for (uint32_t i = 0; i < count; i++) s->exchanged[i] = entry[i].id;
+    lw_ranks_run(s->desc.ranks, &(struct lw_ranks_exchange){.moment = LW_RANKS_VERIFIED,
+                                                            .tiles = &s->tiles,
+                                                            .tile = s->exchanged,
+                                                            .tile_count = count,
+                                                            .found = found,
+                                                            .corrected = s->corrected});
 }
 
-/* Carries out entries of a list from `first` on, and adds what was found. */
-static void run_entries(struct frame *f, const struct lw_plan_list *list, uint32_t first, uint32_t end,
-                        lw_work_fn *fn, struct lw_plan_found *found) {
-    struct verification v = {f, list->entry + first};
-    const struct lw_work_report report = lw_work_run(&f->s->work, end - first, LW_WORK_TILES, NULL, fn, &v);
+/* Carries out `count` entries, and adds what was found. */
+static void run_entries(struct frame *f, const struct lw_plan_entry *entry, uint32_t count,
+                        struct lw_plan_found *found) {
+    struct verification v = {f, entry};
+    const struct lw_work_report report = lw_work_run(&f->s->work, count, LW_WORK_TILES, NULL, carry_out, &v);
     bool flags[] = {report.direct, report.invalidated};
-    for (uint32_t i = first; i < end; i++) f->s->exchanged[i - first] = list->entry[i].id;
-    lw_ranks_run(f->s->desc.ranks, &(struct lw_ranks_exchange){.moment = LW_RANKS_VERIFIED,
-                                                               .tiles = &f->s->tiles,
-                                                               .tile = f->s->exchanged,
-                                                               .tile_count = end - first,
-                                                               .found = flags,
-                                                               .corrected = f->s->corrected});
+    exchange_entries(f->s, entry, count, flags);
     add_rays(f, &report);
     found->direct |= flags[0];
     found->invalidated |= flags[1];
@@ -406,16 +392,17 @@ static void verify(struct frame *f) {
     const struct lw_plan *plan = &s->plan;
     const struct lw_plan_input in = input_of(s, &f->correct.budget);
     struct lw_plan_found found = {.verified = plan->verify_sure}, swept = {0};
-    run_entries(f, &plan->verify, 0, plan->verify_sure, verify_tile, &found);
+    run_entries(f, plan->verify.entry, plan->verify_sure, &found);
     f->verified = plan->verify_work[0] + plan->correct_work;
     if (!found.invalidated) {
-        run_entries(f, &plan->verify, plan->verify_sure, plan->verify.count, verify_tile, &found);
+        run_entries(f, plan->verify.entry + plan->verify_sure, plan->verify.count - plan->verify_sure,
+                    &found);
         f->verified += plan->verify_work[1];
         found.verified = plan->verify.count;
     }
     lw_plan_note_verified(&s->memory, &in, plan, &found);
     lw_plan_log_found(s->plan_log, &found);
-    run_entries(f, &plan->correct, 0, plan->correct.count, correct_tile, &swept);
+    run_entries(f, plan->correct.entry, plan->correct.count, &swept);
     lw_cell_light_charge(&f->light, &f->stats.change_ns);
 }
 
@@ -505,11 +492,26 @@ static void filter(const struct frame *f) {
         lw_tiles_show(&s->tiles, f->number, s->forms, s->threads);
 }
 
+static bool has_unseen(const struct lw_solve_tile *tile) {
+    LW_TILES_EACH_BLOCK (tile, block)
+        if (block->unseen) return true;
+    return false;
+}
+
+/* Blocks are looked at where a plan may ask: they are many, and far apart in memory. */
+static void fill_unseen(void *user, uint32_t item, struct lw_work_report *report) {
+    const struct lw_cell_solver *s = user;
+    struct lw_plan_fact *fact = &s->fact[item];
+    (void)report;
+    fact->unseen = (s->memory.sweep_ended || fact->corrected) && has_unseen(&s->tiles.tile[item]);
+}
+
 static enum lw_status show(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     lw_work_run(&s->work, s->own_count, LW_WORK_TILES, NULL, finish_tile, f);
     if (s->due_count) exchange_due(f, LW_RANKS_LIT);
     gather_facts(s);
+    lw_work_run(&s->work, s->tiles.count, LW_WORK_CHEAP, NULL, fill_unseen, s);
     struct lw_plan_input in = input_of(s, &f->correct.budget);
     in.awaited = s->desc.awaited && *s->desc.awaited && s->frames > 0;
     lw_plan_show(&s->memory, &in, &s->plan);

@@ -63,7 +63,8 @@ struct lw_plan_fact {
     bool hidden, contributes, invalidated;
     bool begins;    /* it starts again, and nothing of it has been shown since */
     bool corrected; /* in this frame */
-    bool unseen;    /* a block has light that was not shown */
+    bool unseen;    /* a block has light that was not shown. Read by lw_plan_show(), of corrected tiles or
+                     * at the end of a sweep */
 };
 
 /* What a plan remembers of a tile. */
