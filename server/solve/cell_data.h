@@ -29,7 +29,7 @@ struct lw_cell_solver {
     struct lw_pose pose;
     /* What of it has changed since rays, lights and tiles were last placed: LW_POSE_*. */
     unsigned pose_due;
-    /* Likewise: which objects are hidden. */
+    /* Other objects are hidden than when rays, lights and tiles were last placed. */
     bool view_due;
     uint32_t texel_changes; /* of the geometry, that the tiles know */
 

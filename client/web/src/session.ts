@@ -329,7 +329,8 @@ export class Session {
     this.welcome = welcome;
     if (welcome.features & wire.Feature.CONTROL) this.host.mayControl?.();
     const { kept } = this;
-    const drawn = welcome.features & wire.Feature.DRAWS ? `${hex(welcome.clientLights)} ${hex(clientMaterials)}` : '';
+    const draws = welcome.features & wire.Feature.DRAWS;
+    const drawn = draws ? `${hex(welcome.clientLights)} ${hex(clientMaterials)}` : '';
     const sameRun = !!welcome.run && welcome.run === kept.run;
     const finishHash = welcome.finish ? hex(welcome.finish.hash) : '';
     const sameFinishes = !kept.finishHash || kept.finishHash === finishHash;

@@ -1,5 +1,5 @@
-// A channel that only a test knows (tests/integration/test_channels.c), signed and of two planes, is decoded by the page's
-// replica as by the C library, bit for bit.
+// A channel that only a test knows (tests/integration/test_channels.c), signed and of two planes, is decoded by
+// the page's replica as by the C library, bit for bit.
 import assert from 'node:assert/strict';
 import { readFileSync } from 'node:fs';
 import { join } from 'node:path';

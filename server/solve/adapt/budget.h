@@ -27,7 +27,7 @@ struct lw_budget_rates {
     double solve_ns, verify_ns;
 };
 
-/** Of a frame; zeroed: no limit, which makes each frame do all that there is. */
+/** The budget of a frame. Zeroed, it has no limit: the frame does all due work. */
 struct lw_budget {
     /* Few packets must then do where all would be surer. */
     bool limited;

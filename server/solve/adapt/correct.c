@@ -27,7 +27,7 @@ void lw_correct_sum(struct lw_solve_tile *tile) {
     LW_INVARIANT_DEAR(tile->priority >= 0 && tile->priority <= 1);
 }
 
-/* After the comparison: corrects indirect light, and judges again what was corrected. */
+/* Corrects indirect light after a comparison, and judges a corrected tile again. */
 static void take_over(const struct lw_correct *correct, struct lw_solve_tile *tile,
                       struct lw_correct_found *found) {
     found->corrected |=
