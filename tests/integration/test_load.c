@@ -102,11 +102,11 @@ static void wait_for_users(struct lw_process *daemon, unsigned count) {
 static void test_fifty_users(void **state) {
     (void)state;
     json_t *r =
-        load(&shared, "--users 50 --seconds 2 --min-frames-per-s 0.01 --max-first-view-ms 60000 --json");
+        load(&shared, "--users 50 --seconds 4 --min-frames-per-s 0.01 --max-first-view-ms 500000 --json");
     expect_end(r, "time");
     expect_no_errors(r);
     assert_true(number(r, "welcomed") == 50 && number(r, "users_at_end") == 50);
-    assert_true(number(r, "measured_s") >= 2);
+    assert_true(number(r, "measured_s") >= 4);
     assert_true(time_of(r, "connect_ms", "count") == 50 && time_of(r, "first_view_ms", "count") == 50);
     assert_true(time_of(r, "first_view_ms", "p50") > 0);
     double frames = number(r, "frames_published");
