@@ -10,7 +10,8 @@ static const struct lw_tile_channels table = {
                                         .step = 1,
                                         .kept = true,
                                         .asked = LW_TILE_CHANNELS_DRAWS,
-                                        .asks = 0},
+                                        .asks = 0,
+                                        .follows = LW_LIGHT_FORM_FULL},
                 /* Clients add light without a coding error: the view's error is that of tiles with all light,
                  * for a quarter of the bytes less than with the same steps (docs/results/codec.md). */
                 [LW_LIGHT_FORM_SPLIT] = {.name = "irradiance-split",
@@ -21,6 +22,8 @@ static const struct lw_tile_channels table = {
                                          .step = 2,
                                          .kept = true,
                                          .asked = LW_TILE_CHANNELS_DRAWS,
-                                         .asks = LW_TILE_CHANNELS_DRAWS}}};
+                                         .asks = LW_TILE_CHANNELS_DRAWS,
+                                         .parted = true,
+                                         .follows = LW_LIGHT_FORM_SPLIT}}};
 
 const struct lw_tile_channels *lw_tile_channels(void) { return &table; }

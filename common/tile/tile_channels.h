@@ -30,6 +30,10 @@ struct lw_tile_channel {
     /* A session whose features, masked by `asked`, are `asks` gets this channel (LW_FEATURE_*). */
     uint64_t asked, asks;
     uint32_t slot; /* where a client keeps it: channels of one slot exclude each other; 0: irradiance */
+    /* Only where the light of client lights is kept apart (client_lights.h). */
+    bool parted;
+    /* The form of light whose edges and noise the filter goes by; of a form of light: itself. */
+    uint32_t follows;
 };
 
 /** The number of a channel is its bit in sets of channels and, on the wire, Tile.layer: forever. The first
@@ -45,12 +49,27 @@ static inline const struct lw_tile_channel *lw_tile_channel_at(uint32_t number) 
     return &lw_tile_channels()->channel[number];
 }
 
+static inline uint32_t lw_tile_channel_bit(uint32_t number) { return 1u << number; }
+
+/** The channels of a set, a bit each, in the order of their numbers. */
+#define LW_TILE_CHANNELS_EACH(channel, set)                                                                  \
+    for (uint32_t channel = 0; channel < lw_tile_channels()->count; channel++)                               \
+        if ((set)&lw_tile_channel_bit(channel))
+
+/** Those that a solver holds. parts: it keeps the light of client lights apart. */
+static inline uint32_t lw_tile_channels_held(bool parts) {
+    uint32_t held = 0;
+    for (uint32_t i = 0; i < lw_tile_channels()->count; i++)
+        if (parts || !lw_tile_channel_at(i)->parted) held |= lw_tile_channel_bit(i);
+    return held;
+}
+
 /** Of a set of channels, those that a session with these features gets. */
 static inline uint32_t lw_tile_channels_for(uint64_t features, uint32_t served) {
     const struct lw_tile_channels *all = lw_tile_channels();
     uint32_t channels = 0;
     for (uint32_t i = 0; i < all->count; i++)
-        if ((features & all->channel[i].asked) == all->channel[i].asks) channels |= 1u << i;
+        if ((features & all->channel[i].asked) == all->channel[i].asks) channels |= lw_tile_channel_bit(i);
     return channels & served;
 }
 
@@ -58,7 +77,7 @@ static inline uint32_t lw_tile_channels_for(uint64_t features, uint32_t served) 
 static inline uint64_t lw_tile_channels_features(uint32_t channels) {
     uint64_t features = 0;
     for (uint32_t i = 0; i < lw_tile_channels()->count; i++)
-        if (channels >> i & 1) features |= lw_tile_channel_at(i)->asks;
+        if (channels & lw_tile_channel_bit(i)) features |= lw_tile_channel_at(i)->asks;
     return features;
 }
 

@@ -70,12 +70,11 @@ struct lw_cell_solver {
     /* -- what is shown -- */
     /* Empty unless the desc asks for it. */
     struct lw_denoise denoise;
-    /* SPLIT: only with client lights. */
-    struct lw_seams_light welds[LW_LIGHT_FORM_COUNT];
+    struct lw_seams_welds welds;
     /* Of the geometry: those that the welds are of. */
     uint32_t seams_found;
-    /* That are shown (light_form.h). */
-    unsigned forms;
+    /* That are shown (tile_channels.h). */
+    uint32_t channels;
     /* One of them is new: the next frame shows everything. */
     bool shows_all;
 };

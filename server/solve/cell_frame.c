@@ -36,12 +36,7 @@ enum lw_status lw_cell_frame_find_seams(struct lw_cell_solver *s) {
         lw_geometry_find_seams(s->geometry, &s->tiles, lw_solver_desc_is_limited(&s->desc));
     if (status != LW_OK || s->seams_found == s->geometry->seams_found) return status;
     s->seams_found = s->geometry->seams_found;
-    for (int f = 0; f < LW_LIGHT_FORM_COUNT && status == LW_OK; f++) {
-        lw_seams_light_finish(&s->welds[f]);
-        if (f == LW_LIGHT_FORM_FULL || lw_cell_data_parts_drawn(s))
-            status = lw_seams_light_init(&s->welds[f], &s->geometry->seams, f);
-    }
-    return status;
+    return lw_seams_welds_init(&s->welds, &s->geometry->seams, s->tiles.channels);
 }
 
 struct radiating {
@@ -227,16 +222,16 @@ static void fill_fact(void *user, uint32_t item, struct lw_work_report *report) 
                                   .owner = tile->owner,
                                   .object = tile->object,
                                   .covered_count = tile->covered_count,
-                                  .sample_count = tile->sample_count,
-                                  .invalidated_count = tile->invalidated_count,
-                                  .priority = tile->priority,
+                                  .sample_count = tile->light.sample_count,
+                                  .invalidated_count = tile->change.invalidated_count,
+                                  .priority = tile->change.priority,
                                   .importance = lw_interest_set_importance(&s->interest, tile->id),
                                   .level = lw_interest_set_level(&s->interest, tile->id),
-                                  .state = (uint8_t)tile->state,
+                                  .state = (uint8_t)tile->light.state,
                                   .hidden = tile->hidden,
                                   .contributes = s->contributes[tile->id.v],
-                                  .invalidated = tile->invalidated,
-                                  .begins = tile->begins,
+                                  .invalidated = tile->change.invalidated,
+                                  .begins = tile->light.begins,
                                   .corrected = s->corrected[tile->id.v]};
 }
 
@@ -468,10 +463,10 @@ static void show_tile(void *user, uint32_t item, struct lw_work_report *report) 
         if (!(block->unseen && planned->shows) &&
             !(s->shows_all && block->covered_count && block->sample_count))
             continue;
-        block->unseen = tile->begins = false;
-        block->shown_frame = tile->solved_frame = f->number;
+        block->unseen = tile->light.begins = false;
+        block->shown_frame = tile->light.solved_frame = f->number;
     }
-    report->tiles = tile->solved_frame == f->number;
+    report->tiles = tile->light.solved_frame == f->number;
 }
 
 /* The two sides of seams and the gutters, around what a frame shows. */
@@ -479,17 +474,17 @@ enum lw_status lw_cell_frame_weld(struct lw_cell_solver *s, uint64_t number, str
     const struct lw_seams *seams = &s->geometry->seams;
     enum lw_status status = lw_cell_frame_find_seams(s);
     if (status != LW_OK) return lw_status_fail(err, status, "seams");
-    lw_seams_weld(seams, s->welds, s->forms, &s->tiles, number, s->threads);
-    lw_seam_gutters_fill(&seams->gutters, &s->tiles, number, s->forms, s->threads);
+    lw_seams_weld(seams, &s->welds, s->channels, &s->tiles, number, s->threads);
+    lw_seam_gutters_fill(&seams->gutters, &s->tiles, number, s->channels, s->threads);
     return LW_OK;
 }
 
 static void filter(const struct frame *f) {
     struct lw_cell_solver *s = f->s;
     if (s->desc.denoise)
-        lw_denoise_run(&s->denoise, f->number, s->forms, s->threads);
+        lw_denoise_run(&s->denoise, f->number, s->channels, s->threads);
     else
-        lw_tiles_show(&s->tiles, f->number, s->forms, s->threads);
+        lw_tiles_show(&s->tiles, f->number, s->channels, s->threads);
 }
 
 static bool has_unseen(const struct lw_solve_tile *tile) {
@@ -560,8 +555,8 @@ static void count_tile(void *user, uint32_t item, struct lw_work_report *report)
     const struct frame *f = user;
     const struct lw_converged *converged = &f->correct.converged;
     const struct lw_solve_tile *tile = &f->s->tiles.tile[item];
-    report->tiles = tile->state == LW_BLOCK_CONVERGED;
-    if (tile->state == LW_BLOCK_CONVERGED) return;
+    report->tiles = tile->light.state == LW_BLOCK_CONVERGED;
+    if (tile->light.state == LW_BLOCK_CONVERGED) return;
     LW_TILES_EACH_BLOCK (tile, block)
         if (!lw_converged_may(converged, tile, block))
             report->texels_left += frames_left(converged, block) * (double)block->covered_count;

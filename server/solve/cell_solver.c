@@ -67,12 +67,12 @@ static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *inte
     return LW_OK;
 }
 
-static void show_forms(struct lw_solver *solver, unsigned forms) {
+static void show_channels(struct lw_solver *solver, uint32_t channels) {
     struct lw_cell_solver *s = (struct lw_cell_solver *)solver;
-    if (!lw_cell_data_parts_drawn(s)) forms = LW_LIGHT_FORMS_FULL;
-    s->shows_all |= (forms & ~s->forms) != 0;
-    s->forms = forms;
-    if (lw_tiles_judge_forms(&s->tiles, forms, s->threads)) lw_cell_layer_review(solver);
+    channels = lw_tiles_can_show(&s->tiles, channels);
+    s->shows_all |= (channels & ~s->channels) != 0;
+    s->channels = channels;
+    if (lw_tiles_judge_channels(&s->tiles, channels, s->threads)) lw_cell_layer_review(solver);
 }
 
 static enum lw_status set_up_denoise(struct lw_cell_solver *s, struct lw_error *err) {
@@ -88,24 +88,24 @@ static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         LW_TILES_EACH_BLOCK (tile, block) block->shown_frame = last;
-        tile->solved_frame = last;
+        tile->light.solved_frame = last;
     }
-    lw_denoise_run(&s->denoise, last, s->forms, s->threads);
+    lw_denoise_run(&s->denoise, last, s->channels, s->threads);
     return lw_cell_frame_weld(s, last, err);
 }
 
 static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *out_tile) {
     const struct lw_cell_solver *s = (const struct lw_cell_solver *)solver;
-    lw_geometry_read_tile(s->geometry, &s->tiles, id, s->desc.bounces, s->forms, out_tile);
+    lw_geometry_read_tile(s->geometry, &s->tiles, id, s->desc.bounces, s->channels, out_tile);
 }
 
 /* What a frame reads of those before it, beside the tiles. */
-#define PARTS_MAX (1 + LW_LIGHT_FORM_COUNT + LW_PROBES_PARTS)
+#define PARTS_MAX (1 + LW_TILE_CHANNELS_MAX + LW_PROBES_PARTS)
 static uint32_t list_parts(const struct lw_cell_solver *s, struct remembered *remembered,
                            struct lw_checkpoint_part out_part[PARTS_MAX]) {
     uint32_t n = 0;
     out_part[n++] = (struct lw_checkpoint_part){remembered, sizeof *remembered};
-    n += lw_seams_light_list_parts(s->welds, out_part + n);
+    n += lw_seams_welds_list_parts(&s->welds, out_part + n);
     if (s->has_probes) n += lw_probes_list_parts(&s->probes, out_part + n);
     return n;
 }
@@ -134,7 +134,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     lw_plan_resume(&s->memory);
     lw_plan_log_event(s->plan_log, "resume");
     s->forgetful = true;
-    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) s->welds[f].fresh = true;
+    lw_seams_welds_resume(&s->welds);
     if (remembered.judges_split != judges_split(s)) {
         const struct lw_transport passes = lw_cell_frame_transport(s);
         lw_tiles_sum_variance(&s->tiles, s->threads);
@@ -160,10 +160,10 @@ static size_t memory_bytes(const struct lw_solver *solver) {
     size_t bytes = (size_t)s->tiles.texel_count * s->desc.indirect_samples * sizeof *s->ray_hit +
                    (size_t)s->tiles.texel_count * sizeof *s->reflected + 2 * s->tiles.count * sizeof *s->due +
                    lw_reflectors_memory_bytes(&s->reflectors) + lw_tiles_memory_bytes(&s->tiles) +
-                   lw_denoise_memory_bytes(&s->denoise) + lw_interest_set_memory_bytes(&s->interest) +
-                   lw_plan_bytes(s->tiles.count, s->memory.ids) + 2 * s->memory.ids * sizeof(bool) +
+                   lw_denoise_memory_bytes(&s->denoise) + lw_seams_welds_memory_bytes(&s->welds) +
+                   lw_interest_set_memory_bytes(&s->interest) + lw_plan_bytes(s->tiles.count, s->memory.ids) +
+                   2 * s->memory.ids * sizeof(bool) +
                    s->tiles.count * (sizeof *s->fact + sizeof *s->work.reports);
-    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) bytes += lw_seams_light_memory_bytes(&s->welds[f]);
     if (s->has_probes) bytes += lw_probes_memory_bytes(&s->probes);
     return bytes + (s->geometry == &s->own_geometry ? lw_geometry_memory_bytes(s->geometry) : 0);
 }
@@ -177,7 +177,7 @@ static void destroy(struct lw_solver *solver) {
     lw_reflectors_finish(&s->reflectors);
     lw_lights_finish(&s->lights);
     lw_lights_finish(&s->drawn);
-    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) lw_seams_light_finish(&s->welds[f]);
+    lw_seams_welds_finish(&s->welds);
     lw_tiles_finish(&s->tiles);
     lw_geometry_finish(&s->own_geometry);
     lw_pose_finish(&s->pose);
@@ -200,7 +200,7 @@ static void destroy(struct lw_solver *solver) {
 static const struct lw_solver_ops ops = {.name = "cells",
                                          .frame = frame,
                                          .set_interest = set_interest,
-                                         .show = show_forms,
+                                         .show = show_channels,
                                          .filter = filter,
                                          .read_tile = read_tile,
                                          .save = save,
@@ -300,7 +300,7 @@ enum lw_status lw_cell_layer_create(struct lw_geometry *geometry, const struct l
     s->desc = *desc;
     s->turn = (struct lw_cell_layer_turn){.budget = lw_solver_desc_budget(desc),
                                           .onset = lw_solver_desc_is_limited(desc)};
-    s->forms = LW_LIGHT_FORMS_FULL;
+    s->channels = LW_LIGHT_FORMS_FULL;
     s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     if (!(s->desc.tracing_range_m > 0)) s->desc.tracing_range_m = INFINITY;
     enum lw_status status = build(s, pose, err);

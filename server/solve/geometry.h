@@ -70,9 +70,9 @@ LW_MUST_CHECK enum lw_status lw_geometry_set_up_denoise(struct lw_geometry *geom
                                                         struct lw_tiles *tiles, struct lw_denoise *denoise,
                                                         struct lw_error *err);
 
-/** What a solver holds of a level-0 tile over its texels. forms: those that are shown. */
+/** What a solver holds of a level-0 tile over its texels. channels: those that are shown. */
 void lw_geometry_read_tile(const struct lw_geometry *geometry, const struct lw_tiles *tiles, lw_tile_id id,
-                           uint32_t bounces, unsigned forms, struct lw_solver_tile *out_tile);
+                           uint32_t bounces, uint32_t channels, struct lw_solver_tile *out_tile);
 
 /** Finds the seams, unless they are current; seams_found tells.
  * tiles   any over its texels

@@ -62,9 +62,10 @@ struct layers {
     uint32_t yield_frames; /* frames in a row in which a layer has waited for another */
     bool shows_all;        /* a form is new: the next frame shows everything */
     bool sums;             /* what is shown is in the planes below; else it is the one layer's own */
-    unsigned forms;        /* that are shown (light_form.h) */
-    /* SPLIT: NULL without client lights. */
-    float *direct[3], *indirect[3], *irradiance[LW_LIGHT_FORM_COUNT][3];
+    uint32_t channels;     /* that are shown (tile_channels.h) */
+    float *direct[3], *indirect[3];
+    /* By channel and plane; NULL: not one that layers hold. */
+    float *shown[LW_TILE_CHANNELS_MAX][LW_TILE_CHANNEL_PLANES_MAX];
     uint64_t *solved_frame; /* per lw_tile_id: that last changed them */
     int threads;
 };
@@ -192,42 +193,44 @@ static const struct lw_solve_tile *tile_of(const struct layer *layer, lw_tile_id
     return lw_tiles_at(tiles_of(layer), id);
 }
 
-static bool parts_drawn(const struct layers *s) { return lw_client_lights_any(s->desc.client_lights); }
-
 static bool allocate_sums(struct layers *s) {
     const size_t count = s->geometry.texels.count + 1ul;
     bool ok = true;
     for (int c = 0; c < 3; c++) {
         ok &= (s->direct[c] = calloc(count, sizeof(float))) != NULL;
         ok &= (s->indirect[c] = calloc(count, sizeof(float))) != NULL;
-        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-            if (f == LW_LIGHT_FORM_FULL || parts_drawn(s))
-                ok &= (s->irradiance[f][c] = calloc(count, sizeof(float))) != NULL;
     }
+    LW_TILE_CHANNELS_EACH (channel, tiles_of(s->layer)->channels)
+        for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
+            ok &= (s->shown[channel][p] = calloc(count, sizeof(float))) != NULL;
     ok &= (s->solved_frame = calloc(s->desc.atlas_map->tile_count + 1ul, sizeof *s->solved_frame)) != NULL;
     return ok;
 }
 
 static size_t sums_bytes(const struct layers *s) {
     size_t planes = 0;
-    for (int c = 0; c < 3; c++) {
-        planes += (s->direct[c] != NULL) + (s->indirect[c] != NULL);
-        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) planes += s->irradiance[f][c] != NULL;
-    }
+    for (int c = 0; c < 3; c++) planes += (s->direct[c] != NULL) + (s->indirect[c] != NULL);
+    for (uint32_t i = 0; i < LW_TILE_CHANNELS_MAX; i++)
+        for (uint32_t p = 0; p < LW_TILE_CHANNEL_PLANES_MAX; p++) planes += s->shown[i][p] != NULL;
     return planes * s->geometry.texels.count * sizeof(float) +
            (s->solved_frame ? s->desc.atlas_map->tile_count * sizeof *s->solved_frame : 0);
 }
 
-/* The weighted sum of one plane of a tile, of those `part` takes from a layer's tiles; returns
- * whether it is another than before. */
-static bool sum_plane(const struct layers *s, lw_tile_id id, int c,
-                      float *(*part)(const struct lw_tiles *tiles, int c), float *plane) {
+/* One plane of every layer, and by what each is weighed: its intensity in the plane's colour, or in all
+ * where the plane is no colour of light. */
+struct terms {
+    const float *plane[LW_LIGHT_GROUPS_MAX];
+    float weight[LW_LIGHT_GROUPS_MAX];
+};
+
+/* The weighted sum of one plane of a tile; returns whether it is another than before. */
+static bool sum_plane(const struct layers *s, lw_tile_id id, const struct terms *terms, float *plane) {
     const struct lw_solve_tile *place = tile_of(s->layer, id);
     const uint32_t texels = place->width * place->height;
     float sum[LW_TILE_SIDE * LW_TILE_SIDE] = {0};
     for (uint32_t k = 0; k < s->count; k++) {
-        const float weight = s->layer[k].weight[c];
-        const float *light = part(tiles_of(&s->layer[k]), c) + place->first;
+        const float weight = terms->weight[k];
+        const float *light = terms->plane[k] + place->first;
         if (!(weight > 0)) continue;
         for (uint32_t i = 0; i < texels; i++) sum[i] += weight * light[i];
     }
@@ -236,27 +239,34 @@ static bool sum_plane(const struct layers *s, lw_tile_id id, int c,
     return true;
 }
 
-static float *direct_of(const struct lw_tiles *tiles, int c) { return tiles->direct[c]; }
-static float *indirect_of(const struct lw_tiles *tiles, int c) { return tiles->indirect[c]; }
-static float *full_of(const struct lw_tiles *tiles, int c) {
-    return tiles->irradiance[LW_LIGHT_FORM_FULL][c];
+static bool sum_channel(const struct layers *s, lw_tile_id id, uint32_t channel) {
+    const bool colours = lw_tile_channel_at(channel)->coding == LW_TILE_CODING_LIGHT;
+    bool other = false;
+    for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++) {
+        struct terms terms;
+        for (uint32_t k = 0; k < s->count; k++) {
+            terms.plane[k] = tiles_of(&s->layer[k])->shown[channel][p];
+            terms.weight[k] = colours ? s->layer[k].weight[p] : mean_weight(&s->layer[k]);
+        }
+        other |= sum_plane(s, id, &terms, s->shown[channel][p]);
+    }
+    return other;
 }
-static float *split_of(const struct lw_tiles *tiles, int c) {
-    return tiles->irradiance[LW_LIGHT_FORM_SPLIT][c];
-}
-static float *(*const light_of[LW_LIGHT_FORM_COUNT])(const struct lw_tiles *tiles, int c) = {full_of,
-                                                                                             split_of};
 
 /* Sums a tile; returns whether what is shown of it is another than before. */
 static bool sum_tile(const struct layers *s, lw_tile_id id) {
     bool other = false;
     for (int c = 0; c < 3; c++) {
-        sum_plane(s, id, c, direct_of, s->direct[c]);
-        sum_plane(s, id, c, indirect_of, s->indirect[c]);
-        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-            if (s->forms & lw_light_form_bit(f))
-                other |= sum_plane(s, id, c, light_of[f], s->irradiance[f][c]);
+        struct terms direct, indirect;
+        for (uint32_t k = 0; k < s->count; k++) {
+            direct.plane[k] = tiles_of(&s->layer[k])->direct[c];
+            indirect.plane[k] = tiles_of(&s->layer[k])->indirect[c];
+            direct.weight[k] = indirect.weight[k] = s->layer[k].weight[c];
+        }
+        sum_plane(s, id, &direct, s->direct[c]);
+        sum_plane(s, id, &indirect, s->indirect[c]);
     }
+    LW_TILE_CHANNELS_EACH (channel, s->channels) other |= sum_channel(s, id, channel);
     return other;
 }
 
@@ -270,7 +280,7 @@ static uint32_t sum_tiles(struct layers *s, uint64_t frame, bool all) {
         if (map->place[id].level != 0) continue;
         bool solved = false;
         for (uint32_t k = 0; k < s->count; k++)
-            solved |= s->layer[k].ran && tile_of(&s->layer[k], (lw_tile_id){id})->solved_frame == frame;
+            solved |= s->layer[k].ran && tile_of(&s->layer[k], (lw_tile_id){id})->light.solved_frame == frame;
         if (!solved && !all) continue;
         if (!sum_tile(s, (lw_tile_id){id}) && !solved) continue;
         s->solved_frame[id] = frame;
@@ -381,7 +391,7 @@ static void count_tiles(const struct layers *s, struct lw_solver_stats *stats) {
             if (!s->layer[k].ran) continue;
             const lw_tile_id id = first->tile[i].id;
             solved |= lw_cell_layer_solved(s->layer[k].solver, id);
-            converged &= tile_of(&s->layer[k], id)->state == LW_BLOCK_CONVERGED;
+            converged &= tile_of(&s->layer[k], id)->light.state == LW_BLOCK_CONVERGED;
         }
         stats->tiles_solved += solved;
         stats->tiles_converged += converged;
@@ -407,12 +417,13 @@ static void show_first(struct layers *s) {
     for (int c = 0; c < 3; c++) {
         memcpy(s->direct[c], tiles->direct[c], size);
         memcpy(s->indirect[c], tiles->indirect[c], size);
-        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-            if (s->irradiance[f][c]) memcpy(s->irradiance[f][c], tiles->irradiance[f][c], size);
     }
+    LW_TILE_CHANNELS_EACH (channel, tiles->channels)
+        for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
+            memcpy(s->shown[channel][p], tiles->shown[channel][p], size);
     for (uint32_t id = 0; id < s->desc.atlas_map->tile_count; id++)
         if (s->desc.atlas_map->place[id].level == 0)
-            s->solved_frame[id] = tile_of(s->layer, (lw_tile_id){id})->solved_frame;
+            s->solved_frame[id] = tile_of(s->layer, (lw_tile_id){id})->light.solved_frame;
 }
 
 static enum lw_status begin_sums(struct layers *s, struct lw_error *err) {
@@ -511,12 +522,12 @@ static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *inte
     return status;
 }
 
-static void show(struct lw_solver *solver, unsigned forms) {
+static void show(struct lw_solver *solver, uint32_t channels) {
     struct layers *s = (struct layers *)solver;
-    if (!parts_drawn(s)) forms = LW_LIGHT_FORMS_FULL;
-    s->shows_all |= (forms & ~s->forms) != 0;
-    s->forms = forms;
-    for (uint32_t k = 0; k < s->count; k++) s->layer[k].solver->ops->show(s->layer[k].solver, forms);
+    channels = lw_tiles_can_show(tiles_of(s->layer), channels);
+    s->shows_all |= (channels & ~s->channels) != 0;
+    s->channels = channels;
+    for (uint32_t k = 0; k < s->count; k++) s->layer[k].solver->ops->show(s->layer[k].solver, channels);
 }
 
 static uint64_t last_frame(const struct layers *s) {
@@ -547,12 +558,12 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
     for (int c = 0; c < 3; c++) {
         out_tile->direct[c] = s->direct[c] + first;
         out_tile->indirect[c] = s->indirect[c] + first;
-        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-            if (f == LW_LIGHT_FORM_FULL || s->forms & lw_light_form_bit(f))
-                out_tile->shown[f][c] = s->irradiance[f][c] + first;
     }
+    LW_TILE_CHANNELS_EACH (channel, s->channels | LW_LIGHT_FORMS_FULL)
+        for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
+            out_tile->shown[channel][p] = s->shown[channel][p] + first;
     for (uint32_t k = 1; k < s->count; k++) {
-        const uint32_t frames = tile_of(&s->layer[k], id)->sample_count;
+        const uint32_t frames = tile_of(&s->layer[k], id)->light.sample_count;
         if (runs(s, &s->layer[k]) && frames < out_tile->sample_count) out_tile->sample_count = frames;
     }
     out_tile->error = tile_of(s->layer, id)->covered_count ? error_of(s, id) : 0;
@@ -627,8 +638,9 @@ static void destroy(struct lw_solver *solver) {
     for (int c = 0; c < 3; c++) {
         free(s->direct[c]);
         free(s->indirect[c]);
-        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) free(s->irradiance[f][c]);
     }
+    for (uint32_t i = 0; i < LW_TILE_CHANNELS_MAX; i++)
+        for (uint32_t p = 0; p < LW_TILE_CHANNEL_PLANES_MAX; p++) free(s->shown[i][p]);
     free(s->solved_frame);
     lw_geometry_finish(&s->geometry);
     lw_pose_finish(&s->pose);
@@ -694,7 +706,7 @@ enum lw_status lw_light_layers_create(const struct lw_solver_desc *desc, const s
     s->desc = *desc;
     s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     s->still_frames = LW_CELL_LAYER_FADE_FRAMES;
-    s->forms = LW_LIGHT_FORMS_FULL;
+    s->channels = LW_LIGHT_FORMS_FULL;
     enum lw_status status = lw_light_groups_copy(&s->groups, desc->light_groups, desc->scene);
     status = status == LW_OK ? build(s, pose, err) : lw_status_fail(err, status, "groups of lights");
     if (status != LW_OK) {

@@ -71,10 +71,7 @@ static void forget(struct lw_patch_solver *s) {
         memset(s->tiles.order[0][c], 0, bytes);
         if (s->tiles.drawn[c]) memset(s->tiles.drawn[c], 0, bytes);
     }
-    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-        if (s->welds[f].member_count)
-            memset(s->welds[f].correction, 0,
-                   (size_t)s->welds[f].member_count * 3 * sizeof *s->welds[f].correction);
+    lw_seams_welds_forget(&s->welds);
     for (uint32_t b = 0; b < s->tiles.block_count; b++) {
         struct lw_solve_block *block = &s->tiles.block[b];
         block->sample_count = 0;
@@ -190,7 +187,7 @@ static void settle(struct lw_patch_solver *s) {
 /* All tiles go on until the last has converged: each lights all others. */
 static bool is_done(const struct lw_patch_solver *s) {
     for (uint32_t i = 0; i < s->tiles.count; i++)
-        if (s->tiles.tile[i].state != LW_BLOCK_CONVERGED) return false;
+        if (s->tiles.tile[i].light.state != LW_BLOCK_CONVERGED) return false;
     return true;
 }
 
@@ -199,7 +196,7 @@ static void mark_shown(struct lw_patch_solver *s, uint64_t number) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         if (tile->hidden || !tile->covered_count) continue;
         LW_TILES_EACH_BLOCK (tile, block) block->shown_frame = number;
-        tile->solved_frame = number;
+        tile->light.solved_frame = number;
     }
 }
 
@@ -207,11 +204,7 @@ static enum lw_status find_seams(struct lw_patch_solver *s, struct lw_error *err
     enum lw_status status = lw_geometry_find_seams(&s->geometry, &s->tiles, false);
     if (status == LW_OK && s->seams_found != s->geometry.seams_found) {
         s->seams_found = s->geometry.seams_found;
-        for (int f = 0; f < LW_LIGHT_FORM_COUNT && status == LW_OK; f++) {
-            lw_seams_light_finish(&s->welds[f]);
-            if (f == LW_LIGHT_FORM_FULL || parts_drawn(s))
-                status = lw_seams_light_init(&s->welds[f], &s->geometry.seams, f);
-        }
+        status = lw_seams_welds_init(&s->welds, &s->geometry.seams, s->tiles.channels);
     }
     return status == LW_OK ? LW_OK
                            : lw_status_fail(err, status, "seams of %u texels", s->geometry.texels.count);
@@ -220,8 +213,8 @@ static enum lw_status find_seams(struct lw_patch_solver *s, struct lw_error *err
 static enum lw_status weld(struct lw_patch_solver *s, uint64_t number, struct lw_error *err) {
     enum lw_status status = find_seams(s, err);
     if (status != LW_OK) return status;
-    lw_seams_weld(&s->geometry.seams, s->welds, s->forms, &s->tiles, number, s->threads);
-    lw_seam_gutters_fill(&s->geometry.seams.gutters, &s->tiles, number, s->forms, s->threads);
+    lw_seams_weld(&s->geometry.seams, &s->welds, s->channels, &s->tiles, number, s->threads);
+    lw_seam_gutters_fill(&s->geometry.seams.gutters, &s->tiles, number, s->channels, s->threads);
     return LW_OK;
 }
 
@@ -234,9 +227,9 @@ static enum lw_status show_light(struct lw_patch_solver *s, uint64_t number, boo
     mark_shown(s, number);
     s->shows_all = false;
     if (filters)
-        lw_denoise_run(&s->denoise, number, s->forms, s->threads);
+        lw_denoise_run(&s->denoise, number, s->channels, s->threads);
     else
-        lw_tiles_show(&s->tiles, number, s->forms, s->threads);
+        lw_tiles_show(&s->tiles, number, s->channels, s->threads);
     return weld(s, number, err);
 }
 
@@ -285,7 +278,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         stats.tiles_shown = s->tiles.count;
     }
     for (uint32_t i = 0; i < s->tiles.count; i++)
-        stats.tiles_converged += s->tiles.tile[i].state == LW_BLOCK_CONVERGED;
+        stats.tiles_converged += s->tiles.tile[i].light.state == LW_BLOCK_CONVERGED;
     if (s->desc.frames_max && stats.tiles_converged < stats.tiles)
         stats.texels_left = (double)(s->desc.frames_max - s->frames) * s->patches.count;
     *out_stats = stats;
@@ -302,12 +295,12 @@ static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *inte
                : LW_OK;
 }
 
-static void show_forms(struct lw_solver *solver, unsigned forms) {
+static void show_channels(struct lw_solver *solver, uint32_t channels) {
     struct lw_patch_solver *s = (struct lw_patch_solver *)solver;
-    if (!parts_drawn(s)) forms = LW_LIGHT_FORMS_FULL;
-    s->shows_all |= (forms & ~s->forms) != 0 && s->frames > 0;
-    s->forms = forms;
-    lw_tiles_judge_forms(&s->tiles, forms, s->threads);
+    channels = lw_tiles_can_show(&s->tiles, channels);
+    s->shows_all |= (channels & ~s->channels) != 0 && s->frames > 0;
+    s->channels = channels;
+    lw_tiles_judge_channels(&s->tiles, channels, s->threads);
 }
 
 static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
@@ -318,15 +311,15 @@ static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
 
 static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *out_tile) {
     const struct lw_patch_solver *s = (const struct lw_patch_solver *)solver;
-    lw_geometry_read_tile(&s->geometry, &s->tiles, id, s->desc.bounces, s->forms, out_tile);
+    lw_geometry_read_tile(&s->geometry, &s->tiles, id, s->desc.bounces, s->channels, out_tile);
 }
 
-#define PARTS_MAX (1 + LW_LIGHT_FORM_COUNT + LW_PATCH_SOLVER_PARTS_MAX)
+#define PARTS_MAX (1 + LW_TILE_CHANNELS_MAX + LW_PATCH_SOLVER_PARTS_MAX)
 static uint32_t list_parts(const struct lw_patch_solver *s, uint32_t *frames,
                            struct lw_checkpoint_part out_part[PARTS_MAX]) {
     uint32_t n = 0;
     out_part[n++] = (struct lw_checkpoint_part){frames, sizeof *frames};
-    n += lw_seams_light_list_parts(s->welds, out_part + n);
+    n += lw_seams_welds_list_parts(&s->welds, out_part + n);
     if (s->method->list_parts) n += s->method->list_parts(s, out_part + n);
     return n;
 }
@@ -348,7 +341,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     const uint32_t parts = list_parts(s, &frames, part);
     enum lw_status status = lw_checkpoint_load(path, key, &s->tiles, part, parts, err);
     if (status != LW_OK) return status;
-    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) s->welds[f].fresh = true;
+    lw_seams_welds_resume(&s->welds);
     s->frames = frames;
     settle(s);
     *out_frames = frames;
@@ -361,7 +354,7 @@ static size_t memory_bytes(const struct lw_solver *solver) {
                    lw_patches_memory_bytes(&s->patches) + lw_geometry_memory_bytes(&s->geometry) +
                    s->method->memory_bytes(s) +
                    (size_t)s->tiles.texel_count * (parts_drawn(s) ? 9 : 6) * sizeof(float);
-    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) bytes += lw_seams_light_memory_bytes(&s->welds[f]);
+    bytes += lw_seams_welds_memory_bytes(&s->welds);
     return bytes;
 }
 
@@ -375,7 +368,7 @@ static void destroy(struct lw_solver *solver) {
     lw_lights_finish(&s->emitters);
     lw_lights_finish(&s->lights);
     lw_lights_finish(&s->drawn);
-    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) lw_seams_light_finish(&s->welds[f]);
+    lw_seams_welds_finish(&s->welds);
     lw_tiles_finish(&s->tiles);
     lw_geometry_finish(&s->geometry);
     lw_pose_finish(&s->pose);
@@ -391,7 +384,7 @@ static void destroy(struct lw_solver *solver) {
 
 static const struct lw_solver_ops shared_ops = {.frame = frame,
                                                 .set_interest = set_interest,
-                                                .show = show_forms,
+                                                .show = show_channels,
                                                 .filter = filter,
                                                 .read_tile = read_tile,
                                                 .save = save,
@@ -464,7 +457,7 @@ enum lw_status lw_patch_solver_create(struct lw_patch_solver *s, const struct lw
     s->ops.name = method->name;
     s->base.ops = &s->ops;
     s->desc = *desc;
-    s->forms = LW_LIGHT_FORMS_FULL;
+    s->channels = LW_LIGHT_FORMS_FULL;
     s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     if ((status = build(s, pose, err)) == LW_OK) status = take_pose(s, pose, 0, &moved, err);
     if (status != LW_OK) {

@@ -55,10 +55,10 @@ struct lw_patch_solver {
     struct lw_cells cells;
     /* One order of bounces: all of them together. Its radiance is a method's to use. */
     struct lw_tiles tiles;
-    struct lw_seams_light welds[LW_LIGHT_FORM_COUNT];
+    struct lw_seams_welds welds;
     uint32_t seams_found;
     uint32_t texel_changes; /* of the geometry, that the tiles know */
-    unsigned forms;
+    uint32_t channels;
     bool shows_all;
     /* emitters: all lights, for their surfaces; lights, drawn: what the direct pass samples. */
     struct lw_lights emitters, lights, drawn;

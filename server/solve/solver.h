@@ -139,7 +139,7 @@ struct lw_solver_ops {
      * FULL alone, to begin with; without client lights nothing else is ever shown. While SPLIT is shown
      * alone errors are those of its noise, against all light. Converged tiles for which that makes a
      * difference go on when FULL is shown again. */
-    void (*show)(struct lw_solver *solver, unsigned forms);
+    void (*show)(struct lw_solver *solver, uint32_t channels);
     /** Filters the noise out of every tile's light, between two frames and whatever the desc says of it: for
      * those who read once, at the end. The next frame begins from the sums as ever. Errors: LW_NO_MEMORY. */
     enum lw_status (*filter)(struct lw_solver *solver, struct lw_error *err);

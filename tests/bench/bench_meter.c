@@ -158,13 +158,13 @@ NOTE(BENCH_ENCODE, void, lw_levels_store_tile,
     }
 
 HOLD(BENCH_DENOISE, lw_denoise_run,
-     (struct lw_denoise * denoise, uint64_t frame, unsigned forms, int threads),
-     (denoise, frame, forms, threads))
+     (struct lw_denoise * denoise, uint64_t frame, uint32_t channels, int threads),
+     (denoise, frame, channels, threads))
 HOLD(BENCH_WELD, lw_seams_weld,
-     (const struct lw_seams *seams, struct lw_seams_light *light, unsigned forms, struct lw_tiles *tiles,
+     (const struct lw_seams *seams, struct lw_seams_welds *welds, uint32_t channels, struct lw_tiles *tiles,
       uint64_t frame, int threads),
-     (seams, light, forms, tiles, frame, threads))
+     (seams, welds, channels, tiles, frame, threads))
 HOLD(BENCH_GUTTERS, lw_seam_gutters_fill,
-     (const struct lw_seam_gutters *gutters, struct lw_tiles *tiles, uint64_t frame, unsigned forms,
+     (const struct lw_seam_gutters *gutters, struct lw_tiles *tiles, uint64_t frame, uint32_t channels,
       int threads),
-     (gutters, tiles, frame, forms, threads))
+     (gutters, tiles, frame, channels, threads))

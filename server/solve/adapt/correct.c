@@ -13,18 +13,19 @@
 
 void lw_correct_sum(struct lw_solve_tile *tile) {
     double square = 0;
-    tile->invalidated_count = 0;
-    tile->invalidated = false;
+    tile->change.invalidated_count = 0;
+    tile->change.invalidated = false;
     LW_TILES_EACH_BLOCK (tile, block) {
         const double share = fmin(1, (double)block->change.strength);
-        tile->invalidated |= lw_gradient_is_invalidated(&block->change);
+        tile->change.invalidated |= lw_gradient_is_invalidated(&block->change);
         if (!lw_gradient_is_strong(&block->change)) continue;
         square += share * share * block->covered_count;
-        tile->invalidated_count += block->covered_count;
+        tile->change.invalidated_count += block->covered_count;
     }
-    tile->priority = tile->invalidated_count ? (float)(square / tile->invalidated_count) : 0;
-    LW_INVARIANT(tile->invalidated_count <= tile->covered_count);
-    LW_INVARIANT_DEAR(tile->priority >= 0 && tile->priority <= 1);
+    tile->change.priority =
+        tile->change.invalidated_count ? (float)(square / tile->change.invalidated_count) : 0;
+    LW_INVARIANT(tile->change.invalidated_count <= tile->covered_count);
+    LW_INVARIANT_DEAR(tile->change.priority >= 0 && tile->change.priority <= 1);
 }
 
 /* Corrects indirect light after a comparison, and judges a corrected tile again. */
@@ -38,13 +39,13 @@ static void take_over(const struct lw_correct *correct, struct lw_solve_tile *ti
 static void sum_up(struct lw_solve_tile *tile, struct lw_correct_found *found) {
     lw_correct_sum(tile);
     lw_tiles_sum_up(tile);
-    found->invalidated = tile->invalidated;
+    found->invalidated = tile->change.invalidated;
 }
 
 struct lw_correct_found lw_correct_round(const struct lw_correct *correct,
                                          const struct lw_gradient_round *round, struct lw_solve_tile *tile) {
     const float target_error = correct->converged.target_error;
-    struct lw_correct_found found = {.invalidated = tile->invalidated};
+    struct lw_correct_found found = {.invalidated = tile->change.invalidated};
     bool any = false, more = false;
     LW_TILES_EACH_BLOCK (tile, block) any |= lw_gradient_choose(block, round);
     if (!any) return found;
@@ -65,7 +66,7 @@ struct lw_correct_found lw_correct_round(const struct lw_correct *correct,
 
 struct lw_correct_found lw_correct_all(const struct lw_correct *correct, uint32_t moves,
                                        struct lw_solve_tile *tile) {
-    struct lw_correct_found found = {.invalidated = tile->invalidated};
+    struct lw_correct_found found = {.invalidated = tile->change.invalidated};
     bool any = false;
     LW_TILES_EACH_BLOCK (tile, block) any |= lw_gradient_choose_all(block, moves);
     if (!any) return found;
@@ -82,7 +83,7 @@ struct lw_correct_found lw_correct_all(const struct lw_correct *correct, uint32_
 
 struct lw_correct_found lw_correct_due(const struct lw_correct *correct, uint32_t moves,
                                        struct lw_solve_tile *tile) {
-    struct lw_correct_found found = {.invalidated = tile->invalidated};
+    struct lw_correct_found found = {.invalidated = tile->change.invalidated};
     bool any = false;
     LW_TILES_EACH_BLOCK (tile, block)
         if (block->due && moves) any |= lw_gradient_choose_due(block, moves);

@@ -214,8 +214,8 @@ void lw_estimates_judge(const struct lw_transport *t, struct lw_solve_tile *tile
             block->error = error_of_darkness(looks);
         square += n * (double)block->error * (double)block->error;
     }
-    tile->error = (float)sqrt(square / tile->covered_count);
-    LW_INVARIANT_DEAR(tile->error >= 0 && tile->error < 1.001f);
+    tile->light.error = (float)sqrt(square / tile->covered_count);
+    LW_INVARIANT_DEAR(tile->light.error >= 0 && tile->light.error < 1.001f);
 }
 
 void lw_estimates_finish_tile(const struct lw_transport *t, struct lw_solve_tile *tile) {

@@ -244,6 +244,7 @@ void lw_denoise_pairs_finish(struct lw_denoise_pairs *pairs) {
 struct lw_denoise_planes {
     float at[2][LW_DENOISE_PLANES][ROWS * STRIDE];
     float weight[DIRECTIONS][ROWS * STRIDE]; /* of a pass: what a texel exchanges with its neighbour */
+    float (*more[2])[ROWS * STRIDE];         /* of planes that follow */
 };
 
 /* Where a pass reads or writes. */
@@ -522,7 +523,26 @@ LW_WIDE static void exchange(struct row row, const struct planes *in, const stru
     }
 }
 
-static void store_rows(const struct job *job, const struct planes *in) {
+/* The same of a plane that follows. */
+LW_WIDE static void exchange_plane(struct row row, const float *in, float *out,
+                                   const struct tap tap[DIRECTIONS],
+                                   float weight[DIRECTIONS][ROWS * STRIDE]) {
+    for (uint32_t i = 0; i < row.count; i += LANES) {
+        const size_t at = row.plane + i;
+        const lanes own = load(in + at);
+        lanes sum = own, ignored;
+        for (int k = 0; k < DIRECTIONS; k++)
+            for (int back = 0; back < 2; back++) {
+                if (!load_pair(row.pair + i + tap[k].pair - (back ? tap[k].pair_offset : 0), &ignored))
+                    continue;
+                const size_t there = back ? at - (size_t)tap[k].offset : at + (size_t)tap[k].offset;
+                sum += load(weight[k] + (back ? there : at)) * (load(in + there) - own);
+            }
+        store(out + at, sum);
+    }
+}
+
+static void store_plane(const struct job *job, const float *from, float *to) {
     const struct lw_tiles *tiles = job->denoise->tiles;
     const struct lw_solve_tile *tile = job->tile;
     const uint32_t left = tile->x * LW_TILE_SIDE, top = tile->y * LW_TILE_SIDE;
@@ -530,15 +550,45 @@ static void store_rows(const struct job *job, const struct planes *in) {
         const size_t row = row_at(job, y, 0).plane;
         for (uint32_t x = job->x; x < job->x + job->width; x++) {
             const uint32_t texel = tile->first + (y - top) * tile->width + x - left;
-            if (!tiles->covered[texel] || !job->denoise->marked[tiles->block_of_texel[texel]]) continue;
-            for (int c = 0; c < 3; c++) tiles->irradiance[job->form][c][texel] = in->p[c][row + x - job->x];
+            if (tiles->covered[texel] && job->denoise->marked[tiles->block_of_texel[texel]])
+                to[texel] = from[row + x - job->x];
         }
     }
 }
 
-static void filter(const struct job *job, struct lw_denoise_planes *planes) {
+/* A plane of a channel that follows a form of light. */
+struct follower {
+    uint32_t channel, plane;
+};
+#define FOLLOWERS_MAX (LW_TILE_CHANNELS_MAX * LW_TILE_CHANNEL_PLANES_MAX)
+
+static uint32_t list_followers(uint32_t form, uint32_t channels, struct follower out[FOLLOWERS_MAX]) {
+    uint32_t n = 0;
+    LW_TILE_CHANNELS_EACH (channel, channels & ~lw_tile_channel_bit(form))
+        for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
+            if (lw_tile_channel_at(channel)->follows == form) out[n++] = (struct follower){channel, p};
+    return n;
+}
+
+static void load_plane(const struct job *job, const float *from, float *to) {
+    const uint32_t first = job->x > LW_DENOISE_REACH ? job->x - LW_DENOISE_REACH : 0,
+                   right = job->x + job->width + LW_DENOISE_REACH,
+                   end = right < job->mesh->width ? right : job->mesh->width;
+    EACH_ROW(job, LW_DENOISE_REACH, y) {
+        float *row = to + row_at(job, y, 0).plane;
+        for (uint32_t x = first; x < end; x++)
+            row[(ptrdiff_t)x - (ptrdiff_t)job->x] =
+                from[job->tile->first - job->tile->local + lw_texels_index(job->mesh, x, y)];
+    }
+}
+
+static void filter(const struct job *job, uint32_t channels, struct lw_denoise_planes *planes) {
+    const struct lw_tiles *tiles = job->denoise->tiles;
     struct planes in, out;
     for (uint32_t p = 0; p < LW_DENOISE_PLANES; p++) in.p[p] = planes->at[0][p], out.p[p] = planes->at[1][p];
+    struct follower follower[FOLLOWERS_MAX];
+    const uint32_t followers = list_followers(job->form, channels, follower);
+    uint32_t from = 0; /* of planes->more */
     struct tap tap[DIRECTIONS];
     list_taps(job, 0, tap);
     uint32_t around = LW_DENOISE_REACH - 1;
@@ -547,6 +597,8 @@ static void filter(const struct job *job, struct lw_denoise_planes *planes) {
         EACH_ROW(job, around, y)
         guess_row(row_at(job, y, around), &in, indirect, widening_of(job->form, 1), tap);
     }
+    for (uint32_t i = 0; i < followers; i++)
+        load_plane(job, tiles->sum[follower[i].channel][follower[i].plane], planes->more[0][i]);
     around--;
     EACH_ROW(job, around, y) smooth_row(row_at(job, y, around), in.p[VARIANCE], out.p[VARIANCE], tap);
     /* The smoothed variance goes with the colours that it was made from. */
@@ -558,27 +610,61 @@ static void filter(const struct job *job, struct lw_denoise_planes *planes) {
         EACH_ROW(job, around, y) weigh_pairs(row_at(job, y, around), &in, tap, planes->weight);
         around -= 1u << pass;
         EACH_ROW(job, around, y) exchange(row_at(job, y, around), &in, &out, tap, planes->weight);
+        for (uint32_t i = 0; i < followers; i++) EACH_ROW(job, around, y)
+        exchange_plane(row_at(job, y, around), planes->more[from][i], planes->more[!from][i], tap,
+                       planes->weight);
         const struct planes swap = in;
         in = out;
         out = swap;
+        from = !from;
     }
-    store_rows(job, &in);
+    if (channels & lw_tile_channel_bit(job->form))
+        for (int c = 0; c < 3; c++) store_plane(job, in.p[c], tiles->shown[job->form][c]);
+    for (uint32_t i = 0; i < followers; i++)
+        store_plane(job, planes->more[from][i], tiles->shown[follower[i].channel][follower[i].plane]);
+}
+
+/* The forms of light that a set of channels is or follows. */
+static uint32_t forms_of(uint32_t channels) {
+    uint32_t forms = 0;
+    LW_TILE_CHANNELS_EACH (channel, channels)
+        forms |= lw_tile_channel_bit(lw_tile_channel_at(channel)->follows);
+    return forms;
 }
 
 /* ---- which blocks
  * --------------------------------------------------------------------------------------------- */
 
+/* Planes at most that follow one form. */
+static uint32_t count_followers(const struct lw_tiles *tiles) {
+    struct follower follower[FOLLOWERS_MAX];
+    uint32_t most = 0;
+    LW_TILE_CHANNELS_EACH (form, forms_of(tiles->channels)) {
+        const uint32_t count = list_followers(form, tiles->channels, follower);
+        if (count > most) most = count;
+    }
+    return most;
+}
+
 enum lw_status lw_denoise_init(struct lw_denoise *denoise, const struct lw_denoise_pairs *pairs,
                                const struct lw_atlas_map *map, struct lw_tiles *tiles, int threads) {
-    *denoise = (struct lw_denoise){.pairs = pairs, .map = map, .tiles = tiles, .threads = threads};
+    *denoise = (struct lw_denoise){
+        .pairs = pairs, .map = map, .tiles = tiles, .followers = count_followers(tiles), .threads = threads};
     denoise->marked = calloc((size_t)tiles->block_count + 1, sizeof *denoise->marked);
     denoise->planes = calloc((size_t)threads, sizeof *denoise->planes);
-    if (denoise->marked && denoise->planes) return LW_OK;
+    bool ok = denoise->marked && denoise->planes;
+    for (int i = 0; i < 2 * threads && denoise->followers && ok; i++) {
+        struct lw_denoise_planes *planes = &denoise->planes[i / 2];
+        ok = (planes->more[i % 2] = calloc(denoise->followers, sizeof *planes->more[0])) != NULL;
+    }
+    if (ok) return LW_OK;
     lw_denoise_finish(denoise);
     return LW_NO_MEMORY;
 }
 
 void lw_denoise_finish(struct lw_denoise *denoise) {
+    for (int i = 0; i < 2 * denoise->threads && denoise->planes; i++)
+        free(denoise->planes[i / 2].more[i % 2]);
     free(denoise->planes);
     free(denoise->marked);
     *denoise = (struct lw_denoise){0};
@@ -587,7 +673,8 @@ void lw_denoise_finish(struct lw_denoise *denoise) {
 size_t lw_denoise_memory_bytes(const struct lw_denoise *denoise) {
     if (!denoise->pairs) return 0;
     return denoise->tiles->block_count * sizeof *denoise->marked +
-           (size_t)denoise->threads * sizeof *denoise->planes;
+           (size_t)denoise->threads *
+               (sizeof *denoise->planes + 2 * denoise->followers * sizeof *denoise->planes->more[0]);
 }
 
 /* Marks the block of a tile at a column and row of its object's blocks, if there is one. */
@@ -613,7 +700,7 @@ static void mark_all(struct lw_denoise *d, uint64_t frame) {
     memset(d->marked, 0, d->tiles->block_count);
     for (uint32_t i = 0; i < d->tiles->count; i++) {
         const struct lw_solve_tile *tile = &d->tiles->tile[i];
-        if (tile->solved_frame != frame) continue;
+        if (tile->light.solved_frame != frame) continue;
         LW_TILES_EACH_BLOCK (tile, block) {
             if (block->covered_count && block->shown_frame == frame)
                 mark_around(d, tile, (uint32_t)(block - tile->block));
@@ -647,8 +734,9 @@ static bool find_job(const struct lw_denoise *d, const struct lw_solve_tile *til
     return true;
 }
 
-void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, unsigned forms, int threads) {
-    LW_INVARIANT(threads <= denoise->threads && forms != 0);
+void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, uint32_t channels, int threads) {
+    const uint32_t forms = forms_of(channels);
+    LW_INVARIANT(threads <= denoise->threads && (channels & ~denoise->tiles->channels) == 0 && channels != 0);
     mark_all(denoise, frame);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
     for (uint32_t i = 0; i < denoise->tiles->count; i++) {
@@ -656,8 +744,9 @@ void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, unsigned forms, 
         struct job job;
         if (!find_job(denoise, tile, &job)) continue;
         for (job.form = 0; job.form < LW_LIGHT_FORM_COUNT; job.form++)
-            if (forms & lw_light_form_bit(job.form)) filter(&job, &denoise->planes[omp_get_thread_num()]);
-        tile->solved_frame = frame;
+            if (forms & lw_tile_channel_bit(job.form))
+                filter(&job, channels, &denoise->planes[omp_get_thread_num()]);
+        tile->light.solved_frame = frame;
         LW_TILES_EACH_BLOCK (tile, block)
             if (denoise->marked[block - denoise->tiles->block]) block->shown_frame = frame;
     }

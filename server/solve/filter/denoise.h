@@ -1,6 +1,6 @@
 /* denoise.h: an edge-aware filter over what is shown: noise goes, light stays.
  * Flow:    texels -> [pairs]; each frame: tiles (light, variance) that it shows -> [denoise] ->
- *          tiles->irradiance, form by form
+ *          tiles->shown, channel by channel
  * Threads: [solver], parallel inside; the same bytes at any thread count.
  * After:   Dammertz et al. 2010 (a-trous wavelets), Schied et al. 2017 (edges of
  *          luminance in units of the noise).
@@ -12,7 +12,8 @@
  * What one texel gives the other takes, so the sum over an object stays, for any weights. Weights fall with
  * the angle between normals, with the distance from each other's plane, with the distance along it (charts
  * that lie beside each other in the atlas alone are far apart), and with the difference of luminance against
- * its own standard deviation. So the filter fades out as noise falls.
+ * its own standard deviation. So the filter fades out as noise falls. A channel that is no form of light
+ * exchanges in the pairs of the form that it follows (tile_channels.h).
  *
  * No pair exchanges across a wall (texels.h).
  *
@@ -28,7 +29,7 @@
 #define LW_DENOISE_PASSES 3u /* steps of 1, 2 and 4 texels: 15 x 15 texels in all */
 /* texels: those seven, and two more whose light the variance is taken from */
 #define LW_DENOISE_REACH  9u
-#define LW_DENOISE_PLANES 5u /* r, g, b, luminance, its variance */
+#define LW_DENOISE_PLANES 5u /* of a form of light: r, g, b, luminance, its variance */
 
 /** How far texels may exchange light, for their surfaces' sake and for the walls that stand between them. */
 struct lw_denoise_pairs {
@@ -59,6 +60,7 @@ struct lw_denoise {
     struct lw_tiles *tiles;               /* likewise; of the texels that the pairs are of */
     uint8_t *marked;                      /* per block: this frame filters it */
     struct lw_denoise_planes *planes;     /* per worker */
+    uint32_t followers;                   /* planes at most that follow one form */
     int threads;
 };
 
@@ -68,10 +70,10 @@ LW_MUST_CHECK enum lw_status lw_denoise_init(struct lw_denoise *denoise, const s
                                              int threads);
 void lw_denoise_finish(struct lw_denoise *denoise);
 
-/** Writes tiles->irradiance, in the given forms (light_form.h), of every block shown in frame `frame` and of
- * those beside them, whose shown_frame becomes `frame` too, as does their tiles' solved_frame: direct +
- * indirect light, filtered. Call after the last tile is finished. */
-void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, unsigned forms, int threads);
+/** Writes tiles->shown, in the given channels, of every block shown in frame `frame` and of those beside
+ * them, whose shown_frame becomes `frame` too, as does their tiles' solved_frame: the sums, filtered. Call
+ * after the last tile is finished. */
+void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, uint32_t channels, int threads);
 
 /** Bytes held, but for the pairs. */
 size_t lw_denoise_memory_bytes(const struct lw_denoise *denoise);

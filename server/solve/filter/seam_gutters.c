@@ -239,27 +239,21 @@ static bool is_shown(const struct lw_tiles *tiles, uint32_t texel, uint64_t fram
 
 static void note_shown(struct lw_tiles *tiles, uint32_t texel, uint64_t frame) {
     const uint32_t id = tiles->block[tiles->block_of_texel[texel]].tile_id;
-    __atomic_store_n(&lw_tiles_at(tiles, (lw_tile_id){id})->solved_frame, frame, __ATOMIC_RELAXED);
+    __atomic_store_n(&lw_tiles_at(tiles, (lw_tile_id){id})->light.solved_frame, frame, __ATOMIC_RELAXED);
 }
 
-/* light: three planes of one form. */
-static void fill_beyond(const struct lw_seam_gutter *gutter, float *const light[3]) {
-    for (int c = 0; c < 3; c++) {
-        float sum = 0;
-        for (int k = 0; k < 4; k++) sum += gutter->weight[k] * light[c][gutter->from[k]];
-        light[c][gutter->texel] = sum;
-    }
+static void fill_beyond(const struct lw_seam_gutter *gutter, float *plane) {
+    float sum = 0;
+    for (int k = 0; k < 4; k++) sum += gutter->weight[k] * plane[gutter->from[k]];
+    plane[gutter->texel] = sum;
 }
 
-static void fill_copies(const struct lw_seam_copy *first, const struct lw_seam_copy *end,
-                        float *const light[3]) {
-    for (int c = 0; c < 3; c++)
-        for (const struct lw_seam_copy *copy = first; copy < end; copy++)
-            light[c][copy->texel] = light[c][copy->from];
+static void fill_copies(const struct lw_seam_copy *first, const struct lw_seam_copy *end, float *plane) {
+    for (const struct lw_seam_copy *copy = first; copy < end; copy++) plane[copy->texel] = plane[copy->from];
 }
 
 void lw_seam_gutters_fill(const struct lw_seam_gutters *gutters, struct lw_tiles *tiles, uint64_t frame,
-                          unsigned forms, int threads) {
+                          uint32_t channels, int threads) {
 #pragma omp parallel num_threads(threads)
     {
 #pragma omp for schedule(static)
@@ -268,8 +262,9 @@ void lw_seam_gutters_fill(const struct lw_seam_gutters *gutters, struct lw_tiles
             bool shown = false;
             for (int k = 0; k < 4 && !shown; k++) shown = is_shown(tiles, gutter->from[k], frame);
             if (!shown) continue;
-            for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-                if (forms & lw_light_form_bit(f)) fill_beyond(gutter, tiles->irradiance[f]);
+            LW_TILE_CHANNELS_EACH (channel, channels)
+                for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
+                    fill_beyond(gutter, tiles->shown[channel][p]);
             note_shown(tiles, gutter->texel, frame);
         }
 #pragma omp for schedule(dynamic, 64)
@@ -277,8 +272,9 @@ void lw_seam_gutters_fill(const struct lw_seam_gutters *gutters, struct lw_tiles
             if (tiles->block[b].shown_frame != frame) continue;
             const struct lw_seam_copy *const first = gutters->copy + gutters->first_copy[b],
                                              *const end = gutters->copy + gutters->first_copy[b + 1];
-            for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-                if (forms & lw_light_form_bit(f)) fill_copies(first, end, tiles->irradiance[f]);
+            LW_TILE_CHANNELS_EACH (channel, channels)
+                for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
+                    fill_copies(first, end, tiles->shown[channel][p]);
             for (const struct lw_seam_copy *copy = first; copy < end; copy++)
                 if (tiles->block_of_texel[copy->texel] != b) note_shown(tiles, copy->texel, frame);
         }

@@ -34,9 +34,9 @@ void lw_seam_gutters_finish(struct lw_seam_gutters *gutters);
 /** Bytes held. */
 size_t lw_seam_gutters_memory_bytes(const struct lw_seam_gutters *gutters);
 
-/** Fills them, in the given forms (light_form.h), from tiles->irradiance of covered texels in the blocks
- * shown in frame `frame`, which the solved_frame of their tiles becomes. */
+/** Fills them, in the given channels, from what is shown of covered texels in the blocks shown in frame
+ * `frame`, which the solved_frame of their tiles becomes. */
 void lw_seam_gutters_fill(const struct lw_seam_gutters *gutters, struct lw_tiles *tiles, uint64_t frame,
-                          unsigned forms, int threads);
+                          uint32_t channels, int threads);
 
 #endif

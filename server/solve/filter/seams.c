@@ -356,28 +356,9 @@ size_t lw_seams_memory_bytes(const struct lw_seams *s) {
            lw_seam_gutters_memory_bytes(&s->gutters);
 }
 
-/* ---- the light of one solve ---- */
+/* ---- the channels of one solve ---- */
 
-enum lw_status lw_seams_light_init(struct lw_seams_light *light, const struct lw_seams *seams,
-                                   enum lw_light_form form) {
-    const size_t members = (size_t)seams->member_count + 1;
-    *light = (struct lw_seams_light){.form = form,
-                                     .member_count = seams->member_count,
-                                     .component_count = seams->component_count,
-                                     .fresh = true};
-    light->active = calloc((size_t)seams->component_count + 1, 1);
-    light->light = calloc(members, sizeof *light->light);
-    light->welded = calloc(members, sizeof *light->welded);
-    light->correction = calloc(members, 3 * sizeof *light->correction);
-    bool ok = light->active && light->light && light->welded && light->correction;
-    for (int i = 0; i < 3; i++)
-        ok &= (light->scratch[i] = calloc(members, sizeof *light->scratch[i])) != NULL;
-    if (ok) return LW_OK;
-    lw_seams_light_finish(light);
-    return LW_NO_MEMORY;
-}
-
-void lw_seams_light_finish(struct lw_seams_light *light) {
+static void finish_light(struct lw_seams_light *light) {
     free(light->active);
     free(light->light);
     free(light->welded);
@@ -386,20 +367,66 @@ void lw_seams_light_finish(struct lw_seams_light *light) {
     *light = (struct lw_seams_light){0};
 }
 
-size_t lw_seams_light_memory_bytes(const struct lw_seams_light *light) {
-    const size_t member = sizeof *light->light + sizeof *light->welded + 3 * sizeof *light->scratch[0] +
-                          3 * sizeof *light->correction;
-    return light->member_count * member + light->component_count * sizeof *light->active;
+static bool init_light(struct lw_seams_light *light, const struct lw_seams *seams, uint32_t channel) {
+    const size_t members = (size_t)seams->member_count + 1;
+    *light = (struct lw_seams_light){.channel = channel,
+                                     .planes = lw_tile_channel_at(channel)->planes,
+                                     .member_count = seams->member_count,
+                                     .component_count = seams->component_count,
+                                     .fresh = true};
+    light->active = calloc((size_t)seams->component_count + 1, 1);
+    light->light = calloc(members, sizeof *light->light);
+    light->welded = calloc(members, sizeof *light->welded);
+    light->correction = calloc(members, light->planes * sizeof *light->correction);
+    bool ok = light->active && light->light && light->welded && light->correction;
+    for (int i = 0; i < 3; i++)
+        ok &= (light->scratch[i] = calloc(members, sizeof *light->scratch[i])) != NULL;
+    return ok;
 }
 
-uint32_t lw_seams_light_list_parts(const struct lw_seams_light light[LW_LIGHT_FORM_COUNT],
-                                   struct lw_checkpoint_part out_part[LW_LIGHT_FORM_COUNT]) {
+enum lw_status lw_seams_welds_init(struct lw_seams_welds *welds, const struct lw_seams *seams,
+                                   uint32_t channels) {
+    bool ok = true;
+    lw_seams_welds_finish(welds);
+    LW_TILE_CHANNELS_EACH (channel, channels) ok = ok && init_light(&welds->of[channel], seams, channel);
+    if (ok) return LW_OK;
+    lw_seams_welds_finish(welds);
+    return LW_NO_MEMORY;
+}
+
+void lw_seams_welds_finish(struct lw_seams_welds *welds) {
+    for (uint32_t i = 0; i < LW_TILE_CHANNELS_MAX; i++) finish_light(&welds->of[i]);
+}
+
+static size_t correction_bytes(const struct lw_seams_light *light) {
+    return (size_t)light->member_count * light->planes * sizeof *light->correction;
+}
+
+size_t lw_seams_welds_memory_bytes(const struct lw_seams_welds *welds) {
+    size_t bytes = 0;
+    for (const struct lw_seams_light *light = welds->of; light < welds->of + LW_TILE_CHANNELS_MAX; light++)
+        bytes += light->member_count *
+                     (sizeof *light->light + sizeof *light->welded + 3 * sizeof *light->scratch[0]) +
+                 correction_bytes(light) + light->component_count * sizeof *light->active;
+    return bytes;
+}
+
+uint32_t lw_seams_welds_list_parts(const struct lw_seams_welds *welds,
+                                   struct lw_checkpoint_part out_part[LW_TILE_CHANNELS_MAX]) {
     uint32_t n = 0;
-    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-        if (light[f].member_count)
-            out_part[n++] = (struct lw_checkpoint_part){
-                light[f].correction, (size_t)light[f].member_count * 3 * sizeof *light[f].correction};
+    for (const struct lw_seams_light *light = welds->of; light < welds->of + LW_TILE_CHANNELS_MAX; light++)
+        if (light->member_count)
+            out_part[n++] = (struct lw_checkpoint_part){light->correction, correction_bytes(light)};
     return n;
+}
+
+void lw_seams_welds_resume(struct lw_seams_welds *welds) {
+    for (uint32_t i = 0; i < LW_TILE_CHANNELS_MAX; i++) welds->of[i].fresh = true;
+}
+
+void lw_seams_welds_forget(struct lw_seams_welds *welds) {
+    for (struct lw_seams_light *light = welds->of; light < welds->of + LW_TILE_CHANNELS_MAX; light++)
+        if (light->member_count) memset(light->correction, 0, correction_bytes(light));
 }
 
 /* ---- each frame ---- */
@@ -429,9 +456,9 @@ static void load(const struct job *job) {
         const uint32_t texel = job->seams->member[m].texel;
         const bool shown = tiles->block[tiles->block_of_texel[texel]].shown_frame == job->frame;
         if (job->seams->guess[m].count || !(shown || job->light->fresh)) continue;
-        for (int c = 0; c < 3; c++)
-            job->light->light[m][c] = shown ? tiles->irradiance[job->light->form][c][texel]
-                                            : lw_tiles_sum(tiles, job->light->form, c, texel);
+        for (uint32_t p = 0; p < job->light->planes; p++)
+            job->light->light[m][p] = shown ? tiles->shown[job->light->channel][p][texel]
+                                            : lw_tiles_sum(tiles, job->light->channel, p, texel);
     }
 }
 
@@ -440,15 +467,15 @@ static void guess_gutters(const struct job *job) {
     float(*light)[4] = job->light->light;
     for (uint32_t m = job->first; m < job->last; m++) {
         const struct lw_seams_guess *guess = &job->seams->guess[m];
-        for (int c = 0; c < 3 && guess->count; c++) {
+        for (uint32_t p = 0; p < job->light->planes && guess->count; p++) {
             float sum = 0;
-            for (uint32_t i = 0; i < guess->count; i++) sum += guess->weight[i] * light[guess->member[i]][c];
-            light[m][c] = sum;
+            for (uint32_t i = 0; i < guess->count; i++) sum += guess->weight[i] * light[guess->member[i]][p];
+            light[m][p] = sum;
         }
     }
 }
 
-/* r, g, b and nothing. */
+/* The planes of a channel, and nothing. */
 typedef float rgb __attribute__((vector_size(4 * sizeof(float))));
 typedef double wide_rgb __attribute__((vector_size(4 * sizeof(double))));
 
@@ -564,24 +591,29 @@ static void bound(const struct job *job) {
 static void weld_component(const struct job *job) {
     const struct lw_seams_member *member = job->seams->member;
     struct lw_seams_light *light = job->light;
+    const uint32_t planes = light->planes;
     load(job);
     guess_gutters(job);
     /* In units in which every member moves with the same ease; from where the last correction leads. */
     for (uint32_t m = job->first; m < job->last; m++)
-        for (uint32_t c = 0; c < 3; c++)
-            light->welded[m][c] =
-                light->light[m][c] / member[m].root_ease + KEPT * light->correction[3 * m + c];
+        for (uint32_t p = 0; p < planes; p++)
+            light->welded[m][p] =
+                light->light[m][p] / member[m].root_ease + KEPT * light->correction[planes * m + p];
     relax(job);
     for (uint32_t m = job->first; m < job->last; m++)
-        for (uint32_t c = 0; c < 3; c++)
-            light->correction[3 * m + c] = light->welded[m][c] - light->light[m][c] / member[m].root_ease;
-    bound(job);
-    float keep[3];
-    const bool welds = find_keep(job, keep);
+        for (uint32_t p = 0; p < planes; p++)
+            light->correction[planes * m + p] =
+                light->welded[m][p] - light->light[m][p] / member[m].root_ease;
+    float keep[3] = {1, 1, 1};
+    bool welds = true;
+    if (!lw_tile_channel_at(light->channel)->is_signed) {
+        bound(job);
+        welds = find_keep(job, keep);
+    }
     for (uint32_t m = job->first; m < job->last; m++)
-        for (int c = 0; c < 3; c++)
-            job->tiles->irradiance[light->form][c][member[m].texel] =
-                welds ? light->welded[m][c] * member[m].root_ease * keep[c] : light->light[m][c];
+        for (uint32_t p = 0; p < planes; p++)
+            job->tiles->shown[light->channel][p][member[m].texel] =
+                welds ? light->welded[m][p] * member[m].root_ease * keep[p] : light->light[m][p];
 }
 
 /* All that a component has changed is shown. */
@@ -591,12 +623,12 @@ static void show(const struct lw_seams *s, const struct lw_seams_light *light, s
         for (uint32_t b = s->first_block[c]; light->active[c] && b < s->first_block[c + 1]; b++) {
             struct lw_solve_block *block = &tiles->block[s->block[b]];
             block->shown_frame = frame;
-            lw_tiles_at(tiles, (lw_tile_id){block->tile_id})->solved_frame = frame;
+            lw_tiles_at(tiles, (lw_tile_id){block->tile_id})->light.solved_frame = frame;
         }
 }
 
-static void weld_form(const struct lw_seams *s, struct lw_seams_light *light, struct lw_tiles *tiles,
-                      uint64_t frame, int threads) {
+static void weld_channel(const struct lw_seams *s, struct lw_seams_light *light, struct lw_tiles *tiles,
+                         uint64_t frame, int threads) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
     for (uint32_t c = 0; c < s->component_count; c++) {
         const struct job job = {.seams = s,
@@ -616,13 +648,13 @@ static void weld_form(const struct lw_seams *s, struct lw_seams_light *light, st
     light->fresh = false;
 }
 
-/* What is shown is noted at the end: a form's welding reads what the filter has shown, not what another's
+/* What is shown is noted at the end: a channel's welding reads what the filter has shown, not what another's
  * has. */
-void lw_seams_weld(const struct lw_seams *s, struct lw_seams_light light[LW_LIGHT_FORM_COUNT], unsigned forms,
+void lw_seams_weld(const struct lw_seams *s, struct lw_seams_welds *welds, uint32_t channels,
                    struct lw_tiles *tiles, uint64_t frame, int threads) {
     struct lw_seams_light *last = NULL;
-    LW_INVARIANT(forms != 0);
-    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-        if (forms & lw_light_form_bit(f)) weld_form(s, last = &light[f], tiles, frame, threads);
+    LW_INVARIANT(channels != 0);
+    LW_TILE_CHANNELS_EACH (channel, channels)
+        weld_channel(s, last = &welds->of[channel], tiles, frame, threads);
     if (last) show(s, last, tiles, frame);
 }

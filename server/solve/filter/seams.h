@@ -38,16 +38,21 @@ struct lw_seams {
     uint64_t rows_left_out;
 };
 
-/** What welding knows of the light of one solve, in one form. */
+/* What welding knows of one channel of one solve. */
 struct lw_seams_light {
-    enum lw_light_form form;
+    uint32_t channel, planes;
     uint32_t member_count, component_count;
     uint8_t *active;   /* per component: the frame has changed its light */
-    float (*light)[4]; /* per member: the tiles' own, not welded; W/m^2, and nothing */
+    float (*light)[4]; /* per member, plane by plane: the tiles' own, not welded; nothing in the others */
     float (*welded)[4], (*scratch[3])[4];
     float *correction; /* 3 per member: what the last welding added; the next one goes on from there */
-    /* Light[] holds nothing yet: tiles that are not solved read as their direct and indirect light. */
+    /* Light[] holds nothing yet: tiles that are not solved read as their sums. */
     bool fresh;
+};
+
+/** The same of all channels that a solve has. */
+struct lw_seams_welds {
+    struct lw_seams_light of[LW_TILE_CHANNELS_MAX];
 };
 
 /** Finds the seams of a scene. tiles: any over these texels. Errors: LW_NO_MEMORY. */
@@ -59,22 +64,28 @@ void lw_seams_finish(struct lw_seams *seams);
 /** Bytes held. */
 size_t lw_seams_memory_bytes(const struct lw_seams *seams);
 
-/** Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_seams_light_init(struct lw_seams_light *light, const struct lw_seams *seams,
-                                                 enum lw_light_form form);
-void lw_seams_light_finish(struct lw_seams_light *light);
+/** Makes room for the given channels (tile_channels.h), in the place of what was there; zeroed: none.
+ * Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_seams_welds_init(struct lw_seams_welds *welds, const struct lw_seams *seams,
+                                                 uint32_t channels);
+void lw_seams_welds_finish(struct lw_seams_welds *welds);
 
 /** Bytes held. */
-size_t lw_seams_light_memory_bytes(const struct lw_seams_light *light);
+size_t lw_seams_welds_memory_bytes(const struct lw_seams_welds *welds);
 
 /** What a frame's welds read of those before it. Returns how many parts these are. */
-uint32_t lw_seams_light_list_parts(const struct lw_seams_light light[LW_LIGHT_FORM_COUNT],
-                                   struct lw_checkpoint_part out_part[LW_LIGHT_FORM_COUNT]);
+uint32_t lw_seams_welds_list_parts(const struct lw_seams_welds *welds,
+                                   struct lw_checkpoint_part out_part[LW_TILE_CHANNELS_MAX]);
 
-/** Welds tiles->irradiance, in the given forms (light_form.h; light: by form), around the blocks shown in
- * frame `frame`: covered texels, and gutters beyond seams. shown_frame of all blocks that it writes becomes
- * `frame`, as does their tiles' solved_frame. Gutters are filled after it (lw_seam_gutters_fill). */
-void lw_seams_weld(const struct lw_seams *seams, struct lw_seams_light light[LW_LIGHT_FORM_COUNT],
-                   unsigned forms, struct lw_tiles *tiles, uint64_t frame, int threads);
+/** Tiles hold other light than that of before: from a checkpoint, with the corrections that belong to it; or
+ * from the beginning, with none. */
+void lw_seams_welds_resume(struct lw_seams_welds *welds);
+void lw_seams_welds_forget(struct lw_seams_welds *welds);
+
+/** Welds tiles->shown, in the given channels, around the blocks shown in frame `frame`: covered texels, and
+ * gutters beyond seams. shown_frame of all blocks that it writes becomes `frame`, as does their tiles'
+ * solved_frame. Gutters are filled after it (lw_seam_gutters_fill). */
+void lw_seams_weld(const struct lw_seams *seams, struct lw_seams_welds *welds, uint32_t channels,
+                   struct lw_tiles *tiles, uint64_t frame, int threads);
 
 #endif

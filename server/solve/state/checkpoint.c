@@ -38,7 +38,8 @@ _Static_assert(sizeof(struct block_record) == 128, "no padding, which would have
 
 /* ---- what is in it ---- */
 
-#define PLANES_MAX (3 * (3 + LW_TILES_BOUNCES_MAX + 2) + 4)
+#define PLANES_MAX                                                                                           \
+    (3 * (3 + LW_TILES_BOUNCES_MAX) + 2 * LW_TILE_CHANNELS_MAX * LW_TILE_CHANNEL_PLANES_MAX + 4)
 
 /* The planes that the next frame reads. Those that it writes first (radiance, estimate) are left out. */
 static uint32_t list_planes(const struct lw_tiles *tiles, float *out_plane[PLANES_MAX]) {
@@ -46,16 +47,21 @@ static uint32_t list_planes(const struct lw_tiles *tiles, float *out_plane[PLANE
     for (int c = 0; c < 3; c++) {
         out_plane[n++] = tiles->direct[c];
         out_plane[n++] = tiles->indirect[c];
-        out_plane[n++] = tiles->irradiance[LW_LIGHT_FORM_FULL][c];
+        out_plane[n++] = tiles->shown[LW_LIGHT_FORM_FULL][c];
         for (uint32_t k = 0; k < tiles->bounces; k++) out_plane[n++] = tiles->order[k][c];
     }
     out_plane[n++] = tiles->mean;
     out_plane[n++] = tiles->spread;
     for (int c = 0; c < 3 && tiles->drawn[c]; c++) {
         out_plane[n++] = tiles->drawn[c];
-        out_plane[n++] = tiles->irradiance[LW_LIGHT_FORM_SPLIT][c];
+        out_plane[n++] = tiles->shown[LW_LIGHT_FORM_SPLIT][c];
     }
     if (tiles->split_mean) out_plane[n++] = tiles->split_mean, out_plane[n++] = tiles->split_spread;
+    for (uint32_t channel = LW_LIGHT_FORM_COUNT; channel < lw_tile_channels()->count; channel++)
+        for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes && tiles->sum[channel][p]; p++) {
+            out_plane[n++] = tiles->shown[channel][p];
+            out_plane[n++] = tiles->sum[channel][p];
+        }
     return n;
 }
 
@@ -90,8 +96,8 @@ static void put_records(struct lw_checked_file_writer *writer, const struct lw_t
     }
     for (uint32_t i = 0; i < tiles->count; i++)
         record[i] = (struct record){.id = tiles->tile[i].id.v,
-                                    .error = tiles->tile[i].error,
-                                    .solved_frame = tiles->tile[i].solved_frame};
+                                    .error = tiles->tile[i].light.error,
+                                    .solved_frame = tiles->tile[i].light.solved_frame};
     qsort(record, tiles->count, sizeof *record, by_id);
     lw_checked_file_put(writer, record, (size_t)tiles->count * sizeof *record);
     free(record);
@@ -166,8 +172,8 @@ static enum lw_status take_records(struct lw_checked_file_reader *reader, struct
             status = lw_status_fail(reader->err, LW_BAD_DATA, "%s: lacks tile %u", reader->path, tile->id.v);
             break;
         }
-        tile->error = r->error;
-        tile->solved_frame = r->solved_frame;
+        tile->light.error = r->error;
+        tile->light.solved_frame = r->solved_frame;
     }
     free(record);
     return status;

@@ -13,7 +13,20 @@ struct plane {
     float **at;
     uint32_t floats;
 };
-#define PLANES_MAX (3 * (LW_TILES_BOUNCES_MAX + LW_TILES_ESTIMATES + 3) + LW_TILES_BOUNCES_MAX + 2)
+#define CHANNEL_PLANES_MAX (2 * LW_TILE_CHANNELS_MAX * LW_TILE_CHANNEL_PLANES_MAX)
+#define PLANES_MAX                                                                                           \
+    (3 * (LW_TILES_BOUNCES_MAX + LW_TILES_ESTIMATES + 2) + CHANNEL_PLANES_MAX + LW_TILES_BOUNCES_MAX + 2)
+
+/* Of a set of channels: what is shown of them, and what no form of light has. Returns n, and as many more. */
+static uint32_t list_channels(struct lw_tiles *tiles, uint32_t channels, uint32_t n,
+                              struct plane out[PLANES_MAX]) {
+    LW_TILE_CHANNELS_EACH (channel, channels)
+        for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++) {
+            out[n++] = (struct plane){&tiles->shown[channel][p], 1};
+            if (channel >= LW_LIGHT_FORM_COUNT) out[n++] = (struct plane){&tiles->sum[channel][p], 1};
+        }
+    return n;
+}
 
 /* Of light, of its bounces and of its noise. */
 static uint32_t list_planes(struct lw_tiles *tiles, struct plane out[PLANES_MAX]) {
@@ -21,14 +34,13 @@ static uint32_t list_planes(struct lw_tiles *tiles, struct plane out[PLANES_MAX]
     for (int c = 0; c < 3; c++) {
         out[n++] = (struct plane){&tiles->direct[c], 1};
         out[n++] = (struct plane){&tiles->indirect[c], 1};
-        out[n++] = (struct plane){&tiles->irradiance[LW_LIGHT_FORM_FULL][c], 1};
         for (uint32_t k = 0; k < tiles->bounces; k++) out[n++] = (struct plane){&tiles->order[k][c], 1};
         for (int k = 0; k < LW_TILES_ESTIMATES; k++) out[n++] = (struct plane){&tiles->estimate[k][c], 1};
     }
     for (uint32_t k = 0; k < tiles->bounces; k++) out[n++] = (struct plane){&tiles->radiance[k], 4};
     out[n++] = (struct plane){&tiles->mean, 1};
     out[n++] = (struct plane){&tiles->spread, 1};
-    return n;
+    return list_channels(tiles, lw_tile_channels_held(false), n, out);
 }
 
 /* Of what client lights give. */
@@ -37,11 +49,10 @@ static uint32_t list_drawn(struct lw_tiles *tiles, struct plane out[PLANES_MAX])
     for (int c = 0; c < 3; c++) {
         out[n++] = (struct plane){&tiles->drawn[c], 1};
         out[n++] = (struct plane){&tiles->drawn_estimate[c], 1};
-        out[n++] = (struct plane){&tiles->irradiance[LW_LIGHT_FORM_SPLIT][c], 1};
     }
     out[n++] = (struct plane){&tiles->split_mean, 1};
     out[n++] = (struct plane){&tiles->split_spread, 1};
-    return n;
+    return list_channels(tiles, lw_tile_channels_held(true) & ~lw_tile_channels_held(false), n, out);
 }
 
 static bool allocate(const struct lw_tiles *tiles, const struct plane *plane, uint32_t planes) {
@@ -68,6 +79,7 @@ static bool allocate_sums(struct lw_tiles *tiles) {
 
 enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles) {
     struct plane plane[PLANES_MAX];
+    tiles->channels = lw_tile_channels_held(true);
     return allocate(tiles, plane, list_drawn(tiles, plane)) ? LW_OK : LW_NO_MEMORY;
 }
 
@@ -88,15 +100,17 @@ size_t lw_tiles_memory_bytes(const struct lw_tiles *tiles) {
 uint64_t lw_tiles_last_solved(const struct lw_tiles *tiles) {
     uint64_t last = 0;
     for (uint32_t i = 0; i < tiles->count; i++)
-        if (tiles->tile[i].solved_frame > last) last = tiles->tile[i].solved_frame;
+        if (tiles->tile[i].light.solved_frame > last) last = tiles->tile[i].light.solved_frame;
     return last;
 }
 
-bool lw_tiles_judge_forms(struct lw_tiles *tiles, unsigned forms, int threads) {
+bool lw_tiles_judge_channels(struct lw_tiles *tiles, uint32_t channels, int threads) {
     const float *before = tiles->judged_spread;
-    LW_INVARIANT(forms != 0);
+    const uint32_t forms =
+        channels & (lw_tile_channel_bit(LW_LIGHT_FORM_FULL) | lw_tile_channel_bit(LW_LIGHT_FORM_SPLIT));
+    LW_INVARIANT(channels != 0 && (channels & ~tiles->channels) == 0);
     tiles->judged_spread =
-        forms == lw_light_form_bit(LW_LIGHT_FORM_SPLIT) ? tiles->split_spread : tiles->spread;
+        forms == lw_tile_channel_bit(LW_LIGHT_FORM_SPLIT) ? tiles->split_spread : tiles->spread;
     if (tiles->judged_spread == before) return false;
     lw_tiles_sum_variance(tiles, threads);
     return true;
@@ -212,6 +226,7 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
                              const struct lw_atlas_map *map, const struct lw_texels *texels, uint32_t bounces,
                              int threads) {
     *tiles = (struct lw_tiles){.id_count = map->tile_count,
+                               .channels = lw_tile_channels_held(false),
                                .bounces = bounces,
                                .texel_count = texels->count,
                                .covered = texels->covered,
@@ -252,7 +267,7 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
                                        .block = tiles->block + blocks,
                                        .block_columns = blocks_along(place->width),
                                        .block_rows = blocks_along(place->height),
-                                       .error = 1};
+                                       .light = {.error = 1}};
         tile->first = texels->first[place->object] + tile->local;
         tile->changes = texels->changes[place->object];
         for (uint32_t i = 0; i < tile->width * tile->height; i++)
@@ -267,7 +282,7 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
             block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;
             block->state = block->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
         }
-        tile->state = tile->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
+        tile->light.state = tile->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
     }
     LW_INVARIANT(n == tiles->count && blocks == tiles->block_count);
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
@@ -375,38 +390,36 @@ void lw_tiles_take(struct lw_tiles *tiles, const struct lw_tiles *from, lw_tile_
     if (tiles->drawn[0]) take_planes(to, of, (list_drawn(&source, of), list_drawn(tiles, to)), tile);
     for (uint32_t b = 0; b < tile->block_columns * tile->block_rows; b++)
         take_block(&tile->block[b], &other->block[b]);
-    tile->sample_count = other->sample_count;
-    tile->error = other->error;
-    tile->state = other->state;
-    tile->begins = other->begins;
-    tile->invalidated = other->invalidated;
-    tile->priority = other->priority;
-    tile->invalidated_count = other->invalidated_count;
-    tile->solved_frame = other->solved_frame;
+    tile->light = other->light;
+    tile->change = other->change;
 }
 
 void lw_tiles_sum_up(struct lw_solve_tile *tile) {
-    tile->state = LW_BLOCK_CONVERGED;
-    tile->sample_count = tile->covered_count ? UINT32_MAX : 0;
+    tile->light.state = LW_BLOCK_CONVERGED;
+    tile->light.sample_count = tile->covered_count ? UINT32_MAX : 0;
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->covered_count) continue;
-        if (block->state < tile->state) tile->state = block->state;
-        if (block->sample_count < tile->sample_count) tile->sample_count = block->sample_count;
+        if (block->state < tile->light.state) tile->light.state = block->state;
+        if (block->sample_count < tile->light.sample_count) tile->light.sample_count = block->sample_count;
     }
-    LW_INVARIANT(tile->sample_count < UINT32_MAX); /* what covers texels has a block that does */
+    LW_INVARIANT(tile->light.sample_count < UINT32_MAX); /* what covers texels has a block that does */
 }
 
-void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, unsigned forms, int threads) {
+static void show_plane(const struct lw_tiles *tiles, const struct lw_solve_tile *tile, uint64_t frame,
+                       uint32_t channel, uint32_t plane) {
+    for (uint32_t i = tile->first; i < tile->first + tile->width * tile->height; i++)
+        if (tiles->covered[i] && tiles->block[tiles->block_of_texel[i]].shown_frame == frame)
+            tiles->shown[channel][plane][i] = lw_tiles_sum(tiles, channel, plane, i);
+}
+
+void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, uint32_t channels, int threads) {
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
     for (uint32_t t = 0; t < tiles->count; t++) {
         const struct lw_solve_tile *tile = &tiles->tile[t];
-        if (tile->solved_frame != frame) continue;
-        for (uint32_t i = tile->first; i < tile->first + tile->width * tile->height; i++) {
-            if (!tiles->covered[i] || tiles->block[tiles->block_of_texel[i]].shown_frame != frame) continue;
-            for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
-                for (int c = 0; c < 3 && forms & lw_light_form_bit(f); c++)
-                    tiles->irradiance[f][c][i] = lw_tiles_sum(tiles, f, c, i);
-        }
+        if (tile->light.solved_frame != frame) continue;
+        LW_TILE_CHANNELS_EACH (channel, channels)
+            for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
+                show_plane(tiles, tile, frame, channel, p);
     }
 }
 
@@ -419,10 +432,10 @@ static int by_cell(const void *a, const void *b) {
 static void set_hidden(struct lw_solve_tile *tile, bool hidden) {
     LW_INVARIANT(tile->hidden != hidden);
     tile->hidden = hidden;
-    tile->invalidated = !hidden; /* first among what waits for a frame */
-    tile->priority = 1;
-    tile->invalidated_count = tile->covered_count;
-    tile->begins = !hidden;
+    tile->change.invalidated = !hidden; /* first among what waits for a frame */
+    tile->change.priority = 1;
+    tile->change.invalidated_count = tile->covered_count;
+    tile->light.begins = !hidden;
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!hidden)
             begin_block(block);

@@ -6,7 +6,7 @@
 #ifndef LW_STATE_TILES_H
 #define LW_STATE_TILES_H
 
-#include "common/light/light_form.h"
+#include "common/tile/tile_channels.h"
 #include "server/solve/state/cells.h"
 #include "server/solve/state/change.h"
 #include "server/solve/state/history.h"
@@ -88,6 +88,24 @@ static inline uint16_t lw_change_all_packets(const struct lw_solve_block *block)
 /* Blocks of a full tile's side. */
 #define LW_TILE_BLOCKS (LW_TILE_SIDE / LW_TILE_BLOCK)
 
+/* What a tile's blocks say of its light together. */
+struct lw_solve_light {
+    uint32_t sample_count; /* the fewest of its blocks */
+    float error;           /* relative standard error of luminance, over all its blocks */
+    enum lw_block_state state;
+    uint64_t solved_frame; /* last frame that showed one of its blocks */
+    bool begins;           /* it is hidden no longer, and nothing of it has been shown since */
+};
+
+/* What verification has found of it that was not solved since: facts for the plan (adapt/plan.h). */
+struct lw_solve_change {
+    bool invalidated; /* the light of one of its blocks has changed */
+    /* If so: mean square over those blocks of the share of light that has changed, at most 1. */
+    float priority;
+    uint32_t invalidated_count; /* texels of those blocks */
+};
+
+/* A tile's place: of which texels it is, who owns it, where it stands; its light; what the plan takes of it. */
 struct lw_solve_tile {
     lw_tile_id id;
     uint32_t object, x, y, width, height; /* place in the object's level 0; tile column and row; texels */
@@ -95,6 +113,9 @@ struct lw_solve_tile {
     uint32_t local, first;        /* first texel within the mesh; within the global numbering */
     struct lw_solve_block *block; /* row by row */
     uint32_t block_columns, block_rows;
+    uint32_t covered_count;
+    uint8_t wide_rooms;       /* (regions.h) */
+    uint32_t changes;         /* of its object's texels, that its blocks know */
     uint32_t cell, owner;     /* where it stands; the rank that solves it, by the cell where it first stood */
     struct lw_vec3 centre_ws; /* of the sphere that holds all its texels, as the pose has it */
     float radius_m;
@@ -102,18 +123,8 @@ struct lw_solve_tile {
     float radius_os;
     /* as its object is: it counts as converged, and starts again when it is shown. */
     bool hidden;
-    uint8_t wide_rooms; /* (regions.h) */
-    uint32_t changes;   /* of its object's texels, that its blocks know */
-    bool begins;        /* it has, and nothing of it has been shown since */
-    uint32_t covered_count;
-    uint32_t sample_count; /* the fewest of its blocks */
-    float error;           /* relative standard error of luminance, over all its blocks */
-    enum lw_block_state state;
-    bool invalidated; /* one of its blocks has found that its light has changed, and was not solved since */
-    /* If so: mean square over those blocks of the share of light that has changed, at most 1. */
-    float priority;
-    uint32_t invalidated_count; /* texels of those blocks */
-    uint64_t solved_frame;      /* last frame that showed one of its blocks */
+    struct lw_solve_light light;
+    struct lw_solve_change change;
 };
 
 struct lw_tiles {
@@ -129,9 +140,13 @@ struct lw_tiles {
     float *indirect[3];       /* sum over bounces 1..N */
     /* Of direct, and of its last estimate, what client lights give. NULL: there are none. */
     float *drawn[3], *drawn_estimate[3];
-    /* What is shown, form by form: direct + indirect, SPLIT without what is drawn; when that last was;
-     * filtered and welded; W/m^2. SPLIT: NULL as drawn is. */
-    float *irradiance[LW_LIGHT_FORM_COUNT][3];
+    /* The means of channels that are no form of light: those have direct + indirect, SPLIT without what is
+     * drawn. */
+    float *sum[LW_TILE_CHANNELS_MAX][LW_TILE_CHANNEL_PLANES_MAX];
+    /* What is shown, by channel: its sums as they were when it last was, filtered and welded. NULL: not one
+     * of `channels`. */
+    float *shown[LW_TILE_CHANNELS_MAX][LW_TILE_CHANNEL_PLANES_MAX];
+    uint32_t channels;                     /* that there are (tile_channels.h) */
     float *order[LW_TILES_BOUNCES_MAX][3]; /* E of each bounce order 1..N alone (index 0: order 1) */
     /* What each texel sends out of bounce order 0..N-1, for the next one: 4 floats each, W/(m^2 sr). One
      * plane per order, so that what a tile sends stays while it is not solved. */
@@ -164,9 +179,15 @@ LW_MUST_CHECK enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles);
 /** The last frame that changed what is shown of any tile; 0: none has. */
 uint64_t lw_tiles_last_solved(const struct lw_tiles *tiles);
 
-/** Chooses judged_spread by the forms that are shown (light_form.h), and sums the variance of blocks again
+/** Of a set of channels those that there are; if none is, all light. */
+static inline uint32_t lw_tiles_can_show(const struct lw_tiles *tiles, uint32_t channels) {
+    channels &= tiles->channels;
+    return channels ? channels : LW_LIGHT_FORMS_FULL;
+}
+
+/** Chooses judged_spread by the channels that are shown, and sums the variance of blocks again
  * if it is another. Returns whether it is; their errors are those of before until lw_estimates_judge(). */
-bool lw_tiles_judge_forms(struct lw_tiles *tiles, unsigned forms, int threads);
+bool lw_tiles_judge_channels(struct lw_tiles *tiles, uint32_t channels, int threads);
 
 /** Sums the variance of all blocks again, from judged_spread. */
 void lw_tiles_sum_variance(struct lw_tiles *tiles, int threads);
@@ -176,18 +197,19 @@ size_t lw_tiles_memory_bytes(const struct lw_tiles *tiles);
 
 /** Direct light that the server keeps in both forms: without what is drawn. Never less than none, whatever
  * rounding says. */
-static inline float lw_tiles_served(const struct lw_tiles *tiles, int c, uint32_t texel) {
+static inline float lw_tiles_served(const struct lw_tiles *tiles, uint32_t c, uint32_t texel) {
     if (!tiles->drawn[c]) return tiles->direct[c][texel];
     const float served = tiles->direct[c][texel] - tiles->drawn[c][texel];
     return served > 0 ? served : 0;
 }
 
-/** Direct + indirect light as one form has it, W/m^2: neither filtered nor welded. */
-static inline float lw_tiles_sum(const struct lw_tiles *tiles, enum lw_light_form form, int c,
+/** What a plane of a channel holds, neither filtered nor welded. */
+static inline float lw_tiles_sum(const struct lw_tiles *tiles, uint32_t channel, uint32_t plane,
                                  uint32_t texel) {
+    if (channel >= LW_LIGHT_FORM_COUNT) return tiles->sum[channel][plane][texel];
     const float direct =
-        form == LW_LIGHT_FORM_SPLIT ? lw_tiles_served(tiles, c, texel) : tiles->direct[c][texel];
-    return direct + tiles->indirect[c][texel];
+        channel == LW_LIGHT_FORM_SPLIT ? lw_tiles_served(tiles, plane, texel) : tiles->direct[plane][texel];
+    return direct + tiles->indirect[plane][texel];
 }
 
 /** Blends an estimate into a mean. One beyond float's range would stay there for good, and is left out. */
@@ -208,8 +230,8 @@ static inline void lw_tiles_store(float *const dst[3], uint32_t texel, struct lw
  * whose regions are others, starts from the beginning. */
 void lw_tiles_recount(struct lw_tiles *tiles, int threads);
 
-/** Shows the sums of the blocks of frame `frame` (shown_frame) as they are. forms: which (light_form.h). */
-void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, unsigned forms, int threads);
+/** Shows the sums of the blocks of frame `frame` (shown_frame) as they are, in the given channels. */
+void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, uint32_t channels, int threads);
 
 #define LW_TILES_EACH_BLOCK(tile, block)                                                                     \
     for (struct lw_solve_block *block = (tile)->block, *const end_ = block + (tile)->block_columns *         \
