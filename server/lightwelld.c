@@ -4,6 +4,7 @@
 #include "common/atomic_file.h"
 #include "common/builtin/builtin.h"
 #include "common/clock.h"
+#include "common/folders.h"
 #include "common/interrupt.h"
 #include "common/light/client_lights.h"
 #include "common/lightmap/lightmap.h"
@@ -28,6 +29,7 @@
 #include "server/serve/server.h"
 #include "server/service_notify.h"
 #include "server/solve/solvers.h"
+#include "server/solve/surface/saved_texels.h"
 
 #include <errno.h>
 #include <jansson.h>
@@ -101,7 +103,7 @@ struct settings {
     const char *metrics, *metrics_port_file, *crossover_report;
     struct lw_cost_report renderers; /* of that report */
     const char *tokens, *control_socket, *tls_certificate, *tls_key;
-    const char *keep, *spares, *light_groups, *client_lights, *solver;
+    const char *keep, *cache, *spares, *light_groups, *client_lights, *solver;
     const struct lw_solvers_entry *entry; /* of that name */
     int64_t address_sessions;             /* 0: the server's default */
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
@@ -116,6 +118,7 @@ struct settings {
     uint16_t port, http_port, metrics_port;
     bool http_given;
     char found_root[1024]; /* where the browser client lies, unless web_root says so */
+    char default_cache[1024];
 };
 
 /* A thread that prepares what follows at SIGHUP. */
@@ -425,6 +428,12 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "keep the light there over a restart: what was shown, and of a scene that never changed the sums as "
          "well",
          LW_OPTION_STRING, &s->keep, 0, 0, NULL},
+        {"cache", "FOLDER",
+         "keep there what is found once per scene, so that the next start need not look inside objects "
+         "again; "
+         "\"\": "
+         "nowhere (default $XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
+         LW_OPTION_STRING, &s->cache, 0, 0, NULL},
         {"spares", "MESH=N,...",
          "keep room for N more objects of a mesh, for lightwellctl add; N alone is for every mesh. "
          "Costs the "
@@ -543,8 +552,36 @@ static enum lw_status solve_nothing(struct daemon *d, struct lw_error *err) {
     return status;
 }
 
+/* In hex; returns how many characters. */
+static int print_hash(char *dst, const void *bytes, size_t size) {
+    struct lw_package_hash hash;
+    int length = 0;
+    lw_package_hash(bytes, size, &hash);
+    for (size_t i = 0; i < sizeof hash.bytes; i++) length += snprintf(dst + length, 3, "%02x", hash.bytes[i]);
+    return length;
+}
+
+/* Under a hash of all that decides which texels light reaches: the scene, when, and this very program.
+ * Another build of it may find others. */
+static struct lw_saved_texels saved_texels(const struct daemon *d) {
+    const struct settings *s = &d->settings;
+    const struct lw_file_stamp program = lw_file_stamp("/proc/self/exe");
+    struct lw_saved_texels saved = {.folder = s->cache};
+    struct lw_package_hash hash;
+    char text[256];
+    int length = print_hash(text, d->package, d->package_size);
+    length +=
+        snprintf(text + length, sizeof text - (size_t)length,
+                 " " LW_VERSION " program %llu %llu freeze %d %a", (unsigned long long)program.size_bytes,
+                 (unsigned long long)program.modified_ns, s->freeze, s->freeze ? s->freeze_s : 0);
+    lw_package_hash((const uint8_t *)text, (size_t)length, &hash);
+    memcpy(saved.key, hash.bytes, sizeof saved.key);
+    return saved;
+}
+
 static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
+    const struct lw_saved_texels saved = saved_texels(d);
     enum lw_status status = s->entry->create(
         &(struct lw_solver_desc){
             .scene = &d->state.scene,
@@ -563,6 +600,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
                 s->clock == CLOCK_REAL && isfinite(s->frame_budget_ms) ? s->frame_budget_ms * 1e-3 : 0,
             .plan_log = s->plan_log,
             .frame_budget_units = isfinite(s->frame_budget_units) ? s->frame_budget_units : 0,
+            .saved_texels = *s->cache ? &saved : NULL,
             .cancel = &d->cancel,
             .waiting = &d->first_light,
             .awaited = s->clock == CLOCK_REAL ? lw_server_updates_wait(d->server) : NULL},
@@ -1139,15 +1177,6 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     return status;
 }
 
-/* In hex; returns how many characters. */
-static int print_hash(char *dst, const void *bytes, size_t size) {
-    struct lw_package_hash hash;
-    int length = 0;
-    lw_package_hash(bytes, size, &hash);
-    for (size_t i = 0; i < sizeof hash.bytes; i++) length += snprintf(dst + length, 3, "%02x", hash.bytes[i]);
-    return length;
-}
-
 /* A hash of all that the shown light depends on: the scene before updates, and options. Options of
  * convergence, network and speed are not part of it. */
 static void make_key(const struct daemon *d, uint8_t out_key[LW_SAVED_LIGHT_KEY_SIZE]) {
@@ -1287,6 +1316,8 @@ static void init(struct daemon *d, int argc, char **argv) {
                      .log_level = LW_LOG_INFO,
                      .error = (double)TARGET_ERROR,
                      .scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG, .cancel = &signalled}}};
+    (void)lw_folders_cache(d->settings.default_cache, sizeof d->settings.default_cache);
+    d->settings.cache = d->settings.default_cache;
 }
 
 static void finish(struct daemon *d) {

@@ -21,9 +21,34 @@ struct lw_geometry_search {
     atomic_bool ended;
 };
 
+/* Which texels light reaches: as the last start found it, or found now. saved: NULL: nowhere. */
+static enum lw_status find_invalid(struct lw_geometry *geometry, const struct lw_saved_texels *saved,
+                                   const _Atomic bool *cancel, struct lw_waiting *waiting,
+                                   uint64_t *out_count) {
+    const bool *stands = geometry->standing.stands;
+    struct lw_error err = {0};
+    enum lw_status status = saved ? lw_saved_texels_load(saved, &geometry->texels, &geometry->pose, stands,
+                                                         geometry->trace, out_count, &err)
+                                  : LW_NO_INPUT;
+    if (status == LW_OK) {
+        lw_log(LW_LOG_INFO, "which texels light reaches is known from an earlier start");
+        return LW_OK;
+    }
+    if (status != LW_NO_INPUT) lw_log(LW_LOG_WARNING, "%s; looking again", err.text);
+    status = lw_invalid_texels_find(&geometry->texels, &geometry->pose, stands, geometry->trace,
+                                    geometry->threads, cancel, waiting, out_count);
+    err = (struct lw_error){0};
+    if (status == LW_OK && saved &&
+        lw_saved_texels_save(saved, &geometry->texels, &geometry->pose, geometry->trace, *out_count, &err) !=
+            LW_OK)
+        lw_log(LW_LOG_WARNING, "the next start looks inside objects again: %s", err.text);
+    return status;
+}
+
 enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_scene *scene,
-                                const struct lw_pose *pose, int threads, const _Atomic bool *cancel,
-                                struct lw_waiting *waiting, struct lw_error *err) {
+                                const struct lw_pose *pose, const struct lw_saved_texels *saved, int threads,
+                                const _Atomic bool *cancel, struct lw_waiting *waiting,
+                                struct lw_error *err) {
     *geometry = (struct lw_geometry){.scene = scene, .threads = threads};
     enum lw_status status = lw_pose_init(&geometry->pose, scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
@@ -33,8 +58,7 @@ enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_sc
     if (status != LW_OK) return status;
     uint64_t invalid = 0;
     if ((status = lw_standing_init(&geometry->standing, scene, pose)) == LW_OK)
-        status = lw_invalid_texels_find(&geometry->texels, &geometry->pose, geometry->standing.stands,
-                                        geometry->trace, threads, cancel, waiting, &invalid);
+        status = find_invalid(geometry, saved, cancel, waiting, &invalid);
     if (status == LW_CLOSED) return status;
     if (status != LW_OK) return lw_status_fail(err, status, "%u texels", geometry->texels.count);
     if (invalid)

@@ -9,6 +9,7 @@
 #include "server/solve/filter/denoise.h"
 #include "server/solve/filter/seams.h"
 #include "server/solve/solver.h"
+#include "server/solve/surface/saved_texels.h"
 #include "server/solve/surface/standing.h"
 #include "server/solve/surface/wall_sides.h"
 
@@ -29,13 +30,15 @@ struct lw_geometry {
 
 /** Builds structure and texels at a pose.
  * scene    outlives the geometry
+ * saved    where an earlier start has saved which texels light reaches, and where this one does: what cannot
+ *          be read or written is logged, and costs the time of finding it. NULL: nowhere
  * cancel   may be NULL; once true, it ends soon
  * waiting  may be NULL; hears how far it is
  * Errors   LW_NO_MEMORY, LW_INTERNAL; LW_BAD_DATA for more texels than fit; LW_CLOSED: cancelled */
 LW_MUST_CHECK enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_scene *scene,
-                                              const struct lw_pose *pose, int threads,
-                                              const _Atomic bool *cancel, struct lw_waiting *waiting,
-                                              struct lw_error *err);
+                                              const struct lw_pose *pose, const struct lw_saved_texels *saved,
+                                              int threads, const _Atomic bool *cancel,
+                                              struct lw_waiting *waiting, struct lw_error *err);
 /** A zeroed one is fine. */
 void lw_geometry_finish(struct lw_geometry *geometry);
 

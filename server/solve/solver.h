@@ -17,6 +17,7 @@
 
 struct lw_client_lights;
 struct lw_ranks;
+struct lw_saved_texels;
 struct lw_waiting;
 
 /** Zero means default, where zero makes no sense as a value. */
@@ -56,6 +57,9 @@ struct lw_solver_desc {
     /* Of the cell solver: writes its plans there (adapt/plan_log.h), those of the second layer to path.1 and
      * so on. NULL: nowhere. */
     const char *plan_log;
+    /* Where an earlier start has saved which texels light reaches, and where this one does (geometry.h); for
+     * creation alone. NULL: nowhere. */
+    const struct lw_saved_texels *saved_texels;
     /* May be NULL; once true, a frame under way ends within a tile, creation within a mesh: LW_CLOSED */
     const _Atomic bool *cancel;
     const _Atomic bool *finishing; /* may be NULL; once true, frames say how far they are */

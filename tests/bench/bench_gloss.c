@@ -404,7 +404,7 @@ static enum lw_status report(struct job *job, const char *label, struct lw_error
 /* ---- one scene ---- */
 
 static enum lw_status prepare(struct job *job, struct lw_error *err) {
-    enum lw_status status = lw_geometry_init(&job->geometry, job->scene, &job->pose,
+    enum lw_status status = lw_geometry_init(&job->geometry, job->scene, &job->pose, NULL,
                                              (int)job->settings->open.threads, NULL, NULL, err);
     if (status == LW_OK) status = lw_lights_init(&job->lights, job->scene, &job->pose);
     if (status != LW_OK) return status;

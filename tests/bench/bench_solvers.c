@@ -284,8 +284,8 @@ static enum lw_status by_paths(struct job *job, struct truth *truth, double *out
                                struct lw_error *err) {
     struct lw_geometry geometry = {0};
     struct spot *all = NULL, *spot = NULL;
-    enum lw_status status =
-        lw_geometry_init(&geometry, job->scene, &job->pose, (int)threads_of(job->settings), NULL, NULL, err);
+    enum lw_status status = lw_geometry_init(&geometry, job->scene, &job->pose, NULL,
+                                             (int)threads_of(job->settings), NULL, NULL, err);
     if (status == LW_OK) {
         const size_t texels = list_spots(job, &geometry.texels, NULL);
         truth->count = texels < (size_t)job->settings->texels ? texels : (size_t)job->settings->texels;

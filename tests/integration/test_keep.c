@@ -303,6 +303,35 @@ static void unfinished_saves_are_removed(void **state) {
     end(&run);
 }
 
+/* Starts it, waits for light, ends it, and says what it said of an earlier start. */
+static bool knows_texels(const char *cache) {
+    struct lw_process daemon;
+    char arguments[512];
+    snprintf(arguments, sizeof arguments, "builtin:cornell --texels-per-metre 8 --clock step --cache %s",
+             cache);
+    lw_process_serve(&daemon, arguments);
+    lw_process_await_text(&daemon, "first light after");
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    char *err = lw_process_err(&daemon);
+    const bool knows = strstr(err, "known from an earlier start") != NULL;
+    free(err);
+    return knows;
+}
+
+/* Without --keep, from the folder of what is found once per scene. */
+static void a_second_start_does_not_look_inside_objects(void **state) {
+    char cache[256], command[512];
+    (void)state;
+    snprintf(cache, sizeof cache, "%s", lw_support_temporary("found/once"));
+    assert_false(knows_texels(cache));
+    assert_true(knows_texels(cache));
+    snprintf(command, sizeof command, "for f in %s/*.lwtexels; do echo >>$f; done", cache);
+    assert_int_equal(system(command), 0);
+    assert_false(knows_texels(cache)); /* looks again, and saves what it finds */
+    assert_true(knows_texels(cache));
+    assert_false(knows_texels("/proc/nowhere")); /* cannot save it, and serves */
+}
+
 int main(void) {
     lw_log_init("test_keep", LW_LOG_WARNING);
     const struct CMUnitTest tests[] = {
@@ -315,6 +344,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(two_servers_share_no_folder, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(light_that_cannot_be_kept_is_a_failure, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(unfinished_saves_are_removed, choose_folder, end_all),
+        cmocka_unit_test_teardown(a_second_start_does_not_look_inside_objects, end_all),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -29,7 +29,8 @@ static void set_up(struct floor *floor) {
         lw_lightmap_build(floor->scene, &(struct lw_lightmap_desc){.texels_per_metre = 8}, NULL, &err), &err);
     lw_support_ok(lw_atlas_map_init(&floor->map, floor->scene), NULL);
     lw_support_ok(lw_pose_init(&floor->pose, floor->scene), NULL);
-    lw_support_ok(lw_geometry_init(&floor->geometry, floor->scene, &floor->pose, 1, NULL, NULL, &err), &err);
+    lw_support_ok(lw_geometry_init(&floor->geometry, floor->scene, &floor->pose, NULL, 1, NULL, NULL, &err),
+                  &err);
     lw_support_ok(lw_tiles_init(&floor->tiles, floor->scene, &floor->map, &floor->geometry.texels, 1, 1),
                   NULL);
     lw_support_ok(lw_geometry_find_seams(&floor->geometry, &floor->tiles, true), NULL);
@@ -154,7 +155,7 @@ static void who_stops_does_not_wait(void **state) {
     struct lw_geometry geometry;
     struct lw_error err = {0};
     set_up(&floor);
-    assert_int_equal(lw_geometry_init(&geometry, floor.scene, &floor.pose, 1, &cancel, NULL, &err),
+    assert_int_equal(lw_geometry_init(&geometry, floor.scene, &floor.pose, NULL, 1, &cancel, NULL, &err),
                      LW_CLOSED);
     assert_int_equal(err.status, LW_OK);
     lw_geometry_finish(&geometry);

@@ -104,7 +104,7 @@ static void expect_cells_counted(const char *name, struct lw_scene *scene) {
     const int64_t before = held_bytes;
     struct lw_geometry geometry;
     struct lw_solver *solver;
-    lw_support_ok(lw_geometry_init(&geometry, f.scene, &f.pose, 1, NULL, NULL, &err), &err);
+    lw_support_ok(lw_geometry_init(&geometry, f.scene, &f.pose, NULL, 1, NULL, NULL, &err), &err);
     lw_support_ok(lw_cell_layer_create(&geometry, &desc, &f.pose, &solver, &err), &err);
     uint8_t *wanted = calloc(f.map.tile_count, 1);
     assert_non_null(wanted);
