@@ -561,6 +561,13 @@ static int print_hash(char *dst, const void *bytes, size_t size) {
     return length;
 }
 
+/* Runs that are to be repeatable look at once. So do those that have light to show from the last run, and
+ * those whose next run could not go on from their sums, which are of the texels that light reaches. */
+static bool looks_later(const struct daemon *d) {
+    const struct settings *s = &d->settings;
+    return s->clock == CLOCK_REAL && !d->channels_kept && (!s->keep || *s->cache);
+}
+
 /* Under a hash of all that decides which texels light reaches: the scene, when, and this very program.
  * Another build of it may find others. */
 static struct lw_saved_texels saved_texels(const struct daemon *d) {
@@ -570,10 +577,10 @@ static struct lw_saved_texels saved_texels(const struct daemon *d) {
     struct lw_package_hash hash;
     char text[256];
     int length = print_hash(text, d->package, d->package_size);
-    length +=
-        snprintf(text + length, sizeof text - (size_t)length,
-                 " " LW_VERSION " program %llu %llu freeze %d %a", (unsigned long long)program.size_bytes,
-                 (unsigned long long)program.modified_ns, s->freeze, s->freeze ? s->freeze_s : 0);
+    length += snprintf(text + length, sizeof text - (size_t)length,
+                       " " LW_VERSION " program %llu %llu freeze %d %a real %d",
+                       (unsigned long long)program.size_bytes, (unsigned long long)program.modified_ns,
+                       s->freeze, s->freeze ? s->freeze_s : 0, s->clock == CLOCK_REAL);
     lw_package_hash((const uint8_t *)text, (size_t)length, &hash);
     memcpy(saved.key, hash.bytes, sizeof saved.key);
     return saved;
@@ -601,6 +608,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
             .plan_log = s->plan_log,
             .frame_budget_units = isfinite(s->frame_budget_units) ? s->frame_budget_units : 0,
             .saved_texels = *s->cache ? &saved : NULL,
+            .looks_later = looks_later(d),
             .cancel = &d->cancel,
             .waiting = &d->first_light,
             .awaited = s->clock == CLOCK_REAL ? lw_server_updates_wait(d->server) : NULL},

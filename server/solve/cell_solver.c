@@ -254,8 +254,9 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
     lw_pose_copy(&s->pose, pose, scene);
     if (!s->geometry) {
         s->geometry = &s->own_geometry;
-        status = lw_geometry_init(s->geometry, scene, &s->pose, s->desc.saved_texels, s->threads,
-                                  s->desc.cancel, s->desc.waiting, err);
+        const struct lw_geometry_terms terms = {s->desc.saved_texels, s->desc.looks_later};
+        status = lw_geometry_init(s->geometry, scene, &s->pose, &terms, s->threads, s->desc.cancel,
+                                  s->desc.waiting, err);
         if (status != LW_OK) return status;
     }
     const struct lw_texels *texels = &s->geometry->texels;

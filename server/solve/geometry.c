@@ -21,33 +21,77 @@ struct lw_geometry_search {
     atomic_bool ended;
 };
 
-/* Which texels light reaches: as the last start found it, or found now. saved: NULL: nowhere. */
-static enum lw_status find_invalid(struct lw_geometry *geometry, const struct lw_saved_texels *saved,
-                                   const _Atomic bool *cancel, struct lw_waiting *waiting,
-                                   uint64_t *out_count) {
-    const bool *stands = geometry->standing.stands;
+/* Looking inside objects that goes on. */
+struct lw_geometry_look {
+    struct lw_invalid_texels_search *search;
+    struct lw_saved_texels saved;
+    char *folder;   /* of saved; NULL: nowhere */
+    uint64_t frame; /* the last one */
+    uint32_t frames;
+    bool disturbed; /* other objects stand than at the beginning: what is found is not saved */
+};
+
+static void look_destroy(struct lw_geometry_look *look) {
+    if (!look) return;
+    lw_invalid_texels_search_destroy(look->search);
+    free(look->folder);
+    free(look);
+}
+
+static void log_invalid(const struct lw_geometry *geometry, uint64_t invalid) {
+    if (invalid)
+        lw_log(LW_LOG_INFO, "%llu of %u texels lie inside or behind other objects and are left out",
+               (unsigned long long)invalid, geometry->texels.count);
+}
+
+/* saved: NULL: nowhere */
+static enum lw_status look_later(struct lw_geometry *geometry, const struct lw_saved_texels *saved) {
+    struct lw_geometry_look *look = calloc(1, sizeof *look);
+    if (!look) return LW_NO_MEMORY;
+    geometry->look = look;
+    if (saved) {
+        look->saved = *saved;
+        look->saved.folder = look->folder = strdup(saved->folder);
+        if (!look->folder) return LW_NO_MEMORY;
+    }
+    lw_log(LW_LOG_INFO, "looking inside objects once there is light");
+    return lw_invalid_texels_search_create(&geometry->texels, &geometry->pose, geometry->standing.stands,
+                                           &look->search);
+}
+
+static void save_invalid(const struct lw_saved_texels *saved, const struct lw_invalid_texels_found *found,
+                         const struct lw_trace *trace) {
     struct lw_error err = {0};
-    enum lw_status status = saved ? lw_saved_texels_load(saved, &geometry->texels, &geometry->pose, stands,
-                                                         geometry->trace, out_count, &err)
-                                  : LW_NO_INPUT;
+    if (lw_saved_texels_save(saved, found, trace, &err) != LW_OK)
+        lw_log(LW_LOG_WARNING, "the next start looks inside objects again: %s", err.text);
+}
+
+/* Which texels light reaches: as an earlier start has found it, or found now or later. */
+static enum lw_status find_invalid(struct lw_geometry *geometry, const struct lw_geometry_terms *terms,
+                                   const _Atomic bool *cancel, struct lw_waiting *waiting) {
+    const bool *stands = geometry->standing.stands;
+    struct lw_invalid_texels_found found = {.texels = &geometry->texels, .pose = &geometry->pose};
+    struct lw_error err = {0};
+    enum lw_status status = terms->saved
+                                ? lw_saved_texels_load(terms->saved, &geometry->texels, &geometry->pose,
+                                                       stands, geometry->trace, &found.count, &err)
+                                : LW_NO_INPUT;
     if (status == LW_OK) {
         lw_log(LW_LOG_INFO, "which texels light reaches is known from an earlier start");
-        return LW_OK;
+    } else {
+        if (status != LW_NO_INPUT) lw_log(LW_LOG_WARNING, "%s; looking again", err.text);
+        if (terms->looks_later) return look_later(geometry, terms->saved);
+        status = lw_invalid_texels_find(&geometry->texels, &geometry->pose, stands, geometry->trace,
+                                        geometry->threads, cancel, waiting, &found.count);
+        if (status == LW_OK && terms->saved) save_invalid(terms->saved, &found, geometry->trace);
     }
-    if (status != LW_NO_INPUT) lw_log(LW_LOG_WARNING, "%s; looking again", err.text);
-    status = lw_invalid_texels_find(&geometry->texels, &geometry->pose, stands, geometry->trace,
-                                    geometry->threads, cancel, waiting, out_count);
-    err = (struct lw_error){0};
-    if (status == LW_OK && saved &&
-        lw_saved_texels_save(saved, &geometry->texels, &geometry->pose, geometry->trace, *out_count, &err) !=
-            LW_OK)
-        lw_log(LW_LOG_WARNING, "the next start looks inside objects again: %s", err.text);
+    if (status == LW_OK) log_invalid(geometry, found.count);
     return status;
 }
 
 enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_scene *scene,
-                                const struct lw_pose *pose, const struct lw_saved_texels *saved, int threads,
-                                const _Atomic bool *cancel, struct lw_waiting *waiting,
+                                const struct lw_pose *pose, const struct lw_geometry_terms *terms,
+                                int threads, const _Atomic bool *cancel, struct lw_waiting *waiting,
                                 struct lw_error *err) {
     *geometry = (struct lw_geometry){.scene = scene, .threads = threads};
     enum lw_status status = lw_pose_init(&geometry->pose, scene);
@@ -56,15 +100,11 @@ enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_sc
     if ((status = lw_trace_create(scene, &geometry->pose, &geometry->trace, err)) != LW_OK) return status;
     status = lw_texels_init(&geometry->texels, scene, (unsigned)threads, cancel, waiting, err);
     if (status != LW_OK) return status;
-    uint64_t invalid = 0;
+    const struct lw_geometry_terms at_once = {.saved = NULL};
     if ((status = lw_standing_init(&geometry->standing, scene, pose)) == LW_OK)
-        status = find_invalid(geometry, saved, cancel, waiting, &invalid);
-    if (status == LW_CLOSED) return status;
-    if (status != LW_OK) return lw_status_fail(err, status, "%u texels", geometry->texels.count);
-    if (invalid)
-        lw_log(LW_LOG_INFO, "%llu of %u texels lie inside or behind other objects and are left out",
-               (unsigned long long)invalid, geometry->texels.count);
-    return LW_OK;
+        status = find_invalid(geometry, terms ? terms : &at_once, cancel, waiting);
+    if (status == LW_OK || status == LW_CLOSED) return status;
+    return lw_status_fail(err, status, "%u texels", geometry->texels.count);
 }
 
 static void *search_in_thread(void *argument) {
@@ -119,6 +159,7 @@ static enum lw_status end_search(struct lw_geometry *geometry, bool keep) {
 
 void lw_geometry_finish(struct lw_geometry *geometry) {
     (void)end_search(geometry, false);
+    look_destroy(geometry->look);
     lw_seams_finish(&geometry->seams);
     lw_denoise_pairs_finish(&geometry->pairs);
     if (geometry->texels.scene) lw_texels_finish(&geometry->texels);
@@ -140,6 +181,7 @@ static bool is_recoloured(const struct lw_geometry *geometry, const struct lw_po
 static enum lw_status review(struct lw_geometry *geometry, const struct lw_pose *pose, uint64_t frame) {
     bool others = false;
     if (!lw_standing_take(&geometry->standing, &geometry->pose, pose, frame)) return LW_OK;
+    if (geometry->look) geometry->look->disturbed = true;
     (void)end_search(geometry, false);
     enum lw_status status =
         lw_invalid_texels_review(&geometry->texels, &geometry->pose, geometry->standing.stood, pose,
@@ -151,8 +193,40 @@ static enum lw_status review(struct lw_geometry *geometry, const struct lw_pose 
     return status;
 }
 
+/* Takes over what has been found inside objects. */
+static enum lw_status take_look(struct lw_geometry *geometry) {
+    struct lw_geometry_look *look = geometry->look;
+    const struct lw_invalid_texels_found found = lw_invalid_texels_search_found(look->search);
+    bool others = false;
+    (void)end_search(geometry, false);
+    if (look->folder && !look->disturbed) save_invalid(&look->saved, &found, geometry->trace);
+    log_invalid(geometry, found.count);
+    enum lw_status status = lw_invalid_texels_search_take(look->search, &geometry->texels, &geometry->pose,
+                                                          geometry->trace, geometry->threads, &others);
+    geometry->look = NULL;
+    look_destroy(look);
+    geometry->seams_outdated |= others;
+    geometry->changes++;
+    if (status == LW_OK && geometry->pairs.pair)
+        status = lw_denoise_pairs_review(&geometry->pairs, geometry->threads);
+    return status;
+}
+
+/* Looks inside some more objects, once a frame. */
+static enum lw_status look_on(struct lw_geometry *geometry, uint64_t frame) {
+    struct lw_geometry_look *look = geometry->look;
+    uint64_t left = 0;
+    if (!look || (look->frames && look->frame == frame)) return LW_OK;
+    look->frame = frame;
+    if (++look->frames < LW_GEOMETRY_LOOKS_FRAME) return LW_OK;
+    enum lw_status status =
+        lw_invalid_texels_search_step(look->search, geometry->trace, geometry->threads, &left);
+    return status == LW_OK && !left ? take_look(geometry) : status;
+}
+
 enum lw_status lw_geometry_rest(struct lw_geometry *geometry, uint64_t frame, struct lw_error *err) {
     enum lw_status status = review(geometry, &geometry->pose, frame);
+    if (status == LW_OK) status = look_on(geometry, frame);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "taking over what has come to rest");
 }
 
@@ -230,6 +304,8 @@ void lw_geometry_read_tile(const struct lw_geometry *geometry, const struct lw_t
 void lw_geometry_forget_tiles(struct lw_geometry *geometry) { (void)end_search(geometry, false); }
 
 size_t lw_geometry_memory_bytes(const struct lw_geometry *geometry) {
-    return lw_texels_memory_bytes(&geometry->texels) + lw_denoise_pairs_memory_bytes(&geometry->pairs) +
-           lw_seams_memory_bytes(&geometry->seams) + lw_trace_memory_bytes(geometry->trace);
+    const size_t look = geometry->look ? lw_invalid_texels_search_memory_bytes(geometry->look->search) : 0;
+    return look + lw_texels_memory_bytes(&geometry->texels) +
+           lw_denoise_pairs_memory_bytes(&geometry->pairs) + lw_seams_memory_bytes(&geometry->seams) +
+           lw_trace_memory_bytes(geometry->trace);
 }

@@ -13,6 +13,18 @@
 #include "server/solve/surface/standing.h"
 #include "server/solve/surface/wall_sides.h"
 
+/** How it finds which texels light reaches. */
+struct lw_geometry_terms {
+    /* Where an earlier start has saved them, and where this one does: what cannot be read or written is
+     * logged, and costs the time of finding it. Copied. NULL: nowhere. */
+    const struct lw_saved_texels *saved;
+    /* Unless they are saved, in frames from the LW_GEOMETRY_LOOKS_FRAME-th on, some at a time, and taken over
+     * when all are found: what is lit sooner is lit as if light reached all. */
+    bool looks_later;
+};
+/* Those before it, 1.5 s of them, are for the first picture. */
+#define LW_GEOMETRY_LOOKS_FRAME 46u
+
 struct lw_geometry {
     const struct lw_scene *scene;
     struct lw_trace *trace;
@@ -24,21 +36,23 @@ struct lw_geometry {
     uint32_t seams_found;          /* times that they have been */
     bool seams_outdated;
     struct lw_geometry_search *search; /* for others, or NULL */
-    struct lw_pose pose;               /* at which they are */
+    /* Looking inside objects goes on from frame to frame; NULL: it does not. */
+    struct lw_geometry_look *look;
+    struct lw_pose pose; /* at which they are */
     int threads;
 };
 
 /** Builds structure and texels at a pose.
  * scene    outlives the geometry
- * saved    where an earlier start has saved which texels light reaches, and where this one does: what cannot
- *          be read or written is logged, and costs the time of finding it. NULL: nowhere
+ * terms    NULL: it looks at once, and saves nothing
  * cancel   may be NULL; once true, it ends soon
  * waiting  may be NULL; hears how far it is
  * Errors   LW_NO_MEMORY, LW_INTERNAL; LW_BAD_DATA for more texels than fit; LW_CLOSED: cancelled */
 LW_MUST_CHECK enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_scene *scene,
-                                              const struct lw_pose *pose, const struct lw_saved_texels *saved,
-                                              int threads, const _Atomic bool *cancel,
-                                              struct lw_waiting *waiting, struct lw_error *err);
+                                              const struct lw_pose *pose,
+                                              const struct lw_geometry_terms *terms, int threads,
+                                              const _Atomic bool *cancel, struct lw_waiting *waiting,
+                                              struct lw_error *err);
 /** A zeroed one is fine. */
 void lw_geometry_finish(struct lw_geometry *geometry);
 
@@ -53,7 +67,8 @@ void lw_geometry_finish(struct lw_geometry *geometry);
 LW_MUST_CHECK enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct lw_pose *pose,
                                                   bool later, uint64_t frame, struct lw_error *err);
 
-/** Goes on to a frame: objects that have been at rest for long enough stand from now on, as above. */
+/** Goes on to a frame: objects that have been at rest for long enough stand from now on, as above; and looks
+ * inside some more objects, if they are looked into later. A frame that it is at already costs nothing. */
 LW_MUST_CHECK enum lw_status lw_geometry_rest(struct lw_geometry *geometry, uint64_t frame,
                                               struct lw_error *err);
 

@@ -686,8 +686,9 @@ static enum lw_status build(struct layers *s, const struct lw_pose *pose, struct
     enum lw_status status = lw_pose_init(&s->pose, s->desc.scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
     lw_pose_copy(&s->pose, pose, s->desc.scene);
-    status = lw_geometry_init(&s->geometry, s->desc.scene, &s->pose, s->desc.saved_texels, s->threads,
-                              s->desc.cancel, s->desc.waiting, err);
+    const struct lw_geometry_terms terms = {s->desc.saved_texels, s->desc.looks_later};
+    status = lw_geometry_init(&s->geometry, s->desc.scene, &s->pose, &terms, s->threads, s->desc.cancel,
+                              s->desc.waiting, err);
     bool plain = s->groups.count == 1;
     while (status == LW_OK && s->count < s->groups.count) {
         status = build_layer(s, s->count++, err);

@@ -429,7 +429,8 @@ static enum lw_status build(struct lw_patch_solver *s, const struct lw_pose *pos
     enum lw_status status = lw_pose_init(&s->pose, scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
     lw_pose_copy(&s->pose, pose, scene);
-    status = lw_geometry_init(&s->geometry, scene, &s->pose, s->desc.saved_texels, s->threads, s->desc.cancel,
+    const struct lw_geometry_terms terms = {.saved = s->desc.saved_texels};
+    status = lw_geometry_init(&s->geometry, scene, &s->pose, &terms, s->threads, s->desc.cancel,
                               s->desc.waiting, err);
     if (status != LW_OK) return status;
     const struct lw_texels *texels = &s->geometry.texels;

@@ -60,6 +60,9 @@ struct lw_solver_desc {
     /* Where an earlier start has saved which texels light reaches, and where this one does (geometry.h); for
      * creation alone. NULL: nowhere. */
     const struct lw_saved_texels *saved_texels;
+    /* Unless that is known, the cell solver looks inside objects in frames after the first ones, so that
+     * first light is sooner; what changes so counts as a change of the scene. */
+    bool looks_later;
     /* May be NULL; once true, a frame under way ends within a tile, creation within a mesh: LW_CLOSED */
     const _Atomic bool *cancel;
     const _Atomic bool *finishing; /* may be NULL; once true, frames say how far they are */

@@ -1,5 +1,6 @@
 #include "server/solve/surface/invalid_texels.h"
 
+#include "common/invariant.h"
 #include "common/light/direction.h"
 #include "common/progress.h"
 #include "server/solve/surface/crossings.h"
@@ -11,6 +12,9 @@
 #define NEAR 0.1f /* of the scene's longest side: how far backs hide what is not beside a wall */
 /* Texels of an object that one thread searches: an object may have half of the scene. */
 #define PART (8 * LW_HIDDEN_POINTS_TEXELS)
+/* Of a step of a search between frames: parts; texels of objects whose crossings are found. */
+#define STEP_PARTS     4
+#define STEP_CROSSINGS (8u * STEP_PARTS * PART)
 
 struct box {
     struct lw_vec3 low, high;
@@ -377,4 +381,171 @@ enum lw_status lw_invalid_texels_review(struct lw_texels *texels, const struct l
     free(search.first.box);
     *out_others = others;
     return failures ? LW_NO_MEMORY : LW_OK;
+}
+
+/* ---- a search in steps ---- */
+
+struct lw_invalid_texels_search {
+    struct lw_texels found; /* those of the scene, but for the arrays that are found */
+    struct lw_pose pose;    /* of the beginning */
+    bool *stood;            /* likewise, per object */
+    struct part *part;
+    uint32_t parts, next_part, next_object;
+    uint64_t count;
+};
+
+static void *copy_of(const void *array, size_t size) {
+    void *copy = malloc(size + 1);
+    if (copy) memcpy(copy, array, size);
+    return copy;
+}
+
+static bool copy_found(struct lw_texels *to, const struct lw_texels *from) {
+    const size_t count = from->count;
+    to->covered = copy_of(from->covered, count);
+    to->usable = copy_of(from->usable, count);
+    to->filled = copy_of(from->filled, count);
+    to->walls = copy_of(from->walls, count);
+    to->side = copy_of(from->side, count * sizeof *to->side);
+    to->source = copy_of(from->source, count * sizeof *to->source);
+    return to->covered && to->usable && to->filled && to->walls && to->side && to->source;
+}
+
+enum lw_status lw_invalid_texels_search_create(struct lw_texels *texels, const struct lw_pose *pose,
+                                               const bool *stands,
+                                               struct lw_invalid_texels_search **out_search) {
+    const struct lw_scene *scene = texels->scene;
+    struct lw_invalid_texels_search *search = calloc(1, sizeof *search);
+    if (!search) return LW_NO_MEMORY;
+    texels->stands = stands;
+    search->found = *texels;
+    bool ok = copy_found(&search->found, texels);
+    ok &= (search->stood = copy_of(stands, scene->object_count * sizeof *stands)) != NULL;
+    ok = ok && lw_pose_init(&search->pose, scene) == LW_OK;
+    if (ok) {
+        lw_pose_copy(&search->pose, pose, scene);
+        search->found.stands = search->stood;
+        const struct search all = begin(&search->found, &search->pose, NULL);
+        search->parts = list_parts(&all, NULL);
+        ok = (search->part = malloc((search->parts + 1ul) * sizeof *search->part)) != NULL;
+        if (ok) list_parts(&all, search->part);
+    }
+    if (!ok) {
+        lw_invalid_texels_search_destroy(search);
+        return LW_NO_MEMORY;
+    }
+    *out_search = search;
+    return LW_OK;
+}
+
+void lw_invalid_texels_search_destroy(struct lw_invalid_texels_search *search) {
+    if (!search) return;
+    free(search->found.covered);
+    free(search->found.usable);
+    free(search->found.filled);
+    free(search->found.walls);
+    free(search->found.side);
+    free(search->found.source);
+    free(search->stood);
+    free(search->part);
+    lw_pose_finish(&search->pose);
+    free(search);
+}
+
+static uint32_t texels_of(const struct lw_texels *texels, uint32_t object) {
+    return texels->mesh[texels->scene->object[object].mesh].texel_count;
+}
+
+/* Finds hidden points of the next parts. */
+static void find_in_parts(struct lw_invalid_texels_search *s, const struct lw_trace *trace, int threads) {
+    const struct search search = begin(&s->found, &s->pose, trace);
+    const uint32_t first = s->next_part, end = s->parts - first < STEP_PARTS ? s->parts : first + STEP_PARTS;
+    uint64_t count = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads) reduction(+ : count)
+    for (uint32_t i = first; i < end; i++)
+        count += find_in_part(&search, s->part[i].object, s->part[i].first, s->part[i].end);
+    s->count += count;
+    s->next_part = end;
+}
+
+/* Finds crossings of the next objects: one at least. */
+static enum lw_status find_crossings(struct lw_invalid_texels_search *s, const struct lw_trace *trace,
+                                     int threads) {
+    const uint32_t first = s->next_object, objects = s->found.scene->object_count;
+    uint32_t end = first;
+    for (uint64_t texels = 0; end < objects && texels < STEP_CROSSINGS; end++)
+        if (s->stood[end]) texels += texels_of(&s->found, end);
+    uint64_t count = 0;
+    int failures = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads) reduction(+ : count, failures)
+    for (uint32_t o = first; o < end; o++)
+        if (s->stood[o]) failures += lw_crossings_find(&s->found, &s->pose, trace, o, NULL, &count) != LW_OK;
+    if (failures) return LW_NO_MEMORY;
+    s->count += count;
+    s->next_object = end;
+    return LW_OK;
+}
+
+static uint64_t steps_left(const struct lw_invalid_texels_search *s) {
+    uint64_t texels = 0;
+    for (uint32_t o = s->next_object; o < s->found.scene->object_count; o++)
+        if (s->stood[o]) texels += texels_of(&s->found, o);
+    return (s->parts - s->next_part + STEP_PARTS - 1) / STEP_PARTS +
+           (texels + STEP_CROSSINGS - 1) / STEP_CROSSINGS;
+}
+
+enum lw_status lw_invalid_texels_search_step(struct lw_invalid_texels_search *search,
+                                             const struct lw_trace *trace, int threads, uint64_t *out_left) {
+    enum lw_status status = LW_OK;
+    if (search->next_part < search->parts)
+        find_in_parts(search, trace, threads);
+    else
+        status = find_crossings(search, trace, threads);
+    *out_left = steps_left(search);
+    return status;
+}
+
+struct lw_invalid_texels_found lw_invalid_texels_search_found(const struct lw_invalid_texels_search *search) {
+    return (struct lw_invalid_texels_found){&search->found, &search->pose, search->count};
+}
+
+size_t lw_invalid_texels_search_memory_bytes(const struct lw_invalid_texels_search *search) {
+    const struct lw_texels *t = &search->found;
+    return t->count * (sizeof *t->covered + sizeof *t->usable + sizeof *t->filled + sizeof *t->walls +
+                       sizeof *t->side + sizeof *t->source) +
+           search->parts * sizeof *search->part;
+}
+
+/* Whether an object's texels are other than found. */
+static bool differs(const struct lw_texels *a, const struct lw_texels *b, uint32_t object) {
+    const uint32_t first = a->first[object], count = texels_of(a, object);
+    return memcmp(a->covered + first, b->covered + first, count) != 0 ||
+           memcmp(a->usable + first, b->usable + first, count) != 0 ||
+           memcmp(a->walls + first, b->walls + first, count) != 0 ||
+           memcmp(a->side + first, b->side + first, count * sizeof *a->side) != 0 ||
+           memcmp(a->source + first, b->source + first, count * sizeof *a->source) != 0;
+}
+
+enum lw_status lw_invalid_texels_search_take(const struct lw_invalid_texels_search *search,
+                                             struct lw_texels *texels, const struct lw_pose *pose,
+                                             const struct lw_trace *trace, int threads, bool *out_others) {
+    const struct lw_texels *found = &search->found;
+    const size_t count = texels->count;
+    bool others = false, stands_elsewhere = false;
+    LW_INVARIANT(!steps_left(search) && found->scene == texels->scene && found->count == count);
+    for (uint32_t o = 0; o < texels->scene->object_count; o++) {
+        if (!differs(texels, found, o)) continue;
+        texels->changes[o]++;
+        others = true;
+    }
+    memcpy(texels->covered, found->covered, count);
+    memcpy(texels->usable, found->usable, count);
+    memcpy(texels->filled, found->filled, count);
+    memcpy(texels->walls, found->walls, count);
+    memcpy(texels->side, found->side, count * sizeof *texels->side);
+    memcpy(texels->source, found->source, count * sizeof *texels->source);
+    enum lw_status status = lw_invalid_texels_review(texels, &search->pose, search->stood, pose, trace,
+                                                     threads, &stands_elsewhere);
+    *out_others = others || stands_elsewhere;
+    return status;
 }

@@ -110,19 +110,20 @@ static enum lw_status write_file(const char *path, const struct header *header, 
     return lw_checked_file_write_end(&writer);
 }
 
-enum lw_status lw_saved_texels_save(const struct lw_saved_texels *saved, const struct lw_texels *texels,
-                                    const struct lw_pose *pose, const struct lw_trace *trace, uint64_t count,
+enum lw_status lw_saved_texels_save(const struct lw_saved_texels *saved,
+                                    const struct lw_invalid_texels_found *found, const struct lw_trace *trace,
                                     struct lw_error *err) {
     static const char *const suffix[] = {LW_SAVED_TEXELS_SUFFIX, NULL};
+    const struct lw_texels *texels = found->texels;
     void *bytes[PLANES] = {NULL};
     struct header header;
-    LW_INVARIANT(texels->stands && count <= texels->count);
+    LW_INVARIANT(texels->stands && found->count <= texels->count);
     char *path = lw_cache_folder_path(saved->folder, saved->key, LW_SAVED_TEXELS_SUFFIX);
     enum lw_status status =
-        path ? make_header(saved, texels, pose, texels->stands, trace, &header) : LW_NO_MEMORY;
+        path ? make_header(saved, texels, found->pose, texels->stands, trace, &header) : LW_NO_MEMORY;
     if (status == LW_OK) status = compress_all(texels, bytes, header.size);
     if (status == LW_OK) {
-        header.gone = count;
+        header.gone = found->count;
         lw_cache_folder_make_above(path);
         status = write_file(path, &header, bytes, err);
     } else

@@ -12,7 +12,7 @@
 
 #include "common/scene/pose.h"
 #include "common/trace/trace.h"
-#include "server/solve/surface/texels.h"
+#include "server/solve/surface/invalid_texels.h"
 
 #define LW_SAVED_TEXELS_VERSION  1u
 #define LW_SAVED_TEXELS_KEY_SIZE 16u /* bytes */
@@ -38,12 +38,11 @@ LW_MUST_CHECK enum lw_status lw_saved_texels_load(const struct lw_saved_texels *
                                                   const bool *stands, const struct lw_trace *trace,
                                                   uint64_t *out_count, struct lw_error *err);
 
-/** Saves what lw_invalid_texels_find() has found; the file appears whole or not at all. Makes the folder, and
- * removes what was used longest ago beyond LW_SAVED_TEXELS_BYTES_MAX.
+/** Saves what was found; the file appears whole or not at all. Makes the folder, and removes what was used
+ * longest ago beyond LW_SAVED_TEXELS_BYTES_MAX.
  * Errors: LW_CANNOT_CREATE, LW_IO naming the path; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_saved_texels_save(const struct lw_saved_texels *saved,
-                                                  const struct lw_texels *texels, const struct lw_pose *pose,
-                                                  const struct lw_trace *trace, uint64_t count,
-                                                  struct lw_error *err);
+                                                  const struct lw_invalid_texels_found *found,
+                                                  const struct lw_trace *trace, struct lw_error *err);
 
 #endif
