@@ -105,7 +105,7 @@ struct lw_solve_change {
     uint32_t invalidated_count; /* texels of those blocks */
 };
 
-/* A tile's place: of which texels it is, who owns it, where it stands; its light; what the plan takes of it. */
+/* A tile: its place, which is of which texels, whose and where; its light; what the plan takes of it. */
 struct lw_solve_tile {
     lw_tile_id id;
     uint32_t object, x, y, width, height; /* place in the object's level 0; tile column and row; texels */
