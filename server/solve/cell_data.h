@@ -12,7 +12,7 @@
 #include "server/solve/adapt/ranks.h"
 #include "server/solve/adapt/work.h"
 #include "server/solve/cell_layer.h"
-#include "server/solve/filter/denoise.h"
+#include "server/solve/shown.h"
 
 struct lw_cell_solver {
     struct lw_solver base;
@@ -67,16 +67,7 @@ struct lw_cell_solver {
     struct lw_work work;
     struct lw_progress progress;
 
-    /* -- what is shown -- */
-    /* Empty unless the desc asks for it. */
-    struct lw_denoise denoise;
-    struct lw_seams_welds welds;
-    /* Of the geometry: those that the welds are of. */
-    uint32_t seams_found;
-    /* That are shown (tile_channels.h). */
-    uint32_t channels;
-    /* One of them is new: the next frame shows everything. */
-    bool shows_all;
+    struct lw_shown shown;
 };
 
 static inline struct lw_converged lw_cell_data_converged(const struct lw_cell_solver *s) {

@@ -29,16 +29,6 @@ struct frame {
     uint64_t verified; /* work (budget.h) */
 };
 
-/* Seams that hold an object which has begun to move may do so a little longer where frames have a time to
- * keep. */
-enum lw_status lw_cell_frame_find_seams(struct lw_cell_solver *s) {
-    enum lw_status status =
-        lw_geometry_find_seams(s->geometry, &s->tiles, lw_solver_desc_is_limited(&s->desc));
-    if (status != LW_OK || s->seams_found == s->geometry->seams_found) return status;
-    s->seams_found = s->geometry->seams_found;
-    return lw_seams_welds_init(&s->welds, &s->geometry->seams, s->tiles.channels);
-}
-
 struct radiating {
     struct lw_transport passes;
     uint32_t bounce;
@@ -461,30 +451,12 @@ static void show_tile(void *user, uint32_t item, struct lw_work_report *report) 
     LW_TILES_EACH_BLOCK (tile, block) {
         block->unseen |= planned->work && block->due && block->covered_count;
         if (!(block->unseen && planned->shows) &&
-            !(s->shows_all && block->covered_count && block->sample_count))
+            !(s->shown.all && block->covered_count && block->sample_count))
             continue;
         block->unseen = tile->light.begins = false;
         block->shown_frame = tile->light.solved_frame = f->number;
     }
     report->tiles = tile->light.solved_frame == f->number;
-}
-
-/* The two sides of seams and the gutters, around what a frame shows. */
-enum lw_status lw_cell_frame_weld(struct lw_cell_solver *s, uint64_t number, struct lw_error *err) {
-    const struct lw_seams *seams = &s->geometry->seams;
-    enum lw_status status = lw_cell_frame_find_seams(s);
-    if (status != LW_OK) return lw_status_fail(err, status, "seams");
-    lw_seams_weld(seams, &s->welds, s->channels, &s->tiles, number, s->threads);
-    lw_seam_gutters_fill(&seams->gutters, &s->tiles, number, s->channels, s->threads);
-    return LW_OK;
-}
-
-static void filter(const struct frame *f) {
-    struct lw_cell_solver *s = f->s;
-    if (s->desc.denoise)
-        lw_denoise_run(&s->denoise, f->number, s->channels, s->threads);
-    else
-        lw_tiles_show(&s->tiles, f->number, s->channels, s->threads);
 }
 
 static bool has_unseen(const struct lw_solve_tile *tile) {
@@ -512,12 +484,12 @@ static enum lw_status show(struct frame *f, struct lw_error *err) {
     lw_plan_show(&s->memory, &in, &s->plan);
     lw_plan_log_stage(s->plan_log, LW_PLAN_STAGE_SHOW, &in, &s->plan);
     f->stats.tiles_shown = lw_work_run(&s->work, s->tiles.count, LW_WORK_CHEAP, NULL, show_tile, f).tiles;
-    s->shows_all = false;
+    s->shown.all = false;
     f->light.began_ns = lw_clock_ns();
     if (!f->stats.tiles_shown) return LW_OK;
-    filter(f);
+    lw_shown_filter(&s->shown, f->number);
     lw_cell_light_charge(&f->light, &f->stats.denoise_ns);
-    enum lw_status status = lw_cell_frame_weld(s, f->number, err);
+    enum lw_status status = lw_shown_weld(&s->shown, f->number, err);
     lw_cell_light_charge(&f->light, &f->stats.weld_ns);
     return status;
 }

@@ -14,13 +14,6 @@ LW_MUST_CHECK enum lw_status lw_cell_frame_run(struct lw_cell_solver *s, const s
 /** Whether lights have moved, and not all tiles of interest were verified since. */
 bool lw_cell_frame_is_behind(const struct lw_cell_solver *s);
 
-/** Makes the light of frame `number` agree over seams, and fills gutters. Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_cell_frame_weld(struct lw_cell_solver *s, uint64_t number,
-                                                struct lw_error *err);
-
-/** Finds seams, unless they are those of the geometry as it is. Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_cell_frame_find_seams(struct lw_cell_solver *s);
-
 /** Sets what all tiles send out, from their sums. */
 void lw_cell_frame_radiate_all(struct lw_cell_solver *s);
 

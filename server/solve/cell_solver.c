@@ -69,34 +69,24 @@ static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *inte
 
 static void show_channels(struct lw_solver *solver, uint32_t channels) {
     struct lw_cell_solver *s = (struct lw_cell_solver *)solver;
-    channels = lw_tiles_can_show(&s->tiles, channels);
-    s->shows_all |= (channels & ~s->channels) != 0;
-    s->channels = channels;
-    if (lw_tiles_judge_channels(&s->tiles, channels, s->threads)) lw_cell_layer_review(solver);
-}
-
-static enum lw_status set_up_denoise(struct lw_cell_solver *s, struct lw_error *err) {
-    return lw_geometry_set_up_denoise(s->geometry, s->desc.atlas_map, &s->tiles, &s->denoise, err);
+    if (lw_shown_choose(&s->shown, channels)) lw_cell_layer_review(solver);
 }
 
 /* From the sums, whatever the frames have made of what is shown; and welded again. */
 static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
     struct lw_cell_solver *s = (struct lw_cell_solver *)solver;
-    enum lw_status status = set_up_denoise(s, err);
-    if (status != LW_OK) return status;
     const uint64_t last = lw_tiles_last_solved(&s->tiles);
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         LW_TILES_EACH_BLOCK (tile, block) block->shown_frame = last;
         tile->light.solved_frame = last;
     }
-    lw_denoise_run(&s->denoise, last, s->channels, s->threads);
-    return lw_cell_frame_weld(s, last, err);
+    return lw_shown_filter_once(&s->shown, last, err);
 }
 
 static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *out_tile) {
     const struct lw_cell_solver *s = (const struct lw_cell_solver *)solver;
-    lw_geometry_read_tile(s->geometry, &s->tiles, id, s->desc.bounces, s->channels, out_tile);
+    lw_shown_read_tile(&s->shown, id, s->desc.bounces, out_tile);
 }
 
 /* What a frame reads of those before it, beside the tiles. */
@@ -105,7 +95,7 @@ static uint32_t list_parts(const struct lw_cell_solver *s, struct remembered *re
                            struct lw_checkpoint_part out_part[PARTS_MAX]) {
     uint32_t n = 0;
     out_part[n++] = (struct lw_checkpoint_part){remembered, sizeof *remembered};
-    n += lw_seams_welds_list_parts(&s->welds, out_part + n);
+    n += lw_seams_welds_list_parts(&s->shown.welds, out_part + n);
     if (s->has_probes) n += lw_probes_list_parts(&s->probes, out_part + n);
     return n;
 }
@@ -134,7 +124,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     lw_plan_resume(&s->memory);
     lw_plan_log_event(s->plan_log, "resume");
     s->forgetful = true;
-    lw_seams_welds_resume(&s->welds);
+    lw_seams_welds_resume(&s->shown.welds);
     if (remembered.judges_split != judges_split(s)) {
         const struct lw_transport passes = lw_cell_frame_transport(s);
         lw_tiles_sum_variance(&s->tiles, s->threads);
@@ -160,9 +150,8 @@ static size_t memory_bytes(const struct lw_solver *solver) {
     size_t bytes = (size_t)s->tiles.texel_count * s->desc.indirect_samples * sizeof *s->ray_hit +
                    (size_t)s->tiles.texel_count * sizeof *s->reflected + 2 * s->tiles.count * sizeof *s->due +
                    lw_reflectors_memory_bytes(&s->reflectors) + lw_tiles_memory_bytes(&s->tiles) +
-                   lw_denoise_memory_bytes(&s->denoise) + lw_seams_welds_memory_bytes(&s->welds) +
-                   lw_interest_set_memory_bytes(&s->interest) + lw_plan_bytes(s->tiles.count, s->memory.ids) +
-                   2 * s->memory.ids * sizeof(bool) +
+                   lw_shown_memory_bytes(&s->shown) + lw_interest_set_memory_bytes(&s->interest) +
+                   lw_plan_bytes(s->tiles.count, s->memory.ids) + 2 * s->memory.ids * sizeof(bool) +
                    s->tiles.count * (sizeof *s->fact + sizeof *s->work.reports);
     if (s->has_probes) bytes += lw_probes_memory_bytes(&s->probes);
     return bytes + (s->geometry == &s->own_geometry ? lw_geometry_memory_bytes(s->geometry) : 0);
@@ -172,12 +161,11 @@ static void destroy(struct lw_solver *solver) {
     if (!solver) return;
     struct lw_cell_solver *s = (struct lw_cell_solver *)solver;
     if (s->geometry) lw_geometry_forget_tiles(s->geometry);
-    lw_denoise_finish(&s->denoise);
     lw_probes_finish(&s->probes);
     lw_reflectors_finish(&s->reflectors);
     lw_lights_finish(&s->lights);
     lw_lights_finish(&s->drawn);
-    lw_seams_welds_finish(&s->welds);
+    lw_shown_finish(&s->shown);
     lw_tiles_finish(&s->tiles);
     lw_geometry_finish(&s->own_geometry);
     lw_pose_finish(&s->pose);
@@ -268,8 +256,13 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
         return lw_status_fail(err, status, "%u texels", texels->count);
     if (lw_cell_data_parts_drawn(s) && (status = lw_tiles_part_drawn(&s->tiles)) != LW_OK)
         return lw_status_fail(err, status, "%u texels", texels->count);
-    if ((status = lw_cell_frame_find_seams(s)) != LW_OK)
-        return lw_status_fail(err, status, "seams of %u texels", texels->count);
+    s->shown = (struct lw_shown){.geometry = s->geometry,
+                                 .map = s->desc.atlas_map,
+                                 .tiles = &s->tiles,
+                                 .threads = s->threads,
+                                 .seams_later = lw_solver_desc_is_limited(&s->desc),
+                                 .filters = s->desc.denoise};
+    if ((status = lw_shown_init(&s->shown, err)) != LW_OK) return status;
     if ((status = init_lights(s)) != LW_OK) return lw_status_fail(err, status, "lights");
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
     for (uint32_t i = 0; i < s->tiles.count; i++)
@@ -279,7 +272,6 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
     s->has_probes = isfinite(s->desc.tracing_range_m) && s->desc.bounces > 0;
     if (s->has_probes && (status = place_probes(s, lo, hi)) != LW_OK)
         return lw_status_fail(err, status, "probes");
-    if (s->desc.denoise && (status = set_up_denoise(s, err)) != LW_OK) return status;
     s->ray_hit = calloc((size_t)texels->count * s->desc.indirect_samples + 1, sizeof *s->ray_hit);
     s->reflected = calloc((size_t)texels->count + 1, sizeof *s->reflected);
     s->due = malloc(((size_t)s->tiles.count + 1) * sizeof *s->due);
@@ -301,7 +293,6 @@ enum lw_status lw_cell_layer_create(struct lw_geometry *geometry, const struct l
     s->desc = *desc;
     s->turn = (struct lw_cell_layer_turn){.budget = lw_solver_desc_budget(desc),
                                           .onset = lw_solver_desc_is_limited(desc)};
-    s->channels = LW_LIGHT_FORMS_FULL;
     s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     if (!(s->desc.tracing_range_m > 0)) s->desc.tracing_range_m = INFINITY;
     enum lw_status status = build(s, pose, err);

@@ -269,38 +269,6 @@ enum lw_status lw_geometry_find_seams(struct lw_geometry *geometry, const struct
     return status;
 }
 
-enum lw_status lw_geometry_set_up_denoise(struct lw_geometry *geometry, const struct lw_atlas_map *map,
-                                          struct lw_tiles *tiles, struct lw_denoise *denoise,
-                                          struct lw_error *err) {
-    if (denoise->pairs) return LW_OK;
-    enum lw_status status = lw_geometry_weigh_pairs(geometry);
-    if (status == LW_OK) status = lw_denoise_init(denoise, &geometry->pairs, map, tiles, geometry->threads);
-    return status == LW_OK ? LW_OK
-                           : lw_status_fail(err, status, "denoiser of %u texels", geometry->texels.count);
-}
-
-void lw_geometry_read_tile(const struct lw_geometry *geometry, const struct lw_tiles *tiles, lw_tile_id id,
-                           uint32_t bounces, uint32_t channels, struct lw_solver_tile *out_tile) {
-    LW_INVARIANT(id.v < tiles->id_count && tiles->slot_of_id[id.v] < tiles->count);
-    const struct lw_solve_tile *tile = lw_tiles_at(tiles, id);
-    *out_tile = (struct lw_solver_tile){.covered = tiles->covered + tile->first,
-                                        .filled = geometry->texels.filled + tile->first,
-                                        .width = tile->width,
-                                        .height = tile->height,
-                                        .bounces = bounces,
-                                        .sample_count = tile->light.sample_count,
-                                        .error = tile->covered_count ? tile->light.error : 0,
-                                        .solved_frame = tile->light.solved_frame};
-    for (int c = 0; c < 3; c++) {
-        out_tile->direct[c] = tiles->direct[c] + tile->first;
-        out_tile->indirect[c] = tiles->indirect[c] + tile->first;
-        out_tile->albedo[c] = tile->mesh->albedo[c] + tile->local;
-    }
-    LW_TILE_CHANNELS_EACH (channel, channels | LW_LIGHT_FORMS_FULL)
-        for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
-            out_tile->shown[channel][p] = tiles->shown[channel][p] + tile->first;
-}
-
 void lw_geometry_forget_tiles(struct lw_geometry *geometry) { (void)end_search(geometry, false); }
 
 size_t lw_geometry_memory_bytes(const struct lw_geometry *geometry) {

@@ -81,17 +81,6 @@ static inline struct lw_wall_sides lw_geometry_sides(const struct lw_geometry *g
 /** Weighs the pairs, unless they are. Errors: LW_NO_MEMORY; there are none then. */
 LW_MUST_CHECK enum lw_status lw_geometry_weigh_pairs(struct lw_geometry *geometry);
 
-/** Makes a denoiser of tiles over its texels, with the pairs weighed, unless there is one.
- * Errors: LW_NO_MEMORY; there is none then. */
-LW_MUST_CHECK enum lw_status lw_geometry_set_up_denoise(struct lw_geometry *geometry,
-                                                        const struct lw_atlas_map *map,
-                                                        struct lw_tiles *tiles, struct lw_denoise *denoise,
-                                                        struct lw_error *err);
-
-/** What a solver holds of a level-0 tile over its texels. channels: those that are shown. */
-void lw_geometry_read_tile(const struct lw_geometry *geometry, const struct lw_tiles *tiles, lw_tile_id id,
-                           uint32_t bounces, uint32_t channels, struct lw_solver_tile *out_tile);
-
 /** Finds the seams, unless they are current; seams_found tells.
  * tiles   any over its texels
  * later   seams of before may serve for a while: others are sought in a thread, and taken by

@@ -71,7 +71,7 @@ static void forget(struct lw_patch_solver *s) {
         memset(s->tiles.order[0][c], 0, bytes);
         if (s->tiles.drawn[c]) memset(s->tiles.drawn[c], 0, bytes);
     }
-    lw_seams_welds_forget(&s->welds);
+    lw_seams_welds_forget(&s->shown.welds);
     for (uint32_t b = 0; b < s->tiles.block_count; b++) {
         struct lw_solve_block *block = &s->tiles.block[b];
         block->sample_count = 0;
@@ -200,39 +200,6 @@ static void mark_shown(struct lw_patch_solver *s, uint64_t number) {
     }
 }
 
-static enum lw_status find_seams(struct lw_patch_solver *s, struct lw_error *err) {
-    enum lw_status status = lw_geometry_find_seams(&s->geometry, &s->tiles, false);
-    if (status == LW_OK && s->seams_found != s->geometry.seams_found) {
-        s->seams_found = s->geometry.seams_found;
-        status = lw_seams_welds_init(&s->welds, &s->geometry.seams, s->tiles.channels);
-    }
-    return status == LW_OK ? LW_OK
-                           : lw_status_fail(err, status, "seams of %u texels", s->geometry.texels.count);
-}
-
-static enum lw_status weld(struct lw_patch_solver *s, uint64_t number, struct lw_error *err) {
-    enum lw_status status = find_seams(s, err);
-    if (status != LW_OK) return status;
-    lw_seams_weld(&s->geometry.seams, &s->welds, s->channels, &s->tiles, number, s->threads);
-    lw_seam_gutters_fill(&s->geometry.seams.gutters, &s->tiles, number, s->channels, s->threads);
-    return LW_OK;
-}
-
-static enum lw_status set_up_denoise(struct lw_patch_solver *s, struct lw_error *err) {
-    return lw_geometry_set_up_denoise(&s->geometry, s->desc.atlas_map, &s->tiles, &s->denoise, err);
-}
-
-static enum lw_status show_light(struct lw_patch_solver *s, uint64_t number, bool filters,
-                                 struct lw_error *err) {
-    mark_shown(s, number);
-    s->shows_all = false;
-    if (filters)
-        lw_denoise_run(&s->denoise, number, s->channels, s->threads);
-    else
-        lw_tiles_show(&s->tiles, number, s->channels, s->threads);
-    return weld(s, number, err);
-}
-
 static void solve_all(struct lw_patch_solver *s, struct lw_solver_stats *stats) {
     uint64_t t = lw_clock_ns();
     if (s->frames)
@@ -271,9 +238,12 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         stats.texels_solved = s->patches.count;
         stats.tiles_solved = s->tiles.count;
     }
-    if (solves || s->shows_all) {
+    if (solves || s->shown.all) {
         t = lw_clock_ns();
-        if ((status = show_light(s, number, s->desc.denoise, err)) != LW_OK) return status;
+        mark_shown(s, number);
+        s->shown.all = false;
+        lw_shown_filter(&s->shown, number);
+        if ((status = lw_shown_weld(&s->shown, number, err)) != LW_OK) return status;
         stats.weld_ns = lw_clock_ns() - t;
         stats.tiles_shown = s->tiles.count;
     }
@@ -297,21 +267,21 @@ static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *inte
 
 static void show_channels(struct lw_solver *solver, uint32_t channels) {
     struct lw_patch_solver *s = (struct lw_patch_solver *)solver;
-    channels = lw_tiles_can_show(&s->tiles, channels);
-    s->shows_all |= (channels & ~s->channels) != 0 && s->frames > 0;
-    s->channels = channels;
-    lw_tiles_judge_channels(&s->tiles, channels, s->threads);
+    lw_shown_choose(&s->shown, channels);
+    s->shown.all &= s->frames > 0;
 }
 
 static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
     struct lw_patch_solver *s = (struct lw_patch_solver *)solver;
-    enum lw_status status = set_up_denoise(s, err);
-    return status == LW_OK ? show_light(s, lw_tiles_last_solved(&s->tiles), true, err) : status;
+    const uint64_t last = lw_tiles_last_solved(&s->tiles);
+    mark_shown(s, last);
+    s->shown.all = false;
+    return lw_shown_filter_once(&s->shown, last, err);
 }
 
 static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *out_tile) {
     const struct lw_patch_solver *s = (const struct lw_patch_solver *)solver;
-    lw_geometry_read_tile(&s->geometry, &s->tiles, id, s->desc.bounces, s->channels, out_tile);
+    lw_shown_read_tile(&s->shown, id, s->desc.bounces, out_tile);
 }
 
 #define PARTS_MAX (1 + LW_TILE_CHANNELS_MAX + LW_PATCH_SOLVER_PARTS_MAX)
@@ -319,7 +289,7 @@ static uint32_t list_parts(const struct lw_patch_solver *s, uint32_t *frames,
                            struct lw_checkpoint_part out_part[PARTS_MAX]) {
     uint32_t n = 0;
     out_part[n++] = (struct lw_checkpoint_part){frames, sizeof *frames};
-    n += lw_seams_welds_list_parts(&s->welds, out_part + n);
+    n += lw_seams_welds_list_parts(&s->shown.welds, out_part + n);
     if (s->method->list_parts) n += s->method->list_parts(s, out_part + n);
     return n;
 }
@@ -341,7 +311,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     const uint32_t parts = list_parts(s, &frames, part);
     enum lw_status status = lw_checkpoint_load(path, key, &s->tiles, part, parts, err);
     if (status != LW_OK) return status;
-    lw_seams_welds_resume(&s->welds);
+    lw_seams_welds_resume(&s->shown.welds);
     s->frames = frames;
     settle(s);
     *out_frames = frames;
@@ -350,12 +320,10 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
 
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct lw_patch_solver *s = (const struct lw_patch_solver *)solver;
-    size_t bytes = lw_tiles_memory_bytes(&s->tiles) + lw_denoise_memory_bytes(&s->denoise) +
-                   lw_patches_memory_bytes(&s->patches) + lw_geometry_memory_bytes(&s->geometry) +
-                   s->method->memory_bytes(s) +
-                   (size_t)s->tiles.texel_count * (parts_drawn(s) ? 9 : 6) * sizeof(float);
-    bytes += lw_seams_welds_memory_bytes(&s->welds);
-    return bytes;
+    return lw_tiles_memory_bytes(&s->tiles) + lw_shown_memory_bytes(&s->shown) +
+           lw_patches_memory_bytes(&s->patches) + lw_geometry_memory_bytes(&s->geometry) +
+           s->method->memory_bytes(s) +
+           (size_t)s->tiles.texel_count * (parts_drawn(s) ? 9 : 6) * sizeof(float);
 }
 
 static void destroy(struct lw_solver *solver) {
@@ -363,12 +331,11 @@ static void destroy(struct lw_solver *solver) {
     struct lw_patch_solver *s = (struct lw_patch_solver *)solver;
     s->method->finish(s);
     lw_geometry_forget_tiles(&s->geometry);
-    lw_denoise_finish(&s->denoise);
     lw_patches_finish(&s->patches);
     lw_lights_finish(&s->emitters);
     lw_lights_finish(&s->lights);
     lw_lights_finish(&s->drawn);
-    lw_seams_welds_finish(&s->welds);
+    lw_shown_finish(&s->shown);
     lw_tiles_finish(&s->tiles);
     lw_geometry_finish(&s->geometry);
     lw_pose_finish(&s->pose);
@@ -444,8 +411,12 @@ static enum lw_status build(struct lw_patch_solver *s, const struct lw_pose *pos
     if (status == LW_OK) status = init_lights(s);
     if (status != LW_OK) return lw_status_fail(err, status, "%u texels", texels->count);
     if ((status = s->method->init(s, err)) != LW_OK) return status;
-    if ((status = find_seams(s, err)) != LW_OK) return status;
-    return s->desc.denoise ? set_up_denoise(s, err) : LW_OK;
+    s->shown = (struct lw_shown){.geometry = &s->geometry,
+                                 .map = s->desc.atlas_map,
+                                 .tiles = &s->tiles,
+                                 .threads = s->threads,
+                                 .filters = s->desc.denoise};
+    return lw_shown_init(&s->shown, err);
 }
 
 enum lw_status lw_patch_solver_create(struct lw_patch_solver *s, const struct lw_patch_solver_method *method,
@@ -458,7 +429,6 @@ enum lw_status lw_patch_solver_create(struct lw_patch_solver *s, const struct lw
     s->ops.name = method->name;
     s->base.ops = &s->ops;
     s->desc = *desc;
-    s->channels = LW_LIGHT_FORMS_FULL;
     s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     if ((status = build(s, pose, err)) == LW_OK) status = take_pose(s, pose, 0, &moved, err);
     if (status != LW_OK) {

@@ -9,8 +9,8 @@
 #define LW_SOLVE_PATCH_SOLVER_H
 
 #include "common/progress.h"
-#include "server/solve/geometry.h"
 #include "server/solve/radiosity/patches.h"
+#include "server/solve/shown.h"
 #include "server/solve/solver.h"
 #include "server/solve/state/checkpoint.h"
 
@@ -55,16 +55,12 @@ struct lw_patch_solver {
     struct lw_cells cells;
     /* One order of bounces: all of them together. Its radiance is a method's to use. */
     struct lw_tiles tiles;
-    struct lw_seams_welds welds;
-    uint32_t seams_found;
     uint32_t texel_changes; /* of the geometry, that the tiles know */
-    uint32_t channels;
-    bool shows_all;
+    struct lw_shown shown;
     /* emitters: all lights, for their surfaces; lights, drawn: what the direct pass samples. */
     struct lw_lights emitters, lights, drawn;
     uint8_t *no_light, *no_material; /* of a scene without client lights; of every material: one value */
     struct lw_patches patches;
-    struct lw_denoise denoise;
     float *frame_direct[3], *frame_drawn[3], *arrived[3]; /* E of this frame; of the pass under way */
     struct lw_pose pose;
     bool placed;

@@ -179,12 +179,6 @@ LW_MUST_CHECK enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles);
 /** The last frame that changed what is shown of any tile; 0: none has. */
 uint64_t lw_tiles_last_solved(const struct lw_tiles *tiles);
 
-/** Of a set of channels those that there are; if none is, all light. */
-static inline uint32_t lw_tiles_can_show(const struct lw_tiles *tiles, uint32_t channels) {
-    channels &= tiles->channels;
-    return channels ? channels : LW_LIGHT_FORMS_FULL;
-}
-
 /** Chooses judged_spread by the channels that are shown, and sums the variance of blocks again
  * if it is another. Returns whether it is; their errors are those of before until lw_estimates_judge(). */
 bool lw_tiles_judge_channels(struct lw_tiles *tiles, uint32_t channels, int threads);
