@@ -1,4 +1,4 @@
-/* cell_data.h: what a cell solver holds: place, light, plan, and what is shown.
+/* cell_data.h: the state of a cell solver, in four parts: place, light, plan, shown.
  * Threads: those of solver.h. */
 #ifndef LW_SOLVE_CELL_DATA_H
 #define LW_SOLVE_CELL_DATA_H
@@ -21,52 +21,45 @@ struct lw_cell_solver {
 
     /* -- place -- */
     struct lw_geometry *geometry;
-    /* Unless it is shared. */
-    struct lw_geometry own_geometry;
+    struct lw_geometry own_geometry; /* used unless layers share one */
     struct lw_cells cells;
     struct lw_tiles tiles;
-    /* The last one given. */
-    struct lw_pose pose;
-    /* What of it has changed since rays, lights and tiles were last placed: LW_POSE_*. */
-    unsigned pose_due;
-    /* Other objects are hidden than when rays, lights and tiles were last placed. */
-    bool view_due;
-    uint32_t texel_changes; /* of the geometry, that the tiles know */
+    struct lw_pose pose;    /* the newest */
+    unsigned pose_due;      /* LW_POSE_*: changes of pose that rays, lights and tiles have not taken over */
+    bool view_due;          /* they have not taken over which objects are hidden */
+    uint32_t texel_changes; /* lw_geometry.changes that the tiles have taken over */
 
     /* -- light -- */
-    /* Without client lights; and those, zeroed where there are none. */
-    struct lw_lights lights, drawn;
+    struct lw_lights lights; /* without client lights */
+    struct lw_lights drawn;  /* client lights; zeroed where there are none */
     struct lw_probes probes;
     bool has_probes;
-    /* Ray hits: of each texel, indirect_samples words (transport.h). */
-    uint32_t *ray_hit;
+    uint32_t *ray_hit; /* desc.indirect_samples words a texel (transport.h) */
     struct lw_reflectors reflectors;
     struct lw_reflected *reflected;
-    /* Wall time, or work under a budget of units: that listing reflectors took last, 0 if it is due; that
-     * rays and sums have taken since. */
+    /* Cost of the last listing of reflectors; of rays and sums since then. Wall time in ns, or work units
+     * under a budget of units. listing is 0 when a listing is due. */
     uint64_t listing, since_listing;
-    /* That solved something. */
-    uint32_t frames;
-    /* The tiles' estimates are not those of their last solve: a checkpoint keeps none. */
-    bool forgetful;
+    uint32_t frames; /* frames that solved something */
+    bool forgetful;  /* the tiles' last estimates are lost: a checkpoint does not keep them */
 
     /* -- plan -- */
     struct lw_interest_set interest;
     struct lw_motion motion;
     struct lw_plan_memory memory;
     struct lw_plan plan;
-    struct lw_plan_log *plan_log;  /* NULL: none is written */
-    struct lw_plan_fact *fact;     /* per tile, in the order of tiles.tile as of the last plan */
+    struct lw_plan_log *plan_log;  /* NULL: no log */
+    struct lw_plan_fact *fact;     /* per tile, in the order of tiles.tile at the last plan */
     bool *contributes, *corrected; /* per lw_tile_id, in this frame */
-    /* Tiles that the frame under way, or the last one, solves; first those that this rank owns. */
-    lw_tile_id *due;
+    lw_tile_id *due;               /* tiles that the last plan solves; this rank's own come first */
     uint32_t due_count, own_count;
-    lw_tile_id *exchanged; /* scratch: of a list of the plan */
+    lw_tile_id *exchanged; /* scratch: ids that ranks exchange */
     struct lw_cell_layer_turn turn;
     struct lw_budget_rates rates;
     struct lw_work work;
     struct lw_progress progress;
 
+    /* -- shown -- */
     struct lw_shown shown;
 };
 
@@ -74,7 +67,7 @@ static inline struct lw_converged lw_cell_data_converged(const struct lw_cell_so
     return (struct lw_converged){.target_error = s->desc.target_error, .frames_max = s->desc.frames_max};
 }
 
-/** Whether light of client lights is kept apart. */
+/** Whether the tiles keep the light of client lights apart. */
 static inline bool lw_cell_data_parts_drawn(const struct lw_cell_solver *s) {
     return lw_client_lights_any(s->desc.client_lights);
 }

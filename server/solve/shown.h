@@ -1,5 +1,5 @@
-/* shown.h: what a solver shows of its tiles: their sums, filtered, welded, with gutters, by channel.
- * Flow:    tiles: sums of the blocks that a frame shows -> [shown: filter, welds, gutters] -> tiles->shown
+/* shown.h: makes the shown planes of tiles from their sums, by channel: filter, welds, gutters.
+ * Flow:    sums of the blocks that a frame shows -> [filter, welds, gutters] -> tiles->shown -> read_tile
  * Threads: those of solver.h. */
 #ifndef LW_SOLVE_SHOWN_H
 #define LW_SOLVE_SHOWN_H
@@ -12,28 +12,27 @@ struct lw_shown {
     struct lw_tiles *tiles;
     int threads;
     bool seams_later;          /* (lw_geometry_find_seams()) */
-    bool filters;              /* frames filter */
-    struct lw_denoise denoise; /* empty until something is filtered */
+    bool filters;              /* frames filter; else they show sums as they are */
+    struct lw_denoise denoise; /* empty until first used */
     struct lw_seams_welds welds;
-    uint32_t seams_found; /* of the geometry: those that the welds are of */
-    uint32_t channels;    /* that are shown (tile_channels.h) */
-    /* One of them is new: the next frame shows everything, and sets it back. */
-    bool all;
+    uint32_t seams_found; /* lw_geometry.seams_found that the welds belong to */
+    uint32_t channels;    /* the shown channels (tile_channels.h) */
+    bool all;             /* a channel is new: the next frame shows every block, and clears this */
 };
 
-/** The first seven fields are set by the caller. Shows FULL alone, to begin with.
+/** Finds seams, and sets up the filter if frames filter. The caller has set the first six fields. Shows FULL.
  * Errors: LW_NO_MEMORY; finish it then. */
 LW_MUST_CHECK enum lw_status lw_shown_init(struct lw_shown *shown, struct lw_error *err);
 void lw_shown_finish(struct lw_shown *shown);
 
-/** As lw_solver_ops.show(). Returns whether errors are measured otherwise from now on (lw_tiles_judge_channels). */
+/** Chooses the shown channels, as lw_solver_ops.show(). Returns what lw_tiles_judge_channels() returns. */
 bool lw_shown_choose(struct lw_shown *shown, uint32_t channels);
 
-/** Shows the blocks of frame `frame` (shown_frame): filtered, or as they are. */
+/** Shows the blocks whose shown_frame is `frame`: filtered, or as they are. */
 void lw_shown_filter(struct lw_shown *shown, uint64_t frame);
-/** After it: light agrees over seams, and gutters are filled. Errors: LW_NO_MEMORY. */
+/** Welds seams and fills gutters around these blocks, after lw_shown_filter(). Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_shown_weld(struct lw_shown *shown, uint64_t frame, struct lw_error *err);
-/** Both, filtered whatever frames do. Errors: LW_NO_MEMORY. */
+/** Does both, and filters even if frames do not. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_shown_filter_once(struct lw_shown *shown, uint64_t frame,
                                                   struct lw_error *err);
 
@@ -41,7 +40,7 @@ LW_MUST_CHECK enum lw_status lw_shown_filter_once(struct lw_shown *shown, uint64
 void lw_shown_read_tile(const struct lw_shown *shown, lw_tile_id id, uint32_t bounces,
                         struct lw_solver_tile *out_tile);
 
-/** Bytes held, but for the geometry and the tiles. */
+/** Bytes held, without the geometry and the tiles. */
 size_t lw_shown_memory_bytes(const struct lw_shown *shown);
 
 #endif

@@ -137,7 +137,8 @@ struct tile_change {
 static struct tile_change change_of(const struct lw_solve_tile *tile) {
     double square = 0, texels = 0, among = 0, variance = 0;
     LW_TILES_EACH_BLOCK (tile, block) {
-        if (was_corrected(block)) EACH_SURFACE(block, first) {
+        if (was_corrected(block))
+            EACH_SURFACE (block, first) {
                 const uint32_t n = block->packet[first].group;
                 if (n > 1) variance += n * (double)variance_of(block, first);
                 EACH_PACKET(block, first, set) {
@@ -164,7 +165,8 @@ void lw_control_variate_note_error(struct lw_solve_tile *tile) {
     const struct tile_change tile_change = change_of(tile);
     LW_TILES_EACH_BLOCK (tile, block) {
         const float missed = may_be_missed(block, &tile_change);
-        if (was_corrected(block)) EACH_SURFACE(block, first) {
+        if (was_corrected(block))
+            EACH_SURFACE (block, first) {
                 const bool alone = block->packet[first].group < 2;
                 const float variance = variance_of(block, first);
                 EACH_PACKET(block, first, set) {
@@ -240,7 +242,7 @@ static float spread_of(const struct lw_solve_tile *tile) {
     double square = 0, chance = 0, lanes = 0;
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->change.told) continue;
-        EACH_SURFACE(block, first) {
+        EACH_SURFACE (block, first) {
             const struct finding f = find(block, first);
             EACH_PART(block, from, to) {
                 const struct mean m = mean_of(&f, from, to);
@@ -427,8 +429,9 @@ bool lw_control_variate_indirect(struct lw_tiles *tiles, struct lw_solve_tile *t
                 least = fmaxf(TAKEN_MIN, TAKEN_OF_TARGET * target_error);
     bool any = false;
     LW_TILES_EACH_BLOCK (tile, block) {
-        if (spread > 0 && block->change.told) EACH_SURFACE(block, first)
-        any |= correct_surface(tiles, tile, block, first, spread, least, estimates);
+        if (spread > 0 && block->change.told)
+            EACH_SURFACE (block, first)
+                any |= correct_surface(tiles, tile, block, first, spread, least, estimates);
         block->change.told = 0;
     }
     return any;

@@ -401,7 +401,7 @@ static bool load_rows(const struct job *job, const struct planes *out, float *ou
                    right = job->x + job->width + LW_DENOISE_REACH,
                    end = right < job->mesh->width ? right : job->mesh->width;
     bool guess = false;
-    EACH_ROW(job, LW_DENOISE_REACH, y) {
+    EACH_ROW (job, LW_DENOISE_REACH, y) {
         const size_t row = row_at(job, y, 0).plane;
         for (uint32_t x = first, next; x < end; x = next) {
             next = (x / LW_TILE_BLOCK + 1) * LW_TILE_BLOCK;
@@ -546,7 +546,7 @@ static void store_plane(const struct job *job, const float *from, float *to) {
     const struct lw_tiles *tiles = job->denoise->tiles;
     const struct lw_solve_tile *tile = job->tile;
     const uint32_t left = tile->x * LW_TILE_SIDE, top = tile->y * LW_TILE_SIDE;
-    EACH_ROW(job, 0, y) {
+    EACH_ROW (job, 0, y) {
         const size_t row = row_at(job, y, 0).plane;
         for (uint32_t x = job->x; x < job->x + job->width; x++) {
             const uint32_t texel = tile->first + (y - top) * tile->width + x - left;
@@ -574,7 +574,7 @@ static void load_plane(const struct job *job, const float *from, float *to) {
     const uint32_t first = job->x > LW_DENOISE_REACH ? job->x - LW_DENOISE_REACH : 0,
                    right = job->x + job->width + LW_DENOISE_REACH,
                    end = right < job->mesh->width ? right : job->mesh->width;
-    EACH_ROW(job, LW_DENOISE_REACH, y) {
+    EACH_ROW (job, LW_DENOISE_REACH, y) {
         float *row = to + row_at(job, y, 0).plane;
         for (uint32_t x = first; x < end; x++)
             row[(ptrdiff_t)x - (ptrdiff_t)job->x] =
@@ -594,25 +594,26 @@ static void filter(const struct job *job, uint32_t channels, struct lw_denoise_p
     uint32_t around = LW_DENOISE_REACH - 1;
     float *const indirect = out.p[Y]; /* until the first pass */
     if (load_rows(job, &in, indirect)) {
-        EACH_ROW(job, around, y)
-        guess_row(row_at(job, y, around), &in, indirect, widening_of(job->form, 1), tap);
+        EACH_ROW (job, around, y)
+            guess_row(row_at(job, y, around), &in, indirect, widening_of(job->form, 1), tap);
     }
     for (uint32_t i = 0; i < followers; i++)
         load_plane(job, tiles->sum[follower[i].channel][follower[i].plane], planes->more[0][i]);
     around--;
-    EACH_ROW(job, around, y) smooth_row(row_at(job, y, around), in.p[VARIANCE], out.p[VARIANCE], tap);
+    EACH_ROW (job, around, y) smooth_row(row_at(job, y, around), in.p[VARIANCE], out.p[VARIANCE], tap);
     /* The smoothed variance goes with the colours that it was made from. */
     float *const smooth = out.p[VARIANCE];
     out.p[VARIANCE] = in.p[VARIANCE];
     in.p[VARIANCE] = smooth;
     for (uint32_t pass = 0; pass < LW_DENOISE_PASSES; pass++) {
         list_taps(job, pass, tap);
-        EACH_ROW(job, around, y) weigh_pairs(row_at(job, y, around), &in, tap, planes->weight);
+        EACH_ROW (job, around, y) weigh_pairs(row_at(job, y, around), &in, tap, planes->weight);
         around -= 1u << pass;
-        EACH_ROW(job, around, y) exchange(row_at(job, y, around), &in, &out, tap, planes->weight);
-        for (uint32_t i = 0; i < followers; i++) EACH_ROW(job, around, y)
-        exchange_plane(row_at(job, y, around), planes->more[from][i], planes->more[!from][i], tap,
-                       planes->weight);
+        EACH_ROW (job, around, y) exchange(row_at(job, y, around), &in, &out, tap, planes->weight);
+        for (uint32_t i = 0; i < followers; i++)
+            EACH_ROW (job, around, y)
+                exchange_plane(row_at(job, y, around), planes->more[from][i], planes->more[!from][i], tap,
+                               planes->weight);
         const struct planes swap = in;
         in = out;
         out = swap;

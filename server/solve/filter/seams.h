@@ -25,32 +25,30 @@
 
 #define LW_SEAMS_ROWS_MAX (1u << 22) /* 64 bytes each; what is beyond stays unwelded */
 
-/** Where what is to be welded lies. */
+/** The linear system of a scene's seams: rows, and the texels (members) that they read. */
 struct lw_seams {
     uint32_t row_count, member_count, component_count, block_count;
-    struct lw_seams_row *row;           /* component by component */
-    struct lw_seams_member *member;     /* likewise: the texels that rows or guesses read */
-    struct lw_seams_guess *guess;       /* per member: what fills it if it is a gutter */
-    uint32_t *block;                    /* component by component: of lw_tiles, those that hold its members */
-    uint32_t *first_row, *first_member; /* per component, and one more */
-    uint32_t *first_block;              /* likewise */
-    struct lw_seam_gutters gutters;     /* that no row reads */
+    struct lw_seams_row *row;       /* by component */
+    struct lw_seams_member *member; /* by component */
+    struct lw_seams_guess *guess;   /* per member: start value of a gutter, from its neighbours */
+    uint32_t *block;                /* by component: indices of the blocks that hold its members */
+    uint32_t *first_row, *first_member, *first_block; /* per component, and the end */
+    struct lw_seam_gutters gutters;                   /* gutters that no row reads */
     uint64_t rows_left_out;
 };
 
-/* What welding knows of one channel of one solve. */
+/* The welds of one channel of one solve. */
 struct lw_seams_light {
     uint32_t channel, planes;
     uint32_t member_count, component_count;
-    uint8_t *active;   /* per component: the frame has changed its light */
-    float (*light)[4]; /* per member, plane by plane: the tiles' own, not welded; nothing in the others */
+    uint8_t *active;   /* per component: the frame shows one of its blocks */
+    float (*light)[4]; /* per member: unwelded values of the planes; 0 beyond them */
     float (*welded)[4], (*scratch[3])[4];
-    float *correction; /* 3 per member: what the last welding added; the next one goes on from there */
-    /* Light[] holds nothing yet: tiles that are not solved read as their sums. */
-    bool fresh;
+    float *correction; /* `planes` per member: what the last weld added; the next weld starts there */
+    bool fresh; /* light[] is not filled yet: blocks that the frame does not show are read from their sums */
 };
 
-/** The same of all channels that a solve has. */
+/** The welds of all channels of a solve. */
 struct lw_seams_welds {
     struct lw_seams_light of[LW_TILE_CHANNELS_MAX];
 };
@@ -64,7 +62,7 @@ void lw_seams_finish(struct lw_seams *seams);
 /** Bytes held. */
 size_t lw_seams_memory_bytes(const struct lw_seams *seams);
 
-/** Makes room for the given channels (tile_channels.h), in the place of what was there; zeroed: none.
+/** Allocates welds of the given channels (tile_channels.h) and frees those of before. Start with zeroed ones.
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_seams_welds_init(struct lw_seams_welds *welds, const struct lw_seams *seams,
                                                  uint32_t channels);
@@ -73,12 +71,12 @@ void lw_seams_welds_finish(struct lw_seams_welds *welds);
 /** Bytes held. */
 size_t lw_seams_welds_memory_bytes(const struct lw_seams_welds *welds);
 
-/** What a frame's welds read of those before it. Returns how many parts these are. */
+/** Lists the corrections, for a checkpoint. Returns the number of parts. */
 uint32_t lw_seams_welds_list_parts(const struct lw_seams_welds *welds,
                                    struct lw_checkpoint_part out_part[LW_TILE_CHANNELS_MAX]);
 
-/** Tiles hold other light than that of before: from a checkpoint, with the corrections that belong to it; or
- * from the beginning, with none. */
+/** After the tiles were replaced: resume keeps the corrections, which came from the same checkpoint; forget
+ * clears them. */
 void lw_seams_welds_resume(struct lw_seams_welds *welds);
 void lw_seams_welds_forget(struct lw_seams_welds *welds);
 
