@@ -173,6 +173,7 @@ static pid_t *free_entry(void) {
 }
 
 void lw_process_start(struct lw_process *process, const char *program, const char *arguments) {
+    static char patience[] = "--timeout=500";
     char path[600], line[2048], *argv[WORDS_MAX] = {path};
     *process = (struct lw_process){0};
     make_temporary();
@@ -180,6 +181,9 @@ void lw_process_start(struct lw_process *process, const char *program, const cha
     lw_process_find(path, sizeof path, program);
     assert_true((size_t)snprintf(line, sizeof line, "%s", arguments) < sizeof line);
     int argc = 1;
+    /* its own limit is for people, and a busy machine may need more */
+    if (strcmp(program, "lightwellctl") == 0 && !strstr(arguments, "--timeout"))
+        argv[argc++] = patience;
     for (char *word = strtok(line, " "); word; word = strtok(NULL, " ")) {
         assert_true(argc < WORDS_MAX - 1);
         argv[argc++] = word;
