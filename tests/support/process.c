@@ -182,8 +182,7 @@ void lw_process_start(struct lw_process *process, const char *program, const cha
     assert_true((size_t)snprintf(line, sizeof line, "%s", arguments) < sizeof line);
     int argc = 1;
     /* its own limit is for people, and a busy machine may need more */
-    if (strcmp(program, "lightwellctl") == 0 && !strstr(arguments, "--timeout"))
-        argv[argc++] = patience;
+    if (strcmp(program, "lightwellctl") == 0 && !strstr(arguments, "--timeout")) argv[argc++] = patience;
     for (char *word = strtok(line, " "); word; word = strtok(NULL, " ")) {
         assert_true(argc < WORDS_MAX - 1);
         argv[argc++] = word;
