@@ -90,12 +90,14 @@ static enum lw_status spawn(struct lw_daemon_child *c, const struct lw_daemon_ch
     snprintf(text[3], sizeof text[3], "%u", desc->seed);
     snprintf(text[4], sizeof text[4], "%.9g", desc->target_error);
     snprintf(text[5], sizeof text[5], "%u", desc->threads);
-    const char *arguments[32] = {program,
+    const char *arguments[40] = {program,
                                  desc->package,
                                  "--listen",
                                  "127.0.0.1:0",
                                  "--http",
                                  "none",
+                                 "--cache",
+                                 "", /* what it measures does not hang on earlier runs */
                                  "--port-file",
                                  c->port_file,
                                  "--clock",

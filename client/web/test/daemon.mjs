@@ -27,6 +27,8 @@ export function hasDaemon() {
 export function startDaemon(...options) {
   const addresses = ['--listen', '127.0.0.1:0'];
   if (!options.includes('--http')) addresses.push('--http', '127.0.0.1:0');
+  // a start that finds what an earlier one has saved says less of the wait
+  if (!options.includes('--cache')) addresses.push('--cache', '');
   const child = spawn(join(bin, 'lightwelld'), [...addresses, ...options], {
     env: { ...process.env, OMP_WAIT_POLICY: 'passive' },
   });
