@@ -95,7 +95,7 @@ static enum lw_status take_up_scene(struct lw_client *c, const struct lw_message
     if (same_run) return LW_OK;
     lw_replica_begin_run(c->replica);
     c->may_hold = false;
-    c->stats.frame = c->stats.settled_frame = c->stats.changed_frame = 0;
+    c->frame_acked = c->stats.frame = c->stats.settled_frame = c->stats.changed_frame = 0;
     return LW_OK;
 }
 

@@ -522,6 +522,7 @@ static void test_reconnect(void **state) {
     r = start_server(&w, port);
     lw_support_ok(lw_client_reconnect(client, &err), &err);
     expect_tile(client, &w, 1, 7); /* until then it stays */
+    lw_support_ok(lw_client_poll(client, 0, &err), &err); /* there is no frame to say anything of */
     publish(&r, make_snapshot(&w, 2));
     poll_until_tiles(client, 2 * w.map.tile_count + 1);
     for (uint32_t t = 0; t < w.map.tile_count; t++) {
