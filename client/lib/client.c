@@ -7,6 +7,7 @@
 #include "client/lib/package_cache.h"
 #include "client/lib/replica.h"
 #include "common/clock.h"
+#include "common/invariant.h"
 #include "common/random.h"
 
 #include <assert.h>
@@ -122,6 +123,7 @@ static void keep_parts(const struct lw_client *c, const struct lw_download *d,
                        enum lw_package_cache_kind kind) {
     uint64_t begin = 0;
     struct lw_error err = {0};
+    LW_INVARIANT(lw_download_is_complete(d) && d->size == d->package_size);
     for (size_t i = 0; i < d->part_count && !err.status; begin = d->part[i++].end)
         if (!d->part[i].was_held &&
             lw_package_cache_write(c->cache_folder, kind, &d->part[i].hash, d->bytes + begin,
@@ -146,6 +148,7 @@ static enum lw_status begin_light(struct lw_client *c, struct lw_error *err) {
 /* The download is complete. */
 static enum lw_status take_package(struct lw_client *c, struct lw_error *err) {
     struct lw_replica *replica = NULL;
+    LW_INVARIANT(!c->replica && c->welcomed && lw_download_is_complete(&c->download));
     if (c->watch.leave) c->watch.leave(c->watch.context);
     enum lw_status status = lw_replica_create(c->download.bytes, c->download.size, &replica, err);
     const bool has_parts = c->download.part_count > 1;
@@ -179,6 +182,8 @@ static enum lw_status begin_finishes(struct lw_client *c, const struct lw_messag
 
 static enum lw_status take_finishes(struct lw_client *c, struct lw_error *err) {
     struct lw_download *d = &c->finish_download;
+    LW_INVARIANT(c->finishes == LW_CLIENT_FINISHES_COMING && lw_download_is_complete(d));
+    LW_INVARIANT(!lw_replica_is_beside(c->replica)); /* its scene is another's to change */
     if (c->watch.leave) c->watch.leave(c->watch.context);
     enum lw_status status = lw_replica_read_finishes(c->replica, d->bytes, d->size, err);
     if (status == LW_OK && c->cache_folder) keep_parts(c, d, LW_PACKAGE_CACHE_PART);
@@ -255,13 +260,16 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
     c->may_ask = welcome->features & LW_FEATURE_OPERATE;
     c->may_hold = welcome->features & LW_FEATURE_RESUME;
     const bool same_run = welcome->run && welcome->run == c->run;
-    c->run = welcome->run;
+    c->run = 0; /* until what depends on it is taken over */
     if (c->operate) return LW_OK; /* it wants no scene */
     enum lw_status status = lw_draws_begin(&c->draws, welcome, c->draws_direct, err);
     if (status == LW_OK) status = find_scene(c, welcome, same_run, err);
     if (status == LW_OK) status = begin_finishes(c, welcome, same_run, err);
     if (status != LW_OK) return status;
-    return c->replica ? begin_light(c, err) : begin_download(c, welcome, same_run, err);
+    if (c->replica) lw_download_finish(&c->download); /* of a session before: it was found elsewhere */
+    status = c->replica ? begin_light(c, err) : begin_download(c, welcome, same_run, err);
+    if (status == LW_OK) c->run = welcome->run;
+    return status;
 }
 
 static enum lw_status handle_refusal(struct lw_client *c, const struct lw_message_refusal *refusal,
@@ -297,6 +305,7 @@ static enum lw_status handle_finish_chunk(struct lw_client *c, const struct lw_m
 static enum lw_status handle_frame(struct lw_client *c, const struct lw_message_frame *frame,
                                    struct lw_error *err) {
     if (!c->replica) return out_of_order(err, LW_MESSAGE_FRAME);
+    LW_INVARIANT(!c->download.zstd); /* the scene is there: nothing of it is to come */
     if (frame->frame < c->stats.frame)
         return lw_status_fail(err, LW_PROTOCOL, "message FRAME: number %llu after %llu",
                               (unsigned long long)frame->frame, (unsigned long long)c->stats.frame);
@@ -310,6 +319,8 @@ static enum lw_status handle_frame(struct lw_client *c, const struct lw_message_
     memcpy(c->stats.sky, frame->sky, sizeof c->stats.sky);
     if (frame->material_count || frame->hidden_count || frame->shown_count)
         c->stats.changed_frame = frame->frame;
+    LW_INVARIANT(c->stats.settled_frame <= c->stats.frame && c->stats.changed_frame <= c->stats.frame &&
+                 c->frame_acked <= c->stats.frame);
     c->waiting = (struct lw_waiting_state){LW_WAITING_READY, 1};
     c->frame_ns = lw_clock_ns();
     c->frame_solve_ns = frame->solve_ns;
@@ -343,6 +354,7 @@ static enum lw_status handle_updated(struct lw_client *c, const struct lw_messag
             return lw_status_fail(err, LW_NO_MEMORY, "message UPDATED: out of memory");
         memcpy(added, updated->added, updated->added_count * sizeof *added);
     }
+    LW_INVARIANT(c->unanswered + c->answer_count <= LW_CLIENT_UPDATES_MAX); /* the ring has room for it */
     c->unanswered--;
     struct lw_client_answer *answer =
         &c->answer[(c->answer_first + c->answer_count++) % LW_CLIENT_UPDATES_MAX];
@@ -459,6 +471,7 @@ static enum lw_status take_all(struct lw_client *c, uint64_t end_ns, struct lw_e
         link_status = lw_link_receive(&c->link, &size, &link_err);
         /* also after the link's end: a refusal may be the last message */
         enum lw_status status = take_buffered(c, end_ns, &any, err);
+        LW_INVARIANT(c->stats.bytes <= c->bytes_before + c->link.bytes_received);
         c->stats.bytes = c->bytes_before + c->link.bytes_received;
         if (status != LW_OK) return status;
         if (c->welcomed != was_welcomed) return LW_OK;
@@ -481,6 +494,7 @@ static enum lw_status tell_interest(struct lw_client *c, struct lw_error *err) {
     if (!c->interest_tile) c->interest_tile = malloc(LW_CLIENT_INTEREST_MAX * sizeof *c->interest_tile);
     if (!c->interest_scratch) c->interest_scratch = malloc(INTEREST_SCRATCH_SIZE);
     if (!c->interest_tile || !c->interest_scratch) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    LW_INVARIANT(now->count <= LW_CLIENT_INTEREST_MAX && (!now->count || c->replica));
     for (uint32_t i = 0; i < now->count; i++) {
         const struct lw_atlas_map *map = lw_replica_atlas_map(c->replica);
         const struct lw_tile_place *place = &map->place[now->tile[i].v];
@@ -541,6 +555,7 @@ enum lw_status lw_client_update(struct lw_client *c, const struct lw_scene_chang
     if (status == LW_OK) status = lw_link_send(&c->link, &message, err);
     if (status != LW_OK) return status;
     c->unanswered++;
+    LW_INVARIANT(c->unanswered + c->answer_count <= LW_CLIENT_UPDATES_MAX);
     c->updates_sent++;
     if (out_request) *out_request = c->updates_sent;
     return LW_OK;
@@ -548,6 +563,7 @@ enum lw_status lw_client_update(struct lw_client *c, const struct lw_scene_chang
 
 bool lw_client_next_answer(struct lw_client *c, struct lw_client_answer *out_answer) {
     if (!c->answer_count) return false;
+    LW_INVARIANT(c->answer_count <= LW_CLIENT_UPDATES_MAX && c->answer_first < LW_CLIENT_UPDATES_MAX);
     *out_answer = c->answer[c->answer_first];
     free(c->added);
     c->added = (uint32_t *)out_answer->added;
@@ -610,6 +626,7 @@ static enum lw_status ask_for_finishes(struct lw_client *c, struct lw_error *err
     if (c->finishes != LW_CLIENT_FINISHES_COMING || c->finish_asked || !c->replica || !c->stats.frame ||
         !lw_replica_has_first(c->replica))
         return LW_OK;
+    LW_INVARIANT(d->zstd && !lw_download_is_complete(d));
     c->finish_asked = true;
     if (c->cache_folder) {
         lw_download_find_held(d, find_part, c);
@@ -637,6 +654,7 @@ static enum lw_status tell_held(struct lw_client *c, struct lw_error *err) {
     for (uint32_t t = 0; status == LW_OK && !c->link.outbox_size && t < map->tile_count; t++) {
         const uint64_t version = lw_replica_version_of_run(c->replica, (lw_tile_id){t});
         const struct lw_tile_place *p = &map->place[t];
+        LW_INVARIANT(count < HOLDS_AT_ONCE);
         if (version)
             held[count++] = (struct lw_message_held){p->object, p->level,
                                                      lw_atlas_map_number(map, (lw_tile_id){t}), version};

@@ -1368,14 +1368,95 @@ static uint8_t *tell_finishes(struct world *w, struct lw_message *welcome, const
 }
 
 /* A frame and all of its tiles, after which the client asks for finishes. */
-static void say_all_light(struct script *s, const struct world *w) {
+static void say_all_light(struct script *s, const struct world *w, uint64_t version) {
     uint8_t *payload = malloc(lw_tile_codec_bound());
     say(s, &(struct lw_message){.type = LW_MESSAGE_FRAME, .frame = {.frame = 1}});
     for (uint32_t t = 0; t < w->map.tile_count; t++) {
-        const struct lw_message tile = tile_message(w, t, 1, payload);
+        const struct lw_message tile = tile_message(w, t, version, payload);
         say(s, &tile);
     }
     free(payload);
+}
+
+/* A download that was cut short, and a folder that has the package by the next welcome. */
+static void test_a_download_that_a_folder_ends(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct script s = {.closes = true};
+    struct lw_client *client;
+    struct lw_error err = {0};
+    char folder[256];
+    snprintf(folder, sizeof folder, "%s", lw_support_temporary("download"));
+    struct lw_message welcome = welcome_of(&w);
+    welcome.welcome.run = 77;
+    say(&s, &welcome);
+    say(&s, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_CHUNK,
+                                 .package_chunk = {0, w.compressed, w.compressed_size / 2}});
+    begin(&s);
+    const uint16_t port = s.port;
+    lw_support_ok(lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1",
+                                                            .port = port,
+                                                            .cache_folder = folder},
+                                   &client, &err),
+                  &err);
+    lose_connection(client);
+    end(&s);
+    lw_support_ok(lw_package_cache_write(folder, LW_PACKAGE_CACHE_PACKAGE, &welcome.welcome.package_hash,
+                                         w.package, w.package_size, &err),
+                  &err);
+    s = (struct script){.port = port};
+    say(&s, &welcome);
+    say_all_light(&s, &w, 1);
+    begin(&s);
+    lw_support_ok(lw_client_reconnect(client, &err), &err);
+    assert_non_null(lw_client_scene(client));
+    poll_until_tiles(client, w.map.tile_count);
+    lw_client_destroy(client);
+    end(&s);
+    assert_int_equal(remove_files(folder, ".lwscene"), 1);
+    rmdir(folder);
+    finish_world(&w);
+}
+
+/* A welcome of a new run that fails half-way does not make the next one a session of the same run. */
+static void test_a_welcome_that_fails(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct script s = {.closes = true};
+    struct lw_client *client;
+    struct lw_error err = {0};
+    struct lw_message welcome = welcome_of(&w);
+    welcome.welcome.run = 77;
+    say(&s, &welcome);
+    say_package(&s, &w);
+    say_all_light(&s, &w, 5);
+    begin(&s);
+    const uint16_t port = s.port;
+    lw_support_ok(
+        lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1", .port = port}, &client, &err), &err);
+    lose_connection(client);
+    end(&s);
+    expect_tile(client, &w, 0, 5);
+    s = (struct script){.port = port, .closes = true};
+    welcome.welcome.run = 78;
+    welcome.welcome.features = LW_FEATURE_DRAWS; /* was not offered */
+    say(&s, &welcome);
+    begin(&s);
+    lw_support_fails(lw_client_reconnect(client, &err), LW_PROTOCOL, &err, "not offered");
+    assert_int_equal(shutdown(lw_client_descriptor(client), SHUT_RDWR), 0);
+    end(&s);
+    err = (struct lw_error){0};
+    s = (struct script){.port = port};
+    welcome.welcome.features = 0;
+    say(&s, &welcome);
+    say_all_light(&s, &w, 1);
+    begin(&s);
+    lw_support_ok(lw_client_reconnect(client, &err), &err);
+    poll_until_tiles(client, 2 * w.map.tile_count);
+    for (uint32_t t = 0; t < w.map.tile_count; t++) expect_texels(client, &w, t, 1);
+    lw_client_destroy(client);
+    end(&s);
+    finish_world(&w);
 }
 
 static void expect_finish_failure(struct script *s, enum lw_status expected, const char *text) {
@@ -1423,7 +1504,7 @@ static void test_damaged_finishes(void **state) {
         if (lie == 1) chunk.finish_chunk = (struct lw_message_package_chunk){1, compressed + 1, size - 1};
         say(&s, &welcome);
         if (lie) say_package(&s, &w);
-        if (lie) say_all_light(&s, &w);
+        if (lie) say_all_light(&s, &w, 1);
         say(&s, &chunk);
         if (lie == 4) say(&s, &chunk); /* they are there */
         if (lie < 4) {
@@ -1464,7 +1545,7 @@ static void test_finishes_go_on(void **state) {
         welcome.welcome.run = 77;
         say(&s, &welcome);
         say_package(&s, &w);
-        say_all_light(&s, &w);
+        say_all_light(&s, &w, 1);
         say(&s, &(struct lw_message){.type = LW_MESSAGE_FINISH_CHUNK, .finish_chunk = {0, compressed, half}});
         begin(&s);
         const uint16_t port = s.port;
@@ -1480,7 +1561,7 @@ static void test_finishes_go_on(void **state) {
         s = (struct script){.port = port};
         welcome.welcome.run = same ? 77 : 78;
         say(&s, &welcome);
-        say_all_light(&s, &w);
+        say_all_light(&s, &w, 1);
         say(&s, &(struct lw_message){.type = LW_MESSAGE_FINISH_CHUNK,
                                      .finish_chunk = {from, compressed + from, size - from}});
         begin(&s);
@@ -2023,6 +2104,8 @@ int main(void) {
         cmocka_unit_test(test_finishes_go_on),
         cmocka_unit_test(test_backoff),
         cmocka_unit_test(test_download_goes_on),
+        cmocka_unit_test(test_a_download_that_a_folder_ends),
+        cmocka_unit_test(test_a_welcome_that_fails),
         cmocka_unit_test(test_damaged_package),
         cmocka_unit_test(test_forms_out_of_place),
         cmocka_unit_test(test_messages_out_of_place),
