@@ -55,6 +55,19 @@ static void without_walls_quarters(void **state) {
     for (uint32_t i = 0; i < COUNT; i++) assert_int_equal(b.region[i], (i / SIDE / 8) * 2 + i % SIDE / 8);
 }
 
+/* Two sides that lie in one quarter, as in a lightmap of a few texels. */
+static void a_wall_in_a_corner(void **state) {
+    (void)state;
+    struct block b = {.parts.count = 0};
+    for (uint32_t i = 0; i < COUNT; i++) {
+        b.covered[i] = i / SIDE < 8 && i % SIDE < 8;
+        b.side[i] = i % SIDE < 4;
+    }
+    deal(&b);
+    assert_int_equal(b.parts.count, 2);
+    check_apart(&b);
+}
+
 /* At any column: two regions each, whose texels lie together. */
 static void a_wall_parts_two_sides(void **state) {
     (void)state;
@@ -156,7 +169,7 @@ static void more_rooms_than_numbers(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(without_walls_quarters),
-        cmocka_unit_test(a_wall_parts_two_sides),
+        cmocka_unit_test(a_wall_in_a_corner), cmocka_unit_test(a_wall_parts_two_sides),
         cmocka_unit_test(many_sides),
         cmocka_unit_test(beside_charts_without_walls),
         cmocka_unit_test(what_is_not_covered_does_not_count),

@@ -1,5 +1,7 @@
 #include "server/solve/surface/regions.h"
 
+#include "common/invariant.h"
+
 #include <stdlib.h>
 
 /* ---- rooms ---- */
@@ -64,6 +66,7 @@ uint32_t lw_rooms_find(const struct lw_mesh_texels *mesh, uint32_t first, uint32
     }
     qsort(member, count, sizeof *member, compare_members);
     const uint32_t side_count = list_sides(member, count, sides);
+    LW_INVARIANT(side_count <= count);
     qsort(sides, side_count, sizeof *sides, compare_sides);
     for (uint32_t s = 0; s < side_count; s++) {
         const uint32_t number = s + 1 < LW_ROOMS_MAX ? s + 1 : LW_ROOMS_MAX - 1;
@@ -104,7 +107,8 @@ static uint32_t smaller_half(uint32_t part, uint32_t whole) {
     return part < whole - part ? part : whole - part;
 }
 
-/* The largest rooms have a region each; those left over share the last one. */
+/* The largest rooms have a region each; those left over share the last one. Regions without texels belong to the
+ * last part. */
 static struct lw_region_parts share_out(struct group *group, uint32_t groups) {
     struct lw_region_parts parts = {.count = (uint8_t)(groups < LW_REGIONS ? groups : LW_REGIONS)};
     uint32_t left = LW_REGIONS - parts.count, next = 0;
@@ -125,6 +129,8 @@ static struct lw_region_parts share_out(struct group *group, uint32_t groups) {
         parts.end[g] = (uint8_t)next;
         parts.room[g] = (uint8_t)own->room;
     }
+    LW_INVARIANT(groups > 1 && next <= LW_REGIONS);
+    parts.end[parts.count - 1] = LW_REGIONS;
     return parts;
 }
 
