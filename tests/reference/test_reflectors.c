@@ -1,5 +1,6 @@
 /* Light by way of small bright objects: a lamp over a dish in a black room, against closed forms. */
 #include "server/solve/transport/reflectors.h"
+#include "server/solve/cell_layer.h"
 #include "tests/reference/effort.h"
 #include "tests/reference/room.h"
 
@@ -154,6 +155,28 @@ static void test_a_dish_through_a_wall(void **state) {
         fail_msg("the wall behind has %g W/m^2, the one before it %g", dark, lit);
 }
 
+/* Sums that corrections have left a little below none are no light that anything could stand out from. */
+static void test_nothing_shines_in_the_dark(void **state) {
+    (void)state;
+    struct room room = black_room();
+    struct room_solution s;
+    struct lw_texels texels;
+    struct lw_reflectors reflectors;
+    struct lw_error err = {0};
+    room_disc(&room, lw_vec3(1, 1, 1), lw_vec3(RADIUS, 0, 0), lw_vec3(0, 0, -RADIUS), ALBEDO, 0);
+    room_solve(&s, &room, (struct lw_solver_desc){.bounces = 1}, 2);
+    struct lw_tiles *tiles = lw_cell_layer_tiles(s.solver);
+    for (uint32_t b = 0; b < tiles->block_count; b++)
+        tiles->block[b].luminance = -1e-9 * tiles->block[b].covered_count;
+    lw_support_ok(lw_texels_init(&texels, s.scene, 1, NULL, NULL, &err), &err);
+    lw_support_ok(lw_reflectors_init(&reflectors, s.scene, &texels, &s.pose), NULL);
+    lw_support_ok(lw_reflectors_update(&reflectors, tiles, &s.pose), NULL);
+    assert_int_equal(reflectors.count, 0);
+    lw_reflectors_finish(&reflectors);
+    lw_texels_finish(&texels);
+    room_finish(&s);
+}
+
 static void test_same_bytes_at_any_thread_count(void **state) {
     (void)state;
     struct room room = black_room();
@@ -177,6 +200,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test(test_probes_have_what_is_beyond_the_range),
         cmocka_unit_test(test_more_than_are_listed),
         cmocka_unit_test(test_a_dish_through_a_wall),
+        cmocka_unit_test(test_nothing_shines_in_the_dark),
         cmocka_unit_test(test_same_bytes_at_any_thread_count),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -125,6 +125,7 @@ static float list_triangles(const struct lw_reflectors *r, const struct lw_tiles
         const float own = 0.5f * lw_vec3_length(lw_vec3_cross(lw_affine_vector(to_world, ab),
                                                               lw_affine_vector(to_world, ac))),
                     radiance = radiance_of_triangle(r, tiles, c->object, i);
+        LW_INVARIANT(c->count < c->capacity);
         c->triangle[c->count] = i;
         c->upto[c->count] = own;
         c->radiance[c->count++] = radiance;
@@ -148,6 +149,7 @@ static void replace(struct lw_reflectors *r, uint32_t index) {
 
 static void add(struct lw_reflectors *r) {
     uint32_t weakest = 0;
+    LW_INVARIANT(r->list[LW_REFLECTORS_MAX].count > 0 && power_of(&r->list[LW_REFLECTORS_MAX]) > 0);
     for (uint32_t i = 1; i < r->count; i++)
         if (power_of(&r->list[i]) < power_of(&r->list[weakest])) weakest = i;
     if (r->count < LW_REFLECTORS_MAX)
@@ -165,6 +167,7 @@ static void place(struct lw_reflector *c, const struct lw_tiles *tiles) {
         sum = lw_vec3_add(sum, tiles->tile[i].centre_ws);
         count++;
     }
+    LW_INVARIANT(count > 0); /* it shone in one */
     c->centre_ws = lw_vec3_scale(sum, 1 / (float)count);
     c->radius_m = 0;
     for (uint32_t i = 0; i < tiles->count; i++)
@@ -220,7 +223,7 @@ static double light_of(const struct lw_tiles *tiles, const struct lw_solve_tile 
     return block->sample_count ? block->luminance : survey_block(tiles, tile, block).sum;
 }
 
-/* Mean E of all texels that are there. */
+/* Mean E of all texels that are there; of sums that corrections have left below none, none. */
 static float mean_light(const struct lw_tiles *tiles) {
     double light = 0, texels = 0;
     for (uint32_t i = 0; i < tiles->count; i++) {
@@ -232,7 +235,7 @@ static float mean_light(const struct lw_tiles *tiles) {
             texels += block->covered_count;
         }
     }
-    return texels > 0 ? (float)(light / texels) : 0;
+    return light > 0 ? (float)(light / texels) : 0;
 }
 
 /* Which objects have a texel that may be worth it: no albedo is above 1. */
@@ -254,6 +257,7 @@ enum lw_status lw_reflectors_update(struct lw_reflectors *r, const struct lw_til
                                     const struct lw_pose *pose) {
     const float mean = mean_light(tiles);
     enum lw_status status = LW_OK;
+    LW_INVARIANT(mean >= 0 && isfinite(mean));
     r->count = 0;
     memset(r->of_object, LW_REFLECTORS_MAX, r->scene->object_count);
     find_bright(r, tiles, mean);
@@ -303,6 +307,7 @@ const struct lw_reflector *lw_reflectors_pick(const struct lw_reflectors *r, str
     uint32_t i = 0;
     while (i + 1 < r->count && (left -= most_of(&r->list[i], place)) >= 0) i++;
     *out_probability = most_of(&r->list[i], place) / all;
+    LW_INVARIANT_DEAR(*out_probability > 0 && *out_probability < 1.001f);
     return &r->list[i];
 }
 
@@ -319,4 +324,5 @@ void lw_reflectors_point(const struct lw_reflectors *r, const struct lw_reflecto
     out->position_ws = lw_affine_point(to_world, lw_vec3_mad(lw_vec3_mad(a, ab, out->u), ac, out->v));
     out->normal_ws = lw_affine_normal(to_world, lw_vec3_cross(ab, ac));
     out->area_m2 = power_of(c) / c->radiance[i];
+    LW_INVARIANT_DEAR(out->area_m2 > 0);
 }
