@@ -54,6 +54,7 @@ enum lw_status lw_light_store_init(struct lw_light_store *store, const char *fol
     enum lw_status status = store->shown_path && store->sums_path
                                 ? lock(folder, &store->lock, err)
                                 : lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", folder);
+    store->is_locked = status == LW_OK;
     if (status == LW_OK)
         sweep(store);
     else
@@ -63,7 +64,7 @@ enum lw_status lw_light_store_init(struct lw_light_store *store, const char *fol
 
 void lw_light_store_finish(struct lw_light_store *store) {
     lw_snapshot_unref(store->newest);
-    if (store->lock > 0) close(store->lock);
+    if (store->is_locked) close(store->lock);
     free(store->sums_path);
     free(store->shown_path);
     *store = (struct lw_light_store){0};
@@ -80,6 +81,7 @@ struct lw_snapshot *lw_light_store_recall(struct lw_light_store *store, const st
                                           float target_error) {
     struct lw_error err = {0};
     struct lw_snapshot *snapshot;
+    LW_INVARIANT(store->is_locked); /* nobody else writes it meanwhile */
     enum lw_status status =
         lw_saved_light_load(store->shown_path, store->key, atlas_map, target_error, &snapshot, &err);
     if (status != LW_OK) {
@@ -124,7 +126,7 @@ void lw_light_store_note(struct lw_light_store *store, struct lw_snapshot *snaps
 
 static enum lw_status save(struct lw_light_store *store, const struct lw_solver *solver,
                            struct lw_error *err) {
-    LW_INVARIANT(store->due && store->newest);
+    LW_INVARIANT(store->is_locked && store->due && store->newest);
     enum lw_status status =
         lw_saved_light_save(store->shown_path, store->key, store->newest, !store->changed, err);
     if (status == LW_OK && solver && !store->changed)

@@ -23,7 +23,8 @@ struct lw_light_store {
     bool due;                   /* something is not saved yet */
     bool told;                  /* the log says that the saved light does not fit */
     uint64_t saved_ns;
-    int lock; /* descriptor of the folder, which is locked */
+    bool is_locked;             /* the folder, by this descriptor: */
+    int lock;
 };
 
 /** Makes the folder if it does not exist, locks it until the end of the process or

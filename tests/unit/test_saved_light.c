@@ -1,11 +1,14 @@
 #include "tests/support/support.h"
 
 #include "common/tile/tile_codec.h"
+#include "server/publish/light_store.h"
 #include "server/publish/saved_light.h"
 
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 #include <xxhash.h>
 
 #define FRAME        41u
@@ -216,12 +219,32 @@ static void what_is_written_wrongly_is_refused(void **state) {
     refused(w, key, "has a header that makes no sense");
 }
 
+/* Whatever the number of its lock's descriptor: a daemon may be started without standard input. */
+static void a_store_lets_its_folder_go(void **state) {
+    (void)state;
+    const char *folder = lw_support_temporary("store");
+    struct lw_light_store store = {0};
+    lw_light_store_finish(&store); /* a zeroed one has no lock */
+    assert_true(fcntl(STDIN_FILENO, F_GETFD) >= 0);
+    const int input = dup(STDIN_FILENO);
+    close(STDIN_FILENO);
+    for (int again = 0; again < 2; again++) {
+        lw_support_ok(lw_light_store_init(&store, folder, key, NULL), NULL);
+        assert_int_equal(store.lock, STDIN_FILENO);
+        lw_light_store_finish(&store);
+    }
+    assert_int_equal(dup2(input, STDIN_FILENO), STDIN_FILENO);
+    close(input);
+    rmdir(folder);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(steady_light_comes_back_as_it_was, init_world, finish_world),
         cmocka_unit_test_setup_teardown(other_light_does_not_count_as_converged, init_world, finish_world),
         cmocka_unit_test_setup_teardown(what_does_not_fit_is_refused, init_world, finish_world),
         cmocka_unit_test_setup_teardown(what_is_written_wrongly_is_refused, init_world, finish_world),
+        cmocka_unit_test(a_store_lets_its_folder_go),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
