@@ -260,7 +260,7 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
     c->may_ask = welcome->features & LW_FEATURE_OPERATE;
     c->may_hold = welcome->features & LW_FEATURE_RESUME;
     const bool same_run = welcome->run && welcome->run == c->run;
-    c->run = 0; /* until what depends on it is taken over */
+    c->run = 0;                   /* until what depends on it is taken over */
     if (c->operate) return LW_OK; /* it wants no scene */
     enum lw_status status = lw_draws_begin(&c->draws, welcome, c->draws_direct, err);
     if (status == LW_OK) status = find_scene(c, welcome, same_run, err);

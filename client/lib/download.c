@@ -18,6 +18,8 @@ static void list_parts(struct lw_download *d, const struct lw_message_package *p
         d->part[i] = (struct lw_download_part){
             .end = end, .compressed_end = compressed_end, .hash = package->part_hash[i]};
     }
+    LW_INVARIANT(!package->part_count ||
+                 (end == package->size && compressed_end == package->compressed_size));
     if (!package->part_count)
         d->part[0] = (struct lw_download_part){
             .end = package->size, .compressed_end = package->compressed_size, .hash = package->hash};
@@ -44,6 +46,7 @@ enum lw_status lw_download_init(struct lw_download *download, const char *what,
 }
 
 void lw_download_find_held(struct lw_download *d, lw_download_find *find, void *where) {
+    LW_INVARIANT(d->parts_done <= d->part_count);
     for (size_t i = d->parts_done; i < d->part_count; i++) {
         struct lw_download_part *part = &d->part[i];
         const bool has_begun = i == d->parts_done && d->received > (i ? d->part[i - 1].compressed_end : 0);
@@ -72,6 +75,7 @@ enum lw_status lw_download_request(const struct lw_download *d,
         if (!held && !(held = calloc(size, 1))) return LW_NO_MEMORY;
         held[i / 8] |= (uint8_t)(1 << (i % 8));
     }
+    LW_INVARIANT(d->received <= d->compressed_size);
     *out_request = (struct lw_message_package_request){d->received, held, held ? size : 0};
     *out_held = held;
     return LW_OK;
@@ -159,6 +163,7 @@ enum lw_status lw_download_add(struct lw_download *d, const struct lw_message_pa
         return lw_status_fail(err, LW_PROTOCOL, "%s: more than the %" PRIu64 " bytes promised", d->what,
                               d->compressed_size);
     const struct lw_download_part *part = &d->part[d->parts_done];
+    LW_INVARIANT(!part->held); /* what is held is taken, and never asked for */
     d->received += chunk->size;
     bool ended;
     enum lw_status status = decompress(d, chunk->data, chunk->size, &ended, err);

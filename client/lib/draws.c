@@ -1,5 +1,7 @@
 #include "client/lib/draws.h"
 
+#include "common/invariant.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -45,6 +47,8 @@ enum lw_status lw_draws_set_scene(struct lw_draws *draws, const struct lw_scene 
                                   struct lw_error *err) {
     if (!draws->taken_up) return LW_OK;
     const uint32_t lights = scene->light_count, materials = scene->material_count;
+    LW_INVARIANT(!draws->has_scene ||
+                 (draws->of.light_count == lights && draws->of.material_count == materials));
     free(draws->flags);
     if (!(draws->flags = calloc((size_t)lights + materials + 1, 1)))
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory");

@@ -91,6 +91,8 @@ static uint32_t count_lacking(const struct lw_interest_list *a, const struct lw_
 bool lw_interest_is_due(const struct lw_interest *interest, uint64_t now_ns) {
     const struct lw_interest_list *now = &interest->now, *told = &interest->told;
     const uint64_t since_ns = now_ns - interest->told_ns;
+    LW_INVARIANT(now_ns >= interest->told_ns);
+    LW_INVARIANT_DEAR(is_in_order(now) && is_in_order(told));
     if (since_ns < LW_INTEREST_TELL_NS) return false;
     if (now->everything || told->everything) return now->everything != told->everything;
     if (count_lacking(now, told)) return true;
@@ -107,6 +109,7 @@ enum lw_status lw_interest_tell(struct lw_interest *interest, uint64_t now_ns) {
     told->everything = now->everything;
     told->count = now->count;
     LW_INVARIANT_DEAR(is_in_order(told));
+    LW_INVARIANT(now_ns >= interest->told_ns);
     interest->told_ns = now_ns;
     return LW_OK;
 }

@@ -189,6 +189,7 @@ static enum lw_status shake_hands(struct lw_link *link, const struct lw_link_des
     if (status == LW_OK && failure && failure != EAGAIN)
         status = lw_status_fail(&cause, LW_CLOSED, "%s", strerror(failure));
     if (status != LW_OK) return lw_tls_trust_explain(err, link->address, &cause, link->first_byte);
+    LW_INVARIANT(size <= INPUT_SIZE + SEALED_MORE);
     lw_message_reader_lend(&link->reader, link->input, size);
     link->bytes_received += size;
     return LW_OK;
@@ -250,6 +251,7 @@ static enum lw_status closed(const struct lw_link *link, const char *why, struct
 static enum lw_status flush_by_tls(struct lw_link *link, struct lw_error *err) {
     int failure = send_sealed(link);
     if (!failure && link->outbox_size) {
+        LW_INVARIANT(!link->sealed.size && !link->sealed_sent); /* records keep their order */
         if (lw_tls_stream_write(link->tls, link->outbox, link->outbox_size, &link->sealed) != LW_OK)
             return closed(link, "TLS failed", err);
         link->outbox_size = 0;
@@ -275,6 +277,7 @@ static enum lw_status flush(struct lw_link *link, struct lw_error *err) {
 enum lw_status lw_link_fits(struct lw_link *link, const struct lw_message *message, bool *out_fits,
                             struct lw_error *err) {
     enum lw_status status = flush(link, err);
+    LW_INVARIANT(link->outbox_size <= sizeof link->outbox);
     if (status == LW_OK) *out_fits = lw_message_size(message) <= sizeof link->outbox - link->outbox_size;
     return status;
 }
@@ -297,6 +300,7 @@ enum lw_status lw_link_send(struct lw_link *link, const struct lw_message *messa
 /* Pings when due; gives up on a server that says nothing although somebody listens. */
 static enum lw_status mind_silence(struct lw_link *link, uint64_t now_ns, struct lw_error *err) {
     /* silence counts only while we look: after a pause of our own the count begins again */
+    LW_INVARIANT(now_ns >= link->looked_ns && now_ns >= link->heard_ns && now_ns >= link->pinged_ns);
     if (now_ns - link->looked_ns > LW_LINK_PING_S * SECOND_NS) link->heard_ns = now_ns;
     link->looked_ns = now_ns;
     if (now_ns - link->heard_ns > LW_LINK_SILENCE_S * SECOND_NS)

@@ -3,6 +3,7 @@
 #include "client/lib/live_state.h"
 
 #include "common/clock.h"
+#include "common/invariant.h"
 
 #include <errno.h>
 #include <poll.h>
@@ -60,6 +61,7 @@ static enum lw_status init_lock(struct lw_live *live) {
 static enum lw_status take_scene(void *context, const struct lw_client *client, struct lw_error *err) {
     struct lw_live *live = context;
     const struct lw_scene *scene = lw_client_scene(client);
+    LW_INVARIANT(!live->scene && !live->other_scene);
     lw_live_unlock(live);
     enum lw_status status = lw_live_tiles_init(&live->tiles, client, live->flags & LW_LIVE_AS_IT_IS);
     if (status == LW_OK) status = lw_live_interest_init(&live->interest, client);
@@ -146,6 +148,7 @@ static enum lw_status take_in(struct lw_live *live, struct lw_error *err) {
     status = lw_client_poll(live->client, WAIT_MS, err);
     lw_client_get_stats(live->client, &after);
     live->is_connected = status == LW_OK;
+    LW_INVARIANT(after.bytes >= before.bytes && after.tiles >= before.tiles);
     if (after.bytes == before.bytes) return status;
     live->taken++;
     pthread_cond_broadcast(&live->news);
@@ -288,6 +291,7 @@ static enum lw_live_status hear(struct lw_live *live, uint32_t timeout_ms, struc
     lw_live_lock(live);
     while (timeout_ms && live->taken == live->told && live->ended == LW_OK && !live->other_scene)
         if (pthread_cond_timedwait(&live->news, &live->data, &deadline)) break;
+    LW_INVARIANT(live->told <= live->taken);
     live->told = live->taken;
     enum lw_live_status status =
         live->other_scene ? tell_other_scene(live, err) : lw_live_pass(err, live->ended, &live->reason);
@@ -402,6 +406,7 @@ enum lw_live_status lw_live_want_views(struct lw_live *live, const struct lw_liv
     interest->view_count = (uint32_t)count;
     interest->is_active = true;
     interest->has_changed |= is_new;
+    LW_INVARIANT(lw_clock_ns() >= interest->looked_ns);
     if (is_new && lw_clock_ns() - interest->looked_ns >= LW_LIVE_INTEREST_NS) rouse(live);
     lw_live_unlock(live);
     return LW_LIVE_OK;

@@ -134,6 +134,7 @@ static enum lw_status measure(struct lw_live_interest *interest, const struct lw
         is_measured[m] = true;
         const struct lw_atlas_level *level = &map->atlas[o].level[0];
         const uint32_t tiles = level->tiles_x * level->tiles_y;
+        LW_INVARIANT(tiles <= largest && interest->mesh[m].first + tiles <= boxes);
         for (uint32_t i = 0; i < tiles; i++) tile[i] = nothing;
         measure_mesh(scene, &scene->mesh[m], level, tile, &interest->mesh[m]);
         for (uint32_t i = 0; i < tiles; i++) interest->box[interest->mesh[m].first + i] = to_box(&tile[i]);
@@ -238,6 +239,8 @@ static void look_at_object(struct lw_live_interest *interest, const struct lw_cl
     const struct lw_live_mesh_boxes *boxes = &interest->mesh[mesh];
     const uint32_t tiles = atlas->level[0].tiles_x * atlas->level[0].tiles_y;
     uint8_t *level = interest->level + interest->map->first_tile[object] + atlas->level[0].first_tile;
+    LW_INVARIANT(interest->map->first_tile[object] + atlas->level[0].first_tile + tiles <=
+                 interest->map->tile_count);
     memset(level, UINT8_MAX, tiles);
     if (lw_client_object_hidden(client, object)) return;
     for (uint32_t v = 0; v < interest->view_count; v++) {
@@ -277,6 +280,7 @@ static uint32_t list_picture(struct lw_live_interest *interest, uint32_t coarser
             uint32_t level = interest->level[first + t] + coarser;
             if (level >= atlas->level_count) level = atlas->level_count - 1;
             const struct lw_tile_place *p = &map->place[first + t];
+            LW_INVARIANT(p->level == 0 && p->object == o);
             list(interest, lw_atlas_map_find(map, o, level, p->x >> level, p->y >> level), &count);
             if (count > LW_CLIENT_INTEREST_MAX) return count;
         }
@@ -301,12 +305,14 @@ uint32_t lw_live_interest_list(struct lw_live_interest *interest, const struct l
     for (uint32_t t = 0; t < map->tile_count; t++)
         if (interest->seen_ns[t] && now_ns - interest->seen_ns[t] <= LW_LIVE_INTEREST_KEEP_NS)
             list(interest, (lw_tile_id){t}, &with_seen);
+    LW_INVARIANT(with_seen >= count && count <= LW_CLIENT_INTEREST_MAX);
     return with_seen <= LW_CLIENT_INTEREST_MAX ? with_seen : count;
 }
 
 enum lw_status lw_live_interest_update(struct lw_live_interest *interest, struct lw_client *client,
                                        uint64_t now_ns) {
     const uint64_t since_ns = now_ns - interest->looked_ns;
+    LW_INVARIANT(now_ns >= interest->looked_ns && interest->view_count <= LW_LIVE_VIEWS_MAX);
     if (!interest->is_active || since_ns < LW_LIVE_INTEREST_NS) return LW_OK;
     if (!interest->has_changed && since_ns < LW_LIVE_INTEREST_IDLE_NS) return LW_OK;
     if (!interest->map) return interest->view_count ? LW_OK : lw_client_want(client, NULL, 0);

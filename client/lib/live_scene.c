@@ -1,6 +1,7 @@
 #include "client/lib/live_scene.h"
 
 #include "client/lib/live_error.h"
+#include "common/invariant.h"
 #include "common/shading/tangent.h"
 
 #include <float.h>
@@ -306,6 +307,13 @@ uint32_t lw_live_find(const struct lw_live *live, enum lw_live_kind kind, const 
 
 /* ---- once the scene is there ---- */
 
+/* By name, then by index: each once. */
+static bool is_in_order(struct named *of, const uint32_t *index, uint32_t count) {
+    for (uint32_t i = 1; i < count; i++)
+        if (by_name(&index[i - 1], &index[i], of) >= 0) return false;
+    return true;
+}
+
 enum lw_status lw_live_scene_init(struct lw_live *live, const struct lw_scene *scene) {
     for (unsigned k = 0; k < LW_LIVE_KINDS; k++) {
         struct named of = {scene, (enum lw_live_kind)k};
@@ -314,6 +322,7 @@ enum lw_status lw_live_scene_init(struct lw_live *live, const struct lw_scene *s
         if (!index) return LW_NO_MEMORY;
         for (uint32_t i = 0; i < count; i++) index[i] = i;
         qsort_r(index, count, sizeof *index, by_name, &of);
+        LW_INVARIANT_DEAR(is_in_order(&of, index, count));
     }
     live->mesh_box = malloc(((size_t)scene->mesh_count + 1) * sizeof *live->mesh_box);
     if (!live->mesh_box) return LW_NO_MEMORY;

@@ -1,5 +1,6 @@
 #include "client/lib/live_error.h"
 #include "client/lib/live_state.h"
+#include "common/invariant.h"
 #include "common/tile/texel_format.h"
 
 #include <math.h>
@@ -38,6 +39,8 @@ static bool find_source(const struct lw_live_tiles *tiles, lw_tile_id tile, stru
     out->min_y = (float)(c->y * LW_TILE_SIDE) - (float)has_beside(tiles, c, 0, -1);
     out->max_x = (float)(c->x * LW_TILE_SIDE + c->width - 1) + (float)has_beside(tiles, c, 1, 0);
     out->max_y = (float)(c->y * LW_TILE_SIDE + c->height - 1) + (float)has_beside(tiles, c, 0, 1);
+    LW_INVARIANT(out->min_x >= 0 && out->max_x < (float)out->level.width && out->min_y >= 0 &&
+                 out->max_y < (float)out->level.height);
     return true;
 }
 
@@ -83,6 +86,7 @@ static void read_tile(const struct lw_live_tiles *tiles, const struct lw_live_re
     const uint32_t end_x = tile_end_x < rect_end_x ? tile_end_x : rect_end_x,
                    end_y = tile_end_y < rect_end_y ? tile_end_y : rect_end_y;
     float row[3 * LW_TILE_SIDE] = {0};
+    LW_INVARIANT(x < end_x && end_x - x <= LW_TILE_SIDE && y < end_y); /* the rectangle meets the tile */
     for (uint32_t j = y; j < end_y; j++)
         lw_texel_format_write(to->format, to->scale, any ? read_row(&s, x, j, end_x - x, row) : row,
                               end_x - x,

@@ -52,6 +52,7 @@ static void count_coarsest(struct lw_replica *r) {
         const struct lw_atlas_level *coarsest = &atlas->level[atlas->level_count - 1];
         r->coarsest_missing += coarsest->tiles_x * coarsest->tiles_y;
     }
+    LW_INVARIANT(r->coarsest_missing <= r->map.tile_count);
 }
 
 /* Objects are at most 2^20 and an atlas at most 2^28 texels with a third on top: 64 bits hold the sum. */
@@ -80,6 +81,7 @@ static enum lw_status make_slot(struct lw_replica *r, uint32_t number, struct lw
     const struct lw_tile_channel *is = lw_tile_channel_at(number);
     const uint64_t texels = place_levels(r);
     struct slot slot = {.is_there = true, .number = number, .is = is};
+    LW_INVARIANT(!r->slot[is->slot].is_there);
     if (texels > LW_REPLICA_BYTES_MAX / (is->planes * sizeof(float)))
         return lw_status_fail(err, LW_BAD_DATA,
                               "scene package: atlases of %llu texels, over the limit of %llu GiB",
@@ -173,6 +175,7 @@ enum lw_status lw_replica_read_finishes(struct lw_replica *r, const uint8_t *pac
     const struct lw_scene *scene = r->scene;
     struct lw_scene *finished = &r->finished;
     const size_t materials = scene->material_count, meshes = scene->mesh_count;
+    LW_INVARIANT(!r->beside);
     drop_finished(r);
     *finished = *scene; /* its storage too: what is read lives as long as the scene */
     finished->material = malloc((materials + 1) * sizeof *finished->material);
@@ -223,6 +226,7 @@ uint64_t lw_replica_version_of_run(const struct lw_replica *r, lw_tile_id tile) 
 /* The first `spares` of them are. */
 static enum lw_status set_hidden(struct lw_replica *r, const uint32_t *object, size_t count, size_t spares,
                                  bool hidden, struct lw_error *err) {
+    LW_INVARIANT(spares <= count && (hidden || !spares));
     for (size_t i = 0; i < count; i++) {
         if (object[i] >= r->scene->object_count)
             return lw_status_fail(err, LW_PROTOCOL, "message FRAME: %s_object %u of %u",
@@ -302,6 +306,7 @@ static void drop_light(struct lw_replica *r, struct slot *slot) {
     }
     count_coarsest(r);
     lw_replica_begin_run(r); /* versions go on growing for who compares them */
+    LW_INVARIANT(r->version_base == r->version_max);
 }
 
 enum lw_status lw_replica_set_channels(struct lw_replica *r, uint32_t channels, struct lw_error *err) {
@@ -309,6 +314,7 @@ enum lw_status lw_replica_set_channels(struct lw_replica *r, uint32_t channels, 
     memset(wanted, 0xff, sizeof wanted);
     for (uint32_t c = 0; c < lw_tile_channels()->count; c++)
         if (channels >> c & 1) wanted[lw_tile_channel_at(c)->slot] = c;
+    LW_INVARIANT(wanted[LW_REPLICA_IRRADIANCE] != UINT32_MAX && r->slot[LW_REPLICA_IRRADIANCE].is_there);
     for (uint32_t i = 0; i < LW_TILE_CHANNELS_MAX; i++) {
         struct slot *slot = &r->slot[i];
         if (slot->is_there ? slot->number == wanted[i] : wanted[i] == UINT32_MAX) continue;
@@ -329,6 +335,7 @@ enum lw_status lw_replica_set_channels(struct lw_replica *r, uint32_t channels, 
 static enum lw_status decode(struct lw_replica *r, struct slot *slot, const struct lw_message_tile *t,
                              lw_tile_id id, const struct lw_tile_place *place) {
     struct lw_tile_dct_coefficients **coefficients = &slot->coefficients[id.v];
+    LW_INVARIANT(!slot->has_coefficients[id.v] || *coefficients);
     if (t->base)
         return lw_tile_codec_decode_delta(r->codec, slot->is, t->codec, t->payload, t->payload_size, t->scale,
                                           place->width, place->height, *coefficients, r->decoded);
@@ -377,6 +384,7 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
         /* half of the coefficients are the new version's: no delta may build on them, in a later session
          * either */
         if (known->version && is_coarsest) r->coarsest_missing++;
+        LW_INVARIANT(r->coarsest_missing <= r->map.tile_count);
         *known = (struct lw_client_tile){0};
     }
     if (status == LW_NO_MEMORY) return lw_status_fail(err, status, "message TILE: out of memory");

@@ -521,7 +521,7 @@ static void test_reconnect(void **state) {
     err = (struct lw_error){0};
     r = start_server(&w, port);
     lw_support_ok(lw_client_reconnect(client, &err), &err);
-    expect_tile(client, &w, 1, 7); /* until then it stays */
+    expect_tile(client, &w, 1, 7);                        /* until then it stays */
     lw_support_ok(lw_client_poll(client, 0, &err), &err); /* there is no frame to say anything of */
     publish(&r, make_snapshot(&w, 2));
     poll_until_tiles(client, 2 * w.map.tile_count + 1);
@@ -1394,11 +1394,10 @@ static void test_a_download_that_a_folder_ends(void **state) {
                                  .package_chunk = {0, w.compressed, w.compressed_size / 2}});
     begin(&s);
     const uint16_t port = s.port;
-    lw_support_ok(lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1",
-                                                            .port = port,
-                                                            .cache_folder = folder},
-                                   &client, &err),
-                  &err);
+    lw_support_ok(
+        lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1", .port = port, .cache_folder = folder},
+                         &client, &err),
+        &err);
     lose_connection(client);
     end(&s);
     lw_support_ok(lw_package_cache_write(folder, LW_PACKAGE_CACHE_PACKAGE, &welcome.welcome.package_hash,
