@@ -1,7 +1,8 @@
 #include "common/tls/tls_stream.h"
 
+#include "common/invariant.h"
+
 #include <arpa/inet.h>
-#include <assert.h>
 #include <openssl/bio.h>
 #include <openssl/err.h>
 #include <openssl/ssl.h>
@@ -62,6 +63,7 @@ static int read_lent(BIO *bio, char *dst, int capacity) {
 
 static void give(struct lw_tls_output *output) {
     const size_t taken = output->take(output->link, output->bytes, output->size);
+    LW_INVARIANT(taken <= output->size);
     output->taken += taken;
     output->size -= taken;
     output->is_full = output->size > 0;
@@ -164,7 +166,7 @@ bool lw_tls_stream_is_ready(const struct lw_tls_stream *s) { return SSL_is_init_
 /* ---- bytes ---- */
 
 void lw_tls_stream_lend(struct lw_tls_stream *s, const uint8_t *bytes, size_t size) {
-    assert(!s->lent_size || s->failed);
+    LW_INVARIANT(!s->lent_size || s->failed); /* what was lent before is read, or of no use */
     s->lent = bytes;
     s->lent_size = size;
 }
@@ -227,7 +229,7 @@ enum lw_status lw_tls_stream_write(struct lw_tls_stream *s, const uint8_t *src, 
     size_t written;
     if (s->failed) return LW_PROTOCOL;
     if (!src_size) return LW_OK;
-    assert(lw_tls_stream_is_ready(s));
+    LW_INVARIANT(lw_tls_stream_is_ready(s));
     s->output = output;
     ERR_clear_error();
     const int result = SSL_write_ex(s->ssl, src, src_size, &written);

@@ -21,11 +21,19 @@ void lw_message_rates_init(struct lw_message_rates *rates, uint64_t now_ns) {
 
 void lw_message_rates_trust(struct lw_message_rates *rates, bool trusted) { rates->trusted = trusted; }
 
+/* Nobody has more left than a burst, however long nothing was said. */
+static bool are_within_bursts(const struct lw_message_rates *r) {
+    for (int k = 0; k < LW_MESSAGE_RATES_COUNT; k++)
+        if (!(r->left[k] <= limits[k].burst) || !isfinite(r->left[k])) return false;
+    return true;
+}
+
 static void fill(struct lw_message_rates *r, uint64_t now_ns) {
     const double elapsed_s = now_ns > r->as_of_ns ? 1e-9 * (double)(now_ns - r->as_of_ns) : 0;
     for (int k = 0; k < LW_MESSAGE_RATES_COUNT; k++)
         r->left[k] = fmin(r->left[k] + elapsed_s * limits[k].rate_hz, limits[k].burst);
     if (now_ns > r->as_of_ns) r->as_of_ns = now_ns;
+    LW_INVARIANT_DEAR(are_within_bursts(r));
 }
 
 /* LW_MESSAGE_RATES_COUNT: bounded by what else there is of them, such as once a session. */

@@ -1,5 +1,6 @@
 #include "server/serve/peer_log.h"
 
+#include "common/invariant.h"
 #include "common/log.h"
 
 #include <inttypes.h>
@@ -20,6 +21,7 @@ bool lw_peer_log_allows(struct lw_peer_log *log, const struct lw_address *addres
 void lw_peer_log_tell(struct lw_peer_log *log, uint64_t now_ns) {
     uint64_t others = 0;
     unsigned lines = 0;
+    LW_INVARIANT(now_ns >= log->told_ns);
     if (now_ns - log->told_ns < LW_PEER_LOG_TELL_S * 1000000000ull) return;
     log->told_ns = now_ns;
     for (unsigned i = 0; i < LW_PEER_LOG_SLOTS; i++) {
@@ -43,5 +45,6 @@ void lw_peer_log_quote(char *dst, size_t dst_size, const char *name) {
         dst[size++] = *name;
     }
     dst[size++] = '"';
+    LW_INVARIANT(size < dst_size);
     dst[size] = '\0';
 }

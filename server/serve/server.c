@@ -177,6 +177,7 @@ static enum lw_status compress(struct packing *p, const uint8_t *bytes, const ui
     }
     ZSTD_freeCCtx(p->zstd);
     free(p->piece);
+    LW_INVARIANT(status != LW_OK || p->to->chunk[p->to->chunk_count - 1].end == p->told->compressed_size);
     return status;
 }
 
@@ -213,6 +214,7 @@ static enum lw_status compress_finishes(struct lw_session_shared *shared, const 
     if (!size) return LW_OK;
     enum lw_status status = lw_finish_package_cut(bytes, size, &end, &count);
     if (status == LW_OK && count > LW_MESSAGE_FINISH_PARTS_MAX) {
+        LW_INVARIANT(end[count - 1] == size);
         count = LW_MESSAGE_FINISH_PARTS_MAX;
         end[count - 1] = size;
     }
@@ -404,6 +406,7 @@ static void stop_when_empty(struct lw_server *server) {
 /* What adds up since the start, for lw_server_get_stats(). */
 static void tell_sums(struct lw_server *server, uint64_t now_ns) {
     struct lw_session_shared *shared = &server->shared;
+    LW_INVARIANT(now_ns >= server->ticked_ns);
     uv_mutex_lock(&shared->stats_mutex);
     shared->stats.session_ns += shared->stats.sessions_now * (now_ns - server->ticked_ns);
     shared->stats.loop_lag = server->lag_all;
@@ -503,6 +506,7 @@ static void end_window(struct lw_server *server, uint64_t now_ns) {
     shared->stats.loop_lag_max_ns = server->loop_lag.max;
     shared->stats.ack_p99_ns = ack_p99_ns;
     uv_mutex_unlock(&shared->stats_mutex);
+    LW_INVARIANT(lag_p99_ns <= server->loop_lag.max && now_ns >= server->window_ns);
     memset(&server->loop_lag, 0, sizeof server->loop_lag);
     memset(&shared->ack, 0, sizeof shared->ack);
     server->window_ns = now_ns;
@@ -612,11 +616,13 @@ static void on_connection(uv_stream_t *listener, int result) {
     struct lw_server *server = listener->data;
     struct door *door = server->door;
     while (door->listener != listener) door++;
+    LW_INVARIANT_DEAR(!door->is_held || result < 0); /* libuv waits until the one before is taken */
     if (result < 0)
         tell_not_accepted(server, uv_strerror(result));
     else if (door->taken == door->most)
         door->is_held = true;
     else {
+        LW_INVARIANT(door->taken < door->most);
         door->taken++;
         take_connection(server, door);
     }
@@ -1110,6 +1116,7 @@ void lw_server_publish(struct lw_server *server, struct lw_snapshot *snapshot) {
     lw_snapshot_ref(snapshot);
     uv_mutex_lock(&server->mutex);
     struct lw_snapshot *unseen = server->latest;
+    LW_INVARIANT(!unseen || snapshot->frame >= unseen->frame);
     server->latest = snapshot;
     uv_mutex_unlock(&server->mutex);
     lw_snapshot_unref(unseen); /* freeing can take long: not under the lock */

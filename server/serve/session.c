@@ -359,6 +359,7 @@ static uint64_t hello_timeout_ns(const struct lw_session_shared *shared) {
 
 void lw_session_tick(struct lw_session *s, uint64_t now_ns, struct lw_session_waiting *waiting) {
     uint64_t age_ns = now_ns > s->since_ns ? now_ns - s->since_ns : 0;
+    LW_INVARIANT(s->state != LW_SESSION_CLOSED && now_ns >= s->looked_ns);
     if (s->link->ops->overhead)
         lw_session_count_other(s, LW_MESSAGE_RATES_OVERHEAD, s->link->ops->overhead(s->link));
     const char *excess =

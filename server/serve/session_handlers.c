@@ -4,7 +4,6 @@
 #include "common/invariant.h"
 #include "server/serve/session_private.h"
 
-#include <assert.h>
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,7 +17,7 @@ static void choose_channels(struct lw_session *s, const struct lw_message_hello 
     s->take_count = 0;
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
         if (channels >> c & 1) s->take[s->take_count++].channel = &s->shared->channel[c];
-    assert(s->take_count); /* each has irradiance */
+    LW_INVARIANT(s->take_count > 0 && s->take[0].channel->number < LW_LIGHT_FORM_COUNT); /* irradiance */
     welcome->features |= asked;
     if (asked & LW_FEATURE_DRAWS) return;
     welcome->client_lights = welcome->client_materials = NULL;
@@ -160,6 +159,7 @@ static void handle_package_request(struct lw_session *s, const struct lw_message
         lw_session_lacks_memory(s);
         return;
     }
+    LW_INVARIANT(s->state == LW_SESSION_WELCOMED); /* else its channels would count it twice */
     s->state = LW_SESSION_STREAMING;
     s->first_light_due = s->shared->first_light != NULL;
     lw_session_queues_set_due(s, true);
@@ -246,6 +246,7 @@ static void handle_ack(struct lw_session *s, uint64_t frame) {
         return;
     }
     if (frame == s->frame_acked) return;
+    LW_INVARIANT(s->frame_acked < frame);
     const bool first = s->frame_acked == 0;
     s->frame_acked = frame;
     if (first) return; /* that frame may have been there long before the session was */

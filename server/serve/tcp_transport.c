@@ -72,6 +72,7 @@ static void unref_all(struct lw_blob *const *blob, uint32_t blob_count) {
 static void on_written(uv_write_t *request, int result) {
     struct link *link = request->data;
     struct pending_write *pending = link->pending;
+    LW_INVARIANT(request == &pending->request); /* one write at a time */
     link->pending = NULL;
     unref_all(pending->blob, pending->blob_count);
     free(pending);
@@ -147,6 +148,7 @@ static int send_output(struct link *link, bool of_session) {
     int result = uv_try_write(&link->on.stream, &buffer, 1);
     if (result < 0 && result != UV_EAGAIN) return result;
     const size_t sent = result < 0 ? 0 : (size_t)result;
+    LW_INVARIANT(sent <= size);
     if (sent == size) return (int)size;
     struct tls_write *write = malloc(sizeof *write + size - sent);
     if (!write) return UV_ENOMEM;
@@ -168,6 +170,7 @@ static enum lw_status encrypt(struct link *link, struct lw_blob *const *blob, ui
         const uint8_t *bytes = blob[i]->bytes;
         for (size_t left = blob[i]->size; left && status == LW_OK;) {
             const size_t room = sizeof shared->record - filled, size = left < room ? left : room;
+            LW_INVARIANT(filled < sizeof shared->record);
             if (size == sizeof shared->record) {
                 status = lw_tls_stream_write(link->stream, bytes, size, &shared->output);
             } else {
@@ -276,6 +279,7 @@ static void waiting(const struct lw_session_transport *transport, size_t *out_ou
 /* What was held may go now. */
 static void let_go(struct link *link) {
     struct lw_blob *blob = link->held;
+    LW_INVARIANT(link->tls != TLS_EXPECTS && link->tls != TLS_SHAKES_HANDS); /* else it is held again */
     link->held = NULL;
     if (!blob) return;
     const size_t size = blob->size;
@@ -330,6 +334,7 @@ static void receive_by_tls(struct link *link, const uint8_t *bytes, size_t size)
             lw_session_lost(link->session, UV_EPIPE);
             return;
         }
+        LW_INVARIANT_DEAR(got <= link->sealed);
         link->sealed -= got;
         if (status == LW_OK && got) lw_session_handlers_receive(link->session, shared->record, got);
     } while (status == LW_OK && got && !uv_is_closing((uv_handle_t *)&link->on.stream));

@@ -1,5 +1,6 @@
 #include "server/serve/tls_context.h"
 
+#include "common/invariant.h"
 #include "common/secret_file.h"
 #include "common/tls/tls_stream.h"
 
@@ -191,7 +192,8 @@ struct ssl_ctx_st *lw_tls_context_ssl(const struct lw_tls_context *context) {
 
 enum lw_status lw_tls_context_lead(struct lw_tls_context *context, struct ssl_ctx_st *follower) {
     unsigned at = 0;
-    while (at < FOLLOWERS_MAX && context->follower[at]) at++;
+    for (; at < FOLLOWERS_MAX && context->follower[at]; at++)
+        LW_INVARIANT(context->follower[at] != follower); /* else one place would be given back of two */
     if (at == FOLLOWERS_MAX) return LW_INTERNAL;
     enum lw_status status = lw_tls_stream_set_up(follower);
     if (status == LW_OK) status = show(&context->identity, follower);

@@ -1,5 +1,6 @@
 #include "server/serve/tokens.h"
 
+#include "common/invariant.h"
 #include "common/secret_file.h"
 
 #include <openssl/crypto.h>
@@ -91,6 +92,7 @@ enum lw_tokens_role lw_tokens_role(const struct lw_tokens *tokens, const uint8_t
         const unsigned equal = CRYPTO_memcmp(tokens->entry[i].token.bytes, token, LW_TOKEN_SIZE) == 0;
         role |= (0u - equal) & (unsigned)tokens->entry[i].role;
     }
+    LW_INVARIANT(role == LW_TOKENS_NONE || role == LW_TOKENS_VIEW || role == LW_TOKENS_CONTROL);
     return (enum lw_tokens_role)role;
 }
 

@@ -1,6 +1,7 @@
 #include "server/serve/web_files.h"
 
 #include "common/file_read.h"
+#include "common/invariant.h"
 #include "common/scene/package.h"
 
 #include <dirent.h>
@@ -65,6 +66,7 @@ static enum lw_status add(struct lw_web_files *files, const char *name, const ch
     for (size_t i = 0; i < sizeof hash.bytes; i++) at += sprintf(at, "%02x", hash.bytes[i]);
     *at++ = '"';
     *at = '\0';
+    LW_INVARIANT(file->size <= LW_WEB_FILES_BYTES_MAX - files->bytes && at < file->tag + sizeof file->tag);
     files->bytes += file->size;
     files->count++;
     return LW_OK;
@@ -73,6 +75,7 @@ static enum lw_status add(struct lw_web_files *files, const char *name, const ch
 /* folder, path: of the same, for us and in a URL, without a slash at the end. */
 static enum lw_status read_folder(struct lw_web_files *files, const char *folder, const char *path,
                                   unsigned depth, struct lw_error *err) {
+    LW_INVARIANT(depth <= LW_WEB_FILES_DEPTH_MAX);
     DIR *directory = opendir(folder);
     if (!directory)
         return lw_status_fail(err, errno == ENOENT || errno == ENOTDIR ? LW_NO_INPUT : LW_IO, "%s: %s",
@@ -111,6 +114,13 @@ static const struct lw_web_file *find(const struct lw_web_files *files, char *pa
     return files->count ? bsearch(&wanted, files->file, files->count, sizeof wanted, compare) : NULL;
 }
 
+/* By path, each once. */
+static bool is_in_order(const struct lw_web_files *files) {
+    for (size_t i = 1; i < files->count; i++)
+        if (compare(&files->file[i - 1], &files->file[i]) >= 0) return false;
+    return true;
+}
+
 /* Finds what codings each file has. The files are in order, and stay where they are. */
 static void find_codings(struct lw_web_files *files) {
     for (size_t i = 0; i < files->count; i++)
@@ -133,6 +143,7 @@ enum lw_status lw_web_files_read(const char *folder, struct lw_web_files *out_fi
         return status;
     }
     if (files.count) qsort(files.file, files.count, sizeof *files.file, compare);
+    LW_INVARIANT_DEAR(is_in_order(&files));
     find_codings(&files);
     *out_files = files;
     return LW_OK;

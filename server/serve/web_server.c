@@ -1,6 +1,7 @@
 #include "server/serve/web_server.h"
 
 #include "common/clock.h"
+#include "common/invariant.h"
 #include "server/serve/content_coding.h"
 #include "server/serve/http_origin.h"
 #include "server/serve/tcp_transport.h"
@@ -139,6 +140,7 @@ static int refuse(struct lws *wsi, struct connection *c, unsigned status, const 
 static int write_body(struct lws *wsi, struct connection *c) {
     const size_t size = c->body_size < PIECE ? c->body_size : PIECE;
     const bool last = size == c->body_size;
+    LW_INVARIANT(size > 0 && size <= PIECE && !c->socket);
     memcpy(c->server->room + LWS_PRE, c->body, size);
     if (lws_write(wsi, c->server->room + LWS_PRE, size, last ? LWS_WRITE_HTTP_FINAL : LWS_WRITE_HTTP) < 0)
         return -1;
@@ -153,6 +155,7 @@ static int write_body(struct lws *wsi, struct connection *c) {
 static int answer(struct lws *wsi, struct connection *c, unsigned status, const char *type,
                   const uint8_t *bytes, size_t size, const struct about *about, bool head) {
     if (write_headers(wsi, c, status, type, size, about) < 0) return -1;
+    LW_INVARIANT_DEAR(!c->body_size); /* one answer at a time */
     if (head || !size) return end_answer(wsi);
     c->body = bytes;
     c->body_size = size;
@@ -274,6 +277,7 @@ static bool says_token(struct lws *wsi, const struct lw_session_shared *sessions
 /* Counts one more. */
 static bool asks_too_often(struct connection *c) {
     const uint64_t now_ns = lw_clock_ns();
+    LW_INVARIANT(now_ns >= c->asked_ns && c->requests >= 0);
     const double made_good = 1e-9 * (double)(now_ns - c->asked_ns) * LW_WEB_SERVER_REQUESTS_HZ;
     c->requests = c->requests > made_good ? c->requests - made_good + 1 : 1;
     c->asked_ns = now_ns;
@@ -345,11 +349,13 @@ static bool take_place(struct lw_web_server *server, const struct lw_address *at
                                lw_address_places_share(at, LW_WEB_SERVER_CONNECTIONS_MAX)) != LW_OK)
         return false;
     server->connection_count++;
+    LW_INVARIANT(server->connection_count <= LW_WEB_SERVER_CONNECTIONS_MAX);
     return true;
 }
 
 static void give_place(struct lw_web_server *server, const struct lw_address *at) {
     lw_address_places_give(&server->places, at);
+    LW_INVARIANT(server->connection_count > 0);
     server->connection_count--;
 }
 
@@ -395,6 +401,7 @@ static int on_http(struct lws *wsi, enum lws_callback_reasons reason, void *user
 }
 
 static int open_socket(struct lws *wsi, struct connection *c) {
+    LW_INVARIANT(!c->socket); /* it is opened once: its place is given back here */
     c->socket = lw_ws_transport_open(&c->server->sockets, wsi);
     if (!c->socket) return -1;
     give_place(c->server, &c->at); /* it has one of a session now */
@@ -568,6 +575,7 @@ void lw_web_server_close(struct lw_web_server *server) {
 void lw_web_server_destroy(struct lw_web_server *server) {
     if (!server) return;
     if (server->context) lws_context_destroy(server->context);
+    LW_INVARIANT_DEAR(!server->connection_count); /* each gave its place back */
     lw_web_files_finish(&server->files);
     lw_address_places_finish(&server->places);
     free(server->host);

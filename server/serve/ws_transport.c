@@ -36,6 +36,7 @@ static struct lw_ws_transport *link_of(struct lw_session_transport *transport) {
 static int write_blobs(struct lw_session_transport *transport, struct lw_blob *const *blob, uint32_t count) {
     struct lw_ws_transport *link = link_of(transport);
     LW_INVARIANT(link->first == link->blob_count && count <= LW_SESSION_TRANSPORT_BLOBS);
+    LW_INVARIANT(!link->waiting); /* the session is told before it writes again */
     memcpy(link->blob, blob, count * sizeof(struct lw_blob *));
     link->first = 0;
     link->blob_count = count;
@@ -75,6 +76,7 @@ static int end_writing(struct lw_session_transport *transport, enum lw_refusal c
 
 static void close_link(struct lw_session_transport *transport) {
     struct lw_ws_transport *link = link_of(transport);
+    LW_INVARIANT(!link->closing); /* a session closes its link once */
     link->closing = true;
     if (link->lost || link->in_event) return;
     lws_set_timeout(link->wsi, PENDING_TIMEOUT_USER_OK, LWS_TO_KILL_SYNC);
@@ -121,6 +123,7 @@ struct lw_ws_transport *lw_ws_transport_open(struct lw_ws_transport_shared *shar
 }
 
 int lw_ws_transport_receive(struct lw_ws_transport *link, const void *bytes, size_t size) {
+    LW_INVARIANT_DEAR(!link->in_event && !link->lost);
     if (link->closing) return -1;
     link->in_event = true;
     link->received += size;
@@ -166,6 +169,7 @@ static int write_next(struct lw_ws_transport *link) {
 }
 
 int lw_ws_transport_writeable(struct lw_ws_transport *link) {
+    LW_INVARIANT_DEAR(!link->in_event && !link->lost);
     if (link->closing) return -1;
     link->in_event = true;
     const int result = write_next(link);
@@ -181,6 +185,7 @@ void lw_ws_transport_lost(struct lw_ws_transport *link) {
 void lw_ws_transport_destroy(struct lw_ws_transport *link) {
     if (!link) return;
     if (!link->lost) lw_ws_transport_lost(link);
+    LW_INVARIANT(link->first <= link->blob_count && !link->in_event);
     for (uint32_t i = link->first; i < link->blob_count; i++) lw_blob_unref(link->blob[i]);
     lw_session_closed(link->session);
     free(link);
