@@ -23,7 +23,7 @@ struct lw_light_store {
     bool due;                   /* something is not saved yet */
     bool told;                  /* the log says that the saved light does not fit */
     uint64_t saved_ns;
-    bool is_locked;             /* the folder, by this descriptor: */
+    bool is_locked; /* the folder, by this descriptor: */
     int lock;
 };
 

@@ -1,5 +1,7 @@
 #include "server/solve/light_groups.h"
 
+#include "common/invariant.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -105,6 +107,14 @@ static void drop_first(struct lw_light_groups *groups, const struct lw_scene *sc
     groups->count--;
 }
 
+/* Each light is in a group that there is. */
+static bool are_groups(const struct lw_light_groups *groups, const struct lw_scene *scene) {
+    bool are = groups->sky < groups->count;
+    for (uint32_t i = 0; i < scene->light_count; i++) are &= groups->light[i] < groups->count;
+    for (uint32_t m = 0; m < scene->material_count; m++) are &= groups->material[m] < groups->count;
+    return are;
+}
+
 enum lw_status lw_light_groups_init(struct lw_light_groups *groups, const struct lw_scene *scene,
                                     const struct lw_pose *pose, const char *names, struct lw_error *err) {
     *groups = (struct lw_light_groups){.count = 1,
@@ -122,6 +132,8 @@ enum lw_status lw_light_groups_init(struct lw_light_groups *groups, const struct
         return status;
     }
     if (groups->count > 1 && !first_shines(groups, scene)) drop_first(groups, scene);
+    LW_INVARIANT(groups->count > 0 && groups->count <= LW_LIGHT_GROUPS_MAX);
+    LW_INVARIANT_DEAR(are_groups(groups, scene));
     return LW_OK;
 }
 

@@ -1,6 +1,7 @@
 #include "server/solve/patch_solver.h"
 
 #include "common/clock.h"
+#include "common/invariant.h"
 #include "common/light/client_lights.h"
 #include "server/solve/adapt/estimates.h"
 #include "server/solve/transport/direct_light.h"
@@ -166,6 +167,7 @@ static void blend(struct lw_patch_solver *s) {
             lw_history_take(&block->indirect, INFINITY);
         }
         lw_estimates_finish_tile(&t, tile);
+        LW_INVARIANT(tile->block->sample_count == s->frames + (tile->block->covered_count > 0));
     }
 }
 
@@ -222,6 +224,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     enum lw_status status = take_pose(s, pose, number, &stats.moved, err);
     if (status != LW_OK) return status;
     stats.pose_ns = lw_clock_ns() - t;
+    LW_INVARIANT(s->texel_changes == s->geometry.changes && s->placed); /* the tiles know their texels */
     const bool solves = !is_done(s);
     if (solves) {
         if ((status = s->method->place(s, err)) != LW_OK) return status;
@@ -251,6 +254,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         stats.tiles_converged += s->tiles.tile[i].light.state == LW_BLOCK_CONVERGED;
     if (s->desc.frames_max && stats.tiles_converged < stats.tiles)
         stats.texels_left = (double)(s->desc.frames_max - s->frames) * s->patches.count;
+    LW_INVARIANT(stats.tiles_converged <= stats.tiles && stats.texels_left >= 0);
     *out_stats = stats;
     return LW_OK;
 }

@@ -1,5 +1,6 @@
 #include "server/solve/radiosity_solver.h"
 
+#include "common/invariant.h"
 #include "common/light/client_lights.h"
 #include "common/log.h"
 #include "server/solve/combinations.h"
@@ -102,6 +103,7 @@ static uint64_t shoot(struct lw_patch_solver *p) {
         lw_patch_solver_add(p, p->frame_direct, p->arrived);
     }
     for (int c = 0; c < 3; c++) memset(indirect[c], 0, p->tiles.texel_count * sizeof(float));
+    LW_INVARIANT(!s->visibility.mask || s->visibility.packets == p->patches.packet_count);
     for (uint32_t order = 1; order <= p->desc.bounces && !lw_patch_solver_cancelled(p); order++) {
         lw_patch_solver_reflect(p, order == 1 ? p->frame_direct : p->arrived);
         rays += pass(s, order, p->tiles.radiance[0], 4);

@@ -1,5 +1,6 @@
 #include "server/solve/vpl_solver.h"
 
+#include "common/invariant.h"
 #include "common/log.h"
 #include "server/solve/combinations.h"
 #include "server/solve/patch_solver.h"
@@ -122,6 +123,8 @@ static uint64_t bounces(struct lw_patch_solver *p) {
                "vpl: %u patches, %u lights in %u sets, as bright as at %.3g m where they are nearer",
                p->patches.count, s->lights.paths.paths * s->lights.paths.bounces, sets, (double)near_m);
     const struct lw_shooters shooters = lw_virtual_lights_set(&s->lights, set);
+    LW_INVARIANT(shooters.count * sets ==
+                 s->lights.paths.paths * s->lights.paths.bounces); /* in all sets, all */
     rays += lw_radiosity_pass_run(&(struct lw_radiosity_pass){.patches = &p->patches,
                                                               .shooters = &shooters,
                                                               .trace = p->geometry.trace,

@@ -1,6 +1,6 @@
 /* Light by way of small bright objects: a lamp over a dish in a black room, against closed forms. */
-#include "server/solve/transport/reflectors.h"
 #include "server/solve/cell_layer.h"
+#include "server/solve/transport/reflectors.h"
 #include "tests/reference/effort.h"
 #include "tests/reference/room.h"
 

@@ -169,7 +169,8 @@ static void more_rooms_than_numbers(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(without_walls_quarters),
-        cmocka_unit_test(a_wall_in_a_corner), cmocka_unit_test(a_wall_parts_two_sides),
+        cmocka_unit_test(a_wall_in_a_corner),
+        cmocka_unit_test(a_wall_parts_two_sides),
         cmocka_unit_test(many_sides),
         cmocka_unit_test(beside_charts_without_walls),
         cmocka_unit_test(what_is_not_covered_does_not_count),

@@ -100,6 +100,7 @@ void lw_control_variate_direct(struct lw_tiles *tiles, const struct lw_solve_til
     struct lw_change_packet *packet = &block->change.packet[set];
     struct lw_vec3 weighted[LANES];
     float rough = 0;
+    LW_INVARIANT(lanes > 0 && set < block->packet_count);
     packet->direct_square = 0;
     for (uint32_t lane = 0; lane < lanes; lane++) {
         const uint32_t texel = tile->first + launch->texel[lane];
@@ -108,6 +109,7 @@ void lw_control_variate_direct(struct lw_tiles *tiles, const struct lw_solve_til
         packet->direct = lw_vec3_mad(packet->direct, weighted[lane], 1 / (float)lanes);
     }
     for (int c = 0; c < 3; c++) rough = fmaxf(rough, roughness(tile, launch, weighted, lanes, c));
+    LW_INVARIANT_DEAR(rough >= 0 && lw_vec3_is_finite(packet->direct));
     packet->direct_rough += rough;
     block->unseen = true;
 }
@@ -174,6 +176,7 @@ void lw_control_variate_note_error(struct lw_solve_tile *tile) {
                     const float off = alone ? tile_change.share * most_square(packet->direct) : variance;
                     packet->direct_error =
                         packet->direct_rough + block->packet[set].count * fmaxf(off, missed);
+                    LW_INVARIANT_DEAR(packet->direct_error >= 0);
                 }
             }
     }
@@ -269,6 +272,7 @@ struct shift {
 static float choose_shift(const struct finding *f, const struct mean *whole, float spread, float weight,
                           struct shift *out) {
     const float believed = spread / (spread + NOISE_COUNTS * weight * weight * whole->error);
+    LW_INVARIANT_DEAR(out->from < out->to && out->to <= LW_REGIONS && believed >= 0 && believed <= 1);
     for (uint32_t r = out->from; r < out->to; r++) {
         const struct mean region = mean_of(f, r, r + 1);
         const struct lw_vec3 off = lw_vec3_sub(region.all, whole->all);
@@ -336,6 +340,7 @@ static float shift_texel(struct lw_tiles *tiles, uint32_t texel, int c, const st
         *light = shared ? *light * (later_now / later) : k == 1 ? later_now : 0;
     }
     tiles->indirect[c][texel] += first_now - first + later_now - later;
+    LW_INVARIANT_DEAR(isfinite(tiles->indirect[c][texel]));
     return first_now - first + later_now - later;
 }
 
@@ -356,6 +361,7 @@ static void list_texels(const struct lw_tiles *tiles, const struct lw_solve_tile
             const uint32_t texel = tile->first + launch.texel[lane];
             const uint8_t region = tiles->region_of_texel[texel];
             if (region < shift->from || region >= shift->to) continue;
+            LW_INVARIANT_DEAR(out->count < LW_TILE_BLOCK * LW_TILE_BLOCK);
             out->texel[out->count] = texel;
             out->region[out->count++] = region;
         }
@@ -407,6 +413,8 @@ static bool correct_part(struct lw_tiles *tiles, const struct lw_solve_tile *til
                 share = (float)texels.count / (float)block->covered_count;
     block->change.standard_error = sqrtf(block->change.standard_error * block->change.standard_error +
                                          share * weight * weight * variance);
+    LW_INVARIANT(texels.count > 0 && texels.count <= block->covered_count);
+    LW_INVARIANT_DEAR(block->change.standard_error >= 0 && isfinite(block->change.standard_error));
     block->unseen |= much;
     return true;
 }

@@ -30,6 +30,7 @@ static void note_luminance(float *mean, float *spread, float x, float weight) {
     const float off = x - *mean;
     *mean += off * weight;
     *spread = (1 - weight) * (*spread + weight * off * off);
+    LW_INVARIANT_DEAR(!(*spread < 0));
 }
 
 /* Of the frames' estimates. */
@@ -55,6 +56,7 @@ static void note_noise(float *noise, double off_square, double light, const stru
     const float now =
         (float)(off_square / (light * light)) * memory->sample_count / (memory->sample_count - 1);
     *noise = *noise < 0 ? now : *noise + (now - *noise) * NOISE_WEIGHT;
+    LW_INVARIANT_DEAR(!(*noise < 0));
 }
 
 static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *tile, uint32_t column,
@@ -89,6 +91,7 @@ static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *til
     for (uint32_t r = 0; r < LW_REGIONS; r++)
         for (int part = 0; texels[r] && part < LW_TILES_PARTS; part++)
             lw_gradient_note_drift(block, part, r, drift[part][r] / (float)texels[r]);
+    LW_INVARIANT_DEAR(!(variance < 0));
     block->sample_count++;
     block->variance = variance;
     block->luminance = luminance;
@@ -155,10 +158,12 @@ static double weigh_parts(const struct lw_solve_tile *tile, struct lw_solve_bloc
         const float weight = light[part] > 0 ? light[least] / light[part] : 1;
         block->variance += (double)weight * (double)weight * tile_light->variance[block - tile->block][part];
         for (; r < block->parts.end[part]; r++) {
+            LW_INVARIANT(weight > 0 && weight <= 1 && block->weight[r] > 0);
             factor[r] = weight / block->weight[r];
             block->weight[r] = weight;
         }
     }
+    LW_INVARIANT(block->parts.end[block->parts.count - 1] == LW_REGIONS); /* each has its factor */
     lw_gradient_reweigh(block, factor);
     block->other_luminance = block->part_other[least];
     return (double)(light[least] - block->part_other[least]);

@@ -52,6 +52,7 @@ static uint32_t witnesses_of(const struct lw_solve_block *block) {
 /* Takes `count` packets. Those of a surface follow each other: if they are far apart in their row,
  * they are of different ones. */
 static uint16_t take_turn(struct lw_solve_block *block, uint32_t count) {
+    LW_INVARIANT(count > 0 && count <= block->packet_count);
     const uint32_t turns = block->packet_count / count;
     uint16_t packets = 0;
     for (uint32_t set = block->change.next++ % turns; set < block->packet_count; set += turns)
@@ -66,6 +67,7 @@ static void verify_packets(struct lw_change_block *change, uint16_t packets) {
     change->retrace = packets & change->unchecked;
     change->direct |= change->retrace;
     change->unchecked &= (uint16_t)~packets;
+    LW_INVARIANT(!(change->retrace & ~change->compare) && !(change->retrace & ~change->direct));
 }
 
 /* Along the rays that there are: what arrives may have changed. */
@@ -130,6 +132,7 @@ uint64_t lw_gradient_work(const struct lw_solve_block *block, const struct lw_gr
 bool lw_gradient_choose(struct lw_solve_block *block, const struct lw_gradient_round *round) {
     struct lw_change_block *change = &block->change;
     const struct choice choice = choose(block, round);
+    LW_INVARIANT(round->began <= round->moves && round->light_moves <= round->moves);
     change->compare = change->retrace = change->direct = 0;
     change->verify = choice.verify;
     change->tick = round->tick;
@@ -258,9 +261,16 @@ static uint16_t witnesses(const struct lw_solve_block *block) {
     return stands_alone(&block->change) ? block->change.verified : lw_change_all_packets(block);
 }
 
+static bool is_staleness(const struct lw_vec3 region[LW_REGIONS]) {
+    for (uint32_t r = 0; r < LW_REGIONS; r++)
+        if (!lw_vec3_is_finite(region[r])) return false;
+    return true;
+}
+
 void lw_gradient_note_staleness(struct lw_solve_block *block) {
     struct lw_change_block *change = &block->change;
     const struct off off = add_up(block, lw_change_all_packets(block));
+    LW_INVARIANT_DEAR(is_staleness(off.indirect));
     memcpy(change->staleness_indirect, off.indirect, sizeof off.indirect);
     memset(change->packet, 0, sizeof change->packet);
     change->verified = change->told = 0;
@@ -327,6 +337,7 @@ void lw_gradient_reweigh(struct lw_solve_block *block, const float factor[LW_REG
     struct lw_change_block *change = &block->change;
     float most = 1;
     for (uint32_t r = 0; r < LW_REGIONS; r++) {
+        LW_INVARIANT(factor[r] > 0 && isfinite(factor[r]));
         change->staleness_indirect[r] = lw_vec3_scale(change->staleness_indirect[r], factor[r]);
         for (int part = 0; part < LW_TILES_PARTS; part++) {
             change->drift[part][r].mean *= factor[r];
@@ -347,6 +358,7 @@ void lw_gradient_note_drift(struct lw_solve_block *block, int part, uint32_t reg
     struct lw_change_drift *drift = &block->change.drift[part][region];
     drift->mean += (off - drift->mean) * DRIFT_WEIGHT;
     drift->square += (off * off - drift->square) * DRIFT_WEIGHT;
+    LW_INVARIANT_DEAR(!(drift->square < 0));
 }
 
 /* By how much a region's mean is surely off, which then starts again; else 0. */
@@ -377,6 +389,7 @@ void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool
     const float weight =
         lw_history_take(&block->direct, room_for(block, LW_TILES_DIRECT, off.direct, filtered));
     change->staleness_direct = off.direct * (1 - weight);
+    LW_INVARIANT_DEAR(change->staleness_direct >= 0 && is_staleness(off.indirect));
     memcpy(change->staleness_indirect, off.indirect, sizeof off.indirect);
     memset(change->packet, 0, sizeof change->packet);
     change->moving = moves != change->solved_moves;
@@ -396,6 +409,7 @@ void lw_gradient_weigh_indirect(struct lw_solve_block *block, float most_frames,
     for (uint32_t r = 0; r < LW_REGIONS; r++)
         change->staleness_indirect[r] = lw_vec3_scale(change->staleness_indirect[r], 1 - weight);
     change->standard_error *= 1 - weight;
+    LW_INVARIANT_DEAR(change->standard_error >= 0 && is_staleness(change->staleness_indirect));
 }
 
 bool lw_gradient_is_stale(const struct lw_solve_block *block, float target_error) {

@@ -101,6 +101,7 @@ void lw_interest_set_take_importance(struct lw_interest_set *interest, const str
         float *importance = &interest->importance[tile->id.v];
         if (own > 0)
             *importance += ((float)interest->hits[tile->id.v] / own - *importance) * (1 / IMPORTANCE_FRAMES);
+        LW_INVARIANT_DEAR(*importance >= 0 && *importance < INFINITY);
     }
     memset(interest->hits, 0, interest->ids * sizeof *interest->hits);
 }

@@ -1,5 +1,6 @@
 #include "server/solve/adapt/plan_log.h"
 
+#include "common/invariant.h"
 #include "common/log.h"
 
 #include <errno.h>
@@ -110,6 +111,7 @@ void lw_plan_log_stage(struct lw_plan_log *log, enum lw_plan_stage stage, const 
                        const struct lw_plan *plan) {
     const struct lw_budget *b = &in->budget;
     if (!writes(log)) return;
+    LW_INVARIANT(in->count <= log->tiles);
     for (uint32_t i = 0; i < in->count; i++) {
         if (memcmp(&log->last[i], &in->fact[i], sizeof *in->fact) == 0) continue;
         memcpy(&log->last[i], &in->fact[i], sizeof *in->fact);

@@ -1,5 +1,6 @@
 #include "server/solve/adapt/verify.h"
 
+#include "common/invariant.h"
 #include "server/solve/adapt/control_variate.h"
 #include "server/solve/adapt/gradient.h"
 #include "server/solve/transport/bounces.h"
@@ -56,6 +57,7 @@ static void compare_indirect(const struct lw_transport *t, const struct lw_solve
                              struct lw_solve_block *block, uint32_t set, const struct lw_ray_launch *launch) {
     struct lw_change_packet found = block->change.packet[set];
     const uint32_t lanes = (uint32_t)__builtin_popcount(launch->active);
+    LW_INVARIANT(lanes == block->packet[set].count && block->sample_count > 0);
     struct lw_vec3 off[LANES], of_order[LW_CHANGE_ORDERS][LANES];
     float sum = 0;
     memset(found.indirect, 0, sizeof found.indirect);
@@ -82,6 +84,7 @@ static void compare_indirect(const struct lw_transport *t, const struct lw_solve
             found.indirect[order][region] =
                 lw_vec3_mad(found.indirect[order][region], of_order[order][lane], share);
         found.indirect_square[region] += share * share * lw_vec3_dot(off[lane], off[lane]);
+        LW_INVARIANT_DEAR(region < LW_REGIONS && share >= 0 && share <= 1);
     }
     block->change.packet[set] = found;
 }
@@ -94,6 +97,7 @@ bool lw_verify_compare(const struct lw_transport *t, struct lw_solve_tile *tile,
     LW_TILES_EACH_BLOCK (tile, block) {
         const struct lw_change_block *change = &block->change;
         const bool all = change->direct == lw_change_all_packets(block);
+        LW_INVARIANT(!((change->compare | change->direct | change->retrace) & ~lw_change_all_packets(block)));
         for (uint32_t set = 0; set < block->packet_count; set++) {
             const uint16_t bit = (uint16_t)(1u << set);
             if (!((change->compare | change->direct) & bit)) continue;
@@ -151,6 +155,7 @@ static struct lw_vec3 change_at(const struct lw_transport *t, uint32_t texel) {
 /* weight: of the mean that is out of date by what is found. */
 static void note_arrival(const struct lw_transport *t, const struct lw_solve_tile *tile,
                          struct lw_solve_block *block, float weight) {
+    LW_INVARIANT(weight >= 0 && weight < 1);
     for (uint32_t set = 0; set < block->packet_count; set++) {
         struct lw_change_packet *found = &block->change.packet[set];
         struct lw_ray_launch launch;

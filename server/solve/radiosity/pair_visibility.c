@@ -1,6 +1,7 @@
 #include "server/solve/radiosity/pair_visibility.h"
 
 #include "common/checked_file.h"
+#include "common/invariant.h"
 #include "common/scene/package.h"
 
 #include <stdlib.h>
@@ -114,6 +115,7 @@ enum lw_status lw_pair_visibility_save(const struct lw_pair_visibility *visibili
     header.kind = kind;
     header.packets = visibility->packets;
     header.shooters = visibility->shooters;
+    LW_INVARIANT(mask_bytes(visibility) <= LW_PAIR_VISIBILITY_MAX);
     memcpy(header.key, key, sizeof header.key);
     enum lw_status status = lw_checked_file_write_begin(&writer, path, err);
     if (status != LW_OK) return status;

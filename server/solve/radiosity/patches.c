@@ -1,5 +1,6 @@
 #include "server/solve/radiosity/patches.h"
 
+#include "common/invariant.h"
 #include "server/solve/surface/sample_points.h"
 
 #include <stdlib.h>
@@ -131,6 +132,7 @@ static void deal_spot(void *user, uint32_t texel, struct lw_vec2 b) {
 static void deal_side(struct deal *d, const struct side *side, float area_m2) {
     uint32_t spots = 0;
     each_spot(side, count_spot, &spots);
+    LW_INVARIANT(spots > 0 && area_m2 >= 0);
     d->area_m2 = area_m2 / (float)spots;
     each_spot(side, deal_spot, d);
 }
@@ -188,6 +190,7 @@ static void settle(struct lw_patches *patches, uint32_t object) {
         const uint32_t points = mesh->sample_points.first[local + 1] - mesh->sample_points.first[local];
         if (points)
             patches->area_m2[texel] *= (float)__builtin_popcount(texels->usable[texel]) / (float)points;
+        LW_INVARIANT_DEAR(isfinite(patches->area_m2[texel]) && patches->area_m2[texel] <= area);
     }
 }
 
@@ -221,6 +224,7 @@ static uint32_t point_near_middle(const struct lw_mesh_texels *mesh, uint32_t lo
     uint32_t best = 0;
     float nearest = INFINITY;
     const uint32_t count = (uint32_t)__builtin_popcount(usable);
+    LW_INVARIANT_DEAR(count > 0);
     for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++) {
         if (!(usable >> k & 1)) continue;
         const uint32_t *word = points->point[first + k].word;
@@ -277,6 +281,7 @@ void lw_patches_place(struct lw_patches *patches, const struct lw_pose *pose, ui
         if (tiles->tile[i].hidden) continue;
         LW_TILES_EACH_BLOCK (&tiles->tile[i], block) patches->packet_count += block->packet_count;
     }
+    LW_INVARIANT(patches->packet_count <= patches->packet_capacity);
     uint32_t covered = 0;
 #pragma omp parallel for schedule(dynamic, 8) num_threads(threads) reduction(+ : covered)
     for (uint32_t i = 0; i < tiles->count; i++) {
@@ -287,6 +292,7 @@ void lw_patches_place(struct lw_patches *patches, const struct lw_pose *pose, ui
         lw_sample_points_frame_init(&frame, &pose->object_to_world[tile->object]);
         LW_TILES_EACH_BLOCK (tile, block)
             for (uint32_t set = 0; set < block->packet_count; set++, n++) {
+                LW_INVARIANT_DEAR(n < patches->packet_count);
                 struct lw_patches_packet *out = &patches->packet[n];
                 place_packet(patches, &frame, tile, block, set, turn, out);
                 for (uint32_t lane = 0; lane < block->packet[set].count; lane++)
@@ -294,5 +300,6 @@ void lw_patches_place(struct lw_patches *patches, const struct lw_pose *pose, ui
                 covered += block->packet[set].count;
             }
     }
+    LW_INVARIANT(covered <= LANES * patches->packet_count && covered <= patches->texels->count);
     patches->count = covered;
 }

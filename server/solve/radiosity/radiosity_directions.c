@@ -1,5 +1,6 @@
 #include "server/solve/radiosity/radiosity_directions.h"
 
+#include "common/invariant.h"
 #include "common/light/direction.h"
 #include "common/wide.h"
 
@@ -38,6 +39,7 @@ static void relax(struct lw_radiosity_directions *directions, struct cell *cell)
         cell[best].x += x, cell[best].y += y, cell[best].count++;
     }
     for (uint32_t n = 0; n < directions->count; n++) {
+        LW_INVARIANT(cell[n].count > 0); /* no two points are one */
         directions->point[n][0] = cell[n].x / (float)cell[n].count;
         directions->point[n][1] = cell[n].y / (float)cell[n].count;
     }
@@ -97,6 +99,7 @@ LW_WIDE static void aim(const struct lw_points16 *restrict at, struct lw_vec3 lo
 static uint64_t gather(const struct lw_radiosity_gather *g, const struct lw_patches_packet *packet,
                        float *const out_e[3]) {
     const float c = cosf(g->turn), s = sinf(g->turn), weight = LW_PI / (float)g->directions->count;
+    LW_INVARIANT_DEAR(g->directions->count > 0 && packet->active);
     const unsigned flags = packet->coherent ? LW_TRACE_COHERENT : LW_TRACE_LIGHT;
     float sum[3][LANES] = {{0}};
     struct lw_ray16 rays;
@@ -108,6 +111,7 @@ static uint64_t gather(const struct lw_radiosity_gather *g, const struct lw_patc
     for (int i = 0; i < LANES; i++) rays.t_far[i] = INFINITY;
     for (uint32_t n = 0; n < g->directions->count; n++) {
         const float *p = g->directions->point[n];
+        LW_INVARIANT_DEAR(p[0] * p[0] + p[1] * p[1] < 1);
         const float x = c * p[0] - s * p[1], y = s * p[0] + c * p[1];
         aim(&packet->at, lw_vec3(x, y, sqrtf(fmaxf(0, 1 - x * x - y * y))), &rays);
         rays.salt = g->salt + n;

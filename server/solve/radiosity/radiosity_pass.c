@@ -1,5 +1,6 @@
 #include "server/solve/radiosity/radiosity_pass.h"
 
+#include "common/invariant.h"
 #include "common/light/form16.h"
 
 #include <string.h>
@@ -66,6 +67,8 @@ static void gather(struct flight *f) {
 
 uint64_t lw_radiosity_pass_run(const struct lw_radiosity_pass *pass, float *const out_e[3]) {
     uint64_t rays = 0;
+    LW_INVARIANT(!pass->visibility || (pass->visibility->packets == pass->patches->packet_count &&
+                                       pass->visibility->shooters == pass->shooters->count));
 #pragma omp parallel for schedule(dynamic, 4) num_threads(pass->threads) reduction(+ : rays)
     for (uint32_t p = 0; p < pass->patches->packet_count; p++) {
         const struct lw_patches_packet *packet = &pass->patches->packet[p];
@@ -74,6 +77,9 @@ uint64_t lw_radiosity_pass_run(const struct lw_radiosity_pass *pass, float *cons
         if (pass->visibility) f.known = pass->visibility->mask + (size_t)p * pass->visibility->shooters;
         gather(&f);
         rays += f.count;
+        for (int i = 0; i < LANES; i++)
+            LW_INVARIANT_DEAR(!(packet->active >> i & 1) ||
+                              (f.sum.e[0][i] >= 0 && f.sum.e[1][i] >= 0 && f.sum.e[2][i] >= 0));
         for (int i = 0; i < LANES; i++)
             for (int c = 0; packet->active >> i & 1 && c < 3; c++) out_e[c][packet->texel[i]] = f.sum.e[c][i];
         lw_progress_step(pass->progress, 1);

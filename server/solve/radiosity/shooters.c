@@ -1,5 +1,6 @@
 #include "server/solve/radiosity/shooters.h"
 
+#include "common/invariant.h"
 #include "common/random.h"
 
 #include <math.h>
@@ -46,6 +47,7 @@ size_t lw_shooters_memory_bytes(const struct lw_shooters *shooters) {
 
 static struct lw_vec3 place_of(const struct lw_patches *patches, uint32_t texel, struct lw_vec3 *out_normal) {
     const uint32_t place = patches->place[texel], lane = place % LANES;
+    LW_INVARIANT_DEAR(place / LANES < patches->packet_count);
     const struct lw_points16 *at = &patches->packet[place / LANES].at;
     *out_normal = lw_vec3(at->nx[lane], at->ny[lane], at->nz[lane]);
     return lw_vec3(at->x[lane], at->y[lane], at->z[lane]);
@@ -87,6 +89,7 @@ static void place_shooter(struct lw_shooters *shooters, struct lw_shooter *s, ui
     const struct lw_patches *patches = shooters->patches;
     const uint32_t *member = shooters->member + s->first;
     struct lw_vec3 normal;
+    LW_INVARIANT(s->count > 0);
     s->area_m2 = 0;
     for (uint32_t i = 0; i < s->count; i++) s->area_m2 += patches->area_m2[member[i]];
     s->texel = shooters->undersample == LW_UNDERSAMPLE_RANDOM
@@ -114,6 +117,7 @@ static void add_window(struct lw_shooters *shooters, const struct lw_solve_tile 
             bool known = false;
             for (uint32_t k = before; k < shooters->count && !known; k++)
                 known = shooters->shooter[k].texel == chart;
+            LW_INVARIANT_DEAR(known || shooters->count < shooters->capacity);
             if (!known) shooters->shooter[shooters->count++] = (struct lw_shooter){.texel = chart};
         }
     for (uint32_t k = before; k < shooters->count; k++) {
@@ -125,6 +129,7 @@ static void add_window(struct lw_shooters *shooters, const struct lw_solve_tile 
                 if (patches->place[tile->first + i] == LW_TEXEL_NONE ||
                     tile->mesh->chart[tile->local + i] != s->texel)
                     continue;
+                LW_INVARIANT_DEAR(*members < shooters->capacity);
                 shooters->member[(*members)++] = tile->first + i;
                 s->count++;
             }
@@ -142,6 +147,7 @@ void lw_shooters_place(struct lw_shooters *shooters, uint32_t seed, uint32_t tur
             for (uint32_t x = 0; x < tile->width; x += shooters->side)
                 add_window(shooters, tile, x, y, &members);
     }
+    LW_INVARIANT(members == shooters->patches->count); /* each patch has one shooter */
     for (uint32_t k = 0; k < shooters->count; k++) place_shooter(shooters, &shooters->shooter[k], seed, turn);
 }
 
@@ -200,6 +206,7 @@ static void add_square(struct tree *t, uint32_t x0, uint32_t y0, uint32_t side) 
         for (uint32_t x = x0; x < x0 + side && x < t->tile->width; x++) {
             const uint32_t texel = t->tile->first + y * t->tile->width + x;
             if (shooters->patches->place[texel] == LW_TEXEL_NONE) continue;
+            LW_INVARIANT_DEAR(t->members < shooters->capacity && shooters->count < shooters->capacity);
             shooters->member[t->members++] = texel;
             s->count++;
         }
@@ -249,6 +256,7 @@ void lw_shooters_subdivide(struct lw_shooters *shooters, float threshold, const 
             for (uint32_t x = 0; x < t.tile->width; x += LW_TILE_BLOCK)
                 if (split(&t, x, y, LW_TILE_BLOCK).whole) add_square(&t, x, y, LW_TILE_BLOCK);
     }
+    LW_INVARIANT(t.members == patches->count); /* each patch has one shooter */
     shooters->undersample = LW_UNDERSAMPLE_MIP;
     for (uint32_t k = 0; k < shooters->count; k++) place_shooter(shooters, &shooters->shooter[k], 0, 0);
     lw_shooters_charge(shooters, radiance, stride, 1);

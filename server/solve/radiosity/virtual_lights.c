@@ -1,6 +1,7 @@
 #include "server/solve/radiosity/virtual_lights.h"
 
 #include "common/colour.h"
+#include "common/invariant.h"
 #include "common/light/direction.h"
 
 #include <stdlib.h>
@@ -98,6 +99,7 @@ static void sum_up(struct lw_virtual_lights *v, float *const *direct) {
         for (int i = 0; i < LANES && patches->packet[p].active >> i & 1; i++)
             v->sum[p + 1] += reflected(patches, direct, patches->packet[p].texel[i]);
     }
+    LW_INVARIANT(isfinite(v->sum[patches->packet_count]));
 }
 
 /* The patch at a place of that sum; out_share: what it has of it. NONE: rounding has it. */
@@ -105,6 +107,7 @@ static uint32_t draw_patch(const struct lw_virtual_lights *v, float *const *dire
                            double *out_share) {
     const struct lw_patches *patches = v->patches;
     uint32_t lo = 0, hi = patches->packet_count;
+    LW_INVARIANT(at >= 0 && at < v->sum[hi] * 1.000001);
     while (hi - lo > 1) {
         const uint32_t middle = lo + (hi - lo) / 2;
         if (v->sum[middle] <= at)
@@ -203,6 +206,7 @@ static bool shoot_first(struct flight *f, uint32_t path) {
     if (light->texel == LW_TEXEL_NONE) return false;
     const struct lw_points16 *at = &patches->packet[patches->place[light->texel] / LANES].at;
     const uint32_t i = patches->place[light->texel] % LANES;
+    LW_INVARIANT(patches->place[light->texel] != LW_TEXEL_NONE && share > 0);
     set_place(s, lw_vec3(at->x[i], at->y[i], at->z[i]), normal_of(patches, light->texel));
     light->object = object_of(patches, light->texel);
     light->scale = (float)((double)patches->area_m2[light->texel] * total / (share * v->paths.paths));
@@ -259,6 +263,7 @@ static void charge(struct lw_virtual_lights *v) {
             flux = lw_virtual_paths_is_lit(&v->paths, index)
                        ? lw_vec3_mul(flux, albedo_of(v->patches, light->texel))
                        : lw_vec3(0, 0, 0);
+            LW_INVARIANT_DEAR(lw_vec3_is_finite(flux));
             memcpy(v->shooter[index].flux_w, &flux, sizeof flux);
         }
     }

@@ -1,5 +1,7 @@
 #include "server/solve/state/cells.h"
 
+#include "common/invariant.h"
+
 static uint32_t cells_along(float extent, float size) {
     float n = ceilf(extent / size - 0.01f); /* the margin alone makes no cell */
     return n < 1 ? 1 : n > (float)LW_CELLS_PER_AXIS_MAX ? LW_CELLS_PER_AXIS_MAX : (uint32_t)n;
@@ -21,6 +23,8 @@ void lw_cells_init(struct lw_cells *cells, struct lw_vec3 minimum_ws, struct lw_
     cells->count[2] = cells_along(extent.z, size);
     cells->size_m = lw_vec3(extent.x / (float)cells->count[0], extent.y / (float)cells->count[1],
                             extent.z / (float)cells->count[2]);
+    LW_INVARIANT(lw_cells_total(cells) > 0 && cells->size_m.x > 0 && cells->size_m.y > 0 &&
+                 cells->size_m.z > 0);
 }
 
 uint32_t lw_cells_total(const struct lw_cells *cells) {
@@ -36,6 +40,7 @@ uint32_t lw_cells_at(const struct lw_cells *cells, struct lw_vec3 p) {
     uint32_t x = slot(p.x, cells->minimum_ws.x, cells->size_m.x, cells->count[0]);
     uint32_t y = slot(p.y, cells->minimum_ws.y, cells->size_m.y, cells->count[1]);
     uint32_t z = slot(p.z, cells->minimum_ws.z, cells->size_m.z, cells->count[2]);
+    LW_INVARIANT_DEAR(x < cells->count[0] && y < cells->count[1] && z < cells->count[2]);
     return (z * cells->count[1] + y) * cells->count[0] + x;
 }
 

@@ -1,6 +1,7 @@
 #include "server/solve/state/checkpoint.h"
 
 #include "common/checked_file.h"
+#include "common/invariant.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -62,6 +63,7 @@ static uint32_t list_planes(const struct lw_tiles *tiles, float *out_plane[PLANE
             out_plane[n++] = tiles->shown[channel][p];
             out_plane[n++] = tiles->sum[channel][p];
         }
+    LW_INVARIANT(n <= PLANES_MAX);
     return n;
 }
 
@@ -99,6 +101,8 @@ static void put_records(struct lw_checked_file_writer *writer, const struct lw_t
                                     .error = tiles->tile[i].light.error,
                                     .solved_frame = tiles->tile[i].light.solved_frame};
     qsort(record, tiles->count, sizeof *record, by_id);
+    for (uint32_t i = 1; i < tiles->count; i++)
+        LW_INVARIANT_DEAR(record[i - 1].id < record[i].id); /* each tile once */
     lw_checked_file_put(writer, record, (size_t)tiles->count * sizeof *record);
     free(record);
 }

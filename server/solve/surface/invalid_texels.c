@@ -113,6 +113,7 @@ static uint64_t find_in(const struct search *s, uint32_t object, const uint32_t 
     for (uint32_t k = 0; k < count; k++) left[k] = usable[texel[k]];
     lw_hidden_points_find(&s->points, object, texel, count, left);
     for (uint32_t k = 0; k < count; k++) {
+        LW_INVARIANT_DEAR(!(left[k] & ~usable[texel[k]])); /* points are lost alone */
         usable[texel[k]] = left[k];
         if (left[k]) continue;
         covered[texel[k]] = 0;
@@ -126,6 +127,7 @@ static uint64_t find_in_part(const struct search *s, uint32_t object, uint32_t f
     const uint8_t *covered = s->texels->covered + s->texels->first[object];
     uint32_t texel[LW_HIDDEN_POINTS_TEXELS], count = 0;
     uint64_t gone = 0;
+    LW_INVARIANT(first < end && end <= s->texels->mesh[s->texels->scene->object[object].mesh].texel_count);
     for (uint32_t i = first; i < end; i++) {
         if (covered[i]) texel[count++] = i;
         if (count < LW_HIDDEN_POINTS_TEXELS && i + 1 < end) continue;
@@ -234,6 +236,18 @@ static uint32_t list_parts(const struct search *s, struct part *out_part) {
     return count;
 }
 
+/* Covered texels have surface, and points that light can reach. */
+static bool are_lit(const struct lw_texels *texels) {
+    for (uint32_t o = 0; o < texels->scene->object_count; o++) {
+        const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[o].mesh];
+        for (uint32_t i = 0; i < mesh->texel_count; i++)
+            if (texels->covered[texels->first[o] + i] &&
+                !(mesh->covered[i] && texels->usable[texels->first[o] + i]))
+                return false;
+    }
+    return true;
+}
+
 enum lw_status lw_invalid_texels_find(struct lw_texels *texels, const struct lw_pose *pose,
                                       const bool *stands, const struct lw_trace *trace, int threads,
                                       const _Atomic bool *cancel, struct lw_waiting *waiting,
@@ -244,7 +258,8 @@ enum lw_status lw_invalid_texels_find(struct lw_texels *texels, const struct lw_
     const uint32_t parts = list_parts(&search, NULL);
     struct part *part = malloc((parts + 1ul) * sizeof *part);
     if (!part) return LW_NO_MEMORY;
-    list_parts(&search, part);
+    const uint32_t listed = list_parts(&search, part);
+    LW_INVARIANT(listed == parts);
     uint64_t count = 0;
     int failures = 0;
     struct lw_progress progress;
@@ -272,6 +287,8 @@ enum lw_status lw_invalid_texels_find(struct lw_texels *texels, const struct lw_
     }
     lw_progress_finish(&progress);
     if (failures) return LW_NO_MEMORY;
+    LW_INVARIANT(count <= texels->count);
+    LW_INVARIANT_DEAR(are_lit(texels));
     *out_count = count;
     return LW_OK;
 }
@@ -285,6 +302,7 @@ static void unbury_all(struct lw_texels *texels, uint32_t object) {
 
 static void add_box(struct boxes *boxes, const struct lw_pose *pose, const struct lw_scene *scene,
                     uint32_t object) {
+    LW_INVARIANT(boxes->count < scene->object_count); /* each once */
     struct box *box = &boxes->box[boxes->count++];
     *box = nowhere;
     lw_pose_object_bounds(pose, scene, object, &box->low, &box->high);
@@ -379,6 +397,7 @@ enum lw_status lw_invalid_texels_review(struct lw_texels *texels, const struct l
     free(search.left.box);
     free(search.come.box);
     free(search.first.box);
+    LW_INVARIANT_DEAR(failures || are_lit(texels));
     *out_others = others;
     return failures ? LW_NO_MEMORY : LW_OK;
 }

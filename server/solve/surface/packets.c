@@ -1,5 +1,7 @@
 #include "server/solve/surface/packets.h"
 
+#include "common/invariant.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -62,6 +64,7 @@ static int compare_along(const void *left, const void *right, void *axis) {
 /* The packets of one group take turns with its texels. */
 static uint32_t deal(struct member *member, uint32_t count, struct lw_packet *out) {
     const uint32_t packets = (count + LANES - 1) / LANES;
+    LW_INVARIANT(packets > 0 && packets <= LW_PACKETS_MAX);
     qsort(member, count, sizeof *member, compare_turns);
     for (uint32_t k = 0; k < packets; k++) {
         out[k].count = 0;
@@ -88,11 +91,27 @@ static uint32_t split(struct member *member, uint32_t count, float spacing, stru
             if (e.size[a] > e.size[axis]) axis = a;
         qsort_r(member, count, sizeof *member, compare_along, &axis);
         const uint32_t first = (count / 2 + LANES / 2) / LANES * LANES; /* of 17 or more: at least 16 */
+        LW_INVARIANT(first > 0 && first < count);
         packets += split(member, first, spacing, out + packets);
         member += first;
         count -= first;
     }
     return packets + deal(member, count, out + packets);
+}
+
+/* Each covered texel is in one packet, and its region is counted there. */
+static bool has_each_once(const struct lw_packet *packet, uint32_t packets, uint32_t count) {
+    bool seen[LW_TILE_BLOCK * LW_TILE_BLOCK] = {false};
+    for (uint32_t k = 0; k < packets; k++) {
+        uint32_t lanes = 0;
+        for (uint32_t r = 0; r < LW_REGIONS; r++) lanes += packet[k].lanes[r];
+        if (!packet[k].count || lanes != packet[k].count) return false;
+        for (uint32_t lane = 0; lane < packet[k].count; lane++, count--) {
+            if (seen[packet[k].texel[lane]]) return false;
+            seen[packet[k].texel[lane]] = true;
+        }
+    }
+    return !count;
 }
 
 uint32_t lw_packets_deal(const struct lw_mesh_texels *mesh, uint32_t first, uint32_t stride, uint32_t width,
@@ -114,5 +133,8 @@ uint32_t lw_packets_deal(const struct lw_mesh_texels *mesh, uint32_t first, uint
             reach += mesh->sample_points.reach[i];
         }
     /* Places reach half a texel to both sides along its axes. */
-    return count ? split(member, count, fmaxf(2 * reach / (float)count, 1e-30f), out) : 0;
+    const uint32_t packets = count ? split(member, count, fmaxf(2 * reach / (float)count, 1e-30f), out) : 0;
+    LW_INVARIANT(packets == (count + LANES - 1) / LANES); /* as few as there can be */
+    LW_INVARIANT_DEAR(has_each_once(out, packets, count));
+    return packets;
 }

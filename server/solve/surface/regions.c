@@ -74,6 +74,7 @@ uint32_t lw_rooms_find(const struct lw_mesh_texels *mesh, uint32_t first, uint32
             room[member[sides[s].first + k].texel] = (uint8_t)number;
         if (number == s + 1 && sides[s].count >= LW_ROOM_WIDE) wide = number;
     }
+    LW_INVARIANT(wide <= side_count && wide < LW_ROOMS_MAX);
     return wide;
 }
 
@@ -107,8 +108,8 @@ static uint32_t smaller_half(uint32_t part, uint32_t whole) {
     return part < whole - part ? part : whole - part;
 }
 
-/* The largest rooms have a region each; those left over share the last one. Regions without texels belong to the
- * last part. */
+/* The largest rooms have a region each; those left over share the last one. Regions without texels belong to
+ * the last part. */
 static struct lw_region_parts share_out(struct group *group, uint32_t groups) {
     struct lw_region_parts parts = {.count = (uint8_t)(groups < LW_REGIONS ? groups : LW_REGIONS)};
     uint32_t left = LW_REGIONS - parts.count, next = 0;
@@ -162,6 +163,7 @@ struct lw_region_parts lw_regions_deal(uint32_t stride, uint32_t width, uint32_t
         for (uint32_t x = 0; x < width; x++) {
             const uint32_t i = y * stride + x;
             if (covered[i]) region[i] = region_of(group_of(group, &groups, room[i]), x, y);
+            LW_INVARIANT_DEAR(region[i] < LW_REGIONS);
         }
     return parts;
 }

@@ -1,5 +1,6 @@
 #include "server/solve/surface/sample_points.h"
 
+#include "common/invariant.h"
 #include "common/wide.h"
 
 #define LANES 16
@@ -32,6 +33,7 @@ static struct lw_sample_points_packed pack(const struct lw_sample_points_point *
 void lw_sample_points_pack(struct lw_sample_points *points, uint32_t texel, struct lw_vec3 position,
                            float largest, const struct lw_sample_points_point *point, uint32_t count) {
     float reach = 0;
+    LW_INVARIANT(count > 0 && points->first[texel] + count == points->first[texel + 1]);
     for (uint32_t k = 0; k < count; k++) {
         struct lw_vec3 offset = lw_vec3_sub(point[k].origin, position);
         reach = fmaxf(reach, fmaxf(fabsf(offset.x), fmaxf(fabsf(offset.y), fabsf(offset.z))));
@@ -43,6 +45,7 @@ void lw_sample_points_pack(struct lw_sample_points *points, uint32_t texel, stru
     points->reach[texel] = reach;
     /* Each axis is rounded by half a step of reach / 32767: together by less than one. */
     points->lift[texel] = LW_TRACE_LIFT * largest + reach / 32767;
+    LW_INVARIANT_DEAR(points->lift[texel] >= 0 && reach >= 0);
 }
 
 void lw_sample_points_frame_init(struct lw_sample_points_frame *frame, const struct lw_affine *t) {

@@ -1,5 +1,6 @@
 #include "server/solve/surface/seam_edges.h"
 
+#include "common/invariant.h"
 #include "common/random.h"
 
 #include <stdlib.h>
@@ -56,6 +57,7 @@ static uint32_t name(struct names *names, struct lw_vec3 p, double step) {
         const uint32_t found = names->slot[i];
         if (found && memcmp(names->key[found - 1], key, sizeof key) == 0) return found - 1;
         if (found) continue;
+        LW_INVARIANT_DEAR(names->count < names->capacity);
         memcpy(names->key[names->count], key, sizeof key);
         names->slot[i] = ++names->count;
         return names->count - 1;
@@ -100,6 +102,7 @@ static const struct lw_mesh *mesh_of(const struct lw_scene *scene, uint32_t obje
 
 static bool make_side(uint32_t object, uint32_t triangle, int corner, uint32_t from, uint32_t to,
                       struct side *out) {
+    LW_INVARIANT_DEAR(corner >= 0 && corner < 3);
     if (from == to) return false;
     const bool reversed = from > to;
     *out = (struct side){.edge = reversed ? (uint64_t)to << 32 | from : (uint64_t)from << 32 | to,
@@ -265,6 +268,14 @@ static void part_ends(struct end *end, size_t count, int axis) {
     }
 }
 
+static bool are_parted(const struct end *end, size_t count, int axis) {
+    const float middle = coordinate(end[count / 2].at, axis);
+    for (size_t i = 0; i < count; i++)
+        if (i < count / 2 ? coordinate(end[i].at, axis) > middle : coordinate(end[i].at, axis) < middle)
+            return false;
+    return true;
+}
+
 /* A k-d tree (Bentley 1975) without nodes: the middle end of each range splits it, by the three axes in turn.
  * Returns the object of all ends in the range; LW_SCENE_NONE: of several. */
 static uint32_t sort_ends(struct end *end, size_t count, int axis) {
@@ -276,6 +287,7 @@ static uint32_t sort_ends(struct end *end, size_t count, int axis) {
         return only;
     }
     part_ends(end, count, axis);
+    LW_INVARIANT_DEAR(are_parted(end, count, axis));
     only = end[middle].object;
     if (sort_ends(end, middle, (axis + 1) % 3) != only) only = LW_SCENE_NONE;
     if (sort_ends(end + middle + 1, count - middle - 1, (axis + 1) % 3) != only) only = LW_SCENE_NONE;
@@ -341,6 +353,7 @@ static bool overlap(const struct lw_scene *scene, const struct lw_pose *pose, fl
         b->at[end] = fminf(fmaxf(lw_vec3_dot(d, db) / bb, 0), 1);
         if (lw_vec3_length(lw_vec3_mad(d, db, -b->at[end])) > reach) return false;
     }
+    LW_INVARIANT_DEAR(a->at[0] >= 0 && a->at[0] < a->at[1] && a->at[1] <= 1);
     return true;
 }
 
@@ -371,6 +384,7 @@ static bool push_pair(struct pairs *pairs, uint32_t a, uint32_t b) {
 static bool list_pairs(const struct lw_scene *scene, const struct lw_pose *pose, const struct sides *open,
                        struct pairs *out, float *out_reach) {
     float largest = 0;
+    LW_INVARIANT(open->count <= UINT32_MAX); /* a pair's numbers have 32 bits each */
     struct end *end = malloc((2 * open->count + 1) * sizeof *end);
     struct segment *segment = malloc(sizeof *segment);
     bool ok = end && segment;

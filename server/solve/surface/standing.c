@@ -1,5 +1,7 @@
 #include "server/solve/surface/standing.h"
 
+#include "common/invariant.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -40,6 +42,7 @@ void lw_standing_finish(struct lw_standing *standing) {
 
 static bool has_rested(const struct lw_standing *s, uint32_t object, uint64_t frame) {
     const uint64_t moved = s->moved_frame[object];
+    LW_INVARIANT(moved == LW_STANDING_NEVER || moved <= frame);
     return moved == LW_STANDING_NEVER || frame - moved >= LW_STANDING_FRAMES;
 }
 

@@ -1,5 +1,6 @@
 #include "server/solve/surface/texels.h"
 
+#include "common/invariant.h"
 #include "common/progress.h"
 #include "common/union_find.h"
 
@@ -165,6 +166,8 @@ static void add_albedo(const struct raster *r, struct claim *c, const struct lw_
 /* A texel too narrow to hold one of those points has the albedo of its own sample. */
 static struct lw_vec3 mean_albedo(const struct raster *r, struct claim *c) {
     if (!c->albedo_points) add_albedo_at(r, c, c->triangle, c->u, c->v);
+    LW_INVARIANT_DEAR(c->albedo_points > 0 && c->surface >= 0 &&
+                      c->surface < 1.001f * (float)c->albedo_points);
     return c->surface > 0 ? lw_vec3_scale(c->albedo, 1 / c->surface)
                           : lw_vec3_scale(c->plain_albedo, 1 / (float)c->albedo_points);
 }
@@ -345,6 +348,11 @@ static uint32_t source_of(const struct lw_mesh_texels *mesh, const uint8_t *cove
     return count ? lw_texels_index(mesh, best->x, best->y) : LW_TEXEL_NONE;
 }
 
+/* No surface sends back more light than it gets. */
+static bool is_albedo(struct lw_vec3 a) {
+    return a.x >= 0 && a.y >= 0 && a.z >= 0 && lw_vec3_max_abs(a) < 1.001f;
+}
+
 static bool evaluate(const struct raster *r) {
     const struct lw_mesh *mesh = r->mesh;
     struct lw_mesh_texels *texels = r->texels;
@@ -352,6 +360,7 @@ static bool evaluate(const struct raster *r) {
     for (uint32_t i = 0; i < texels->texel_count; i++)
         points->first[i + 1] = points->first[i] + point_count(&r->claim[i]);
     const size_t count = points->first[texels->texel_count];
+    LW_INVARIANT(count <= (size_t)LW_SAMPLE_POINTS_MAX * texels->texel_count);
     if (!(points->point = malloc((count + 1) * sizeof *points->point))) return false;
     for (uint32_t y = 0; y < texels->height; y++)
         for (uint32_t x = 0; x < texels->width; x++) {
@@ -367,6 +376,7 @@ static bool evaluate(const struct raster *r) {
             store(texels->normal, i, point.normal);
             store(texels->geometric, i, point.geometric);
             store(texels->albedo, i, mean_albedo(r, c));
+            LW_INVARIANT_DEAR(is_albedo(lw_texels_vector(texels->albedo, i)));
             set_sample_points(texels, mesh, c, x, y);
         }
     for (uint32_t y = 0; y < texels->height; y++)
@@ -433,9 +443,11 @@ static void claim_all(const struct raster *r, claim_triangle *each) {
         each(r, t, false);
         if (mesh->back_offset && r->scene->material[mesh->material[t]].double_sided) each(r, t, true);
     }
-    for (uint32_t i = 0; i < r->texels->texel_count; i++)
-        if (r->claim[i].chart != LW_TEXEL_NONE)
-            r->claim[i].chart = lw_union_find_root(r->parent, r->claim[i].chart);
+    for (uint32_t i = 0; i < r->texels->texel_count; i++) {
+        if (r->claim[i].chart == LW_TEXEL_NONE) continue;
+        r->claim[i].chart = lw_union_find_root(r->parent, r->claim[i].chart);
+        LW_INVARIANT_DEAR(r->claim[i].chart < 2 * mesh->vertex_count);
+    }
 }
 
 /* The side of a texel in space: by the areas of all triangles there and in the lightmap. */
@@ -529,6 +541,7 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
         }
     }
     texels->count = (uint32_t)count;
+    LW_INVARIANT(count <= TEXELS_MAX);
 
     int failures = 0;
     struct lw_progress progress;
@@ -652,6 +665,8 @@ struct lw_vec3 lw_texels_place(const struct lw_texels *texels, uint32_t object, 
     struct lw_sample_points_lanes lanes;
     lw_sample_points_load(points, mesh->position, texel, point, &lanes);
     struct lw_vec3 sum = {0};
+    LW_INVARIANT_DEAR(usable && count <= LW_SAMPLE_POINTS_MAX &&
+                      !(usable & ~lw_sample_points_all(points, i)));
     for (uint32_t k = 0; k < count; k++)
         if (usable >> k & 1) sum = lw_vec3_add(sum, lw_vec3(lanes.at.x[k], lanes.at.y[k], lanes.at.z[k]));
     return lw_vec3_scale(sum, 1 / (float)__builtin_popcount(usable));
@@ -668,6 +683,7 @@ void lw_texels_link_block(struct lw_texels *texels, uint32_t object, uint32_t le
         for (uint32_t x = left; x < right; x++) {
             uint32_t i = lw_texels_index(mesh, x, y),
                      source = covered[i] ? i : source_of(mesh, covered, x, y);
+            LW_INVARIANT_DEAR(source == LW_TEXEL_NONE || covered[source]);
             texels->source[first + i] = source == LW_TEXEL_NONE ? LW_TEXEL_NONE : first + source;
             texels->filled[first + i] = !covered[i] && source != LW_TEXEL_NONE;
         }

@@ -8,6 +8,7 @@
 #ifndef LW_SURFACE_TEXELS_H
 #define LW_SURFACE_TEXELS_H
 
+#include "common/invariant.h"
 #include "common/scene/scene.h"
 #include "common/tile/atlas.h"
 #include "common/waiting.h"
@@ -141,6 +142,7 @@ static inline uint32_t lw_texels_tile_start(const struct lw_mesh_texels *mesh, u
 
 /** Index within the mesh of texel (x, y), both inside the atlas. */
 static inline uint32_t lw_texels_index(const struct lw_mesh_texels *mesh, uint32_t x, uint32_t y) {
+    LW_INVARIANT_DEAR(x < mesh->width && y < mesh->height);
     uint32_t tile_x = x / LW_TILE_SIDE, tile_y = y / LW_TILE_SIDE,
              columns = mesh->width - tile_x * LW_TILE_SIDE;
     if (columns > LW_TILE_SIDE) columns = LW_TILE_SIDE;
@@ -150,6 +152,7 @@ static inline uint32_t lw_texels_index(const struct lw_mesh_texels *mesh, uint32
 /** Where a texel of a mesh lies in its atlas. */
 static inline void lw_texels_coordinates(const struct lw_mesh_texels *mesh, uint32_t index, uint32_t *out_x,
                                          uint32_t *out_y) {
+    LW_INVARIANT_DEAR(index < mesh->texel_count);
     const uint32_t tile_y = index / (LW_TILE_SIDE * mesh->width);
     uint32_t rows = mesh->height - tile_y * LW_TILE_SIDE;
     if (rows > LW_TILE_SIDE) rows = LW_TILE_SIDE;

@@ -131,6 +131,12 @@ static void find_hits(const struct lw_transport *t, struct flight *f, struct lw_
 _Static_assert((LW_RAY_HIT_NOTHING & LW_RAY_HIT_PROBE) != 0 && LW_TEXEL_NONE == LW_RAY_HIT_NOTHING,
                "no texels either");
 
+/* A probe, nothing, or a texel with light. */
+static bool can_be_read(const struct lw_transport *t, uint32_t hit) {
+    if (hit & LW_RAY_HIT_PROBE) return hit == LW_RAY_HIT_NOTHING || lw_ray_hit_probe(hit) < t->probes->count;
+    return hit < t->tiles->texel_count && t->tiles->covered[hit];
+}
+
 /* Notes the texels that a packet's rays read. */
 static void note_hits(const struct lw_transport *t, struct flight *f) {
     const struct lw_wall_sides sides = {.texels = t->texels, .pose = t->pose, .trace = t->trace};
@@ -138,6 +144,8 @@ static void note_hits(const struct lw_transport *t, struct flight *f) {
     for (uint32_t lane = 0; lane < LANES; lane++)
         if (f->active >> lane & 1 && !(f->hit[lane] & LW_RAY_HIT_PROBE)) surfaces |= (uint16_t)(1u << lane);
     lw_wall_sides_read16(&sides, surfaces, &f->rays, &f->hits, f->hit);
+    for (uint32_t lane = 0; lane < LANES; lane++)
+        LW_INVARIANT_DEAR(!(f->active >> lane & 1) || can_be_read(t, f->hit[lane]));
     for (uint32_t lane = 0; lane < LANES; lane++)
         if (f->active >> lane & 1)
             t->ray_hit[(size_t)f->texel[lane] * t->indirect_samples + f->sample] = f->hit[lane];
@@ -256,6 +264,7 @@ static void reach(const struct lw_transport *t, const struct lw_solve_tile *tile
     for (uint32_t lane = 0; lane < LANES; lane++) {
         if (!(seen >> lane & 1)) continue;
         found[lane].weight /= probability * share;
+        LW_INVARIANT_DEAR(found[lane].weight >= 0 && can_be_read(t, found[lane].texel));
         t->reflected[tile->first + launch->texel[lane]] = found[lane];
     }
 }
@@ -350,6 +359,7 @@ void lw_bounces_gather(const struct lw_transport *t, const struct lw_solve_tile 
         const uint32_t texel = tile->first + i;
         if (i + GATHER_AHEAD < count) prefetch_hits(t, texel + GATHER_AHEAD, bounce);
         const struct lw_solve_block *block = lw_tiles_block(tile, i % tile->width, i / tile->width);
+        LW_INVARIANT_DEAR(!block->due || (block->indirect.weight > 0 && block->indirect.weight <= 1));
         if (!block->due || !t->tiles->covered[texel]) continue;
         const struct lw_vec3 e = lw_bounces_at(t, texel, bounce);
         lw_tiles_blend(t->tiles->order[bounce - 1], texel, e, block->indirect.weight);
@@ -361,6 +371,7 @@ void lw_bounces_repeat(const struct lw_transport *t, const struct lw_solve_tile 
                        struct lw_ray_launch *launch, struct lw_ray_launch_site *site,
                        struct lw_ray_count *count) {
     if (!t->tiles->bounces) return;
+    LW_INVARIANT(launch->frames > 0); /* it was solved */
     launch->frames--;
     lw_ray_launch_choose(launch, tile, t->texels->usable, t->seed,
                          launch->frames * t->indirect_samples / PLACE_SHARE);
@@ -401,6 +412,7 @@ static struct sending *sending_of(struct senders *senders, uint32_t side, struct
     if (last && last->side == side) return last;
     for (uint32_t k = 0; k < senders->count; k++)
         if (senders->sending[k].side == side) return &senders->sending[k];
+    LW_INVARIANT(senders->count < LW_TILE_BLOCK * LW_TILE_BLOCK);
     struct sending *fresh = &senders->sending[senders->count++];
     *fresh = (struct sending){.side = side, .most = INFINITY};
     return fresh;
@@ -423,6 +435,7 @@ static void find_most(const struct lw_transport *t, const struct lw_solve_tile *
         for (uint32_t k = 0; k < senders->count; k++) {
             struct sending *each = &senders->sending[k];
             each->most = (float)(each->sum / each->count) * (round ? RARE + sample_count : RARE_MEAN);
+            LW_INVARIANT(each->count > 0);
             each->sum = 0;
         }
     }
@@ -471,6 +484,7 @@ static void radiate_block(const struct lw_transport *t, const struct lw_solve_ti
                 now, share_alone(sending, lw_colour_luminance(lw_texels_vector(senders.e, texel))));
             now = lw_vec3_mad(now, sending->spread, lw_colour_luminance(now));
         }
+        LW_INVARIANT_DEAR(!t->tiles->covered[texel] || lw_vec3_is_finite(now));
         if (t->tiles->covered[texel]) {
             const uint32_t region = t->tiles->region_of_texel[texel];
             change[region] = lw_vec3_add(change[region], lw_vec3_sub(now, lw_vec3(l[0], l[1], l[2])));

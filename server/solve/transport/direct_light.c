@@ -1,5 +1,6 @@
 #include "server/solve/transport/direct_light.h"
 
+#include "common/invariant.h"
 #include "common/light/direct16.h"
 
 #include <string.h>
@@ -11,6 +12,7 @@ void lw_direct_light_estimate(const struct lw_transport *t, const struct lw_solv
                               struct lw_direct_light *out, struct lw_ray_count *count) {
     const uint32_t samples = t->direct_samples, first = launch->frames * samples;
     const float weight = 1.0f / (float)samples;
+    LW_INVARIANT(samples > 0 && launch->active);
     lw_ray_launch_place(launch, tile, site);
     struct lw_direct16 part[2] = {{.lights = t->lights,
                                    .trace = t->trace,
@@ -49,7 +51,8 @@ void lw_direct_light_estimate(const struct lw_transport *t, const struct lw_solv
 void lw_direct_light_repeat(const struct lw_transport *t, const struct lw_solve_tile *tile,
                             struct lw_ray_launch *launch, struct lw_ray_launch_site *site,
                             struct lw_direct_light *out_direct, struct lw_ray_count *count) {
-    launch->frames--; /* the numbers of that solve */
+    LW_INVARIANT(launch->frames > 0); /* it was solved */
+    launch->frames--;                 /* the numbers of that solve */
     lw_ray_launch_choose(launch, tile, t->texels->usable, t->seed, launch->frames * t->direct_samples);
     lw_direct_light_estimate(t, tile, launch, site, out_direct, count);
     launch->frames++;
@@ -57,6 +60,7 @@ void lw_direct_light_repeat(const struct lw_transport *t, const struct lw_solve_
 
 void lw_direct_light_keep(const struct lw_transport *t, uint32_t texel, const struct lw_direct_light *e,
                           uint32_t lane) {
+    LW_INVARIANT_DEAR(texel < t->tiles->texel_count && t->tiles->covered[texel]);
     lw_tiles_store(t->tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel, lw_direct_light_lane(e->all, lane));
     if (t->drawn) lw_tiles_store(t->tiles->drawn_estimate, texel, lw_direct_light_lane(e->drawn, lane));
 }
@@ -68,6 +72,7 @@ void lw_direct_light_solve(const struct lw_transport *t, struct lw_solve_tile *t
     lw_sample_points_frame_init(&site.frame, &t->pose->object_to_world[tile->object]);
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->due) continue;
+        LW_INVARIANT(block->direct.weight > 0 && block->direct.weight <= 1);
         lw_ray_launch_block(tile, block, t->texels->usable, t->seed, block->sample_count * t->direct_samples,
                             launch);
         for (uint32_t set = 0; set < block->packet_count; set++) {

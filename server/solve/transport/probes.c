@@ -1,5 +1,6 @@
 #include "server/solve/transport/probes.h"
 
+#include "common/invariant.h"
 #include "common/light/direction.h"
 #include "common/sampling.h"
 #include "server/solve/transport/octahedral.h"
@@ -60,6 +61,7 @@ static void lay_grid(struct lw_probes *probes) {
         probes->count = lw_cells_total(&probes->grid);
         spacing *= 1.03f;
     } while (probes->count > most);
+    LW_INVARIANT(probes->count > 0 && probes->count <= LW_PROBES_MAX); /* a ray hit's bits name each */
 }
 
 static void bound_meshes(struct lw_probes *probes) {
@@ -193,6 +195,7 @@ static uint64_t choose_place(struct lw_probes *probes, const struct lw_trace *tr
     const bool moved = !placed || memcmp(&best_place, &probe->position_ws, sizeof best_place) != 0 ||
                        probe->dead != (best < 0);
     if (moved) *probe = (struct lw_probe){.position_ws = best_place, .dead = best < 0};
+    LW_INVARIANT_DEAR(lw_cells_at(&probes->grid, probe->position_ws) == p); /* it stays in its box */
     return rays;
 }
 
@@ -231,6 +234,8 @@ static uint64_t look_around(struct lw_probes *probes, const struct lw_trace *tra
     for (uint32_t cell = 0; cell < DEPTH_CELLS; cell++)
         for (uint32_t c = 0; c < DEPTH_MEANS && weight[cell] > 0; c++)
             depth[cell * DEPTH_CHANNELS + c] /= weight[cell];
+    for (uint32_t cell = 0; cell < DEPTH_CELLS; cell++)
+        LW_INVARIANT_DEAR(depth[cell * DEPTH_CHANNELS + 3] >= depth[cell * DEPTH_CHANNELS + 4]);
     lw_octahedral_wrap(depth, DEPTH_SIDE, DEPTH_CHANNELS);
     return DEPTH_RAYS;
 }
@@ -282,6 +287,7 @@ uint64_t lw_probes_place(struct lw_probes *probes, const struct lw_pose *pose, c
         }
         alive += !probes->probe[p].dead;
     }
+    LW_INVARIANT(alive <= probes->count && moved_count <= objects);
     probes->alive = alive;
     memcpy(probes->placed_for, pose->object_to_world, objects * sizeof *probes->placed_for);
     memcpy(probes->hidden_for, pose->object_hidden, objects * sizeof *probes->hidden_for);
@@ -308,9 +314,11 @@ uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_wall_sides *
             lw_trace_closest16(sides->trace, LW_TRACE_LIGHT, UINT16_MAX, &rays, &hits);
             uint32_t texel[LW_TRACE_WIDTH];
             lw_wall_sides_at16(sides, UINT16_MAX, &rays, &hits, texel);
-            for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++)
+            for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++) {
+                LW_INVARIANT_DEAR(texel[i] == LW_RAY_HIT_NOTHING || sides->texels->covered[texel[i]]);
                 probes->ray[p * LW_PROBES_RAYS + first + i] =
                     (struct lw_probe_ray){.direction = ray_direction(&rays, i), .hit = texel[i]};
+            }
         }
         probe->age++;
         count += LW_PROBES_RAYS;
@@ -334,6 +342,7 @@ void lw_probes_project(struct lw_probes *probes, uint32_t bounce, const float *r
         }
         const size_t view = (size_t)bounce * probes->count + p;
         float *mean = probes->sum + view * form->sum_floats;
+        LW_INVARIANT(probes->probe[p].age > 0 && !probes->probe[p].dead);
         const uint32_t before = probes->probe[p].age - 1;
         const float weight = 1.0f / (float)((before < history_max ? before : history_max) + 1u);
         for (uint32_t i = 0; i < form->sum_floats; i++)
@@ -373,6 +382,7 @@ static uint32_t pick(const struct lw_cells *grid, struct lw_vec3 point, uint32_t
         index += (below + (unit < s - (float)below)) * stride;
         stride *= grid->count[axis];
     }
+    LW_INVARIANT_DEAR(index < stride);
     return index;
 }
 

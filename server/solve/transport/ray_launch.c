@@ -1,5 +1,6 @@
 #include "server/solve/transport/ray_launch.h"
 
+#include "common/invariant.h"
 #include "common/sampling.h"
 #include "common/wide.h"
 
@@ -13,6 +14,8 @@ void lw_ray_launch_init(struct lw_ray_launch *launch, const struct lw_solve_tile
     const uint32_t index = (uint32_t)(block - tile->block), x = index % tile->block_columns,
                    y = index / tile->block_columns;
     const uint32_t corner = y * LW_TILE_BLOCK * tile->width + x * LW_TILE_BLOCK;
+    LW_INVARIANT(set < block->packet_count && y < tile->block_rows);
+    LW_INVARIANT(from->count > 0 && from->count <= LANES);
     launch->set = set;
     /* Numbered over the whole atlas, so that no two blocks of an object share a sequence. */
     launch->block = (tile->y * LW_TILE_BLOCKS + y) << 16 | (tile->x * LW_TILE_BLOCKS + x);
@@ -28,8 +31,10 @@ void lw_ray_launch_choose(struct lw_ray_launch *launch, const struct lw_solve_ti
                                           LW_SAMPLING_FOOTPRINT << 8 | launch->set);
     for (uint32_t lane = 0; lane < LANES; lane++) {
         const uint32_t texel = launch->texel[lane];
+        LW_INVARIANT_DEAR(usable[tile->first + texel]); /* a covered texel has a point that light can reach */
         launch->point[lane] = tile->mesh->sample_points.first[tile->local + texel] +
                               lw_sample_points_choose(usable[tile->first + texel], sample, turn);
+        LW_INVARIANT_DEAR(launch->point[lane] < tile->mesh->sample_points.first[tile->local + texel + 1]);
     }
 }
 
