@@ -1,7 +1,7 @@
 #include "server/solve/radiosity/patches.h"
 
 #include "common/invariant.h"
-#include "server/solve/surface/sample_points.h"
+#include "server/solve/transport/ray_launch.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -9,8 +9,6 @@
 #define LANES LW_TRACE_WIDTH
 /* A texel's square is looked at in this many points a side. */
 #define SPOTS 8
-/* As ray_launch.c. */
-#define COHERENT_COSINE 0.95f
 
 /* Room for the packets of all tiles: where something stands elsewhere, tiles may have more than before. */
 static bool make_room(struct lw_patches *patches) {
@@ -242,34 +240,24 @@ static uint32_t point_near_middle(const struct lw_mesh_texels *mesh, uint32_t lo
     return first + best;
 }
 
-static void place_packet(struct lw_patches *patches, const struct lw_sample_points_frame *frame,
+static void place_packet(struct lw_patches *patches, struct lw_ray_launch_site *site,
                          const struct lw_solve_tile *tile, const struct lw_solve_block *block, uint32_t set,
                          uint32_t turn, struct lw_patches_packet *out) {
-    const struct lw_packet *from = &block->packet[set];
-    const uint32_t index = (uint32_t)(block - tile->block), x = index % tile->block_columns,
-                   y = index / tile->block_columns;
-    const uint32_t corner = y * LW_TILE_BLOCK * tile->width + x * LW_TILE_BLOCK;
-    struct lw_sample_points_lanes lanes;
-    uint32_t local[LANES], point[LANES];
-    out->active = (uint16_t)((1u << from->count) - 1);
+    struct lw_ray_launch launch;
+    lw_ray_launch_init(&launch, tile, block, set);
     for (uint32_t lane = 0; lane < LANES; lane++) {
-        const uint32_t within = lw_packet_texel(from, lane < from->count ? lane : 0, corner, tile->width);
-        const uint8_t usable = patches->texels->usable[tile->first + within];
-        out->texel[lane] = tile->first + within;
-        local[lane] = tile->local + within;
-        point[lane] =
-            turn ? tile->mesh->sample_points.first[local[lane]] +
+        const uint32_t local = tile->local + launch.texel[lane];
+        out->texel[lane] = tile->first + launch.texel[lane];
+        const uint8_t usable = patches->texels->usable[out->texel[lane]];
+        launch.point[lane] =
+            turn ? tile->mesh->sample_points.first[local] +
                        lw_sample_points_choose(usable, turn - 1, lw_random_hash2(out->texel[lane], 1))
-                 : point_near_middle(tile->mesh, local[lane], usable);
+                 : point_near_middle(tile->mesh, local, usable);
     }
-    lw_sample_points_load(&tile->mesh->sample_points, tile->mesh->position, local, point, &lanes);
-    lw_sample_points_to_world(frame, &lanes);
-    out->at = lanes.at;
-    out->coherent = true;
-    for (uint32_t lane = 0; lane < LANES; lane++)
-        out->coherent &= lanes.at.nx[0] * lanes.at.nx[lane] + lanes.at.ny[0] * lanes.at.ny[lane] +
-                             lanes.at.nz[0] * lanes.at.nz[lane] >
-                         COHERENT_COSINE;
+    lw_ray_launch_place(&launch, tile, site);
+    out->active = launch.active;
+    out->at = site->lanes.at;
+    out->coherent = site->coherent;
 }
 
 void lw_patches_place(struct lw_patches *patches, const struct lw_pose *pose, uint32_t turn, int threads) {
@@ -286,15 +274,15 @@ void lw_patches_place(struct lw_patches *patches, const struct lw_pose *pose, ui
 #pragma omp parallel for schedule(dynamic, 8) num_threads(threads) reduction(+ : covered)
     for (uint32_t i = 0; i < tiles->count; i++) {
         const struct lw_solve_tile *tile = &tiles->tile[i];
-        struct lw_sample_points_frame frame;
+        struct lw_ray_launch_site site;
         if (tile->hidden) continue;
         uint32_t n = patches->first_packet[i];
-        lw_sample_points_frame_init(&frame, &pose->object_to_world[tile->object]);
+        lw_sample_points_frame_init(&site.frame, &pose->object_to_world[tile->object]);
         LW_TILES_EACH_BLOCK (tile, block)
             for (uint32_t set = 0; set < block->packet_count; set++, n++) {
                 LW_INVARIANT_DEAR(n < patches->packet_count);
                 struct lw_patches_packet *out = &patches->packet[n];
-                place_packet(patches, &frame, tile, block, set, turn, out);
+                place_packet(patches, &site, tile, block, set, turn, out);
                 for (uint32_t lane = 0; lane < block->packet[set].count; lane++)
                     patches->place[out->texel[lane]] = n * LANES + lane;
                 covered += block->packet[set].count;

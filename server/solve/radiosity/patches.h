@@ -50,4 +50,14 @@ void lw_patches_place(struct lw_patches *patches, const struct lw_pose *pose, ui
 
 size_t lw_patches_memory_bytes(const struct lw_patches *patches);
 
+/** Where a placed patch lies, and whither it looks. */
+static inline struct lw_vec3 lw_patches_place_of(const struct lw_patches *patches, uint32_t texel,
+                                                 struct lw_vec3 *out_normal) {
+    const uint32_t place = patches->place[texel], lane = place % LW_TRACE_WIDTH;
+    LW_INVARIANT_DEAR(place / LW_TRACE_WIDTH < patches->packet_count);
+    const struct lw_points16 *at = &patches->packet[place / LW_TRACE_WIDTH].at;
+    *out_normal = lw_vec3(at->nx[lane], at->ny[lane], at->nz[lane]);
+    return lw_vec3(at->x[lane], at->y[lane], at->z[lane]);
+}
+
 #endif

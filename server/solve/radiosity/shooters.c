@@ -45,19 +45,6 @@ size_t lw_shooters_memory_bytes(const struct lw_shooters *shooters) {
     return shooters->capacity * (sizeof *shooters->shooter + sizeof *shooters->member);
 }
 
-static struct lw_vec3 place_of(const struct lw_patches *patches, uint32_t texel, struct lw_vec3 *out_normal) {
-    const uint32_t place = patches->place[texel], lane = place % LANES;
-    LW_INVARIANT_DEAR(place / LANES < patches->packet_count);
-    const struct lw_points16 *at = &patches->packet[place / LANES].at;
-    *out_normal = lw_vec3(at->nx[lane], at->ny[lane], at->nz[lane]);
-    return lw_vec3(at->x[lane], at->y[lane], at->z[lane]);
-}
-
-static void set_place(struct lw_shooter *s, struct lw_vec3 position, struct lw_vec3 normal) {
-    s->position[0] = position.x, s->position[1] = position.y, s->position[2] = position.z;
-    s->normal[0] = normal.x, s->normal[1] = normal.y, s->normal[2] = normal.z;
-}
-
 /* Of a window's texels one, with the probability of its area. */
 static uint32_t draw(const struct lw_shooters *shooters, const struct lw_shooter *s, uint32_t random) {
     const float *area = shooters->patches->area_m2;
@@ -76,13 +63,14 @@ static void place_mean(const struct lw_shooters *shooters, struct lw_shooter *s)
     float under = 0;
     for (uint32_t i = 0; i < s->count; i++) {
         const float share = s->area_m2 > 0 ? patches->area_m2[member[i]] / s->area_m2 : 1 / (float)s->count;
-        position = lw_vec3_mad(position, place_of(patches, member[i], &n), share);
+        position = lw_vec3_mad(position, lw_patches_place_of(patches, member[i], &n), share);
         normal = lw_vec3_mad(normal, n, share);
     }
     normal = lw_vec3_normalize(normal);
     for (uint32_t i = 0; i < s->count; i++)
-        under = fmaxf(under, lw_vec3_dot(lw_vec3_sub(place_of(patches, member[i], &n), position), normal));
-    set_place(s, lw_vec3_mad(position, normal, under), normal);
+        under = fmaxf(
+            under, lw_vec3_dot(lw_vec3_sub(lw_patches_place_of(patches, member[i], &n), position), normal));
+    lw_shooter_set_place(s, lw_vec3_mad(position, normal, under), normal);
 }
 
 static void place_shooter(struct lw_shooters *shooters, struct lw_shooter *s, uint32_t seed, uint32_t turn) {
@@ -99,8 +87,8 @@ static void place_shooter(struct lw_shooters *shooters, struct lw_shooter *s, ui
         place_mean(shooters, s);
         return;
     }
-    const struct lw_vec3 position = place_of(patches, s->texel, &normal);
-    set_place(s, position, normal);
+    const struct lw_vec3 position = lw_patches_place_of(patches, s->texel, &normal);
+    lw_shooter_set_place(s, position, normal);
 }
 
 /* The covered texels of a window, chart by chart. */
@@ -180,7 +168,7 @@ static struct square texel_square(const struct tree *t, uint32_t x, uint32_t y) 
     struct square q = {.whole = true, .chart = LW_TEXEL_NONE};
     if (x >= t->tile->width || y >= t->tile->height || patches->place[texel] == LW_TEXEL_NONE) return q;
     struct lw_vec3 normal;
-    place_of(patches, texel, &normal);
+    lw_patches_place_of(patches, texel, &normal);
     q.chart = t->tile->mesh->chart[t->tile->local + i];
     q.area_m2 = fmaxf(patches->area_m2[texel], 1e-30f);
     q.radiance = lw_vec3_scale(radiance_of(t, texel), q.area_m2);

@@ -13,12 +13,20 @@
 #include "server/solve/radiosity/patches.h"
 #include "server/solve/state/solver_terms.h"
 
+#include <string.h>
+
 /* One cache line. */
 struct lw_shooter {
     _Alignas(64) float position[3], normal[3]; /* world space */
     float area_m2, flux_w[3];                  /* pi x radiance x area: what it sends into its hemisphere */
     uint32_t first, count, texel; /* its members; the one that stands for all (none of them: MIP) */
 };
+
+static inline void lw_shooter_set_place(struct lw_shooter *shooter, struct lw_vec3 position_ws,
+                                        struct lw_vec3 normal_ws) {
+    memcpy(shooter->position, &position_ws, sizeof shooter->position);
+    memcpy(shooter->normal, &normal_ws, sizeof shooter->normal);
+}
 
 struct lw_shooters {
     const struct lw_patches *patches;

@@ -77,12 +77,6 @@ static uint32_t object_of(const struct lw_patches *patches, uint32_t texel) {
     return lw_tiles_at(tiles, (lw_tile_id){tiles->block[tiles->block_of_texel[texel]].tile_id})->object;
 }
 
-static struct lw_vec3 normal_of(const struct lw_patches *patches, uint32_t texel) {
-    const struct lw_points16 *at = &patches->packet[patches->place[texel] / LANES].at;
-    const uint32_t i = patches->place[texel] % LANES;
-    return lw_vec3(at->nx[i], at->ny[i], at->nz[i]);
-}
-
 /* Light that a patch reflects, by which it is drawn. */
 static double reflected(const struct lw_patches *patches, float *const *direct, uint32_t texel) {
     const struct lw_vec3 e = lw_vec3(direct[0][texel], direct[1][texel], direct[2][texel]);
@@ -143,11 +137,6 @@ static struct lw_vec3 facing(const struct lw_shooter *s) {
     return lw_vec3(s->normal[0], s->normal[1], s->normal[2]);
 }
 
-static void set_place(struct lw_shooter *s, struct lw_vec3 place, struct lw_vec3 normal) {
-    memcpy(s->position, &place, sizeof s->position);
-    memcpy(s->normal, &normal, sizeof s->normal);
-}
-
 static bool sees(struct flight *f, struct lw_vec3 from, struct lw_vec3 direction, float distance) {
     struct lw_ray16 rays = {.salt = f->shot->salt};
     lw_trace_set_ray(&rays, 0, from, direction, distance * LW_TRACE_SHORT);
@@ -204,10 +193,10 @@ static bool shoot_first(struct flight *f, uint32_t path) {
                              : LW_TEXEL_NONE;
     light->shots++;
     if (light->texel == LW_TEXEL_NONE) return false;
-    const struct lw_points16 *at = &patches->packet[patches->place[light->texel] / LANES].at;
-    const uint32_t i = patches->place[light->texel] % LANES;
     LW_INVARIANT(patches->place[light->texel] != LW_TEXEL_NONE && share > 0);
-    set_place(s, lw_vec3(at->x[i], at->y[i], at->z[i]), normal_of(patches, light->texel));
+    struct lw_vec3 normal;
+    const struct lw_vec3 place = lw_patches_place_of(patches, light->texel, &normal);
+    lw_shooter_set_place(s, place, normal);
     light->object = object_of(patches, light->texel);
     light->scale = (float)((double)patches->area_m2[light->texel] * total / (share * v->paths.paths));
     read_light(f, index_of(v, path, 0));
@@ -239,11 +228,13 @@ static bool shoot_next(struct flight *f, uint32_t path, uint32_t bounce) {
     const uint32_t texel = lw_texels_at(v->patches->texels, hits.object[0], hits.triangle[0], hits.u[0],
                                         hits.v[0], hits.back[0]);
     if (texel == LW_TEXEL_NONE || v->patches->place[texel] == LW_TEXEL_NONE) return false;
-    const struct lw_vec3 normal = normal_of(v->patches, texel);
+    struct lw_vec3 normal;
+    (void)lw_patches_place_of(v->patches, texel, &normal);
     if (!(lw_vec3_dot(normal, direction) < 0)) return false;
-    set_place(&v->shooter[index],
-              lw_trace_lift(lw_vec3_mad(place_of(parent), direction, hits.t[0]), normal, f->shot->largest_m),
-              normal);
+    lw_shooter_set_place(
+        &v->shooter[index],
+        lw_trace_lift(lw_vec3_mad(place_of(parent), direction, hits.t[0]), normal, f->shot->largest_m),
+        normal);
     light->texel = texel;
     light->object = hits.object[0];
     return true;
