@@ -742,8 +742,22 @@ static uint16_t port_of(const struct sockaddr_storage *bound) {
                                               : ((const struct sockaddr_in *)bound)->sin_port);
 }
 
-static enum lw_status start_listening(uv_tcp_t *listener, const char *host, uint16_t port, const char *option,
-                                      uint16_t *out_port, struct lw_error *err) {
+/* On a socket of the server before; *socket is -1 then. */
+static enum lw_status take_over(uv_tcp_t *listener, int *socket, uint16_t *out_port, struct lw_error *err) {
+    struct sockaddr_storage bound = {0};
+    int length = sizeof bound, result = uv_tcp_open(listener, *socket);
+    if (result == 0) *socket = -1;
+    if (result == 0) result = uv_listen((uv_stream_t *)listener, BACKLOG, on_connection);
+    if (result == 0) result = uv_tcp_getsockname(listener, (struct sockaddr *)&bound, &length);
+    if (result < 0) return lw_status_fail(err, LW_OS, "cannot go on listening: %s", uv_strerror(result));
+    *out_port = port_of(&bound);
+    return LW_OK;
+}
+
+/* socket: of the server before, on which it goes on; NULL: there is none */
+static enum lw_status start_listening(uv_tcp_t *listener, int *socket, const char *host, uint16_t port,
+                                      const char *option, uint16_t *out_port, struct lw_error *err) {
+    if (socket) return take_over(listener, socket, out_port, err);
     char address[ADDRESS_SIZE], service[8];
     format_address(address, host, port);
     snprintf(service, sizeof service, "%u", (unsigned)port);
@@ -761,18 +775,6 @@ static enum lw_status start_listening(uv_tcp_t *listener, const char *host, uint
     int length = sizeof bound;
     if (result == 0) result = uv_tcp_getsockname(listener, (struct sockaddr *)&bound, &length);
     if (result < 0) return listen_failure(err, address, option, result);
-    *out_port = port_of(&bound);
-    return LW_OK;
-}
-
-/* The same on a socket of the server before; *socket is -1 then. */
-static enum lw_status take_over(uv_tcp_t *listener, int *socket, uint16_t *out_port, struct lw_error *err) {
-    struct sockaddr_storage bound = {0};
-    int length = sizeof bound, result = uv_tcp_open(listener, *socket);
-    if (result == 0) *socket = -1;
-    if (result == 0) result = uv_listen((uv_stream_t *)listener, BACKLOG, on_connection);
-    if (result == 0) result = uv_tcp_getsockname(listener, (struct sockaddr *)&bound, &length);
-    if (result < 0) return lw_status_fail(err, LW_OS, "cannot go on listening: %s", uv_strerror(result));
     *out_port = port_of(&bound);
     return LW_OK;
 }
@@ -832,9 +834,8 @@ static enum lw_status start_http(struct lw_server *server, const struct lw_serve
     struct lw_error cause = {0};
     if (!desc->http_host || (desc->sockets && desc->sockets->http < 0)) return LW_OK;
     enum lw_status status =
-        desc->sockets ? take_over(&server->http_listener, &desc->sockets->http, &server->http_port, &cause)
-                      : start_listening(&server->http_listener, desc->http_host, desc->http_port, "--http",
-                                        &server->http_port, &cause);
+        start_listening(&server->http_listener, desc->sockets ? &desc->sockets->http : NULL, desc->http_host,
+                        desc->http_port, "--http", &server->http_port, &cause);
     if (status == LW_OK) status = lw_web_server_create(&web, &server->web, &cause);
     if (status == LW_OK) return LW_OK;
     server->http_port = 0;
@@ -857,10 +858,8 @@ static enum lw_status start_metrics(struct lw_server *server, const struct lw_se
                                            .page = desc->hooks.page,
                                            .page_context = desc->hooks.context};
     enum lw_status status =
-        desc->sockets
-            ? take_over(&server->metrics_listener, &desc->sockets->metrics, &server->metrics_port, err)
-            : start_listening(&server->metrics_listener, desc->metrics_host, desc->metrics_port, "--metrics",
-                              &server->metrics_port, err);
+        start_listening(&server->metrics_listener, desc->sockets ? &desc->sockets->metrics : NULL,
+                        desc->metrics_host, desc->metrics_port, "--metrics", &server->metrics_port, err);
     return status == LW_OK ? lw_web_server_create(&web, &server->metrics_web, err) : status;
 }
 
@@ -1032,22 +1031,9 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
                                 struct lw_error *err) {
     LW_INVARIANT(desc->package_size > 0);
     struct lw_server *server = calloc(1, sizeof *server);
-    if (!server) goto no_memory;
-    if (uv_mutex_init(&server->mutex) < 0) {
-        free(server);
-        goto no_memory;
-    }
-    if (uv_mutex_init(&server->shared.stats_mutex) < 0) {
-        uv_mutex_destroy(&server->mutex);
-        free(server);
-        goto no_memory;
-    }
-    if (lw_updates_init(&server->shared.updates) != LW_OK) {
-        uv_mutex_destroy(&server->shared.stats_mutex);
-        uv_mutex_destroy(&server->mutex);
-        free(server);
-        goto no_memory;
-    }
+    if (!server || uv_mutex_init(&server->mutex) < 0) goto no_mutex;
+    if (uv_mutex_init(&server->shared.stats_mutex) < 0) goto no_stats;
+    if (lw_updates_init(&server->shared.updates) != LW_OK) goto no_updates;
     if (getrandom(&server->shared.places.seed, sizeof server->shared.places.seed, 0) < 0)
         server->shared.places.seed = 1;
     server->shared.turned_away.seed = server->shared.places.seed;
@@ -1059,11 +1045,10 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
     if (status == LW_OK) status = read_tokens(server, desc, err);
     if (status == LW_OK) status = read_certificate(server, desc, err);
     init_doors(server);
-    if (status == LW_OK && desc->sockets)
-        status = take_over(&server->listener, &desc->sockets->listen, &server->port, err);
-    else if (status == LW_OK)
-        status = start_listening(&server->listener, desc->host ? desc->host : "127.0.0.1", desc->port,
-                                 "--listen", &server->port, err);
+    if (status == LW_OK)
+        status = start_listening(&server->listener, desc->sockets ? &desc->sockets->listen : NULL,
+                                 desc->host ? desc->host : "127.0.0.1", desc->port, "--listen", &server->port,
+                                 err);
     if (status == LW_OK && desc->control_socket && desc->sockets)
         status = (server->control_path = strdup(desc->control_socket))
                      ? LW_OK
@@ -1081,7 +1066,12 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
     else
         lw_server_destroy(server);
     return status;
-no_memory:
+no_updates:
+    uv_mutex_destroy(&server->shared.stats_mutex);
+no_stats:
+    uv_mutex_destroy(&server->mutex);
+no_mutex:
+    free(server);
     return lw_status_fail(err, LW_NO_MEMORY, "cannot create the server: out of memory");
 }
 
