@@ -73,19 +73,13 @@ void lw_plan_log_found(struct lw_plan_log *log, const struct lw_plan_found *foun
     fflush(log->file);
 }
 
-enum {
-    FACT_HIDDEN = 1,
-    FACT_CONTRIBUTES = 2,
-    FACT_INVALIDATED = 4,
-    FACT_BEGINS = 8,
-    FACT_CORRECTED = 16,
-    FACT_UNSEEN = 32
-};
+/* A bit for each yes or no of a fact. */
+#define FLAGS(X) X(hidden, 0) X(contributes, 1) X(invalidated, 2) X(begins, 3) X(corrected, 4) X(unseen, 5)
 
 static unsigned flags_of(const struct lw_plan_fact *f) {
-    return (f->hidden ? FACT_HIDDEN : 0u) | (f->contributes ? FACT_CONTRIBUTES : 0u) |
-           (f->invalidated ? FACT_INVALIDATED : 0u) | (f->begins ? FACT_BEGINS : 0u) |
-           (f->corrected ? FACT_CORRECTED : 0u) | (f->unseen ? FACT_UNSEEN : 0u);
+#define X(name, bit) (unsigned)f->name << bit |
+    return FLAGS(X) 0u;
+#undef X
 }
 
 static void write_fact(FILE *file, uint32_t slot, const struct lw_plan_fact *f) {
@@ -165,12 +159,9 @@ static bool read_fact(struct replay *r, const char *text) {
     f.distance_m = (float)distance;
     f.level = (uint8_t)level;
     f.state = (uint8_t)state;
-    f.hidden = flags & FACT_HIDDEN;
-    f.contributes = flags & FACT_CONTRIBUTES;
-    f.invalidated = flags & FACT_INVALIDATED;
-    f.begins = flags & FACT_BEGINS;
-    f.corrected = flags & FACT_CORRECTED;
-    f.unseen = flags & FACT_UNSEEN;
+#define X(name, bit) f.name = flags >> bit & 1;
+    FLAGS(X)
+#undef X
     r->fact[slot] = f;
     return true;
 }
