@@ -64,27 +64,28 @@ static uint32_t name(struct names *names, struct lw_vec3 p, double step) {
     }
 }
 
+/* A list with room for one more; NULL: there is no memory, and the list is as it was. */
+static void *grow(void *list, size_t count, size_t *capacity, size_t size) {
+    const size_t more = *capacity ? 2 * *capacity : 256;
+    if (count < *capacity) return list;
+    list = realloc(list, more * size);
+    if (list) *capacity = more;
+    return list;
+}
+
 static bool push(struct sides *sides, struct side side) {
-    if (sides->count == sides->capacity) {
-        size_t capacity = sides->capacity ? 2 * sides->capacity : 256;
-        struct side *grown = realloc(sides->side, capacity * sizeof *grown);
-        if (!grown) return false;
-        sides->side = grown;
-        sides->capacity = capacity;
-    }
-    sides->side[sides->count++] = side;
+    struct side *list = grow(sides->side, sides->count, &sides->capacity, sizeof side);
+    if (!list) return false;
+    sides->side = list;
+    list[sides->count++] = side;
     return true;
 }
 
 static bool push_edge(struct lw_seam_edges *edges, struct lw_seam_edge edge) {
-    if (edges->count == edges->capacity) {
-        size_t capacity = edges->capacity ? 2 * edges->capacity : 256;
-        struct lw_seam_edge *grown = realloc(edges->edge, capacity * sizeof *grown);
-        if (!grown) return false;
-        edges->edge = grown;
-        edges->capacity = capacity;
-    }
-    edges->edge[edges->count++] = edge;
+    struct lw_seam_edge *list = grow(edges->edge, edges->count, &edges->capacity, sizeof edge);
+    if (!list) return false;
+    edges->edge = list;
+    list[edges->count++] = edge;
     return true;
 }
 
@@ -368,14 +369,10 @@ struct pairs {
 };
 
 static bool push_pair(struct pairs *pairs, uint32_t a, uint32_t b) {
-    if (pairs->count == pairs->capacity) {
-        size_t capacity = pairs->capacity ? 2 * pairs->capacity : 256;
-        uint64_t *grown = realloc(pairs->pair, capacity * sizeof *grown);
-        if (!grown) return false;
-        pairs->pair = grown;
-        pairs->capacity = capacity;
-    }
-    pairs->pair[pairs->count++] = a < b ? (uint64_t)a << 32 | b : (uint64_t)b << 32 | a;
+    uint64_t *list = grow(pairs->pair, pairs->count, &pairs->capacity, sizeof *list);
+    if (!list) return false;
+    pairs->pair = list;
+    list[pairs->count++] = a < b ? (uint64_t)a << 32 | b : (uint64_t)b << 32 | a;
     return true;
 }
 
