@@ -367,7 +367,7 @@ static const struct lw_solver_ops shared_ops = {.frame = frame,
 static enum lw_status init_lights(struct lw_patch_solver *s) {
     const struct lw_scene *scene = s->desc.scene;
     const struct lw_client_lights *client = parts_drawn(s) ? s->desc.client_lights : NULL;
-    const bool none = s->method->surfaces_shoot(s);
+    const bool none = s->method->surfaces_shoot && s->method->surfaces_shoot(s);
     s->no_light = calloc(scene->light_count + 1ul, 1);
     s->no_material = malloc(scene->material_count + 1ul);
     if (!s->no_light || !s->no_material) return LW_NO_MEMORY;

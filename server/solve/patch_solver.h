@@ -23,7 +23,8 @@ struct lw_patch_solver_method {
     const char *name;
     uint32_t direct_samples; /* of the direct pass in a frame */
     uint32_t frames_min;     /* before an error counts as known */
-    /** Whether emissive surfaces enter by bounces() alone: the direct pass samples none of them then. */
+    /** Whether emissive surfaces enter by bounces() alone: the direct pass samples none of them then.
+     * NULL: they never do. */
     bool (*surfaces_shoot)(const struct lw_patch_solver *s);
     /** Steps of the progress that a frame makes. */
     uint64_t (*steps)(const struct lw_patch_solver *s);

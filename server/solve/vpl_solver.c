@@ -41,11 +41,6 @@ enum lw_status lw_vpl_solver_check(const struct lw_solver_desc *desc, struct lw_
 
 static uint32_t sets_of(const struct lw_patch_solver *p) { return p->desc.vpl.sets ? p->desc.vpl.sets : 1; }
 
-static bool surfaces_shoot(const struct lw_patch_solver *p) {
-    (void)p;
-    return false;
-}
-
 static uint64_t steps(const struct lw_patch_solver *p) {
     return p->desc.bounces ? p->patches.packet_count : 0;
 }
@@ -158,7 +153,6 @@ static size_t memory_bytes(const struct lw_patch_solver *p) {
 static const struct lw_patch_solver_method method = {.name = "vpl",
                                                      .direct_samples = 1,
                                                      .frames_min = FRAMES_MIN,
-                                                     .surfaces_shoot = surfaces_shoot,
                                                      .steps = steps,
                                                      .init = init,
                                                      .finish = finish,
