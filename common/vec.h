@@ -61,6 +61,13 @@ static inline struct lw_vec3 lw_vec3_normalize(struct lw_vec3 a) {
     float length = lw_vec3_length(a);
     return length > 1e-30f ? lw_vec3_scale(a, 1.0f / length) : lw_vec3(0, 0, 1);
 }
+/** The smaller, and the larger, of each component. */
+static inline struct lw_vec3 lw_vec3_min(struct lw_vec3 a, struct lw_vec3 b) {
+    return lw_vec3(fminf(a.x, b.x), fminf(a.y, b.y), fminf(a.z, b.z));
+}
+static inline struct lw_vec3 lw_vec3_max(struct lw_vec3 a, struct lw_vec3 b) {
+    return lw_vec3(fmaxf(a.x, b.x), fmaxf(a.y, b.y), fmaxf(a.z, b.z));
+}
 /** The length of the component that is longest. */
 static inline float lw_vec3_max_abs(struct lw_vec3 a) {
     return fmaxf(fabsf(a.x), fmaxf(fabsf(a.y), fabsf(a.z)));

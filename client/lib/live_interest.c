@@ -42,8 +42,8 @@ struct bounds {
 };
 
 static void widen(struct bounds *b, struct lw_vec3 p) {
-    b->low = lw_vec3(fminf(b->low.x, p.x), fminf(b->low.y, p.y), fminf(b->low.z, p.z));
-    b->high = lw_vec3(fmaxf(b->high.x, p.x), fmaxf(b->high.y, p.y), fmaxf(b->high.z, p.z));
+    b->low = lw_vec3_min(b->low, p);
+    b->high = lw_vec3_max(b->high, p);
 }
 
 static const struct bounds nothing = {{FLT_MAX, FLT_MAX, FLT_MAX}, {-FLT_MAX, -FLT_MAX, -FLT_MAX}};

@@ -331,9 +331,8 @@ enum lw_status lw_live_scene_init(struct lw_live *live, const struct lw_scene *s
         box[0] = lw_vec3(FLT_MAX, FLT_MAX, FLT_MAX);
         box[1] = lw_vec3(-FLT_MAX, -FLT_MAX, -FLT_MAX);
         for (uint32_t v = 0; v < scene->mesh[i].vertex_count; v++) {
-            const struct lw_vec3 p = scene->mesh[i].position[v];
-            box[0] = lw_vec3(fminf(box[0].x, p.x), fminf(box[0].y, p.y), fminf(box[0].z, p.z));
-            box[1] = lw_vec3(fmaxf(box[1].x, p.x), fmaxf(box[1].y, p.y), fmaxf(box[1].z, p.z));
+            box[0] = lw_vec3_min(box[0], scene->mesh[i].position[v]);
+            box[1] = lw_vec3_max(box[1], scene->mesh[i].position[v]);
         }
     }
     enum lw_status status = lw_pose_init(&live->cameras, scene);

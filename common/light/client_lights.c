@@ -30,8 +30,8 @@ static bool is_same_place(const struct corner *a, const struct corner *b) {
 }
 
 static void widen(struct piece *piece, struct lw_vec3 at) {
-    piece->low = lw_vec3(fminf(piece->low.x, at.x), fminf(piece->low.y, at.y), fminf(piece->low.z, at.z));
-    piece->high = lw_vec3(fmaxf(piece->high.x, at.x), fmaxf(piece->high.y, at.y), fmaxf(piece->high.z, at.z));
+    piece->low = lw_vec3_min(piece->low, at);
+    piece->high = lw_vec3_max(piece->high, at);
 }
 
 static bool is_small(const struct piece *piece) {

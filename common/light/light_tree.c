@@ -8,12 +8,6 @@
 /* Angles, rad, are rounded; what is this near to the edge of a cone counts as within. */
 #define SLACK 1e-3f
 
-static struct lw_vec3 least(struct lw_vec3 a, struct lw_vec3 b) {
-    return lw_vec3(fminf(a.x, b.x), fminf(a.y, b.y), fminf(a.z, b.z));
-}
-static struct lw_vec3 most(struct lw_vec3 a, struct lw_vec3 b) {
-    return lw_vec3(fmaxf(a.x, b.x), fmaxf(a.y, b.y), fmaxf(a.z, b.z));
-}
 static float angle(struct lw_vec3 a, struct lw_vec3 b) {
     return acosf(fminf(fmaxf(lw_vec3_dot(a, b), -1), 1));
 }
@@ -46,7 +40,7 @@ static void join_cones(const struct lw_light_bounds *a, const struct lw_light_bo
 static struct lw_light_bounds join(const struct lw_light_bounds *a, const struct lw_light_bounds *b) {
     if (!(a->power > 0)) return *b;
     if (!(b->power > 0)) return *a;
-    struct lw_light_bounds both = {.low = least(a->low, b->low), .high = most(a->high, b->high)};
+    struct lw_light_bounds both = {.low = lw_vec3_min(a->low, b->low), .high = lw_vec3_max(a->high, b->high)};
     join_cones(a, b, &both);
     both.power = a->power + b->power;
     return both;
@@ -96,7 +90,7 @@ static uint32_t build(struct build *b, uint32_t first, uint32_t count, uint32_t 
     for (uint32_t i = first; i < first + count; i++) {
         const struct lw_light_bounds *l = &b->light[b->order[i]];
         struct lw_vec3 m = lw_vec3_add(l->low, l->high);
-        low = least(low, m), high = most(high, m);
+        low = lw_vec3_min(low, m), high = lw_vec3_max(high, m);
     }
     struct lw_vec3 side = lw_vec3_sub(high, low);
     struct key key = {b->light, side.x >= side.y && side.x >= side.z ? 0 : side.y >= side.z ? 1 : 2};

@@ -209,14 +209,12 @@ static bool accumulate(float *weight, uint32_t count) {
 
 static struct lw_light_bounds bounds_of_emitter(const struct lw_emitter *e) {
     struct lw_vec3 a = e->corner, b = lw_vec3_add(a, e->edge_u), c = lw_vec3_add(a, e->edge_v);
-    return (struct lw_light_bounds){
-        .low = lw_vec3(fminf(a.x, fminf(b.x, c.x)), fminf(a.y, fminf(b.y, c.y)), fminf(a.z, fminf(b.z, c.z))),
-        .high =
-            lw_vec3(fmaxf(a.x, fmaxf(b.x, c.x)), fmaxf(a.y, fmaxf(b.y, c.y)), fmaxf(a.z, fmaxf(b.z, c.z))),
-        .axis = e->normal,
-        .spread = e->both_sides ? LW_PI : 0,
-        .reach = 0.5f * LW_PI,
-        .power = e->power};
+    return (struct lw_light_bounds){.low = lw_vec3_min(a, lw_vec3_min(b, c)),
+                                    .high = lw_vec3_max(a, lw_vec3_max(b, c)),
+                                    .axis = e->normal,
+                                    .spread = e->both_sides ? LW_PI : 0,
+                                    .reach = 0.5f * LW_PI,
+                                    .power = e->power};
 }
 
 static void note_bounds(struct lw_lights *lights) {

@@ -137,11 +137,6 @@ struct lw_sky_draw lw_lights_draw_sky(const struct lw_lights *lights, float u, f
 struct lw_light_sample lw_lights_place_sky(const struct lw_lights *lights, const struct lw_sky_draw *draw,
                                            struct lw_vec3 normal_ws, float *out_cosine);
 
-/** Whether a hit surface shines to the side it was met on. */
-static inline bool lw_lights_shines(const struct lw_surface *surface, bool back) {
-    return !back || surface->material->double_sided;
-}
-
 /** A sample of one punctual light; (u, v) choose the point on a sun's disc. */
 struct lw_light_sample lw_lights_sample_punctual(const struct lw_lights *lights, uint32_t light, float u,
                                                  float v, struct lw_vec3 point_ws);

@@ -272,8 +272,8 @@ void lw_pose_object_bounds(const struct lw_pose *pose, const struct lw_scene *sc
     const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
     for (uint32_t i = 0; i < mesh->vertex_count; i++) {
         const struct lw_vec3 p = lw_affine_point(&pose->object_to_world[object], mesh->position[i]);
-        *min = lw_vec3(fminf(min->x, p.x), fminf(min->y, p.y), fminf(min->z, p.z));
-        *max = lw_vec3(fmaxf(max->x, p.x), fmaxf(max->y, p.y), fmaxf(max->z, p.z));
+        *min = lw_vec3_min(*min, p);
+        *max = lw_vec3_max(*max, p);
     }
 }
 

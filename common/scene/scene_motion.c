@@ -272,10 +272,10 @@ static struct extent measure(const struct lw_scene *scene, const struct lw_pose 
     struct lw_vec3 low = e.low, high = e.high;
     for (uint32_t v = 0; v < mesh->vertex_count; v++) {
         struct lw_vec3 p = mesh->position[v], w = lw_affine_point(to_world, p);
-        e.low = lw_vec3(fminf(e.low.x, p.x), fminf(e.low.y, p.y), fminf(e.low.z, p.z));
-        e.high = lw_vec3(fmaxf(e.high.x, p.x), fmaxf(e.high.y, p.y), fmaxf(e.high.z, p.z));
-        low = lw_vec3(fminf(low.x, w.x), fminf(low.y, w.y), fminf(low.z, w.z));
-        high = lw_vec3(fmaxf(high.x, w.x), fmaxf(high.y, w.y), fmaxf(high.z, w.z));
+        e.low = lw_vec3_min(e.low, p);
+        e.high = lw_vec3_max(e.high, p);
+        low = lw_vec3_min(low, w);
+        high = lw_vec3_max(high, w);
     }
     e.longest_m = fmaxf(high.x - low.x, fmaxf(high.y - low.y, high.z - low.z));
     for (uint32_t t = 0; t < mesh->triangle_count; t++) {
@@ -659,15 +659,6 @@ static const char *const names[] = {"static",    "light",     "object",      "al
 _Static_assert(sizeof names / sizeof *names == LW_SCENE_MOTION_COUNT, "each motion has a name");
 
 const char *lw_scene_motion_name(enum lw_scene_motion motion) { return names[motion]; }
-
-bool lw_scene_motion_find(const char *name, enum lw_scene_motion *out_motion) {
-    for (int m = 0; m < LW_SCENE_MOTION_COUNT; m++)
-        if (strcmp(name, names[m]) == 0) {
-            *out_motion = (enum lw_scene_motion)m;
-            return true;
-        }
-    return false;
-}
 
 enum lw_status lw_scene_motion_set(struct lw_scene *scene, enum lw_scene_motion motion,
                                    struct lw_scene_motion_report *out_report, struct lw_error *err) {

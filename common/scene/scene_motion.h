@@ -29,8 +29,6 @@ enum lw_scene_motion {
 
 /** "static", "light", "object", "all", "lamp-walk", "sun-swing", "lamp-switch", "carry". */
 const char *lw_scene_motion_name(enum lw_scene_motion motion);
-/** The motion of a name; false if there is none. */
-bool lw_scene_motion_find(const char *name, enum lw_scene_motion *out_motion);
 /* In the order of the enum. */
 #define LW_SCENE_MOTION_CHOICES "static|light|object|all|lamp-walk|sun-swing|lamp-switch|carry"
 

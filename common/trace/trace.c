@@ -219,15 +219,8 @@ static RTCScene new_scene(struct lw_trace *trace) {
 
 static const struct box nowhere = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
 
-static struct lw_vec3 least(struct lw_vec3 a, struct lw_vec3 b) {
-    return lw_vec3(fminf(a.x, b.x), fminf(a.y, b.y), fminf(a.z, b.z));
-}
-static struct lw_vec3 largest(struct lw_vec3 a, struct lw_vec3 b) {
-    return lw_vec3(fmaxf(a.x, b.x), fmaxf(a.y, b.y), fmaxf(a.z, b.z));
-}
-
 static struct box box_around(struct box a, struct box b) {
-    return (struct box){least(a.low, b.low), largest(a.high, b.high)};
+    return (struct box){lw_vec3_min(a.low, b.low), lw_vec3_max(a.high, b.high)};
 }
 
 static struct box box_of_mesh(const struct lw_mesh *mesh) {
@@ -241,7 +234,7 @@ static struct box box_of_mesh(const struct lw_mesh *mesh) {
  * than a mover. */
 static struct box box_with_room(struct box box) {
     struct lw_vec3 most =
-        largest(largest(box.high, lw_vec3_scale(box.low, -1)), lw_vec3_sub(box.high, box.low));
+        lw_vec3_max(lw_vec3_max(box.high, lw_vec3_scale(box.low, -1)), lw_vec3_sub(box.high, box.low));
     float room = 1e-4f * fmaxf(most.x, fmaxf(most.y, most.z)) + 1e-20f;
     struct lw_vec3 by = lw_vec3(room, room, room);
     return (struct box){lw_vec3_sub(box.low, by), lw_vec3_add(box.high, by)};

@@ -244,9 +244,8 @@ static struct lw_vec3 *shared_normals(const struct lw_mesh *mesh) {
 static uint32_t add_back_positions(struct lw_glb_scene *g, const struct lw_mesh *mesh) {
     struct lw_vec3 low = mesh->position[0], high = low;
     for (uint32_t i = 1; i < mesh->vertex_count; i++) {
-        const struct lw_vec3 p = mesh->position[i];
-        low = lw_vec3(fminf(low.x, p.x), fminf(low.y, p.y), fminf(low.z, p.z));
-        high = lw_vec3(fmaxf(high.x, p.x), fmaxf(high.y, p.y), fmaxf(high.z, p.z));
+        low = lw_vec3_min(low, mesh->position[i]);
+        high = lw_vec3_max(high, mesh->position[i]);
     }
     const float behind = BACK_BEHIND * lw_vec3_max_abs(lw_vec3_sub(high, low));
     struct lw_vec3 *position = shared_normals(mesh);

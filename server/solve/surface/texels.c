@@ -443,11 +443,9 @@ static void claim_all(const struct raster *r, claim_triangle *each) {
         each(r, t, false);
         if (mesh->back_offset && r->scene->material[mesh->material[t]].double_sided) each(r, t, true);
     }
-    for (uint32_t i = 0; i < r->texels->texel_count; i++) {
-        if (r->claim[i].chart == LW_TEXEL_NONE) continue;
-        r->claim[i].chart = lw_union_find_root(r->parent, r->claim[i].chart);
-        LW_INVARIANT_DEAR(r->claim[i].chart < 2 * mesh->vertex_count);
-    }
+    for (uint32_t i = 0; i < r->texels->texel_count; i++)
+        if (r->claim[i].chart != LW_TEXEL_NONE)
+            r->claim[i].chart = lw_union_find_root(r->parent, r->claim[i].chart);
 }
 
 /* The side of a texel in space: by the areas of all triangles there and in the lightmap. */

@@ -71,9 +71,8 @@ static void bound_meshes(struct lw_probes *probes) {
         box[0] = lw_vec3(INFINITY, INFINITY, INFINITY);
         box[1] = lw_vec3(-INFINITY, -INFINITY, -INFINITY);
         for (uint32_t v = 0; v < scene->mesh[m].vertex_count; v++) {
-            struct lw_vec3 p = scene->mesh[m].position[v];
-            box[0] = lw_vec3(fminf(box[0].x, p.x), fminf(box[0].y, p.y), fminf(box[0].z, p.z));
-            box[1] = lw_vec3(fmaxf(box[1].x, p.x), fmaxf(box[1].y, p.y), fmaxf(box[1].z, p.z));
+            box[0] = lw_vec3_min(box[0], scene->mesh[m].position[v]);
+            box[1] = lw_vec3_max(box[1], scene->mesh[m].position[v]);
         }
     }
 }
@@ -247,14 +246,11 @@ static bool near_object(const struct lw_probes *probes, const struct lw_probe *p
     struct lw_vec3 lo = lw_vec3(INFINITY, INFINITY, INFINITY), hi = lw_vec3(-INFINITY, -INFINITY, -INFINITY);
     for (int i = 0; i < 8; i++) {
         struct lw_vec3 p = lw_affine_point(to_world, lw_vec3(box[i & 1].x, box[i >> 1 & 1].y, box[i >> 2].z));
-        lo = lw_vec3(fminf(lo.x, p.x), fminf(lo.y, p.y), fminf(lo.z, p.z));
-        hi = lw_vec3(fmaxf(hi.x, p.x), fmaxf(hi.y, p.y), fmaxf(hi.z, p.z));
+        lo = lw_vec3_min(lo, p);
+        hi = lw_vec3_max(hi, p);
     }
-    const struct lw_vec3 p = probe->position_ws;
-    struct lw_vec3 gap =
-        lw_vec3(fmaxf(0, fmaxf(lo.x - p.x, p.x - hi.x)), fmaxf(0, fmaxf(lo.y - p.y, p.y - hi.y)),
-                fmaxf(0, fmaxf(lo.z - p.z, p.z - hi.z)));
-    return lw_vec3_length(gap) < probes->depth_max_m;
+    const struct lw_vec3 p = probe->position_ws, gap = lw_vec3_max(lw_vec3_sub(lo, p), lw_vec3_sub(p, hi));
+    return lw_vec3_length(lw_vec3_max(gap, lw_vec3(0, 0, 0))) < probes->depth_max_m;
 }
 
 static bool disturbed(const struct lw_probes *probes, uint32_t p, const struct lw_pose *pose,
