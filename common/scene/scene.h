@@ -322,6 +322,9 @@ struct lw_surface {
 };
 void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
                       float v, struct lw_surface *out);
+/** Its albedo and alpha, and nothing else: the same bits. */
+struct lw_vec3 lw_scene_albedo(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle,
+                               float u, float v, float *out_alpha);
 /** A triangle of a mesh, with the values that all its points share. Saves time for many points on few
  * triangles. */
 struct lw_facet {

@@ -268,6 +268,16 @@ void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, 
     out->material = material;
 }
 
+struct lw_vec3 lw_scene_albedo(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle,
+                               float u, float v, float *out_alpha) {
+    const struct lw_material *material = &scene->material[mesh->material[triangle]];
+    const struct corners corners = find_corners(mesh, triangle, u, v);
+    const struct lw_vec4 colour = base_colour(scene, mesh, material, &corners);
+    struct lw_vec3 seen = {0};
+    *out_alpha = opacity(material, colour.w);
+    return reflected(scene, mesh, material, &corners, clamp_colour(colour), &seen);
+}
+
 static void gather2(const struct lw_vec2 *array, const uint32_t vertex[3], struct lw_vec2 out[3]) {
     for (int i = 0; i < 3; i++) out[i] = array ? array[vertex[i]] : (struct lw_vec2){0, 0};
 }

@@ -109,6 +109,31 @@ static void no_texture_is_white_and_transforms_apply(void **state) {
     assert_near(c.x, 0);
 }
 
+static void expect_albedo(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle,
+                          float u, float v) {
+    struct lw_surface surface;
+    float alpha;
+    lw_scene_surface(scene, mesh, triangle, u, v, &surface);
+    const struct lw_vec3 albedo = lw_scene_albedo(scene, mesh, triangle, u, v, &alpha);
+    assert_memory_equal(&albedo, &surface.albedo, sizeof albedo);
+    assert_memory_equal(&alpha, &surface.alpha, sizeof alpha);
+}
+
+static void albedo_alone_has_the_same_bits(void **state) {
+    (void)state;
+    struct lw_scene *scene = lw_support_everything();
+    for (int finishes = 0; finishes < 2; finishes++) {
+        for (uint32_t m = 0; m < scene->mesh_count; m++)
+            for (uint32_t t = 0; t < scene->mesh[m].triangle_count; t++)
+                for (int k = 0; k <= 16; k++)
+                    expect_albedo(scene, &scene->mesh[m], t, (float)k / 16, (float)(16 - k) / 20);
+        if (!finishes) lw_support_add_finishes(scene);
+    }
+    scene->material[scene->mesh[0].material[0]].unlit = true;
+    expect_albedo(scene, &scene->mesh[0], 0, 0.5f, 0.25f);
+    lw_scene_destroy(scene);
+}
+
 static void a_surface_is_its_corners_weighed(void **state) {
     (void)state;
     struct lw_scene *scene = lw_support_everything();
@@ -319,6 +344,7 @@ int main(void) {
         cmocka_unit_test(rows_go_down_and_have_their_own_wrap_mode),
         cmocka_unit_test(wild_coordinates_stay_inside),
         cmocka_unit_test(no_texture_is_white_and_transforms_apply),
+        cmocka_unit_test(albedo_alone_has_the_same_bits),
         cmocka_unit_test(a_surface_is_its_corners_weighed),
         cmocka_unit_test(lamps_shine_through_their_texture_and_blend),
         cmocka_unit_test(what_is_absent_is_neutral),

@@ -3,6 +3,7 @@
 #include "common/invariant.h"
 #include "common/progress.h"
 #include "common/union_find.h"
+#include "common/wide.h"
 
 #include <omp.h>
 #include <stdlib.h>
@@ -35,6 +36,13 @@ struct claim {
 _Static_assert(LW_SAMPLE_POINTS_SPOTS <= UINT8_MAX + 1, "a spot's number");
 _Static_assert(LW_SCENE_TRIANGLES_MAX <= SPOT_BACK, "a spot's word holds triangle and side");
 
+/* Points of a texel's square that are looked at together. */
+#define POINTS_MOST LW_SAMPLE_POINTS_SPOTS
+struct points {
+    float x[POINTS_MOST], y[POINTS_MOST];
+};
+_Static_assert(POINTS_MOST >= ALBEDO_SIDE * ALBEDO_SIDE && POINTS_MOST <= 64, "a bit for each");
+
 /* One mesh under way. */
 struct raster {
     const struct lw_scene *scene;
@@ -42,6 +50,7 @@ struct raster {
     struct lw_mesh_texels *texels;
     struct claim *claim; /* per texel */
     uint32_t *parent;    /* of charts that are joined: twice as many as vertices */
+    struct points spots, albedo_points;
 };
 
 static struct lw_vec2 minus(struct lw_vec2 a, struct lw_vec2 b) {
@@ -58,6 +67,30 @@ static bool barycentrics(const struct lw_vec2 corner[3], struct lw_vec2 p, float
     *out_u = cross2(d, e2) / area;
     *out_v = cross2(e1, d) / area;
     return true;
+}
+
+/* The same of all points in the square at (x, y): which lie on the triangle. A multiple of 16 of them. */
+LW_WIDE static void find_inside(const struct lw_vec2 corner[3], float x, float y,
+                                const struct points *restrict points, uint32_t count,
+                                uint8_t *restrict out_inside) {
+    const struct lw_vec2 e1 = minus(corner[1], corner[0]), e2 = minus(corner[2], corner[0]);
+    const float area = cross2(e1, e2), left = corner[0].x, top = corner[0].y;
+    for (uint32_t k = 0; k < count; k++) {
+        const float dx = x + points->x[k] - left, dy = y + points->y[k] - top;
+        const float u = (dx * e2.y - dy * e2.x) / area, v = (e1.x * dy - e1.y * dx) / area;
+        out_inside[k] = (u >= 0) & (v >= 0) & (u + v <= 1);
+    }
+}
+
+/* A bit for each point that a triangle holds: none for one without area. */
+static uint64_t inside_of(const struct lw_vec2 corner[3], uint32_t x, uint32_t y, const struct points *points,
+                          uint32_t count) {
+    uint8_t inside[POINTS_MOST];
+    uint64_t bits = 0;
+    if (cross2(minus(corner[1], corner[0]), minus(corner[2], corner[0])) == 0) return 0;
+    find_inside(corner, (float)x, (float)y, points, count, inside);
+    for (uint32_t k = 0; k < count; k++) bits |= (uint64_t)inside[k] << k;
+    return bits;
 }
 
 /* Moves barycentrics that rounding has put outside back onto the triangle. */
@@ -119,19 +152,16 @@ static uint32_t floor_clamped(float x, uint32_t limit) {
 }
 
 /* Lets a triangle claim the spots of a texel that it holds; on the edge of two, the first has it. */
-static void claim_spots(struct claim *c, const struct lw_vec2 corner[3], uint32_t x, uint32_t y,
-                        uint32_t triangle, bool back) {
+static void claim_spots(const struct raster *r, struct claim *c, const struct lw_vec2 corner[3], uint32_t x,
+                        uint32_t y, uint32_t triangle, bool back) {
     const uint32_t last = LW_SAMPLE_POINTS_MAX - 1;
     uint32_t k = 0; /* of those that are held, how many come before */
-    for (uint32_t number = 0; number < LW_SAMPLE_POINTS_SPOTS; number++) {
+    uint64_t inside = inside_of(corner, x, y, &r->spots, LW_SAMPLE_POINTS_SPOTS);
+    for (; inside; inside &= inside - 1) {
+        const uint32_t number = (uint32_t)__builtin_ctzll(inside);
         while (k <= last && c->spot[k] != LW_TEXEL_NONE && c->number[k] < number) k++;
         if (k > last) break;
         if (c->spot[k] != LW_TEXEL_NONE && c->number[k] == number) continue;
-        const struct lw_vec2 spot = lw_sample_points_spot(number);
-        float u, v;
-        if (!barycentrics(corner, (struct lw_vec2){(float)x + spot.x, (float)y + spot.y}, &u, &v) || u < 0 ||
-            v < 0 || u + v > 1)
-            continue;
         memmove(&c->spot[k + 1], &c->spot[k], (last - k) * sizeof c->spot[0]);
         memmove(&c->number[k + 1], &c->number[k], (last - k) * sizeof c->number[0]);
         c->spot[k] = triangle | (back ? SPOT_BACK : 0);
@@ -141,11 +171,11 @@ static void claim_spots(struct claim *c, const struct lw_vec2 corner[3], uint32_
 
 /* Cut-out parts reflect nothing. */
 static void add_albedo_at(const struct raster *r, struct claim *c, uint32_t triangle, float u, float v) {
-    struct lw_surface surface;
-    lw_scene_surface(r->scene, r->mesh, triangle, u, v, &surface);
-    c->albedo = lw_vec3_mad(c->albedo, surface.albedo, surface.alpha);
-    c->plain_albedo = lw_vec3_add(c->plain_albedo, surface.albedo);
-    c->surface += surface.alpha;
+    float alpha;
+    const struct lw_vec3 albedo = lw_scene_albedo(r->scene, r->mesh, triangle, u, v, &alpha);
+    c->albedo = lw_vec3_mad(c->albedo, albedo, alpha);
+    c->plain_albedo = lw_vec3_add(c->plain_albedo, albedo);
+    c->surface += alpha;
     c->albedo_points++;
 }
 
@@ -153,14 +183,14 @@ static void add_albedo_at(const struct raster *r, struct claim *c, uint32_t tria
  * beyond the chart do not count: a picture's next band may begin there. */
 static void add_albedo(const struct raster *r, struct claim *c, const struct lw_vec2 corner[3], uint32_t x,
                        uint32_t y, uint32_t triangle) {
-    for (int j = 0; j < ALBEDO_SIDE; j++)
-        for (int i = 0; i < ALBEDO_SIDE; i++) {
-            const struct lw_vec2 p = {(float)x + ((float)i + 0.5f) / ALBEDO_SIDE,
-                                      (float)y + ((float)j + 0.5f) / ALBEDO_SIDE};
-            float u = 0, v = 0;
-            if (barycentrics(corner, p, &u, &v) && u >= 0 && v >= 0 && u + v <= 1)
-                add_albedo_at(r, c, triangle, u, v);
-        }
+    const struct points *points = &r->albedo_points;
+    uint64_t inside = inside_of(corner, x, y, points, ALBEDO_SIDE * ALBEDO_SIDE);
+    for (; inside; inside &= inside - 1) {
+        const int k = __builtin_ctzll(inside);
+        float u = 0, v = 0;
+        barycentrics(corner, (struct lw_vec2){(float)x + points->x[k], (float)y + points->y[k]}, &u, &v);
+        add_albedo_at(r, c, triangle, u, v);
+    }
 }
 
 /* A texel too narrow to hold one of those points has the albedo of its own sample. */
@@ -200,7 +230,7 @@ static void claim_texels(const struct raster *r, uint32_t triangle, bool back) {
             c->area_sum += area;
             if (c->chart != LW_TEXEL_NONE) lw_union_find_join(r->parent, c->chart, chart);
             c->chart = chart;
-            claim_spots(c, corner, x, y, triangle, back);
+            claim_spots(r, c, corner, x, y, triangle, back);
             add_albedo(r, c, corner, x, y, triangle);
             struct lw_vec2 centre = {(float)x + 0.5f, (float)y + 0.5f};
             if (!barycentrics(corner, centre, &u, &v)) continue;
@@ -463,6 +493,18 @@ static float texel_side(const struct lw_mesh *mesh) {
     return lightmap > 0 ? (float)sqrt(surface / lightmap) : 0;
 }
 
+static void list_points(struct raster *r) {
+    for (uint32_t k = 0; k < LW_SAMPLE_POINTS_SPOTS; k++) {
+        const struct lw_vec2 spot = lw_sample_points_spot(k);
+        r->spots.x[k] = spot.x;
+        r->spots.y[k] = spot.y;
+    }
+    for (uint32_t k = 0; k < ALBEDO_SIDE * ALBEDO_SIDE; k++) {
+        r->albedo_points.x[k] = ((float)(k % ALBEDO_SIDE) + 0.5f) / ALBEDO_SIDE;
+        r->albedo_points.y[k] = ((float)(k / ALBEDO_SIDE) + 0.5f) / ALBEDO_SIDE;
+    }
+}
+
 static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *scene,
                        const struct lw_mesh *mesh) {
     struct claim *claim = malloc((size_t)texels->texel_count * sizeof *claim);
@@ -477,7 +519,8 @@ static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *sce
         claim[i] = (struct claim){.triangle = LW_TEXEL_NONE, .chart = LW_TEXEL_NONE};
         memset(claim[i].spot, 0xff, sizeof claim[i].spot); /* LW_TEXEL_NONE */
     }
-    const struct raster raster = {scene, mesh, texels, claim, parent};
+    struct raster raster = {.scene = scene, .mesh = mesh, .texels = texels, .claim = claim, .parent = parent};
+    list_points(&raster);
     claim_all(&raster, claim_texels);
     claim_all(&raster, claim_gutters);
     drop_grazed(claim, texels);
@@ -503,6 +546,26 @@ static bool is_recoloured(const struct lw_texels *texels, const struct lw_mesh *
 static void note_colours(struct lw_texels *texels) {
     for (uint32_t m = 0; m < texels->scene->material_count; m++)
         memcpy(texels->base_colour[m], texels->scene->material[m].base_colour, sizeof texels->base_colour[m]);
+}
+
+/* Something to do, and how large it is. */
+struct piece {
+    uint32_t texels, number;
+};
+
+static int compare_pieces(const void *left, const void *right) {
+    const struct piece *a = left, *b = right;
+    if (a->texels != b->texels) return a->texels > b->texels ? -1 : 1;
+    return a->number < b->number ? -1 : a->number > b->number;
+}
+
+/* The meshes, the largest first: else all wait for one that comes last. malloc'ed; NULL: no memory. */
+static struct piece *order_meshes(const struct lw_texels *texels) {
+    const uint32_t count = texels->scene->mesh_count;
+    struct piece *piece = malloc((count + 1ul) * sizeof *piece);
+    for (uint32_t m = 0; m < count && piece; m++) piece[m] = (struct piece){texels->mesh[m].texel_count, m};
+    if (piece) qsort(piece, count, sizeof *piece, compare_pieces);
+    return piece;
 }
 
 enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *scene, unsigned threads,
@@ -541,16 +604,23 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
     texels->count = (uint32_t)count;
     LW_INVARIANT(count <= TEXELS_MAX);
 
+    struct piece *order = order_meshes(texels);
+    if (!order) {
+        lw_texels_finish(texels);
+        return lw_status_fail(err, LW_NO_MEMORY, "%u meshes", scene->mesh_count);
+    }
     int failures = 0;
     struct lw_progress progress;
     lw_progress_init_waiting(&progress, "placing texels", count, waiting, LW_WAITING_PLACING_TEXELS);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads ? (int)threads : omp_get_max_threads())  \
     reduction(+ : failures)
-    for (uint32_t m = 0; m < scene->mesh_count; m++) {
+    for (uint32_t i = 0; i < scene->mesh_count; i++) {
+        const uint32_t m = order[i].number;
         if (cancel && *cancel) continue;
         if (texels->mesh[m].texel_count && !build_mesh(&texels->mesh[m], scene, &scene->mesh[m])) failures++;
         lw_progress_step(&progress, texels->mesh[m].texel_count);
     }
+    free(order);
     if (cancel && *cancel) {
         lw_progress_stop(&progress);
         lw_texels_finish(texels);
