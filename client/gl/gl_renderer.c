@@ -21,6 +21,7 @@
 #define TAPS         16    /* as of the shaders */
 #define FAINT        2e-3f /* share of the mean light from which on a lamp is drawn on an object */
 #define HALF_MAX     65504.0f
+#define LOBE_STEPS   128 /* of the table of lobes, by angle and by roughness: the nearest one is read */
 #define OBJECT_WORDS 16u /* of an object on the GPU: three rows of a transform, its atlas */
 
 /* What a batch's program is made of. */
@@ -44,7 +45,9 @@ enum variant {
     VARIANT_SURFACE_MAP = 65536,
     VARIANT_SPECULAR_MAP = 131072,
     VARIANT_SHADE_MAP = 262144,
-    VARIANTS = 524288
+    VARIANT_PACKED = 524288,   /* normal map and surface in one texture: gl_scene.h */
+    VARIANT_AT_BASE = 1048576, /* all maps of a finish are read where the base colour is */
+    VARIANTS = 2097152
 };
 
 /* Texture units. */
@@ -202,10 +205,10 @@ static enum lw_status add_program(struct lw_gl_renderer *r, unsigned variant, st
 /* The program of a variant, made when it is first drawn with. */
 static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, const struct program **out,
                                    struct lw_error *err) {
-    static const char *const names[] = {"BASE",   "GLOW",        "BASE_UV1",     "GLOW_UV1", "COLOUR",
-                                        "MASK",   "BLEND",       "LIGHTMAP",     "FEEDBACK", "SETTLED",
-                                        "MSAA",   "LIT",         "SHADOW",       "SHOWN",    "FINISH",
-                                        "RELIEF", "SURFACE_MAP", "SPECULAR_MAP", "SHADE_MAP"};
+    static const char *const names[] = {
+        "BASE",     "GLOW",     "BASE_UV1",    "GLOW_UV1",     "COLOUR",    "MASK",   "BLEND",
+        "LIGHTMAP", "FEEDBACK", "SETTLED",     "MSAA",         "LIT",       "SHADOW", "SHOWN",
+        "FINISH",   "RELIEF",   "SURFACE_MAP", "SPECULAR_MAP", "SHADE_MAP", "PACKED", "AT_BASE"};
     const unsigned maps = VARIANT_RELIEF | VARIANT_SURFACE_MAP | VARIANT_SPECULAR_MAP | VARIANT_SHADE_MAP;
     struct program *p = NULL;
     enum lw_status status = add_program(r, variant, &p, err);
@@ -218,8 +221,14 @@ static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, c
     for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
         if (variant >> i & 1u)
             snprintf(defines + strlen(defines), sizeof defines - strlen(defines), "#define %s\n", names[i]);
-    if (variant & (VARIANT_LIT | VARIANT_FINISH | VARIANT_SHOWN)) strcat(defines, "#define NORMAL\n");
-    if (variant & maps) strcat(defines, "#define FINISH_MAP\n");
+    /* light from everywhere alone, whose mirror image is even, too */
+    const bool even =
+        variant & VARIANT_FINISH && !(variant & (VARIANT_LIT | VARIANT_SHOWN)) && !r->ambient.rgb;
+    if (even)
+        strcat(defines, "#define EVEN\n");
+    else if (variant & (VARIANT_LIT | VARIANT_FINISH | VARIANT_SHOWN))
+        strcat(defines, "#define NORMAL\n");
+    if (variant & maps && !(variant & VARIANT_AT_BASE)) strcat(defines, "#define FINISH_MAP\n");
     if (r->ambient.rgb) strcat(defines, "#define AMBIENT\n");
     status = lw_gl_program_create(defines, lw_gl_shaders_scene_vertex, lw_gl_shaders_scene_fragment, &p->name,
                                   err);
@@ -398,12 +407,28 @@ static void make_smooth(GLenum kind, GLuint *out) {
     glTexParameteri(kind, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
 }
 
+/* The table of lobes in steps so small that none is seen: a look-up is one texel in place of four. Columns
+ * are even in the root of the cosine. */
+static enum lw_status make_lobes(struct lw_gl_renderer *r, struct lw_error *err) {
+    float(*share)[2] = malloc(sizeof *share * LOBE_STEPS * LOBE_STEPS);
+    if (!share) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the table of lobes");
+    for (int i = 0; i < LOBE_STEPS * LOBE_STEPS; i++) {
+        const float root = (float)(i % LOBE_STEPS) / (LOBE_STEPS - 1);
+        const struct lw_lobe_share at =
+            lw_lobe_table_at(root * root, (float)(i / LOBE_STEPS) / (LOBE_STEPS - 1));
+        share[i][0] = at.a, share[i][1] = at.b;
+    }
+    make_smooth(GL_TEXTURE_2D, &r->lobes);
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_RG16, LOBE_STEPS, LOBE_STEPS, 0, GL_RG, GL_FLOAT, share);
+    free(share);
+    return LW_OK;
+}
+
 /* What shaders of finishes look up. */
 static enum lw_status make_tables(struct lw_gl_renderer *r, struct lw_error *err) {
     glActiveTexture(GL_TEXTURE0);
-    make_smooth(GL_TEXTURE_2D, &r->lobes);
-    glTexImage2D(GL_TEXTURE_2D, 0, GL_RG32F, LW_LOBE_TABLE_SIDE, LW_LOBE_TABLE_SIDE, 0, GL_RG, GL_FLOAT,
-                 lw_lobe_table());
+    enum lw_status status = make_lobes(r, err);
+    if (status != LW_OK) return status;
     if (lw_ambient_take(&r->ambient, &r->desc.scene->environment) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for the sky in mirrors");
     if (!r->ambient.rgb) return LW_OK;
@@ -663,18 +688,35 @@ static bool is_same_use(const struct lw_finish *f) {
            memcmp(a->transform, b->transform, sizeof a->transform) == 0;
 }
 
-/* Of a material with a finish. */
-static unsigned finish_variant(const struct lw_mesh *mesh, const struct lw_finish *f) {
+/* Whether a texture, if there is one, is read at the coordinates of the base colour. */
+static bool is_at_base(const struct lw_material *m, const struct lw_texture_use *use) {
+    const struct lw_texture_use *base = &m->base_colour_texture;
+    return use->texture == LW_SCENE_NONE ||
+           (base->texture != LW_SCENE_NONE && base->uv_set == use->uv_set &&
+            memcmp(base->transform, use->transform, sizeof base->transform) == 0);
+}
+
+/* Of a material with a finish. maps: as it is on the GPU */
+static unsigned finish_variant(const struct lw_mesh *mesh, const struct lw_material *m,
+                               const struct lw_gl_maps *maps) {
+    const struct lw_finish *f = m->finish;
     unsigned variant = VARIANT_FINISH;
+    if (is_at_base(m, &f->surface_texture) && is_at_base(m, &f->specular_texture) &&
+        is_at_base(m, &f->normal_texture) && is_at_base(m, &f->occlusion_texture))
+        variant |= VARIANT_AT_BASE;
     if (f->surface_texture.texture != LW_SCENE_NONE) variant |= VARIANT_SURFACE_MAP;
     if (f->specular_texture.texture != LW_SCENE_NONE) variant |= VARIANT_SPECULAR_MAP;
     if (f->normal_texture.texture != LW_SCENE_NONE && mesh->tangent) variant |= VARIANT_RELIEF;
     if (f->occlusion_texture.texture != LW_SCENE_NONE && !is_same_use(f)) variant |= VARIANT_SHADE_MAP;
+    if (maps->packed && variant & VARIANT_RELIEF) {
+        variant |= VARIANT_PACKED;
+        variant &= ~(unsigned)VARIANT_SURFACE_MAP;
+    }
     return variant;
 }
 
 static unsigned variant_of(const struct lw_gl_mesh *mesh, const struct lw_mesh *original,
-                           const struct lw_material *m) {
+                           const struct lw_material *m, const struct lw_gl_maps *maps) {
     unsigned variant = mesh->lit ? VARIANT_LIGHTMAP : 0;
     if (m->base_colour_texture.texture != LW_SCENE_NONE) {
         variant |= VARIANT_BASE;
@@ -687,11 +729,12 @@ static unsigned variant_of(const struct lw_gl_mesh *mesh, const struct lw_mesh *
     if (original->colour) variant |= VARIANT_COLOUR;
     if (m->alpha_mode == LW_ALPHA_MASK) variant |= VARIANT_MASK;
     if (m->alpha_mode == LW_ALPHA_BLEND) variant |= VARIANT_BLEND;
-    if (m->finish && !m->unlit) variant |= finish_variant(original, m->finish);
+    if (m->finish && !m->unlit) variant |= finish_variant(original, m, maps);
     return variant;
 }
 
-static void set_finish(const struct lw_gl_renderer *r, const struct program *p, const struct lw_finish *f) {
+static void set_finish(const struct lw_gl_renderer *r, const struct program *p, const struct lw_finish *f,
+                       const struct lw_gl_maps *maps, bool packed) {
     const struct lw_texture_use *use[4] = {&f->surface_texture, &f->specular_texture, &f->occlusion_texture,
                                            &f->normal_texture};
     const float bend = (f->ior - 1) / (f->ior + 1), *tint = f->specular_colour;
@@ -699,12 +742,15 @@ static void set_finish(const struct lw_gl_renderer *r, const struct program *p, 
     for (unsigned k = 0; k < 4; k++) {
         memcpy(uv[2 * k], use[k]->transform, sizeof use[k]->transform);
         set[k] = (float)use[k]->uv_set;
-        if (use[k]->texture != LW_SCENE_NONE)
+        if (use[k]->texture != LW_SCENE_NONE && !(packed && (k == 0 || k == 3)))
             bind(UNIT_SURFACE + k, GL_TEXTURE_2D, r->scene.finish_texture[use[k]->texture]);
     }
-    glUniform4f(p->finish, f->metalness, f->roughness, f->specular, bend * bend);
+    const bool first_occludes = packed ? maps->occludes : is_same_use(f);
+    if (packed) bind(UNIT_SURFACE + 3, GL_TEXTURE_2D, maps->packed);
+    glUniform4f(p->finish, f->metalness * (packed ? maps->metalness : 1), f->roughness, f->specular,
+                bend * bend);
     glUniform3f(p->specular_colour, tint[0], tint[1], tint[2]);
-    glUniform3f(p->relief, f->normal_scale, f->occlusion, is_same_use(f) ? 1 : 0);
+    glUniform3f(p->relief, f->normal_scale, f->occlusion, first_occludes ? 1 : 0);
     glUniform3fv(p->finish_uv, 8, uv[0]);
     glUniform4fv(p->finish_set, 1, set);
     glUniform3f(p->sky, r->sky_radiance.x, r->sky_radiance.y, r->sky_radiance.z);
@@ -747,7 +793,8 @@ static enum lw_status draw_batch(struct lw_gl_renderer *r, const struct view *v,
     const struct lw_gl_mesh *mesh = &r->scene.mesh[d->mesh];
     const struct lw_material *m = &r->desc.scene->material[batch->material];
     const struct program *p;
-    unsigned variant = v->variant | variant_of(mesh, &r->desc.scene->mesh[d->mesh], m);
+    const struct lw_gl_maps *maps = &r->scene.maps[batch->material];
+    unsigned variant = v->variant | variant_of(mesh, &r->desc.scene->mesh[d->mesh], m, maps);
     if (v->variant & VARIANT_SHADOW) variant = shadow_variant(variant);
     if (mesh->lit && d->settled && !(variant & (VARIANT_FEEDBACK | VARIANT_SHADOW | VARIANT_SHOWN)))
         variant |= VARIANT_SETTLED;
@@ -763,7 +810,7 @@ static enum lw_status draw_batch(struct lw_gl_renderer *r, const struct view *v,
     glUniform1ui(p->coarsest, batch->coarsest);
     glUniform1i(p->first, (GLint)d->first);
     set_material(r, p, m);
-    if (variant & VARIANT_FINISH) set_finish(r, p, m->finish);
+    if (variant & VARIANT_FINISH) set_finish(r, p, m->finish, maps, variant & VARIANT_PACKED);
     if (variant & VARIANT_LIT) {
         GLint light[LW_GL_LIGHTS_MAX];
         const uint32_t count = lw_gl_lights_near(&r->lights, &d->box, FAINT * r->light.mean, light);

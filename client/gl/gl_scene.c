@@ -352,6 +352,88 @@ static enum lw_status upload_textures(struct lw_gl_scene *s, bool exact, struct 
 
 /* ---- finishes ---- */
 
+static bool is_same_use(const struct lw_texture_use *a, const struct lw_texture_use *b) {
+    return a->uv_set == b->uv_set && memcmp(a->transform, b->transform, sizeof a->transform) == 0;
+}
+
+static bool varies(const struct lw_texture *t, unsigned channel) {
+    const size_t count = (size_t)t->width * t->height;
+    for (size_t i = 1; i < count; i++)
+        if (t->rgba[4 * i + channel] != t->rgba[channel]) return true;
+    return false;
+}
+
+/* Whether one texture can stand for the two, and then what its last channel is. */
+static bool plan_packed(const struct lw_scene *scene, const struct lw_finish *f, struct lw_gl_maps *out) {
+    const struct lw_texture_use *surface = &f->surface_texture, *normal = &f->normal_texture,
+                                *shade = &f->occlusion_texture;
+    if (surface->texture == LW_SCENE_NONE || normal->texture == LW_SCENE_NONE) return false;
+    const struct lw_texture *s = &scene->finish_texture[surface->texture],
+                            *n = &scene->finish_texture[normal->texture];
+    if (s->width != n->width || s->height != n->height || s->wrap_s != n->wrap_s || s->wrap_t != n->wrap_t ||
+        !is_same_use(surface, normal))
+        return false;
+    const bool shaded = f->occlusion > 0 && shade->texture == surface->texture && is_same_use(shade, surface);
+    out->metal = f->metalness > 0 && varies(s, 2);
+    out->occludes = shaded && (s->rgba[0] < 255 || varies(s, 0));
+    out->metalness = out->metal ? 1 : (float)s->rgba[2] * (1.0f / 255);
+    return !(out->metal && out->occludes);
+}
+
+/* Another material with the same texture, if there is one. */
+static const struct lw_gl_maps *find_packed(const struct lw_gl_scene *s, uint32_t m,
+                                            const struct lw_gl_maps *like) {
+    const struct lw_finish *f = s->scene->material[m].finish;
+    for (uint32_t k = 0; k < s->scene->material_count; k++) {
+        const struct lw_finish *other = s->scene->material[k].finish;
+        if (s->maps[k].packed && other && s->maps[k].metal == like->metal &&
+            s->maps[k].occludes == like->occludes &&
+            other->surface_texture.texture == f->surface_texture.texture &&
+            other->normal_texture.texture == f->normal_texture.texture)
+            return &s->maps[k];
+    }
+    return NULL;
+}
+
+static enum lw_status pack_maps(struct lw_gl_scene *s, uint32_t m, float anisotropy, struct lw_error *err) {
+    const struct lw_finish *f = s->scene->material[m].finish;
+    struct lw_gl_maps maps = {0};
+    if (s->maps[m].packed || !plan_packed(s->scene, f, &maps)) return LW_OK;
+    const struct lw_gl_maps *other = find_packed(s, m, &maps);
+    if (other) {
+        maps.packed = other->packed;
+        maps.shared = true;
+        s->maps[m] = maps;
+        return LW_OK;
+    }
+    const struct lw_texture *surface = &s->scene->finish_texture[f->surface_texture.texture];
+    struct lw_texture packed = s->scene->finish_texture[f->normal_texture.texture];
+    const size_t count = (size_t)packed.width * packed.height;
+    uint8_t *rgba = malloc(4 * count + 1);
+    if (!rgba) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the scene's textures");
+    for (size_t i = 0; i < count; i++) {
+        rgba[4 * i] = packed.rgba[4 * i], rgba[4 * i + 1] = packed.rgba[4 * i + 1];
+        rgba[4 * i + 2] = surface->rgba[4 * i + 1];
+        rgba[4 * i + 3] = maps.occludes ? surface->rgba[4 * i] : maps.metal ? surface->rgba[4 * i + 2] : 255;
+    }
+    packed.rgba = rgba;
+    packed.content = LW_CONTENT_SURFACE;
+    enum lw_status status = upload_texture(&packed, s->exact, anisotropy, &maps.packed, err);
+    free(rgba);
+    if (status == LW_OK) s->maps[m] = maps;
+    return status;
+}
+
+/* Whether a mesh without tangents has the material: it reads the surface alone. */
+static bool lacks_tangents(const struct lw_gl_scene *s, uint32_t m) {
+    for (uint32_t k = 0; k < s->scene->mesh_count; k++) {
+        const struct lw_gl_mesh *mesh = &s->mesh[k];
+        for (uint32_t b = 0; !mesh->tangents && b < mesh->batch_count; b++)
+            if (s->batch[mesh->first_batch + b].material == m) return true;
+    }
+    return false;
+}
+
 static enum lw_status upload_finish_textures(struct lw_gl_scene *s, struct lw_error *err) {
     const struct lw_scene *scene = s->scene;
     if (s->finish_texture_count < scene->finish_texture_count) {
@@ -365,10 +447,12 @@ static enum lw_status upload_finish_textures(struct lw_gl_scene *s, struct lw_er
     for (uint32_t m = 0; m < scene->material_count && status == LW_OK; m++) {
         const struct lw_finish *f = scene->material[m].finish;
         if (!f) continue;
+        if (!lacks_tangents(s, m)) status = pack_maps(s, m, anisotropy, err);
         const uint32_t used[4] = {f->surface_texture.texture, f->specular_texture.texture,
                                   f->occlusion_texture.texture, f->normal_texture.texture};
         for (int k = 0; k < 4 && status == LW_OK; k++)
-            if (used[k] != LW_SCENE_NONE && s->finish_texture[used[k]] == 0)
+            if (used[k] != LW_SCENE_NONE && s->finish_texture[used[k]] == 0 &&
+                !(s->maps[m].packed && (k == 3 || used[k] == used[0])))
                 status = upload_texture(&scene->finish_texture[used[k]], s->exact, anisotropy,
                                         &s->finish_texture[used[k]], err);
     }
@@ -412,8 +496,10 @@ enum lw_status lw_gl_scene_init(struct lw_gl_scene *s, const struct lw_scene *sc
     *s = (struct lw_gl_scene){.scene = scene, .exact = exact};
     s->mesh = calloc(scene->mesh_count + 1ul, sizeof *s->mesh);
     s->texture = calloc(scene->texture_count + 1ul, sizeof *s->texture);
+    s->maps = calloc(scene->material_count + 1ul, sizeof *s->maps);
     enum lw_status status = LW_OK;
-    if (!s->mesh || !s->texture) status = lw_status_fail(err, LW_NO_MEMORY, "no memory for the scene");
+    if (!s->mesh || !s->texture || !s->maps)
+        status = lw_status_fail(err, LW_NO_MEMORY, "no memory for the scene");
     if (status == LW_OK) status = upload_indices(s, err);
     if (status == LW_OK) status = upload_vertices(s, err);
     if (status == LW_OK) status = upload_textures(s, exact, err);
@@ -429,7 +515,10 @@ void lw_gl_scene_finish(struct lw_gl_scene *s) {
         if (s->texture[t]) glDeleteTextures(1, &s->texture[t]);
     for (uint32_t t = 0; t < s->finish_texture_count; t++)
         if (s->finish_texture[t]) glDeleteTextures(1, &s->finish_texture[t]);
+    for (uint32_t m = 0; s->maps && m < s->scene->material_count; m++)
+        if (s->maps[m].packed && !s->maps[m].shared) glDeleteTextures(1, &s->maps[m].packed);
     if (s->environment) glDeleteTextures(1, &s->environment);
+    free(s->maps);
     free(s->finish_texture);
     free(s->texture);
     free(s->mesh);

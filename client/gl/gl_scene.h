@@ -38,6 +38,17 @@ struct lw_gl_mesh {
     uint32_t vertex_count;    /* on the GPU: one for each tangent of a vertex */
 };
 
+/* The normal map of a material and its surface in one texture: x and y of the normal, roughness, and what
+ * else of the surface differs from texel to texel, occlusion or metalness. Made where both are of one size,
+ * read at the same places, and no mesh with the material lacks tangents. */
+struct lw_gl_maps {
+    GLuint packed;   /* 0: there is none */
+    bool shared;     /* another material's */
+    bool occludes;   /* the last channel is occlusion */
+    bool metal;      /* it is metalness */
+    float metalness; /* of the whole map, where it is not */
+};
+
 struct lw_gl_scene {
     const struct lw_scene *scene;
     struct lw_gl_mesh *mesh; /* per mesh */
@@ -48,6 +59,7 @@ struct lw_gl_scene {
     GLuint environment;       /* 0: there is none */
     GLuint *finish_texture;   /* as texture, of those of finishes */
     uint32_t finish_texture_count;
+    struct lw_gl_maps *maps; /* per material */
     bool exact;
 };
 

@@ -512,15 +512,18 @@ static struct lw_scene *finished_panels(void) {
     make_round(scene, &scene->mesh[MIRRORED]);
     make_round(scene, &scene->mesh[GLOWING]);
     for (uint32_t i = 0; i < PANELS; i++) add_tangents(scene, &scene->mesh[i]);
-    use_map(&finish[REPEATED].surface_texture, 0, 0, 2), use_map(&finish[REPEATED].normal_texture, 1, 0, 3);
+    use_map(&finish[REPEATED].surface_texture, 0, 0, 2), use_map(&finish[REPEATED].normal_texture, 1, 0, 2);
+    use_map(&scene->material[REPEATED].base_colour_texture, /* where its finish is read, too */
+            scene->material[REPEATED].base_colour_texture.texture, 0, 2);
     finish[REPEATED].occlusion_texture = finish[REPEATED].surface_texture;
     finish[REPEATED].roughness = 0.8f;
     finish[MASKED].metalness = 1, finish[MASKED].roughness = 0.1f;
     use_map(&finish[BLENDED].specular_texture, 2, 1, 1), use_map(&finish[BLENDED].occlusion_texture, 0, 0, 1);
     finish[BACK].metalness = 0.7f;
     use_map(&finish[BACK].normal_texture, 1, 1, 2), finish[BACK].normal_scale = -0.7f;
+    use_map(&finish[BACK].surface_texture, 0, 1, 1);
     use_map(&finish[MIRRORED].normal_texture, 1, 0, 4);
-    use_map(&finish[GLOWING].surface_texture, 0, 0, 3);
+    use_map(&finish[GLOWING].surface_texture, 0, 0, 3), use_map(&finish[GLOWING].normal_texture, 1, 0, 3);
     finish[GLOWING].metalness = 1, finish[GLOWING].roughness = 0.6f;
     use_map(&finish[COLOURED].normal_texture, 1, 1, 2);
     finish[COLOURED].roughness = 1, finish[COLOURED].specular = 0; /* matt, but for its relief */
@@ -569,6 +572,7 @@ static void test_finish_picture(const char *name, bool environment, const char *
 static void test_finishes(void **state) {
     (void)state;
     test_finish_picture("finishes, light of tiles", true, "none");
+    test_finish_picture("finishes, even sky, light of tiles", false, "none");
     test_finish_picture("finishes, even sky and a lamp", false, "lamps");
 }
 
