@@ -73,6 +73,7 @@
 
 enum clock_kind { CLOCK_REAL, CLOCK_STEP, CLOCK_MANUAL };
 enum light_kind { LIGHT_WHOLE, LIGHT_SEEN };
+enum look_kind { LOOK_FIRST, LOOK_LATER };
 enum codec_kind { CODEC_HALF, CODEC_DCT };
 
 /* What makes no sense in a file or in the environment; variables that clients read. */
@@ -112,7 +113,7 @@ struct settings {
     double frame_rate, frame_budget_ms, frame_budget_units, freeze_s, error, link_rate, tile_step, stall_s,
         return_s, prepare_s;
     bool animate, freeze, json, insecure;
-    int clock, light, codec, log_format, log_level;
+    int clock, light, look, codec, log_format, log_level;
     char host[256], http_host[256]; /* http_host "": none */
     char metrics_host[256];         /* "": none */
     uint16_t port, http_port, metrics_port;
@@ -434,6 +435,11 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "\"\": "
          "nowhere (default $XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
          LW_OPTION_STRING, &s->cache, 0, 0, NULL},
+        {"look", "first|later",
+         "first: look inside objects before there is light (default). later: afterwards, under the real "
+         "clock "
+         "alone; until then light goes through walls by a texel",
+         LW_OPTION_CHOICE, &s->look, 0, 0, NULL},
         {"spares", "MESH=N,...",
          "keep room for N more objects of a mesh, for lightwellctl add; N alone is for every mesh. "
          "Costs the "
@@ -565,7 +571,7 @@ static int print_hash(char *dst, const void *bytes, size_t size) {
  * those whose next run could not go on from their sums, which are of the texels that light reaches. */
 static bool looks_later(const struct daemon *d) {
     const struct settings *s = &d->settings;
-    return s->clock == CLOCK_REAL && !d->channels_kept && (!s->keep || *s->cache);
+    return s->look == LOOK_LATER && s->clock == CLOCK_REAL && !d->channels_kept && (!s->keep || *s->cache);
 }
 
 /* Under a hash of all that decides which texels light reaches: the scene, when, and this very program.
