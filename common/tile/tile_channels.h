@@ -56,7 +56,7 @@ static inline uint32_t lw_tile_channel_bit(uint32_t number) { return 1u << numbe
     for (uint32_t channel = 0; channel < lw_tile_channels()->count; channel++)                               \
         if ((set)&lw_tile_channel_bit(channel))
 
-/** Those that a solver holds. parts: it keeps the light of client lights apart. */
+/** The channels that a solver holds. parts: the solver keeps the light of client lights apart. */
 static inline uint32_t lw_tile_channels_held(bool parts) {
     uint32_t held = 0;
     for (uint32_t i = 0; i < lw_tile_channels()->count; i++)

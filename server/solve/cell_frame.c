@@ -360,7 +360,7 @@ static void exchange_entries(struct lw_cell_solver *s, const struct lw_plan_entr
                                                             .corrected = s->corrected});
 }
 
-/* Carries out `count` entries, and adds what was found. */
+/* Carries out `count` entries of a list, and adds up their findings. */
 static void run_entries(struct frame *f, const struct lw_plan_entry *entry, uint32_t count,
                         struct lw_plan_found *found) {
     struct verification v = {f, entry};

@@ -177,6 +177,15 @@ static bool is_recoloured(const struct lw_geometry *geometry, const struct lw_po
     return other;
 }
 
+/* Marks tiles and seams as out of date after a change of texels, and parts the filter's pairs again. others:
+ * other texels are covered than before. status: that of the change, returned if it failed. */
+static enum lw_status note_texels(struct lw_geometry *geometry, bool others, enum lw_status status) {
+    geometry->seams_outdated |= others;
+    geometry->changes++;
+    if (status != LW_OK || !geometry->pairs.pair) return status;
+    return lw_denoise_pairs_review(&geometry->pairs, geometry->threads);
+}
+
 /* Takes over what stands at a pose and a frame. Nobody looks for seams while texels change. */
 static enum lw_status review(struct lw_geometry *geometry, const struct lw_pose *pose, uint64_t frame) {
     bool others = false;
@@ -186,11 +195,7 @@ static enum lw_status review(struct lw_geometry *geometry, const struct lw_pose 
     enum lw_status status =
         lw_invalid_texels_review(&geometry->texels, &geometry->pose, geometry->standing.stood, pose,
                                  geometry->trace, geometry->threads, &others);
-    geometry->seams_outdated |= others;
-    geometry->changes++;
-    if (status == LW_OK && geometry->pairs.pair)
-        status = lw_denoise_pairs_review(&geometry->pairs, geometry->threads);
-    return status;
+    return note_texels(geometry, others, status);
 }
 
 /* Takes over what has been found inside objects. */
@@ -205,11 +210,7 @@ static enum lw_status take_look(struct lw_geometry *geometry) {
                                                           geometry->trace, geometry->threads, &others);
     geometry->look = NULL;
     look_destroy(look);
-    geometry->seams_outdated |= others;
-    geometry->changes++;
-    if (status == LW_OK && geometry->pairs.pair)
-        status = lw_denoise_pairs_review(&geometry->pairs, geometry->threads);
-    return status;
+    return note_texels(geometry, others, status);
 }
 
 /* Looks inside some more objects, once a frame. */

@@ -524,8 +524,7 @@ static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *inte
 
 static void show(struct lw_solver *solver, uint32_t channels) {
     struct layers *s = (struct layers *)solver;
-    channels &= tiles_of(s->layer)->channels;
-    if (!channels) channels = LW_LIGHT_FORMS_FULL;
+    channels = lw_tiles_can_show(tiles_of(s->layer), channels);
     s->shows_all |= (channels & ~s->channels) != 0;
     s->channels = channels;
     for (uint32_t k = 0; k < s->count; k++) s->layer[k].solver->ops->show(s->layer[k].solver, channels);

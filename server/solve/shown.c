@@ -33,8 +33,7 @@ void lw_shown_finish(struct lw_shown *s) {
 }
 
 bool lw_shown_choose(struct lw_shown *s, uint32_t channels) {
-    channels &= s->tiles->channels;
-    if (!channels) channels = LW_LIGHT_FORMS_FULL;
+    channels = lw_tiles_can_show(s->tiles, channels);
     s->all |= (channels & ~s->channels) != 0;
     s->channels = channels;
     return lw_tiles_judge_channels(s->tiles, channels, s->threads);

@@ -324,7 +324,7 @@ static bool knows_texels(const char *cache, const char *clock, bool later) {
     return knows;
 }
 
-/* Without --keep, from the folder of what is found once per scene. */
+/* Without --keep: the files of --cache. */
 static void a_second_start_does_not_look_inside_objects(void **state) {
     char cache[256], command[512];
     (void)state;

@@ -168,7 +168,8 @@ static void test_alone(void **state) {
     room_finish(&s);
 }
 
-/* A layer counts by its intensity, and what is no colour by that of all colours together. */
+/* The sum over layers weighs a plane by the layer's intensity. A plane that is no colour has the weight of
+ * luminance. */
 static void test_layers(void **state) {
     (void)state;
     struct room_solution s;

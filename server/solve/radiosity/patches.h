@@ -50,7 +50,7 @@ void lw_patches_place(struct lw_patches *patches, const struct lw_pose *pose, ui
 
 size_t lw_patches_memory_bytes(const struct lw_patches *patches);
 
-/** Where a placed patch lies, and whither it looks. */
+/** Position and normal of a placed patch, world space. */
 static inline struct lw_vec3 lw_patches_place_of(const struct lw_patches *patches, uint32_t texel,
                                                  struct lw_vec3 *out_normal) {
     const uint32_t place = patches->place[texel], lane = place % LW_TRACE_WIDTH;

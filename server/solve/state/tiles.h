@@ -167,6 +167,12 @@ LW_MUST_CHECK enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles);
 /** The last frame that changed shown planes of any tile; 0: none has. */
 uint64_t lw_tiles_last_solved(const struct lw_tiles *tiles);
 
+/** The channels of a set that the tiles hold; FULL if they hold none of them. */
+static inline uint32_t lw_tiles_can_show(const struct lw_tiles *tiles, uint32_t channels) {
+    channels &= tiles->channels;
+    return channels ? channels : LW_LIGHT_FORMS_FULL;
+}
+
 /** Chooses judged_spread by the shown channels. Returns whether it changed: the variance of all blocks is
  * then summed again, and their errors are out of date until lw_estimates_judge(). */
 bool lw_tiles_judge_channels(struct lw_tiles *tiles, uint32_t channels, int threads);

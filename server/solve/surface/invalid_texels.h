@@ -54,7 +54,7 @@ LW_MUST_CHECK enum lw_status lw_invalid_texels_search_step(struct lw_invalid_tex
                                                            const struct lw_trace *trace, int threads,
                                                            uint64_t *out_left);
 
-/** What has been found; the texels are the search's. */
+/** The findings so far. Their texels belong to the search. */
 struct lw_invalid_texels_found lw_invalid_texels_search_found(const struct lw_invalid_texels_search *search);
 
 /** Bytes held, but for those of a pose. */

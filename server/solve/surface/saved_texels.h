@@ -17,7 +17,7 @@
 #define LW_SAVED_TEXELS_VERSION  1u
 #define LW_SAVED_TEXELS_KEY_SIZE 16u /* bytes */
 #define LW_SAVED_TEXELS_SUFFIX   ".lwtexels"
-/* Of all such files in a folder; the newest may be larger. */
+/* Most bytes of all such files in a folder. The newest file stays even if it is larger. */
 #define LW_SAVED_TEXELS_BYTES_MAX (1ull << 28)
 
 /** Where a scene's texels are saved: in FOLDER/KEY and the suffix. */
