@@ -138,17 +138,36 @@ enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *codec, const struc
     return LW_OK;
 }
 
+static bool make_between(struct lw_tile_codec *codec) {
+    if (!codec->between)
+        codec->between =
+            aligned_alloc(_Alignof(struct lw_tile_dct_coefficients), 2 * sizeof *codec->between);
+    return codec->between;
+}
+
 enum lw_status lw_tile_codec_encode_between(struct lw_tile_codec *codec,
                                             const struct lw_tile_channel *channel, const uint8_t *from,
                                             size_t from_size, const uint8_t *to, size_t to_size,
                                             uint32_t width, uint32_t height, uint8_t *dst,
                                             size_t dst_capacity, size_t *out_size) {
     if (dst_capacity < lw_tile_codec_bound()) return LW_INTERNAL;
-    if (!codec->between && !(codec->between = aligned_alloc(_Alignof(struct lw_tile_dct_coefficients),
-                                                            2 * sizeof *codec->between)))
-        return LW_NO_MEMORY;
+    if (!make_between(codec)) return LW_NO_MEMORY;
     const size_t size = lw_tile_dct_encode_between(&codec->dct, channel, from, from_size, to, to_size, width,
                                                    height, codec->between, dst);
+    LW_INVARIANT(size <= LW_TILE_DCT_BOUND);
+    if (!size) return LW_BAD_DATA;
+    *out_size = size;
+    return LW_OK;
+}
+
+enum lw_status lw_tile_codec_encode_sum(struct lw_tile_codec *codec, const struct lw_tile_channel *channel,
+                                        const uint8_t *from, size_t from_size, const uint8_t *delta,
+                                        size_t delta_size, uint32_t width, uint32_t height, uint8_t *dst,
+                                        size_t dst_capacity, size_t *out_size) {
+    if (dst_capacity < lw_tile_codec_bound()) return LW_INTERNAL;
+    if (!make_between(codec)) return LW_NO_MEMORY;
+    const size_t size = lw_tile_dct_encode_sum(&codec->dct, channel, from, from_size, delta, delta_size,
+                                               width, height, codec->between, dst);
     LW_INVARIANT(size <= LW_TILE_DCT_BOUND);
     if (!size) return LW_BAD_DATA;
     *out_size = size;

@@ -50,6 +50,16 @@ LW_MUST_CHECK enum lw_status lw_tile_codec_encode_between(struct lw_tile_codec *
                                                           uint32_t height, uint8_t *dst, size_t dst_capacity,
                                                           size_t *out_size);
 
+/** Encodes a payload of codec 4 that stands for itself, from one such of an earlier version and a delta that
+ * builds on that version. It decodes to the same bits as the delta, with the delta's scale. Bytes may come
+ * from anyone: LW_BAD_DATA for damaged ones. */
+LW_MUST_CHECK enum lw_status lw_tile_codec_encode_sum(struct lw_tile_codec *codec,
+                                                      const struct lw_tile_channel *channel,
+                                                      const uint8_t *from, size_t from_size,
+                                                      const uint8_t *delta, size_t delta_size, uint32_t width,
+                                                      uint32_t height, uint8_t *dst, size_t dst_capacity,
+                                                      size_t *out_size);
+
 /** Whether lw_tile_codec_decode() reads a codec of this number. */
 bool lw_tile_codec_is_known(uint32_t number);
 

@@ -862,7 +862,7 @@ void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source
     }
 }
 
-/* ---- between two payloads ---- */
+/* ---- from two payloads ---- */
 
 size_t lw_tile_dct_encode_between(struct lw_tile_dct *dct, const struct lw_tile_channel *channel,
                                   const uint8_t *from, size_t from_size, const uint8_t *to, size_t to_size,
@@ -879,4 +879,43 @@ size_t lw_tile_dct_encode_between(struct lw_tile_dct *dct, const struct lw_tile_
         !find_change(dct, planes, scratch[0].coefficient, scratch[1].coefficient, width, height, grid))
         return 0;
     return put_payload(dct, planes, LW_TILE_DCT_DELTA, to[1], to + 2, dct->change, grid, width, height, dst);
+}
+
+/* Means that a whole payload holds: the first coefficient of each block. False if one is as large as what
+ * stands for all larger ones. */
+static bool means_of(const int16_t *coefficient, uint32_t planes, uint32_t width, uint32_t height,
+                     int32_t grid[PLANES][BLOCK_TEXELS]) {
+    bool fits = true;
+    memset(grid, 0, planes * sizeof *grid);
+    for (uint32_t p = 0; p < planes; p++)
+        for (uint32_t by = 0; by < blocks(height); by++)
+            for (uint32_t bx = 0; bx < blocks(width); bx++) {
+                const int16_t mean =
+                    coefficient[p * plane_coefficients(height) + (by * GRID + bx) * BLOCK_TEXELS];
+                grid[p][by * SIDE + bx] = mean;
+                fits &= mean < KEPT_MAX && mean > -KEPT_MAX;
+            }
+    return fits;
+}
+
+size_t lw_tile_dct_encode_sum(struct lw_tile_dct *dct, const struct lw_tile_channel *channel,
+                              const uint8_t *from, size_t from_size, const uint8_t *delta, size_t delta_size,
+                              uint32_t width, uint32_t height, struct lw_tile_dct_coefficients *scratch,
+                              uint8_t *dst) {
+    const uint32_t planes = planes_of(channel);
+    int32_t grid[PLANES][BLOCK_TEXELS];
+    uint8_t length[LW_TILE_RANS_BLOCKS];
+    int16_t *coefficient = scratch->coefficient;
+    if (width - 1 >= LW_TILE_SIDE || height - 1 >= LW_TILE_SIDE ||
+        !get_coefficients(dct, planes, LW_TILE_DCT_INTRA, from, from_size, width, height, coefficient, grid,
+                          length) ||
+        !means_of(coefficient, planes, width, height, grid) ||
+        !get_coefficients(dct, planes, LW_TILE_DCT_DELTA, delta, delta_size, width, height, dct->change, grid,
+                          length) ||
+        !add_change(dct, planes, length, width, height, coefficient, grid) ||
+        !means_of(coefficient, planes, width, height, grid) ||
+        (is_plain(channel) && (delta[2] | delta[3] | delta[4])))
+        return 0;
+    return put_payload(dct, planes, LW_TILE_DCT_INTRA, delta[1], delta + 2, coefficient, grid, width, height,
+                       dst);
 }

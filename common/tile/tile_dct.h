@@ -128,4 +128,15 @@ size_t lw_tile_dct_encode_between(struct lw_tile_dct *dct, const struct lw_tile_
                                   uint32_t width, uint32_t height, struct lw_tile_dct_coefficients scratch[2],
                                   uint8_t *dst);
 
+/** Encodes a payload of kind INTRA that decodes to the same bits as a delta for a decoder that has the
+ * coefficients of `from`, which is of kind INTRA: what a newcomer gets in place of both. Bytes may come from
+ * anyone.
+ * scratch    one
+ * dst        LW_TILE_DCT_BOUND bytes
+ * Returns the size; 0: one of them is damaged, or a sum is beyond 16 bits. */
+size_t lw_tile_dct_encode_sum(struct lw_tile_dct *dct, const struct lw_tile_channel *channel,
+                              const uint8_t *from, size_t from_size, const uint8_t *delta, size_t delta_size,
+                              uint32_t width, uint32_t height, struct lw_tile_dct_coefficients *scratch,
+                              uint8_t *dst);
+
 #endif

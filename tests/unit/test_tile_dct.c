@@ -283,6 +283,67 @@ static void test_one_delta_over_several_versions(void **state) {
     }
 }
 
+/* What a newcomer gets in place of a whole payload and the deltas after it is the newest one, bit by bit. */
+static void test_sum_of_a_payload_and_its_deltas(void **state) {
+    (void)state;
+    static struct lw_tile_dct_history history;
+    static struct lw_tile_dct_coefficients scratch;
+    static uint8_t delta[LW_TILE_DCT_BOUND], sum[2][LW_TILE_DCT_BOUND];
+    static float whole[LW_TILE_TEXELS_MAX * 3];
+    for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
+        const uint32_t width = sizes[s].width, height = sizes[s].height;
+        struct lw_tile_dct_coded coded = {0};
+        history = (struct lw_tile_dct_history){.scale = 0};
+        size_t size = 0;
+        for (uint32_t version = 0; version < 5; version++) {
+            make_light(width, height, 0.1f, 1 + version);
+            lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, NULL, width, height, 0.1f, 0, NULL},
+                               &history, payload, delta, &coded);
+            uint8_t *from = sum[version % 2], *to = sum[1 - version % 2];
+            if (!version) {
+                memcpy(to, payload, size = coded.size);
+                continue;
+            }
+            assert_true(coded.delta_size > 0);
+            assert_int_equal(lw_tile_dct_encode_sum(&dct, NULL, from, size - 1, delta, coded.delta_size,
+                                                    width, height, &scratch, to),
+                             0);
+            assert_int_equal(lw_tile_dct_encode_sum(&dct, NULL, delta, coded.delta_size, from, size, width,
+                                                    height, &scratch, to),
+                             0);
+            size = lw_tile_dct_encode_sum(&dct, NULL, from, size, delta, coded.delta_size, width, height,
+                                          &scratch, to);
+            assert_int_equal(size, coded.size);
+            assert_memory_equal(to, payload, size);
+        }
+        assert_true(lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, sum[1], size, coded.scale, width,
+                                       height, NULL, back));
+        assert_true(lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, payload, coded.size, coded.scale, width,
+                                       height, NULL, whole));
+        assert_memory_equal(back, whole, (size_t)width * height * 3 * sizeof *back);
+    }
+}
+
+/* A mean past 16 bits is one that no delta builds on: there is no sum. */
+static void test_sum_past_16_bits(void **state) {
+    (void)state;
+    static struct lw_tile_dct_coefficients scratch;
+    static uint8_t sum[LW_TILE_DCT_BOUND];
+    const uint8_t delta[] = {LW_TILE_DCT_DELTA, 8, 0, 0, 0, 0x66, 0x48, 1, 0, 0};
+    struct lw_tile_dct_coded coded;
+    for (uint32_t i = 0; i < 3; i++) rgb[i] = 1;
+    lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, NULL, 1, 1, 0.1f, 0, NULL}, NULL, payload,
+                       NULL, &coded);
+    size_t size = coded.size, sums = 0;
+    assert_true(lw_tile_dct_encode_sum(&dct, NULL, payload, size, delta, sizeof delta, 1, 1, &scratch, sum));
+    for (size_t next; sums < 40000; sums++, size = next) { /* one step more each time */
+        next = lw_tile_dct_encode_sum(&dct, NULL, payload, size, delta, sizeof delta, 1, 1, &scratch, sum);
+        if (!next) break;
+        memcpy(payload, sum, next);
+    }
+    assert_true(sums > 32000 && sums < 32768);
+}
+
 /* A coefficient that is kept as the largest may be a larger one. */
 static void test_nothing_is_coded_between_coefficients_beyond_16_bits(void **state) {
     (void)state;
@@ -336,6 +397,8 @@ int main(void) {
         cmocka_unit_test(test_deltas),
         cmocka_unit_test(test_one_delta_over_several_versions),
         cmocka_unit_test(test_nothing_is_coded_between_coefficients_beyond_16_bits),
+        cmocka_unit_test(test_sum_of_a_payload_and_its_deltas),
+        cmocka_unit_test(test_sum_past_16_bits),
         cmocka_unit_test(test_sums_have_a_limit),
         cmocka_unit_test(test_dark_is_coded_by_difference),
         cmocka_unit_test(test_error_follows_the_step),
