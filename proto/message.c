@@ -167,6 +167,8 @@ static enum lw_status check_welcome(const struct lw_message_welcome *w, struct l
         return over(err, "client_lights", "is", LW_MESSAGE_CLIENT_LIGHTS_MAX, " bytes");
     if (w->client_materials_size > LW_MESSAGE_CLIENT_MATERIALS_MAX)
         return over(err, "client_materials", "is", LW_MESSAGE_CLIENT_MATERIALS_MAX, " bytes");
+    if (w->relay_count > LW_MESSAGE_RELAYS_MAX)
+        return over(err, "relays", "has", LW_MESSAGE_RELAYS_MAX, " entries");
     enum lw_status status = check_parts(w, err);
     if (status == LW_OK) status = check_finish(&w->finish, err);
     return status != LW_OK ? status : check_text(w->name, LW_MESSAGE_NAME_MAX, "name", err);
@@ -384,6 +386,7 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->hello.rate_limit = m->hello.rate_limit_bytes_hz;
         wire->hello.token.data = (uint8_t *)m->hello.token;
         wire->hello.token.len = m->hello.token ? LW_TOKEN_SIZE : 0;
+        wire->hello.relay = m->hello.relay;
         break;
     case LW_MESSAGE_WELCOME:
         wire->welcome.version = m->welcome.version;
@@ -407,6 +410,8 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
             (ProtobufCBinaryData){m->welcome.client_lights_size, (uint8_t *)m->welcome.client_lights};
         wire->welcome.client_materials =
             (ProtobufCBinaryData){m->welcome.client_materials_size, (uint8_t *)m->welcome.client_materials};
+        wire->welcome.n_relays = m->welcome.relay_count;
+        wire->welcome.relays = (uint64_t *)m->welcome.relays;
         fill_finish(&wire->welcome, &m->welcome.finish);
         break;
     case LW_MESSAGE_REFUSAL:
@@ -846,7 +851,9 @@ static enum lw_status read_welcome(const Lightwell__Wire__Welcome *w, struct lw_
                                              .client_lights = w->client_lights.data,
                                              .client_lights_size = w->client_lights.len,
                                              .client_materials = w->client_materials.data,
-                                             .client_materials_size = w->client_materials.len};
+                                             .client_materials_size = w->client_materials.len,
+                                             .relays = w->relays,
+                                             .relay_count = w->n_relays};
     memcpy(m->welcome.package_hash.bytes, w->package_hash.data, sizeof m->welcome.package_hash.bytes);
     return read_finish(w, &m->welcome.finish, err);
 }
@@ -1012,7 +1019,8 @@ static enum lw_status read_wire(const union wire *w, struct lw_message *m, struc
                                              .features = w->hello.features,
                                              .name = w->hello.name,
                                              .rate_limit_bytes_hz = w->hello.rate_limit,
-                                             .token = w->hello.token.len ? w->hello.token.data : NULL};
+                                             .token = w->hello.token.len ? w->hello.token.data : NULL,
+                                             .relay = w->hello.relay};
         return LW_OK;
     case LW_MESSAGE_WELCOME:
         return read_welcome(&w->welcome, m, err);

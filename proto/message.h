@@ -33,6 +33,7 @@
 #define LW_MESSAGE_PAYLOAD_MAX          (1u << 18) /* bytes of a tile */
 #define LW_MESSAGE_REPORT_MAX           (1u << 18) /* bytes of a report */
 #define LW_MESSAGE_BOUNCES_MAX          64u
+#define LW_MESSAGE_RELAYS_MAX           16u /* between a server and a client */
 #define LW_MESSAGE_CLIENT_LIGHTS_MAX    (LW_SCENE_LIGHTS_MAX / 8)    /* bytes: a bit for each */
 #define LW_MESSAGE_CLIENT_MATERIALS_MAX (LW_SCENE_MATERIALS_MAX / 8) /* likewise */
 /* largest code; those not named below are refusals all the same */
@@ -62,6 +63,7 @@ struct lw_message_hello {
     const char *name;             /* of the client program, for the operator's log */
     uint64_t rate_limit_bytes_hz; /* that it wants at most; 0: no limit */
     const uint8_t *token;         /* LW_TOKEN_SIZE bytes; NULL: none */
+    uint64_t relay;               /* number of the relay that says it; 0: it is none */
 };
 
 /** A package as a welcome tells it. */
@@ -93,6 +95,8 @@ struct lw_message_welcome {
     const uint8_t *client_lights, *client_materials;
     size_t client_lights_size, client_materials_size;
     struct lw_message_package finish; /* with parts; size 0: there is none, or it was not asked for */
+    const uint64_t *relays; /* for relays: numbers of those that the light comes through, the nearest first */
+    size_t relay_count;
 };
 
 /* Values are forever. */
@@ -105,7 +109,8 @@ enum lw_refusal {
     LW_REFUSAL_FEATURES = 6,    /* the peer lacks one that is needed */
     LW_REFUSAL_RATE = 7,        /* it says too much */
     LW_REFUSAL_NOT_ALLOWED = 8, /* it may not do what it asked for */
-    LW_REFUSAL_TOKEN = 9        /* it has no token, or one that the server does not know */
+    LW_REFUSAL_TOKEN = 9,       /* it has no token, or one that the server does not know */
+    LW_REFUSAL_LOOP = 10        /* it is a relay that its own light would come back to */
 };
 
 struct lw_message_refusal {

@@ -62,6 +62,7 @@ struct lw_server {
     uint64_t lagged_ns; /* when lag last came */
     uint64_t ticked_ns; /* when tick last came */
     uint64_t window_ns; /* when the window began that loop_lag and shared.ack belong to */
+    uint32_t told_channels; /* that sessions took when hooks.news was last called */
     struct lw_histogram loop_lag;
     struct lw_durations lag_all; /* the same since the start */
     uv_signal_t interrupt, terminate, hangup;
@@ -80,6 +81,9 @@ struct lw_server {
     struct lw_snapshot *latest;         /* handed over, not yet seen by the loop */
     struct lw_server_interest interest; /* handed over, not yet taken by the solver */
     bool has_interest, stop_requested, relay_requested;
+    bool has_above; /* handed over, not yet seen by the loop */
+    uint64_t above[LW_MESSAGE_RELAYS_MAX];
+    uint32_t above_count;
     bool runs;           /* the loop's thread is in lw_server_run() */
     clockid_t cpu_clock; /* its CPU clock; valid while it runs */
 };
@@ -298,6 +302,20 @@ static void answer_updates(struct lw_session_shared *shared) {
     }
 }
 
+/* Of a relay: those that the server above has answered. */
+static void answer_passed(struct lw_session_shared *shared) {
+    struct lw_passed_updates_done done;
+    const uint64_t frame = shared->snapshot ? shared->snapshot->frame : 0;
+    while (shared->is_relay && lw_passed_updates_next(&shared->passed, frame, &done)) {
+        if (done.is_lost)
+            lw_session_refuse(done.session, LW_REFUSAL_SHUTDOWN,
+                              "the server above is gone: an update may have been made or not");
+        else
+            lw_session_answer(done.session, &done.answer);
+        free(done.storage);
+    }
+}
+
 static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     struct lw_session_shared *shared = &server->shared;
     LW_INVARIANT(snapshot->tile_count == shared->atlas_map->tile_count);
@@ -312,12 +330,33 @@ static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     shared->recent[shared->generation % LW_SESSION_RECENT] =
         (struct lw_session_recent){snapshot->frame, lw_clock_ns()};
     answer_updates(shared);
+    answer_passed(shared);
     lw_turns_begin_snapshot(shared);
 }
 
 static void free_interest(struct lw_server_interest *interest) {
     free(interest->levels);
+    free(interest->tile);
     *interest = (struct lw_server_interest){0};
+}
+
+/* Of all tiles, those that some session lists. */
+static bool list_wanted(const struct lw_interest_union *interest_union, struct lw_server_interest *list) {
+    const uint32_t tiles = interest_union->atlas_map->tile_count;
+    uint32_t count = 0;
+    for (uint32_t t = 0; t < tiles; t++) count += interest_union->count[t] > 0;
+    if (!(list->tile = malloc(((size_t)count + 1) * sizeof *list->tile))) return false;
+    for (uint32_t t = 0; t < tiles; t++)
+        if (interest_union->count[t]) list->tile[list->tile_count++] = t;
+    LW_INVARIANT(list->tile_count == count);
+    return true;
+}
+
+/* For the solver: what the tiles that are listed cover. */
+static bool list_levels(const struct lw_interest_union *interest_union, struct lw_server_interest *list) {
+    if (!(list->levels = malloc((size_t)interest_union->atlas_map->tile_count + 1))) return false;
+    lw_interest_union_levels(interest_union, list->levels);
+    return true;
 }
 
 /* A list is made only once the solver has taken the last one: however often sessions change their minds,
@@ -330,14 +369,12 @@ static void hand_over_interest(struct lw_server *server) {
     uv_mutex_unlock(&server->mutex);
     if (untaken) return; /* the taker wakes the loop */
     struct lw_server_interest list = {.everything = interest_union->everything > 0};
-    if (!list.everything) {
-        if (!(list.levels = malloc((size_t)interest_union->atlas_map->tile_count + 1)))
-            return; /* later, perhaps */
-        lw_interest_union_levels(interest_union, list.levels);
-    }
+    if (!list.everything &&
+        !(server->shared.is_relay ? list_wanted : list_levels)(interest_union, &list))
+        return; /* later, perhaps */
     interest_union->changed = false;
     uv_mutex_lock(&server->mutex);
-    LW_INVARIANT(!server->has_interest && !server->interest.levels); /* only this thread hands one over */
+    LW_INVARIANT(!server->has_interest && !server->interest.levels && !server->interest.tile); /* only this thread hands one over */
     server->interest = list;
     server->has_interest = true;
     uv_mutex_unlock(&server->mutex);
@@ -361,6 +398,32 @@ size_t lw_server_take_updates(struct lw_server *server, uint64_t frame, struct l
     return lw_updates_take(&server->shared.updates, frame, out_change, out_change_count);
 }
 
+bool lw_server_take_passed(struct lw_server *server, struct lw_passed_update *out_update) {
+    return lw_passed_updates_take(&server->shared.passed, out_update);
+}
+
+bool lw_server_answer_passed(struct lw_server *server, uint64_t number,
+                             const struct lw_message_updated *answer) {
+    const bool done = lw_passed_updates_answer(&server->shared.passed, number, answer);
+    uv_async_send(&server->wake);
+    return done;
+}
+
+void lw_server_lose_passed(struct lw_server *server, uint64_t number) {
+    lw_passed_updates_lose(&server->shared.passed, number);
+    uv_async_send(&server->wake);
+}
+
+void lw_server_set_relays_above(struct lw_server *server, const uint64_t *above, uint32_t count) {
+    LW_INVARIANT(count < LW_MESSAGE_RELAYS_MAX);
+    uv_mutex_lock(&server->mutex);
+    if (count) memcpy(server->above, above, count * sizeof *above);
+    server->above_count = count;
+    server->has_above = true;
+    uv_mutex_unlock(&server->mutex);
+    uv_async_send(&server->wake);
+}
+
 const _Atomic bool *lw_server_updates_wait(const struct lw_server *server) {
     return &server->shared.updates.waiting;
 }
@@ -379,8 +442,21 @@ static void keep_busy(struct lw_server *server) {
         uv_idle_stop(&server->busy);
 }
 
+/* Of a relay, whose thread waits for it. */
+static void tell_news(struct lw_server *server) {
+    const uint32_t channels = server->shared.channels_taken;
+    if (!server->hooks.news) return;
+    uv_mutex_lock(&server->mutex);
+    const bool news = server->has_interest;
+    uv_mutex_unlock(&server->mutex);
+    if (news || server->shared.passed.waiting || channels != server->told_channels)
+        server->hooks.news(server->hooks.context);
+    server->told_channels = channels;
+}
+
 static void on_prepare(uv_prepare_t *handle) {
     hand_over_interest(handle->data);
+    tell_news(handle->data);
     keep_busy(handle->data);
 }
 
@@ -464,6 +540,28 @@ static void on_hangup(uv_signal_t *handle, int number) {
     server->hooks.reload(server->hooks.context);
 }
 
+/* A relay below may have one of them below itself. */
+static void take_relays_above(struct lw_server *server) {
+    struct lw_session_shared *shared = &server->shared;
+    uv_mutex_lock(&server->mutex);
+    const bool has_above = server->has_above;
+    if (has_above) {
+        memcpy(shared->relays + 1, server->above, server->above_count * sizeof *server->above);
+        shared->relay_count = 1 + server->above_count;
+    }
+    server->has_above = false;
+    uv_mutex_unlock(&server->mutex);
+    if (!has_above) return;
+    const uint32_t return_ms = shared->retry_after_ms;
+    shared->retry_after_ms = LW_SERVER_RELAY_MS;
+    for (struct lw_session *s = shared->first, *next; s; s = next) {
+        next = lw_session_next(s);
+        if (lw_session_is_relay(s))
+            lw_session_refuse(s, LW_REFUSAL_SHUTDOWN, "the light comes through other relays now");
+    }
+    shared->retry_after_ms = return_ms;
+}
+
 static void on_wake(uv_async_t *handle) {
     struct lw_server *server = handle->data;
     uv_mutex_lock(&server->mutex);
@@ -473,6 +571,8 @@ static void on_wake(uv_async_t *handle) {
     server->latest = NULL;
     uv_mutex_unlock(&server->mutex);
     if (snapshot) adopt(server, snapshot);
+    answer_passed(&server->shared);
+    take_relays_above(server);
     lw_turns_collect(&server->shared);
     if (stop) begin_stop(server, false);
 }
@@ -929,6 +1029,7 @@ static enum lw_status init_channel(struct lw_server *server, const struct lw_ser
     enum lw_status status = channel->changed ? LW_OK : LW_NO_MEMORY;
     if (status == LW_OK && (desc->features & LW_FEATURE_DCT))
         status = lw_transcoder_create(is, desc->atlas_map, wake_loop, server, &channel->transcoder);
+    channel->has_coarse = channel->transcoder && !desc->relay;
     if (status == LW_OK) status = lw_deltas_init(&channel->deltas, tiles, channel->transcoder);
     return status == LW_OK ? lw_priority_init(&channel->priority, desc->atlas_map) : status;
 }
@@ -992,12 +1093,19 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     shared->silence_timeout_ns = timeout_ns(desc->silence_timeout_ms, LW_SERVER_SILENCE_S);
     shared->welcome = (struct lw_message_welcome){.version = LW_WIRE_VERSION,
                                                   .features = desc->features,
-                                                  .name = "lightwelld " LW_VERSION,
+                                                  .name = desc->name ? desc->name : "lightwelld " LW_VERSION,
+                                                  .run = desc->run,
                                                   .bounces = desc->bounces,
                                                   .target_error = desc->target_error,
                                                   .noise_shown = desc->noise_shown};
-    if (getrandom(&shared->welcome.run, sizeof shared->welcome.run, 0) != (ssize_t)sizeof shared->welcome.run)
+    if (!desc->run &&
+        getrandom(&shared->welcome.run, sizeof shared->welcome.run, 0) != (ssize_t)sizeof shared->welcome.run)
         shared->welcome.run = 0; /* then nobody takes up where another run ended */
+    LW_INVARIANT(desc->relays_above_count < LW_MESSAGE_RELAYS_MAX);
+    shared->is_relay = desc->relay != 0;
+    if (shared->is_relay) shared->relays[shared->relay_count++] = desc->relay;
+    for (uint32_t i = 0; shared->is_relay && i < desc->relays_above_count; i++)
+        shared->relays[shared->relay_count++] = desc->relays_above[i];
     uint32_t tiles = desc->atlas_map->tile_count;
     enum lw_status status = make_order(desc->atlas_map, &server->order, &shared->first_tiles);
     if (status == LW_OK && !(shared->listed = calloc(tiles / 64 + 1, sizeof *shared->listed)))
@@ -1034,6 +1142,7 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
     if (!server || uv_mutex_init(&server->mutex) < 0) goto no_mutex;
     if (uv_mutex_init(&server->shared.stats_mutex) < 0) goto no_stats;
     if (lw_updates_init(&server->shared.updates) != LW_OK) goto no_updates;
+    if (lw_passed_updates_init(&server->shared.passed) != LW_OK) goto no_passed;
     if (getrandom(&server->shared.places.seed, sizeof server->shared.places.seed, 0) < 0)
         server->shared.places.seed = 1;
     server->shared.turned_away.seed = server->shared.places.seed;
@@ -1066,6 +1175,8 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
     else
         lw_server_destroy(server);
     return status;
+no_passed:
+    lw_updates_finish(&server->shared.updates);
 no_updates:
     uv_mutex_destroy(&server->shared.stats_mutex);
 no_stats:
@@ -1197,6 +1308,7 @@ void lw_server_destroy(struct lw_server *server) {
     free_interest(&server->interest);
     lw_interest_union_finish(&shared->interest_union);
     lw_updates_finish(&shared->updates);
+    lw_passed_updates_finish(&shared->passed);
     lw_address_places_finish(&shared->places);
     lw_address_places_finish(&shared->turned_away);
     lw_message_memory_finish(&shared->parse);

@@ -4,6 +4,7 @@
  *          progress of the first light -> [server] -> waiting sessions
  *          interest of each session -> [server: union] -> solver
  *          scene updates -> [server: checked, in order] -> solver -> published -> answered
+ *          of a relay: scene updates -> [server] -> server above -> [server] -> answered
  * Threads: the loop owns all sessions [loop]. lw_server_publish(), lw_server_take_interest(),
  *          lw_server_channels_taken(), lw_server_take_updates() and lw_server_stop() are [any]: they
  *          hand over, wake the loop and never wait for it. */
@@ -12,6 +13,7 @@
 
 #include "common/scene/scene_change.h"
 #include "server/publish/snapshot.h"
+#include "server/serve/passed_updates.h"
 #include "server/serve/server_limits.h"
 #include "server/serve/server_page.h"
 #include "server/serve/server_stats.h"
@@ -22,7 +24,10 @@ struct lw_server_hooks {
     void *context;
     void (*beat)(void *context); /* every beat_ms while the loop turns, from the start of lw_server_run() */
     unsigned beat_ms;
-    void (*stopping)(void *context); /* once, when the server begins to end */
+    /* There may be something to take: interest, channels, updates. Between two turns of the loop; of a relay
+     * alone. */
+    void (*news)(void *context);
+    void (*stopping)(void *context); /* once, when the server begins to end; it still listens */
     void (*reload)(void *context);   /* on SIGHUP: read files again. NULL: SIGHUP has its default effect */
     /* Makes a page of the monitoring port. Returns false if there is no page of that path. */
     bool (*page)(void *context, const char *path, struct lw_server_page *out_page);
@@ -59,6 +64,8 @@ struct lw_server_desc {
     size_t package_size;
     const uint8_t *finishes; /* finish package for clients that ask; outlives the server. NULL: none */
     size_t finishes_size;
+    const char *name;   /* for the welcome; outlives the server. NULL: lightwelld and its version */
+    uint64_t run;       /* for the welcome; 0: by chance */
     uint32_t bounces;   /* for the welcome */
     float target_error; /* for the welcome */
     float noise_shown;  /* for the welcome; 0: no filter */
@@ -70,8 +77,15 @@ struct lw_server_desc {
     size_t client_lights_size, client_materials_size;
     /* Progress of the first light, for waiting sessions; outlives the server. NULL: sessions hear none. */
     const struct lw_waiting *first_light;
-    /* The scene that updates are checked against, immutable. NULL: no session may send updates. */
+    /* The scene that updates are checked against, immutable. NULL: no session of a solver's server may send
+     * updates; those of a relay are passed on unchecked. */
     const struct lw_scene *scene;
+    /* Of a relay: its number, and those of the relays that its light comes through, the nearest first. Then
+     * versions and frames are those of another server: no tile gets a form in wider steps, and a client may
+     * hold a newer one. 0: it is none. */
+    uint64_t relay;
+    const uint64_t *relays_above; /* copied */
+    uint32_t relays_above_count;  /* under LW_MESSAGE_RELAYS_MAX */
     uint32_t sessions_max; /* 0: LW_SERVER_SESSIONS_MAX */
     /* Sessions of one address. 0: a tenth of sessions_max; for this machine's addresses nine tenths. */
     uint32_t address_sessions_max;
@@ -117,8 +131,10 @@ LW_MUST_CHECK enum lw_status lw_server_run(struct lw_server *server, struct lw_e
 void lw_server_publish(struct lw_server *server, struct lw_snapshot *snapshot);
 /** The union of all sessions' interest. */
 struct lw_server_interest {
-    bool everything; /* a session wants every tile; levels is NULL then */
-    uint8_t *levels; /* per lw_tile_id (lw_interest_union_levels()); the caller frees it */
+    bool everything; /* a session wants every tile; the lists are NULL then */
+    uint8_t *levels; /* per lw_tile_id (lw_interest_union_levels()); the caller frees it. NULL: a relay's */
+    uint32_t *tile;  /* of a relay: those that a session lists, by lw_tile_id; the caller frees it */
+    uint32_t tile_count;
 };
 /** Takes the union of interest if it differs from the one last taken, which is empty at first. Returns
  * whether it does. For one caller, at its own pace: changes in between are merged. [any] */
@@ -134,6 +150,19 @@ size_t lw_server_take_updates(struct lw_server *server, uint64_t frame, struct l
                               size_t *out_change_count);
 /** A flag that is true while updates wait to be taken. It lives as long as the server. [any] */
 const _Atomic bool *lw_server_updates_wait(const struct lw_server *server);
+/** The same of a relay, one update at a time; the caller frees its changes. false: there is none. [any] */
+bool lw_server_take_passed(struct lw_server *server, struct lw_passed_update *out_update);
+/** The answer to one of them, copied. The session hears it with the frame that it says, or a later one. false:
+ * there is no memory. [any] */
+bool lw_server_answer_passed(struct lw_server *server, uint64_t number,
+                             const struct lw_message_updated *answer);
+/** No answer will come, and the update may have been made: its session is ended, as if its link had broken.
+ * [any] */
+void lw_server_lose_passed(struct lw_server *server, uint64_t number);
+/** The light comes through other relays now. Sessions of relays are ended; they come back and hear of it. [any]
+ */
+void lw_server_set_relays_above(struct lw_server *server, const uint64_t *above, uint32_t count);
+
 /** Asks the loop to refuse new sessions, say goodbye and return from lw_server_run(). [any], and from signal
  * handlers by way of the loop's own SIGINT/SIGTERM watchers, which lw_server_run() installs. */
 void lw_server_stop(struct lw_server *server);

@@ -12,6 +12,8 @@
 
 #define LINGER_NS (LW_SERVER_LINGER_S * 1000000000ull)
 
+bool lw_session_is_relay(const struct lw_session *session) { return session->relay; }
+
 struct lw_session *lw_session_next(const struct lw_session *session) {
     return session->next;
 }
@@ -174,6 +176,7 @@ void lw_session_count_one(const struct lw_session *s, int64_t change) {
 /* No longer one of those who are served. */
 static void end_service(struct lw_session *s) {
     if (s->state == LW_SESSION_STREAMING) lw_session_interest_leave(s);
+    if (s->controls && s->shared->is_relay) lw_passed_updates_forget(&s->shared->passed, s);
     if (s->controls) lw_updates_forget(&s->shared->updates, s);
     s->controls = false;
     if (s->welcomed) lw_session_count_one(s, -1);

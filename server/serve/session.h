@@ -12,6 +12,7 @@
 #include "server/serve/deltas.h"
 #include "server/serve/interest_union.h"
 #include "server/serve/message_rates.h"
+#include "server/serve/passed_updates.h"
 #include "server/serve/peer_log.h"
 #include "server/serve/priority.h"
 #include "server/serve/server_limits.h"
@@ -46,6 +47,10 @@ struct lw_session_shared {
     const struct lw_scene *scene;            /* what updates are checked against; NULL: there are none */
     struct lw_scene_roster roster;           /* of it, after all updates so far */
     struct lw_updates updates;               /* of all sessions */
+    bool is_relay;                           /* it passes light on, and updates: */
+    struct lw_passed_updates passed;
+    uint64_t relays[LW_MESSAGE_RELAYS_MAX]; /* of a relay: its number, and those of the relays above */
+    uint32_t relay_count;
     const struct lw_waiting *first_light;    /* how far it is; NULL: nobody is told */
     uint64_t epoch; /* counts ticks and snapshots seen: in each, a session may change its mind once */
     struct lw_snapshot *snapshot; /* newest; NULL before the first */
@@ -59,6 +64,7 @@ struct lw_session_shared {
         uint32_t *changed;            /* tile ids, by priority, that it changed against the one before */
         uint32_t changed_count;
         struct lw_transcoder *transcoder; /* NULL: tiles are of a codec that has no deltas */
+        bool has_coarse;                  /* narrow links get tiles in wider steps: it makes those */
         struct lw_deltas deltas;          /* that lead to that snapshot */
         struct lw_priority priority;
     } channel[LW_TILE_CHANNELS_MAX];
@@ -149,5 +155,8 @@ void lw_session_check_token(struct lw_session *session);
 void lw_session_close(struct lw_session *session, const char *reason);
 
 struct lw_session *lw_session_next(const struct lw_session *session);
+
+/** Whether the peer said that it is a relay. */
+bool lw_session_is_relay(const struct lw_session *session);
 
 #endif

@@ -55,6 +55,22 @@ static bool admit(struct lw_session *s, const struct lw_message_hello *hello) {
     return false;
 }
 
+/* The light of a relay must not come back to it. false: it is refused. */
+static bool admit_relay(struct lw_session *s, uint64_t relay) {
+    const struct lw_session_shared *shared = s->shared;
+    s->relay = relay;
+    if (!relay) return true;
+    for (uint32_t i = 0; i < shared->relay_count; i++)
+        if (shared->relays[i] == relay) {
+            lw_session_refuse(s, LW_REFUSAL_LOOP, "a loop of relays: this server's light comes through you");
+            return false;
+        }
+    if (shared->relay_count < LW_MESSAGE_RELAYS_MAX) return true;
+    lw_session_refuse(s, LW_REFUSAL_LOOP, "this server's light comes through %u relays already",
+                      shared->relay_count);
+    return false;
+}
+
 static void handle_hello(struct lw_session *s, const struct lw_message_hello *hello) {
     lw_peer_log_quote(s->name, sizeof s->name, hello->name && *hello->name ? hello->name : "nameless");
     if (hello->version != LW_WIRE_VERSION) {
@@ -62,7 +78,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
                           LW_WIRE_VERSION, hello->version);
         return;
     }
-    if (!admit(s, hello)) return;
+    if (!admit(s, hello) || !admit_relay(s, hello->relay)) return;
     const uint64_t lacking = s->shared->welcome.features & ~hello->features;
     if (lacking & LW_FEATURE_DCT) { /* tiles are encoded once: there are no others */
         lw_session_refuse(s, LW_REFUSAL_FEATURES,
@@ -80,7 +96,12 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     message.welcome.session = s->number;
     choose_channels(s, hello, &message.welcome);
     choose_finishes(s, hello, &message.welcome);
-    s->controls = s->peer.may_control && s->shared->scene && (hello->features & LW_FEATURE_CONTROL);
+    if (s->relay) {
+        message.welcome.relays = s->shared->relays;
+        message.welcome.relay_count = s->shared->relay_count;
+    }
+    s->controls = s->peer.may_control && (s->shared->scene || s->shared->is_relay) &&
+                  (hello->features & LW_FEATURE_CONTROL);
     if (s->controls) message.welcome.features |= LW_FEATURE_CONTROL;
     s->operates = s->peer.is_operator && (hello->features & LW_FEATURE_OPERATE);
     if (s->operates) message.welcome.features |= LW_FEATURE_OPERATE;
@@ -125,7 +146,10 @@ static void handle_holds(struct lw_session *s, const struct lw_message_holds *ho
     for (size_t i = 0; i < holds->tile_count; i++) {
         struct lw_message_held t = holds->tile[i];
         uint32_t id = lw_atlas_map_find_tile(s->shared->atlas_map, t.object, t.level, t.tile).v;
-        if (id == UINT32_MAX || !snapshot || t.version > snapshot->tile[take->channel->number][id].version) {
+        const bool is_ahead =
+            !snapshot || (id != UINT32_MAX && t.version > snapshot->tile[take->channel->number][id].version);
+        /* another relay, from which the peer comes, may be ahead of this one */
+        if (id == UINT32_MAX || (is_ahead && !s->shared->is_relay)) {
             lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
                               "message HOLDS: there is no object %u, level %u, tile %u of version %" PRIu64,
                               t.object, t.level, t.tile, t.version);
@@ -210,6 +234,16 @@ static void handle_interest(struct lw_session *s, const struct lw_message_intere
         lw_session_queues_set_due(s, true);
     else
         lw_session_lacks_memory(s);
+}
+
+/* The server above checks it, and answers. */
+static void pass_update(struct lw_session *s, const struct lw_message_update *update) {
+    const struct lw_token *token = s->role == LW_TOKENS_NONE ? NULL : &s->token;
+    if (lw_passed_updates_add(&s->shared->passed, s, token, update)) return;
+    lw_session_answer(
+        s, &(struct lw_message_updated){.request = update->request,
+                                        .code = LW_SCENE_CHANGE_BUSY,
+                                        .text = lw_scene_change_text(LW_SCENE_CHANGE_BUSY)});
 }
 
 static void handle_update(struct lw_session *s, const struct lw_message_update *update) {
@@ -302,7 +336,9 @@ static void handle_message(struct lw_session *s, const struct lw_message *m) {
         handle_interest(s, &m->interest);
         break;
     case LW_MESSAGE_UPDATE:
-        if (s->controls)
+        if (s->controls && s->shared->is_relay)
+            pass_update(s, &m->update);
+        else if (s->controls)
             handle_update(s, &m->update);
         else
             lw_session_refuse(s, LW_REFUSAL_NOT_ALLOWED,

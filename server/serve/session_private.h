@@ -70,6 +70,7 @@ struct lw_session {
     struct lw_token token;    /* then, of that role */
     bool resumes;             /* may say what it has */
     uint64_t number;
+    uint64_t relay; /* its number, if the peer is one; 0: it is none */
     struct lw_session_peer peer;
     char name[2 * LW_MESSAGE_NAME_MAX + 4]; /* in quotes; "": no HELLO yet */
     uint64_t since_ns;                      /* connected; in LW_SESSION_LEAVING: refused */

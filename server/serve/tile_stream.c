@@ -72,7 +72,7 @@ static void walk_lacked(struct lw_session *s, struct lw_session_take *t) {
 static void judge_link(struct lw_session_take *t, bool link_was_full) {
     if (t->judged == t->channel->generation) return;
     t->judged = t->channel->generation;
-    if (t->walk_left && link_was_full && t->channel->transcoder) t->is_narrow = true;
+    if (t->walk_left && link_was_full && t->channel->has_coarse) t->is_narrow = true;
 }
 
 /* A session that had everything walks what changed, in the order that all such sessions share. Any other one
@@ -173,8 +173,10 @@ struct lw_blob *lw_tile_stream_next_tile(struct lw_session *s) {
 /* Once no tile is left. */
 struct lw_blob *lw_tile_stream_next_settled(struct lw_session *s) {
     if (!s->settled_due || s->waits || s->lacks_memory) return NULL;
-    s->settled_due = false;
     const struct lw_snapshot *snapshot = s->take[0].channel->snapshot;
+    for (uint32_t i = 0; i < s->take_count; i++)
+        if (snapshot->unsettled >> s->take[i].channel->number & 1) return NULL; /* a later one says it */
+    s->settled_due = false;
     return snapshot->settled ? lw_blob_ref(snapshot->settled) : NULL;
 }
 
