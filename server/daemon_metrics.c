@@ -1,14 +1,11 @@
 #include "server/daemon_metrics.h"
 
 #include "common/clock.h"
-#include "server/serve/exposition.h"
+#include "server/serve/serve_metrics.h"
 
-#include <dirent.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/resource.h>
 #include <time.h>
-#include <unistd.h>
 
 void lw_daemon_metrics_init(struct lw_daemon_metrics *metrics, const char *isa, const char *solver) {
     *metrics = (struct lw_daemon_metrics){
@@ -73,41 +70,6 @@ void lw_daemon_metrics_frame(struct lw_daemon_metrics *metrics, const struct lw_
     pthread_mutex_unlock(&metrics->mutex);
 }
 
-/* ---- the process ---- */
-
-static double resident_bytes(void) {
-    unsigned long long pages = 0;
-    FILE *file = fopen("/proc/self/statm", "re");
-    if (!file) return 0;
-    if (fscanf(file, "%*u %llu", &pages) != 1) pages = 0;
-    fclose(file);
-    return (double)pages * (double)sysconf(_SC_PAGESIZE);
-}
-
-static double open_descriptors(void) {
-    DIR *folder = opendir("/proc/self/fd");
-    double count = -1; /* the folder's own */
-    if (!folder) return 0;
-    for (const struct dirent *entry; (entry = readdir(folder));) count += entry->d_name[0] != '.';
-    closedir(folder);
-    return count;
-}
-
-static void write_process(struct lw_exposition *e, const struct lw_daemon_metrics *metrics) {
-    struct rlimit limit;
-    lw_exposition_counter(e, "process_cpu_seconds_total", (double)lw_clock_process_cpu_ns() * 1e-9,
-                          "CPU time of the process, over all its threads.");
-    lw_exposition_gauge(e, "process_start_time_seconds", metrics->started_s,
-                        "When the process started, since the Unix epoch.");
-    lw_exposition_gauge(e, "process_resident_memory_bytes", resident_bytes(), "Resident memory.");
-    lw_exposition_gauge(e, "process_open_fds", open_descriptors(), "Open file descriptors.");
-    if (getrlimit(RLIMIT_NOFILE, &limit) == 0)
-        lw_exposition_gauge(e, "process_max_fds", (double)limit.rlim_cur,
-                            "File descriptors that may be open at once.");
-}
-
-/* ---- our own ---- */
-
 static void write_build(struct lw_exposition *e, const struct lw_daemon_metrics *metrics) {
     char isa[64], solver[64], labels[256];
     lw_exposition_escape(isa, sizeof isa, metrics->isa);
@@ -161,30 +123,7 @@ static void write_serve(struct lw_exposition *e, const struct lw_daemon_metrics_
                           "Tiles encoded, once for all clients.");
     lw_exposition_counter(e, "lightwell_encoded_bytes_total", (double)sums->bytes_encoded,
                           "Bytes of these, for a client that has the tiles of the frame before.");
-    lw_exposition_gauge(e, "lightwell_sessions", (double)serve->sessions_now, "Clients that are connected.");
-    lw_exposition_gauge(e, "lightwell_drawing_sessions", (double)serve->sessions_drawing,
-                        "Clients of these that draw direct light.");
-    lw_exposition_counter(e, "lightwell_opened_sessions_total", (double)serve->sessions_total,
-                          "Clients that were welcomed.");
-    lw_exposition_counter(e, "lightwell_refusals_total", (double)serve->refused, "Refusals sent.");
-    lw_exposition_counter(e, "lightwell_session_seconds_total", (double)serve->session_ns * 1e-9,
-                          "Time that clients were connected, added up over them.");
-    lw_exposition_counter(e, "lightwell_sent_tiles_total", (double)serve->tiles_sent,
-                          "Tiles sent, over all clients.");
-    lw_exposition_counter(e, "lightwell_sent_bytes_total", (double)serve->bytes_sent,
-                          "Bytes sent, over all clients.");
-    lw_exposition_gauge(e, "lightwell_waiting_bytes", (double)serve->waiting_bytes,
-                        "Bytes that clients' links have not taken.");
-    lw_exposition_gauge(e, "lightwell_largest_waiting_bytes", (double)serve->waiting_bytes_max,
-                        "Those of the client that has most of them.");
-    lw_exposition_gauge(e, "lightwell_socket_bytes", (double)serve->socket_bytes,
-                        "Bytes that links have taken and clients' systems have not.");
-    lw_exposition_metric(e, "lightwell_loop_lag_seconds", "histogram",
-                         "How late the network's thread came to what was due, while there are clients.");
-    lw_exposition_durations(e, "lightwell_loop_lag_seconds", NULL, &serve->loop_lag);
-    lw_exposition_metric(e, "lightwell_acknowledgement_duration_seconds", "histogram",
-                         "From a frame's reaching the network's thread to a client's saying that it has it.");
-    lw_exposition_durations(e, "lightwell_acknowledgement_duration_seconds", NULL, &serve->ack);
+    lw_serve_metrics_sessions(e, serve);
 }
 
 /* What a user would cost without this server, beside what one costs with it. */
@@ -238,14 +177,8 @@ enum lw_status lw_daemon_metrics_text(struct lw_daemon_metrics *metrics,
     write_serve(&e, &sums, serve);
     write_cpu(&e, &sums, serve);
     write_renderers(&e, &metrics->renderers);
-    write_process(&e, metrics);
+    lw_serve_metrics_process(&e, metrics->started_s);
     return lw_exposition_end(&e, out_text, out_size);
-}
-
-static bool plain_page(struct lw_server_page *out_page, unsigned status, const char *text) {
-    *out_page = (struct lw_server_page){
-        .status = status, .type = "text/plain; charset=utf-8", .text = strdup(text), .size = strlen(text)};
-    return out_page->text;
 }
 
 /* "no light yet: looking inside objects, 42 %" */
@@ -253,20 +186,20 @@ static bool unlit_page(struct lw_server_page *out_page, const struct lw_waiting_
     char line[LW_WAITING_LINE_SIZE], text[LW_WAITING_LINE_SIZE + 16];
     lw_waiting_line(first_light->stage, first_light->share, line);
     snprintf(text, sizeof text, "no light yet: %s\n", line);
-    return plain_page(out_page, 503, text);
+    return lw_serve_metrics_plain(out_page, 503, text);
 }
 
 bool lw_daemon_metrics_page(struct lw_daemon_metrics *metrics, const char *path,
                             const struct lw_daemon_metrics_state *state, const struct lw_server_stats *serve,
                             struct lw_server_page *out_page) {
     if (strcmp(path, "/healthz") == 0)
-        return state->is_stalled ? plain_page(out_page, 503, "the solver makes no progress\n")
-                                 : plain_page(out_page, 200, "ok\n");
+        return state->is_stalled ? lw_serve_metrics_plain(out_page, 503, "the solver makes no progress\n")
+                                 : lw_serve_metrics_plain(out_page, 200, "ok\n");
     if (strcmp(path, "/readyz") == 0)
-        return state->is_stopping  ? plain_page(out_page, 503, "stopping\n")
-               : state->is_stalled ? plain_page(out_page, 503, "the solver makes no progress\n")
+        return state->is_stopping  ? lw_serve_metrics_plain(out_page, 503, "stopping\n")
+               : state->is_stalled ? lw_serve_metrics_plain(out_page, 503, "the solver makes no progress\n")
                : !state->is_lit    ? unlit_page(out_page, &state->first_light)
-                                   : plain_page(out_page, 200, "ok\n");
+                                   : lw_serve_metrics_plain(out_page, 200, "ok\n");
     if (strcmp(path, "/metrics") != 0) return false;
     *out_page = (struct lw_server_page){.status = 200, .type = LW_EXPOSITION_TYPE};
     return lw_daemon_metrics_text(metrics, state, serve, &out_page->text, &out_page->size) == LW_OK;

@@ -1,7 +1,6 @@
 /* lightwelld.c: the daemon. Reads a scene, lights it frame by frame in one thread, serves it from another.
  * Threads: main is the loop [loop]; one solver thread [solver] simulates, solves and publishes. They share
  *          the server's hand-over and two flags, nothing else. */
-#include "common/atomic_file.h"
 #include "common/builtin/builtin.h"
 #include "common/clock.h"
 #include "common/folders.h"
@@ -11,7 +10,6 @@
 #include "common/log.h"
 #include "common/open/scene_open.h"
 #include "common/options_config.h"
-#include "common/program_path.h"
 #include "common/scene/finish_package.h"
 #include "common/scene/package.h"
 #include "common/scene/scene_spares.h"
@@ -21,13 +19,13 @@
 #include "common/wait_policy.h"
 #include "common/waiting.h"
 #include "server/daemon_metrics.h"
-#include "server/exposure.h"
 #include "server/file_stamp.h"
 #include "server/probe_options.h"
 #include "server/publish/light_store.h"
 #include "server/publish/publisher.h"
+#include "server/serve/serve_options.h"
 #include "server/serve/server.h"
-#include "server/service_notify.h"
+#include "server/serve/service_notify.h"
 #include "server/solve/solvers.h"
 #include "server/solve/surface/saved_texels.h"
 
@@ -48,16 +46,12 @@
 #include <time.h>
 #include <unistd.h>
 
-#define HTTP_PORT    7781
-#define HTTP_ADDRESS LW_OPTIONS_HOST ":7781"
-#define METRICS_PORT 7782
 #define TARGET_ERROR 0.02f
 #define BUDGET_MS    33 /* for a frame */
 #define SOLVER_NICE  5  /* lower priority than the loop */
 #define STALL_S      600.0
 #define STALL_FIRST  6.0 /* times that, until first light: texels are placed, and rays' structure is built */
 #define STATUS_MS    10000u
-#define RETURN_S     2.0
 #define PREPARE_S    120.0
 #define STOP_WAIT_S  3u        /* for the end of a frame */
 #define DROP_WAIT_S  1u        /* for that of a scene that is being read, but will not be lit */
@@ -99,26 +93,18 @@ struct settings {
     struct lw_options_config config;
     char *printed; /* all options, as a file for --config */
     bool check_config, print_config;
-    const char *listen, *port_file, *http, *http_port_file, *http_hosts, *http_origins, *web_root;
+    struct lw_serve_options serve;
     const char *plan_log;
-    const char *metrics, *metrics_port_file, *crossover_report;
+    const char *crossover_report;
     struct lw_cost_report renderers; /* of that report */
-    const char *tokens, *control_socket, *tls_certificate, *tls_key;
     const char *keep, *cache, *spares, *light_groups, *client_lights, *solver;
     const struct lw_solvers_entry *entry; /* of that name */
-    int64_t address_sessions;             /* 0: the server's default */
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
     struct lw_probe_options probes;
     int denoise;
-    double frame_rate, frame_budget_ms, frame_budget_units, freeze_s, error, link_rate, tile_step, stall_s,
-        return_s, prepare_s;
-    bool animate, freeze, json, insecure;
+    double frame_rate, frame_budget_ms, frame_budget_units, freeze_s, error, tile_step, stall_s, prepare_s;
+    bool animate, freeze, json;
     int clock, light, look, codec, log_format, log_level;
-    char host[256], http_host[256]; /* http_host "": none */
-    char metrics_host[256];         /* "": none */
-    uint16_t port, http_port, metrics_port;
-    bool http_given;
-    char found_root[1024]; /* where the browser client lies, unless web_root says so */
     char default_cache[1024];
 };
 
@@ -195,35 +181,6 @@ static void on_early_signal(int number) {
  * watchers. */
 static bool should_stop(const struct daemon *d) { return d->stopping || signalled; }
 
-static enum lw_status parse_http(struct settings *s, struct lw_error *err) {
-    struct stat st;
-    if (strcmp(s->http, "none") == 0) return LW_OK;
-    if (s->web_root && (stat(s->web_root, &st) != 0 || !S_ISDIR(st.st_mode)))
-        return lw_status_fail(err, LW_NO_INPUT, "--web-root: %s is no folder", s->web_root);
-    const enum lw_status status =
-        lw_options_address_or(s->http, HTTP_PORT, s->http_host, sizeof s->http_host, &s->http_port, err);
-    if (status != LW_OK) lw_status_context(err, "--http");
-    return status;
-}
-
-static enum lw_status parse_metrics(struct settings *s, struct lw_error *err) {
-    if (!s->metrics || strcmp(s->metrics, "none") == 0) return LW_OK;
-    const enum lw_status status = lw_options_address_or(s->metrics, METRICS_PORT, s->metrics_host,
-                                                        sizeof s->metrics_host, &s->metrics_port, err);
-    if (status != LW_OK) lw_status_context(err, "--metrics");
-    return status;
-}
-
-static enum lw_status check_exposure(const struct settings *s, struct lw_error *err) {
-    const struct lw_exposure exposure = {
-        .has_tls = s->tls_certificate != NULL, .has_tokens = s->tokens != NULL, .is_insecure = s->insecure};
-    enum lw_status status = lw_exposure_check(&exposure, "--listen", s->host, err);
-    if (status == LW_OK && *s->http_host) status = lw_exposure_check(&exposure, "--http", s->http_host, err);
-    if (status == LW_OK && *s->metrics_host)
-        status = lw_exposure_check(&exposure, "--metrics", s->metrics_host, err);
-    return status;
-}
-
 /* Defaults choose nothing: a file of all options may hold those of other clocks and codecs. */
 static uint32_t choices_of(const struct settings *s) {
     static const uint32_t clock[] = {LW_CHOICE_REAL, LW_CHOICE_STEP, LW_CHOICE_MANUAL};
@@ -243,16 +200,7 @@ static enum lw_status check(struct settings *s, struct lw_error *err) {
         return status;
     }
     if ((status = lw_combinations_check(choices_of(s), err)) != LW_OK) return status;
-    if (!s->tls_certificate != !s->tls_key)
-        return lw_status_fail(err, LW_USAGE, "--tls-certificate and --tls-key need each other");
-    status = lw_options_address(s->listen, s->host, sizeof s->host, &s->port, err);
-    if (status != LW_OK) {
-        lw_status_context(err, "--listen");
-        return status;
-    }
-    status = parse_http(s, err);
-    if (status == LW_OK) status = parse_metrics(s, err);
-    if (status == LW_OK) status = check_exposure(s, err);
+    status = lw_serve_options_check(&s->serve, err);
     if (status != LW_OK || !s->crossover_report) return status;
     if ((status = lw_cost_report_read(s->crossover_report, &s->renderers, err)) != LW_OK)
         lw_status_context(err, "--crossover-report");
@@ -278,26 +226,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         length += snprintf(about + length, sizeof about - (size_t)length, "\n  %s  %s", lw_builtin_name(i),
                            lw_builtin_about(i));
     const struct lw_option table[] = {
-        {"listen", "HOST:PORT", "where to serve (default " LW_OPTIONS_ADDRESS "; port 0 picks one)",
-         LW_OPTION_STRING, &s->listen, 0, 0, NULL},
-        {"port-file", "FILE", "write the port there once it serves", LW_OPTION_STRING, &s->port_file, 0, 0,
-         NULL},
-        {"http", "HOST:PORT|none",
-         "where to serve the browser client, and WebSockets at /ws (default " HTTP_ADDRESS
-         "; port 0 picks one)",
-         LW_OPTION_STRING, &s->http, 0, 0, &s->http_given},
-        {"http-port-file", "FILE", "write that port there once it serves", LW_OPTION_STRING,
-         &s->http_port_file, 0, 0, NULL},
-        {"http-host", "NAMES",
-         "names, apart by commas, that browsers may know this server by (default: its address, localhost)",
-         LW_OPTION_STRING, &s->http_hosts, 0, 0, NULL},
-        {"http-origin", "ORIGINS",
-         "origins, apart by commas, whose pages may open WebSockets, such as https://example.org (default: "
-         "our "
-         "own pages alone)",
-         LW_OPTION_STRING, &s->http_origins, 0, 0, NULL},
-        {"web-root", "FOLDER", "the browser client's files (default: share/lightwell/web beside bin)",
-         LW_OPTION_STRING, &s->web_root, 0, 0, NULL},
+        LW_SERVE_OPTIONS(&s->serve),
         {"config", "FILE",
          "read options from there, one KEY = VALUE a line: options here go before, then LIGHTWELL_KEY of the "
          "environment, then the file",
@@ -305,41 +234,11 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         {"check-config", NULL, "check all options, and end", LW_OPTION_FLAG, &s->check_config, 0, 0, NULL},
         {"print-config", NULL, "print what all options are, as a file for --config, and end", LW_OPTION_FLAG,
          &s->print_config, 0, 0, NULL},
-        {"metrics", "HOST:PORT|none",
-         "where to serve monitoring: /metrics, /healthz, /readyz (default none; a host alone: port 7782; "
-         "port 0 "
-         "picks one)",
-         LW_OPTION_STRING, &s->metrics, 0, 0, NULL},
-        {"metrics-port-file", "FILE", "write that port there once it serves", LW_OPTION_STRING,
-         &s->metrics_port_file, 0, 0, NULL},
-        {"control-socket", "PATH|auto|none",
-         "a Unix socket by which this user and root change the scene (default auto: PORT.sock in "
-         "$XDG_RUNTIME_DIR/lightwell or /run/lightwell, where lightwellctl looks for it)",
-         LW_OPTION_STRING, &s->control_socket, 0, 0, NULL},
         {"crossover-report", "FOLDER",
          "a folder that lightwell-load crossover has written, for the cost meter of /metrics: what renderers "
          "for "
          "each user cost (default none)",
          LW_OPTION_STRING, &s->crossover_report, 0, 0, NULL},
-        {"tokens", "FILE",
-         "tokens that clients must have, a line each: view TOKEN or control TOKEN (lightwellctl token makes "
-         "one); read again at SIGHUP. credential:NAME is a credential of systemd (default: none is needed)",
-         LW_OPTION_STRING, &s->tokens, 0, 0, NULL},
-        {"tls-certificate", "FILE",
-         "speak TLS 1.3 alone, by TCP and to browsers, as whom this certificate in PEM names, with its "
-         "issuers "
-         "below it; read again at SIGHUP. credential:NAME is a credential of systemd (default: no TLS)",
-         LW_OPTION_STRING, &s->tls_certificate, 0, 0, NULL},
-        {"tls-key", "FILE",
-         "the certificate's key in PEM, which nobody but its owner and its group may read; credential:NAME "
-         "as "
-         "above",
-         LW_OPTION_STRING, &s->tls_key, 0, 0, NULL},
-        {"insecure", NULL,
-         "--listen, --http and --metrics may name addresses that other machines reach without TLS and "
-         "tokens; "
-         "there is a warning",
-         LW_OPTION_FLAG, &s->insecure, 0, 0, NULL},
         {"solver", "NAME", solvers, LW_OPTION_STRING, &s->solver, 0, 0, NULL},
         {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
          NULL},
@@ -401,14 +300,6 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "dct's widest step, in powers of two of light (default 0.1); twice that: a third fewer bits, up "
          "to twice the error",
          LW_OPTION_REAL, &s->tile_step, (double)LW_PUBLISHER_STEP_MIN, 1, NULL},
-        {"link-rate", "MBIT",
-         "megabits per second to each client at most; a client may ask for less (default: what its link "
-         "takes)",
-         LW_OPTION_REAL, &s->link_rate, 0.01, 1e6, NULL},
-        {"sessions-per-address", "N",
-         "sessions of one address at most (default: 1,000, and 9,000 of this machine; in all there are "
-         "10,000)",
-         LW_OPTION_INT, &s->address_sessions, 1, LW_SERVER_SESSIONS_MAX, NULL},
         {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
         {"animate", NULL, "run the scene's animation (default if it has one)", LW_OPTION_FLAG, &s->animate, 0,
          0, NULL},
@@ -422,9 +313,6 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "a frame that takes longer counts as a hang, which a service manager ends (default 600; six times "
          "that until first light)",
          LW_OPTION_REAL, &s->stall_s, 0.001, 1e9, NULL},
-        {"return-after", "SECONDS",
-         "clients are told at the end to come back after so long; 0: nothing is told (default 2)",
-         LW_OPTION_REAL, &s->return_s, 0, 3600, NULL},
         {"keep", "FOLDER",
          "keep the light there over a restart: what was shown, and of a scene that never changed the sums as "
          "well",
@@ -1069,62 +957,6 @@ static void *solve_in_thread(void *argument) {
     return NULL;
 }
 
-static enum lw_status write_port(const char *path, const char *option, unsigned port, struct lw_error *err) {
-    if (!path) return LW_OK;
-    char text[16];
-    int length = snprintf(text, sizeof text, "%u\n", port);
-    enum lw_status status = lw_atomic_file_save(path, text, (size_t)length, err);
-    if (status != LW_OK) lw_status_context(err, "%s", option);
-    return status;
-}
-
-/* Removes a regular file only: a pipe or a device was written to, but is not ours. */
-static void remove_port(const char *path) {
-    struct stat st;
-    if (path && lstat(path, &st) == 0 && S_ISREG(st.st_mode)) unlink(path);
-}
-
-static void remove_port_files(const struct daemon *d) {
-    remove_port(d->settings.port_file);
-    remove_port(d->settings.http_port_file);
-    remove_port(d->settings.metrics_port_file);
-}
-
-/* --port-file last: who sees it finds the others written. */
-static enum lw_status write_port_files(const struct daemon *d, struct lw_error *err) {
-    const struct settings *s = &d->settings;
-    const unsigned http_port = lw_server_http_port(d->server);
-    const unsigned metrics_port = lw_server_metrics_port(d->server);
-    enum lw_status status = LW_OK;
-    if (http_port) status = write_port(s->http_port_file, "--http-port-file", http_port, err);
-    if (status == LW_OK && metrics_port)
-        status = write_port(s->metrics_port_file, "--metrics-port-file", metrics_port, err);
-    if (status == LW_OK) status = write_port(s->port_file, "--port-file", lw_server_port(d->server), err);
-    if (status != LW_OK) remove_port_files(d);
-    return status;
-}
-
-/* An address as in a URL. */
-static void format_address(char *dst, size_t size, const char *host, unsigned port) {
-    snprintf(dst, size, strchr(host, ':') ? "[%s]:%u" : "%s:%u", host, port);
-}
-
-static void tell_http(const struct daemon *d) {
-    const struct settings *s = &d->settings;
-    char address[sizeof s->http_host + 16];
-    if (!lw_server_http_port(d->server)) return;
-    format_address(address, sizeof address, s->http_host, lw_server_http_port(d->server));
-    lw_log(LW_LOG_INFO, "in a browser: http%s://%s/", s->tls_certificate ? "s" : "", address);
-}
-
-static void tell_metrics(const struct daemon *d) {
-    const struct settings *s = &d->settings;
-    char address[sizeof s->metrics_host + 16];
-    if (!lw_server_metrics_port(d->server)) return;
-    format_address(address, sizeof address, s->metrics_host, lw_server_metrics_port(d->server));
-    lw_log(LW_LOG_INFO, "monitoring: http://%s/metrics", address);
-}
-
 /* What to set, if that was too little memory. */
 static void explain_memory(const struct daemon *d, struct lw_error *err) {
     uint64_t texels = 0, triangles = 0;
@@ -1162,20 +994,19 @@ static void join_solver(struct daemon *d) {
 
 static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
-    enum lw_status status = write_port_files(d, err);
+    enum lw_status status = lw_serve_options_write_ports(&s->serve, d->server, err);
     if (status != LW_OK) return status;
-    char address[sizeof s->host + 16];
-    format_address(address, sizeof address, s->host, lw_server_port(d->server));
+    char address[sizeof s->serve.host + 16];
+    lw_serve_options_format(address, sizeof address, s->serve.host, lw_server_port(d->server));
     lw_log(LW_LOG_INFO, "serving %s at %s", s->scene.path, address);
     tell_client_lights(d);
     const char *name = strrchr(d->argv[0], '/'); /* the viewer lies beside it */
     lw_log(LW_LOG_INFO, "look at it: %.*slightwell-view %s     stop it: Ctrl-C",
            name ? (int)(name + 1 - d->argv[0]) : 0, d->argv[0], address);
-    tell_http(d);
-    tell_metrics(d);
+    lw_serve_options_tell(&s->serve, d->server);
     expect_progress(d);
     if (pthread_create(&d->solver_thread, NULL, solve_in_thread, d) != 0) {
-        remove_port_files(d);
+        lw_serve_options_remove_ports(&s->serve);
         return lw_status_fail(err, LW_OS, "cannot start the solver's thread");
     }
     lw_service_notify("READY=1\nSTATUS=serving at %s, no light yet", address);
@@ -1187,7 +1018,7 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
         status = err->status;
         explain_memory(d, err);
     }
-    if (!d->succession.relays) remove_port_files(d);
+    if (!d->succession.relays) lw_serve_options_remove_ports(&s->serve);
     return status;
 }
 
@@ -1233,57 +1064,29 @@ static enum lw_status recall_light(struct daemon *d, struct lw_error *err) {
     return LW_OK;
 }
 
-/* Of an install tree, or of the build. "": there is none. */
-static void find_web_root(char *dst, size_t size) {
-    static const char *const beside[] = {"../share/lightwell/web", "../web"};
-    *dst = '\0';
-    for (size_t i = 0; i < sizeof beside / sizeof *beside && !*dst; i++) {
-        lw_program_path(beside[i], dst, size);
-        if (strcmp(dst, beside[i]) == 0) *dst = '\0'; /* it is not there */
-    }
-}
-
 /* sockets: of the server before; NULL: there was none */
 static enum lw_status create_server(struct daemon *d, struct lw_server_sockets *sockets,
                                     struct lw_error *err) {
     struct settings *s = &d->settings;
-    find_web_root(s->found_root, sizeof s->found_root);
-    struct lw_server_desc desc = {
-        .sockets = sockets,
-        .host = s->host,
-        .port = s->port,
-        .tokens = s->tokens,
-        .tls = {s->tls_certificate, s->tls_key},
-        .control_socket = strcmp(s->control_socket, "none") ? s->control_socket : NULL,
-        .http_host = *s->http_host ? s->http_host : NULL,
-        .http_port = s->http_port,
-        .http_hosts = s->http_hosts,
-        .http_origins = s->http_origins,
-        .http_root = s->web_root ? s->web_root : s->found_root,
-        .http_may_fail = !s->http_given,
-        .metrics_host = *s->metrics_host ? s->metrics_host : NULL,
-        .metrics_port = s->metrics_port,
-        .metrics_guarded = *s->metrics_host && !s->insecure && !lw_exposure_is_loopback(s->metrics_host),
-        .atlas_map = &d->atlas_map,
-        .package = d->package,
-        .package_size = d->package_size,
-        .finishes = d->finishes,
-        .finishes_size = d->finishes_size,
-        .bounces = (uint32_t)s->bounces,
-        .channels = s->entry->channels & ~(1u << LW_LIGHT_FORM_SPLIT),
-        .target_error = (float)s->error,
-        .noise_shown = noise_shown(s),
-        .first_light = &d->first_light,
-        .client_lights = d->light_bits,
-        .client_lights_size = lw_client_lights_bytes(d->scene->light_count),
-        .client_materials = d->material_bits,
-        .client_materials_size = lw_client_lights_bytes(d->scene->material_count),
-        .scene = d->scene,
-        .hooks = hooks_of(d),
-        .retry_after_ms = (uint32_t)(1000 * s->return_s),
-        .address_sessions_max = (uint32_t)s->address_sessions,
-        .rate_limit_bytes_hz = (uint64_t)(s->link_rate * 1e6 / 8),
-        .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0};
+    struct lw_server_desc desc = {.sockets = sockets,
+                                  .atlas_map = &d->atlas_map,
+                                  .package = d->package,
+                                  .package_size = d->package_size,
+                                  .finishes = d->finishes,
+                                  .finishes_size = d->finishes_size,
+                                  .bounces = (uint32_t)s->bounces,
+                                  .channels = s->entry->channels & ~(1u << LW_LIGHT_FORM_SPLIT),
+                                  .target_error = (float)s->error,
+                                  .noise_shown = noise_shown(s),
+                                  .first_light = &d->first_light,
+                                  .client_lights = d->light_bits,
+                                  .client_lights_size = lw_client_lights_bytes(d->scene->light_count),
+                                  .client_materials = d->material_bits,
+                                  .client_materials_size = lw_client_lights_bytes(d->scene->material_count),
+                                  .scene = d->scene,
+                                  .hooks = hooks_of(d),
+                                  .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0};
+    lw_serve_options_fill(&s->serve, &desc);
     return lw_server_create(&desc, &d->server, err);
 }
 
@@ -1309,9 +1112,7 @@ static void init(struct daemon *d, int argc, char **argv) {
         .argv = argv,
         .channels = 1u << LW_LIGHT_FORM_FULL,
         .succession = {.sockets = {-1, -1, -1}},
-        .settings = {.listen = LW_OPTIONS_ADDRESS,
-                     .http = HTTP_ADDRESS,
-                     .control_socket = "auto",
+        .settings = {.serve = LW_SERVE_OPTIONS_DEFAULTS,
                      .bounces = 2,
                      .probes = {.tracing_range_m = (double)INFINITY},
                      .direct_samples = 1,
@@ -1325,7 +1126,6 @@ static void init(struct daemon *d, int argc, char **argv) {
                      .frame_budget_units = (double)INFINITY,
                      .seed = 1,
                      .stall_s = STALL_S,
-                     .return_s = RETURN_S,
                      .prepare_s = PREPARE_S,
                      .log_level = LW_LOG_INFO,
                      .error = (double)TARGET_ERROR,
@@ -1377,13 +1177,13 @@ static bool keep_fixed(const struct daemon *d, struct daemon *next, bool *out_ch
     const struct {
         const char **to;
         const char *from;
-    } text[] = {{&s->listen, old->listen},
-                {&s->port_file, old->port_file},
-                {&s->http, old->http},
-                {&s->http_port_file, old->http_port_file},
-                {&s->metrics, old->metrics},
-                {&s->metrics_port_file, old->metrics_port_file},
-                {&s->control_socket, old->control_socket},
+    } text[] = {{&s->serve.listen, old->serve.listen},
+                {&s->serve.port_file, old->serve.port_file},
+                {&s->serve.http, old->serve.http},
+                {&s->serve.http_port_file, old->serve.http_port_file},
+                {&s->serve.metrics, old->serve.metrics},
+                {&s->serve.metrics_port_file, old->serve.metrics_port_file},
+                {&s->serve.control_socket, old->serve.control_socket},
                 {&s->keep, old->keep}};
     for (size_t i = 0; i < sizeof text / sizeof *text; i++) {
         *text[i].to = text[i].from ? lw_options_config_keep(&s->config, text[i].from) : NULL;

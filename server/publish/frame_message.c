@@ -14,8 +14,8 @@ struct pose_change {
     size_t transform_count, light_count, material_count, hidden_count, spare_count, shown_count;
 };
 
-static void list_state(const struct lw_scene *scene, const struct lw_pose *pose,
-                       const struct lw_pose *since, struct pose_change *change) {
+static void list_state(const struct lw_scene *scene, const struct lw_pose *pose, const struct lw_pose *since,
+                       struct pose_change *change) {
     change->hidden_count = change->spare_count = change->shown_count = change->material_count = 0;
     for (uint32_t o = 0; o < scene->object_count; o++)
         if (pose->object_spare[o] && (!since || !since->object_spare[o]))
@@ -42,12 +42,11 @@ static void list_state(const struct lw_scene *scene, const struct lw_pose *pose,
     }
 }
 
-static void list_change(const struct lw_scene *scene, const struct lw_pose *pose,
-                        const struct lw_pose *since, struct pose_change *change) {
+static void list_change(const struct lw_scene *scene, const struct lw_pose *pose, const struct lw_pose *since,
+                        struct pose_change *change) {
     change->transform_count = change->light_count = 0;
     for (uint32_t o = 0; o < scene->object_count; o++)
-        if (!since ||
-            memcmp(&pose->object_to_world[o], &since->object_to_world[o], sizeof(struct lw_affine)))
+        if (!since || memcmp(&pose->object_to_world[o], &since->object_to_world[o], sizeof(struct lw_affine)))
             change->transform[change->transform_count++] =
                 (struct lw_message_transform){.object = o, .object_to_world = pose->object_to_world[o]};
     for (uint32_t l = 0; l < scene->light_count; l++)

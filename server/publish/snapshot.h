@@ -50,7 +50,8 @@ struct lw_snapshot {
     struct lw_blob *settled; /* LW_MESSAGE_SETTLED; NULL: sessions are not told */
     uint64_t previous_frame; /* the frame that frame_delta builds on */
     uint32_t channels;       /* bit per channel (tile_channels.h): those of which it has the tiles */
-    uint32_t unsettled; /* channels of which tiles of this frame are still to come: `settled` is not for them */
+    uint32_t
+        unsettled; /* channels of which tiles of this frame are still to come: `settled` is not for them */
     uint32_t tile_count;
     struct lw_snapshot_tile *tile[LW_TILE_CHANNELS_MAX]; /* by channel, by lw_tile_id; NULL: not of it */
 };

@@ -1,8 +1,8 @@
 /* passed_updates.h: updates that a relay passes on to the server above, and the answers that come back.
  * Flow:    session -> [waiting] -> the relay's link -> server above -> [answered] -> session, once the frame
  *          is here
- * Threads: lw_passed_updates_take(), _answer() and _lose() [any], everything else [loop]; a mutex inside, held
- *          for short walks. */
+ * Threads: lw_passed_updates_take(), _answer() and _lose() [any], everything else [loop]; a mutex inside,
+ *          held for short walks. */
 #ifndef LW_SERVE_PASSED_UPDATES_H
 #define LW_SERVE_PASSED_UPDATES_H
 
@@ -26,10 +26,10 @@ struct lw_passed_update {
 };
 
 struct lw_passed_updates {
-    uv_mutex_t mutex; /* guards what follows */
+    uv_mutex_t mutex;                      /* guards what follows */
     struct lw_passed_updates_entry *entry; /* in the order in which they came */
     size_t entry_count, entry_capacity, change_count;
-    uint64_t number; /* of the last one */
+    uint64_t number;      /* of the last one */
     _Atomic bool waiting; /* some were not taken; [any] may read it */
 };
 

@@ -59,9 +59,9 @@ struct lw_server {
     uv_timer_t tick, lag; /* run while there are connections: an idle server sleeps */
     uv_timer_t beat;      /* runs if hooks want it */
     struct lw_server_hooks hooks;
-    uint64_t lagged_ns; /* when lag last came */
-    uint64_t ticked_ns; /* when tick last came */
-    uint64_t window_ns; /* when the window began that loop_lag and shared.ack belong to */
+    uint64_t lagged_ns;     /* when lag last came */
+    uint64_t ticked_ns;     /* when tick last came */
+    uint64_t window_ns;     /* when the window began that loop_lag and shared.ack belong to */
     uint32_t told_channels; /* that sessions took when hooks.news was last called */
     struct lw_histogram loop_lag;
     struct lw_durations lag_all; /* the same since the start */
@@ -369,12 +369,12 @@ static void hand_over_interest(struct lw_server *server) {
     uv_mutex_unlock(&server->mutex);
     if (untaken) return; /* the taker wakes the loop */
     struct lw_server_interest list = {.everything = interest_union->everything > 0};
-    if (!list.everything &&
-        !(server->shared.is_relay ? list_wanted : list_levels)(interest_union, &list))
+    if (!list.everything && !(server->shared.is_relay ? list_wanted : list_levels)(interest_union, &list))
         return; /* later, perhaps */
     interest_union->changed = false;
     uv_mutex_lock(&server->mutex);
-    LW_INVARIANT(!server->has_interest && !server->interest.levels && !server->interest.tile); /* only this thread hands one over */
+    LW_INVARIANT(!server->has_interest && !server->interest.levels &&
+                 !server->interest.tile); /* only this thread hands one over */
     server->interest = list;
     server->has_interest = true;
     uv_mutex_unlock(&server->mutex);

@@ -86,7 +86,7 @@ struct lw_server_desc {
     uint64_t relay;
     const uint64_t *relays_above; /* copied */
     uint32_t relays_above_count;  /* under LW_MESSAGE_RELAYS_MAX */
-    uint32_t sessions_max; /* 0: LW_SERVER_SESSIONS_MAX */
+    uint32_t sessions_max;        /* 0: LW_SERVER_SESSIONS_MAX */
     /* Sessions of one address. 0: a tenth of sessions_max; for this machine's addresses nine tenths. */
     uint32_t address_sessions_max;
     uint64_t rate_limit_bytes_hz; /* per session; 0: no limit */
@@ -152,15 +152,15 @@ size_t lw_server_take_updates(struct lw_server *server, uint64_t frame, struct l
 const _Atomic bool *lw_server_updates_wait(const struct lw_server *server);
 /** The same of a relay, one update at a time; the caller frees its changes. false: there is none. [any] */
 bool lw_server_take_passed(struct lw_server *server, struct lw_passed_update *out_update);
-/** The answer to one of them, copied. The session hears it with the frame that it says, or a later one. false:
- * there is no memory. [any] */
+/** The answer to one of them, copied. The session hears it with the frame that it says, or a later one.
+ * false: there is no memory. [any] */
 bool lw_server_answer_passed(struct lw_server *server, uint64_t number,
                              const struct lw_message_updated *answer);
 /** No answer will come, and the update may have been made: its session is ended, as if its link had broken.
  * [any] */
 void lw_server_lose_passed(struct lw_server *server, uint64_t number);
-/** The light comes through other relays now. Sessions of relays are ended; they come back and hear of it. [any]
- */
+/** The light comes through other relays now. Sessions of relays are ended; they come back and hear of it.
+ * [any] */
 void lw_server_set_relays_above(struct lw_server *server, const uint64_t *above, uint32_t count);
 
 /** Asks the loop to refuse new sessions, say goodbye and return from lw_server_run(). [any], and from signal

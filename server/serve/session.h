@@ -51,7 +51,7 @@ struct lw_session_shared {
     struct lw_passed_updates passed;
     uint64_t relays[LW_MESSAGE_RELAYS_MAX]; /* of a relay: its number, and those of the relays above */
     uint32_t relay_count;
-    const struct lw_waiting *first_light;    /* how far it is; NULL: nobody is told */
+    const struct lw_waiting *first_light; /* how far it is; NULL: nobody is told */
     uint64_t epoch; /* counts ticks and snapshots seen: in each, a session may change its mind once */
     struct lw_snapshot *snapshot; /* newest; NULL before the first */
     uint64_t generation;          /* counts the snapshots that the loop has seen */

@@ -240,10 +240,9 @@ static void handle_interest(struct lw_session *s, const struct lw_message_intere
 static void pass_update(struct lw_session *s, const struct lw_message_update *update) {
     const struct lw_token *token = s->role == LW_TOKENS_NONE ? NULL : &s->token;
     if (lw_passed_updates_add(&s->shared->passed, s, token, update)) return;
-    lw_session_answer(
-        s, &(struct lw_message_updated){.request = update->request,
-                                        .code = LW_SCENE_CHANGE_BUSY,
-                                        .text = lw_scene_change_text(LW_SCENE_CHANGE_BUSY)});
+    lw_session_answer(s, &(struct lw_message_updated){.request = update->request,
+                                                      .code = LW_SCENE_CHANGE_BUSY,
+                                                      .text = lw_scene_change_text(LW_SCENE_CHANGE_BUSY)});
 }
 
 static void handle_update(struct lw_session *s, const struct lw_message_update *update) {

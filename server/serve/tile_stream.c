@@ -96,7 +96,9 @@ static void start_walks(struct lw_session *s) {
     bool is_new = false;
     for (struct lw_session_take *t = s->take; t < s->take + s->take_count; t++) {
         is_new |= t->judged != t->channel->generation;
-        if (t->generation != t->channel->generation) start_walk(s, t);
+        if (t->generation == t->channel->generation) continue;
+        start_walk(s, t);
+        s->settled_due = s->frame_sent > 0; /* a relay may have more of the same frame */
     }
     if (is_new) s->link_was_full = false;
 }

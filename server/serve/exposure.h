@@ -1,7 +1,7 @@
 /* exposure.h: whether what a server listens on can be reached from other machines, and may be.
  * Threads: main() only. */
-#ifndef LW_SERVER_EXPOSURE_H
-#define LW_SERVER_EXPOSURE_H
+#ifndef LW_SERVE_EXPOSURE_H
+#define LW_SERVE_EXPOSURE_H
 
 #include "common/status.h"
 

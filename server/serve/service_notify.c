@@ -1,4 +1,4 @@
-#include "server/service_notify.h"
+#include "server/serve/service_notify.h"
 
 #include <stdarg.h>
 #include <stddef.h>

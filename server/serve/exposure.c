@@ -1,4 +1,4 @@
-#include "server/exposure.h"
+#include "server/serve/exposure.h"
 
 #include "common/log.h"
 

@@ -2,8 +2,8 @@
  * Threads: [any].
  *
  * A datagram to the socket that $NOTIFY_SOCKET names is all there is to it: no library is needed for that. */
-#ifndef LW_SERVICE_NOTIFY_H
-#define LW_SERVICE_NOTIFY_H
+#ifndef LW_SERVE_SERVICE_NOTIFY_H
+#define LW_SERVE_SERVICE_NOTIFY_H
 
 #include "common/status.h"
 

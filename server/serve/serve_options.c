@@ -1,0 +1,135 @@
+#include "server/serve/serve_options.h"
+
+#include "common/atomic_file.h"
+#include "common/log.h"
+#include "common/program_path.h"
+#include "server/serve/exposure.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+static enum lw_status parse_http(struct lw_serve_options *o, struct lw_error *err) {
+    struct stat st;
+    if (strcmp(o->http, "none") == 0) return LW_OK;
+    if (o->web_root && (stat(o->web_root, &st) != 0 || !S_ISDIR(st.st_mode)))
+        return lw_status_fail(err, LW_NO_INPUT, "--web-root: %s is no folder", o->web_root);
+    const enum lw_status status = lw_options_address_or(o->http, LW_SERVE_OPTIONS_HTTP_PORT, o->http_host,
+                                                        sizeof o->http_host, &o->http_port, err);
+    if (status != LW_OK) lw_status_context(err, "--http");
+    return status;
+}
+
+static enum lw_status parse_metrics(struct lw_serve_options *o, struct lw_error *err) {
+    if (!o->metrics || strcmp(o->metrics, "none") == 0) return LW_OK;
+    const enum lw_status status =
+        lw_options_address_or(o->metrics, LW_SERVE_OPTIONS_METRICS_PORT, o->metrics_host,
+                              sizeof o->metrics_host, &o->metrics_port, err);
+    if (status != LW_OK) lw_status_context(err, "--metrics");
+    return status;
+}
+
+static enum lw_status check_exposure(const struct lw_serve_options *o, struct lw_error *err) {
+    const struct lw_exposure exposure = {
+        .has_tls = o->tls_certificate != NULL, .has_tokens = o->tokens != NULL, .is_insecure = o->insecure};
+    enum lw_status status = lw_exposure_check(&exposure, "--listen", o->host, err);
+    if (status == LW_OK && *o->http_host) status = lw_exposure_check(&exposure, "--http", o->http_host, err);
+    if (status == LW_OK && *o->metrics_host)
+        status = lw_exposure_check(&exposure, "--metrics", o->metrics_host, err);
+    return status;
+}
+
+/* Of an install tree, or of the build. "": there is none. */
+static void find_web_root(char *dst, size_t size) {
+    static const char *const beside[] = {"../share/lightwell/web", "../web"};
+    *dst = '\0';
+    for (size_t i = 0; i < sizeof beside / sizeof *beside && !*dst; i++) {
+        lw_program_path(beside[i], dst, size);
+        if (strcmp(dst, beside[i]) == 0) *dst = '\0'; /* it is not there */
+    }
+}
+
+enum lw_status lw_serve_options_check(struct lw_serve_options *o, struct lw_error *err) {
+    if (!o->tls_certificate != !o->tls_key)
+        return lw_status_fail(err, LW_USAGE, "--tls-certificate and --tls-key need each other");
+    enum lw_status status = lw_options_address(o->listen, o->host, sizeof o->host, &o->port, err);
+    if (status != LW_OK) {
+        lw_status_context(err, "--listen");
+        return status;
+    }
+    find_web_root(o->found_root, sizeof o->found_root);
+    status = parse_http(o, err);
+    if (status == LW_OK) status = parse_metrics(o, err);
+    return status == LW_OK ? check_exposure(o, err) : status;
+}
+
+void lw_serve_options_fill(struct lw_serve_options *o, struct lw_server_desc *desc) {
+    desc->host = o->host;
+    desc->port = o->port;
+    desc->tokens = o->tokens;
+    desc->tls = (struct lw_tls_context_desc){o->tls_certificate, o->tls_key};
+    desc->control_socket = strcmp(o->control_socket, "none") ? o->control_socket : NULL;
+    desc->http_host = *o->http_host ? o->http_host : NULL;
+    desc->http_port = o->http_port;
+    desc->http_hosts = o->http_hosts;
+    desc->http_origins = o->http_origins;
+    desc->http_root = o->web_root ? o->web_root : o->found_root;
+    desc->http_may_fail = !o->http_given;
+    desc->metrics_host = *o->metrics_host ? o->metrics_host : NULL;
+    desc->metrics_port = o->metrics_port;
+    desc->metrics_guarded = *o->metrics_host && !o->insecure && !lw_exposure_is_loopback(o->metrics_host);
+    desc->retry_after_ms = (uint32_t)(1000 * o->return_s);
+    desc->address_sessions_max = (uint32_t)o->address_sessions;
+    desc->rate_limit_bytes_hz = (uint64_t)(o->link_rate * 1e6 / 8);
+}
+
+static enum lw_status write_port(const char *path, const char *option, unsigned port, struct lw_error *err) {
+    if (!path) return LW_OK;
+    char text[16];
+    int length = snprintf(text, sizeof text, "%u\n", port);
+    enum lw_status status = lw_atomic_file_save(path, text, (size_t)length, err);
+    if (status != LW_OK) lw_status_context(err, "%s", option);
+    return status;
+}
+
+enum lw_status lw_serve_options_write_ports(const struct lw_serve_options *o, const struct lw_server *server,
+                                            struct lw_error *err) {
+    const unsigned http_port = lw_server_http_port(server);
+    const unsigned metrics_port = lw_server_metrics_port(server);
+    enum lw_status status = LW_OK;
+    if (http_port) status = write_port(o->http_port_file, "--http-port-file", http_port, err);
+    if (status == LW_OK && metrics_port)
+        status = write_port(o->metrics_port_file, "--metrics-port-file", metrics_port, err);
+    if (status == LW_OK) status = write_port(o->port_file, "--port-file", lw_server_port(server), err);
+    if (status != LW_OK) lw_serve_options_remove_ports(o);
+    return status;
+}
+
+/* A pipe or a device was written to, but is not ours. */
+static void remove_port(const char *path) {
+    struct stat st;
+    if (path && lstat(path, &st) == 0 && S_ISREG(st.st_mode)) unlink(path);
+}
+
+void lw_serve_options_remove_ports(const struct lw_serve_options *o) {
+    remove_port(o->port_file);
+    remove_port(o->http_port_file);
+    remove_port(o->metrics_port_file);
+}
+
+void lw_serve_options_format(char *dst, size_t size, const char *host, unsigned port) {
+    snprintf(dst, size, strchr(host, ':') ? "[%s]:%u" : "%s:%u", host, port);
+}
+
+void lw_serve_options_tell(const struct lw_serve_options *o, const struct lw_server *server) {
+    char address[sizeof o->host + 16];
+    if (lw_server_http_port(server)) {
+        lw_serve_options_format(address, sizeof address, o->http_host, lw_server_http_port(server));
+        lw_log(LW_LOG_INFO, "in a browser: http%s://%s/", o->tls_certificate ? "s" : "", address);
+    }
+    if (lw_server_metrics_port(server)) {
+        lw_serve_options_format(address, sizeof address, o->metrics_host, lw_server_metrics_port(server));
+        lw_log(LW_LOG_INFO, "monitoring: http://%s/metrics", address);
+    }
+}

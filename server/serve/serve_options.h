@@ -1,0 +1,117 @@
+/* serve_options.h: the options by which a program says where and to whom it serves, for all that do.
+ * Flow:    command line -> [serve_options] -> lw_server_desc; ports of a server -> files, lines of the log
+ * Threads: main() only. */
+#ifndef LW_SERVE_SERVE_OPTIONS_H
+#define LW_SERVE_SERVE_OPTIONS_H
+
+#include "common/options.h"
+#include "server/serve/server.h"
+
+#define LW_SERVE_OPTIONS_HTTP_PORT    7781
+#define LW_SERVE_OPTIONS_HTTP         LW_OPTIONS_HOST ":7781"
+#define LW_SERVE_OPTIONS_METRICS_PORT 7782
+
+struct lw_serve_options {
+    const char *listen, *port_file, *http, *http_port_file, *http_hosts, *http_origins, *web_root;
+    const char *metrics, *metrics_port_file, *tokens, *control_socket, *tls_certificate, *tls_key;
+    int64_t address_sessions; /* 0: the server's default */
+    double link_rate, return_s;
+    bool insecure, http_given;
+    /* lw_serve_options_check(): the addresses in their parts */
+    char host[256], http_host[256]; /* http_host "": none */
+    char metrics_host[256];         /* "": none */
+    uint16_t port, http_port, metrics_port;
+    char found_root[1024]; /* where the browser client lies, unless web_root says so */
+};
+
+/* clang-format off */
+/** What they are by default: an initialiser. */
+#define LW_SERVE_OPTIONS_DEFAULTS                                                                            \
+    {.listen = LW_OPTIONS_ADDRESS, .http = LW_SERVE_OPTIONS_HTTP, .control_socket = "auto", .return_s = 2.0}
+
+/** Rows of an option table. options: a struct lw_serve_options. */
+#define LW_SERVE_OPTIONS(options)                                                                            \
+    {"listen", "HOST:PORT",                                                                                  \
+     "where to serve (default " LW_OPTIONS_ADDRESS "; port 0 picks one)",                                    \
+     LW_OPTION_STRING, &(options)->listen, 0, 0, NULL},                                                      \
+    {"port-file", "FILE",                                                                                    \
+     "write the port there once it serves",                                                                  \
+     LW_OPTION_STRING, &(options)->port_file, 0, 0, NULL},                                                   \
+    {"http", "HOST:PORT|none",                                                                               \
+     "where to serve the browser client, and WebSockets at /ws (default " LW_SERVE_OPTIONS_HTTP              \
+     "; port 0 picks one)",                                                                                  \
+     LW_OPTION_STRING, &(options)->http, 0, 0, &(options)->http_given},                                      \
+    {"http-port-file", "FILE",                                                                               \
+     "write that port there once it serves",                                                                 \
+     LW_OPTION_STRING, &(options)->http_port_file, 0, 0, NULL},                                              \
+    {"http-host", "NAMES",                                                                                   \
+     "names, apart by commas, that browsers may know this server by (default: its address, "                 \
+     "localhost)",                                                                                           \
+     LW_OPTION_STRING, &(options)->http_hosts, 0, 0, NULL},                                                  \
+    {"http-origin", "ORIGINS",                                                                               \
+     "origins, apart by commas, whose pages may open WebSockets, such as https://example.org "               \
+     "(default: our own pages alone)",                                                                       \
+     LW_OPTION_STRING, &(options)->http_origins, 0, 0, NULL},                                                \
+    {"web-root", "FOLDER",                                                                                   \
+     "the browser client's files (default: share/lightwell/web beside bin)",                                 \
+     LW_OPTION_STRING, &(options)->web_root, 0, 0, NULL},                                                    \
+    {"metrics", "HOST:PORT|none",                                                                            \
+     "where to serve monitoring: /metrics, /healthz, /readyz (default none; a host alone: port "             \
+     "7782; port 0 picks one)",                                                                              \
+     LW_OPTION_STRING, &(options)->metrics, 0, 0, NULL},                                                     \
+    {"metrics-port-file", "FILE",                                                                            \
+     "write that port there once it serves",                                                                 \
+     LW_OPTION_STRING, &(options)->metrics_port_file, 0, 0, NULL},                                           \
+    {"control-socket", "PATH|auto|none",                                                                     \
+     "a Unix socket by which this user and root change the scene (default auto: PORT.sock in "               \
+     "$XDG_RUNTIME_DIR/lightwell or /run/lightwell, where lightwellctl looks for it)",                       \
+     LW_OPTION_STRING, &(options)->control_socket, 0, 0, NULL},                                              \
+    {"tokens", "FILE",                                                                                       \
+     "tokens that clients must have, a line each: view TOKEN or control TOKEN (lightwellctl token "          \
+     "makes one); read again at SIGHUP. credential:NAME is a credential of systemd (default: none "          \
+     "is needed)",                                                                                           \
+     LW_OPTION_STRING, &(options)->tokens, 0, 0, NULL},                                                      \
+    {"tls-certificate", "FILE",                                                                              \
+     "speak TLS 1.3 alone, by TCP and to browsers, as whom this certificate in PEM names, with "             \
+     "its issuers below it; read again at SIGHUP. credential:NAME is a credential of systemd "               \
+     "(default: no TLS)",                                                                                    \
+     LW_OPTION_STRING, &(options)->tls_certificate, 0, 0, NULL},                                             \
+    {"tls-key", "FILE",                                                                                      \
+     "the certificate's key in PEM, which nobody but its owner and its group may read; "                     \
+     "credential:NAME as above",                                                                             \
+     LW_OPTION_STRING, &(options)->tls_key, 0, 0, NULL},                                                     \
+    {"insecure", NULL,                                                                                       \
+     "--listen, --http and --metrics may name addresses that other machines reach without TLS and "          \
+     "tokens; there is a warning",                                                                           \
+     LW_OPTION_FLAG, &(options)->insecure, 0, 0, NULL},                                                      \
+    {"link-rate", "MBIT",                                                                                    \
+     "megabits per second to each client at most; a client may ask for less (default: what its "             \
+     "link takes)",                                                                                          \
+     LW_OPTION_REAL, &(options)->link_rate, 0.01, 1e6, NULL},                                                \
+    {"sessions-per-address", "N",                                                                            \
+     "sessions of one address at most (default: 1,000, and 9,000 of this machine; in all there "             \
+     "are 10,000)",                                                                                          \
+     LW_OPTION_INT, &(options)->address_sessions, 1, LW_SERVER_SESSIONS_MAX, NULL},                          \
+    {"return-after", "SECONDS",                                                                              \
+     "clients are told at the end to come back after so long; 0: nothing is told (default 2)",               \
+     LW_OPTION_REAL, &(options)->return_s, 0, 3600, NULL}
+/* clang-format on */
+
+/** What one option alone does not tell: addresses, and whether others reach them. Errors: LW_USAGE,
+ * LW_NO_INPUT. */
+LW_MUST_CHECK enum lw_status lw_serve_options_check(struct lw_serve_options *options, struct lw_error *err);
+/** Sets what they say in a server's descriptor; they outlive it. */
+void lw_serve_options_fill(struct lw_serve_options *options, struct lw_server_desc *desc);
+/** Writes the port files, --port-file last: who sees it finds the others written. Errors: as
+ * lw_atomic_file_save(); then none is left. */
+LW_MUST_CHECK enum lw_status lw_serve_options_write_ports(const struct lw_serve_options *options,
+                                                          const struct lw_server *server,
+                                                          struct lw_error *err);
+/** Removes them: regular files only. */
+void lw_serve_options_remove_ports(const struct lw_serve_options *options);
+/** Logs where browsers and monitoring find the server. */
+void lw_serve_options_tell(const struct lw_serve_options *options, const struct lw_server *server);
+/** An address as in a URL. */
+void lw_serve_options_format(char *dst, size_t size, const char *host, unsigned port);
+
+#endif
