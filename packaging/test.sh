@@ -80,7 +80,7 @@ step "installing the packages"
 
 # ---- what they hold ----
 
-programs='lightwelld lightwellctl lightwell-view lightwell-bake lightwell-import lightwell-load'
+programs='lightwelld lightwell-relay lightwellctl lightwell-view lightwell-bake lightwell-import lightwell-load'
 for program in $programs; do
     "${inside[@]}" "$program" --version >/dev/null || die "$program does not start"
 done

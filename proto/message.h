@@ -33,7 +33,7 @@
 #define LW_MESSAGE_PAYLOAD_MAX          (1u << 18) /* bytes of a tile */
 #define LW_MESSAGE_REPORT_MAX           (1u << 18) /* bytes of a report */
 #define LW_MESSAGE_BOUNCES_MAX          64u
-#define LW_MESSAGE_RELAYS_MAX           16u /* between a server and a client */
+#define LW_MESSAGE_RELAYS_MAX           16u                          /* between a server and a client */
 #define LW_MESSAGE_CLIENT_LIGHTS_MAX    (LW_SCENE_LIGHTS_MAX / 8)    /* bytes: a bit for each */
 #define LW_MESSAGE_CLIENT_MATERIALS_MAX (LW_SCENE_MATERIALS_MAX / 8) /* likewise */
 /* largest code; those not named below are refusals all the same */

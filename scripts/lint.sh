@@ -19,11 +19,12 @@ forbid() {
     if [ -n "$hits" ]; then complain "$3:"$'\n'"$hits"; fi
 }
 
-forbid common '(proto|server|client)/' 'common knows nobody'
+forbid common '(proto|server|client|relay)/' 'common knows nobody'
 forbid common/scene 'common/(lightmap|builtin|open)/' 'the scene knows neither lightmaps nor builtin scenes'
-forbid proto '(server|client)/' 'proto knows common alone'
-forbid server '(client|lightwell)/' 'the server does not know the client'
-forbid client 'server/' 'the client does not know the server'
+forbid proto '(server|client|relay)/' 'proto knows common alone'
+forbid server '(client|lightwell|relay)/' 'the server does not know the client'
+forbid client '(server|relay)/' 'the client does not know the server'
+forbid relay '(server/(solve|import|bake)|server/publish/(levels|light_store|publisher|saved_light)|client/(view|measure|scaling|crossover|load|control|gl))/?' 'a relay serves and is a client: it neither solves nor draws'
 # Rooms of the client: lib <- view <- measure <- {scaling, crossover}; lib <- load, lib <- control.
 forbid client/lib 'client/(view|measure|scaling|crossover|load|control)/' 'the client library draws and measures nothing'
 forbid client/view 'client/(measure|scaling|crossover|load|control)/' 'the viewer measures nothing'
@@ -43,20 +44,20 @@ forbid server/solve/radiosity "server/solve/(adapt|filter)/|$own" 'radiosity kno
 forbid server/solve/filter "server/solve/(transport|adapt)/|$own" 'filters know sums alone'
 forbid server/publish 'server/serve/' 'publish knows no sessions'
 forbid server/serve '(embree|common/trace/)' 'serve traces no rays'
-for folder in common proto client tests server/solve server/publish server/serve; do forbid "$folder" 'assimp/' 'only server/import uses Assimp'; done
+for folder in common proto client relay tests server/solve server/publish server/serve; do forbid "$folder" 'assimp/' 'only server/import uses Assimp'; done
 forbid client/gl '(SDL|client/view/(window|screen|headless))' 'the GL renderer knows no window'
-for folder in common/image common/light common/scene common/tile proto server client tests; do forbid "$folder" 'embree' 'only common/trace uses Embree'; done
+for folder in common/image common/light common/scene common/tile proto server client relay tests; do forbid "$folder" 'embree' 'only common/trace uses Embree'; done
 
-twins=$(find common proto server client -name '*.c' -printf '%f\n' | sort | uniq -d)
+twins=$(find common proto server client relay -name '*.c' -printf '%f\n' | sort | uniq -d)
 if [ -n "$twins" ]; then complain "a stem is the prefix of its functions, so it is unique; twice there is: $twins"; fi
 
 # No circles. Headers: A includes B includes A. Rooms: what their files include, and what their libraries are linked with. A
 # room is the library or program whose SOURCES in CMakeLists.txt name the file; a header without a .c belongs to the first one.
 circle() { tsort 2>&1 >/dev/null | sed -n 's/^tsort: \([^-]\)/    \1/p'; } # of pairs "from to"; nothing where there is none
-inclusions() { git ls-files {common,proto,server,client}/"$1" | xargs grep -oP '^ *# *include +"\K[^"]+' | tr ':' ' '; }
+inclusions() { git ls-files {common,proto,server,client,relay}/"$1" | xargs grep -oP '^ *# *include +"\K[^"]+' | tr ':' ' '; }
 found=$(inclusions '*.h' | circle || true)
 if [ -n "$found" ]; then complain "headers include each other:"$'\n'"$found"; fi
-git ls-files {common,proto,server,client}/'*CMakeLists.txt' | xargs awk '
+git ls-files {common,proto,server,client,relay}/'*CMakeLists.txt' | xargs awk '
     FNR == 1 { folder = FILENAME; sub("/[^/]*$", "", folder) }
     { sub(/#.*/, ""); gsub(/[()]/, " & ") }
     {
@@ -225,14 +226,14 @@ symbols=$(diff <(grep -oP '^ \Klw_live_[a-z0-9_]+(?=@Base)' debian/liblightwell1
 if [ -n "$symbols" ]; then complain "debian/liblightwell1.symbols (<) and lightwell.h (>) differ:"$'\n'"$symbols"; fi
 
 bin=build/release/bin
-programs='lightwelld lightwellctl lightwell-view lightwell-bake lightwell-import lightwell-load'
+programs='lightwelld lightwell-relay lightwellctl lightwell-view lightwell-bake lightwell-import lightwell-load'
 missing=$(for program in $programs; do [ -x $bin/$program ] || echo $program; done)
 if [ -z "$missing" ]; then
     options=$({
         for program in $programs 'lightwell-load scaling' 'lightwell-load crossover'; do $bin/$program --help; done
         sed -n '/^#/p' scripts/crossover.sh
     } | grep -oP -- '--[a-z][a-z-]*' | sort -u)
-    for document in README.md docs/{architecture,solve,solvers,change,serving,composing,limitations,operations,baking,importing,planning}.md; do
+    for document in README.md docs/{architecture,solve,solvers,change,serving,scaling,composing,limitations,operations,baking,importing,planning}.md; do
         unknown=$(sed 's/systemctl .*//; s/dpkg-buildpackage .*//; s/`systemd-analyze [^`]*`//' $document | grep -oP -- '(?<![\w-])--[a-z][a-z-]*' |
             sort -u | comm -23 - <(echo "$options") || true)
         if [ -n "$unknown" ]; then complain "$document: no program has ${unknown//$'\n'/, }"; fi

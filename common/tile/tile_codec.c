@@ -140,8 +140,7 @@ enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *codec, const struc
 
 static bool make_between(struct lw_tile_codec *codec) {
     if (!codec->between)
-        codec->between =
-            aligned_alloc(_Alignof(struct lw_tile_dct_coefficients), 2 * sizeof *codec->between);
+        codec->between = aligned_alloc(_Alignof(struct lw_tile_dct_coefficients), 2 * sizeof *codec->between);
     return codec->between;
 }
 

@@ -7,7 +7,7 @@ export LC_ALL=C
 source=$1 bin=$2 work=$3 limit=$4
 here=$(cd "$(dirname "$0")" && pwd)
 table=$here/documents.table
-documents=(README.md docs/operations.md docs/baking.md docs/client_guide.md)
+documents=(README.md docs/operations.md docs/scaling.md docs/baking.md docs/client_guide.md)
 failures=0
 server='' server_pid='' address=127.0.0.1:1 # where nobody serves
 
@@ -148,7 +148,7 @@ check_file() {
 make_programs() {
     local program
     mkdir -p "$work/build/release/bin" "$work/tmp"
-    for program in lightwelld lightwellctl lightwell-view lightwell-bake lightwell-load lightwell-import; do
+    for program in lightwelld lightwell-relay lightwellctl lightwell-view lightwell-bake lightwell-load lightwell-import; do
         if [ ! -x "$bin/$program" ]; then
             echo "$bin/$program is missing: build the target \"programs\""
             exit 1

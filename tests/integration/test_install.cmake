@@ -176,7 +176,7 @@ endforeach()
 run("the installation" ${CMAKE_COMMAND} -E env DESTDIR=${work}/root
   ${CMAKE_COMMAND} --install ${BINARY_DIR} --prefix /opt/lightwell)
 set(prefix ${work}/root/opt/lightwell)
-set(programs lightwelld lightwellctl lightwell-view lightwell-bake lightwell-import lightwell-load)
+set(programs lightwelld lightwell-relay lightwellctl lightwell-view lightwell-bake lightwell-import lightwell-load)
 foreach(program IN LISTS programs)
   run(${program} ${prefix}/${BINDIR}/${program} --version)
   list(APPEND manuals ${MANDIR}/man1/${program}.1)

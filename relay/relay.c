@@ -1,0 +1,698 @@
+#include "relay/relay.h"
+
+#include "client/lib/client.h"
+#include "client/lib/link.h"
+#include "common/clock.h"
+#include "common/invariant.h"
+#include "common/log.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <sys/random.h>
+#include <time.h>
+#include <unistd.h>
+
+#define TIMEOUT_DEFAULT_MS 5000u
+#define MS_NS              1000000ull
+#define SOON_MS            100  /* while something waits for its time, such as an INTEREST */
+#define REST_MS            1000 /* else: under LW_LINK_PING_S */
+#define CONTROL_RETRY_NS   (1000 * MS_NS)
+#define CONTROL_IDLE_NS    (60000 * MS_NS)
+#define NONE               UINT32_MAX
+
+/* A session that passes on the updates of one token, or of sessions without one. */
+struct control {
+    struct lw_relay *relay;
+    bool is_used, has_token;
+    struct lw_token token;
+    struct lw_relay_upstream *up; /* NULL: not connected */
+    uint64_t retry_ns, used_ns;
+    struct lw_passed_update *waiting; /* not sent yet */
+    size_t waiting_count, waiting_capacity;
+    uint64_t *sent; /* numbers of those that have no answer */
+    size_t sent_count, sent_capacity;
+};
+
+struct lw_relay {
+    struct lw_relay_address upstream[LW_RELAY_UPSTREAMS_MAX];
+    uint32_t upstream_count;
+    struct lw_access access;
+    struct ssl_ctx_st *trust;
+    const char *cache_folder;
+    unsigned timeout_ms;
+    uint64_t number;
+    struct lw_waiting waiting;
+    int wake; /* eventfd */
+    pthread_t thread;
+    _Atomic bool stopping;
+
+    pthread_mutex_t mutex; /* guards what follows, but for what only the thread uses; not held in waits */
+    pthread_cond_t changed;
+    struct lw_server *server; /* NULL: there is none */
+    bool owes;                /* the server has had no snapshot yet */
+    struct lw_relay_scene scene, next;
+    bool has_scene;
+    _Atomic bool has_next; /* next is complete: it waits for lw_relay_next_scene() */
+    uint64_t above[LW_MESSAGE_RELAYS_MAX];
+    uint32_t above_count;
+    struct lw_relay_stats stats;
+    uint64_t lost_at_ns; /* 0: it is there, or was not yet */
+
+    pthread_mutex_t told_mutex; /* guards what follows, for those who may not wait */
+    struct lw_relay_stats told; /* as of the thread's last turn */
+    uint64_t told_lost_at_ns;
+
+    /* The thread's. */
+    struct lw_relay_upstream *feed[LW_TILE_CHANNELS_MAX]; /* of `scene` */
+    struct lw_relay_upstream *newcomer;                   /* of another one, which is coming, or is next */
+    uint32_t main_channel;                                /* of the first session of the scene */
+    uint64_t taken_ns[LW_TILE_CHANNELS_MAX];              /* when a client last took it */
+    uint32_t at, tries; /* the upstream that is tried; since the last success */
+    unsigned rounds;
+    uint64_t retry_ns;
+    bool everything; /* what clients want */
+    uint32_t *tile;
+    uint32_t tile_count;
+    uint64_t some_ns; /* when the first tile came that is in no snapshot; 0: none */
+    bool told_memory;
+    struct control control[LW_RELAY_CONTROLS_MAX];
+};
+
+/* ---- upstream: found, lost ---- */
+
+static const char *name_of(const struct lw_relay *r, char *dst, size_t size) {
+    const struct lw_relay_address *a = &r->upstream[r->at];
+    if (strncmp(a->host, LW_ACCESS_UNIX, strlen(LW_ACCESS_UNIX)) == 0)
+        snprintf(dst, size, "%s", a->host);
+    else
+        snprintf(dst, size, strchr(a->host, ':') ? "[%s]:%u" : "%s:%u", a->host, (unsigned)a->port);
+    return dst;
+}
+
+static bool has_feed(const struct lw_relay *r) {
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
+        if (r->feed[c]) return true;
+    return false;
+}
+
+static uint32_t seed_of(const struct lw_relay *r) { return (uint32_t)(r->number ^ r->number >> 32); }
+
+/* After a failure: the next of them at once, and after the last one a wait. */
+static void try_next(struct lw_relay *r) {
+    r->stats.failures++;
+    r->at = (r->at + 1) % r->upstream_count;
+    if (++r->tries % r->upstream_count == 0)
+        r->retry_ns = lw_clock_ns() + lw_client_backoff_ms(r->rounds++, seed_of(r)) * MS_NS;
+}
+
+static void note_connected(struct lw_relay *r) {
+    if (r->lost_at_ns) lw_log(LW_LOG_INFO, "%s is there: light goes on", r->stats.address);
+    r->lost_at_ns = 0;
+    r->stats.is_connected = true;
+}
+
+static void note_lost(struct lw_relay *r, uint32_t retry_after_ms) {
+    r->tries = 0;
+    r->rounds = 0;
+    r->retry_ns = lw_clock_ns() + lw_client_return_ms(retry_after_ms, 0, seed_of(r)) * MS_NS;
+    if (has_feed(r)) return;
+    r->stats.is_connected = false;
+    r->owes = r->owes || r->server; /* light stays: of every channel that there is any of */
+    if (!r->lost_at_ns) r->lost_at_ns = lw_clock_ns();
+}
+
+static void add_received(struct lw_relay_stats *stats, const struct lw_relay_upstream *up) {
+    stats->bytes_received += lw_relay_upstream_bytes(up);
+    stats->tiles_received += lw_relay_upstream_tiles(up);
+}
+
+static void drop(struct lw_relay *r, struct lw_relay_upstream **up) {
+    if (*up) add_received(&r->stats, *up);
+    lw_relay_upstream_destroy(*up);
+    *up = NULL;
+}
+
+/* With a bounded log: the same line again and again says nothing. */
+static void tell_failure(const struct lw_relay *r, const struct lw_error *err) {
+    const enum lw_log_level level = r->rounds < 2 ? LW_LOG_WARNING : LW_LOG_DEBUG;
+    char name[300];
+    if (r->rounds > 2) return;
+    lw_log(level, "no light from %s: %s%s", name_of(r, name, sizeof name), err->text,
+           r->has_scene ? "; clients keep what they have" : "");
+}
+
+static void follow_relays(struct lw_relay *r, const struct lw_relay_upstream *up) {
+    uint32_t count;
+    const uint64_t *above = lw_relay_upstream_relays(up, &count);
+    if (count == r->above_count && !memcmp(above, r->above, count * sizeof *above)) return;
+    memcpy(r->above, above, count * sizeof *above);
+    r->above_count = count;
+    if (r->server) lw_server_set_relays_above(r->server, above, count);
+}
+
+/* A session of the light that clients have: goes on with it. */
+static enum lw_status resume(struct lw_relay *r, struct lw_relay_upstream *up, struct lw_error *err) {
+    const uint32_t channel = lw_relay_upstream_channel(up);
+    lw_relay_upstream_set_waiting(up, &r->waiting);
+    enum lw_status status = lw_relay_upstream_want(up, r->everything, r->tile, r->tile_count);
+    if (status == LW_OK) status = lw_relay_upstream_resume(up, r->scene.light, err);
+    if (status != LW_OK) return lw_status_fail(err, status, "%s", lw_status_text(status));
+    r->feed[channel] = up;
+    note_connected(r);
+    return LW_OK;
+}
+
+/* A session of other light: clients keep what they have until its scene is there. */
+static enum lw_status begin_newcomer(struct lw_relay *r, struct lw_relay_upstream *up, struct lw_error *err) {
+    if (r->has_scene)
+        lw_log(LW_LOG_WARNING, "%s lights %s now: clients go over to it", lw_relay_upstream_address(up),
+               memcmp(&lw_relay_upstream_told(up)->package_hash, &r->scene.told.package_hash,
+                      sizeof(struct lw_package_hash))
+                   ? "another scene"
+                   : "the scene in another run");
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) drop(r, &r->feed[c]);
+    const enum lw_status status = lw_relay_upstream_begin(up, err);
+    if (status == LW_OK) r->newcomer = up;
+    return status;
+}
+
+/* Without the mutex while it connects. draws: which form of light it is to bring */
+static void connect_feed(struct lw_relay *r, bool draws) {
+    struct lw_relay_upstream *up = NULL;
+    struct lw_error err = {0};
+    const struct lw_relay_upstream_desc desc = {.host = r->upstream[r->at].host,
+                                                .port = r->upstream[r->at].port,
+                                                .token = r->access.has_token ? &r->access.token : NULL,
+                                                .trust = r->trust,
+                                                .timeout_ms = r->timeout_ms,
+                                                .relay = r->number,
+                                                .draws = draws,
+                                                .cache_folder = r->cache_folder};
+    pthread_mutex_unlock(&r->mutex);
+    enum lw_status status = lw_relay_upstream_create(&desc, &up, &err);
+    pthread_mutex_lock(&r->mutex);
+    if (status == LW_OK) {
+        const uint32_t form = draws ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL;
+        const bool goes_on = r->has_scene &&
+                             lw_relay_told_equal(lw_relay_upstream_told(up), &r->scene.told) &&
+                             lw_relay_upstream_channel(up) == form;
+        r->stats.connects++;
+        snprintf(r->stats.address, sizeof r->stats.address, "%s", lw_relay_upstream_address(up));
+        follow_relays(r, up);
+        status = goes_on ? resume(r, up, &err) : begin_newcomer(r, up, &err);
+    }
+    if (status == LW_OK) {
+        r->tries = r->rounds = 0;
+        r->retry_ns = 0;
+        return;
+    }
+    tell_failure(r, &err);
+    lw_relay_upstream_destroy(up);
+    try_next(r);
+}
+
+/* The channels that clients take, and those that they took not long ago. With none, the one that there is:
+ * what joins finds light. */
+static uint32_t choose_channels(struct lw_relay *r, uint64_t now_ns) {
+    const uint32_t taken = r->server ? lw_server_channels_taken(r->server) : 0;
+    uint32_t channels = taken;
+    for (uint32_t c = 0; c < LW_LIGHT_FORM_COUNT; c++) {
+        if (taken >> c & 1) r->taken_ns[c] = now_ns;
+        if (r->feed[c] && r->taken_ns[c] && now_ns - r->taken_ns[c] < LW_RELAY_CHANNEL_LINGERS_MS * MS_NS)
+            channels |= lw_tile_channel_bit(c);
+    }
+    if (channels) return channels;
+    for (uint32_t c = 0; c < LW_LIGHT_FORM_COUNT; c++)
+        if (r->feed[c]) return lw_tile_channel_bit(c);
+    return lw_tile_channel_bit(r->main_channel);
+}
+
+static void follow_channels(struct lw_relay *r) {
+    const uint64_t now_ns = lw_clock_ns();
+    if (r->newcomer || r->has_next) return;
+    if (!r->has_scene) {
+        if (now_ns >= r->retry_ns) connect_feed(r, true);
+        return;
+    }
+    const uint32_t channels = choose_channels(r, now_ns);
+    for (uint32_t c = 0; c < LW_LIGHT_FORM_COUNT && !r->newcomer; c++) {
+        if (r->feed[c] && !(channels >> c & 1)) drop(r, &r->feed[c]);
+        if (!r->feed[c] && channels >> c & 1 && lw_clock_ns() >= r->retry_ns)
+            connect_feed(r, c == LW_LIGHT_FORM_SPLIT);
+    }
+}
+
+/* ---- interest ---- */
+
+static void follow_interest(struct lw_relay *r) {
+    struct lw_server_interest interest;
+    if (!r->server || !lw_server_take_interest(r->server, &interest)) return;
+    free(interest.levels);
+    free(r->tile);
+    r->everything = interest.everything;
+    r->tile = interest.tile;
+    r->tile_count = interest.tile_count;
+    r->stats.wants_everything = r->everything || r->tile_count > LW_MESSAGE_INTEREST_MAX;
+    r->stats.interest_tiles = r->tile_count;
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
+        if (r->feed[c] && lw_relay_upstream_want(r->feed[c], r->everything, r->tile, r->tile_count) != LW_OK)
+            lw_log(LW_LOG_WARNING, "out of memory for what clients want: they get what was wanted before");
+}
+
+/* ---- updates ---- */
+
+static void answer_busy(struct lw_relay *r, uint64_t number, const char *text) {
+    if (r->server)
+        (void)lw_server_answer_passed(
+            r->server, number, &(struct lw_message_updated){.code = LW_SCENE_CHANGE_BUSY, .text = text});
+}
+
+/* Those that were sent may have been made; those that were not, were not. */
+static void end_control(struct control *c, const char *why) {
+    struct lw_relay *r = c->relay;
+    for (size_t i = 0; i < c->sent_count; i++)
+        if (r->server) lw_server_lose_passed(r->server, c->sent[i]);
+    for (size_t i = 0; i < c->waiting_count; i++) {
+        answer_busy(r, c->waiting[i].number, why);
+        free(c->waiting[i].change);
+    }
+    c->sent_count = c->waiting_count = 0;
+    lw_relay_upstream_destroy(c->up);
+    c->up = NULL;
+}
+
+static void free_control(struct control *c) {
+    end_control(c, "");
+    free(c->waiting);
+    free(c->sent);
+    *c = (struct control){0};
+}
+
+static void on_answered(void *context, const struct lw_message_updated *updated) {
+    struct control *c = context;
+    for (size_t i = 0; i < c->sent_count; i++) {
+        if (c->sent[i] != updated->request) continue;
+        memmove(c->sent + i, c->sent + i + 1, (--c->sent_count - i) * sizeof *c->sent);
+        if (!c->relay->server) return;
+        if (!lw_server_answer_passed(c->relay->server, updated->request, updated))
+            lw_server_lose_passed(c->relay->server, updated->request);
+        return;
+    }
+}
+
+static struct control *find_control(struct lw_relay *r, const struct lw_passed_update *update) {
+    struct control *unused = NULL;
+    for (struct control *c = r->control; c < r->control + LW_RELAY_CONTROLS_MAX; c++) {
+        if (!c->is_used && !unused) unused = c;
+        if (c->is_used && c->has_token == update->has_token &&
+            (!c->has_token || !memcmp(c->token.bytes, update->token.bytes, sizeof c->token.bytes)))
+            return c;
+    }
+    if (unused)
+        *unused = (struct control){
+            .relay = r, .is_used = true, .has_token = update->has_token, .token = update->token};
+    return unused;
+}
+
+static bool make_room(void **array, size_t *capacity, size_t count, size_t size) {
+    if (count < *capacity) return true;
+    const size_t grown_capacity = *capacity ? 2 * *capacity : 16;
+    void *grown = realloc(*array, grown_capacity * size);
+    if (!grown) return false;
+    *array = grown;
+    *capacity = grown_capacity;
+    return true;
+}
+
+static void take_updates(struct lw_relay *r) {
+    struct lw_passed_update update;
+    while (r->server && lw_server_take_passed(r->server, &update)) {
+        struct control *c = find_control(r, &update);
+        if (!c ||
+            !make_room((void **)&c->waiting, &c->waiting_capacity, c->waiting_count, sizeof *c->waiting) ||
+            !make_room((void **)&c->sent, &c->sent_capacity, c->sent_count + c->waiting_count,
+                       sizeof *c->sent)) {
+            answer_busy(r, update.number,
+                        c ? "out of memory: nothing was changed"
+                          : "too many tokens change the scene at once: nothing was changed");
+            free(update.change);
+            continue;
+        }
+        c->waiting[c->waiting_count++] = update;
+        r->stats.updates_passed++;
+    }
+}
+
+static void connect_control(struct lw_relay *r, struct control *c) {
+    struct lw_error err = {0};
+    const bool own = !c->has_token && r->access.has_token;
+    const struct lw_relay_upstream_desc desc = {.host = r->upstream[r->at].host,
+                                                .port = r->upstream[r->at].port,
+                                                .token = c->has_token ? &c->token
+                                                         : own        ? &r->access.token
+                                                                      : NULL,
+                                                .trust = r->trust,
+                                                .timeout_ms = r->timeout_ms,
+                                                .relay = r->number,
+                                                .control = true};
+    struct lw_relay_upstream *up = NULL;
+    pthread_mutex_unlock(&r->mutex);
+    const enum lw_status status = lw_relay_upstream_create(&desc, &up, &err);
+    pthread_mutex_lock(&r->mutex);
+    c->up = up;
+    if (status == LW_OK) {
+        lw_relay_upstream_set_answered(up, on_answered, c);
+        return;
+    }
+    c->retry_ns = lw_clock_ns() + CONTROL_RETRY_NS;
+    char text[LW_MESSAGE_TEXT_MAX + 1];
+    snprintf(text, sizeof text, "nothing was changed: the server above: %.200s", err.text);
+    end_control(c, text);
+}
+
+static enum lw_status send_updates(struct control *c, struct lw_error *err) {
+    size_t done = 0;
+    enum lw_status status = LW_OK;
+    for (bool sent = true; status == LW_OK && sent && done < c->waiting_count;) {
+        struct lw_passed_update *update = &c->waiting[done];
+        status =
+            lw_relay_upstream_update(c->up, update->number, update->change, update->change_count, &sent, err);
+        if (status != LW_OK || !sent) break;
+        LW_INVARIANT(c->sent_count < c->sent_capacity);
+        c->sent[c->sent_count++] = update->number;
+        free(update->change);
+        done++;
+    }
+    c->waiting_count -= done;
+    memmove(c->waiting, c->waiting + done, c->waiting_count * sizeof *c->waiting);
+    return status;
+}
+
+static void serve_control(struct lw_relay *r, struct control *c) {
+    struct lw_error err = {0};
+    const uint64_t now_ns = lw_clock_ns();
+    if (!c->is_used) return;
+    if (c->waiting_count || c->sent_count) c->used_ns = now_ns;
+    if (!c->up && c->waiting_count && now_ns < c->retry_ns) {
+        end_control(c, "nothing was changed: there is no server above now");
+        return;
+    }
+    if (!c->up && c->waiting_count) connect_control(r, c);
+    if (!c->up) {
+        if (now_ns - c->used_ns > CONTROL_IDLE_NS) free_control(c);
+        return;
+    }
+    enum lw_status status = send_updates(c, &err);
+    if (status == LW_OK) status = lw_relay_upstream_take(c->up, &err);
+    if (status != LW_OK)
+        end_control(c, "nothing was changed: the server above is gone");
+    else if (now_ns - c->used_ns > CONTROL_IDLE_NS)
+        free_control(c);
+}
+
+/* ---- light ---- */
+
+static void take_newcomer(struct lw_relay *r) {
+    struct lw_error err = {0};
+    if (!r->newcomer) return;
+    if (lw_relay_upstream_take(r->newcomer, &err) != LW_OK) {
+        lw_log(LW_LOG_WARNING, "%s", err.text);
+        const uint32_t retry_after_ms = lw_relay_upstream_retry_after_ms(r->newcomer);
+        drop(r, &r->newcomer); /* if its scene is complete that waits all the same */
+        note_lost(r, retry_after_ms);
+        return;
+    }
+    if (r->has_next || !lw_relay_upstream_light(r->newcomer) || !lw_relay_upstream_has_finishes(r->newcomer))
+        return;
+    lw_relay_upstream_give(r->newcomer, &r->next);
+    r->has_next = true;
+    pthread_cond_broadcast(&r->changed);
+    if (r->server) lw_server_relay(r->server);
+}
+
+static void take_feeds(struct lw_relay *r) {
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) {
+        struct lw_error err = {0};
+        if (!r->feed[c] || lw_relay_upstream_take(r->feed[c], &err) == LW_OK) continue;
+        const uint32_t retry_after_ms = lw_relay_upstream_retry_after_ms(r->feed[c]);
+        lw_log(LW_LOG_WARNING, "%s; clients keep the light that they have", err.text);
+        drop(r, &r->feed[c]);
+        note_lost(r, retry_after_ms);
+    }
+}
+
+static void publish(struct lw_relay *r) {
+    struct lw_snapshot *snapshot;
+    if (!r->server) return;
+    const enum lw_relay_light_news news = lw_relay_light_news(r->scene.light);
+    const uint64_t now_ns = lw_clock_ns();
+    if (news == LW_RELAY_LIGHT_SOME && !r->some_ns) r->some_ns = now_ns;
+    if (!r->owes && (news == LW_RELAY_LIGHT_NOTHING ||
+                     (news == LW_RELAY_LIGHT_SOME && now_ns - r->some_ns < LW_RELAY_HOLD_MS * MS_NS)))
+        return;
+    if (lw_relay_light_snapshot(r->scene.light, &snapshot) != LW_OK) {
+        if (!r->told_memory)
+            lw_log(LW_LOG_WARNING, "out of memory for new light: clients keep what they have");
+        r->told_memory = true;
+        return;
+    }
+    r->told_memory = false;
+    r->some_ns = 0;
+    if (!snapshot) return;
+    r->owes = false;
+    r->stats.snapshots++;
+    r->stats.frame = snapshot->frame;
+    r->stats.has_light = true;
+    lw_server_publish(r->server, snapshot);
+    lw_snapshot_unref(snapshot);
+}
+
+/* ---- the thread ---- */
+
+/* How long nothing is due, ms. */
+static int time_left(const struct lw_relay *r) {
+    const uint64_t now_ns = lw_clock_ns();
+    bool soon = !has_feed(r) && !r->newcomer;
+    if (r->some_ns) return LW_RELAY_HOLD_MS;
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
+        soon |= r->feed[c] && lw_relay_upstream_is_waiting(r->feed[c]);
+    for (const struct control *c = r->control; c < r->control + LW_RELAY_CONTROLS_MAX; c++)
+        soon |= c->waiting_count > 0;
+    if (!soon) return REST_MS;
+    if (r->retry_ns <= now_ns) return SOON_MS;
+    const uint64_t left_ms = (r->retry_ns - now_ns) / MS_NS + 1;
+    return left_ms < SOON_MS ? (int)left_ms : SOON_MS;
+}
+
+static void add_poll(struct pollfd *polled, nfds_t *count, const struct lw_relay_upstream *up) {
+    if (!up) return;
+    short events;
+    const int descriptor = lw_relay_upstream_descriptor(up, &events);
+    polled[(*count)++] = (struct pollfd){.fd = descriptor, .events = events};
+}
+
+/* Without the mutex while it waits. */
+static void wait_for_any(struct lw_relay *r) {
+    struct pollfd polled[2 + LW_TILE_CHANNELS_MAX + LW_RELAY_CONTROLS_MAX];
+    nfds_t count = 0;
+    uint64_t told;
+    polled[count++] = (struct pollfd){.fd = r->wake, .events = POLLIN};
+    add_poll(polled, &count, r->newcomer);
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) add_poll(polled, &count, r->feed[c]);
+    for (uint32_t c = 0; c < LW_RELAY_CONTROLS_MAX; c++) add_poll(polled, &count, r->control[c].up);
+    const int left_ms = time_left(r);
+    pthread_mutex_unlock(&r->mutex);
+    (void)poll(polled, count, left_ms);
+    if (polled[0].revents & POLLIN) (void)!read(r->wake, &told, sizeof told);
+    pthread_mutex_lock(&r->mutex);
+}
+
+static void tell_stats(struct lw_relay *r) {
+    struct lw_relay_stats stats = r->stats;
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
+        if (r->feed[c]) add_received(&stats, r->feed[c]);
+    if (r->newcomer) add_received(&stats, r->newcomer);
+    stats.cpu_ns = lw_clock_read_ns(CLOCK_THREAD_CPUTIME_ID);
+    pthread_mutex_lock(&r->told_mutex);
+    r->told = stats;
+    r->told_lost_at_ns = r->lost_at_ns;
+    pthread_mutex_unlock(&r->told_mutex);
+}
+
+static void *run(void *context) {
+    struct lw_relay *r = context;
+    pthread_mutex_lock(&r->mutex);
+    while (!r->stopping) {
+        follow_channels(r);
+        take_newcomer(r);
+        take_feeds(r);
+        follow_interest(r);
+        take_updates(r);
+        for (uint32_t c = 0; c < LW_RELAY_CONTROLS_MAX; c++) serve_control(r, &r->control[c]);
+        publish(r);
+        tell_stats(r);
+        wait_for_any(r);
+    }
+    for (uint32_t c = 0; c < LW_RELAY_CONTROLS_MAX; c++) free_control(&r->control[c]);
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) drop(r, &r->feed[c]);
+    drop(r, &r->newcomer);
+    pthread_mutex_unlock(&r->mutex);
+    return NULL;
+}
+
+/* ---- for main() ---- */
+
+static void free_relay(struct lw_relay *r) {
+    lw_relay_scene_finish(&r->scene);
+    lw_relay_scene_finish(&r->next);
+    lw_tls_trust_unref(r->trust);
+    if (r->wake >= 0) close(r->wake);
+    free(r->tile);
+    free(r);
+}
+
+static enum lw_status start(struct lw_relay *r, struct lw_error *err) {
+    pthread_condattr_t attributes;
+    if (getrandom(&r->number, sizeof r->number, 0) != (ssize_t)sizeof r->number)
+        return lw_status_fail(err, LW_OS, "no random number: %s", strerror(errno));
+    r->number += !r->number; /* 0 is no relay */
+    r->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+    if (r->wake < 0) return lw_status_fail(err, LW_OS, "eventfd: %s", strerror(errno));
+    pthread_mutex_init(&r->mutex, NULL); /* glibc's initialisers cannot fail */
+    pthread_mutex_init(&r->told_mutex, NULL);
+    pthread_condattr_init(&attributes);
+    pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
+    pthread_cond_init(&r->changed, &attributes);
+    pthread_condattr_destroy(&attributes);
+    if (pthread_create(&r->thread, NULL, run, r) == 0) return LW_OK;
+    pthread_cond_destroy(&r->changed);
+    pthread_mutex_destroy(&r->told_mutex);
+    pthread_mutex_destroy(&r->mutex);
+    return lw_status_fail(err, LW_OS, "cannot start a thread");
+}
+
+enum lw_status lw_relay_create(const struct lw_relay_desc *desc, struct lw_relay **out_relay,
+                               struct lw_error *err) {
+    LW_INVARIANT(desc->upstream_count - 1 < LW_RELAY_UPSTREAMS_MAX);
+    struct lw_relay *r = calloc(1, sizeof *r);
+    if (!r) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    memcpy(r->upstream, desc->upstream, desc->upstream_count * sizeof *r->upstream);
+    r->upstream_count = desc->upstream_count;
+    r->access = *desc->access;
+    r->cache_folder = desc->cache_folder;
+    r->timeout_ms = desc->timeout_ms ? desc->timeout_ms : TIMEOUT_DEFAULT_MS;
+    r->wake = -1;
+    r->main_channel = LW_LIGHT_FORM_FULL;
+    enum lw_status status = lw_tls_trust_create(&desc->access->tls, &r->trust, err);
+    if (status == LW_OK) status = start(r, err);
+    if (status == LW_OK)
+        *out_relay = r;
+    else
+        free_relay(r);
+    return status;
+}
+
+void lw_relay_destroy(struct lw_relay *r) {
+    if (!r) return;
+    r->stopping = true;
+    lw_relay_wake(r);
+    pthread_join(r->thread, NULL);
+    pthread_cond_destroy(&r->changed);
+    pthread_mutex_destroy(&r->told_mutex);
+    pthread_mutex_destroy(&r->mutex);
+    free_relay(r);
+}
+
+uint64_t lw_relay_number(const struct lw_relay *r) { return r->number; }
+const struct lw_waiting *lw_relay_waiting(const struct lw_relay *r) { return &r->waiting; }
+bool lw_relay_has_next(const struct lw_relay *r) { return r->has_next; }
+
+/* The session that brought it feeds it from now on. */
+static void adopt_next(struct lw_relay *r) {
+    LW_INVARIANT(!r->server && !has_feed(r)); /* dropped when the newcomer came */
+    lw_relay_scene_finish(&r->scene);
+    r->scene = r->next;
+    r->next = (struct lw_relay_scene){0};
+    r->has_scene = true;
+    r->has_next = false;
+    r->stats.has_light = false;
+    r->waiting = (struct lw_waiting){0};
+    r->some_ns = 0;
+    free(r->tile);
+    r->tile = NULL;
+    r->tile_count = 0;
+    r->everything = false;
+    if (!r->newcomer) return;
+    r->main_channel = lw_relay_upstream_channel(r->newcomer);
+    r->feed[r->main_channel] = r->newcomer;
+    lw_relay_upstream_set_waiting(r->newcomer, &r->waiting);
+    r->newcomer = NULL;
+    note_connected(r);
+}
+
+const struct lw_relay_scene *lw_relay_next_scene(struct lw_relay *r, unsigned timeout_ms) {
+    struct timespec until;
+    clock_gettime(CLOCK_MONOTONIC, &until);
+    until.tv_sec += timeout_ms / 1000;
+    until.tv_nsec += (long)(timeout_ms % 1000) * 1000000;
+    if (until.tv_nsec >= 1000000000) {
+        until.tv_nsec -= 1000000000;
+        until.tv_sec++;
+    }
+    pthread_mutex_lock(&r->mutex);
+    int waited = 0;
+    while (!r->has_next && waited == 0) waited = pthread_cond_timedwait(&r->changed, &r->mutex, &until);
+    const bool has = r->has_next;
+    if (has) adopt_next(r);
+    pthread_mutex_unlock(&r->mutex);
+    return has ? &r->scene : NULL;
+}
+
+void lw_relay_serve(struct lw_relay *r, struct lw_server *server) {
+    pthread_mutex_lock(&r->mutex);
+    LW_INVARIANT(!r->server && r->has_scene);
+    r->server = server;
+    r->owes = true;
+    lw_server_set_relays_above(server, r->above, r->above_count);
+    if (r->has_next) lw_server_relay(server);
+    pthread_mutex_unlock(&r->mutex);
+    lw_relay_wake(r);
+}
+
+void lw_relay_leave(struct lw_relay *r) {
+    pthread_mutex_lock(&r->mutex);
+    for (uint32_t c = 0; c < LW_RELAY_CONTROLS_MAX; c++) { /* numbers of updates are the server's */
+        for (size_t i = 0; i < r->control[c].waiting_count; i++) free(r->control[c].waiting[i].change);
+        r->control[c].waiting_count = r->control[c].sent_count = 0;
+        lw_relay_upstream_destroy(r->control[c].up);
+        r->control[c].up = NULL;
+    }
+    r->server = NULL;
+    pthread_mutex_unlock(&r->mutex);
+}
+
+void lw_relay_wake(struct lw_relay *r) {
+    const uint64_t one = 1;
+    (void)!write(r->wake, &one, sizeof one); /* full: it is awake already */
+}
+
+uint32_t lw_relay_above(struct lw_relay *r, uint64_t out_above[LW_MESSAGE_RELAYS_MAX]) {
+    pthread_mutex_lock(&r->mutex);
+    const uint32_t count = r->above_count;
+    memcpy(out_above, r->above, count * sizeof *out_above);
+    pthread_mutex_unlock(&r->mutex);
+    return count;
+}
+
+void lw_relay_get_stats(struct lw_relay *r, struct lw_relay_stats *out_stats) {
+    pthread_mutex_lock(&r->told_mutex);
+    *out_stats = r->told;
+    out_stats->lost_ns = r->told_lost_at_ns ? lw_clock_ns() - r->told_lost_at_ns : 0;
+    pthread_mutex_unlock(&r->told_mutex);
+}

@@ -1,0 +1,475 @@
+#include "relay/relay_light.h"
+
+#include "common/invariant.h"
+#include "common/scene/package.h"
+#include "common/scene/pose.h"
+#include "common/tile/tile_codec.h"
+#include "server/publish/frame_message.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define SCALE_MAX 0x1p60f /* of codec 4 */
+
+struct tile {
+    uint64_t version; /* 0: none */
+    uint32_t codec;
+    struct lw_blob *whole;
+    uint64_t base; /* that `delta` builds on */
+    struct lw_blob *delta;
+    uint64_t published; /* the version in the last snapshot; 0: none */
+    struct lw_blob *published_whole;
+};
+
+/* What the session of a channel has said. */
+struct feed {
+    bool is_open, follows; /* follows: more parts of the frame may come */
+    uint64_t frame, settled;
+    struct lw_message_frame header; /* of that frame, without lists */
+    struct lw_pose pose;
+    bool has_pose;
+    struct tile *tile; /* by tile id; NULL before the first session */
+    uint32_t coarsest_missing;
+};
+
+struct lw_relay_light {
+    struct lw_scene *scene;
+    struct lw_atlas_map map;
+    bool has_map;
+    struct lw_tile_codec *codec;
+    struct feed feed[LW_TILE_CHANNELS_MAX];
+    bool changed, completed; /* since the last snapshot: anything came; a SETTLED came */
+    uint64_t frame;          /* of the last snapshot; 0: there was none */
+    uint64_t previous_frame; /* of the one of an earlier frame */
+    double time_s;           /* of the last snapshot */
+    struct lw_pose pose;     /* as of the last snapshot */
+    bool has_pose;
+    struct lw_blob *frame_delta, *frame_full, *settled; /* of the last snapshot */
+    uint8_t *payload;                                   /* lw_tile_codec_bound() */
+    float texels[LW_TILE_TEXELS_MAX * LW_TILE_CHANNEL_PLANES_MAX];
+};
+
+/* ---- create ---- */
+
+static enum lw_status complete(struct lw_relay_light *light) {
+    enum lw_status status = lw_atlas_map_init(&light->map, light->scene);
+    light->has_map = status == LW_OK;
+    if (status == LW_OK) status = lw_tile_codec_create(&light->codec);
+    if (status == LW_OK && !(light->payload = malloc(lw_tile_codec_bound()))) status = LW_NO_MEMORY;
+    if (status == LW_OK) {
+        status = lw_pose_init(&light->pose, light->scene);
+        light->has_pose = status == LW_OK;
+    }
+    return status;
+}
+
+enum lw_status lw_relay_light_create(const uint8_t *package, size_t size, struct lw_relay_light **out_light,
+                                     struct lw_error *err) {
+    struct lw_relay_light *light = calloc(1, sizeof *light);
+    if (!light) return lw_status_fail(err, LW_NO_MEMORY, "scene package: out of memory");
+    enum lw_status status = lw_package_read(package, size, &light->scene, err);
+    if (status == LW_OK && (status = complete(light)) != LW_OK)
+        lw_status_fail(err, status, "scene package: %s", lw_status_text(status));
+    if (status == LW_OK)
+        *out_light = light;
+    else
+        lw_relay_light_destroy(light);
+    return status;
+}
+
+static void finish_feed(const struct lw_relay_light *light, struct feed *feed) {
+    for (uint32_t t = 0; feed->tile && t < light->map.tile_count; t++) {
+        lw_blob_unref(feed->tile[t].whole);
+        lw_blob_unref(feed->tile[t].delta);
+        lw_blob_unref(feed->tile[t].published_whole);
+    }
+    free(feed->tile);
+    if (feed->has_pose) lw_pose_finish(&feed->pose);
+}
+
+void lw_relay_light_destroy(struct lw_relay_light *light) {
+    if (!light) return;
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) finish_feed(light, &light->feed[c]);
+    lw_blob_unref(light->frame_delta);
+    lw_blob_unref(light->frame_full);
+    lw_blob_unref(light->settled);
+    if (light->has_pose) lw_pose_finish(&light->pose);
+    free(light->payload);
+    lw_tile_codec_destroy(light->codec);
+    if (light->has_map) lw_atlas_map_finish(&light->map);
+    lw_scene_destroy(light->scene);
+    free(light);
+}
+
+const struct lw_scene *lw_relay_light_scene(const struct lw_relay_light *light) { return light->scene; }
+const struct lw_atlas_map *lw_relay_light_map(const struct lw_relay_light *light) { return &light->map; }
+
+/* ---- sessions ---- */
+
+static bool is_coarsest(const struct lw_atlas_map *map, uint32_t tile) {
+    return map->place[tile].level + 1 == map->atlas[map->place[tile].object].level_count;
+}
+
+void lw_relay_light_begin(struct lw_relay_light *light, uint32_t channel) {
+    struct feed *feed = &light->feed[channel];
+    LW_INVARIANT(channel < LW_TILE_CHANNELS_MAX && !feed->is_open);
+    feed->is_open = true;
+    feed->follows = false;
+    feed->frame = feed->settled = 0;
+}
+
+void lw_relay_light_end(struct lw_relay_light *light, uint32_t channel) {
+    light->feed[channel].is_open = false;
+}
+
+/* What a channel needs, with its first FRAME. */
+static enum lw_status make_room(const struct lw_relay_light *light, struct feed *feed) {
+    if (!feed->has_pose) {
+        if (lw_pose_init(&feed->pose, light->scene) != LW_OK) return LW_NO_MEMORY;
+        feed->has_pose = true;
+    }
+    if (feed->tile) return LW_OK;
+    if (!(feed->tile = calloc((size_t)light->map.tile_count + 1, sizeof *feed->tile))) return LW_NO_MEMORY;
+    for (uint32_t t = 0; t < light->map.tile_count; t++)
+        feed->coarsest_missing += is_coarsest(&light->map, t);
+    return LW_OK;
+}
+
+static enum lw_status no_such(struct lw_error *err, const char *what, uint32_t number, uint32_t count) {
+    return lw_status_fail(err, LW_PROTOCOL, "message FRAME: %s %" PRIu32 " of %" PRIu32, what, number, count);
+}
+
+/* The first `spares` of them are. */
+static enum lw_status set_hidden(const struct lw_scene *scene, struct lw_pose *pose, const uint32_t *object,
+                                 size_t count, size_t spares, bool hidden, struct lw_error *err) {
+    for (size_t i = 0; i < count; i++) {
+        if (object[i] >= scene->object_count)
+            return no_such(err, hidden ? "hidden_object" : "shown_object", object[i], scene->object_count);
+        pose->object_hidden[object[i]] = hidden;
+        pose->object_spare[object[i]] = i < spares;
+    }
+    return LW_OK;
+}
+
+static enum lw_status set_pose(const struct lw_scene *scene, const struct lw_message_frame *frame,
+                               struct lw_pose *pose, struct lw_error *err) {
+    for (size_t i = 0; i < frame->transform_count; i++) {
+        const struct lw_message_transform *transform = &frame->transform[i];
+        if (transform->object >= scene->object_count)
+            return no_such(err, "transform_object", transform->object, scene->object_count);
+        pose->object_to_world[transform->object] = transform->object_to_world;
+    }
+    for (size_t i = 0; i < frame->light_count; i++) {
+        const struct lw_message_light *light = &frame->light[i];
+        if (light->light >= scene->light_count)
+            return no_such(err, "light", light->light, scene->light_count);
+        pose->light[light->light] =
+            (struct lw_light_state){light->position_ws, light->direction_ws, light->intensity};
+    }
+    for (size_t i = 0; i < frame->material_count; i++) {
+        const struct lw_message_material *m = &frame->material[i];
+        if (m->material >= scene->material_count)
+            return no_such(err, "material", m->material, scene->material_count);
+        memcpy(pose->material[m->material].base_colour, m->base_colour, sizeof m->base_colour);
+        memcpy(pose->material[m->material].emission, m->emission, sizeof m->emission);
+    }
+    enum lw_status status =
+        set_hidden(scene, pose, frame->hidden, frame->hidden_count, frame->spare_count, true, err);
+    return status == LW_OK ? set_hidden(scene, pose, frame->shown, frame->shown_count, 0, false, err)
+                           : status;
+}
+
+/* Whether another message may carry on with the lists of this one. */
+static bool is_full(const struct lw_message_frame *frame) {
+    return frame->transform_count == LW_MESSAGE_TRANSFORMS_MAX ||
+           frame->light_count == LW_MESSAGE_LIGHTS_MAX || frame->material_count == LW_MESSAGE_MATERIALS_MAX ||
+           frame->hidden_count == LW_MESSAGE_VISIBLE_MAX || frame->shown_count == LW_MESSAGE_VISIBLE_MAX;
+}
+
+enum lw_status lw_relay_light_take_frame(struct lw_relay_light *light, uint32_t channel,
+                                         const struct lw_message_frame *frame, struct lw_error *err) {
+    struct feed *feed = &light->feed[channel];
+    LW_INVARIANT(feed->is_open);
+    if (!frame->frame || frame->frame < feed->frame || (frame->frame == feed->frame && !feed->follows))
+        return lw_status_fail(err, LW_PROTOCOL, "message FRAME: number %" PRIu64 " after %" PRIu64,
+                              frame->frame, feed->frame);
+    if (frame->frame > UINT64_MAX / 2)
+        return lw_status_fail(err, LW_PROTOCOL, "message FRAME: numbers have come to their end");
+    if (make_room(light, feed) != LW_OK)
+        return lw_status_fail(err, LW_NO_MEMORY, "message FRAME: out of memory");
+    enum lw_status status = set_pose(light->scene, frame, &feed->pose, err);
+    if (status != LW_OK) return status;
+    feed->frame = frame->frame;
+    feed->header = (struct lw_message_frame){.frame = frame->frame,
+                                             .time_s = frame->time_s,
+                                             .solve_ns = frame->solve_ns,
+                                             .rays_total = frame->rays_total,
+                                             .tiles_solved = frame->tiles_solved,
+                                             .server_cpu_ns = frame->server_cpu_ns};
+    memcpy(feed->header.sky, frame->sky, sizeof frame->sky);
+    feed->follows = is_full(frame);
+    light->changed = true;
+    return LW_OK;
+}
+
+/* ---- tiles ---- */
+
+static enum lw_status bad_tile(struct lw_error *err, const struct lw_message_tile *t, const char *why) {
+    return lw_status_fail(err, LW_PROTOCOL,
+                          "message TILE: object %" PRIu32 ", level %" PRIu32 ", tile %" PRIu32 ": %s",
+                          t->object, t->level, t->tile, why);
+}
+
+/* The payload of the blob of a whole tile. */
+static enum lw_status read_whole(const struct lw_blob *blob, struct lw_message *out_message) {
+    const enum lw_status status = lw_message_decode_whole(blob->bytes, blob->size, out_message);
+    LW_INVARIANT(status != LW_OK || (out_message->type == LW_MESSAGE_TILE && !out_message->tile.base));
+    return status;
+}
+
+/* What the tile is, for who has no version of it. */
+static enum lw_status make_whole(struct lw_relay_light *light, const struct lw_tile_channel *channel,
+                                 const struct tile *known, const struct lw_message_tile *t,
+                                 const struct lw_tile_place *place, struct lw_blob **out_blob) {
+    struct lw_message whole = {.type = LW_MESSAGE_TILE, .tile = *t}, base;
+    if (!t->base) {
+        const enum lw_status status =
+            lw_tile_codec_decode(light->codec, channel, t->codec, t->payload, t->payload_size, t->scale,
+                                 place->width, place->height, NULL, light->texels);
+        return status == LW_OK ? lw_blob_from_message(&whole, out_blob) : status;
+    }
+    if (!(t->scale > 0 && t->scale <= SCALE_MAX)) return LW_BAD_DATA;
+    enum lw_status status = read_whole(known->whole, &base);
+    if (status != LW_OK) return status;
+    status = lw_tile_codec_encode_sum(light->codec, channel, base.tile.payload, base.tile.payload_size,
+                                      t->payload, t->payload_size, place->width, place->height,
+                                      light->payload, lw_tile_codec_bound(), &whole.tile.payload_size);
+    lw_message_finish(&base);
+    whole.tile.base = 0;
+    whole.tile.payload = light->payload;
+    return status == LW_OK ? lw_blob_from_message(&whole, out_blob) : status;
+}
+
+static enum lw_status store(struct lw_relay_light *light, uint32_t channel, uint32_t id,
+                            const struct lw_message_tile *t, struct lw_error *err) {
+    struct feed *feed = &light->feed[channel];
+    struct tile *known = &feed->tile[id];
+    struct lw_blob *whole = NULL, *delta = NULL;
+    enum lw_status status =
+        make_whole(light, lw_tile_channel_at(channel), known, t, &light->map.place[id], &whole);
+    if (status == LW_OK && t->base)
+        status = lw_blob_from_message(&(struct lw_message){.type = LW_MESSAGE_TILE, .tile = *t}, &delta);
+    if (status != LW_OK) {
+        lw_blob_unref(whole);
+        return status == LW_NO_MEMORY ? lw_status_fail(err, status, "message TILE: out of memory")
+                                      : bad_tile(err, t, "the payload is damaged");
+    }
+    if (!known->version && is_coarsest(&light->map, id)) {
+        LW_INVARIANT(feed->coarsest_missing > 0);
+        feed->coarsest_missing--;
+    }
+    lw_blob_unref(known->whole);
+    lw_blob_unref(known->delta);
+    LW_INVARIANT(t->version > known->version && (!t->base || t->base == known->version));
+    known->version = t->version;
+    known->codec = t->codec;
+    known->whole = whole;
+    known->base = t->base;
+    known->delta = delta;
+    feed->settled = 0; /* another SETTLED follows */
+    light->changed = true;
+    return LW_OK;
+}
+
+enum lw_status lw_relay_light_take_tile(struct lw_relay_light *light, uint32_t channel,
+                                        const struct lw_message_tile *t, struct lw_error *err) {
+    struct feed *feed = &light->feed[channel];
+    LW_INVARIANT(feed->is_open);
+    if (!feed->frame) return lw_status_fail(err, LW_PROTOCOL, "message TILE: out of order");
+    feed->follows = false;
+    const uint32_t id = lw_atlas_map_find_tile(&light->map, t->object, t->level, t->tile).v;
+    if (id == UINT32_MAX) return bad_tile(err, t, "it does not exist");
+    if (t->layer >= lw_tile_channels()->count) return LW_OK;
+    if (t->layer != channel) return bad_tile(err, t, "it is of another layer than the session gets");
+    if (t->version > lw_snapshot_version(feed->frame))
+        return bad_tile(err, t, "its version is over twice the number of the frame");
+    if (!lw_tile_codec_is_known(t->codec)) return bad_tile(err, t, "its codec is unknown");
+    const struct tile *known = &feed->tile[id];
+    if (t->version <= known->version) return LW_OK;
+    if (t->base &&
+        (t->base != known->version || known->codec != LW_TILE_CODEC_DCT || t->codec != LW_TILE_CODEC_DCT))
+        return bad_tile(err, t, "it builds on a version that is not here");
+    return store(light, channel, id, t, err);
+}
+
+enum lw_status lw_relay_light_take_settled(struct lw_relay_light *light, uint32_t channel, uint64_t frame,
+                                           struct lw_error *err) {
+    struct feed *feed = &light->feed[channel];
+    LW_INVARIANT(feed->is_open);
+    if (!feed->frame || frame != feed->frame)
+        return lw_status_fail(err, LW_PROTOCOL, "message SETTLED: out of order");
+    feed->follows = false;
+    if (feed->settled == frame && !light->changed) return LW_OK;
+    feed->settled = frame;
+    light->changed = light->completed = true;
+    return LW_OK;
+}
+
+uint64_t lw_relay_light_version(const struct lw_relay_light *light, uint32_t channel, lw_tile_id tile) {
+    const struct feed *feed = &light->feed[channel];
+    LW_INVARIANT(tile.v < light->map.tile_count);
+    return feed->tile ? feed->tile[tile.v].version : 0;
+}
+
+uint64_t lw_relay_light_frame(const struct lw_relay_light *light, uint32_t channel) {
+    return light->feed[channel].frame;
+}
+
+bool lw_relay_light_has_first(const struct lw_relay_light *light, uint32_t channel) {
+    const struct feed *feed = &light->feed[channel];
+    return feed->tile && feed->frame && !feed->coarsest_missing;
+}
+
+/* ---- snapshots ---- */
+
+static bool has_light(const struct feed *feed) {
+    return feed->frame && feed->tile && !feed->coarsest_missing;
+}
+
+static bool is_shown(const struct feed *feed) { return feed->is_open && has_light(feed); }
+
+static bool is_cut_off(const struct lw_relay_light *light) {
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
+        if (light->feed[c].is_open) return false;
+    return true;
+}
+
+/* The session that is furthest; NULL: none has a whole frame, or none has light. */
+static const struct feed *find_newest(const struct lw_relay_light *light) {
+    const struct feed *newest = NULL;
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) {
+        const struct feed *feed = &light->feed[c];
+        if (!is_shown(feed)) continue;
+        if (feed->follows) return NULL; /* its next message says more */
+        if (!newest || feed->frame > newest->frame) newest = feed;
+    }
+    return newest;
+}
+
+enum lw_relay_light_news lw_relay_light_news(const struct lw_relay_light *light) {
+    const struct feed *newest = light->changed ? find_newest(light) : NULL;
+    if (!newest || newest->frame < light->frame) return LW_RELAY_LIGHT_NOTHING;
+    return light->completed ? LW_RELAY_LIGHT_ALL : LW_RELAY_LIGHT_SOME;
+}
+
+static void keep_blob(struct lw_blob **kept, struct lw_blob *blob) {
+    lw_blob_unref(*kept);
+    *kept = blob;
+}
+
+/* The messages of a newer frame. */
+static enum lw_status make_messages(struct lw_relay_light *light, const struct feed *newest) {
+    struct lw_blob *full = NULL, *delta = NULL, *settled = NULL;
+    const struct lw_message settled_message = {.type = LW_MESSAGE_SETTLED, .settled.frame = newest->frame};
+    enum lw_status status =
+        lw_frame_message_encode(light->scene, &newest->pose, NULL, &newest->header, &full);
+    if (status == LW_OK && light->frame)
+        status = lw_frame_message_encode(light->scene, &newest->pose, &light->pose, &newest->header, &delta);
+    if (status == LW_OK) status = lw_blob_from_message(&settled_message, &settled);
+    if (status != LW_OK) {
+        lw_blob_unref(full);
+        lw_blob_unref(delta);
+        return status;
+    }
+    keep_blob(&light->frame_full, full);
+    keep_blob(&light->frame_delta, delta);
+    keep_blob(&light->settled, settled);
+    lw_pose_copy(&light->pose, &newest->pose, light->scene);
+    light->previous_frame = light->frame;
+    light->frame = newest->frame;
+    light->time_s = newest->header.time_s;
+    return LW_OK;
+}
+
+/* A delta from the version of the last snapshot, where several versions came since. NULL: there is none. */
+static struct lw_blob *make_jump(struct lw_relay_light *light, uint32_t channel, uint32_t id,
+                                 const struct tile *tile) {
+    const struct lw_tile_place *place = &light->map.place[id];
+    struct lw_message from, to;
+    struct lw_blob *blob = NULL;
+    size_t size;
+    if (tile->codec != LW_TILE_CODEC_DCT || read_whole(tile->published_whole, &from) != LW_OK) return NULL;
+    if (from.tile.codec == LW_TILE_CODEC_DCT && read_whole(tile->whole, &to) == LW_OK) {
+        if (lw_tile_codec_encode_between(light->codec, lw_tile_channel_at(channel), from.tile.payload,
+                                         from.tile.payload_size, to.tile.payload, to.tile.payload_size,
+                                         place->width, place->height, light->payload, lw_tile_codec_bound(),
+                                         &size) == LW_OK &&
+            size < to.tile.payload_size) {
+            struct lw_message jump = {.type = LW_MESSAGE_TILE, .tile = to.tile};
+            jump.tile.base = tile->published;
+            jump.tile.payload = light->payload;
+            jump.tile.payload_size = size;
+            if (lw_blob_from_message(&jump, &blob) != LW_OK) blob = NULL;
+        }
+        lw_message_finish(&to);
+    }
+    lw_message_finish(&from);
+    return blob;
+}
+
+/* Of a tile whose newest version was in no snapshot yet. */
+static void publish_tile(struct lw_relay_light *light, uint32_t channel, uint32_t id, struct tile *tile) {
+    if (tile->published && tile->base != tile->published) {
+        keep_blob(&tile->delta, make_jump(light, channel, id, tile));
+        tile->base = tile->delta ? tile->published : 0;
+    }
+    tile->published = tile->version;
+    keep_blob(&tile->published_whole, lw_blob_ref(tile->whole));
+}
+
+static void list_tiles(struct lw_relay_light *light, uint32_t channel, struct lw_snapshot *snapshot) {
+    struct feed *feed = &light->feed[channel];
+    for (uint32_t t = 0; t < light->map.tile_count; t++) {
+        struct tile *tile = &feed->tile[t];
+        if (!tile->version) continue;
+        if (tile->version != tile->published) publish_tile(light, channel, t, tile);
+        snapshot->tile[channel][t] =
+            (struct lw_snapshot_tile){.version = tile->version,
+                                      .blob = lw_blob_ref(tile->whole),
+                                      .base = tile->base,
+                                      .delta = tile->delta ? lw_blob_ref(tile->delta) : NULL};
+    }
+}
+
+enum lw_status lw_relay_light_snapshot(struct lw_relay_light *light, struct lw_snapshot **out_snapshot) {
+    const bool cut_off = light->frame && is_cut_off(light);
+    const struct feed *newest = find_newest(light);
+    struct lw_snapshot *snapshot;
+    uint32_t channels = 0;
+    *out_snapshot = NULL;
+    if (!cut_off && (!newest || newest->frame < light->frame)) return LW_OK;
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
+        if (cut_off ? has_light(&light->feed[c]) : is_shown(&light->feed[c]))
+            channels |= lw_tile_channel_bit(c);
+    enum lw_status status = lw_snapshot_create(light->map.tile_count, channels, &snapshot);
+    if (status != LW_OK) return status;
+    if (!cut_off && newest->frame > light->frame && (status = make_messages(light, newest)) != LW_OK) {
+        lw_snapshot_unref(snapshot);
+        return status;
+    }
+    snapshot->frame = light->frame;
+    snapshot->time_s = light->time_s;
+    snapshot->previous_frame = light->previous_frame;
+    snapshot->frame_full = lw_blob_ref(light->frame_full);
+    snapshot->frame_delta = light->frame_delta ? lw_blob_ref(light->frame_delta) : NULL;
+    snapshot->settled = lw_blob_ref(light->settled);
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) {
+        if (!(channels >> c & 1)) continue;
+        if (!cut_off && light->feed[c].settled != light->frame) snapshot->unsettled |= lw_tile_channel_bit(c);
+        list_tiles(light, c, snapshot);
+    }
+    light->changed = light->completed = false;
+    *out_snapshot = snapshot;
+    return LW_OK;
+}

@@ -1,0 +1,66 @@
+/* relay_light.h: the light of one scene as another server sent it: tiles that stay encoded, and where
+ * everything is.
+ * Flow:    FRAME, TILE, SETTLED of one session for each channel -> [relay_light] -> snapshots -> server
+ * Threads: one thread at a time.
+ * Memory:  the scene, two references to encoded tiles, no texels.
+ *
+ * Tiles keep the versions that they came with. One that came as a delta is also made whole, for clients that
+ * join. Every byte may come from anyone: what is passed on has been decoded once. */
+#ifndef LW_RELAY_LIGHT_H
+#define LW_RELAY_LIGHT_H
+
+#include "common/scene/scene.h"
+#include "common/tile/atlas.h"
+#include "server/publish/snapshot.h"
+
+struct lw_relay_light;
+
+/** Reads a scene package; keeps none of its bytes. Errors: LW_BAD_DATA, LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_relay_light_create(const uint8_t *package, size_t size,
+                                                   struct lw_relay_light **out_light, struct lw_error *err);
+void lw_relay_light_destroy(struct lw_relay_light *light);
+
+const struct lw_scene *lw_relay_light_scene(const struct lw_relay_light *light);
+const struct lw_atlas_map *lw_relay_light_map(const struct lw_relay_light *light);
+
+/** A session that gets this channel begins. The channel is in snapshots again from when there is light for
+ * every object. */
+void lw_relay_light_begin(struct lw_relay_light *light, uint32_t channel);
+/** It is over. Snapshots lack the channel while there are other sessions; its tiles stay, for the next
+ * session of the same run. */
+void lw_relay_light_end(struct lw_relay_light *light, uint32_t channel);
+
+/** What the session says. Errors: LW_PROTOCOL; LW_NO_MEMORY. After an error the session must end; what came
+ * before stays. */
+LW_MUST_CHECK enum lw_status lw_relay_light_take_frame(struct lw_relay_light *light, uint32_t channel,
+                                                       const struct lw_message_frame *frame,
+                                                       struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_relay_light_take_tile(struct lw_relay_light *light, uint32_t channel,
+                                                      const struct lw_message_tile *tile,
+                                                      struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_relay_light_take_settled(struct lw_relay_light *light, uint32_t channel,
+                                                         uint64_t frame, struct lw_error *err);
+
+/** The version that it has of a tile; 0: none. */
+uint64_t lw_relay_light_version(const struct lw_relay_light *light, uint32_t channel, lw_tile_id tile);
+/** The last frame of the session; 0: none came. */
+uint64_t lw_relay_light_frame(const struct lw_relay_light *light, uint32_t channel);
+/** Whether every object has light in this channel. */
+bool lw_relay_light_has_first(const struct lw_relay_light *light, uint32_t channel);
+
+/** What came since the last snapshot. */
+enum lw_relay_light_news {
+    LW_RELAY_LIGHT_NOTHING,
+    LW_RELAY_LIGHT_SOME, /* tiles of the frame are still to come */
+    LW_RELAY_LIGHT_ALL   /* all of a frame, in some channel */
+};
+enum lw_relay_light_news lw_relay_light_news(const struct lw_relay_light *light);
+
+/** A snapshot of all that came. With no session it is the last frame again, with every channel that has
+ * light: what there is stays.
+ * *out_snapshot: a new reference; NULL: there is no light yet, or the sessions are behind the last snapshot.
+ * Errors: LW_NO_MEMORY; a later one has what this one would have had. */
+LW_MUST_CHECK enum lw_status lw_relay_light_snapshot(struct lw_relay_light *light,
+                                                     struct lw_snapshot **out_snapshot);
+
+#endif

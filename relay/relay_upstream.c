@@ -1,0 +1,614 @@
+#include "relay/relay_upstream.h"
+
+#include "client/lib/download.h"
+#include "client/lib/interest.h"
+#include "client/lib/link.h"
+#include "client/lib/package_cache.h"
+#include "common/clock.h"
+#include "common/invariant.h"
+#include "common/log.h"
+
+#include <poll.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define NAME          "lightwell-relay " LW_VERSION
+#define HOLDS_AT_ONCE 1024u /* half of what a message may have: it fits into an outbox */
+#define UPDATES_MAX   1024u /* without an answer */
+
+struct lw_relay_upstream {
+    struct lw_link link;
+    struct lw_message_memory memory;
+    uint64_t relay;
+    bool control, welcomed, has_asked, owns_light, finish_asked, reads_parts;
+    const char *cache_folder;
+    bool told_damage;
+    struct lw_relay_told told;
+    uint64_t features, package_compressed_size;
+    uint64_t relays[LW_MESSAGE_RELAYS_MAX];
+    uint32_t relay_count, retry_after_ms, channel;
+    struct lw_download download, finish_download;
+    struct lw_relay_scene scene; /* in the making; its light is the one below */
+    struct lw_relay_light *light;
+    bool has_finishes;
+    struct lw_interest interest;
+    bool is_untold;                                 /* it may have changed since it was told */
+    struct lw_message_interest_tile *interest_tile; /* LW_MESSAGE_INTEREST_MAX; made when first needed */
+    uint64_t acked, tiles;
+    uint32_t unanswered;
+    lw_relay_upstream_answered *answered;
+    void *answered_context;
+    struct lw_waiting *waiting;
+};
+
+static bool is_same_hash(const struct lw_package_hash *a, const struct lw_package_hash *b) {
+    return memcmp(a->bytes, b->bytes, sizeof a->bytes) == 0;
+}
+
+static bool are_same_bits(const uint8_t *a, size_t a_size, const uint8_t *b, size_t b_size) {
+    return a_size == b_size && (!a_size || memcmp(a, b, a_size) == 0);
+}
+
+bool lw_relay_told_equal(const struct lw_relay_told *a, const struct lw_relay_told *b) {
+    return a->run && a->run == b->run && is_same_hash(&a->package_hash, &b->package_hash) &&
+           a->package_size == b->package_size && is_same_hash(&a->finish_hash, &b->finish_hash) &&
+           a->finish_size == b->finish_size &&
+           (!a->has_draws || !b->has_draws ||
+            (are_same_bits(a->client_lights, a->client_lights_size, b->client_lights,
+                           b->client_lights_size) &&
+             are_same_bits(a->client_materials, a->client_materials_size, b->client_materials,
+                           b->client_materials_size)));
+}
+
+static void finish_told(struct lw_relay_told *told) {
+    free(told->client_lights);
+    free(told->client_materials);
+    told->client_lights = told->client_materials = NULL;
+}
+
+void lw_relay_scene_finish(struct lw_relay_scene *scene) {
+    lw_relay_light_destroy(scene->light);
+    finish_told(&scene->told);
+    free(scene->package);
+    free(scene->finishes);
+    *scene = (struct lw_relay_scene){0};
+}
+
+/* ---- packages ---- */
+
+/* From the folder of packages; NULL: it is not there, or not as it should be, which is told once. */
+static uint8_t *read_cached(struct lw_relay_upstream *up, enum lw_package_cache_kind kind,
+                            const struct lw_package_hash *hash, uint64_t size) {
+    uint8_t *bytes = NULL;
+    if (!up->cache_folder) return NULL;
+    const enum lw_package_cache_found found =
+        lw_package_cache_read(up->cache_folder, kind, hash, size, &bytes);
+    if (found == LW_PACKAGE_CACHE_DAMAGED && !up->told_damage) {
+        up->told_damage = true;
+        lw_package_cache_warn(NULL, up->cache_folder);
+    }
+    return found == LW_PACKAGE_CACHE_FOUND ? bytes : NULL;
+}
+
+static uint8_t *find_part(void *upstream, const struct lw_package_hash *hash, uint64_t size) {
+    return read_cached(upstream, LW_PACKAGE_CACHE_PART, hash, size);
+}
+
+/* What has failed once would fail for each part. */
+static void keep_parts(const struct lw_relay_upstream *up, const struct lw_download *d,
+                       enum lw_package_cache_kind kind) {
+    uint64_t begin = 0;
+    struct lw_error err = {0};
+    LW_INVARIANT(lw_download_is_complete(d));
+    for (size_t i = 0; up->cache_folder && i < d->part_count && !err.status; begin = d->part[i++].end)
+        if (!d->part[i].was_held &&
+            lw_package_cache_write(up->cache_folder, kind, &d->part[i].hash, d->bytes + begin,
+                                   (size_t)(d->part[i].end - begin), &err) != LW_OK)
+            lw_package_cache_warn_unkept(NULL, err.text);
+}
+
+static enum lw_status take_package(struct lw_relay_upstream *up, uint8_t *package, size_t size,
+                                   struct lw_error *err) {
+    up->scene.package = package;
+    up->scene.package_size = size;
+    enum lw_status status = lw_relay_light_create(package, size, &up->light, err);
+    if (status != LW_OK) return status;
+    up->owns_light = true;
+    lw_relay_light_begin(up->light, up->channel);
+    return LW_OK;
+}
+
+static enum lw_status end_download(struct lw_relay_upstream *up, struct lw_error *err) {
+    struct lw_download *d = &up->download;
+    keep_parts(up, d, d->part_count > 1 ? LW_PACKAGE_CACHE_PART : LW_PACKAGE_CACHE_PACKAGE);
+    uint8_t *package = d->bytes;
+    const size_t size = d->size;
+    d->bytes = NULL;
+    lw_download_finish(d);
+    return take_package(up, package, size, err);
+}
+
+static void end_finishes(struct lw_relay_upstream *up) {
+    struct lw_download *d = &up->finish_download;
+    keep_parts(up, d, LW_PACKAGE_CACHE_PART);
+    up->scene.finishes = d->bytes;
+    up->scene.finishes_size = d->size;
+    up->has_finishes = true;
+    d->bytes = NULL;
+    lw_download_finish(d);
+}
+
+/* ---- what the server says ---- */
+
+static enum lw_status out_of_order(struct lw_error *err, enum lw_message_type type) {
+    return lw_status_fail(err, LW_PROTOCOL, "message %s: out of order", lw_message_name((uint16_t)type));
+}
+
+static uint8_t *copy_bits(const uint8_t *bits, size_t size) {
+    uint8_t *copy = malloc(size + 1);
+    if (copy && size) memcpy(copy, bits, size);
+    return copy;
+}
+
+static enum lw_status note_told(struct lw_relay_upstream *up, const struct lw_message_welcome *w) {
+    struct lw_relay_told *told = &up->told;
+    *told = (struct lw_relay_told){.run = w->run,
+                                   .package_hash = w->package_hash,
+                                   .finish_hash = w->finish.hash,
+                                   .package_size = w->package_size,
+                                   .finish_size = w->finish.size,
+                                   .bounces = w->bounces,
+                                   .target_error = w->target_error,
+                                   .noise_shown = w->noise_shown,
+                                   .has_draws = w->features & LW_FEATURE_DRAWS};
+    if (!told->has_draws) return LW_OK;
+    told->client_lights_size = w->client_lights_size;
+    told->client_materials_size = w->client_materials_size;
+    told->client_lights = copy_bits(w->client_lights, w->client_lights_size);
+    told->client_materials = copy_bits(w->client_materials, w->client_materials_size);
+    return told->client_lights && told->client_materials ? LW_OK : LW_NO_MEMORY;
+}
+
+/* The light would come back to us, or through too many. */
+static enum lw_status note_relays(struct lw_relay_upstream *up, const struct lw_message_welcome *w,
+                                  struct lw_error *err) {
+    LW_INVARIANT(w->relay_count <= LW_MESSAGE_RELAYS_MAX);
+    for (size_t i = 0; i < w->relay_count; i++) {
+        if (w->relays[i] == up->relay)
+            return lw_status_fail(err, LW_USAGE, "a loop of relays: its light comes through this one");
+        up->relays[i] = w->relays[i];
+    }
+    up->relay_count = (uint32_t)w->relay_count;
+    if (up->relay_count < LW_MESSAGE_RELAYS_MAX) return LW_OK;
+    return lw_status_fail(err, LW_USAGE, "its light comes through %u relays already", up->relay_count);
+}
+
+static enum lw_status handle_welcome(struct lw_relay_upstream *up, const struct lw_message_welcome *w,
+                                     struct lw_error *err) {
+    if (up->welcomed) return out_of_order(err, LW_MESSAGE_WELCOME);
+    if (w->version != LW_WIRE_VERSION)
+        return lw_status_fail(err, LW_PROTOCOL, "it speaks version %u of the protocol, this relay version %u",
+                              w->version, LW_WIRE_VERSION);
+    up->welcomed = true;
+    enum lw_status status = note_relays(up, w, err);
+    if (status != LW_OK) return status;
+    up->features = w->features;
+    up->channel = w->features & LW_FEATURE_DRAWS ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL;
+    up->package_compressed_size = w->package_compressed_size;
+    if (up->control && !(w->features & LW_FEATURE_CONTROL))
+        return lw_status_fail(err, LW_NOT_ALLOWED, "it takes no updates from here");
+    if (up->control) return LW_OK;
+    const struct lw_message_package package = lw_message_welcome_package(w);
+    status = note_told(up, w);
+    if (status == LW_OK)
+        status = lw_download_init(&up->download, "scene package", &package,
+                                  up->cache_folder ? find_part : NULL, up);
+    if (status == LW_OK && w->finish.size)
+        status = lw_download_init(&up->finish_download, "finish package", &w->finish, NULL, NULL);
+    up->has_finishes = !w->finish.size;
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "out of memory");
+}
+
+static enum lw_status handle_refusal(struct lw_relay_upstream *up, const struct lw_message_refusal *refusal,
+                                     struct lw_error *err) {
+    const char *text = refusal->text && *refusal->text ? refusal->text : "it did not say why";
+    up->retry_after_ms = refusal->retry_after_ms;
+    const enum lw_status status = refusal->code == LW_REFUSAL_TOKEN  ? LW_NOT_ALLOWED
+                                  : refusal->code == LW_REFUSAL_LOOP ? LW_USAGE
+                                  : up->welcomed                     ? LW_CLOSED
+                                                                     : LW_UNAVAILABLE;
+    return lw_status_fail(err, status, "it %s: %s", up->welcomed ? "ended the session" : "refused us", text);
+}
+
+static enum lw_status handle_chunk(struct lw_relay_upstream *up, const struct lw_message_package_chunk *chunk,
+                                   struct lw_error *err) {
+    if (!up->has_asked || up->light) return out_of_order(err, LW_MESSAGE_PACKAGE_CHUNK);
+    enum lw_status status = lw_download_add(&up->download, chunk, err);
+    return status == LW_OK && lw_download_is_complete(&up->download) ? end_download(up, err) : status;
+}
+
+static enum lw_status handle_finish_chunk(struct lw_relay_upstream *up,
+                                          const struct lw_message_package_chunk *chunk,
+                                          struct lw_error *err) {
+    if (!up->finish_asked || up->has_finishes) return out_of_order(err, LW_MESSAGE_FINISH_CHUNK);
+    enum lw_status status = lw_download_add(&up->finish_download, chunk, err);
+    if (status == LW_OK && lw_download_is_complete(&up->finish_download)) end_finishes(up);
+    return status;
+}
+
+static enum lw_status handle_updated(struct lw_relay_upstream *up, const struct lw_message_updated *updated,
+                                     struct lw_error *err) {
+    if (!up->unanswered) return out_of_order(err, LW_MESSAGE_UPDATED);
+    up->unanswered--;
+    if (up->answered) up->answered(up->answered_context, updated);
+    return LW_OK;
+}
+
+static enum lw_status handle_light(struct lw_relay_upstream *up, const struct lw_message *m,
+                                   struct lw_error *err) {
+    if (!up->light || !up->has_asked) return out_of_order(err, m->type);
+    if (up->waiting) lw_waiting_raise(up->waiting, LW_WAITING_READY, 1, 1);
+    if (m->type == LW_MESSAGE_FRAME) return lw_relay_light_take_frame(up->light, up->channel, &m->frame, err);
+    up->tiles += m->type == LW_MESSAGE_TILE;
+    if (m->type == LW_MESSAGE_TILE) return lw_relay_light_take_tile(up->light, up->channel, &m->tile, err);
+    return lw_relay_light_take_settled(up->light, up->channel, m->settled.frame, err);
+}
+
+static void handle_waiting(const struct lw_relay_upstream *up, const struct lw_message_waiting *waiting) {
+    if (up->waiting && waiting->stage < LW_WAITING_READY)
+        lw_waiting_raise(up->waiting, (enum lw_waiting_stage)waiting->stage,
+                         (uint64_t)(100 * (double)waiting->share), 100);
+}
+
+static enum lw_status handle_message(struct lw_relay_upstream *up, const struct lw_message *m,
+                                     struct lw_error *err) {
+    const struct lw_message pong = {.type = LW_MESSAGE_PONG, .pong.token = m->ping.token};
+    switch (m->type) {
+    case LW_MESSAGE_WELCOME:
+        return handle_welcome(up, &m->welcome, err);
+    case LW_MESSAGE_REFUSAL:
+        return handle_refusal(up, &m->refusal, err);
+    case LW_MESSAGE_PACKAGE_CHUNK:
+        return handle_chunk(up, &m->package_chunk, err);
+    case LW_MESSAGE_FINISH_CHUNK:
+        return handle_finish_chunk(up, &m->finish_chunk, err);
+    case LW_MESSAGE_FRAME:
+    case LW_MESSAGE_TILE:
+    case LW_MESSAGE_SETTLED:
+        return handle_light(up, m, err);
+    case LW_MESSAGE_UPDATED:
+        return handle_updated(up, &m->updated, err);
+    case LW_MESSAGE_WAITING:
+        if (!up->welcomed) return out_of_order(err, m->type);
+        handle_waiting(up, &m->waiting);
+        return LW_OK;
+    case LW_MESSAGE_PING:
+        return lw_link_send(&up->link, &pong, err);
+    case LW_MESSAGE_PONG:
+        return LW_OK;
+    default:
+        return lw_status_fail(err, LW_PROTOCOL, "message %s: not one that a server sends",
+                              lw_message_name((uint16_t)m->type));
+    }
+}
+
+/* What has been read. Before the welcome it stops there. */
+static enum lw_status take_read(struct lw_relay_upstream *up, struct lw_error *err) {
+    const bool was_welcomed = up->welcomed;
+    while (up->welcomed == was_welcomed) {
+        struct lw_framing_header header;
+        struct lw_message message;
+        const uint8_t *body;
+        enum lw_status status = lw_link_take(&up->link, &header, &body, err);
+        if (status != LW_OK || !body) return status;
+        if (!lw_message_name(header.type)) continue; /* of a newer server */
+        status = lw_message_decode_with(header, body, &up->memory, &message, err);
+        if (status != LW_OK) return status;
+        status = handle_message(up, &message, err);
+        lw_message_finish(&message);
+        if (status != LW_OK) return status;
+    }
+    return LW_OK;
+}
+
+/* Reads once and takes what is there. A refusal may be the last message: it counts before the link's end. */
+static enum lw_status receive(struct lw_relay_upstream *up, struct lw_error *err) {
+    struct lw_error cause = {0}, link_cause = {0};
+    size_t size;
+    const enum lw_status link_status = lw_link_receive(&up->link, &size, &link_cause);
+    enum lw_status status = take_read(up, &cause);
+    if (status == LW_OK) status = link_status;
+    if (status == LW_OK) return LW_OK;
+    return lw_status_fail(err, status, "%s%s%s", cause.status ? up->link.address : "",
+                          cause.status ? ": " : "", cause.status ? cause.text : link_cause.text);
+}
+
+/* ---- what we say ---- */
+
+/* Waits until the outbox has room: nothing of what begins a session may be dropped. */
+static enum lw_status send_surely(struct lw_relay_upstream *up, const struct lw_message *message,
+                                  uint64_t deadline_ns, struct lw_error *err) {
+    bool fits = false;
+    for (;;) {
+        enum lw_status status = lw_link_fits(&up->link, message, &fits, err);
+        if (status != LW_OK) return status;
+        if (fits) return lw_link_send(&up->link, message, err);
+        const uint64_t now_ns = lw_clock_ns();
+        if (now_ns >= deadline_ns)
+            return lw_status_fail(err, LW_TIMED_OUT, "%s takes no data", up->link.address);
+        struct pollfd wait = {.fd = up->link.socket, .events = POLLOUT};
+        (void)poll(&wait, 1, (int)((deadline_ns - now_ns) / 1000000 + 1));
+    }
+}
+
+static enum lw_status tell_interest(struct lw_relay_upstream *up, struct lw_error *err) {
+    const struct lw_interest_list *now = &up->interest.now;
+    const struct lw_atlas_map *map = up->light ? lw_relay_light_map(up->light) : NULL;
+    const uint64_t now_ns = lw_clock_ns();
+    if (up->link.outbox_size) return LW_OK;
+    if (!lw_interest_is_due(&up->interest, now_ns)) {
+        if (now_ns - up->interest.told_ns > LW_INTEREST_SHED_NS) up->is_untold = false; /* it is the same */
+        return LW_OK;
+    }
+    if (!up->interest_tile &&
+        !(up->interest_tile = malloc(LW_MESSAGE_INTEREST_MAX * sizeof *up->interest_tile)))
+        return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    LW_INVARIANT(now->count <= LW_MESSAGE_INTEREST_MAX && (!now->count || map));
+    for (uint32_t i = 0; i < now->count; i++) {
+        const struct lw_tile_place *place = &map->place[now->tile[i].v];
+        up->interest_tile[i] = (struct lw_message_interest_tile){place->object, place->level,
+                                                                 lw_atlas_map_number(map, now->tile[i])};
+    }
+    const struct lw_message message = {.type = LW_MESSAGE_INTEREST,
+                                       .interest = {.everything = now->everything,
+                                                    .stand_ins = true,
+                                                    .tile = up->interest_tile,
+                                                    .tile_count = now->count}};
+    enum lw_status status = lw_link_send(&up->link, &message, err);
+    if (status == LW_OK && lw_interest_tell(&up->interest, now_ns) != LW_OK)
+        return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    up->is_untold = false;
+    return status;
+}
+
+/* The request for a package, or for what is missing of it. */
+static enum lw_status ask(struct lw_relay_upstream *up, enum lw_message_type type,
+                          const struct lw_download *download, struct lw_error *err) {
+    struct lw_message request = {.type = type};
+    uint8_t *held = NULL;
+    if (!download)
+        request.package_request.offset = up->package_compressed_size;
+    else if (lw_download_request(download, &request.package_request, &held) != LW_OK)
+        return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    const enum lw_status status =
+        send_surely(up, &request, lw_clock_ns() + LW_LINK_SILENCE_S * 1000000000ull, err);
+    free(held);
+    return status;
+}
+
+enum lw_status lw_relay_upstream_begin(struct lw_relay_upstream *up, struct lw_error *err) {
+    LW_INVARIANT(!up->control && !up->has_asked && !up->light);
+    const struct lw_relay_told *told = &up->told;
+    enum lw_status status = LW_OK;
+    uint8_t *package = read_cached(up, LW_PACKAGE_CACHE_PACKAGE, &told->package_hash, told->package_size);
+    if (package)
+        status = take_package(up, package, (size_t)told->package_size, err);
+    else if ((status = lw_download_begin(&up->download, err)) == LW_OK &&
+             lw_download_is_complete(&up->download))
+        status = end_download(up, err);
+    if (status == LW_OK) status = tell_interest(up, err); /* before tiles can come */
+    if (status == LW_OK) status = ask(up, LW_MESSAGE_PACKAGE_REQUEST, up->light ? NULL : &up->download, err);
+    up->has_asked = status == LW_OK;
+    if (up->light) lw_download_finish(&up->download);
+    return status;
+}
+
+static enum lw_status tell_held(struct lw_relay_upstream *up, struct lw_error *err) {
+    const struct lw_atlas_map *map = lw_relay_light_map(up->light);
+    const uint64_t deadline_ns = lw_clock_ns() + LW_LINK_SILENCE_S * 1000000000ull;
+    struct lw_message_held *held = malloc(HOLDS_AT_ONCE * sizeof *held);
+    enum lw_status status = held ? LW_OK : lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    size_t count = 0;
+    for (uint32_t t = 0; status == LW_OK && t < map->tile_count; t++) {
+        const uint64_t version = lw_relay_light_version(up->light, up->channel, (lw_tile_id){t});
+        const struct lw_tile_place *p = &map->place[t];
+        if (version)
+            held[count++] = (struct lw_message_held){p->object, p->level,
+                                                     lw_atlas_map_number(map, (lw_tile_id){t}), version};
+        if (count < HOLDS_AT_ONCE && (!count || t + 1 < map->tile_count)) continue;
+        status = send_surely(up, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, count}},
+                             deadline_ns, err);
+        count = 0;
+    }
+    free(held);
+    return status;
+}
+
+enum lw_status lw_relay_upstream_resume(struct lw_relay_upstream *up, struct lw_relay_light *light,
+                                        struct lw_error *err) {
+    LW_INVARIANT(!up->control && !up->has_asked && !up->light);
+    up->light = light;
+    up->has_finishes = true;
+    lw_relay_light_begin(light, up->channel);
+    lw_download_finish(&up->download);
+    lw_download_finish(&up->finish_download);
+    enum lw_status status = tell_interest(up, err);
+    if (status == LW_OK && (up->features & LW_FEATURE_RESUME)) status = tell_held(up, err);
+    if (status == LW_OK) status = ask(up, LW_MESSAGE_PACKAGE_REQUEST, NULL, err);
+    up->has_asked = status == LW_OK;
+    return status;
+}
+
+static enum lw_status ask_for_finishes(struct lw_relay_upstream *up, struct lw_error *err) {
+    struct lw_download *d = &up->finish_download;
+    if (up->has_finishes || up->finish_asked || !up->light) return LW_OK;
+    if (up->cache_folder && d->zstd) { /* what is on disk need not wait for light */
+        lw_download_find_held(d, find_part, up);
+        enum lw_status status = lw_download_begin(d, err);
+        if (status != LW_OK) return status;
+        if (lw_download_is_complete(d)) {
+            end_finishes(up);
+            return LW_OK;
+        }
+    }
+    if (!lw_relay_light_has_first(up->light, up->channel)) return LW_OK;
+    up->finish_asked = true;
+    return ask(up, LW_MESSAGE_FINISH_REQUEST, d, err);
+}
+
+static enum lw_status acknowledge(struct lw_relay_upstream *up, struct lw_error *err) {
+    const uint64_t frame = up->light && up->has_asked ? lw_relay_light_frame(up->light, up->channel) : 0;
+    if (frame <= up->acked) return LW_OK;
+    up->acked = frame;
+    return lw_link_send(&up->link, &(struct lw_message){.type = LW_MESSAGE_ACK, .ack.frame = frame}, err);
+}
+
+enum lw_status lw_relay_upstream_want(struct lw_relay_upstream *up, bool everything, const uint32_t *tile,
+                                      uint32_t count) {
+    up->is_untold = true;
+    if (!everything)
+        return lw_interest_set(&up->interest, (const lw_tile_id *)tile, count, LW_MESSAGE_INTEREST_MAX);
+    lw_interest_set_everything(&up->interest);
+    return LW_OK;
+}
+
+enum lw_status lw_relay_upstream_update(struct lw_relay_upstream *up, uint64_t request,
+                                        const struct lw_scene_change *change, size_t count, bool *out_sent,
+                                        struct lw_error *err) {
+    const struct lw_message message = {
+        .type = LW_MESSAGE_UPDATE, .update = {.request = request, .change = change, .change_count = count}};
+    LW_INVARIANT(up->control);
+    *out_sent = false;
+    if (up->unanswered == UPDATES_MAX) return LW_OK;
+    bool fits;
+    enum lw_status status = lw_link_fits(&up->link, &message, &fits, err);
+    if (status != LW_OK || !fits) return status;
+    status = lw_link_send(&up->link, &message, err);
+    if (status != LW_OK) return status;
+    up->unanswered++;
+    *out_sent = true;
+    return LW_OK;
+}
+
+void lw_relay_upstream_set_answered(struct lw_relay_upstream *up, lw_relay_upstream_answered *answered,
+                                    void *context) {
+    up->answered = answered;
+    up->answered_context = context;
+}
+
+void lw_relay_upstream_set_waiting(struct lw_relay_upstream *up, struct lw_waiting *waiting) {
+    up->waiting = waiting;
+}
+
+/* ---- create, take, destroy ---- */
+
+static enum lw_status shake_hands(struct lw_relay_upstream *up, const struct lw_relay_upstream_desc *desc,
+                                  struct lw_error *err) {
+    const uint64_t deadline_ns = lw_clock_ns() + desc->timeout_ms * 1000000ull;
+    const struct lw_message hello = {
+        .type = LW_MESSAGE_HELLO,
+        .hello = {.version = LW_WIRE_VERSION,
+                  .features = LW_FEATURES_READ | (desc->control ? LW_FEATURE_CONTROL : LW_FEATURE_MATERIALS) |
+                              (desc->draws ? LW_FEATURE_DRAWS : 0),
+                  .name = NAME,
+                  .token = desc->token ? desc->token->bytes : NULL,
+                  .relay = desc->control ? 0 : desc->relay}};
+    enum lw_status status = lw_link_send(&up->link, &hello, err);
+    while (status == LW_OK && !up->welcomed) {
+        if (lw_clock_ns() >= deadline_ns)
+            return lw_status_fail(err, LW_TIMED_OUT, "%s does not answer: is it a lightwelld?",
+                                  up->link.address);
+        status = lw_link_wait(&up->link, deadline_ns, err);
+        if (status == LW_OK) status = receive(up, err);
+    }
+    return status;
+}
+
+enum lw_status lw_relay_upstream_create(const struct lw_relay_upstream_desc *desc,
+                                        struct lw_relay_upstream **out_upstream, struct lw_error *err) {
+    struct lw_relay_upstream *up = calloc(1, sizeof *up);
+    if (!up) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    up->relay = desc->relay;
+    up->control = desc->control;
+    up->cache_folder = desc->cache_folder;
+    lw_interest_init(&up->interest);
+    up->interest.now.everything = false; /* nothing but stand-ins, until clients want more */
+    enum lw_status status =
+        lw_link_connect(&up->link,
+                        &(struct lw_link_desc){.host = desc->host,
+                                               .port = desc->port,
+                                               .timeout_ms = desc->timeout_ms,
+                                               .prefers_local = desc->control && !desc->token,
+                                               .tls = desc->trust},
+                        err);
+    if (status != LW_OK) {
+        lw_interest_finish(&up->interest);
+        free(up);
+        return status;
+    }
+    if ((status = shake_hands(up, desc, err)) == LW_OK)
+        *out_upstream = up;
+    else
+        lw_relay_upstream_destroy(up);
+    return status;
+}
+
+void lw_relay_upstream_destroy(struct lw_relay_upstream *up) {
+    if (!up) return;
+    if (up->light) lw_relay_light_end(up->light, up->channel);
+    if (up->owns_light) lw_relay_light_destroy(up->light);
+    free(up->scene.package);
+    free(up->scene.finishes);
+    finish_told(&up->told);
+    lw_download_finish(&up->download);
+    lw_download_finish(&up->finish_download);
+    lw_interest_finish(&up->interest);
+    free(up->interest_tile);
+    lw_message_memory_finish(&up->memory);
+    lw_link_finish(&up->link);
+    free(up);
+}
+
+void lw_relay_upstream_give(struct lw_relay_upstream *up, struct lw_relay_scene *out_scene) {
+    LW_INVARIANT(up->owns_light && up->has_finishes);
+    *out_scene = up->scene;
+    out_scene->light = up->light;
+    out_scene->features = up->features & LW_FEATURE_DCT;
+    out_scene->told = up->told;
+    out_scene->told.client_lights = copy_bits(up->told.client_lights, up->told.client_lights_size);
+    out_scene->told.client_materials = copy_bits(up->told.client_materials, up->told.client_materials_size);
+    up->scene = (struct lw_relay_scene){0};
+    up->owns_light = false;
+}
+
+bool lw_relay_upstream_is_waiting(const struct lw_relay_upstream *up) { return up->is_untold; }
+
+int lw_relay_upstream_descriptor(const struct lw_relay_upstream *up, short *out_events) {
+    *out_events = (short)(POLLIN | (up->link.outbox_size || up->link.sealed.size ? POLLOUT : 0));
+    return up->link.socket;
+}
+
+enum lw_status lw_relay_upstream_take(struct lw_relay_upstream *up, struct lw_error *err) {
+    enum lw_status status = lw_link_wait(&up->link, 0, err); /* it pings, too */
+    if (status == LW_OK) status = receive(up, err);
+    if (status == LW_OK && !up->control) status = tell_interest(up, err);
+    if (status == LW_OK && up->has_asked) status = ask_for_finishes(up, err);
+    return status == LW_OK ? acknowledge(up, err) : status;
+}
+
+const struct lw_relay_told *lw_relay_upstream_told(const struct lw_relay_upstream *up) { return &up->told; }
+uint32_t lw_relay_upstream_channel(const struct lw_relay_upstream *up) { return up->channel; }
+const char *lw_relay_upstream_address(const struct lw_relay_upstream *up) { return up->link.address; }
+uint64_t lw_relay_upstream_bytes(const struct lw_relay_upstream *up) { return up->link.bytes_received; }
+uint64_t lw_relay_upstream_tiles(const struct lw_relay_upstream *up) { return up->tiles; }
+struct lw_relay_light *lw_relay_upstream_light(const struct lw_relay_upstream *up) {
+    return up->light;
+}
+bool lw_relay_upstream_has_finishes(const struct lw_relay_upstream *up) { return up->has_finishes; }
+
+const uint64_t *lw_relay_upstream_relays(const struct lw_relay_upstream *up, uint32_t *out_count) {
+    *out_count = up->relay_count;
+    return up->relays;
+}
+
+uint32_t lw_relay_upstream_retry_after_ms(const struct lw_relay_upstream *up) { return up->retry_after_ms; }

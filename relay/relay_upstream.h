@@ -1,0 +1,110 @@
+/* relay_upstream.h: one session with the server above: a client that takes light without decoding it, or one
+ * that passes updates on.
+ * Flow:    server above -> [relay_upstream] -> package, finishes; FRAME, TILE, SETTLED -> relay_light
+ *          interest -> [relay_upstream] -> server above
+ * Threads: one thread at a time. */
+#ifndef LW_RELAY_UPSTREAM_H
+#define LW_RELAY_UPSTREAM_H
+
+#include "client/lib/access.h"
+#include "common/waiting.h"
+#include "proto/message.h"
+#include "relay/relay_light.h"
+
+struct lw_relay_upstream;
+
+struct lw_relay_upstream_desc {
+    const char *host; /* or unix:PATH */
+    uint16_t port;
+    const struct lw_token *token; /* NULL: none */
+    struct ssl_ctx_st *trust;     /* NULL: in plain */
+    unsigned timeout_ms;          /* for connecting, and for the welcome */
+    uint64_t relay;               /* number of this relay */
+    bool control;                 /* it passes updates on, and takes no light */
+    bool draws;                   /* it wants light without that of client lights, if the server has it */
+    const char *cache_folder;     /* of packages; outlives it. NULL: none */
+};
+
+/** What a WELCOME says of the light, without the session's own things. */
+struct lw_relay_told {
+    uint64_t run; /* 0: not told: no two sessions are of the same light */
+    struct lw_package_hash package_hash, finish_hash;
+    uint64_t package_size, finish_size; /* finish_size 0: there are none */
+    uint32_t bounces;
+    float target_error, noise_shown;
+    bool has_draws; /* the bits below were told; those of a session that did not ask are not */
+    uint8_t *client_lights, *client_materials;
+    size_t client_lights_size, client_materials_size;
+};
+/** Whether two sessions are of the same light: what clients were told of one holds for the other. */
+bool lw_relay_told_equal(const struct lw_relay_told *a, const struct lw_relay_told *b);
+
+/** Connects, says hello, and waits for the welcome. Errors: as lw_link_connect(); LW_NOT_ALLOWED: it takes
+ * no such token, or the session may not send updates; LW_PROTOCOL; LW_USAGE: a loop of relays. */
+LW_MUST_CHECK enum lw_status lw_relay_upstream_create(const struct lw_relay_upstream_desc *desc,
+                                                      struct lw_relay_upstream **out_upstream,
+                                                      struct lw_error *err);
+void lw_relay_upstream_destroy(struct lw_relay_upstream *upstream);
+
+const struct lw_relay_told *lw_relay_upstream_told(const struct lw_relay_upstream *upstream);
+/** The channel of light that the session gets. */
+uint32_t lw_relay_upstream_channel(const struct lw_relay_upstream *upstream);
+/** Relays that the light comes through, the nearest first: under LW_MESSAGE_RELAYS_MAX. */
+const uint64_t *lw_relay_upstream_relays(const struct lw_relay_upstream *upstream, uint32_t *out_count);
+const char *lw_relay_upstream_address(const struct lw_relay_upstream *upstream);
+uint64_t lw_relay_upstream_bytes(const struct lw_relay_upstream *upstream); /* received */
+uint64_t lw_relay_upstream_tiles(const struct lw_relay_upstream *upstream); /* likewise */
+/** When to come back, as its REFUSAL said, ms; 0: it did not. */
+uint32_t lw_relay_upstream_retry_after_ms(const struct lw_relay_upstream *upstream);
+
+/** Asks for the package, or takes it from the folder; it is there once lw_relay_upstream_light() is not NULL.
+ * Errors: as lw_relay_upstream_take(). */
+LW_MUST_CHECK enum lw_status lw_relay_upstream_begin(struct lw_relay_upstream *upstream,
+                                                     struct lw_error *err);
+/** Goes on with light that is there, which is of the same told: says what it holds. It outlives the upstream.
+ */
+LW_MUST_CHECK enum lw_status lw_relay_upstream_resume(struct lw_relay_upstream *upstream,
+                                                      struct lw_relay_light *light, struct lw_error *err);
+/** NULL before the package is there. After lw_relay_upstream_begin() it belongs to the upstream until
+ * lw_relay_upstream_give(). */
+struct lw_relay_light *lw_relay_upstream_light(const struct lw_relay_upstream *upstream);
+/** Whether finishes are there, or there are none. They are asked for once there is light. */
+bool lw_relay_upstream_has_finishes(const struct lw_relay_upstream *upstream);
+
+/** A scene, with what clients are to be told of it. */
+struct lw_relay_scene {
+    struct lw_relay_told told;
+    uint64_t features;           /* LW_FEATURE_DCT, or 0 */
+    uint8_t *package, *finishes; /* finishes: NULL: none */
+    size_t package_size, finishes_size;
+    struct lw_relay_light *light;
+};
+void lw_relay_scene_finish(struct lw_relay_scene *scene);
+/** Hands its scene over, complete; it goes on with its light. */
+void lw_relay_upstream_give(struct lw_relay_upstream *upstream, struct lw_relay_scene *out_scene);
+
+/** The tiles that clients want. Told to the server when it is time; over LW_MESSAGE_INTEREST_MAX tiles:
+ * everything. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_relay_upstream_want(struct lw_relay_upstream *upstream, bool everything,
+                                                    const uint32_t *tile, uint32_t count);
+
+/** Sends an update; *out_sent: false: the link is busy, or too many wait: later. Errors: LW_CLOSED. */
+LW_MUST_CHECK enum lw_status lw_relay_upstream_update(struct lw_relay_upstream *upstream, uint64_t request,
+                                                      const struct lw_scene_change *change, size_t count,
+                                                      bool *out_sent, struct lw_error *err);
+/** The caller of lw_relay_upstream_take() hears of answers here; `updated` is of that call. */
+typedef void lw_relay_upstream_answered(void *context, const struct lw_message_updated *updated);
+void lw_relay_upstream_set_answered(struct lw_relay_upstream *upstream, lw_relay_upstream_answered *answered,
+                                    void *context);
+/** Progress of its first light: WAITING raises it. NULL: nobody wants to know. Outlives it. */
+void lw_relay_upstream_set_waiting(struct lw_relay_upstream *upstream, struct lw_waiting *waiting);
+
+/** Whether something waits for its time: lw_relay_upstream_take() is due within LW_INTEREST_TELL_NS. */
+bool lw_relay_upstream_is_waiting(const struct lw_relay_upstream *upstream);
+/** For poll(): its descriptor and events. */
+int lw_relay_upstream_descriptor(const struct lw_relay_upstream *upstream, short *out_events);
+/** Takes what is there, without waiting, and says what is due; to be called at least every LW_LINK_PING_S.
+ * Errors: LW_CLOSED, LW_TIMED_OUT, LW_PROTOCOL, LW_BAD_DATA, LW_NO_MEMORY; then it is to be destroyed. */
+LW_MUST_CHECK enum lw_status lw_relay_upstream_take(struct lw_relay_upstream *upstream, struct lw_error *err);
+
+#endif

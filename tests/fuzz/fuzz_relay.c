@@ -1,0 +1,212 @@
+/* A server above that says anything, to the upper side of a relay: a session over a real link. The input is a
+ * byte that says what came before (nothing; a welcome and the package of a small scene; one that is
+ * taken up again), then pieces: two bytes of length, and what the server says. After each piece there may be
+ * a snapshot. What is in it must be light for a client, whatever was said: a replica takes in all of it. */
+#include "tests/support/support.h"
+
+#include "client/lib/replica.h"
+#include "common/log.h"
+#include "common/scene/scene_spares.h"
+#include "relay/relay_upstream.h"
+
+#include <poll.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <unistd.h>
+#include <zstd.h>
+
+int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size);
+
+static void require(bool condition) {
+    if (!condition) abort();
+}
+
+/* ---- the server above ---- */
+
+static struct {
+    int listener, session;
+    char path[100];
+    uint8_t *welcome, *chunk; /* messages */
+    size_t welcome_size, chunk_size;
+    uint8_t *package;
+    size_t package_size;
+    const uint8_t *first; /* what it says when the session begins */
+    size_t first_size;
+} above;
+
+static void make_scene(void) {
+    struct lw_scene *scene = lw_support_everything();
+    for (uint32_t i = 0; i < scene->mesh_count; i++)
+        if (scene->mesh[i].atlas_width) { /* several tiles across and down, the last ones cut off */
+            scene->mesh[i].atlas_width = 140;
+            scene->mesh[i].atlas_height = 72;
+        }
+    require(lw_scene_spares_add(scene, "1", NULL) == LW_OK);
+    require(lw_package_write(scene, &above.package, &above.package_size, NULL) == LW_OK);
+    lw_scene_destroy(scene);
+    const size_t bound = ZSTD_compressBound(above.package_size);
+    uint8_t *compressed = malloc(bound);
+    const size_t size = ZSTD_compress(compressed, bound, above.package, above.package_size, 1);
+    require(!ZSTD_isError(size) && size <= LW_MESSAGE_CHUNK_MAX);
+    struct lw_message welcome = {.type = LW_MESSAGE_WELCOME,
+                                 .welcome = {.version = LW_WIRE_VERSION,
+                                             .features = LW_FEATURE_DCT | LW_FEATURE_RESUME,
+                                             .name = "fuzz",
+                                             .package_size = above.package_size,
+                                             .package_compressed_size = size,
+                                             .run = 1}};
+    lw_package_hash(above.package, above.package_size, &welcome.welcome.package_hash);
+    const struct lw_message chunk = {.type = LW_MESSAGE_PACKAGE_CHUNK,
+                                     .package_chunk = {0, compressed, size}};
+    require(lw_message_encode_alloc(&welcome, &above.welcome, &above.welcome_size) == LW_OK);
+    require(lw_message_encode_alloc(&chunk, &above.chunk, &above.chunk_size) == LW_OK);
+    free(compressed);
+}
+
+static void stop_listening(void) { unlink(above.path); }
+
+static void listen_once(void) {
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    const char *folder = getenv("TMPDIR");
+    snprintf(above.path, sizeof above.path, "%s/fuzz_relay.%ld", folder ? folder : "/tmp", (long)getpid());
+    require(strlen(above.path) < sizeof address.sun_path);
+    strcpy(address.sun_path, above.path);
+    unlink(above.path);
+    above.listener = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    require(above.listener >= 0 && bind(above.listener, (struct sockaddr *)&address, sizeof address) == 0 &&
+            listen(above.listener, 4) == 0);
+    atexit(stop_listening);
+}
+
+/* Pieces are shorter than what a socket holds. */
+static void say(const uint8_t *bytes, size_t size) {
+    while (size) {
+        const ssize_t sent = send(above.session, bytes, size, MSG_NOSIGNAL | MSG_DONTWAIT);
+        if (sent <= 0) return; /* the relay has hung up, or is full */
+        bytes += sent;
+        size -= (size_t)sent;
+    }
+}
+
+static void *welcome(void *nothing) {
+    above.session = accept(above.listener, NULL, NULL);
+    say(above.first, above.first_size);
+    if (above.first != above.welcome) shutdown(above.session, SHUT_WR); /* nobody waits for more */
+    return nothing;
+}
+
+static struct lw_relay_upstream *connect_relay(const uint8_t *first, size_t size) {
+    struct lw_relay_upstream *up = NULL;
+    struct lw_error err = {0};
+    char host[120];
+    pthread_t thread;
+    above.first = first;
+    above.first_size = size;
+    snprintf(host, sizeof host, LW_ACCESS_UNIX "%s", above.path);
+    require(pthread_create(&thread, NULL, welcome, NULL) == 0);
+    const enum lw_status status = lw_relay_upstream_create(
+        &(struct lw_relay_upstream_desc){.host = host, .timeout_ms = 10000, .relay = 7}, &up, &err);
+    require(status == LW_OK || (!up && *err.text));
+    pthread_join(thread, NULL);
+    return up;
+}
+
+static void hang_up(struct lw_relay_upstream **up) {
+    lw_relay_upstream_destroy(*up);
+    *up = NULL;
+    close(above.session);
+}
+
+/* ---- a client below ---- */
+
+static void give(struct lw_replica *replica, const struct lw_blob *blob) {
+    struct lw_error err = {0};
+    for (size_t at = 0; blob && at < blob->size;) {
+        struct lw_framing_header header;
+        struct lw_message m;
+        require(lw_framing_read_header(blob->bytes + at, LW_FRAMING_BODY_MAX, &header, NULL) == LW_OK);
+        at += LW_FRAMING_HEADER_SIZE;
+        require(header.body_size <= blob->size - at);
+        require(lw_message_decode(header, blob->bytes + at, &m, NULL) == LW_OK);
+        at += header.body_size;
+        if (m.type == LW_MESSAGE_FRAME) require(lw_replica_take_frame(replica, &m.frame, &err) == LW_OK);
+        if (m.type == LW_MESSAGE_TILE) require(lw_replica_take_tile(replica, &m.tile, &err) == LW_OK);
+        lw_message_finish(&m);
+    }
+}
+
+/* Newcomers get what is whole; who followed gets deltas. */
+static void show(struct lw_relay_light *light, struct lw_replica *follower) {
+    const struct lw_atlas_map *map = lw_relay_light_map(light);
+    struct lw_snapshot *s;
+    struct lw_replica *newcomer;
+    if (lw_relay_light_snapshot(light, &s) != LW_OK || !s) return;
+    require(lw_replica_create(above.package, above.package_size, &newcomer, NULL) == LW_OK);
+    give(newcomer, s->frame_full);
+    give(follower, s->frame_delta ? s->frame_delta : s->frame_full);
+    for (uint32_t t = 0; t < map->tile_count; t++) {
+        const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][t];
+        const uint64_t had = lw_replica_get_tile(follower, (lw_tile_id){t}).version;
+        require(tile->version <= lw_snapshot_version(s->frame) && had <= tile->version);
+        give(newcomer, tile->blob);
+        if (had < tile->version) give(follower, tile->delta && tile->base == had ? tile->delta : tile->blob);
+        require(lw_replica_get_tile(newcomer, (lw_tile_id){t}).version == tile->version &&
+                lw_replica_get_tile(follower, (lw_tile_id){t}).version == tile->version);
+    }
+    for (uint32_t o = 0; o < map->object_count; o++)
+        for (uint32_t l = 0; l < map->atlas[o].level_count; l++) {
+            const struct lw_client_level a = lw_replica_get_level(newcomer, o, l),
+                                         b = lw_replica_get_level(follower, o, l);
+            require(!memcmp(a.rgb, b.rgb, 3 * sizeof(float) * (size_t)a.width * a.height));
+        }
+    lw_replica_destroy(newcomer);
+    lw_snapshot_unref(s);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
+    if (!above.package) {
+        lw_log_init("fuzz_relay", LW_LOG_ERROR);
+        make_scene();
+        listen_once();
+    }
+    if (!size) return 0;
+    const uint8_t kind = bytes[0] % 3;
+    struct lw_error err = {0};
+    struct lw_relay_scene scene = {0};
+    struct lw_replica *follower = NULL;
+    struct lw_relay_upstream *up =
+        connect_relay(kind ? above.welcome : bytes + 1, kind ? above.welcome_size : size - 1);
+    if (up && kind && lw_relay_upstream_begin(up, &err) == LW_OK) {
+        say(above.chunk, above.chunk_size);
+        while (!lw_relay_upstream_light(up)) require(lw_relay_upstream_take(up, &err) == LW_OK);
+        lw_relay_upstream_give(up, &scene);
+        require(lw_replica_create(above.package, above.package_size, &follower, NULL) == LW_OK);
+    }
+    for (size_t at = 1; follower && up && size - at >= 2;) {
+        size_t length = bytes[at] | (size_t)bytes[at + 1] << 8;
+        at += 2;
+        if (length > size - at) length = size - at;
+        say(bytes + at, length);
+        at += length;
+        if (lw_relay_upstream_take(up, &err) != LW_OK) {
+            require(*err.text);
+            err = (struct lw_error){0};
+            hang_up(&up);
+            if (kind != 2 || !(up = connect_relay(above.welcome, above.welcome_size))) break;
+            if (lw_relay_upstream_resume(up, scene.light, &err) != LW_OK) hang_up(&up);
+        }
+        show(scene.light, follower);
+    }
+    if (up)
+        hang_up(&up);
+    else if (!kind)
+        close(above.session);
+    lw_replica_destroy(follower);
+    lw_relay_scene_finish(&scene);
+    return 0;
+}

@@ -1,0 +1,381 @@
+/* The real lightwelld behind the real lightwell-relay: what clients of the relay get, and what happens when
+ * parts die. */
+#include "tests/support/process.h"
+
+#include "client/lib/client.h"
+#include "common/clock.h"
+#include "proto/message.h"
+
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#define CORNELL                                                                                              \
+    "builtin:cornell --texels-per-metre 8 --clock step --light whole --error 0.3 --frame-rate 200 --http "   \
+    "none"
+#define CLIENTS 3
+
+static struct lw_client *client[CLIENTS];
+static struct lw_process server, relay[2];
+
+static int end_all(void **state) {
+    (void)state;
+    for (int i = 0; i < CLIENTS; i++) {
+        lw_client_destroy(client[i]);
+        client[i] = NULL;
+    }
+    lw_process_kill_all();
+    memset(relay, 0, sizeof relay);
+    return 0;
+}
+
+static uint16_t read_port(const char *path) {
+    size_t size;
+    char *text = (char *)lw_support_read_file(path, &size);
+    const int port = atoi(text);
+    free(text);
+    assert_true(port > 0);
+    return (uint16_t)port;
+}
+
+/* On a free port, or on the one it had. */
+static void start_relay(struct lw_process *process, const char *upstream, const char *options) {
+    static unsigned number;
+    char arguments[900], file[64];
+    const unsigned port = process->port;
+    snprintf(file, sizeof file, "relay%u.port", number++);
+    const char *path = lw_support_temporary(file);
+    snprintf(arguments, sizeof arguments, "%s --listen 127.0.0.1:%u --port-file %s --http none %s", upstream,
+             port, path, options);
+    lw_process_start(process, "lightwell-relay", arguments);
+    if (!lw_process_await_file(process, path)) lw_process_expect(process, -1, 0);
+    process->port = read_port(path);
+}
+
+static void join_with(int i, uint16_t port, struct lw_client_desc desc) {
+    struct lw_error err = {0};
+    desc.host = "127.0.0.1";
+    desc.port = port;
+    desc.name = "test_relay";
+    desc.timeout_ms = LW_PROCESS_LIMIT_S * 1000;
+    lw_support_ok(lw_client_create(&desc, &client[i], &err), &err);
+}
+
+static void join(int i, uint16_t port) { join_with(i, port, (struct lw_client_desc){.draws_direct = false}); }
+
+static void poll_all(void) {
+    struct lw_error err = {0};
+    for (int i = 0; i < CLIENTS; i++)
+        if (client[i]) lw_support_ok(lw_client_poll(client[i], 5, &err), &err);
+}
+
+static struct lw_client_stats stats_of(int i) {
+    struct lw_client_stats stats;
+    lw_client_get_stats(client[i], &stats);
+    return stats;
+}
+
+/* The client has every tile, converged, and the server has nothing left to send. */
+static bool is_at_rest(int i) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(client[i]);
+    const struct lw_client_stats stats = stats_of(i);
+    if (!map || !stats.frame || stats.settled_frame != stats.frame) return false;
+    for (uint32_t t = 0; t < map->tile_count; t++) {
+        const struct lw_client_tile tile = lw_client_get_tile(client[i], (lw_tile_id){t});
+        if (!tile.version || tile.error > 0.3f) return false;
+    }
+    return true;
+}
+
+static void wait_for(bool (*is_so)(void)) {
+    const uint64_t end_ns = lw_clock_ns() + LW_PROCESS_LIMIT_S * 1000000000ull;
+    while (!is_so()) {
+        poll_all();
+        if (lw_clock_ns() > end_ns) fail_msg("it did not come within %u s", LW_PROCESS_LIMIT_S);
+    }
+}
+
+static bool all_rest(void) {
+    for (int i = 0; i < CLIENTS; i++)
+        if (client[i] && !is_at_rest(i)) return false;
+    return true;
+}
+
+/* Every client has every tile in the version of the first, which the daemon serves. Tiles of hidden objects
+ * need not converge. */
+static bool all_have_the_same(void) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(client[0]);
+    for (int i = 0; i < CLIENTS; i++)
+        if (client[i] && (!lw_client_atlas_map(client[i]) || stats_of(i).frame != stats_of(0).frame ||
+                          stats_of(i).settled_frame != stats_of(i).frame))
+            return false;
+    for (int i = 0; i < CLIENTS; i++)
+        for (uint32_t t = 0; client[i] && t < map->tile_count; t++)
+            if (!lw_client_get_tile(client[i], (lw_tile_id){t}).version ||
+                lw_client_get_tile(client[i], (lw_tile_id){t}).version !=
+                    lw_client_get_tile(client[0], (lw_tile_id){t}).version)
+                return false;
+    return true;
+}
+
+static void expect_the_same_texels(void) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(client[0]);
+    for (int i = 1; i < CLIENTS; i++)
+        for (uint32_t o = 0; client[i] && o < map->object_count; o++)
+            for (uint32_t l = 0; l < map->atlas[o].level_count; l++) {
+                const struct lw_client_level ours = lw_client_get_level(client[i], o, l),
+                                             theirs = lw_client_get_level(client[0], o, l);
+                assert_true(ours.width == theirs.width && ours.height == theirs.height);
+                assert_memory_equal(ours.rgb, theirs.rgb,
+                                    3 * sizeof(float) * (size_t)ours.width * ours.height);
+            }
+}
+
+static void expect_the_same(void) {
+    wait_for(all_have_the_same);
+    expect_the_same_texels();
+    for (int i = 1; i < CLIENTS; i++)
+        for (uint32_t o = 0; client[i] && o < lw_client_scene(client[0])->object_count; o++) {
+            assert_memory_equal(lw_client_object_to_world(client[i], o),
+                                lw_client_object_to_world(client[0], o), sizeof(struct lw_affine));
+            assert_int_equal(lw_client_object_state(client[i], o), lw_client_object_state(client[0], o));
+        }
+}
+
+static uint64_t update(int i, const struct lw_scene_change *change, struct lw_client_answer *out_answer) {
+    struct lw_error err = {0};
+    uint64_t request;
+    lw_support_ok(lw_client_update(client[i], change, 1, &request, &err), &err);
+    const uint64_t end_ns = lw_clock_ns() + LW_PROCESS_LIMIT_S * 1000000000ull;
+    while (!lw_client_next_answer(client[i], out_answer)) {
+        poll_all();
+        assert_true(lw_clock_ns() < end_ns);
+    }
+    assert_int_equal(out_answer->request, request);
+    return out_answer->frame;
+}
+
+/* A client of a relay, and one of a relay of that, see what a client of the daemon sees, before and after
+ * changes that clients of either make; and an answer comes with the frame that shows it. */
+static void clients_of_relays_get_the_same(void **state) {
+    (void)state;
+    char upstream[64];
+    struct lw_client_answer answer;
+    lw_process_serve(&server, CORNELL);
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", server.port);
+    start_relay(&relay[0], upstream, "");
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", relay[0].port);
+    start_relay(&relay[1], upstream, "");
+    join_with(0, server.port, (struct lw_client_desc){.control = true});
+    join_with(1, relay[0].port, (struct lw_client_desc){.control = true});
+    join_with(2, relay[1].port, (struct lw_client_desc){.control = true});
+    expect_the_same();
+    assert_true(lw_client_may_update(client[1]) && lw_client_may_update(client[2]));
+    /* from each of the three, by the Unix sockets that are found by port */
+    for (int i = 0; i < CLIENTS; i++) {
+        const struct lw_scene_change hide = {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 4 + (uint32_t)i};
+        const uint64_t frame = update(i, &hide, &answer);
+        assert_int_equal(answer.code, LW_SCENE_CHANGE_OK);
+        assert_true(frame > 0 && stats_of(i).frame >= frame);
+        assert_true(lw_client_object_hidden(client[i], 4 + (uint32_t)i));
+    }
+    const struct lw_scene_change wrong = {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 1000};
+    update(2, &wrong, &answer);
+    assert_int_equal(answer.code, LW_SCENE_CHANGE_UNKNOWN_TARGET);
+    expect_the_same();
+    for (uint32_t o = 4; o < 7; o++) assert_true(lw_client_object_hidden(client[2], o));
+}
+
+/* Both forms of light, at one relay. */
+static void forms_of_light_come_apart(void **state) {
+    (void)state;
+    char upstream[64];
+    lw_process_serve(&server, CORNELL);
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", server.port);
+    start_relay(&relay[0], upstream, "");
+    join_with(0, server.port, (struct lw_client_desc){.draws_direct = true});
+    join_with(1, relay[0].port, (struct lw_client_desc){.draws_direct = true});
+    expect_the_same();
+    assert_non_null(lw_client_draws(client[1]));
+    join_with(2, relay[0].port, (struct lw_client_desc){.draws_direct = false});
+    wait_for(all_rest);
+    assert_null(lw_client_draws(client[2]));
+    lw_client_destroy(client[0]);
+    client[0] = NULL;
+    join(0, server.port);
+    lw_client_destroy(client[1]);
+    client[1] = NULL;
+    expect_the_same();
+}
+
+static uint64_t frame_before;
+static bool first_has_gone_on(void) { return stats_of(0).frame >= frame_before; }
+
+static void reconnect(int i) {
+    struct lw_error err = {0};
+    const uint64_t end_ns = lw_clock_ns() + LW_PROCESS_LIMIT_S * 1000000000ull;
+    while (lw_client_poll(client[i], 10, &err) == LW_OK) assert_true(lw_clock_ns() < end_ns);
+    do {
+        err = (struct lw_error){0};
+        assert_true(lw_clock_ns() < end_ns);
+        lw_support_pause();
+    } while (lw_client_reconnect(client[i], &err) != LW_OK);
+}
+
+/* A figure of a relay, as its operator is told it. */
+static double figure(const struct lw_process *process, const char *name) {
+    struct lw_client *operator_ = NULL;
+    struct lw_error err = {0};
+    uint32_t code;
+    char *text;
+    const struct lw_client_desc desc = {
+        .host = "127.0.0.1", .port = process->port, .operate = true, .timeout_ms = LW_PROCESS_LIMIT_S * 1000};
+    lw_support_ok(lw_client_create(&desc, &operator_, &err), &err);
+    lw_support_ok(lw_client_ask(operator_, LW_ASK_STATS, 0, &err), &err);
+    while (!lw_client_take_report(operator_, &code, &text))
+        lw_support_ok(lw_client_poll(operator_, 100, &err), &err);
+    lw_client_destroy(operator_);
+    char line[100];
+    snprintf(line, sizeof line, "\n%s ", name);
+    const char *at = strstr(text, line);
+    assert_true(code == LW_REPORT_DONE && at);
+    const double value = atof(at + strlen(line));
+    free(text);
+    return value;
+}
+
+#define TILES "lightwell_upstream_received_tiles_total"
+
+/* The link of a relay breaks: clients keep their sessions, and get only what changed. Two addresses of one
+ * daemon stand for two servers of the same run. */
+static void a_link_that_breaks_costs_no_session(void **state) {
+    (void)state;
+    char upstream[128];
+    lw_process_serve(&server, CORNELL);
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", server.port);
+    start_relay(&relay[0], upstream, "");
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u,127.0.0.1:%u", relay[0].port, server.port);
+    start_relay(&relay[1], upstream, "");
+    join_with(0, server.port, (struct lw_client_desc){.control = true});
+    join(1, relay[1].port);
+    wait_for(all_rest);
+    expect_the_same();
+    const uint64_t tiles = stats_of(1).tiles;
+    const double received = figure(&relay[1], TILES);
+    assert_true(received > 0);
+    /* the relay between dies: the other goes on from the daemon, by versions */
+    assert_int_equal(lw_process_stop(&relay[0], SIGKILL, LW_PROCESS_LIMIT_S), -SIGKILL);
+    lw_process_await_text(&relay[1], "is there: light goes on");
+    const struct lw_scene_change hide = {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 5};
+    struct lw_client_answer answer;
+    const uint64_t tiles_0 = stats_of(0).tiles;
+    frame_before = update(0, &hide, &answer);
+    wait_for(first_has_gone_on);
+    expect_the_same();
+    assert_true(lw_client_object_hidden(client[1], 5));
+    /* no tile twice: what the daemon sent its own client is all that came, to the relay and from it */
+    const uint64_t changed = stats_of(0).tiles - tiles_0;
+    assert_true(stats_of(1).tiles - tiles <= changed);
+    assert_true(figure(&relay[1], TILES) - received <= (double)changed);
+}
+
+/* A client goes from a relay to the daemon, and back to another relay, and is sent nothing that it has. */
+static void a_client_goes_from_one_to_another(void **state) {
+    (void)state;
+    char upstream[64];
+    lw_process_serve(&server, CORNELL);
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", server.port);
+    start_relay(&relay[0], upstream, "");
+    join(0, server.port);
+    join(1, relay[0].port);
+    wait_for(all_rest);
+    expect_the_same();
+    const uint64_t tiles = stats_of(1).tiles;
+    /* another relay takes the place of the first, at its port */
+    assert_int_equal(lw_process_stop(&relay[0], SIGKILL, LW_PROCESS_LIMIT_S), -SIGKILL);
+    start_relay(&relay[0], upstream, "");
+    reconnect(1);
+    expect_the_same();
+    assert_int_equal(stats_of(1).tiles, tiles);
+}
+
+/* The daemon is gone: light stays, for newcomers too. It comes back as another run: clients go over. */
+static void light_stays_while_the_daemon_is_gone(void **state) {
+    (void)state;
+    char upstream[64], arguments[400];
+    lw_process_serve(&server, CORNELL);
+    const uint16_t port = server.port;
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", port);
+    start_relay(&relay[0], upstream, "");
+    join(0, server.port);
+    join(1, relay[0].port);
+    expect_the_same();
+    assert_int_equal(lw_process_stop(&server, SIGKILL, LW_PROCESS_LIMIT_S), -SIGKILL);
+    lw_process_await_text(&relay[0], "clients keep the light that they have");
+    join(2, relay[0].port);
+    struct lw_client *daemons = client[0];
+    client[0] = client[1];
+    client[1] = NULL;
+    expect_the_same();
+    client[1] = client[0];
+    client[0] = NULL;
+    const uint64_t tiles = stats_of(1).tiles;
+    snprintf(arguments, sizeof arguments, CORNELL " --listen 127.0.0.1:%u", port);
+    lw_process_serve(&server, arguments);
+    lw_process_await_text(&relay[0], "clients go over to it");
+    reconnect(1);
+    reconnect(2);
+    wait_for(all_rest);
+    assert_true(stats_of(1).tiles > tiles);
+    lw_client_destroy(daemons);
+    for (int i = 1; i < CLIENTS; i++)
+        lw_client_destroy(client[i]); /* their versions go on from those before */
+    join(0, server.port);
+    join(1, relay[0].port);
+    client[2] = NULL;
+    expect_the_same();
+}
+
+/* Two relays, each of which could take the other's light. */
+static void a_loop_of_relays_is_refused(void **state) {
+    (void)state;
+    char upstream[128];
+    lw_process_serve(&server, CORNELL);
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", server.port);
+    start_relay(&relay[0], upstream, "");
+    const uint16_t port = relay[0].port;
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", port);
+    start_relay(&relay[1], upstream, "");
+    join(0, relay[1].port);
+    wait_for(all_rest);
+    /* the first one comes again, and may take light from the second */
+    assert_int_equal(lw_process_stop(&relay[0], SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u,127.0.0.1:%u", server.port, relay[1].port);
+    start_relay(&relay[0], upstream, "");
+    lw_process_await_text(&relay[1], "is there: light goes on");
+    assert_int_equal(lw_process_stop(&server, SIGKILL, LW_PROCESS_LIMIT_S), -SIGKILL);
+    lw_process_await_text(&relay[0], "a loop of relays");
+    poll_all();
+    assert_true(is_at_rest(0)); /* and light stays */
+    /* a relay of itself */
+    struct lw_process alone = {.port = 0};
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", relay[1].port);
+    start_relay(&alone, upstream, "");
+    lw_process_refuses("lightwell-relay", "127.0.0.1:1,,x", 64, "UPSTREAM", LW_PROCESS_LIMIT_S);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(clients_of_relays_get_the_same, end_all),
+        cmocka_unit_test_teardown(forms_of_light_come_apart, end_all),
+        cmocka_unit_test_teardown(a_link_that_breaks_costs_no_session, end_all),
+        cmocka_unit_test_teardown(a_client_goes_from_one_to_another, end_all),
+        cmocka_unit_test_teardown(light_stays_while_the_daemon_is_gone, end_all),
+        cmocka_unit_test_teardown(a_loop_of_relays_is_refused, end_all),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

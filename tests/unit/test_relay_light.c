@@ -1,0 +1,321 @@
+/* Light that another server sent: what snapshots hold of it, and what is refused. */
+#include "tests/support/support.h"
+
+#include "common/scene/package.h"
+#include "common/tile/tile_codec.h"
+#include "relay/relay_light.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum { FULL = LW_LIGHT_FORM_FULL, SPLIT = LW_LIGHT_FORM_SPLIT };
+
+static struct lw_relay_light *light;
+static const struct lw_atlas_map *map;
+static struct lw_tile_codec *codec;
+static float rgb[LW_TILE_TEXELS_MAX * 3];
+
+/* A tile as its server has it. */
+struct source {
+    struct lw_tile_dct_history history;
+    struct lw_message_tile whole, delta; /* delta.payload_size 0: there is none */
+    uint8_t whole_bytes[LW_TILE_DCT_BOUND], delta_bytes[LW_TILE_DCT_BOUND];
+};
+static struct source *source; /* by tile */
+
+static void encode(uint32_t id, uint64_t version) {
+    struct source *s = &source[id];
+    const struct lw_tile_place *place = &map->place[id];
+    struct lw_tile_dct_coded coded = {0};
+    for (size_t i = 0; i < (size_t)place->width * place->height * 3; i++) /* the first texels change */
+        rgb[i] = 1 + 0.02f * (float)(i * 7919 % 50) + (i < 24 ? 0.1f * (float)(version % 8) : 0);
+    lw_support_ok(lw_tile_codec_encode_dct(
+                      codec,
+                      &(struct lw_tile_dct_source){rgb, NULL, place->width, place->height, 0.02f, 0, NULL},
+                      &s->history, s->whole_bytes, s->delta_bytes, lw_tile_codec_bound(), &coded),
+                  NULL);
+    const uint64_t before = s->whole.version;
+    s->whole = (struct lw_message_tile){.object = place->object,
+                                        .level = place->level,
+                                        .tile = lw_atlas_map_number(map, (lw_tile_id){id}),
+                                        .version = version,
+                                        .codec = LW_TILE_CODEC_DCT,
+                                        .scale = coded.scale,
+                                        .bounces = 1,
+                                        .error = 0.1f,
+                                        .payload = s->whole_bytes,
+                                        .payload_size = coded.size};
+    s->delta = s->whole;
+    s->delta.payload = s->delta_bytes;
+    s->delta.payload_size = coded.delta_size;
+    s->delta.base = before;
+}
+
+static int begin(void **state) {
+    (void)state;
+    struct lw_scene *scene = lw_support_everything();
+    for (uint32_t i = 0; i < scene->mesh_count; i++)
+        if (scene->mesh[i].atlas_width) {
+            scene->mesh[i].atlas_width = 140;
+            scene->mesh[i].atlas_height = 72;
+        }
+    uint8_t *package;
+    size_t size;
+    struct lw_error err = {0};
+    lw_support_ok(lw_package_write(scene, &package, &size, &err), &err);
+    lw_scene_destroy(scene);
+    lw_support_ok(lw_relay_light_create(package, size, &light, &err), &err);
+    free(package);
+    map = lw_relay_light_map(light);
+    lw_support_ok(lw_tile_codec_create(&codec), NULL);
+    source = aligned_alloc(64, (map->tile_count * sizeof *source + 63) / 64 * 64);
+    memset(source, 0, map->tile_count * sizeof *source);
+    return 0;
+}
+
+static int end(void **state) {
+    (void)state;
+    lw_relay_light_destroy(light);
+    lw_tile_codec_destroy(codec);
+    free(source);
+    return 0;
+}
+
+static void take_frame(uint32_t channel, uint64_t frame) {
+    struct lw_error err = {0};
+    lw_support_ok(lw_relay_light_take_frame(light, channel, &(struct lw_message_frame){.frame = frame}, &err),
+                  &err);
+}
+
+static void take_tile(uint32_t channel, struct lw_message_tile tile) {
+    struct lw_error err = {0};
+    tile.layer = channel;
+    lw_support_ok(lw_relay_light_take_tile(light, channel, &tile, &err), &err);
+}
+
+static void refuse_tile(struct lw_message_tile tile, const char *text) {
+    struct lw_error err = {0};
+    const uint64_t before = lw_relay_light_version(light, FULL, (lw_tile_id){0});
+    lw_support_fails(lw_relay_light_take_tile(light, FULL, &tile, &err), LW_PROTOCOL, &err, text);
+    assert_int_equal(lw_relay_light_version(light, FULL, (lw_tile_id){0}), before);
+}
+
+static void take_settled(uint32_t channel, uint64_t frame) {
+    struct lw_error err = {0};
+    lw_support_ok(lw_relay_light_take_settled(light, channel, frame, &err), &err);
+}
+
+static struct lw_snapshot *snapshot(void) {
+    struct lw_snapshot *made;
+    lw_support_ok(lw_relay_light_snapshot(light, &made), NULL);
+    return made;
+}
+
+/* A frame with every tile, whole. */
+static void take_all(uint32_t channel, uint64_t frame) {
+    take_frame(channel, frame);
+    for (uint32_t t = 0; t < map->tile_count; t++) {
+        if (source[t].whole.version < 2 * frame) encode(t, 2 * frame);
+        take_tile(channel, source[t].whole);
+    }
+    take_settled(channel, frame);
+}
+
+static void expect_tile(const struct lw_blob *blob, const struct lw_message_tile *expected) {
+    struct lw_message m;
+    assert_non_null(blob);
+    lw_support_ok(lw_message_decode_whole(blob->bytes, blob->size, &m), NULL);
+    assert_int_equal(m.type, LW_MESSAGE_TILE);
+    assert_true(m.tile.version == expected->version && m.tile.base == expected->base &&
+                m.tile.scale == expected->scale && m.tile.error == expected->error);
+    assert_int_equal(m.tile.payload_size, expected->payload_size);
+    assert_memory_equal(m.tile.payload, expected->payload, expected->payload_size);
+    lw_message_finish(&m);
+}
+
+/* Tiles are passed on as they came; one that came as a delta is made whole as its server has it. */
+static void tiles_are_passed_on(void **state) {
+    (void)state;
+    assert_null(snapshot());
+    lw_relay_light_begin(light, FULL);
+    take_all(FULL, 5);
+    assert_int_equal(lw_relay_light_news(light), LW_RELAY_LIGHT_ALL);
+    struct lw_snapshot *s = snapshot();
+    assert_true(s->frame == 5 && s->channels == 1u << FULL && !s->unsettled && !s->frame_delta);
+    for (uint32_t t = 0; t < map->tile_count; t++) {
+        expect_tile(s->tile[FULL][t].blob, &source[t].whole);
+        assert_null(s->tile[FULL][t].delta);
+    }
+    lw_snapshot_unref(s);
+    assert_int_equal(lw_relay_light_news(light), LW_RELAY_LIGHT_NOTHING);
+    take_frame(FULL, 6);
+    assert_int_equal(lw_relay_light_news(light), LW_RELAY_LIGHT_SOME);
+    encode(0, 12);
+    assert_true(source[0].delta.payload_size > 0);
+    take_tile(FULL, source[0].delta);
+    s = snapshot(); /* while tiles are still to come */
+    assert_true(s->frame == 6 && s->previous_frame == 5 && s->frame_delta && s->unsettled == 1u << FULL);
+    expect_tile(s->tile[FULL][0].blob, &source[0].whole);
+    expect_tile(s->tile[FULL][0].delta, &source[0].delta);
+    assert_int_equal(s->tile[FULL][0].base, 10);
+    lw_snapshot_unref(s);
+    encode(1, 12);
+    take_tile(FULL, source[1].whole);
+    take_settled(FULL, 6);
+    s = snapshot(); /* the rest of the same frame: a session goes on from frame 5 or 6 */
+    assert_true(s->frame == 6 && s->previous_frame == 5 && !s->unsettled);
+    expect_tile(s->tile[FULL][1].blob, &source[1].whole);
+    lw_snapshot_unref(s);
+}
+
+/* Clients have what was in a snapshot: from there on there is one delta over all versions since. */
+static void versions_between_snapshots_are_one_delta(void **state) {
+    (void)state;
+    lw_relay_light_begin(light, FULL);
+    take_all(FULL, 5);
+    lw_snapshot_unref(snapshot());
+    for (uint64_t frame = 6; frame < 9; frame++) {
+        take_frame(FULL, frame);
+        encode(0, 2 * frame);
+        take_tile(FULL, source[0].delta);
+    }
+    struct lw_snapshot *s = snapshot();
+    assert_true(s->frame == 8 && s->previous_frame == 5);
+    assert_int_equal(s->tile[FULL][0].base, 10);
+    struct lw_message m;
+    lw_support_ok(lw_message_decode_whole(s->tile[FULL][0].delta->bytes, s->tile[FULL][0].delta->size, &m),
+                  NULL);
+    assert_true(m.tile.base == 10 && m.tile.version == 16);
+    lw_message_finish(&m);
+    expect_tile(s->tile[FULL][0].blob, &source[0].whole);
+    lw_snapshot_unref(s);
+}
+
+/* Sessions of two forms: a frame is settled for each apart. */
+static void channels_settle_apart(void **state) {
+    (void)state;
+    lw_relay_light_begin(light, FULL);
+    lw_relay_light_begin(light, SPLIT);
+    take_all(FULL, 5);
+    struct lw_snapshot *s = snapshot();
+    assert_true(s->channels == 1u << FULL);
+    lw_snapshot_unref(s);
+    take_frame(SPLIT, 5);
+    for (uint32_t t = 1; t < map->tile_count; t++) take_tile(SPLIT, source[t].whole);
+    take_tile(SPLIT, source[0].whole);
+    s = snapshot();
+    assert_true(s->frame == 5 && s->channels == (1u << FULL | 1u << SPLIT) && s->unsettled == 1u << SPLIT);
+    lw_snapshot_unref(s);
+    take_settled(SPLIT, 5);
+    take_frame(FULL, 6);
+    take_settled(FULL, 6);
+    s = snapshot();
+    assert_true(s->frame == 6 && s->unsettled == 1u << SPLIT);
+    lw_snapshot_unref(s);
+}
+
+/* With no session left, light stays, in every channel; a session that is behind shows nothing older. */
+static void light_stays(void **state) {
+    (void)state;
+    lw_relay_light_begin(light, FULL);
+    lw_relay_light_begin(light, SPLIT);
+    take_all(FULL, 5);
+    take_all(SPLIT, 5);
+    lw_snapshot_unref(snapshot());
+    lw_relay_light_end(light, SPLIT);
+    take_frame(FULL, 6);
+    take_settled(FULL, 6);
+    struct lw_snapshot *s = snapshot();
+    assert_true(s->channels == 1u << FULL);
+    lw_snapshot_unref(s);
+    lw_relay_light_end(light, FULL);
+    assert_int_equal(lw_relay_light_news(light), LW_RELAY_LIGHT_NOTHING);
+    s = snapshot();
+    assert_true(s->frame == 6 && s->channels == (1u << FULL | 1u << SPLIT) && !s->unsettled);
+    for (uint32_t t = 0; t < map->tile_count; t++) expect_tile(s->tile[SPLIT][t].blob, &source[t].whole);
+    lw_snapshot_unref(s);
+    lw_relay_light_begin(light, FULL); /* of a relay that is behind */
+    take_frame(FULL, 4);
+    take_tile(FULL, (struct lw_message_tile){.version = 1,
+                                             .codec = LW_TILE_CODEC_DCT,
+                                             .payload = (const uint8_t *)"",
+                                             .payload_size = 1}); /* older than what is here: not looked at */
+    take_settled(FULL, 4);
+    assert_null(snapshot());
+    take_frame(FULL, 7);
+    take_settled(FULL, 7);
+    s = snapshot();
+    assert_true(s->frame == 7 && s->previous_frame == 6);
+    lw_snapshot_unref(s);
+}
+
+/* Every byte gives a status, and what was there stays. */
+static void what_makes_no_sense_is_refused(void **state) {
+    (void)state;
+    struct lw_error err = {0};
+    encode(0, 10);
+    struct lw_message_tile tile = source[0].whole;
+    lw_relay_light_begin(light, FULL);
+    refuse_tile(tile, "out of order");
+    lw_support_fails(lw_relay_light_take_settled(light, FULL, 1, &err), LW_PROTOCOL, &err, "out of order");
+    take_all(FULL, 5);
+    err = (struct lw_error){0};
+    lw_support_fails(lw_relay_light_take_frame(light, FULL, &(struct lw_message_frame){.frame = 4}, &err),
+                     LW_PROTOCOL, &err, "number 4 after 5");
+    const struct lw_message_transform nowhere = {.object = 1000};
+    err = (struct lw_error){0};
+    lw_support_fails(lw_relay_light_take_frame(
+                         light, FULL,
+                         &(struct lw_message_frame){.frame = 6, .transform = &nowhere, .transform_count = 1},
+                         &err),
+                     LW_PROTOCOL, &err, "transform_object 1000");
+    take_frame(FULL, 6);
+    encode(0, 12);
+    const struct lw_message_tile whole = source[0].whole, delta = source[0].delta;
+    tile = whole;
+    tile.version = 13;
+    refuse_tile(tile, "over twice the number");
+    tile = whole;
+    tile.object = 1000;
+    refuse_tile(tile, "does not exist");
+    tile = whole;
+    tile.layer = SPLIT;
+    refuse_tile(tile, "another layer");
+    tile = whole;
+    tile.codec = 2;
+    refuse_tile(tile, "codec is unknown");
+    tile = whole;
+    tile.payload_size--;
+    refuse_tile(tile, "damaged");
+    tile = whole;
+    tile.scale = 0x1p61f;
+    refuse_tile(tile, "damaged");
+    tile = delta;
+    tile.base = 8;
+    refuse_tile(tile, "a version that is not here");
+    tile = delta;
+    tile.payload_size--;
+    refuse_tile(tile, "damaged");
+    tile = delta;
+    tile.scale = 0x1p61f;
+    refuse_tile(tile, "damaged");
+    tile = whole;
+    tile.base = 10; /* a whole payload is no delta */
+    refuse_tile(tile, "damaged");
+    tile = delta;
+    tile.codec = LW_TILE_CODEC_HALF_ZSTD;
+    refuse_tile(tile, "a version that is not here");
+    take_tile(FULL, delta);
+    assert_int_equal(lw_relay_light_version(light, FULL, (lw_tile_id){0}), 12);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(tiles_are_passed_on, begin, end),
+        cmocka_unit_test_setup_teardown(versions_between_snapshots_are_one_delta, begin, end),
+        cmocka_unit_test_setup_teardown(channels_settle_apart, begin, end),
+        cmocka_unit_test_setup_teardown(light_stays, begin, end),
+        cmocka_unit_test_setup_teardown(what_makes_no_sense_is_refused, begin, end),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
