@@ -5,6 +5,8 @@ import { build } from 'esbuild';
 import { copyFileSync, existsSync, mkdirSync, readdirSync, readFileSync, writeFileSync } from 'node:fs';
 import ts from 'typescript';
 
+import { namesFor, shorten } from './shorten.mjs';
+
 const out = process.argv[2];
 if (!out) {
   console.error('usage: node build.mjs OUT');
@@ -33,17 +35,24 @@ const zstdApart = {
     });
   },
 };
-// shaders are text that no bundler shortens: without comments and needless blanks the page is 0.9 kB smaller
-const plainShaders = {
-  name: 'plain-shaders',
-  setup({ onLoad }) {
-    onLoad({ filter: /shader(s|_head)\.ts$/ }, ({ path }) => ({
-      contents: readFileSync(path, 'utf8')
-        .replace(/^\s*\/\/.*\n/gm, '')
-        .replace(/^ +/gm, '')
-        .replace(/ ([-+*/=<>?:&|]+|[<>=!]=) /g, '$1'),
-      loader: 'ts',
-    }));
+// shaders are text that no bundler shortens
+const shaderFiles = ['shader_head', 'finish_shaders', 'shaders'].map((name) => here(`src/${name}.ts`));
+const exportsOf = async (path) => {
+  const { outputFiles } = await build({ entryPoints: [path], bundle: true, format: 'esm', write: false });
+  return import(`data:text/javascript;base64,${Buffer.from(outputFiles[0].text).toString('base64')}`);
+};
+const shortShaders = {
+  name: 'short-shaders',
+  async setup({ onLoad }) {
+    const modules = await Promise.all(shaderFiles.map(exportsOf));
+    const isShader = (value) => typeof value === 'string';
+    const names = namesFor(modules.flatMap((module) => Object.values(module).filter(isShader)));
+    onLoad({ filter: /shader(s|_head)\.ts$/ }, ({ path }) => {
+      const short = (value) => JSON.stringify(isShader(value) ? shorten(value, names) : value);
+      const values = Object.entries(modules[shaderFiles.indexOf(path)]);
+      const lines = values.map(([name, value]) => `export const ${name} = ${short(value)};`);
+      return { contents: lines.join('\n') };
+    });
   },
 };
 const bundled = {
@@ -56,7 +65,7 @@ const bundled = {
 };
 await build({
   ...bundled,
-  plugins: [zstdApart, plainShaders],
+  plugins: [zstdApart, shortShaders],
   entryPoints: { lightwell: here('src/main.ts'), worker: here('src/worker.ts') },
   outdir: out,
   define: { FOR_THREE: 'false' },
