@@ -1,6 +1,7 @@
 // cost.mjs: what a picture of the page costs where the CPU draws it, by the scene: CPU time of Chromium's
 // process that draws (SwiftShader), all light in tiles.
 //     node client/web/test/cost.mjs 480x270 builtin:atrium-matt builtin:atrium
+// SCENE=FOLDER has the page of another build, which is in that folder.
 // Prints CPU ms a sample of the picture, and each scene's over the first's: the median of five rounds, in
 // each of which every scene is drawn once. Linux alone: it reads /proc.
 import { readdirSync, readFileSync } from 'node:fs';
@@ -58,7 +59,8 @@ const browser = await openBrowser();
 try {
   const pages = [];
   for (const scene of scenes) {
-    daemons.push(await startStill(scenePath(scene)));
+    const [name, folder] = scene.split('=');
+    daemons.push(await startStill(scenePath(name), ...(folder ? ['--web-root', folder] : [])));
     pages.push(await openLit(browser, daemons.at(-1)));
   }
   const pid = drawing();

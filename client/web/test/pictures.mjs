@@ -19,8 +19,9 @@ export function scenePath(given) {
 }
 
 /** A lightwelld whose light stands still between the frames that the test asks for. */
-export function startStill(path) {
-  return startDaemon(path, '--clock', 'manual', '--light', 'whole', '--freeze', '0', '--codec', 'half');
+export function startStill(path, ...options) {
+  const still = ['--clock', 'manual', '--light', 'whole', '--freeze', '0', '--codec', 'half'];
+  return startDaemon(path, ...still, ...options);
 }
 
 async function untilLit(page, frame, limitMs) {
