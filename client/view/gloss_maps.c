@@ -127,6 +127,37 @@ static const struct places16 *find(struct finds *all, const struct lw_texture *t
     return &next->place;
 }
 
+static bool is_same_map(const struct lw_texture_use *a, const struct lw_texture_use *b) {
+    return a->texture == b->texture && a->uv_set == b->uv_set &&
+           memcmp(a->transform, b->transform, sizeof a->transform) == 0;
+}
+
+/* Starts to fetch a texture's texels: those of all maps are on their way before the first is waited for. */
+static void prefetch(struct finds *finds, const struct lw_texture *all, const struct lw_texture_use *use,
+                     const struct lw_gloss_uv16 *uv, uint16_t lanes) {
+    if (use->texture == LW_SCENE_NONE) return;
+    const struct lw_texture *texture = &all[use->texture];
+    const struct places16 *place = find(finds, texture, use, uv);
+    for (uint32_t left = lanes; left; left &= left - 1) {
+        const unsigned i = (unsigned)__builtin_ctz(left);
+        __builtin_prefetch(texture->rgba + 4ul * place->at[0][i]);
+        __builtin_prefetch(texture->rgba + 4ul * place->at[2][i]);
+    }
+}
+
+static void prefetch_all(struct finds *finds, const struct lw_scene *scene,
+                         const struct lw_material *material, unsigned what, const struct lw_gloss_uv16 *uv,
+                         uint16_t lanes) {
+    const struct lw_finish *f = material->finish;
+    const struct lw_texture *maps = scene->finish_texture;
+    if (what & LW_GLOSS_MAPS_BASE) prefetch(finds, scene->texture, &material->base_colour_texture, uv, lanes);
+    prefetch(finds, maps, &f->surface_texture, uv, lanes);
+    if (f->occlusion > 0 && !is_same_map(&f->occlusion_texture, &f->surface_texture))
+        prefetch(finds, maps, &f->occlusion_texture, uv, lanes);
+    if (what & LW_GLOSS_MAPS_BUMPS) prefetch(finds, maps, &f->normal_texture, uv, lanes);
+    prefetch(finds, maps, &f->specular_texture, uv, lanes);
+}
+
 static void fetch(const struct lw_texture *texture, const struct places16 *place, uint16_t lanes,
                   struct lw_gloss_texels16 *out) {
     for (uint32_t left = lanes; left; left &= left - 1) {
@@ -134,11 +165,6 @@ static void fetch(const struct lw_texture *texture, const struct places16 *place
         for (int k = 0; k < 4; k++) memcpy(&out->at[k][i], texture->rgba + 4ul * place->at[k][i], 4);
         out->x[i] = place->x[i], out->y[i] = place->y[i];
     }
-}
-
-static bool is_same_map(const struct lw_texture_use *a, const struct lw_texture_use *b) {
-    return a->texture == b->texture && a->uv_set == b->uv_set &&
-           memcmp(a->transform, b->transform, sizeof a->transform) == 0;
 }
 
 LW_WIDE static void copy(const struct lw_gloss_texels16 *restrict from, unsigned lanes,
@@ -220,6 +246,7 @@ void lw_gloss_maps_take(struct lw_gloss16 *gloss, uint16_t lanes, const struct l
     const bool bumps = what & LW_GLOSS_MAPS_BUMPS && finish->normal_texture.texture != LW_SCENE_NONE;
     struct finds finds;
     finds.count = 0;
+    prefetch_all(&finds, scene, material, what, uv, lanes);
     if (what & LW_GLOSS_MAPS_BASE) take_base(&finds, scene, material, uv, lanes, gloss->base);
     fill_all(finish, dielectric, bumps ? finish->normal_scale : 0, lanes, gloss);
     take_map(&finds, scene, &finish->surface_texture, uv, lanes, &gloss->surface);
