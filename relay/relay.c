@@ -428,8 +428,10 @@ static void take_newcomer(struct lw_relay *r) {
         note_lost(r, retry_after_ms);
         return;
     }
-    if (r->has_next || !lw_relay_upstream_light(r->newcomer) || !lw_relay_upstream_has_finishes(r->newcomer))
-        return;
+    const struct lw_relay_light *light = lw_relay_upstream_light(r->newcomer);
+    if (r->has_next || !light || !lw_relay_upstream_has_finishes(r->newcomer)) return;
+    /* who has light keeps it until there is other light */
+    if (r->has_scene && !lw_relay_light_has_first(light, lw_relay_upstream_channel(r->newcomer))) return;
     lw_relay_upstream_give(r->newcomer, &r->next);
     r->has_next = true;
     pthread_cond_broadcast(&r->changed);
