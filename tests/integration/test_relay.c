@@ -1,5 +1,6 @@
 /* The real lightwelld behind the real lightwell-relay: what clients of the relay get, and what happens when
  * parts die. */
+#include "tests/support/certificate.h"
 #include "tests/support/process.h"
 
 #include "client/lib/client.h"
@@ -12,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #define CORNELL                                                                                              \
@@ -340,6 +342,72 @@ static void light_stays_while_the_daemon_is_gone(void **state) {
     expect_the_same();
 }
 
+static struct lw_access access_with(struct lw_token token, const char *certificate) {
+    return (struct lw_access){
+        .has_token = true, .token = token, .tls = {.wanted = true, .ca = certificate, .trusts_all = false}};
+}
+
+/* By TLS and with tokens, as one goes from another machine: an update goes up with the token of the session
+ * that made it, and a token for looking alone changes nothing. */
+static void updates_go_up_with_their_token(void **state) {
+    (void)state;
+    struct lw_token view, control, relays;
+    struct lw_error err = {0};
+    char text[3][LW_TOKEN_TEXT_SIZE], certificate[200], key[200], tokens[200], own[200], few[200], line[400],
+        arguments[1200], upstream[64];
+    lw_support_ok(lw_token_make(&view, &err), &err);
+    lw_support_ok(lw_token_make(&control, &err), &err);
+    lw_support_ok(lw_token_make(&relays, &err), &err);
+    lw_token_format(&view, text[0]);
+    lw_token_format(&control, text[1]);
+    lw_token_format(&relays, text[2]);
+    snprintf(certificate, sizeof certificate, "%s", lw_support_temporary("certificate.pem"));
+    snprintf(key, sizeof key, "%s", lw_support_temporary("key.pem"));
+    lw_certificate_make(certificate, key, "DNS:localhost,IP:127.0.0.1", 10);
+    snprintf(tokens, sizeof tokens, "%s", lw_support_temporary("all.tokens"));
+    snprintf(few, sizeof few, "%s", lw_support_temporary("some.tokens"));
+    snprintf(own, sizeof own, "%s", lw_support_temporary("own.token"));
+    /* the daemon knows no control token but one; the relay believes that view has control, too */
+    snprintf(line, sizeof line, "view %s\nview %s\ncontrol %s\n", text[0], text[2], text[1]);
+    lw_support_write_file(tokens, line, strlen(line));
+    snprintf(line, sizeof line, "control %s\ncontrol %s\n", text[0], text[1]);
+    lw_support_write_file(few, line, strlen(line));
+    lw_support_write_file(own, text[2], strlen(text[2]));
+    assert_true(!chmod(tokens, 0600) && !chmod(few, 0600) && !chmod(own, 0600));
+    snprintf(arguments, sizeof arguments,
+             CORNELL " --control-socket none --tokens %s --tls-certificate %s --tls-key %s", tokens,
+             certificate, key);
+    lw_process_serve(&server, arguments);
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", server.port);
+    snprintf(arguments, sizeof arguments,
+             "--control-socket none --tokens %s --tls-certificate %s --tls-key %s --ca %s --token-file %s",
+             few, certificate, key, certificate, own);
+    start_relay(&relay[0], upstream, arguments);
+    const struct lw_access with_view = access_with(view, certificate),
+                           with_control = access_with(control, certificate),
+                           with_own = access_with(relays, certificate);
+    join_with(0, server.port, (struct lw_client_desc){.access = &with_control, .control = true});
+    join_with(1, relay[0].port, (struct lw_client_desc){.access = &with_control, .control = true});
+    join_with(2, relay[0].port, (struct lw_client_desc){.access = &with_view, .control = true});
+    wait_for(all_rest);
+    struct lw_client_answer answer;
+    const struct lw_scene_change hide = {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 5};
+    update(2, &hide, &answer);
+    assert_int_equal(answer.code, LW_SCENE_CHANGE_BUSY);
+    assert_non_null(strstr(answer.text, "takes no updates from here"));
+    const uint64_t frame = update(1, &hide, &answer);
+    assert_int_equal(answer.code, LW_SCENE_CHANGE_OK);
+    assert_true(frame > 0 && lw_client_object_hidden(client[1], 5));
+    expect_the_same();
+    /* the relay's own tokens decide who comes in */
+    struct lw_client *refused = NULL;
+    lw_support_fails(
+        lw_client_create(
+            &(struct lw_client_desc){.host = "127.0.0.1", .port = relay[0].port, .access = &with_own},
+            &refused, &err),
+        LW_NOT_ALLOWED, &err, "token");
+}
+
 /* Two relays, each of which could take the other's light. */
 static void a_loop_of_relays_is_refused(void **state) {
     (void)state;
@@ -375,6 +443,7 @@ int main(void) {
         cmocka_unit_test_teardown(a_link_that_breaks_costs_no_session, end_all),
         cmocka_unit_test_teardown(a_client_goes_from_one_to_another, end_all),
         cmocka_unit_test_teardown(light_stays_while_the_daemon_is_gone, end_all),
+        cmocka_unit_test_teardown(updates_go_up_with_their_token, end_all),
         cmocka_unit_test_teardown(a_loop_of_relays_is_refused, end_all),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
