@@ -171,6 +171,7 @@ static enum lw_status check_welcome(const struct lw_message_welcome *w, struct l
         return over(err, "relays", "has", LW_MESSAGE_RELAYS_MAX, " entries");
     enum lw_status status = check_parts(w, err);
     if (status == LW_OK) status = check_finish(&w->finish, err);
+    if (status == LW_OK) status = check_text(w->servers, LW_MESSAGE_SERVERS_MAX, "servers", err);
     return status != LW_OK ? status : check_text(w->name, LW_MESSAGE_NAME_MAX, "name", err);
 }
 
@@ -412,6 +413,7 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
             (ProtobufCBinaryData){m->welcome.client_materials_size, (uint8_t *)m->welcome.client_materials};
         wire->welcome.n_relays = m->welcome.relay_count;
         wire->welcome.relays = (uint64_t *)m->welcome.relays;
+        wire->welcome.servers = text_of(m->welcome.servers);
         fill_finish(&wire->welcome, &m->welcome.finish);
         break;
     case LW_MESSAGE_REFUSAL:
@@ -853,7 +855,8 @@ static enum lw_status read_welcome(const Lightwell__Wire__Welcome *w, struct lw_
                                              .client_materials = w->client_materials.data,
                                              .client_materials_size = w->client_materials.len,
                                              .relays = w->relays,
-                                             .relay_count = w->n_relays};
+                                             .relay_count = w->n_relays,
+                                             .servers = w->servers};
     memcpy(m->welcome.package_hash.bytes, w->package_hash.data, sizeof m->welcome.package_hash.bytes);
     return read_finish(w, &m->welcome.finish, err);
 }

@@ -34,6 +34,7 @@
 #define LW_MESSAGE_REPORT_MAX           (1u << 18) /* bytes of a report */
 #define LW_MESSAGE_BOUNCES_MAX          64u
 #define LW_MESSAGE_RELAYS_MAX           16u                          /* between a server and a client */
+#define LW_MESSAGE_SERVERS_MAX          1024u                        /* bytes of a list of servers */
 #define LW_MESSAGE_CLIENT_LIGHTS_MAX    (LW_SCENE_LIGHTS_MAX / 8)    /* bytes: a bit for each */
 #define LW_MESSAGE_CLIENT_MATERIALS_MAX (LW_SCENE_MATERIALS_MAX / 8) /* likewise */
 /* largest code; those not named below are refusals all the same */
@@ -97,6 +98,7 @@ struct lw_message_welcome {
     struct lw_message_package finish; /* with parts; size 0: there is none, or it was not asked for */
     const uint64_t *relays; /* for relays: numbers of those that the light comes through, the nearest first */
     size_t relay_count;
+    const char *servers; /* where else the light is: addresses, apart by commas; NULL: not told */
 };
 
 /* Values are forever. */

@@ -6,6 +6,7 @@
 #include "client/lib/link.h"
 #include "client/lib/package_cache.h"
 #include "client/lib/replica.h"
+#include "client/lib/servers.h"
 #include "common/clock.h"
 #include "common/invariant.h"
 #include "common/random.h"
@@ -23,8 +24,8 @@
 #define INTEREST_SCRATCH_SIZE (3 * LW_CLIENT_INTEREST_MAX * sizeof(uint32_t))
 
 struct lw_client {
-    char *host, *name, *cache_folder; /* as given */
-    uint16_t port;
+    char *name, *cache_folder; /* as given */
+    struct lw_servers servers;
     struct lw_access access;
     struct ssl_ctx_st *trust; /* by TLS: whom it believes; NULL: in plain */
     unsigned timeout_ms;
@@ -268,6 +269,8 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
     if (status != LW_OK) return status;
     if (c->replica) lw_download_finish(&c->download); /* of a session before: it was found elsewhere */
     status = c->replica ? begin_light(c, err) : begin_download(c, welcome, same_run, err);
+    if (status == LW_OK && lw_servers_found(&c->servers, welcome->servers) != LW_OK)
+        status = lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     if (status == LW_OK) c->run = welcome->run;
     return status;
 }
@@ -713,8 +716,8 @@ static enum lw_status connect_and_greet(struct lw_client *c, struct lw_error *er
     if (c->watch.leave) c->watch.leave(c->watch.context);
     enum lw_status status = lw_link_connect(
         fresh,
-        &(struct lw_link_desc){.host = c->host,
-                               .port = c->port,
+        &(struct lw_link_desc){.host = c->servers.host,
+                               .port = c->servers.port,
                                .timeout_ms = c->timeout_ms,
                                .prefers_local = c->operate || (c->control && !c->access.has_token),
                                .tls = c->trust},
@@ -735,7 +738,18 @@ enum lw_status lw_client_reconnect(struct lw_client *c, struct lw_error *err) {
     c->unanswered = 0;
     c->frame_acked = c->stats.frame; /* the next one that comes is news to the server */
     lw_interest_forget(&c->interest);
-    return connect_and_greet(c, err);
+    if (lw_servers_next(&c->servers) != LW_OK) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    const bool is_told = lw_servers_is_told(&c->servers);
+    const uint64_t run = c->run;
+    enum lw_status status = connect_and_greet(c, err);
+    /* one that its server has told of, but it lights something else: others are tried */
+    if (is_told && c->found_other_scene) {
+        c->found_other_scene = false;
+        c->run = run;
+        if (err) err->status = LW_UNAVAILABLE;
+        status = LW_UNAVAILABLE;
+    }
+    return status;
 }
 
 #define BACKOFF_FIRST_MS 50u
@@ -789,7 +803,6 @@ enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_cli
     c->link.socket = -1;
     c->stats.connected_ns = lw_clock_ns();
     c->scene_of = desc->scene_of;
-    c->port = desc->port;
     if (desc->access) c->access = *desc->access;
     c->timeout_ms = desc->timeout_ms ? desc->timeout_ms : TIMEOUT_DEFAULT_MS;
     c->control = desc->control;
@@ -803,10 +816,10 @@ enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_cli
     lw_interest_init(&c->interest);
     c->wants_nothing = desc->wants_nothing;
     c->interest.now.everything = !desc->wants_nothing;
-    c->host = strdup(desc->host);
     c->name = strdup(desc->name ? desc->name : "liblightwell");
     c->cache_folder = desc->cache_folder ? strdup(desc->cache_folder) : NULL;
-    enum lw_status status = c->host && c->name && (c->cache_folder || !desc->cache_folder)
+    enum lw_status status = lw_servers_init(&c->servers, desc->host, desc->port) == LW_OK && c->name &&
+                                    (c->cache_folder || !desc->cache_folder)
                                 ? lw_tls_trust_create(&c->access.tls, &c->trust, err)
                                 : lw_status_fail(err, LW_NO_MEMORY, "cannot create a client: out of memory");
     c->access.tls.ca = NULL; /* it is the caller's */
@@ -838,7 +851,7 @@ void lw_client_destroy(struct lw_client *c) {
     free(c->interest_tile);
     free(c->interest_scratch);
     lw_message_memory_finish(&c->memory);
-    free(c->host);
+    lw_servers_finish(&c->servers);
     free(c->name);
     free(c->cache_folder);
     free(c);

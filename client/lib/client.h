@@ -87,7 +87,8 @@ void lw_client_destroy(struct lw_client *client);
  * Versions of tiles go on growing; numbers of frames (lw_client_stats) start again with the server. Updates
  * without an answer get none, and may have been made or not.
  *
- * Wait lw_client_backoff_ms() before each attempt; may be called until it succeeds.
+ * Wait lw_client_backoff_ms() before each attempt; may be called until it succeeds. Attempts go in turn to
+ * the server that it was with, to those that this one told it of, and to desc.host.
  * Errors: as lw_client_create(); LW_BAD_DATA if there is another scene now (lw_client_found_other_scene()):
  * for that one forget this one first, or create another client. */
 LW_MUST_CHECK enum lw_status lw_client_reconnect(struct lw_client *client, struct lw_error *err);

@@ -50,6 +50,25 @@ static void find_web_root(char *dst, size_t size) {
     }
 }
 
+/* Each is where a client can connect. */
+static enum lw_status check_servers(const char *servers, struct lw_error *err) {
+    char text[300], host[256];
+    uint16_t port = 0;
+    if (strlen(servers) > LW_MESSAGE_SERVERS_MAX)
+        return lw_status_fail(err, LW_USAGE, "--servers: over %u bytes", LW_MESSAGE_SERVERS_MAX);
+    for (const char *at = servers; at; at = (at = strchr(at, ',')) ? at + 1 : NULL) {
+        snprintf(text, sizeof text, "%.*s", (int)strcspn(at, ","), at);
+        enum lw_status status = lw_options_address(text, host, sizeof host, &port, err);
+        const char *colon = strrchr(text, ':'), *bracket = strrchr(text, ']');
+        if (status == LW_OK && (!port || !colon || colon == text || (bracket && bracket > colon)))
+            status = lw_status_fail(err, LW_USAGE, "address \"%.200s\" is not HOST:PORT, with a port", text);
+        if (status == LW_OK) continue;
+        lw_status_context(err, "--servers");
+        return status;
+    }
+    return LW_OK;
+}
+
 enum lw_status lw_serve_options_check(struct lw_serve_options *o, struct lw_error *err) {
     if (!o->tls_certificate != !o->tls_key)
         return lw_status_fail(err, LW_USAGE, "--tls-certificate and --tls-key need each other");
@@ -61,6 +80,7 @@ enum lw_status lw_serve_options_check(struct lw_serve_options *o, struct lw_erro
     find_web_root(o->found_root, sizeof o->found_root);
     status = parse_http(o, err);
     if (status == LW_OK) status = parse_metrics(o, err);
+    if (status == LW_OK && o->servers) status = check_servers(o->servers, err);
     return status == LW_OK ? check_exposure(o, err) : status;
 }
 
@@ -68,6 +88,7 @@ void lw_serve_options_fill(struct lw_serve_options *o, struct lw_server_desc *de
     desc->host = o->host;
     desc->port = o->port;
     desc->tokens = o->tokens;
+    desc->servers = o->servers;
     desc->tls = (struct lw_tls_context_desc){o->tls_certificate, o->tls_key};
     desc->control_socket = strcmp(o->control_socket, "none") ? o->control_socket : NULL;
     desc->http_host = *o->http_host ? o->http_host : NULL;

@@ -13,6 +13,7 @@
 
 struct lw_serve_options {
     const char *listen, *port_file, *http, *http_port_file, *http_hosts, *http_origins, *web_root;
+    const char *servers; /* NULL: clients are told of none */
     const char *metrics, *metrics_port_file, *tokens, *control_socket, *tls_certificate, *tls_key;
     int64_t address_sessions; /* 0: the server's default */
     double link_rate, return_s;
@@ -92,6 +93,10 @@ struct lw_serve_options {
      "sessions of one address at most (default: 1,000, and 9,000 of this machine; in all there "             \
      "are 10,000)",                                                                                          \
      LW_OPTION_INT, &(options)->address_sessions, 1, LW_SERVER_SESSIONS_MAX, NULL},                          \
+    {"servers", "HOST:PORT,...",                                                                             \
+     "other servers of this light, apart by commas, which clients are told of and try when this one is "     \
+     "gone; not browsers (default: none)",                                                                   \
+     LW_OPTION_STRING, &(options)->servers, 0, 0, NULL},                                                     \
     {"return-after", "SECONDS",                                                                              \
      "clients are told at the end to come back after so long; 0: nothing is told (default 2)",               \
      LW_OPTION_REAL, &(options)->return_s, 0, 3600, NULL}

@@ -1095,6 +1095,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
                                                   .features = desc->features,
                                                   .name = desc->name ? desc->name : "lightwelld " LW_VERSION,
                                                   .run = desc->run,
+                                                  .servers = desc->servers,
                                                   .bounces = desc->bounces,
                                                   .target_error = desc->target_error,
                                                   .noise_shown = desc->noise_shown};

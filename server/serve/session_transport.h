@@ -46,6 +46,7 @@ struct lw_session_peer {
     bool may_control; /* if it asks to, and without a token */
     bool is_too_many; /* connections of its address in a second: it gets no place */
     bool is_local;    /* on a Unix socket of the server's: it takes no place, and there is always one */
+    bool is_web;      /* by a WebSocket */
     bool is_operator; /* over the server's own Unix socket, as its user or root; whatever its token */
 };
 

@@ -112,7 +112,8 @@ struct lw_ws_transport *lw_ws_transport_open(struct lw_ws_transport_shared *shar
     struct lw_ws_transport *link = calloc(1, sizeof *link);
     if (!link) return NULL;
     *link = (struct lw_ws_transport){.transport = {&ops}, .wsi = wsi, .shared = shared, .in_event = true};
-    const struct lw_session_peer peer = lw_tcp_transport_peer(lws_get_socket_fd(wsi));
+    struct lw_session_peer peer = lw_tcp_transport_peer(lws_get_socket_fd(wsi));
+    peer.is_web = true;
     lw_tcp_transport_set_options(lws_get_socket_fd(wsi));
     link->overhead = link->came_last = lw_tcp_transport_came(lws_get_socket_fd(wsi)); /* the request */
     link->session = lw_session_open(shared->sessions, &link->transport, &peer);

@@ -305,6 +305,34 @@ static void a_client_goes_from_one_to_another(void **state) {
     assert_int_equal(stats_of(1).tiles, tiles);
 }
 
+/* A relay dies: its client tries those that the relay told it of, and goes on with what it has. */
+static void a_client_goes_where_it_was_told(void **state) {
+    (void)state;
+    char upstream[64], servers[128];
+    lw_process_serve(&server, CORNELL);
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", server.port);
+    start_relay(&relay[0], upstream, "");
+    /* the first is none, the second lights another scene, the third is the relay */
+    struct lw_process other = {.port = 0};
+    lw_process_serve(&other, "builtin:cornell --texels-per-metre 4 --http none");
+    snprintf(servers, sizeof servers, "--servers 127.0.0.1:1,127.0.0.1:%u,127.0.0.1:%u", other.port,
+             relay[0].port);
+    start_relay(&relay[1], upstream, servers);
+    join(0, server.port);
+    join(1, relay[1].port);
+    wait_for(all_rest);
+    expect_the_same();
+    const uint64_t tiles = stats_of(1).tiles;
+    assert_int_equal(lw_process_stop(&relay[1], SIGKILL, LW_PROCESS_LIMIT_S), -SIGKILL);
+    reconnect(1);
+    lw_process_await_text(&relay[0], "\"test_relay\" joined");
+    assert_false(lw_client_found_other_scene(client[1]));
+    expect_the_same();
+    assert_int_equal(stats_of(1).tiles, tiles);
+    lw_process_refuses("lightwell-relay", "127.0.0.1 --servers a:1,b", 64, "--servers", LW_PROCESS_LIMIT_S);
+    lw_process_refuses("lightwelld", "builtin:cornell --servers :7780", 64, "--servers", LW_PROCESS_LIMIT_S);
+}
+
 /* The daemon is gone: light stays, for newcomers too. It comes back as another run: clients go over. */
 static void light_stays_while_the_daemon_is_gone(void **state) {
     (void)state;
@@ -442,6 +470,7 @@ int main(void) {
         cmocka_unit_test_teardown(forms_of_light_come_apart, end_all),
         cmocka_unit_test_teardown(a_link_that_breaks_costs_no_session, end_all),
         cmocka_unit_test_teardown(a_client_goes_from_one_to_another, end_all),
+        cmocka_unit_test_teardown(a_client_goes_where_it_was_told, end_all),
         cmocka_unit_test_teardown(light_stays_while_the_daemon_is_gone, end_all),
         cmocka_unit_test_teardown(updates_go_up_with_their_token, end_all),
         cmocka_unit_test_teardown(a_loop_of_relays_is_refused, end_all),

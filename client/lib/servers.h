@@ -1,0 +1,37 @@
+/* servers.h: where a client finds its light: at the server that it was with, at those that this one told it
+ * of, and at the one that it was given.
+ * Flow:    WELCOME -> [servers] -> the address of the next attempt
+ * Threads: one thread at a time. */
+#ifndef LIGHTWELL_SERVERS_H
+#define LIGHTWELL_SERVERS_H
+
+#include "common/status.h"
+
+#include <stdint.h>
+
+struct lw_servers {
+    char *host; /* of the next attempt, or of the session that there is */
+    uint16_t port;
+    char *first_host, *last_host; /* given; that it was with */
+    uint16_t first_port, last_port;
+    char *told;     /* addresses, apart by commas, as the last WELCOME has them; NULL: none */
+    uint32_t tries; /* since it was last with a server */
+};
+
+/** Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_servers_init(struct lw_servers *servers, const char *host, uint16_t port);
+void lw_servers_finish(struct lw_servers *servers);
+
+/** A server has welcomed us, and tells of others; told: NULL: of none. Errors: LW_NO_MEMORY; then it is as if
+ * it had told of none. */
+LW_MUST_CHECK enum lw_status lw_servers_found(struct lw_servers *servers, const char *told);
+
+/** Sets the address of the next attempt: the server that it was last with, then those that were told, then
+ * the one that was given, and again. What is no address is left out, and so is a Unix socket that was told.
+ * Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_servers_next(struct lw_servers *servers);
+
+/** Whether it is one that a server told of: if another scene is lit there, it is none of ours. */
+bool lw_servers_is_told(const struct lw_servers *servers);
+
+#endif
