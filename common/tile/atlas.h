@@ -3,7 +3,10 @@
  *
  * Level 0 is the atlas itself; each further level halves both sides, rounding up, until both are at most
  * LW_ATLAS_COARSEST. A tile is LW_TILE_SIDE texels square, cut off at the right and lower edge of its
- * level. */
+ * level.
+ *
+ * A map may have finer levels: LW_ATLAS_FINER + k is the atlas with both sides times 2^k, for k from 1 on.
+ * Coordinates of level 0 times 2^k are those of that level. */
 #ifndef LW_COMMON_ATLAS_H
 #define LW_COMMON_ATLAS_H
 
@@ -14,6 +17,8 @@
 #define LW_TILE_TEXELS_MAX  (LW_TILE_SIDE * LW_TILE_SIDE)
 #define LW_ATLAS_COARSEST   16u /* texels */
 #define LW_ATLAS_LEVELS_MAX 12u
+#define LW_ATLAS_FINER      64u /* finer levels are numbered from the next number on, on the wire as well */
+#define LW_ATLAS_FINER_MAX  4u
 
 /* The coarsest level that is free of mixed charts; coarser levels are placeholders until finer ones arrive
  * (common/lightmap/lightmap.h). */
@@ -30,7 +35,8 @@ static inline unsigned lw_atlas_noise_level_min(float error, float noise_shown) 
     return noise <= LW_ATLAS_MIDDLE_NOISE ? 0 : noise > LW_ATLAS_COARSE_NOISE ? 2 : 1;
 }
 
-/** A tile of the whole scene: objects in order, levels from fine to coarse, rows, columns. */
+/** A tile of the whole scene: objects in order, levels from 0 on, rows, columns; then likewise the finer
+ * levels of all objects. So who has none of those has the same numbers. */
 typedef struct {
     uint32_t v;
 } lw_tile_id;
@@ -38,12 +44,14 @@ typedef struct {
 struct lw_atlas_level {
     uint32_t width, height; /* texels */
     uint32_t tiles_x, tiles_y;
-    uint32_t first_tile; /* within the object */
+    uint32_t first_tile; /* of those of the object, or of its finer levels */
 };
 
 struct lw_atlas {
     uint32_t level_count, tile_count;
     struct lw_atlas_level level[LW_ATLAS_LEVELS_MAX];
+    uint32_t finer_count, finer_tile_count;
+    struct lw_atlas_level finer[LW_ATLAS_FINER_MAX]; /* finer[k - 1] is level LW_ATLAS_FINER + k */
 };
 
 /** Where a tile lies. */
@@ -52,11 +60,23 @@ struct lw_tile_place {
     uint32_t width, height;       /* texels */
 };
 
+/** How many times finer than level 0 a level is, as a power of two; 0: it is not finer. */
+static inline uint32_t lw_atlas_finer(uint32_t level) {
+    return level > LW_ATLAS_FINER ? level - LW_ATLAS_FINER : 0;
+}
+/** The base-2 logarithm of the side of a level's texels, in texels of level 0. */
+static inline int lw_atlas_scale(uint32_t level) {
+    return level > LW_ATLAS_FINER ? -(int)(level - LW_ATLAS_FINER) : (int)level;
+}
+
 /** The tiles of all objects of a scene. */
 struct lw_atlas_map {
     uint32_t object_count, tile_count;
+    uint32_t plain_count;        /* tiles that are not of finer levels: those with the first numbers */
+    uint32_t finer_count;        /* finer levels of each atlas */
     struct lw_atlas *atlas;      /* per object */
     uint32_t *first_tile;        /* per object */
+    uint32_t *first_finer;       /* per object: of its finer levels */
     struct lw_tile_place *place; /* per tile id */
 };
 
@@ -65,11 +85,20 @@ extern "C" {
 #endif
 
 void lw_atlas_init(struct lw_atlas *atlas, uint32_t width, uint32_t height);
+/** Adds finer levels, `count` in all. */
+void lw_atlas_refine(struct lw_atlas *atlas, uint32_t count);
+/** A level by its number; NULL: there is none (safe for numbers from outside). */
+const struct lw_atlas_level *lw_atlas_level(const struct lw_atlas *atlas, uint32_t level);
 
 /** Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_atlas_map_init(struct lw_atlas_map *map, const struct lw_scene *scene);
+/** The same with finer levels, at most LW_ATLAS_FINER_MAX. Errors: LW_NO_MEMORY, also for too many tiles. */
+LW_MUST_CHECK enum lw_status lw_atlas_map_init_finer(struct lw_atlas_map *map, const struct lw_scene *scene,
+                                                     uint32_t finer);
 void lw_atlas_map_finish(struct lw_atlas_map *map);
 
+/** Id of the first tile of a level, which is there. */
+uint32_t lw_atlas_map_first(const struct lw_atlas_map *map, uint32_t object, uint32_t level);
 /** Id of a tile, or {UINT32_MAX} if there is no such place (safe for indices from outside). */
 lw_tile_id lw_atlas_map_find(const struct lw_atlas_map *map, uint32_t object, uint32_t level, uint32_t x,
                              uint32_t y);
