@@ -188,6 +188,34 @@ static enum lw_status pose(struct frame *f, struct lw_error *err) {
     return status;
 }
 
+/* ---- tiles of finer levels ---- */
+
+/* Nothing is known of it. */
+void lw_cell_frame_forget_tile(void *solver, lw_tile_id id) {
+    struct lw_cell_solver *s = solver;
+    s->memory.tile[id.v] = (struct lw_plan_tile){0};
+    s->contributes[id.v] = s->corrected[id.v] = false;
+    lw_interest_set_forget(&s->interest, id);
+}
+
+/* Due tiles that have gone are due no more. */
+void lw_cell_frame_place_tiles(void *solver) {
+    struct lw_cell_solver *s = solver;
+    uint32_t kept = 0;
+    lw_tiles_set_pose(&s->tiles, &s->cells, &s->geometry->pose);
+    for (uint32_t i = 0; i < s->due_count; i++)
+        if (lw_tiles_have(&s->tiles, s->due[i])) s->due[kept++] = s->due[i];
+    s->due_count = kept;
+}
+
+static enum lw_status refine(struct frame *f, struct lw_error *err) {
+    struct lw_geometry *geometry = f->s->geometry;
+    enum lw_status status =
+        lw_fine_tiles_update(&geometry->fine, &geometry->pose, geometry->trace, f->number);
+    lw_cell_light_charge(&f->light, &f->stats.pose_ns);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "tiles of finer levels");
+}
+
 /* ---- plan ---- */
 
 static struct lw_plan_input input_of(const struct lw_cell_solver *s, const struct lw_budget *budget) {
@@ -408,7 +436,7 @@ static void weigh(struct frame *f) {
     struct lw_cell_solver *s = f->s;
     for (uint32_t bounce = 0; bounce < s->desc.bounces; bounce++)
         memset(s->tiles.radiance_change[bounce], 0,
-               (size_t)s->tiles.block_count * LW_REGIONS * sizeof(struct lw_vec3));
+               (size_t)s->tiles.block_capacity * LW_REGIONS * sizeof(struct lw_vec3));
     const struct lw_work_report report =
         lw_work_run(&s->work, s->own_count, LW_WORK_TILES, NULL, weigh_tile, f);
     add_rays(f, &report);
@@ -490,6 +518,7 @@ static enum lw_status show(struct frame *f, struct lw_error *err) {
     lw_shown_filter(&s->shown, f->number);
     lw_cell_light_charge(&f->light, &f->stats.denoise_ns);
     enum lw_status status = lw_shown_weld(&s->shown, f->number, err);
+    lw_fine_tiles_fill(&s->geometry->fine, &s->tiles, f->number, s->shown.channels);
     lw_cell_light_charge(&f->light, &f->stats.weld_ns);
     return status;
 }
@@ -541,6 +570,8 @@ static void note(struct frame *f) {
     const struct lw_work_report all =
         lw_work_run(&s->work, s->tiles.count, LW_WORK_CHEAP, NULL, count_tile, f);
     stats->tiles = s->tiles.count;
+    stats->tiles_fine = s->geometry->fine.used;
+    stats->tiles_fine_wanted = s->geometry->fine.wanted_count;
     stats->tiles_solved = s->due_count;
     stats->tiles_converged = all.tiles;
     stats->texels_left = all.texels_left;
@@ -566,6 +597,7 @@ enum lw_status lw_cell_frame_run(struct lw_cell_solver *s, const struct lw_pose 
         .s = s, .transport = &f.transport, .stats = &f.stats, .began_ns = lw_clock_ns()};
     lw_plan_log_frame(s->plan_log, number);
     enum lw_status status = pose(&f, err);
+    if (status == LW_OK) status = refine(&f, err);
     if (status != LW_OK) return status;
     plan_verify(&f);
     lw_cell_light_charge(&f.light, &f.stats.pose_ns);

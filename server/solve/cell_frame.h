@@ -20,4 +20,9 @@ void lw_cell_frame_radiate_all(struct lw_cell_solver *s);
 /** What passes of this solver work on. */
 struct lw_transport lw_cell_frame_transport(struct lw_cell_solver *s);
 
+/** A tile of a finer level comes, or goes (lw_fine_tiles_layer). */
+void lw_cell_frame_forget_tile(void *solver, lw_tile_id id);
+/** After that. */
+void lw_cell_frame_place_tiles(void *solver);
+
 #endif

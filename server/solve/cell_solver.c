@@ -59,7 +59,8 @@ void lw_cell_layer_review(struct lw_solver *solver) {
 
 static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *interest, struct lw_error *err) {
     struct lw_cell_solver *s = (struct lw_cell_solver *)solver;
-    enum lw_status status = lw_interest_set_replace(&s->interest, interest);
+    enum lw_status status = lw_fine_tiles_want(&s->geometry->fine, interest);
+    if (status == LW_OK) status = lw_interest_set_replace(&s->interest, interest);
     if (status != LW_OK)
         return lw_status_fail(err, status, "interest in %u texels", s->geometry->texels.count);
     for (uint32_t i = 0; i < s->tiles.count; i++)
@@ -87,6 +88,16 @@ static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
 static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *out_tile) {
     const struct lw_cell_solver *s = (const struct lw_cell_solver *)solver;
     lw_shown_read_tile(&s->shown, id, s->desc.bounces, out_tile);
+}
+
+static bool has_light(const void *user, lw_tile_id id) {
+    const struct lw_solve_tile *tile = lw_tiles_at(&((const struct lw_cell_solver *)user)->tiles, id);
+    return tile->light.solved_frame && (tile->light.sample_count || !tile->covered_count);
+}
+
+static uint32_t list_fine(const struct lw_solver *solver, const lw_tile_id **out_tile) {
+    const struct lw_cell_solver *s = (const struct lw_cell_solver *)solver;
+    return lw_fine_tiles_list(&s->geometry->fine, has_light, s, out_tile);
 }
 
 /* What a frame reads of those before it, beside the tiles. */
@@ -147,12 +158,13 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
 
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct lw_cell_solver *s = (const struct lw_cell_solver *)solver;
-    size_t bytes = (size_t)s->tiles.texel_count * s->desc.indirect_samples * sizeof *s->ray_hit +
-                   (size_t)s->tiles.texel_count * sizeof *s->reflected + 2 * s->tiles.count * sizeof *s->due +
-                   lw_reflectors_memory_bytes(&s->reflectors) + lw_tiles_memory_bytes(&s->tiles) +
-                   lw_shown_memory_bytes(&s->shown) + lw_interest_set_memory_bytes(&s->interest) +
-                   lw_plan_bytes(s->tiles.count, s->memory.ids) + 2 * s->memory.ids * sizeof(bool) +
-                   s->tiles.count * (sizeof *s->fact + sizeof *s->work.reports);
+    size_t bytes = (size_t)s->tiles.texel_capacity * s->desc.indirect_samples * sizeof *s->ray_hit +
+                   (size_t)s->tiles.texel_capacity * sizeof *s->reflected +
+                   2 * s->tiles.capacity * sizeof *s->due + lw_reflectors_memory_bytes(&s->reflectors) +
+                   lw_tiles_memory_bytes(&s->tiles) + lw_shown_memory_bytes(&s->shown) +
+                   lw_interest_set_memory_bytes(&s->interest) +
+                   lw_plan_bytes(s->tiles.capacity, s->memory.ids) + 2 * s->memory.ids * sizeof(bool) +
+                   s->tiles.capacity * (sizeof *s->fact + sizeof *s->work.reports);
     if (s->has_probes) bytes += lw_probes_memory_bytes(&s->probes);
     return bytes + (s->geometry == &s->own_geometry ? lw_geometry_memory_bytes(s->geometry) : 0);
 }
@@ -190,6 +202,7 @@ static const struct lw_solver_ops ops = {.name = "cells",
                                          .set_interest = set_interest,
                                          .show = show_channels,
                                          .filter = filter,
+                                         .list_fine = list_fine,
                                          .read_tile = read_tile,
                                          .save = save,
                                          .load = load,
@@ -225,14 +238,14 @@ static enum lw_status init_lights(struct lw_cell_solver *s) {
 static enum lw_status allocate_plan(struct lw_cell_solver *s) {
     const uint32_t ids = s->desc.atlas_map->tile_count;
     lw_interest_set_init(&s->interest, ids);
-    s->fact = calloc(s->tiles.count + 1ul, sizeof *s->fact);
+    s->fact = calloc(s->tiles.capacity + 1ul, sizeof *s->fact);
     s->contributes = calloc(ids + 1ul, sizeof *s->contributes);
     s->corrected = calloc(ids + 1ul, sizeof *s->corrected);
     enum lw_status status = s->fact && s->contributes && s->corrected ? LW_OK : LW_NO_MEMORY;
     if (status == LW_OK) status = lw_motion_init(&s->motion, s->desc.scene->object_count);
-    if (status == LW_OK) status = lw_plan_init(&s->plan, s->tiles.count);
+    if (status == LW_OK) status = lw_plan_init(&s->plan, s->tiles.capacity);
     if (status == LW_OK) status = lw_plan_memory_init(&s->memory, ids);
-    return status == LW_OK ? lw_work_init(&s->work, s->tiles.count, s->threads, s->desc.cancel) : status;
+    return status == LW_OK ? lw_work_init(&s->work, s->tiles.capacity, s->threads, s->desc.cancel) : status;
 }
 
 static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose, struct lw_error *err) {
@@ -242,7 +255,8 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
     lw_pose_copy(&s->pose, pose, scene);
     if (!s->geometry) {
         s->geometry = &s->own_geometry;
-        const struct lw_geometry_terms terms = {s->desc.saved_texels, s->desc.looks_later};
+        const struct lw_geometry_terms terms = {s->desc.saved_texels, s->desc.looks_later,
+                                                s->desc.ranks ? 0 : s->desc.fine_tiles, s->desc.atlas_map};
         status = lw_geometry_init(s->geometry, scene, &s->pose, &terms, s->threads, s->desc.cancel,
                                   s->desc.waiting, err);
         if (status != LW_OK) return status;
@@ -256,6 +270,11 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
         return lw_status_fail(err, status, "%u texels", texels->count);
     if (lw_cell_data_parts_drawn(s) && (status = lw_tiles_part_drawn(&s->tiles)) != LW_OK)
         return lw_status_fail(err, status, "%u texels", texels->count);
+    lw_fine_tiles_add_layer(&s->geometry->fine,
+                            &(struct lw_fine_tiles_layer){.tiles = &s->tiles,
+                                                          .note = lw_cell_frame_forget_tile,
+                                                          .place = lw_cell_frame_place_tiles,
+                                                          .user = s});
     s->shown = (struct lw_shown){.geometry = s->geometry,
                                  .map = s->desc.atlas_map,
                                  .tiles = &s->tiles,
@@ -272,15 +291,15 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
     s->has_probes = isfinite(s->desc.tracing_range_m) && s->desc.bounces > 0;
     if (s->has_probes && (status = place_probes(s, lo, hi)) != LW_OK)
         return lw_status_fail(err, status, "probes");
-    s->ray_hit = calloc((size_t)texels->count * s->desc.indirect_samples + 1, sizeof *s->ray_hit);
-    s->reflected = calloc((size_t)texels->count + 1, sizeof *s->reflected);
-    s->due = malloc(((size_t)s->tiles.count + 1) * sizeof *s->due);
-    s->exchanged = malloc(((size_t)s->tiles.count + 1) * sizeof *s->exchanged);
+    s->ray_hit = calloc((size_t)texels->capacity * s->desc.indirect_samples + 1, sizeof *s->ray_hit);
+    s->reflected = calloc((size_t)texels->capacity + 1, sizeof *s->reflected);
+    s->due = malloc(((size_t)s->tiles.capacity + 1) * sizeof *s->due);
+    s->exchanged = malloc(((size_t)s->tiles.capacity + 1) * sizeof *s->exchanged);
     if (!s->ray_hit || !s->reflected || !s->due || !s->exchanged ||
         lw_reflectors_init(&s->reflectors, scene, texels, &s->pose) != LW_OK || allocate_plan(s) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", texels->count);
     if (!s->desc.plan_log) return LW_OK;
-    return lw_plan_log_create(s->desc.plan_log, s->tiles.count, s->memory.ids, &s->plan_log, err);
+    return lw_plan_log_create(s->desc.plan_log, s->tiles.capacity, s->memory.ids, &s->plan_log, err);
 }
 
 enum lw_status lw_cell_layer_create(struct lw_geometry *geometry, const struct lw_solver_desc *desc,

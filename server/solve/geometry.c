@@ -89,6 +89,16 @@ static enum lw_status find_invalid(struct lw_geometry *geometry, const struct lw
     return status;
 }
 
+static enum lw_status init_fine(struct lw_geometry *geometry, const struct lw_geometry_terms *terms,
+                                struct lw_error *err) {
+    const uint32_t tiles = terms->map->finer_count ? terms->fine_tiles : 0;
+    if (!tiles) return LW_OK;
+    enum lw_status status = lw_texels_reserve(&geometry->texels, tiles * LW_TILE_TEXELS_MAX);
+    if (status == LW_OK)
+        status = lw_fine_tiles_init(&geometry->fine, &geometry->texels, terms->map, geometry->threads);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%u tiles of finer levels", tiles);
+}
+
 enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_scene *scene,
                                 const struct lw_pose *pose, const struct lw_geometry_terms *terms,
                                 int threads, const _Atomic bool *cancel, struct lw_waiting *waiting,
@@ -103,8 +113,9 @@ enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_sc
     const struct lw_geometry_terms at_once = {.saved = NULL};
     if ((status = lw_standing_init(&geometry->standing, scene, pose)) == LW_OK)
         status = find_invalid(geometry, terms ? terms : &at_once, cancel, waiting);
-    if (status == LW_OK || status == LW_CLOSED) return status;
-    return lw_status_fail(err, status, "%u texels", geometry->texels.count);
+    if (status == LW_CLOSED) return status;
+    if (status != LW_OK) return lw_status_fail(err, status, "%u texels", geometry->texels.count);
+    return terms && terms->map ? init_fine(geometry, terms, err) : LW_OK;
 }
 
 static void *search_in_thread(void *argument) {
@@ -162,6 +173,7 @@ void lw_geometry_finish(struct lw_geometry *geometry) {
     look_destroy(geometry->look);
     lw_seams_finish(&geometry->seams);
     lw_denoise_pairs_finish(&geometry->pairs);
+    lw_fine_tiles_finish(&geometry->fine);
     if (geometry->texels.scene) lw_texels_finish(&geometry->texels);
     lw_standing_finish(&geometry->standing);
     lw_trace_destroy(geometry->trace);
@@ -274,7 +286,7 @@ void lw_geometry_forget_tiles(struct lw_geometry *geometry) { (void)end_search(g
 
 size_t lw_geometry_memory_bytes(const struct lw_geometry *geometry) {
     const size_t look = geometry->look ? lw_invalid_texels_search_memory_bytes(geometry->look->search) : 0;
-    return look + lw_texels_memory_bytes(&geometry->texels) +
+    return look + lw_texels_memory_bytes(&geometry->texels) + lw_fine_tiles_memory_bytes(&geometry->fine) +
            lw_denoise_pairs_memory_bytes(&geometry->pairs) + lw_seams_memory_bytes(&geometry->seams) +
            lw_trace_memory_bytes(geometry->trace);
 }

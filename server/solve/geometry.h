@@ -8,6 +8,7 @@
 #include "common/trace/trace.h"
 #include "server/solve/filter/denoise.h"
 #include "server/solve/filter/seams.h"
+#include "server/solve/fine_tiles.h"
 #include "server/solve/solver.h"
 #include "server/solve/surface/saved_texels.h"
 #include "server/solve/surface/standing.h"
@@ -21,6 +22,9 @@ struct lw_geometry_terms {
     /* Unless they are saved, in frames from the LW_GEOMETRY_LOOKS_FRAME-th on, some at a time, and taken over
      * when all are found: what is lit sooner is lit as if light reached all. */
     bool looks_later;
+    /* Tiles of finer levels at most, and the atlases that have such levels. */
+    uint32_t fine_tiles;
+    const struct lw_atlas_map *map; /* outlives the geometry; NULL: there are none */
 };
 /* Those before it, 1.5 s of them, are for the first picture. */
 #define LW_GEOMETRY_LOOKS_FRAME 46u
@@ -30,6 +34,7 @@ struct lw_geometry {
     struct lw_trace *trace;
     struct lw_standing standing;
     struct lw_texels texels;
+    struct lw_fine_tiles fine;
     uint32_t changes;              /* how often texels->changes has counted */
     struct lw_denoise_pairs pairs; /* empty until somebody filters */
     struct lw_seams seams;         /* empty until somebody welds */

@@ -194,7 +194,7 @@ static const struct lw_solve_tile *tile_of(const struct layer *layer, lw_tile_id
 }
 
 static bool allocate_sums(struct layers *s) {
-    const size_t count = s->geometry.texels.count + 1ul;
+    const size_t count = s->geometry.texels.capacity + 1ul;
     bool ok = true;
     for (int c = 0; c < 3; c++) {
         ok &= (s->direct[c] = calloc(count, sizeof(float))) != NULL;
@@ -212,7 +212,7 @@ static size_t sums_bytes(const struct layers *s) {
     for (int c = 0; c < 3; c++) planes += (s->direct[c] != NULL) + (s->indirect[c] != NULL);
     for (uint32_t i = 0; i < LW_TILE_CHANNELS_MAX; i++)
         for (uint32_t p = 0; p < LW_TILE_CHANNEL_PLANES_MAX; p++) planes += s->shown[i][p] != NULL;
-    return planes * s->geometry.texels.count * sizeof(float) +
+    return planes * s->geometry.texels.capacity * sizeof(float) +
            (s->solved_frame ? s->desc.atlas_map->tile_count * sizeof *s->solved_frame : 0);
 }
 
@@ -277,7 +277,7 @@ static uint32_t sum_tiles(struct layers *s, uint64_t frame, bool all) {
     uint32_t shown = 0;
 #pragma omp parallel for schedule(dynamic, 4) num_threads(s->threads) reduction(+ : shown)
     for (uint32_t id = 0; id < map->tile_count; id++) {
-        if (map->place[id].level != 0) continue;
+        if (!lw_tiles_have(tiles_of(s->layer), (lw_tile_id){id})) continue;
         bool solved = false;
         for (uint32_t k = 0; k < s->count; k++)
             solved |= s->layer[k].ran && tile_of(&s->layer[k], (lw_tile_id){id})->light.solved_frame == frame;
@@ -341,7 +341,7 @@ static void add_beside(struct lw_solve_block *block, const struct lw_solve_block
 static void set_beside(const struct layers *s, const struct layer *layer) {
     struct lw_tiles *tiles = lw_cell_layer_tiles(layer->solver);
     const float share = s->still_frames < LW_CELL_LAYER_FADE_FRAMES ? 1 : STILL_SHARE;
-    for (uint32_t b = 0; b < tiles->block_count; b++) {
+    for (uint32_t b = 0; b < tiles->block_capacity; b++) {
         tiles->block[b].other_luminance = 0;
         memset(tiles->block[b].part_other, 0, sizeof tiles->block[b].part_other);
     }
@@ -349,7 +349,7 @@ static void set_beside(const struct layers *s, const struct layer *layer) {
         if (other == layer || !runs(s, other)) continue;
         const struct lw_solve_block *block = tiles_of(other)->block;
         const float weight = share * mean_weight(other) / fmaxf(mean_weight(layer), WEIGHT_MIN);
-        for (uint32_t b = 0; b < tiles->block_count; b++)
+        for (uint32_t b = 0; b < tiles->block_capacity; b++)
             if (block[b].covered_count) add_beside(&tiles->block[b], &block[b], weight);
     }
 }
@@ -376,6 +376,8 @@ static void add_stats(struct lw_solver_stats *sum, const struct lw_solver_stats 
     sum->texels_solved += stats->texels_solved;
     sum->texels_left += stats->texels_left;
     sum->tiles_shown += stats->tiles_shown;
+    sum->tiles_fine = stats->tiles_fine;
+    sum->tiles_fine_wanted = stats->tiles_fine_wanted;
     if (stats->tiles_interest > sum->tiles_interest) sum->tiles_interest = stats->tiles_interest;
     if (stats->tiles_contributing > sum->tiles_contributing)
         sum->tiles_contributing = stats->tiles_contributing;
@@ -413,7 +415,7 @@ static bool take(struct layers *s, const struct lw_pose *pose) {
  * another. */
 static void show_first(struct layers *s) {
     const struct lw_tiles *tiles = tiles_of(s->layer);
-    const size_t size = s->geometry.texels.count * sizeof(float);
+    const size_t size = s->geometry.texels.capacity * sizeof(float);
     for (int c = 0; c < 3; c++) {
         memcpy(s->direct[c], tiles->direct[c], size);
         memcpy(s->indirect[c], tiles->indirect[c], size);
@@ -422,7 +424,7 @@ static void show_first(struct layers *s) {
         for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
             memcpy(s->shown[channel][p], tiles->shown[channel][p], size);
     for (uint32_t id = 0; id < s->desc.atlas_map->tile_count; id++)
-        if (s->desc.atlas_map->place[id].level == 0)
+        if (lw_tiles_have(tiles, (lw_tile_id){id}))
             s->solved_frame[id] = tile_of(s->layer, (lw_tile_id){id})->light.solved_frame;
 }
 
@@ -550,6 +552,22 @@ static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
     return LW_OK;
 }
 
+/* Of a tile of a finer level: of all layers that run, and in the sums since it was made. */
+static bool has_light(const void *user, lw_tile_id id) {
+    const struct layers *s = user;
+    for (uint32_t k = 0; k < s->count; k++) {
+        const struct lw_solve_tile *tile = tile_of(&s->layer[k], id);
+        if (runs(s, &s->layer[k]) && tile->covered_count && !tile->light.sample_count) return false;
+    }
+    const uint64_t solved = s->sums ? s->solved_frame[id.v] : tile_of(s->layer, id)->light.solved_frame;
+    return solved >= lw_fine_tiles_made(&s->geometry.fine, tiles_of(s->layer), id);
+}
+
+static uint32_t list_fine(const struct lw_solver *solver, const lw_tile_id **out_tile) {
+    const struct layers *s = (const struct layers *)solver;
+    return lw_fine_tiles_list(&s->geometry.fine, has_light, s, out_tile);
+}
+
 static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *out_tile) {
     const struct layers *s = (const struct layers *)solver;
     s->layer->solver->ops->read_tile(s->layer->solver, id, out_tile);
@@ -653,6 +671,7 @@ static const struct lw_solver_ops ops = {.name = "layers",
                                          .set_interest = set_interest,
                                          .show = show,
                                          .filter = filter,
+                                         .list_fine = list_fine,
                                          .read_tile = read_tile,
                                          .save = save,
                                          .load = load,
@@ -686,7 +705,8 @@ static enum lw_status build(struct layers *s, const struct lw_pose *pose, struct
     enum lw_status status = lw_pose_init(&s->pose, s->desc.scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
     lw_pose_copy(&s->pose, pose, s->desc.scene);
-    const struct lw_geometry_terms terms = {s->desc.saved_texels, s->desc.looks_later};
+    const struct lw_geometry_terms terms = {s->desc.saved_texels, s->desc.looks_later, s->desc.fine_tiles,
+                                            s->desc.atlas_map};
     status = lw_geometry_init(&s->geometry, s->desc.scene, &s->pose, &terms, s->threads, s->desc.cancel,
                               s->desc.waiting, err);
     bool plain = s->groups.count == 1;

@@ -62,6 +62,9 @@ struct lw_solver_desc {
     /* Unless that is known, the cell solver looks inside objects in frames after the first ones, so that
      * first light is sooner; what changes so counts as a change of the scene. */
     bool looks_later;
+    /* Tiles of finer levels (atlas.h) that the cell solver may hold at once; each takes some 4 MB. 0: it
+     * solves level 0 alone, as other solvers and ranks do. */
+    uint32_t fine_tiles;
     /* May be NULL. Once true, frame() returns LW_CLOSED within a tile, creation within a mesh. */
     const _Atomic bool *cancel;
     const _Atomic bool *finishing; /* may be NULL; once true, frames log their progress */
@@ -97,17 +100,19 @@ struct lw_solver_stats {
     uint32_t tiles_interest;                       /* of interest, with surface */
     uint32_t tiles_contributing; /* contributors, with surface: solved for the light that they send */
     uint32_t tiles_shown;        /* whose shown planes have changed */
+    uint32_t tiles_fine;         /* of finer levels that are there */
+    uint32_t tiles_fine_wanted;  /* of these levels, that are of interest */
     bool moved;                  /* the pose differs from that of the frame before */
 };
 
-/** One level-0 tile, planar and tile-contiguous. Valid until the next call on the solver. */
+/** A tile of level 0 or finer, planar and tile-contiguous. Valid until the next call on the solver. */
 struct lw_solver_tile {
     const float *direct[3];   /* E of bounce 0, W/m^2 per channel; width*height each */
     const float *indirect[3]; /* sum over bounces 1..N */
     /* Shown planes by channel (tile_channels.h): the sums, filtered and welded as the desc says. NULL: the
      * channel is not shown (show()). */
     const float *shown[LW_TILE_CHANNELS_MAX][LW_TILE_CHANNEL_PLANES_MAX];
-    const float *albedo[3]; /* mean over each texel */
+    const float *albedo[3]; /* mean over each texel; of finer levels NULL */
     const uint8_t *covered; /* 1: the texel has surface */
     const uint8_t *filled;  /* 1: gutter with light and albedo of its chart; NULL: there is none */
     uint32_t width, height;
@@ -129,7 +134,8 @@ struct lw_solver_ops {
     enum lw_status (*frame)(struct lw_solver *solver, const struct lw_pose *pose, uint64_t frame,
                             struct lw_solver_stats *out_stats, struct lw_error *err);
     /** Sets the interest set. From the next frame on the solver solves it and its contributors (plan.h).
-     * interest: per lw_tile_id, 0 or 1 + the finest level of interest; the call reads the entries of level 0.
+     * interest: per lw_tile_id, 0 or 1 + the finest level of interest; the call reads the entries of level 0,
+     * and those of finer levels, which are 0 or 1: such tiles are made, as far as there is room.
      * NULL: everything, as in a new solver. Other tiles keep their sums: back in the interest set they go on
      * from them, cut to their staleness if something has moved. Errors: LW_NO_MEMORY; nothing changes
      * then. */
@@ -143,7 +149,10 @@ struct lw_solver_ops {
     /** Filters the shown planes of every tile, between two frames, even if desc.denoise is off: for bakes,
      * which read tiles once. The sums stay unfiltered. Errors: LW_NO_MEMORY. */
     enum lw_status (*filter)(struct lw_solver *solver, struct lw_error *err);
-    /** Reads a level-0 tile. */
+    /** Lists the tiles of finer levels that have light, by id; until the next call on the solver. NULL: it
+     * has none. Returns how many. */
+    uint32_t (*list_fine)(const struct lw_solver *solver, const lw_tile_id **out_tile);
+    /** Reads a tile of level 0, or one that list_fine() lists. */
     void (*read_tile)(const struct lw_solver *solver, lw_tile_id tile, struct lw_solver_tile *out_tile);
     /** Saves the state between two frames. key: 16 bytes that identify the scene, the pose and those fields
      * of the desc that decide samples. target_error, frames_max and threads may differ at load(). Errors: as

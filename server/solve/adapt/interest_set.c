@@ -58,6 +58,12 @@ enum lw_status lw_interest_set_replace(struct lw_interest_set *interest, const u
     return LW_OK;
 }
 
+void lw_interest_set_forget(struct lw_interest_set *interest, lw_tile_id id) {
+    if (!interest->level) return;
+    interest->hits[id.v] = 0;
+    interest->importance[id.v] = 0;
+}
+
 bool lw_interest_set_contributes(const struct lw_interest_set *interest, const struct lw_solve_tile *tile,
                                  bool all_contribute) {
     if (!tile->covered_count || tile->hidden) return false;

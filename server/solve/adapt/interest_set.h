@@ -30,7 +30,7 @@ void lw_interest_set_init(struct lw_interest_set *interest, uint32_t ids);
 void lw_interest_set_finish(struct lw_interest_set *interest);
 size_t lw_interest_set_memory_bytes(const struct lw_interest_set *interest);
 
-/** Takes the interest set. level: per lw_tile_id, as above; entries that are not of level 0 are not read;
+/** Takes the interest set. level: per lw_tile_id, as above; entries of coarser levels than 0 are not read;
  * NULL: everything. Errors: LW_NO_MEMORY; the interest is then as before. */
 LW_MUST_CHECK enum lw_status lw_interest_set_replace(struct lw_interest_set *interest, const uint8_t *level);
 
@@ -44,6 +44,9 @@ static inline float lw_interest_set_importance(const struct lw_interest_set *int
     return interest->scope == LW_INTEREST_EVERYTHING || !interest->importance ? 0
                                                                               : interest->importance[id.v];
 }
+
+/** Forgets what is known of a tile's importance. */
+void lw_interest_set_forget(struct lw_interest_set *interest, lw_tile_id id);
 
 /** Whether a tile is of interest, or lights what is. all_contribute: rays end where texels cannot be counted
  * (at probes), so that every tile may. */

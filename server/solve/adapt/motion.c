@@ -34,7 +34,7 @@ static void note_places(struct lw_motion *motion, const struct lw_tiles *tiles, 
     for (uint32_t i = 0; i < tiles->count; i++) {
         const struct lw_solve_tile *tile = &tiles->tile[i];
         const uint32_t object = tile->object;
-        if (object == last || !motion->moved[object]) continue;
+        if (object == last || !motion->moved[object] || tile->fine_pair) continue;
         last = object;
         add_places(motion, lw_affine_point(&was->object_to_world[object], tile->centre_os),
                    lw_affine_point(&is->object_to_world[object], tile->centre_os));

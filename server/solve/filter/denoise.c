@@ -158,13 +158,9 @@ static void part_row(const struct lw_mesh_texels *mesh, const uint8_t *walls, ui
     }
 }
 
-/* Writes the pairs of an object's mesh, but for those that walls part. */
-static void part_pairs(const struct lw_texels *texels, uint32_t object, const uint8_t *pair, int threads,
-                       uint8_t *own) {
-    const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
-    const uint8_t *walls = texels->walls + texels->first[object];
+/* Takes the weight of all pairs of a mesh that walls part. */
+static void part_pairs(const struct lw_mesh_texels *mesh, const uint8_t *walls, int threads, uint8_t *own) {
     const size_t area = area_of(mesh);
-    memcpy(own, pair, mesh_bytes(mesh));
 #pragma omp parallel for schedule(static) num_threads(threads)
     for (uint32_t y = 0; y < mesh->height; y++)
         for (uint32_t k = 0; k < LW_DENOISE_PASSES * DIRECTIONS; k++)
@@ -185,8 +181,15 @@ static bool take_walls(struct lw_denoise_pairs *pairs, uint32_t object, int thre
     uint8_t *own = *pair && *pair != of_mesh ? *pair : malloc(mesh_bytes(&pairs->texels->mesh[m]));
     if (!own) return false;
     *pair = own;
-    part_pairs(pairs->texels, object, of_mesh, threads, own);
+    memcpy(own, of_mesh, mesh_bytes(&pairs->texels->mesh[m]));
+    part_pairs(&pairs->texels->mesh[m], pairs->texels->walls + pairs->texels->first[object], threads, own);
     return true;
+}
+
+uint8_t *lw_denoise_pairs_of_fine(const struct lw_mesh_texels *mesh, const uint8_t *walls) {
+    uint8_t *pair = weigh_mesh(mesh, 1);
+    if (pair) part_pairs(mesh, walls, 1, pair);
+    return pair;
 }
 
 enum lw_status lw_denoise_pairs_init(struct lw_denoise_pairs *pairs, const struct lw_scene *scene,
@@ -542,10 +545,18 @@ LW_WIDE static void exchange_plane(struct row row, const float *in, float *out,
     }
 }
 
+/* Where a tile begins in the atlas that is filtered: a tile of a finer level is one by itself. */
+static uint32_t left_of(const struct lw_solve_tile *tile) {
+    return tile->fine_pair ? 0 : tile->x * LW_TILE_SIDE;
+}
+static uint32_t top_of(const struct lw_solve_tile *tile) {
+    return tile->fine_pair ? 0 : tile->y * LW_TILE_SIDE;
+}
+
 static void store_plane(const struct job *job, const float *from, float *to) {
     const struct lw_tiles *tiles = job->denoise->tiles;
     const struct lw_solve_tile *tile = job->tile;
-    const uint32_t left = tile->x * LW_TILE_SIDE, top = tile->y * LW_TILE_SIDE;
+    const uint32_t left = left_of(tile), top = top_of(tile);
     EACH_ROW (job, 0, y) {
         const size_t row = row_at(job, y, 0).plane;
         for (uint32_t x = job->x; x < job->x + job->width; x++) {
@@ -651,7 +662,7 @@ enum lw_status lw_denoise_init(struct lw_denoise *denoise, const struct lw_denoi
                                const struct lw_atlas_map *map, struct lw_tiles *tiles, int threads) {
     *denoise = (struct lw_denoise){
         .pairs = pairs, .map = map, .tiles = tiles, .followers = count_followers(tiles), .threads = threads};
-    denoise->marked = calloc((size_t)tiles->block_count + 1, sizeof *denoise->marked);
+    denoise->marked = calloc((size_t)tiles->block_capacity + 1, sizeof *denoise->marked);
     denoise->planes = calloc((size_t)threads, sizeof *denoise->planes);
     bool ok = denoise->marked && denoise->planes;
     for (int i = 0; i < 2 * threads && denoise->followers && ok; i++) {
@@ -673,7 +684,7 @@ void lw_denoise_finish(struct lw_denoise *denoise) {
 
 size_t lw_denoise_memory_bytes(const struct lw_denoise *denoise) {
     if (!denoise->pairs) return 0;
-    return denoise->tiles->block_count * sizeof *denoise->marked +
+    return denoise->tiles->block_capacity * sizeof *denoise->marked +
            (size_t)denoise->threads *
                (sizeof *denoise->planes + 2 * denoise->followers * sizeof *denoise->planes->more[0]);
 }
@@ -689,8 +700,20 @@ static void mark(struct lw_denoise *d, uint32_t object, int64_t column, int64_t 
     d->marked[block - d->tiles->block] = block->covered_count > 0;
 }
 
+/* Marks the blocks of a tile of a finer level around one of them. */
+static void mark_fine(struct lw_denoise *d, const struct lw_solve_tile *tile, uint32_t block) {
+    const int64_t column = block % tile->block_columns, row = block / tile->block_columns;
+    for (int64_t v = row - 1; v <= row + 1; v++)
+        for (int64_t u = column - 1; u <= column + 1; u++) {
+            if (u < 0 || v < 0 || u >= tile->block_columns || v >= tile->block_rows) continue;
+            const struct lw_solve_block *at = &tile->block[v * tile->block_columns + u];
+            d->marked[at - d->tiles->block] = at->covered_count > 0;
+        }
+}
+
 _Static_assert(LW_DENOISE_REACH <= LW_TILE_BLOCK, "blocks change those beside them alone");
 static void mark_around(struct lw_denoise *d, const struct lw_solve_tile *tile, uint32_t block) {
+    if (tile->fine_pair) return mark_fine(d, tile, block);
     const int64_t column = tile->x * LW_TILE_BLOCKS + block % tile->block_columns,
                   row = tile->y * LW_TILE_BLOCKS + block / tile->block_columns;
     for (int64_t v = row - 1; v <= row + 1; v++)
@@ -698,7 +721,7 @@ static void mark_around(struct lw_denoise *d, const struct lw_solve_tile *tile, 
 }
 
 static void mark_all(struct lw_denoise *d, uint64_t frame) {
-    memset(d->marked, 0, d->tiles->block_count);
+    memset(d->marked, 0, d->tiles->block_capacity);
     for (uint32_t i = 0; i < d->tiles->count; i++) {
         const struct lw_solve_tile *tile = &d->tiles->tile[i];
         if (tile->light.solved_frame != frame) continue;
@@ -725,11 +748,11 @@ static bool find_job(const struct lw_denoise *d, const struct lw_solve_tile *til
     *out = (struct job){.denoise = d,
                         .tile = tile,
                         .mesh = tile->mesh,
-                        .pair = d->pairs->pair[tile->object],
+                        .pair = tile->fine_pair ? tile->fine_pair : d->pairs->pair[tile->object],
                         .pair_stride = stride_of(tile->mesh),
                         .pair_area = area_of(tile->mesh),
-                        .x = tile->x * LW_TILE_SIDE + x[0] * LW_TILE_BLOCK,
-                        .y = tile->y * LW_TILE_SIDE + y[0] * LW_TILE_BLOCK,
+                        .x = left_of(tile) + x[0] * LW_TILE_BLOCK,
+                        .y = top_of(tile) + y[0] * LW_TILE_BLOCK,
                         .width = right - x[0] * LW_TILE_BLOCK,
                         .height = below - y[0] * LW_TILE_BLOCK};
     return true;

@@ -18,9 +18,9 @@
  * No pair exchanges across a wall (texels.h).
  *
  * The part that is geometry is found once per mesh, that of walls once per object. Both serve any number of
- * solves over the same texels. What is shown of a block is a function of its sums and of those
- * LW_DENOISE_REACH around it. So a frame filters the blocks that it shows and those beside them. The picture
- * does not depend on the frames in which the sums came about. */
+ * solves over the same texels. A tile of a finer level is filtered by itself. What is shown of a block is a
+ * function of its sums and of those LW_DENOISE_REACH around it. So a frame filters the blocks that it shows
+ * and those beside them. The picture does not depend on the frames in which the sums came about. */
 #ifndef LW_FILTER_DENOISE_H
 #define LW_FILTER_DENOISE_H
 
@@ -48,6 +48,9 @@ LW_MUST_CHECK enum lw_status lw_denoise_pairs_init(struct lw_denoise_pairs *pair
 /** After texels have changed: parts the pairs of those objects again of which they have (texels->changes).
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_denoise_pairs_review(struct lw_denoise_pairs *pairs, int threads);
+/** Those of one tile of a finer level, alone. mesh: an atlas of the tile's size; walls: of its texels.
+ * malloc'ed; NULL: no memory. */
+uint8_t *lw_denoise_pairs_of_fine(const struct lw_mesh_texels *mesh, const uint8_t *walls);
 void lw_denoise_pairs_finish(struct lw_denoise_pairs *pairs);
 
 /** Bytes held. */

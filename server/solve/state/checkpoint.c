@@ -71,12 +71,12 @@ static struct header make_header(const uint8_t key[LW_CHECKPOINT_KEY_SIZE], cons
                                  const struct lw_checkpoint_part *part, uint32_t part_count) {
     float *plane[PLANES_MAX];
     struct header header = {.kind = kind,
-                            .tile_count = tiles->count,
+                            .tile_count = tiles->level0_count,
                             .texel_count = tiles->texel_count,
                             .bounces = tiles->bounces,
                             .covered = XXH3_64bits(tiles->covered, tiles->texel_count)};
     memcpy(header.key, key, sizeof header.key);
-    header.body_size = (uint64_t)tiles->count * sizeof(struct record) +
+    header.body_size = (uint64_t)tiles->level0_count * sizeof(struct record) +
                        (uint64_t)tiles->block_count * sizeof(struct block_record) +
                        (uint64_t)list_planes(tiles, plane) * tiles->texel_count * sizeof(float);
     for (uint32_t i = 0; i < part_count; i++) header.body_size += part[i].size;
@@ -90,20 +90,24 @@ static int by_id(const void *a, const void *b) {
 
 /* ---- writing ---- */
 
+/* Tiles of finer levels are made again. */
 static void put_records(struct lw_checked_file_writer *writer, const struct lw_tiles *tiles) {
-    struct record *record = calloc((size_t)tiles->count + 1, sizeof *record);
+    struct record *record = calloc((size_t)tiles->level0_count + 1, sizeof *record);
+    uint32_t count = 0;
     if (!record) {
-        writer->status = lw_status_fail(writer->err, LW_NO_MEMORY, "%u tiles", tiles->count);
+        writer->status = lw_status_fail(writer->err, LW_NO_MEMORY, "%u tiles", tiles->level0_count);
         return;
     }
     for (uint32_t i = 0; i < tiles->count; i++)
-        record[i] = (struct record){.id = tiles->tile[i].id.v,
-                                    .error = tiles->tile[i].light.error,
-                                    .solved_frame = tiles->tile[i].light.solved_frame};
-    qsort(record, tiles->count, sizeof *record, by_id);
-    for (uint32_t i = 1; i < tiles->count; i++)
+        if (!tiles->tile[i].fine_pair)
+            record[count++] = (struct record){.id = tiles->tile[i].id.v,
+                                              .error = tiles->tile[i].light.error,
+                                              .solved_frame = tiles->tile[i].light.solved_frame};
+    LW_INVARIANT(count == tiles->level0_count);
+    qsort(record, count, sizeof *record, by_id);
+    for (uint32_t i = 1; i < count; i++)
         LW_INVARIANT_DEAR(record[i - 1].id < record[i].id); /* each tile once */
-    lw_checked_file_put(writer, record, (size_t)tiles->count * sizeof *record);
+    lw_checked_file_put(writer, record, (size_t)count * sizeof *record);
     free(record);
 }
 
@@ -165,6 +169,7 @@ static enum lw_status take_header(struct lw_checked_file_reader *reader, const s
 }
 
 static enum lw_status take_records(struct lw_checked_file_reader *reader, struct lw_tiles *tiles) {
+    LW_INVARIANT(tiles->count == tiles->level0_count); /* a new solver's */
     struct record *record = calloc((size_t)tiles->count + 1, sizeof *record);
     if (!record) return lw_status_fail(reader->err, LW_NO_MEMORY, "%u tiles", tiles->count);
     enum lw_status status = lw_checked_file_take(reader, record, (size_t)tiles->count * sizeof *record);

@@ -56,7 +56,7 @@ static uint32_t list_drawn(struct lw_tiles *tiles, struct plane out[PLANES_MAX])
 }
 
 static bool allocate(const struct lw_tiles *tiles, const struct plane *plane, uint32_t planes) {
-    const size_t count = tiles->texel_count ? tiles->texel_count : 1;
+    const size_t count = tiles->texel_capacity ? tiles->texel_capacity : 1;
     bool ok = true;
     for (uint32_t i = 0; i < planes; i++)
         ok &= (*plane[i].at = calloc(count, plane[i].floats * sizeof(float))) != NULL;
@@ -71,7 +71,7 @@ static bool allocate_sums(struct lw_tiles *tiles) {
     struct plane plane[PLANES_MAX];
     bool ok = allocate(tiles, plane, list_planes(tiles, plane));
     for (uint32_t k = 0; k < tiles->bounces; k++)
-        ok &= (tiles->radiance_change[k] = calloc((size_t)tiles->block_count * LW_REGIONS + 1,
+        ok &= (tiles->radiance_change[k] = calloc((size_t)tiles->block_capacity * LW_REGIONS + 1,
                                                   sizeof *tiles->radiance_change[k])) != NULL;
     tiles->judged_spread = tiles->spread;
     return ok;
@@ -90,11 +90,11 @@ size_t lw_tiles_memory_bytes(const struct lw_tiles *tiles) {
     for (uint32_t i = 0, n = list_planes(&copy, plane); i < n; i++) floats += plane[i].floats;
     for (uint32_t i = 0, n = list_drawn(&copy, plane); tiles->drawn[0] && i < n; i++)
         floats += plane[i].floats;
-    return tiles->texel_count *
+    return tiles->texel_capacity *
                (floats * sizeof(float) + sizeof *tiles->block_of_texel + sizeof *tiles->region_of_texel) +
-           tiles->count * sizeof *tiles->tile + tiles->id_count * sizeof *tiles->slot_of_id +
-           tiles->block_count * (sizeof *tiles->block + LW_PACKETS_MAX * sizeof *tiles->packet +
-                                 tiles->bounces * LW_REGIONS * sizeof *tiles->radiance_change[0]);
+           tiles->capacity * sizeof *tiles->tile + tiles->id_count * sizeof *tiles->slot_of_id +
+           tiles->block_capacity * (sizeof *tiles->block + LW_PACKETS_MAX * sizeof *tiles->packet +
+                                    tiles->bounces * LW_REGIONS * sizeof *tiles->radiance_change[0]);
 }
 
 uint64_t lw_tiles_last_solved(const struct lw_tiles *tiles) {
@@ -220,7 +220,26 @@ static void hash_blocks(const struct lw_tiles *tiles, const struct lw_solve_tile
                 hash_points(tiles, tile, column, row);
 }
 
+/* Every fine tile has room for as many. */
+#define FINE_BLOCKS (LW_TILE_BLOCKS * LW_TILE_BLOCKS)
+
 static uint32_t blocks_along(uint32_t texels) { return (texels + LW_TILE_BLOCK - 1) / LW_TILE_BLOCK; }
+
+/* Of a tile whose texels are known: its blocks, without light. */
+static void begin_tile(struct lw_tiles *tiles, struct lw_solve_tile *tile) {
+    for (uint32_t i = 0; i < tile->width * tile->height; i++)
+        tiles->block_of_texel[tile->first + i] =
+            (uint32_t)(lw_tiles_block(tile, i % tile->width, i / tile->width) - tiles->block);
+    bound_tile(tile, tiles->covered);
+    LW_TILES_EACH_BLOCK (tile, block) {
+        block->tile_id = tile->id.v;
+        block->packet = tiles->packet + (size_t)(block - tiles->block) * LW_PACKETS_MAX;
+        block->error = 1;
+        block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;
+        block->state = block->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
+    }
+    tile->light.state = tile->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
+}
 
 enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scene,
                              const struct lw_atlas_map *map, const struct lw_texels *texels, uint32_t bounces,
@@ -229,6 +248,7 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
                                .channels = lw_tile_channels_held(false),
                                .bounces = bounces,
                                .texel_count = texels->count,
+                               .texel_capacity = texels->capacity,
                                .covered = texels->covered,
                                .usable = texels->usable,
                                .side = texels->side,
@@ -238,12 +258,15 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
         tiles->count++;
         tiles->block_count += blocks_along(map->place[id].width) * blocks_along(map->place[id].height);
     }
-    tiles->tile = calloc((size_t)tiles->count + 1, sizeof *tiles->tile);
-    tiles->block = calloc((size_t)tiles->block_count + 1, sizeof *tiles->block);
-    tiles->block_of_texel = malloc(((size_t)tiles->texel_count + 1) * sizeof *tiles->block_of_texel);
-    tiles->region_of_texel = malloc((size_t)tiles->texel_count + 1);
+    tiles->level0_count = tiles->count;
+    tiles->capacity = tiles->count + lw_tiles_fine_slots(tiles);
+    tiles->block_capacity = tiles->block_count + lw_tiles_fine_slots(tiles) * FINE_BLOCKS;
+    tiles->tile = calloc((size_t)tiles->capacity + 1, sizeof *tiles->tile);
+    tiles->block = calloc((size_t)tiles->block_capacity + 1, sizeof *tiles->block);
+    tiles->block_of_texel = malloc(((size_t)tiles->texel_capacity + 1) * sizeof *tiles->block_of_texel);
+    tiles->region_of_texel = malloc((size_t)tiles->texel_capacity + 1);
     tiles->slot_of_id = malloc(((size_t)map->tile_count + 1) * sizeof *tiles->slot_of_id);
-    tiles->packet = malloc(((size_t)tiles->block_count * LW_PACKETS_MAX + 1) * sizeof *tiles->packet);
+    tiles->packet = malloc(((size_t)tiles->block_capacity * LW_PACKETS_MAX + 1) * sizeof *tiles->packet);
     if (!tiles->tile || !tiles->block || !tiles->packet || !tiles->block_of_texel ||
         !tiles->region_of_texel || !tiles->slot_of_id || !allocate_sums(tiles)) {
         lw_tiles_finish(tiles);
@@ -270,19 +293,8 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
                                        .light = {.error = 1}};
         tile->first = texels->first[place->object] + tile->local;
         tile->changes = texels->changes[place->object];
-        for (uint32_t i = 0; i < tile->width * tile->height; i++)
-            tiles->block_of_texel[tile->first + i] =
-                (uint32_t)(lw_tiles_block(tile, i % tile->width, i / tile->width) - tiles->block);
         blocks += tile->block_columns * tile->block_rows;
-        bound_tile(tile, texels->covered);
-        LW_TILES_EACH_BLOCK (tile, block) {
-            block->tile_id = id;
-            block->packet = tiles->packet + (size_t)(block - tiles->block) * LW_PACKETS_MAX;
-            block->error = 1;
-            block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;
-            block->state = block->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
-        }
-        tile->light.state = tile->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
+        begin_tile(tiles, tile);
     }
     LW_INVARIANT(n == tiles->count && blocks == tiles->block_count);
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
@@ -292,6 +304,43 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
         hash_blocks(tiles, tile);
     }
     return LW_OK;
+}
+
+void lw_tiles_add_fine(struct lw_tiles *tiles, lw_tile_id id, const struct lw_tile_place *place,
+                       uint32_t slot, const struct lw_mesh_texels *mesh, const uint8_t *pair) {
+    LW_INVARIANT(slot < lw_tiles_fine_slots(tiles) && !lw_tiles_have(tiles, id) && pair &&
+                 tiles->count < tiles->capacity && lw_atlas_finer(place->level));
+    struct lw_solve_block *block = tiles->block + tiles->block_count + slot * FINE_BLOCKS;
+    struct lw_solve_tile *tile = &tiles->tile[tiles->count];
+    memset(block, 0, FINE_BLOCKS * sizeof *block);
+    *tile = (struct lw_solve_tile){.id = id,
+                                   .object = place->object,
+                                   .x = place->x,
+                                   .y = place->y,
+                                   .width = place->width,
+                                   .height = place->height,
+                                   .mesh = mesh,
+                                   .first = lw_tiles_fine_first(tiles, slot),
+                                   .block = block,
+                                   .block_columns = blocks_along(place->width),
+                                   .block_rows = blocks_along(place->height),
+                                   .fine_pair = pair,
+                                   .fine_slot = slot,
+                                   .light = {.error = 1},
+                                   .changes = tiles->changes[place->object]};
+    begin_tile(tiles, tile);
+    deal_blocks(tiles, tile);
+    hash_blocks(tiles, tile);
+    tiles->slot_of_id[id.v] = tiles->count++;
+}
+
+void lw_tiles_remove_fine(struct lw_tiles *tiles, lw_tile_id id) {
+    struct lw_solve_tile *tile = lw_tiles_at(tiles, id), *last = &tiles->tile[tiles->count - 1];
+    LW_INVARIANT(lw_tiles_have(tiles, id) && tile->fine_pair);
+    *tile = *last;
+    tiles->slot_of_id[tile->id.v] = (uint32_t)(tile - tiles->tile);
+    tiles->slot_of_id[id.v] = UINT32_MAX;
+    tiles->count--;
 }
 
 static void begin_block(struct lw_solve_block *block) {
@@ -317,7 +366,7 @@ static bool has_regions(const struct lw_tiles *tiles, const struct lw_solve_tile
 static void recount_tile(const struct lw_tiles *tiles, struct lw_solve_tile *tile) {
     uint8_t region[LW_TILE_SIDE * LW_TILE_SIDE];
     uint32_t hash[LW_TILE_BLOCKS * LW_TILE_BLOCKS];
-    if (tile->changes == tiles->changes[tile->object]) return;
+    if (tile->changes == tiles->changes[tile->object] || tile->fine_pair) return;
     tile->changes = tiles->changes[tile->object];
     memcpy(region, tiles->region_of_texel + tile->first, tile->width * tile->height);
     LW_TILES_EACH_BLOCK (tile, block) hash[block - tile->block] = block->points_hash;

@@ -103,6 +103,10 @@ struct lw_solve_tile {
     struct lw_solve_block *block; /* row by row */
     uint32_t block_columns, block_rows;
     uint32_t covered_count;
+    /* A tile of a finer level (fine_tiles.h): x, y and size are those of its level, its mesh is an atlas of
+     * its own, and these are the pairs of its filter. NULL: of level 0. */
+    const uint8_t *fine_pair;
+    uint32_t fine_slot;
     uint8_t wide_rooms;       /* (regions.h) */
     uint32_t changes;         /* lw_texels.changes of its object that its blocks have taken over */
     uint32_t cell, owner;     /* cell of its centre; the rank that solves it, by its first cell */
@@ -117,8 +121,11 @@ struct lw_solve_tile {
 
 struct lw_tiles {
     uint32_t count, id_count, bounces, texel_count; /* id_count: number of lw_tile_ids in the scene */
-    struct lw_solve_tile *tile;                     /* sorted by cell: the order of solving */
-    uint32_t *slot_of_id; /* lw_tile_id -> index into tile, or UINT32_MAX for ids that are not level 0 */
+    /* Of level 0 alone are texel_count, block_count and level0_count. Texels, blocks and tiles of finer
+     * levels have what lies behind them in the arrays, up to the capacities. */
+    uint32_t level0_count, capacity, texel_capacity, block_capacity;
+    struct lw_solve_tile *tile;   /* sorted by cell: the order of solving */
+    uint32_t *slot_of_id;         /* lw_tile_id -> index into tile, or UINT32_MAX: it is not solved as such */
     struct lw_solve_block *block; /* all tiles' blocks, by tile id */
     uint32_t block_count;
     struct lw_packet *packet; /* LW_PACKETS_MAX for each block */
@@ -231,7 +238,7 @@ void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, uint32_t channels, in
         for (uint32_t x = (column)*LW_TILE_BLOCK; x < (tile)->width && x < ((column) + 1) * LW_TILE_BLOCK;   \
              x++)
 
-/** The tile of an id of level 0. */
+/** The tile of an id of level 0, or of a finer one that is there. */
 static inline struct lw_solve_tile *lw_tiles_at(const struct lw_tiles *tiles, lw_tile_id id) {
     return &tiles->tile[tiles->slot_of_id[id.v]];
 }
@@ -240,6 +247,27 @@ static inline struct lw_solve_tile *lw_tiles_at(const struct lw_tiles *tiles, lw
 static inline struct lw_solve_block *lw_tiles_block(const struct lw_solve_tile *tile, uint32_t x,
                                                     uint32_t y) {
     return &tile->block[y / LW_TILE_BLOCK * tile->block_columns + x / LW_TILE_BLOCK];
+}
+
+/** Adds a tile of a finer level, which has no light yet. Then lw_tiles_set_pose() places it. The arrays of
+ * lw_texels know its texels.
+ * slot  of those that lw_texels has room for; its first texel is lw_tiles_fine_first()
+ * mesh  an atlas of the tile's size; pair: of its filter. Both outlive the tile. */
+void lw_tiles_add_fine(struct lw_tiles *tiles, lw_tile_id id, const struct lw_tile_place *place,
+                       uint32_t slot, const struct lw_mesh_texels *mesh, const uint8_t *pair);
+/** Takes it out again. The order of the tiles is another one until lw_tiles_set_pose(). */
+void lw_tiles_remove_fine(struct lw_tiles *tiles, lw_tile_id id);
+
+/** How many tiles of finer levels there is room for. */
+static inline uint32_t lw_tiles_fine_slots(const struct lw_tiles *tiles) {
+    return (tiles->texel_capacity - tiles->texel_count) / LW_TILE_TEXELS_MAX;
+}
+static inline uint32_t lw_tiles_fine_first(const struct lw_tiles *tiles, uint32_t slot) {
+    return tiles->texel_count + slot * LW_TILE_TEXELS_MAX;
+}
+/** Whether a tile of any level is there. */
+static inline bool lw_tiles_have(const struct lw_tiles *tiles, lw_tile_id id) {
+    return tiles->slot_of_id[id.v] != UINT32_MAX;
 }
 
 /** Copies a tile's planes, blocks, light and change from tiles of the same scene. */

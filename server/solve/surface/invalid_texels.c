@@ -206,17 +206,20 @@ static void find_again(const struct search *s, uint32_t object, const uint8_t *w
     }
 }
 
-static struct search begin(struct lw_texels *texels, const struct lw_pose *pose,
-                           const struct lw_trace *trace) {
+struct lw_hidden_points_search lw_invalid_texels_points(const struct lw_texels *texels,
+                                                        const struct lw_pose *pose,
+                                                        const struct lw_trace *trace) {
     struct lw_vec3 low = {0}, high = {0};
     lw_pose_bounds(pose, texels->scene, &low, &high);
     const struct lw_vec3 size = lw_vec3_sub(high, low);
     const float longest = fmaxf(size.x, fmaxf(size.y, size.z));
-    return (struct search){
-        .texels = texels,
-        .points =
-            {.texels = texels, .pose = pose, .trace = trace, .near_m = NEAR * longest, .far_m = 2 * longest},
-    };
+    return (struct lw_hidden_points_search){
+        .texels = texels, .pose = pose, .trace = trace, .near_m = NEAR * longest, .far_m = 2 * longest};
+}
+
+static struct search begin(struct lw_texels *texels, const struct lw_pose *pose,
+                           const struct lw_trace *trace) {
+    return (struct search){.texels = texels, .points = lw_invalid_texels_points(texels, pose, trace)};
 }
 
 struct part {

@@ -13,9 +13,7 @@
 #ifndef LW_SURFACE_INVALID_TEXELS_H
 #define LW_SURFACE_INVALID_TEXELS_H
 
-#include "common/scene/pose.h"
-#include "common/trace/trace.h"
-#include "server/solve/surface/texels.h"
+#include "server/solve/surface/hidden_points.h"
 
 /** What a search has found. */
 struct lw_invalid_texels_found {
@@ -35,6 +33,11 @@ LW_MUST_CHECK enum lw_status lw_invalid_texels_find(struct lw_texels *texels, co
                                                     const bool *stands, const struct lw_trace *trace,
                                                     int threads, const _Atomic bool *cancel,
                                                     struct lw_waiting *waiting, uint64_t *out_count);
+
+/** How far hidden points are looked for at a pose, of any texels. */
+struct lw_hidden_points_search lw_invalid_texels_points(const struct lw_texels *texels,
+                                                        const struct lw_pose *pose,
+                                                        const struct lw_trace *trace);
 
 /** The same search, in steps between frames, while the texels serve as they are. It writes to texels of its
  * own. */

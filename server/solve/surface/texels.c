@@ -51,6 +51,7 @@ struct raster {
     struct claim *claim; /* per texel */
     uint32_t *parent;    /* of charts that are joined: twice as many as vertices */
     struct points spots, albedo_points;
+    bool has_albedo; /* it is asked for */
 };
 
 static struct lw_vec2 minus(struct lw_vec2 a, struct lw_vec2 b) {
@@ -231,7 +232,7 @@ static void claim_texels(const struct raster *r, uint32_t triangle, bool back) {
             if (c->chart != LW_TEXEL_NONE) lw_union_find_join(r->parent, c->chart, chart);
             c->chart = chart;
             claim_spots(r, c, corner, x, y, triangle, back);
-            add_albedo(r, c, corner, x, y, triangle);
+            if (r->has_albedo) add_albedo(r, c, corner, x, y, triangle);
             struct lw_vec2 centre = {(float)x + 0.5f, (float)y + 0.5f};
             if (!barycentrics(corner, centre, &u, &v)) continue;
             if (u >= 0 && v >= 0 && u + v <= 1)
@@ -405,11 +406,11 @@ static bool evaluate(const struct raster *r) {
             store(texels->position, i, surface.position);
             store(texels->normal, i, point.normal);
             store(texels->geometric, i, point.geometric);
-            store(texels->albedo, i, mean_albedo(r, c));
-            LW_INVARIANT_DEAR(is_albedo(lw_texels_vector(texels->albedo, i)));
+            if (r->has_albedo) store(texels->albedo, i, mean_albedo(r, c));
+            LW_INVARIANT_DEAR(!r->has_albedo || is_albedo(lw_texels_vector(texels->albedo, i)));
             set_sample_points(texels, mesh, c, x, y);
         }
-    for (uint32_t y = 0; y < texels->height; y++)
+    for (uint32_t y = 0; r->has_albedo && y < texels->height; y++)
         for (uint32_t x = 0; x < texels->width; x++) {
             const uint32_t i = lw_texels_index(texels, x, y);
             const uint32_t source = texels->covered[i] ? i : source_of(texels, texels->covered, x, y);
@@ -436,21 +437,20 @@ static void list_triangles(struct lw_mesh_texels *texels, const struct lw_scene 
     }
 }
 
-static bool allocate(struct lw_mesh_texels *texels, const struct lw_mesh *mesh) {
+static bool allocate(struct lw_mesh_texels *texels, bool has_albedo) {
     const size_t count = texels->texel_count;
     bool ok = true;
     for (int c = 0; c < 3; c++) {
         ok &= (texels->position[c] = calloc(count, sizeof(float))) != NULL;
         ok &= (texels->normal[c] = calloc(count, sizeof(float))) != NULL;
         ok &= (texels->geometric[c] = calloc(count, sizeof(float))) != NULL;
-        ok &= (texels->albedo[c] = calloc(count, sizeof(float))) != NULL;
+        if (has_albedo) ok &= (texels->albedo[c] = calloc(count, sizeof(float))) != NULL;
     }
     ok &= (texels->covered = calloc(count, 1)) != NULL;
     ok &= (texels->chart = calloc(count, sizeof *texels->chart)) != NULL;
     ok &= (texels->sample_points.first = calloc(count + 1, sizeof *texels->sample_points.first)) != NULL;
     ok &= (texels->sample_points.reach = calloc(count, sizeof(float))) != NULL;
     ok &= (texels->sample_points.lift = calloc(count, sizeof(float))) != NULL;
-    ok &= (texels->triangle = calloc(mesh->triangle_count + 1, sizeof *texels->triangle)) != NULL;
     return ok;
 }
 
@@ -505,11 +505,11 @@ static void list_points(struct raster *r) {
     }
 }
 
-static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *scene,
-                       const struct lw_mesh *mesh) {
+static bool rasterise(struct lw_mesh_texels *texels, const struct lw_scene *scene, const struct lw_mesh *mesh,
+                      bool has_albedo) {
     struct claim *claim = malloc((size_t)texels->texel_count * sizeof *claim);
     uint32_t *parent = malloc((2 * (size_t)mesh->vertex_count + 1) * sizeof *parent);
-    if (!claim || !parent || !allocate(texels, mesh)) {
+    if (!claim || !parent || !allocate(texels, has_albedo)) {
         free(claim);
         free(parent);
         return false;
@@ -519,7 +519,12 @@ static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *sce
         claim[i] = (struct claim){.triangle = LW_TEXEL_NONE, .chart = LW_TEXEL_NONE};
         memset(claim[i].spot, 0xff, sizeof claim[i].spot); /* LW_TEXEL_NONE */
     }
-    struct raster raster = {.scene = scene, .mesh = mesh, .texels = texels, .claim = claim, .parent = parent};
+    struct raster raster = {.scene = scene,
+                            .mesh = mesh,
+                            .texels = texels,
+                            .claim = claim,
+                            .parent = parent,
+                            .has_albedo = has_albedo};
     list_points(&raster);
     claim_all(&raster, claim_texels);
     claim_all(&raster, claim_gutters);
@@ -527,9 +532,21 @@ static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *sce
     const bool ok = evaluate(&raster);
     free(claim);
     free(parent);
-    list_triangles(texels, scene, mesh);
     texels->texel_m = texel_side(mesh);
     return ok;
+}
+
+bool lw_texels_rasterise(struct lw_mesh_texels *texels, const struct lw_scene *scene,
+                         const struct lw_mesh *mesh) {
+    return rasterise(texels, scene, mesh, false);
+}
+
+static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *scene,
+                       const struct lw_mesh *mesh) {
+    texels->triangle = calloc(mesh->triangle_count + 1ul, sizeof *texels->triangle);
+    if (!texels->triangle || !rasterise(texels, scene, mesh, true)) return false;
+    list_triangles(texels, scene, mesh);
+    return true;
 }
 
 /* Whether a material that the mesh uses is another than when its albedo was taken. */
@@ -601,7 +618,7 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
                                   TEXELS_MAX);
         }
     }
-    texels->count = (uint32_t)count;
+    texels->count = texels->capacity = (uint32_t)count;
     LW_INVARIANT(count <= TEXELS_MAX);
 
     struct piece *order = order_meshes(texels);
@@ -651,6 +668,29 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
     return LW_OK;
 }
 
+/* Returns false without memory: the array is then as it was. */
+static bool grow(void *array, size_t from, size_t to, size_t size) {
+    void *grown = realloc(*(void **)array, (to + 1) * size);
+    if (!grown) return false;
+    memset((char *)grown + from * size, 0, (to + 1 - from) * size);
+    *(void **)array = grown;
+    return true;
+}
+
+enum lw_status lw_texels_reserve(struct lw_texels *texels, uint32_t more) {
+    const size_t from = texels->capacity, to = from + more;
+    LW_INVARIANT(to < LW_TEXEL_NONE);
+    if (!grow(&texels->covered, from, to, sizeof *texels->covered) ||
+        !grow(&texels->usable, from, to, sizeof *texels->usable) ||
+        !grow(&texels->filled, from, to, sizeof *texels->filled) ||
+        !grow(&texels->walls, from, to, sizeof *texels->walls) ||
+        !grow(&texels->side, from, to, sizeof *texels->side) ||
+        !grow(&texels->source, from, to, sizeof *texels->source))
+        return LW_NO_MEMORY;
+    texels->capacity = (uint32_t)to;
+    return LW_OK;
+}
+
 static size_t mesh_bytes(const struct lw_mesh_texels *t, const struct lw_mesh *mesh) {
     const size_t vectors =
         sizeof *t->position[0] + sizeof *t->normal[0] + sizeof *t->geometric[0] + sizeof *t->albedo[0];
@@ -664,8 +704,8 @@ static size_t mesh_bytes(const struct lw_mesh_texels *t, const struct lw_mesh *m
 size_t lw_texels_memory_bytes(const struct lw_texels *texels) {
     const struct lw_scene *scene = texels->scene;
     size_t bytes =
-        texels->count * (sizeof *texels->covered + sizeof *texels->usable + sizeof *texels->filled +
-                         sizeof *texels->source + sizeof *texels->side + sizeof *texels->walls) +
+        texels->capacity * (sizeof *texels->covered + sizeof *texels->usable + sizeof *texels->filled +
+                            sizeof *texels->source + sizeof *texels->side + sizeof *texels->walls) +
         scene->mesh_count * sizeof *texels->mesh +
         scene->object_count * (sizeof *texels->first + sizeof *texels->changes) +
         scene->material_count * sizeof *texels->base_colour;
@@ -674,7 +714,7 @@ size_t lw_texels_memory_bytes(const struct lw_texels *texels) {
     return bytes;
 }
 
-static void free_mesh(struct lw_mesh_texels *mesh) {
+void lw_texels_finish_mesh(struct lw_mesh_texels *mesh) {
     for (int c = 0; c < 3; c++) {
         free(mesh->position[c]);
         free(mesh->normal[c]);
@@ -706,7 +746,7 @@ enum lw_status lw_texels_set_albedo(struct lw_texels *texels, int threads) {
                 memcpy(mesh->albedo[c], fresh.albedo[c], mesh->texel_count * sizeof(float));
         else
             failures++;
-        free_mesh(&fresh);
+        lw_texels_finish_mesh(&fresh);
     }
     if (failures) return LW_NO_MEMORY;
     note_colours(texels);
@@ -769,7 +809,8 @@ void lw_texels_link(struct lw_texels *texels, int threads) {
 }
 
 void lw_texels_finish(struct lw_texels *texels) {
-    for (uint32_t m = 0; texels->mesh && m < texels->scene->mesh_count; m++) free_mesh(&texels->mesh[m]);
+    for (uint32_t m = 0; texels->mesh && m < texels->scene->mesh_count; m++)
+        lw_texels_finish_mesh(&texels->mesh[m]);
     free(texels->source);
     free(texels->side);
     free(texels->walls);

@@ -52,6 +52,7 @@ struct lw_texels {
     float (*base_colour)[3];     /* per material: the factor that is in albedo */
     uint32_t *first;             /* per object: its first texel in the global numbering */
     uint32_t count;              /* of the global numbering, all objects */
+    uint32_t capacity; /* of the arrays per texel: behind those of all objects lie those of fine tiles */
     /* Per texel of the global numbering: has surface, light can reach it (invalid_texels.h), and it does not
      * yield to its neighbours (crossings.h). */
     uint8_t *covered;
@@ -80,6 +81,18 @@ LW_MUST_CHECK enum lw_status lw_texels_init(struct lw_texels *texels, const stru
                                             unsigned threads, const _Atomic bool *cancel,
                                             struct lw_waiting *waiting, struct lw_error *err);
 void lw_texels_finish(struct lw_texels *texels);
+
+/** Makes room for the texels of fine tiles (fine_texels.h), which are not covered yet. Arrays move: nothing
+ * may point at them. Errors: LW_NO_MEMORY; finish the texels then. */
+LW_MUST_CHECK enum lw_status lw_texels_reserve(struct lw_texels *texels, uint32_t more);
+
+/** Rasterises part of a mesh: coordinates, atlas size and back_offset of `mesh` are those of the part, and
+ * triangles may reach beyond it. texels: width to back_offset are set. There is no list of triangles, and no
+ * albedo.
+ * Returns false without memory. lw_texels_finish_mesh() frees it in any case. */
+LW_MUST_CHECK bool lw_texels_rasterise(struct lw_mesh_texels *texels, const struct lw_scene *scene,
+                                       const struct lw_mesh *mesh);
+void lw_texels_finish_mesh(struct lw_mesh_texels *mesh);
 
 /** Bytes held. */
 size_t lw_texels_memory_bytes(const struct lw_texels *texels);

@@ -501,6 +501,7 @@ static void radiate_block(const struct lw_transport *t, const struct lw_solve_ti
 
 void lw_bounces_radiate(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t bounce) {
     LW_INVARIANT(bounce < t->tiles->bounces);
+    if (tile->fine_pair) return; /* rays read level 0 */
     for (uint32_t row = 0; row < tile->block_rows; row++)
         for (uint32_t column = 0; column < tile->block_columns; column++)
             radiate_block(t, tile, column, row, bounce);

@@ -158,12 +158,17 @@ static void add(struct lw_reflectors *r) {
         replace(r, weakest);
 }
 
+/* Rays read the light of level 0 alone. */
+static bool is_of(const struct lw_solve_tile *tile, uint32_t object) {
+    return tile->object == object && !tile->fine_pair;
+}
+
 /* The sphere around the tiles of an object. */
 static void place(struct lw_reflector *c, const struct lw_tiles *tiles) {
     struct lw_vec3 sum = {0};
     uint32_t count = 0;
     for (uint32_t i = 0; i < tiles->count; i++) {
-        if (tiles->tile[i].object != c->object) continue;
+        if (!is_of(&tiles->tile[i], c->object)) continue;
         sum = lw_vec3_add(sum, tiles->tile[i].centre_ws);
         count++;
     }
@@ -171,7 +176,7 @@ static void place(struct lw_reflector *c, const struct lw_tiles *tiles) {
     c->centre_ws = lw_vec3_scale(sum, 1 / (float)count);
     c->radius_m = 0;
     for (uint32_t i = 0; i < tiles->count; i++)
-        if (tiles->tile[i].object == c->object)
+        if (is_of(&tiles->tile[i], c->object))
             c->radius_m =
                 fmaxf(c->radius_m, lw_vec3_length(lw_vec3_sub(tiles->tile[i].centre_ws, c->centre_ws)) +
                                        tiles->tile[i].radius_m);
@@ -228,7 +233,7 @@ static float mean_light(const struct lw_tiles *tiles) {
     double light = 0, texels = 0;
     for (uint32_t i = 0; i < tiles->count; i++) {
         const struct lw_solve_tile *tile = &tiles->tile[i];
-        if (tile->hidden) continue;
+        if (tile->hidden || tile->fine_pair) continue;
         LW_TILES_EACH_BLOCK (tile, block) {
             if (!block->covered_count) continue;
             light += light_of(tiles, tile, block);
@@ -243,7 +248,7 @@ static void find_bright(struct lw_reflectors *r, const struct lw_tiles *tiles, f
     memset(r->is_bright, 0, r->scene->object_count * sizeof *r->is_bright);
     for (uint32_t i = 0; i < tiles->count; i++) {
         const struct lw_solve_tile *tile = &tiles->tile[i];
-        if (tile->hidden || r->is_bright[tile->object]) continue;
+        if (tile->hidden || tile->fine_pair || r->is_bright[tile->object]) continue;
         LW_TILES_EACH_BLOCK (tile, block) {
             if (!block->covered_count ||
                 !(light_of(tiles, tile, block) > (double)(RARE_BLOCK * mean) * block->covered_count))

@@ -1,0 +1,270 @@
+#include "server/solve/fine_tiles.h"
+
+#include "common/invariant.h"
+#include "common/log.h"
+#include "server/solve/filter/denoise.h"
+#include "server/solve/surface/invalid_texels.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* Tiles that are made at the beginning of a frame, at most. */
+#define MAKE_MAX 2u
+/* Frames that the tile of level 0 below has in its mean before: the coarse picture comes first. */
+#define FRAMES_BELOW 8u
+
+enum lw_status lw_fine_tiles_init(struct lw_fine_tiles *fine, struct lw_texels *texels,
+                                  const struct lw_atlas_map *map, int threads) {
+    *fine = (struct lw_fine_tiles){.texels = texels,
+                                   .map = map,
+                                   .slots = (texels->capacity - texels->count) / LW_TILE_TEXELS_MAX,
+                                   .threads = threads};
+    if (!fine->slots || !map->finer_count) return LW_OK;
+    fine->tile = calloc(fine->slots, sizeof *fine->tile);
+    fine->shown = malloc(fine->slots * sizeof *fine->shown);
+    if (!fine->tile || !fine->shown) return LW_NO_MEMORY;
+    return lw_fine_texels_maker_create(texels, &fine->maker);
+}
+
+void lw_fine_tiles_add_layer(struct lw_fine_tiles *fine, const struct lw_fine_tiles_layer *layer) {
+    LW_INVARIANT(fine->layers < LW_LIGHT_GROUPS_MAX && !fine->used);
+    fine->layer[fine->layers++] = *layer;
+}
+
+void lw_fine_tiles_finish(struct lw_fine_tiles *fine) {
+    for (uint32_t k = 0; fine->tile && k < fine->slots; k++) {
+        lw_fine_texels_finish(&fine->tile[k].texels);
+        free(fine->tile[k].pair);
+    }
+    lw_fine_texels_maker_destroy(fine->maker);
+    free(fine->tile);
+    free(fine->shown);
+    free(fine->wanted);
+    *fine = (struct lw_fine_tiles){0};
+}
+
+size_t lw_fine_tiles_memory_bytes(const struct lw_fine_tiles *fine) {
+    if (!fine->maker) return 0;
+    size_t bytes = fine->slots * (sizeof *fine->tile + sizeof *fine->shown) +
+                   fine->wanted_count * sizeof *fine->wanted + lw_fine_texels_maker_memory_bytes(fine->maker);
+    for (uint32_t k = 0; k < fine->slots; k++) {
+        const struct lw_mesh_texels *mesh = &fine->tile[k].texels.mesh;
+        if (!fine->tile[k].used) continue;
+        bytes += mesh->texel_count * (9 * sizeof(float) + sizeof *mesh->chart + 3 * sizeof(float)) +
+                 mesh->sample_points.first[mesh->texel_count] * sizeof *mesh->sample_points.point;
+    }
+    return bytes;
+}
+
+enum lw_status lw_fine_tiles_want(struct lw_fine_tiles *fine, const uint8_t *interest) {
+    if (!fine->maker) return LW_OK;
+    uint32_t count = 0;
+    for (uint32_t id = fine->map->plain_count; interest && id < fine->map->tile_count; id++)
+        count += interest[id] != 0;
+    lw_tile_id *wanted = malloc((count + 1ul) * sizeof *wanted);
+    if (!wanted) return LW_NO_MEMORY;
+    count = 0;
+    for (uint32_t id = fine->map->plain_count; interest && id < fine->map->tile_count; id++)
+        if (interest[id]) wanted[count++].v = id;
+    free(fine->wanted);
+    fine->wanted = wanted;
+    fine->wanted_count = count;
+    return LW_OK;
+}
+
+static void empty(struct lw_fine_tiles *fine, struct lw_fine_tile *tile) {
+    lw_fine_texels_finish(&tile->texels);
+    free(tile->pair);
+    *tile = (struct lw_fine_tile){.used = false};
+    fine->used--;
+}
+
+#define EACH_LAYER(fine, at)                                                                                 \
+    for (const struct lw_fine_tiles_layer *at = (fine)->layer, *end_ = at + (fine)->layers; at < end_; at++)
+
+/* The first of the texels of a slot. */
+static uint32_t first_of(const struct lw_fine_tiles *fine, const struct lw_fine_tile *tile) {
+    return fine->texels->count + (uint32_t)(tile - fine->tile) * LW_TILE_TEXELS_MAX;
+}
+
+static void drop(struct lw_fine_tiles *fine, struct lw_fine_tile *tile) {
+    LW_INVARIANT(tile->used && fine->used > 0);
+    EACH_LAYER(fine, layer) {
+        layer->note(layer->user, tile->id);
+        lw_tiles_remove_fine(layer->tiles, tile->id);
+    }
+    memset(fine->texels->covered + first_of(fine, tile), 0, LW_TILE_TEXELS_MAX);
+    empty(fine, tile);
+}
+
+/* Texels of level 0 are others than those that a tile was made from. */
+static bool is_outdated(const struct lw_fine_tiles *fine, const struct lw_fine_tile *tile) {
+    const struct lw_solve_tile *solved = lw_tiles_at(fine->layer[0].tiles, tile->id);
+    return solved->changes != fine->texels->changes[solved->object];
+}
+
+/* A slot for a tile: an empty one, or that of the tile that nobody has looked at for the longest; NULL:
+ * somebody looks at all of them. */
+static struct lw_fine_tile *find_slot(const struct lw_fine_tiles *fine, uint64_t frame) {
+    struct lw_fine_tile *best = NULL;
+    for (uint32_t k = 0; k < fine->slots; k++) {
+        struct lw_fine_tile *tile = &fine->tile[k];
+        if (!tile->used) return tile;
+        if (tile->looked_at < frame && (!best || tile->looked_at < best->looked_at)) best = tile;
+    }
+    return best;
+}
+
+/* What stands for a gutter whose chart lies beyond the tile: the texel of level 0 that does so there. */
+static uint32_t source_below(const struct lw_fine_tiles *fine, const struct lw_fine_tile *tile, uint32_t i) {
+    const struct lw_texels *texels = fine->texels;
+    const struct lw_tile_place *place = &fine->map->place[tile->id.v];
+    const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[place->object].mesh];
+    const uint32_t finer = lw_atlas_finer(place->level),
+                   x = (place->x * LW_TILE_SIDE + i % place->width) >> finer,
+                   y = (place->y * LW_TILE_SIDE + i / place->width) >> finer;
+    return texels->source[texels->first[place->object] + lw_texels_index(mesh, x, y)];
+}
+
+/* Gives the scene's texels those of a tile, and the tiles the tile. */
+static void add(struct lw_fine_tiles *fine, struct lw_fine_tile *tile) {
+    struct lw_texels *texels = fine->texels;
+    const uint32_t slot = (uint32_t)(tile - fine->tile), first = first_of(fine, tile),
+                   count = tile->texels.mesh.texel_count;
+    memcpy(texels->covered + first, tile->texels.covered, count);
+    memcpy(texels->usable + first, tile->texels.usable, count);
+    memcpy(texels->walls + first, tile->texels.walls, count);
+    memcpy(texels->side + first, tile->texels.side, count * sizeof *texels->side);
+    for (uint32_t i = 0; i < count; i++) {
+        const uint32_t source = tile->texels.source[i];
+        texels->source[first + i] = source == LW_TEXEL_NONE ? source_below(fine, tile, i) : first + source;
+        texels->filled[first + i] = !tile->texels.covered[i] && texels->source[first + i] != LW_TEXEL_NONE;
+    }
+    EACH_LAYER(fine, layer) {
+        lw_tiles_add_fine(layer->tiles, tile->id, &fine->map->place[tile->id.v], slot, &tile->texels.mesh,
+                          tile->pair);
+        layer->note(layer->user, tile->id);
+    }
+}
+
+static enum lw_status make(const struct lw_fine_tiles *fine, const struct lw_hidden_points_search *points,
+                           struct lw_fine_tile *tile) {
+    enum lw_status status =
+        lw_fine_texels_make(fine->maker, points, &fine->map->place[tile->id.v], &tile->texels);
+    if (status != LW_OK) return status;
+    tile->pair = lw_denoise_pairs_of_fine(&tile->texels.mesh, tile->texels.walls);
+    return tile->pair ? LW_OK : LW_NO_MEMORY;
+}
+
+static bool is_there(const struct lw_fine_tiles *fine, lw_tile_id id) {
+    return lw_tiles_have(fine->layer[0].tiles, id);
+}
+
+/* Drops tiles that are out of date, and notes which ones are looked at. Returns whether any was dropped. */
+static bool review(struct lw_fine_tiles *fine, uint64_t frame) {
+    bool changed = false;
+    for (uint32_t k = 0; k < fine->slots && fine->used; k++) {
+        struct lw_fine_tile *tile = &fine->tile[k];
+        if (!tile->used || !is_outdated(fine, tile)) continue;
+        drop(fine, tile);
+        changed = true;
+    }
+    for (uint32_t i = 0; i < fine->wanted_count; i++)
+        if (is_there(fine, fine->wanted[i]))
+            fine->tile[lw_tiles_at(fine->layer[0].tiles, fine->wanted[i])->fine_slot].looked_at = frame;
+    return changed;
+}
+
+/* Whether the light of level 0 below a tile is good enough to go on with detail, in any layer. */
+static bool is_due(const struct lw_fine_tiles *fine, lw_tile_id id) {
+    const struct lw_tile_place *place = &fine->map->place[id.v];
+    const uint32_t up = lw_atlas_finer(place->level);
+    const lw_tile_id below = lw_atlas_map_find(fine->map, place->object, 0, place->x >> up, place->y >> up);
+    EACH_LAYER(fine, layer) {
+        const struct lw_solve_tile *tile = lw_tiles_at(layer->tiles, below);
+        if (tile->light.sample_count >= FRAMES_BELOW || !tile->covered_count) return true;
+    }
+    return false;
+}
+
+/* Finds slots for the next tiles that are wanted. Returns how many. */
+static uint32_t choose(struct lw_fine_tiles *fine, uint64_t frame, struct lw_fine_tile *out[MAKE_MAX]) {
+    uint32_t count = 0;
+    fine->full = false;
+    for (uint32_t i = 0; i < fine->wanted_count && count < MAKE_MAX; i++) {
+        const lw_tile_id id = fine->wanted[i];
+        if (is_there(fine, id) || !is_due(fine, id)) continue;
+        struct lw_fine_tile *tile = find_slot(fine, frame);
+        if ((fine->full = !tile)) break;
+        if (tile->used) drop(fine, tile);
+        *tile = (struct lw_fine_tile){.used = true, .id = id, .made = frame, .looked_at = frame};
+        out[count++] = tile;
+        fine->used++;
+    }
+    return count;
+}
+
+static void tell_if_full(struct lw_fine_tiles *fine) {
+    if (!fine->full || fine->told) return;
+    fine->told = true;
+    lw_log(LW_LOG_WARNING, "there is no room for all detail that is asked for: %u of %u tiles are there",
+           fine->used, fine->wanted_count);
+}
+
+enum lw_status lw_fine_tiles_update(struct lw_fine_tiles *fine, const struct lw_pose *pose,
+                                    const struct lw_trace *trace, uint64_t frame) {
+    struct lw_fine_tile *fresh[MAKE_MAX];
+    if (!fine->maker || fine->frame == frame) return LW_OK;
+    fine->frame = frame;
+    bool changed = review(fine, frame);
+    const uint32_t count = choose(fine, frame, fresh);
+    struct lw_hidden_points_search points = {.texels = NULL};
+    int failures = 0;
+    if (count) points = lw_invalid_texels_points(fine->texels, pose, trace);
+    for (uint32_t i = 0; i < count; i++)
+        failures += lw_fine_texels_prepare(fine->maker, fine->map->place[fresh[i]->id.v].object) != LW_OK;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(fine->threads) reduction(+ : failures)
+    for (uint32_t i = 0; i < count; i++)
+        if (!failures) failures += make(fine, &points, fresh[i]) != LW_OK;
+    for (uint32_t i = 0; i < count; i++) failures ? empty(fine, fresh[i]) : add(fine, fresh[i]);
+    changed |= count > 0;
+    tell_if_full(fine);
+    EACH_LAYER(fine, layer)
+    if (changed) layer->place(layer->user);
+    return failures ? LW_NO_MEMORY : LW_OK;
+}
+
+static void fill_plane(const struct lw_texels *texels, const struct lw_solve_tile *tile, float *plane) {
+    for (uint32_t i = tile->first; i < tile->first + tile->width * tile->height; i++)
+        if (texels->filled[i]) plane[i] = plane[texels->source[i]];
+}
+
+void lw_fine_tiles_fill(const struct lw_fine_tiles *fine, struct lw_tiles *tiles, uint64_t frame,
+                        uint32_t channels) {
+    for (uint32_t k = 0; k < fine->slots && fine->used; k++) {
+        if (!fine->tile[k].used) continue;
+        struct lw_solve_tile *tile = lw_tiles_at(tiles, fine->tile[k].id);
+        /* a tile of gutters alone is never solved: what they are filled from may have been */
+        if (!tile->covered_count) tile->light.solved_frame = frame;
+        if (tile->light.solved_frame != frame) continue;
+        LW_TILE_CHANNELS_EACH (channel, channels)
+            for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
+                fill_plane(fine->texels, tile, tiles->shown[channel][p]);
+    }
+}
+
+static int by_id(const void *left, const void *right) {
+    const lw_tile_id *a = left, *b = right;
+    return a->v < b->v ? -1 : a->v > b->v;
+}
+
+uint32_t lw_fine_tiles_list(const struct lw_fine_tiles *fine,
+                            bool (*has_light)(const void *user, lw_tile_id id), const void *user,
+                            const lw_tile_id **out_tile) {
+    uint32_t count = 0;
+    for (uint32_t k = 0; k < fine->slots && fine->used; k++)
+        if (fine->tile[k].used && has_light(user, fine->tile[k].id)) fine->shown[count++] = fine->tile[k].id;
+    if (count) qsort(fine->shown, count, sizeof *fine->shown, by_id);
+    *out_tile = fine->shown;
+    return count;
+}

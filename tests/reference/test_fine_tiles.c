@@ -1,0 +1,339 @@
+/* Tiles of finer levels: their texels and their light are those of a scene whose lightmaps are as fine. */
+#include "tests/reference/room.h"
+
+#include "common/colour.h"
+#include "common/lightmap/lightmap.h"
+#include "server/solve/surface/fine_texels.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define FINER 2u
+
+static const struct lw_solver_desc terms = {
+    .bounces = 2, .direct_samples = 1, .indirect_samples = 4, .target_error = 0.02f, .threads = 2, .seed = 3};
+
+/* A scene at twice its density, `finer` times over: the charts lie where they lie, magnified. */
+static void magnify(struct lw_scene *scene, uint32_t finer) {
+    for (uint32_t m = 0; m < scene->mesh_count; m++) {
+        struct lw_mesh *mesh = &scene->mesh[m];
+        struct lw_vec2 *uv = lw_scene_alloc(scene, mesh->vertex_count, sizeof *uv);
+        assert_non_null(uv);
+        for (uint32_t v = 0; v < mesh->vertex_count; v++)
+            uv[v] = (struct lw_vec2){mesh->lightmap_uv[v].x * (float)(1u << finer),
+                                     mesh->lightmap_uv[v].y * (float)(1u << finer)};
+        mesh->lightmap_uv = uv;
+        mesh->atlas_width <<= finer;
+        mesh->atlas_height <<= finer;
+        mesh->back_offset <<= finer;
+    }
+}
+
+static struct lw_scene *scene_of(uint32_t finer) {
+    const struct room room = room_with_two_lamps();
+    struct lw_scene *scene = room_scene(&room);
+    struct lw_error err = {0};
+    lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = 9}, NULL, &err),
+                  &err);
+    magnify(scene, finer);
+    return scene;
+}
+
+static void begin(struct room_solution *s, struct lw_scene *scene, uint32_t finer,
+                  struct lw_solver_desc desc) {
+    struct lw_error err = {0};
+    s->scene = scene;
+    lw_support_ok(lw_atlas_map_init_finer(&s->map, scene, finer), NULL);
+    lw_support_ok(lw_pose_init(&s->pose, scene), NULL);
+    desc.scene = scene;
+    desc.atlas_map = &s->map;
+    lw_support_ok(lw_solvers_create(NULL, &desc, &s->pose, &s->solver, &err), &err);
+}
+
+static void step(struct room_solution *s, uint64_t frame) {
+    struct lw_error err = {0};
+    lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, frame, &s->stats, &err), &err);
+}
+
+/* Somebody looks at all tiles of a level of some objects. */
+static void look_at(struct room_solution *s, uint32_t level, uint32_t first_object, uint32_t end_object) {
+    uint8_t *interest = calloc(s->map.tile_count, 1);
+    assert_non_null(interest);
+    for (uint32_t id = 0; id < s->map.tile_count; id++) {
+        const struct lw_tile_place *place = &s->map.place[id];
+        const bool looked = place->object >= first_object && place->object < end_object;
+        interest[id] = place->level == 0 || (looked && place->level == level);
+    }
+    lw_support_ok(s->solver->ops->set_interest(s->solver, interest, NULL), NULL);
+    free(interest);
+}
+
+/* ---- texels ---- */
+
+static void expect_same_texels(const struct lw_fine_texels *fine, const struct lw_texels *all,
+                               const struct lw_tile_place *place) {
+    const struct lw_mesh_texels *mesh = &all->mesh[all->scene->object[place->object].mesh];
+    assert_int_equal(fine->mesh.width, place->width);
+    assert_int_equal(fine->mesh.height, place->height);
+    for (uint32_t i = 0; i < fine->mesh.texel_count; i++) {
+        const uint32_t j = lw_texels_index(mesh, place->x * LW_TILE_SIDE + i % place->width,
+                                           place->y * LW_TILE_SIDE + i / place->width);
+        assert_int_equal(fine->mesh.covered[i], mesh->covered[j]);
+        if (!mesh->covered[j]) continue;
+        for (int c = 0; c < 3; c++) {
+            assert_true(fabsf(fine->mesh.position[c][i] - mesh->position[c][j]) < 1e-4f);
+            assert_true(fabsf(fine->mesh.normal[c][i] - mesh->normal[c][j]) < 1e-3f);
+        }
+        assert_int_equal(lw_sample_points_all(&fine->mesh.sample_points, i),
+                         lw_sample_points_all(&mesh->sample_points, j));
+    }
+}
+
+static void texels_are_those_of_a_finer_atlas(void **state) {
+    (void)state;
+    struct lw_scene *scene = scene_of(0), *magnified = scene_of(FINER);
+    struct lw_atlas_map map;
+    struct lw_pose pose;
+    struct lw_texels texels, all;
+    struct lw_fine_texels_maker *maker;
+    lw_support_ok(lw_atlas_map_init_finer(&map, scene, FINER), NULL);
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    lw_support_ok(lw_texels_init(&texels, scene, 1, NULL, NULL, NULL), NULL);
+    lw_support_ok(lw_texels_init(&all, magnified, 1, NULL, NULL, NULL), NULL);
+    lw_support_ok(lw_fine_texels_maker_create(&texels, &maker), NULL);
+    uint32_t tiles = 0;
+    const struct lw_hidden_points_search points = {.pose = &pose}; /* nothing is known to stand */
+    for (uint32_t id = 0; id < map.tile_count; id++) {
+        const struct lw_tile_place *place = &map.place[id];
+        struct lw_fine_texels fine;
+        if (lw_atlas_finer(place->level) != FINER) continue;
+        lw_support_ok(lw_fine_texels_prepare(maker, place->object), NULL);
+        lw_support_ok(lw_fine_texels_make(maker, &points, place, &fine), NULL);
+        expect_same_texels(&fine, &all, place);
+        lw_fine_texels_finish(&fine);
+        tiles++;
+    }
+    assert_true(tiles > 8);
+    lw_fine_texels_maker_destroy(maker);
+    lw_texels_finish(&texels);
+    lw_texels_finish(&all);
+    lw_pose_finish(&pose);
+    lw_atlas_map_finish(&map);
+    lw_scene_destroy(scene);
+    lw_scene_destroy(magnified);
+}
+
+/* ---- light ---- */
+
+static double luminance_of(const struct lw_solver_tile *tile, uint32_t i) {
+    const float *const *e = (const float *const *)tile->shown[LW_LIGHT_FORM_FULL];
+    return (double)lw_colour_luminance(lw_vec3(e[0][i], e[1][i], e[2][i]));
+}
+
+/* Relative difference of two tiles of the same size: mean, and root mean square. */
+static void compare(const struct lw_solver_tile *a, const struct lw_solver_tile *b, double *sum_a,
+                    double *sum_b, double *square) {
+    assert_int_equal(a->width, b->width);
+    assert_int_equal(a->height, b->height);
+    for (uint32_t i = 0; i < a->width * a->height; i++) {
+        if (!a->covered[i] || !b->covered[i]) continue;
+        const double x = luminance_of(a, i), y = luminance_of(b, i);
+        *sum_a += x;
+        *sum_b += y;
+        *square += (x - y) * (x - y);
+    }
+}
+
+static void light_is_that_of_a_finer_atlas(void **state) {
+    (void)state;
+    struct room_solution coarse, fine;
+    struct lw_solver_desc desc = terms;
+    begin(&fine, scene_of(FINER), 0, desc);
+    desc.fine_tiles = 64;
+    begin(&coarse, scene_of(0), FINER, desc);
+    look_at(&coarse, LW_ATLAS_FINER + FINER, 0, coarse.scene->object_count);
+    for (uint64_t frame = 1; frame <= 100; frame++) step(&coarse, frame), step(&fine, frame);
+    const lw_tile_id *id;
+    const uint32_t count = coarse.solver->ops->list_fine(coarse.solver, &id);
+    assert_true(count > 8);
+    double sum_a = 0, sum_b = 0, square = 0, all = 0;
+    for (uint32_t k = 0; k < count; k++) {
+        const struct lw_tile_place *place = &coarse.map.place[id[k].v];
+        const lw_tile_id other = lw_atlas_map_find(&fine.map, place->object, 0, place->x, place->y);
+        struct lw_solver_tile a, b;
+        coarse.solver->ops->read_tile(coarse.solver, id[k], &a);
+        fine.solver->ops->read_tile(fine.solver, other, &b);
+        compare(&a, &b, &sum_a, &sum_b, &square);
+        for (uint32_t i = 0; i < a.width * a.height; i++)
+            if (a.covered[i]) all += luminance_of(&a, i) * luminance_of(&a, i);
+    }
+    expect_near(sum_a, sum_b, 0.01);
+    assert_true(square < 0.05 * 0.05 * all);
+    room_finish(&coarse);
+    room_finish(&fine);
+}
+
+/* ---- which are there ---- */
+
+static uint32_t list(const struct room_solution *s, uint32_t object, uint32_t *out_all) {
+    const lw_tile_id *id;
+    uint32_t count = 0;
+    *out_all = s->solver->ops->list_fine(s->solver, &id);
+    for (uint32_t k = 0; k < *out_all; k++) count += s->map.place[id[k].v].object == object;
+    return count;
+}
+
+static uint32_t tiles_of(const struct room_solution *s, uint32_t object, uint32_t finer) {
+    const struct lw_atlas_level *level = lw_atlas_level(&s->map.atlas[object], LW_ATLAS_FINER + finer);
+    return level->tiles_x * level->tiles_y;
+}
+
+/* There is room for one object's tiles: those that somebody looks at take it from those that nobody does. */
+static void those_that_are_looked_at_have_the_room(void **state) {
+    (void)state;
+    struct room_solution s;
+    struct lw_solver_desc desc = terms;
+    uint32_t all;
+    uint64_t frame = 0;
+    struct lw_scene *scene = scene_of(0);
+    struct lw_atlas_map map;
+    lw_support_ok(lw_atlas_map_init_finer(&map, scene, FINER), NULL);
+    desc.fine_tiles = lw_atlas_level(&map.atlas[0], LW_ATLAS_FINER + FINER)->tiles_x *
+                      lw_atlas_level(&map.atlas[0], LW_ATLAS_FINER + FINER)->tiles_y;
+    lw_atlas_map_finish(&map);
+    begin(&s, scene, FINER, desc);
+    const uint32_t first = tiles_of(&s, 0, FINER), second = tiles_of(&s, 1, FINER);
+    assert_true(first > 1 && second > 1);
+    look_at(&s, LW_ATLAS_FINER + FINER, 0, 1);
+    for (uint32_t k = 0; k < 20; k++) step(&s, ++frame);
+    assert_int_equal(list(&s, 0, &all), first);
+    assert_int_equal(all, first);
+    look_at(&s, LW_ATLAS_FINER + FINER, 0, 2); /* no room for the second's */
+    for (uint32_t k = 0; k < 20; k++) step(&s, ++frame);
+    assert_int_equal(list(&s, 0, &all), first);
+    assert_int_equal(all, first);
+    assert_int_equal(s.stats.tiles_fine, first);
+    assert_int_equal(s.stats.tiles_fine_wanted, first + second);
+    look_at(&s, LW_ATLAS_FINER + FINER, 1, 2);
+    for (uint32_t k = 0; k < 20; k++) step(&s, ++frame);
+    assert_int_equal(list(&s, 1, &all), second < first ? second : first);
+    assert_int_equal(all, first); /* the rest stays while nobody needs the room */
+    room_finish(&s);
+}
+
+/* ---- the same bytes ---- */
+
+static void expect_same(const struct room_solution *a, const struct room_solution *b) {
+    const lw_tile_id *id, *other;
+    const uint32_t count = a->solver->ops->list_fine(a->solver, &id);
+    assert_int_equal(b->solver->ops->list_fine(b->solver, &other), count);
+    assert_memory_equal(id, other, count * sizeof *id);
+    for (uint32_t k = 0; k < count; k++) {
+        struct lw_solver_tile x, y;
+        a->solver->ops->read_tile(a->solver, id[k], &x);
+        b->solver->ops->read_tile(b->solver, other[k], &y);
+        for (int c = 0; c < 3; c++)
+            assert_memory_equal(x.shown[LW_LIGHT_FORM_FULL][c], y.shown[LW_LIGHT_FORM_FULL][c],
+                                (size_t)x.width * x.height * sizeof(float));
+    }
+    assert_true(count > 0);
+}
+
+/* A script of who looks at what, with a lamp that moves: at one thread and at two. */
+static void threads_change_nothing(void **state) {
+    (void)state;
+    struct room_solution s[2];
+    for (unsigned k = 0; k < 2; k++) {
+        struct lw_solver_desc desc = terms;
+        desc.fine_tiles = 12;
+        desc.threads = k + 1;
+        desc.denoise = true;
+        desc.frame_budget_units = 2000;
+        begin(&s[k], scene_of(0), FINER, desc);
+        for (uint64_t frame = 1; frame <= 40; frame++) {
+            if (frame % 8 == 1)
+                look_at(&s[k], LW_ATLAS_FINER + 1 + frame / 8 % FINER, (uint32_t)frame / 8,
+                        (uint32_t)frame / 8 + 2);
+            if (frame > 20) s[k].pose.light[0].position_ws.x += 0.01f;
+            step(&s[k], frame);
+        }
+    }
+    expect_same(&s[0], &s[1]);
+    room_expect_same(&s[0], &s[1]);
+    room_finish(&s[0]);
+    room_finish(&s[1]);
+}
+
+/* Level 0 is lit as if there were no finer one. */
+static void level_0_does_not_depend_on_them(void **state) {
+    (void)state;
+    struct room_solution with, without;
+    struct lw_solver_desc desc = terms;
+    begin(&without, scene_of(0), FINER, desc);
+    desc.fine_tiles = 32;
+    begin(&with, scene_of(0), FINER, desc);
+    look_at(&with, LW_ATLAS_FINER + FINER, 0, 3);
+    look_at(&without, LW_ATLAS_FINER + FINER, 0, 3);
+    for (uint64_t frame = 1; frame <= 12; frame++) step(&with, frame), step(&without, frame);
+    const lw_tile_id *id;
+    assert_true(with.solver->ops->list_fine(with.solver, &id) > 0);
+    assert_int_equal(without.solver->ops->list_fine(without.solver, &id), 0);
+    room_expect_same(&with, &without);
+    room_finish(&with);
+    room_finish(&without);
+}
+
+/* ---- light that changes ---- */
+
+/* Layers have the same tiles, and a lamp that goes out leaves those that are there, in their sum too. */
+static void layers_share_them(void **state) {
+    (void)state;
+    struct room_solution alone, layered;
+    struct lw_light_groups groups;
+    struct lw_error err = {0};
+    struct lw_solver_desc desc = terms;
+    desc.fine_tiles = 64;
+    begin(&alone, scene_of(0), FINER, desc);
+    layered.scene = NULL;
+    struct lw_scene *scene = scene_of(0);
+    struct lw_pose pose;
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    lw_support_ok(lw_light_groups_init(&groups, scene, &pose, "left", &err), &err);
+    desc.light_groups = &groups;
+    begin(&layered, scene, FINER, desc);
+    look_at(&alone, LW_ATLAS_FINER + FINER, 0, 1);
+    look_at(&layered, LW_ATLAS_FINER + FINER, 0, 1);
+    for (uint64_t frame = 1; frame <= 60; frame++) {
+        if (frame == 30) alone.pose.light[0].intensity = layered.pose.light[0].intensity = lw_vec3(1, 1, 1);
+        step(&alone, frame);
+        step(&layered, frame);
+    }
+    const lw_tile_id *id, *other;
+    const uint32_t count = alone.solver->ops->list_fine(alone.solver, &id);
+    assert_int_equal(count, tiles_of(&alone, 0, FINER));
+    assert_int_equal(layered.solver->ops->list_fine(layered.solver, &other), count);
+    double sum_a = 0, sum_b = 0, square = 0;
+    for (uint32_t k = 0; k < count; k++) {
+        struct lw_solver_tile a, b;
+        alone.solver->ops->read_tile(alone.solver, id[k], &a);
+        layered.solver->ops->read_tile(layered.solver, other[k], &b);
+        compare(&a, &b, &sum_a, &sum_b, &square);
+    }
+    expect_near(sum_a, sum_b, 0.01);
+    room_finish(&alone);
+    room_finish(&layered);
+    lw_light_groups_finish(&groups);
+    lw_pose_finish(&pose);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(texels_are_those_of_a_finer_atlas),
+        cmocka_unit_test(light_is_that_of_a_finer_atlas),
+        cmocka_unit_test(those_that_are_looked_at_have_the_room),
+        cmocka_unit_test(threads_change_nothing),
+        cmocka_unit_test(level_0_does_not_depend_on_them),
+        cmocka_unit_test(layers_share_them),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
