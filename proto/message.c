@@ -163,6 +163,7 @@ static enum lw_status check_welcome(const struct lw_message_welcome *w, struct l
         return invalid(err, "target_error", "is not a finite number >= 0");
     if (!(w->noise_shown >= 0 && w->noise_shown <= 1))
         return invalid(err, "noise_shown", "is not from 0 to 1");
+    if (w->finer > LW_ATLAS_FINER_MAX) return over(err, "finer", "is", LW_ATLAS_FINER_MAX, "");
     if (w->client_lights_size > LW_MESSAGE_CLIENT_LIGHTS_MAX)
         return over(err, "client_lights", "is", LW_MESSAGE_CLIENT_LIGHTS_MAX, " bytes");
     if (w->client_materials_size > LW_MESSAGE_CLIENT_MATERIALS_MAX)
@@ -402,6 +403,7 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->welcome.target_error = m->welcome.target_error;
         wire->welcome.noise_shown = m->welcome.noise_shown;
         wire->welcome.run = m->welcome.run;
+        wire->welcome.finer = m->welcome.finer;
         wire->welcome.n_part_size = wire->welcome.n_part_compressed_size = m->welcome.part_count;
         wire->welcome.part_size = (uint64_t *)m->welcome.part_size;
         wire->welcome.part_compressed_size = (uint64_t *)m->welcome.part_compressed_size;
@@ -845,6 +847,7 @@ static enum lw_status read_welcome(const Lightwell__Wire__Welcome *w, struct lw_
                                              .bounces = w->bounces,
                                              .target_error = w->target_error,
                                              .noise_shown = w->noise_shown,
+                                             .finer = w->finer,
                                              .run = w->run,
                                              .part_size = w->part_size,
                                              .part_compressed_size = w->part_compressed_size,

@@ -13,6 +13,7 @@
 #include "common/scene/finish_package.h"
 #include "common/scene/package.h"
 #include "common/scene/scene_change.h"
+#include "common/tile/atlas.h"
 #include "common/tile/tile_channels.h"
 #include "common/token.h"
 #include "common/vec.h"
@@ -54,6 +55,7 @@
     LW_TILE_CHANNELS_DRAWS        /* draws the direct light of client lights: tiles come without it */
 #define LW_FEATURE_OPERATE   128u /* asks as an operator: over the server's own Unix socket alone */
 #define LW_FEATURE_MATERIALS 256u /* may ask for the finish package */
+#define LW_FEATURE_FINER     512u /* may ask for tiles of finer levels */
 #define LW_FEATURES_READ                                                                                     \
     (LW_FEATURE_DCT | LW_FEATURE_RESUME |                                                                    \
      LW_FEATURE_PARTS) /* all that our clients know and need not ask for */
@@ -95,6 +97,7 @@ struct lw_message_welcome {
      * first; bytes that are missing count as 0. */
     const uint8_t *client_lights, *client_materials;
     size_t client_lights_size, client_materials_size;
+    uint32_t finer;                   /* levels finer than level 0 (atlas.h); 0: none, or not asked for */
     struct lw_message_package finish; /* with parts; size 0: there is none, or it was not asked for */
     const uint64_t *relays; /* for relays: numbers of those that the light comes through, the nearest first */
     size_t relay_count;

@@ -30,6 +30,7 @@ struct lw_client {
     struct ssl_ctx_st *trust; /* by TLS: whom it believes; NULL: in plain */
     unsigned timeout_ms;
     bool control, operate, draws_direct, materials, wants_nothing;
+    uint32_t finer_max, finer; /* wanted; of this session */
     uint64_t channel_features,
         features; /* asked for beside irradiance; that the server takes up, of those offered */
     uint64_t rate_limit_bytes_hz, budget_ns;
@@ -151,7 +152,7 @@ static enum lw_status take_package(struct lw_client *c, struct lw_error *err) {
     struct lw_replica *replica = NULL;
     LW_INVARIANT(!c->replica && c->welcomed && lw_download_is_complete(&c->download));
     if (c->watch.leave) c->watch.leave(c->watch.context);
-    enum lw_status status = lw_replica_create(c->download.bytes, c->download.size, &replica, err);
+    enum lw_status status = lw_replica_create(c->download.bytes, c->download.size, c->finer, &replica, err);
     const bool has_parts = c->download.part_count > 1;
     if (status == LW_OK && c->cache_folder)
         keep_parts(c, &c->download, has_parts ? LW_PACKAGE_CACHE_PART : LW_PACKAGE_CACHE_PACKAGE);
@@ -218,7 +219,8 @@ static enum lw_status load_cached(struct lw_client *c, const struct lw_message_w
                                                    welcome->package_size)
                                      : NULL;
     if (!bytes) return LW_OK;
-    enum lw_status status = lw_replica_create(bytes, (size_t)welcome->package_size, &c->replica, err);
+    enum lw_status status =
+        lw_replica_create(bytes, (size_t)welcome->package_size, c->finer, &c->replica, err);
     free(bytes);
     c->stats.package_ns = lw_clock_ns();
     return status;
@@ -239,7 +241,7 @@ static enum lw_status find_scene(struct lw_client *c, const struct lw_message_we
 static uint64_t offered_features(const struct lw_client *c) {
     return LW_FEATURES_READ | c->channel_features | (c->control ? LW_FEATURE_CONTROL : 0) |
            (c->operate ? LW_FEATURE_OPERATE : 0) | (c->draws_direct ? LW_FEATURE_DRAWS : 0) |
-           (c->materials ? LW_FEATURE_MATERIALS : 0);
+           (c->materials ? LW_FEATURE_MATERIALS : 0) | (c->finer_max ? LW_FEATURE_FINER : 0);
 }
 
 static enum lw_status handle_welcome(struct lw_client *c, const struct lw_message_welcome *welcome,
@@ -256,6 +258,7 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
     c->stats.bounces = welcome->bounces;
     c->stats.target_error = welcome->target_error;
     c->stats.noise_shown = welcome->noise_shown > 0 ? welcome->noise_shown : 1;
+    c->finer = welcome->finer < c->finer_max ? welcome->finer : c->finer_max;
     c->features = welcome->features & offered_features(c);
     c->may_update = welcome->features & LW_FEATURE_CONTROL;
     c->may_ask = welcome->features & LW_FEATURE_OPERATE;
@@ -498,17 +501,19 @@ static enum lw_status tell_interest(struct lw_client *c, struct lw_error *err) {
     if (!c->interest_scratch) c->interest_scratch = malloc(INTEREST_SCRATCH_SIZE);
     if (!c->interest_tile || !c->interest_scratch) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     LW_INVARIANT(now->count <= LW_CLIENT_INTEREST_MAX && (!now->count || c->replica));
+    size_t count = 0;
     for (uint32_t i = 0; i < now->count; i++) {
         const struct lw_atlas_map *map = lw_replica_atlas_map(c->replica);
         const struct lw_tile_place *place = &map->place[now->tile[i].v];
-        c->interest_tile[i] = (struct lw_message_interest_tile){place->object, place->level,
-                                                                lw_atlas_map_number(map, now->tile[i])};
+        if (lw_atlas_finer(place->level) > c->finer) continue; /* another server may have fewer levels */
+        c->interest_tile[count++] = (struct lw_message_interest_tile){place->object, place->level,
+                                                                      lw_atlas_map_number(map, now->tile[i])};
     }
     struct lw_message message = {.type = LW_MESSAGE_INTEREST,
                                  .interest = {.everything = now->everything,
                                               .stand_ins = true,
                                               .tile = c->interest_tile,
-                                              .tile_count = now->count},
+                                              .tile_count = count},
                                  .scratch = c->interest_scratch,
                                  .scratch_size = INTEREST_SCRATCH_SIZE};
     enum lw_status status = lw_link_send(&c->link, &message, err);
@@ -658,7 +663,7 @@ static enum lw_status tell_held(struct lw_client *c, struct lw_error *err) {
         const uint64_t version = lw_replica_version_of_run(c->replica, (lw_tile_id){t});
         const struct lw_tile_place *p = &map->place[t];
         LW_INVARIANT(count < HOLDS_AT_ONCE);
-        if (version)
+        if (version && !lw_atlas_finer(p->level))
             held[count++] = (struct lw_message_held){p->object, p->level,
                                                      lw_atlas_map_number(map, (lw_tile_id){t}), version};
         if (count < HOLDS_AT_ONCE && (!count || t + 1 < map->tile_count)) continue;
@@ -809,6 +814,7 @@ enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_cli
     c->operate = desc->operate;
     c->draws_direct = desc->draws_direct;
     c->materials = desc->materials;
+    c->finer_max = desc->finer < LW_ATLAS_FINER_MAX ? desc->finer : LW_ATLAS_FINER_MAX;
     c->channel_features = desc->channel_features;
     c->rate_limit_bytes_hz = desc->rate_limit_bytes_hz;
     c->budget_ns = desc->budget_ns ? desc->budget_ns : BUDGET_DEFAULT_NS;

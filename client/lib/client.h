@@ -65,6 +65,7 @@ struct lw_client_desc {
      * nothing with scene_of: a shared scene keeps the finishes that it had then. */
     bool materials;
     bool draws_direct; /* it draws the direct light that lw_client_draws() lists: levels come without it */
+    uint32_t finer;    /* how many levels finer than level 0 it wants to read, at most */
     uint64_t channel_features;    /* that ask for channels beside irradiance (tile_channels.h); 0: none */
     uint64_t rate_limit_bytes_hz; /* the most that the server sends; 0: all that the link takes */
     uint64_t budget_ns;           /* lw_client_poll() takes no further message in after this; 0: 20 ms */

@@ -31,7 +31,7 @@ struct lw_replica {
     struct lw_tile_codec *codec;
     bool has_map, has_pose;
     struct slot slot[LW_TILE_CHANNELS_MAX]; /* as channels have it; LW_REPLICA_IRRADIANCE is always there */
-    size_t *first_texel;                    /* per object and level */
+    size_t *first_texel;                    /* per object and level, finer ones last */
     bool *unlit;             /* by object: since it was a spare, its coarsest level has not come */
     lw_replica_watch *watch; /* NULL: nobody */
     void *watch_context;
@@ -40,8 +40,11 @@ struct lw_replica {
     float decoded[LW_TILE_TEXELS_MAX * LW_TILE_CHANNEL_PLANES_MAX];
 };
 
+#define LEVELS_MAX (LW_ATLAS_LEVELS_MAX + LW_ATLAS_FINER_MAX)
+
 static size_t *first_texel_of(const struct lw_replica *r, uint32_t object, uint32_t level) {
-    return &r->first_texel[(size_t)object * LW_ATLAS_LEVELS_MAX + level];
+    const uint32_t finer = lw_atlas_finer(level);
+    return &r->first_texel[(size_t)object * LEVELS_MAX + (finer ? LW_ATLAS_LEVELS_MAX + finer - 1 : level)];
 }
 
 static void count_coarsest(struct lw_replica *r) {
@@ -55,17 +58,34 @@ static void count_coarsest(struct lw_replica *r) {
     LW_INVARIANT(r->coarsest_missing <= r->map.tile_count);
 }
 
-/* Objects are at most 2^20 and an atlas at most 2^28 texels with a third on top: 64 bits hold the sum. */
+static uint64_t place_level(struct lw_replica *r, uint32_t object, uint32_t number, uint64_t texels) {
+    const struct lw_atlas_level *level = lw_atlas_level(&r->map.atlas[object], number);
+    *first_texel_of(r, object, number) = (size_t)texels;
+    return texels + (uint64_t)level->width * level->height;
+}
+
+/* Objects are at most 2^20 and an atlas at most 2^28 texels with a third on top, or 2^8 times as many on
+ * finer levels: 64 bits hold the sum. */
 static uint64_t place_levels(struct lw_replica *r) {
     uint64_t texels = 0;
     for (uint32_t o = 0; o < r->map.object_count; o++) {
         const struct lw_atlas *atlas = &r->map.atlas[o];
-        for (uint32_t l = 0; l < atlas->level_count; l++) {
-            *first_texel_of(r, o, l) = (size_t)texels;
-            texels += (uint64_t)atlas->level[l].width * atlas->level[l].height;
-        }
+        for (uint32_t l = 0; l < atlas->level_count; l++) texels = place_level(r, o, l, texels);
+        for (uint32_t k = 1; k <= atlas->finer_count; k++)
+            texels = place_level(r, o, LW_ATLAS_FINER + k, texels);
     }
     return texels;
+}
+
+/* Texels of a scene's atlases, of level 0 and finer ones. */
+static uint64_t count_texels(const struct lw_scene *scene, uint32_t finer) {
+    uint64_t texels = 0;
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
+        for (uint32_t k = 0; k <= finer; k++)
+            texels += (uint64_t)mesh->atlas_width * mesh->atlas_height << 2 * k;
+    }
+    return texels + texels / 2; /* and coarser ones */
 }
 
 static void free_slot(const struct lw_replica *r, struct slot *slot) {
@@ -99,7 +119,7 @@ static enum lw_status make_slot(struct lw_replica *r, uint32_t number, struct lw
 }
 
 static enum lw_status make_room(struct lw_replica *r, struct lw_error *err) {
-    r->first_texel = calloc((size_t)r->map.object_count * LW_ATLAS_LEVELS_MAX + 1, sizeof *r->first_texel);
+    r->first_texel = calloc((size_t)r->map.object_count * LEVELS_MAX + 1, sizeof *r->first_texel);
     r->unlit = calloc((size_t)r->map.object_count + 1, sizeof *r->unlit);
     if (!r->first_texel || !r->unlit) return LW_NO_MEMORY;
     for (uint32_t o = 0; o < r->map.object_count; o++)
@@ -127,12 +147,19 @@ static enum lw_status complete(struct lw_replica *r, enum lw_status status, stru
     return status;
 }
 
-enum lw_status lw_replica_create(const uint8_t *package, size_t size, struct lw_replica **out_replica,
-                                 struct lw_error *err) {
+/* Finer levels than there is room for are left out. */
+static enum lw_status make_map(struct lw_replica *r, uint32_t finer) {
+    const size_t texel = sizeof(float) * lw_tile_channel_at(LW_LIGHT_FORM_FULL)->planes;
+    while (finer && count_texels(r->scene, finer) > LW_REPLICA_BYTES_MAX / texel) finer--;
+    return lw_atlas_map_init_finer(&r->map, r->scene, finer);
+}
+
+enum lw_status lw_replica_create(const uint8_t *package, size_t size, uint32_t finer,
+                                 struct lw_replica **out_replica, struct lw_error *err) {
     struct lw_replica *r = calloc(1, sizeof *r);
     enum lw_status status = r ? lw_package_read(package, size, &r->scene, err) : LW_NO_MEMORY;
     if (status == LW_OK) {
-        status = lw_atlas_map_init(&r->map, r->scene);
+        status = make_map(r, finer);
         r->has_map = status == LW_OK;
     }
     return complete(r, status, out_replica, err);
@@ -283,12 +310,11 @@ static bool are_values(const struct lw_tile_channel *is, const float *value, siz
 
 static void copy_into_level(struct lw_replica *r, const struct slot *slot,
                             const struct lw_tile_place *place) {
-    const size_t level_width = r->map.atlas[place->object].level[place->level].width,
-                 planes = slot->is->planes;
+    const struct lw_atlas_level *at = lw_atlas_level(&r->map.atlas[place->object], place->level);
+    const size_t level_width = at->width, planes = slot->is->planes;
     size_t x = (size_t)place->x * LW_TILE_SIDE, y = (size_t)place->y * LW_TILE_SIDE;
     float *level = slot->texels + planes * *first_texel_of(r, place->object, place->level);
-    LW_INVARIANT(x + place->width <= level_width &&
-                 y + place->height <= r->map.atlas[place->object].level[place->level].height);
+    LW_INVARIANT(x + place->width <= level_width && y + place->height <= at->height);
     LW_INVARIANT_DEAR(are_values(slot->is, r->decoded, planes * place->width * place->height));
     for (uint32_t row = 0; row < place->height; row++)
         memcpy(level + planes * ((y + row) * level_width + x), r->decoded + planes * row * place->width,
@@ -350,6 +376,15 @@ static enum lw_status decode(struct lw_replica *r, struct slot *slot, const stru
                                 place->width, place->height, *coefficients, r->decoded);
 }
 
+/* The server has a tile no more. */
+static void withdraw(struct lw_replica *r, struct slot *slot, lw_tile_id id, uint64_t version) {
+    slot->tile[id.v] = (struct lw_client_tile){0};
+    slot->has_coefficients[id.v] = false;
+    free(slot->coefficients[id.v]);
+    slot->coefficients[id.v] = NULL;
+    if (version > r->version_max) r->version_max = version;
+}
+
 enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_message_tile *t,
                                     struct lw_error *err) {
     lw_tile_id id = lw_atlas_map_find_tile(&r->map, t->object, t->level, t->tile);
@@ -369,6 +404,11 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
                               slot->number);
     struct lw_client_tile *known = &slot->tile[id.v];
     if (version <= known->version) return LW_OK;
+    if (t->codec == LW_TILE_CODEC_NONE && lw_atlas_finer(t->level)) {
+        withdraw(r, slot, id, version);
+        if (r->watch && at == LW_REPLICA_IRRADIANCE) r->watch(r->watch_context, id);
+        return LW_OK;
+    }
     if (!lw_tile_codec_is_known(t->codec))
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: codec %u is unknown", t->codec);
     if (t->base && (r->version_base + t->base != known->version || !slot->has_coefficients[id.v]))
@@ -429,9 +469,9 @@ const struct lw_affine *lw_replica_object_to_world(const struct lw_replica *r, u
 }
 
 struct lw_client_level lw_replica_get_level(const struct lw_replica *r, uint32_t object, uint32_t level) {
-    if (object >= r->map.object_count || level >= r->map.atlas[object].level_count)
-        return (struct lw_client_level){0};
-    const struct lw_atlas_level *at = &r->map.atlas[object].level[level];
+    const struct lw_atlas_level *at =
+        object < r->map.object_count ? lw_atlas_level(&r->map.atlas[object], level) : NULL;
+    if (!at) return (struct lw_client_level){0};
     return (struct lw_client_level){at->width, at->height,
                                     lw_replica_get_texels(r, LW_REPLICA_IRRADIANCE, object, level)};
 }
@@ -439,7 +479,7 @@ struct lw_client_level lw_replica_get_level(const struct lw_replica *r, uint32_t
 const float *lw_replica_get_texels(const struct lw_replica *r, uint32_t slot, uint32_t object,
                                    uint32_t level) {
     if (slot >= LW_TILE_CHANNELS_MAX || !r->slot[slot].is_there || object >= r->map.object_count ||
-        level >= r->map.atlas[object].level_count)
+        !lw_atlas_level(&r->map.atlas[object], level))
         return NULL;
     return r->slot[slot].texels + r->slot[slot].is->planes * *first_texel_of(r, object, level);
 }

@@ -14,8 +14,9 @@
 struct lw_replica;
 
 /** Reads the package and makes room for all levels of all atlases (pages come when tiles do).
+ * finer   how many levels are finer than level 0; fewer where they would need more than LW_REPLICA_BYTES_MAX
  * Errors: LW_BAD_DATA, LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_replica_create(const uint8_t *package, size_t size,
+LW_MUST_CHECK enum lw_status lw_replica_create(const uint8_t *package, size_t size, uint32_t finer,
                                                struct lw_replica **out_replica, struct lw_error *err);
 /** A replica of the same scene, which `other` owns and must outlive it; no light in it yet. Errors:
  * LW_NO_MEMORY. */

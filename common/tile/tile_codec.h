@@ -7,6 +7,7 @@
 #include "common/tile/atlas.h"
 #include "common/tile/tile_dct.h"
 
+#define LW_TILE_CODEC_NONE      0u /* no texels: a tile of a finer level that the server has no more */
 #define LW_TILE_CODEC_HALF_ZSTD 1u /* half floats over a power-of-two scale, byte planes, zstd */
 #define LW_TILE_CODEC_DCT       4u /* quantised cosine transforms of logarithms (tile_dct.h) */
 

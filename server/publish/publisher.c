@@ -51,6 +51,8 @@ struct channel {
     struct lw_levels *levels; /* per object */
     struct sent_tile *sent;   /* per tile id */
     bool *changed;            /* per object: changed in this frame */
+    lw_tile_id *fine;         /* tiles of finer levels that are sent, by id */
+    uint32_t fine_count;
     struct blocks *all_light; /* per tile id of level 0, of a part of the light alone */
     float dark;               /* W/m^2: looks black in this frame; 0: not light */
 };
@@ -83,6 +85,7 @@ static void destroy_channel(const struct lw_atlas_map *map, struct channel *chan
         lw_blob_unref(channel->sent[t].delta);
     }
     free(channel->all_light);
+    free(channel->fine);
     free(channel->changed);
     free(channel->sent);
     free(channel->levels);
@@ -330,7 +333,8 @@ static enum lw_status encode_tile(const struct lw_publisher *p, struct worker *w
     if (!sent->history && !(sent->history = aligned_alloc(_Alignof(struct lw_tile_dct_history), size)))
         return LW_NO_MEMORY;
     if (!sent->version) memset(sent->history, 0, size);
-    const float step = lw_publisher_step(error, p->desc.noise_shown, place->level, p->desc.step_widest);
+    const float step = lw_publisher_step(
+        error, p->desc.noise_shown, lw_atlas_finer(place->level) ? 0 : place->level, p->desc.step_widest);
     return lw_tile_codec_encode_dct(
         worker->codec,
         &(struct lw_tile_dct_source){worker->value, worker->covered, place->width, place->height,
@@ -444,8 +448,121 @@ static void consider_tile(const struct lw_publisher *p, struct worker *worker, c
 
 static void encode_tiles(struct lw_publisher *p, const struct channel *channel, uint64_t frame) {
 #pragma omp parallel for schedule(dynamic, 4) num_threads(p->threads)
-    for (uint32_t id = 0; id < p->desc.atlas_map->tile_count; id++)
+    for (uint32_t id = 0; id < p->desc.atlas_map->plain_count; id++)
         consider_tile(p, &p->worker[omp_get_thread_num()], channel, (lw_tile_id){id}, frame);
+}
+
+/* ---- tiles of finer levels ---- */
+
+static void load_fine(const struct channel *channel, const struct lw_solver_tile *tile,
+                      struct worker *worker) {
+    const uint32_t planes = channel->is->planes;
+    for (uint32_t i = 0; i < tile->width * tile->height; i++) {
+        worker->covered[i] = tile->covered[i] || tile->filled[i];
+        for (uint32_t p = 0; p < planes; p++)
+            worker->value[i * planes + p] = worker->covered[i] ? tile->shown[channel->number][p][i] : 0;
+    }
+}
+
+static void forget_sent(struct sent_tile *sent) {
+    free(sent->value);
+    free(sent->history);
+    lw_blob_unref(sent->blob);
+    lw_blob_unref(sent->delta);
+    *sent = (struct sent_tile){0};
+}
+
+/* A tile is sent for the first time when it shows no more noise than this, or has no larger error than that
+ * of level 0 below it, which views read until then. */
+#define FINE_NOISE 0.008f
+
+static bool is_ready(const struct lw_publisher *p, const struct lw_tile_place *place, float error) {
+    const uint32_t up = lw_atlas_finer(place->level);
+    struct lw_solver_tile below;
+    if (error * p->desc.noise_shown <= FINE_NOISE) return true;
+    p->desc.solver->ops->read_tile(
+        p->desc.solver,
+        lw_atlas_map_find(p->desc.atlas_map, place->object, 0, place->x >> up, place->y >> up), &below);
+    return error <= below.error;
+}
+
+static void consider_fine(const struct lw_publisher *p, struct worker *worker, const struct channel *channel,
+                          lw_tile_id id, uint64_t frame) {
+    const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
+    struct sent_tile *sent = &channel->sent[id.v];
+    struct lw_solver_tile tile;
+    if (worker->status != LW_OK || p->news[place->object] == HELD_BACK) return;
+    p->desc.solver->ops->read_tile(p->desc.solver, id, &tile);
+    if (sent->value ? tile.solved_frame < p->since : !is_ready(p, place, tile.error)) return;
+    load_fine(channel, &tile, worker);
+    float change = 1;
+    if (sent->value) {
+        float mean;
+        change = (channel->is->coding == LW_TILE_CODING_LIGHT ? find_ratio : find_difference)(
+            worker->value, sent->value, (size_t)place->width * place->height * channel->is->planes, &mean);
+        if (change <= fmaxf(LW_PUBLISHER_VISIBLE_CHANGE, LW_PUBLISHER_NOISE_SHARE * tile.error)) return;
+        change *= mean / (mean + channel->dark + 1e-30f);
+    } else {
+        forget_sent(sent); /* it was withdrawn */
+    }
+    worker->status = send_tile(p, worker, channel, id, frame, tile.error, tile.bounces, change);
+}
+
+/* Tells those who have a tile that it is there no more. */
+static enum lw_status withdraw(const struct lw_publisher *p, struct channel *channel, lw_tile_id id,
+                               uint64_t frame) {
+    static const uint8_t nothing = 0;
+    const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
+    struct sent_tile *sent = &channel->sent[id.v];
+    struct lw_blob *blob;
+    if (!sent->value) return LW_OK;
+    const struct lw_message message = {.type = LW_MESSAGE_TILE,
+                                       .tile = {.object = place->object,
+                                                .level = place->level,
+                                                .tile = lw_atlas_map_number(p->desc.atlas_map, id),
+                                                .version = lw_snapshot_version(frame),
+                                                .layer = channel->number,
+                                                .codec = LW_TILE_CODEC_NONE,
+                                                .scale = 1,
+                                                .payload = &nothing,
+                                                .payload_size = sizeof nothing}};
+    enum lw_status status = lw_blob_from_message(&message, &blob);
+    if (status != LW_OK) return status;
+    forget_sent(sent);
+    sent->version = lw_snapshot_version(frame);
+    sent->blob = blob;
+    return LW_OK;
+}
+
+static bool is_listed(const lw_tile_id *tile, uint32_t count, lw_tile_id id) {
+    uint32_t low = 0, high = count;
+    while (low < high) {
+        const uint32_t middle = (low + high) / 2;
+        if (tile[middle].v < id.v)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low < count && tile[low].v == id.v;
+}
+
+static enum lw_status encode_fine(struct lw_publisher *p, struct channel *channel, uint64_t frame) {
+    const struct lw_solver *solver = p->desc.solver;
+    const lw_tile_id *tile = NULL;
+    const uint32_t count = solver->ops->list_fine ? solver->ops->list_fine(solver, &tile) : 0;
+    enum lw_status status = LW_OK;
+    for (uint32_t i = 0; i < channel->fine_count && status == LW_OK; i++)
+        if (!is_listed(tile, count, channel->fine[i])) status = withdraw(p, channel, channel->fine[i], frame);
+    if (status != LW_OK) return status;
+    lw_tile_id *fine = realloc(channel->fine, (count + 1ul) * sizeof *fine);
+    if (!fine) return LW_NO_MEMORY;
+    if (count) memcpy(fine, tile, count * sizeof *fine);
+    channel->fine = fine;
+    channel->fine_count = count;
+#pragma omp parallel for schedule(dynamic, 4) num_threads(p->threads)
+    for (uint32_t i = 0; i < count; i++)
+        consider_fine(p, &p->worker[omp_get_thread_num()], channel, fine[i], frame);
+    return LW_OK;
 }
 
 static void refresh_channel(struct lw_publisher *p, struct channel *channel, const struct lw_pose *pose,
@@ -518,7 +635,11 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
         memset(p->worker[i].encoded, 0, sizeof p->worker[i].encoded);
     }
     for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++)
-        if (p->channel[f]) encode_tiles(p, p->channel[f], frame);
+        if (p->channel[f]) {
+            encode_tiles(p, p->channel[f], frame);
+            enum lw_status status = encode_fine(p, p->channel[f], frame);
+            if (status != LW_OK) return status;
+        }
     for (int i = 0; i < p->threads; i++) {
         if (p->worker[i].status != LW_OK) return p->worker[i].status;
         for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++) {

@@ -93,6 +93,7 @@ static enum lw_status take_tile(struct reader *reader, struct lw_message *messag
     struct lw_message_tile *tile = &message->tile;
     struct lw_snapshot *snapshot = reader->snapshot;
     const uint32_t id = lw_atlas_map_find_tile(reader->map, tile->object, tile->level, tile->tile).v;
+    if (lw_atlas_finer(tile->level)) return LW_OK; /* a new solver makes them again */
     if (tile->layer >= LW_TILE_CHANNELS_MAX || !lw_snapshot_has(snapshot, tile->layer))
         return lw_status_fail(err, LW_BAD_DATA, "holds a tile of layer %u, which it does not have",
                               tile->layer);

@@ -41,6 +41,15 @@ void lw_interest_union_remove(struct lw_interest_union *interest_union, const ui
     }
 }
 
+/* Who looks at a tile of a finer level looks at that of level 0 below it, which is shown until the other has
+ * light. */
+static void cover_finer(const struct lw_atlas_map *map, uint32_t tile, uint8_t *out_levels) {
+    const struct lw_tile_place *place = &map->place[tile];
+    const uint32_t up = lw_atlas_finer(place->level);
+    out_levels[tile] = 1;
+    out_levels[lw_atlas_map_find(map, place->object, 0, place->x >> up, place->y >> up).v] = 1;
+}
+
 static void cover(const struct lw_atlas_map *map, uint32_t tile, uint8_t *out_levels) {
     const struct lw_tile_place *place = &map->place[tile];
     const struct lw_atlas_level *fine = &map->atlas[place->object].level[0];
@@ -58,5 +67,6 @@ void lw_interest_union_levels(const struct lw_interest_union *interest_union, ui
     const struct lw_atlas_map *map = interest_union->atlas_map;
     memset(out_levels, 0, map->tile_count);
     for (uint32_t tile = 0; tile < map->tile_count; tile++)
-        if (interest_union->count[tile]) cover(map, tile, out_levels);
+        if (interest_union->count[tile])
+            (lw_atlas_finer(map->place[tile].level) ? cover_finer : cover)(map, tile, out_levels);
 }

@@ -59,10 +59,11 @@ bool lw_priority_is_due_to_stand_in(const struct lw_priority *priority, uint32_t
 
 float lw_priority_of(const struct lw_priority *priority, uint32_t tile, uint64_t has, uint64_t frame) {
     const struct lw_tile_place *place = &priority->atlas_map->place[tile];
-    const float area = ldexpf((float)(place->width * place->height), 2 * (int)place->level);
+    const int scale = lw_atlas_scale(place->level);
+    const float area = ldexpf((float)(place->width * place->height), 2 * scale);
     if (!has) {
         if (place->level + 1 == priority->atlas_map->atlas[place->object].level_count) return INFINITY;
-        return ldexpf(LW_PRIORITY_LACKING * LW_PRIORITY_LACKING * LW_TILE_TEXELS_MAX, 2 * (int)place->level);
+        return ldexpf(LW_PRIORITY_LACKING * LW_PRIORITY_LACKING * LW_TILE_TEXELS_MAX, 2 * scale);
     }
     uint64_t since = frame;
     const float square = square_since(&priority->tile[tile], has, &since);

@@ -239,7 +239,7 @@ static void free_chunks(struct lw_session_package *package) {
 /* ---- the order of tiles ---- */
 
 /* Levels count from fine to coarse and objects differ in their number of levels: what goes first is each
- * object's coarsest level, then each one's next finer, down to level 0. */
+ * object's coarsest level, then each one's next finer, down to level 0 and the levels that are finer. */
 static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_order,
                                  uint32_t *out_coarsest) {
     uint32_t *order = malloc((map->tile_count ? map->tile_count : 1) * sizeof *order), filled = 0;
@@ -252,6 +252,12 @@ static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_
             for (uint32_t t = 0; t < level->tiles_x * level->tiles_y; t++)
                 order[filled++] = map->first_tile[o] + level->first_tile + t;
             if (!above) *out_coarsest = filled;
+        }
+    for (uint32_t k = 1; k <= map->finer_count; k++)
+        for (uint32_t o = 0; o < map->object_count; o++) {
+            const struct lw_atlas_level *level = lw_atlas_level(&map->atlas[o], LW_ATLAS_FINER + k);
+            for (uint32_t t = 0; level && t < level->tiles_x * level->tiles_y; t++)
+                order[filled++] = lw_atlas_map_first(map, o, LW_ATLAS_FINER + k) + t;
         }
     LW_INVARIANT(filled == map->tile_count);
     *out_order = order;

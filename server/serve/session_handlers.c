@@ -34,6 +34,14 @@ static void choose_finishes(struct lw_session *s, const struct lw_message_hello 
         welcome->finish = (struct lw_message_package){0};
 }
 
+static void choose_finer(struct lw_session *s, const struct lw_message_hello *hello,
+                         struct lw_message_welcome *welcome) {
+    s->has_finer = (hello->features & LW_FEATURE_FINER) && s->shared->atlas_map->finer_count;
+    if (!s->has_finer) return;
+    welcome->features |= LW_FEATURE_FINER;
+    welcome->finer = s->shared->atlas_map->finer_count;
+}
+
 /* Notes what the peer may do; false: it is refused. */
 static bool admit(struct lw_session *s, const struct lw_message_hello *hello) {
     if (!s->shared->tokens || s->peer.may_control) return true;
@@ -96,6 +104,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     message.welcome.session = s->number;
     choose_channels(s, hello, &message.welcome);
     choose_finishes(s, hello, &message.welcome);
+    choose_finer(s, hello, &message.welcome);
     if (s->relay) {
         message.welcome.relays = s->shared->relays;
         message.welcome.relay_count = s->shared->relay_count;
@@ -130,7 +139,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
 static bool make_sent(struct lw_session *s) {
     bool ok = true;
     for (struct lw_session_take *t = s->take; t < s->take + s->take_count; t++) {
-        if (!t->sent) t->sent = calloc(s->shared->atlas_map->tile_count, sizeof *t->sent);
+        if (!t->sent) t->sent = calloc(lw_session_tiles(s) + 1ul, sizeof *t->sent);
         ok &= t->sent != NULL;
     }
     return ok;
@@ -150,7 +159,7 @@ static void handle_holds(struct lw_session *s, const struct lw_message_holds *ho
         const bool is_ahead =
             !snapshot || (id != UINT32_MAX && t.version > snapshot->tile[take->channel->number][id].version);
         /* another relay, from which the peer comes, may be ahead of this one */
-        if (id == UINT32_MAX || (is_ahead && !s->shared->is_relay)) {
+        if (id == UINT32_MAX || lw_atlas_finer(t.level) || (is_ahead && !s->shared->is_relay)) {
             lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
                               "message HOLDS: there is no object %u, level %u, tile %u of version %" PRIu64,
                               t.object, t.level, t.tile, t.version);
@@ -212,7 +221,7 @@ static void handle_interest(struct lw_session *s, const struct lw_message_intere
     for (size_t i = 0; i < said->tile_count; i++) {
         struct lw_message_interest_tile t = said->tile[i];
         uint32_t id = lw_atlas_map_find_tile(s->shared->atlas_map, t.object, t.level, t.tile).v;
-        if (id == UINT32_MAX) {
+        if (id == UINT32_MAX || (lw_atlas_finer(t.level) && !s->has_finer)) {
             free(interest.tile);
             lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
                               "message INTEREST: there is no object %u, level %u, tile %u", t.object, t.level,

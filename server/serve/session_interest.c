@@ -25,8 +25,10 @@ static void mark(struct lw_session *s) {
         lw_session_interest_test_and_set(listed_bits, listed);
         /* above a tile that has its bit all have theirs */
         if (lw_session_interest_test_and_set(s->interest_bits, listed) || !s->interest.stand_ins) continue;
-        for (uint32_t l = place->level + 1; l < map->atlas[place->object].level_count; l++) {
-            const uint32_t up = l - place->level;
+        /* of a tile of a finer level, those from level 0 on */
+        const uint32_t finer = lw_atlas_finer(place->level), first = finer ? 0 : place->level + 1;
+        for (uint32_t l = first; l < map->atlas[place->object].level_count; l++) {
+            const uint32_t up = l + finer - (finer ? 0 : place->level);
             if (lw_session_interest_test_and_set(
                     s->interest_bits,
                     lw_atlas_map_find(map, place->object, l, place->x >> up, place->y >> up).v))

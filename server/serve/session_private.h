@@ -100,6 +100,7 @@ struct lw_session {
         uint8_t *held;                       /* bit per part that is not sent; NULL: all are */
     } package, finishes;
     bool has_materials;   /* may ask for finishes */
+    bool has_finer;       /* may ask for tiles of finer levels */
     bool has_first_light; /* it was sent, or there is nothing to send */
     uint64_t first_sent;  /* tiles, until then */
     int64_t tiles_before; /* bytes of tiles that go before the next FINISH_CHUNK */
@@ -153,8 +154,13 @@ void lw_session_tell(const struct lw_session *s, const char *format, ...) LW_PRI
 /* ---- session_interest.c ---- */
 
 /** Words of one of the two sets of bits in s->interest_bits. */
+/** The tiles that a session can get: the first ones of the scene. */
+static inline uint32_t lw_session_tiles(const struct lw_session *s) {
+    return s->has_finer ? s->shared->atlas_map->tile_count : s->shared->atlas_map->plain_count;
+}
+
 static inline size_t lw_session_interest_words(const struct lw_session *s) {
-    return (size_t)s->shared->atlas_map->tile_count / 64 + 1;
+    return (size_t)lw_session_tiles(s) / 64 + 1;
 }
 static inline bool lw_session_interest_is_set(const uint64_t *bits, uint32_t tile) {
     return bits[tile / 64] >> (tile % 64) & 1;

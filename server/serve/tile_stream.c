@@ -26,7 +26,10 @@ static uint64_t due_version(const struct lw_session_take *t, uint32_t tile) {
 static bool lacks(const struct lw_session *s, const struct lw_session_take *t, uint32_t tile) {
     const struct lw_atlas_map *map = s->shared->atlas_map;
     const struct lw_snapshot_tile *now = newest_of(t, tile);
+    if (tile >= lw_session_tiles(s)) return false;
     if (!now->blob || due_version(t, tile) <= t->sent[tile]) return false;
+    /* who looks at everything names no tile, and may know of no finer level */
+    if (!s->interest_bits && lw_atlas_finer(map->place[tile].level)) return false;
     if (!s->interest_bits ||
         lw_session_interest_is_set(s->interest_bits + lw_session_interest_words(s), tile))
         return true;
@@ -50,7 +53,7 @@ static void walk_lacked(struct lw_session *s, struct lw_session_take *t) {
     struct lw_priority *priority = &t->channel->priority;
     end_walk(t);
     lw_priority_list_begin(priority);
-    for (uint32_t i = 0; i < shared->atlas_map->tile_count; i++) {
+    for (uint32_t i = 0; i < lw_session_tiles(s); i++) { /* those of finer levels come last */
         const uint32_t id = shared->order[i];
         if (!lacks(s, t, id)) continue;
         lw_priority_list(

@@ -548,7 +548,7 @@ static enum lw_status prepare(struct job *job, struct lw_error *err) {
     enum lw_status status = choose_drawn(job, err);
     if (status == LW_OK) status = lw_folders_make_temporary(job->cache, sizeof job->cache, err);
     if (status == LW_OK) status = lw_package_write(job->scene, &job->package, &job->package_size, err);
-    if (status == LW_OK) status = lw_replica_create(job->package, job->package_size, &job->replica, err);
+    if (status == LW_OK) status = lw_replica_create(job->package, job->package_size, 0, &job->replica, err);
     if (status == LW_OK) status = lw_replica_set_channels(job->replica, lw_light_form_bit(job->form), NULL);
     return status;
 }

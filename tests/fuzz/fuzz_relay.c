@@ -146,7 +146,7 @@ static void show(struct lw_relay_light *light, struct lw_replica *follower) {
     struct lw_snapshot *s;
     struct lw_replica *newcomer;
     if (lw_relay_light_snapshot(light, &s) != LW_OK || !s) return;
-    require(lw_replica_create(above.package, above.package_size, &newcomer, NULL) == LW_OK);
+    require(lw_replica_create(above.package, above.package_size, 0, &newcomer, NULL) == LW_OK);
     give(newcomer, s->frame_full);
     give(follower, s->frame_delta ? s->frame_delta : s->frame_full);
     for (uint32_t t = 0; t < map->tile_count; t++) {
@@ -185,7 +185,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
         say(above.chunk, above.chunk_size);
         while (!lw_relay_upstream_light(up)) require(lw_relay_upstream_take(up, &err) == LW_OK);
         lw_relay_upstream_give(up, &scene);
-        require(lw_replica_create(above.package, above.package_size, &follower, NULL) == LW_OK);
+        require(lw_replica_create(above.package, above.package_size, 0, &follower, NULL) == LW_OK);
     }
     for (size_t at = 1; follower && up && size - at >= 2;) {
         size_t length = bytes[at] | (size_t)bytes[at + 1] << 8;

@@ -62,7 +62,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
     if (!package) make_package(&package, &package_size);
     struct lw_replica *r;
     struct lw_message_memory memory = {0};
-    require(lw_replica_create(package, package_size, &r, NULL) == LW_OK);
+    require(lw_replica_create(package, package_size, 0, &r, NULL) == LW_OK);
     for (size_t at = 0; size - at >= 3;) {
         const uint8_t kind = bytes[at];
         size_t length = bytes[at + 1] | (size_t)bytes[at + 2] << 8;

@@ -1864,8 +1864,8 @@ static void test_tiles_that_build_on_others(void **state) {
     struct lw_replica *replica, *late;
     struct lw_error err = {0};
     uint8_t *payload = malloc(lw_tile_codec_bound()), *delta = malloc(lw_tile_codec_bound());
-    lw_support_ok(lw_replica_create(w.package, w.package_size, &replica, &err), &err);
-    lw_support_ok(lw_replica_create(w.package, w.package_size, &late, &err), &err);
+    lw_support_ok(lw_replica_create(w.package, w.package_size, 0, &replica, &err), &err);
+    lw_support_ok(lw_replica_create(w.package, w.package_size, 0, &late, &err), &err);
     static struct lw_tile_dct_history history;
     static float rgb[LW_TILE_TEXELS_MAX * 3];
     const struct lw_tile_place *p = &w.map.place[0];
@@ -1914,13 +1914,59 @@ static void test_tiles_that_build_on_others(void **state) {
     finish_world(&w);
 }
 
+/* A tile of a finer level has a place of its own, is withdrawn, and comes again; of other levels none is. */
+static void test_tiles_of_finer_levels(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct lw_replica *replica, *plain;
+    struct lw_error err = {0};
+    uint8_t *payload = malloc(lw_tile_codec_bound());
+    lw_support_ok(lw_replica_create(w.package, w.package_size, 2, &replica, &err), &err);
+    lw_support_ok(lw_replica_create(w.package, w.package_size, 0, &plain, &err), &err);
+    const struct lw_atlas_map *map = lw_replica_atlas_map(replica);
+    assert_int_equal(map->finer_count, 2);
+    const lw_tile_id id = lw_atlas_map_find(map, 0, LW_ATLAS_FINER + 2, 0, 0),
+                     below = lw_atlas_map_find(map, 0, 0, 0, 0);
+    static float value[LW_TILE_TEXELS_MAX * 3];
+    for (size_t i = 0; i < sizeof value / sizeof *value; i++) value[i] = 3;
+    struct lw_message_tile tile = {
+        .level = LW_ATLAS_FINER + 2, .version = 10, .codec = LW_TILE_CODEC_HALF_ZSTD, .payload = payload};
+    uint32_t saturated = 0;
+    lw_support_ok(lw_tile_codec_encode_half(w.codec, lw_tile_channel_at(LW_LIGHT_FORM_FULL), value,
+                                            map->place[id.v].width, map->place[id.v].height, payload,
+                                            lw_tile_codec_bound(), &tile.payload_size, &tile.scale,
+                                            &saturated),
+                  NULL);
+    assert_int_equal(lw_replica_take_tile(plain, &tile, NULL), LW_PROTOCOL); /* it has no such level */
+    for (uint64_t version = 10; version < 14; version += 2) {
+        tile.version = version;
+        lw_support_ok(lw_replica_take_tile(replica, &tile, &err), &err);
+        assert_int_equal(lw_replica_get_tile(replica, id).version, version);
+        assert_int_equal(lw_replica_get_tile(replica, below).version, 0);
+        assert_true(lw_replica_get_level(replica, 0, LW_ATLAS_FINER + 2).rgb[0] == 3);
+        struct lw_message_tile gone = tile;
+        gone.version++;
+        gone.codec = LW_TILE_CODEC_NONE;
+        lw_support_ok(lw_replica_take_tile(replica, &gone, &err), &err);
+        assert_int_equal(lw_replica_get_tile(replica, id).version, 0);
+    }
+    tile.level = 0;
+    tile.version = 20;
+    tile.codec = LW_TILE_CODEC_NONE;
+    assert_int_equal(lw_replica_take_tile(replica, &tile, NULL), LW_PROTOCOL);
+    lw_replica_destroy(plain);
+    lw_replica_destroy(replica);
+    free(payload);
+    finish_world(&w);
+}
+
 static void test_stale_tiles(void **state) {
     (void)state;
     struct world w = make_world();
     struct lw_replica *replica;
     struct lw_error err = {0};
     uint8_t *payload = malloc(lw_tile_codec_bound());
-    lw_support_ok(lw_replica_create(w.package, w.package_size, &replica, &err), &err);
+    lw_support_ok(lw_replica_create(w.package, w.package_size, 0, &replica, &err), &err);
     const struct lw_tile_place *p = &w.map.place[0];
     static const struct {
         uint64_t version, expected;
@@ -2110,6 +2156,7 @@ int main(void) {
         cmocka_unit_test(test_messages_out_of_place),
         cmocka_unit_test(test_tiles_that_build_on_others),
         cmocka_unit_test(test_bytes_gone_wrong),
+        cmocka_unit_test(test_tiles_of_finer_levels),
         cmocka_unit_test(test_stale_tiles),
         cmocka_unit_test(test_want),
         cmocka_unit_test(test_longest_want_fits_the_outbox),

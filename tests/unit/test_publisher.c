@@ -29,11 +29,13 @@ void *__wrap_aligned_alloc(size_t alignment, size_t size) {
 static float light[3][SIDE * SIDE], split[3][SIDE * SIDE], nothing[SIDE * SIDE], error;
 static uint8_t covered[SIDE * SIDE];
 static uint64_t solved_frame;
+static lw_tile_id fine; /* a tile of a finer level, and whether it is there */
+static bool fine_is_there;
 static uint32_t second_tile; /* of a second object with the same light; 0: there is none */
 
 static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *tile) {
     (void)solver;
-    assert_true(id.v == 0 || id.v == second_tile);
+    assert_true(id.v == 0 || id.v == second_tile || (fine_is_there && id.v == fine.v));
     *tile = (struct lw_solver_tile){.shown = {{light[0], light[1], light[2]}, {split[0], split[1], split[2]}},
                                     .direct = {light[0], light[1], light[2]},
                                     .indirect = {nothing, nothing, nothing},
@@ -42,11 +44,17 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
                                     .height = SIDE,
                                     .bounces = 2,
                                     .sample_count = 1,
-                                    .error = error,
+                                    .error = fine_is_there && id.v != fine.v ? 0.1f : error,
                                     .solved_frame = solved_frame};
 }
 
-static const struct lw_solver_ops ops = {.name = "test", .read_tile = read_tile};
+static uint32_t list_fine(const struct lw_solver *solver, const lw_tile_id **out_tile) {
+    (void)solver;
+    *out_tile = &fine;
+    return fine_is_there;
+}
+
+static const struct lw_solver_ops ops = {.name = "test", .read_tile = read_tile, .list_fine = list_fine};
 
 struct world {
     struct lw_scene *scene;
@@ -57,10 +65,11 @@ struct world {
     struct lw_tile_codec *codec;
 };
 
-static void init_world_of(struct world *w, uint32_t codec, uint32_t objects) {
+static void init_world_of(struct world *w, uint32_t codec, uint32_t objects, uint32_t finer) {
+    fine_is_there = false;
     *w = (struct world){.scene = lw_support_squares(objects, 1), .solver = {&ops}};
     w->scene->mesh[0].atlas_width = w->scene->mesh[0].atlas_height = SIDE;
-    lw_support_ok(lw_atlas_map_init(&w->map, w->scene), NULL);
+    lw_support_ok(lw_atlas_map_init_finer(&w->map, w->scene, finer), NULL);
     second_tile = objects > 1 ? w->map.first_tile[1] : 0;
     lw_support_ok(lw_pose_init(&w->pose, w->scene), NULL);
     lw_support_ok(lw_tile_codec_create(&w->codec), NULL);
@@ -76,7 +85,7 @@ static void init_world_of(struct world *w, uint32_t codec, uint32_t objects) {
     memset(covered, 1, sizeof covered);
 }
 
-static void init_world(struct world *w, uint32_t codec) { init_world_of(w, codec, 1); }
+static void init_world(struct world *w, uint32_t codec) { init_world_of(w, codec, 1, 0); }
 
 static void finish_world(struct world *w) {
     lw_publisher_destroy(w->publisher);
@@ -450,7 +459,7 @@ static bool publish_without(uint64_t failing_frame, unsigned allocation) {
     static struct follower first, second;
     struct world w;
     struct lw_snapshot *s = NULL;
-    init_world_of(&w, LW_TILE_CODEC_DCT, 2);
+    init_world_of(&w, LW_TILE_CODEC_DCT, 2, 0);
     for (uint64_t frame = 1; frame < failing_frame; frame++) {
         set_light(frame, (float)frame);
         s = publish(&w, frame);
@@ -522,8 +531,53 @@ static void test_without_memory(void **state) {
     }
 }
 
+/* ---- tiles of finer levels ---- */
+
+static struct lw_message_tile tile_of(const struct lw_snapshot *s, lw_tile_id id) {
+    const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][id.v];
+    struct lw_message m;
+    lw_support_ok(lw_message_decode_whole(tile->blob->bytes, tile->blob->size, &m), NULL);
+    const struct lw_message_tile is = m.tile;
+    lw_message_finish(&m);
+    assert_int_equal(is.version, tile->version);
+    return is;
+}
+
+/* The first version waits until it has little noise, deltas follow, and who has it is told that it has gone.
+ * When it is there again it comes whole. */
+static void test_fine_tiles_come_and_go(void **state) {
+    (void)state;
+    struct world w;
+    init_world_of(&w, LW_TILE_CODEC_DCT, 1, 1);
+    fine = lw_atlas_map_find(&w.map, 0, LW_ATLAS_FINER + 1, 1, 1);
+    fine_is_there = true;
+    uint32_t deltas = 0;
+    for (uint64_t frame = 1; frame < 10; frame++) {
+        /* what has been sent may be noisy again; deltas pay where steps are wide */
+        error = frame < 2 ? 0.5f : frame == 2 || frame == 7 ? 0.1f : 0.2f;
+        fine_is_there = frame < 4 || frame > 6;
+        set_light(frame, 5);
+        struct lw_snapshot *s = publish(&w, frame);
+        const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][fine.v];
+        const uint64_t expected = frame < 2 ? 0 : frame < 4 ? frame : frame <= 6 ? 4 : frame;
+        assert_int_equal(tile->version, expected ? lw_snapshot_version(expected) : 0);
+        assert_true(!tile->delta || frame == 3 || frame > 7);
+        deltas += tile->delta != NULL;
+        if (expected) {
+            const struct lw_message_tile is = tile_of(s, fine);
+            assert_int_equal(is.level, LW_ATLAS_FINER + 1);
+            assert_int_equal(is.tile, 3);
+            assert_int_equal(is.codec, expected == 4 ? LW_TILE_CODEC_NONE : LW_TILE_CODEC_DCT);
+        }
+        lw_snapshot_unref(s);
+    }
+    assert_true(deltas > 0);
+    finish_world(&w);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_fine_tiles_come_and_go),
         cmocka_unit_test(test_deltas),
         cmocka_unit_test(test_held_back_without_memory),
         cmocka_unit_test(test_without_memory),

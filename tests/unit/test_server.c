@@ -61,6 +61,8 @@ static void *serve(void *context) {
     return NULL;
 }
 
+static uint32_t finer_levels; /* of the next one */
+
 /* The package: noise, unless extra has one. */
 static struct fixture *start(const struct lw_server_desc *extra) {
     struct fixture *f = calloc(1, sizeof *f);
@@ -69,8 +71,8 @@ static struct fixture *start(const struct lw_server_desc *extra) {
     f->scene->mesh[0].atlas_width =
         200; /* levels 200x100, 100x50, 50x25, 25x13, 13x7: 8 + 2 + 1 + 1 + 1 tiles */
     f->scene->mesh[0].atlas_height = 100;
-    lw_support_ok(lw_atlas_map_init(&f->map, f->scene), NULL);
-    assert_int_equal(f->map.tile_count, 13 * OBJECTS);
+    lw_support_ok(lw_atlas_map_init_finer(&f->map, f->scene, finer_levels), NULL);
+    assert_int_equal(f->map.plain_count, 13 * OBJECTS);
     f->package = malloc(PACKAGE_SIZE);
     assert_non_null(f->package);
     uint32_t noise = 1; /* does not compress, so that there are several chunks */
@@ -151,14 +153,13 @@ static struct lw_snapshot *make_snapshot(const struct fixture *f, uint64_t frame
     if (previous) snapshot->frame_delta = frame_blob(frame, 2);
     for (uint32_t t = 0; t < f->map.tile_count; t++) {
         const struct lw_tile_place *p = &f->map.place[t];
-        const struct lw_atlas_level *level = &f->map.atlas[p->object].level[p->level];
         snapshot->tile[form][t].version = frame;
         snapshot->tile[form][t].blob =
             blob_of(&(struct lw_message){.type = LW_MESSAGE_TILE,
                                          .tile = {.layer = form,
                                                   .object = p->object,
                                                   .level = p->level,
-                                                  .tile = p->y * level->tiles_x + p->x,
+                                                  .tile = lw_atlas_map_number(&f->map, (lw_tile_id){t}),
                                                   .version = frame,
                                                   .codec = 1,
                                                   .scale = 1,
@@ -363,7 +364,7 @@ static void wait_for_frame(int s, uint64_t frame) {
 /* A frame that is told whole, with all of the tiles. */
 static void expect_light(const struct fixture *f, int s, uint64_t frame) {
     expect_frame(s, frame, 1);
-    expect_tiles(s, f->map.tile_count, frame);
+    expect_tiles(s, f->map.plain_count, frame);
 }
 
 /* Nothing is on its way to a peer, and nothing comes: questions get their answers and nothing in between. Two
@@ -1775,6 +1776,76 @@ static void test_wrong_version(void **state) {
     end(f);
 }
 
+/* ---- finer levels ---- */
+
+static void want_finer(int s) {
+    struct lw_message_interest_tile tile[] = {{0, LW_ATLAS_FINER + 1, 3}};
+    put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest = {.tile = tile, .tile_count = 1}});
+}
+
+/* Who has not said that it knows of them is told of none, gets none with everything, and may ask for none. */
+static void test_who_knows_no_finer_levels_gets_none(void **state) {
+    (void)state;
+    struct lw_message m;
+    finer_levels = 2;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    int s = dial(f);
+    put(s, &hello);
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    assert_int_equal(m.welcome.features, 0);
+    assert_int_equal(m.welcome.finer, 0);
+    ask_for_package(s, m.welcome.package_compressed_size);
+    lw_message_finish(&m);
+    for (uint64_t frame = 1; frame < 4; frame++) {
+        publish(f, make_snapshot(f, frame, 0));
+        expect_light(f, s, frame);
+        expect_silence(s);
+    }
+    want_finer(s);
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    end(f);
+    finer_levels = 0;
+}
+
+/* Who has, gets what it lists, and nothing finer with everything; the solver hears of it, and of level 0. */
+static void test_finer_levels_are_sent_to_who_lists_them(void **state) {
+    (void)state;
+    struct lw_message m;
+    finer_levels = 2;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    int s = dial(f);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
+                                .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_FINER}});
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    assert_int_equal(m.welcome.features, LW_FEATURE_FINER);
+    assert_int_equal(m.welcome.finer, 2);
+    ask_for_package(s, m.welcome.package_compressed_size);
+    lw_message_finish(&m);
+    publish(f, make_snapshot(f, 1, 0));
+    expect_light(f, s, 1);
+    want_finer(s);
+    struct lw_server_interest wanted;
+    LW_SUPPORT_WAIT_UNTIL(lw_server_take_interest(f->server, &wanted) && !wanted.everything);
+    for (uint32_t t = 0; t < f->map.tile_count; t++) {
+        const struct lw_tile_place *p = &f->map.place[t];
+        /* tile 3 of the level that is twice as fine is in the second column of the first row of level 0 */
+        const bool listed = p->object == 0 && p->y == 0 && p->x == (p->level ? 3 : 1);
+        assert_int_equal(wanted.levels[t], listed && (p->level == 0 || p->level == LW_ATLAS_FINER + 1));
+    }
+    free(wanted.levels);
+    expect_tiles(s, 1, 1);
+    publish(f, make_snapshot(f, 2, 1));
+    expect_frame(s, 2, 2);
+    expect(s, LW_MESSAGE_TILE, &m);
+    assert_int_equal(m.tile.level, LW_ATLAS_FINER + 1);
+    assert_int_equal(m.tile.tile, 3);
+    lw_message_finish(&m);
+    expect_silence(s);
+    close(s);
+    end(f);
+    finer_levels = 0;
+}
+
 static void test_features_that_are_needed(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){.features = LW_FEATURE_DCT});
@@ -1782,8 +1853,9 @@ static void test_features_that_are_needed(void **state) {
     put(s, &hello); /* an old client: it offers none */
     expect_refusal(s, LW_REFUSAL_FEATURES);
     s = dial(f);
-    put(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
-                                .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_DCT | 1u << 9}});
+    put(s,
+        &(struct lw_message){.type = LW_MESSAGE_HELLO,
+                             .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_DCT | 1u << 20}});
     struct lw_message m;
     expect(s, LW_MESSAGE_WELCOME, &m);
     assert_int_equal(m.welcome.features, LW_FEATURE_DCT); /* not what this server has never heard of */
@@ -2983,6 +3055,8 @@ int main(void) {
         cmocka_unit_test(test_garbage),
         cmocka_unit_test(test_out_of_order),
         cmocka_unit_test(test_wrong_version),
+        cmocka_unit_test(test_who_knows_no_finer_levels_gets_none),
+        cmocka_unit_test(test_finer_levels_are_sent_to_who_lists_them),
         cmocka_unit_test(test_features_that_are_needed),
         cmocka_unit_test(test_half_hello),
         cmocka_unit_test(test_many_messages_in_pieces),

@@ -16,6 +16,8 @@ const FINISH_PARTS_MAX = 8192;
 const PACKAGE_MAX = 2 ** 32;
 const COMPRESSED_MAX = PACKAGE_MAX + PACKAGE_MAX / 256;
 const BOUNCES_MAX = 64;
+const RELAYS_MAX = 16;
+const FINER_MAX = 4;
 
 export const Type = {
   HELLO: 1,
@@ -321,6 +323,8 @@ export function readWelcome(body: Uint8Array): Welcome {
     else if (r.no === 17) finish.hash = r.blob(16).slice();
     else if (r.no === 18) finish.size = r.uint(0xffffffff);
     else if (r.no === 19) finish.compressedSize = r.uint(COMPRESSED_MAX);
+    else if (r.no === 23) r.fixed64s(RELAYS_MAX);
+    else if (r.no === 25) r.uint(FINER_MAX);
     else if (!parts.take(r) && !finishParts.take(r)) r.skip();
   }
   if (version !== 1) r.fail(`version ${version}; this client speaks version 1`);
