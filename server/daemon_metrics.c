@@ -67,6 +67,8 @@ void lw_daemon_metrics_frame(struct lw_daemon_metrics *metrics, const struct lw_
     sums->tiles = solve->tiles;
     sums->tiles_converged = solve->tiles_converged;
     sums->tiles_interest = solve->tiles_interest;
+    sums->tiles_fine = solve->tiles_fine;
+    sums->tiles_fine_wanted = solve->tiles_fine_wanted;
     pthread_mutex_unlock(&metrics->mutex);
 }
 
@@ -103,6 +105,9 @@ static void write_solve(struct lw_exposition *e, const struct lw_daemon_metrics_
     lw_exposition_gauge(e, "lightwell_tiles", sums->tiles, "Level-0 tiles of the scene.");
     lw_exposition_gauge(e, "lightwell_converged_tiles", sums->tiles_converged,
                         "Level-0 tiles that are converged: they cost no ray.");
+    lw_exposition_gauge(e, "lightwell_fine_tiles", sums->tiles_fine, "Tiles of finer levels that are there.");
+    lw_exposition_gauge(e, "lightwell_wanted_fine_tiles", sums->tiles_fine_wanted,
+                        "Tiles of finer levels that clients ask for.");
     lw_exposition_gauge(e, "lightwell_interest_tiles", sums->tiles_interest,
                         "Level-0 tiles in the interest set of all clients together.");
     lw_exposition_counter(e, "lightwell_scene_changes_total", (double)sums->changes,

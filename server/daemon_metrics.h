@@ -27,9 +27,9 @@ struct lw_daemon_metrics_sums {
     struct lw_durations frame, pass[LW_DAEMON_METRICS_PASS_COUNT];
     uint64_t rays_shadow, rays_bounce, rays_probe, texels_solved, tiles_encoded, bytes_encoded, saturated,
         changes, solve_cpu_ns, publish_cpu_ns, newest_frame, saves_failed;
-    uint32_t tiles, tiles_converged, tiles_interest; /* of the last frame */
-    uint64_t memory_bytes;                           /* of solver and publisher */
-    double lit_after_s;                              /* first light after the start; 0: none yet */
+    uint32_t tiles, tiles_converged, tiles_interest, tiles_fine, tiles_fine_wanted; /* of the last frame */
+    uint64_t memory_bytes; /* of solver and publisher */
+    double lit_after_s;    /* first light after the start; 0: none yet */
 };
 
 struct lw_daemon_metrics {

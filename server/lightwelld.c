@@ -99,7 +99,8 @@ struct settings {
     struct lw_cost_report renderers; /* of that report */
     const char *keep, *cache, *spares, *light_groups, *client_lights, *solver;
     const struct lw_solvers_entry *entry; /* of that name */
-    int64_t bounces, direct_samples, indirect_samples, seed, frames;
+    int64_t bounces, direct_samples, indirect_samples, seed, frames, detail;
+    int64_t detail_mb; /* -1: a share of the machine's */
     struct lw_probe_options probes;
     int denoise;
     double frame_rate, frame_budget_ms, frame_budget_units, freeze_s, error, tile_step, stall_s, prepare_s;
@@ -261,6 +262,14 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "that "
          "is repeatable. Under the step and manual clocks alone (default inf)",
          LW_OPTION_REAL, &s->frame_budget_units, 1, (double)INFINITY, NULL},
+        {"detail", "N",
+         "lightmaps are up to 2^N times finer where somebody is near, for clients that can read such (0 to "
+         "4; "
+         "default 2)",
+         LW_OPTION_INT, &s->detail, 0, LW_ATLAS_FINER_MAX, NULL},
+        {"detail-memory", "MB",
+         "memory for what is finer, at most (default: 1/32 of the machine's, up to 768)", LW_OPTION_INT,
+         &s->detail_mb, -1, 1 << 20, NULL},
         {"plan-log", "FILE",
          "write there what each frame verifies, solves and shows, and why; for reports of faults. It grows "
          "by "
@@ -406,6 +415,19 @@ static void tell_client_lights(const struct daemon *d) {
     lw_log(LW_LOG_INFO, "clients draw the direct light of %s, if they can", text);
 }
 
+/* Tiles of all levels that are named at most: every session remembers what it has of each. */
+#define TILES_MAX (1u << 16)
+
+/* As many finer levels as asked for, or as many as have that few tiles. */
+static enum lw_status name_tiles(struct daemon *d) {
+    enum lw_status status = LW_OK;
+    for (uint32_t finer = (uint32_t)d->settings.detail;; finer--) {
+        status = lw_atlas_map_init_finer(&d->atlas_map, d->scene, finer);
+        if (finer == 0 || (status == LW_OK && d->atlas_map.tile_count <= TILES_MAX)) return status;
+        lw_atlas_map_finish(&d->atlas_map);
+    }
+}
+
 static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     d->scene_stamp = lw_file_stamp(s->scene.path); /* before it is read: what changes meanwhile is seen */
@@ -420,8 +442,7 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
     if (status == LW_OK && lw_scene_has_finishes(d->scene))
         status = lw_finish_package_write(d->scene, &d->finishes, &d->finishes_size, err);
     if (status != LW_OK) return status;
-    if ((status = lw_atlas_map_init(&d->atlas_map, d->scene)) != LW_OK)
-        return lw_status_fail(err, status, "tiles");
+    if ((status = name_tiles(d)) != LW_OK) return lw_status_fail(err, status, "tiles");
     if ((status = lw_scene_state_init(&d->state, d->scene, s->freeze ? s->freeze_s : 0, s->freeze)) !=
             LW_OK ||
         (status = lw_pose_init(&d->pose, d->scene)) != LW_OK)
@@ -433,6 +454,20 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
         return status;
     }
     return choose_client_lights(d, err);
+}
+
+/* What a tile of a finer level takes, with its share of the publisher's. */
+#define FINE_TILE_BYTES (3u << 20)
+
+#define FINE_MEMORY_SHARE 32
+#define FINE_MEMORY_MAX   (768ull << 20)
+
+static uint32_t fine_tiles(const struct settings *s) {
+    const uint64_t machine = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE),
+                   share = machine / FINE_MEMORY_SHARE < FINE_MEMORY_MAX ? machine / FINE_MEMORY_SHARE
+                                                                         : FINE_MEMORY_MAX,
+                   bytes = s->detail_mb < 0 ? share : (uint64_t)s->detail_mb << 20;
+    return s->detail ? (uint32_t)(bytes / FINE_TILE_BYTES) : 0;
 }
 
 /* Share of a tile's noise that the solver's filter leaves. */
@@ -501,6 +536,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
                 s->clock == CLOCK_REAL && isfinite(s->frame_budget_ms) ? s->frame_budget_ms * 1e-3 : 0,
             .plan_log = s->plan_log,
             .frame_budget_units = isfinite(s->frame_budget_units) ? s->frame_budget_units : 0,
+            .fine_tiles = fine_tiles(s),
             .saved_texels = *s->cache ? &saved : NULL,
             .looks_later = looks_later(d),
             .cancel = &d->cancel,
@@ -574,6 +610,8 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
     put_count(line, "tiles", solve->tiles);
     put_count(line, "tiles_interest", solve->tiles_interest);
     put_count(line, "tiles_contributing", solve->tiles_contributing);
+    put_count(line, "tiles_fine", solve->tiles_fine);
+    put_count(line, "tiles_fine_wanted", solve->tiles_fine_wanted);
     put_count(line, "tiles_encoded", publish->tiles_encoded);
     put_count(line, "bytes_encoded", publish->bytes_encoded);
     put_count(line, "split_tiles_encoded", publish->split_tiles_encoded);
@@ -1114,6 +1152,8 @@ static void init(struct daemon *d, int argc, char **argv) {
         .succession = {.sockets = {-1, -1, -1}},
         .settings = {.serve = LW_SERVE_OPTIONS_DEFAULTS,
                      .bounces = 2,
+                     .detail = 2,
+                     .detail_mb = -1,
                      .probes = {.tracing_range_m = (double)INFINITY},
                      .direct_samples = 1,
                      .indirect_samples = 2,

@@ -44,9 +44,10 @@ struct level {
     uint32_t tiles_x, first_tile; /* the tile's id in the scene */
 };
 
+/* level[-k] is the level that is 2^k times finer. */
 struct object {
     const struct level *level;
-    uint32_t level_count;
+    int level_count, finer_count;
 };
 
 /* Sixteen pixels on their way through the layers in front of them. */
@@ -151,17 +152,25 @@ static bool find_coarsest(struct lw_compose *compose) {
     return found;
 }
 
+/* The number that atlases have for a level (atlas.h). */
+static uint32_t number_of(int level) {
+    return level < 0 ? LW_ATLAS_FINER + (uint32_t)-level : (uint32_t)level;
+}
+
 static void lay_out_levels(struct lw_compose *compose) {
     const struct lw_atlas_map *map = compose->map;
     struct level *level = compose->level;
     for (uint32_t o = 0; o < map->object_count; o++) {
         const struct lw_atlas *atlas = &map->atlas[o];
-        compose->object[o] = (struct object){.level = level, .level_count = atlas->level_count};
-        for (uint32_t k = 0; k < atlas->level_count; k++)
-            *level++ = (struct level){.width = atlas->level[k].width,
-                                      .height = atlas->level[k].height,
-                                      .tiles_x = atlas->level[k].tiles_x,
-                                      .first_tile = map->first_tile[o] + atlas->level[k].first_tile};
+        const int finer = (int)atlas->finer_count, count = (int)atlas->level_count;
+        compose->object[o] = (struct object){level + finer, count, finer};
+        for (int k = -finer; k < count; k++) {
+            const struct lw_atlas_level *at = lw_atlas_level(atlas, number_of(k));
+            *level++ = (struct level){.width = at->width,
+                                      .height = at->height,
+                                      .tiles_x = at->tiles_x,
+                                      .first_tile = lw_atlas_map_first(map, o, number_of(k))};
+        }
     }
 }
 
@@ -182,7 +191,8 @@ enum lw_status lw_compose_create(const struct lw_compose_desc *desc, struct lw_c
                                  struct lw_error *err) {
     const struct lw_atlas_map *map = desc->map;
     size_t level_count = 0;
-    for (uint32_t o = 0; o < map->object_count; o++) level_count += map->atlas[o].level_count;
+    for (uint32_t o = 0; o < map->object_count; o++)
+        level_count += map->atlas[o].level_count + map->atlas[o].finer_count;
 
     struct lw_compose *compose = calloc(1, sizeof *compose);
     if (compose == NULL) goto fail;
@@ -291,8 +301,8 @@ static void begin(struct lw_compose *compose, const struct lw_compose_source *so
     }
     struct level *level = compose->level;
     for (uint32_t o = 0; o < map->object_count; o++) {
-        for (uint32_t k = 0; k < compose->object[o].level_count; k++, level++) {
-            struct lw_client_level there = source->level(source->context, o, k);
+        for (int k = -compose->object[o].finer_count; k < compose->object[o].level_count; k++, level++) {
+            struct lw_client_level there = source->level(source->context, o, number_of(k));
             level->rgb = there.width == level->width && there.height == level->height ? there.rgb : NULL;
         }
     }
@@ -316,9 +326,11 @@ struct footprint {
     unsigned tile_count; /* 1 where all are in one tile, else 4: the same id more than once in most cases */
 };
 
-static inline void footprint_at(const struct level *level, unsigned k, struct lw_vec2 uv,
-                                struct footprint *f) {
-    const float scale = 1.0f / (float)(1u << k);
+/* Texels of a level along one of level 0. */
+static float scale_of(int k) { return k < 0 ? (float)(1u << -k) : 1.0f / (float)(1u << k); }
+
+static inline void footprint_at(const struct level *level, int k, struct lw_vec2 uv, struct footprint *f) {
+    const float scale = scale_of(k);
     f->x = lw_bilinear_at(uv.x * scale, level->width);
     f->y = lw_bilinear_at(uv.y * scale, level->height);
     const uint32_t left = f->x.low / LW_TILE_SIDE, right = f->x.high / LW_TILE_SIDE;
@@ -369,21 +381,21 @@ static void mark_needed(struct lw_compose *compose, const struct footprint *f) {
 }
 
 /* What stands in for a level: the next coarser one that can be read, or else a finer one. */
-static struct lw_vec3 stand_in(const struct lw_compose *compose, const struct object *object, unsigned first,
-                               struct lw_vec2 uv, unsigned *out_level) {
+static struct lw_vec3 stand_in(const struct lw_compose *compose, const struct object *object, int first,
+                               struct lw_vec2 uv, int *out_level) {
     struct lw_vec3 e;
     struct footprint f;
-    for (unsigned k = first; k < object->level_count; k++) {
+    for (int k = first; k < object->level_count; k++) {
         footprint_at(&object->level[k], k, uv, &f);
         *out_level = k;
         if (read_level(compose, &object->level[k], &f, &e)) return e;
     }
-    for (unsigned k = first; k-- > 0;) {
+    for (int k = first - 1; k >= 0; k--) {
         footprint_at(&object->level[k], k, uv, &f);
         *out_level = k;
         if (read_level(compose, &object->level[k], &f, &e)) return e;
     }
-    *out_level = LW_ATLAS_LEVELS_MAX;
+    *out_level = (int)LW_ATLAS_LEVELS_MAX;
     return compose->stand_in;
 }
 
@@ -395,7 +407,7 @@ struct patch {
     struct lw_vec3 normal; /* world space; twice the triangle's area long */
     float grazing;         /* COSINE_MIN of that */
     float texels;          /* of level 0 on twice the triangle */
-    unsigned coarsest;     /* no coarser level serves */
+    int coarsest;          /* no coarser level serves */
     /* with direct light or finishes: */
     bool flat;                /* all normals are the face's */
     struct lw_vec3 corner[3]; /* world space, m; with direct light alone, as the next but one */
@@ -504,15 +516,25 @@ static void find_patch(const struct lw_compose *compose, uint32_t o, uint32_t tr
     if (shades_finish(compose, out->facet.material)) finish_patch(compose, o, mesh, normal_os, out);
 }
 
-/* The level of which a texel is as large as the pixel where its ray meets the surface, or smaller.
- * pixel_m^2 texels / (area cosine) texels of level 0 are under a pixel, a quarter of it of level 1; no
- * division is needed to tell which is one or less. */
-static unsigned level_for(const struct patch *patch, struct lw_vec3 dir, float pixel_m) {
+/* A texel of a finer level is this many pixels wide, or wider: what light there is in the tiles is smooth. */
+#define FINE_PIXELS 4.0f
+
+/* Finer levels are asked for where light differs by more than this share between the texels that a look-up
+ * mixes (Kahl's threshold, of light instead of colour), and on triangles of fewer texels than these, whose
+ * charts may be narrower than a texel. */
+#define FINE_CHANGE 0.1f
+#define FINE_TEXELS 16.0f
+
+/* The level of which a texel is as large as the pixel where its ray meets the surface, or smaller; of finer
+ * ones, FINE_PIXELS as large or larger. pixel_m^2 texels / (area cosine) texels of level 0 are under a pixel,
+ * a quarter of it of level 1; no division is needed to tell which is one or less. */
+static int level_for(const struct patch *patch, int finer, struct lw_vec3 dir, float pixel_m) {
     const float length = lw_vec3_length(dir), slanted = fabsf(lw_vec3_dot(patch->normal, dir));
     const float least = patch->grazing * length, area = slanted > least ? slanted : least;
     float texels = pixel_m * pixel_m * patch->texels * length;
-    unsigned level = 0;
+    int level = 0;
     for (; level < patch->coarsest && texels >= 4 * area && texels > 0; level++) texels *= 0.25f;
+    for (texels *= FINE_PIXELS * FINE_PIXELS; level > -finer && 4 * texels <= area; level--) texels *= 4;
     return level;
 }
 
@@ -545,9 +567,25 @@ struct look {
     float weight[3];
     struct lw_texture_quad texels;
     struct lw_vec2 uv; /* of the lightmap */
-    unsigned level;
+    int level;
     struct footprint footprint; /* in that */
 };
+
+/* Whether what a look-up of level 0 reads is even: a finer level would show the same. What is noisy, or has
+ * not come yet, may be. */
+static bool is_even(const struct lw_compose *compose, const struct level *level, const struct footprint *f) {
+    if (level->rgb == NULL || compose->noise_level[f->tile[0]]) return true;
+    for (unsigned i = 0; i < f->tile_count; i++)
+        if (!compose->here[f->tile[i]]) return true;
+    const uint32_t x[2] = {f->x.low, f->x.high}, y[2] = {f->y.low, f->y.high};
+    float low = INFINITY, high = 0;
+    for (int i = 0; i < 4; i++) {
+        const float e = lw_colour_luminance(texel(level, x[i & 1], y[i >> 1]));
+        low = fminf(low, e);
+        high = fmaxf(high, e);
+    }
+    return high - low <= FINE_CHANGE * high;
+}
 
 /* Finds out what a hit is to be shaded from, and starts to fetch it. */
 static void look_at(const struct lw_compose *compose, struct patches *patches, const struct packet *p,
@@ -569,8 +607,12 @@ static void look_at(const struct lw_compose *compose, struct patches *patches, c
     out->uv = lw_scene_facet_mean(facet->lightmap_uv, out->weight);
     if (hits->back[i]) out->uv.y += (float)facet->mesh->back_offset;
     const struct lw_vec3 dir = lw_vec3(p->rays.dir_x[i], p->rays.dir_y[i], p->rays.dir_z[i]);
-    const unsigned level = level_for(patch, dir, lw_camera_pixel_at(p->plane, hits->t[i]));
+    const int level = level_for(patch, object->finer_count, dir, lw_camera_pixel_at(p->plane, hits->t[i]));
     out->level = level < object->level_count ? level : object->level_count - 1;
+    if (out->level < 0 && patch->texels >= FINE_TEXELS) {
+        footprint_at(&object->level[0], 0, out->uv, &out->footprint);
+        if (is_even(compose, &object->level[0], &out->footprint)) out->level = 0;
+    }
     const struct level *finest = &object->level[out->level];
     footprint_at(finest, out->level, out->uv, &out->footprint);
     if (finest->rgb == NULL) return;
@@ -578,35 +620,50 @@ static void look_at(const struct lw_compose *compose, struct patches *patches, c
     __builtin_prefetch(texel_at(finest, out->footprint.x.low, out->footprint.y.high));
 }
 
+/* Reads the finest of the finer levels that is there, and has less noise than would be seen; false: none. */
+static bool read_finer(const struct lw_compose *compose, const struct look *look, struct lw_vec3 *out,
+                       int *out_level) {
+    struct footprint f = look->footprint;
+    for (int k = look->level; k < 0; k++) {
+        const struct level *level = &look->object->level[k];
+        if (k > look->level) footprint_at(level, k, look->uv, &f);
+        *out_level = k;
+        if (!compose->noise_level[f.tile[0]] && read_level(compose, level, &f, out)) return true;
+    }
+    return false;
+}
+
 /* out_level: that it is read at; LW_ATLAS_LEVELS_MAX: none */
-static struct lw_vec3 irradiance(struct lw_compose *compose, const struct look *look, unsigned *out_level) {
+static struct lw_vec3 irradiance(struct lw_compose *compose, const struct look *look, int *out_level) {
     const struct object *object = look->object;
-    *out_level = LW_ATLAS_LEVELS_MAX;
+    struct footprint f = look->footprint;
+    struct lw_vec3 e;
+    *out_level = (int)LW_ATLAS_LEVELS_MAX;
     if (object->level_count == 0) return compose->stand_in;
     mark_needed(compose, &look->footprint);
+    if (look->level < 0 && read_finer(compose, look, &e, out_level)) return e;
+    const int wanted = look->level < 0 ? 0 : look->level;
+    if (wanted != look->level) footprint_at(&object->level[0], 0, look->uv, &f);
     /* Fresh light is noise, but a texel of level 2 is the mean of 4 x 4: until the error has fallen, less is
      * more. */
-    const unsigned last = object->level_count - 1,
-                   noise_level = compose->noise_level[look->footprint.tile[0]];
-    unsigned level = noise_level < look->patch->coarsest ? noise_level : look->patch->coarsest;
+    const int last = object->level_count - 1, noise_level = compose->noise_level[f.tile[0]];
+    int level = noise_level < look->patch->coarsest ? noise_level : look->patch->coarsest;
     if (level > last) level = last;
-    struct lw_vec3 e;
-    *out_level = look->level;
-    if (level <= look->level && read_level(compose, &object->level[look->level], &look->footprint, &e))
-        return e;
-    return stand_in(compose, object, level > look->level ? level : look->level, look->uv, out_level);
+    *out_level = wanted;
+    if (level <= wanted && read_level(compose, &object->level[wanted], &f, &e)) return e;
+    return stand_in(compose, object, level > wanted ? level : wanted, look->uv, out_level);
 }
 
 static struct lw_vec3 grey(float value) { return lw_vec3(value, value, value); }
 
 /* The colour of a chart at a hit; level: that its light is read at. */
-static struct lw_vec3 chart(const struct lw_compose *compose, const struct look *look, unsigned level) {
+static struct lw_vec3 chart(const struct lw_compose *compose, const struct look *look, int level) {
     const uint32_t tile = look->footprint.tile[0];
     if (look->object->level_count == 0) return grey(LW_SHOW_UNLIT);
     if (lw_show_is_of_tiles(compose->show)) return compose->tile_colour[tile];
     if (compose->show == LW_SHOW_LEVEL) return lw_show_level_colour(level);
     if (level >= look->object->level_count) return grey(LW_SHOW_UNLIT);
-    const float scale = 1.0f / (float)(1u << level);
+    const float scale = scale_of(level);
     const int64_t x = (int64_t)floorf(look->uv.x * scale), y = (int64_t)floorf(look->uv.y * scale);
     return grey((x + y) & 1 ? LW_SHOW_BRIGHT : LW_SHOW_DARK);
 }
@@ -614,8 +671,8 @@ static struct lw_vec3 chart(const struct lw_compose *compose, const struct look 
 /* What a hit sends to the eye, of what the view shows. reflects: the albedo, set to what of the lights' light
  * that are drawn it shows. */
 static struct lw_vec3 leaving(const struct lw_compose *compose, const struct look *look,
-                              struct lw_vec3 emission, struct lw_vec3 reflected, struct lw_vec3 e,
-                              unsigned level, struct lw_vec3 *reflects) {
+                              struct lw_vec3 emission, struct lw_vec3 reflected, struct lw_vec3 e, int level,
+                              struct lw_vec3 *reflects) {
     switch (compose->show) {
     case LW_SHOW_ALL:
         return lw_vec3_add(reflected, emission);
@@ -685,7 +742,7 @@ struct finished {
     struct lw_vec3 factor[LW_TRACE_WIDTH]; /* of what leaves: how much of it the eye sees */
     float weight[LW_TRACE_WIDTH];          /* the same without colour */
     struct lw_vec3 emission[LW_TRACE_WIDTH];
-    unsigned level[LW_TRACE_WIDTH]; /* that e is read at */
+    int level[LW_TRACE_WIDTH]; /* that e is read at */
 };
 
 static void set_lane(float (*to)[LW_TRACE_WIDTH], unsigned i, struct lw_vec3 v) {
@@ -833,7 +890,7 @@ static bool shade(struct lw_compose *compose, struct packet *p, const struct loo
         take_finish(compose, p, look, hits, i, &surface, p->transmittance[i] * alpha, f);
         p->transmittance[i] *= 1.0f - alpha;
     } else if (alpha > 0) {
-        unsigned level;
+        int level;
         const struct lw_vec3 e = irradiance(compose, look, &level);
         struct lw_vec3 reflected = lw_vec3_scale(lw_vec3_mul(surface.albedo, e), 1.0f / LW_PI);
         struct lw_vec3 reflects = surface.albedo;
@@ -1195,10 +1252,22 @@ static double shown_error(const struct lw_compose *compose, const struct lw_comp
                           uint32_t t, float error) {
     const unsigned noise_level =
                        compose->unfiltered ? 0 : lw_atlas_noise_level_min(error, source->noise_shown),
-                   level = compose->map->place[t].level;
+                   finer = lw_atlas_finer(compose->map->place[t].level),
+                   level = finer ? 0 : compose->map->place[t].level;
     const double shown =
         ldexp((double)(error * source->noise_shown), -(int)(noise_level > level ? noise_level : level));
     return shown < 1 ? shown : 1;
+}
+
+/* The same of what views read in the place of a tile of a finer level. */
+static double error_below(const struct lw_compose *compose, const struct lw_compose_source *source,
+                          uint32_t t) {
+    const struct lw_tile_place *place = &compose->map->place[t];
+    const uint32_t up = lw_atlas_finer(place->level);
+    const lw_tile_id below =
+        lw_atlas_map_find(compose->map, place->object, 0, place->x >> up, place->y >> up);
+    const struct lw_client_tile tile = source->tile(source->context, below);
+    return tile.version ? shown_error(compose, source, below.v, tile.error) : 1;
 }
 
 void lw_compose_check(const struct lw_compose *compose, const struct lw_compose_source *source,
@@ -1209,6 +1278,11 @@ void lw_compose_check(const struct lw_compose *compose, const struct lw_compose_
         if (!compose->needed[t]) continue;
         struct lw_client_tile tile = source->tile(source->context, (lw_tile_id){t});
         report.tiles_needed++;
+        if (tile.version == 0 && lw_atlas_finer(compose->map->place[t].level)) {
+            report.tiles_missing++;
+            shown += (double)compose->shown[t] * error_below(compose, source, t);
+            continue;
+        }
         const bool missing = tile.version == 0;
         shown += (double)compose->shown[t] * (missing ? 1 : shown_error(compose, source, t, tile.error));
         if (missing) {

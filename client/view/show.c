@@ -17,9 +17,11 @@ static const char *const abouts[] = {
 const char *lw_show_name(enum lw_show show) { return names[show]; }
 const char *lw_show_about(enum lw_show show) { return abouts[show]; }
 
-struct lw_vec3 lw_show_level_colour(unsigned level) {
+struct lw_vec3 lw_show_level_colour(int level) {
+    static const struct lw_vec3 finer = {0.05f, 0.5f, 0.8f}, finest = {0.6f, 0.9f, 1.0f};
     static const struct lw_vec3 colour[] = {
         {0.05f, 0.6f, 0.1f}, {0.8f, 0.6f, 0.05f}, {0.8f, 0.1f, 0.05f}, {0.4f, 0.1f, 0.7f}};
+    if (level < 0) return level == -1 ? finer : finest;
     return colour[level < 3 ? level : 3];
 }
 

@@ -55,7 +55,7 @@ static inline bool lw_show_is_of_finish(enum lw_show show) { return show >= LW_S
 struct lw_vec3 lw_show_ramp(float t);
 
 /** Linear RGB of a mip level. */
-struct lw_vec3 lw_show_level_colour(unsigned level);
+struct lw_vec3 lw_show_level_colour(int level);
 
 /** Linear RGB of a unit normal in world space. */
 static inline struct lw_vec3 lw_show_normal_colour(struct lw_vec3 n) {
