@@ -266,7 +266,7 @@ static void a_link_that_breaks_costs_no_session(void **state) {
     join(1, relay[1].port);
     wait_for(all_rest);
     expect_the_same();
-    const uint64_t tiles = stats_of(1).tiles;
+    const uint64_t tiles_0 = stats_of(0).tiles, tiles = stats_of(1).tiles;
     const double received = figure(&relay[1], TILES);
     assert_true(received > 0);
     /* the relay between dies: the other goes on from the daemon, by versions */
@@ -274,7 +274,6 @@ static void a_link_that_breaks_costs_no_session(void **state) {
     lw_process_await_text(&relay[1], "is there: light goes on");
     const struct lw_scene_change hide = {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 5};
     struct lw_client_answer answer;
-    const uint64_t tiles_0 = stats_of(0).tiles;
     frame_before = update(0, &hide, &answer);
     wait_for(first_has_gone_on);
     expect_the_same();
