@@ -369,6 +369,37 @@ static void light_stays_while_the_daemon_is_gone(void **state) {
     expect_the_same();
 }
 
+/* The server above dies with an update: who made it is sent away, since nobody knows what became of it. All
+ * others stay, and a further update is refused. */
+static void an_update_without_answer_ends_its_session(void **state) {
+    (void)state;
+    char upstream[64];
+    struct lw_error err = {0};
+    struct lw_client_answer answer;
+    const struct lw_scene_change hide = {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 5};
+    lw_process_serve(&server, CORNELL);
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", server.port);
+    start_relay(&relay[0], upstream, "");
+    join_with(1, relay[0].port, (struct lw_client_desc){.control = true});
+    join_with(2, relay[0].port, (struct lw_client_desc){.control = true});
+    update(1, &hide, &answer);
+    assert_int_equal(answer.code, LW_SCENE_CHANGE_OK);
+    assert_int_equal(kill(server.pid, SIGSTOP), 0);
+    lw_support_ok(lw_client_update(client[1], &hide, 1, NULL, &err), &err);
+    while (figure(&relay[0], "lightwell_passed_updates_total") < 2)
+        lw_support_ok(lw_client_poll(client[1], 5, &err), &err);
+    assert_int_equal(lw_process_stop(&server, SIGKILL, LW_PROCESS_LIMIT_S), -SIGKILL);
+    enum lw_status status;
+    while ((status = lw_client_poll(client[1], 100, &err)) == LW_OK) {
+    }
+    lw_support_fails(status, LW_CLOSED, &err, "an update may have been made or not");
+    lw_client_destroy(client[1]);
+    client[1] = NULL;
+    update(2, &hide, &answer);
+    assert_int_equal(answer.code, LW_SCENE_CHANGE_BUSY);
+    assert_non_null(strstr(answer.text, "nothing was changed"));
+}
+
 static struct lw_access access_with(struct lw_token token, const char *certificate) {
     return (struct lw_access){
         .has_token = true, .token = token, .tls = {.wanted = true, .ca = certificate, .trusts_all = false}};
@@ -471,6 +502,7 @@ int main(void) {
         cmocka_unit_test_teardown(a_client_goes_from_one_to_another, end_all),
         cmocka_unit_test_teardown(a_client_goes_where_it_was_told, end_all),
         cmocka_unit_test_teardown(light_stays_while_the_daemon_is_gone, end_all),
+        cmocka_unit_test_teardown(an_update_without_answer_ends_its_session, end_all),
         cmocka_unit_test_teardown(updates_go_up_with_their_token, end_all),
         cmocka_unit_test_teardown(a_loop_of_relays_is_refused, end_all),
     };
