@@ -152,7 +152,7 @@ static enum lw_status make_textures(struct lw_gl_light *light, uint32_t count, s
             table[k][3] = map->first_tile[o] + l->first_tile;
         }
     make_table(GL_RGBA32UI, (count + 1ul) * sizeof *table, table, &light->level_buffer, &light->levels);
-    make_table(GL_R16UI, (map->tile_count + 1ul) * sizeof *light->word, NULL, &light->tile_buffer,
+    make_table(GL_R16UI, (map->plain_count + 1ul) * sizeof *light->word, NULL, &light->tile_buffer,
                &light->tiles);
     free(table);
     glGenTextures(1, &light->pages);
@@ -176,16 +176,16 @@ enum lw_status lw_gl_light_init(struct lw_gl_light *light, const struct lw_atlas
     for (uint32_t o = 0; o < map->object_count; o++) count += map->atlas[o].level_count;
     *light = (struct lw_gl_light){.map = map, .unfiltered = unfiltered, .scale = 0};
     glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &table_max);
-    if (map->tile_count >= (uint32_t)table_max || count >= (uint32_t)table_max)
+    if (map->plain_count >= (uint32_t)table_max || count >= (uint32_t)table_max)
         return lw_status_fail(err, LW_UNAVAILABLE, "the scene has %u tiles of light, the GPU takes %d",
-                              map->tile_count, table_max);
+                              map->plain_count, table_max);
     light->first_level = calloc(map->object_count + 1ul, sizeof *light->first_level);
     light->rect = calloc(count + 1ul, sizeof *light->rect);
-    light->version = calloc(map->tile_count + 1ul, sizeof *light->version);
-    light->noise_level = calloc(map->tile_count + 1ul, sizeof *light->noise_level);
+    light->version = calloc(map->plain_count + 1ul, sizeof *light->version);
+    light->noise_level = calloc(map->plain_count + 1ul, sizeof *light->noise_level);
     light->settled = calloc(map->object_count + 1ul, sizeof *light->settled);
-    light->word = calloc(map->tile_count + 1ul, sizeof *light->word);
-    light->queue = calloc(map->tile_count + 1ul, sizeof *light->queue);
+    light->word = calloc(map->plain_count + 1ul, sizeof *light->word);
+    light->queue = calloc(map->plain_count + 1ul, sizeof *light->queue);
     light->texels = calloc((size_t)BORDERED * BORDERED, sizeof *light->texels);
     enum lw_status status = LW_OK;
     if (!light->first_level || !light->rect || !light->version || !light->noise_level || !light->settled ||
@@ -283,7 +283,7 @@ static unsigned level_to_read(const struct lw_gl_light *light, uint32_t object, 
 
 static void write_words(struct lw_gl_light *light) {
     for (uint32_t o = 0; o < light->map->object_count; o++) light->settled[o] = true;
-    for (uint32_t t = 0; t < light->map->tile_count; t++) {
+    for (uint32_t t = 0; t < light->map->plain_count; t++) {
         const struct lw_tile_place *p = &light->map->place[t];
         const uint32_t last = light->map->atlas[p->object].level_count - 1;
         unsigned word = (unsigned)light->noise_level[t] << LW_GL_LIGHT_NOISE_SHIFT;
@@ -297,7 +297,7 @@ static void write_words(struct lw_gl_light *light) {
         if (light->noise_level[t] || !light->version[t]) light->settled[p->object] = false;
     }
     glBindBuffer(GL_TEXTURE_BUFFER, light->tile_buffer);
-    glBufferData(GL_TEXTURE_BUFFER, (GLsizeiptr)((light->map->tile_count + 1ul) * sizeof *light->word),
+    glBufferData(GL_TEXTURE_BUFFER, (GLsizeiptr)((light->map->plain_count + 1ul) * sizeof *light->word),
                  light->word, GL_DYNAMIC_DRAW);
 }
 
@@ -348,7 +348,7 @@ static uint32_t list_waiting(struct lw_gl_light *light, const struct lw_compose_
                              bool *out_changed) {
     uint32_t count = 0;
     *out_changed = false;
-    for (uint32_t t = 0; t < light->map->tile_count; t++) {
+    for (uint32_t t = 0; t < light->map->plain_count; t++) {
         const struct lw_client_tile tile = source->tile(source->context, (lw_tile_id){t});
         const uint8_t noise_level =
             light->unfiltered ? 0 : (uint8_t)lw_atlas_noise_level_min(tile.error, source->noise_shown);
@@ -374,7 +374,7 @@ void lw_gl_light_take(struct lw_gl_light *light, const struct lw_compose_source 
     if (count > 0 || first) {
         take_average(light, source);
         if (choose_scale(light) && light->uploaded > 0) {
-            memset(light->version, 0, light->map->tile_count * sizeof *light->version);
+            memset(light->version, 0, light->map->plain_count * sizeof *light->version);
             count = list_waiting(light, source, &changed);
             tiles_max = 0;
         }

@@ -70,7 +70,7 @@ static enum lw_status connect_to_server(struct headless *h, struct lw_error *err
     if (h->options->timeout_s * 1e3 < limit_ms) limit_ms = (unsigned)(h->options->timeout_s * 1e3);
     enum lw_status status =
         lw_client_create(&(struct lw_client_desc){.host = h->options->host,
-                                                  .finer = LW_ATLAS_FINER_MAX,
+                                                  .finer = lw_view_options_finer(h->options),
                                                   .port = h->options->port,
                                                   .access = &h->options->access,
                                                   .name = "lightwell-view --headless",

@@ -10,6 +10,7 @@
 #include "client/view/tonemap.h"
 #include "common/open/scene_open.h"
 #include "common/status.h"
+#include "common/tile/atlas.h"
 
 #include <stdint.h>
 
@@ -82,6 +83,15 @@ struct lw_view_options {
     bool draws_direct; /* the direct light of the server's client lights is drawn here */
     struct lw_view_path path;
 };
+
+/** How many levels finer than level 0 what draws can read (atlas.h). OpenGL reads none; auto may be OpenGL in a
+ * window. */
+static inline uint32_t lw_view_options_finer(const struct lw_view_options *options) {
+    const enum lw_view_renderer renderer = options->renderer;
+    return (options->headless ? renderer != LW_VIEW_RENDERER_GL : renderer == LW_VIEW_RENDERER_CPU)
+               ? LW_ATLAS_FINER_MAX
+               : 0;
+}
 
 /** Reads the command line. --help and --version print and set *out_done.
  * Errors: LW_USAGE naming the option and what it accepts. */

@@ -300,7 +300,7 @@ static enum lw_status connect_first(struct lw_window *w, uint16_t port, struct l
     const struct lw_view_options *o = w->options;
     snprintf(w->address, sizeof w->address, strchr(o->host, ':') ? "[%s]:%u" : "%s:%u", o->host, port);
     enum lw_status status = lw_seeker_create(o->host, port, &o->access, CLIENT_NAME, o->cache_folder,
-                                             o->draws_direct, &w->seeker, err);
+                                             o->draws_direct, lw_view_options_finer(o), &w->seeker, err);
     if (status != LW_OK) return status;
     return lw_client_create(&(struct lw_client_desc){.host = o->host,
                                                      .port = port,
@@ -311,6 +311,7 @@ static enum lw_status connect_first(struct lw_window *w, uint16_t port, struct l
                                                      .wants_nothing = true,
                                                      .budget_ns = LW_SEEKER_BUDGET_NS,
                                                      .draws_direct = o->draws_direct,
+                                                     .finer = lw_view_options_finer(o),
                                                      .materials = true,
                                                      .watch = {.damaged = lw_package_cache_warn,
                                                                .unkept = lw_package_cache_warn_unkept}},

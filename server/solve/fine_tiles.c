@@ -207,7 +207,8 @@ static uint32_t choose(struct lw_fine_tiles *fine, uint64_t frame, struct lw_fin
 static void tell_if_full(struct lw_fine_tiles *fine) {
     if (!fine->full || fine->told) return;
     fine->told = true;
-    lw_log(LW_LOG_WARNING, "there is no room for all detail that is asked for: %u of %u tiles are there",
+    lw_log(LW_LOG_WARNING,
+           "there is no room for all detail that is asked for: %u of %u tiles are there (--detail-memory)",
            fine->used, fine->wanted_count);
 }
 
