@@ -84,8 +84,8 @@ struct lw_view_options {
     struct lw_view_path path;
 };
 
-/** How many levels finer than level 0 what draws can read (atlas.h). OpenGL reads none; auto may be OpenGL in a
- * window. */
+/** How many levels finer than level 0 what draws can read (atlas.h). OpenGL reads none; auto may be OpenGL in
+ * a window. */
 static inline uint32_t lw_view_options_finer(const struct lw_view_options *options) {
     const enum lw_view_renderer renderer = options->renderer;
     return (options->headless ? renderer != LW_VIEW_RENDERER_GL : renderer == LW_VIEW_RENDERER_CPU)
