@@ -152,7 +152,7 @@ static void light_is_that_of_a_finer_atlas(void **state) {
     desc.fine_tiles = 64;
     begin(&coarse, scene_of(0), FINER, desc);
     look_at(&coarse, LW_ATLAS_FINER + FINER, 0, coarse.scene->object_count);
-    for (uint64_t frame = 1; frame <= 100; frame++) step(&coarse, frame), step(&fine, frame);
+    for (uint64_t frame = 1; frame <= 30; frame++) step(&coarse, frame), step(&fine, frame);
     const lw_tile_id *id;
     const uint32_t count = coarse.solver->ops->list_fine(coarse.solver, &id);
     assert_true(count > 8);
