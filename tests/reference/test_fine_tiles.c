@@ -148,6 +148,7 @@ static void light_is_that_of_a_finer_atlas(void **state) {
     (void)state;
     struct room_solution coarse, fine;
     struct lw_solver_desc desc = terms;
+    desc.denoise = true;
     begin(&fine, scene_of(FINER), 0, desc);
     desc.fine_tiles = 64;
     begin(&coarse, scene_of(0), FINER, desc);
