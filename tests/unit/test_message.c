@@ -47,8 +47,8 @@ static const struct lw_scene_change changes[] = {
     {UINT32_MAX, UINT32_MAX, 2, {-1, FLT_MIN}}};
 static const uint8_t some_token[LW_TOKEN_SIZE] = {0, 1, 2, 253, 254, 255};
 static const struct lw_message samples[] = {
-    {.type = LW_MESSAGE_HELLO, .hello = {1, 3, "Gerät 9 – ünïcode", FAR, NULL}},
-    {.type = LW_MESSAGE_HELLO, .hello = {0, 0, "", 0, NULL}},
+    {.type = LW_MESSAGE_HELLO, .hello = {1, 3, "Gerät 9 – ünïcode", FAR, NULL, 0}},
+    {.type = LW_MESSAGE_HELLO, .hello = {0, 0, "", 0, NULL, FAR}},
     {.type = LW_MESSAGE_HELLO, .hello = {.version = 1, .token = some_token}},
     {.type = LW_MESSAGE_WELCOME,
      .welcome = {.version = 1,
