@@ -1262,10 +1262,7 @@ static double shown_error(const struct lw_compose *compose, const struct lw_comp
 /* The same of what views read in the place of a tile of a finer level. */
 static double error_below(const struct lw_compose *compose, const struct lw_compose_source *source,
                           uint32_t t) {
-    const struct lw_tile_place *place = &compose->map->place[t];
-    const uint32_t up = lw_atlas_finer(place->level);
-    const lw_tile_id below =
-        lw_atlas_map_find(compose->map, place->object, 0, place->x >> up, place->y >> up);
+    const lw_tile_id below = lw_atlas_map_below(compose->map, (lw_tile_id){t});
     const struct lw_client_tile tile = source->tile(source->context, below);
     return tile.version ? shown_error(compose, source, below.v, tile.error) : 1;
 }

@@ -153,6 +153,13 @@ lw_tile_id lw_atlas_map_find_tile(const struct lw_atlas_map *map, uint32_t objec
     return lw_atlas_map_find(map, object, level, tile % l->tiles_x, tile / l->tiles_x);
 }
 
+lw_tile_id lw_atlas_map_below(const struct lw_atlas_map *map, lw_tile_id id) {
+    const struct lw_tile_place *place = &map->place[id.v];
+    const uint32_t up = lw_atlas_finer(place->level);
+    LW_INVARIANT(up > 0);
+    return lw_atlas_map_find(map, place->object, 0, place->x >> up, place->y >> up);
+}
+
 uint32_t lw_atlas_map_number(const struct lw_atlas_map *map, lw_tile_id id) {
     LW_INVARIANT(id.v < map->tile_count);
     const struct lw_tile_place *place = &map->place[id.v];

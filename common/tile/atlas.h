@@ -105,6 +105,8 @@ lw_tile_id lw_atlas_map_find(const struct lw_atlas_map *map, uint32_t object, ui
 /** The same for a tile named by its number within the level, row * tiles_x + column, as on the wire. */
 lw_tile_id lw_atlas_map_find_tile(const struct lw_atlas_map *map, uint32_t object, uint32_t level,
                                   uint32_t tile);
+/** The tile of level 0 below a tile of a finer level. */
+lw_tile_id lw_atlas_map_below(const struct lw_atlas_map *map, lw_tile_id id);
 /** That number of a tile. id: of a tile of the map */
 uint32_t lw_atlas_map_number(const struct lw_atlas_map *map, lw_tile_id id);
 

@@ -75,15 +75,18 @@ struct lw_publisher {
 
 #define SPARE UINT64_MAX
 
+static void forget_sent(struct sent_tile *sent) {
+    free(sent->value);
+    free(sent->history);
+    lw_blob_unref(sent->blob);
+    lw_blob_unref(sent->delta);
+    *sent = (struct sent_tile){0};
+}
+
 static void destroy_channel(const struct lw_atlas_map *map, struct channel *channel) {
     if (!channel) return;
     for (uint32_t o = 0; channel->levels && o < map->object_count; o++) lw_levels_finish(&channel->levels[o]);
-    for (uint32_t t = 0; channel->sent && t < map->tile_count; t++) {
-        free(channel->sent[t].value);
-        free(channel->sent[t].history);
-        lw_blob_unref(channel->sent[t].blob);
-        lw_blob_unref(channel->sent[t].delta);
-    }
+    for (uint32_t t = 0; channel->sent && t < map->tile_count; t++) forget_sent(&channel->sent[t]);
     free(channel->all_light);
     free(channel->fine);
     free(channel->changed);
@@ -422,6 +425,23 @@ static bool is_of_another_class(const struct lw_publisher *p, float error, float
                lw_atlas_noise_level_min(sent_error, p->desc.noise_shown);
 }
 
+/* By how much the worker's values differ from what was sent. Sets *out_visible to how much of that is seen:
+ * large relative changes of dark light hardly are. */
+static float find_change(const struct channel *channel, const struct worker *worker,
+                         const struct sent_tile *sent, const struct lw_tile_place *place,
+                         float *out_visible) {
+    float mean;
+    const float change = (channel->is->coding == LW_TILE_CODING_LIGHT ? find_ratio : find_difference)(
+        worker->value, sent->value, (size_t)place->width * place->height * channel->is->planes, &mean);
+    *out_visible = change * (mean / (mean + channel->dark + 1e-30f));
+    return change;
+}
+
+/* Below this a change is noise, or cannot be seen. */
+static float least_change(float error) {
+    return fmaxf(LW_PUBLISHER_VISIBLE_CHANGE, LW_PUBLISHER_NOISE_SHARE * error);
+}
+
 static void consider_tile(const struct lw_publisher *p, struct worker *worker, const struct channel *channel,
                           lw_tile_id id, uint64_t frame) {
     const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
@@ -432,18 +452,14 @@ static void consider_tile(const struct lw_publisher *p, struct worker *worker, c
     uint32_t bounces;
     const float error = lw_publisher_error(p->desc.atlas_map, p->desc.solver, id, &bounces);
     lw_levels_store_tile(levels, place, worker->value, worker->covered);
-    float threshold = fmaxf(LW_PUBLISHER_VISIBLE_CHANGE, LW_PUBLISHER_NOISE_SHARE * error), change = 1;
+    float visible = 1;
     if (sent->version) {
-        float mean;
-        change = (channel->is->coding == LW_TILE_CODING_LIGHT ? find_ratio : find_difference)(
-            worker->value, sent->value, (size_t)place->width * place->height * channel->is->planes, &mean);
+        const float change = find_change(channel, worker, sent, place, &visible);
         if (!is_of_another_class(p, error, sent->error) && p->news[place->object] != LIT_AGAIN &&
-            change <= threshold)
+            change <= least_change(error))
             return;
-        /* large relative changes of dark light are hardly visible */
-        change *= mean / (mean + channel->dark + 1e-30f);
     }
-    worker->status = send_tile(p, worker, channel, id, frame, error, bounces, change);
+    worker->status = send_tile(p, worker, channel, id, frame, error, bounces, visible);
 }
 
 static void encode_tiles(struct lw_publisher *p, const struct channel *channel, uint64_t frame) {
@@ -464,25 +480,14 @@ static void load_fine(const struct channel *channel, const struct lw_solver_tile
     }
 }
 
-static void forget_sent(struct sent_tile *sent) {
-    free(sent->value);
-    free(sent->history);
-    lw_blob_unref(sent->blob);
-    lw_blob_unref(sent->delta);
-    *sent = (struct sent_tile){0};
-}
-
 /* A tile is sent for the first time when it shows no more noise than this, or has no larger error than that
  * of level 0 below it, which views read until then. */
 #define FINE_NOISE 0.008f
 
-static bool is_ready(const struct lw_publisher *p, const struct lw_tile_place *place, float error) {
-    const uint32_t up = lw_atlas_finer(place->level);
+static bool is_ready(const struct lw_publisher *p, lw_tile_id id, float error) {
     struct lw_solver_tile below;
     if (error * p->desc.noise_shown <= FINE_NOISE) return true;
-    p->desc.solver->ops->read_tile(
-        p->desc.solver,
-        lw_atlas_map_find(p->desc.atlas_map, place->object, 0, place->x >> up, place->y >> up), &below);
+    p->desc.solver->ops->read_tile(p->desc.solver, lw_atlas_map_below(p->desc.atlas_map, id), &below);
     return error <= below.error;
 }
 
@@ -493,19 +498,14 @@ static void consider_fine(const struct lw_publisher *p, struct worker *worker, c
     struct lw_solver_tile tile;
     if (worker->status != LW_OK || p->news[place->object] == HELD_BACK) return;
     p->desc.solver->ops->read_tile(p->desc.solver, id, &tile);
-    if (sent->value ? tile.solved_frame < p->since : !is_ready(p, place, tile.error)) return;
+    if (sent->value ? tile.solved_frame < p->since : !is_ready(p, id, tile.error)) return;
     load_fine(channel, &tile, worker);
-    float change = 1;
-    if (sent->value) {
-        float mean;
-        change = (channel->is->coding == LW_TILE_CODING_LIGHT ? find_ratio : find_difference)(
-            worker->value, sent->value, (size_t)place->width * place->height * channel->is->planes, &mean);
-        if (change <= fmaxf(LW_PUBLISHER_VISIBLE_CHANGE, LW_PUBLISHER_NOISE_SHARE * tile.error)) return;
-        change *= mean / (mean + channel->dark + 1e-30f);
-    } else {
+    float visible = 1;
+    if (!sent->value)
         forget_sent(sent); /* it was withdrawn */
-    }
-    worker->status = send_tile(p, worker, channel, id, frame, tile.error, tile.bounces, change);
+    else if (find_change(channel, worker, sent, place, &visible) <= least_change(tile.error))
+        return;
+    worker->status = send_tile(p, worker, channel, id, frame, tile.error, tile.bounces, visible);
 }
 
 /* Tells those who have a tile that it is there no more. */
@@ -534,16 +534,13 @@ static enum lw_status withdraw(const struct lw_publisher *p, struct channel *cha
     return LW_OK;
 }
 
+static int by_id(const void *left, const void *right) {
+    const lw_tile_id *a = left, *b = right;
+    return a->v < b->v ? -1 : a->v > b->v;
+}
+
 static bool is_listed(const lw_tile_id *tile, uint32_t count, lw_tile_id id) {
-    uint32_t low = 0, high = count;
-    while (low < high) {
-        const uint32_t middle = (low + high) / 2;
-        if (tile[middle].v < id.v)
-            low = middle + 1;
-        else
-            high = middle;
-    }
-    return low < count && tile[low].v == id.v;
+    return count && bsearch(&id, tile, count, sizeof *tile, by_id);
 }
 
 static enum lw_status encode_fine(struct lw_publisher *p, struct channel *channel, uint64_t frame) {

@@ -44,10 +44,8 @@ void lw_interest_union_remove(struct lw_interest_union *interest_union, const ui
 /* Who looks at a tile of a finer level looks at that of level 0 below it, which is shown until the other has
  * light. */
 static void cover_finer(const struct lw_atlas_map *map, uint32_t tile, uint8_t *out_levels) {
-    const struct lw_tile_place *place = &map->place[tile];
-    const uint32_t up = lw_atlas_finer(place->level);
     out_levels[tile] = 1;
-    out_levels[lw_atlas_map_find(map, place->object, 0, place->x >> up, place->y >> up).v] = 1;
+    out_levels[lw_atlas_map_below(map, (lw_tile_id){tile}).v] = 1;
 }
 
 static void cover(const struct lw_atlas_map *map, uint32_t tile, uint8_t *out_levels) {

@@ -177,9 +177,7 @@ static bool review(struct lw_fine_tiles *fine, uint64_t frame) {
 
 /* Whether the light of level 0 below a tile is good enough to go on with detail, in any layer. */
 static bool is_due(const struct lw_fine_tiles *fine, lw_tile_id id) {
-    const struct lw_tile_place *place = &fine->map->place[id.v];
-    const uint32_t up = lw_atlas_finer(place->level);
-    const lw_tile_id below = lw_atlas_map_find(fine->map, place->object, 0, place->x >> up, place->y >> up);
+    const lw_tile_id below = lw_atlas_map_below(fine->map, id);
     EACH_LAYER(fine, layer) {
         const struct lw_solve_tile *tile = lw_tiles_at(layer->tiles, below);
         if (tile->light.sample_count >= FRAMES_BELOW || !tile->covered_count) return true;
