@@ -189,6 +189,27 @@ static double mean_of(const struct texels *texels) {
     return sum / texels->count;
 }
 
+/* The mean indirect light of the walls after four frames, of a lamp of 2^power W/sr. */
+static double mean_under(int power) {
+    struct room room = room_with_dish();
+    struct room_solution solution;
+    struct texels texels = {0};
+    for (int c = 0; c < 3; c++) room.light[0].intensity[c] = ldexpf(1, power);
+    room_solve(&solution, &room, (struct lw_solver_desc){.bounces = 3, .seed = 1}, 4);
+    for (uint32_t o = 0; o < 6; o++) room_each_texel(&solution, o, note_indirect, &texels);
+    room_finish(&solution);
+    return mean_of(&texels);
+}
+
+/* A lamp that fades out passes numbers whose reciprocal is infinite. Its light stays in proportion, but for
+ * what rounding to 2^-149 takes: less than 1 % at 2^-134. */
+static void test_faint_light_is_light(void **state) {
+    (void)state;
+    const double want = mean_under(0);
+    for (int power = -134; power < -100; power += 3)
+        expect_near(ldexp(mean_under(power), -power), want, 0.01);
+}
+
 /* After four frames a few texels have met the dish and shine a hundred times as bright as others, and their
  * blocks send on what they have more. relMSE of later bounces about their mean: 0.08, and 0.9 if each sent
  * what it has. The means of seeds scatter by 20 %. */
@@ -222,6 +243,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test(test_converged_scene_costs_nothing),
         cmocka_unit_test(test_energy_of_a_point_light_arrives),
         cmocka_unit_test(test_rare_samples_are_no_lamps),
+        cmocka_unit_test(test_faint_light_is_light),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

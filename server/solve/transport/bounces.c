@@ -458,7 +458,9 @@ static void spread_rare(const struct lw_transport *t, const struct lw_solve_tile
     for (uint32_t k = 0; k < senders->count; k++) {
         struct sending *each = &senders->sending[k];
         const float luminance = lw_colour_luminance(each->kept);
-        if (luminance > 0) each->spread = lw_vec3_scale(each->back, 1 / luminance);
+        if (!(luminance > 0)) continue;
+        /* no reciprocal: of the faintest light it is infinite */
+        each->spread = lw_vec3(each->back.x / luminance, each->back.y / luminance, each->back.z / luminance);
     }
 }
 
