@@ -286,25 +286,43 @@ static void level_0_does_not_depend_on_them(void **state) {
 
 /* ---- light that changes ---- */
 
-/* Several layers have none of them. */
-static void layers_have_none(void **state) {
+/* Layers have the same tiles, and a lamp that goes out leaves those that are there, in their sum too. */
+static void layers_share_them(void **state) {
     (void)state;
-    struct room_solution s;
+    struct room_solution alone, layered;
     struct lw_light_groups groups;
     struct lw_error err = {0};
     struct lw_solver_desc desc = terms;
-    const lw_tile_id *id;
+    desc.fine_tiles = 64;
+    begin(&alone, scene_of(0), FINER, desc);
+    layered.scene = NULL;
     struct lw_scene *scene = scene_of(0);
     struct lw_pose pose;
-    desc.fine_tiles = 64;
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
     lw_support_ok(lw_light_groups_init(&groups, scene, &pose, "left", &err), &err);
     desc.light_groups = &groups;
-    begin(&s, scene, FINER, desc);
-    look_at(&s, LW_ATLAS_FINER + FINER, 0, 1);
-    for (uint64_t frame = 1; frame <= 12; frame++) step(&s, frame);
-    assert_int_equal(s.solver->ops->list_fine(s.solver, &id), 0);
-    room_finish(&s);
+    begin(&layered, scene, FINER, desc);
+    look_at(&alone, LW_ATLAS_FINER + FINER, 0, 1);
+    look_at(&layered, LW_ATLAS_FINER + FINER, 0, 1);
+    for (uint64_t frame = 1; frame <= 60; frame++) {
+        if (frame == 30) alone.pose.light[0].intensity = layered.pose.light[0].intensity = lw_vec3(1, 1, 1);
+        step(&alone, frame);
+        step(&layered, frame);
+    }
+    const lw_tile_id *id, *other;
+    const uint32_t count = alone.solver->ops->list_fine(alone.solver, &id);
+    assert_int_equal(count, tiles_of(&alone, 0, FINER));
+    assert_int_equal(layered.solver->ops->list_fine(layered.solver, &other), count);
+    double sum_a = 0, sum_b = 0, square = 0;
+    for (uint32_t k = 0; k < count; k++) {
+        struct lw_solver_tile a, b;
+        alone.solver->ops->read_tile(alone.solver, id[k], &a);
+        layered.solver->ops->read_tile(layered.solver, other[k], &b);
+        compare(&a, &b, &sum_a, &sum_b, &square);
+    }
+    expect_near(sum_a, sum_b, 0.01);
+    room_finish(&alone);
+    room_finish(&layered);
     lw_light_groups_finish(&groups);
     lw_pose_finish(&pose);
 }
@@ -316,7 +334,7 @@ int main(void) {
         cmocka_unit_test(those_that_are_looked_at_have_the_room),
         cmocka_unit_test(threads_change_nothing),
         cmocka_unit_test(level_0_does_not_depend_on_them),
-        cmocka_unit_test(layers_have_none),
+        cmocka_unit_test(layers_share_them),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
