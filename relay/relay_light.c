@@ -5,6 +5,7 @@
 #include "common/scene/pose.h"
 #include "common/tile/tile_codec.h"
 #include "server/publish/frame_message.h"
+#include "server/serve/transcoder.h"
 
 #include <inttypes.h>
 #include <stdlib.h>
@@ -392,36 +393,13 @@ static enum lw_status make_messages(struct lw_relay_light *light, const struct f
     return LW_OK;
 }
 
-/* A delta from the version of the last snapshot, where several versions came since. NULL: there is none. */
-static struct lw_blob *make_jump(struct lw_relay_light *light, uint32_t channel, uint32_t id,
-                                 const struct tile *tile) {
-    const struct lw_tile_place *place = &light->map.place[id];
-    struct lw_message from, to;
-    struct lw_blob *blob = NULL;
-    size_t size;
-    if (tile->codec != LW_TILE_CODEC_DCT || read_whole(tile->published_whole, &from) != LW_OK) return NULL;
-    if (from.tile.codec == LW_TILE_CODEC_DCT && read_whole(tile->whole, &to) == LW_OK) {
-        if (lw_tile_codec_encode_between(light->codec, lw_tile_channel_at(channel), from.tile.payload,
-                                         from.tile.payload_size, to.tile.payload, to.tile.payload_size,
-                                         place->width, place->height, light->payload, lw_tile_codec_bound(),
-                                         &size) == LW_OK &&
-            size < to.tile.payload_size) {
-            struct lw_message jump = {.type = LW_MESSAGE_TILE, .tile = to.tile};
-            jump.tile.base = tile->published;
-            jump.tile.payload = light->payload;
-            jump.tile.payload_size = size;
-            if (lw_blob_from_message(&jump, &blob) != LW_OK) blob = NULL;
-        }
-        lw_message_finish(&to);
-    }
-    lw_message_finish(&from);
-    return blob;
-}
-
 /* Of a tile whose newest version was in no snapshot yet. */
 static void publish_tile(struct lw_relay_light *light, uint32_t channel, uint32_t id, struct tile *tile) {
     if (tile->published && tile->base != tile->published) {
-        keep_blob(&tile->delta, make_jump(light, channel, id, tile));
+        keep_blob(&tile->delta, /* over several versions */
+                  lw_transcoder_encode_delta(light->codec, lw_tile_channel_at(channel), &light->map.place[id],
+                                             tile->published_whole, tile->published, tile->whole,
+                                             light->payload));
         tile->base = tile->delta ? tile->published : 0;
     }
     tile->published = tile->version;

@@ -1,7 +1,6 @@
 #include "server/serve/transcoder.h"
 
 #include "common/invariant.h"
-#include "common/tile/tile_codec.h"
 
 #include <math.h>
 #include <pthread.h>
@@ -47,29 +46,29 @@ static bool is_in_order(const struct lw_transcoder *r) {
            r->asked - r->collected <= LW_TRANSCODER_JOBS_MAX;
 }
 
-/* NULL is no failure that anybody must hear of: there are other ways to the version. */
-static struct lw_blob *make_delta(struct lw_transcoder *r, const struct lw_transcoder_job *job) {
-    const struct lw_tile_place *place = &r->atlas_map->place[job->tile];
-    struct lw_message from, to;
+struct lw_blob *lw_transcoder_encode_delta(struct lw_tile_codec *codec, const struct lw_tile_channel *channel,
+                                           const struct lw_tile_place *place, const struct lw_blob *from,
+                                           uint64_t base, const struct lw_blob *to, uint8_t *buffer) {
+    struct lw_message old, new;
     struct lw_blob *blob = NULL;
     size_t size;
-    if (read_tile(job->from, &from) != LW_OK) return NULL;
-    if (read_tile(job->to, &to) != LW_OK) {
-        lw_message_finish(&from);
+    if (read_tile(from, &old) != LW_OK) return NULL;
+    if (read_tile(to, &new) != LW_OK) {
+        lw_message_finish(&old);
         return NULL;
     }
-    if (lw_tile_codec_encode_between(r->codec, r->channel, from.tile.payload, from.tile.payload_size,
-                                     to.tile.payload, to.tile.payload_size, place->width, place->height,
-                                     r->payload, lw_tile_codec_bound(), &size) == LW_OK &&
-        size < to.tile.payload_size) {
-        struct lw_message delta = {.type = LW_MESSAGE_TILE, .tile = to.tile};
-        delta.tile.base = job->base;
-        delta.tile.payload = r->payload;
+    if (lw_tile_codec_encode_between(codec, channel, old.tile.payload, old.tile.payload_size,
+                                     new.tile.payload, new.tile.payload_size, place->width, place->height,
+                                     buffer, lw_tile_codec_bound(), &size) == LW_OK &&
+        size < new.tile.payload_size) {
+        struct lw_message delta = {.type = LW_MESSAGE_TILE, .tile = new.tile};
+        delta.tile.base = base;
+        delta.tile.payload = buffer;
         delta.tile.payload_size = size;
         if (lw_blob_from_message(&delta, &blob) != LW_OK) blob = NULL;
     }
-    lw_message_finish(&to);
-    lw_message_finish(&from);
+    lw_message_finish(&new);
+    lw_message_finish(&old);
     return blob;
 }
 
@@ -143,7 +142,8 @@ static void *work(void *context) {
         struct lw_transcoder_result made = {
             .tile = job.tile, .coarse = job.coarse, .base = job.base, .version = job.version};
         if (job.from)
-            made.blob = make_delta(r, &job);
+            made.blob = lw_transcoder_encode_delta(r->codec, r->channel, &r->atlas_map->place[job.tile],
+                                                   job.from, job.base, job.to, r->payload);
         else
             make_coarse(r, &job, &made);
         pthread_mutex_lock(&r->mutex);

@@ -11,6 +11,7 @@
 #ifndef LW_SERVE_TRANSCODER_H
 #define LW_SERVE_TRANSCODER_H
 
+#include "common/tile/tile_codec.h"
 #include "server/publish/snapshot.h"
 
 #define LW_TRANSCODER_JOBS_MAX 256u /* that are asked for and not collected */
@@ -53,6 +54,14 @@ LW_MUST_CHECK enum lw_status lw_transcoder_create(const struct lw_tile_channel *
                                                   struct lw_transcoder **out_recoder);
 /** Ends its thread; what was asked for is dropped. */
 void lw_transcoder_destroy(struct lw_transcoder *transcoder);
+
+/** How the tile `to` differs from `from`, its version `base`: LW_MESSAGE_TILE, the caller's to unref.
+ * from, to: LW_MESSAGE_TILE, no deltas. buffer: lw_tile_codec_bound() bytes, for the work. NULL where a delta
+ * would be no smaller than `to`, or cannot be made: there are other ways to the version.
+ * [any thread, with a codec of its own] */
+struct lw_blob *lw_transcoder_encode_delta(struct lw_tile_codec *codec, const struct lw_tile_channel *channel,
+                                           const struct lw_tile_place *place, const struct lw_blob *from,
+                                           uint64_t base, const struct lw_blob *to, uint8_t *buffer);
 
 /** Takes references of its own. False if there are LW_TRANSCODER_JOBS_MAX. */
 bool lw_transcoder_ask(struct lw_transcoder *transcoder, const struct lw_transcoder_job *job);
