@@ -14,6 +14,17 @@ enum lw_log_level { LW_LOG_ERROR, LW_LOG_WARNING, LW_LOG_INFO, LW_LOG_DEBUG };
 enum lw_log_format { LW_LOG_AUTO, LW_LOG_TEXT, LW_LOG_JSON };
 #define LW_LOG_FORMATS "auto|text|json"
 
+/* clang-format off */
+/** Rows of an option table (options.h). format, level: int */
+#define LW_LOG_OPTIONS(format, level)                                                                        \
+    {"log-format", LW_LOG_FORMATS,                                                                           \
+     "lines on stderr: text for people, or a JSON object each (default auto: text on a terminal, else "      \
+     "JSON)",                                                                                                \
+     LW_OPTION_CHOICE, (format), 0, 0, NULL},                                                                \
+    {"log-level", LW_LOG_LEVELS, "the most verbose lines that are shown (default info)", LW_OPTION_CHOICE,   \
+     (level), 0, 0, NULL}
+/* clang-format on */
+
 /** Sets the program's name, which opens every line, and the most verbose level shown (default INFO). Call
  * once, before other threads start. */
 void lw_log_init(const char *program, enum lw_log_level level);

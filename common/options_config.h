@@ -21,9 +21,22 @@ struct lw_options_config {
     const char *const *command; /* NULL-terminated: options of the command line alone, "config" among them */
     const char *const *foreign; /* NULL-terminated: keys of variables that are for other programs */
     const char *path;           /* the value of the option "config"; NULL: no file */
+    bool check, print;          /* the flags "check-config" and "print-config", for the program to heed */
     char **text;                /* copies */
     size_t text_count, text_capacity;
 };
+
+/* clang-format off */
+/** Rows of an option table. config: a struct lw_options_config. */
+#define LW_OPTIONS_CONFIG(config)                                                                            \
+    {"config", "FILE",                                                                                       \
+     "read options from there, one KEY = VALUE a line: options here go before, then LIGHTWELL_KEY of the "   \
+     "environment, then the file",                                                                           \
+     LW_OPTION_STRING, (void *)&(config)->path, 0, 0, NULL},                                                 \
+    {"check-config", NULL, "check all options, and end", LW_OPTION_FLAG, &(config)->check, 0, 0, NULL},      \
+    {"print-config", NULL, "print what all options are, as a file for --config, and end", LW_OPTION_FLAG,    \
+     &(config)->print, 0, 0, NULL}
+/* clang-format on */
 
 /** Parses as lw_options_parse() does, with what file and environment say below it. The table holds an option
  * "config" whose value is config->path, and options->positional has room for one.

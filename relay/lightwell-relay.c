@@ -29,7 +29,6 @@ static const char *const client_variables[] = {"token", NULL};
 
 struct settings {
     struct lw_options_config config;
-    bool check_config, print_config;
     const char *upstream;
     struct lw_serve_options serve;
     struct lw_access_options access_options;
@@ -102,19 +101,8 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "(default "
          "$XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
          LW_OPTION_STRING, &s->cache, 0, 0, NULL},
-        {"config", "FILE",
-         "read options from there, one KEY = VALUE a line: options here go before, then LIGHTWELL_KEY of the "
-         "environment, then the file",
-         LW_OPTION_STRING, (void *)&s->config.path, 0, 0, NULL},
-        {"check-config", NULL, "check all options, and end", LW_OPTION_FLAG, &s->check_config, 0, 0, NULL},
-        {"print-config", NULL, "print what all options are, as a file for --config, and end", LW_OPTION_FLAG,
-         &s->print_config, 0, 0, NULL},
-        {"log-format", LW_LOG_FORMATS,
-         "lines on stderr: text for people, or a JSON object each (default auto: text on a terminal, else "
-         "JSON)",
-         LW_OPTION_CHOICE, &s->log_format, 0, 0, NULL},
-        {"log-level", LW_LOG_LEVELS, "the most verbose lines that are shown (default info)", LW_OPTION_CHOICE,
-         &s->log_level, 0, 0, NULL},
+        LW_OPTIONS_CONFIG(&s->config),
+        LW_LOG_OPTIONS(&s->log_format, &s->log_level),
     };
     const struct lw_options options = {
         .program = "lightwell-relay",
@@ -139,9 +127,9 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
     if (status == LW_OK) status = lw_serve_options_check(&s->serve, err);
     if (status == LW_OK) status = lw_access_read(&s->access_options, &s->access, err);
     if (status != LW_OK) return status;
-    *out_done = s->check_config || s->print_config;
-    if (s->check_config) lw_log(LW_LOG_INFO, "the options are good");
-    return s->print_config ? print_config(s, &options, err) : LW_OK;
+    *out_done = s->config.check || s->config.print;
+    if (s->config.check) lw_log(LW_LOG_INFO, "the options are good");
+    return s->config.print ? print_config(s, &options, err) : LW_OK;
 }
 
 /* ---- hooks of the server; all [loop] ---- */

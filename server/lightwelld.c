@@ -92,7 +92,6 @@ struct settings {
     struct lw_scene_open scene;
     struct lw_options_config config;
     char *printed; /* all options, as a file for --config */
-    bool check_config, print_config;
     struct lw_serve_options serve;
     const char *plan_log;
     const char *crossover_report;
@@ -228,13 +227,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
                            lw_builtin_about(i));
     const struct lw_option table[] = {
         LW_SERVE_OPTIONS(&s->serve),
-        {"config", "FILE",
-         "read options from there, one KEY = VALUE a line: options here go before, then LIGHTWELL_KEY of the "
-         "environment, then the file",
-         LW_OPTION_STRING, (void *)&s->config.path, 0, 0, NULL},
-        {"check-config", NULL, "check all options, and end", LW_OPTION_FLAG, &s->check_config, 0, 0, NULL},
-        {"print-config", NULL, "print what all options are, as a file for --config, and end", LW_OPTION_FLAG,
-         &s->print_config, 0, 0, NULL},
+        LW_OPTIONS_CONFIG(&s->config),
         {"crossover-report", "FOLDER",
          "a folder that lightwell-load crossover has written, for the cost meter of /metrics: what renderers "
          "for "
@@ -342,12 +335,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "Costs the "
          "memory of as many objects, and no ray (default: none; what is removed can be added again)",
          LW_OPTION_STRING, &s->spares, 0, 0, NULL},
-        {"log-format", LW_LOG_FORMATS,
-         "lines on stderr: text for people, or a JSON object each (default auto: text on a terminal, else "
-         "JSON)",
-         LW_OPTION_CHOICE, &s->log_format, 0, 0, NULL},
-        {"log-level", LW_LOG_LEVELS, "the most verbose lines that are shown (default info)", LW_OPTION_CHOICE,
-         &s->log_level, 0, 0, NULL},
+        LW_LOG_OPTIONS(&s->log_format, &s->log_level),
         {"json", NULL, "print one JSON object per frame to stdout", LW_OPTION_FLAG, &s->json, 0, 0, NULL},
         {"plain-sky", NULL,
          "where nothing shines in the scene, light it by an even sky of 1 W/(m^2 sr) instead of refusing it",
@@ -368,11 +356,11 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
     if (status != LW_OK || *out_done) return status;
     s->scene.path = scene[0];
     if ((status = check(s, err)) != LW_OK) return status;
-    *out_done = s->check_config || s->print_config;
-    if (s->check_config) lw_log(LW_LOG_INFO, "the options are good");
+    *out_done = s->config.check || s->config.print;
+    if (s->config.check) lw_log(LW_LOG_INFO, "the options are good");
     if (!(s->printed = lw_options_config_print(&s->config, &options)))
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
-    return s->print_config ? print_config(s, err) : LW_OK;
+    return s->config.print ? print_config(s, err) : LW_OK;
 }
 
 static enum lw_status choose_client_lights(struct daemon *d, struct lw_error *err) {
