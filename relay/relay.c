@@ -273,7 +273,7 @@ static void answer_busy(struct lw_relay *r, uint64_t number, const char *text) {
             r->server, number, &(struct lw_message_updated){.code = LW_SCENE_CHANGE_BUSY, .text = text});
 }
 
-/* Those that were sent may have been made; those that were not, were not. */
+/* The server may have made the changes that were sent to it. It has made none of those that wait. */
 static void end_control(struct control *c, const char *why) {
     struct lw_relay *r = c->relay;
     for (size_t i = 0; i < c->sent_count; i++)

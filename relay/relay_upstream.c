@@ -371,7 +371,8 @@ static enum lw_status tell_interest(struct lw_relay_upstream *up, struct lw_erro
     return status;
 }
 
-/* The request for a package, or for what is missing of it. */
+/* Requests what is missing of a package. download NULL: nothing is, and the request begins the stream of
+ * light. */
 static enum lw_status ask(struct lw_relay_upstream *up, enum lw_message_type type,
                           const struct lw_download *download, struct lw_error *err) {
     struct lw_message request = {.type = type};

@@ -61,8 +61,8 @@ uint32_t lw_relay_upstream_retry_after_ms(const struct lw_relay_upstream *upstre
  * Errors: as lw_relay_upstream_take(). */
 LW_MUST_CHECK enum lw_status lw_relay_upstream_begin(struct lw_relay_upstream *upstream,
                                                      struct lw_error *err);
-/** Goes on with light that is there, which is of the same told: says what it holds. It outlives the upstream.
- */
+/** Tells the server which tiles `light` holds, and takes changes to them from now on. light: of the same
+ * scene and run as lw_relay_upstream_told(); it outlives the upstream. */
 LW_MUST_CHECK enum lw_status lw_relay_upstream_resume(struct lw_relay_upstream *upstream,
                                                       struct lw_relay_light *light, struct lw_error *err);
 /** NULL before the package is there. After lw_relay_upstream_begin() it belongs to the upstream until

@@ -448,7 +448,8 @@ static void keep_busy(struct lw_server *server) {
         uv_idle_stop(&server->busy);
 }
 
-/* Of a relay, whose thread waits for it. */
+/* Wakes the thread of a relay when its clients have another interest, updates to pass on, or other
+ * channels. */
 static void tell_news(struct lw_server *server) {
     const uint32_t channels = server->shared.channels_taken;
     if (!server->hooks.news) return;

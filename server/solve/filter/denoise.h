@@ -48,7 +48,8 @@ LW_MUST_CHECK enum lw_status lw_denoise_pairs_init(struct lw_denoise_pairs *pair
 /** After texels have changed: parts the pairs of those objects again of which they have (texels->changes).
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_denoise_pairs_review(struct lw_denoise_pairs *pairs, int threads);
-/** Those of one tile of a finer level, alone. mesh: an atlas of the tile's size; walls: of its texels.
+/** The weights of the pairs within one tile of a finer level. mesh: an atlas of the tile's size; walls: of
+ * its texels.
  * malloc'ed; NULL: no memory. */
 uint8_t *lw_denoise_pairs_of_fine(const struct lw_mesh_texels *mesh, const uint8_t *walls);
 void lw_denoise_pairs_finish(struct lw_denoise_pairs *pairs);

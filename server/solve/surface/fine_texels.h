@@ -13,7 +13,8 @@
 /** The texels of one tile, row by row. */
 struct lw_fine_texels {
     struct lw_mesh_texels mesh; /* an atlas of the tile's size; without triangles and albedo */
-    /* As those of lw_texels. A source is a texel of the tile, or LW_TEXEL_NONE. */
+    /* The fields of lw_texels of the same names, for these texels. A source is a texel of the tile, or
+     * LW_TEXEL_NONE. */
     uint8_t *covered, *usable, *filled, *walls;
     uint32_t *side, *source;
 };
