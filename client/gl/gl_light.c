@@ -109,7 +109,7 @@ static enum lw_status find_places(struct lw_gl_light *light, uint32_t count, str
 static void list_levels(struct lw_gl_light *light) {
     uint32_t k = 0;
     for (uint32_t o = 0; o < light->map->object_count; o++) {
-        light->first_level[o] = k;
+        light->first_level[o] = k += light->map->atlas[o].finer_count;
         for (uint32_t i = 0; i < light->map->atlas[o].level_count; i++, k++) {
             const struct lw_atlas_level *l = &light->map->atlas[o].level[i];
             light->rect[k] = (struct lw_gl_light_rect){.width = l->width, .height = l->height};
@@ -138,22 +138,33 @@ static void make_table(GLenum format, size_t size, const void *data, GLuint *out
     glTexBuffer(GL_TEXTURE_BUFFER, format, *out_buffer);
 }
 
+/* Without a pool no word of a finer level is read. */
+static size_t count_words(const struct lw_gl_light *light) {
+    return (light->fine.pool ? light->map->tile_count : light->map->plain_count) + 1ul;
+}
+
 static enum lw_status make_textures(struct lw_gl_light *light, uint32_t count, struct lw_error *err) {
     const struct lw_atlas_map *map = light->map;
-    uint32_t(*table)[4] = calloc(count + 1ul, sizeof *table), k = 0;
+    uint32_t(*table)[4] = calloc(count + 1ul, sizeof *table);
     if (table == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the light of the view");
-    for (uint32_t o = 0; o < map->object_count; o++)
-        for (uint32_t i = 0; i < map->atlas[o].level_count; i++, k++) {
-            const struct lw_gl_light_rect *r = &light->rect[k];
+    for (uint32_t o = 0; o < map->object_count; o++) {
+        for (uint32_t i = 0; i < map->atlas[o].level_count; i++) {
+            const struct lw_gl_light_rect *r = &light->rect[light->first_level[o] + i];
             const struct lw_atlas_level *l = &map->atlas[o].level[i];
-            table[k][0] = r->x | r->y << 16;
-            table[k][1] = r->layer | r->mip << 12 | l->tiles_x << 16;
-            table[k][2] = r->width | r->height << 16;
-            table[k][3] = map->first_tile[o] + l->first_tile;
+            uint32_t *row = table[light->first_level[o] + i];
+            row[0] = r->x | r->y << 16;
+            row[1] = r->layer | r->mip << 12 | l->tiles_x << 16;
+            row[2] = r->width | r->height << 16;
+            row[3] = map->first_tile[o] + l->first_tile;
         }
+        for (uint32_t i = 1; i <= map->atlas[o].finer_count; i++) {
+            uint32_t *row = table[light->first_level[o] - i];
+            row[1] = map->atlas[o].finer[i - 1].tiles_x << 16;
+            row[3] = lw_atlas_map_first(map, o, LW_ATLAS_FINER + i);
+        }
+    }
     make_table(GL_RGBA32UI, (count + 1ul) * sizeof *table, table, &light->level_buffer, &light->levels);
-    make_table(GL_R16UI, (map->plain_count + 1ul) * sizeof *light->word, NULL, &light->tile_buffer,
-               &light->tiles);
+    make_table(GL_R16UI, count_words(light) * sizeof *light->word, NULL, &light->tile_buffer, &light->tiles);
     free(table);
     glGenTextures(1, &light->pages);
     glBindTexture(GL_TEXTURE_2D_ARRAY, light->pages);
@@ -173,7 +184,8 @@ enum lw_status lw_gl_light_init(struct lw_gl_light *light, const struct lw_atlas
                                 struct lw_error *err) {
     uint32_t count = 0;
     GLint table_max = 0;
-    for (uint32_t o = 0; o < map->object_count; o++) count += map->atlas[o].level_count;
+    for (uint32_t o = 0; o < map->object_count; o++)
+        count += map->atlas[o].level_count + map->atlas[o].finer_count;
     *light = (struct lw_gl_light){.map = map, .unfiltered = unfiltered, .scale = 0};
     glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &table_max);
     if (map->plain_count >= (uint32_t)table_max || count >= (uint32_t)table_max)
@@ -184,7 +196,7 @@ enum lw_status lw_gl_light_init(struct lw_gl_light *light, const struct lw_atlas
     light->version = calloc(map->plain_count + 1ul, sizeof *light->version);
     light->noise_level = calloc(map->plain_count + 1ul, sizeof *light->noise_level);
     light->settled = calloc(map->object_count + 1ul, sizeof *light->settled);
-    light->word = calloc(map->plain_count + 1ul, sizeof *light->word);
+    light->word = calloc(map->tile_count + 1ul, sizeof *light->word);
     light->queue = calloc(map->plain_count + 1ul, sizeof *light->queue);
     light->texels = calloc((size_t)BORDERED * BORDERED, sizeof *light->texels);
     enum lw_status status = LW_OK;
@@ -195,6 +207,7 @@ enum lw_status lw_gl_light_init(struct lw_gl_light *light, const struct lw_atlas
         list_levels(light);
         status = find_places(light, count, err);
     }
+    if (status == LW_OK) status = lw_gl_fine_tiles_init(&light->fine, map, LW_GL_FINE_TILES_MAX, err);
     if (status == LW_OK) status = make_textures(light, count, err);
     if (status != LW_OK) lw_gl_light_finish(light);
     return status;
@@ -206,6 +219,7 @@ void lw_gl_light_finish(struct lw_gl_light *light) {
     if (light->tiles) glDeleteTextures(1, &light->tiles);
     if (light->level_buffer) glDeleteBuffers(1, &light->level_buffer);
     if (light->tile_buffer) glDeleteBuffers(1, &light->tile_buffer);
+    lw_gl_fine_tiles_finish(&light->fine);
     free(light->texels);
     free(light->queue);
     free(light->word);
@@ -281,7 +295,7 @@ static unsigned level_to_read(const struct lw_gl_light *light, uint32_t object, 
     return LW_GL_LIGHT_NONE;
 }
 
-static void write_words(struct lw_gl_light *light) {
+static void find_words(struct lw_gl_light *light) {
     for (uint32_t o = 0; o < light->map->object_count; o++) light->settled[o] = true;
     for (uint32_t t = 0; t < light->map->plain_count; t++) {
         const struct lw_tile_place *p = &light->map->place[t];
@@ -296,9 +310,12 @@ static void write_words(struct lw_gl_light *light) {
         light->word[t] = (uint16_t)word;
         if (light->noise_level[t] || !light->version[t]) light->settled[p->object] = false;
     }
+}
+
+static void upload_words(const struct lw_gl_light *light) {
     glBindBuffer(GL_TEXTURE_BUFFER, light->tile_buffer);
-    glBufferData(GL_TEXTURE_BUFFER, (GLsizeiptr)((light->map->plain_count + 1ul) * sizeof *light->word),
-                 light->word, GL_DYNAMIC_DRAW);
+    glBufferData(GL_TEXTURE_BUFFER, (GLsizeiptr)(count_words(light) * sizeof *light->word), light->word,
+                 GL_DYNAMIC_DRAW);
 }
 
 /* The average of what has arrived of the objects' coarsest levels. */
@@ -367,7 +384,9 @@ static void sort_waiting(struct lw_gl_light *light, uint32_t count) {
     for (uint32_t i = 0; i < count; i++) light->queue[i] &= (1u << 28) - 1;
 }
 
-void lw_gl_light_take(struct lw_gl_light *light, const struct lw_compose_source *source, uint32_t tiles_max) {
+/* Takes over what is of no finer level; returns how many tiles it has uploaded. */
+static uint32_t take_plain(struct lw_gl_light *light, const struct lw_compose_source *source,
+                           uint32_t *tiles_max, bool *out_changed) {
     const bool first = light->scale == 0;
     bool changed;
     uint32_t count = list_waiting(light, source, &changed);
@@ -376,12 +395,13 @@ void lw_gl_light_take(struct lw_gl_light *light, const struct lw_compose_source 
         if (choose_scale(light) && light->uploaded > 0) {
             memset(light->version, 0, light->map->plain_count * sizeof *light->version);
             count = list_waiting(light, source, &changed);
-            tiles_max = 0;
+            *tiles_max = UINT32_MAX;
         }
     }
-    const uint32_t now = tiles_max == 0 || count < tiles_max ? count : tiles_max;
+    const uint32_t now = count < *tiles_max ? count : *tiles_max;
     light->waiting = count - now;
-    if (now == 0 && !changed && !first) return;
+    *out_changed = now > 0 || changed || first;
+    if (!*out_changed) return 0;
     sort_waiting(light, count);
     glBindTexture(GL_TEXTURE_2D_ARRAY, light->pages);
     glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
@@ -391,5 +411,21 @@ void lw_gl_light_take(struct lw_gl_light *light, const struct lw_compose_source 
         light->version[t] = source->tile(source->context, (lw_tile_id){t}).version;
         light->uploaded++;
     }
-    write_words(light);
+    find_words(light);
+    return now;
+}
+
+void lw_gl_light_take(struct lw_gl_light *light, const struct lw_compose_source *source, uint32_t tiles_max,
+                      uint64_t now_ns) {
+    uint32_t most = tiles_max ? tiles_max : UINT32_MAX;
+    bool changed;
+    const uint32_t plain = take_plain(light, source, &most, &changed);
+    const struct lw_gl_fine_tiles_take take = {.source = source,
+                                               .unfiltered = light->unfiltered,
+                                               .scale = light->scale,
+                                               .now_ns = now_ns,
+                                               .tiles_max = most - plain};
+    changed |= lw_gl_fine_tiles_take(&light->fine, &take, light->word + light->map->plain_count);
+    light->waiting += light->fine.waiting;
+    if (changed) upload_words(light);
 }

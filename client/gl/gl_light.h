@@ -1,5 +1,5 @@
 /* gl_light.h: received light as the GPU reads it: every level of every atlas in pages of RGB9E5, and for each
- * tile at which level it is read now.
+ * tile at which level it is read now. Tiles of finer levels are in a pool of their own (gl_fine_tiles.h).
  * Flow:    lw_compose_source -> [gl_light] -> gl_renderer
  * Threads: that of the context.
  *
@@ -12,12 +12,14 @@
 #ifndef LW_CLIENT_GL_LIGHT_H
 #define LW_CLIENT_GL_LIGHT_H
 
+#include "client/gl/gl_fine_tiles.h"
 #include "client/view/compose.h"
 
 #include <epoxy/gl.h>
 
 /* The word of a tile: the level to read where the finest one that serves is its own, 1 or 2, four bits each,
- * or LW_GL_LIGHT_NONE; and its noise level (tile/atlas.h). */
+ * or LW_GL_LIGHT_NONE; and its noise level (tile/atlas.h). Tiles of finer levels have words of
+ * gl_fine_tiles.h. */
 #define LW_GL_LIGHT_NONE        15u
 #define LW_GL_LIGHT_NOISE_SHIFT 12
 
@@ -28,18 +30,19 @@ struct lw_gl_light {
     GLuint levels, tiles; /* GL_TEXTURE_BUFFER: a GL_RGBA32UI for each level, a GL_R16UI for each tile */
     GLuint level_buffer, tile_buffer;
     uint32_t side, layers;   /* of the pages */
-    uint32_t *first_level;   /* per object: where its levels are in `levels` */
+    uint32_t *first_level;   /* per object: where its level 0 is in `levels`; finer ones are before it */
     float scale;             /* what a page holds is E times this, a power of two */
     struct lw_vec3 stand_in; /* E where nothing has arrived */
     float mean;              /* of E that has arrived, luminance; 0: nothing */
-    uint32_t waiting;        /* tiles that have arrived and are not in the pages yet */
+    uint32_t waiting;        /* tiles that have arrived and are not in the pages yet; and as of `fine` */
     uint64_t uploaded;       /* tiles, so far */
+    struct lw_gl_fine_tiles fine;
 
     struct lw_gl_light_rect *rect; /* per level, as in `levels` */
-    uint64_t *version;             /* per tile: in the pages; 0: not there */
-    uint8_t *noise_level;          /* per tile */
-    bool *settled;    /* per object: all of it is there and of noise level 0, so that the words say nothing */
-    uint16_t *word;   /* per tile */
+    uint64_t *version;             /* per tile, but of finer levels: in the pages; 0: not there */
+    uint8_t *noise_level;          /* likewise */
+    bool *settled;  /* per object: all of it is there and of noise level 0, so that these words say nothing */
+    uint16_t *word; /* per tile */
     uint32_t *queue;  /* tiles to upload */
     uint32_t *texels; /* of one tile and its border */
 };
@@ -53,8 +56,10 @@ LW_MUST_CHECK enum lw_status lw_gl_light_init(struct lw_gl_light *light, const s
 void lw_gl_light_finish(struct lw_gl_light *light);
 
 /** Takes over what has arrived, coarse levels first.
- * tiles_max   to upload at most; the rest waits for the next call. 0: all */
-void lw_gl_light_take(struct lw_gl_light *light, const struct lw_compose_source *source, uint32_t tiles_max);
+ * tiles_max   to upload at most; the rest waits for the next call. 0: all
+ * now_ns      as of lw_gl_fine_tiles_take() */
+void lw_gl_light_take(struct lw_gl_light *light, const struct lw_compose_source *source, uint32_t tiles_max,
+                      uint64_t now_ns);
 
 /** Where an object's light is, for the shaders: four words, as their v_atlas. */
 void lw_gl_light_place(const struct lw_gl_light *light, uint32_t object, uint32_t back_offset,

@@ -47,7 +47,8 @@ enum variant {
     VARIANT_SHADE_MAP = 262144,
     VARIANT_PACKED = 524288,   /* normal map and surface in one texture: gl_scene.h */
     VARIANT_AT_BASE = 1048576, /* all maps of a finish are read where the base colour is */
-    VARIANTS = 2097152
+    VARIANT_FINE = 2097152,    /* tiles of finer levels may be read */
+    VARIANTS = 4194304
 };
 
 /* Texture units. */
@@ -66,14 +67,16 @@ enum {
     UNIT_TILE_COLOURS,
     UNIT_LOBES,
     UNIT_AMBIENT,
+    UNIT_FINE,
+    UNIT_SMALL,
     UNIT_SURFACE /* and the other three maps of a finish */
 };
 
 struct program {
     GLuint name;
     GLint first, eye, parallel, clip, base_uv, glow_uv, base_colour, emission, unlit, cutoff, stand_in,
-        unscale, finer, coarsest, reach, light, light_count, noise, faint, show, finish, specular_colour,
-        relief, finish_uv, finish_set, sky;
+        unscale, finer, coarsest, first_triangle, reach, light, light_count, noise, faint, show, finish,
+        specular_colour, relief, finish_uv, finish_set, sky;
 };
 
 struct object {
@@ -86,6 +89,7 @@ struct object {
 struct draw {
     uint32_t mesh, first, count;
     bool mirrored, settled;
+    bool fine;                   /* tiles of finer levels of one of them are there */
     struct lw_gl_lights_box box; /* of all of them */
     float distance;              /* of the nearest part of any, from the eye */
 };
@@ -152,6 +156,13 @@ static void brightest(const struct lw_gl_renderer *r, char out[64]) {
     snprintf(out, 64, "#define BRIGHTEST %.9g\n", (double)(r->desc.exact ? FLT_MAX : HALF_MAX));
 }
 
+/* The limits of the composer's choice of finer levels. */
+static void define_fine(char *defines, size_t size) {
+    const size_t used = strlen(defines);
+    snprintf(defines + used, size - used, "#define FINE_PIXELS %.9g\n#define FINE_CHANGE %.9g\n",
+             (double)LW_COMPOSE_FINE_PIXELS, (double)LW_COMPOSE_FINE_CHANGE);
+}
+
 /* Places on the unit disc: Vogel's spiral, every second of them one as well. */
 static void set_taps(const struct program *p) {
     float tap[TAPS][2];
@@ -163,12 +174,13 @@ static void set_taps(const struct program *p) {
 }
 
 static void set_level_colours(const struct program *p) {
-    float colour[4][3];
-    for (unsigned k = 0; k < 4; k++) {
-        const struct lw_vec3 c = lw_show_level_colour(k);
+    enum { FIRST = -2, COUNT = 6 };
+    float colour[COUNT][3];
+    for (int k = 0; k < COUNT; k++) {
+        const struct lw_vec3 c = lw_show_level_colour(FIRST + k);
         colour[k][0] = c.x, colour[k][1] = c.y, colour[k][2] = c.z;
     }
-    glUniform3fv(glGetUniformLocation(p->name, "u_level_colours"), 4, colour[0]);
+    glUniform3fv(glGetUniformLocation(p->name, "u_level_colours"), COUNT, colour[0]);
 }
 
 static void find_finish_uniforms(struct program *p) {
@@ -206,9 +218,9 @@ static enum lw_status add_program(struct lw_gl_renderer *r, unsigned variant, st
 static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, const struct program **out,
                                    struct lw_error *err) {
     static const char *const names[] = {
-        "BASE",     "GLOW",     "BASE_UV1",    "GLOW_UV1",     "COLOUR",    "MASK",   "BLEND",
-        "LIGHTMAP", "FEEDBACK", "SETTLED",     "MSAA",         "LIT",       "SHADOW", "SHOWN",
-        "FINISH",   "RELIEF",   "SURFACE_MAP", "SPECULAR_MAP", "SHADE_MAP", "PACKED", "AT_BASE"};
+        "BASE",        "GLOW",         "BASE_UV1",  "GLOW_UV1", "COLOUR",  "MASK",  "BLEND",  "LIGHTMAP",
+        "FEEDBACK",    "SETTLED",      "MSAA",      "LIT",      "SHADOW",  "SHOWN", "FINISH", "RELIEF",
+        "SURFACE_MAP", "SPECULAR_MAP", "SHADE_MAP", "PACKED",   "AT_BASE", "FINE"};
     const unsigned maps = VARIANT_RELIEF | VARIANT_SURFACE_MAP | VARIANT_SPECULAR_MAP | VARIANT_SHADE_MAP;
     struct program *p = NULL;
     enum lw_status status = add_program(r, variant, &p, err);
@@ -230,6 +242,7 @@ static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, c
         strcat(defines, "#define NORMAL\n");
     if (variant & maps && !(variant & VARIANT_AT_BASE)) strcat(defines, "#define FINISH_MAP\n");
     if (r->ambient.rgb) strcat(defines, "#define AMBIENT\n");
+    if (variant & VARIANT_FINE) define_fine(defines, sizeof defines);
     status = lw_gl_program_create(defines, lw_gl_shaders_scene_vertex, lw_gl_shaders_scene_fragment, &p->name,
                                   err);
     if (status != LW_OK) return status;
@@ -247,6 +260,7 @@ static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, c
     p->unscale = glGetUniformLocation(p->name, "u_unscale");
     p->finer = glGetUniformLocation(p->name, "u_finer");
     p->coarsest = glGetUniformLocation(p->name, "u_coarsest");
+    p->first_triangle = glGetUniformLocation(p->name, "u_first_triangle");
     p->reach = glGetUniformLocation(p->name, "u_reach");
     p->light = glGetUniformLocation(p->name, "u_light");
     p->light_count = glGetUniformLocation(p->name, "u_light_count");
@@ -267,6 +281,9 @@ static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, c
     glUniform1i(glGetUniformLocation(p->name, "u_sun_maps"), UNIT_SUN_MAPS);
     glUniform1i(glGetUniformLocation(p->name, "u_lamp_maps"), UNIT_LAMP_MAPS);
     glUniform1i(glGetUniformLocation(p->name, "u_tile_colours"), UNIT_TILE_COLOURS);
+    glUniform1i(glGetUniformLocation(p->name, "u_fine"), UNIT_FINE);
+    glUniform1i(glGetUniformLocation(p->name, "u_small"), UNIT_SMALL);
+    glUniform1f(glGetUniformLocation(p->name, "u_fine_levels"), (float)r->desc.map->finer_count);
     if (variant & VARIANT_LIT) set_taps(p);
     if (variant & VARIANT_SHOWN) set_level_colours(p);
     glUniform2f(glGetUniformLocation(p->name, "u_depth"), r->upside_down ? 0 : 1, r->upside_down ? 1 : -1);
@@ -501,11 +518,11 @@ static uint32_t take_objects(struct lw_gl_renderer *r, const struct lw_pose *pos
 }
 
 enum lw_status lw_gl_renderer_take(struct lw_gl_renderer *r, const struct lw_compose_source *source,
-                                   const struct lw_pose *pose, uint32_t tiles_max, uint32_t *out_waiting,
-                                   struct lw_error *err) {
+                                   const struct lw_pose *pose, uint32_t tiles_max, uint64_t now_ns,
+                                   uint32_t *out_waiting, struct lw_error *err) {
     enum lw_status finished = take_finishes(r, err);
     if (finished != LW_OK) return finished;
-    lw_gl_light_take(&r->light, source, tiles_max);
+    lw_gl_light_take(&r->light, source, tiles_max, now_ns);
     const uint32_t moved = take_objects(r, pose);
     r->pose = pose;
     if (r->lights.scene) {
@@ -513,7 +530,8 @@ enum lw_status lw_gl_renderer_take(struct lw_gl_renderer *r, const struct lw_com
         if (status != LW_OK) return status;
     }
     r->sky_radiance = source->sky;
-    r->figures.tiles_uploaded = r->light.uploaded;
+    r->figures.tiles_uploaded = r->light.uploaded + r->light.fine.uploaded;
+    r->figures.fine_tiles = r->light.fine.used;
     if (out_waiting) *out_waiting = r->light.waiting;
     return lw_gl_program_check("taking over light", err);
 }
@@ -634,6 +652,10 @@ static float middle_distance(const struct view *v, const struct object *object) 
     return v->parallel ? lw_vec3_dot(away, v->forward) : lw_vec3_length(away);
 }
 
+static bool is_fine(const struct lw_gl_renderer *r, uint32_t object) {
+    return r->light.fine.pool && r->light.fine.in_pool[object] > 0;
+}
+
 static void list_mesh(struct lw_gl_renderer *r, const struct view *v, uint32_t m) {
     for (int mirrored = 0; mirrored < 2; mirrored++) {
         struct draw draw = {.mesh = m,
@@ -653,12 +675,14 @@ static void list_mesh(struct lw_gl_renderer *r, const struct view *v, uint32_t m
                                                                .count = 1,
                                                                .mirrored = mirrored,
                                                                .settled = r->light.settled[o],
+                                                               .fine = is_fine(r, o),
                                                                .box = {object->low, object->high},
                                                                .distance = middle_distance(v, object)};
             r->instance[r->instance_count++] = o;
             draw.distance = fminf(draw.distance, distance);
             widen(&draw.box, object->low, object->high);
             draw.settled &= r->light.settled[o];
+            draw.fine |= is_fine(r, o);
         }
         draw.count = r->instance_count - draw.first;
         if (draw.count > 0) r->draw[r->draw_count++] = draw;
@@ -788,6 +812,11 @@ static unsigned shadow_variant(unsigned variant) {
     return VARIANT_SHADOW | (variant & holes ? variant & (holes | looks) : 0);
 }
 
+/* Which tiles are wanted is asked of all objects. */
+static bool reads_fine(const struct lw_gl_renderer *r, unsigned variant, const struct draw *d) {
+    return d->fine || (variant & (VARIANT_FEEDBACK | VARIANT_SHOWN) && r->light.fine.pool);
+}
+
 static enum lw_status draw_batch(struct lw_gl_renderer *r, const struct view *v, const struct draw *d,
                                  const struct lw_gl_batch *batch, struct lw_error *err) {
     const struct lw_gl_mesh *mesh = &r->scene.mesh[d->mesh];
@@ -798,6 +827,7 @@ static enum lw_status draw_batch(struct lw_gl_renderer *r, const struct view *v,
     if (v->variant & VARIANT_SHADOW) variant = shadow_variant(variant);
     if (mesh->lit && d->settled && !(variant & (VARIANT_FEEDBACK | VARIANT_SHADOW | VARIANT_SHOWN)))
         variant |= VARIANT_SETTLED;
+    if (mesh->lit && !(variant & VARIANT_SHADOW) && reads_fine(r, variant, d)) variant |= VARIANT_FINE;
     enum lw_status status = find_program(r, variant, &p, err);
     if (status != LW_OK) return status;
     glUseProgram(p->name);
@@ -809,6 +839,7 @@ static enum lw_status draw_batch(struct lw_gl_renderer *r, const struct view *v,
     glUniform1f(p->finer, v->finer);
     glUniform1ui(p->coarsest, batch->coarsest);
     glUniform1i(p->first, (GLint)d->first);
+    glUniform1i(p->first_triangle, (GLint)(batch->first / 3));
     set_material(r, p, m);
     if (variant & VARIANT_FINISH) set_finish(r, p, m->finish, maps, variant & VARIANT_PACKED);
     if (variant & VARIANT_LIT) {
@@ -883,6 +914,8 @@ static void begin(struct lw_gl_renderer *r) {
     bind(UNIT_TILES, GL_TEXTURE_BUFFER, r->light.tiles);
     bind(UNIT_OBJECTS, GL_TEXTURE_BUFFER, r->objects);
     bind(UNIT_INSTANCES, GL_TEXTURE_BUFFER, r->instances);
+    if (r->light.fine.pool) bind(UNIT_FINE, GL_TEXTURE_2D_ARRAY, r->light.fine.pool);
+    if (r->light.fine.pool) bind(UNIT_SMALL, GL_TEXTURE_BUFFER, r->scene.small);
     if (r->lights.scene) {
         bind(UNIT_LIGHTS, GL_TEXTURE_BUFFER, r->lights.table);
         bind(UNIT_SHAPES, GL_TEXTURE_BUFFER, r->lights.shapes);
@@ -1105,9 +1138,11 @@ enum lw_status lw_gl_renderer_survey(struct lw_gl_renderer *r, const struct lw_c
     glBindFramebuffer(GL_READ_FRAMEBUFFER, r->survey.frame);
     glReadPixels(0, 0, (GLsizei)small.width, (GLsizei)small.height, GL_RG_INTEGER, GL_UNSIGNED_INT, r->tiles);
     if (status == LW_OK) status = lw_gl_program_check("drawing", err);
+    lw_gl_fine_tiles_survey(&r->light.fine);
     for (size_t i = 0; status == LW_OK && i < count; i++) {
         const uint32_t tile = r->tiles[2 * i] - 1;
         if (tile >= r->desc.map->tile_count) continue;
+        lw_gl_fine_tiles_want(&r->light.fine, (lw_tile_id){tile});
         out_needed[tile] = 1;
         out_shown[tile] += r->tiles[2 * i + 1];
     }

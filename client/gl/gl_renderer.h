@@ -42,12 +42,14 @@ void lw_gl_renderer_destroy(struct lw_gl_renderer *renderer);
 /** Takes over what has arrived and where things are, for the pictures from now on.
  * pose            as of lw_compose_render(); must stay as long as it is drawn
  * tiles_max       of light to upload at most, the rest waits; 0: all
- * out_waiting     tiles that wait; may be NULL
+ * now_ns          by any clock: tiles of finer levels fade in and out by it. 0: nothing fades
+ * out_waiting     tiles that wait, or fade; may be NULL
  * Errors: LW_NO_MEMORY, LW_UNAVAILABLE if OpenGL fails. */
 LW_MUST_CHECK enum lw_status lw_gl_renderer_take(struct lw_gl_renderer *renderer,
                                                  const struct lw_compose_source *source,
                                                  const struct lw_pose *pose, uint32_t tiles_max,
-                                                 uint32_t *out_waiting, struct lw_error *err);
+                                                 uint64_t now_ns, uint32_t *out_waiting,
+                                                 struct lw_error *err);
 
 /** Draws a view into the renderer's own memory.
  * samples   of a pixel: those of MSAA, 1 or as the driver takes; with 1 the view's offset counts
@@ -93,6 +95,7 @@ const char *lw_gl_renderer_name(const struct lw_gl_renderer *renderer);
 /** What the last picture took. */
 struct lw_gl_renderer_figures {
     uint32_t draw_calls, objects; /* of the last picture */
+    uint32_t fine_tiles;          /* of finer levels that pictures may read now */
     uint64_t tiles_uploaded;      /* so far */
     uint64_t maps_drawn;          /* so far: shadow maps */
 };

@@ -1,6 +1,7 @@
 #include "client/gl/gl_scene.h"
 
 #include "client/gl/gl_program.h"
+#include "client/view/compose.h"
 #include "common/lightmap/lightmap.h"
 #include "common/shading/tangent.h"
 
@@ -141,6 +142,7 @@ struct lists {
     uint64_t *key;   /* of the triangles of the largest mesh */
     uint8_t *level;  /* likewise: the coarsest one */
     uint32_t *index; /* of all triangles, batch by batch */
+    uint32_t *small; /* a bit for each of them */
     uint32_t count;  /* of indices so far */
 };
 
@@ -154,6 +156,23 @@ static struct lw_gl_batch *add_batch(struct lw_gl_scene *s, uint32_t material, u
     }
     s->batch[s->batch_count] = (struct lw_gl_batch){material, level, first, 0};
     return &s->batch[s->batch_count++];
+}
+
+static bool is_small(const struct lw_mesh *mesh, uint32_t triangle) {
+    const uint32_t *v = mesh->triangle[triangle];
+    if (!mesh->lightmap_uv) return false;
+    const struct lw_vec2 a = mesh->lightmap_uv[v[0]], b = mesh->lightmap_uv[v[1]],
+                         c = mesh->lightmap_uv[v[2]];
+    return fabsf((b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)) < LW_COMPOSE_FINE_TEXELS;
+}
+
+static void upload_small(struct lw_gl_scene *s, const uint32_t *small, size_t words) {
+    glGenBuffers(1, &s->small_buffer);
+    glBindBuffer(GL_TEXTURE_BUFFER, s->small_buffer);
+    glBufferData(GL_TEXTURE_BUFFER, (GLsizeiptr)(words * sizeof *small), small, GL_STATIC_DRAW);
+    glGenTextures(1, &s->small);
+    glBindTexture(GL_TEXTURE_BUFFER, s->small);
+    glTexBuffer(GL_TEXTURE_BUFFER, GL_R32UI, s->small_buffer);
 }
 
 static enum lw_status cut_into_batches(struct lw_gl_scene *s, uint32_t m, struct lists *lists) {
@@ -177,6 +196,7 @@ static enum lw_status cut_into_batches(struct lw_gl_scene *s, uint32_t m, struct
             free_split(&split);
             return LW_NO_MEMORY;
         }
+        if (is_small(mesh, t)) lists->small[lists->count / 96] |= 1u << lists->count / 3 % 32;
         for (unsigned k = 0; k < 3; k++)
             lists->index[lists->count++] = split.corner ? split.corner[3ul * t + k] : mesh->triangle[t][k];
         batch->count += 3;
@@ -240,8 +260,9 @@ static enum lw_status upload_indices(struct lw_gl_scene *s, struct lw_error *err
     }
     struct lists lists = {.key = malloc((most + 1) * sizeof *lists.key),
                           .level = malloc(most + 1),
-                          .index = malloc((3 * triangles + 1) * sizeof *lists.index)};
-    enum lw_status status = lists.key && lists.level && lists.index ? LW_OK : LW_NO_MEMORY;
+                          .index = malloc((3 * triangles + 1) * sizeof *lists.index),
+                          .small = calloc(triangles / 32 + 1, sizeof *lists.small)};
+    enum lw_status status = lists.key && lists.level && lists.index && lists.small ? LW_OK : LW_NO_MEMORY;
     for (uint32_t m = 0; m < s->scene->mesh_count && status == LW_OK; m++)
         status = cut_into_batches(s, m, &lists);
     if (status == LW_OK) {
@@ -249,10 +270,12 @@ static enum lw_status upload_indices(struct lw_gl_scene *s, struct lw_error *err
         glBindBuffer(GL_ARRAY_BUFFER, s->indices);
         glBufferData(GL_ARRAY_BUFFER, (GLsizeiptr)(lists.count * sizeof *lists.index), lists.index,
                      GL_STATIC_DRAW);
+        upload_small(s, lists.small, triangles / 32 + 1);
         status = lw_gl_program_check("the scene's triangles", err);
     } else {
         lw_status_fail(err, status, "no memory for the scene's triangles");
     }
+    free(lists.small);
     free(lists.index);
     free(lists.level);
     free(lists.key);
@@ -472,7 +495,9 @@ static void drop_meshes(struct lw_gl_scene *s) {
     }
     if (s->vertices) glDeleteBuffers(1, &s->vertices);
     if (s->indices) glDeleteBuffers(1, &s->indices);
-    s->vertices = s->indices = 0;
+    if (s->small) glDeleteTextures(1, &s->small);
+    if (s->small_buffer) glDeleteBuffers(1, &s->small_buffer);
+    s->vertices = s->indices = s->small = s->small_buffer = 0;
     s->batch_count = 0;
     free(s->batch);
     s->batch = NULL;

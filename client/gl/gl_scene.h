@@ -55,9 +55,12 @@ struct lw_gl_scene {
     struct lw_gl_batch *batch;
     uint32_t batch_count;
     GLuint vertices, indices; /* buffers */
-    GLuint *texture;          /* per texture of the scene; 0: no material uses it */
-    GLuint environment;       /* 0: there is none */
-    GLuint *finish_texture;   /* as texture, of those of finishes */
+    /* GL_TEXTURE_BUFFER of GL_R32UI: a bit for each triangle, in the order of indices, that says whether it
+     * has fewer texels than LW_COMPOSE_FINE_TEXELS */
+    GLuint small, small_buffer;
+    GLuint *texture;        /* per texture of the scene; 0: no material uses it */
+    GLuint environment;     /* 0: there is none */
+    GLuint *finish_texture; /* as texture, of those of finishes */
     uint32_t finish_texture_count;
     struct lw_gl_maps *maps; /* per material */
     bool exact;

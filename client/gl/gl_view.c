@@ -33,9 +33,9 @@ void lw_gl_view_finish(struct lw_gl_view *view) {
 }
 
 enum lw_status lw_gl_view_take(struct lw_gl_view *view, const struct lw_stage *stage, uint32_t tiles_max,
-                               uint32_t *out_waiting, struct lw_error *err) {
+                               uint64_t now_ns, uint32_t *out_waiting, struct lw_error *err) {
     const struct lw_compose_source source = lw_compose_source_of(stage->client);
-    return lw_gl_renderer_take(view->renderer, &source, &stage->pose, tiles_max, out_waiting, err);
+    return lw_gl_renderer_take(view->renderer, &source, &stage->pose, tiles_max, now_ns, out_waiting, err);
 }
 
 enum lw_status lw_gl_view_survey(struct lw_gl_view *view, struct lw_stage *stage,

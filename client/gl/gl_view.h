@@ -22,7 +22,8 @@ void lw_gl_view_finish(struct lw_gl_view *view);
 
 /** Takes over what the stage has, as lw_gl_renderer_take(). */
 LW_MUST_CHECK enum lw_status lw_gl_view_take(struct lw_gl_view *view, const struct lw_stage *stage,
-                                             uint32_t tiles_max, uint32_t *out_waiting, struct lw_error *err);
+                                             uint32_t tiles_max, uint64_t now_ns, uint32_t *out_waiting,
+                                             struct lw_error *err);
 
 /** Finds out what a view needs, for lw_stage_look(), and how well the light that has arrived serves it.
  * Errors: as lw_gl_renderer_survey(). */

@@ -142,7 +142,7 @@ enum lw_status lw_viewers_forget(struct lw_viewers *a, uint32_t user, struct lw_
 static enum lw_status show_by_gl(struct lw_viewers *a, struct lw_gl_renderer *gl,
                                  const struct lw_compose_source *source, const struct lw_compose_view *view,
                                  float *out_rgb, struct lw_error *err) {
-    enum lw_status status = lw_gl_renderer_take(gl, source, &a->pose, 0, NULL, err);
+    enum lw_status status = lw_gl_renderer_take(gl, source, &a->pose, 0, 0, NULL, err);
     if (status == LW_OK) status = lw_gl_renderer_draw(gl, view, 1, err);
     return status == LW_OK ? lw_gl_renderer_read(gl, out_rgb, err) : status;
 }

@@ -516,25 +516,17 @@ static void find_patch(const struct lw_compose *compose, uint32_t o, uint32_t tr
     if (shades_finish(compose, out->facet.material)) finish_patch(compose, o, mesh, normal_os, out);
 }
 
-/* A texel of a finer level is this many pixels wide, or wider: what light there is in the tiles is smooth. */
-#define FINE_PIXELS 4.0f
-
-/* Finer levels are asked for where light differs by more than this share between the texels that a look-up
- * mixes (Kahl's threshold, of light instead of colour), and on triangles of fewer texels than these, whose
- * charts may be narrower than a texel. */
-#define FINE_CHANGE 0.1f
-#define FINE_TEXELS 16.0f
-
 /* The level of which a texel is as large as the pixel where its ray meets the surface, or smaller; of finer
- * ones, FINE_PIXELS as large or larger. pixel_m^2 texels / (area cosine) texels of level 0 are under a pixel,
- * a quarter of it of level 1; no division is needed to tell which is one or less. */
+ * ones, LW_COMPOSE_FINE_PIXELS as large or larger. pixel_m^2 texels / (area cosine) texels of level 0 are
+ * under a pixel, a quarter of it of level 1; no division is needed to tell which is one or less. */
 static int level_for(const struct patch *patch, int finer, struct lw_vec3 dir, float pixel_m) {
     const float length = lw_vec3_length(dir), slanted = fabsf(lw_vec3_dot(patch->normal, dir));
     const float least = patch->grazing * length, area = slanted > least ? slanted : least;
     float texels = pixel_m * pixel_m * patch->texels * length;
     int level = 0;
     for (; level < patch->coarsest && texels >= 4 * area && texels > 0; level++) texels *= 0.25f;
-    for (texels *= FINE_PIXELS * FINE_PIXELS; level > -finer && 4 * texels <= area; level--) texels *= 4;
+    texels *= LW_COMPOSE_FINE_PIXELS * LW_COMPOSE_FINE_PIXELS;
+    for (; level > -finer && 4 * texels <= area; level--) texels *= 4;
     return level;
 }
 
@@ -584,7 +576,7 @@ static bool is_even(const struct lw_compose *compose, const struct level *level,
         low = fminf(low, e);
         high = fmaxf(high, e);
     }
-    return high - low <= FINE_CHANGE * high;
+    return high - low <= LW_COMPOSE_FINE_CHANGE * high;
 }
 
 /* Finds out what a hit is to be shaded from, and starts to fetch it. */
@@ -609,7 +601,7 @@ static void look_at(const struct lw_compose *compose, struct patches *patches, c
     const struct lw_vec3 dir = lw_vec3(p->rays.dir_x[i], p->rays.dir_y[i], p->rays.dir_z[i]);
     const int level = level_for(patch, object->finer_count, dir, lw_camera_pixel_at(p->plane, hits->t[i]));
     out->level = level < object->level_count ? level : object->level_count - 1;
-    if (out->level < 0 && patch->texels >= FINE_TEXELS) {
+    if (out->level < 0 && patch->texels >= LW_COMPOSE_FINE_TEXELS) {
         footprint_at(&object->level[0], 0, out->uv, &out->footprint);
         if (is_even(compose, &object->level[0], &out->footprint)) out->level = 0;
     }

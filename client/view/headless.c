@@ -70,7 +70,7 @@ static enum lw_status connect_to_server(struct headless *h, struct lw_error *err
     if (h->options->timeout_s * 1e3 < limit_ms) limit_ms = (unsigned)(h->options->timeout_s * 1e3);
     enum lw_status status =
         lw_client_create(&(struct lw_client_desc){.host = h->options->host,
-                                                  .finer = lw_view_options_finer(h->options),
+                                                  .finer = LW_ATLAS_FINER_MAX,
                                                   .port = h->options->port,
                                                   .access = &h->options->access,
                                                   .name = "lightwell-view --headless",
@@ -141,7 +141,7 @@ static enum lw_status take_picture(struct headless *h, struct lw_error *err) {
     if (status != LW_OK) return status;
     uint64_t start_ns = lw_clock_ns();
     if (h->gl.renderer != NULL) {
-        status = lw_gl_view_take(&h->gl, &h->stage, 0, NULL, err);
+        status = lw_gl_view_take(&h->gl, &h->stage, 0, 0, NULL, err);
         if (status == LW_OK) status = lw_gl_view_survey(&h->gl, &h->stage, &h->view, &h->report, err);
         if (status != LW_OK) return status;
     } else {

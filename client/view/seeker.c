@@ -17,7 +17,6 @@ struct lw_seeker {
     uint16_t port;
     struct lw_access access;
     bool draws_direct;
-    uint32_t finer;
     bool seeking, under_way;
     unsigned attempt; /* since the link last held */
     uint64_t next_ns;
@@ -39,7 +38,7 @@ static void *attempt(void *argument) {
                                                   .wants_nothing = true,
                                                   .budget_ns = LW_SEEKER_BUDGET_NS,
                                                   .draws_direct = seeker->draws_direct,
-                                                  .finer = seeker->finer,
+                                                  .finer = LW_ATLAS_FINER_MAX,
                                                   .materials = true,
                                                   .watch = {.damaged = lw_package_cache_warn,
                                                             .unkept = lw_package_cache_warn_unkept}},
@@ -50,7 +49,7 @@ static void *attempt(void *argument) {
 }
 
 enum lw_status lw_seeker_create(const char *host, uint16_t port, const struct lw_access *access,
-                                const char *name, const char *cache_folder, bool draws_direct, uint32_t finer,
+                                const char *name, const char *cache_folder, bool draws_direct,
                                 struct lw_seeker **out_seeker, struct lw_error *err) {
     struct lw_seeker *seeker = calloc(1, sizeof *seeker);
     if (seeker == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the connection");
@@ -60,7 +59,6 @@ enum lw_status lw_seeker_create(const char *host, uint16_t port, const struct lw
     seeker->name = name;
     seeker->cache_folder = cache_folder;
     seeker->draws_direct = draws_direct;
-    seeker->finer = finer;
     lw_seeker_reset(seeker);
     *out_seeker = seeker;
     return LW_OK;

@@ -11,12 +11,11 @@
 
 struct lw_seeker;
 
-/** access, name, cache_folder, draws_direct, finer: as for lw_client_create(); name and cache_folder outlive
+/** access, name, cache_folder, draws_direct: as for lw_client_create(); name and cache_folder outlive
  * the seeker. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_seeker_create(const char *host, uint16_t port, const struct lw_access *access,
                                               const char *name, const char *cache_folder, bool draws_direct,
-                                              uint32_t finer, struct lw_seeker **out_seeker,
-                                              struct lw_error *err);
+                                              struct lw_seeker **out_seeker, struct lw_error *err);
 /** Waits for an attempt that is under way. */
 void lw_seeker_destroy(struct lw_seeker *seeker);
 

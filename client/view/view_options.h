@@ -84,15 +84,6 @@ struct lw_view_options {
     struct lw_view_path path;
 };
 
-/** How many levels finer than level 0 what draws can read (atlas.h). OpenGL reads none; auto may be OpenGL in
- * a window. */
-static inline uint32_t lw_view_options_finer(const struct lw_view_options *options) {
-    const enum lw_view_renderer renderer = options->renderer;
-    return (options->headless ? renderer != LW_VIEW_RENDERER_GL : renderer == LW_VIEW_RENDERER_CPU)
-               ? LW_ATLAS_FINER_MAX
-               : 0;
-}
-
 /** Reads the command line. --help and --version print and set *out_done.
  * Errors: LW_USAGE naming the option and what it accepts. */
 LW_MUST_CHECK enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_options *out_options,

@@ -68,7 +68,7 @@ struct lw_window {
     struct lw_gl_view gl;       /* of the stage, if the screen is OpenGL's */
     uint64_t surveyed_ns;       /* when it was last asked what the view needs */
     bool unsurveyed;            /* the picture is newer */
-    uint32_t waiting;           /* tiles that it has not taken over yet */
+    uint32_t waiting;           /* tiles that it has not taken over yet, or that fade */
     struct lw_client *incoming; /* connected, its scene or first light not there yet */
     struct lw_seeker *seeker;
 
@@ -300,7 +300,7 @@ static enum lw_status connect_first(struct lw_window *w, uint16_t port, struct l
     const struct lw_view_options *o = w->options;
     snprintf(w->address, sizeof w->address, strchr(o->host, ':') ? "[%s]:%u" : "%s:%u", o->host, port);
     enum lw_status status = lw_seeker_create(o->host, port, &o->access, CLIENT_NAME, o->cache_folder,
-                                             o->draws_direct, lw_view_options_finer(o), &w->seeker, err);
+                                             o->draws_direct, &w->seeker, err);
     if (status != LW_OK) return status;
     return lw_client_create(&(struct lw_client_desc){.host = o->host,
                                                      .port = port,
@@ -311,7 +311,7 @@ static enum lw_status connect_first(struct lw_window *w, uint16_t port, struct l
                                                      .wants_nothing = true,
                                                      .budget_ns = LW_SEEKER_BUDGET_NS,
                                                      .draws_direct = o->draws_direct,
-                                                     .finer = lw_view_options_finer(o),
+                                                     .finer = LW_ATLAS_FINER_MAX,
                                                      .materials = true,
                                                      .watch = {.damaged = lw_package_cache_warn,
                                                                .unkept = lw_package_cache_warn_unkept}},
@@ -676,7 +676,8 @@ static enum lw_status renew_by_gl(struct lw_window *w, float seconds, bool *out_
     enum lw_status status = LW_OK;
     if (render) {
         status = lw_stage_show(&w->stage, w->picture.show, &view, err);
-        if (status == LW_OK) status = lw_gl_view_take(&w->gl, &w->stage, TILES_A_PICTURE, &w->waiting, err);
+        if (status == LW_OK)
+            status = lw_gl_view_take(&w->gl, &w->stage, TILES_A_PICTURE, start_ns, &w->waiting, err);
         if (status == LW_OK) status = lw_gl_renderer_draw(w->gl.renderer, &view, samples, err);
         if (status == LW_OK) status = survey(w, &view, err);
         if (status != LW_OK) return status;

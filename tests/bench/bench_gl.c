@@ -144,7 +144,7 @@ static enum lw_status do_one(struct scene *s, enum kind kind, int64_t round, str
     case TILES:
         for (uint32_t i = 0; i < CHANGED; i++)
             s->version[((uint32_t)round * CHANGED + i) % (s->map.tile_count ? s->map.tile_count : 1)]++;
-        status = lw_gl_renderer_take(s->renderer, &source, &s->pose, 0, NULL, err);
+        status = lw_gl_renderer_take(s->renderer, &source, &s->pose, 0, 0, NULL, err);
         break;
     case KINDS:
         break;
@@ -160,7 +160,7 @@ static enum lw_status measure(struct scene *s, const char *name, struct lw_error
     const struct lw_compose_source source = {
         .context = s, .level = level, .tile = tile, .sky = lw_vec3(sky[0], sky[1], sky[2]), .noise_shown = 1};
     enum lw_status status = do_one(s, TILES, 0, err);
-    if (status == LW_OK) status = lw_gl_renderer_take(s->lit, &source, &s->pose, 0, NULL, err);
+    if (status == LW_OK) status = lw_gl_renderer_take(s->lit, &source, &s->pose, 0, 0, NULL, err);
     for (int64_t i = -1; i < rounds && status == LW_OK; i++) /* once for nothing: shaders are compiled */
         for (int kind = 0; kind < KINDS && status == LW_OK; kind++) {
             const uint64_t start_ns = lw_clock_process_cpu_ns();
@@ -201,7 +201,7 @@ static enum lw_status measure_finishes(struct scene *s, const char *name, struct
     const struct lw_finish **kept = calloc(s->scene->material_count + 1ul, sizeof *kept);
     if (!kept) return LW_NO_MEMORY;
     enum lw_status status = do_one(s, TILES, 0, err);
-    if (status == LW_OK) status = lw_gl_renderer_take(s->lit, &source, &s->pose, 0, NULL, err);
+    if (status == LW_OK) status = lw_gl_renderer_take(s->lit, &source, &s->pose, 0, 0, NULL, err);
     for (int64_t i = -1; i < s->settings->rounds && status == LW_OK; i++)
         for (int k = 0; k < COUNT && status == LW_OK; k++) {
             uint64_t at_ns[3] = {lw_clock_process_cpu_ns()};

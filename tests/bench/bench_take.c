@@ -104,7 +104,8 @@ static enum lw_status picture(struct bench *b, struct lw_error *err) {
     const uint64_t polled_ns = lw_clock_ns(), polled_cpu_ns = thread_cpu_ns();
     if (status == LW_OK) status = lw_stage_follow(&b->stage, &moved, err);
     const uint64_t followed_ns = lw_clock_ns(), followed_cpu_ns = thread_cpu_ns();
-    if (status == LW_OK) status = lw_gl_view_take(&b->gl, &b->stage, b->tiles_max, &waiting, err);
+    if (status == LW_OK)
+        status = lw_gl_view_take(&b->gl, &b->stage, b->tiles_max, lw_clock_ns(), &waiting, err);
     const uint64_t taken_ns = lw_clock_ns(), taken_cpu_ns = thread_cpu_ns();
     if (status != LW_OK) return status;
     lw_client_get_stats(b->client, &stats);

@@ -105,7 +105,7 @@ static enum lw_status use(struct lw_error *err) {
         &(struct lw_gl_renderer_desc){
             .scene = scene, .map = &map, .drawn = &drawn, .trace = trace, .pose = &pose},
         &renderer, err);
-    if (status == LW_OK) status = lw_gl_renderer_take(renderer, &source, &pose, 0, NULL, err);
+    if (status == LW_OK) status = lw_gl_renderer_take(renderer, &source, &pose, 0, 0, NULL, err);
     if (status == LW_OK) status = lw_gl_renderer_draw(renderer, &view, 4, err);
     if (status == LW_OK) status = lw_gl_renderer_meter(renderer, &stops, err);
     if (status == LW_OK) status = lw_gl_renderer_survey(renderer, &view, needed, shown, &pixels, err);

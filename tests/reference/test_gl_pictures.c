@@ -170,7 +170,7 @@ static void draw(struct world *w) {
     struct lw_compose_report report;
     lw_support_ok(lw_antialias_reserve(&antialias, PIXELS, &err), &err);
     lw_antialias_render(&antialias, w->compose, &w->source, &w->pose, &w->view, SAMPLES, w->by_cpu, &report);
-    lw_support_ok(lw_gl_renderer_take(w->renderer, &w->source, &w->pose, 0, NULL, &err), &err);
+    lw_support_ok(lw_gl_renderer_take(w->renderer, &w->source, &w->pose, 0, 0, NULL, &err), &err);
     memset(w->by_gl, 0, sizeof(float) * 3 * PIXELS);
     for (uint32_t i = 0; i < SAMPLES; i++) {
         struct lw_compose_view view = w->view;
@@ -184,7 +184,7 @@ static void draw(struct world *w) {
 
 static void take_and_draw(struct world *w, unsigned samples) {
     struct lw_error err = {0};
-    lw_support_ok(lw_gl_renderer_take(w->renderer, &w->source, &w->pose, 0, NULL, &err), &err);
+    lw_support_ok(lw_gl_renderer_take(w->renderer, &w->source, &w->pose, 0, 0, NULL, &err), &err);
     lw_support_ok(lw_gl_renderer_draw(w->renderer, &w->view, samples, &err), &err);
 }
 
@@ -636,7 +636,7 @@ static void test_uploads(void **state) {
     uint32_t waiting = 0, tile_count = w.map.tile_count, calls = 0;
     do {
         const uint32_t before = waiting;
-        lw_support_ok(lw_gl_renderer_take(w.renderer, &w.source, &w.pose, 3, &waiting, &err), &err);
+        lw_support_ok(lw_gl_renderer_take(w.renderer, &w.source, &w.pose, 3, 0, &waiting, &err), &err);
         assert_int_equal(calls == 0 ? tile_count - 3 : before > 3 ? before - 3 : 0, waiting);
         assert_true(++calls <= tile_count);
     } while (waiting > 0);
@@ -840,7 +840,7 @@ static void test_survey(void **state) {
     uint64_t *shown = calloc(w.map.tile_count, sizeof *shown), pixel_count = 0, lit = 0;
     assert_true(needed && shown);
     lw_compose_render(w.compose, &w.source, &w.pose, &w.view, w.by_cpu, &report);
-    lw_support_ok(lw_gl_renderer_take(w.renderer, &w.source, &w.pose, 0, NULL, &err), &err);
+    lw_support_ok(lw_gl_renderer_take(w.renderer, &w.source, &w.pose, 0, 0, NULL, &err), &err);
     lw_support_ok(lw_gl_renderer_survey(w.renderer, &w.view, needed, shown, &pixel_count, &err), &err);
     uint32_t both = 0, one = 0;
     for (uint32_t t = 0; t < w.map.tile_count; t++) {

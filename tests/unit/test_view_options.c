@@ -51,25 +51,6 @@ static void test_renderer(void **state) {
                      "--renderer");
 }
 
-/* OpenGL reads no finer levels. */
-static void test_finer_levels(void **state) {
-    (void)state;
-    static const struct {
-        const char *line;
-        bool reads;
-    } of[] = {{"", false},
-              {"--renderer cpu", true},
-              {"--headless --json", true},
-              {"--headless --json --renderer cpu", true},
-              {"--headless --json --renderer gl", false}};
-    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
-        struct lw_view_options o;
-        struct lw_error err = {0};
-        lw_support_ok(parse(of[i].line, &o, &err), &err);
-        assert_int_equal(lw_view_options_finer(&o), of[i].reads ? LW_ATLAS_FINER_MAX : 0);
-    }
-}
-
 static void test_direct(void **state) {
     (void)state;
     struct lw_view_options o;
@@ -295,7 +276,6 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_defaults),
         cmocka_unit_test(test_renderer),
-        cmocka_unit_test(test_finer_levels),
         cmocka_unit_test(test_direct),
         cmocka_unit_test(test_addresses),
         cmocka_unit_test(test_a_scene_is_no_server),

@@ -1,0 +1,264 @@
+#include "client/gl/gl_fine_tiles.h"
+
+#include "client/gl/gl_light.h"
+#include "client/gl/gl_program.h"
+#include "common/invariant.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define SIDE LW_GL_FINE_TILES_SIDE
+#define NONE UINT32_MAX
+
+/* The tile of a slot, and those to the right, below, and below to the right, of which it has the border. */
+enum { SELF, RIGHT, BELOW, CORNER, PARTS };
+
+struct lw_gl_fine_slot {
+    uint32_t tile;           /* NONE: the slot is free */
+    uint64_t version[PARTS]; /* that the slot holds; 0: not there */
+    float share;             /* of the tile that is seen */
+    bool leaves;             /* the share falls */
+};
+
+/* ---- room ---- */
+
+static uint32_t count_slots(const struct lw_atlas_map *map, uint32_t slots_max) {
+    GLint table_max = 0, layers_max = 0, units_max = 0;
+    const uint32_t tiles = map->tile_count - map->plain_count;
+    glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &table_max);
+    glGetIntegerv(GL_MAX_ARRAY_TEXTURE_LAYERS, &layers_max);
+    glGetIntegerv(GL_MAX_TEXTURE_IMAGE_UNITS, &units_max);
+    if (map->tile_count >= (uint32_t)table_max || (uint32_t)units_max < LW_GL_FINE_TILES_UNITS) return 0;
+    uint32_t count = tiles < slots_max ? tiles : slots_max;
+    if (count > (uint32_t)layers_max) count = (uint32_t)layers_max;
+    return count;
+}
+
+enum lw_status lw_gl_fine_tiles_init(struct lw_gl_fine_tiles *fine, const struct lw_atlas_map *map,
+                                     uint32_t slots_max, struct lw_error *err) {
+    LW_INVARIANT(slots_max <= LW_GL_FINE_TILES_MAX);
+    *fine = (struct lw_gl_fine_tiles){.map = map};
+    if (map->tile_count == map->plain_count) return LW_OK;
+    const uint32_t count = count_slots(map, slots_max);
+    if (count == 0) return LW_OK;
+    fine->slot = calloc(count, sizeof *fine->slot);
+    fine->in_pool = calloc(map->object_count + 1ul, sizeof *fine->in_pool);
+    fine->wanted = calloc(map->tile_count - map->plain_count, sizeof *fine->wanted);
+    fine->texels = calloc((size_t)SIDE * SIDE, sizeof *fine->texels);
+    enum lw_status status = LW_OK;
+    if (!fine->slot || !fine->in_pool || !fine->wanted || !fine->texels)
+        status = lw_status_fail(err, LW_NO_MEMORY, "no memory for the light of the view");
+    if (status == LW_OK) {
+        fine->slot_count = count;
+        for (uint32_t i = 0; i < count; i++) fine->slot[i].tile = NONE;
+        glGenTextures(1, &fine->pool);
+        glBindTexture(GL_TEXTURE_2D_ARRAY, fine->pool);
+        glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
+        glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+        glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
+        glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
+        glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, GL_RGB9_E5, (GLsizei)SIDE, (GLsizei)SIDE, (GLsizei)count, 0,
+                     GL_RGB, GL_UNSIGNED_INT_5_9_9_9_REV, NULL);
+        status = lw_gl_program_check("lightmaps of finer levels", err);
+    }
+    if (status != LW_OK) lw_gl_fine_tiles_finish(fine);
+    return status;
+}
+
+void lw_gl_fine_tiles_finish(struct lw_gl_fine_tiles *fine) {
+    if (fine->pool) glDeleteTextures(1, &fine->pool);
+    free(fine->texels);
+    free(fine->wanted);
+    free(fine->in_pool);
+    free(fine->slot);
+    *fine = (struct lw_gl_fine_tiles){0};
+}
+
+/* ---- one slot ---- */
+
+/* The versions of a tile and of the neighbours that its border is of. */
+static void find_versions(const struct lw_gl_fine_tiles *fine, const struct lw_compose_source *source,
+                          uint32_t tile, uint64_t out[PARTS]) {
+    const struct lw_tile_place *p = &fine->map->place[tile];
+    for (uint32_t i = 0; i < PARTS; i++) {
+        const lw_tile_id id =
+            lw_atlas_map_find(fine->map, p->object, p->level, p->x + (i & 1), p->y + (i >> 1));
+        out[i] = id.v == UINT32_MAX ? 0 : source->tile(source->context, id).version;
+    }
+}
+
+/* Packs a tile and its border. Where a neighbour lacks, the edge stands in for it in look-ups between the two. */
+static void pack(struct lw_gl_fine_tiles *fine, const struct lw_tile_place *p,
+                 const struct lw_client_level *level, const uint64_t version[PARTS]) {
+    const uint32_t x0 = p->x * LW_TILE_SIDE, y0 = p->y * LW_TILE_SIDE;
+    uint32_t *out = fine->texels;
+    for (uint32_t y = 0; y <= p->height; y++)
+        for (uint32_t x = 0; x <= p->width; x++) {
+            const uint32_t part = (x == p->width ? RIGHT : 0u) + (y == p->height ? BELOW : 0u);
+            const uint32_t sx = x0 + (x == p->width && !version[part] ? x - 1 : x),
+                           sy = y0 + (y == p->height && !version[part] ? y - 1 : y);
+            const float *rgb = level->rgb + 3 * ((size_t)sy * level->width + sx);
+            const float scaled[3] = {rgb[0] * fine->scale, rgb[1] * fine->scale, rgb[2] * fine->scale};
+            *out++ = lw_gl_light_pack(scaled);
+        }
+}
+
+static bool upload(struct lw_gl_fine_tiles *fine, const struct lw_compose_source *source, uint32_t slot,
+                   uint32_t tile) {
+    const struct lw_tile_place *p = &fine->map->place[tile];
+    const struct lw_atlas_level *l = lw_atlas_level(&fine->map->atlas[p->object], p->level);
+    const struct lw_client_level level = source->level(source->context, p->object, p->level);
+    if (level.rgb == NULL || level.width != l->width || level.height != l->height) return false;
+    struct lw_gl_fine_slot *s = &fine->slot[slot];
+    find_versions(fine, source, tile, s->version);
+    pack(fine, p, &level, s->version);
+    glTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, 0, 0, (GLint)slot, (GLsizei)p->width + 1, (GLsizei)p->height + 1,
+                    1, GL_RGB, GL_UNSIGNED_INT_5_9_9_9_REV, fine->texels);
+    fine->uploaded++;
+    return true;
+}
+
+/* ---- all of them ---- */
+
+/* One call of lw_gl_fine_tiles_take(). */
+struct call {
+    struct lw_gl_fine_tiles *fine;
+    const struct lw_gl_fine_tiles_take *take;
+    uint16_t *word;
+    float step;          /* of shares */
+    uint32_t tiles_left; /* that it may upload */
+    uint32_t oldest;     /* the slot whose tile was wanted least recently; NONE: not known */
+    bool changed;
+};
+
+static uint32_t wanted(const struct lw_gl_fine_tiles *fine, uint32_t tile) {
+    return fine->wanted[tile - fine->map->plain_count];
+}
+
+/* Whether views read a tile (compose.c: read_finer). */
+static bool is_read(const struct call *c, uint32_t tile) {
+    const struct lw_client_tile is = c->take->source->tile(c->take->source->context, (lw_tile_id){tile});
+    return is.version != 0 &&
+           (c->take->unfiltered || lw_atlas_noise_level_min(is.error, c->take->source->noise_shown) == 0);
+}
+
+static void write_word(struct call *c, uint32_t slot) {
+    const struct lw_gl_fine_slot *s = &c->fine->slot[slot];
+    const uint32_t share = (uint32_t)(s->share * (float)LW_GL_FINE_TILES_WHOLE + 0.5f);
+    const uint16_t word = (uint16_t)((slot + 1) | share << LW_GL_FINE_TILES_SHIFT);
+    uint16_t *at = &c->word[s->tile - c->fine->map->plain_count];
+    c->changed |= *at != word;
+    *at = word;
+}
+
+static void drop(struct call *c, uint32_t slot) {
+    struct lw_gl_fine_slot *s = &c->fine->slot[slot];
+    c->word[s->tile - c->fine->map->plain_count] = 0;
+    c->fine->in_pool[c->fine->map->place[s->tile].object]--;
+    c->fine->used--;
+    *s = (struct lw_gl_fine_slot){.tile = NONE};
+    c->changed = true;
+}
+
+/* A share that turns moves from the next call on: nobody has drawn since the last call. */
+static void fade(const struct call *c, struct lw_gl_fine_slot *s, bool stays) {
+    const float step = stays == s->leaves && c->take->now_ns ? 0 : c->step;
+    s->leaves = !stays;
+    s->share += stays ? step : -step;
+    s->share = s->share < 1 ? s->share : 1;
+}
+
+/* Brings a slot up to date, and moves its share on. */
+static void follow_slot(struct call *c, uint32_t slot) {
+    struct lw_gl_fine_slot *s = &c->fine->slot[slot];
+    const bool stays = is_read(c, s->tile);
+    fade(c, s, stays);
+    if (!stays && (s->share <= 0 || !s->version[SELF])) {
+        drop(c, slot);
+        return;
+    }
+    uint64_t version[PARTS];
+    find_versions(c->fine, c->take->source, s->tile, version);
+    const bool late = stays && memcmp(version, s->version, sizeof version) != 0;
+    const bool uploads = late && c->tiles_left > 0 && upload(c->fine, c->take->source, slot, s->tile);
+    c->tiles_left -= uploads;
+    c->fine->waiting += (late && !uploads) || !stays || s->share < 1;
+    write_word(c, slot);
+}
+
+/* A free slot, or that whose tile was wanted least recently. */
+static uint32_t find_oldest(struct call *c) {
+    const struct lw_gl_fine_tiles *fine = c->fine;
+    if (c->oldest != NONE) return c->oldest;
+    c->oldest = 0;
+    for (uint32_t i = 0; i < fine->slot_count; i++) {
+        if (fine->slot[i].tile == NONE) return c->oldest = i;
+        if (wanted(fine, fine->slot[i].tile) < wanted(fine, fine->slot[c->oldest].tile)) c->oldest = i;
+    }
+    return c->oldest;
+}
+
+/* Puts a tile into the pool, if there is a place for it. */
+static void add(struct call *c, uint32_t tile) {
+    struct lw_gl_fine_tiles *fine = c->fine;
+    const uint32_t slot = find_oldest(c);
+    struct lw_gl_fine_slot *s = &fine->slot[slot];
+    if (s->tile != NONE && wanted(fine, tile) <= wanted(fine, s->tile)) return;
+    if (c->tiles_left == 0) {
+        fine->waiting++;
+        return;
+    }
+    if (s->tile != NONE) drop(c, slot);
+    c->oldest = NONE;
+    if (!upload(fine, c->take->source, slot, tile)) return;
+    c->tiles_left--;
+    s->tile = tile;
+    s->share = c->take->now_ns ? 0 : 1;
+    fine->used++;
+    fine->in_pool[fine->map->place[tile].object]++;
+    fine->waiting += s->share < 1;
+    write_word(c, slot);
+}
+
+static float step_since(uint64_t then_ns, uint64_t now_ns) {
+    const uint64_t past_ns = now_ns > then_ns ? now_ns - then_ns : 0;
+    return now_ns && past_ns < LW_GL_FINE_TILES_FADE ? (float)past_ns / (float)LW_GL_FINE_TILES_FADE : 1;
+}
+
+/* What is seen is all of one scale. */
+static void rescale(struct call *c) {
+    c->fine->scale = c->take->scale;
+    c->tiles_left = UINT32_MAX;
+    for (uint32_t i = 0; i < c->fine->slot_count; i++)
+        memset(c->fine->slot[i].version, 0, sizeof c->fine->slot[i].version);
+}
+
+bool lw_gl_fine_tiles_take(struct lw_gl_fine_tiles *fine, const struct lw_gl_fine_tiles_take *take,
+                           uint16_t *word) {
+    if (!fine->pool) return false;
+    struct call c = {.fine = fine,
+                     .take = take,
+                     .word = word,
+                     .step = step_since(fine->moved_ns, take->now_ns),
+                     .tiles_left = take->tiles_max,
+                     .oldest = NONE};
+    fine->moved_ns = take->now_ns;
+    fine->waiting = 0;
+    if (take->scale != fine->scale) rescale(&c);
+    glBindTexture(GL_TEXTURE_2D_ARRAY, fine->pool);
+    glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
+    for (uint32_t i = 0; i < fine->slot_count; i++)
+        if (fine->slot[i].tile != NONE) follow_slot(&c, i);
+    for (uint32_t t = fine->map->plain_count; t < fine->map->tile_count; t++)
+        if (word[t - fine->map->plain_count] == 0 && is_read(&c, t)) add(&c, t);
+    LW_INVARIANT(fine->used <= fine->slot_count);
+    return c.changed;
+}
+
+void lw_gl_fine_tiles_survey(struct lw_gl_fine_tiles *fine) { fine->survey++; }
+
+void lw_gl_fine_tiles_want(struct lw_gl_fine_tiles *fine, lw_tile_id tile) {
+    LW_INVARIANT(!fine->pool || tile.v < fine->map->tile_count);
+    if (fine->pool && tile.v >= fine->map->plain_count)
+        fine->wanted[tile.v - fine->map->plain_count] = fine->survey;
+}

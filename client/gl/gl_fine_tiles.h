@@ -1,0 +1,75 @@
+/* gl_fine_tiles.h: tiles of finer levels on the GPU: a bounded pool of them, which fade in and out.
+ * Flow:    lw_compose_source -> [gl_fine_tiles] -> words of gl_light, gl_renderer
+ * Threads: that of the context.
+ *
+ * A slot of the pool holds one tile and a border of one texel at its right and lower sides. A bilinear look-up
+ * belongs to the tile that holds its upper left texel, so it reads one slot. The border is the neighbours'
+ * where they have arrived, else the tile's own edge; it follows the neighbours.
+ *
+ * A tile is in the pool while it is there and has noise level 0, as the composer reads it
+ * (client/view/compose.c). When the pool is full, a tile takes the place of another one only if surveys have
+ * wanted it more recently. */
+#ifndef LW_CLIENT_GL_FINE_TILES_H
+#define LW_CLIENT_GL_FINE_TILES_H
+
+#include "client/view/compose.h"
+
+#include <epoxy/gl.h>
+
+#define LW_GL_FINE_TILES_MAX   1024u /* slots: 17 MB; a server makes 256 tiles for all, by default */
+#define LW_GL_FINE_TILES_SIDE  (LW_TILE_SIDE + 1)
+#define LW_GL_FINE_TILES_FADE  250000000u /* ns, from nothing to all of a tile */
+#define LW_GL_FINE_TILES_UNITS 18u        /* textures that a fragment shader of finer levels reads, at most */
+
+/* The word of a tile: its slot plus one, and the share of it that is seen. 0: it is not in the pool. */
+#define LW_GL_FINE_TILES_SHIFT 11
+#define LW_GL_FINE_TILES_WHOLE 31u
+_Static_assert(LW_GL_FINE_TILES_MAX < 1u << LW_GL_FINE_TILES_SHIFT, "a slot has a number in a word");
+_Static_assert(LW_GL_FINE_TILES_WHOLE << LW_GL_FINE_TILES_SHIFT <= UINT16_MAX, "and so has a share");
+
+struct lw_gl_fine_tiles {
+    const struct lw_atlas_map *map;
+    GLuint pool;         /* GL_TEXTURE_2D_ARRAY of GL_RGB9_E5, a layer a slot; 0: there is none */
+    uint32_t slot_count; /* 0: there is none */
+    struct lw_gl_fine_slot *slot;
+    uint32_t *in_pool; /* per object: its tiles */
+    uint32_t *wanted;  /* per tile of finer levels: the last survey that wanted it; 0: none */
+    uint32_t survey;   /* number of the last one */
+    uint32_t *texels;  /* scratch: of one slot */
+    float scale;       /* of what the pool holds */
+    uint64_t moved_ns; /* when shares were last moved on */
+    uint32_t used;     /* slots */
+    uint32_t waiting;  /* slots that the last call had no time to fill, or whose tiles fade */
+    uint64_t uploaded; /* tiles, so far */
+};
+
+/** What a call takes over. */
+struct lw_gl_fine_tiles_take {
+    const struct lw_compose_source *source;
+    bool unfiltered;    /* as of lw_compose_desc */
+    float scale;        /* what the pool is to hold is E times this */
+    uint64_t now_ns;    /* by any clock. 0: nothing fades */
+    uint32_t tiles_max; /* to upload at most */
+};
+
+/** Makes a pool of at most slots_max slots, which are at most LW_GL_FINE_TILES_MAX. There is none, and pool is
+ * 0, where the map has no finer levels or the GPU's limits leave no room; views then read level 0. map must
+ * outlive it. Zeroed on failure. Errors: LW_NO_MEMORY, LW_UNAVAILABLE if OpenGL fails. */
+LW_MUST_CHECK enum lw_status lw_gl_fine_tiles_init(struct lw_gl_fine_tiles *fine,
+                                                   const struct lw_atlas_map *map, uint32_t slots_max,
+                                                   struct lw_error *err);
+/** A zeroed one is fine. */
+void lw_gl_fine_tiles_finish(struct lw_gl_fine_tiles *fine);
+
+/** Takes over what has arrived and what was withdrawn, and moves fades on.
+ * word   per tile of finer levels, from map->plain_count on; zero before the first call
+ * Returns whether a word has changed. */
+bool lw_gl_fine_tiles_take(struct lw_gl_fine_tiles *fine, const struct lw_gl_fine_tiles_take *take,
+                           uint16_t *word);
+
+/** A survey begins: what it finds is wanted more than what former ones found. */
+void lw_gl_fine_tiles_survey(struct lw_gl_fine_tiles *fine);
+/** A survey has found a tile, of any level. */
+void lw_gl_fine_tiles_want(struct lw_gl_fine_tiles *fine, lw_tile_id tile);
+
+#endif
