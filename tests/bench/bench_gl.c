@@ -13,6 +13,8 @@
  *   time over drawn's: lit_over_drawn
  *   survey   finding the tiles that the view needs
  *   tiles    to take in 16 tiles of light that have changed
+ *   none     gl in a session with finer levels, of which no tile is there; its time over gl's: none_over_gl
+ *   finer    gl with all tiles of finer levels that the view wants; its time over gl's: finer_over_gl
  * With --finishes another table: compose, drawn, gl and lit with the materials' finishes, and their time over
  * that of the same without, the pictures in turn. */
 #include "client/gl/gl_offscreen.h"
@@ -28,8 +30,9 @@
 #define ROUNDS_MAX 99
 #define LIGHT      9.0f /* W/m^2 */
 #define CHANGED    16u  /* tiles that change from picture to picture */
+#define FINER      2u   /* finer levels: as lightwelld has them */
 
-enum kind { COMPOSE, GL, MSAA, DRAWN, LIT, SURVEY, TILES, KINDS };
+enum kind { COMPOSE, GL, MSAA, DRAWN, LIT, SURVEY, TILES, NONE, FINE, KINDS };
 
 struct settings {
     struct lw_scene_open open;
@@ -47,8 +50,11 @@ struct scene {
     struct lw_client_lights lights;
     struct lw_compose *compose, *drawing;
     struct lw_gl_renderer *renderer, *lit;
+    struct lw_atlas_map finer_map;
+    struct lw_gl_renderer *none, *fine; /* of that map */
     struct lw_compose_view view;
     float *light; /* enough for the largest level; every level reads it */
+    float *dark;  /* likewise of finer levels; only what is read of it takes memory */
     uint32_t *version;
     float *picture;
     uint8_t *needed;
@@ -63,6 +69,39 @@ static struct lw_client_level level(const void *context, uint32_t object, uint32
 
 static struct lw_client_tile tile(const void *context, lw_tile_id id) {
     return (struct lw_client_tile){.version = ((const struct scene *)context)->version[id.v]};
+}
+
+static struct lw_client_level finer_level(const void *context, uint32_t object, uint32_t k) {
+    const struct scene *s = context;
+    const struct lw_atlas_level *l = lw_atlas_level(&s->finer_map.atlas[object], k);
+    return (struct lw_client_level){
+        .width = l->width, .height = l->height, .rgb = lw_atlas_finer(k) ? s->dark : s->light};
+}
+
+/* Of finer levels those tiles are there that are needed. */
+static struct lw_client_tile finer_tile(const void *context, lw_tile_id id) {
+    const struct scene *s = context;
+    return (struct lw_client_tile){.version = id.v < s->finer_map.plain_count || s->needed[id.v]};
+}
+
+/* Two renderers with finer levels; one of them has the tiles that the view wants. */
+static enum lw_status set_up_finer(struct scene *s, size_t largest, struct lw_error *err) {
+    const struct lw_gl_renderer_desc desc = {.scene = s->scene, .map = &s->finer_map};
+    const struct lw_compose_source source = {
+        .context = s, .level = finer_level, .tile = finer_tile, .noise_shown = 1};
+    uint64_t pixels;
+    enum lw_status status = lw_atlas_map_init_finer(&s->finer_map, s->scene, FINER);
+    if (status != LW_OK) return status;
+    s->dark = calloc(largest << 2 * FINER, 3 * sizeof *s->dark);
+    s->needed = calloc(s->finer_map.tile_count + 1ul, 1);
+    s->shown = calloc(s->finer_map.tile_count + 1ul, sizeof *s->shown);
+    if (!s->dark || !s->needed || !s->shown) return LW_NO_MEMORY;
+    status = lw_gl_renderer_create(&desc, &s->none, err);
+    if (status == LW_OK) status = lw_gl_renderer_create(&desc, &s->fine, err);
+    if (status == LW_OK) status = lw_gl_renderer_take(s->none, &source, &s->pose, 0, 0, NULL, err);
+    if (status == LW_OK) status = lw_gl_renderer_survey(s->none, &s->view, s->needed, s->shown, &pixels, err);
+    if (status == LW_OK) status = lw_gl_renderer_take(s->fine, &source, &s->pose, 0, 0, NULL, err);
+    return status;
 }
 
 static enum lw_status set_up(struct scene *s, const char *name, struct lw_error *err) {
@@ -81,9 +120,7 @@ static enum lw_status set_up(struct scene *s, const char *name, struct lw_error 
     s->light = malloc(most * 3 * sizeof *s->light);
     s->version = malloc((s->map.tile_count + 1ul) * sizeof *s->version);
     s->picture = malloc((size_t)o->width * (size_t)o->height * 3 * sizeof *s->picture);
-    s->needed = calloc(s->map.tile_count + 1ul, 1);
-    s->shown = calloc(s->map.tile_count + 1ul, sizeof *s->shown);
-    if (!s->light || !s->version || !s->picture || !s->needed || !s->shown) return LW_NO_MEMORY;
+    if (!s->light || !s->version || !s->picture) return LW_NO_MEMORY;
     for (size_t i = 0; i < 3 * most; i++)
         s->light[i] = LIGHT * (0.5f + (float)(i * 2654435761u >> 22 & 1023u) / 1023);
     for (uint32_t t = 0; t < s->map.tile_count; t++) s->version[t] = 1;
@@ -111,11 +148,13 @@ static enum lw_status set_up(struct scene *s, const char *name, struct lw_error 
                 .scene = s->scene, .map = &s->map, .drawn = &s->lights, .trace = s->trace, .pose = &s->pose},
             &s->lit, err);
     if (status != LW_OK) return status;
-    if (camera) return lw_camera_parse(camera + 1, &s->view.camera, err);
-    s->view.camera = s->scene->camera_count ? lw_camera_of_scene(s->scene, &s->pose, 0)
-                                            : lw_camera_default(s->scene, &s->pose, s->trace,
-                                                                (float)o->width / (float)o->height);
-    return LW_OK;
+    if (camera)
+        status = lw_camera_parse(camera + 1, &s->view.camera, err);
+    else
+        s->view.camera = s->scene->camera_count ? lw_camera_of_scene(s->scene, &s->pose, 0)
+                                                : lw_camera_default(s->scene, &s->pose, s->trace,
+                                                                    (float)o->width / (float)o->height);
+    return status == LW_OK ? set_up_finer(s, most, err) : status;
 }
 
 static enum lw_status do_one(struct scene *s, enum kind kind, int64_t round, struct lw_error *err) {
@@ -146,6 +185,10 @@ static enum lw_status do_one(struct scene *s, enum kind kind, int64_t round, str
             s->version[((uint32_t)round * CHANGED + i) % (s->map.tile_count ? s->map.tile_count : 1)]++;
         status = lw_gl_renderer_take(s->renderer, &source, &s->pose, 0, 0, NULL, err);
         break;
+    case NONE:
+    case FINE:
+        status = lw_gl_renderer_draw(kind == NONE ? s->none : s->fine, &s->view, 1, err);
+        break;
     case KINDS:
         break;
     }
@@ -154,7 +197,7 @@ static enum lw_status do_one(struct scene *s, enum kind kind, int64_t round, str
 }
 
 static enum lw_status measure(struct scene *s, const char *name, struct lw_error *err) {
-    double time_ms[KINDS][ROUNDS_MAX], ratio[ROUNDS_MAX], lit[ROUNDS_MAX];
+    double time_ms[KINDS][ROUNDS_MAX], ratio[ROUNDS_MAX], lit[ROUNDS_MAX], none[ROUNDS_MAX], fine[ROUNDS_MAX];
     const int64_t rounds = s->settings->rounds;
     const float *sky = s->scene->sky;
     const struct lw_compose_source source = {
@@ -171,14 +214,18 @@ static enum lw_status measure(struct scene *s, const char *name, struct lw_error
     for (int64_t i = 0; i < rounds; i++) {
         ratio[i] = time_ms[GL][i] / time_ms[COMPOSE][i];
         lit[i] = time_ms[LIT][i] / time_ms[DRAWN][i];
+        none[i] = time_ms[NONE][i] / time_ms[GL][i];
+        fine[i] = time_ms[FINE][i] / time_ms[GL][i];
     }
     double median[KINDS];
     for (int kind = 0; kind < KINDS; kind++) median[kind] = bench_median(time_ms[kind], (size_t)rounds);
     const struct lw_gl_renderer_figures f = lw_gl_renderer_figures(s->renderer);
-    printf("| %s | %.1f | %.1f | %.2f | %.1f | %.1f | %.1f | %.2f | %.1f | %.2f | %u | %u |\n", name,
-           median[COMPOSE], median[GL], bench_median(ratio, (size_t)rounds), median[MSAA], median[DRAWN],
-           median[LIT], bench_median(lit, (size_t)rounds), median[SURVEY], median[TILES], f.objects,
-           f.draw_calls);
+    printf("| %s | %.1f | %.1f | %.2f | %.1f | %.1f | %.1f | %.2f | %.1f | %.2f | %u | %u | %.3f | %.3f | %u "
+           "|\n",
+           name, median[COMPOSE], median[GL], bench_median(ratio, (size_t)rounds), median[MSAA],
+           median[DRAWN], median[LIT], bench_median(lit, (size_t)rounds), median[SURVEY], median[TILES],
+           f.objects, f.draw_calls, bench_median(none, (size_t)rounds), bench_median(fine, (size_t)rounds),
+           lw_gl_renderer_figures(s->fine).fine_tiles);
     return LW_OK;
 }
 
@@ -232,6 +279,8 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     if (status == LW_OK) status = set_up(&s, name, err);
     if (status == LW_OK)
         status = s.settings->finishes ? measure_finishes(&s, name, err) : measure(&s, name, err);
+    lw_gl_renderer_destroy(s.fine);
+    lw_gl_renderer_destroy(s.none);
     lw_gl_renderer_destroy(s.lit);
     lw_gl_renderer_destroy(s.renderer);
     lw_gl_offscreen_destroy(offscreen);
@@ -243,7 +292,9 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     free(s.needed);
     free(s.picture);
     free(s.version);
+    free(s.dark);
     free(s.light);
+    lw_atlas_map_finish(&s.finer_map);
     if (s.scene) bench_close(s.scene, &s.pose, &s.map);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%s: %s", name, lw_status_text(status));
 }
@@ -254,8 +305,8 @@ static enum lw_status print_heading(void *context, struct lw_error *err) {
              ? "| scene | compose | over matt | drawn | over matt | gl | over matt | lit | over matt |\n"
                "|---|---|---|---|---|---|---|---|---|"
              : "| scene | compose | gl | gl_over_compose | msaa | drawn | lit | lit_over_drawn | survey | "
-               "tiles | objects | draw calls |\n"
-               "|---|---|---|---|---|---|---|---|---|---|---|---|");
+               "tiles | objects | draw calls | none_over_gl | finer_over_gl | finer tiles |\n"
+               "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
     return LW_OK;
 }
 

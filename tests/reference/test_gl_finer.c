@@ -6,6 +6,7 @@
 #include "client/gl/gl_renderer.h"
 #include "client/view/camera.h"
 
+#include <epoxy/gl.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -67,7 +68,8 @@ static void fill(struct world *w, uint32_t o, uint32_t k, bool even) {
         }
 }
 
-/* Two objects of a mesh of two squares, a large one and a small one beside it. */
+/* Two objects of a mesh of two squares, a large one and a small one beside it. Each square has a material, and
+ * the small one's is first: it is drawn first. */
 static struct lw_scene *make_scene(void) {
     struct lw_scene *scene = lw_support_squares(OBJECTS, 1);
     struct lw_mesh *mesh = &scene->mesh[0];
@@ -89,7 +91,13 @@ static struct lw_scene *make_scene(void) {
         for (int c = 0; c < 3; c++) triangle[t][c] = mesh->triangle[t % 2][c] + 4 * (t / 2);
     mesh->position = position, mesh->normal = normal, mesh->uv[0] = uv, mesh->lightmap_uv = map_uv;
     mesh->triangle = triangle;
-    mesh->material = lw_scene_alloc(scene, 4, sizeof *mesh->material);
+    const struct lw_material grey = scene->material[0];
+    scene->material = lw_scene_alloc(scene, 2, sizeof *scene->material);
+    scene->material[0] = scene->material[1] = grey;
+    scene->material_count = 2;
+    uint32_t *material = lw_scene_alloc(scene, 4, sizeof *material);
+    material[0] = material[1] = 1;
+    mesh->material = material;
     mesh->vertex_count = 8, mesh->triangle_count = 4;
     mesh->atlas_width = mesh->atlas_height = SIDE;
     scene->node[1].translation[0] =
@@ -208,6 +216,13 @@ static void test_same_picture(void **state) {
                   share_apart(part, by_cpu));
     assert_true(share_apart(part, by_gl) < 0.02); /* the tiles' edges are half a texel wider by OpenGL */
     assert_true(share_apart(part, by_cpu) > 0.1 && share_apart(part, without) > 0.1);
+
+    for (uint32_t t = w.map.plain_count; t < w.map.tile_count; t++)
+        w.tile[t] = (struct lw_client_tile){.version = w.map.place[t].object == 0 ? 3 : 0};
+    compose(&w, part);
+    draw(&w, 0, by_gl);
+    print_message("tiles of one object: %.4f differ by OpenGL\n", share_apart(part, by_gl));
+    assert_true(share_apart(part, by_gl) < 0.01);
     finish(&w);
 }
 
@@ -281,37 +296,87 @@ static void test_fades(void **state) {
     finish(&w);
 }
 
-/* A border follows a neighbour that comes later: the picture is that of a renderer which had all at once. */
-static void test_late_neighbours(void **state) {
+/* Where four tiles of the finest level meet. */
+static void look_at_corner(struct world *w) {
+    const float m = -0.5f + (float)SIDE / 2 / TEXELS;
+    w->view.camera = lw_camera_look_at(lw_vec3(m, 0.15f, m + 0.01f), lw_vec3(m, 0, m), 0.9f);
+}
+
+/* Between tiles light is mixed as the composer mixes it. A border follows a neighbour that comes later: the
+ * picture is that of a renderer which had all at once. */
+static void test_borders(void **state) {
     (void)state;
     struct world w;
-    static float first[VALUES], late[VALUES], at_once[VALUES];
+    static float by_cpu[VALUES], late[VALUES], at_once[VALUES];
     start(&w, false);
-    for (uint32_t t = w.map.plain_count; t < w.map.tile_count; t++) w.tile[t].version = t % 2;
-    draw(&w, 0, first);
+    look_at_corner(&w);
+    compose(&w, by_cpu);
+    for (uint32_t t = w.map.plain_count; t < w.map.tile_count; t++)
+        w.tile[t].version = (w.map.place[t].x + w.map.place[t].y) % 2;
+    draw(&w, 0, late);
+    assert_true(share_apart(by_cpu, late) > 0.1);
     for (uint32_t t = w.map.plain_count; t < w.map.tile_count; t++) w.tile[t].version = 1;
     draw(&w, 0, late);
     start_renderer(&w, &w.map);
     draw(&w, 0, at_once);
+    print_message("where tiles meet: %.4f of the values differ\n", share_apart(by_cpu, at_once));
+    assert_true(share_apart(by_cpu, at_once) < 0.001);
     assert_memory_equal(late, at_once, sizeof late);
     finish(&w);
 }
 
-/* Light that is packed by another scale is so in the pool, too. */
-static void test_brighter(void **state) {
+static PFNGLGETINTEGERVPROC real_get_integerv;
+
+static void few_layers(GLenum name, GLint *out) {
+    real_get_integerv(name, out);
+    if (name == GL_MAX_ARRAY_TEXTURE_LAYERS) *out = 4;
+}
+
+/* Where the pool is full, a survey's tiles come into it. */
+static void test_full(void **state) {
+    (void)state;
+    struct world w;
+    struct lw_error err = {0};
+    static float by_cpu[VALUES], by_gl[VALUES];
+    start(&w, false);
+    look_at_corner(&w);
+    real_get_integerv = epoxy_glGetIntegerv;
+    epoxy_glGetIntegerv = few_layers;
+    start_renderer(&w, &w.map);
+    epoxy_glGetIntegerv = real_get_integerv;
+    uint8_t *needed = calloc(w.map.tile_count, 1);
+    uint64_t *shown = calloc(w.map.tile_count, sizeof *shown), pixels;
+    assert_true(needed && shown);
+    compose(&w, by_cpu);
+    draw(&w, 0, by_gl);
+    assert_int_equal(lw_gl_renderer_figures(w.renderer).fine_tiles, 4);
+    assert_true(share_apart(by_cpu, by_gl) > 0.5);
+    lw_support_ok(lw_gl_renderer_survey(w.renderer, &w.view, needed, shown, &pixels, &err), &err);
+    draw(&w, 0, by_gl);
+    assert_int_equal(lw_gl_renderer_figures(w.renderer).fine_tiles, 4);
+    assert_true(share_apart(by_cpu, by_gl) < 0.001);
+    free(needed);
+    free(shown);
+    finish(&w);
+}
+
+/* Coarsest levels of other light, which nobody sees here, change the scale by which light is packed; the
+ * picture stays. */
+static void test_scale(void **state) {
     (void)state;
     struct world w;
     static float before[VALUES], after[VALUES];
     start(&w, false);
     draw(&w, 0, before);
-    for (uint32_t o = 0; o < OBJECTS; o++)
-        for (uint32_t k = 0; k < LEVELS; k++) {
-            const struct lw_atlas_level *l = w.rgb[o][k] ? level_of(&w, o, k) : NULL;
-            for (size_t i = 0; l && i < (size_t)l->width * l->height * 3; i++) w.rgb[o][k][i] *= 4096;
-        }
-    w.tile[0].version++; /* one tile of all has changed */
+    for (uint32_t o = 0; o < OBJECTS; o++) {
+        const uint32_t k = w.map.atlas[o].level_count - 1;
+        const struct lw_atlas_level *l = level_of(&w, o, k);
+        for (size_t i = 0; i < (size_t)l->width * l->height * 3; i++) w.rgb[o][k][i] *= 4096;
+        w.tile[lw_atlas_map_first(&w.map, o, k)].version++;
+    }
+    const uint64_t uploaded = lw_gl_renderer_figures(w.renderer).tiles_uploaded;
     draw(&w, 0, after);
-    for (size_t i = 0; i < VALUES; i++) after[i] *= 1.0f / 4096;
+    assert_int_equal(lw_gl_renderer_figures(w.renderer).tiles_uploaded, uploaded + w.map.tile_count);
     assert_true(share_apart(before, after) == 0);
     finish(&w);
 }
@@ -467,14 +532,9 @@ static void test_versions(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_same_picture),
-        cmocka_unit_test(test_charts),
-        cmocka_unit_test(test_none),
-        cmocka_unit_test(test_fades),
-        cmocka_unit_test(test_late_neighbours),
-        cmocka_unit_test(test_brighter),
-        cmocka_unit_test(test_survey),
-        cmocka_unit_test(test_eviction),
+        cmocka_unit_test(test_same_picture), cmocka_unit_test(test_charts),  cmocka_unit_test(test_none),
+        cmocka_unit_test(test_fades),        cmocka_unit_test(test_borders), cmocka_unit_test(test_full),
+        cmocka_unit_test(test_scale),        cmocka_unit_test(test_survey),  cmocka_unit_test(test_eviction),
         cmocka_unit_test(test_versions),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
