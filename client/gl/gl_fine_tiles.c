@@ -1,7 +1,7 @@
 #include "client/gl/gl_fine_tiles.h"
 
-#include "client/gl/gl_light.h"
 #include "client/gl/gl_program.h"
+#include "client/gl/gl_rgb9e5.h"
 #include "common/invariant.h"
 
 #include <stdlib.h>
@@ -87,7 +87,8 @@ static void find_versions(const struct lw_gl_fine_tiles *fine, const struct lw_c
     }
 }
 
-/* Packs a tile and its border. Where a neighbour lacks, the edge stands in for it in look-ups between the two. */
+/* Packs a tile and its border. Where a neighbour lacks, the edge stands in for it in look-ups between the
+ * two. */
 static void pack(struct lw_gl_fine_tiles *fine, const struct lw_tile_place *p,
                  const struct lw_client_level *level, const uint64_t version[PARTS]) {
     const uint32_t x0 = p->x * LW_TILE_SIDE, y0 = p->y * LW_TILE_SIDE;
@@ -99,7 +100,7 @@ static void pack(struct lw_gl_fine_tiles *fine, const struct lw_tile_place *p,
                            sy = y0 + (y == p->height && !version[part] ? y - 1 : y);
             const float *rgb = level->rgb + 3 * ((size_t)sy * level->width + sx);
             const float scaled[3] = {rgb[0] * fine->scale, rgb[1] * fine->scale, rgb[2] * fine->scale};
-            *out++ = lw_gl_light_pack(scaled);
+            *out++ = lw_gl_rgb9e5_pack(scaled);
         }
 }
 
@@ -156,7 +157,9 @@ static void drop(struct call *c, uint32_t slot) {
     c->word[s->tile - c->fine->map->plain_count] = 0;
     c->fine->in_pool[c->fine->map->place[s->tile].object]--;
     c->fine->used--;
-    *s = (struct lw_gl_fine_slot){.tile = NONE};
+    s->tile = NONE;
+    s->share = 0;
+    s->leaves = false;
     c->changed = true;
 }
 
@@ -208,9 +211,9 @@ static void add(struct call *c, uint32_t tile) {
         fine->waiting++;
         return;
     }
+    if (!upload(fine, c->take->source, slot, tile)) return;
     if (s->tile != NONE) drop(c, slot);
     c->oldest = NONE;
-    if (!upload(fine, c->take->source, slot, tile)) return;
     c->tiles_left--;
     s->tile = tile;
     s->share = c->take->now_ns ? 0 : 1;

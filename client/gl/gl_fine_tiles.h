@@ -2,9 +2,9 @@
  * Flow:    lw_compose_source -> [gl_fine_tiles] -> words of gl_light, gl_renderer
  * Threads: that of the context.
  *
- * A slot of the pool holds one tile and a border of one texel at its right and lower sides. A bilinear look-up
- * belongs to the tile that holds its upper left texel, so it reads one slot. The border is the neighbours'
- * where they have arrived, else the tile's own edge; it follows the neighbours.
+ * A slot of the pool holds one tile and a border of one texel at its right and lower sides. A bilinear
+ * look-up belongs to the tile that holds its upper left texel, so it reads one slot. The border is the
+ * neighbours' where they have arrived, else the tile's own edge; it follows the neighbours.
  *
  * A tile is in the pool while it is there and has noise level 0, as the composer reads it
  * (client/view/compose.c). When the pool is full, a tile takes the place of another one only if surveys have
@@ -43,7 +43,7 @@ struct lw_gl_fine_tiles {
     uint64_t uploaded; /* tiles, so far */
 };
 
-/** What a call takes over. */
+/** What lw_gl_fine_tiles_take() goes by. */
 struct lw_gl_fine_tiles_take {
     const struct lw_compose_source *source;
     bool unfiltered;    /* as of lw_compose_desc */
@@ -52,9 +52,10 @@ struct lw_gl_fine_tiles_take {
     uint32_t tiles_max; /* to upload at most */
 };
 
-/** Makes a pool of at most slots_max slots, which are at most LW_GL_FINE_TILES_MAX. There is none, and pool is
- * 0, where the map has no finer levels or the GPU's limits leave no room; views then read level 0. map must
- * outlive it. Zeroed on failure. Errors: LW_NO_MEMORY, LW_UNAVAILABLE if OpenGL fails. */
+/** Makes a pool. There is none, and `pool` is 0, where the map has no finer levels or the GPU's limits leave
+ * no room; views then read level 0. map must outlive it. Zeroed on failure.
+ * slots_max   at most LW_GL_FINE_TILES_MAX
+ * Errors: LW_NO_MEMORY, of the GPU too; LW_UNAVAILABLE if OpenGL fails. */
 LW_MUST_CHECK enum lw_status lw_gl_fine_tiles_init(struct lw_gl_fine_tiles *fine,
                                                    const struct lw_atlas_map *map, uint32_t slots_max,
                                                    struct lw_error *err);

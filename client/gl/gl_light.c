@@ -1,6 +1,7 @@
 #include "client/gl/gl_light.h"
 
 #include "client/gl/gl_program.h"
+#include "client/gl/gl_rgb9e5.h"
 #include "common/colour.h"
 
 #include <stdlib.h>
@@ -8,33 +9,12 @@
 
 #define PAGE_SIDE   1024u /* texels; larger where a level is */
 #define BORDERED    (LW_TILE_SIDE + 2)
-#define PACKED_MAX  65408.0f /* of GL_RGB9_E5 */
-#define DRIFT_STOPS 8        /* light is packed again when its mean has moved by so much */
+#define DRIFT_STOPS 8 /* light is packed again when its mean has moved by so much */
 #define FAR_STOPS   100
 
 struct lw_gl_light_rect {
     uint32_t x, y, layer, mip, width, height; /* texels of that mip level of the pages */
 };
-
-uint32_t lw_gl_light_pack(const float rgb[3]) {
-    float c[3], most = 0;
-    for (int i = 0; i < 3; i++) {
-        c[i] = rgb[i] > 0 ? (rgb[i] < PACKED_MAX ? rgb[i] : PACKED_MAX) : 0;
-        most = c[i] > most ? c[i] : most;
-    }
-    /* shared exponent e: steps of 2^(e - 24), of which the largest channel has at most 511 */
-    uint32_t bits;
-    memcpy(&bits, &most, sizeof bits);
-    int e = (int)(bits >> 23) - 127 + 16;
-    e = e < 0 ? 0 : e;
-    uint32_t step_bits = (uint32_t)(24 - e + 127) << 23;
-    float steps; /* a unit */
-    memcpy(&steps, &step_bits, sizeof steps);
-    if ((uint32_t)(most * steps + 0.5f) > 511) e++, steps *= 0.5f;
-    uint32_t packed = (uint32_t)e << 27;
-    for (int i = 0; i < 3; i++) packed |= (uint32_t)(c[i] * steps + 0.5f) << (9 * i);
-    return packed;
-}
 
 /* ---- room ---- */
 
@@ -263,7 +243,7 @@ static void pack_tile(struct lw_gl_light *light, uint32_t tile, const struct lw_
                 sx = nearest(x, x0, place->width), sy = nearest(y, y0, place->height);
             const float *rgb = level->rgb + 3 * ((size_t)sy * level->width + (size_t)sx);
             const float scaled[3] = {rgb[0] * light->scale, rgb[1] * light->scale, rgb[2] * light->scale};
-            *out++ = lw_gl_light_pack(scaled);
+            *out++ = lw_gl_rgb9e5_pack(scaled);
         }
 }
 

@@ -65,8 +65,4 @@ void lw_gl_light_take(struct lw_gl_light *light, const struct lw_compose_source 
 void lw_gl_light_place(const struct lw_gl_light *light, uint32_t object, uint32_t back_offset,
                        uint32_t out_words[4]);
 
-/** Linear RGB to GL_UNSIGNED_INT_5_9_9_9_REV, nearest; what is negative or NaN is 0, what is too large the
- * largest. */
-uint32_t lw_gl_light_pack(const float rgb[3]);
-
 #endif

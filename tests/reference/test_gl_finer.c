@@ -68,8 +68,8 @@ static void fill(struct world *w, uint32_t o, uint32_t k, bool even) {
         }
 }
 
-/* Two objects of a mesh of two squares, a large one and a small one beside it. Each square has a material, and
- * the small one's is first: it is drawn first. */
+/* Two objects of a mesh of two squares, a large one and a small one beside it. The small one's material is
+ * the first, so it is drawn first. */
 static struct lw_scene *make_scene(void) {
     struct lw_scene *scene = lw_support_squares(OBJECTS, 1);
     struct lw_mesh *mesh = &scene->mesh[0];
@@ -248,7 +248,7 @@ static void test_charts(void **state) {
     finish(&w);
 }
 
-/* Where no tile of a finer level is there, and where there are no such levels, pictures have the same bytes. */
+/* A picture without a tile of finer levels has the bytes of one in a session without such levels. */
 static void test_none(void **state) {
     (void)state;
     struct world w;

@@ -1,9 +1,9 @@
 /* The picture by OpenGL against the composer's, from the same light. */
 #include "tests/support/process.h"
 
-#include "client/gl/gl_light.h"
 #include "client/gl/gl_offscreen.h"
 #include "client/gl/gl_renderer.h"
+#include "client/gl/gl_rgb9e5.h"
 #include "client/view/antialias.h"
 #include "client/view/camera.h"
 #include "client/view/tonemap.h"
@@ -864,7 +864,7 @@ static void test_pack(void **state) {
     for (int i = -20; i < 16; i++)
         for (int k = 0; k < 40; k++) {
             const float most = ldexpf(1 + (float)k / 39.0f, i), rgb[3] = {most, 0.3f * most, 0.001f * most};
-            const uint32_t packed = lw_gl_light_pack(rgb);
+            const uint32_t packed = lw_gl_rgb9e5_pack(rgb);
             const float step = ldexpf(1, (int)(packed >> 27) - 24);
             if (most > 65408) continue;
             for (int c = 0; c < 3; c++)
@@ -872,7 +872,7 @@ static void test_pack(void **state) {
             assert_true(step <= fmaxf(most / 255, ldexpf(1, -24)));
         }
     const float wrong[3] = {NAN, -1, 1e30f};
-    const uint32_t packed = lw_gl_light_pack(wrong);
+    const uint32_t packed = lw_gl_rgb9e5_pack(wrong);
     assert_int_equal(packed & 0x3ffff, 0);
     assert_int_equal(packed >> 18, 31 << 9 | 511);
 }
