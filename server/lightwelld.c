@@ -162,6 +162,7 @@ struct daemon {
     bool owes_snapshot;     /* there was no memory for one */
     bool owes_channel;      /* nor for a channel that somebody takes */
     bool is_looked_at;      /* by some client */
+    uint64_t interest;      /* the number of the list of interest that the solver has (lw_server_interest) */
     bool prepares;          /* all of the scene is solved, though nobody looks */
     uint64_t prepared_ns;   /* wall time for which it was */
     uint32_t channels;      /* that are shown and published: bit for each (tile_channels.h) */
@@ -258,7 +259,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         {"detail", "N",
          "lightmaps are up to 2^N times finer where somebody is near, for clients that can read such (0 to "
          "4; "
-         "default 2)",
+         "default 4)",
          LW_OPTION_INT, &s->detail, 0, LW_ATLAS_FINER_MAX, NULL},
         {"detail-memory", "MB",
          "memory for what is finer, at most (default: 1/32 of the machine's, up to 768)", LW_OPTION_INT,
@@ -403,17 +404,31 @@ static void tell_client_lights(const struct daemon *d) {
     lw_log(LW_LOG_INFO, "clients draw the direct light of %s, if they can", text);
 }
 
-/* Tiles of all levels that are named at most: every session remembers what it has of each. */
-#define TILES_MAX (1u << 16)
+/* What a tile of a finer level takes, with its share of the publisher's; and of each layer of light. */
+#define FINE_TILE_BYTES  (128u << 10)
+#define FINE_LAYER_BYTES (1u << 20)
 
-/* As many finer levels as asked for, or as many as have that few tiles. */
-static enum lw_status name_tiles(struct daemon *d) {
-    enum lw_status status = LW_OK;
-    for (uint32_t finer = (uint32_t)d->settings.detail;; finer--) {
-        status = lw_atlas_map_init_finer(&d->atlas_map, d->scene, finer);
-        if (finer == 0 || (status == LW_OK && d->atlas_map.tile_count <= TILES_MAX)) return status;
-        lw_atlas_map_finish(&d->atlas_map);
-    }
+#define FINE_MEMORY_SHARE 32
+#define FINE_MEMORY_MAX   (768ull << 20)
+
+static uint32_t fine_tiles(const struct daemon *d) {
+    const struct settings *s = &d->settings;
+    const uint64_t machine = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE),
+                   share = machine / FINE_MEMORY_SHARE < FINE_MEMORY_MAX ? machine / FINE_MEMORY_SHARE
+                                                                         : FINE_MEMORY_MAX,
+                   bytes = s->detail_mb < 0 ? share : (uint64_t)s->detail_mb << 20;
+    return s->detail ? (uint32_t)(bytes / (FINE_TILE_BYTES + d->light_groups.count * FINE_LAYER_BYTES)) : 0;
+}
+
+/* How many tiles of finer levels may be listed by clients, or held, at a time. Every session that reads such
+ * remembers what it has of each. */
+#define FINE_IDS_MIN 4096u
+
+static enum lw_status name_tiles(struct daemon *d, struct lw_error *err) {
+    const uint32_t tiles = fine_tiles(d), ids = 2 * tiles > FINE_IDS_MIN ? 2 * tiles : FINE_IDS_MIN;
+    const enum lw_status status = lw_atlas_map_init_finer(
+        &d->atlas_map, d->scene, tiles ? (uint32_t)d->settings.detail : 0, tiles ? ids : 0);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "tiles");
 }
 
 static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
@@ -430,7 +445,6 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
     if (status == LW_OK && lw_scene_has_finishes(d->scene))
         status = lw_finish_package_write(d->scene, &d->finishes, &d->finishes_size, err);
     if (status != LW_OK) return status;
-    if ((status = name_tiles(d)) != LW_OK) return lw_status_fail(err, status, "tiles");
     if ((status = lw_scene_state_init(&d->state, d->scene, s->freeze ? s->freeze_s : 0, s->freeze)) !=
             LW_OK ||
         (status = lw_pose_init(&d->pose, d->scene)) != LW_OK)
@@ -441,21 +455,8 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
         lw_status_context(err, "--light-groups");
         return status;
     }
+    if ((status = name_tiles(d, err)) != LW_OK) return status;
     return choose_client_lights(d, err);
-}
-
-/* What a tile of a finer level takes, with its share of the publisher's. */
-#define FINE_TILE_BYTES (3u << 20)
-
-#define FINE_MEMORY_SHARE 32
-#define FINE_MEMORY_MAX   (768ull << 20)
-
-static uint32_t fine_tiles(const struct settings *s) {
-    const uint64_t machine = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE),
-                   share = machine / FINE_MEMORY_SHARE < FINE_MEMORY_MAX ? machine / FINE_MEMORY_SHARE
-                                                                         : FINE_MEMORY_MAX,
-                   bytes = s->detail_mb < 0 ? share : (uint64_t)s->detail_mb << 20;
-    return s->detail ? (uint32_t)(bytes / FINE_TILE_BYTES) : 0;
 }
 
 /* Share of a tile's noise that the solver's filter leaves. */
@@ -524,7 +525,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
                 s->clock == CLOCK_REAL && isfinite(s->frame_budget_ms) ? s->frame_budget_ms * 1e-3 : 0,
             .plan_log = s->plan_log,
             .frame_budget_units = isfinite(s->frame_budget_units) ? s->frame_budget_units : 0,
-            .fine_tiles = fine_tiles(s),
+            .fine_tiles = fine_tiles(d),
             .saved_texels = *s->cache ? &saved : NULL,
             .looks_later = looks_later(d),
             .cancel = &d->cancel,
@@ -662,6 +663,7 @@ static enum lw_status follow_clients(struct daemon *d, struct lw_error *err) {
     struct lw_server_interest wanted;
     if (d->settings.light != LIGHT_SEEN || !lw_server_take_interest(d->server, &wanted)) return LW_OK;
     d->is_looked_at = wants_something(d, &wanted);
+    d->interest = wanted.number;
     d->prepares = false;
     enum lw_status status = d->solver->ops->set_interest(d->solver, wanted.levels, err);
     free(wanted.levels);
@@ -737,6 +739,7 @@ static enum lw_status publish_frame(struct daemon *d, uint64_t frame, uint64_t s
     if (may_wait(d, status, "new light", &d->owes_snapshot, err)) return LW_OK;
     if (status != LW_OK)
         return lw_status_fail(err, status, "publishing frame %llu", (unsigned long long)frame);
+    (*out_snapshot)->interest = d->interest;
     lw_server_publish(d->server, *out_snapshot);
     d->published = frame;
     d->moved = false;
@@ -1140,7 +1143,7 @@ static void init(struct daemon *d, int argc, char **argv) {
         .succession = {.sockets = {-1, -1, -1}},
         .settings = {.serve = LW_SERVE_OPTIONS_DEFAULTS,
                      .bounces = 2,
-                     .detail = 2,
+                     .detail = LW_ATLAS_FINER_MAX,
                      .detail_mb = -1,
                      .probes = {.tracing_range_m = (double)INFINITY},
                      .direct_samples = 1,

@@ -14,7 +14,9 @@
 enum { SELF, RIGHT, BELOW, CORNER, PARTS };
 
 struct lw_gl_fine_slot {
-    uint32_t tile;           /* NONE: the slot is free */
+    uint32_t tile; /* id; NONE: the slot is free */
+    uint64_t name; /* of the tile: the id may go to another one */
+    uint32_t object;
     uint64_t version[PARTS]; /* that the slot holds; 0: not there */
     float share;             /* of the tile that is seen */
     bool leaves;             /* the share falls */
@@ -24,11 +26,13 @@ struct lw_gl_fine_slot {
 
 static uint32_t count_slots(const struct lw_atlas_map *map, uint32_t slots_max) {
     GLint table_max = 0, layers_max = 0, units_max = 0;
+    const uint64_t words = map->plain_count + map->fine_names;
     const uint32_t tiles = map->tile_count - map->plain_count;
     glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &table_max);
     glGetIntegerv(GL_MAX_ARRAY_TEXTURE_LAYERS, &layers_max);
     glGetIntegerv(GL_MAX_TEXTURE_IMAGE_UNITS, &units_max);
-    if (map->tile_count >= (uint32_t)table_max || (uint32_t)units_max < LW_GL_FINE_TILES_UNITS) return 0;
+    if (words >= (uint64_t)table_max || words >= INT32_MAX || (uint32_t)units_max < LW_GL_FINE_TILES_UNITS)
+        return 0;
     uint32_t count = tiles < slots_max ? tiles : slots_max;
     if (count > (uint32_t)layers_max) count = (uint32_t)layers_max;
     return count;
@@ -44,9 +48,10 @@ enum lw_status lw_gl_fine_tiles_init(struct lw_gl_fine_tiles *fine, const struct
     fine->slot = calloc(count, sizeof *fine->slot);
     fine->in_pool = calloc(map->object_count + 1ul, sizeof *fine->in_pool);
     fine->wanted = calloc(map->tile_count - map->plain_count, sizeof *fine->wanted);
+    fine->word = calloc(map->tile_count - map->plain_count, sizeof *fine->word);
     fine->texels = calloc((size_t)SIDE * SIDE, sizeof *fine->texels);
     enum lw_status status = LW_OK;
-    if (!fine->slot || !fine->in_pool || !fine->wanted || !fine->texels)
+    if (!fine->slot || !fine->in_pool || !fine->wanted || !fine->word || !fine->texels)
         status = lw_status_fail(err, LW_NO_MEMORY, "no memory for the light of the view");
     if (status == LW_OK) {
         fine->slot_count = count;
@@ -68,6 +73,7 @@ enum lw_status lw_gl_fine_tiles_init(struct lw_gl_fine_tiles *fine, const struct
 void lw_gl_fine_tiles_finish(struct lw_gl_fine_tiles *fine) {
     if (fine->pool) glDeleteTextures(1, &fine->pool);
     free(fine->texels);
+    free(fine->word);
     free(fine->wanted);
     free(fine->in_pool);
     free(fine->slot);
@@ -76,29 +82,46 @@ void lw_gl_fine_tiles_finish(struct lw_gl_fine_tiles *fine) {
 
 /* ---- one slot ---- */
 
-/* The versions of a tile and of the neighbours that its border is of. */
-static void find_versions(const struct lw_gl_fine_tiles *fine, const struct lw_compose_source *source,
-                          uint32_t tile, uint64_t out[PARTS]) {
+/* A tile, or a neighbour that its border is of. */
+struct part {
+    struct lw_client_tile is; /* version 0: it is not there */
+    uint32_t width;           /* texels */
+};
+
+static void find_parts(const struct lw_gl_fine_tiles *fine, const struct lw_compose_source *source,
+                       uint32_t tile, struct part out[PARTS]) {
     const struct lw_tile_place *p = &fine->map->place[tile];
     for (uint32_t i = 0; i < PARTS; i++) {
         const lw_tile_id id =
             lw_atlas_map_find(fine->map, p->object, p->level, p->x + (i & 1), p->y + (i >> 1));
-        out[i] = id.v == UINT32_MAX ? 0 : source->tile(source->context, id).version;
+        out[i] = (struct part){.width = 0};
+        if (id.v == UINT32_MAX) continue;
+        out[i] = (struct part){source->tile(source->context, id), fine->map->place[id.v].width};
+        if (!out[i].is.rgb) out[i].is.version = 0;
     }
+}
+
+static void versions_of(const struct part part[PARTS], uint64_t out[PARTS]) {
+    for (uint32_t i = 0; i < PARTS; i++) out[i] = part[i].is.version;
 }
 
 /* Packs a tile and its border. Where a neighbour lacks, the edge stands in for it in look-ups between the
  * two. */
 static void pack(struct lw_gl_fine_tiles *fine, const struct lw_tile_place *p,
-                 const struct lw_client_level *level, const uint64_t version[PARTS]) {
-    const uint32_t x0 = p->x * LW_TILE_SIDE, y0 = p->y * LW_TILE_SIDE;
+                 const struct part part[PARTS]) {
     uint32_t *out = fine->texels;
     for (uint32_t y = 0; y <= p->height; y++)
         for (uint32_t x = 0; x <= p->width; x++) {
-            const uint32_t part = (x == p->width ? RIGHT : 0u) + (y == p->height ? BELOW : 0u);
-            const uint32_t sx = x0 + (x == p->width && !version[part] ? x - 1 : x),
-                           sy = y0 + (y == p->height && !version[part] ? y - 1 : y);
-            const float *rgb = level->rgb + 3 * ((size_t)sy * level->width + sx);
+            const uint32_t at = (x == p->width ? RIGHT : 0u) + (y == p->height ? BELOW : 0u);
+            const bool there = part[at].is.version != 0;
+            const struct part *from = &part[there ? at : SELF];
+            const uint32_t sx = x < p->width ? x
+                                : there      ? 0
+                                             : x - 1,
+                           sy = y < p->height ? y
+                                : there       ? 0
+                                              : y - 1;
+            const float *rgb = from->is.rgb + 3 * ((size_t)sy * from->width + sx);
             const float scaled[3] = {rgb[0] * fine->scale, rgb[1] * fine->scale, rgb[2] * fine->scale};
             *out++ = lw_gl_rgb9e5_pack(scaled);
         }
@@ -107,12 +130,11 @@ static void pack(struct lw_gl_fine_tiles *fine, const struct lw_tile_place *p,
 static bool upload(struct lw_gl_fine_tiles *fine, const struct lw_compose_source *source, uint32_t slot,
                    uint32_t tile) {
     const struct lw_tile_place *p = &fine->map->place[tile];
-    const struct lw_atlas_level *l = lw_atlas_level(&fine->map->atlas[p->object], p->level);
-    const struct lw_client_level level = source->level(source->context, p->object, p->level);
-    if (level.rgb == NULL || level.width != l->width || level.height != l->height) return false;
-    struct lw_gl_fine_slot *s = &fine->slot[slot];
-    find_versions(fine, source, tile, s->version);
-    pack(fine, p, &level, s->version);
+    struct part part[PARTS];
+    find_parts(fine, source, tile, part);
+    if (!part[SELF].is.version) return false;
+    versions_of(part, fine->slot[slot].version);
+    pack(fine, p, part);
     glTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, 0, 0, (GLint)slot, (GLsizei)p->width + 1, (GLsizei)p->height + 1,
                     1, GL_RGB, GL_UNSIGNED_INT_5_9_9_9_REV, fine->texels);
     fine->uploaded++;
@@ -125,7 +147,6 @@ static bool upload(struct lw_gl_fine_tiles *fine, const struct lw_compose_source
 struct call {
     struct lw_gl_fine_tiles *fine;
     const struct lw_gl_fine_tiles_take *take;
-    uint16_t *word;
     float step;          /* of shares */
     uint32_t tiles_left; /* that it may upload */
     uint32_t oldest;     /* the slot whose tile was wanted least recently; NONE: not known */
@@ -139,28 +160,39 @@ static uint32_t wanted(const struct lw_gl_fine_tiles *fine, uint32_t tile) {
 /* Whether views read a tile (compose.c: read_finer). */
 static bool is_read(const struct call *c, uint32_t tile) {
     const struct lw_client_tile is = c->take->source->tile(c->take->source->context, (lw_tile_id){tile});
-    return is.version != 0 &&
+    return is.version != 0 && is.rgb &&
            (c->take->unfiltered || lw_atlas_noise_level_min(is.error, c->take->source->noise_shown) == 0);
+}
+
+static void set_word(struct call *c, const struct lw_gl_fine_slot *s, uint16_t word) {
+    uint16_t *at = &c->fine->word[s->tile - c->fine->map->plain_count];
+    if (*at == word) return;
+    *at = word;
+    c->changed = true;
+    if (!c->take->table) return;
+    glBindBuffer(GL_TEXTURE_BUFFER, c->take->table);
+    glBufferSubData(GL_TEXTURE_BUFFER, (GLintptr)((c->fine->map->plain_count + s->name) * sizeof word),
+                    sizeof word, &word);
 }
 
 static void write_word(struct call *c, uint32_t slot) {
     const struct lw_gl_fine_slot *s = &c->fine->slot[slot];
     const uint32_t share = (uint32_t)(s->share * (float)LW_GL_FINE_TILES_WHOLE + 0.5f);
-    const uint16_t word = (uint16_t)((slot + 1) | share << LW_GL_FINE_TILES_SHIFT);
-    uint16_t *at = &c->word[s->tile - c->fine->map->plain_count];
-    c->changed |= *at != word;
-    *at = word;
+    set_word(c, s, (uint16_t)((slot + 1) | share << LW_GL_FINE_TILES_SHIFT));
 }
 
 static void drop(struct call *c, uint32_t slot) {
     struct lw_gl_fine_slot *s = &c->fine->slot[slot];
-    c->word[s->tile - c->fine->map->plain_count] = 0;
-    c->fine->in_pool[c->fine->map->place[s->tile].object]--;
+    set_word(c, s, 0);
+    c->fine->in_pool[s->object]--;
     c->fine->used--;
-    s->tile = NONE;
-    s->share = 0;
-    s->leaves = false;
-    c->changed = true;
+    *s = (struct lw_gl_fine_slot){.tile = NONE};
+}
+
+/* Whether the id still stands for the slot's tile. */
+static bool is_same(const struct call *c, const struct lw_gl_fine_slot *s) {
+    const lw_tile_id id = {s->tile};
+    return lw_atlas_map_is_used(c->fine->map, id) && lw_atlas_map_name(c->fine->map, id) == s->name;
 }
 
 /* A share that turns moves from the next call on: nobody has drawn since the last call. */
@@ -174,6 +206,10 @@ static void fade(const struct call *c, struct lw_gl_fine_slot *s, bool stays) {
 /* Brings a slot up to date, and moves its share on. */
 static void follow_slot(struct call *c, uint32_t slot) {
     struct lw_gl_fine_slot *s = &c->fine->slot[slot];
+    if (!is_same(c, s)) {
+        drop(c, slot);
+        return;
+    }
     const bool stays = is_read(c, s->tile);
     fade(c, s, stays);
     if (!stays && (s->share <= 0 || !s->version[SELF])) {
@@ -181,7 +217,9 @@ static void follow_slot(struct call *c, uint32_t slot) {
         return;
     }
     uint64_t version[PARTS];
-    find_versions(c->fine, c->take->source, s->tile, version);
+    struct part part[PARTS];
+    find_parts(c->fine, c->take->source, s->tile, part);
+    versions_of(part, version);
     const bool late = stays && memcmp(version, s->version, sizeof version) != 0;
     const bool uploads = late && c->tiles_left > 0 && upload(c->fine, c->take->source, slot, s->tile);
     c->tiles_left -= uploads;
@@ -211,14 +249,16 @@ static void add(struct call *c, uint32_t tile) {
         fine->waiting++;
         return;
     }
-    if (!upload(fine, c->take->source, slot, tile)) return;
     if (s->tile != NONE) drop(c, slot);
+    if (!upload(fine, c->take->source, slot, tile)) return;
     c->oldest = NONE;
     c->tiles_left--;
     s->tile = tile;
+    s->name = lw_atlas_map_name(fine->map, (lw_tile_id){tile});
+    s->object = fine->map->place[tile].object;
     s->share = c->take->now_ns ? 0 : 1;
     fine->used++;
-    fine->in_pool[fine->map->place[tile].object]++;
+    fine->in_pool[s->object]++;
     fine->waiting += s->share < 1;
     write_word(c, slot);
 }
@@ -236,12 +276,10 @@ static void rescale(struct call *c) {
         memset(c->fine->slot[i].version, 0, sizeof c->fine->slot[i].version);
 }
 
-bool lw_gl_fine_tiles_take(struct lw_gl_fine_tiles *fine, const struct lw_gl_fine_tiles_take *take,
-                           uint16_t *word) {
+bool lw_gl_fine_tiles_take(struct lw_gl_fine_tiles *fine, const struct lw_gl_fine_tiles_take *take) {
     if (!fine->pool) return false;
     struct call c = {.fine = fine,
                      .take = take,
-                     .word = word,
                      .step = step_since(fine->moved_ns, take->now_ns),
                      .tiles_left = take->tiles_max,
                      .oldest = NONE};
@@ -253,7 +291,7 @@ bool lw_gl_fine_tiles_take(struct lw_gl_fine_tiles *fine, const struct lw_gl_fin
     for (uint32_t i = 0; i < fine->slot_count; i++)
         if (fine->slot[i].tile != NONE) follow_slot(&c, i);
     for (uint32_t t = fine->map->plain_count; t < fine->map->tile_count; t++)
-        if (word[t - fine->map->plain_count] == 0 && is_read(&c, t)) add(&c, t);
+        if (fine->word[t - fine->map->plain_count] == 0 && is_read(&c, t)) add(&c, t);
     LW_INVARIANT(fine->used <= fine->slot_count);
     return c.changed;
 }

@@ -33,7 +33,8 @@ struct lw_gl_fine_tiles {
     uint32_t slot_count; /* 0: there is none */
     struct lw_gl_fine_slot *slot;
     uint32_t *in_pool; /* per object: its tiles */
-    uint32_t *wanted;  /* per tile of finer levels: the last survey that wanted it; 0: none */
+    uint32_t *wanted;  /* per id of finer levels: the last survey that wanted it; 0: none */
+    uint16_t *word;    /* per id of finer levels, as in the table */
     uint32_t survey;   /* number of the last one */
     uint32_t *texels;  /* scratch: of one slot */
     float scale;       /* of what the pool holds */
@@ -50,6 +51,7 @@ struct lw_gl_fine_tiles_take {
     float scale;        /* what the pool is to hold is E times this */
     uint64_t now_ns;    /* by any clock. 0: nothing fades */
     uint32_t tiles_max; /* to upload at most */
+    GLuint table;       /* the buffer of words: those of finer levels follow the map's plain ones, by name */
 };
 
 /** Makes a pool. There is none, and `pool` is 0, where the map has no finer levels or the GPU's limits leave
@@ -62,11 +64,9 @@ LW_MUST_CHECK enum lw_status lw_gl_fine_tiles_init(struct lw_gl_fine_tiles *fine
 /** A zeroed one is fine. */
 void lw_gl_fine_tiles_finish(struct lw_gl_fine_tiles *fine);
 
-/** Takes over what has arrived and what was withdrawn, and moves fades on.
- * word   per tile of finer levels, from map->plain_count on; zero before the first call
- * Returns whether a word has changed. */
-bool lw_gl_fine_tiles_take(struct lw_gl_fine_tiles *fine, const struct lw_gl_fine_tiles_take *take,
-                           uint16_t *word);
+/** Takes over what has arrived, what was withdrawn and what has lost its id, and moves fades on. Returns
+ * whether a word has changed. */
+bool lw_gl_fine_tiles_take(struct lw_gl_fine_tiles *fine, const struct lw_gl_fine_tiles_take *take);
 
 /** A survey begins: what it finds is wanted more than what former ones found. */
 void lw_gl_fine_tiles_survey(struct lw_gl_fine_tiles *fine);

@@ -118,9 +118,19 @@ static void make_table(GLenum format, size_t size, const void *data, GLuint *out
     glTexBuffer(GL_TEXTURE_BUFFER, format, *out_buffer);
 }
 
-/* Without a pool no word of a finer level is read. */
+/* Words of the table: those of plain tiles, then those of finer levels by their names. Without a pool no
+ * word of a finer level is read. */
 static size_t count_words(const struct lw_gl_light *light) {
-    return (light->fine.pool ? light->map->tile_count : light->map->plain_count) + 1ul;
+    return light->map->plain_count + (light->fine.pool ? (size_t)light->map->fine_names : 0) + 1;
+}
+
+/* A table of words, which are all 0. */
+static enum lw_status make_words(struct lw_gl_light *light, struct lw_error *err) {
+    uint16_t *zero = calloc(count_words(light), sizeof *zero);
+    if (zero == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the light of the view");
+    make_table(GL_R16UI, count_words(light) * sizeof *zero, zero, &light->tile_buffer, &light->tiles);
+    free(zero);
+    return LW_OK;
 }
 
 static enum lw_status make_textures(struct lw_gl_light *light, uint32_t count, struct lw_error *err) {
@@ -140,12 +150,14 @@ static enum lw_status make_textures(struct lw_gl_light *light, uint32_t count, s
         for (uint32_t i = 1; i <= map->atlas[o].finer_count; i++) {
             uint32_t *row = table[light->first_level[o] - i];
             row[1] = map->atlas[o].finer[i - 1].tiles_x << 16;
-            row[3] = lw_atlas_map_first(map, o, LW_ATLAS_FINER + i);
+            row[3] =
+                (uint32_t)(map->plain_count + map->first_finer[o] + map->atlas[o].finer[i - 1].first_tile);
         }
     }
     make_table(GL_RGBA32UI, (count + 1ul) * sizeof *table, table, &light->level_buffer, &light->levels);
-    make_table(GL_R16UI, count_words(light) * sizeof *light->word, NULL, &light->tile_buffer, &light->tiles);
     free(table);
+    const enum lw_status status = make_words(light, err);
+    if (status != LW_OK) return status;
     glGenTextures(1, &light->pages);
     glBindTexture(GL_TEXTURE_2D_ARRAY, light->pages);
     glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_NEAREST);
@@ -176,7 +188,7 @@ enum lw_status lw_gl_light_init(struct lw_gl_light *light, const struct lw_atlas
     light->version = calloc(map->plain_count + 1ul, sizeof *light->version);
     light->noise_level = calloc(map->plain_count + 1ul, sizeof *light->noise_level);
     light->settled = calloc(map->object_count + 1ul, sizeof *light->settled);
-    light->word = calloc(map->tile_count + 1ul, sizeof *light->word);
+    light->word = calloc(map->plain_count + 1ul, sizeof *light->word);
     light->queue = calloc(map->plain_count + 1ul, sizeof *light->queue);
     light->texels = calloc((size_t)BORDERED * BORDERED, sizeof *light->texels);
     enum lw_status status = LW_OK;
@@ -294,8 +306,8 @@ static void find_words(struct lw_gl_light *light) {
 
 static void upload_words(const struct lw_gl_light *light) {
     glBindBuffer(GL_TEXTURE_BUFFER, light->tile_buffer);
-    glBufferData(GL_TEXTURE_BUFFER, (GLsizeiptr)(count_words(light) * sizeof *light->word), light->word,
-                 GL_DYNAMIC_DRAW);
+    glBufferSubData(GL_TEXTURE_BUFFER, 0, (GLsizeiptr)(light->map->plain_count * sizeof *light->word),
+                    light->word);
 }
 
 /* The average of what has arrived of the objects' coarsest levels. */
@@ -404,8 +416,9 @@ void lw_gl_light_take(struct lw_gl_light *light, const struct lw_compose_source 
                                                .unfiltered = light->unfiltered,
                                                .scale = light->scale,
                                                .now_ns = now_ns,
-                                               .tiles_max = most - plain};
-    changed |= lw_gl_fine_tiles_take(&light->fine, &take, light->word + light->map->plain_count);
-    light->waiting += light->fine.waiting;
+                                               .tiles_max = most - plain,
+                                               .table = light->tile_buffer};
     if (changed) upload_words(light);
+    lw_gl_fine_tiles_take(&light->fine, &take);
+    light->waiting += light->fine.waiting;
 }

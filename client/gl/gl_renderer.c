@@ -1000,7 +1000,8 @@ static enum lw_status draw_maps(struct lw_gl_renderer *r, const struct lw_compos
 /* The colours of a chart of tiles. */
 static enum lw_status take_tile_colours(struct lw_gl_renderer *r, const struct lw_compose_view *view,
                                         struct lw_error *err) {
-    const uint32_t count = r->desc.map->tile_count;
+    const struct lw_atlas_map *map = r->desc.map;
+    const size_t count = map->plain_count + (r->light.fine.pool ? (size_t)map->fine_names : 0);
     const size_t size = 4 * (count + 1ul) * sizeof *r->tile_colour;
     if (r->tile_colour == NULL) {
         r->tile_colour = calloc(1, size);
@@ -1008,9 +1009,13 @@ static enum lw_status take_tile_colours(struct lw_gl_renderer *r, const struct l
         make_table(GL_RGBA32F, size, &r->tile_colour_buffer, &r->tile_colours);
     }
     if (lw_show_is_of_tiles(view->show)) {
-        for (uint32_t t = 0; t < count; t++) {
+        for (uint32_t t = 0; t < map->tile_count; t++) {
             const struct lw_vec3 c = view->tile_colour[t];
-            float *out = r->tile_colour + 4ul * t;
+            if (t >= map->plain_count && (!r->light.fine.pool || !lw_atlas_map_is_used(map, (lw_tile_id){t})))
+                continue;
+            float *out =
+                r->tile_colour +
+                4 * (t < map->plain_count ? t : map->plain_count + lw_atlas_map_name(map, (lw_tile_id){t}));
             out[0] = c.x, out[1] = c.y, out[2] = c.z;
         }
         glBindBuffer(GL_TEXTURE_BUFFER, r->tile_colour_buffer);
@@ -1104,6 +1109,15 @@ enum lw_status lw_gl_renderer_meter(struct lw_gl_renderer *r, float *out_stops, 
 
 /* ---- which tiles a view needs ---- */
 
+/* The tile of a pixel: its place in the table of words plus one, or 0. A tile of a finer level gets an id,
+ * if one is left. */
+static lw_tile_id tile_of(const struct lw_atlas_map *map, uint32_t pixel) {
+    if (pixel == 0) return (lw_tile_id){UINT32_MAX};
+    if (pixel <= map->plain_count) return (lw_tile_id){pixel - 1};
+    const uint64_t name = pixel - 1 - map->plain_count;
+    return name < map->fine_names ? lw_atlas_map_claim_name(map, name) : (lw_tile_id){UINT32_MAX};
+}
+
 enum lw_status lw_gl_renderer_survey(struct lw_gl_renderer *r, const struct lw_compose_view *view,
                                      uint8_t *out_needed, uint64_t *out_shown, uint64_t *out_pixels,
                                      struct lw_error *err) {
@@ -1140,11 +1154,11 @@ enum lw_status lw_gl_renderer_survey(struct lw_gl_renderer *r, const struct lw_c
     if (status == LW_OK) status = lw_gl_program_check("drawing", err);
     lw_gl_fine_tiles_survey(&r->light.fine);
     for (size_t i = 0; status == LW_OK && i < count; i++) {
-        const uint32_t tile = r->tiles[2 * i] - 1;
-        if (tile >= r->desc.map->tile_count) continue;
-        lw_gl_fine_tiles_want(&r->light.fine, (lw_tile_id){tile});
-        out_needed[tile] = 1;
-        out_shown[tile] += r->tiles[2 * i + 1];
+        const lw_tile_id tile = tile_of(r->desc.map, r->tiles[2 * i]);
+        if (tile.v == UINT32_MAX) continue;
+        lw_gl_fine_tiles_want(&r->light.fine, tile);
+        out_needed[tile.v] = 1;
+        out_shown[tile.v] += r->tiles[2 * i + 1];
     }
     *out_pixels = count;
     return status;

@@ -522,11 +522,37 @@ static enum lw_status tell_interest(struct lw_client *c, struct lw_error *err) {
     return status;
 }
 
+/* While this share of the ids of finer levels is free, tiles stay that nobody wants: somebody may look back.
+ * */
+#define FINE_FREE 4
+
+/* Drops tiles of finer levels that are wanted no more, where ids for others are about to run out. What the
+ * server was told last stays: until it hears otherwise an id means the same to both. */
+static void drop_unwanted(struct lw_client *c) {
+    const struct lw_atlas_map *map = lw_replica_atlas_map(c->replica);
+    if (!map->fine || lw_fine_ids_free_count(map->fine) >= LW_REPLICA_FINE_MAX / FINE_FREE) return;
+    for (uint32_t t = map->plain_count; t < map->tile_count; t++)
+        if (lw_atlas_map_is_used(map, (lw_tile_id){t}) && !lw_interest_lists(&c->interest, (lw_tile_id){t}))
+            lw_replica_release_fine(c->replica, (lw_tile_id){t});
+}
+
+/* Ids of finer levels that have become free stand for no tile. */
+static void leave_out_free(struct lw_interest_list *list, const struct lw_atlas_map *map) {
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < list->count; i++)
+        if (lw_atlas_map_is_used(map, list->tile[i])) list->tile[kept++] = list->tile[i];
+    list->count = kept;
+}
+
 enum lw_status lw_client_want(struct lw_client *c, const lw_tile_id *tile, size_t count) {
-    const uint32_t tiles = c->replica ? lw_replica_atlas_map(c->replica)->tile_count : 0;
+    const struct lw_atlas_map *map = c->replica ? lw_replica_atlas_map(c->replica) : NULL;
     for (size_t i = 0; i < count; i++)
-        if (tile[i].v >= tiles) return LW_USAGE;
-    return lw_interest_set(&c->interest, tile, count, LW_CLIENT_INTEREST_MAX);
+        if (!map || tile[i].v >= map->tile_count) return LW_USAGE;
+    enum lw_status status = lw_interest_set(&c->interest, tile, count, LW_CLIENT_INTEREST_MAX);
+    if (status != LW_OK || !map) return status;
+    leave_out_free(&c->interest.now, map);
+    drop_unwanted(c);
+    return LW_OK;
 }
 
 void lw_client_want_everything(struct lw_client *c) { lw_interest_set_everything(&c->interest); }
@@ -659,14 +685,14 @@ static enum lw_status tell_held(struct lw_client *c, struct lw_error *err) {
     if (!held) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     size_t count = 0;
     enum lw_status status = LW_OK;
-    for (uint32_t t = 0; status == LW_OK && !c->link.outbox_size && t < map->tile_count; t++) {
+    for (uint32_t t = 0; status == LW_OK && !c->link.outbox_size && t < map->plain_count; t++) {
         const uint64_t version = lw_replica_version_of_run(c->replica, (lw_tile_id){t});
         const struct lw_tile_place *p = &map->place[t];
         LW_INVARIANT(count < HOLDS_AT_ONCE);
-        if (version && !lw_atlas_finer(p->level))
+        if (version)
             held[count++] = (struct lw_message_held){p->object, p->level,
                                                      lw_atlas_map_number(map, (lw_tile_id){t}), version};
-        if (count < HOLDS_AT_ONCE && (!count || t + 1 < map->tile_count)) continue;
+        if (count < HOLDS_AT_ONCE && (!count || t + 1 < map->plain_count)) continue;
         const struct lw_message message = {.type = LW_MESSAGE_HOLDS, .holds = {held, count}};
         status = lw_link_send(&c->link, &message, err);
         count = 0;

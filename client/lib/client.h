@@ -195,7 +195,7 @@ struct lw_client_level {
     uint32_t width, height;
     const float *rgb; /* irradiance, W/m^2: width*height*3, row by row; zeros where nothing has arrived */
 };
-/** Errors: none; an object or level that is not there gives width 0. */
+/** Errors: none; an object or level that is not there, or is finer than level 0, gives width 0. */
 struct lw_client_level lw_client_get_level(const struct lw_client *client, uint32_t object, uint32_t level);
 
 /** The same of any channel's slot (tile_channels.h): a float per plane, zeros where nothing has arrived;
@@ -287,6 +287,9 @@ struct lw_client_tile {
     uint32_t bounces;    /* indirect bounces in it */
     float error;         /* relative standard error */
     uint64_t arrived_ns; /* lw_clock_ns() when this version came */
+    /* Of a tile of a finer level: its irradiance, W/m^2, width*height*3 of its place, row by row; such tiles
+     * are in no level of an atlas. Else NULL. */
+    const float *rgb;
 };
 struct lw_client_tile lw_client_get_tile(const struct lw_client *client, lw_tile_id tile);
 

@@ -37,6 +37,9 @@ LW_MUST_CHECK enum lw_status lw_interest_set(struct lw_interest *interest, const
                                              size_t count, uint32_t most);
 void lw_interest_set_everything(struct lw_interest *interest);
 
+/** Whether a tile is in the set, or in that which the server was told last. */
+bool lw_interest_lists(const struct lw_interest *interest, lw_tile_id tile);
+
 /** Whether to tell the server now: of tiles that entered the set at once, of tiles that left it later. */
 bool lw_interest_is_due(const struct lw_interest *interest, uint64_t now_ns);
 

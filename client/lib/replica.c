@@ -15,6 +15,7 @@ struct slot {
     uint32_t number; /* of the channel */
     const struct lw_tile_channel *is;
     float *texels;               /* all levels of all objects, one after another */
+    float **fine;                /* per id of a finer level: texels of its tile; NULL: none */
     struct lw_client_tile *tile; /* by tile id */
     /* By tile id: what deltas build on; NULL before there was anything. */
     struct lw_tile_dct_coefficients **coefficients;
@@ -31,7 +32,7 @@ struct lw_replica {
     struct lw_tile_codec *codec;
     bool has_map, has_pose;
     struct slot slot[LW_TILE_CHANNELS_MAX]; /* as channels have it; LW_REPLICA_IRRADIANCE is always there */
-    size_t *first_texel;                    /* per object and level, finer ones last */
+    size_t *first_texel;                    /* per object and level */
     bool *unlit;             /* by object: since it was a spare, its coarsest level has not come */
     lw_replica_watch *watch; /* NULL: nobody */
     void *watch_context;
@@ -40,11 +41,14 @@ struct lw_replica {
     float decoded[LW_TILE_TEXELS_MAX * LW_TILE_CHANNEL_PLANES_MAX];
 };
 
-#define LEVELS_MAX (LW_ATLAS_LEVELS_MAX + LW_ATLAS_FINER_MAX)
-
 static size_t *first_texel_of(const struct lw_replica *r, uint32_t object, uint32_t level) {
-    const uint32_t finer = lw_atlas_finer(level);
-    return &r->first_texel[(size_t)object * LEVELS_MAX + (finer ? LW_ATLAS_LEVELS_MAX + finer - 1 : level)];
+    return &r->first_texel[(size_t)object * LW_ATLAS_LEVELS_MAX + level];
+}
+
+/* The texels of a tile of a finer level in a slot. */
+static float **fine_of(const struct lw_replica *r, const struct slot *slot, lw_tile_id id) {
+    LW_INVARIANT(id.v >= r->map.plain_count && id.v < r->map.tile_count);
+    return &slot->fine[id.v - r->map.plain_count];
 }
 
 static void count_coarsest(struct lw_replica *r) {
@@ -55,41 +59,26 @@ static void count_coarsest(struct lw_replica *r) {
         const struct lw_atlas_level *coarsest = &atlas->level[atlas->level_count - 1];
         r->coarsest_missing += coarsest->tiles_x * coarsest->tiles_y;
     }
-    LW_INVARIANT(r->coarsest_missing <= r->map.tile_count);
+    LW_INVARIANT(r->coarsest_missing <= r->map.plain_count);
 }
 
-static uint64_t place_level(struct lw_replica *r, uint32_t object, uint32_t number, uint64_t texels) {
-    const struct lw_atlas_level *level = lw_atlas_level(&r->map.atlas[object], number);
-    *first_texel_of(r, object, number) = (size_t)texels;
-    return texels + (uint64_t)level->width * level->height;
-}
-
-/* Objects are at most 2^20 and an atlas at most 2^28 texels with a third on top, or 2^8 times as many on
- * finer levels: 64 bits hold the sum. */
+/* Objects are at most 2^20 and an atlas at most 2^28 texels with a third on top: 64 bits hold the sum. */
 static uint64_t place_levels(struct lw_replica *r) {
     uint64_t texels = 0;
     for (uint32_t o = 0; o < r->map.object_count; o++) {
         const struct lw_atlas *atlas = &r->map.atlas[o];
-        for (uint32_t l = 0; l < atlas->level_count; l++) texels = place_level(r, o, l, texels);
-        for (uint32_t k = 1; k <= atlas->finer_count; k++)
-            texels = place_level(r, o, LW_ATLAS_FINER + k, texels);
+        for (uint32_t l = 0; l < atlas->level_count; l++) {
+            *first_texel_of(r, o, l) = (size_t)texels;
+            texels += (uint64_t)atlas->level[l].width * atlas->level[l].height;
+        }
     }
     return texels;
 }
 
-/* Texels of a scene's atlases, of level 0 and finer ones. */
-static uint64_t count_texels(const struct lw_scene *scene, uint32_t finer) {
-    uint64_t texels = 0;
-    for (uint32_t o = 0; o < scene->object_count; o++) {
-        const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
-        for (uint32_t k = 0; k <= finer; k++)
-            texels += (uint64_t)mesh->atlas_width * mesh->atlas_height << 2 * k;
-    }
-    return texels + texels / 2; /* and coarser ones */
-}
-
 static void free_slot(const struct lw_replica *r, struct slot *slot) {
     for (uint32_t i = 0; slot->coefficients && i < r->map.tile_count; i++) free(slot->coefficients[i]);
+    for (uint32_t i = 0; slot->fine && i < r->map.tile_count - r->map.plain_count; i++) free(slot->fine[i]);
+    free(slot->fine);
     free(slot->coefficients);
     free(slot->has_coefficients);
     free(slot->texels);
@@ -110,7 +99,8 @@ static enum lw_status make_slot(struct lw_replica *r, uint32_t number, struct lw
     slot.coefficients = calloc((size_t)r->map.tile_count + 1, sizeof *slot.coefficients);
     slot.has_coefficients = calloc((size_t)r->map.tile_count + 1, sizeof *slot.has_coefficients);
     slot.texels = calloc((size_t)texels + 1, is->planes * sizeof(float));
-    if (slot.tile && slot.coefficients && slot.has_coefficients && slot.texels) {
+    slot.fine = calloc(r->map.tile_count - r->map.plain_count + 1ul, sizeof *slot.fine);
+    if (slot.tile && slot.coefficients && slot.has_coefficients && slot.texels && slot.fine) {
         r->slot[is->slot] = slot;
         return LW_OK;
     }
@@ -119,7 +109,7 @@ static enum lw_status make_slot(struct lw_replica *r, uint32_t number, struct lw
 }
 
 static enum lw_status make_room(struct lw_replica *r, struct lw_error *err) {
-    r->first_texel = calloc((size_t)r->map.object_count * LEVELS_MAX + 1, sizeof *r->first_texel);
+    r->first_texel = calloc((size_t)r->map.object_count * LW_ATLAS_LEVELS_MAX + 1, sizeof *r->first_texel);
     r->unlit = calloc((size_t)r->map.object_count + 1, sizeof *r->unlit);
     if (!r->first_texel || !r->unlit) return LW_NO_MEMORY;
     for (uint32_t o = 0; o < r->map.object_count; o++)
@@ -147,33 +137,33 @@ static enum lw_status complete(struct lw_replica *r, enum lw_status status, stru
     return status;
 }
 
-/* Finer levels than there is room for are left out. */
 static enum lw_status make_map(struct lw_replica *r, uint32_t finer) {
-    const size_t texel = sizeof(float) * lw_tile_channel_at(LW_LIGHT_FORM_FULL)->planes;
-    while (finer && count_texels(r->scene, finer) > LW_REPLICA_BYTES_MAX / texel) finer--;
-    return lw_atlas_map_init_finer(&r->map, r->scene, finer);
+    const enum lw_status status =
+        lw_atlas_map_init_finer(&r->map, r->scene, finer, finer ? LW_REPLICA_FINE_MAX : 0);
+    r->has_map = status == LW_OK;
+    return status;
 }
 
 enum lw_status lw_replica_create(const uint8_t *package, size_t size, uint32_t finer,
                                  struct lw_replica **out_replica, struct lw_error *err) {
     struct lw_replica *r = calloc(1, sizeof *r);
     enum lw_status status = r ? lw_package_read(package, size, &r->scene, err) : LW_NO_MEMORY;
-    if (status == LW_OK) {
-        status = make_map(r, finer);
-        r->has_map = status == LW_OK;
-    }
+    if (status == LW_OK) status = make_map(r, finer);
     return complete(r, status, out_replica, err);
 }
 
 enum lw_status lw_replica_create_beside(const struct lw_replica *other, struct lw_replica **out_replica,
                                         struct lw_error *err) {
     struct lw_replica *r = calloc(1, sizeof *r);
+    enum lw_status status = r ? LW_OK : LW_NO_MEMORY;
     if (r) {
         r->beside = other;
         r->scene = other->scene;
         r->map = other->map;
+        /* who sees other tiles gives ids to others */
+        if (other->map.finer_count) status = make_map(r, other->map.finer_count);
     }
-    return complete(r, r ? LW_OK : LW_NO_MEMORY, out_replica, err);
+    return complete(r, status, out_replica, err);
 }
 
 static void drop_finished(struct lw_replica *r) {
@@ -308,6 +298,15 @@ static bool are_values(const struct lw_tile_channel *is, const float *value, siz
     return true;
 }
 
+static enum lw_status copy_fine(struct lw_replica *r, const struct slot *slot, lw_tile_id id) {
+    const struct lw_tile_place *place = &r->map.place[id.v];
+    const size_t size = slot->is->planes * place->width * place->height * sizeof(float);
+    float **fine = fine_of(r, slot, id);
+    if (!*fine && !(*fine = malloc(size))) return LW_NO_MEMORY;
+    memcpy(*fine, r->decoded, size);
+    return LW_OK;
+}
+
 static void copy_into_level(struct lw_replica *r, const struct slot *slot,
                             const struct lw_tile_place *place) {
     const struct lw_atlas_level *at = lw_atlas_level(&r->map.atlas[place->object], place->level);
@@ -315,10 +314,29 @@ static void copy_into_level(struct lw_replica *r, const struct slot *slot,
     size_t x = (size_t)place->x * LW_TILE_SIDE, y = (size_t)place->y * LW_TILE_SIDE;
     float *level = slot->texels + planes * *first_texel_of(r, place->object, place->level);
     LW_INVARIANT(x + place->width <= level_width && y + place->height <= at->height);
-    LW_INVARIANT_DEAR(are_values(slot->is, r->decoded, planes * place->width * place->height));
     for (uint32_t row = 0; row < place->height; row++)
         memcpy(level + planes * ((y + row) * level_width + x), r->decoded + planes * row * place->width,
                planes * place->width * sizeof(float));
+}
+
+/* Takes over what was decoded. Errors: LW_NO_MEMORY, of tiles of finer levels. */
+static enum lw_status keep_decoded(struct lw_replica *r, const struct slot *slot, lw_tile_id id) {
+    const struct lw_tile_place *place = &r->map.place[id.v];
+    LW_INVARIANT_DEAR(are_values(slot->is, r->decoded, slot->is->planes * place->width * place->height));
+    if (lw_atlas_finer(place->level)) return copy_fine(r, slot, id);
+    copy_into_level(r, slot, place);
+    return LW_OK;
+}
+
+/* The tile is here no more. */
+static void drop_fine(struct lw_replica *r, struct slot *slot, lw_tile_id id) {
+    float **fine = fine_of(r, slot, id);
+    slot->tile[id.v] = (struct lw_client_tile){0};
+    slot->has_coefficients[id.v] = false;
+    free(slot->coefficients[id.v]);
+    slot->coefficients[id.v] = NULL;
+    free(*fine);
+    *fine = NULL;
 }
 
 /* Irradiance is of another form: what is there would be missing some light, or have it twice. */
@@ -326,7 +344,10 @@ static void drop_light(struct lw_replica *r, struct slot *slot) {
     memset(r->decoded, 0, sizeof r->decoded);
     for (uint32_t t = 0; t < r->map.tile_count; t++) {
         if (!slot->tile[t].version) continue;
-        copy_into_level(r, slot, &r->map.place[t]);
+        if (t < r->map.plain_count)
+            copy_into_level(r, slot, &r->map.place[t]);
+        else
+            drop_fine(r, slot, (lw_tile_id){t});
         slot->tile[t] = (struct lw_client_tile){0};
         if (r->watch) r->watch(r->watch_context, (lw_tile_id){t});
     }
@@ -376,21 +397,19 @@ static enum lw_status decode(struct lw_replica *r, struct slot *slot, const stru
                                 place->width, place->height, *coefficients, r->decoded);
 }
 
-/* The server has a tile no more. */
-static void withdraw(struct lw_replica *r, struct slot *slot, lw_tile_id id, uint64_t version) {
-    slot->tile[id.v] = (struct lw_client_tile){0};
-    slot->has_coefficients[id.v] = false;
-    free(slot->coefficients[id.v]);
-    slot->coefficients[id.v] = NULL;
-    if (version > r->version_max) r->version_max = version;
+void lw_replica_release_fine(struct lw_replica *r, lw_tile_id id) {
+    for (uint32_t i = 0; i < LW_TILE_CHANNELS_MAX; i++)
+        if (r->slot[i].is_there) drop_fine(r, &r->slot[i], id);
+    lw_atlas_map_release(&r->map, id);
 }
 
 enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_message_tile *t,
                                     struct lw_error *err) {
     lw_tile_id id = lw_atlas_map_find_tile(&r->map, t->object, t->level, t->tile);
-    if (id.v == UINT32_MAX)
+    if (!lw_atlas_map_has_tile(&r->map, t->object, t->level, t->tile))
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: there is no object %u, level %u, tile %u",
                               t->object, t->level, t->tile);
+    if (id.v == UINT32_MAX) return LW_OK; /* of a finer level, and not wanted any more */
     if (t->version > UINT64_MAX - r->version_base)
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: versions have come to their end");
     const uint64_t version = r->version_base + t->version;
@@ -405,13 +424,18 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
     struct lw_client_tile *known = &slot->tile[id.v];
     if (version <= known->version) return LW_OK;
     if (t->codec == LW_TILE_CODEC_NONE && lw_atlas_finer(t->level)) {
-        withdraw(r, slot, id, version);
+        drop_fine(r, slot, id); /* the server has it no more */
+        if (version > r->version_max) r->version_max = version;
         if (r->watch && at == LW_REPLICA_IRRADIANCE) r->watch(r->watch_context, id);
         return LW_OK;
     }
     if (!lw_tile_codec_is_known(t->codec))
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: codec %u is unknown", t->codec);
-    if (t->base && (r->version_base + t->base != known->version || !slot->has_coefficients[id.v]))
+    const bool builds_on = r->version_base + t->base == known->version && slot->has_coefficients[id.v];
+    /* it was dropped since the server sent this; once the server hears what is wanted now, it sends a whole
+     * one */
+    if (t->base && !builds_on && lw_atlas_finer(t->level)) return LW_OK;
+    if (t->base && !builds_on)
         return lw_status_fail(
             err, LW_PROTOCOL,
             "message TILE: object %u, level %u, tile %u: it builds on a version that is not here", t->object,
@@ -432,12 +456,16 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
         return lw_status_fail(err, LW_PROTOCOL,
                               "message TILE: object %u, level %u, tile %u: the payload is damaged", t->object,
                               t->level, t->tile);
-    copy_into_level(r, slot, place);
+    if (keep_decoded(r, slot, id) != LW_OK)
+        return lw_status_fail(err, LW_NO_MEMORY, "message TILE: out of memory");
     LW_INVARIANT(known->version || !is_coarsest || r->coarsest_missing > 0);
     if (!known->version && is_coarsest) r->coarsest_missing--;
     if (is_coarsest && !r->pose.object_spare[t->object]) r->unlit[t->object] = false;
-    *known = (struct lw_client_tile){
-        .version = version, .bounces = t->bounces, .error = t->error, .arrived_ns = lw_clock_ns()};
+    *known = (struct lw_client_tile){.version = version,
+                                     .bounces = t->bounces,
+                                     .error = t->error,
+                                     .arrived_ns = lw_clock_ns(),
+                                     .rgb = lw_atlas_finer(t->level) ? *fine_of(r, slot, id) : NULL};
     if (version > r->version_max) r->version_max = version;
     LW_INVARIANT(known->version > r->version_base && known->version <= r->version_max);
     if (r->watch && at == LW_REPLICA_IRRADIANCE) r->watch(r->watch_context, id);
@@ -469,9 +497,9 @@ const struct lw_affine *lw_replica_object_to_world(const struct lw_replica *r, u
 }
 
 struct lw_client_level lw_replica_get_level(const struct lw_replica *r, uint32_t object, uint32_t level) {
-    const struct lw_atlas_level *at =
-        object < r->map.object_count ? lw_atlas_level(&r->map.atlas[object], level) : NULL;
-    if (!at) return (struct lw_client_level){0};
+    if (object >= r->map.object_count || level >= r->map.atlas[object].level_count)
+        return (struct lw_client_level){0};
+    const struct lw_atlas_level *at = &r->map.atlas[object].level[level];
     return (struct lw_client_level){at->width, at->height,
                                     lw_replica_get_texels(r, LW_REPLICA_IRRADIANCE, object, level)};
 }
@@ -479,7 +507,7 @@ struct lw_client_level lw_replica_get_level(const struct lw_replica *r, uint32_t
 const float *lw_replica_get_texels(const struct lw_replica *r, uint32_t slot, uint32_t object,
                                    uint32_t level) {
     if (slot >= LW_TILE_CHANNELS_MAX || !r->slot[slot].is_there || object >= r->map.object_count ||
-        !lw_atlas_level(&r->map.atlas[object], level))
+        level >= r->map.atlas[object].level_count)
         return NULL;
     return r->slot[slot].texels + r->slot[slot].is->planes * *first_texel_of(r, object, level);
 }

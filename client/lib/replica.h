@@ -9,12 +9,14 @@
 #include "proto/message.h"
 
 #define LW_REPLICA_BYTES_MAX  (8ull << 30) /* of a channel's atlases; a scene that needs more is refused */
-#define LW_REPLICA_IRRADIANCE 0u           /* slot (tile_channels.h) */
+#define LW_REPLICA_FINE_MAX   2048u /* tiles of finer levels that have ids; some 75 KB each once they come */
+#define LW_REPLICA_IRRADIANCE 0u    /* slot (tile_channels.h) */
 
 struct lw_replica;
 
-/** Reads the package and makes room for all levels of all atlases (pages come when tiles do).
- * finer   how many levels are finer than level 0; fewer where they would need more than LW_REPLICA_BYTES_MAX
+/** Reads the package and makes room for all levels of all atlases (pages come when tiles do). Tiles of finer
+ * levels are taken while they have ids (atlas.h).
+ * finer   how many levels are finer than level 0
  * Errors: LW_BAD_DATA, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_replica_create(const uint8_t *package, size_t size, uint32_t finer,
                                                struct lw_replica **out_replica, struct lw_error *err);
@@ -51,6 +53,9 @@ lw_replica_take_frame(struct lw_replica *replica, const struct lw_message_frame 
  * Errors: LW_PROTOCOL for a place, codec or payload that makes no sense, or a tile of another form. */
 LW_MUST_CHECK enum lw_status lw_replica_take_tile(struct lw_replica *replica,
                                                   const struct lw_message_tile *tile, struct lw_error *err);
+
+/** Drops a tile of a finer level, which loses its id. */
+void lw_replica_release_fine(struct lw_replica *replica, lw_tile_id tile);
 
 /** Reads a finish package for the scene, which stays as it is until lw_replica_show_finishes(): others may
  * read the scene meanwhile. Not for a replica beside another. Errors: as lw_finish_package_read(). */

@@ -39,15 +39,16 @@ _Static_assert(LISTED == LW_DIRECT_PIXELS_BLOCKS * LW_TRACE_WIDTH, "or for as ma
 
 /* One level of one object, with the pointers of this render. */
 struct level {
-    const float *rgb; /* NULL: not there */
+    const float *rgb; /* NULL: not there, or finer: its tiles are apart */
     uint32_t width, height;
-    uint32_t tiles_x, first_tile; /* the tile's id in the scene */
+    uint32_t tiles_x, first_tile; /* the tile's id in the scene; not of finer levels */
 };
 
 /* level[-k] is the level that is 2^k times finer. */
 struct object {
     const struct level *level;
     int level_count, finer_count;
+    bool has_fine; /* a tile of a finer level is here */
 };
 
 /* Sixteen pixels on their way through the layers in front of them. */
@@ -94,6 +95,7 @@ struct lw_compose {
     struct object *object;
     uint8_t **coarsest;   /* per mesh, per triangle: the level at which it reads its own light alone */
     uint8_t *here;        /* per tile */
+    const float **fine;   /* per id of a finer level: the tile's texels of this render; NULL: not there */
     uint8_t *noise_level; /* per tile: the finest level at which its noise is bearable */
     uint8_t *needed;      /* per tile; written by all threads, only ever with 1 */
     uint8_t *around;      /* the same, by the last survey */
@@ -163,13 +165,13 @@ static void lay_out_levels(struct lw_compose *compose) {
     for (uint32_t o = 0; o < map->object_count; o++) {
         const struct lw_atlas *atlas = &map->atlas[o];
         const int finer = (int)atlas->finer_count, count = (int)atlas->level_count;
-        compose->object[o] = (struct object){level + finer, count, finer};
+        compose->object[o] = (struct object){level + finer, count, finer, false};
         for (int k = -finer; k < count; k++) {
             const struct lw_atlas_level *at = lw_atlas_level(atlas, number_of(k));
             *level++ = (struct level){.width = at->width,
                                       .height = at->height,
                                       .tiles_x = at->tiles_x,
-                                      .first_tile = lw_atlas_map_first(map, o, number_of(k))};
+                                      .first_tile = k < 0 ? 0 : lw_atlas_map_first(map, o, number_of(k))};
         }
     }
 }
@@ -206,13 +208,14 @@ enum lw_status lw_compose_create(const struct lw_compose_desc *desc, struct lw_c
     compose->object = calloc((size_t)map->object_count + 1, sizeof *compose->object);
     compose->coarsest = calloc((size_t)desc->scene->mesh_count + 1, sizeof *compose->coarsest);
     compose->here = calloc((size_t)map->tile_count + 1, 1);
+    compose->fine = calloc((size_t)(map->tile_count - map->plain_count) + 1, sizeof *compose->fine);
     compose->noise_level = calloc((size_t)map->tile_count + 1, 1);
     compose->needed = calloc((size_t)map->tile_count + 1, 1);
     compose->around = calloc((size_t)map->tile_count + 1, 1);
     compose->shown = calloc((size_t)map->tile_count + 1, sizeof *compose->shown);
     compose->place = calloc((size_t)desc->scene->object_count + 1, sizeof *compose->place);
     compose->survey = calloc((size_t)SURVEY_SIDE * SURVEY_SIDE * 3, sizeof *compose->survey);
-    if (!compose->level || !compose->object || !compose->coarsest || !compose->here ||
+    if (!compose->level || !compose->object || !compose->coarsest || !compose->here || !compose->fine ||
         !compose->noise_level || !compose->needed || !compose->around || !compose->shown ||
         !compose->survey || !compose->place)
         goto fail;
@@ -237,6 +240,7 @@ void lw_compose_destroy(struct lw_compose *compose) {
     free(compose->shown);
     free(compose->needed);
     free(compose->noise_level);
+    free(compose->fine);
     free(compose->here);
     for (uint32_t m = 0; compose->coarsest != NULL && m < compose->scene->mesh_count; m++)
         free(compose->coarsest[m]);
@@ -293,16 +297,21 @@ static void place_objects(struct lw_compose *compose) {
 static void begin(struct lw_compose *compose, const struct lw_compose_source *source,
                   const struct lw_pose *pose) {
     const struct lw_atlas_map *map = compose->map;
+    for (uint32_t o = 0; o < map->object_count; o++) compose->object[o].has_fine = false;
     for (uint32_t t = 0; t < map->tile_count; t++) {
         struct lw_client_tile tile = source->tile(source->context, (lw_tile_id){t});
         compose->here[t] = tile.version != 0;
         compose->noise_level[t] =
             compose->unfiltered ? 0 : (uint8_t)lw_atlas_noise_level_min(tile.error, source->noise_shown);
+        if (t < map->plain_count) continue;
+        compose->fine[t - map->plain_count] = tile.rgb;
+        if (compose->here[t]) compose->object[map->place[t].object].has_fine = true;
     }
     struct level *level = compose->level;
     for (uint32_t o = 0; o < map->object_count; o++) {
-        for (int k = -compose->object[o].finer_count; k < compose->object[o].level_count; k++, level++) {
-            struct lw_client_level there = source->level(source->context, o, number_of(k));
+        level += compose->object[o].finer_count;
+        for (uint32_t k = 0; (int)k < compose->object[o].level_count; k++, level++) {
+            struct lw_client_level there = source->level(source->context, o, k);
             level->rgb = there.width == level->width && there.height == level->height ? there.rgb : NULL;
         }
     }
@@ -322,7 +331,7 @@ static void begin(struct lw_compose *compose, const struct lw_compose_source *so
 /* The texels that a bilinear lookup reads, how it weighs them, and the tiles that hold them. */
 struct footprint {
     struct lw_bilinear x, y;
-    uint32_t tile[4];
+    uint32_t tile[4];    /* of a finer level that has no id: UINT32_MAX */
     unsigned tile_count; /* 1 where all are in one tile, else 4: the same id more than once in most cases */
 };
 
@@ -342,6 +351,54 @@ static inline void footprint_at(const struct level *level, int k, struct lw_vec2
     f->tile[1] = level->first_tile + top * level->tiles_x + right;
     f->tile[2] = level->first_tile + bottom * level->tiles_x + left;
     f->tile[3] = level->first_tile + bottom * level->tiles_x + right;
+}
+
+/* The ids of tiles of finer levels that pixels want: neighbours mostly want the same. */
+#define FINE_IDS 8u
+
+struct fine_ids {
+    struct fine_id {
+        uint32_t object, level, x, y, id; /* level 0: nothing is known */
+    } known[FINE_IDS];
+};
+
+/* The id of such a tile, which gets one; UINT32_MAX: none is left. */
+static uint32_t fine_id(const struct lw_compose *compose, struct fine_ids *ids, uint32_t object, int k,
+                        uint32_t x, uint32_t y) {
+    const uint32_t level = number_of(k);
+    struct fine_id *known = &ids->known[(object + 3 * x + 5 * y + level) % FINE_IDS];
+    if (known->object != object || known->level != level || known->x != x || known->y != y)
+        *known =
+            (struct fine_id){object, level, x, y, lw_atlas_map_claim(compose->map, object, level, x, y).v};
+    return known->id;
+}
+
+/* The same as footprint_at() of a finer level. False: no id is left for what it reads. */
+static bool fine_footprint_at(const struct lw_compose *compose, struct fine_ids *ids, uint32_t object, int k,
+                              struct lw_vec2 uv, struct footprint *f) {
+    const struct level *level = &compose->object[object].level[k];
+    footprint_at(level, k, uv, f);
+    const uint32_t x[2] = {f->x.low / LW_TILE_SIDE, f->x.high / LW_TILE_SIDE},
+                   y[2] = {f->y.low / LW_TILE_SIDE, f->y.high / LW_TILE_SIDE};
+    bool known = true;
+    for (unsigned i = 0; i < f->tile_count; i++) {
+        f->tile[i] = fine_id(compose, ids, object, k, x[i & 1], y[i >> 1]);
+        known &= f->tile[i] != UINT32_MAX;
+    }
+    return known;
+}
+
+/* The same, but gives out no ids: false where a tile has none. */
+static bool find_fine_footprint(const struct lw_compose *compose, uint32_t object, int k, struct lw_vec2 uv,
+                                struct footprint *f) {
+    footprint_at(&compose->object[object].level[k], k, uv, f);
+    const uint32_t x[2] = {f->x.low / LW_TILE_SIDE, f->x.high / LW_TILE_SIDE},
+                   y[2] = {f->y.low / LW_TILE_SIDE, f->y.high / LW_TILE_SIDE};
+    for (unsigned i = 0; i < f->tile_count; i++) {
+        f->tile[i] = lw_atlas_map_find(compose->map, object, number_of(k), x[i & 1], y[i >> 1]).v;
+        if (f->tile[i] == UINT32_MAX) return false;
+    }
+    return true;
 }
 
 static const float *texel_at(const struct level *level, uint32_t x, uint32_t y) {
@@ -368,6 +425,31 @@ static bool read_level(const struct lw_compose *compose, const struct level *lev
     struct lw_vec3 lower =
         mix(texel(level, f->x.low, f->y.high), texel(level, f->x.high, f->y.high), f->x.share);
     struct lw_vec3 e = mix(upper, lower, f->y.share);
+    if (!is_light(e)) return false;
+    *out = e;
+    return true;
+}
+
+/* A texel of a finer level. i: of the footprint's tiles */
+static struct lw_vec3 fine_texel(const struct lw_compose *compose, const struct level *level,
+                                 const struct footprint *f, unsigned i, uint32_t x, uint32_t y) {
+    const uint32_t id = f->tile[f->tile_count == 1 ? 0 : i], left = x / LW_TILE_SIDE * LW_TILE_SIDE;
+    const uint32_t width = level->width - left < LW_TILE_SIDE ? level->width - left : LW_TILE_SIDE;
+    const float *rgb =
+        compose->fine[id - compose->map->plain_count] + 3 * (y % LW_TILE_SIDE * width + x - left);
+    return lw_vec3(rgb[0], rgb[1], rgb[2]);
+}
+
+/* The same as read_level() of a finer level. */
+static bool read_fine(const struct lw_compose *compose, const struct level *level, const struct footprint *f,
+                      struct lw_vec3 *out) {
+    for (unsigned i = 0; i < f->tile_count; i++)
+        if (f->tile[i] == UINT32_MAX || !compose->here[f->tile[i]]) return false;
+    const struct lw_vec3 upper = mix(fine_texel(compose, level, f, 0, f->x.low, f->y.low),
+                                     fine_texel(compose, level, f, 1, f->x.high, f->y.low), f->x.share),
+                         lower = mix(fine_texel(compose, level, f, 2, f->x.low, f->y.high),
+                                     fine_texel(compose, level, f, 3, f->x.high, f->y.high), f->x.share),
+                         e = mix(upper, lower, f->y.share);
     if (!is_light(e)) return false;
     *out = e;
     return true;
@@ -537,6 +619,7 @@ _Static_assert(PATCHES >= 2 * LW_TRACE_WIDTH, "a packet always finds a place");
 struct patches {
     uint32_t packet; /* the number of this one */
     struct patch patch[PATCHES];
+    struct fine_ids fine;
 };
 
 /* Good for the rest of the packet. */
@@ -558,9 +641,10 @@ struct look {
     const struct object *object;
     float weight[3];
     struct lw_texture_quad texels;
-    struct lw_vec2 uv; /* of the lightmap */
-    int level;
-    struct footprint footprint; /* in that */
+    struct lw_vec2 uv;          /* of the lightmap */
+    int finest;                 /* level that serves */
+    int level;                  /* that is asked for */
+    struct footprint footprint; /* in the latter */
 };
 
 /* Whether what a look-up of level 0 reads is even: a finer level would show the same. What is noisy, or has
@@ -600,11 +684,16 @@ static void look_at(const struct lw_compose *compose, struct patches *patches, c
     if (hits->back[i]) out->uv.y += (float)facet->mesh->back_offset;
     const struct lw_vec3 dir = lw_vec3(p->rays.dir_x[i], p->rays.dir_y[i], p->rays.dir_z[i]);
     const int level = level_for(patch, object->finer_count, dir, lw_camera_pixel_at(p->plane, hits->t[i]));
-    out->level = level < object->level_count ? level : object->level_count - 1;
+    out->finest = level < object->level_count ? level : object->level_count - 1;
+    out->level = out->finest;
     if (out->level < 0 && patch->texels >= LW_COMPOSE_FINE_TEXELS) {
         footprint_at(&object->level[0], 0, out->uv, &out->footprint);
         if (is_even(compose, &object->level[0], &out->footprint)) out->level = 0;
     }
+    if (out->level < 0 &&
+        fine_footprint_at(compose, &patches->fine, hits->object[i], out->level, out->uv, &out->footprint))
+        return;
+    if (out->level < 0) out->level = 0;
     const struct level *finest = &object->level[out->level];
     footprint_at(finest, out->level, out->uv, &out->footprint);
     if (finest->rgb == NULL) return;
@@ -612,15 +701,16 @@ static void look_at(const struct lw_compose *compose, struct patches *patches, c
     __builtin_prefetch(texel_at(finest, out->footprint.x.low, out->footprint.y.high));
 }
 
-/* Reads the finest of the finer levels that is there, and has less noise than would be seen; false: none. */
+/* Reads the finest of the finer levels that is there, asked for or not, and has less noise than would be
+ * seen; false: none. */
 static bool read_finer(const struct lw_compose *compose, const struct look *look, struct lw_vec3 *out,
                        int *out_level) {
     struct footprint f = look->footprint;
-    for (int k = look->level; k < 0; k++) {
+    for (int k = look->finest; k < 0; k++) {
         const struct level *level = &look->object->level[k];
-        if (k > look->level) footprint_at(level, k, look->uv, &f);
+        if (k != look->level && !find_fine_footprint(compose, look->patch->object, k, look->uv, &f)) continue;
         *out_level = k;
-        if (!compose->noise_level[f.tile[0]] && read_level(compose, level, &f, out)) return true;
+        if (!compose->noise_level[f.tile[0]] && read_fine(compose, level, &f, out)) return true;
     }
     return false;
 }
@@ -633,7 +723,7 @@ static struct lw_vec3 irradiance(struct lw_compose *compose, const struct look *
     *out_level = (int)LW_ATLAS_LEVELS_MAX;
     if (object->level_count == 0) return compose->stand_in;
     mark_needed(compose, &look->footprint);
-    if (look->level < 0 && read_finer(compose, look, &e, out_level)) return e;
+    if (object->has_fine && read_finer(compose, look, &e, out_level)) return e;
     const int wanted = look->level < 0 ? 0 : look->level;
     if (wanted != look->level) footprint_at(&object->level[0], 0, look->uv, &f);
     /* Fresh light is noise, but a texel of level 2 is the mean of 4 x 4: until the error has fallen, less is
@@ -1092,6 +1182,7 @@ static void forget_patches(struct patches *patches) {
     patches->packet = 0;
     for (unsigned i = 0; i < PATCHES; i++)
         patches->patch[i].object = LW_TRACE_MISS, patches->patch[i].packet = 0;
+    patches->fine = (struct fine_ids){0};
 }
 
 /* direct: whether the lights are drawn that the client draws. */
@@ -1264,12 +1355,14 @@ void lw_compose_check(const struct lw_compose *compose, const struct lw_compose_
     struct lw_compose_report report = {0};
     double shown = 0;
     for (uint32_t t = 0; t < compose->map->tile_count; t++) {
-        if (!compose->needed[t]) continue;
+        if (!compose->needed[t] || !lw_atlas_map_is_used(compose->map, (lw_tile_id){t})) continue;
         struct lw_client_tile tile = source->tile(source->context, (lw_tile_id){t});
         report.tiles_needed++;
         if (tile.version == 0 && lw_atlas_finer(compose->map->place[t].level)) {
-            report.tiles_missing++;
-            shown += (double)compose->shown[t] * error_below(compose, source, t);
+            const double below = error_below(compose, source, t);
+            shown += (double)compose->shown[t] * below;
+            report.tiles_missing += below >= 1; /* where level 0 is there, it is read meanwhile */
+            report.tiles_noisy++;
             continue;
         }
         const bool missing = tile.version == 0;

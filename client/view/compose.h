@@ -73,7 +73,7 @@ struct lw_compose_view {
 /** How well the light that arrived serves a view. */
 struct lw_compose_report {
     uint32_t tiles_needed;
-    uint32_t tiles_missing;    /* of those: not there at all */
+    uint32_t tiles_missing;    /* of those: not there at all, nor level 0 below a finer one */
     uint32_t tiles_unfinished; /* there, with fewer bounces than a complete tile has */
     uint32_t tiles_noisy;      /* there, with more error than the target */
     float max_error;           /* of the needed tiles that are there */

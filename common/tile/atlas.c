@@ -45,49 +45,52 @@ const struct lw_atlas_level *lw_atlas_level(const struct lw_atlas *atlas, uint32
     return finer && finer <= atlas->finer_count ? &atlas->finer[finer - 1] : NULL;
 }
 
-static struct lw_tile_place *place_level(struct lw_tile_place *place, const struct lw_atlas_level *level,
-                                         uint32_t object, uint32_t number) {
-    for (uint32_t y = 0; y < level->tiles_y; y++)
-        for (uint32_t x = 0; x < level->tiles_x; x++) {
-            uint32_t width = level->width - x * LW_TILE_SIDE, height = level->height - y * LW_TILE_SIDE;
-            *place++ = (struct lw_tile_place){.object = object,
-                                              .level = number,
-                                              .x = x,
-                                              .y = y,
-                                              .width = width < LW_TILE_SIDE ? width : LW_TILE_SIDE,
-                                              .height = height < LW_TILE_SIDE ? height : LW_TILE_SIDE};
-        }
-    return place;
+static struct lw_tile_place place_of(const struct lw_atlas_level *level, uint32_t object, uint32_t number,
+                                     uint32_t x, uint32_t y) {
+    const uint32_t width = level->width - x * LW_TILE_SIDE, height = level->height - y * LW_TILE_SIDE;
+    LW_INVARIANT(x < level->tiles_x && y < level->tiles_y);
+    return (struct lw_tile_place){.object = object,
+                                  .level = number,
+                                  .x = x,
+                                  .y = y,
+                                  .width = width < LW_TILE_SIDE ? width : LW_TILE_SIDE,
+                                  .height = height < LW_TILE_SIDE ? height : LW_TILE_SIDE};
 }
+
+/* Of an id that is free: of no object's level 0. */
+static const struct lw_tile_place nowhere = {.level = LW_ATLAS_FINER + 1};
 
 static void place_tiles(const struct lw_atlas_map *map, uint32_t object) {
     const struct lw_atlas *atlas = &map->atlas[object];
     struct lw_tile_place *place = map->place + map->first_tile[object];
-    for (uint32_t l = 0; l < atlas->level_count; l++) place = place_level(place, &atlas->level[l], object, l);
+    for (uint32_t l = 0; l < atlas->level_count; l++)
+        for (uint32_t y = 0; y < atlas->level[l].tiles_y; y++)
+            for (uint32_t x = 0; x < atlas->level[l].tiles_x; x++)
+                *place++ = place_of(&atlas->level[l], object, l, x, y);
     LW_INVARIANT(place == map->place + map->first_tile[object] + atlas->tile_count);
-    place = map->place + map->first_finer[object];
-    for (uint32_t k = 1; k <= atlas->finer_count; k++)
-        place = place_level(place, &atlas->finer[k - 1], object, LW_ATLAS_FINER + k);
-    LW_INVARIANT(place == map->place + map->first_finer[object] + atlas->finer_tile_count);
-}
-
-/* Tiles of the finer levels of an atlas, before they have numbers of 32 bits. */
-static uint64_t count_finer(const struct lw_atlas *atlas, uint32_t finer) {
-    uint64_t tiles = 0;
-    for (uint32_t k = 1; k <= finer; k++)
-        tiles +=
-            (uint64_t)tiles_across(atlas->level[0].width << k) * tiles_across(atlas->level[0].height << k);
-    return tiles;
 }
 
 enum lw_status lw_atlas_map_init(struct lw_atlas_map *map, const struct lw_scene *scene) {
-    return lw_atlas_map_init_finer(map, scene, 0);
+    return lw_atlas_map_init_finer(map, scene, 0, 0);
 }
 
-enum lw_status lw_atlas_map_init_finer(struct lw_atlas_map *map, const struct lw_scene *scene,
-                                       uint32_t finer) {
+/* Names of finer levels: each side of theirs has at most 2^4 times the texels, and an object's number is
+ * below 2^32. */
+static void name_finer(struct lw_atlas_map *map, uint32_t finer) {
+    uint64_t name = 0;
+    for (uint32_t i = 0; i < map->object_count; i++) {
+        struct lw_atlas *atlas = &map->atlas[i];
+        map->first_finer[i] = name;
+        if (atlas->level_count) lw_atlas_refine(atlas, finer);
+        name += atlas->finer_tile_count;
+    }
+    map->fine_names = name;
+}
+
+enum lw_status lw_atlas_map_init_finer(struct lw_atlas_map *map, const struct lw_scene *scene, uint32_t finer,
+                                       uint32_t room) {
     const size_t count = scene->object_count ? scene->object_count : 1;
-    LW_INVARIANT(finer <= LW_ATLAS_FINER_MAX);
+    LW_INVARIANT(finer <= LW_ATLAS_FINER_MAX && !finer == !room);
     *map = (struct lw_atlas_map){.object_count = scene->object_count, .finer_count = finer};
     map->atlas = calloc(count, sizeof *map->atlas);
     map->first_tile = calloc(count, sizeof *map->first_tile);
@@ -96,25 +99,20 @@ enum lw_status lw_atlas_map_init_finer(struct lw_atlas_map *map, const struct lw
     uint64_t tiles = 0;
     for (uint32_t i = 0; i < scene->object_count; i++) {
         const struct lw_mesh *mesh = &scene->mesh[scene->object[i].mesh];
-        struct lw_atlas *atlas = &map->atlas[i];
         map->first_tile[i] = (uint32_t)tiles;
         if (!mesh->atlas_width || !mesh->atlas_height) continue;
-        lw_atlas_init(atlas, mesh->atlas_width, mesh->atlas_height);
-        tiles += atlas->tile_count;
-        if (tiles >= UINT32_MAX) goto fail;
+        lw_atlas_init(&map->atlas[i], mesh->atlas_width, mesh->atlas_height);
+        tiles += map->atlas[i].tile_count;
+        if (tiles + room >= UINT32_MAX) goto fail;
     }
+    name_finer(map, finer);
     map->plain_count = (uint32_t)tiles;
-    for (uint32_t i = 0; i < scene->object_count; i++) {
-        struct lw_atlas *atlas = &map->atlas[i];
-        map->first_finer[i] = (uint32_t)tiles;
-        if (atlas->level_count) tiles += count_finer(atlas, finer);
-        if (tiles >= UINT32_MAX) goto fail;
-        if (atlas->level_count) lw_atlas_refine(atlas, finer);
-    }
-    map->tile_count = (uint32_t)tiles;
-    map->place = calloc(tiles ? tiles : 1, sizeof *map->place);
+    map->tile_count = (uint32_t)tiles + room;
+    map->place = calloc(map->tile_count + 1ul, sizeof *map->place);
     if (!map->place) goto fail;
     for (uint32_t i = 0; i < map->object_count; i++) place_tiles(map, i);
+    for (uint32_t id = map->plain_count; id < map->tile_count; id++) map->place[id] = nowhere;
+    if (room && lw_fine_ids_create(room, map->place + map->plain_count, &map->fine) != LW_OK) goto fail;
     return LW_OK;
 fail:
     lw_atlas_map_finish(map);
@@ -122,6 +120,7 @@ fail:
 }
 
 void lw_atlas_map_finish(struct lw_atlas_map *map) {
+    lw_fine_ids_destroy(map->fine);
     free(map->place);
     free(map->first_tile);
     free(map->first_finer);
@@ -129,28 +128,97 @@ void lw_atlas_map_finish(struct lw_atlas_map *map) {
     *map = (struct lw_atlas_map){0};
 }
 
+/* The level of a place; NULL: there is no such place. */
+static const struct lw_atlas_level *level_at(const struct lw_atlas_map *map, uint32_t object, uint32_t level,
+                                             uint32_t x, uint32_t y) {
+    const struct lw_atlas_level *l =
+        object < map->object_count ? lw_atlas_level(&map->atlas[object], level) : NULL;
+    return l && x < l->tiles_x && y < l->tiles_y ? l : NULL;
+}
+
+bool lw_atlas_map_has_tile(const struct lw_atlas_map *map, uint32_t object, uint32_t level, uint32_t tile) {
+    const struct lw_atlas_level *l = level_at(map, object, level, 0, 0);
+    return l && level_at(map, object, level, tile % l->tiles_x, tile / l->tiles_x);
+}
+
 uint32_t lw_atlas_map_first(const struct lw_atlas_map *map, uint32_t object, uint32_t level) {
-    const struct lw_atlas_level *l = lw_atlas_level(&map->atlas[object], level);
-    LW_INVARIANT(l);
-    return (lw_atlas_finer(level) ? map->first_finer : map->first_tile)[object] + l->first_tile;
+    LW_INVARIANT(level < map->atlas[object].level_count);
+    return map->first_tile[object] + map->atlas[object].level[level].first_tile;
+}
+
+static uint64_t name_of(const struct lw_atlas_map *map, uint32_t object, const struct lw_atlas_level *l,
+                        uint32_t x, uint32_t y) {
+    return map->first_finer[object] + l->first_tile + y * l->tiles_x + x;
+}
+
+/* fine: of the ids of finer levels, or NONE */
+static lw_tile_id id_of(const struct lw_atlas_map *map, uint32_t fine) {
+    return (lw_tile_id){fine == LW_FINE_IDS_NONE ? UINT32_MAX : map->plain_count + fine};
 }
 
 lw_tile_id lw_atlas_map_find(const struct lw_atlas_map *map, uint32_t object, uint32_t level, uint32_t x,
                              uint32_t y) {
-    const struct lw_atlas_level *l =
-        object < map->object_count ? lw_atlas_level(&map->atlas[object], level) : NULL;
-    if (!l || x >= l->tiles_x || y >= l->tiles_y) return (lw_tile_id){UINT32_MAX};
-    const lw_tile_id id = {lw_atlas_map_first(map, object, level) + y * l->tiles_x + x};
-    LW_INVARIANT(id.v < map->tile_count);
-    return id;
+    const struct lw_atlas_level *l = level_at(map, object, level, x, y);
+    if (!l) return (lw_tile_id){UINT32_MAX};
+    if (lw_atlas_finer(level)) return id_of(map, lw_fine_ids_find(map->fine, name_of(map, object, l, x, y)));
+    return (lw_tile_id){map->first_tile[object] + l->first_tile + y * l->tiles_x + x};
 }
 
 lw_tile_id lw_atlas_map_find_tile(const struct lw_atlas_map *map, uint32_t object, uint32_t level,
                                   uint32_t tile) {
-    const struct lw_atlas_level *l =
-        object < map->object_count ? lw_atlas_level(&map->atlas[object], level) : NULL;
+    const struct lw_atlas_level *l = level_at(map, object, level, 0, 0);
     if (!l) return (lw_tile_id){UINT32_MAX};
     return lw_atlas_map_find(map, object, level, tile % l->tiles_x, tile / l->tiles_x);
+}
+
+lw_tile_id lw_atlas_map_claim(const struct lw_atlas_map *map, uint32_t object, uint32_t level, uint32_t x,
+                              uint32_t y) {
+    const struct lw_atlas_level *l = level_at(map, object, level, x, y);
+    if (!l || !lw_atlas_finer(level)) return lw_atlas_map_find(map, object, level, x, y);
+    const struct lw_tile_place place = place_of(l, object, level, x, y);
+    return id_of(map, lw_fine_ids_claim(map->fine, name_of(map, object, l, x, y), &place));
+}
+
+lw_tile_id lw_atlas_map_claim_tile(const struct lw_atlas_map *map, uint32_t object, uint32_t level,
+                                   uint32_t tile) {
+    const struct lw_atlas_level *l = level_at(map, object, level, 0, 0);
+    if (!l) return (lw_tile_id){UINT32_MAX};
+    return lw_atlas_map_claim(map, object, level, tile % l->tiles_x, tile / l->tiles_x);
+}
+
+lw_tile_id lw_atlas_map_claim_name(const struct lw_atlas_map *map, uint64_t name) {
+    uint32_t low = 0, high = map->object_count; /* objects [low, high) have it */
+    LW_INVARIANT(name < map->fine_names);
+    while (high - low > 1) {
+        const uint32_t middle = low + (high - low) / 2;
+        if (map->first_finer[middle] <= name)
+            low = middle;
+        else
+            high = middle;
+    }
+    /* those without tiles have the same first name as the next: the last of them has it */
+    const struct lw_atlas *atlas = &map->atlas[low];
+    const uint32_t tile = (uint32_t)(name - map->first_finer[low]);
+    uint32_t k = atlas->finer_count;
+    while (atlas->finer[k - 1].first_tile > tile) k--;
+    return lw_atlas_map_claim_tile(map, low, LW_ATLAS_FINER + k, tile - atlas->finer[k - 1].first_tile);
+}
+
+uint64_t lw_atlas_map_name(const struct lw_atlas_map *map, lw_tile_id id) {
+    const struct lw_tile_place *p = &map->place[id.v];
+    LW_INVARIANT(id.v >= map->plain_count && lw_atlas_map_is_used(map, id));
+    return name_of(map, p->object, lw_atlas_level(&map->atlas[p->object], p->level), p->x, p->y);
+}
+
+bool lw_atlas_map_is_used(const struct lw_atlas_map *map, lw_tile_id id) {
+    if (id.v < map->plain_count) return true;
+    return map->fine && lw_fine_ids_is_claimed(map->fine, id.v - map->plain_count);
+}
+
+void lw_atlas_map_release(const struct lw_atlas_map *map, lw_tile_id id) {
+    LW_INVARIANT(id.v >= map->plain_count && lw_atlas_map_is_used(map, id));
+    lw_fine_ids_release(map->fine, id.v - map->plain_count);
+    map->place[id.v] = nowhere;
 }
 
 lw_tile_id lw_atlas_map_below(const struct lw_atlas_map *map, lw_tile_id id) {
@@ -161,7 +229,7 @@ lw_tile_id lw_atlas_map_below(const struct lw_atlas_map *map, lw_tile_id id) {
 }
 
 uint32_t lw_atlas_map_number(const struct lw_atlas_map *map, lw_tile_id id) {
-    LW_INVARIANT(id.v < map->tile_count);
+    LW_INVARIANT(id.v < map->tile_count && lw_atlas_map_is_used(map, id));
     const struct lw_tile_place *place = &map->place[id.v];
     return place->y * lw_atlas_level(&map->atlas[place->object], place->level)->tiles_x + place->x;
 }

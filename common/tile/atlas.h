@@ -11,6 +11,7 @@
 #define LW_COMMON_ATLAS_H
 
 #include "common/scene/scene.h"
+#include "common/tile/fine_ids.h"
 
 #define LW_TILE_SIDE        64u /* texels; the unit of change, of encoding and of interest */
 #define LW_TILE_BLOCK       16u /* texels; the unit of solving */
@@ -35,8 +36,8 @@ static inline unsigned lw_atlas_noise_level_min(float error, float noise_shown) 
     return noise <= LW_ATLAS_MIDDLE_NOISE ? 0 : noise > LW_ATLAS_COARSE_NOISE ? 2 : 1;
 }
 
-/** A tile of the whole scene: objects in order, levels from 0 on, rows, columns; then likewise the finer
- * levels of all objects. So who has none of those has the same numbers. */
+/** A tile of the whole scene: objects in order, levels from 0 on, rows, columns. The ids behind those are
+ * given to tiles of finer levels while they are in use (fine_ids.h). */
 typedef struct {
     uint32_t v;
 } lw_tile_id;
@@ -44,7 +45,7 @@ typedef struct {
 struct lw_atlas_level {
     uint32_t width, height; /* texels */
     uint32_t tiles_x, tiles_y;
-    uint32_t first_tile; /* of those of the object, or of its finer levels */
+    uint32_t first_tile; /* of those of the object, or of the names of its finer levels */
 };
 
 struct lw_atlas {
@@ -52,12 +53,6 @@ struct lw_atlas {
     struct lw_atlas_level level[LW_ATLAS_LEVELS_MAX];
     uint32_t finer_count, finer_tile_count;
     struct lw_atlas_level finer[LW_ATLAS_FINER_MAX]; /* finer[k - 1] is level LW_ATLAS_FINER + k */
-};
-
-/** Where a tile lies. */
-struct lw_tile_place {
-    uint32_t object, level, x, y; /* x, y: tile column and row within the level */
-    uint32_t width, height;       /* texels */
 };
 
 /** How many times finer than level 0 a level is, as a power of two; 0: it is not finer. */
@@ -69,15 +64,19 @@ static inline int lw_atlas_scale(uint32_t level) {
     return level > LW_ATLAS_FINER ? -(int)(level - LW_ATLAS_FINER) : (int)level;
 }
 
-/** The tiles of all objects of a scene. */
+/** The tiles of all objects of a scene. Tiles of finer levels have names, which count them in the order of
+ * objects, levels, rows and columns. */
 struct lw_atlas_map {
-    uint32_t object_count, tile_count;
-    uint32_t plain_count;        /* tiles that are not of finer levels: those with the first numbers */
+    uint32_t object_count;
+    uint32_t tile_count;         /* ids; with those for tiles of finer levels, claimed or not */
+    uint32_t plain_count;        /* tiles that are not of finer levels: those with the first ids */
     uint32_t finer_count;        /* finer levels of each atlas */
     struct lw_atlas *atlas;      /* per object */
     uint32_t *first_tile;        /* per object */
-    uint32_t *first_finer;       /* per object: of its finer levels */
-    struct lw_tile_place *place; /* per tile id */
+    uint64_t *first_finer;       /* per object: the first name of its finer levels */
+    uint64_t fine_names;         /* tiles of finer levels, in all */
+    struct lw_tile_place *place; /* per tile id; of no texels where nobody has claimed it */
+    struct lw_fine_ids *fine;    /* ids from plain_count on; NULL: there are none */
 };
 
 #ifdef __cplusplus
@@ -92,22 +91,42 @@ const struct lw_atlas_level *lw_atlas_level(const struct lw_atlas *atlas, uint32
 
 /** Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_atlas_map_init(struct lw_atlas_map *map, const struct lw_scene *scene);
-/** The same with finer levels, at most LW_ATLAS_FINER_MAX. Errors: LW_NO_MEMORY, also for too many tiles. */
+/** The same with finer levels, at most LW_ATLAS_FINER_MAX. room: how many of their tiles may have ids at a
+ * time, above 0. Errors: LW_NO_MEMORY, also for too many tiles. */
 LW_MUST_CHECK enum lw_status lw_atlas_map_init_finer(struct lw_atlas_map *map, const struct lw_scene *scene,
-                                                     uint32_t finer);
+                                                     uint32_t finer, uint32_t room);
 void lw_atlas_map_finish(struct lw_atlas_map *map);
 
-/** Id of the first tile of a level, which is there. */
+/** Whether there is a tile, named as on the wire: by its number within the level, row * tiles_x + column
+ * (safe for indices from outside). */
+bool lw_atlas_map_has_tile(const struct lw_atlas_map *map, uint32_t object, uint32_t level, uint32_t tile);
+/** Id of the first tile of a level that is there and not finer. */
 uint32_t lw_atlas_map_first(const struct lw_atlas_map *map, uint32_t object, uint32_t level);
-/** Id of a tile, or {UINT32_MAX} if there is no such place (safe for indices from outside). */
+/** Id of a tile, or {UINT32_MAX} if there is no such place, or it is of a finer level and has no id (safe for
+ * indices from outside). */
 lw_tile_id lw_atlas_map_find(const struct lw_atlas_map *map, uint32_t object, uint32_t level, uint32_t x,
                              uint32_t y);
-/** The same for a tile named by its number within the level, row * tiles_x + column, as on the wire. */
+/** The same for a tile named as on the wire. */
 lw_tile_id lw_atlas_map_find_tile(const struct lw_atlas_map *map, uint32_t object, uint32_t level,
                                   uint32_t tile);
+/** The same, but a tile of a finer level gets an id: {UINT32_MAX} if there is no such place, or no id is
+ * left. Threads: as lw_fine_ids_claim(). */
+lw_tile_id lw_atlas_map_claim(const struct lw_atlas_map *map, uint32_t object, uint32_t level, uint32_t x,
+                              uint32_t y);
+lw_tile_id lw_atlas_map_claim_tile(const struct lw_atlas_map *map, uint32_t object, uint32_t level,
+                                   uint32_t tile);
+/** The same for a tile of a finer level by its name, below map->fine_names. */
+lw_tile_id lw_atlas_map_claim_name(const struct lw_atlas_map *map, uint64_t name);
+/** The name of a tile of a finer level that has an id. */
+uint64_t lw_atlas_map_name(const struct lw_atlas_map *map, lw_tile_id id);
+/** Whether an id stands for a tile: all do but those that are for tiles of finer levels, and free. */
+bool lw_atlas_map_is_used(const struct lw_atlas_map *map, lw_tile_id id);
+/** Takes its id from a tile of a finer level. Threads: as lw_fine_ids_release(). */
+void lw_atlas_map_release(const struct lw_atlas_map *map, lw_tile_id id);
+
 /** The tile of level 0 below a tile of a finer level. */
 lw_tile_id lw_atlas_map_below(const struct lw_atlas_map *map, lw_tile_id id);
-/** That number of a tile. id: of a tile of the map */
+/** The number of a tile within its level, as on the wire. id: of a tile of the map */
 uint32_t lw_atlas_map_number(const struct lw_atlas_map *map, lw_tile_id id);
 
 #ifdef __cplusplus

@@ -105,7 +105,7 @@ uint64_t lw_light_store_resume(struct lw_light_store *store, const struct lw_atl
         return last;
     }
     lw_log(LW_LOG_INFO, "going on after %llu frames of the last run", (unsigned long long)frames);
-    for (uint32_t id = 0; id < atlas_map->tile_count; id++) {
+    for (uint32_t id = 0; id < atlas_map->plain_count; id++) {
         struct lw_solver_tile tile;
         if (atlas_map->place[id].level) continue;
         solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);

@@ -573,6 +573,18 @@ static void refresh_channel(struct lw_publisher *p, struct channel *channel, con
     if (has_light) channel->dark = find_dark(p->desc.atlas_map, channel, pose);
 }
 
+/* Which tiles of finer levels the solver has; those that it dropped have been withdrawn by now. */
+static enum lw_status note_fine(const struct lw_publisher *p, struct lw_snapshot *snapshot) {
+    const struct lw_solver *solver = p->desc.solver;
+    const uint32_t plain = p->desc.atlas_map->plain_count, room = p->desc.atlas_map->tile_count - plain;
+    if (!room || !solver->ops->holds_fine) return LW_OK;
+    snapshot->holds_fine = malloc(room * sizeof *snapshot->holds_fine);
+    if (!snapshot->holds_fine) return LW_NO_MEMORY;
+    for (uint32_t i = 0; i < room; i++)
+        snapshot->holds_fine[i] = solver->ops->holds_fine(solver, (lw_tile_id){plain + i});
+    return LW_OK;
+}
+
 static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose *pose,
                                     struct lw_message_frame *frame, struct lw_snapshot **out_snapshot) {
     const uint32_t tile_count = p->desc.atlas_map->tile_count;
@@ -591,6 +603,7 @@ static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose
         status = lw_blob_from_message(
             &(struct lw_message){.type = LW_MESSAGE_SETTLED, .settled.frame = frame->frame},
             &snapshot->settled);
+    if (status == LW_OK) status = note_fine(p, snapshot);
     if (status != LW_OK) {
         lw_snapshot_unref(snapshot);
         return status;

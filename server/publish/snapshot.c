@@ -85,5 +85,6 @@ void lw_snapshot_unref(struct lw_snapshot *snapshot) {
         }
         free(snapshot->tile[c]);
     }
+    free(snapshot->holds_fine);
     free(snapshot);
 }

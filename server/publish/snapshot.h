@@ -54,6 +54,9 @@ struct lw_snapshot {
         unsettled; /* channels of which tiles of this frame are still to come: `settled` is not for them */
     uint32_t tile_count;
     struct lw_snapshot_tile *tile[LW_TILE_CHANNELS_MAX]; /* by channel, by lw_tile_id; NULL: not of it */
+    /* The number of the newest list of interest that the solver had taken (lw_server_interest); 0: none. */
+    uint64_t interest;
+    bool *holds_fine; /* by the ids of finer levels: the solver has the tile, lit or not; NULL: it has none */
 };
 
 /** An empty snapshot with one reference: frame 0, no frame messages, tiles of version 0. The caller fills it
@@ -64,6 +67,10 @@ LW_MUST_CHECK enum lw_status lw_snapshot_create(uint32_t tile_count, uint32_t ch
 /** Whether it has the tiles of a channel. */
 static inline bool lw_snapshot_has(const struct lw_snapshot *snapshot, uint32_t channel) {
     return snapshot->channels >> channel & 1;
+}
+/** fine: the id of a tile of a finer level, counted from the first of these */
+static inline bool lw_snapshot_holds_fine(const struct lw_snapshot *snapshot, uint32_t fine) {
+    return snapshot->holds_fine && snapshot->holds_fine[fine];
 }
 struct lw_snapshot *lw_snapshot_ref(struct lw_snapshot *snapshot); /* returns snapshot */
 void lw_snapshot_unref(struct lw_snapshot *snapshot);              /* NULL is fine */

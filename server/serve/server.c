@@ -239,7 +239,7 @@ static void free_chunks(struct lw_session_package *package) {
 /* ---- the order of tiles ---- */
 
 /* Levels count from fine to coarse and objects differ in their number of levels: what goes first is each
- * object's coarsest level, then each one's next finer, down to level 0 and the levels that are finer. */
+ * object's coarsest level, then each one's next finer, down to level 0. Finer levels come last. */
 static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_order,
                                  uint32_t *out_coarsest) {
     uint32_t *order = malloc((map->tile_count ? map->tile_count : 1) * sizeof *order), filled = 0;
@@ -253,13 +253,8 @@ static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_
                 order[filled++] = map->first_tile[o] + level->first_tile + t;
             if (!above) *out_coarsest = filled;
         }
-    for (uint32_t k = 1; k <= map->finer_count; k++)
-        for (uint32_t o = 0; o < map->object_count; o++) {
-            const struct lw_atlas_level *level = lw_atlas_level(&map->atlas[o], LW_ATLAS_FINER + k);
-            for (uint32_t t = 0; level && t < level->tiles_x * level->tiles_y; t++)
-                order[filled++] = lw_atlas_map_first(map, o, LW_ATLAS_FINER + k) + t;
-        }
-    LW_INVARIANT(filled == map->tile_count);
+    LW_INVARIANT(filled == map->plain_count);
+    while (filled < map->tile_count) order[filled] = filled, filled++;
     *out_order = order;
     return LW_OK;
 }
@@ -329,6 +324,7 @@ static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++)
         if (shared->channels_served >> f & 1 && lw_snapshot_has(snapshot, f))
             adopt_channel(server, &shared->channel[f], snapshot);
+    lw_fine_names_review(&shared->fine, snapshot);
     lw_snapshot_unref(shared->snapshot);
     shared->snapshot = snapshot;
     shared->generation++;
@@ -377,6 +373,7 @@ static void hand_over_interest(struct lw_server *server) {
     struct lw_server_interest list = {.everything = interest_union->everything > 0};
     if (!list.everything && !(server->shared.is_relay ? list_wanted : list_levels)(interest_union, &list))
         return; /* later, perhaps */
+    list.number = ++server->shared.fine.interest;
     interest_union->changed = false;
     uv_mutex_lock(&server->mutex);
     LW_INVARIANT(!server->has_interest && !server->interest.levels &&
@@ -1119,6 +1116,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     if (status == LW_OK && !(shared->listed = calloc(tiles / 64 + 1, sizeof *shared->listed)))
         status = LW_NO_MEMORY;
     if (status == LW_OK) status = lw_interest_union_init(&shared->interest_union, desc->atlas_map);
+    if (status == LW_OK) status = lw_fine_names_init(&shared->fine, desc->atlas_map);
     if (status == LW_OK) status = init_channels(server, desc);
     if (status == LW_OK && shared->scene) status = lw_scene_roster_init(&shared->roster, shared->scene);
     shared->order = server->order;
@@ -1315,6 +1313,7 @@ void lw_server_destroy(struct lw_server *server) {
     free(server->order);
     free_interest(&server->interest);
     lw_interest_union_finish(&shared->interest_union);
+    lw_fine_names_finish(&shared->fine);
     lw_updates_finish(&shared->updates);
     lw_passed_updates_finish(&shared->passed);
     lw_address_places_finish(&shared->places);

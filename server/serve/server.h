@@ -133,6 +133,7 @@ void lw_server_publish(struct lw_server *server, struct lw_snapshot *snapshot);
 /** The union of all sessions' interest. */
 struct lw_server_interest {
     bool everything; /* a session wants every tile; the lists are NULL then */
+    uint64_t number; /* of this list, from 1 on: snapshots say which one the solver had (snapshot.h) */
     uint8_t *levels; /* per lw_tile_id (lw_interest_union_levels()); the caller frees it. NULL: a relay's */
     uint32_t *tile;  /* of a relay: those that a session lists, by lw_tile_id; the caller frees it */
     uint32_t tile_count;

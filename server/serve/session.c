@@ -151,8 +151,8 @@ void lw_session_closed(struct lw_session *s) {
         free(s->take[i].lacked);
     }
     free(s->interest_bits);
-    free(s->interest.tile);
-    free(s->waiting.tile);
+    lw_session_interest_free(s, &s->interest);
+    lw_session_interest_free(s, &s->waiting);
     free(s);
     shared->on_close(shared->server);
 }

@@ -10,6 +10,7 @@
 #include "common/waiting.h"
 #include "server/serve/address_rates.h"
 #include "server/serve/deltas.h"
+#include "server/serve/fine_names.h"
 #include "server/serve/interest_union.h"
 #include "server/serve/message_rates.h"
 #include "server/serve/passed_updates.h"
@@ -23,7 +24,8 @@
 
 #include <uv.h>
 
-#define LW_SESSION_RECENT 64u /* snapshots whose arrival is remembered */
+#define LW_SESSION_FINE_MAX 1024u /* tiles of finer levels that a session may list; the rest are left out */
+#define LW_SESSION_RECENT   64u   /* snapshots whose arrival is remembered */
 
 struct lw_session;
 
@@ -44,6 +46,7 @@ struct lw_session_shared {
     const uint32_t *order;                   /* tile ids: every object's coarsest level first */
     uint64_t *listed;                        /* bit per tile, all 0: to find those that a list has twice */
     struct lw_interest_union interest_union; /* by all sessions that are streamed to */
+    struct lw_fine_names fine;               /* ids of tiles that sessions list */
     const struct lw_scene *scene;            /* what updates are checked against; NULL: there are none */
     struct lw_scene_roster roster;           /* of it, after all updates so far */
     struct lw_updates updates;               /* of all sessions */

@@ -210,6 +210,32 @@ static void handle_finish_request(struct lw_session *s, const struct lw_message_
         lw_session_lacks_memory(s);
 }
 
+/* The id of a tile that a session lists. One of a finer level is left out, with UINT32_MAX, if there is no
+ * id left for it, or none for this session. fine: how many of these the list has */
+static bool name_tile(const struct lw_session *s, const struct lw_message_interest_tile *t, uint32_t *fine,
+                      uint32_t *out_id) {
+    const struct lw_atlas_map *map = s->shared->atlas_map;
+    const bool is_fine = lw_atlas_finer(t->level);
+    if (!lw_atlas_map_has_tile(map, t->object, t->level, t->tile) || (is_fine && !s->has_finer)) return false;
+    *out_id = is_fine && *fine >= LW_SESSION_FINE_MAX
+                  ? UINT32_MAX
+                  : lw_atlas_map_claim_tile(map, t->object, t->level, t->tile).v;
+    *fine += is_fine;
+    return true;
+}
+
+/* A peer may drop a tile of a finer level that it lists no more: it is sent whole, should it be listed again.
+ * listed: bits of the list that is new */
+static void forget_fine(struct lw_session *s, const struct lw_session_interest *before,
+                        const uint64_t *listed) {
+    for (uint32_t i = 0; i < before->tile_count; i++) {
+        const uint32_t id = before->tile[i];
+        if (id < s->shared->atlas_map->plain_count || lw_session_interest_is_set(listed, id)) continue;
+        for (uint32_t k = 0; k < s->take_count; k++)
+            if (s->take[k].sent) s->take[k].sent[id] = 0;
+    }
+}
+
 /* Notes a session's interest. A peer may say it as often as it likes: the first holds at once, later ones
  * wait for the next snapshot or tick, the last of them alone. */
 static void handle_interest(struct lw_session *s, const struct lw_message_interest *said) {
@@ -218,25 +244,26 @@ static void handle_interest(struct lw_session *s, const struct lw_message_intere
         lw_session_lacks_memory(s);
         return;
     }
+    uint32_t fine = 0;
     for (size_t i = 0; i < said->tile_count; i++) {
-        struct lw_message_interest_tile t = said->tile[i];
-        uint32_t id = lw_atlas_map_find_tile(s->shared->atlas_map, t.object, t.level, t.tile).v;
-        if (id == UINT32_MAX || (lw_atlas_finer(t.level) && !s->has_finer)) {
-            free(interest.tile);
-            lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
-                              "message INTEREST: there is no object %u, level %u, tile %u", t.object, t.level,
-                              t.tile);
-            return;
-        }
-        interest.tile[i] = id;
+        const struct lw_message_interest_tile *t = &said->tile[i];
+        if (name_tile(s, t, &fine, &interest.tile[i])) continue;
+        free(interest.tile);
+        lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
+                          "message INTEREST: there is no object %u, level %u, tile %u", t->object, t->level,
+                          t->tile);
+        return;
     }
     uint64_t *listed = s->shared->listed;
     for (size_t i = 0; i < said->tile_count; i++)
-        if (!lw_session_interest_test_and_set(listed, interest.tile[i]))
+        if (interest.tile[i] != UINT32_MAX && !lw_session_interest_test_and_set(listed, interest.tile[i]))
             interest.tile[interest.tile_count++] = interest.tile[i];
     LW_INVARIANT(interest.tile_count <= said->tile_count && !(interest.everything && interest.tile_count));
+    forget_fine(s, &s->interest, listed);
+    forget_fine(s, &s->waiting, listed);
     for (uint32_t i = 0; i < interest.tile_count; i++) listed[interest.tile[i] / 64] = 0;
-    free(s->waiting.tile);
+    lw_fine_names_add(&s->shared->fine, interest.tile, interest.tile_count);
+    lw_session_interest_free(s, &s->waiting);
     s->waiting = interest;
     s->has_waiting = true;
     if (s->interest_epoch == s->shared->epoch) return;

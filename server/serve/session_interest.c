@@ -61,6 +61,12 @@ static void count_out(struct lw_session *s, const struct lw_session_interest *in
         lw_interest_union_remove(&s->shared->interest_union, interest->tile, interest->tile_count);
 }
 
+void lw_session_interest_free(struct lw_session *s, struct lw_session_interest *interest) {
+    lw_fine_names_remove(&s->shared->fine, interest->tile, interest->tile_count);
+    free(interest->tile);
+    *interest = (struct lw_session_interest){0};
+}
+
 bool lw_session_interest_take_up(struct lw_session *s) {
     struct lw_session_interest before = s->interest;
     LW_INVARIANT(s->has_waiting && s->waiting.tile_count <= s->shared->atlas_map->tile_count);
@@ -81,7 +87,7 @@ bool lw_session_interest_take_up(struct lw_session *s) {
         count_in(s, &s->interest);
         count_out(s, &before);
     }
-    free(before.tile);
+    lw_session_interest_free(s, &before);
     s->settled_due = s->frame_sent > 0;
     for (uint32_t i = 0; i < s->take_count; i++) s->take[i].generation = 0; /* the walk starts again */
     return true;

@@ -153,12 +153,12 @@ void lw_session_tell(const struct lw_session *s, const char *format, ...) LW_PRI
 
 /* ---- session_interest.c ---- */
 
-/** Words of one of the two sets of bits in s->interest_bits. */
-/** The tiles that a session can get: the first ones of the scene. */
+/** The ids of tiles that a session can get: the first ones of the scene. */
 static inline uint32_t lw_session_tiles(const struct lw_session *s) {
     return s->has_finer ? s->shared->atlas_map->tile_count : s->shared->atlas_map->plain_count;
 }
 
+/** Words of one of the two sets of bits in s->interest_bits. */
 static inline size_t lw_session_interest_words(const struct lw_session *s) {
     return (size_t)lw_session_tiles(s) / 64 + 1;
 }
@@ -167,6 +167,8 @@ static inline bool lw_session_interest_is_set(const uint64_t *bits, uint32_t til
 }
 /** Sets a tile's bit; returns whether it was set. */
 bool lw_session_interest_test_and_set(uint64_t *bits, uint32_t tile);
+/** Frees a list of the session's. */
+void lw_session_interest_free(struct lw_session *s, struct lw_session_interest *interest);
 /** s->waiting holds from now on. false: there is no memory, and nothing has changed. */
 bool lw_session_interest_take_up(struct lw_session *s);
 /** The session's interest and its channels' counts, from when it is streamed to until it is no more. */

@@ -20,6 +20,7 @@ struct lw_transcoder {
     struct coarse {
         struct lw_tile_dct_history *history; /* NULL: none was made */
         uint64_t version;                    /* that was last made; 0: nothing builds on it */
+        struct lw_tile_place place;          /* of the tile that the history is of */
     } * coarse;                              /* by tile id */
 
     pthread_mutex_t mutex; /* guards what follows */
@@ -79,10 +80,16 @@ static float coarse_step(uint32_t q) {
     return exp2f(1 - (float)(q < LW_TRANSCODER_COARSER_Q ? 0 : q - LW_TRANSCODER_COARSER_Q) / 8);
 }
 
-static enum lw_status encode_coarse(struct lw_transcoder *r, uint32_t id, const struct lw_message_tile *tile,
+/* An id of a finer level may be another tile's since. */
+static void forget_others(struct coarse *coarse, const struct lw_tile_place *place) {
+    if (memcmp(&coarse->place, place, sizeof *place) == 0) return;
+    free(coarse->history);
+    *coarse = (struct coarse){.place = *place};
+}
+
+static enum lw_status encode_coarse(struct lw_transcoder *r, struct coarse *coarse,
+                                    const struct lw_tile_place *place, const struct lw_message_tile *tile,
                                     struct lw_tile_dct_coded *out_coded) {
-    const struct lw_tile_place *place = &r->atlas_map->place[id];
-    struct coarse *coarse = &r->coarse[id];
     const size_t size = lw_tile_dct_history_size(r->channel, place->height);
     enum lw_status status =
         lw_tile_codec_decode(r->codec, r->channel, tile->codec, tile->payload, tile->payload_size,
@@ -108,9 +115,10 @@ static void make_coarse(struct lw_transcoder *r, const struct lw_transcoder_job 
     struct lw_message m;
     struct lw_tile_dct_coded coded = {0};
     LW_INVARIANT(job->version > coarse->version); /* asked for in this order */
+    forget_others(coarse, &job->place);
     if (read_tile(job->to, &m) != LW_OK) return;
     const bool smaller =
-        encode_coarse(r, job->tile, &m.tile, &coded) == LW_OK && coded.size < m.tile.payload_size;
+        encode_coarse(r, coarse, &job->place, &m.tile, &coded) == LW_OK && coded.size < m.tile.payload_size;
     struct lw_message made = {.type = LW_MESSAGE_TILE, .tile = m.tile};
     made.tile.version = job->version;
     made.tile.scale = coded.scale;
@@ -142,8 +150,8 @@ static void *work(void *context) {
         struct lw_transcoder_result made = {
             .tile = job.tile, .coarse = job.coarse, .base = job.base, .version = job.version};
         if (job.from)
-            made.blob = lw_transcoder_encode_delta(r->codec, r->channel, &r->atlas_map->place[job.tile],
-                                                   job.from, job.base, job.to, r->payload);
+            made.blob = lw_transcoder_encode_delta(r->codec, r->channel, &job.place, job.from, job.base,
+                                                   job.to, r->payload);
         else
             make_coarse(r, &job, &made);
         pthread_mutex_lock(&r->mutex);
@@ -221,6 +229,7 @@ bool lw_transcoder_ask(struct lw_transcoder *r, const struct lw_transcoder_job *
     if (fits) {
         struct lw_transcoder_job *at = &r->job[r->asked % LW_TRANSCODER_JOBS_MAX];
         *at = *job;
+        at->place = r->atlas_map->place[job->tile];
         if (at->from) lw_blob_ref(at->from);
         lw_blob_ref(at->to);
         r->asked++;

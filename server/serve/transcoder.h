@@ -23,8 +23,9 @@
 /** What is asked for: how version `version` of a tile differs from version `base`; or the coarse form of a
  * tile, to be called `version`. The coarse forms of a tile are asked for in the order of their versions. */
 struct lw_transcoder_job {
-    uint32_t tile; /* lw_tile_id */
-    bool coarse;   /* it is a coarse form, or between two of these */
+    uint32_t tile;              /* lw_tile_id */
+    struct lw_tile_place place; /* of it, set by lw_transcoder_ask(): the id may go to another tile later */
+    bool coarse;                /* it is a coarse form, or between two of these */
     uint64_t base, version;
     /* LW_MESSAGE_TILE of version base, no delta; NULL: `to` is a tile of which a coarse form is wanted. */
     struct lw_blob *from;

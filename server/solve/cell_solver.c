@@ -100,6 +100,10 @@ static uint32_t list_fine(const struct lw_solver *solver, const lw_tile_id **out
     return lw_fine_tiles_list(&s->geometry->fine, has_light, s, out_tile);
 }
 
+static bool holds_fine(const struct lw_solver *solver, lw_tile_id id) {
+    return lw_tiles_have(&((const struct lw_cell_solver *)solver)->tiles, id);
+}
+
 /* What a frame reads of those before it, beside the tiles. */
 #define PARTS_MAX (1 + LW_TILE_CHANNELS_MAX + LW_PROBES_PARTS)
 static uint32_t list_parts(const struct lw_cell_solver *s, struct remembered *remembered,
@@ -203,6 +207,7 @@ static const struct lw_solver_ops ops = {.name = "cells",
                                          .show = show_channels,
                                          .filter = filter,
                                          .list_fine = list_fine,
+                                         .holds_fine = holds_fine,
                                          .read_tile = read_tile,
                                          .save = save,
                                          .load = load,

@@ -568,6 +568,10 @@ static uint32_t list_fine(const struct lw_solver *solver, const lw_tile_id **out
     return lw_fine_tiles_list(&s->geometry.fine, has_light, s, out_tile);
 }
 
+static bool holds_fine(const struct lw_solver *solver, lw_tile_id id) {
+    return lw_tiles_have(tiles_of(((const struct layers *)solver)->layer), id);
+}
+
 static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *out_tile) {
     const struct layers *s = (const struct layers *)solver;
     s->layer->solver->ops->read_tile(s->layer->solver, id, out_tile);
@@ -672,6 +676,7 @@ static const struct lw_solver_ops ops = {.name = "layers",
                                          .show = show,
                                          .filter = filter,
                                          .list_fine = list_fine,
+                                         .holds_fine = holds_fine,
                                          .read_tile = read_tile,
                                          .save = save,
                                          .load = load,

@@ -62,7 +62,7 @@ struct lw_solver_desc {
     /* Unless that is known, the cell solver looks inside objects in frames after the first ones, so that
      * first light is sooner; what changes so counts as a change of the scene. */
     bool looks_later;
-    /* Tiles of finer levels (atlas.h) that the cell solver may hold at once; each takes some 4 MB. 0: it
+    /* Tiles of finer levels (atlas.h) that the cell solver may hold at once; each takes some 1 MB. 0: it
      * solves level 0 alone, as other solvers and ranks do. */
     uint32_t fine_tiles;
     /* May be NULL. Once true, frame() returns LW_CLOSED within a tile, creation within a mesh. */
@@ -152,6 +152,8 @@ struct lw_solver_ops {
     /** Lists the tiles of finer levels that have light, by id; until the next call on the solver. NULL: it
      * has none. Returns how many. */
     uint32_t (*list_fine)(const struct lw_solver *solver, const lw_tile_id **out_tile);
+    /** Whether it holds a tile of a finer level, lit or not. NULL: it holds none. */
+    bool (*holds_fine)(const struct lw_solver *solver, lw_tile_id tile);
     /** Reads a tile of level 0, or one that list_fine() lists. */
     void (*read_tile)(const struct lw_solver *solver, lw_tile_id tile, struct lw_solver_tile *out_tile);
     /** Saves the state between two frames. key: 16 bytes that identify the scene, the pose and those fields

@@ -28,9 +28,10 @@
 #include <string.h>
 
 #define ROUNDS_MAX 99
-#define LIGHT      9.0f /* W/m^2 */
-#define CHANGED    16u  /* tiles that change from picture to picture */
-#define FINER      2u   /* finer levels: as lightwelld has them */
+#define LIGHT      9.0f  /* W/m^2 */
+#define CHANGED    16u   /* tiles that change from picture to picture */
+#define FINER      2u    /* finer levels: as lightwelld has them */
+#define FINE_ROOM  2048u /* tiles of these levels that have ids */
 
 enum kind { COMPOSE, GL, MSAA, DRAWN, LIT, SURVEY, TILES, NONE, FINE, KINDS };
 
@@ -54,7 +55,7 @@ struct scene {
     struct lw_gl_renderer *none, *fine; /* of that map */
     struct lw_compose_view view;
     float *light; /* enough for the largest level; every level reads it */
-    float *dark;  /* likewise of finer levels; only what is read of it takes memory */
+    float *dark;  /* of any tile of finer levels */
     uint32_t *version;
     float *picture;
     uint8_t *needed;
@@ -71,28 +72,22 @@ static struct lw_client_tile tile(const void *context, lw_tile_id id) {
     return (struct lw_client_tile){.version = ((const struct scene *)context)->version[id.v]};
 }
 
-static struct lw_client_level finer_level(const void *context, uint32_t object, uint32_t k) {
-    const struct scene *s = context;
-    const struct lw_atlas_level *l = lw_atlas_level(&s->finer_map.atlas[object], k);
-    return (struct lw_client_level){
-        .width = l->width, .height = l->height, .rgb = lw_atlas_finer(k) ? s->dark : s->light};
-}
-
 /* Of finer levels those tiles are there that are needed. */
 static struct lw_client_tile finer_tile(const void *context, lw_tile_id id) {
     const struct scene *s = context;
-    return (struct lw_client_tile){.version = id.v < s->finer_map.plain_count || s->needed[id.v]};
+    const bool plain = id.v < s->finer_map.plain_count;
+    return (struct lw_client_tile){.version = plain || s->needed[id.v], .rgb = plain ? NULL : s->dark};
 }
 
 /* Two renderers with finer levels; one of them has the tiles that the view wants. */
-static enum lw_status set_up_finer(struct scene *s, size_t largest, struct lw_error *err) {
+static enum lw_status set_up_finer(struct scene *s, struct lw_error *err) {
     const struct lw_gl_renderer_desc desc = {.scene = s->scene, .map = &s->finer_map};
     const struct lw_compose_source source = {
-        .context = s, .level = finer_level, .tile = finer_tile, .noise_shown = 1};
+        .context = s, .level = level, .tile = finer_tile, .noise_shown = 1};
     uint64_t pixels;
-    enum lw_status status = lw_atlas_map_init_finer(&s->finer_map, s->scene, FINER);
+    enum lw_status status = lw_atlas_map_init_finer(&s->finer_map, s->scene, FINER, FINE_ROOM);
     if (status != LW_OK) return status;
-    s->dark = calloc(largest << 2 * FINER, 3 * sizeof *s->dark);
+    s->dark = calloc(LW_TILE_TEXELS_MAX, 3 * sizeof *s->dark);
     s->needed = calloc(s->finer_map.tile_count + 1ul, 1);
     s->shown = calloc(s->finer_map.tile_count + 1ul, sizeof *s->shown);
     if (!s->dark || !s->needed || !s->shown) return LW_NO_MEMORY;
@@ -154,7 +149,7 @@ static enum lw_status set_up(struct scene *s, const char *name, struct lw_error 
         s->view.camera = s->scene->camera_count ? lw_camera_of_scene(s->scene, &s->pose, 0)
                                                 : lw_camera_default(s->scene, &s->pose, s->trace,
                                                                     (float)o->width / (float)o->height);
-    return status == LW_OK ? set_up_finer(s, most, err) : status;
+    return status == LW_OK ? set_up_finer(s, err) : status;
 }
 
 static enum lw_status do_one(struct scene *s, enum kind kind, int64_t round, struct lw_error *err) {

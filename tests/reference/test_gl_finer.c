@@ -29,7 +29,8 @@ struct world {
     struct lw_compose_source source;
     struct lw_compose_view view;
     float *rgb[OBJECTS][LEVELS];
-    struct lw_client_tile *tile;
+    struct lw_client_tile *tile; /* per id; of finer levels without their texels: */
+    float **cut;
 };
 
 static const struct lw_atlas_level *level_of(const struct world *w, uint32_t o, uint32_t k) {
@@ -45,7 +46,10 @@ static struct lw_client_level level(const void *context, uint32_t object, uint32
 }
 
 static struct lw_client_tile tile(const void *context, lw_tile_id id) {
-    return ((const struct world *)context)->tile[id.v];
+    const struct world *w = context;
+    struct lw_client_tile is = w->tile[id.v];
+    if (is.version) is.rgb = w->cut[id.v];
+    return is;
 }
 
 static float random_of(uint32_t a, uint32_t b) {
@@ -116,12 +120,36 @@ static void start_renderer(struct world *w, const struct lw_atlas_map *map) {
         &err);
 }
 
+/* Every tile of the finer levels has an id, in the order of their names. */
+static void name_all(struct world *w) {
+    lw_support_ok(lw_atlas_map_init_finer(&w->map, w->scene, FINER, 1), NULL);
+    const uint32_t names = (uint32_t)w->map.fine_names;
+    lw_atlas_map_finish(&w->map);
+    lw_support_ok(lw_atlas_map_init_finer(&w->map, w->scene, FINER, names), NULL);
+    for (uint32_t i = 0; i < names; i++)
+        assert_int_equal(lw_atlas_map_claim_name(&w->map, i).v, w->map.plain_count + i);
+}
+
+/* The texels of the tiles of finer levels, each by itself. */
+static void cut_tiles(struct world *w) {
+    assert_non_null(w->cut = calloc(w->map.tile_count, sizeof *w->cut));
+    for (uint32_t t = w->map.plain_count; t < w->map.tile_count; t++) {
+        const struct lw_tile_place *p = &w->map.place[t];
+        const struct lw_client_level l = level(w, p->object, p->level);
+        assert_non_null(w->cut[t] = malloc((size_t)p->width * p->height * 3 * sizeof(float)));
+        for (uint32_t y = 0; y < p->height; y++)
+            memcpy(w->cut[t] + 3ul * y * p->width,
+                   l.rgb + 3 * ((size_t)(p->y * LW_TILE_SIDE + y) * l.width + p->x * LW_TILE_SIDE),
+                   p->width * 3 * sizeof(float));
+    }
+}
+
 /* From close above the first object's edge towards the second one: levels -2 to 0 are in the picture. */
 static void start(struct world *w, bool even) {
     struct lw_error err = {0};
     *w = (struct world){.scene = make_scene(), .view = {.width = WIDTH, .height = HEIGHT}};
     lw_support_ok(lw_pose_init(&w->pose, w->scene), NULL);
-    lw_support_ok(lw_atlas_map_init_finer(&w->map, w->scene, FINER), NULL);
+    name_all(w);
     lw_support_ok(lw_trace_create(w->scene, &w->pose, &w->trace, &err), &err);
     w->tile = calloc(w->map.tile_count, sizeof *w->tile);
     assert_non_null(w->tile);
@@ -129,6 +157,7 @@ static void start(struct world *w, bool even) {
         for (uint32_t k = 0; k < LEVELS; k++)
             if (k >= LW_ATLAS_LEVELS_MAX || k < w->map.atlas[o].level_count) fill(w, o, k, even);
     for (uint32_t t = 0; t < w->map.tile_count; t++) w->tile[t] = (struct lw_client_tile){.version = 1};
+    cut_tiles(w);
     w->source = (struct lw_compose_source){.context = w, .level = level, .tile = tile, .noise_shown = 1};
     w->view.camera = lw_camera_look_at(lw_vec3(-0.35f, 0.22f, 0), lw_vec3(0, 0, 0.05f), 0.9f);
     lw_support_ok(
@@ -149,6 +178,8 @@ static void finish(struct world *w) {
     lw_compose_destroy(w->compose);
     for (uint32_t o = 0; o < OBJECTS; o++)
         for (uint32_t k = 0; k < LEVELS; k++) free(w->rgb[o][k]);
+    for (uint32_t t = 0; t < w->map.tile_count; t++) free(w->cut[t]);
+    free(w->cut);
     free(w->tile);
     lw_trace_destroy(w->trace);
     lw_atlas_map_finish(&w->map);
@@ -431,7 +462,6 @@ enum { SLOTS = 4 };
 struct pool {
     struct world world;
     struct lw_gl_fine_tiles fine;
-    uint16_t *word;
 };
 
 static void start_pool(struct pool *p) {
@@ -439,14 +469,11 @@ static void start_pool(struct pool *p) {
     start(&p->world, false);
     set_finer(&p->world, (struct lw_client_tile){0});
     lw_support_ok(lw_gl_fine_tiles_init(&p->fine, &p->world.map, SLOTS, &err), &err);
-    p->word = calloc(p->world.map.tile_count, sizeof *p->word);
-    assert_non_null(p->word);
     assert_int_equal(p->fine.slot_count, SLOTS);
 }
 
 static void finish_pool(struct pool *p) {
     lw_gl_fine_tiles_finish(&p->fine);
-    free(p->word);
     finish(&p->world);
 }
 
@@ -455,7 +482,7 @@ static uint32_t nth(const struct pool *p, uint32_t i) { return p->world.map.plai
 static bool take(struct pool *p, uint32_t tiles_max) {
     const struct lw_gl_fine_tiles_take take = {
         .source = &p->world.source, .scale = 1, .tiles_max = tiles_max};
-    return lw_gl_fine_tiles_take(&p->fine, &take, p->word);
+    return lw_gl_fine_tiles_take(&p->fine, &take);
 }
 
 static void survey(struct pool *p, uint32_t first, uint32_t end) {
@@ -467,11 +494,11 @@ static void survey(struct pool *p, uint32_t first, uint32_t end) {
 static void assert_pool(const struct pool *p, uint32_t first, uint32_t end) {
     bool taken[SLOTS] = {false};
     for (uint32_t i = 0; i < p->world.map.tile_count - p->world.map.plain_count; i++) {
-        assert_int_equal(p->word[i] != 0, i >= first && i < end);
-        if (p->word[i] == 0) continue;
-        const uint32_t slot = (p->word[i] & ((1u << LW_GL_FINE_TILES_SHIFT) - 1)) - 1;
+        assert_int_equal(p->fine.word[i] != 0, i >= first && i < end);
+        if (p->fine.word[i] == 0) continue;
+        const uint32_t slot = (p->fine.word[i] & ((1u << LW_GL_FINE_TILES_SHIFT) - 1)) - 1;
         assert_true(slot < SLOTS && !taken[slot]);
-        assert_int_equal(p->word[i] >> LW_GL_FINE_TILES_SHIFT, LW_GL_FINE_TILES_WHOLE);
+        assert_int_equal(p->fine.word[i] >> LW_GL_FINE_TILES_SHIFT, LW_GL_FINE_TILES_WHOLE);
         taken[slot] = true;
     }
     assert_int_equal(p->fine.used, end - first);
@@ -508,6 +535,26 @@ static void test_eviction(void **state) {
     finish_pool(&p);
 }
 
+/* A slot whose tile has lost its id is free, and the tile that has the id now gets a slot of its own. */
+static void test_ids_that_go_to_others(void **state) {
+    (void)state;
+    struct pool p;
+    start_pool(&p);
+    for (uint32_t i = 0; i < 3; i++) p.world.tile[nth(&p, i)].version = 1;
+    take(&p, UINT32_MAX);
+    assert_pool(&p, 0, 3);
+    const lw_tile_id first = {nth(&p, 0)}, second = {nth(&p, 1)};
+    lw_atlas_map_release(&p.world.map, first);
+    lw_atlas_map_release(&p.world.map, second);
+    assert_int_equal(lw_atlas_map_claim_name(&p.world.map, 1).v, first.v);
+    p.world.tile[second.v].version = 0;
+    take(&p, UINT32_MAX);
+    assert_int_equal(p.fine.used, 2);
+    assert_true(p.fine.word[0] != 0 && p.fine.word[1] == 0 && p.fine.word[2] != 0);
+    assert_int_equal(p.fine.uploaded, 4);
+    finish_pool(&p);
+}
+
 /* A new version is uploaded once, and so are the borders that it is part of. */
 static void test_versions(void **state) {
     (void)state;
@@ -532,10 +579,17 @@ static void test_versions(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_same_picture), cmocka_unit_test(test_charts),  cmocka_unit_test(test_none),
-        cmocka_unit_test(test_fades),        cmocka_unit_test(test_borders), cmocka_unit_test(test_full),
-        cmocka_unit_test(test_scale),        cmocka_unit_test(test_survey),  cmocka_unit_test(test_eviction),
+        cmocka_unit_test(test_same_picture),
+        cmocka_unit_test(test_charts),
+        cmocka_unit_test(test_none),
+        cmocka_unit_test(test_fades),
+        cmocka_unit_test(test_borders),
+        cmocka_unit_test(test_full),
+        cmocka_unit_test(test_scale),
+        cmocka_unit_test(test_survey),
+        cmocka_unit_test(test_eviction),
         cmocka_unit_test(test_versions),
+        cmocka_unit_test(test_ids_that_go_to_others),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -74,12 +74,111 @@ static void test_places_outside_are_not_found(void **state) {
     lw_scene_destroy(scene);
 }
 
+/* ---- finer levels ---- */
+
+static struct lw_atlas_map with_finer(struct lw_scene **out_scene, uint32_t room) {
+    struct lw_atlas_map map;
+    *out_scene = lw_support_squares(3, 1);
+    (*out_scene)->mesh[0].atlas_width = 200;
+    (*out_scene)->mesh[0].atlas_height = 72;
+    lw_support_ok(lw_atlas_map_init_finer(&map, *out_scene, 4, room), NULL);
+    return map;
+}
+
+/* Every tile of every finer level has an id once it is claimed, its own, and lies where it was said to. */
+static void test_every_fine_tile_has_an_id_of_its_own(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    struct lw_atlas_map map = with_finer(&scene, 20000);
+    uint32_t count = 0;
+    uint64_t texels = 0;
+    assert_int_equal(map.tile_count, map.plain_count + 20000);
+    for (int again = 0; again < 2; again++)
+        for (uint32_t o = 0; o < 3; o++)
+            for (uint32_t k = 1; k <= 4; k++)
+                for (uint32_t t = 0; lw_atlas_map_has_tile(&map, o, LW_ATLAS_FINER + k, t); t++) {
+                    const uint32_t level = LW_ATLAS_FINER + k;
+                    const lw_tile_id id = lw_atlas_map_claim_tile(&map, o, level, t);
+                    const struct lw_tile_place *p = &map.place[id.v];
+                    assert_int_equal(lw_atlas_map_find_tile(&map, o, level, t).v, id.v);
+                    assert_int_equal(lw_atlas_map_number(&map, id), t);
+                    assert_int_equal(lw_atlas_map_claim_name(&map, lw_atlas_map_name(&map, id)).v, id.v);
+                    assert_true(lw_atlas_map_name(&map, id) < map.fine_names);
+                    assert_int_equal(p->object, o);
+                    assert_int_equal(p->level, level);
+                    assert_int_equal(map.place[lw_atlas_map_below(&map, id).v].x, p->x >> k);
+                    if (again) continue;
+                    assert_int_equal(id.v, map.plain_count + count++); /* in the order of claiming */
+                    if (k == 4) texels += (uint64_t)p->width * p->height;
+                }
+    assert_int_equal(count, map.fine_names);
+    assert_int_equal(texels, 3 * 200 * 72 * 256);
+    lw_atlas_map_finish(&map);
+    lw_scene_destroy(scene);
+}
+
+/* Where no id is left a tile gets none; one that is released goes to the next who claims, after those that
+ * were free before. */
+static void test_ids_run_out_and_come_back(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    struct lw_atlas_map map = with_finer(&scene, 3);
+    const uint32_t level = LW_ATLAS_FINER + 2;
+    lw_tile_id id[3];
+    for (uint32_t t = 0; t < 3; t++) {
+        assert_false(lw_atlas_map_is_used(&map, (lw_tile_id){map.plain_count + t}));
+        id[t] = lw_atlas_map_claim_tile(&map, 1, level, t);
+        assert_true(lw_atlas_map_is_used(&map, id[t]));
+    }
+    assert_int_equal(lw_atlas_map_claim_tile(&map, 1, level, 3).v, UINT32_MAX);
+    assert_int_equal(lw_atlas_map_claim_tile(&map, 1, level, 2).v, id[2].v);
+    lw_atlas_map_release(&map, id[1]);
+    assert_int_equal(lw_atlas_map_find_tile(&map, 1, level, 1).v, UINT32_MAX);
+    lw_atlas_map_release(&map, id[0]);
+    assert_int_equal(lw_atlas_map_claim_tile(&map, 2, level, 9).v, id[1].v);
+    assert_int_equal(map.place[id[1].v].object, 2);
+    assert_int_equal(lw_atlas_map_claim_tile(&map, 1, level, 1).v, id[0].v);
+    assert_int_equal(lw_atlas_map_find_tile(&map, 1, level, 2).v, id[2].v);
+    assert_int_equal(lw_atlas_map_find_tile(&map, 1, level, 0).v, UINT32_MAX);
+    assert_int_equal(lw_atlas_map_claim_tile(&map, 1, level + 3, 0).v,
+                     UINT32_MAX); /* there is no such level */
+    lw_atlas_map_finish(&map);
+    lw_scene_destroy(scene);
+}
+
+/* Threads that claim the same tiles get the same ids, each tile one. */
+static void test_threads_claim_together(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    struct lw_atlas_map map = with_finer(&scene, 500);
+    const uint32_t level = LW_ATLAS_FINER + 4;
+    uint32_t id[4][500];
+#pragma omp parallel for num_threads(4) schedule(static, 1)
+    for (uint32_t thread = 0; thread < 4; thread++)
+        for (uint32_t t = 0; t < 500; t++)
+            id[thread][(t * 7 + thread * 100) % 500] =
+                lw_atlas_map_claim_tile(&map, 0, level, (t * 7 + thread * 100) % 500).v;
+    bool is_given[500] = {0};
+    for (uint32_t t = 0; t < 500; t++) {
+        for (uint32_t thread = 0; thread < 4; thread++) assert_int_equal(id[thread][t], id[0][t]);
+        assert_true(id[0][t] >= map.plain_count && id[0][t] < map.tile_count);
+        assert_false(is_given[id[0][t] - map.plain_count]);
+        is_given[id[0][t] - map.plain_count] = true;
+        assert_int_equal(lw_atlas_map_number(&map, (lw_tile_id){id[0][t]}), t);
+    }
+    lw_atlas_map_finish(&map);
+    lw_scene_destroy(scene);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_levels_halve_rounding_up),
         cmocka_unit_test(test_small_atlas_has_one_level),
         cmocka_unit_test(test_every_place_is_found_under_its_id),
         cmocka_unit_test(test_places_outside_are_not_found),
+        cmocka_unit_test(test_every_fine_tile_has_an_id_of_its_own),
+        cmocka_unit_test(test_ids_run_out_and_come_back),
+        cmocka_unit_test(test_threads_claim_together),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

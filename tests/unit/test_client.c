@@ -1925,7 +1925,7 @@ static void test_tiles_of_finer_levels(void **state) {
     lw_support_ok(lw_replica_create(w.package, w.package_size, 0, &plain, &err), &err);
     const struct lw_atlas_map *map = lw_replica_atlas_map(replica);
     assert_int_equal(map->finer_count, 2);
-    const lw_tile_id id = lw_atlas_map_find(map, 0, LW_ATLAS_FINER + 2, 0, 0),
+    const lw_tile_id id = lw_atlas_map_claim(map, 0, LW_ATLAS_FINER + 2, 0, 0),
                      below = lw_atlas_map_find(map, 0, 0, 0, 0);
     static float value[LW_TILE_TEXELS_MAX * 3];
     for (size_t i = 0; i < sizeof value / sizeof *value; i++) value[i] = 3;
@@ -1943,13 +1943,33 @@ static void test_tiles_of_finer_levels(void **state) {
         lw_support_ok(lw_replica_take_tile(replica, &tile, &err), &err);
         assert_int_equal(lw_replica_get_tile(replica, id).version, version);
         assert_int_equal(lw_replica_get_tile(replica, below).version, 0);
-        assert_true(lw_replica_get_level(replica, 0, LW_ATLAS_FINER + 2).rgb[0] == 3);
+        assert_true(lw_replica_get_tile(replica, id).rgb[0] == 3);
+        assert_int_equal(lw_replica_get_level(replica, 0, LW_ATLAS_FINER + 2).width, 0);
         struct lw_message_tile gone = tile;
         gone.version++;
         gone.codec = LW_TILE_CODEC_NONE;
         lw_support_ok(lw_replica_take_tile(replica, &gone, &err), &err);
         assert_int_equal(lw_replica_get_tile(replica, id).version, 0);
     }
+    /* what is dropped comes no more, nor does what builds on it, until it has an id again */
+    tile.version = 20;
+    lw_support_ok(lw_replica_take_tile(replica, &tile, &err), &err);
+    lw_replica_release_fine(replica, id);
+    tile.version = 21;
+    lw_support_ok(lw_replica_take_tile(replica, &tile, &err), &err);
+    const lw_tile_id again = lw_atlas_map_claim(map, 0, LW_ATLAS_FINER + 2, 0, 0);
+    assert_int_equal(lw_replica_get_tile(replica, again).version, 0);
+    tile.version = 22;
+    tile.base = 20;
+    lw_support_ok(lw_replica_take_tile(replica, &tile, &err), &err);
+    assert_int_equal(lw_replica_get_tile(replica, again).version, 0);
+    assert_null(lw_replica_get_tile(replica, again).rgb);
+    tile.base = 0;
+    lw_support_ok(lw_replica_take_tile(replica, &tile, &err), &err);
+    assert_int_equal(lw_replica_get_tile(replica, again).version, 22);
+    tile.tile = 1 << 20;
+    assert_int_equal(lw_replica_take_tile(replica, &tile, NULL), LW_PROTOCOL);
+    tile.tile = 0;
     tile.level = 0;
     tile.version = 20;
     tile.codec = LW_TILE_CODEC_NONE;

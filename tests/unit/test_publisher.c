@@ -54,7 +54,13 @@ static uint32_t list_fine(const struct lw_solver *solver, const lw_tile_id **out
     return fine_is_there;
 }
 
-static const struct lw_solver_ops ops = {.name = "test", .read_tile = read_tile, .list_fine = list_fine};
+static bool holds_fine(const struct lw_solver *solver, lw_tile_id id) {
+    (void)solver;
+    return fine_is_there && id.v == fine.v;
+}
+
+static const struct lw_solver_ops ops = {
+    .name = "test", .read_tile = read_tile, .list_fine = list_fine, .holds_fine = holds_fine};
 
 struct world {
     struct lw_scene *scene;
@@ -69,7 +75,7 @@ static void init_world_of(struct world *w, uint32_t codec, uint32_t objects, uin
     fine_is_there = false;
     *w = (struct world){.scene = lw_support_squares(objects, 1), .solver = {&ops}};
     w->scene->mesh[0].atlas_width = w->scene->mesh[0].atlas_height = SIDE;
-    lw_support_ok(lw_atlas_map_init_finer(&w->map, w->scene, finer), NULL);
+    lw_support_ok(lw_atlas_map_init_finer(&w->map, w->scene, finer, finer ? 4 : 0), NULL);
     second_tile = objects > 1 ? w->map.first_tile[1] : 0;
     lw_support_ok(lw_pose_init(&w->pose, w->scene), NULL);
     lw_support_ok(lw_tile_codec_create(&w->codec), NULL);
@@ -549,7 +555,7 @@ static void test_fine_tiles_come_and_go(void **state) {
     (void)state;
     struct world w;
     init_world_of(&w, LW_TILE_CODEC_DCT, 1, 1);
-    fine = lw_atlas_map_find(&w.map, 0, LW_ATLAS_FINER + 1, 1, 1);
+    fine = lw_atlas_map_claim(&w.map, 0, LW_ATLAS_FINER + 1, 1, 1);
     fine_is_there = true;
     uint32_t deltas = 0;
     for (uint64_t frame = 1; frame < 10; frame++) {
@@ -563,6 +569,8 @@ static void test_fine_tiles_come_and_go(void **state) {
         assert_int_equal(tile->version, expected ? lw_snapshot_version(expected) : 0);
         assert_true(!tile->delta || frame == 3 || frame > 7);
         deltas += tile->delta != NULL;
+        assert_int_equal(lw_snapshot_holds_fine(s, fine.v - w.map.plain_count), fine_is_there);
+        assert_false(lw_snapshot_holds_fine(s, fine.v - w.map.plain_count + 1));
         if (expected) {
             const struct lw_message_tile is = tile_of(s, fine);
             assert_int_equal(is.level, LW_ATLAS_FINER + 1);

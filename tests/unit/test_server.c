@@ -61,7 +61,8 @@ static void *serve(void *context) {
     return NULL;
 }
 
-static uint32_t finer_levels; /* of the next one */
+static uint32_t finer_levels;  /* of the next one */
+static uint32_t fine_room = 3; /* ids for their tiles */
 
 /* The package: noise, unless extra has one. */
 static struct fixture *start(const struct lw_server_desc *extra) {
@@ -71,7 +72,8 @@ static struct fixture *start(const struct lw_server_desc *extra) {
     f->scene->mesh[0].atlas_width =
         200; /* levels 200x100, 100x50, 50x25, 25x13, 13x7: 8 + 2 + 1 + 1 + 1 tiles */
     f->scene->mesh[0].atlas_height = 100;
-    lw_support_ok(lw_atlas_map_init_finer(&f->map, f->scene, finer_levels), NULL);
+    lw_support_ok(lw_atlas_map_init_finer(&f->map, f->scene, finer_levels, finer_levels ? fine_room : 0),
+                  NULL);
     assert_int_equal(f->map.plain_count, 13 * OBJECTS);
     f->package = malloc(PACKAGE_SIZE);
     assert_non_null(f->package);
@@ -153,6 +155,7 @@ static struct lw_snapshot *make_snapshot(const struct fixture *f, uint64_t frame
     if (previous) snapshot->frame_delta = frame_blob(frame, 2);
     for (uint32_t t = 0; t < f->map.tile_count; t++) {
         const struct lw_tile_place *p = &f->map.place[t];
+        if (!lw_atlas_map_is_used(&f->map, (lw_tile_id){t})) continue;
         snapshot->tile[form][t].version = frame;
         snapshot->tile[form][t].blob =
             blob_of(&(struct lw_message){.type = LW_MESSAGE_TILE,
@@ -1778,9 +1781,23 @@ static void test_wrong_version(void **state) {
 
 /* ---- finer levels ---- */
 
-static void want_finer(int s) {
-    struct lw_message_interest_tile tile[] = {{0, LW_ATLAS_FINER + 1, 3}};
-    put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest = {.tile = tile, .tile_count = 1}});
+/* Lists tiles of the level that is twice as fine, by their numbers: a bit for each. */
+static void want_fine(int s, uint32_t tiles) {
+    struct lw_message_interest_tile tile[32];
+    size_t count = 0;
+    for (uint32_t t = 0; t < 32; t++)
+        if (tiles >> t & 1) tile[count++] = (struct lw_message_interest_tile){0, LW_ATLAS_FINER + 1, t};
+    put(s,
+        &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest = {.tile = tile, .tile_count = count}});
+}
+
+static void expect_fine_tile(int s, uint32_t tile, uint64_t version) {
+    struct lw_message m;
+    expect(s, LW_MESSAGE_TILE, &m);
+    assert_int_equal(m.tile.level, LW_ATLAS_FINER + 1);
+    assert_int_equal(m.tile.tile, tile);
+    assert_int_equal(m.tile.version, version);
+    lw_message_finish(&m);
 }
 
 /* Who has not said that it knows of them is told of none, gets none with everything, and may ask for none. */
@@ -1801,7 +1818,7 @@ static void test_who_knows_no_finer_levels_gets_none(void **state) {
         expect_light(f, s, frame);
         expect_silence(s);
     }
-    want_finer(s);
+    want_fine(s, 0x8);
     expect_refusal(s, LW_REFUSAL_PROTOCOL);
     end(f);
     finer_levels = 0;
@@ -1823,23 +1840,126 @@ static void test_finer_levels_are_sent_to_who_lists_them(void **state) {
     lw_message_finish(&m);
     publish(f, make_snapshot(f, 1, 0));
     expect_light(f, s, 1);
-    want_finer(s);
+    want_fine(s, 0x8);
     struct lw_server_interest wanted;
     LW_SUPPORT_WAIT_UNTIL(lw_server_take_interest(f->server, &wanted) && !wanted.everything);
     for (uint32_t t = 0; t < f->map.tile_count; t++) {
         const struct lw_tile_place *p = &f->map.place[t];
         /* tile 3 of the level that is twice as fine is in the second column of the first row of level 0 */
-        const bool listed = p->object == 0 && p->y == 0 && p->x == (p->level ? 3 : 1);
+        const bool listed = p->width && p->object == 0 && p->y == 0 && p->x == (p->level ? 3 : 1);
         assert_int_equal(wanted.levels[t], listed && (p->level == 0 || p->level == LW_ATLAS_FINER + 1));
     }
     free(wanted.levels);
-    expect_tiles(s, 1, 1);
     publish(f, make_snapshot(f, 2, 1));
     expect_frame(s, 2, 2);
-    expect(s, LW_MESSAGE_TILE, &m);
-    assert_int_equal(m.tile.level, LW_ATLAS_FINER + 1);
-    assert_int_equal(m.tile.tile, 3);
+    expect_fine_tile(s, 3, 2);
+    expect_silence(s);
+    close(s);
+    end(f);
+    finer_levels = 0;
+}
+
+/* The next list of interest, by the numbers of the fine tiles that are in it: a bit for each. */
+static uint64_t take_fine(struct fixture *f, uint32_t *out_tiles) {
+    struct lw_server_interest wanted;
+    LW_SUPPORT_WAIT_UNTIL(lw_server_take_interest(f->server, &wanted));
+    *out_tiles = 0;
+    for (uint32_t t = f->map.plain_count; wanted.levels && t < f->map.tile_count; t++)
+        if (wanted.levels[t]) *out_tiles |= 1u << lw_atlas_map_number(&f->map, (lw_tile_id){t});
+    free(wanted.levels);
+    return wanted.number;
+}
+
+/* The solver has these tiles, and heard the list of that number. */
+static void publish_fine(struct fixture *f, uint64_t frame, uint64_t interest, uint32_t tiles) {
+    struct lw_snapshot *snapshot = make_snapshot(f, frame, frame - 1);
+    snapshot->interest = interest;
+    assert_non_null(snapshot->holds_fine = calloc(fine_room, sizeof *snapshot->holds_fine));
+    for (uint32_t i = 0; i < fine_room; i++) {
+        const lw_tile_id id = {f->map.plain_count + i};
+        snapshot->holds_fine[i] =
+            lw_atlas_map_is_used(&f->map, id) && tiles >> lw_atlas_map_number(&f->map, id) & 1;
+        if (snapshot->holds_fine[i]) continue;
+        lw_blob_unref(snapshot->tile[form][id.v].blob);
+        snapshot->tile[form][id.v] = (struct lw_snapshot_tile){0};
+    }
+    publish(f, snapshot);
+}
+
+/* Who lists more than a session may gets ids for as many: the first ones of its list. */
+static void test_a_session_has_so_many_fine_tiles(void **state) {
+    (void)state;
+    struct lw_message m;
+    struct lw_server_interest wanted;
+    struct lw_message_interest_tile tile[LW_SESSION_FINE_MAX + 1];
+    finer_levels = LW_ATLAS_FINER_MAX;
+    fine_room = 2 * LW_SESSION_FINE_MAX;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    int s = dial(f);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
+                                .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_FINER}});
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    ask_for_package(s, m.welcome.package_compressed_size);
     lw_message_finish(&m);
+    for (uint32_t t = 0; t <= LW_SESSION_FINE_MAX; t++)
+        tile[t] = (struct lw_message_interest_tile){0, LW_ATLAS_FINER + LW_ATLAS_FINER_MAX, t};
+    put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
+                                .interest = {.tile = tile, .tile_count = LW_SESSION_FINE_MAX + 1}});
+    LW_SUPPORT_WAIT_UNTIL(lw_server_take_interest(f->server, &wanted) && !wanted.everything);
+    for (uint32_t t = 0; t <= LW_SESSION_FINE_MAX; t++) {
+        const lw_tile_id id = lw_atlas_map_find_tile(&f->map, 0, tile[t].level, t);
+        assert_int_equal(id.v != UINT32_MAX && wanted.levels[id.v], t < LW_SESSION_FINE_MAX);
+    }
+    free(wanted.levels);
+    close(s);
+    end(f);
+    finer_levels = 0;
+    fine_room = 3;
+}
+
+/* An id goes to another tile once nobody lists the first, and the solver has heard so and holds it no more.
+ * */
+static void test_ids_of_fine_tiles_go_to_others(void **state) {
+    (void)state;
+    struct lw_message m;
+    uint32_t tiles;
+    finer_levels = 2;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    int s = dial(f);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
+                                .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_FINER}});
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    ask_for_package(s, m.welcome.package_compressed_size);
+    lw_message_finish(&m);
+    publish(f, make_snapshot(f, 1, 0));
+    expect_light(f, s, 1);
+    want_fine(s, 0x7); /* as many as there are ids for */
+    uint64_t number = take_fine(f, &tiles);
+    while (!tiles) number = take_fine(f, &tiles);
+    assert_int_equal(tiles, 0x7);
+    publish_fine(f, 2, number, 0x7);
+    expect_frame(s, 2, 2);
+    for (uint32_t t = 0; t < 3; t++) expect_fine_tile(s, t, 2);
+    want_fine(s, 0x8); /* none is left */
+    const uint64_t next = take_fine(f, &tiles);
+    assert_int_equal(next, number + 1);
+    assert_int_equal(tiles, 0);
+    publish_fine(f, 3, number, 0); /* the solver may still make what the list before has */
+    expect_frame(s, 3, 2);
+    want_fine(s, 0x8);
+    expect_silence(s); /* the server has heard that before the next snapshot, of which the solver holds one */
+    publish_fine(f, 4, next, 0x1);
+    expect_frame(s, 4, 2);
+    want_fine(s, 0x18);
+    take_fine(f, &tiles);
+    assert_int_equal(tiles, 0x18);
+    publish_fine(f, 5, next, 0x19);
+    expect_frame(s, 5, 2);
+    expect_fine_tile(s, 3, 5);
+    expect_fine_tile(s, 4, 5);
+    want_fine(s, 0); /* what it does not list it may drop, and gets whole when it comes back */
+    want_fine(s, 0x10);
+    expect_fine_tile(s, 4, 5);
     expect_silence(s);
     close(s);
     end(f);
@@ -3057,6 +3177,8 @@ int main(void) {
         cmocka_unit_test(test_wrong_version),
         cmocka_unit_test(test_who_knows_no_finer_levels_gets_none),
         cmocka_unit_test(test_finer_levels_are_sent_to_who_lists_them),
+        cmocka_unit_test(test_ids_of_fine_tiles_go_to_others),
+        cmocka_unit_test(test_a_session_has_so_many_fine_tiles),
         cmocka_unit_test(test_features_that_are_needed),
         cmocka_unit_test(test_half_hello),
         cmocka_unit_test(test_many_messages_in_pieces),

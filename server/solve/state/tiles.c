@@ -253,7 +253,7 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
                                .usable = texels->usable,
                                .side = texels->side,
                                .changes = texels->changes};
-    for (uint32_t id = 0; id < map->tile_count; id++) {
+    for (uint32_t id = 0; id < map->plain_count; id++) {
         if (map->place[id].level != 0) continue;
         tiles->count++;
         tiles->block_count += blocks_along(map->place[id].width) * blocks_along(map->place[id].height);
@@ -273,9 +273,9 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
         return LW_NO_MEMORY;
     }
     uint32_t n = 0, blocks = 0;
-    for (uint32_t id = 0; id < map->tile_count; id++) {
+    for (uint32_t id = 0; id < map->tile_count; id++) tiles->slot_of_id[id] = UINT32_MAX;
+    for (uint32_t id = 0; id < map->plain_count; id++) {
         const struct lw_tile_place *place = &map->place[id];
-        tiles->slot_of_id[id] = UINT32_MAX;
         if (place->level != 0) continue;
         const struct lw_mesh_texels *mesh = &texels->mesh[scene->object[place->object].mesh];
         struct lw_solve_tile *tile = &tiles->tile[n++];

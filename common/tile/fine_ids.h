@@ -1,0 +1,51 @@
+/* fine_ids.h: ids for the tiles of finer levels (atlas.h) that are in use.
+ * Flow:    names of tiles that somebody lists or sees -> [fine_ids] -> ids, for arrays per tile
+ * Threads: [any], to find and claim, many at a time; to release, with nobody else in it.
+ *
+ * A scene has far more tiles of finer levels than anybody looks at. An array per tile has room for the ids,
+ * of which there are few; the names, which are many, are keys of a hash table. */
+#ifndef LW_COMMON_FINE_IDS_H
+#define LW_COMMON_FINE_IDS_H
+
+#include "common/status.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#define LW_FINE_IDS_NONE UINT32_MAX
+
+/** Where a tile lies. */
+struct lw_tile_place {
+    uint32_t object, level, x, y; /* x, y: tile column and row within the level */
+    uint32_t width, height;       /* texels */
+};
+
+struct lw_fine_ids;
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** room: how many ids there are, from 0 on. place: where each one's tile lies; written by claims, outlives
+ * it. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_fine_ids_create(uint32_t room, struct lw_tile_place *place,
+                                                struct lw_fine_ids **out_ids);
+/** NULL is fine. */
+void lw_fine_ids_destroy(struct lw_fine_ids *ids);
+
+/** The id of a name; NONE: it has none. */
+uint32_t lw_fine_ids_find(const struct lw_fine_ids *ids, uint64_t name);
+/** Likewise, but gives it a free one: that which was released first. NONE: there is none. */
+uint32_t lw_fine_ids_claim(struct lw_fine_ids *ids, uint64_t name, const struct lw_tile_place *place);
+/** Frees an id that is claimed. */
+void lw_fine_ids_release(struct lw_fine_ids *ids, uint32_t id);
+
+/** Whether an id is claimed. */
+bool lw_fine_ids_is_claimed(const struct lw_fine_ids *ids, uint32_t id);
+uint32_t lw_fine_ids_free_count(const struct lw_fine_ids *ids);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
