@@ -64,8 +64,9 @@ enum lw_status lw_fine_tiles_want(struct lw_fine_tiles *fine, const uint8_t *int
     lw_tile_id *wanted = malloc((count + 1ul) * sizeof *wanted);
     if (!wanted) return LW_NO_MEMORY;
     count = 0;
-    for (uint32_t id = fine->map->plain_count; interest && id < fine->map->tile_count; id++)
-        if (interest[id]) wanted[count++].v = id;
+    for (uint32_t k = 1; interest && k <= fine->map->finer_count; k++)
+        for (uint32_t id = fine->map->plain_count; id < fine->map->tile_count; id++)
+            if (interest[id] && lw_atlas_finer(fine->map->place[id].level) == k) wanted[count++].v = id;
     free(fine->wanted);
     fine->wanted = wanted;
     fine->wanted_count = count;

@@ -6,11 +6,11 @@
  * filtered and published as a tile of level 0 is, and by itself: rays read level 0, which is always there. A
  * tile of a finer level depends on no other one, and nothing depends on it.
  *
- * Tiles are made at the beginning of a frame, some at a time, in the order of their ids, once level 0 below
- * has some light. Where there is no room left, those go first that nobody has looked at for the longest.
- * Where somebody looks at all of them, no further ones are made. A tile whose object's texels have changed
- * is made again. All this follows from the interest of each frame alone: the same interest gives the same
- * bytes.
+ * Tiles are made at the beginning of a frame, some at a time, those of coarser levels first, once level 0
+ * below has some light. Where there is no room left, those go first that nobody has looked at for the
+ * longest. Where somebody looks at all of them, no further ones are made. A tile whose object's texels have
+ * changed is made again. All this follows from the interest of each frame alone: the same interest gives the
+ * same bytes.
  *
  * All layers of light have the same ones. */
 #ifndef LW_SOLVE_FINE_TILES_H
@@ -46,7 +46,7 @@ struct lw_fine_tiles {
     struct lw_fine_texels_maker *maker; /* NULL: there is no room */
     struct lw_fine_tile *tile;          /* per slot */
     uint32_t slots, used;
-    lw_tile_id *wanted; /* by id */
+    lw_tile_id *wanted; /* coarser levels first, each by id */
     uint32_t wanted_count;
     lw_tile_id *shown; /* scratch of lw_fine_tiles_list() */
     uint64_t frame;    /* of the last update */

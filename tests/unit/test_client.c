@@ -2082,6 +2082,70 @@ static void test_want(void **state) {
     finish_world(&w);
 }
 
+/* Gives ids to `count` tiles of the finest level of object 0, from number `first` on. */
+static void claim(const struct lw_client *client, uint32_t first, uint32_t count, lw_tile_id *out_id) {
+    for (uint32_t i = 0; i < count; i++) {
+        out_id[i] = lw_atlas_map_claim_tile(lw_client_atlas_map(client), 0,
+                                            LW_ATLAS_FINER + LW_ATLAS_FINER_MAX, first + i);
+        assert_true(out_id[i].v != UINT32_MAX);
+    }
+}
+
+/* How many of some tiles have their ids. */
+static uint32_t count_used(const struct lw_client *client, const lw_tile_id *id, uint32_t count) {
+    uint32_t used = 0;
+    for (uint32_t i = 0; i < count; i++) used += lw_atlas_map_is_used(lw_client_atlas_map(client), id[i]);
+    return used;
+}
+
+/* Where ids of finer levels are about to run out, those go that nobody wants, but for those that the server
+ * was told last. A tile that has lost its id may still be listed, and is left out. */
+static void test_ids_that_nobody_wants_go(void **state) {
+    (void)state;
+    enum { MANY = LW_REPLICA_FINE_MAX / 4 * 3 + 1, FEW = 10 };
+    struct world w = make_world();
+    struct lw_server *server;
+    struct lw_client *client;
+    struct lw_error err = {0};
+    struct lw_atlas_map map;
+    lw_support_ok(lw_atlas_map_init_finer(&map, w.scene, LW_ATLAS_FINER_MAX, MANY), NULL);
+    struct lw_server_desc desc = {
+        .host = "127.0.0.1", .atlas_map = &map, .package = w.package, .package_size = w.package_size};
+    lw_support_ok(lw_server_create(&desc, &server, &err), &err);
+    pthread_t thread;
+    assert_int_equal(pthread_create(&thread, NULL, serve, server), 0);
+    lw_support_ok(lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1",
+                                                            .port = lw_server_port(server),
+                                                            .finer = LW_ATLAS_FINER_MAX,
+                                                            .wants_nothing = true},
+                                   &client, &err),
+                  &err);
+    while (!lw_client_scene(client)) lw_support_ok(lw_client_poll(client, 100, &err), &err);
+    static lw_tile_id id[MANY];
+    claim(client, 0, MANY - 1, id);
+    lw_support_ok(lw_client_want(client, id, FEW), NULL);
+    assert_int_equal(count_used(client, id, MANY - 1), MANY - 1); /* there are enough */
+    struct lw_server_interest wanted = {.everything = true};
+    for (uint64_t end_ns = lw_clock_ns() + WAIT_NS; !lw_server_take_interest(server, &wanted);) {
+        assert_true(lw_clock_ns() < end_ns);
+        lw_support_ok(lw_client_poll(client, 10, NULL), NULL);
+    }
+    free(wanted.levels);
+    claim(client, MANY - 1, 1, id + MANY - 1);
+    lw_support_ok(lw_client_want(client, id + MANY - FEW, FEW), NULL);
+    assert_int_equal(count_used(client, id, FEW), FEW); /* the server was told of them */
+    assert_int_equal(count_used(client, id + MANY - FEW, FEW), FEW);
+    assert_int_equal(count_used(client, id, MANY), 2 * FEW);
+    assert_int_equal(lw_client_want(client, id, MANY), LW_OK);
+    assert_int_equal(count_used(client, id, MANY), 2 * FEW);
+    lw_server_stop(server);
+    assert_int_equal(pthread_join(thread, NULL), 0);
+    lw_client_destroy(client);
+    lw_server_destroy(server);
+    lw_atlas_map_finish(&map);
+    finish_world(&w);
+}
+
 static void test_longest_want_fits_the_outbox(void **state) {
     (void)state;
     static const struct lw_message_interest_tile tile[LW_CLIENT_INTEREST_MAX];
@@ -2179,6 +2243,7 @@ int main(void) {
         cmocka_unit_test(test_tiles_of_finer_levels),
         cmocka_unit_test(test_stale_tiles),
         cmocka_unit_test(test_want),
+        cmocka_unit_test(test_ids_that_nobody_wants_go),
         cmocka_unit_test(test_longest_want_fits_the_outbox),
         cmocka_unit_test(test_silence),
         cmocka_unit_test(test_ping),
