@@ -80,3 +80,19 @@ test('XXH3-128 as packages are named', () => {
     '99aa06d3014798d86001c324468d497f',
   );
 });
+
+test('memory that was freed is taken again, in pieces of any size', () => {
+  const take = (count) => Array.from({ length: count }, (_, i) => tiles.createCoefficients(8 + 8 * (i % 8)));
+  const side = 1024;
+  const image = () => tiles.unfilter(new Uint8Array(4 * side * side), side, side);
+  image();
+  const kept = take(400);
+  assert.equal(new Set(kept).size, 400);
+  assert.ok(kept.every((at) => at % 64 === 0));
+  const before = tiles.memoryBytes();
+  // neighbours become one: every other one first
+  for (const odd of [1, 0]) kept.forEach((at, i) => i % 2 === odd && tiles.freeCoefficients(at));
+  image();
+  for (let round = 0; round < 20; round++) take(400).reverse().forEach((at) => tiles.freeCoefficients(at));
+  assert.equal(tiles.memoryBytes(), before);
+});
