@@ -117,6 +117,35 @@ static void test_every_fine_tile_has_an_id_of_its_own(void **state) {
     lw_scene_destroy(scene);
 }
 
+/* The page has the same table (client/web/test/finer.test.mjs): it numbers them through, behind all others. */
+static void test_names_follow_objects_and_levels(void **state) {
+    (void)state;
+    struct lw_mesh mesh[] = {{.atlas_width = 132, .atlas_height = 68},
+                             {.atlas_width = 0},
+                             {.atlas_width = 20, .atlas_height = 100}};
+    struct lw_object object[] = {{.mesh = 0}, {.mesh = 1}, {.mesh = 2}, {.mesh = 0}};
+    const struct lw_scene scene = {.mesh = mesh, .mesh_count = 3, .object = object, .object_count = 4};
+    struct lw_atlas_map map;
+    lw_support_ok(lw_atlas_map_init_finer(&map, &scene, 2, 8), NULL);
+    assert_int_equal(map.plain_count, 27);
+    assert_int_equal(map.fine_names, 165 - 27);
+    const uint32_t first[] = {27, 87, 87, 105};
+    for (int o = 0; o < 4; o++) assert_int_equal(map.plain_count + map.first_finer[o], first[o]);
+    const struct {
+        uint32_t object, finer, tile, number;
+    } known[] = {{0, 1, 0, 27}, {0, 1, 14, 41},  {0, 2, 0, 42}, {0, 2, 44, 86},
+                 {2, 1, 3, 90}, {2, 2, 13, 104}, {3, 2, 7, 127}};
+    for (size_t i = 0; i < sizeof known / sizeof *known; i++) {
+        const lw_tile_id id =
+            lw_atlas_map_claim_tile(&map, known[i].object, LW_ATLAS_FINER + known[i].finer, known[i].tile);
+        assert_int_equal(map.plain_count + lw_atlas_map_name(&map, id), known[i].number);
+        assert_int_equal(lw_atlas_map_claim_name(&map, known[i].number - map.plain_count).v, id.v);
+    }
+    assert_int_equal(lw_atlas_map_claim_tile(&map, 0, LW_ATLAS_FINER + 1, 15).v, UINT32_MAX);
+    assert_int_equal(lw_atlas_map_claim_tile(&map, 0, LW_ATLAS_FINER, 0).v, UINT32_MAX);
+    lw_atlas_map_finish(&map);
+}
+
 /* Where no id is left a tile gets none; one that is released goes to the next who claims, after those that
  * were free before. */
 static void test_ids_run_out_and_come_back(void **state) {
@@ -177,6 +206,7 @@ int main(void) {
         cmocka_unit_test(test_every_place_is_found_under_its_id),
         cmocka_unit_test(test_places_outside_are_not_found),
         cmocka_unit_test(test_every_fine_tile_has_an_id_of_its_own),
+        cmocka_unit_test(test_names_follow_objects_and_levels),
         cmocka_unit_test(test_ids_run_out_and_come_back),
         cmocka_unit_test(test_threads_claim_together),
     };

@@ -47,6 +47,7 @@ export const Feature = {
   DCT: 32n,
   DRAWS: 64n,
   MATERIALS: 256n,
+  FINER: 512n,
 } as const;
 
 export const Refusal = {
@@ -242,6 +243,7 @@ export interface Welcome {
   clientLights: Uint8Array;
   clientMaterials: Uint8Array;
   finish: Told | null;
+  finer: number; // levels that are finer than level 0
 }
 
 const untold = (): Told => ({ hash: new Uint8Array(0), size: 0, compressedSize: 0, parts: [] });
@@ -302,6 +304,7 @@ export function readWelcome(body: Uint8Array): Welcome {
     clientLights: new Uint8Array(0),
     clientMaterials: new Uint8Array(0),
     finish: null,
+    finer: 0,
   };
   const finish = untold();
   let version = 0;
@@ -324,7 +327,7 @@ export function readWelcome(body: Uint8Array): Welcome {
     else if (r.no === 18) finish.size = r.uint(0xffffffff);
     else if (r.no === 19) finish.compressedSize = r.uint(COMPRESSED_MAX);
     else if (r.no === 23) r.fixed64s(RELAYS_MAX);
-    else if (r.no === 25) r.uint(FINER_MAX);
+    else if (r.no === 25) w.finer = r.uint(FINER_MAX);
     else if (!parts.take(r) && !finishParts.take(r)) r.skip();
   }
   if (version !== 1) r.fail(`version ${version}; this client speaks version 1`);

@@ -72,6 +72,9 @@ test('what they say', () => {
     welcome.package.size,
   );
   assert.equal(read('welcome.bin').package.parts.length, 1);
+  assert.deepEqual([read('welcome.bin').finer, read('welcome_finer.bin').finer], [0, 2]);
+  const gone = read('tile_gone.bin');
+  assert.deepEqual([gone.level, gone.codec], [66, 0]);
   const frame = read('frame.bin');
   assert.deepEqual(Array.from(frame.transform), [1, 0, 0, 0.5, 0, 0, -1, 2, 0, 1, 0, -3]);
   assert.deepEqual(Array.from(read('frame_spares.bin').hidden.slice(0, 2)), [8, 9]);
