@@ -1,6 +1,6 @@
 // replica.ts: the client's copy of the lit scene: where things are, and which version of each tile is here;
 // as client/lib/replica.h. Outlives connections. Texels are not kept: they go on to the renderer.
-import { AtlasMap, noiseLevelMin } from './atlas.ts';
+import { AtlasMap, FINER, noiseLevelMin } from './atlas.ts';
 import { ProtocolError } from './failure.ts';
 import { NONE, type Scene } from './package.ts';
 import { type Channel, channelsFor, type Coefficients, type Tiles } from './tiles.ts';
@@ -9,7 +9,7 @@ import type { Frame, Tile, TileList } from './wire.ts';
 /** Tiles on their way to the renderer. */
 export interface TileBatch {
   id: Uint32Array<ArrayBuffer>;
-  noiseLevel: Uint8Array<ArrayBuffer>; // the finest level at which each one's noise is bearable
+  noiseLevel: Uint8Array<ArrayBuffer>; // the finest level at which each one's noise is bearable, or GONE
   texels: Uint32Array<ArrayBuffer>; // RGB9E5, one tile behind the other
   others: OtherTile[]; // of other channels than irradiance
 }
@@ -20,22 +20,25 @@ export interface OtherTile {
   values: Float32Array<ArrayBuffer>; // of a texel all planes
 }
 
-/** The tiles of a channel. */
-class Slot {
-  readonly version: BigUint64Array; // by tile; 0: none of this run
-  readonly coefficients: Uint32Array; // by tile; 0: none
+/** In the place of a noise level: the tile, of a finer level, is there no more. It has no texels. */
+export const GONE = 255;
+/** Tiles of finer levels that are kept, at most: 24 kB of coefficients each. Servers have room for 256. */
+export const FINER_KEPT = 1024;
 
-  constructor(
-    readonly number: number,
-    readonly channel: Channel,
-    tiles: number,
-  ) {
-    this.version = new BigUint64Array(tiles);
-    this.coefficients = new Uint32Array(tiles);
-  }
+interface Held {
+  version: bigint; // 0: none of this run
+  coefficients: Coefficients; // 0: none
+}
+
+/** The tiles of a channel. */
+interface Slot {
+  number: number;
+  channel: Channel;
+  held: Map<number, Held>; // by tile
 }
 
 const IRRADIANCE = 0;
+const CODEC_NONE = 0;
 
 const fail = (what: string): never => {
   throw new ProtocolError(what);
@@ -52,6 +55,8 @@ export class Replica {
   private sumTexels = 0;
   private coarsestMissing = 0;
   private visibleChanged = true;
+  private readonly finer = new Set<number>(); // tiles of irradiance of finer levels, last listed ones last
+  private readonly dropped = new Set<number>(); // that were among them: no difference to these can be read
   private batch = this.emptyBatch();
 
   constructor(
@@ -59,10 +64,11 @@ export class Replica {
     private readonly tiles: Tiles,
     features: bigint, // of the session
     private readonly channels: Channel[] = tiles.channels,
+    finer = 0, // levels, at most
   ) {
-    this.map = new AtlasMap(scene.meshes, scene.objectMesh);
+    this.map = new AtlasMap(scene.meshes, scene.objectMesh, finer);
     for (const [slot, number] of channelsFor(channels, features))
-      this.slots.set(slot, new Slot(number, channels[number]!, this.map.tileCount));
+      this.slots.set(slot, { number, channel: channels[number]!, held: new Map() });
     const objects = scene.objectMesh.length;
     this.hiddenNow = new Uint8Array(objects);
     this.spare = new Uint8Array(objects);
@@ -98,14 +104,44 @@ export class Replica {
   }
 
   destroy(): void {
-    for (const { coefficients } of this.slots.values())
-      for (const of of coefficients) if (of) this.tiles.freeCoefficients(of);
+    for (const slot of this.slots.values()) for (const id of [...slot.held.keys()]) this.free(slot, id);
+  }
+
+  private free({ held }: Slot, id: number): void {
+    const of = held.get(id)?.coefficients;
+    if (of) this.tiles.freeCoefficients(of);
+    held.delete(id);
+  }
+
+  /** Forgets a tile of a finer level, and tells the renderer. */
+  private drop(id: number): void {
+    for (const slot of this.slots.values()) this.free(slot, id);
+    if (this.finer.delete(id)) this.add(id, GONE, new Uint32Array(0));
+  }
+
+  private add(id: number, noiseLevel: number, texels: Uint32Array): void {
+    this.batch.id.push(id);
+    this.batch.noiseLevel.push(noiseLevel);
+    this.batch.texels.push(texels);
+    this.batch.size += texels.length;
   }
 
   /** The server has started again, or the old light is gone: versions that come now count as newer than all
-   * that are there. */
+   * that are there. It has no tile of a finer level yet. */
   beginRun(): void {
-    for (const slot of this.slots.values()) slot.version.fill(0n);
+    for (const id of [...this.finer]) this.drop(id);
+    for (const { held } of this.slots.values()) for (const tile of held.values()) tile.version = 0n;
+  }
+
+  /** A session begins: tiles of finer levels come whole. */
+  beginSession(): void {
+    this.dropped.clear();
+  }
+
+  /** The view wants these tiles, the most important first. Of finer levels those that were wanted last are
+   * kept. */
+  want(ids: ArrayLike<number>): void {
+    for (let i = ids.length; i-- > 0; ) if (this.finer.delete(ids[i]!)) this.finer.add(ids[i]!);
   }
 
   takeFrame(frame: Frame): void {
@@ -146,18 +182,22 @@ export class Replica {
     if (!slot) return;
     if (t.layer !== slot.number)
       fail(`${where}: it is of layer ${t.layer} in a session that gets layer ${slot.number}`);
-    const { version } = slot;
-    if (t.version <= version[id]!) return;
+    const { version, coefficients } = slot.held.get(id) ?? { version: 0n, coefficients: 0 };
+    if (t.version <= version) return;
+    const isFiner = t.level > FINER;
+    if (isFiner && t.codec === CODEC_NONE) {
+      this.dropped.delete(id);
+      return this.drop(id);
+    }
     if (t.codec !== 1 && t.codec !== 4) fail(`${where}: codec ${t.codec} is unknown`);
-    if (t.base && (t.base !== version[id] || !slot.coefficients[id]))
+    if (t.base && this.dropped.has(id)) return; // level 0 is read there until it comes whole
+    if (t.base && (t.base !== version || !coefficients))
       fail(`${where}: it builds on a version that is not here`);
+    this.dropped.delete(id);
     const place = this.map.place(id);
     this.tiles.choose(slot.channel);
-    if (!this.decode(t, slot, id, place.width, place.height)) {
-      version[id] = 0n; // coefficients are half those of the new version
-      fail(`${where}: the payload is damaged`);
-    }
-    version[id] = t.version;
+    if (!this.decode(t, slot, id, place.width, place.height)) fail(`${where}: the payload is damaged`);
+    slot.held.get(id)!.version = t.version;
     const { planes, slot: at } = slot.channel;
     if (at !== IRRADIANCE) {
       const values = this.tiles.values(planes * place.width * place.height).slice();
@@ -168,22 +208,30 @@ export class Replica {
     const sum = this.tiles.pack(texels);
     if (t.level === this.map.of(t.object).levels.length - 1)
       this.takeCoarsest(t.object, id, sum, texels.length);
-    this.batch.id.push(id);
-    this.batch.noiseLevel.push(noiseLevelMin(t.error, noiseShown));
-    this.batch.texels.push(texels);
-    this.batch.size += texels.length;
+    this.add(id, noiseLevelMin(t.error, noiseShown), texels);
+    if (isFiner) this.keepFiner(id);
   }
 
-  private decode(t: Tile, slot: Slot, id: number, width: number, height: number): boolean {
-    const { coefficients } = slot;
+  private keepFiner(id: number): void {
+    this.finer.add(id);
+    const [oldest] = this.finer;
+    if (this.finer.size <= FINER_KEPT) return;
+    this.drop(oldest!);
+    this.dropped.add(oldest!);
+  }
+
+  /** False: it is damaged. Then coefficients are half those of the new version: nothing builds on them. */
+  private decode(t: Tile, { held, channel }: Slot, id: number, width: number, height: number): boolean {
+    if (!held.has(id)) held.set(id, { version: 0n, coefficients: 0 });
+    const tile = held.get(id)!;
+    tile.version = 0n;
     if (t.codec === 1) {
-      if (coefficients[id]) this.tiles.freeCoefficients(coefficients[id]!);
-      coefficients[id] = 0;
-      return this.tiles.decodeHalf(slot.channel.planes, t.payload, t.scale, width, height);
+      if (tile.coefficients) this.tiles.freeCoefficients(tile.coefficients);
+      tile.coefficients = 0;
+      return this.tiles.decodeHalf(channel.planes, t.payload, t.scale, width, height);
     }
-    if (!coefficients[id]) coefficients[id] = this.tiles.createCoefficients(height);
-    const of = coefficients[id] as Coefficients;
-    return this.tiles.decode(t.base > 0n, t.payload, t.scale, width, height, of);
+    tile.coefficients ||= this.tiles.createCoefficients(height);
+    return this.tiles.decode(t.base > 0n, t.payload, t.scale, width, height, tile.coefficients);
   }
 
   private takeCoarsest(object: number, id: number, sum: Float64Array, texels: number): void {
@@ -247,13 +295,10 @@ export class Replica {
     return list;
   }
 
-  /** The tiles of irradiance of this run, for HOLDS. */
+  /** The tiles of irradiance of this run, for HOLDS: those of no finer level. */
   held(): { ids: number[]; version: BigUint64Array } {
-    const { version } = this.slots.get(IRRADIANCE)!;
-    const ids: number[] = [];
-    version.forEach((of, id) => {
-      if (of) ids.push(id);
-    });
-    return { ids, version: BigUint64Array.from(ids, (id) => version[id]!) };
+    const { held } = this.slots.get(IRRADIANCE)!;
+    const ids = [...held.keys()].filter((id) => id < this.map.plainCount && held.get(id)!.version);
+    return { ids, version: BigUint64Array.from(ids, (id) => held.get(id)!.version) };
   }
 }

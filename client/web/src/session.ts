@@ -54,7 +54,7 @@ export interface SessionHost extends PartStore {
 export interface Kept {
   replica: Replica | null;
   packageHash: string;
-  drawn: string; // which lights the client draws
+  drawn: string; // which lights the client draws, and how many finer levels there are
   run: bigint;
   download: Download | null;
   finishes: Download | null; // on their way
@@ -227,6 +227,7 @@ export class Session {
   /** The view's interest set; more tiles than a message takes are everything. */
   setInterest(ids: Uint32Array): void {
     this.interest.set(ids);
+    this.kept.replica?.want(ids);
   }
 
   /** Call it a few times a second: interest, pings, silence. */
@@ -330,7 +331,7 @@ export class Session {
     if (welcome.features & wire.Feature.CONTROL) this.host.mayControl?.();
     const { kept } = this;
     const draws = welcome.features & wire.Feature.DRAWS;
-    const drawn = draws ? `${hex(welcome.clientLights)} ${hex(clientMaterials)}` : '';
+    const drawn = `${draws ? `${hex(welcome.clientLights)} ${hex(clientMaterials)}` : ''} ${this.finer()}`;
     const sameRun = !!welcome.run && welcome.run === kept.run;
     const finishHash = welcome.finish ? hex(welcome.finish.hash) : '';
     const sameFinishes = !kept.finishHash || kept.finishHash === finishHash;
@@ -344,6 +345,7 @@ export class Session {
     kept.drawn = drawn;
     this.beginFinishes(welcome);
     if (kept.replica) {
+      kept.replica.beginSession();
       if (sameRun) this.sendHolds(kept.replica);
       else kept.replica.beginRun();
       this.askFor(welcome.package.compressedSize, new Uint8Array(0));
@@ -371,6 +373,12 @@ export class Session {
         if (!(error instanceof LimitError)) throw error;
         kept.finishes = null;
       }
+  }
+
+  /** How many finer levels the server has. */
+  private finer(): number {
+    const { features, finer } = this.welcome!;
+    return features & wire.Feature.FINER ? finer : 0;
   }
 
   private async askForFinishes(): Promise<void> {
@@ -409,7 +417,7 @@ export class Session {
     if (!bytes || !this.welcome) return;
     this.kept.download = null;
     const scene: Scene = readPackage(bytes, this.tiles);
-    this.kept.replica = new Replica(scene, this.tiles, this.welcome.features);
+    this.kept.replica = new Replica(scene, this.tiles, this.welcome.features, undefined, this.finer());
     this.host.scene(this.kept.replica);
   }
 
