@@ -62,7 +62,8 @@ export interface SceneData {
   lightmapUv: Float32Array<ArrayBuffer>; // 2 a vertex
   uv: [Float32Array<ArrayBuffer> | null, Float32Array<ArrayBuffer> | null]; // null: no mesh has them
   colour: Float32Array<ArrayBuffer> | null; // 4 a vertex
-  tag: Uint32Array<ArrayBuffer>; // a vertex: material, and from bit 16 the coarsest level that it may read
+  // a vertex: material; from bit 16 the coarsest level that it may read; bit 18: its triangle is SMALL
+  tag: Uint32Array<ArrayBuffer>;
   index: Uint32Array<ArrayBuffer>;
   meshes: MeshShape[];
   objectMesh: Uint32Array;
@@ -82,6 +83,17 @@ export interface FinishData {
   tangent: Int8Array<ArrayBuffer> | null; // 4 a vertex, as glTF's; null: no mesh has any
   materials: Float32Array<ArrayBuffer>; // FINISH_TEXELS of each
   textures: FinishTexture[];
+}
+
+/** Texels of level 0 on twice a triangle, under which it always wants finer levels: its chart may be narrower
+ * than a texel. */
+const FINE_TEXELS = 16;
+export const SMALL = 1 << 18; // of its tag
+
+function isSmall({ triangle, lightmapUv: uv }: Mesh, t: number): boolean {
+  const at = (corner: number, k: number) => uv![2 * triangle[3 * t + corner]! + k]!;
+  const edge = (corner: number, k: number) => at(corner, k) - at(0, k);
+  return Math.abs(edge(1, 0) * edge(2, 1) - edge(1, 1) * edge(2, 0)) < FINE_TEXELS;
 }
 
 /** Where a triangle's vertices say different things of material, level or tangent, they are there several
@@ -118,7 +130,8 @@ function split(mesh: Mesh, coarsest: Uint8Array | null, tangent: Uint16Array | n
     return copy;
   };
   for (let t = 0; t < mesh.triangleCount; t++) {
-    const tag = mesh.material[t]! | ((coarsest ? coarsest[t]! : 0) << 16);
+    const small = coarsest && isSmall(mesh, t) ? SMALL : 0;
+    const tag = mesh.material[t]! | ((coarsest ? coarsest[t]! : 0) << 16) | small;
     for (let i = 3 * t; i < 3 * t + 3; i++) {
       const vertex = index[i]!;
       const code = tangent ? tangent[i]! : 0;

@@ -76,7 +76,7 @@ export function createProgram(gl: GL, vertex: string, fragment: string, defines:
 
 /** A texture that is read by index, not by place, with a copy in memory. What has changed goes up row by row.
  * */
-export class Table<T extends Float32Array | Uint32Array | Uint8Array> {
+export class Table<T extends Float32Array | Uint32Array | Uint16Array> {
   readonly texture: WebGLTexture;
   private readonly rows: number;
   private low = Infinity;

@@ -252,9 +252,9 @@ class App {
     this.body = message.body;
     try {
       const before = this.renderer;
-      const { draws, clientLights: lights, clusters } = message;
+      const { draws, clientLights: lights, clusters, finer } = message;
       const drawn = draws ? { lights, clusters } : null;
-      this.renderer = new Renderer(this.gl, message.data, drawn, this.direct === 'tiles');
+      this.renderer = new Renderer(this.gl, message.data, drawn, this.direct === 'tiles', finer);
       before?.destroy();
     } catch (error) {
       if (!(error instanceof LimitError)) throw error;
@@ -376,6 +376,7 @@ class App {
       this.movedMs = now;
     }
     this.takeTiles();
+    this.dirty = renderer.fade(now) || this.dirty;
     this.bring(renderer);
     // one picture at a time: a slow GPU would only fall behind
     if (!renderer.isDrawable() || renderer.busy()) return;
@@ -455,6 +456,7 @@ class App {
     if (!renderer) return;
     renderer.waits = true;
     while (renderer.bringing()) this.bring(renderer);
+    this.dirty = renderer.fade(Infinity) || this.dirty;
     this.dirty ||= this.stillShare < 1;
     this.stillShare = 1;
     do this.drawPicture(1);
@@ -513,6 +515,7 @@ class App {
       this.stats.interest = ids.length;
       this.stats.missing = ids.reduce((count, id) => count + (renderer.hasTile(id) ? 0 : 1), 0);
       if (!this.stats.missing && this.stats.tiles && !this.dirty) this.stats.allMs ||= now;
+      renderer.want(ids);
       this.tell({ kind: 'interest', ids: ids as Uint32Array<ArrayBuffer> });
     }
     const still = now - this.movedMs > STILL_MS;
@@ -539,8 +542,8 @@ class App {
     else if (frames)
       parts.push(age < 10 ? `light ${age.toFixed(1)} s old` : `no new light for ${Math.round(age)} s`);
     if (missing && here) parts.push(`${missing} tiles of light on their way`);
-    if (this.tilesWhy) parts.push(this.tilesWhy);
-    if (this.renderer?.note) parts.push(this.renderer.note);
+    const { coarse = '', note = '' } = this.renderer ?? {};
+    for (const text of [this.tilesWhy, coarse, note]) if (text) parts.push(text);
     parts.push(`${Math.round(rate)} kbit/s`);
     if (this.waiting > 1e6) parts.push(`${(this.waiting / 1e6).toFixed(1)} MB to decode`);
     element('legend').textContent = this.renderer ? parts.join(' · ') : '';

@@ -6,6 +6,7 @@ import type { Cluster } from './clusters.ts';
 import { autoStops } from './exposure.ts';
 import { LimitError } from './failure.ts';
 import { FinishMaps } from './finish_maps.ts';
+import { FinerTiles, SLOT_SIDE, SLOTS_MAX } from './finer.ts';
 import { Content, type FinishTexture } from './finishes.ts';
 import {
   FINISH_TEXELS,
@@ -20,7 +21,7 @@ import { type Box, Lights, type ShadowMap } from './lights.ts';
 import { LAMP_SIDE, SUN_SIDE } from './limits.ts';
 import { AlphaMode, NONE } from './package.ts';
 import { layOut, type Pages } from './pages.ts';
-import type { TileBatch } from './replica.ts';
+import { GONE, type TileBatch } from './replica.ts';
 import {
   Attribute,
   COPY_FRAGMENT,
@@ -134,9 +135,10 @@ export class Renderer {
   private readonly objects: Table<Float32Array>;
   private readonly materials: Table<Float32Array>;
   private readonly levels: Table<Uint32Array>;
-  private readonly tileState: Table<Uint8Array>;
+  private readonly tileState: Table<Uint16Array>;
   private readonly map: AtlasMap;
   private readonly pages: Pages;
+  private readonly finer: FinerTiles;
   private readonly pageTexture: WebGLTexture;
   private readonly textures: WebGLTexture[];
   private readonly environment: WebGLTexture | null;
@@ -171,12 +173,14 @@ export class Renderer {
   waits = false; // for the compiler
   show: (typeof SHOWN)[number] = 'light';
   note = ''; // what a person should know of finishes
+  readonly coarse: string; // the same of lightmaps
 
   constructor(
     private readonly gl: GL,
     private data: SceneData,
     drawn: { lights: Uint8Array; clusters: number } | null,
     private readonly slow = false, // the GPU: pictures of one sample each
+    finer = 0, // levels that are finer than level 0, at most
   ) {
     if (!gl.getExtension('EXT_color_buffer_float') && !gl.getExtension('EXT_color_buffer_half_float'))
       throw new LimitError('the graphics here cannot draw into 16-bit floats');
@@ -188,9 +192,11 @@ export class Renderer {
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
 
     const objects = data.objectMesh.length;
-    this.map = new AtlasMap(data.meshes, data.objectMesh);
+    this.map = new AtlasMap(data.meshes, data.objectMesh, finer);
     const sideMax = Math.min(gl.getParameter(gl.MAX_TEXTURE_SIZE) as number, 8192);
-    this.pages = layOut(this.map, objects, sideMax, gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS) as number);
+    const layersMax = gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS) as number;
+    this.pages = layOut(this.map, objects, sideMax, layersMax, this.map.finer && SLOTS_MAX);
+    this.coarse = this.pages.finest ? 'lightmaps are too large for this page: coarser ones are shown' : '';
     this.pageTexture = this.createPages();
     const floats = (length: number) => new Float32Array(length);
     const rgba32f: [number, number, number] = [gl.RGBA32F, gl.RGBA, gl.FLOAT];
@@ -206,8 +212,20 @@ export class Renderer {
       ints,
     );
     this.levels.values.set(this.pages.level);
-    const bytes = (length: number) => new Uint8Array(length);
-    this.tileState = new Table(gl, [gl.R8UI, gl.RED_INTEGER, gl.UNSIGNED_BYTE], 1, this.map.tileCount, bytes);
+    this.tileState = new Table(
+      gl,
+      [gl.R16UI, gl.RED_INTEGER, gl.UNSIGNED_SHORT],
+      1,
+      this.map.tileCount,
+      (length) => new Uint16Array(length),
+    );
+    const first = this.pages.levelFirst[objects]!;
+    this.finer = new FinerTiles(
+      this.map,
+      this.pages.slots,
+      (slot, texels) => this.write(first + slot, 0, 0, SLOT_SIDE, SLOT_SIDE, texels),
+      (id, entry) => this.setState(id, entry),
+    );
     this.visible = new Uint8Array(objects);
     this.sphere = new Float32Array(SPHERE * objects);
     this.objectsOf = data.meshes.map(() => []);
@@ -216,7 +234,12 @@ export class Renderer {
       const first = this.pages.levelFirst[object]!;
       const at = 4 * (OBJECT_TEXELS * object + 3);
       this.objects.values.set(
-        [first, this.pages.levelFirst[object + 1]! - first, data.meshes[mesh]!.backOffset, 0],
+        [
+          first,
+          this.pages.levelFirst[object + 1]! - first,
+          data.meshes[mesh]!.backOffset,
+          this.map.firstFiner[object]!,
+        ],
         at,
       );
     });
@@ -616,37 +639,58 @@ export class Renderer {
   /** Takes over tiles of a batch from `first` on, texels from `texel` on, until the time is over. Returns
    * where it stopped. */
   takeTiles(batch: TileBatch, first: number, texel: number, untilMs: number): [number, number] {
-    const { gl, pages } = this;
-    gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.pageTexture);
+    const { levelFirst, finest } = this.pages;
     let at = first;
     for (; at < batch.id.length && (at === first || performance.now() < untilMs); at++) {
       const id = batch.id[at]!;
+      const noiseLevel = batch.noiseLevel[at]!;
       const { object, level, x, y, width, height } = this.map.place(id);
-      const place = 4 * (pages.levelFirst[object]! + level);
-      const left = pages.level[place]! & 0xffff;
-      const top = pages.level[place]! >>> 16;
-      const target = gl.TEXTURE_2D_ARRAY;
-      const type = gl.UNSIGNED_INT_5_9_9_9_REV;
-      const layer = pages.level[place + 1]!;
-      gl.texSubImage3D(
-        target,
-        0,
-        left + x,
-        top + y,
-        layer,
-        width,
-        height,
-        1,
-        gl.RGB,
-        type,
-        batch.texels,
-        texel,
-      );
-      texel += width * height;
-      this.tileState.values[id] = 1 + batch.noiseLevel[at]!;
-      this.tileState.touch(id);
+      const texels = noiseLevel === GONE ? null : batch.texels.subarray(texel, (texel += width * height));
+      if (id >= this.map.plainCount) {
+        // of finer levels nobody reads what is noisy
+        if (texels && !noiseLevel) this.finer.take(id, texels);
+        else this.finer.drop(id);
+        continue;
+      }
+      const place = levelFirst[object]! + level;
+      if (!texels || (level < finest && place + 1 < levelFirst[object + 1]!)) continue; // it has no place
+      this.write(place, x, y, width, height, texels);
+      this.setState(id, 1 + noiseLevel);
     }
     return [at, texel];
+  }
+
+  /** Texels at (x, y) of a rectangle of the pages. */
+  private write(
+    place: number,
+    x: number,
+    y: number,
+    width: number,
+    height: number,
+    texels: Uint32Array,
+  ): void {
+    const { gl } = this;
+    const { level } = this.pages;
+    const [left, top] = [(level[4 * place]! & 0xffff) + x, (level[4 * place]! >>> 16) + y];
+    const target = gl.TEXTURE_2D_ARRAY;
+    const type = gl.UNSIGNED_INT_5_9_9_9_REV;
+    gl.bindTexture(target, this.pageTexture);
+    gl.texSubImage3D(target, 0, left, top, level[4 * place + 1]!, width, height, 1, gl.RGB, type, texels);
+  }
+
+  private setState(id: number, state: number): void {
+    this.tileState.values[id] = state;
+    this.tileState.touch(id);
+  }
+
+  /** The view wants these tiles, the most important first. */
+  want(ids: ArrayLike<number>): void {
+    this.finer.want(ids);
+  }
+
+  /** Fades tiles of finer levels in and out; Infinity: at once. Returns whether pictures become others. */
+  fade(nowMs: number): boolean {
+    return this.finer.step(nowMs);
   }
 
   /** A box around what is to be seen; null: nothing. */
@@ -860,6 +904,9 @@ export class Renderer {
         gl.uniform3fv(program.at('standIn'), this.mean);
         gl.uniform1f(program.at('lightUnit'), this.data.lightUnit);
         gl.uniform1i(program.at('unfiltered'), this.unfiltered ? 1 : 0);
+        const asksFiner = this.pages.slots && (extra === 'SURVEY' || this.finer.any());
+        gl.uniform1i(program.at('finest'), asksFiner ? -this.map.finer : this.pages.finest);
+        gl.uniform1ui(program.at('slots'), this.pages.levelFirst.at(-1)!);
         if (this.maps) this.bindFinishes(program);
         set(program);
       }
@@ -1233,18 +1280,8 @@ export class Renderer {
     return { lights: this.lights?.count() ?? 0, maps: this.lights?.mapsDrawn ?? 0 };
   }
 
-  /** How many tiles are there. */
-  tilesHere(): number {
-    let count = 0;
-    for (const state of this.tileState.values) if (state) count++;
-    return count;
-  }
-
-  tileCount(): number {
-    return this.map.tileCount;
-  }
-
+  /** Whether a tile is there, or may never come. */
   hasTile(id: number): boolean {
-    return this.tileState.values[id]! > 0;
+    return id >= this.map.plainCount || this.tileState.values[id]! > 0;
   }
 }

@@ -1,8 +1,9 @@
 // shaders.ts: what the GPU runs. Shading is client/view/compose.c's: albedo / pi * E + emission, E from the
 // level whose texels are as large as pixels, or what stands in for it.
 
+import { SHARE_WHOLE, SLOT_BITS } from './finer.ts';
 import { FINISH } from './finish_shaders.ts';
-import { MATERIAL_TEXELS } from './geometry.ts';
+import { MATERIAL_TEXELS, SMALL } from './geometry.ts';
 import { HEAD } from './shader_head.ts';
 import { CASCADES, LAMP_SIDE, LIGHTS_MAX, SUN_SIDE } from './limits.ts';
 
@@ -18,7 +19,8 @@ export const Attribute = {
   NORMAL: 7,
   TANGENT: 8,
 } as const;
-/** Texels of the table of objects: three rows of a transform; first level, levels, back offset. */
+/** Texels of the table of objects: three rows of a transform; first level, levels, back offset, first tile of
+ * finer levels. */
 export const OBJECT_TEXELS = 4;
 
 export const SURFACE_VERTEX = `${HEAD}
@@ -295,6 +297,8 @@ uniform vec2 pageSize;
 uniform vec3 forward, standIn;
 uniform float exposure, lightUnit, pixelArea, sharper, parallel;
 uniform bool unfiltered;
+uniform int finest; // level; below 0: finer than level 0
+uniform uint slots; // the first one's in levels
 // from the eye to what is seen; of an orthographic view unit
 vec3 ray() { return parallel > 0.0 ? forward : vAt; }
 #ifdef SURVEY
@@ -310,24 +314,49 @@ struct Footprint {
   uint tile; // of its first texel
   bool across, down; // whether it reads the tile beside that, below that
   uint tilesX;
+  vec2 texel; // in the level
   vec3 place; // in the pages
 };
 
-Footprint footprintOf(uint first, uint k, vec2 uv) {
-  uvec4 level = texelFetch(levels, at(first + k), 0);
-  uvec2 size = uvec2(level.w & 0xffffu, level.w >> 16);
-  vec2 texel = clamp(uv * exp2(-float(k)) - 0.5, vec2(0), vec2(size - 1u));
-  uvec2 low = uvec2(texel), high = min(low + 1u, size - 1u);
+// first: tile of a level
+Footprint footprintIn(uint first, uvec2 size, vec2 uv) {
   Footprint f;
+  f.texel = clamp(uv - 0.5, vec2(0), vec2(size - 1u));
+  uvec2 low = uvec2(f.texel), high = min(low + 1u, size - 1u);
   f.tilesX = (size.x + 63u) >> 6;
-  f.tile = level.z + (low.y >> 6) * f.tilesX + (low.x >> 6);
+  f.tile = first + (low.y >> 6) * f.tilesX + (low.x >> 6);
   f.across = low.x >> 6 != high.x >> 6;
   f.down = low.y >> 6 != high.y >> 6;
-  f.place = vec3((vec2(level.x & 0xffffu, level.x >> 16) + texel + 0.5) / pageSize, float(level.y));
   return f;
 }
 
-// 0: not there; otherwise one more than the finest level at which its noise is bearable.
+uvec2 pair(uint both) { return uvec2(both & 0xffffu, both >> 16); }
+
+// rectangle: as in levels
+vec3 placeIn(uvec4 rectangle, vec2 texel) {
+  return vec3((vec2(pair(rectangle.x)) + texel + 0.5) / pageSize, float(rectangle.y));
+}
+
+Footprint footprintOf(uint first, uint k, vec2 uv) {
+  uvec4 level = texelFetch(levels, at(first + k), 0);
+  Footprint f = footprintIn(level.z, pair(level.w), uv * exp2(-float(k)));
+  f.place = placeIn(level, f.texel);
+  return f;
+}
+
+// On a level that is finer than level 0 by 2^k. It has no place.
+Footprint finerOf(vec4 object, int k, vec2 uv) {
+  uvec2 size = 2u * pair(texelFetch(levels, at(uint(object.x)), 0).w);
+  uint first = uint(object.w);
+  for (int i = 1; i < k; i++) {
+    first += ((size.x + 63u) >> 6) * ((size.y + 63u) >> 6);
+    size *= 2u;
+  }
+  return footprintIn(first, size, uv * exp2(float(k)));
+}
+
+// 0: not there; otherwise one more than the finest level at which its noise is bearable. Of a tile of a finer
+// level the slot, and how much of it is shown.
 uint stateOf(uint tile) { return texelFetch(tileState, at(tile), 0).r; }
 
 bool isThere(Footprint f) {
@@ -352,8 +381,24 @@ vec3 standInFor(uint first, uint count, uint from, vec2 uv) {
   return standIn;
 }
 
-// The level of which a texel is as large as the pixel, or smaller.
-uint levelFor(uint coarsest) {
+#ifdef SURVEY
+// Whether the texels of level 0 that it mixes differ by no more than a tenth, or are noisy, or not there.
+bool isEven(Footprint f) {
+  if (stateOf(f.tile) != 1u || !isThere(f)) return true;
+  float low = 1e30, high = 0.0;
+  for (int i = 0; i < 4; i++) {
+    vec2 to = mix(floor(f.texel), ceil(f.texel), vec2(i & 1, i >> 1)) - f.texel;
+    float e = dot(texture(pages, f.place + vec3(to / pageSize, 0)).rgb, vec3(0.2126, 0.7152, 0.0722));
+    low = min(low, e);
+    high = max(high, e);
+  }
+  return high - low <= 0.1 * high;
+}
+#endif
+
+// The level of which a texel is as large as the pixel, or smaller. Below 0 it is finer than level 0: its
+// texels are four pixels wide, or wider.
+int levelFor(uint coarsest) {
   vec2 dx = dFdx(vLightmap), dy = dFdy(vLightmap);
   vec3 face = cross(dFdx(vAt), dFdy(vAt));
   float away = length(ray()), faceLength = length(face);
@@ -361,7 +406,8 @@ uint levelFor(uint coarsest) {
   // seen at a grazing angle a pixel covers a long strip: past this its level would only blur
   float texels = abs(dx.x * dy.y - dx.y * dy.x) * pixelArea * min(1.0, cosine / 0.05);
   texels *= away / dot(ray(), forward);
-  return texels >= 4.0 ? min(coarsest, uint(log2(texels) * 0.5)) : 0u;
+  if (texels >= 4.0) return int(min(coarsest, uint(log2(texels) * 0.5)));
+  return finest < 0 ? -int(clamp(log2(texels) * -0.5 - 2.0, 0.0, float(-finest))) : 0;
 }
 
 // row: of the table of materials, where the rows of the transform are
@@ -429,8 +475,9 @@ void main() {
 #endif
 #else
   vec4 object = texelFetch(objects, at(${OBJECT_TEXELS}u * vObject + 3u), 0);
-  uint first = uint(object.x), count = uint(object.y), coarsest = vTag >> 16;
-  uint level = min(levelFor(coarsest), max(count, 1u) - 1u); // before any pixel leaves: it takes differences
+  uint first = uint(object.x), count = uint(object.y), coarsest = vTag >> 16 & 3u;
+  int finer = max(levelFor(coarsest), finest); // before any pixel leaves: it takes differences
+  uint level = min(uint(max(finer, 0)), max(count, 1u) - 1u);
 #ifdef FINISH
   Seen plain, seen;
   plain.v = -normalize(ray());
@@ -450,6 +497,7 @@ void main() {
   needed = uvec4(0);
   if (count > 0u) {
     Footprint f = footprintOf(first, level, uv);
+    if (finer < 0 && ((vTag & ${SMALL}u) != 0u || !isEven(f))) f = finerOf(object, -finer, uv);
     needed = uvec4(f.tile + 1u, (f.across ? 1u : 0u) | (f.down ? 2u : 0u), f.tilesX, 0u);
   }
 #elif defined(SHOW)
@@ -464,14 +512,29 @@ void main() {
 #else
   vec3 e = standIn;
   if (count > 0u) {
-    Footprint f = footprintOf(first, level, uv);
-    // fresh light is noise, but a texel of level 2 is the mean of 4 x 4: until the error has fallen, less is
-    // more
-    uint noiseLevel = unfiltered ? 0u : max(stateOf(f.tile), 1u) - 1u;
-    noiseLevel = min(noiseLevel, min(coarsest, count - 1u));
-    e = noiseLevel <= level && isThere(f)
-      ? irradianceAt(f)
-      : standInFor(first, count, max(noiseLevel, level), uv);
+    vec3 shown = vec3(0);
+    float left = 1.0; // share of coarser levels
+    for (; finer < 0 && left > 0.0; finer++) {
+      Footprint f = finerOf(object, -finer, uv);
+      uint state = stateOf(f.tile);
+      if (state == 0u) continue;
+      float share = left * float(state >> ${SLOT_BITS}) / ${SHARE_WHOLE}.0;
+      uvec4 slot = texelFetch(levels, at(slots + (state & ${(1 << SLOT_BITS) - 1}u)), 0);
+      f.place = placeIn(slot, f.texel - vec2(uvec2(f.texel) & ~63u));
+      shown += share * irradianceAt(f);
+      left -= share;
+    }
+    if (left > 0.0) {
+      Footprint f = footprintOf(first, level, uv);
+      // fresh light is noise, but a texel of level 2 is the mean of 4 x 4: until the error has fallen, less
+      // is more
+      uint noiseLevel = unfiltered ? 0u : max(stateOf(f.tile), 1u) - 1u;
+      noiseLevel = min(noiseLevel, min(coarsest, count - 1u));
+      e = noiseLevel <= level && isThere(f)
+        ? irradianceAt(f)
+        : standInFor(first, count, max(noiseLevel, level), uv);
+    }
+    e = shown + left * e;
   }
 #ifdef FINISH
   vec3 leaving = occlusion * everywhere(seen, e) + emission;

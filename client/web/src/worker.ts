@@ -78,7 +78,7 @@ class Link {
         this.kept,
         this.tiles,
         this.hostOf(socket),
-        this.draws ? Feature.DRAWS : 0n,
+        (this.draws ? Feature.DRAWS : 0n) | (FOR_THREE ? 0n : Feature.FINER),
         performance.now(),
       );
       this.session.pause(this.paused);
@@ -161,6 +161,7 @@ class Link {
       draws: replica.layer === 1,
       clientLights,
       clusters: this.clusters?.count() ?? 0,
+      finer: replica.map.finer,
     };
     post(scene, buffersOf(data));
     this.postLamps();

@@ -10,7 +10,7 @@ import { WebSocketServer } from 'ws';
 import { bin, hasDaemon, startDaemon } from './daemon.mjs';
 import { root } from './load.mjs';
 import { checkAccessibility, checkLayout, checkUploads, hasBrowser } from './page.mjs';
-import { pictureName, resizeAround, until } from './page.mjs';
+import { pictureName, pixels, resizeAround, until } from './page.mjs';
 import { comparePictures, HEIGHT, startStill, WIDTH } from './pictures.mjs';
 import { withPage } from './shared.mjs';
 
@@ -33,6 +33,7 @@ test('the Cornell box', { skip: missing || false }, async (t) => {
           cameras: ['0.3,1.2,3.4:0,0.8,0:45'],
         }),
       );
+    await t.test('tiles of finer levels', () => withPage(viewport, finerPage(daemon)));
     await t.test('fingers look and move', () => withPage(viewport, touchPage(daemon), { hasTouch: true }));
   } finally {
     await daemon.stop();
@@ -116,6 +117,115 @@ const touchPage = (daemon) => async (page, context) => {
   await touch('touchMove', [80, 65], [160, 65]);
   await touch('touchEnd');
   assert.notEqual(eye(await viewAfter(turned)), eye(turned), 'two fingers move');
+};
+
+/** Near a wall, given known light: of level 0, and of the level that is twice as fine. */
+const finerPage = (daemon) => async (page) => {
+  await page.goto(`${daemon.url}?camera=0,1.8,0.2:0,1.8,-1:10&direct=tiles&exposure=-3&tonemap=none`);
+  await until(page, 'the scene', () => lightwell.stats.sceneMs > 0);
+  daemon.frames(1);
+  await until(page, 'light', () => lightwell.stats.interest > 0 && lightwell.stats.missing === 0);
+  await page.evaluate(() => {
+    lightwell.take = lightwell.look = lightwell.takeTiles = () => {}; // from here on light is the test's
+    const { renderer } = lightwell;
+    const { map } = renderer;
+    const isOf = (level) => (id) => map.place(id).level === level;
+    const ids = Uint32Array.from({ length: map.tileCount }, (_, id) => id);
+    Object.assign(globalThis, { plain: ids.filter(isOf(0)), fine: ids.filter(isOf(65)) });
+    /** Gives all texels of tiles a colour: red, green and blue in 512ths of 32 W/m^2.
+     * colourOf(u, v): of a texel with its centre there, in texels of level 0 */
+    globalThis.give = (ids, colourOf) => {
+      const texels = Array.from(ids, (id) => map.place(id)).flatMap(({ level, x, y, width, height }) =>
+        Array.from({ length: width * height }, (_, i) => {
+          const scale = level > 64 ? 2 ** (level - 64) : 1;
+          const [u, v] = [x + (i % width) + 0.5, y + Math.floor(i / width) + 0.5];
+          const [r, g, b] = colourOf(u / scale, v / scale);
+          return ((15 << 27) | (b << 18) | (g << 9) | r) >>> 0;
+        }),
+      );
+      const batch = { id: ids, noiseLevel: new Uint8Array(ids.length), texels: Uint32Array.from(texels) };
+      renderer.takeTiles(batch, 0, 0, Infinity);
+      lightwell.dirty = true;
+    };
+    globalThis.withdraw = (ids) => {
+      const batch = { id: ids, noiseLevel: new Uint8Array(ids.length).fill(255), texels: new Uint32Array(0) };
+      renderer.takeTiles(batch, 0, 0, Infinity);
+      lightwell.dirty = true;
+    };
+    globalThis.survey = async () => {
+      while (renderer.surveyPixels.busy() && !renderer.takeSurvey()) await new Promise(requestAnimationFrame);
+      renderer.beginSurvey(lightwell.flight.view, 240, 135);
+      for (;;) {
+        const found = renderer.takeSurvey();
+        if (found) return [...found.inPicture];
+        await new Promise(requestAnimationFrame);
+      }
+    };
+  });
+  const middle = async () => {
+    const colours = await pixels(page);
+    return [...colours.subarray(3 * (WIDTH * (HEIGHT >> 1) + (WIDTH >> 1))).subarray(0, 3)];
+  };
+  const plainCount = await page.evaluate(() => lightwell.renderer.map.plainCount);
+  const wanted = () => page.evaluate(() => survey()).then((ids) => ids.filter((id) => id >= plainCount));
+
+  await page.evaluate(() => give(plain, () => [0, 256, 0]));
+  assert.deepEqual(await wanted(), [], 'light is even');
+  const before = await middle();
+  assert.ok(before[1] > 80 && before[0] === 0, `green: ${before}`);
+  await page.evaluate(() => give(plain, (u, v) => [0, (u ^ v) & 1 ? 256 : 200, 0]));
+  const ids = await wanted();
+  assert.ok(ids.length > 0, 'light differs by more than a tenth');
+  const level = await page.evaluate((id) => lightwell.renderer.map.place(id).level, ids[0]);
+  assert.equal(level, 66, 'texels of 65 are more than eight pixels wide');
+  await page.evaluate(() => give(plain, (u, v) => [0, (u ^ v) & 1 ? 256 : 240, 0]));
+  assert.deepEqual(await wanted(), [], 'by less than a tenth');
+
+  // what is there of level 65 is read in the place of level 66, once somebody wants it
+  await page.evaluate(() => give(plain, () => [0, 256, 0]));
+  await page.evaluate(() => give(fine, () => [256, 0, 0]));
+  assert.deepEqual(await middle(), before, 'nobody wants it');
+  await page.evaluate(() => lightwell.renderer.want(fine));
+  const after = await middle();
+  assert.ok(after[0] > 80 && after[1] === 0, `red: ${after}`);
+  const half = await page.evaluate(async () => {
+    const { renderer } = lightwell;
+    const now = renderer.finer.steppedMs;
+    renderer.want([]);
+    renderer.fade(now + 125);
+    return [...renderer.finer.kept.values()].filter(({ share }) => share === 0.5).length;
+  });
+  assert.ok(half > 0, 'it fades');
+  await page.evaluate(() => lightwell.renderer.want(fine));
+  assert.deepEqual(await middle(), after);
+  // no seam where tiles meet
+  const row = (colours) => {
+    const first = 3 * WIDTH * (HEIGHT >> 1);
+    const at = (x) => [...colours.subarray(first + 3 * x, first + 3 * x + 3)].join();
+    return Array.from({ length: WIDTH }, (_, x) => at(x));
+  };
+  assert.equal(new Set(row(await pixels(page))).size, 1, 'all of a row is one colour');
+  await page.evaluate(() => withdraw(fine));
+  assert.deepEqual(await middle(), before, 'they were withdrawn');
+
+  // each texel of level 66 is where it belongs: a ramp looks as it does on level 0
+  await page.evaluate(() => give(plain, (u, v) => [0, 80 + 3 * u + 2 * v, 0]));
+  const plainRamp = await pixels(page);
+  await page.evaluate((id) => {
+    const { map } = lightwell.renderer;
+    const { object } = map.place(id);
+    const is = (other) => map.place(other).object === object && map.place(other).level === 66;
+    const wall = Uint32Array.from({ length: map.tileCount }, (_, other) => other).filter(is);
+    give(wall, (u, v) => [80 + 3 * u + 2 * v, 0, 0]);
+    lightwell.renderer.want(wall);
+  }, ids[0]);
+  const ramp = await pixels(page);
+  const ends = new Set();
+  for (let at = 0; at < ramp.length; at += 3) {
+    assert.ok(Math.abs(ramp[at] - plainRamp[at + 1]) <= 2 && ramp[at + 1] === 0, `${at / 3}: ${ramp[at]}`);
+    ends.add(ramp[at]);
+  }
+  assert.ok(ends.size > 5, `${[...ends]}`);
 };
 
 /** A floor below a sun, a textured sign that is unlit, a pane that is red; seen by an orthographic camera. */

@@ -7,7 +7,8 @@ import test from 'node:test';
 import { hasDaemon, startDaemon, within } from './daemon.mjs';
 import { load, root, wasm } from './load.mjs';
 
-const { Session, nothingKept, Tiles, buildGeometry, readTile, Type } = await load(
+const { Feature, FINER, Session, nothingKept, Tiles, buildGeometry, readTile, Type } = await load(
+  'atlas',
   'session',
   'tiles',
   'geometry',
@@ -18,7 +19,7 @@ const skip = hasDaemon() ? false : 'there is no lightwelld in build/release/bin'
 /** One connection by TCP, which carries the same bytes as a WebSocket. Its clock stands at 0: no PING, no
  * silence. */
 class Connection {
-  constructor(port, kept, tiles, parts) {
+  constructor(port, kept, tiles, parts, features = 0n) {
     this.parts = parts;
     this.frames = 0;
     this.tileCount = 0;
@@ -26,7 +27,7 @@ class Connection {
     this.waits = [];
     this.sent = [];
     this.socket = connect(port, '127.0.0.1');
-    this.session = new Session(kept, tiles, this, 0n, 0);
+    this.session = new Session(kept, tiles, this, features, 0);
     this.socket.on('data', (bytes) => {
       this.session.push(new Uint8Array(bytes), 0);
       this.came?.();
@@ -150,6 +151,46 @@ test('a session gets scene and light, and comes back with what it has', { skip }
     assert.ok(data.index.every((vertex) => vertex < data.tag.length));
     const triangles = third.replica.scene.meshes.reduce((sum, mesh) => sum + mesh.triangleCount, 0);
     assert.equal(data.index.length, 3 * triangles);
+  } finally {
+    await daemon.stop();
+  }
+});
+
+test('a session that reads finer levels lists their tiles, and gets them whole', { skip }, async () => {
+  const daemon = await startDaemon('builtin:cornell', '--clock', 'manual', '--freeze', '0', '--detail', '1');
+  try {
+    const tiles = await Tiles.create(wasm());
+    const [kept, parts] = [nothingKept(), new Map()];
+    const first = new Connection(daemon.port, kept, tiles, parts, Feature.FINER);
+    await first.until('the scene', () => first.replica);
+    const { replica } = kept;
+    const { map } = replica;
+    assert.equal(map.finer, 1);
+    const id = map.find(2, FINER + 1, 0);
+    first.session.setInterest(Uint32Array.of(id));
+    const heldOf = () => replica.slots.get(0).held.get(id);
+    for (let round = 0; round < 200 && !heldOf(); round++) {
+      const before = first.settledFrame;
+      daemon.frames(4);
+      await first.until('light', () => first.settledFrame > before);
+    }
+    assert.ok(heldOf(), 'a tile of a finer level has come');
+    assert.ok(replica.held().ids.length > 0 && !replica.held().ids.includes(id), 'HOLDS leaves it out');
+    first.end();
+
+    // it comes whole once more: the same version, or a newer one
+    const second = new Connection(daemon.port, kept, tiles, parts, Feature.FINER);
+    second.session.setInterest(Uint32Array.of(id));
+    await second.until('more light', () => second.settledFrame > 0);
+    assert.equal(kept.replica, replica);
+    assert.ok(heldOf().version > 0n);
+    second.end();
+
+    // who does not ask for finer levels has none, and another scene's numbers
+    const third = new Connection(daemon.port, kept, tiles, parts);
+    await third.until('the scene', () => third.replica);
+    assert.equal(third.replica.map.finer, 0);
+    third.end();
   } finally {
     await daemon.stop();
   }
