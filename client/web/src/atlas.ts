@@ -6,8 +6,8 @@ const COARSEST = 16;
 export const LEVELS_MAX = 12;
 /** Level FINER + k is the atlas with both sides times 2^k. */
 export const FINER = 64;
-/** A scene has as many finer levels as leave it with no more tiles than this. */
-export const TILES_MAX = 1 << 16;
+/** A scene has as many finer levels as leave it with no more tiles than this: each has 2 bytes in a table. */
+export const TILES_MAX = 1 << 20;
 
 export interface Level {
   width: number;
