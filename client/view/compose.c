@@ -1342,11 +1342,15 @@ static double shown_error(const struct lw_compose *compose, const struct lw_comp
     return shown < 1 ? shown : 1;
 }
 
-/* The same of what views read in the place of a tile of a finer level. */
-static double error_below(const struct lw_compose *compose, const struct lw_compose_source *source,
-                          uint32_t t) {
+/* A tile of a finer level that is not there: views read level 0 in its place. Returns the error that is seen
+ * of that. */
+static double check_below(const struct lw_compose *compose, const struct lw_compose_source *source,
+                          uint32_t t, struct lw_compose_report *report) {
     const lw_tile_id below = lw_atlas_map_below(compose->map, (lw_tile_id){t});
     const struct lw_client_tile tile = source->tile(source->context, below);
+    report->tiles_missing += tile.version == 0;
+    report->tiles_unfinished += tile.version && tile.bounces < source->bounces;
+    report->tiles_noisy++;
     return tile.version ? shown_error(compose, source, below.v, tile.error) : 1;
 }
 
@@ -1359,10 +1363,7 @@ void lw_compose_check(const struct lw_compose *compose, const struct lw_compose_
         struct lw_client_tile tile = source->tile(source->context, (lw_tile_id){t});
         report.tiles_needed++;
         if (tile.version == 0 && lw_atlas_finer(compose->map->place[t].level)) {
-            const double below = error_below(compose, source, t);
-            shown += (double)compose->shown[t] * below;
-            report.tiles_missing += below >= 1; /* where level 0 is there, it is read meanwhile */
-            report.tiles_noisy++;
+            shown += (double)compose->shown[t] * check_below(compose, source, t, &report);
             continue;
         }
         const bool missing = tile.version == 0;

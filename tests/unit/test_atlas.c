@@ -117,7 +117,7 @@ static void test_every_fine_tile_has_an_id_of_its_own(void **state) {
     lw_scene_destroy(scene);
 }
 
-/* The page has the same table (client/web/test/finer.test.mjs): it numbers them through, behind all others. */
+/* The page has the same table (client/web/test/finer.test.mjs): its numbers of them follow all others. */
 static void test_names_follow_objects_and_levels(void **state) {
     (void)state;
     struct lw_mesh mesh[] = {{.atlas_width = 132, .atlas_height = 68},

@@ -69,11 +69,12 @@ static void make_compose(struct world *w, unsigned threads) {
                   &err);
 }
 
-static void world_init(struct world *w, struct lw_scene *scene) {
+/* finer: levels */
+static void world_init_finer(struct world *w, struct lw_scene *scene, uint32_t finer) {
     struct lw_error err = {0};
     *w = (struct world){.scene = scene};
     lw_support_ok(lw_pose_init(&w->pose, scene), NULL);
-    lw_support_ok(lw_atlas_map_init(&w->map, scene), NULL);
+    lw_support_ok(lw_atlas_map_init_finer(&w->map, scene, finer, finer ? 64 : 0), NULL);
     lw_support_ok(lw_trace_create(scene, &w->pose, &w->trace, &err), &err);
     w->rgb = calloc((size_t)scene->object_count * LW_ATLAS_LEVELS_MAX, sizeof *w->rgb);
     w->tile = calloc(w->map.tile_count, sizeof *w->tile);
@@ -84,7 +85,7 @@ static void world_init(struct world *w, struct lw_scene *scene) {
             w->rgb[o * LW_ATLAS_LEVELS_MAX + k] = calloc((size_t)l->width * l->height * 3, sizeof(float));
             assert_non_null(w->rgb[o * LW_ATLAS_LEVELS_MAX + k]);
         }
-    for (uint32_t t = 0; t < w->map.tile_count; t++)
+    for (uint32_t t = 0; t < w->map.plain_count; t++)
         w->tile[t] = (struct lw_client_tile){.version = 1, .bounces = BOUNCES, .error = 0.01f};
     w->source = (struct lw_compose_source){.context = w,
                                            .level = world_level,
@@ -95,6 +96,8 @@ static void world_init(struct world *w, struct lw_scene *scene) {
                                            .noise_shown = 1};
     make_compose(w, 1);
 }
+
+static void world_init(struct world *w, struct lw_scene *scene) { world_init_finer(w, scene, 0); }
 
 static void world_finish(struct world *w) {
     lw_compose_destroy(w->compose);
@@ -802,6 +805,89 @@ static void test_report(void **state) {
     world_finish(&w);
 }
 
+/* ---- finer levels ---- */
+
+/* Texels of level 0 are 1 and 3 in turn: nowhere it is even. */
+static void fill_checkered(struct world *w) {
+    const struct lw_atlas_level *l = &w->map.atlas[0].level[0];
+    for (size_t i = 0; i < (size_t)l->width * l->height * 3; i++)
+        w->rgb[0][i] = (i / 3 % l->width + i / 3 / l->width) % 2 ? 3 : 1;
+}
+
+/* A tile of the finest level that the last render asked for; how many there are. */
+static uint32_t asked_for(const struct world *w, lw_tile_id *out_id) {
+    uint32_t count = 0;
+    for (uint32_t t = w->map.plain_count; t < w->map.tile_count; t++)
+        if (lw_compose_needed(w->compose)[t]) *out_id = (lw_tile_id){t}, count++;
+    return count;
+}
+
+/* Close by, a view asks for a finer level where level 0 is uneven; level 0 stands in for it, and is what the
+ * view waits for. What is there is read, asked for or not, unless it is noisy. */
+static void test_finer_levels_are_asked_for_and_read(void **state) {
+    (void)state;
+    struct world w;
+    float rgb[WIDTH * HEIGHT * 3];
+    static float fine[LW_TILE_TEXELS_MAX * 3];
+    lw_tile_id id = {0};
+    for (size_t i = 0; i < sizeof fine / sizeof *fine; i++) fine[i] = 7;
+    world_init_finer(&w, squares(1, 16, false), 2);
+    fill_checkered(&w);
+    struct lw_compose_view view = look(0, 0.5f, 0, 0, 0, 0, 20);
+    struct lw_compose_report report = render(&w, &view, rgb);
+    assert_int_equal(asked_for(&w, &id), 1); /* 64 x 64 texels */
+    assert_int_equal(w.map.place[id.v].level, LW_ATLAS_FINER + 2);
+    assert_true(report.complete && !report.converged);
+    const lw_tile_id below = lw_atlas_map_below(&w.map, id);
+    w.tile[below.v].version = 0;
+    lw_compose_check(w.compose, &w.source, &report);
+    assert_false(report.complete);
+    w.tile[below.v].version = 1;
+    w.tile[id.v] = (struct lw_client_tile){.version = 1, .bounces = BOUNCES, .error = 0.01f, .rgb = fine};
+    report = render(&w, &view, rgb);
+    assert_true(report.complete && report.converged);
+    for (size_t i = 0; i < WIDTH * HEIGHT * 3; i++) assert_near(rgb[i], 0.5f * 7 / LW_PI, 1e-5f);
+    fill_level(&w, 0, 0, 2); /* even: nobody asks, but it is there */
+    render(&w, &view, rgb);
+    assert_int_equal(asked_for(&w, &id), 0);
+    for (size_t i = 0; i < WIDTH * HEIGHT * 3; i++) assert_near(rgb[i], 0.5f * 7 / LW_PI, 1e-5f);
+    w.tile[id.v].error = 0.5f;
+    render(&w, &view, rgb);
+    for (size_t i = 0; i < WIDTH * HEIGHT * 3; i++) assert_near(rgb[i], 0.5f * 2 / LW_PI, 1e-5f);
+    world_finish(&w);
+}
+
+/* Across the edge of two tiles light goes over from one to the other; where one lacks, the next coarser
+ * level is read instead. */
+static void test_finer_tiles_side_by_side(void **state) {
+    (void)state;
+    struct world w;
+    float rgb[WIDTH * HEIGHT * 3];
+    static float fine[2][LW_TILE_TEXELS_MAX * 3];
+    for (size_t i = 0; i < LW_TILE_TEXELS_MAX * 3; i++) fine[0][i] = 4, fine[1][i] = 8;
+    world_init_finer(&w, squares(1, 64, false), 1);
+    fill_checkered(&w);
+    for (uint32_t y = 0; y < 2; y++)
+        for (uint32_t x = 0; x < 2; x++)
+            w.tile[lw_atlas_map_claim(&w.map, 0, LW_ATLAS_FINER + 1, x, y).v] =
+                (struct lw_client_tile){.version = 1, .bounces = BOUNCES, .error = 0.01f, .rgb = fine[x]};
+    struct lw_compose_view view = look(0, 0.6f, 0, 0, 0, 0, 10);
+    render(&w, &view, rgb);
+    uint32_t between = 0;
+    for (size_t i = 0; i < WIDTH * HEIGHT * 3; i++) {
+        const float e = rgb[i] * LW_PI / 0.5f;
+        assert_true(e > 4 - 1e-3f && e < 8 + 1e-3f);
+        between += e > 4.01f && e < 7.99f;
+    }
+    assert_true(between > HEIGHT * 3 && between < WIDTH * HEIGHT);
+    w.tile[lw_atlas_map_find(&w.map, 0, LW_ATLAS_FINER + 1, 1, 0).v] = (struct lw_client_tile){0};
+    render(&w, &view, rgb);
+    uint32_t coarse = 0;
+    for (size_t i = 0; i < WIDTH * HEIGHT * 3; i++) coarse += rgb[i] * LW_PI / 0.5f < 3.01f;
+    assert_true(coarse > WIDTH * HEIGHT / 4);
+    world_finish(&w);
+}
+
 static void test_same_bytes_at_any_thread_count(void **state) {
     (void)state;
     struct world w;
@@ -885,6 +971,8 @@ int main(void) {
         cmocka_unit_test(test_blend),
         cmocka_unit_test(test_blend_is_bounded),
         cmocka_unit_test(test_report),
+        cmocka_unit_test(test_finer_levels_are_asked_for_and_read),
+        cmocka_unit_test(test_finer_tiles_side_by_side),
         cmocka_unit_test(test_same_bytes_at_any_thread_count),
         cmocka_unit_test(test_offset),
     };
