@@ -157,16 +157,17 @@ struct daemon {
         uint64_t lit_ns, frame_ns, texels; /* the end of the first frame, how long it took, what it solved */
         unsigned rounds;                   /* that all of the light has had (frames whose light is shown) */
     } young;
-    uint64_t published;     /* the last frame that was */
-    bool moved;             /* something has moved since then */
-    bool owes_snapshot;     /* there was no memory for one */
-    bool owes_channel;      /* nor for a channel that somebody takes */
-    bool is_looked_at;      /* by some client */
-    uint64_t interest;      /* the number of the list of interest that the solver has (lw_server_interest) */
-    bool prepares;          /* all of the scene is solved, though nobody looks */
-    uint64_t prepared_ns;   /* wall time for which it was */
-    uint32_t channels;      /* that are shown and published: bit for each (tile_channels.h) */
-    uint32_t channels_kept; /* those of the saved light */
+    uint64_t published; /* the last frame that was */
+    bool moved;         /* something has moved since then */
+    bool owes_snapshot; /* there was no memory for one */
+    bool owes_channel;  /* nor for a channel that somebody takes */
+    bool is_looked_at;  /* by some client */
+    uint64_t interest;  /* the number of the list of interest that the solver has (lw_server_interest) */
+    uint64_t published_interest; /* that of the newest snapshot */
+    bool prepares;               /* all of the scene is solved, though nobody looks */
+    uint64_t prepared_ns;        /* wall time for which it was */
+    uint32_t channels;           /* that are shown and published: bit for each (tile_channels.h) */
+    uint32_t channels_kept;      /* those of the saved light */
     uint64_t taken_ns[LW_TILE_CHANNELS_MAX]; /* when somebody last took it */
 };
 
@@ -417,7 +418,8 @@ static uint32_t fine_tiles(const struct daemon *d) {
                    share = machine / FINE_MEMORY_SHARE < FINE_MEMORY_MAX ? machine / FINE_MEMORY_SHARE
                                                                          : FINE_MEMORY_MAX,
                    bytes = s->detail_mb < 0 ? share : (uint64_t)s->detail_mb << 20;
-    return s->detail ? (uint32_t)(bytes / (FINE_TILE_BYTES + d->light_groups.count * FINE_LAYER_BYTES)) : 0;
+    const bool is_followed = s->light == LIGHT_SEEN && s->detail; /* else nobody asks the solver for tiles */
+    return is_followed ? (uint32_t)(bytes / (FINE_TILE_BYTES + d->light_groups.count * FINE_LAYER_BYTES)) : 0;
 }
 
 /* How many tiles of finer levels may be listed by clients, or held, at a time. Every session that reads such
@@ -721,13 +723,21 @@ static enum lw_status show_channels(struct daemon *d, uint32_t channels, struct 
     return LW_OK;
 }
 
+/* Ids of tiles of finer levels are free again with a snapshot that knows the newest list of interest: one is
+ * due where they run short. */
+static bool owes_ids(const struct daemon *d) {
+    const struct lw_atlas_map *map = &d->atlas_map;
+    return map->fine && d->interest > d->published_interest &&
+           lw_fine_ids_free_count(map->fine) < (map->tile_count - map->plain_count) / 4;
+}
+
 /* Sessions need new transforms even if no tile in their interest set was solved, and a session that sent an
  * update waits for its frame. */
 static bool has_news(struct daemon *d, const struct lw_solver_stats *solve, size_t updates) {
     struct lw_server_stats serve;
     lw_server_get_stats(d->server, &serve);
     d->moved |= solve->moved;
-    return solve->tiles_shown > 0 || updates > 0 || (d->moved && serve.sessions_now > 0);
+    return solve->tiles_shown > 0 || updates > 0 || (d->moved && serve.sessions_now > 0) || owes_ids(d);
 }
 
 /* *out_snapshot: stays NULL where there is no memory for it now. */
@@ -739,7 +749,7 @@ static enum lw_status publish_frame(struct daemon *d, uint64_t frame, uint64_t s
     if (may_wait(d, status, "new light", &d->owes_snapshot, err)) return LW_OK;
     if (status != LW_OK)
         return lw_status_fail(err, status, "publishing frame %llu", (unsigned long long)frame);
-    (*out_snapshot)->interest = d->interest;
+    (*out_snapshot)->interest = d->published_interest = d->interest;
     lw_server_publish(d->server, *out_snapshot);
     d->published = frame;
     d->moved = false;

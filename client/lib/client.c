@@ -95,6 +95,7 @@ static enum lw_status take_up_scene(struct lw_client *c, const struct lw_message
         memcmp(c->package_hash.bytes, welcome->package_hash.bytes, sizeof c->package_hash.bytes) != 0 ||
         has_other_finishes(c, welcome);
     if (c->found_other_scene) return lw_status_fail(err, LW_BAD_DATA, "it lights another scene now");
+    lw_replica_forget_fine(c->replica);
     if (same_run) return LW_OK;
     lw_replica_begin_run(c->replica);
     c->may_hold = false;
@@ -491,6 +492,15 @@ static enum lw_status take_all(struct lw_client *c, uint64_t end_ns, struct lw_e
 _Static_assert(LW_CLIENT_INTEREST_MAX == LW_MESSAGE_INTEREST_MAX, "a list fits into a message");
 _Static_assert(LW_LINK_OUTBOX_SIZE > 12 * LW_MESSAGE_INTEREST_MAX + 64, "and the message into the outbox");
 
+/* Drops tiles of finer levels that are in neither list, now or told: the server tells of them no more, so
+ * that they would show old light. */
+static void drop_unlisted(struct lw_client *c) {
+    const struct lw_atlas_map *map = lw_replica_atlas_map(c->replica);
+    for (uint32_t t = map->plain_count; t < map->tile_count; t++)
+        if (lw_atlas_map_is_used(map, (lw_tile_id){t}) && !lw_interest_lists(&c->interest, (lw_tile_id){t}))
+            lw_replica_release_fine(c->replica, (lw_tile_id){t});
+}
+
 /* Sends the interest set if it has changed. While the link is busy it waits: a later set may replace this
  * one. */
 static enum lw_status tell_interest(struct lw_client *c, struct lw_error *err) {
@@ -517,23 +527,18 @@ static enum lw_status tell_interest(struct lw_client *c, struct lw_error *err) {
                                  .scratch = c->interest_scratch,
                                  .scratch_size = INTEREST_SCRATCH_SIZE};
     enum lw_status status = lw_link_send(&c->link, &message, err);
-    if (status == LW_OK && lw_interest_tell(&c->interest, now_ns) != LW_OK)
+    if (status != LW_OK) return status;
+    if (lw_interest_tell(&c->interest, now_ns) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
-    return status;
+    if (c->replica) drop_unlisted(c);
+    return LW_OK;
 }
 
-/* While this share of the ids of finer levels is free, tiles stay that nobody wants: somebody may look back.
- * */
+/* Views give out ids before anybody lists the tiles: with less than this share left, those go at once. */
 #define FINE_FREE 4
 
-/* Drops tiles of finer levels that are wanted no more, where ids for others are about to run out. What the
- * server was told last stays: until it hears otherwise an id means the same to both. */
-static void drop_unwanted(struct lw_client *c) {
-    const struct lw_atlas_map *map = lw_replica_atlas_map(c->replica);
-    if (!map->fine || lw_fine_ids_free_count(map->fine) >= LW_REPLICA_FINE_MAX / FINE_FREE) return;
-    for (uint32_t t = map->plain_count; t < map->tile_count; t++)
-        if (lw_atlas_map_is_used(map, (lw_tile_id){t}) && !lw_interest_lists(&c->interest, (lw_tile_id){t}))
-            lw_replica_release_fine(c->replica, (lw_tile_id){t});
+static bool lacks_ids(const struct lw_atlas_map *map) {
+    return map->fine && lw_fine_ids_free_count(map->fine) < LW_REPLICA_FINE_MAX / FINE_FREE;
 }
 
 /* Ids of finer levels that have become free stand for no tile. */
@@ -551,7 +556,7 @@ enum lw_status lw_client_want(struct lw_client *c, const lw_tile_id *tile, size_
     enum lw_status status = lw_interest_set(&c->interest, tile, count, LW_CLIENT_INTEREST_MAX);
     if (status != LW_OK || !map) return status;
     leave_out_free(&c->interest.now, map);
-    drop_unwanted(c);
+    if (lacks_ids(map)) drop_unlisted(c);
     return LW_OK;
 }
 

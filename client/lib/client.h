@@ -213,7 +213,9 @@ const float *lw_client_get_texels(const struct lw_client *client, uint32_t slot,
  * old light at first, then sharpens. Call it as often as you like. lw_client_poll() tells the server at most
  * ten times a second: of new tiles at once, of a few that left the set within two seconds.
  *
- * tile    in any order; copied. count 0: no tiles. More than LW_CLIENT_INTEREST_MAX different tiles:
+ * tile    in any order; copied. One of a finer level has an id (atlas.h), and loses it, and its light, some
+ * time after
+ *         it is listed no more. count 0: no tiles. More than LW_CLIENT_INTEREST_MAX different tiles:
  *         everything, which costs the server a whole solve. Coarser levels of what is far keep the list
  *         short.
  * Errors  LW_USAGE before the scene is there (but for count 0), or for a tile that it does not have;

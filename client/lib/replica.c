@@ -230,6 +230,26 @@ void lw_replica_set_watch(struct lw_replica *r, lw_replica_watch *watch, void *c
     r->watch_context = context;
 }
 
+/* The tile is here no more. */
+static void drop_fine(struct lw_replica *r, struct slot *slot, lw_tile_id id) {
+    float **fine = fine_of(r, slot, id);
+    slot->tile[id.v] = (struct lw_client_tile){0};
+    slot->has_coefficients[id.v] = false;
+    free(slot->coefficients[id.v]);
+    slot->coefficients[id.v] = NULL;
+    free(*fine);
+    *fine = NULL;
+}
+
+void lw_replica_forget_fine(struct lw_replica *r) {
+    for (uint32_t i = 0; i < LW_TILE_CHANNELS_MAX; i++)
+        for (uint32_t t = r->map.plain_count; r->slot[i].is_there && t < r->map.tile_count; t++) {
+            if (!r->slot[i].tile[t].version) continue;
+            drop_fine(r, &r->slot[i], (lw_tile_id){t});
+            if (r->watch && i == LW_REPLICA_IRRADIANCE) r->watch(r->watch_context, (lw_tile_id){t});
+        }
+}
+
 void lw_replica_begin_run(struct lw_replica *r) {
     LW_INVARIANT(r->version_max >= r->version_base);
     r->version_base = r->version_max;
@@ -326,17 +346,6 @@ static enum lw_status keep_decoded(struct lw_replica *r, const struct slot *slot
     if (lw_atlas_finer(place->level)) return copy_fine(r, slot, id);
     copy_into_level(r, slot, place);
     return LW_OK;
-}
-
-/* The tile is here no more. */
-static void drop_fine(struct lw_replica *r, struct slot *slot, lw_tile_id id) {
-    float **fine = fine_of(r, slot, id);
-    slot->tile[id.v] = (struct lw_client_tile){0};
-    slot->has_coefficients[id.v] = false;
-    free(slot->coefficients[id.v]);
-    slot->coefficients[id.v] = NULL;
-    free(*fine);
-    *fine = NULL;
 }
 
 /* Irradiance is of another form: what is there would be missing some light, or have it twice. */

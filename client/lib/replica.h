@@ -32,6 +32,9 @@ typedef void lw_replica_watch(void *context, lw_tile_id tile);
 /** watch: NULL for nobody */
 void lw_replica_set_watch(struct lw_replica *replica, lw_replica_watch *watch, void *context);
 
+/** Another session begins: nobody tells it which tiles of finer levels are no light any more. Drops them
+ * all; they keep their ids. */
+void lw_replica_forget_fine(struct lw_replica *replica);
 /** The server has started again. Versions that come from now on count as newer than all that are there. */
 void lw_replica_begin_run(struct lw_replica *replica);
 /** The version of a tile as the present run of the server counts; 0: it is not of this run. */

@@ -26,13 +26,17 @@ void lw_fine_names_add(struct lw_fine_names *names, const uint32_t *tile, uint32
     }
 }
 
-void lw_fine_names_remove(struct lw_fine_names *names, const uint32_t *tile, uint32_t count) {
+bool lw_fine_names_remove(struct lw_fine_names *names, const uint32_t *tile, uint32_t count) {
+    bool any = false;
     for (uint32_t i = 0; i < count; i++) {
         if (tile[i] < names->map->plain_count) continue;
         struct lw_fine_name *name = &names->name[tile[i] - names->map->plain_count];
         LW_INVARIANT(name->lists > 0);
-        if (!--name->lists) name->idle_since = names->interest;
+        if (--name->lists) continue;
+        name->idle_since = names->interest;
+        any = true;
     }
+    return any;
 }
 
 void lw_fine_names_review(struct lw_fine_names *names, const struct lw_snapshot *snapshot) {

@@ -26,9 +26,10 @@ LW_MUST_CHECK enum lw_status lw_fine_names_init(struct lw_fine_names *names,
 /** A zeroed one is fine. */
 void lw_fine_names_finish(struct lw_fine_names *names);
 
-/** One list more, or less, has these tiles, each once; those that are not of finer levels are left out. */
+/** One list more, or less, has these tiles, each once; those that are not of finer levels are left out.
+ * remove: returns whether no list has some tile any more. */
 void lw_fine_names_add(struct lw_fine_names *names, const uint32_t *tile, uint32_t count);
-void lw_fine_names_remove(struct lw_fine_names *names, const uint32_t *tile, uint32_t count);
+bool lw_fine_names_remove(struct lw_fine_names *names, const uint32_t *tile, uint32_t count);
 
 /** Frees the ids that a snapshot shows to be unused. */
 void lw_fine_names_review(struct lw_fine_names *names, const struct lw_snapshot *snapshot);

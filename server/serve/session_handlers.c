@@ -224,18 +224,6 @@ static bool name_tile(const struct lw_session *s, const struct lw_message_intere
     return true;
 }
 
-/* A peer may drop a tile of a finer level that it lists no more: it is sent whole, should it be listed again.
- * listed: bits of the list that is new */
-static void forget_fine(struct lw_session *s, const struct lw_session_interest *before,
-                        const uint64_t *listed) {
-    for (uint32_t i = 0; i < before->tile_count; i++) {
-        const uint32_t id = before->tile[i];
-        if (id < s->shared->atlas_map->plain_count || lw_session_interest_is_set(listed, id)) continue;
-        for (uint32_t k = 0; k < s->take_count; k++)
-            if (s->take[k].sent) s->take[k].sent[id] = 0;
-    }
-}
-
 /* Notes a session's interest. A peer may say it as often as it likes: the first holds at once, later ones
  * wait for the next snapshot or tick, the last of them alone. */
 static void handle_interest(struct lw_session *s, const struct lw_message_interest *said) {
@@ -259,8 +247,8 @@ static void handle_interest(struct lw_session *s, const struct lw_message_intere
         if (interest.tile[i] != UINT32_MAX && !lw_session_interest_test_and_set(listed, interest.tile[i]))
             interest.tile[interest.tile_count++] = interest.tile[i];
     LW_INVARIANT(interest.tile_count <= said->tile_count && !(interest.everything && interest.tile_count));
-    forget_fine(s, &s->interest, listed);
-    forget_fine(s, &s->waiting, listed);
+    lw_session_interest_forget_fine(s, &s->interest, listed);
+    lw_session_interest_forget_fine(s, &s->waiting, listed);
     for (uint32_t i = 0; i < interest.tile_count; i++) listed[interest.tile[i] / 64] = 0;
     lw_fine_names_add(&s->shared->fine, interest.tile, interest.tile_count);
     lw_session_interest_free(s, &s->waiting);

@@ -61,8 +61,21 @@ static void count_out(struct lw_session *s, const struct lw_session_interest *in
         lw_interest_union_remove(&s->shared->interest_union, interest->tile, interest->tile_count);
 }
 
+void lw_session_interest_forget_fine(struct lw_session *s, const struct lw_session_interest *before,
+                                     const uint64_t *listed) {
+    for (uint32_t i = 0; i < before->tile_count; i++) {
+        const uint32_t id = before->tile[i];
+        if (id < s->shared->atlas_map->plain_count) continue;
+        if (listed && lw_session_interest_is_set(listed, id)) continue;
+        for (uint32_t k = 0; k < s->take_count; k++)
+            if (s->take[k].sent) s->take[k].sent[id] = 0;
+    }
+}
+
 void lw_session_interest_free(struct lw_session *s, struct lw_session_interest *interest) {
-    lw_fine_names_remove(&s->shared->fine, interest->tile, interest->tile_count);
+    /* ids are free again once the solver has a list without them */
+    s->shared->interest_union.changed |=
+        lw_fine_names_remove(&s->shared->fine, interest->tile, interest->tile_count);
     free(interest->tile);
     *interest = (struct lw_session_interest){0};
 }
@@ -82,6 +95,8 @@ bool lw_session_interest_take_up(struct lw_session *s) {
     s->has_waiting = false;
     s->interest_epoch = s->shared->epoch;
     if (s->interest_bits) mark(s);
+    /* once more: until now the list before it was served */
+    lw_session_interest_forget_fine(s, &before, s->interest_bits);
     if (s->state == LW_SESSION_STREAMING) {
         /* in this order, so that a tile of both is never without interest */
         count_in(s, &s->interest);

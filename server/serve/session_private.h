@@ -167,6 +167,11 @@ static inline bool lw_session_interest_is_set(const uint64_t *bits, uint32_t til
 }
 /** Sets a tile's bit; returns whether it was set. */
 bool lw_session_interest_test_and_set(uint64_t *bits, uint32_t tile);
+/** A peer drops the tiles of finer levels that it lists no more: they are sent whole, should it list them
+ * again. before: a list of the session's; listed: bits of the one after it, NULL: everything, which has no
+ * such tile */
+void lw_session_interest_forget_fine(struct lw_session *s, const struct lw_session_interest *before,
+                                     const uint64_t *listed);
 /** Frees a list of the session's. */
 void lw_session_interest_free(struct lw_session *s, struct lw_session_interest *interest);
 /** s->waiting holds from now on. false: there is no memory, and nothing has changed. */

@@ -1967,6 +1967,11 @@ static void test_tiles_of_finer_levels(void **state) {
     tile.base = 0;
     lw_support_ok(lw_replica_take_tile(replica, &tile, &err), &err);
     assert_int_equal(lw_replica_get_tile(replica, again).version, 22);
+    lw_replica_forget_fine(replica); /* a new session */
+    assert_int_equal(lw_replica_get_tile(replica, again).version, 0);
+    assert_true(lw_atlas_map_is_used(map, again));
+    lw_support_ok(lw_replica_take_tile(replica, &tile, &err), &err);
+    assert_int_equal(lw_replica_get_tile(replica, again).version, 22);
     tile.tile = 1 << 20;
     assert_int_equal(lw_replica_take_tile(replica, &tile, NULL), LW_PROTOCOL);
     tile.tile = 0;
@@ -2098,8 +2103,9 @@ static uint32_t count_used(const struct lw_client *client, const lw_tile_id *id,
     return used;
 }
 
-/* Where ids of finer levels are about to run out, those go that nobody wants, but for those that the server
- * was told last. A tile that has lost its id may still be listed, and is left out. */
+/* Tiles of finer levels lose their ids, and their light, once the server was told a list without them; where
+ * ids are about to run out, with the next list. A tile that has lost its id may still be listed, and is left
+ * out. */
 static void test_ids_that_nobody_wants_go(void **state) {
     (void)state;
     enum { MANY = LW_REPLICA_FINE_MAX / 4 * 3 + 1, FEW = 10 };
@@ -2131,7 +2137,9 @@ static void test_ids_that_nobody_wants_go(void **state) {
         lw_support_ok(lw_client_poll(client, 10, NULL), NULL);
     }
     free(wanted.levels);
-    claim(client, MANY - 1, 1, id + MANY - 1);
+    assert_int_equal(count_used(client, id, MANY - 1), FEW);
+    assert_int_equal(count_used(client, id, FEW), FEW);
+    claim(client, 0, MANY, id);
     lw_support_ok(lw_client_want(client, id + MANY - FEW, FEW), NULL);
     assert_int_equal(count_used(client, id, FEW), FEW); /* the server was told of them */
     assert_int_equal(count_used(client, id + MANY - FEW, FEW), FEW);

@@ -133,9 +133,21 @@ export class Replica {
     for (const { held } of this.slots.values()) for (const tile of held.values()) tile.version = 0n;
   }
 
-  /** A session begins: tiles of finer levels come whole. */
+  /** A session begins: nobody tells it which tiles of finer levels are no light any more. They come whole. */
   beginSession(): void {
+    for (const id of [...this.finer]) this.drop(id);
     this.dropped.clear();
+  }
+
+  /** The server was told that these tiles are wanted: it tells of no others of finer levels, which would show
+   * old light. */
+  keepFinerOf(ids: ArrayLike<number>): void {
+    const listed = new Set(Array.from(ids));
+    for (const id of [...this.finer]) {
+      if (listed.has(id)) continue;
+      this.drop(id);
+      this.dropped.add(id);
+    }
   }
 
   /** The view wants these tiles, the most important first. Of finer levels those that were wanted last are

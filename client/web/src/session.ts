@@ -207,7 +207,10 @@ export class Session {
     const held = this.paused || this.backlog > (this.held ? BACKLOG_LOW : BACKLOG_HIGH);
     if (held === this.held || !this.asked || !this.kept.replica) return;
     this.held = held;
-    if (held) this.host.send(wire.writeInterest(false, this.kept.replica.listOf([]), false));
+    if (held) {
+      this.host.send(wire.writeInterest(false, this.kept.replica.listOf([]), false));
+      this.kept.replica.keepFinerOf([]);
+    }
     this.interest.forget();
   }
 
@@ -248,6 +251,7 @@ export class Session {
     const everything = ids.length > wire.INTEREST_MAX;
     this.host.send(wire.writeInterest(everything, replica.listOf(everything ? [] : ids), true));
     this.interest.tell(nowMs);
+    replica.keepFinerOf(everything ? [] : ids);
   }
 
   private async handle(type: number, body: Uint8Array): Promise<void> {
