@@ -10,8 +10,10 @@
 
 /* Tiles that are made at the beginning of a frame, at most. */
 #define MAKE_MAX 2u
-/* Frames that the tile of level 0 below has in its mean before: the coarse picture comes first. */
+/* Frames that the tile of level 0 below has in its mean before, and its error: the coarse picture comes
+ * first, and is smooth before rays go to finer tiles, which are many. */
 #define FRAMES_BELOW 8u
+#define ERROR_BELOW  0.05f
 
 enum lw_status lw_fine_tiles_init(struct lw_fine_tiles *fine, struct lw_texels *texels,
                                   const struct lw_atlas_map *map, int threads) {
@@ -181,7 +183,8 @@ static bool is_due(const struct lw_fine_tiles *fine, lw_tile_id id) {
     const lw_tile_id below = lw_atlas_map_below(fine->map, id);
     EACH_LAYER(fine, layer) {
         const struct lw_solve_tile *tile = lw_tiles_at(layer->tiles, below);
-        if (tile->light.sample_count >= FRAMES_BELOW || !tile->covered_count) return true;
+        if (!tile->covered_count) return true;
+        if (tile->light.sample_count >= FRAMES_BELOW && tile->light.error <= ERROR_BELOW) return true;
     }
     return false;
 }

@@ -260,7 +260,7 @@ static void threads_change_nothing(void **state) {
         desc.fine_tiles = 12;
         desc.threads = k + 1;
         desc.denoise = true;
-        desc.frame_budget_units = 2000;
+        desc.frame_budget_units = 8000;
         begin(&s[k], scene_of(0), FINER, desc);
         for (uint64_t frame = 1; frame <= 40; frame++) {
             if (frame % 8 == 1)

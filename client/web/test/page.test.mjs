@@ -33,8 +33,16 @@ test('the Cornell box', { skip: missing || false }, async (t) => {
           cameras: ['0.3,1.2,3.4:0,0.8,0:45'],
         }),
       );
-    await t.test('tiles of finer levels', () => withPage(viewport, finerPage(daemon)));
     await t.test('fingers look and move', () => withPage(viewport, touchPage(daemon), { hasTouch: true }));
+  } finally {
+    await daemon.stop();
+  }
+});
+
+test('tiles of finer levels', { skip: missing || false }, async () => {
+  const daemon = await startStill('builtin:cornell', '--light', 'seen'); // nobody asks for them of all light
+  try {
+    await withPage(viewport, finerPage(daemon));
   } finally {
     await daemon.stop();
   }
