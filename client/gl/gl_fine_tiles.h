@@ -16,7 +16,8 @@
 
 #include <epoxy/gl.h>
 
-#define LW_GL_FINE_TILES_MAX   1024u /* slots: 17 MB; a server makes 256 tiles for all, by default */
+#define LW_GL_FINE_TILES_MAX                                                                                 \
+    1024u /* slots: 17 MB; a server makes some 700 tiles for all at most, by default */
 #define LW_GL_FINE_TILES_SIDE  (LW_TILE_SIDE + 1)
 #define LW_GL_FINE_TILES_FADE  250000000u /* ns, from nothing to all of a tile */
 #define LW_GL_FINE_TILES_UNITS 18u        /* textures that a fragment shader of finer levels reads, at most */

@@ -1,5 +1,5 @@
 /* atlas.h: the mip levels and tiles of an object's atlas, and the ids of tiles.
- * Threads: pure functions, [any].
+ * Threads: [any]: pure functions, but for those that give or take ids of finer levels (fine_ids.h).
  *
  * Level 0 is the atlas itself; each further level halves both sides, rounding up, until both are at most
  * LW_ATLAS_COARSEST. A tile is LW_TILE_SIDE texels square, cut off at the right and lower edge of its

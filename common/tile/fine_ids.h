@@ -1,6 +1,7 @@
 /* fine_ids.h: ids for the tiles of finer levels (atlas.h) that are in use.
  * Flow:    names of tiles that somebody lists or sees -> [fine_ids] -> ids, for arrays per tile
- * Threads: [any], to find and claim, many at a time; to release, with nobody else in it.
+ * Threads: [any], to find and claim, many at a time. A release is beside none of these, and no other release;
+ *          who holds an id may ask about that one meanwhile.
  *
  * A scene has far more tiles of finer levels than anybody looks at. An array per tile has room for the ids,
  * of which there are few; the names, which are many, are keys of a hash table. */

@@ -22,7 +22,7 @@ export interface OtherTile {
 
 /** In the place of a noise level: the tile, of a finer level, is there no more. It has no texels. */
 export const GONE = 255;
-/** Tiles of finer levels that are kept, at most: 24 kB of coefficients each. Servers have room for 256. */
+/** Tiles of finer levels that are kept, at most: 24 kB of coefficients each. */
 export const FINER_KEPT = 1024;
 
 interface Held {
