@@ -12,6 +12,7 @@
 static _Atomic uint64_t stood_ns; /* where it stands; 0: it runs */
 static _Atomic uint64_t ahead_ns; /* of the real one, or of where it stands */
 static _Atomic uint64_t readings;
+static pthread_mutex_t reading = PTHREAD_MUTEX_INITIALIZER;
 
 int __real_clock_gettime(clockid_t id, struct timespec *out);
 int __wrap_clock_gettime(clockid_t id, struct timespec *out);
@@ -28,7 +29,9 @@ static uint64_t real_ns(void) {
 
 int __wrap_clock_gettime(clockid_t id, struct timespec *out) {
     if (id != CLOCK_MONOTONIC) return __real_clock_gettime(id, out);
-    const uint64_t stood = stood_ns, now_ns = (stood ? stood : real_ns()) + ahead_ns;
+    pthread_mutex_lock(&reading);
+    const uint64_t now_ns = (stood_ns ? stood_ns : real_ns()) + ahead_ns;
+    pthread_mutex_unlock(&reading);
     readings++;
     *out =
         (struct timespec){.tv_sec = (time_t)(now_ns / 1000000000u), .tv_nsec = (long)(now_ns % 1000000000u)};
@@ -40,9 +43,10 @@ void server_clock_stop(void) {
 }
 
 void server_clock_run(void) {
-    if (!stood_ns) return;
-    ahead_ns += stood_ns - real_ns();
+    pthread_mutex_lock(&reading); /* who reads between the two steps would see it go back */
+    if (stood_ns) ahead_ns += stood_ns - real_ns();
     stood_ns = 0;
+    pthread_mutex_unlock(&reading);
 }
 
 void server_clock_move(uint64_t ms) { ahead_ns += ms * 1000000u; }
