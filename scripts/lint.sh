@@ -16,7 +16,7 @@ prose_of() {
         shift
         if [ "${options[-1]}" = --limit ]; then options+=("$1") && shift; fi
     done
-    if [ $# = 0 ]; then mapfile -t files < <(git ls-files '*.c' '*.h' '*.md' | grep -v '^docs/results/crossover/'); else files=("$@"); fi
+    if [ $# = 0 ]; then mapfile -t files < <(git ls-files '*.c' '*.h' '*.md' | grep -v '^docs/lab/crossover/'); else files=("$@"); fi
     scripts/prose.pl "${options[@]}" docs/architecture.md "${files[@]}"
 }
 if [ "${1:-}" = prose ]; then
@@ -174,7 +174,7 @@ check_prose() {
         }
         END { paragraph() }' "$1"
 }
-prose=$(git ls-files '*.md' | grep -v '^docs/results/crossover/' | while read -r document; do check_prose "$document"; done)
+prose=$(git ls-files '*.md' | grep -v '^docs/lab/crossover/' | while read -r document; do check_prose "$document"; done)
 if [ -n "$prose" ]; then complain "documents:"$'\n'"$prose"; fi
 
 # Documents: links lead somewhere, `folder/file` is there (its ending may be left out), options exist.
@@ -198,11 +198,11 @@ done < <(git ls-files '*.md')
 
 # Figures that stand in two documents have a mark right behind them, 0.25<!-- r1 atrium-lamp-walk-720 -->. One mark has one
 # value, in two documents or more. "r1 ROW", "m ROW" and "p ROW", with " svgf" for that opponent in place of svgf-quarter, are
-# roundings of the report in docs/results/crossover/ROW, by relMSE; p is the opponent's CPU s a frame.
-found=$(git ls-files '*.md' | grep -v '^docs/results/crossover/' | xargs grep -HnoP '(\d[\d.,]*)?\**<!-- [a-z0-9][a-z0-9. -]* -->' |
+# roundings of the report in docs/lab/crossover/ROW, by relMSE; p is the opponent's CPU s a frame.
+found=$(git ls-files '*.md' | grep -v '^docs/lab/crossover/' | xargs grep -HnoP '(\d[\d.,]*)?\**<!-- [a-z0-9][a-z0-9. -]* -->' |
     awk -F: '
     function measured(kind, row, opponent,   path, line, part, number) {
-        path = "docs/results/crossover/" row "/report.md"
+        path = "docs/lab/crossover/" row "/report.md"
         while ((getline line < path) > 0) {
             split(line, part, / *\| */)
             if (part[2] ~ "^" opponent "," && part[4] == "relMSE") {

@@ -13,7 +13,7 @@
 #define LW_ANTIALIAS_SAMPLES_MAX 1024u
 
 /* Samples of a pixel at an edge, beside the one through its centre, where nobody says: with more of them,
- * as many samples of every pixel are the cheaper way where surfaces have textures (docs/results/look.md). */
+ * as many samples of every pixel are the cheaper way where surfaces have textures (docs/lab/look.md). */
 #define LW_ANTIALIAS_EDGE_SAMPLES 4u
 /* About how many times a sample of a whole picture's pixels one at an edge costs: its packets meet more
  * triangles. */

@@ -67,7 +67,7 @@ struct lw_compose_view {
 #define LW_COMPOSE_FINE_CHANGE 0.1f
 #define LW_COMPOSE_FINE_TEXELS 16.0f
 
-/* A picture that shows less error is good to look at (docs/results/look.md). */
+/* A picture that shows less error is good to look at (docs/lab/look.md). */
 #define LW_COMPOSE_GOOD_ERROR 0.026f
 
 /** How well the light that arrived serves a view. */

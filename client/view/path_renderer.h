@@ -5,7 +5,7 @@
  * Threads: one thread at a time per renderer; works on several inside. Same inputs, same bytes, at any
  * number.
  *
- * The shared cache is measured against them (docs/results/crossover.md), so each is as strong as we can make
+ * The shared cache is measured against them (docs/lab/crossover.md), so each is as strong as we can make
  * it. Rays go through the centres of pixels. */
 #ifndef LW_CLIENT_VIEW_PATH_RENDERER_H
 #define LW_CLIENT_VIEW_PATH_RENDERER_H

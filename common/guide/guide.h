@@ -28,7 +28,7 @@
 #define LW_GUIDE_SECTORS (LW_GUIDE_BANDS * LW_GUIDE_SLICES)
 #define LW_GUIDE_NOWHERE UINT32_MAX
 
-/* docs/results/guiding.md has the sweeps. */
+/* docs/lab/guiding.md has the sweeps. */
 #define LW_GUIDE_ALPHA 0.05f
 #define LW_GUIDE_BETA  0.5f
 #define LW_GUIDE_TRUST 1024.0f

@@ -7,7 +7,7 @@
 
 /* Of the radius of a disc as large as the share of all surfaces that the first light of a path stands for:
  * between what has the least error in Cornell's box, a half, and in Sponza, a seventh
- * (docs/results/solvers.md). */
+ * (docs/lab/solvers.md). */
 #define NEAR_SHARE 0.35f
 
 enum lw_status lw_virtual_paths_init(struct lw_virtual_paths *paths, uint32_t lights, uint32_t bounces,

@@ -26,7 +26,7 @@
 #define LW_LIGHTMAP_DENSITY_MAX 1e6
 #define LW_LIGHTMAP_SIDE_MIN    16u /* of atlas_side_max, texels */
 
-/* Defaults; plain numbers, so that help texts print them. Reasons: docs/results/density.md. */
+/* Defaults; plain numbers, so that help texts print them. Reasons: docs/lab/density.md. */
 #define LW_LIGHTMAP_DENSITY_DEFAULT 5       /* texels per metre */
 #define LW_LIGHTMAP_ACROSS          16      /* texels across a thing, if they are no more in all than ... */
 #define LW_LIGHTMAP_TEXELS_FINE     100000  /* ... this: what light that is finer may cost */

@@ -23,7 +23,7 @@
 #define NARROW_FROM 16.0f /* texels; smaller charts are never narrowed */
 
 /* How far a surface may bend within a texel, radians: 16 texels around a column. Beyond, texels are narrower,
- * by this much at most: a chair's leg stays coarse. (docs/results/density.md) */
+ * by this much at most: a chair's leg stays coarse. (docs/lab/density.md) */
 #define BEND    0.4f
 #define REFINED 2.0f
 

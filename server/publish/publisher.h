@@ -23,7 +23,7 @@
  *     noisy level 0       2 widest: views read only slivers of it (client/view/compose.c)
  * From LW_PUBLISHER_STEP_MIN to `widest`, times the step of the channel. One widest step for all tiles
  * costs the fewest bits for an error of the whole view. Its default keeps a view within 2 % of the uncoded
- * light (docs/results/streaming.md). */
+ * light (docs/lab/streaming.md). */
 /* about 1 % error: invisible, and below the error of converged tiles */
 #define LW_PUBLISHER_STEP_MIN    0x1p-5f
 #define LW_PUBLISHER_STEP_WIDEST 0.1f

@@ -17,7 +17,7 @@
 #define LW_TRANSCODER_JOBS_MAX 256u /* that are asked for and not collected */
 
 /* Steps of coarse tiles are 2^(LW_TRANSCODER_COARSER_Q / 8) times those of the tile: two fifths of the bytes,
- * and a view that is off by 4 to 6 % (docs/results/streaming.md). */
+ * and a view that is off by 4 to 6 % (docs/lab/streaming.md). */
 #define LW_TRANSCODER_COARSER_Q 16u
 
 /** What is asked for: how version `version` of a tile differs from version `base`; or the coarse form of a

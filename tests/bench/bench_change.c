@@ -8,7 +8,7 @@
  * then stands. One row in Markdown per scene: rays of both until they converge, their quotient, rays of
  * the first frame after the movement and texels that it solves, frames of both. With --reference also the
  * errors, against a solve of N frames that never converges: over all texels, and over those alone whose
- * light the movement changed by over a tenth. relMSE as in docs/results/crossover.md, over texels, but
+ * light the movement changed by over a tenth. relMSE as in docs/lab/crossover.md, over texels, but
  * none counts for more than 1. */
 #include "common/clock.h"
 #include "server/solve/solvers.h"

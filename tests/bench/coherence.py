@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""How bounce rays may share directions: error at equal rays and at equal time, for docs/results/coherence.md.
+"""How bounce rays may share directions: error at equal rays and at equal time, for docs/lab/coherence.md.
 
     tests/bench/coherence.py [--bin DIR] [--plot] [SCENE...]
 
-Runs bench_coherence scene by scene; writes docs/results/coherence/SCENE.csv and .png, and prints the tables. --plot: only
+Runs bench_coherence scene by scene; writes docs/lab/coherence/SCENE.csv and .png, and prints the tables. --plot: only
 draws and prints again what is there. By default Cornell, the atrium, the city of four million triangles, and Sponza where
 LW_TEST_SCENES has it.
 """

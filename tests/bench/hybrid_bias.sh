@@ -1,6 +1,6 @@
 #!/bin/bash
 # hybrid_bias.sh [SCENE...]: what finite tracing ranges cost in accuracy and save in time, as tables in Markdown
-# for docs/results/hybrid_bias.md. Needs the release build.
+# for docs/lab/hybrid_bias.md. Needs the release build.
 # Default scenes: builtin:cornell builtin:atrium-matt, and Sponza where LW_TEST_SCENES (default ../shared/scenes) has
 # it. LW_FRAMES (16), LW_DENSITY (texels a metre: 36 in Cornell's box, else 2).
 set -euo pipefail

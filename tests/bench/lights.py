@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Direct light of 1 to 10,000 lamps: CPU time to equal error; for docs/results/lights.md.
+"""Direct light of 1 to 10,000 lamps: CPU time to equal error; for docs/lab/lights.md.
 
     tests/bench/lights.py [--bin DIR] [--frames N] [--reference N] [--plot]
 
-Runs bench_lights for points, spots and squares; writes docs/results/lights/lights.csv and .png, and prints the table. --plot:
+Runs bench_lights for points, spots and squares; writes docs/lab/lights/lights.csv and .png, and prints the table. --plot:
 only draws and prints again what is there.
 """
 import argparse

@@ -1,10 +1,10 @@
-"""What the drivers of this folder share: CSV files under docs/results, and gnuplot."""
+"""What the drivers of this folder share: CSV files under docs/lab, and gnuplot."""
 import csv
 import os
 import subprocess
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-RESULTS = os.path.join(ROOT, "docs/results")
+RESULTS = os.path.join(ROOT, "docs/lab")
 SCENES = os.environ.get("LW_TEST_SCENES", os.path.join(ROOT, "../shared/scenes"))
 SPONZA = os.path.join(SCENES, "sponza/Sponza_lit.gltf")
 

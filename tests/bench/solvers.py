@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""The solvers' errors over CPU time, and pictures of them after equal times; for docs/results/solvers.md.
+"""The solvers' errors over CPU time, and pictures of them after equal times; for docs/lab/solvers.md.
 
     tests/bench/solvers.py [--bin DIR] [--plot] [NAME...]
 
-Runs bench_solvers --early for each scene; writes docs/results/solvers/NAME.csv, error.png over all that are there, and
+Runs bench_solvers --early for each scene; writes docs/lab/solvers/NAME.csv, error.png over all that are there, and
 cornell.png and sponza.png: a row a solver, a column a time, the truth at the right. --plot: draws error.png again, of what is
 there. Names: cornell, atrium, city, and sponza where LW_TEST_SCENES has it; all of them by default.
 """

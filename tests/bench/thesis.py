@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""The questions of Vandersanden 2023, asked of a CPU; for docs/results/thesis_questions.md.
+"""The questions of Vandersanden 2023, asked of a CPU; for docs/lab/thesis_questions.md.
 
     tests/bench/thesis.py [--bin DIR] [--frames N] [--density D] [--plot] QUESTION [SCENE...]
 
-QUESTION: cells, range, projection, order, samples (bench_thesis), or texels (its frame at several densities). Each writes docs/results/thesis/QUESTION.csv and .png. --plot: only draws
+QUESTION: cells, range, projection, order, samples (bench_thesis), or texels (its frame at several densities). Each writes docs/lab/thesis/QUESTION.csv and .png. --plot: only draws
 again. Scenes: by default the atrium, and Sponza where LW_TEST_SCENES has it.
 """
 import argparse

@@ -1,5 +1,5 @@
 /* Faults, and what the documents promise of each: the real programs, killed, stopped, cut off, without
- * memory, disk or the right time. docs/results/reliability.md has them as a table. */
+ * memory, disk or the right time. docs/lab/reliability.md has them as a table. */
 #include "tests/support/certificate.h"
 #include "tests/support/process.h"
 #include "tests/support/web_peer.h"

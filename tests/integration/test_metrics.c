@@ -176,7 +176,7 @@ static void test_names(void **state) {
     char *text, *document = lw_support_read_text(lw_support_source("docs"), "operations.md");
     char line[400];
     snprintf(line, sizeof line, "--crossover-report %s",
-             lw_support_source("docs/results/crossover/atrium-sun-swing"));
+             lw_support_source("docs/lab/crossover/atrium-sun-swing"));
     serve(line);
     await_ready();
     assert_int_equal(ask("/metrics", &text), 200);

@@ -12,7 +12,7 @@
 /* The standard error of indirect light is this share of its correction: few rays may all have missed the same
  * bright spot. And by this share of the variance of what a surface has found: that is noise, of what its rays
  * end on, which the samples of the next solves have as well. (Counted in full, it kept means at three frames
- * for as long as light was taken to be changing: docs/results/dynamic.md.) */
+ * for as long as light was taken to be changing: docs/lab/dynamic.md.) */
 #define ERROR_MIN   0.25f
 #define ERROR_NOISE 0.3f
 /* Shares of a block's light: less is not corrected; nor is less than this of a converged block's error; less

@@ -10,7 +10,7 @@
 /* Of the noise's variance, what counts against light that is out of date. Noise is each texel's own: pixels,
  * and far more a filter, average it over many; light is out of date over many at once, most so where it is
  * indirect. Of what the filter leaves, these bring a change through in a quarter of the frames for a tenth
- * more error while a lamp walks (docs/results/dynamic.md). */
+ * more error while a lamp walks (docs/lab/dynamic.md). */
 static const float counted[2][LW_TILES_PARTS] = {
     [false] = {[LW_TILES_DIRECT] = 1.0f / 4, [LW_TILES_INDIRECT] = 1.0f / 16},
     [true] = {[LW_TILES_DIRECT] = 1.0f / 64, [LW_TILES_INDIRECT] = 1.0f / 256}};

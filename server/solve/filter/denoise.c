@@ -12,7 +12,7 @@
 #define SIGMAS 4.0f
 /* SPLIT has no edges of drawn light: where few frames say what the noise is, they may as well say too
  * little of it. By 1 + this / frames more, most of its error after one to four frames goes
- * (docs/results/denoise.md). */
+ * (docs/lab/denoise.md). */
 #define SPLIT_WIDER 2.0f
 /* Normals: cos^NORMAL_POWER, as in Schied et al. 2017. */
 #define NORMAL_SQUARINGS 6 /* 2^6 = 64 */

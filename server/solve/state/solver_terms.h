@@ -11,7 +11,7 @@
 
 /* About what share of a texel's standard error the filter leaves. Views read coarser levels of
  * tiles that show more noise than they bear; with this their pictures come nearest to the path
- * tracer's (docs/results/denoise.md). */
+ * tracer's (docs/lab/denoise.md). */
 #define LW_SOLVER_NOISE_SHOWN 0.2f
 
 /** How a probe keeps what it sees (probe_form.h). */
