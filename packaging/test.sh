@@ -84,7 +84,7 @@ programs='lightwelld lightwell-relay lightwellctl lightwell-view lightwell-bake 
 for program in $programs; do
     "${inside[@]}" "$program" --version >/dev/null || die "$program does not start"
 done
-documents='LICENSE README.md CHANGELOG.md SECURITY.md docs/licences.md docs/operations.md proto/wire_format.md copyright'
+documents='LICENSE README.md CHANGELOG.md SECURITY.md docs/licences.md docs/running.md proto/wire_format.md copyright'
 for file in $(printf 'usr/share/doc/lightwell/%s ' $documents) lib/systemd/system/lightwelld.service \
     etc/lightwell/lightwelld.conf usr/share/bash-completion/completions/lightwelld; do
     [ -e "$root/$file" ] || die "/$file is missing"

@@ -18,7 +18,7 @@ packages=(
     doxygen # the reference of liblightwell
     clang lld wasi-libc libclang-rt-14-dev-wasm32 # the browser client's tile decoder
     chromium-headless-shell # the tests of the browser client; chromium does in its place
-    nginx-light caddy # the proxies of docs/operations.md, which its tests start
+    nginx-light caddy # the proxies of docs/access.md, which its tests start
 )
 # Node.js may have come from elsewhere, with a npm of its own.
 if ! command -v node >/dev/null || ! command -v npm >/dev/null; then packages+=(nodejs npm ca-certificates); fi

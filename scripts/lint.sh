@@ -6,7 +6,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 # Lines of prose that may have such a pattern (scripts/prose.pl). The number may fall; it does not rise.
-prose_limit=2962
+prose_limit=2960
 
 # prose_of OPTIONS FILE...: comments and documents but reports that a program has written; no FILE: all
 prose_of() {
@@ -177,6 +177,12 @@ check_prose() {
 prose=$(git ls-files '*.md' | grep -v '^docs/lab/crossover/' | while read -r document; do check_prose "$document"; done)
 if [ -n "$prose" ]; then complain "documents:"$'\n'"$prose"; fi
 
+# Documents have at most 250 lines, so that one answers one question: what was measured has docs/lab, a format is whole, and
+# solve.md has yet to be cut.
+long=$(git ls-files '*.md' | grep -vE '^(docs/lab/.*|CHANGELOG\.md|docs/scene_package\.md|proto/wire_format\.md|docs/solve\.md)$' |
+    xargs wc -l | awk '$1 > 250 && $2 != "total" { print "    " $2 ": " $1 " lines, over 250" }')
+if [ -n "$long" ]; then complain "documents that are too long:"$'\n'"$long"; fi
+
 # Documents: links lead somewhere, `folder/file` is there (its ending may be left out), options exist.
 # headings FILE: as links name them
 headings() { sed -n 's/^##* //p' "$1" | tr 'A-Z ' 'a-z-' | tr -cd 'a-z0-9_\n-'; }
@@ -259,7 +265,7 @@ if [ -z "$missing" ]; then
         for program in $programs 'lightwell-load scaling' 'lightwell-load crossover'; do $bin/$program --help; done
         sed -n '/^#/p' scripts/crossover.sh
     } | grep -oP -- '--[a-z][a-z-]*' | sort -u)
-    for document in README.md docs/{architecture,solve,solvers,change,serving,scaling,composing,limitations,operations,baking,importing,planning}.md; do
+    for document in README.md docs/{architecture,solve,solvers,change,serving,scaling,composing,limitations,running,access,changing,measuring,viewing,baking,importing,importing_gltf,importing_finish,importing_other,planning,units}.md; do
         unknown=$(sed 's/systemctl .*//; s/dpkg-buildpackage .*//; s/`systemd-analyze [^`]*`//' $document | grep -oP -- '(?<![\w-])--[a-z][a-z-]*' |
             sort -u | comm -23 - <(echo "$options") || true)
         if [ -n "$unknown" ]; then complain "$document: no program has ${unknown//$'\n'/, }"; fi

@@ -1,7 +1,7 @@
 /* convention.h: the quantity and units of a lightmap's values, by engine.
  * Flow:    irradiance and albedo of a texel -> [convention] -> the texel of the map
  * Threads: pure functions, [any].
- * After:   the engines' own shaders; docs/baking.md names the lines. */
+ * After:   the engines' own shaders; docs/baking_engines.md names the lines. */
 #ifndef LW_BAKE_CONVENTION_H
 #define LW_BAKE_CONVENTION_H
 

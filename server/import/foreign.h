@@ -1,5 +1,5 @@
 /* foreign.h: reads OBJ, PLY, FBX, Collada and STL through Assimp into a scene. What is kept of each format,
- * and by which conventions: docs/importing.md.
+ * and by which conventions: docs/importing_other.md.
  * Flow:    file -> [Assimp, guarded] -> [foreign_*] -> scene -> lightmap UVs -> package
  * Threads: one import at a time: Assimp's last error and our guard are the process's.
  * Runs in lightwell-import only, like every reader of outside files. Assimp opens no file itself. */

@@ -1,4 +1,4 @@
-/* Rules for what diffuse light cannot show, and why: docs/importing.md, "Materials". */
+/* Rules for what diffuse light cannot show, and why: docs/importing_finish.md. */
 #include "server/import/foreign_material.h"
 
 #include "server/import/foreign_look.h"

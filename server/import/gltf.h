@@ -1,5 +1,5 @@
 /* gltf.h: reads glTF 2.0 (.gltf with its files, .glb) into a scene. Strict: a file that breaks the format is
- * refused; unused features are ignored with one warning. Details: docs/importing.md.
+ * refused; unused features are ignored with one warning. Details: docs/importing_gltf.md.
  * Flow:    file -> [glTF reader] -> scene -> lightmap UVs -> package
  * Threads: one document per call, [any].
  * Runs in lightwell-import only: outside files and their image decoders stay out of the daemon's process. */

@@ -1,4 +1,4 @@
-/* mtl_file.h: reads a material library of OBJ. What is read, named and skipped of it: docs/importing.md.
+/* mtl_file.h: reads a material library of OBJ. Which statements are read or named: docs/importing_other.md.
  * Flow:    bytes of the library -> [mtl_file] -> obj_materials
  * Threads: a library belongs to one import. */
 #ifndef LW_IMPORT_MTL_FILE_H

@@ -1,6 +1,6 @@
 /* obj_text.h: an OBJ as Assimp reads it well: one plain statement a line, and only those of polygons.
  * Material libraries are kept apart, because Assimp's reader of MTL loses or refuses much of them
- * (docs/importing.md).
+ * (docs/importing_other.md).
  * Flow:    bytes of the file -> [obj_text] -> text for Assimp, names of libraries and materials
  * Threads: a text belongs to one import. */
 #ifndef LW_IMPORT_OBJ_TEXT_H

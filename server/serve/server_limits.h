@@ -1,4 +1,4 @@
-/* server_limits.h: what a server allows its sessions. docs/operations.md tells users; test_limits compares
+/* server_limits.h: what a server allows its sessions. docs/access.md tells users; test_limits compares
  * its table with these, and with those of message_rates.h, web_server.h and others. */
 #ifndef LW_SERVE_SERVER_LIMITS_H
 #define LW_SERVE_SERVER_LIMITS_H

@@ -1,4 +1,4 @@
-/* tls_context.h: who a server is: its certificate and key, for TLS 1.3 (docs/operations.md).
+/* tls_context.h: who a server is: its certificate and key, for TLS 1.3 (docs/access.md).
  * Flow:    files -> [tls_context] -> tls_stream, web_server
  * Threads: everything here is [loop]. */
 #ifndef LW_SERVE_TLS_CONTEXT_H

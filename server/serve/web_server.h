@@ -3,7 +3,7 @@
  * Threads: everything here is [loop], but for what it reads at the start.
  *
  * libwebsockets does HTTP on the server's own loop; this says what is answered. Limits are
- * those of docs/operations.md. */
+ * those of docs/access.md. */
 #ifndef LW_SERVE_WEB_SERVER_H
 #define LW_SERVE_WEB_SERVER_H
 

@@ -3,7 +3,7 @@
 blender --background --factory-startup --python tests/bench/baked_blender.py -- LIT.glb --out FILE.png
     --camera PX,PY,PZ:TX,TY,TZ:FOV [--size WxH] [--spp N] [--reference OURS.exr] [--limit 0.03]
 
-The recipe is that of docs/baking.md, in nodes: the EXR that extras.lightwell names, at the coordinates of the
+The recipe is that of docs/baking_engines.md, in nodes: the EXR that extras.lightwell names, at the coordinates of the
 second UV map, times the base colour and 1/pi (by the convention), as emission. No lamp, no sky, no bounces.
 With --reference it ends with 1 unless the means of all channels are within --limit of those of the
 reference, a linear EXR of the same view (lightwell-view --path-trace SCENE --out OURS.exr). Written for

@@ -157,7 +157,7 @@ static _Noreturn void be_a_killed_client(uint16_t port, unsigned polls) {
     _exit(0);
 }
 
-/* Promise (operations.md): a session that is gone leaves nothing behind. */
+/* Promise (access.md): a session that is gone leaves nothing behind. */
 static void killed_clients_leave_nothing(void **state) {
     (void)state;
     enum { AT_ONCE = 10 };
@@ -241,7 +241,7 @@ static void be_killed(const char *arguments, unsigned life, long writes) {
     assert_true(ended == -SIGKILL || (saves && ended == 0));
 }
 
-/* Promise (operations.md, Light over a restart): a run that was killed leaves what was saved last. */
+/* Promise (running.md, Light over a restart): a run that was killed leaves what was saved last. */
 static void a_killed_server_leaves_whole_light_or_none(void **state) {
     (void)state;
     const unsigned kills = is_long ? 200 : 10;
@@ -564,7 +564,7 @@ static void sessions_without_memory_end_alone(void **state) {
         each_allocation_of_a_connection_may_fail(&way[i], way[i].access.tls.wanted && !is_long ? 31 : 1);
 }
 
-/* Promise (importing.md, operations.md): a file is whole or not there, and the failure is a line with 74. */
+/* Promise (importing.md, running.md): a file is whole or not there, and the failure is a line with 74. */
 static void each_write_may_fail(const char *program, const char *arguments, const char *output,
                                 bool is_one_file) {
     static const int faults[] = {ENOSPC, EIO, 0};

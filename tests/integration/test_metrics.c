@@ -173,7 +173,7 @@ static void test_names(void **state) {
     (void)state;
     static const char *const labels[] = {"version", "isa", "solver",   "pass",   "kind",
                                          "stage",   "le",  "renderer", "setting"};
-    char *text, *document = lw_support_read_text(lw_support_source("docs"), "operations.md");
+    char *text, *document = lw_support_read_text(lw_support_source("docs"), "measuring.md");
     char line[400];
     snprintf(line, sizeof line, "--crossover-report %s",
              lw_support_source("docs/lab/crossover/atrium-sun-swing"));
@@ -188,7 +188,7 @@ static void test_names(void **state) {
         char name[100], quoted[110];
         assert_int_equal(sscanf(at += 7, "%99s", name), 1);
         snprintf(quoted, sizeof quoted, "`%s`", name);
-        if (!strstr(document, quoted)) fail_msg("docs/operations.md does not have %s", quoted);
+        if (!strstr(document, quoted)) fail_msg("docs/measuring.md does not have %s", quoted);
     }
     assert_true(metrics > 30);
     for (const char *at = text; (at = strstr(at, "=\""));) {

@@ -1,5 +1,5 @@
 /* OBJ, PLY, FBX, Collada and STL through Assimp, against files written here: one known value per rule of
- * docs/importing.md, and files that are broken in one place each. */
+ * docs/importing_other.md, and files that are broken in one place each. */
 #include "tests/support/foreign_case.h"
 
 #include "common/image/image.h"

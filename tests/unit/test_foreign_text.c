@@ -1,5 +1,5 @@
 /* OBJ, MTL, PLY, STL and Collada as people and exporters write them: what is read, what is named and
- * skipped, line by line of the tables of docs/importing.md. */
+ * skipped, line by line of the tables of docs/importing_other.md. */
 #include "tests/support/foreign_case.h"
 
 #include "common/log.h"

@@ -17,7 +17,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The table of limits in docs/operations.md says what the constants say, and has them all; so do sentences of
+/* The table of limits in docs/access.md says what the constants say, and has them all; so do sentences of
  * proto/wire_format.md. Each limit has a test at it and one past it, which is there. A row that is wrong is
  * printed as it should be. */
 
@@ -253,9 +253,9 @@ static void cell_of(const char *line, unsigned column, char *out, size_t out_siz
     }
 }
 
-static void test_operations(void **state) {
+static void test_access_document(void **state) {
     (void)state;
-    char *text = read_text("docs/operations.md"), *at = strstr(text, "\n## Limits\n"), limit[200], says[200];
+    char *text = read_text("docs/access.md"), *at = strstr(text, "\n## Limits\n"), limit[200], says[200];
     unsigned wrong = 0, seen[ROWS_MAX] = {0};
     add_all();
     assert_non_null(at);
@@ -271,18 +271,17 @@ static void test_operations(void **state) {
             known = true;
             seen[r]++;
             if (strcmp(rows[r].says, says) == 0) continue;
-            print_error("docs/operations.md: | %s | %s | where the constants say\n    %s\n", limit, says,
+            print_error("docs/access.md: | %s | %s | where the constants say\n    %s\n", limit, says,
                         rows[r].says);
             wrong++;
         }
         if (known) continue;
-        print_error("docs/operations.md: \"%s\" is not compared with a constant: add it here\n", limit);
+        print_error("docs/access.md: \"%s\" is not compared with a constant: add it here\n", limit);
         wrong++;
     }
     for (unsigned r = 0; r < row_count; r++)
         if (seen[r] != 1) {
-            print_error("docs/operations.md lacks | %s | %s |, or has it twice\n", rows[r].limit,
-                        rows[r].says);
+            print_error("docs/access.md lacks | %s | %s |, or has it twice\n", rows[r].limit, rows[r].says);
             wrong++;
         }
     free(text);
@@ -368,7 +367,7 @@ static void test_tests_are_there(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_operations),
+        cmocka_unit_test(test_access_document),
         cmocka_unit_test(test_wire_format),
         cmocka_unit_test(test_tests_are_there),
     };

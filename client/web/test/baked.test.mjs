@@ -1,4 +1,4 @@
-// A baked .glb in three.js, by the loaders of docs/baking.md, against our path tracer's picture of the scene.
+// A baked .glb in three.js, by the loaders of docs/baking_engines.md, against our path tracer's picture of the scene.
 import assert from 'node:assert/strict';
 import { execFileSync } from 'node:child_process';
 import { createReadStream, existsSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
@@ -22,7 +22,7 @@ const missing = !['lightwell-bake', 'lightwell-view'].every((name) => existsSync
   : !hasBrowser() && 'there is no chromium';
 const modules = new URL('../node_modules/', import.meta.url).pathname;
 
-// The plugin is that of docs/baking.md.
+// The plugin is that of docs/baking_engines.md.
 const page = `<!doctype html>
 <style>body { margin: 0 }</style>
 <script type="importmap">{ "imports": {

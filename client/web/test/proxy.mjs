@@ -1,4 +1,4 @@
-// proxy.mjs: the proxies of docs/operations.md, as child processes on ports of this machine.
+// proxy.mjs: the proxies of docs/access.md, as child processes on ports of this machine.
 import { execFileSync, spawn } from 'node:child_process';
 import { readFileSync, writeFileSync } from 'node:fs';
 import { createServer } from 'node:net';
@@ -17,9 +17,9 @@ export function hasProgram(name) {
 
 /** The fenced block of the document in this language. */
 export function blockOf(language) {
-  const text = readFileSync(join(root, 'docs/operations.md'), 'utf8');
+  const text = readFileSync(join(root, 'docs/access.md'), 'utf8');
   const found = [...text.matchAll(new RegExp(`^\`\`\`${language}\\n(.*?)^\`\`\`$`, 'gms'))];
-  if (found.length !== 1) throw new Error(`docs/operations.md has ${found.length} blocks of ${language}`);
+  if (found.length !== 1) throw new Error(`docs/access.md has ${found.length} blocks of ${language}`);
   return found[0][1];
 }
 

@@ -1,4 +1,4 @@
-// Page and WebSocket behind the proxies of docs/operations.md, by TLS and below a path.
+// Page and WebSocket behind the proxies of docs/access.md, by TLS and below a path.
 // With LW_WEB_BROWSER=1 Chromium loads the page through them, too.
 import assert from 'node:assert/strict';
 import { mkdtempSync, readFileSync, rmSync } from 'node:fs';
