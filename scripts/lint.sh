@@ -183,6 +183,10 @@ long=$(git ls-files '*.md' | grep -vE '^(docs/lab/.*|CHANGELOG\.md|docs/scene_pa
     xargs wc -l | awk '$1 > 250 && $2 != "total" { print "    " $2 ": " $1 " lines, over 250" }')
 if [ -n "$long" ]; then complain "documents that are too long:"$'\n'"$long"; fi
 
+long=$(awk '/^## / { if (name != "" && lines > 40) print "    " name ": " lines " lines, over 40"; name = $0 == "## Unreleased" ? "" : $0; lines = 0 }
+    { lines++ } END { if (name != "" && lines > 40) print "    " name ": " lines " lines, over 40" }' CHANGELOG.md)
+if [ -n "$long" ]; then complain "CHANGELOG.md tells effects on users in 40 lines a release:"$'\n'"$long"; fi
+
 # Documents: links lead somewhere, `folder/file` is there (its ending may be left out), options exist.
 # headings FILE: as links name them
 headings() { sed -n 's/^##* //p' "$1" | tr 'A-Z ' 'a-z-' | tr -cd 'a-z0-9_\n-'; }

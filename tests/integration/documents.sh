@@ -7,7 +7,7 @@ export LC_ALL=C
 source=$1 bin=$2 work=$3 limit=$4
 here=$(cd "$(dirname "$0")" && pwd)
 table=$here/documents.table
-documents=(README.md docs/running.md docs/access.md docs/changing.md docs/measuring.md docs/viewing.md docs/scaling.md docs/baking.md docs/baking_engines.md docs/client_guide.md)
+documents=(README.md docs/first_steps.md docs/running.md docs/access.md docs/changing.md docs/measuring.md docs/viewing.md docs/scaling.md docs/baking.md docs/baking_engines.md docs/client_guide.md)
 failures=0
 server='' server_pid='' address=127.0.0.1:1 # where nobody serves
 
