@@ -55,7 +55,7 @@ struct job {
  *   shared by all of 32 x 32, sorted                              1.97    2.07    1.92
  *   shared by one square: this                                    1.92    1.73    1.71
  * The wider numbers are shared, the less the noise of a region averages out over it.
- * bench_wavefront measures the first two lines and the last, with 320 x 180 pixels, 2 bounces and no coherent
+ * docs/lab/guiding.md has the first two lines and the last, with 320 x 180 pixels, 2 bounces and no coherent
  * flag on rays to lamps of paths with own numbers, which is faster for them: 0.96, 0.91 and 0.97 for sorted
  * paths, 1.71, 1.28 and 1.32 for one square. */
 struct bundle {

@@ -15,9 +15,9 @@
  *   Mtexel/s  of CPU time of one thread, of all texels of the tiles
  * "step for 45 dB": of the tiles of N frames, the widest of the codec's steps, one for all tiles, with that
  * log-PSNR. "what changed": for a client that has the tile as it was a frame before, coded in the same way;
- * encoding makes both forms. JPEG XL, where libjxl is installed: log2(1 + E/y0)/10 as an sRGB picture of its
- * own for each tile. --dump writes the tiles: u32 set, width, height; f32 error, dark (as the publisher has
- * it); f32 rgb[width*height*3]; u8 covered[width*height]. */
+ * encoding makes both forms.
+ * --dump writes the tiles: u32 set, width, height; f32 error, dark (as the publisher has it);
+ * f32 rgb[width*height*3]; u8 covered[width*height]. */
 #include "common/clock.h"
 #include "common/tile/tile_codec.h"
 #include "common/tile/tile_dct.h"
@@ -26,9 +26,6 @@
 #include "server/solve/filter/denoise.h"
 #include "server/solve/solvers.h"
 #include "tests/bench/bench_setup.h"
-#ifdef LW_HAVE_JXL
-#include "tests/bench/bench_jxl.h"
-#endif
 
 #include <math.h>
 #include <stdio.h>
@@ -175,10 +172,6 @@ struct coder {
     float dark;
     float y0;
     float step; /* of sought_encode() */
-#ifdef LW_HAVE_JXL
-    struct bench_jxl *jxl;
-    float picture[LW_TILE_TEXELS_MAX * 3];
-#endif
     uint8_t planes[LW_TILE_TEXELS_MAX * 4];
 };
 
@@ -315,48 +308,15 @@ static enum lw_status rgb9e5_decode(struct coder *coder, const struct coded *cod
     return LW_OK;
 }
 
-#ifdef LW_HAVE_JXL
-static enum lw_status jxl_encode(struct coder *coder, const struct tile *tile, int effort,
-                                 struct coded *out) {
-    for (size_t i = 0; i < (size_t)tile->width * tile->height * 3; i++)
-        coder->picture[i] = 0.1f * log2f(1 + tile->rgb[i] / coder->y0);
-    return bench_jxl_encode(coder->jxl, coder->picture, tile->width, tile->height, effort, 1, out->bytes,
-                            sizeof out->bytes, &out->size);
-}
-
-static enum lw_status jxl1_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
-    return jxl_encode(coder, tile, 1, out);
-}
-
-static enum lw_status jxl3_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
-    return jxl_encode(coder, tile, 3, out);
-}
-
-static enum lw_status jxl_decode(struct coder *coder, const struct coded *coded, const struct tile *tile,
-                                 float *rgb) {
-    enum lw_status status =
-        bench_jxl_decode(coder->jxl, coded->bytes, coded->size, tile->width, tile->height, rgb);
-    for (size_t i = 0; i < (size_t)tile->width * tile->height * 3; i++)
-        rgb[i] = coder->y0 * fmaxf(exp2f(10 * rgb[i]) - 1, 0);
-    return status;
-}
-#endif
-
 static const struct codec {
     const char *name;
     enum lw_status (*encode)(struct coder *coder, const struct tile *tile, struct coded *out);
     enum lw_status (*decode)(struct coder *coder, const struct coded *coded, const struct tile *tile,
                              float *rgb);
-} codecs[] = {{"half + zstd", half_encode, half_decode},
-              {"RGB9E5 + zstd", rgb9e5_encode, rgb9e5_decode},
-#ifdef LW_HAVE_JXL
-              {"JPEG XL, effort 1, distance 1", jxl1_encode, jxl_decode},
-              {"JPEG XL, effort 3, distance 1", jxl3_encode, jxl_decode},
-#endif
-              {"dct, step by noise", noise_encode, dct_decode},
-              {"dct, what changed", change_encode, change_decode},
-              {"dct, step 1/2", coarse_encode, dct_decode},
-              {"dct, step 1/8", fine_encode, dct_decode}};
+} codecs[] = {
+    {"half + zstd", half_encode, half_decode},        {"RGB9E5 + zstd", rgb9e5_encode, rgb9e5_decode},
+    {"dct, step by noise", noise_encode, dct_decode}, {"dct, what changed", change_encode, change_decode},
+    {"dct, step 1/2", coarse_encode, dct_decode},     {"dct, step 1/8", fine_encode, dct_decode}};
 
 /* ---- what they cost and lose ---- */
 
@@ -496,11 +456,6 @@ static enum lw_status compare(const struct job *job, const char *path) {
     struct coded *coded = malloc(((size_t)job->map.tile_count + 1) * sizeof *coded);
     char label[64];
     enum lw_status status = lw_tile_codec_create(&coder.tile);
-#ifdef LW_HAVE_JXL
-    if (status == LW_OK) status = bench_jxl_create(&coder.jxl);
-#else
-    fprintf(stderr, "bench_codec: without JPEG XL: libjxl is not installed (Debian: libjxl-dev)\n");
-#endif
     if (status == LW_OK && (!coder.compress || !coder.decompress || !coded)) status = LW_NO_MEMORY;
     if (status == LW_OK) {
         printf("\n### %s\n\n%u tiles; white %.3g W/m².\n\n"
@@ -511,9 +466,6 @@ static enum lw_status compare(const struct job *job, const char *path) {
         status = report(job, &coder, coded);
     }
     free(coded);
-#ifdef LW_HAVE_JXL
-    bench_jxl_destroy(coder.jxl);
-#endif
     lw_tile_codec_destroy(coder.tile);
     ZSTD_freeDCtx(coder.decompress);
     ZSTD_freeCCtx(coder.compress);

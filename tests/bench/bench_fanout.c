@@ -16,10 +16,9 @@
 
 #include "common/clock.h"
 #include "common/histogram.h"
-#include "common/log.h"
-#include "common/options.h"
 #include "common/tls/tls_stream.h"
 #include "server/serve/server.h"
+#include "tests/bench/bench_setup.h"
 #include "tests/support/certificate.h"
 
 #include <arpa/inet.h>
@@ -524,10 +523,19 @@ static void run(struct bench *b) {
     lw_atlas_map_finish(&b->map);
     lw_scene_destroy(b->scene);
 }
+static enum lw_status run_once(void *context, const char *none, struct lw_error *err) {
+    (void)none, (void)err;
+    struct rlimit limit;
+    if (getrlimit(RLIMIT_NOFILE, &limit) == 0) {
+        limit.rlim_cur = limit.rlim_max; /* two for each client */
+        (void)setrlimit(RLIMIT_NOFILE, &limit);
+    }
+    run(context);
+    return LW_OK;
+}
+
 int main(int argc, char **argv) {
     struct bench b = {.clients = 1000, .payload = 1300, .tiles = 256, .seconds = 6};
-    struct lw_error err = {0};
-    bool done = false;
     const struct lw_option table[] = {
         {"clients", "N", "sessions (default 1000)", LW_OPTION_INT, &b.clients, 1, 9000, NULL},
         {"payload", "BYTES",
@@ -541,19 +549,13 @@ int main(int argc, char **argv) {
         {"seconds", "S", "of each row or round (default 6: delays are told every 5)", LW_OPTION_REAL,
          &b.seconds, 0.01, 3600, NULL},
     };
-    const struct lw_options options = {.program = "bench_fanout",
-                                       .synopsis = "[OPTIONS]",
-                                       .about = "What it costs to hand snapshots to many sessions.",
-                                       .table = table,
-                                       .count = sizeof table / sizeof table[0]};
-    lw_log_init("bench_fanout", LW_LOG_WARNING);
-    enum lw_status status = lw_options_parse(&options, argc, argv, NULL, &done, &err);
-    if (status != LW_OK || done) return status == LW_OK ? 0 : lw_log_failure(&err);
-    struct rlimit limit;
-    if (getrlimit(RLIMIT_NOFILE, &limit) == 0) {
-        limit.rlim_cur = limit.rlim_max; /* two for each client */
-        (void)setrlimit(RLIMIT_NOFILE, &limit);
-    }
-    run(&b);
-    return 0;
+    return bench_main(&(struct bench_program){.name = "bench_fanout",
+                                              .about = "What it costs to hand snapshots to many sessions.",
+                                              .operand = "",
+                                              .table = table,
+                                              .count = sizeof table / sizeof table[0],
+                                              .runs_once = true,
+                                              .context = &b,
+                                              .run = run_once},
+                      argc, argv);
 }

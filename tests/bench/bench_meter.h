@@ -1,5 +1,6 @@
-/* bench_meter.h: where the time of a frame goes, kernel by kernel, in the code that ships.
- * Threads: begin and end by the one that calls the solver.
+/* bench_meter.h: where the time of a frame goes, kernel by kernel, in the code that ships: a solver and its
+ * publisher, as lightwelld has them, under a clock.
+ * Threads: main() only.
  *
  * The linker puts it around the calls of the kernels and around OpenMP's parallel regions (ld --wrap; for
  * GCC's OpenMP). A region counts for the kernel that runs in it; time in no region is serial. */
@@ -7,6 +8,7 @@
 #define LW_TESTS_BENCH_METER_H
 
 #include "common/trace/trace_replay.h"
+#include "server/publish/publisher.h"
 
 enum bench_kernel {
     BENCH_DIRECT,
@@ -25,7 +27,7 @@ enum bench_kernel {
 extern const char *const bench_kernel_name[BENCH_KERNELS];
 
 /** What a frame took, in seconds. CPU time is the calling thread's: with one worker, all of it. */
-struct bench_meter_frame {
+struct bench_meter_cost {
     struct {
         double wall, cpu;
     } kernel[BENCH_KERNELS];
@@ -42,7 +44,21 @@ struct bench_meter_desc {
     struct lw_trace_replay **replay[2];
 };
 
-void bench_meter_begin(const struct bench_meter_desc *desc);
-void bench_meter_end(struct bench_meter_frame *out_frame);
+struct bench_meter {
+    struct lw_solver *solver;
+    struct lw_publisher *publisher;
+    struct lw_solver_stats solved; /* in its last frame */
+    uint64_t frames;
+};
+
+/** Where it fails, bench_meter_finish() finishes what is there; give it a zeroed structure. */
+LW_MUST_CHECK enum lw_status bench_meter_init(struct bench_meter *meter, const struct lw_solver_desc *desc,
+                                              const struct lw_pose *pose, struct lw_error *err);
+void bench_meter_finish(struct bench_meter *meter);
+
+/** Solves a frame and publishes it. */
+LW_MUST_CHECK enum lw_status bench_meter_frame(struct bench_meter *meter, const struct lw_pose *pose,
+                                               const struct bench_meter_desc *desc,
+                                               struct bench_meter_cost *out_cost, struct lw_error *err);
 
 #endif

@@ -13,8 +13,9 @@
 #define SCENES_MAX  64u
 
 int bench_main(const struct bench_program *program, int argc, char **argv) {
-    const struct lw_option shared[] = {LW_SCENE_OPEN_OPTIONS(program->open)};
-    const size_t shared_count = sizeof shared / sizeof shared[0];
+    struct lw_scene_open none = {0}, *open = program->open ? program->open : &none;
+    const struct lw_option shared[] = {LW_SCENE_OPEN_OPTIONS(open)};
+    const size_t shared_count = program->open ? sizeof shared / sizeof shared[0] : 0;
     struct lw_option table[OPTIONS_MAX];
     const char *scene[SCENES_MAX];
     char synopsis[64];
@@ -22,24 +23,26 @@ int bench_main(const struct bench_program *program, int argc, char **argv) {
     bool done = false;
     assert(program->count + shared_count <= OPTIONS_MAX);
     if (program->count) memcpy(table, program->table, program->count * sizeof *table);
-    memcpy(table + program->count, shared, sizeof shared);
-    snprintf(synopsis, sizeof synopsis, "[OPTIONS] %s...", program->operand ? program->operand : "SCENE");
+    memcpy(table + program->count, shared, shared_count * sizeof *table);
+    snprintf(synopsis, sizeof synopsis, "[OPTIONS] %s%s", program->operand ? program->operand : "SCENE",
+             program->runs_once ? "" : "...");
     const struct lw_options options = {.program = program->name,
                                        .synopsis = synopsis,
                                        .about = program->about,
                                        .table = table,
                                        .count = program->count + shared_count,
                                        .positional = scene,
-                                       .positional_min = 1,
-                                       .positional_max = SCENES_MAX};
+                                       .positional_min = program->runs_once ? 0 : 1,
+                                       .positional_max = program->runs_once ? 1 : SCENES_MAX};
     struct lw_error err = {0};
     lw_log_init(program->name, LW_LOG_WARNING);
-    if (!program->open->sun_angle_given) program->open->sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG;
+    if (!open->sun_angle_given) open->sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG;
     enum lw_status status = lw_options_parse(&options, argc, argv, &count, &done, &err);
     if (status == LW_OK && done) return 0;
     if (status == LW_OK && program->folder && *program->folder) mkdir(*program->folder, 0777);
     if (status == LW_OK && program->begin) status = program->begin(program->context, &err);
     if (status == LW_OK && program->heading) puts(program->heading);
+    if (status == LW_OK && program->runs_once && !count) scene[count++] = program->by_default;
     for (size_t i = 0; status == LW_OK && i < count; i++)
         status = program->run(program->context, scene[i], &err);
     return status == LW_OK ? 0 : lw_log_failure(&err);

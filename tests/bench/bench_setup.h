@@ -7,14 +7,16 @@
 #include "common/scene/pose.h"
 #include "common/tile/atlas.h"
 
-/** A program that does the same with each of its SCENEs. */
+/** A program that does the same with each of its operands, mostly SCENEs. */
 struct bench_program {
     const char *name, *about;
     const char *operand; /* NULL: "SCENE" */
     const struct lw_option *table;
     size_t count;
-    struct lw_scene_open *open; /* its options follow those of the table */
-    const char *heading;        /* lines printed before the first scene; may be NULL */
+    struct lw_scene_open *open; /* its options follow those of the table; NULL: it opens no scene */
+    bool runs_once;             /* without an operand: run() has its default, or NULL */
+    const char *by_default;
+    const char *heading; /* lines printed before the first scene; may be NULL */
     /* where the value of -o is; the folder is made before the first scene, and where that fails the first
      * picture says so. NULL: no such option */
     const char *const *folder;

@@ -12,7 +12,7 @@
  * Where packets are too many, those of every n-th tile stand for all; their time is then that of the same
  * tiles. Rates and shares are CPU time with one worker; speed-ups are wall time and want an idle machine.
  * Medians over the rounds, ratios within a round. What the columns mean: CONTRIBUTING.md, "Measuring". */
-#include "tests/bench/bench_runner.h"
+#include "tests/bench/bench_meter.h"
 #include "tests/bench/bench_setup.h"
 
 #include <math.h>
@@ -31,10 +31,10 @@ struct settings {
 };
 
 struct round {
-    struct bench_meter_frame one, all; /* of the second frame */
-    double raw_s[2], sampled_s[2];     /* of the first: bare rays, and the pass that shot them */
-    double pass_s[2], scatter_s;       /* of the first, whole frame */
-    double lanes[2], raw_rate[2];      /* of 16; rays per second */
+    struct bench_meter_cost one, all; /* of the second frame */
+    double raw_s[2], sampled_s[2];    /* of the first: bare rays, and the pass that shot them */
+    double pass_s[2], scatter_s;      /* of the first, whole frame */
+    double lanes[2], raw_rate[2];     /* of 16; rays per second */
     uint64_t rays[2];
 };
 
@@ -43,37 +43,37 @@ struct job {
     struct lw_scene *scene;
     struct lw_pose pose;
     struct lw_atlas_map map;
-    struct bench_runner one, all;
+    struct bench_meter one, all;
     unsigned threads;
     uint32_t stride;
     struct lw_trace_replay *replay[2][THREADS_MAX];
     struct round round[ROUNDS_MAX];
 };
 
-static enum lw_status start(const struct job *job, unsigned threads, struct bench_runner *out,
+static enum lw_status start(const struct job *job, unsigned threads, struct bench_meter *out,
                             struct lw_error *err) {
     const struct settings *s = job->settings;
-    return bench_runner_init(out,
-                             &(struct lw_solver_desc){.scene = job->scene,
-                                                      .atlas_map = &job->map,
-                                                      .bounces = (uint32_t)s->bounces,
-                                                      .direct_samples = (uint32_t)s->direct_samples,
-                                                      .indirect_samples = (uint32_t)s->indirect_samples,
-                                                      .target_error = -1,
-                                                      .threads = threads,
-                                                      .denoise = true},
-                             &job->pose, err);
+    return bench_meter_init(out,
+                            &(struct lw_solver_desc){.scene = job->scene,
+                                                     .atlas_map = &job->map,
+                                                     .bounces = (uint32_t)s->bounces,
+                                                     .direct_samples = (uint32_t)s->direct_samples,
+                                                     .indirect_samples = (uint32_t)s->indirect_samples,
+                                                     .target_error = -1,
+                                                     .threads = threads,
+                                                     .denoise = true},
+                            &job->pose, err);
 }
 
 static enum lw_status first_frame(struct job *job, struct round *round, struct lw_error *err) {
     struct bench_meter_desc timed = {.stride = job->stride}, noted = timed;
-    struct bench_meter_frame ignored, one;
+    struct bench_meter_cost ignored, one;
     for (int k = 0; k < 2; k++) {
         noted.replay[k] = job->replay[k];
         for (unsigned t = 0; t < job->threads; t++) lw_trace_replay_clear(job->replay[k][t]);
     }
-    enum lw_status status = bench_runner_frame(&job->all, &job->pose, &noted, &ignored, err);
-    if (status == LW_OK) status = bench_runner_frame(&job->one, &job->pose, &timed, &one, err);
+    enum lw_status status = bench_meter_frame(&job->all, &job->pose, &noted, &ignored, err);
+    if (status == LW_OK) status = bench_meter_frame(&job->one, &job->pose, &timed, &one, err);
     if (status != LW_OK) return status;
     for (int k = 0; k < 2; k++) {
         struct lw_trace_replay_cost cost = {0};
@@ -91,8 +91,8 @@ static enum lw_status first_frame(struct job *job, struct round *round, struct l
 
 static enum lw_status second_frame(struct job *job, struct round *round, struct lw_error *err) {
     const struct bench_meter_desc plain = {.stride = UINT32_MAX};
-    enum lw_status status = bench_runner_frame(&job->all, &job->pose, &plain, &round->all, err);
-    if (status == LW_OK) status = bench_runner_frame(&job->one, &job->pose, &plain, &round->one, err);
+    enum lw_status status = bench_meter_frame(&job->all, &job->pose, &plain, &round->all, err);
+    if (status == LW_OK) status = bench_meter_frame(&job->one, &job->pose, &plain, &round->one, err);
     for (int k = 0; k < 2; k++) round->rays[k] = round->one.rays[k];
     return status;
 }
@@ -199,12 +199,12 @@ static enum lw_status make_room(struct job *job, struct lw_error *err) {
 
 static enum lw_status measure(struct job *job, struct lw_error *err) {
     const struct bench_meter_desc plain = {.stride = UINT32_MAX};
-    struct bench_meter_frame ignored;
+    struct bench_meter_cost ignored;
     enum lw_status status = start(job, 1, &job->one, err);
     if (status == LW_OK) status = start(job, job->threads, &job->all, err);
     for (uint32_t i = 0; status == LW_OK && i < WARM_UP; i++) {
-        status = bench_runner_frame(&job->one, &job->pose, &plain, &ignored, err);
-        if (status == LW_OK) status = bench_runner_frame(&job->all, &job->pose, &plain, &ignored, err);
+        status = bench_meter_frame(&job->one, &job->pose, &plain, &ignored, err);
+        if (status == LW_OK) status = bench_meter_frame(&job->all, &job->pose, &plain, &ignored, err);
     }
     if (status == LW_OK) status = make_room(job, err);
     for (int64_t i = 0; status == LW_OK && i < job->settings->rounds; i++) {
@@ -235,8 +235,8 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     }
     for (int k = 0; k < 2; k++)
         for (unsigned t = 0; t < job->threads; t++) lw_trace_replay_destroy(job->replay[k][t]);
-    bench_runner_finish(&job->one);
-    bench_runner_finish(&job->all);
+    bench_meter_finish(&job->one);
+    bench_meter_finish(&job->all);
     bench_close(job->scene, &job->pose, &job->map);
     free(job);
     return status;

@@ -13,7 +13,7 @@
 #include "client/view/seeker.h"
 #include "client/view/stage.h"
 #include "common/clock.h"
-#include "common/options.h"
+#include "tests/bench/bench_setup.h"
 
 #include <epoxy/gl.h>
 #include <inttypes.h>
@@ -27,11 +27,10 @@
 #define PICTURE_NS   33000000ull
 #define SURVEY_NS    250000000ull
 
-static uint64_t thread_cpu_ns(void) {
-    struct timespec ts;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &ts);
-    return (uint64_t)ts.tv_sec * 1000000000ull + (uint64_t)ts.tv_nsec;
-}
+struct settings {
+    double budget_ms, seconds;
+    int64_t tiles;
+};
 
 struct series {
     double *ms;
@@ -96,17 +95,17 @@ static enum lw_status set_up(struct bench *b, struct lw_error *err) {
 }
 
 static enum lw_status picture(struct bench *b, struct lw_error *err) {
-    const uint64_t start_ns = lw_clock_ns(), start_cpu_ns = thread_cpu_ns();
+    const uint64_t start_ns = lw_clock_ns(), start_cpu_ns = lw_clock_thread_cpu_ns();
     struct lw_client_stats stats;
     bool moved;
     uint32_t waiting;
     enum lw_status status = lw_client_poll(b->client, 0, err);
-    const uint64_t polled_ns = lw_clock_ns(), polled_cpu_ns = thread_cpu_ns();
+    const uint64_t polled_ns = lw_clock_ns(), polled_cpu_ns = lw_clock_thread_cpu_ns();
     if (status == LW_OK) status = lw_stage_follow(&b->stage, &moved, err);
-    const uint64_t followed_ns = lw_clock_ns(), followed_cpu_ns = thread_cpu_ns();
+    const uint64_t followed_ns = lw_clock_ns(), followed_cpu_ns = lw_clock_thread_cpu_ns();
     if (status == LW_OK)
         status = lw_gl_view_take(&b->gl, &b->stage, b->tiles_max, lw_clock_ns(), &waiting, err);
-    const uint64_t taken_ns = lw_clock_ns(), taken_cpu_ns = thread_cpu_ns();
+    const uint64_t taken_ns = lw_clock_ns(), taken_cpu_ns = lw_clock_thread_cpu_ns();
     if (status != LW_OK) return status;
     lw_client_get_stats(b->client, &stats);
     if (stats.tiles != b->tiles) { /* else there was nothing to take in */
@@ -149,56 +148,57 @@ static void report(struct bench *b) {
            b->complete_ns ? (double)b->complete_ns * 1e-6 - package : (double)NAN);
 }
 
-int main(int argc, char **argv) {
-    double budget_ms = (double)LW_SEEKER_BUDGET_NS * 1e-6, seconds = 10;
-    int64_t tiles = 32;
-    const char *address = LW_OPTIONS_ADDRESS;
-    struct lw_option table[] = {
-        {"budget-ms", "MS", "a poll takes no message in after this (default 2)", LW_OPTION_REAL, &budget_ms,
-         0.01, 1000, NULL},
-        {"tiles", "N", "that a picture takes over at most (default 32)", LW_OPTION_INT, &tiles, 1, 100000,
-         NULL},
-        {"seconds", "S", "how long (default 10)", LW_OPTION_REAL, &seconds, 1, 1000, NULL}};
-    const struct lw_options options = {.program = "bench_take",
-                                       .synopsis = "[OPTIONS] [HOST:PORT]",
-                                       .about = "Measures what taking tiles in costs the thread that draws.",
-                                       .table = table,
-                                       .count = sizeof table / sizeof *table,
-                                       .positional = &address,
-                                       .positional_max = 1};
+static enum lw_status run(void *context, const char *address, struct lw_error *err) {
+    const struct settings *s = context;
     static struct bench b;
-    struct lw_error err = {0};
-    bool done = false;
     char host[256];
     uint16_t port;
-    enum lw_status status = lw_options_parse(&options, argc, argv, NULL, &done, &err);
-    if (status == LW_OK && done) return 0;
-    if (status == LW_OK) status = lw_options_address(address, host, sizeof host, &port, &err);
-    b.tiles_max = (uint32_t)tiles;
+    enum lw_status status = lw_options_address(address, host, sizeof host, &port, err);
+    b.tiles_max = (uint32_t)s->tiles;
     for (int i = 0; i < SERIES; i++) b.series[i].ms = malloc(PICTURES_MAX * sizeof *b.series[i].ms);
-    if (status == LW_OK) status = lw_gl_offscreen_create(&b.offscreen, &err);
+    if (status == LW_OK) status = lw_gl_offscreen_create(&b.offscreen, err);
     if (status == LW_OK)
         status = lw_client_create(&(struct lw_client_desc){.host = host,
                                                            .port = port,
                                                            .name = "bench_take",
                                                            .wants_nothing = true,
-                                                           .budget_ns = (uint64_t)(budget_ms * 1e6)},
-                                  &b.client, &err);
-    if (status == LW_OK) status = set_up(&b, &err);
-    const uint64_t end_ns = lw_clock_ns() + (uint64_t)(seconds * 1e9);
+                                                           .budget_ns = (uint64_t)(s->budget_ms * 1e6)},
+                                  &b.client, err);
+    if (status == LW_OK) status = set_up(&b, err);
+    const uint64_t end_ns = lw_clock_ns() + (uint64_t)(s->seconds * 1e9);
     while (status == LW_OK && lw_clock_ns() < end_ns) {
         const uint64_t next_ns = lw_clock_ns() + PICTURE_NS;
-        status = picture(&b, &err);
+        status = picture(&b, err);
         const uint64_t now_ns = lw_clock_ns();
         if (now_ns < next_ns && b.complete_ns != 0)
             nanosleep(&(struct timespec){.tv_nsec = (long)(next_ns - now_ns)}, NULL);
     }
     if (status == LW_OK) report(&b);
-    if (status != LW_OK) fprintf(stderr, "bench_take: %s\n", err.text);
     lw_gl_view_finish(&b.gl);
     lw_stage_finish(&b.stage);
     lw_client_destroy(b.client);
     lw_gl_offscreen_destroy(b.offscreen);
     for (int i = 0; i < SERIES; i++) free(b.series[i].ms);
-    return status == LW_OK ? 0 : 1;
+    return status;
+}
+
+int main(int argc, char **argv) {
+    struct settings s = {.budget_ms = (double)LW_SEEKER_BUDGET_NS * 1e-6, .seconds = 10, .tiles = 32};
+    const struct lw_option table[] = {
+        {"budget-ms", "MS", "a poll takes no message in after this (default 2)", LW_OPTION_REAL, &s.budget_ms,
+         0.01, 1000, NULL},
+        {"tiles", "N", "that a picture takes over at most (default 32)", LW_OPTION_INT, &s.tiles, 1, 100000,
+         NULL},
+        {"seconds", "S", "how long (default 10)", LW_OPTION_REAL, &s.seconds, 1, 1000, NULL}};
+    return bench_main(
+        &(struct bench_program){.name = "bench_take",
+                                .about = "Measures what taking tiles in costs the thread that draws.",
+                                .operand = "[HOST:PORT]",
+                                .table = table,
+                                .count = sizeof table / sizeof table[0],
+                                .runs_once = true,
+                                .by_default = LW_OPTIONS_ADDRESS,
+                                .context = &s,
+                                .run = run},
+        argc, argv);
 }

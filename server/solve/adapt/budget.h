@@ -13,7 +13,7 @@
 #include <stdint.h>
 
 /* Work on a texel. One that is solved is a unit; the others are shares of it, from what they took in the
- * atrium (bench_change). */
+ * atrium (docs/lab/dynamic.md). */
 enum {
     LW_BUDGET_UNIT = 10,
     LW_BUDGET_SOLVE = LW_BUDGET_UNIT,
