@@ -121,7 +121,7 @@ static void add_places(void) {
     const struct lw_address own = {.is_loopback = true}, other = {.is_loopback = false};
     add("sessions", "unit/test_session:test_places", "%s", number(LW_SERVER_SESSIONS_MAX));
     add("with `--tokens`: of these, kept for tokens for control",
-        "unit/test_server:test_places_are_kept_for_control", "1 in %u", LW_SERVER_KEPT_ONE_IN);
+        "unit/test_server_access:test_places_are_kept_for_control", "1 in %u", LW_SERVER_KEPT_ONE_IN);
     add("sessions of one address (IPv6: of its first 64 bits), until their links are closed",
         "unit/test_session:test_places_of_an_address", "%s; of the own machine %s",
         number(lw_address_places_share(&other, LW_SERVER_SESSIONS_MAX)),
@@ -138,7 +138,7 @@ static void add_places(void) {
         "%u; by HTTPS %u", LW_SERVER_TURN_CONNECTIONS, LW_SERVER_TURN_HTTPS_CONNECTIONS);
     add("connections beyond those, that are told so", "unit/test_session:test_turned_away",
         "%s; of one address %u", number(LW_SERVER_TURNED_AWAY_MAX), LW_SERVER_ADDRESS_TURNED_AWAY_MAX);
-    add("sessions on the Unix socket", "unit/test_server:test_places_are_kept_for_control", "none");
+    add("sessions on the Unix socket", "unit/test_server_access:test_places_are_kept_for_control", "none");
 }
 
 static void add_times(void) {
@@ -156,9 +156,9 @@ static void add_times(void) {
 
 static void add_messages(void) {
     add("bytes of one peer that the system keeps until they are read",
-        "unit/test_server:test_flood_of_messages", "%s", size(LW_SERVER_RECEIVE_SIZE));
-    add("bytes read of one peer in a turn of the loop", "unit/test_server:test_flood_of_messages", "%s",
-        size(LW_SERVER_TURN_READ));
+        "unit/test_server_readers:test_flood_of_messages", "%s", size(LW_SERVER_RECEIVE_SIZE));
+    add("bytes read of one peer in a turn of the loop", "unit/test_server_readers:test_flood_of_messages",
+        "%s", size(LW_SERVER_TURN_READ));
     add("the same of a WebSocket", "integration/test_web:test_frames_without_end", "%s",
         size(LW_SERVER_TURN_FRAMES_READ));
     add("bytes of who is refused that are dropped", "unit/test_session:test_what_follows_a_refusal",
@@ -174,11 +174,11 @@ static void add_messages(void) {
         number(LW_MESSAGE_INTEREST_MAX), number(LW_MESSAGE_HOLDS_MAX));
     add("changes in an UPDATE", "unit/test_message:test_update_counts", "%s", number(LW_MESSAGE_CHANGES_MAX));
     add("UPDATEs that wait for a frame; changes in all of them",
-        "unit/test_server:test_a_thousand_updates_in_one_frame_keep_their_order", "%s; %s",
+        "unit/test_server_updates:test_a_thousand_updates_in_one_frame_keep_their_order", "%s; %s",
         number(LW_UPDATES_MAX), number(LW_UPDATES_CHANGES_MAX));
     add("answers to UPDATE and ASK that the peer does not read", "unit/test_session:test_answers", "%s",
         number(LW_SERVER_ANSWERS_MAX));
-    add("token in HELLO", "unit/test_server:test_tokens", "one of the file's");
+    add("token in HELLO", "unit/test_server_access:test_tokens", "one of the file's");
     add("tokens in the file; bytes of it", "unit/test_tokens:test_the_number_is_bounded", "%s; %s",
         number(LW_TOKENS_MAX), size(LW_TOKENS_FILE_MAX));
     add("bytes of a certificate with its issuers, and of a key", "unit/test_tls_stream:test_bad_files", "%s",
@@ -189,7 +189,7 @@ static void add_messages(void) {
         "%u ms", LW_SERVER_HANDSHAKES_MS);
     add("bytes of TLS itself that wait for a peer which reads none", "integration/test_tls:test_garbage",
         "%s", size(LW_SERVER_ASIDE_MAX));
-    add("bytes to one peer in a second", "unit/test_server:test_rate_limits", "what its link takes");
+    add("bytes to one peer in a second", "unit/test_server_tiles:test_rate_limits", "what its link takes");
     add("bytes that wait to be sent to one peer", "unit/test_session:test_bytes_that_wait", "%s",
         size(LW_SERVER_QUEUE_MAX));
     add("log lines about one address", "unit/test_peer_log:test_one_address",

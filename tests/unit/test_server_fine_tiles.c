@@ -1,0 +1,205 @@
+#include "tests/support/serving.h"
+
+#include "server/serve/server.h"
+#include "server/serve/session.h"
+
+#include <stdlib.h>
+#include <unistd.h>
+
+/* Tiles of finer levels. */
+
+/* Lists tiles of the level that is twice as fine, by their numbers: a bit for each. */
+static void want_fine(int s, uint32_t tiles) {
+    struct lw_message_interest_tile tile[32];
+    size_t count = 0;
+    for (uint32_t t = 0; t < 32; t++)
+        if (tiles >> t & 1) tile[count++] = (struct lw_message_interest_tile){0, LW_ATLAS_FINER + 1, t};
+    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
+                                        .interest = {.tile = tile, .tile_count = count}});
+}
+
+static void expect_fine_tile(int s, uint32_t tile, uint64_t version) {
+    struct lw_message m;
+    serving_expect(s, LW_MESSAGE_TILE, &m);
+    assert_int_equal(m.tile.level, LW_ATLAS_FINER + 1);
+    assert_int_equal(m.tile.tile, tile);
+    assert_int_equal(m.tile.version, version);
+    lw_message_finish(&m);
+}
+
+/* Who has not said that it knows of them is told of none, gets none with everything, and may ask for none. */
+static void test_who_knows_no_finer_levels_gets_none(void **state) {
+    (void)state;
+    struct lw_message m;
+    serving_finer_levels = 2;
+    struct serving *f = serving_start(&(struct lw_server_desc){0});
+    int s = serving_dial(f);
+    serving_put(s, &serving_hello);
+    serving_expect(s, LW_MESSAGE_WELCOME, &m);
+    assert_int_equal(m.welcome.features, 0);
+    assert_int_equal(m.welcome.finer, 0);
+    serving_ask_for_package(s, m.welcome.package_compressed_size);
+    lw_message_finish(&m);
+    for (uint64_t frame = 1; frame < 4; frame++) {
+        serving_publish(f, serving_make_snapshot(f, frame, 0));
+        serving_expect_light(f, s, frame);
+        serving_expect_silence(s);
+    }
+    want_fine(s, 0x8);
+    serving_expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    serving_end(f);
+    serving_finer_levels = 0;
+}
+
+/* Who has, gets what it lists, and nothing finer with everything; the solver hears of it, and of level 0. */
+static void test_finer_levels_are_sent_to_who_lists_them(void **state) {
+    (void)state;
+    struct lw_message m;
+    serving_finer_levels = 2;
+    struct serving *f = serving_start(&(struct lw_server_desc){0});
+    int s = serving_dial(f);
+    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
+                                        .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_FINER}});
+    serving_expect(s, LW_MESSAGE_WELCOME, &m);
+    assert_int_equal(m.welcome.features, LW_FEATURE_FINER);
+    assert_int_equal(m.welcome.finer, 2);
+    serving_ask_for_package(s, m.welcome.package_compressed_size);
+    lw_message_finish(&m);
+    serving_publish(f, serving_make_snapshot(f, 1, 0));
+    serving_expect_light(f, s, 1);
+    want_fine(s, 0x8);
+    struct lw_server_interest wanted;
+    LW_SUPPORT_WAIT_UNTIL(lw_server_take_interest(f->server, &wanted) && !wanted.everything);
+    for (uint32_t t = 0; t < f->map.tile_count; t++) {
+        const struct lw_tile_place *p = &f->map.place[t];
+        /* tile 3 of the level that is twice as fine is in the second column of the first row of level 0 */
+        const bool listed = p->width && p->object == 0 && p->y == 0 && p->x == (p->level ? 3 : 1);
+        assert_int_equal(wanted.levels[t], listed && (p->level == 0 || p->level == LW_ATLAS_FINER + 1));
+    }
+    free(wanted.levels);
+    serving_publish(f, serving_make_snapshot(f, 2, 1));
+    serving_expect_frame(s, 2, 2);
+    expect_fine_tile(s, 3, 2);
+    serving_expect_silence(s);
+    close(s);
+    serving_end(f);
+    serving_finer_levels = 0;
+}
+
+/* The next list of interest, by the numbers of the fine tiles that are in it: a bit for each. */
+static uint64_t take_fine(struct serving *f, uint32_t *out_tiles) {
+    struct lw_server_interest wanted;
+    LW_SUPPORT_WAIT_UNTIL(lw_server_take_interest(f->server, &wanted));
+    *out_tiles = 0;
+    for (uint32_t t = f->map.plain_count; wanted.levels && t < f->map.tile_count; t++)
+        if (wanted.levels[t]) *out_tiles |= 1u << lw_atlas_map_number(&f->map, (lw_tile_id){t});
+    free(wanted.levels);
+    return wanted.number;
+}
+
+/* The solver has these tiles, and heard the list of that number. */
+static void publish_fine(struct serving *f, uint64_t frame, uint64_t interest, uint32_t tiles) {
+    struct lw_snapshot *snapshot = serving_make_snapshot(f, frame, frame - 1);
+    snapshot->interest = interest;
+    assert_non_null(snapshot->holds_fine = calloc(serving_fine_room, sizeof *snapshot->holds_fine));
+    for (uint32_t i = 0; i < serving_fine_room; i++) {
+        const lw_tile_id id = {f->map.plain_count + i};
+        snapshot->holds_fine[i] =
+            lw_atlas_map_is_used(&f->map, id) && tiles >> lw_atlas_map_number(&f->map, id) & 1;
+        if (snapshot->holds_fine[i]) continue;
+        lw_blob_unref(snapshot->tile[serving_form][id.v].blob);
+        snapshot->tile[serving_form][id.v] = (struct lw_snapshot_tile){0};
+    }
+    serving_publish(f, snapshot);
+}
+
+/* Who lists more than a session may gets ids for as many: the first ones of its list. */
+static void test_a_session_has_so_many_fine_tiles(void **state) {
+    (void)state;
+    struct lw_message m;
+    struct lw_server_interest wanted;
+    struct lw_message_interest_tile tile[LW_SESSION_FINE_MAX + 1];
+    serving_finer_levels = LW_ATLAS_FINER_MAX;
+    serving_fine_room = 2 * LW_SESSION_FINE_MAX;
+    struct serving *f = serving_start(&(struct lw_server_desc){0});
+    int s = serving_dial(f);
+    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
+                                        .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_FINER}});
+    serving_expect(s, LW_MESSAGE_WELCOME, &m);
+    serving_ask_for_package(s, m.welcome.package_compressed_size);
+    lw_message_finish(&m);
+    for (uint32_t t = 0; t <= LW_SESSION_FINE_MAX; t++)
+        tile[t] = (struct lw_message_interest_tile){0, LW_ATLAS_FINER + LW_ATLAS_FINER_MAX, t};
+    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
+                                        .interest = {.tile = tile, .tile_count = LW_SESSION_FINE_MAX + 1}});
+    LW_SUPPORT_WAIT_UNTIL(lw_server_take_interest(f->server, &wanted) && !wanted.everything);
+    for (uint32_t t = 0; t <= LW_SESSION_FINE_MAX; t++) {
+        const lw_tile_id id = lw_atlas_map_find_tile(&f->map, 0, tile[t].level, t);
+        assert_int_equal(id.v != UINT32_MAX && wanted.levels[id.v], t < LW_SESSION_FINE_MAX);
+    }
+    free(wanted.levels);
+    close(s);
+    serving_end(f);
+    serving_finer_levels = 0;
+    serving_fine_room = 3;
+}
+
+/* An id goes to another tile once nobody lists the first, and the solver has heard so and holds it no more.
+ * */
+static void test_ids_of_fine_tiles_go_to_others(void **state) {
+    (void)state;
+    struct lw_message m;
+    uint32_t tiles;
+    serving_finer_levels = 2;
+    struct serving *f = serving_start(&(struct lw_server_desc){0});
+    int s = serving_dial(f);
+    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
+                                        .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_FINER}});
+    serving_expect(s, LW_MESSAGE_WELCOME, &m);
+    serving_ask_for_package(s, m.welcome.package_compressed_size);
+    lw_message_finish(&m);
+    serving_publish(f, serving_make_snapshot(f, 1, 0));
+    serving_expect_light(f, s, 1);
+    want_fine(s, 0x7); /* as many as there are ids for */
+    uint64_t number = take_fine(f, &tiles);
+    while (!tiles) number = take_fine(f, &tiles);
+    assert_int_equal(tiles, 0x7);
+    publish_fine(f, 2, number, 0x7);
+    serving_expect_frame(s, 2, 2);
+    for (uint32_t t = 0; t < 3; t++) expect_fine_tile(s, t, 2);
+    want_fine(s, 0x8); /* none is left */
+    const uint64_t next = take_fine(f, &tiles);
+    assert_int_equal(next, number + 1);
+    assert_int_equal(tiles, 0);
+    publish_fine(f, 3, number, 0); /* the solver may still make what the list before has */
+    serving_expect_frame(s, 3, 2);
+    want_fine(s, 0x8);
+    serving_expect_silence(
+        s); /* the server has heard that before the next snapshot, of which the solver holds one */
+    publish_fine(f, 4, next, 0x1);
+    serving_expect_frame(s, 4, 2);
+    want_fine(s, 0x18);
+    take_fine(f, &tiles);
+    assert_int_equal(tiles, 0x18);
+    publish_fine(f, 5, next, 0x19);
+    serving_expect_frame(s, 5, 2);
+    expect_fine_tile(s, 3, 5);
+    expect_fine_tile(s, 4, 5);
+    want_fine(s, 0); /* what it does not list it may drop, and gets whole when it comes back */
+    want_fine(s, 0x10);
+    expect_fine_tile(s, 4, 5);
+    serving_expect_silence(s);
+    close(s);
+    serving_end(f);
+    serving_finer_levels = 0;
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_who_knows_no_finer_levels_gets_none),
+        cmocka_unit_test(test_finer_levels_are_sent_to_who_lists_them),
+        cmocka_unit_test(test_ids_of_fine_tiles_go_to_others),
+        cmocka_unit_test(test_a_session_has_so_many_fine_tiles),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
