@@ -21,7 +21,7 @@ my @patterns = (
         'Its place; 0 if it is due; none else', 'Its place; 0 if it is due'],
     ['past perfect', qr/\bhad (?:not )?$participle\b|\b(?:must|may|can|could|would|should|will|might) have been\b|\b(?:have|has) been(?=[.,;]|$)/i,
         'They show after those have been.', 'They had a list of frames, and it has been sent.'],
-    ['pronoun', qr/\bthat one\b|\bthe (?:latter|former)\b(?! \w)|\bthe other(?=[.,;:)]|$)|^(?:those|these) $verb\b|(?!^)\bthose(?=[.,;:)]| $verb\b|$)/i,
+    ['pronoun', qr/(?<!so )\bthat one\b(?=[.,;:)]| (?:is|are|was|has|does|and|or|alone|which|who)\b|$)|\bthe (?:latter|former)\b(?! \w)|\bthe other(?=[.,;:)]|$)|^(?:those|these) $verb\b|(?!^)\bthose(?=[.,;:)]| $verb\b|$)/i,
         'It follows that one.', 'It follows the other tile, and those of the room.'],
 );
 
@@ -60,7 +60,10 @@ sub found {
         for (@patterns) {
             my ($name, $pattern) = @$_;
             next if $name eq 'headless' && $later && $sentence =~ /^[a-z]/; # behind "e.g." and such
-            push @hits, [$name, $at + $-[0]] if $sentence =~ $pattern;
+            next unless $sentence =~ $pattern;
+            my $where = $-[0];
+            next if $name eq 'word' && $& eq uc $&; # a message: SETTLED
+            push @hits, [$name, $at + $where];
         }
         $later = 1;
     }

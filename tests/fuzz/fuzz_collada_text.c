@@ -1,4 +1,4 @@
-/* What is mended of Collada, on any bytes: a text of bounded size. */
+/* The mending of Collada, on any bytes: it makes a text of bounded size. */
 #include "server/import/collada_text.h"
 
 #include <stdlib.h>

@@ -15,7 +15,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     text[size - 1] = '\0';
     const unsigned available = *data & 3u;
     const enum lw_content_coding coding = lw_content_coding_choose(text, available);
-    /* what is not there is never chosen */
+    /* a missing coding is never chosen */
     if (coding < LW_CONTENT_CODING_IDENTITY && !(available >> coding & 1)) abort();
     if (coding > LW_CONTENT_CODING_NONE) abort();
     free(text);

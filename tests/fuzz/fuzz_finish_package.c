@@ -1,5 +1,5 @@
 /* Whatever reads as a finish package must be written again as the very same bytes, and every surface of the
- * scene must then be finite. What is refused has a reason, and leaves the scene matt. */
+ * scene must then be finite. A refusal has a reason, and leaves the scene matt. */
 #include "common/scene/finish_package.h"
 #include "tests/support/support.h"
 

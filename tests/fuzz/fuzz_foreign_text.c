@@ -1,4 +1,4 @@
-/* What is mended of STL, on any bytes: as many bytes at most, and none past their end. */
+/* The mending of STL, on any bytes: it makes as many bytes at most, and none past their end. */
 #include "server/import/foreign_text.h"
 
 #include "common/log.h"
@@ -18,7 +18,7 @@ int LLVMFuzzerInitialize(int *argc, char ***argv) {
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
     struct lw_error err = {0};
     struct lw_foreign_files files = {.format = LW_SCENE_FORMAT_STL, .path = "fuzz", .size = size};
-    files.bytes = malloc(size + 1); /* of the exact size but for an empty file */
+    files.bytes = malloc(size + 1); /* exactly as large as the file, but for an empty one */
     if (!files.bytes) abort();
     if (size) memcpy(files.bytes, bytes, size);
     if (lw_foreign_text_mend(&files, &err) || files.size > size) abort();

@@ -34,7 +34,7 @@ size_t LLVMFuzzerCustomMutator(uint8_t *bytes, size_t size, size_t size_max, uns
 struct choice {
     unsigned seed, seen;
     json_t *parent, *value; /* the value chosen so far, and what holds it */
-    const char *key;        /* of an object; else the place in an array */
+    const char *key;        /* an object's key; else the place in an array */
     size_t at;
 };
 

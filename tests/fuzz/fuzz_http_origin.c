@@ -19,7 +19,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     char *rest = text, *host = strsep(&rest, "\n"), *origin = rest ? strsep(&rest, "\n") : host,
          *list = rest ? rest : host;
     if (lw_http_origin_host_name(host, name, sizeof name)) {
-        /* what goes into a header of ours (web_server.c) is of these characters alone */
+        /* a header of ours (web_server.c) has these characters alone */
         require(*name &&
                 !host[strspn(host, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-._:[]")]);
         (void)lw_http_origin_is_loopback(name);

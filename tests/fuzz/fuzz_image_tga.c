@@ -14,7 +14,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
     }
     if (!lw_image_tga_is(bytes, size) || width == 0 || height == 0) abort();
     if ((uint64_t)width * height > 1u << 20) return 0;
-    uint8_t *rgba = malloc((size_t)width * height * 4); /* of the exact size: a write past it is seen */
+    uint8_t *rgba = malloc((size_t)width * height * 4); /* the exact size: a write past it is seen */
     if (!rgba) abort();
     if (lw_image_tga_decode(bytes, size, rgba, &err) != LW_OK && !err.text[0]) abort();
     free(rgba);

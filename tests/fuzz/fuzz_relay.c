@@ -1,7 +1,8 @@
 /* A server above that says anything, to the upper side of a relay: a session over a real link. The input is a
  * byte that says what came before (nothing; a welcome and the package of a small scene; one that is
  * taken up again), then pieces: two bytes of length, and what the server says. After each piece there may be
- * a snapshot. What is in it must be light for a client, whatever was said: a replica takes in all of it. */
+ * a snapshot. A snapshot must be light for a client, whatever the server says: a replica takes in all of it.
+ * */
 #include "tests/support/support.h"
 
 #include "client/lib/replica.h"
@@ -140,7 +141,7 @@ static void give(struct lw_replica *replica, const struct lw_blob *blob) {
     }
 }
 
-/* Newcomers get what is whole; who followed gets deltas. */
+/* Newcomers get whole tiles; a replica that followed gets deltas. */
 static void show(struct lw_relay_light *light, struct lw_replica *follower) {
     const struct lw_atlas_map *map = lw_relay_light_map(light);
     struct lw_snapshot *s;

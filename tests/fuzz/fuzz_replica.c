@@ -1,4 +1,4 @@
-/* Frames and tiles from any server, for a replica of a small scene with a spare. What comes is one thing
+/* Frames and tiles from any server, for a replica of a small scene with a spare. The input is one thing
  * after another: a byte that says what (a frame, a tile, a new run of the server, the light's form), two for
  * the length, a message's body. */
 #include "tests/support/support.h"
@@ -37,7 +37,7 @@ static void check_light(const struct lw_replica *r) {
                 require(level.rgb[i] >= 0 && isfinite(level.rgb[i]));
         }
     }
-    for (uint32_t t = 0; t < map->tile_count; t++) /* what is not of this run has no version of it */
+    for (uint32_t t = 0; t < map->tile_count; t++) /* a tile of another run has no version of this one */
         require(lw_replica_version_of_run(r, (lw_tile_id){t}) <=
                 lw_replica_get_tile(r, (lw_tile_id){t}).version);
 }

@@ -34,7 +34,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
     init_map(&map);
     require(lw_tile_check_create(&map, false, &check) == LW_OK);
     uint64_t *known = calloc(2 * (size_t)map.tile_count, sizeof *known);
-    struct lw_tile_held *held; /* of the second session */
+    struct lw_tile_held *held; /* the second session's */
     require(known != NULL && lw_tile_held_create(&map, &held) == LW_OK);
     struct lw_framing_header header;
     for (size_t at = 0, turn = 0; size - at >= LW_FRAMING_HEADER_SIZE; turn++) {

@@ -52,7 +52,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
         .planes = kind & 3, .is_signed = kind & 4, .coding = LW_TILE_CODING_PLAIN};
     const struct lw_tile_channel *const channel = kind & 3 ? &plain : NULL;
     const size_t values = (size_t)width * height * (channel ? channel->planes : 3);
-    float *rgb = malloc(values * sizeof *rgb + 1); /* of this size, so that ASan sees a write past the tile */
+    float *rgb =
+        malloc(values * sizeof *rgb + 1); /* exactly this size, so that ASan sees a write past the tile */
     require(rgb != NULL);
     static struct lw_tile_dct_coefficients coefficients;
     for (uint32_t i = 0; i < 3 * LW_TILE_DCT_PLANE_COEFFICIENTS; i++)

@@ -57,7 +57,7 @@ static const struct {
     {"one_texel", 1, 1, 0, 0.1f}, {"one_block", 8, 8, 0.1f, 0.25f}, {"cut_off", 20, 13, 0.3f, 0.0625f},
     {"row", 64, 1, 0.1f, 1},      {"fine", 16, 16, 1, 0},           {"whole", 64, 64, 0.5f, 0.5f}};
 
-/* What is done to a file of those to make it one that nobody may read. */
+/* A change of such a file that makes it one which no reader accepts. */
 static const struct {
     const char *name, *from;
     int cut, add; /* bytes at the end; a byte of that value is added */

@@ -1,4 +1,4 @@
-/* Who may connect, with the real programs: tokens, the Unix socket. */
+/* Access, with the real programs: tokens, the Unix socket. */
 #include "tests/support/process.h"
 
 #include "common/token.h"

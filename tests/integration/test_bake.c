@@ -86,7 +86,7 @@ static const char *save_squares(void) {
     return path;
 }
 
-/* Of the lamp. */
+/* The lamp's place. */
 static double irradiance_at(struct lw_vec3 p) {
     const double x = (double)(LAMP_X - p.x), y = (double)(LAMP_Y - p.y), z = (double)(LAMP_Z - p.z);
     const double d2 = x * x + y * y + z * z;
@@ -314,7 +314,7 @@ static void resumed_is_uninterrupted(void **state) {
     assert_non_null(strstr(answer, "not finished")); /* the answer comes first */
     assert_null(strstr(said, "baking: done"));
     free(said);
-    json_t *index = read_index(parts); /* what is done is kept, and says that it is not all */
+    json_t *index = read_index(parts); /* the finished part is kept, and says that it is not all */
     assert_true(json_is_false(json_object_get(index, "complete")));
     const long long frames = json_integer_value(json_object_get(index, "frames")), all = frames + 10;
     assert_true(frames >= 1);
@@ -333,7 +333,7 @@ static void resumed_is_uninterrupted(void **state) {
     expect_same_maps(whole, parts);
 }
 
-/* Of the covered texels of a map, green channel: mean; mean square of the difference to another bake of
+/* The covered texels of a map, green channel: mean, and mean square of the difference to another bake of
  * it. */
 static void compare_maps(const char *file, const char *folder, const char *other, double *out_mean,
                          double *out_square) {

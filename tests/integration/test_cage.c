@@ -43,7 +43,7 @@ static int make_place(void **state) {
     return 0;
 }
 
-/* What is open is so without the cage, or the probe proves nothing. */
+/* Every way out is open without the cage, or the probe proves nothing. */
 static const char *const shut[] = {"read outside",
                                    "read an absolute path",
                                    "read through a link",
@@ -87,7 +87,7 @@ static void expect_cage(const char *talk) {
     expect_line(talk, "free", "read inside", true);
     expect_line(talk, "caged", "read inside", true);
     for (size_t i = 0; i < sizeof shut / sizeof *shut; i++) {
-        /* who may not do all this anyhow, or has no clone3() */
+        /* a user who may not do all this anyhow, or has no clone3() */
         const bool may_lack =
             strstr(shut[i], "clone3") || strstr(shut[i], "starter") || strstr(shut[i], "core");
         if (!may_lack) expect_line(talk, "free", shut[i], true);

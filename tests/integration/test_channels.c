@@ -182,11 +182,11 @@ static void hear(struct lw_client *client, uint64_t frame) {
     } while (stats.settled_frame != frame);
 }
 
-/* Root mean square of what is off, over that of what should be there: of a level's planes. */
+/* Root mean square of the error of a level's planes, over that of the right values. */
 static double error_of(const struct lw_atlas_level *level, uint32_t object, uint32_t up, uint32_t planes,
                        const float *texels, float (*value)(uint32_t, uint32_t, uint32_t, uint32_t)) {
     double off = 0, all = 0;
-    /* what is read beyond the atlas's edge is not what the texels below would be */
+    /* look-ups beyond the atlas's edge do not read the texels below */
     for (uint32_t y = 0; y + 1 < level->height; y++)
         for (uint32_t x = 0; x + 1 < level->width; x++)
             for (uint32_t p = 0; p < planes; p++) {
@@ -201,7 +201,7 @@ static double error_of(const struct lw_atlas_level *level, uint32_t object, uint
     return sqrt(off / all);
 }
 
-/* drift: of its largest size; light: of a logarithm. What is held may be off by a part of a step. */
+/* drift: of its largest size; light: of a logarithm. Held values may be off by a part of a step. */
 static void expect_all(const struct world *w, const struct lw_client *client, double drift_most,
                        double light_most) {
     for (uint32_t o = 0; o < w->map.object_count; o++)

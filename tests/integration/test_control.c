@@ -333,7 +333,7 @@ static void test_objects(void **state) {
     expect_change("restore tall-block", scene_file(BASE), 0);
 }
 
-/* What is added is lit as if it had stood there from the start, and what is removed leaves nothing behind. */
+/* An added object is lit as if it were there from the start, and a removed one leaves nothing behind. */
 static void test_added_and_removed(void **state) {
     (void)state;
     char commands[128], *said;
@@ -473,7 +473,7 @@ static void test_a_thousand_updates(void **state) {
     assert_false(lw_client_object_hidden(viewer, 6));
 }
 
-/* What must be refused, and the code for it; LW_SCENE_CHANGE_OK where it is fine. */
+/* A change, and the code of its refusal; LW_SCENE_CHANGE_OK where it is fine. */
 static const struct {
     struct lw_scene_change change;
     enum lw_scene_change_code code;

@@ -83,7 +83,7 @@ static void the_folder_is_the_users_choice(void **state) {
     assert_true(bytes_of(command) < 0.1 * whole);
 }
 
-/* One that is damaged is told once, downloaded again and written in its place. */
+/* A damaged one is reported once, downloaded again and written in its place. */
 static void a_damaged_one_is_told_and_healed(void **state) {
     (void)state;
     char arguments[300], folder_path[300], path[700] = "";

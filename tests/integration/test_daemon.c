@@ -121,7 +121,7 @@ static struct lw_client_stats stats_of(const struct lw_client *client) {
     return stats;
 }
 
-/* Takes in what has arrived for anyone, waiting a little for it. Returns how many
+/* Takes in messages for all clients, waiting a little for them. Returns how many
  * clients still have their link. */
 static unsigned poll_all(void) {
     struct pollfd ready[VIEWERS_MAX];
@@ -348,7 +348,7 @@ static void converged_light_costs_nothing(void **state) {
     }
     assert_true(stats_of(early).bytes < before.bytes + PONGS_BYTES && stats_of(early).tiles == before.tiles);
     free_report(&report);
-    /* who comes late gets the same */
+    /* a late client gets the same */
     struct lw_client *late = join(&daemon);
     wait_complete(late);
     settle(&daemon, 0);
@@ -524,7 +524,7 @@ static void stops_at(int signal_number, bool with_client, bool with_deaf_peer) {
     const uint64_t deadline_ns = limit_ns();
     kill(daemon.pid, signal_number);
     while (with_client && poll_all() > 0) assert_true(lw_clock_ns() < deadline_ns);
-    /* who does not take the goodbye is waited for a second */
+    /* the server waits a second for a client that does not take the goodbye */
     assert_int_equal(lw_process_finish(&daemon, LIMIT_S), 0);
     assert_int_equal(access(daemon.port_file, F_OK), -1);
     lw_process_left_nothing();
@@ -856,7 +856,7 @@ static void damaged_packages_are_refused(void **state) {
 
 /* ---- moving scenes ---- */
 
-/* The transforms that a client has are those of its scene at the time that it was told. */
+/* A client's transforms are those of its scene at the time of its newest frame. */
 static void check_pose(const struct lw_client *client, struct lw_pose *pose) {
     const struct lw_scene *scene = lw_client_scene(client);
     lw_pose_evaluate(pose, scene, stats_of(client).time_s);

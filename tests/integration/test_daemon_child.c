@@ -32,7 +32,7 @@ static int set_up(void **state) {
     lw_process_start(&import, "lightwell-import", arguments);
     assert_int_equal(lw_process_finish(&import, LIMIT_S), 0);
     setenv("TMPDIR", lw_support_temporary("tmp"), 1);
-    /* whose parent ends becomes our child: so its end can be waited for */
+    /* an orphan becomes our child: so its end can be waited for */
     return prctl(PR_SET_CHILD_SUBREAPER, 1);
 }
 
@@ -102,7 +102,7 @@ static void ends_step_by_step(void **state) {
     ends_with_who_is_killed(false);
 }
 
-/* The parent may end between the fork and the child's wish to be told of it. */
+/* The parent may end between the fork and the child's request for its signal. */
 static void does_not_start_for_who_is_gone(void **state) {
     (void)state;
     const struct lw_daemon_child_desc desc = desc_of(true);

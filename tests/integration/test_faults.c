@@ -241,7 +241,7 @@ static void be_killed(const char *arguments, unsigned life, long writes) {
     assert_true(ended == -SIGKILL || (saves && ended == 0));
 }
 
-/* Promise (running.md, Light over a restart): a run that was killed leaves what was saved last. */
+/* Promise (running.md, Light over a restart): a killed run leaves the light that was saved last. */
 static void a_killed_server_leaves_whole_light_or_none(void **state) {
     (void)state;
     const unsigned kills = is_long ? 200 : 10;
@@ -376,7 +376,7 @@ static void a_frame_without_memory_is_published_later(void **state) {
 #define CONNECTIONS_MAX 2000 /* allocations that none takes */
 #define VISIT_S         LIMIT_S
 /* A browser gives up so long after the failure: one connection that libwebsockets has no memory for is
- * neither served nor closed before its time is over. Who is not hit waits for his answer. */
+ * neither served nor closed before its time is over. A client that is not hit waits for its answer. */
 #define PATIENCE_NS 100000000u
 
 struct way {
@@ -386,7 +386,7 @@ struct way {
     uint16_t port;
     struct lw_access access;
     struct lw_process daemon;
-    unsigned failures;  /* of connections before this one */
+    unsigned failures;  /* number in the connections before this one */
     uint64_t failed_ns; /* when this one's was seen; 0: not yet */
 };
 
@@ -480,7 +480,7 @@ static void visit_by_web_socket(struct way *way) {
     static const char lines[] = "Host: localhost\r\nSec-WebSocket-Protocol: lightwell\r\n";
     const int s = dial_web(way);
     if (lw_web_peer_upgrade(s, "/ws", lines) == 101 && say(s, &hello) && say(s, &request) && say(s, &ping))
-        (void)lw_web_peer_closes(s, 100); /* it takes what comes meanwhile */
+        (void)lw_web_peer_closes(s, 100); /* it takes bytes that come meanwhile */
     close(s);
 }
 
@@ -601,7 +601,7 @@ static void a_full_disk_leaves_no_half_package(void **state) {
     each_write_may_fail("lightwell-import", arguments, output, true);
 }
 
-/* What it could not save is told at the end. There are two files: either may be whole. */
+/* A failed save is reported at the end. There are two files: either may be whole. */
 static void a_full_disk_leaves_no_half_light(void **state) {
     (void)state;
     if (LW_SANITIZER) skip();
@@ -640,8 +640,8 @@ static void empty(const char *path) {
     assert_int_equal(system(command), 0);
 }
 
-/* Promise (client.h): a package that cannot be kept is told in one line, and the command does what it is for;
- * what is in the folder is whole. */
+/* Promise (client.h): a package that cannot be kept is reported in one line, and the command does its work;
+ * all files in the folder are whole. */
 static void a_full_disk_leaves_no_half_cache(void **state) {
     (void)state;
     if (LW_SANITIZER) skip();
@@ -674,7 +674,7 @@ static void a_full_disk_leaves_no_half_cache(void **state) {
             const unsigned kept = files_in(folder);
             if (faults[f] ? kept >= whole : kept != whole)
                 fail_msg("write %ld: %u of %u files", n, kept, whole);
-            unsetenv("FAULT_WRITE"); /* what is there is taken for whole: it must be */
+            unsetenv("FAULT_WRITE"); /* the file is taken for whole: it must be */
             lw_process_start(&ctl, "lightwellctl", arguments);
             lw_process_expect(&ctl, lw_process_finish(&ctl, LIMIT_S), 0);
             said = lw_process_err(&ctl);
@@ -802,7 +802,7 @@ static void a_saturated_machine_is_slow_not_broken(void **state) {
 static char space[32], cable[16], far_end[16], here[24], there[24];
 
 static void choose_names(void) {
-    const unsigned n = (unsigned)getpid() % 16384; /* of 10.213.0.0/16, four addresses each */
+    const unsigned n = (unsigned)getpid() % 16384; /* number in 10.213.0.0/16, four addresses each */
     snprintf(space, sizeof space, "lw_faults_%d", (int)getpid());
     snprintf(cable, sizeof cable, "lwf%d", (int)getpid());
     snprintf(far_end, sizeof far_end, "lwg%d", (int)getpid());
@@ -874,7 +874,7 @@ static bool hears(int in, char wanted, unsigned limit_ms, unsigned *losses) {
 }
 
 /* Promise (wire_format.md, section 3): no byte taken for 15 s, or nothing heard for 60, ends a session with
- * TIMEOUT; before that it goes on as if nothing had been. Clients come back by themselves. */
+ * TIMEOUT; before that it goes on as before. Clients come back by themselves. */
 static void a_link_that_was_down(void **state) {
     (void)state;
     static const unsigned down_s[] = {2, 30, 300};
@@ -903,11 +903,11 @@ static void a_link_that_was_down(void **state) {
         if (is_long)
             (void)hears(ends[0], 0, down_s[i] * 1000, &losses);
         else
-            lw_process_await_frames(&daemon, 10);                     /* that do not get through */
+            lw_process_await_frames(&daemon, 10);                     /* none gets through */
         if (down_s[i] > 60) wait_for_descriptors(daemon.pid, before); /* the server does not keep it */
         assert_true(runs_well("ip -n $S link set $F up"));
         const uint64_t up_ns = lw_clock_ns();
-        for (unsigned frames = 0; frames < 12; frames++) /* more than can have been on the way */
+        for (unsigned frames = 0; frames < 12; frames++) /* more than the link holds */
             assert_true(hears(ends[0], 'f', LIMIT_S * 1000, &losses));
         print_message("link down for %u s: %u sessions lost, 12 frames %.1f s after\n",
                       is_long ? down_s[i] : 0, losses, (double)(lw_clock_ns() - up_ns) * 1e-9);

@@ -370,7 +370,7 @@ static void a_spawned_import_gives_a_scene_with_lightmaps(void **state) {
     assert_string_equal(s.talk, "");
     lw_scene_destroy(again);
 
-    /* also by its magic, and options that come too late are told */
+    /* also by its magic, and options that come too late are named */
     const char *renamed = lw_support_temporary("own.data");
     assert_int_equal(rename(package, renamed), 0);
     lw_support_ok(
@@ -395,7 +395,7 @@ static void density_reaches_the_importer(void **state) {
     assert_true(fine->mesh[0].atlas_width > coarse->mesh[0].atlas_width);
     lw_scene_destroy(coarse);
 
-    /* a bound on texels is told once, in metres */
+    /* a bound on texels is reported once, in metres */
     lw_support_ok(spawn(&(struct lw_import_spawn_desc){.scene = "builtin:cornell", .texels_max = 2000}, &s,
                         &coarse, &err),
                   &err);
@@ -601,7 +601,7 @@ static void a_signal_while_it_writes_leaves_nothing(void **state) {
     assert_int_equal(mkdir(folder, 0700), 0);
     char words[512], package[256];
     snprintf(package, sizeof package, "%s/city.lwscene", folder);
-    char source[256]; /* charts and all: what comes before the writing takes a fifth of building it */
+    char source[256]; /* charts and all: the work before the writing takes a fifth of building it */
     struct lw_process importer;
     snprintf(source, sizeof source, "%s", lw_support_temporary("city.lwscene"));
     snprintf(words, sizeof words, "builtin:city:1 --texels-per-metre 0.5 -o %s", source);

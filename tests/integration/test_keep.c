@@ -25,7 +25,7 @@ struct run {
     struct lw_client *client;
 };
 
-static const char *folder; /* of the test */
+static const char *folder; /* the test's */
 
 static void begin(struct run *run, const char *arguments) {
     char all[512];
@@ -135,7 +135,7 @@ static void a_converged_scene_costs_no_ray_again(void **state) {
     const double light = total_light(run.client), frames = lw_process_newest(&run.daemon, "published");
     assert_true(lw_process_newest(&run.daemon, "rays_total") > 1e4);
     end(&run);
-    for (int again = 0; again < 2; again++) { /* what was taken up is kept again */
+    for (int again = 0; again < 2; again++) { /* restored light is kept again */
         begin(&run, CORNELL);
         wait_for_rest(&run);
         while (lw_process_newest(&run.daemon, "frame") < 3) poll_once(&run);
@@ -149,7 +149,7 @@ static void a_converged_scene_costs_no_ray_again(void **state) {
 }
 
 /* What others changed ends with the server. Until there is light of the scene's own, clients see what they
- * saw, and are told that it is not converged. */
+ * saw, and hear that it is not converged. */
 static void changed_light_is_no_light_of_the_scene(void **state) {
     (void)state;
     struct run run;
@@ -298,7 +298,7 @@ static void unfinished_saves_are_removed(void **state) {
     assert_true(said(&run, "removed 2 unfinished files"));
     for (int i = 0; i < 3; i++) {
         snprintf(path, sizeof path, "%s/%s", folder, names[i]);
-        assert_int_equal(access(path, F_OK), i == 2 ? 0 : -1); /* what is not ours stays */
+        assert_int_equal(access(path, F_OK), i == 2 ? 0 : -1); /* a file that is not ours stays */
     }
     end(&run);
 }

@@ -95,7 +95,7 @@ struct heard {
     float share;
 };
 
-/* What is said of the wait, which goes on: never an earlier stage, nor less of one. */
+/* Stages of the wait, which goes on: never an earlier stage, nor less of one. */
 static struct heard hear(struct heard before) {
     struct heard now;
     ok(lw_live_poll(live, 20, &err));
@@ -107,7 +107,7 @@ static struct heard hear(struct heard before) {
 }
 
 /* The manual clock holds the server before its first frame: all of its work before that is done by then. Who
- * comes then is told so at once; with the frame the wait is over. */
+ * comes then hears so at once; with the frame the wait is over. */
 static void test_waits_for_the_first_light(void **state) {
     (void)state;
     struct lw_process daemon;
@@ -135,7 +135,7 @@ static void test_waits_for_the_first_light(void **state) {
     assert_string_equal(lw_live_waiting_text(heard.stage), "ready");
     assert_string_equal(lw_live_waiting_text(LW_LIVE_WAITING_LOOKING_INSIDE), "looking inside objects");
     lw_live_close(live);
-    ok(lw_live_open(&desc, &live, &err)); /* who comes now gets light without a wait */
+    ok(lw_live_open(&desc, &live, &err)); /* a client that comes now gets light without a wait */
     heard = (struct heard){LW_LIVE_WAITING_UNKNOWN, 0};
     while (heard.stage == LW_LIVE_WAITING_UNKNOWN) heard = hear(heard);
     assert_int_equal(heard.stage, LW_LIVE_WAITING_READY);
@@ -170,7 +170,7 @@ void *aligned_alloc(size_t alignment, size_t size) {
 }
 #endif
 
-/* ---- what is wrong in itself ---- */
+/* ---- wrong arguments ---- */
 
 static void test_refuses(void **state) {
     (void)state;
@@ -179,7 +179,8 @@ static void test_refuses(void **state) {
     desc.struct_size = sizeof desc;
     desc.token = "0123";
     fails(lw_live_open(&desc, &live, &err), LW_LIVE_USAGE, "token is not 64 hexadecimal digits");
-    desc.struct_size = offsetof(struct lw_live_desc, token); /* of before: then nobody looks at it */
+    desc.struct_size =
+        offsetof(struct lw_live_desc, token); /* an older caller's size: then nobody reads it */
     fails(lw_live_open(&desc, &live, &err), LW_LIVE_UNAVAILABLE, "127.0.0.1:1");
     desc.token = NULL;
     desc.struct_size = sizeof desc - 1;
@@ -356,7 +357,7 @@ static void test_newer_programs(void **state) {
 
 /* ---- light ---- */
 
-/* All levels 0 to 2 of all objects, uploaded by what is dirty alone. */
+/* All levels 0 to 2 of all objects, uploaded by dirty rectangles alone. */
 struct textures {
     float *rgb;
     size_t *first; /* by object and level */
@@ -403,7 +404,7 @@ static size_t upload(const struct textures *t, uint64_t texels_max) {
     return texels;
 }
 
-/* What arrived piece by piece is what is there. */
+/* The pieces that arrived are the light that is there. */
 static void test_dirty_rectangles_are_all(void **state) {
     (void)state;
     struct lw_process daemon;
@@ -707,7 +708,7 @@ static void test_thread_comes_back(void **state) {
     snprintf(arguments, sizeof arguments, "--listen 127.0.0.1:%u", (unsigned)daemon.port);
     serve_never_resting(&daemon, arguments);
     wait_frames(2, stats().tiles + 50);
-    /* another scene: it is told once, then comes as the first one did */
+    /* another scene: one status, then it comes as the first one did */
     (void)lw_process_stop(&daemon, SIGTERM, LIMIT_S);
     snprintf(arguments, sizeof arguments, RESTS "--listen 127.0.0.1:%u", (unsigned)daemon.port);
     lw_process_serve(&daemon, arguments);

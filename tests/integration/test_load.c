@@ -11,7 +11,7 @@
 #include <string.h>
 
 #define LIMIT_S   LW_PROCESS_LIMIT_S
-#define WINDOW_MS 1000 /* of a run that is cut short */
+#define WINDOW_MS 1000 /* length of an interrupted run */
 
 #define NEVER_RESTS                                                                                          \
     "builtin:cornell --texels-per-metre 8 --error 1e-6 --frame-rate 60 --threads 1 "                         \
@@ -159,7 +159,7 @@ static void test_slow_readers(void **state) {
     json_decref(r);
     r = load(&daemon, "--users 3 --reader slow:50 --seconds 2 --json");
     expect_no_errors(r);
-    /* what was read at once, before the clock began to tick, is one fifth of a second's worth */
+    /* the first read, before the clock ticks, is one fifth of a second's worth */
     assert_true(number(r, "bytes") <= 3 * 50e3 * (number(r, "measured_s") + 0.5));
     assert_true(number(r, "bytes") > 3 * 50e3 * 0.2 * number(r, "measured_s"));
     assert_true(number(r, "welcomed") == 3 && number(r, "users_at_end") == 3);
@@ -278,7 +278,7 @@ static int kill_all(void **state) {
     return 0;
 }
 
-/* With an argument: the long test alone. Those with a server of their own come last: what they leave running
+/* With an argument: the long test alone. Tests with a server of their own come last: what they leave running
  * where they fail is killed, and the shared one with it. */
 int main(int argc, char **argv) {
     const struct CMUnitTest long_tests[] = {cmocka_unit_test_teardown(test_never_readers, kill_all)};

@@ -206,7 +206,7 @@ static void test_names(void **state) {
     free(document);
 }
 
-/* A report that is none, or is not there, is told at the start. */
+/* A report that is none, or is not there, is named at the start. */
 static void test_wrong_report(void **state) {
     (void)state;
     char line[600], folder[300];

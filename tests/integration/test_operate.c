@@ -56,7 +56,7 @@ static void test_stats(void **state) {
     free(text);
 }
 
-/* Other ways than the socket are told which one it takes. */
+/* On other ways than the socket the refusal names the socket. */
 static void test_not_over_tcp(void **state) {
     (void)state;
     char line[100];
@@ -92,7 +92,7 @@ static void test_watch(void **state) {
     assert_int_not_equal(lw_process_finish(&watch, LIMIT_S), 0);
 }
 
-/* A client is told to come back after as long as the operator says; the server ends with 0. */
+/* A client hears to come back after as long as the operator says; the server ends with 0. */
 static void test_drain(void **state) {
     (void)state;
     struct lw_client *client;

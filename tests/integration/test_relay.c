@@ -228,7 +228,7 @@ static void reconnect(int i) {
     } while (lw_client_reconnect(client[i], &err) != LW_OK);
 }
 
-/* A figure of a relay, as its operator is told it. */
+/* A figure of a relay, as its operator reads it. */
 static double figure(const struct lw_process *process, const char *name) {
     struct lw_client *operator_ = NULL;
     struct lw_error err = {0};
@@ -281,7 +281,7 @@ static void a_link_that_breaks_costs_no_session(void **state) {
     wait_for(first_has_gone_on);
     expect_the_same();
     assert_true(lw_client_object_hidden(client[1], 5));
-    /* no tile twice: what the daemon sent its own client is all that came, to the relay and from it. That
+    /* no tile twice: the tiles of the daemon's own client are all that came, to the relay and from it. This
      * client reads what the daemon sent meanwhile. */
     tiles_due = tiles_0 + (uint64_t)(figure(&relay[1], TILES) - received);
     wait_for(first_has_as_many);
@@ -308,7 +308,7 @@ static void a_client_goes_from_one_to_another(void **state) {
     assert_int_equal(stats_of(1).tiles, tiles);
 }
 
-/* A relay dies: its client tries those that the relay told it of, and goes on with what it has. */
+/* A relay dies: its client tries the servers that the relay named, and goes on with the light it has. */
 static void a_client_goes_where_it_was_told(void **state) {
     (void)state;
     char upstream[64], servers[128];

@@ -79,7 +79,7 @@ static struct lw_live_stats stats(void) {
     return s;
 }
 
-/* Polls until there is light, and says of how many objects; how many times another scene was told. */
+/* Polls until there is light. Returns the number of objects, and how many times another scene came. */
 static uint32_t await_light(unsigned *others) {
     *others = 0;
     for (uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;;) {
@@ -213,7 +213,7 @@ static void test_stop_meanwhile(void **state) {
     write_config("builtin:city", "");
     hang_up();
     assert_true(lw_process_await(&daemon_process, is_reading, &daemon_process));
-    hang_up(); /* it is told to wait */
+    hang_up(); /* it hears to wait */
     await_said("are being read since the last SIGHUP", 1);
     stop();
 

@@ -62,7 +62,7 @@ static void measures_and_reports(void **state) {
 }
 
 /* The harness against itself: with the same path tracer on both sides nobody wins. CPU time of so little
- * work is noisy on a busy machine: the bound is wide, but what could go wrong (costs counted twice, users
+ * work is noisy on a busy machine: the bound is wide, but mistakes (costs counted twice, users
  * forgotten) is a factor of 2. */
 static void equals_are_equal(void **state) {
     (void)state;

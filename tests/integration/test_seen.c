@@ -13,7 +13,7 @@
 
 #define LIMIT_S LW_PROCESS_LIMIT_S
 
-/* Some fifty tiles that never converge, so that every frame tells what is solved. */
+/* Some fifty tiles that never converge, so that every frame tells its solved tiles. */
 #define SEEN "--error 1e-6 --json --light seen "
 /* The same by the wall clock, at rest. */
 #define PREPARED "--freeze 0 --json "
@@ -21,7 +21,7 @@
 #define CLIENTS_MAX 3
 static struct lw_client *client[CLIENTS_MAX];
 
-/* Two rooms: what hangs in one is hardly seen from the other. */
+/* Two rooms: an object in one is hardly seen from the second. */
 #define ROOMS "builtin:ajar --texels-per-metre 20 "
 
 /* Frames come one by one, by next_frame(): a daemon that goes on while nobody reads what it says takes both
@@ -241,7 +241,7 @@ static void light_gets_better_before_anybody_looks(void **state) {
     assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
 }
 
-/* Who looks is served first, and what he looks at alone; what is left of the time comes after him. */
+/* The viewer's tiles are solved first, and alone; the rest of the time comes after them. */
 static void preparing_makes_way(void **state) {
     (void)state;
     struct lw_process daemon;

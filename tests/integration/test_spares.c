@@ -31,7 +31,7 @@ static void poll_once(struct lw_client *client) {
     lw_support_ok(lw_client_poll(client, 5, &err), &err);
 }
 
-/* Who may change the scene, and gets light if he wants it. */
+/* A session that may change the scene, and gets light if it wants it. */
 static struct lw_client *join(bool wants_nothing) {
     struct lw_client *client;
     struct lw_error err = {0};
@@ -94,7 +94,7 @@ static void change(struct lw_client *client, enum lw_scene_change_kind kind, uin
     assert_int_equal(await(client).code, LW_SCENE_CHANGE_OK);
 }
 
-/* Mean E of the coarsest level, over what is lit at all. */
+/* Mean E of the coarsest level, over lit texels. */
 static double brightness(const struct lw_client *client, uint32_t object) {
     const struct lw_client_level level =
         lw_client_get_level(client, object, lw_client_atlas_map(client)->atlas[object].level_count - 1);
@@ -164,7 +164,7 @@ static void dim_lamp(struct lw_client *client) {
     }
 }
 
-/* Nothing is solved then, but for what has come: who joins sees it lit. */
+/* Nothing is solved then but the added object: a client that joins sees it lit. */
 static void what_is_added_while_nobody_looks_is_lit_too(void **state) {
     (void)state;
     serve(CORNELL " --json --prepare 0");
@@ -198,7 +198,7 @@ static void what_comes_back_comes_in_the_light_of_now(void **state) {
     const uint32_t object = add(client, 0.3f, 0.5f, 0.4f);
     expect_lit_at_once(client, object);
     change(client, LW_SCENE_CHANGE_OBJECT_REMOVE, object);
-    const double before = settled_brightness(client, object); /* what was on its way has come */
+    const double before = settled_brightness(client, object); /* messages on their way have come */
     assert_int_equal(lw_client_object_state(client, object), LW_CLIENT_OBJECT_SPARE);
     assert_true(lw_client_object_hidden(client, object));
     dim_lamp(client);
@@ -235,7 +235,7 @@ static void two_who_add_at_once_get_two_objects(void **state) {
     send(client[0], &one, 1);
     const struct lw_client_answer none = await(client[0]);
     assert_true(none.code == LW_SCENE_CHANGE_NO_SPARE && none.added_count == 0 && !none.frame);
-    /* who comes late sees what the others see */
+    /* a late client sees the same scene */
     struct lw_client *late = join(true);
     for (int i = 0; i < 2; i++) {
         assert_int_equal(lw_client_object_state(late, object[i]), LW_CLIENT_OBJECT_SHOWN);
@@ -285,7 +285,7 @@ static bool said(const char *text) {
     return found;
 }
 
-/* Saved light is that of the scene with this number of spares; what was added ends with the server. */
+/* Saved light is that of the scene with this number of spares; added objects end with the server. */
 static void kept_light_knows_spares(void **state) {
     (void)state;
     char arguments[512];

@@ -1,4 +1,5 @@
-/* TLS with the real programs: who is believed, what each end says of the other's mistakes, new files. */
+/* TLS with the real programs: which certificates are trusted, the message of each end for mistakes, new
+ * files. */
 #include "tests/support/certificate.h"
 #include "tests/support/process.h"
 #include "tests/support/web_peer.h"
@@ -207,7 +208,7 @@ static void test_new_files(void **state) {
     dial(&web, http_port());
     hang_up(&web);
     lw_support_ok(lw_tls_stream_write(before.stream, (const uint8_t *)"\0\0\0\0", 4, &before.output), NULL);
-    flush(&before); /* who was there before stays */
+    flush(&before); /* an earlier session stays */
     hang_up(&before);
     assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
 }
@@ -282,7 +283,7 @@ static void test_monitoring_from_other_machines(void **state) {
     assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
 }
 
-/* What is no TLS, or begins as if it were, harms nobody. */
+/* Bytes that are no TLS, or begin as if they were, harm nobody. */
 static void test_garbage(void **state) {
     (void)state;
     static const char *const said[] = {"GET / HTTP/1.1\r\n\r\n",   "\x16",

@@ -157,7 +157,7 @@ static void a_form_that_is_taken_late_comes_at_once(void **state) {
     lw_process_await_frames(&server, 2);
     assert_true(lw_process_newest(&server, "rays_total") == rays);
     assert_int_equal(tiles_of(FULL), tiles); /* what they have is as it was */
-    /* and who comes back finds it still there */
+    /* and a client that comes back finds it still there */
     struct lw_error err = {0};
     const uint64_t before = tiles_of(SPLIT);
     assert_int_equal(shutdown(lw_client_descriptor(client[SPLIT]), SHUT_RDWR), 0);

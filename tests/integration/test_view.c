@@ -1,4 +1,4 @@
-/* lightwell-view --headless against a real lightwelld; --path-trace; both under signals. */
+/* lightwell-view --headless against a real lightwelld, and --path-trace, both under signals. */
 #include "tests/support/process.h"
 
 #include "common/clock.h"
@@ -311,7 +311,7 @@ static void test_a_wait_that_is_stopped_writes_what_there_is(void **state) {
     char *json = lw_process_out(&view), *err = lw_process_err(&view);
     assert_non_null(strstr(json, "\"stopped\": true"));
     assert_true(number_of(json, "tiles_used") > number_of(json, "tiles_missing"));
-    /* what is not there is said, unless nothing is missing */
+    /* a line counts missing tiles, unless nothing is missing */
     assert_true((strstr(err, "warning: stopped: of ") != NULL) !=
                 (strstr(json, "\"complete\": true") != NULL));
     assert_null(strstr(err, "done in"));
@@ -410,7 +410,7 @@ static void test_path_trace_to_an_error(void **state) {
     assert_true(samples[0] >= 16 && samples[1] > samples[0] && samples[1] < 1000);
 }
 
-/* A million samples would take hours: the first signal ends the tracing, and what is done is written. */
+/* A million samples take hours: the first signal ends the tracing, and the picture so far is written. */
 static void test_path_trace_is_stopped(void **state) {
     (void)state;
     char arguments[512], png[256];

@@ -1,4 +1,4 @@
-/* The real lightwelld over HTTP and WebSocket: its files, who may connect, a session as
+/* The real lightwelld over HTTP and WebSocket: its files, access, a session as
  * over TCP, peers that misbehave. */
 #include "tests/support/process.h"
 #include "tests/support/web_peer.h"
@@ -28,7 +28,7 @@
 #define HOST_MAX         299u /* LW_HTTP_ORIGIN_MAX - 1 */
 #define LARGE_SIZE       (32u << 20)
 #define REQUESTS_AT_ONCE 40u  /* LW_WEB_SERVER_REQUESTS_BURST */
-#define CONNECTIONS      922u /* of the own machine: LW_WEB_SERVER_CONNECTIONS_MAX but for a tenth */
+#define CONNECTIONS      922u /* the own machine's: LW_WEB_SERVER_CONNECTIONS_MAX but for a tenth */
 #define IN_ALL           1024u
 #define WASM_SIZE        300000u
 #define MESSAGES_MAX     4096u
@@ -60,7 +60,7 @@ static int end_all(void **state) {
     return 0;
 }
 
-/* A folder with an index, a page in a folder, and what must not be served. */
+/* A folder with an index, a page in a folder, and files that must not be served. */
 static const char *make_root(void) {
     static char root[512];
     static uint8_t wasm[WASM_SIZE];
@@ -198,7 +198,7 @@ static void test_codings(void **state) {
                      strcasestr(answer, "\r\netag: ") + 8);
         free(answer);
     }
-    for (unsigned i = 0; i < tag_count; i++) { /* of which the first is of br */
+    for (unsigned i = 0; i < tag_count; i++) { /* the first one is br's */
         snprintf(line, sizeof line, "Accept-Encoding: br\r\n%s", tags[i]);
         assert_int_equal(ask("GET", "/js/main.js", line, NULL, NULL), i == 0 ? 304 : 200);
     }
@@ -505,7 +505,7 @@ static void put(struct peer *p, const struct lw_message *message) {
     free(bytes);
 }
 
-/* Reads what comes next of the stream; false: there is no more. */
+/* Reads the next bytes of the stream; false: there is no more. */
 static bool read_more(struct peer *p) {
     struct lw_web_peer_frame frame = {0};
     lw_support_ok(lw_message_reader_keep(&p->reader), NULL);
@@ -588,7 +588,7 @@ static size_t take_session(struct peer *p, uint8_t **out_bytes) {
             lw_message_finish(&m);
             continue;
         }
-        if (type == LW_MESSAGE_WAITING) continue; /* who comes later may not have to wait */
+        if (type == LW_MESSAGE_WAITING) continue; /* a later client may not have to wait */
         if (size + header.body_size + 2 > capacity) {
             capacity = 2 * (size + header.body_size + 2);
             all = realloc(all, capacity);
@@ -736,7 +736,7 @@ static void test_misbehaviour(void **state) {
     assert_true(lw_web_peer_write(s, true, WEB_PEER_PING, noise, 2000, 2000));
     assert_true(lw_web_peer_closes(s, LIMIT_S * 1000));
     close(s);
-    s = lw_web_peer_open(web_port); /* going on with what was not begun */
+    s = lw_web_peer_open(web_port); /* going on with a message that did not begin */
     assert_true(lw_web_peer_write(s, true, WEB_PEER_MORE, "x", 1, 1));
     assert_true(lw_web_peer_closes(s, LIMIT_S * 1000));
     close(s);
@@ -744,7 +744,7 @@ static void test_misbehaviour(void **state) {
     assert_int_equal(send(s, noise, sizeof noise, MSG_NOSIGNAL), (ssize_t)sizeof noise);
     assert_true(lw_web_peer_closes(s, LIMIT_S * 1000));
     close(s);
-    for (int i = 0; i < 50; i++) { /* resets in the middle of what is sent */
+    for (int i = 0; i < 50; i++) { /* resets in the middle of a message */
         web = dial(true);
         put(&web, &hello);
         put(&web, &request);
@@ -756,7 +756,7 @@ static void test_misbehaviour(void **state) {
     assert_true(lw_web_peer_write(s, true, WEB_PEER_CLOSE, "\x03\xe8", 2, 2));
     assert_int_equal(close_code_after(s), 1000);
 
-    uint8_t *bytes; /* who is none the wiser */
+    uint8_t *bytes; /* the server goes on */
     put(&good, &request);
     assert_true(take_session(&good, &bytes) > 0);
     free(bytes);
@@ -860,7 +860,7 @@ static void test_requests_without_end(void **state) {
     const uint64_t began_ns = lw_clock_ns();
     size_t size;
     char *answer = lw_web_peer_ask(s, many, true, &size);
-    while (!strstr(answer, " 429 ")) { /* those that time has made good */
+    while (!strstr(answer, " 429 ")) { /* requests that the rate allows meanwhile */
         free(answer);
         assert_true(lw_clock_ns() - began_ns < LIMIT_S * 1000000000ull);
         answer = lw_web_peer_ask(s, "", true, &size);

@@ -84,7 +84,7 @@ struct house_quads house_quads(const struct house *h, enum house_part part) {
 
 uint32_t house_inner_face(const struct house *h) { return house_quads(h, HOUSE_FRONT_X).first + BACK_X; }
 
-/* ---- what is read ---- */
+/* ---- look-ups ---- */
 
 struct colour {
     double red, blue;

@@ -19,9 +19,9 @@ enum house_kind {
 
 struct house {
     enum house_kind kind;
-    float thick;            /* of walls, m; 0 but for boxes */
+    float thick;            /* thickness of walls, m; 0 but for boxes */
     float angle;            /* about Y */
-    float shift_x, shift_z; /* of its middle */
+    float shift_x, shift_z; /* place of its middle */
     float density;          /* texels per metre */
     bool filtered;
 };
@@ -40,11 +40,11 @@ struct room house_build(const struct house *h);
 struct house_quads house_quads(const struct house *h, enum house_part part);
 
 /** Fails if over 1 % of the light inside is the sun's, or if the lamp's light is outside but for the texel at
- * a wall's foot. What is read is what an engine reads: bilinear.
+ * a wall's foot. Look-ups are an engine's: bilinear.
  * wall     the quad that is the inner face of the wall at +X, of boxes
  * outside  the most that the lamp may give out of doors, W/m^2 */
 void house_expect_apart(const struct room_solution *s, const struct house *h, uint32_t wall, double outside);
-/** That face, where nothing has moved. */
+/** The same face, where nothing has moved. */
 uint32_t house_inner_face(const struct house *h);
 /** The lamp's and the sun's light on the floor, W/m^2. */
 double house_lamp_on_floor(const struct room_solution *s, const struct house *h);

@@ -26,7 +26,7 @@ struct room {
         bool double_sided;
         uint8_t alpha_mode; /* enum lw_alpha_mode */
         float alpha;        /* for BLEND and MASK (cut off under 0.5) */
-        /* 0: a quad; else the number of triangles of a disc; the edges are its radii, corner its centre */
+        /* 0: a quad. Else the number of triangles of a disc: the edges are its radii, corner its centre */
         unsigned segments;
     } quad[ROOM_QUADS_MAX];
     struct lw_light light[ROOM_LIGHTS_MAX]; /* without a name: "light" */
@@ -57,7 +57,7 @@ struct room_solution {
     struct lw_atlas_map map;
     struct lw_pose pose;
     struct lw_solver *solver;
-    struct lw_solver_stats stats; /* of the last frame */
+    struct lw_solver_stats stats; /* the last frame's */
     uint64_t rays;                /* of all frames */
 };
 
@@ -96,7 +96,7 @@ struct room_mean {
 };
 struct room_mean room_object_mean(const struct room_solution *solution, uint32_t object);
 
-/** What is shown of a texel of level 0. */
+/** The shown light of a texel of level 0. */
 struct lw_vec3 room_texel(const struct room_solution *solution, uint32_t object, uint32_t x, uint32_t y);
 /** What an engine reads of a quad's front, along its edges, each 0 to 1: bilinear. */
 struct lw_vec3 room_look_up(const struct room_solution *solution, uint32_t quad, double along_u,

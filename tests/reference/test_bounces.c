@@ -127,7 +127,7 @@ static void no_light_lost(void *user, struct lw_vec3 p, double area, double dire
     assert_true(isfinite(direct) && isfinite(indirect) && direct >= 0 && indirect >= 0);
 }
 
-/* A light in an empty room of black walls: what arrives is what was sent. */
+/* A light in an empty room of black walls: the arriving power is the emitted power. */
 static void test_energy_of_a_point_light_arrives(void **state) {
     (void)state;
     struct room room = {.texels_per_metre = 24};

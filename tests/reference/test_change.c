@@ -1,4 +1,4 @@
-/* Light that changes: what changed is right again soon, what did not costs nothing. */
+/* Light that changes is right again soon, and unchanged light costs nothing. */
 #include "common/builtin/builtin.h"
 #include "common/random.h"
 #include "server/solve/adapt/gradient.h"
@@ -106,7 +106,7 @@ static void test_no_ghost_stays(void **state) {
     room_finish(&s);
 }
 
-/* What comes back leaves no trace. */
+/* A change that is undone leaves no trace. */
 static void test_there_and_back(void **state) {
     (void)state;
     const struct room room = make_room(8, 1.4f);
@@ -203,7 +203,7 @@ static void test_both_sides_of_a_plate(void **state) {
     }
 }
 
-/* ---- what did not ---- */
+/* ---- unchanged light ---- */
 
 /* At the far end of the room a small thing moves: what it can be seen from is solved, little else. */
 static void test_little_is_solved_for_a_small_change(void **state) {
@@ -265,7 +265,7 @@ static double share_of_change(const struct squares *now, const struct squares *f
     return came / all;
 }
 
-/* Of the plate's shadow under a broad lamp, six frames after it has moved. */
+/* The plate's shadow under a broad lamp, six frames after it has moved. */
 static double share_after_six_frames(bool filtered) {
     struct room here = make_room(6, 1.4f), there = make_room(6, 1.55f);
     struct lw_solver_desc settings = desc;
@@ -286,7 +286,7 @@ static double share_after_six_frames(bool filtered) {
     return share_of_change(&now, &before, &after);
 }
 
-/* A filter takes noise off, and so light may forget more of what is over. */
+/* A filter takes noise off, and so stale light may lose more weight. */
 static void test_filtered_light_changes_sooner(void **state) {
     (void)state;
     const double plain = share_after_six_frames(false), filtered = share_after_six_frames(true);
@@ -416,7 +416,7 @@ static void expect_about_as_fresh(const struct squares *reference, bool lit, uns
                  lit ? "lit" : "put out", before);
 }
 
-/* What is remembered of other light should be worth something, or at least do no harm: a solve that has just
+/* The history of other light should be worth something, or at least do no harm: a solve that has just
  * begun and must forget is a frame behind. */
 static void test_memory_does_no_harm(void **state) {
     (void)state;
@@ -552,7 +552,7 @@ static void test_objects_may_begin_to_move(void **state) {
     uint64_t frame = 1;
     room_solve(&s, &room, desc, 1);
     assert_true(room_object_mean(&s, 0).texels < 0.95 * whole);
-    for (int i = 0; i < 2; i++) { /* what moves once stands at once */
+    for (int i = 0; i < 2; i++) { /* an object that moves once stands at once */
         for (uint32_t o = 1; o < room.quad_count; o++) shift(&s, o, 0.05f);
         solve_on(&s, &frame, 1);
     }

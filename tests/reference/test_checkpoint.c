@@ -1,4 +1,4 @@
-/* A solve that is saved and taken up by another solver goes on as if nothing had been; a file that is
+/* A solve that is saved and taken up by another solver goes on byte for byte; a file that is
  * damaged, cut or of something else is refused, and nothing of it taken. */
 #include "tests/reference/room.h"
 
@@ -149,7 +149,7 @@ static void other_bakes_are_refused(void **state) {
     room_finish(&other);
 }
 
-/* Of as many texels in each tile, but of others. */
+/* As many texels in each tile, but others. */
 static void other_texels_are_refused(void **state) {
     (void)state;
     enum { TEXELS = 4 };

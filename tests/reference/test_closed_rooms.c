@@ -1,7 +1,7 @@
 /* Closed rooms on a ground that runs through, a lamp inside and the sun outside: neither's light passes a
- * wall. The lamp is red and the sun blue, so that one solve tells them apart. What is read is what an engine
- * reads: bilinear. The sun changes nothing inside by more than 1 %; a lamp lights nothing outside but for
- * the foot of a thin wall, whose texels the ground's two sides share. "long" asks the whole family. */
+ * wall. The lamp is red and the sun blue, so that one solve tells them apart. Look-ups are those that an
+ * engine reads: bilinear. The sun changes nothing inside by more than 1 %; a lamp lights nothing outside but
+ * for the foot of a thin wall, whose texels the ground's two sides share. "long" asks the whole family. */
 #include "tests/reference/house.h"
 
 #include <math.h>

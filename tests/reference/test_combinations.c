@@ -13,7 +13,7 @@
 #define NAME(name, text) #name,
 static const char *const ids[] = {LW_CHOICES(NAME)};
 
-/* Of each pair one line. */
+/* One line for each pair. */
 static const char *const refused[] = {
     "RADIOSITY SERVED",
     "RADIOSITY GROUPS",
@@ -211,7 +211,7 @@ static void what_works_starts(void **state) {
                          LW_CHOICE_STEP_WIDEST)) ||
                 are_of_a_kind(both) || is_refused(a, b))
                 continue;
-            /* of the solver that one choice belongs to, the other may be refused */
+            /* the solver of one choice may refuse the second choice */
             const struct lw_solver_desc desc = desc_of(&of, both);
             if (lw_combinations_check(entry_of(both)->choice | lw_combinations_of(&desc), NULL) != LW_OK)
                 continue;

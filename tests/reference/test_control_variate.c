@@ -69,7 +69,7 @@ static struct sums add_up(const struct lit *lit) {
     return sums;
 }
 
-/* As if all packets of the block had found that every texel's indirect light is off by `first` and `later`,
+/* As after packets of the block find that every texel's indirect light is off by `first` and `later`,
  * and by `noise` up or down besides. */
 static void find(struct lit *lit, float first, float later, float noise) {
     struct lw_change_block *change = &lit->block->change;
@@ -117,13 +117,13 @@ static void test_light_that_comes(void **state) {
     }
     expect_near(after.mean - before.mean, 0.03 * texels(&lit), 1e-3);
     expect_near(lit.block->luminance - luminance, 0.03 * texels(&lit), 1e-3);
-    /* What has been taken over is not found again. */
+    /* A correction is not found again. */
     lit.block->change.told = lw_change_all_packets(lit.block);
     assert_false(lw_control_variate_indirect(lit.tiles, lit.tile, 0.02f, true));
     room_finish(&lit.s);
 }
 
-/* More than there is: what is left is none, nowhere less. */
+/* More than there is: no light is left, nowhere less. */
 static void test_light_that_goes(void **state) {
     (void)state;
     struct lit lit;
@@ -207,7 +207,7 @@ static void test_packets_that_differ(void **state) {
         lw_control_variate_note_error(lit.tile);
         for (uint32_t set = 0; set < lit.block->packet_count; set++)
             standard_error += lit.block->change.packet[set].direct_error;
-        const double variance = differ ? 0.01 : 0; /* of 0 and 0.2 */
+        const double variance = differ ? 0.01 : 0; /* the variance of 0 and 0.2 */
         if (fabs((double)standard_error / texels(&lit) - variance) > 0.1 * variance + 1e-6)
             fail_msg("%g W/m^2 of standard error", sqrt((double)standard_error / texels(&lit)));
     }

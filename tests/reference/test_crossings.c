@@ -25,7 +25,7 @@ static double look_up(const struct room_solution *s, uint32_t quad, double along
     return (double)room_look_up(s, quad, along_u, along_v).x;
 }
 
-/* Of quad 0, a wall at x = 0 that is 4 m long: what is read between two heights is the light of this lamp. */
+/* Quad 0 is a wall at x = 0, 4 m long. Its look-ups between two heights give the light of this lamp. */
 static void expect_lamp_on_wall(const struct room_solution *s, struct lw_vec3 lamp, float height, float from,
                                 float to, float step) {
     for (float y = from; y < to; y += step)
@@ -41,7 +41,7 @@ static void expect_lamp_on_wall(const struct room_solution *s, struct lw_vec3 la
 
 /* ---- two rooms on one floor ---- */
 
-#define ANGLE 0.1f /* of the partition: it cuts the texels of the floor everywhere */
+#define ANGLE 0.1f /* angle of the partition: it cuts the texels of the floor everywhere */
 
 struct floor_of_two {
     unsigned lit, dark;
@@ -213,7 +213,7 @@ static void test_mouldings(void **state) {
     (void)state;
     const struct lw_vec3 lamp = lw_vec3(2, 1, 3), along = lw_vec3(4, 0, 0), out = lw_vec3(0, 0, 1);
     const struct {
-        float low, high, depth, from; /* m; from: the depth of what is under it */
+        float low, high, depth, from; /* m; from: the depth of the surface under it */
     } step[] = {{2.68f, 2.70f, 0.08f, 0.06f}, {2.66f, 2.68f, 0.06f, 0.04f}, {2.64f, 2.66f, 0.04f, 0.02f},
                 {2.62f, 2.64f, 0.02f, 0.0f},  {2.10f, 2.13f, 0.02f, 0.0f},  {0.00f, 0.08f, 0.015f, 0.0f}};
     struct room room = {.texels_per_metre = DENSITY};

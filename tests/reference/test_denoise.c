@@ -19,8 +19,8 @@ static void solve(struct room_solution *solution, const struct room *room, uint3
                frames);
 }
 
-/* Over all covered texels of an object, or of all (LW_SCENE_NONE): sums of what is shown and of what was
- * solved, and the squared differences of the two. */
+/* Over all covered texels of an object, or of all (LW_SCENE_NONE): sums of the shown light and of the light
+ * that was solved, and the squared differences of the two. */
 struct sums {
     double shown, solved, change2, solved2;
 };
@@ -104,7 +104,7 @@ static double error_of(const struct room_solution *s, const struct room_solution
         s->solver->ops->read_tile(s->solver, (lw_tile_id){id}, &a);
         reference->solver->ops->read_tile(reference->solver, (lw_tile_id){id}, &t);
         for (uint32_t i = 0; i < a.width * a.height; i++) {
-            if (!a.covered[i]) continue; /* what is shown has gutters too */
+            if (!a.covered[i]) continue; /* shown planes have gutters too */
             const double want = (double)t.direct[1][i] + (double)t.indirect[1][i],
                          got = shown ? (double)a.shown[LW_LIGHT_FORM_FULL][1][i]
                                      : (double)a.direct[1][i] + (double)a.indirect[1][i];
@@ -136,7 +136,7 @@ static void test_error_falls(void **state) {
     expect_error_falls(&room, (const unsigned[]){1, 4, 16}, (const double[]){0.5, 0.5, 0.6});
 }
 
-/* Shadows of a lamp without extent, and the noise of indirect light: edges are told from noise as soon as
+/* Shadows of a lamp without extent, and the noise of indirect light: edges differ from noise as soon as
  * there are two frames. */
 static void test_shadows_stay_among_noise(void **state) {
     (void)state;
@@ -188,7 +188,7 @@ static void solve_in_parts(struct room_solution *s, const struct room *room, uin
     free(wanted);
 }
 
-/* What is shown depends on what was solved, not on the frames in which that came about; and blocks that have
+/* Shown light depends on the sums, not on the frames in which they came about; and blocks that have
  * converged keep up with those beside them that do not. */
 static void test_parts_of_a_frame_show_the_same(void **state) {
     (void)state;

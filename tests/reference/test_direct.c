@@ -244,7 +244,7 @@ static void test_gradient_environment(void **state) {
 enum { SPOT_X = 11, SPOT_Y = 9 };
 static float spot_radiance(int x, int y) { return x == SPOT_X && y == SPOT_Y ? 1e6f : 0.01f; }
 
-/* What is read of one texel is a tent two texels wide: L times the integral of tent x cos sin, and the width
+/* The look-up of one texel is a tent two texels wide: L times the integral of tent x cos sin, and the width
  * of a column. The same everywhere, and summed up once. */
 static double spot_environment_value(struct lw_vec3 p) {
     static double value;

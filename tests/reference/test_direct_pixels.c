@@ -103,7 +103,7 @@ static void render(struct lw_compose *compose, const struct world *w, uint32_t s
     for (uint32_t i = 0; i < VALUES; i++) assert_true(isfinite(rgb[i]) && rgb[i] >= 0);
 }
 
-/* Without light in texels a stand-in is shown; what is drawn is the difference to that. Mean of
+/* Without light in texels a stand-in is shown; client-drawn light is the difference to it. Mean of
  * `pictures` pictures. */
 static float *draw(const struct world *w, uint32_t pictures, unsigned threads) {
     float *sum = new_picture(), *rgb = new_picture();
@@ -120,7 +120,7 @@ static float *draw(const struct world *w, uint32_t pictures, unsigned threads) {
     return sum;
 }
 
-/* What client lights give directly, by the path tracer, without what is seen to shine by itself. */
+/* Direct light of client lights, by the path tracer, without visible emission. */
 static float *trace_reference(const struct world *w, uint32_t samples) {
     struct lw_error err = {0};
     const struct lw_lights_part part = lw_client_lights_part(&w->drawn, true);
@@ -265,7 +265,7 @@ static void test_nothing_to_draw(void **state) {
     tear_down(&w);
 }
 
-/* A light that moves, dims or goes out is right in the next picture, whatever was there before. */
+/* A light that moves, dims or goes out is right in the next picture, whatever the picture before. */
 static void test_nothing_is_remembered(void **state) {
     (void)state;
     struct world w;

@@ -179,7 +179,7 @@ static void test_penumbra_of_the_sun(void **state) {
     room_solve(&solution, &room, (struct lw_solver_desc){0}, 256);
     room_each_texel(&solution, 0, compare_penumbra, &penumbra);
     assert_true(penumbra.count > 1000 && penumbra.inside > 200);
-    /* the cosine of rays off the sun's axis: at most 2 %; 256 samples: 3 % of what is left; a texel is 1/10
+    /* the cosine of rays off the sun's axis: at most 2 %. 256 samples: 3 % of the rest. A texel is 1/10
      * of the penumbra */
     double off = sqrt(penumbra.off_square / penumbra.count);
     if (off > 2) fail_msg("root mean square off by %g of 100", off);

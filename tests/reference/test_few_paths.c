@@ -17,7 +17,7 @@
 struct set {
     struct lw_scene *scene;
     struct lw_path_world world;
-    struct lw_camera_view camera; /* of the first frame */
+    struct lw_camera_view camera; /* the first frame's */
     struct lw_path_film film;
 };
 

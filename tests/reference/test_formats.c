@@ -99,7 +99,7 @@ static void floor_direct(const struct room_solution *solution, double out[3]) {
         for (int c = 0; c < 3; c++) sum[c] += (double)tile.direct[c][i];
         count++;
     }
-    assert_true(count > 900); /* of 32 x 32 */
+    assert_true(count > 900); /* 32 x 32 texels in all */
     for (int c = 0; c < 3; c++) out[c] = sum[c] / count;
 }
 
@@ -138,7 +138,7 @@ static void look(const struct lw_scene *scene, struct lw_vec3 from, struct lw_ve
 
 /* ---- materials ---- */
 
-/* E on the floor is t c of the sun's, a channel each. Of 1024 texels x 64 rays 39 % pass: sigma of the mean
+/* E on the floor is t c of the sun's, a channel each. 39 % of 1024 texels x 64 rays pass: sigma of the mean
  * is 0.5 %. */
 static void transmission_is_thin_and_tinted(void **state) {
     (void)state;
@@ -185,7 +185,7 @@ static void unlit_is_seen_and_no_light(void **state) {
     const struct room_mean mean = room_object_mean(&solution, 0);
     assert_true(mean.direct == 0 && mean.indirect == 0);
     room_finish(&solution);
-    /* and it is what has light, the sun alone: without that there is none */
+    /* and the sun is the only light: without it there is none */
     scene = load(&file, unlit, 2);
     scene->light_count = 0;
     assert_false(lw_scene_has_light(scene));
@@ -306,7 +306,7 @@ static void image_based_lights_are_environments(void **state) {
     /* RGBD: divided by alpha, 51 / 255 */
     expect_floor(load_cube("'specularImages':[[0,0,0,0,0,0],[1,1,1,1,1,1]]", 51), 0, 5 * pi, 5 * pi, 5 * pi,
                  0.01);
-    /* +Y; +Z that a quarter turn about X takes up; and -X, about Z. The edge of a face is blurred over the
+    /* +Y, +Z that a quarter turn about X takes up, and -X, about Z. The edge of a face is blurred over the
      * texels of the environment, of which 16 are from pole to pole. */
     static const char *const ups[] = {
         "'specularImages':[[1,1,0,1,1,1]]",

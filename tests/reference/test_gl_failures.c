@@ -24,7 +24,7 @@ static PFNGLGETERRORPROC real_get_error;
 static PFNGLGETINTEGERVPROC real_get_integerv;
 
 static GLenum the_error;
-static int calls_left; /* of glGetError() that work */
+static int calls_left; /* calls of glGetError() that still work */
 static GLenum fail_late(void) {
     if (calls_left > 0) return calls_left--, real_get_error();
     return the_error;

@@ -14,8 +14,8 @@ enum { WIDTH = 480, HEIGHT = 270, VALUES = WIDTH * HEIGHT * 3 };
 enum { FINER = 2, LEVELS = LW_ATLAS_LEVELS_MAX + FINER, OBJECTS = 2 };
 
 #define TEXELS 60.0f         /* on a side of a square */
-#define SMALL  2.5f          /* likewise of the small one that is part of the same mesh */
-#define SIDE   64u           /* of its atlas */
+#define SMALL  2.5f          /* the same for the small square of the same mesh */
+#define SIDE   64u           /* side of its atlas */
 #define SECOND 1000000000ull /* ns */
 
 struct world {
@@ -257,7 +257,7 @@ static void test_same_picture(void **state) {
     finish(&w);
 }
 
-/* Charts show what is read, as the composer's do. */
+/* Charts show the tiles that are read, as the composer's do. */
 static void test_charts(void **state) {
     (void)state;
     struct world w;

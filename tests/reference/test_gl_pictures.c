@@ -18,7 +18,7 @@
 
 enum { WIDTH = 192, HEIGHT = 108, PIXELS = WIDTH * HEIGHT, SAMPLES = 4 };
 
-#define MEAN_MAX       (2 / 255.0) /* of pictures as a display shows them */
+#define MEAN_MAX       (2 / 255.0) /* mean error of pictures as a display shows them */
 #define FLIP_MAX       0.03
 #define DRAWN_MEAN_MAX (4 / 255.0) /* with shadow maps, against shadow rays */
 #define DRAWN_FLIP_MAX 0.06
@@ -706,7 +706,7 @@ static uint32_t find_inner(const struct world *w) {
     return inner;
 }
 
-/* Of all shadow maps those are drawn again that the moved thing is in, and no others; what has moved is
+/* The shadow maps that hold the moved thing are drawn again, and no others; the moved thing is
  * seen. */
 static void test_moved_caster(void **state) {
     (void)state;
@@ -752,7 +752,7 @@ static uint32_t count_single_calls(const struct world *w) {
     return calls;
 }
 
-/* Instances share draw calls, and what is out of sight is not drawn. */
+/* Instances share draw calls, and objects out of sight are not drawn. */
 static void test_draw_calls(void **state) {
     (void)state;
     struct world w;

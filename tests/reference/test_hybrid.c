@@ -74,7 +74,7 @@ static double mean_of(const struct room_solution *solution, uint32_t first, uint
 
 static void test_no_light_through_a_wall(void **state) {
     (void)state;
-    static const float ranges[] = {0.05f, 0.1f, 0.3f}; /* of the longest side, 4 m and a wall */
+    static const float ranges[] = {0.05f, 0.1f, 0.3f}; /* in the longest side, 4 m and a wall */
     static const float walls[] = {0.02f, 0.2f};
     for (size_t form = 0; form < FORMS; form++)
         for (int range = 0; range < 3; range++)

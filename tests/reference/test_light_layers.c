@@ -7,7 +7,7 @@
 
 static const struct lw_solver_desc desc = {
     .bounces = 2, .direct_samples = 1, .indirect_samples = 4, .target_error = 0.05f};
-/* Of an object's light after a change: blocks converge with up to target_error of it out of date, in direct
+/* An object's light after a change: blocks converge with up to target_error of it out of date, in direct
  * and in indirect light each. */
 #define AFTER_CHANGE 0.05
 
@@ -22,7 +22,7 @@ static uint64_t step(struct room_solution *s, uint64_t *frame) {
     return s->stats.rays_shadow + s->stats.rays_bounce;
 }
 
-/* What is shown of the floor. */
+/* The floor's shown light. */
 struct picture {
     float *light[3];
     size_t count;
@@ -220,7 +220,7 @@ static void test_light_that_stands_stays_converged(void **state) {
         joint_rays += step(&joint, &joint_frame);
     }
     assert_true(rays < joint_rays);
-    s.pose.light[1].intensity = lw_vec3(0, 0, 0); /* what is left was not touched */
+    s.pose.light[1].intensity = lw_vec3(0, 0, 0); /* the rest is not touched */
     assert_int_equal(step(&s, &frame), 0);
     s.pose.light[1].intensity = lw_vec3(3, 0, 1);
     room_solve_until_rest(&s, &frame);
@@ -290,7 +290,7 @@ static void test_out_of_the_dark(void **state) {
     room_finish(&s);
 }
 
-/* Saved and read again, it goes on as if nothing had been. */
+/* Saved and read again, it goes on as before. */
 static void test_comes_back(void **state) {
     (void)state;
     struct room_solution first, second;

@@ -5,7 +5,7 @@
 #include "server/solve/surface/standing.h"
 
 #define SETTLED 10u /* frames */
-/* Of the lamp's light, what the ground out of doors may still remember after that. */
+/* Share of the lamp's light that the ground out of doors may still have after that. */
 #define STRAY 0.01
 
 static const struct house boxes = {

@@ -15,14 +15,14 @@
 #define HEIGHT            90u
 #define VALUES            (3 * WIDTH * HEIGHT)
 #define FRAMES            10
-#define STEP_M            0.01f /* of the camera, from picture to picture */
+#define STEP_M            0.01f /* the camera's step from picture to picture */
 #define BOUNCES           2
 #define REFERENCE_SAMPLES 128u /* samples; what their noise adds to the error is known and taken off */
 
 struct set {
     struct lw_scene *scene;
     struct lw_path_world world;
-    struct lw_camera_view camera; /* of the first frame */
+    struct lw_camera_view camera; /* the first frame's */
 };
 
 static void set_up(struct set *set, unsigned threads) {
@@ -292,7 +292,7 @@ static void test_a_quarter_tells_even_light(void **state) {
             for (size_t c = 0; c < 3; c++) {
                 const float light = full.plane.object[i] == LW_TRACE_MISS ? 0 : 0.7f,
                             want = light * full.plane.albedo[c][i] + full.plane.emission[c][i];
-                /* a channel that reflects nothing is told by the others; emission is large beside light */
+                /* a channel that reflects nothing follows from the others; emission is large beside light */
                 assert_float_equal(out[3 * i + c], want, 1e-4f + 1e-5f * full.plane.emission[c][i]);
             }
         }

@@ -231,7 +231,7 @@ static double mean_floor(const struct room *room, struct mean *out, uint32_t sam
 /* Light is linear, however the one that is asked is chosen. */
 static void test_all_lamps_together(void **state) {
     (void)state;
-    double want = 0, variance = 0; /* of want */
+    double want = 0, variance = 0; /* variance: want's */
     struct lw_light lamp[3] = {point_light(), spot_light(), sun_light()};
     for (int c = 0; c < 3; c++) lamp[2].intensity[c] = 2;
     struct room all = floor_room();
@@ -523,7 +523,7 @@ static void test_parts_add_up(void **state) {
 }
 
 /* One path a pixel: what it brings beyond its first hit, which is what no bounce leaves out, is within the
- * limit; what was within it stays as it was. */
+ * limit; values within it stay as they were. */
 static void test_clamp(void **state) {
     (void)state;
     enum { SIDE = 64 };
@@ -549,7 +549,7 @@ static void test_clamp(void **state) {
             far[k] = lw_vec3(rgb[0] - first[0], rgb[1] - first[1], rgb[2] - first[2]);
         }
         const float before = lw_colour_luminance(far[0]), after = lw_colour_luminance(far[1]);
-        /* differences of floats as large as what is seen */
+        /* differences of floats as large as the radiance */
         const float rounding = 4e-6f * (limit + lw_colour_luminance(lw_vec3(1, 1, 1)) * near.half[0][3 * i]);
         assert_float_equal(after, fminf(before, limit), rounding);
         *(before > limit ? &brighter : &dimmer) += 1;

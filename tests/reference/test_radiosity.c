@@ -15,7 +15,7 @@ static double furnace(float density, float rho, uint32_t bounces) {
     return mean;
 }
 
-/* E = pi Le sum rho^k: form factors of a closed room sum to 1. What is missing lies in the edges, within a
+/* E = pi Le sum rho^k: form factors of a closed room sum to 1. The missing part lies in the edges, within a
  * texel of them: it halves with the texel. */
 static void test_furnace(void **state) {
     (void)state;
@@ -27,7 +27,7 @@ static void test_furnace(void **state) {
     expect_near(furnace(8, 0.5f, 0), pi_le, 0.02);
 }
 
-/* Of one square of 1 m on another: E = pi Le F. */
+/* One square of 1 m lights another: E = pi Le F. */
 static double plates(struct lw_vec3 corner, struct lw_vec3 edge_u, struct lw_vec3 edge_v, float density) {
     struct room room = {.texels_per_metre = density};
     struct room_solution s;
@@ -169,8 +169,8 @@ static void test_fewer_shooters(void **state) {
     room_finish(&full);
 }
 
-/* Bits of all pairs: the light is the same, bit for bit; rays are those of one bounce; a lamp that moves, and
- * another solver that reads the file, take none. */
+/* Bits of all pairs: the light is the same, bit for bit, and the rays are those of one bounce. A lamp that
+ * moves, and another solver that reads the file, take none. */
 static void test_kept_visibility(void **state) {
     (void)state;
     struct room room = room_with_two_lamps();

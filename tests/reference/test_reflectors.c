@@ -6,7 +6,7 @@
 
 #include <math.h>
 
-#define SEGMENTS 96 /* of room_disc() */
+#define SEGMENTS 96 /* triangles of room_disc() */
 #define RADIUS   0.06f
 #define ALBEDO   0.8f
 #define HIGH_M   0.2f  /* the lamp over the dish: all of it is lit alike */

@@ -8,13 +8,13 @@
 #include <string.h>
 
 #define DENSITY   4  /* texels per metre: coarse, so that edges fall inside texels */
-#define BAND_ROWS 64 /* of a picture */
+#define BAND_ROWS 64 /* rows of a picture */
 
 /* A floor of 8 m x 8 m under a sun at the zenith and a half plane whose edge runs through (at, 0) at `angle`
  * to Z. */
 struct edge {
     double at, sine, cosine;
-    double worst, sum, want, area; /* of the texels: largest error of one; means */
+    double worst, sum, want, area; /* largest error of one texel; means over texels */
 };
 
 static double lit(const struct edge *e, double x, double z) {
@@ -314,7 +314,7 @@ static void test_a_strip_has_eight_places(void **state) {
                 assert_true(lanes.at.z[lane] > -1e-4f && lanes.at.z[lane] < 0.0501f);
         }
     }
-    assert_true(whole >= 4 * DENSITY - 2); /* those at its ends may have fewer */
+    assert_true(whole >= 4 * DENSITY - 2); /* texels at its ends may have fewer */
     lw_texels_finish(&texels);
     room_finish(&solution);
 }

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { FLOOR, CEILING }; /* of room_box() */
+enum { FLOOR, CEILING }; /* objects of room_box() */
 
 /* Two closed rooms, each with a point light, far apart. Objects 0..5 are the first room's faces, 6..11 the
  * second's. */

@@ -198,7 +198,7 @@ static void make_slats(struct lw_scene *scene, uint32_t q) {
                                       .material = material};
 }
 
-/* Slivers lie a texel apart in the atlas: what is read of one is its own light to the very edge. */
+/* Slivers lie a texel apart in the atlas: look-ups of one give its own light to the very edge. */
 static void test_slats(void **state) {
     (void)state;
     struct room room = {0};
@@ -359,7 +359,7 @@ static void test_what_is_a_seam(void **state) {
     assert_int_equal(count_seams(0.5f, 1e-3f, 0, false), 0);
     assert_int_equal(count_seams(0.5f, 0, 0.07f, false), 1); /* 4 degrees */
     assert_int_equal(count_seams(0.5f, 0, 0.11f, false), 0); /* 6 degrees */
-    assert_int_equal(count_seams(0.5f, 0, 0, true), 0);      /* one upon the other: nothing goes on */
+    assert_int_equal(count_seams(0.5f, 0, 0, true), 0);      /* one upon the next: nothing goes on */
 }
 
 static void test_atrium(void **state) {

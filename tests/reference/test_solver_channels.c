@@ -1,6 +1,6 @@
 /* A channel that only this file knows goes the way of every other through the solver: filtered, welded,
  * filled into gutters, summed over layers, kept in a checkpoint. What it holds is light times a number, and
- * every one of these is linear; so what is shown of it must be what is shown of light, times that number. */
+ * every one of these is linear; so its shown planes must be those of light, times that number. */
 #include "tests/reference/room.h"
 
 #include "server/solve/cell_layer.h"
@@ -41,7 +41,7 @@ const struct lw_tile_channels *__wrap_lw_tile_channels(void) {
     return &table;
 }
 
-static struct lw_solver *layer[LW_LIGHT_GROUPS_MAX]; /* of the solver that was made last */
+static struct lw_solver *layer[LW_LIGHT_GROUPS_MAX]; /* layers of the newest solver */
 static uint32_t layers;
 
 enum lw_status __real_lw_cell_layer_create(struct lw_geometry *geometry, const struct lw_solver_desc *desc,
@@ -124,8 +124,8 @@ static struct compared compare(const struct room_solution *s, const double facto
 static const double factor_alone[PLANES] = {-1, 2};
 
 /* Welding keeps light from falling below none and scales what it moves to keep its sum: of what has a sign
- * neither is done. That is the only difference, and a small one. */
-#define WELDS_SHARE 0.002 /* of the light, as a root mean square */
+ * neither is done. There is no other difference, and it is small. */
+#define WELDS_SHARE 0.002 /* share of the light, as a root mean square */
 
 static void expect_linear(const struct room_solution *s, const double factor[PLANES]) {
     const struct compared c = compare(s, factor);

@@ -1,4 +1,4 @@
-/* Light in two forms: all of it is what is left without the direct light of client lights, and that. */
+/* Light in two forms: all of it is the split form and the direct light of client lights. */
 #include "common/light/client_lights.h"
 #include "tests/reference/room.h"
 
@@ -47,8 +47,8 @@ static void step(struct parted *p, unsigned frames) {
         lw_support_ok(p->s.solver->ops->frame(p->s.solver, &p->s.pose, ++p->frame, &p->s.stats, NULL), NULL);
 }
 
-/* Of an object, the mean over its covered texels of what is shown, red channel; and of the squares of what
- * the two forms differ by. */
+/* The mean of an object's shown light over its covered texels, red channel; and of the squares of the part
+ * that the two forms differ by. */
 struct shown {
     double full, split, difference_square;
 };
@@ -145,7 +145,7 @@ static void test_drawn_lights_change(void **state) {
         left.quad[ROOM_PANEL].emission = 0;
 
         left.light_position[0] = p.s.pose.light[0].position_ws = lw_vec3(1.2f, 1.2f, 1.1f);
-        step(&p, 1); /* what has changed is corrected by samples taken again */
+        step(&p, 1); /* changed light is corrected by samples taken again */
         step(&p, 40);
         expect_difference(&p, &left, 0.03);
 
@@ -203,7 +203,7 @@ static void test_a_form_may_come_late(void **state) {
     }
 }
 
-/* Without client lights there is one form, whatever is asked for. */
+/* Without client lights there is one form, whatever the settings. */
 static void test_no_client_lights(void **state) {
     (void)state;
     struct room room = make_room();

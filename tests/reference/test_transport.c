@@ -139,7 +139,7 @@ static void test_partial_sums_of_the_furnace(void **state) {
     }
 }
 
-/* ---- what must not matter ---- */
+/* ---- settings that must not matter ---- */
 
 static struct room lamp_room(void) {
     struct room room = {.texels_per_metre = 40}; /* 80 x 120 texels: several tiles an object */
@@ -148,10 +148,10 @@ static struct room lamp_room(void) {
     return room;
 }
 
-/* Cells settle the order in which tiles are solved: without probes no byte may hang on it. */
+/* Cells decide the order in which tiles are solved: without probes no byte may depend on it. */
 static void test_same_bytes_in_any_order_of_tiles(void **state) {
     (void)state;
-    static const float cell_size_m[] = {0.3f, 1e6f, 1e-6f}; /* many; one for all; more than there are tiles */
+    static const float cell_size_m[] = {0.3f, 1e6f, 1e-6f}; /* many, one for all, more than there are tiles */
     struct room room = lamp_room();
     struct room_solution a, b;
     room_solve(&a, &room, (struct lw_solver_desc){.bounces = 2, .cell_size_m = 9, .threads = 2}, 3);

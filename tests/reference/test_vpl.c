@@ -144,7 +144,7 @@ static void test_goes_on_from_a_checkpoint(void **state) {
     room_finish(&b);
 }
 
-/* ---- what moves ---- */
+/* ---- moving objects ---- */
 
 enum { FLOOR, CEILING, SHADE };
 

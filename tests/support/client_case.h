@@ -1,5 +1,5 @@
-/* client_case.h: what tests of the client library connect to: a scene with its package and light, behind our own
- * server, or a peer that says what a script has.
+/* client_case.h: what tests of the client library connect to: a scene with its package and light, behind our
+ * own server, or a peer that says what a script has.
  * Threads: a server and a script run in threads of their own; the rest is the test's. */
 #ifndef LW_TESTS_CLIENT_CASE_H
 #define LW_TESTS_CLIENT_CASE_H

@@ -60,7 +60,7 @@ static char *replace(char *text, const struct gltf_case_change *change) {
     return out;
 }
 
-bool gltf_case_matt; /* of what is loaded next */
+bool gltf_case_matt; /* the next load takes no finishes */
 
 static enum lw_status load_json(const char *json, const void *data, size_t size, struct lw_scene **out,
                                 struct lw_error *err) {

@@ -1,5 +1,5 @@
-/* gltf_case.h: a base scene of glTF that holds one of everything, and what becomes of it when one place in it is
- * changed. In its JSON ' stands for ". */
+/* gltf_case.h: a base scene of glTF that holds one of everything, and what becomes of it when one place in it
+ * is changed. In its JSON ' stands for ". */
 #ifndef LW_TESTS_GLTF_CASE_H
 #define LW_TESTS_GLTF_CASE_H
 
@@ -53,7 +53,7 @@ void gltf_case_expect_refusal(const struct gltf_case_change *changes, size_t cou
 
 extern const struct gltf_case_change gltf_case_no_change;
 
-/** What is told while `changes` are loaded; the scene must load. */
+/** Loads with `changes`; talk gets the lines that the load logs. The scene must load. */
 struct lw_scene *gltf_case_load_and_listen(const struct gltf_case_change *changes, size_t count,
                                            const void *data, size_t size, char *talk, size_t talk_size);
 

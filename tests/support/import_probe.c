@@ -20,8 +20,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-static char folder[PATH_MAX]; /* of the scene */
-static const char *token;     /* of the environment, as long as it was there */
+static char folder[PATH_MAX]; /* the scene's */
+static const char *token;     /* a value of the environment, as long as it is there */
 
 static const char *path_of(const char *name) {
     static char path[PATH_MAX + 32];
@@ -73,7 +73,7 @@ static bool connection(void) {
 }
 static bool unix_socket(void) { return has_socket(AF_UNIX); }
 
-static bool ends_well(long pid) { /* of the child that a call made */
+static bool ends_well(long pid) { /* the child that a call made */
     int status = 1;
     if (pid == 0) _exit(0);
     return pid > 0 && waitpid((pid_t)pid, &status, 0) == pid && status == 0;
@@ -85,7 +85,7 @@ static bool process_by_clone3(void) {
     const uint64_t arguments[8] = {[4] = SIGCHLD};
     return ends_well(syscall(SYS_clone3, arguments, sizeof arguments));
 }
-/* Of no file: a success would be the end of the probe. */
+/* No file: a success would be the end of the probe. */
 static bool program(void) {
     static char name[] = "x";
     execve("/nonexistent", (char *[]){name, NULL}, (char *[]){NULL});

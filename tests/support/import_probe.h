@@ -6,7 +6,7 @@
 
 #include <stdbool.h>
 
-#define LW_IMPORT_PROBE_DESCRIPTOR 9 /* that a test leaves open */
+#define LW_IMPORT_PROBE_DESCRIPTOR 9 /* a descriptor that a test leaves open */
 
 /** Tries each way out and says on stderr, a line each, whether it is open: "free WAY: open", or
  * "caged WAY: REASON". Beside the folder of the scene there is a file called secret, in it a link to that. */

@@ -21,7 +21,7 @@
 #define LOOK_AGAIN_MS 20 /* at what gives no event: another process's state, a file of another folder */
 #define WORDS_MAX     48
 #define PROCESSES_MAX 16
-#define FRAME_MAX     8192 /* of a frame's JSON */
+#define FRAME_MAX     8192 /* bytes of a frame's JSON */
 #define FAILED_EXEC   127  /* as shells say it */
 
 static pid_t running[PROCESSES_MAX]; /* 0: free */
@@ -110,7 +110,7 @@ void lw_process_await_text(struct lw_process *process, const char *text) {
 /* ---- starting ---- */
 
 static char given_display[32];
-static int given_input = -1; /* of the next program; -1: ours */
+static int given_input = -1; /* the next program's; -1: ours */
 
 void lw_process_set_display(const char *display) {
     snprintf(given_display, sizeof given_display, "%s", display ? display : "");
@@ -370,7 +370,7 @@ double lw_process_number(const char *line, const char *key) {
     return atof(at + strlen(quoted));
 }
 
-/* The newest whole line on stdout, without what is before it; NULL: there is none yet. The caller frees. */
+/* The newest whole line on stdout, without earlier ones; NULL: there is none yet. The caller frees. */
 static char *newest_line(const char *path) {
     char *text = calloc(1, FRAME_MAX + 1), *line = NULL;
     FILE *file = fopen(path, "rbe");

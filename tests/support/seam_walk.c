@@ -6,7 +6,7 @@
 #include <stdlib.h>
 
 #define STEPS       8    /* points per texel along a seam */
-#define FLOOR_SHARE 0.02 /* of the mean light */
+#define FLOOR_SHARE 0.02 /* share of the mean light */
 
 static uint32_t tiles_of(const struct lw_atlas *atlas) {
     return atlas->level_count ? atlas->level[0].tiles_x * atlas->level[0].tiles_y : 0;
@@ -25,7 +25,7 @@ static enum lw_status find_coarsest(struct seam_walk *walk) {
     return status;
 }
 
-/* Of level 0. */
+/* Level 0. */
 static void blacken_gutters(struct lw_levels *levels) {
     const struct lw_levels_image *image = &levels->level[0];
     for (size_t i = 0; levels->count && i < (size_t)image->width * image->height; i++)

@@ -41,9 +41,9 @@ struct seam_spread {
     double dark;           /* share of points whose sides' mean is under the floor */
 };
 
-/** Eight points per texel of the level; on coarser levels without the seams of what is read at level 0 alone.
- * object: whose seams, or LW_SCENE_NONE: all. Where a side has nothing but holes to read (inside something),
- * there is no seam.
+/** Eight points per texel of the level; on coarser levels without the seams of charts that are read at level
+ * 0 alone. object: whose seams, or LW_SCENE_NONE: all. Where a side has nothing but holes to read (inside
+ * something), there is no seam.
  * Errors: LW_NO_MEMORY; LW_INTERNAL: light that is negative or not finite. */
 LW_MUST_CHECK enum lw_status seam_walk_measure(const struct seam_walk *walk,
                                                const struct lw_seam_edges *edges, unsigned level,

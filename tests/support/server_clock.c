@@ -10,7 +10,7 @@
 #define TIMERS_MAX 8u
 
 static _Atomic uint64_t stood_ns; /* where it stands; 0: it runs */
-static _Atomic uint64_t ahead_ns; /* of the real one, or of where it stands */
+static _Atomic uint64_t ahead_ns; /* ahead of the real clock, or of where it stands */
 static _Atomic uint64_t readings;
 static pthread_mutex_t reading = PTHREAD_MUTEX_INITIALIZER;
 

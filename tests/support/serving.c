@@ -28,7 +28,7 @@ void *serving_serve(void *context) {
     return NULL;
 }
 
-uint32_t serving_finer_levels;  /* of the next one */
+uint32_t serving_finer_levels;  /* the next server's */
 uint32_t serving_fine_room = 3; /* ids for their tiles */
 
 struct serving *serving_start(const struct lw_server_desc *extra) {
@@ -337,7 +337,7 @@ const struct lw_scene_change serving_hide_1 = {LW_SCENE_CHANGE_OBJECT_HIDE, 1, 0
                              serving_no_such = {LW_SCENE_CHANGE_OBJECT_HIDE, SERVING_OBJECTS, 0, {0}};
 
 struct serving *serving_start_controlled_with(struct lw_server_desc desc) {
-    static struct lw_scene *scene; /* of the same counts as every fixture's */
+    static struct lw_scene *scene; /* has the same counts as every fixture's */
     if (!scene) scene = lw_support_squares(SERVING_OBJECTS, 1.0f);
     desc.scene = scene;
     desc.control_socket = lw_support_temporary("control.sock");

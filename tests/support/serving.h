@@ -1,7 +1,8 @@
-/* serving.h: a server in a thread of its own, and raw sockets of the test as its peers. Snapshots are made by hand:
- * the payloads only have to be bytes. Peers ask for one form of light, which snapshots have; the server knows
- * both. The server's clock stands from its start to its end: no time-out strikes unless the test moves the clock.
- * A test of it has LIBS lw_test_serving and WRAP clock_gettime uv_timer_start uv_timer_stop (server_clock.h). */
+/* serving.h: a server in a thread of its own, and raw sockets of the test as its peers. Snapshots are made by
+ * hand: the payloads only have to be bytes. Peers ask for one form of light, which snapshots have; the server
+ * knows both. The server's clock stands from its start to its end: no time-out strikes unless the test moves
+ * the clock. A test of it has LIBS lw_test_serving and WRAP clock_gettime uv_timer_start uv_timer_stop
+ * (server_clock.h). */
 #ifndef LW_TESTS_SERVING_H
 #define LW_TESTS_SERVING_H
 
@@ -58,8 +59,8 @@ void serving_wait_for_sessions(const struct serving *f, uint64_t sessions);
 
 struct lw_blob *serving_blob_of(const struct lw_message *message);
 
-/** All tiles of version `frame`, which is a number of its own: two of them are a frame to the server. The full
- * frame message has time 1, the delta time 2, to tell them apart. */
+/** All tiles of version `frame`, which is a number of its own: two of them are a frame to the server. The
+ * full frame message has time 1, the delta time 2, to tell them apart. */
 struct lw_snapshot *serving_make_snapshot(const struct serving *f, uint64_t frame, uint64_t previous);
 
 /** Takes the reference. */
@@ -104,9 +105,9 @@ void serving_expect_tiles(int s, uint32_t count, uint64_t version);
 /** A whole frame message, with all of the tiles. */
 void serving_expect_light(const struct serving *f, int s, uint64_t frame);
 
-/** Nothing is on its way to a peer, and nothing comes: questions get their answers and nothing in between. Two
- * of them, as an answer may overtake tiles, which are sent before the second question is read. Time goes by,
- * so that the server lets more of them in. */
+/** Nothing is on its way to a peer, and nothing comes: questions get their answers and nothing in between.
+ * Two of them, as an answer may overtake tiles, which are sent before the second question is read. Time goes
+ * by, so that the server lets more of them in. */
 void serving_expect_silence(int s);
 
 int serving_dial_again(const struct serving *f, struct lw_message_welcome *out_welcome);
@@ -130,7 +131,7 @@ void serving_update(int s, uint64_t request, const struct lw_scene_change *chang
 struct lw_scene_change *serving_take(const struct serving *f, uint64_t frame, size_t updates, size_t changes);
 
 /** Writes until the link takes no more though the server has had its turns, or the other end has closed it,
- * which sets *out_closed. Returns the bytes. total: what has been written of this already. */
+ * which sets *out_closed. Returns the bytes. total: bytes of these that are written already. */
 size_t serving_flood(int s, const struct lw_blob *bytes, size_t total, bool *out_closed);
 
 /** Set-up of tests in which peers ask for the split form. */

@@ -107,7 +107,7 @@ unsigned lw_web_peer_upgrade(int socket, const char *path, const char *lines) {
         if (!get_some(socket, answer + got, 1)) break;
     unsigned status = 0;
     (void)sscanf(answer, "HTTP/1.%*u %u", &status);
-    if (status == 101) { /* of that key, RFC 6455, 1.3 */
+    if (status == 101) { /* the answer to that key, RFC 6455, 1.3 */
         assert_non_null(strstr(answer, "s3pPLMBiTxaQ9kYGzzhZRbK+xOo="));
         assert_null(strcasestr(answer, "sec-websocket-extensions"));
     }

@@ -9,7 +9,7 @@
 #include <stddef.h>
 
 enum web_peer_opcode {
-    WEB_PEER_MORE = 0, /* of the message before */
+    WEB_PEER_MORE = 0, /* continues the message before */
     WEB_PEER_TEXT = 1,
     WEB_PEER_BINARY = 2,
     WEB_PEER_CLOSE = 8,

@@ -197,7 +197,7 @@ static void test_no_memory_for_http(void **state) {
         assert_int_equal(mallocs_to_fail, 0);
         expect_page();
     }
-    callocs_to_fail = 1; /* of the connection, once there is a descriptor */
+    callocs_to_fail = 1; /* the connection's allocation, once there is a descriptor */
     expect_closed(lw_web_peer_dial(lw_server_http_port(server)));
     expect_page();
     end(thread);

@@ -49,7 +49,7 @@ static void test_places(void **state) {
     assert_int_equal(lw_address_places_take(&places, &a, 3), LW_OK);
     assert_int_equal(lw_address_places_take(&places, &a, 3), LW_UNAVAILABLE);
     for (int i = 0; i < 3; i++) lw_address_places_give(&places, &a);
-    /* many, some of which share a bucket; nothing is left of who has none */
+    /* many, some of which share a bucket; an address without places leaves nothing */
     for (unsigned i = 0; i < 5000; i++) {
         char text[32];
         snprintf(text, sizeof text, "10.1.%u.%u", i / 250, i % 250);
@@ -82,7 +82,7 @@ static void test_rates(void **state) {
     assert_true(lw_address_rates_allow(&rates, &b, 5, 100, now_ns));
     assert_false(lw_address_rates_allow(&rates, &a, 5, 100, now_ns += second_ns / 5 - 1000));
     assert_true(lw_address_rates_allow(&rates, &a, 5, 100, now_ns += 2000));
-    for (int i = 0; i < 100; i++) /* who was refused has not used up anything */
+    for (int i = 0; i < 100; i++) /* a refusal uses no place */
         assert_true(lw_address_rates_allow(&rates, &a, 5, 100, now_ns += second_ns / 5 + 1000));
     /* more addresses than slots, each of which is new */
     for (unsigned i = 0; i < 2 * LW_ADDRESS_RATES_SLOTS; i++) {

@@ -144,7 +144,7 @@ static void test_more_samples_are_nearer_to_the_square(void **state) {
     assert_true(square_error(all, reference) < 0.02 * of_centre);
     assert_true(square_error(edges, reference) < 0.3 * of_centre);
 
-    /* what is no edge is left as it is, and what was found is a line */
+    /* only edges change, and the found edge is a line */
     assert_true(w.antialias.edge_count > WIDTH && w.antialias.edge_count < PIXELS / 4);
     bool is_edge[PIXELS] = {false};
     for (size_t i = 0; i < w.antialias.edge_count; i++) {

@@ -221,7 +221,7 @@ static void a_check_leaves_nothing(void **state) {
     }
 }
 
-/* A reader that waits for what comes through it must not see us come and go. */
+/* A reader of the pipe must not see us come and go. */
 static void a_check_leaves_pipes_alone(void **state) {
     (void)state;
     struct lw_error err = {0};

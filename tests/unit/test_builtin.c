@@ -561,7 +561,7 @@ static void test_arguments(void **state) {
     assert_int_equal(lw_builtin_build("builtin:citycentre", &scene, &err), LW_NO_INPUT);
 }
 
-/* Of two atriums test_atrium_matt() knows it. */
+/* test_atrium_matt() compares the two atriums. */
 static void test_same_bytes_every_time(void **state) {
     (void)state;
     static const char *const names[] = {"builtin:cornell", "builtin:ajar", "builtin:city:1"};

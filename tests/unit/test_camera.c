@@ -60,7 +60,7 @@ static void test_parse_names_the_part(void **state) {
     lw_support_ok(lw_camera_parse("1,2,3:4,5,6:179", &view, &err), &err);
 }
 
-/* What is written is read as the same view, near the origin and far from it. */
+/* A written view is read as the same view, near the origin and far from it. */
 static void test_format(void **state) {
     (void)state;
     static const struct lw_vec3 place[] = {{0, 0, 0}, {1, 2, 3}, {-1234.5f, 0.02f, 4000}};
@@ -262,7 +262,7 @@ static void test_default_fits_any_size(void **state) {
             struct lw_camera_view view = default_view(scene, aspect);
             float extent = extent_of(&view, aspect, lw_vec3_sub(centre, half), lw_vec3_add(centre, half));
             assert_in_range(extent * 100, 80, 100);
-            int sides = 0; /* that are seen */
+            int sides = 0; /* visible ones */
             for (int i = 0; i < 6; i++) {
                 struct lw_vec3 from = lw_vec3_mad(centre, facing[i], 0.5f * side_m);
                 sides += lw_vec3_dot(lw_vec3_sub(view.position, from), facing[i]) > 0;

@@ -89,7 +89,7 @@ static void test_session(void **state) {
     enum lw_status status = LW_OK;
     while (status == LW_OK) status = lw_client_poll(client, 1000, &err);
     lw_support_fails(status, LW_CLOSED, &err, "ended the session: the server ends");
-    client_case_expect_tile(client, &w, 0, 3); /* what was received stays readable */
+    client_case_expect_tile(client, &w, 0, 3); /* received light stays readable */
     lw_client_destroy(client);
     lw_client_destroy(NULL);
     assert_int_equal(pthread_join(thread, NULL), 0);
@@ -217,8 +217,7 @@ static struct lw_snapshot *make_spare_snapshot(const struct client_case_world *w
     lw_blob_unref(snapshot->frame_full);
     lw_support_ok(lw_blob_from_message(&m, &snapshot->frame_full), NULL);
     uint8_t *payload = malloc(lw_tile_codec_bound());
-    for (uint32_t t = 0; t < w->map.tile_count;
-         t++) { /* of it nothing has come but the coarsest level, long ago */
+    for (uint32_t t = 0; t < w->map.tile_count; t++) { /* only its coarsest level has come, long ago */
         if (w->map.place[t].object != object) continue;
         const struct lw_message tile = client_case_tile_message(w, t, coarsest, payload);
         snapshot->tile[LW_LIGHT_FORM_FULL][t].version = coarsest;
@@ -386,7 +385,7 @@ static void test_what_comes_with_the_welcome(void **state) {
     lw_support_ok(
         lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1", .port = s.port}, &client, &err), &err);
     LW_SUPPORT_WAIT_UNTIL(s.said); /* now all of it is read already, or waits in the socket */
-    /* a poll that waited for what is here already would never come back */
+    /* a poll that waited for messages which are here already would never return */
     while (!lw_client_scene(client)) lw_support_ok(lw_client_poll(client, INT_MAX, &err), &err);
     lw_client_destroy(client);
     client_case_end(&s);
@@ -481,7 +480,7 @@ static void test_messages_out_of_place(void **state) {
     client_case_finish_world(&w);
 }
 
-/* A tile in codec 4, as a whole and then as what has changed: of the smallest there is. */
+/* A tile in codec 4, as a whole and then as a delta: the smallest tile there is. */
 static void say_light(struct client_case_script *s, const struct client_case_world *w) {
     uint32_t id = 0;
     for (uint32_t t = 1; t < w->map.tile_count; t++)

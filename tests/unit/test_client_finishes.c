@@ -81,7 +81,8 @@ static uint64_t fetch_finishes(const struct client_case_running *r, const struct
     return stats.bytes;
 }
 
-/* Who asks gets them, after its light; who does not, and who has a server without, has a matt scene. */
+/* A client that asks gets them, after its light. A client that does not ask has a matt scene, and so has one
+ * whose server has none. */
 static void test_finishes(void **state) {
     (void)state;
     struct client_case_world w = client_case_make_world();
@@ -137,7 +138,7 @@ static void poll_until_finished(struct lw_client *client) {
     }
 }
 
-/* A client that comes back keeps its finishes; others than those are another scene. */
+/* A client that comes back keeps its finishes; other finishes are another scene. */
 static void test_finishes_of_another_session(void **state) {
     (void)state;
     struct client_case_world w = client_case_make_world();
@@ -279,7 +280,7 @@ static void test_damaged_finishes(void **state) {
     client_case_finish_world(&w);
 }
 
-/* What was cut short goes on in the same run, and begins again in another. */
+/* An interrupted download goes on in the same run, and begins again in another. */
 static void test_finishes_go_on(void **state) {
     (void)state;
     struct client_case_world w = client_case_make_world();

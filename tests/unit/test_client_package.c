@@ -30,7 +30,7 @@ static uint64_t fetch_scene(const struct client_case_running *r, const char *fol
     return stats.bytes;
 }
 
-/* What is fetched is kept, nothing of it twice, and not fetched again unless it is damaged. */
+/* A fetched package is kept, each part once, and fetched again only if it is damaged. */
 static void test_cache(void **state) {
     (void)state;
     struct client_case_world w = client_case_make_world();

@@ -38,7 +38,7 @@ static void test_reconnect(void **state) {
     client_case_poll_until_tiles(client, w.map.tile_count);
     const struct lw_scene *scene = lw_client_scene(client);
 
-    /* the link breaks: nothing of what is here is sent again */
+    /* the link breaks: no tile that the client has is sent again */
     assert_int_equal(shutdown(lw_client_descriptor(client), SHUT_RDWR), 0);
     client_case_lose_connection(client);
     lw_support_ok(lw_client_reconnect(client, &err), &err);
@@ -102,8 +102,8 @@ static struct lw_snapshot *change_half(const struct client_case_world *w, const 
     return snapshot;
 }
 
-/* A client that reads nothing for longer than the server waits is closed; it comes back and gets what has
- * changed, not what it has. */
+/* A client that reads nothing for longer than the server waits is closed; it comes back and gets the tiles
+ * that have changed, not what it has. */
 static void test_who_stopped_reading_comes_back(void **state) {
     (void)state;
     struct client_case_world w = client_case_make_world();

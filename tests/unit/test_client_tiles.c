@@ -59,7 +59,7 @@ static void test_draws(void **state) {
     lw_support_ok(lw_client_create(&desc, &plain, &err), &err);
     desc.draws_direct = true;
     lw_support_ok(lw_client_create(&desc, &client, &err), &err);
-    assert_null(lw_client_draws(client)); /* of which scene? */
+    assert_null(lw_client_draws(client)); /* there is no scene yet */
     client_case_poll_until_tiles(plain, w.map.tile_count);
     assert_null(lw_client_draws(plain));
     while (!lw_client_scene(client)) lw_support_ok(lw_client_poll(client, 100, &err), &err);
@@ -79,7 +79,7 @@ static void test_draws(void **state) {
         client_case_expect_texels(client, &w, t, 8 + SPLIT_OFF);
         client_case_expect_tile(plain, &w, t, 8);
     }
-    /* the link breaks: nothing of what is here is sent again, though the other form had version 7 too */
+    /* the link breaks: no tile that the client has is sent again, though the other form had version 7 too */
     assert_int_equal(shutdown(lw_client_descriptor(client), SHUT_RDWR), 0);
     client_case_lose_connection(client);
     lw_support_ok(lw_client_reconnect(client, &err), &err);
@@ -88,7 +88,7 @@ static void test_draws(void **state) {
     lw_support_ok(lw_client_poll(client, 100, &err), &err);
     lw_client_get_stats(client, &stats);
     assert_int_equal(stats.tiles, w.map.tile_count);
-    /* a server that has no client lights: what is there lacks what nobody draws now */
+    /* a server that has no client lights: tiles lack light that nobody draws now */
     client_case_stop_server(&r);
     client_case_lose_connection(client);
     r = client_case_start_server(&w, port);
@@ -256,7 +256,7 @@ static void test_tiles_of_finer_levels(void **state) {
         lw_support_ok(lw_replica_take_tile(replica, &gone, &err), &err);
         assert_int_equal(lw_replica_get_tile(replica, id).version, 0);
     }
-    /* what is dropped comes no more, nor does what builds on it, until it has an id again */
+    /* a dropped tile comes no more, nor do its deltas, until it has an id again */
     tile.version = 20;
     lw_support_ok(lw_replica_take_tile(replica, &tile, &err), &err);
     lw_replica_release_fine(replica, id);

@@ -41,14 +41,14 @@ static void test_waiting(void **state) {
     poll_until_waiting(client, LW_WAITING_READY, 1);
     client_case_poll_until_tiles(client, w.map.tile_count);
     lw_support_ok(lw_client_reconnect(client, &err), &err);
-    assert_int_equal(lw_client_waiting(client).stage, LW_WAITING_UNKNOWN); /* of this session */
+    assert_int_equal(lw_client_waiting(client).stage, LW_WAITING_UNKNOWN); /* nothing in this session */
     poll_until_waiting(client, LW_WAITING_READY, 1);                       /* by its first frame */
     lw_client_destroy(client);
     client_case_stop_server(&r);
     client_case_finish_world(&w);
 }
 
-/* Stages of a newer server, and what comes too early or too late. */
+/* Stages of a newer server, and messages that come too early or too late. */
 static void test_waiting_for_what_is_new(void **state) {
     (void)state;
     struct client_case_world w = client_case_make_world();

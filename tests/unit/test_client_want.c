@@ -91,7 +91,7 @@ static uint32_t count_used(const struct lw_client *client, const lw_tile_id *id,
     return used;
 }
 
-/* Tiles of finer levels lose their ids, and their light, once the server was told a list without them; where
+/* Tiles of finer levels lose their ids, and their light, once the server has a list without them; where
  * ids are about to run out, with the next list. A tile that has lost its id may still be listed, and is left
  * out. */
 static void test_ids_that_nobody_wants_go(void **state) {
@@ -129,7 +129,7 @@ static void test_ids_that_nobody_wants_go(void **state) {
     assert_int_equal(count_used(client, id, FEW), FEW);
     claim(client, 0, MANY, id);
     lw_support_ok(lw_client_want(client, id + MANY - FEW, FEW), NULL);
-    assert_int_equal(count_used(client, id, FEW), FEW); /* the server was told of them */
+    assert_int_equal(count_used(client, id, FEW), FEW); /* the server has them in its list */
     assert_int_equal(count_used(client, id + MANY - FEW, FEW), FEW);
     assert_int_equal(count_used(client, id, MANY), 2 * FEW);
     assert_int_equal(lw_client_want(client, id, MANY), LW_OK);

@@ -244,7 +244,7 @@ static void test_parallel(void **state) {
     world_finish(&w);
 }
 
-/* What is seen through a pane is 1 - alpha of it, by the pane's tint. */
+/* A pane lets 1 - alpha of the radiance behind it pass, by its tint. */
 static void test_tint(void **state) {
     (void)state;
     struct world w;
@@ -570,7 +570,7 @@ static void test_noisy_tiles_are_read_coarser(void **state) {
         assert_near(rgb[0], 0.5f * (float)(1 + k) / LW_PI, 1e-6f);
         assert_true(report.complete && report.tiles_needed == 1); /* what the view needs stays the fine one */
     }
-    w.source.noise_shown = 0.2f; /* of what is filtered less is to be seen */
+    w.source.noise_shown = 0.2f; /* the filter leaves less to be seen */
     render(&w, &view, rgb);
     assert_near(rgb[0], 0.5f * 2 / LW_PI, 1e-6f);
     w.source.noise_shown = 1;
@@ -674,7 +674,7 @@ static void test_nothing_there(void **state) {
     struct lw_compose_view view = look_down(); /* on object 0 */
     for (uint32_t t = 0; t < w.map.atlas[0].tile_count; t++) w.tile[t].version = 0;
     struct lw_compose_report report = render(&w, &view, rgb);
-    assert_picture(rgb, 0.5f * 7 / LW_PI); /* the average of what is there */
+    assert_picture(rgb, 0.5f * 7 / LW_PI); /* the average of the tiles that are there */
     assert_int_equal(report.tiles_missing, report.tiles_needed);
     for (uint32_t t = 0; t < w.map.tile_count; t++) w.tile[t].version = 0;
     render(&w, &view, rgb);
@@ -823,7 +823,7 @@ static uint32_t asked_for(const struct world *w, lw_tile_id *out_id) {
 }
 
 /* Close by, a view asks for a finer level where level 0 is uneven; level 0 stands in for it, and is what the
- * view waits for. What is there is read, asked for or not, unless it is noisy. */
+ * view waits for. A tile that is there is read, asked for or not, unless it is noisy. */
 static void test_finer_levels_are_asked_for_and_read(void **state) {
     (void)state;
     struct world w;
@@ -857,7 +857,7 @@ static void test_finer_levels_are_asked_for_and_read(void **state) {
     world_finish(&w);
 }
 
-/* Across the edge of two tiles light goes over from one to the other; where one lacks, the next coarser
+/* Across the edge of two tiles light goes over from one to the next; where one lacks, the next coarser
  * level is read instead. */
 static void test_finer_tiles_side_by_side(void **state) {
     (void)state;

@@ -47,20 +47,21 @@ static void test_weights(void **state) {
 
 static void test_identity(void **state) {
     (void)state;
-    static const struct case_of cases[] = {{"identity", BOTH, IDENTITY},
-                                           {"identity, gzip", BOTH, GZIP}, /* of equal weights the smaller */
-                                           {"identity, gzip;q=0.9", BOTH, IDENTITY},
-                                           {"identity;q=0.1, br;q=0.2", BOTH, BR},
-                                           {"identity;q=0", BOTH, NONE},
-                                           {"identity;q=0, gzip", BOTH, GZIP},
-                                           {"identity;q=0, gzip", 0, NONE},
-                                           {"*;q=0", BOTH, NONE},
-                                           {"*;q=0, identity;q=0.1", BOTH, IDENTITY},
-                                           {"*;q=0, gzip;q=0.1", BOTH, GZIP},
-                                           {"*", BOTH, BR},
-                                           {"*", 0, IDENTITY},
-                                           {"br;q=0, *", BOTH, GZIP},
-                                           {"gzip;q=0.5, *;q=0.1", BOTH, GZIP}};
+    static const struct case_of cases[] = {
+        {"identity", BOTH, IDENTITY},
+        {"identity, gzip", BOTH, GZIP}, /* equal weights: the smaller one */
+        {"identity, gzip;q=0.9", BOTH, IDENTITY},
+        {"identity;q=0.1, br;q=0.2", BOTH, BR},
+        {"identity;q=0", BOTH, NONE},
+        {"identity;q=0, gzip", BOTH, GZIP},
+        {"identity;q=0, gzip", 0, NONE},
+        {"*;q=0", BOTH, NONE},
+        {"*;q=0, identity;q=0.1", BOTH, IDENTITY},
+        {"*;q=0, gzip;q=0.1", BOTH, GZIP},
+        {"*", BOTH, BR},
+        {"*", 0, IDENTITY},
+        {"br;q=0, *", BOTH, GZIP},
+        {"gzip;q=0.5, *;q=0.1", BOTH, GZIP}};
     CHECK(cases);
 }
 

@@ -30,7 +30,7 @@ static void put(struct lw_crossover_store *store, const char *renderer, const ch
         expense[v].frames = 8;
         expense[v].cpu_s[is_cache ? LW_STAGE_SOLVE : LW_STAGE_TRACE] = alone_s * brighter;
     }
-    /* of the cache every third view is seen alone */
+    /* every third view of the cache is seen alone */
     uint32_t count = 0;
     for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++)
         if (!isnan(alone_s) && (!is_cache || v % 3 == 0)) expense[count++] = expense[v];

@@ -256,7 +256,7 @@ static void another_row_is_refused_by_what_differs(void **state) {
     run_row(folder, &first, "whose version is 0.0.1, not " LW_VERSION);
 }
 
-/* Of a version that did not note what is noted now. */
+/* Written by a version without the newer columns. */
 static void a_row_without_notes_is_refused_once_it_holds_figures(void **state) {
     (void)state;
     const struct lw_crossover_options o = {.scene = {.path = "none.lwscene"}, .width = 64, .height = 36};

@@ -143,7 +143,7 @@ static struct lw_blob *tile_blob(uint64_t base, uint64_t version, float scale, c
     return blob;
 }
 
-/* Light that a ripple goes over: what changes from one version to the next changes back later on. */
+/* A ripple goes over the light: each change of a version is undone by a later one. */
 static void add_real(struct fixture *f, uint64_t version) {
     static float rgb[SIDE * SIDE * 3];
     struct lw_tile_dct_coded coded;
@@ -198,7 +198,7 @@ static void test_a_jump_over_several_versions(void **state) {
     struct lw_blob *second = lw_blob_ref(f.deltas.tile[0].whole);
     for (uint64_t version = 3; version <= 6; version++) add_real(&f, version);
     assert_int_equal(lw_deltas_next(&f.deltas, 0, 5, false, &delta), LW_DELTAS_DELTA); /* the snapshot's */
-    assert_int_equal(lw_deltas_next(&f.deltas, 0, 6, false, &delta), LW_DELTAS_WHOLE); /* of no use */
+    assert_int_equal(lw_deltas_next(&f.deltas, 0, 6, false, &delta), LW_DELTAS_WHOLE); /* useless */
     assert_int_equal(lw_deltas_next(&f.deltas, 0, 2, false, &delta), LW_DELTAS_WAIT);
     assert_int_equal(lw_deltas_next(&f.deltas, 0, 2, false, &delta),
                      LW_DELTAS_WAIT); /* is not asked for twice */
@@ -287,7 +287,7 @@ static void test_coarse_forms(void **state) {
     tear_down(&f);
 }
 
-/* Of a tile that is not of codec 3 there is no other form than itself. */
+/* A tile of another codec than 3 has no other form than itself. */
 static void test_no_coarse_form(void **state) {
     (void)state;
     struct fixture f;
@@ -317,7 +317,7 @@ static void test_a_recoder_takes_no_more_than_it_says(void **state) {
     assert_int_equal(lw_deltas_next(&f.deltas, 0, 1, false, &delta), LW_DELTAS_DELTA);
     assert_int_equal(delta.version, 2); /* one after another */
     LW_SUPPORT_WAIT_UNTIL(lw_transcoder_collect(f.transcoder, &result));
-    assert_null(result.blob); /* there is nothing between what is damaged */
+    assert_null(result.blob); /* there is no delta between damaged tiles */
     assert_true(result.tile == 0 && result.base == 1 && result.version == 2);
     assert_true(lw_transcoder_ask(f.transcoder, &job));
     assert_false(lw_transcoder_ask(f.transcoder, &job));

@@ -69,7 +69,7 @@ static void sky_and_environment_add_up(void **state) {
 /* No direction, not even a broken one, reads past the picture. */
 static void odd_directions_are_safe(void **state) {
     (void)state;
-    float *rgb = malloc(7 * 5 * 3 * sizeof *rgb); /* of its exact size, for a sanitizer */
+    float *rgb = malloc(7 * 5 * 3 * sizeof *rgb); /* exactly as large as needed, for a sanitizer */
     assert_non_null(rgb);
     for (int i = 0; i < 7 * 5 * 3; i++) rgb[i] = 1;
     const struct lw_environment e = {.width = 7, .height = 5, .rgb = rgb};
@@ -109,7 +109,7 @@ static void densities_are_what_is_drawn(void **state) {
     lw_support_ok(lw_environment_importance_init(&importance, &e), NULL);
     assert_true(importance.excess > 0 && importance.excess < importance.mean);
 
-    /* the density that comes with a draw is the one that is told of its direction; they cover what they
+    /* the density that comes with a draw is the density of its direction; they cover what they
      * should */
     enum { N = 1 << 17 };
     double inverse = 0, steps = 0;
@@ -148,7 +148,7 @@ static void densities_are_what_is_drawn(void **state) {
     lw_environment_importance_finish(&importance);
 }
 
-/* Mixed with even directions, the draws give the integral of what is read: no direction is left out. */
+/* Mixed with even directions, the draws give the integral of all look-ups: no direction is left out. */
 static void mixture_is_unbiased(void **state) {
     (void)state;
     float rgb[W * H * 3];

@@ -1,5 +1,5 @@
-/* Environments from EXR files: what is no light is cleaned, what is too large filtered down, what is no EXR
- * refused. */
+/* Environments from EXR files: values that are no light are cleaned, large pictures filtered down, files that
+ * are no EXR refused. */
 #include "common/image/image.h"
 #include "common/random.h"
 #include "server/import/environment_file.h"

@@ -23,7 +23,7 @@ void *__wrap_calloc(size_t count, size_t size) {
 }
 
 #define HEADER_SIZE 32u
-#define ENTRY(n)    (HEADER_SIZE + 24u * ((n)-1)) /* of section id n */
+#define ENTRY(n)    (HEADER_SIZE + 24u * ((n)-1)) /* offset of section id n */
 enum { SCENE = 1, FINISHES, TEXTURES, MESHES, STRINGS, TANGENTS, PIXELS };
 
 static void set_u32(uint8_t *p, uint32_t value) { memcpy(p, &value, sizeof value); }
@@ -234,7 +234,7 @@ static void fields_lie_where_the_document_says(void **state) {
     free(bytes);
 }
 
-/* Reads from a block of exactly that size, so that a sanitizer sees every byte too many. What is refused
+/* Reads from a block of exactly that size, so that a sanitizer sees every byte too many. A refused package
  * leaves no trace. */
 static enum lw_status read_exactly(const uint8_t *bytes, size_t size, struct lw_error *err) {
     uint8_t *block = malloc(size ? size : 1), *again;
@@ -312,7 +312,7 @@ static void every_word_with_an_extreme_value_is_refused_or_sound(void **state) {
     free(bytes);
 }
 
-/* One lie each: the name of a place, and what is said about it. f: the first finish; t: the first texture. */
+/* One lie each: the name of a place, and its message. f is the first finish, t the first texture. */
 #define LIE_MAP(X)                                                                                           \
     X("does not begin with LWFINIS", b[0] = 'l')                                                             \
     X("has version 2; this program reads 1", set_u32(b + 8, 2))                                              \

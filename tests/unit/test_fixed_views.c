@@ -22,7 +22,7 @@ static struct lw_scene *build(const char *name) {
     return scene;
 }
 
-/* Of a small picture; how many of its pixels show something. */
+/* The number of pixels of a small picture that show something. */
 static double look(const struct lw_path_world *world, const struct lw_camera_view *camera,
                    uint32_t *out_pixels) {
     struct lw_path_film film;

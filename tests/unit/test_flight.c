@@ -50,7 +50,7 @@ static void test_turns_and_moves(void **state) {
     assert_true(fabsf(flight.yaw) <= 3.15f);
 }
 
-/* What is in the middle of the view stays there, at its distance; a walker's forward is level. */
+/* The point in the middle of the view stays there, at its distance; a walker's forward is level. */
 static void test_orbits_and_walks(void **state) {
     (void)state;
     struct lw_flight flight = {.position = {1, 2, 3}, .yaw = 0.4f, .pitch = -0.3f, .fov_y = 1, .speed = 2};

@@ -101,7 +101,7 @@ static void the_authors_program_agrees(void **state) {
     }
 }
 
-/* Even pictures have no features: what is left is Hunt, HyAB, exponent and mapping. */
+/* Even pictures have no features: the rest is Hunt, HyAB, exponent and mapping. */
 static void even_colours(void **state) {
     (void)state;
     enum { BLACK, WHITE, RED, GREEN, BLUE, COLOURS };

@@ -15,7 +15,7 @@ static void even_work_is_foretold(void **state) {
 }
 
 /* Frames of which the last, with few tiles, each take ten times as long for their work: no longer than half a
- * minute after that has begun, what is said is right to a tenth. */
+ * minute after that has begun, the forecast is right to a tenth. */
 static void a_slow_end_is_seen(void **state) {
     (void)state;
     struct lw_forecast f = {0};
@@ -26,7 +26,7 @@ static void a_slow_end_is_seen(void **state) {
     }
 }
 
-/* An error that is found to be larger: what is said grows, and recovers. */
+/* An error that proves to be larger: the forecast grows, and recovers. */
 static void work_that_grows_has_no_end_until_it_falls(void **state) {
     (void)state;
     struct lw_forecast f = {0};

@@ -249,7 +249,7 @@ static void normals_are_the_files_or_flat_or_smooth_where_it_asks(void **state) 
     scene = load_text("off.obj", text);
     assert_int_equal(scene->mesh[0].vertex_count, 6);
     lw_scene_destroy(scene);
-    /* normals of the file, made unit; they say what is front, whatever the winding */
+    /* normals of the file, made unit; they decide the front, whatever the winding */
     scene = load_text("given.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 -4\nf 1//1 2//1 3//1\n");
     const struct lw_mesh *mesh = &scene->mesh[0];
     assert_vec3(mesh->normal[0], 0, 0, -1);
@@ -808,7 +808,7 @@ static char *replaced(const char *text, const char *old, const char *new) {
     return out;
 }
 
-/* Assimp draws a tetrahedron for each node of a file that has no mesh, unless it is told not to. */
+/* Assimp draws a tetrahedron for each node of a file that has no mesh, unless an option forbids it. */
 static void lamps_alone_are_no_triangles(void **state) {
     (void)state;
     char *text = replaced(dae, "<library_geometries>", "<!--"), *cut = text;
@@ -892,7 +892,7 @@ static void fbx_units_are_centimetres(void **state) {
     free(text);
 }
 
-/* ---- what is broken ---- */
+/* ---- broken files ---- */
 
 static void broken_files_are_refused_in_one_line(void **state) {
     (void)state;

@@ -150,7 +150,7 @@ static void relief_is_of_heights_or_normals(void **state) {
     lw_scene_destroy(scene);
 }
 
-/* A normal map that is the colour too, as a broken exporter writes: neither spoils the other. */
+/* A normal map that is the colour too, as a broken exporter writes: neither use spoils the second one. */
 static void one_picture_may_be_several_things(void **state) {
     (void)state;
     write_picture("normals.tga", 2, (const uint8_t[][3]){{128, 128, 128}, {90, 90, 90}});
@@ -165,7 +165,7 @@ static void one_picture_may_be_several_things(void **state) {
 
 /* ---- FBX and Collada, read by Assimp ---- */
 
-/* A square with one material. %s: its properties; its textures; their connections. */
+/* A square with one material. %s: its properties, its textures, their connections. */
 static const char fbx_format[] =
     "; FBX 7.4.0 project file\n"
     "FBXHeaderExtension:  {\n FBXHeaderVersion: 1003\n FBXVersion: 7400\n Creator: \"by hand\"\n}\n"
@@ -218,7 +218,7 @@ static struct lw_scene *load_fbx(const char *properties, const struct fbx_map *m
     return load("t.fbx");
 }
 
-/* A square with one effect of a shading model. %s: its parameters; what is extra. */
+/* A square with one effect of a shading model. %s: its parameters, its extras. */
 static const char dae_format[] =
     "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n"
     "<COLLADA xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" version=\"1.4.1\">\n"

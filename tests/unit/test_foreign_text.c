@@ -1,4 +1,4 @@
-/* OBJ, MTL, PLY, STL and Collada as people and exporters write them: what is read, what is named and
+/* OBJ, MTL, PLY, STL and Collada as people and exporters write them: what readers take, name and
  * skipped, line by line of the tables of docs/importing_other.md. */
 #include "tests/support/foreign_case.h"
 
@@ -463,7 +463,7 @@ static void rare_statements_of_obj_are_named(void **state) {
         assert_int_equal(scene->mesh[0].triangle_count, 2);
         lw_scene_destroy(scene);
     }
-    /* ten kinds are told, and how many more */
+    /* ten kinds are named, and the number of the rest */
     char text[2048] = QUAD FACE;
     for (int i = 0; i < 30; i++) sprintf(text + strlen(text), "frob%d\n", i);
     struct lw_scene *scene = load_text("rare.obj", text);
@@ -502,7 +502,7 @@ static void vertices_have_weights_colours_and_short_coordinates(void **state) {
         largest = fmaxf(largest, scene->mesh[0].position[i].x);
     assert_float_equal(largest, 2, 0);
     lw_scene_destroy(scene);
-    /* some with a colour, some without: those are white */
+    /* some with a colour, some without, which are white */
     scene = load_text("c.obj", "v 0 0 2\nv 2 0 2 1 0 0\nv 2 0 0 1 0 0\nv 0 0 0 1\nf 1 2 3 4\n");
     assert_told("vertices without a colour beside some that have one are white");
     const struct lw_mesh *mesh = &scene->mesh[0];
@@ -754,7 +754,7 @@ static void stl_colours_are_those_of_a_screen(void **state) {
     assert_colour(scene, GREY, "no colour");
     assert_null(scene->mesh[0].colour);
     lw_scene_destroy(scene);
-    /* red on one facet; the other is as grey as what has no colour */
+    /* red on one facet; the second is grey, as uncoloured facets are */
     scene = load_binary_stl("", 0x8000 | 31 << 10, 0);
     assert_quiet("one colour");
     assert_colour(scene, 1, 1, 1, "colours of facets");

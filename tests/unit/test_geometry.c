@@ -9,7 +9,7 @@
 
 #define LIMIT_NS 60000000000ull
 
-/* A floor of three squares, one beside the other, each an object that may begin to move. */
+/* A floor of three adjacent squares, each an object that may begin to move. */
 struct floor {
     struct lw_scene *scene;
     struct lw_atlas_map map;
@@ -86,7 +86,7 @@ static void seams_that_are_found_later_are_the_same(void **state) {
     tear_down(&at_once);
 }
 
-/* Another object begins to move while seams without the first are sought: nobody gets those. */
+/* Another object begins to move while seams without the first are sought: nobody gets these seams. */
 static void a_search_that_is_overtaken_is_dropped(void **state) {
     (void)state;
     struct floor at_once, later;

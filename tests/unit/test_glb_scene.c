@@ -276,7 +276,7 @@ static void emission_and_alpha_stay(void **state) {
     finish(&w);
 }
 
-/* Gloss and relief go out as glTF has them; what is matt is written as it always was. */
+/* Gloss and relief go out as glTF has them; matt materials are written as they always were. */
 static void finishes_stay(void **state) {
     (void)state;
     struct written w;
@@ -313,11 +313,11 @@ static void finishes_stay(void **state) {
             assert_true(fabs(json_number_value(ior) - 1.33) < 1e-6);
         }
     }
-    assert_int_equal(found, 2); /* of two objects */
+    assert_int_equal(found, 2); /* both objects */
     finish(&w);
 }
 
-/* What is unlit has no lightmap to be lit by; an orthographic camera stays one. */
+/* An unlit object has no lightmap; an orthographic camera stays one. */
 static void unlit_materials_and_orthographic_cameras_stay(void **state) {
     (void)state;
     struct written w;

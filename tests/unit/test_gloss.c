@@ -180,7 +180,7 @@ static void test_wide_lamp(void **state) {
         if (!(sum[i] < 1.02 && sum[i] > 0.8)) fail_msg("lane %u: %g", i, sum[i]);
 }
 
-/* The mirrored sky: what is open is known by E. */
+/* The mirrored sky: E tells which directions are open. */
 static void test_ambient(void **state) {
     (void)state;
     enum { W = 64, H = 32 };

@@ -42,7 +42,7 @@ static void draw(struct picture *picture, uint8_t count, const uint8_t rgba[][4]
         memcpy(picture->bgra[i], (const uint8_t[]){rgba[i][2], rgba[i][1], rgba[i][0], rgba[i][3]}, 4);
 }
 
-/* Pictures: 0: two texels with alpha; 1: four opaque ones; 2: normals; 3: no picture. */
+/* Pictures: 0 has two texels with alpha, 1 four opaque ones, 2 normals, 3 is no picture. */
 static struct data data_of(void) {
     struct data data = base;
     draw(&data.picture[0], 2, (const uint8_t[][4]){{200, 100, 50, 255}, {20, 40, 60, 51}});
@@ -126,7 +126,7 @@ static void matt_materials_have_no_finish(void **state) {
     (void)state;
     static const struct {
         const char *material;
-        bool silent; /* it says nothing of gloss, which is told */
+        bool silent; /* it says nothing of gloss, which a line reports */
     } cases[] = {
         {"'pbrMetallicRoughness':{'baseColorFactor':[0.5,0.5,0.5,1]}", true},
         {"'doubleSided':true", true},
@@ -245,7 +245,7 @@ static void specular_textures_become_one(void **state) {
 #define SPECULAR(fields)                                                                                     \
     "'pbrMetallicRoughness':{'metallicFactor':0,'roughnessFactor':0.5},"                                     \
     "'extensions':{'KHR_materials_specular':{" fields "}}"
-    /* of two sizes: the larger */
+    /* the larger one of two sizes */
     struct lw_scene *scene =
         scene_of_material(SPECULAR("'specularTexture':{'index':0},'specularColorTexture':{'index':1}"));
     assert_int_equal(scene->finish_texture_count, 1);
@@ -371,7 +371,7 @@ static void bad_values_are_told_and_mended(void **state) {
                      "materials[0]: normalTexture: index");
 }
 
-/* A black mirror, a metal of roughness 0, all at once: what is reflected is a number, and no more than
+/* A black mirror, a metal of roughness 0, all at once: the reflected light is a number, and no more than
  * arrives. */
 static void no_finish_makes_energy(void **state) {
     (void)state;

@@ -16,7 +16,7 @@ static const float position[4][3] = {{0, 0, 0}, {1.5f, 0, 0}, {0, 1.5f, 0}, {1.5
 static const float normal[4][4] = {{0, 0, 1, 0}, {0.6f, 0, 0.8f, 0}, {0, 0.6f, 0.8f, 0}, {0, 0, 1, 0}};
 static const uint32_t triangle[6] = {0, 1, 2, 2, 1, 3};
 
-/* The binary part: three streams, one after the other, 4 bytes apart at least. */
+/* The binary part: three streams in a row, 4 bytes apart at least. */
 struct streams {
     uint8_t data[2048];
     size_t size, at[3], length[3];

@@ -124,7 +124,8 @@ static void orthographic_cameras_have_a_height(void **state) {
                      PARALLEL("'xmag':3"));
 }
 
-/* Colour and intensity of a light that hangs on two nodes; what is not animated stays as it is. */
+/* Colour and intensity of a light that hangs on two nodes; properties without an animation stay as they are.
+ * */
 static void pointers_animate_lights(void **state) {
     (void)state;
     const struct {
@@ -153,7 +154,7 @@ static void pointers_animate_lights(void **state) {
     assert_int_equal(scene->light_channel_count, 4);
     assert_float_equal(scene->duration_s, 2, 0);
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
-    lw_pose_evaluate(&pose, scene, 1.5); /* of 2 s: 5 times (1, 0.5, 0.25) */
+    lw_pose_evaluate(&pose, scene, 1.5); /* the animation lasts 2 s: 5 times (1, 0.5, 0.25) */
     for (int l = 0; l < 2; l++) {
         assert_float_equal(pose.light[l].intensity.x, 5, 1e-5);
         assert_float_equal(pose.light[l].intensity.y, 2.5, 1e-5);

@@ -206,7 +206,7 @@ static void test_first_notes_are_averaged_and_later_ones_weigh_alpha(void **stat
     lw_guide_destroy(guide);
 }
 
-/* Neither the brightest nor the dimmest scene loses its light in the sums, from the second pass on. */
+/* The sums keep the light of the brightest and of the dimmest scene, from the second pass on. */
 static void test_any_brightness(void **state) {
     (void)state;
     for (float l = 1e-30f; l < 1e31f; l *= 1e6f) {
@@ -220,7 +220,7 @@ static void test_any_brightness(void **state) {
     }
 }
 
-/* The share of Q's directions grows with what a cell has been told. */
+/* The share of Q's directions grows with the samples of a cell. */
 static void test_trust_grows_with_notes(void **state) {
     (void)state;
     struct lw_guide *guide;

@@ -66,7 +66,7 @@ static void test_quantiles_of_many(void **state) {
     free(h);
 }
 
-/* The middle of a bucket may lie outside of what was added. */
+/* The middle of a bucket may lie outside of the added values. */
 static void test_between_min_and_max(void **state) {
     (void)state;
     struct lw_histogram *h = make();

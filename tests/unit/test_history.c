@@ -28,7 +28,7 @@ static float take_stale(struct lw_history *m, float variance, float *stale) {
     return weight;
 }
 
-/* One change: what was kept of the time before fades as the memory grows, and is less than the noise from
+/* One change: light of the time before fades as the history grows, and is less than the noise from
  * then on. */
 static void test_one_change(void **state) {
     (void)state;

@@ -167,8 +167,8 @@ struct foreign {
     exr_pixel_type_t type;
     const char *const *channels; /* alphabetical */
     int channel_count;
-    int32_t x, y, width, height;       /* of the data */
-    int32_t shown_width, shown_height; /* of the display window, from (0, 0) on; 0: like the data */
+    int32_t x, y, width, height;       /* the data window */
+    int32_t shown_width, shown_height; /* the display window, from (0, 0) on; 0: like the data */
 };
 
 static void must(exr_result_t result) { assert_int_equal(result, EXR_ERR_SUCCESS); }

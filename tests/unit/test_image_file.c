@@ -316,7 +316,7 @@ static void damaged_webp_and_avif_are_read_or_refused(void **state) {
     assert_true(refused > 0);
 }
 
-/* At the limit and one past it; what is refused counts for nothing. */
+/* At the limit and one past it; a refused picture counts for nothing. */
 static void all_pictures_have_a_bound(void **state) {
     (void)state;
     struct lw_image_file_budget budget = {.limit = 100}, usual = {0};
@@ -332,7 +332,7 @@ static void all_pictures_have_a_bound(void **state) {
                      "more than 268435456 in all");
 }
 
-/* A file that says another size than before, to a decoder with memory for that one. */
+/* A file that says another size than before, to a decoder with memory for the first size. */
 static void another_size_is_refused(void **state) {
     (void)state;
     static struct bytes jpeg;

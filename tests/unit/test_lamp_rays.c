@@ -147,7 +147,7 @@ static void expect_the_same_light(struct stage *s, double tolerance) {
     end(s);
 }
 
-/* Of the rays one in 40 or so meets the disc. */
+/* One ray in 40 or so meets the disc. */
 static void test_each_lamp(void **state) {
     (void)state;
     static const struct lw_light light[] = {

@@ -76,7 +76,7 @@ static void test_filled_gutters_are_kept(void **state) {
     lw_levels_load_tile(&levels, &place, &tile);
     lw_levels_build(&levels);
     assert_true(red(&levels, 0, 1, 0) == 10);
-    assert_true(red(&levels, 0, 0, 1) == 4); /* filled here, from what is covered alone */
+    assert_true(red(&levels, 0, 0, 1) == 4); /* filled here, from covered texels alone */
     assert_true(red(&levels, 1, 0, 0) == 0.25f * (4 + 10 + 4 + 4));
     assert_int_equal(levels.level[1].covered[0], 1);
     lw_levels_finish(&levels);

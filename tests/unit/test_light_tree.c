@@ -1,4 +1,4 @@
-/* The light tree: probabilities sum up to 1, are what is drawn, and are above 0 for all that gives light;
+/* The light tree: probabilities sum up to 1, agree with the draws, and are above 0 for all that gives light;
  * groups of a region hold each light once. */
 #include "common/light/light_tree.h"
 #include "common/random.h"
@@ -138,7 +138,7 @@ static void groups_hold_every_light_once(void **state) {
     lw_light_tree_finish(&tree);
 }
 
-/* Those at the beginning, and where there is room for all, each by itself. */
+/* The first lights, and each by itself where there is room for all. */
 static void groups_are_as_small_as_may_be(void **state) {
     (void)state;
     enum { FIRST = 20, COUNT = 50 };

@@ -427,7 +427,7 @@ static bool reads_another(const struct lw_mesh *mesh, const uint32_t *quad_of, s
 static struct lw_vec2 point_on(const struct lw_mesh *mesh, uint32_t triangle, int i, int j, int steps) {
     struct lw_vec2 c[3];
     for (int k = 0; k < 3; k++) c[k] = mesh->lightmap_uv[mesh->triangle[triangle][k]];
-    /* not on the very rim, where rounding decides what is read */
+    /* not on the very rim, where rounding decides which texel is read */
     const float u = ((float)i + 0.5f) / (float)steps, v = ((float)j + 0.5f) / (float)steps * (1 - u);
     return (struct lw_vec2){c[0].x + u * (c[1].x - c[0].x) + v * (c[2].x - c[0].x),
                             c[0].y + u * (c[1].y - c[0].y) + v * (c[2].y - c[0].y)};
@@ -518,7 +518,7 @@ static void good_uv1_is_used(void **state) {
 }
 
 static void bad_uv1_is_refused(void **state) {
-    const float shift[] = {0.3f, 0.605f, 0.455f}; /* overlap; outside; apart by less than a texel */
+    const float shift[] = {0.3f, 0.605f, 0.455f}; /* overlapping, outside, apart by less than a texel */
     for (int i = 0; i < 3; i++) {
         struct shape *s = fresh(state);
         use_uv1(s, shift[i]);

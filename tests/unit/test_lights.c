@@ -1,4 +1,4 @@
-/* One sample over all lights: unbiased, and its density is the one that the other technique is told. */
+/* One sample over all lights: unbiased, and its density is the one that the other technique gets. */
 #include "common/colour.h"
 #include "common/light/direction.h"
 #include "common/light/lights16.h"
@@ -135,7 +135,7 @@ static double polygon_irradiance(double radiance, const struct lw_vec3 *p, unsig
     return 0.5 * radiance * fabs(sum);
 }
 
-/* Of a quad: cut off at the horizon, 0 where the origin sees a side that does not shine. */
+/* A quad's irradiance: cut off at the horizon, 0 where the origin sees a side that does not shine. */
 static double quad_irradiance(const struct lw_scene *scene, uint32_t object) {
     const struct lw_mesh *mesh = &scene->mesh[object];
     const struct lw_material *m = &scene->material[object];
@@ -191,7 +191,7 @@ static bool meet(const struct lw_mesh *mesh, uint32_t t, struct lw_vec3 dir, flo
     return *out_u >= 0 && *out_v >= 0 && *out_u + *out_v <= 1 && *out_distance > 0;
 }
 
-/* What the other technique is told of a direction: the densities of all that lies along it. */
+/* The density of a direction for the other technique: the densities of all emitters along it. */
 static double density(const struct stage *s, struct lw_vec3 dir, float nearest, float farthest) {
     double pdf = farthest < INFINITY ? 0 : (double)lw_lights_pdf_sky(&s->lights, origin, up, dir);
     for (uint32_t o = 0; o < s->scene->object_count; o++)
@@ -215,7 +215,7 @@ static void expect_everything(unsigned lamps, double tolerance) {
         assert_true(isfinite(e) && e >= 0);
         sum += e;
         squares += e * e;
-        /* the density of what was drawn is what the other technique is told of it */
+        /* the density of the draw is the one that the other technique gets */
         if (sample.pdf > 0) {
             chance += 1;
             double told =
@@ -285,7 +285,7 @@ static void test_what_does_not_shine_has_no_density(void **state) {
     end(&s);
 }
 
-/* What is hidden gives nothing; materials and sky are taken over, with triangles that did not shine
+/* A hidden emitter gives nothing; materials and sky are taken over, with triangles that did not shine
  * before. */
 static void test_changes(void **state) {
     (void)state;
@@ -363,7 +363,7 @@ static uint32_t compare_near(const struct stage *s, const struct lw_points16 *po
             if (light[i] == UINT32_MAX) continue;
             assert_true(fabsf(probability[i] - p) <= 1e-6f * p);
             struct lw_light_sample16 wide;
-            memset(&wide, 0x7f, sizeof wide); /* what is not chosen stays */
+            memset(&wide, 0x7f, sizeof wide); /* channels that are not chosen stay */
             const struct lw_light_sample16 before = wide;
             lw_lights_sample_near16(&s->lights, light[i], probability, point[0], point[1], points,
                                     (uint16_t)(1u << i), &wide);

@@ -46,7 +46,7 @@ struct fake {
 /* ---- what a server says ---- */
 
 static void say_bytes(struct fake *f, const void *bytes, size_t size) {
-    /* a user that was told nonsense may have left in the middle of it */
+    /* a user that got nonsense may leave in the middle of it */
     (void)!send(f->peer, bytes, size, MSG_NOSIGNAL);
 }
 
@@ -262,7 +262,7 @@ static void say_two_frames(struct fake *f, uint32_t user) {
     say_tiles(f, 2);
     say_settled(f, 3);
     say_frame(f, 4);
-    say_bytes(f, "\x01\x00\x00\x00\xff\x00\x00\x00?", 9); /* of a newer server */
+    say_bytes(f, "\x01\x00\x00\x00\xff\x00\x00\x00?", 9); /* a newer server's message */
     say_tiles(f, 4);
     say_settled(f, 4);
 }
@@ -284,7 +284,7 @@ static void test_figures(void **state) {
     assert_int_equal(r->tiles_decoded, 2 * tiles);
     assert_int_equal(f->first_view.count, 1);
     assert_int_equal(f->connect.count, 1);
-    assert_int_equal(f->update.count, tiles); /* those of the first view are none */
+    assert_int_equal(f->update.count, tiles); /* tiles of the first view do not count */
     assert_int_equal(f->age.count, tiles);
     assert_true(f->age.min >= 5000000 && f->age.min <= 5000000 + f->update.max);
     assert_int_equal(f->whole.count, 1);
@@ -485,7 +485,7 @@ static void test_no_server(void **state) {
     assert_null(report);
 }
 
-/* ---- what must hold ---- */
+/* ---- conditions ---- */
 
 static void test_thresholds(void **state) {
     (void)state;

@@ -104,7 +104,7 @@ static void densities_are_those_of_what_is_drawn(void **state) {
     }
 }
 
-/* The mean over all eyes, weighted by their cosines, of what is sent to them. */
+/* The mean over all eyes, weighted by their cosines, of the radiance sent to them. */
 static double sent_to_all(const struct lw_lobes *lobes) {
     double sum = 0;
     for (int i = 0; i < 256; i++) {

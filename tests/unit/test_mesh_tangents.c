@@ -12,7 +12,7 @@
 #define ROWS     4u
 #define VERTICES (COLUMNS * ROWS)
 #define FACES    (2 * (COLUMNS - 1) * (ROWS - 1))
-#define STEP     1.2e-4f /* of a tangent's 15 bits, radians: half a step, and rounding */
+#define STEP     1.2e-4f /* error of a tangent's 15 bits, radians: half a step, and rounding */
 
 /* A rough sheet: u runs to its middle column and back, as mirrored halves of a model have it; the first
  * triangle has no area in the picture. */
@@ -234,7 +234,7 @@ static void tangents_of_a_file_stay(void **state) {
     struct lw_mesh mesh = mesh_of(&sheet);
     struct lw_vec4 given[VERTICES];
     for (uint32_t v = 0; v < VERTICES; v++) given[v] = (struct lw_vec4){0, 2, 0, v % 2 ? -1 : 1};
-    const uint32_t last = 3 * FACES - 1, vertex = VERTICES - 1; /* of one triangle alone */
+    const uint32_t last = 3 * FACES - 1, vertex = VERTICES - 1; /* in one triangle alone */
     static const struct lw_vec4 broken[] = {{NAN, 0, 0, 1},   {0, 0, 0, 1},        {INFINITY, 0, 0, 1},
                                             {1, 0, 0, 0.5f},  {1, 0, 0, NAN},      {1, 0, 0, 3},
                                             {0, 0, 3e38f, 1}, {1e38f, 1e38f, 0, 1}};

@@ -9,7 +9,7 @@
 
 #define FAR 0x123456789abcdef0u
 
-/* ---- an allocator that fails when told to ---- */
+/* ---- an allocator that fails on demand ---- */
 
 void *__real_malloc(size_t size);
 void *__real_calloc(size_t count, size_t size);
@@ -40,7 +40,7 @@ static const struct lw_message_light lights[] = {{3, {1, 2, 3}, {0, -1, 0}, {100
 
 static const uint32_t visible[] = {7, 0, UINT32_MAX};
 static const struct lw_message_material materials[] = {{3, {0, 0.5f, 1}, {FLT_MAX, 0, 0}}, {4, {0}, {0}}};
-/* Any numbers come through: what is wrong with them is for the server to answer. */
+/* Any numbers come through: the server answers wrong ones. */
 static const struct lw_scene_change changes[] = {
     {LW_SCENE_CHANGE_OBJECT_TRANSFORM, 5, 12, {1, 0, 0, INFINITY, 0, 1, 0, -INFINITY, 0, 0, 1, FLT_MAX}},
     {LW_SCENE_CHANGE_CLOCK_PAUSE, 0, 0, {0}},
@@ -302,7 +302,7 @@ static enum lw_status decode_exact(enum lw_message_type type, const uint8_t *bod
     if (size) memcpy(exact, body, size);
     struct lw_framing_header header = {.body_size = (uint32_t)size, .type = (uint16_t)type};
     enum lw_status status = lw_message_decode(header, exact, out, err);
-    free(exact); /* what was decoded must not point into it */
+    free(exact); /* the decoded message must not point into it */
     return status;
 }
 

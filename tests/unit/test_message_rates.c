@@ -58,7 +58,7 @@ static void test_bytes(void **state) {
     assert_int_equal(count, 1048576 / (LW_FRAMING_CLIENT_BODY_MAX + LW_FRAMING_HEADER_SIZE) + 1);
 }
 
-/* Who may change the scene may say more; what is held is counted by messages alone. */
+/* A session that may change the scene may say more; HOLDS counts by messages alone. */
 static void test_trust_and_holds(void **state) {
     (void)state;
     struct lw_message_rates rates;
@@ -117,7 +117,7 @@ static void test_judge(void **state) {
             assert_null(lw_message_rates_judge(&rates, SECOND_NS / 4, LIMIT_S * SECOND_NS));
         }
     }
-    /* who goes on is told of what, after the time that it may wait */
+    /* a session that goes on is refused with the reason, after the time that it may wait */
     int looks = 0;
     for (; !excess && looks < 1000; looks++) {
         while (!lw_message_rates_count(&rates, ping, now_ns)) {

@@ -57,7 +57,7 @@ static void test_pieces(void **state) {
             unsigned i = 0;
             for (size_t at = 0; at < stream_size; at += pieces[p]) {
                 const size_t left = stream_size - at, size = left < pieces[p] ? left : pieces[p];
-                uint8_t *piece = malloc(size); /* so that a sanitizer sees what is read too late */
+                uint8_t *piece = malloc(size); /* so that a sanitizer sees late reads */
                 assert_non_null(piece);
                 memcpy(piece, stream + at, size);
                 lw_message_reader_lend(&reader, piece, size);

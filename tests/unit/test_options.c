@@ -236,7 +236,7 @@ static void two_dashes_end_the_options(void **state) {
     assert_string_equal(positional[0], "-");
 }
 
-/* ---- what goes to stdout
+/* ---- output on stdout
  * -------------------------------------------------------------------------------------- */
 
 static char printed[1 << 14];

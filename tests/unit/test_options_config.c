@@ -1,4 +1,4 @@
-/* Options from a file, the environment and the command line: which counts, and what is wrong. */
+/* Options from a file, the environment and the command line: which counts, and errors. */
 #include "tests/support/support.h"
 
 #include "common/options_config.h"
@@ -152,7 +152,7 @@ static void test_long_lines(void **state) {
     assert_int_equal(parse_file(text, "a.glb"), LW_USAGE);
 }
 
-/* What is printed is read back as the same, and what was not said stays unsaid. */
+/* Printed options are read back as the same, and unset ones stay unset. */
 static void test_print(void **state) {
     (void)state;
     lw_support_ok(parse("a.glb --sky 0.1,2,3 --frame-rate 29.97 --keep k --animate"), &err);

@@ -34,7 +34,7 @@ static void test_state(void **unused) {
     s.report.shown_error = NAN;
     assert_says(&s, "sharpening");
     s.report.shown_error = 0.123f;
-    s.report.max_error = 1; /* of one tile, perhaps of a single pixel */
+    s.report.max_error = 1; /* one tile's error, perhaps a single pixel's */
     assert_says(&s, "sharpening, 4 %");
     s.report.shown_error = 0.029f;
     assert_says(&s, "sharpening, 80 %");

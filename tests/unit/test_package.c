@@ -449,7 +449,7 @@ static void every_word_with_an_extreme_value_is_refused_or_sound(void **state) {
 }
 
 #define HEADER_SIZE 32u
-#define ENTRY(n)    (HEADER_SIZE + 24u * ((n)-1)) /* of section id n */
+#define ENTRY(n)    (HEADER_SIZE + 24u * ((n)-1)) /* offset of section id n */
 enum {
     SCENE = 1,
     MESHES,
@@ -541,7 +541,7 @@ static void fields_lie_where_the_document_says(void **state) {
     free(bytes);
 }
 
-/* One lie each: the name of a place, and what is said about it. */
+/* One lie each: the name of a place, and its message. */
 #define LIE_MAP(X)                                                                                           \
     X("does not begin with LWSCENE", b[0] = 'l')                                                             \
     X("has version 8; this program reads versions 1 to 7", set_u32(b + 8, 8))                                \
@@ -697,7 +697,7 @@ static uint8_t *write_version_1(const struct lw_scene *scene, size_t *out_size) 
         memcpy(pixels, scene->texture[t].rgba, texture);
         pixels += texture;
     }
-    const size_t end = (size_t)(pixels - bytes); /* of the last section of version 1 */
+    const size_t end = (size_t)(pixels - bytes); /* end of the last section of version 1 */
     for (unsigned id = SCENE; id <= PIXELS; id++)
         set_u64(bytes + ENTRY(id) + 8, section_offset(bytes, id) - LESS);
     memmove(bytes + TABLE_END - LESS, bytes + TABLE_END, end - TABLE_END);

@@ -1,5 +1,5 @@
-/* packets: every covered texel of a block belongs to one packet; packets are full; those on one surface take
- * turns. */
+/* packets: every covered texel of a block belongs to one packet. Packets are full. Packets on one surface
+ * take turns. */
 #include "server/solve/surface/packets.h"
 #include "tests/support/support.h"
 

@@ -1,4 +1,4 @@
-/* Updates that a relay passes on: in order, answered once, with the frame that shows them. */
+/* Updates that a relay forwards: in order, answered once, with the frame that shows them. */
 #include "tests/support/support.h"
 
 #include "server/serve/passed_updates.h"
@@ -105,7 +105,7 @@ static void there_are_limits(void **state) {
     for (unsigned i = 0; i < most; i++) assert_true(add(0, i, LW_MESSAGE_CHANGES_MAX));
     assert_false(add(0, 1, 1));
     assert_true(add(0, 1, 0));
-    assert_int_equal(take(), 1); /* what was taken is the taker's */
+    assert_int_equal(take(), 1); /* a taken update is the taker's */
     assert_true(add(0, 1, LW_MESSAGE_CHANGES_MAX));
     while (updates.entry_count < LW_PASSED_UPDATES_MAX) assert_true(add(0, 1, 0));
     assert_false(add(0, 1, 0));

@@ -25,7 +25,7 @@ static void test_mean_of_both_halves(void **state) {
     assert_int_equal(film.samples, 0);
     for (int i = 0; i < 6; i++) assert_true(film.half[0][i] == 0 && film.half[1][i] == 0);
     lw_path_film_finish(&film);
-    lw_path_film_finish(&film); /* of a zeroed film */
+    lw_path_film_finish(&film); /* a zeroed film */
 }
 
 /* Two pixels of 4 and 0: mean square 8, floor 0.08. */

@@ -29,7 +29,7 @@ static void test_one_address(void **state) {
     assert_int_equal(allowed(1, LW_PEER_LOG_BURST, now_ns), LW_PEER_LOG_BURST);
     assert_int_equal(allowed(1, 1000, now_ns), 0); /* one past the limit, and on */
     assert_int_equal(left_out(), 1000);
-    assert_int_equal(allowed(2, 1, now_ns), 1); /* others are told of */
+    assert_int_equal(allowed(2, 1, now_ns), 1); /* other addresses have lines */
     assert_int_equal(allowed(1, 1000, now_ns + 10 * SECOND_NS), 10 * LW_PEER_LOG_HZ);
     lw_peer_log_tell(&peer_log, now_ns + 10 * SECOND_NS);
     assert_int_equal(left_out(), 0);

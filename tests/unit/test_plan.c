@@ -53,7 +53,7 @@ static void move(struct house *house, bool shines) {
     lw_plan_note_move(&house->memory);
 }
 
-/* A whole frame in which verification finds what it is told, and whatever is solved stays as it was. */
+/* A whole frame in which verification finds the given change, and solved tiles stay as they were. */
 static void plan_frame(struct house *house, struct lw_plan_found found) {
     lw_plan_verify(&house->memory, &house->in, &house->plan);
     found.verified = found.invalidated ? house->plan.verify_sure : house->plan.verify.count;
@@ -164,7 +164,7 @@ static void what_has_changed_most_comes_first(void **state) {
 
 /* ---- interest ---- */
 
-/* Level k every 2^k-th round; a contributor by its importance; others not at all. */
+/* Level k every 2^k-th round, a contributor by its importance, others not at all. */
 static void far_tiles_are_solved_less_often(void **state) {
     (void)state;
     static const uint8_t level[] = {1, 2, 3, 0, 0};
@@ -215,7 +215,7 @@ static void interest_that_jumps_is_solved_in_the_next_round(void **state) {
 
 /* ---- movement ---- */
 
-/* An onset of light takes the whole budget, nearest first; what is left waits for the next frame, and nothing
+/* An onset of light takes the whole budget, nearest first; the rest waits for the next frame, and nothing
  * but invalidated tiles is solved until all are verified. */
 static void an_onset_of_light_is_verified_nearest_first(void **state) {
     (void)state;
@@ -288,7 +288,7 @@ static void a_sweep_goes_round_and_shows_at_its_end(void **state) {
     end(&house);
 }
 
-/* Of two layers that follow an onset, the one in which less has changed verifies, and solves nothing. */
+/* Two layers follow an onset. The one in which less has changed verifies, and solves nothing. */
 static void a_layer_that_yields_solves_nothing(void **state) {
     (void)state;
     static struct house house;

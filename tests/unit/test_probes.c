@@ -161,7 +161,7 @@ static void test_forms_neither_ring_nor_gain(void **state) {
     expect_lamp(LW_PROBE_FORM_CUBE, 0.05);
 }
 
-/* After a single frame most cells of a map have met no ray; what is read has to be light all the same. */
+/* After a single frame most cells of a map have met no ray; look-ups have to give light all the same. */
 static void test_map_without_rays_takes_its_neighbours(void **state) {
     (void)state;
     static const enum lw_probe_form_kind maps[] = {LW_PROBE_FORM_OCTAHEDRAL, LW_PROBE_FORM_CUBE};

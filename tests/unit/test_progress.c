@@ -101,7 +101,7 @@ static void plain_lines_come_every_two_seconds(void **state) {
                                  "tester: packing: done in 10 s\n");
 }
 
-/* Of two ends the nearer one is told. */
+/* The nearer one of two ends is reported. */
 static void a_time_limit_is_an_end(void **state) {
     (void)state;
     struct lw_progress p;

@@ -31,7 +31,7 @@ static uint8_t covered[SIDE * SIDE];
 static uint64_t solved_frame;
 static lw_tile_id fine; /* a tile of a finer level, and whether it is there */
 static bool fine_is_there;
-static uint32_t second_tile; /* of a second object with the same light; 0: there is none */
+static uint32_t second_tile; /* first tile of a second object with the same light; 0: there is none */
 
 static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *tile) {
     (void)solver;
@@ -113,7 +113,7 @@ static void set_light(uint64_t frame, float brightness) {
     solved_frame = frame;
 }
 
-static struct lw_publisher_stats stats; /* of the last frame */
+static struct lw_publisher_stats stats; /* the last frame's */
 
 static struct lw_snapshot *publish_solved(struct world *w, uint64_t frame, uint64_t tiles_solved) {
     struct lw_snapshot *snapshot;
@@ -168,11 +168,11 @@ static void test_deltas(void **state) {
         lw_snapshot_unref(s);
     }
     assert_true(delta_size < whole_size * 2 / 3);
-    struct lw_snapshot *s = publish(&w, 7); /* nothing moved: what was sent stays as it is */
+    struct lw_snapshot *s = publish(&w, 7); /* nothing moved: sent tiles stay as they are */
     assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].version, lw_snapshot_version(6));
     assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].base, lw_snapshot_version(5));
     lw_snapshot_unref(s);
-    set_light(8, 5000); /* nothing of what was sent is of use */
+    set_light(8, 5000); /* no sent tile is of use */
     s = publish(&w, 8);
     assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].version, lw_snapshot_version(8));
     assert_null(s->tile[LW_LIGHT_FORM_FULL][0].delta);
@@ -197,7 +197,7 @@ static void expect_object(const struct lw_blob *blob, size_t hidden, size_t spar
     lw_message_finish(&m);
 }
 
-/* Its light is sent once all of it has been solved there, even if it is what was sent before. */
+/* Its light is sent once all of it has been solved there, even if it is the light that was sent before. */
 static void test_an_object_that_was_a_spare(void **state) {
     (void)state;
     struct world w;
@@ -234,7 +234,7 @@ static void test_an_object_that_was_a_spare(void **state) {
     finish_world(&w);
 }
 
-/* Views read a tile at another level: that is told though its light is as it was. */
+/* Views read a tile at another level: that is published though its light is as it was. */
 static void test_another_class_of_error(void **state) {
     (void)state;
     static const struct {
@@ -389,7 +389,7 @@ static void test_split_steps_are_wider(void **state) {
     finish_world(&w);
 }
 
-/* What is drawn over a tile is as bright as what is in it: black goes by all light. */
+/* Light drawn over a tile is as bright as the light in it: black goes by all light. */
 static void test_dark_beside_what_is_drawn(void **state) {
     (void)state;
     static float rgb[SIDE * SIDE * 3];
@@ -549,8 +549,8 @@ static struct lw_message_tile tile_of(const struct lw_snapshot *s, lw_tile_id id
     return is;
 }
 
-/* The first version waits until it has little noise, deltas follow, and who has it is told that it has gone.
- * When it is there again it comes whole. */
+/* The first version waits until it has little noise, deltas follow, and clients that have it hear of its
+ * removal. When it is there again it comes whole. */
 static void test_fine_tiles_come_and_go(void **state) {
     (void)state;
     struct world w;
@@ -559,7 +559,7 @@ static void test_fine_tiles_come_and_go(void **state) {
     fine_is_there = true;
     uint32_t deltas = 0;
     for (uint64_t frame = 1; frame < 10; frame++) {
-        /* what has been sent may be noisy again; deltas pay where steps are wide */
+        /* a sent tile may be noisy again; deltas pay where steps are wide */
         error = frame < 2 ? 0.5f : frame == 2 || frame == 7 ? 0.1f : 0.2f;
         fine_is_there = frame < 4 || frame > 6;
         set_light(frame, 5);

@@ -119,7 +119,7 @@ static void light_that_is_late_is_off_by_what_has_changed(void **state) {
     assert_true(count > SIDE * SIDE &&
                 count < 3 * SIDE * SIDE); /* the lamp is in the picture, and the dark beyond */
     assert_true(fabs(got / expected - 1) < 0.03);
-    /* of other objects nothing is known */
+    /* nothing is known of other objects */
     for (int i = 0; i < SIDE * SIDE; i++)
         object[i] = object[i] == LW_TRACE_MISS ? LW_TRACE_MISS : object[i] + 1;
     struct lw_scene *scene;

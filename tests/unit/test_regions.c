@@ -96,7 +96,7 @@ static void many_sides(void **state) {
         assert_int_equal(b.parts.end[b.parts.count - 1], LW_REGIONS);
         count_regions(&b, count);
         for (uint32_t r = 0; r < LW_REGIONS; r++) assert_true(count[r] > 0);
-        /* what is left over is no part of the largest sides */
+        /* left-over texels are no part of the largest sides */
         for (uint32_t i = 0; i < COUNT; i++)
             if (b.side[i] != sides - 1) assert_true(part_of(&b, i) != part_of(&b, COUNT - 1));
     }

@@ -1,4 +1,4 @@
-/* Light that another server sent: what snapshots hold of it, and what is refused. */
+/* Light that another server sent: its form in snapshots, and refusals. */
 #include "tests/support/support.h"
 
 #include "common/scene/package.h"
@@ -133,7 +133,7 @@ static void expect_tile(const struct lw_blob *blob, const struct lw_message_tile
     lw_message_finish(&m);
 }
 
-/* Tiles are passed on as they came; one that came as a delta is made whole as its server has it. */
+/* Tiles are forwarded as they came; one that came as a delta is made whole as its server has it. */
 static void tiles_are_passed_on(void **state) {
     (void)state;
     assert_null(snapshot());
@@ -168,7 +168,7 @@ static void tiles_are_passed_on(void **state) {
     lw_snapshot_unref(s);
 }
 
-/* Clients have what was in a snapshot: from there on there is one delta over all versions since. */
+/* Clients have the tiles of a snapshot: from there on there is one delta over all versions since. */
 static void versions_between_snapshots_are_one_delta(void **state) {
     (void)state;
     lw_relay_light_begin(light, FULL);
@@ -191,7 +191,7 @@ static void versions_between_snapshots_are_one_delta(void **state) {
     lw_snapshot_unref(s);
 }
 
-/* Sessions of two forms: a frame is settled for each apart. */
+/* Sessions of two forms: a frame is complete for each apart. */
 static void channels_settle_apart(void **state) {
     (void)state;
     lw_relay_light_begin(light, FULL);
@@ -234,12 +234,13 @@ static void light_stays(void **state) {
     assert_true(s->frame == 6 && s->channels == (1u << FULL | 1u << SPLIT) && !s->unsettled);
     for (uint32_t t = 0; t < map->tile_count; t++) expect_tile(s->tile[SPLIT][t].blob, &source[t].whole);
     lw_snapshot_unref(s);
-    lw_relay_light_begin(light, FULL); /* of a relay that is behind */
+    lw_relay_light_begin(light, FULL); /* in a relay that is behind */
     take_frame(FULL, 4);
-    take_tile(FULL, (struct lw_message_tile){.version = 1,
-                                             .codec = LW_TILE_CODEC_DCT,
-                                             .payload = (const uint8_t *)"",
-                                             .payload_size = 1}); /* older than what is here: not looked at */
+    take_tile(FULL,
+              (struct lw_message_tile){.version = 1,
+                                       .codec = LW_TILE_CODEC_DCT,
+                                       .payload = (const uint8_t *)"",
+                                       .payload_size = 1}); /* older than the tile that is here: ignored */
     take_settled(FULL, 4);
     assert_null(snapshot());
     take_frame(FULL, 7);
@@ -249,7 +250,7 @@ static void light_stays(void **state) {
     lw_snapshot_unref(s);
 }
 
-/* Every byte gives a status, and what was there stays. */
+/* Every byte gives a status, and earlier tiles stay. */
 static void what_makes_no_sense_is_refused(void **state) {
     (void)state;
     struct lw_error err = {0};

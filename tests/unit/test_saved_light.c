@@ -125,7 +125,7 @@ static void steady_light_comes_back_as_it_was(void **state) {
     assert_int_equal(again->frame_full->size, 2 * size);
     assert_true(frame.frame.frame == FRAME && frame.frame.time_s == 7);
     assert_true(frame.frame.rays_total == 0 &&
-                frame.frame.server_cpu_ns == 0); /* of this process: nothing yet */
+                frame.frame.server_cpu_ns == 0); /* this process has used none yet */
     lw_message_finish(&frame);
     lw_snapshot_unref(again);
 }

@@ -197,7 +197,7 @@ static void write_sealed(const struct box *b, uint8_t *bytes, size_t size) {
     lw_support_write_file(b->path, bytes, size);
 }
 
-/* Whatever is taken, indices are of texels that there are. */
+/* All indices that are taken are in range. */
 static void expect_sane(const struct lw_texels *texels) {
     for (uint32_t i = 0; i < texels->count; i++) {
         const uint32_t source = texels->source[i];

@@ -80,7 +80,7 @@ static void objects_go_and_come_back(void **state) {
     tear_down(&f);
 }
 
-/* That is news once, and only of what no channel moves. */
+/* It is reported once, and only for objects that no channel moves. */
 static void what_stood_still_becomes_dynamic(void **state) {
     (void)state;
     struct fixture f;
@@ -90,7 +90,7 @@ static void what_stood_still_becomes_dynamic(void **state) {
     change(&f, 0, LW_SCENE_CHANGE_OBJECT_TRANSFORM, 1, 12, moved);
     assert_int_equal(difference(&f, 0), LW_POSE_OBJECTS | LW_POSE_DYNAMIC);
     change(&f, 0, LW_SCENE_CHANGE_OBJECT_RESTORE, 1, 0, NULL);
-    assert_int_equal(difference(&f, 0), LW_POSE_DYNAMIC); /* what was let go of stays so */
+    assert_int_equal(difference(&f, 0), LW_POSE_DYNAMIC); /* a released object stays so */
     change(&f, 0, LW_SCENE_CHANGE_OBJECT_HIDE, 0, 0, NULL);
     assert_int_equal(difference(&f, 0), LW_POSE_OBJECTS | LW_POSE_DYNAMIC);
     change(&f, 0, LW_SCENE_CHANGE_RESET, 0, 0, NULL);

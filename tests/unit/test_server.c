@@ -77,7 +77,7 @@ static void expect_waiting(int s, enum lw_waiting_stage stage, float share) {
 /* Time for the server's next look, at which it may say more. */
 static void pass_a_wait(void) { assert_true(server_clock_step(LW_SERVER_WAITING_MS)); }
 
-/* Who comes before the first light hears why there is none, and who comes later, how far that is by then: now
+/* A client that comes before the first light hears why there is none; a later one hears how far it is: now
  * and again, if there is news, until there is light. */
 static void test_waiting_for_the_first_light(void **state) {
     (void)state;
@@ -99,7 +99,7 @@ static void test_waiting_for_the_first_light(void **state) {
     const int late = serving_dial_and_stream(f);
     expect_waiting(late, LW_WAITING_LOOKING_INSIDE, 0.75f);
     pass_a_wait();
-    bool is_told = false; /* perhaps of the half, too: the look may have been between */
+    bool is_told = false; /* perhaps of the half, too: the server may look in between */
     while (!is_told) {
         struct lw_message m;
         serving_expect(early, LW_MESSAGE_WAITING, &m);
@@ -171,7 +171,7 @@ static void test_stop_before_and_without_run(void **state) {
     serving_discard(f);
 }
 
-/* At the end clients are told when to come back: as the owner says, or soon if
+/* At the end clients hear when to come back: as the owner says, or soon if
  * another server follows at once. */
 static void test_stop_says_when_to_come_back(void **state) {
     (void)state;

@@ -176,7 +176,7 @@ static void test_the_control_socket(void **state) {
     f = serving_start_controlled();
     close(serving_dial_and_control(f, false));
     serving_end(f);
-    lw_support_write_file(path, "mine", 4); /* what is no socket stays */
+    lw_support_write_file(path, "mine", 4); /* a file that is no socket stays */
     f = serving_start(&(struct lw_server_desc){0});
     err = (struct lw_error){0};
     lw_support_fails(lw_server_create(&desc, &second, &err), LW_UNAVAILABLE, &err, path);
@@ -203,7 +203,7 @@ static void test_the_control_socket_knows_its_user(void **state) {
         skip();
     }
     struct serving *f = serving_start_controlled();
-    /* the file's permissions would keep it out: this is about what is behind them */
+    /* the file's permissions would keep it out: this tests the check behind them */
     const char *path = lw_support_temporary("control.sock");
     char folder[200];
     snprintf(folder, sizeof folder, "%.*s", (int)(strrchr(path, '/') - path), path);
@@ -259,7 +259,7 @@ static void test_updates_want_the_role(void **state) {
     serving_end(f);
 }
 
-/* Over the server's own socket alone, and for who has said so; a question that is unknown is answered,
+/* Over the server's own socket alone, and for sessions that offer it; an unknown question is answered,
  * too. */
 static void test_operators_ask_over_the_socket(void **state) {
     (void)state;

@@ -27,7 +27,7 @@ static void expect_fine_tile(int s, uint32_t tile, uint64_t version) {
     lw_message_finish(&m);
 }
 
-/* Who has not said that it knows of them is told of none, gets none with everything, and may ask for none. */
+/* A client that does not offer them hears of none, gets none with everything, and may ask for none. */
 static void test_who_knows_no_finer_levels_gets_none(void **state) {
     (void)state;
     struct lw_message m;
@@ -51,7 +51,8 @@ static void test_who_knows_no_finer_levels_gets_none(void **state) {
     serving_finer_levels = 0;
 }
 
-/* Who has, gets what it lists, and nothing finer with everything; the solver hears of it, and of level 0. */
+/* A client that offers them gets the tiles that it lists, and nothing finer with everything; the solver hears
+ * of them, and of level 0. */
 static void test_finer_levels_are_sent_to_who_lists_them(void **state) {
     (void)state;
     struct lw_message m;

@@ -41,7 +41,7 @@ static void wait_for_forms(const struct serving *f, uint32_t forms) {
     LW_SUPPORT_WAIT_UNTIL(lw_server_channels_taken(f->server) == forms);
 }
 
-/* Each gets its own form, whatever the others get; who comes when nobody has taken its form waits for it. */
+/* Each gets its own form, whatever others get; a client of a form that nobody has taken waits for it. */
 static void test_forms_beside_each_other(void **state) {
     (void)state;
     enum { FULL = 1u << LW_LIGHT_FORM_FULL, SPLIT = 1u << LW_LIGHT_FORM_SPLIT };
@@ -86,7 +86,7 @@ static void test_forms_beside_each_other(void **state) {
     serving_form = LW_LIGHT_FORM_FULL;
 }
 
-/* Who has not asked for light takes no form. */
+/* A client that has not asked for light takes no form. */
 static void test_a_form_is_taken_with_the_package(void **state) {
     (void)state;
     struct serving *f = serving_start(&(struct lw_server_desc){0});
@@ -120,7 +120,7 @@ static void test_no_client_lights(void **state) {
         lw_support_ok(lw_server_create(&desc, &server, NULL), NULL);
         f->server = server;
         assert_int_equal(pthread_create(&f->thread, NULL, serving_serve, f), 0);
-        close(serving_dial_and_greet_with(f, LW_FEATURE_DRAWS)); /* which looks at what is taken up */
+        close(serving_dial_and_greet_with(f, LW_FEATURE_DRAWS)); /* which checks the accepted features */
         serving_end(f);
     }
 }

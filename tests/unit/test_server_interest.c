@@ -26,7 +26,7 @@ static void test_stand_ins(void **state) {
         assert_true(serving_get(s, &m));
         lw_message_finish(&m);
     } while (m.type != LW_MESSAGE_FRAME);
-    /* three coarsest; levels 3 and 2 of object 1; both tiles of its level 1; one of level 0 */
+    /* three coarsest, levels 3 and 2 of object 1, both tiles of its level 1, one of level 0 */
     serving_expect_tiles(s, 3 + 2 + 2 + 1, 2);
     serving_expect_silence(s);
     serving_put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest = {.stand_ins = true}});
@@ -124,8 +124,8 @@ static void *change_mind(void *context) {
     return NULL;
 }
 
-/* Who changes its mind a thousand times between two frames is heard once, with what it said last; nobody else
- * waits. */
+/* A client that changes its mind a thousand times between two frames is heard once, with its last word;
+ * nobody else waits. */
 static void test_flood_of_interest(void **state) {
     (void)state;
     struct serving *f = serving_start(&(struct lw_server_desc){0});

@@ -8,7 +8,8 @@
 #include <unistd.h>
 #include <zstd.h>
 
-/* Scene packages and finishes: in parts, from an offset on, behind the light; what is held is not sent. */
+/* Scene packages and finishes: in parts, from an offset on, behind the light, without the parts that a client
+ * holds. */
 
 static void test_package_from_offset(void **state) {
     (void)state;
@@ -175,7 +176,7 @@ static void expect_finishes(const struct serving *f, const struct lw_server_desc
     serving_ask_for_package(s, welcome.welcome.package_compressed_size);
     ask_for_finishes(s, offset, held);
     serving_expect_frame(s, 7, 1);
-    serving_expect_tiles(s, SERVING_OBJECTS, 7); /* of the coarsest levels */
+    serving_expect_tiles(s, SERVING_OBJECTS, 7); /* the coarsest levels */
     uint64_t begin = 0, at = 0;
     uint32_t tiles = SERVING_OBJECTS;
     for (size_t i = 0; i < told->part_count; i++) {
@@ -235,7 +236,7 @@ static void test_finishes_wait_for_the_first_light(void **state) {
     serving_expect_silence(s);
     serving_publish(f, serving_make_snapshot(f, 7, 0));
     serving_expect_frame(s, 7, 1);
-    serving_expect_tiles(s, SERVING_OBJECTS, 7); /* of the coarsest levels */
+    serving_expect_tiles(s, SERVING_OBJECTS, 7); /* the coarsest levels */
     for (unsigned i = 0; i < FINISH_PARTS; i++) {
         serving_expect(s, LW_MESSAGE_FINISH_CHUNK, &m);
         assert_true(LW_SESSION_TILES_FIRST * m.finish_chunk.size < SERVING_PAYLOAD_SIZE);

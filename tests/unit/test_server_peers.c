@@ -79,7 +79,7 @@ static bool recite(const struct serving *f, const uint8_t *bytes, size_t size) {
     int s = serving_dial(f);
     serving_put_bytes(s, bytes, size);
     assert_int_equal(shutdown(s, SHUT_WR), 0);
-    /* what was on its way when the server saw our end may be cut off */
+    /* bytes on their way may be cut off when the server sees our end */
     for (uint8_t header[LW_FRAMING_HEADER_SIZE]; serving_get_bytes(s, header, sizeof header);) {
         static uint8_t body[LW_FRAMING_BODY_MAX];
         struct lw_framing_header h;
@@ -112,7 +112,7 @@ static void test_bytes_gone_wrong(void **state) {
         wrong[bit / 8] ^= (uint8_t)(1u << bit % 8);
         refused += recite(f, wrong, size);
     }
-    assert_true(refused > 4 * size); /* what is left changes a number or a name that may be any */
+    assert_true(refused > 4 * size); /* the other bits change a number or a name that may be any */
     memcpy(wrong, script, size);
     memcpy(wrong + size, script, sizeof wrong - size < size ? sizeof wrong - size : size);
     assert_true(recite(f, wrong, 2 * size < sizeof wrong ? 2 * size : sizeof wrong));
@@ -309,7 +309,7 @@ static void test_who_never_takes_the_package_is_refused(void **state) {
     (void)state;
     struct serving *f = serving_start(&(struct lw_server_desc){.package_timeout_ms = 1000});
     int s = serving_dial_and_greet(f), taker = serving_dial_and_stream(f);
-    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_PONG}); /* that does not help */
+    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_PONG}); /* it does not help */
     serving_is_paced = true;
     serving_expect_refusal(s, LW_REFUSAL_TIMEOUT);
     serving_is_paced = false;

@@ -80,7 +80,7 @@ static void test_an_address_has_its_places(void **state) {
     serving_put(other, &serving_hello);
     serving_expect(other, LW_MESSAGE_WELCOME, &m);
     lw_message_finish(&m);
-    serving_put_bytes(s[0], "nonsense", 8); /* who is refused gives its place up once its link is closed */
+    serving_put_bytes(s[0], "nonsense", 8); /* a refused peer gives its place up once its link is closed */
     serving_expect_refusal(s[0], LW_REFUSAL_PROTOCOL);
     s[0] = dial_until_welcome(f);
     close(s[1]);
@@ -103,7 +103,7 @@ static void test_an_address_has_its_places(void **state) {
     serving_end(f);
 }
 
-/* Those that were refused and stay on the line have their places, and few lines without one: the others
+/* Refused peers that stay on the line have their places, and few lines without one: other peers
  * notice nothing. */
 static void test_refused_ones_that_linger(void **state) {
     (void)state;
@@ -123,7 +123,8 @@ static void test_refused_ones_that_linger(void **state) {
     serving_end(f);
 }
 
-/* One address's connections without a place are told so as far as there is room, and closed beyond that. */
+/* One address's connections without a place get a refusal as far as there is room, and are closed beyond
+ * that. */
 static void test_who_is_turned_away_is_told(void **state) {
     (void)state;
     enum { MORE = LW_SERVER_ADDRESS_TURNED_AWAY_MAX + 1 };

@@ -73,7 +73,7 @@ static void test_stalled_reader_is_closed(void **state) {
     serving_end(f);
 }
 
-/* Who reads on finds the refusal behind what was on the way. */
+/* A peer that reads on finds the refusal behind the bytes on the way. */
 static void expect_told(bool while_held) {
     enum { STALL_MS = 600 };
     struct serving *f = serving_start(&(struct lw_server_desc){.stall_timeout_ms = STALL_MS});
@@ -122,7 +122,7 @@ int __wrap_uv_try_write(uv_stream_t *stream, const uv_buf_t buffer[], unsigned c
     if (is_gated && size >= SERVING_PAYLOAD_SIZE) {
         sem_post(&at_gate);
         sem_wait(&let_through);
-        server_clock_move(10); /* that it takes */
+        server_clock_move(10); /* the time of a write */
     }
     return __real_uv_try_write(stream, buffer, count);
 }
@@ -188,7 +188,7 @@ static void take_refusal(int s, enum lw_refusal code, char text[LW_MESSAGE_TEXT_
     close(s);
 }
 
-/* Most of a flood is not read: it stays in the sockets of both sides. Who goes on is refused, and told
+/* Most of a flood is not read: it stays in the sockets of both sides. A peer that goes on is refused, with
  * why. */
 static void test_flood_of_messages(void **state) {
     (void)state;
@@ -219,7 +219,7 @@ static void test_flood_of_messages(void **state) {
         assert_int_equal(m.pong.token, SERVING_CLIENT_TOKEN + i);
         lw_message_finish(&m);
         for (unsigned step = 0; !closed && serving_stats_of(f).refused == i; step++) {
-            assert_true(step < 25); /* of 100 ms */
+            assert_true(step < 25); /* steps of 100 ms */
             server_clock_step(100);
             total = serving_flood(s, many, total, &closed);
             assert_true(total < SERVING_FLOOD_MAX);

@@ -15,7 +15,7 @@
 
 /* ---- a peer ---- */
 
-/* Reads on until that frame is told. */
+/* Reads on until that frame is announced. */
 static void wait_for_frame(int s, uint64_t frame) {
     for (bool framed = false; !framed;) {
         struct lw_message m;
@@ -117,7 +117,7 @@ static void test_deltas_to_catch_up(void **state) {
     struct lw_message_welcome welcome;
     struct lw_message m;
     close(serving_dial_again(f, &welcome));
-    for (uint64_t frame = 1; frame <= FRAMES; frame++) { /* of tile 0 of object 0 there are deltas */
+    for (uint64_t frame = 1; frame <= FRAMES; frame++) { /* tile 0 of object 0 has deltas */
         struct lw_snapshot *snapshot = serving_make_snapshot(f, frame, frame - 1);
         if (frame > 1) {
             snapshot->tile[serving_form][0].base = frame - 1;
@@ -243,7 +243,7 @@ static void test_a_jump_to_catch_up(void **state) {
     serving_end(f);
 }
 
-/* Whose link takes less than changes gets tiles in wider steps, and what they leave out once nothing changes
+/* A client whose link takes less than changes gets tiles in wider steps, and the rest once nothing changes
  * any more; that is when all has been sent. */
 static void test_a_narrow_link(void **state) {
     (void)state;
@@ -362,8 +362,8 @@ static void test_blobs_are_shared(void **state) {
 
 /* ---- whose turn it is ---- */
 
-/* What a limit of 1 MB/s lets through: a tenth of a second's worth at once, then that rate; who has none does
- * not notice. What is not tiles does not wait. */
+/* A limit of 1 MB/s lets a tenth of a second's worth through at once, then that rate; a peer without one does
+ * not notice. Only tiles wait. */
 static void test_rate_limits(void **state) {
     (void)state;
     static const struct {
@@ -403,8 +403,8 @@ static void test_rate_limits(void **state) {
     }
 }
 
-/* A link that takes one tile after another gets first what has changed most; who is behind, what has since it
- * had it last. */
+/* A link that takes one tile after another gets first the tile that has changed most; a client that is
+ * behind, the one that has since it had it last. */
 static void test_the_most_visible_change_goes_first(void **state) {
     (void)state;
     struct serving *f =
@@ -426,7 +426,7 @@ static void test_the_most_visible_change_goes_first(void **state) {
     assert_int_equal(m.tile.object, SERVING_OBJECTS - 1);
     assert_int_equal(m.tile.level, 0);
     lw_message_finish(&m);
-    /* now all but that one lag behind; the first moves again and overtakes the second */
+    /* now all but this tile lag behind; the first moves again and overtakes the second */
     snapshot = serving_make_snapshot(f, 6, 4);
     for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[serving_form][i].change = 0.001f;
     snapshot->tile[serving_form][tile[0]].change = 0.2f;

@@ -53,7 +53,7 @@ static void test_updates_are_answered_with_their_frame(void **state) {
     serving_expect_tiles(s, f->map.tile_count, 5);
     serving_expect_light(f, other, 5); /* nobody else hears of it */
     serving_update(s, 19, &serving_hide_1, 1);
-    free(serving_take(f, 6, 1, 1)); /* whose frame is overtaken by the next one */
+    free(serving_take(f, 6, 1, 1)); /* the next frame overtakes this one */
     serving_publish(f, serving_make_snapshot(f, 7, 5));
     serving_expect_frame(s, 7, 2);
     expect_updated(s, 19, LW_SCENE_CHANGE_OK, 0, 6);
@@ -84,14 +84,14 @@ static void test_wrong_updates_are_answered_and_nothing_of_them_is_done(void **s
     serving_update(s, 5, &wrong, 1);
     expect_updated(s, 5, LW_SCENE_CHANGE_DEGENERATE, 0, 0);
     serving_update(s, 6, &serving_hide_1, 1);
-    free(serving_take(f, 1, 1, 1)); /* that one alone */
+    free(serving_take(f, 1, 1, 1)); /* this update alone */
     serving_publish(f, serving_make_snapshot(f, 1, 0));
     expect_updated(s, 6, LW_SCENE_CHANGE_OK, 0, 1); /* without any FRAME: it has not asked for the package */
     close(s);
     serving_end(f);
 }
 
-/* Two at once, from two sessions: each spare goes to one of them, and what one takes is told to the other. */
+/* Two at once, from two sessions: each spare goes to one of them, and both hear of both. */
 static void test_spares_are_given_out_in_order(void **state) {
     (void)state;
     static const struct lw_scene_change add = {
@@ -126,7 +126,7 @@ static void test_spares_are_given_out_in_order(void **state) {
     free(serving_take(f, 2, 1, 1));
     serving_update(b, 4, (struct lw_scene_change[]){serving_hide_1, add, add}, 3); /* all is as it was */
     free(serving_take(f, 2, 1, 3));
-    close(a); /* who does not wait for the answer */
+    close(a); /* it does not wait for the answer */
     close(b);
     serving_publish(f, serving_make_snapshot(f, 2, 0));
     serving_end(f);
@@ -211,7 +211,7 @@ static void test_answers_that_nobody_reads_end_the_session(void **state) {
     }
     lw_blob_unref(blob);
     serving_publish(f, serving_make_snapshot(f, 1, 0));
-    serving_expect_frame(other, 1, 1); /* who is none the wiser */
+    serving_expect_frame(other, 1, 1); /* its changes are made all the same */
     close(s);
     close(other);
     serving_end(f);

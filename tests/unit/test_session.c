@@ -34,7 +34,7 @@ struct link {
     struct lw_message_waiting wait; /* the last of these */
     size_t bytes, overhead;
     uint16_t last;        /* type of the last message written */
-    enum lw_refusal code; /* of a REFUSAL */
+    enum lw_refusal code; /* code of a REFUSAL */
     char text[LW_MESSAGE_TEXT_MAX + 1];
 };
 
@@ -391,14 +391,14 @@ static void test_overhead(void **state) {
     assert_string_equal(link_of(s->link)->text, "more than 4096 OVERHEAD a second, for too long");
 }
 
-/* What a peer says after its refusal is dropped, as far as it may have been on its way. */
+/* Bytes of a refused peer are dropped, as far as they may be on their way already. */
 static void test_what_follows_a_refusal(void **state) {
     (void)state;
     static uint8_t more[LW_SERVER_DROPPED_MAX];
     struct lw_session *s = open_one();
     say(s, &(struct lw_message){.type = LW_MESSAGE_PING}, 1); /* no HELLO */
     assert_true(is_refused(s, LW_REFUSAL_PROTOCOL));
-    const size_t counted = LW_FRAMING_HEADER_SIZE; /* of the PING */
+    const size_t counted = LW_FRAMING_HEADER_SIZE; /* bytes of the PING */
     lw_session_handlers_receive(s, more, sizeof more - counted);
     assert_true(link_of(s->link)->is_read);
     lw_session_handlers_receive(s, more, 1);
@@ -542,7 +542,7 @@ static void test_turned_away(void **state) {
     assert_null(open_from(address, false)); /* in all */
 }
 
-/* As many at once as there are places, then as many as come back in 20 s; who is one too many is told. */
+/* As many at once as there are places, then as many as come back in 20 s; one more is refused. */
 static void test_connecting_too_often(void **state) {
     (void)state;
     const struct lw_address own = {{1}, true}, other = {{2}, false};

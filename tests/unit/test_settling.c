@@ -6,7 +6,7 @@
 
 #define S 1000000000ull
 
-/* The error of a mean, polled twenty times a second, never settles. */
+/* The error of a mean, polled twenty times a second, never converges. */
 static void test_what_falls_does_not_settle(void **state) {
     (void)state;
     for (double speed = 0.1; speed < 100; speed *= 10) {

@@ -1,5 +1,5 @@
 /* What a solver says it holds is what it has allocated: of all calls of malloc and its kin by the solver's
- * own code (Embree's are not among them, and are told by lw_trace_memory_bytes()). */
+ * own code (Embree's are not among them: lw_trace_memory_bytes() has them). */
 #include "tests/support/support.h"
 
 #include "common/builtin/builtin.h"
@@ -11,7 +11,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* Of what is held. */
+/* Bytes held. */
 #define OFF_MOST 0.01
 
 static _Atomic int64_t held_bytes;

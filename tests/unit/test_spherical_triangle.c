@@ -43,7 +43,7 @@ static bool within(const struct lw_vec3 t[3], struct lw_vec3 d, float slack) {
 /* The sliver, 1 : 2000 as seen, is off by 0.006: floats. */
 #define UNEVEN_MAX 0.009
 
-/* Of each part of a triangle that is cut in two from a corner, the samples find its share of the solid angle;
+/* A triangle is cut in two from a corner. The samples find each part's share of the solid angle;
  * and the means of 1/pdf of samples that are even over the area agree on the whole. */
 static void samples_are_even(void **state) {
     (void)state;

@@ -54,7 +54,7 @@ static void test_start(void **state) {
     assert_float_equal(s.eye_m, LW_STEERING_EYE_M, 0);
     assert_float_equal(s.flight.speed, 1, 1e-6f);
     const struct lw_camera_view view = lw_flight_view(&s.flight);
-    lw_steering_start(&s, &view, 0, 0.5f); /* of a doll's house */
+    lw_steering_start(&s, &view, 0, 0.5f); /* a doll's house */
     assert_float_equal(s.eye_m, 0.2f, 1e-6f);
     assert_true(s.flight.speed > 0);
 }

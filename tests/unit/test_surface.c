@@ -46,7 +46,7 @@ static void edges_follow_the_wrap_mode(void **state) {
     const struct {
         float u, repeat, clamp, mirror;
     } cases[] = {
-        {0, 0.5f, 0, 0}, /* between the first texel and: the last; itself; itself */
+        {0, 0.5f, 0, 0}, /* between the first texel and the last, itself, itself */
         {1, 0.5f, 1, 1},
         {3.5f / 3, 0, 1, 1}, /* one texel past the end */
         {4.5f / 3, grey, 1, grey},

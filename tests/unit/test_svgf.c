@@ -1,4 +1,4 @@
-/* The filter on pictures that are made by hand: a wall straight ahead, and what is painted on it. */
+/* The filter on pictures that are made by hand: a painted wall straight ahead. */
 #include "tests/support/support.h"
 
 #include "client/view/svgf.h"
@@ -10,7 +10,7 @@
 
 #define WALL_M 4.0f
 
-/* A picture: what the eye meets, the light on it, and what comes out. */
+/* A picture: the surfaces that the eye meets, the light on them, and the result. */
 struct screen {
     struct lw_gbuffer g;
     float *memory, *light; /* light: E/pi, 3 floats a pixel */
@@ -92,7 +92,7 @@ static void expect_within(double got, double want, double tolerance) {
     if (!(fabs(got - want) <= tolerance)) fail_msg("got %.7g, expected %.7g +- %.2g", got, want, tolerance);
 }
 
-/* ---- what must not change ---- */
+/* ---- pictures that must not change ---- */
 
 static void test_even_light_stays_whatever_the_texture(void **state) {
     (void)state;

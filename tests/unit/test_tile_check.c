@@ -15,7 +15,7 @@ struct world {
     uint8_t *payload[PAYLOADS]; /* each of the whole tile 64 x 64, all of one value */
     size_t size[PAYLOADS];
     float scale[PAYLOADS];
-    uint64_t *known[2];           /* of two sessions */
+    uint64_t *known[2];           /* for two sessions */
     struct lw_tile_held *held[2]; /* NULL: they are not followed */
 };
 
@@ -138,8 +138,8 @@ static void test_deltas(void **state) {
     finish_world(&w);
 }
 
-/* Two who are followed hold the same light, whether it came whole or as deltas; of who comes by another way
- * it is told. */
+/* Two followed users hold the same light, whether it came whole or as deltas; a user that comes by another
+ * way is reported. */
 static void test_light_of_those_who_are_followed(void **state) {
     (void)state;
     struct world w;
@@ -246,7 +246,7 @@ static void test_one_version_is_one_content(void **state) {
     }
 }
 
-/* What did not decode is remembered by nobody. */
+/* Nobody remembers a tile that did not decode. */
 static void test_damage_is_found_again(void **state) {
     (void)state;
     struct world w;

@@ -139,7 +139,7 @@ static void test_only_one_frame_of_known_size(void **state) {
     size = ZSTD_compress2(compress, frames, sizeof frames, texel, sizeof texel);
     ZSTD_freeCCtx(compress);
     assert_false(ZSTD_isError(size));
-    assert_int_equal(decode_frame(frames, size), LW_BAD_DATA); /* that does not say its size */
+    assert_int_equal(decode_frame(frames, size), LW_BAD_DATA); /* a frame without its size */
 }
 
 static void test_unknown_codecs_are_refused(void **state) {

@@ -377,7 +377,7 @@ static void test_sums_have_a_limit(void **state) {
     }
 }
 
-/* What is dark beside the scene's white costs little, and is off by little beside it. */
+/* Light that is dark beside the scene's white costs little, and errs by little beside it. */
 static void test_dark_is_coded_by_difference(void **state) {
     (void)state;
     struct lw_tile_dct_coded coded[2];

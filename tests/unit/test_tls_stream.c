@@ -130,7 +130,7 @@ static void test_whole_and_byte_by_byte(void **state) {
 static void expect_distrust(const char *text) {
     shake_hands(SIZE_MAX);
     lw_support_fails(client.status, LW_NOT_ALLOWED, &client.err, text);
-    assert_int_equal(server.status, LW_NOT_ALLOWED); /* it was told why */
+    assert_int_equal(server.status, LW_NOT_ALLOWED); /* it has the reason */
     assert_false(lw_tls_stream_is_ready(client.stream));
 }
 
@@ -198,7 +198,7 @@ static void test_garbage(void **state) {
     make_ends("DNS:localhost", &believes_all, "localhost");
     shake_hands(SIZE_MAX);
     say(&client, 100);
-    client.output.bytes[50] ^= 1; /* of a record that is whole otherwise */
+    client.output.bytes[50] ^= 1; /* one byte of a whole record */
     hear(&server, &client, SIZE_MAX);
     lw_support_fails(server.status, LW_PROTOCOL, &server.err, "bad record mac");
     assert_int_equal(server.heard_size, 0);
@@ -268,7 +268,7 @@ static void test_files_of_a_client(void **state) {
     assert_null(trust);
 }
 
-/* Bad files leave what was read before; good ones hold from the next handshake on, also for a follower. */
+/* Bad files leave the earlier certificate; good ones hold from the next handshake on, also for a follower. */
 static void test_reload(void **state) {
     make_ends("DNS:localhost", &believes_file, "localhost");
     struct lw_error err = {0};

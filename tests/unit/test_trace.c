@@ -264,8 +264,8 @@ static void test_movers_are_met_as_in_a_flat_scene(void **state) {
     }
 }
 
-/* Packets in which some rays meet a back first: the view sees what is behind it, and the other rays are left
- * alone. */
+/* Packets in which some rays meet a back first: the view sees the surface behind it, and the other rays are
+ * left alone. */
 static void test_views_look_through_backs(void **state) {
     (void)state;
     for (int moving = 0; moving < 4; moving++) { /* bit o: square o */

@@ -5,7 +5,7 @@
 
 #include <math.h>
 
-#define ROOM 200u /* more than what is traced between two looks at the clock */
+#define ROOM 200u /* more than the packets between two looks at the clock */
 
 struct fixture {
     struct lw_scene *scene;
@@ -53,7 +53,7 @@ static void test_notes_what_goes_to_embree(void **state) {
     start(&f);
     shoot(&f, 0xffff, true); /* before: not noted */
     lw_trace_replay_record(f.replay);
-    assert_int_equal(shoot(&f, 0x00ff, true), 0); /* what is traced is the same */
+    assert_int_equal(shoot(&f, 0x00ff, true), 0); /* the hits are the same */
     assert_int_equal(shoot(&f, 0x0007, false), 0x0007);
     lw_trace_replay_record(NULL);
     shoot(&f, 0xffff, false);

@@ -88,7 +88,7 @@ static void nothing_is_no_number(void **state) {
     lw_view_error_finish(&(struct lw_view_error_sum){0});
 }
 
-/* Of 2 x 3,072 pixels the worst 6 go, wherever they are; each other one is off by what its number says. */
+/* The worst 6 of 2 x 3,072 pixels go, wherever they are; each other one is off by its number. */
 static void the_worst_pixels_of_all_views_are_left_out(void **state) {
     (void)state;
     static float half[VALUES], picture[2][VALUES];
@@ -178,7 +178,7 @@ static void flip_is_of_shown_pictures(void **state) {
     lw_view_error_finish(&sum);
 }
 
-/* ---- what does not count ---- */
+/* ---- pixels that do not count ---- */
 
 static void what_is_left_out_has_no_influence(void **state) {
     (void)state;
@@ -196,7 +196,7 @@ static void what_is_left_out_has_no_influence(void **state) {
     for (size_t i = 0; i < VALUES; i++)
         if (left_out[i / 3])
             for (uint32_t k = 0; k < 2; k++) picture[1][k][i] = i % 7 ? 1e20f : NAN;
-    enum { CLEAN, MASKED, BARE, NO_NUMBER, KINDS }; /* BARE: what is bad counts */
+    enum { CLEAN, MASKED, BARE, NO_NUMBER, KINDS }; /* BARE: bad pixels count */
     struct lw_view_error error[KINDS];
     for (int kind = 0; kind < KINDS; kind++) {
         for (size_t p = 0; kind == NO_NUMBER && p < PIXELS; p++)

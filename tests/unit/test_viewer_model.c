@@ -119,7 +119,7 @@ static void test_fits(void **state) {
     finish_world(&w);
 }
 
-/* In a real scene: whatever is chosen exists, and level-0 tiles are met from somewhere. */
+/* In a real scene: all chosen tiles exist, and level-0 tiles are met from somewhere. */
 static void test_walk_through_cornell(void **state) {
     (void)state;
     struct lw_scene *scene;

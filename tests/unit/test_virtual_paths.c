@@ -1,4 +1,4 @@
-/* Paths of virtual lights: who is lost, who is shot again, and when. */
+/* Paths of virtual lights: which are lost, which are shot again, and when. */
 #include "common/light/virtual_paths.h"
 #include "tests/support/support.h"
 
@@ -76,8 +76,8 @@ static void test_first_shots(void **state) {
     lw_virtual_paths_finish(&paths);
 }
 
-/* Who is hidden from its parent is lost with its children, and shot again within the bound; those before it
- * in its path stay. */
+/* A light that is hidden from its parent is lost with its children, and shot again within the bound; lights
+ * before it in its path stay. */
 static void test_lost_and_shot_again(void **state) {
     (void)state;
     struct lw_virtual_paths paths;

@@ -103,7 +103,7 @@ static void test_lines(void **state) {
     assert_line(LW_WAITING_LOOKING_INSIDE, 1, "looking inside objects, 100 %");
     assert_line(LW_WAITING_FIRST_LIGHT, 0.17f, "first light, 17 %");
     assert_line(LW_WAITING_READY, 1, "ready");
-    assert_line(77, 0.5f, "waiting for the first light"); /* of a newer server */
+    assert_line(77, 0.5f, "waiting for the first light"); /* a newer server's stage */
     lw_waiting_raise(NULL, LW_WAITING_READY, 1, 1);
     lw_waiting_set_part(NULL, 0, 1);
 }
