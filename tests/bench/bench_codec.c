@@ -3,7 +3,7 @@
  *     bench_codec [--frames N] [--at SECONDS] [--dump FILE] SCENE...
  *
  * Each scene is solved as lightwelld does by default, at one moment; its tiles of all levels are taken after
- * 1, 16 and N frames, after eight further frames in which what moves has moved, and after one more. One table
+ * 1, 16 and N frames, after eight further frames of movement, and after one more. One table
  * in Markdown per scene.
  *   bits      per texel that a look-up may read (the others cost what they cost, but nobody wants them)
  *   log-PSNR  of log2(1 + E/y0)/log2(101) over those texels, y0 = 1 % of white; white: the E that 99 % of
@@ -46,7 +46,7 @@ struct tile {
     float error;
     float *rgb;
     uint8_t *covered;
-    struct lw_tile_dct_history *before; /* of a client, after the set before; in the last set alone */
+    struct lw_tile_dct_history *before; /* a client's, after the set before; in the last set alone */
 };
 
 struct job {
@@ -171,7 +171,7 @@ struct coder {
     ZSTD_DCtx *decompress;
     float dark;
     float y0;
-    float step; /* of sought_encode() */
+    float step; /* sought_encode()'s */
     uint8_t planes[LW_TILE_TEXELS_MAX * 4];
 };
 

@@ -2,7 +2,7 @@
  *
  *     bench_compose [OPTIONS] SCENE[@PX,PY,PZ:TX,TY,TZ:FOV]...
  *
- * Every scene twice: at rest, as one flat structure of triangles, and with what moves in it set apart (where
+ * Every scene twice: at rest, as one flat structure of triangles, and with moving parts set apart (where
  * nothing does, a lamp and an object are set moving). Its light is noise, so that a look-up of the wrong
  * texel shows. One table in Markdown, CPU milliseconds per picture, medians over the rounds:
  *   raw      the view's rays in the flat structure, with nothing asked of what they meet: Embree and little

@@ -7,7 +7,7 @@
  * rows: the server; and, as what the system itself costs, the same bytes to as many connections by nothing
  * but epoll_wait() and writev() of 128 KiB. Compare CPU time within a run: all three threads share the
  * machine.
- * With --tls there is a row more: the server by TLS, to clients that shake hands and drop what comes sealed.
+ * With --tls there is a row more: the server by TLS, to clients that shake hands and drop sealed bytes.
  * With --never N something else is asked: what N more clients that never read cost those who do. Rounds with
  * and without them take turns, on one server; of each, how long it takes from the moment at which a snapshot
  * is handed over until a client has the last byte of it, by client and snapshot. What else runs on the
@@ -48,7 +48,7 @@ struct bench {
     bool by_tls;
     struct lw_scene *scene;
     struct lw_atlas_map map;
-    struct lw_blob *frame, **blob; /* of each tile */
+    struct lw_blob *frame, **blob; /* one for each tile */
     uint64_t snapshot_bytes;
     struct lw_server *server;
     pthread_t serving, dropping;
@@ -246,7 +246,7 @@ static void end_server(struct bench *b) {
     lw_server_destroy(b->server);
 }
 
-/* *package_size  as the server tells it; by TLS as it was told before */
+/* *package_size  as the server announces it; by TLS as it was before */
 static struct row run_server(struct bench *b, SSL_CTX *trust, uint64_t *package_size,
                              struct lw_server_stats *out_stats) {
     start_server(b, trust);
@@ -283,7 +283,7 @@ static struct row run_server(struct bench *b, SSL_CTX *trust, uint64_t *package_
 
 /* ---- those who never read ---- */
 
-/* What has come for a client, by its socket. */
+/* Reads bytes for a client, by its socket. */
 static void take(struct bench *b, int timeout_ms, uint64_t *got, void (*call)(void *, int client),
                  void *context) {
     struct epoll_event event[EVENTS];

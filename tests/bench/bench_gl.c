@@ -52,10 +52,10 @@ struct scene {
     struct lw_compose *compose, *drawing;
     struct lw_gl_renderer *renderer, *lit;
     struct lw_atlas_map finer_map;
-    struct lw_gl_renderer *none, *fine; /* of that map */
+    struct lw_gl_renderer *none, *fine; /* for the finer map */
     struct lw_compose_view view;
     float *light; /* enough for the largest level; every level reads it */
-    float *dark;  /* of any tile of finer levels */
+    float *dark;  /* light of any tile of finer levels */
     uint32_t *version;
     float *picture;
     uint8_t *needed;
@@ -72,7 +72,7 @@ static struct lw_client_tile tile(const void *context, lw_tile_id id) {
     return (struct lw_client_tile){.version = ((const struct scene *)context)->version[id.v]};
 }
 
-/* Of finer levels those tiles are there that are needed. */
+/* The needed tiles of finer levels are there. */
 static struct lw_client_tile finer_tile(const void *context, lw_tile_id id) {
     const struct scene *s = context;
     const bool plain = id.v < s->finer_map.plain_count;

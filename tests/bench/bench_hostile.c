@@ -1,10 +1,10 @@
 /* bench_hostile: sessions that misbehave, to run beside lightwell-load and see what honest ones feel of it;
  * hostile.py does that with each kind in turn.
  *   bench_hostile HOST:PORT KIND COUNT SECONDS [FROM]
- * KIND   of the list below; HOST:PORT is of the link that stands there. Those by TLS want a server by TLS
+ * KIND   one of the list below; HOST:PORT is the address of its link. Kinds by TLS want a server by TLS
  * COUNT  connections, each opened again when it is closed
  * FROM   an address of this machine that they come from, such as 127.0.0.2
- * Whatever the server says is read and dropped. One line at the end: what was written, how often they were
+ * Whatever the server says is read and dropped. One line at the end: bytes written, how often they were
  * closed, and the processor time that this took. */
 #include "client/lib/tls_trust.h"
 #include "common/clock.h"
@@ -27,8 +27,8 @@
 #define COUNT_MAX    10000
 #define FLOOD_SIZE   (256u << 10)
 #define AGAIN_NS     200000000u /* from a close to the next connection */
-#define WRITE_ROUNDS 4          /* of a flood, before the next session has its turn */
-#define RECORDS      256        /* of TLS in a round, a byte each */
+#define WRITE_ROUNDS 4          /* writes of a flood, before the next session has its turn */
+#define RECORDS      256        /* TLS records in a round, a byte each */
 
 /* name, link, what it does */
 #define KINDS(X)                                                                                             \
@@ -91,7 +91,7 @@ struct peer {
     bool answered;
     struct lw_tls_stream *tls;
     struct lw_tls_output output;
-    size_t sent; /* of output */
+    size_t sent; /* bytes of output */
 };
 
 static enum kind kind;
@@ -103,7 +103,7 @@ static void fail(const char *what) {
     exit(1);
 }
 
-/* ---- what is said ---- */
+/* ---- messages ---- */
 
 static void add_bytes(struct bytes *bytes, const void *src, size_t size) {
     if (bytes->size + size > bytes->capacity) {

@@ -1,5 +1,5 @@
 /* bench_latency: how long a change of the scene takes to reach a client, and to become the light that it
- * leads to; or, by --walk, how far light trails behind what moves all the time.
+ * leads to; or, by --walk, how far light trails behind steady movement.
  *
  *     bench_latency [--updates N] [--settle S] [--frames N] [--fresh N] [--daemon "OPTIONS"] [--reference
  *     FOLDER] [--json]
@@ -19,7 +19,7 @@
  * one, the noise of E0 and E1 would count as change, and where a vase moves most of what is seen does not
  * change. w is one over the texel's mean light (plus the median's of all): else the cages of lamps, some
  * hundred texels a thousand times as bright as the rest and as noisy, would alone decide. What is over twice
- * that light is clipped: single texels of a first frame. So p is 0 for light that is settled before, 1 for
+ * that light is clipped: single texels of a first frame. So p is 0 for light that is converged before, 1 for
  * light that is settled after, whatever the server remembers. Agreement is the cosine of E1 - E0 and E1' -
  * E0': where it is small, p is noise; more --fresh frames help.
  *
@@ -57,7 +57,7 @@
 #define WALK_CAMERA "lamp"  /* along the gallery where the atrium's lantern walks, ... */
 #define WALK_TIMES  "5,6,7" /* ... towards it */
 
-/* What is done where there is nothing said: in the atrium a lamp moves, a vase moves by its width, the sun
+/* The default updates: in the atrium a lamp moves, a vase moves by its width, the sun
  * loses half. */
 static const char *const atrium[] = {"lamp shift lantern -1.5 0 0", "vase shift amphora 0.6 0 0",
                                      "main light sun intensity 52 45 34.5"};
@@ -91,8 +91,8 @@ struct outcome {
     bool converged; /* the light did, before time was up */
     double first_frames, share_frames;
     struct moment first, share; /* share.ms < 0: never */
-    double lowest;              /* of p after that */
-    double start, end;          /* p before the update and when the light had settled */
+    double lowest;              /* lowest p after that */
+    double start, end;          /* p before the update and with converged light */
     double converged_ms;
 };
 
@@ -199,7 +199,7 @@ static bool shows_change(const struct bench *b, uint64_t frame) {
     return false;
 }
 
-/* Whether the light counts as settled without having converged. Each frame forgets only so much of the
+/* Whether the light counts as at rest without full convergence. Each frame forgets only so much of the
  * light before. */
 static bool is_over(const struct bench *b, uint64_t frames, uint64_t ns) {
     return (frames >= (uint64_t)b->frames && ns >= (uint64_t)(1e9 * b->settle_s)) || ns > LATENCY_LIMIT_NS;
@@ -274,7 +274,7 @@ static void find_share(struct bench *b, struct outcome *outcome, uint64_t old_fr
     }
 }
 
-/* ---- what is printed ---- */
+/* ---- output ---- */
 
 static double median_of(const struct outcome *o, size_t count, double (*value)(const struct outcome *)) {
     double v[UPDATES_MAX];

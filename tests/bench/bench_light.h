@@ -1,4 +1,4 @@
-/* bench_light.h: what is solved to be compared, the light that a solver has found, and how far it is off
+/* bench_light.h: solves to compare, the light that a solver has found, and how far it is off
  * another's. */
 #ifndef LW_TESTS_BENCH_LIGHT_H
 #define LW_TESTS_BENCH_LIGHT_H

@@ -31,14 +31,15 @@ struct bench_meter_cost {
     struct {
         double wall, cpu;
     } kernel[BENCH_KERNELS];
-    double wall, cpu;              /* of the frame */
-    double serial, serial_longest; /* of cpu: outside of parallel regions, in all and the longest stretch */
-    double sampled[2];             /* of cpu: BENCH_DIRECT and BENCH_TRACE_BOUNCES of every `stride`th tile */
-    uint64_t rays[2];              /* of the whole frame: of those two */
+    double wall, cpu; /* the whole frame */
+    double serial,
+        serial_longest; /* part of cpu outside of parallel regions, in all and the longest stretch */
+    double sampled[2];  /* part of cpu: BENCH_DIRECT and BENCH_TRACE_BOUNCES of every `stride`th tile */
+    uint64_t rays[2];   /* the whole frame's rays, of the same two */
 };
 
 /** Every stride-th tile's calls of the two passes are timed apart or, with replays, recorded.
- * replay   [0]: direct, [1]: trace bounces; each an array, one for each thread; or {NULL, NULL} */
+ * replay   [0]: direct, [1]: trace bounces. Each is an array, one for each thread; or {NULL, NULL} */
 struct bench_meter_desc {
     uint32_t stride;
     struct lw_trace_replay **replay[2];
@@ -51,7 +52,7 @@ struct bench_meter {
     uint64_t frames;
 };
 
-/** Where it fails, bench_meter_finish() finishes what is there; give it a zeroed structure. */
+/** Where it fails, bench_meter_finish() frees the rest; give it a zeroed structure. */
 LW_MUST_CHECK enum lw_status bench_meter_init(struct bench_meter *meter, const struct lw_solver_desc *desc,
                                               const struct lw_pose *pose, struct lw_error *err);
 void bench_meter_finish(struct bench_meter *meter);

@@ -33,7 +33,7 @@
 #define TABLES             LW_TILE_RANS_TABLES
 #define LENGTH_TABLES      (TABLES - COEFFICIENT_TABLES)
 #define BLOCKS             (LW_TILE_SIDE / LW_TILE_RANS_SIDE)
-#define SET_BEFORE         3u /* of bench_codec: "moving" and, after it, "a frame on" */
+#define SET_BEFORE         3u /* bench_codec's set "moving" and, after it, "a frame on" */
 #define SET_CHANGED        4u
 #define KINDS              4u
 
@@ -95,7 +95,7 @@ static void shipped_tables(const struct lw_tile_rans *rans, struct tables *out) 
     for (uint32_t t = 0; t < TABLES; t++) {
         uint32_t share[TOKENS];
         const uint32_t count = tokens_of(rans, t, token, share);
-        /* that of last coefficients begins with a token of no slots */
+        /* the table of last coefficients begins with a token of no slots */
         memcpy(out->share[t] + (t == COEFFICIENT_TABLES - 1), share, count * sizeof *share);
     }
     for (uint32_t i = 0; i < NEAR_CONTEXTS; i++) out->near[i] = rans->near_table[i / CLASSES][i % CLASSES];
@@ -263,7 +263,7 @@ static void add(double *to, const double *from, double weight) {
     for (uint32_t t = 0; t < TOKENS; t++) to[t] += weight * from[t];
 }
 
-/* Of 1024 slots; each token from `first` on has one at least, and one more goes where it saves most. */
+/* Deals 1024 slots. Each token from `first` on has one at least, and one more goes where it saves most. */
 static void share_slots(const double *count, uint32_t first, uint32_t tokens, uint32_t *share) {
     uint32_t left = LW_TILE_RANS_SLOTS;
     for (uint32_t t = first; t < tokens; t++, left--) share[t] = 1;

@@ -46,7 +46,7 @@ struct scene {
     struct lw_trace *trace;
     struct lw_lights lights;
     struct lw_path_trace *tracer;
-    struct lw_camera_view camera; /* of the first frame */
+    struct lw_camera_view camera; /* the first frame's */
     float *reference;
     double reference_error; /* relMSE */
     double bare_rate;       /* rays a CPU second */

@@ -33,10 +33,10 @@ int bench_main(const struct bench_program *program, int argc, char **argv);
 const char *bench_label(const char *scene, char *buffer, size_t size);
 
 /** Opens what stands before a '@' in `name`.
- * motion  what moves (enum lw_scene_motion), or BENCH_MOTION_OWN: what the scene says
+ * motion  the movement (enum lw_scene_motion), or BENCH_MOTION_OWN: the scene's own
  * time_s  the pose's moment
  * out_map may be NULL
- * Where it fails, bench_close() finishes what is there; give it zeroed structures. */
+ * Where it fails, bench_close() frees the rest; give it zeroed structures. */
 #define BENCH_MOTION_OWN (-1)
 LW_MUST_CHECK enum lw_status bench_open(const struct lw_scene_open *open, const char *name, int motion,
                                         double time_s, struct lw_scene **out_scene, struct lw_pose *out_pose,
@@ -45,7 +45,7 @@ LW_MUST_CHECK enum lw_status bench_open(const struct lw_scene_open *open, const 
 /** map may be NULL. */
 void bench_close(struct lw_scene *scene, struct lw_pose *pose, struct lw_atlas_map *map);
 
-/** Of `count` values, at least 1, which it sorts; the upper one of two in the middle. */
+/** The median of `count` values, at least 1. It sorts them; of two in the middle it takes the upper one. */
 double bench_median(double *value, size_t count);
 
 #endif

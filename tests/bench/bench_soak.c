@@ -3,7 +3,7 @@
  * Holds COUNT sessions that come back whenever they are lost, also to another scene. A line on stdin compares
  * them: a session that comes then gets the server's light afresh, and each tile of the others is held against
  * it. One line of JSON on stdout for each: how many tiles were compared, the largest difference over what the
- * tile's error allows (1: at its bound), how many are over it. What changes meanwhile must be paused. */
+ * tile's error allows (1: at its bound), how many are over it. Changes must be paused meanwhile. */
 #include "client/lib/client.h"
 #include "common/clock.h"
 #include "common/options.h"
@@ -15,9 +15,9 @@
 #include <unistd.h>
 
 #define COUNT_MAX  64
-#define REST_S     90 /* for light to settle */
+#define REST_S     90 /* for light to converge */
 #define POLL_MS    5
-#define DIFFERENCE 1e-4f /* of a tile's mean light: rounding of different ways to the same tile */
+#define DIFFERENCE 1e-4f /* share of a tile's mean light: rounding of different ways to the same tile */
 
 struct host {
     char name[256];
@@ -36,7 +36,7 @@ static struct lw_client *join(const struct host *host, const struct lw_client *s
     return client;
 }
 
-/* Takes in what is there; who is lost comes back, if need be to another scene. */
+/* Takes in messages; a lost client comes back, if need be to another scene. */
 static void attend(struct lw_client *client, uint64_t *losses) {
     struct lw_error err = {0};
     if (!client || !lw_client_poll(client, POLL_MS, &err)) return;
@@ -63,7 +63,7 @@ static bool is_at_rest(struct lw_client *client, uint64_t *out_frame) {
 
 struct verdict {
     uint64_t tiles, over;
-    double worst; /* of a tile: difference over what is allowed */
+    double worst; /* a tile's largest difference over the allowed one */
 };
 
 /* One tile of two clients: the root of the mean squared difference against the tile's mean light. */

@@ -22,7 +22,7 @@
 
 #define ROUNDS_MAX  99
 #define WARM_UP     2u     /* frames: the first one is lit everywhere, and allocates */
-#define PACKETS_MAX 40000u /* of each pass, noted per round: 60 MB */
+#define PACKETS_MAX 40000u /* packets of each pass, noted per round: 60 MB */
 #define THREADS_MAX 64u
 
 struct settings {
@@ -31,10 +31,10 @@ struct settings {
 };
 
 struct round {
-    struct bench_meter_cost one, all; /* of the second frame */
-    double raw_s[2], sampled_s[2];    /* of the first: bare rays, and the pass that shot them */
-    double pass_s[2], scatter_s;      /* of the first, whole frame */
-    double lanes[2], raw_rate[2];     /* of 16; rays per second */
+    struct bench_meter_cost one, all; /* the second frame's */
+    double raw_s[2], sampled_s[2];    /* the first frame's: bare rays, and the pass that shot them */
+    double pass_s[2], scatter_s;      /* the whole first frame's */
+    double lanes[2], raw_rate[2];     /* lanes in 16; rays per second */
     uint64_t rays[2];
 };
 

@@ -19,7 +19,7 @@
  * pairs a bounce is not run.
  *
  * --early S prints errors over CPU time instead, frame by frame for S seconds, as CSV; the last column is of
- * indirect light alone, each texel by itself. With --denoise, errors are those of what is shown. With -o DIR
+ * indirect light alone, each texel by itself. With --denoise, errors are those of shown light. With -o DIR
  * also pictures after S/64, S/8 and S seconds (solver_pictures.h), numbered as solvers are: the first has 0.
  * --points prints what sets of virtual point lights gain and lose: CPU time of a frame by the number of sets,
  * in the mean of a round; the same without that of a frame of direct light alone; errors after the first
@@ -43,8 +43,8 @@
 
 #define ROW     64u    /* texels a row of the picture that the path tracer is given */
 #define TURNS   24u    /* over the sample points of a texel: a multiple of 1, 2, 3, 4, 6 and 8 */
-#define CHANGED 0.1f   /* of a texel's light */
-#define SHIFT   0.05f  /* of the scene's longest side */
+#define CHANGED 0.1f   /* share of a texel's light */
+#define SHIFT   0.05f  /* share of the scene's longest side */
 #define TURN    0.0873 /* radians: 5 degrees */
 #define LIMITS  2
 #define TRUTHS  2
@@ -108,7 +108,7 @@ struct job {
     struct lw_pose pose, moved;
     const char *lamp;
     struct truth truth[TRUTHS], after; /* after: of the moved lamp, of the texels that it changes */
-    float *indirect;                   /* of the truth by cells, luminance */
+    float *indirect;                   /* the truth by cells, luminance */
     struct solver_pictures pictures;   /* with a folder */
     size_t trace_bytes;
     double left; /* relMSE of the light before, over those */
@@ -181,7 +181,7 @@ static enum lw_status by_cells(struct job *job, const struct lw_pose *pose, uint
 
 /* Where texels are, in the order of bench_read_light(). */
 struct spot {
-    uint32_t object, local, texel; /* of the mesh; of the global numbering */
+    uint32_t object, local, texel; /* local: in the mesh; texel: in the global numbering */
 };
 
 static size_t list_spots(const struct job *job, const struct lw_texels *texels, struct spot *out) {
@@ -418,7 +418,7 @@ static double window_of(const struct job *job, const struct entrant *e) {
     return e->radiosity.window ? e->radiosity.window : fmax(1, round(sqrt((double)job->texels) / 128));
 }
 
-/* Of a pass, about: charts and windows that are not full make more. 0: it knows no pairs. */
+/* Pairs of a pass, about: charts and windows that are not full make more. 0: it knows no pairs. */
 static double pairs_of(const struct job *job, const struct entrant *e) {
     const double n = (double)job->texels;
     if (strcmp(e->solver, "radiosity") != 0 || e->radiosity.directions) return 0;
@@ -573,8 +573,8 @@ static enum lw_status print_pass(const struct job *job, const struct entrant *e,
     return status;
 }
 
-/* Of indirect light alone, by the truth by cells, each texel by itself: the mean of min(1, (x - t)^2 / (t^2 +
- * (1 % of the mean of t)^2)). */
+/* Error of indirect light alone, by the truth by cells, each texel by itself: the mean of min(1, (x - t)^2 /
+ * (t^2 + (1 % of the mean of t)^2)). */
 static double indirect_error(const struct job *job, const struct lw_solver *solver) {
     float *light = read_indirect(job, solver);
     double mean = 0, error = 0;
@@ -588,7 +588,7 @@ static double indirect_error(const struct job *job, const struct lw_solver *solv
     return error;
 }
 
-/* What is shown, as bench_read_light(): filtered and welded. */
+/* Shown light, as bench_read_light(): filtered and welded. */
 static float *read_shown(const struct job *job, const struct lw_solver *solver) {
     float *light = malloc((3 * job->texels + 1) * sizeof *light);
     size_t count = 0;

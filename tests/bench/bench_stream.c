@@ -16,11 +16,11 @@
  *   error    root of relMSE = mean((x - t)^2 / (t^2 + 0.01 mean(t^2))) over every third pixel, each way;
  *   after the first second
  *   joined   seconds until the error is for the first time under 0.05
- * What the error is made of is told first, step by step from the newest light to what the client shows, each
+ * The parts of the error come first, step by step from the newest light to what the client shows, each
  * in the same measure:
  *   level    of the newest light, but every tile is read at the level that its error asks for when it was
  *   last sent
- *   waiting  of light as it was when it was last sent, uncoded: what has changed too little to be sent again
+ *   waiting  of light as it was last sent, uncoded: changes that are too small to be sent again
  *   coding   of the same light, decoded
  *   link     of what the client has, for each of --links: tiles that have not arrived, or that it did not ask
  *   for */
@@ -70,7 +70,7 @@ enum step { NEWEST = 0, LEVEL, WAITING, CODING, STEPS };
 struct moment {
     struct lw_snapshot *snapshot;
     struct lw_camera_view camera;
-    float *view;       /* of the newest light; lattice pixels * 3 */
+    float *view;       /* the newest light's; lattice pixels * 3 */
     float *sent;       /* the same of all that has been sent */
     double off[STEPS]; /* how far each step is off the one before */
 };
@@ -617,7 +617,7 @@ static enum lw_status run(void *context, const char *scene, struct lw_error *err
     if (job.csv) fprintf(job.csv, "link_mbit,seconds,mbit,error\n");
     if (status == LW_OK) status = light_all(&job, err);
     if (status == LW_OK)
-        status = run_link(&job, 0, true, err); /* fetches the package, which is not what is measured */
+        status = run_link(&job, 0, true, err); /* fetches the package, which is not measured */
     for (const char *at = s->links; status == LW_OK && at; at = strchr(at, ',') ? strchr(at, ',') + 1 : NULL)
         status = run_link(&job, atof(at), false, err);
     if (job.csv) fclose(job.csv);

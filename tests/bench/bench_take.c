@@ -4,7 +4,7 @@
  *     bench_take [--budget-ms MS] [--tiles N] [--seconds S] [HOST:PORT]
  *
  * Connects as the window of lightwell-view does, draws its pictures by OpenGL without a window, 30 a second,
- * and prints one table in Markdown. Of each picture: polling (messages, decoding), uploading with the tiles'
+ * and prints one table in Markdown. For each picture: polling (messages, decoding), uploading with the tiles'
  * words and their average, both in CPU time of this thread and in wall time; medians, 99th percentiles and
  * maxima. Then when the package was there, the first light was drawn, and all of it: every tile of the view
  * with all bounces. */
@@ -67,7 +67,7 @@ struct bench {
     struct lw_compose_report report;
     struct series series[SERIES];
     uint32_t tiles_max;
-    uint64_t stage_cpu_ns, gl_cpu_ns; /* of making ready */
+    uint64_t stage_cpu_ns, gl_cpu_ns; /* CPU time of the set-up */
     uint64_t package_ns, staged_ns, first_ns, complete_ns, surveyed_ns, tiles;
 };
 

@@ -60,7 +60,7 @@ struct scene {
     struct lw_compose_view view;
     float *image[SEEDS], *reference; /* width * height * 3 */
     double solve_s, trace_s, texels;
-    struct parts regions, objects; /* objects: what is seen first, and one more for the sky */
+    struct parts regions, objects; /* objects: the first one seen, and one more for the sky */
 };
 
 /* ---- the solve ---- */
@@ -181,7 +181,7 @@ struct verdict {
     uint32_t worst_region, regions, within;
 };
 
-/* Of the solve's mean of two seeds, relative, pooled over all parts. */
+/* Error of the solve's mean of two seeds, relative, pooled over all parts. */
 static double solve_variance_of(const struct parts *parts) {
     double sum = 0;
     for (uint32_t r = 0; r < parts->count; r++) {
@@ -254,7 +254,7 @@ static int by_weight(const void *a, const void *b) {
     return wx > wy ? -1 : wx < wy;
 }
 
-/* What does not obey, and by how much of the picture's mean. */
+/* Parts that are out of bounds, and by how much of the picture's mean. */
 static void list_parts(const struct scene *s, const struct parts *parts, bool regions) {
     struct part *part = malloc((parts->count + 1u) * sizeof *part);
     const double solve_variance = solve_variance_of(parts);

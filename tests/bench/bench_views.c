@@ -109,7 +109,7 @@ static double value_of(const struct lw_reference *t, size_t i) {
     return 0.5 * ((double)t->half[0][i] + (double)t->half[1][i]);
 }
 
-/* Of the pixels that count. */
+/* The mean over pixels that count. */
 static double mean_square_of(const struct pair *pair) {
     const size_t values = (size_t)pair->light[0].width * pair->light[0].height * 3;
     double sum = 0;

@@ -19,7 +19,7 @@
 #define WIDTH         1280u
 #define HEIGHT        720u
 #define LEVEL         LW_ATLAS_READ_MAX
-#define SQUARE        4u /* texels, each way, that are judged together: what is noise in them is not change */
+#define SQUARE        4u /* texels, each way, that are judged together: their noise is not change */
 #define FRESH_OPTIONS "--clock manual --light whole --direct-samples 8 --indirect-samples 16"
 
 /* What a server that never knew anything else sends of one state, and what the picture takes of it. */
@@ -167,7 +167,7 @@ static void look(const struct latency_light *l, struct lw_client *client, struct
 
 /* ---- the change ---- */
 
-/* How far light is from other light, square by square, relative to what is there. What is too bright by far
+/* How far light is from other light, square by square, relative to it. Light that is too bright by far
  * to be light of before or after is not taken for more than it can be. */
 static void compare(const struct latency_light *l, const float *light, const float *other, double *out) {
     memset(out, 0, LATENCY_CHANNELS * l->square_count * sizeof *out);
@@ -211,7 +211,7 @@ static float median_of_light(const struct latency_light *l, const float *light) 
     return median;
 }
 
-/* What light adds to a place counts by what is there. */
+/* Light that is added to a place counts by the light there. */
 static void weigh(struct latency_light *l) {
     const struct latency_pair *pair = l->pair;
     const float median = median_of_light(l, pair->before[0]);
@@ -333,7 +333,7 @@ bool latency_light_look_from(struct latency_light *l, const struct lw_pose *pose
 /* ---- fresh light ---- */
 
 /* The light of a server to which the change is made before its first frame, and undone in the same moment if
- * it is `undone`: what was moved once is another object for rays, wherever it is. Frames begin with lines on
+ * it is `undone`: a moved object is another one for rays, wherever it is. Frames begin with lines on
  * our stdin, which is its. */
 static void solve_fresh(const struct latency_light *l, const struct latency_state *state, unsigned seed,
                         struct fresh *out) {

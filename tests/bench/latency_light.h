@@ -21,37 +21,37 @@
 
 #define LATENCY_CHANNELS    3u
 #define LATENCY_POLL_MS     100u
-#define LATENCY_LIMIT_NS    240000000000ull /* for the light to settle */
+#define LATENCY_LIMIT_NS    240000000000ull /* for the light to converge */
 #define LATENCY_PATIENCE_NS 120000000000ull /* for the scene, for the first light, for an answer */
 
-/* Zeroed but for what is asked for, then introduced, used and finished. */
+/* Zeroed but for the settings, then introduced, used and finished. */
 struct latency_light {
-    /* what is asked for */
+    /* settings */
     const char *scene, *daemon_options;
     const char *reference; /* a folder for fresh light; NULL: one for this run */
     int64_t fresh_frames;
-    /* of the scene */
+    /* the scene's */
     struct lw_client *introduced; /* by a server that has ended: has the scene */
     char folder[128];             /* for this run */
     struct lw_camera_view camera;
     struct lw_atlas_map map;
     size_t texel_count;
     size_t *first;    /* texel of each object */
-    uint32_t *square; /* of each texel */
+    uint32_t *square; /* the square of each texel */
     size_t square_count;
     uint8_t *wanted; /* per tile: by the pictures of all states so far */
-    /* of the pair that is judged by */
+    /* the reference pair's */
     const struct latency_pair *pair;
     double agreement;             /* cosine of E1 - E0 and E1' - E0' */
     double *change[2], *progress; /* E1 - E0, E1' - E0', a client's E - E0: d of them */
-    float *weight, *most;         /* w, 0 where nothing is shown; what light is clipped at */
+    float *weight, *most;         /* w, 0 where nothing is shown; upper bound of light */
 };
 
 /* A state of the scene. */
 struct latency_state {
-    const char *text;                     /* that tells it from others, with the camera */
-    double time_s;                        /* that the animation is held at; `text` has it where it is not 0 */
-    const struct lw_scene_change *change; /* that leads to it; NULL: none */
+    const char *text;                     /* identifies it, with the camera */
+    double time_s;                        /* time of the held animation; `text` has it where it is not 0 */
+    const struct lw_scene_change *change; /* change that leads to it; NULL: none */
     bool undone;                          /* made and taken back */
 };
 

@@ -10,12 +10,12 @@
 
 #define TIMES_MAX  64u
 #define PASSES_MAX 64u
-#define BACK_S     1.0 /* of the movement that p is a share of */
+#define BACK_S     1.0 /* length of the movement that p is a share of */
 
 /* What a client has of the first frame at or after a time. */
 struct sight {
     double late_ms; /* the frame's scene time after the one that was asked for */
-    double age_ms;  /* of its light, when the client has decoded it */
+    double age_ms;  /* age of its light, when the client has decoded it */
     double share, error;
     double *residual[2]; /* by both seeds */
 };
@@ -25,8 +25,8 @@ struct stop {
     struct latency_pair pair;
     double agreement;
     double due_s;   /* scene time, not wrapped, of the next sight */
-    uint64_t frame; /* that is waited for; 0: its time has not come */
-    double late_s;  /* of that frame */
+    uint64_t frame; /* awaited frame; 0: its time has not come */
+    double late_s;  /* delay of that frame */
     size_t seen;
     struct sight sight[PASSES_MAX];
     double lasting; /* error that is the same in all passes: without their noise */
@@ -41,7 +41,7 @@ struct walk {
     float *now; /* the client's light */
 };
 
-/* ---- what is asked for ---- */
+/* ---- settings ---- */
 
 static enum lw_status read_times(struct walk *w, struct lw_error *err) {
     const char *text = w->desc->times;
@@ -193,7 +193,7 @@ static void find_lasting(struct walk *w, struct stop *stop) {
     stop->lasting = sum / (double)(stop->seen * (stop->seen - 1));
 }
 
-/* ---- what is printed ---- */
+/* ---- output ---- */
 
 static double median_of(const struct sight *sight, size_t count, double (*value)(const struct sight *)) {
     double v[PASSES_MAX];

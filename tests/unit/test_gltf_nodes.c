@@ -124,8 +124,7 @@ static void orthographic_cameras_have_a_height(void **state) {
                      PARALLEL("'xmag':3"));
 }
 
-/* Colour and intensity of a light that hangs on two nodes; properties without an animation stay as they are.
- * */
+/* Colour and intensity of a light that hangs on two nodes; properties without an animation stay. */
 static void pointers_animate_lights(void **state) {
     (void)state;
     const struct {

@@ -307,8 +307,7 @@ static void a_layer_that_yields_solves_nothing(void **state) {
     }
 }
 
-/* A hidden tile needs nothing; one that is shown again is solved first, even if nobody looks, and is shown.
- * */
+/* A hidden tile needs nothing; one that is shown again is solved first, even if nobody looks. */
 static void a_hidden_object_that_comes_back_is_lit_at_once(void **state) {
     (void)state;
     static struct house house;

@@ -145,8 +145,7 @@ static void test_a_session_has_so_many_fine_tiles(void **state) {
     serving_fine_room = 3;
 }
 
-/* An id goes to another tile once nobody lists the first, and the solver has heard so and holds it no more.
- * */
+/* An id goes to another tile once nobody lists the first, and the solver knows and holds it no more. */
 static void test_ids_of_fine_tiles_go_to_others(void **state) {
     (void)state;
     struct lw_message m;
