@@ -59,7 +59,8 @@ sub found {
         $sentence =~ s/\s/ /g;
         for (@patterns) {
             my ($name, $pattern) = @$_;
-            next if $name eq 'headless' && $later && $sentence =~ /^[a-z]/; # behind "e.g." and such
+            # behind "e.g." and such; "That takes 5 s" follows a sentence; a question
+            next if $name eq 'headless' && ($sentence =~ /\?$/ || ($later && $sentence =~ /^(?:[a-z]|That\b)/));
             next unless $sentence =~ $pattern;
             my $where = $-[0];
             next if $name eq 'word' && $& eq uc $&; # a message: SETTLED
