@@ -17,8 +17,9 @@ my @patterns = (
         'Of the squares, the share that is uncertain', 'The share of the squares that is uncertain'],
     ['clause', qr/(?:\bwhat|\bwhatever|\bwhoever|(?:^|[,;:(] ?|\b(?:of|to|for|by|with|and|or|than|as|at|that|not|but|from) )who|\b(?:of|to|from|than|at|on|in|for) where) (?:$verb\b(?! (?:a|an|the|it|they|he|she)\b)|comes?\b|goes\b|light is\b|changes\b|moves\b)(?![^.]*\?)/i,
         'The size of what is shown', 'It says what a frame costs, and who pays.'],
-    ['semicolons', qr/^(?!errors:|after:)[^;]*;[^;]*;/i,
-        'Its place; 0 if it is due; none else', 'Its place; 0 if it is due'],
+    # three facts, of two words and more each: figures of a table are none
+    ['semicolons', qr/^(?!errors:|after:)(?:[^;]*\b[[:alpha:]]{2,}\b[^;]+\b[[:alpha:]]{2,}\b[^;]*;){2}[^;]*\b[[:alpha:]]{2,}\b[^;]+\b[[:alpha:]]{2,}\b/i,
+        'Its place; 0 if it is due; none else', 'Its place; 0.5 m; 0.7 m'],
     ['past perfect', qr/\bhad (?:not )?$participle\b|\b(?:must|may|can|could|would|should|will|might) have been\b|\b(?:have|has) been(?=[.,;]|$)/i,
         'They show after those have been.', 'They had a list of frames, and it has been sent.'],
     ['pronoun', qr/(?<!so )\bthat one\b(?=[.,;:)]| (?:is|are|was|has|does|and|or|alone|which|who)\b|$)|\bthe (?:latter|former)\b(?! \w)|\bthe other(?=[.,;:)]|$)|^(?:those|these) $verb\b|(?!^)\bthose(?=[.,;:)]| $verb\b|$)/i,
