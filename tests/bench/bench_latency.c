@@ -16,11 +16,11 @@
  * reaches 0.95 over squares of 4 x 4 texels of level 2, all channels; d: sum over a square's texels that the
  * picture shows, before or after, of what is in brackets times w. E0, E0', E1, E1' are the light of four more
  * servers that never knew anything else than the state before (0) and the state after (1), by two seeds: with
- * one, the noise of E0 and E1 would count as change, and where a vase moves most of what is seen does not
+ * one, the noise of E0 and E1 would count as change, and where a vase moves most of the view does not
  * change. w is one over the texel's mean light (plus the median's of all): else the cages of lamps, some
- * hundred texels a thousand times as bright as the rest and as noisy, would alone decide. What is over twice
+ * hundred texels a thousand times as bright as the rest and as noisy, would alone decide. Light over twice
  * that light is clipped: single texels of a first frame. So p is 0 for light that is converged before, 1 for
- * light that is settled after, whatever the server remembers. Agreement is the cosine of E1 - E0 and E1' -
+ * light that is at rest after, whatever the server remembers. Agreement is the cosine of E1 - E0 and E1' -
  * E0': where it is small, p is noise; more --fresh frames help.
  *
  * --walk: the animation runs, by the real clock. For each time of the list and each pass of the animation's

@@ -4,7 +4,7 @@
  *     [--slow S]
  *                  [--step-widest STEP] [--direct tiles|auto] [--csv FILE] SCENE...
  *
- * The scene is solved as lightwelld does by default, --hz frames for a second of the scene. Of each frame
+ * The scene is solved as lightwelld does by default, --hz frames for a second of the scene. For each frame
  * three things are kept: the snapshot that the publisher makes; the view of somebody who walks through the
  * scene (client/measure/views.h), composed from the light as it is before it is encoded; where the camera
  * was. Then the snapshots are handed, at their times, to the server that ships, and a client on loopback says

@@ -101,7 +101,7 @@ void latency_light_judge(struct latency_light *l, const struct latency_pair *pai
 double latency_light_share(struct latency_light *l, const float *light);
 /** d(E - E1), or by the other seed d(E - E1'): LATENCY_CHANNELS values per square. */
 void latency_light_residual(const struct latency_light *l, const float *light, unsigned seed, double *out);
-/** The sum of the products of two residuals, relative to sum d(E1 - E0) d(E1' - E0'). Of one light by both
+/** The sum of the products of two residuals, relative to sum d(E1 - E0) d(E1' - E0'). One light by both
  * seeds: its mean squared error, 1 for light as before, 0 for light as after, and the seeds' noise is not in
  * it. Of two lights whose noise differs: theirs is not in it either. */
 double latency_light_error(const struct latency_light *l, const double *residual, const double *other);

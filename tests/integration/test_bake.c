@@ -1,4 +1,4 @@
-/* lightwell-bake as users run it: its maps against a closed form, through the coordinates in its .glb;
+/* lightwell-bake as users run it: its maps against a closed form, through the coordinates in its .glb,
  * stopping and going on; what it refuses. */
 #include "tests/support/process.h"
 

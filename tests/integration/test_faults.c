@@ -329,8 +329,8 @@ static void a_solve_without_memory_is_a_line(void **state) {
     each_allocation_may_fail("lightwelld", serve, 1);
 }
 
-/* Allocations of all threads while a client comes, gets everything and goes: once there was light, what could
- * not be published is published later. */
+/* Allocations of all threads while a client comes, gets everything and goes: once there was light, light that
+ * could not be published is published later. */
 static void a_frame_without_memory_is_published_later(void **state) {
     (void)state;
     if (LW_SANITIZER) skip();

@@ -111,7 +111,7 @@ static void stop(void) {
     lw_process_left_nothing();
 }
 
-/* A client of the library goes over to the file's new scene; a file that is damaged changes nothing; nor does
+/* A client of the library goes over to the file's new scene. A file that is damaged changes nothing, nor does
  * one that is written again with the same. */
 static void test_scene_file(void **state) {
     (void)state;
@@ -154,7 +154,7 @@ static void test_scene_file(void **state) {
     stop();
 }
 
-/* Options: what can change does, with the control socket there again; what cannot is told; a mistake changes
+/* Options that can change do, with the control socket there again. Others get a warning. A mistake changes
  * nothing. */
 static void test_options(void **state) {
     (void)state;

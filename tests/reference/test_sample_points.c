@@ -380,7 +380,7 @@ static void find_darkest(void *user, struct lw_vec3 p, double area, double direc
 }
 
 /* A bar ends inside a post with double-sided faces, both black under an even sky. A face of the bar has E =
- * pi where it is free and, since the post hides at most half of the sky from it, pi/2 beside it. What is
+ * pi where it is free and, since the post hides at most half of the sky from it, pi/2 beside it. The part
  * inside is not light of any texel, wherever these begin. */
 static void test_the_end_of_a_bar_inside_another_is_not_its_light(void **state) {
     (void)state;

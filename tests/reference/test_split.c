@@ -168,7 +168,7 @@ static void test_drawn_lights_change(void **state) {
 }
 
 /* A form that is asked for when all has converged comes whole in the next frame, by no ray, and
- * is what it would have been. */
+ * is the same as if asked for from the start. */
 static void test_a_form_may_come_late(void **state) {
     (void)state;
     const char *const groups[] = {"none", "left;right"};

@@ -108,11 +108,12 @@ static void add_rates(void) {
         "unit/test_session:test_overhead", "%s a second, %s at once",
         size(rate[LW_MESSAGE_RATES_OVERHEAD].rate_hz), size(rate[LW_MESSAGE_RATES_OVERHEAD].burst));
     assert_int_equal(LW_MESSAGE_RATES_ENVELOPE, 40);
-    add("pause of who says too much", "unit/test_message_rates:test_burst_and_rate",
-        "until there is room, and what comes in in %u ms", LW_MESSAGE_RATES_PAUSE_MS);
+    add("pause of a peer that says too much", "unit/test_message_rates:test_burst_and_rate",
+        "until there is room, and the bytes of %u ms", LW_MESSAGE_RATES_PAUSE_MS);
     add("bytes of all messages but HOLDS", "unit/test_message_rates:test_bytes",
-        "%s a second, %s at once; %s times that for who may change the scene", size(rate[of_bytes].rate_hz),
-        size(rate[of_bytes].burst), LW_MESSAGE_RATES_TRUST == 8 ? "eight" : "?");
+        "%s a second, %s at once; %s times that for a session that may change the scene",
+        size(rate[of_bytes].rate_hz), size(rate[of_bytes].burst),
+        LW_MESSAGE_RATES_TRUST == 8 ? "eight" : "?");
     add("waiting for that", "unit/test_session:test_saying_too_much", "%u s, less the time within the rates",
         LW_SERVER_EXCESS_TIMEOUT_S);
 }
@@ -136,7 +137,7 @@ static void add_places(void) {
         LW_SERVER_CONNECTIONS_MIN / refill_s);
     add("new connections of all in a turn of the loop, at each port", "unit/test_accept:test_many_at_once",
         "%u; by HTTPS %u", LW_SERVER_TURN_CONNECTIONS, LW_SERVER_TURN_HTTPS_CONNECTIONS);
-    add("connections beyond those, that are told so", "unit/test_session:test_turned_away",
+    add("connections beyond these that get a refusal", "unit/test_session:test_turned_away",
         "%s; of one address %u", number(LW_SERVER_TURNED_AWAY_MAX), LW_SERVER_ADDRESS_TURNED_AWAY_MAX);
     add("sessions on the Unix socket", "unit/test_server_access:test_places_are_kept_for_control", "none");
 }
@@ -161,7 +162,7 @@ static void add_messages(void) {
         "%s", size(LW_SERVER_TURN_READ));
     add("the same of a WebSocket", "integration/test_web:test_frames_without_end", "%s",
         size(LW_SERVER_TURN_FRAMES_READ));
-    add("bytes of who is refused that are dropped", "unit/test_session:test_what_follows_a_refusal",
+    add("dropped bytes of a refused peer", "unit/test_session:test_what_follows_a_refusal",
         "%s, and %u frames; then by the rates", size(LW_SERVER_DROPPED_MAX), LW_SERVER_DROPPED_FRAMES_MAX);
     add("messages handled of one peer in a turn", "unit/test_session:test_messages_of_a_turn", "%u",
         LW_SERVER_TURN_MESSAGES);
