@@ -183,6 +183,14 @@ long=$(git ls-files '*.md' | grep -vE '^(docs/lab/.*|CHANGELOG\.md|docs/scene_pa
     xargs wc -l | awk '$1 > 250 && $2 != "total" { print "    " $2 ": " $1 " lines, over 250" }')
 if [ -n "$long" ]; then complain "documents that are too long:"$'\n'"$long"; fi
 
+# One index of what was measured, and at most forty words to learn.
+for document in docs/lab/*.md; do
+    name=${document##*/}
+    [ "$name" = README.md ] || grep -qF "($name" docs/lab/README.md || complain "docs/lab/README.md does not list $name"
+done
+words=$(sed -n '/^## Words$/,/^## /p' docs/architecture.md | grep -c '^| [^|-]' || true)
+if [ "$words" -gt 41 ]; then complain "docs/architecture.md explains $((words - 1)) words, over 40"; fi
+
 long=$(awk '/^## / { if (name != "" && lines > 40) print "    " name ": " lines " lines, over 40"; name = $0 == "## Unreleased" ? "" : $0; lines = 0 }
     { lines++ } END { if (name != "" && lines > 40) print "    " name ": " lines " lines, over 40" }' CHANGELOG.md)
 if [ -n "$long" ]; then complain "CHANGELOG.md tells effects on users in 40 lines a release:"$'\n'"$long"; fi

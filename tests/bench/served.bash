@@ -1,4 +1,4 @@
-# served.bash: what the benches in shell share that look at a server of their own. To be sourced.
+# served.bash: a server for benches in shell. To be sourced.
 bin=${LW_BIN:-$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)/build/release/bin}
 daemon=
 address= # where it serves
@@ -39,16 +39,4 @@ stop_serving() {
     [ -z "$daemon" ] || kill "$daemon" 2>/dev/null || true
     [ -z "$daemon" ] || wait "$daemon" || true
     daemon=
-}
-
-# path_traced PICTURE SCENE SPP SIZE: makes a reference that is not there yet
-path_traced() {
-    [ -e "$1" ] || run "$1.log" "$bin/lightwell-view" --path-trace "$2" --spp "$3" --size "$4" --out "$1"
-    rm -f "$1.log"
-}
-
-# as_row LABELS PICTURE REFERENCE: a row of a table: ratio of means, relMSE, FLIP, blocks within 5 %, blocks
-as_row() {
-    "$bin/bench_compare" "$2" "$3" | head -n 1 | sed -E \
-        "s/ratio of means ([^,]*), relMSE ([^,]*), FLIP ([^,]*), ([0-9]+) of ([0-9]+) blocks.*from ([^ ]*) to (.*)/| $1 | \1 | \2 | \3 | \4 of \5 | \6 to \7 |/"
 }
