@@ -16,6 +16,7 @@
 
 #include "common/clock.h"
 #include "common/histogram.h"
+#include "common/log.h"
 #include "common/tls/tls_stream.h"
 #include "server/serve/server.h"
 #include "tests/bench/bench_setup.h"
