@@ -16,8 +16,8 @@
  * "step for 45 dB": of the tiles of N frames, the widest of the codec's steps, one for all tiles, with that
  * log-PSNR. "what changed": for a client that has the tile as it was a frame before, coded in the same way;
  * encoding makes both forms.
- * --dump writes the tiles: u32 set, width, height; f32 error, dark (as the publisher has it);
- * f32 rgb[width*height*3]; u8 covered[width*height]. */
+ * --dump writes the tiles: u32 set, u32 width, u32 height, f32 error, f32 dark (as the publisher has it),
+ * f32 rgb[width*height*3], u8 covered[width*height]. */
 #include "common/clock.h"
 #include "common/tile/tile_codec.h"
 #include "common/tile/tile_dct.h"

@@ -13,10 +13,10 @@
  *
  * first tile: until the client has decoded a tile of the frame that shows the change, or of a later one,
  * which the change touches. 95 %: until p(E) = sum d(E - E0) d(E1' - E0') / sum d(E1 - E0) d(E1' - E0')
- * reaches 0.95 over squares of 4 x 4 texels of level 2, all channels; d: sum over a square's texels that the
- * picture shows, before or after, of what is in brackets times w. E0, E0', E1, E1' are the light of four more
- * servers that never knew anything else than the state before (0) and the state after (1), by two seeds: with
- * one, the noise of E0 and E1 would count as change, and where a vase moves most of the view does not
+ * reaches 0.95 over squares of 4 x 4 texels of level 2, all channels; d: sum of the values in brackets times
+ * w over a square's texels that the picture shows, before or after. E0, E0', E1, E1' are the light of four
+ * more servers that never knew anything else than the state before (0) and the state after (1), by two seeds:
+ * with one, the noise of E0 and E1 would count as change, and where a vase moves most of the view does not
  * change. w is one over the texel's mean light (plus the median's of all): else the cages of lamps, some
  * hundred texels a thousand times as bright as the rest and as noisy, would alone decide. Light over twice
  * that light is clipped: single texels of a first frame. So p is 0 for light that is converged before, 1 for

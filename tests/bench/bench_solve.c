@@ -5,8 +5,8 @@
  *
  * Two solvers light the same frames as lightwelld does by default, denoised and published: one with one
  * worker, one with all (--threads). They draw the same rays. A round is two frames:
- *   first   all workers note their packets (common/trace/trace_replay.h), untimed; one worker solves the
- *           frame, timed; the packets go through bare rtcIntersect16 and rtcOccluded16, with the same
+ *   first   all workers note their packets (common/trace/trace_replay.h), untimed. One worker solves the
+ *           frame, timed. The packets go through bare rtcIntersect16 and rtcOccluded16, with the same
  *           filters, timed
  *   second  both solve a frame, timed: the speed-up
  * Where packets are too many, those of every n-th tile stand for all; their time is then that of the same

@@ -21,10 +21,10 @@
  * --early S prints errors over CPU time instead, frame by frame for S seconds, as CSV; the last column is of
  * indirect light alone, each texel by itself. With --denoise, errors are those of shown light. With -o DIR
  * also pictures after S/64, S/8 and S seconds (solver_pictures.h), numbered as solvers are: the first has 0.
- * --points prints what sets of virtual point lights gain and lose: CPU time of a frame by the number of sets,
- * in the mean of a round; the same without that of a frame of direct light alone; errors after the first
- * frame, the first round and four; the median of a texel's indirect light over that of the truth by cells,
- * and how many texels have under half; and the same for some d0.
+ * --points prints the gain and loss of sets of virtual point lights, by the number of sets and for some d0:
+ * CPU time of a frame in the mean of a round, with and without that of a frame of direct light alone. Errors
+ * after the first frame, the first round and four. The median of a texel's indirect light over that of the
+ * truth by cells, and the number of texels under half.
  * --passes prints what one pass of radiosity costs: the CPU time of a frame of one bounce without that of a
  * frame of none, rays of it, and the errors of the light after one bounce. */
 #include "client/view/path_trace.h"

@@ -5,12 +5,12 @@
  *                  [--step-widest STEP] [--direct tiles|auto] [--csv FILE] SCENE...
  *
  * The scene is solved as lightwelld does by default, --hz frames for a second of the scene. For each frame
- * three things are kept: the snapshot that the publisher makes; the view of somebody who walks through the
- * scene (client/measure/views.h), composed from the light as it is before it is encoded; where the camera
- * was. Then the snapshots are handed, at their times, to the server that ships, and a client on loopback says
- * what its view needs, as viewers do, and composes what it has when the next frame is due: once for each of
- * --links, the server's limit in Mbit/s (0: none). Time runs --slow times slower there, and the limit is that
- * much lower, so that composing keeps pace.
+ * three things are kept: the publisher's snapshot, the camera, and the view of somebody who walks through the
+ * scene (client/measure/views.h), composed from the light before it is encoded. Then the snapshots are
+ * handed, at their times, to the server that ships, and a client on loopback says what its view needs, as
+ * viewers do, and composes what it has when the next frame is due: once for each of --links, the server's
+ * limit in Mbit/s (0: none). Time runs --slow times slower there, and the limit is that much lower, so that
+ * composing keeps pace.
  *   Mbit/s   of all that the client gets after the first second, by the scene's clock; peak: the largest
  *   whole second
  *   error    root of relMSE = mean((x - t)^2 / (t^2 + 0.01 mean(t^2))) over every third pixel, each way;

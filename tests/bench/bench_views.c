@@ -6,9 +6,9 @@
  * the rule finds, whether or not there is a table. With --motion NAME and --lag also, per view, relMSE of
  * light that is a second late: whether a measurement of that motion tells old light from new. It is taken at
  * --moments times from 2 to 6 s; one is at 2 s, when lightwell-load crossover judges. Pixels count that show
- * the same object both times and do not shine; eps is 1 % of the mean square of those, of the view or of all
- * views. With few samples noise in the divisor makes it too large: take off what --motion static has. With
- * -o DIR a picture of each view. */
+ * the same object both times and do not shine; eps is 1 % of the mean square of these pixels, in the view or
+ * in all views. With few samples noise in the divisor makes it too large: take off what --motion static has.
+ * With -o DIR a picture of each view. */
 #include "client/measure/fixed_views.h"
 #include "client/measure/reference.h"
 #include "client/view/tonemap.h"

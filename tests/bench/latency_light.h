@@ -6,9 +6,9 @@
  *
  * Light is read at level LW_ATLAS_READ_MAX, or at the coarsest level of objects that have fewer:
  * LATENCY_CHANNELS values per texel, object by object. It is judged in squares of 4 x 4 texels: d is the sum
- * over those of a square's texels that the picture shows of what is in brackets, each value times w: one over
- * the texel's mean light before and after (plus the median's of all, in the square), what is over twice that
- * light being clipped. */
+ * of the values in brackets over the square's texels that the picture shows, each times w: one over the
+ * texel's mean light before and after (plus the median's of all, in the square). Light over twice that light
+ * is clipped. */
 #ifndef LW_TESTS_BENCH_LATENCY_LIGHT_H
 #define LW_TESTS_BENCH_LATENCY_LIGHT_H
 
@@ -103,7 +103,7 @@ double latency_light_share(struct latency_light *l, const float *light);
 void latency_light_residual(const struct latency_light *l, const float *light, unsigned seed, double *out);
 /** The sum of the products of two residuals, relative to sum d(E1 - E0) d(E1' - E0'). One light by both
  * seeds: its mean squared error, 1 for light as before, 0 for light as after, and the seeds' noise is not in
- * it. Of two lights whose noise differs: theirs is not in it either. */
+ * it. Two lights whose noise differs: their noise is not in it either. */
 double latency_light_error(const struct latency_light *l, const double *residual, const double *other);
 
 #endif

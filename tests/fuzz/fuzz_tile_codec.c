@@ -1,6 +1,6 @@
-/* A tile's payload from any server: codec, 8 times a channel, and 128 if it builds on coefficients (of all
- * sizes); width and height; then the bytes. Channels: 0 is light; 1, 2, 3 have that number of planes, coded
- * plain; 5, 6, 7 have four less, with a sign. */
+/* A tile's payload from any server. The input: codec, 8 times a channel, and 128 if it builds on coefficients
+ * (of all sizes), then width, height and the bytes. Channel 0 is light. Channels 1, 2, 3 have that number of
+ * planes, coded plain; 5, 6, 7 have four less, with a sign. */
 #include "common/tile/tile_codec.h"
 
 #include <math.h>

@@ -8,11 +8,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Payloads of codec 4 that must stay readable for ever, and payloads that must stay refused; tile_decoder.mjs
- * reads the same files. NAME.tile: u32 width, u32 height, f32 scale, payload, little-endian; NAME.rgb: the
- * texels; none: to be refused. NAME.next, of the same form, builds on NAME.tile, and NAME.next.rgb has its
- * texels; none: to be refused. LW_GOLDEN_WRITE=1 writes them again (then look at the difference: there should
- * be none). */
+/* Payloads of codec 4 that must stay readable for ever, and payloads that must stay refused. tile_decoder.mjs
+ * reads the same files. NAME.tile: u32 width, u32 height, f32 scale, payload, little-endian. NAME.rgb: the
+ * texels, or no file if it is to be refused. NAME.next, of the same form, builds on NAME.tile, and
+ * NAME.next.rgb has its texels, or is not there. LW_GOLDEN_WRITE=1 writes them again (then look at the
+ * difference: there should be none). */
 
 #define FOLDER    "tests/golden/tiles/"
 #define HEAD_SIZE 12u

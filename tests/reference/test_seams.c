@@ -325,7 +325,7 @@ static void test_t_junction(void **state) {
 }
 
 /* Seams of two quads with edges of 2 m along x = 1, one moved along that line and turned about it, or lying
- * on the other. */
+ * on the first. */
 static size_t count_seams(float by, float apart_m, float angle, bool folded) {
     struct room room = {0};
     room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(0, 0, 2), lw_vec3(1, 0, 0), 0.5f, 0);

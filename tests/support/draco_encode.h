@@ -10,8 +10,8 @@
 extern "C" {
 #endif
 
-/** Encodes a mesh with attributes of unique ids 0: positions, 3 floats; 1: normals, 3 floats; 2: colours,
- * 4 normalised bytes. Without quantisation, so that decoded values are the encoded ones.
+/** Encodes a mesh. Unique ids of attributes: 0 is positions, 3 floats, 1 normals, 3 floats, 2 colours, 4
+ * normalised bytes. Without quantisation, so that decoded values are the encoded ones.
  * edgebreaker  or one triangle after the other
  * Returns the size of the stream; 0 if it fails or does not fit. */
 size_t lw_draco_encode(const float *position, const float *normal, const uint8_t *colour,

@@ -597,7 +597,7 @@ void *__wrap_calloc(size_t count, size_t size) { return allowed() ? __real_callo
 void *__wrap_realloc(void *old, size_t size) { return allowed() ? __real_realloc(old, size) : NULL; }
 
 /** Builds with one failing allocation, after `before` good ones. Returns false if the build needs no more
- * than those. */
+ * than `before`. */
 static bool fails_after(const char *name, unsigned before) {
     struct lw_scene *scene = NULL;
     struct lw_error err = {0};
