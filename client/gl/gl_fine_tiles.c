@@ -2,6 +2,7 @@
 
 #include "client/gl/gl_program.h"
 #include "client/gl/gl_rgb9e5.h"
+#include "client/gl/gl_texture.h"
 #include "common/invariant.h"
 
 #include <stdlib.h>
@@ -56,12 +57,7 @@ enum lw_status lw_gl_fine_tiles_init(struct lw_gl_fine_tiles *fine, const struct
     if (status == LW_OK) {
         fine->slot_count = count;
         for (uint32_t i = 0; i < count; i++) fine->slot[i].tile = NONE;
-        glGenTextures(1, &fine->pool);
-        glBindTexture(GL_TEXTURE_2D_ARRAY, fine->pool);
-        glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
-        glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
-        glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
-        glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
+        lw_gl_texture_smooth(GL_TEXTURE_2D_ARRAY, &fine->pool);
         glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, GL_RGB9_E5, (GLsizei)SIDE, (GLsizei)SIDE, (GLsizei)count, 0,
                      GL_RGB, GL_UNSIGNED_INT_5_9_9_9_REV, NULL);
         status = lw_gl_program_check("lightmaps of finer levels", err);
@@ -122,8 +118,7 @@ static void pack(struct lw_gl_fine_tiles *fine, const struct lw_tile_place *p,
                                 : there       ? 0
                                               : y - 1;
             const float *rgb = from->is.rgb + 3 * ((size_t)sy * from->width + sx);
-            const float scaled[3] = {rgb[0] * fine->scale, rgb[1] * fine->scale, rgb[2] * fine->scale};
-            *out++ = lw_gl_rgb9e5_pack(scaled);
+            *out++ = lw_gl_rgb9e5_pack(rgb, fine->scale);
         }
 }
 

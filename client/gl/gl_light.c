@@ -2,6 +2,7 @@
 
 #include "client/gl/gl_program.h"
 #include "client/gl/gl_rgb9e5.h"
+#include "client/gl/gl_texture.h"
 #include "common/colour.h"
 
 #include <stdlib.h>
@@ -107,17 +108,6 @@ void lw_gl_light_place(const struct lw_gl_light *light, uint32_t object, uint32_
     out_words[3] = r->width | r->height << 16;
 }
 
-/* A GL_TEXTURE_BUFFER over a buffer of its own. */
-static void make_table(GLenum format, size_t size, const void *data, GLuint *out_buffer,
-                       GLuint *out_texture) {
-    glGenBuffers(1, out_buffer);
-    glBindBuffer(GL_TEXTURE_BUFFER, *out_buffer);
-    glBufferData(GL_TEXTURE_BUFFER, (GLsizeiptr)size, data, data ? GL_STATIC_DRAW : GL_DYNAMIC_DRAW);
-    glGenTextures(1, out_texture);
-    glBindTexture(GL_TEXTURE_BUFFER, *out_texture);
-    glTexBuffer(GL_TEXTURE_BUFFER, format, *out_buffer);
-}
-
 /* Words of the table: those of plain tiles, then those of finer levels by their names. Without a pool no
  * word of a finer level is read. */
 static size_t count_words(const struct lw_gl_light *light) {
@@ -128,7 +118,8 @@ static size_t count_words(const struct lw_gl_light *light) {
 static enum lw_status make_words(struct lw_gl_light *light, struct lw_error *err) {
     uint16_t *zero = calloc(count_words(light), sizeof *zero);
     if (zero == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the light of the view");
-    make_table(GL_R16UI, count_words(light) * sizeof *zero, zero, &light->tile_buffer, &light->tiles);
+    lw_gl_texture_table(GL_R16UI, count_words(light) * sizeof *zero, zero, &light->tile_buffer,
+                        &light->tiles);
     free(zero);
     return LW_OK;
 }
@@ -154,17 +145,14 @@ static enum lw_status make_textures(struct lw_gl_light *light, uint32_t count, s
                 (uint32_t)(map->plain_count + map->first_finer[o] + map->atlas[o].finer[i - 1].first_tile);
         }
     }
-    make_table(GL_RGBA32UI, (count + 1ul) * sizeof *table, table, &light->level_buffer, &light->levels);
+    lw_gl_texture_table(GL_RGBA32UI, (count + 1ul) * sizeof *table, table, &light->level_buffer,
+                        &light->levels);
     free(table);
     const enum lw_status status = make_words(light, err);
     if (status != LW_OK) return status;
-    glGenTextures(1, &light->pages);
-    glBindTexture(GL_TEXTURE_2D_ARRAY, light->pages);
+    lw_gl_texture_smooth(GL_TEXTURE_2D_ARRAY, &light->pages);
     glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_NEAREST);
-    glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
     glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAX_LEVEL, LW_ATLAS_READ_MAX);
-    glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
-    glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
     for (GLint mip = 0; mip <= (GLint)LW_ATLAS_READ_MAX; mip++)
         glTexImage3D(GL_TEXTURE_2D_ARRAY, mip, GL_RGB9_E5, (GLsizei)(light->side >> mip),
                      (GLsizei)(light->side >> mip), (GLsizei)light->layers, 0, GL_RGB,
@@ -254,8 +242,7 @@ static void pack_tile(struct lw_gl_light *light, uint32_t tile, const struct lw_
             if (!inside && !is_here(light, place, x / LW_TILE_SIDE, y / LW_TILE_SIDE, tile))
                 sx = nearest(x, x0, place->width), sy = nearest(y, y0, place->height);
             const float *rgb = level->rgb + 3 * ((size_t)sy * level->width + (size_t)sx);
-            const float scaled[3] = {rgb[0] * light->scale, rgb[1] * light->scale, rgb[2] * light->scale};
-            *out++ = lw_gl_rgb9e5_pack(scaled);
+            *out++ = lw_gl_rgb9e5_pack(rgb, light->scale);
         }
 }
 

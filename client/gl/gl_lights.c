@@ -1,6 +1,7 @@
 #include "client/gl/gl_lights.h"
 
 #include "client/gl/gl_program.h"
+#include "client/gl/gl_texture.h"
 #include "common/colour.h"
 
 #include <stdlib.h>
@@ -39,15 +40,6 @@ static enum lw_status make_maps(GLuint *out, uint32_t side, uint32_t layers, str
     glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
     glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
     return lw_gl_program_check("shadow maps", err);
-}
-
-static void make_table(GLenum format, size_t size, GLuint *out_buffer, GLuint *out_texture) {
-    glGenBuffers(1, out_buffer);
-    glBindBuffer(GL_TEXTURE_BUFFER, *out_buffer);
-    glBufferData(GL_TEXTURE_BUFFER, (GLsizeiptr)size, NULL, GL_DYNAMIC_DRAW);
-    glGenTextures(1, out_texture);
-    glBindTexture(GL_TEXTURE_BUFFER, *out_texture);
-    glTexBuffer(GL_TEXTURE_BUFFER, format, *out_buffer);
 }
 
 static void list_sources(struct lw_gl_lights *l) {
@@ -106,8 +98,10 @@ enum lw_status lw_gl_lights_init(struct lw_gl_lights *l, const struct lw_scene *
         lw_gl_lights_finish(l);
         return status;
     }
-    make_table(GL_RGBA32F, sizeof(float) * 4 * TEXELS * LW_GL_LIGHTS_MAX, &l->table_buffer, &l->table);
-    make_table(GL_R32F, sizeof(float) * 2 * MAP_VALUES * LW_GL_LIGHTS_LAMPS, &l->shape_buffer, &l->shapes);
+    lw_gl_texture_table(GL_RGBA32F, sizeof(float) * 4 * TEXELS * LW_GL_LIGHTS_MAX, NULL, &l->table_buffer,
+                        &l->table);
+    lw_gl_texture_table(GL_R32F, sizeof(float) * 2 * MAP_VALUES * LW_GL_LIGHTS_LAMPS, NULL, &l->shape_buffer,
+                        &l->shapes);
     glGenFramebuffers(1, &l->frame);
     return LW_OK;
 }

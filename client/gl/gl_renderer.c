@@ -6,6 +6,7 @@
 #include "client/gl/gl_scene.h"
 #include "client/gl/gl_shaders.h"
 #include "client/gl/gl_target.h"
+#include "client/gl/gl_texture.h"
 #include "client/view/ambient.h"
 #include "common/shading/lobe_table.h"
 
@@ -291,15 +292,6 @@ static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, c
     return LW_OK;
 }
 
-static void make_table(GLenum format, size_t size, GLuint *out_buffer, GLuint *out_texture) {
-    glGenBuffers(1, out_buffer);
-    glBindBuffer(GL_TEXTURE_BUFFER, *out_buffer);
-    glBufferData(GL_TEXTURE_BUFFER, (GLsizeiptr)size, NULL, GL_DYNAMIC_DRAW);
-    glGenTextures(1, out_texture);
-    glBindTexture(GL_TEXTURE_BUFFER, *out_texture);
-    glTexBuffer(GL_TEXTURE_BUFFER, format, *out_buffer);
-}
-
 static bool allocate(struct lw_gl_renderer *r) {
     const size_t objects = r->desc.scene->object_count + 1ul, meshes = r->desc.scene->mesh_count + 1ul;
     r->object = calloc(objects, sizeof *r->object);
@@ -364,8 +356,9 @@ enum lw_status lw_gl_renderer_create(const struct lw_gl_renderer_desc *desc,
         return status;
     }
     const size_t objects = desc->scene->object_count + 1ul;
-    make_table(GL_RGBA32UI, objects * OBJECT_WORDS * sizeof(uint32_t), &r->object_buffer, &r->objects);
-    make_table(GL_R32UI, objects * sizeof(uint32_t), &r->instance_buffer, &r->instances);
+    lw_gl_texture_table(GL_RGBA32UI, objects * OBJECT_WORDS * sizeof(uint32_t), NULL, &r->object_buffer,
+                        &r->objects);
+    lw_gl_texture_table(GL_R32UI, objects * sizeof(uint32_t), NULL, &r->instance_buffer, &r->instances);
     sort_by_mesh(r);
     for (uint32_t o = 0; o < desc->scene->object_count; o++) r->object[o].hidden = true; /* not placed yet */
     r->picture.format = desc->exact ? GL_RGBA32F : GL_RGBA16F;
@@ -415,15 +408,6 @@ void lw_gl_renderer_destroy(struct lw_gl_renderer *r) {
 
 /* ---- finishes ---- */
 
-static void make_smooth(GLenum kind, GLuint *out) {
-    glGenTextures(1, out);
-    glBindTexture(kind, *out);
-    glTexParameteri(kind, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
-    glTexParameteri(kind, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
-    glTexParameteri(kind, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
-    glTexParameteri(kind, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
-}
-
 /* The table of lobes in steps so small that none is seen: a look-up is one texel in place of four. Columns
  * are even in the root of the cosine. */
 static enum lw_status make_lobes(struct lw_gl_renderer *r, struct lw_error *err) {
@@ -435,7 +419,7 @@ static enum lw_status make_lobes(struct lw_gl_renderer *r, struct lw_error *err)
             lw_lobe_table_at(root * root, (float)(i / LOBE_STEPS) / (LOBE_STEPS - 1));
         share[i][0] = at.a, share[i][1] = at.b;
     }
-    make_smooth(GL_TEXTURE_2D, &r->lobes);
+    lw_gl_texture_smooth(GL_TEXTURE_2D, &r->lobes);
     glTexImage2D(GL_TEXTURE_2D, 0, GL_RG16, LOBE_STEPS, LOBE_STEPS, 0, GL_RG, GL_FLOAT, share);
     free(share);
     return LW_OK;
@@ -449,7 +433,7 @@ static enum lw_status make_tables(struct lw_gl_renderer *r, struct lw_error *err
     if (lw_ambient_take(&r->ambient, &r->desc.scene->environment) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for the sky in mirrors");
     if (!r->ambient.rgb) return LW_OK;
-    make_smooth(GL_TEXTURE_2D_ARRAY, &r->ambient_maps);
+    lw_gl_texture_smooth(GL_TEXTURE_2D_ARRAY, &r->ambient_maps);
     glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, GL_RGB32F, LW_AMBIENT_SIDE, LW_AMBIENT_SIDE, LW_AMBIENT_MAPS, 0,
                  GL_RGB, GL_FLOAT, r->ambient.rgb);
     return LW_OK;
@@ -1006,7 +990,7 @@ static enum lw_status take_tile_colours(struct lw_gl_renderer *r, const struct l
     if (r->tile_colour == NULL) {
         r->tile_colour = calloc(1, size);
         if (r->tile_colour == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a chart");
-        make_table(GL_RGBA32F, size, &r->tile_colour_buffer, &r->tile_colours);
+        lw_gl_texture_table(GL_RGBA32F, size, NULL, &r->tile_colour_buffer, &r->tile_colours);
     }
     if (lw_show_is_of_tiles(view->show)) {
         for (uint32_t t = 0; t < map->tile_count; t++) {

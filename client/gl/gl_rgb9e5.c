@@ -4,10 +4,11 @@
 
 #define PACKED_MAX 65408.0f
 
-uint32_t lw_gl_rgb9e5_pack(const float rgb[3]) {
+uint32_t lw_gl_rgb9e5_pack(const float rgb[3], float scale) {
     float c[3], most = 0;
     for (int i = 0; i < 3; i++) {
-        c[i] = rgb[i] > 0 ? (rgb[i] < PACKED_MAX ? rgb[i] : PACKED_MAX) : 0;
+        const float scaled = rgb[i] * scale;
+        c[i] = scaled > 0 ? (scaled < PACKED_MAX ? scaled : PACKED_MAX) : 0;
         most = c[i] > most ? c[i] : most;
     }
     /* shared exponent e: steps of 2^(e - 24), of which the largest channel has at most 511 */

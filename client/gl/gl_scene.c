@@ -1,6 +1,7 @@
 #include "client/gl/gl_scene.h"
 
 #include "client/gl/gl_program.h"
+#include "client/gl/gl_texture.h"
 #include "client/view/compose.h"
 #include "common/lightmap/lightmap.h"
 #include "common/shading/tangent.h"
@@ -166,15 +167,6 @@ static bool is_small(const struct lw_mesh *mesh, uint32_t triangle) {
     return fabsf((b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)) < LW_COMPOSE_FINE_TEXELS;
 }
 
-static void upload_small(struct lw_gl_scene *s, const uint32_t *small, size_t words) {
-    glGenBuffers(1, &s->small_buffer);
-    glBindBuffer(GL_TEXTURE_BUFFER, s->small_buffer);
-    glBufferData(GL_TEXTURE_BUFFER, (GLsizeiptr)(words * sizeof *small), small, GL_STATIC_DRAW);
-    glGenTextures(1, &s->small);
-    glBindTexture(GL_TEXTURE_BUFFER, s->small);
-    glTexBuffer(GL_TEXTURE_BUFFER, GL_R32UI, s->small_buffer);
-}
-
 static enum lw_status cut_into_batches(struct lw_gl_scene *s, uint32_t m, struct lists *lists) {
     const struct lw_mesh *mesh = &s->scene->mesh[m];
     memset(lists->level, 0, mesh->triangle_count);
@@ -270,7 +262,8 @@ static enum lw_status upload_indices(struct lw_gl_scene *s, struct lw_error *err
         glBindBuffer(GL_ARRAY_BUFFER, s->indices);
         glBufferData(GL_ARRAY_BUFFER, (GLsizeiptr)(lists.count * sizeof *lists.index), lists.index,
                      GL_STATIC_DRAW);
-        upload_small(s, lists.small, triangles / 32 + 1);
+        lw_gl_texture_table(GL_R32UI, (triangles / 32 + 1) * sizeof *lists.small, lists.small,
+                            &s->small_buffer, &s->small);
         status = lw_gl_program_check("the scene's triangles", err);
     } else {
         lw_status_fail(err, status, "no memory for the scene's triangles");
@@ -361,14 +354,10 @@ static enum lw_status upload_textures(struct lw_gl_scene *s, bool exact, struct 
     }
     const struct lw_environment *e = &scene->environment;
     if (status == LW_OK && e->width > 0) {
-        glGenTextures(1, &s->environment);
-        glBindTexture(GL_TEXTURE_2D, s->environment);
+        lw_gl_texture_smooth(GL_TEXTURE_2D, &s->environment);
         glTexImage2D(GL_TEXTURE_2D, 0, GL_RGB32F, (GLsizei)e->width, (GLsizei)e->height, 0, GL_RGB, GL_FLOAT,
                      e->rgb);
-        glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
-        glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
         glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_REPEAT);
-        glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
     }
     return status == LW_OK ? lw_gl_program_check("the scene's textures", err) : status;
 }

@@ -858,13 +858,13 @@ static void test_survey(void **state) {
     finish(&w);
 }
 
-/* RGB9E5 is within half a step of what it holds. */
+/* RGB9E5 is within half a step of what it holds, times the scale. */
 static void test_pack(void **state) {
     (void)state;
     for (int i = -20; i < 16; i++)
         for (int k = 0; k < 40; k++) {
             const float most = ldexpf(1 + (float)k / 39.0f, i), rgb[3] = {most, 0.3f * most, 0.001f * most};
-            const uint32_t packed = lw_gl_rgb9e5_pack(rgb);
+            const uint32_t packed = lw_gl_rgb9e5_pack(rgb, 1);
             const float step = ldexpf(1, (int)(packed >> 27) - 24);
             if (most > 65408) continue;
             for (int c = 0; c < 3; c++)
@@ -872,9 +872,12 @@ static void test_pack(void **state) {
             assert_true(step <= fmaxf(most / 255, ldexpf(1, -24)));
         }
     const float wrong[3] = {NAN, -1, 1e30f};
-    const uint32_t packed = lw_gl_rgb9e5_pack(wrong);
+    const uint32_t packed = lw_gl_rgb9e5_pack(wrong, 1);
     assert_int_equal(packed & 0x3ffff, 0);
     assert_int_equal(packed >> 18, 31 << 9 | 511);
+    const float dim[3] = {0.5f, 0.125f, 0}, bright[3] = {2, 0.5f, 0};
+    assert_int_equal(lw_gl_rgb9e5_pack(dim, 4), lw_gl_rgb9e5_pack(bright, 1));
+    assert_int_not_equal(lw_gl_rgb9e5_pack(dim, 4), lw_gl_rgb9e5_pack(dim, 1));
 }
 
 /* A picture that no GPU draws fails with a word, and the next one is drawn. */
