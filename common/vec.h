@@ -29,6 +29,11 @@ struct lw_affine {
 #define LW_AFFINE_IDENTITY ((struct lw_affine){{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}})
 #endif
 
+/** Twice the area of a triangle; negative where its corners run clockwise, with y upwards. */
+static inline float lw_vec2_twice_area(struct lw_vec2 a, struct lw_vec2 b, struct lw_vec2 c) {
+    return (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
+}
+
 static inline struct lw_vec3 lw_vec3(float x, float y, float z) {
     const struct lw_vec3 v = {x, y, z};
     return v;

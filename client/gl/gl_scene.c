@@ -164,7 +164,7 @@ static bool is_small(const struct lw_mesh *mesh, uint32_t triangle) {
     if (!mesh->lightmap_uv) return false;
     const struct lw_vec2 a = mesh->lightmap_uv[v[0]], b = mesh->lightmap_uv[v[1]],
                          c = mesh->lightmap_uv[v[2]];
-    return fabsf((b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)) < LW_COMPOSE_FINE_TEXELS;
+    return fabsf(lw_vec2_twice_area(a, b, c)) < LW_COMPOSE_FINE_TEXELS;
 }
 
 static enum lw_status cut_into_batches(struct lw_gl_scene *s, uint32_t m, struct lists *lists) {

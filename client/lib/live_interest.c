@@ -79,8 +79,7 @@ static void add_triangle(const struct corner corner[3], const struct lw_atlas_le
 }
 
 static float area_uv(const struct corner c[3]) {
-    return 0.5f * fabsf((c[1].uv.x - c[0].uv.x) * (c[2].uv.y - c[0].uv.y) -
-                        (c[2].uv.x - c[0].uv.x) * (c[1].uv.y - c[0].uv.y));
+    return 0.5f * fabsf(lw_vec2_twice_area(c[0].uv, c[1].uv, c[2].uv));
 }
 
 static float area_m2(const struct corner c[3]) {

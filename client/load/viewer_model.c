@@ -49,21 +49,18 @@ struct corner {
     struct lw_vec2 uv;
 };
 
-static float cross2(struct lw_vec2 a, struct lw_vec2 b, struct lw_vec2 c) {
-    return (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
-}
-
 /* The part of a triangle that lies in a rectangle of the atlas: the rectangle's corners on the triangle's
  * plane, cut by the triangle's own box. A floor of two triangles is many tiles, and each is to be where it
  * is. */
 static struct box part_in(const struct corner c[3], const struct box *whole, struct lw_vec2 min,
                           struct lw_vec2 max) {
-    float area = cross2(c[0].uv, c[1].uv, c[2].uv);
+    float area = lw_vec2_twice_area(c[0].uv, c[1].uv, c[2].uv);
     if (fabsf(area) < 1e-6f) return *whole;
     struct box part = EMPTY;
     for (int i = 0; i < 4; i++) {
         struct lw_vec2 at = {i & 1 ? max.x : min.x, i & 2 ? max.y : min.y};
-        float u = cross2(c[0].uv, at, c[2].uv) / area, v = cross2(c[0].uv, c[1].uv, at) / area;
+        float u = lw_vec2_twice_area(c[0].uv, at, c[2].uv) / area,
+              v = lw_vec2_twice_area(c[0].uv, c[1].uv, at) / area;
         struct lw_vec3 p =
             lw_vec3_mad(lw_vec3_mad(c[0].p, lw_vec3_sub(c[1].p, c[0].p), u), lw_vec3_sub(c[2].p, c[0].p), v);
         extend(&part, &(struct box){p, p});
@@ -128,7 +125,7 @@ static void add_object(struct lw_viewer_model *in, const struct lw_scene *scene,
         }
         area_m2 += 0.5 * (double)lw_vec3_length(
                              lw_vec3_cross(lw_vec3_sub(c[1].p, c[0].p), lw_vec3_sub(c[2].p, c[0].p)));
-        area_texels += 0.5 * (double)fabsf(cross2(c[0].uv, c[1].uv, c[2].uv));
+        area_texels += 0.5 * (double)fabsf(lw_vec2_twice_area(c[0].uv, c[1].uv, c[2].uv));
         if (!atlas->level_count) continue;
         add_triangle(tile, &atlas->level[0], c);
         if (!mesh->back_offset) continue;

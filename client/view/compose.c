@@ -590,8 +590,7 @@ static void find_patch(const struct lw_compose *compose, uint32_t o, uint32_t tr
     struct lw_vec3 normal_os = lw_vec3_cross(a, b);
     out->normal = lw_affine_cofactor_normal(&compose->pose->object_to_world[o], normal_os);
     out->grazing = COSINE_MIN * lw_vec3_length(out->normal);
-    out->texels =
-        fabsf((uv[1].x - uv[0].x) * (uv[2].y - uv[0].y) - (uv[1].y - uv[0].y) * (uv[2].x - uv[0].x));
+    out->texels = fabsf(lw_vec2_twice_area(uv[0], uv[1], uv[2]));
     out->coarsest =
         compose->coarsest[m] && lw_vec3_length(normal_os) > 1e-30f ? compose->coarsest[m][triangle] : 0;
     if (compose->direct) place_patch(compose, o, mesh, normal_os, out);

@@ -259,7 +259,7 @@ static void quarter_all(struct lw_emitter_cluster *cluster) {
 /* Its share of a side that it is only a part of. */
 static float part_of(const struct lw_emitter_facet *facet) {
     const struct lw_vec2 *c = facet->corner;
-    return fabsf((c[1].x - c[0].x) * (c[2].y - c[0].y) - (c[1].y - c[0].y) * (c[2].x - c[0].x));
+    return fabsf(lw_vec2_twice_area(c[0], c[1], c[2]));
 }
 
 static struct lw_vec2 within_part(const struct lw_emitter_facet *facet, struct lw_vec2 b) {

@@ -51,7 +51,7 @@ static float area_of(const struct polygon *p) {
     float twice = 0;
     for (int i = 1; i + 1 < p->count; i++) {
         struct lw_vec2 a = p->corner[0], b = p->corner[i], c = p->corner[i + 1];
-        twice += (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
+        twice += lw_vec2_twice_area(a, b, c);
     }
     return fabsf(twice) / 2;
 }
@@ -351,7 +351,7 @@ static double texel_side(const struct lw_lightmap_map *map) {
         struct lw_vec2 a = map->uv[w[0]], b = map->uv[w[1]], c = map->uv[w[2]];
         area_os += (double)lw_vec3_length(lw_vec3_cross(lw_vec3_sub(map->mesh->position[v[1]], p),
                                                         lw_vec3_sub(map->mesh->position[v[2]], p)));
-        area_uv += (double)fabsf((b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x));
+        area_uv += (double)fabsf(lw_vec2_twice_area(a, b, c));
     }
     return area_uv > 0 ? sqrt(area_os / area_uv) : 0;
 }

@@ -446,7 +446,7 @@ static uint32_t gather(const struct lw_lightmap_charts *charts, const uint32_t *
 static float area_of(const struct lw_lightmap_charts *charts, uint32_t t) {
     const uint32_t *corner = charts->corner[t];
     struct lw_vec2 a = charts->point[corner[0]], b = charts->point[corner[1]], c = charts->point[corner[2]];
-    return ((b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)) / 2;
+    return lw_vec2_twice_area(a, b, c) / 2;
 }
 
 static void sort_by_chart(const struct lw_lightmap_charts *charts, uint32_t *start, uint32_t *order) {

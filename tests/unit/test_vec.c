@@ -102,6 +102,15 @@ static void normals_stay_perpendicular_and_outward(void **state) {
     assert_near(lw_vec3_length(lw_affine_normal(&flat, lw_vec3(1, 0, 0))), 1, 0);
 }
 
+static void twice_the_area_has_the_sign_of_the_turn(void **state) {
+    (void)state;
+    const struct lw_vec2 a = {1, 1}, b = {4, 1}, c = {2, 3};
+    assert_near(lw_vec2_twice_area(a, b, c), 6, 0);
+    assert_near(lw_vec2_twice_area(b, c, a), 6, 0);
+    assert_near(lw_vec2_twice_area(a, c, b), -6, 0);
+    assert_near(lw_vec2_twice_area(a, b, b), 0, 0);
+}
+
 static void a_frame_is_orthonormal_and_right_handed(void **state) {
     (void)state;
     uint32_t serial = 77;
@@ -128,6 +137,7 @@ int main(void) {
         cmocka_unit_test(finite_means_all_three),
         cmocka_unit_test(a_product_of_transforms_applies_the_right_one_first),
         cmocka_unit_test(normals_stay_perpendicular_and_outward),
+        cmocka_unit_test(twice_the_area_has_the_sign_of_the_turn),
         cmocka_unit_test(a_frame_is_orthonormal_and_right_handed),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

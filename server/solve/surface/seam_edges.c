@@ -123,7 +123,7 @@ static bool has_area(const struct lw_mesh *mesh, uint32_t triangle) {
     const uint32_t *v = mesh->triangle[triangle];
     const struct lw_vec2 a = mesh->lightmap_uv[v[0]], b = mesh->lightmap_uv[v[1]],
                          c = mesh->lightmap_uv[v[2]];
-    return fabsf((b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)) > 1e-6f;
+    return fabsf(lw_vec2_twice_area(a, b, c)) > 1e-6f;
 }
 
 /* A stretch of a side, as fractions of the way from its corner to the next. */
