@@ -728,7 +728,7 @@ static enum lw_status show_channels(struct daemon *d, uint32_t channels, struct 
 static bool owes_ids(const struct daemon *d) {
     const struct lw_atlas_map *map = &d->atlas_map;
     return map->fine && d->interest > d->published_interest &&
-           lw_fine_ids_free_count(map->fine) < (map->tile_count - map->plain_count) / 4;
+           lw_fine_ids_free_count(map->fine) < lw_atlas_map_room(map) / 4;
 }
 
 /* Sessions need new transforms even if no tile in their interest set was solved, and a session that sent an

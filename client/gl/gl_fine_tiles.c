@@ -28,7 +28,7 @@ struct lw_gl_fine_slot {
 static uint32_t count_slots(const struct lw_atlas_map *map, uint32_t slots_max) {
     GLint table_max = 0, layers_max = 0, units_max = 0;
     const uint64_t words = map->plain_count + map->fine_names;
-    const uint32_t tiles = map->tile_count - map->plain_count;
+    const uint32_t tiles = lw_atlas_map_room(map);
     glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &table_max);
     glGetIntegerv(GL_MAX_ARRAY_TEXTURE_LAYERS, &layers_max);
     glGetIntegerv(GL_MAX_TEXTURE_IMAGE_UNITS, &units_max);
@@ -43,13 +43,13 @@ enum lw_status lw_gl_fine_tiles_init(struct lw_gl_fine_tiles *fine, const struct
                                      uint32_t slots_max, struct lw_error *err) {
     LW_INVARIANT(slots_max <= LW_GL_FINE_TILES_MAX);
     *fine = (struct lw_gl_fine_tiles){.map = map};
-    if (map->tile_count == map->plain_count) return LW_OK;
+    if (lw_atlas_map_room(map) == 0) return LW_OK;
     const uint32_t count = count_slots(map, slots_max);
     if (count == 0) return LW_OK;
     fine->slot = calloc(count, sizeof *fine->slot);
     fine->in_pool = calloc(map->object_count + 1ul, sizeof *fine->in_pool);
-    fine->wanted = calloc(map->tile_count - map->plain_count, sizeof *fine->wanted);
-    fine->word = calloc(map->tile_count - map->plain_count, sizeof *fine->word);
+    fine->wanted = calloc(lw_atlas_map_room(map), sizeof *fine->wanted);
+    fine->word = calloc(lw_atlas_map_room(map), sizeof *fine->word);
     fine->texels = calloc((size_t)SIDE * SIDE, sizeof *fine->texels);
     enum lw_status status = LW_OK;
     if (!fine->slot || !fine->in_pool || !fine->wanted || !fine->word || !fine->texels)

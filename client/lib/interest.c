@@ -88,17 +88,9 @@ static uint32_t count_lacking(const struct lw_interest_list *a, const struct lw_
     return lacking;
 }
 
-static int by_id(const void *left, const void *right) {
-    const lw_tile_id *a = left, *b = right;
-    return a->v < b->v ? -1 : a->v > b->v;
-}
-
-static bool has(const struct lw_interest_list *list, lw_tile_id tile) {
-    return list->count && bsearch(&tile, list->tile, list->count, sizeof tile, by_id);
-}
-
 bool lw_interest_lists(const struct lw_interest *interest, lw_tile_id tile) {
-    return has(&interest->now, tile) || has(&interest->told, tile);
+    const struct lw_interest_list *now = &interest->now, *told = &interest->told;
+    return lw_tile_id_is_in(now->tile, now->count, tile) || lw_tile_id_is_in(told->tile, told->count, tile);
 }
 
 bool lw_interest_is_due(const struct lw_interest *interest, uint64_t now_ns) {

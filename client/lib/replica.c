@@ -77,7 +77,7 @@ static uint64_t place_levels(struct lw_replica *r) {
 
 static void free_slot(const struct lw_replica *r, struct slot *slot) {
     for (uint32_t i = 0; slot->coefficients && i < r->map.tile_count; i++) free(slot->coefficients[i]);
-    for (uint32_t i = 0; slot->fine && i < r->map.tile_count - r->map.plain_count; i++) free(slot->fine[i]);
+    for (uint32_t i = 0; slot->fine && i < lw_atlas_map_room(&r->map); i++) free(slot->fine[i]);
     free(slot->fine);
     free(slot->coefficients);
     free(slot->has_coefficients);
@@ -99,7 +99,7 @@ static enum lw_status make_slot(struct lw_replica *r, uint32_t number, struct lw
     slot.coefficients = calloc((size_t)r->map.tile_count + 1, sizeof *slot.coefficients);
     slot.has_coefficients = calloc((size_t)r->map.tile_count + 1, sizeof *slot.has_coefficients);
     slot.texels = calloc((size_t)texels + 1, is->planes * sizeof(float));
-    slot.fine = calloc(r->map.tile_count - r->map.plain_count + 1ul, sizeof *slot.fine);
+    slot.fine = calloc(lw_atlas_map_room(&r->map) + 1ul, sizeof *slot.fine);
     if (slot.tile && slot.coefficients && slot.has_coefficients && slot.texels && slot.fine) {
         r->slot[is->slot] = slot;
         return LW_OK;

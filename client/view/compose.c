@@ -208,7 +208,7 @@ enum lw_status lw_compose_create(const struct lw_compose_desc *desc, struct lw_c
     compose->object = calloc((size_t)map->object_count + 1, sizeof *compose->object);
     compose->coarsest = calloc((size_t)desc->scene->mesh_count + 1, sizeof *compose->coarsest);
     compose->here = calloc((size_t)map->tile_count + 1, 1);
-    compose->fine = calloc((size_t)(map->tile_count - map->plain_count) + 1, sizeof *compose->fine);
+    compose->fine = calloc(lw_atlas_map_room(map) + 1ul, sizeof *compose->fine);
     compose->noise_level = calloc((size_t)map->tile_count + 1, 1);
     compose->needed = calloc((size_t)map->tile_count + 1, 1);
     compose->around = calloc((size_t)map->tile_count + 1, 1);

@@ -4,6 +4,15 @@
 
 #include <stdlib.h>
 
+int lw_tile_id_compare(const void *left, const void *right) {
+    const lw_tile_id *a = left, *b = right;
+    return a->v < b->v ? -1 : a->v > b->v;
+}
+
+bool lw_tile_id_is_in(const lw_tile_id *list, size_t count, lw_tile_id id) {
+    return count && bsearch(&id, list, count, sizeof *list, lw_tile_id_compare);
+}
+
 static uint32_t tiles_across(uint32_t texels) { return (texels + LW_TILE_SIDE - 1) / LW_TILE_SIDE; }
 
 void lw_atlas_init(struct lw_atlas *atlas, uint32_t width, uint32_t height) {

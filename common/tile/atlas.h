@@ -83,6 +83,11 @@ struct lw_atlas_map {
 extern "C" {
 #endif
 
+/** qsort() comparison of two lw_tile_id: ascending. */
+int lw_tile_id_compare(const void *left, const void *right);
+/** Whether a list of ids in ascending order, of `count`, holds one. list: may be NULL where count is 0 */
+bool lw_tile_id_is_in(const lw_tile_id *list, size_t count, lw_tile_id id);
+
 void lw_atlas_init(struct lw_atlas *atlas, uint32_t width, uint32_t height);
 /** Adds finer levels, `count` in all. */
 void lw_atlas_refine(struct lw_atlas *atlas, uint32_t count);
@@ -96,6 +101,11 @@ LW_MUST_CHECK enum lw_status lw_atlas_map_init(struct lw_atlas_map *map, const s
 LW_MUST_CHECK enum lw_status lw_atlas_map_init_finer(struct lw_atlas_map *map, const struct lw_scene *scene,
                                                      uint32_t finer, uint32_t room);
 void lw_atlas_map_finish(struct lw_atlas_map *map);
+
+/** How many tiles of finer levels may have ids at a time: those from plain_count on. */
+static inline uint32_t lw_atlas_map_room(const struct lw_atlas_map *map) {
+    return map->tile_count - map->plain_count;
+}
 
 /** Whether there is a tile, named as on the wire: by its number within the level, row * tiles_x + column
  * (safe for indices from outside). */

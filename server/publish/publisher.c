@@ -534,22 +534,14 @@ static enum lw_status withdraw(const struct lw_publisher *p, struct channel *cha
     return LW_OK;
 }
 
-static int by_id(const void *left, const void *right) {
-    const lw_tile_id *a = left, *b = right;
-    return a->v < b->v ? -1 : a->v > b->v;
-}
-
-static bool is_listed(const lw_tile_id *tile, uint32_t count, lw_tile_id id) {
-    return count && bsearch(&id, tile, count, sizeof *tile, by_id);
-}
-
 static enum lw_status encode_fine(struct lw_publisher *p, struct channel *channel, uint64_t frame) {
     const struct lw_solver *solver = p->desc.solver;
     const lw_tile_id *tile = NULL;
     const uint32_t count = solver->ops->list_fine ? solver->ops->list_fine(solver, &tile) : 0;
     enum lw_status status = LW_OK;
     for (uint32_t i = 0; i < channel->fine_count && status == LW_OK; i++)
-        if (!is_listed(tile, count, channel->fine[i])) status = withdraw(p, channel, channel->fine[i], frame);
+        if (!lw_tile_id_is_in(tile, count, channel->fine[i]))
+            status = withdraw(p, channel, channel->fine[i], frame);
     if (status != LW_OK) return status;
     lw_tile_id *fine = realloc(channel->fine, (count + 1ul) * sizeof *fine);
     if (!fine) return LW_NO_MEMORY;
@@ -576,7 +568,7 @@ static void refresh_channel(struct lw_publisher *p, struct channel *channel, con
 /* Which tiles of finer levels the solver has; those that it dropped have been withdrawn by now. */
 static enum lw_status note_fine(const struct lw_publisher *p, struct lw_snapshot *snapshot) {
     const struct lw_solver *solver = p->desc.solver;
-    const uint32_t plain = p->desc.atlas_map->plain_count, room = p->desc.atlas_map->tile_count - plain;
+    const uint32_t plain = p->desc.atlas_map->plain_count, room = lw_atlas_map_room(p->desc.atlas_map);
     if (!room || !solver->ops->holds_fine) return LW_OK;
     snapshot->holds_fine = malloc(room * sizeof *snapshot->holds_fine);
     if (!snapshot->holds_fine) return LW_NO_MEMORY;

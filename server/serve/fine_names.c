@@ -4,12 +4,10 @@
 
 #include <stdlib.h>
 
-static uint32_t room_of(const struct lw_atlas_map *map) { return map->tile_count - map->plain_count; }
-
 enum lw_status lw_fine_names_init(struct lw_fine_names *names, const struct lw_atlas_map *atlas_map) {
     *names = (struct lw_fine_names){.map = atlas_map};
     if (!atlas_map->fine) return LW_OK;
-    names->name = calloc(room_of(atlas_map), sizeof *names->name);
+    names->name = calloc(lw_atlas_map_room(atlas_map), sizeof *names->name);
     return names->name ? LW_OK : LW_NO_MEMORY;
 }
 
@@ -41,7 +39,7 @@ bool lw_fine_names_remove(struct lw_fine_names *names, const uint32_t *tile, uin
 
 void lw_fine_names_review(struct lw_fine_names *names, const struct lw_snapshot *snapshot) {
     const struct lw_atlas_map *map = names->map;
-    for (uint32_t i = 0; names->name && i < room_of(map); i++) {
+    for (uint32_t i = 0; names->name && i < lw_atlas_map_room(map); i++) {
         const struct lw_fine_name *name = &names->name[i];
         const lw_tile_id id = {map->plain_count + i};
         if (name->lists || !lw_atlas_map_is_used(map, id)) continue;

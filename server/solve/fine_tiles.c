@@ -256,18 +256,13 @@ void lw_fine_tiles_fill(const struct lw_fine_tiles *fine, struct lw_tiles *tiles
     }
 }
 
-static int by_id(const void *left, const void *right) {
-    const lw_tile_id *a = left, *b = right;
-    return a->v < b->v ? -1 : a->v > b->v;
-}
-
 uint32_t lw_fine_tiles_list(const struct lw_fine_tiles *fine,
                             bool (*has_light)(const void *user, lw_tile_id id), const void *user,
                             const lw_tile_id **out_tile) {
     uint32_t count = 0;
     for (uint32_t k = 0; k < fine->slots && fine->used; k++)
         if (fine->tile[k].used && has_light(user, fine->tile[k].id)) fine->shown[count++] = fine->tile[k].id;
-    if (count) qsort(fine->shown, count, sizeof *fine->shown, by_id);
+    if (count) qsort(fine->shown, count, sizeof *fine->shown, lw_tile_id_compare);
     *out_tile = fine->shown;
     return count;
 }

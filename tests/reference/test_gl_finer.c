@@ -230,7 +230,7 @@ static void test_same_picture(void **state) {
     start(&w, false);
     compose(&w, by_cpu);
     assert_int_equal(draw(&w, 0, by_gl), 0);
-    assert_int_equal(lw_gl_renderer_figures(w.renderer).fine_tiles, w.map.tile_count - w.map.plain_count);
+    assert_int_equal(lw_gl_renderer_figures(w.renderer).fine_tiles, lw_atlas_map_room(&w.map));
     set_finer(&w, (struct lw_client_tile){0});
     compose(&w, without);
     print_message("finer levels: %.4f of the values differ by OpenGL, %.4f without them\n",
@@ -304,7 +304,7 @@ static void test_fades(void **state) {
     const uint64_t step = LW_GL_FINE_TILES_FADE / 4;
     const struct lw_client_tile there = {.version = 5};
     start(&w, false);
-    const uint32_t finer = w.map.tile_count - w.map.plain_count;
+    const uint32_t finer = lw_atlas_map_room(&w.map);
     draw(&w, 0, after);
     set_finer(&w, (struct lw_client_tile){0});
     draw(&w, 0, before);
@@ -493,7 +493,7 @@ static void survey(struct pool *p, uint32_t first, uint32_t end) {
 /* The finer tiles from `first` to `end` are in the pool, each in a slot of its own, and no others. */
 static void assert_pool(const struct pool *p, uint32_t first, uint32_t end) {
     bool taken[SLOTS] = {false};
-    for (uint32_t i = 0; i < p->world.map.tile_count - p->world.map.plain_count; i++) {
+    for (uint32_t i = 0; i < lw_atlas_map_room(&p->world.map); i++) {
         assert_int_equal(p->fine.word[i] != 0, i >= first && i < end);
         if (p->fine.word[i] == 0) continue;
         const uint32_t slot = (p->fine.word[i] & ((1u << LW_GL_FINE_TILES_SHIFT) - 1)) - 1;

@@ -2,6 +2,7 @@
 
 #include "common/tile/atlas.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 static void test_levels_halve_rounding_up(void **state) {
@@ -199,6 +200,36 @@ static void test_threads_claim_together(void **state) {
     lw_scene_destroy(scene);
 }
 
+/* A list that is sorted by the comparison is searched by it: what it has is found, and nothing else. */
+static void test_lists_of_ids_are_sorted_and_searched(void **state) {
+    (void)state;
+    lw_tile_id list[] = {{7}, {UINT32_MAX}, {0}, {3}, {0x80000000u}, {12}};
+    const size_t count = sizeof list / sizeof *list;
+    const lw_tile_id there[] = {{0}, {3}, {7}, {12}, {0x80000000u}, {UINT32_MAX}};
+    const lw_tile_id lacking[] = {{1}, {8}, {0x7fffffffu}, {UINT32_MAX - 1}};
+    qsort(list, count, sizeof *list, lw_tile_id_compare);
+    assert_memory_equal(list, there, sizeof list);
+    for (size_t i = 0; i < count; i++) assert_true(lw_tile_id_is_in(list, count, there[i]));
+    for (size_t i = 0; i < sizeof lacking / sizeof *lacking; i++)
+        assert_false(lw_tile_id_is_in(list, count, lacking[i]));
+    assert_false(lw_tile_id_is_in(list, count - 1, (lw_tile_id){UINT32_MAX}));
+    assert_false(lw_tile_id_is_in(NULL, 0, (lw_tile_id){0}));
+    assert_int_equal(lw_tile_id_compare(&there[1], &there[1]), 0);
+}
+
+/* A map has room for as many tiles of finer levels as it was given. */
+static void test_room_is_that_of_finer_levels(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    struct lw_atlas_map map = with_finer(&scene, 37), plain;
+    assert_int_equal(lw_atlas_map_room(&map), 37);
+    lw_support_ok(lw_atlas_map_init(&plain, scene), NULL);
+    assert_int_equal(lw_atlas_map_room(&plain), 0);
+    lw_atlas_map_finish(&plain);
+    lw_atlas_map_finish(&map);
+    lw_scene_destroy(scene);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_levels_halve_rounding_up),
@@ -209,6 +240,8 @@ int main(void) {
         cmocka_unit_test(test_names_follow_objects_and_levels),
         cmocka_unit_test(test_ids_run_out_and_come_back),
         cmocka_unit_test(test_threads_claim_together),
+        cmocka_unit_test(test_lists_of_ids_are_sorted_and_searched),
+        cmocka_unit_test(test_room_is_that_of_finer_levels),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
