@@ -414,20 +414,30 @@ static struct lw_vec3 mix(struct lw_vec3 a, struct lw_vec3 b, float t) {
     return lw_vec3_mad(a, lw_vec3_sub(b, a), t);
 }
 
-/* Reads one level; false if a tile of the footprint is not there, or holds what is no light. */
-static bool read_level(const struct lw_compose *compose, const struct level *level, const struct footprint *f,
-                       struct lw_vec3 *out) {
-    if (level->rgb == NULL) return false;
+static bool is_here(const struct lw_compose *compose, const struct footprint *f) {
     for (unsigned i = 0; i < f->tile_count; i++)
-        if (!compose->here[f->tile[i]]) return false;
-    struct lw_vec3 upper =
-        mix(texel(level, f->x.low, f->y.low), texel(level, f->x.high, f->y.low), f->x.share);
-    struct lw_vec3 lower =
-        mix(texel(level, f->x.low, f->y.high), texel(level, f->x.high, f->y.high), f->x.share);
-    struct lw_vec3 e = mix(upper, lower, f->y.share);
+        if (f->tile[i] == UINT32_MAX || !compose->here[f->tile[i]]) return false;
+    return true;
+}
+
+/* Blends the texels of a footprint: the upper two from left to right, then the lower two. False: they are no
+ * light. */
+static inline bool blend(const struct footprint *f, const struct lw_vec3 texels[4], struct lw_vec3 *out) {
+    const struct lw_vec3 upper = mix(texels[0], texels[1], f->x.share),
+                         lower = mix(texels[2], texels[3], f->x.share), e = mix(upper, lower, f->y.share);
     if (!is_light(e)) return false;
     *out = e;
     return true;
+}
+
+/* Reads one level that is not finer. False: a tile of the footprint is not there, or its texels are no
+ * light. */
+static bool read_level(const struct lw_compose *compose, const struct level *level, const struct footprint *f,
+                       struct lw_vec3 *out) {
+    if (level->rgb == NULL || !is_here(compose, f)) return false;
+    const struct lw_vec3 texels[4] = {texel(level, f->x.low, f->y.low), texel(level, f->x.high, f->y.low),
+                                      texel(level, f->x.low, f->y.high), texel(level, f->x.high, f->y.high)};
+    return blend(f, texels, out);
 }
 
 /* A texel of a finer level. i: of the footprint's tiles */
@@ -443,16 +453,12 @@ static struct lw_vec3 fine_texel(const struct lw_compose *compose, const struct 
 /* The same as read_level() of a finer level. */
 static bool read_fine(const struct lw_compose *compose, const struct level *level, const struct footprint *f,
                       struct lw_vec3 *out) {
-    for (unsigned i = 0; i < f->tile_count; i++)
-        if (f->tile[i] == UINT32_MAX || !compose->here[f->tile[i]]) return false;
-    const struct lw_vec3 upper = mix(fine_texel(compose, level, f, 0, f->x.low, f->y.low),
-                                     fine_texel(compose, level, f, 1, f->x.high, f->y.low), f->x.share),
-                         lower = mix(fine_texel(compose, level, f, 2, f->x.low, f->y.high),
-                                     fine_texel(compose, level, f, 3, f->x.high, f->y.high), f->x.share),
-                         e = mix(upper, lower, f->y.share);
-    if (!is_light(e)) return false;
-    *out = e;
-    return true;
+    if (!is_here(compose, f)) return false;
+    const struct lw_vec3 texels[4] = {fine_texel(compose, level, f, 0, f->x.low, f->y.low),
+                                      fine_texel(compose, level, f, 1, f->x.high, f->y.low),
+                                      fine_texel(compose, level, f, 2, f->x.low, f->y.high),
+                                      fine_texel(compose, level, f, 3, f->x.high, f->y.high)};
+    return blend(f, texels, out);
 }
 
 static void mark_needed(struct lw_compose *compose, const struct footprint *f) {
