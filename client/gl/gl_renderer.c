@@ -9,6 +9,7 @@
 #include "client/gl/gl_texture.h"
 #include "client/view/ambient.h"
 #include "common/shading/lobe_table.h"
+#include "common/tile/fine_choice.h"
 
 #include <float.h>
 #include <stdio.h>
@@ -161,7 +162,7 @@ static void brightest(const struct lw_gl_renderer *r, char out[64]) {
 static void define_fine(char *defines, size_t size) {
     const size_t used = strlen(defines);
     snprintf(defines + used, size - used, "#define FINE_PIXELS %.9g\n#define FINE_CHANGE %.9g\n",
-             (double)LW_COMPOSE_FINE_PIXELS, (double)LW_COMPOSE_FINE_CHANGE);
+             (double)LW_FINE_CHOICE_PIXELS, (double)LW_FINE_CHOICE_CHANGE);
 }
 
 /* Places on the unit disc: Vogel's spiral, every second of them one as well. */

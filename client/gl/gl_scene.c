@@ -2,9 +2,9 @@
 
 #include "client/gl/gl_program.h"
 #include "client/gl/gl_texture.h"
-#include "client/view/compose.h"
 #include "common/lightmap/lightmap.h"
 #include "common/shading/tangent.h"
+#include "common/tile/fine_choice.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -164,7 +164,7 @@ static bool is_small(const struct lw_mesh *mesh, uint32_t triangle) {
     if (!mesh->lightmap_uv) return false;
     const struct lw_vec2 a = mesh->lightmap_uv[v[0]], b = mesh->lightmap_uv[v[1]],
                          c = mesh->lightmap_uv[v[2]];
-    return fabsf(lw_vec2_twice_area(a, b, c)) < LW_COMPOSE_FINE_TEXELS;
+    return fabsf(lw_vec2_twice_area(a, b, c)) < LW_FINE_CHOICE_TEXELS;
 }
 
 static enum lw_status cut_into_batches(struct lw_gl_scene *s, uint32_t m, struct lists *lists) {

@@ -56,7 +56,7 @@ struct lw_gl_scene {
     uint32_t batch_count;
     GLuint vertices, indices; /* buffers */
     /* GL_TEXTURE_BUFFER of GL_R32UI: a bit for each triangle, in the order of indices, that says whether it
-     * has fewer texels than LW_COMPOSE_FINE_TEXELS */
+     * has fewer texels than LW_FINE_CHOICE_TEXELS */
     GLuint small, small_buffer;
     GLuint *texture;        /* per texture of the scene; 0: no material uses it */
     GLuint environment;     /* 0: there is none */

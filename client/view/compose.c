@@ -9,6 +9,7 @@
 #include "common/scene/environment.h"
 #include "common/shading/tangent.h"
 #include "common/tile/bilinear.h"
+#include "common/tile/fine_choice.h"
 
 #include <omp.h>
 #include <stddef.h>
@@ -604,7 +605,7 @@ static void find_patch(const struct lw_compose *compose, uint32_t o, uint32_t tr
 }
 
 /* The level of which a texel is as large as the pixel where its ray meets the surface, or smaller; of finer
- * ones, LW_COMPOSE_FINE_PIXELS as large or larger. pixel_m^2 texels / (area cosine) texels of level 0 are
+ * ones, LW_FINE_CHOICE_PIXELS as large or larger. pixel_m^2 texels / (area cosine) texels of level 0 are
  * under a pixel, a quarter of it of level 1; no division is needed to tell which is one or less. */
 static int level_for(const struct patch *patch, int finer, struct lw_vec3 dir, float pixel_m) {
     const float length = lw_vec3_length(dir), slanted = fabsf(lw_vec3_dot(patch->normal, dir));
@@ -612,9 +613,7 @@ static int level_for(const struct patch *patch, int finer, struct lw_vec3 dir, f
     float texels = pixel_m * pixel_m * patch->texels * length;
     int level = 0;
     for (; level < patch->coarsest && texels >= 4 * area && texels > 0; level++) texels *= 0.25f;
-    texels *= LW_COMPOSE_FINE_PIXELS * LW_COMPOSE_FINE_PIXELS;
-    for (; level > -finer && 4 * texels <= area; level--) texels *= 4;
-    return level;
+    return level ? level : -lw_fine_choice(texels, area, finer);
 }
 
 /* Neighbouring pixels mostly meet the same few triangles: those met last, by a hash. */
@@ -659,13 +658,9 @@ static bool is_even(const struct lw_compose *compose, const struct level *level,
     for (unsigned i = 0; i < f->tile_count; i++)
         if (!compose->here[f->tile[i]]) return true;
     const uint32_t x[2] = {f->x.low, f->x.high}, y[2] = {f->y.low, f->y.high};
-    float low = INFINITY, high = 0;
-    for (int i = 0; i < 4; i++) {
-        const float e = lw_colour_luminance(texel(level, x[i & 1], y[i >> 1]));
-        low = fminf(low, e);
-        high = fmaxf(high, e);
-    }
-    return high - low <= LW_COMPOSE_FINE_CHANGE * high;
+    float luminance[4];
+    for (int i = 0; i < 4; i++) luminance[i] = lw_colour_luminance(texel(level, x[i & 1], y[i >> 1]));
+    return lw_fine_choice_is_even(luminance);
 }
 
 /* Finds out what a hit is to be shaded from, and starts to fetch it. */
@@ -691,7 +686,7 @@ static void look_at(const struct lw_compose *compose, struct patches *patches, c
     const int level = level_for(patch, object->finer_count, dir, lw_camera_pixel_at(p->plane, hits->t[i]));
     out->finest = level < object->level_count ? level : object->level_count - 1;
     out->level = out->finest;
-    if (out->level < 0 && patch->texels >= LW_COMPOSE_FINE_TEXELS) {
+    if (out->level < 0 && patch->texels >= LW_FINE_CHOICE_TEXELS) {
         footprint_at(&object->level[0], 0, out->uv, &out->footprint);
         if (is_even(compose, &object->level[0], &out->footprint)) out->level = 0;
     }

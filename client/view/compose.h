@@ -59,14 +59,6 @@ struct lw_compose_view {
     const struct lw_vec3 *tile_colour; /* per tile, where lw_show_is_of_tiles() */
 };
 
-/* A texel of a finer level is this many pixels wide, or wider: what light there is in the tiles is smooth. */
-#define LW_COMPOSE_FINE_PIXELS 4.0f
-/* Finer levels are asked for where light differs by more than this share between the texels that a look-up
- * mixes (Kahl's threshold, of light instead of colour), and on triangles of fewer texels than these, whose
- * charts may be narrower than a texel: texels of level 0 on twice the triangle. */
-#define LW_COMPOSE_FINE_CHANGE 0.1f
-#define LW_COMPOSE_FINE_TEXELS 16.0f
-
 /* A picture that shows less error is good to look at (docs/lab/look.md). */
 #define LW_COMPOSE_GOOD_ERROR 0.026f
 
