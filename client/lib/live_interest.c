@@ -169,64 +169,10 @@ void lw_live_interest_finish(struct lw_live_interest *interest) {
 
 /* ---- what lies in a view ---- */
 
-/* value = dot(n, p) + d of a point p */
-struct linear {
-    struct lw_vec3 n;
-    float d;
-};
-
-/* A view as an object sees it: what is negative of any side lies beyond it, for all of a box. */
-struct frustum {
-    struct linear side[4], depth; /* depth: clip space's w, which grows with the distance to the eye */
-    float texel_pixels;           /* height of a pixel at depth 1, in texels of level 0 */
-};
-
-/* Row r of view_projection times object_to_world. */
-static struct linear row_of(const struct lw_live_view *view, int r, const struct lw_affine *to_world) {
-    const float *m = view->view_projection;
-    float row[4];
-    for (int c = 0; c < 4; c++)
-        row[c] = m[r] * to_world->m[0][c] + m[4 + r] * to_world->m[1][c] + m[8 + r] * to_world->m[2][c];
-    return (struct linear){lw_vec3(row[0], row[1], row[2]), row[3] + m[12 + r]};
-}
-
-static struct frustum frustum_of(const struct lw_live_view *view, const struct lw_affine *to_world,
-                                 float texel_m) {
-    const struct linear x = row_of(view, 0, to_world), y = row_of(view, 1, to_world),
-                        w = row_of(view, 3, to_world);
-    const float wide = 1 + LW_LIVE_INTEREST_AROUND, *m = view->view_projection;
-    struct frustum f = {.depth = w};
-    for (int i = 0; i < 4; i++) {
-        const struct linear *edge = i < 2 ? &x : &y;
-        const float sign = i & 1 ? -1.0f : 1.0f;
-        f.side[i] = (struct linear){lw_vec3_mad(lw_vec3_scale(w.n, wide), edge->n, sign),
-                                    wide * w.d + sign * edge->d};
-    }
-    const float scale = cbrtf(fabsf(lw_affine_determinant(to_world)));
-    const float per_m =
-        lw_vec3_length(lw_vec3(m[1], m[5], m[9])) * (float)view->height / 2; /* pixels, at depth 1 */
-    f.texel_pixels = per_m > 0 && texel_m * scale > 0 ? 1 / (per_m * texel_m * scale) : 0;
-    return f;
-}
-
-static float reach(const struct linear *l, const struct lw_live_box *box) {
-    return fabsf(l->n.x) * box->half.x + fabsf(l->n.y) * box->half.y + fabsf(l->n.z) * box->half.z;
-}
-
-/* Whether some of a box may lie in the view; then how near its nearest corner is. */
-static bool is_within(const struct frustum *f, const struct lw_live_box *box, float *out_depth) {
-    if (box->half.x < 0) return false;
-    for (int i = 0; i < 4; i++)
-        if (lw_vec3_dot(f->side[i].n, box->middle) + f->side[i].d + reach(&f->side[i], box) < 0) return false;
-    const float depth = lw_vec3_dot(f->depth.n, box->middle) + f->depth.d, around = reach(&f->depth, box);
-    *out_depth = depth - around;
-    return depth + around > 0;
-}
-
 /* The level whose texels are as large as pixels, rather finer. Above LW_ATLAS_READ_MAX charts run into each
  * other. */
-static uint8_t level_at(const struct frustum *f, float depth, uint32_t level_count) {
-    const float texels = depth * f->texel_pixels;
+static uint8_t level_at(float depth, float texel_pixels, uint32_t level_count) {
+    const float texels = depth * texel_pixels;
     uint8_t level = 0;
     while (level < LW_ATLAS_READ_MAX && level + 1u < level_count && texels >= (float)(2u << level)) level++;
     return level;
@@ -243,13 +189,15 @@ static void look_at_object(struct lw_live_interest *interest, const struct lw_cl
     memset(level, UINT8_MAX, tiles);
     if (lw_client_object_hidden(client, object)) return;
     for (uint32_t v = 0; v < interest->view_count; v++) {
-        const struct frustum f =
-            frustum_of(&interest->view[v], lw_client_object_to_world(client, object), boxes->texel_m);
+        const struct lw_live_frustum f =
+            lw_live_frustum_of(&interest->view[v], lw_client_object_to_world(client, object));
+        /* height of a pixel at depth 1, in texels of level 0 */
+        const float texel_pixels = boxes->texel_m > 0 ? f.pixel_m / boxes->texel_m : 0;
         float depth;
-        if (!is_within(&f, &boxes->around, &depth)) continue;
+        if (!lw_live_frustum_meets(&f, &boxes->around, &depth)) continue;
         for (uint32_t t = 0; t < tiles; t++) {
-            if (!is_within(&f, &interest->box[boxes->first + t], &depth)) continue;
-            const uint8_t read = level_at(&f, depth, atlas->level_count);
+            if (!lw_live_frustum_meets(&f, &interest->box[boxes->first + t], &depth)) continue;
+            const uint8_t read = level_at(depth, texel_pixels, atlas->level_count);
             if (read < level[t]) level[t] = read;
         }
     }

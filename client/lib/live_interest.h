@@ -6,16 +6,11 @@
 
 #include "client/include/lightwell/lightwell.h"
 #include "client/lib/client.h"
+#include "client/lib/live_frustum.h"
 
 #define LW_LIVE_INTEREST_NS      100000000u  /* at most this often for a view that changes */
 #define LW_LIVE_INTEREST_IDLE_NS 1000000000u /* and for one that does not: objects may move */
 #define LW_LIVE_INTEREST_KEEP_NS 2000000000u /* tiles stay in the set after they left the picture */
-#define LW_LIVE_INTEREST_AROUND  0.15f       /* of the picture's half width and height, beyond each edge */
-
-/* What a tile of level 0 holds, object space. */
-struct lw_live_box {
-    struct lw_vec3 middle, half; /* half.x < 0: nothing */
-};
 
 struct lw_live_mesh_boxes {
     uint32_t first;            /* box of its first tile of level 0 */
@@ -26,7 +21,7 @@ struct lw_live_mesh_boxes {
 struct lw_live_interest {
     const struct lw_atlas_map *map;
     struct lw_live_mesh_boxes *mesh; /* per mesh */
-    struct lw_live_box *box;
+    struct lw_live_box *box; /* what each tile of level 0 holds */
     /* per tile of level 0, by tile id: the level that is read in the picture; UINT8_MAX: not in it */
     uint8_t *level;
     uint32_t *mark;    /* per tile: the round in which it was listed last */
