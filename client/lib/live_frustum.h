@@ -23,8 +23,9 @@ struct lw_live_linear {
 
 /** A view in an object's space. A box lies beyond a side where its nearest corner is negative there. */
 struct lw_live_frustum {
-    struct lw_live_linear side[4], depth; /* depth: clip space's w, which grows with the distance to the eye */
-    float pixel_m;                        /* height of a pixel at depth 1, in object space; 0: not known */
+    struct lw_live_linear side[4],
+        depth;     /* depth: clip space's w, which grows with the distance to the eye */
+    float pixel_m; /* height of a pixel at depth 1, in object space; 0: not known */
 };
 
 /** Row r of view_projection times object_to_world: of clip coordinates x, y, z, w. */
