@@ -934,6 +934,11 @@ const struct lw_atlas_map *lw_client_atlas_map(const struct lw_client *c) {
     return c->replica ? lw_replica_atlas_map(c->replica) : NULL;
 }
 
+uint32_t lw_client_finer(const struct lw_client *c) {
+    const uint32_t levels = c->replica ? lw_replica_atlas_map(c->replica)->finer_count : 0;
+    return c->finer < levels ? c->finer : levels;
+}
+
 const struct lw_affine *lw_client_object_to_world(const struct lw_client *c, uint32_t object) {
     return c->replica ? lw_replica_object_to_world(c->replica, object) : NULL;
 }

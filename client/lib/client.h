@@ -141,6 +141,9 @@ enum lw_client_finishes lw_client_finishes(const struct lw_client *client);
 float lw_client_package_progress(const struct lw_client *client);
 /** The tiles of the scene, for walking over atlases; NULL before the scene is there. */
 const struct lw_atlas_map *lw_client_atlas_map(const struct lw_client *client);
+/** How many finer levels the session has, of those of the map; 0: none, or the scene is not there yet.
+ * Another server may have fewer. */
+uint32_t lw_client_finer(const struct lw_client *client);
 
 /** Hash of the scene's package, which tells whether two clients have the same scene: LW_CLIENT_HASH_SIZE
  * bytes, zeros before the scene is there. */

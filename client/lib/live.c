@@ -63,8 +63,10 @@ static enum lw_status take_scene(void *context, const struct lw_client *client, 
     const struct lw_scene *scene = lw_client_scene(client);
     LW_INVARIANT(!live->scene && !live->other_scene);
     lw_live_unlock(live);
-    enum lw_status status = lw_live_tiles_init(&live->tiles, client, live->flags & LW_LIVE_AS_IT_IS);
-    if (status == LW_OK) status = lw_live_interest_init(&live->interest, client);
+    const bool as_it_is = live->flags & LW_LIVE_AS_IT_IS;
+    enum lw_status status = lw_live_tiles_init(&live->tiles, client, as_it_is, live->finer_slots);
+    if (status == LW_OK) status = lw_live_slots_init(&live->slots, &live->tiles, live->finer_slots);
+    if (status == LW_OK) status = lw_live_interest_init(&live->interest, client, live->finer_slots, as_it_is);
     if (status == LW_OK) status = lw_live_scene_init(live, scene);
     lw_live_lock(live);
     if (status != LW_OK) return lw_status_fail(err, status, "%s", lw_status_text(status));
@@ -111,6 +113,7 @@ static void forget_scene(struct lw_live *live) {
     live->scene = NULL;
     live->other_scene = false;
     live->answer = (struct lw_client_answer){0};
+    lw_live_slots_finish(&live->slots);
     lw_live_tiles_finish(&live->tiles);
     lw_live_interest_finish(&live->interest);
     lw_live_scene_finish(live);
@@ -219,6 +222,7 @@ static enum lw_status open_client(struct lw_live *live, const struct lw_live_des
         .control = desc->flags & LW_LIVE_CONTROL,
         .draws_direct = desc->flags & LW_LIVE_DRAWS_DIRECT,
         .materials = desc->flags & LW_LIVE_MATERIALS,
+        .finer = desc->finer_slots ? LW_ATLAS_FINER_MAX : 0,
         .rate_limit_bytes_hz = desc->rate_limit_bytes_per_s,
         .budget_ns = has_thread ? HOLD_NS : 1000ull * (desc->budget_us ? desc->budget_us : BUDGET_DEFAULT_US),
         .watch = {.context = live, .scene = take_scene, .tile = take_tile}};
@@ -234,10 +238,12 @@ static enum lw_status open_client(struct lw_live *live, const struct lw_live_des
     return has_thread ? start_thread(live, err) : LW_OK;
 }
 
-/* As it was before it had a token and ca_file. */
-static bool read_first_desc(struct lw_live_desc *dst, const struct lw_live_desc *src) {
-    const size_t size = offsetof(struct lw_live_desc, token);
-    return lw_live_struct_size(src) == size && lw_live_read_struct(dst, size, src);
+/* As it was before it had a token and ca_file, or finer_slots. */
+static bool read_former_desc(struct lw_live_desc *dst, const struct lw_live_desc *src) {
+    const size_t size = lw_live_struct_size(src);
+    return (size == offsetof(struct lw_live_desc, token) ||
+            size == offsetof(struct lw_live_desc, finer_slots)) &&
+           lw_live_read_struct(dst, size, src);
 }
 
 enum lw_live_status lw_live_open(const struct lw_live_desc *desc, struct lw_live **out_live,
@@ -246,14 +252,18 @@ enum lw_live_status lw_live_open(const struct lw_live_desc *desc, struct lw_live
     const uint32_t flags = LW_LIVE_THREAD | LW_LIVE_WANTS_NOTHING | LW_LIVE_DRAWS_DIRECT | LW_LIVE_CONTROL |
                            LW_LIVE_AS_IT_IS | LW_LIVE_TLS | LW_LIVE_TLS_INSECURE | LW_LIVE_MATERIALS;
     if (!out_live) return lw_live_fail(err, LW_LIVE_USAGE, "out_live is NULL");
-    if (!lw_live_read_struct(&d, sizeof d, desc) && !read_first_desc(&d, desc))
+    if (!lw_live_read_struct(&d, sizeof d, desc) && !read_former_desc(&d, desc))
         return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_desc: struct_size is not sizeof desc");
     if (d.flags & ~flags)
         return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_desc: flags has 0x%x, which is unknown",
                             (unsigned)(d.flags & ~flags));
+    if (d.finer_slots > LW_LIVE_SLOTS_MAX)
+        return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_desc: finer_slots is %u: there may be %u",
+                            d.finer_slots, LW_LIVE_SLOTS_MAX);
     struct lw_live *live = calloc(1, sizeof *live);
     if (!live) return lw_live_fail(err, LW_LIVE_NO_MEMORY, "out of memory");
     live->flags = d.flags;
+    live->finer_slots = d.finer_slots;
     live->wake = -1;
     struct lw_error cause = {0};
     enum lw_status status = init_lock(live);
@@ -274,6 +284,7 @@ void lw_live_close(struct lw_live *live) {
         live->has_thread = false;
     }
     lw_client_destroy(live->client);
+    lw_live_slots_finish(&live->slots);
     lw_live_tiles_finish(&live->tiles);
     lw_live_interest_finish(&live->interest);
     lw_live_scene_finish(live);
@@ -412,15 +423,43 @@ enum lw_live_status lw_live_want_views(struct lw_live *live, const struct lw_liv
     return LW_LIVE_OK;
 }
 
-/* Over the tiles of a rectangle: counts, and writes while there is room. */
+/* Columns and rows of tiles that a rectangle touches. */
+struct touched {
+    uint32_t x, y, end_x, end_y;
+};
+
+static struct touched touched_by(const struct lw_live_rect *rect) {
+    return (struct touched){rect->x / LW_TILE_SIDE, rect->y / LW_TILE_SIDE,
+                            (rect->x + rect->width + LW_TILE_SIDE - 1) / LW_TILE_SIDE,
+                            (rect->y + rect->height + LW_TILE_SIDE - 1) / LW_TILE_SIDE};
+}
+
+/* Lists the tiles that a rectangle touches, as far as there is room; those of finer levels get ids. Returns
+ * how many there are. */
 static size_t list_tiles(const struct lw_atlas_map *map, const struct lw_live_rect *rect, lw_tile_id *tile,
                          size_t count, size_t capacity) {
-    const uint32_t end_x = (rect->x + rect->width + LW_TILE_SIDE - 1) / LW_TILE_SIDE,
-                   end_y = (rect->y + rect->height + LW_TILE_SIDE - 1) / LW_TILE_SIDE;
-    for (uint32_t y = rect->y / LW_TILE_SIDE; y < end_y; y++)
-        for (uint32_t x = rect->x / LW_TILE_SIDE; x < end_x; x++, count++)
-            if (count < capacity) tile[count] = lw_atlas_map_find(map, rect->object, rect->level, x, y);
+    const struct touched t = touched_by(rect);
+    for (uint32_t y = t.y; y < t.end_y; y++)
+        for (uint32_t x = t.x; x < t.end_x; x++) {
+            const lw_tile_id id = lw_atlas_map_claim(map, rect->object, rect->level, x, y);
+            if (id.v == UINT32_MAX) continue; /* no id is left for now */
+            if (count < capacity) tile[count] = id;
+            count++;
+        }
     return count;
+}
+
+/* Refuses more tiles of finer levels than slots. rect: they lie within their levels */
+static enum lw_live_status check_finer(const struct lw_live *live, const struct lw_live_rect *rect,
+                                       size_t count, struct lw_live_error *err) {
+    uint64_t finer = 0;
+    for (size_t i = 0; i < count; i++) {
+        const struct touched t = touched_by(&rect[i]);
+        if (lw_atlas_finer(rect[i].level)) finer += (uint64_t)(t.end_x - t.x) * (t.end_y - t.y);
+    }
+    if (finer <= live->finer_slots) return LW_LIVE_OK;
+    return lw_live_fail(err, LW_LIVE_USAGE, "%llu tiles of finer levels: lw_live_desc.finer_slots is %u",
+                        (unsigned long long)finer, live->finer_slots);
 }
 
 enum lw_live_status lw_live_want_rects(struct lw_live *live, const struct lw_live_rect *rect, size_t count,
@@ -431,12 +470,11 @@ enum lw_live_status lw_live_want_rects(struct lw_live *live, const struct lw_liv
     size_t tiles = 0;
     lw_live_lock(live);
     if (count && !live->scene) result = lw_live_fail(err, LW_LIVE_NOT_READY, "the scene has not arrived yet");
-    for (size_t i = 0; result == LW_LIVE_OK && i < count; i++) {
+    for (size_t i = 0; result == LW_LIVE_OK && i < count; i++)
         result = lw_live_tiles_check(&live->tiles, &rect[i], err);
-        if (result == LW_LIVE_OK)
-            tiles =
-                list_tiles(live->tiles.map, &rect[i], live->interest.list, tiles, LW_CLIENT_INTEREST_MAX + 1);
-    }
+    if (result == LW_LIVE_OK) result = check_finer(live, rect, count, err);
+    for (size_t i = 0; result == LW_LIVE_OK && i < count; i++)
+        tiles = list_tiles(live->tiles.map, &rect[i], live->interest.list, tiles, LW_CLIENT_INTEREST_MAX + 1);
     if (result == LW_LIVE_OK) {
         live->interest.is_active = false;
         if (tiles > LW_CLIENT_INTEREST_MAX)
@@ -456,6 +494,57 @@ void lw_live_want_everything(struct lw_live *live) {
     lw_client_want_everything(live->client);
     rouse(live);
     lw_live_unlock(live);
+}
+
+/* ---- finer levels ---- */
+
+enum lw_live_status lw_live_get_finer(const struct lw_live *live, struct lw_live_finer *out_finer,
+                                      struct lw_live_error *err) {
+    if (!live) return lw_live_fail(err, LW_LIVE_USAGE, "live is NULL");
+    lw_live_lock(live);
+    struct lw_live_finer finer = {.slot_count = live->finer_slots};
+    if (live->scene) {
+        finer.level_count = lw_client_finer(live->client);
+        finer.page_count = live->tiles.map->fine_names;
+        finer.slots_used = live->slots.used;
+        finer.slots_waiting = live->slots.waiting;
+    }
+    lw_live_unlock(live);
+    if (lw_live_write_struct(out_finer, &finer, sizeof finer)) return LW_LIVE_OK;
+    return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_finer: struct_size is not sizeof *out_finer");
+}
+
+enum lw_live_status lw_live_get_pages(const struct lw_live *live, uint32_t object, uint32_t level,
+                                      struct lw_live_pages *out_pages, struct lw_live_error *err) {
+    const struct lw_live_rect rect = {.object = object, .level = level};
+    struct lw_live_pages pages = {0};
+    if (!live) return lw_live_fail(err, LW_LIVE_USAGE, "live is NULL");
+    if (!lw_atlas_finer(level)) return lw_live_fail(err, LW_LIVE_USAGE, "level %u has no pages", level);
+    lw_live_lock(live);
+    const enum lw_live_status result =
+        live->scene ? lw_live_tiles_check(&live->tiles, &rect, err)
+                    : lw_live_fail(err, LW_LIVE_NOT_READY, "the scene has not arrived yet");
+    if (result == LW_LIVE_OK) {
+        const struct lw_atlas_map *map = live->tiles.map;
+        const struct lw_atlas_level *at = lw_atlas_level(&map->atlas[object], level);
+        pages.first = map->first_finer[object] + at->first_tile;
+        pages.columns = at->tiles_x;
+        pages.rows = at->tiles_y;
+    }
+    lw_live_unlock(live);
+    if (result != LW_LIVE_OK) return result;
+    if (lw_live_write_struct(out_pages, &pages, sizeof pages)) return LW_LIVE_OK;
+    return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_pages: struct_size is not sizeof *out_pages");
+}
+
+size_t lw_live_take_slots(struct lw_live *live, uint64_t now_ns, size_t tiles_max,
+                          struct lw_live_slot *out_slot, size_t capacity) {
+    if (!live || !out_slot) return 0;
+    lw_live_lock(live);
+    const size_t count =
+        live->scene ? lw_live_slots_take(&live->slots, now_ns, tiles_max, out_slot, capacity) : 0;
+    lw_live_unlock(live);
+    return count;
 }
 
 /* ---- changing the scene ---- */

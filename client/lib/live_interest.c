@@ -143,7 +143,21 @@ static enum lw_status measure(struct lw_live_interest *interest, const struct lw
     return has_memory ? LW_OK : LW_NO_MEMORY;
 }
 
-enum lw_status lw_live_interest_init(struct lw_live_interest *interest, const struct lw_client *client) {
+/* Prepares lists with tiles of finer levels. */
+static enum lw_status init_finer(struct lw_live_interest *interest, const struct lw_client *client,
+                                 bool as_it_is) {
+    const uint32_t meshes = lw_client_scene(client)->mesh_count;
+    float *texel_m = calloc(meshes + 1ul, sizeof *texel_m);
+    interest->finer = calloc(interest->finer_max, sizeof *interest->finer);
+    enum lw_status status = texel_m && interest->finer ? LW_OK : LW_NO_MEMORY;
+    for (uint32_t m = 0; status == LW_OK && m < meshes; m++) texel_m[m] = interest->mesh[m].texel_m;
+    if (status == LW_OK) status = lw_live_survey_init(&interest->survey, client, as_it_is, texel_m);
+    free(texel_m);
+    return status;
+}
+
+enum lw_status lw_live_interest_init(struct lw_live_interest *interest, const struct lw_client *client,
+                                     uint32_t finer_max, bool as_it_is) {
     const struct lw_scene *scene = lw_client_scene(client);
     const size_t tiles = lw_client_atlas_map(client)->tile_count;
     interest->map = lw_client_atlas_map(client); /* views may be there already */
@@ -154,7 +168,10 @@ enum lw_status lw_live_interest_init(struct lw_live_interest *interest, const st
     interest->list = calloc(LW_CLIENT_INTEREST_MAX + 1, sizeof *interest->list);
     if (!interest->mesh || !interest->level || !interest->mark || !interest->seen_ns || !interest->list)
         return LW_NO_MEMORY;
-    return measure(interest, scene);
+    const enum lw_status status = measure(interest, scene);
+    if (status != LW_OK || !finer_max || !lw_atlas_map_room(interest->map)) return status;
+    interest->finer_max = finer_max;
+    return init_finer(interest, client, as_it_is);
 }
 
 void lw_live_interest_finish(struct lw_live_interest *interest) {
@@ -164,6 +181,8 @@ void lw_live_interest_finish(struct lw_live_interest *interest) {
     free(interest->mark);
     free(interest->seen_ns);
     free(interest->list);
+    free(interest->finer);
+    lw_live_survey_finish(&interest->survey);
     *interest = (struct lw_live_interest){0};
 }
 
@@ -235,6 +254,42 @@ static uint32_t list_picture(struct lw_live_interest *interest, uint32_t coarser
     return count;
 }
 
+/* Lists tiles of finer levels that the views show, as far as there is room for them. Returns how many.
+ * Between surveys those of the last one are listed, and the next list is due soon. */
+static uint32_t list_finer(struct lw_live_interest *interest, uint64_t now_ns, uint32_t *count) {
+    const uint32_t before = *count, left = LW_CLIENT_INTEREST_MAX - before,
+                   most = left < interest->finer_max ? left : interest->finer_max;
+    if (interest->finer_max == 0 || interest->view_count == 0) return 0;
+    if (interest->surveyed_ns == 0 || now_ns - interest->surveyed_ns >= LW_LIVE_INTEREST_FINER_NS) {
+        interest->finer_count = lw_live_survey_list(&interest->survey, interest->view, interest->view_count,
+                                                    interest->finer_max, interest->finer);
+        interest->surveyed_ns = now_ns;
+    } else {
+        interest->has_changed = true;
+    }
+    for (uint32_t i = 0; i < interest->finer_count && *count - before < most; i++)
+        if (lw_atlas_map_is_used(interest->map, interest->finer[i])) /* ids are released, too */
+            list(interest, interest->finer[i], count);
+    return *count - before;
+}
+
+/* Lists tiles that were in the picture before. finer: how many of these are of finer levels; more than
+ * there may be are left out. */
+static uint32_t list_seen(struct lw_live_interest *interest, uint64_t now_ns, uint32_t count,
+                          uint32_t finer) {
+    const struct lw_atlas_map *map = interest->map;
+    for (uint32_t t = 0; t < map->tile_count; t++) {
+        const bool was_seen =
+            interest->seen_ns[t] && now_ns - interest->seen_ns[t] <= LW_LIVE_INTEREST_KEEP_NS;
+        if (!was_seen || interest->mark[t] == interest->round) continue;
+        if (t >= map->plain_count &&
+            (!lw_atlas_map_is_used(map, (lw_tile_id){t}) || finer++ >= interest->finer_max))
+            continue;
+        list(interest, (lw_tile_id){t}, &count);
+    }
+    return count;
+}
+
 uint32_t lw_live_interest_list(struct lw_live_interest *interest, const struct lw_client *client,
                                uint64_t now_ns) {
     const struct lw_scene *scene = lw_client_scene(client);
@@ -247,11 +302,9 @@ uint32_t lw_live_interest_list(struct lw_live_interest *interest, const struct l
         if (count <= LW_CLIENT_INTEREST_MAX) break;
     }
     if (count > LW_CLIENT_INTEREST_MAX) return count;
+    const uint32_t finer = list_finer(interest, now_ns, &count);
     for (uint32_t i = 0; i < count; i++) interest->seen_ns[interest->list[i].v] = now_ns;
-    uint32_t with_seen = count;
-    for (uint32_t t = 0; t < map->tile_count; t++)
-        if (interest->seen_ns[t] && now_ns - interest->seen_ns[t] <= LW_LIVE_INTEREST_KEEP_NS)
-            list(interest, (lw_tile_id){t}, &with_seen);
+    const uint32_t with_seen = list_seen(interest, now_ns, count, finer);
     LW_INVARIANT(with_seen >= count && count <= LW_CLIENT_INTEREST_MAX);
     return with_seen <= LW_CLIENT_INTEREST_MAX ? with_seen : count;
 }

@@ -8,6 +8,7 @@
 #include "client/include/lightwell/lightwell.h"
 #include "client/lib/client.h"
 #include "client/lib/live_interest.h"
+#include "client/lib/live_slots.h"
 #include "client/lib/live_tiles.h"
 #include "common/scene/pose.h"
 
@@ -19,6 +20,7 @@
 struct lw_live {
     struct lw_client *client;
     uint32_t flags;
+    uint32_t finer_slots; /* as of the lw_live_desc */
     bool is_connected;
     uint64_t sessions;
 
@@ -42,6 +44,7 @@ struct lw_live {
     struct lw_pose cameras;           /* where they are; nothing else of it */
     bool has_cameras;
     struct lw_live_tiles tiles;
+    struct lw_live_slots slots;
     struct lw_live_interest interest;
 
     struct lw_client_answer answer; /* the last one that was taken */

@@ -11,6 +11,7 @@
 /* Where the texels of a tile come from. */
 struct source {
     struct lw_client_level level;
+    uint32_t left, top;                       /* first texel of level.rgb */
     unsigned up;                              /* levels above the tile's own */
     float min_x, max_x, min_y, max_y;         /* centres that may be read: where something has arrived */
     uint32_t first_x, first_y, width, height; /* of the tile, texels of its own level */
@@ -23,10 +24,17 @@ static bool has_beside(const struct lw_live_tiles *tiles, const struct lw_tile_p
     return tile.v != UINT32_MAX && lw_client_get_tile(tiles->client, tile).version;
 }
 
+/* Texels of a level in a column or row of tiles. */
+static uint32_t rest(uint32_t texels, uint32_t tile) {
+    const uint32_t left = texels - tile * LW_TILE_SIDE;
+    return left < LW_TILE_SIDE ? left : LW_TILE_SIDE;
+}
+
 /* false: nothing has arrived. */
 static bool find_source(const struct lw_live_tiles *tiles, lw_tile_id tile, struct source *out) {
     const struct lw_tile_place *p = &tiles->map->place[tile.v];
     const uint32_t level = lw_live_tiles_source(tiles, tile);
+    out->left = out->top = 0;
     out->first_x = p->x * LW_TILE_SIDE;
     out->first_y = p->y * LW_TILE_SIDE;
     out->width = p->width;
@@ -42,6 +50,34 @@ static bool find_source(const struct lw_live_tiles *tiles, lw_tile_id tile, stru
     LW_INVARIANT(out->min_x >= 0 && out->max_x < (float)out->level.width && out->min_y >= 0 &&
                  out->max_y < (float)out->level.height);
     return true;
+}
+
+/* The same of a tile of a finer level, which has an id where it is there; else level 0 below it is read. */
+static bool find_fine_source(const struct lw_live_tiles *tiles, const struct lw_live_rect *rect,
+                             uint32_t tile_x, uint32_t tile_y, struct source *out) {
+    const uint32_t k = lw_atlas_finer(rect->level);
+    const struct lw_atlas_level *at = lw_atlas_level(&tiles->map->atlas[rect->object], rect->level);
+    const lw_tile_id tile = lw_atlas_map_find(tiles->map, rect->object, rect->level, tile_x, tile_y);
+    const struct source own = {.first_x = tile_x * LW_TILE_SIDE,
+                               .first_y = tile_y * LW_TILE_SIDE,
+                               .width = rest(at->width, tile_x),
+                               .height = rest(at->height, tile_y)};
+    *out = own;
+    if (tile.v != UINT32_MAX && lw_live_tiles_reads_fine(tiles, tile)) {
+        out->level =
+            (struct lw_client_level){own.width, own.height, lw_client_get_tile(tiles->client, tile).rgb};
+        out->left = own.first_x;
+        out->top = own.first_y;
+        return true;
+    }
+    const lw_tile_id below = lw_atlas_map_find(tiles->map, rect->object, 0, tile_x >> k, tile_y >> k);
+    const bool any = find_source(tiles, below, out);
+    out->first_x = own.first_x;
+    out->first_y = own.first_y;
+    out->width = own.width;
+    out->height = own.height;
+    out->up += k;
+    return any;
 }
 
 static float clamp(float f, float low, float high) { return f < low ? low : f > high ? high : f; }
@@ -62,7 +98,7 @@ static void interpolate(const struct source *s, uint32_t x, uint32_t y, float rg
 
 /* Texels [x, x + width) of row y of the tile's level. row: of LW_TILE_SIDE texels, may be used. */
 static const float *read_row(const struct source *s, uint32_t x, uint32_t y, uint32_t width, float *row) {
-    if (s->up == 0) return s->level.rgb + 3 * ((size_t)y * s->level.width + x);
+    if (s->up == 0) return s->level.rgb + 3 * ((size_t)(y - s->top) * s->level.width + x - s->left);
     for (uint32_t i = 0; i < width; i++) interpolate(s, x + i, y, row + 3 * i);
     return row;
 }
@@ -76,9 +112,12 @@ struct target {
 
 static void read_tile(const struct lw_live_tiles *tiles, const struct lw_live_rect *rect, uint32_t tile_x,
                       uint32_t tile_y, const struct target *to) {
-    const lw_tile_id tile = lw_atlas_map_find(tiles->map, rect->object, rect->level, tile_x, tile_y);
     struct source s = {0};
-    const bool any = find_source(tiles, tile, &s);
+    const bool any =
+        lw_atlas_finer(rect->level)
+            ? find_fine_source(tiles, rect, tile_x, tile_y, &s)
+            : find_source(tiles, lw_atlas_map_find(tiles->map, rect->object, rect->level, tile_x, tile_y),
+                          &s);
     const uint32_t x = s.first_x > rect->x ? s.first_x : rect->x,
                    y = s.first_y > rect->y ? s.first_y : rect->y;
     const uint32_t tile_end_x = s.first_x + s.width, rect_end_x = rect->x + rect->width,
@@ -97,7 +136,7 @@ _Static_assert((int)LW_LIVE_RGB9E5 == LW_TEXEL_FORMAT_RGB9E5 &&
                    (int)LW_LIVE_RGBA16F == LW_TEXEL_FORMAT_RGBA16F &&
                    (int)LW_LIVE_RGB32F == LW_TEXEL_FORMAT_RGB32F &&
                    (int)LW_LIVE_RGBA32F == LW_TEXEL_FORMAT_RGBA32F && LW_LIVE_TILE_SIDE == LW_TILE_SIDE &&
-                   LW_LIVE_WANT_MAX == LW_CLIENT_INTEREST_MAX,
+                   LW_LIVE_WANT_MAX == LW_CLIENT_INTEREST_MAX && LW_LIVE_FINER == LW_ATLAS_FINER,
                "ours and the public ones are the same numbers");
 
 static enum lw_live_status check_target(const struct lw_live_rect *rect, const struct lw_live_texels *t,
@@ -157,7 +196,7 @@ enum lw_live_status lw_live_get_level(const struct lw_live *live, uint32_t objec
     lw_live_lock(live);
     enum lw_live_status result = check_rect(live, &rect, err);
     if (result == LW_LIVE_OK) {
-        const struct lw_atlas_level *at = &live->tiles.map->atlas[object].level[level];
+        const struct lw_atlas_level *at = lw_atlas_level(&live->tiles.map->atlas[object], level);
         rect.width = at->width;
         rect.height = at->height;
         *out_rect = rect;

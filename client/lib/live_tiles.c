@@ -7,10 +7,11 @@
 
 enum { DIRTY = 1, QUEUED = 2 };
 
-enum lw_status lw_live_tiles_init(struct lw_live_tiles *tiles, const struct lw_client *client,
-                                  bool as_it_is) {
+enum lw_status lw_live_tiles_init(struct lw_live_tiles *tiles, const struct lw_client *client, bool as_it_is,
+                                  bool reads_finer) {
     const struct lw_atlas_map *map = lw_client_atlas_map(client);
-    *tiles = (struct lw_live_tiles){.client = client, .map = map, .as_it_is = as_it_is};
+    *tiles = (struct lw_live_tiles){
+        .client = client, .map = map, .as_it_is = as_it_is, .reads_finer = reads_finer};
     tiles->state = calloc((size_t)map->tile_count + 1, sizeof *tiles->state);
     tiles->ring = calloc((size_t)map->tile_count + 1, sizeof *tiles->ring);
     return tiles->state && tiles->ring ? LW_OK : LW_NO_MEMORY;
@@ -32,15 +33,25 @@ lw_tile_id lw_live_tiles_cover(const struct lw_live_tiles *tiles, const struct l
     return lw_atlas_map_find(tiles->map, p->object, level, p->x >> up, p->y >> up);
 }
 
+static unsigned noise_level_of(const struct lw_live_tiles *tiles, float error) {
+    struct lw_client_stats stats;
+    lw_client_get_stats(tiles->client, &stats);
+    return lw_atlas_noise_level_min(error, stats.noise_shown);
+}
+
+bool lw_live_tiles_reads_fine(const struct lw_live_tiles *tiles, lw_tile_id tile) {
+    LW_INVARIANT(tile.v >= tiles->map->plain_count && tile.v < tiles->map->tile_count);
+    const struct lw_client_tile known = lw_client_get_tile(tiles->client, tile);
+    return known.version && known.rgb && (tiles->as_it_is || noise_level_of(tiles, known.error) == 0);
+}
+
 uint32_t lw_live_tiles_source(const struct lw_live_tiles *tiles, lw_tile_id tile) {
     const struct lw_tile_place *p = &tiles->map->place[tile.v];
     const struct lw_client_tile known = lw_client_get_tile(tiles->client, tile);
     if (tiles->as_it_is) return p->level;
     uint32_t level = p->level;
     if (known.version) {
-        struct lw_client_stats stats;
-        lw_client_get_stats(tiles->client, &stats);
-        const unsigned noise_level = lw_atlas_noise_level_min(known.error, stats.noise_shown);
+        const unsigned noise_level = noise_level_of(tiles, known.error);
         if (noise_level > level) level = noise_level;
     }
     for (const uint32_t end = tiles->map->atlas[p->object].level_count; level < end; level++)
@@ -76,6 +87,7 @@ static void mark_finer(struct lw_live_tiles *tiles, const struct lw_tile_place *
 }
 
 void lw_live_tiles_mark(struct lw_live_tiles *tiles, lw_tile_id tile) {
+    if (tile.v >= tiles->map->plain_count) return;
     mark_one(tiles, tile);
     const struct lw_tile_place *p = &tiles->map->place[tile.v];
     if (!tiles->as_it_is) mark_finer(tiles, p, p->level);
@@ -188,10 +200,17 @@ enum lw_live_status lw_live_tiles_check(const struct lw_live_tiles *tiles, const
     if (rect->object >= map->object_count)
         return lw_live_fail(err, LW_LIVE_USAGE, "object %u of %u", rect->object, map->object_count);
     const struct lw_atlas *atlas = &map->atlas[rect->object];
-    if (rect->level >= atlas->level_count)
+    const struct lw_atlas_level *at = lw_atlas_level(atlas, rect->level);
+    if (!at && atlas->level_count && lw_atlas_finer(rect->level)) {
+        if (!tiles->reads_finer)
+            return lw_live_fail(err, LW_LIVE_USAGE, "object %u: level %u, and lw_live_desc.finer_slots is 0",
+                                rect->object, rect->level);
+        return lw_live_fail(err, LW_LIVE_UNAVAILABLE, "object %u: level %u: the server has %u finer levels",
+                            rect->object, rect->level, atlas->finer_count);
+    }
+    if (!at)
         return lw_live_fail(err, LW_LIVE_USAGE, "object %u: level %u of %u", rect->object, rect->level,
                             atlas->level_count);
-    const struct lw_atlas_level *at = &atlas->level[rect->level];
     if (rect->x > at->width || rect->width > at->width - rect->x || rect->y > at->height ||
         rect->height > at->height - rect->y)
         return lw_live_fail(

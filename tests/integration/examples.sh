@@ -1,6 +1,6 @@
 #!/bin/bash
 # Runs examples/ on a lightwelld of their own, whose frames come when they are asked for:
-#     examples.sh LIGHTWELLD FOLDER MINIMAL GL_LIGHTMAP [MINIMAL GL_LIGHTMAP...]
+#     examples.sh LIGHTWELLD FOLDER MINIMAL FINER GL_LIGHTMAP [MINIMAL FINER GL_LIGHTMAP...]
 set -euo pipefail
 daemon_program=$1 folder=$2
 shift 2
@@ -48,11 +48,32 @@ lit_picture() {
               exit !(n == 1280 * 720 && dark / n > 0.4 && dark / n < 0.55 && bright / n < 0.05) }'
 }
 
+# Tiles of finer levels come, are shown and go, while frames are made.
+finer_tiles() {
+    local line
+    exec {told}< <(exec timeout $limit "$1" "$port" 2)
+    local client=$!
+    while kill -0 $client 2>/dev/null; do
+        printf '\n\n\n\n' >&"$frames"
+        while read -r -t 0.05 line <&"$told"; do echo "$line"; done
+    done
+    exec {told}<&-
+}
+
+finer=()
 while [ $# -gt 0 ]; do
     light_at_a_point "$1" >"$folder/minimal"
     cat "$folder/minimal"
     [ "$(grep -c 'W/m^2' "$folder/minimal")" -eq 3 ]
     [ "$(sed 's/.* s //' "$folder/minimal" | sort -u | wc -l)" -eq 4 ]
-    lit_picture "$2"
-    shift 2
+    finer+=("$2")
+    lit_picture "$3"
+    shift 3
+done
+# last, for they take many frames, and light hardly changes after these
+for program in "${finer[@]}"; do
+    finer_tiles "$program" >"$folder/finer"
+    cat "$folder/finer"
+    [ "$(grep -c ' times finer, .*: shown$' "$folder/finer")" -ge 2 ]
+    [ "$(grep -c ': texels$' "$folder/finer")" -eq "$(grep -c ': gone$' "$folder/finer")" ]
 done

@@ -25,7 +25,8 @@
  * Different ones do not know each other. No function calls back.
  *
  * Memory: once the scene is there and all levels have arrived, lw_live_poll() and the functions for every
- * frame (they say so) allocate nothing, unless the server sends a message that is longer than all before. */
+ * frame (they say so) allocate nothing, unless the server sends a message that is longer than all before, or
+ * tiles of finer levels, which come and go. */
 #ifndef LIGHTWELL_LIGHTWELL_H
 #define LIGHTWELL_LIGHTWELL_H
 
@@ -50,6 +51,8 @@ extern "C" {
 #define LW_LIVE_WANT_MAX  4096u      /**< Tiles that a client can want one by one. */
 #define LW_LIVE_TILE_SIDE 64u        /**< Texels: light arrives in squares of this side. */
 #define LW_LIVE_VIEWS_MAX 8u         /**< Views of one call of lw_live_want_views(). */
+#define LW_LIVE_FINER     64u        /**< Level LW_LIVE_FINER + k has both sides of level 0 times 2^k. */
+#define LW_LIVE_SLOTS_MAX 1024u      /**< Tiles of such levels that a client can read at a time. */
 
 /** What became of a call. */
 enum lw_live_status {
@@ -113,11 +116,14 @@ struct lw_live_desc {
     const char *token; /**< 64 hexadecimal digits; NULL: none. Copied. */
     const char
         *ca_file; /**< With LW_LIVE_TLS: a server's certificate, or its issuer's; NULL: the system's. */
+    /** Tiles of finer levels that your pool has room for (lw_live_take_slots()), up to LW_LIVE_SLOTS_MAX;
+     * 0: you read no finer levels. */
+    uint32_t finer_slots;
 };
 
 /** Connects, and returns once the server has welcomed us; the scene and its light come with lw_live_poll().
  * Errors: LW_LIVE_NO_HOST, LW_LIVE_UNAVAILABLE, LW_LIVE_TIMED_OUT, LW_LIVE_PROTOCOL,
- * LW_LIVE_NOT_ALLOWED, each naming the address. */
+ * LW_LIVE_NOT_ALLOWED, each naming the address; LW_LIVE_USAGE naming the field. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status
 lw_live_open(const struct lw_live_desc *desc, struct lw_live **out_live, struct lw_live_error *err);
 
@@ -435,22 +441,24 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_camera(const struct lw
 /** Texels of one level of one object's lightmap. Its layout is for ever. */
 struct lw_live_rect {
     uint32_t object; /**< Index. */
-    uint32_t level;  /**< 0: the finest. */
+    uint32_t level;  /**< 0: the finest that is always there; or LW_LIVE_FINER + k. */
     uint32_t x;      /**< Texels from the left. */
     uint32_t y;      /**< Texels from row 0. */
     uint32_t width;  /**< Texels. */
     uint32_t height; /**< Texels. */
 };
 
-/** The whole of a level, as a rectangle: each level halves both sides of the one before, rounding up.
- * Errors: LW_LIVE_USAGE for an object or level that is not there; LW_LIVE_NOT_READY. For every frame. */
+/** The whole of a level, as a rectangle: each level halves both sides of the one before, rounding up. Levels
+ * above LW_LIVE_FINER are those of lw_live_get_finer().
+ * Errors: LW_LIVE_USAGE for an object or level that is not there; LW_LIVE_UNAVAILABLE for a finer level that
+ * the server does not light; LW_LIVE_NOT_READY. For every frame. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_level(const struct lw_live *live, uint32_t object,
                                                                 uint32_t level, struct lw_live_rect *out_rect,
                                                                 struct lw_live_error *err);
 
 /** Takes rectangles whose texels have changed since they were last taken, oldest first;
  * neighbours come as one. What is not taken stays for the next call, so that you decide how much
- * a frame uploads. For every frame.
+ * a frame uploads. Finer levels are left to lw_live_take_slots(). For every frame.
  *
  * object      of this one alone, or LW_LIVE_NONE: of all
  * level       of this one alone, or LW_LIVE_NONE: of all
@@ -487,9 +495,9 @@ struct lw_live_texels {
  * Where nothing has arrived at that level the texels are interpolated from the finest coarser one that is
  * there, and where a tile is still noisy from level 1 or 2, whose texels are means: a texture is whole
  * from the first level on. What changes so is dirty like what arrives. With LW_LIVE_AS_IT_IS texels are as
- * they came, and 0 where none did.
- * Errors: LW_LIVE_USAGE for a rectangle beyond its level or a dst_size that is
- *         too small; LW_LIVE_NOT_READY. */
+ * they came, and 0 where none did. A finer level without a tile there is read from level 0, interpolated,
+ * with and without the flag. Errors: LW_LIVE_USAGE for a rectangle beyond its level or a dst_size that is
+ *         too small; LW_LIVE_UNAVAILABLE as lw_live_get_level(); LW_LIVE_NOT_READY. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_read(const struct lw_live *live,
                                                            const struct lw_live_rect *rect,
                                                            const struct lw_live_texels *texels,
@@ -536,6 +544,11 @@ struct lw_live_view {
  * coarser. It knows the frustum alone: what is behind a wall counts. Until the next call of
  * lw_live_want_*(). For every frame.
  *
+ * With finer_slots it also wants tiles of finer levels, where texels of level 0 are larger than four pixels
+ * and light changes within a texel. Opaque surfaces hide such tiles. They are at most
+ * finer_slots: where the views show more, all are wanted coarser. Views without perspective want none. To
+ * find them takes milliseconds, at most four times a second, in lw_live_poll() or on the library's thread.
+ *
  * view   the second lies view[0].struct_size bytes behind the first
  * count  up to LW_LIVE_VIEWS_MAX; 0: nothing is wanted
  * Errors: LW_LIVE_USAGE for a matrix that is not finite, or a picture without pixels. */
@@ -543,14 +556,77 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_want_views(struct lw_live 
                                                                  const struct lw_live_view *view,
                                                                  size_t count, struct lw_live_error *err);
 /** Wants the tiles that these rectangles touch, and no others; more than
- * LW_LIVE_WANT_MAX of them: everything.
- * Errors: LW_LIVE_USAGE for one that is beyond its level; LW_LIVE_NOT_READY unless
- *         count is 0; LW_LIVE_NO_MEMORY. */
+ * LW_LIVE_WANT_MAX of them: everything, but no tile of a finer level.
+ *
+ * With a tile of a finer level the tiles of level 0 and of coarser levels below it are wanted. Some finer
+ * tiles may be left out for a frame or two, while others are given up: call it each frame.
+ * Errors: LW_LIVE_USAGE for one that is beyond its level, and for more than finer_slots
+ *         tiles of finer levels; LW_LIVE_UNAVAILABLE as lw_live_get_level(); LW_LIVE_NOT_READY
+ *         unless count is 0; LW_LIVE_NO_MEMORY. After an error the former wish stays. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_want_rects(struct lw_live *live,
                                                                  const struct lw_live_rect *rect,
                                                                  size_t count, struct lw_live_error *err);
-/** Wants every tile, as a new session does. */
+/** Wants every tile, as a new session does, but none of a finer level. */
 LW_LIVE_API void lw_live_want_everything(struct lw_live *live);
+
+/* ---- finer levels: tiles that are lit where a client asks for them, in a pool of yours ---- */
+
+/** What there is of finer levels. */
+struct lw_live_finer {
+    size_t struct_size;     /**< sizeof(struct lw_live_finer) */
+    uint32_t level_count;   /**< Levels LW_LIVE_FINER + 1 and so on; 0: none, see lw_live_get_finer(). */
+    uint32_t slot_count;    /**< finer_slots of the lw_live_desc. */
+    uint32_t slots_used;    /**< Slots with a tile, after the last lw_live_take_slots(). */
+    uint32_t slots_waiting; /**< Slots that later lw_live_take_slots() report; 0: none. */
+    uint64_t page_count;    /**< Tiles of finer levels of all objects: the size of a page table. */
+};
+/** Tells of finer levels. level_count is 0 before the scene is there, with finer_slots 0, and where the
+ * server lights no finer levels: an older one, one with --detail 0, a relay. All else works as without
+ * them. It may change when stats.session grows. For every frame.
+ * Errors: LW_LIVE_USAGE. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status
+lw_live_get_finer(const struct lw_live *live, struct lw_live_finer *out_finer, struct lw_live_error *err);
+
+/** Where a page table has the tiles of one finer level of one object: at first + row * columns + column. */
+struct lw_live_pages {
+    size_t struct_size; /**< sizeof(struct lw_live_pages) */
+    uint64_t first;     /**< Page of the tile at texel (0, 0); pages count through all objects. */
+    uint32_t columns;   /**< Tiles side by side. */
+    uint32_t rows;      /**< Tiles on top of each other. */
+};
+/** The pages of a level LW_LIVE_FINER + k of an object; they never change.
+ * Errors: LW_LIVE_USAGE for a level that has none; else as lw_live_get_level(). */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_pages(const struct lw_live *live, uint32_t object,
+                                                                uint32_t level,
+                                                                struct lw_live_pages *out_pages,
+                                                                struct lw_live_error *err);
+
+/** What becomes of one slot of your pool. Its layout is for ever. */
+struct lw_live_slot {
+    uint32_t slot;       /**< Its number, below finer_slots. */
+    uint32_t has_texels; /**< 1: lw_live_read() `rect` into the slot now. 0: its texels stay. */
+    uint64_t page;       /**< The page of the tile: lw_live_get_pages(). */
+    /** The tile, at (x, y), of at most LW_LIVE_TILE_SIDE texels a side, with the column to its right and
+     * the row below it, which the tiles beside it begin with. At the right and the lower edge of the level
+     * there is none. So a bilinear look-up reads one slot: that of the tile which holds its upper left
+     * texel. */
+    struct lw_live_rect rect;
+    /** 0..1: the share of the tile over coarser light. 0 without has_texels: the tile is gone, and the slot
+     * free. */
+    float share;
+};
+/** Takes the changes of slots since the last call, in this order. A tile that is wanted and has arrived
+ * gets a slot, and keeps it until the tile goes. A tile goes when the server drops it, when it is too
+ * noisy, or when it is no longer wanted. Its share falls to 0 while the slot keeps its texels. Shares move
+ * by 1 in a quarter of a second. Changes that are left stay for the next call. For every frame, before you
+ * draw.
+ *
+ * now_ns      of a clock of yours, growing, above 0; 0: tiles come and go at once
+ * tiles_max   limit of entries with has_texels; 0: no limit
+ * out_slot    room for `capacity` entries; a slot has two at most in a call
+ * Returns the number of entries in out_slot. */
+LW_LIVE_API size_t lw_live_take_slots(struct lw_live *live, uint64_t now_ns, size_t tiles_max,
+                                      struct lw_live_slot *out_slot, size_t capacity);
 
 /* ---- changing the scene ---- */
 
