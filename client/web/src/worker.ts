@@ -54,6 +54,7 @@ class Link {
     private readonly drawsMaterials: boolean,
     private readonly tiles: Tiles,
     private readonly store: Store,
+    private readonly finer: boolean,
   ) {
     setInterval(() => this.guard(() => this.tick()), TICK_MS);
     this.connect();
@@ -78,7 +79,7 @@ class Link {
         this.kept,
         this.tiles,
         this.hostOf(socket),
-        (this.draws ? Feature.DRAWS : 0n) | (FOR_THREE ? 0n : Feature.FINER),
+        (this.draws ? Feature.DRAWS : 0n) | (FOR_THREE && !this.finer ? 0n : Feature.FINER),
         performance.now(),
       );
       this.session.pause(this.paused);
@@ -326,20 +327,26 @@ async function bytesOf(from: string | ArrayBuffer): Promise<ArrayBuffer> {
   return bytes;
 }
 
-async function open(url: string, draws: boolean, clusters: boolean, wasm = beside): Promise<Link> {
+async function open(
+  url: string,
+  draws: boolean,
+  clusters: boolean,
+  wasm = beside,
+  finer = false,
+): Promise<Link> {
   zstdFrom(() => bytesOf(wasm.zstd));
   const [tiles, store] = await Promise.all([
     bytesOf(wasm.tiles).then((bytes) => Tiles.create(bytes)),
     Store.open(),
   ]);
-  return new Link(url, draws, clusters, tiles, store);
+  return new Link(url, draws, clusters, tiles, store, finer);
 }
 
 self.onmessage = (event: MessageEvent<ToWorker>) => {
   const message = event.data;
   if (message.kind === 'token') setToken(message.token);
   if (message.kind === 'connect') {
-    link = open(message.url, message.draws, message.clusters, message.wasm);
+    link = open(message.url, message.draws, message.clusters, message.wasm, message.finer);
     link.catch((error: Error) =>
       post({ kind: 'state', text: error.message, final: true, ...(FOR_THREE && { end: 'failed' }) }),
     );

@@ -31,6 +31,19 @@ interface Hit {
   c: number;
 }
 
+type Three = [number, number, number];
+
+/** A place of a lightmap that a ray meets. */
+export interface Look {
+  placed: Placed;
+  u: number; // 0 to 1 in the lightmap
+  v: number;
+  distance: number;
+  texels: number; // level 0, twice the triangle
+  area: number; // twice the triangle, world space
+  facing: number; // cosine between the ray and the triangle's normal
+}
+
 interface Lamp {
   kind: number;
   position: Float64Array; // the scene's space, as the next
@@ -155,6 +168,39 @@ export class Gather {
       });
     });
     return hit;
+  }
+
+  /** What a ray meets that has a lightmap; null: nothing, or without one. World space. */
+  look(origin: THREE.Vector3, direction: THREE.Vector3): Look | null {
+    const hit = this.cast(origin, direction, Infinity);
+    const lightmap = hit?.placed.lightmap;
+    if (!hit || !lightmap) return null;
+    const { placed, triangle, b, c } = hit;
+    const { geometry, matrixWorld } = placed.mesh;
+    const uv = geometry.getAttribute('uv2').array;
+    const position = geometry.getAttribute('position').array;
+    const [i, j, k] = [0, 1, 2].map((each) => geometry.index!.array[3 * triangle + each]!) as Three;
+    const { width, height } = lightmap;
+    const [p, q, r] = [i, j, k].map((v) =>
+      new THREE.Vector3().fromArray(position, 3 * v).applyMatrix4(matrixWorld),
+    ) as [THREE.Vector3, THREE.Vector3, THREE.Vector3];
+    const normal = q.clone().sub(p).cross(r.clone().sub(p)); // twice the triangle's area long
+    const [u, v] = [uv[2 * i]!, uv[2 * i + 1]!];
+    const [su, sv] = [uv[2 * j]! - u, uv[2 * j + 1]! - v];
+    const [tu, tv] = [uv[2 * k]! - u, uv[2 * k + 1]! - v];
+    return {
+      placed,
+      u: u + b * su + c * tu,
+      v: v + b * sv + c * tv,
+      distance: p
+        .multiplyScalar(1 - b - c)
+        .addScaledVector(q, b)
+        .addScaledVector(r, c)
+        .distanceTo(origin),
+      texels: Math.abs(su * tv - sv * tu) * width * height,
+      area: normal.length(),
+      facing: Math.abs(normal.dot(direction)) / (normal.length() * direction.length() || 1),
+    };
   }
 
   /** Adds the radiance that comes along a ray, W/(m^2 sr), times `scale`, to 3 numbers. */

@@ -38,17 +38,22 @@ interface GPUDeviceLike {
   queue: { writeTexture(to: object, data: BufferSource, layout: object, size: object): void };
 }
 
+// before r165 three has no constants for these, and takes WebGL's own names
+const named = Number.parseInt(THREE.REVISION) < 170;
+/** What a texture of RGB9E5 texels is for three. */
+export const RGB9E5 = {
+  format: (named ? 'RGB' : 1022) as THREE.PixelFormat, // RGBFormat
+  type: (named ? 'UNSIGNED_INT_5_9_9_9_REV' : 35902) as THREE.TextureDataType, // UnsignedInt5999Type
+  ...(named && { internalFormat: 'RGB9_E5' as const }),
+};
+
 /** null: of a mesh without a lightmap. */
 export function lightmapOf(shape: MeshShape): Lightmap | null {
   const { atlasWidth: width, atlasHeight: height } = shape;
   if (!width || !height) return null;
   const texels = new Uint32Array(width * height);
   const texture = new THREE.DataTexture(texels, width, height);
-  // before r165 three has no constants for these, and takes WebGL's own names
-  const named = Number.parseInt(THREE.REVISION) < 170;
-  texture.format = (named ? 'RGB' : 1022) as THREE.PixelFormat; // RGBFormat
-  texture.type = (named ? 'UNSIGNED_INT_5_9_9_9_REV' : 35902) as THREE.TextureDataType; // UnsignedInt5999Type
-  if (named) texture.internalFormat = 'RGB9_E5';
+  Object.assign(texture, RGB9E5);
   texture.magFilter = texture.minFilter = THREE.LinearFilter;
   texture.generateMipmaps = false;
   texture.flipY = false;
@@ -108,11 +113,60 @@ function sender(map: Lightmap, renderer: AnyRenderer): Send | null {
       return sendGPU(map, backend.device, kept.texture);
     return null;
   }
-  const { properties, state } = renderer as THREE.WebGLRenderer;
-  const kept = properties?.get(map.texture) as { __webglTexture?: WebGLTexture } | undefined;
+  const kept = keptGL(map.texture, renderer);
+  return kept && sendGL(map, kept.gl, kept.state, kept.texture);
+}
+
+/** Where a WebGLRenderer has a texture; null: it has not, or is another renderer. */
+function keptGL(texture: THREE.Texture, renderer: AnyRenderer) {
+  if (!isWebGL(renderer)) return null;
+  const { properties, state } = renderer;
+  const kept = properties?.get(texture) as { __webglTexture?: WebGLTexture } | undefined;
   if (!kept?.__webglTexture) return null;
-  const gl = (renderer as THREE.WebGLRenderer).getContext() as WebGL2RenderingContext;
-  return sendGL(map, gl, state, kept.__webglTexture);
+  return { gl: renderer.getContext() as WebGL2RenderingContext, state, texture: kept.__webglTexture };
+}
+
+export function isWebGL(renderer: AnyRenderer): renderer is THREE.WebGLRenderer {
+  return !(renderer as WebGPURenderer).backend;
+}
+
+/** Gives one layer of an array texture its texels, RGB9E5. False: the GPU does not have the texture. */
+export function sendLayer(
+  array: THREE.Texture,
+  renderer: AnyRenderer,
+  layer: number,
+  side: number,
+  texels: Uint32Array,
+): boolean {
+  const kept = keptGL(array, renderer);
+  if (!kept) return false;
+  const { gl, state, texture } = kept;
+  const target = gl.TEXTURE_2D_ARRAY;
+  state.bindTexture(target, texture);
+  gl.pixelStorei(gl.UNPACK_FLIP_Y_WEBGL, false);
+  gl.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
+  const type = gl.UNSIGNED_INT_5_9_9_9_REV;
+  gl.texSubImage3D(target, 0, 0, 0, layer, side, side, 1, gl.RGB, type, texels);
+  return true;
+}
+
+/** The same of one texel of a table, R16UI. */
+export function sendTexel(
+  table: THREE.Texture,
+  renderer: AnyRenderer,
+  x: number,
+  y: number,
+  value: number,
+): boolean {
+  const kept = keptGL(table, renderer);
+  if (!kept) return false;
+  const { gl, state, texture } = kept;
+  state.bindTexture(gl.TEXTURE_2D, texture);
+  gl.pixelStorei(gl.UNPACK_FLIP_Y_WEBGL, false);
+  gl.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
+  const one = Uint16Array.of(value);
+  gl.texSubImage2D(gl.TEXTURE_2D, 0, x, y, 1, 1, gl.RED_INTEGER, gl.UNSIGNED_SHORT, one);
+  return true;
 }
 
 function sendGL(

@@ -15,13 +15,15 @@ import { AtlasMap } from '../src/atlas.ts';
 import type { SceneData } from '../src/geometry.ts';
 import { LightKind } from '../src/package.ts';
 import type { FromWorker, ToWorker } from '../src/protocol.ts';
-import type { TileBatch } from '../src/replica.ts';
+import { GONE, type TileBatch } from '../src/replica.ts';
 import { READY, waitingText } from '../src/waiting.ts';
 import { INTEREST_MAX, type Frame } from '../src/wire.ts';
+import { FinePool, SLOTS_MAX } from './fine_pool.ts';
 import { Follower } from './follow.ts';
 import { Gather } from './gather.ts';
-import { type AnyRenderer, takeTile, upload } from './lightmaps.ts';
+import { type AnyRenderer, isWebGL, takeTile, upload } from './lightmaps.ts';
 import { startWorker } from './start.ts';
+import { Survey } from './survey.ts';
 import { Changes, hideLights, type Placed, placeObjects } from './swap.ts';
 
 const UPLOAD_MS = 3;
@@ -37,6 +39,9 @@ export interface AttachOptions {
   keyLights?: boolean;
   /** Side of their shadow maps, texels. Default 2048, and 512 for each of the six sides of a point light. */
   shadowMapSize?: number;
+  /** How many tiles of finer levels there is room for, 64 x 64 texels each, up to 1024: lightmaps are up to
+   * 16 times finer where the camera is near. With WebGLRenderer alone. Default 0: none. */
+  finerSlots?: number;
   /** Folder that holds worker.js, lightwell_tiles.wasm and zstd.wasm of this package, for a bundler that does
    * not find them. Default: beside lightwell.js. lightwell-three/inline needs none. */
   assets?: string | URL;
@@ -131,9 +136,11 @@ function checkGiven(scene: THREE.Object3D, url: string, options: AttachOptions):
     fail(`url: ${String(url)}: it is not ws://HOST:PORT/ws or wss://HOST:PORT/ws`);
   const address = serverAddress(new URL(location.href), url);
   if ('problem' in address) fail(`url: ${address.problem}`);
-  const { shadowMapSize: side, timeoutMs, token } = options;
+  const { shadowMapSize: side, timeoutMs, token, finerSlots: slots } = options;
   if (side !== undefined && !(Number.isInteger(side) && side > 0 && side <= SHADOW_MAX))
     fail(`shadowMapSize: ${side}: it is not a whole number from 1 to ${SHADOW_MAX}`);
+  if (slots !== undefined && !(Number.isInteger(slots) && slots >= 0 && slots <= SLOTS_MAX))
+    fail(`finerSlots: ${slots}: it is not a whole number from 0 to ${SLOTS_MAX}`);
   if (timeoutMs !== undefined && !(timeoutMs > 0)) fail(`timeoutMs: ${timeoutMs}: it is not a time above 0`);
   if (token !== undefined && !/^([0-9a-f]{64})?$/i.test(token))
     fail('token: it is not 64 hexadecimal digits');
@@ -154,6 +161,8 @@ export class Lightwell {
   private changes = new Changes(); // of the scene
   private map: AtlasMap | null = null;
   private gather: Gather | null = null;
+  private pool: FinePool | null = null; // tiles of finer levels; null: there are none
+  private survey: Survey | null = null;
   private readonly follower = new Follower();
   private queue: { batch: TileBatch; at: number; texel: number }[] = [];
   private interestMs = 0;
@@ -189,7 +198,8 @@ export class Lightwell {
     };
     attached.set(root, url);
     if (options.token) this.tell({ kind: 'token', token: options.token });
-    this.tell({ kind: 'connect', url, draws: options.keyLights ?? true, clusters: false, wasm });
+    const [draws, finer] = [options.keyLights ?? true, !!options.finerSlots];
+    this.tell({ kind: 'connect', url, draws, clusters: false, wasm, finer });
     this.watch();
   }
 
@@ -217,6 +227,16 @@ export class Lightwell {
   /** What becomes of the light; onState tells each change. */
   get state(): LightwellState {
     return this.told.state;
+  }
+
+  /** How many levels of lightmaps are finer than level 0; 0: none was asked for, or the server has none. */
+  get finerLevels(): number {
+    return this.pool ? this.map!.finer : 0;
+  }
+
+  /** How many tiles of finer levels are shown, up to finerSlots. */
+  get finerTiles(): number {
+    return this.pool?.shown ?? 0;
   }
 
   /** Ends the session. What is there stays, until dispose(). */
@@ -345,7 +365,7 @@ export class Lightwell {
       this.wait = waitingText(message.waiting);
       // it may come before the scene
       if (this.told.state === 'lighting' && stage !== READY) this.say('lighting', this.wait);
-    } else if (message.kind === 'scene') this.takeScene(message.data, message.draws, message.clientLights);
+    } else if (message.kind === 'scene') this.takeScene(message);
     else if (message.kind === 'frame') this.takeFrame(message.frame, message.visible);
     else if (message.kind === 'tiles') {
       if (message.visible) this.setVisible(message.visible);
@@ -373,10 +393,14 @@ export class Lightwell {
   // ---- the scene ----
 
   /** A server that was started again may light another one. */
-  private takeScene(data: SceneData, draws: boolean, clientLights: Uint8Array): void {
+  private takeScene({ data, draws, clientLights, finer }: Extract<FromWorker, { kind: 'scene' }>): void {
     this.clear();
-    this.map = new AtlasMap(data.meshes, data.objectMesh);
-    this.placed = placeObjects(data, this.root, this.changes, this.missing);
+    const map = (this.map = new AtlasMap(data.meshes, data.objectMesh, finer));
+    const pool = map.finer ? new FinePool(map, this.options.finerSlots!) : null;
+    if (pool) this.changes.add(() => pool.dispose());
+    this.pool = pool;
+    this.placed = placeObjects(data, this.root, this.changes, this.missing, pool);
+    this.survey = pool && new Survey(map, this.placed, pool);
     for (const placed of this.placed) {
       if (!placed) continue;
       const { mesh } = placed;
@@ -384,6 +408,7 @@ export class Lightwell {
       this.changes.set(mesh, {
         onBeforeRender: (renderer, ...rest) => {
           this.renderer = renderer;
+          pool?.drawnBy(renderer);
           before.call(mesh, renderer, ...rest);
         },
       });
@@ -402,7 +427,7 @@ export class Lightwell {
     this.lights = [];
     this.queue = [];
     this.missing.length = 0;
-    this.map = this.gather = this.renderer = null;
+    this.map = this.gather = this.renderer = this.pool = this.survey = null;
   }
 
   private placeLights(data: SceneData, draws: boolean, clientLights: Uint8Array): void {
@@ -510,9 +535,20 @@ export class Lightwell {
     const untilMs = performance.now() + UPLOAD_MS;
     while (this.queue.length && performance.now() < untilMs) this.takeTiles(untilMs);
     if (this.gather) this.follower.update(this.gather);
+    this.updateFiner(camera, height);
     if (performance.now() - this.interestMs < INTEREST_MS || !this.map) return;
     this.interestMs = performance.now();
     this.tell({ kind: 'interest', ids: this.listInterest(camera, height) });
+  }
+
+  /** Looks for tiles of finer levels, and fades them. A WebGPURenderer does not read them. */
+  private updateFiner(camera: THREE.Camera, height: number): void {
+    const { pool, survey, gather, renderer } = this;
+    if (!pool || !survey || !gather || !renderer || !isWebGL(renderer)) return;
+    const nowMs = performance.now();
+    camera.updateWorldMatrix(true, false);
+    survey.step(gather, camera, height, nowMs);
+    pool.tiles.step(nowMs);
   }
 
   private takeTiles(untilMs: number): void {
@@ -520,11 +556,18 @@ export class Lightwell {
     const { batch } = first;
     const from = first.at;
     do {
-      const place = this.map!.place(batch.id[first.at]!);
-      const size = place.width * place.height;
+      const id = batch.id[first.at]!;
+      const noiseLevel = batch.noiseLevel[first.at]!;
+      const place = this.map!.place(id);
+      const size = noiseLevel === GONE ? 0 : place.width * place.height;
+      const texels = batch.texels.subarray(first.texel, first.texel + size);
       const lightmap = this.placed[place.object]?.lightmap;
-      if (lightmap) {
-        takeTile(lightmap, place, batch.texels.subarray(first.texel, first.texel + size));
+      if (id >= this.map!.plainCount) {
+        // a noisy tile of a finer level is not read
+        if (noiseLevel) this.pool?.tiles.drop(id);
+        else this.pool?.tiles.take(id, texels);
+      } else if (lightmap) {
+        takeTile(lightmap, place, texels);
         upload(lightmap, place, this.renderer);
       }
       first.texel += size;
@@ -561,6 +604,10 @@ export class Lightwell {
       const first = this.map!.firstTile[object]! + firstTile;
       for (let tile = 0; tile < tilesX * tilesY && ids.length <= INTEREST_MAX; tile++) ids.push(first + tile);
     });
+    const finer = this.survey?.list() ?? [];
+    this.pool?.tiles.want(finer);
+    // all is wanted where more are listed than a message takes, and then no finer one
+    if (ids.length + finer.length <= INTEREST_MAX) ids.push(...finer);
     return Uint32Array.from(ids);
   }
 }

@@ -5,6 +5,8 @@
 // Against lightwell-view's picture of the tests' room FLIP is 0.058 so, and 0.010 with that share left in.
 import * as THREE from 'three';
 
+import { FINER_SHADER, type FinerUniforms } from './fine_pool.ts';
+
 type Shader = THREE.WebGLProgramParametersWithUniforms;
 /** As far as it is used; of the shading language in which WebGPURenderer has its materials. */
 interface Node {
@@ -70,9 +72,21 @@ function inherited<K extends string>(material: object, name: K): (...given: unkn
   return (Object.getPrototypeOf(material) as Record<K, (...given: unknown[]) => unknown>)[name]!;
 }
 
+/** three's lines that read a lightmap, with finer levels over it. */
+const finerMaps = () =>
+  THREE.ShaderChunk.lights_fragment_maps.replace(
+    'lightMapTexel.rgb *',
+    'lightwellFinest( lightMapTexel.rgb, vLightMapUv ) *',
+  );
+
 /** A copy of a material that shows lightmaps and probes as the server does. probe: the copy gets its light,
- * too. Own hooks of the original (onBeforeCompile) go on. */
-export function withServersLight(original: THREE.Material, probe: THREE.LightProbe | null): THREE.Material {
+ * too. finer: its lightmap has finer levels, with WebGLRenderer. Own hooks of the original (onBeforeCompile)
+ * go on. */
+export function withServersLight(
+  original: THREE.Material,
+  probe: THREE.LightProbe | null,
+  finer: FinerUniforms | null = null,
+): THREE.Material {
   const material = original.clone();
   const smooth = isSmooth(original);
   const before = Object.hasOwn(original, 'onBeforeCompile') ? original.onBeforeCompile : null;
@@ -85,6 +99,12 @@ export function withServersLight(original: THREE.Material, probe: THREE.LightPro
           .replace('#include <lights_fragment_end>', `${MIRRORED}$&`)
           .replace('#include <aomap_fragment>', `$&${OCCLUDED}`)
       : fragmentShader.replace('#include <lights_physical_pars_fragment>', () => chunk);
+    if (finer) {
+      Object.assign(shader.uniforms, finer);
+      shader.fragmentShader = shader.fragmentShader
+        .replace('#include <lightmap_pars_fragment>', `$&\n${FINER_SHADER}`)
+        .replace('#include <lights_fragment_maps>', finerMaps);
+    }
     if (!probe) return;
     shader.uniforms.lightwellProbe = { value: probe.sh.coefficients };
     shader.fragmentShader = shader.fragmentShader
@@ -96,7 +116,8 @@ export function withServersLight(original: THREE.Material, probe: THREE.LightPro
       );
   };
   // WebGLRenderer and WebGPURenderer keep programs by this. Nodes hold their probe, uniforms do not.
-  const kind = `lightwell ${before ?? ''} ${probe ? 'probe' : ''} ${smooth ? 'smooth' : ''}`;
+  const parts = [probe && 'probe', smooth && 'smooth', finer && 'finer'];
+  const kind = `lightwell ${before ?? ''} ${parts.filter(Boolean).join(' ')}`;
   const uuid = probe?.uuid ?? '';
   material.customProgramCacheKey = function (this: NodeMaterial) {
     const key = String(inherited(this, 'customProgramCacheKey').call(this));

@@ -5,6 +5,7 @@ import * as THREE from 'three';
 
 import { MATERIAL_TEXELS, type MeshShape, type SceneData } from '../src/geometry.ts';
 import { LightKind } from '../src/package.ts';
+import type { FinePool, FinerUniforms } from './fine_pool.ts';
 import { CHANNEL, lightmapOf, type Lightmap } from './lightmaps.ts';
 import { materialsOf, withServersLight } from './materials.ts';
 
@@ -49,12 +50,14 @@ export function nameOf(node: THREE.Object3D): string {
   return (node.userData.name as string | undefined) ?? node.name;
 }
 
-/** By object; null: the scene has no node of that name, which `missing` gets. */
+/** By object; null: the scene has no node of that name, which `missing` gets. pool: of tiles of finer levels;
+ * null: there are none. */
 export function placeObjects(
   data: SceneData,
   root: THREE.Object3D,
   changes: Changes,
   missing: string[],
+  pool: FinePool | null,
 ): (Placed | null)[] {
   const nodes = new Map<string, THREE.Object3D>();
   root.traverse((node) => {
@@ -75,7 +78,8 @@ export function placeObjects(
       geometries.set(index, geometry);
       changes.add(() => geometry.dispose());
     }
-    return place(node, geometries.get(index)!, data, shape, names, changes);
+    const finer = pool?.uniformsOf(object) ?? null;
+    return place(node, geometries.get(index)!, data, shape, names, changes, finer);
   });
 }
 
@@ -166,6 +170,7 @@ function place(
   shape: MeshShape,
   names: Set<string>,
   changes: Changes,
+  finer: FinerUniforms | null,
 ): Placed {
   const indices = geometry.userData.materials as number[];
   const own = ownMeshes(node, names, new Set(indices.map((index) => data.materialName[index]!)));
@@ -177,7 +182,11 @@ function place(
     const original = originals.find((material) => material.name === name) ?? originals[0];
     const unlit = isUnlit(data, index);
     const none = unlit ? new THREE.MeshBasicMaterial() : new THREE.MeshStandardMaterial();
-    const material = withServersLight(original ?? none, null) as THREE.MeshStandardMaterial;
+    const material = withServersLight(
+      original ?? none,
+      null,
+      unlit ? null : finer,
+    ) as THREE.MeshStandardMaterial;
     material.lightMap = unlit ? null : (lightmap?.texture ?? null);
     material.lightMapIntensity = data.lightUnit;
     material.side = THREE.FrontSide; // backs are triangles of their own
