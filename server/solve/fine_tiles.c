@@ -72,6 +72,7 @@ enum lw_status lw_fine_tiles_want(struct lw_fine_tiles *fine, const uint8_t *int
     free(fine->wanted);
     fine->wanted = wanted;
     fine->wanted_count = count;
+    fine->granted_count = count < fine->slots ? count : fine->slots;
     return LW_OK;
 }
 
@@ -106,8 +107,7 @@ static bool is_outdated(const struct lw_fine_tiles *fine, const struct lw_fine_t
     return solved->changes != fine->texels->changes[solved->object];
 }
 
-/* A slot for a tile: an empty one, or that of the tile that nobody has looked at for the longest; NULL:
- * somebody looks at all of them. */
+/* A slot for a tile: an empty one, or that of the tile that has been granted to nobody for the longest. */
 static struct lw_fine_tile *find_slot(const struct lw_fine_tiles *fine, uint64_t frame) {
     struct lw_fine_tile *best = NULL;
     for (uint32_t k = 0; k < fine->slots; k++) {
@@ -115,6 +115,7 @@ static struct lw_fine_tile *find_slot(const struct lw_fine_tiles *fine, uint64_t
         if (!tile->used) return tile;
         if (tile->looked_at < frame && (!best || tile->looked_at < best->looked_at)) best = tile;
     }
+    LW_INVARIANT(best); /* no more tiles are granted than there are slots */
     return best;
 }
 
@@ -163,7 +164,7 @@ static bool is_there(const struct lw_fine_tiles *fine, lw_tile_id id) {
     return lw_tiles_have(fine->layer[0].tiles, id);
 }
 
-/* Drops tiles that are out of date, and notes which ones are looked at. Returns whether any was dropped. */
+/* Drops tiles that are out of date, and notes which ones are granted. Returns whether any was dropped. */
 static bool review(struct lw_fine_tiles *fine, uint64_t frame) {
     bool changed = false;
     for (uint32_t k = 0; k < fine->slots && fine->used; k++) {
@@ -172,7 +173,7 @@ static bool review(struct lw_fine_tiles *fine, uint64_t frame) {
         drop(fine, tile);
         changed = true;
     }
-    for (uint32_t i = 0; i < fine->wanted_count; i++)
+    for (uint32_t i = 0; i < fine->granted_count; i++)
         if (is_there(fine, fine->wanted[i]))
             fine->tile[lw_tiles_at(fine->layer[0].tiles, fine->wanted[i])->fine_slot].looked_at = frame;
     return changed;
@@ -189,15 +190,13 @@ static bool is_due(const struct lw_fine_tiles *fine, lw_tile_id id) {
     return false;
 }
 
-/* Finds slots for the next tiles that are wanted. Returns how many. */
+/* Finds slots for the next tiles that are granted. Returns how many. */
 static uint32_t choose(struct lw_fine_tiles *fine, uint64_t frame, struct lw_fine_tile *out[MAKE_MAX]) {
     uint32_t count = 0;
-    fine->full = false;
-    for (uint32_t i = 0; i < fine->wanted_count && count < MAKE_MAX; i++) {
+    for (uint32_t i = 0; i < fine->granted_count && count < MAKE_MAX; i++) {
         const lw_tile_id id = fine->wanted[i];
         if (is_there(fine, id) || !is_due(fine, id)) continue;
         struct lw_fine_tile *tile = find_slot(fine, frame);
-        if ((fine->full = !tile)) break;
         if (tile->used) drop(fine, tile);
         *tile = (struct lw_fine_tile){.used = true, .id = id, .made = frame, .looked_at = frame};
         out[count++] = tile;
@@ -207,7 +206,7 @@ static uint32_t choose(struct lw_fine_tiles *fine, uint64_t frame, struct lw_fin
 }
 
 static void tell_if_full(struct lw_fine_tiles *fine) {
-    if (!fine->full || fine->told) return;
+    if (fine->granted_count == fine->wanted_count || fine->told) return;
     fine->told = true;
     lw_log(LW_LOG_WARNING,
            "there is no room for all detail that is asked for: %u of %u tiles are there (--detail-memory)",

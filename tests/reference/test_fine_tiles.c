@@ -233,6 +233,34 @@ static void those_that_are_looked_at_have_the_room(void **state) {
     room_finish(&s);
 }
 
+/* Interest that does not fit: tiles of the coarser level take the room of those of the finer one. */
+static void coarser_levels_come_first(void **state) {
+    (void)state;
+    struct room_solution s;
+    struct lw_solver_desc desc = terms;
+    const lw_tile_id *id;
+    uint64_t frame = 0;
+    desc.fine_tiles = 4;
+    begin(&s, scene_of(0), FINER, desc);
+    assert_true(tiles_of(&s, 0, FINER) >= 4 && tiles_of(&s, 0, 1) < 4);
+    look_at(&s, LW_ATLAS_FINER + FINER, 0, 1);
+    for (uint32_t k = 0; k < 24; k++) step(&s, ++frame);
+    assert_int_equal(s.solver->ops->list_fine(s.solver, &id), 4);
+    uint8_t *interest = calloc(s.map.tile_count, 1);
+    assert_non_null(interest);
+    for (uint32_t i = 0; i < s.map.tile_count; i++)
+        interest[i] = s.map.place[i].level == 0 || (s.map.place[i].width && s.map.place[i].object == 0);
+    lw_support_ok(s.solver->ops->set_interest(s.solver, interest, NULL), NULL);
+    free(interest);
+    for (uint32_t k = 0; k < 24; k++) step(&s, ++frame);
+    const uint32_t count = s.solver->ops->list_fine(s.solver, &id);
+    uint32_t coarser = 0;
+    for (uint32_t k = 0; k < count; k++) coarser += s.map.place[id[k].v].level == LW_ATLAS_FINER + 1;
+    assert_int_equal(count, 4); /* the rest of the room is the finer level's */
+    assert_int_equal(coarser, tiles_of(&s, 0, 1));
+    room_finish(&s);
+}
+
 /* ---- the same bytes ---- */
 
 static void expect_same(const struct room_solution *a, const struct room_solution *b) {
@@ -343,6 +371,7 @@ int main(void) {
         cmocka_unit_test(texels_are_those_of_a_finer_atlas),
         cmocka_unit_test(light_is_that_of_a_finer_atlas),
         cmocka_unit_test(those_that_are_looked_at_have_the_room),
+        cmocka_unit_test(coarser_levels_come_first),
         cmocka_unit_test(threads_change_nothing),
         cmocka_unit_test(level_0_does_not_depend_on_them),
         cmocka_unit_test(layers_share_them),
