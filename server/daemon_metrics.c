@@ -33,6 +33,12 @@ void lw_daemon_metrics_first_light(struct lw_daemon_metrics *metrics, double aft
     pthread_mutex_unlock(&metrics->mutex);
 }
 
+void lw_daemon_metrics_whole_light(struct lw_daemon_metrics *metrics, double after_s) {
+    pthread_mutex_lock(&metrics->mutex);
+    metrics->sums.whole_after_s = after_s;
+    pthread_mutex_unlock(&metrics->mutex);
+}
+
 /* A pass that did not run took no time, and counts as none. */
 static void add_pass(struct lw_daemon_metrics_sums *sums, enum lw_daemon_metrics_pass pass, uint64_t ns) {
     if (ns) lw_durations_add(&sums->pass[pass], ns);
@@ -120,6 +126,9 @@ static void write_solve(struct lw_exposition *e, const struct lw_daemon_metrics_
                         "Memory of solver and publisher, rays' structure included.");
     lw_exposition_gauge(e, "lightwell_first_light_seconds", sums->lit_after_s,
                         "First light after the start; 0: none yet.");
+    lw_exposition_gauge(e, "lightwell_whole_light_seconds", sums->whole_after_s,
+                        "Light of the whole density after the start, where coarse light came first; 0: there "
+                        "is none yet, or it came first.");
 }
 
 static void write_serve(struct lw_exposition *e, const struct lw_daemon_metrics_sums *sums,

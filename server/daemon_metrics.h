@@ -28,8 +28,8 @@ struct lw_daemon_metrics_sums {
     uint64_t rays_shadow, rays_bounce, rays_probe, texels_solved, tiles_encoded, bytes_encoded, saturated,
         changes, solve_cpu_ns, publish_cpu_ns, newest_frame, saves_failed;
     uint32_t tiles, tiles_converged, tiles_interest, tiles_fine, tiles_fine_wanted; /* of the last frame */
-    uint64_t memory_bytes; /* of solver and publisher */
-    double lit_after_s;    /* first light after the start; 0: none yet */
+    uint64_t memory_bytes;             /* of solver and publisher */
+    double lit_after_s, whole_after_s; /* first light after the start; 0: none yet */
 };
 
 struct lw_daemon_metrics {
@@ -62,6 +62,8 @@ void lw_daemon_metrics_finish(struct lw_daemon_metrics *metrics);
 void lw_daemon_metrics_memory(struct lw_daemon_metrics *metrics, uint64_t bytes);
 void lw_daemon_metrics_save_failed(struct lw_daemon_metrics *metrics);
 void lw_daemon_metrics_first_light(struct lw_daemon_metrics *metrics, double after_s);
+/** The light of the whole density has come, after coarse light. */
+void lw_daemon_metrics_whole_light(struct lw_daemon_metrics *metrics, double after_s);
 void lw_daemon_metrics_frame(struct lw_daemon_metrics *metrics, const struct lw_daemon_metrics_frame *frame);
 
 /** All metrics as text. Errors: LW_NO_MEMORY. */

@@ -26,6 +26,7 @@
 #include "server/serve/serve_options.h"
 #include "server/serve/server.h"
 #include "server/serve/service_notify.h"
+#include "server/solve/coarse_first.h"
 #include "server/solve/solvers.h"
 #include "server/solve/surface/saved_texels.h"
 
@@ -63,11 +64,11 @@
 /* A picture of one sample for each texel is blotched. So the first one that is shown has this many, or as
  * many as there are so long after the first. */
 #define FIRST_ROUNDS 3
-#define FIRST_NS     1500000000u
+#define FIRST_NS     500000000u
 
 enum clock_kind { CLOCK_REAL, CLOCK_STEP, CLOCK_MANUAL };
 enum light_kind { LIGHT_WHOLE, LIGHT_SEEN };
-enum look_kind { LOOK_FIRST, LOOK_LATER };
+enum first_kind { FIRST_COARSE, FIRST_WHOLE };
 enum codec_kind { CODEC_HALF, CODEC_DCT };
 
 /* What makes no sense in a file or in the environment; variables that clients read. */
@@ -104,7 +105,7 @@ struct settings {
     int denoise;
     double frame_rate, frame_budget_ms, frame_budget_units, freeze_s, error, tile_step, stall_s, prepare_s;
     bool animate, freeze, json;
-    int clock, light, look, codec, log_format, log_level;
+    int clock, light, first, codec, log_format, log_level;
     char default_cache[1024];
 };
 
@@ -164,6 +165,7 @@ struct daemon {
     bool is_looked_at;  /* by some client */
     uint64_t interest;  /* the number of the list of interest that the solver has (lw_server_interest) */
     uint64_t published_interest; /* that of the newest snapshot */
+    bool is_coarse;              /* tiles are of a coarse scene (coarse_first.h) */
     bool prepares;               /* all of the scene is solved, though nobody looks */
     uint64_t prepared_ns;        /* wall time for which it was */
     uint32_t channels;           /* that are shown and published: bit for each (tile_channels.h) */
@@ -327,11 +329,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "\"\": "
          "nowhere (default $XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
          LW_OPTION_STRING, &s->cache, 0, 0, NULL},
-        {"look", "first|later",
-         "first: look inside objects before there is light (default). later: afterwards, under the real "
-         "clock "
-         "alone; until then light goes through walls by a texel",
-         LW_OPTION_CHOICE, &s->look, 0, 0, NULL},
+        {"first-light", "coarse|whole",
+         "coarse: under the real clock, a picture of a quarter of the density first, while all detail is "
+         "prepared (default). whole: no light before that",
+         LW_OPTION_CHOICE, &s->first, 0, 0, NULL},
         {"spares", "MESH=N,...",
          "keep room for N more objects of a mesh, for lightwellctl add; N alone is for every mesh. "
          "Costs the "
@@ -481,13 +482,6 @@ static int print_hash(char *dst, const void *bytes, size_t size) {
     return length;
 }
 
-/* Runs that are to be repeatable look at once. So do those that have light to show from the last run, and
- * those whose next run could not go on from their sums, which are of the texels that light reaches. */
-static bool looks_later(const struct daemon *d) {
-    const struct settings *s = &d->settings;
-    return s->look == LOOK_LATER && s->clock == CLOCK_REAL && !d->channels_kept && (!s->keep || *s->cache);
-}
-
 /* Under a hash of all that decides which texels light reaches: the scene, when, and this very program.
  * Another build of it may find others. */
 static struct lw_saved_texels saved_texels(const struct daemon *d) {
@@ -506,34 +500,42 @@ static struct lw_saved_texels saved_texels(const struct daemon *d) {
     return saved;
 }
 
+/* Runs that are to be repeatable, or have frames counted, light the whole density at once. So do those that
+ * have light to show from the last run. */
+static bool is_coarse_first(const struct daemon *d) {
+    const struct settings *s = &d->settings;
+    return s->first == FIRST_COARSE && s->clock == CLOCK_REAL && !s->frames && !d->channels_kept &&
+           s->entry->choice == LW_CHOICE_CELLS && lw_coarse_first_pays(d->scene);
+}
+
 static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     const struct lw_saved_texels saved = saved_texels(d);
-    enum lw_status status = s->entry->create(
-        &(struct lw_solver_desc){
-            .scene = &d->state.scene,
-            .atlas_map = &d->atlas_map,
-            .client_lights = &d->client_lights,
-            .light_groups = &d->light_groups,
-            .bounces = (uint32_t)s->bounces,
-            LW_PROBE_OPTIONS_DESC(&s->probes),
-            .denoise = s->denoise == 1,
-            .direct_samples = (uint32_t)s->direct_samples,
-            .indirect_samples = (uint32_t)s->indirect_samples,
-            .target_error = (float)s->error,
-            .threads = (unsigned)s->scene.threads,
-            .seed = (uint32_t)s->seed,
-            .frame_budget_s =
-                s->clock == CLOCK_REAL && isfinite(s->frame_budget_ms) ? s->frame_budget_ms * 1e-3 : 0,
-            .plan_log = s->plan_log,
-            .frame_budget_units = isfinite(s->frame_budget_units) ? s->frame_budget_units : 0,
-            .fine_tiles = fine_tiles(d),
-            .saved_texels = *s->cache ? &saved : NULL,
-            .looks_later = looks_later(d),
-            .cancel = &d->cancel,
-            .waiting = &d->first_light,
-            .awaited = s->clock == CLOCK_REAL ? lw_server_updates_wait(d->server) : NULL},
-        &d->pose, &d->solver, err);
+    const struct lw_solver_desc desc = {
+        .scene = &d->state.scene,
+        .atlas_map = &d->atlas_map,
+        .client_lights = &d->client_lights,
+        .light_groups = &d->light_groups,
+        .bounces = (uint32_t)s->bounces,
+        LW_PROBE_OPTIONS_DESC(&s->probes),
+        .denoise = s->denoise == 1,
+        .direct_samples = (uint32_t)s->direct_samples,
+        .indirect_samples = (uint32_t)s->indirect_samples,
+        .target_error = (float)s->error,
+        .threads = (unsigned)s->scene.threads,
+        .seed = (uint32_t)s->seed,
+        .frame_budget_s =
+            s->clock == CLOCK_REAL && isfinite(s->frame_budget_ms) ? s->frame_budget_ms * 1e-3 : 0,
+        .plan_log = s->plan_log,
+        .frame_budget_units = isfinite(s->frame_budget_units) ? s->frame_budget_units : 0,
+        .fine_tiles = fine_tiles(d),
+        .saved_texels = *s->cache ? &saved : NULL,
+        .cancel = &d->cancel,
+        .waiting = &d->first_light,
+        .awaited = s->clock == CLOCK_REAL ? lw_server_updates_wait(d->server) : NULL};
+    enum lw_status status = is_coarse_first(d)
+                                ? lw_coarse_first_create(s->entry, &desc, &d->pose, &d->solver, err)
+                                : s->entry->create(&desc, &d->pose, &d->solver, err);
     if (status != LW_OK) return status;
     if (s->light == LIGHT_SEEN) { /* by nobody, to begin with */
         status = solve_nothing(d, err);
@@ -599,6 +601,7 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
     put_count(line, "tiles_solved", solve->tiles_solved);
     put_count(line, "tiles_converged", solve->tiles_converged);
     put_count(line, "tiles", solve->tiles);
+    put_count(line, "coarse", solve->coarse);
     put_count(line, "tiles_interest", solve->tiles_interest);
     put_count(line, "tiles_contributing", solve->tiles_contributing);
     put_count(line, "tiles_fine", solve->tiles_fine);
@@ -776,13 +779,30 @@ static void note_young(struct daemon *d, const struct lw_solver_stats *solve, ui
 
 static void tell_first_light(struct daemon *d, const struct lw_solver_stats *solve) {
     const double after_s = (double)(lw_clock_ns() - d->started_ns) * 1e-9;
-    lw_log(LW_LOG_INFO, "first light after %.1f s: %u texels in %u tiles, %.1f M rays, frame %.0f ms",
-           after_s, (unsigned)d->young.texels, solve->tiles, (double)d->rays_total * 1e-6,
-           (double)d->young.frame_ns * 1e-6);
+    lw_log(LW_LOG_INFO, "first light after %.1f s%s: %u texels in %u tiles, %.1f M rays, frame %.0f ms",
+           after_s, solve->coarse ? ", coarse" : "", (unsigned)d->young.texels, solve->tiles,
+           (double)d->rays_total * 1e-6, (double)d->young.frame_ns * 1e-6);
     lw_service_notify("STATUS=first light after %.1f s", after_s);
     lw_daemon_metrics_first_light(&d->metrics, after_s);
     d->lit = true;
     lw_waiting_raise(&d->first_light, LW_WAITING_READY, 1, 1);
+}
+
+static uint64_t memory_bytes(const struct daemon *d) {
+    return d->solver->ops->memory_bytes(d->solver) + lw_publisher_memory_bytes(d->publisher);
+}
+
+/* Says when coarse light gives way to the light of the whole density. */
+static void tell_whole_light(struct daemon *d, const struct lw_solver_stats *solve) {
+    if (d->is_coarse && !solve->coarse) {
+        const double after_s = (double)(lw_clock_ns() - d->started_ns) * 1e-9;
+        const uint64_t bytes = memory_bytes(d);
+        lw_log(LW_LOG_INFO, "all detail after %.1f s: %u tiles; %.0f MB for the solve", after_s, solve->tiles,
+               (double)bytes * 1e-6);
+        lw_daemon_metrics_memory(&d->metrics, bytes);
+        lw_daemon_metrics_whole_light(&d->metrics, after_s);
+    }
+    d->is_coarse = solve->coarse;
 }
 
 static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rested, struct lw_error *err) {
@@ -823,6 +843,7 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     cost.wall_ns = lw_clock_ns() - began;
     if (d->prepares) d->prepared_ns += cost.wall_ns;
     if (news && !d->lit) tell_first_light(d, &solve);
+    tell_whole_light(d, &solve);
     lw_daemon_metrics_frame(&d->metrics,
                             &(struct lw_daemon_metrics_frame){.number = frame,
                                                               .wall_ns = cost.wall_ns,
@@ -968,13 +989,13 @@ static void give_way(void) {
 #endif
 }
 
-static void log_scene(const struct daemon *d, uint64_t memory_bytes) {
+static void log_scene(const struct daemon *d, uint64_t bytes) {
     char finishes[40] = "";
     if (d->finishes_size)
         snprintf(finishes, sizeof finishes, " and %.1f MB of finishes", (double)d->finishes_size * 1e-6);
     lw_log(LW_LOG_INFO, "%s: %u objects, %u tiles; %.0f MB for the solve, package %.1f MB%s",
-           d->settings.scene.path, d->scene->object_count, d->atlas_map.tile_count,
-           (double)memory_bytes * 1e-6, (double)d->package_size * 1e-6, finishes);
+           d->settings.scene.path, d->scene->object_count, d->atlas_map.tile_count, (double)bytes * 1e-6,
+           (double)d->package_size * 1e-6, finishes);
 }
 
 /* Texels and rays' structure are built while clients already get the scene package. */
@@ -982,10 +1003,8 @@ static void *solve_in_thread(void *argument) {
     struct daemon *d = argument;
     give_way();
     if (d->solver || set_up_solver(d, &d->solver_error) == LW_OK) {
-        const uint64_t memory_bytes =
-            d->solver->ops->memory_bytes(d->solver) + lw_publisher_memory_bytes(d->publisher);
-        lw_daemon_metrics_memory(&d->metrics, memory_bytes);
-        log_scene(d, memory_bytes);
+        lw_daemon_metrics_memory(&d->metrics, memory_bytes(d));
+        log_scene(d, memory_bytes(d));
         d->first = 1;
         if (d->settings.keep) d->first += lw_light_store_resume(&d->light_store, &d->atlas_map, d->solver);
         if (!d->channels_kept || show_channels(d, d->channels_kept, &d->solver_error) == LW_OK)
@@ -1180,6 +1199,7 @@ static void finish(struct daemon *d) {
     lw_daemon_metrics_finish(&d->metrics);
     lw_light_store_finish(&d->light_store);
     lw_publisher_destroy(d->publisher);
+    d->cancel = true; /* the solver of the whole density may still be built */
     if (d->solver) d->solver->ops->destroy(d->solver);
     lw_light_groups_finish(&d->light_groups);
     lw_client_lights_finish(&d->client_lights);

@@ -102,6 +102,8 @@ static enum lw_status spawn(struct lw_daemon_child *c, const struct lw_daemon_ch
                                  c->port_file,
                                  "--clock",
                                  desc->real_clock ? "real" : "manual",
+                                 "--first-light",
+                                 "whole", /* what it measures is not a start */
                                  "--light",
                                  desc->seen ? "seen" : "whole",
                                  "--denoise",

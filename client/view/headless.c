@@ -196,9 +196,10 @@ static void note_motion(struct headless *h, bool moved) {
     h->time_s = stats.time_s;
 }
 
-/* The error of light at rest falls, if only by and by: it is waited for. */
+/* The error of light at rest falls, if only by and by: it is waited for. So is light of the whole density. */
 static void note_error(struct headless *h, const struct lw_compose_report *report) {
-    if (h->moved_ns == 0 || lw_clock_ns() - h->moved_ns > MOVES_NS) {
+    if (h->moved_ns == 0 || lw_clock_ns() - h->moved_ns > MOVES_NS ||
+        report->max_error >= LW_ATLAS_COARSE_ERROR) {
         h->settling = (struct lw_settling){0};
         h->settled = false;
         return;

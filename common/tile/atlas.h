@@ -28,6 +28,9 @@
  * server sends a tile that crosses one of these limits. */
 #define LW_ATLAS_COARSE_NOISE 0.25f
 #define LW_ATLAS_MIDDLE_NOISE 0.1f
+/* The error that tiles state whose light is that of coarser lightmaps for now, whatever its noise: views read
+ * them at level 2. Noise alone gives at most 1. */
+#define LW_ATLAS_COARSE_ERROR 1.5f
 
 /** The finest level at which views read a tile. error: its relative error; noise_shown: the share of it that
  * is left in the texels after the filter. */

@@ -260,8 +260,8 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
     lw_pose_copy(&s->pose, pose, scene);
     if (!s->geometry) {
         s->geometry = &s->own_geometry;
-        const struct lw_geometry_terms terms = {s->desc.saved_texels, s->desc.looks_later,
-                                                s->desc.ranks ? 0 : s->desc.fine_tiles, s->desc.atlas_map};
+        const struct lw_geometry_terms terms = {s->desc.saved_texels, s->desc.ranks ? 0 : s->desc.fine_tiles,
+                                                s->desc.atlas_map};
         status = lw_geometry_init(s->geometry, scene, &s->pose, &terms, s->threads, s->desc.cancel,
                                   s->desc.waiting, err);
         if (status != LW_OK) return status;

@@ -21,42 +21,10 @@ struct lw_geometry_search {
     atomic_bool ended;
 };
 
-/* Looking inside objects that goes on. */
-struct lw_geometry_look {
-    struct lw_invalid_texels_search *search;
-    struct lw_saved_texels saved;
-    char *folder;   /* of saved; NULL: nowhere */
-    uint64_t frame; /* the last one */
-    uint32_t frames;
-    bool disturbed; /* other objects stand than at the beginning: what is found is not saved */
-};
-
-static void look_destroy(struct lw_geometry_look *look) {
-    if (!look) return;
-    lw_invalid_texels_search_destroy(look->search);
-    free(look->folder);
-    free(look);
-}
-
 static void log_invalid(const struct lw_geometry *geometry, uint64_t invalid) {
     if (invalid)
         lw_log(LW_LOG_INFO, "%llu of %u texels lie inside or behind other objects and are left out",
                (unsigned long long)invalid, geometry->texels.count);
-}
-
-/* saved: NULL: nowhere */
-static enum lw_status look_later(struct lw_geometry *geometry, const struct lw_saved_texels *saved) {
-    struct lw_geometry_look *look = calloc(1, sizeof *look);
-    if (!look) return LW_NO_MEMORY;
-    geometry->look = look;
-    if (saved) {
-        look->saved = *saved;
-        look->saved.folder = look->folder = strdup(saved->folder);
-        if (!look->folder) return LW_NO_MEMORY;
-    }
-    lw_log(LW_LOG_INFO, "looking inside objects once there is light");
-    return lw_invalid_texels_search_create(&geometry->texels, &geometry->pose, geometry->standing.stands,
-                                           &look->search);
 }
 
 static void save_invalid(const struct lw_saved_texels *saved, const struct lw_invalid_texels_found *found,
@@ -66,7 +34,7 @@ static void save_invalid(const struct lw_saved_texels *saved, const struct lw_in
         lw_log(LW_LOG_WARNING, "the next start looks inside objects again: %s", err.text);
 }
 
-/* Which texels light reaches: as an earlier start has found it, or found now or later. */
+/* Which texels light reaches: as an earlier start has found it, or found now. */
 static enum lw_status find_invalid(struct lw_geometry *geometry, const struct lw_geometry_terms *terms,
                                    const _Atomic bool *cancel, struct lw_waiting *waiting) {
     const bool *stands = geometry->standing.stands;
@@ -80,7 +48,6 @@ static enum lw_status find_invalid(struct lw_geometry *geometry, const struct lw
         lw_log(LW_LOG_INFO, "which texels light reaches is known from an earlier start");
     } else {
         if (status != LW_NO_INPUT) lw_log(LW_LOG_WARNING, "%s; looking again", err.text);
-        if (terms->looks_later) return look_later(geometry, terms->saved);
         status = lw_invalid_texels_find(&geometry->texels, &geometry->pose, stands, geometry->trace,
                                         geometry->threads, cancel, waiting, &found.count);
         if (status == LW_OK && terms->saved) save_invalid(terms->saved, &found, geometry->trace);
@@ -170,7 +137,6 @@ static enum lw_status end_search(struct lw_geometry *geometry, bool keep) {
 
 void lw_geometry_finish(struct lw_geometry *geometry) {
     (void)end_search(geometry, false);
-    look_destroy(geometry->look);
     lw_seams_finish(&geometry->seams);
     lw_denoise_pairs_finish(&geometry->pairs);
     lw_fine_tiles_finish(&geometry->fine);
@@ -202,7 +168,6 @@ static enum lw_status note_texels(struct lw_geometry *geometry, bool others, enu
 static enum lw_status review(struct lw_geometry *geometry, const struct lw_pose *pose, uint64_t frame) {
     bool others = false;
     if (!lw_standing_take(&geometry->standing, &geometry->pose, pose, frame)) return LW_OK;
-    if (geometry->look) geometry->look->disturbed = true;
     (void)end_search(geometry, false);
     enum lw_status status =
         lw_invalid_texels_review(&geometry->texels, &geometry->pose, geometry->standing.stood, pose,
@@ -210,36 +175,8 @@ static enum lw_status review(struct lw_geometry *geometry, const struct lw_pose 
     return note_texels(geometry, others, status);
 }
 
-/* Takes over what has been found inside objects. */
-static enum lw_status take_look(struct lw_geometry *geometry) {
-    struct lw_geometry_look *look = geometry->look;
-    const struct lw_invalid_texels_found found = lw_invalid_texels_search_found(look->search);
-    bool others = false;
-    (void)end_search(geometry, false);
-    if (look->folder && !look->disturbed) save_invalid(&look->saved, &found, geometry->trace);
-    log_invalid(geometry, found.count);
-    enum lw_status status = lw_invalid_texels_search_take(look->search, &geometry->texels, &geometry->pose,
-                                                          geometry->trace, geometry->threads, &others);
-    geometry->look = NULL;
-    look_destroy(look);
-    return note_texels(geometry, others, status);
-}
-
-/* Looks inside some more objects, once a frame. */
-static enum lw_status look_on(struct lw_geometry *geometry, uint64_t frame) {
-    struct lw_geometry_look *look = geometry->look;
-    uint64_t left = 0;
-    if (!look || (look->frames && look->frame == frame)) return LW_OK;
-    look->frame = frame;
-    if (++look->frames < LW_GEOMETRY_LOOKS_FRAME) return LW_OK;
-    enum lw_status status =
-        lw_invalid_texels_search_step(look->search, geometry->trace, geometry->threads, &left);
-    return status == LW_OK && !left ? take_look(geometry) : status;
-}
-
 enum lw_status lw_geometry_rest(struct lw_geometry *geometry, uint64_t frame, struct lw_error *err) {
     enum lw_status status = review(geometry, &geometry->pose, frame);
-    if (status == LW_OK) status = look_on(geometry, frame);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "taking over what has come to rest");
 }
 
@@ -285,8 +222,7 @@ enum lw_status lw_geometry_find_seams(struct lw_geometry *geometry, const struct
 void lw_geometry_forget_tiles(struct lw_geometry *geometry) { (void)end_search(geometry, false); }
 
 size_t lw_geometry_memory_bytes(const struct lw_geometry *geometry) {
-    const size_t look = geometry->look ? lw_invalid_texels_search_memory_bytes(geometry->look->search) : 0;
-    return look + lw_texels_memory_bytes(&geometry->texels) + lw_fine_tiles_memory_bytes(&geometry->fine) +
+    return lw_texels_memory_bytes(&geometry->texels) + lw_fine_tiles_memory_bytes(&geometry->fine) +
            lw_denoise_pairs_memory_bytes(&geometry->pairs) + lw_seams_memory_bytes(&geometry->seams) +
            lw_trace_memory_bytes(geometry->trace);
 }

@@ -19,15 +19,10 @@ struct lw_geometry_terms {
     /* Where an earlier start has saved them, and where this one does: what cannot be read or written is
      * logged, and costs the time of finding it. Copied. NULL: nowhere. */
     const struct lw_saved_texels *saved;
-    /* Unless they are saved, in frames from the LW_GEOMETRY_LOOKS_FRAME-th on, some at a time, and taken over
-     * when all are found: what is lit sooner is lit as if light reached all. */
-    bool looks_later;
     /* Tiles of finer levels at most, and the atlases that have such levels. */
     uint32_t fine_tiles;
     const struct lw_atlas_map *map; /* outlives the geometry; NULL: there are none */
 };
-/* Those before it, 1.5 s of them, are for the first picture. */
-#define LW_GEOMETRY_LOOKS_FRAME 46u
 
 struct lw_geometry {
     const struct lw_scene *scene;
@@ -41,9 +36,7 @@ struct lw_geometry {
     uint32_t seams_found;          /* times that they have been */
     bool seams_outdated;
     struct lw_geometry_search *search; /* for others, or NULL */
-    /* Looking inside objects goes on from frame to frame; NULL: it does not. */
-    struct lw_geometry_look *look;
-    struct lw_pose pose; /* at which they are */
+    struct lw_pose pose;               /* at which they are */
     int threads;
 };
 
@@ -72,8 +65,8 @@ void lw_geometry_finish(struct lw_geometry *geometry);
 LW_MUST_CHECK enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct lw_pose *pose,
                                                   bool later, uint64_t frame, struct lw_error *err);
 
-/** Goes on to a frame: objects that have been at rest for long enough stand from now on, as above; and looks
- * inside some more objects, if they are looked into later. A frame that it is at already costs nothing. */
+/** Goes on to a frame: objects that have been at rest for long enough stand from now on, as above. A frame
+ * that it is at already costs nothing. */
 LW_MUST_CHECK enum lw_status lw_geometry_rest(struct lw_geometry *geometry, uint64_t frame,
                                               struct lw_error *err);
 

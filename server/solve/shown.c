@@ -69,6 +69,7 @@ void lw_shown_read_tile(const struct lw_shown *s, lw_tile_id id, uint32_t bounce
     const struct lw_solve_tile *tile = lw_tiles_at(tiles, id);
     *out_tile = (struct lw_solver_tile){.covered = tiles->covered + tile->first,
                                         .filled = s->geometry->texels.filled + tile->first,
+                                        .chart = tile->mesh->chart + tile->local,
                                         .width = tile->width,
                                         .height = tile->height,
                                         .bounces = bounces,

@@ -59,9 +59,6 @@ struct lw_solver_desc {
     /* Where an earlier start has saved which texels light reaches, and where this one does (geometry.h); for
      * creation alone. NULL: nowhere. */
     const struct lw_saved_texels *saved_texels;
-    /* Unless that is known, the cell solver looks inside objects in frames after the first ones, so that
-     * first light is sooner; what changes so counts as a change of the scene. */
-    bool looks_later;
     /* Tiles of finer levels (atlas.h) that the cell solver may hold at once; each takes some 1 MB. 0: it
      * solves level 0 alone, as other solvers and ranks do. */
     uint32_t fine_tiles;
@@ -103,6 +100,7 @@ struct lw_solver_stats {
     uint32_t tiles_fine;         /* of finer levels that are there */
     uint32_t tiles_fine_wanted;  /* of these levels, that are of interest */
     bool moved;                  /* the pose differs from that of the frame before */
+    bool coarse;                 /* tiles are of a coarse scene (coarse_first.h) */
 };
 
 /** A tile of level 0 or finer, planar and tile-contiguous. Valid until the next call on the solver. */
@@ -115,6 +113,8 @@ struct lw_solver_tile {
     const float *albedo[3]; /* mean over each texel; of finer levels NULL */
     const uint8_t *covered; /* 1: the texel has surface */
     const uint8_t *filled;  /* 1: gutter with light and albedo of its chart; NULL: there is none */
+    /* The chart that covers a texel, or reads it in bilinear look-ups (surface/texels.h); NULL: not told. */
+    const uint32_t *chart;
     uint32_t width, height;
     uint32_t bounces;      /* number of indirect bounces in its light */
     uint32_t sample_count; /* number of frames in its means */

@@ -16,7 +16,7 @@
 /* Some fifty tiles that never converge, so that every frame tells its solved tiles. */
 #define SEEN "--error 1e-6 --json --light seen "
 /* The same by the wall clock, at rest. */
-#define PREPARED "--freeze 0 --json "
+#define PREPARED "--freeze 0 --json --first-light whole "
 
 #define CLIENTS_MAX 3
 static struct lw_client *client[CLIENTS_MAX];

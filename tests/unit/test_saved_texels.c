@@ -19,7 +19,6 @@
 
 #define FRAMES 3u
 /* Until all objects have been looked into, and light has followed. */
-#define LATER   (LW_GEOMETRY_LOOKS_FRAME + 12u)
 #define FLIPS   300u /* bytes of the file that are changed, one at a time */
 #define PAYLOAD 88u  /* where planes begin, and their sizes end */
 
@@ -247,9 +246,9 @@ static void hostile_bytes_give_a_status(void **state) {
 
 /* ---- light ---- */
 
-/* Light of the box after some frames: a plane of each tile. later: they look inside objects. */
+/* Light of the box after some frames: a plane of each tile. */
 static float *light_of(const struct box *b, const struct lw_atlas_map *map,
-                       const struct lw_saved_texels *saved, bool later, unsigned threads, uint64_t frames,
+                       const struct lw_saved_texels *saved, unsigned threads, uint64_t frames,
                        size_t *out_count) {
     struct lw_solver *solver;
     struct lw_error err = {0};
@@ -263,7 +262,6 @@ static float *light_of(const struct box *b, const struct lw_atlas_map *map,
                                         .threads = threads,
                                         .seed = 1,
                                         .saved_texels = saved,
-                                        .looks_later = later,
                                         .denoise = true};
     float *light = malloc((b->texels.count + 1ul) * sizeof *light);
     size_t count = 0;
@@ -290,16 +288,16 @@ static void light_is_the_same_with_and_without(void **state) {
     struct lw_atlas_map map;
     size_t count, other;
     lw_support_ok(lw_atlas_map_init(&map, b->scene), NULL);
-    float *found = light_of(b, &map, NULL, false, 1, FRAMES, &count);
+    float *found = light_of(b, &map, NULL, 1, FRAMES, &count);
     for (unsigned threads = 1; threads <= 3; threads++) { /* it is saved by the first one */
         assert_true((access(b->path, F_OK) == 0) == (threads > 1));
-        float *read = light_of(b, &map, &b->saved, false, threads, FRAMES, &other);
+        float *read = light_of(b, &map, &b->saved, threads, FRAMES, &other);
         assert_int_equal(other, count);
         assert_memory_equal(read, found, count * sizeof *found);
         free(read);
     }
     lw_support_write_file(b->path, "damaged", 7); /* and again, by one that looks again */
-    float *again = light_of(b, &map, &b->saved, false, 2, FRAMES, &other);
+    float *again = light_of(b, &map, &b->saved, 2, FRAMES, &other);
     assert_memory_equal(again, found, count * sizeof *found);
     struct lw_texels texels;
     struct lw_error err = {0};
@@ -312,46 +310,6 @@ static void light_is_the_same_with_and_without(void **state) {
     lw_atlas_map_finish(&map);
 }
 
-static double mean_of(const float *light, size_t count) {
-    double sum = 0;
-    for (size_t i = 0; i < count; i++) sum += (double)light[i];
-    return sum / (double)count;
-}
-
-/* Who looks later has other light before, the same texels afterwards, and light as good. */
-static void what_is_found_later_is_the_same(void **state) {
-    struct box *b = *state;
-    struct lw_atlas_map map;
-    struct lw_texels texels;
-    struct lw_error err = {0};
-    size_t count, other;
-    lw_support_ok(lw_atlas_map_init(&map, b->scene), NULL);
-    float *sooner = light_of(b, &map, NULL, false, 2, FRAMES, &count),
-          *before = light_of(b, &map, &b->saved, true, 2, FRAMES, &other);
-    assert_int_equal(count, other);
-    assert_memory_not_equal(before, sooner, count * sizeof *before);
-    assert_int_equal(access(b->path, F_OK), -1);
-    free(before);
-    free(sooner);
-    sooner = light_of(b, &map, NULL, false, 2, LATER, &count);
-    float *later = light_of(b, &map, NULL, true, 1, LATER, &other);
-    assert_true(fabs(mean_of(later, count) / mean_of(sooner, count) - 1) < 0.01);
-    assert_true(lw_support_relmse(later, sooner, count) < 0.01); /* 0.0025: noise of both */
-    for (unsigned threads = 2; threads < 4; threads++) {
-        float *again = light_of(b, &map, &b->saved, true, threads, LATER, &other);
-        assert_memory_equal(again, later, count * sizeof *later);
-        if (threads == 2) unlink(b->path); /* it has been saved */
-        free(again);
-    }
-    begin(b, &texels);
-    lw_support_ok(load(b, &texels, &err), &err);
-    expect_same(&texels, &b->texels);
-    lw_texels_finish(&texels);
-    free(later);
-    free(sooner);
-    lw_atlas_map_finish(&map);
-}
-
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(what_is_saved_is_what_would_be_found, set_up, tear_down),
@@ -359,7 +317,6 @@ int main(void) {
         cmocka_unit_test_setup_teardown(what_cannot_be_is_refused, set_up, tear_down),
         cmocka_unit_test_setup_teardown(hostile_bytes_give_a_status, set_up, tear_down),
         cmocka_unit_test_setup_teardown(light_is_the_same_with_and_without, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(what_is_found_later_is_the_same, set_up, tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

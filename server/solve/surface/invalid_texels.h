@@ -39,41 +39,6 @@ struct lw_hidden_points_search lw_invalid_texels_points(const struct lw_texels *
                                                         const struct lw_pose *pose,
                                                         const struct lw_trace *trace);
 
-/** The same search, in steps between frames, while the texels serve as they are. It writes to texels of its
- * own. */
-struct lw_invalid_texels_search;
-
-/** Begins one; texels->stands is set. texels, stands: outlive it. Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_invalid_texels_search_create(struct lw_texels *texels,
-                                                             const struct lw_pose *pose, const bool *stands,
-                                                             struct lw_invalid_texels_search **out_search);
-/** NULL is fine. */
-void lw_invalid_texels_search_destroy(struct lw_invalid_texels_search *search);
-
-/** Searches some texels more; the trace may be at another pose than the search began at.
- * out_left  how many steps like this are left, about; 0: all is found
- * Errors    LW_NO_MEMORY */
-LW_MUST_CHECK enum lw_status lw_invalid_texels_search_step(struct lw_invalid_texels_search *search,
-                                                           const struct lw_trace *trace, int threads,
-                                                           uint64_t *out_left);
-
-/** The findings so far. Their texels belong to the search. */
-struct lw_invalid_texels_found lw_invalid_texels_search_found(const struct lw_invalid_texels_search *search);
-
-/** Bytes held, but for those of a pose. */
-size_t lw_invalid_texels_search_memory_bytes(const struct lw_invalid_texels_search *search);
-
-/** Gives the texels what all steps have found: as if lw_invalid_texels_find() had found it at the pose of the
- * beginning, and lw_invalid_texels_review() had followed whatever stands elsewhere since.
- * pose, stands    as now
- * out_others      as for the review
- * Errors          LW_NO_MEMORY */
-LW_MUST_CHECK enum lw_status lw_invalid_texels_search_take(const struct lw_invalid_texels_search *search,
-                                                           struct lw_texels *texels,
-                                                           const struct lw_pose *pose,
-                                                           const struct lw_trace *trace, int threads,
-                                                           bool *out_others);
-
 /** After other objects have come to stand, or stand elsewhere: texels are tested again near where these stood
  * and where they stand, and wherever what is gone may have hidden points. An object that stands no longer has
  * all of its texels. texels->changes tells which objects have others.

@@ -1,0 +1,289 @@
+#include "server/solve/coarse_tiles.h"
+
+#include "common/invariant.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define SIDE       LW_COARSE_SCENE_SIDE
+#define ALL_LIGHT  3u /* planes of all light, before those of channels */
+#define PLANES_MAX (ALL_LIGHT + LW_TILE_CHANNELS_MAX * LW_TILE_CHANNEL_PLANES_MAX)
+/* The coarse texels below a tile, and one around them. */
+#define PATCH_SIDE   (LW_TILE_SIDE / SIDE + 2)
+#define PATCH_TEXELS (PATCH_SIDE * PATCH_SIDE)
+
+static const float black[LW_TILE_TEXELS_MAX];
+
+struct lw_coarse_tiles_tile {
+    float *plane; /* all planes, one after another; NULL: nothing was interpolated yet */
+    uint8_t *covered, *filled;
+    uint32_t sample_count, bounces;
+    uint64_t solved_frame;
+};
+
+struct patch {
+    float plane[PLANES_MAX][PATCH_TEXELS];
+    uint32_t chart[PATCH_TEXELS];
+    uint8_t covered[PATCH_TEXELS], lit[PATCH_TEXELS]; /* has surface; has light: that, or a gutter */
+};
+
+static uint32_t count_planes(uint32_t channels) {
+    uint32_t count = ALL_LIGHT;
+    LW_TILE_CHANNELS_EACH (channel, channels) count += lw_tile_channel_at(channel)->planes;
+    return count;
+}
+
+static bool is_used(const struct lw_coarse_tiles *tiles, uint32_t id) {
+    return tiles->map->place[id].level == 0;
+}
+
+enum lw_status lw_coarse_tiles_init(struct lw_coarse_tiles *tiles, const struct lw_atlas_map *map,
+                                    const struct lw_atlas_map *coarse_map, int threads) {
+    LW_INVARIANT(map->object_count == coarse_map->object_count && threads > 0);
+    *tiles = (struct lw_coarse_tiles){.map = map, .coarse_map = coarse_map, .threads = threads};
+    tiles->tile = calloc(map->plain_count + 1ul, sizeof *tiles->tile);
+    return tiles->tile ? LW_OK : LW_NO_MEMORY;
+}
+
+static void forget(struct lw_coarse_tiles_tile *tile) {
+    free(tile->plane);
+    free(tile->covered);
+    *tile = (struct lw_coarse_tiles_tile){.plane = NULL};
+}
+
+void lw_coarse_tiles_finish(struct lw_coarse_tiles *tiles) {
+    for (uint32_t id = 0; tiles->tile && id < tiles->map->plain_count; id++) forget(&tiles->tile[id]);
+    free(tiles->tile);
+    *tiles = (struct lw_coarse_tiles){.tile = NULL};
+}
+
+size_t lw_coarse_tiles_memory_bytes(const struct lw_coarse_tiles *tiles) {
+    if (!tiles->tile) return 0;
+    size_t bytes = tiles->map->plain_count * sizeof *tiles->tile;
+    for (uint32_t id = 0; id < tiles->map->plain_count; id++) {
+        const struct lw_tile_place *place = &tiles->map->place[id];
+        if (tiles->tile[id].plane)
+            bytes += (size_t)place->width * place->height *
+                     (count_planes(tiles->channels) * sizeof(float) + 2 * sizeof(uint8_t));
+    }
+    return bytes;
+}
+
+/* ---- a patch: the coarse texels around a tile ---- */
+
+static void copy_texel(struct patch *patch, uint32_t to, const struct lw_solver_tile *tile, uint32_t from,
+                       uint32_t channels) {
+    uint32_t plane = 0;
+    patch->covered[to] = tile->covered[from];
+    patch->lit[to] = tile->covered[from] || (tile->filled && tile->filled[from]);
+    patch->chart[to] = tile->chart ? tile->chart[from] : 0;
+    for (int c = 0; c < 3; c++) patch->plane[plane++][to] = tile->direct[c][from] + tile->indirect[c][from];
+    LW_TILE_CHANNELS_EACH (channel, channels)
+        for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
+            patch->plane[plane++][to] = tile->shown[channel][p][from];
+}
+
+/* Copies the part of a coarse tile that lies in a patch whose first texel is (x0, y0). */
+static void copy_part(struct patch *patch, int64_t x0, int64_t y0, const struct lw_solver_tile *tile,
+                      const struct lw_tile_place *place, uint32_t channels) {
+    for (uint32_t y = 0; y < tile->height; y++) {
+        const int64_t row = (int64_t)place->y * LW_TILE_SIDE + y - y0;
+        if (row < 0 || row >= PATCH_SIDE) continue;
+        for (uint32_t x = 0; x < tile->width; x++) {
+            const int64_t column = (int64_t)place->x * LW_TILE_SIDE + x - x0;
+            if (column < 0 || column >= PATCH_SIDE) continue;
+            copy_texel(patch, (uint32_t)(row * PATCH_SIDE + column), tile, y * tile->width + x, channels);
+        }
+    }
+}
+
+/* The coarse tiles that a patch may touch: that below the tile, and those beside it. */
+struct below {
+    uint32_t count;
+    lw_tile_id id[4];
+};
+
+static struct below list_below(const struct lw_atlas_map *coarse_map, uint32_t object, int64_t x0,
+                               int64_t y0) {
+    const struct lw_atlas_level *level = &coarse_map->atlas[object].level[0];
+    struct below below = {.count = 0};
+    for (int corner = 0; corner < 4; corner++) {
+        const int64_t x = corner % 2 ? x0 + PATCH_SIDE - 1 : x0, y = corner / 2 ? y0 + PATCH_SIDE - 1 : y0,
+                      inside_x = x < 0               ? 0
+                                 : x >= level->width ? level->width - 1
+                                                     : x,
+                      inside_y = y < 0                ? 0
+                                 : y >= level->height ? level->height - 1
+                                                      : y;
+        const lw_tile_id id = lw_atlas_map_find(coarse_map, object, 0, (uint32_t)(inside_x / LW_TILE_SIDE),
+                                                (uint32_t)(inside_y / LW_TILE_SIDE));
+        bool listed = false;
+        for (uint32_t i = 0; i < below.count; i++) listed |= below.id[i].v == id.v;
+        if (!listed) below.id[below.count++] = id;
+    }
+    return below;
+}
+
+/* ---- interpolation ---- */
+
+struct weights {
+    float weight[4]; /* of `at`, the texel to its right, and the two below those */
+    uint32_t at;
+};
+
+/* Bilinear, over the texels of one chart. x, y: within the patch, in coarse texels */
+static struct weights weigh(const struct patch *patch, uint32_t chart, float x, float y) {
+    const float left = floorf(x - 0.5f), top = floorf(y - 0.5f), fx = x - 0.5f - left, fy = y - 0.5f - top;
+    struct weights w = {.at = (uint32_t)top * PATCH_SIDE + (uint32_t)left};
+    float sum = 0;
+    for (uint32_t k = 0; k < 4; k++) {
+        const uint32_t at = w.at + k / 2 * PATCH_SIDE + k % 2;
+        const bool counts = patch->lit[at] && patch->chart[at] == chart;
+        w.weight[k] = counts ? (k % 2 ? fx : 1 - fx) * (k / 2 ? fy : 1 - fy) : 0;
+        sum += w.weight[k];
+    }
+    for (int k = 0; k < 4; k++) w.weight[k] /= sum; /* the block's own texel counts by a quarter and more */
+    return w;
+}
+
+/* A coarse texel, and what of the tile lies in it. */
+struct block {
+    uint32_t own;           /* of the patch */
+    uint32_t x, y;          /* its first texel, of the tile */
+    uint32_t width, height; /* in texels of the tile */
+    struct weights weights[SIDE * SIDE];
+};
+
+static void weigh_block(struct block *block, const struct patch *patch) {
+    for (uint32_t y = 0; y < block->height; y++)
+        for (uint32_t x = 0; x < block->width; x++) /* the patch begins a coarse texel before the tile */
+            block->weights[y * SIDE + x] =
+                weigh(patch, patch->chart[block->own], 1 + ((float)(block->x + x) + 0.5f) / SIDE,
+                      1 + ((float)(block->y + y) + 0.5f) / SIDE);
+}
+
+/* Texels are interpolated, and moved by what it takes for their mean to be that of the coarse texel. Where
+ * light is so uneven that this would change a sign, all are as that texel: bilinear light does not go through
+ * walls then. */
+static void interpolate_block(const struct block *block, const float *from, float *to, uint32_t stride) {
+    float value[SIDE * SIDE], sum = 0;
+    const float own = from[block->own];
+    for (uint32_t y = 0; y < block->height; y++)
+        for (uint32_t x = 0; x < block->width; x++) {
+            const struct weights *w = &block->weights[y * SIDE + x];
+            const float *at = from + w->at;
+            value[y * SIDE + x] = w->weight[0] * at[0] + w->weight[1] * at[1] +
+                                  w->weight[2] * at[PATCH_SIDE] + w->weight[3] * at[PATCH_SIDE + 1];
+            sum += value[y * SIDE + x];
+        }
+    const float shift = own - sum / (float)(block->width * block->height);
+    bool even = true;
+    for (uint32_t y = 0; y < block->height; y++)
+        for (uint32_t x = 0; x < block->width; x++) even &= (value[y * SIDE + x] + shift) * own >= 0;
+    for (uint32_t y = 0; y < block->height; y++)
+        for (uint32_t x = 0; x < block->width; x++)
+            to[y * stride + x] = even ? value[y * SIDE + x] + shift : own;
+}
+
+static void interpolate(struct lw_coarse_tiles_tile *tile, const struct lw_tile_place *place,
+                        const struct patch *patch, uint32_t planes) {
+    const uint32_t count = (uint32_t)place->width * place->height;
+    struct block block;
+    for (block.y = 0; block.y < place->height; block.y += SIDE)
+        for (block.x = 0; block.x < place->width; block.x += SIDE) {
+            const uint32_t first = block.y * place->width + block.x;
+            block.own = (block.y / SIDE + 1) * PATCH_SIDE + block.x / SIDE + 1;
+            block.width = place->width - block.x < SIDE ? place->width - block.x : SIDE;
+            block.height = place->height - block.y < SIDE ? place->height - block.y : SIDE;
+            const bool covered = patch->covered[block.own], lit = patch->lit[block.own];
+            for (uint32_t y = 0; y < block.height; y++) {
+                memset(tile->covered + first + y * place->width, covered, block.width);
+                memset(tile->filled + first + y * place->width, lit && !covered, block.width);
+            }
+            if (!lit) continue;
+            weigh_block(&block, patch);
+            for (uint32_t p = 0; p < planes; p++)
+                interpolate_block(&block, patch->plane[p], tile->plane + p * count + first, place->width);
+        }
+}
+
+static bool allocate(struct lw_coarse_tiles_tile *tile, const struct lw_tile_place *place, uint32_t planes) {
+    const size_t count = (size_t)place->width * place->height;
+    if (tile->plane) return true;
+    tile->plane = calloc(count * planes, sizeof *tile->plane);
+    tile->covered = calloc(2 * count, 1);
+    tile->filled = tile->covered ? tile->covered + count : NULL;
+    if (tile->plane && tile->covered) return true;
+    forget(tile);
+    return false;
+}
+
+static bool update_tile(struct lw_coarse_tiles *tiles, const struct lw_solver *solver, uint32_t id,
+                        struct patch *patch) {
+    const struct lw_tile_place *place = &tiles->map->place[id];
+    struct lw_coarse_tiles_tile *tile = &tiles->tile[id];
+    const int64_t x0 = (int64_t)place->x * LW_TILE_SIDE / SIDE - 1,
+                  y0 = (int64_t)place->y * LW_TILE_SIDE / SIDE - 1;
+    const struct below below = list_below(tiles->coarse_map, place->object, x0, y0);
+    struct lw_solver_tile coarse[4];
+    uint64_t solved_frame = 0;
+    for (uint32_t i = 0; i < below.count; i++) {
+        solver->ops->read_tile(solver, below.id[i], &coarse[i]);
+        if (coarse[i].solved_frame > solved_frame) solved_frame = coarse[i].solved_frame;
+    }
+    if (tile->plane && solved_frame <= tile->solved_frame) return true;
+    if (!allocate(tile, place, count_planes(tiles->channels))) return false;
+    memset(patch->covered, 0, sizeof patch->covered);
+    memset(patch->lit, 0, sizeof patch->lit);
+    tile->sample_count = UINT32_MAX;
+    for (uint32_t i = 0; i < below.count; i++) {
+        copy_part(patch, x0, y0, &coarse[i], &tiles->coarse_map->place[below.id[i].v], tiles->channels);
+        if (coarse[i].sample_count < tile->sample_count) tile->sample_count = coarse[i].sample_count;
+    }
+    tile->bounces = coarse[0].bounces;
+    tile->solved_frame = solved_frame;
+    interpolate(tile, place, patch, count_planes(tiles->channels));
+    return true;
+}
+
+enum lw_status lw_coarse_tiles_update(struct lw_coarse_tiles *tiles, const struct lw_solver *solver,
+                                      uint32_t channels) {
+    int failures = 0;
+    if (channels != tiles->channels)
+        for (uint32_t id = 0; id < tiles->map->plain_count; id++) forget(&tiles->tile[id]);
+    tiles->channels = channels;
+#pragma omp parallel num_threads(tiles->threads) reduction(+ : failures)
+    {
+        struct patch *patch = malloc(sizeof *patch);
+#pragma omp for schedule(dynamic, 4)
+        for (uint32_t id = 0; id < tiles->map->plain_count; id++)
+            if (is_used(tiles, id)) failures += !patch || !update_tile(tiles, solver, id, patch);
+        free(patch);
+    }
+    return failures ? LW_NO_MEMORY : LW_OK;
+}
+
+void lw_coarse_tiles_read(const struct lw_coarse_tiles *tiles, lw_tile_id id,
+                          struct lw_solver_tile *out_tile) {
+    const struct lw_tile_place *place = &tiles->map->place[id.v];
+    const struct lw_coarse_tiles_tile *tile = &tiles->tile[id.v];
+    const size_t count = (size_t)place->width * place->height;
+    LW_INVARIANT(id.v < tiles->map->plain_count && is_used(tiles, id.v) && tile->plane);
+    *out_tile = (struct lw_solver_tile){.covered = tile->covered,
+                                        .filled = tile->filled,
+                                        .width = place->width,
+                                        .height = place->height,
+                                        .bounces = tile->bounces,
+                                        .sample_count = tile->sample_count,
+                                        .error = memchr(tile->covered, 1, count) ? LW_ATLAS_COARSE_ERROR : 0,
+                                        .solved_frame = tile->solved_frame};
+    const float *plane = tile->plane;
+    for (int c = 0; c < 3; c++, plane += count) {
+        out_tile->direct[c] = plane;
+        out_tile->indirect[c] = black;
+    }
+    LW_TILE_CHANNELS_EACH (channel, tiles->channels)
+        for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++, plane += count)
+            out_tile->shown[channel][p] = plane;
+}
