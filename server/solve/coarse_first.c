@@ -8,6 +8,7 @@
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 /* Frames after which the coarse light is smooth. */
 #define COARSE_FRAMES_MAX 24u
@@ -213,6 +214,9 @@ static enum lw_status save(const struct lw_solver *solver, const char *path, con
 static enum lw_status load(struct lw_solver *solver, const char *path, const uint8_t key[16],
                            uint64_t *out_frames, struct lw_error *err) {
     struct coarse_first *s = (struct coarse_first *)solver;
+    /* there is nothing to wait for: the coarse solver says so as the whole one would */
+    if (s->coarse && access(path, F_OK) != 0)
+        return s->coarse->ops->load(s->coarse, path, key, out_frames, err);
     enum lw_status status = s->builder.begun ? LW_OK : begin_building(s, NULL, err);
     if (status == LW_OK && !s->whole) status = take_whole(s, err);
     if (status == LW_OK) status = s->whole->ops->load(s->whole, path, key, out_frames, err);

@@ -9,7 +9,7 @@
  *
  * The frame at which the whole solver takes over follows the clock, so runs that are to be repeatable do
  * without. Until then all objects are solved, of interest or not, and there are no tiles of finer levels.
- * Saving writes nothing before it. Loading waits for the whole solver. */
+ * Saving writes nothing before it. Loading waits for the whole solver, if there is a file. */
 #ifndef LW_SOLVE_COARSE_FIRST_H
 #define LW_SOLVE_COARSE_FIRST_H
 

@@ -289,6 +289,9 @@ static void test_saved_and_loaded(void **state) {
     step(&s, ALONE + 1, ALONE + FRAMES);
     lw_support_ok(s.solver->ops->save(s.solver, path, key, &err), &err);
     begin(&again, room_scene(&room), 9, true);
+    assert_int_equal(again.solver->ops->load(again.solver, "/nowhere/sums", key, &frames, NULL), LW_NO_INPUT);
+    step(&again, 1, 1); /* and it did not wait: the light is coarse */
+    assert_true(again.stats.coarse);
     lw_support_ok(again.solver->ops->load(again.solver, path, key, &frames, &err), &err);
     assert_int_equal(frames, FRAMES);
     step(&s, ALONE + FRAMES + 1, ALONE + FRAMES + 1);
