@@ -453,6 +453,7 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->frame.n_shown_object = m->frame.shown_count;
         wire->frame.shown_object = (uint32_t *)m->frame.shown;
         wire->frame.spares = (uint32_t)m->frame.spare_count;
+        wire->frame.run = m->frame.run;
         break;
     case LW_MESSAGE_TILE:
         wire->tile.object = m->tile.object;
@@ -946,6 +947,7 @@ static enum lw_status read_frame(const Lightwell__Wire__Frame *w, struct lw_mess
                                          .rays_total = w->rays_total,
                                          .tiles_solved = w->tiles_solved,
                                          .server_cpu_ns = w->server_cpu_ns,
+                                         .run = w->run,
                                          .sky = {w->sky[0], w->sky[1], w->sky[2]},
                                          .transform_count = transforms,
                                          .light_count = lights};

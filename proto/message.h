@@ -52,13 +52,14 @@
 #define LW_FEATURE_PARTS   16u /* reads packages of several parts */
 #define LW_FEATURE_DCT     32u /* reads tiles of LW_TILE_CODEC_DCT; 1 and 8 were earlier forms of them */
 #define LW_FEATURE_DRAWS                                                                                     \
-    LW_TILE_CHANNELS_DRAWS        /* draws the direct light of client lights: tiles come without it */
-#define LW_FEATURE_OPERATE   128u /* asks as an operator: over the server's own Unix socket alone */
-#define LW_FEATURE_MATERIALS 256u /* may ask for the finish package */
-#define LW_FEATURE_FINER     512u /* may ask for tiles of finer levels */
+    LW_TILE_CHANNELS_DRAWS         /* draws the direct light of client lights: tiles come without it */
+#define LW_FEATURE_OPERATE   128u  /* asks as an operator: over the server's own Unix socket alone */
+#define LW_FEATURE_MATERIALS 256u  /* may ask for the finish package */
+#define LW_FEATURE_FINER     512u  /* may ask for tiles of finer levels */
+#define LW_FEATURE_RUNS      1024u /* reads the run of a FRAME */
 #define LW_FEATURES_READ                                                                                     \
-    (LW_FEATURE_DCT | LW_FEATURE_RESUME |                                                                    \
-     LW_FEATURE_PARTS) /* all that our clients know and need not ask for */
+    (LW_FEATURE_DCT | LW_FEATURE_RESUME | LW_FEATURE_PARTS |                                                 \
+     LW_FEATURE_RUNS) /* all that our clients know and need not ask for */
 
 struct lw_message_hello {
     uint32_t version;             /* LW_WIRE_VERSION */
@@ -179,6 +180,7 @@ struct lw_message_frame {
     size_t spare_count;                         /* the first ones of `hidden` are spares (scene.h) */
     const struct lw_message_material *material; /* as with transforms */
     size_t material_count;
+    uint64_t run; /* that versions and frames are of, as in a welcome; 0: as before */
 };
 
 struct lw_message_tile {

@@ -200,7 +200,7 @@ static enum lw_status create_server(struct program *p, const struct lw_relay_sce
         .bounces = scene->told.bounces,
         .target_error = scene->told.target_error,
         .noise_shown = scene->told.noise_shown,
-        .features = scene->features,
+        .features = scene->told.features,
         .client_lights = scene->told.client_lights,
         .client_lights_size = scene->told.client_lights_size,
         .client_materials = scene->told.client_materials,
@@ -223,12 +223,12 @@ static enum lw_status create_server(struct program *p, const struct lw_relay_sce
 static enum lw_status tell_first(struct program *p, const struct lw_relay_scene *scene,
                                  struct lw_error *err) {
     const struct settings *s = &p->settings;
-    char address[sizeof s->serve.host + 16];
+    char address[LW_SERVE_OPTIONS_WHERE_SIZE];
     if (p->told) return LW_OK;
     enum lw_status status = lw_serve_options_write_ports(&s->serve, p->server, err);
     if (status != LW_OK) return status;
     p->told = true;
-    lw_serve_options_format(address, sizeof address, s->serve.host, lw_server_port(p->server));
+    lw_serve_options_where(&s->serve, p->server, address, sizeof address);
     lw_log(LW_LOG_INFO, "serving the light of %s at %s: %u objects, %u tiles", s->upstream, address,
            lw_relay_light_scene(scene->light)->object_count, lw_relay_light_map(scene->light)->tile_count);
     lw_serve_options_tell(&s->serve, p->server);

@@ -58,6 +58,8 @@ struct lw_relay {
     bool owes;                /* the server has had no snapshot yet */
     struct lw_relay_scene scene, next;
     bool has_scene;
+    uint64_t above_run;    /* of the server above, of the light of `scene` */
+    uint64_t run;          /* that clients know it as */
     _Atomic bool has_next; /* next is complete: it waits for lw_relay_next_scene() */
     uint64_t above[LW_MESSAGE_RELAYS_MAX];
     uint32_t above_count;
@@ -70,6 +72,7 @@ struct lw_relay {
 
     /* The thread's. */
     struct lw_relay_upstream *feed[LW_TILE_CHANNELS_MAX]; /* of `scene` */
+    uint64_t feed_run[LW_TILE_CHANNELS_MAX];              /* that they last told */
     struct lw_relay_upstream *newcomer;                   /* of another one, which is coming, or is next */
     uint32_t main_channel;                                /* of the first session of the scene */
     uint64_t taken_ns[LW_TILE_CHANNELS_MAX];              /* when a client last took it */
@@ -111,10 +114,15 @@ static void try_next(struct lw_relay *r) {
         r->retry_ns = lw_clock_ns() + lw_client_backoff_ms(r->rounds++, seed_of(r)) * MS_NS;
 }
 
-static void note_connected(struct lw_relay *r) {
+static void note_found(struct lw_relay *r) {
     if (r->lost_at_ns) lw_log(LW_LOG_INFO, "%s is there: light goes on", r->stats.address);
     r->lost_at_ns = 0;
-    r->stats.is_connected = true;
+}
+
+/* A server that has just begun has no light yet: until then clients have that of before. */
+static void look_for_light(struct lw_relay *r) {
+    for (uint32_t c = 0; r->lost_at_ns && c < LW_TILE_CHANNELS_MAX; c++)
+        if (r->feed[c] && lw_relay_light_frame(r->scene.light, c)) note_found(r);
 }
 
 static void note_lost(struct lw_relay *r, uint32_t retry_after_ms) {
@@ -164,8 +172,49 @@ static enum lw_status resume(struct lw_relay *r, struct lw_relay_upstream *up, s
     if (status == LW_OK) status = lw_relay_upstream_resume(up, r->scene.light, err);
     if (status != LW_OK) return lw_status_fail(err, status, "%s", lw_status_text(status));
     r->feed[channel] = up;
-    note_connected(r);
+    r->feed_run[channel] = r->above_run;
+    r->stats.is_connected = true;
     return LW_OK;
+}
+
+/* Relays that hear of the same runs in turn have the same name for all of them: splitmix64's mixer. */
+static uint64_t join_runs(uint64_t run, uint64_t next) {
+    uint64_t z = run + 0x9e3779b97f4a7c15u * (next | 1);
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
+    z ^= z >> 31;
+    return z + !z;
+}
+
+static void tell_run(struct lw_relay *r, uint64_t run) {
+    r->run = run;
+    if (r->server) lw_server_set_run(r->server, run);
+}
+
+/* The server above has begun again, with the same scene: sessions of clients go on. False: they cannot. */
+static bool begin_run(struct lw_relay *r, const struct lw_relay_upstream *up) {
+    const uint64_t above_run = lw_relay_upstream_told(up)->run, run = join_runs(r->run, above_run);
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) drop(r, &r->feed[c]);
+    if (!lw_relay_light_begin_run(r->scene.light, run)) return false;
+    lw_log(LW_LOG_INFO, "%s lights the same scene in another run: clients go on with it",
+           lw_relay_upstream_address(up));
+    r->above_run = above_run;
+    tell_run(r, run);
+    return true;
+}
+
+/* A relay above has gone on with another run. Where we count as it does, so do our clients know it. */
+static void follow_runs(struct lw_relay *r) {
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) {
+        const uint64_t run = r->feed[c] ? lw_relay_upstream_told(r->feed[c])->run : r->feed_run[c];
+        if (run == r->feed_run[c]) continue;
+        r->feed_run[c] = run;
+        if (run == r->above_run) continue; /* the other session has told it */
+        r->above_run = run;
+        if (lw_relay_light_counts_on(r->scene.light)) continue;
+        lw_relay_light_set_run(r->scene.light, run);
+        tell_run(r, run);
+    }
 }
 
 /* A session of other light: clients keep what they have until its scene is there. */
@@ -175,7 +224,7 @@ static enum lw_status begin_newcomer(struct lw_relay *r, struct lw_relay_upstrea
                memcmp(&lw_relay_upstream_told(up)->package_hash, &r->scene.told.package_hash,
                       sizeof(struct lw_package_hash))
                    ? "another scene"
-                   : "the scene in another run");
+                   : "the scene in another way");
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) drop(r, &r->feed[c]);
     const enum lw_status status = lw_relay_upstream_begin(up, err);
     if (status == LW_OK) r->newcomer = up;
@@ -199,12 +248,13 @@ static void connect_feed(struct lw_relay *r, bool draws) {
     pthread_mutex_lock(&r->mutex);
     if (status == LW_OK) {
         const uint32_t form = draws ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL;
-        const bool goes_on = r->has_scene &&
-                             lw_relay_told_equal(lw_relay_upstream_told(up), &r->scene.told) &&
-                             lw_relay_upstream_channel(up) == form;
+        const struct lw_relay_told *told = lw_relay_upstream_told(up);
+        const bool is_scene = r->has_scene && lw_relay_told_same_scene(told, &r->scene.told) &&
+                              lw_relay_upstream_channel(up) == form;
         r->stats.connects++;
         snprintf(r->stats.address, sizeof r->stats.address, "%s", lw_relay_upstream_address(up));
         follow_relays(r, up);
+        const bool goes_on = is_scene && ((told->run && told->run == r->above_run) || begin_run(r, up));
         status = goes_on ? resume(r, up, &err) : begin_newcomer(r, up, &err);
     }
     if (status == LW_OK) {
@@ -296,11 +346,13 @@ static void free_control(struct control *c) {
 
 static void on_answered(void *context, const struct lw_message_updated *updated) {
     struct control *c = context;
+    struct lw_message_updated answer = *updated;
     for (size_t i = 0; i < c->sent_count; i++) {
         if (c->sent[i] != updated->request) continue;
         memmove(c->sent + i, c->sent + i + 1, (--c->sent_count - i) * sizeof *c->sent);
         if (!c->relay->server) return;
-        if (!lw_server_answer_passed(c->relay->server, updated->request, updated))
+        answer.frame = lw_relay_light_frame_for_clients(c->relay->scene.light, updated->frame);
+        if (!lw_server_answer_passed(c->relay->server, updated->request, &answer))
             lw_server_lose_passed(c->relay->server, updated->request);
         return;
     }
@@ -366,13 +418,15 @@ static void connect_control(struct lw_relay *r, struct control *c) {
     const enum lw_status status = lw_relay_upstream_create(&desc, &up, &err);
     pthread_mutex_lock(&r->mutex);
     c->up = up;
-    if (status == LW_OK) {
+    const bool is_same = status == LW_OK && r->has_scene && lw_relay_upstream_told(up)->run == r->above_run;
+    if (is_same) {
         lw_relay_upstream_set_answered(up, on_answered, c);
         return;
     }
     c->retry_ns = lw_clock_ns() + CONTROL_RETRY_NS;
     char text[LW_MESSAGE_TEXT_MAX + 1];
-    snprintf(text, sizeof text, "nothing was changed: the server above: %.200s", err.text);
+    snprintf(text, sizeof text, "nothing was changed: the server above: %.200s",
+             status == LW_OK ? "its light is not here yet" : err.text);
     end_control(c, text);
 }
 
@@ -534,6 +588,8 @@ static void *run(void *context) {
         follow_channels(r);
         take_newcomer(r);
         take_feeds(r);
+        follow_runs(r);
+        look_for_light(r);
         follow_interest(r);
         take_updates(r);
         for (uint32_t c = 0; c < LW_RELAY_CONTROLS_MAX; c++) serve_control(r, &r->control[c]);
@@ -623,6 +679,7 @@ static void adopt_next(struct lw_relay *r) {
     r->next = (struct lw_relay_scene){0};
     r->has_scene = true;
     r->has_next = false;
+    r->above_run = r->run = r->scene.told.run;
     r->stats.has_light = false;
     r->waiting = (struct lw_waiting){0};
     r->some_ns = 0;
@@ -633,9 +690,11 @@ static void adopt_next(struct lw_relay *r) {
     if (!r->newcomer) return;
     r->main_channel = lw_relay_upstream_channel(r->newcomer);
     r->feed[r->main_channel] = r->newcomer;
+    r->feed_run[r->main_channel] = r->above_run;
     lw_relay_upstream_set_waiting(r->newcomer, &r->waiting);
     r->newcomer = NULL;
-    note_connected(r);
+    r->stats.is_connected = true;
+    note_found(r);
 }
 
 const struct lw_relay_scene *lw_relay_next_scene(struct lw_relay *r, unsigned timeout_ms) {
@@ -662,6 +721,7 @@ void lw_relay_serve(struct lw_relay *r, struct lw_server *server) {
     r->server = server;
     r->owes = true;
     lw_server_set_relays_above(server, r->above, r->above_count);
+    if (r->run && r->run != r->scene.told.run) lw_server_set_run(server, r->run);
     if (r->has_next) lw_server_relay(server);
     pthread_mutex_unlock(&r->mutex);
     lw_relay_wake(r);

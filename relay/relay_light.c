@@ -12,6 +12,9 @@
 #include <string.h>
 
 #define SCALE_MAX 0x1p60f /* of codec 4 */
+/* Frames between the beginnings of runs that are joined: no run comes to the frames of the next. */
+#define RUN_FRAMES (UINT64_C(1) << 32)
+#define FRAME_MAX  (UINT64_MAX / 4) /* versions are twice as large */
 
 struct tile {
     uint64_t version; /* 0: none */
@@ -40,6 +43,8 @@ struct lw_relay_light {
     bool has_map;
     struct lw_tile_codec *codec;
     struct feed feed[LW_TILE_CHANNELS_MAX];
+    uint64_t run;            /* that snapshots tell; 0: none */
+    uint64_t before;         /* frames before the first of this run; a multiple of RUN_FRAMES */
     bool changed, completed; /* since the last snapshot: anything came; a SETTLED came */
     uint64_t frame;          /* of the last snapshot; 0: there was none */
     uint64_t previous_frame; /* of the one of an earlier frame */
@@ -124,6 +129,38 @@ void lw_relay_light_end(struct lw_relay_light *light, uint32_t channel) {
     light->feed[channel].is_open = false;
 }
 
+static bool is_cut_off(const struct lw_relay_light *light) {
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
+        if (light->feed[c].is_open) return false;
+    return true;
+}
+
+bool lw_relay_light_begin_run(struct lw_relay_light *light, uint64_t run) {
+    uint64_t last = light->frame;
+    LW_INVARIANT(run && is_cut_off(light));
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) {
+        const struct feed *feed = &light->feed[c];
+        if (feed->frame > last) last = feed->frame;
+        for (uint32_t t = 0; feed->tile && t < light->map.tile_count; t++)
+            if (lw_snapshot_frame_of(feed->tile[t].version) > last)
+                last = lw_snapshot_frame_of(feed->tile[t].version);
+    }
+    const uint64_t before = (last / RUN_FRAMES + 1) * RUN_FRAMES;
+    if (before > FRAME_MAX - RUN_FRAMES) return false;
+    LW_INVARIANT(before > light->before && before > light->frame);
+    light->before = before;
+    light->run = run;
+    return true;
+}
+
+void lw_relay_light_set_run(struct lw_relay_light *light, uint64_t run) { light->run = run; }
+uint64_t lw_relay_light_run(const struct lw_relay_light *light) { return light->run; }
+bool lw_relay_light_counts_on(const struct lw_relay_light *light) { return light->before > 0; }
+
+uint64_t lw_relay_light_frame_for_clients(const struct lw_relay_light *light, uint64_t frame) {
+    return frame && frame <= FRAME_MAX ? frame + light->before : frame;
+}
+
 /* What a channel needs, with its first FRAME. */
 static enum lw_status make_room(const struct lw_relay_light *light, struct feed *feed) {
     if (!feed->has_pose) {
@@ -192,17 +229,18 @@ enum lw_status lw_relay_light_take_frame(struct lw_relay_light *light, uint32_t 
                                          const struct lw_message_frame *frame, struct lw_error *err) {
     struct feed *feed = &light->feed[channel];
     LW_INVARIANT(feed->is_open);
-    if (!frame->frame || frame->frame < feed->frame || (frame->frame == feed->frame && !feed->follows))
+    const uint64_t last = lw_relay_light_frame(light, channel);
+    if (!frame->frame || frame->frame < last || (frame->frame == last && !feed->follows))
         return lw_status_fail(err, LW_PROTOCOL, "message FRAME: number %" PRIu64 " after %" PRIu64,
-                              frame->frame, feed->frame);
-    if (frame->frame > UINT64_MAX / 2)
+                              frame->frame, last);
+    if (frame->frame > FRAME_MAX - light->before)
         return lw_status_fail(err, LW_PROTOCOL, "message FRAME: numbers have come to their end");
     if (make_room(light, feed) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "message FRAME: out of memory");
     enum lw_status status = set_pose(light->scene, frame, &feed->pose, err);
     if (status != LW_OK) return status;
-    feed->frame = frame->frame;
-    feed->header = (struct lw_message_frame){.frame = frame->frame,
+    feed->frame = frame->frame + light->before;
+    feed->header = (struct lw_message_frame){.frame = feed->frame,
                                              .time_s = frame->time_s,
                                              .solve_ns = frame->solve_ns,
                                              .rays_total = frame->rays_total,
@@ -284,8 +322,9 @@ static enum lw_status store(struct lw_relay_light *light, uint32_t channel, uint
 }
 
 enum lw_status lw_relay_light_take_tile(struct lw_relay_light *light, uint32_t channel,
-                                        const struct lw_message_tile *t, struct lw_error *err) {
+                                        const struct lw_message_tile *tile, struct lw_error *err) {
     struct feed *feed = &light->feed[channel];
+    const struct lw_message_tile *t = tile;
     LW_INVARIANT(feed->is_open);
     if (!feed->frame) return lw_status_fail(err, LW_PROTOCOL, "message TILE: out of order");
     feed->follows = false;
@@ -293,8 +332,12 @@ enum lw_status lw_relay_light_take_tile(struct lw_relay_light *light, uint32_t c
     if (id == UINT32_MAX) return bad_tile(err, t, "it does not exist");
     if (t->layer >= lw_tile_channels()->count) return LW_OK;
     if (t->layer != channel) return bad_tile(err, t, "it is of another layer than the session gets");
-    if (t->version > lw_snapshot_version(feed->frame))
+    if (t->version > lw_snapshot_version(lw_relay_light_frame(light, channel)))
         return bad_tile(err, t, "its version is over twice the number of the frame");
+    struct lw_message_tile counted = *tile; /* as clients count */
+    counted.version += lw_snapshot_version(light->before);
+    if (counted.base) counted.base += lw_snapshot_version(light->before);
+    t = &counted;
     if (!lw_tile_codec_is_known(t->codec)) return bad_tile(err, t, "its codec is unknown");
     const struct tile *known = &feed->tile[id];
     if (t->version <= known->version) return LW_OK;
@@ -308,11 +351,11 @@ enum lw_status lw_relay_light_take_settled(struct lw_relay_light *light, uint32_
                                            struct lw_error *err) {
     struct feed *feed = &light->feed[channel];
     LW_INVARIANT(feed->is_open);
-    if (!feed->frame || frame != feed->frame)
+    if (!feed->frame || frame != lw_relay_light_frame(light, channel))
         return lw_status_fail(err, LW_PROTOCOL, "message SETTLED: out of order");
     feed->follows = false;
-    if (feed->settled == frame && !light->changed) return LW_OK;
-    feed->settled = frame;
+    if (feed->settled == feed->frame && !light->changed) return LW_OK;
+    feed->settled = feed->frame;
     light->changed = light->completed = true;
     return LW_OK;
 }
@@ -320,11 +363,15 @@ enum lw_status lw_relay_light_take_settled(struct lw_relay_light *light, uint32_
 uint64_t lw_relay_light_version(const struct lw_relay_light *light, uint32_t channel, lw_tile_id tile) {
     const struct feed *feed = &light->feed[channel];
     LW_INVARIANT(tile.v < light->map.tile_count);
-    return feed->tile ? feed->tile[tile.v].version : 0;
+    const uint64_t version = feed->tile ? feed->tile[tile.v].version : 0,
+                   before = lw_snapshot_version(light->before);
+    return version > before ? version - before : 0;
 }
 
 uint64_t lw_relay_light_frame(const struct lw_relay_light *light, uint32_t channel) {
-    return light->feed[channel].frame;
+    const uint64_t frame = light->feed[channel].frame;
+    LW_INVARIANT(!frame || !light->feed[channel].is_open || frame > light->before);
+    return frame > light->before ? frame - light->before : 0;
 }
 
 bool lw_relay_light_has_first(const struct lw_relay_light *light, uint32_t channel) {
@@ -339,12 +386,6 @@ static bool has_light(const struct feed *feed) {
 }
 
 static bool is_shown(const struct feed *feed) { return feed->is_open && has_light(feed); }
-
-static bool is_cut_off(const struct lw_relay_light *light) {
-    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
-        if (light->feed[c].is_open) return false;
-    return true;
-}
 
 /* The session that is furthest; NULL: none has a whole frame, or none has light. */
 static const struct feed *find_newest(const struct lw_relay_light *light) {
@@ -372,11 +413,12 @@ static void keep_blob(struct lw_blob **kept, struct lw_blob *blob) {
 /* The messages of a newer frame. */
 static enum lw_status make_messages(struct lw_relay_light *light, const struct feed *newest) {
     struct lw_blob *full = NULL, *delta = NULL, *settled = NULL;
+    struct lw_message_frame header = newest->header;
+    header.run = light->run;
     const struct lw_message settled_message = {.type = LW_MESSAGE_SETTLED, .settled.frame = newest->frame};
-    enum lw_status status =
-        lw_frame_message_encode(light->scene, &newest->pose, NULL, &newest->header, &full);
+    enum lw_status status = lw_frame_message_encode(light->scene, &newest->pose, NULL, &header, &full);
     if (status == LW_OK && light->frame)
-        status = lw_frame_message_encode(light->scene, &newest->pose, &light->pose, &newest->header, &delta);
+        status = lw_frame_message_encode(light->scene, &newest->pose, &light->pose, &header, &delta);
     if (status == LW_OK) status = lw_blob_from_message(&settled_message, &settled);
     if (status != LW_OK) {
         lw_blob_unref(full);

@@ -4,8 +4,9 @@
  * Threads: one thread at a time.
  * Memory:  the scene, two references to encoded tiles, no texels.
  *
- * Tiles keep the versions that they came with. One that came as a delta is also made whole, for clients that
- * join. Every byte may come from anyone: what is passed on has been decoded once. */
+ * Tiles keep the versions that they came with, but for those of a later run (lw_relay_light_begin_run()). One
+ * that came as a delta is also made whole, for clients that join. Every byte may come from anyone: what is
+ * passed on has been decoded once. */
 #ifndef LW_RELAY_LIGHT_H
 #define LW_RELAY_LIGHT_H
 
@@ -30,6 +31,20 @@ void lw_relay_light_begin(struct lw_relay_light *light, uint32_t channel);
  * session of the same run. */
 void lw_relay_light_end(struct lw_relay_light *light, uint32_t channel);
 
+/** Sessions from now on are of another run of the same scene: none may be open. Their frames and versions
+ * count on from those that are there, so that clients keep their sessions; snapshots tell them `run`, which
+ * names all of it. Numbers that this header takes and gives are those of the server above.
+ * Returns false: numbers have come to their end, and nothing has changed. */
+LW_MUST_CHECK bool lw_relay_light_begin_run(struct lw_relay_light *light, uint64_t run);
+/** The run that snapshots tell from now on; numbers stay as they are. 0: none. */
+void lw_relay_light_set_run(struct lw_relay_light *light, uint64_t run);
+/** The run that snapshots tell; 0: none. */
+uint64_t lw_relay_light_run(const struct lw_relay_light *light);
+/** Whether runs have been joined: clients' numbers differ from those of the server above. */
+bool lw_relay_light_counts_on(const struct lw_relay_light *light);
+/** A frame of the server above, as clients count; 0 stays 0. */
+uint64_t lw_relay_light_frame_for_clients(const struct lw_relay_light *light, uint64_t frame);
+
 /** What the session says. Errors: LW_PROTOCOL; LW_NO_MEMORY. After an error the session must end; what came
  * before stays. */
 LW_MUST_CHECK enum lw_status lw_relay_light_take_frame(struct lw_relay_light *light, uint32_t channel,
@@ -41,7 +56,7 @@ LW_MUST_CHECK enum lw_status lw_relay_light_take_tile(struct lw_relay_light *lig
 LW_MUST_CHECK enum lw_status lw_relay_light_take_settled(struct lw_relay_light *light, uint32_t channel,
                                                          uint64_t frame, struct lw_error *err);
 
-/** The version that it has of a tile; 0: none. */
+/** The version that it has of a tile; 0: none of this run. */
 uint64_t lw_relay_light_version(const struct lw_relay_light *light, uint32_t channel, lw_tile_id tile);
 /** The last frame of the session; 0: none came. */
 uint64_t lw_relay_light_frame(const struct lw_relay_light *light, uint32_t channel);

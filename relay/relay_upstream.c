@@ -49,10 +49,11 @@ static bool are_same_bits(const uint8_t *a, size_t a_size, const uint8_t *b, siz
     return a_size == b_size && (!a_size || memcmp(a, b, a_size) == 0);
 }
 
-bool lw_relay_told_equal(const struct lw_relay_told *a, const struct lw_relay_told *b) {
-    return a->run && a->run == b->run && is_same_hash(&a->package_hash, &b->package_hash) &&
-           a->package_size == b->package_size && is_same_hash(&a->finish_hash, &b->finish_hash) &&
-           a->finish_size == b->finish_size &&
+bool lw_relay_told_same_scene(const struct lw_relay_told *a, const struct lw_relay_told *b) {
+    return is_same_hash(&a->package_hash, &b->package_hash) && a->package_size == b->package_size &&
+           is_same_hash(&a->finish_hash, &b->finish_hash) && a->finish_size == b->finish_size &&
+           a->features == b->features && a->bounces == b->bounces && a->target_error == b->target_error &&
+           a->noise_shown == b->noise_shown &&
            (!a->has_draws || !b->has_draws ||
             (are_same_bits(a->client_lights, a->client_lights_size, b->client_lights,
                            b->client_lights_size) &&
@@ -160,6 +161,7 @@ static enum lw_status note_told(struct lw_relay_upstream *up, const struct lw_me
                                    .bounces = w->bounces,
                                    .target_error = w->target_error,
                                    .noise_shown = w->noise_shown,
+                                   .features = w->features & LW_FEATURE_DCT,
                                    .has_draws = w->features & LW_FEATURE_DRAWS};
     if (!told->has_draws) return LW_OK;
     told->client_lights_size = w->client_lights_size;
@@ -195,6 +197,7 @@ static enum lw_status handle_welcome(struct lw_relay_upstream *up, const struct 
     up->features = w->features;
     up->channel = w->features & LW_FEATURE_DRAWS ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL;
     up->package_compressed_size = w->package_compressed_size;
+    up->told.run = w->run;
     if (up->control && !(w->features & LW_FEATURE_CONTROL))
         return lw_status_fail(err, LW_NOT_ALLOWED, "it takes no updates from here");
     if (up->control) return LW_OK;
@@ -248,6 +251,7 @@ static enum lw_status handle_light(struct lw_relay_upstream *up, const struct lw
                                    struct lw_error *err) {
     if (!up->light || !up->has_asked) return out_of_order(err, m->type);
     if (up->waiting) lw_waiting_raise(up->waiting, LW_WAITING_READY, 1, 1);
+    if (m->type == LW_MESSAGE_FRAME && m->frame.run) up->told.run = m->frame.run;
     if (m->type == LW_MESSAGE_FRAME) return lw_relay_light_take_frame(up->light, up->channel, &m->frame, err);
     up->tiles += m->type == LW_MESSAGE_TILE;
     if (m->type == LW_MESSAGE_TILE) return lw_relay_light_take_tile(up->light, up->channel, &m->tile, err);
@@ -574,7 +578,6 @@ void lw_relay_upstream_give(struct lw_relay_upstream *up, struct lw_relay_scene 
     LW_INVARIANT(up->owns_light && up->has_finishes);
     *out_scene = up->scene;
     out_scene->light = up->light;
-    out_scene->features = up->features & LW_FEATURE_DCT;
     out_scene->told = up->told;
     out_scene->told.client_lights = copy_bits(up->told.client_lights, up->told.client_lights_size);
     out_scene->told.client_materials = copy_bits(up->told.client_materials, up->told.client_materials_size);

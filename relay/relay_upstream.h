@@ -27,17 +27,20 @@ struct lw_relay_upstream_desc {
 
 /** What a WELCOME says of the light, without the session's own things. */
 struct lw_relay_told {
-    uint64_t run; /* 0: not told: no two sessions are of the same light */
+    uint64_t
+        run; /* of the WELCOME, or of a FRAME since; 0: not told: no two sessions are of the same light */
     struct lw_package_hash package_hash, finish_hash;
     uint64_t package_size, finish_size; /* finish_size 0: there are none */
+    uint64_t features;                  /* LW_FEATURE_DCT, or 0 */
     uint32_t bounces;
     float target_error, noise_shown;
     bool has_draws; /* the bits below were told; those of a session that did not ask are not */
     uint8_t *client_lights, *client_materials;
     size_t client_lights_size, client_materials_size;
 };
-/** Whether two sessions are of the same light: what clients were told of one holds for the other. */
-bool lw_relay_told_equal(const struct lw_relay_told *a, const struct lw_relay_told *b);
+/** Whether two sessions are of light of the same scene: what clients were told of one, but for the run, holds
+ * for the other. */
+bool lw_relay_told_same_scene(const struct lw_relay_told *a, const struct lw_relay_told *b);
 
 /** Connects, says hello, and waits for the welcome. Errors: as lw_link_connect(); LW_NOT_ALLOWED: it takes
  * no such token, or the session may not send updates; LW_PROTOCOL; LW_USAGE: a loop of relays. */
@@ -61,8 +64,8 @@ uint32_t lw_relay_upstream_retry_after_ms(const struct lw_relay_upstream *upstre
  * Errors: as lw_relay_upstream_take(). */
 LW_MUST_CHECK enum lw_status lw_relay_upstream_begin(struct lw_relay_upstream *upstream,
                                                      struct lw_error *err);
-/** Tells the server which tiles `light` holds, and takes changes to them from now on. light: of the same
- * scene and run as lw_relay_upstream_told(); it outlives the upstream. */
+/** Tells the server which tiles of its run `light` holds, and takes changes to them from now on.
+ * light  of the scene of lw_relay_upstream_told() and its run (lw_relay_light_begin_run()); outlives it */
 LW_MUST_CHECK enum lw_status lw_relay_upstream_resume(struct lw_relay_upstream *upstream,
                                                       struct lw_relay_light *light, struct lw_error *err);
 /** NULL before the package is there. After lw_relay_upstream_begin() it belongs to the upstream until
@@ -74,7 +77,6 @@ bool lw_relay_upstream_has_finishes(const struct lw_relay_upstream *upstream);
 /** A scene, with what clients are to be told of it. */
 struct lw_relay_scene {
     struct lw_relay_told told;
-    uint64_t features;           /* LW_FEATURE_DCT, or 0 */
     uint8_t *package, *finishes; /* finishes: NULL: none */
     size_t package_size, finishes_size;
     struct lw_relay_light *light;

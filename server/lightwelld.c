@@ -75,19 +75,9 @@ enum codec_kind { CODEC_HALF, CODEC_DCT };
 static const char *const command_only[] = {"config", "check-config", "print-config", NULL};
 static const char *const client_variables[] = {"token", NULL};
 /* What SIGHUP cannot change: addresses, files and clocks that the operator relies on. */
-static const char *const fixed_keys[] = {"listen",
-                                         "port-file",
-                                         "http",
-                                         "http-port-file",
-                                         "metrics",
-                                         "metrics-port-file",
-                                         "control-socket",
-                                         "keep",
-                                         "clock",
-                                         "json",
-                                         "frames",
-                                         "log-format",
-                                         NULL};
+static const char *const fixed_keys[] = {
+    "listen",         "listen-unix", "port-file", "http", "http-port-file", "metrics",    "metrics-port-file",
+    "control-socket", "keep",        "clock",     "json", "frames",         "log-format", NULL};
 
 struct settings {
     struct lw_scene_open scene;
@@ -1054,8 +1044,8 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     enum lw_status status = lw_serve_options_write_ports(&s->serve, d->server, err);
     if (status != LW_OK) return status;
-    char address[sizeof s->serve.host + 16];
-    lw_serve_options_format(address, sizeof address, s->serve.host, lw_server_port(d->server));
+    char address[LW_SERVE_OPTIONS_WHERE_SIZE];
+    lw_serve_options_where(&s->serve, d->server, address, sizeof address);
     lw_log(LW_LOG_INFO, "serving %s at %s", s->scene.path, address);
     tell_client_lights(d);
     const char *name = strrchr(d->argv[0], '/'); /* the viewer lies beside it */
@@ -1239,6 +1229,7 @@ static bool keep_fixed(const struct daemon *d, struct daemon *next, bool *out_ch
         const char **to;
         const char *from;
     } text[] = {{&s->serve.listen, old->serve.listen},
+                {&s->serve.listen_unix, old->serve.listen_unix},
                 {&s->serve.port_file, old->serve.port_file},
                 {&s->serve.http, old->serve.http},
                 {&s->serve.http_port_file, old->serve.http_port_file},

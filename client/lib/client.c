@@ -319,6 +319,7 @@ static enum lw_status handle_frame(struct lw_client *c, const struct lw_message_
     enum lw_status status = lw_replica_take_frame(c->replica, frame, err);
     if (status != LW_OK) return status;
     if (frame->frame > c->stats.frame) c->stats.frames++; /* a large frame comes in several messages */
+    if (frame->run) c->run = frame->run;                  /* what it holds counts there, too */
     c->stats.frame = frame->frame;
     c->stats.time_s = frame->time_s;
     c->stats.rays_total = frame->rays_total;

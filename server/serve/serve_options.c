@@ -1,6 +1,7 @@
 #include "server/serve/serve_options.h"
 
 #include "common/atomic_file.h"
+#include "common/control_path.h"
 #include "common/log.h"
 #include "common/program_path.h"
 #include "server/serve/exposure.h"
@@ -33,7 +34,7 @@ static enum lw_status parse_metrics(struct lw_serve_options *o, struct lw_error 
 static enum lw_status check_exposure(const struct lw_serve_options *o, struct lw_error *err) {
     const struct lw_exposure exposure = {
         .has_tls = o->tls_certificate != NULL, .has_tokens = o->tokens != NULL, .is_insecure = o->insecure};
-    enum lw_status status = lw_exposure_check(&exposure, "--listen", o->host, err);
+    enum lw_status status = o->listen_unix ? LW_OK : lw_exposure_check(&exposure, "--listen", o->host, err);
     if (status == LW_OK && *o->http_host) status = lw_exposure_check(&exposure, "--http", o->http_host, err);
     if (status == LW_OK && *o->metrics_host)
         status = lw_exposure_check(&exposure, "--metrics", o->metrics_host, err);
@@ -69,6 +70,26 @@ static enum lw_status check_servers(const char *servers, struct lw_error *err) {
     return LW_OK;
 }
 
+/* Values that are the default say nothing: a file of all options has them. */
+static enum lw_status check_unix(const struct lw_serve_options *o, struct lw_error *err) {
+    const struct {
+        const char *option;
+        bool is_set;
+    } other[] = {{"--listen", strcmp(o->listen, LW_OPTIONS_ADDRESS) != 0},
+                 {"--http", strcmp(o->http, LW_SERVE_OPTIONS_HTTP) != 0 && strcmp(o->http, "none") != 0},
+                 {"--control-socket", strcmp(o->control_socket, "auto") != 0},
+                 {"--port-file", o->port_file != NULL},
+                 {"--http-port-file", o->http_port_file != NULL}};
+    for (size_t i = 0; i < sizeof other / sizeof *other; i++)
+        if (other[i].is_set)
+            return lw_status_fail(err, LW_USAGE, "--listen-unix serves on that socket alone: leave %s away",
+                                  other[i].option);
+    if (!*o->listen_unix || strlen(o->listen_unix) >= LW_CONTROL_PATH_SIZE)
+        return lw_status_fail(err, LW_USAGE, "--listen-unix: a path has 1 to %u bytes",
+                              LW_CONTROL_PATH_SIZE - 1);
+    return LW_OK;
+}
+
 enum lw_status lw_serve_options_check(struct lw_serve_options *o, struct lw_error *err) {
     if (!o->tls_certificate != !o->tls_key)
         return lw_status_fail(err, LW_USAGE, "--tls-certificate and --tls-key need each other");
@@ -78,7 +99,8 @@ enum lw_status lw_serve_options_check(struct lw_serve_options *o, struct lw_erro
         return status;
     }
     find_web_root(o->found_root, sizeof o->found_root);
-    status = parse_http(o, err);
+    if (o->listen_unix) status = check_unix(o, err);
+    if (status == LW_OK && !o->listen_unix) status = parse_http(o, err);
     if (status == LW_OK) status = parse_metrics(o, err);
     if (status == LW_OK && o->servers) status = check_servers(o->servers, err);
     return status == LW_OK ? check_exposure(o, err) : status;
@@ -90,7 +112,10 @@ void lw_serve_options_fill(struct lw_serve_options *o, struct lw_server_desc *de
     desc->tokens = o->tokens;
     desc->servers = o->servers;
     desc->tls = (struct lw_tls_context_desc){o->tls_certificate, o->tls_key};
-    desc->control_socket = strcmp(o->control_socket, "none") ? o->control_socket : NULL;
+    desc->is_unix_only = o->listen_unix != NULL;
+    desc->control_socket = o->listen_unix                      ? o->listen_unix
+                           : strcmp(o->control_socket, "none") ? o->control_socket
+                                                               : NULL;
     desc->http_host = *o->http_host ? o->http_host : NULL;
     desc->http_port = o->http_port;
     desc->http_hosts = o->http_hosts;
@@ -141,6 +166,14 @@ void lw_serve_options_remove_ports(const struct lw_serve_options *o) {
 
 void lw_serve_options_format(char *dst, size_t size, const char *host, unsigned port) {
     snprintf(dst, size, strchr(host, ':') ? "[%s]:%u" : "%s:%u", host, port);
+}
+
+void lw_serve_options_where(const struct lw_serve_options *o, const struct lw_server *server, char *dst,
+                            size_t size) {
+    if (o->listen_unix)
+        snprintf(dst, size, "unix:%s", o->listen_unix);
+    else
+        lw_serve_options_format(dst, size, o->host, lw_server_port(server));
 }
 
 void lw_serve_options_tell(const struct lw_serve_options *o, const struct lw_server *server) {

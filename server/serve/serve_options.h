@@ -12,7 +12,8 @@
 #define LW_SERVE_OPTIONS_METRICS_PORT 7782
 
 struct lw_serve_options {
-    const char *listen, *port_file, *http, *http_port_file, *http_hosts, *http_origins, *web_root;
+    const char *listen, *listen_unix; /* listen_unix: NULL: by TCP */
+    const char *port_file, *http, *http_port_file, *http_hosts, *http_origins, *web_root;
     const char *servers; /* NULL: clients are told of none */
     const char *metrics, *metrics_port_file, *tokens, *control_socket, *tls_certificate, *tls_key;
     int64_t address_sessions; /* 0: the server's default */
@@ -35,6 +36,10 @@ struct lw_serve_options {
     {"listen", "HOST:PORT",                                                                                  \
      "where to serve (default " LW_OPTIONS_ADDRESS "; port 0 picks one)",                                    \
      LW_OPTION_STRING, &(options)->listen, 0, 0, NULL},                                                      \
+    {"listen-unix", "PATH",                                                                                  \
+     "serve on this Unix socket alone, to this user and root: neither --listen nor --http; for a "           \
+     "lightwell-relay unix:PATH that meets the public (default: none)",                                      \
+     LW_OPTION_STRING, &(options)->listen_unix, 0, 0, NULL},                                                 \
     {"port-file", "FILE",                                                                                    \
      "write the port there once it serves",                                                                  \
      LW_OPTION_STRING, &(options)->port_file, 0, 0, NULL},                                                   \
@@ -116,6 +121,10 @@ LW_MUST_CHECK enum lw_status lw_serve_options_write_ports(const struct lw_serve_
 void lw_serve_options_remove_ports(const struct lw_serve_options *options);
 /** Logs where browsers and monitoring find the server. */
 void lw_serve_options_tell(const struct lw_serve_options *options, const struct lw_server *server);
+/** Where clients connect: an address as in a URL, or unix:PATH. */
+void lw_serve_options_where(const struct lw_serve_options *options, const struct lw_server *server, char *dst,
+                            size_t size);
+#define LW_SERVE_OPTIONS_WHERE_SIZE 280 /* bytes that this takes at most */
 /** An address as in a URL. */
 void lw_serve_options_format(char *dst, size_t size, const char *host, unsigned port);
 

@@ -69,6 +69,7 @@ struct lw_server {
     bool has_terminal; /* its log goes to one */
     char *tokens_path;
     char *control_path; /* that is still to be made */
+    bool is_unix_only;
     bool stopping, signalled;
     uint16_t port, http_port, metrics_port;
     uint32_t *order;
@@ -84,6 +85,7 @@ struct lw_server {
     bool has_above; /* handed over, not yet seen by the loop */
     uint64_t above[LW_MESSAGE_RELAYS_MAX];
     uint32_t above_count;
+    uint64_t run;        /* the same; 0: none */
     bool runs;           /* the loop's thread is in lw_server_run() */
     clockid_t cpu_clock; /* its CPU clock; valid while it runs */
 };
@@ -427,6 +429,14 @@ void lw_server_set_relays_above(struct lw_server *server, const uint64_t *above,
     uv_async_send(&server->wake);
 }
 
+void lw_server_set_run(struct lw_server *server, uint64_t run) {
+    LW_INVARIANT(run && server->shared.is_relay);
+    uv_mutex_lock(&server->mutex);
+    server->run = run;
+    uv_mutex_unlock(&server->mutex);
+    uv_async_send(&server->wake);
+}
+
 const _Atomic bool *lw_server_updates_wait(const struct lw_server *server) {
     return &server->shared.updates.waiting;
 }
@@ -544,6 +554,20 @@ static void on_hangup(uv_signal_t *handle, int number) {
     server->hooks.reload(server->hooks.context);
 }
 
+static bool reads_no_runs(const struct lw_session *session) { return !lw_session_reads_runs(session); }
+
+/* Such sessions are to come back at once. */
+static void send_back(struct lw_session_shared *shared, bool (*is_such)(const struct lw_session *session),
+                      const char *why) {
+    const uint32_t return_ms = shared->retry_after_ms;
+    shared->retry_after_ms = LW_SERVER_RELAY_MS;
+    for (struct lw_session *s = shared->first, *next; s; s = next) {
+        next = lw_session_next(s);
+        if (is_such(s)) lw_session_refuse(s, LW_REFUSAL_SHUTDOWN, "%s", why);
+    }
+    shared->retry_after_ms = return_ms;
+}
+
 /* A relay below may have one of them below itself. */
 static void take_relays_above(struct lw_server *server) {
     struct lw_session_shared *shared = &server->shared;
@@ -555,15 +579,19 @@ static void take_relays_above(struct lw_server *server) {
     }
     server->has_above = false;
     uv_mutex_unlock(&server->mutex);
-    if (!has_above) return;
-    const uint32_t return_ms = shared->retry_after_ms;
-    shared->retry_after_ms = LW_SERVER_RELAY_MS;
-    for (struct lw_session *s = shared->first, *next; s; s = next) {
-        next = lw_session_next(s);
-        if (lw_session_is_relay(s))
-            lw_session_refuse(s, LW_REFUSAL_SHUTDOWN, "the light comes through other relays now");
-    }
-    shared->retry_after_ms = return_ms;
+    if (has_above) send_back(shared, lw_session_is_relay, "the light comes through other relays now");
+}
+
+/* Before the first snapshot of the run: who does not read of it must take no tile of that. */
+static void take_run(struct lw_server *server) {
+    struct lw_session_shared *shared = &server->shared;
+    uv_mutex_lock(&server->mutex);
+    const uint64_t run = server->run;
+    server->run = 0;
+    uv_mutex_unlock(&server->mutex);
+    if (!run) return;
+    shared->welcome.run = run;
+    send_back(shared, reads_no_runs, "the light goes on as another run");
 }
 
 static void on_wake(uv_async_t *handle) {
@@ -574,6 +602,7 @@ static void on_wake(uv_async_t *handle) {
     if (server->relay_requested) server->shared.retry_after_ms = LW_SERVER_RELAY_MS;
     server->latest = NULL;
     uv_mutex_unlock(&server->mutex);
+    take_run(server); /* before the snapshot: the run was set before it */
     if (snapshot) adopt(server, snapshot);
     answer_passed(&server->shared);
     take_relays_above(server);
@@ -896,7 +925,7 @@ enum lw_status lw_server_share_sockets(const struct lw_server *server, struct lw
     struct lw_server_sockets sockets = {duplicate(&server->listener),
                                         server->http_port ? duplicate(&server->http_listener) : -1,
                                         server->metrics_port ? duplicate(&server->metrics_listener) : -1};
-    if (sockets.listen < 0 || (server->http_port && sockets.http < 0) ||
+    if ((sockets.listen < 0 && !server->is_unix_only) || (server->http_port && sockets.http < 0) ||
         (server->metrics_port && sockets.metrics < 0)) {
         lw_server_sockets_close(&sockets);
         return lw_status_fail(err, LW_OS, "the sockets cannot be shared: %s", strerror(errno));
@@ -921,7 +950,9 @@ static enum lw_status start_control(struct lw_server *server, const char *path, 
     if (result < 0) status = lw_status_fail(&cause, LW_OS, "%s: %s", path, uv_strerror(result));
     if (status == LW_OK) return LW_OK;
     close_handle((uv_handle_t *)&server->control_listener);
-    if (strcmp(path, "auto") != 0) return lw_status_fail(err, status, "--control-socket: %s", cause.text);
+    if (strcmp(path, "auto") != 0)
+        return lw_status_fail(err, status, "%s: %s",
+                              server->is_unix_only ? "--listen-unix" : "--control-socket", cause.text);
     lw_log(LW_LOG_WARNING, "the scene changes by tokens alone: no Unix socket: %s", cause.text);
     return LW_OK;
 }
@@ -936,7 +967,7 @@ static enum lw_status start_http(struct lw_server *server, const struct lw_serve
                                            .hosts = desc->http_hosts,
                                            .origins = desc->http_origins};
     struct lw_error cause = {0};
-    if (!desc->http_host || (desc->sockets && desc->sockets->http < 0)) return LW_OK;
+    if (!desc->http_host || desc->is_unix_only || (desc->sockets && desc->sockets->http < 0)) return LW_OK;
     enum lw_status status =
         start_listening(&server->http_listener, desc->sockets ? &desc->sockets->http : NULL, desc->http_host,
                         desc->http_port, "--http", &server->http_port, &cause);
@@ -1154,13 +1185,14 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
     server->shared.turned_away.seed = server->shared.places.seed;
     server->shared.log.seed = server->shared.connecting.seed = server->shared.places.seed;
     server->hooks = desc->hooks;
+    server->is_unix_only = desc->is_unix_only;
     server->has_terminal = isatty(STDERR_FILENO);
     set_descriptor_limit();
     enum lw_status status = init_handles(server, err);
     if (status == LW_OK) status = read_tokens(server, desc, err);
     if (status == LW_OK) status = read_certificate(server, desc, err);
     init_doors(server);
-    if (status == LW_OK)
+    if (status == LW_OK && !desc->is_unix_only)
         status = start_listening(&server->listener, desc->sockets ? &desc->sockets->listen : NULL,
                                  desc->host ? desc->host : "127.0.0.1", desc->port, "--listen", &server->port,
                                  err);
@@ -1204,8 +1236,10 @@ enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err) {
     enum lw_status status = watch_signals(server, err);
     if (status != LW_OK) return status;
     struct lw_error cause = {0};
-    if (server->control_path && start_control(server, server->control_path, &cause) != LW_OK)
+    if (server->control_path && (status = start_control(server, server->control_path, &cause)) != LW_OK) {
+        if (server->is_unix_only) return lw_status_fail(err, status, "%s", cause.text);
         lw_log(LW_LOG_WARNING, "%s", cause.text);
+    }
     uv_prepare_start(&server->prepare, on_prepare);
     uv_check_start(&server->check, on_check);
     if (server->hooks.beat) uv_timer_start(&server->beat, on_beat, 0, server->hooks.beat_ms);

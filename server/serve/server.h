@@ -49,6 +49,7 @@ struct lw_server_desc {
     /* Path of the control socket, by which the server's user and root change the scene; "auto": the default
      * path (control_path.h), whose failure is only a warning. NULL: no control socket. Copied. */
     const char *control_socket;
+    bool is_unix_only;  /* sessions come by the control socket alone: no --listen, no HTTP */
     const char *tokens; /* token file (tokens.h): each session needs a token. NULL: none needs one */
     struct lw_tls_context_desc tls; /* outlives the server. certificate NULL: TCP and HTTP without TLS */
     uint16_t port;                  /* 0: the system picks one */
@@ -164,6 +165,10 @@ void lw_server_lose_passed(struct lw_server *server, uint64_t number);
 /** The light comes through other relays now. Sessions of relays are ended; they come back and hear of it.
  * [any] */
 void lw_server_set_relays_above(struct lw_server *server, const uint64_t *above, uint32_t count);
+/** Of a relay: the light goes on as another run, and its FRAMEs say so. Sessions that do not read that are
+ * ended; they come back and hear of it. To be called before lw_server_publish() of the first such FRAME.
+ * [any] */
+void lw_server_set_run(struct lw_server *server, uint64_t run);
 
 /** Asks the loop to refuse new sessions, say goodbye and return from lw_server_run(). [any], and from signal
  * handlers by way of the loop's own SIGINT/SIGTERM watchers, which lw_server_run() installs. */

@@ -13,6 +13,7 @@
 #define LINGER_NS (LW_SERVER_LINGER_S * 1000000000ull)
 
 bool lw_session_is_relay(const struct lw_session *session) { return session->relay; }
+bool lw_session_reads_runs(const struct lw_session *session) { return session->reads_runs; }
 
 struct lw_session *lw_session_next(const struct lw_session *session) {
     return session->next;

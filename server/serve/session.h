@@ -161,5 +161,6 @@ struct lw_session *lw_session_next(const struct lw_session *session);
 
 /** Whether the peer said that it is a relay. */
 bool lw_session_is_relay(const struct lw_session *session);
+bool lw_session_reads_runs(const struct lw_session *session);
 
 #endif

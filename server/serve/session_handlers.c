@@ -118,6 +118,8 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     lw_message_rates_trust(&s->rates, s->controls);
     s->resumes = hello->features & LW_FEATURE_RESUME;
     if (s->resumes) message.welcome.features |= LW_FEATURE_RESUME;
+    s->reads_runs = s->shared->is_relay && (hello->features & LW_FEATURE_RUNS);
+    if (s->reads_runs) message.welcome.features |= LW_FEATURE_RUNS;
     if (lw_blob_from_message(&message, &s->control) != LW_OK) {
         lw_session_lacks_memory(s);
         return;

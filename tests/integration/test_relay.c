@@ -217,6 +217,28 @@ static void forms_of_light_come_apart(void **state) {
 static uint64_t frame_before;
 static bool first_has_gone_on(void) { return stats_of(0).frame >= frame_before; }
 
+/* Runs that a relay joins are 2^32 frames apart. */
+static bool others_have_another_run(void) {
+    for (int i = 1; i < CLIENTS; i++)
+        if (client[i] && stats_of(i).frame >> 32 <= frame_before >> 32) return false;
+    return true;
+}
+
+static bool all_went_on(void) {
+    for (int i = 1; i < CLIENTS; i++)
+        if (client[i] && stats_of(i).frame < stats_of(1).frame) return false;
+    return true;
+}
+
+static bool all_rest_but_hidden(void) {
+    for (int i = 1; i < CLIENTS; i++)
+        if (client[i] &&
+            (!lw_client_object_hidden(client[i], 5) || stats_of(i).settled_frame != stats_of(i).frame ||
+             stats_of(i).frame != stats_of(1).frame))
+            return false;
+    return true;
+}
+
 static void reconnect(int i) {
     struct lw_error err = {0};
     const uint64_t end_ns = lw_clock_ns() + LW_PROCESS_LIMIT_S * 1000000000ull;
@@ -336,7 +358,8 @@ static void a_client_goes_where_it_was_told(void **state) {
     lw_process_refuses("lightwelld", "builtin:cornell --servers :7780", 64, "--servers", LW_PROCESS_LIMIT_S);
 }
 
-/* The daemon is gone: light stays, for newcomers too. It comes back as another run: clients go over. */
+/* The daemon is gone: light stays, for newcomers too. It comes back as another run: clients keep their
+ * sessions, and what they show is its light. */
 static void light_stays_while_the_daemon_is_gone(void **state) {
     (void)state;
     char upstream[64], arguments[400];
@@ -357,20 +380,114 @@ static void light_stays_while_the_daemon_is_gone(void **state) {
     client[1] = client[0];
     client[0] = NULL;
     const uint64_t tiles = stats_of(1).tiles;
+    frame_before = stats_of(1).frame;
     snprintf(arguments, sizeof arguments, CORNELL " --listen 127.0.0.1:%u", port);
     lw_process_serve(&server, arguments);
-    lw_process_await_text(&relay[0], "clients go over to it");
-    reconnect(1);
-    reconnect(2);
+    lw_process_await_text(&relay[0], "clients go on with it");
+    lw_process_await_text(&relay[0], "is there: light goes on");
+    wait_for(others_have_another_run);
     wait_for(all_rest);
     assert_true(stats_of(1).tiles > tiles);
     lw_client_destroy(daemons);
-    for (int i = 1; i < CLIENTS; i++)
-        lw_client_destroy(client[i]); /* their versions go on from those before */
+    join(0, server.port);
+    wait_for(all_rest);
+    expect_the_same_texels();
+    for (int i = 1; i < CLIENTS; i++) lw_client_destroy(client[i]);
+    client[2] = NULL;
+    join(1, relay[0].port);
+    wait_for(all_rest);
+    expect_the_same_texels();
+    assert_int_equal(lw_process_stop(&relay[0], SIGTERM, LW_PROCESS_LIMIT_S), 0);
+}
+
+/* Another scene at the same port: clients are asked to come back, and find it. */
+static void clients_go_over_to_another_scene(void **state) {
+    (void)state;
+    char upstream[64], arguments[400];
+    lw_process_serve(&server, CORNELL);
+    const uint16_t port = server.port;
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", port);
+    start_relay(&relay[0], upstream, "");
+    join(1, relay[0].port);
+    wait_for(all_rest);
+    assert_int_equal(lw_process_stop(&server, SIGKILL, LW_PROCESS_LIMIT_S), -SIGKILL);
+    snprintf(arguments, sizeof arguments, CORNELL " --texels-per-metre 4 --listen 127.0.0.1:%u", port);
+    lw_process_serve(&server, arguments);
+    lw_process_await_text(&relay[0], "another scene now: clients go over to it");
+    struct lw_error err = {0};
+    while (lw_client_poll(client[1], 10, &err) == LW_OK) {
+    }
+    while (lw_client_reconnect(client[1], &err) != LW_OK && !lw_client_found_other_scene(client[1]))
+        lw_support_pause();
+    assert_true(lw_client_found_other_scene(client[1]));
+    lw_client_destroy(client[1]);
+    client[1] = NULL;
     join(0, server.port);
     join(1, relay[0].port);
-    client[2] = NULL;
     expect_the_same();
+}
+
+static void start_behind(const char *path) {
+    char arguments[400];
+    server = (struct lw_process){.port = 0};
+    snprintf(arguments, sizeof arguments,
+             "builtin:cornell --texels-per-metre 8 --clock step --light whole --error 0.3 --frame-rate 200 "
+             "--listen-unix %s",
+             path);
+    lw_process_start(&server, "lightwelld", arguments);
+    lw_process_await_text(&server, "serving builtin:cornell at unix:");
+}
+
+/* A daemon that listens on a Unix socket alone, behind a relay and a relay of that. It is killed, twice: no
+ * client loses its session, and all get the light of the new run. One whose relay dies then goes to the other
+ * relay, and is sent nothing that it has: both know the runs by one name. */
+static void a_crash_of_the_solver_costs_no_session(void **state) {
+    (void)state;
+    char path[200], upstream[256], options[64];
+    snprintf(path, sizeof path, "%s", lw_support_temporary("daemon.sock"));
+    start_behind(path);
+    snprintf(upstream, sizeof upstream, "unix:%s", path);
+    start_relay(&relay[0], upstream, "");
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", relay[0].port);
+    snprintf(options, sizeof options, "--servers 127.0.0.1:%u", relay[0].port);
+    start_relay(&relay[1], upstream, options);
+    join_with(1, relay[0].port, (struct lw_client_desc){.control = true});
+    join(2, relay[1].port);
+    wait_for(all_rest);
+    for (int crash = 0; crash < 2; crash++) {
+        frame_before = stats_of(1).frame;
+        assert_int_equal(lw_process_stop(&server, SIGKILL, LW_PROCESS_LIMIT_S), -SIGKILL);
+        start_behind(path);
+        wait_for(others_have_another_run);
+        wait_for(all_rest);
+    }
+    /* an update, whose answer comes with the frame that shows it, by the numbers that clients have */
+    const struct lw_scene_change hide = {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 5};
+    struct lw_client_answer answer;
+    const uint64_t frame = update(1, &hide, &answer);
+    assert_int_equal(answer.code, LW_SCENE_CHANGE_OK);
+    assert_true(frame > frame_before && stats_of(1).frame >= frame);
+    assert_true(lw_client_object_hidden(client[1], 5));
+    wait_for(all_went_on);
+    wait_for(all_rest_but_hidden);
+    const uint64_t tiles = stats_of(2).tiles;
+    assert_int_equal(lw_process_stop(&relay[1], SIGKILL, LW_PROCESS_LIMIT_S), -SIGKILL);
+    reconnect(2);
+    lw_process_await_text(&relay[0], "\"test_relay\" joined");
+    wait_for(all_rest_but_hidden);
+    assert_int_equal(stats_of(2).tiles, tiles);
+    struct lw_client *of_relay = client[1];
+    client[1] = NULL;
+    client[0] = of_relay;
+    expect_the_same_texels();
+    client[1] = of_relay;
+    client[0] = NULL;
+    lw_process_refuses("lightwelld", "builtin:cornell --listen-unix a --listen 127.0.0.1:1", 64,
+                       "--listen-unix", LW_PROCESS_LIMIT_S);
+    lw_process_refuses("lightwelld", "builtin:cornell --listen-unix a --control-socket b", 64,
+                       "--listen-unix", LW_PROCESS_LIMIT_S);
+    lw_process_refuses("lightwelld", "builtin:cornell --listen-unix /no/folder/a.sock", 69, "--listen-unix",
+                       LW_PROCESS_LIMIT_S);
 }
 
 /* The server above dies with an update: who made it is sent away, since nobody knows what became of it. All
@@ -506,6 +623,8 @@ int main(void) {
         cmocka_unit_test_teardown(a_client_goes_from_one_to_another, end_all),
         cmocka_unit_test_teardown(a_client_goes_where_it_was_told, end_all),
         cmocka_unit_test_teardown(light_stays_while_the_daemon_is_gone, end_all),
+        cmocka_unit_test_teardown(clients_go_over_to_another_scene, end_all),
+        cmocka_unit_test_teardown(a_crash_of_the_solver_costs_no_session, end_all),
         cmocka_unit_test_teardown(an_update_without_answer_ends_its_session, end_all),
         cmocka_unit_test_teardown(updates_go_up_with_their_token, end_all),
         cmocka_unit_test_teardown(a_loop_of_relays_is_refused, end_all),

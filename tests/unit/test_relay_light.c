@@ -133,6 +133,14 @@ static void expect_tile(const struct lw_blob *blob, const struct lw_message_tile
     lw_message_finish(&m);
 }
 
+static void expect_run(const struct lw_blob *frame, uint64_t run) {
+    struct lw_message m;
+    lw_support_ok(lw_message_decode_whole(frame->bytes, frame->size, &m), NULL);
+    assert_int_equal(m.type, LW_MESSAGE_FRAME);
+    assert_int_equal(m.frame.run, run);
+    lw_message_finish(&m);
+}
+
 /* Tiles are forwarded as they came; one that came as a delta is made whole as its server has it. */
 static void tiles_are_passed_on(void **state) {
     (void)state;
@@ -310,6 +318,61 @@ static void what_makes_no_sense_is_refused(void **state) {
     assert_int_equal(lw_relay_light_version(light, FULL, (lw_tile_id){0}), 12);
 }
 
+/* Another run of the same scene counts on from the one before: the server above has numbers of its own,
+ * clients get larger ones than all before. Old tiles stay until new ones come. */
+static void another_run_counts_on(void **state) {
+    (void)state;
+    const uint64_t gap = UINT64_C(1) << 32;
+    lw_relay_light_begin(light, FULL);
+    take_all(FULL, 5);
+    struct lw_snapshot *s = snapshot();
+    expect_run(s->frame_full, 0);
+    lw_snapshot_unref(s);
+    assert_false(lw_relay_light_counts_on(light));
+    lw_relay_light_end(light, FULL);
+    assert_true(lw_relay_light_begin_run(light, 77));
+    assert_true(lw_relay_light_run(light) == 77 && lw_relay_light_counts_on(light));
+    assert_int_equal(lw_relay_light_version(light, FULL, (lw_tile_id){0}), 0);
+    assert_int_equal(lw_relay_light_frame(light, FULL), 0);
+    assert_int_equal(lw_relay_light_frame_for_clients(light, 3), gap + 3);
+    assert_int_equal(lw_relay_light_frame_for_clients(light, 0), 0);
+    lw_relay_light_begin(light, FULL);
+    memset(source, 0, map->tile_count * sizeof *source);
+    take_frame(FULL, 1);
+    encode(0, 2);
+    take_tile(FULL, source[0].whole);
+    take_settled(FULL, 1);
+    s = snapshot();
+    assert_true(s->frame == gap + 1 && s->previous_frame == 5);
+    expect_run(s->frame_full, 77);
+    expect_run(s->frame_delta, 77);
+    assert_int_equal(s->tile[FULL][0].version, 2 * gap + 2);
+    assert_int_equal(s->tile[FULL][1].version, 10); /* of before */
+    lw_snapshot_unref(s);
+    assert_int_equal(lw_relay_light_version(light, FULL, (lw_tile_id){0}), 2);
+    assert_int_equal(lw_relay_light_version(light, FULL, (lw_tile_id){1}), 0);
+    assert_int_equal(lw_relay_light_frame(light, FULL), 1);
+    /* a delta builds on what is of this run alone */
+    take_frame(FULL, 2);
+    encode(0, 4);
+    take_tile(FULL, source[0].delta);
+    struct lw_message_tile of_before = source[0].delta;
+    of_before.tile = lw_atlas_map_number(map, (lw_tile_id){1});
+    of_before.object = map->place[1].object;
+    of_before.level = map->place[1].level;
+    of_before.base = 10;
+    of_before.version = 11;
+    refuse_tile(of_before, "over twice the number");
+    /* numbers end some time: then there is no further run */
+    lw_relay_light_end(light, FULL);
+    assert_true(lw_relay_light_begin_run(light, 78));
+    lw_relay_light_begin(light, FULL);
+    take_frame(FULL, UINT64_MAX / 4 - 2 * gap);
+    lw_relay_light_end(light, FULL);
+    assert_false(lw_relay_light_begin_run(light, 79));
+    assert_int_equal(lw_relay_light_run(light), 78);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(tiles_are_passed_on, begin, end),
@@ -317,6 +380,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(channels_settle_apart, begin, end),
         cmocka_unit_test_setup_teardown(light_stays, begin, end),
         cmocka_unit_test_setup_teardown(what_makes_no_sense_is_refused, begin, end),
+        cmocka_unit_test_setup_teardown(another_run_counts_on, begin, end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -99,7 +99,7 @@ export class Session {
     nowMs: number,
   ) {
     this.heardMs = this.pingedMs = nowMs;
-    this.offered = features | wire.Feature.RESUME | wire.Feature.PARTS | wire.Feature.DCT;
+    this.offered = features | wire.Feature.RESUME | wire.Feature.PARTS | wire.Feature.DCT | wire.Feature.RUNS;
     if (host.mayControl) this.offered |= wire.Feature.CONTROL;
     if (host.finishes) this.offered |= wire.Feature.MATERIALS;
     host.send(wire.writeHello(this.offered, 'lightwell web', host.token));
@@ -285,6 +285,7 @@ export class Session {
         throw new ProtocolError(`message FRAME: ${frame.frame} after ${this.lastFrame}`);
       replica.takeFrame(frame);
       this.lastFrame = frame.frame;
+      this.kept.run = frame.run || this.kept.run;
       this.flush();
       this.host.frame({ frame, visible: replica.takeVisible() });
       this.host.send(wire.writeAck(frame.frame));

@@ -48,6 +48,7 @@ export const Feature = {
   DRAWS: 64n,
   MATERIALS: 256n,
   FINER: 512n,
+  RUNS: 1024n,
 } as const;
 
 export const Refusal = {
@@ -387,6 +388,7 @@ export interface Frame {
   hidden: Uint32Array;
   shown: Uint32Array;
   spares: number; // of hidden, the first
+  run: bigint; // 0: as before
   material: Uint32Array;
   baseColour: Float32Array; // 3 for each material, as the next
   emission: Float32Array;
@@ -411,6 +413,7 @@ export function readFrame(body: Uint8Array): Frame {
     hidden: noInts,
     shown: noInts,
     spares: 0,
+    run: 0n,
     material: noInts,
     baseColour: noFloats,
     emission: noFloats,
@@ -432,6 +435,7 @@ export function readFrame(body: Uint8Array): Frame {
     else if (r.no === 17) f.baseColour = r.floats(3 * 4096);
     else if (r.no === 18) f.emission = r.floats(3 * 4096);
     else if (r.no === 19) f.spares = r.uint32();
+    else if (r.no === 20) f.run = r.uint64();
     else r.skip();
   }
   if (!f.frame) r.fail('frame 0');

@@ -49,6 +49,8 @@ for (const name of readdirSync(folder)) {
 test('there are golden messages', () => assert.ok(count > 20));
 
 test('what they say', () => {
+  assert.equal(read('frame_run.bin').run, 0x0123456789abcdefn);
+  assert.equal(read('frame_cpu.bin').run, 0n);
   const tile = read('tile.bin');
   assert.deepEqual(
     [
