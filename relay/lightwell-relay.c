@@ -6,6 +6,7 @@
 #include "common/interrupt.h"
 #include "common/log.h"
 #include "common/options_config.h"
+#include "proto/nats_wire.h"
 #include "relay/relay.h"
 #include "relay/relay_metrics.h"
 #include "server/serve/serve_options.h"
@@ -61,6 +62,7 @@ static void on_early_signal(int number) {
 
 static enum lw_status parse_upstreams(struct settings *s, struct lw_error *err) {
     char text[512];
+    struct lw_nats_wire_address nats;
     const char *at = s->upstream;
     while (at) {
         const char *comma = strchr(at, ',');
@@ -71,8 +73,13 @@ static enum lw_status parse_upstreams(struct settings *s, struct lw_error *err) 
         memcpy(text, at, length);
         text[length] = '\0';
         struct lw_relay_address *address = &s->address[s->address_count++];
-        const enum lw_status status =
-            lw_access_address(text, address->host, sizeof address->host, &address->port, err);
+        enum lw_status status = LW_OK;
+        if (!lw_nats_wire_is_address(text))
+            status = lw_access_address(text, address->host, sizeof address->host, &address->port, err);
+        else if ((status = lw_nats_wire_address(text, &nats, err)) == LW_OK && length < sizeof address->host)
+            strcpy(address->host, text);
+        else if (status == LW_OK)
+            status = lw_status_fail(err, LW_USAGE, "an address is too long");
         if (status != LW_OK) {
             lw_status_context(err, "UPSTREAM");
             return status;
@@ -109,7 +116,8 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         .synopsis = "UPSTREAM[,UPSTREAM...] [OPTIONS]",
         .about = "Passes on the light of a lightwelld, or of another relay, to clients of its own. It solves "
                  "nothing, and clients notice no difference.\n"
-                 "UPSTREAM is HOST[:PORT] or unix:PATH. Of several, the next one is tried when one is gone; "
+                 "UPSTREAM is HOST[:PORT], unix:PATH or nats://HOST:PORT[/SCENE]. Of several, the next one "
+                 "is tried when one is gone; "
                  "clients keep their light meanwhile.",
         .table = table,
         .count = sizeof table / sizeof table[0],
@@ -224,12 +232,14 @@ static enum lw_status tell_first(struct program *p, const struct lw_relay_scene 
                                  struct lw_error *err) {
     const struct settings *s = &p->settings;
     char address[LW_SERVE_OPTIONS_WHERE_SIZE];
+    struct lw_relay_stats stats; /* the address there has no password */
     if (p->told) return LW_OK;
+    lw_relay_get_stats(p->relay, &stats);
     enum lw_status status = lw_serve_options_write_ports(&s->serve, p->server, err);
     if (status != LW_OK) return status;
     p->told = true;
     lw_serve_options_where(&s->serve, p->server, address, sizeof address);
-    lw_log(LW_LOG_INFO, "serving the light of %s at %s: %u objects, %u tiles", s->upstream, address,
+    lw_log(LW_LOG_INFO, "serving the light of %s at %s: %u objects, %u tiles", stats.address, address,
            lw_relay_light_scene(scene->light)->object_count, lw_relay_light_map(scene->light)->tile_count);
     lw_serve_options_tell(&s->serve, p->server);
     lw_service_notify("READY=1\nSTATUS=serving at %s", address);

@@ -5,6 +5,7 @@
 #include "common/clock.h"
 #include "common/invariant.h"
 #include "common/log.h"
+#include "proto/nats_wire.h"
 
 #include <errno.h>
 #include <poll.h>
@@ -91,7 +92,10 @@ struct lw_relay {
 
 static const char *name_of(const struct lw_relay *r, char *dst, size_t size) {
     const struct lw_relay_address *a = &r->upstream[r->at];
-    if (strncmp(a->host, LW_ACCESS_UNIX, strlen(LW_ACCESS_UNIX)) == 0)
+    struct lw_nats_wire_address nats;
+    if (lw_nats_wire_address(a->host, &nats, NULL) == LW_OK) /* no password */
+        snprintf(dst, size, "%s", nats.name);
+    else if (strncmp(a->host, LW_ACCESS_UNIX, strlen(LW_ACCESS_UNIX)) == 0)
         snprintf(dst, size, "%s", a->host);
     else
         snprintf(dst, size, strchr(a->host, ':') ? "[%s]:%u" : "%s:%u", a->host, (unsigned)a->port);
@@ -117,12 +121,14 @@ static void try_next(struct lw_relay *r) {
 static void note_found(struct lw_relay *r) {
     if (r->lost_at_ns) lw_log(LW_LOG_INFO, "%s is there: light goes on", r->stats.address);
     r->lost_at_ns = 0;
+    r->stats.is_connected = true;
 }
 
 /* A server that has just begun has no light yet: until then clients have that of before. */
 static void look_for_light(struct lw_relay *r) {
-    for (uint32_t c = 0; r->lost_at_ns && c < LW_TILE_CHANNELS_MAX; c++)
-        if (r->feed[c] && lw_relay_light_frame(r->scene.light, c)) note_found(r);
+    for (uint32_t c = 0; (r->lost_at_ns || !r->stats.is_connected) && c < LW_TILE_CHANNELS_MAX; c++)
+        if (r->feed[c] && lw_relay_upstream_is_current(r->feed[c]) && lw_relay_light_frame(r->scene.light, c))
+            note_found(r);
 }
 
 static void note_lost(struct lw_relay *r, uint32_t retry_after_ms) {
@@ -173,7 +179,7 @@ static enum lw_status resume(struct lw_relay *r, struct lw_relay_upstream *up, s
     if (status != LW_OK) return lw_status_fail(err, status, "%s", lw_status_text(status));
     r->feed[channel] = up;
     r->feed_run[channel] = r->above_run;
-    r->stats.is_connected = true;
+    r->stats.is_connected = lw_relay_upstream_is_current(up);
     return LW_OK;
 }
 
@@ -233,6 +239,7 @@ static enum lw_status begin_newcomer(struct lw_relay *r, struct lw_relay_upstrea
 
 /* Without the mutex while it connects. draws: which form of light it is to bring */
 static void connect_feed(struct lw_relay *r, bool draws) {
+    const uint32_t form = draws ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL;
     struct lw_relay_upstream *up = NULL;
     struct lw_error err = {0};
     const struct lw_relay_upstream_desc desc = {.host = r->upstream[r->at].host,
@@ -241,13 +248,14 @@ static void connect_feed(struct lw_relay *r, bool draws) {
                                                 .trust = r->trust,
                                                 .timeout_ms = r->timeout_ms,
                                                 .relay = r->number,
+                                                .has_light = r->has_scene &&
+                                                             lw_relay_light_has_first(r->scene.light, form),
                                                 .draws = draws,
                                                 .cache_folder = r->cache_folder};
     pthread_mutex_unlock(&r->mutex);
     enum lw_status status = lw_relay_upstream_create(&desc, &up, &err);
     pthread_mutex_lock(&r->mutex);
     if (status == LW_OK) {
-        const uint32_t form = draws ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL;
         const struct lw_relay_told *told = lw_relay_upstream_told(up);
         const bool is_scene = r->has_scene && lw_relay_told_same_scene(told, &r->scene.told) &&
                               lw_relay_upstream_channel(up) == form;
@@ -692,9 +700,11 @@ static void adopt_next(struct lw_relay *r) {
     r->feed[r->main_channel] = r->newcomer;
     r->feed_run[r->main_channel] = r->above_run;
     lw_relay_upstream_set_waiting(r->newcomer, &r->waiting);
+    if (lw_relay_upstream_is_current(r->newcomer))
+        note_found(r);
+    else if (!r->lost_at_ns)
+        r->lost_at_ns = lw_clock_ns();
     r->newcomer = NULL;
-    r->stats.is_connected = true;
-    note_found(r);
 }
 
 const struct lw_relay_scene *lw_relay_next_scene(struct lw_relay *r, unsigned timeout_ms) {

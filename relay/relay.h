@@ -26,7 +26,7 @@
 #define LW_RELAY_CONTROLS_MAX       64u /* tokens whose updates are passed on at once */
 
 struct lw_relay_address {
-    char host[256]; /* or unix:PATH */
+    char host[256]; /* or unix:PATH, or an address of NATS (nats_wire.h) */
     uint16_t port;
 };
 

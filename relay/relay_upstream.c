@@ -7,6 +7,7 @@
 #include "common/clock.h"
 #include "common/invariant.h"
 #include "common/log.h"
+#include "relay/nats_feed.h"
 
 #include <poll.h>
 #include <stdlib.h>
@@ -18,6 +19,7 @@
 
 struct lw_relay_upstream {
     struct lw_link link;
+    struct lw_nats_feed *feed; /* at the other end of the link; NULL: a server */
     struct lw_message_memory memory;
     uint64_t relay;
     bool control, welcomed, has_asked, owns_light, finish_asked, reads_parts;
@@ -116,6 +118,7 @@ static enum lw_status take_package(struct lw_relay_upstream *up, uint8_t *packag
     if (status != LW_OK) return status;
     up->owns_light = true;
     lw_relay_light_begin(up->light, up->channel);
+    if (up->feed) lw_nats_feed_set_map(up->feed, lw_relay_light_map(up->light));
     return LW_OK;
 }
 
@@ -435,6 +438,7 @@ enum lw_status lw_relay_upstream_resume(struct lw_relay_upstream *up, struct lw_
     up->light = light;
     up->has_finishes = true;
     lw_relay_light_begin(light, up->channel);
+    if (up->feed) lw_nats_feed_set_map(up->feed, lw_relay_light_map(light));
     lw_download_finish(&up->download);
     lw_download_finish(&up->finish_download);
     enum lw_status status = tell_interest(up, err);
@@ -529,6 +533,23 @@ static enum lw_status shake_hands(struct lw_relay_upstream *up, const struct lw_
     return status;
 }
 
+static enum lw_status connect_feed(struct lw_relay_upstream *up, const struct lw_relay_upstream_desc *desc,
+                                   struct lw_error *err) {
+    struct lw_nats_wire_address address;
+    int socket;
+    enum lw_status status = lw_nats_wire_address(desc->host, &address, err);
+    if (status == LW_OK && desc->control)
+        status = lw_status_fail(err, LW_NOT_ALLOWED, "changes of the scene do not go through NATS");
+    if (status == LW_OK)
+        status = lw_nats_feed_create(&(struct lw_nats_feed_desc){.address = &address,
+                                                                 .relay = desc->relay,
+                                                                 .timeout_ms = desc->timeout_ms,
+                                                                 .takes_old = !desc->has_light},
+                                     &up->feed, &socket, err);
+    if (status != LW_OK) return status;
+    return lw_link_connect(&up->link, &(struct lw_link_desc){.host = address.name, .socket = &socket}, err);
+}
+
 enum lw_status lw_relay_upstream_create(const struct lw_relay_upstream_desc *desc,
                                         struct lw_relay_upstream **out_upstream, struct lw_error *err) {
     struct lw_relay_upstream *up = calloc(1, sizeof *up);
@@ -538,15 +559,15 @@ enum lw_status lw_relay_upstream_create(const struct lw_relay_upstream_desc *des
     up->cache_folder = desc->cache_folder;
     lw_interest_init(&up->interest);
     up->interest.now.everything = false; /* nothing but stand-ins, until clients want more */
-    enum lw_status status =
-        lw_link_connect(&up->link,
-                        &(struct lw_link_desc){.host = desc->host,
-                                               .port = desc->port,
-                                               .timeout_ms = desc->timeout_ms,
-                                               .prefers_local = desc->control && !desc->token,
-                                               .tls = desc->trust},
-                        err);
+    const struct lw_link_desc link = {.host = desc->host,
+                                      .port = desc->port,
+                                      .timeout_ms = desc->timeout_ms,
+                                      .prefers_local = desc->control && !desc->token,
+                                      .tls = desc->trust};
+    enum lw_status status = lw_nats_wire_is_address(desc->host) ? connect_feed(up, desc, err)
+                                                                : lw_link_connect(&up->link, &link, err);
     if (status != LW_OK) {
+        lw_nats_feed_destroy(up->feed);
         lw_interest_finish(&up->interest);
         free(up);
         return status;
@@ -560,6 +581,7 @@ enum lw_status lw_relay_upstream_create(const struct lw_relay_upstream_desc *des
 
 void lw_relay_upstream_destroy(struct lw_relay_upstream *up) {
     if (!up) return;
+    lw_nats_feed_destroy(up->feed); /* it uses the light's map */
     if (up->light) lw_relay_light_end(up->light, up->channel);
     if (up->owns_light) lw_relay_light_destroy(up->light);
     free(up->scene.package);
@@ -602,6 +624,9 @@ enum lw_status lw_relay_upstream_take(struct lw_relay_upstream *up, struct lw_er
 
 const struct lw_relay_told *lw_relay_upstream_told(const struct lw_relay_upstream *up) { return &up->told; }
 uint32_t lw_relay_upstream_channel(const struct lw_relay_upstream *up) { return up->channel; }
+bool lw_relay_upstream_is_current(const struct lw_relay_upstream *up) {
+    return !up->feed || lw_nats_feed_is_alive(up->feed);
+}
 const char *lw_relay_upstream_address(const struct lw_relay_upstream *up) { return up->link.address; }
 uint64_t lw_relay_upstream_bytes(const struct lw_relay_upstream *up) { return up->link.bytes_received; }
 uint64_t lw_relay_upstream_tiles(const struct lw_relay_upstream *up) { return up->tiles; }

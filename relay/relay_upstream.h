@@ -14,13 +14,14 @@
 struct lw_relay_upstream;
 
 struct lw_relay_upstream_desc {
-    const char *host; /* or unix:PATH */
+    const char *host; /* or unix:PATH, or an address of NATS (nats_wire.h) */
     uint16_t port;
     const struct lw_token *token; /* NULL: none */
     struct ssl_ctx_st *trust;     /* NULL: in plain */
     unsigned timeout_ms;          /* for connecting, and for the welcome */
     uint64_t relay;               /* number of this relay */
     bool control;                 /* it passes updates on, and takes no light */
+    bool has_light;               /* it has such light already: that of a server that is gone is no use */
     bool draws;                   /* it wants light without that of client lights, if the server has it */
     const char *cache_folder;     /* of packages; outlives it. NULL: none */
 };
@@ -52,6 +53,8 @@ void lw_relay_upstream_destroy(struct lw_relay_upstream *upstream);
 const struct lw_relay_told *lw_relay_upstream_told(const struct lw_relay_upstream *upstream);
 /** The channel of light that the session gets. */
 uint32_t lw_relay_upstream_channel(const struct lw_relay_upstream *upstream);
+/** Whether its server is there: NATS may have light of one that is gone. */
+bool lw_relay_upstream_is_current(const struct lw_relay_upstream *upstream);
 /** Relays that the light comes through, the nearest first: under LW_MESSAGE_RELAYS_MAX. */
 const uint64_t *lw_relay_upstream_relays(const struct lw_relay_upstream *upstream, uint32_t *out_count);
 const char *lw_relay_upstream_address(const struct lw_relay_upstream *upstream);

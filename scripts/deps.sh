@@ -8,6 +8,7 @@ set -euo pipefail
 packages=(
     gcc g++ libc6-dev cmake ninja-build pkg-config make git
     libembree-dev libtbb-dev libuv1-dev libssl-dev libwebsockets-dev libwebsockets-evlib-uv
+    libnats-dev nats-server # nats-server is for tests alone, which start their own
     libprotobuf-c-dev protobuf-c-compiler protobuf-compiler
     libzstd-dev libxxhash-dev libjansson-dev libinih-dev
     libopenexr-dev libpng-dev libjpeg62-turbo-dev libassimp-dev libstb-dev libsdl2-dev
@@ -52,9 +53,9 @@ install_missing() {
         as_root=(sudo)
     fi
     echo "deps: installing ${#missing[@]} Debian packages: ${missing[*]}" >&2
-    # The proxies are for tests alone, which start their own: no service of theirs begins, now or at a restart.
+    # The proxies and nats-server are for tests alone, which start their own: no service of theirs begins, now or at a restart.
     local policy=/usr/sbin/policy-rc.d proxies=()
-    for package in nginx-light caddy; do
+    for package in nginx-light caddy nats-server; do
         if [[ " ${missing[*]} " = *" $package "* ]]; then proxies+=("${package%-light}.service"); fi
     done
     if [ ${#proxies[@]} -gt 0 ] && [ ! -e $policy ]; then

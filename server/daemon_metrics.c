@@ -155,6 +155,27 @@ static void write_renderers(struct lw_exposition *e, const struct lw_cost_report
     }
 }
 
+static void write_nats(struct lw_exposition *e, const struct lw_nats_publisher_stats *nats) {
+    if (!nats) return;
+    lw_exposition_gauge(
+        e, "lightwell_nats_connected", nats->is_connected && !nats->is_stood_down,
+        "1: the light is published at --nats; 0: NATS is gone, or another lightwelld publishes "
+        "under that name.");
+    lw_exposition_gauge(e, "lightwell_nats_relays", nats->relays,
+                        "Relays that want light by NATS; one that takes both forms of it counts twice.");
+    lw_exposition_counter(e, "lightwell_nats_published_messages_total", (double)nats->messages,
+                          "Messages handed to NATS.");
+    lw_exposition_counter(e, "lightwell_nats_published_bytes_total", (double)nats->bytes,
+                          "Bytes of their payloads.");
+    lw_exposition_counter(e, "lightwell_nats_kept_messages_total", (double)nats->kept,
+                          "Those of them that JetStream was asked to keep: light.");
+    lw_exposition_counter(e, "lightwell_nats_failures_total", (double)nats->failures,
+                          "Messages that could not be handed over: NATS was gone, or full.");
+    lw_exposition_counter(e, "lightwell_nats_requests_total", (double)nats->requests, "Messages of relays.");
+    lw_exposition_counter(e, "lightwell_nats_refused_messages_total", (double)nats->refused_messages,
+                          "Those of them that made no sense.");
+}
+
 static void write_cpu(struct lw_exposition *e, const struct lw_daemon_metrics_sums *sums,
                       const struct lw_server_stats *serve) {
     lw_exposition_metric(e, "lightwell_cpu_seconds_total", "counter",
@@ -189,6 +210,7 @@ enum lw_status lw_daemon_metrics_text(struct lw_daemon_metrics *metrics,
                         "How much of that is done, 0 to 1.");
     write_solve(&e, &sums);
     write_serve(&e, &sums, serve);
+    write_nats(&e, state->nats);
     write_cpu(&e, &sums, serve);
     write_renderers(&e, &metrics->renderers);
     lw_serve_metrics_process(&e, metrics->started_s);

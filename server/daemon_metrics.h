@@ -6,6 +6,7 @@
 
 #include "common/waiting.h"
 #include "server/cost_report.h"
+#include "server/nats/nats_publisher.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
 
@@ -54,6 +55,7 @@ struct lw_daemon_metrics_state {
     bool is_stalled;  /* the solver makes no progress */
     bool is_stopping; /* sessions are sent away */
     struct lw_waiting_state first_light;
+    const struct lw_nats_publisher_stats *nats; /* NULL: there is no --nats */
 };
 
 void lw_daemon_metrics_init(struct lw_daemon_metrics *metrics, const char *isa, const char *solver);

@@ -20,6 +20,7 @@
 #include "common/waiting.h"
 #include "server/daemon_metrics.h"
 #include "server/file_stamp.h"
+#include "server/nats/nats_publisher.h"
 #include "server/probe_options.h"
 #include "server/publish/light_store.h"
 #include "server/publish/publisher.h"
@@ -75,15 +76,29 @@ enum codec_kind { CODEC_HALF, CODEC_DCT };
 static const char *const command_only[] = {"config", "check-config", "print-config", NULL};
 static const char *const client_variables[] = {"token", NULL};
 /* What SIGHUP cannot change: addresses, files and clocks that the operator relies on. */
-static const char *const fixed_keys[] = {
-    "listen",         "listen-unix", "port-file", "http", "http-port-file", "metrics",    "metrics-port-file",
-    "control-socket", "keep",        "clock",     "json", "frames",         "log-format", NULL};
+static const char *const fixed_keys[] = {"listen",
+                                         "listen-unix",
+                                         "port-file",
+                                         "http",
+                                         "http-port-file",
+                                         "metrics",
+                                         "metrics-port-file",
+                                         "control-socket",
+                                         "nats",
+                                         "keep",
+                                         "clock",
+                                         "json",
+                                         "frames",
+                                         "log-format",
+                                         NULL};
 
 struct settings {
     struct lw_scene_open scene;
     struct lw_options_config config;
     char *printed; /* all options, as a file for --config */
     struct lw_serve_options serve;
+    const char *nats; /* NULL: none */
+    struct lw_nats_wire_address nats_address;
     const char *plan_log;
     const char *crossover_report;
     struct lw_cost_report renderers; /* of that report */
@@ -130,6 +145,7 @@ struct daemon {
     struct lw_solver *solver;
     struct lw_publisher *publisher;
     struct lw_server *server;
+    struct lw_nats_publisher *nats; /* NULL: none */
     pthread_t solver_thread;
     struct lw_light_store light_store; /* if --keep says so */
     _Atomic bool stopping;
@@ -195,6 +211,9 @@ static enum lw_status check(struct settings *s, struct lw_error *err) {
     }
     if ((status = lw_combinations_check(choices_of(s), err)) != LW_OK) return status;
     status = lw_serve_options_check(&s->serve, err);
+    if (status == LW_OK && s->nats &&
+        (status = lw_nats_wire_address(s->nats, &s->nats_address, err)) != LW_OK)
+        lw_status_context(err, "--nats");
     if (status != LW_OK || !s->crossover_report) return status;
     if ((status = lw_cost_report_read(s->crossover_report, &s->renderers, err)) != LW_OK)
         lw_status_context(err, "--crossover-report");
@@ -221,6 +240,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
                            lw_builtin_about(i));
     const struct lw_option table[] = {
         LW_SERVE_OPTIONS(&s->serve),
+        {"nats", "nats://HOST:PORT[/SCENE]",
+         "also publish the light there, under the name SCENE (default \"scene\"), for lightwell-relay; the "
+         "nats-server needs JetStream (default: none)",
+         LW_OPTION_STRING, &s->nats, 0, 0, NULL},
         LW_OPTIONS_CONFIG(&s->config),
         {"crossover-report", "FOLDER",
          "a folder that lightwell-load crossover has written, for the cost meter of /metrics: what renderers "
@@ -724,13 +747,21 @@ static bool owes_ids(const struct daemon *d) {
            lw_fine_ids_free_count(map->fine) < lw_atlas_map_room(map) / 4;
 }
 
+/* That listen by NATS. */
+static bool has_relays(const struct daemon *d) {
+    struct lw_nats_publisher_stats stats = {.relays = 0};
+    if (d->nats) lw_nats_publisher_get_stats(d->nats, &stats);
+    return stats.relays > 0;
+}
+
 /* Sessions need new transforms even if no tile in their interest set was solved, and a session that sent an
  * update waits for its frame. */
 static bool has_news(struct daemon *d, const struct lw_solver_stats *solve, size_t updates) {
     struct lw_server_stats serve;
     lw_server_get_stats(d->server, &serve);
     d->moved |= solve->moved;
-    return solve->tiles_shown > 0 || updates > 0 || (d->moved && serve.sessions_now > 0) || owes_ids(d);
+    return solve->tiles_shown > 0 || updates > 0 || (d->moved && (serve.sessions_now > 0 || has_relays(d))) ||
+           owes_ids(d);
 }
 
 /* *out_snapshot: stays NULL where there is no memory for it now. */
@@ -744,6 +775,7 @@ static enum lw_status publish_frame(struct daemon *d, uint64_t frame, uint64_t s
         return lw_status_fail(err, status, "publishing frame %llu", (unsigned long long)frame);
     (*out_snapshot)->interest = d->published_interest = d->interest;
     lw_server_publish(d->server, *out_snapshot);
+    if (d->nats) lw_nats_publisher_publish(d->nats, *out_snapshot);
     d->published = frame;
     d->moved = false;
     return LW_OK;
@@ -903,7 +935,10 @@ static bool on_page(void *context, const char *path, struct lw_server_page *out_
     struct daemon *d = context;
     struct lw_server_stats serve;
     lw_server_get_stats(d->server, &serve);
-    const struct lw_daemon_metrics_state state = {.is_lit = d->lit || d->channels_kept,
+    struct lw_nats_publisher_stats nats;
+    if (d->nats) lw_nats_publisher_get_stats(d->nats, &nats);
+    const struct lw_daemon_metrics_state state = {.nats = d->nats ? &nats : NULL,
+                                                  .is_lit = d->lit || d->channels_kept,
                                                   .is_stalled = is_stalled(d),
                                                   .is_stopping = d->stops,
                                                   .first_light = lw_waiting_read(&d->first_light)};
@@ -1106,6 +1141,7 @@ static enum lw_status recall_light(struct daemon *d, struct lw_error *err) {
         lw_light_store_recall(&d->light_store, &d->atlas_map, (float)d->settings.error);
     if (!snapshot) return LW_OK;
     lw_server_publish(d->server, snapshot);
+    if (d->nats) lw_nats_publisher_publish(d->nats, snapshot);
     d->published = snapshot->frame;
     d->channels_kept = snapshot->channels;
     lw_snapshot_unref(snapshot);
@@ -1138,17 +1174,58 @@ static enum lw_status create_server(struct daemon *d, struct lw_server_sockets *
     return lw_server_create(&desc, &d->server, err);
 }
 
+/* In the publisher's thread. */
+static void on_relays_want(void *context, const struct lw_nats_publisher_wants *wants) {
+    const struct daemon *d = context;
+    if (!lw_server_set_outside(d->server, wants->channels, wants->everything, wants->tile, wants->tile_count))
+        lw_log(LW_LOG_WARNING, "out of memory for what relays want: they get what was wanted before");
+}
+
+/* follows: a server before it has served: then a failure ends nothing. */
+static enum lw_status join_nats(struct daemon *d, bool follows, struct lw_error *err) {
+    const struct settings *s = &d->settings;
+    struct lw_server_scene scene;
+    struct lw_error cause = {0};
+    if (!s->nats) return LW_OK;
+    enum lw_status status = lw_server_get_scene(d->server, &scene);
+    if (status != LW_OK) return lw_status_fail(err, status, "out of memory");
+    status = lw_nats_publisher_create(
+        &(struct lw_nats_publisher_desc){.address = &s->nats_address,
+                                         .map = &d->atlas_map,
+                                         .object_count = d->scene->object_count,
+                                         .light_count = d->scene->light_count,
+                                         .run = scene.run,
+                                         .welcome = scene.welcome,
+                                         .chunk = scene.chunk,
+                                         .chunk_count = scene.chunk_count,
+                                         .finish_chunk = scene.finish_chunk,
+                                         .finish_chunk_count = scene.finish_chunk_count,
+                                         .wants = on_relays_want,
+                                         .context = d},
+        &d->nats, &cause);
+    lw_server_scene_finish(&scene);
+    if (status == LW_OK)
+        lw_log(LW_LOG_INFO, "relays find the light at %s", s->nats_address.name);
+    else if (follows)
+        lw_log(LW_LOG_ERROR, "relays find no light: --nats: %s", cause.text);
+    else
+        return lw_status_fail(err, status, "--nats: %s", cause.text);
+    return LW_OK;
+}
+
 static enum lw_status run(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     d->started_ns = lw_clock_ns();
     lw_waiting_raise(&d->first_light, LW_WAITING_PLACING_TEXELS, 0, 0);
+    const bool follows = d->server != NULL;
     if (!d->server) { /* it follows nobody */
         enum lw_status status = read_scene(d, err);
         if (status != LW_OK) return status;
         /* Binds the port before the long work, so that an address in use fails at once. */
         if ((status = create_server(d, NULL, err)) != LW_OK) return status;
     }
-    enum lw_status status = s->keep ? recall_light(d, err) : LW_OK;
+    enum lw_status status = join_nats(d, follows, err);
+    if (status == LW_OK && s->keep) status = recall_light(d, err);
     if (status != LW_OK) return status;
     if (signalled) return lw_status_fail(err, LW_CLOSED, "%s: stopped before it was lit", s->scene.path);
     return serve(d, err);
@@ -1185,6 +1262,7 @@ static void init(struct daemon *d, int argc, char **argv) {
 }
 
 static void finish(struct daemon *d) {
+    lw_nats_publisher_destroy(d->nats); /* it uses the server */
     lw_server_destroy(d->server);
     lw_daemon_metrics_finish(&d->metrics);
     lw_light_store_finish(&d->light_store);
@@ -1236,6 +1314,7 @@ static bool keep_fixed(const struct daemon *d, struct daemon *next, bool *out_ch
                 {&s->serve.metrics, old->serve.metrics},
                 {&s->serve.metrics_port_file, old->serve.metrics_port_file},
                 {&s->serve.control_socket, old->serve.control_socket},
+                {&s->nats, old->nats},
                 {&s->keep, old->keep}};
     for (size_t i = 0; i < sizeof text / sizeof *text; i++) {
         *text[i].to = text[i].from ? lw_options_config_keep(&s->config, text[i].from) : NULL;

@@ -200,12 +200,13 @@ enum lw_status lw_link_connect(struct lw_link *link, const struct lw_link_desc *
     const bool is_path = strncmp(desc->host, LW_ACCESS_UNIX, strlen(LW_ACCESS_UNIX)) == 0;
     enum lw_status status = LW_OK;
     *link = (struct lw_link){.socket = -1, .first_byte = -1};
-    if (is_path)
+    if (is_path || desc->socket)
         snprintf(link->address, sizeof link->address, "%s", desc->host);
     else
         snprintf(link->address, sizeof link->address, strchr(desc->host, ':') ? "[%s]:%u" : "%s:%u",
                  desc->host, (unsigned)desc->port);
-    if (is_path) {
+    if (desc->socket) link->socket = *desc->socket;
+    if (is_path && !desc->socket) {
         link->socket = connect_to_path(desc->host + strlen(LW_ACCESS_UNIX), deadline_ns);
         if (link->socket < 0) return connect_failure(err, link->address, errno);
     }

@@ -44,6 +44,14 @@ struct door {
     bool is_held;               /* one more came: it is taken in the next turn */
 };
 
+/* Interest of those who are no sessions. */
+struct outside {
+    uint32_t channels; /* bit for each; 0: nobody is there */
+    bool everything;
+    uint32_t *tile;
+    size_t tile_count;
+};
+
 struct lw_server {
     uv_loop_t loop;
     struct door door[DOORS];
@@ -75,6 +83,7 @@ struct lw_server {
     uint32_t *order;
     struct lw_session_shared shared;
     struct lw_tcp_transport_shared tcp;
+    struct outside outside;            /* as it counts */
     struct lw_web_server *web;         /* NULL: there is no HTTP */
     struct lw_web_server *metrics_web; /* NULL: there is no monitoring */
 
@@ -85,7 +94,9 @@ struct lw_server {
     bool has_above; /* handed over, not yet seen by the loop */
     uint64_t above[LW_MESSAGE_RELAYS_MAX];
     uint32_t above_count;
-    uint64_t run;        /* the same; 0: none */
+    uint64_t run;                /* the same; 0: none */
+    struct outside next_outside; /* the same */
+    bool has_next_outside;
     bool runs;           /* the loop's thread is in lw_server_run() */
     clockid_t cpu_clock; /* its CPU clock; valid while it runs */
 };
@@ -554,6 +565,37 @@ static void on_hangup(uv_signal_t *handle, int number) {
     server->hooks.reload(server->hooks.context);
 }
 
+static void count_outside(struct lw_session_shared *shared, const struct outside *outside, bool more) {
+    struct lw_interest_union *all = &shared->interest_union;
+    if (!outside->channels) return;
+    if (outside->everything)
+        (more ? lw_interest_union_add_everything : lw_interest_union_remove_everything)(all);
+    else
+        (more ? lw_interest_union_add : lw_interest_union_remove)(all, outside->tile, outside->tile_count);
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) {
+        struct lw_session_channel *channel = &shared->channel[c];
+        if (!(outside->channels >> c & 1)) continue;
+        LW_INVARIANT(more || channel->session_count > 0);
+        if (more ? !channel->session_count++ : !--channel->session_count) shared->channels_taken ^= 1u << c;
+    }
+}
+
+static void take_outside(struct lw_server *server) {
+    uv_mutex_lock(&server->mutex);
+    const bool has_next = server->has_next_outside;
+    struct outside next = server->next_outside;
+    server->has_next_outside = false;
+    server->next_outside = (struct outside){0};
+    uv_mutex_unlock(&server->mutex);
+    if (!has_next) return;
+    next.channels &= server->shared.channels_served;
+    /* in this order, so that a tile of both is never without interest */
+    count_outside(&server->shared, &next, true);
+    count_outside(&server->shared, &server->outside, false);
+    free(server->outside.tile);
+    server->outside = next;
+}
+
 static bool reads_no_runs(const struct lw_session *session) { return !lw_session_reads_runs(session); }
 
 /* Such sessions are to come back at once. */
@@ -606,6 +648,7 @@ static void on_wake(uv_async_t *handle) {
     if (snapshot) adopt(server, snapshot);
     answer_passed(&server->shared);
     take_relays_above(server);
+    take_outside(server);
     lw_turns_collect(&server->shared);
     if (stop) begin_stop(server, false);
 }
@@ -1264,6 +1307,63 @@ void lw_server_publish(struct lw_server *server, struct lw_snapshot *snapshot) {
     uv_async_send(&server->wake);
 }
 
+bool lw_server_set_outside(struct lw_server *server, uint32_t channels, bool everything, const uint32_t *tile,
+                           size_t tile_count) {
+    struct outside next = {.channels = channels, .everything = everything};
+    if (!everything && tile_count) {
+        if (!(next.tile = malloc(tile_count * sizeof *next.tile))) return false;
+        memcpy(next.tile, tile, tile_count * sizeof *next.tile);
+        next.tile_count = tile_count;
+    }
+    uv_mutex_lock(&server->mutex);
+    uint32_t *unseen = server->next_outside.tile;
+    server->next_outside = next;
+    server->has_next_outside = true;
+    uv_mutex_unlock(&server->mutex);
+    free(unseen);
+    uv_async_send(&server->wake);
+    return true;
+}
+
+static struct lw_blob **ref_chunks(const struct lw_session_package *package) {
+    struct lw_blob **chunk = malloc(((size_t)package->chunk_count + 1) * sizeof(struct lw_blob *));
+    for (uint32_t i = 0; chunk && i < package->chunk_count; i++)
+        chunk[i] = lw_blob_ref(package->chunk[i].blob);
+    return chunk;
+}
+
+enum lw_status lw_server_get_scene(const struct lw_server *server, struct lw_server_scene *out_scene) {
+    const struct lw_session_shared *shared = &server->shared;
+    struct lw_server_scene scene = {.run = shared->welcome.run};
+    struct lw_message message = {.type = LW_MESSAGE_WELCOME, .welcome = shared->welcome};
+    struct lw_message_welcome *w = &message.welcome;
+    w->session = 1;
+    w->servers = NULL; /* each has a list of its own */
+    w->features |= LW_FEATURE_RESUME | (w->finish.size ? LW_FEATURE_MATERIALS : 0) |
+                   (shared->channels_served >> LW_LIGHT_FORM_SPLIT & 1 ? LW_FEATURE_DRAWS : 0);
+    enum lw_status status = lw_blob_from_message(&message, &scene.welcome);
+    if (status != LW_OK) return status;
+    scene.chunk = ref_chunks(&shared->package);
+    scene.finish_chunk = ref_chunks(&shared->finishes);
+    scene.chunk_count = scene.chunk ? shared->package.chunk_count : 0;
+    scene.finish_chunk_count = scene.finish_chunk ? shared->finishes.chunk_count : 0;
+    if (!scene.chunk || !scene.finish_chunk) {
+        lw_server_scene_finish(&scene);
+        return LW_NO_MEMORY;
+    }
+    *out_scene = scene;
+    return LW_OK;
+}
+
+void lw_server_scene_finish(struct lw_server_scene *scene) {
+    for (uint32_t i = 0; i < scene->chunk_count; i++) lw_blob_unref(scene->chunk[i]);
+    for (uint32_t i = 0; i < scene->finish_chunk_count; i++) lw_blob_unref(scene->finish_chunk[i]);
+    lw_blob_unref(scene->welcome);
+    free(scene->chunk);
+    free(scene->finish_chunk);
+    *scene = (struct lw_server_scene){0};
+}
+
 void lw_server_stop(struct lw_server *server) {
     uv_mutex_lock(&server->mutex);
     server->stop_requested = true;
@@ -1346,6 +1446,8 @@ void lw_server_destroy(struct lw_server *server) {
     free(shared->listed);
     free(server->order);
     free_interest(&server->interest);
+    free(server->outside.tile);
+    free(server->next_outside.tile);
     lw_interest_union_finish(&shared->interest_union);
     lw_fine_names_finish(&shared->fine);
     lw_updates_finish(&shared->updates);

@@ -170,6 +170,25 @@ void lw_server_set_relays_above(struct lw_server *server, const uint64_t *above,
  * [any] */
 void lw_server_set_run(struct lw_server *server, uint64_t run);
 
+/** What sessions are told of the scene: for those who serve it by other ways. */
+struct lw_server_scene {
+    struct lw_blob *welcome;                /* with every feature that there is */
+    struct lw_blob **chunk, **finish_chunk; /* messages, in order */
+    uint32_t chunk_count, finish_chunk_count;
+    uint64_t run;
+};
+/** lw_server_scene_finish() frees it. [any] Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_server_get_scene(const struct lw_server *server,
+                                                 struct lw_server_scene *out_scene);
+void lw_server_scene_finish(struct lw_server_scene *scene);
+
+/** Of a solver's server: what is wanted by those who are served by other ways. It counts as one session's.
+ * channels: a bit for each that is wanted; 0: there is nobody. tile: ids of no finer level, each once;
+ * copied.
+ * Returns false where there is no memory: then it stays as it was. [any] */
+bool lw_server_set_outside(struct lw_server *server, uint32_t channels, bool everything, const uint32_t *tile,
+                           size_t tile_count);
+
 /** Asks the loop to refuse new sessions, say goodbye and return from lw_server_run(). [any], and from signal
  * handlers by way of the loop's own SIGINT/SIGTERM watchers, which lw_server_run() installs. */
 void lw_server_stop(struct lw_server *server);

@@ -484,7 +484,7 @@ static void test_folder(void **state) {
 
 /* Reads the n-th hex listing of wire_format.md: hex digits up to the two spaces before the explanation. */
 static size_t read_example(const char *document, unsigned n, uint8_t *dst) {
-    const char *at = strstr(document, "## 7. Examples");
+    const char *at = strstr(document, "## 8. Examples");
     assert_non_null(at);
     for (unsigned i = 0; i < 2 * n + 1; i++) { /* fences come in pairs */
         at = strstr(at, "```\n");

@@ -178,7 +178,10 @@ void lw_process_start(struct lw_process *process, const char *program, const cha
     *process = (struct lw_process){0};
     make_temporary();
     watch_folder();
-    lw_process_find(path, sizeof path, program);
+    if (*program == '/')
+        snprintf(path, sizeof path, "%s", program);
+    else
+        lw_process_find(path, sizeof path, program);
     assert_true((size_t)snprintf(line, sizeof line, "%s", arguments) < sizeof line);
     int argc = 1;
     /* its own limit is for people, and a busy machine may need more */

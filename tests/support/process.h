@@ -21,7 +21,8 @@ struct lw_process {
     int in;              /* lw_process_serve_by_hand() only, until its end */
 };
 
-/** Starts a program of the build; `arguments` are words separated by blanks. It finds no display but
+/** Starts a program of the build, or of the system by its whole path; `arguments` are words separated by
+ * blanks. It finds no display but
  * lw_process_set_display()'s; $TMPDIR is lw_support_temporary("tmp"), made if it is not there,
  * $XDG_CACHE_HOME lw_support_temporary("caches"), and $LIGHTWELL_LOG_FORMAT text unless the test has set it.
  * Ends the test where it cannot be started. */

@@ -584,7 +584,9 @@ static void test_silence(void **state) {
     struct lw_error err = {0};
     client_case_begin(&s);
     lw_support_ok(
-        lw_link_connect(&link, &(struct lw_link_desc){"127.0.0.1", s.port, 1000, false, NULL}, &err), &err);
+        lw_link_connect(
+            &link, &(struct lw_link_desc){.host = "127.0.0.1", .port = s.port, .timeout_ms = 1000}, &err),
+        &err);
     uint64_t second = 1000000000, now_ns = lw_clock_ns();
     link.heard_ns = now_ns - (LW_LINK_SILENCE_S - 1) * second;
     link.looked_ns = now_ns;
@@ -613,7 +615,9 @@ static void test_ping(void **state) {
     struct lw_error err = {0};
     lw_support_ok(
         lw_link_connect(
-            &link, &(struct lw_link_desc){"127.0.0.1", ntohs(address.sin_port), 1000, false, NULL}, &err),
+            &link,
+            &(struct lw_link_desc){.host = "127.0.0.1", .port = ntohs(address.sin_port), .timeout_ms = 1000},
+            &err),
         &err);
     int peer = accept(listener, NULL, NULL);
     link.pinged_ns = lw_clock_ns() - LW_LINK_PING_S * 1000000000ull;

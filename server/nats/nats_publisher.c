@@ -1,0 +1,758 @@
+#include "server/nats/nats_publisher.h"
+
+#include "common/clock.h"
+#include "common/invariant.h"
+#include "common/log.h"
+#include "common/nats/nats_link.h"
+
+#include <assert.h>
+#include <poll.h>
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define MS_NS         1000000ull
+#define CONNECT_MS    5000u
+#define WHO_MS        1000
+#define QUEUE_MAX     4096u
+#define KEEP_AT_ONCE  64u   /* tiles: then what is new goes first */
+#define KEEP_WAITING  1024u /* messages for JetStream that have no answer */
+#define KEEP_ANSWER_S 10u   /* for an answer of JetStream's */
+#define RETRY_MS      10000u
+#define FORMS         ((uint32_t)LW_LIGHT_FORM_COUNT)
+#define PATIENCE_MS   5000 /* for an answer of JetStream's API */
+
+static_assert(LW_LIGHT_FORM_COUNT == 2, "subjects have a number for each form of light");
+
+/* What a relay wants of one form of light. */
+struct want {
+    uint64_t relay, heard_ns;
+    uint32_t form;
+    bool everything;
+    uint32_t *tile;
+    size_t tile_count;
+};
+
+struct form {
+    struct lw_snapshot *now; /* the last one that has this form; NULL: none yet */
+    uint64_t *kept;          /* by tile: the version in JetStream; 0: none */
+    uint64_t kept_frame;
+    uint32_t keep_at; /* the next tile to look at; plain_count: all were */
+};
+
+struct lw_nats_publisher {
+    struct lw_nats_wire_address address;
+    const struct lw_atlas_map *map;
+    uint64_t run;
+    struct lw_blob *welcome, **chunk, **finish_chunk;
+    uint32_t chunk_count, finish_chunk_count;
+    void (*wants)(void *context, const struct lw_nats_publisher_wants *wants);
+    void *context;
+    struct lw_nats_link *link;
+    pthread_t thread;
+    bool has_thread;
+    _Atomic bool stopping;
+
+    pthread_mutex_t mutex;      /* guards what follows; held for assignments only */
+    struct lw_snapshot *latest; /* handed over, not taken yet */
+    struct lw_nats_publisher_stats stats;
+
+    /* Answers of JetStream's, told in a thread of libnats. */
+    struct acks {
+        _Atomic uint32_t waiting;
+        _Atomic bool failed;
+        _Atomic int status, code;
+    } * acks; /* the link's, once there is one */
+
+    /* The thread's. */
+    jsCtx *jetstream;
+    natsSubscription *subscription[4];
+    uint32_t epoch;
+    struct form form[FORMS];
+    struct want want[LW_NATS_PUBLISHER_RELAYS_MAX];
+    uint32_t want_count;
+    bool wants_changed, told_relays, stands_down, is_announced, told_keep;
+    uint32_t channels;          /* that relays want */
+    uint64_t alive_ns, keep_ns; /* when the next is due */
+    uint64_t retry_ns;          /* 0: nothing is to be tried again */
+    uint64_t asked_ns;          /* when JetStream was last asked to keep something */
+    uint8_t *payload;           /* of the message that is made */
+    size_t payload_capacity;
+    uint64_t *bits; /* of tiles */
+};
+
+/* ---- payloads ---- */
+
+static bool reserve(struct lw_nats_publisher *p, size_t size) {
+    if (size <= p->payload_capacity) return true;
+    uint8_t *grown = realloc(p->payload, size);
+    if (!grown) return false;
+    p->payload = grown;
+    p->payload_capacity = size;
+    return true;
+}
+
+/* The prefix, and messages behind it; NULL: none. 0: there is no memory. */
+static size_t fill(struct lw_nats_publisher *p, const struct lw_blob *messages) {
+    const size_t size = LW_NATS_WIRE_PREFIX_SIZE + (messages ? messages->size : 0);
+    if (!reserve(p, size)) return 0;
+    lw_nats_wire_write_prefix(p->payload, (struct lw_nats_wire_prefix){p->epoch, p->run});
+    if (messages) memcpy(p->payload + LW_NATS_WIRE_PREFIX_SIZE, messages->bytes, messages->size);
+    return size;
+}
+
+static void count(struct lw_nats_publisher *p, bool done, size_t size) {
+    pthread_mutex_lock(&p->mutex);
+    p->stats.messages += done;
+    p->stats.bytes += done ? size : 0;
+    p->stats.failures += !done;
+    pthread_mutex_unlock(&p->mutex);
+}
+
+static void publish_to(struct lw_nats_publisher *p, const char *subject, const struct lw_blob *messages) {
+    const size_t size = fill(p, messages);
+    count(p, size && lw_nats_link_publish(p->link, subject, p->payload, size), size);
+}
+
+/* ---- JetStream ---- */
+
+static void on_kept(jsCtx *jetstream, natsMsg *message, jsPubAck *ack, jsPubAckErr *error, void *context) {
+    (void)jetstream, (void)ack;
+    struct acks *acks = context;
+    if (acks->waiting) acks->waiting--;
+    if (error && !acks->failed) {
+        acks->status = (int)error->Err;
+        acks->code = (int)error->ErrCode;
+        acks->failed = true;
+    }
+    natsMsg_Destroy(message);
+}
+
+static void stream_name(const struct lw_nats_publisher *p, char dst[LW_NATS_WIRE_SUBJECT_SIZE]) {
+    snprintf(dst, LW_NATS_WIRE_SUBJECT_SIZE, "lightwell-%s", p->address.scene);
+}
+
+static enum lw_status jetstream_failure(const struct lw_nats_publisher *p, natsStatus status, jsErrCode code,
+                                        struct lw_error *err) {
+    const char *hint = lw_nats_link_lacks_jetstream(status, code)
+                           ? ": start it with --jetstream, or jetstream {} in its configuration"
+                           : "";
+    return lw_status_fail(err, LW_UNAVAILABLE, "%s: %s%s", p->address.name, lw_nats_link_text(status, code),
+                          hint);
+}
+
+static enum lw_status make_stream(struct lw_nats_publisher *p, struct lw_error *err) {
+    char name[LW_NATS_WIRE_SUBJECT_SIZE], subject[LW_NATS_WIRE_SUBJECT_SIZE];
+    const char *subjects[] = {subject};
+    jsStreamConfig config;
+    jsErrCode code = 0;
+    stream_name(p, name);
+    lw_nats_wire_subject(subject, p->address.scene, "kept.>");
+    jsStreamConfig_Init(&config);
+    config.Name = name;
+    config.Subjects = subjects;
+    config.SubjectsLen = 1;
+    config.MaxMsgsPerSubject = 1;
+    config.Discard = js_DiscardNew; /* full: it says so, and loses nothing that a newcomer needs */
+    config.Storage = js_FileStorage;
+    natsStatus status = js_AddStream(NULL, p->jetstream, &config, NULL, &code);
+    if (code == JSStreamNameExistErr) { /* of other settings: an operator's limits stay */
+        code = 0;
+        status = js_GetStreamInfo(NULL, p->jetstream, name, NULL, &code);
+        if (status == NATS_INVALID_ARG) status = NATS_OK; /* no place for what it would say */
+    }
+    return status == NATS_OK ? LW_OK : jetstream_failure(p, status, code, err);
+}
+
+static enum lw_status keep_surely(struct lw_nats_publisher *p, const struct lw_blob *messages,
+                                  const char *subject, struct lw_error *err) {
+    jsErrCode code = 0;
+    const size_t size = fill(p, messages);
+    if (!size) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    const natsStatus status = js_Publish(NULL, p->jetstream, subject, p->payload, (int)size, NULL, &code);
+    count(p, status == NATS_OK, size);
+    return status == NATS_OK ? LW_OK : jetstream_failure(p, status, code, err);
+}
+
+static void forget_kept(struct lw_nats_publisher *p) {
+    for (uint32_t f = 0; f < FORMS; f++) {
+        memset(p->form[f].kept, 0, p->map->plain_count * sizeof *p->form[f].kept);
+        p->form[f].kept_frame = 0;
+        p->form[f].keep_at = p->map->plain_count;
+    }
+}
+
+/* All of the scene but its light, the welcome last: who finds that finds all. Light of before goes. */
+static enum lw_status announce(struct lw_nats_publisher *p, struct lw_error *err) {
+    char name[LW_NATS_WIRE_SUBJECT_SIZE], subject[LW_NATS_WIRE_SUBJECT_SIZE];
+    jsErrCode code = 0;
+    enum lw_status status = make_stream(p, err);
+    if (status != LW_OK) return status;
+    stream_name(p, name);
+    const natsStatus purged = js_PurgeStream(p->jetstream, name, NULL, &code);
+    if (purged != NATS_OK) return jetstream_failure(p, purged, code, err);
+    for (uint32_t i = 0; status == LW_OK && i < p->chunk_count; i++) {
+        lw_nats_wire_subject(subject, p->address.scene, "kept.package.%u", i);
+        status = keep_surely(p, p->chunk[i], subject, err);
+    }
+    for (uint32_t i = 0; status == LW_OK && i < p->finish_chunk_count; i++) {
+        lw_nats_wire_subject(subject, p->address.scene, "kept.finishes.%u", i);
+        status = keep_surely(p, p->finish_chunk[i], subject, err);
+    }
+    lw_nats_wire_subject(subject, p->address.scene, "kept.welcome");
+    if (status == LW_OK) status = keep_surely(p, p->welcome, subject, err);
+    forget_kept(p);
+    p->keep_ns = 0;
+    p->is_announced = status == LW_OK;
+    return status;
+}
+
+/* Asks without waiting for the answer. False: not now. */
+static bool keep(struct lw_nats_publisher *p, const struct lw_blob *messages, const char *subject) {
+    const size_t size = fill(p, messages);
+    if (!size || p->acks->waiting >= KEEP_WAITING) return false;
+    p->acks->waiting++;
+    p->asked_ns = lw_clock_ns();
+    const bool done = js_PublishAsync(p->jetstream, subject, p->payload, (int)size, NULL) == NATS_OK;
+    if (!done && p->acks->waiting) p->acks->waiting--;
+    count(p, done, size);
+    pthread_mutex_lock(&p->mutex);
+    p->stats.kept += done;
+    pthread_mutex_unlock(&p->mutex);
+    return done;
+}
+
+/* The FRAME goes first: no tile is of a later frame than it says. */
+static void keep_form(struct lw_nats_publisher *p, uint32_t f) {
+    struct form *form = &p->form[f];
+    char subject[LW_NATS_WIRE_SUBJECT_SIZE];
+    if (!form->now || form->keep_at >= p->map->plain_count) return;
+    if (form->kept_frame != form->now->frame) {
+        lw_nats_wire_subject(subject, p->address.scene, "kept.%u.frame", f);
+        if (!keep(p, form->now->frame_full, subject)) return;
+        form->kept_frame = form->now->frame;
+    }
+    for (uint32_t n = 0; n < KEEP_AT_ONCE && form->keep_at < p->map->plain_count; form->keep_at++) {
+        const uint32_t t = form->keep_at;
+        const struct lw_snapshot_tile *tile = &form->now->tile[f][t];
+        const struct lw_tile_place *place = &p->map->place[t];
+        if (!tile->version || tile->version == form->kept[t]) continue;
+        lw_nats_wire_subject(subject, p->address.scene, "kept.%u.%u.%u.%u", f, place->object, place->level,
+                             lw_atlas_map_number(p->map, (lw_tile_id){t}));
+        if (!keep(p, tile->blob, subject)) return;
+        form->kept[t] = tile->version;
+        n++;
+    }
+}
+
+static void retry_keeping(struct lw_nats_publisher *p, const char *why) {
+    if (!p->told_keep)
+        lw_log(LW_LOG_WARNING, "%s: %s: relays that join find older light there, until it is mended",
+               p->address.name, why);
+    p->told_keep = true;
+    if (!p->is_announced) p->retry_ns = lw_clock_ns() + RETRY_MS * MS_NS;
+    forget_kept(p);
+    p->keep_ns = lw_clock_ns() + RETRY_MS * MS_NS;
+}
+
+/* All of it has been kept since the last failure. */
+static void note_kept(struct lw_nats_publisher *p) {
+    if (!p->told_keep || p->acks->waiting) return;
+    for (uint32_t f = 0; f < FORMS; f++)
+        if (p->form[f].now && (!p->form[f].kept_frame || p->form[f].keep_at < p->map->plain_count)) return;
+    lw_log(LW_LOG_INFO, "%s: light is kept there again", p->address.name);
+    p->told_keep = false;
+}
+
+static void look_after_kept(struct lw_nats_publisher *p, uint64_t now_ns) {
+    struct acks *acks = p->acks;
+    if (acks->failed) {
+        const int status = acks->status, code = acks->code;
+        acks->failed = false;
+        if (p->is_announced) retry_keeping(p, lw_nats_link_text((natsStatus)status, (jsErrCode)code));
+    } else
+        note_kept(p);
+    if (acks->waiting && now_ns - p->asked_ns > KEEP_ANSWER_S * 1000 * MS_NS) acks->waiting = 0; /* lost */
+    if (!p->is_announced) return;
+    if (now_ns >= p->keep_ns) {
+        for (uint32_t f = 0; f < FORMS; f++) p->form[f].keep_at = 0;
+        p->keep_ns = now_ns + LW_NATS_PUBLISHER_KEEP_MS * MS_NS;
+    }
+    for (uint32_t f = 0; f < FORMS; f++) keep_form(p, f);
+}
+
+/* ---- light ---- */
+
+static void publish_tiles(struct lw_nats_publisher *p, uint32_t f, const struct lw_snapshot *snapshot) {
+    const struct lw_snapshot *before = p->form[f].now;
+    char subject[LW_NATS_WIRE_SUBJECT_SIZE];
+    for (uint32_t t = 0; t < p->map->plain_count; t++) {
+        const struct lw_snapshot_tile *tile = &snapshot->tile[f][t];
+        const uint64_t had = before ? before->tile[f][t].version : 0;
+        if (tile->version <= had) continue;
+        lw_nats_wire_subject(subject, p->address.scene, "live.%u.%u.%u", f, p->map->place[t].object,
+                             p->map->place[t].level);
+        publish_to(p, subject, had && tile->delta && tile->base == had ? tile->delta : tile->blob);
+    }
+}
+
+static bool is_settled(const struct lw_snapshot *snapshot, uint32_t f) {
+    return snapshot->settled && !(snapshot->unsettled >> f & 1);
+}
+
+/* What nobody wants is not published; who wants it later asks for what it lacks. */
+static void publish_form(struct lw_nats_publisher *p, uint32_t f, struct lw_snapshot *snapshot) {
+    struct form *form = &p->form[f];
+    char subject[LW_NATS_WIRE_SUBJECT_SIZE];
+    if (!lw_snapshot_has(snapshot, f)) return;
+    if (p->channels >> f & 1) {
+        const uint64_t last = form->now ? form->now->frame : 0;
+        lw_nats_wire_subject(subject, p->address.scene, "live.%u.frame", f);
+        if (snapshot->frame > last)
+            publish_to(p, subject,
+                       last && snapshot->frame_delta && snapshot->previous_frame == last
+                           ? snapshot->frame_delta
+                           : snapshot->frame_full);
+        publish_tiles(p, f, snapshot);
+        if (is_settled(snapshot, f)) publish_to(p, subject, snapshot->settled);
+    }
+    lw_snapshot_unref(form->now);
+    form->now = lw_snapshot_ref(snapshot);
+}
+
+static void take_snapshot(struct lw_nats_publisher *p) {
+    pthread_mutex_lock(&p->mutex);
+    struct lw_snapshot *snapshot = p->latest;
+    p->latest = NULL;
+    pthread_mutex_unlock(&p->mutex);
+    if (!snapshot) return;
+    for (uint32_t f = 0; f < FORMS; f++) publish_form(p, f, snapshot);
+    lw_snapshot_unref(snapshot);
+}
+
+/* ---- what relays ask ---- */
+
+/* The tiles that are listed, and are not as the relay holds them, whole. A relay asks for what it listens to:
+ * what is published after this builds on it. An empty answer ends it. */
+static enum lw_status answer_sync(struct lw_nats_publisher *p, struct lw_nats_wire_reader *reader,
+                                  const char *reply) {
+    const uint8_t *form_byte = lw_nats_wire_read_bytes(reader, 1);
+    if (!form_byte || *form_byte >= FORMS) return LW_PROTOCOL;
+    const uint32_t f = *form_byte;
+    const struct lw_snapshot *now = p->form[f].now;
+    enum lw_status status = LW_OK;
+    if (now) publish_to(p, reply, now->frame_full);
+    while (status == LW_OK && reader->left) {
+        struct lw_message message;
+        const uint8_t *raw;
+        size_t size;
+        status = lw_nats_wire_read(reader, &message, &raw, &size);
+        if (status != LW_OK) break;
+        if (message.type != LW_MESSAGE_HOLDS) status = LW_PROTOCOL;
+        for (size_t i = 0; status == LW_OK && now && i < message.holds.tile_count; i++) {
+            const struct lw_message_held *held = &message.holds.tile[i];
+            if (lw_atlas_finer(held->level)) continue;
+            const uint32_t id = lw_atlas_map_find_tile(p->map, held->object, held->level, held->tile).v;
+            if (id >= p->map->plain_count) continue;
+            const struct lw_snapshot_tile *tile = &now->tile[f][id];
+            if (tile->version && tile->version != held->version) publish_to(p, reply, tile->blob);
+        }
+        lw_message_finish(&message);
+    }
+    publish_to(p, reply, now && is_settled(now, f) ? now->settled : NULL);
+    return status;
+}
+
+static struct want *find_want(struct lw_nats_publisher *p, uint64_t relay, uint32_t form) {
+    for (struct want *w = p->want; w < p->want + p->want_count; w++)
+        if (w->relay == relay && w->form == form) return w;
+    if (p->want_count == LW_NATS_PUBLISHER_RELAYS_MAX) {
+        if (!p->told_relays)
+            lw_log(LW_LOG_WARNING, "%s: more than %u relays: what further ones want is not heard",
+                   p->address.name, LW_NATS_PUBLISHER_RELAYS_MAX);
+        p->told_relays = true;
+        return NULL;
+    }
+    p->want[p->want_count] = (struct want){.relay = relay, .form = form};
+    p->wants_changed = true;
+    return &p->want[p->want_count++];
+}
+
+/* Tiles that exist, by id, each once. */
+static enum lw_status list_wanted(const struct lw_nats_publisher *p,
+                                  const struct lw_message_interest *interest, uint32_t **out_tile,
+                                  size_t *out_count) {
+    uint32_t *tile = malloc((interest->tile_count + 1) * sizeof *tile);
+    size_t filled = 0;
+    if (!tile) return LW_NO_MEMORY;
+    memset(p->bits, 0, (p->map->plain_count / 64 + 1) * sizeof *p->bits);
+    for (size_t i = 0; i < interest->tile_count; i++) {
+        const struct lw_message_interest_tile *t = &interest->tile[i];
+        if (lw_atlas_finer(t->level)) continue;
+        const uint32_t id = lw_atlas_map_find_tile(p->map, t->object, t->level, t->tile).v;
+        if (id >= p->map->plain_count || p->bits[id / 64] >> id % 64 & 1) continue;
+        p->bits[id / 64] |= 1ull << id % 64;
+        tile[filled++] = id;
+    }
+    *out_tile = tile;
+    *out_count = filled;
+    return LW_OK;
+}
+
+static enum lw_status take_want(struct lw_nats_publisher *p, struct lw_nats_wire_reader *reader) {
+    const uint8_t *head = lw_nats_wire_read_bytes(reader, 9), *raw;
+    struct lw_message message;
+    size_t size, tile_count;
+    uint32_t *tile;
+    uint64_t relay;
+    if (!head || head[8] >= FORMS) return LW_PROTOCOL;
+    memcpy(&relay, head, sizeof relay); /* a name: any order of bytes does */
+    enum lw_status status = lw_nats_wire_read(reader, &message, &raw, &size);
+    if (status != LW_OK || !raw) return status == LW_OK ? LW_PROTOCOL : status;
+    status = message.type == LW_MESSAGE_INTEREST && !reader->left
+                 ? list_wanted(p, &message.interest, &tile, &tile_count)
+                 : LW_PROTOCOL;
+    const bool everything = message.type == LW_MESSAGE_INTEREST && message.interest.everything;
+    lw_message_finish(&message);
+    if (status != LW_OK) return status;
+    struct want *want = find_want(p, relay, head[8]);
+    if (!want) {
+        free(tile);
+        return LW_OK;
+    }
+    want->heard_ns = lw_clock_ns();
+    p->wants_changed |= want->everything != everything || want->tile_count != tile_count ||
+                        (tile_count && memcmp(want->tile, tile, tile_count * sizeof *tile) != 0);
+    free(want->tile);
+    want->everything = everything;
+    want->tile = tile;
+    want->tile_count = tile_count;
+    return LW_OK;
+}
+
+static void forget_silent(struct lw_nats_publisher *p, uint64_t now_ns) {
+    for (uint32_t i = 0; i < p->want_count;) {
+        if (now_ns - p->want[i].heard_ns < LW_NATS_WIRE_SILENCE_MS * MS_NS) {
+            i++;
+            continue;
+        }
+        free(p->want[i].tile);
+        p->want[i] = p->want[--p->want_count];
+        p->wants_changed = true;
+        p->told_relays = false;
+    }
+}
+
+static void tell_wants(struct lw_nats_publisher *p) {
+    struct lw_nats_publisher_wants wants = {0};
+    size_t most = 0;
+    if (!p->wants_changed) return;
+    for (uint32_t i = 0; i < p->want_count; i++) most += p->want[i].tile_count;
+    uint32_t *tile = malloc((most + 1) * sizeof *tile);
+    if (!tile) return; /* later */
+    memset(p->bits, 0, (p->map->plain_count / 64 + 1) * sizeof *p->bits);
+    for (uint32_t i = 0; i < p->want_count; i++) {
+        wants.channels |= 1u << p->want[i].form;
+        wants.everything |= p->want[i].everything;
+        for (size_t k = 0; k < p->want[i].tile_count; k++) {
+            const uint32_t id = p->want[i].tile[k];
+            if (p->bits[id / 64] >> id % 64 & 1) continue;
+            p->bits[id / 64] |= 1ull << id % 64;
+            tile[wants.tile_count++] = id;
+        }
+    }
+    if (wants.everything) wants.tile_count = 0;
+    wants.tile = tile;
+    p->channels = wants.channels;
+    p->wants_changed = false;
+    pthread_mutex_lock(&p->mutex);
+    p->stats.relays = p->want_count;
+    pthread_mutex_unlock(&p->mutex);
+    if (p->wants) p->wants(p->context, &wants);
+    free(tile);
+}
+
+/* Of two that began at once, one goes on. */
+static void hear_other(struct lw_nats_publisher *p, uint64_t run) {
+    if (run == p->run || run > p->run || p->stands_down) return;
+    lw_log(LW_LOG_ERROR,
+           "%s: another lightwelld publishes there: this one does no longer; give it another name",
+           p->address.name);
+    p->stands_down = true;
+    for (uint32_t i = 0; i < p->want_count; i++) free(p->want[i].tile);
+    p->want_count = 0;
+    p->wants_changed = true;
+    tell_wants(p);
+    pthread_mutex_lock(&p->mutex);
+    p->stats.is_stood_down = true;
+    pthread_mutex_unlock(&p->mutex);
+}
+
+/* Whether a subject is "lightwell.SCENE." and this. */
+static bool is_about(const struct lw_nats_publisher *p, const char *subject, const char *what) {
+    char expected[LW_NATS_WIRE_SUBJECT_SIZE];
+    lw_nats_wire_subject(expected, p->address.scene, "%s", what);
+    return strcmp(subject, expected) == 0;
+}
+
+/* Bytes that are none of ours change nothing. */
+static void take_message(struct lw_nats_publisher *p, natsMsg *message) {
+    struct lw_nats_wire_prefix prefix;
+    struct lw_nats_wire_reader reader;
+    const char *subject = natsMsg_GetSubject(message), *reply = natsMsg_GetReply(message);
+    enum lw_status status = lw_nats_wire_read_prefix(
+        natsMsg_GetData(message), (size_t)natsMsg_GetDataLength(message), &prefix, &reader);
+    if (status == LW_OK && is_about(p, subject, "alive"))
+        hear_other(p, prefix.run);
+    else if (status == LW_OK && !p->stands_down && is_about(p, subject, "who"))
+        publish_to(p, reply ? reply : subject, NULL);
+    else if (status == LW_OK && !p->stands_down && prefix.run == p->run) { /* of what it sees now */
+        if (is_about(p, subject, "want")) status = take_want(p, &reader);
+        if (is_about(p, subject, "sync")) status = reply ? answer_sync(p, &reader, reply) : LW_PROTOCOL;
+    }
+    pthread_mutex_lock(&p->mutex);
+    p->stats.requests++;
+    p->stats.refused_messages += status == LW_PROTOCOL;
+    pthread_mutex_unlock(&p->mutex);
+    natsMsg_Destroy(message);
+}
+
+/* ---- the thread ---- */
+
+static void set_connected(struct lw_nats_publisher *p, bool is_connected) {
+    pthread_mutex_lock(&p->mutex);
+    p->stats.is_connected = is_connected;
+    pthread_mutex_unlock(&p->mutex);
+}
+
+static void come_back(struct lw_nats_publisher *p) {
+    struct lw_error err = {0};
+    p->epoch++;
+    p->acks->waiting = 0;
+    p->retry_ns = 0;
+    if (p->stands_down) return;
+    p->is_announced = false;
+    if (announce(p, &err) != LW_OK) retry_keeping(p, err.text);
+}
+
+static void take_events(struct lw_nats_publisher *p) {
+    natsMsg *message = NULL;
+    for (;;) switch (lw_nats_link_take(p->link, &message)) {
+        case LW_NATS_LINK_NOTHING:
+            return;
+        case LW_NATS_LINK_MESSAGE:
+            take_message(p, message);
+            break;
+        case LW_NATS_LINK_GONE:
+            lw_log(LW_LOG_WARNING, "%s is gone: its relays get no light; sessions are served on",
+                   p->address.name);
+            set_connected(p, false);
+            break;
+        case LW_NATS_LINK_BACK:
+            lw_log(LW_LOG_INFO, "%s is there again", p->address.name);
+            set_connected(p, true);
+            come_back(p);
+            break;
+        case LW_NATS_LINK_DROPPED: /* of what relays want: they say it again */
+            break;
+        }
+}
+
+static int time_left(const struct lw_nats_publisher *p, uint64_t now_ns) {
+    for (uint32_t f = 0; f < FORMS; f++)
+        if (p->is_announced && p->form[f].now && p->form[f].keep_at < p->map->plain_count)
+            return p->acks->waiting >= KEEP_WAITING ? 10 : 0;
+    return p->alive_ns > now_ns ? (int)((p->alive_ns - now_ns) / MS_NS) + 1 : 0;
+}
+
+static void *run(void *context) {
+    struct lw_nats_publisher *p = context;
+    char subject[LW_NATS_WIRE_SUBJECT_SIZE];
+    lw_nats_wire_subject(subject, p->address.scene, "alive");
+    while (!p->stopping) {
+        take_events(p);
+        const uint64_t now_ns = lw_clock_ns();
+        forget_silent(p, now_ns);
+        tell_wants(p);
+        take_snapshot(p);
+        if (!p->stands_down && lw_nats_link_is_connected(p->link)) {
+            if (p->retry_ns && now_ns >= p->retry_ns) come_back(p);
+            look_after_kept(p, now_ns);
+            if (now_ns >= p->alive_ns) {
+                publish_to(p, subject, NULL);
+                p->alive_ns = now_ns + LW_NATS_WIRE_ALIVE_MS * MS_NS;
+            }
+        } else
+            p->alive_ns = now_ns + LW_NATS_WIRE_ALIVE_MS * MS_NS;
+        struct pollfd polled = {.fd = lw_nats_link_descriptor(p->link), .events = POLLIN};
+        (void)poll(&polled, 1, time_left(p, lw_clock_ns()));
+    }
+    nats_ReleaseThreadMemory();
+    return NULL;
+}
+
+/* ---- create, destroy ---- */
+
+static enum lw_status check_size(const struct lw_nats_publisher_desc *desc, struct lw_error *err) {
+    if (desc->map->plain_count > LW_NATS_WIRE_TILES_MAX)
+        return lw_status_fail(err, LW_USAGE, "the scene has %u tiles, over %u: fewer with --texels-per-metre",
+                              desc->map->plain_count, LW_NATS_WIRE_TILES_MAX);
+    if (desc->object_count > LW_NATS_WIRE_OBJECTS_MAX || desc->light_count > LW_NATS_WIRE_OBJECTS_MAX)
+        return lw_status_fail(err, LW_USAGE, "the scene has more than %u objects or lights",
+                              LW_NATS_WIRE_OBJECTS_MAX);
+    return LW_OK;
+}
+
+/* One asks, the other answers. */
+static enum lw_status look_for_other(struct lw_nats_publisher *p, struct lw_error *err) {
+    char subject[LW_NATS_WIRE_SUBJECT_SIZE];
+    uint8_t prefix[LW_NATS_WIRE_PREFIX_SIZE];
+    natsMsg *answer = NULL;
+    lw_nats_wire_subject(subject, p->address.scene, "who");
+    lw_nats_wire_write_prefix(prefix, (struct lw_nats_wire_prefix){0, p->run});
+    const natsStatus status = natsConnection_Request(&answer, lw_nats_link_connection(p->link), subject,
+                                                     prefix, sizeof prefix, WHO_MS);
+    natsMsg_Destroy(answer);
+    if (status != NATS_OK) return LW_OK; /* nobody is there, or nobody who answers */
+    return lw_status_fail(err, LW_UNAVAILABLE,
+                          "another lightwelld publishes at %s: give another name, nats://HOST:PORT/NAME",
+                          p->address.name);
+}
+
+static enum lw_status listen(struct lw_nats_publisher *p, struct lw_error *err) {
+    static const char *const what[] = {"who", "alive", "want", "sync"};
+    static_assert(sizeof what / sizeof *what == sizeof p->subscription / sizeof *p->subscription, "one each");
+    for (size_t i = 0; i < sizeof what / sizeof *what; i++) {
+        char subject[LW_NATS_WIRE_SUBJECT_SIZE];
+        lw_nats_wire_subject(subject, p->address.scene, "%s", what[i]);
+        const enum lw_status status = lw_nats_link_subscribe(p->link, subject, &p->subscription[i]);
+        if (status != LW_OK)
+            return lw_status_fail(err, status, "%s: cannot subscribe to %s", p->address.name, subject);
+    }
+    return LW_OK;
+}
+
+static enum lw_status open_jetstream(struct lw_nats_publisher *p, struct lw_error *err) {
+    jsOptions options;
+    jsOptions_Init(&options);
+    options.Wait = PATIENCE_MS;
+    options.PublishAsync.AckHandler = on_kept;
+    options.PublishAsync.AckHandlerClosure = p->acks;
+    const natsStatus status =
+        natsConnection_JetStream(&p->jetstream, lw_nats_link_connection(p->link), &options);
+    return status == NATS_OK ? LW_OK : jetstream_failure(p, status, 0, err);
+}
+
+static struct lw_blob **ref_all(struct lw_blob *const *blob, uint32_t blob_count) {
+    struct lw_blob **copy = malloc((blob_count + 1) * sizeof(struct lw_blob *));
+    for (uint32_t i = 0; copy && i < blob_count; i++) copy[i] = lw_blob_ref(blob[i]);
+    return copy;
+}
+
+static enum lw_status make_room(struct lw_nats_publisher *p, const struct lw_nats_publisher_desc *desc) {
+    p->welcome = lw_blob_ref(desc->welcome);
+    p->chunk = ref_all(desc->chunk, desc->chunk_count);
+    p->finish_chunk = ref_all(desc->finish_chunk, desc->finish_chunk_count);
+    p->chunk_count = p->chunk ? desc->chunk_count : 0;
+    p->finish_chunk_count = p->finish_chunk ? desc->finish_chunk_count : 0;
+    p->bits = calloc(p->map->plain_count / 64 + 1, sizeof *p->bits);
+    p->acks = calloc(1, sizeof *p->acks);
+    bool done = p->chunk && p->finish_chunk && p->bits && p->acks;
+    for (uint32_t f = 0; f < FORMS; f++) {
+        p->form[f].kept = calloc((size_t)p->map->plain_count + 1, sizeof *p->form[f].kept);
+        p->form[f].keep_at = p->map->plain_count;
+        done &= p->form[f].kept != NULL;
+    }
+    return done ? LW_OK : LW_NO_MEMORY;
+}
+
+enum lw_status lw_nats_publisher_create(const struct lw_nats_publisher_desc *desc,
+                                        struct lw_nats_publisher **out_publisher, struct lw_error *err) {
+    enum lw_status status = check_size(desc, err);
+    if (status != LW_OK) return status;
+    LW_INVARIANT(desc->run && desc->chunk_count <= LW_NATS_WIRE_CHUNKS_MAX);
+    struct lw_nats_publisher *p = calloc(1, sizeof *p);
+    if (!p) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    p->address = *desc->address;
+    p->map = desc->map;
+    p->run = desc->run;
+    p->wants = desc->wants;
+    p->context = desc->context;
+    p->stats.is_connected = true;
+    pthread_mutex_init(&p->mutex, NULL); /* glibc's cannot fail */
+    status = make_room(p, desc);
+    if (status != LW_OK) lw_status_fail(err, status, "out of memory");
+    if (status == LW_OK)
+        status = lw_nats_link_create(&(struct lw_nats_link_desc){.url = p->address.url,
+                                                                 .name = p->address.name,
+                                                                 .client = "lightwelld " LW_VERSION,
+                                                                 .timeout_ms = CONNECT_MS,
+                                                                 .queue_max = QUEUE_MAX},
+                                     &p->link, err);
+    if (status == LW_OK) lw_nats_link_own(p->link, p->acks);
+    if (status == LW_OK) status = look_for_other(p, err);
+    if (status == LW_OK) status = listen(p, err);
+    if (status == LW_OK) status = open_jetstream(p, err);
+    if (status == LW_OK) status = announce(p, err);
+    if (status == LW_OK) {
+        p->has_thread = pthread_create(&p->thread, NULL, run, p) == 0;
+        if (!p->has_thread) status = lw_status_fail(err, LW_OS, "cannot start a thread");
+    }
+    if (status == LW_OK)
+        *out_publisher = p;
+    else
+        lw_nats_publisher_destroy(p);
+    return status;
+}
+
+static void unref_all(struct lw_blob **blob, uint32_t blob_count) {
+    for (uint32_t i = 0; i < blob_count; i++) lw_blob_unref(blob[i]);
+    free(blob);
+}
+
+void lw_nats_publisher_destroy(struct lw_nats_publisher *p) {
+    if (!p) return;
+    p->stopping = true;
+    if (p->has_thread) {
+        lw_nats_link_wake(p->link);
+        pthread_join(p->thread, NULL);
+    }
+    if (!p->link) free(p->acks);
+    jsCtx_Destroy(p->jetstream); /* first: the ends of subscriptions come after its last callback */
+    for (size_t i = 0; i < sizeof p->subscription / sizeof *p->subscription; i++)
+        lw_nats_link_unsubscribe(p->subscription[i]);
+    lw_nats_link_destroy(p->link);
+    for (uint32_t i = 0; i < p->want_count; i++) free(p->want[i].tile);
+    for (uint32_t f = 0; f < FORMS; f++) {
+        lw_snapshot_unref(p->form[f].now);
+        free(p->form[f].kept);
+    }
+    lw_snapshot_unref(p->latest);
+    lw_blob_unref(p->welcome);
+    unref_all(p->chunk, p->chunk_count);
+    unref_all(p->finish_chunk, p->finish_chunk_count);
+    pthread_mutex_destroy(&p->mutex);
+    free(p->payload);
+    free(p->bits);
+    free(p);
+}
+
+void lw_nats_publisher_publish(struct lw_nats_publisher *p, struct lw_snapshot *snapshot) {
+    lw_snapshot_ref(snapshot);
+    pthread_mutex_lock(&p->mutex);
+    struct lw_snapshot *unseen = p->latest;
+    p->latest = snapshot;
+    pthread_mutex_unlock(&p->mutex);
+    lw_snapshot_unref(unseen);
+    lw_nats_link_wake(p->link);
+}
+
+void lw_nats_publisher_get_stats(const struct lw_nats_publisher *p,
+                                 struct lw_nats_publisher_stats *out_stats) {
+    pthread_mutex_t *mutex = (pthread_mutex_t *)&p->mutex; /* locking leaves it as it was */
+    pthread_mutex_lock(mutex);
+    *out_stats = p->stats;
+    pthread_mutex_unlock(mutex);
+}

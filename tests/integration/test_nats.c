@@ -1,0 +1,433 @@
+/* The real lightwelld, nats-server and lightwell-relay: light that goes through NATS, what is kept there, and
+ * what happens when parts die. */
+#include "tests/support/relays.h"
+
+#include "common/clock.h"
+#include "proto/nats_wire.h"
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <ftw.h>
+#include <netinet/in.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#ifndef LW_NATS_SERVER
+#define LW_NATS_SERVER ""
+#endif
+
+#define RELAYS 3
+#define TILES  "lightwell_upstream_received_tiles_total"
+
+static struct lw_process server, nats, relay[RELAYS];
+static uint16_t nats_port;
+static char store[200]; /* of JetStream's files */
+
+static int remove_file(const char *path, const struct stat *about, int kind, struct FTW *walk) {
+    (void)about, (void)kind, (void)walk;
+    return remove(path);
+}
+
+static int end_all(void **state) {
+    (void)state;
+    lw_relays_end();
+    (void)nftw(store, remove_file, 16, FTW_DEPTH | FTW_PHYS);
+    memset(relay, 0, sizeof relay);
+    return 0;
+}
+
+/* A port of 127.0.0.1 that nobody has: nats-server has to come back at it. */
+static uint16_t free_port(void) {
+    struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    socklen_t size = sizeof address;
+    const int descriptor = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    assert_int_equal(bind(descriptor, (struct sockaddr *)&address, size), 0);
+    assert_int_equal(getsockname(descriptor, (struct sockaddr *)&address, &size), 0);
+    close(descriptor);
+    return ntohs(address.sin_port);
+}
+
+/* options: "-js", or none; limit: of JetStream's files, bytes; 0: none */
+static void run_nats(bool jetstream, unsigned limit) {
+    char arguments[500], config[128];
+    const char *path = lw_support_temporary("nats.conf");
+    const int length = limit ? snprintf(config, sizeof config,
+                                        "jetstream { max_file_store: %u, max_memory_store: 1M }\n", limit)
+                             : 0;
+    lw_support_write_file(path, config, (size_t)length);
+    snprintf(arguments, sizeof arguments, "-a 127.0.0.1 -p %u -sd %s -c %s%s", nats_port, store, path,
+             jetstream ? " -js" : "");
+    lw_process_start(&nats, LW_NATS_SERVER, arguments);
+    lw_process_await_text(&nats, "Server is ready");
+}
+
+static void start_nats(bool jetstream, unsigned limit) {
+    if (!*LW_NATS_SERVER) skip();
+    nats_port = free_port();
+    snprintf(store, sizeof store, "%s", lw_support_temporary("jetstream"));
+    run_nats(jetstream, limit);
+}
+
+static const char *address(const char *scene) {
+    static char text[64];
+    snprintf(text, sizeof text, "nats://127.0.0.1:%u/%s", nats_port, scene);
+    return text;
+}
+
+static void serve(const char *options) {
+    char arguments[500];
+    snprintf(arguments, sizeof arguments, "%s --nats %s", options, address("room"));
+    lw_process_serve(&server, arguments);
+}
+
+static void kill_it(struct lw_process *process) {
+    assert_int_equal(lw_process_stop(process, SIGKILL, LW_PROCESS_LIMIT_S), -SIGKILL);
+}
+
+static const struct lw_scene_change hide_5 = {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 5},
+                                    show_5 = {.kind = LW_SCENE_CHANGE_OBJECT_SHOW, .target = 5};
+
+static uint64_t frame_due;
+static bool all_went_on(void) {
+    for (int i = 0; i < LW_RELAYS_CLIENTS; i++)
+        if (lw_relays_client[i] && lw_relays_stats(i).frame < frame_due) return false;
+    return true;
+}
+
+static void change(const struct lw_scene_change *what) {
+    struct lw_client_answer answer;
+    frame_due = lw_relays_update(0, what, &answer);
+    assert_int_equal(answer.code, LW_SCENE_CHANGE_OK);
+    lw_relays_wait(all_went_on);
+    lw_relays_expect_same();
+}
+
+/* Runs that a relay joins are 2^32 frames apart. */
+static bool relays_have_another_run(void) {
+    for (int i = 1; i < LW_RELAYS_CLIENTS; i++)
+        if (lw_relays_client[i] && !(lw_relays_stats(i).frame >> 32)) return false;
+    return true;
+}
+
+static bool all_relays_want(void) { return lw_relays_figure(&server, "lightwell_nats_relays") >= RELAYS; }
+
+/* Clients of three relays see what a client of the daemon sees. Each part dies in turn: a relay, NATS, the
+ * daemon. Sessions of others go on, and nobody is sent what it has. */
+static void each_part_dies_in_turn(void **state) {
+    (void)state;
+    struct lw_client_answer answer;
+    start_nats(true, 0);
+    serve(LW_RELAYS_CORNELL);
+    for (int i = 0; i < RELAYS; i++) lw_relays_start(&relay[i], address("room"), "");
+    lw_relays_join_with(0, server.port, (struct lw_client_desc){.control = true});
+    for (int i = 0; i < RELAYS; i++)
+        lw_relays_join_with(1 + i, relay[i].port, (struct lw_client_desc){.control = true});
+    lw_relays_wait(lw_relays_all_rest);
+    lw_relays_expect_same();
+    /* a relay, and another one at its port, which finds all in NATS */
+    const uint64_t tiles = lw_relays_stats(1).tiles;
+    kill_it(&relay[0]);
+    lw_relays_start(&relay[0], address("room"), "");
+    lw_relays_reconnect(1);
+    lw_relays_expect_same();
+    assert_int_equal(lw_relays_stats(1).tiles, tiles);
+    change(&hide_5);
+    /* changes do not go through NATS */
+    lw_relays_update(1, &show_5, &answer);
+    assert_int_equal(answer.code, LW_SCENE_CHANGE_BUSY);
+    assert_non_null(strstr(answer.text, "do not go through NATS"));
+    change(&show_5);
+    /* NATS: the daemon serves on, relays keep their light, and have the rest once it is back */
+    kill_it(&nats);
+    lw_process_await_text(&server, "is gone: its relays get no light");
+    frame_due = lw_relays_update(0, &hide_5, &answer);
+    assert_int_equal(answer.code, LW_SCENE_CHANGE_OK);
+    assert_true(lw_relays_figure(&server, "lightwell_nats_connected") == 0);
+    for (int i = 1; i < LW_RELAYS_CLIENTS; i++) {
+        assert_true(lw_relays_stats(i).frame < frame_due);
+        assert_false(lw_client_object_hidden(lw_relays_client[i], 5));
+    }
+    run_nats(true, 0);
+    lw_process_await_text(&server, "is there again");
+    lw_relays_wait(all_went_on);
+    lw_relays_expect_same();
+    assert_true(lw_relays_figure(&server, "lightwell_nats_connected") == 1);
+    lw_relays_wait(all_relays_want);
+    /* the daemon: another run of it */
+    struct lw_client *of_daemon = lw_relays_client[0];
+    lw_relays_client[0] = NULL;
+    kill_it(&server);
+    for (int i = 0; i < RELAYS; i++)
+        lw_process_await_text(&relay[i], "clients keep the light that they have");
+    serve(LW_RELAYS_CORNELL);
+    lw_relays_wait(relays_have_another_run);
+    lw_relays_wait(lw_relays_all_rest);
+    lw_client_destroy(of_daemon);
+    lw_relays_join(0, server.port);
+    lw_relays_expect_same();
+}
+
+/* What is kept may be some seconds older than what was shown: light all the same. */
+static bool first_has_light(void) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[0]);
+    for (uint32_t t = 0; map && t < map->plain_count; t++)
+        if (!lw_client_get_tile(lw_relays_client[0], (lw_tile_id){t}).version) return false;
+    return map && lw_relays_stats(0).frame;
+}
+
+static bool first_relay_is_lost(void) {
+    return lw_relays_figure(&relay[0], "lightwell_upstream_lost_seconds") > 0;
+}
+
+/* A relay that joins when the daemon is gone has the light that is kept, and says that it is old. Relays of
+ * both forms of light. */
+static void what_is_kept_serves_newcomers(void **state) {
+    (void)state;
+    start_nats(true, 0);
+    serve(LW_RELAYS_CORNELL);
+    lw_relays_start(&relay[1], address("room"), "");
+    lw_relays_join_with(0, server.port, (struct lw_client_desc){.draws_direct = true});
+    lw_relays_join_with(1, relay[1].port, (struct lw_client_desc){.draws_direct = true});
+    lw_relays_expect_same();
+    assert_non_null(lw_client_draws(lw_relays_client[1]));
+    lw_relays_join(2, relay[1].port);
+    lw_relays_wait(lw_relays_all_rest);
+    assert_null(lw_client_draws(lw_relays_client[2]));
+    /* until all of it is kept: as many whole tiles as there are, of each form, and their FRAMEs */
+    const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[0]);
+    const double all = 2.0 * (map->plain_count + 1);
+    while (lw_relays_figure(&server, "lightwell_nats_kept_messages_total") < all) lw_relays_poll();
+    lw_client_destroy(lw_relays_client[0]);
+    lw_relays_client[0] = NULL;
+    kill_it(&server);
+    lw_relays_start(&relay[0], address("room"), "");
+    lw_relays_join(0, relay[0].port);
+    lw_relays_wait(first_has_light);
+    while (!first_relay_is_lost()) lw_relays_poll();
+    lw_process_await_text(&relay[0], "no lightwelld publishes there now");
+    assert_true(first_has_light());
+}
+
+static uint32_t tiles_wanted;
+static bool is_wanted(void) {
+    return lw_relays_figure(&server, "lightwell_interest_tiles") >= tiles_wanted &&
+           lw_relays_figure(&server, "lightwell_nats_relays") == 1;
+}
+static bool nobody_wants(void) { return lw_relays_figure(&server, "lightwell_interest_tiles") == 0; }
+
+/* The solver works for what clients of relays look at, for as long as they do. */
+static void interest_goes_up(void **state) {
+    (void)state;
+    start_nats(true, 0);
+    serve("builtin:cornell --texels-per-metre 8 --error 0.0001 --prepare 0 --http none");
+    lw_relays_start(&relay[0], address("room"), "");
+    lw_relays_join(1, relay[0].port);
+    tiles_wanted = 8;
+    lw_relays_wait(is_wanted);
+    const uint64_t before = lw_relays_stats(1).frame;
+    while (lw_relays_stats(1).frame < before + 10) lw_relays_poll();
+    /* the relay dies without a word: after a while nobody is asked for */
+    lw_client_destroy(lw_relays_client[1]);
+    lw_relays_client[1] = NULL;
+    kill_it(&relay[0]);
+    lw_relays_wait(nobody_wants);
+    assert_true(lw_relays_figure(&server, "lightwell_nats_relays") == 0);
+}
+
+static void bad_starts_end_with_a_line(void **state) {
+    (void)state;
+    char arguments[300];
+    start_nats(false, 0);
+    snprintf(arguments, sizeof arguments, LW_RELAYS_CORNELL " --listen 127.0.0.1:0 --nats %s",
+             address("room"));
+    lw_process_refuses("lightwelld", arguments, 69, "has no JetStream: start it with", LW_PROCESS_LIMIT_S);
+    kill_it(&nats);
+    lw_process_refuses("lightwelld", arguments, 69, "is nats-server running?", LW_PROCESS_LIMIT_S);
+    run_nats(true, 0);
+    serve(LW_RELAYS_CORNELL);
+    lw_process_refuses("lightwelld", arguments, 69, "another lightwelld publishes", LW_PROCESS_LIMIT_S);
+    struct lw_process other = {.port = 0};
+    snprintf(arguments, sizeof arguments, LW_RELAYS_CORNELL " --nats %s", address("another"));
+    lw_process_serve(&other, arguments);
+    static const char *const bad[] = {"nats://", "nats://127.0.0.1:4222/a/b", "nats://127.0.0.1:4222/a*",
+                                      "http://127.0.0.1:4222/a"};
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        snprintf(arguments, sizeof arguments, "builtin:cornell --nats %s", bad[i]);
+        lw_process_refuses("lightwelld", arguments, 64, "--nats", LW_PROCESS_LIMIT_S);
+    }
+    lw_process_refuses("lightwell-relay", "nats://127.0.0.1:4222/a.b", 64, "UPSTREAM", LW_PROCESS_LIMIT_S);
+}
+
+/* JetStream is full: of the packages: no start; of the light: a line, and live light goes on. */
+static void a_full_jetstream_is_told(void **state) {
+    (void)state;
+    char arguments[300];
+    start_nats(false, 500);
+    snprintf(arguments, sizeof arguments, LW_RELAYS_CORNELL " --listen 127.0.0.1:0 --nats %s",
+             address("room"));
+    lw_process_refuses("lightwelld", arguments, 69, "JetStream is full", LW_PROCESS_LIMIT_S);
+    kill_it(&nats);
+    (void)nftw(store, remove_file, 16, FTW_DEPTH | FTW_PHYS);
+    run_nats(false, 5000);
+    serve(LW_RELAYS_CORNELL);
+    lw_process_await_text(&server, "JetStream is full: relays that join find older light there");
+    lw_relays_start(&relay[0], address("room"), "");
+    lw_relays_join_with(0, server.port, (struct lw_client_desc){.control = true});
+    lw_relays_join(1, relay[0].port);
+    lw_relays_expect_same();
+    change(&hide_5);
+}
+
+/* ---- anybody ---- */
+
+static int stranger;
+
+static void say(const void *bytes, size_t size) {
+    for (size_t at = 0; at < size;) {
+        const ssize_t sent = send(stranger, (const char *)bytes + at, size - at, MSG_NOSIGNAL);
+        if (sent < 0 && errno == EINTR) continue;
+        assert_true(sent > 0);
+        at += (size_t)sent;
+    }
+}
+
+static void become_stranger(void) {
+    static const char hello[] = "CONNECT {\"verbose\":false,\"pedantic\":false,\"echo\":false}\r\n";
+    struct sockaddr_in to = {
+        .sin_family = AF_INET, .sin_port = htons(nats_port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    stranger = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    assert_int_equal(connect(stranger, (struct sockaddr *)&to, sizeof to), 0);
+    say(hello, strlen(hello));
+}
+
+static void publish(const char *rest, const uint8_t *bytes, size_t size) {
+    char line[300];
+    const int length =
+        snprintf(line, sizeof line, "PUB lightwell.room.%s stranger.answer %zu\r\n", rest, size);
+    say(line, (size_t)length);
+    say(bytes, size);
+    say("\r\n", 2);
+}
+
+/* What nats-server has had: it answers a PING in turn. */
+static void await_pong(void) {
+    char text[4096];
+    size_t filled = 0;
+    say("PING\r\n", 6);
+    for (;;) {
+        const ssize_t got = recv(stranger, text + filled, sizeof text - 1 - filled, 0);
+        assert_true(got > 0);
+        filled += (size_t)got;
+        text[filled] = '\0';
+        if (strstr(text, "PONG\r\n")) return;
+        if (filled > sizeof text / 2) filled = 0;
+    }
+}
+
+static uint32_t chance = 1;
+static uint8_t some_byte(void) {
+    chance = chance * 1664525u + 1013904223u;
+    return (uint8_t)(chance >> 24);
+}
+
+/* Of the run that lights the scene: a stranger has seen it, and says anything in its name. */
+static void publish_anything(const char *rest, uint64_t run, unsigned n) {
+    uint8_t bytes[600];
+    const size_t size = n % 5 == 0 ? n % LW_NATS_WIRE_PREFIX_SIZE : 16 + some_byte() * 2u;
+    for (size_t i = 0; i < sizeof bytes; i++) bytes[i] = some_byte();
+    lw_nats_wire_write_prefix(bytes, (struct lw_nats_wire_prefix){n % 7 == 0 ? n : 0, run});
+    if (n % 3 == 0) { /* a header of the protocol, at least */
+        const struct lw_framing_header header = {(uint32_t)(size > 24 ? size - 24 : 0), (uint16_t)(n % 21),
+                                                 0};
+        lw_framing_write_header(bytes + LW_NATS_WIRE_PREFIX_SIZE, header);
+    }
+    publish(rest, bytes, size);
+}
+
+static uint64_t run_of_kept(void) {
+    /* the prefix of the welcome: a relay's session is told the same */
+    char line[200], text[8192];
+    static const char request[] = "{\"last_by_subj\":\"lightwell.room.kept.welcome\"}";
+    size_t filled = 0;
+    say("SUB stranger.kept 1\r\n", 21);
+    const int length =
+        snprintf(line, sizeof line, "PUB $JS.API.STREAM.MSG.GET.lightwell-room stranger.kept %zu\r\n",
+                 strlen(request));
+    say(line, (size_t)length);
+    say(request, strlen(request));
+    say("\r\n", 2);
+    const char *data = NULL;
+    while (!data || !strstr(data, "\",")) {
+        const ssize_t got = recv(stranger, text + filled, sizeof text - 1 - filled, 0);
+        assert_true(got > 0);
+        filled += (size_t)got;
+        text[filled] = '\0';
+        data = strstr(text, "\"data\":\"");
+        if (data) data += 8;
+    }
+    static const char letters[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    uint8_t bytes[18];
+    for (int i = 0; i < 6; i++) {
+        uint32_t word = 0;
+        for (int k = 0; k < 4; k++) word = word << 6 | (uint32_t)(strchr(letters, data[4 * i + k]) - letters);
+        for (int k = 0; k < 3; k++) bytes[3 * i + k] = (uint8_t)(word >> (16 - 8 * k));
+    }
+    struct lw_nats_wire_prefix prefix;
+    struct lw_nats_wire_reader reader;
+    assert_int_equal(lw_nats_wire_read_prefix(bytes, sizeof bytes, &prefix, &reader), LW_OK);
+    return prefix.run;
+}
+
+/* Bytes of anybody, to the daemon and to relays, under every subject: all go on, and after a while all see the
+ * same. */
+static void bytes_of_anybody_harm_nothing(void **state) {
+    (void)state;
+    static const char *const rest[] = {"want",           "sync",         "who",         "live.0.frame",
+                                       "live.0.0.0",     "live.0.1.0",   "live.1.0.0",  "live.0.4000000000.9",
+                                       "live.0.frame.x", "kept.0.0.0.0", "kept.0.frame"};
+    start_nats(true, 0);
+    serve(LW_RELAYS_CORNELL);
+    lw_relays_start(&relay[0], address("room"), "");
+    lw_relays_join_with(0, server.port, (struct lw_client_desc){.control = true});
+    lw_relays_join(1, relay[0].port);
+    lw_relays_expect_same();
+    become_stranger();
+    const uint64_t run = run_of_kept();
+    for (unsigned n = 0; n < 4000; n++)
+        publish_anything(rest[n % (sizeof rest / sizeof *rest)], n % 4 ? run : n, n);
+    await_pong();
+    lw_relays_start(&relay[1], address("room"), ""); /* it finds what is kept now */
+    lw_relays_join(2, relay[1].port);
+    change(&hide_5);
+    change(&show_5);
+    assert_true(lw_relays_figure(&server, "lightwell_nats_refused_messages_total") > 0);
+    /* light of another scene in the place of the welcome: no relay takes it */
+    for (unsigned n = 0; n < 50; n++) publish_anything("kept.welcome", n % 4 ? run : n, n);
+    await_pong();
+    struct lw_process none = {.port = 0};
+    lw_process_start(&none, "lightwell-relay", address("room"));
+    lw_process_await_text(&none, "is no welcome");
+    change(&hide_5);
+    close(stranger);
+}
+
+int main(void) {
+    if (!*LW_NATS_SERVER) {
+        puts("skipped: there is no nats-server (scripts/deps.sh)");
+        return 0;
+    }
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(each_part_dies_in_turn, end_all),
+        cmocka_unit_test_teardown(what_is_kept_serves_newcomers, end_all),
+        cmocka_unit_test_teardown(interest_goes_up, end_all),
+        cmocka_unit_test_teardown(bad_starts_end_with_a_line, end_all),
+        cmocka_unit_test_teardown(a_full_jetstream_is_told, end_all),
+        cmocka_unit_test_teardown(bytes_of_anybody_harm_nothing, end_all),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,185 @@
+#include "tests/support/relays.h"
+
+#include "common/clock.h"
+#include "proto/message.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct lw_client *lw_relays_client[LW_RELAYS_CLIENTS];
+
+void lw_relays_end(void) {
+    for (int i = 0; i < LW_RELAYS_CLIENTS; i++) {
+        lw_client_destroy(lw_relays_client[i]);
+        lw_relays_client[i] = NULL;
+    }
+    lw_process_kill_all();
+}
+
+static uint16_t read_port(const char *path) {
+    size_t size;
+    char *text = (char *)lw_support_read_file(path, &size);
+    const int port = atoi(text);
+    free(text);
+    assert_true(port > 0);
+    return (uint16_t)port;
+}
+
+/* On a free port, or on the one it had. */
+void lw_relays_start(struct lw_process *process, const char *upstream, const char *options) {
+    static unsigned number;
+    char arguments[900], file[64];
+    const unsigned port = process->port;
+    snprintf(file, sizeof file, "relay%u.port", number++);
+    const char *path = lw_support_temporary(file);
+    snprintf(arguments, sizeof arguments, "%s --listen 127.0.0.1:%u --port-file %s --http none %s", upstream,
+             port, path, options);
+    lw_process_start(process, "lightwell-relay", arguments);
+    if (!lw_process_await_file(process, path)) lw_process_expect(process, -1, 0);
+    process->port = read_port(path);
+}
+
+void lw_relays_join_with(int i, uint16_t port, struct lw_client_desc desc) {
+    struct lw_error err = {0};
+    desc.host = "127.0.0.1";
+    desc.port = port;
+    desc.name = "test";
+    desc.timeout_ms = LW_PROCESS_LIMIT_S * 1000;
+    lw_support_ok(lw_client_create(&desc, &lw_relays_client[i], &err), &err);
+}
+
+void lw_relays_join(int i, uint16_t port) {
+    lw_relays_join_with(i, port, (struct lw_client_desc){.draws_direct = false});
+}
+
+void lw_relays_poll(void) {
+    struct lw_error err = {0};
+    for (int i = 0; i < LW_RELAYS_CLIENTS; i++)
+        if (lw_relays_client[i]) lw_support_ok(lw_client_poll(lw_relays_client[i], 5, &err), &err);
+}
+
+struct lw_client_stats lw_relays_stats(int i) {
+    struct lw_client_stats stats;
+    lw_client_get_stats(lw_relays_client[i], &stats);
+    return stats;
+}
+
+bool lw_relays_is_at_rest(int i) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[i]);
+    const struct lw_client_stats stats = lw_relays_stats(i);
+    if (!map || !stats.frame || stats.settled_frame != stats.frame) return false;
+    for (uint32_t t = 0; t < map->tile_count; t++) {
+        const struct lw_client_tile tile = lw_client_get_tile(lw_relays_client[i], (lw_tile_id){t});
+        if (lw_client_object_hidden(lw_relays_client[i], map->place[t].object))
+            continue; /* nobody lights it */
+        if (!tile.version || tile.error > 0.3f) return false;
+    }
+    return true;
+}
+
+void lw_relays_wait(bool (*is_so)(void)) {
+    const uint64_t end_ns = lw_clock_ns() + LW_PROCESS_LIMIT_S * 1000000000ull;
+    while (!is_so()) {
+        lw_relays_poll();
+        if (lw_clock_ns() > end_ns) fail_msg("it did not come within %u s", LW_PROCESS_LIMIT_S);
+    }
+}
+
+bool lw_relays_all_rest(void) {
+    for (int i = 0; i < LW_RELAYS_CLIENTS; i++)
+        if (lw_relays_client[i] && !lw_relays_is_at_rest(i)) return false;
+    return true;
+}
+
+/* Runs that a relay joins are 2^32 frames apart, and versions are twice the frames. */
+static uint64_t frame_of_run(int i) { return lw_relays_stats(i).frame % (UINT64_C(1) << 32); }
+
+static uint64_t version_of_run(int i, uint32_t tile) {
+    return lw_client_get_tile(lw_relays_client[i], (lw_tile_id){tile}).version % (UINT64_C(1) << 33);
+}
+
+bool lw_relays_all_same(void) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[0]);
+    for (int i = 0; i < LW_RELAYS_CLIENTS; i++)
+        if (lw_relays_client[i] &&
+            (!lw_client_atlas_map(lw_relays_client[i]) || frame_of_run(i) != frame_of_run(0) ||
+             lw_relays_stats(i).settled_frame != lw_relays_stats(i).frame))
+            return false;
+    for (int i = 0; i < LW_RELAYS_CLIENTS; i++)
+        for (uint32_t t = 0; lw_relays_client[i] && t < map->tile_count; t++)
+            if (!version_of_run(i, t) || version_of_run(i, t) != version_of_run(0, t)) return false;
+    return true;
+}
+
+void lw_relays_expect_same_texels(void) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[0]);
+    for (int i = 1; i < LW_RELAYS_CLIENTS; i++)
+        for (uint32_t o = 0; lw_relays_client[i] && o < map->object_count; o++)
+            for (uint32_t l = 0; l < map->atlas[o].level_count; l++) {
+                const struct lw_client_level ours = lw_client_get_level(lw_relays_client[i], o, l),
+                                             theirs = lw_client_get_level(lw_relays_client[0], o, l);
+                assert_true(ours.width == theirs.width && ours.height == theirs.height);
+                assert_memory_equal(ours.rgb, theirs.rgb,
+                                    3 * sizeof(float) * (size_t)ours.width * ours.height);
+            }
+}
+
+void lw_relays_expect_same(void) {
+    lw_relays_wait(lw_relays_all_same);
+    lw_relays_expect_same_texels();
+    for (int i = 1; i < LW_RELAYS_CLIENTS; i++)
+        for (uint32_t o = 0; lw_relays_client[i] && o < lw_client_scene(lw_relays_client[0])->object_count;
+             o++) {
+            assert_memory_equal(lw_client_object_to_world(lw_relays_client[i], o),
+                                lw_client_object_to_world(lw_relays_client[0], o), sizeof(struct lw_affine));
+            assert_int_equal(lw_client_object_state(lw_relays_client[i], o),
+                             lw_client_object_state(lw_relays_client[0], o));
+        }
+}
+
+uint64_t lw_relays_update(int i, const struct lw_scene_change *change, struct lw_client_answer *out_answer) {
+    struct lw_error err = {0};
+    uint64_t request;
+    lw_support_ok(lw_client_update(lw_relays_client[i], change, 1, &request, &err), &err);
+    const uint64_t end_ns = lw_clock_ns() + LW_PROCESS_LIMIT_S * 1000000000ull;
+    while (!lw_client_next_answer(lw_relays_client[i], out_answer)) {
+        lw_relays_poll();
+        assert_true(lw_clock_ns() < end_ns);
+    }
+    assert_int_equal(out_answer->request, request);
+    return out_answer->frame;
+}
+
+void lw_relays_reconnect(int i) {
+    struct lw_error err = {0};
+    const uint64_t end_ns = lw_clock_ns() + LW_PROCESS_LIMIT_S * 1000000000ull;
+    while (lw_client_poll(lw_relays_client[i], 10, &err) == LW_OK) assert_true(lw_clock_ns() < end_ns);
+    do {
+        err = (struct lw_error){0};
+        assert_true(lw_clock_ns() < end_ns);
+        lw_support_pause();
+    } while (lw_client_reconnect(lw_relays_client[i], &err) != LW_OK);
+}
+
+/* A figure of a relay, as its operator is told it. */
+double lw_relays_figure(const struct lw_process *process, const char *name) {
+    struct lw_client *operator_ = NULL;
+    struct lw_error err = {0};
+    uint32_t code;
+    char *text;
+    const struct lw_client_desc desc = {
+        .host = "127.0.0.1", .port = process->port, .operate = true, .timeout_ms = LW_PROCESS_LIMIT_S * 1000};
+    lw_support_ok(lw_client_create(&desc, &operator_, &err), &err);
+    lw_support_ok(lw_client_ask(operator_, LW_ASK_STATS, 0, &err), &err);
+    while (!lw_client_take_report(operator_, &code, &text))
+        lw_support_ok(lw_client_poll(operator_, 100, &err), &err);
+    lw_client_destroy(operator_);
+    char line[100];
+    snprintf(line, sizeof line, "\n%s ", name);
+    const char *at = strstr(text, line);
+    assert_true(code == LW_REPORT_DONE && at);
+    const double value = atof(at + strlen(line));
+    free(text);
+    return value;
+}
