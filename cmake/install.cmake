@@ -23,8 +23,8 @@ configure_file(cmake/lightwell.pc.in ${PROJECT_BINARY_DIR}/lightwell.pc @ONLY)
 install(FILES ${PROJECT_BINARY_DIR}/lightwell.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT client)
 
 # The service: where systemd looks below /usr/local and /usr.
-install(FILES packaging/systemd/lightwelld.service DESTINATION lib/systemd/system)
-install(FILES packaging/systemd/lightwelld.conf DESTINATION ${CMAKE_INSTALL_DOCDIR}/systemd)
+install(FILES packaging/systemd/lightwelld.service packaging/systemd/lightwell-relay@.service DESTINATION lib/systemd/system)
+install(FILES packaging/systemd/lightwelld.conf packaging/systemd/lightwell-relay.conf DESTINATION ${CMAKE_INSTALL_DOCDIR}/systemd)
 install(DIRECTORY packaging/prometheus DESTINATION ${CMAKE_INSTALL_DOCDIR})
 
 # Documents name each other by their place in this tree, so they keep it, too.

@@ -1,5 +1,5 @@
-/* nats_feed.h: light from NATS as a server tells it: a thread at the far end of a socket pair, which speaks the
- * protocol's server side.
+/* nats_feed.h: light from NATS as a server tells it: a thread at the far end of a socket pair, which speaks
+ * the protocol's server side.
  * Flow:    NATS: welcome, packages, kept light, live light -> [feed] -> socket -> relay_upstream
  *          INTEREST, HOLDS -> socket -> [feed] -> subscriptions; wants and requests -> NATS -> lightwelld
  * Threads: a thread of its own; what is here is for the thread of the session, one at a time.

@@ -5,8 +5,8 @@
  * Threads: a thread of its own, which alone waits for NATS. lw_nats_publisher_publish() and
  *          lw_nats_publisher_get_stats() are [any]; they wait for nothing.
  *
- * Subjects and payloads: proto/wire_format.md, "Light through NATS". Nothing is kept there that cannot be made
- * again. */
+ * Subjects and payloads: proto/wire_format.md, "Light through NATS". Nothing is kept there that cannot be
+ * made again. */
 #ifndef LW_NATS_NATS_PUBLISHER_H
 #define LW_NATS_NATS_PUBLISHER_H
 

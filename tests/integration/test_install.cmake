@@ -201,7 +201,7 @@ foreach(program IN LISTS programs)
   list(APPEND manuals ${MANDIR}/man1/${program}.1)
 endforeach()
 foreach(file ${LIBDIR}/liblightwell.a ${LIBDIR}/liblightwell.so ${DOCDIR}/LICENSE ${DOCDIR}/README.md
-    lib/systemd/system/lightwelld.service ${DOCDIR}/systemd/lightwelld.conf ${DOCDIR}/docs/running.md ${DOCDIR}/examples/minimal.c ${manuals}
+    lib/systemd/system/lightwelld.service ${DOCDIR}/systemd/lightwelld.conf lib/systemd/system/lightwell-relay@.service ${DOCDIR}/systemd/lightwell-relay.conf ${DOCDIR}/docs/running.md ${DOCDIR}/examples/minimal.c ${manuals}
     ${MANDIR}/man1/lightwell-load-scaling.1 ${MANDIR}/man1/lightwell-load-crossover.1
     share/bash-completion/completions/lightwelld share/bash-completion/completions/lightwell-load)
   if(NOT EXISTS ${prefix}/${file})

@@ -383,8 +383,8 @@ static uint64_t run_of_kept(void) {
     return prefix.run;
 }
 
-/* Bytes of anybody, to the daemon and to relays, under every subject: all go on, and after a while all see the
- * same. */
+/* Bytes of anybody, to the daemon and to relays, under every subject: all go on, and after a while all see
+ * the same. */
 static void bytes_of_anybody_harm_nothing(void **state) {
     (void)state;
     static const char *const rest[] = {"want",           "sync",         "who",         "live.0.frame",
