@@ -25,7 +25,7 @@
 #define REST_MS            1000 /* else: under LW_LINK_PING_S */
 #define CONTROL_RETRY_NS   (1000 * MS_NS)
 #define CONTROL_IDLE_NS    (60000 * MS_NS)
-#define NONE               UINT32_MAX
+#define WAITS_MAX          20u /* then there are two servers at one address */
 
 /* A session that passes on the updates of one token, or of sessions without one. */
 struct control {
@@ -61,6 +61,7 @@ struct lw_relay {
     bool has_scene;
     uint64_t above_run;    /* of the server above, of the light of `scene` */
     uint64_t run;          /* that clients know it as */
+    bool owes_run;         /* the server has not heard of that */
     _Atomic bool has_next; /* next is complete: it waits for lw_relay_next_scene() */
     uint64_t above[LW_MESSAGE_RELAYS_MAX];
     uint32_t above_count;
@@ -79,6 +80,7 @@ struct lw_relay {
     uint64_t taken_ns[LW_TILE_CHANNELS_MAX];              /* when a client last took it */
     uint32_t at, tries; /* the upstream that is tried; since the last success */
     unsigned rounds;
+    unsigned waits; /* for a session to hear of another run */
     uint64_t retry_ns;
     bool everything; /* what clients want */
     uint32_t *tile;
@@ -105,6 +107,12 @@ static const char *name_of(const struct lw_relay *r, char *dst, size_t size) {
 static bool has_feed(const struct lw_relay *r) {
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
         if (r->feed[c]) return true;
+    return false;
+}
+
+static bool has_feed_of(const struct lw_relay *r, const char *address) {
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
+        if (r->feed[c] && strcmp(lw_relay_upstream_address(r->feed[c]), address) == 0) return true;
     return false;
 }
 
@@ -192,9 +200,16 @@ static uint64_t join_runs(uint64_t run, uint64_t next) {
     return z + !z;
 }
 
-static void tell_run(struct lw_relay *r, uint64_t run) {
+/* The server hears of it with the first light of that run: until then what there is is of the one before. */
+static void set_run(struct lw_relay *r, uint64_t run) {
     r->run = run;
-    if (r->server) lw_server_set_run(r->server, run);
+    r->owes_run = true;
+}
+
+static void tell_run(struct lw_relay *r, uint64_t frame) {
+    if (!r->owes_run || frame < lw_relay_light_frame_for_clients(r->scene.light, 1)) return;
+    lw_server_set_run(r->server, r->run);
+    r->owes_run = false;
 }
 
 /* The server above has begun again, with the same scene: sessions of clients go on. False: they cannot. */
@@ -205,7 +220,7 @@ static bool begin_run(struct lw_relay *r, const struct lw_relay_upstream *up) {
     lw_log(LW_LOG_INFO, "%s lights the same scene in another run: clients go on with it",
            lw_relay_upstream_address(up));
     r->above_run = above_run;
-    tell_run(r, run);
+    set_run(r, run);
     return true;
 }
 
@@ -219,7 +234,7 @@ static void follow_runs(struct lw_relay *r) {
         r->above_run = run;
         if (lw_relay_light_counts_on(r->scene.light)) continue;
         lw_relay_light_set_run(r->scene.light, run);
-        tell_run(r, run);
+        set_run(r, run);
     }
 }
 
@@ -262,11 +277,18 @@ static void connect_feed(struct lw_relay *r, bool draws) {
         r->stats.connects++;
         snprintf(r->stats.address, sizeof r->stats.address, "%s", lw_relay_upstream_address(up));
         follow_relays(r, up);
-        const bool goes_on = is_scene && ((told->run && told->run == r->above_run) || begin_run(r, up));
+        const bool is_run = told->run && told->run == r->above_run;
+        if (is_scene && !is_run && has_feed_of(r, lw_relay_upstream_address(up)) && r->waits++ < WAITS_MAX) {
+            /* it goes on with another run: the session that there is is about to hear of it, or to end */
+            lw_relay_upstream_destroy(up);
+            r->retry_ns = lw_clock_ns() + SOON_MS * MS_NS;
+            return;
+        }
+        const bool goes_on = is_scene && (is_run || begin_run(r, up));
         status = goes_on ? resume(r, up, &err) : begin_newcomer(r, up, &err);
     }
     if (status == LW_OK) {
-        r->tries = r->rounds = 0;
+        r->tries = r->rounds = r->waits = 0;
         r->retry_ns = 0;
         return;
     }
@@ -533,6 +555,7 @@ static void publish(struct lw_relay *r) {
     r->stats.snapshots++;
     r->stats.frame = snapshot->frame;
     r->stats.has_light = true;
+    tell_run(r, snapshot->frame);
     lw_server_publish(r->server, snapshot);
     lw_snapshot_unref(snapshot);
 }
@@ -688,6 +711,7 @@ static void adopt_next(struct lw_relay *r) {
     r->has_scene = true;
     r->has_next = false;
     r->above_run = r->run = r->scene.told.run;
+    r->owes_run = false;
     r->stats.has_light = false;
     r->waiting = (struct lw_waiting){0};
     r->some_ns = 0;
@@ -731,7 +755,6 @@ void lw_relay_serve(struct lw_relay *r, struct lw_server *server) {
     r->server = server;
     r->owes = true;
     lw_server_set_relays_above(server, r->above, r->above_count);
-    if (r->run && r->run != r->scene.told.run) lw_server_set_run(server, r->run);
     if (r->has_next) lw_server_relay(server);
     pthread_mutex_unlock(&r->mutex);
     lw_relay_wake(r);

@@ -14,7 +14,8 @@
 #define WRITE_LIMIT_MS    5000
 #define PING_MS           5000
 #define PINGS_OUT         2
-#define RECONNECT_BYTES   1 /* what is published without a server is lost, and shall be */
+#define BYTES_MAX         (64u << 20) /* that wait for the owner's thread */
+#define RECONNECT_BYTES   1           /* what is published without a server is lost, and shall be */
 
 /* Callbacks of libnats come in threads of its own, as late as they please: each subscription, and the
  * connection, holds a reference. */
@@ -25,6 +26,7 @@ struct inbox {
     bool is_gone, is_back, dropped, is_closed;
     natsMsg **message; /* a ring */
     uint32_t capacity, first, count;
+    size_t bytes; /* of those */
     void *owned;
 };
 
@@ -53,13 +55,22 @@ static void wake(const struct inbox *inbox) {
 
 /* ---- callbacks, in threads of libnats ---- */
 
+static size_t size_of(const natsMsg *message) {
+    const int size = natsMsg_GetDataLength(message);
+    return size > 0 ? (size_t)size : 0;
+}
+
 static void on_message(natsConnection *connection, natsSubscription *subscription, natsMsg *message,
                        void *context) {
     (void)connection, (void)subscription;
     struct inbox *inbox = context;
+    const size_t size = size_of(message);
     pthread_mutex_lock(&inbox->mutex);
-    const bool fits = !inbox->is_closed && inbox->count < inbox->capacity;
-    if (fits) inbox->message[(inbox->first + inbox->count++) % inbox->capacity] = message;
+    const bool fits = !inbox->is_closed && inbox->count < inbox->capacity && inbox->bytes + size <= BYTES_MAX;
+    if (fits) {
+        inbox->message[(inbox->first + inbox->count++) % inbox->capacity] = message;
+        inbox->bytes += size;
+    }
     inbox->dropped |= !fits;
     pthread_mutex_unlock(&inbox->mutex);
     if (!fits) natsMsg_Destroy(message);
@@ -252,6 +263,8 @@ enum lw_nats_link_event lw_nats_link_take(struct lw_nats_link *link, natsMsg **o
         *out_message = inbox->message[inbox->first];
         inbox->first = (inbox->first + 1) % inbox->capacity;
         inbox->count--;
+        LW_INVARIANT(inbox->bytes >= size_of(*out_message));
+        inbox->bytes -= size_of(*out_message);
     }
     if (event == LW_NATS_LINK_NOTHING) (void)!read(inbox->wake, &told, sizeof told);
     pthread_mutex_unlock(&inbox->mutex);

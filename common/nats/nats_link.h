@@ -20,7 +20,7 @@ struct lw_nats_link_desc {
     const char *name; /* of the same, for people; outlives it */
     const char *client;
     unsigned timeout_ms;
-    uint32_t queue_max; /* messages; further ones are dropped, which LW_NATS_LINK_DROPPED tells */
+    uint32_t queue_max; /* messages, and 64 MiB; further ones are dropped, which LW_NATS_LINK_DROPPED tells */
 };
 
 /** Errors: LW_UNAVAILABLE, LW_TIMED_OUT, LW_NOT_ALLOWED, LW_OS, LW_NO_MEMORY, naming the server. */

@@ -1,8 +1,8 @@
 /* A server above that says anything, to the upper side of a relay: a session over a real link. The input is a
- * byte that says what came before, then pieces: two bytes of length, and the server's bytes. Before may come
- * nothing, a welcome and the package of a small scene, or a welcome of a session that is resumed. After each
- * piece there may be a snapshot. A snapshot must be light for a client, whatever the server says: a replica
- * takes it in. */
+ * byte that says what came before (nothing; a welcome and the package of a small scene; one that is taken up
+ * again, in the same run or in another), then pieces: two bytes of length, and what the server says. After
+ * each piece there may be a snapshot. What is in it must be light for a client, whatever was said: a replica
+ * takes in all of it. */
 #include "tests/support/support.h"
 
 #include "client/lib/replica.h"
@@ -176,7 +176,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
         listen_once();
     }
     if (!size) return 0;
-    const uint8_t kind = bytes[0] % 3;
+    const uint8_t kind = bytes[0] % 4;
     struct lw_error err = {0};
     struct lw_relay_scene scene = {0};
     struct lw_replica *follower = NULL;
@@ -198,7 +198,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
             require(*err.text);
             err = (struct lw_error){0};
             hang_up(&up);
-            if (kind != 2 || !(up = connect_relay(above.welcome, above.welcome_size))) break;
+            if (kind < 2 || !(up = connect_relay(above.welcome, above.welcome_size))) break;
+            if (kind == 3 && !lw_relay_light_begin_run(scene.light, at)) {
+                hang_up(&up);
+                break;
+            }
             if (lw_relay_upstream_resume(up, scene.light, &err) != LW_OK) hang_up(&up);
         }
         show(scene.light, follower);
