@@ -180,7 +180,7 @@ struct lw_message_frame {
     size_t spare_count;                         /* the first ones of `hidden` are spares (scene.h) */
     const struct lw_message_material *material; /* as with transforms */
     size_t material_count;
-    uint64_t run; /* that versions and frames are of, as in a welcome; 0: as before */
+    uint64_t run; /* name of the run of versions and frames, as in a welcome; 0: unchanged */
 };
 
 struct lw_message_tile {

@@ -13,7 +13,7 @@
 /* Subjects are kept for each tile, and a FRAME is one message of NATS: what scenes may have. */
 #define LW_NATS_WIRE_TILES_MAX   16384u
 #define LW_NATS_WIRE_OBJECTS_MAX LW_MESSAGE_TRANSFORMS_MAX /* and lights */
-#define LW_NATS_WIRE_CHUNKS_MAX  65536u                    /* of a package */
+#define LW_NATS_WIRE_CHUNKS_MAX  65536u                    /* in a package */
 #define LW_NATS_WIRE_ALIVE_MS    1000u                     /* a publisher says so often that it is there */
 #define LW_NATS_WIRE_WANT_MS     1500u                     /* a relay says so often what it wants */
 #define LW_NATS_WIRE_SILENCE_MS  5000u                     /* after so long it is gone; either of them */
@@ -36,8 +36,8 @@ void lw_nats_wire_subject(char dst[LW_NATS_WIRE_SUBJECT_SIZE], const char *scene
 
 /** What a payload begins with. */
 struct lw_nats_wire_prefix {
-    uint32_t epoch; /* of the publisher: counts how often it has lost NATS */
-    uint64_t run;   /* of the light */
+    uint32_t epoch; /* how often the publisher has lost NATS */
+    uint64_t run;   /* run of the light */
 };
 void lw_nats_wire_write_prefix(uint8_t dst[LW_NATS_WIRE_PREFIX_SIZE], struct lw_nats_wire_prefix prefix);
 

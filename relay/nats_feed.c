@@ -27,7 +27,7 @@
 #define SEND_MS       15000 /* for the session to take what it is sent */
 #define QUEUE_MAX     16384u
 #define INPUT_SIZE    (64u << 10)
-#define SYNC_SIZE_MAX (900u << 10) /* of a request: a message of NATS is up to 1 MiB */
+#define SYNC_SIZE_MAX (900u << 10) /* bytes of a request: a message of NATS has up to 1 MiB */
 
 struct lw_nats_feed {
     struct lw_nats_wire_address address;
@@ -48,8 +48,8 @@ struct lw_nats_feed {
     bool streams;       /* light is sent */
     uint32_t form;
     _Atomic bool is_alive; /* lightwelld is there */
-    uint64_t heard_ns;     /* of it; of the session, where it is not */
-    uint64_t want_ns;      /* when to say again what is wanted; 0: now */
+    uint64_t heard_ns;     /* last sign of lightwelld; of the session while lightwelld is gone */
+    uint64_t want_ns;      /* when the next `want` is due; 0: now */
     uint8_t *interest;     /* the last INTEREST, as it came; NULL: none: everything is wanted */
     size_t interest_size;
     uint32_t epoch;
@@ -274,7 +274,7 @@ static enum lw_status take_light(struct lw_nats_feed *feed, struct lw_nats_wire_
     return status;
 }
 
-/* What is kept: of a lightwelld that is gone all that there is, else what need not be asked for. */
+/* Sends kept light: all that exists if lightwelld is gone, else tiles that need no request. */
 static enum lw_status send_kept(struct lw_nats_feed *feed, natsMsg **tile, size_t tile_count) {
     char subject[LW_NATS_WIRE_SUBJECT_SIZE];
     natsMsg *frame = NULL;
@@ -289,7 +289,7 @@ static enum lw_status send_kept(struct lw_nats_feed *feed, natsMsg **tile, size_
         if (read_payload(i ? tile[i - 1] : frame, &prefix, &reader) != LW_OK || prefix.run != feed->run)
             continue;
         status = take_light(feed, &reader, !i, &is_end);
-        if (status == LW_PROTOCOL) status = LW_OK; /* what is damaged there is asked for */
+        if (status == LW_PROTOCOL) status = LW_OK; /* a damaged tile is requested later */
     }
     natsMsg_Destroy(frame);
     return status;
@@ -325,13 +325,13 @@ static enum lw_status load_kept(struct lw_nats_feed *feed) {
     return status;
 }
 
-/* ---- what is listened to ---- */
+/* ---- subscriptions ---- */
 
 static void want_level(const struct lw_nats_feed *feed, uint32_t object, uint32_t level) {
     set_bit(feed->wanted, lw_atlas_map_first(feed->map, object, level));
 }
 
-/* What is listed, coarser levels of that, and the coarsest of every object. */
+/* Listed levels, coarser ones above them, and the coarsest of every object. */
 static void list_levels(const struct lw_nats_feed *feed, const struct lw_message_interest *interest) {
     const struct lw_atlas_map *map = feed->map;
     memset(feed->wanted, 0, words_of(map) * sizeof *feed->wanted);
@@ -397,7 +397,7 @@ static enum lw_status hear_interest(struct lw_nats_feed *feed) {
     return status;
 }
 
-/* ---- what is said to lightwelld ---- */
+/* ---- messages to lightwelld ---- */
 
 static void publish(struct lw_nats_feed *feed, const char *what, const char *reply, const uint8_t *bytes,
                     size_t size) {
@@ -470,7 +470,7 @@ static void ask(struct lw_nats_feed *feed, uint64_t now_ns) {
     feed->sync_ns = now_ns;
 }
 
-/* What was asked for has come, or has to be asked for again. */
+/* Ends a request; without an answer its tiles are requested again. */
 static void end_sync(struct lw_nats_feed *feed, bool done) {
     for (size_t i = 0; i < words_of(feed->map); i++) {
         if (!done) feed->lacks[i] |= feed->listed[i];
@@ -483,7 +483,7 @@ static void end_sync(struct lw_nats_feed *feed, bool done) {
 
 static void ask_if_due(struct lw_nats_feed *feed, uint64_t now_ns) {
     if (feed->syncs && now_ns - feed->sync_ns > SYNC_MS * MS_NS) end_sync(feed, false);
-    if (!feed->syncs && now_ns >= feed->check_ns) { /* whatever was lost without a word */
+    if (!feed->syncs && now_ns >= feed->check_ns) { /* in case a message got lost unnoticed */
         for (uint32_t t = 0; t < feed->map->plain_count; t++)
             if (is_heard(feed, feed->map, t)) lack(feed, t);
         feed->lacks_any = true;
@@ -507,7 +507,7 @@ static enum lw_status take_answer(struct lw_nats_feed *feed, const char *subject
     char expected[LW_NATS_WIRE_SUBJECT_SIZE + 16];
     bool is_end = false;
     snprintf(expected, sizeof expected, "%s.%u", feed->answer, feed->sync_number);
-    if (strcmp(subject, expected) != 0) return LW_OK; /* of a request that was given up */
+    if (strcmp(subject, expected) != 0) return LW_OK; /* an answer to an abandoned request */
     const bool settles = reader->left > 0;
     const enum lw_status status = take_light(feed, reader, true, &is_end);
     if (!is_end || status != LW_OK) return status;
@@ -686,7 +686,7 @@ static bool holds_any(const struct lw_nats_feed *feed) {
     return false;
 }
 
-/* Listens first: what is published while kept light is read waits. */
+/* Subscribes first: live messages wait while kept light is read. */
 static enum lw_status begin_light(struct lw_nats_feed *feed) {
     char subject[LW_NATS_WIRE_SUBJECT_SIZE];
     enum lw_status status = make_room(feed);
@@ -715,7 +715,7 @@ static enum lw_status turn(struct lw_nats_feed *feed) {
     enum lw_status status = polled[0].revents ? take_session(feed) : LW_OK;
     if (status == LW_OK) status = take_events(feed);
     if (status == LW_OK && feed->asked && !feed->streams && feed->map)
-        return begin_light(feed); /* it takes a while: what has come is looked at first */
+        return begin_light(feed); /* it takes a while: messages that wait come before time-outs */
     if (status != LW_OK) return status;
     const uint64_t now_ns = lw_clock_ns();
     if (feed->streams && feed->is_alive) {
@@ -732,7 +732,7 @@ static void *run(void *context) {
     enum lw_status status = LW_OK;
     while (status == LW_OK) status = turn(feed);
     if (status != LW_CLOSED) (void)refuse(feed, "%s", lw_status_text(status));
-    shutdown(feed->socket, SHUT_WR); /* what was said is read to its end */
+    shutdown(feed->socket, SHUT_WR); /* the session still reads the last bytes */
     nats_ReleaseThreadMemory();
     return NULL;
 }

@@ -1,8 +1,8 @@
 /* nats_feed.h: light from NATS as a server tells it: a thread at the far end of a socket pair, which speaks
  * the protocol's server side.
- * Flow:    NATS: welcome, packages, kept light, live light -> [feed] -> socket -> relay_upstream
- *          INTEREST, HOLDS -> socket -> [feed] -> subscriptions; wants and requests -> NATS -> lightwelld
- * Threads: a thread of its own; what is here is for the thread of the session, one at a time.
+ * Flow:    NATS -> [feed] -> socket -> relay_upstream
+ *          INTEREST, HOLDS -> socket -> [feed] -> subscriptions, requests -> NATS -> lightwelld
+ * Threads: a thread of its own; these functions are for the session's thread, one at a time.
  *
  * The session takes and checks its bytes as those of any server. The feed gives what the protocol allows: no
  * tile that builds on a version that it has not given, no tile of a later frame. Where something was lost it

@@ -59,8 +59,8 @@ struct lw_relay {
     bool owes;                /* the server has had no snapshot yet */
     struct lw_relay_scene scene, next;
     bool has_scene;
-    uint64_t above_run;    /* of the server above, of the light of `scene` */
-    uint64_t run;          /* that clients know it as */
+    uint64_t above_run;    /* run of the server above that lights `scene` */
+    uint64_t run;          /* the name of its light for clients */
     bool owes_run;         /* the server has not heard of that */
     _Atomic bool has_next; /* next is complete: it waits for lw_relay_next_scene() */
     uint64_t above[LW_MESSAGE_RELAYS_MAX];
@@ -74,7 +74,7 @@ struct lw_relay {
 
     /* The thread's. */
     struct lw_relay_upstream *feed[LW_TILE_CHANNELS_MAX]; /* of `scene` */
-    uint64_t feed_run[LW_TILE_CHANNELS_MAX];              /* that they last told */
+    uint64_t feed_run[LW_TILE_CHANNELS_MAX];              /* last run that each session named */
     struct lw_relay_upstream *newcomer;                   /* of another one, which is coming, or is next */
     uint32_t main_channel;                                /* of the first session of the scene */
     uint64_t taken_ns[LW_TILE_CHANNELS_MAX];              /* when a client last took it */
@@ -230,7 +230,7 @@ static void follow_runs(struct lw_relay *r) {
         const uint64_t run = r->feed[c] ? lw_relay_upstream_told(r->feed[c])->run : r->feed_run[c];
         if (run == r->feed_run[c]) continue;
         r->feed_run[c] = run;
-        if (run == r->above_run) continue; /* the other session has told it */
+        if (run == r->above_run) continue; /* another session named it first */
         r->above_run = run;
         if (lw_relay_light_counts_on(r->scene.light)) continue;
         lw_relay_light_set_run(r->scene.light, run);

@@ -43,7 +43,7 @@ struct lw_relay_light {
     bool has_map;
     struct lw_tile_codec *codec;
     struct feed feed[LW_TILE_CHANNELS_MAX];
-    uint64_t run;            /* that snapshots tell; 0: none */
+    uint64_t run;            /* run named in snapshots; 0: none */
     uint64_t before;         /* frames before the first of this run; a multiple of RUN_FRAMES */
     bool changed, completed; /* since the last snapshot: anything came; a SETTLED came */
     uint64_t frame;          /* of the last snapshot; 0: there was none */

@@ -5,8 +5,8 @@
  * Memory:  the scene, two references to encoded tiles, no texels.
  *
  * Tiles keep the versions that they came with, but for those of a later run (lw_relay_light_begin_run()). One
- * that came as a delta is also made whole, for clients that join. Every byte may come from anyone: what is
- * passed on has been decoded once. */
+ * that came as a delta is also made whole, for clients that join. Every byte may come from anyone: each
+ * tile is decoded once before it is forwarded. */
 #ifndef LW_RELAY_LIGHT_H
 #define LW_RELAY_LIGHT_H
 

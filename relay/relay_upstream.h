@@ -28,8 +28,7 @@ struct lw_relay_upstream_desc {
 
 /** What a WELCOME says of the light, without the session's own things. */
 struct lw_relay_told {
-    uint64_t
-        run; /* of the WELCOME, or of a FRAME since; 0: not told: no two sessions are of the same light */
+    uint64_t run; /* as the last WELCOME or FRAME named it; 0: unknown: no two sessions have the same light */
     struct lw_package_hash package_hash, finish_hash;
     uint64_t package_size, finish_size; /* finish_size 0: there are none */
     uint64_t features;                  /* LW_FEATURE_DCT, or 0 */
@@ -39,8 +38,7 @@ struct lw_relay_told {
     uint8_t *client_lights, *client_materials;
     size_t client_lights_size, client_materials_size;
 };
-/** Whether two sessions are of light of the same scene: what clients were told of one, but for the run, holds
- * for the other. */
+/** Whether two sessions have light of the same scene: their WELCOMEs differ in nothing but the run. */
 bool lw_relay_told_same_scene(const struct lw_relay_told *a, const struct lw_relay_told *b);
 
 /** Connects, says hello, and waits for the welcome. Errors: as lw_link_connect(); LW_NOT_ALLOWED: it takes

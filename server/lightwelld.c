@@ -747,7 +747,7 @@ static bool owes_ids(const struct daemon *d) {
            lw_fine_ids_free_count(map->fine) < lw_atlas_map_room(map) / 4;
 }
 
-/* That listen by NATS. */
+/* Whether relays listen by NATS. */
 static bool has_relays(const struct daemon *d) {
     struct lw_nats_publisher_stats stats = {.relays = 0};
     if (d->nats) lw_nats_publisher_get_stats(d->nats, &stats);

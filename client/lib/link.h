@@ -39,7 +39,7 @@ struct lw_link_desc {
     /* To change the scene without a token: on the own machine (127.0.0.0/8, ::1, localhost) the server's Unix
      * socket is tried first. */
     bool prefers_local;
-    const int *socket; /* that is connected, and the link's from then on; host says what it is; NULL: none */
+    const int *socket;      /* connected already; the link closes it. host names it. NULL: connect */
     struct ssl_ctx_st *tls; /* by TLS, but on a Unix socket: whom to believe (tls_trust.h); NULL: in plain */
 };
 

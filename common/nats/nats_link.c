@@ -14,8 +14,8 @@
 #define WRITE_LIMIT_MS    5000
 #define PING_MS           5000
 #define PINGS_OUT         2
-#define BYTES_MAX         (64u << 20) /* that wait for the owner's thread */
-#define RECONNECT_BYTES   1           /* what is published without a server is lost, and shall be */
+#define BYTES_MAX         (64u << 20) /* of waiting messages */
+#define RECONNECT_BYTES   1           /* without a server messages are lost, by design */
 
 /* Callbacks of libnats come in threads of its own, as late as they please: each subscription, and the
  * connection, holds a reference. */
@@ -26,7 +26,7 @@ struct inbox {
     bool is_gone, is_back, dropped, is_closed;
     natsMsg **message; /* a ring */
     uint32_t capacity, first, count;
-    size_t bytes; /* of those */
+    size_t bytes; /* in waiting messages */
     void *owned;
 };
 
@@ -214,7 +214,7 @@ bool lw_nats_link_is_connected(const struct lw_nats_link *link) {
     return natsConnection_Status(link->connection) == NATS_CONN_STATUS_CONNECTED;
 }
 
-/* ---- what goes, what comes ---- */
+/* ---- publish, subscribe, take ---- */
 
 enum lw_status lw_nats_link_subscribe(struct lw_nats_link *link, const char *subject,
                                       natsSubscription **out_subscription) {

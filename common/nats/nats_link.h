@@ -1,9 +1,9 @@
-/* nats_link.h: a connection with a NATS server: what comes waits in a bounded queue for one thread.
+/* nats_link.h: a connection with a NATS server, with a bounded queue of messages for one thread.
  * Flow:    NATS -> threads of libnats -> [queue] -> the owner's thread -> [link] -> NATS
  * Threads: one thread owns a link; lw_nats_link_wake() is [any]. Publishing may wait for the server: a thread
  *          that serves others owns none.
  *
- * A link that was there once comes back by itself. What is published meanwhile is dropped. */
+ * A link that breaks reconnects by itself. Messages published meanwhile are dropped. */
 #ifndef LW_NATS_NATS_LINK_H
 #define LW_NATS_NATS_LINK_H
 
@@ -17,7 +17,7 @@ struct lw_nats_link;
 
 struct lw_nats_link_desc {
     const char *url;  /* nats://... or tls://...; may hold a password */
-    const char *name; /* of the same, for people; outlives it */
+    const char *name; /* the server's name for people; outlives the link */
     const char *client;
     unsigned timeout_ms;
     uint32_t queue_max; /* messages, and 64 MiB; further ones are dropped, which LW_NATS_LINK_DROPPED tells */
@@ -49,13 +49,13 @@ enum lw_nats_link_event {
     LW_NATS_LINK_NOTHING,
     LW_NATS_LINK_MESSAGE, /* the caller frees it: natsMsg_Destroy() */
     LW_NATS_LINK_GONE,    /* the server */
-    LW_NATS_LINK_BACK,    /* it is there again; what was sent meanwhile is lost */
+    LW_NATS_LINK_BACK,    /* the server is there again; messages of the time between are lost */
     LW_NATS_LINK_DROPPED  /* messages, here or in libnats: too many waited */
 };
-/** What has come, in order; events before messages. */
+/** The next event or message, in order; events before messages. */
 enum lw_nats_link_event lw_nats_link_take(struct lw_nats_link *link, natsMsg **out_message);
-/** For poll(): POLLIN where there is something to take, or somebody has woken it. lw_nats_link_take() that
- * gives nothing resets it. */
+/** For poll(): POLLIN while an event or a message waits, or after lw_nats_link_wake(). A lw_nats_link_take()
+ * that gives nothing resets it. */
 int lw_nats_link_descriptor(const struct lw_nats_link *link);
 void lw_nats_link_wake(struct lw_nats_link *link); /* [any] */
 

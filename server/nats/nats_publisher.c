@@ -17,7 +17,7 @@
 #define CONNECT_MS    5000u
 #define WHO_MS        1000
 #define QUEUE_MAX     4096u
-#define KEEP_AT_ONCE  64u   /* tiles: then what is new goes first */
+#define KEEP_AT_ONCE  64u   /* tiles; new light goes first */
 #define KEEP_WAITING  1024u /* messages for JetStream that have no answer */
 #define KEEP_ANSWER_S 10u   /* for an answer of JetStream's */
 #define RETRY_MS      10000u
@@ -59,7 +59,7 @@ struct lw_nats_publisher {
     struct lw_snapshot *latest; /* handed over, not taken yet */
     struct lw_nats_publisher_stats stats;
 
-    /* Answers of JetStream's, told in a thread of libnats. */
+    /* Answers of JetStream, written by threads of libnats. */
     struct acks {
         _Atomic uint32_t waiting;
         _Atomic bool failed;
@@ -74,13 +74,13 @@ struct lw_nats_publisher {
     struct want want[LW_NATS_PUBLISHER_RELAYS_MAX];
     uint32_t want_count;
     bool wants_changed, told_relays, stands_down, is_announced, told_keep;
-    uint32_t channels;          /* that relays want */
+    uint32_t channels;          /* wanted by relays */
     uint64_t alive_ns, keep_ns; /* when the next is due */
     uint64_t retry_ns;          /* 0: nothing is to be tried again */
     uint64_t asked_ns;          /* when JetStream was last asked to keep something */
-    uint8_t *payload;           /* of the message that is made */
+    uint8_t *payload;           /* of the current message */
     size_t payload_capacity;
-    uint64_t *bits; /* of tiles */
+    uint64_t *bits; /* one for each tile */
 };
 
 /* ---- payloads ---- */
@@ -158,7 +158,7 @@ static enum lw_status make_stream(struct lw_nats_publisher *p, struct lw_error *
     config.Discard = js_DiscardNew; /* full: it says so, and loses nothing that a newcomer needs */
     config.Storage = js_FileStorage;
     natsStatus status = js_AddStream(NULL, p->jetstream, &config, NULL, &code);
-    if (code == JSStreamNameExistErr) { /* of other settings: an operator's limits stay */
+    if (code == JSStreamNameExistErr) { /* it has other settings: an operator's limits stay */
         code = 0;
         status = js_GetStreamInfo(NULL, p->jetstream, name, NULL, &code);
         if (status == NATS_INVALID_ARG) status = NATS_OK; /* no place for what it would say */
@@ -271,7 +271,9 @@ static void look_after_kept(struct lw_nats_publisher *p, uint64_t now_ns) {
     if (acks->failed) {
         const int status = acks->status, code = acks->code;
         acks->failed = false;
-        if (p->is_announced) retry_keeping(p, lw_nats_link_text((natsStatus)status, (jsErrCode)code));
+        const bool was_announced = p->is_announced;
+        if (status == NATS_NO_RESPONDERS) p->is_announced = false; /* the stream is gone: it is made again */
+        if (was_announced) retry_keeping(p, lw_nats_link_text((natsStatus)status, (jsErrCode)code));
     } else
         note_kept(p);
     if (acks->waiting && now_ns - p->asked_ns > KEEP_ANSWER_S * 1000 * MS_NS) acks->waiting = 0; /* lost */
@@ -334,8 +336,8 @@ static void take_snapshot(struct lw_nats_publisher *p) {
 
 /* ---- what relays ask ---- */
 
-/* The tiles that are listed, and are not as the relay holds them, whole. A relay asks for what it listens to:
- * what is published after this builds on it. An empty answer ends it. */
+/* The tiles that are listed, and are not as the relay holds them, whole. A relay has subscribed before
+ * it asks: later live messages build on the answer. An empty payload ends it. */
 static enum lw_status answer_sync(struct lw_nats_publisher *p, struct lw_nats_wire_reader *reader,
                                   const char *reply) {
     const uint8_t *form_byte = lw_nats_wire_read_bytes(reader, 1);
@@ -474,7 +476,7 @@ static void tell_wants(struct lw_nats_publisher *p) {
     free(tile);
 }
 
-/* Of two that began at once, one goes on. */
+/* If two began at once, one goes on. */
 static void hear_other(struct lw_nats_publisher *p, uint64_t run) {
     if (run == p->run || run > p->run || p->stands_down) return;
     lw_log(LW_LOG_ERROR,
@@ -508,7 +510,7 @@ static void take_message(struct lw_nats_publisher *p, natsMsg *message) {
         hear_other(p, prefix.run);
     else if (status == LW_OK && !p->stands_down && is_about(p, subject, "who"))
         publish_to(p, reply ? reply : subject, NULL);
-    else if (status == LW_OK && !p->stands_down && prefix.run == p->run) { /* of what it sees now */
+    else if (status == LW_OK && !p->stands_down && prefix.run == p->run) { /* for the current run */
         if (is_about(p, subject, "want")) status = take_want(p, &reader);
         if (is_about(p, subject, "sync")) status = reply ? answer_sync(p, &reader, reply) : LW_PROTOCOL;
     }
@@ -555,7 +557,7 @@ static void take_events(struct lw_nats_publisher *p) {
             set_connected(p, true);
             come_back(p);
             break;
-        case LW_NATS_LINK_DROPPED: /* of what relays want: they say it again */
+        case LW_NATS_LINK_DROPPED: /* wants and requests: relays repeat them */
             break;
         }
 }

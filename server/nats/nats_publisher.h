@@ -1,5 +1,5 @@
-/* nats_publisher.h: hands the light of snapshots to NATS: what changes as plain messages, the newest whole of
- * each tile and the packages in JetStream; hears what relays want.
+/* nats_publisher.h: hands the light of snapshots to NATS: changes as plain messages, the newest whole of each
+ * tile and the packages in JetStream. Takes the interest of relays.
  * Flow:    snapshots -> [publisher] -> NATS -> relays (relay/nats_feed.h)
  *          relays -> NATS -> [publisher: union] -> wants()
  * Threads: a thread of its own, which alone waits for NATS. lw_nats_publisher_publish() and
@@ -13,9 +13,8 @@
 #include "proto/nats_wire.h"
 #include "server/publish/snapshot.h"
 
-#define LW_NATS_PUBLISHER_KEEP_MS 5000u /* the newest whole of a tile that changes is kept so often */
-#define LW_NATS_PUBLISHER_RELAYS_MAX                                                                         \
-    256u /* that may want something at a time, each form of light for itself */
+#define LW_NATS_PUBLISHER_KEEP_MS    5000u /* the newest whole of a tile that changes is kept so often */
+#define LW_NATS_PUBLISHER_RELAYS_MAX 256u  /* relays at a time; each form of light counts */
 
 /** What relays want, all of them together. */
 struct lw_nats_publisher_wants {
@@ -41,7 +40,7 @@ struct lw_nats_publisher_desc {
 struct lw_nats_publisher_stats {
     bool is_connected;
     bool is_stood_down; /* another lightwelld publishes under this name */
-    uint32_t relays;    /* that want something; one that takes two forms of light counts twice */
+    uint32_t relays;    /* with interest; one that takes two forms of light counts twice */
     uint64_t messages, bytes, kept, failures, requests, refused_messages;
 };
 

@@ -624,7 +624,7 @@ static void take_relays_above(struct lw_server *server) {
     if (has_above) send_back(shared, lw_session_is_relay, "the light comes through other relays now");
 }
 
-/* Before the first snapshot of the run: who does not read of it must take no tile of that. */
+/* Before the first snapshot of the run: a session that reads no runs must get none of its tiles. */
 static void take_run(struct lw_server *server) {
     struct lw_session_shared *shared = &server->shared;
     uv_mutex_lock(&server->mutex);

@@ -165,12 +165,12 @@ void lw_server_lose_passed(struct lw_server *server, uint64_t number);
 /** The light comes through other relays now. Sessions of relays are ended; they come back and hear of it.
  * [any] */
 void lw_server_set_relays_above(struct lw_server *server, const uint64_t *above, uint32_t count);
-/** Of a relay: the light goes on as another run, and its FRAMEs say so. Sessions that do not read that are
+/** For relays: the light goes on as another run, and its FRAMEs say so. Sessions that do not read this are
  * ended; they come back and hear of it. To be called before lw_server_publish() of the first such FRAME.
  * [any] */
 void lw_server_set_run(struct lw_server *server, uint64_t run);
 
-/** What sessions are told of the scene: for those who serve it by other ways. */
+/** Welcome and packages of the scene, for a publisher that serves it without sessions. */
 struct lw_server_scene {
     struct lw_blob *welcome;                /* with every feature that there is */
     struct lw_blob **chunk, **finish_chunk; /* messages, in order */
@@ -182,7 +182,7 @@ LW_MUST_CHECK enum lw_status lw_server_get_scene(const struct lw_server *server,
                                                  struct lw_server_scene *out_scene);
 void lw_server_scene_finish(struct lw_server_scene *scene);
 
-/** Of a solver's server: what is wanted by those who are served by other ways. It counts as one session's.
+/** For a solver's server: the interest of clients without a session here. It counts as one session's.
  * channels: a bit for each that is wanted; 0: there is nobody. tile: ids of no finer level, each once;
  * copied.
  * Returns false where there is no memory: then it stays as it was. [any] */

@@ -101,7 +101,7 @@ struct lw_session {
     } package, finishes;
     bool has_materials;   /* may ask for finishes */
     bool has_finer;       /* may ask for tiles of finer levels */
-    bool reads_runs;      /* of a relay's session: it hears in FRAMEs that the light goes on as another run */
+    bool reads_runs;      /* of relays alone: the session reads the run of FRAMEs */
     bool has_first_light; /* it was sent, or there is nothing to send */
     uint64_t first_sent;  /* tiles, until then */
     int64_t tiles_before; /* bytes of tiles that go before the next FINISH_CHUNK */

@@ -1,5 +1,5 @@
-/* Payloads and addresses of NATS, from anyone: what is read of a payload lies within it, piece after piece,
- * and an address that is taken makes subjects. The first byte says which. */
+/* Payloads and addresses of NATS, from anyone: each message of a payload lies within it, behind the previous
+ * one, and an accepted address makes subjects. The first byte says which. */
 #include "proto/nats_wire.h"
 
 #include <stdlib.h>

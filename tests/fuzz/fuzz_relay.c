@@ -1,8 +1,8 @@
 /* A server above that says anything, to the upper side of a relay: a session over a real link. The input is a
- * byte that says what came before (nothing; a welcome and the package of a small scene; one that is taken up
- * again, in the same run or in another), then pieces: two bytes of length, and what the server says. After
- * each piece there may be a snapshot. What is in it must be light for a client, whatever was said: a replica
- * takes in all of it. */
+ * byte that says what came before, then pieces: two bytes of length, and the server's bytes. Before may come
+ * nothing, a welcome and the package of a small scene, or a welcome of a session that is resumed, in the same
+ * run or in another. After each piece there may be a snapshot. A snapshot must be light for a client,
+ * whatever the server says: a replica takes it in. */
 #include "tests/support/support.h"
 
 #include "client/lib/replica.h"

@@ -1,5 +1,5 @@
-/* The real lightwelld, nats-server and lightwell-relay: light that goes through NATS, what is kept there, and
- * what happens when parts die. */
+/* The real lightwelld, nats-server and lightwell-relay: light through NATS, light kept there, and parts
+ * that die. */
 #include "tests/support/relays.h"
 
 #include "common/clock.h"
@@ -26,7 +26,7 @@
 
 static struct lw_process server, nats, relay[RELAYS];
 static uint16_t nats_port;
-static char store[200]; /* of JetStream's files */
+static char store[200]; /* folder of JetStream's files */
 
 static int remove_file(const char *path, const struct stat *about, int kind, struct FTW *walk) {
     (void)about, (void)kind, (void)walk;
@@ -175,7 +175,7 @@ static void each_part_dies_in_turn(void **state) {
     assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
 }
 
-/* What is kept may be some seconds older than what was shown: light all the same. */
+/* Kept light may be some seconds older than the light that clients saw. */
 static bool first_has_light(void) {
     const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[0]);
     for (uint32_t t = 0; map && t < map->plain_count; t++)
@@ -338,7 +338,7 @@ static uint8_t some_byte(void) {
     return (uint8_t)(chance >> 24);
 }
 
-/* Of the run that lights the scene: a stranger has seen it, and says anything in its name. */
+/* A stranger has seen the run of the scene, and says anything in its name. */
 static void publish_anything(const char *rest, uint64_t run, unsigned n) {
     uint8_t bytes[600];
     const size_t size = n % 5 == 0 ? n % LW_NATS_WIRE_PREFIX_SIZE : 16 + some_byte() * 2u;
@@ -353,7 +353,7 @@ static void publish_anything(const char *rest, uint64_t run, unsigned n) {
 }
 
 static uint64_t run_of_kept(void) {
-    /* the prefix of the welcome: a relay's session is told the same */
+    /* the run in the prefix of the welcome */
     char line[200], text[8192];
     static const char request[] = "{\"last_by_subj\":\"lightwell.room.kept.welcome\"}";
     size_t filled = 0;
@@ -404,7 +404,7 @@ static void bytes_of_anybody_harm_nothing(void **state) {
     for (unsigned n = 0; n < 4000; n++)
         publish_anything(rest[n % (sizeof rest / sizeof *rest)], n % 4 ? run : n, n);
     await_pong();
-    lw_relays_start(&relay[1], address("room"), ""); /* it finds what is kept now */
+    lw_relays_start(&relay[1], address("room"), ""); /* it reads the kept messages */
     lw_relays_join(2, relay[1].port);
     change(&hide_5);
     change(&show_5);

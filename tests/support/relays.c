@@ -162,7 +162,6 @@ void lw_relays_reconnect(int i) {
     } while (lw_client_reconnect(lw_relays_client[i], &err) != LW_OK);
 }
 
-/* A figure of a relay, as its operator is told it. */
 double lw_relays_figure(const struct lw_process *process, const char *name) {
     struct lw_client *operator_ = NULL;
     struct lw_error err = {0};

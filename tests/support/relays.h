@@ -31,7 +31,7 @@ struct lw_client_stats lw_relays_stats(int i);
 /** Polls until it is so. */
 void lw_relays_wait(bool (*is_so)(void));
 
-/** The client has every tile of what is not hidden, converged, and the server has nothing left to send. */
+/** The client has every tile of visible objects, converged, and the server has nothing left to send. */
 bool lw_relays_is_at_rest(int i);
 bool lw_relays_all_rest(void);
 /** Every client has every tile in the version of the first, and the same frame; a run that a relay has joined

@@ -18,7 +18,7 @@ static void addresses(void **state) {
     assert_string_equal(a.scene, "scene");
     lw_support_ok(lw_nats_wire_address("nats://host/", &a, NULL), NULL);
     assert_string_equal(a.name, "nats://host/scene");
-    /* nobody is told a password */
+    /* a name has no password */
     lw_support_ok(lw_nats_wire_address("nats://user:secret@host:1/a-b_C9", &a, NULL), NULL);
     assert_string_equal(a.url, "nats://user:secret@host:1");
     assert_string_equal(a.name, "nats://host:1/a-b_C9");
@@ -62,7 +62,7 @@ static void payloads(void **state) {
     lw_support_ok(lw_message_encode(&holds, bytes + size, sizeof bytes - size, &written), NULL);
     size += written;
     for (size_t cut = 0; cut <= size; cut++) {
-        uint8_t *copy = malloc(cut + 1); /* a sanitizer sees what is read beyond */
+        uint8_t *copy = malloc(cut + 1); /* a sanitizer sees reads beyond the end */
         struct lw_nats_wire_prefix prefix;
         struct lw_nats_wire_reader reader;
         struct lw_message m;

@@ -347,12 +347,12 @@ static void another_run_counts_on(void **state) {
     expect_run(s->frame_full, 77);
     expect_run(s->frame_delta, 77);
     assert_int_equal(s->tile[FULL][0].version, 2 * gap + 2);
-    assert_int_equal(s->tile[FULL][1].version, 10); /* of before */
+    assert_int_equal(s->tile[FULL][1].version, 10); /* the earlier run's */
     lw_snapshot_unref(s);
     assert_int_equal(lw_relay_light_version(light, FULL, (lw_tile_id){0}), 2);
     assert_int_equal(lw_relay_light_version(light, FULL, (lw_tile_id){1}), 0);
     assert_int_equal(lw_relay_light_frame(light, FULL), 1);
-    /* a delta builds on what is of this run alone */
+    /* a delta builds on tiles of this run alone */
     take_frame(FULL, 2);
     encode(0, 4);
     take_tile(FULL, source[0].delta);
