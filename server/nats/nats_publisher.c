@@ -118,10 +118,17 @@ static void publish_to(struct lw_nats_publisher *p, const char *subject, const s
 
 /* ---- JetStream ---- */
 
+/* The thread may set it to 0 meanwhile. */
+static void count_answer(struct acks *acks) {
+    uint32_t waiting = acks->waiting;
+    while (waiting && !atomic_compare_exchange_weak(&acks->waiting, &waiting, waiting - 1)) {
+    }
+}
+
 static void on_kept(jsCtx *jetstream, natsMsg *message, jsPubAck *ack, jsPubAckErr *error, void *context) {
     (void)jetstream, (void)ack;
     struct acks *acks = context;
-    if (acks->waiting) acks->waiting--;
+    count_answer(acks);
     if (error && !acks->failed) {
         acks->status = (int)error->Err;
         acks->code = (int)error->ErrCode;
@@ -215,8 +222,14 @@ static bool keep(struct lw_nats_publisher *p, const struct lw_blob *messages, co
     if (!size || p->acks->waiting >= KEEP_WAITING) return false;
     p->acks->waiting++;
     p->asked_ns = lw_clock_ns();
-    const bool done = js_PublishAsync(p->jetstream, subject, p->payload, (int)size, NULL) == NATS_OK;
-    if (!done && p->acks->waiting) p->acks->waiting--;
+    const natsStatus status = js_PublishAsync(p->jetstream, subject, p->payload, (int)size, NULL);
+    const bool done = status == NATS_OK;
+    if (!done) {
+        count_answer(p->acks);
+        p->acks->status = (int)status;
+        p->acks->code = 0;
+        p->acks->failed = true;
+    }
     count(p, done, size);
     pthread_mutex_lock(&p->mutex);
     p->stats.kept += done;
@@ -563,7 +576,7 @@ static void take_events(struct lw_nats_publisher *p) {
 }
 
 static int time_left(const struct lw_nats_publisher *p, uint64_t now_ns) {
-    for (uint32_t f = 0; f < FORMS; f++)
+    for (uint32_t f = 0; f < FORMS && lw_nats_link_is_connected(p->link); f++)
         if (p->is_announced && p->form[f].now && p->form[f].keep_at < p->map->plain_count)
             return p->acks->waiting >= KEEP_WAITING ? 10 : 0;
     return p->alive_ns > now_ns ? (int)((p->alive_ns - now_ns) / MS_NS) + 1 : 0;
