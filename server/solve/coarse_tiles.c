@@ -178,9 +178,12 @@ static void interpolate_block(const struct block *block, const float *from, floa
             sum += value[y * SIDE + x];
         }
     const float shift = own - sum / (float)(block->width * block->height);
-    bool even = true;
+    bool even = own != 0;
     for (uint32_t y = 0; y < block->height; y++)
-        for (uint32_t x = 0; x < block->width; x++) even &= (value[y * SIDE + x] + shift) * own >= 0;
+        for (uint32_t x = 0; x < block->width; x++) {
+            const float moved = value[y * SIDE + x] + shift;
+            even &= own > 0 ? moved >= 0 : moved <= 0;
+        }
     for (uint32_t y = 0; y < block->height; y++)
         for (uint32_t x = 0; x < block->width; x++)
             to[y * stride + x] = even ? value[y * SIDE + x] + shift : own;

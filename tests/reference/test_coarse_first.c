@@ -165,6 +165,18 @@ static void test_no_texel_is_left_out(void **state) {
     room_finish(&whole);
 }
 
+static void expect_no_negative_light(const struct room_solution *s) {
+    for (uint32_t id = 0; id < s->map.plain_count; id++) {
+        struct lw_solver_tile tile;
+        if (s->map.place[id].level) continue;
+        s->solver->ops->read_tile(s->solver, (lw_tile_id){id}, &tile);
+        for (uint32_t i = 0; i < tile.width * tile.height; i++)
+            for (int c = 0; c < 3; c++)
+                assert_true(tile.shown[LW_LIGHT_FORM_FULL][c][i] >= 0 &&
+                            isfinite(tile.shown[LW_LIGHT_FORM_FULL][c][i]) && tile.direct[c][i] >= 0);
+    }
+}
+
 static void test_light_stays_in_its_room(void **state) {
     (void)state;
     for (unsigned k = 0; k < 12; k++) {
@@ -178,6 +190,7 @@ static void test_light_stays_in_its_room(void **state) {
         struct room_solution s;
         begin(&s, room_scene(&room), h.density, true);
         step(&s, 1, 2);
+        expect_no_negative_light(&s); /* there is no sun inside, and much of it beside that */
         h.density /= LW_COARSE_SCENE_SIDE;
         house_expect_apart(&s, &h, house_inner_face(&h), 1);
         room_finish(&s);
