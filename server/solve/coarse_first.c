@@ -36,10 +36,10 @@ struct coarse_first {
     struct lw_coarse_scene coarse_scene;
     struct lw_coarse_tiles tiles;
     struct lw_solver *coarse; /* NULL: the whole solver has taken over */
+    uint64_t *whole_since;    /* per tile of the map: the frame that took it over; 0: it is coarse */
     struct builder builder;
     struct lw_solver *whole; /* NULL: it is not there yet */
     uint32_t frames, whole_frames;
-    uint64_t whole_since; /* the frame at which the whole solver took over; 0: it has not */
     uint32_t channels;
     uint8_t *interest; /* for the whole solver; NULL: everything */
 };
@@ -103,12 +103,36 @@ static void builder_finish(struct builder *b) {
 
 /* ---- frames ---- */
 
-static void end_coarse(struct coarse_first *s, uint64_t frame) {
-    s->whole_since = frame;
+static bool has_coarse_tiles(const struct coarse_first *s) { return s->tiles.tile != NULL; }
+
+static void end_coarse_solver(struct coarse_first *s) {
     s->coarse->ops->destroy(s->coarse);
     s->coarse = NULL;
-    lw_coarse_tiles_finish(&s->tiles);
     lw_coarse_scene_finish(&s->coarse_scene);
+}
+
+static bool is_ready(const struct coarse_first *s, lw_tile_id id) {
+    struct lw_solver_tile tile;
+    s->whole->ops->read_tile(s->whole, id, &tile);
+    return tile.sample_count >= LW_COARSE_FIRST_FRAMES ||
+           !memchr(tile.covered, 1, (size_t)tile.width * tile.height);
+}
+
+/* Takes tiles over from the coarse light: those that are ready, or all. Returns how many. */
+static uint32_t take_tiles(struct coarse_first *s, bool all, uint64_t frame) {
+    uint32_t taken = 0, left = 0;
+    for (uint32_t id = 0; id < s->map->plain_count; id++) {
+        if (s->map->place[id].level || s->whole_since[id]) continue;
+        if (!all && !is_ready(s, (lw_tile_id){id})) {
+            left++;
+            continue;
+        }
+        s->whole_since[id] = frame;
+        lw_coarse_tiles_forget(&s->tiles, (lw_tile_id){id});
+        taken++;
+    }
+    if (!left) lw_coarse_tiles_finish(&s->tiles);
+    return taken;
 }
 
 static enum lw_status coarse_frame(struct coarse_first *s, const struct lw_pose *pose, uint64_t frame,
@@ -132,11 +156,21 @@ static void add_rays(struct lw_solver_stats *stats, const struct lw_solver_stats
     stats->rays_probe += other->rays_probe;
 }
 
+/* A frame of the whole solver alone. Coarse tiles do not follow what moves. */
+static enum lw_status late_frame(struct coarse_first *s, const struct lw_pose *pose, uint64_t number,
+                                 struct lw_solver_stats *out_stats, struct lw_error *err) {
+    const enum lw_status status = whole_frame(s, pose, number, out_stats, err);
+    if (status != LW_OK || !has_coarse_tiles(s)) return status;
+    const bool all = out_stats->moved || ++s->whole_frames >= LW_COARSE_FIRST_KEPT;
+    out_stats->tiles_shown += take_tiles(s, all, number);
+    return LW_OK;
+}
+
 static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose, uint64_t number,
                             struct lw_solver_stats *out_stats, struct lw_error *err) {
     struct coarse_first *s = (struct coarse_first *)solver;
     struct lw_solver_stats coarse_stats = {0};
-    if (!s->coarse) return whole_frame(s, pose, number, out_stats, err);
+    if (!s->coarse) return late_frame(s, pose, number, out_stats, err);
     enum lw_status status = coarse_frame(s, pose, number, &coarse_stats, err);
     if (status != LW_OK) return status;
     coarse_stats.coarse = true;
@@ -152,8 +186,8 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         out_stats->coarse = true;
         return LW_OK;
     }
-    end_coarse(s, number);
-    out_stats->tiles_shown = out_stats->tiles;
+    end_coarse_solver(s);
+    out_stats->tiles_shown = take_tiles(s, out_stats->moved, number);
     return LW_OK;
 }
 
@@ -196,12 +230,14 @@ static bool holds_fine(const struct lw_solver *solver, lw_tile_id tile) {
 
 static void read_tile(const struct lw_solver *solver, lw_tile_id tile, struct lw_solver_tile *out_tile) {
     const struct coarse_first *s = (const struct coarse_first *)solver;
-    if (s->coarse) {
+    const bool plain = tile.v < s->map->plain_count;
+    if (has_coarse_tiles(s) && plain && !s->whole_since[tile.v]) {
         lw_coarse_tiles_read(&s->tiles, tile, out_tile);
         return;
     }
     s->whole->ops->read_tile(s->whole, tile, out_tile);
-    if (out_tile->solved_frame < s->whole_since) out_tile->solved_frame = s->whole_since;
+    if (plain && out_tile->solved_frame < s->whole_since[tile.v])
+        out_tile->solved_frame = s->whole_since[tile.v];
 }
 
 /* The light of a start that ends before all detail is there is not worth a file. */
@@ -220,14 +256,18 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     enum lw_status status = s->builder.begun ? LW_OK : begin_building(s, NULL, err);
     if (status == LW_OK && !s->whole) status = take_whole(s, err);
     if (status == LW_OK) status = s->whole->ops->load(s->whole, path, key, out_frames, err);
-    if (status == LW_OK && s->coarse) end_coarse(s, 0);
+    if (status == LW_OK && s->coarse) {
+        end_coarse_solver(s);
+        lw_coarse_tiles_finish(&s->tiles);
+    }
     return status;
 }
 
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct coarse_first *s = (const struct coarse_first *)solver;
     size_t bytes = s->whole ? s->whole->ops->memory_bytes(s->whole) : 0;
-    if (s->coarse) bytes += s->coarse->ops->memory_bytes(s->coarse) + lw_coarse_tiles_memory_bytes(&s->tiles);
+    if (s->coarse) bytes += s->coarse->ops->memory_bytes(s->coarse);
+    bytes += lw_coarse_tiles_memory_bytes(&s->tiles);
     return bytes;
 }
 
@@ -247,6 +287,7 @@ static void destroy(struct lw_solver *solver) {
     lw_coarse_tiles_finish(&s->tiles);
     lw_coarse_scene_finish(&s->coarse_scene);
     free(s->interest);
+    free(s->whole_since);
     free(s);
 }
 
@@ -307,7 +348,8 @@ enum lw_status lw_coarse_first_create(const struct lw_solvers_entry *entry, cons
     s->map = desc->atlas_map;
     s->builder.entry = entry;
     s->channels = lw_tile_channel_bit(LW_LIGHT_FORM_FULL);
-    enum lw_status status = init_builder(&s->builder, desc, pose);
+    s->whole_since = calloc(s->map->plain_count + 1ul, sizeof *s->whole_since);
+    enum lw_status status = s->whole_since ? init_builder(&s->builder, desc, pose) : LW_NO_MEMORY;
     if (status == LW_OK) status = lw_coarse_scene_init(&s->coarse_scene, desc->scene);
     if (status == LW_OK) status = lw_coarse_tiles_init(&s->tiles, s->map, &s->coarse_scene.map, threads);
     if (status != LW_OK) lw_status_fail(err, status, "a coarse scene");

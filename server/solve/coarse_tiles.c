@@ -58,6 +58,8 @@ void lw_coarse_tiles_finish(struct lw_coarse_tiles *tiles) {
     *tiles = (struct lw_coarse_tiles){.tile = NULL};
 }
 
+void lw_coarse_tiles_forget(struct lw_coarse_tiles *tiles, lw_tile_id id) { forget(&tiles->tile[id.v]); }
+
 size_t lw_coarse_tiles_memory_bytes(const struct lw_coarse_tiles *tiles) {
     if (!tiles->tile) return 0;
     size_t bytes = tiles->map->plain_count * sizeof *tiles->tile;

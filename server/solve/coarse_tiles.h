@@ -39,6 +39,9 @@ LW_MUST_CHECK enum lw_status lw_coarse_tiles_update(struct lw_coarse_tiles *tile
 void lw_coarse_tiles_read(const struct lw_coarse_tiles *tiles, lw_tile_id id,
                           struct lw_solver_tile *out_tile);
 
+/** Frees the light of a tile that nobody reads any more. */
+void lw_coarse_tiles_forget(struct lw_coarse_tiles *tiles, lw_tile_id id);
+
 /** Bytes held. */
 size_t lw_coarse_tiles_memory_bytes(const struct lw_coarse_tiles *tiles);
 

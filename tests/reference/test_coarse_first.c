@@ -220,6 +220,40 @@ static void test_the_whole_follows(void **state) {
     room_finish(&plain);
 }
 
+/* A tile that nobody looks at stays coarse, until something moves. */
+static void test_tiles_follow_by_themselves(void **state) {
+    (void)state;
+    const struct room room = room_with_two_lamps();
+    for (int moves = 0; moves < 2; moves++) {
+        struct room_solution s;
+        struct lw_solver_tile other;
+        begin(&s, room_scene(&room), 13, true);
+        step(&s, 1, ALONE);
+        uint8_t *interest = calloc(s.map.tile_count, 1);
+        assert_non_null(interest);
+        lw_support_ok(s.solver->ops->set_interest(s.solver, interest, NULL), NULL); /* nobody looks */
+        free(interest);
+        lw_coarse_first_wait(s.solver);
+        uint64_t frame = ALONE + FRAMES;
+        step(&s, ALONE + 1, frame);
+        const lw_tile_id plate = lw_atlas_map_find(&s.map, ROOM_PLATE, 0, 0, 0);
+        s.solver->ops->read_tile(s.solver, plate, &other);
+        assert_true(other.error == LW_ATLAS_COARSE_ERROR);
+        if (moves) s.pose.light[0].position_ws.x += 0.1f;
+        step(&s, frame + 1, frame + 1);
+        s.solver->ops->read_tile(s.solver, plate, &other);
+        assert_true((other.error == LW_ATLAS_COARSE_ERROR) == !moves);
+        assert_true(!moves || (other.solved_frame == frame + 1 && s.stats.tiles_shown > 0));
+        if (!moves) {
+            lw_support_ok(s.solver->ops->set_interest(s.solver, NULL, NULL), NULL);
+            step(&s, frame + 2, frame + 1 + FRAMES);
+            s.solver->ops->read_tile(s.solver, plate, &other);
+            assert_true(other.error < LW_ATLAS_COARSE_ERROR);
+        }
+        room_finish(&s);
+    }
+}
+
 /* A wall gets another colour, and an object another place, while the whole solver is built; what is of
  * interest is said before it is there. */
 static void test_changes_meanwhile(void **state) {
@@ -333,6 +367,7 @@ int main(void) {
         cmocka_unit_test(test_no_texel_is_left_out),
         cmocka_unit_test(test_light_stays_in_its_room),
         cmocka_unit_test(test_the_whole_follows),
+        cmocka_unit_test(test_tiles_follow_by_themselves),
         cmocka_unit_test(test_changes_meanwhile),
         cmocka_unit_test(test_it_ends_at_any_time),
         cmocka_unit_test(test_a_failure_is_a_frames),
