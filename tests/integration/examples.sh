@@ -57,6 +57,7 @@ finer_tiles() {
         printf '\n\n\n\n' >&"$frames"
         while read -r -t 0.05 line <&"$told"; do echo "$line"; done
     done
+    cat <&"$told" # its last lines
     exec {told}<&-
 }
 
