@@ -10,8 +10,10 @@
 #include <string.h>
 #include <unistd.h>
 
-/* Frames after which the coarse light is smooth. */
+/* Frames after which the coarse light is smooth. A large scene has fewer: those take the processor from the
+ * thread that builds the whole solver. */
 #define COARSE_FRAMES_MAX 24u
+#define COARSE_SAMPLES    1500000u /* texels times frames */
 
 /* The thread that builds the whole solver. Nothing here changes while it runs. */
 struct builder {
@@ -44,13 +46,24 @@ struct coarse_first {
     uint8_t *interest; /* for the whole solver; NULL: everything */
 };
 
-bool lw_coarse_first_pays(const struct lw_scene *scene) {
+static uint64_t count_texels(const struct lw_scene *scene) {
     uint64_t texels = 0;
     for (uint32_t o = 0; o < scene->object_count; o++) {
         const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
         texels += (uint64_t)mesh->atlas_width * mesh->atlas_height;
     }
-    return texels >= LW_COARSE_FIRST_TEXELS_MIN;
+    return texels;
+}
+
+bool lw_coarse_first_pays(const struct lw_scene *scene) {
+    return count_texels(scene) >= LW_COARSE_FIRST_TEXELS_MIN;
+}
+
+static uint32_t coarse_frames(const struct lw_scene *scene) {
+    const uint64_t frames = COARSE_SAMPLES / (count_texels(scene) + 1);
+    return frames < LW_COARSE_FIRST_ALONE ? LW_COARSE_FIRST_ALONE
+           : frames > COARSE_FRAMES_MAX   ? COARSE_FRAMES_MAX
+                                          : (uint32_t)frames;
 }
 
 /* ---- building the whole solver ---- */
@@ -328,7 +341,7 @@ static enum lw_status build_coarse(struct coarse_first *s, const struct lw_solve
     struct lw_solver_desc coarse = *desc;
     coarse.scene = &s->coarse_scene.scene;
     coarse.atlas_map = &s->coarse_scene.map;
-    coarse.frames_max = COARSE_FRAMES_MAX;
+    coarse.frames_max = coarse_frames(coarse.scene);
     coarse.frame_budget_s = coarse.frame_budget_units = 0;
     coarse.plan_log = NULL;
     coarse.saved_texels = NULL;
