@@ -288,7 +288,8 @@ void lw_coarse_first_wait(struct lw_solver *solver) {
     struct builder *b = &((struct coarse_first *)solver)->builder;
     LW_INVARIANT(b->begun);
     if (!b->joined) pthread_join(b->thread, NULL);
-    b->joined = b->ended = true;
+    b->joined = true;
+    b->ended = true;
 }
 
 static void destroy(struct lw_solver *solver) {
