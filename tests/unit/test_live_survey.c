@@ -429,6 +429,7 @@ static void test_work_is_bounded(void **state) {
     static lw_tile_id list[SLOTS];
     const uint32_t fits = LW_LIVE_SURVEY_WORK_MAX / (2 * LW_LIVE_SURVEY_SIDE * LW_LIVE_SURVEY_SIDE);
     const struct lw_camera_view from = lw_camera_look_at(lw_vec3(0, 2, 0.001f), lw_vec3(0, 0, 0), 0.5f);
+    (void)close_world(NULL);
     for (uint32_t more = 0; more < 2; more++) {
         (void)open_scene(pile(fits + more));
         const struct lw_live_view view = view_of(&from, HEIGHT, HEIGHT);
