@@ -209,8 +209,9 @@ static void tell_if_full(struct lw_fine_tiles *fine) {
     if (fine->granted_count == fine->wanted_count || fine->told) return;
     fine->told = true;
     lw_log(LW_LOG_WARNING,
-           "there is no room for all detail that is asked for: %u of %u tiles are there (--detail-memory)",
-           fine->used, fine->wanted_count);
+           "there is no room for all detail that is asked for: for %u of %u tiles, coarser levels first "
+           "(--detail-memory)",
+           fine->granted_count, fine->wanted_count);
 }
 
 enum lw_status lw_fine_tiles_update(struct lw_fine_tiles *fine, const struct lw_pose *pose,
