@@ -169,12 +169,14 @@ static void add_rays(struct lw_solver_stats *stats, const struct lw_solver_stats
     stats->rays_probe += other->rays_probe;
 }
 
-/* A frame of the whole solver alone. Coarse tiles do not follow what moves. */
+/* A frame of the whole solver alone. Coarse tiles do not follow what moves, and have no channel that was not
+ * shown when the coarse solver ended. */
 static enum lw_status late_frame(struct coarse_first *s, const struct lw_pose *pose, uint64_t number,
                                  struct lw_solver_stats *out_stats, struct lw_error *err) {
     const enum lw_status status = whole_frame(s, pose, number, out_stats, err);
     if (status != LW_OK || !has_coarse_tiles(s)) return status;
-    const bool all = out_stats->moved || ++s->whole_frames >= LW_COARSE_FIRST_KEPT;
+    const bool all =
+        out_stats->moved || (s->channels & ~s->tiles.channels) || ++s->whole_frames >= LW_COARSE_FIRST_KEPT;
     out_stats->tiles_shown += take_tiles(s, all, number);
     return LW_OK;
 }

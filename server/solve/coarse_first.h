@@ -8,7 +8,7 @@
  *     tiles of:  | coarse                                 | coarse                             | each
  *
  * In the end a tile is the whole solver's once that has solved it LW_COARSE_FIRST_FRAMES times; all are once
- * something moves, or after LW_COARSE_FIRST_KEPT frames.
+ * something moves, once another channel is shown, or after LW_COARSE_FIRST_KEPT frames.
  *
  * The frame at which the whole solver takes over follows the clock, so runs that are to be repeatable do
  * without. Until then all objects are solved, of interest or not, and there are no tiles of finer levels.

@@ -2,6 +2,7 @@
  * density follows, the same as without. */
 #include "tests/reference/house.h"
 
+#include "common/light/client_lights.h"
 #include "common/lightmap/lightmap.h"
 #include "server/solve/coarse_first.h"
 #include "server/solve/coarse_tiles.h"
@@ -21,13 +22,10 @@ static const struct lw_solver_desc terms = {.bounces = 2,
                                             .seed = 3,
                                             .cancel = &cancelled};
 
-/* Takes the scene. samples: times those of the terms */
+/* Takes the scene. */
 static void begin_with(struct room_solution *s, struct lw_scene *scene, float texels_per_metre, bool coarse,
-                       uint32_t samples) {
+                       struct lw_solver_desc desc) {
     struct lw_error err = {0};
-    struct lw_solver_desc desc = terms;
-    desc.direct_samples *= samples;
-    desc.indirect_samples *= samples;
     cancelled = false;
     *s = (struct room_solution){.scene = scene};
     lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = texels_per_metre},
@@ -45,7 +43,7 @@ static void begin_with(struct room_solution *s, struct lw_scene *scene, float te
 }
 
 static void begin(struct room_solution *s, struct lw_scene *scene, float texels_per_metre, bool coarse) {
-    begin_with(s, scene, texels_per_metre, coarse, 1);
+    begin_with(s, scene, texels_per_metre, coarse, terms);
 }
 
 static void step(struct room_solution *s, uint64_t from, uint64_t to) {
@@ -64,7 +62,10 @@ static void test_a_furnace(void **state) {
     struct room_solution s;
     room_box(&room, lw_vec3(3, 2, 2.5f), 0.5f, 1);
     struct lw_scene *scene = room_scene(&room);
-    begin_with(&s, scene, 24, true, 16);
+    struct lw_solver_desc desc = terms;
+    desc.direct_samples *= 16;
+    desc.indirect_samples *= 16;
+    begin_with(&s, scene, 24, true, desc);
     step(&s, 1, ALONE);
     const double want = (double)LW_PI * (1 + 0.5 + 0.25);
     double sum = 0, texels = 0;
@@ -254,6 +255,42 @@ static void test_tiles_follow_by_themselves(void **state) {
     }
 }
 
+/* A client that comes late takes a channel that the coarse solver never showed. */
+static void test_another_channel_ends_coarse_light(void **state) {
+    (void)state;
+    const struct room room = room_with_two_lamps();
+    struct lw_scene *scene = room_scene(&room);
+    struct room_solution s;
+    struct lw_pose pose;
+    struct lw_client_lights client;
+    struct lw_error err = {0};
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    lw_support_ok(lw_client_lights_init(&client, scene, &pose, "lamps", &err), &err);
+    assert_true(client.drawn_lights > 0);
+    struct lw_solver_desc desc = terms;
+    desc.client_lights = &client;
+    begin_with(&s, scene, 13, true, desc);
+    step(&s, 1, ALONE);
+    uint8_t *nothing = calloc(s.map.tile_count, 1);
+    assert_non_null(nothing);
+    lw_support_ok(s.solver->ops->set_interest(s.solver, nothing, NULL), NULL);
+    free(nothing);
+    lw_coarse_first_wait(s.solver);
+    step(&s, ALONE + 1, ALONE + FRAMES);
+    s.solver->ops->show(s.solver, 1u << LW_LIGHT_FORM_FULL | 1u << LW_LIGHT_FORM_SPLIT);
+    step(&s, ALONE + FRAMES + 1, ALONE + FRAMES + 1);
+    for (uint32_t id = 0; id < s.map.plain_count; id++) {
+        struct lw_solver_tile tile;
+        if (s.map.place[id].level) continue;
+        s.solver->ops->read_tile(s.solver, (lw_tile_id){id}, &tile);
+        assert_non_null(tile.shown[LW_LIGHT_FORM_SPLIT][0]);
+        assert_true(tile.error < LW_ATLAS_COARSE_ERROR);
+    }
+    room_finish(&s);
+    lw_client_lights_finish(&client);
+    lw_pose_finish(&pose);
+}
+
 /* A wall gets another colour, and an object another place, while the whole solver is built; what is of
  * interest is said before it is there. */
 static void test_changes_meanwhile(void **state) {
@@ -368,6 +405,7 @@ int main(void) {
         cmocka_unit_test(test_light_stays_in_its_room),
         cmocka_unit_test(test_the_whole_follows),
         cmocka_unit_test(test_tiles_follow_by_themselves),
+        cmocka_unit_test(test_another_channel_ends_coarse_light),
         cmocka_unit_test(test_changes_meanwhile),
         cmocka_unit_test(test_it_ends_at_any_time),
         cmocka_unit_test(test_a_failure_is_a_frames),
