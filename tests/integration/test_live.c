@@ -1,8 +1,7 @@
 /* liblightwell as an engine uses it, on a real lightwelld. */
-#include "tests/support/process.h"
+#include "tests/integration/live_case.h"
 
 #include "client/lib/live_state.h"
-#include "common/clock.h"
 #include "common/sanitizer.h"
 
 #include <arpa/inet.h>
@@ -15,18 +14,12 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#define LIMIT_S  LW_PROCESS_LIMIT_S
-#define LIMIT_NS (LIMIT_S * 1000000000ull)
-
 /* Some fifty tiles of a room where a box and a lamp move; they never converge, so that every frame brings
  * light. Behind the file's name. */
 #define NEVER_RESTS                                                                                          \
     "--texels-per-metre 40 --bounces 0 --denoise off --error 1e-6 --light seen --frame-rate 100 "            \
     "--return-after 0.01 "
 #define RESTS "builtin:cornell --texels-per-metre 20 --clock step --error 0.5 --light whole "
-
-static struct lw_live *live;
-static struct lw_live_error err;
 
 /* Ends the session; what the daemon does goes on. */
 static int end_session(void **state) {
@@ -52,40 +45,9 @@ static void serve_never_resting(struct lw_process *daemon, const char *more) {
     lw_process_serve(daemon, arguments);
 }
 
-static int end_all(void **state) {
-    (void)state;
-    lw_live_close(live);
-    live = NULL;
-    lw_process_kill_all();
-    return 0;
-}
-
-static void ok(enum lw_live_status status) {
-    if (status != LW_LIVE_OK) fail_msg("%s: %s", lw_live_status_text(status), err.text);
-}
-
-static void fails(enum lw_live_status status, enum lw_live_status expected, const char *text) {
-    assert_int_equal(status, expected);
-    assert_int_equal(err.status, expected);
-    if (!strstr(err.text, text)) fail_msg("\"%s\" does not say \"%s\"", err.text, text);
-    err = (struct lw_live_error){0};
-}
-
-static struct lw_live_stats stats(void) {
-    struct lw_live_stats s = {.struct_size = sizeof s};
-    ok(lw_live_get_stats(live, &s, &err));
-    return s;
-}
-
 static void open_live(uint16_t port, uint32_t flags) {
-    struct lw_live_desc desc = {
-        .struct_size = sizeof desc, .port = port, .flags = flags, .name = "test_live"};
-    ok(lw_live_open(&desc, &live, &err));
-    const uint64_t end_ns = lw_clock_ns() + LIMIT_NS;
-    while (!stats().has_light || !stats().settled_frame) {
-        assert_true(lw_clock_ns() < end_ns);
-        ok(lw_live_poll(live, 20, &err));
-    }
+    open_with(&(struct lw_live_desc){
+        .struct_size = sizeof(struct lw_live_desc), .port = port, .flags = flags, .name = "test_live"});
 }
 
 /* ---- before the first light ---- */

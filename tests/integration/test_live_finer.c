@@ -1,15 +1,13 @@
 /* Finer levels of liblightwell, on a real lightwelld: what a view and what a list of an engine's own bring,
  * how the texels of slots fit the rest, and what a server without them means. */
-#include "tests/support/process.h"
+#include "tests/integration/live_case.h"
 
 #include "client/lib/live_state.h"
-#include "common/clock.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define LIMIT_NS (LW_PROCESS_LIMIT_S * 1000000000ull)
 #define SCENE                                                                                                \
     "builtin:cornell --texels-per-metre 20 --bounces 0 --frame-rate 100 --error 0.01 --light seen "          \
     "--client-lights none "
@@ -18,50 +16,17 @@
 #define SLOTS 128u
 #define SIDE  (LW_LIVE_TILE_SIDE + 1)
 
-static struct lw_live *live;
-static struct lw_live_error err;
-
-static int end_all(void **state) {
-    (void)state;
-    lw_live_close(live);
-    live = NULL;
-    lw_process_kill_all();
-    return 0;
-}
-
-static void ok(enum lw_live_status status) {
-    if (status != LW_LIVE_OK) fail_msg("%s: %s", lw_live_status_text(status), err.text);
-}
-
-static void fails(enum lw_live_status status, enum lw_live_status expected, const char *text) {
-    assert_int_equal(status, expected);
-    assert_int_equal(err.status, expected);
-    if (!strstr(err.text, text)) fail_msg("\"%s\" does not say \"%s\"", err.text, text);
-    err = (struct lw_live_error){0};
-}
-
-static struct lw_live_stats stats(void) {
-    struct lw_live_stats s = {.struct_size = sizeof s};
-    ok(lw_live_get_stats(live, &s, &err));
-    return s;
-}
-
 static bool has_light(void) {
     const struct lw_live_stats s = stats();
     return s.has_light && s.settled_frame;
 }
 
 static void open_live(uint16_t port, uint32_t flags, uint32_t slots) {
-    const struct lw_live_desc desc = {.struct_size = sizeof desc,
-                                      .port = port,
-                                      .flags = flags,
-                                      .name = "test_live_finer",
-                                      .finer_slots = slots};
-    ok(lw_live_open(&desc, &live, &err));
-    for (const uint64_t end_ns = lw_clock_ns() + LIMIT_NS; !has_light();) {
-        assert_true(lw_clock_ns() < end_ns);
-        ok(lw_live_poll(live, 20, &err));
-    }
+    open_with(&(struct lw_live_desc){.struct_size = sizeof(struct lw_live_desc),
+                                     .port = port,
+                                     .flags = flags,
+                                     .name = "test_live_finer",
+                                     .finer_slots = slots});
 }
 
 static struct lw_live_finer finer(void) {
