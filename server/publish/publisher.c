@@ -228,8 +228,7 @@ static bool is_lit(const struct lw_publisher *p, uint32_t object, uint64_t since
     for (uint32_t id = first; id < first + count; id++) {
         struct lw_solver_tile tile;
         p->desc.solver->ops->read_tile(p->desc.solver, (lw_tile_id){id}, &tile);
-        if ((tile.solved_frame < since || !tile.sample_count) &&
-            memchr(tile.covered, 1, (size_t)tile.width * tile.height))
+        if ((tile.solved_frame < since || !tile.sample_count) && lw_solver_tile_has_surface(&tile))
             return false;
     }
     return true;

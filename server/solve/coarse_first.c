@@ -127,8 +127,7 @@ static void end_coarse_solver(struct coarse_first *s) {
 static bool is_ready(const struct coarse_first *s, lw_tile_id id) {
     struct lw_solver_tile tile;
     s->whole->ops->read_tile(s->whole, id, &tile);
-    return tile.sample_count >= LW_COARSE_FIRST_FRAMES ||
-           !memchr(tile.covered, 1, (size_t)tile.width * tile.height);
+    return tile.sample_count >= LW_COARSE_FIRST_FRAMES || !lw_solver_tile_has_surface(&tile);
 }
 
 /* Takes tiles over from the coarse light: those that are ready, or all. Returns how many. */

@@ -281,8 +281,8 @@ void lw_coarse_tiles_read(const struct lw_coarse_tiles *tiles, lw_tile_id id,
                                         .height = place->height,
                                         .bounces = tile->bounces,
                                         .sample_count = tile->sample_count,
-                                        .error = memchr(tile->covered, 1, count) ? LW_ATLAS_COARSE_ERROR : 0,
                                         .solved_frame = tile->solved_frame};
+    out_tile->error = lw_solver_tile_has_surface(out_tile) ? LW_ATLAS_COARSE_ERROR : 0;
     const float *plane = tile->plane;
     for (int c = 0; c < 3; c++, plane += count) {
         out_tile->direct[c] = plane;

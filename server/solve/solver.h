@@ -11,6 +11,7 @@
 #include "server/solve/state/solver_terms.h"
 
 #include <stdatomic.h>
+#include <string.h>
 
 #define LW_SOLVER_BOUNCES_MAX 16u
 
@@ -121,6 +122,11 @@ struct lw_solver_tile {
     float error;           /* estimated relative standard error, always relative to all light */
     uint64_t solved_frame; /* last frame that changed its shown planes; 0: none */
 };
+
+/** Whether any texel has surface. */
+static inline bool lw_solver_tile_has_surface(const struct lw_solver_tile *tile) {
+    return memchr(tile->covered, 1, (size_t)tile->width * tile->height) != NULL;
+}
 
 struct lw_solver {
     const struct lw_solver_ops *ops;
