@@ -1,0 +1,87 @@
+/* direction_form.h: irradiance of a bent normal, from the irradiance of the plain one and its cosine moment.
+ * Flow:    solve -> tiles -> [direction_form] -> shading
+ * Threads: pure functions, [any].
+ *
+ * Beside E, a tile holds the cosine moment of the same light, by luminance:
+ *
+ *     E = integral of L (n.w) dw      V = integral of L (n.w) w dw, r = V / E
+ *
+ * both over the hemisphere about n. Cosine-weighted rays give both with the same bounded weight. |r| <= 1, and
+ * n.r >= 0. An even hemisphere has r = 2/3 n, a single source of direction d has r = d. So r is that of an even
+ * part and one source, whose share w of E and direction d follow:
+ *
+ *     u = r - 2/3 n      w = 6/5 (n.u) + sqrt((6/5 n.u)^2 + 9/5 |u|^2)      d = u / w + 2/3 n
+ *
+ * A weak source is taken to be wide: s = (1 - w) / 2, lobe(m) = (1 - s) max(0, d.m) + s (1 + d.m) / 2. Then
+ *
+ *     E(m) / E(n) = 1 + (1 - w) n.(m - n) / 2 + w (lobe(m) - lobe(n)) / max(lobe(n), 1/20), in [0, 4]
+ *
+ * which is 1, to the bit, where m = n. A mirror of GGX width alpha sees the same light: E/pi of its even part,
+ * and the source as a spherical Gaussian, blurred by the mirror's lobe, that brings the E it stands for:
+ *
+ *     l = 2 + 12 w / (1.02 - w)       k = l q / (l + q), q = 1 / (2 alpha^2)      t = 2 / (2 + l)
+ *     L(m) pi / E = 1 - w + w k exp(k (m.d - 1)) / (2 c (1 - exp(-2 k))),  c = (1 - t) n.d + t (1 + n.d) / 4
+ *
+ * docs/lab/direction.md compares both with other forms. After: Hazel 2015 (Geomerics; a direction beside E),
+ * Wang et al. 2009 (lobes as spherical Gaussians). */
+#ifndef LW_COMMON_DIRECTION_FORM_H
+#define LW_COMMON_DIRECTION_FORM_H
+
+#include "common/vec.h"
+
+#define LW_DIRECTION_FACTOR_MAX 4.0f
+#define LW_DIRECTION_GAIN_MAX   8.0f
+/* The length of r under an even hemisphere. */
+#define LW_DIRECTION_EVEN (2.0f / 3)
+/* A shorter r says nothing: it counts as even. */
+#define LW_DIRECTION_SHORT 1e-3f
+
+/** The source in light that is otherwise even. */
+struct lw_direction_source {
+    struct lw_vec3 direction; /* unit, towards it */
+    float share;              /* its part of E at the plain normal, 0 to 1 */
+};
+
+/** Any r gives a source: too long a one is shortened, one below the surface is put on it, and one that is no
+ * number counts as even. n: unit. */
+static inline struct lw_direction_source lw_direction_source_of(struct lw_vec3 r, struct lw_vec3 n) {
+    const float length2 = lw_vec3_dot(r, r);
+    if (!(length2 > LW_DIRECTION_SHORT * LW_DIRECTION_SHORT && length2 < INFINITY))
+        return (struct lw_direction_source){n, 0};
+    if (length2 > 1) r = lw_vec3_scale(r, 1 / sqrtf(length2));
+    r = lw_vec3_mad(r, n, fmaxf(-lw_vec3_dot(r, n), 0));
+    const struct lw_vec3 u = lw_vec3_mad(r, n, -LW_DIRECTION_EVEN);
+    const float up = 1.2f * lw_vec3_dot(u, n), w = fminf(up + sqrtf(up * up + 1.8f * lw_vec3_dot(u, u)), 1);
+    if (!(w > LW_DIRECTION_SHORT)) return (struct lw_direction_source){n, 0};
+    return (struct lw_direction_source){
+        lw_vec3_normalize(lw_vec3_mad(lw_vec3_scale(u, 1 / w), n, LW_DIRECTION_EVEN)), w};
+}
+
+static inline float lw_direction_lobe(const struct lw_direction_source *source, struct lw_vec3 m) {
+    const float wide = 0.5f * (1 - source->share), along = lw_vec3_dot(source->direction, m);
+    return (1 - wide) * fmaxf(along, 0) + wide * 0.5f * (1 + along);
+}
+
+/** E of normal m over that of the plain normal n; both unit. */
+static inline float lw_direction_factor(const struct lw_direction_source *source, struct lw_vec3 n,
+                                        struct lw_vec3 m) {
+    const float even = lw_vec3_dot(n, lw_vec3_sub(m, n)), own = lw_direction_lobe(source, n);
+    const float factor = 1 + 0.5f * (1 - source->share) * even +
+                         source->share * (lw_direction_lobe(source, m) - own) / fmaxf(own, 0.05f);
+    return fminf(fmaxf(factor, 0), LW_DIRECTION_FACTOR_MAX);
+}
+
+/** Radiance that a mirror shows of the light, over E/pi, at most LW_DIRECTION_GAIN_MAX.
+ * mirrored  unit: where the mirror's lobe points
+ * alpha     its GGX width, roughness squared; > 0 */
+static inline float lw_direction_gain(const struct lw_direction_source *source, struct lw_vec3 n,
+                                      struct lw_vec3 mirrored, float alpha) {
+    const float w = source->share, sharp = 2 + 12 * w / (1.02f - w), q = 0.5f / (alpha * alpha),
+                k = sharp * q / (sharp + q), t = 2 / (2 + sharp), along = lw_vec3_dot(source->direction, n);
+    const float cosine = fmaxf((1 - t) * along + 0.25f * t * (1 + along), 0.05f);
+    const float lobe =
+        k * expf(k * (lw_vec3_dot(mirrored, source->direction) - 1)) / (2 * cosine * (1 - expf(-2 * k)));
+    return fminf(1 - w + w * lobe, LW_DIRECTION_GAIN_MAX);
+}
+
+#endif
