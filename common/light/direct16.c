@@ -30,6 +30,23 @@ LW_WIDE static void add_lit(uint16_t lit, const struct lw_light_sample16 *restri
     }
 }
 
+LW_WIDE static void add_moment(uint16_t lit, const struct lw_light_sample16 *restrict sample, float weight,
+                               float (*restrict sum)[LANES]) {
+    for (int i = 0; i < LANES; i++) {
+        const float luminance =
+            0.2126f * sample->e[0][i] + 0.7152f * sample->e[1][i] + 0.0722f * sample->e[2][i];
+        const float w = lit >> i & 1 ? weight * luminance : 0;
+        sum[0][i] += lit >> i & 1 ? sample->dir_x[i] * w : 0;
+        sum[1][i] += lit >> i & 1 ? sample->dir_y[i] * w : 0;
+        sum[2][i] += lit >> i & 1 ? sample->dir_z[i] * w : 0;
+    }
+}
+
+static void add(struct lw_direct16 *d, uint16_t lit, const struct lw_light_sample16 *sample, float weight) {
+    add_lit(lit, sample, weight, d->e);
+    if (d->moment) add_moment(lit, sample, weight, d->moment);
+}
+
 /* Shadow rays through what colours light; its colours go into the sample. */
 static uint16_t find_tinted(const struct lw_direct16 *d, uint16_t active, const struct lw_ray16 *rays,
                             const struct lw_light_sample16 *sample, struct lw_light_sample16 *tinted) {
@@ -54,14 +71,14 @@ static void add_visible(struct lw_direct16 *d, const struct lw_light_sample16 *s
     rays.salt = d->salt;
     d->rays += (uint64_t)__builtin_popcount(active);
     if (lw_trace_tints(d->trace)) {
-        struct lw_light_sample16 tinted;
+        struct lw_light_sample16 tinted = *sample;
         const uint16_t stopped = find_tinted(d, active, &rays, sample, &tinted);
-        add_lit(active & (uint16_t)~stopped, &tinted, weight, d->e);
+        add(d, active & (uint16_t)~stopped, &tinted, weight);
         return;
     }
     const uint16_t occluded =
         lw_trace_occluded16(d->trace, d->coherent ? LW_TRACE_COHERENT : LW_TRACE_LIGHT, active, &rays);
-    add_lit(active & (uint16_t)~occluded, sample, weight, d->e);
+    add(d, active & (uint16_t)~occluded, sample, weight);
 }
 
 /* Sixteen numbers as one, in halves: in a row each would wait for the one before. */

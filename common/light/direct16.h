@@ -27,7 +27,9 @@ struct lw_direct16 {
     uint32_t seed, object, block, set; /* of the random numbers; set: 0 to 15 */
     uint32_t salt;                     /* of the shadow rays (trace.h) */
     float (*e)[LW_TRACE_WIDTH];        /* three rows, W/m^2: added to */
-    uint64_t rays;                     /* shadow rays: added to */
+    /* Its cosine moment, the integral of L cos w by luminance: three rows, added to. NULL: not wanted. */
+    float (*moment)[LW_TRACE_WIDTH];
+    uint64_t rays; /* shadow rays: added to */
 };
 
 /** A sample of each sun, and of each point and spot unless they are many. */

@@ -9,10 +9,18 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define LW_TILE_CHANNELS_DRAWS 64u /* LW_FEATURE_DRAWS: a bit of features, for ever */
+/* Bits of features (message.h), for ever. */
+#define LW_TILE_CHANNELS_DRAWS     64u   /* LW_FEATURE_DRAWS */
+#define LW_TILE_CHANNELS_DIRECTION 2048u /* LW_FEATURE_DIRECTION */
 
 #define LW_TILE_CHANNELS_MAX       8u
 #define LW_TILE_CHANNEL_PLANES_MAX 3u /* planes of a channel */
+
+/** Numbers of channels, behind those of the forms of light. */
+enum {
+    LW_TILE_CHANNEL_DIRECTION = LW_LIGHT_FORM_COUNT, /* all light */
+    LW_TILE_CHANNEL_DIRECTION_SPLIT                  /* all light but that of client lights */
+};
 
 /** How the lossy codec sees values. */
 enum lw_tile_coding {
@@ -32,6 +40,9 @@ struct lw_tile_channel {
     uint32_t slot; /* where a client keeps it: channels of one slot exclude each other; 0: irradiance */
     /* Only where the light of client lights is kept apart (client_lights.h). */
     bool parted;
+    /* The cosine moment of the form that it follows (direction_form.h): three planes, W/m^2, in world space.
+     * Only where the solver is asked for directions. Coded over that form's luminance. */
+    bool moment;
     /* The form of light whose edges and noise the filter goes by; of a form of light: itself. */
     uint32_t follows;
 };
@@ -56,11 +67,14 @@ static inline uint32_t lw_tile_channel_bit(uint32_t number) { return 1u << numbe
     for (uint32_t channel = 0; channel < lw_tile_channels()->count; channel++)                               \
         if ((set)&lw_tile_channel_bit(channel))
 
-/** The channels that a solver holds. parts: the solver keeps the light of client lights apart. */
-static inline uint32_t lw_tile_channels_held(bool parts) {
+/** The channels that a solver holds.
+ * parts       it keeps the light of client lights apart
+ * directions  it keeps cosine moments */
+static inline uint32_t lw_tile_channels_held(bool parts, bool directions) {
     uint32_t held = 0;
     for (uint32_t i = 0; i < lw_tile_channels()->count; i++)
-        if (parts || !lw_tile_channel_at(i)->parted) held |= lw_tile_channel_bit(i);
+        if ((parts || !lw_tile_channel_at(i)->parted) && (directions || !lw_tile_channel_at(i)->moment))
+            held |= lw_tile_channel_bit(i);
     return held;
 }
 

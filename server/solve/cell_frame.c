@@ -57,6 +57,7 @@ struct lw_transport lw_cell_frame_transport(struct lw_cell_solver *s) {
                                  .probes = s->has_probes ? &s->probes : NULL,
                                  .tiles = &s->tiles,
                                  .ray_hit = s->ray_hit,
+                                 .ray_direction = s->ray_direction,
                                  .reflectors = &s->reflectors,
                                  .reflected = s->reflected,
                                  .direct_samples = s->desc.direct_samples,

@@ -14,6 +14,7 @@ static const struct {
 } excluded[] = {
     {C(RADIOSITY) | C(VPL), C(SERVED), "it follows no changes, and is for lightwell-bake alone"},
     {C(RADIOSITY) | C(VPL), C(GROUPS), "it has one layer of light"},
+    {C(RADIOSITY) | C(VPL), C(DIRECTIONAL), "it does not keep where light comes from"},
     {C(RADIOSITY) | C(VPL), C(TRACING_RANGE), "it has no probes"},
     {C(RADIOSITY) | C(VPL), C(BUDGET) | C(UNITS), "each of its frames lights all texels"},
     {C(RADIOSITY), C(DRAWN_SURFACES), "in it those shoot"},
@@ -47,6 +48,7 @@ uint32_t lw_combinations_of(const struct lw_solver_desc *desc) {
         {lw_client_lights_any(drawn), C(SPLIT)},
         {drawn && drawn->drawn_materials, C(DRAWN_SURFACES)},
         {desc->light_groups != NULL, C(GROUPS)},
+        {desc->directions, C(DIRECTIONAL)},
         {isfinite(desc->tracing_range_m) && desc->tracing_range_m > 0, C(TRACING_RANGE)},
         {desc->frame_budget_s > 0, C(BUDGET)},
         {desc->frame_budget_units > 0, C(UNITS)},

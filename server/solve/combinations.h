@@ -19,6 +19,7 @@
     X(SPLIT, "--client-lights")                                                                              \
     X(DRAWN_SURFACES, "emissive surfaces in --client-lights")                                                \
     X(GROUPS, "--light-groups")                                                                              \
+    X(DIRECTIONAL, "--directional")                                                                          \
     X(TRACING_RANGE, "--tracing-range")                                                                      \
     X(UNDERSAMPLE, "--undersample")                                                                          \
     X(WINDOW, "--window")                                                                                    \

@@ -46,6 +46,8 @@ struct lw_solver_desc {
     /* Groups of lights with a layer each, so that another intensity costs no ray (light_groups.h); copied.
      * NULL: one layer. */
     const struct lw_light_groups *light_groups;
+    /* Keeps where light comes from: the channels with `moment` (tile_channels.h). For the cell solver. */
+    bool directions;
     /* Every frame filters the shown planes (denoise.h). The sums stay unfiltered. */
     bool denoise;
     /* Budget of a frame: wall time; or work units, about the texels solved (adapt/budget.h), which give the

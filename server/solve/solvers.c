@@ -21,10 +21,11 @@ static enum lw_status create_cells(const struct lw_solver_desc *desc, const stru
 }
 
 #define BOTH_FORMS (1u << LW_LIGHT_FORM_FULL | 1u << LW_LIGHT_FORM_SPLIT)
+#define DIRECTIONS (1u << LW_TILE_CHANNEL_DIRECTION | 1u << LW_TILE_CHANNEL_DIRECTION_SPLIT)
 
 static const struct lw_solvers_entry table[] = {
-    {"cells", "radiance cells, by blocks of texels (Vandersanden 2023)", LW_CHOICE_CELLS, BOTH_FORMS,
-     check_cells, create_cells},
+    {"cells", "radiance cells, by blocks of texels (Vandersanden 2023)", LW_CHOICE_CELLS,
+     BOTH_FORMS | DIRECTIONS, check_cells, create_cells},
     {"radiosity", "every texel shoots at every other; for bakes (Kahl 2023)", LW_CHOICE_RADIOSITY, BOTH_FORMS,
      lw_radiosity_solver_check, lw_radiosity_solver_create},
     {"vpl", "virtual point lights, in sets; for bakes (Tonna 2019)", LW_CHOICE_VPL, BOTH_FORMS,

@@ -19,7 +19,7 @@
 
 #define WAIT_NS 600000000000u /* ends what hangs */
 #define FEATURE ((uint64_t)1 << 20)
-#define MADE_UP 2u /* its number */
+#define MADE_UP 4u /* its number */
 #define SLOT    1u
 #define PLANES  2u
 

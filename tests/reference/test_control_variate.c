@@ -1,5 +1,6 @@
 /* Light that has changed is corrected by how much it has: as much as was found, no more, and no texel below
  * none. */
+#include "common/colour.h"
 #include "server/solve/adapt/control_variate.h"
 #include "server/solve/cell_layer.h"
 #include "tests/reference/room.h"
@@ -28,7 +29,8 @@ static void light_room(struct lit *lit) {
     const struct room room = make_room();
     room_solve(
         &lit->s, &room,
-        (struct lw_solver_desc){.bounces = 3, .direct_samples = 1, .indirect_samples = 4, .target_error = -1},
+        (struct lw_solver_desc){
+            .bounces = 3, .direct_samples = 1, .indirect_samples = 4, .target_error = -1, .directions = true},
         30);
     lit->tiles = lw_cell_layer_tiles(lit->s.solver);
     lit->tile = &lit->tiles->tile[lit->tiles->slot_of_id[lit->s.map.first_tile[0]]];
@@ -184,6 +186,51 @@ static void test_direct_light(void **state) {
     assert_true(found->direct_rough > 0.05f * square && found->direct_rough < square);
     lw_control_variate_direct(lit.tiles, lit.tile, lit.block, 0, &launch, gone, NULL);
     assert_true(add_up(&lit).least >= 0);
+    room_finish(&lit.s);
+}
+
+/* A part's cosine moments over its luminance, of the block's texels. */
+static void take_directions(const struct lit *lit, int part,
+                            struct lw_vec3 out[LW_TILE_BLOCK * LW_TILE_BLOCK]) {
+    float *const *light = part == LW_TILES_DIRECT ? lit->tiles->direct : lit->tiles->indirect;
+    for (uint32_t y = 0, n = 0; y < LW_TILE_BLOCK; y++)
+        for (uint32_t x = 0; x < LW_TILE_BLOCK; x++, n++) {
+            const uint32_t texel = lit->tile->first + (lit->y + y) * lit->tile->width + lit->x + x;
+            out[n] = lw_vec3_scale(lw_texels_vector(lit->tiles->moment[part], texel),
+                                   1 / lw_colour_luminance(lw_texels_vector(light, texel)));
+            assert_true(lw_vec3_is_finite(out[n]) && lw_vec3_length(out[n]) > 0.3f);
+        }
+}
+
+/* Light that is corrected comes from where it came: its moment changes as its luminance does. */
+static void test_directions_stay(void **state) {
+    (void)state;
+    static struct lw_vec3 before[LW_TILES_PARTS][LW_TILE_BLOCK * LW_TILE_BLOCK],
+        after[LW_TILE_BLOCK * LW_TILE_BLOCK];
+    struct lit lit;
+    light_room(&lit);
+    for (int part = 0; part < LW_TILES_PARTS; part++) take_directions(&lit, part, before[part]);
+    const struct sums sums = add_up(&lit);
+    for (uint32_t set = 0; set < lit.block->packet_count; set++) {
+        struct lw_ray_launch launch;
+        struct lw_vec3 off[LW_TRACE_WIDTH];
+        lw_ray_launch_init(&launch, lit.tile, lit.block, set);
+        for (uint32_t lane = 0; lane < lit.block->packet[set].count; lane++)
+            off[lane] =
+                lw_vec3_scale(lw_texels_vector(lit.tiles->direct, lit.tile->first + launch.texel[lane]),
+                              set % 2 ? 2 : -0.7f);
+        lw_control_variate_direct(lit.tiles, lit.tile, lit.block, set, &launch, off, NULL);
+    }
+    find(&lit, 0.2f, 0.1f, 0);
+    assert_true(lw_control_variate_indirect(lit.tiles, lit.tile, 0.02f, true));
+    const struct sums changed = add_up(&lit);
+    assert_true(fabs(changed.direct[0] - sums.direct[0]) > 0.1 * sums.direct[0]);
+    expect_near(changed.indirect[0] - sums.indirect[0], 0.3 * texels(&lit), 1e-3);
+    for (int part = 0; part < LW_TILES_PARTS; part++) {
+        take_directions(&lit, part, after);
+        for (uint32_t i = 0; i < LW_TILE_BLOCK * LW_TILE_BLOCK; i++)
+            assert_true(lw_vec3_length(lw_vec3_sub(after[i], before[part][i])) < 1e-3f);
+    }
     room_finish(&lit.s);
 }
 
@@ -371,8 +418,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_light_that_comes),        cmocka_unit_test(test_light_that_goes),
         cmocka_unit_test(test_noise_is_left),           cmocka_unit_test(test_direct_light),
-        cmocka_unit_test(test_packets_that_differ),     cmocka_unit_test(test_what_may_be_missed),
-        cmocka_unit_test(test_light_from_next_to_none), cmocka_unit_test(test_lights_that_come_and_go),
-        cmocka_unit_test(test_a_lamp_that_walks)};
+        cmocka_unit_test(test_directions_stay),         cmocka_unit_test(test_packets_that_differ),
+        cmocka_unit_test(test_what_may_be_missed),      cmocka_unit_test(test_light_from_next_to_none),
+        cmocka_unit_test(test_lights_that_come_and_go), cmocka_unit_test(test_a_lamp_that_walks)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define MADE_UP 2u /* its number */
+#define MADE_UP 4u /* its number */
 #define PLANES  2u
 
 static const struct lw_tile_channel made_up = {.name = "shade",

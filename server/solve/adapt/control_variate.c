@@ -81,15 +81,38 @@ static float add_channel(struct lw_tiles *tiles, uint32_t texel, int c, float of
     return *mean - was;
 }
 
+/* Luminance of a texel's direct light: of client lights, and of others. */
+struct direct_luminance {
+    float served, drawn;
+};
+
+static struct direct_luminance luminance_of(const struct lw_tiles *tiles, uint32_t texel) {
+    struct direct_luminance l = {0};
+    if (!tiles->moment[LW_TILES_DIRECT][0]) return l;
+    if (tiles->drawn[0]) l.drawn = lw_colour_luminance(lw_texels_vector(tiles->drawn, texel));
+    l.served = lw_colour_luminance(lw_texels_vector(tiles->direct, texel)) - l.drawn;
+    return l;
+}
+
+/* Light keeps its direction while its amount is corrected. */
+static void scale_moments(struct lw_tiles *tiles, uint32_t texel, const struct direct_luminance *then) {
+    if (!tiles->moment[LW_TILES_DIRECT][0]) return;
+    const struct direct_luminance now = luminance_of(tiles, texel);
+    lw_tiles_scale_moment(tiles->moment[LW_TILES_DIRECT], texel, then->served, now.served);
+    if (tiles->drawn[0]) lw_tiles_scale_moment(tiles->drawn_moment, texel, then->drawn, now.drawn);
+}
+
 static void add_direct(struct lw_tiles *tiles, struct lw_solve_block *block, uint32_t texel,
                        struct lw_vec3 off, struct lw_vec3 off_drawn) {
     float more[3], served[3];
+    const struct direct_luminance then = luminance_of(tiles, texel);
     for (int c = 0; c < 3; c++)
         more[c] = add_channel(tiles, texel, c, (&off.x)[c], (&off_drawn.x)[c], &served[c]);
     const float brighter = luminance(more[0], more[1], more[2]);
     tiles->mean[texel] += brighter;
     block->luminance += (double)brighter;
     if (tiles->split_mean) tiles->split_mean[texel] += luminance(served[0], served[1], served[2]);
+    scale_moments(tiles, texel, &then);
     LW_INVARIANT_DEAR(lw_vec3_is_finite(lw_texels_vector(tiles->direct, texel)));
 }
 
@@ -371,6 +394,9 @@ static void list_texels(const struct lw_tiles *tiles, const struct lw_solve_tile
 static void shift_texels(struct lw_tiles *tiles, struct lw_solve_block *block, const struct texels *texels,
                          const struct shift *shift, bool estimates) {
     static const float weight[3] = {0.2126f, 0.7152f, 0.0722f};
+    float then[LW_TILE_BLOCK * LW_TILE_BLOCK];
+    for (uint32_t i = 0; tiles->moment[LW_TILES_INDIRECT][0] && i < texels->count; i++)
+        then[i] = lw_colour_luminance(lw_texels_vector(tiles->indirect, texels->texel[i]));
     for (int c = 0; c < 3; c++) {
         struct sum sum[LW_REGIONS] = {{{0}, 0}};
         for (uint32_t i = 0; i < texels->count; i++) {
@@ -391,6 +417,9 @@ static void shift_texels(struct lw_tiles *tiles, struct lw_solve_block *block, c
                 tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order][c][texel] += by[order];
         }
     }
+    for (uint32_t i = 0; tiles->moment[LW_TILES_INDIRECT][0] && i < texels->count; i++)
+        lw_tiles_scale_moment(tiles->moment[LW_TILES_INDIRECT], texels->texel[i], then[i],
+                              lw_colour_luminance(lw_texels_vector(tiles->indirect, texels->texel[i])));
 }
 
 /* shift: has its regions. */

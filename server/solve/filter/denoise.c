@@ -581,7 +581,9 @@ static uint32_t list_followers(uint32_t form, uint32_t channels, struct follower
     return n;
 }
 
-static void load_plane(const struct job *job, const float *from, float *to) {
+static void load_plane(const struct job *job, const struct follower *of, float *to) {
+    const struct lw_tiles *tiles = job->denoise->tiles;
+    const uint32_t origin = job->tile->first - job->tile->local;
     const uint32_t first = job->x > LW_DENOISE_REACH ? job->x - LW_DENOISE_REACH : 0,
                    right = job->x + job->width + LW_DENOISE_REACH,
                    end = right < job->mesh->width ? right : job->mesh->width;
@@ -589,7 +591,7 @@ static void load_plane(const struct job *job, const float *from, float *to) {
         float *row = to + row_at(job, y, 0).plane;
         for (uint32_t x = first; x < end; x++)
             row[(ptrdiff_t)x - (ptrdiff_t)job->x] =
-                from[job->tile->first - job->tile->local + lw_texels_index(job->mesh, x, y)];
+                lw_tiles_sum(tiles, of->channel, of->plane, origin + lw_texels_index(job->mesh, x, y));
     }
 }
 
@@ -608,8 +610,7 @@ static void filter(const struct job *job, uint32_t channels, struct lw_denoise_p
         EACH_ROW (job, around, y)
             guess_row(row_at(job, y, around), &in, indirect, widening_of(job->form, 1), tap);
     }
-    for (uint32_t i = 0; i < followers; i++)
-        load_plane(job, tiles->sum[follower[i].channel][follower[i].plane], planes->more[0][i]);
+    for (uint32_t i = 0; i < followers; i++) load_plane(job, &follower[i], planes->more[0][i]);
     around--;
     EACH_ROW (job, around, y) smooth_row(row_at(job, y, around), in.p[VARIANCE], out.p[VARIANCE], tap);
     /* The smoothed variance goes with the colours that it was made from. */

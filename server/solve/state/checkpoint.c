@@ -40,7 +40,7 @@ _Static_assert(sizeof(struct block_record) == 128, "no padding, which would have
 /* ---- what is in it ---- */
 
 #define PLANES_MAX                                                                                           \
-    (3 * (3 + LW_TILES_BOUNCES_MAX) + 2 * LW_TILE_CHANNELS_MAX * LW_TILE_CHANNEL_PLANES_MAX + 4)
+    (3 * (3 + LW_TILES_BOUNCES_MAX) + 2 * LW_TILE_CHANNELS_MAX * LW_TILE_CHANNEL_PLANES_MAX + 9 + 4)
 
 /* The planes that the next frame reads. Those that it writes first (radiance, estimate) are left out. */
 static uint32_t list_planes(const struct lw_tiles *tiles, float *out_plane[PLANES_MAX]) {
@@ -58,10 +58,15 @@ static uint32_t list_planes(const struct lw_tiles *tiles, float *out_plane[PLANE
         out_plane[n++] = tiles->shown[LW_LIGHT_FORM_SPLIT][c];
     }
     if (tiles->split_mean) out_plane[n++] = tiles->split_mean, out_plane[n++] = tiles->split_spread;
+    for (int k = 0; k < 3; k++) {
+        for (int part = 0; part < LW_TILES_PARTS && tiles->moment[part][k]; part++)
+            out_plane[n++] = tiles->moment[part][k];
+        if (tiles->drawn_moment[k]) out_plane[n++] = tiles->drawn_moment[k];
+    }
     for (uint32_t channel = LW_LIGHT_FORM_COUNT; channel < lw_tile_channels()->count; channel++)
-        for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes && tiles->sum[channel][p]; p++) {
-            out_plane[n++] = tiles->shown[channel][p];
-            out_plane[n++] = tiles->sum[channel][p];
+        for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++) {
+            if (tiles->shown[channel][p]) out_plane[n++] = tiles->shown[channel][p];
+            if (tiles->sum[channel][p]) out_plane[n++] = tiles->sum[channel][p];
         }
     LW_INVARIANT(n <= PLANES_MAX);
     return n;

@@ -13,7 +13,7 @@ struct plane {
     float **at;
     uint32_t floats;
 };
-#define CHANNEL_PLANES_MAX (2 * LW_TILE_CHANNELS_MAX * LW_TILE_CHANNEL_PLANES_MAX)
+#define CHANNEL_PLANES_MAX (2 * LW_TILE_CHANNELS_MAX * LW_TILE_CHANNEL_PLANES_MAX + 9)
 #define PLANES_MAX                                                                                           \
     (3 * (LW_TILES_BOUNCES_MAX + LW_TILES_ESTIMATES + 2) + CHANNEL_PLANES_MAX + LW_TILES_BOUNCES_MAX + 2)
 
@@ -23,7 +23,8 @@ static uint32_t list_channels(struct lw_tiles *tiles, uint32_t channels, uint32_
     LW_TILE_CHANNELS_EACH (channel, channels)
         for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++) {
             out[n++] = (struct plane){&tiles->shown[channel][p], 1};
-            if (channel >= LW_LIGHT_FORM_COUNT) out[n++] = (struct plane){&tiles->sum[channel][p], 1};
+            if (channel >= LW_LIGHT_FORM_COUNT && !lw_tile_channel_at(channel)->moment)
+                out[n++] = (struct plane){&tiles->sum[channel][p], 1};
         }
     return n;
 }
@@ -40,7 +41,7 @@ static uint32_t list_planes(struct lw_tiles *tiles, struct plane out[PLANES_MAX]
     for (uint32_t k = 0; k < tiles->bounces; k++) out[n++] = (struct plane){&tiles->radiance[k], 4};
     out[n++] = (struct plane){&tiles->mean, 1};
     out[n++] = (struct plane){&tiles->spread, 1};
-    return list_channels(tiles, lw_tile_channels_held(false), n, out);
+    return list_channels(tiles, lw_tile_channels_held(false, false), n, out);
 }
 
 /* Of what client lights give. */
@@ -52,7 +53,21 @@ static uint32_t list_drawn(struct lw_tiles *tiles, struct plane out[PLANES_MAX])
     }
     out[n++] = (struct plane){&tiles->split_mean, 1};
     out[n++] = (struct plane){&tiles->split_spread, 1};
-    return list_channels(tiles, lw_tile_channels_held(true) & ~lw_tile_channels_held(false), n, out);
+    return list_channels(tiles, lw_tile_channels_held(true, false) & ~lw_tile_channels_held(false, false), n,
+                         out);
+}
+
+/* The planes of cosine moments. */
+static uint32_t list_moments(struct lw_tiles *tiles, struct plane out[PLANES_MAX]) {
+    uint32_t n = 0;
+    const bool parts = tiles->drawn[0] != NULL;
+    for (int k = 0; k < 3; k++) {
+        for (int part = 0; part < LW_TILES_PARTS; part++)
+            out[n++] = (struct plane){&tiles->moment[part][k], 1};
+        if (parts) out[n++] = (struct plane){&tiles->drawn_moment[k], 1};
+    }
+    return list_channels(tiles, lw_tile_channels_held(parts, true) & ~lw_tile_channels_held(parts, false), n,
+                         out);
 }
 
 static bool allocate(const struct lw_tiles *tiles, const struct plane *plane, uint32_t planes) {
@@ -79,8 +94,14 @@ static bool allocate_sums(struct lw_tiles *tiles) {
 
 enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles) {
     struct plane plane[PLANES_MAX];
-    tiles->channels = lw_tile_channels_held(true);
+    tiles->channels = lw_tile_channels_held(true, false);
     return allocate(tiles, plane, list_drawn(tiles, plane)) ? LW_OK : LW_NO_MEMORY;
+}
+
+enum lw_status lw_tiles_hold_moments(struct lw_tiles *tiles) {
+    struct plane plane[PLANES_MAX];
+    tiles->channels = lw_tile_channels_held(tiles->drawn[0] != NULL, true);
+    return allocate(tiles, plane, list_moments(tiles, plane)) ? LW_OK : LW_NO_MEMORY;
 }
 
 size_t lw_tiles_memory_bytes(const struct lw_tiles *tiles) {
@@ -89,6 +110,8 @@ size_t lw_tiles_memory_bytes(const struct lw_tiles *tiles) {
     size_t floats = 0;
     for (uint32_t i = 0, n = list_planes(&copy, plane); i < n; i++) floats += plane[i].floats;
     for (uint32_t i = 0, n = list_drawn(&copy, plane); tiles->drawn[0] && i < n; i++)
+        floats += plane[i].floats;
+    for (uint32_t i = 0, n = list_moments(&copy, plane); tiles->moment[0][0] && i < n; i++)
         floats += plane[i].floats;
     return tiles->texel_capacity *
                (floats * sizeof(float) + sizeof *tiles->block_of_texel + sizeof *tiles->region_of_texel) +
@@ -245,7 +268,7 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
                              const struct lw_atlas_map *map, const struct lw_texels *texels, uint32_t bounces,
                              int threads) {
     *tiles = (struct lw_tiles){.id_count = map->tile_count,
-                               .channels = lw_tile_channels_held(false),
+                               .channels = lw_tile_channels_held(false, false),
                                .bounces = bounces,
                                .texel_count = texels->count,
                                .texel_capacity = texels->capacity,
@@ -391,6 +414,7 @@ void lw_tiles_recount(struct lw_tiles *tiles, int threads) {
 
 void lw_tiles_finish(struct lw_tiles *tiles) {
     struct plane plane[PLANES_MAX];
+    free_planes(plane, list_moments(tiles, plane)); /* reads drawn[0] */
     free_planes(plane, list_planes(tiles, plane));
     free_planes(plane, list_drawn(tiles, plane));
     for (uint32_t k = 0; k < tiles->bounces; k++) free(tiles->radiance_change[k]);
@@ -437,6 +461,7 @@ void lw_tiles_take(struct lw_tiles *tiles, const struct lw_tiles *from, lw_tile_
     struct plane to[PLANES_MAX], of[PLANES_MAX];
     take_planes(to, of, (list_planes(&source, of), list_planes(tiles, to)), tile);
     if (tiles->drawn[0]) take_planes(to, of, (list_drawn(&source, of), list_drawn(tiles, to)), tile);
+    if (tiles->moment[0][0]) take_planes(to, of, (list_moments(&source, of), list_moments(tiles, to)), tile);
     for (uint32_t b = 0; b < tile->block_columns * tile->block_rows; b++)
         take_block(&tile->block[b], &other->block[b]);
     tile->light = other->light;

@@ -135,8 +135,11 @@ struct lw_tiles {
     float *indirect[3];       /* the sum of bounces 1..N */
     /* The part of direct, and of its last estimate, that client lights give. NULL: no client lights. */
     float *drawn[3], *drawn_estimate[3];
-    /* Means of the channels that are not a form of light. FULL is direct + indirect; SPLIT is FULL less
-     * drawn. */
+    /* Cosine moments (direction_form.h), W/m^2, of direct light without client lights and of bounces, by
+     * part. NULL: not held. drawn_moment is that of client lights. */
+    float *moment[LW_TILES_PARTS][3], *drawn_moment[3];
+    /* Means of the channels that are neither a form of light nor its moment. FULL is direct + indirect; SPLIT
+     * is FULL less drawn. */
     float *sum[LW_TILE_CHANNELS_MAX][LW_TILE_CHANNEL_PLANES_MAX];
     /* Shown planes by channel: the sums of the last frame that showed the block, filtered and welded. NULL:
      * the channel is not in `channels`. */
@@ -170,6 +173,9 @@ void lw_tiles_finish(struct lw_tiles *tiles);
 /** Adds the planes that keep client lights apart, and the channels that need them. Errors: LW_NO_MEMORY;
  * finish the tiles then. */
 LW_MUST_CHECK enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles);
+/** Adds the planes of cosine moments, and their channels; after lw_tiles_part_drawn(). Errors: LW_NO_MEMORY;
+ * finish the tiles then. */
+LW_MUST_CHECK enum lw_status lw_tiles_hold_moments(struct lw_tiles *tiles);
 
 /** The last frame that changed shown planes of any tile; 0: none has. */
 uint64_t lw_tiles_last_solved(const struct lw_tiles *tiles);
@@ -197,9 +203,19 @@ static inline float lw_tiles_served(const struct lw_tiles *tiles, uint32_t c, ui
     return served > 0 ? served : 0;
 }
 
+static inline float lw_tiles_moment(const struct lw_tiles *tiles, enum lw_light_form form, uint32_t axis,
+                                    uint32_t texel) {
+    const float kept =
+        tiles->moment[LW_TILES_DIRECT][axis][texel] + tiles->moment[LW_TILES_INDIRECT][axis][texel];
+    const float *drawn = form == LW_LIGHT_FORM_FULL ? tiles->drawn_moment[axis] : NULL;
+    return drawn ? kept + drawn[texel] : kept;
+}
+
 /** The mean of a texel in a plane of a channel, neither filtered nor welded. */
 static inline float lw_tiles_sum(const struct lw_tiles *tiles, uint32_t channel, uint32_t plane,
                                  uint32_t texel) {
+    if (lw_tile_channel_at(channel)->moment)
+        return lw_tiles_moment(tiles, (enum lw_light_form)lw_tile_channel_at(channel)->follows, plane, texel);
     if (channel >= LW_LIGHT_FORM_COUNT) return tiles->sum[channel][plane][texel];
     const float direct =
         channel == LW_LIGHT_FORM_SPLIT ? lw_tiles_served(tiles, plane, texel) : tiles->direct[plane][texel];
@@ -218,6 +234,13 @@ static inline void lw_tiles_store(float *const dst[3], uint32_t texel, struct lw
     dst[0][texel] = value.x;
     dst[1][texel] = value.y;
     dst[2][texel] = value.z;
+}
+
+/** Scales a moment by the change of its light's luminance. Where there was no light the moment stays 0, which
+ * clients read as an even hemisphere. */
+static inline void lw_tiles_scale_moment(float *const moment[3], uint32_t texel, float then, float now) {
+    const float factor = then > 0 ? fmaxf(now, 0) / then : 0;
+    for (uint32_t k = 0; k < 3; k++) moment[k][texel] = isfinite(factor) ? moment[k][texel] * factor : 0;
 }
 
 /** Takes over texels->changes. A block whose covered texels, usable sample points or regions have changed

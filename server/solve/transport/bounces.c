@@ -149,6 +149,10 @@ static void note_hits(const struct lw_transport *t, struct flight *f) {
     for (uint32_t lane = 0; lane < LANES; lane++)
         if (f->active >> lane & 1)
             t->ray_hit[(size_t)f->texel[lane] * t->indirect_samples + f->sample] = f->hit[lane];
+    for (uint32_t lane = 0; t->ray_direction && lane < LANES; lane++)
+        if (f->active >> lane & 1)
+            t->ray_direction[(size_t)f->texel[lane] * t->indirect_samples + f->sample] =
+                lw_ray_direction_pack(lw_vec3(f->rays.dir_x[lane], f->rays.dir_y[lane], f->rays.dir_z[lane]));
 }
 
 /* One step for the two packets before the one that has been traced last. */
@@ -205,6 +209,7 @@ static bool aim_at(const struct lw_transport *t, const struct lw_reflector *refl
     out->texel =
         lw_texels_under(t->texels, reflector->object, point->triangle, point->u, point->v, there > 0);
     out->weight = here * fabsf(there) / (square * square) * point->area_m2;
+    out->direction = lw_ray_direction_pack(lw_vec3_normalize(way));
     lw_trace_set_ray(rays, lane, from, way, LW_TRACE_SHORT);
     return out->texel != LW_TEXEL_NONE && t->texels->source[out->texel] != LW_TEXEL_NONE;
 }
@@ -338,6 +343,30 @@ struct lw_vec3 lw_bounces_at(const struct lw_transport *t, uint32_t texel, uint3
     return lw_vec3_mad(sum, radiance_at(t, reflected->texel, bounce), reflected->weight);
 }
 
+/* The cosine moment of the same estimate, by luminance. */
+static struct lw_vec3 moment_at(const struct lw_transport *t, uint32_t texel, uint32_t bounce) {
+    const uint32_t n = t->indirect_samples;
+    const size_t first = (size_t)texel * n;
+    struct lw_vec3 sum = {0};
+    for (uint32_t s = 0; s < n; s++)
+        sum = lw_vec3_mad(sum, lw_ray_direction_unpack(t->ray_direction[first + s]),
+                          lw_colour_luminance(radiance_at(t, t->ray_hit[first + s], bounce)));
+    const struct lw_reflected *reflected = &t->reflected[texel];
+    sum = lw_vec3_scale(sum, LW_PI / (float)n);
+    if (!(reflected->weight > 0)) return sum;
+    return lw_vec3_mad(sum, lw_ray_direction_unpack(reflected->direction),
+                       reflected->weight * lw_colour_luminance(radiance_at(t, reflected->texel, bounce)));
+}
+
+/* Every order has the same weight: the mean of their sum forgets once, with the first. */
+static void blend_moment(const struct lw_transport *t, uint32_t texel, uint32_t bounce, float weight) {
+    float *const *mean = t->tiles->moment[LW_TILES_INDIRECT];
+    const struct lw_vec3 moment = moment_at(t, texel, bounce);
+    if (bounce == 1) lw_tiles_blend(mean, texel, lw_vec3(0, 0, 0), weight);
+    if (!lw_vec3_is_finite(moment)) return;
+    lw_tiles_store(mean, texel, lw_vec3_mad(lw_texels_vector(mean, texel), moment, weight));
+}
+
 /* Ends lie anywhere in memory: what a few texels from here will read is sent for. */
 static void prefetch_hits(const struct lw_transport *t, uint32_t texel, uint32_t bounce) {
     const uint32_t *hit = t->ray_hit + (size_t)texel * t->indirect_samples;
@@ -364,6 +393,7 @@ void lw_bounces_gather(const struct lw_transport *t, const struct lw_solve_tile 
         const struct lw_vec3 e = lw_bounces_at(t, texel, bounce);
         lw_tiles_blend(t->tiles->order[bounce - 1], texel, e, block->indirect.weight);
         lw_tiles_store(estimate, texel, bounce <= 2 ? e : lw_vec3_add(lw_texels_vector(estimate, texel), e));
+        if (t->ray_direction) blend_moment(t, texel, bounce, block->indirect.weight);
     }
 }
 

@@ -30,6 +30,10 @@ void lw_direct_light_estimate(const struct lw_transport *t, const struct lw_solv
     part[1] = part[0];
     part[1].lights = t->drawn;
     part[1].e = out->drawn;
+    if (t->ray_direction) {
+        part[0].moment = out->moment;
+        part[1].moment = out->drawn_moment;
+    }
     for (uint32_t k = 0; k < parts; k++) lw_direct16_punctual(&part[k], launch->frames, 1);
     for (uint32_t s = 0; s < samples; s++) {
         if (samples > 1) {
@@ -65,6 +69,13 @@ void lw_direct_light_keep(const struct lw_transport *t, uint32_t texel, const st
     if (t->drawn) lw_tiles_store(t->tiles->drawn_estimate, texel, lw_direct_light_lane(e->drawn, lane));
 }
 
+static void blend_moments(const struct lw_transport *t, uint32_t texel, const struct lw_direct_light *e,
+                          uint32_t lane, float weight) {
+    lw_tiles_blend(t->tiles->moment[LW_TILES_DIRECT], texel, lw_direct_light_lane(e->moment, lane), weight);
+    if (t->drawn)
+        lw_tiles_blend(t->tiles->drawn_moment, texel, lw_direct_light_lane(e->drawn_moment, lane), weight);
+}
+
 void lw_direct_light_solve(const struct lw_transport *t, struct lw_solve_tile *tile,
                            struct lw_ray_count *count) {
     struct lw_ray_launch launch[LW_PACKETS_MAX];
@@ -81,6 +92,8 @@ void lw_direct_light_solve(const struct lw_transport *t, struct lw_solve_tile *t
             for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
                 const uint32_t texel = tile->first + launch[set].texel[lane];
                 const struct lw_vec3 now = lw_direct_light_lane(e.all, lane);
+                if (t->ray_direction && lw_vec3_is_finite(now))
+                    blend_moments(t, texel, &e, lane, block->direct.weight);
                 if (t->drawn && lw_vec3_is_finite(now))
                     lw_tiles_blend(t->tiles->drawn, texel, lw_direct_light_lane(e.drawn, lane),
                                    block->direct.weight);

@@ -10,6 +10,8 @@
 /** Of E, W/m^2, of each lane. */
 struct lw_direct_light {
     float all[3][LW_TRACE_WIDTH], drawn[3][LW_TRACE_WIDTH]; /* drawn: what client lights give of it */
+    /* Cosine moments of all other light and of that of client lights; 0 where tiles hold none. */
+    float moment[3][LW_TRACE_WIDTH], drawn_moment[3][LW_TRACE_WIDTH];
 };
 
 /** One frame's estimate, of each lane by itself. Needs the launch's sample points for the

@@ -1,7 +1,8 @@
 /* ray_hit.h: where a frame's bounce rays ended. Rays are traced once a frame; every
  * bounce order reads along them.
  *
- * A ray hit is one word: a texel to read, a probe and a direction, or nothing. The estimate of bounce k is
+ * A ray hit is one word: a texel to read, a probe and a direction, or nothing. Where tiles hold cosine
+ * moments, a second word has the ray's direction. The estimate of bounce k is
  *
  *   E_k(x) = (pi / N) sum over ray hits of L_{k-1}      and the light of reflectors (reflectors.h)
  *
@@ -32,6 +33,19 @@ static inline uint32_t lw_ray_hit_probe(uint32_t hit) { return hit >> 16 & 0x7ff
 static inline struct lw_vec3 lw_ray_hit_direction(uint32_t hit) {
     return lw_octahedral_decode(
         (struct lw_vec2){(float)(hit >> 8 & 255u) * (1 / 255.0f), (float)(hit & 255u) * (1 / 255.0f)});
+}
+
+/** The word for a unit direction: ten bits for each coordinate, a tenth of a degree. */
+static inline uint32_t lw_ray_direction_pack(struct lw_vec3 d) {
+    const uint32_t x = (uint32_t)(d.x * 511 + 512.5f), y = (uint32_t)(d.y * 511 + 512.5f),
+                   z = (uint32_t)(d.z * 511 + 512.5f);
+    return (x & 1023u) << 20 | (y & 1023u) << 10 | (z & 1023u);
+}
+/** Its length is within 0.3 % of 1. */
+static inline struct lw_vec3 lw_ray_direction_unpack(uint32_t word) {
+    const float x = (float)(int)(word >> 20 & 1023u), y = (float)(int)(word >> 10 & 1023u),
+                z = (float)(int)(word & 1023u);
+    return lw_vec3((x - 512) * (1.0f / 511), (y - 512) * (1.0f / 511), (z - 512) * (1.0f / 511));
 }
 
 #endif

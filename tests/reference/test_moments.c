@@ -1,0 +1,311 @@
+/* The cosine moment of light, beside irradiance: closed forms, bounds, both forms of light, change. */
+#include "common/colour.h"
+#include "common/light/client_lights.h"
+#include "server/solve/cell_layer.h"
+#include "tests/reference/room.h"
+
+#include <stdlib.h>
+#include <unistd.h>
+
+enum {
+    FULL = 1u << LW_LIGHT_FORM_FULL,
+    BOTH = FULL | 1u << LW_LIGHT_FORM_SPLIT,
+    DIRECTION = 1u << LW_TILE_CHANNEL_DIRECTION,
+    DIRECTIONS = DIRECTION | 1u << LW_TILE_CHANNEL_DIRECTION_SPLIT
+};
+
+static const struct lw_solver_desc kept = {
+    .bounces = 2, .direct_samples = 1, .indirect_samples = 4, .target_error = -1, .directions = true};
+
+struct lit {
+    struct room_solution s;
+    struct lw_client_lights client;
+    uint64_t frame;
+};
+
+static void step(struct lit *l, unsigned frames) {
+    for (unsigned i = 0; i < frames; i++)
+        lw_support_ok(l->s.solver->ops->frame(l->s.solver, &l->s.pose, ++l->frame, &l->s.stats, NULL), NULL);
+}
+
+/* drawn: names of client lights; NULL: there are none. */
+static void begin(struct lit *l, const struct room *room, struct lw_solver_desc desc, const char *drawn,
+                  uint32_t channels, unsigned frames) {
+    struct lw_error err = {0};
+    struct lw_scene *scene = room_scene(room);
+    struct lw_pose pose;
+    *l = (struct lit){.frame = 0};
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    if (drawn) lw_support_ok(lw_client_lights_init(&l->client, scene, &pose, drawn, &err), &err);
+    lw_pose_finish(&pose);
+    desc.client_lights = drawn ? &l->client : NULL;
+    room_solve_scene(&l->s, scene, room->texels_per_metre, desc, 0);
+    l->s.solver->ops->show(l->s.solver, channels);
+    step(l, frames);
+}
+
+static void end(struct lit *l) {
+    room_finish(&l->s);
+    lw_client_lights_finish(&l->client);
+}
+
+/* A covered texel as it is shown. Objects stand where their meshes are. */
+struct texel {
+    uint32_t object;
+    struct lw_vec3 at, normal, e[2], v[2]; /* by form of light; e, v: 0 where it is not shown */
+};
+
+typedef void texel_fn(void *user, const struct texel *texel);
+
+static struct lw_vec3 shown(const struct lw_solver_tile *tile, uint32_t channel, uint32_t i) {
+    const float *const *plane = tile->shown[channel];
+    return plane[0] ? lw_vec3(plane[0][i], plane[1][i], plane[2][i]) : lw_vec3(0, 0, 0);
+}
+
+static void each_texel(const struct lit *l, texel_fn *fn, void *user) {
+    const struct lw_tiles *tiles = lw_cell_layer_tiles(l->s.solver);
+    uint32_t count = 0;
+    for (uint32_t t = 0; t < tiles->count; t++) {
+        const struct lw_solve_tile *place = &tiles->tile[t];
+        struct lw_solver_tile tile;
+        l->s.solver->ops->read_tile(l->s.solver, place->id, &tile);
+        for (uint32_t i = 0; i < tile.width * tile.height; i++) {
+            if (!tile.covered[i]) continue;
+            struct texel texel = {.object = place->object,
+                                  .at = lw_texels_vector(place->mesh->position, place->local + i),
+                                  .normal = lw_texels_vector(place->mesh->normal, place->local + i)};
+            for (uint32_t form = 0; form < LW_LIGHT_FORM_COUNT; form++) {
+                texel.e[form] = shown(&tile, form, i);
+                texel.v[form] = shown(&tile, LW_TILE_CHANNEL_DIRECTION + form, i);
+            }
+            fn(user, &texel);
+            count++;
+        }
+    }
+    assert_true(count > 100);
+}
+
+/* ---- closed forms ---- */
+
+struct mean {
+    double e, along, across[2]; /* sums over texels: E; V along the normal, and across it */
+};
+
+static void add_mean(void *user, const struct texel *texel) {
+    struct mean *mean = user;
+    struct lw_vec3 t, b;
+    lw_vec3_frame(texel->normal, &t, &b);
+    mean->e += (double)lw_colour_luminance(texel->e[0]);
+    mean->along += (double)lw_vec3_dot(texel->v[0], texel->normal);
+    mean->across[0] += (double)lw_vec3_dot(texel->v[0], t);
+    mean->across[1] += (double)lw_vec3_dot(texel->v[0], b);
+}
+
+/* V = 2/3 E n: an even hemisphere. */
+static void expect_even(const struct lit *l) {
+    struct mean mean = {0};
+    each_texel(l, add_mean, &mean);
+    expect_near(mean.along / mean.e, 2.0 / 3, 0.005);
+    for (int k = 0; k < 2; k++) assert_true(fabs(mean.across[k] / mean.e) < 0.005);
+}
+
+static void test_even_sky(void **state) {
+    (void)state;
+    struct room room = {.texels_per_metre = 4, .sky = 2};
+    struct lit l;
+    room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(0, 0, 4), lw_vec3(4, 0, 0), 0.5f, 0);
+    begin(&l, &room, kept, NULL, FULL | DIRECTION, 32);
+    expect_even(&l);
+    end(&l);
+}
+
+/* All faces glow and reflect alike: every order of light is even. */
+static void test_furnace(void **state) {
+    (void)state;
+    struct room room = {.texels_per_metre = 6};
+    struct lit l;
+    room_box(&room, lw_vec3(2, 2, 2), 0.5f, 1);
+    begin(&l, &room, kept, NULL, FULL | DIRECTION, 48);
+    expect_even(&l);
+    end(&l);
+}
+
+struct lamp {
+    struct lw_vec3 at;
+    enum lw_light_form off; /* the form that lacks its light; FULL: V of that form is all its light's */
+    uint32_t texels;
+};
+
+/* V = E w: all light from one point. */
+static void expect_lamp(void *user, const struct texel *texel) {
+    struct lamp *lamp = user;
+    struct lw_vec3 e = texel->e[0], v = texel->v[0];
+    if (lamp->off) e = lw_vec3_sub(e, texel->e[lamp->off]), v = lw_vec3_sub(v, texel->v[lamp->off]);
+    const float light = lw_colour_luminance(e);
+    if (!(light > 0.02f)) return;
+    const struct lw_vec3 wanted = lw_vec3_scale(lw_vec3_normalize(lw_vec3_sub(lamp->at, texel->at)), light);
+    /* a texel's light is the mean over its sample points */
+    assert_true(lw_vec3_length(lw_vec3_sub(v, wanted)) < 0.06f * light);
+    lamp->texels++;
+}
+
+static struct room floor_and_lamp(void) {
+    struct room room = {.texels_per_metre = 6, .light_count = 1};
+    room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(0, 0, 4), lw_vec3(4, 0, 0), 0.5f, 0);
+    room.light[0] = (struct lw_light){.name = "lamp", .kind = LW_LIGHT_POINT, .intensity = {9, 5, 2}};
+    room.light_position[0] = lw_vec3(1, 1.5f, 1);
+    return room;
+}
+
+static void test_one_lamp(void **state) {
+    (void)state;
+    const struct room room = floor_and_lamp();
+    struct lamp lamp = {.at = room.light_position[0]};
+    struct lit l;
+    begin(&l, &room, kept, NULL, FULL | DIRECTION, 12);
+    each_texel(&l, expect_lamp, &lamp);
+    assert_true(lamp.texels > 300);
+    end(&l);
+}
+
+/* ---- both forms of light ---- */
+
+static void test_forms_differ_by_the_lamp(void **state) {
+    (void)state;
+    struct room room = room_with_two_lamps();
+    struct lamp lamp = {.at = room.light_position[0], .off = LW_LIGHT_FORM_SPLIT};
+    struct lit l;
+    begin(&l, &room, kept, "left", BOTH | DIRECTIONS, 12);
+    each_texel(&l, expect_lamp, &lamp);
+    assert_true(lamp.texels > 300);
+    end(&l);
+}
+
+static void expect_bounds(void *user, const struct texel *texel) {
+    uint32_t *lit = user;
+    for (uint32_t form = 0; form < LW_LIGHT_FORM_COUNT; form++) {
+        const float light = lw_colour_luminance(texel->e[form]);
+        assert_true(lw_vec3_length(texel->v[form]) <= 1.005f * light + 1e-6f);
+        assert_true(lw_vec3_dot(texel->v[form], texel->normal) >= -1e-6f);
+        *lit += light > 0;
+    }
+}
+
+static void test_bounds(void **state) {
+    (void)state;
+    const struct room room = room_with_two_lamps();
+    uint32_t lit = 0;
+    struct lit l;
+    begin(&l, &room, kept, "left", BOTH | DIRECTIONS, 5);
+    each_texel(&l, expect_bounds, &lit);
+    assert_true(lit > 1000);
+    end(&l);
+}
+
+/* ---- change ---- */
+
+struct difference {
+    const struct lit *other;
+    struct lw_vec3 *v; /* the other's, in the order of texels */
+    uint32_t count;
+    double off, light;
+};
+
+static void take_v(void *user, const struct texel *texel) {
+    struct difference *d = user;
+    d->v[d->count++] = texel->v[0];
+}
+static void compare_v(void *user, const struct texel *texel) {
+    struct difference *d = user;
+    d->off += (double)lw_vec3_length(lw_vec3_sub(texel->v[0], d->v[d->count++]));
+    d->light += (double)lw_colour_luminance(texel->e[0]);
+}
+
+static double difference_of(const struct lit *a, const struct lit *b) {
+    struct difference d = {.v = malloc(sizeof *d.v * 65536)};
+    assert_non_null(d.v);
+    each_texel(b, take_v, &d);
+    d.count = 0;
+    each_texel(a, compare_v, &d);
+    free(d.v);
+    return d.off / d.light;
+}
+
+/* A lamp moves to the other end of its room after 30 frames: light that has changed forgets where it came
+ * from. Eight frames later it is as in a room where it always was there. */
+static void test_follows_a_lamp(void **state) {
+    (void)state;
+    struct room room = room_with_two_lamps(), after;
+    struct lit moved, fresh, before;
+    room.texels_per_metre = 6;
+    room.light_count = 1;
+    room.quad[ROOM_PANEL].emission = 0;
+    after = room;
+    after.light_position[0] = lw_vec3(3, 1.6f, 1);
+    begin(&fresh, &after, kept, NULL, FULL | DIRECTION, 40);
+    begin(&before, &room, kept, NULL, FULL | DIRECTION, 40);
+    begin(&moved, &room, kept, NULL, FULL | DIRECTION, 30);
+    lw_pose_copy(&moved.s.pose, &fresh.s.pose, moved.s.scene);
+    step(&moved, 8);
+    assert_true(difference_of(&before, &fresh) > 0.5);
+    assert_true(difference_of(&moved, &fresh) < 0.1);
+    end(&moved);
+    end(&fresh);
+    end(&before);
+}
+
+/* ---- what it leaves alone ---- */
+
+static void test_light_is_the_same_without(void **state) {
+    (void)state;
+    const struct room room = room_with_two_lamps();
+    struct lw_solver_desc off = kept;
+    struct lit with, without;
+    off.directions = false;
+    begin(&with, &room, kept, "left", BOTH, 6);
+    begin(&without, &room, off, "left", BOTH, 6);
+    assert_true(room_expect_same(&with.s, &without.s) > 0);
+    assert_true(with.s.solver->ops->memory_bytes(with.s.solver) >
+                without.s.solver->ops->memory_bytes(without.s.solver));
+    end(&with);
+    end(&without);
+}
+
+static void test_a_checkpoint_keeps_it(void **state) {
+    (void)state;
+    const struct room room = room_with_two_lamps();
+    const uint8_t key[16] = {7};
+    char path[] = "/tmp/lightwell-moments-XXXXXX";
+    struct lw_error err = {0};
+    struct lit first, again;
+    uint64_t frames;
+    const int file = mkstemp(path);
+    assert_true(file >= 0);
+    close(file);
+    begin(&first, &room, kept, "left", BOTH | DIRECTIONS, 5);
+    lw_support_ok(first.s.solver->ops->save(first.s.solver, path, key, &err), &err);
+    begin(&again, &room, kept, "left", BOTH | DIRECTIONS, 0);
+    lw_support_ok(again.s.solver->ops->load(again.s.solver, path, key, &frames, &err), &err);
+    again.frame = first.frame;
+    assert_true(difference_of(&first, &again) == 0);
+    step(&first, 2);
+    step(&again, 2);
+    assert_true(difference_of(&first, &again) == 0);
+    unlink(path);
+    end(&first);
+    end(&again);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_even_sky),
+        cmocka_unit_test(test_furnace),
+        cmocka_unit_test(test_one_lamp),
+        cmocka_unit_test(test_forms_differ_by_the_lamp),
+        cmocka_unit_test(test_bounds),
+        cmocka_unit_test(test_follows_a_lamp),
+        cmocka_unit_test(test_light_is_the_same_without),
+        cmocka_unit_test(test_a_checkpoint_keeps_it),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
