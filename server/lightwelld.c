@@ -70,6 +70,7 @@
 enum clock_kind { CLOCK_REAL, CLOCK_STEP, CLOCK_MANUAL };
 enum light_kind { LIGHT_WHOLE, LIGHT_SEEN };
 enum first_kind { FIRST_COARSE, FIRST_WHOLE };
+enum directional_kind { DIRECTIONAL_AUTO, DIRECTIONAL_ON, DIRECTIONAL_OFF };
 enum codec_kind { CODEC_HALF, CODEC_DCT };
 
 /* What makes no sense in a file or in the environment; variables that clients read. */
@@ -110,7 +111,7 @@ struct settings {
     int denoise;
     double frame_rate, frame_budget_ms, frame_budget_units, freeze_s, error, tile_step, stall_s, prepare_s;
     bool animate, freeze, json;
-    int clock, light, first, codec, log_format, log_level;
+    int clock, light, first, directional, codec, log_format, log_level;
     char default_cache[1024];
 };
 
@@ -142,6 +143,8 @@ struct daemon {
     struct lw_light_groups light_groups;
     struct lw_client_lights client_lights;
     uint8_t *light_bits, *material_bits; /* the same for the WELCOME */
+    bool *directional;                   /* per object: its tiles say where light comes from */
+    bool has_directions;                 /* some object's do */
     struct lw_solver *solver;
     struct lw_publisher *publisher;
     struct lw_server *server;
@@ -342,6 +345,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "\"\": "
          "nowhere (default $XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
          LW_OPTION_STRING, &s->cache, 0, 0, NULL},
+        {"directional", "auto|on|off",
+         "keep where light comes from, so that clients show normal maps and gloss by it. auto: of objects "
+         "with a normal map, or whose roughness is textured or under 0.6 (default). on: of all objects",
+         LW_OPTION_CHOICE, &s->directional, 0, 0, NULL},
         {"first-light", "coarse|whole",
          "coarse: under the real clock, a picture of a quarter of the density first, while all detail is "
          "prepared (default). whole: no light before that",
@@ -388,6 +395,20 @@ static enum lw_status choose_client_lights(struct daemon *d, struct lw_error *er
     d->material_bits = calloc(lw_client_lights_bytes(scene->material_count) + 1, 1);
     if (!d->light_bits || !d->material_bits) return lw_status_fail(err, LW_NO_MEMORY, "client lights");
     lw_client_lights_write(client, d->light_bits, d->material_bits);
+    return LW_OK;
+}
+
+/* Which objects' tiles say where light comes from. */
+static enum lw_status choose_directional(struct daemon *d, struct lw_error *err) {
+    const struct lw_scene *scene = d->scene;
+    uint32_t count = 0;
+    d->directional = calloc(scene->object_count + 1ul, sizeof *d->directional);
+    if (!d->directional) return lw_status_fail(err, LW_NO_MEMORY, "directional objects");
+    for (uint32_t o = 0; d->settings.directional != DIRECTIONAL_OFF && o < scene->object_count; o++)
+        count += d->directional[o] =
+            d->settings.directional == DIRECTIONAL_ON || lw_scene_object_has_bumps(scene, o);
+    d->has_directions = count > 0;
+    if (count) lw_log(LW_LOG_INFO, "light has a direction on %u of %u objects", count, scene->object_count);
     return LW_OK;
 }
 
@@ -472,7 +493,8 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
         return status;
     }
     if ((status = name_tiles(d, err)) != LW_OK) return status;
-    return choose_client_lights(d, err);
+    status = choose_client_lights(d, err);
+    return status == LW_OK ? choose_directional(d, err) : status;
 }
 
 /* Share of a tile's noise that the solver's filter leaves. */
@@ -529,6 +551,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
         .atlas_map = &d->atlas_map,
         .client_lights = &d->client_lights,
         .light_groups = &d->light_groups,
+        .directions = d->has_directions,
         .bounces = (uint32_t)s->bounces,
         LW_PROBE_OPTIONS_DESC(&s->probes),
         .denoise = s->denoise == 1,
@@ -563,6 +586,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
                                                                           ? LW_TILE_CODEC_DCT
                                                                           : LW_TILE_CODEC_HALF_ZSTD,
                                                              .step_widest = (float)s->tile_step,
+                                                             .directional = d->directional,
                                                              .threads = (unsigned)s->scene.threads},
                                  &d->publisher);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "publisher");
@@ -1120,10 +1144,10 @@ static void make_key(const struct daemon *d, uint8_t out_key[LW_SAVED_LIGHT_KEY_
     length += snprintf(
         text + length, sizeof text - (size_t)length,
         " " LW_VERSION " solver %s bounces %lld samples %lld %lld seed %lld range %a cell %a probes %d %a "
-        "denoise %d codec %d freeze %d %a",
+        "denoise %d codec %d freeze %d %a directions %d",
         s->entry->name, (long long)s->bounces, (long long)s->direct_samples, (long long)s->indirect_samples,
         (long long)s->seed, s->probes.tracing_range_m, s->probes.cell_size_m, s->probes.form,
-        s->probes.probe_spacing_m, s->denoise, s->codec, s->freeze, s->freeze_s);
+        s->probes.probe_spacing_m, s->denoise, s->codec, s->freeze, s->freeze_s, d->has_directions);
     lw_package_hash((const uint8_t *)text, (size_t)length, &hash);
     memcpy(out_key, hash.bytes, LW_SAVED_LIGHT_KEY_SIZE);
 }
@@ -1159,7 +1183,8 @@ static enum lw_status create_server(struct daemon *d, struct lw_server_sockets *
                                   .finishes = d->finishes,
                                   .finishes_size = d->finishes_size,
                                   .bounces = (uint32_t)s->bounces,
-                                  .channels = s->entry->channels & ~(1u << LW_LIGHT_FORM_SPLIT),
+                                  .channels =
+                                      s->entry->channels & lw_tile_channels_held(false, d->has_directions),
                                   .target_error = (float)s->error,
                                   .noise_shown = noise_shown(s),
                                   .first_light = &d->first_light,
@@ -1273,6 +1298,7 @@ static void finish(struct daemon *d) {
     lw_client_lights_finish(&d->client_lights);
     free(d->light_bits);
     free(d->material_bits);
+    free(d->directional);
     lw_pose_finish(&d->pose);
     lw_scene_state_finish(&d->state);
     lw_atlas_map_finish(&d->atlas_map);

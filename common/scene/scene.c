@@ -93,6 +93,20 @@ bool lw_scene_has_finishes(const struct lw_scene *scene) {
     return false;
 }
 
+static bool has_bumps(const struct lw_material *material) {
+    const struct lw_finish *finish = material->finish;
+    return finish && !material->unlit &&
+           (finish->normal_texture.texture != LW_SCENE_NONE ||
+            finish->surface_texture.texture != LW_SCENE_NONE || finish->roughness < LW_SCENE_ROUGH);
+}
+
+bool lw_scene_object_has_bumps(const struct lw_scene *scene, uint32_t object) {
+    const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
+    for (uint32_t t = 0; t < mesh->triangle_count; t++)
+        if (has_bumps(&scene->material[mesh->material[t]])) return true;
+    return false;
+}
+
 void lw_scene_drop_finishes(struct lw_scene *scene) {
     for (uint32_t i = 0; i < scene->material_count; i++) scene->material[i].finish = NULL;
     for (uint32_t i = 0; i < scene->mesh_count; i++) scene->mesh[i].tangent = NULL;

@@ -241,6 +241,10 @@ void lw_scene_finish_variant(struct lw_scene *variant);
 /** Makes all materials matt and even: no finishes, none of their textures, no tangents. For builders only. */
 void lw_scene_drop_finishes(struct lw_scene *scene);
 bool lw_scene_has_finishes(const struct lw_scene *scene);
+/** Whether an object looks different by where light comes from: a material of it has a normal map, a texture
+ * of roughness, or roughness under LW_SCENE_ROUGH. */
+bool lw_scene_object_has_bumps(const struct lw_scene *scene, uint32_t object);
+#define LW_SCENE_ROUGH 0.6f
 
 /** Zeroed memory that lives as long as the scene, 16-byte aligned and readable for 16 bytes past its end
  * (vector loads of the last vertex); NULL when out of memory, never for count 0. For builders only. */

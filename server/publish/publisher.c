@@ -1,6 +1,7 @@
 #include "server/publish/publisher.h"
 
 #include "common/clock.h"
+#include "common/colour.h"
 #include "common/invariant.h"
 #include "common/tile/tile_codec.h"
 #include "server/publish/frame_message.h"
@@ -35,6 +36,7 @@ struct worker {
     struct lw_tile_codec *codec;
     uint8_t *payload, *delta; /* lw_tile_codec_bound() each */
     float value[LW_TILE_TEXELS_MAX * LW_TILE_CHANNEL_PLANES_MAX];
+    float light[LW_TILE_TEXELS_MAX * 3]; /* the form that a moment belongs to */
     uint8_t covered[LW_TILE_TEXELS_MAX];
     struct {
         uint64_t tiles, bytes;
@@ -122,6 +124,8 @@ static enum lw_status create_channel(const struct lw_atlas_map *map, uint32_t nu
 enum lw_status lw_publisher_set_channels(struct lw_publisher *p, uint32_t channels) {
     struct channel *made[LW_TILE_CHANNELS_MAX] = {0};
     LW_INVARIANT(channels >> LW_TILE_CHANNELS_MAX == 0);
+    LW_TILE_CHANNELS_EACH (moment, channels) /* which is coded over its form */
+        channels |= lw_tile_channel_bit(lw_tile_channel_at(moment)->follows);
     enum lw_status status = LW_OK;
     for (unsigned f = 0; status == LW_OK && f < LW_TILE_CHANNELS_MAX; f++)
         if (channels >> f & 1 && !p->channel[f]) status = create_channel(p->desc.atlas_map, f, &made[f]);
@@ -441,16 +445,46 @@ static float least_change(float error) {
     return fmaxf(LW_PUBLISHER_VISIBLE_CHANGE, LW_PUBLISHER_NOISE_SHARE * error);
 }
 
+/* ---- cosine moments ---- */
+
+static bool has_channel(const struct lw_publisher *p, const struct channel *channel, uint32_t object) {
+    return !channel->is->moment || !p->desc.directional || p->desc.directional[object];
+}
+
+/* A moment over the luminance of its light, worker->light: what lights dim alike stays as it is. */
+static void divide_by_light(struct worker *worker, const struct lw_tile_place *place) {
+    for (uint32_t i = 0; i < place->width * place->height; i++) {
+        const float *light = worker->light + 3 * i,
+                    luminance = lw_colour_luminance(lw_vec3(light[0], light[1], light[2]));
+        float *moment = worker->value + 3 * i;
+        for (int k = 0; k < 3; k++) {
+            const float share = moment[k] / fmaxf(luminance, 1e-30f);
+            moment[k] = luminance > 0 ? fminf(fmaxf(share, -1), 1) : 0;
+        }
+    }
+}
+
+static void store_tile(const struct lw_publisher *p, const struct channel *channel,
+                       const struct lw_tile_place *place, struct worker *worker) {
+    if (channel->is->moment) {
+        const struct channel *form = p->channel[channel->is->follows];
+        lw_levels_store_tile(&form->levels[place->object], place, worker->light, worker->covered);
+    }
+    lw_levels_store_tile(&channel->levels[place->object], place, worker->value, worker->covered);
+    if (channel->is->moment) divide_by_light(worker, place);
+}
+
 static void consider_tile(const struct lw_publisher *p, struct worker *worker, const struct channel *channel,
                           lw_tile_id id, uint64_t frame) {
     const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
     const struct sent_tile *sent = &channel->sent[id.v];
     const struct lw_levels *levels = &channel->levels[place->object];
-    if (worker->status != LW_OK || !channel->changed[place->object] || !lw_levels_has_changed(levels, place))
+    if (worker->status != LW_OK || !channel->changed[place->object] ||
+        !lw_levels_has_changed(levels, place) || !has_channel(p, channel, place->object))
         return;
     uint32_t bounces;
     const float error = lw_publisher_error(p->desc.atlas_map, p->desc.solver, id, &bounces);
-    lw_levels_store_tile(levels, place, worker->value, worker->covered);
+    store_tile(p, channel, place, worker);
     float visible = 1;
     if (sent->version) {
         const float change = find_change(channel, worker, sent, place, &visible);
@@ -476,6 +510,8 @@ static void load_fine(const struct channel *channel, const struct lw_solver_tile
         worker->covered[i] = tile->covered[i] || tile->filled[i];
         for (uint32_t p = 0; p < planes; p++)
             worker->value[i * planes + p] = worker->covered[i] ? tile->shown[channel->number][p][i] : 0;
+        for (uint32_t c = 0; channel->is->moment && c < 3; c++)
+            worker->light[i * 3 + c] = tile->shown[channel->is->follows][c][i];
     }
 }
 
@@ -495,10 +531,13 @@ static void consider_fine(const struct lw_publisher *p, struct worker *worker, c
     const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
     struct sent_tile *sent = &channel->sent[id.v];
     struct lw_solver_tile tile;
-    if (worker->status != LW_OK || p->news[place->object] == HELD_BACK) return;
+    if (worker->status != LW_OK || p->news[place->object] == HELD_BACK ||
+        !has_channel(p, channel, place->object))
+        return;
     p->desc.solver->ops->read_tile(p->desc.solver, id, &tile);
     if (sent->value ? tile.solved_frame < p->since : !is_ready(p, id, tile.error)) return;
     load_fine(channel, &tile, worker);
+    if (channel->is->moment) divide_by_light(worker, place);
     float visible = 1;
     if (!sent->value)
         forget_sent(sent); /* it was withdrawn */

@@ -49,7 +49,9 @@ struct lw_publisher_desc {
     float noise_shown;
     uint32_t codec;    /* LW_TILE_CODEC_HALF_ZSTD or LW_TILE_CODEC_DCT */
     float step_widest; /* the latter's; 0: LW_PUBLISHER_STEP_WIDEST */
-    unsigned threads;  /* 0: all */
+    /* Per object: its tiles have the channels with `moment`; outlives the publisher. NULL: all do. */
+    const bool *directional;
+    unsigned threads; /* 0: all */
 };
 
 struct lw_publisher_stats {

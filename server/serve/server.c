@@ -1133,6 +1133,7 @@ static enum lw_status init_channels(struct lw_server *server, const struct lw_se
     if (any_bit(desc->client_lights, desc->client_lights_size) ||
         any_bit(desc->client_materials, desc->client_materials_size)) {
         *served |= lw_light_form_bit(LW_LIGHT_FORM_SPLIT);
+        if (*served >> LW_TILE_CHANNEL_DIRECTION & 1) *served |= 1u << LW_TILE_CHANNEL_DIRECTION_SPLIT;
         welcome->client_lights = desc->client_lights;
         welcome->client_lights_size = desc->client_lights_size;
         welcome->client_materials = desc->client_materials;
