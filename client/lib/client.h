@@ -197,6 +197,9 @@ const struct lw_client_draws *lw_client_draws(const struct lw_client *client);
 struct lw_client_level {
     uint32_t width, height;
     const float *rgb; /* irradiance, W/m^2: width*height*3, row by row; zeros where nothing has arrived */
+    /* Where it comes from (common/light/direction_form.h): its cosine moment over its luminance, world space,
+     * likewise; zeros where that is not known. NULL: not asked for, or not served. */
+    const float *direction;
 };
 /** Errors: none; an object or level that is not there, or is finer than level 0, gives width 0. */
 struct lw_client_level lw_client_get_level(const struct lw_client *client, uint32_t object, uint32_t level);
@@ -295,6 +298,8 @@ struct lw_client_tile {
     /* Of a tile of a finer level: its irradiance, W/m^2, width*height*3 of its place, row by row; such tiles
      * are in no level of an atlas. Else NULL. */
     const float *rgb;
+    const float *direction;     /* the same of lw_client_level.direction; NULL: not here */
+    uint64_t direction_version; /* as version, of where its light comes from, at any level; 0: not here */
 };
 struct lw_client_tile lw_client_get_tile(const struct lw_client *client, lw_tile_id tile);
 

@@ -64,8 +64,8 @@ static bool find_fine_source(const struct lw_live_tiles *tiles, const struct lw_
                                .height = rest(at->height, tile_y)};
     *out = own;
     if (tile.v != UINT32_MAX && lw_live_tiles_reads_fine(tiles, tile)) {
-        out->level =
-            (struct lw_client_level){own.width, own.height, lw_client_get_tile(tiles->client, tile).rgb};
+        out->level = (struct lw_client_level){own.width, own.height,
+                                              lw_client_get_tile(tiles->client, tile).rgb, NULL};
         out->left = own.first_x;
         out->top = own.first_y;
         return true;

@@ -435,7 +435,7 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
     if (t->codec == LW_TILE_CODEC_NONE && lw_atlas_finer(t->level)) {
         drop_fine(r, slot, id); /* the server has it no more */
         if (version > r->version_max) r->version_max = version;
-        if (r->watch && at == LW_REPLICA_IRRADIANCE) r->watch(r->watch_context, id);
+        if (r->watch && at <= LW_REPLICA_DIRECTION) r->watch(r->watch_context, id);
         return LW_OK;
     }
     if (!lw_tile_codec_is_known(t->codec))
@@ -477,7 +477,7 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
                                      .rgb = lw_atlas_finer(t->level) ? *fine_of(r, slot, id) : NULL};
     if (version > r->version_max) r->version_max = version;
     LW_INVARIANT(known->version > r->version_base && known->version <= r->version_max);
-    if (r->watch && at == LW_REPLICA_IRRADIANCE) r->watch(r->watch_context, id);
+    if (r->watch && at <= LW_REPLICA_DIRECTION) r->watch(r->watch_context, id);
     return LW_OK;
 }
 
@@ -510,7 +510,8 @@ struct lw_client_level lw_replica_get_level(const struct lw_replica *r, uint32_t
         return (struct lw_client_level){0};
     const struct lw_atlas_level *at = &r->map.atlas[object].level[level];
     return (struct lw_client_level){at->width, at->height,
-                                    lw_replica_get_texels(r, LW_REPLICA_IRRADIANCE, object, level)};
+                                    lw_replica_get_texels(r, LW_REPLICA_IRRADIANCE, object, level),
+                                    lw_replica_get_texels(r, LW_REPLICA_DIRECTION, object, level)};
 }
 
 const float *lw_replica_get_texels(const struct lw_replica *r, uint32_t slot, uint32_t object,
@@ -522,7 +523,11 @@ const float *lw_replica_get_texels(const struct lw_replica *r, uint32_t slot, ui
 }
 
 struct lw_client_tile lw_replica_get_tile(const struct lw_replica *r, lw_tile_id tile) {
-    return lw_replica_get_tile_of(r, LW_REPLICA_IRRADIANCE, tile);
+    const struct lw_client_tile direction = lw_replica_get_tile_of(r, LW_REPLICA_DIRECTION, tile);
+    struct lw_client_tile light = lw_replica_get_tile_of(r, LW_REPLICA_IRRADIANCE, tile);
+    light.direction = direction.rgb;
+    light.direction_version = direction.version;
+    return light;
 }
 
 struct lw_client_tile lw_replica_get_tile_of(const struct lw_replica *r, uint32_t slot, lw_tile_id tile) {

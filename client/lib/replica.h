@@ -10,7 +10,8 @@
 
 #define LW_REPLICA_BYTES_MAX  (8ull << 30) /* of a channel's atlases; a scene that needs more is refused */
 #define LW_REPLICA_FINE_MAX   2048u /* tiles of finer levels that have ids; some 75 KB each once they come */
-#define LW_REPLICA_IRRADIANCE 0u    /* slot (tile_channels.h) */
+#define LW_REPLICA_IRRADIANCE 0u    /* slots (tile_channels.h) */
+#define LW_REPLICA_DIRECTION  1u
 
 struct lw_replica;
 
@@ -26,8 +27,8 @@ LW_MUST_CHECK enum lw_status lw_replica_create_beside(const struct lw_replica *o
                                                       struct lw_replica **out_replica, struct lw_error *err);
 void lw_replica_destroy(struct lw_replica *replica);
 
-/** Called for each tile whose irradiance has changed, in the replica's thread. It may only read the
- * replica. */
+/** Called for each tile whose irradiance or direction has changed, in the replica's thread. It may only read
+ * the replica. */
 typedef void lw_replica_watch(void *context, lw_tile_id tile);
 /** watch: NULL for nobody */
 void lw_replica_set_watch(struct lw_replica *replica, lw_replica_watch *watch, void *context);

@@ -40,7 +40,8 @@ _Static_assert(LISTED == LW_DIRECT_PIXELS_BLOCKS * LW_TRACE_WIDTH, "or for as ma
 
 /* One level of one object, with the pointers of this render. */
 struct level {
-    const float *rgb; /* NULL: not there, or finer: its tiles are apart */
+    const float *rgb;       /* NULL: not there, or finer: its tiles are apart */
+    const float *direction; /* where it comes from (direction_form.h); NULL: not known */
     uint32_t width, height;
     uint32_t tiles_x, first_tile; /* the tile's id in the scene; not of finer levels */
 };
@@ -94,14 +95,15 @@ struct lw_compose {
 
     struct level *level; /* of all objects */
     struct object *object;
-    uint8_t **coarsest;   /* per mesh, per triangle: the level at which it reads its own light alone */
-    uint8_t *here;        /* per tile */
-    const float **fine;   /* per id of a finer level: the tile's texels of this render; NULL: not there */
-    uint8_t *noise_level; /* per tile: the finest level at which its noise is bearable */
-    uint8_t *needed;      /* per tile; written by all threads, only ever with 1 */
-    uint8_t *around;      /* the same, by the last survey */
-    uint64_t *shown;      /* per tile: how much of the last render's light is its; PIXEL_LIGHT a pixel */
-    float *survey;        /* its pixels, which nobody sees */
+    uint8_t **coarsest; /* per mesh, per triangle: the level at which it reads its own light alone */
+    uint8_t *here;      /* per tile */
+    const float **fine; /* per id of a finer level: the tile's texels of this render; NULL: not there */
+    const float **fine_direction; /* the same of where its light comes from */
+    uint8_t *noise_level;         /* per tile: the finest level at which its noise is bearable */
+    uint8_t *needed;              /* per tile; written by all threads, only ever with 1 */
+    uint8_t *around;              /* the same, by the last survey */
+    uint64_t *shown; /* per tile: how much of the last render's light is its; PIXEL_LIGHT a pixel */
+    float *survey;   /* its pixels, which nobody sees */
 
     uint64_t pixel_count; /* of the last render */
     bool surveys;         /* a survey shows nothing */
@@ -115,7 +117,8 @@ struct lw_compose {
     enum lw_show show;
     const struct lw_vec3 *tile_colour;
     const struct lw_pose *pose;
-    bool finishes; /* pixels of finished surfaces are worked out by their finish */
+    bool finishes;       /* pixels of finished surfaces are worked out by their finish */
+    bool has_directions; /* some light has a direction */
     struct lw_vec3 sky;
     struct lw_vec3 stand_in; /* irradiance where nothing at all has arrived */
     float mean;              /* irradiance of what has arrived, luminance; 0: nothing */
@@ -210,6 +213,7 @@ enum lw_status lw_compose_create(const struct lw_compose_desc *desc, struct lw_c
     compose->coarsest = calloc((size_t)desc->scene->mesh_count + 1, sizeof *compose->coarsest);
     compose->here = calloc((size_t)map->tile_count + 1, 1);
     compose->fine = calloc(lw_atlas_map_room(map) + 1ul, sizeof *compose->fine);
+    compose->fine_direction = calloc(lw_atlas_map_room(map) + 1ul, sizeof *compose->fine_direction);
     compose->noise_level = calloc((size_t)map->tile_count + 1, 1);
     compose->needed = calloc((size_t)map->tile_count + 1, 1);
     compose->around = calloc((size_t)map->tile_count + 1, 1);
@@ -217,8 +221,8 @@ enum lw_status lw_compose_create(const struct lw_compose_desc *desc, struct lw_c
     compose->place = calloc((size_t)desc->scene->object_count + 1, sizeof *compose->place);
     compose->survey = calloc((size_t)SURVEY_SIDE * SURVEY_SIDE * 3, sizeof *compose->survey);
     if (!compose->level || !compose->object || !compose->coarsest || !compose->here || !compose->fine ||
-        !compose->noise_level || !compose->needed || !compose->around || !compose->shown ||
-        !compose->survey || !compose->place)
+        !compose->fine_direction || !compose->noise_level || !compose->needed || !compose->around ||
+        !compose->shown || !compose->survey || !compose->place)
         goto fail;
     if (!find_coarsest(compose)) goto fail;
     if (lw_client_lights_any(desc->drawn) && !init_direct(compose, desc)) goto fail;
@@ -242,6 +246,7 @@ void lw_compose_destroy(struct lw_compose *compose) {
     free(compose->needed);
     free(compose->noise_level);
     free(compose->fine);
+    free(compose->fine_direction);
     free(compose->here);
     for (uint32_t m = 0; compose->coarsest != NULL && m < compose->scene->mesh_count; m++)
         free(compose->coarsest[m]);
@@ -306,14 +311,19 @@ static void begin(struct lw_compose *compose, const struct lw_compose_source *so
             compose->unfiltered ? 0 : (uint8_t)lw_atlas_noise_level_min(tile.error, source->noise_shown);
         if (t < map->plain_count) continue;
         compose->fine[t - map->plain_count] = tile.rgb;
+        compose->fine_direction[t - map->plain_count] = tile.direction;
         if (compose->here[t]) compose->object[map->place[t].object].has_fine = true;
     }
     struct level *level = compose->level;
+    compose->has_directions = false;
     for (uint32_t o = 0; o < map->object_count; o++) {
         level += compose->object[o].finer_count;
         for (uint32_t k = 0; (int)k < compose->object[o].level_count; k++, level++) {
             struct lw_client_level there = source->level(source->context, o, k);
-            level->rgb = there.width == level->width && there.height == level->height ? there.rgb : NULL;
+            const bool fits = there.width == level->width && there.height == level->height;
+            level->rgb = fits ? there.rgb : NULL;
+            level->direction = fits ? there.direction : NULL;
+            compose->has_directions |= level->direction != NULL;
         }
     }
     memset(compose->needed, 0, map->tile_count);
@@ -402,13 +412,16 @@ static bool find_fine_footprint(const struct lw_compose *compose, uint32_t objec
     return true;
 }
 
-static const float *texel_at(const struct level *level, uint32_t x, uint32_t y) {
-    return level->rgb + 3 * ((size_t)y * level->width + x);
+static size_t texel_index(const struct level *level, uint32_t x, uint32_t y) {
+    return 3 * ((size_t)y * level->width + x);
+}
+
+static struct lw_vec3 vector_at(const float *from, size_t at) {
+    return lw_vec3(from[at], from[at + 1], from[at + 2]);
 }
 
 static struct lw_vec3 texel(const struct level *level, uint32_t x, uint32_t y) {
-    const float *rgb = texel_at(level, x, y);
-    return lw_vec3(rgb[0], rgb[1], rgb[2]);
+    return vector_at(level->rgb, texel_index(level, x, y));
 }
 
 static struct lw_vec3 mix(struct lw_vec3 a, struct lw_vec3 b, float t) {
@@ -421,45 +434,53 @@ static bool is_here(const struct lw_compose *compose, const struct footprint *f)
     return true;
 }
 
-/* Blends the texels of a footprint: the upper two from left to right, then the lower two. False: they are no
- * light. */
-static inline bool blend(const struct footprint *f, const struct lw_vec3 texels[4], struct lw_vec3 *out) {
-    const struct lw_vec3 upper = mix(texels[0], texels[1], f->x.share),
-                         lower = mix(texels[2], texels[3], f->x.share), e = mix(upper, lower, f->y.share);
-    if (!is_light(e)) return false;
-    *out = e;
-    return true;
+/* Light that is read: irradiance, and where it comes from; the latter 0 where that is not known. */
+struct light {
+    struct lw_vec3 e, direction;
+};
+
+/* Blends the texels of a footprint: the upper two from left to right, then the lower two. */
+static inline struct lw_vec3 blend(const struct footprint *f, const float *from, const size_t at[4]) {
+    const struct lw_vec3 upper = mix(vector_at(from, at[0]), vector_at(from, at[1]), f->x.share),
+                         lower = mix(vector_at(from, at[2]), vector_at(from, at[3]), f->x.share);
+    return mix(upper, lower, f->y.share);
 }
 
 /* Reads one level that is not finer. False: a tile of the footprint is not there, or its texels are no
  * light. */
 static bool read_level(const struct lw_compose *compose, const struct level *level, const struct footprint *f,
-                       struct lw_vec3 *out) {
+                       struct light *out) {
     if (level->rgb == NULL || !is_here(compose, f)) return false;
-    const struct lw_vec3 texels[4] = {texel(level, f->x.low, f->y.low), texel(level, f->x.high, f->y.low),
-                                      texel(level, f->x.low, f->y.high), texel(level, f->x.high, f->y.high)};
-    return blend(f, texels, out);
+    const size_t at[4] = {texel_index(level, f->x.low, f->y.low), texel_index(level, f->x.high, f->y.low),
+                          texel_index(level, f->x.low, f->y.high), texel_index(level, f->x.high, f->y.high)};
+    out->e = blend(f, level->rgb, at);
+    out->direction = level->direction ? blend(f, level->direction, at) : lw_vec3(0, 0, 0);
+    return is_light(out->e);
 }
 
-/* A texel of a finer level. i: of the footprint's tiles */
-static struct lw_vec3 fine_texel(const struct lw_compose *compose, const struct level *level,
-                                 const struct footprint *f, unsigned i, uint32_t x, uint32_t y) {
-    const uint32_t id = f->tile[f->tile_count == 1 ? 0 : i], left = x / LW_TILE_SIDE * LW_TILE_SIDE;
-    const uint32_t width = level->width - left < LW_TILE_SIDE ? level->width - left : LW_TILE_SIDE;
-    const float *rgb =
-        compose->fine[id - compose->map->plain_count] + 3 * (y % LW_TILE_SIDE * width + x - left);
-    return lw_vec3(rgb[0], rgb[1], rgb[2]);
+/* Blends the texels of a footprint of a finer level. of: by id, the tiles' texels; where a tile has none they
+ * are 0. */
+static struct lw_vec3 blend_fine(const struct lw_compose *compose, const float *const *of,
+                                 const struct level *level, const struct footprint *f) {
+    const uint32_t x[2] = {f->x.low, f->x.high}, y[2] = {f->y.low, f->y.high};
+    float texel[12] = {0};
+    for (unsigned i = 0; i < 4; i++) {
+        const float *tile = of[f->tile[f->tile_count == 1 ? 0 : i] - compose->map->plain_count];
+        const uint32_t left = x[i & 1] / LW_TILE_SIDE * LW_TILE_SIDE,
+                       width = level->width - left < LW_TILE_SIDE ? level->width - left : LW_TILE_SIDE;
+        if (tile) memcpy(texel + 3 * i, tile + 3 * (y[i >> 1] % LW_TILE_SIDE * width + x[i & 1] - left), 12);
+    }
+    return blend(f, texel, (const size_t[4]){0, 3, 6, 9});
 }
 
 /* The same as read_level() of a finer level. */
 static bool read_fine(const struct lw_compose *compose, const struct level *level, const struct footprint *f,
-                      struct lw_vec3 *out) {
+                      struct light *out) {
     if (!is_here(compose, f)) return false;
-    const struct lw_vec3 texels[4] = {fine_texel(compose, level, f, 0, f->x.low, f->y.low),
-                                      fine_texel(compose, level, f, 1, f->x.high, f->y.low),
-                                      fine_texel(compose, level, f, 2, f->x.low, f->y.high),
-                                      fine_texel(compose, level, f, 3, f->x.high, f->y.high)};
-    return blend(f, texels, out);
+    out->e = blend_fine(compose, compose->fine, level, f);
+    out->direction =
+        compose->has_directions ? blend_fine(compose, compose->fine_direction, level, f) : lw_vec3(0, 0, 0);
+    return is_light(out->e);
 }
 
 static void mark_needed(struct lw_compose *compose, const struct footprint *f) {
@@ -470,22 +491,22 @@ static void mark_needed(struct lw_compose *compose, const struct footprint *f) {
 }
 
 /* What stands in for a level: the next coarser one that can be read, or else a finer one. */
-static struct lw_vec3 stand_in(const struct lw_compose *compose, const struct object *object, int first,
-                               struct lw_vec2 uv, int *out_level) {
-    struct lw_vec3 e;
+static struct light stand_in(const struct lw_compose *compose, const struct object *object, int first,
+                             struct lw_vec2 uv, int *out_level) {
+    struct light light;
     struct footprint f;
     for (int k = first; k < object->level_count; k++) {
         footprint_at(&object->level[k], k, uv, &f);
         *out_level = k;
-        if (read_level(compose, &object->level[k], &f, &e)) return e;
+        if (read_level(compose, &object->level[k], &f, &light)) return light;
     }
     for (int k = first - 1; k >= 0; k--) {
         footprint_at(&object->level[k], k, uv, &f);
         *out_level = k;
-        if (read_level(compose, &object->level[k], &f, &e)) return e;
+        if (read_level(compose, &object->level[k], &f, &light)) return light;
     }
     *out_level = (int)LW_ATLAS_LEVELS_MAX;
-    return compose->stand_in;
+    return (struct light){.e = compose->stand_in};
 }
 
 /* A triangle that pixels meet. */
@@ -697,13 +718,18 @@ static void look_at(const struct lw_compose *compose, struct patches *patches, c
     const struct level *finest = &object->level[out->level];
     footprint_at(finest, out->level, out->uv, &out->footprint);
     if (finest->rgb == NULL) return;
-    __builtin_prefetch(texel_at(finest, out->footprint.x.low, out->footprint.y.low));
-    __builtin_prefetch(texel_at(finest, out->footprint.x.low, out->footprint.y.high));
+    const size_t upper = texel_index(finest, out->footprint.x.low, out->footprint.y.low),
+                 lower = texel_index(finest, out->footprint.x.low, out->footprint.y.high);
+    __builtin_prefetch(finest->rgb + upper);
+    __builtin_prefetch(finest->rgb + lower);
+    if (!finest->direction) return;
+    __builtin_prefetch(finest->direction + upper);
+    __builtin_prefetch(finest->direction + lower);
 }
 
 /* Reads the finest of the finer levels that is there, asked for or not, and has less noise than would be
  * seen; false: none. */
-static bool read_finer(const struct lw_compose *compose, const struct look *look, struct lw_vec3 *out,
+static bool read_finer(const struct lw_compose *compose, const struct look *look, struct light *out,
                        int *out_level) {
     struct footprint f = look->footprint;
     for (int k = look->finest; k < 0; k++) {
@@ -716,14 +742,14 @@ static bool read_finer(const struct lw_compose *compose, const struct look *look
 }
 
 /* out_level: that it is read at; LW_ATLAS_LEVELS_MAX: none */
-static struct lw_vec3 irradiance(struct lw_compose *compose, const struct look *look, int *out_level) {
+static struct light light_at(struct lw_compose *compose, const struct look *look, int *out_level) {
     const struct object *object = look->object;
     struct footprint f = look->footprint;
-    struct lw_vec3 e;
+    struct light light;
     *out_level = (int)LW_ATLAS_LEVELS_MAX;
-    if (object->level_count == 0) return compose->stand_in;
+    if (object->level_count == 0) return (struct light){.e = compose->stand_in};
     mark_needed(compose, &look->footprint);
-    if (object->has_fine && read_finer(compose, look, &e, out_level)) return e;
+    if (object->has_fine && read_finer(compose, look, &light, out_level)) return light;
     const int wanted = look->level < 0 ? 0 : look->level;
     if (wanted != look->level) footprint_at(&object->level[0], 0, look->uv, &f);
     /* Fresh light is noise, but a texel of level 2 is the mean of 4 x 4: until the error has fallen, less is
@@ -732,7 +758,7 @@ static struct lw_vec3 irradiance(struct lw_compose *compose, const struct look *
     int level = noise_level < look->patch->coarsest ? noise_level : look->patch->coarsest;
     if (level > last) level = last;
     *out_level = wanted;
-    if (level <= wanted && read_level(compose, &object->level[wanted], &f, &e)) return e;
+    if (level <= wanted && read_level(compose, &object->level[wanted], &f, &light)) return light;
     return stand_in(compose, object, level > wanted ? level : wanted, look->uv, out_level);
 }
 
@@ -814,7 +840,7 @@ struct finished {
     struct lw_gloss16 gloss;
     struct lw_gloss_uv16 uv;
     float side[LW_TRACE_WIDTH];
-    float e[3][LW_TRACE_WIDTH];
+    float e[3][LW_TRACE_WIDTH], direction[3][LW_TRACE_WIDTH];
     struct lw_gloss_corner mean[LW_TRACE_WIDTH];
     uint16_t lanes;
     uint16_t exact;                              /* those whose normals are not those of the mean */
@@ -838,6 +864,7 @@ static void take_finish(struct lw_compose *compose, const struct packet *p, cons
     const struct patch *patch = look->patch;
     if (f->lanes == 0) {
         memset(f->mean, 0, sizeof f->mean), memset(f->side, 0, sizeof f->side), memset(f->e, 0, sizeof f->e);
+        memset(f->direction, 0, sizeof f->direction);
         f->exact = 0;
     }
     f->lanes |= (uint16_t)(1u << i);
@@ -852,7 +879,9 @@ static void take_finish(struct lw_compose *compose, const struct packet *p, cons
     f->weight[i] = weight;
     f->factor[i] = lw_vec3_scale(p->tint[i], weight);
     f->emission[i] = surface->emission;
-    set_lane(f->e, i, irradiance(compose, look, &f->level[i]));
+    const struct light light = light_at(compose, look, &f->level[i]);
+    set_lane(f->e, i, light.e);
+    set_lane(f->direction, i, light.direction);
 }
 
 /* Lanes of the same finish, all of which is read the same way. */
@@ -924,7 +953,8 @@ static void shade_finished(const struct lw_compose *compose, struct packet *p,
     read_finishes(compose, p, look, f);
     f->gloss.quads = p->listed ? 0 : find_quads(look, f->lanes);
     lw_gloss_see16(&f->gloss, &f->seen);
-    lw_gloss_ambient16(&f->gloss, &f->seen, f->lanes, &sky, (const float(*)[LW_TRACE_WIDTH])f->e, out);
+    lw_gloss_ambient16(&f->gloss, &f->seen, f->lanes, &sky, (const float(*)[LW_TRACE_WIDTH])f->e,
+                       compose->has_directions ? (const float(*)[LW_TRACE_WIDTH])f->direction : NULL, out);
     for (uint32_t left = f->lanes; left; left &= left - 1) {
         const unsigned i = (unsigned)__builtin_ctz(left);
         const struct lw_vec3 reflected = lw_vec3(out[0][i], out[1][i], out[2][i]),
@@ -973,7 +1003,7 @@ static bool shade(struct lw_compose *compose, struct packet *p, const struct loo
         p->transmittance[i] *= 1.0f - alpha;
     } else if (alpha > 0) {
         int level;
-        const struct lw_vec3 e = irradiance(compose, look, &level);
+        const struct lw_vec3 e = light_at(compose, look, &level).e;
         struct lw_vec3 reflected = lw_vec3_scale(lw_vec3_mul(surface.albedo, e), 1.0f / LW_PI);
         struct lw_vec3 reflects = surface.albedo;
         const struct lw_vec3 shown = leaving(compose, look, surface.emission, reflected, e, level, &reflects);

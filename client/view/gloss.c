@@ -1,5 +1,6 @@
 #include "client/view/gloss.h"
 
+#include "common/light/direction_form.h"
 #include "common/shading/lobe_table.h"
 #include "common/shading/microfacets.h"
 #include "common/shading/shading_bend.h"
@@ -169,6 +170,7 @@ void lw_gloss_see16(const struct lw_gloss16 *gloss, struct lw_gloss_seen16 *out)
 /* The open sky: open is its irradiance over pi, mirrored its radiance in the mirror. */
 LW_WIDE static void ambient_all(const struct lw_gloss_seen16 *restrict seen, const float (*restrict e)[WIDTH],
                                 const float (*restrict open)[WIDTH], const float (*restrict mirrored)[WIDTH],
+                                const float *restrict factor, const float *restrict gain,
                                 float (*restrict out)[WIDTH]) {
     float share[WIDTH];
     for (unsigned i = 0; i < WIDTH; i++) {
@@ -180,8 +182,68 @@ LW_WIDE static void ambient_all(const struct lw_gloss_seen16 *restrict seen, con
         for (unsigned i = 0; i < WIDTH; i++) {
             const float even = e[c][i] * (1 / LW_PI);
             const float ambient = share[i] * mirrored[c][i] + most(even - share[i] * open[c][i], 0);
-            out[c][i] = seen->open[i] * (even * seen->diffuse[c][i] + ambient * seen->mirrored[c][i]);
+            out[c][i] = seen->open[i] *
+                        (factor[i] * even * seen->diffuse[c][i] + gain[i] * ambient * seen->mirrored[c][i]);
         }
+}
+
+/* e^x for x <= 0, to 1e-4 of the value; 0 below -80. */
+LW_WIDE_INLINE float exp_of(float x) {
+    const float t = most(x, -80) * 1.442695041f, whole = (float)(int)(t - 0.5f),
+                f = (t - whole) * 0.693147181f;
+    const union {
+        int32_t bits;
+        float value;
+    } power = {.bits = ((int)whole + 127) << 23};
+    const float series = 1 + f * (1 + f * (1 / 2.0f + f * (1 / 6.0f + f * (1 / 24.0f))));
+    return x < -80 ? 0 : power.value * series;
+}
+
+/* lw_direction_source_of(), lw_direction_factor() and lw_direction_gain(). */
+LW_WIDE static void direct_all(const struct lw_gloss16 *restrict g,
+                               const struct lw_gloss_seen16 *restrict seen,
+                               const float (*restrict direction)[WIDTH], float *restrict factor,
+                               float *restrict gain) {
+    for (unsigned i = 0; i < WIDTH; i++) {
+        const float nx = g->plain[0][i], ny = g->plain[1][i], nz = g->plain[2][i];
+        float rx = direction[0][i], ry = direction[1][i], rz = direction[2][i];
+        const float length2 = rx * rx + ry * ry + rz * rz;
+        const bool known = (length2 > LW_DIRECTION_SHORT * LW_DIRECTION_SHORT) & (length2 < FLT_MAX);
+        const float scale = 1 / sqrtf(inside(length2, 1, FLT_MAX));
+        rx = known ? rx * scale : 0, ry = known ? ry * scale : 0, rz = known ? rz * scale : 0;
+        const float below = most(-(rx * nx + ry * ny + rz * nz), 0) - LW_DIRECTION_EVEN;
+        const float ux = rx + below * nx, uy = ry + below * ny, uz = rz + below * nz;
+        const float rise = 1.2f * (ux * nx + uy * ny + uz * nz);
+        const float found = least(rise + sqrtf(rise * rise + 1.8f * (ux * ux + uy * uy + uz * uz)), 1);
+        const bool even = !known | !(found > LW_DIRECTION_SHORT);
+        const float w = even ? 0 : found, inverse = 1 / most(found, LW_DIRECTION_SHORT);
+        float dx = ux * inverse + LW_DIRECTION_EVEN * nx, dy = uy * inverse + LW_DIRECTION_EVEN * ny,
+              dz = uz * inverse + LW_DIRECTION_EVEN * nz;
+        const float unit = 1 / sqrtf(most(dx * dx + dy * dy + dz * dz, SHORT2));
+        dx = even ? nx : dx * unit, dy = even ? ny : dy * unit, dz = even ? nz : dz * unit;
+        const float mx = seen->normal[0][i], my = seen->normal[1][i], mz = seen->normal[2][i];
+        const float own = dx * nx + dy * ny + dz * nz, bent = dx * mx + dy * my + dz * mz;
+        const float wide = 0.5f * (1 - w);
+        const float lobe_own = (1 - wide) * most(own, 0) + wide * 0.5f * (1 + own),
+                    lobe_bent = (1 - wide) * most(bent, 0) + wide * 0.5f * (1 + bent);
+        const float turned = nx * (mx - nx) + ny * (my - ny) + nz * (mz - nz);
+        factor[i] = inside(1 + wide * turned + w * (lobe_bent - lobe_own) / most(lobe_own, 0.05f), 0,
+                           LW_DIRECTION_FACTOR_MAX);
+        const float sharp = 2 + 12 * w / (1.02f - w), q = 0.5f / (seen->alpha[i] * seen->alpha[i]),
+                    k = sharp * q / (sharp + q), t = 2 / (2 + sharp);
+        const float cosine = most((1 - t) * own + 0.25f * t * (1 + own), 0.05f);
+        const float facing = 2 * seen->cosine[i];
+        const float along = (facing * mx - seen->eye[0][i]) * dx + (facing * my - seen->eye[1][i]) * dy +
+                            (facing * mz - seen->eye[2][i]) * dz;
+        const float lobe = k * exp_of(k * (least(along, 1) - 1)) / (2 * cosine * (1 - exp_of(-2 * k)));
+        gain[i] = least(1 - w + w * lobe, LW_DIRECTION_GAIN_MAX);
+    }
+}
+
+void lw_gloss_direct16(const struct lw_gloss16 *gloss, const struct lw_gloss_seen16 *seen,
+                       const float (*direction)[LW_GLOSS_WIDTH], float out_factor[LW_GLOSS_WIDTH],
+                       float out_gain[LW_GLOSS_WIDTH]) {
+    direct_all(gloss, seen, direction, out_factor, out_gain);
 }
 
 static struct lw_vec3 lane(const float (*from)[WIDTH], unsigned i) {
@@ -194,19 +256,21 @@ static void add_lane(float (*to)[WIDTH], unsigned i, struct lw_vec3 v) {
 
 void lw_gloss_ambient16(const struct lw_gloss16 *gloss, const struct lw_gloss_seen16 *seen, uint16_t lanes,
                         const struct lw_gloss_sky *sky, const float e[3][LW_GLOSS_WIDTH],
-                        float out[3][LW_GLOSS_WIDTH]) {
-    float open[3][WIDTH], mirrored[3][WIDTH];
+                        const float (*direction)[LW_GLOSS_WIDTH], float out[3][LW_GLOSS_WIDTH]) {
+    float open[3][WIDTH], mirrored[3][WIDTH], factor[WIDTH], gain[WIDTH];
     const float even[3] = {sky->sky.x, sky->sky.y, sky->sky.z};
     for (unsigned c = 0; c < 3; c++)
         for (unsigned i = 0; i < WIDTH; i++) open[c][i] = mirrored[c][i] = even[c];
     for (uint32_t left = sky->ambient->rgb ? lanes : 0; left; left &= left - 1) {
         const unsigned i = (unsigned)__builtin_ctz(left);
         const struct lw_vec3 normal = lane(seen->normal, i), eye = lane(seen->eye, i);
-        const struct lw_vec3 way = lw_vec3_sub(lw_vec3_scale(normal, 2 * seen->cosine[i]), eye);
+        const struct lw_vec3 mirror = lw_vec3_sub(lw_vec3_scale(normal, 2 * seen->cosine[i]), eye);
         add_lane(open, i, lw_ambient_matt(sky->ambient, lane(gloss->plain, i)));
-        add_lane(mirrored, i, lw_ambient_mirrored(sky->ambient, way, seen->roughness[i]));
+        add_lane(mirrored, i, lw_ambient_mirrored(sky->ambient, mirror, seen->roughness[i]));
     }
-    ambient_all(seen, e, (const float(*)[WIDTH])open, (const float(*)[WIDTH])mirrored, out);
+    for (unsigned i = 0; i < WIDTH; i++) factor[i] = gain[i] = 1;
+    if (direction) lw_gloss_direct16(gloss, seen, direction, factor, gain);
+    ambient_all(seen, e, (const float(*)[WIDTH])open, (const float(*)[WIDTH])mirrored, factor, gain, out);
 }
 
 LW_WIDE_INLINE float stretch(float cosine, float alpha2) {

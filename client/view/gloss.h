@@ -8,11 +8,12 @@
  *   boost = 1 + f0 (1/E - 1)               light that facets send to and fro
  *   under = 1 - (gloss0 a + gloss90 b) (1 + gloss0 (1/E - 1))     what the gloss leaves
  *   of a lamp, E there:      E (diffuse under / pi + D V F boost)
- *   of everything else:      occlusion (E/pi diffuse under + ambient (f0 a + f90 b) boost)
+ *   of everything else:      occlusion (E/pi factor diffuse under + gain ambient (f0 a + f90 b) boost)
  *
  * ambient is the radiance along the mirrored direction: of sky and environment, as far as E tells that they
- * are seen; what more E is arrives evenly. Path tracers have the exact form (lobes.h), whose lobes are
- * reciprocal.
+ * are seen; what more E is arrives evenly. factor and gain are 1, or, where it is known where E comes from,
+ * those of common/light/direction_form.h for the normal of the map and for the mirrored direction. Path
+ * tracers have the exact form (lobes.h), whose lobes are reciprocal.
  *
  * After: Karis 2013 (the split sum); Turquin 2019 (boost); Tokuyoshi and Kaplanyan 2019 (a lamp's lobe is as
  * much wider as normals differ between neighbouring pixels, so that no pixel glints by chance). */
@@ -69,10 +70,17 @@ struct lw_gloss_sky {
 };
 /** Radiance that points send to the eye of light from everywhere, W/(m^2 sr).
  * lanes  that are asked for
- * e      at plain normals, W/m^2, not negative */
+ * e      at plain normals, W/m^2, not negative
+ * direction  its cosine moment over its luminance (direction_form.h), any value; NULL: not known */
 void lw_gloss_ambient16(const struct lw_gloss16 *gloss, const struct lw_gloss_seen16 *seen, uint16_t lanes,
                         const struct lw_gloss_sky *sky, const float e[3][LW_GLOSS_WIDTH],
-                        float out[3][LW_GLOSS_WIDTH]);
+                        const float (*direction)[LW_GLOSS_WIDTH], float out[3][LW_GLOSS_WIDTH]);
+
+/** The factor and the gain of direction_form.h: of E at the bumped normal, and of radiance along the mirrored
+ * direction. For any `direction`. */
+void lw_gloss_direct16(const struct lw_gloss16 *gloss, const struct lw_gloss_seen16 *seen,
+                       const float (*direction)[LW_GLOSS_WIDTH], float out_factor[LW_GLOSS_WIDTH],
+                       float out_gain[LW_GLOSS_WIDTH]);
 
 /** A lamp: a ball, or a sun. */
 struct lw_gloss_lamp {

@@ -11,6 +11,7 @@
 #include "common/interrupt.h"
 #include "common/log.h"
 #include "common/progress.h"
+#include "common/tile/tile_channels.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -78,6 +79,7 @@ static enum lw_status connect_to_server(struct headless *h, struct lw_error *err
                                                   .cache_folder = h->options->cache_folder,
                                                   .wants_nothing = true,
                                                   .draws_direct = h->options->draws_direct,
+                                                  .channel_features = LW_TILE_CHANNELS_DIRECTION,
                                                   .materials = true,
                                                   .watch = {.damaged = lw_package_cache_warn,
                                                             .unkept = lw_package_cache_warn_unkept}},

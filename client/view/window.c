@@ -14,6 +14,7 @@
 #include "client/view/stage.h"
 #include "common/clock.h"
 #include "common/log.h"
+#include "common/tile/tile_channels.h"
 
 #include <SDL.h>
 #include <stdarg.h>
@@ -311,6 +312,7 @@ static enum lw_status connect_first(struct lw_window *w, uint16_t port, struct l
                                                      .wants_nothing = true,
                                                      .budget_ns = LW_SEEKER_BUDGET_NS,
                                                      .draws_direct = o->draws_direct,
+                                                     .channel_features = LW_TILE_CHANNELS_DIRECTION,
                                                      .finer = LW_ATLAS_FINER_MAX,
                                                      .materials = true,
                                                      .watch = {.damaged = lw_package_cache_warn,

@@ -113,7 +113,7 @@ static void take_lattice(const struct settings *s, const float *picture, float *
 static struct lw_client_level level_of(const struct lw_levels *levels, uint32_t level) {
     if (level >= levels->count) return (struct lw_client_level){0};
     return (struct lw_client_level){levels->level[level].width, levels->level[level].height,
-                                    levels->level[level].value};
+                                    levels->level[level].value, NULL};
 }
 
 static struct lw_client_level own_level(const void *context, uint32_t object, uint32_t level) {

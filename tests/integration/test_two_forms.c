@@ -4,6 +4,7 @@
 #include "client/lib/client.h"
 #include "common/clock.h"
 #include "common/log.h"
+#include "common/tile/tile_channels.h"
 
 #include <math.h>
 #include <signal.h>
@@ -20,6 +21,7 @@
 enum { FULL, SPLIT, CLIENTS };
 static struct lw_client *client[CLIENTS];
 static struct lw_process server;
+static bool asks_directions; /* who joins */
 
 static int end_all(void **state) {
     (void)state;
@@ -33,14 +35,17 @@ static int end_all(void **state) {
 
 static void join(int i) {
     struct lw_error err = {0};
-    lw_support_ok(lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1",
-                                                            .port = server.port,
-                                                            .name = "test_two_forms",
-                                                            .draws_direct = i == SPLIT,
-                                                            .control = true,
-                                                            .timeout_ms = LIMIT_S * 1000},
-                                   &client[i], &err),
-                  &err);
+    lw_support_ok(
+        lw_client_create(
+            &(struct lw_client_desc){.host = "127.0.0.1",
+                                     .port = server.port,
+                                     .name = "test_two_forms",
+                                     .draws_direct = i == SPLIT,
+                                     .channel_features = asks_directions ? LW_TILE_CHANNELS_DIRECTION : 0,
+                                     .control = true,
+                                     .timeout_ms = LIMIT_S * 1000},
+            &client[i], &err),
+        &err);
 }
 
 static void leave(int i) {
@@ -169,6 +174,45 @@ static void a_form_that_is_taken_late_comes_at_once(void **state) {
     assert_int_equal(tiles_of(SPLIT), before);
 }
 
+/* Counts the texels of level 0 whose light has a direction. */
+static uint32_t count_directions(int i) {
+    uint32_t known = 0;
+    for (uint32_t o = 0; o < lw_client_atlas_map(client[i])->object_count; o++) {
+        const struct lw_client_level level = lw_client_get_level(client[i], o, 0);
+        for (uint32_t t = 0; level.direction && t < level.width * level.height; t++) {
+            const float *direction = level.direction + 3 * (size_t)t;
+            const float length = lw_vec3_length(lw_vec3(direction[0], direction[1], direction[2]));
+            assert_true(length < 1.1f); /* the codec's error in it */
+            known += length > 0.2f;
+        }
+    }
+    return known;
+}
+
+/* A client that asks for directions gets them in either form of light. Another gets none. */
+static void directions_for_who_asks(void **state) {
+    (void)state;
+    lw_process_serve(&server, CORNELL "--directional on");
+    lw_process_await_text(&server, "light has a direction on 8 of 8 objects");
+    for (asks_directions = false;; asks_directions = true) {
+        for (int i = 0; i < CLIENTS; i++) join(i);
+        for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
+        for (int i = 0; i < CLIENTS; i++) {
+            const uint32_t known = count_directions(i);
+            print_message("%u texels\n", known);
+            assert_true(asks_directions ? known > 1000 : known == 0);
+            leave(i);
+        }
+        if (asks_directions) break;
+    }
+    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_serve(&server, CORNELL "--directional off");
+    join(FULL);
+    wait_for_rest(FULL);
+    assert_int_equal(count_directions(FULL), 0);
+    asks_directions = false;
+}
+
 /* The same while a scene moves, by the real clock, and where only the interest set is lit. */
 static void who_draws_joins_a_scene_that_moves(void **state) {
     (void)state;
@@ -285,6 +329,7 @@ int main(void) {
     lw_log_init("test_two_forms", LW_LOG_WARNING);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(full_is_split_and_what_is_drawn, end_all),
+        cmocka_unit_test_teardown(directions_for_who_asks, end_all),
         cmocka_unit_test_teardown(a_form_that_is_taken_late_comes_at_once, end_all),
         cmocka_unit_test_teardown(who_draws_joins_a_scene_that_moves, end_all),
         cmocka_unit_test_teardown(both_forms_follow_changes, end_all),

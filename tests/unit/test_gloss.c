@@ -2,6 +2,7 @@
 #include "tests/support/support.h"
 
 #include "client/view/gloss_maps.h"
+#include "common/light/direction_form.h"
 #include "common/random.h"
 #include "common/shading/lobe_table.h"
 #include "common/shading/shading_bend.h"
@@ -56,7 +57,7 @@ static struct lw_vec3 ambient(const struct lw_gloss16 *g, const struct lw_gloss_
                               const struct lw_gloss_sky *sky, struct lw_vec3 e) {
     float all[3][WIDTH], out[3][WIDTH];
     for (unsigned k = 0; k < WIDTH; k++) set(all, k, e);
-    lw_gloss_ambient16(g, seen, (uint16_t)(1u << i), sky, (const float(*)[WIDTH])all, out);
+    lw_gloss_ambient16(g, seen, (uint16_t)(1u << i), sky, (const float(*)[WIDTH])all, NULL, out);
     return lw_vec3(out[0][i], out[1][i], out[2][i]);
 }
 
@@ -490,18 +491,78 @@ static void test_hostile(void **state) {
             assert_true(is_good(l) && is_good(get(seen.mirror, i)) && is_good(get(seen.rim, i)));
             assert_true(dv[i] >= 0 && dv[i] < INFINITY && rim[i] >= 0 && rim[i] <= 1);
             assert_true(fabsf(lw_vec3_dot(n, n) - 1) < 1e-3f && lw_vec3_dot(n, v) > 0);
-            const struct lw_vec3 way = lw_vec3_sub(lw_vec3_scale(n, 2 * lw_vec3_dot(n, v)), v);
-            assert_true(lw_vec3_dot(plain, v) < 0.01f || lw_vec3_dot(way, plain) > 0);
+            const struct lw_vec3 direction = lw_vec3_sub(lw_vec3_scale(n, 2 * lw_vec3_dot(n, v)), v);
+            assert_true(lw_vec3_dot(plain, v) < 0.01f || lw_vec3_dot(direction, plain) > 0);
         }
     }
 }
 
+/* For any moments, eyes and normal maps sixteen lanes give what direction_form.h gives, within its bounds. */
+static void test_direction_form(void **state) {
+    (void)state;
+    float most = 0;
+    for (uint32_t round = 0; round < 2000; round++) {
+        struct lw_gloss16 g = {0};
+        struct lw_gloss_seen16 seen;
+        float direction[3][WIDTH], factor[WIDTH], gain[WIDTH];
+        for (unsigned i = 0; i < WIDTH; i++) {
+            uint32_t random[8];
+            for (uint32_t k = 0; k < 8; k++) random[k] = lw_random_hash3(round, i, k);
+            const struct stuff stuff = metal((float)(random[0] % 101) / 100);
+            set_floor(&g, i, &stuff, slanted(0.05f + 0.95f * (float)(random[1] % 100) / 100));
+            set_texels(&g.bump, i, 0xff000000u | (random[2] & 0xffffffu));
+            g.normal_scale[i] = 1;
+            for (int k = 0; k < 3; k++) {
+                const float value = (float)(random[3 + k] % 2401) / 1000 - 1.2f;
+                direction[k][i] = value;
+                if (random[6] % 8 == 0) memcpy(&direction[k][i], &random[3 + k], sizeof value); /* any bits */
+            }
+        }
+        lw_gloss_see16(&g, &seen);
+        lw_gloss_direct16(&g, &seen, (const float(*)[WIDTH])direction, factor, gain);
+        for (unsigned i = 0; i < WIDTH; i++) {
+            const struct lw_vec3 n = get((const float(*)[WIDTH])g.plain, i),
+                                 m = get((const float(*)[WIDTH])seen.normal, i),
+                                 eye = get((const float(*)[WIDTH])seen.eye, i),
+                                 mirrored = lw_vec3_sub(lw_vec3_scale(m, 2 * seen.cosine[i]), eye);
+            const struct lw_direction_source source =
+                lw_direction_source_of(get((const float(*)[WIDTH])direction, i), n);
+            assert_true(factor[i] >= 0 && factor[i] <= LW_DIRECTION_FACTOR_MAX);
+            assert_true(gain[i] >= 0 && gain[i] <= LW_DIRECTION_GAIN_MAX);
+            most = fmaxf(most, fabsf(factor[i] - lw_direction_factor(&source, n, m)));
+            most = fmaxf(most, fabsf(gain[i] - lw_direction_gain(&source, n, mirrored, seen.alpha[i])));
+        }
+    }
+    if (!(most < 2e-3f)) fail_msg("off by %g", (double)most);
+}
+
+/* Nothing is known: a surface looks as without. */
+static void test_without_direction(void **state) {
+    (void)state;
+    const struct lw_ambient none = {0};
+    const struct lw_gloss_sky sky = {{0.2f, 0.1f, 0.3f}, &none};
+    struct lw_gloss16 g = {0};
+    struct lw_gloss_seen16 seen;
+    float e[3][WIDTH], direction[3][WIDTH] = {{0}}, out[2][3][WIDTH];
+    for (unsigned i = 0; i < WIDTH; i++) {
+        const struct stuff stuff = glossy(0.06f * (float)i);
+        set_floor(&g, i, &stuff, slanted(1));
+        set(e, i, lw_vec3(3, 2, (float)i));
+    }
+    lw_gloss_see16(&g, &seen);
+    lw_gloss_ambient16(&g, &seen, 0xffff, &sky, (const float(*)[WIDTH])e, NULL, out[0]);
+    lw_gloss_ambient16(&g, &seen, 0xffff, &sky, (const float(*)[WIDTH])e, (const float(*)[WIDTH])direction,
+                       out[1]);
+    assert_memory_equal(out[0], out[1], sizeof out[0]);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_furnace),        cmocka_unit_test(test_lamp),
-        cmocka_unit_test(test_highlight),      cmocka_unit_test(test_wide_lamp),
-        cmocka_unit_test(test_ambient),        cmocka_unit_test(test_hostile),
-        cmocka_unit_test(test_spread),         cmocka_unit_test(test_same_finish),
-        cmocka_unit_test(test_far_coordinates)};
+        cmocka_unit_test(test_furnace),          cmocka_unit_test(test_lamp),
+        cmocka_unit_test(test_highlight),        cmocka_unit_test(test_wide_lamp),
+        cmocka_unit_test(test_ambient),          cmocka_unit_test(test_hostile),
+        cmocka_unit_test(test_spread),           cmocka_unit_test(test_same_finish),
+        cmocka_unit_test(test_far_coordinates),  cmocka_unit_test(test_direction_form),
+        cmocka_unit_test(test_without_direction)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -60,7 +60,8 @@ struct lw_client_level __wrap_lw_client_get_level(const struct lw_client *client
     (void)client;
     const struct lw_atlas *atlas = &world.map.atlas[object];
     if (level != 0 || atlas->level_count == 0) return (struct lw_client_level){0};
-    return (struct lw_client_level){atlas->level[0].width, atlas->level[0].height, world.level0[object]};
+    return (struct lw_client_level){atlas->level[0].width, atlas->level[0].height, world.level0[object],
+                                    NULL};
 }
 
 struct lw_client_tile __wrap_lw_client_get_tile(const struct lw_client *client, lw_tile_id tile) {
