@@ -35,7 +35,7 @@ struct lw_cell_solver {
     struct lw_probes probes;
     bool has_probes;
     uint32_t *ray_hit;       /* desc.indirect_samples words a texel (transport.h) */
-    uint32_t *ray_direction; /* the same; NULL: without directions */
+    uint16_t *ray_direction; /* the same; NULL: without directions */
     struct lw_reflectors reflectors;
     struct lw_reflected *reflected;
     /* Cost of the last listing of reflectors; of rays and sums since then. Wall time in ns, or work units

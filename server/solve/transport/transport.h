@@ -29,7 +29,7 @@
 struct lw_reflected {
     uint32_t texel;     /* on it; global numbering */
     float weight;       /* E = weight * what that texel sends out; 0: there is no such light */
-    uint32_t direction; /* direction there (lw_ray_direction_pack()) */
+    uint16_t direction; /* there (lw_ray_direction_pack()) */
 };
 
 /** What the transport of a frame reads. */
@@ -43,7 +43,7 @@ struct lw_transport {
     const struct lw_probes *probes; /* NULL: the tracing range is infinite */
     struct lw_tiles *tiles;
     uint32_t *ray_hit;       /* indirect_samples words per texel of the global numbering (ray_hit.h) */
-    uint32_t *ray_direction; /* the same, their directions (ray_hit.h); NULL: tiles hold no moments */
+    uint16_t *ray_direction; /* the same, their directions (ray_hit.h); NULL: tiles hold no moments */
     const struct lw_reflectors *reflectors; /* NULL where no bounce ray is traced or read */
     struct lw_reflected *reflected;         /* one per texel of the global numbering */
     uint32_t direct_samples, indirect_samples, seed;
