@@ -1,6 +1,7 @@
 #include "client/gl/gl_fine_tiles.h"
 
 #include "client/gl/gl_program.h"
+#include "client/gl/gl_rgb10.h"
 #include "client/gl/gl_rgb9e5.h"
 #include "client/gl/gl_texture.h"
 #include "common/invariant.h"
@@ -39,6 +40,21 @@ static uint32_t count_slots(const struct lw_atlas_map *map, uint32_t slots_max) 
     return count;
 }
 
+static GLuint make_pool(uint32_t slots, GLint kept, GLenum format, GLenum type) {
+    GLuint pool;
+    lw_gl_texture_smooth(GL_TEXTURE_2D_ARRAY, &pool);
+    glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, kept, (GLsizei)SIDE, (GLsizei)SIDE, (GLsizei)slots, 0, format, type,
+                 NULL);
+    return pool;
+}
+
+void lw_gl_fine_tiles_add_directions(struct lw_gl_fine_tiles *fine) {
+    if (!fine->pool) return;
+    fine->directions = make_pool(fine->slot_count, GL_RGB10_A2, GL_RGBA, GL_UNSIGNED_INT_2_10_10_10_REV);
+    for (uint32_t i = 0; i < fine->slot_count; i++)
+        memset(fine->slot[i].version, 0, sizeof fine->slot[i].version);
+}
+
 enum lw_status lw_gl_fine_tiles_init(struct lw_gl_fine_tiles *fine, const struct lw_atlas_map *map,
                                      uint32_t slots_max, struct lw_error *err) {
     LW_INVARIANT(slots_max <= LW_GL_FINE_TILES_MAX);
@@ -57,9 +73,7 @@ enum lw_status lw_gl_fine_tiles_init(struct lw_gl_fine_tiles *fine, const struct
     if (status == LW_OK) {
         fine->slot_count = count;
         for (uint32_t i = 0; i < count; i++) fine->slot[i].tile = NONE;
-        lw_gl_texture_smooth(GL_TEXTURE_2D_ARRAY, &fine->pool);
-        glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, GL_RGB9_E5, (GLsizei)SIDE, (GLsizei)SIDE, (GLsizei)count, 0,
-                     GL_RGB, GL_UNSIGNED_INT_5_9_9_9_REV, NULL);
+        fine->pool = make_pool(count, GL_RGB9_E5, GL_RGB, GL_UNSIGNED_INT_5_9_9_9_REV);
         status = lw_gl_program_check("lightmaps of finer levels", err);
     }
     if (status != LW_OK) lw_gl_fine_tiles_finish(fine);
@@ -68,6 +82,7 @@ enum lw_status lw_gl_fine_tiles_init(struct lw_gl_fine_tiles *fine, const struct
 
 void lw_gl_fine_tiles_finish(struct lw_gl_fine_tiles *fine) {
     if (fine->pool) glDeleteTextures(1, &fine->pool);
+    if (fine->directions) glDeleteTextures(1, &fine->directions);
     free(fine->texels);
     free(fine->word);
     free(fine->wanted);
@@ -98,13 +113,14 @@ static void find_parts(const struct lw_gl_fine_tiles *fine, const struct lw_comp
 }
 
 static void versions_of(const struct part part[PARTS], uint64_t out[PARTS]) {
-    for (uint32_t i = 0; i < PARTS; i++) out[i] = part[i].is.version;
+    for (uint32_t i = 0; i < PARTS; i++) out[i] = lw_gl_fine_tiles_version(&part[i].is);
 }
 
 /* Packs a tile and its border. Where a neighbour lacks, the edge stands in for it in look-ups between the
  * two. */
-static void pack(struct lw_gl_fine_tiles *fine, const struct lw_tile_place *p,
-                 const struct part part[PARTS]) {
+static void pack(struct lw_gl_fine_tiles *fine, const struct lw_tile_place *p, const struct part part[PARTS],
+                 bool directions) {
+    static const float unknown[3] = {0};
     uint32_t *out = fine->texels;
     for (uint32_t y = 0; y <= p->height; y++)
         for (uint32_t x = 0; x <= p->width; x++) {
@@ -117,8 +133,10 @@ static void pack(struct lw_gl_fine_tiles *fine, const struct lw_tile_place *p,
                            sy = y < p->height ? y
                                 : there       ? 0
                                               : y - 1;
-            const float *rgb = from->is.rgb + 3 * ((size_t)sy * from->width + sx);
-            *out++ = lw_gl_rgb9e5_pack(rgb, fine->scale);
+            const size_t texel = 3 * ((size_t)sy * from->width + sx);
+            *out++ = !directions
+                         ? lw_gl_rgb9e5_pack(from->is.rgb + texel, fine->scale)
+                         : lw_gl_rgb10_pack(from->is.direction ? from->is.direction + texel : unknown);
         }
 }
 
@@ -129,9 +147,13 @@ static bool upload(struct lw_gl_fine_tiles *fine, const struct lw_compose_source
     find_parts(fine, source, tile, part);
     if (!part[SELF].is.version) return false;
     versions_of(part, fine->slot[slot].version);
-    pack(fine, p, part);
-    glTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, 0, 0, (GLint)slot, (GLsizei)p->width + 1, (GLsizei)p->height + 1,
-                    1, GL_RGB, GL_UNSIGNED_INT_5_9_9_9_REV, fine->texels);
+    for (int k = 0; k < (fine->directions ? 2 : 1); k++) {
+        pack(fine, p, part, k == 1);
+        glBindTexture(GL_TEXTURE_2D_ARRAY, k ? fine->directions : fine->pool);
+        glTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, 0, 0, (GLint)slot, (GLsizei)p->width + 1,
+                        (GLsizei)p->height + 1, 1, k ? GL_RGBA : GL_RGB,
+                        k ? GL_UNSIGNED_INT_2_10_10_10_REV : GL_UNSIGNED_INT_5_9_9_9_REV, fine->texels);
+    }
     fine->uploaded++;
     return true;
 }
@@ -281,7 +303,6 @@ bool lw_gl_fine_tiles_take(struct lw_gl_fine_tiles *fine, const struct lw_gl_fin
     fine->moved_ns = take->now_ns;
     fine->waiting = 0;
     if (take->scale != fine->scale) rescale(&c);
-    glBindTexture(GL_TEXTURE_2D_ARRAY, fine->pool);
     glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
     for (uint32_t i = 0; i < fine->slot_count; i++)
         if (fine->slot[i].tile != NONE) follow_slot(&c, i);

@@ -20,7 +20,7 @@
     1024u /* slots: 17 MB; a server makes some 700 tiles for all at most, by default */
 #define LW_GL_FINE_TILES_SIDE  (LW_TILE_SIDE + 1)
 #define LW_GL_FINE_TILES_FADE  250000000u /* ns, from nothing to all of a tile */
-#define LW_GL_FINE_TILES_UNITS 18u        /* textures that a fragment shader of finer levels reads, at most */
+#define LW_GL_FINE_TILES_UNITS 20u        /* textures that a fragment shader of finer levels reads, at most */
 
 /* The word of a tile: its slot plus one, and the share of it that is seen. 0: it is not in the pool. */
 #define LW_GL_FINE_TILES_SHIFT 11
@@ -31,6 +31,7 @@ _Static_assert(LW_GL_FINE_TILES_WHOLE << LW_GL_FINE_TILES_SHIFT <= UINT16_MAX, "
 struct lw_gl_fine_tiles {
     const struct lw_atlas_map *map;
     GLuint pool;         /* GL_TEXTURE_2D_ARRAY of GL_RGB9_E5, a layer a slot; 0: there is none */
+    GLuint directions;   /* the same of GL_RGB10_A2: where light comes from; 0: not known */
     uint32_t slot_count; /* 0: there is none */
     struct lw_gl_fine_slot *slot;
     uint32_t *in_pool; /* per object: its tiles */
@@ -62,12 +63,19 @@ struct lw_gl_fine_tiles_take {
 LW_MUST_CHECK enum lw_status lw_gl_fine_tiles_init(struct lw_gl_fine_tiles *fine,
                                                    const struct lw_atlas_map *map, uint32_t slots_max,
                                                    struct lw_error *err);
+/** Makes room for where light comes from, if there is a pool. */
+void lw_gl_fine_tiles_add_directions(struct lw_gl_fine_tiles *fine);
 /** A zeroed one is fine. */
 void lw_gl_fine_tiles_finish(struct lw_gl_fine_tiles *fine);
 
 /** Takes over what has arrived, what was withdrawn and what has lost its id, and moves fades on. Returns
  * whether a word has changed. */
 bool lw_gl_fine_tiles_take(struct lw_gl_fine_tiles *fine, const struct lw_gl_fine_tiles_take *take);
+
+/** What tells whether a tile's light, or where that comes from, has changed; 0: it is not there. */
+static inline uint64_t lw_gl_fine_tiles_version(const struct lw_client_tile *tile) {
+    return tile->version ? tile->version + tile->direction_version : 0;
+}
 
 /** A survey begins: what it finds is wanted more than what former ones found. */
 void lw_gl_fine_tiles_survey(struct lw_gl_fine_tiles *fine);

@@ -1,6 +1,7 @@
 #include "client/gl/gl_light.h"
 
 #include "client/gl/gl_program.h"
+#include "client/gl/gl_rgb10.h"
 #include "client/gl/gl_rgb9e5.h"
 #include "client/gl/gl_texture.h"
 #include "common/colour.h"
@@ -124,6 +125,17 @@ static enum lw_status make_words(struct lw_gl_light *light, struct lw_error *err
     return LW_OK;
 }
 
+static GLuint make_pages(const struct lw_gl_light *light, GLint kept, GLenum format, GLenum type) {
+    GLuint pages;
+    lw_gl_texture_smooth(GL_TEXTURE_2D_ARRAY, &pages);
+    glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_NEAREST);
+    glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAX_LEVEL, LW_ATLAS_READ_MAX);
+    for (GLint mip = 0; mip <= (GLint)LW_ATLAS_READ_MAX; mip++)
+        glTexImage3D(GL_TEXTURE_2D_ARRAY, mip, kept, (GLsizei)(light->side >> mip),
+                     (GLsizei)(light->side >> mip), (GLsizei)light->layers, 0, format, type, NULL);
+    return pages;
+}
+
 static enum lw_status make_textures(struct lw_gl_light *light, uint32_t count, struct lw_error *err) {
     const struct lw_atlas_map *map = light->map;
     uint32_t(*table)[4] = calloc(count + 1ul, sizeof *table);
@@ -150,13 +162,7 @@ static enum lw_status make_textures(struct lw_gl_light *light, uint32_t count, s
     free(table);
     const enum lw_status status = make_words(light, err);
     if (status != LW_OK) return status;
-    lw_gl_texture_smooth(GL_TEXTURE_2D_ARRAY, &light->pages);
-    glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_NEAREST);
-    glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAX_LEVEL, LW_ATLAS_READ_MAX);
-    for (GLint mip = 0; mip <= (GLint)LW_ATLAS_READ_MAX; mip++)
-        glTexImage3D(GL_TEXTURE_2D_ARRAY, mip, GL_RGB9_E5, (GLsizei)(light->side >> mip),
-                     (GLsizei)(light->side >> mip), (GLsizei)light->layers, 0, GL_RGB,
-                     GL_UNSIGNED_INT_5_9_9_9_REV, NULL);
+    light->pages = make_pages(light, GL_RGB9_E5, GL_RGB, GL_UNSIGNED_INT_5_9_9_9_REV);
     return lw_gl_program_check("the scene's lightmaps", err);
 }
 
@@ -195,6 +201,7 @@ enum lw_status lw_gl_light_init(struct lw_gl_light *light, const struct lw_atlas
 
 void lw_gl_light_finish(struct lw_gl_light *light) {
     if (light->pages) glDeleteTextures(1, &light->pages);
+    if (light->directions) glDeleteTextures(1, &light->directions);
     if (light->levels) glDeleteTextures(1, &light->levels);
     if (light->tiles) glDeleteTextures(1, &light->tiles);
     if (light->level_buffer) glDeleteBuffers(1, &light->level_buffer);
@@ -229,20 +236,25 @@ static int64_t nearest(int64_t at, int64_t first, int64_t count) {
     return at < first + count ? at : first + count - 1;
 }
 
-/* Packs a tile into light->texels, with a border of a texel wherever the level goes on. */
-static void pack_tile(struct lw_gl_light *light, uint32_t tile, const struct lw_client_level *level,
-                      int64_t left, int64_t top, int64_t right, int64_t bottom) {
+/* The part of a level that an upload writes: a tile, with a border of a texel wherever the level goes on. */
+struct part {
+    int64_t left, top, right, bottom;
+};
+
+/* Packs it into light->texels. from: the level's texels; directions: they are that, else light */
+static void pack_tile(struct lw_gl_light *light, uint32_t tile, const float *from, uint32_t width,
+                      const struct part *part, bool directions) {
     const struct lw_tile_place *place = &light->map->place[tile];
     const int64_t x0 = (int64_t)place->x * LW_TILE_SIDE, y0 = (int64_t)place->y * LW_TILE_SIDE;
     uint32_t *out = light->texels;
-    for (int64_t y = top; y < bottom; y++)
-        for (int64_t x = left; x < right; x++) {
+    for (int64_t y = part->top; y < part->bottom; y++)
+        for (int64_t x = part->left; x < part->right; x++) {
             const bool inside = x >= x0 && x < x0 + place->width && y >= y0 && y < y0 + place->height;
             int64_t sx = x, sy = y;
             if (!inside && !is_here(light, place, x / LW_TILE_SIDE, y / LW_TILE_SIDE, tile))
                 sx = nearest(x, x0, place->width), sy = nearest(y, y0, place->height);
-            const float *rgb = level->rgb + 3 * ((size_t)sy * level->width + (size_t)sx);
-            *out++ = lw_gl_rgb9e5_pack(rgb, light->scale);
+            const float *texel = from + 3 * ((size_t)sy * width + (size_t)sx);
+            *out++ = directions ? lw_gl_rgb10_pack(texel) : lw_gl_rgb9e5_pack(texel, light->scale);
         }
 }
 
@@ -251,15 +263,37 @@ static bool upload(struct lw_gl_light *light, const struct lw_compose_source *so
     const struct lw_gl_light_rect *r = &light->rect[light->first_level[place->object] + place->level];
     const struct lw_client_level level = source->level(source->context, place->object, place->level);
     if (level.rgb == NULL || level.width != r->width || level.height != r->height) return false;
-    int64_t left = (int64_t)place->x * LW_TILE_SIDE, top = (int64_t)place->y * LW_TILE_SIDE,
-            right = left + place->width, bottom = top + place->height;
-    left -= left > 0, top -= top > 0;
-    right += right < r->width, bottom += bottom < r->height;
-    pack_tile(light, tile, &level, left, top, right, bottom);
-    glTexSubImage3D(GL_TEXTURE_2D_ARRAY, (GLint)r->mip, (GLint)(r->x + left), (GLint)(r->y + top),
-                    (GLint)r->layer, (GLsizei)(right - left), (GLsizei)(bottom - top), 1, GL_RGB,
-                    GL_UNSIGNED_INT_5_9_9_9_REV, light->texels);
+    const int64_t x = (int64_t)place->x * LW_TILE_SIDE, y = (int64_t)place->y * LW_TILE_SIDE,
+                  right = x + place->width, bottom = y + place->height;
+    const struct part part = {x - (x > 0), y - (y > 0), right + (right < r->width),
+                              bottom + (bottom < r->height)};
+    for (int k = 0; k < (light->directions && level.direction ? 2 : 1); k++) {
+        pack_tile(light, tile, k ? level.direction : level.rgb, level.width, &part, k == 1);
+        glBindTexture(GL_TEXTURE_2D_ARRAY, k ? light->directions : light->pages);
+        glTexSubImage3D(GL_TEXTURE_2D_ARRAY, (GLint)r->mip, (GLint)(r->x + part.left),
+                        (GLint)(r->y + part.top), (GLint)r->layer, (GLsizei)(part.right - part.left),
+                        (GLsizei)(part.bottom - part.top), 1, k ? GL_RGBA : GL_RGB,
+                        k ? GL_UNSIGNED_INT_2_10_10_10_REV : GL_UNSIGNED_INT_5_9_9_9_REV, light->texels);
+    }
     return true;
+}
+
+/* Whether a source knows where its light comes from. */
+static bool has_directions(const struct lw_gl_light *light, const struct lw_compose_source *source) {
+    for (uint32_t o = 0; o < light->map->object_count; o++)
+        if (light->map->atlas[o].level_count) return source->level(source->context, o, 0).direction != NULL;
+    return false;
+}
+
+/* Makes room for directions when they are first there. All tiles are uploaded again then. */
+static void take_directions(struct lw_gl_light *light, const struct lw_compose_source *source) {
+    GLint units_max = 0;
+    if (light->directions || !has_directions(light, source)) return;
+    glGetIntegerv(GL_MAX_TEXTURE_IMAGE_UNITS, &units_max);
+    if (units_max < (GLint)LW_GL_FINE_TILES_UNITS) return; /* indirect light then looks as without them */
+    light->directions = make_pages(light, GL_RGB10_A2, GL_RGBA, GL_UNSIGNED_INT_2_10_10_10_REV);
+    lw_gl_fine_tiles_add_directions(&light->fine);
+    memset(light->version, 0, light->map->plain_count * sizeof *light->version);
 }
 
 /* The level to read where `level` is the finest that serves a tile of an object, which is at (x, y) of
@@ -350,7 +384,8 @@ static uint32_t list_waiting(struct lw_gl_light *light, const struct lw_compose_
             light->unfiltered ? 0 : (uint8_t)lw_atlas_noise_level_min(tile.error, source->noise_shown);
         *out_changed |= noise_level != light->noise_level[t];
         light->noise_level[t] = noise_level;
-        if (tile.version != light->version[t] && tile.version != 0) light->queue[count++] = t;
+        if (lw_gl_fine_tiles_version(&tile) != light->version[t] && tile.version != 0)
+            light->queue[count++] = t;
     }
     return count;
 }
@@ -368,6 +403,7 @@ static uint32_t take_plain(struct lw_gl_light *light, const struct lw_compose_so
                            uint32_t *tiles_max, bool *out_changed) {
     const bool first = light->scale == 0;
     bool changed;
+    take_directions(light, source);
     uint32_t count = list_waiting(light, source, &changed);
     if (count > 0 || first) {
         take_average(light, source);
@@ -382,12 +418,12 @@ static uint32_t take_plain(struct lw_gl_light *light, const struct lw_compose_so
     *out_changed = now > 0 || changed || first;
     if (!*out_changed) return 0;
     sort_waiting(light, count);
-    glBindTexture(GL_TEXTURE_2D_ARRAY, light->pages);
     glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
     for (uint32_t i = 0; i < now; i++) {
         const uint32_t t = light->queue[i];
+        const struct lw_client_tile tile = source->tile(source->context, (lw_tile_id){t});
         if (!upload(light, source, t)) continue;
-        light->version[t] = source->tile(source->context, (lw_tile_id){t}).version;
+        light->version[t] = lw_gl_fine_tiles_version(&tile);
         light->uploaded++;
     }
     find_words(light);

@@ -27,6 +27,7 @@ struct lw_gl_light {
     const struct lw_atlas_map *map;
     bool unfiltered;
     GLuint pages;         /* GL_TEXTURE_2D_ARRAY of GL_RGB9_E5 */
+    GLuint directions;    /* the same of GL_RGB10_A2: where light comes from (gl_rgb10.h); 0: not known */
     GLuint levels, tiles; /* GL_TEXTURE_BUFFER: a GL_RGBA32UI for each level, a GL_R16UI for each tile */
     GLuint level_buffer, tile_buffer;
     uint32_t side, layers;   /* of the pages */
@@ -39,8 +40,8 @@ struct lw_gl_light {
     struct lw_gl_fine_tiles fine;
 
     struct lw_gl_light_rect *rect; /* per level, as in `levels` */
-    uint64_t *version;             /* per tile, but of finer levels: in the pages; 0: not there */
-    uint8_t *noise_level;          /* likewise */
+    uint64_t *version;    /* per tile, but of finer levels: lw_gl_fine_tiles_version() in the pages */
+    uint8_t *noise_level; /* likewise */
     bool *settled;  /* per object: all of it is there and of noise level 0, so that these words say nothing */
     uint16_t *word; /* per tile */
     uint32_t *queue;  /* tiles to upload */

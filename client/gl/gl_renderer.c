@@ -8,6 +8,7 @@
 #include "client/gl/gl_target.h"
 #include "client/gl/gl_texture.h"
 #include "client/view/ambient.h"
+#include "common/light/direction_form.h"
 #include "common/shading/lobe_table.h"
 #include "common/tile/fine_choice.h"
 
@@ -47,10 +48,11 @@ enum variant {
     VARIANT_SURFACE_MAP = 65536,
     VARIANT_SPECULAR_MAP = 131072,
     VARIANT_SHADE_MAP = 262144,
-    VARIANT_PACKED = 524288,   /* normal map and surface in one texture: gl_scene.h */
-    VARIANT_AT_BASE = 1048576, /* all maps of a finish are read where the base colour is */
-    VARIANT_FINE = 2097152,    /* tiles of finer levels may be read */
-    VARIANTS = 4194304
+    VARIANT_PACKED = 524288,     /* normal map and surface in one texture: gl_scene.h */
+    VARIANT_AT_BASE = 1048576,   /* all maps of a finish are read where the base colour is */
+    VARIANT_FINE = 2097152,      /* tiles of finer levels may be read */
+    VARIANT_DIRECTION = 4194304, /* it is known where tiles' light comes from */
+    VARIANTS = 8388608
 };
 
 /* Texture units. */
@@ -71,6 +73,8 @@ enum {
     UNIT_AMBIENT,
     UNIT_FINE,
     UNIT_SMALL,
+    UNIT_DIRECTIONS,
+    UNIT_FINE_DIRECTIONS,
     UNIT_SURFACE /* and the other three maps of a finish */
 };
 
@@ -220,9 +224,9 @@ static enum lw_status add_program(struct lw_gl_renderer *r, unsigned variant, st
 static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, const struct program **out,
                                    struct lw_error *err) {
     static const char *const names[] = {
-        "BASE",        "GLOW",         "BASE_UV1",  "GLOW_UV1", "COLOUR",  "MASK",  "BLEND",  "LIGHTMAP",
-        "FEEDBACK",    "SETTLED",      "MSAA",      "LIT",      "SHADOW",  "SHOWN", "FINISH", "RELIEF",
-        "SURFACE_MAP", "SPECULAR_MAP", "SHADE_MAP", "PACKED",   "AT_BASE", "FINE"};
+        "BASE",        "GLOW",         "BASE_UV1",  "GLOW_UV1", "COLOUR",  "MASK",  "BLEND",    "LIGHTMAP",
+        "FEEDBACK",    "SETTLED",      "MSAA",      "LIT",      "SHADOW",  "SHOWN", "FINISH",   "RELIEF",
+        "SURFACE_MAP", "SPECULAR_MAP", "SHADE_MAP", "PACKED",   "AT_BASE", "FINE",  "DIRECTION"};
     const unsigned maps = VARIANT_RELIEF | VARIANT_SURFACE_MAP | VARIANT_SPECULAR_MAP | VARIANT_SHADE_MAP;
     struct program *p = NULL;
     enum lw_status status = add_program(r, variant, &p, err);
@@ -236,8 +240,8 @@ static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, c
         if (variant >> i & 1u)
             snprintf(defines + strlen(defines), sizeof defines - strlen(defines), "#define %s\n", names[i]);
     /* light from everywhere alone, whose mirror image is even, too */
-    const bool even =
-        variant & VARIANT_FINISH && !(variant & (VARIANT_LIT | VARIANT_SHOWN)) && !r->ambient.rgb;
+    const bool even = variant & VARIANT_FINISH &&
+                      !(variant & (VARIANT_LIT | VARIANT_SHOWN | VARIANT_DIRECTION)) && !r->ambient.rgb;
     if (even)
         strcat(defines, "#define EVEN\n");
     else if (variant & (VARIANT_LIT | VARIANT_FINISH | VARIANT_SHOWN))
@@ -245,6 +249,9 @@ static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, c
     if (variant & maps && !(variant & VARIANT_AT_BASE)) strcat(defines, "#define FINISH_MAP\n");
     if (r->ambient.rgb) strcat(defines, "#define AMBIENT\n");
     if (variant & VARIANT_FINE) define_fine(defines, sizeof defines);
+    if (variant & VARIANT_DIRECTION)
+        snprintf(defines + strlen(defines), sizeof defines - strlen(defines), "#define SHORT %.9g\n",
+                 (double)LW_DIRECTION_SHORT);
     status = lw_gl_program_create(defines, lw_gl_shaders_scene_vertex, lw_gl_shaders_scene_fragment, &p->name,
                                   err);
     if (status != LW_OK) return status;
@@ -285,6 +292,8 @@ static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, c
     glUniform1i(glGetUniformLocation(p->name, "u_tile_colours"), UNIT_TILE_COLOURS);
     glUniform1i(glGetUniformLocation(p->name, "u_fine"), UNIT_FINE);
     glUniform1i(glGetUniformLocation(p->name, "u_small"), UNIT_SMALL);
+    glUniform1i(glGetUniformLocation(p->name, "u_directions"), UNIT_DIRECTIONS);
+    glUniform1i(glGetUniformLocation(p->name, "u_fine_directions"), UNIT_FINE_DIRECTIONS);
     glUniform1f(glGetUniformLocation(p->name, "u_fine_levels"), (float)r->desc.map->finer_count);
     if (variant & VARIANT_LIT) set_taps(p);
     if (variant & VARIANT_SHOWN) set_level_colours(p);
@@ -813,6 +822,9 @@ static enum lw_status draw_batch(struct lw_gl_renderer *r, const struct view *v,
     if (mesh->lit && d->settled && !(variant & (VARIANT_FEEDBACK | VARIANT_SHADOW | VARIANT_SHOWN)))
         variant |= VARIANT_SETTLED;
     if (mesh->lit && !(variant & VARIANT_SHADOW) && reads_fine(r, variant, d)) variant |= VARIANT_FINE;
+    if (mesh->lit && r->light.directions && variant & VARIANT_FINISH &&
+        !(variant & (VARIANT_SHADOW | VARIANT_FEEDBACK)))
+        variant |= VARIANT_DIRECTION;
     enum lw_status status = find_program(r, variant, &p, err);
     if (status != LW_OK) return status;
     glUseProgram(p->name);
@@ -900,6 +912,8 @@ static void begin(struct lw_gl_renderer *r) {
     bind(UNIT_OBJECTS, GL_TEXTURE_BUFFER, r->objects);
     bind(UNIT_INSTANCES, GL_TEXTURE_BUFFER, r->instances);
     if (r->light.fine.pool) bind(UNIT_FINE, GL_TEXTURE_2D_ARRAY, r->light.fine.pool);
+    if (r->light.directions) bind(UNIT_DIRECTIONS, GL_TEXTURE_2D_ARRAY, r->light.directions);
+    if (r->light.fine.directions) bind(UNIT_FINE_DIRECTIONS, GL_TEXTURE_2D_ARRAY, r->light.fine.directions);
     if (r->light.fine.pool) bind(UNIT_SMALL, GL_TEXTURE_BUFFER, r->scene.small);
     if (r->lights.scene) {
         bind(UNIT_LIGHTS, GL_TEXTURE_BUFFER, r->lights.table);

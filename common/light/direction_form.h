@@ -34,7 +34,7 @@
 /* The length of r under an even hemisphere. */
 #define LW_DIRECTION_EVEN (2.0f / 3)
 /* A shorter r says nothing: it counts as even. */
-#define LW_DIRECTION_SHORT 1e-3f
+#define LW_DIRECTION_SHORT 0.02f
 
 /** The source in light that is otherwise even. */
 struct lw_direction_source {
