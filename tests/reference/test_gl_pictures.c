@@ -35,6 +35,7 @@ struct world {
     struct lw_compose_view view;
     struct lw_client_lights drawn; /* zeroed: all light is in tiles */
     float **rgb;                   /* object * LW_ATLAS_LEVELS_MAX + level */
+    float **direction;             /* the same of where light comes from; NULL: not known */
     struct lw_client_tile *tile;
     float *by_cpu, *by_gl;
 };
@@ -42,8 +43,11 @@ struct world {
 static struct lw_client_level level(const void *context, uint32_t object, uint32_t k) {
     const struct world *w = context;
     const struct lw_atlas_level *l = &w->map.atlas[object].level[k];
-    return (struct lw_client_level){
-        .width = l->width, .height = l->height, .rgb = w->rgb[object * LW_ATLAS_LEVELS_MAX + k]};
+    const size_t at = object * LW_ATLAS_LEVELS_MAX + k;
+    return (struct lw_client_level){.width = l->width,
+                                    .height = l->height,
+                                    .rgb = w->rgb[at],
+                                    .direction = w->direction ? w->direction[at] : NULL};
 }
 
 static struct lw_client_tile tile(const void *context, lw_tile_id id) {
@@ -64,6 +68,26 @@ static void fill(struct world *w, uint32_t o, uint32_t k, float tint, float scal
             rgb[0] = scale * 4 * wave, rgb[1] = scale * 5 * wave / (1 + tint * (float)k),
             rgb[2] = scale * (6 - 2 * wave);
         }
+}
+
+/* Light comes mostly from one side, here more and there less; on some texels that is not known. */
+static void fill_directions(struct world *w) {
+    w->direction = calloc((size_t)w->scene->object_count * LW_ATLAS_LEVELS_MAX, sizeof *w->direction);
+    assert_non_null(w->direction);
+    for (uint32_t o = 0; o < w->scene->object_count; o++)
+        for (uint32_t k = 0; k < w->map.atlas[o].level_count; k++) {
+            const struct lw_atlas_level *l = &w->map.atlas[o].level[k];
+            float *xyz = calloc((size_t)l->width * l->height * 3, sizeof *xyz);
+            assert_non_null(xyz);
+            w->direction[o * LW_ATLAS_LEVELS_MAX + k] = xyz;
+            for (uint32_t y = 0; o % 4 && y < l->height; y++)
+                for (uint32_t x = 0; x < l->width; x++) {
+                    const float turn = 0.1f * ((float)x + 0.5f) * (float)(1u << k) + (float)o;
+                    float *at = xyz + 3 * ((size_t)y * l->width + x);
+                    at[0] = 0.5f * cosf(turn), at[1] = 0.7f, at[2] = 0.5f * sinf(turn);
+                }
+        }
+    for (uint32_t t = 0; t < w->map.tile_count; t++) w->tile[t].direction_version = 1;
 }
 
 /* Scenes that several tests look at and none changes: to import one takes longer than to draw it. The small
@@ -153,6 +177,9 @@ static void finish(struct world *w) {
     lw_compose_destroy(w->compose);
     lw_client_lights_finish(&w->drawn);
     for (uint32_t i = 0; i < w->scene->object_count * LW_ATLAS_LEVELS_MAX; i++) free(w->rgb[i]);
+    for (uint32_t i = 0; w->direction && i < w->scene->object_count * LW_ATLAS_LEVELS_MAX; i++)
+        free(w->direction[i]);
+    free(w->direction);
     free(w->rgb);
     free(w->tile);
     free(w->by_cpu);
@@ -576,6 +603,37 @@ static void test_finishes(void **state) {
     test_finish_picture("finishes, even sky and a lamp", false, "lamps");
 }
 
+static double difference_of(const float *a, const float *b) {
+    double sum = 0;
+    for (size_t i = 0; i < (size_t)3 * PIXELS; i++) sum += fabs((double)(a[i] - b[i]));
+    return sum / (3 * PIXELS);
+}
+
+/* Directions of light that come later than the light are taken up at the next picture, and shown as rays show
+ * them. */
+static void test_directions(void **state) {
+    (void)state;
+    struct world w;
+    for (int lamps = 0; lamps < 2; lamps++) {
+        struct lw_error err = {0};
+        struct lw_scene *scene = finished_panels();
+        lw_support_ok(
+            lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = 30}, NULL, &err), &err);
+        start_lit(&w, scene, 0.5f, 1, lamps ? "lamps" : "none");
+        w.view.camera = lw_camera_look_at(lw_vec3(0.3f, 3, 2.2f), lw_vec3(0, 0, 0.1f), 1);
+        draw(&w);
+        float *before = malloc(sizeof(float) * 3 * PIXELS);
+        assert_non_null(before);
+        memcpy(before, w.by_gl, sizeof(float) * 3 * PIXELS);
+        fill_directions(&w);
+        draw(&w);
+        compare(lamps ? "directions and a lamp" : "directions", &w);
+        assert_true(difference_of(before, w.by_gl) > 10 * difference_of(w.by_cpu, w.by_gl));
+        free(before);
+        finish(&w);
+    }
+}
+
 static void test_finished_atrium(void **state) {
     (void)state;
     test_drawn("builtin:atrium", NULL, 1);
@@ -913,7 +971,8 @@ int main(void) {
         cmocka_unit_test(test_sizes),           cmocka_unit_test(test_sponza),
         cmocka_unit_test(test_drawn_cornell),   cmocka_unit_test(test_drawn_atrium),
         cmocka_unit_test(test_drawn_sponza),    cmocka_unit_test(test_finishes),
-        cmocka_unit_test(test_finishes_arrive), cmocka_unit_test(test_finished_atrium),
+        cmocka_unit_test(test_finishes_arrive), cmocka_unit_test(test_directions),
+        cmocka_unit_test(test_finished_atrium),
     };
     return cmocka_run_group_tests(tests, NULL, close_scenes);
 }
