@@ -11,7 +11,7 @@ static inline uint32_t lw_gl_rgb10_of(float x) {
     return (uint32_t)(inside * 511.5f + 512.0f);
 }
 
-/** Three numbers in [-1, 1] to GL_UNSIGNED_INT_2_10_10_10_REV, nearest; what is larger is the largest. A shader
+/** Three numbers in [-1, 1] to GL_UNSIGNED_INT_2_10_10_10_REV, nearest; larger ones are cut off. A shader
  * reads x as 2 t - 1. */
 static inline uint32_t lw_gl_rgb10_pack(const float xyz[3]) {
     return lw_gl_rgb10_of(xyz[0]) | lw_gl_rgb10_of(xyz[1]) << 10 | lw_gl_rgb10_of(xyz[2]) << 20;

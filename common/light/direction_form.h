@@ -6,9 +6,9 @@
  *
  *     E = integral of L (n.w) dw      V = integral of L (n.w) w dw, r = V / E
  *
- * both over the hemisphere about n. Cosine-weighted rays give both with the same bounded weight. |r| <= 1, and
- * n.r >= 0. An even hemisphere has r = 2/3 n, a single source of direction d has r = d. So r is that of an even
- * part and one source, whose share w of E and direction d follow:
+ * both over the hemisphere about n. Cosine-weighted rays give both with the same bounded weight. |r| <= 1,
+ * and n.r >= 0. An even hemisphere has r = 2/3 n, a single source of direction d has r = d. So r is taken for
+ * that of an even part and one source, whose share w of E and direction d follow:
  *
  *     u = r - 2/3 n      w = 6/5 (n.u) + sqrt((6/5 n.u)^2 + 9/5 |u|^2)      d = u / w + 2/3 n
  *
@@ -16,8 +16,8 @@
  *
  *     E(m) / E(n) = 1 + (1 - w) n.(m - n) / 2 + w (lobe(m) - lobe(n)) / max(lobe(n), 1/20), in [0, 4]
  *
- * which is 1, to the bit, where m = n. A mirror of GGX width alpha sees the same light: E/pi of its even part,
- * and the source as a spherical Gaussian, blurred by the mirror's lobe, that brings the E it stands for:
+ * which is 1, to the bit, where m = n. A mirror of GGX width alpha sees the same light: E/pi of its even
+ * part, and the source as a spherical Gaussian, blurred by the mirror's lobe, that brings its share of E:
  *
  *     l = 2 + 12 w / (1.02 - w)       k = l q / (l + q), q = 1 / (2 alpha^2)      t = 2 / (2 + l)
  *     L(m) pi / E = 1 - w + w k exp(k (m.d - 1)) / (2 c (1 - exp(-2 k))),  c = (1 - t) n.d + t (1 + n.d) / 4

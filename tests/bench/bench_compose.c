@@ -11,6 +11,8 @@
  *   compose  the whole picture; its rate over that of raw: compose_over_raw
  *   drawn    the whole picture with the direct light of client lights (common/light/client_lights.h); its
  *            time over that of compose: drawn_over_compose
+ *   directed the whole picture with directions of light (common/light/direction_form.h); its time over that
+ *            of compose: directed_over_compose
  *   path     the path tracer, one path per pixel
  * With -o DIR the pictures as EXR, for bench_compare; with --dark no light is in their texels, so that the
  * ones with client lights are what "lightwell-view --path-trace --show direct" shows. */
@@ -51,14 +53,19 @@ struct scene {
     struct lw_trace *flat;
     struct lw_compose_view view;
     struct lw_client_lights drawn;
-    float *light; /* enough for the largest level; every level reads it */
+    float *light;     /* enough for the largest level; every level reads it */
+    float *direction; /* the same, of where it comes from */
+    bool directed;    /* the picture at hand has it */
     float *picture;
 };
 
 static struct lw_client_level level(const void *context, uint32_t object, uint32_t k) {
     const struct scene *s = context;
     const struct lw_atlas_level *l = &s->map.atlas[object].level[k];
-    return (struct lw_client_level){.width = l->width, .height = l->height, .rgb = s->light};
+    return (struct lw_client_level){.width = l->width,
+                                    .height = l->height,
+                                    .rgb = s->light,
+                                    .direction = s->directed ? s->direction : NULL};
 }
 
 static struct lw_client_tile tile(const void *context, lw_tile_id id) {
@@ -112,7 +119,7 @@ static enum lw_status measure(struct scene *s, const char *name, bool moving, st
     struct lw_path_trace *tracer = NULL;
     struct lw_lights lights = {0};
     struct lw_path_film film = {0};
-    double time_s[5][ROUNDS_MAX] = {0};
+    double time_s[6][ROUNDS_MAX] = {0};
     bool *node_moves = s->pose.node_moves, *none = calloc((size_t)s->scene->node_count + 1, sizeof *none);
     if (none == NULL) return LW_NO_MEMORY;
     if (!moving) s->pose.node_moves = none;
@@ -147,7 +154,7 @@ static enum lw_status measure(struct scene *s, const char *name, bool moving, st
     /* alternately, so that all share the same machine load */
     for (int64_t i = 0; status == LW_OK && i < o->rounds; i++) {
         struct lw_compose_report report;
-        uint64_t at_ns[5] = {lw_clock_process_cpu_ns()};
+        uint64_t at_ns[6] = {lw_clock_process_cpu_ns()};
         trace_all(s, s->flat, LW_TRACE_LIGHT | LW_TRACE_COHERENT);
         at_ns[1] = lw_clock_process_cpu_ns();
         trace_all(s, trace, LW_TRACE_VIEW | LW_TRACE_COHERENT);
@@ -157,25 +164,31 @@ static enum lw_status measure(struct scene *s, const char *name, bool moving, st
         lw_compose_render(drawing, &source, &s->pose, &s->view, s->picture, &report);
         at_ns[4] = lw_clock_process_cpu_ns();
         shadow_rays = report.shadow_rays;
-        for (int k = 0; k < 4; k++) time_s[k][i] = 1e-9 * (double)(at_ns[k + 1] - at_ns[k]);
+        s->directed = true;
+        lw_compose_render(compose, &source, &s->pose, &s->view, s->picture, &report);
+        s->directed = false;
+        at_ns[5] = lw_clock_process_cpu_ns();
+        for (int k = 0; k < 5; k++) time_s[k][i] = 1e-9 * (double)(at_ns[k + 1] - at_ns[k]);
         if (i % PATH_EVERY != 0) continue;
         lw_path_trace_render(tracer, &paths, 1, &film, NULL);
-        time_s[4][i / PATH_EVERY] = 1e-9 * (double)(lw_clock_process_cpu_ns() - at_ns[4]);
+        time_s[5][i / PATH_EVERY] = 1e-9 * (double)(lw_clock_process_cpu_ns() - at_ns[5]);
     }
     if (status == LW_OK) {
-        double over_raw[ROUNDS_MAX], over_compose[ROUNDS_MAX];
+        double over_raw[ROUNDS_MAX], over_compose[ROUNDS_MAX], directed[ROUNDS_MAX];
         const size_t rounds = (size_t)o->rounds;
         for (size_t i = 0; i < rounds; i++) {
             over_raw[i] = time_s[0][i] / time_s[2][i];
             over_compose[i] = time_s[3][i] / time_s[2][i];
+            directed[i] = time_s[4][i] / time_s[2][i];
         }
         const double raw = bench_median(time_s[0], rounds), rays = bench_median(time_s[1], rounds),
                      whole = bench_median(time_s[2], rounds), drawn = bench_median(time_s[3], rounds),
-                     path = bench_median(time_s[4], (rounds + PATH_EVERY - 1) / PATH_EVERY);
-        printf("| %s | %s | %.1f | %.1f | %.1f | %.2f | %.1f | %.2f | %.2f | %.0f |\n", name,
+                     path = bench_median(time_s[5], (rounds + PATH_EVERY - 1) / PATH_EVERY);
+        printf("| %s | %s | %.1f | %.1f | %.1f | %.2f | %.1f | %.2f | %.2f | %.2f | %.0f |\n", name,
                moving ? "moving" : "still", 1e3 * raw, 1e3 * rays, 1e3 * whole,
                bench_median(over_raw, rounds), 1e3 * drawn, bench_median(over_compose, rounds),
-               (double)shadow_rays / ((double)s->view.width * s->view.height), 1e3 * path);
+               (double)shadow_rays / ((double)s->view.width * s->view.height), bench_median(directed, rounds),
+               1e3 * path);
         fflush(stdout);
         status = write_picture(s, name, moving ? "moving" : "still", err);
     }
@@ -195,8 +208,11 @@ static enum lw_status make_light(struct scene *s) {
         if (count > texels) texels = count;
     }
     s->light = malloc(texels * 3 * sizeof *s->light);
+    s->direction = malloc(texels * 3 * sizeof *s->direction);
     s->picture = malloc((size_t)s->view.width * s->view.height * 3 * sizeof *s->picture);
-    if (s->light == NULL || s->picture == NULL) return LW_NO_MEMORY;
+    if (s->light == NULL || s->direction == NULL || s->picture == NULL) return LW_NO_MEMORY;
+    for (size_t i = 0; i < texels * 3; i++)
+        s->direction[i] = 0.3f + 0.4f * lw_random_unit(lw_random_hash2(2, (uint32_t)i));
     for (size_t i = 0; i < texels * 3; i++)
         s->light[i] =
             s->settings->dark ? 0 : LIGHT * (0.5f + lw_random_unit(lw_random_hash2(1, (uint32_t)i)));
@@ -236,6 +252,7 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     if (status == LW_OK) status = measure(&s, name, false, err);
     if (status == LW_OK) status = measure(&s, name, true, err);
     free(s.picture);
+    free(s.direction);
     free(s.light);
     lw_client_lights_finish(&s.drawn);
     lw_trace_destroy(s.flat);
@@ -266,8 +283,9 @@ int main(int argc, char **argv) {
                                 .open = &s.open,
                                 .context = &s,
                                 .heading = "| scene | motion | raw | rays | compose | compose_over_raw | "
-                                           "drawn | drawn_over_compose | shadow rays a pixel | path |\n"
-                                           "|---|---|---|---|---|---|---|---|---|---|",
+                                           "drawn | drawn_over_compose | shadow rays a pixel | "
+                                           "directed_over_compose | path |\n"
+                                           "|---|---|---|---|---|---|---|---|---|---|---|",
                                 .run = run},
         argc, argv);
 }

@@ -2,14 +2,17 @@
  *
  *     bench_direction [--frames N] [--places N] SCENE...
  *
- * A solver lights the scene for some frames. From covered texels, chosen by area, rays go out evenly over the
+ * A solver lights the scene for some frames. From covered texels, chosen evenly, rays go out over the
  * hemisphere and read the light where they end, and the sky where they meet nothing: light that clients do
  * not draw. These rays give E of every normal, and the moments that each form would keep:
  *     E          irradiance of the texel's own normal
  *     D          cosine moment, the integral of L cos w: of cosine-weighted rays the mean of pi L w
  *     R0, R1     moments of radiance, the integrals of L and of L w: of cosine-weighted rays they need 1/cos
- * Errors are root mean squares, over azimuths and the brighter half of the places, of (predicted E - E of the bent normal) over the
- * larger of the two normals' E. Mirrors: the same of radiance, over the larger of it and E/pi. Noise: relative standard deviation of one cosine-weighted ray's share. */
+ *
+ * Errors are root mean squares, over azimuths and the brighter half of the places. For normals: of predicted
+ * E minus E of the bent normal, over the larger of E of the two normals. For mirrors: of predicted minus
+ * mirrored radiance, over the larger of that and E/pi. Noise: relative standard deviation of one
+ * cosine-weighted ray's share. */
 #include "common/colour.h"
 #include "common/light/direction.h"
 #include "common/light/direction_form.h"
