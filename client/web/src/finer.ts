@@ -20,17 +20,19 @@ interface Kept {
 
 export class FinerTiles {
   private readonly kept = new Map<number, Kept>(); // by tile; last wanted ones last
+  private readonly directions = new Map<number, Uint32Array>(); // by tile
   private readonly free: number[];
   private rank = new Map<number, number>(); // of the tiles that the view wants; 0: the first to get a slot
   private readonly fading = new Set<number>(); // tiles that may not be shown as much as the view wants
   private readonly shown = new Set<number>();
   private steppedMs = 0;
 
-  /** write: gives a slot its texels, SLOT_SIDE squared. show: gives a tile its entry. */
+  /** write: gives a slot its texels, SLOT_SIDE squared: light, or where it comes from. show: gives a tile
+   * its entry. */
   constructor(
     private readonly map: AtlasMap,
     slots: number,
-    private readonly write: (slot: number, texels: Uint32Array) => void,
+    private readonly write: (slot: number, texels: Uint32Array, directions: boolean) => void,
     private readonly show: (id: number, entry: number) => void,
   ) {
     this.free = Array.from({ length: slots }, (_, slot) => slot);
@@ -45,8 +47,15 @@ export class FinerTiles {
     this.fill(id, -1);
   }
 
+  /** Takes where a tile's light comes from. */
+  direct(id: number, texels: Uint32Array): void {
+    this.directions.set(id, texels);
+    this.fill(id, -1);
+  }
+
   /** A tile is no light any more. */
   drop(id: number): void {
+    this.directions.delete(id);
     if (!this.kept.has(id)) return;
     this.evict(id);
     this.kept.delete(id);
@@ -136,18 +145,22 @@ export class FinerTiles {
       for (let column = first; column <= 0; column++) {
         const other = this.map.beside(id, column, row);
         const slot = this.kept.get(other)?.slot ?? -1;
-        if (slot >= 0) this.write(slot, this.texelsOf(other));
+        if (slot < 0) continue;
+        this.write(slot, this.texelsOf(other, (tile) => this.kept.get(tile)?.texels), false);
+        if (this.directions.size)
+          this.write(slot, this.texelsOf(other, (tile) => this.directions.get(tile)), true);
       }
   }
 
   /** A tile with one more column and row: those of the tiles beside and below, or its own last ones. */
-  private texelsOf(id: number): Uint32Array {
+  private texelsOf(id: number, of: (tile: number) => Uint32Array | undefined): Uint32Array {
     const { width, height } = this.map.place(id);
-    const own = this.kept.get(id)!.texels;
+    const own = of(id);
     const out = new Uint32Array(SLOT_SIDE ** 2);
+    if (!own) return out;
     for (const [right, below] of [[0, 0], [1, 0], [0, 1], [1, 1]] as const) { // prettier-ignore
       const other = this.map.beside(id, right, below);
-      const there = this.kept.get(other)?.texels;
+      const there = of(other);
       const texels = there ?? own;
       const stride = there ? this.map.place(other).width : width;
       const first = there ? 0 : right * (width - 1) + below * (height - 1) * width;

@@ -252,9 +252,9 @@ class App {
     this.body = message.body;
     try {
       const before = this.renderer;
-      const { draws, clientLights: lights, clusters, finer } = message;
+      const { draws, clientLights: lights, clusters, finer, directed } = message;
       const drawn = draws ? { lights, clusters } : null;
-      this.renderer = new Renderer(this.gl, message.data, drawn, this.direct === 'tiles', finer);
+      this.renderer = new Renderer(this.gl, message.data, drawn, this.direct === 'tiles', finer, directed);
       before?.destroy();
     } catch (error) {
       if (!(error instanceof LimitError)) throw error;
@@ -469,6 +469,7 @@ class App {
     let taken = 0;
     while (this.queue.length && performance.now() < begin + UPLOAD_MS) {
       const first = this.queue[0]!;
+      this.dirty ||= first.batch.directions.length > 0;
       const [at, texel] = this.renderer!.takeTiles(first.batch, first.at, first.texel, begin + UPLOAD_MS);
       taken += at - first.at;
       first.at = at;

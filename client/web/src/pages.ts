@@ -4,7 +4,7 @@ import type { AtlasMap } from './atlas.ts';
 import { LimitError } from './failure.ts';
 import { SLOT_SIDE } from './finer.ts';
 
-const BYTES_MAX = 2 ** 30;
+export const BYTES_MAX = 2 ** 30;
 /** Where there is no room for level 0 of all objects, or for level 1, it is left out. */
 const FINEST_MAX = 2;
 

@@ -49,6 +49,7 @@ export type FromWorker =
       clientLights: Uint8Array;
       clusters: number; // of emissive meshes to draw as lamps
       finer: number; // levels that are finer than level 0
+      directed: boolean; // tiles say where their light comes from
     }
   | { kind: 'finishes'; data: SceneData } // the last scene again, with finishes and without textures
   | { kind: 'clusters'; clusters: Cluster[] } // before the frame that they belong to

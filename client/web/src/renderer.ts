@@ -20,8 +20,8 @@ import { createProgram, Fence, type GL, LaterPixels, nearest, type Program, Tabl
 import { type Box, Lights, type ShadowMap } from './lights.ts';
 import { LAMP_SIDE, SUN_SIDE } from './limits.ts';
 import { AlphaMode, NONE } from './package.ts';
-import { layOut, type Pages } from './pages.ts';
-import { GONE, type TileBatch } from './replica.ts';
+import { BYTES_MAX, layOut, type Pages } from './pages.ts';
+import { type DirectionTile, GONE, type TileBatch } from './replica.ts';
 import {
   Attribute,
   COPY_FRAGMENT,
@@ -140,6 +140,7 @@ export class Renderer {
   private readonly pages: Pages;
   private readonly finer: FinerTiles;
   private readonly pageTexture: WebGLTexture;
+  private readonly directions: number; // layers from light to where it comes from; 0: that is not known
   private readonly textures: WebGLTexture[];
   private readonly environment: WebGLTexture | null;
   private readonly white: WebGLTexture;
@@ -181,6 +182,7 @@ export class Renderer {
     drawn: { lights: Uint8Array; clusters: number } | null,
     private readonly slow = false, // the GPU: pictures of one sample each
     finer = 0, // levels that are finer than level 0, at most
+    directed = false, // it is known where light comes from
   ) {
     if (!gl.getExtension('EXT_color_buffer_float') && !gl.getExtension('EXT_color_buffer_half_float'))
       throw new LimitError('the graphics here cannot draw into 16-bit floats');
@@ -197,7 +199,10 @@ export class Renderer {
     const layersMax = gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS) as number;
     this.pages = layOut(this.map, objects, sideMax, layersMax, this.map.finer && SLOTS_MAX);
     this.coarse = this.pages.finest ? 'lightmaps are too large for this page: coarser ones are shown' : '';
-    this.pageTexture = this.createPages();
+    const { width, height, layers } = this.pages;
+    const hasRoom = 2 * layers <= layersMax && 8 * width * height * layers <= BYTES_MAX;
+    this.directions = directed && hasRoom ? layers : 0;
+    this.pageTexture = this.createPages(layers + this.directions);
     const floats = (length: number) => new Float32Array(length);
     const rgba32f: [number, number, number] = [gl.RGBA32F, gl.RGBA, gl.FLOAT];
     this.objects = new Table(gl, rgba32f, 4, OBJECT_TEXELS * objects, floats);
@@ -223,7 +228,8 @@ export class Renderer {
     this.finer = new FinerTiles(
       this.map,
       this.pages.slots,
-      (slot, texels) => this.write(first + slot, 0, 0, SLOT_SIDE, SLOT_SIDE, texels),
+      (slot, texels, directions) =>
+        this.write(first + slot, 0, 0, SLOT_SIDE, SLOT_SIDE, texels, directions ? this.directions : 0),
       (id, entry) => this.setState(id, entry),
     );
     this.visible = new Uint8Array(objects);
@@ -301,18 +307,18 @@ export class Renderer {
 
   // ---- what stays ----
 
-  private createPages(): WebGLTexture {
+  private createPages(layers: number): WebGLTexture {
     const { gl, pages } = this;
     const texture = gl.createTexture()!;
     gl.bindTexture(gl.TEXTURE_2D_ARRAY, texture);
-    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.RGB9_E5, pages.width, pages.height, pages.layers);
+    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.RGB9_E5, pages.width, pages.height, layers);
     nearest(gl, gl.TEXTURE_2D_ARRAY);
     for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
       gl.texParameteri(gl.TEXTURE_2D_ARRAY, name, gl.LINEAR);
     // the first texel makes the browser clear all of it: now, and not while pictures are drawn
     const target = gl.TEXTURE_2D_ARRAY;
     const type = gl.UNSIGNED_INT_5_9_9_9_REV;
-    for (let layer = 0; layer < pages.layers; layer++)
+    for (let layer = 0; layer < layers; layer++)
       gl.texSubImage3D(target, 0, 0, 0, layer, 1, 1, 1, gl.RGB, type, new Uint32Array(1));
     return texture;
   }
@@ -657,7 +663,18 @@ export class Renderer {
       this.write(place, x, y, width, height, texels);
       this.setState(id, 1 + noiseLevel);
     }
+    if (at === batch.id.length) for (const tile of batch.directions.splice(0)) this.takeDirections(tile);
     return [at, texel];
+  }
+
+  private takeDirections({ id, texels }: DirectionTile): void {
+    if (!this.directions) return;
+    if (id >= this.map.plainCount) return this.finer.direct(id, texels);
+    const { object, level, x, y, width, height } = this.map.place(id);
+    const { levelFirst, finest } = this.pages;
+    const place = levelFirst[object]! + level;
+    if (level >= finest || place + 1 >= levelFirst[object + 1]!)
+      this.write(place, x, y, width, height, texels, this.directions);
   }
 
   /** Texels at (x, y) of a rectangle of the pages. */
@@ -668,6 +685,7 @@ export class Renderer {
     width: number,
     height: number,
     texels: Uint32Array,
+    layers = 0, // further on
   ): void {
     const { gl } = this;
     const { level } = this.pages;
@@ -675,7 +693,8 @@ export class Renderer {
     const target = gl.TEXTURE_2D_ARRAY;
     const type = gl.UNSIGNED_INT_5_9_9_9_REV;
     gl.bindTexture(target, this.pageTexture);
-    gl.texSubImage3D(target, 0, left, top, level[4 * place + 1]!, width, height, 1, gl.RGB, type, texels);
+    const layer = level[4 * place + 1]! + layers;
+    gl.texSubImage3D(target, 0, left, top, layer, width, height, 1, gl.RGB, type, texels);
   }
 
   private setState(id: number, state: number): void {
@@ -903,6 +922,7 @@ export class Renderer {
         gl.uniform2f(program.at('pageSize'), this.pages.width, this.pages.height);
         gl.uniform3fv(program.at('standIn'), this.mean);
         gl.uniform1f(program.at('lightUnit'), this.data.lightUnit);
+        gl.uniform1f(program.at('directions'), this.directions);
         gl.uniform1i(program.at('unfiltered'), this.unfiltered ? 1 : 0);
         const asksFiner = this.pages.slots && (extra === 'SURVEY' || this.finer.any());
         gl.uniform1i(program.at('finest'), asksFiner ? -this.map.finer : this.pages.finest);

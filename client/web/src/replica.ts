@@ -11,7 +11,14 @@ export interface TileBatch {
   id: Uint32Array<ArrayBuffer>;
   noiseLevel: Uint8Array<ArrayBuffer>; // the finest level at which each one's noise is bearable, or GONE
   texels: Uint32Array<ArrayBuffer>; // RGB9E5, one tile behind the other
-  others: OtherTile[]; // of other channels than irradiance
+  directions: DirectionTile[];
+  others: OtherTile[]; // of other channels than these
+}
+
+/** Where a tile's light comes from (common/light/direction_form.h), by half and a half more. */
+export interface DirectionTile {
+  id: number;
+  texels: Uint32Array<ArrayBuffer>; // RGB9E5; 0: not known
 }
 
 export interface OtherTile {
@@ -38,6 +45,7 @@ interface Slot {
 }
 
 const IRRADIANCE = 0;
+const DIRECTION = 1;
 const CODEC_NONE = 0;
 
 const fail = (what: string): never => {
@@ -88,6 +96,7 @@ export class Replica {
       noiseLevel: [] as number[],
       texels: [] as Uint32Array[],
       size: 0,
+      directions: [] as DirectionTile[],
       others: [] as OtherTile[],
     };
   }
@@ -95,6 +104,11 @@ export class Replica {
   /** Its tiles' channel of irradiance. */
   get layer(): number {
     return this.slots.get(IRRADIANCE)!.number;
+  }
+
+  /** Whether tiles say where their light comes from. */
+  get isDirected(): boolean {
+    return this.slots.has(DIRECTION);
   }
 
   /** Whether a session with these features gets the same channels. */
@@ -213,7 +227,8 @@ export class Replica {
     const { planes, slot: at } = slot.channel;
     if (at !== IRRADIANCE) {
       const values = this.tiles.values(planes * place.width * place.height).slice();
-      this.batch.others.push({ id, slot: at, values });
+      if (at === DIRECTION) this.batch.directions.push({ id, texels: this.tiles.packDirections(values) });
+      else this.batch.others.push({ id, slot: at, values });
       return;
     }
     const texels = new Uint32Array(place.width * place.height);
@@ -274,7 +289,7 @@ export class Replica {
   }
 
   batchTiles(): number {
-    return this.batch.id.length + this.batch.others.length;
+    return this.batch.id.length + this.batch.directions.length + this.batch.others.length;
   }
 
   takeBatch(): TileBatch {
@@ -285,8 +300,8 @@ export class Replica {
       at += tile.length;
     }
     const noiseLevel = Uint8Array.from(this.batch.noiseLevel);
-    const { others } = this.batch;
-    const batch = { id: Uint32Array.from(this.batch.id), noiseLevel, texels, others };
+    const { directions, others } = this.batch;
+    const batch = { id: Uint32Array.from(this.batch.id), noiseLevel, texels, directions, others };
     this.batch = this.emptyBatch();
     return batch;
   }

@@ -366,7 +366,16 @@ bool isThere(Footprint f) {
   return !(f.across && f.down) || stateOf(f.tile + f.tilesX + 1u) != 0u;
 }
 
-vec3 irradianceAt(Footprint f) { return lightUnit * texture(pages, f.place).rgb; }
+#ifdef FINISH
+uniform float directions; // layers from light to where it comes from; 0: that is not known
+vec3 direction = vec3(0); // of the light that was read last, by half and a half more; 0: not known
+#endif
+vec3 irradianceAt(Footprint f) {
+#ifdef FINISH
+  if (directions > 0.0) direction = texture(pages, f.place + vec3(0, 0, directions)).rgb;
+#endif
+  return lightUnit * texture(pages, f.place).rgb;
+}
 
 // What stands in for a level: the next coarser one that is there, or else a finer one.
 vec3 standInFor(uint first, uint count, uint from, vec2 uv) {
@@ -512,7 +521,7 @@ void main() {
 #else
   vec3 e = standIn;
   if (count > 0u) {
-    vec3 shown = vec3(0);
+    vec3 shown = vec3(0), from = vec3(0);
     float left = 1.0; // share of coarser levels
     for (; finer < 0 && left > 0.0; finer++) {
       Footprint f = finerOf(object, -finer, uv);
@@ -522,6 +531,9 @@ void main() {
       uvec4 slot = texelFetch(levels, at(slots + (state & ${(1 << SLOT_BITS) - 1}u)), 0);
       f.place = placeIn(slot, f.texel - vec2(uvec2(f.texel) & ~63u));
       shown += share * irradianceAt(f);
+#ifdef FINISH
+      from += share * direction;
+#endif
       left -= share;
     }
     if (left > 0.0) {
@@ -535,9 +547,13 @@ void main() {
         : standInFor(first, count, max(noiseLevel, level), uv);
     }
     e = shown + left * e;
+#ifdef FINISH
+    direction = from + left * direction;
+#endif
   }
 #ifdef FINISH
-  vec3 leaving = occlusion * everywhere(seen, e) + emission;
+  vec2 by = directed(seen, direction * 2.0 - 1.0);
+  vec3 leaving = occlusion * everywhere(seen, e, by.x, by.y) + emission;
 #ifdef DIRECT
   leaving += directLight(seen) * ${1 / Math.PI};
 #endif

@@ -49,6 +49,7 @@ export const Feature = {
   MATERIALS: 256n,
   FINER: 512n,
   RUNS: 1024n,
+  DIRECTION: 2048n,
 } as const;
 
 export const Refusal = {

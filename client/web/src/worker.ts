@@ -79,7 +79,9 @@ class Link {
         this.kept,
         this.tiles,
         this.hostOf(socket),
-        (this.draws ? Feature.DRAWS : 0n) | (FOR_THREE && !this.finer ? 0n : Feature.FINER),
+        (this.draws ? Feature.DRAWS : 0n) |
+          (FOR_THREE && !this.finer ? 0n : Feature.FINER) |
+          (FOR_THREE ? 0n : Feature.DIRECTION),
         performance.now(),
       );
       this.session.pause(this.paused);
@@ -163,6 +165,7 @@ class Link {
       clientLights,
       clusters: this.clusters?.count() ?? 0,
       finer: replica.map.finer,
+      directed: replica.isDirected,
     };
     post(scene, buffersOf(data));
     this.postLamps();

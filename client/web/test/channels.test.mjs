@@ -11,7 +11,7 @@ const { channelsFor, readHeader, readTile, Replica, Tiles } = await load('replic
 const tiles = await Tiles.create(wasm());
 const SIDE = 20;
 const ASKS = 1n << 20n;
-const made = { planes: 2, isSigned: true, isPlain: true, asked: ASKS, asks: ASKS, slot: 1 };
+const made = { planes: 2, isSigned: true, isPlain: true, asked: ASKS, asks: ASKS, slot: 2 };
 const channels = [...tiles.channels, made];
 const scene = {
   meshes: [{ atlasWidth: SIDE, atlasHeight: SIDE }],
@@ -38,15 +38,19 @@ test('the table is that of the C library', () => {
     [
       [3, false, false, 0],
       [3, false, false, 0],
+      [3, true, true, 1],
+      [3, true, true, 1],
     ],
   );
   assert.deepEqual([...channelsFor(tiles.channels, 0n)], [[0, 0]]);
   assert.deepEqual([...channelsFor(tiles.channels, 64n)], [[0, 1]]);
+  assert.deepEqual([...channelsFor(tiles.channels, 64n | 2048n)], [[0, 1], [1, 3]]); // prettier-ignore
+  assert.deepEqual([...channelsFor(tiles.channels, 2048n)], [[0, 0], [1, 2]]); // prettier-ignore
   assert.deepEqual(
     [...channelsFor(channels, ASKS | 64n)],
     [
       [0, 1],
-      [1, 2],
+      [2, 4],
     ],
   );
 });
@@ -62,7 +66,7 @@ test('a made-up channel is decoded: whole, as a delta, in halves', () => {
     const { others, id } = replica.takeBatch();
     assert.equal(id.length, 0);
     assert.equal(others.length, 1);
-    assert.deepEqual([others[0].id, others[0].slot], [0, 1]);
+    assert.deepEqual([others[0].id, others[0].slot], [0, 2]);
     assert.deepEqual(others[0].values, expected.subarray(i * count, (i + 1) * count));
   });
   assert.ok(expected.some((value) => value < -1));
