@@ -1008,7 +1008,8 @@ static enum lw_status start_http(struct lw_server *server, const struct lw_serve
                                            .root = desc->http_root,
                                            .host = desc->http_host,
                                            .hosts = desc->http_hosts,
-                                           .origins = desc->http_origins};
+                                           .origins = desc->http_origins,
+                                           .servers = desc->web_servers};
     struct lw_error cause = {0};
     if (!desc->http_host || desc->is_unix_only || (desc->sockets && desc->sockets->http < 0)) return LW_OK;
     enum lw_status status =
@@ -1164,6 +1165,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     shared->server = server;
     server->tcp.sessions = shared;
     shared->rate_limit_bytes_hz = desc->rate_limit_bytes_hz;
+    shared->web_servers = desc->web_servers;
     shared->retry_after_ms = desc->retry_after_ms;
     shared->hello_timeout_ns = timeout_ns(desc->hello_timeout_ms, LW_SERVER_HELLO_TIMEOUT_S);
     shared->stall_timeout_ns = timeout_ns(desc->stall_timeout_ms, LW_SERVER_STALL_TIMEOUT_S);

@@ -67,12 +67,13 @@ struct lw_server_desc {
     size_t finishes_size;
     const char *name;    /* for the welcome; outlives the server. NULL: lightwelld and its version */
     const char *servers; /* for the welcome over TCP: other servers of this light; outlives it. NULL: none */
-    uint64_t run;        /* for the welcome; 0: by chance */
-    uint32_t bounces;    /* for the welcome */
-    float target_error;  /* for the welcome */
-    float noise_shown;   /* for the welcome; 0: no filter */
-    uint64_t features;   /* LW_FEATURE_* that a client must have to decode tiles */
-    uint32_t channels;   /* channels of tiles in snapshots, beside irradiance (tile_channels.h) */
+    const char *web_servers; /* the same for pages: addresses of WebSockets, checked (serve_options.c) */
+    uint64_t run;            /* for the welcome; 0: by chance */
+    uint32_t bounces;        /* for the welcome */
+    float target_error;      /* for the welcome */
+    float noise_shown;       /* for the welcome; 0: no filter */
+    uint64_t features;       /* LW_FEATURE_* that a client must have to decode tiles */
+    uint32_t channels;       /* channels of tiles in snapshots, beside irradiance (tile_channels.h) */
     /* For the welcome: bit sets of client lights and materials (message.h). All zero: there is no
      * LW_LIGHT_FORM_SPLIT. They outlive the server. */
     const uint8_t *client_lights, *client_materials;

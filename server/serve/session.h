@@ -97,6 +97,7 @@ struct lw_session_shared {
     uv_mutex_t stats_mutex;
     struct lw_server_stats stats; /* guarded by stats_mutex */
     uint32_t retry_after_ms;      /* told with LW_REFUSAL_SHUTDOWN */
+    const char *web_servers;      /* for the welcome of pages, in the place of its servers; NULL: none */
     uint32_t sessions_max;
     uint32_t address_sessions_max;                /* of one address; 0: lw_address_places_share() */
     struct lw_address_places places, turned_away; /* of connections that have one, and that got none */

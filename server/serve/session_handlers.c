@@ -109,7 +109,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
         message.welcome.relays = s->shared->relays;
         message.welcome.relay_count = s->shared->relay_count;
     }
-    if (s->peer.is_web) message.welcome.servers = NULL; /* they are elsewhere for browsers */
+    if (s->peer.is_web) message.welcome.servers = s->shared->web_servers;
     s->controls = s->peer.may_control && (s->shared->scene || s->shared->is_relay) &&
                   (hello->features & LW_FEATURE_CONTROL);
     if (s->controls) message.welcome.features |= LW_FEATURE_CONTROL;
