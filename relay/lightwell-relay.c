@@ -240,7 +240,7 @@ static enum lw_status tell_first(struct program *p, const struct lw_relay_scene 
     p->told = true;
     lw_serve_options_where(&s->serve, p->server, address, sizeof address);
     lw_log(LW_LOG_INFO, "serving the light of %s at %s: %u objects, %u tiles", stats.address, address,
-           lw_relay_light_scene(scene->light)->object_count, lw_relay_light_map(scene->light)->tile_count);
+           lw_relay_light_scene(scene->light)->object_count, lw_relay_light_map(scene->light)->plain_count);
     lw_serve_options_tell(&s->serve, p->server);
     lw_service_notify("READY=1\nSTATUS=serving at %s", address);
     return LW_OK;

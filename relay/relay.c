@@ -6,6 +6,7 @@
 #include "common/invariant.h"
 #include "common/log.h"
 #include "proto/nats_wire.h"
+#include "server/serve/server_limits.h"
 
 #include <errno.h>
 #include <poll.h>
@@ -330,6 +331,24 @@ static void follow_channels(struct lw_relay *r) {
 
 /* ---- interest ---- */
 
+/* Of a list, the first tiles: those that the server above is asked for. Tiles of finer levels give way: more
+ * than the message takes are everything, which has none of them. */
+static uint32_t count_asked(const struct lw_atlas_map *map, const struct lw_server_interest *interest) {
+    uint32_t plain = interest->tile_count;
+    while (plain && interest->tile[plain - 1] >= map->plain_count) plain--;
+    const uint32_t room = plain < LW_MESSAGE_INTEREST_MAX ? LW_MESSAGE_INTEREST_MAX - plain : 0,
+                   most = room < LW_SESSION_FINE_MAX ? room : LW_SESSION_FINE_MAX,
+                   fine = interest->tile_count - plain;
+    return plain + (fine < most ? fine : most);
+}
+
+/* Ids of tiles of finer levels are free again with a snapshot that knows the newest list: one is due where
+ * they run short. */
+static bool owes_ids(const struct lw_relay *r) {
+    const struct lw_atlas_map *map = lw_relay_light_map(r->scene.light);
+    return map->fine && lw_fine_ids_free_count(map->fine) < lw_atlas_map_room(map) / 4;
+}
+
 static void follow_interest(struct lw_relay *r) {
     struct lw_server_interest interest;
     if (!r->server || !lw_server_take_interest(r->server, &interest)) return;
@@ -337,12 +356,14 @@ static void follow_interest(struct lw_relay *r) {
     free(r->tile);
     r->everything = interest.everything;
     r->tile = interest.tile;
-    r->tile_count = interest.tile_count;
+    r->tile_count = count_asked(lw_relay_light_map(r->scene.light), &interest);
     r->stats.wants_everything = r->everything || r->tile_count > LW_MESSAGE_INTEREST_MAX;
-    r->stats.interest_tiles = r->tile_count;
+    r->stats.interest_tiles = r->everything ? 0 : interest.tile_count;
+    r->owes |= lw_relay_light_list(r->scene.light, interest.number, interest.tile, interest.tile_count);
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
         if (r->feed[c] && lw_relay_upstream_want(r->feed[c], r->everything, r->tile, r->tile_count) != LW_OK)
             lw_log(LW_LOG_WARNING, "out of memory for what clients want: they get what was wanted before");
+    r->owes |= owes_ids(r);
 }
 
 /* ---- updates ---- */

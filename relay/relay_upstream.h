@@ -32,6 +32,7 @@ struct lw_relay_told {
     struct lw_package_hash package_hash, finish_hash;
     uint64_t package_size, finish_size; /* finish_size 0: there are none */
     uint64_t features;                  /* LW_FEATURE_DCT, or 0 */
+    uint32_t finer;                     /* levels that are finer than level 0 */
     uint32_t bounces;
     float target_error, noise_shown;
     bool has_draws; /* the bits below were told; those of a session that did not ask are not */

@@ -5,6 +5,7 @@
 #include "common/log.h"
 #include "common/slices.h"
 #include "server/serve/control_socket.h"
+#include "server/serve/fine_turns.h"
 #include "server/serve/session.h"
 #include "server/serve/tcp_transport.h"
 #include "server/serve/turns.h"
@@ -274,6 +275,12 @@ static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_
 
 /* ---- hand-over ---- */
 
+/* A relay has dropped a tile of a finer level that nobody lists: its id may be another tile's next. */
+static void forget_tile(struct lw_session_channel *channel, uint32_t id) {
+    lw_deltas_forget(&channel->deltas, id);
+    lw_priority_forget(&channel->priority, id);
+}
+
 /* Lists what a snapshot changes of a channel, in the order in which it goes to those who had all of the one
  * before. */
 static void note_changed(const struct lw_server *server, struct lw_session_channel *channel,
@@ -284,6 +291,7 @@ static void note_changed(const struct lw_server *server, struct lw_session_chann
         const uint32_t id = server->order[i];
         const struct lw_snapshot_tile *tile = &after->tile[channel->number][id];
         const uint64_t had = before ? before->tile[channel->number][id].version : 0;
+        if (had && !tile->version) forget_tile(channel, id);
         if (tile->version <= had) continue;
         lw_deltas_add(&channel->deltas, id, tile);
         lw_priority_note(&channel->priority, id, lw_snapshot_frame_of(tile->version), tile->change);
@@ -355,8 +363,9 @@ static void free_interest(struct lw_server_interest *interest) {
     *interest = (struct lw_server_interest){0};
 }
 
-/* Of all tiles, those that some session lists. */
-static bool list_wanted(const struct lw_interest_union *interest_union, struct lw_server_interest *list) {
+/* For a relay: the tiles that some session lists. */
+static bool list_wanted(const struct lw_session_shared *shared, struct lw_server_interest *list) {
+    const struct lw_interest_union *interest_union = &shared->interest_union;
     const uint32_t tiles = interest_union->atlas_map->tile_count;
     uint32_t count = 0;
     for (uint32_t t = 0; t < tiles; t++) count += interest_union->count[t] > 0;
@@ -364,7 +373,7 @@ static bool list_wanted(const struct lw_interest_union *interest_union, struct l
     for (uint32_t t = 0; t < tiles; t++)
         if (interest_union->count[t]) list->tile[list->tile_count++] = t;
     LW_INVARIANT(list->tile_count == count);
-    return true;
+    return lw_fine_turns_order(shared, list->tile, list->tile_count);
 }
 
 /* For the solver: what the tiles that are listed cover. */
@@ -384,8 +393,13 @@ static void hand_over_interest(struct lw_server *server) {
     uv_mutex_unlock(&server->mutex);
     if (untaken) return; /* the taker wakes the loop */
     struct lw_server_interest list = {.everything = interest_union->everything > 0};
-    if (!list.everything && !(server->shared.is_relay ? list_wanted : list_levels)(interest_union, &list))
+    const bool is_made = server->shared.is_relay ? list_wanted(&server->shared, &list)
+                         : list.everything       ? true
+                                                 : list_levels(interest_union, &list);
+    if (!is_made) {
+        free_interest(&list);
         return; /* later, perhaps */
+    }
     list.number = ++server->shared.fine.interest;
     interest_union->changed = false;
     uv_mutex_lock(&server->mutex);

@@ -134,10 +134,12 @@ LW_MUST_CHECK enum lw_status lw_server_run(struct lw_server *server, struct lw_e
 void lw_server_publish(struct lw_server *server, struct lw_snapshot *snapshot);
 /** The union of all sessions' interest. */
 struct lw_server_interest {
-    bool everything; /* a session wants every tile; the lists are NULL then */
+    bool everything; /* a session wants every tile; `levels` is NULL then */
     uint64_t number; /* of this list, from 1 on: snapshots say which one the solver had (snapshot.h) */
     uint8_t *levels; /* per lw_tile_id (lw_interest_union_levels()); the caller frees it. NULL: a relay's */
-    uint32_t *tile;  /* of a relay: those that a session lists, by lw_tile_id; the caller frees it */
+    /* A relay's: the tiles that a session lists, by lw_tile_id. Those of finer levels come last, in the order
+     * of fine_turns.h. The caller frees it. */
+    uint32_t *tile;
     uint32_t tile_count;
 };
 /** Takes the union of interest if it differs from the one last taken, which is empty at first. Returns

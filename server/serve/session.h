@@ -24,8 +24,7 @@
 
 #include <uv.h>
 
-#define LW_SESSION_FINE_MAX 1024u /* tiles of finer levels that a session may list; the rest are left out */
-#define LW_SESSION_RECENT   64u   /* snapshots whose arrival is remembered */
+#define LW_SESSION_RECENT 64u /* snapshots whose arrival is remembered */
 
 struct lw_session;
 
