@@ -1,4 +1,4 @@
-/* lightwell-relay.c: a server without a solver: passes on the light of another server.
+/* lightwell-relay.c: a server without a solver: forwards the light of another server.
  * Threads: main is the loop of the server [loop]; relay.h has a thread that talks to the server above. They
  *          share the server's hand-over, nothing else. */
 #include "common/clock.h"
@@ -253,7 +253,9 @@ static enum lw_status serve(struct program *p, const struct lw_relay_scene *scen
     p->hands_over = false;
     if (status == LW_OK) status = tell_first(p, scene, err);
     if (status == LW_OK) {
-        lw_relay_serve(p->relay, p->server);
+        char name[LW_SERVE_OPTIONS_WHERE_SIZE];
+        lw_serve_options_where(&p->settings.serve, p->server, name, sizeof name);
+        lw_relay_serve(p->relay, p->server, name);
         status = lw_server_run(p->server, err);
         lw_relay_leave(p->relay);
     }

@@ -16,8 +16,8 @@
 #define NAME          "lightwell-relay " LW_VERSION
 #define HOLDS_AT_ONCE 1024u /* half of what a message may have: it fits into an outbox */
 #define UPDATES_MAX   1024u /* without an answer */
-/* That a session for light offers besides. */
-#define FEATURES_OF_LIGHT (LW_FEATURE_MATERIALS | LW_FEATURE_FINER)
+/* A session for light offers these besides. */
+#define FEATURES_OF_LIGHT (LW_FEATURE_MATERIALS | LW_FEATURE_FINER | LW_FEATURE_TREE)
 
 struct lw_relay_upstream {
     struct lw_link link;
@@ -501,6 +501,16 @@ enum lw_status lw_relay_upstream_update(struct lw_relay_upstream *up, uint64_t r
     up->unanswered++;
     *out_sent = true;
     return LW_OK;
+}
+
+enum lw_status lw_relay_upstream_report(struct lw_relay_upstream *up, const char *text, size_t size,
+                                        struct lw_error *err) {
+    const struct lw_message message = {.type = LW_MESSAGE_REPORT,
+                                       .report = {.data = (const uint8_t *)text, .size = size}};
+    bool fits;
+    if (!(up->features & LW_FEATURE_TREE)) return LW_OK;
+    enum lw_status status = lw_link_fits(&up->link, &message, &fits, err);
+    return status == LW_OK && fits ? lw_link_send(&up->link, &message, err) : status;
 }
 
 void lw_relay_upstream_set_answered(struct lw_relay_upstream *up, lw_relay_upstream_answered *answered,

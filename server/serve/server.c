@@ -421,6 +421,11 @@ bool lw_server_take_interest(struct lw_server *server, struct lw_server_interest
     return news;
 }
 
+uint32_t lw_server_get_relays_below(struct lw_server *server, struct lw_relay_tree_node *out_node,
+                                    uint32_t capacity) {
+    return lw_relay_tree_get(&server->shared.tree, out_node, capacity);
+}
+
 uint32_t lw_server_channels_taken(const struct lw_server *server) { return server->shared.channels_taken; }
 
 size_t lw_server_take_updates(struct lw_server *server, uint64_t frame, struct lw_scene_change **out_change,
@@ -734,6 +739,14 @@ static size_t cut_report(const char *text, size_t size) {
     return size;
 }
 
+/* The program's page, with the relays below. */
+static bool make_page(void *context, const char *path, struct lw_server_page *out_page) {
+    struct lw_server *server = context;
+    if (!server->hooks.page(server->hooks.context, path, out_page)) return false;
+    if (strcmp(path, "/metrics") == 0) lw_relay_tree_add_metrics(&server->shared.tree, out_page);
+    return true;
+}
+
 /* What is asked over the control socket. */
 static enum lw_report_code on_ask(void *context, const struct lw_message_ask *ask, char **out_text,
                                   size_t *out_size) {
@@ -741,8 +754,7 @@ static enum lw_report_code on_ask(void *context, const struct lw_message_ask *as
     struct lw_server_page page = {0};
     switch (ask->what) {
     case LW_ASK_STATS:
-        if (!server->hooks.page || !server->hooks.page(server->hooks.context, "/metrics", &page))
-            return LW_REPORT_UNKNOWN;
+        if (!server->hooks.page || !make_page(server, "/metrics", &page)) return LW_REPORT_UNKNOWN;
         *out_text = page.text;
         *out_size = cut_report(page.text, page.size);
         return LW_REPORT_DONE;
@@ -1048,8 +1060,8 @@ static enum lw_status start_metrics(struct lw_server *server, const struct lw_se
                                            .hosts = desc->http_hosts,
                                            .tls = desc->metrics_guarded ? server->tcp.tls : NULL,
                                            .wants_token = desc->metrics_guarded,
-                                           .page = desc->hooks.page,
-                                           .page_context = desc->hooks.context};
+                                           .page = make_page,
+                                           .page_context = server};
     enum lw_status status =
         start_listening(&server->metrics_listener, desc->sockets ? &desc->sockets->metrics : NULL,
                         desc->metrics_host, desc->metrics_port, "--metrics", &server->metrics_port, err);
@@ -1207,6 +1219,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     if (status == LW_OK && !(shared->listed = calloc(tiles / 64 + 1, sizeof *shared->listed)))
         status = LW_NO_MEMORY;
     if (status == LW_OK) status = lw_interest_union_init(&shared->interest_union, desc->atlas_map);
+    if (status == LW_OK) status = lw_relay_tree_init(&shared->tree);
     if (status == LW_OK) status = lw_fine_names_init(&shared->fine, desc->atlas_map);
     if (status == LW_OK) status = init_channels(server, desc);
     if (status == LW_OK && shared->scene) status = lw_scene_roster_init(&shared->roster, shared->scene);
@@ -1466,6 +1479,7 @@ void lw_server_destroy(struct lw_server *server) {
     free(server->outside.tile);
     free(server->next_outside.tile);
     lw_interest_union_finish(&shared->interest_union);
+    lw_relay_tree_finish(&shared->tree);
     lw_fine_names_finish(&shared->fine);
     lw_updates_finish(&shared->updates);
     lw_passed_updates_finish(&shared->passed);

@@ -14,6 +14,7 @@
 #include "common/scene/scene_change.h"
 #include "server/publish/snapshot.h"
 #include "server/serve/passed_updates.h"
+#include "server/serve/relay_tree.h"
 #include "server/serve/server_limits.h"
 #include "server/serve/server_page.h"
 #include "server/serve/server_stats.h"
@@ -145,6 +146,9 @@ struct lw_server_interest {
 /** Takes the union of interest if it differs from the one last taken, which is empty at first. Returns
  * whether it does. For one caller, at its own pace: changes in between are merged. [any] */
 bool lw_server_take_interest(struct lw_server *server, struct lw_server_interest *out_interest);
+/** The relays below, as they report themselves: at most LW_RELAY_TREE_MAX. Returns their number. [any] */
+uint32_t lw_server_get_relays_below(struct lw_server *server, struct lw_relay_tree_node *out_node,
+                                    uint32_t capacity);
 /** The set of channels that sessions take now; 0: there is no session. A session gets frames from the first
  * snapshot on that has its channels. [any] */
 uint32_t lw_server_channels_taken(const struct lw_server *server);

@@ -16,6 +16,7 @@
 #include "server/serve/passed_updates.h"
 #include "server/serve/peer_log.h"
 #include "server/serve/priority.h"
+#include "server/serve/relay_tree.h"
 #include "server/serve/server_limits.h"
 #include "server/serve/server_stats.h"
 #include "server/serve/session_transport.h"
@@ -53,6 +54,8 @@ struct lw_session_shared {
     struct lw_passed_updates passed;
     uint64_t relays[LW_MESSAGE_RELAYS_MAX]; /* of a relay: its number, and those of the relays above */
     uint32_t relay_count;
+    struct lw_relay_tree tree;            /* the relays below, as they report themselves */
+    uint32_t reporting_count;             /* sessions of such */
     const struct lw_waiting *first_light; /* how far it is; NULL: nobody is told */
     uint64_t epoch; /* counts ticks and snapshots seen: in each, a session may change its mind once */
     struct lw_snapshot *snapshot; /* newest; NULL before the first */
