@@ -385,6 +385,26 @@ static void another_run_counts_on(void **state) {
     assert_int_equal(lw_relay_light_run(light), 78);
 }
 
+/* The server above ends again before it has sent anything, as one does that cannot go on. */
+static void a_run_may_end_before_its_first_frame(void **state) {
+    (void)state;
+    const uint64_t gap = UINT64_C(1) << 32;
+    lw_relay_light_begin(light, FULL);
+    take_all(FULL, 5);
+    lw_snapshot_unref(snapshot());
+    for (uint64_t run = 77; run < 80; run++) {
+        lw_relay_light_end(light, FULL);
+        assert_true(lw_relay_light_begin_run(light, run));
+        lw_relay_light_begin(light, FULL);
+    }
+    take_frame(FULL, 1);
+    take_settled(FULL, 1);
+    struct lw_snapshot *s = snapshot();
+    assert_true(s->frame == 3 * gap + 1 && s->previous_frame == 5);
+    expect_run(s->frame_full, 79);
+    lw_snapshot_unref(s);
+}
+
 /* ---- tiles of finer levels ---- */
 
 static lw_tile_id claim(uint32_t tile) { return lw_atlas_map_claim_tile(map, 0, LW_ATLAS_FINER + 1, tile); }
@@ -560,6 +580,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(light_stays, begin, end),
         cmocka_unit_test_setup_teardown(what_makes_no_sense_is_refused, begin, end),
         cmocka_unit_test_setup_teardown(another_run_counts_on, begin, end),
+        cmocka_unit_test_setup_teardown(a_run_may_end_before_its_first_frame, begin, end),
         cmocka_unit_test_setup_teardown(finer_tiles_come_and_go, begin_finer, end),
         cmocka_unit_test_setup_teardown(finer_tiles_of_a_session_that_ended_are_in_doubt, begin_finer, end),
         cmocka_unit_test_setup_teardown(finer_tiles_give_way, begin_finer, end),
