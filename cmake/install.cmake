@@ -25,7 +25,7 @@ install(FILES ${PROJECT_BINARY_DIR}/lightwell.pc DESTINATION ${CMAKE_INSTALL_LIB
 # The service: where systemd looks below /usr/local and /usr.
 install(FILES packaging/systemd/lightwelld.service packaging/systemd/lightwell-relay@.service DESTINATION lib/systemd/system)
 install(FILES packaging/systemd/lightwelld.conf packaging/systemd/lightwell-relay.conf DESTINATION ${CMAKE_INSTALL_DOCDIR}/systemd)
-install(DIRECTORY packaging/prometheus DESTINATION ${CMAKE_INSTALL_DOCDIR})
+install(DIRECTORY packaging/prometheus packaging/grafana DESTINATION ${CMAKE_INSTALL_DOCDIR})
 
 # Documents name each other by their place in this tree, so they keep it, too.
 install(FILES LICENSE README.md CHANGELOG.md CONTRIBUTING.md SECURITY.md DESTINATION ${CMAKE_INSTALL_DOCDIR})

@@ -58,6 +58,7 @@
 #define LW_FEATURE_FINER     512u  /* may ask for tiles of finer levels */
 #define LW_FEATURE_RUNS      1024u /* reads the run of a FRAME */
 #define LW_FEATURE_DIRECTION LW_TILE_CHANNELS_DIRECTION /* gets tiles of where light comes from, too */
+#define LW_FEATURE_TREE      4096u                      /* a relay that reports which relays are below it */
 #define LW_FEATURES_READ                                                                                     \
     (LW_FEATURE_DCT | LW_FEATURE_RESUME | LW_FEATURE_PARTS |                                                 \
      LW_FEATURE_RUNS) /* all that our clients know and need not ask for */

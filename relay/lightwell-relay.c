@@ -1,4 +1,4 @@
-/* lightwell-relay.c: a server without a solver: passes on the light of another server.
+/* lightwell-relay.c: a server without a solver: forwards the light of another server.
  * Threads: main is the loop of the server [loop]; relay.h has a thread that talks to the server above. They
  *          share the server's hand-over, nothing else. */
 #include "common/clock.h"
@@ -240,7 +240,7 @@ static enum lw_status tell_first(struct program *p, const struct lw_relay_scene 
     p->told = true;
     lw_serve_options_where(&s->serve, p->server, address, sizeof address);
     lw_log(LW_LOG_INFO, "serving the light of %s at %s: %u objects, %u tiles", stats.address, address,
-           lw_relay_light_scene(scene->light)->object_count, lw_relay_light_map(scene->light)->tile_count);
+           lw_relay_light_scene(scene->light)->object_count, lw_relay_light_map(scene->light)->plain_count);
     lw_serve_options_tell(&s->serve, p->server);
     lw_service_notify("READY=1\nSTATUS=serving at %s", address);
     return LW_OK;
@@ -253,7 +253,9 @@ static enum lw_status serve(struct program *p, const struct lw_relay_scene *scen
     p->hands_over = false;
     if (status == LW_OK) status = tell_first(p, scene, err);
     if (status == LW_OK) {
-        lw_relay_serve(p->relay, p->server);
+        char name[LW_SERVE_OPTIONS_WHERE_SIZE];
+        lw_serve_options_where(&p->settings.serve, p->server, name, sizeof name);
+        lw_relay_serve(p->relay, p->server, name);
         status = lw_server_run(p->server, err);
         lw_relay_leave(p->relay);
     }

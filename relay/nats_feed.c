@@ -581,7 +581,7 @@ static enum lw_status take_events(struct lw_nats_feed *feed) {
 static enum lw_status take_hello(struct lw_nats_feed *feed, const struct lw_message_hello *hello) {
     struct lw_message answer = feed->welcome;
     struct lw_message_welcome *w = &answer.welcome;
-    w->features &= hello->features;
+    w->features &= hello->features & ~LW_FEATURE_FINER; /* NATS has no tiles of finer levels */
     if (!(w->features & LW_FEATURE_MATERIALS)) w->finish = (struct lw_message_package){0};
     if (!(w->features & LW_FEATURE_DRAWS)) {
         w->client_lights = w->client_materials = NULL;

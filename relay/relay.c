@@ -6,6 +6,7 @@
 #include "common/invariant.h"
 #include "common/log.h"
 #include "proto/nats_wire.h"
+#include "server/serve/server_limits.h"
 
 #include <errno.h>
 #include <poll.h>
@@ -25,9 +26,10 @@
 #define REST_MS            1000 /* else: under LW_LINK_PING_S */
 #define CONTROL_RETRY_NS   (1000 * MS_NS)
 #define CONTROL_IDLE_NS    (60000 * MS_NS)
-#define WAITS_MAX          20u /* then there are two servers at one address */
+#define REPORT_NS          (2000 * MS_NS) /* between two reports to the server above */
+#define WAITS_MAX          20u            /* then there are two servers at one address */
 
-/* A session that passes on the updates of one token, or of sessions without one. */
+/* A session that forwards the updates of one token, or of sessions without one. */
 struct control {
     struct lw_relay *relay;
     bool is_used, has_token;
@@ -55,8 +57,9 @@ struct lw_relay {
 
     pthread_mutex_t mutex; /* guards what follows, but for what only the thread uses; not held in waits */
     pthread_cond_t changed;
-    struct lw_server *server; /* NULL: there is none */
-    bool owes;                /* the server has had no snapshot yet */
+    struct lw_server *server;           /* NULL: there is none */
+    char name[LW_MESSAGE_NAME_MAX + 1]; /* where it serves */
+    bool owes;                          /* the server has had no snapshot yet */
     struct lw_relay_scene scene, next;
     bool has_scene;
     uint64_t above_run;    /* run of the server above that lights `scene` */
@@ -87,6 +90,9 @@ struct lw_relay {
     uint32_t tile_count;
     uint64_t some_ns; /* when the first tile came that is in no snapshot; 0: none */
     bool told_memory;
+    uint64_t reported_ns, reported_bytes; /* when the last report was made; sent to clients by then */
+    struct lw_relay_tree_node below[LW_RELAY_TREE_MAX];
+    char report[LW_RELAY_TREE_TEXT_MAX];
     struct control control[LW_RELAY_CONTROLS_MAX];
 };
 
@@ -330,6 +336,24 @@ static void follow_channels(struct lw_relay *r) {
 
 /* ---- interest ---- */
 
+/* The server above is asked for the first tiles of a list. Tiles of finer levels give way: more
+ * than the message takes are everything, which has none of them. */
+static uint32_t count_asked(const struct lw_atlas_map *map, const struct lw_server_interest *interest) {
+    uint32_t plain = interest->tile_count;
+    while (plain && interest->tile[plain - 1] >= map->plain_count) plain--;
+    const uint32_t room = plain < LW_MESSAGE_INTEREST_MAX ? LW_MESSAGE_INTEREST_MAX - plain : 0,
+                   most = room < LW_SESSION_FINE_MAX ? room : LW_SESSION_FINE_MAX,
+                   fine = interest->tile_count - plain;
+    return plain + (fine < most ? fine : most);
+}
+
+/* Ids of tiles of finer levels are free again with a snapshot that knows the newest list: one is due where
+ * they run short. */
+static bool owes_ids(const struct lw_relay *r) {
+    const struct lw_atlas_map *map = lw_relay_light_map(r->scene.light);
+    return map->fine && lw_fine_ids_free_count(map->fine) < lw_atlas_map_room(map) / 4;
+}
+
 static void follow_interest(struct lw_relay *r) {
     struct lw_server_interest interest;
     if (!r->server || !lw_server_take_interest(r->server, &interest)) return;
@@ -337,12 +361,14 @@ static void follow_interest(struct lw_relay *r) {
     free(r->tile);
     r->everything = interest.everything;
     r->tile = interest.tile;
-    r->tile_count = interest.tile_count;
+    r->tile_count = count_asked(lw_relay_light_map(r->scene.light), &interest);
     r->stats.wants_everything = r->everything || r->tile_count > LW_MESSAGE_INTEREST_MAX;
-    r->stats.interest_tiles = r->tile_count;
+    r->stats.interest_tiles = r->everything ? 0 : interest.tile_count;
+    r->owes |= lw_relay_light_list(r->scene.light, interest.number, interest.tile, interest.tile_count);
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
         if (r->feed[c] && lw_relay_upstream_want(r->feed[c], r->everything, r->tile, r->tile_count) != LW_OK)
             lw_log(LW_LOG_WARNING, "out of memory for what clients want: they get what was wanted before");
+    r->owes |= owes_ids(r);
 }
 
 /* ---- updates ---- */
@@ -560,6 +586,34 @@ static void publish(struct lw_relay *r) {
     lw_snapshot_unref(snapshot);
 }
 
+/* ---- reports ---- */
+
+/* This relay and those below it, to the server above. */
+static void report(struct lw_relay *r) {
+    const uint64_t now_ns = lw_clock_ns();
+    struct lw_server_stats stats;
+    struct lw_error err = {0};
+    uint32_t c = 0;
+    if (!r->server || now_ns - r->reported_ns < REPORT_NS) return;
+    lw_server_get_stats(r->server, &stats);
+    const double elapsed_s = 1e-9 * (double)(now_ns - r->reported_ns);
+    const uint64_t sent = stats.bytes_sent > r->reported_bytes ? stats.bytes_sent - r->reported_bytes : 0;
+    r->below[0] = (struct lw_relay_tree_node){
+        .relay = r->number,
+        .sessions = stats.sessions_now,
+        .light_age_ms = r->lost_at_ns ? (now_ns - r->lost_at_ns) / MS_NS : 0,
+        .sent_bytes_hz = r->reported_ns ? (uint64_t)((double)sent / elapsed_s) : 0};
+    memcpy(r->below[0].name, r->name, sizeof r->name);
+    const uint32_t count = 1 + lw_server_get_relays_below(r->server, r->below + 1, LW_RELAY_TREE_MAX - 1);
+    r->reported_ns = now_ns;
+    r->reported_bytes = stats.bytes_sent;
+    while (c < LW_TILE_CHANNELS_MAX && !r->feed[c]) c++;
+    if (c == LW_TILE_CHANNELS_MAX) return;
+    const size_t size = lw_relay_tree_write(r->below, count, r->report, sizeof r->report);
+    if (lw_relay_upstream_report(r->feed[c], r->report, size, &err) != LW_OK)
+        lw_log(LW_LOG_DEBUG, "%s", err.text); /* the session's next turn ends it */
+}
+
 /* ---- the thread ---- */
 
 /* How long nothing is due, ms. */
@@ -625,6 +679,7 @@ static void *run(void *context) {
         take_updates(r);
         for (uint32_t c = 0; c < LW_RELAY_CONTROLS_MAX; c++) serve_control(r, &r->control[c]);
         publish(r);
+        report(r);
         tell_stats(r);
         wait_for_any(r);
     }
@@ -749,10 +804,12 @@ const struct lw_relay_scene *lw_relay_next_scene(struct lw_relay *r, unsigned ti
     return has ? &r->scene : NULL;
 }
 
-void lw_relay_serve(struct lw_relay *r, struct lw_server *server) {
+void lw_relay_serve(struct lw_relay *r, struct lw_server *server, const char *name) {
     pthread_mutex_lock(&r->mutex);
     LW_INVARIANT(!r->server && r->has_scene);
     r->server = server;
+    r->reported_ns = r->reported_bytes = 0;
+    lw_relay_tree_name(r->name, name);
     r->owes = true;
     lw_server_set_relays_above(server, r->above, r->above_count);
     if (r->has_next) lw_server_relay(server);

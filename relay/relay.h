@@ -64,7 +64,8 @@ const struct lw_waiting *lw_relay_waiting(const struct lw_relay *relay);
  * scene before it is freed: no server may use it. The relay's; until the next call. */
 const struct lw_relay_scene *lw_relay_next_scene(struct lw_relay *relay, unsigned timeout_ms);
 /** Feeds a server that was made for that scene, until lw_relay_leave(). */
-void lw_relay_serve(struct lw_relay *relay, struct lw_server *server);
+/** name: where the server serves, for reports to the server above */
+void lw_relay_serve(struct lw_relay *relay, struct lw_server *server, const char *name);
 void lw_relay_leave(struct lw_relay *relay);
 /** Whether another scene waits for lw_relay_next_scene(). [any] */
 bool lw_relay_has_next(const struct lw_relay *relay);

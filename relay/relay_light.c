@@ -4,6 +4,7 @@
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 #include "common/tile/tile_codec.h"
+#include "relay/relay_fine.h"
 #include "server/publish/frame_message.h"
 #include "server/serve/transcoder.h"
 
@@ -22,8 +23,11 @@ struct tile {
     struct lw_blob *whole;
     uint64_t base; /* that `delta` builds on */
     struct lw_blob *delta;
-    uint64_t published; /* the version in the last snapshot; 0: none */
+    uint64_t published; /* the version that a snapshot had last; 0: none */
     struct lw_blob *published_whole;
+    /* Of finer levels alone. */
+    uint64_t above;   /* the version that the server above calls it by; 0: no delta builds on it */
+    bool is_in_doubt; /* the server above has not sent it, and may not have it */
 };
 
 /* What the session of a channel has said. */
@@ -41,6 +45,7 @@ struct lw_relay_light {
     struct lw_scene *scene;
     struct lw_atlas_map map;
     bool has_map;
+    struct lw_relay_fine fine;
     struct lw_tile_codec *codec;
     struct feed feed[LW_TILE_CHANNELS_MAX];
     uint64_t run;            /* run named in snapshots; 0: none */
@@ -58,9 +63,11 @@ struct lw_relay_light {
 
 /* ---- create ---- */
 
-static enum lw_status complete(struct lw_relay_light *light) {
-    enum lw_status status = lw_atlas_map_init(&light->map, light->scene);
+static enum lw_status complete(struct lw_relay_light *light, uint32_t finer) {
+    enum lw_status status =
+        lw_atlas_map_init_finer(&light->map, light->scene, finer, finer ? LW_RELAY_LIGHT_FINE_MAX : 0);
     light->has_map = status == LW_OK;
+    if (status == LW_OK) status = lw_relay_fine_init(&light->fine, &light->map);
     if (status == LW_OK) status = lw_tile_codec_create(&light->codec);
     if (status == LW_OK && !(light->payload = malloc(lw_tile_codec_bound()))) status = LW_NO_MEMORY;
     if (status == LW_OK) {
@@ -70,12 +77,12 @@ static enum lw_status complete(struct lw_relay_light *light) {
     return status;
 }
 
-enum lw_status lw_relay_light_create(const uint8_t *package, size_t size, struct lw_relay_light **out_light,
-                                     struct lw_error *err) {
+enum lw_status lw_relay_light_create(const uint8_t *package, size_t size, uint32_t finer,
+                                     struct lw_relay_light **out_light, struct lw_error *err) {
     struct lw_relay_light *light = calloc(1, sizeof *light);
     if (!light) return lw_status_fail(err, LW_NO_MEMORY, "scene package: out of memory");
     enum lw_status status = lw_package_read(package, size, &light->scene, err);
-    if (status == LW_OK && (status = complete(light)) != LW_OK)
+    if (status == LW_OK && (status = complete(light, finer)) != LW_OK)
         lw_status_fail(err, status, "scene package: %s", lw_status_text(status));
     if (status == LW_OK)
         *out_light = light;
@@ -103,6 +110,7 @@ void lw_relay_light_destroy(struct lw_relay_light *light) {
     if (light->has_pose) lw_pose_finish(&light->pose);
     free(light->payload);
     lw_tile_codec_destroy(light->codec);
+    lw_relay_fine_finish(&light->fine);
     if (light->has_map) lw_atlas_map_finish(&light->map);
     lw_scene_destroy(light->scene);
     free(light);
@@ -110,6 +118,108 @@ void lw_relay_light_destroy(struct lw_relay_light *light) {
 
 const struct lw_scene *lw_relay_light_scene(const struct lw_relay_light *light) { return light->scene; }
 const struct lw_atlas_map *lw_relay_light_map(const struct lw_relay_light *light) { return &light->map; }
+
+/* ---- tiles of finer levels ---- */
+
+/* Nobody lists it any more. What clients had of it counts on for the case that they list it again. */
+static void drop_fine(struct lw_relay_light *light, struct tile *tile) {
+    const uint64_t published = tile->published;
+    if (tile->version) light->changed = true;
+    lw_blob_unref(tile->whole);
+    lw_blob_unref(tile->delta);
+    lw_blob_unref(tile->published_whole);
+    *tile = (struct tile){.published = published};
+}
+
+/* Clients drop it, by the smallest version that is news to them. Where the frame has no room for that version
+ * the tile stays in doubt: it is as new as the frame. */
+static enum lw_status withdraw_fine(struct lw_relay_light *light, uint32_t channel, uint32_t id) {
+    static const uint8_t nothing = 0;
+    const struct feed *feed = &light->feed[channel];
+    struct tile *tile = &feed->tile[id];
+    const uint64_t newest = tile->version > tile->published ? tile->version : tile->published;
+    const struct lw_tile_place *place = &light->map.place[id];
+    struct lw_blob *blob;
+    tile->above = 0;
+    tile->is_in_doubt = newest > 0;
+    if (!newest || newest >= lw_snapshot_version(feed->frame)) return LW_OK;
+    const struct lw_message message = {.type = LW_MESSAGE_TILE,
+                                       .tile = {.object = place->object,
+                                                .level = place->level,
+                                                .tile = lw_atlas_map_number(&light->map, (lw_tile_id){id}),
+                                                .version = newest + 1,
+                                                .layer = channel,
+                                                .codec = LW_TILE_CODEC_NONE,
+                                                .scale = 1,
+                                                .payload = &nothing,
+                                                .payload_size = sizeof nothing}};
+    const enum lw_status status = lw_blob_from_message(&message, &blob);
+    if (status != LW_OK) return status;
+    lw_blob_unref(tile->whole);
+    lw_blob_unref(tile->delta);
+    tile->version = newest + 1;
+    tile->codec = LW_TILE_CODEC_NONE;
+    tile->whole = blob;
+    tile->delta = NULL;
+    tile->base = 0;
+    tile->is_in_doubt = false;
+    light->changed = true;
+    return LW_OK;
+}
+
+/* The session that sent them is over. */
+static void doubt_fine(struct lw_relay_light *light, struct feed *feed) {
+    for (uint32_t id = light->map.plain_count; feed->tile && id < light->map.tile_count; id++) {
+        struct tile *tile = &feed->tile[id];
+        tile->above = 0;
+        tile->is_in_doubt = tile->version && tile->codec != LW_TILE_CODEC_NONE;
+    }
+}
+
+/* Returns whether any was dropped. */
+static bool review_fine(struct lw_relay_light *light) {
+    bool dropped = false;
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) {
+        struct feed *feed = &light->feed[c];
+        for (uint32_t id = light->map.plain_count; feed->tile && id < light->map.tile_count; id++) {
+            struct tile *tile = &feed->tile[id];
+            const struct lw_relay_fine_tile *fine = lw_relay_fine_tile(&light->fine, id);
+            if (!tile->version && !tile->published) continue;
+            if (!fine->is_listed && !fine->asked) {
+                dropped |= tile->version > 0;
+                drop_fine(light, tile);
+            } else if (fine->is_listed && feed->is_open && !(fine->asked >> c & 1) &&
+                       tile->codec != LW_TILE_CODEC_NONE) {
+                tile->above = 0; /* clients list it, and the server above is asked for others */
+                tile->is_in_doubt = true;
+            } else if (!tile->version)
+                tile->is_in_doubt = true; /* a client may have it since before it was dropped */
+        }
+    }
+    return dropped;
+}
+
+bool lw_relay_light_list(struct lw_relay_light *light, uint64_t number, const uint32_t *tile,
+                         uint32_t count) {
+    for (uint32_t i = 0; i < count; i++) {
+        if (tile[i] < light->map.plain_count) continue;
+        const uint64_t name = lw_atlas_map_name(&light->map, (lw_tile_id){tile[i]});
+        if (lw_relay_fine_tile(&light->fine, tile[i])->name == name) continue;
+        for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) { /* the id is another tile's */
+            if (!light->feed[c].tile) continue;
+            LW_INVARIANT(!light->feed[c].tile[tile[i]].version);
+            light->feed[c].tile[tile[i]] = (struct tile){0};
+        }
+    }
+    lw_relay_fine_list(&light->fine, number, tile, count);
+    return review_fine(light);
+}
+
+void lw_relay_light_ask(struct lw_relay_light *light, uint32_t channel, const lw_tile_id *tile,
+                        uint32_t count) {
+    lw_relay_fine_ask(&light->fine, channel, tile, count);
+    (void)review_fine(light);
+}
 
 /* ---- sessions ---- */
 
@@ -123,10 +233,12 @@ void lw_relay_light_begin(struct lw_relay_light *light, uint32_t channel) {
     feed->is_open = true;
     feed->follows = false;
     feed->frame = feed->settled = 0;
+    doubt_fine(light, feed);
 }
 
 void lw_relay_light_end(struct lw_relay_light *light, uint32_t channel) {
     light->feed[channel].is_open = false;
+    lw_relay_light_ask(light, channel, NULL, 0);
 }
 
 static bool is_cut_off(const struct lw_relay_light *light) {
@@ -136,7 +248,8 @@ static bool is_cut_off(const struct lw_relay_light *light) {
 }
 
 bool lw_relay_light_begin_run(struct lw_relay_light *light, uint64_t run) {
-    uint64_t last = light->frame;
+    uint64_t last =
+        light->frame > light->before ? light->frame : light->before; /* it may have sent no frame */
     LW_INVARIANT(run && is_cut_off(light));
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) {
         const struct feed *feed = &light->feed[c];
@@ -169,7 +282,7 @@ static enum lw_status make_room(const struct lw_relay_light *light, struct feed 
     }
     if (feed->tile) return LW_OK;
     if (!(feed->tile = calloc((size_t)light->map.tile_count + 1, sizeof *feed->tile))) return LW_NO_MEMORY;
-    for (uint32_t t = 0; t < light->map.tile_count; t++)
+    for (uint32_t t = 0; t < light->map.plain_count; t++)
         feed->coarsest_missing += is_coarsest(&light->map, t);
     return LW_OK;
 }
@@ -304,7 +417,7 @@ static enum lw_status store(struct lw_relay_light *light, uint32_t channel, uint
         return status == LW_NO_MEMORY ? lw_status_fail(err, status, "message TILE: out of memory")
                                       : bad_tile(err, t, "the payload is damaged");
     }
-    if (!known->version && is_coarsest(&light->map, id)) {
+    if (!known->version && id < light->map.plain_count && is_coarsest(&light->map, id)) {
         LW_INVARIANT(feed->coarsest_missing > 0);
         feed->coarsest_missing--;
     }
@@ -321,6 +434,58 @@ static enum lw_status store(struct lw_relay_light *light, uint32_t channel, uint
     return LW_OK;
 }
 
+/* A tile that came whole again, as it is. */
+static bool is_published(const struct tile *known, const struct lw_message_tile *t) {
+    struct lw_message published;
+    if (!known->published_whole || t->version != known->published ||
+        lw_message_decode_whole(known->published_whole->bytes, known->published_whole->size, &published) !=
+            LW_OK)
+        return false;
+    const bool is_same = published.tile.codec == t->codec && published.tile.scale == t->scale &&
+                         published.tile.payload_size == t->payload_size &&
+                         !memcmp(published.tile.payload, t->payload, t->payload_size);
+    lw_message_finish(&published);
+    return is_same;
+}
+
+/* t: with the server's own version. counted: as clients count */
+static enum lw_status take_fine(struct lw_relay_light *light, uint32_t channel,
+                                const struct lw_message_tile *t, const struct lw_message_tile *counted,
+                                struct lw_error *err) {
+    const uint32_t id =
+        lw_relay_fine_find(&light->fine, lw_atlas_map_name_tile(&light->map, t->object, t->level, t->tile));
+    if (id == UINT32_MAX || !(lw_relay_fine_tile(&light->fine, id)->asked >> channel & 1))
+        return LW_OK; /* it was under way when clients turned away */
+    struct tile *known = &light->feed[channel].tile[id];
+    if (t->codec == LW_TILE_CODEC_NONE)
+        return withdraw_fine(light, channel, id) == LW_OK
+                   ? LW_OK
+                   : lw_status_fail(err, LW_NO_MEMORY, "message TILE: out of memory");
+    if (!lw_tile_codec_is_known(t->codec)) return bad_tile(err, t, "its codec is unknown");
+    if (t->base ? t->base != known->above || known->codec != LW_TILE_CODEC_DCT || t->codec != known->codec
+                : t->version <= known->above)
+        return LW_OK; /* it builds on what is not here, or is not newer */
+    struct lw_message_tile own = *counted;
+    if (known->is_in_doubt && !t->base && known->version == known->published && is_published(known, &own)) {
+        known->above = t->version;
+        known->is_in_doubt = false;
+        return LW_OK;
+    }
+    /* clients that have the last published version get none that is not larger, unless it is the same */
+    const uint64_t newest = known->version > known->published ? known->version : known->published;
+    if (own.version < newest || (own.version == newest && known->version)) own.version = newest + 1;
+    if (own.version > lw_snapshot_version(light->feed[channel].frame)) {
+        known->above = 0; /* a later version comes whole, or this one in the next session */
+        return LW_OK;
+    }
+    if (own.base) own.base = known->version;
+    const enum lw_status status = store(light, channel, id, &own, err);
+    if (status != LW_OK) return status;
+    known->above = t->version;
+    known->is_in_doubt = false;
+    return LW_OK;
+}
+
 enum lw_status lw_relay_light_take_tile(struct lw_relay_light *light, uint32_t channel,
                                         const struct lw_message_tile *tile, struct lw_error *err) {
     struct feed *feed = &light->feed[channel];
@@ -328,8 +493,8 @@ enum lw_status lw_relay_light_take_tile(struct lw_relay_light *light, uint32_t c
     LW_INVARIANT(feed->is_open);
     if (!feed->frame) return lw_status_fail(err, LW_PROTOCOL, "message TILE: out of order");
     feed->follows = false;
-    const uint32_t id = lw_atlas_map_find_tile(&light->map, t->object, t->level, t->tile).v;
-    if (id == UINT32_MAX) return bad_tile(err, t, "it does not exist");
+    if (!lw_atlas_map_has_tile(&light->map, t->object, t->level, t->tile))
+        return bad_tile(err, t, "it does not exist");
     if (t->layer >= lw_tile_channels()->count) return LW_OK;
     if (t->layer != channel) return bad_tile(err, t, "it is of another layer than the session gets");
     if (t->version > lw_snapshot_version(lw_relay_light_frame(light, channel)))
@@ -338,6 +503,8 @@ enum lw_status lw_relay_light_take_tile(struct lw_relay_light *light, uint32_t c
     counted.version += lw_snapshot_version(light->before);
     if (counted.base) counted.base += lw_snapshot_version(light->before);
     t = &counted;
+    if (lw_atlas_finer(t->level)) return take_fine(light, channel, tile, t, err);
+    const uint32_t id = lw_atlas_map_find_tile(&light->map, t->object, t->level, t->tile).v;
     if (!lw_tile_codec_is_known(t->codec)) return bad_tile(err, t, "its codec is unknown");
     const struct tile *known = &feed->tile[id];
     if (t->version <= known->version) return LW_OK;
@@ -354,6 +521,9 @@ enum lw_status lw_relay_light_take_settled(struct lw_relay_light *light, uint32_
     if (!feed->frame || frame != lw_relay_light_frame(light, channel))
         return lw_status_fail(err, LW_PROTOCOL, "message SETTLED: out of order");
     feed->follows = false;
+    for (uint32_t id = light->map.plain_count; id < light->map.tile_count; id++)
+        if (feed->tile[id].is_in_doubt && withdraw_fine(light, channel, id) != LW_OK)
+            return lw_status_fail(err, LW_NO_MEMORY, "message SETTLED: out of memory");
     if (feed->settled == feed->frame && !light->changed) return LW_OK;
     feed->settled = feed->frame;
     light->changed = light->completed = true;
@@ -362,7 +532,7 @@ enum lw_status lw_relay_light_take_settled(struct lw_relay_light *light, uint32_
 
 uint64_t lw_relay_light_version(const struct lw_relay_light *light, uint32_t channel, lw_tile_id tile) {
     const struct feed *feed = &light->feed[channel];
-    LW_INVARIANT(tile.v < light->map.tile_count);
+    LW_INVARIANT(tile.v < light->map.plain_count);
     const uint64_t version = feed->tile ? feed->tile[tile.v].version : 0,
                    before = lw_snapshot_version(light->before);
     return version > before ? version - before : 0;
@@ -437,7 +607,7 @@ static enum lw_status make_messages(struct lw_relay_light *light, const struct f
 
 /* Of a tile whose newest version was in no snapshot yet. */
 static void publish_tile(struct lw_relay_light *light, uint32_t channel, uint32_t id, struct tile *tile) {
-    if (tile->published && tile->base != tile->published) {
+    if (tile->published_whole && tile->base != tile->published) {
         keep_blob(&tile->delta, /* over several versions */
                   lw_transcoder_encode_delta(light->codec, lw_tile_channel_at(channel), &light->map.place[id],
                                              tile->published_whole, tile->published, tile->whole,
@@ -462,6 +632,17 @@ static void list_tiles(struct lw_relay_light *light, uint32_t channel, struct lw
     }
 }
 
+/* Which ids of finer levels have to stay. */
+static enum lw_status note_held(const struct lw_relay_light *light, struct lw_snapshot *snapshot) {
+    const uint32_t room = lw_atlas_map_room(&light->map), plain = light->map.plain_count;
+    snapshot->interest = light->fine.interest;
+    if (!room) return LW_OK;
+    if (!(snapshot->holds_fine = malloc(room * sizeof *snapshot->holds_fine))) return LW_NO_MEMORY;
+    for (uint32_t i = 0; i < room; i++)
+        snapshot->holds_fine[i] = lw_relay_fine_is_held(&light->fine, plain + i);
+    return LW_OK;
+}
+
 enum lw_status lw_relay_light_snapshot(struct lw_relay_light *light, struct lw_snapshot **out_snapshot) {
     const bool cut_off = light->frame && is_cut_off(light);
     const struct feed *newest = find_newest(light);
@@ -474,6 +655,10 @@ enum lw_status lw_relay_light_snapshot(struct lw_relay_light *light, struct lw_s
             channels |= lw_tile_channel_bit(c);
     enum lw_status status = lw_snapshot_create(light->map.tile_count, channels, &snapshot);
     if (status != LW_OK) return status;
+    if ((status = note_held(light, snapshot)) != LW_OK) {
+        lw_snapshot_unref(snapshot);
+        return status;
+    }
     if (!cut_off && newest->frame > light->frame && (status = make_messages(light, newest)) != LW_OK) {
         lw_snapshot_unref(snapshot);
         return status;

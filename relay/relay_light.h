@@ -6,7 +6,11 @@
  *
  * Tiles keep the versions that they came with, but for those of a later run (lw_relay_light_begin_run()). One
  * that came as a delta is also made whole, for clients that join. Every byte may come from anyone: each
- * tile is decoded once before it is forwarded. */
+ * tile is decoded once before it is forwarded.
+ *
+ * Tiles of finer levels are here for as long as clients list them (relay_fine.h). A session above forgets
+ * them when it ends. Then they stay, in doubt: the first SETTLED of the next session withdraws the tiles that
+ * did not come again. Where their versions would fall they get larger ones: no HOLDS names them. */
 #ifndef LW_RELAY_LIGHT_H
 #define LW_RELAY_LIGHT_H
 
@@ -16,8 +20,11 @@
 
 struct lw_relay_light;
 
-/** Reads a scene package; keeps none of its bytes. Errors: LW_BAD_DATA, LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_relay_light_create(const uint8_t *package, size_t size,
+#define LW_RELAY_LIGHT_FINE_MAX 4096u /* tiles of finer levels that clients may list at a time */
+
+/** Reads a scene package; keeps none of its bytes. finer: levels that are finer than level 0, at most
+ * LW_ATLAS_FINER_MAX. Errors: LW_BAD_DATA, LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_relay_light_create(const uint8_t *package, size_t size, uint32_t finer,
                                                    struct lw_relay_light **out_light, struct lw_error *err);
 void lw_relay_light_destroy(struct lw_relay_light *light);
 
@@ -56,7 +63,14 @@ LW_MUST_CHECK enum lw_status lw_relay_light_take_tile(struct lw_relay_light *lig
 LW_MUST_CHECK enum lw_status lw_relay_light_take_settled(struct lw_relay_light *light, uint32_t channel,
                                                          uint64_t frame, struct lw_error *err);
 
-/** The version that it has of a tile; 0: none of this run. */
+/** The newest list of clients' interest, with its number (lw_server_interest). Returns whether a snapshot is
+ * due without waiting for light: tiles of finer levels were dropped, and their ids are free with it. */
+bool lw_relay_light_list(struct lw_relay_light *light, uint64_t number, const uint32_t *tile, uint32_t count);
+/** The server above was sent this list of interest, by the channel's session. */
+void lw_relay_light_ask(struct lw_relay_light *light, uint32_t channel, const lw_tile_id *tile,
+                        uint32_t count);
+
+/** The version that it has of a tile that is not of a finer level; 0: none of this run. */
 uint64_t lw_relay_light_version(const struct lw_relay_light *light, uint32_t channel, lw_tile_id tile);
 /** The last frame of the session; 0: none came. */
 uint64_t lw_relay_light_frame(const struct lw_relay_light *light, uint32_t channel);

@@ -16,6 +16,8 @@
 #define NAME          "lightwell-relay " LW_VERSION
 #define HOLDS_AT_ONCE 1024u /* half of what a message may have: it fits into an outbox */
 #define UPDATES_MAX   1024u /* without an answer */
+/* A session for light offers these besides. */
+#define FEATURES_OF_LIGHT (LW_FEATURE_MATERIALS | LW_FEATURE_FINER | LW_FEATURE_TREE)
 
 struct lw_relay_upstream {
     struct lw_link link;
@@ -54,8 +56,8 @@ static bool are_same_bits(const uint8_t *a, size_t a_size, const uint8_t *b, siz
 bool lw_relay_told_same_scene(const struct lw_relay_told *a, const struct lw_relay_told *b) {
     return is_same_hash(&a->package_hash, &b->package_hash) && a->package_size == b->package_size &&
            is_same_hash(&a->finish_hash, &b->finish_hash) && a->finish_size == b->finish_size &&
-           a->features == b->features && a->bounces == b->bounces && a->target_error == b->target_error &&
-           a->noise_shown == b->noise_shown &&
+           a->features == b->features && a->finer == b->finer && a->bounces == b->bounces &&
+           a->target_error == b->target_error && a->noise_shown == b->noise_shown &&
            (!a->has_draws || !b->has_draws ||
             (are_same_bits(a->client_lights, a->client_lights_size, b->client_lights,
                            b->client_lights_size) &&
@@ -114,7 +116,7 @@ static enum lw_status take_package(struct lw_relay_upstream *up, uint8_t *packag
                                    struct lw_error *err) {
     up->scene.package = package;
     up->scene.package_size = size;
-    enum lw_status status = lw_relay_light_create(package, size, &up->light, err);
+    enum lw_status status = lw_relay_light_create(package, size, up->told.finer, &up->light, err);
     if (status != LW_OK) return status;
     up->owns_light = true;
     lw_relay_light_begin(up->light, up->channel);
@@ -165,6 +167,7 @@ static enum lw_status note_told(struct lw_relay_upstream *up, const struct lw_me
                                    .target_error = w->target_error,
                                    .noise_shown = w->noise_shown,
                                    .features = w->features & LW_FEATURE_DCT,
+                                   .finer = w->features & LW_FEATURE_FINER ? w->finer : 0,
                                    .has_draws = w->features & LW_FEATURE_DRAWS};
     if (!told->has_draws) return LW_OK;
     told->client_lights_size = w->client_lights_size;
@@ -372,6 +375,7 @@ static enum lw_status tell_interest(struct lw_relay_upstream *up, struct lw_erro
                                                     .tile = up->interest_tile,
                                                     .tile_count = now->count}};
     enum lw_status status = lw_link_send(&up->link, &message, err);
+    if (status == LW_OK && up->light) lw_relay_light_ask(up->light, up->channel, now->tile, now->count);
     if (status == LW_OK && lw_interest_tell(&up->interest, now_ns) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     up->is_untold = false;
@@ -417,13 +421,13 @@ static enum lw_status tell_held(struct lw_relay_upstream *up, struct lw_error *e
     struct lw_message_held *held = malloc(HOLDS_AT_ONCE * sizeof *held);
     enum lw_status status = held ? LW_OK : lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     size_t count = 0;
-    for (uint32_t t = 0; status == LW_OK && t < map->tile_count; t++) {
+    for (uint32_t t = 0; status == LW_OK && t < map->plain_count; t++) {
         const uint64_t version = lw_relay_light_version(up->light, up->channel, (lw_tile_id){t});
         const struct lw_tile_place *p = &map->place[t];
         if (version)
             held[count++] = (struct lw_message_held){p->object, p->level,
                                                      lw_atlas_map_number(map, (lw_tile_id){t}), version};
-        if (count < HOLDS_AT_ONCE && (!count || t + 1 < map->tile_count)) continue;
+        if (count < HOLDS_AT_ONCE && (!count || t + 1 < map->plain_count)) continue;
         status = send_surely(up, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, count}},
                              deadline_ns, err);
         count = 0;
@@ -499,6 +503,16 @@ enum lw_status lw_relay_upstream_update(struct lw_relay_upstream *up, uint64_t r
     return LW_OK;
 }
 
+enum lw_status lw_relay_upstream_report(struct lw_relay_upstream *up, const char *text, size_t size,
+                                        struct lw_error *err) {
+    const struct lw_message message = {.type = LW_MESSAGE_REPORT,
+                                       .report = {.data = (const uint8_t *)text, .size = size}};
+    bool fits;
+    if (!(up->features & LW_FEATURE_TREE)) return LW_OK;
+    enum lw_status status = lw_link_fits(&up->link, &message, &fits, err);
+    return status == LW_OK && fits ? lw_link_send(&up->link, &message, err) : status;
+}
+
 void lw_relay_upstream_set_answered(struct lw_relay_upstream *up, lw_relay_upstream_answered *answered,
                                     void *context) {
     up->answered = answered;
@@ -517,7 +531,7 @@ static enum lw_status shake_hands(struct lw_relay_upstream *up, const struct lw_
     const struct lw_message hello = {
         .type = LW_MESSAGE_HELLO,
         .hello = {.version = LW_WIRE_VERSION,
-                  .features = LW_FEATURES_READ | (desc->control ? LW_FEATURE_CONTROL : LW_FEATURE_MATERIALS) |
+                  .features = LW_FEATURES_READ | (desc->control ? LW_FEATURE_CONTROL : FEATURES_OF_LIGHT) |
                               (desc->draws ? LW_FEATURE_DRAWS : 0),
                   .name = NAME,
                   .token = desc->token ? desc->token->bytes : NULL,

@@ -32,6 +32,7 @@ struct lw_relay_told {
     struct lw_package_hash package_hash, finish_hash;
     uint64_t package_size, finish_size; /* finish_size 0: there are none */
     uint64_t features;                  /* LW_FEATURE_DCT, or 0 */
+    uint32_t finer;                     /* levels that are finer than level 0 */
     uint32_t bounces;
     float target_error, noise_shown;
     bool has_draws; /* the bits below were told; those of a session that did not ask are not */
@@ -99,6 +100,10 @@ LW_MUST_CHECK enum lw_status lw_relay_upstream_update(struct lw_relay_upstream *
 typedef void lw_relay_upstream_answered(void *context, const struct lw_message_updated *updated);
 void lw_relay_upstream_set_answered(struct lw_relay_upstream *upstream, lw_relay_upstream_answered *answered,
                                     void *context);
+/** Reports this relay and the ones below it (server/serve/relay_tree.h), if the server above lists relays and
+ * the link has room. Errors: LW_CLOSED, LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_relay_upstream_report(struct lw_relay_upstream *upstream, const char *text,
+                                                      size_t size, struct lw_error *err);
 /** Progress of its first light: WAITING raises it. NULL: nobody wants to know. Outlives it. */
 void lw_relay_upstream_set_waiting(struct lw_relay_upstream *upstream, struct lw_waiting *waiting);
 

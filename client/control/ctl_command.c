@@ -22,6 +22,8 @@ static const char help[] =
     "  list: objects, meshes with spares, lights, materials and cameras\n"
     "  status: whether the server answers; it downloads nothing\n"
     "  stats: the server's figures; --watch: a line a second. Over the server's Unix socket alone\n"
+    "  tree: the server and the relays below it: who feeds whom, clients, Mbit/s, how old the light is; over "
+    "that socket alone\n"
     "  drain [SECONDS]: ends the server: it takes nobody more, tells clients to come back after SECONDS, "
     "saves its "
     "light; over that socket alone\n"
@@ -419,7 +421,7 @@ static const struct {
 #define COMMANDS (sizeof command / sizeof *command)
 
 /* They change nothing, and stand alone. */
-static const char *const question[] = {"list", "status", "token", "stats", "drain"};
+static const char *const question[] = {"list", "status", "token", "stats", "tree", "drain"};
 #define QUESTIONS (sizeof question / sizeof *question)
 
 static const char *name_of(size_t i) { return i < COMMANDS ? command[i].name : question[i - COMMANDS]; }

@@ -2,6 +2,7 @@
 #include "client/control/ctl_command.h"
 #include "client/control/ctl_figures.h"
 #include "client/control/ctl_names.h"
+#include "client/control/ctl_tree.h"
 #include "client/lib/package_cache.h"
 #include "common/clock.h"
 #include "common/folders.h"
@@ -412,6 +413,36 @@ static enum lw_status print_figures(const struct ctl *c, const struct lw_ctl_fig
     return failed ? lw_status_fail(err, LW_IO, "cannot write to stdout") : LW_OK;
 }
 
+static json_t *tree_json(const struct lw_ctl_tree *tree) {
+    json_t *servers = json_array();
+    for (uint32_t i = 0; i < tree->count; i++) {
+        const struct lw_ctl_tree_node *n = &tree->node[i];
+        json_array_append_new(servers, json_pack("{s:s, s:i, s:f, s:f, s:f}", "name", n->name, "fed_by",
+                                                 n->parent, "clients", n->clients, "light_age_s",
+                                                 n->light_age_s, "sent_bytes_per_s", n->sent_bytes_hz));
+    }
+    return json_pack("{s:s?, s:f, s:o}", "above", tree->above, "frame", tree->frame, "servers", servers);
+}
+
+/* The readings are a second apart: what the server itself sends is their difference. */
+static enum lw_status print_tree(struct ctl *c, struct lw_error *err) {
+    struct lw_ctl_figures before = {0}, now = {0};
+    enum lw_status status = ask_figures(c, &before, err);
+    while (status == LW_OK && lw_clock_ns() < before.as_of_ns + 1000000000u)
+        status = lw_client_poll(c->client, POLL_MS, err);
+    if (status == LW_OK) status = ask_figures(c, &now, err);
+    struct lw_ctl_tree tree = {0};
+    if (status == LW_OK) status = lw_ctl_tree_read(&tree, c->address, &before, &now, err);
+    if (status == LW_OK && c->json)
+        status = print_json(tree_json(&tree), err);
+    else if (status == LW_OK && (lw_ctl_tree_write(&tree, stdout) != LW_OK || fflush(stdout)))
+        status = lw_status_fail(err, LW_IO, "cannot write to stdout");
+    lw_ctl_tree_finish(&tree);
+    lw_ctl_figures_finish(&before);
+    lw_ctl_figures_finish(&now);
+    return status;
+}
+
 /* Once, or each second until the server ends. */
 static enum lw_status print_stats(struct ctl *c, struct lw_error *err) {
     struct lw_ctl_figures before = {0}, now = {0};
@@ -472,9 +503,11 @@ static enum lw_status run(struct ctl *c, struct lw_error *err) {
     uint32_t return_after_ms = 0;
     if (drains && read_drain(c, &return_after_ms, err) != LW_OK) return err->status;
     if (c->watch && !asks(c, "stats")) return lw_status_fail(err, LW_USAGE, "--watch is for stats alone");
-    enum lw_status status = connect_to_server(c, drains || asks(c, "stats"), err);
+    const bool operates = drains || asks(c, "stats") || asks(c, "tree");
+    enum lw_status status = connect_to_server(c, operates, err);
     if (status == LW_OK && drains) return drain(c, return_after_ms, err);
     if (status == LW_OK && asks(c, "stats")) return print_stats(c, err);
+    if (status == LW_OK && asks(c, "tree")) return print_tree(c, err);
     if (status == LW_OK && asks(c, "status")) return print_status(c, err);
     if (status == LW_OK) status = await_scene(c, err);
     if (status != LW_OK) return status;

@@ -213,6 +213,12 @@ lw_tile_id lw_atlas_map_claim_name(const struct lw_atlas_map *map, uint64_t name
     return lw_atlas_map_claim_tile(map, low, LW_ATLAS_FINER + k, tile - atlas->finer[k - 1].first_tile);
 }
 
+uint64_t lw_atlas_map_name_tile(const struct lw_atlas_map *map, uint32_t object, uint32_t level,
+                                uint32_t tile) {
+    if (!lw_atlas_finer(level) || !lw_atlas_map_has_tile(map, object, level, tile)) return UINT64_MAX;
+    return map->first_finer[object] + lw_atlas_level(&map->atlas[object], level)->first_tile + tile;
+}
+
 uint64_t lw_atlas_map_name(const struct lw_atlas_map *map, lw_tile_id id) {
     const struct lw_tile_place *p = &map->place[id.v];
     LW_INVARIANT(id.v >= map->plain_count && lw_atlas_map_is_used(map, id));

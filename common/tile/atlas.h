@@ -130,6 +130,10 @@ lw_tile_id lw_atlas_map_claim_tile(const struct lw_atlas_map *map, uint32_t obje
                                    uint32_t tile);
 /** The same for a tile of a finer level by its name, below map->fine_names. */
 lw_tile_id lw_atlas_map_claim_name(const struct lw_atlas_map *map, uint64_t name);
+/** The name of a tile of a finer level, given as on the wire; UINT64_MAX: there is no such tile (safe for
+ * indices from outside). Needs no id. */
+uint64_t lw_atlas_map_name_tile(const struct lw_atlas_map *map, uint32_t object, uint32_t level,
+                                uint32_t tile);
 /** The name of a tile of a finer level that has an id. */
 uint64_t lw_atlas_map_name(const struct lw_atlas_map *map, lw_tile_id id);
 /** Whether an id stands for a tile: all do but those that are for tiles of finer levels, and free. */

@@ -85,6 +85,18 @@ void lw_deltas_add(struct lw_deltas *deltas, uint32_t tile, const struct lw_snap
     add(&deltas->tile[tile], version->version, version->blob, version->base, version->delta);
 }
 
+static void begin_life(struct lw_deltas_of_tile *of) {
+    forget(of, of->count);
+    lw_blob_unref(of->whole);
+    *of = (struct lw_deltas_of_tile){.life = of->life + 1};
+}
+
+void lw_deltas_forget(struct lw_deltas *deltas, uint32_t tile) {
+    LW_INVARIANT(tile < deltas->tile_count);
+    begin_life(&deltas->tile[tile]);
+    begin_life(&deltas->coarse[tile]);
+}
+
 static struct lw_delta_base *find(struct lw_deltas_of_tile *of, uint64_t version) {
     for (uint32_t i = of->count; i-- > 0;)
         if (of->base[i].version == version) return &of->base[i];
@@ -99,6 +111,7 @@ static bool wait_for_jump(struct lw_deltas *deltas, uint32_t tile, bool coarse, 
         base->is_asked =
             lw_transcoder_ask(deltas->transcoder, &(struct lw_transcoder_job){.tile = tile,
                                                                               .coarse = coarse,
+                                                                              .life = of->life,
                                                                               .base = base->version,
                                                                               .version = of->version,
                                                                               .from = base->whole,
@@ -119,7 +132,8 @@ static bool wait_for_coarse(struct lw_deltas *deltas, uint32_t tile) {
     if (of->asked < version &&
         lw_transcoder_ask(
             deltas->transcoder,
-            &(struct lw_transcoder_job){.tile = tile, .coarse = true, .version = version, .to = fine->whole}))
+            &(struct lw_transcoder_job){
+                .tile = tile, .coarse = true, .life = of->life, .version = version, .to = fine->whole}))
         of->asked = version;
     LW_INVARIANT(of->known <= of->asked);
     return of->asked >= version;
@@ -165,23 +179,28 @@ void lw_deltas_prepare(struct lw_deltas *deltas, uint32_t tile, uint64_t from, b
     (void)lw_deltas_next(deltas, tile, from, coarse, &delta);
 }
 
+/* Takes over what it keeps. */
+static void take_result(struct lw_deltas_of_tile *of, struct lw_transcoder_result *r) {
+    struct lw_delta_base *base = of->version == r->version ? find(of, r->base) : NULL;
+    if (r->coarse && !r->base) {
+        LW_INVARIANT(r->version > of->known && r->version <= of->asked); /* in the order of asking */
+        of->known = r->version;
+        if (r->blob) add(of, r->version, r->blob, r->delta_base, r->delta);
+    } else if (base) {                                                  /* else too late */
+        LW_INVARIANT(base->is_asked && !base->is_known && !base->jump); /* answered once */
+        base->is_known = true;
+        base->jump = r->blob;
+        r->blob = NULL;
+    }
+}
+
 bool lw_deltas_collect(struct lw_deltas *deltas) {
     bool any = false;
     for (struct lw_transcoder_result r; deltas->transcoder && lw_transcoder_collect(deltas->transcoder, &r);
          any = true) {
         LW_INVARIANT(r.tile < deltas->tile_count);
         struct lw_deltas_of_tile *of = r.coarse ? &deltas->coarse[r.tile] : &deltas->tile[r.tile];
-        struct lw_delta_base *base = of->version == r.version ? find(of, r.base) : NULL;
-        if (r.coarse && !r.base) {
-            LW_INVARIANT(r.version > of->known && r.version <= of->asked); /* in the order of asking */
-            of->known = r.version;
-            if (r.blob) add(of, r.version, r.blob, r.delta_base, r.delta);
-        } else if (base) {                                                  /* else too late */
-            LW_INVARIANT(base->is_asked && !base->is_known && !base->jump); /* answered once */
-            base->is_known = true;
-            base->jump = r.blob;
-            r.blob = NULL;
-        }
+        if (r.life == of->life) take_result(of, &r);
         lw_blob_unref(r.blob);
         lw_blob_unref(r.delta);
     }

@@ -22,6 +22,7 @@ struct lw_deltas {
     struct lw_deltas_of_tile {
         uint64_t version;      /* the newest; 0: none */
         struct lw_blob *whole; /* of it */
+        uint32_t life;         /* counts lw_deltas_forget(): answers to earlier questions mean nothing */
         uint64_t asked,
             known; /* of coarse forms: the last ones that the transcoder was asked for, and has answered */
         uint32_t count;
@@ -53,6 +54,9 @@ void lw_deltas_finish(struct lw_deltas *deltas);
 
 /** A tile's new version, with its delta or without one. What does not lead there is forgotten. */
 void lw_deltas_add(struct lw_deltas *deltas, uint32_t tile, const struct lw_snapshot_tile *version);
+
+/** What there was of a tile is over: its id may be another tile's next, with smaller versions. */
+void lw_deltas_forget(struct lw_deltas *deltas, uint32_t tile);
 
 /** What a session that has version `from` of a tile gets next, on the way to
  * the newest, for the fewest bytes.

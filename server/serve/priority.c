@@ -36,6 +36,11 @@ void lw_priority_note(struct lw_priority *priority, uint32_t tile, uint64_t vers
     of->count++;
 }
 
+void lw_priority_forget(struct lw_priority *priority, uint32_t tile) {
+    LW_INVARIANT(tile < priority->atlas_map->tile_count);
+    priority->tile[tile].count = 0;
+}
+
 /* Sum of the squares of the changes since a version, of which out_since is the first. */
 static float square_since(const struct lw_priority_tile *of, uint64_t has, uint64_t *out_since) {
     const uint32_t kept = of->count < LW_PRIORITY_KEPT ? of->count : LW_PRIORITY_KEPT;

@@ -7,6 +7,7 @@
 #include "server/serve/exposure.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -51,21 +52,59 @@ static void find_web_root(char *dst, size_t size) {
     }
 }
 
-/* Each is where a client can connect. */
-static enum lw_status check_servers(const char *servers, struct lw_error *err) {
-    char text[300], host[256];
+/* HOST:PORT, where a program can connect. */
+static enum lw_status check_tcp_server(const char *text, struct lw_error *err) {
+    char host[256];
     uint16_t port = 0;
-    if (strlen(servers) > LW_MESSAGE_SERVERS_MAX)
+    enum lw_status status = lw_options_address(text, host, sizeof host, &port, err);
+    const char *colon = strrchr(text, ':'), *bracket = strrchr(text, ']');
+    if (status == LW_OK && (!port || !colon || colon == text || (bracket && bracket > colon)))
+        return lw_status_fail(err, LW_USAGE, "address \"%.200s\" is not HOST:PORT, with a port", text);
+    return status;
+}
+
+#define DIGITS "0123456789"
+#define HOST   "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ" DIGITS "-."
+
+/* A WebSocket's address. It becomes a part of the page's policy (web_server.c): so it has few characters, and
+ * its host is no IPv6 address, which policies cannot name. */
+static enum lw_status check_web_server(const char *text, struct lw_error *err) {
+    const char *host = strstr(text, "://") + 3, *at = host + strspn(host, HOST);
+    bool is_one = at > host;
+    if (*at == ':') {
+        const size_t digits = strspn(at + 1, DIGITS);
+        const unsigned long port = strtoul(at + 1, NULL, 10);
+        is_one = is_one && digits && digits <= 5 && port && port <= UINT16_MAX;
+        at += 1 + digits;
+    }
+    if (*at == '/') at += strspn(at, HOST "/_~%");
+    if (is_one && !*at) return LW_OK;
+    return lw_status_fail(err, LW_USAGE, "address \"%.200s\" is not ws://HOST:PORT/PATH", text);
+}
+
+static void append_server(char list[LW_MESSAGE_SERVERS_MAX + 1], const char *text) {
+    const size_t size = strlen(list);
+    snprintf(list + size, LW_MESSAGE_SERVERS_MAX + 1 - size, "%s%s", size ? "," : "", text);
+}
+
+/* Each is where a client can connect: programs by TCP, pages by WebSocket. */
+static enum lw_status sort_servers(struct lw_serve_options *o, struct lw_error *err) {
+    char text[300];
+    *o->tcp_servers = *o->web_servers = '\0';
+    if (strlen(o->servers) > LW_MESSAGE_SERVERS_MAX)
         return lw_status_fail(err, LW_USAGE, "--servers: over %u bytes", LW_MESSAGE_SERVERS_MAX);
-    for (const char *at = servers; at; at = (at = strchr(at, ',')) ? at + 1 : NULL) {
-        snprintf(text, sizeof text, "%.*s", (int)strcspn(at, ","), at);
-        enum lw_status status = lw_options_address(text, host, sizeof host, &port, err);
-        const char *colon = strrchr(text, ':'), *bracket = strrchr(text, ']');
-        if (status == LW_OK && (!port || !colon || colon == text || (bracket && bracket > colon)))
-            status = lw_status_fail(err, LW_USAGE, "address \"%.200s\" is not HOST:PORT, with a port", text);
-        if (status == LW_OK) continue;
-        lw_status_context(err, "--servers");
-        return status;
+    for (const char *at = o->servers; at; at = (at = strchr(at, ',')) ? at + 1 : NULL) {
+        const size_t size = strcspn(at, ",");
+        snprintf(text, sizeof text, "%.*s", (int)size, at);
+        const bool is_web = !strncmp(text, "ws://", 5) || !strncmp(text, "wss://", 6);
+        enum lw_status status = is_web ? check_web_server(text, err) : check_tcp_server(text, err);
+        if (status == LW_OK && size >= sizeof text)
+            status = lw_status_fail(err, LW_USAGE, "address \"%.60s...\" is too long", text);
+        if (status != LW_OK) {
+            lw_status_context(err, "--servers");
+            return status;
+        }
+        append_server(is_web ? o->web_servers : o->tcp_servers, text);
     }
     return LW_OK;
 }
@@ -102,7 +141,7 @@ enum lw_status lw_serve_options_check(struct lw_serve_options *o, struct lw_erro
     if (o->listen_unix) status = check_unix(o, err);
     if (status == LW_OK && !o->listen_unix) status = parse_http(o, err);
     if (status == LW_OK) status = parse_metrics(o, err);
-    if (status == LW_OK && o->servers) status = check_servers(o->servers, err);
+    if (status == LW_OK && o->servers) status = sort_servers(o, err);
     return status == LW_OK ? check_exposure(o, err) : status;
 }
 
@@ -110,7 +149,8 @@ void lw_serve_options_fill(struct lw_serve_options *o, struct lw_server_desc *de
     desc->host = o->host;
     desc->port = o->port;
     desc->tokens = o->tokens;
-    desc->servers = o->servers;
+    desc->servers = o->tcp_servers;
+    desc->web_servers = o->web_servers;
     desc->tls = (struct lw_tls_context_desc){o->tls_certificate, o->tls_key};
     desc->is_unix_only = o->listen_unix != NULL;
     desc->control_socket = o->listen_unix                      ? o->listen_unix

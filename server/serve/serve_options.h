@@ -14,7 +14,7 @@
 struct lw_serve_options {
     const char *listen, *listen_unix; /* listen_unix: NULL: by TCP */
     const char *port_file, *http, *http_port_file, *http_hosts, *http_origins, *web_root;
-    const char *servers; /* NULL: clients are told of none */
+    const char *servers; /* that WELCOME names; NULL: none */
     const char *metrics, *metrics_port_file, *tokens, *control_socket, *tls_certificate, *tls_key;
     int64_t address_sessions; /* 0: the server's default */
     double link_rate, return_s;
@@ -24,6 +24,8 @@ struct lw_serve_options {
     char metrics_host[256];         /* "": none */
     uint16_t port, http_port, metrics_port;
     char found_root[1024]; /* where the browser client lies, unless web_root says so */
+    /* The two kinds of servers, by commas: for programs, for pages. */
+    char tcp_servers[LW_MESSAGE_SERVERS_MAX + 1], web_servers[LW_MESSAGE_SERVERS_MAX + 1];
 };
 
 /* clang-format off */
@@ -98,9 +100,10 @@ struct lw_serve_options {
      "sessions of one address at most (default: 1,000, and 9,000 of this machine; in all there "             \
      "are 10,000)",                                                                                          \
      LW_OPTION_INT, &(options)->address_sessions, 1, LW_SERVER_SESSIONS_MAX, NULL},                          \
-    {"servers", "HOST:PORT,...",                                                                             \
-     "other servers of this light, apart by commas, which clients are told of and try when this one is "     \
-     "gone; not browsers (default: none)",                                                                   \
+    {"servers", "ADDRESSES",                                                                                 \
+     "other servers of this light, apart by commas, which are announced to clients. They try them when "     \
+     "this one is gone: HOST:PORT for programs, ws://HOST:PORT/ws or wss://HOST:PORT/ws for pages "          \
+     "(default: none)",                                                                                      \
      LW_OPTION_STRING, &(options)->servers, 0, 0, NULL},                                                     \
     {"return-after", "SECONDS",                                                                              \
      "clients are told at the end to come back after so long; 0: nothing is told (default 2)",               \

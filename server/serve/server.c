@@ -5,6 +5,7 @@
 #include "common/log.h"
 #include "common/slices.h"
 #include "server/serve/control_socket.h"
+#include "server/serve/fine_turns.h"
 #include "server/serve/session.h"
 #include "server/serve/tcp_transport.h"
 #include "server/serve/turns.h"
@@ -274,6 +275,12 @@ static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_
 
 /* ---- hand-over ---- */
 
+/* A relay has dropped a tile of a finer level that nobody lists: its id may be another tile's next. */
+static void forget_tile(struct lw_session_channel *channel, uint32_t id) {
+    lw_deltas_forget(&channel->deltas, id);
+    lw_priority_forget(&channel->priority, id);
+}
+
 /* Lists what a snapshot changes of a channel, in the order in which it goes to those who had all of the one
  * before. */
 static void note_changed(const struct lw_server *server, struct lw_session_channel *channel,
@@ -284,6 +291,7 @@ static void note_changed(const struct lw_server *server, struct lw_session_chann
         const uint32_t id = server->order[i];
         const struct lw_snapshot_tile *tile = &after->tile[channel->number][id];
         const uint64_t had = before ? before->tile[channel->number][id].version : 0;
+        if (had && !tile->version) forget_tile(channel, id);
         if (tile->version <= had) continue;
         lw_deltas_add(&channel->deltas, id, tile);
         lw_priority_note(&channel->priority, id, lw_snapshot_frame_of(tile->version), tile->change);
@@ -355,8 +363,9 @@ static void free_interest(struct lw_server_interest *interest) {
     *interest = (struct lw_server_interest){0};
 }
 
-/* Of all tiles, those that some session lists. */
-static bool list_wanted(const struct lw_interest_union *interest_union, struct lw_server_interest *list) {
+/* For a relay: the tiles that some session lists. */
+static bool list_wanted(const struct lw_session_shared *shared, struct lw_server_interest *list) {
+    const struct lw_interest_union *interest_union = &shared->interest_union;
     const uint32_t tiles = interest_union->atlas_map->tile_count;
     uint32_t count = 0;
     for (uint32_t t = 0; t < tiles; t++) count += interest_union->count[t] > 0;
@@ -364,7 +373,7 @@ static bool list_wanted(const struct lw_interest_union *interest_union, struct l
     for (uint32_t t = 0; t < tiles; t++)
         if (interest_union->count[t]) list->tile[list->tile_count++] = t;
     LW_INVARIANT(list->tile_count == count);
-    return true;
+    return lw_fine_turns_order(shared, list->tile, list->tile_count);
 }
 
 /* For the solver: what the tiles that are listed cover. */
@@ -384,8 +393,13 @@ static void hand_over_interest(struct lw_server *server) {
     uv_mutex_unlock(&server->mutex);
     if (untaken) return; /* the taker wakes the loop */
     struct lw_server_interest list = {.everything = interest_union->everything > 0};
-    if (!list.everything && !(server->shared.is_relay ? list_wanted : list_levels)(interest_union, &list))
+    const bool is_made = server->shared.is_relay ? list_wanted(&server->shared, &list)
+                         : list.everything       ? true
+                                                 : list_levels(interest_union, &list);
+    if (!is_made) {
+        free_interest(&list);
         return; /* later, perhaps */
+    }
     list.number = ++server->shared.fine.interest;
     interest_union->changed = false;
     uv_mutex_lock(&server->mutex);
@@ -405,6 +419,11 @@ bool lw_server_take_interest(struct lw_server *server, struct lw_server_interest
     uv_mutex_unlock(&server->mutex);
     if (news) uv_async_send(&server->wake); /* there may be more by now */
     return news;
+}
+
+uint32_t lw_server_get_relays_below(struct lw_server *server, struct lw_relay_tree_node *out_node,
+                                    uint32_t capacity) {
+    return lw_relay_tree_get(&server->shared.tree, out_node, capacity);
 }
 
 uint32_t lw_server_channels_taken(const struct lw_server *server) { return server->shared.channels_taken; }
@@ -720,6 +739,14 @@ static size_t cut_report(const char *text, size_t size) {
     return size;
 }
 
+/* The program's page, with the relays below. */
+static bool make_page(void *context, const char *path, struct lw_server_page *out_page) {
+    struct lw_server *server = context;
+    if (!server->hooks.page(server->hooks.context, path, out_page)) return false;
+    if (strcmp(path, "/metrics") == 0) lw_relay_tree_add_metrics(&server->shared.tree, out_page);
+    return true;
+}
+
 /* What is asked over the control socket. */
 static enum lw_report_code on_ask(void *context, const struct lw_message_ask *ask, char **out_text,
                                   size_t *out_size) {
@@ -727,8 +754,7 @@ static enum lw_report_code on_ask(void *context, const struct lw_message_ask *as
     struct lw_server_page page = {0};
     switch (ask->what) {
     case LW_ASK_STATS:
-        if (!server->hooks.page || !server->hooks.page(server->hooks.context, "/metrics", &page))
-            return LW_REPORT_UNKNOWN;
+        if (!server->hooks.page || !make_page(server, "/metrics", &page)) return LW_REPORT_UNKNOWN;
         *out_text = page.text;
         *out_size = cut_report(page.text, page.size);
         return LW_REPORT_DONE;
@@ -1008,7 +1034,8 @@ static enum lw_status start_http(struct lw_server *server, const struct lw_serve
                                            .root = desc->http_root,
                                            .host = desc->http_host,
                                            .hosts = desc->http_hosts,
-                                           .origins = desc->http_origins};
+                                           .origins = desc->http_origins,
+                                           .servers = desc->web_servers};
     struct lw_error cause = {0};
     if (!desc->http_host || desc->is_unix_only || (desc->sockets && desc->sockets->http < 0)) return LW_OK;
     enum lw_status status =
@@ -1033,8 +1060,8 @@ static enum lw_status start_metrics(struct lw_server *server, const struct lw_se
                                            .hosts = desc->http_hosts,
                                            .tls = desc->metrics_guarded ? server->tcp.tls : NULL,
                                            .wants_token = desc->metrics_guarded,
-                                           .page = desc->hooks.page,
-                                           .page_context = desc->hooks.context};
+                                           .page = make_page,
+                                           .page_context = server};
     enum lw_status status =
         start_listening(&server->metrics_listener, desc->sockets ? &desc->sockets->metrics : NULL,
                         desc->metrics_host, desc->metrics_port, "--metrics", &server->metrics_port, err);
@@ -1164,6 +1191,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     shared->server = server;
     server->tcp.sessions = shared;
     shared->rate_limit_bytes_hz = desc->rate_limit_bytes_hz;
+    shared->web_servers = desc->web_servers;
     shared->retry_after_ms = desc->retry_after_ms;
     shared->hello_timeout_ns = timeout_ns(desc->hello_timeout_ms, LW_SERVER_HELLO_TIMEOUT_S);
     shared->stall_timeout_ns = timeout_ns(desc->stall_timeout_ms, LW_SERVER_STALL_TIMEOUT_S);
@@ -1191,6 +1219,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     if (status == LW_OK && !(shared->listed = calloc(tiles / 64 + 1, sizeof *shared->listed)))
         status = LW_NO_MEMORY;
     if (status == LW_OK) status = lw_interest_union_init(&shared->interest_union, desc->atlas_map);
+    if (status == LW_OK) status = lw_relay_tree_init(&shared->tree);
     if (status == LW_OK) status = lw_fine_names_init(&shared->fine, desc->atlas_map);
     if (status == LW_OK) status = init_channels(server, desc);
     if (status == LW_OK && shared->scene) status = lw_scene_roster_init(&shared->roster, shared->scene);
@@ -1450,6 +1479,7 @@ void lw_server_destroy(struct lw_server *server) {
     free(server->outside.tile);
     free(server->next_outside.tile);
     lw_interest_union_finish(&shared->interest_union);
+    lw_relay_tree_finish(&shared->tree);
     lw_fine_names_finish(&shared->fine);
     lw_updates_finish(&shared->updates);
     lw_passed_updates_finish(&shared->passed);

@@ -14,6 +14,7 @@
 #include "common/scene/scene_change.h"
 #include "server/publish/snapshot.h"
 #include "server/serve/passed_updates.h"
+#include "server/serve/relay_tree.h"
 #include "server/serve/server_limits.h"
 #include "server/serve/server_page.h"
 #include "server/serve/server_stats.h"
@@ -67,12 +68,13 @@ struct lw_server_desc {
     size_t finishes_size;
     const char *name;    /* for the welcome; outlives the server. NULL: lightwelld and its version */
     const char *servers; /* for the welcome over TCP: other servers of this light; outlives it. NULL: none */
-    uint64_t run;        /* for the welcome; 0: by chance */
-    uint32_t bounces;    /* for the welcome */
-    float target_error;  /* for the welcome */
-    float noise_shown;   /* for the welcome; 0: no filter */
-    uint64_t features;   /* LW_FEATURE_* that a client must have to decode tiles */
-    uint32_t channels;   /* channels of tiles in snapshots, beside irradiance (tile_channels.h) */
+    const char *web_servers; /* the same for pages: addresses of WebSockets, checked (serve_options.c) */
+    uint64_t run;            /* for the welcome; 0: by chance */
+    uint32_t bounces;        /* for the welcome */
+    float target_error;      /* for the welcome */
+    float noise_shown;       /* for the welcome; 0: no filter */
+    uint64_t features;       /* LW_FEATURE_* that a client must have to decode tiles */
+    uint32_t channels;       /* channels of tiles in snapshots, beside irradiance (tile_channels.h) */
     /* For the welcome: bit sets of client lights and materials (message.h). All zero: there is no
      * LW_LIGHT_FORM_SPLIT. They outlive the server. */
     const uint8_t *client_lights, *client_materials;
@@ -133,15 +135,20 @@ LW_MUST_CHECK enum lw_status lw_server_run(struct lw_server *server, struct lw_e
 void lw_server_publish(struct lw_server *server, struct lw_snapshot *snapshot);
 /** The union of all sessions' interest. */
 struct lw_server_interest {
-    bool everything; /* a session wants every tile; the lists are NULL then */
+    bool everything; /* a session wants every tile; `levels` is NULL then */
     uint64_t number; /* of this list, from 1 on: snapshots say which one the solver had (snapshot.h) */
     uint8_t *levels; /* per lw_tile_id (lw_interest_union_levels()); the caller frees it. NULL: a relay's */
-    uint32_t *tile;  /* of a relay: those that a session lists, by lw_tile_id; the caller frees it */
+    /* A relay's: the tiles that a session lists, by lw_tile_id. Those of finer levels come last, in the order
+     * of fine_turns.h. The caller frees it. */
+    uint32_t *tile;
     uint32_t tile_count;
 };
 /** Takes the union of interest if it differs from the one last taken, which is empty at first. Returns
  * whether it does. For one caller, at its own pace: changes in between are merged. [any] */
 bool lw_server_take_interest(struct lw_server *server, struct lw_server_interest *out_interest);
+/** The relays below, as they report themselves: at most LW_RELAY_TREE_MAX. Returns their number. [any] */
+uint32_t lw_server_get_relays_below(struct lw_server *server, struct lw_relay_tree_node *out_node,
+                                    uint32_t capacity);
 /** The set of channels that sessions take now; 0: there is no session. A session gets frames from the first
  * snapshot on that has its channels. [any] */
 uint32_t lw_server_channels_taken(const struct lw_server *server);

@@ -45,6 +45,7 @@
 /* Bytes that wait per session before tiles are held back. The newest state of a tile is chosen when there is
  * room, so a slow reader skips versions. */
 #define LW_SERVER_QUEUE_MAX   (256u << 10)
+#define LW_SESSION_FINE_MAX   1024u /* tiles of finer levels that a session may list; the rest are left out */
 #define LW_SERVER_ANSWERS_MAX 4096u /* to updates, that wait for a session to read them; more end it */
 #define LW_SERVER_BURST_MS    100u  /* a session under a rate limit may have this much of it at once */
 

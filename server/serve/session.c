@@ -193,6 +193,7 @@ void lw_session_close(struct lw_session *s, const char *reason) {
     lw_session_queues_leave_inbox(s);
     s->state = LW_SESSION_CLOSED;
     unlink_session(s);
+    lw_session_relays_leave(s);
     s->link->ops->close(s->link);
 }
 

@@ -16,6 +16,7 @@
 #include "server/serve/passed_updates.h"
 #include "server/serve/peer_log.h"
 #include "server/serve/priority.h"
+#include "server/serve/relay_tree.h"
 #include "server/serve/server_limits.h"
 #include "server/serve/server_stats.h"
 #include "server/serve/session_transport.h"
@@ -24,8 +25,7 @@
 
 #include <uv.h>
 
-#define LW_SESSION_FINE_MAX 1024u /* tiles of finer levels that a session may list; the rest are left out */
-#define LW_SESSION_RECENT   64u   /* snapshots whose arrival is remembered */
+#define LW_SESSION_RECENT 64u /* snapshots whose arrival is remembered */
 
 struct lw_session;
 
@@ -54,6 +54,8 @@ struct lw_session_shared {
     struct lw_passed_updates passed;
     uint64_t relays[LW_MESSAGE_RELAYS_MAX]; /* of a relay: its number, and those of the relays above */
     uint32_t relay_count;
+    struct lw_relay_tree tree;            /* the relays below, as they report themselves */
+    uint32_t reporting_count;             /* sessions of such */
     const struct lw_waiting *first_light; /* how far it is; NULL: nobody is told */
     uint64_t epoch; /* counts ticks and snapshots seen: in each, a session may change its mind once */
     struct lw_snapshot *snapshot; /* newest; NULL before the first */
@@ -97,6 +99,7 @@ struct lw_session_shared {
     uv_mutex_t stats_mutex;
     struct lw_server_stats stats; /* guarded by stats_mutex */
     uint32_t retry_after_ms;      /* told with LW_REFUSAL_SHUTDOWN */
+    const char *web_servers;      /* for the welcome of pages, in the place of its servers; NULL: none */
     uint32_t sessions_max;
     uint32_t address_sessions_max;                /* of one address; 0: lw_address_places_share() */
     struct lw_address_places places, turned_away; /* of connections that have one, and that got none */

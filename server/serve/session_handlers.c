@@ -109,7 +109,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
         message.welcome.relays = s->shared->relays;
         message.welcome.relay_count = s->shared->relay_count;
     }
-    if (s->peer.is_web) message.welcome.servers = NULL; /* they are elsewhere for browsers */
+    if (s->peer.is_web) message.welcome.servers = s->shared->web_servers;
     s->controls = s->peer.may_control && (s->shared->scene || s->shared->is_relay) &&
                   (hello->features & LW_FEATURE_CONTROL);
     if (s->controls) message.welcome.features |= LW_FEATURE_CONTROL;
@@ -118,6 +118,8 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     lw_message_rates_trust(&s->rates, s->controls);
     s->resumes = hello->features & LW_FEATURE_RESUME;
     if (s->resumes) message.welcome.features |= LW_FEATURE_RESUME;
+    s->reports = s->relay && (hello->features & LW_FEATURE_TREE);
+    if (s->reports) message.welcome.features |= LW_FEATURE_TREE;
     s->reads_runs = s->shared->is_relay && (hello->features & LW_FEATURE_RUNS);
     if (s->reads_runs) message.welcome.features |= LW_FEATURE_RUNS;
     if (lw_blob_from_message(&message, &s->control) != LW_OK) {
@@ -332,6 +334,14 @@ static void handle_ask(struct lw_session *s, const struct lw_message_ask *ask) {
     free(text);
 }
 
+static void handle_report(struct lw_session *s, const struct lw_message_report *report) {
+    struct lw_error err = {0};
+    if (!s->reports)
+        lw_session_refuse(s, LW_REFUSAL_NOT_ALLOWED, "message REPORT: this session may not send it");
+    else if (lw_session_relays_report(s, report, &err) != LW_OK)
+        lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "%s", err.text);
+}
+
 static void handle_message(struct lw_session *s, const struct lw_message *m) {
     bool in_order = m->type == LW_MESSAGE_HELLO             ? s->state == LW_SESSION_EXPECTS_HELLO
                     : m->type == LW_MESSAGE_PACKAGE_REQUEST ? s->state == LW_SESSION_WELCOMED
@@ -376,6 +386,9 @@ static void handle_message(struct lw_session *s, const struct lw_message *m) {
         else
             lw_session_refuse(s, LW_REFUSAL_NOT_ALLOWED,
                               "message ASK: that is for the server's own Unix socket alone");
+        break;
+    case LW_MESSAGE_REPORT:
+        handle_report(s, &m->report);
         break;
     case LW_MESSAGE_PING:
         s->pong_due = true;

@@ -7,6 +7,7 @@
  *   session.c           begins, ends, answers, keeps time limits
  *   session_interest.c  what the session wants, and what all want
  *   session_queues.c    the queues in which sessions wait for a turn
+ *   session_relays.c    the relays below, as they report themselves
  *
  * Threads: everything here is [loop]. For these files alone. */
 #ifndef LW_SERVE_SESSION_PRIVATE_H
@@ -99,9 +100,12 @@ struct lw_session {
         uint32_t next;                       /* chunk */
         uint8_t *held;                       /* bit per part that is not sent; NULL: all are */
     } package, finishes;
-    bool has_materials;   /* may ask for finishes */
-    bool has_finer;       /* may ask for tiles of finer levels */
-    bool reads_runs;      /* of relays alone: the session reads the run of FRAMEs */
+    bool has_materials;               /* may ask for finishes */
+    bool has_finer;                   /* may ask for tiles of finer levels */
+    bool reads_runs;                  /* of relays alone: the session reads the run of FRAMEs */
+    bool reports;                     /* a relay that says which relays are below it */
+    struct lw_relay_tree_node *below; /* as it reported last, itself first; NULL: nothing yet */
+    uint32_t below_count;
     bool has_first_light; /* it was sent, or there is nothing to send */
     uint64_t first_sent;  /* tiles, until then */
     int64_t tiles_before; /* bytes of tiles that go before the next FINISH_CHUNK */
@@ -151,6 +155,14 @@ void lw_session_lacks_memory(struct lw_session *s);
 void lw_session_close_lacking(struct lw_session *s);
 /** Logs a line about a peer, unless there were many. */
 void lw_session_tell(const struct lw_session *s, const char *format, ...) LW_PRINTF(2, 3);
+
+/* ---- session_relays.c ---- */
+
+/** A relay says which relays are below it. Errors: LW_PROTOCOL. */
+LW_MUST_CHECK enum lw_status
+lw_session_relays_report(struct lw_session *s, const struct lw_message_report *report, struct lw_error *err);
+/** The session is no more, and what it reported. */
+void lw_session_relays_leave(struct lw_session *s);
 
 /* ---- session_interest.c ---- */
 

@@ -20,7 +20,8 @@ struct lw_transcoder {
     struct coarse {
         struct lw_tile_dct_history *history; /* NULL: none was made */
         uint64_t version;                    /* that was last made; 0: nothing builds on it */
-        struct lw_tile_place place;          /* of the tile that the history is of */
+        struct lw_tile_place place;          /* of the tile that the history is of, */
+        uint32_t life;                       /* and its life (struct lw_transcoder_job) */
     } * coarse;                              /* by tile id */
 
     pthread_mutex_t mutex; /* guards what follows */
@@ -81,10 +82,10 @@ static float coarse_step(uint32_t q) {
 }
 
 /* An id of a finer level may be another tile's since. */
-static void forget_others(struct coarse *coarse, const struct lw_tile_place *place) {
-    if (memcmp(&coarse->place, place, sizeof *place) == 0) return;
+static void forget_others(struct coarse *coarse, const struct lw_transcoder_job *job) {
+    if (coarse->life == job->life && memcmp(&coarse->place, &job->place, sizeof job->place) == 0) return;
     free(coarse->history);
-    *coarse = (struct coarse){.place = *place};
+    *coarse = (struct coarse){.place = job->place, .life = job->life};
 }
 
 static enum lw_status encode_coarse(struct lw_transcoder *r, struct coarse *coarse,
@@ -114,8 +115,8 @@ static void make_coarse(struct lw_transcoder *r, const struct lw_transcoder_job 
     struct coarse *coarse = &r->coarse[job->tile];
     struct lw_message m;
     struct lw_tile_dct_coded coded = {0};
+    forget_others(coarse, job);
     LW_INVARIANT(job->version > coarse->version); /* asked for in this order */
-    forget_others(coarse, &job->place);
     if (read_tile(job->to, &m) != LW_OK) return;
     const bool smaller =
         encode_coarse(r, coarse, &job->place, &m.tile, &coded) == LW_OK && coded.size < m.tile.payload_size;
@@ -147,8 +148,11 @@ static void *work(void *context) {
         const uint64_t at = r->done % LW_TRANSCODER_JOBS_MAX;
         const struct lw_transcoder_job job = r->job[at];
         pthread_mutex_unlock(&r->mutex);
-        struct lw_transcoder_result made = {
-            .tile = job.tile, .coarse = job.coarse, .base = job.base, .version = job.version};
+        struct lw_transcoder_result made = {.tile = job.tile,
+                                            .coarse = job.coarse,
+                                            .life = job.life,
+                                            .base = job.base,
+                                            .version = job.version};
         if (job.from)
             made.blob = lw_transcoder_encode_delta(r->codec, r->channel, &job.place, job.from, job.base,
                                                    job.to, r->payload);

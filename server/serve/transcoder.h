@@ -26,6 +26,7 @@ struct lw_transcoder_job {
     uint32_t tile;              /* lw_tile_id */
     struct lw_tile_place place; /* of it, set by lw_transcoder_ask(): the id may go to another tile later */
     bool coarse;                /* it is a coarse form, or between two of these */
+    uint32_t life;              /* another one for the same id: nothing builds on what was made before */
     uint64_t base, version;
     /* LW_MESSAGE_TILE of version base, no delta; NULL: `to` is a tile of which a coarse form is wanted. */
     struct lw_blob *from;
@@ -37,6 +38,7 @@ struct lw_transcoder_job {
 struct lw_transcoder_result {
     uint32_t tile;
     bool coarse;
+    uint32_t life;
     uint64_t base, version; /* base: 0 of a coarse form */
     struct lw_blob *blob;
     /* Of a coarse form: what it differs by from version delta_base, the coarse form before. */

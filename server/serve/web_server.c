@@ -17,7 +17,7 @@
 #include <unistd.h>
 
 #define ENDPOINT     "/ws"
-#define HEADERS_SIZE 2048u       /* of an answer */
+#define HEADERS_SIZE 4096u       /* of an answer */
 #define PIECE        (64u << 10) /* of its body, written at once */
 #define ROOM         LWS_PRE + PIECE
 
@@ -29,9 +29,9 @@ struct lw_web_server {
     struct lws_vhost *vhost;
     struct lws_protocols protocols[3];
     struct lw_web_files files;
-    struct lw_tls_context *tls; /* NULL: it speaks plain */
-    struct ssl_ctx_st *ssl;     /* of libwebsockets, while there is a vhost; follows tls */
-    char *host, *hosts, *origins;
+    struct lw_tls_context *tls;             /* NULL: it speaks plain */
+    struct ssl_ctx_st *ssl;                 /* of libwebsockets, while there is a vhost; follows tls */
+    char *host, *hosts, *origins, *servers; /* servers: apart by blanks, as in a policy */
     bool (*page)(void *context, const char *path, struct lw_server_page *out_page);
     void *page_context;
     bool wants_token;
@@ -71,17 +71,18 @@ static bool add_header(struct lws *wsi, uint8_t **at, uint8_t *end, const char *
                                        (int)strlen(value), at, end) == 0;
 }
 
-/* What a page of ours may do: nothing but our own files and our own WebSocket.
+/* What a page of ours may do: nothing but our own files, our own WebSocket, and those of the other servers.
  * The Host was looked at before. An IPv6 address is no source of a policy (CSP3, host-part): 'self' stands
  * for it, and for its WebSockets where the browser follows CSP3. */
 static bool add_policy(struct lws *wsi, const struct connection *c, uint8_t **at, uint8_t *end) {
-    char policy[3 * LW_HTTP_ORIGIN_MAX + 300], sockets[2 * LW_HTTP_ORIGIN_MAX + 20] = "";
+    char policy[HEADERS_SIZE], sockets[2 * LW_HTTP_ORIGIN_MAX + 20] = "";
+    const char *servers = c->server->servers;
     if (*c->host != '[') snprintf(sockets, sizeof sockets, " ws://%s wss://%s", c->host, c->host);
     snprintf(policy, sizeof policy,
              "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; style-src 'self'; "
-             "img-src 'self' data: blob:; connect-src 'self'%s; base-uri 'none'; "
+             "img-src 'self' data: blob:; connect-src 'self'%s%s%s; base-uri 'none'; "
              "form-action 'none'; frame-ancestors 'none'",
-             sockets);
+             sockets, *servers ? " " : "", servers);
     return add_header(wsi, at, end, "content-security-policy:", policy);
 }
 
@@ -548,10 +549,12 @@ enum lw_status lw_web_server_create(const struct lw_web_server_desc *desc, struc
     server->host = copy(desc->host);
     server->hosts = copy(desc->hosts);
     server->origins = copy(desc->origins);
+    server->servers = copy(desc->servers);
+    for (char *at = server->servers; at && (at = strchr(at, ',')); at++) *at = ' ';
     server->page = desc->page;
     server->page_context = desc->page_context;
     server->wants_token = desc->wants_token;
-    enum lw_status status = server->host && server->hosts && server->origins
+    enum lw_status status = server->host && server->hosts && server->origins && server->servers
                                 ? read_files(server, desc->root, err)
                                 : lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     if (status == LW_OK) status = start(server, desc->loop, err);
@@ -581,5 +584,6 @@ void lw_web_server_destroy(struct lw_web_server *server) {
     free(server->host);
     free(server->hosts);
     free(server->origins);
+    free(server->servers);
     free(server);
 }

@@ -26,6 +26,7 @@ struct lw_web_server_desc {
     const char *host;           /* that it listens on: a Host may name it */
     const char *hosts;          /* further names that a Host may have, by commas; NULL: none */
     const char *origins;        /* further Origins that may open a WebSocket, by commas; NULL: none */
+    const char *servers; /* WebSockets of other servers that our page may open, by commas; NULL: none */
     /* For monitoring: pages are made when they are asked for, and there are neither files
      * nor WebSockets. May be NULL. */
     bool (*page)(void *context, const char *path, struct lw_server_page *out_page);

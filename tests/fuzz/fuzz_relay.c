@@ -1,8 +1,8 @@
 /* A server above that says anything, to the upper side of a relay: a session over a real link. The input is a
  * byte that says what came before, then pieces: two bytes of length, and the server's bytes. Before may come
  * nothing, a welcome and the package of a small scene, or a welcome of a session that is resumed, in the same
- * run or in another. After each piece there may be a snapshot. A snapshot must be light for a client,
- * whatever the server says: a replica takes it in. */
+ * run or in another. Clients list two tiles of a finer level. After each piece there may be a snapshot. A
+ * snapshot must be light for a client, whatever the server says: a replica takes it in. */
 #include "tests/support/support.h"
 
 #include "client/lib/replica.h"
@@ -22,6 +22,9 @@
 #include <zstd.h>
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size);
+
+#define FINER  1u /* levels that are finer than level 0 */
+#define LISTED 2u /* tiles of those that clients list */
 
 static void require(bool condition) {
     if (!condition) abort();
@@ -54,13 +57,15 @@ static void make_scene(void) {
     uint8_t *compressed = malloc(bound);
     const size_t size = ZSTD_compress(compressed, bound, above.package, above.package_size, 1);
     require(!ZSTD_isError(size) && size <= LW_MESSAGE_CHUNK_MAX);
-    struct lw_message welcome = {.type = LW_MESSAGE_WELCOME,
-                                 .welcome = {.version = LW_WIRE_VERSION,
-                                             .features = LW_FEATURE_DCT | LW_FEATURE_RESUME,
-                                             .name = "fuzz",
-                                             .package_size = above.package_size,
-                                             .package_compressed_size = size,
-                                             .run = 1}};
+    struct lw_message welcome = {
+        .type = LW_MESSAGE_WELCOME,
+        .welcome = {.version = LW_WIRE_VERSION,
+                    .features = LW_FEATURE_DCT | LW_FEATURE_RESUME | LW_FEATURE_FINER,
+                    .finer = FINER,
+                    .name = "fuzz",
+                    .package_size = above.package_size,
+                    .package_compressed_size = size,
+                    .run = 1}};
     lw_package_hash(above.package, above.package_size, &welcome.welcome.package_hash);
     const struct lw_message chunk = {.type = LW_MESSAGE_PACKAGE_CHUNK,
                                      .package_chunk = {0, compressed, size}};
@@ -123,7 +128,32 @@ static void hang_up(struct lw_relay_upstream **up) {
     close(above.session);
 }
 
-/* ---- a client below ---- */
+/* ---- clients below ---- */
+
+/* Tiles of a finer level of the first object that has a lightmap. */
+static lw_tile_id fine_tile(const struct lw_atlas_map *map, uint32_t number) {
+    uint32_t object = 0;
+    while (!map->atlas[object].level_count) object++;
+    const lw_tile_id id = lw_atlas_map_claim_tile(map, object, LW_ATLAS_FINER + 1, number);
+    require(id.v != UINT32_MAX);
+    return id;
+}
+
+static void list_fine(struct lw_relay_light *light, lw_tile_id out_id[LISTED]) {
+    uint32_t tile[LISTED];
+    for (uint32_t i = 0; i < LISTED; i++) {
+        out_id[i] = fine_tile(lw_relay_light_map(light), i);
+        tile[i] = out_id[i].v;
+    }
+    (void)lw_relay_light_list(light, 1, tile, LISTED);
+}
+
+static struct lw_replica *join(void) {
+    struct lw_replica *replica;
+    require(lw_replica_create(above.package, above.package_size, FINER, &replica, NULL) == LW_OK);
+    for (uint32_t i = 0; i < LISTED; i++) (void)fine_tile(lw_replica_atlas_map(replica), i);
+    return replica;
+}
 
 static void give(struct lw_replica *replica, const struct lw_blob *blob) {
     struct lw_error err = {0};
@@ -141,16 +171,32 @@ static void give(struct lw_replica *replica, const struct lw_blob *blob) {
     }
 }
 
+/* A tile that was withdrawn is gone from both. */
+static void show_fine(const struct lw_snapshot *s, lw_tile_id id, uint32_t number,
+                      struct lw_replica *newcomer, struct lw_replica *follower) {
+    const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][id.v];
+    const lw_tile_id theirs[2] = {fine_tile(lw_replica_atlas_map(newcomer), number),
+                                  fine_tile(lw_replica_atlas_map(follower), number)};
+    const uint64_t had = lw_replica_get_tile(follower, theirs[1]).version;
+    require(tile->version <= lw_snapshot_version(s->frame) && had <= tile->version);
+    give(newcomer, tile->blob);
+    if (had < tile->version) give(follower, tile->delta && tile->base == had ? tile->delta : tile->blob);
+    const struct lw_client_tile a = lw_replica_get_tile(newcomer, theirs[0]),
+                                b = lw_replica_get_tile(follower, theirs[1]);
+    require(a.version == b.version && (!a.version || a.version == tile->version) && !a.rgb == !b.rgb);
+    const struct lw_tile_place *place = &lw_replica_atlas_map(newcomer)->place[theirs[0].v];
+    require(!a.rgb || !memcmp(a.rgb, b.rgb, 3 * sizeof(float) * (size_t)place->width * place->height));
+}
+
 /* Newcomers get whole tiles; a replica that followed gets deltas. */
 static void show(struct lw_relay_light *light, struct lw_replica *follower) {
     const struct lw_atlas_map *map = lw_relay_light_map(light);
     struct lw_snapshot *s;
-    struct lw_replica *newcomer;
     if (lw_relay_light_snapshot(light, &s) != LW_OK || !s) return;
-    require(lw_replica_create(above.package, above.package_size, 0, &newcomer, NULL) == LW_OK);
+    struct lw_replica *newcomer = join();
     give(newcomer, s->frame_full);
     give(follower, s->frame_delta ? s->frame_delta : s->frame_full);
-    for (uint32_t t = 0; t < map->tile_count; t++) {
+    for (uint32_t t = 0; t < map->plain_count; t++) {
         const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][t];
         const uint64_t had = lw_replica_get_tile(follower, (lw_tile_id){t}).version;
         require(tile->version <= lw_snapshot_version(s->frame) && had <= tile->version);
@@ -165,6 +211,7 @@ static void show(struct lw_relay_light *light, struct lw_replica *follower) {
                                          b = lw_replica_get_level(follower, o, l);
             require(!memcmp(a.rgb, b.rgb, 3 * sizeof(float) * (size_t)a.width * a.height));
         }
+    for (uint32_t i = 0; i < LISTED; i++) show_fine(s, fine_tile(map, i), i, newcomer, follower);
     lw_replica_destroy(newcomer);
     lw_snapshot_unref(s);
 }
@@ -180,13 +227,16 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
     struct lw_error err = {0};
     struct lw_relay_scene scene = {0};
     struct lw_replica *follower = NULL;
+    lw_tile_id listed[LISTED];
     struct lw_relay_upstream *up =
         connect_relay(kind ? above.welcome : bytes + 1, kind ? above.welcome_size : size - 1);
     if (up && kind && lw_relay_upstream_begin(up, &err) == LW_OK) {
         say(above.chunk, above.chunk_size);
         while (!lw_relay_upstream_light(up)) require(lw_relay_upstream_take(up, &err) == LW_OK);
         lw_relay_upstream_give(up, &scene);
-        require(lw_replica_create(above.package, above.package_size, 0, &follower, NULL) == LW_OK);
+        list_fine(scene.light, listed);
+        lw_relay_light_ask(scene.light, LW_LIGHT_FORM_FULL, listed, LISTED);
+        follower = join();
     }
     for (size_t at = 1; follower && up && size - at >= 2;) {
         size_t length = bytes[at] | (size_t)bytes[at + 1] << 8;
@@ -203,7 +253,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
                 hang_up(&up);
                 break;
             }
-            if (lw_relay_upstream_resume(up, scene.light, &err) != LW_OK) hang_up(&up);
+            if (lw_relay_upstream_want(up, false, &listed->v, LISTED) != LW_OK ||
+                lw_relay_upstream_resume(up, scene.light, &err) != LW_OK)
+                hang_up(&up);
         }
         show(scene.light, follower);
     }

@@ -171,6 +171,15 @@ static void a_client_goes_where_it_was_told(void **state) {
     assert_int_equal(lw_relays_stats(1).tiles, tiles);
     lw_process_refuses("lightwell-relay", "127.0.0.1 --servers a:1,b", 64, "--servers", LW_PROCESS_LIMIT_S);
     lw_process_refuses("lightwelld", "builtin:cornell --servers :7780", 64, "--servers", LW_PROCESS_LIMIT_S);
+    /* those for pages become a part of a header */
+    static const char *const no_web_servers[] = {"ws://",           "ws://:1/ws",     "wss://a:0/ws",
+                                                 "ws://a:65536/ws", "ws://a:+1/ws",   "ws://[::1]:1/ws",
+                                                 "ws://a/ws?x",     "wss://a/ws;img", "wss://a:1x"};
+    for (size_t i = 0; i < sizeof no_web_servers / sizeof *no_web_servers; i++) {
+        char line[100];
+        snprintf(line, sizeof line, "builtin:cornell --servers b:1,%s", no_web_servers[i]);
+        lw_process_refuses("lightwelld", line, 64, "is not ws://HOST:PORT/PATH", LW_PROCESS_LIMIT_S);
+    }
 }
 
 /* The daemon is gone: light stays, for newcomers too. It comes back as another run: clients keep their
@@ -425,6 +434,65 @@ static void a_loop_of_relays_is_refused(void **state) {
     lw_process_refuses("lightwell-relay", "127.0.0.1:1,,x", 64, "UPSTREAM", LW_PROCESS_LIMIT_S);
 }
 
+/* What lightwellctl shows of a server; the caller frees it. */
+static char *show_tree(const struct lw_process *of) {
+    char line[100];
+    struct lw_process ctl;
+    snprintf(line, sizeof line, "127.0.0.1:%u tree", of->port);
+    lw_process_start(&ctl, "lightwellctl", line);
+    lw_process_expect(&ctl, lw_process_finish(&ctl, LW_PROCESS_LIMIT_S), 0);
+    return lw_process_out(&ctl);
+}
+
+/* Shows it again until it has a line of this server with that number of clients. */
+static void await_in_tree(const struct lw_process *of, unsigned indent, uint16_t port, unsigned clients) {
+    char name[64], counted[64];
+    snprintf(name, sizeof name, "\n%*s127.0.0.1:%u ", (int)indent, "", port);
+    snprintf(counted, sizeof counted, "clients %u ", clients);
+    const uint64_t end_ns = lw_clock_ns() + LW_PROCESS_LIMIT_S * 1000000000ull;
+    for (bool found = false; !found;) {
+        char *text = show_tree(of), *at = strstr(text, name), *end = at ? strchr(at + 1, '\n') : NULL;
+        if (end) *end = '\0';
+        found = at && strstr(at, counted) && strstr(at, "light current");
+        if (lw_clock_ns() > end_ns) fail_msg("\"%s\" with %s is not in \"%s\"", name, counted, text);
+        free(text);
+        lw_relays_poll();
+    }
+}
+
+/* Who feeds whom, as lightwellctl shows it at the daemon, and at a relay. A relay that ended is not shown. */
+static void the_tree_is_shown(void **state) {
+    (void)state;
+    char upstream[64], *text;
+    lw_process_serve(&server, LW_RELAYS_CORNELL);
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", server.port);
+    lw_relays_start(&relay[0], upstream, "");
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", relay[0].port);
+    lw_relays_start(&relay[1], upstream, "");
+    lw_relays_join(0, relay[1].port);
+    lw_relays_join(1, relay[1].port);
+    lw_relays_wait(lw_relays_all_rest);
+    await_in_tree(&server, 4, relay[1].port, 2);
+    await_in_tree(&server, 2, relay[0].port, 0);
+    await_in_tree(&relay[0], 4, relay[1].port, 2);
+    text = show_tree(&relay[0]);
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u\n  127.0.0.1:%u ", server.port, relay[0].port);
+    assert_true(strncmp(text, upstream, strlen(upstream)) == 0); /* the server above, and itself */
+    free(text);
+    for (int i = 0; i < 2; i++) {
+        lw_client_destroy(lw_relays_client[i]);
+        lw_relays_client[i] = NULL;
+    }
+    assert_int_equal(lw_process_stop(&relay[1], SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u ", relay[1].port);
+    const uint64_t end_ns = lw_clock_ns() + LW_PROCESS_LIMIT_S * 1000000000ull;
+    for (bool is_gone = false; !is_gone; assert_true(lw_clock_ns() < end_ns)) {
+        text = show_tree(&server);
+        is_gone = !strstr(text, upstream);
+        free(text);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(clients_of_relays_get_the_same, end_all),
@@ -438,6 +506,7 @@ int main(void) {
         cmocka_unit_test_teardown(an_update_without_answer_ends_its_session, end_all),
         cmocka_unit_test_teardown(updates_go_up_with_their_token, end_all),
         cmocka_unit_test_teardown(a_loop_of_relays_is_refused, end_all),
+        cmocka_unit_test_teardown(the_tree_is_shown, end_all),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -37,7 +37,7 @@ static struct lw_process daemon_process;
 static uint16_t web_port;
 
 static void serve(const char *arguments) {
-    char line[1024], text[16] = "";
+    char line[2048], text[16] = "";
     const char *port_file = lw_support_temporary("http-port");
     snprintf(line, sizeof line, RESTS "--http-port-file %s %s", port_file, arguments);
     lw_process_serve(&daemon_process, line);
@@ -93,7 +93,7 @@ static const char *make_root(void) {
 }
 
 static void serve_root(const char *arguments) {
-    char line[1024];
+    char line[2048];
     snprintf(line, sizeof line, "--web-root %s %s", make_root(), arguments);
     serve(line);
 }
@@ -215,11 +215,12 @@ static void test_policy(void **state) {
     (void)state;
     static const struct {
         const char *host, *line;
-    } hosts[] = {
-        {"localhost:7781", "; connect-src 'self' ws://localhost:7781 wss://localhost:7781; base-uri"},
-        {"[::1]:7781", "; connect-src 'self'; base-uri"}};
+    } hosts[] = {{"localhost:7781",
+                  "; connect-src 'self' ws://localhost:7781 wss://localhost:7781 ws://b:2/ws "
+                  "wss://c.example/light/ws; base-uri"},
+                 {"[::1]:7781", "; connect-src 'self' ws://b:2/ws wss://c.example/light/ws; base-uri"}};
     char request[200];
-    serve_root("");
+    serve_root("--servers a:1,ws://b:2/ws,[::1]:3,wss://c.example/light/ws");
     for (size_t i = 0; i < sizeof hosts / sizeof *hosts; i++) {
         snprintf(request, sizeof request, "GET / HTTP/1.1\r\nHost: %s\r\n\r\n", hosts[i].host);
         const int s = lw_web_peer_dial(web_port);
@@ -228,6 +229,24 @@ static void test_policy(void **state) {
         free(answer);
         close(s);
     }
+    stop();
+}
+
+/* The longest list of servers has room in the headers of a page. */
+static void test_policy_of_many_servers(void **state) {
+    (void)state;
+    char servers[1025] = "", options[1100], *answer;
+    size_t size = 0;
+    for (int i = 0; size + 40 < sizeof servers; i++)
+        size += (size_t)snprintf(servers + size, sizeof servers - size, "%sws://relay%d.example.org:7781/ws",
+                                 i ? "," : "", i);
+    snprintf(options, sizeof options, "--servers %s", servers);
+    serve_root(options);
+    assert_int_equal(ask("GET", "/", "", &answer, NULL), 200);
+    for (char *at = servers; (at = strchr(at, ',')); at++) *at = ' ';
+    expect_header(answer, servers);
+    expect_header(answer, "; frame-ancestors 'none'\r\n");
+    free(answer);
     stop();
 }
 
@@ -955,6 +974,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test_teardown(test_files, end_all),
         cmocka_unit_test_teardown(test_codings, end_all),
         cmocka_unit_test_teardown(test_policy, end_all),
+        cmocka_unit_test_teardown(test_policy_of_many_servers, end_all),
         cmocka_unit_test_teardown(test_what_is_no_file, end_all),
         cmocka_unit_test_teardown(test_headers_have_a_limit, end_all),
         cmocka_unit_test_teardown(test_hosts, end_all),

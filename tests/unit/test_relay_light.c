@@ -51,8 +51,9 @@ static void encode(uint32_t id, uint64_t version) {
     s->delta.base = before;
 }
 
-static int begin(void **state) {
-    (void)state;
+#define FINE_MOST 4u /* tiles of finer levels that a test has at a time */
+
+static int begin_with(uint32_t finer) {
     struct lw_scene *scene = lw_support_everything();
     for (uint32_t i = 0; i < scene->mesh_count; i++)
         if (scene->mesh[i].atlas_width) {
@@ -64,13 +65,24 @@ static int begin(void **state) {
     struct lw_error err = {0};
     lw_support_ok(lw_package_write(scene, &package, &size, &err), &err);
     lw_scene_destroy(scene);
-    lw_support_ok(lw_relay_light_create(package, size, &light, &err), &err);
+    lw_support_ok(lw_relay_light_create(package, size, finer, &light, &err), &err);
     free(package);
     map = lw_relay_light_map(light);
     lw_support_ok(lw_tile_codec_create(&codec), NULL);
-    source = aligned_alloc(64, (map->tile_count * sizeof *source + 63) / 64 * 64);
-    memset(source, 0, map->tile_count * sizeof *source);
+    const size_t sources = map->plain_count + FINE_MOST;
+    source = aligned_alloc(64, (sources * sizeof *source + 63) / 64 * 64);
+    memset(source, 0, sources * sizeof *source);
     return 0;
+}
+
+static int begin(void **state) {
+    (void)state;
+    return begin_with(0);
+}
+
+static int begin_finer(void **state) {
+    (void)state;
+    return begin_with(2);
 }
 
 static int end(void **state) {
@@ -114,7 +126,7 @@ static struct lw_snapshot *snapshot(void) {
 /* A frame with every tile, whole. */
 static void take_all(uint32_t channel, uint64_t frame) {
     take_frame(channel, frame);
-    for (uint32_t t = 0; t < map->tile_count; t++) {
+    for (uint32_t t = 0; t < map->plain_count; t++) {
         if (source[t].whole.version < 2 * frame) encode(t, 2 * frame);
         take_tile(channel, source[t].whole);
     }
@@ -373,6 +385,193 @@ static void another_run_counts_on(void **state) {
     assert_int_equal(lw_relay_light_run(light), 78);
 }
 
+/* The server above ends again before it has sent anything, as one does that cannot go on. */
+static void a_run_may_end_before_its_first_frame(void **state) {
+    (void)state;
+    const uint64_t gap = UINT64_C(1) << 32;
+    lw_relay_light_begin(light, FULL);
+    take_all(FULL, 5);
+    lw_snapshot_unref(snapshot());
+    for (uint64_t run = 77; run < 80; run++) {
+        lw_relay_light_end(light, FULL);
+        assert_true(lw_relay_light_begin_run(light, run));
+        lw_relay_light_begin(light, FULL);
+    }
+    take_frame(FULL, 1);
+    take_settled(FULL, 1);
+    struct lw_snapshot *s = snapshot();
+    assert_true(s->frame == 3 * gap + 1 && s->previous_frame == 5);
+    expect_run(s->frame_full, 79);
+    lw_snapshot_unref(s);
+}
+
+/* ---- tiles of finer levels ---- */
+
+static lw_tile_id claim(uint32_t tile) { return lw_atlas_map_claim_tile(map, 0, LW_ATLAS_FINER + 1, tile); }
+
+/* Clients list these, and the server above is asked for them; by numbers of the level that is twice as fine.
+ * Returns whether a snapshot is due. */
+static bool list(uint64_t number, const uint32_t *tile, uint32_t count, bool asks) {
+    uint32_t id[FINE_MOST];
+    lw_tile_id asked[FINE_MOST];
+    for (uint32_t i = 0; i < count; i++) asked[i] = claim(tile[i]), id[i] = asked[i].v;
+    const bool is_due = lw_relay_light_list(light, number, id, count);
+    if (asks) lw_relay_light_ask(light, FULL, asked, count);
+    return is_due;
+}
+
+/* What a snapshot has of a tile; the last one of all. */
+static void expect_fine(lw_tile_id id, uint64_t version, uint32_t its_codec, bool holds) {
+    struct lw_message m;
+    struct lw_snapshot *s = snapshot();
+    assert_non_null(s);
+    assert_int_equal(s->tile[FULL][id.v].version, version);
+    assert_int_equal(lw_snapshot_holds_fine(s, id.v - map->plain_count), holds);
+    if (version) {
+        const struct lw_blob *blob = s->tile[FULL][id.v].blob;
+        lw_support_ok(lw_message_decode_whole(blob->bytes, blob->size, &m), NULL);
+        assert_int_equal(m.tile.version, version);
+        assert_int_equal(m.tile.codec, its_codec);
+        assert_true(m.tile.level > LW_ATLAS_FINER && !m.tile.base);
+        lw_message_finish(&m);
+    }
+    lw_snapshot_unref(s);
+}
+
+/* They are there while clients list them, and the server above was asked. Their ids are free with the first
+ * snapshot that knows of neither. */
+static void finer_tiles_come_and_go(void **state) {
+    (void)state;
+    static const uint32_t none = 0, first = 1;
+    lw_relay_light_begin(light, FULL);
+    take_all(FULL, 5);
+    const lw_tile_id id = claim(first);
+    encode(id.v, 8);
+    take_tile(FULL, source[id.v].whole); /* nobody has asked: it was under way */
+    expect_fine(id, 0, 0, false);
+    assert_false(list(1, &first, 1, true));
+    take_tile(FULL, source[id.v].whole);
+    expect_fine(id, 8, LW_TILE_CODEC_DCT, true);
+    take_frame(FULL, 6);
+    encode(id.v, 11); /* a form with wider steps */
+    take_tile(FULL, source[id.v].delta);
+    struct lw_snapshot *s = snapshot();
+    expect_tile(s->tile[FULL][id.v].delta, &source[id.v].delta);
+    expect_tile(s->tile[FULL][id.v].blob, &source[id.v].whole);
+    lw_snapshot_unref(s);
+    assert_false(list(2, &none, 0, false)); /* the server above has not heard of it */
+    expect_fine(id, 11, LW_TILE_CODEC_DCT, true);
+    lw_relay_light_ask(light, FULL, NULL, 0);
+    assert_int_equal(lw_relay_light_news(light), LW_RELAY_LIGHT_SOME);
+    take_tile(FULL, source[id.v].whole);
+    expect_fine(id, 0, 0, false);
+    /* it is another tile's now, and that one has a smaller version */
+    lw_atlas_map_release(map, id);
+    while (claim(2).v != id.v) lw_atlas_map_release(map, claim(2));
+    source[id.v] = (struct source){0};
+    encode(id.v, 4);
+    static const uint32_t second = 2;
+    assert_false(list(3, &second, 1, true));
+    take_tile(FULL, source[id.v].whole);
+    take_settled(FULL, 6);
+    expect_fine(id, 4, LW_TILE_CODEC_DCT, true);
+}
+
+/* The server above forgets them when a session ends. A tile that does not come again is withdrawn, and may
+ * return. */
+static void finer_tiles_of_a_session_that_ended_are_in_doubt(void **state) {
+    (void)state;
+    static const uint32_t tile[2] = {0, 1};
+    lw_relay_light_begin(light, FULL);
+    take_all(FULL, 5);
+    (void)list(1, tile, 2, true);
+    const lw_tile_id id[2] = {claim(0), claim(1)};
+    for (int i = 0; i < 2; i++) encode(id[i].v, 6), take_tile(FULL, source[id[i].v].whole);
+    take_settled(FULL, 5);
+    expect_fine(id[0], 6, LW_TILE_CODEC_DCT, true);
+    lw_relay_light_end(light, FULL);
+    expect_fine(id[0], 6, LW_TILE_CODEC_DCT, true); /* light stays */
+    lw_relay_light_begin(light, FULL);
+    (void)list(2, tile, 2, true);
+    take_frame(FULL, 5);
+    take_tile(FULL, source[id[0].v].whole);
+    encode(id[1].v, 8);
+    take_tile(FULL, source[id[1].v].delta); /* builds on a version of the session before: it means nothing */
+    take_settled(FULL, 5);
+    expect_fine(id[0], 6, LW_TILE_CODEC_DCT, true); /* the same: clients hear nothing */
+    expect_fine(id[1], 7, LW_TILE_CODEC_NONE, true);
+    encode(id[0].v, 10);
+    take_tile(FULL, source[id[0].v].delta);
+    source[id[1].v].whole.version = 6; /* as old as before */
+    take_tile(FULL, source[id[1].v].whole);
+    take_settled(FULL, 5);
+    expect_fine(id[0], 10, LW_TILE_CODEC_DCT, true);
+    expect_fine(id[1], 8, LW_TILE_CODEC_DCT, true);
+    /* a tile that is as new as the frame is withdrawn once there is a frame to say so */
+    struct lw_message_tile gone = source[id[0].v].whole;
+    gone.codec = LW_TILE_CODEC_NONE;
+    take_tile(FULL, gone);
+    take_settled(FULL, 5);
+    expect_fine(id[0], 10, LW_TILE_CODEC_DCT, true);
+    take_frame(FULL, 6);
+    take_settled(FULL, 6);
+    expect_fine(id[0], 11, LW_TILE_CODEC_NONE, true);
+}
+
+/* Where the server above is asked for fewer than clients list, they hear of it. Listed again, a tile that was
+ * dropped comes under its version. */
+static void finer_tiles_give_way(void **state) {
+    (void)state;
+    static const uint32_t tile[2] = {0, 1};
+    lw_relay_light_begin(light, FULL);
+    take_all(FULL, 5);
+    (void)list(1, tile, 2, true);
+    const lw_tile_id id[2] = {claim(0), claim(1)};
+    for (int i = 0; i < 2; i++) encode(id[i].v, 10), take_tile(FULL, source[id[i].v].whole);
+    take_settled(FULL, 5);
+    expect_fine(id[1], 10, LW_TILE_CODEC_DCT, true);
+    take_frame(FULL, 6);
+    lw_relay_light_ask(light, FULL, id, 1);
+    take_settled(FULL, 6);
+    expect_fine(id[0], 10, LW_TILE_CODEC_DCT, true);
+    expect_fine(id[1], 11, LW_TILE_CODEC_NONE, true);
+    assert_true(list(2, tile, 0, true)); /* nobody asks for the second */
+    expect_fine(id[0], 0, 0, false);
+    (void)list(3, tile, 1, true);
+    take_tile(FULL, source[id[0].v].whole);
+    expect_fine(id[0], 10, LW_TILE_CODEC_DCT, true);
+}
+
+static void finer_tiles_that_make_no_sense_are_refused(void **state) {
+    (void)state;
+    static const uint32_t tile = 0;
+    lw_relay_light_begin(light, FULL);
+    take_all(FULL, 5);
+    (void)list(1, &tile, 1, true);
+    const lw_tile_id id = claim(0);
+    encode(id.v, 10);
+    struct lw_message_tile t = source[id.v].whole;
+    t.layer = FULL;
+    t.codec = 77;
+    refuse_tile(t, "its codec is unknown");
+    t = source[id.v].whole;
+    t.layer = FULL;
+    t.level = LW_ATLAS_FINER + 3;
+    refuse_tile(t, "it does not exist");
+    t = source[id.v].whole;
+    t.layer = FULL;
+    t.tile = 100000;
+    refuse_tile(t, "it does not exist");
+    t = source[id.v].whole;
+    t.layer = FULL;
+    t.version = 11;
+    refuse_tile(t, "its version is over twice the number of the frame");
+    t = source[id.v].whole;
+    t.layer = FULL;
+    t.payload_size /= 2;
+    refuse_tile(t, "the payload is damaged");
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(tiles_are_passed_on, begin, end),
@@ -381,6 +580,11 @@ int main(void) {
         cmocka_unit_test_setup_teardown(light_stays, begin, end),
         cmocka_unit_test_setup_teardown(what_makes_no_sense_is_refused, begin, end),
         cmocka_unit_test_setup_teardown(another_run_counts_on, begin, end),
+        cmocka_unit_test_setup_teardown(a_run_may_end_before_its_first_frame, begin, end),
+        cmocka_unit_test_setup_teardown(finer_tiles_come_and_go, begin_finer, end),
+        cmocka_unit_test_setup_teardown(finer_tiles_of_a_session_that_ended_are_in_doubt, begin_finer, end),
+        cmocka_unit_test_setup_teardown(finer_tiles_give_way, begin_finer, end),
+        cmocka_unit_test_setup_teardown(finer_tiles_that_make_no_sense_are_refused, begin_finer, end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

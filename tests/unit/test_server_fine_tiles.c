@@ -194,12 +194,115 @@ static void test_ids_of_fine_tiles_go_to_others(void **state) {
     serving_finer_levels = 0;
 }
 
+static int dial_finer(struct serving *f) {
+    struct lw_message m;
+    const int s = serving_dial(f);
+    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
+                                        .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_FINER}});
+    serving_expect(s, LW_MESSAGE_WELCOME, &m);
+    serving_ask_for_package(s, m.welcome.package_compressed_size);
+    lw_message_finish(&m);
+    return s;
+}
+
+/* Lists the first tiles of a finer level. */
+static void want_first(int s, uint32_t level, uint32_t count) {
+    static struct lw_message_interest_tile tile[LW_SESSION_FINE_MAX];
+    for (uint32_t t = 0; t < count; t++)
+        tile[t] = (struct lw_message_interest_tile){0, LW_ATLAS_FINER + level, t};
+    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
+                                        .interest = {.tile = tile, .tile_count = count}});
+}
+
+/* A relay asks for fewer tiles than its clients list: a client that lists few has all of its own among the
+ * first ones, whatever others list. */
+static void test_sessions_take_turns_where_a_relay_asks_for_fewer(void **state) {
+    (void)state;
+    enum { GREEDY = LW_SESSION_FINE_MAX, MANY = 60, FEW = 3 };
+    serving_finer_levels = LW_ATLAS_FINER_MAX;
+    serving_fine_room = 4 * LW_SESSION_FINE_MAX;
+    struct serving *f = serving_start(&(struct lw_server_desc){.relay = 1});
+    const int s[3] = {dial_finer(f), dial_finer(f), dial_finer(f)};
+    want_first(s[0], 4, GREEDY);
+    want_first(s[1], 3, MANY);
+    want_first(s[2], 2, FEW);
+    struct lw_server_interest wanted = {0};
+    do {
+        free(wanted.tile);
+        LW_SUPPORT_WAIT_UNTIL(lw_server_take_interest(f->server, &wanted));
+    } while (wanted.everything || wanted.tile_count < GREEDY + MANY + FEW);
+    assert_int_equal(wanted.tile_count, GREEDY + MANY + FEW);
+    uint32_t found[LW_ATLAS_FINER_MAX + 1] = {0};
+    for (uint32_t i = 0; i < wanted.tile_count; i++) {
+        const uint32_t finer = lw_atlas_finer(f->map.place[wanted.tile[i]].level);
+        assert_true(finer >= 2);
+        found[finer]++;
+        if (i == 3 * FEW - 1) assert_true(found[2] == FEW && found[3] == FEW && found[4] == FEW);
+        if (i == 2 * MANY + FEW - 1) assert_true(found[3] == MANY && found[4] == MANY);
+    }
+    free(wanted.tile);
+    for (int i = 0; i < 3; i++) close(s[i]);
+    serving_end(f);
+    serving_finer_levels = 0;
+    serving_fine_room = 3;
+}
+
+/* A relay drops a tile: in a snapshot it has no version. Then its id is another tile's, whose version may be
+ * smaller. */
+static void test_a_dropped_tile_leaves_nothing_to_the_next(void **state) {
+    (void)state;
+    uint32_t tiles;
+    serving_finer_levels = 2;
+    struct serving *f = serving_start(&(struct lw_server_desc){0});
+    const int s = dial_finer(f);
+    serving_publish(f, serving_make_snapshot(f, 1, 0));
+    serving_expect_light(f, s, 1);
+    want_fine(s, 0x7);
+    uint64_t number = take_fine(f, &tiles);
+    while (!tiles) number = take_fine(f, &tiles);
+    publish_fine(f, 9, number, 0x7);
+    serving_expect_frame(s, 9, 1);
+    for (uint32_t t = 0; t < 3; t++) expect_fine_tile(s, t, 9);
+    want_fine(s, 0);
+    number = take_fine(f, &tiles);
+    publish_fine(f, 10, number, 0);
+    serving_expect_frame(s, 10, 2);
+    want_fine(s, 0x8);
+    number = take_fine(f, &tiles);
+    assert_int_equal(tiles, 0x8);
+    struct lw_snapshot *snapshot = serving_make_snapshot(f, 11, 10);
+    snapshot->interest = number;
+    assert_non_null(snapshot->holds_fine = calloc(serving_fine_room, sizeof *snapshot->holds_fine));
+    for (uint32_t i = 0; i < serving_fine_room; i++) {
+        struct lw_snapshot_tile *tile = &snapshot->tile[serving_form][f->map.plain_count + i];
+        if (lw_atlas_map_is_used(&f->map, (lw_tile_id){f->map.plain_count + i})) {
+            snapshot->holds_fine[i] = true;
+            tile->version = 4;
+            continue;
+        }
+        lw_blob_unref(tile->blob);
+        *tile = (struct lw_snapshot_tile){0};
+    }
+    serving_publish(f, snapshot);
+    serving_expect_frame(s, 11, 2);
+    struct lw_message m;
+    serving_expect(s, LW_MESSAGE_TILE, &m);
+    assert_true(m.tile.level == LW_ATLAS_FINER + 1 && m.tile.tile == 3);
+    lw_message_finish(&m);
+    serving_expect_silence(s);
+    close(s);
+    serving_end(f);
+    serving_finer_levels = 0;
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_who_knows_no_finer_levels_gets_none),
         cmocka_unit_test(test_finer_levels_are_sent_to_who_lists_them),
         cmocka_unit_test(test_ids_of_fine_tiles_go_to_others),
         cmocka_unit_test(test_a_session_has_so_many_fine_tiles),
+        cmocka_unit_test(test_sessions_take_turns_where_a_relay_asks_for_fewer),
+        cmocka_unit_test(test_a_dropped_tile_leaves_nothing_to_the_next),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

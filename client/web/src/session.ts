@@ -46,6 +46,8 @@ export interface SessionHost extends PartStore {
   settled(): void;
   waiting?(waiting: wire.Waiting): void; // for the first light; before frame()
   token?: Uint8Array; // 32 bytes
+  named?: boolean; // another server has named this one: then it lights the same scene, or is none of ours
+  servers?(servers: string): void; // as WELCOME names them
   mayControl?(): void; // change() has effect; before scene()
   refused?(text: string): void; // a change
 }
@@ -332,6 +334,9 @@ export class Session {
       clientMaterials.some((bits) => bits)
     )
       throw new DrawsTooMuch();
+    if (this.host.named && hex(welcome.package.hash) !== this.kept.packageHash)
+      throw new ClosedError('it lights another scene');
+    this.host.servers?.(welcome.servers);
     this.welcome = welcome;
     if (welcome.features & wire.Feature.CONTROL) this.host.mayControl?.();
     const { kept } = this;

@@ -17,6 +17,7 @@ const PACKAGE_MAX = 2 ** 32;
 const COMPRESSED_MAX = PACKAGE_MAX + PACKAGE_MAX / 256;
 const BOUNCES_MAX = 64;
 const RELAYS_MAX = 16;
+const SERVERS_MAX = 1024;
 const FINER_MAX = 4;
 
 export const Type = {
@@ -245,6 +246,7 @@ export interface Welcome {
   clientLights: Uint8Array;
   clientMaterials: Uint8Array;
   finish: Told | null;
+  servers: string; // other ones of this light, apart by commas
   finer: number; // levels that are finer than level 0
 }
 
@@ -306,6 +308,7 @@ export function readWelcome(body: Uint8Array): Welcome {
     clientLights: new Uint8Array(0),
     clientMaterials: new Uint8Array(0),
     finish: null,
+    servers: '',
     finer: 0,
   };
   const finish = untold();
@@ -329,6 +332,7 @@ export function readWelcome(body: Uint8Array): Welcome {
     else if (r.no === 18) finish.size = r.uint(0xffffffff);
     else if (r.no === 19) finish.compressedSize = r.uint(COMPRESSED_MAX);
     else if (r.no === 23) r.fixed64s(RELAYS_MAX);
+    else if (r.no === 24) w.servers = r.string(SERVERS_MAX);
     else if (r.no === 25) w.finer = r.uint(FINER_MAX);
     else if (!parts.take(r) && !finishParts.take(r)) r.skip();
   }

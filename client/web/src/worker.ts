@@ -10,6 +10,7 @@ import { nodeToWorld } from './pose.ts';
 import { askWhy } from './refusal.ts';
 import type { CameraPlace, End, FromWorker, ToWorker, Wasm } from './protocol.ts';
 import type { Replica } from './replica.ts';
+import { Servers } from './servers.ts';
 import { Store } from './store.ts';
 import { Tiles, zstdFrom } from './tiles.ts';
 import { Feature } from './wire.ts';
@@ -22,6 +23,7 @@ const TICK_MS = 50;
 const SLICE_MS = 8; // of decoding, before other events have their turn
 const RETRY_FIRST_MS = 50;
 const RETRY_MAX_MS = 1000;
+const OPEN_MAX_MS = 10_000; // a machine that is gone answers nothing
 
 const post = (message: FromWorker, transfer: Transferable[] = []) =>
   (self as unknown as DedicatedWorkerGlobalScope).postMessage(message, transfer);
@@ -36,6 +38,8 @@ class Link {
   private readonly kept = nothingKept();
   private socket: WebSocket | null = null;
   private session: Session | null = null;
+  private readonly servers: Servers;
+  private begunMs = 0; // the attempt to connect
   private retryMs = RETRY_FIRST_MS;
   private retry: ReturnType<typeof setTimeout> | undefined;
   private pumping = false;
@@ -49,20 +53,27 @@ class Link {
   private readonly dimmed = new Map<number, number>(); // what is to be said of lamps
 
   constructor(
-    private readonly url: string,
+    url: string,
     private draws: boolean,
     private readonly drawsMaterials: boolean,
     private readonly tiles: Tiles,
     private readonly store: Store,
     private readonly finer: boolean,
   ) {
+    this.servers = new Servers(url);
     setInterval(() => this.guard(() => this.tick()), TICK_MS);
     this.connect();
+  }
+
+  /** Of the session that there is, or of the attempt. */
+  private get url(): string {
+    return this.servers.url;
   }
 
   private connect(): void {
     if (this.over) return;
     let socket: WebSocket;
+    this.begunMs = performance.now();
     try {
       socket = new WebSocket(this.url, 'lightwell');
     } catch (error) {
@@ -139,6 +150,8 @@ class Link {
       settled: () => post({ kind: 'settled' }),
       waiting: (waiting) => post({ kind: 'waiting', waiting }),
       token,
+      named: this.servers.isNamed(),
+      servers: (servers) => this.servers.found(servers),
       mayControl: () => {
         this.controls = true;
         this.postLamps();
@@ -224,7 +237,9 @@ class Link {
   }
 
   private tick(): void {
-    this.session?.tick(performance.now());
+    if (this.session) this.session.tick(performance.now());
+    else if (this.socket && performance.now() - this.begunMs > OPEN_MAX_MS)
+      this.reconnect(`${this.url} does not answer`);
     this.tellLamps();
     const waiting = this.session?.waiting() ?? 0;
     post({ kind: 'traffic', bytes: this.received, waiting, memory: this.tiles.memoryBytes() });
@@ -241,7 +256,7 @@ class Link {
   private fail(error: unknown): void {
     const text = `${this.url}: ${(error as Error).message}`;
     if (error instanceof DrawsTooMuch) this.takeAllLight();
-    else if (error instanceof TokenError) {
+    else if (error instanceof TokenError && !this.servers.isNamed()) {
       this.drop();
       post({ kind: 'state', text, final: false });
       post({ kind: 'token' });
@@ -263,6 +278,7 @@ class Link {
   }
 
   private end(text: string, end?: End): void {
+    if (this.servers.isNamed()) return this.reconnect(text); // others are tried
     this.drop();
     this.over = true;
     post({ kind: 'state', text, final: true, ...(FOR_THREE && { end }) });
@@ -274,7 +290,10 @@ class Link {
     post({ kind: 'state', text: `${text}; trying again`, final: false });
     clearTimeout(this.retry);
     const waitMs = toldMs ? toldMs * (1 + Math.random() / 2) : this.retryMs * Math.random();
-    this.retry = setTimeout(() => this.connect(), waitMs);
+    this.retry = setTimeout(() => {
+      this.servers.next();
+      this.connect();
+    }, waitMs);
     this.retryMs = Math.min(2 * this.retryMs, RETRY_MAX_MS);
   }
 

@@ -23,21 +23,32 @@ export function hasDaemon() {
 }
 
 /** Starts one; resolves once it listens. frames(n) lights frames under the manual clock, and says the last
- * one's number. stop() ends it. */
-export function startDaemon(...options) {
+ * one's number. stop() ends it; crash() gives it no time to say so. */
+export const startDaemon = (...options) => startServer('lightwelld', ...options);
+
+/** The same of a relay; options: the server above first. */
+export const startRelay = (...options) => startServer('lightwell-relay', ...options);
+
+function startServer(program, ...options) {
   const addresses = ['--listen', '127.0.0.1:0'];
   if (!options.includes('--http')) addresses.push('--http', '127.0.0.1:0');
   // a start that finds what an earlier one has saved says less of the wait
   if (!options.includes('--cache')) addresses.push('--cache', '');
-  const child = spawn(join(bin, 'lightwelld'), [...addresses, ...options], {
+  const child = spawn(join(bin, program), [...addresses, ...options], {
     env: { ...process.env, OMP_WAIT_POLICY: 'passive' },
   });
   let said = '';
   let frames = 0;
+  const end = (signal) =>
+    new Promise((ended) => {
+      if (child.exitCode !== null || child.signalCode) return ended();
+      child.once('exit', ended);
+      child.kill(signal);
+    });
   return new Promise((resolve, reject) => {
     const limit = setTimeout(() => {
       child.kill('SIGKILL');
-      reject(new Error(`lightwelld did not start:\n${said}`));
+      reject(new Error(`${program} did not start:\n${said}`));
     }, LIMIT_MS);
     const hear = (data) => {
       said += data;
@@ -53,17 +64,13 @@ export function startDaemon(...options) {
           child.stdin.write('\n'.repeat(count));
           return (frames += count);
         },
-        stop: () =>
-          new Promise((ended) => {
-            if (child.exitCode !== null || child.signalCode) return ended();
-            child.once('exit', ended);
-            child.kill('SIGTERM');
-          }),
+        stop: () => end('SIGTERM'),
+        crash: () => end('SIGKILL'),
       });
     };
     child.stdout.on('data', hear);
     child.stderr.on('data', hear);
     child.once('error', reject);
-    child.once('exit', (code) => reject(new Error(`lightwelld ended with ${code}:\n${said}`)));
+    child.once('exit', (code) => reject(new Error(`${program} ended with ${code}:\n${said}`)));
   });
 }
