@@ -171,7 +171,7 @@ vec2 directed(Seen s, vec3 r) {
   float t = 2.0 / (2.0 + sharp), cosine = max((1.0 - t) * along.x + 0.25 * t * (1.0 + along.x), 0.05);
   float ahead = min(dot(reflect(-s.v, s.n), d), 1.0) - 1.0;
   float gain = k * exp(k * ahead) / (2.0 * cosine * (1.0 - exp(-2.0 * k)));
-  return clamp(vec2(factor, 1.0 - w + w * gain), 0.0, vec2(4, 8));
+  return clamp(vec2(factor, 1.0 - w + w * gain), vec2(0), vec2(4, 8));
 }
 `;
 
