@@ -46,15 +46,17 @@ forbid common/scene 'common/(lightmap|builtin|open)/' 'the scene knows neither l
 forbid proto '(server|client|relay)/' 'proto knows common alone'
 forbid server '(client|lightwell|relay)/' 'the server does not know the client'
 forbid client '(server|relay)/' 'the client does not know the server'
-forbid relay '(server/(solve|import|bake)|server/publish/(levels|light_store|publisher|saved_light)|client/(view|measure|scaling|crossover|load|control|gl))/?' 'a relay serves and is a client: it neither solves nor draws'
-# Rooms of the client: lib <- view <- measure <- {scaling, crossover}; lib <- load, lib <- control.
-forbid client/lib 'client/(view|measure|scaling|crossover|load|control)/' 'the client library draws and measures nothing'
+forbid relay '(server/(solve|import|bake)|server/publish/(levels|light_store|publisher|saved_light)|client/(camera|paths|view|measure|scaling|crossover|load|control|gl))/?' 'a relay serves and is a client: it neither solves nor draws'
+# Rooms of the client: camera <- paths <- view, lib <- view <- measure <- {scaling, crossover}; lib <- load, lib <- control.
+forbid client/lib 'client/(camera|paths|view|measure|scaling|crossover|load|control)/' 'the client library draws and measures nothing'
+forbid client/camera 'client/(lib|paths|view|gl|measure|scaling|crossover|load|control)/' 'a camera draws nothing'
+forbid client/paths 'client/(lib|view|gl|measure|scaling|crossover|load|control)/' 'paths know no cache'
 forbid client/view 'client/(measure|scaling|crossover|load|control)/' 'the viewer measures nothing'
 forbid client/measure 'client/(scaling|crossover|load|control)/' 'measure does not know what is measured with it'
 forbid client/scaling 'client/(crossover|load|control)/' 'scaling knows no other measurement'
 forbid client/crossover 'client/(scaling|load|control)/' 'crossover knows no other measurement'
-forbid client/load 'client/(view|measure|scaling|crossover|control)/' 'the load test draws nothing'
-forbid client/control 'client/(view|measure|scaling|crossover|load)/' 'control draws and measures nothing'
+forbid client/load 'client/(camera|paths|view|measure|scaling|crossover|control)/' 'the load test draws nothing'
+forbid client/control 'client/(camera|paths|view|measure|scaling|crossover|load)/' 'control draws and measures nothing'
 forbid server/solve 'server/(publish|serve)/|proto/|uv' 'solve knows no network'
 # Rooms of the solver: surface <- state <- transport <- { adapt, radiosity } <- frame, state <- filter <- frame.
 own='server/solve/[a-z_]+\.h'

@@ -4,7 +4,7 @@
 #define LW_CLIENT_CROSSOVER_CROSSOVER_OPTIONS_H
 
 #include "client/crossover/crossover_store.h"
-#include "client/view/path_renderer.h"
+#include "client/paths/path_renderer.h"
 #include "common/open/scene_open.h"
 #include "common/scene/scene_motion.h"
 

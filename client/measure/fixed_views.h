@@ -23,7 +23,7 @@
 #ifndef LW_CLIENT_MEASURE_FIXED_VIEWS_H
 #define LW_CLIENT_MEASURE_FIXED_VIEWS_H
 
-#include "client/view/camera.h"
+#include "client/camera/camera.h"
 
 #define LW_FIXED_VIEWS_COUNT 12u
 

@@ -4,7 +4,7 @@
 #ifndef LW_CLIENT_MEASURE_PATH_WORLD_H
 #define LW_CLIENT_MEASURE_PATH_WORLD_H
 
-#include "client/view/path_trace.h"
+#include "client/paths/path_trace.h"
 
 struct lw_path_world {
     const struct lw_scene *scene;

@@ -5,7 +5,7 @@
 #define LW_CLIENT_MEASURE_PER_USER_RENDERER_H
 
 #include "client/measure/renderer.h"
-#include "client/view/path_renderer.h"
+#include "client/paths/path_renderer.h"
 
 struct lw_per_user_renderer_desc {
     const struct lw_scene *scene;

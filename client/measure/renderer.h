@@ -4,7 +4,7 @@
 #ifndef LW_CLIENT_MEASURE_RENDERER_H
 #define LW_CLIENT_MEASURE_RENDERER_H
 
-#include "client/view/camera.h"
+#include "client/camera/camera.h"
 #include "common/status.h"
 
 #include <stdint.h>

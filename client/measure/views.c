@@ -1,5 +1,6 @@
 #include "client/measure/views.h"
 
+#include "client/paths/camera_default.h"
 #include "common/random.h"
 
 #include <math.h>

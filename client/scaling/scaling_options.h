@@ -4,7 +4,7 @@
 #define LW_CLIENT_SCALING_SCALING_OPTIONS_H
 
 #include "client/measure/views.h"
-#include "client/view/path_renderer.h"
+#include "client/paths/path_renderer.h"
 #include "common/open/scene_open.h"
 #include "common/scene/scene_motion.h"
 

@@ -8,10 +8,10 @@
  * lamps, by number; each set has every sets-th. When something has moved, a shadow ray to the parent decides
  * whether a light stays, and at most a set's worth is shot again. A first light that stays stands for the
  * same area, and follows its lamp: flux = albedo x E x area. */
-#ifndef LW_CLIENT_VIEW_SHOT_LIGHTS_H
-#define LW_CLIENT_VIEW_SHOT_LIGHTS_H
+#ifndef LW_CLIENT_PATHS_SHOT_LIGHTS_H
+#define LW_CLIENT_PATHS_SHOT_LIGHTS_H
 
-#include "client/view/place.h"
+#include "client/camera/place.h"
 #include "common/light/lamp_rays.h"
 #include "common/light/virtual_paths.h"
 

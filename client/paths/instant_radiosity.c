@@ -1,7 +1,7 @@
-#include "client/view/instant_radiosity.h"
+#include "client/paths/instant_radiosity.h"
 
-#include "client/view/reprojection.h"
-#include "client/view/shot_lights.h"
+#include "client/paths/reprojection.h"
+#include "client/paths/shot_lights.h"
 #include "common/light/form16.h"
 
 #include <omp.h>

@@ -1,10 +1,10 @@
 /* flight.h: a camera that flies by keys and mouse, always upright.
  * Flow:    SDL events -> [flight] -> camera view
  * Threads: pure functions, [any]. */
-#ifndef LW_CLIENT_VIEW_FLIGHT_H
-#define LW_CLIENT_VIEW_FLIGHT_H
+#ifndef LW_CLIENT_CAMERA_FLIGHT_H
+#define LW_CLIENT_CAMERA_FLIGHT_H
 
-#include "client/view/camera.h"
+#include "client/camera/camera.h"
 
 struct lw_flight {
     struct lw_vec3 position;

@@ -1,4 +1,4 @@
-#include "client/view/shot_lights.h"
+#include "client/paths/shot_lights.h"
 
 #include "common/colour.h"
 #include "common/light/direction.h"

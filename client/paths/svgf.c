@@ -1,6 +1,6 @@
-#include "client/view/svgf.h"
+#include "client/paths/svgf.h"
 
-#include "client/view/reprojection.h"
+#include "client/paths/reprojection.h"
 #include "common/colour.h"
 #include "common/wide.h"
 

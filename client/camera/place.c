@@ -1,4 +1,4 @@
-#include "client/view/place.h"
+#include "client/camera/place.h"
 
 #include "common/shading/shading_bend.h"
 

@@ -2,10 +2,10 @@
  * the middle of the picture shows.
  * Flow:    keys and mouse -> [steering: flight, and rays of the scene] -> camera view
  * Threads: one thread at a time. */
-#ifndef LW_CLIENT_VIEW_STEERING_H
-#define LW_CLIENT_VIEW_STEERING_H
+#ifndef LW_CLIENT_CAMERA_STEERING_H
+#define LW_CLIENT_CAMERA_STEERING_H
 
-#include "client/view/flight.h"
+#include "client/camera/flight.h"
 #include "common/trace/trace.h"
 
 enum lw_steering_mode { LW_STEERING_FLY, LW_STEERING_WALK, LW_STEERING_ORBIT, LW_STEERING_MODES };

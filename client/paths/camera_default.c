@@ -5,8 +5,9 @@
  * share p of the picture adds p (1 - ln p). Many parts are better than few, and large ones better than
  * small ones. A part is the surface of an object that faces about one way: how finely it is divided into
  * triangles does not count. Its share is the less, the less light it has and the nearer it is to the eye. */
-#include "client/view/camera.h"
-#include "client/view/path_trace.h"
+#include "client/paths/camera_default.h"
+
+#include "client/paths/path_trace.h"
 
 #include <assert.h>
 #include <stdlib.h>

@@ -13,10 +13,10 @@
  *     lw_path_trace_render(tracer, &view, samples, &film, NULL);  and lw_path_film_resolve()
  *     lw_gbuffer_render(&gbuffer, pose, &view.camera);
  *     lw_svgf_filter(svgf, &gbuffer, radiance, out_rgb); */
-#ifndef LW_CLIENT_VIEW_SVGF_H
-#define LW_CLIENT_VIEW_SVGF_H
+#ifndef LW_CLIENT_PATHS_SVGF_H
+#define LW_CLIENT_PATHS_SVGF_H
 
-#include "client/view/gbuffer.h"
+#include "client/paths/gbuffer.h"
 
 struct lw_svgf_desc {
     uint32_t width, height; /* pixels */

@@ -1,8 +1,8 @@
 /* camera.h: where the eye is, where it looks, and the rays through its pixels.
  * Flow:    option text, scene camera or bounds -> [camera] -> rays for compose
  * Threads: pure functions, [any]. */
-#ifndef LW_CLIENT_VIEW_CAMERA_H
-#define LW_CLIENT_VIEW_CAMERA_H
+#ifndef LW_CLIENT_CAMERA_CAMERA_H
+#define LW_CLIENT_CAMERA_CAMERA_H
 
 #include "common/scene/pose.h"
 #include "common/scene/scene.h"
@@ -37,22 +37,6 @@ struct lw_camera_view lw_camera_of_scene(const struct lw_scene *scene, const str
  * Errors: LW_USAGE, listing the names there are. */
 LW_MUST_CHECK enum lw_status lw_camera_find(const struct lw_scene *scene, const char *name,
                                             uint32_t *out_camera, struct lw_error *err);
-
-/** A view for a scene without a camera: the best of some hundred. A small picture of each is rated by how
- * many parts of the scene it shows, how large, and how well lit. Backs of single-sided surfaces show nothing.
- * Candidates:
- *   outside  all around, framing the scene's box, or the box of nearly all triangles, since a wide ground
- *            would make an object small
- *   inside   from eye height in that second box; they count the less the more open the place is to the sides
- * Same scene, pose and aspect: same view.
- *
- * pose     whose bounds are framed: without dynamic objects, which may be anywhere
- * trace    of the same scene and pose
- * aspect   width / height of the picture
- * Cost     some 100,000 rays on the calling thread; allocates, and without memory takes a fixed view from
- *          outside */
-struct lw_camera_view lw_camera_default(const struct lw_scene *scene, const struct lw_pose *pose,
-                                        const struct lw_trace *trace, float aspect);
 
 /** The picture plane at depth 1: what a ray takes, worked out once per picture. */
 struct lw_camera_plane {

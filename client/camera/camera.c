@@ -1,4 +1,4 @@
-#include "client/view/camera.h"
+#include "client/camera/camera.h"
 
 #include <errno.h>
 #include <stdio.h>

@@ -2,10 +2,10 @@
  * serves.
  * Flow:    gbuffers of two frames -> [reprojection] -> svgf, instant_radiosity
  * Threads: values, [any]. */
-#ifndef LW_CLIENT_VIEW_REPROJECTION_H
-#define LW_CLIENT_VIEW_REPROJECTION_H
+#ifndef LW_CLIENT_PATHS_REPROJECTION_H
+#define LW_CLIENT_PATHS_REPROJECTION_H
 
-#include "client/view/gbuffer.h"
+#include "client/paths/gbuffer.h"
 
 /* What a pixel kept serves a point so near to it: pixels' breadth off the tangent plane; cosine of
  * normals. */

@@ -1,4 +1,4 @@
-#include "client/view/steering.h"
+#include "client/camera/steering.h"
 
 #include <math.h>
 

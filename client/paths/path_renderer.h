@@ -7,11 +7,11 @@
  *
  * The shared cache is measured against them (docs/lab/crossover.md), so each is as strong as we can make
  * it. Rays go through the centres of pixels. */
-#ifndef LW_CLIENT_VIEW_PATH_RENDERER_H
-#define LW_CLIENT_VIEW_PATH_RENDERER_H
+#ifndef LW_CLIENT_PATHS_PATH_RENDERER_H
+#define LW_CLIENT_PATHS_PATH_RENDERER_H
 
-#include "client/view/instant_radiosity.h"
-#include "client/view/path_trace.h"
+#include "client/paths/instant_radiosity.h"
+#include "client/paths/path_trace.h"
 
 /* tag, short name, what it does. From LIGHTS on, each traces a shadow ray to each light or group of lights at
  * first hits. Light that a path brings from beyond its first hit is clamped to ten times the picture's

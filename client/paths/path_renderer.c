@@ -1,6 +1,6 @@
-#include "client/view/path_renderer.h"
+#include "client/paths/path_renderer.h"
 
-#include "client/view/svgf.h"
+#include "client/paths/svgf.h"
 #include "common/clock.h"
 #include "common/colour.h"
 #include "common/random.h"

@@ -9,11 +9,11 @@
  * direct light, and `bounces` orders of indirect light. Surfaces with a finish (scene.h) scatter light as
  * common/shading/lobes.h has it, about the normal of their map; bounce rays are drawn by the lobes. Without
  * one they are diffuse. Occlusion maps do not count: paths find what hides light. */
-#ifndef LW_CLIENT_VIEW_PATH_TRACE_H
-#define LW_CLIENT_VIEW_PATH_TRACE_H
+#ifndef LW_CLIENT_PATHS_PATH_TRACE_H
+#define LW_CLIENT_PATHS_PATH_TRACE_H
 
-#include "client/view/gbuffer.h"
-#include "client/view/path_film.h"
+#include "client/paths/gbuffer.h"
+#include "client/paths/path_film.h"
 #include "common/guide/guide.h"
 #include "common/light/lights.h"
 #include "common/trace/trace.h"

@@ -5,8 +5,8 @@
  * Even samples go to one half, odd ones to the other, each from a sequence of its own. So the difference of
  * the halves tells the error of their mean without bias, which the spread of the samples of one
  * low-discrepancy sequence cannot. */
-#ifndef LW_CLIENT_VIEW_PATH_FILM_H
-#define LW_CLIENT_VIEW_PATH_FILM_H
+#ifndef LW_CLIENT_PATHS_PATH_FILM_H
+#define LW_CLIENT_PATHS_PATH_FILM_H
 
 #include "common/status.h"
 

@@ -1,8 +1,8 @@
 /* place.h: an object's transform, ready for the points that rays have hit and for the rays that start there.
  * Flow:    pose -> [place] -> path_trace, gbuffer
  * Threads: values, [any]. */
-#ifndef LW_CLIENT_VIEW_PLACE_H
-#define LW_CLIENT_VIEW_PLACE_H
+#ifndef LW_CLIENT_CAMERA_PLACE_H
+#define LW_CLIENT_CAMERA_PLACE_H
 
 #include "common/scene/scene.h"
 #include "common/trace/trace.h"

@@ -12,11 +12,11 @@
  *
  * A surface that mirrors or has a normal map has the map's normal, and as its albedo what it reflects towards
  * the eye of light from everywhere, its diffuse and its mirrored share together. */
-#ifndef LW_CLIENT_VIEW_GBUFFER_H
-#define LW_CLIENT_VIEW_GBUFFER_H
+#ifndef LW_CLIENT_PATHS_GBUFFER_H
+#define LW_CLIENT_PATHS_GBUFFER_H
 
-#include "client/view/camera.h"
-#include "client/view/place.h"
+#include "client/camera/camera.h"
+#include "client/camera/place.h"
 
 /** Planes of width * height values each, row 0 on top. */
 struct lw_gbuffer_planes {

@@ -1,4 +1,4 @@
-#include "client/view/gbuffer.h"
+#include "client/paths/gbuffer.h"
 
 #include <omp.h>
 #include <stdlib.h>

@@ -1,4 +1,4 @@
-#include "client/view/path_trace.h"
+#include "client/paths/path_trace.h"
 
 #include "common/colour.h"
 #include "common/guide/guide.h"

@@ -1,4 +1,4 @@
-#include "client/view/flight.h"
+#include "client/camera/flight.h"
 
 #define PITCH_MAX (89.0f / 180.0f * LW_PI)
 

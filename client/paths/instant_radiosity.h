@@ -12,10 +12,10 @@
  *   albedo    last
  *
  * Where d0 cuts light off, in corners above all, it is lost. */
-#ifndef LW_CLIENT_VIEW_INSTANT_RADIOSITY_H
-#define LW_CLIENT_VIEW_INSTANT_RADIOSITY_H
+#ifndef LW_CLIENT_PATHS_INSTANT_RADIOSITY_H
+#define LW_CLIENT_PATHS_INSTANT_RADIOSITY_H
 
-#include "client/view/gbuffer.h"
+#include "client/paths/gbuffer.h"
 #include "common/light/lights.h"
 
 #define LW_INSTANT_RADIOSITY_LIGHTS_DEFAULT 512u

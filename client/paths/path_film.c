@@ -1,4 +1,4 @@
-#include "client/view/path_film.h"
+#include "client/paths/path_film.h"
 
 #include <math.h>
 #include <stdlib.h>
