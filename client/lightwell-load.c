@@ -1,9 +1,9 @@
 /* lightwell-load.c: a load test of a server; what its light costs beside opponents (crossover); and from
  * how many users on sharing is cheaper (scaling). */
-#include "client/crossover/crossover.h"
 #include "client/load/load_options.h"
 #include "client/load/load_test.h"
-#include "client/scaling/scaling.h"
+#include "client/measure/crossover.h"
+#include "client/measure/scaling.h"
 #include "common/log.h"
 
 #include <stdlib.h>

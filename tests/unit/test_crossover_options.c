@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
-#include "client/crossover/crossover_options.h"
-#include "client/crossover/crossover_references.h"
+#include "client/measure/crossover_options.h"
+#include "client/measure/crossover_references.h"
 
 #include <math.h>
 

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/crossover/crossover_references.h"
+#include "client/measure/crossover_references.h"
 #include "common/builtin/builtin.h"
 #include "common/trace/trace.h"
 

@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
-#include "client/crossover/crossover_analysis.h"
-#include "client/crossover/crossover_report.h"
+#include "client/measure/crossover_analysis.h"
+#include "client/measure/crossover_report.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/crossover/crossover_row.h"
+#include "client/measure/crossover_row.h"
 
 #include <math.h>
 #include <signal.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/scaling/scaling_options.h"
+#include "client/measure/scaling_options.h"
 
 static enum lw_status parse(const char *option, const char *value, struct lw_scaling_options *o,
                             struct lw_error *err) {

@@ -1,0 +1,211 @@
+#include "client/measure/crossover_clock.h"
+
+#include "client/measure/crossover_analysis.h"
+#include "client/measure/crossover_plan.h"
+#include "client/measure/figures/reference.h"
+#include "client/measure/sides/lattice.h"
+#include "client/measure/sides/per_user_renderer.h"
+#include "client/measure/sides/real_run.h"
+#include "client/measure/sides/views.h"
+#include "common/log.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#define VIEW_STRIDE  5u  /* views are sorted by brightness: spread over all */
+#define SAMPLES_MAX  64u /* paths per pixel of a reference */
+#define CACHE_WARM_S 4.0 /* at most */
+#define PATHS_WARM_S 1.0
+#define SECONDS      2.0
+
+/* One renderer in some views. */
+struct clock {
+    struct lw_crossover_row *row;
+    const struct lw_crossover_plan *plan;
+    struct lw_path_world world; /* of the references */
+    uint32_t stride;
+    struct lw_crossover_clock sum;
+    uint32_t runs;
+};
+
+/* A view of the row, for either side. */
+struct one_view {
+    const struct lw_fixed_views *views;
+    uint32_t view;
+};
+
+static struct lw_camera_view camera_of_view(const void *context, uint32_t user, uint64_t frame) {
+    const struct one_view *v = context;
+    (void)user;
+    return lw_fixed_views_at(v->views, v->view, (double)(frame - 1) / LW_VIEWS_HZ);
+}
+
+/* Errors of the pictures of one run. */
+static enum lw_status judge(struct clock *c, uint32_t view, const struct lw_real_run *run,
+                            struct lw_error *err) {
+    const struct lw_crossover_options *o = c->row->options;
+    const uint32_t samples = o->reference_samples < SAMPLES_MAX ? o->reference_samples : SAMPLES_MAX;
+    enum lw_status status = LW_OK;
+    for (uint32_t p = 0; status == LW_OK && p < run->picture_count; p++) {
+        const struct lw_real_picture *picture = &run->picture[p];
+        const struct lw_camera_view camera =
+            lw_crossover_row_camera(&c->row->views, view, picture->view_frame);
+        struct lw_reference reference = {0};
+        status = lw_path_world_set_time(&c->world, picture->time_s, err);
+        if (status == LW_OK)
+            status = lw_reference_init(&reference, &c->world, &camera, o->width / c->stride,
+                                       o->height / c->stride, samples, ~o->seed, err);
+        if (status == LW_OK) {
+            reference.mean_square = c->row->references.mean_square; /* of all views */
+            c->sum.relmse += lw_reference_error(&reference, picture->lattice);
+            c->sum.pictures++;
+        }
+        lw_reference_finish(&reference);
+    }
+    return status;
+}
+
+static enum lw_status run_cache(struct clock *c, const struct one_view *view, struct lw_real_run *run,
+                                struct lw_error *err) {
+    const struct lw_crossover_options *o = c->row->options;
+    const char *package;
+    enum lw_status status = lw_crossover_row_package(c->row, c->plan->setting.density, &package, err);
+    if (status != LW_OK) return status;
+    return lw_real_run(&(struct lw_real_run_desc){.package = package,
+                                                  .cameras = {.context = view, .at = camera_of_view},
+                                                  .setting = c->plan->setting,
+                                                  .users = 1,
+                                                  .width = o->width,
+                                                  .height = o->height,
+                                                  .stride = c->stride,
+                                                  .bounces = o->bounces,
+                                                  .seed = o->seed,
+                                                  .threads = (unsigned)o->scene.threads,
+                                                  .denoise = true,
+                                                  .solver = o->solver,
+                                                  .seconds = SECONDS,
+                                                  .warm_cpu_s = (double)INFINITY,
+                                                  .warm_s = CACHE_WARM_S,
+                                                  .cancel = c->row->cancel},
+                       run, err);
+}
+
+static enum lw_status run_paths(struct clock *c, const struct one_view *view, struct lw_real_run *run,
+                                struct lw_error *err) {
+    const struct lw_crossover_options *o = c->row->options;
+    struct lw_renderer *renderer;
+    enum lw_status status = lw_per_user_renderer_create(
+        &(struct lw_per_user_renderer_desc){.scene = c->row->densities.scene,
+                                            .cameras = {.context = view, .at = camera_of_view},
+                                            .width = o->width,
+                                            .height = o->height,
+                                            .stride = 1,
+                                            .bounces = o->bounces,
+                                            .threads = (unsigned)o->scene.threads,
+                                            .kind = c->plan->kind},
+        &renderer, err);
+    if (status != LW_OK) return status;
+    status = lw_real_run_paths(&(struct lw_real_paths_desc){.renderer = renderer,
+                                                            .setting = c->plan->setting,
+                                                            .user = view->view,
+                                                            .width = o->width,
+                                                            .height = o->height,
+                                                            .stride = c->stride,
+                                                            .seed = o->seed,
+                                                            .first_s = o->warm_s - PATHS_WARM_S,
+                                                            .warm_s = PATHS_WARM_S,
+                                                            .seconds = SECONDS,
+                                                            .cancel = c->row->cancel},
+                               run, err);
+    renderer->ops->destroy(renderer);
+    return status;
+}
+
+static enum lw_status measure_view(struct clock *c, uint32_t view, struct lw_error *err) {
+    const struct one_view one = {&c->row->views, view};
+    struct lw_real_run run;
+    enum lw_status status = c->plan->is_cache ? run_cache(c, &one, &run, err) : run_paths(c, &one, &run, err);
+    if (status != LW_OK) return status;
+    c->sum.views_hz += run.views_hz;
+    c->sum.light_age_s += run.light_age_s;
+    c->runs++;
+    status = judge(c, view, &run, err);
+    lw_real_run_finish(&run);
+    return status;
+}
+
+static void key_of(const char *renderer, const char *setting, char out[LW_CROSSOVER_NAME_SIZE]) {
+    snprintf(out, LW_CROSSOVER_NAME_SIZE, LW_CROSSOVER_CLOCK_KEY "%.20s %.30s", renderer, setting);
+}
+
+static enum lw_status measure_renderer(struct clock *c, struct lw_error *err) {
+    struct lw_crossover_row *row = c->row;
+    const struct lw_crossover_unit *unit = &c->plan->unit;
+    char key[LW_CROSSOVER_NAME_SIZE];
+    enum lw_status status = LW_OK;
+    key_of(unit->renderer, unit->setting, key);
+    if (lw_crossover_store_get(&row->store, key)) return LW_OK;
+    for (uint32_t k = 0; status == LW_OK && k < row->options->alone; k++) {
+        const uint32_t view = k * VIEW_STRIDE % LW_CROSSOVER_VIEWS;
+        if (*row->cancel) status = lw_status_fail(err, LW_CLOSED, "interrupted");
+        if (status == LW_OK && !row->references.dark[view]) status = measure_view(c, view, err);
+    }
+    if (status != LW_OK || !c->runs) return status;
+    const double n = c->runs;
+    lw_log(LW_LOG_INFO, "by the wall clock, %s, %s: %.3g pictures a second, %.2g s old, relMSE %.4g",
+           unit->renderer, unit->setting, c->sum.views_hz / n, c->sum.light_age_s / n,
+           c->sum.relmse / c->sum.pictures);
+    return lw_crossover_row_note(row, err, key, "%.6g,%.6g,%.6g,%u", c->sum.views_hz / n,
+                                 c->sum.light_age_s / n, c->sum.relmse / c->sum.pictures, c->sum.pictures);
+}
+
+bool lw_crossover_clock_read(const struct lw_crossover_store *store, const char *renderer,
+                             const char *setting, struct lw_crossover_clock *out) {
+    char key[LW_CROSSOVER_NAME_SIZE];
+    key_of(renderer, setting, key);
+    const char *value = lw_crossover_store_get(store, key);
+    return value && sscanf(value, "%lf,%lf,%lf,%u", &out->views_hz, &out->light_age_s, &out->relmse,
+                           &out->pictures) == 4;
+}
+
+/* The cache's setting that takes part; "": none is measured. */
+static enum lw_status choose_cache(const struct lw_crossover_row *row, char out[LW_CROSSOVER_NAME_SIZE],
+                                   struct lw_error *err) {
+    struct lw_crossover_analysis a;
+    enum lw_status status = lw_crossover_analysis_init(&a, &row->store, err);
+    if (status != LW_OK) return status;
+    const enum lw_crossover_coin coin = LW_CROSSOVER_COIN_RELMSE;
+    const struct lw_crossover_point *svgf = lw_crossover_analysis_find(&a, "svgf", NULL),
+                                    *cache = svgf ? lw_crossover_analysis_cheapest(&a, coin,
+                                                                                   svgf->mean[coin].value)
+                                                  : NULL;
+    if (!cache) cache = lw_crossover_analysis_best(&a, coin);
+    snprintf(out, LW_CROSSOVER_NAME_SIZE, "%s", cache ? cache->setting : "");
+    lw_crossover_analysis_finish(&a);
+    return LW_OK;
+}
+
+enum lw_status lw_crossover_clock_measure(struct lw_crossover_row *row, struct lw_error *err) {
+    const struct lw_crossover_options *o = row->options;
+    struct lw_crossover_plan plan[LW_CROSSOVER_PLANS_MAX];
+    char setting[LW_CROSSOVER_NAME_SIZE];
+    uint32_t count;
+    struct clock world = {.row = row}; /* shared by all */
+    enum lw_status status = choose_cache(row, setting, err);
+    if (status == LW_OK) status = lw_crossover_plan_all(row, plan, &count, err);
+    if (status == LW_OK)
+        status = lw_path_world_init(&world.world, row->densities.scene, o->bounces,
+                                    (unsigned)o->scene.threads, err);
+    for (uint32_t i = 0; status == LW_OK && i < count; i++) {
+        const bool filters = !plan[i].is_cache && plan[i].kind >= LW_PATH_RENDERER_SVGF,
+                   chosen = plan[i].is_cache && strcmp(plan[i].unit.setting, setting) == 0;
+        if (!filters && !chosen) continue;
+        struct clock c = world;
+        c.plan = &plan[i];
+        c.stride = lw_lattice_stride(o->width, o->height);
+        status = measure_renderer(&c, err);
+    }
+    lw_path_world_finish(&world.world);
+    return status;
+}

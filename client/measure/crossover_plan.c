@@ -1,0 +1,117 @@
+#include "client/measure/crossover_plan.h"
+
+#include "common/log.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#define TEXELS_MAX 8e6 /* of the lightmaps that are tried: the server takes some 600 bytes for each */
+
+/* Samples per texel and frame, and the error at which blocks converge. */
+static const struct {
+    uint32_t direct, indirect;
+    double target_error;
+} rungs[] = {{1, 1, 0.2}, {1, 2, 0.02}};
+#define RUNGS (sizeof rungs / sizeof *rungs)
+
+static void plan_paths(const struct lw_crossover_options *o, struct lw_crossover_plan *plan,
+                       uint32_t *count) {
+    for (uint32_t i = 0; i < o->opponent_count; i++) {
+        const bool filters = o->opponent[i] >= LW_PATH_RENDERER_SVGF;
+        for (uint32_t p = 0; p < (filters ? 1 : o->paths_count) && *count < LW_CROSSOVER_PLANS_MAX; p++) {
+            struct lw_crossover_plan *next = &plan[(*count)++];
+            const uint32_t paths = filters ? 1 : o->paths[p];
+            *next = (struct lw_crossover_plan){.kind = o->opponent[i], .setting = {.samples = paths}};
+            snprintf(next->unit.renderer, sizeof next->unit.renderer, "%s",
+                     lw_path_renderer_name(o->opponent[i]));
+            snprintf(next->unit.setting, sizeof next->unit.setting, "%u path%s", paths, paths > 1 ? "s" : "");
+        }
+    }
+}
+
+/* The samples that are tried at a density. form: what else the cache is measured with. */
+static void plan_rungs(struct lw_crossover_plan *plan, uint32_t *count, uint32_t d,
+                       const struct lw_setting *form) {
+    for (size_t r = 0; r < RUNGS && *count < LW_CROSSOVER_PLANS_MAX; r++) {
+        struct lw_crossover_plan *next = &plan[(*count)++];
+        *next = (struct lw_crossover_plan){.is_cache = true,
+                                           .unit = {.renderer = "cache"},
+                                           .density = d,
+                                           .rung = (uint32_t)r,
+                                           .setting = *form};
+        next->setting.direct_samples = rungs[r].direct;
+        next->setting.indirect_samples = rungs[r].indirect;
+        next->setting.target_error = rungs[r].target_error;
+        snprintf(next->unit.setting, sizeof next->unit.setting, "x%g %u+%u rest %g%s%s", form->density,
+                 rungs[r].direct, rungs[r].indirect, rungs[r].target_error, form->draws ? "" : " tiles",
+                 form->by_gl ? " gl" : "");
+    }
+}
+
+static void plan_forms(const struct lw_crossover_options *o, struct lw_crossover_plan *plan, uint32_t *count,
+                       uint32_t d) {
+    for (int by_gl = 0; by_gl < 2; by_gl++)
+        for (int tiles = 0; tiles < 2; tiles++)
+            if ((by_gl ? o->by_gl : o->by_rays) && (tiles ? o->tiles : o->pixels))
+                plan_rungs(plan, count, d,
+                           &(struct lw_setting){.density = o->density[d], .draws = !tiles, .by_gl = by_gl});
+}
+
+static enum lw_status plan_cache(struct lw_crossover_row *row, struct lw_crossover_plan *plan,
+                                 uint32_t *count, struct lw_error *err) {
+    const struct lw_crossover_options *o = row->options;
+    char left_out[200] = "";
+    size_t at = 0;
+    for (uint32_t d = 0; d < o->density_count; d++) {
+        const double density = o->density[d], texels = row->densities.texels * density * density;
+        if (density > 1 && texels > TEXELS_MAX) {
+            lw_log(LW_LOG_WARNING, "density x%g is not tried: %.3g million texels", density, 1e-6 * texels);
+            at += (size_t)snprintf(left_out + at, sizeof left_out - at, "%sx%g (%.3g million texels)",
+                                   at ? "; " : "", density, 1e-6 * texels);
+            continue;
+        }
+        plan_forms(o, plan, count, d);
+    }
+    return lw_crossover_row_note(row, err, "densities left out", "%s", left_out);
+}
+
+/* Mean error of a unit of repeat 0 in a measure; NAN: it is not measured. */
+static double error_of(const struct lw_crossover_row *row, const struct lw_crossover_unit *unit,
+                       enum lw_crossover_coin coin) {
+    double sum = 0;
+    uint32_t count = 0;
+    for (size_t i = 0; i < row->store.sample_count; i++) {
+        const struct lw_crossover_sample *s = &row->store.sample[i];
+        if (s->unit.repeat || strcmp(s->unit.renderer, unit->renderer) != 0 ||
+            strcmp(s->unit.setting, unit->setting) != 0 || isnan(s->coin[coin]))
+            continue;
+        sum += s->coin[coin];
+        count++;
+    }
+    return count ? sum / count : (double)NAN;
+}
+
+bool lw_crossover_plan_is_idle(const struct lw_crossover_row *row, const struct lw_crossover_plan *plan,
+                               uint32_t count, const struct lw_crossover_plan *next) {
+    for (uint32_t i = 0; next->is_cache && i + next->rung < count && next->rung; i++) {
+        const struct lw_crossover_plan *few = &plan[i], *more = &plan[i + next->rung];
+        if (!few->is_cache || few->density >= next->density || few->rung || more->rung != next->rung ||
+            few->setting.draws != next->setting.draws || few->setting.by_gl != next->setting.by_gl)
+            continue;
+        const bool gains = !(error_of(row, &more->unit, LW_CROSSOVER_COIN_RELMSE) >
+                             LW_CROSSOVER_GAIN_MIN * error_of(row, &few->unit, LW_CROSSOVER_COIN_RELMSE)) ||
+                           !(error_of(row, &more->unit, LW_CROSSOVER_COIN_FLIP) >
+                             LW_CROSSOVER_GAIN_MIN * error_of(row, &few->unit, LW_CROSSOVER_COIN_FLIP));
+        if (!gains) return true;
+    }
+    return false;
+}
+
+enum lw_status lw_crossover_plan_all(struct lw_crossover_row *row,
+                                     struct lw_crossover_plan out_plan[LW_CROSSOVER_PLANS_MAX],
+                                     uint32_t *out_count, struct lw_error *err) {
+    *out_count = 0;
+    plan_paths(row->options, out_plan, out_count);
+    return plan_cache(row, out_plan, out_count, err);
+}

@@ -1,0 +1,122 @@
+#include "client/measure/figures/reference.h"
+
+#include <stdlib.h>
+
+#define FLOOR_SHARE 0.01 /* of the mean square of the reference */
+#define DARK_SHARE  1e-4 /* of the views' mean square: a hundredth of their brightness */
+
+static size_t value_count(const struct lw_reference *reference) {
+    return (size_t)reference->width * reference->height * 3;
+}
+
+static double at(const struct lw_reference *reference, size_t i) {
+    return 0.5 * ((double)reference->half[0][i] + (double)reference->half[1][i]);
+}
+
+/* What squares are divided by, without the pixel's own. */
+static double floor_of(const struct lw_reference *reference) { return FLOOR_SHARE * reference->mean_square; }
+
+enum lw_status lw_reference_init(struct lw_reference *reference, const struct lw_path_world *world,
+                                 const struct lw_camera_view *camera, uint32_t width, uint32_t height,
+                                 uint32_t samples, uint32_t seed, struct lw_error *err) {
+    struct lw_path_film film;
+    enum lw_status status = lw_path_film_init(&film, width, height, err);
+    if (status != LW_OK) return status;
+    lw_path_world_render(world, &(struct lw_path_view){.camera = *camera, .seed = seed}, samples, &film);
+    *reference =
+        (struct lw_reference){.width = width, .height = height, .half = {film.half[0], film.half[1]}};
+    const float scale = 2.0f / (float)samples;
+    for (size_t i = 0; i < value_count(reference); i++)
+        reference->half[0][i] *= scale, reference->half[1][i] *= scale;
+
+    for (size_t i = 0; i < value_count(reference); i++)
+        reference->mean_square += at(reference, i) * at(reference, i);
+    reference->mean_square /= (double)value_count(reference);
+    const double floor = floor_of(reference);
+    for (size_t i = 0; i < value_count(reference); i++) {
+        double off = 0.5 * ((double)reference->half[0][i] - (double)reference->half[1][i]);
+        if (floor > 0) reference->noise += off * off / (at(reference, i) * at(reference, i) + floor);
+    }
+    reference->noise /= (double)value_count(reference);
+    return LW_OK;
+}
+
+void lw_reference_finish(struct lw_reference *reference) {
+    free(reference->half[0]);
+    free(reference->half[1]);
+    *reference = (struct lw_reference){0};
+}
+
+double lw_reference_error(const struct lw_reference *reference, const float *rgb) {
+    const double floor = floor_of(reference);
+    double sum = 0;
+    if (!(floor > 0)) return 0; /* black: whatever is seen is the emission of nothing */
+    for (size_t i = 0; i < value_count(reference); i++) {
+        double x = (double)rgb[i];
+        sum += (x - (double)reference->half[0][i]) * (x - (double)reference->half[1][i]) /
+               (at(reference, i) * at(reference, i) + floor);
+    }
+    return sum / (double)value_count(reference);
+}
+
+bool lw_reference_is_dark(const struct lw_reference *reference, double mean_square) {
+    return reference->mean_square <= DARK_SHARE * mean_square;
+}
+
+enum lw_status lw_reference_look(const struct lw_path_world *world, const struct lw_camera_view *camera,
+                                 uint32_t width, uint32_t height, uint32_t *out_object,
+                                 struct lw_error *err) {
+    struct lw_gbuffer gbuffer;
+    enum lw_status status = lw_gbuffer_init(&gbuffer,
+                                            &(struct lw_gbuffer_desc){.scene = world->scene,
+                                                                      .trace = world->trace,
+                                                                      .width = width,
+                                                                      .height = height,
+                                                                      .threads = world->threads},
+                                            err);
+    if (status != LW_OK) return status;
+    lw_gbuffer_render(&gbuffer, &world->pose, camera);
+    for (size_t i = 0; i < (size_t)width * height; i++) {
+        float *const *emission = gbuffer.plane.emission;
+        const bool shines = emission[0][i] + emission[1][i] + emission[2][i] > 0;
+        out_object[i] = shines ? LW_TRACE_MISS : gbuffer.plane.object[i];
+    }
+    lw_gbuffer_finish(&gbuffer);
+    return LW_OK;
+}
+
+/* The mean of (x - t)^2, relative, over pixels of the same object; (a - x)(b - x) by halves of both leaves
+ * all noise out. */
+static double lag_error(const struct lw_reference *reference, const struct lw_path_film *late,
+                        const uint32_t *now, const uint32_t *then) {
+    const double floor = floor_of(reference), scale = 2.0 / late->samples;
+    double sum = 0;
+    size_t count = 0;
+    for (size_t i = 0; i < value_count(reference); i++) {
+        if (now[i / 3] == LW_TRACE_MISS || now[i / 3] != then[i / 3]) continue;
+        sum += (scale * (double)late->half[0][i] - (double)reference->half[0][i]) *
+               (scale * (double)late->half[1][i] - (double)reference->half[1][i]) /
+               (at(reference, i) * at(reference, i) + floor);
+        count++;
+    }
+    return count && floor > 0 ? sum / (double)count : 0;
+}
+
+enum lw_status lw_reference_lag_error(const struct lw_reference *reference, const uint32_t *object,
+                                      const struct lw_path_world *world, const struct lw_camera_view *camera,
+                                      uint32_t samples, uint32_t seed, double *out_error,
+                                      struct lw_error *err) {
+    struct lw_path_film film = {0};
+    uint32_t *then = malloc((size_t)reference->width * reference->height * sizeof *then);
+    enum lw_status status = then ? lw_path_film_init(&film, reference->width, reference->height, err)
+                                 : lw_status_fail(err, LW_NO_MEMORY, "no memory for a view");
+    if (status == LW_OK)
+        status = lw_reference_look(world, camera, reference->width, reference->height, then, err);
+    if (status == LW_OK) {
+        lw_path_world_render(world, &(struct lw_path_view){.camera = *camera, .seed = seed}, samples, &film);
+        *out_error = lag_error(reference, &film, object, then);
+    }
+    lw_path_film_finish(&film);
+    free(then);
+    return status;
+}

@@ -1,0 +1,312 @@
+#include "client/measure/scaling_measure.h"
+
+#include "client/measure/scaling_run.h"
+#include "client/measure/scaling_search.h"
+#include "client/measure/scaling_users.h"
+#include "client/measure/sides/cache_renderer.h"
+#include "client/measure/sides/lattice.h"
+#include "client/measure/sides/per_user_renderer.h"
+#include "client/measure/sides/real_run.h"
+#include "common/log.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#define WARM_S      1
+#define REAL_WARM_S 20 /* at most */
+#define REAL_MORE_S 4
+#define LAG_S       1.0 /* how late light is that tells whether a row tests motion */
+
+/* ---- before ---- */
+
+static enum lw_status set_views(struct lw_scaling *x, struct lw_error *err) {
+    const struct lw_scaling_options *o = &x->options;
+    struct lw_pose pose;
+    struct lw_trace *trace = NULL;
+    if (lw_pose_init(&pose, x->densities.scene) != LW_OK)
+        return lw_status_fail(err, LW_NO_MEMORY, "no memory for the scene's pose");
+    enum lw_status status = lw_trace_create(x->densities.scene, &pose, &trace, err);
+    if (status == LW_OK)
+        status = lw_views_create(&(struct lw_views_desc){.scene = x->densities.scene,
+                                                         .trace = trace,
+                                                         .kind = o->views,
+                                                         .users = o->users[o->user_counts - 1],
+                                                         .spread = (float)o->spread,
+                                                         .seed = o->seed,
+                                                         .aspect = (float)o->width / (float)o->height},
+                                 &x->views, err);
+    lw_trace_destroy(trace);
+    lw_pose_finish(&pose);
+    return status;
+}
+
+static void lay_out(struct lw_scaling *x) {
+    const uint32_t most = x->options.users[x->options.user_counts - 1];
+    x->warm_frames = WARM_S * LW_VIEWS_HZ;
+    x->frames = (uint64_t)fmax(LW_SCALING_PICTURES, round(x->options.seconds * LW_VIEWS_HZ));
+    for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
+        x->picture[p] = x->warm_frames + 1 + (2 * p + 1) * (x->frames - 1) / (2 * LW_SCALING_PICTURES);
+    /* a picture that builds on others takes all frames before it, at full size: fewer eyes judge */
+    const bool remembers = lw_path_renderer_remembers(x->options.opponent);
+    const uint32_t eyes = remembers ? LW_SCALING_EYES / 2 : LW_SCALING_EYES;
+    x->eyes = most < eyes ? most : eyes;
+    x->stride = lw_lattice_stride(x->options.width, x->options.height);
+    x->lattice_width = x->options.width / x->stride;
+    x->lattice_height = x->options.height / x->stride;
+}
+
+static enum lw_status leave_out_dark(struct lw_scaling *x, struct lw_error *err) {
+    const uint32_t views = LW_SCALING_PICTURES * x->eyes;
+    for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
+        for (uint32_t eye = 0; eye < x->eyes; eye++)
+            x->mean_square += x->reference[p][eye].mean_square / views;
+    for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
+        for (uint32_t eye = 0; eye < x->eyes; eye++) {
+            x->dark[p][eye] = lw_reference_is_dark(&x->reference[p][eye], x->mean_square);
+            x->dark_count += x->dark[p][eye];
+        }
+    if (x->dark_count == views)
+        return lw_status_fail(err, LW_BAD_DATA, "%s: users see no light", x->options.scene.path);
+    if (x->dark_count)
+        lw_log(LW_LOG_WARNING, "%u of %u views show next to nothing and are not judged", x->dark_count,
+               views);
+    return LW_OK;
+}
+
+/* A picture's references, and how far light of a second before is off them. */
+static enum lw_status find_reference(struct lw_scaling_run *run, struct lw_path_world *world,
+                                     uint32_t picture, double lag[LW_SCALING_EYES],
+                                     struct lw_progress *progress, struct lw_error *err) {
+    struct lw_scaling *x = run->x;
+    const double now_s = (double)(x->picture[picture] - 1) / LW_VIEWS_HZ;
+    const size_t pixels = (size_t)x->lattice_width * x->lattice_height;
+    const bool moves = x->options.motion != LW_SCENE_MOTION_STATIC;
+    uint32_t *object = calloc(pixels * x->eyes, sizeof *object);
+    enum lw_status status = object ? lw_path_world_set_time(world, now_s, err)
+                                   : lw_status_fail(err, LW_NO_MEMORY, "no memory for views");
+    for (uint32_t late = 0; late <= moves && status == LW_OK; late++) {
+        if (late) status = lw_path_world_set_time(world, now_s - LAG_S, err);
+        for (uint32_t eye = 0; eye < x->eyes && status == LW_OK && !lw_scaling_run_stopped(run); eye++) {
+            const struct lw_camera_view camera = lw_views_at(x->views, eye, x->picture[picture]);
+            struct lw_reference *reference = &x->reference[picture][eye];
+            uint32_t *of_eye = object + pixels * eye;
+            /* other seeds than any side's: the reference's noise must know nothing of theirs */
+            const uint32_t seed = ~x->options.seed, samples = x->options.reference_samples;
+            if (late) {
+                status = lw_reference_lag_error(reference, of_eye, world, &camera, samples, seed ^ 1,
+                                                &lag[eye], err);
+            } else {
+                status = lw_reference_init(reference, world, &camera, x->lattice_width, x->lattice_height,
+                                           samples, seed, err);
+                if (status == LW_OK)
+                    status =
+                        lw_reference_look(world, &camera, x->lattice_width, x->lattice_height, of_eye, err);
+            }
+            lw_progress_step(progress, 1);
+        }
+    }
+    free(object);
+    return status;
+}
+
+static double mean_lag(const struct lw_scaling *x, const double lag[LW_SCALING_PICTURES][LW_SCALING_EYES]) {
+    double sum = 0;
+    if (x->options.motion == LW_SCENE_MOTION_STATIC) return (double)NAN;
+    for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
+        for (uint32_t eye = 0; eye < x->eyes; eye++) sum += x->dark[p][eye] ? 0 : lag[p][eye];
+    return sum / (LW_SCALING_PICTURES * x->eyes - x->dark_count);
+}
+
+static enum lw_status find_references(struct lw_scaling_run *run, struct lw_error *err) {
+    struct lw_scaling *x = run->x;
+    struct lw_path_world world;
+    struct lw_progress progress;
+    double lag[LW_SCALING_PICTURES][LW_SCALING_EYES] = {{0}};
+    x->lag_error = (double)NAN;
+    const bool moves = x->options.motion != LW_SCENE_MOTION_STATIC;
+    enum lw_status status = lw_path_world_init(&world, x->densities.scene, x->options.bounces,
+                                               (unsigned)x->options.scene.threads, err);
+    if (status != LW_OK) return status;
+    lw_progress_init(&progress, "tracing the reference", LW_SCALING_PICTURES * x->eyes * (moves ? 2 : 1));
+    for (uint32_t p = 0; p < LW_SCALING_PICTURES && status == LW_OK; p++)
+        status = find_reference(run, &world, p, lag[p], &progress, err);
+    lw_scaling_run_end(run, status, &progress);
+    lw_path_world_finish(&world);
+    if (status != LW_OK || lw_scaling_run_stopped(run)) return status;
+    status = leave_out_dark(x, err);
+    if (status == LW_OK) x->lag_error = mean_lag(x, lag);
+    return status;
+}
+
+static enum lw_status find_package(void *context, double density, const char **out_path,
+                                   struct lw_error *err) {
+    return lw_scene_densities_find(context, density, out_path, err);
+}
+
+static enum lw_status set_sides(struct lw_scaling_run *run, struct lw_error *err) {
+    struct lw_scaling *x = run->x;
+    const struct lw_scaling_options *o = &x->options;
+    const struct lw_per_user_renderer_desc paths = {.scene = x->densities.scene,
+                                                    .cameras = lw_views_cameras(x->views),
+                                                    .width = o->width,
+                                                    .height = o->height,
+                                                    .stride = x->stride,
+                                                    .bounces = o->bounces,
+                                                    .threads = (unsigned)o->scene.threads,
+                                                    .kind = o->opponent,
+                                                    .still = run->still};
+    const struct lw_cache_renderer_desc cache = {.cameras = lw_views_cameras(x->views),
+                                                 .width = o->width,
+                                                 .height = o->height,
+                                                 .stride = x->stride,
+                                                 .bounces = o->bounces,
+                                                 .threads = (unsigned)o->scene.threads,
+                                                 .denoise = o->denoise,
+                                                 .solver = o->solver,
+                                                 .package = find_package,
+                                                 .context = &x->densities};
+    enum lw_status status = LW_OK;
+    for (int s = 0; s < LW_SCALING_SIDES && status == LW_OK; s++) {
+        struct lw_scaling_side *side = &x->side[s];
+        side->traces = s == LW_SCALING_PATHS || o->self_test;
+        side->name = side->traces ? lw_path_renderer_name(o->opponent) : "shared cache";
+        status = side->traces ? lw_per_user_renderer_create(&paths, &side->renderer, err)
+                              : lw_cache_renderer_create(&cache, &side->renderer, err);
+    }
+    return status;
+}
+
+/* ---- by the wall clock ---- */
+
+/* What the chosen path tracer's picture of the same view and moment is off. */
+static enum lw_status judge_paths(const struct lw_scaling *x, const struct lw_path_world *world,
+                                  const struct lw_camera_view *camera, const struct lw_reference *reference,
+                                  double *out_error, struct lw_error *err) {
+    struct lw_path_film film;
+    enum lw_status status = lw_path_film_init(&film, x->lattice_width, x->lattice_height, err);
+    if (status != LW_OK) return status;
+    lw_path_world_render(world, &(struct lw_path_view){.camera = *camera, .seed = x->options.seed},
+                         x->chosen[LW_SCALING_PATHS].samples, &film);
+    lw_path_film_resolve(&film, film.half[0]);
+    *out_error = lw_reference_error(reference, film.half[0]);
+    lw_path_film_finish(&film);
+    return LW_OK;
+}
+
+static enum lw_status judge_real(struct lw_scaling *x, const struct lw_real_run *real, struct lw_error *err) {
+    struct lw_path_world world;
+    enum lw_status status = lw_path_world_init(&world, x->densities.scene, x->options.bounces,
+                                               (unsigned)x->options.scene.threads, err);
+    if (status != LW_OK) return status;
+    uint32_t judged = 0;
+    for (uint32_t p = 0; p < real->picture_count && status == LW_OK; p++) {
+        const struct lw_real_picture *picture = &real->picture[p];
+        const struct lw_camera_view camera = lw_views_at(x->views, picture->user, picture->view_frame);
+        struct lw_reference reference = {0};
+        double paths_error = 0;
+        status = lw_path_world_set_time(&world, picture->time_s, err);
+        if (status == LW_OK)
+            status = lw_reference_init(&reference, &world, &camera, x->lattice_width, x->lattice_height,
+                                       x->options.reference_samples, ~x->options.seed, err);
+        if (status == LW_OK && !lw_reference_is_dark(&reference, x->mean_square)) {
+            status = judge_paths(x, &world, &camera, &reference, &paths_error, err);
+            x->real.error += lw_reference_error(&reference, picture->lattice);
+            x->real.paths_error += paths_error;
+            judged++;
+        }
+        lw_reference_finish(&reference);
+    }
+    x->real.error /= judged; /* NAN where all is dark */
+    x->real.paths_error /= judged;
+    lw_path_world_finish(&world);
+    return status;
+}
+
+static enum lw_status run_by_the_clock(struct lw_scaling_run *run, struct lw_error *err) {
+    struct lw_scaling *x = run->x;
+    const struct lw_scaling_options *o = &x->options;
+    const struct lw_setting *setting = &x->chosen[LW_SCALING_SHARED];
+    struct lw_real_run real;
+    const char *package;
+    enum lw_status status = lw_scene_densities_find(&x->densities, setting->density, &package, err);
+    if (status == LW_OK)
+        status = lw_real_run(&(struct lw_real_run_desc){.package = package,
+                                                        .cameras = lw_views_cameras(x->views),
+                                                        .setting = *setting,
+                                                        .users = x->count[0].users,
+                                                        .width = o->width,
+                                                        .height = o->height,
+                                                        .stride = x->stride,
+                                                        .bounces = o->bounces,
+                                                        .seed = o->seed,
+                                                        .threads = (unsigned)o->scene.threads,
+                                                        .denoise = o->denoise,
+                                                        .solver = o->solver,
+                                                        .warm_s = REAL_WARM_S,
+                                                        .warm_cpu_s = x->warm_cpu_s,
+                                                        .seconds = o->seconds + REAL_MORE_S,
+                                                        .cancel = run->cancel},
+                             &real, err);
+    if (status != LW_OK) return status;
+    x->real = (struct lw_scaling_real){.users = x->count[0].users,
+                                       .frames_hz = real.frames_hz,
+                                       .views_hz = real.views_hz,
+                                       .server_cpu_s = real.server_cpu_s,
+                                       .light_age_s = real.light_age_s};
+    status = judge_real(x, &real, err);
+    x->real.done = status == LW_OK;
+    lw_real_run_finish(&real);
+    return status;
+}
+
+/* ---- the whole ---- */
+
+static enum lw_status measure(struct lw_scaling_run *run, struct lw_error *err) {
+    struct lw_scaling *x = run->x;
+    const struct lw_scaling_options *o = &x->options;
+    struct lw_scene_open open = o->scene;
+    open.cancel = run->cancel;
+    enum lw_status status = lw_scene_densities_init(&x->densities, &open, o->motion, err);
+    if (status == LW_OK) status = set_views(x, err);
+    if (status != LW_OK) return status;
+    lay_out(x);
+    run->still = o->motion == LW_SCENE_MOTION_STATIC && lw_views_rest(x->views);
+    lw_log(LW_LOG_INFO, "%s: %llu triangles, %s", o->scene.path, (unsigned long long)x->densities.triangles,
+           lw_views_about(x->views));
+    status = find_references(run, err);
+    if (status == LW_OK && !lw_scaling_run_stopped(run)) status = set_sides(run, err);
+    if (status == LW_OK && !lw_scaling_run_stopped(run)) status = lw_scaling_search(run, err);
+    if (status == LW_OK && !lw_scaling_run_stopped(run)) status = lw_scaling_users(run, err);
+    if (status == LW_OK && !lw_scaling_run_stopped(run) && x->repeats_done && !o->self_test)
+        status = run_by_the_clock(run, err);
+    return status;
+}
+
+enum lw_status lw_scaling_measure(const struct lw_scaling_options *options, const _Atomic bool *cancel,
+                                  struct lw_scaling *x, struct lw_error *err) {
+    *x = (struct lw_scaling){.options = *options};
+    struct lw_scaling_run run = {.x = x, .cancel = cancel};
+    enum lw_status status = measure(&run, err);
+    if (lw_scaling_run_stopped(&run)) {
+        if (!x->repeats_done) x->shortfall = "interrupted";
+        status = LW_OK; /* whatever the signal did to a side */
+    }
+    for (int s = 0; s < LW_SCALING_SIDES; s++) {
+        if (x->side[s].point_count &&
+            x->side[s].point[0].later) { /* the repeats that were to tell never came */
+            x->side[s].point_count = 0;
+            x->target[0].best[s] = -1;
+        }
+        if (x->side[s].renderer) x->side[s].renderer->ops->destroy(x->side[s].renderer);
+        x->side[s].renderer = NULL;
+    }
+    return status;
+}
+
+void lw_scaling_finish(struct lw_scaling *x) {
+    for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
+        for (uint32_t eye = 0; eye < LW_SCALING_EYES; eye++) lw_reference_finish(&x->reference[p][eye]);
+    lw_views_destroy(x->views);
+    lw_scene_densities_finish(&x->densities);
+    *x = (struct lw_scaling){0};
+}
