@@ -4,7 +4,6 @@
 #include "client/measure/crossover_plan.h"
 #include "client/measure/figures/reference.h"
 #include "client/measure/sides/lattice.h"
-#include "client/measure/sides/per_user_renderer.h"
 #include "client/measure/sides/real_run.h"
 #include "client/measure/sides/views.h"
 #include "common/log.h"
@@ -66,66 +65,34 @@ static enum lw_status judge(struct clock *c, uint32_t view, const struct lw_real
     return status;
 }
 
-static enum lw_status run_cache(struct clock *c, const struct one_view *view, struct lw_real_run *run,
-                                struct lw_error *err) {
-    const struct lw_crossover_options *o = c->row->options;
-    const char *package;
-    enum lw_status status = lw_crossover_row_package(c->row, c->plan->setting.density, &package, err);
-    if (status != LW_OK) return status;
-    return lw_real_run(&(struct lw_real_run_desc){.package = package,
-                                                  .cameras = {.context = view, .at = camera_of_view},
-                                                  .setting = c->plan->setting,
-                                                  .users = 1,
-                                                  .width = o->width,
-                                                  .height = o->height,
-                                                  .stride = c->stride,
-                                                  .bounces = o->bounces,
-                                                  .seed = o->seed,
-                                                  .threads = (unsigned)o->scene.threads,
-                                                  .denoise = true,
-                                                  .solver = o->solver,
-                                                  .seconds = SECONDS,
-                                                  .warm_cpu_s = (double)INFINITY,
-                                                  .warm_s = CACHE_WARM_S,
-                                                  .cancel = c->row->cancel},
-                       run, err);
-}
-
-static enum lw_status run_paths(struct clock *c, const struct one_view *view, struct lw_real_run *run,
-                                struct lw_error *err) {
-    const struct lw_crossover_options *o = c->row->options;
-    struct lw_renderer *renderer;
-    enum lw_status status = lw_per_user_renderer_create(
-        &(struct lw_per_user_renderer_desc){.scene = c->row->densities.scene,
-                                            .cameras = {.context = view, .at = camera_of_view},
-                                            .width = o->width,
-                                            .height = o->height,
-                                            .stride = 1,
-                                            .bounces = o->bounces,
-                                            .threads = (unsigned)o->scene.threads,
-                                            .kind = c->plan->kind},
-        &renderer, err);
-    if (status != LW_OK) return status;
-    status = lw_real_run_paths(&(struct lw_real_paths_desc){.renderer = renderer,
-                                                            .setting = c->plan->setting,
-                                                            .user = view->view,
-                                                            .width = o->width,
-                                                            .height = o->height,
-                                                            .stride = c->stride,
-                                                            .seed = o->seed,
-                                                            .first_s = o->warm_s - PATHS_WARM_S,
-                                                            .warm_s = PATHS_WARM_S,
-                                                            .seconds = SECONDS,
-                                                            .cancel = c->row->cancel},
-                               run, err);
-    renderer->ops->destroy(renderer);
-    return status;
+/* Runs either side in a view. */
+static enum lw_status run_view(struct clock *c, const struct one_view *view, struct lw_real_run *run,
+                               struct lw_error *err) {
+    struct lw_renderer_desc side = lw_crossover_row_side(c->row);
+    side.cameras = (struct lw_renderer_cameras){.context = view, .at = camera_of_view};
+    side.stride = c->stride;
+    struct lw_real_run_desc desc = {.side = &side,
+                                    .setting = c->plan->setting,
+                                    .seed = c->row->options->seed,
+                                    .seconds = SECONDS,
+                                    .cancel = c->row->cancel};
+    if (c->plan->is_cache) {
+        desc.users = 1;
+        desc.warm_s = CACHE_WARM_S;
+        desc.warm_cpu_s = (double)INFINITY;
+        return lw_real_run(&desc, run, err);
+    }
+    desc.kind = c->plan->kind;
+    desc.user = view->view;
+    desc.warm_s = PATHS_WARM_S;
+    desc.first_s = c->row->options->warm_s - PATHS_WARM_S;
+    return lw_real_run_paths(&desc, run, err);
 }
 
 static enum lw_status measure_view(struct clock *c, uint32_t view, struct lw_error *err) {
     const struct one_view one = {&c->row->views, view};
     struct lw_real_run run;
-    enum lw_status status = c->plan->is_cache ? run_cache(c, &one, &run, err) : run_paths(c, &one, &run, err);
+    enum lw_status status = run_view(c, &one, &run, err);
     if (status != LW_OK) return status;
     c->sum.views_hz += run.views_hz;
     c->sum.light_age_s += run.light_age_s;

@@ -12,7 +12,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/resource.h>
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
@@ -22,35 +21,21 @@ _Static_assert(LW_CROSSOVER_VIEWS == LW_FIXED_VIEWS_COUNT, "one user a view");
 /* After the lamp has gone off: frames that are judged. */
 static const uint32_t after_switch[] = {1, 2, 4, 8, 15, 30};
 
-/* ---- packages ---- */
-
-/* Of this process and of those that it has waited for. */
-static double all_cpu_s(void) {
-    struct rusage usage;
-    double sum = 1e-9 * (double)lw_clock_process_cpu_ns();
-    if (getrusage(RUSAGE_CHILDREN, &usage) == 0)
-        sum += (double)usage.ru_utime.tv_sec + (double)usage.ru_stime.tv_sec +
-               1e-6 * (double)(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec);
-    return sum;
-}
-
-enum lw_status lw_crossover_row_package(struct lw_crossover_row *row, double density, const char **out_path,
-                                        struct lw_error *err) {
-    const uint32_t before = row->densities.package_count;
-    const double began_s = all_cpu_s();
-    enum lw_status status = lw_scene_densities_find(&row->densities, density, out_path, err);
-    if (row->densities.package_count > before) row->build_cpu_s[before] = all_cpu_s() - began_s;
-    return status;
-}
-
-double lw_crossover_row_build_cpu_s(const struct lw_crossover_row *row, double density) {
-    for (uint32_t i = 0; i < row->densities.package_count; i++)
-        if (row->densities.package[i].density == density) return row->build_cpu_s[i];
-    return (double)NAN;
-}
-
 struct lw_camera_view lw_crossover_row_camera(const void *context, uint32_t user, uint64_t frame) {
     return lw_fixed_views_at(context, user, (double)(frame - 1) / LW_VIEWS_HZ);
+}
+
+struct lw_renderer_desc lw_crossover_row_side(struct lw_crossover_row *row) {
+    const struct lw_crossover_options *o = row->options;
+    return (struct lw_renderer_desc){.densities = &row->densities,
+                                     .cameras = {.context = &row->views, .at = lw_crossover_row_camera},
+                                     .width = o->width,
+                                     .height = o->height,
+                                     .stride = 1,
+                                     .bounces = o->bounces,
+                                     .threads = (unsigned)o->scene.threads,
+                                     .denoise = true,
+                                     .solver = o->solver};
 }
 
 /* ---- what the row is ---- */
@@ -261,9 +246,7 @@ static enum lw_status find_views(struct lw_crossover_row *row, struct lw_error *
 static enum lw_status open_scene(struct lw_crossover_row *row, struct lw_error *err) {
     struct lw_scene_open open = row->options->scene;
     open.cancel = row->cancel;
-    const double began_s = all_cpu_s();
     enum lw_status status = lw_scene_densities_init(&row->densities, &open, row->options->motion, err);
-    row->build_cpu_s[0] = all_cpu_s() - began_s;
     if (status == LW_OK) status = bind_content(row, err);
     if (status == LW_OK)
         status = lw_crossover_row_note(row, err, "triangles", "%llu",

@@ -17,7 +17,6 @@ struct lw_crossover_row {
     struct lw_crossover_store store;
     struct lw_scene_densities densities;
     char content[33]; /* the hash of its first package, in hexadecimal digits */
-    double build_cpu_s[LW_CROSSOVER_DENSITIES_MAX + 1]; /* of packages, in the order they were made */
     struct lw_fixed_views views;
     struct lw_crossover_references references;
     uint32_t judged[LW_CROSSOVER_JUDGED_MAX], judged_count;
@@ -42,10 +41,7 @@ LW_MUST_CHECK enum lw_status lw_crossover_row_note(struct lw_crossover_row *row,
 /** Where a view's camera is. context: the row's views. */
 struct lw_camera_view lw_crossover_row_camera(const void *context, uint32_t user, uint64_t frame);
 
-/** The package at a density. The first call makes it. Errors: lw_scene_densities_find()'s. */
-LW_MUST_CHECK enum lw_status lw_crossover_row_package(struct lw_crossover_row *row, double density,
-                                                      const char **out_path, struct lw_error *err);
-/** CPU seconds that the package took, import included; NAN: it was not made. */
-double lw_crossover_row_build_cpu_s(const struct lw_crossover_row *row, double density);
+/** What both sides are made of, pictures whole. */
+struct lw_renderer_desc lw_crossover_row_side(struct lw_crossover_row *row);
 
 #endif

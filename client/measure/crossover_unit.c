@@ -276,21 +276,10 @@ static enum lw_status follow_all(struct lw_crossover_job *j, struct spent *sum, 
 }
 
 static enum lw_status measure_paths(struct lw_crossover_job *j, struct lw_error *err) {
-    const struct lw_crossover_options *o = options_of(j);
-    const struct lw_crossover_row *row = j->row;
+    const struct lw_renderer_desc side = lw_crossover_row_side(j->row);
     struct spent sum = {0};
     const uint64_t cpu_ns = lw_clock_process_cpu_ns(), wall_ns = lw_clock_ns();
-    enum lw_status status = lw_per_user_renderer_create(
-        &(struct lw_per_user_renderer_desc){
-            .scene = row->densities.scene,
-            .cameras = {.context = &row->views, .at = lw_crossover_row_camera},
-            .width = o->width,
-            .height = o->height,
-            .stride = 1,
-            .bounces = o->bounces,
-            .threads = (unsigned)o->scene.threads,
-            .kind = j->plan->kind},
-        &j->renderer, err);
+    enum lw_status status = lw_per_user_renderer_create(&side, j->plan->kind, &j->renderer, err);
     if (status != LW_OK) return status;
     const double start_cpu_s = 1e-9 * (double)(lw_clock_process_cpu_ns() - cpu_ns),
                  start_wall_s = 1e-9 * (double)(lw_clock_ns() - wall_ns);
@@ -306,11 +295,6 @@ static enum lw_status measure_paths(struct lw_crossover_job *j, struct lw_error 
 }
 
 /* ---- the cache ---- */
-
-static enum lw_status find_package(void *context, double density, const char **out_path,
-                                   struct lw_error *err) {
-    return lw_crossover_row_package(context, density, out_path, err);
-}
 
 static double server_cpu_s(const struct lw_crossover_job *j) {
     double cpu_s, bytes;
@@ -395,7 +379,8 @@ static enum lw_status serve(struct lw_crossover_job *j, struct lw_error *err) {
     struct lw_crossover_expense all = *enter(j, &spent, LW_CROSSOVER_VIEWS, LW_CROSSOVER_ALL, true);
     j->expense_count--; /* comes last */
     all.extra[LW_CROSSOVER_EXTRA_USER_MEMORY] = resident_bytes() - j->memory_bytes;
-    all.extra[LW_CROSSOVER_EXTRA_BUILD_CPU] = lw_crossover_row_build_cpu_s(j->row, j->plan->setting.density);
+    all.extra[LW_CROSSOVER_EXTRA_BUILD_CPU] =
+        lw_scene_densities_build_cpu_s(&j->row->densities, j->plan->setting.density);
     all.extra[LW_CROSSOVER_EXTRA_START_CPU] = start_cpu_s;
     all.extra[LW_CROSSOVER_EXTRA_JOIN_CPU] = join_cpu_s;
     all.extra[LW_CROSSOVER_EXTRA_START_WALL] = start_wall_s;
@@ -413,20 +398,8 @@ static enum lw_status serve(struct lw_crossover_job *j, struct lw_error *err) {
 }
 
 static enum lw_status measure_cache(struct lw_crossover_job *j, struct lw_error *err) {
-    const struct lw_crossover_options *o = options_of(j);
-    enum lw_status status =
-        lw_cache_renderer_create(&(struct lw_cache_renderer_desc){.cameras = {.context = &j->row->views,
-                                                                              .at = lw_crossover_row_camera},
-                                                                  .width = o->width,
-                                                                  .height = o->height,
-                                                                  .stride = 1,
-                                                                  .bounces = o->bounces,
-                                                                  .threads = (unsigned)o->scene.threads,
-                                                                  .denoise = true,
-                                                                  .solver = o->solver,
-                                                                  .package = find_package,
-                                                                  .context = j->row},
-                                 &j->renderer, err);
+    const struct lw_renderer_desc side = lw_crossover_row_side(j->row);
+    enum lw_status status = lw_cache_renderer_create(&side, &j->renderer, err);
     return status == LW_OK ? serve(j, err) : status;
 }
 

@@ -138,40 +138,29 @@ static enum lw_status find_references(struct lw_scaling_run *run, struct lw_erro
     return status;
 }
 
-static enum lw_status find_package(void *context, double density, const char **out_path,
-                                   struct lw_error *err) {
-    return lw_scene_densities_find(context, density, out_path, err);
+static struct lw_renderer_desc side_of(struct lw_scaling *x) {
+    const struct lw_scaling_options *o = &x->options;
+    return (struct lw_renderer_desc){.densities = &x->densities,
+                                     .cameras = lw_views_cameras(x->views),
+                                     .width = o->width,
+                                     .height = o->height,
+                                     .stride = x->stride,
+                                     .bounces = o->bounces,
+                                     .threads = (unsigned)o->scene.threads,
+                                     .still = x->still,
+                                     .denoise = o->denoise,
+                                     .solver = o->solver};
 }
 
-static enum lw_status set_sides(struct lw_scaling_run *run, struct lw_error *err) {
-    struct lw_scaling *x = run->x;
-    const struct lw_scaling_options *o = &x->options;
-    const struct lw_per_user_renderer_desc paths = {.scene = x->densities.scene,
-                                                    .cameras = lw_views_cameras(x->views),
-                                                    .width = o->width,
-                                                    .height = o->height,
-                                                    .stride = x->stride,
-                                                    .bounces = o->bounces,
-                                                    .threads = (unsigned)o->scene.threads,
-                                                    .kind = o->opponent,
-                                                    .still = run->still};
-    const struct lw_cache_renderer_desc cache = {.cameras = lw_views_cameras(x->views),
-                                                 .width = o->width,
-                                                 .height = o->height,
-                                                 .stride = x->stride,
-                                                 .bounces = o->bounces,
-                                                 .threads = (unsigned)o->scene.threads,
-                                                 .denoise = o->denoise,
-                                                 .solver = o->solver,
-                                                 .package = find_package,
-                                                 .context = &x->densities};
+static enum lw_status set_sides(struct lw_scaling *x, struct lw_error *err) {
+    const struct lw_renderer_desc desc = side_of(x);
     enum lw_status status = LW_OK;
     for (int s = 0; s < LW_SCALING_SIDES && status == LW_OK; s++) {
         struct lw_scaling_side *side = &x->side[s];
-        side->traces = s == LW_SCALING_PATHS || o->self_test;
-        side->name = side->traces ? lw_path_renderer_name(o->opponent) : "shared cache";
-        status = side->traces ? lw_per_user_renderer_create(&paths, &side->renderer, err)
-                              : lw_cache_renderer_create(&cache, &side->renderer, err);
+        side->traces = s == LW_SCALING_PATHS || x->options.self_test;
+        side->name = side->traces ? lw_path_renderer_name(x->options.opponent) : "shared cache";
+        status = side->traces ? lw_per_user_renderer_create(&desc, x->options.opponent, &side->renderer, err)
+                              : lw_cache_renderer_create(&desc, &side->renderer, err);
     }
     return status;
 }
@@ -224,29 +213,18 @@ static enum lw_status judge_real(struct lw_scaling *x, const struct lw_real_run 
 
 static enum lw_status run_by_the_clock(struct lw_scaling_run *run, struct lw_error *err) {
     struct lw_scaling *x = run->x;
-    const struct lw_scaling_options *o = &x->options;
-    const struct lw_setting *setting = &x->chosen[LW_SCALING_SHARED];
+    const struct lw_renderer_desc side = side_of(x);
     struct lw_real_run real;
-    const char *package;
-    enum lw_status status = lw_scene_densities_find(&x->densities, setting->density, &package, err);
-    if (status == LW_OK)
-        status = lw_real_run(&(struct lw_real_run_desc){.package = package,
-                                                        .cameras = lw_views_cameras(x->views),
-                                                        .setting = *setting,
-                                                        .users = x->count[0].users,
-                                                        .width = o->width,
-                                                        .height = o->height,
-                                                        .stride = x->stride,
-                                                        .bounces = o->bounces,
-                                                        .seed = o->seed,
-                                                        .threads = (unsigned)o->scene.threads,
-                                                        .denoise = o->denoise,
-                                                        .solver = o->solver,
-                                                        .warm_s = REAL_WARM_S,
-                                                        .warm_cpu_s = x->warm_cpu_s,
-                                                        .seconds = o->seconds + REAL_MORE_S,
-                                                        .cancel = run->cancel},
-                             &real, err);
+    enum lw_status status =
+        lw_real_run(&(struct lw_real_run_desc){.side = &side,
+                                               .setting = x->chosen[LW_SCALING_SHARED],
+                                               .seed = x->options.seed,
+                                               .seconds = x->options.seconds + REAL_MORE_S,
+                                               .warm_s = REAL_WARM_S,
+                                               .warm_cpu_s = x->warm_cpu_s,
+                                               .users = x->count[0].users,
+                                               .cancel = run->cancel},
+                    &real, err);
     if (status != LW_OK) return status;
     x->real = (struct lw_scaling_real){.users = x->count[0].users,
                                        .frames_hz = real.frames_hz,
@@ -270,11 +248,11 @@ static enum lw_status measure(struct lw_scaling_run *run, struct lw_error *err) 
     if (status == LW_OK) status = set_views(x, err);
     if (status != LW_OK) return status;
     lay_out(x);
-    run->still = o->motion == LW_SCENE_MOTION_STATIC && lw_views_rest(x->views);
+    x->still = o->motion == LW_SCENE_MOTION_STATIC && lw_views_rest(x->views);
     lw_log(LW_LOG_INFO, "%s: %llu triangles, %s", o->scene.path, (unsigned long long)x->densities.triangles,
            lw_views_about(x->views));
     status = find_references(run, err);
-    if (status == LW_OK && !lw_scaling_run_stopped(run)) status = set_sides(run, err);
+    if (status == LW_OK && !lw_scaling_run_stopped(run)) status = set_sides(x, err);
     if (status == LW_OK && !lw_scaling_run_stopped(run)) status = lw_scaling_search(run, err);
     if (status == LW_OK && !lw_scaling_run_stopped(run)) status = lw_scaling_users(run, err);
     if (status == LW_OK && !lw_scaling_run_stopped(run) && x->repeats_done && !o->self_test)

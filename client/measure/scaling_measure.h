@@ -76,6 +76,7 @@ struct lw_scaling {
     struct lw_scaling_options options;
     struct lw_scene_densities densities;
     struct lw_views *views;
+    bool still; /* neither scene nor views move */
     uint32_t stride, lattice_width, lattice_height;
     uint64_t warm_frames, frames; /* not measured; measured */
     uint64_t picture[LW_SCALING_PICTURES];

@@ -9,7 +9,6 @@
 struct lw_scaling_run {
     struct lw_scaling *x;
     const _Atomic bool *cancel;
-    bool still; /* neither scene nor views move */
 };
 
 /** Whether a signal asked to stop. Loops then end early with LW_OK, and their results are not there. */

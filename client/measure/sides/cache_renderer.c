@@ -1,8 +1,6 @@
 #include "client/measure/sides/cache_renderer.h"
 
-#include "client/measure/sides/daemon_child.h"
 #include "client/measure/sides/lattice.h"
-#include "client/measure/sides/viewers.h"
 #include "client/measure/sides/views.h"
 #include "common/clock.h"
 
@@ -14,7 +12,7 @@
 
 struct cache_renderer {
     struct lw_renderer base;
-    struct lw_cache_renderer_desc desc;
+    struct lw_renderer_desc desc;
     struct lw_daemon_child *daemon;
     struct lw_daemon_report report; /* of the last step */
     double server_cpu_s;            /* of its process, at the end of the last step */
@@ -38,33 +36,40 @@ static void stop(struct lw_renderer *renderer) {
     c->rgb_count = 0;
 }
 
-static enum lw_status start(struct lw_renderer *renderer, const struct lw_setting *setting, bool lattice,
-                            uint32_t seed, struct lw_error *err) {
-    (void)lattice; /* which level is read depends on a pixel's size */
-    struct cache_renderer *c = self(renderer);
+enum lw_status lw_cache_renderer_serve(const struct lw_renderer_desc *desc, const struct lw_setting *setting,
+                                       uint32_t seed, bool real_clock, struct lw_daemon_child **out_daemon,
+                                       struct lw_viewers *out_viewers, struct lw_error *err) {
     const char *package;
-    enum lw_status status = c->desc.package(c->desc.context, setting->density, &package, err);
+    enum lw_status status = lw_scene_densities_find(desc->densities, setting->density, &package, err);
     if (status != LW_OK) return status;
-    c->report = (struct lw_daemon_report){0};
-    c->server_cpu_s = 0;
     status =
         lw_daemon_child_start(&(struct lw_daemon_child_desc){.package = package,
-                                                             .bounces = c->desc.bounces,
+                                                             .bounces = desc->bounces,
                                                              .direct_samples = setting->direct_samples,
                                                              .indirect_samples = setting->indirect_samples,
                                                              .seed = seed,
                                                              .target_error = setting->target_error,
-                                                             .threads = c->desc.threads,
-                                                             .denoise = c->desc.denoise,
-                                                             .solver = c->desc.solver,
-                                                             .seen = !setting->whole},
-                              &c->daemon, err);
-    if (status == LW_OK)
-        lw_viewers_init(&c->viewers, lw_daemon_child_port(c->daemon), c->desc.width, c->desc.height,
-                        c->desc.threads, setting->whole, !c->desc.denoise);
-    c->viewers.draws_direct = setting->draws;
-    c->viewers.draws_by_gl = setting->by_gl;
-    return status;
+                                                             .threads = desc->threads,
+                                                             .denoise = desc->denoise,
+                                                             .solver = desc->solver,
+                                                             .seen = !setting->whole,
+                                                             .real_clock = real_clock},
+                              out_daemon, err);
+    if (status != LW_OK) return status;
+    lw_viewers_init(out_viewers, lw_daemon_child_port(*out_daemon), desc->width, desc->height, desc->threads,
+                    setting->whole, !desc->denoise);
+    out_viewers->draws_direct = setting->draws;
+    out_viewers->draws_by_gl = setting->by_gl;
+    return LW_OK;
+}
+
+static enum lw_status start(struct lw_renderer *renderer, const struct lw_setting *setting, bool lattice,
+                            uint32_t seed, struct lw_error *err) {
+    (void)lattice; /* which level is read depends on a pixel's size */
+    struct cache_renderer *c = self(renderer);
+    c->report = (struct lw_daemon_report){0};
+    c->server_cpu_s = 0;
+    return lw_cache_renderer_serve(&c->desc, setting, seed, false, &c->daemon, &c->viewers, err);
 }
 
 static enum lw_status set_users(struct lw_renderer *renderer, uint32_t users, struct lw_error *err) {
@@ -220,7 +225,7 @@ static const struct lw_renderer_ops ops = {.name = "shared cache",
                                            .stop = stop,
                                            .destroy = destroy};
 
-enum lw_status lw_cache_renderer_create(const struct lw_cache_renderer_desc *desc,
+enum lw_status lw_cache_renderer_create(const struct lw_renderer_desc *desc,
                                         struct lw_renderer **out_renderer, struct lw_error *err) {
     struct cache_renderer *c = calloc(1, sizeof *c);
     if (!c) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the shared cache");

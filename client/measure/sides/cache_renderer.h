@@ -8,23 +8,21 @@
 #ifndef LW_CLIENT_MEASURE_SIDES_CACHE_RENDERER_H
 #define LW_CLIENT_MEASURE_SIDES_CACHE_RENDERER_H
 
+#include "client/measure/sides/daemon_child.h"
 #include "client/measure/sides/renderer.h"
-
-struct lw_cache_renderer_desc {
-    struct lw_renderer_cameras cameras;
-    uint32_t width, height, stride, bounces;
-    unsigned threads; /* 0: all */
-    bool denoise;
-    const char *solver; /* by name; NULL: the default */
-    /* Gives the path of a scene package with a lightmap `density` times as dense as the default. The path
-     * is good until destroy. Errors: its own. */
-    enum lw_status (*package)(void *context, double density, const char **out_path, struct lw_error *err);
-    void *context;
-};
+#include "client/measure/sides/viewers.h"
 
 /** Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_cache_renderer_create(const struct lw_cache_renderer_desc *desc,
+LW_MUST_CHECK enum lw_status lw_cache_renderer_create(const struct lw_renderer_desc *desc,
                                                       struct lw_renderer **out_renderer,
                                                       struct lw_error *err);
+
+/** Starts a server at a setting, for viewers that are yet to join. Stop and finish both in any case.
+ * real_clock  frames follow the wall clock
+ * Errors      those of the package and of lw_daemon_child_start() */
+LW_MUST_CHECK enum lw_status lw_cache_renderer_serve(const struct lw_renderer_desc *desc,
+                                                     const struct lw_setting *setting, uint32_t seed,
+                                                     bool real_clock, struct lw_daemon_child **out_daemon,
+                                                     struct lw_viewers *out_viewers, struct lw_error *err);
 
 #endif

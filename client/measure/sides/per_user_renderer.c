@@ -15,7 +15,8 @@
 
 struct per_user_renderer {
     struct lw_renderer base;
-    struct lw_per_user_renderer_desc desc;
+    struct lw_renderer_desc desc;
+    enum lw_path_renderer_kind kind;
     struct lw_path_world world;
     struct lw_setting setting;
     bool lattice;
@@ -41,8 +42,8 @@ static void free_screens(struct per_user_renderer *c) {
 
 static enum lw_status init_screen(struct per_user_renderer *c, struct screen *screen, struct lw_error *err) {
     *screen = (struct screen){0};
-    return lw_path_renderer_create(&(struct lw_path_renderer_desc){.kind = c->desc.kind,
-                                                                   .scene = c->desc.scene,
+    return lw_path_renderer_create(&(struct lw_path_renderer_desc){.kind = c->kind,
+                                                                   .scene = c->world.scene,
                                                                    .trace = c->world.trace,
                                                                    .tracer = c->world.tracer,
                                                                    .lights = &c->world.lights,
@@ -71,7 +72,7 @@ static enum lw_status start(struct lw_renderer *renderer, const struct lw_settin
     c->setting = *setting;
     c->seed = seed;
     c->users = 0;
-    c->lattice = lattice && !lw_path_renderer_remembers(c->desc.kind); /* which want neighbours */
+    c->lattice = lattice && !lw_path_renderer_remembers(c->kind); /* which want neighbours */
     c->width = c->desc.width / (c->lattice ? c->desc.stride : 1);
     c->height = c->desc.height / (c->lattice ? c->desc.stride : 1);
     return LW_OK;
@@ -86,7 +87,7 @@ static enum lw_status set_users(struct lw_renderer *renderer, uint32_t users, st
 /* How many paths a frame adds: those of the setting; in a still picture, a sixteenth, up to those in
  * all. */
 static uint32_t samples_now(const struct per_user_renderer *c, const struct screen *screen) {
-    if (!c->desc.still || lw_path_renderer_remembers(c->desc.kind)) return c->setting.samples;
+    if (!c->desc.still || lw_path_renderer_remembers(c->kind)) return c->setting.samples;
     uint32_t left = c->setting.samples - lw_path_renderer_samples(screen->renderer),
              step = (c->setting.samples + 15) / 16;
     return left < step ? left : step;
@@ -148,18 +149,21 @@ static const struct lw_renderer_ops ops = {.name = "path tracer",
                                            .stop = stop,
                                            .destroy = destroy};
 
-enum lw_status lw_per_user_renderer_create(const struct lw_per_user_renderer_desc *desc,
-                                           struct lw_renderer **out_renderer, struct lw_error *err) {
+enum lw_status lw_per_user_renderer_create(const struct lw_renderer_desc *desc,
+                                           enum lw_path_renderer_kind kind, struct lw_renderer **out_renderer,
+                                           struct lw_error *err) {
     struct per_user_renderer *c = calloc(1, sizeof *c);
     if (!c) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the path tracer");
-    const bool remembers = lw_path_renderer_remembers(desc->kind);
-    const uint32_t history = desc->still                                  ? UINT32_MAX
-                             : !remembers                                 ? 0
-                             : desc->kind == LW_PATH_RENDERER_REPROJECTED ? HISTORY
-                                                                          : HISTORY_FILTERED;
+    const bool remembers = lw_path_renderer_remembers(kind);
+    const uint32_t history = desc->still                            ? UINT32_MAX
+                             : !remembers                           ? 0
+                             : kind == LW_PATH_RENDERER_REPROJECTED ? HISTORY
+                                                                    : HISTORY_FILTERED;
     c->base = (struct lw_renderer){.ops = &ops, .history = history, .keeps = desc->still || remembers};
     c->desc = *desc;
-    enum lw_status status = lw_path_world_init(&c->world, desc->scene, desc->bounces, desc->threads, err);
+    c->kind = kind;
+    enum lw_status status =
+        lw_path_world_init(&c->world, desc->densities->scene, desc->bounces, desc->threads, err);
     if (status != LW_OK) {
         free(c);
         return status;

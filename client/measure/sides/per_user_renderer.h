@@ -7,19 +7,9 @@
 #include "client/measure/sides/renderer.h"
 #include "client/paths/path_renderer.h"
 
-struct lw_per_user_renderer_desc {
-    const struct lw_scene *scene;
-    struct lw_renderer_cameras cameras;
-    uint32_t width, height, stride, bounces;
-    unsigned threads; /* 0: all */
-    enum lw_path_renderer_kind kind;
-    /* Neither scene nor views move. Renderers without a history then add up samples from frame to frame,
-     * up to `samples`. */
-    bool still;
-};
-
 /** Errors: LW_NO_MEMORY, LW_INTERNAL. */
-LW_MUST_CHECK enum lw_status lw_per_user_renderer_create(const struct lw_per_user_renderer_desc *desc,
+LW_MUST_CHECK enum lw_status lw_per_user_renderer_create(const struct lw_renderer_desc *desc,
+                                                         enum lw_path_renderer_kind kind,
                                                          struct lw_renderer **out_renderer,
                                                          struct lw_error *err);
 

@@ -1,8 +1,8 @@
 #include "client/measure/sides/real_run.h"
 
-#include "client/measure/sides/daemon_child.h"
+#include "client/measure/sides/cache_renderer.h"
 #include "client/measure/sides/lattice.h"
-#include "client/measure/sides/viewers.h"
+#include "client/measure/sides/per_user_renderer.h"
 #include "client/measure/sides/views.h"
 #include "common/clock.h"
 
@@ -57,7 +57,8 @@ static enum lw_status see(struct real_run *r, uint32_t user, struct lw_real_pict
     if (status == LW_OK) status = lw_viewers_follow(&r->viewers, err);
     if (status != LW_OK) return status;
     const uint64_t frame = 1 + (uint64_t)fmax(0, floor(now_s(r, user) * LW_VIEWS_HZ));
-    const struct lw_camera_view camera = r->desc->cameras.at(r->desc->cameras.context, user, frame);
+    const struct lw_renderer_cameras *cameras = &r->desc->side->cameras;
+    const struct lw_camera_view camera = cameras->at(cameras->context, user, frame);
     status = lw_viewers_show(&r->viewers, user, &camera, r->rgb, err);
     if (status == LW_OK) status = lw_viewers_look(&r->viewers, user, &camera, lw_clock_ns(), err);
     if (status != LW_OK) return status;
@@ -69,12 +70,18 @@ static enum lw_status see(struct real_run *r, uint32_t user, struct lw_real_pict
     return LW_OK;
 }
 
-static enum lw_status keep(const float *rgb, uint32_t width, uint32_t height, uint32_t stride,
-                           struct lw_real_picture *picture, struct lw_error *err) {
-    picture->lattice = malloc((size_t)(width / stride) * (height / stride) * 3 * sizeof *picture->lattice);
-    if (!picture->lattice) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture");
-    lw_lattice_pick(rgb, width, height, stride, picture->lattice);
-    return LW_OK;
+/* Adds a picture. Returns its lattice, to be filled; NULL: no memory. */
+static float *keep(struct lw_real_run *run, const struct lw_real_picture *picture,
+                   const struct lw_renderer_desc *side, struct lw_error *err) {
+    const size_t pixels = (size_t)(side->width / side->stride) * (side->height / side->stride);
+    float *lattice = malloc(3 * pixels * sizeof *lattice);
+    if (!lattice) {
+        (void)lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture");
+        return NULL;
+    }
+    run->picture[run->picture_count] = *picture;
+    run->picture[run->picture_count++].lattice = lattice;
+    return lattice;
 }
 
 /* Whether a picture is to be kept: they are spread over what is measured. */
@@ -96,8 +103,9 @@ static enum lw_status look(struct real_run *r, struct lw_real_run *run, struct l
         status = see(r, (uint32_t)(r->views % r->viewers.count), &picture, err);
         passed_s = 1e-9 * (double)(lw_clock_ns() - began_ns);
         if (status != LW_OK || !is_due(run, passed_s, d->seconds)) continue;
-        status = keep(r->rgb, d->width, d->height, d->stride, &picture, err);
-        if (status == LW_OK) run->picture[run->picture_count++] = picture;
+        float *lattice = keep(run, &picture, d->side, err);
+        if (!lattice) return LW_NO_MEMORY;
+        lw_lattice_pick(r->rgb, d->side->width, d->side->height, d->side->stride, lattice);
     }
     if (status != LW_OK) return status;
     run->frames_hz = (double)(lw_viewers_stats(&r->viewers, 0).frames - frames) / passed_s;
@@ -124,28 +132,11 @@ enum lw_status lw_real_run(const struct lw_real_run_desc *desc, struct lw_real_r
                            struct lw_error *err) {
     struct real_run r = {.desc = desc};
     struct lw_real_run run = {.picture_count = 0};
-    r.rgb = malloc((size_t)desc->width * desc->height * 3 * sizeof *r.rgb);
+    r.rgb = malloc((size_t)desc->side->width * desc->side->height * 3 * sizeof *r.rgb);
     if (!r.rgb) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture");
-    enum lw_status status = lw_daemon_child_start(
-        &(struct lw_daemon_child_desc){.package = desc->package,
-                                       .bounces = desc->bounces,
-                                       .direct_samples = desc->setting.direct_samples,
-                                       .indirect_samples = desc->setting.indirect_samples,
-                                       .seed = desc->seed,
-                                       .target_error = desc->setting.target_error,
-                                       .threads = desc->threads,
-                                       .denoise = desc->denoise,
-                                       .solver = desc->solver,
-                                       .seen = !desc->setting.whole,
-                                       .real_clock = true},
-        &r.daemon, err);
-    if (status == LW_OK) {
-        lw_viewers_init(&r.viewers, lw_daemon_child_port(r.daemon), desc->width, desc->height, desc->threads,
-                        desc->setting.whole, !desc->denoise);
-        r.viewers.draws_direct = desc->setting.draws;
-        r.viewers.draws_by_gl = desc->setting.by_gl;
-        status = lw_viewers_set_count(&r.viewers, desc->users, err);
-    }
+    enum lw_status status =
+        lw_cache_renderer_serve(desc->side, &desc->setting, desc->seed, true, &r.daemon, &r.viewers, err);
+    if (status == LW_OK) status = lw_viewers_set_count(&r.viewers, desc->users, err);
     if (status == LW_OK) status = warm(&r, err);
     if (status == LW_OK) status = look(&r, &run, err);
     lw_viewers_finish(&r.viewers);
@@ -170,8 +161,8 @@ static void await_frame(uint64_t began_ns, double first_s, uint64_t frame) {
     nanosleep(&pause, NULL); /* woken early, the frame is shown that much too soon */
 }
 
-static enum lw_status follow(const struct lw_real_paths_desc *d, float *rgb, struct lw_real_run *run,
-                             struct lw_error *err) {
+static enum lw_status follow(const struct lw_real_run_desc *d, struct lw_renderer *renderer,
+                             struct lw_real_run *run, struct lw_error *err) {
     enum lw_status status = LW_OK;
     const uint64_t began_ns = lw_clock_ns();
     double age_sum_s = 0, passed_s = 0;
@@ -183,7 +174,7 @@ static enum lw_status follow(const struct lw_real_paths_desc *d, float *rgb, str
         const uint64_t now = 1 + (uint64_t)floor(began_s * LW_VIEWS_HZ);
         frame = now > frame ? now : frame + 1;
         struct lw_cost cost = {0};
-        status = d->renderer->ops->step(d->renderer, frame, &d->user, 1, &cost, err);
+        status = renderer->ops->step(renderer, frame, &d->user, 1, &cost, err);
         passed_s = 1e-9 * (double)(lw_clock_ns() - began_ns);
         if (status != LW_OK || passed_s < d->warm_s) continue;
         struct lw_real_picture picture = {
@@ -192,26 +183,25 @@ static enum lw_status follow(const struct lw_real_paths_desc *d, float *rgb, str
         age_sum_s += picture.light_age_s;
         views++;
         if (!is_due(run, passed_s - d->warm_s, d->seconds)) continue;
-        d->renderer->ops->picture(d->renderer, 0, rgb);
-        status = keep(rgb, d->width, d->height, d->stride, &picture, err);
-        if (status == LW_OK) run->picture[run->picture_count++] = picture;
+        float *lattice = keep(run, &picture, d->side, err);
+        if (!lattice) return LW_NO_MEMORY;
+        renderer->ops->picture(renderer, 0, lattice);
     }
     run->views_hz = (double)views / (passed_s - d->warm_s);
     run->light_age_s = age_sum_s / (double)views;
     return status;
 }
 
-enum lw_status lw_real_run_paths(const struct lw_real_paths_desc *desc, struct lw_real_run *out_run,
+enum lw_status lw_real_run_paths(const struct lw_real_run_desc *desc, struct lw_real_run *out_run,
                                  struct lw_error *err) {
     struct lw_real_run run = {.picture_count = 0};
-    const struct lw_renderer_ops *ops = desc->renderer->ops;
-    float *rgb = malloc((size_t)desc->width * desc->height * 3 * sizeof *rgb);
-    enum lw_status status = rgb ? ops->start(desc->renderer, &desc->setting, false, desc->seed, err)
-                                : lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture");
-    if (status == LW_OK) status = ops->set_users(desc->renderer, 1, err);
-    if (status == LW_OK) status = follow(desc, rgb, &run, err);
-    ops->stop(desc->renderer);
-    free(rgb);
+    struct lw_renderer *renderer;
+    enum lw_status status = lw_per_user_renderer_create(desc->side, desc->kind, &renderer, err);
+    if (status != LW_OK) return status;
+    status = renderer->ops->start(renderer, &desc->setting, false, desc->seed, err);
+    if (status == LW_OK) status = renderer->ops->set_users(renderer, 1, err);
+    if (status == LW_OK) status = follow(desc, renderer, &run, err);
+    renderer->ops->destroy(renderer);
     if (status == LW_OK)
         *out_run = run;
     else

@@ -5,7 +5,7 @@
 #define LW_CLIENT_MEASURE_SIDES_RENDERER_H
 
 #include "client/camera/camera.h"
-#include "common/status.h"
+#include "client/measure/sides/scene_densities.h"
 
 #include <stdint.h>
 
@@ -43,6 +43,21 @@ double lw_cost_total(const struct lw_cost *cost);
 struct lw_renderer_cameras {
     const void *context;
     struct lw_camera_view (*at)(const void *context, uint32_t user, uint64_t frame);
+};
+
+/** What a side is made of. Each side reads its own fields; all that is pointed to outlives it. */
+struct lw_renderer_desc {
+    struct lw_scene_densities *densities;
+    struct lw_renderer_cameras cameras;
+    uint32_t width, height; /* pixels */
+    uint32_t stride;        /* of the lattice that picture() gives (lattice.h) */
+    uint32_t bounces;
+    unsigned threads; /* 0: all */
+    /* path renderer: neither scene nor views move. Those without a history then add up samples from frame to
+     * frame, up to `samples` */
+    bool still;
+    bool denoise;       /* cache: lightmaps are filtered */
+    const char *solver; /* cache: by name; NULL: the default */
 };
 
 /** What a side spends on its pictures. Each side reads its own fields. */

@@ -1,11 +1,23 @@
 #include "client/measure/sides/scene_densities.h"
 
+#include "common/clock.h"
 #include "common/folders.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 
 #include <math.h>
 #include <stdio.h>
+#include <sys/resource.h>
+
+/* CPU seconds of this process and of those that it has waited for: the importer's. */
+static double all_cpu_s(void) {
+    struct rusage usage;
+    double sum = 1e-9 * (double)lw_clock_process_cpu_ns();
+    if (getrusage(RUSAGE_CHILDREN, &usage) == 0)
+        sum += (double)usage.ru_utime.tv_sec + (double)usage.ru_stime.tv_sec +
+               1e-6 * (double)(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec);
+    return sum;
+}
 
 /* The lightmap's texels over the surface that they stand for. */
 static enum lw_status measure(struct lw_scene_densities *d, struct lw_error *err) {
@@ -53,25 +65,28 @@ static enum lw_status open_scene(const struct lw_scene_densities *d, double dens
     return status;
 }
 
+/* began_s: all_cpu_s() before the scene was opened. */
 static enum lw_status save(struct lw_scene_densities *d, const struct lw_scene *scene, double density,
-                           struct lw_error *err) {
+                           double began_s, struct lw_error *err) {
     if (d->package_count == LW_SCENE_DENSITIES_MAX)
         return lw_status_fail(err, LW_INTERNAL, "too many densities");
     struct lw_scene_package *p = &d->package[d->package_count];
     p->density = density;
     snprintf(p->path, sizeof p->path, "%s/%g.lwscene", d->folder, density);
     enum lw_status status = lw_package_save(scene, p->path, err);
+    p->build_cpu_s = all_cpu_s() - began_s;
     if (status == LW_OK) d->package_count++;
     return status;
 }
 
 enum lw_status lw_scene_densities_init(struct lw_scene_densities *d, const struct lw_scene_open *open,
                                        enum lw_scene_motion motion, struct lw_error *err) {
+    const double began_s = all_cpu_s();
     *d = (struct lw_scene_densities){.open = *open, .motion = motion};
     enum lw_status status = lw_folders_make_temporary(d->folder, sizeof d->folder, err);
     if (status == LW_OK) status = open_scene(d, 1, &d->scene, &d->report, err);
     if (status == LW_OK) status = measure(d, err);
-    return status == LW_OK ? save(d, d->scene, 1, err) : status;
+    return status == LW_OK ? save(d, d->scene, 1, began_s, err) : status;
 }
 
 void lw_scene_densities_finish(struct lw_scene_densities *d) {
@@ -87,12 +102,19 @@ enum lw_status lw_scene_densities_find(struct lw_scene_densities *d, double dens
             *out_path = d->package[i].path;
             return LW_OK;
         }
+    const double began_s = all_cpu_s();
     struct lw_scene *scene;
     struct lw_scene_motion_report report;
     enum lw_status status = open_scene(d, density, &scene, &report, err);
     if (status != LW_OK) return status;
-    status = save(d, scene, density, err);
+    status = save(d, scene, density, began_s, err);
     lw_scene_destroy(scene);
     if (status == LW_OK) *out_path = d->package[d->package_count - 1].path;
     return status;
+}
+
+double lw_scene_densities_build_cpu_s(const struct lw_scene_densities *d, double density) {
+    for (uint32_t i = 0; i < d->package_count; i++)
+        if (d->package[i].density == density) return d->package[i].build_cpu_s;
+    return (double)NAN;
 }

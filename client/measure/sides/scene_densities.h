@@ -22,6 +22,7 @@ struct lw_scene_densities {
     char folder[PATH_MAX];   /* temporary; "": there is none */
     struct lw_scene_package {
         double density;
+        double build_cpu_s; /* import and lightmap coordinates included */
         char path[PATH_MAX + 32];
     } package[LW_SCENE_DENSITIES_MAX];
     uint32_t package_count;
@@ -40,5 +41,8 @@ void lw_scene_densities_finish(struct lw_scene_densities *densities);
  * Errors: as init. */
 LW_MUST_CHECK enum lw_status lw_scene_densities_find(struct lw_scene_densities *densities, double density,
                                                      const char **out_path, struct lw_error *err);
+
+/** CPU seconds that the package of a density took; NAN: it was not made. */
+double lw_scene_densities_build_cpu_s(const struct lw_scene_densities *densities, double density);
 
 #endif
