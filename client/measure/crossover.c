@@ -59,7 +59,8 @@ int lw_crossover_command(int argc, char **argv) {
     if (status == LW_OK && !done) {
         lw_wait_passively(argv - 1); /* argv[-1] is the program's own name: see crossover.h */
         lw_command_line_write(argc, argv, command, sizeof command);
-        status = options.report_only ? report_only(options.folder, &err) : measure(&options, command, &err);
+        status =
+            options.report_only ? report_only(options.base.folder, &err) : measure(&options, command, &err);
     }
     if (signalled) {
         lw_log(LW_LOG_INFO, "interrupted; the same command goes on");

@@ -44,7 +44,8 @@ static struct lw_camera_view camera_of_view(const void *context, uint32_t user, 
 static enum lw_status judge(struct clock *c, uint32_t view, const struct lw_real_run *run,
                             struct lw_error *err) {
     const struct lw_crossover_options *o = c->row->options;
-    const uint32_t samples = o->reference_samples < SAMPLES_MAX ? o->reference_samples : SAMPLES_MAX;
+    const uint32_t samples =
+        o->base.reference_samples < SAMPLES_MAX ? o->base.reference_samples : SAMPLES_MAX;
     enum lw_status status = LW_OK;
     for (uint32_t p = 0; status == LW_OK && p < run->picture_count; p++) {
         const struct lw_real_picture *picture = &run->picture[p];
@@ -53,8 +54,8 @@ static enum lw_status judge(struct clock *c, uint32_t view, const struct lw_real
         struct lw_reference reference = {0};
         status = lw_path_world_set_time(&c->world, picture->time_s, err);
         if (status == LW_OK)
-            status = lw_reference_init(&reference, &c->world, &camera, o->width / c->stride,
-                                       o->height / c->stride, samples, ~o->seed, err);
+            status = lw_reference_init(&reference, &c->world, &camera, o->base.width / c->stride,
+                                       o->base.height / c->stride, samples, ~o->base.seed, err);
         if (status == LW_OK) {
             reference.mean_square = c->row->references.mean_square; /* of all views */
             c->sum.relmse += lw_reference_error(&reference, picture->lattice);
@@ -73,7 +74,7 @@ static enum lw_status run_view(struct clock *c, const struct one_view *view, str
     side.stride = c->stride;
     struct lw_real_run_desc desc = {.side = &side,
                                     .setting = c->plan->setting,
-                                    .seed = c->row->options->seed,
+                                    .seed = c->row->options->base.seed,
                                     .seconds = SECONDS,
                                     .cancel = c->row->cancel};
     if (c->plan->is_cache) {
@@ -162,15 +163,15 @@ enum lw_status lw_crossover_clock_measure(struct lw_crossover_row *row, struct l
     enum lw_status status = choose_cache(row, setting, err);
     if (status == LW_OK) status = lw_crossover_plan_all(row, plan, &count, err);
     if (status == LW_OK)
-        status = lw_path_world_init(&world.world, row->densities.scene, o->bounces,
-                                    (unsigned)o->scene.threads, err);
+        status = lw_path_world_init(&world.world, row->densities.scene, o->base.bounces,
+                                    (unsigned)o->base.scene.threads, err);
     for (uint32_t i = 0; status == LW_OK && i < count; i++) {
         const bool filters = !plan[i].is_cache && plan[i].kind >= LW_PATH_RENDERER_SVGF,
                    chosen = plan[i].is_cache && strcmp(plan[i].unit.setting, setting) == 0;
         if (!filters && !chosen) continue;
         struct clock c = world;
         c.plan = &plan[i];
-        c.stride = lw_lattice_stride(o->width, o->height);
+        c.stride = lw_lattice_stride(o->base.width, o->base.height);
         status = measure_renderer(&c, err);
     }
     lw_path_world_finish(&world.world);

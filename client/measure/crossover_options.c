@@ -1,7 +1,5 @@
 #include "client/measure/crossover_options.h"
 
-#include "client/measure/measure_options.h"
-
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
@@ -44,53 +42,47 @@ static enum lw_status parse_opponents(const char *text, struct lw_crossover_opti
 }
 
 static enum lw_status parse_paths(const char *text, struct lw_crossover_options *o, struct lw_error *err) {
-    char word[32];
-    const char *at = text;
-    for (o->paths_count = 0; next_word(&at, word, sizeof word);) {
-        char *end;
-        const unsigned long paths = strtoul(word, &end, 10);
-        if (*word < '1' || *word > '9' || *end || paths > PATHS_MAX ||
-            o->paths_count == LW_CROSSOVER_PATHS_MAX)
-            return lw_status_fail(err, LW_USAGE, "--paths: \"%s\" is no list of up to %u counts up to %u",
-                                  text, LW_CROSSOVER_PATHS_MAX, PATHS_MAX);
-        o->paths[o->paths_count++] = (uint32_t)paths;
-    }
-    return LW_OK;
+    static const struct lw_measure_options_list list = {.option = "--paths",
+                                                        .example = "counts such as 1,2,4",
+                                                        .min = 1,
+                                                        .max = PATHS_MAX,
+                                                        .whole = true,
+                                                        .count_max = LW_CROSSOVER_PATHS_MAX};
+    double value[LW_CROSSOVER_PATHS_MAX];
+    enum lw_status status = lw_measure_options_read_list(&list, text, value, &o->paths_count, err);
+    for (uint32_t i = 0; status == LW_OK && i < o->paths_count; i++) o->paths[i] = (uint32_t)value[i];
+    return status;
 }
 
 static enum lw_status parse_densities(const char *text, struct lw_crossover_options *o,
                                       struct lw_error *err) {
-    char word[32];
-    const char *at = text;
-    for (o->density_count = 0; next_word(&at, word, sizeof word);) {
-        char *end;
-        const double density = strtod(word, &end);
-        if (end == word || *end ||
-            !(density >= LW_MEASURE_OPTIONS_DENSITY_MIN && density <= LW_MEASURE_OPTIONS_DENSITY_MAX) ||
-            o->density_count == LW_CROSSOVER_DENSITIES_MAX)
-            return lw_status_fail(
-                err, LW_USAGE, "--densities: \"%s\" is no list of up to %u numbers from %g to %g", text,
-                LW_CROSSOVER_DENSITIES_MAX, LW_MEASURE_OPTIONS_DENSITY_MIN, LW_MEASURE_OPTIONS_DENSITY_MAX);
-        if (o->density_count && density <= o->density[o->density_count - 1])
-            return lw_status_fail(err, LW_USAGE, "--densities: they must grow");
-        o->density[o->density_count++] = density;
-    }
-    return LW_OK;
+    static const struct lw_measure_options_list list = {.option = "--densities",
+                                                        .example = "numbers such as 0.5,1,2",
+                                                        .min = LW_MEASURE_OPTIONS_DENSITY_MIN,
+                                                        .max = LW_MEASURE_OPTIONS_DENSITY_MAX,
+                                                        .grows = true,
+                                                        .count_max = LW_CROSSOVER_DENSITIES_MAX};
+    return lw_measure_options_read_list(&list, text, o->density, &o->density_count, err);
 }
 
 enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_crossover_options *out_options,
                                           bool *out_done, struct lw_error *err) {
-    struct lw_crossover_options o = {.scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG},
-                                     .warm_s = 2,
-                                     .seconds = 0.4,
-                                     .minutes_max = (double)INFINITY};
-    const char *scene[1] = {NULL}, *size = "640x360", *opponents = "svgf,svgf-quarter", *paths = "1",
+    struct lw_crossover_options o = {.warm_s = 2, .minutes_max = (double)INFINITY};
+    struct lw_measure_options_raw raw = {
+        .options = {.scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG}, .seconds = 0.4},
+        .motion = LW_SCENE_MOTION_LAMP_WALK,
+        .size = "640x360",
+        .bounces = 2,
+        .seed = 1,
+        .repeats = 2,
+        .reference_samples = 128};
+    const char *scene[1] = {NULL}, *opponents = "svgf,svgf-quarter", *paths = "1",
                *densities = "0.25,0.5,1,2";
-    int motion = LW_SCENE_MOTION_LAMP_WALK, direct = 0, renderer = 0;
-    int64_t bounces = 2, seed = 1, repeats = 2, reference = 128, alone = 3;
+    int direct = 0, renderer = 0;
+    int64_t alone = 3;
     const struct lw_option table[] = {
-        {"motion", LW_SCENE_MOTION_CHOICES, "what moves (default lamp-walk)", LW_OPTION_CHOICE, &motion, 0, 0,
-         NULL},
+        {"motion", LW_SCENE_MOTION_CHOICES, "what moves (default lamp-walk)", LW_OPTION_CHOICE, &raw.motion,
+         0, 0, NULL},
         {"opponents", "LIST",
          "what each user would run instead, apart by commas: raw, lights, reprojected, svgf, svgf-quarter, "
          "vpl (default svgf,svgf-quarter)",
@@ -109,22 +101,12 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
          "the cache's users draw by rays (default), or by OpenGL, which counts what the CPU spends on it; or "
          "both are measured",
          LW_OPTION_CHOICE, &renderer, 0, 0, NULL},
-        {"repeats", "N", "measurements, each with other random numbers (default 2)", LW_OPTION_INT, &repeats,
-         1, LW_CROSSOVER_REPEATS_MAX, NULL},
-        {"size", "WxH", "pixels of each view (default 640x360)", LW_OPTION_STRING, &size, 0, 0, NULL},
         {"alone", "N", "views of each repeat that one user sees alone, for r(1) (default 3)", LW_OPTION_INT,
          &alone, 1, LW_CROSSOVER_VIEWS, NULL},
         {"warm", "S", "scene time before the frames that are judged (default 2)", LW_OPTION_REAL, &o.warm_s,
          1, 600, NULL},
-        {"seconds", "S", "scene time over which cost is measured (default 0.4)", LW_OPTION_REAL, &o.seconds,
-         0.1, 1, NULL},
-        {"solver", "NAME", "the server's solver, by a name that lightwelld --help lists (default: its own)",
-         LW_OPTION_STRING, &o.solver, 0, 0, NULL},
-        {"bounces", "N", "indirect bounces on both sides (default 2)", LW_OPTION_INT, &bounces, 0, 16, NULL},
-        {"reference-samples", "N", "paths per pixel of the references (default 128)", LW_OPTION_INT,
-         &reference, 8, 1 << 19, NULL},
-        {"truth-samples", "N", NULL, LW_OPTION_INT, &reference, 8, 1 << 19, NULL}, /* its former name */
-        {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &seed, 0, UINT32_MAX, NULL},
+        {"seconds", "S", "scene time over which cost is measured (default 0.4)", LW_OPTION_REAL,
+         &raw.options.seconds, 0.1, 1, NULL},
         {"minutes", "M", "begin nothing more after so long; what is missing is measured the next time",
          LW_OPTION_REAL, &o.minutes_max, 0.01, 1e6, NULL},
         {"real-clock", NULL,
@@ -135,8 +117,9 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
          &o.report_only, 0, 0, NULL},
         {"o", "DIR",
          "folder of the tables, the references and the report; what it holds is not measured again",
-         LW_OPTION_STRING, &o.folder, 0, 0, NULL},
-        LW_SCENE_OPEN_OPTIONS(&o.scene),
+         LW_OPTION_STRING, &raw.options.folder, 0, 0, NULL},
+        LW_MEASURE_OPTIONS(&raw, "640x360", "measurements, each with other random numbers (default 2)",
+                           "paths per pixel of the references (default 128)", 8),
     };
     const struct lw_options options = {
         .program = "lightwell-load crossover",
@@ -151,24 +134,18 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
         .positional_max = 1};
     enum lw_status status = lw_options_parse(&options, argc, argv, NULL, out_done, err);
     if (status != LW_OK || *out_done) return status;
-    o.scene.path = scene[0];
-    o.motion = (enum lw_scene_motion)motion;
     o.pixels = direct != 1;
     o.tiles = direct != 0;
     o.by_rays = renderer != 1;
     o.by_gl = renderer != 0;
-    o.bounces = (uint32_t)bounces;
-    o.seed = (uint32_t)seed;
-    o.repeats = (uint32_t)repeats;
     o.alone = (uint32_t)alone;
-    o.reference_samples = ((uint32_t)reference + 7) / 8 * 8; /* two halves, of a quarter as well */
-    if (!o.folder) return lw_status_fail(err, LW_USAGE, "-o DIR is missing: where tables and report go");
-    if (!o.scene.path && !o.report_only) return lw_status_fail(err, LW_USAGE, "SCENE is missing");
-    status = parse_opponents(opponents, &o, err);
+    status = lw_measure_options_finish(&raw, scene[0], WIDTH_MIN, HEIGHT_MIN,
+                                       8 /* two halves, of a quarter as well */, &o.base, err);
+    if (status == LW_OK && !scene[0] && !o.report_only)
+        status = lw_status_fail(err, LW_USAGE, "SCENE is missing");
+    if (status == LW_OK) status = parse_opponents(opponents, &o, err);
     if (status == LW_OK) status = parse_paths(paths, &o, err);
     if (status == LW_OK) status = parse_densities(densities, &o, err);
-    if (status == LW_OK)
-        status = lw_measure_options_size(size, WIDTH_MIN, HEIGHT_MIN, &o.width, &o.height, err);
     if (status == LW_OK) *out_options = o;
     return status;
 }

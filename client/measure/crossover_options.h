@@ -4,17 +4,14 @@
 #define LW_CLIENT_MEASURE_CROSSOVER_OPTIONS_H
 
 #include "client/measure/crossover_store.h"
+#include "client/measure/measure_options.h"
 #include "client/paths/path_renderer.h"
-#include "common/open/scene_open.h"
-#include "common/scene/scene_motion.h"
 
 #define LW_CROSSOVER_DENSITIES_MAX 8u
 #define LW_CROSSOVER_PATHS_MAX     8u
 
 struct lw_crossover_options {
-    struct lw_scene_open scene;
-    const char *folder; /* -o */
-    enum lw_scene_motion motion;
+    struct lw_measure_options base; /* seconds: of the frames that are counted as cost, the judged included */
     enum lw_path_renderer_kind opponent[LW_PATH_RENDERER_COUNT];
     uint32_t opponent_count;
     uint32_t paths[LW_CROSSOVER_PATHS_MAX], paths_count; /* per pixel, of opponents that do not filter */
@@ -23,14 +20,11 @@ struct lw_crossover_options {
     /* the cache's forms: users draw the direct light of client lights; tiles hold all light */
     bool pixels, tiles;
     bool by_rays, by_gl; /* how the cache's users draw */
-    uint32_t width, height, bounces, seed, repeats, reference_samples;
-    uint32_t alone;     /* views of a repeat that one user sees alone */
-    double warm_s;      /* scene time before the first judged frame */
-    double seconds;     /* of the frames that are counted as cost, the judged ones included */
-    double minutes_max; /* no unit begins later; INFINITY: no limit */
+    uint32_t alone;      /* views of a repeat that one user sees alone */
+    double warm_s;       /* scene time before the first judged frame */
+    double minutes_max;  /* no unit begins later; INFINITY: no limit */
     bool report_only;
-    bool real_clock;    /* also measure by the wall clock (crossover_clock.h) */
-    const char *solver; /* the server's, by name; NULL: its default */
+    bool real_clock; /* also measure by the wall clock (crossover_clock.h) */
 };
 
 /** Reads the command line; argv[0] is "crossover". --help and --version print and set *out_done.

@@ -146,7 +146,7 @@ struct tracing {
 };
 
 static enum lw_status go_to(struct tracing *tr, uint32_t frame, struct lw_error *err) {
-    const struct lw_crossover_options *o = tr->desc->options;
+    const struct lw_measure_options *o = tr->desc->options;
     enum lw_status status = LW_OK;
     if (!tr->ready)
         status = lw_path_world_init(&tr->world, tr->desc->scene, o->bounces, (unsigned)o->scene.threads, err);
@@ -173,7 +173,7 @@ static enum lw_status look(struct tracing *tr, const struct wish *w, const struc
 }
 
 static enum lw_status trace(struct tracing *tr, const struct wish *w, struct lw_error *err) {
-    const struct lw_crossover_options *o = tr->desc->options;
+    const struct lw_measure_options *o = tr->desc->options;
     const struct lw_camera_view camera = tr->desc->cameras.at(tr->desc->cameras.context, w->view, w->frame);
     const uint32_t side = tr->references->side;
     struct lw_path_film film = {0};
@@ -376,7 +376,7 @@ double lw_crossover_references_late_error(const struct lw_crossover_references *
 enum lw_status lw_crossover_references_init(struct lw_crossover_references *t,
                                             const struct lw_crossover_references_desc *desc,
                                             struct lw_error *err) {
-    const struct lw_crossover_options *o = desc->options;
+    const struct lw_measure_options *o = desc->options;
     char folder[4096];
     *t = (struct lw_crossover_references){.side = lw_crossover_references_side(o->width, o->height),
                                           .judged_count = desc->judged_count};

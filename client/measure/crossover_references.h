@@ -11,8 +11,9 @@
 #ifndef LW_CLIENT_MEASURE_CROSSOVER_REFERENCES_H
 #define LW_CLIENT_MEASURE_CROSSOVER_REFERENCES_H
 
-#include "client/measure/crossover_options.h"
+#include "client/measure/crossover_store.h"
 #include "client/measure/figures/view_error.h"
+#include "client/measure/measure_options.h"
 #include "client/measure/sides/path_world.h"
 
 #define LW_CROSSOVER_CROPS       2u
@@ -47,7 +48,7 @@ struct lw_crossover_references {
 };
 
 struct lw_crossover_references_desc {
-    const struct lw_crossover_options *options;
+    const struct lw_measure_options *options;
     const struct lw_scene *scene;
     const char *content; /* tells scenes apart, their light and lightmaps too; goes into the files' heads */
     struct lw_renderer_cameras cameras;

@@ -29,21 +29,21 @@ struct lw_renderer_desc lw_crossover_row_side(struct lw_crossover_row *row) {
     const struct lw_crossover_options *o = row->options;
     return (struct lw_renderer_desc){.densities = &row->densities,
                                      .cameras = {.context = &row->views, .at = lw_crossover_row_camera},
-                                     .width = o->width,
-                                     .height = o->height,
+                                     .width = o->base.width,
+                                     .height = o->base.height,
                                      .stride = 1,
-                                     .bounces = o->bounces,
-                                     .threads = (unsigned)o->scene.threads,
+                                     .bounces = o->base.bounces,
+                                     .threads = (unsigned)o->base.scene.threads,
                                      .denoise = true,
-                                     .solver = o->solver};
+                                     .solver = o->base.solver};
 }
 
 /* ---- what the row is ---- */
 
 static void lay_out(struct lw_crossover_row *row) {
     const struct lw_crossover_options *o = row->options;
-    const uint32_t window = (uint32_t)fmax(2, round(o->seconds * LW_VIEWS_HZ));
-    if (o->motion == LW_SCENE_MOTION_LAMP_SWITCH) { /* all that its step costs */
+    const uint32_t window = (uint32_t)fmax(2, round(o->base.seconds * LW_VIEWS_HZ));
+    if (o->base.motion == LW_SCENE_MOTION_LAMP_SWITCH) { /* all that its step costs */
         const uint32_t before = (uint32_t)lroundf(LW_SCENE_MOTION_OFF_S * LW_VIEWS_HZ);
         for (size_t i = 0; i < sizeof after_switch / sizeof *after_switch; i++)
             row->judged[row->judged_count++] = before + after_switch[i];
@@ -81,7 +81,7 @@ static enum lw_status bind_note(struct lw_crossover_row *row, struct lw_error *e
 
 /* The options of opening a scene. */
 static enum lw_status bind_scene(struct lw_crossover_row *row, struct lw_error *err) {
-    const struct lw_scene_open *open = &row->options->scene;
+    const struct lw_scene_open *open = &row->options->base.scene;
     const float *sky = open->sky;
     enum lw_status status = open->atlas_side_max > 0
                                 ? bind_note(row, err, "atlas-max", "%lld", (long long)open->atlas_side_max)
@@ -107,19 +107,20 @@ static enum lw_status bind_scene(struct lw_crossover_row *row, struct lw_error *
 static enum lw_status bind(struct lw_crossover_row *row, struct lw_error *err) {
     const struct lw_crossover_options *o = row->options;
     enum lw_status status = bind_note(row, err, "version", LW_VERSION);
-    if (status == LW_OK) status = bind_note(row, err, "scene", "%s", o->scene.path);
-    if (status == LW_OK) status = bind_note(row, err, "motion", "%s", lw_scene_motion_name(o->motion));
-    if (status == LW_OK) status = bind_note(row, err, "size", "%ux%u", o->width, o->height);
-    if (status == LW_OK) status = bind_note(row, err, "bounces", "%u", o->bounces);
-    if (status == LW_OK && (o->solver || lw_crossover_store_get(&row->store, "solver")))
-        status = bind_note(row, err, "solver", "%s", o->solver ? o->solver : "the default");
-    if (status == LW_OK) status = bind_note(row, err, "seed", "%u", o->seed);
-    if (status == LW_OK) status = bind_note(row, err, "reference samples", "%u", o->reference_samples);
+    if (status == LW_OK) status = bind_note(row, err, "scene", "%s", o->base.scene.path);
+    if (status == LW_OK) status = bind_note(row, err, "motion", "%s", lw_scene_motion_name(o->base.motion));
+    if (status == LW_OK) status = bind_note(row, err, "size", "%ux%u", o->base.width, o->base.height);
+    if (status == LW_OK) status = bind_note(row, err, "bounces", "%u", o->base.bounces);
+    if (status == LW_OK && (o->base.solver || lw_crossover_store_get(&row->store, "solver")))
+        status = bind_note(row, err, "solver", "%s", o->base.solver ? o->base.solver : "the default");
+    if (status == LW_OK) status = bind_note(row, err, "seed", "%u", o->base.seed);
+    if (status == LW_OK) status = bind_note(row, err, "reference samples", "%u", o->base.reference_samples);
     if (status == LW_OK) status = bind_note(row, err, "warm", "%g", o->warm_s);
-    if (status == LW_OK) status = bind_note(row, err, "seconds", "%g", o->seconds);
+    if (status == LW_OK) status = bind_note(row, err, "seconds", "%g", o->base.seconds);
     if (status == LW_OK)
         status = bind_note(row, err, "texels per metre",
-                           o->scene.texels_per_metre > 0 ? "%g" : "the default's", o->scene.texels_per_metre);
+                           o->base.scene.texels_per_metre > 0 ? "%g" : "the default's",
+                           o->base.scene.texels_per_metre);
     return status == LW_OK ? bind_scene(row, err) : status;
 }
 
@@ -230,7 +231,7 @@ static uint32_t hash_views(const struct lw_fixed_views *views) {
 
 static enum lw_status find_views(struct lw_crossover_row *row, struct lw_error *err) {
     struct lw_scene *scene;
-    struct lw_scene_open open = row->options->scene;
+    struct lw_scene_open open = row->options->base.scene;
     open.cancel = row->cancel;
     open.lightmap_unused = true;
     enum lw_status status = lw_scene_open(&open, &scene, err); /* as it is before anything is set moving */
@@ -244,9 +245,9 @@ static enum lw_status find_views(struct lw_crossover_row *row, struct lw_error *
 }
 
 static enum lw_status open_scene(struct lw_crossover_row *row, struct lw_error *err) {
-    struct lw_scene_open open = row->options->scene;
+    struct lw_scene_open open = row->options->base.scene;
     open.cancel = row->cancel;
-    enum lw_status status = lw_scene_densities_init(&row->densities, &open, row->options->motion, err);
+    enum lw_status status = lw_scene_densities_init(&row->densities, &open, row->options->base.motion, err);
     if (status == LW_OK) status = bind_content(row, err);
     if (status == LW_OK)
         status = lw_crossover_row_note(row, err, "triangles", "%llu",
@@ -270,25 +271,25 @@ enum lw_status lw_crossover_row_open(struct lw_crossover_row *row, const struct 
                                      .cancel = cancel,
                                      .began_ns = lw_clock_ns(),
                                      .store = {.samples_file = -1, .costs_file = -1}};
-    enum lw_status status = lw_crossover_store_open(&row->store, o->folder, false, err);
+    enum lw_status status = lw_crossover_store_open(&row->store, o->base.folder, false, err);
     if (status == LW_OK) status = bind(row, err);
-    if (status == LW_OK) status = make_folder(o->folder, "pictures", err);
+    if (status == LW_OK) status = make_folder(o->base.folder, "pictures", err);
     if (status == LW_OK) status = find_views(row, err);
     if (status == LW_OK) status = open_scene(row, err);
     if (status == LW_OK) status = note_machine(row, command, err); /* of a run that is not refused */
     if (status != LW_OK) return status;
     lay_out(row);
-    lw_log(LW_LOG_INFO, "%s, %s: %llu triangles, twelve views %s", o->scene.path,
-           lw_scene_motion_name(o->motion), (unsigned long long)row->densities.triangles,
+    lw_log(LW_LOG_INFO, "%s, %s: %llu triangles, twelve views %s", o->base.scene.path,
+           lw_scene_motion_name(o->base.motion), (unsigned long long)row->densities.triangles,
            row->views.from_table ? "of the table" : "by the rule");
     status =
         lw_crossover_references_init(&row->references,
                                      &(struct lw_crossover_references_desc){
-                                         .options = o,
+                                         .options = &o->base,
                                          .scene = row->densities.scene,
                                          .content = row->content,
                                          .cameras = {.context = &row->views, .at = lw_crossover_row_camera},
-                                         .folder = o->folder,
+                                         .folder = o->base.folder,
                                          .judged = row->judged,
                                          .judged_count = row->judged_count,
                                          .cancel = row->cancel},

@@ -6,6 +6,7 @@
 #ifndef LW_CLIENT_MEASURE_CROSSOVER_ROW_H
 #define LW_CLIENT_MEASURE_CROSSOVER_ROW_H
 
+#include "client/measure/crossover_options.h"
 #include "client/measure/crossover_references.h"
 #include "client/measure/sides/fixed_views.h"
 #include "client/measure/sides/scene_densities.h"

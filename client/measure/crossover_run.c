@@ -59,7 +59,7 @@ static enum lw_status measure_units(struct run *run, struct lw_error *err) {
     uint32_t count;
     enum lw_status status = lw_crossover_plan_all(row, plan, &count, err);
     if (status != LW_OK) return status;
-    for (uint32_t repeat = 0; status == LW_OK && repeat < row->options->repeats; repeat++)
+    for (uint32_t repeat = 0; status == LW_OK && repeat < row->options->base.repeats; repeat++)
         for (uint32_t i = 0; status == LW_OK && i < count; i++) {
             /* to and fro, so that no renderer comes always first after a pause */
             struct lw_crossover_plan next = plan[repeat % 2 ? count - 1 - i : i];

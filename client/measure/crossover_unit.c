@@ -105,7 +105,7 @@ static enum lw_status judge(struct lw_crossover_job *j, uint32_t index, uint32_t
     const size_t values = crop_values(t), one = values / LW_CROSSOVER_CROPS;
     float *crops = malloc(values * sizeof *crops);
     if (!crops) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture");
-    lw_crossover_references_cut(t, view, j->rgb, options_of(j)->width, crops);
+    lw_crossover_references_cut(t, view, j->rgb, options_of(j)->base.width, crops);
     lw_view_error_init(&sum, &desc);
     enum lw_status status = LW_OK;
     for (uint32_t c = 0; status == LW_OK && c < LW_CROSSOVER_CROPS; c++) {
@@ -122,7 +122,7 @@ static enum lw_status judge(struct lw_crossover_job *j, uint32_t index, uint32_t
     free(j->crops[view]);
     j->crops[view] = crops;
     if (status != LW_OK) return status;
-    if (index == 0 && options_of(j)->motion != LW_SCENE_MOTION_STATIC) add_lag(j, view);
+    if (index == 0 && options_of(j)->base.motion != LW_SCENE_MOTION_STATIC) add_lag(j, view);
     if (index == 0 && j->first) memcpy(j->first + values * view, crops, values * sizeof *crops);
     j->sample[j->sample_count++] =
         (struct lw_crossover_sample){.unit = j->plan->unit,
@@ -140,7 +140,8 @@ static enum lw_status judge(struct lw_crossover_job *j, uint32_t index, uint32_t
 
 /* Keeps the picture for the clip, smaller. */
 static enum lw_status add_to_clip(struct lw_crossover_job *j, struct lw_error *err) {
-    const uint32_t width = options_of(j)->width / CLIP_HALVED, height = options_of(j)->height / CLIP_HALVED;
+    const uint32_t width = options_of(j)->base.width / CLIP_HALVED,
+                   height = options_of(j)->base.height / CLIP_HALVED;
     const size_t pixels = (size_t)width * height;
     struct lw_tonemap tonemap;
     float *small = malloc(3 * pixels * sizeof *small);
@@ -154,9 +155,9 @@ static enum lw_status add_to_clip(struct lw_crossover_job *j, struct lw_error *e
         for (uint32_t x = 0; x < width; x++)
             for (uint32_t c = 0; c < 3; c++) {
                 const float *from =
-                    j->rgb + 3 * ((size_t)CLIP_HALVED * y * options_of(j)->width + (size_t)CLIP_HALVED * x) +
-                    c;
-                const size_t below = 3 * (size_t)options_of(j)->width;
+                    j->rgb +
+                    3 * ((size_t)CLIP_HALVED * y * options_of(j)->base.width + (size_t)CLIP_HALVED * x) + c;
+                const size_t below = 3 * (size_t)options_of(j)->base.width;
                 small[3 * ((size_t)y * width + x) + c] =
                     0.25f * (from[0] + from[3] + from[below] + from[below + 3]);
             }
@@ -177,7 +178,7 @@ static enum lw_status save_pictures(struct lw_crossover_job *j, struct lw_error 
     if (status != LW_OK || !j->clip_count) return status;
     lw_crossover_store_picture_path(row->store.folder, "clip", &j->plan->unit, "png", path, sizeof path);
     return lw_apng_write(path, (const uint8_t *const *)j->clip, j->clip_count,
-                         options_of(j)->width / CLIP_HALVED, options_of(j)->height / CLIP_HALVED,
+                         options_of(j)->base.width / CLIP_HALVED, options_of(j)->base.height / CLIP_HALVED,
                          1000 / LW_VIEWS_HZ, err);
 }
 
@@ -238,7 +239,7 @@ static enum lw_status follow_view(struct lw_crossover_job *j, uint32_t view, str
     const struct lw_renderer_ops *ops = j->renderer->ops;
     struct spent spent = {0};
     enum lw_status status = ops->start(j->renderer, &j->plan->setting, false,
-                                       options_of(j)->seed + 1 + j->plan->unit.repeat, err);
+                                       options_of(j)->base.seed + 1 + j->plan->unit.repeat, err);
     if (status == LW_OK) status = ops->set_users(j->renderer, 1, err);
     for (uint32_t frame = first; status == LW_OK && frame <= last + (clips ? CLIP_FRAMES : 0); frame++) {
         const int index = judged_index(j, frame);
@@ -366,7 +367,7 @@ static enum lw_status serve(struct lw_crossover_job *j, struct lw_error *err) {
     struct spent spent = {0};
     double warm_cpu_s = 0, bytes;
     enum lw_status status = ops->start(j->renderer, &j->plan->setting, false,
-                                       options_of(j)->seed + 1 + j->plan->unit.repeat, err);
+                                       options_of(j)->base.seed + 1 + j->plan->unit.repeat, err);
     if (status != LW_OK) return status;
     const uint64_t cpu_ns = lw_clock_process_cpu_ns();
     status = ops->set_users(j->renderer, 1, err);
@@ -409,7 +410,7 @@ static enum lw_status prepare(struct lw_crossover_job *j, struct lw_error *err) 
     const struct lw_crossover_options *o = options_of(j);
     const struct lw_view_error_desc desc = error_desc(&j->row->references);
     lw_view_error_init(&j->lag, &desc);
-    j->rgb = malloc(3 * (size_t)o->width * o->height * sizeof *j->rgb);
+    j->rgb = malloc(3 * (size_t)o->base.width * o->base.height * sizeof *j->rgb);
     j->sample = calloc((size_t)j->row->judged_count * LW_CROSSOVER_VIEWS, sizeof *j->sample);
     if (keeps_pictures(j))
         j->first = calloc(crop_values(&j->row->references) * LW_CROSSOVER_VIEWS, sizeof *j->first);

@@ -25,7 +25,7 @@ static void on_signal(int number) {
 }
 
 static void print_result(const struct lw_scaling *x) {
-    printf("report: %s/report.md\n", x->options.folder);
+    printf("report: %s/report.md\n", x->options.base.folder);
     if (x->shortfall) printf("no figures for counts of users: %s\n", x->shortfall);
     if (!x->repeats_done) return;
     printf("r(%u) = %.4g +- %.2g\n", x->count[0].users, x->first_ratio.mean, x->first_ratio.half);
@@ -37,7 +37,7 @@ static void print_result(const struct lw_scaling *x) {
 static enum lw_status run(const struct lw_scaling_options *options, const char *command,
                           struct lw_error *err) {
     static struct lw_scaling scaling; /* some 100 kB: no place on the stack */
-    enum lw_status status = lw_scaling_report_prepare(options->folder, err);
+    enum lw_status status = lw_scaling_report_prepare(options->base.folder, err);
     if (status != LW_OK) return status;
     lw_interrupt_watch(on_signal, &measuring);
     status = lw_scaling_measure(options, &signalled, &scaling, err);

@@ -27,14 +27,15 @@ static enum lw_status set_views(struct lw_scaling *x, struct lw_error *err) {
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for the scene's pose");
     enum lw_status status = lw_trace_create(x->densities.scene, &pose, &trace, err);
     if (status == LW_OK)
-        status = lw_views_create(&(struct lw_views_desc){.scene = x->densities.scene,
-                                                         .trace = trace,
-                                                         .kind = o->views,
-                                                         .users = o->users[o->user_counts - 1],
-                                                         .spread = (float)o->spread,
-                                                         .seed = o->seed,
-                                                         .aspect = (float)o->width / (float)o->height},
-                                 &x->views, err);
+        status =
+            lw_views_create(&(struct lw_views_desc){.scene = x->densities.scene,
+                                                    .trace = trace,
+                                                    .kind = o->views,
+                                                    .users = o->users[o->user_counts - 1],
+                                                    .spread = (float)o->spread,
+                                                    .seed = o->base.seed,
+                                                    .aspect = (float)o->base.width / (float)o->base.height},
+                            &x->views, err);
     lw_trace_destroy(trace);
     lw_pose_finish(&pose);
     return status;
@@ -43,16 +44,16 @@ static enum lw_status set_views(struct lw_scaling *x, struct lw_error *err) {
 static void lay_out(struct lw_scaling *x) {
     const uint32_t most = x->options.users[x->options.user_counts - 1];
     x->warm_frames = WARM_S * LW_VIEWS_HZ;
-    x->frames = (uint64_t)fmax(LW_SCALING_PICTURES, round(x->options.seconds * LW_VIEWS_HZ));
+    x->frames = (uint64_t)fmax(LW_SCALING_PICTURES, round(x->options.base.seconds * LW_VIEWS_HZ));
     for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
         x->picture[p] = x->warm_frames + 1 + (2 * p + 1) * (x->frames - 1) / (2 * LW_SCALING_PICTURES);
     /* a picture that builds on others takes all frames before it, at full size: fewer eyes judge */
     const bool remembers = lw_path_renderer_remembers(x->options.opponent);
     const uint32_t eyes = remembers ? LW_SCALING_EYES / 2 : LW_SCALING_EYES;
     x->eyes = most < eyes ? most : eyes;
-    x->stride = lw_lattice_stride(x->options.width, x->options.height);
-    x->lattice_width = x->options.width / x->stride;
-    x->lattice_height = x->options.height / x->stride;
+    x->stride = lw_lattice_stride(x->options.base.width, x->options.base.height);
+    x->lattice_width = x->options.base.width / x->stride;
+    x->lattice_height = x->options.base.height / x->stride;
 }
 
 static enum lw_status leave_out_dark(struct lw_scaling *x, struct lw_error *err) {
@@ -66,7 +67,7 @@ static enum lw_status leave_out_dark(struct lw_scaling *x, struct lw_error *err)
             x->dark_count += x->dark[p][eye];
         }
     if (x->dark_count == views)
-        return lw_status_fail(err, LW_BAD_DATA, "%s: users see no light", x->options.scene.path);
+        return lw_status_fail(err, LW_BAD_DATA, "%s: users see no light", x->options.base.scene.path);
     if (x->dark_count)
         lw_log(LW_LOG_WARNING, "%u of %u views show next to nothing and are not judged", x->dark_count,
                views);
@@ -80,7 +81,7 @@ static enum lw_status find_reference(struct lw_scaling_run *run, struct lw_path_
     struct lw_scaling *x = run->x;
     const double now_s = (double)(x->picture[picture] - 1) / LW_VIEWS_HZ;
     const size_t pixels = (size_t)x->lattice_width * x->lattice_height;
-    const bool moves = x->options.motion != LW_SCENE_MOTION_STATIC;
+    const bool moves = x->options.base.motion != LW_SCENE_MOTION_STATIC;
     uint32_t *object = calloc(pixels * x->eyes, sizeof *object);
     enum lw_status status = object ? lw_path_world_set_time(world, now_s, err)
                                    : lw_status_fail(err, LW_NO_MEMORY, "no memory for views");
@@ -91,7 +92,7 @@ static enum lw_status find_reference(struct lw_scaling_run *run, struct lw_path_
             struct lw_reference *reference = &x->reference[picture][eye];
             uint32_t *of_eye = object + pixels * eye;
             /* other seeds than any side's: the reference's noise must know nothing of theirs */
-            const uint32_t seed = ~x->options.seed, samples = x->options.reference_samples;
+            const uint32_t seed = ~x->options.base.seed, samples = x->options.base.reference_samples;
             if (late) {
                 status = lw_reference_lag_error(reference, of_eye, world, &camera, samples, seed ^ 1,
                                                 &lag[eye], err);
@@ -111,7 +112,7 @@ static enum lw_status find_reference(struct lw_scaling_run *run, struct lw_path_
 
 static double mean_lag(const struct lw_scaling *x, const double lag[LW_SCALING_PICTURES][LW_SCALING_EYES]) {
     double sum = 0;
-    if (x->options.motion == LW_SCENE_MOTION_STATIC) return (double)NAN;
+    if (x->options.base.motion == LW_SCENE_MOTION_STATIC) return (double)NAN;
     for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
         for (uint32_t eye = 0; eye < x->eyes; eye++) sum += x->dark[p][eye] ? 0 : lag[p][eye];
     return sum / (LW_SCALING_PICTURES * x->eyes - x->dark_count);
@@ -123,9 +124,9 @@ static enum lw_status find_references(struct lw_scaling_run *run, struct lw_erro
     struct lw_progress progress;
     double lag[LW_SCALING_PICTURES][LW_SCALING_EYES] = {{0}};
     x->lag_error = (double)NAN;
-    const bool moves = x->options.motion != LW_SCENE_MOTION_STATIC;
-    enum lw_status status = lw_path_world_init(&world, x->densities.scene, x->options.bounces,
-                                               (unsigned)x->options.scene.threads, err);
+    const bool moves = x->options.base.motion != LW_SCENE_MOTION_STATIC;
+    enum lw_status status = lw_path_world_init(&world, x->densities.scene, x->options.base.bounces,
+                                               (unsigned)x->options.base.scene.threads, err);
     if (status != LW_OK) return status;
     lw_progress_init(&progress, "tracing the reference", LW_SCALING_PICTURES * x->eyes * (moves ? 2 : 1));
     for (uint32_t p = 0; p < LW_SCALING_PICTURES && status == LW_OK; p++)
@@ -142,14 +143,14 @@ static struct lw_renderer_desc side_of(struct lw_scaling *x) {
     const struct lw_scaling_options *o = &x->options;
     return (struct lw_renderer_desc){.densities = &x->densities,
                                      .cameras = lw_views_cameras(x->views),
-                                     .width = o->width,
-                                     .height = o->height,
+                                     .width = o->base.width,
+                                     .height = o->base.height,
                                      .stride = x->stride,
-                                     .bounces = o->bounces,
-                                     .threads = (unsigned)o->scene.threads,
+                                     .bounces = o->base.bounces,
+                                     .threads = (unsigned)o->base.scene.threads,
                                      .still = x->still,
                                      .denoise = o->denoise,
-                                     .solver = o->solver};
+                                     .solver = o->base.solver};
 }
 
 static enum lw_status set_sides(struct lw_scaling *x, struct lw_error *err) {
@@ -174,7 +175,7 @@ static enum lw_status judge_paths(const struct lw_scaling *x, const struct lw_pa
     struct lw_path_film film;
     enum lw_status status = lw_path_film_init(&film, x->lattice_width, x->lattice_height, err);
     if (status != LW_OK) return status;
-    lw_path_world_render(world, &(struct lw_path_view){.camera = *camera, .seed = x->options.seed},
+    lw_path_world_render(world, &(struct lw_path_view){.camera = *camera, .seed = x->options.base.seed},
                          x->chosen[LW_SCALING_PATHS].samples, &film);
     lw_path_film_resolve(&film, film.half[0]);
     *out_error = lw_reference_error(reference, film.half[0]);
@@ -184,8 +185,8 @@ static enum lw_status judge_paths(const struct lw_scaling *x, const struct lw_pa
 
 static enum lw_status judge_real(struct lw_scaling *x, const struct lw_real_run *real, struct lw_error *err) {
     struct lw_path_world world;
-    enum lw_status status = lw_path_world_init(&world, x->densities.scene, x->options.bounces,
-                                               (unsigned)x->options.scene.threads, err);
+    enum lw_status status = lw_path_world_init(&world, x->densities.scene, x->options.base.bounces,
+                                               (unsigned)x->options.base.scene.threads, err);
     if (status != LW_OK) return status;
     uint32_t judged = 0;
     for (uint32_t p = 0; p < real->picture_count && status == LW_OK; p++) {
@@ -196,7 +197,7 @@ static enum lw_status judge_real(struct lw_scaling *x, const struct lw_real_run 
         status = lw_path_world_set_time(&world, picture->time_s, err);
         if (status == LW_OK)
             status = lw_reference_init(&reference, &world, &camera, x->lattice_width, x->lattice_height,
-                                       x->options.reference_samples, ~x->options.seed, err);
+                                       x->options.base.reference_samples, ~x->options.base.seed, err);
         if (status == LW_OK && !lw_reference_is_dark(&reference, x->mean_square)) {
             status = judge_paths(x, &world, &camera, &reference, &paths_error, err);
             x->real.error += lw_reference_error(&reference, picture->lattice);
@@ -218,8 +219,8 @@ static enum lw_status run_by_the_clock(struct lw_scaling_run *run, struct lw_err
     enum lw_status status =
         lw_real_run(&(struct lw_real_run_desc){.side = &side,
                                                .setting = x->chosen[LW_SCALING_SHARED],
-                                               .seed = x->options.seed,
-                                               .seconds = x->options.seconds + REAL_MORE_S,
+                                               .seed = x->options.base.seed,
+                                               .seconds = x->options.base.seconds + REAL_MORE_S,
                                                .warm_s = REAL_WARM_S,
                                                .warm_cpu_s = x->warm_cpu_s,
                                                .users = x->count[0].users,
@@ -242,15 +243,15 @@ static enum lw_status run_by_the_clock(struct lw_scaling_run *run, struct lw_err
 static enum lw_status measure(struct lw_scaling_run *run, struct lw_error *err) {
     struct lw_scaling *x = run->x;
     const struct lw_scaling_options *o = &x->options;
-    struct lw_scene_open open = o->scene;
+    struct lw_scene_open open = o->base.scene;
     open.cancel = run->cancel;
-    enum lw_status status = lw_scene_densities_init(&x->densities, &open, o->motion, err);
+    enum lw_status status = lw_scene_densities_init(&x->densities, &open, o->base.motion, err);
     if (status == LW_OK) status = set_views(x, err);
     if (status != LW_OK) return status;
     lay_out(x);
-    x->still = o->motion == LW_SCENE_MOTION_STATIC && lw_views_rest(x->views);
-    lw_log(LW_LOG_INFO, "%s: %llu triangles, %s", o->scene.path, (unsigned long long)x->densities.triangles,
-           lw_views_about(x->views));
+    x->still = o->base.motion == LW_SCENE_MOTION_STATIC && lw_views_rest(x->views);
+    lw_log(LW_LOG_INFO, "%s: %llu triangles, %s", o->base.scene.path,
+           (unsigned long long)x->densities.triangles, lw_views_about(x->views));
     status = find_references(run, err);
     if (status == LW_OK && !lw_scaling_run_stopped(run)) status = set_sides(x, err);
     if (status == LW_OK && !lw_scaling_run_stopped(run)) status = lw_scaling_search(run, err);

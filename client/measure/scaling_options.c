@@ -1,7 +1,5 @@
 #include "client/measure/scaling_options.h"
 
-#include "client/measure/measure_options.h"
-
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -26,21 +24,17 @@ static bool read_count(const char **text, uint64_t max, uint64_t *out) {
 }
 
 static enum lw_status parse_users(const char *text, struct lw_scaling_options *o, struct lw_error *err) {
-    const char *at = text;
-    for (o->user_counts = 0;; at++) {
-        uint64_t users;
-        if (!read_count(&at, UINT32_MAX, &users) || (*at && *at != ','))
-            return lw_status_fail(err, LW_USAGE, "--users: \"%s\" is no list of counts such as 1,2,4", text);
-        if (users < 1 || users > LW_SCALING_USERS_MAX)
-            return lw_status_fail(err, LW_USAGE, "--users: %llu is not within 1..%u",
-                                  (unsigned long long)users, LW_SCALING_USERS_MAX);
-        if (o->user_counts == LW_SCALING_COUNTS_MAX)
-            return lw_status_fail(err, LW_USAGE, "--users: over %u counts", LW_SCALING_COUNTS_MAX);
-        if (o->user_counts && users <= o->users[o->user_counts - 1])
-            return lw_status_fail(err, LW_USAGE, "--users: the counts must grow");
-        o->users[o->user_counts++] = (uint32_t)users;
-        if (!*at) return LW_OK;
-    }
+    static const struct lw_measure_options_list list = {.option = "--users",
+                                                        .example = "counts such as 1,2,4",
+                                                        .min = 1,
+                                                        .max = LW_SCALING_USERS_MAX,
+                                                        .whole = true,
+                                                        .grows = true,
+                                                        .count_max = LW_SCALING_COUNTS_MAX};
+    double value[LW_SCALING_COUNTS_MAX];
+    enum lw_status status = lw_measure_options_read_list(&list, text, value, &o->user_counts, err);
+    for (uint32_t i = 0; status == LW_OK && i < o->user_counts; i++) o->users[i] = (uint32_t)value[i];
+    return status;
 }
 
 static enum lw_status parse_error(const char *text, struct lw_scaling_options *o, struct lw_error *err) {
@@ -96,13 +90,17 @@ static enum lw_status parse_fixed(const char *text, struct lw_scaling_options *o
 
 enum lw_status lw_scaling_options_parse(int argc, char **argv, struct lw_scaling_options *out_options,
                                         bool *out_done, struct lw_error *err) {
-    struct lw_scaling_options o = {
-        .scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG}, .spread = 0.5, .seconds = 2};
-    const char *scene[1] = {NULL}, *users = DEFAULT_USERS, *error = "relmse:0.1", *size = "1280x720",
-               *fixed = NULL;
-    int motion = LW_SCENE_MOTION_LIGHT, views = LW_VIEWS_WALK, light = 0, opponent = LW_PATH_RENDERER_SVGF,
-        denoise = 1;
-    int64_t bounces = 2, seed = 1, repeats = 3, reference = 256;
+    struct lw_scaling_options o = {.spread = 0.5};
+    struct lw_measure_options_raw raw = {
+        .options = {.scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG}, .seconds = 2},
+        .motion = LW_SCENE_MOTION_LIGHT,
+        .size = "1280x720",
+        .bounces = 2,
+        .seed = 1,
+        .repeats = 3,
+        .reference_samples = 256};
+    const char *scene[1] = {NULL}, *users = DEFAULT_USERS, *error = "relmse:0.1", *fixed = NULL;
+    int views = LW_VIEWS_WALK, light = 0, opponent = LW_PATH_RENDERER_SVGF, denoise = 1;
     _Static_assert(LW_PATH_RENDERER_COUNT == 6, "--opponent names them all, in order");
     const struct lw_option table[] = {
         {"users", "LIST", "user counts to measure, growing (default " DEFAULT_USERS ")", LW_OPTION_STRING,
@@ -111,13 +109,12 @@ enum lw_status lw_scaling_options_parse(int argc, char **argv, struct lw_scaling
          "what moves (default light). Where nothing of the scene's own animation belongs to it, a light or "
          "an "
          "object is set moving",
-         LW_OPTION_CHOICE, &motion, 0, 0, NULL},
+         LW_OPTION_CHOICE, &raw.motion, 0, 0, NULL},
         {"views", "walk|centre",
          "users walk through the scene (default), or stand all over it and look at its centre",
          LW_OPTION_CHOICE, &views, 0, 0, NULL},
         {"spread", "S", "how far apart users are: 0 all in one place, 1 all over the scene (default 0.5)",
          LW_OPTION_REAL, &o.spread, 0, 1, NULL},
-        {"size", "WxH", "pixels of each view (default 1280x720)", LW_OPTION_STRING, &size, 0, 0, NULL},
         {"error", "relmse:E|match:SPP",
          "what both sides must reach: a mean relative square error (default relmse:0.1), or what the path "
          "tracer "
@@ -143,22 +140,15 @@ enum lw_status lw_scaling_options_parse(int argc, char **argv, struct lw_scaling
          "pixels; and with bounces by the user's own virtual point lights",
          LW_OPTION_CHOICE, &opponent, 0, 0, NULL},
         {"denoise", "off|on", "filter the lightmaps (default on)", LW_OPTION_CHOICE, &denoise, 0, 0, NULL},
-        {"solver", "NAME", "the server's solver, by a name that lightwelld --help lists (default: its own)",
-         LW_OPTION_STRING, &o.solver, 0, 0, NULL},
         {"seconds", "S", "of scene time that are measured, after one that is not (default 2)", LW_OPTION_REAL,
-         &o.seconds, 0.2, 600, NULL},
-        {"repeats", "N", "measurements of cost, each with other random numbers (default 3)", LW_OPTION_INT,
-         &repeats, 1, LW_SCALING_REPEATS_MAX, NULL},
-        {"bounces", "N", "indirect bounces on both sides (default 2)", LW_OPTION_INT, &bounces, 0, 16, NULL},
-        {"reference-samples", "N", "paths per pixel of the reference (default 256)", LW_OPTION_INT,
-         &reference, 2, 1 << 19, NULL},
-        {"truth-samples", "N", NULL, LW_OPTION_INT, &reference, 2, 1 << 19, NULL}, /* its former name */
-        {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &seed, 0, UINT32_MAX, NULL},
+         &raw.options.seconds, 0.2, 600, NULL},
         {"self-test", NULL, "a path tracer on both sides: r(1) must come out as 1", LW_OPTION_FLAG,
          &o.self_test, 0, 0, NULL},
         {"o", "DIR", "folder for report.md, scaling.csv, scaling.json and the plots", LW_OPTION_STRING,
-         &o.folder, 0, 0, NULL},
-        LW_SCENE_OPEN_OPTIONS(&o.scene),
+         &raw.options.folder, 0, 0, NULL},
+        LW_MEASURE_OPTIONS(&raw, "1280x720",
+                           "measurements of cost, each with other random numbers (default 3)",
+                           "paths per pixel of the reference (default 256)", 2),
     };
     const struct lw_options options = {.program = "lightwell-load scaling",
                                        .synopsis = "SCENE -o DIR [OPTIONS]",
@@ -172,21 +162,14 @@ enum lw_status lw_scaling_options_parse(int argc, char **argv, struct lw_scaling
                                        .positional_max = 1};
     enum lw_status status = lw_options_parse(&options, argc, argv, NULL, out_done, err);
     if (status != LW_OK || *out_done) return status;
-    o.scene.path = scene[0];
-    o.motion = (enum lw_scene_motion)motion;
     o.views = (enum lw_views_kind)views;
     o.opponent = (enum lw_path_renderer_kind)opponent;
     o.denoise = denoise;
     o.whole = light == 1;
     o.look_whole = light == 0;
-    o.bounces = (uint32_t)bounces;
-    o.seed = (uint32_t)seed;
-    o.repeats = (uint32_t)repeats;
-    o.reference_samples = (uint32_t)reference + (uint32_t)(reference & 1); /* two halves */
-    if (!o.folder) return lw_status_fail(err, LW_USAGE, "-o DIR is missing: where the report goes");
-    status = parse_users(users, &o, err);
+    status = lw_measure_options_finish(&raw, scene[0], SIDE_MIN, SIDE_MIN, 2 /* halves */, &o.base, err);
+    if (status == LW_OK) status = parse_users(users, &o, err);
     if (status == LW_OK) status = parse_error(error, &o, err);
-    if (status == LW_OK) status = lw_measure_options_size(size, SIDE_MIN, SIDE_MIN, &o.width, &o.height, err);
     if (status == LW_OK && fixed) status = parse_fixed(fixed, &o, err);
     if (status == LW_OK) *out_options = o;
     return status;

@@ -3,24 +3,19 @@
 #ifndef LW_CLIENT_MEASURE_SCALING_OPTIONS_H
 #define LW_CLIENT_MEASURE_SCALING_OPTIONS_H
 
+#include "client/measure/measure_options.h"
 #include "client/measure/sides/views.h"
 #include "client/paths/path_renderer.h"
-#include "common/open/scene_open.h"
-#include "common/scene/scene_motion.h"
 
 #define LW_SCALING_USERS_MAX   4096u
 #define LW_SCALING_COUNTS_MAX  32u /* user counts in one run */
-#define LW_SCALING_REPEATS_MAX 20u
+#define LW_SCALING_REPEATS_MAX LW_MEASURE_OPTIONS_REPEATS_MAX
 
 struct lw_scaling_options {
-    struct lw_scene_open scene;
-    const char *folder;                                 /* -o */
+    struct lw_measure_options base;
     uint32_t users[LW_SCALING_COUNTS_MAX], user_counts; /* increasing */
-    enum lw_scene_motion motion;
     enum lw_views_kind views;
     double spread;
-    uint32_t width, height, bounces, seed, repeats, reference_samples;
-    double seconds;
     /* The error that both sides must reach: a relMSE, or that of the path tracer with this number of paths
      * a pixel. */
     double error; /* > 0; 0: match_samples */
@@ -31,11 +26,10 @@ struct lw_scaling_options {
     double fixed_target_error; /* error at which blocks converge */
     bool one_error;            /* search for that error alone, not for the curve */
     enum lw_path_renderer_kind opponent;
-    const char *solver; /* the server's, by name; NULL: its default */
-    bool denoise;       /* the lightmaps are filtered */
-    bool self_test;     /* a path tracer on both sides */
-    bool whole;         /* the cache lights all of the scene */
-    bool look_whole;    /* it lights the interest set and its contributors; once also the whole scene */
+    bool denoise;    /* the lightmaps are filtered */
+    bool self_test;  /* a path tracer on both sides */
+    bool whole;      /* the cache lights all of the scene */
+    bool look_whole; /* it lights the interest set and its contributors; once also the whole scene */
 };
 
 /** Reads the command line; argv[0] is "scaling". --help and --version print and set *out_done.

@@ -105,7 +105,7 @@ static enum lw_status write_users_csv(const struct lw_scaling *x, struct lw_erro
             for (int s = 0; s < LW_STAGE_COUNT; s++) fprintf(text.stream, ",%.6g", count->cost.cpu_s[s]);
             fprintf(text.stream, ",%.6g\n", count->cost.bytes);
         }
-    return lw_report_text_save(&text, x->options.folder, err);
+    return lw_report_text_save(&text, x->options.base.folder, err);
 }
 
 static enum lw_status write_points_csv(const struct lw_scaling *x, struct lw_error *err) {
@@ -121,7 +121,7 @@ static enum lw_status write_points_csv(const struct lw_scaling *x, struct lw_err
                     p->setting.samples, p->setting.density, p->setting.direct_samples,
                     p->setting.indirect_samples, p->setting.target_error, p->error, lw_cost_total(&p->cost));
         }
-    return lw_report_text_save(&text, x->options.folder, err);
+    return lw_report_text_save(&text, x->options.base.folder, err);
 }
 
 static json_t *json_figure(const struct lw_scaling_figure *f) {
@@ -173,10 +173,10 @@ static enum lw_status write_json(const struct lw_scaling *x, const char *command
     json_t *root = json_pack(
         "{s:s, s:s, s:s, s:I, s:s, s:s, s:i, s:i, s:i, s:f, s:o, s:f, s:s?, s:o, s:o, s:o, s:o, s:o, s:o, "
         "s:o, s:o}",
-        "command", command, "scene", x->options.scene.path, "version", LW_VERSION, "triangles",
-        (json_int_t)x->densities.triangles, "motion", lw_scene_motion_name(x->options.motion), "views",
-        x->views ? lw_views_about(x->views) : "", "width", (int)x->options.width, "height",
-        (int)x->options.height, "bounces", (int)x->options.bounces, "reference_noise",
+        "command", command, "scene", x->options.base.scene.path, "version", LW_VERSION, "triangles",
+        (json_int_t)x->densities.triangles, "motion", lw_scene_motion_name(x->options.base.motion), "views",
+        x->views ? lw_views_about(x->views) : "", "width", (int)x->options.base.width, "height",
+        (int)x->options.base.height, "bounces", (int)x->options.base.bounces, "reference_noise",
         x->eyes ? mean_noise(x) : 0.0, "relmse_of_light_a_second_late",
         isfinite(x->lag_error) ? json_real(x->lag_error) : json_null(), "texels_per_metre",
         x->densities.texels_per_metre, "shortfall", x->shortfall, "targets", targets, "paths",
@@ -187,7 +187,7 @@ static enum lw_status write_json(const struct lw_scaling *x, const char *command
     char *text =
         root ? json_dumps(root, JSON_INDENT(1) | JSON_PRESERVE_ORDER | JSON_REAL_PRECISION(8)) : NULL;
     enum lw_status status =
-        text ? lw_report_text_write(x->options.folder, "scaling.json", text, strlen(text), err)
+        text ? lw_report_text_write(x->options.base.folder, "scaling.json", text, strlen(text), err)
              : lw_status_fail(err, LW_NO_MEMORY, "no memory for scaling.json");
     free(text);
     json_decref(root);
@@ -202,18 +202,19 @@ static void print_head(const struct lw_scaling *x, FILE *f, const char *command)
     time_t now = time(NULL);
     struct tm utc;
     strftime(day, sizeof day, "%Y-%m-%d", gmtime_r(&now, &utc));
-    fprintf(f, "# Scaling run: %s\n\n    %s\n\n", x->options.scene.path, command);
+    fprintf(f, "# Scaling run: %s\n\n    %s\n\n", x->options.base.scene.path, command);
     fprintf(f, "%s, %ld processors, %s, lightwell " LW_VERSION ".\n\n", processor,
             sysconf(_SC_NPROCESSORS_ONLN), day);
     fprintf(f, "%llu triangles, %.3g lightmap texels per metre at density ×1, %u indirect bounces. ",
-            (unsigned long long)x->densities.triangles, x->densities.texels_per_metre, x->options.bounces);
-    fprintf(f, "Motion: %s", lw_scene_motion_name(x->options.motion));
+            (unsigned long long)x->densities.triangles, x->densities.texels_per_metre,
+            x->options.base.bounces);
+    fprintf(f, "Motion: %s", lw_scene_motion_name(x->options.base.motion));
     if (x->densities.report.light)
         fprintf(f, "; light \"%s\" was set moving, since none did", x->densities.report.light);
     if (x->densities.report.object)
         fprintf(f, "; object \"%s\" was set moving, since none did", x->densities.report.object);
     fprintf(f, ". Views: %s, spread %g, %u × %u pixels.\n\n", x->views ? lw_views_about(x->views) : "none",
-            x->options.spread, x->options.width, x->options.height);
+            x->options.spread, x->options.base.width, x->options.base.height);
     fprintf(
         f,
         "Cost is CPU time per frame of 1/30 s, of all threads and processes of a side; error is relMSE "
@@ -224,7 +225,7 @@ static void print_head(const struct lw_scaling *x, FILE *f, const char *command)
         x->stride * x->stride, LW_SCALING_PICTURES, x->eyes, x->eyes > 1 ? "s" : "", mean_noise(x),
         lw_path_renderer_name(x->options.opponent), lw_path_renderer_about(x->options.opponent),
         x->options.denoise ? "filtered" : "not filtered",
-        x->options.motion == LW_SCENE_MOTION_STATIC
+        x->options.base.motion == LW_SCENE_MOTION_STATIC
             ? " Nothing moves in the scene: what the cache spends at the start is spread over all frames."
             : " The first second is not measured.");
 }
@@ -322,8 +323,8 @@ static void print_result(const struct lw_scaling *x, FILE *f) {
             x->whole_ratio, x->whole_error, x->whole_paths_error);
     fprintf(f, "\nIntervals are of 95 %%, over %u repeats with random numbers of their own.",
             x->repeats_done);
-    if (x->repeats_done < x->options.repeats)
-        fprintf(f, " Interrupted: there were to be %u.", x->options.repeats);
+    if (x->repeats_done < x->options.base.repeats)
+        fprintf(f, " Interrupted: there were to be %u.", x->options.base.repeats);
     fprintf(f, "\n\n");
     fprintf(f, "| users | path tracers, CPU s | shared, CPU s | ratio |\n|---|---|---|---|\n");
     for (uint32_t c = 0; c < x->count_done; c++) {
@@ -454,7 +455,7 @@ static enum lw_status write_markdown(const struct lw_scaling *x, const char *com
         print_targets(x, text.stream);
         print_notes(x, text.stream);
     }
-    return lw_report_text_save(&text, x->options.folder, err);
+    return lw_report_text_save(&text, x->options.base.folder, err);
 }
 
 /* ---- plots ---- */
@@ -482,7 +483,7 @@ static enum lw_status write_plots(const struct lw_scaling *x, struct lw_error *e
         "plot 'settings.csv' skip 1 using (strcol(1) eq 'paths' ? $8 : NaN):7 with points pt 7 title 'path "
         "tracer', "
         "'settings.csv' skip 1 using (strcol(1) eq 'shared' ? $8 : NaN):7 with points pt 5 title 'shared'\n");
-    return lw_report_text_save(&text, x->options.folder, err);
+    return lw_report_text_save(&text, x->options.base.folder, err);
 }
 
 enum lw_status lw_scaling_report_write(const struct lw_scaling *x, const char *command,
@@ -493,6 +494,6 @@ enum lw_status lw_scaling_report_write(const struct lw_scaling *x, const char *c
     if (status == LW_OK) status = write_markdown(x, command, err);
     if (status == LW_OK) status = write_plots(x, err);
     if (status == LW_OK && x->side[LW_SCALING_PATHS].point_count)
-        lw_gnuplot_run(x->options.folder, "scaling.gp");
+        lw_gnuplot_run(x->options.base.folder, "scaling.gp");
     return status;
 }

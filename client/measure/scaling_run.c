@@ -75,7 +75,7 @@ enum lw_status lw_scaling_run_sequence(struct lw_scaling_run *run, struct lw_ren
                                        struct lw_cost *out_cost, struct lw_scaling_errors *out_errors,
                                        struct lw_error *err) {
     const struct lw_scaling *x = run->x;
-    const bool from_start = x->options.motion == LW_SCENE_MOTION_STATIC;
+    const bool from_start = x->options.base.motion == LW_SCENE_MOTION_STATIC;
     struct lw_cost sum = {0};
     double measured = 0;
     *out_errors = (struct lw_scaling_errors){.of = {{0}}};

@@ -53,7 +53,7 @@ static enum lw_status measure_line(struct lw_scaling_run *run, struct lw_scaling
         double per_eye_s[LW_SCALING_EYES] = {0};
         enum lw_status status =
             lw_scaling_run_trace(run, side->renderer, &(struct lw_setting){.samples = samples[i]},
-                                 LW_SCALING_PICTURES / 2, x->options.seed, per_eye_s, err);
+                                 LW_SCALING_PICTURES / 2, x->options.base.seed, per_eye_s, err);
         if (status != LW_OK) return status;
         for (uint32_t eye = 0; eye < x->eyes; eye++) mean_s[i] += per_eye_s[eye] / x->eyes;
     }
@@ -75,7 +75,7 @@ static enum lw_status try_samples(struct lw_scaling_run *run, struct lw_scaling_
     enum lw_status status = linear && !(side->per_sample_s > 0) ? measure_line(run, side, err) : LW_OK;
     *point = (struct lw_scaling_point){.setting = {.samples = samples}};
     if (status == LW_OK)
-        status = lw_scaling_run_sequence(run, side->renderer, &point->setting, run->x->options.seed,
+        status = lw_scaling_run_sequence(run, side->renderer, &point->setting, run->x->options.base.seed,
                                          linear ? NULL : &point->cost, &point->errors, err);
     if (status != LW_OK || lw_scaling_run_stopped(run)) return status;
     point->error = lw_scaling_figures_error(&point->errors, &point->errors);
@@ -125,7 +125,7 @@ static enum lw_status try_setting(struct lw_scaling_run *run, struct lw_scaling_
     *out_point = NULL;
     if (!point) return LW_OK;
     *point = (struct lw_scaling_point){.setting = *setting};
-    enum lw_status status = lw_scaling_run_sequence(run, side->renderer, setting, run->x->options.seed,
+    enum lw_status status = lw_scaling_run_sequence(run, side->renderer, setting, run->x->options.base.seed,
                                                     &point->cost, &point->errors, err);
     if (status != LW_OK || lw_scaling_run_stopped(run)) return status;
     point->error = lw_scaling_figures_error(&point->errors, &point->errors);
@@ -141,7 +141,7 @@ static enum lw_status try_setting(struct lw_scaling_run *run, struct lw_scaling_
 static struct lw_setting setting_at(const struct lw_scaling *x, double density, uint32_t rung) {
     struct lw_setting setting = {
         .density = density, .direct_samples = 1, .indirect_samples = 2, .whole = x->options.whole};
-    if (x->options.motion == LW_SCENE_MOTION_STATIC) {
+    if (x->options.base.motion == LW_SCENE_MOTION_STATIC) {
         setting.target_error = target_errors[rung];
     } else {
         setting.direct_samples = rungs[rung].direct;
@@ -162,7 +162,7 @@ static double easiest_left(const struct lw_scaling *x, const struct lw_scaling_s
 /* *rung_count: how many rungs are tried; afterwards, one more than those that have gained something. */
 static enum lw_status climb(struct lw_scaling_run *run, struct lw_scaling_side *side, double density,
                             double hardest, uint32_t *rung_count, struct lw_error *err) {
-    const bool still = run->x->options.motion == LW_SCENE_MOTION_STATIC;
+    const bool still = run->x->options.base.motion == LW_SCENE_MOTION_STATIC;
     const uint32_t rungs_max = *rung_count;
     double last_error = (double)INFINITY;
     for (uint32_t rung = 0; rung < rungs_max; rung++) {
@@ -188,7 +188,7 @@ static double least_error(const struct lw_scaling_side *side) {
 
 static enum lw_status search_densities(struct lw_scaling_run *run, struct lw_scaling_side *side,
                                        double hardest, struct lw_error *err) {
-    const bool still = run->x->options.motion == LW_SCENE_MOTION_STATIC;
+    const bool still = run->x->options.base.motion == LW_SCENE_MOTION_STATIC;
     enum lw_status status = LW_OK;
     /* rungs that gained nothing at one density are not tried at the next, which costs four times as much */
     uint32_t rung_count = still ? COUNT(target_errors) : COUNT(rungs);

@@ -46,11 +46,11 @@ static uint64_t frames_of(const struct lw_scaling *x, uint32_t c) {
 /* All that is to come, likewise. */
 static double foresee(struct lw_scaling *x) {
     double repeat_s = foresee_paths(x), whole_s = 0;
-    if (x->side[LW_SCALING_SHARED].traces) return 2 * repeat_s * x->options.repeats;
+    if (x->side[LW_SCALING_SHARED].traces) return 2 * repeat_s * x->options.base.repeats;
     for (uint32_t c = 0; c < x->options.user_counts; c++)
         repeat_s += (double)frames_of(x, c) * foresee_frame(x, x->options.users[c]);
     if (x->options.look_whole) whole_s = (double)frames_of(x, 0) * foresee_frame(x, x->options.users[0]);
-    return repeat_s * x->options.repeats + whole_s;
+    return repeat_s * x->options.base.repeats + whole_s;
 }
 
 /* One sequence with users who come in steps. */
@@ -135,7 +135,7 @@ static enum lw_status measure_count(struct lw_scaling_run *run, struct lw_render
         x->warm_cpu_s = start->cpu_s[LW_STAGE_SOLVE] * (double)x->warm_frames;
     if (status == LW_OK)
         status = measure_frames(run, renderer, steps, c == 0 ? x->frames : COUNT_FRAMES, out_cost, err);
-    if (status == LW_OK && x->options.motion == LW_SCENE_MOTION_STATIC)
+    if (status == LW_OK && x->options.base.motion == LW_SCENE_MOTION_STATIC)
         spread_start(x, c == 0, start, out_cost);
     return status;
 }
@@ -252,7 +252,7 @@ static void conclude(struct lw_scaling *x) {
 static enum lw_status measure_repeat(struct lw_scaling_run *run, struct lw_progress *progress, uint32_t i,
                                      struct lw_error *err) {
     struct lw_scaling *x = run->x;
-    const uint32_t seed = x->options.seed + 1 + i; /* not that by which the settings were chosen */
+    const uint32_t seed = x->options.base.seed + 1 + i; /* not that by which the settings were chosen */
     enum lw_status status = LW_OK;
     for (int s = 0; s < LW_SCALING_SIDES && status == LW_OK && !lw_scaling_run_stopped(run); s++)
         status = x->side[s].traces ? measure_paths(run, progress, (enum lw_scaling_side_id)s, i, seed, err)
@@ -288,7 +288,7 @@ enum lw_status lw_scaling_users(struct lw_scaling_run *run, struct lw_error *err
     enum lw_status status = LW_OK;
     struct lw_progress progress;
     lw_progress_init(&progress, "counting users", (uint64_t)(1e6 * foresee(x)));
-    for (uint32_t i = 0; i < x->options.repeats && status == LW_OK && !lw_scaling_run_stopped(run); i++)
+    for (uint32_t i = 0; i < x->options.base.repeats && status == LW_OK && !lw_scaling_run_stopped(run); i++)
         status = measure_repeat(run, &progress, i, err);
     lw_scaling_run_end(run, status, &progress);
     if (!x->repeats_done) return status;

@@ -21,11 +21,11 @@ static _Atomic bool never;
 
 static void trace(struct lw_crossover_references *references, const struct lw_scene *scene) {
     static const uint32_t judged[] = {FIRST, FIRST + 1};
-    const struct lw_crossover_options options = {.scene = {.path = "builtin:cornell"},
-                                                 .width = 128,
-                                                 .height = 72,
-                                                 .bounces = 1,
-                                                 .reference_samples = 8};
+    const struct lw_measure_options options = {.scene = {.path = "builtin:cornell"},
+                                               .width = 128,
+                                               .height = 72,
+                                               .bounces = 1,
+                                               .reference_samples = 8};
     const char *folder = lw_support_temporary("references");
     assert_int_equal(mkdir(folder, 0777), 0);
     struct lw_error err = {0};

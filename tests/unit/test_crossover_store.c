@@ -213,7 +213,7 @@ static void run_row(const char *folder, const struct lw_crossover_options *optio
     struct lw_crossover_options o = *options;
     struct lw_error err = {0};
     _Atomic bool cancel = false;
-    o.folder = folder;
+    o.base.folder = folder;
     const enum lw_status status = lw_crossover_row_open(&row, &o, "command", &cancel, &err);
     lw_crossover_row_finish(&row);
     if (refused)
@@ -224,30 +224,29 @@ static void run_row(const char *folder, const struct lw_crossover_options *optio
 
 static void another_row_is_refused_by_what_differs(void **state) {
     (void)state;
-    const struct lw_crossover_options first = {.scene = {.path = "none.lwscene", .sun_angle_deg = 0.53},
-                                               .width = 64,
-                                               .height = 36,
-                                               .minutes_max = (double)INFINITY};
+    const struct lw_crossover_options first = {
+        .base = {.scene = {.path = "none.lwscene", .sun_angle_deg = 0.53}, .width = 64, .height = 36},
+        .minutes_max = (double)INFINITY};
     struct lw_crossover_options other = first;
     struct lw_crossover_store store;
     struct lw_error err = {0};
     const char *folder = lw_support_temporary("bound");
     run_row(folder, &first, NULL);
     run_row(folder, &first, NULL);
-    other.scene.sky_given = true;
-    other.scene.sky[1] = 0.5f;
+    other.base.scene.sky_given = true;
+    other.base.scene.sky[1] = 0.5f;
     run_row(folder, &other, "whose sky is the scene's, not 0,0.5,0");
     other = first;
-    other.scene.environment = "day.exr";
+    other.base.scene.environment = "day.exr";
     run_row(folder, &other, "whose environment is the scene's, not day.exr");
     other = first;
-    other.scene.sun_angle_given = true;
+    other.base.scene.sun_angle_given = true;
     run_row(folder, &other, "whose sun-angle is the scene's, not 0.53");
     other = first;
-    other.scene.atlas_side_max = 512;
+    other.base.scene.atlas_side_max = 512;
     run_row(folder, &other, "whose atlas-max is the default, not 512");
     other = first;
-    other.scene.density_of = "floor=2";
+    other.base.scene.density_of = "floor=2";
     run_row(folder, &other, "whose density-of is none, not floor=2");
     run_row(folder, &first, NULL);
     lw_support_ok(lw_crossover_store_open(&store, folder, false, &err), &err);
@@ -259,7 +258,8 @@ static void another_row_is_refused_by_what_differs(void **state) {
 /* Written by a version without the newer columns. */
 static void a_row_without_notes_is_refused_once_it_holds_figures(void **state) {
     (void)state;
-    const struct lw_crossover_options o = {.scene = {.path = "none.lwscene"}, .width = 64, .height = 36};
+    const struct lw_crossover_options o = {
+        .base = {.scene = {.path = "none.lwscene"}, .width = 64, .height = 36}};
     struct lw_crossover_store store;
     struct lw_error err = {0};
     const char *folder = lw_support_temporary("unbound");
