@@ -23,10 +23,10 @@ static void on_signal(int number) {
 }
 
 static enum lw_status report_only(const char *folder, struct lw_error *err) {
-    struct lw_crossover_store store;
-    enum lw_status status = lw_crossover_store_open(&store, folder, true, err);
+    struct lw_measure_store store;
+    enum lw_status status = lw_measure_store_open(&store, folder, true, err);
     if (status == LW_OK) status = lw_crossover_report_write(&store, err);
-    lw_crossover_store_finish(&store);
+    lw_measure_store_finish(&store);
     return status;
 }
 
@@ -36,14 +36,14 @@ static enum lw_status measure(const struct lw_crossover_options *options, const 
     lw_interrupt_watch(on_signal, &measuring);
     enum lw_status status = lw_crossover_row_open(&row, options, command, &signalled, err);
     if (status == LW_OK) status = lw_crossover_run(&row, err);
-    if (row.store.expense_count) {
+    if (row.base.store.expense_count) {
         struct lw_error report_err = {0};
-        const enum lw_status written = lw_crossover_report_write(&row.store, &report_err);
+        const enum lw_status written = lw_crossover_report_write(&row.base.store, &report_err);
         if (status == LW_OK && written != LW_OK) *err = report_err;
         if (status == LW_OK) status = written;
     } else if (status == LW_BAD_DATA) { /* of the scene: the same command would fail again */
         struct lw_error report_err = {0};
-        if (lw_crossover_report_refuse(&row.store, err->text, &report_err) != LW_OK)
+        if (lw_crossover_report_refuse(&row.base.store, err->text, &report_err) != LW_OK)
             lw_log(LW_LOG_WARNING, "%s", report_err.text);
     }
     lw_crossover_row_finish(&row);

@@ -1,5 +1,5 @@
 /* crossover_analysis.h: errors of a row, ratios of costs at equal error, and their intervals.
- * Flow:    crossover_store -> [crossover_analysis: by renderer and setting, paired over views and repeats]
+ * Flow:    measure_store -> [crossover_analysis: by renderer and setting, paired over views and repeats]
  *          -> report
  * Threads: pure functions of the store, [any].
  *
@@ -8,8 +8,8 @@
 #ifndef LW_CLIENT_MEASURE_CROSSOVER_ANALYSIS_H
 #define LW_CLIENT_MEASURE_CROSSOVER_ANALYSIS_H
 
-#include "client/measure/crossover_store.h"
 #include "client/measure/figures/bootstrap.h"
+#include "client/measure/measure_store.h"
 
 #define LW_CROSSOVER_POINTS_MAX 64u
 /* light a second late must be off by at least this multiple of the error asked for */
@@ -18,16 +18,16 @@
 
 /** A renderer at a setting. Cells are [view * repeats + repeat]. */
 struct lw_crossover_point {
-    char renderer[LW_CROSSOVER_NAME_SIZE], setting[LW_CROSSOVER_NAME_SIZE];
+    char renderer[LW_MEASURE_NAME_SIZE], setting[LW_MEASURE_NAME_SIZE];
     bool is_cache;
     uint32_t repeats; /* of the row */
-    uint8_t there[LW_CROSSOVER_VIEWS * LW_CROSSOVER_REPEATS_MAX];
-    double error[LW_CROSSOVER_COIN_COUNT][LW_CROSSOVER_VIEWS * LW_CROSSOVER_REPEATS_MAX]; /* NAN: none */
-    double alone_s[LW_CROSSOVER_VIEWS * LW_CROSSOVER_REPEATS_MAX]; /* CPU s a frame, one user; NAN: none */
-    double all_s[LW_CROSSOVER_REPEATS_MAX]; /* cache: CPU s a frame, twelve users; NAN: none */
-    struct lw_crossover_expense all;        /* mean over repeats of the lines that end units */
-    struct lw_crossover_expense one;        /* mean over lines of one user */
-    struct lw_bootstrap_interval mean[LW_CROSSOVER_COIN_COUNT];
+    uint8_t there[LW_MEASURE_VIEWS * LW_MEASURE_REPEATS_MAX];
+    double error[LW_MEASURE_COIN_COUNT][LW_MEASURE_VIEWS * LW_MEASURE_REPEATS_MAX]; /* NAN: none */
+    double alone_s[LW_MEASURE_VIEWS * LW_MEASURE_REPEATS_MAX]; /* CPU s a frame, one user; NAN: none */
+    double all_s[LW_MEASURE_REPEATS_MAX]; /* cache: CPU s a frame, twelve users; NAN: none */
+    struct lw_measure_expense all;        /* mean over repeats of the lines that end units */
+    struct lw_measure_expense one;        /* mean over lines of one user */
+    struct lw_bootstrap_interval mean[LW_MEASURE_COIN_COUNT];
     struct lw_bootstrap_interval cost_s; /* CPU s a frame for one user, alone */
 };
 
@@ -41,7 +41,7 @@ struct lw_crossover_analysis {
 /** Settings beyond the first LW_CROSSOVER_POINTS_MAX are left out, with a line of log.
  * Errors: LW_NO_MEMORY, LW_BAD_DATA (nothing measured). */
 LW_MUST_CHECK enum lw_status lw_crossover_analysis_init(struct lw_crossover_analysis *analysis,
-                                                        const struct lw_crossover_store *store,
+                                                        const struct lw_measure_store *store,
                                                         struct lw_error *err);
 void lw_crossover_analysis_finish(struct lw_crossover_analysis *analysis);
 
@@ -52,13 +52,13 @@ const struct lw_crossover_point *lw_crossover_analysis_find(const struct lw_cros
 /** The cache's cheapest setting with at most this error, of those with a known cost; NULL: none reaches
  * it. */
 const struct lw_crossover_point *lw_crossover_analysis_cheapest(const struct lw_crossover_analysis *analysis,
-                                                                enum lw_crossover_coin coin, double error);
+                                                                enum lw_measure_coin coin, double error);
 /** The cache's setting with the least error; NULL: there is none. */
 const struct lw_crossover_point *lw_crossover_analysis_best(const struct lw_crossover_analysis *analysis,
-                                                            enum lw_crossover_coin coin);
+                                                            enum lw_measure_coin coin);
 /** The cheapest opponent that reaches an error; NULL: none. */
 const struct lw_crossover_point *lw_crossover_analysis_opponent(const struct lw_crossover_analysis *analysis,
-                                                                enum lw_crossover_coin coin, double error);
+                                                                enum lw_measure_coin coin, double error);
 
 /** The cache over an opponent. */
 struct lw_crossover_ratio {
@@ -66,7 +66,7 @@ struct lw_crossover_ratio {
 };
 struct lw_crossover_ratio lw_crossover_analysis_compare(const struct lw_crossover_point *cache,
                                                         const struct lw_crossover_point *opponent,
-                                                        enum lw_crossover_coin coin);
+                                                        enum lw_measure_coin coin);
 
 /** CPU s of a user's frame when all start-up is spread over a session of this length, of 30 frames a
  * second.
@@ -76,7 +76,7 @@ double lw_crossover_analysis_session(const struct lw_crossover_point *point, dou
 
 /** CPU s a frame of one user at which the cache's settings, by increasing cost, first reach an error.
  * Between two settings it follows a line in logarithms. NAN: they do not reach it. */
-double lw_crossover_analysis_crossing(const struct lw_crossover_analysis *analysis,
-                                      enum lw_crossover_coin coin, double error);
+double lw_crossover_analysis_crossing(const struct lw_crossover_analysis *analysis, enum lw_measure_coin coin,
+                                      double error);
 
 #endif

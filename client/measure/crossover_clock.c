@@ -76,7 +76,7 @@ static enum lw_status run_view(struct clock *c, const struct one_view *view, str
                                     .setting = c->plan->setting,
                                     .seed = c->row->options->base.seed,
                                     .seconds = SECONDS,
-                                    .cancel = c->row->cancel};
+                                    .cancel = c->row->base.cancel};
     if (c->plan->is_cache) {
         desc.users = 1;
         desc.warm_s = CACHE_WARM_S;
@@ -103,20 +103,20 @@ static enum lw_status measure_view(struct clock *c, uint32_t view, struct lw_err
     return status;
 }
 
-static void key_of(const char *renderer, const char *setting, char out[LW_CROSSOVER_NAME_SIZE]) {
-    snprintf(out, LW_CROSSOVER_NAME_SIZE, LW_CROSSOVER_CLOCK_KEY "%.20s %.30s", renderer, setting);
+static void key_of(const char *renderer, const char *setting, char out[LW_MEASURE_NAME_SIZE]) {
+    snprintf(out, LW_MEASURE_NAME_SIZE, LW_CROSSOVER_CLOCK_KEY "%.20s %.30s", renderer, setting);
 }
 
 static enum lw_status measure_renderer(struct clock *c, struct lw_error *err) {
     struct lw_crossover_row *row = c->row;
-    const struct lw_crossover_unit *unit = &c->plan->unit;
-    char key[LW_CROSSOVER_NAME_SIZE];
+    const struct lw_measure_unit *unit = &c->plan->unit;
+    char key[LW_MEASURE_NAME_SIZE];
     enum lw_status status = LW_OK;
     key_of(unit->renderer, unit->setting, key);
-    if (lw_crossover_store_get(&row->store, key)) return LW_OK;
+    if (lw_measure_store_get(&row->base.store, key)) return LW_OK;
     for (uint32_t k = 0; status == LW_OK && k < row->options->alone; k++) {
-        const uint32_t view = k * VIEW_STRIDE % LW_CROSSOVER_VIEWS;
-        if (*row->cancel) status = lw_status_fail(err, LW_CLOSED, "interrupted");
+        const uint32_t view = k * VIEW_STRIDE % LW_MEASURE_VIEWS;
+        status = lw_measure_row_check(&row->base, err);
         if (status == LW_OK && !row->references.dark[view]) status = measure_view(c, view, err);
     }
     if (status != LW_OK || !c->runs) return status;
@@ -124,32 +124,32 @@ static enum lw_status measure_renderer(struct clock *c, struct lw_error *err) {
     lw_log(LW_LOG_INFO, "by the wall clock, %s, %s: %.3g pictures a second, %.2g s old, relMSE %.4g",
            unit->renderer, unit->setting, c->sum.views_hz / n, c->sum.light_age_s / n,
            c->sum.relmse / c->sum.pictures);
-    return lw_crossover_row_note(row, err, key, "%.6g,%.6g,%.6g,%u", c->sum.views_hz / n,
-                                 c->sum.light_age_s / n, c->sum.relmse / c->sum.pictures, c->sum.pictures);
+    return lw_measure_row_note(&row->base, err, key, "%.6g,%.6g,%.6g,%u", c->sum.views_hz / n,
+                               c->sum.light_age_s / n, c->sum.relmse / c->sum.pictures, c->sum.pictures);
 }
 
-bool lw_crossover_clock_read(const struct lw_crossover_store *store, const char *renderer,
-                             const char *setting, struct lw_crossover_clock *out) {
-    char key[LW_CROSSOVER_NAME_SIZE];
+bool lw_crossover_clock_read(const struct lw_measure_store *store, const char *renderer, const char *setting,
+                             struct lw_crossover_clock *out) {
+    char key[LW_MEASURE_NAME_SIZE];
     key_of(renderer, setting, key);
-    const char *value = lw_crossover_store_get(store, key);
+    const char *value = lw_measure_store_get(store, key);
     return value && sscanf(value, "%lf,%lf,%lf,%u", &out->views_hz, &out->light_age_s, &out->relmse,
                            &out->pictures) == 4;
 }
 
 /* The cache's setting that takes part; "": none is measured. */
-static enum lw_status choose_cache(const struct lw_crossover_row *row, char out[LW_CROSSOVER_NAME_SIZE],
+static enum lw_status choose_cache(const struct lw_crossover_row *row, char out[LW_MEASURE_NAME_SIZE],
                                    struct lw_error *err) {
     struct lw_crossover_analysis a;
-    enum lw_status status = lw_crossover_analysis_init(&a, &row->store, err);
+    enum lw_status status = lw_crossover_analysis_init(&a, &row->base.store, err);
     if (status != LW_OK) return status;
-    const enum lw_crossover_coin coin = LW_CROSSOVER_COIN_RELMSE;
+    const enum lw_measure_coin coin = LW_MEASURE_COIN_RELMSE;
     const struct lw_crossover_point *svgf = lw_crossover_analysis_find(&a, "svgf", NULL),
                                     *cache = svgf ? lw_crossover_analysis_cheapest(&a, coin,
                                                                                    svgf->mean[coin].value)
                                                   : NULL;
     if (!cache) cache = lw_crossover_analysis_best(&a, coin);
-    snprintf(out, LW_CROSSOVER_NAME_SIZE, "%s", cache ? cache->setting : "");
+    snprintf(out, LW_MEASURE_NAME_SIZE, "%s", cache ? cache->setting : "");
     lw_crossover_analysis_finish(&a);
     return LW_OK;
 }
@@ -157,13 +157,13 @@ static enum lw_status choose_cache(const struct lw_crossover_row *row, char out[
 enum lw_status lw_crossover_clock_measure(struct lw_crossover_row *row, struct lw_error *err) {
     const struct lw_crossover_options *o = row->options;
     struct lw_crossover_plan plan[LW_CROSSOVER_PLANS_MAX];
-    char setting[LW_CROSSOVER_NAME_SIZE];
+    char setting[LW_MEASURE_NAME_SIZE];
     uint32_t count;
     struct clock world = {.row = row}; /* shared by all */
     enum lw_status status = choose_cache(row, setting, err);
     if (status == LW_OK) status = lw_crossover_plan_all(row, plan, &count, err);
     if (status == LW_OK)
-        status = lw_path_world_init(&world.world, row->densities.scene, o->base.bounces,
+        status = lw_path_world_init(&world.world, row->base.densities.scene, o->base.bounces,
                                     (unsigned)o->base.scene.threads, err);
     for (uint32_t i = 0; status == LW_OK && i < count; i++) {
         const bool filters = !plan[i].is_cache && plan[i].kind >= LW_PATH_RENDERER_SVGF,

@@ -27,7 +27,7 @@ struct lw_crossover_clock {
 LW_MUST_CHECK enum lw_status lw_crossover_clock_measure(struct lw_crossover_row *row, struct lw_error *err);
 
 /** What a row has noted of a renderer at a setting; false: nothing. */
-bool lw_crossover_clock_read(const struct lw_crossover_store *store, const char *renderer,
-                             const char *setting, struct lw_crossover_clock *out);
+bool lw_crossover_clock_read(const struct lw_measure_store *store, const char *renderer, const char *setting,
+                             struct lw_crossover_clock *out);
 
 #endif

@@ -102,7 +102,7 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
          "both are measured",
          LW_OPTION_CHOICE, &renderer, 0, 0, NULL},
         {"alone", "N", "views of each repeat that one user sees alone, for r(1) (default 3)", LW_OPTION_INT,
-         &alone, 1, LW_CROSSOVER_VIEWS, NULL},
+         &alone, 1, LW_MEASURE_VIEWS, NULL},
         {"warm", "S", "scene time before the frames that are judged (default 2)", LW_OPTION_REAL, &o.warm_s,
          1, 600, NULL},
         {"seconds", "S", "scene time over which cost is measured (default 0.4)", LW_OPTION_REAL,

@@ -3,8 +3,8 @@
 #ifndef LW_CLIENT_MEASURE_CROSSOVER_OPTIONS_H
 #define LW_CLIENT_MEASURE_CROSSOVER_OPTIONS_H
 
-#include "client/measure/crossover_store.h"
 #include "client/measure/measure_options.h"
+#include "client/measure/measure_store.h"
 #include "client/paths/path_renderer.h"
 
 #define LW_CROSSOVER_DENSITIES_MAX 8u

@@ -21,21 +21,21 @@ struct sheet {
 };
 
 /* The first frame that is judged. */
-static uint32_t first_frame(const struct lw_crossover_store *s) {
+static uint32_t first_frame(const struct lw_measure_store *s) {
     uint32_t frame = UINT32_MAX;
     for (size_t i = 0; i < s->sample_count; i++)
         if (s->sample[i].frame < frame) frame = s->sample[i].frame;
     return frame;
 }
 
-static bool is_judged(const struct lw_crossover_store *s, uint32_t view) {
+static bool is_judged(const struct lw_measure_store *s, uint32_t view) {
     for (size_t i = 0; i < s->sample_count; i++)
         if (s->sample[i].view == view) return true;
     return false;
 }
 
 /* A view's crops of the reference, the mean of its halves. */
-static bool read_reference(const struct lw_crossover_store *s, uint32_t view, uint32_t frame, size_t values,
+static bool read_reference(const struct lw_measure_store *s, uint32_t view, uint32_t frame, size_t values,
                            float *out) {
     char path[4096], key[512];
     snprintf(path, sizeof path, "%s/reference/v%02u-f%04u-l00.raw", s->folder, view, frame);
@@ -49,10 +49,10 @@ static bool read_reference(const struct lw_crossover_store *s, uint32_t view, ui
     return good;
 }
 
-static bool read_crops(const struct lw_crossover_store *s, const struct lw_crossover_unit *unit,
-                       uint32_t view, size_t values, float *out) {
+static bool read_crops(const struct lw_measure_store *s, const struct lw_measure_unit *unit, uint32_t view,
+                       size_t values, float *out) {
     char path[4096];
-    lw_crossover_store_picture_path(s->folder, "crops", unit, "raw", path, sizeof path);
+    lw_measure_store_picture_path(s->folder, "crops", unit, "raw", path, sizeof path);
     FILE *f = fopen(path, "re");
     const bool good = f && fseek(f, (long)(view * values * sizeof *out), SEEK_SET) == 0 &&
                       fread(out, sizeof *out, values, f) == values;
@@ -88,7 +88,7 @@ static void write_text(struct sheet *sheet, uint32_t x, uint32_t y, uint32_t wid
     free(pixel);
 }
 
-static enum lw_status fill(struct sheet *sheet, const struct lw_crossover_store *s,
+static enum lw_status fill(struct sheet *sheet, const struct lw_measure_store *s,
                            const struct lw_crossover_strip *strip, uint32_t strip_count,
                            struct lw_error *err) {
     const size_t one = 3 * (size_t)sheet->side * sheet->side, values = LW_CROSSOVER_CROPS * one;
@@ -96,7 +96,7 @@ static enum lw_status fill(struct sheet *sheet, const struct lw_crossover_store 
     float *rgb = malloc(values * sizeof *rgb);
     if (!rgb) return lw_status_fail(err, LW_NO_MEMORY, "no memory for strips");
     uint32_t row = 0, references = 0;
-    for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++) {
+    for (uint32_t v = 0; v < LW_MEASURE_VIEWS; v++) {
         if (!is_judged(s, v)) continue;
         char number[12];
         snprintf(number, sizeof number, "%u", v);
@@ -118,14 +118,14 @@ static enum lw_status fill(struct sheet *sheet, const struct lw_crossover_store 
                : lw_status_fail(err, LW_NO_INPUT, "%s/reference: the references are not there", s->folder);
 }
 
-enum lw_status lw_crossover_pictures_write(const struct lw_crossover_store *s,
+enum lw_status lw_crossover_pictures_write(const struct lw_measure_store *s,
                                            const struct lw_crossover_strip *strip, uint32_t strip_count,
                                            struct lw_error *err) {
-    const char *side = lw_crossover_store_get(s, "crop"), *stops = lw_crossover_store_get(s, "stops");
+    const char *side = lw_measure_store_get(s, "crop"), *stops = lw_measure_store_get(s, "stops");
     struct sheet sheet = {.side = side ? (uint32_t)strtoul(side, NULL, 10) : 0};
     if (!sheet.side || sheet.side > 4096 || !stops || strip_count > LW_CROSSOVER_STRIP_MAX)
         return lw_status_fail(err, LW_NO_INPUT, "%s/row.csv says no crop or no stops", s->folder);
-    for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++) sheet.rows += LW_CROSSOVER_CROPS * is_judged(s, v);
+    for (uint32_t v = 0; v < LW_MEASURE_VIEWS; v++) sheet.rows += LW_CROSSOVER_CROPS * is_judged(s, v);
     sheet.width = LABEL + (strip_count + 1) * (LARGE * sheet.side + GAP);
     sheet.height = HEAD + sheet.rows * (LARGE * sheet.side + GAP);
     sheet.pixel = malloc(3 * (size_t)sheet.width * sheet.height);

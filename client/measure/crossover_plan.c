@@ -64,7 +64,7 @@ static enum lw_status plan_cache(struct lw_crossover_row *row, struct lw_crossov
     char left_out[200] = "";
     size_t at = 0;
     for (uint32_t d = 0; d < o->density_count; d++) {
-        const double density = o->density[d], texels = row->densities.texels * density * density;
+        const double density = o->density[d], texels = row->base.densities.texels * density * density;
         if (density > 1 && texels > TEXELS_MAX) {
             lw_log(LW_LOG_WARNING, "density x%g is not tried: %.3g million texels", density, 1e-6 * texels);
             at += (size_t)snprintf(left_out + at, sizeof left_out - at, "%sx%g (%.3g million texels)",
@@ -73,16 +73,16 @@ static enum lw_status plan_cache(struct lw_crossover_row *row, struct lw_crossov
         }
         plan_forms(o, plan, count, d);
     }
-    return lw_crossover_row_note(row, err, "densities left out", "%s", left_out);
+    return lw_measure_row_note(&row->base, err, "densities left out", "%s", left_out);
 }
 
 /* Mean error of a unit of repeat 0 in a measure; NAN: it is not measured. */
-static double error_of(const struct lw_crossover_row *row, const struct lw_crossover_unit *unit,
-                       enum lw_crossover_coin coin) {
+static double error_of(const struct lw_crossover_row *row, const struct lw_measure_unit *unit,
+                       enum lw_measure_coin coin) {
     double sum = 0;
     uint32_t count = 0;
-    for (size_t i = 0; i < row->store.sample_count; i++) {
-        const struct lw_crossover_sample *s = &row->store.sample[i];
+    for (size_t i = 0; i < row->base.store.sample_count; i++) {
+        const struct lw_measure_sample *s = &row->base.store.sample[i];
         if (s->unit.repeat || strcmp(s->unit.renderer, unit->renderer) != 0 ||
             strcmp(s->unit.setting, unit->setting) != 0 || isnan(s->coin[coin]))
             continue;
@@ -99,10 +99,10 @@ bool lw_crossover_plan_is_idle(const struct lw_crossover_row *row, const struct 
         if (!few->is_cache || few->density >= next->density || few->rung || more->rung != next->rung ||
             few->setting.draws != next->setting.draws || few->setting.by_gl != next->setting.by_gl)
             continue;
-        const bool gains = !(error_of(row, &more->unit, LW_CROSSOVER_COIN_RELMSE) >
-                             LW_CROSSOVER_GAIN_MIN * error_of(row, &few->unit, LW_CROSSOVER_COIN_RELMSE)) ||
-                           !(error_of(row, &more->unit, LW_CROSSOVER_COIN_FLIP) >
-                             LW_CROSSOVER_GAIN_MIN * error_of(row, &few->unit, LW_CROSSOVER_COIN_FLIP));
+        const bool gains = !(error_of(row, &more->unit, LW_MEASURE_COIN_RELMSE) >
+                             LW_CROSSOVER_GAIN_MIN * error_of(row, &few->unit, LW_MEASURE_COIN_RELMSE)) ||
+                           !(error_of(row, &more->unit, LW_MEASURE_COIN_FLIP) >
+                             LW_CROSSOVER_GAIN_MIN * error_of(row, &few->unit, LW_MEASURE_COIN_FLIP));
         if (!gains) return true;
     }
     return false;

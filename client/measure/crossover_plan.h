@@ -11,7 +11,7 @@
 
 /** A renderer at a setting that shall be measured. */
 struct lw_crossover_plan {
-    struct lw_crossover_unit unit;
+    struct lw_measure_unit unit;
     bool is_cache;
     enum lw_path_renderer_kind kind; /* of a path renderer */
     struct lw_setting setting;

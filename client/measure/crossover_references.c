@@ -3,16 +3,15 @@
 #include "client/measure/figures/reference.h"
 #include "client/measure/sides/views.h"
 #include "common/atomic_file.h"
+#include "common/folders.h"
 #include "common/log.h"
 #include "common/progress.h"
 #include "common/random.h"
 
-#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #define STEP        16u /* crops begin and end at multiples of it: their samples are the whole picture's */
 #define SIDE_MAX    96u
@@ -214,7 +213,7 @@ static enum lw_status get_moment(struct tracing *tr, uint32_t frame, uint32_t la
                                  struct lw_crossover_reference *out, struct lw_progress *progress,
                                  struct lw_error *err) {
     enum lw_status status = LW_OK;
-    for (uint32_t v = 0; status == LW_OK && v < LW_CROSSOVER_VIEWS; v++) {
+    for (uint32_t v = 0; status == LW_OK && v < LW_MEASURE_VIEWS; v++) {
         if (*tr->desc->cancel) return lw_status_fail(err, LW_CLOSED, "interrupted");
         status = get(tr, &(struct wish){v, frame, late, samples, &out[v]}, err);
         lw_progress_step(progress, samples);
@@ -229,8 +228,8 @@ static enum lw_status get_all(struct lw_crossover_references *t,
     const uint32_t samples = desc->options->reference_samples;
     enum lw_status status = LW_OK;
     lw_progress_init(&progress, "tracing the references",
-                     (uint64_t)LW_CROSSOVER_VIEWS * samples * t->judged_count +
-                         (uint64_t)LW_CROSSOVER_VIEWS * (samples / LATE_SHARE) * LW_CROSSOVER_LATES);
+                     (uint64_t)LW_MEASURE_VIEWS * samples * t->judged_count +
+                         (uint64_t)LW_MEASURE_VIEWS * (samples / LATE_SHARE) * LW_CROSSOVER_LATES);
     for (uint32_t j = 0; status == LW_OK && j < t->judged_count; j++)
         status = get_moment(&tr, t->judged[j], 0, samples, t->now[j], &progress, err);
     for (uint32_t l = 0; status == LW_OK && l < LW_CROSSOVER_LATES; l++)
@@ -265,7 +264,7 @@ static void widen_shine(const struct lw_crossover_references *t, struct lw_cross
 static enum lw_status widen_all(struct lw_crossover_references *t, struct lw_error *err) {
     uint8_t *shines = malloc(pixel_count(t));
     if (!shines) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a reference");
-    for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++) {
+    for (uint32_t v = 0; v < LW_MEASURE_VIEWS; v++) {
         for (uint32_t j = 0; j < t->judged_count; j++) widen_shine(t, &t->now[j][v], shines);
         for (uint32_t l = 0; l < LW_CROSSOVER_LATES; l++) widen_shine(t, &t->late[l][v], shines);
     }
@@ -276,7 +275,7 @@ static enum lw_status widen_all(struct lw_crossover_references *t, struct lw_err
 static enum lw_status mask_late(struct lw_crossover_references *t, struct lw_error *err) {
     const size_t count = pixel_count(t);
     for (uint32_t l = 0; l < LW_CROSSOVER_LATES; l++)
-        for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++) {
+        for (uint32_t v = 0; v < LW_MEASURE_VIEWS; v++) {
             struct lw_crossover_reference *late = &t->late[l][v];
             const uint32_t *now = t->now[0][v].object;
             late->left_out = malloc(count);
@@ -311,8 +310,8 @@ static double mean_square_of(const struct lw_crossover_references *t,
  * seen. */
 static double brightness_of(const struct lw_crossover_references *t, uint32_t first_view, uint32_t views,
                             bool *out_before) {
-    const struct lw_crossover_reference *now[LW_CROSSOVER_JUDGED_MAX * LW_CROSSOVER_VIEWS],
-        *before[LW_CROSSOVER_VIEWS];
+    const struct lw_crossover_reference *now[LW_CROSSOVER_JUDGED_MAX * LW_MEASURE_VIEWS],
+        *before[LW_MEASURE_VIEWS];
     uint32_t count = 0;
     for (uint32_t v = 0; v < views; v++) {
         before[v] = &t->late[0][first_view + v];
@@ -326,32 +325,32 @@ static double brightness_of(const struct lw_crossover_references *t, uint32_t fi
 static enum lw_status leave_out_dark(struct lw_crossover_references *t, const char *scene,
                                      struct lw_error *err) {
     bool before;
-    t->mean_square = brightness_of(t, 0, LW_CROSSOVER_VIEWS, &before);
-    for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++) {
+    t->mean_square = brightness_of(t, 0, LW_MEASURE_VIEWS, &before);
+    for (uint32_t v = 0; v < LW_MEASURE_VIEWS; v++) {
         t->dark[v] = !(brightness_of(t, v, 1, &before) > DARK_SHARE * t->mean_square);
         t->dark_count += t->dark[v];
     }
-    if (t->dark_count == LW_CROSSOVER_VIEWS || !(t->mean_square > 0))
+    if (t->dark_count == LW_MEASURE_VIEWS || !(t->mean_square > 0))
         return lw_status_fail(err, LW_BAD_DATA, "%s: the views show no light", scene);
     if (t->dark_count)
         lw_log(LW_LOG_WARNING, "%u of %u views show next to nothing and are not judged", t->dark_count,
-               LW_CROSSOVER_VIEWS);
+               LW_MEASURE_VIEWS);
     return LW_OK;
 }
 
 /* One exposure for all views, so that dark views are seen as such. */
 static enum lw_status expose(struct lw_crossover_references *t, struct lw_error *err) {
     const size_t count = pixel_count(t);
-    float *rgb = malloc(3 * count * LW_CROSSOVER_VIEWS * sizeof *rgb);
+    float *rgb = malloc(3 * count * LW_MEASURE_VIEWS * sizeof *rgb);
     bool before;
     if (!rgb) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the views' exposure");
-    (void)brightness_of(t, 0, LW_CROSSOVER_VIEWS, &before);
-    for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++) {
+    (void)brightness_of(t, 0, LW_MEASURE_VIEWS, &before);
+    for (uint32_t v = 0; v < LW_MEASURE_VIEWS; v++) {
         const struct lw_crossover_reference *r = before ? &t->late[0][v] : &t->now[0][v];
         for (size_t i = 0; i < 3 * count; i++)
             rgb[3 * count * v + i] = 0.5f * (r->half[0][i] + r->half[1][i]);
     }
-    t->stops = lw_tonemap_auto_stops(rgb, count * LW_CROSSOVER_VIEWS);
+    t->stops = lw_tonemap_auto_stops(rgb, count * LW_MEASURE_VIEWS);
     free(rgb);
     return LW_OK;
 }
@@ -381,14 +380,12 @@ enum lw_status lw_crossover_references_init(struct lw_crossover_references *t,
     *t = (struct lw_crossover_references){.side = lw_crossover_references_side(o->width, o->height),
                                           .judged_count = desc->judged_count};
     memcpy(t->judged, desc->judged, desc->judged_count * sizeof *t->judged);
-    for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++)
+    for (uint32_t v = 0; v < LW_MEASURE_VIEWS; v++)
         for (uint32_t c = 0; c < LW_CROSSOVER_CROPS; c++)
             t->crop[v][c] = lw_crossover_references_crop(o->width, o->height, v, c);
     snprintf(folder, sizeof folder, "%s/reference", desc->folder);
-    if (mkdir(folder, 0777) < 0 && errno != EEXIST)
-        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot make the folder: %s", folder,
-                              strerror(errno));
-    enum lw_status status = get_all(t, desc, err);
+    enum lw_status status = lw_folders_make(folder, err);
+    if (status == LW_OK) status = get_all(t, desc, err);
     if (status == LW_OK) status = widen_all(t, err);
     if (status == LW_OK) status = mask_late(t, err);
     if (status == LW_OK) status = leave_out_dark(t, o->scene.path, err);
@@ -404,7 +401,7 @@ static void free_reference(struct lw_crossover_reference *r) {
 }
 
 void lw_crossover_references_finish(struct lw_crossover_references *t) {
-    for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++) {
+    for (uint32_t v = 0; v < LW_MEASURE_VIEWS; v++) {
         for (uint32_t j = 0; j < LW_CROSSOVER_JUDGED_MAX; j++) free_reference(&t->now[j][v]);
         for (uint32_t l = 0; l < LW_CROSSOVER_LATES; l++) free_reference(&t->late[l][v]);
     }

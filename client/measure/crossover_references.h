@@ -11,9 +11,9 @@
 #ifndef LW_CLIENT_MEASURE_CROSSOVER_REFERENCES_H
 #define LW_CLIENT_MEASURE_CROSSOVER_REFERENCES_H
 
-#include "client/measure/crossover_store.h"
 #include "client/measure/figures/view_error.h"
 #include "client/measure/measure_options.h"
+#include "client/measure/measure_store.h"
 #include "client/measure/sides/path_world.h"
 
 #define LW_CROSSOVER_CROPS       2u
@@ -35,12 +35,12 @@ struct lw_crossover_reference {
 
 struct lw_crossover_references {
     uint32_t side; /* of a crop; a multiple of 16 */
-    struct lw_crossover_crop crop[LW_CROSSOVER_VIEWS][LW_CROSSOVER_CROPS];
+    struct lw_crossover_crop crop[LW_MEASURE_VIEWS][LW_CROSSOVER_CROPS];
     uint32_t judged[LW_CROSSOVER_JUDGED_MAX], judged_count; /* frames, growing */
-    struct lw_crossover_reference now[LW_CROSSOVER_JUDGED_MAX][LW_CROSSOVER_VIEWS];
+    struct lw_crossover_reference now[LW_CROSSOVER_JUDGED_MAX][LW_MEASURE_VIEWS];
     /* of judged[0]; oldest first */
-    struct lw_crossover_reference late[LW_CROSSOVER_LATES][LW_CROSSOVER_VIEWS];
-    bool dark[LW_CROSSOVER_VIEWS];
+    struct lw_crossover_reference late[LW_CROSSOVER_LATES][LW_MEASURE_VIEWS];
+    bool dark[LW_MEASURE_VIEWS];
     uint32_t dark_count;
     /* of all judged references, or of those a second before if that is more; of pixels that do not shine */
     double mean_square;

@@ -22,15 +22,15 @@ static const double sessions_s[] = {10, 60, 600};
 /* A picture of error over cost in each measure. */
 static const struct {
     const char *file, *axis;
-} plot[LW_CROSSOVER_COIN_COUNT] = {
-    [LW_CROSSOVER_COIN_RELMSE] = {"relmse", "relMSE"},
-    [LW_CROSSOVER_COIN_RELMSE_SMALL] = {"relmse_1e-4", "relMSE, small epsilon"},
-    [LW_CROSSOVER_COIN_RELMSE_TRIMMED] = {"relmse_999", "relMSE, 99.9 % of pixels"},
-    [LW_CROSSOVER_COIN_FLIP] = {"flip", "FLIP"},
-    [LW_CROSSOVER_COIN_FLICKER] = {"flicker", "flicker"}};
+} plot[LW_MEASURE_COIN_COUNT] = {
+    [LW_MEASURE_COIN_RELMSE] = {"relmse", "relMSE"},
+    [LW_MEASURE_COIN_RELMSE_SMALL] = {"relmse_1e-4", "relMSE, small epsilon"},
+    [LW_MEASURE_COIN_RELMSE_TRIMMED] = {"relmse_999", "relMSE, 99.9 % of pixels"},
+    [LW_MEASURE_COIN_FLIP] = {"flip", "FLIP"},
+    [LW_MEASURE_COIN_FLICKER] = {"flicker", "flicker"}};
 
 struct report {
-    const struct lw_crossover_store *store;
+    const struct lw_measure_store *store;
     struct lw_crossover_analysis a;
     FILE *f;
 };
@@ -38,7 +38,7 @@ struct report {
 /* ---- words ---- */
 
 static const char *get(const struct report *r, const char *key, const char *otherwise) {
-    const char *value = lw_crossover_store_get(r->store, key);
+    const char *value = lw_measure_store_get(r->store, key);
     return value && *value ? value : otherwise;
 }
 
@@ -58,8 +58,8 @@ static void print_number(FILE *f, double x, double scale) {
         fprintf(f, " %.3g |", x * scale);
 }
 
-static const char *coin_word(enum lw_crossover_coin coin) {
-    return coin == LW_CROSSOVER_COIN_FLIP ? "FLIP" : "relMSE";
+static const char *coin_word(enum lw_measure_coin coin) {
+    return coin == LW_MEASURE_COIN_FLIP ? "FLIP" : "relMSE";
 }
 
 /* Whether light that is a second late errs by so much more than this that a row tells moving light from
@@ -88,7 +88,7 @@ static const struct lw_crossover_point *filtered(const struct report *r, const c
 }
 
 static void say_not_reached(FILE *f, const struct report *r, const struct lw_crossover_point *opponent,
-                            enum lw_crossover_coin coin) {
+                            enum lw_measure_coin coin) {
     const struct lw_crossover_point *best = lw_crossover_analysis_best(&r->a, coin);
     if (!best) {
         fprintf(f, "no setting of the cache is measured");
@@ -109,7 +109,7 @@ static void say_not_reached(FILE *f, const struct report *r, const struct lw_cro
 
 /* What the cache takes to be as good as an opponent. */
 static void say_against(FILE *f, const struct report *r, const struct lw_crossover_point *opponent,
-                        enum lw_crossover_coin coin) {
+                        enum lw_measure_coin coin) {
     const struct lw_crossover_point *cache =
         lw_crossover_analysis_cheapest(&r->a, coin, opponent->mean[coin].value);
     if (!cache) {
@@ -126,7 +126,7 @@ static void say_against(FILE *f, const struct report *r, const struct lw_crossov
 
 static void print_first_lines(const struct report *r, FILE *f, const char *bullet) {
     static const char *const names[] = {"svgf", "svgf-quarter"};
-    static const enum lw_crossover_coin coins[] = {LW_CROSSOVER_COIN_RELMSE, LW_CROSSOVER_COIN_FLIP};
+    static const enum lw_measure_coin coins[] = {LW_MEASURE_COIN_RELMSE, LW_MEASURE_COIN_FLIP};
     for (size_t n = 0; n < COUNT(names); n++) {
         const struct lw_crossover_point *opponent = filtered(r, names[n]);
         for (size_t c = 0; opponent && c < COUNT(coins); c++) {
@@ -134,7 +134,7 @@ static void print_first_lines(const struct report *r, FILE *f, const char *bulle
                     opponent->mean[coins[c]].value);
             say_against(f, r, opponent, coins[c]);
             fprintf(f, "%s\n",
-                    tests_motion(r, opponent->mean[LW_CROSSOVER_COIN_RELMSE].value) ? "" : " **(void)**");
+                    tests_motion(r, opponent->mean[LW_MEASURE_COIN_RELMSE].value) ? "" : " **(void)**");
         }
     }
 }
@@ -152,7 +152,7 @@ static void print_gate(const struct report *r) {
         r->a.late_error);
     for (uint32_t i = 0; i < r->a.point_count; i++) {
         const struct lw_crossover_point *p = &r->a.point[i];
-        if (p->is_cache || tests_motion(r, p->mean[LW_CROSSOVER_COIN_RELMSE].value)) continue;
+        if (p->is_cache || tests_motion(r, p->mean[LW_MEASURE_COIN_RELMSE].value)) continue;
         fprintf(r->f,
                 " That is under %g times the error of %s (%s): **void** there, the row does not test motion.",
                 LW_CROSSOVER_GATE_TIMES, p->renderer, p->setting);
@@ -163,14 +163,14 @@ static void print_gate(const struct report *r) {
 /* ---- tables ---- */
 
 /* Whether any renderer has a figure above 0 in this measure: gnuplot fails on a plot without points. */
-static bool has_curve(const struct report *r, enum lw_crossover_coin coin) {
+static bool has_curve(const struct report *r, enum lw_measure_coin coin) {
     for (uint32_t i = 0; i < r->a.point_count; i++)
         if (r->a.point[i].mean[coin].value > 0 && r->a.point[i].cost_s.value > 0) return true;
     return false;
 }
 
 static void print_against(const struct report *r) {
-    static const enum lw_crossover_coin coins[] = {LW_CROSSOVER_COIN_RELMSE, LW_CROSSOVER_COIN_FLIP};
+    static const enum lw_measure_coin coins[] = {LW_MEASURE_COIN_RELMSE, LW_MEASURE_COIN_FLIP};
     fprintf(
         r->f,
         "## At each opponent's own error\n\n"
@@ -211,7 +211,7 @@ static void print_against(const struct report *r) {
 }
 
 static void print_fixed(const struct report *r) {
-    const enum lw_crossover_coin coin = LW_CROSSOVER_COIN_RELMSE;
+    const enum lw_measure_coin coin = LW_MEASURE_COIN_RELMSE;
     fprintf(r->f, "## At fixed errors\n\n| relMSE | cheapest opponent | cheapest cache | r(1) | m |\n"
                   "|---|---|---|---|---|\n");
     for (size_t i = 0; i < COUNT(fixed_errors); i++) {
@@ -241,32 +241,32 @@ static void print_fixed(const struct report *r) {
 
 static void print_errors(const struct report *r) {
     fprintf(r->f, "## Error\n\n| renderer | CPU s a frame, one user |");
-    for (int c = 0; c < LW_CROSSOVER_COIN_COUNT; c++)
-        fprintf(r->f, " %s |", lw_crossover_coin_name((enum lw_crossover_coin)c));
+    for (int c = 0; c < LW_MEASURE_COIN_COUNT; c++)
+        fprintf(r->f, " %s |", lw_measure_coin_name((enum lw_measure_coin)c));
     fprintf(r->f, " lag, s |\n|---|---|");
-    for (int c = 0; c <= LW_CROSSOVER_COIN_COUNT; c++) fprintf(r->f, "---|");
+    for (int c = 0; c <= LW_MEASURE_COIN_COUNT; c++) fprintf(r->f, "---|");
     fprintf(r->f, "\n");
     for (uint32_t i = 0; i < r->a.point_count; i++) {
         const struct lw_crossover_point *p = &r->a.point[i];
         fprintf(r->f, "| %s, %s | ", p->renderer, p->setting);
         print_interval(r->f, &p->cost_s);
-        for (int c = 0; c < LW_CROSSOVER_COIN_COUNT; c++) {
+        for (int c = 0; c < LW_MEASURE_COIN_COUNT; c++) {
             fprintf(r->f, " | ");
             print_interval(r->f, &p->mean[c]);
         }
         fprintf(r->f, " |");
-        print_number(r->f, p->all.extra[LW_CROSSOVER_EXTRA_LAG], 1);
+        print_number(r->f, p->all.extra[LW_MEASURE_EXTRA_LAG], 1);
         fprintf(r->f, "\n");
     }
     fprintf(r->f, "\n");
-    for (int c = 0; c < LW_CROSSOVER_COIN_COUNT; c++)
-        fprintf(r->f, "* %s: %s\n", lw_crossover_coin_name((enum lw_crossover_coin)c),
-                lw_crossover_coin_about((enum lw_crossover_coin)c));
+    for (int c = 0; c < LW_MEASURE_COIN_COUNT; c++)
+        fprintf(r->f, "* %s: %s\n", lw_measure_coin_name((enum lw_measure_coin)c),
+                lw_measure_coin_about((enum lw_measure_coin)c));
     fprintf(
         r->f,
         "* lag: the age of the light that fits the first judged frame best; – where none fits better\n\n");
-    for (int c = 0; c < LW_CROSSOVER_COIN_COUNT; c++)
-        if (has_curve(r, (enum lw_crossover_coin)c))
+    for (int c = 0; c < LW_MEASURE_COIN_COUNT; c++)
+        if (has_curve(r, (enum lw_measure_coin)c))
             fprintf(r->f, "![%s over cost](%s.png)\n", plot[c].axis, plot[c].file);
     fprintf(r->f, "\n");
 }
@@ -284,8 +284,8 @@ static void print_costs(const struct report *r) {
         const double users = p->all.users ? p->all.users : 1;
         fprintf(r->f, "| %s, %s |", p->renderer, p->setting);
         for (int s = 0; s <= LW_STAGE_COUNT; s++) {
-            const double one = s < LW_STAGE_COUNT ? p->one.cpu_s[s] : lw_crossover_store_total(&p->one),
-                         all = s < LW_STAGE_COUNT ? p->all.cpu_s[s] : lw_crossover_store_total(&p->all);
+            const double one = s < LW_STAGE_COUNT ? p->one.cpu_s[s] : lw_measure_store_total(&p->one),
+                         all = s < LW_STAGE_COUNT ? p->all.cpu_s[s] : lw_measure_store_total(&p->all);
             if (one == 0 && all == 0)
                 fprintf(r->f, " |");
             else if (p->is_cache)
@@ -293,11 +293,11 @@ static void print_costs(const struct report *r) {
             else
                 fprintf(r->f, " %.3g |", 1e3 * one);
         }
-        print_number(r->f, p->one.extra[LW_CROSSOVER_EXTRA_WALL], 1e3);
-        print_number(r->f, p->one.extra[LW_CROSSOVER_EXTRA_RAYS], 1e-6);
-        print_number(r->f, p->all.extra[LW_CROSSOVER_EXTRA_BYTES], 8e-6 * LW_VIEWS_HZ / users);
-        print_number(r->f, p->all.extra[LW_CROSSOVER_EXTRA_SERVER_MEMORY], 1e-6);
-        print_number(r->f, p->all.extra[LW_CROSSOVER_EXTRA_USER_MEMORY], 1e-6 / users);
+        print_number(r->f, p->one.extra[LW_MEASURE_EXTRA_WALL], 1e3);
+        print_number(r->f, p->one.extra[LW_MEASURE_EXTRA_RAYS], 1e-6);
+        print_number(r->f, p->all.extra[LW_MEASURE_EXTRA_BYTES], 8e-6 * LW_VIEWS_HZ / users);
+        print_number(r->f, p->all.extra[LW_MEASURE_EXTRA_SERVER_MEMORY], 1e-6);
+        print_number(r->f, p->all.extra[LW_MEASURE_EXTRA_USER_MEMORY], 1e-6 / users);
         fprintf(r->f, "\n");
     }
     fprintf(r->f,
@@ -323,7 +323,7 @@ static void print_sessions(const struct report *r) {
         print_number(r->f, start_s, 1);
         for (size_t s = 0; s < COUNT(sessions_s); s++) {
             print_number(r->f, lw_crossover_analysis_session(p, sessions_s[s], 1), 1);
-            print_number(r->f, lw_crossover_analysis_session(p, sessions_s[s], LW_CROSSOVER_VIEWS), 1);
+            print_number(r->f, lw_crossover_analysis_session(p, sessions_s[s], LW_MEASURE_VIEWS), 1);
         }
         fprintf(r->f, "\n");
     }
@@ -357,11 +357,11 @@ static double mean_at(const struct report *r, const struct lw_crossover_point *p
     double sum = 0;
     uint32_t count = 0;
     for (size_t i = 0; i < r->store->sample_count; i++) {
-        const struct lw_crossover_sample *s = &r->store->sample[i];
+        const struct lw_measure_sample *s = &r->store->sample[i];
         if (strcmp(s->unit.renderer, p->renderer) != 0 || strcmp(s->unit.setting, p->setting) != 0) continue;
         if ((frame != UINT32_MAX && s->frame != frame) || (view != UINT32_MAX && s->view != view)) continue;
-        if (isnan(s->coin[LW_CROSSOVER_COIN_RELMSE])) continue;
-        sum += s->coin[LW_CROSSOVER_COIN_RELMSE];
+        if (isnan(s->coin[LW_MEASURE_COIN_RELMSE])) continue;
+        sum += s->coin[LW_MEASURE_COIN_RELMSE];
         count++;
     }
     return count ? sum / count : (double)NAN;
@@ -412,7 +412,7 @@ static void print_by_view(const struct report *r) {
     fprintf(r->f, " late |\n|---|---|");
     for (uint32_t i = 0; i < r->a.point_count; i++) fprintf(r->f, "---|");
     fprintf(r->f, "\n");
-    for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++) {
+    for (uint32_t v = 0; v < LW_MEASURE_VIEWS; v++) {
         double late = (double)NAN;
         for (size_t i = 0; i < r->store->late_count; i++)
             if (r->store->late[i].view == v && r->store->late[i].late == LW_CROSSOVER_GATE_LATE)
@@ -437,14 +437,14 @@ static void print_not_measured(const struct report *r) {
             samples);
     if (*dark) fprintf(r->f, "Views that show next to nothing, and are not judged: %s.\n\n", dark);
     for (uint32_t i = 0; !is_static(r) && i < r->a.point_count; i++)
-        if (r->a.point[i].is_cache && r->a.point[i].all.extra[LW_CROSSOVER_EXTRA_RAYS] == 0)
+        if (r->a.point[i].is_cache && r->a.point[i].all.extra[LW_MEASURE_EXTRA_RAYS] == 0)
             fprintf(r->f,
                     "**The server traced no ray at %s while something moved:** its light stood still.\n\n",
                     r->a.point[i].setting);
     if (!r->store->failure_count) return;
     fprintf(r->f, "## What failed\n\n| renderer | repeat | why |\n|---|---|---|\n");
     for (size_t i = 0; i < r->store->failure_count; i++) {
-        const struct lw_crossover_failure *failure = &r->store->failure[i];
+        const struct lw_measure_failure *failure = &r->store->failure[i];
         fprintf(r->f, "| %s, %s | %u | %s |\n", failure->unit.renderer, failure->unit.setting,
                 failure->unit.repeat + 1, failure->text);
     }
@@ -462,7 +462,7 @@ static const struct lw_crossover_point *at_equal_cost(const struct report *r,
         if (!p->is_cache || isnan(p->cost_s.value)) continue;
         if (!least || p->cost_s.value < least->cost_s.value) least = p;
         if (p->cost_s.value > opponent->cost_s.value) continue;
-        if (!best || p->mean[LW_CROSSOVER_COIN_RELMSE].value < best->mean[LW_CROSSOVER_COIN_RELMSE].value)
+        if (!best || p->mean[LW_MEASURE_COIN_RELMSE].value < best->mean[LW_MEASURE_COIN_RELMSE].value)
             best = p;
     }
     return best ? best : least;
@@ -486,7 +486,7 @@ static void print_pictures(const struct report *r) {
     for (uint32_t i = 0; !opponent && i < r->a.point_count; i++)
         if (!r->a.point[i].is_cache) opponent = &r->a.point[i];
     if (!opponent) return;
-    const enum lw_crossover_coin coin = LW_CROSSOVER_COIN_RELMSE;
+    const enum lw_measure_coin coin = LW_MEASURE_COIN_RELMSE;
     const struct lw_crossover_point *equal = lw_crossover_analysis_cheapest(&r->a, coin,
                                                                             opponent->mean[coin].value),
                                     *best = equal ? equal : lw_crossover_analysis_best(&r->a, coin),
@@ -509,10 +509,10 @@ static void print_pictures(const struct report *r) {
     fprintf(r->f, "\n\n![Strips](strips.png)\n\n");
     for (uint32_t i = 0; i < r->a.point_count; i++) {
         char path[4096];
-        struct lw_crossover_unit unit = {.repeat = 0};
+        struct lw_measure_unit unit = {.repeat = 0};
         snprintf(unit.renderer, sizeof unit.renderer, "%s", r->a.point[i].renderer);
         snprintf(unit.setting, sizeof unit.setting, "%s", r->a.point[i].setting);
-        lw_crossover_store_picture_path(r->store->folder, "clip", &unit, "png", path, sizeof path);
+        lw_measure_store_picture_path(r->store->folder, "clip", &unit, "png", path, sizeof path);
         if (access(path, R_OK) == 0)
             fprintf(r->f, "* [clip: %s, %s](%s)\n", unit.renderer, unit.setting,
                     path + strlen(r->store->folder) + 1);
@@ -528,22 +528,22 @@ static enum lw_status write_curves(struct report *r, struct lw_error *err) {
     if (status != LW_OK) return status;
     FILE *f = text.stream;
     fprintf(f, "renderer,setting,cpu_s");
-    for (int c = 0; c < LW_CROSSOVER_COIN_COUNT; c++) {
-        const char *coin = lw_crossover_coin_name((enum lw_crossover_coin)c);
+    for (int c = 0; c < LW_MEASURE_COIN_COUNT; c++) {
+        const char *coin = lw_measure_coin_name((enum lw_measure_coin)c);
         fprintf(f, ",%s,%s_low,%s_high", coin, coin, coin);
     }
     fprintf(f, "\n");
     for (uint32_t i = 0; i < r->a.point_count; i++) {
         const struct lw_crossover_point *p = &r->a.point[i];
         fprintf(f, "%s,%s,%.6g", p->renderer, p->setting, p->cost_s.value);
-        for (int c = 0; c < LW_CROSSOVER_COIN_COUNT; c++)
+        for (int c = 0; c < LW_MEASURE_COIN_COUNT; c++)
             fprintf(f, ",%.6g,%.6g,%.6g", p->mean[c].value, p->mean[c].low, p->mean[c].high);
         fprintf(f, "\n");
     }
     return lw_report_text_save(&text, r->store->folder, err);
 }
 
-static void print_plot(FILE *f, const struct report *r, enum lw_crossover_coin coin) {
+static void print_plot(FILE *f, const struct report *r, enum lw_measure_coin coin) {
     const char *seen[LW_CROSSOVER_POINTS_MAX];
     const int column = 4 + 3 * (int)coin;
     uint32_t count = 0;
@@ -573,8 +573,8 @@ static enum lw_status write_plots(struct report *r, struct lw_error *err) {
     FILE *f = text.stream;
     fprintf(f, "set datafile separator ','\nset logscale xy\nset grid\nset key top right\n"
                "set xlabel 'CPU s per frame, one user'\n");
-    for (int c = 0; c < LW_CROSSOVER_COIN_COUNT; c++)
-        if (has_curve(r, (enum lw_crossover_coin)c)) print_plot(f, r, (enum lw_crossover_coin)c);
+    for (int c = 0; c < LW_MEASURE_COIN_COUNT; c++)
+        if (has_curve(r, (enum lw_measure_coin)c)) print_plot(f, r, (enum lw_measure_coin)c);
     status = lw_report_text_save(&text, r->store->folder, err);
     if (status == LW_OK) lw_gnuplot_run(r->store->folder, "crossover.gp");
     return status;
@@ -603,7 +603,7 @@ static void print_head(const struct report *r) {
     print_not_measured(r);
 }
 
-enum lw_status lw_crossover_report_refuse(const struct lw_crossover_store *store, const char *why,
+enum lw_status lw_crossover_report_refuse(const struct lw_measure_store *store, const char *why,
                                           struct lw_error *err) {
     const struct report r = {.store = store};
     struct lw_report_text text;
@@ -614,7 +614,7 @@ enum lw_status lw_crossover_report_refuse(const struct lw_crossover_store *store
     return lw_report_text_save(&text, store->folder, err);
 }
 
-enum lw_status lw_crossover_report_write(const struct lw_crossover_store *store, struct lw_error *err) {
+enum lw_status lw_crossover_report_write(const struct lw_measure_store *store, struct lw_error *err) {
     struct report r = {.store = store};
     struct lw_report_text text;
     enum lw_status status = lw_crossover_analysis_init(&r.a, store, err);

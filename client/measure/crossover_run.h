@@ -1,6 +1,6 @@
 /* crossover_run.h: measures all units of a row that are missing.
  * Flow:    crossover_row, crossover_plan -> [crossover_run: unit by unit, renderers interleaved] ->
- *          crossover_store
+ *          measure_store
  * Threads: main() only. */
 #ifndef LW_CLIENT_MEASURE_CROSSOVER_RUN_H
 #define LW_CLIENT_MEASURE_CROSSOVER_RUN_H

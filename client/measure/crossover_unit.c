@@ -28,14 +28,14 @@ struct lw_crossover_job {
     struct lw_crossover_row *row;
     const struct lw_crossover_plan *plan;
     struct lw_renderer *renderer;
-    float *rgb;                       /* a whole picture */
-    float *crops[LW_CROSSOVER_VIEWS]; /* of the last judged frame */
-    float *first;                     /* of all views in the first judged frame; repeat 0 alone */
+    float *rgb;                     /* a whole picture */
+    float *crops[LW_MEASURE_VIEWS]; /* of the last judged frame */
+    float *first;                   /* of all views in the first judged frame; repeat 0 alone */
     uint8_t *clip[CLIP_FRAMES];
     uint32_t clip_count;
-    struct lw_crossover_sample *sample;
+    struct lw_measure_sample *sample;
     uint32_t sample_count;
-    struct lw_crossover_expense expense[2 * LW_CROSSOVER_VIEWS + 1];
+    struct lw_measure_expense expense[2 * LW_MEASURE_VIEWS + 1];
     uint32_t expense_count;
     struct lw_view_error_sum lag;
     double memory_bytes; /* ours, before it began */
@@ -69,10 +69,6 @@ static double resident_bytes(void) {
     if (f && fscanf(f, "%llu %llu", &all, &resident) != 2) resident = 0;
     if (f) fclose(f);
     return (double)resident * (double)sysconf(_SC_PAGESIZE);
-}
-
-static enum lw_status check_cancel(const struct lw_crossover_job *j, struct lw_error *err) {
-    return *j->row->cancel ? lw_status_fail(err, LW_CLOSED, "interrupted") : LW_OK;
 }
 
 /* ---- errors ---- */
@@ -125,14 +121,14 @@ static enum lw_status judge(struct lw_crossover_job *j, uint32_t index, uint32_t
     if (index == 0 && options_of(j)->base.motion != LW_SCENE_MOTION_STATIC) add_lag(j, view);
     if (index == 0 && j->first) memcpy(j->first + values * view, crops, values * sizeof *crops);
     j->sample[j->sample_count++] =
-        (struct lw_crossover_sample){.unit = j->plan->unit,
-                                     .view = view,
-                                     .frame = t->judged[index],
-                                     .coin = {[LW_CROSSOVER_COIN_RELMSE] = error.relmse,
-                                              [LW_CROSSOVER_COIN_RELMSE_SMALL] = error.relmse_fixed,
-                                              [LW_CROSSOVER_COIN_RELMSE_TRIMMED] = error.relmse_trimmed,
-                                              [LW_CROSSOVER_COIN_FLIP] = error.flip,
-                                              [LW_CROSSOVER_COIN_FLICKER] = error.flicker}};
+        (struct lw_measure_sample){.unit = j->plan->unit,
+                                   .view = view,
+                                   .frame = t->judged[index],
+                                   .coin = {[LW_MEASURE_COIN_RELMSE] = error.relmse,
+                                            [LW_MEASURE_COIN_RELMSE_SMALL] = error.relmse_fixed,
+                                            [LW_MEASURE_COIN_RELMSE_TRIMMED] = error.relmse_trimmed,
+                                            [LW_MEASURE_COIN_FLIP] = error.flip,
+                                            [LW_MEASURE_COIN_FLICKER] = error.flicker}};
     return LW_OK;
 }
 
@@ -171,12 +167,12 @@ static enum lw_status add_to_clip(struct lw_crossover_job *j, struct lw_error *e
 static enum lw_status save_pictures(struct lw_crossover_job *j, struct lw_error *err) {
     char path[4096];
     const struct lw_crossover_row *row = j->row;
-    const size_t size = crop_values(&row->references) * LW_CROSSOVER_VIEWS * sizeof(float);
+    const size_t size = crop_values(&row->references) * LW_MEASURE_VIEWS * sizeof(float);
     if (!keeps_pictures(j)) return LW_OK;
-    lw_crossover_store_picture_path(row->store.folder, "crops", &j->plan->unit, "raw", path, sizeof path);
+    lw_measure_store_picture_path(row->base.store.folder, "crops", &j->plan->unit, "raw", path, sizeof path);
     enum lw_status status = lw_atomic_file_save(path, j->first, size, err);
     if (status != LW_OK || !j->clip_count) return status;
-    lw_crossover_store_picture_path(row->store.folder, "clip", &j->plan->unit, "png", path, sizeof path);
+    lw_measure_store_picture_path(row->base.store.folder, "clip", &j->plan->unit, "png", path, sizeof path);
     return lw_apng_write(path, (const uint8_t *const *)j->clip, j->clip_count,
                          options_of(j)->base.width / CLIP_HALVED, options_of(j)->base.height / CLIP_HALVED,
                          1000 / LW_VIEWS_HZ, err);
@@ -193,7 +189,7 @@ struct spent {
 
 static enum lw_status step(struct lw_crossover_job *j, uint32_t frame, const uint32_t *shown, uint32_t count,
                            struct spent *spent, struct lw_error *err) {
-    enum lw_status status = check_cancel(j, err);
+    enum lw_status status = lw_measure_row_check(&j->row->base, err);
     struct lw_cost cost = {0};
     const uint64_t began_ns = lw_clock_ns();
     if (status == LW_OK) status = j->renderer->ops->step(j->renderer, frame, shown, count, &cost, err);
@@ -204,28 +200,28 @@ static enum lw_status step(struct lw_crossover_job *j, uint32_t frame, const uin
     return LW_OK;
 }
 
-static struct lw_crossover_expense *enter(struct lw_crossover_job *j, const struct spent *spent,
-                                          uint32_t users, uint32_t view, bool counts_rays) {
-    struct lw_crossover_expense *e = &j->expense[j->expense_count++];
+static struct lw_measure_expense *enter(struct lw_crossover_job *j, const struct spent *spent, uint32_t users,
+                                        uint32_t view, bool counts_rays) {
+    struct lw_measure_expense *e = &j->expense[j->expense_count++];
     const double per_frame = spent->frames ? 1.0 / spent->frames : 0;
-    *e = lw_crossover_store_expense(&j->plan->unit, users, view);
+    *e = lw_measure_store_expense(&j->plan->unit, users, view);
     e->frames = spent->frames;
     for (int s = 0; s < LW_STAGE_COUNT; s++) e->cpu_s[s] = spent->cost.cpu_s[s] * per_frame;
-    e->extra[LW_CROSSOVER_EXTRA_WALL] = spent->wall_s * per_frame;
+    e->extra[LW_MEASURE_EXTRA_WALL] = spent->wall_s * per_frame;
     if (counts_rays) {
-        e->extra[LW_CROSSOVER_EXTRA_RAYS] = spent->cost.rays * per_frame;
-        e->extra[LW_CROSSOVER_EXTRA_BYTES] = spent->cost.bytes * per_frame;
+        e->extra[LW_MEASURE_EXTRA_RAYS] = spent->cost.rays * per_frame;
+        e->extra[LW_MEASURE_EXTRA_BYTES] = spent->cost.bytes * per_frame;
     }
     return e;
 }
 
 /* What the line that ends the unit has more. */
-static void conclude(struct lw_crossover_job *j, struct lw_crossover_expense *all) {
+static void conclude(struct lw_crossover_job *j, struct lw_measure_expense *all) {
     all->samples = j->sample_count;
     const struct lw_view_error lag = lw_view_error_of(&j->lag);
-    all->extra[LW_CROSSOVER_EXTRA_LAG] = lag.lag_s;
-    all->extra[LW_CROSSOVER_EXTRA_LAG_RELMSE] = lag.lag_relmse;
-    all->extra[LW_CROSSOVER_EXTRA_LAG_RELMSE_NOW] = lag.lag_relmse_now;
+    all->extra[LW_MEASURE_EXTRA_LAG] = lag.lag_s;
+    all->extra[LW_MEASURE_EXTRA_LAG_RELMSE] = lag.lag_relmse;
+    all->extra[LW_MEASURE_EXTRA_LAG_RELMSE_NOW] = lag.lag_relmse_now;
 }
 
 /* ---- a path renderer ---- */
@@ -251,8 +247,8 @@ static enum lw_status follow_view(struct lw_crossover_job *j, uint32_t view, str
         if (status == LW_OK && frame > last) status = add_to_clip(j, err);
     }
     if (status != LW_OK) return status;
-    struct lw_crossover_expense *e = enter(j, &spent, 1, view, false);
-    e->extra[LW_CROSSOVER_EXTRA_USER_MEMORY] = resident_bytes() - j->memory_bytes;
+    struct lw_measure_expense *e = enter(j, &spent, 1, view, false);
+    e->extra[LW_MEASURE_EXTRA_USER_MEMORY] = resident_bytes() - j->memory_bytes;
     ops->stop(j->renderer);
     lw_cost_add(&sum->cost, &spent.cost, 1);
     sum->wall_s += spent.wall_s;
@@ -265,9 +261,9 @@ static enum lw_status follow_all(struct lw_crossover_job *j, struct spent *sum, 
     const uint32_t history =
         j->renderer->history < j->row->judged[0] ? j->renderer->history : j->row->judged[0];
     lw_progress_init(&progress, j->plan->unit.renderer,
-                     (uint64_t)LW_CROSSOVER_VIEWS * (last_frame(j) - j->row->judged[0] + 1 + history));
+                     (uint64_t)LW_MEASURE_VIEWS * (last_frame(j) - j->row->judged[0] + 1 + history));
     enum lw_status status = LW_OK;
-    for (uint32_t v = 0; status == LW_OK && v < LW_CROSSOVER_VIEWS; v++)
+    for (uint32_t v = 0; status == LW_OK && v < LW_MEASURE_VIEWS; v++)
         if (!j->row->references.dark[v]) status = follow_view(j, v, sum, &progress, err);
     if (status == LW_OK)
         lw_progress_finish(&progress);
@@ -286,11 +282,11 @@ static enum lw_status measure_paths(struct lw_crossover_job *j, struct lw_error 
                  start_wall_s = 1e-9 * (double)(lw_clock_ns() - wall_ns);
     status = follow_all(j, &sum, err);
     if (status != LW_OK) return status;
-    const double memory_bytes = j->expense[0].extra[LW_CROSSOVER_EXTRA_USER_MEMORY];
-    struct lw_crossover_expense *all = enter(j, &sum, 1, LW_CROSSOVER_ALL, false);
-    all->extra[LW_CROSSOVER_EXTRA_USER_MEMORY] = memory_bytes;
-    all->extra[LW_CROSSOVER_EXTRA_START_CPU] = start_cpu_s;
-    all->extra[LW_CROSSOVER_EXTRA_START_WALL] = start_wall_s;
+    const double memory_bytes = j->expense[0].extra[LW_MEASURE_EXTRA_USER_MEMORY];
+    struct lw_measure_expense *all = enter(j, &sum, 1, LW_MEASURE_ALL, false);
+    all->extra[LW_MEASURE_EXTRA_USER_MEMORY] = memory_bytes;
+    all->extra[LW_MEASURE_EXTRA_START_CPU] = start_cpu_s;
+    all->extra[LW_MEASURE_EXTRA_START_WALL] = start_wall_s;
     conclude(j, all);
     return LW_OK;
 }
@@ -312,15 +308,14 @@ static enum lw_status serve_all(struct lw_crossover_job *j, struct spent *spent,
     const double began_cpu_s = server_cpu_s(j);
     lw_progress_init(&progress, "shared cache", last);
     for (uint32_t frame = 1; status == LW_OK && frame <= last; frame++) {
-        uint32_t shown[LW_CROSSOVER_VIEWS], count = 1;
+        uint32_t shown[LW_MEASURE_VIEWS], count = 1;
         const int index = judged_index(j, frame);
         if (frame == j->row->window) *out_warm_cpu_s = server_cpu_s(j) - began_cpu_s;
         shown[0] =
-            frame % LW_CROSSOVER_VIEWS; /* also where nothing is judged: who is shown says what he sees */
-        for (uint32_t v = 0; index >= 0 && v < LW_CROSSOVER_VIEWS; v++)
-            shown[v] = v, count = LW_CROSSOVER_VIEWS;
+            frame % LW_MEASURE_VIEWS; /* also where nothing is judged: who is shown says what he sees */
+        for (uint32_t v = 0; index >= 0 && v < LW_MEASURE_VIEWS; v++) shown[v] = v, count = LW_MEASURE_VIEWS;
         status = step(j, frame, shown, count, frame >= j->row->window ? spent : NULL, err);
-        for (uint32_t v = 0; status == LW_OK && index >= 0 && v < LW_CROSSOVER_VIEWS; v++) {
+        for (uint32_t v = 0; status == LW_OK && index >= 0 && v < LW_MEASURE_VIEWS; v++) {
             j->renderer->ops->picture(j->renderer, v, j->rgb);
             status = judge(j, (uint32_t)index, v, err);
         }
@@ -350,7 +345,7 @@ static enum lw_status serve_alone(struct lw_crossover_job *j, uint32_t *frame, s
     const uint32_t alone = options_of(j)->alone, turn = j->plan->unit.repeat * alone;
     enum lw_status status = LW_OK;
     for (uint32_t k = 0; status == LW_OK && k < alone; k++) {
-        const uint32_t view = (turn + k) * ALONE_STRIDE % LW_CROSSOVER_VIEWS;
+        const uint32_t view = (turn + k) * ALONE_STRIDE % LW_MEASURE_VIEWS;
         struct spent spent = {0};
         if (j->row->references.dark[view]) continue;
         status = j->renderer->ops->set_users(j->renderer, 1, err);
@@ -372,27 +367,27 @@ static enum lw_status serve(struct lw_crossover_job *j, struct lw_error *err) {
     const uint64_t cpu_ns = lw_clock_process_cpu_ns();
     status = ops->set_users(j->renderer, 1, err);
     const double join_cpu_s = 1e-9 * (double)(lw_clock_process_cpu_ns() - cpu_ns);
-    if (status == LW_OK) status = ops->set_users(j->renderer, LW_CROSSOVER_VIEWS, err);
+    if (status == LW_OK) status = ops->set_users(j->renderer, LW_MEASURE_VIEWS, err);
     if (status != LW_OK) return status;
     const double start_cpu_s = server_cpu_s(j), start_wall_s = 1e-9 * (double)(lw_clock_ns() - began_ns);
     status = serve_all(j, &spent, &warm_cpu_s, err);
     if (status != LW_OK) return status;
-    struct lw_crossover_expense all = *enter(j, &spent, LW_CROSSOVER_VIEWS, LW_CROSSOVER_ALL, true);
+    struct lw_measure_expense all = *enter(j, &spent, LW_MEASURE_VIEWS, LW_MEASURE_ALL, true);
     j->expense_count--; /* comes last */
-    all.extra[LW_CROSSOVER_EXTRA_USER_MEMORY] = resident_bytes() - j->memory_bytes;
-    all.extra[LW_CROSSOVER_EXTRA_BUILD_CPU] =
-        lw_scene_densities_build_cpu_s(&j->row->densities, j->plan->setting.density);
-    all.extra[LW_CROSSOVER_EXTRA_START_CPU] = start_cpu_s;
-    all.extra[LW_CROSSOVER_EXTRA_JOIN_CPU] = join_cpu_s;
-    all.extra[LW_CROSSOVER_EXTRA_START_WALL] = start_wall_s;
-    all.extra[LW_CROSSOVER_EXTRA_WARM_CPU] = warm_cpu_s;
-    all.extra[LW_CROSSOVER_EXTRA_WARM_FRAMES] = j->row->window - 1;
+    all.extra[LW_MEASURE_EXTRA_USER_MEMORY] = resident_bytes() - j->memory_bytes;
+    all.extra[LW_MEASURE_EXTRA_BUILD_CPU] =
+        lw_scene_densities_build_cpu_s(&j->row->base.densities, j->plan->setting.density);
+    all.extra[LW_MEASURE_EXTRA_START_CPU] = start_cpu_s;
+    all.extra[LW_MEASURE_EXTRA_JOIN_CPU] = join_cpu_s;
+    all.extra[LW_MEASURE_EXTRA_START_WALL] = start_wall_s;
+    all.extra[LW_MEASURE_EXTRA_WARM_CPU] = warm_cpu_s;
+    all.extra[LW_MEASURE_EXTRA_WARM_FRAMES] = j->row->window - 1;
     uint32_t frame = last_frame(j);
     if (keeps_pictures(j) && !j->row->references.dark[CLIP_VIEW]) status = film_clip(j, &frame, err);
     if (status == LW_OK) status = serve_alone(j, &frame, err);
     if (status != LW_OK) return status;
     ops->elsewhere(j->renderer, &(double){0}, &bytes);
-    all.extra[LW_CROSSOVER_EXTRA_SERVER_MEMORY] = bytes;
+    all.extra[LW_MEASURE_EXTRA_SERVER_MEMORY] = bytes;
     conclude(j, &all);
     j->expense[j->expense_count++] = all;
     return LW_OK;
@@ -411,9 +406,9 @@ static enum lw_status prepare(struct lw_crossover_job *j, struct lw_error *err) 
     const struct lw_view_error_desc desc = error_desc(&j->row->references);
     lw_view_error_init(&j->lag, &desc);
     j->rgb = malloc(3 * (size_t)o->base.width * o->base.height * sizeof *j->rgb);
-    j->sample = calloc((size_t)j->row->judged_count * LW_CROSSOVER_VIEWS, sizeof *j->sample);
+    j->sample = calloc((size_t)j->row->judged_count * LW_MEASURE_VIEWS, sizeof *j->sample);
     if (keeps_pictures(j))
-        j->first = calloc(crop_values(&j->row->references) * LW_CROSSOVER_VIEWS, sizeof *j->first);
+        j->first = calloc(crop_values(&j->row->references) * LW_MEASURE_VIEWS, sizeof *j->first);
     if (!j->rgb || !j->sample || (keeps_pictures(j) && !j->first))
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for pictures");
     malloc_trim(0); /* what earlier units have given back is not to serve this one unseen */
@@ -423,7 +418,7 @@ static enum lw_status prepare(struct lw_crossover_job *j, struct lw_error *err) 
 
 static void finish(struct lw_crossover_job *j) {
     if (j->renderer) j->renderer->ops->destroy(j->renderer);
-    for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++) free(j->crops[v]);
+    for (uint32_t v = 0; v < LW_MEASURE_VIEWS; v++) free(j->crops[v]);
     for (uint32_t i = 0; i < j->clip_count; i++) free(j->clip[i]);
     lw_view_error_finish(&j->lag);
     free(j->first);
@@ -438,16 +433,16 @@ enum lw_status lw_crossover_unit_measure(struct lw_crossover_row *row, const str
     if (status == LW_OK) status = plan->is_cache ? measure_cache(&job, err) : measure_paths(&job, err);
     if (status == LW_OK) status = save_pictures(&job, err);
     if (status == LW_OK)
-        status = lw_crossover_store_append(&row->store, job.sample, job.sample_count, job.expense,
-                                           job.expense_count, err);
+        status = lw_measure_store_append(&row->base.store, job.sample, job.sample_count, job.expense,
+                                         job.expense_count, err);
     if (status == LW_OK) {
         double error = 0;
         for (uint32_t i = 0; i < job.sample_count; i++)
-            error += job.sample[i].coin[LW_CROSSOVER_COIN_RELMSE] / job.sample_count;
-        const struct lw_crossover_expense *all = &job.expense[job.expense_count - 1];
+            error += job.sample[i].coin[LW_MEASURE_COIN_RELMSE] / job.sample_count;
+        const struct lw_measure_expense *all = &job.expense[job.expense_count - 1];
         lw_log(LW_LOG_INFO, "repeat %u, %s, %s: relMSE %.4g, %.4g CPU s a frame for %u user%s",
                plan->unit.repeat + 1, plan->unit.renderer, plan->unit.setting, error,
-               lw_crossover_store_total(all), all->users, all->users > 1 ? "s" : "");
+               lw_measure_store_total(all), all->users, all->users > 1 ? "s" : "");
     }
     finish(&job);
     return status;

@@ -1,4 +1,4 @@
-/* measure_options.h: what both comparisons are told: the scene, what moves in it, pictures, random numbers.
+/* measure_options.h: options of both comparisons: scene, motion, pictures, random numbers.
  * Flow:    rows of a command's table, lists -> [measure_options] -> scaling_options, crossover_options
  * Threads: main() only. */
 #ifndef LW_CLIENT_MEASURE_MEASURE_OPTIONS_H
@@ -47,7 +47,7 @@ struct lw_measure_options_raw {
     LW_SCENE_OPEN_OPTIONS(&(raw)->options.scene)
 /* clang-format on */
 
-/** Checks what was read.
+/** Checks the values.
  * min_width..      the smallest picture, pixels
  * samples_divisor  reference samples are rounded up to a multiple
  * Errors: LW_USAGE where -o is missing, or --size is none; the latter names the smallest and largest. */
@@ -64,7 +64,7 @@ struct lw_measure_options_list {
     uint32_t count_max;
 };
 
-/** Reads one number at least. Errors: LW_USAGE, naming the option and what is wrong. */
+/** Reads one number at least. Errors: LW_USAGE, naming the option and the number. */
 LW_MUST_CHECK enum lw_status lw_measure_options_read_list(const struct lw_measure_options_list *list,
                                                           const char *text, double *out_value,
                                                           uint32_t *out_count, struct lw_error *err);

@@ -112,7 +112,7 @@ static void crops_fit_into_pictures_of_all_sizes(void **state) {
         lw_support_ok(parse("--size", sizes[i], &o, &err), &err);
         const uint32_t side = lw_crossover_references_side(o.base.width, o.base.height);
         assert_true(side >= 16 && side <= 96 && side % 16 == 0);
-        for (uint32_t view = 0; view < LW_CROSSOVER_VIEWS; view++) {
+        for (uint32_t view = 0; view < LW_MEASURE_VIEWS; view++) {
             const struct lw_crossover_crop left = lw_crossover_references_crop(o.base.width, o.base.height,
                                                                                view, 0),
                                            right = lw_crossover_references_crop(o.base.width, o.base.height,

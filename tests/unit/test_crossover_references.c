@@ -54,7 +54,7 @@ static void what_shines_does_not_count(void **state) {
     const size_t pixels = (size_t)LW_CROSSOVER_CROPS * t.side * t.side;
     uint32_t shining = 0, bright = 0;
     double squares = 0, brightest = 0;
-    for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++) {
+    for (uint32_t v = 0; v < LW_MEASURE_VIEWS; v++) {
         const struct lw_crossover_reference *now = &t.now[0][v], *late = &t.late[0][v];
         for (size_t i = 0; i < pixels; i++) {
             const double red = 0.5 * ((double)now->half[0][3 * i] + (double)now->half[1][3 * i]);

@@ -45,16 +45,16 @@ struct lw_renderer_cameras {
     struct lw_camera_view (*at)(const void *context, uint32_t user, uint64_t frame);
 };
 
-/** What a side is made of. Each side reads its own fields; all that is pointed to outlives it. */
+/** Describes a side. Each side reads its own fields. All pointers outlive it. */
 struct lw_renderer_desc {
     struct lw_scene_densities *densities;
     struct lw_renderer_cameras cameras;
     uint32_t width, height; /* pixels */
-    uint32_t stride;        /* of the lattice that picture() gives (lattice.h) */
+    uint32_t stride;        /* picture() gives a lattice of it (lattice.h) */
     uint32_t bounces;
     unsigned threads; /* 0: all */
-    /* path renderer: neither scene nor views move. Those without a history then add up samples from frame to
-     * frame, up to `samples` */
+    /* Neither scene nor views move. Path renderers without a history then add up samples from frame to frame,
+     * up to `samples`. */
     bool still;
     bool denoise;       /* cache: lightmaps are filtered */
     const char *solver; /* cache: by name; NULL: the default */

@@ -1,6 +1,7 @@
-#include "client/measure/crossover_store.h"
+#include "client/measure/measure_store.h"
 
 #include "client/measure/report_text.h"
+#include "common/folders.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -20,19 +21,19 @@
 #define FIELDS    48u
 #define PATH_SIZE 4096u
 
-const char *lw_crossover_coin_name(enum lw_crossover_coin coin) {
+const char *lw_measure_coin_name(enum lw_measure_coin coin) {
     static const char *const name[] = {
 #define X(tag, text, about) text,
-        LW_CROSSOVER_COIN_MAP(X)
+        LW_MEASURE_COIN_MAP(X)
 #undef X
     };
     return name[coin];
 }
 
-const char *lw_crossover_coin_about(enum lw_crossover_coin coin) {
+const char *lw_measure_coin_about(enum lw_measure_coin coin) {
     static const char *const about[] = {
 #define X(tag, name, text) text,
-        LW_CROSSOVER_COIN_MAP(X)
+        LW_MEASURE_COIN_MAP(X)
 #undef X
     };
     return about[coin];
@@ -40,18 +41,18 @@ const char *lw_crossover_coin_about(enum lw_crossover_coin coin) {
 
 static const char *const extra_name[] = {
 #define X(tag, name, about) name,
-    LW_CROSSOVER_EXTRA_MAP(X)
+    LW_MEASURE_EXTRA_MAP(X)
 #undef X
 };
 
-struct lw_crossover_expense lw_crossover_store_expense(const struct lw_crossover_unit *unit, uint32_t users,
-                                                       uint32_t view) {
-    struct lw_crossover_expense e = {.unit = *unit, .users = users, .view = view};
-    for (int i = 0; i < LW_CROSSOVER_EXTRA_COUNT; i++) e.extra[i] = (double)NAN;
+struct lw_measure_expense lw_measure_store_expense(const struct lw_measure_unit *unit, uint32_t users,
+                                                   uint32_t view) {
+    struct lw_measure_expense e = {.unit = *unit, .users = users, .view = view};
+    for (int i = 0; i < LW_MEASURE_EXTRA_COUNT; i++) e.extra[i] = (double)NAN;
     return e;
 }
 
-double lw_crossover_store_total(const struct lw_crossover_expense *e) {
+double lw_measure_store_total(const struct lw_measure_expense *e) {
     double total = 0;
     for (int s = 0; s < LW_STAGE_COUNT; s++) total += e->cpu_s[s];
     return total;
@@ -59,7 +60,7 @@ double lw_crossover_store_total(const struct lw_crossover_expense *e) {
 
 /* ---- text ---- */
 
-static void path_of(const struct lw_crossover_store *s, const char *name, char out[PATH_SIZE]) {
+static void path_of(const struct lw_measure_store *s, const char *name, char out[PATH_SIZE]) {
     snprintf(out, PATH_SIZE, "%s/%s", s->folder, name);
 }
 
@@ -70,21 +71,21 @@ static void print_number(FILE *f, double x) {
         fprintf(f, ",%.9g", x);
 }
 
-static void print_unit(FILE *f, const struct lw_crossover_unit *unit) {
+static void print_unit(FILE *f, const struct lw_measure_unit *unit) {
     fprintf(f, "%s,%s,%u", unit->renderer, unit->setting, unit->repeat);
 }
 
 static void print_samples_head(FILE *f) {
     fprintf(f, "renderer,setting,repeat,view,frame");
-    for (int c = 0; c < LW_CROSSOVER_COIN_COUNT; c++)
-        fprintf(f, ",%s", lw_crossover_coin_name((enum lw_crossover_coin)c));
+    for (int c = 0; c < LW_MEASURE_COIN_COUNT; c++)
+        fprintf(f, ",%s", lw_measure_coin_name((enum lw_measure_coin)c));
     fprintf(f, "\n");
 }
 
-static void print_sample(FILE *f, const struct lw_crossover_sample *sample) {
+static void print_sample(FILE *f, const struct lw_measure_sample *sample) {
     print_unit(f, &sample->unit);
     fprintf(f, ",%u,%u", sample->view, sample->frame);
-    for (int c = 0; c < LW_CROSSOVER_COIN_COUNT; c++) print_number(f, sample->coin[c]);
+    for (int c = 0; c < LW_MEASURE_COIN_COUNT; c++) print_number(f, sample->coin[c]);
     fprintf(f, "\n");
 }
 
@@ -97,20 +98,20 @@ static void print_costs_head(FILE *f) {
             if (*c == ' ') *c = '_';
         fprintf(f, ",%s_cpu_s", name);
     }
-    for (int x = 0; x < LW_CROSSOVER_EXTRA_COUNT; x++) fprintf(f, ",%s", extra_name[x]);
+    for (int x = 0; x < LW_MEASURE_EXTRA_COUNT; x++) fprintf(f, ",%s", extra_name[x]);
     fprintf(f, "\n");
 }
 
-static void print_expense(FILE *f, const struct lw_crossover_expense *e) {
+static void print_expense(FILE *f, const struct lw_measure_expense *e) {
     print_unit(f, &e->unit);
     fprintf(f, ",%u,", e->users);
-    if (e->view == LW_CROSSOVER_ALL)
+    if (e->view == LW_MEASURE_ALL)
         fprintf(f, "all");
     else
         fprintf(f, "%u", e->view);
     fprintf(f, ",%u,%u", e->frames, e->samples);
     for (int s = 0; s < LW_STAGE_COUNT; s++) print_number(f, e->cpu_s[s]);
-    for (int x = 0; x < LW_CROSSOVER_EXTRA_COUNT; x++) print_number(f, e->extra[x]);
+    for (int x = 0; x < LW_MEASURE_EXTRA_COUNT; x++) print_number(f, e->extra[x]);
     fprintf(f, "\n");
 }
 
@@ -118,7 +119,7 @@ static void print_expense(FILE *f, const struct lw_crossover_expense *e) {
 
 /* One table while it is read. */
 struct table {
-    const struct lw_crossover_store *store;
+    const struct lw_measure_store *store;
     const char *name;
     char *bytes, *at; /* NULL: there is none */
     uint32_t line;
@@ -214,11 +215,11 @@ static bool read_number(const char *text, double *out) {
     return !*text || (!*stop && isfinite(*out));
 }
 
-static bool read_unit(char *const *field, struct lw_crossover_unit *out) {
+static bool read_unit(char *const *field, struct lw_measure_unit *out) {
     if (strlen(field[0]) >= sizeof out->renderer || strlen(field[1]) >= sizeof out->setting) return false;
     snprintf(out->renderer, sizeof out->renderer, "%s", field[0]);
     snprintf(out->setting, sizeof out->setting, "%s", field[1]);
-    return read_count(field[2], &out->repeat) && out->repeat < LW_CROSSOVER_REPEATS_MAX;
+    return read_count(field[2], &out->repeat) && out->repeat < LW_MEASURE_REPEATS_MAX;
 }
 
 /* Room for one more in an array. */
@@ -236,38 +237,38 @@ static bool grow_into(void **array, size_t count, size_t size) {
     return grown != NULL;
 }
 
-static bool read_sample(const struct table *t, struct lw_crossover_sample *out) {
-    if (t->field_count != 5 + LW_CROSSOVER_COIN_COUNT) return false;
+static bool read_sample(const struct table *t, struct lw_measure_sample *out) {
+    if (t->field_count != 5 + LW_MEASURE_COIN_COUNT) return false;
     bool good = read_unit(t->field, &out->unit) && read_count(t->field[3], &out->view) &&
-                read_count(t->field[4], &out->frame) && out->view < LW_CROSSOVER_VIEWS;
-    for (uint32_t c = 0; good && c < LW_CROSSOVER_COIN_COUNT; c++)
+                read_count(t->field[4], &out->frame) && out->view < LW_MEASURE_VIEWS;
+    for (uint32_t c = 0; good && c < LW_MEASURE_COIN_COUNT; c++)
         good = read_number(t->field[5 + c], &out->coin[c]);
     return good;
 }
 
-static bool read_expense(const struct table *t, struct lw_crossover_expense *out) {
-    if (t->field_count != 7 + LW_STAGE_COUNT + LW_CROSSOVER_EXTRA_COUNT) return false;
+static bool read_expense(const struct table *t, struct lw_measure_expense *out) {
+    if (t->field_count != 7 + LW_STAGE_COUNT + LW_MEASURE_EXTRA_COUNT) return false;
     bool good = read_unit(t->field, &out->unit) && read_count(t->field[3], &out->users) &&
                 read_count(t->field[5], &out->frames) && read_count(t->field[6], &out->samples);
     if (strcmp(t->field[4], "all") == 0)
-        out->view = LW_CROSSOVER_ALL;
+        out->view = LW_MEASURE_ALL;
     else
-        good = good && read_count(t->field[4], &out->view) && out->view < LW_CROSSOVER_VIEWS;
+        good = good && read_count(t->field[4], &out->view) && out->view < LW_MEASURE_VIEWS;
     for (uint32_t s = 0; good && s < LW_STAGE_COUNT; s++) {
         good = read_number(t->field[7 + s], &out->cpu_s[s]) && !isnan(out->cpu_s[s]);
     }
-    for (uint32_t x = 0; good && x < LW_CROSSOVER_EXTRA_COUNT; x++)
+    for (uint32_t x = 0; good && x < LW_MEASURE_EXTRA_COUNT; x++)
         good = read_number(t->field[7 + LW_STAGE_COUNT + x], &out->extra[x]);
     return good;
 }
 
-static enum lw_status read_samples(struct lw_crossover_store *s, bool *out_torn, struct lw_error *err) {
+static enum lw_status read_samples(struct lw_measure_store *s, bool *out_torn, struct lw_error *err) {
     struct table t = {.store = s, .name = SAMPLES};
     char *line;
     enum lw_status status = load(&t, err);
     if (status == LW_OK) status = skip_head(&t, print_samples_head, err);
     while (status == LW_OK && next_line(&t, &line)) {
-        struct lw_crossover_sample sample;
+        struct lw_measure_sample sample;
         split(&t, line, FIELDS);
         if (!read_sample(&t, &sample))
             status = bad_line(&t, "not a sample", err);
@@ -279,13 +280,13 @@ static enum lw_status read_samples(struct lw_crossover_store *s, bool *out_torn,
     return status;
 }
 
-static enum lw_status read_costs(struct lw_crossover_store *s, bool *out_torn, struct lw_error *err) {
+static enum lw_status read_costs(struct lw_measure_store *s, bool *out_torn, struct lw_error *err) {
     struct table t = {.store = s, .name = COSTS};
     char *line;
     enum lw_status status = load(&t, err);
     if (status == LW_OK) status = skip_head(&t, print_costs_head, err);
     while (status == LW_OK && next_line(&t, &line)) {
-        struct lw_crossover_expense expense;
+        struct lw_measure_expense expense;
         split(&t, line, FIELDS);
         if (!read_expense(&t, &expense))
             status = bad_line(&t, "not a cost", err);
@@ -299,15 +300,15 @@ static enum lw_status read_costs(struct lw_crossover_store *s, bool *out_torn, s
 
 static void print_late_head(FILE *f) { fprintf(f, "view,frame,late,relmse\n"); }
 
-static enum lw_status read_late(struct lw_crossover_store *s, struct lw_error *err) {
+static enum lw_status read_late(struct lw_measure_store *s, struct lw_error *err) {
     struct table t = {.store = s, .name = LATE};
     char *line;
     enum lw_status status = load(&t, err);
     if (status == LW_OK) status = skip_head(&t, print_late_head, err);
     while (status == LW_OK && next_line(&t, &line)) {
-        struct lw_crossover_late late;
+        struct lw_measure_late late;
         split(&t, line, FIELDS);
-        if (t.field_count != 4 || !read_count(t.field[0], &late.view) || late.view >= LW_CROSSOVER_VIEWS ||
+        if (t.field_count != 4 || !read_count(t.field[0], &late.view) || late.view >= LW_MEASURE_VIEWS ||
             !read_count(t.field[1], &late.frame) || !read_count(t.field[2], &late.late) ||
             !read_number(t.field[3], &late.relmse))
             status = bad_line(&t, "not an error of late light", err);
@@ -318,12 +319,12 @@ static enum lw_status read_late(struct lw_crossover_store *s, struct lw_error *e
     return status;
 }
 
-static enum lw_status read_row(struct lw_crossover_store *s, struct lw_error *err) {
+static enum lw_status read_row(struct lw_measure_store *s, struct lw_error *err) {
     struct table t = {.store = s, .name = ROW};
     char *line;
     enum lw_status status = load(&t, err);
     while (status == LW_OK && next_line(&t, &line)) {
-        struct lw_crossover_note note = {.key = ""};
+        struct lw_measure_note note = {.key = ""};
         split(&t, line, 2);
         if (t.field_count != 2 || strlen(t.field[0]) >= sizeof note.key)
             status = bad_line(&t, "not KEY,VALUE", err);
@@ -337,12 +338,12 @@ static enum lw_status read_row(struct lw_crossover_store *s, struct lw_error *er
     return status;
 }
 
-static enum lw_status read_failures(struct lw_crossover_store *s, struct lw_error *err) {
+static enum lw_status read_failures(struct lw_measure_store *s, struct lw_error *err) {
     struct table t = {.store = s, .name = FAILURES};
     char *line;
     enum lw_status status = load(&t, err);
     while (status == LW_OK && next_line(&t, &line)) {
-        struct lw_crossover_failure failure = {.text = ""};
+        struct lw_measure_failure failure = {.text = ""};
         split(&t, line, 4);
         if (t.field_count != 4 || !read_unit(t.field, &failure.unit))
             status = bad_line(&t, "not a failure", err);
@@ -357,15 +358,15 @@ static enum lw_status read_failures(struct lw_crossover_store *s, struct lw_erro
 
 /* ---- units ---- */
 
-static bool same_unit(const struct lw_crossover_unit *a, const struct lw_crossover_unit *b) {
+static bool same_unit(const struct lw_measure_unit *a, const struct lw_measure_unit *b) {
     return a->repeat == b->repeat && strcmp(a->renderer, b->renderer) == 0 &&
            strcmp(a->setting, b->setting) == 0;
 }
 
-bool lw_crossover_store_has(const struct lw_crossover_store *s, const struct lw_crossover_unit *unit) {
+bool lw_measure_store_has(const struct lw_measure_store *s, const struct lw_measure_unit *unit) {
     for (size_t i = 0; i < s->expense_count; i++) {
-        const struct lw_crossover_expense *e = &s->expense[i];
-        if (e->view != LW_CROSSOVER_ALL || !same_unit(&e->unit, unit)) continue;
+        const struct lw_measure_expense *e = &s->expense[i];
+        if (e->view != LW_MEASURE_ALL || !same_unit(&e->unit, unit)) continue;
         uint32_t samples = 0;
         for (size_t k = 0; k < s->sample_count; k++) samples += same_unit(&s->sample[k].unit, unit);
         return samples == e->samples;
@@ -374,13 +375,13 @@ bool lw_crossover_store_has(const struct lw_crossover_store *s, const struct lw_
 }
 
 /* Takes out what no whole unit holds. Returns whether there was any. */
-static bool drop_incomplete(struct lw_crossover_store *s) {
+static bool drop_incomplete(struct lw_measure_store *s) {
     size_t samples = 0, expenses = 0;
     uint8_t *whole = malloc(s->sample_count + s->expense_count + 1);
     if (!whole) return false; /* they stay, and readers do not ask for them */
-    for (size_t i = 0; i < s->sample_count; i++) whole[i] = lw_crossover_store_has(s, &s->sample[i].unit);
+    for (size_t i = 0; i < s->sample_count; i++) whole[i] = lw_measure_store_has(s, &s->sample[i].unit);
     for (size_t i = 0; i < s->expense_count; i++)
-        whole[s->sample_count + i] = lw_crossover_store_has(s, &s->expense[i].unit);
+        whole[s->sample_count + i] = lw_measure_store_has(s, &s->expense[i].unit);
     for (size_t i = 0; i < s->expense_count; i++)
         if (whole[s->sample_count + i]) s->expense[expenses++] = s->expense[i];
     for (size_t i = 0; i < s->sample_count; i++)
@@ -392,7 +393,7 @@ static bool drop_incomplete(struct lw_crossover_store *s) {
     return dropped;
 }
 
-static enum lw_status write_all(const struct lw_crossover_store *s, struct lw_error *err) {
+static enum lw_status write_all(const struct lw_measure_store *s, struct lw_error *err) {
     struct lw_report_text text;
     enum lw_status status = lw_report_text_begin(&text, SAMPLES, err);
     if (status != LW_OK) return status;
@@ -406,7 +407,7 @@ static enum lw_status write_all(const struct lw_crossover_store *s, struct lw_er
     return lw_report_text_save(&text, s->folder, err);
 }
 
-static enum lw_status open_to_append(const struct lw_crossover_store *s, const char *name, int *out_file,
+static enum lw_status open_to_append(const struct lw_measure_store *s, const char *name, int *out_file,
                                      struct lw_error *err) {
     char path[PATH_SIZE];
     path_of(s, name, path);
@@ -416,7 +417,7 @@ static enum lw_status open_to_append(const struct lw_crossover_store *s, const c
 }
 
 /* Names of tables that hold none of their lines yet are made with their heads. */
-static bool has_tables(const struct lw_crossover_store *s) {
+static bool has_tables(const struct lw_measure_store *s) {
     char samples[PATH_SIZE], costs[PATH_SIZE];
     struct stat a, b;
     path_of(s, SAMPLES, samples);
@@ -424,19 +425,17 @@ static bool has_tables(const struct lw_crossover_store *s) {
     return stat(samples, &a) == 0 && a.st_size > 0 && stat(costs, &b) == 0 && b.st_size > 0;
 }
 
-enum lw_status lw_crossover_store_open(struct lw_crossover_store *s, const char *folder, bool read_only,
-                                       struct lw_error *err) {
+enum lw_status lw_measure_store_open(struct lw_measure_store *s, const char *folder, bool read_only,
+                                     struct lw_error *err) {
     struct stat about;
     bool torn = false;
-    *s = (struct lw_crossover_store){.samples_file = -1, .costs_file = -1};
+    *s = (struct lw_measure_store){.samples_file = -1, .costs_file = -1};
     if ((size_t)snprintf(s->folder, sizeof s->folder, "%s", folder) >= sizeof s->folder)
         return lw_status_fail(err, LW_CANNOT_CREATE, "%.100s...: the name is too long", folder);
-    if (!read_only && mkdir(folder, 0777) < 0 && errno != EEXIST)
-        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot make the folder: %s", folder,
-                              strerror(errno));
     if (read_only && stat(folder, &about) < 0)
         return lw_status_fail(err, LW_NO_INPUT, "%s: %s", folder, strerror(errno));
-    enum lw_status status = read_samples(s, &torn, err);
+    enum lw_status status = read_only ? LW_OK : lw_folders_make(folder, err);
+    if (status == LW_OK) status = read_samples(s, &torn, err);
     if (status == LW_OK) status = read_costs(s, &torn, err);
     if (status == LW_OK) status = read_late(s, err);
     if (status == LW_OK) status = read_row(s, err);
@@ -450,7 +449,7 @@ enum lw_status lw_crossover_store_open(struct lw_crossover_store *s, const char 
     return status;
 }
 
-void lw_crossover_store_finish(struct lw_crossover_store *s) {
+void lw_measure_store_finish(struct lw_measure_store *s) {
     if (s->samples_file >= 0) close(s->samples_file);
     if (s->costs_file >= 0) close(s->costs_file);
     free(s->sample);
@@ -458,12 +457,12 @@ void lw_crossover_store_finish(struct lw_crossover_store *s) {
     free(s->late);
     free(s->failure);
     free(s->note);
-    *s = (struct lw_crossover_store){.samples_file = -1, .costs_file = -1};
+    *s = (struct lw_measure_store){.samples_file = -1, .costs_file = -1};
 }
 
 /* ---- appending ---- */
 
-static enum lw_status write_text(const struct lw_crossover_store *s, int file, const char *name,
+static enum lw_status write_text(const struct lw_measure_store *s, int file, const char *name,
                                  const struct lw_report_text *text, struct lw_error *err) {
     for (size_t done = 0; done < text->size;) {
         const ssize_t wrote = write(file, text->bytes + done, text->size - done);
@@ -478,7 +477,7 @@ static enum lw_status write_text(const struct lw_crossover_store *s, int file, c
     return LW_OK;
 }
 
-static enum lw_status append(const struct lw_crossover_store *s, const struct lw_report_text *samples,
+static enum lw_status append(const struct lw_measure_store *s, const struct lw_report_text *samples,
                              const struct lw_report_text *costs, struct lw_error *err) {
     struct stat before_samples, before_costs;
     if (fstat(s->samples_file, &before_samples) < 0 || fstat(s->costs_file, &before_costs) < 0)
@@ -492,10 +491,9 @@ static enum lw_status append(const struct lw_crossover_store *s, const struct lw
     return status;
 }
 
-enum lw_status lw_crossover_store_append(struct lw_crossover_store *s,
-                                         const struct lw_crossover_sample *sample, size_t sample_count,
-                                         const struct lw_crossover_expense *expense, size_t expense_count,
-                                         struct lw_error *err) {
+enum lw_status lw_measure_store_append(struct lw_measure_store *s, const struct lw_measure_sample *sample,
+                                       size_t sample_count, const struct lw_measure_expense *expense,
+                                       size_t expense_count, struct lw_error *err) {
     struct lw_report_text samples, costs;
     enum lw_status status = lw_report_text_begin(&samples, SAMPLES, err);
     if (status != LW_OK) return status;
@@ -519,8 +517,8 @@ enum lw_status lw_crossover_store_append(struct lw_crossover_store *s,
     return room ? status : lw_status_fail(err, LW_NO_MEMORY, "no memory for what was measured");
 }
 
-enum lw_status lw_crossover_store_set_late(struct lw_crossover_store *s, const struct lw_crossover_late *late,
-                                           size_t count, struct lw_error *err) {
+enum lw_status lw_measure_store_set_late(struct lw_measure_store *s, const struct lw_measure_late *late,
+                                         size_t count, struct lw_error *err) {
     struct lw_report_text text;
     enum lw_status status = lw_report_text_begin(&text, LATE, err);
     if (status != LW_OK) return status;
@@ -535,13 +533,13 @@ enum lw_status lw_crossover_store_set_late(struct lw_crossover_store *s, const s
     return status;
 }
 
-const char *lw_crossover_store_get(const struct lw_crossover_store *s, const char *key) {
+const char *lw_measure_store_get(const struct lw_measure_store *s, const char *key) {
     for (size_t i = 0; i < s->note_count; i++)
         if (strcmp(s->note[i].key, key) == 0) return s->note[i].value;
     return NULL;
 }
 
-bool lw_crossover_store_lists(const char *list, const char *entry) {
+bool lw_measure_store_lists(const char *list, const char *entry) {
     const size_t size = strlen(entry);
     for (const char *at = list; at;) {
         const char *end = strstr(at, "; ");
@@ -551,9 +549,9 @@ bool lw_crossover_store_lists(const char *list, const char *entry) {
     return false;
 }
 
-enum lw_status lw_crossover_store_set(struct lw_crossover_store *s, const char *key, const char *value,
-                                      struct lw_error *err) {
-    struct lw_crossover_note note = {.key = ""};
+enum lw_status lw_measure_store_set(struct lw_measure_store *s, const char *key, const char *value,
+                                    struct lw_error *err) {
+    struct lw_measure_note note = {.key = ""};
     struct lw_report_text text;
     size_t at = 0;
     while (at < s->note_count && strcmp(s->note[at].key, key) != 0) at++;
@@ -573,15 +571,15 @@ enum lw_status lw_crossover_store_set(struct lw_crossover_store *s, const char *
     return lw_report_text_save(&text, s->folder, err);
 }
 
-enum lw_status lw_crossover_store_fail(struct lw_crossover_store *s, const struct lw_crossover_unit *unit,
-                                       const char *why, struct lw_error *err) {
+enum lw_status lw_measure_store_fail(struct lw_measure_store *s, const struct lw_measure_unit *unit,
+                                     const char *why, struct lw_error *err) {
     size_t kept = 0;
     const size_t before = s->failure_count;
     for (size_t i = 0; i < s->failure_count; i++)
         if (!same_unit(&s->failure[i].unit, unit)) s->failure[kept++] = s->failure[i];
     s->failure_count = kept;
     if (!why && kept == before) return LW_OK;
-    struct lw_crossover_failure failure = {.unit = *unit};
+    struct lw_measure_failure failure = {.unit = *unit};
     struct lw_report_text text;
     snprintf(failure.text, sizeof failure.text, "%s", why ? why : "");
     lw_status_one_line(failure.text);
@@ -596,10 +594,9 @@ enum lw_status lw_crossover_store_fail(struct lw_crossover_store *s, const struc
     return lw_report_text_save(&text, s->folder, err);
 }
 
-void lw_crossover_store_picture_path(const char *folder, const char *kind,
-                                     const struct lw_crossover_unit *unit, const char *ending, char *out,
-                                     size_t size) {
-    char name[2 * LW_CROSSOVER_NAME_SIZE + 2];
+void lw_measure_store_picture_path(const char *folder, const char *kind, const struct lw_measure_unit *unit,
+                                   const char *ending, char *out, size_t size) {
+    char name[2 * LW_MEASURE_NAME_SIZE + 2];
     snprintf(name, sizeof name, "%s-%s", unit->renderer, unit->setting);
     for (char *c = name; *c; c++)
         if (*c == ' ' || *c == '/') *c = '_';
