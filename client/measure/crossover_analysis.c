@@ -21,7 +21,7 @@ static struct lw_crossover_point *point_of(struct lw_crossover_analysis *a,
     struct lw_crossover_point *p = &a->point[a->point_count++];
     memcpy(p->renderer, unit->renderer, sizeof p->renderer);
     memcpy(p->setting, unit->setting, sizeof p->setting);
-    p->is_cache = strcmp(unit->renderer, "cache") == 0;
+    p->is_cache = strcmp(unit->renderer, LW_MEASURE_CACHE) == 0;
     p->repeats = a->repeats;
     p->all = lw_measure_store_expense(unit, 0, LW_MEASURE_ALL);
     p->one = lw_measure_store_expense(unit, 1, LW_MEASURE_ALL);
@@ -78,7 +78,7 @@ static enum lw_status gather(struct lw_crossover_analysis *a, const struct lw_me
         if (e->view == LW_MEASURE_ALL) {
             add_expense(&p->all, &of[0], e);
             if (p->is_cache) p->all_s[e->unit.repeat] = lw_measure_store_total(e);
-        } else {
+        } else if (e->view < LW_MEASURE_VIEWS) {
             add_expense(&p->one, &of[1], e);
             p->alone_s[cell_of(a, e->view, e->unit.repeat)] = lw_measure_store_total(e);
         }

@@ -23,7 +23,6 @@ struct clock {
     struct lw_crossover_row *row;
     const struct lw_crossover_plan *plan;
     struct lw_path_world world; /* of the references */
-    uint32_t stride;
     struct lw_crossover_clock sum;
     uint32_t runs;
 };
@@ -41,24 +40,18 @@ static struct lw_camera_view camera_of_view(const void *context, uint32_t user, 
 }
 
 /* Errors of the pictures of one run. */
-static enum lw_status judge(struct clock *c, uint32_t view, const struct lw_real_run *run,
-                            struct lw_error *err) {
-    const struct lw_crossover_options *o = c->row->options;
-    const uint32_t samples =
-        o->base.reference_samples < SAMPLES_MAX ? o->base.reference_samples : SAMPLES_MAX;
+static enum lw_status judge(struct clock *c, const struct lw_renderer_desc *side,
+                            const struct lw_real_run *run, struct lw_error *err) {
+    const struct lw_measure_options *o = c->row->base.options;
+    const uint32_t samples = o->reference_samples < SAMPLES_MAX ? o->reference_samples : SAMPLES_MAX;
     enum lw_status status = LW_OK;
     for (uint32_t p = 0; status == LW_OK && p < run->picture_count; p++) {
-        const struct lw_real_picture *picture = &run->picture[p];
-        const struct lw_camera_view camera =
-            lw_crossover_row_camera(&c->row->views, view, picture->view_frame);
         struct lw_reference reference = {0};
-        status = lw_path_world_set_time(&c->world, picture->time_s, err);
-        if (status == LW_OK)
-            status = lw_reference_init(&reference, &c->world, &camera, o->base.width / c->stride,
-                                       o->base.height / c->stride, samples, ~o->base.seed, err);
+        status =
+            lw_reference_init_real(&reference, &c->world, side, &run->picture[p], samples, ~o->seed, err);
         if (status == LW_OK) {
             reference.mean_square = c->row->references.mean_square; /* of all views */
-            c->sum.relmse += lw_reference_error(&reference, picture->lattice);
+            c->sum.relmse += lw_reference_error(&reference, run->picture[p].lattice);
             c->sum.pictures++;
         }
         lw_reference_finish(&reference);
@@ -67,14 +60,11 @@ static enum lw_status judge(struct clock *c, uint32_t view, const struct lw_real
 }
 
 /* Runs either side in a view. */
-static enum lw_status run_view(struct clock *c, const struct one_view *view, struct lw_real_run *run,
-                               struct lw_error *err) {
-    struct lw_renderer_desc side = lw_crossover_row_side(c->row);
-    side.cameras = (struct lw_renderer_cameras){.context = view, .at = camera_of_view};
-    side.stride = c->stride;
-    struct lw_real_run_desc desc = {.side = &side,
+static enum lw_status run_view(const struct clock *c, const struct lw_renderer_desc *side, uint32_t view,
+                               struct lw_real_run *run, struct lw_error *err) {
+    struct lw_real_run_desc desc = {.side = side,
                                     .setting = c->plan->setting,
-                                    .seed = c->row->options->base.seed,
+                                    .seed = c->row->base.options->seed,
                                     .seconds = SECONDS,
                                     .cancel = c->row->base.cancel};
     if (c->plan->is_cache) {
@@ -84,7 +74,7 @@ static enum lw_status run_view(struct clock *c, const struct one_view *view, str
         return lw_real_run(&desc, run, err);
     }
     desc.kind = c->plan->kind;
-    desc.user = view->view;
+    desc.user = view;
     desc.warm_s = PATHS_WARM_S;
     desc.first_s = c->row->options->warm_s - PATHS_WARM_S;
     return lw_real_run_paths(&desc, run, err);
@@ -92,13 +82,16 @@ static enum lw_status run_view(struct clock *c, const struct one_view *view, str
 
 static enum lw_status measure_view(struct clock *c, uint32_t view, struct lw_error *err) {
     const struct one_view one = {&c->row->views, view};
+    struct lw_renderer_desc side =
+        lw_measure_row_side(&c->row->base, &(struct lw_renderer_cameras){&one, camera_of_view});
     struct lw_real_run run;
-    enum lw_status status = run_view(c, &one, &run, err);
+    side.stride = lw_lattice_stride(side.width, side.height);
+    enum lw_status status = run_view(c, &side, view, &run, err);
     if (status != LW_OK) return status;
     c->sum.views_hz += run.views_hz;
     c->sum.light_age_s += run.light_age_s;
     c->runs++;
-    status = judge(c, view, &run, err);
+    status = judge(c, &side, &run, err);
     lw_real_run_finish(&run);
     return status;
 }
@@ -171,7 +164,6 @@ enum lw_status lw_crossover_clock_measure(struct lw_crossover_row *row, struct l
         if (!filters && !chosen) continue;
         struct clock c = world;
         c.plan = &plan[i];
-        c.stride = lw_lattice_stride(o->base.width, o->base.height);
         status = measure_renderer(&c, err);
     }
     lw_path_world_finish(&world.world);

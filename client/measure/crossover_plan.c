@@ -6,8 +6,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#define TEXELS_MAX 8e6 /* of the lightmaps that are tried: the server takes some 600 bytes for each */
-
 /* Samples per texel and frame, and the error at which blocks converge. */
 static const struct {
     uint32_t direct, indirect;
@@ -25,7 +23,7 @@ static void plan_paths(const struct lw_crossover_options *o, struct lw_crossover
             *next = (struct lw_crossover_plan){.kind = o->opponent[i], .setting = {.samples = paths}};
             snprintf(next->unit.renderer, sizeof next->unit.renderer, "%s",
                      lw_path_renderer_name(o->opponent[i]));
-            snprintf(next->unit.setting, sizeof next->unit.setting, "%u path%s", paths, paths > 1 ? "s" : "");
+            lw_measure_store_setting(&next->setting, false, next->unit.setting);
         }
     }
 }
@@ -36,16 +34,14 @@ static void plan_rungs(struct lw_crossover_plan *plan, uint32_t *count, uint32_t
     for (size_t r = 0; r < RUNGS && *count < LW_CROSSOVER_PLANS_MAX; r++) {
         struct lw_crossover_plan *next = &plan[(*count)++];
         *next = (struct lw_crossover_plan){.is_cache = true,
-                                           .unit = {.renderer = "cache"},
+                                           .unit = {.renderer = LW_MEASURE_CACHE},
                                            .density = d,
                                            .rung = (uint32_t)r,
                                            .setting = *form};
         next->setting.direct_samples = rungs[r].direct;
         next->setting.indirect_samples = rungs[r].indirect;
         next->setting.target_error = rungs[r].target_error;
-        snprintf(next->unit.setting, sizeof next->unit.setting, "x%g %u+%u rest %g%s%s", form->density,
-                 rungs[r].direct, rungs[r].indirect, rungs[r].target_error, form->draws ? "" : " tiles",
-                 form->by_gl ? " gl" : "");
+        lw_measure_store_setting(&next->setting, true, next->unit.setting);
     }
 }
 
@@ -65,13 +61,11 @@ static enum lw_status plan_cache(struct lw_crossover_row *row, struct lw_crossov
     size_t at = 0;
     for (uint32_t d = 0; d < o->density_count; d++) {
         const double density = o->density[d], texels = row->base.densities.texels * density * density;
-        if (density > 1 && texels > TEXELS_MAX) {
-            lw_log(LW_LOG_WARNING, "density x%g is not tried: %.3g million texels", density, 1e-6 * texels);
+        if (lw_scene_densities_fits(&row->base.densities, density))
+            plan_forms(o, plan, count, d);
+        else
             at += (size_t)snprintf(left_out + at, sizeof left_out - at, "%sx%g (%.3g million texels)",
                                    at ? "; " : "", density, 1e-6 * texels);
-            continue;
-        }
-        plan_forms(o, plan, count, d);
     }
     return lw_measure_row_note(&row->base, err, "densities left out", "%s", left_out);
 }

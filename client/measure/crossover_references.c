@@ -235,10 +235,7 @@ static enum lw_status get_all(struct lw_crossover_references *t,
     for (uint32_t l = 0; status == LW_OK && l < LW_CROSSOVER_LATES; l++)
         status = get_moment(&tr, t->judged[0], LW_CROSSOVER_LATE_FRAMES * (LW_CROSSOVER_LATES - l),
                             samples / LATE_SHARE, t->late[l], &progress, err);
-    if (status == LW_OK)
-        lw_progress_finish(&progress);
-    else
-        lw_progress_stop(&progress);
+    lw_progress_end(&progress, status == LW_OK);
     if (tr.ready) lw_path_world_finish(&tr.world);
     return status;
 }

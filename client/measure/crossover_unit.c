@@ -265,10 +265,7 @@ static enum lw_status follow_all(struct lw_crossover_job *j, struct spent *sum, 
     enum lw_status status = LW_OK;
     for (uint32_t v = 0; status == LW_OK && v < LW_MEASURE_VIEWS; v++)
         if (!j->row->references.dark[v]) status = follow_view(j, v, sum, &progress, err);
-    if (status == LW_OK)
-        lw_progress_finish(&progress);
-    else
-        lw_progress_stop(&progress);
+    lw_progress_end(&progress, status == LW_OK);
     return status;
 }
 
@@ -321,10 +318,7 @@ static enum lw_status serve_all(struct lw_crossover_job *j, struct spent *spent,
         }
         lw_progress_step(&progress, 1);
     }
-    if (status == LW_OK)
-        lw_progress_finish(&progress);
-    else
-        lw_progress_stop(&progress);
+    lw_progress_end(&progress, status == LW_OK);
     return status;
 }
 

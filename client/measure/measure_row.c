@@ -136,13 +136,12 @@ static void read_processor(char *out, size_t size) {
 }
 
 static enum lw_status note_machine(struct lw_measure_row *row, const char *command, struct lw_error *err) {
-    char processor[200], day[32], commands[400];
+    char processor[200], day[32];
     struct tm utc;
     const time_t now = time(NULL);
     read_processor(processor, sizeof processor);
     strftime(day, sizeof day, "%Y-%m-%d", gmtime_r(&now, &utc));
-    snprintf(commands, sizeof commands, "%s", command);
-    enum lw_status status = lw_measure_row_note(row, err, "command", "%s", commands);
+    enum lw_status status = lw_measure_row_note(row, err, "command", "%s", command);
     if (status == LW_OK)
         status = lw_measure_row_note(row, err, "machine", "%s; %ld processors; lightwell " LW_VERSION,
                                      processor, sysconf(_SC_NPROCESSORS_ONLN));

@@ -52,10 +52,30 @@ struct lw_measure_expense lw_measure_store_expense(const struct lw_measure_unit 
     return e;
 }
 
+struct lw_cost lw_measure_store_cost(const struct lw_measure_expense *e) {
+    const double rays = e->extra[LW_MEASURE_EXTRA_RAYS], bytes = e->extra[LW_MEASURE_EXTRA_BYTES];
+    struct lw_cost cost = {.rays = isnan(rays) ? 0 : rays, .bytes = isnan(bytes) ? 0 : bytes};
+    memcpy(cost.cpu_s, e->cpu_s, sizeof cost.cpu_s);
+    return cost;
+}
+
 double lw_measure_store_total(const struct lw_measure_expense *e) {
-    double total = 0;
-    for (int s = 0; s < LW_STAGE_COUNT; s++) total += e->cpu_s[s];
-    return total;
+    const struct lw_cost cost = lw_measure_store_cost(e);
+    return lw_cost_total(&cost);
+}
+
+void lw_measure_store_setting(const struct lw_setting *s, bool is_cache, char out[LW_MEASURE_NAME_SIZE]) {
+    if (is_cache)
+        snprintf(out, LW_MEASURE_NAME_SIZE, "x%g %u+%u rest %g%s%s%s", s->density, s->direct_samples,
+                 s->indirect_samples, s->target_error, s->draws ? "" : " tiles", s->by_gl ? " gl" : "",
+                 s->whole ? " whole" : "");
+    else
+        snprintf(out, LW_MEASURE_NAME_SIZE, "%u path%s", s->samples, s->samples > 1 ? "s" : "");
+}
+
+bool lw_measure_store_same(const struct lw_measure_unit *a, const struct lw_measure_unit *b) {
+    return a->repeat == b->repeat && strcmp(a->renderer, b->renderer) == 0 &&
+           strcmp(a->setting, b->setting) == 0;
 }
 
 /* ---- text ---- */
@@ -105,8 +125,8 @@ static void print_costs_head(FILE *f) {
 static void print_expense(FILE *f, const struct lw_measure_expense *e) {
     print_unit(f, &e->unit);
     fprintf(f, ",%u,", e->users);
-    if (e->view == LW_MEASURE_ALL)
-        fprintf(f, "all");
+    if (e->view == LW_MEASURE_ALL || e->view == LW_MEASURE_SOME)
+        fprintf(f, e->view == LW_MEASURE_ALL ? "all" : "some");
     else
         fprintf(f, "%u", e->view);
     fprintf(f, ",%u,%u", e->frames, e->samples);
@@ -250,8 +270,8 @@ static bool read_expense(const struct table *t, struct lw_measure_expense *out) 
     if (t->field_count != 7 + LW_STAGE_COUNT + LW_MEASURE_EXTRA_COUNT) return false;
     bool good = read_unit(t->field, &out->unit) && read_count(t->field[3], &out->users) &&
                 read_count(t->field[5], &out->frames) && read_count(t->field[6], &out->samples);
-    if (strcmp(t->field[4], "all") == 0)
-        out->view = LW_MEASURE_ALL;
+    if (strcmp(t->field[4], "all") == 0 || strcmp(t->field[4], "some") == 0)
+        out->view = *t->field[4] == 'a' ? LW_MEASURE_ALL : LW_MEASURE_SOME;
     else
         good = good && read_count(t->field[4], &out->view) && out->view < LW_MEASURE_VIEWS;
     for (uint32_t s = 0; good && s < LW_STAGE_COUNT; s++) {
@@ -358,17 +378,13 @@ static enum lw_status read_failures(struct lw_measure_store *s, struct lw_error 
 
 /* ---- units ---- */
 
-static bool same_unit(const struct lw_measure_unit *a, const struct lw_measure_unit *b) {
-    return a->repeat == b->repeat && strcmp(a->renderer, b->renderer) == 0 &&
-           strcmp(a->setting, b->setting) == 0;
-}
-
 bool lw_measure_store_has(const struct lw_measure_store *s, const struct lw_measure_unit *unit) {
     for (size_t i = 0; i < s->expense_count; i++) {
         const struct lw_measure_expense *e = &s->expense[i];
-        if (e->view != LW_MEASURE_ALL || !same_unit(&e->unit, unit)) continue;
+        if (e->view != LW_MEASURE_ALL || !lw_measure_store_same(&e->unit, unit)) continue;
         uint32_t samples = 0;
-        for (size_t k = 0; k < s->sample_count; k++) samples += same_unit(&s->sample[k].unit, unit);
+        for (size_t k = 0; k < s->sample_count; k++)
+            samples += lw_measure_store_same(&s->sample[k].unit, unit);
         return samples == e->samples;
     }
     return false;
@@ -576,7 +592,7 @@ enum lw_status lw_measure_store_fail(struct lw_measure_store *s, const struct lw
     size_t kept = 0;
     const size_t before = s->failure_count;
     for (size_t i = 0; i < s->failure_count; i++)
-        if (!same_unit(&s->failure[i].unit, unit)) s->failure[kept++] = s->failure[i];
+        if (!lw_measure_store_same(&s->failure[i].unit, unit)) s->failure[kept++] = s->failure[i];
     s->failure_count = kept;
     if (!why && kept == before) return LW_OK;
     struct lw_measure_failure failure = {.unit = *unit};

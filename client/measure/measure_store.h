@@ -8,8 +8,8 @@
  * opening the store removes its lines, and a line without its end. Unknown cells are empty.
  *
  *     samples.csv   renderer,setting,repeat,view,frame, a column per error measure
- *     costs.csv     renderer,setting,repeat,users,view, CPU seconds per frame of all these users by stage
- *     ...
+ *     costs.csv     renderer,setting,repeat,users,view, CPU seconds per frame of all these users by stage,
+ *                   and more; view: a number, `some` (counts of users, in scaling runs) or `all`
  *     late.csv      view,frame,late,relmse: the error of the reference of N frames earlier
  *     row.csv       key,value: what was measured, and notes for the report
  *     failures.csv  renderer,setting,repeat,text */
@@ -19,9 +19,11 @@
 #include "client/measure/sides/renderer.h"
 
 #define LW_MEASURE_VIEWS       12u
-#define LW_MEASURE_REPEATS_MAX 20u
-#define LW_MEASURE_ALL         UINT32_MAX /* view: all of them, each by a user */
+#define LW_MEASURE_REPEATS_MAX 21u              /* repeats from 0 on: 20, and the search of a scaling run */
+#define LW_MEASURE_ALL         UINT32_MAX       /* view: all of them, each by a user */
+#define LW_MEASURE_SOME        (UINT32_MAX - 1) /* view: as many as there are users; does not end a unit */
 #define LW_MEASURE_NAME_SIZE   40u
+#define LW_MEASURE_NOTE_SIZE   2048u
 
 /* tag, column, what it is */
 #define LW_MEASURE_COIN_MAP(X)                                                                               \
@@ -41,10 +43,17 @@ enum lw_measure_coin {
 const char *lw_measure_coin_name(enum lw_measure_coin coin);
 const char *lw_measure_coin_about(enum lw_measure_coin coin);
 
+#define LW_MEASURE_CACHE "cache" /* as a renderer; the others are path renderers, by name */
+
 struct lw_measure_unit {
     char renderer[LW_MEASURE_NAME_SIZE], setting[LW_MEASURE_NAME_SIZE]; /* no commas */
     uint32_t repeat;
 };
+
+/** Writes the name of a setting: "2 paths", "x0.5 1+2 rest 0.02 tiles". */
+void lw_measure_store_setting(const struct lw_setting *setting, bool is_cache,
+                              char out[LW_MEASURE_NAME_SIZE]);
+bool lw_measure_store_same(const struct lw_measure_unit *a, const struct lw_measure_unit *b);
 
 /** Errors of one view in one frame. */
 struct lw_measure_sample {
@@ -89,6 +98,8 @@ struct lw_measure_expense {
 struct lw_measure_expense lw_measure_store_expense(const struct lw_measure_unit *unit, uint32_t users,
                                                    uint32_t view);
 double lw_measure_store_total(const struct lw_measure_expense *expense);
+/** What a frame costs, by stage; bytes and rays where they are known. */
+struct lw_cost lw_measure_store_cost(const struct lw_measure_expense *expense);
 
 struct lw_measure_late {
     uint32_t view, frame, late;
@@ -101,7 +112,7 @@ struct lw_measure_failure {
 };
 
 struct lw_measure_note {
-    char key[LW_MEASURE_NAME_SIZE], value[400];
+    char key[LW_MEASURE_NAME_SIZE], value[LW_MEASURE_NOTE_SIZE];
 };
 
 struct lw_measure_store {

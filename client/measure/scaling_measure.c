@@ -8,8 +8,10 @@
 #include "client/measure/sides/per_user_renderer.h"
 #include "client/measure/sides/real_run.h"
 #include "common/log.h"
+#include "common/progress.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 
 #define WARM_S      1
@@ -23,12 +25,12 @@ static enum lw_status set_views(struct lw_scaling *x, struct lw_error *err) {
     const struct lw_scaling_options *o = &x->options;
     struct lw_pose pose;
     struct lw_trace *trace = NULL;
-    if (lw_pose_init(&pose, x->densities.scene) != LW_OK)
+    if (lw_pose_init(&pose, x->base.densities.scene) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for the scene's pose");
-    enum lw_status status = lw_trace_create(x->densities.scene, &pose, &trace, err);
+    enum lw_status status = lw_trace_create(x->base.densities.scene, &pose, &trace, err);
     if (status == LW_OK)
         status =
-            lw_views_create(&(struct lw_views_desc){.scene = x->densities.scene,
+            lw_views_create(&(struct lw_views_desc){.scene = x->base.densities.scene,
                                                     .trace = trace,
                                                     .kind = o->views,
                                                     .users = o->users[o->user_counts - 1],
@@ -75,10 +77,9 @@ static enum lw_status leave_out_dark(struct lw_scaling *x, struct lw_error *err)
 }
 
 /* A picture's references, and how far light of a second before is off them. */
-static enum lw_status find_reference(struct lw_scaling_run *run, struct lw_path_world *world,
-                                     uint32_t picture, double lag[LW_SCALING_EYES],
-                                     struct lw_progress *progress, struct lw_error *err) {
-    struct lw_scaling *x = run->x;
+static enum lw_status find_reference(struct lw_scaling *x, struct lw_path_world *world, uint32_t picture,
+                                     double lag[LW_SCALING_EYES], struct lw_progress *progress,
+                                     struct lw_error *err) {
     const double now_s = (double)(x->picture[picture] - 1) / LW_VIEWS_HZ;
     const size_t pixels = (size_t)x->lattice_width * x->lattice_height;
     const bool moves = x->options.base.motion != LW_SCENE_MOTION_STATIC;
@@ -87,12 +88,14 @@ static enum lw_status find_reference(struct lw_scaling_run *run, struct lw_path_
                                    : lw_status_fail(err, LW_NO_MEMORY, "no memory for views");
     for (uint32_t late = 0; late <= moves && status == LW_OK; late++) {
         if (late) status = lw_path_world_set_time(world, now_s - LAG_S, err);
-        for (uint32_t eye = 0; eye < x->eyes && status == LW_OK && !lw_scaling_run_stopped(run); eye++) {
+        for (uint32_t eye = 0; eye < x->eyes && status == LW_OK; eye++) {
             const struct lw_camera_view camera = lw_views_at(x->views, eye, x->picture[picture]);
             struct lw_reference *reference = &x->reference[picture][eye];
             uint32_t *of_eye = object + pixels * eye;
             /* other seeds than any side's: the reference's noise must know nothing of theirs */
             const uint32_t seed = ~x->options.base.seed, samples = x->options.base.reference_samples;
+            status = lw_measure_row_check(&x->base, err);
+            if (status != LW_OK) break;
             if (late) {
                 status = lw_reference_lag_error(reference, of_eye, world, &camera, samples, seed ^ 1,
                                                 &lag[eye], err);
@@ -118,39 +121,33 @@ static double mean_lag(const struct lw_scaling *x, const double lag[LW_SCALING_P
     return sum / (LW_SCALING_PICTURES * x->eyes - x->dark_count);
 }
 
-static enum lw_status find_references(struct lw_scaling_run *run, struct lw_error *err) {
-    struct lw_scaling *x = run->x;
+static enum lw_status find_references(struct lw_scaling *x, struct lw_error *err) {
     struct lw_path_world world;
     struct lw_progress progress;
     double lag[LW_SCALING_PICTURES][LW_SCALING_EYES] = {{0}};
     x->lag_error = (double)NAN;
     const bool moves = x->options.base.motion != LW_SCENE_MOTION_STATIC;
-    enum lw_status status = lw_path_world_init(&world, x->densities.scene, x->options.base.bounces,
+    enum lw_status status = lw_path_world_init(&world, x->base.densities.scene, x->options.base.bounces,
                                                (unsigned)x->options.base.scene.threads, err);
     if (status != LW_OK) return status;
     lw_progress_init(&progress, "tracing the reference", LW_SCALING_PICTURES * x->eyes * (moves ? 2 : 1));
     for (uint32_t p = 0; p < LW_SCALING_PICTURES && status == LW_OK; p++)
-        status = find_reference(run, &world, p, lag[p], &progress, err);
-    lw_scaling_run_end(run, status, &progress);
+        status = find_reference(x, &world, p, lag[p], &progress, err);
+    lw_progress_end(&progress, status == LW_OK);
     lw_path_world_finish(&world);
-    if (status != LW_OK || lw_scaling_run_stopped(run)) return status;
+    if (status != LW_OK) return status;
     status = leave_out_dark(x, err);
     if (status == LW_OK) x->lag_error = mean_lag(x, lag);
     return status;
 }
 
 static struct lw_renderer_desc side_of(struct lw_scaling *x) {
-    const struct lw_scaling_options *o = &x->options;
-    return (struct lw_renderer_desc){.densities = &x->densities,
-                                     .cameras = lw_views_cameras(x->views),
-                                     .width = o->base.width,
-                                     .height = o->base.height,
-                                     .stride = x->stride,
-                                     .bounces = o->base.bounces,
-                                     .threads = (unsigned)o->base.scene.threads,
-                                     .still = x->still,
-                                     .denoise = o->denoise,
-                                     .solver = o->base.solver};
+    const struct lw_renderer_cameras cameras = lw_views_cameras(x->views);
+    struct lw_renderer_desc side = lw_measure_row_side(&x->base, &cameras);
+    side.stride = x->stride;
+    side.still = x->still;
+    side.denoise = x->options.denoise;
+    return side;
 }
 
 static enum lw_status set_sides(struct lw_scaling *x, struct lw_error *err) {
@@ -183,22 +180,21 @@ static enum lw_status judge_paths(const struct lw_scaling *x, const struct lw_pa
     return LW_OK;
 }
 
-static enum lw_status judge_real(struct lw_scaling *x, const struct lw_real_run *real, struct lw_error *err) {
+static enum lw_status judge_real(struct lw_scaling *x, const struct lw_renderer_desc *side,
+                                 const struct lw_real_run *real, struct lw_error *err) {
     struct lw_path_world world;
-    enum lw_status status = lw_path_world_init(&world, x->densities.scene, x->options.base.bounces,
-                                               (unsigned)x->options.base.scene.threads, err);
+    enum lw_status status =
+        lw_path_world_init(&world, x->base.densities.scene, side->bounces, side->threads, err);
     if (status != LW_OK) return status;
     uint32_t judged = 0;
     for (uint32_t p = 0; p < real->picture_count && status == LW_OK; p++) {
         const struct lw_real_picture *picture = &real->picture[p];
-        const struct lw_camera_view camera = lw_views_at(x->views, picture->user, picture->view_frame);
         struct lw_reference reference = {0};
         double paths_error = 0;
-        status = lw_path_world_set_time(&world, picture->time_s, err);
-        if (status == LW_OK)
-            status = lw_reference_init(&reference, &world, &camera, x->lattice_width, x->lattice_height,
-                                       x->options.base.reference_samples, ~x->options.base.seed, err);
+        status = lw_reference_init_real(&reference, &world, side, picture, x->options.base.reference_samples,
+                                        ~x->options.base.seed, err);
         if (status == LW_OK && !lw_reference_is_dark(&reference, x->mean_square)) {
+            const struct lw_camera_view camera = lw_views_at(x->views, picture->user, picture->view_frame);
             status = judge_paths(x, &world, &camera, &reference, &paths_error, err);
             x->real.error += lw_reference_error(&reference, picture->lattice);
             x->real.paths_error += paths_error;
@@ -212,8 +208,7 @@ static enum lw_status judge_real(struct lw_scaling *x, const struct lw_real_run 
     return status;
 }
 
-static enum lw_status run_by_the_clock(struct lw_scaling_run *run, struct lw_error *err) {
-    struct lw_scaling *x = run->x;
+static enum lw_status measure_real(struct lw_scaling *x, struct lw_error *err) {
     const struct lw_renderer_desc side = side_of(x);
     struct lw_real_run real;
     enum lw_status status =
@@ -224,49 +219,82 @@ static enum lw_status run_by_the_clock(struct lw_scaling_run *run, struct lw_err
                                                .warm_s = REAL_WARM_S,
                                                .warm_cpu_s = x->warm_cpu_s,
                                                .users = x->count[0].users,
-                                               .cancel = run->cancel},
+                                               .cancel = x->base.cancel},
                     &real, err);
     if (status != LW_OK) return status;
-    x->real = (struct lw_scaling_real){.users = x->count[0].users,
-                                       .frames_hz = real.frames_hz,
+    x->real = (struct lw_scaling_real){.frames_hz = real.frames_hz,
                                        .views_hz = real.views_hz,
                                        .server_cpu_s = real.server_cpu_s,
                                        .light_age_s = real.light_age_s};
-    status = judge_real(x, &real, err);
-    x->real.done = status == LW_OK;
+    status = judge_real(x, &side, &real, err);
     lw_real_run_finish(&real);
+    return status;
+}
+
+/* From the notes of an earlier run, or measured. */
+static enum lw_status run_by_the_clock(struct lw_scaling *x, struct lw_error *err) {
+    struct lw_scaling_real *r = &x->real;
+    char key[LW_MEASURE_NAME_SIZE], setting[LW_MEASURE_NAME_SIZE];
+    lw_measure_store_setting(&x->chosen[LW_SCALING_SHARED], true, setting);
+    snprintf(key, sizeof key, "clock %.33s", setting);
+    const char *before = lw_measure_store_get(&x->base.store, key);
+    enum lw_status status = LW_OK;
+    if (!before || sscanf(before, "%lf,%lf,%lf,%lf,%lf,%lf", &r->frames_hz, &r->views_hz, &r->server_cpu_s,
+                          &r->light_age_s, &r->error, &r->paths_error) != 6) {
+        status = measure_real(x, err);
+        if (status == LW_OK)
+            status =
+                lw_measure_row_note(&x->base, err, key, "%.6g,%.6g,%.6g,%.6g,%.6g,%.6g", r->frames_hz,
+                                    r->views_hz, r->server_cpu_s, r->light_age_s, r->error, r->paths_error);
+    }
+    r->users = x->count[0].users;
+    r->done = status == LW_OK;
     return status;
 }
 
 /* ---- the whole ---- */
 
-static enum lw_status measure(struct lw_scaling_run *run, struct lw_error *err) {
-    struct lw_scaling *x = run->x;
+/* What the eyes' views and the users' costs depend on, beside the options of all runs. */
+static enum lw_status bind(struct lw_scaling *x, struct lw_error *err) {
     const struct lw_scaling_options *o = &x->options;
-    struct lw_scene_open open = o->base.scene;
-    open.cancel = run->cancel;
-    enum lw_status status = lw_scene_densities_init(&x->densities, &open, o->base.motion, err);
+    char users[200] = "";
+    size_t at = 0;
+    for (uint32_t c = 0; c < o->user_counts && at < sizeof users; c++)
+        at += (size_t)snprintf(users + at, sizeof users - at, "%s%u", c ? "," : "", o->users[c]);
+    enum lw_status status = lw_measure_row_bind(&x->base, err, "views", "%s, spread %g",
+                                                o->views == LW_VIEWS_WALK ? "walk" : "centre", o->spread);
+    if (status == LW_OK) status = lw_measure_row_bind(&x->base, err, "users", "%s", users);
+    if (status == LW_OK)
+        status = lw_measure_row_bind(&x->base, err, "opponent", "%s", lw_path_renderer_name(o->opponent));
+    if (status == LW_OK)
+        status = lw_measure_row_bind(&x->base, err, "lightmaps", "%s, %s",
+                                     o->denoise ? "filtered" : "not filtered", o->whole ? "whole" : "seen");
+    return status;
+}
+
+static enum lw_status measure(struct lw_scaling *x, const char *command, struct lw_error *err) {
+    const struct lw_scaling_options *o = &x->options;
+    enum lw_status status = bind(x, err);
+    if (status == LW_OK) status = lw_measure_row_open_scene(&x->base, command, err);
     if (status == LW_OK) status = set_views(x, err);
     if (status != LW_OK) return status;
     lay_out(x);
     x->still = o->base.motion == LW_SCENE_MOTION_STATIC && lw_views_rest(x->views);
     lw_log(LW_LOG_INFO, "%s: %llu triangles, %s", o->base.scene.path,
-           (unsigned long long)x->densities.triangles, lw_views_about(x->views));
-    status = find_references(run, err);
-    if (status == LW_OK && !lw_scaling_run_stopped(run)) status = set_sides(x, err);
-    if (status == LW_OK && !lw_scaling_run_stopped(run)) status = lw_scaling_search(run, err);
-    if (status == LW_OK && !lw_scaling_run_stopped(run)) status = lw_scaling_users(run, err);
-    if (status == LW_OK && !lw_scaling_run_stopped(run) && x->repeats_done && !o->self_test)
-        status = run_by_the_clock(run, err);
-    return status;
+           (unsigned long long)x->base.densities.triangles, lw_views_about(x->views));
+    status = find_references(x, err);
+    if (status == LW_OK) status = set_sides(x, err);
+    if (status == LW_OK) status = lw_scaling_search(x, err);
+    if (status == LW_OK) status = lw_scaling_users(x, err);
+    return status == LW_OK && x->repeats_done && !o->self_test ? run_by_the_clock(x, err) : status;
 }
 
-enum lw_status lw_scaling_measure(const struct lw_scaling_options *options, const _Atomic bool *cancel,
-                                  struct lw_scaling *x, struct lw_error *err) {
+enum lw_status lw_scaling_measure(const struct lw_scaling_options *options, const char *command,
+                                  const _Atomic bool *cancel, struct lw_scaling *x, struct lw_error *err) {
     *x = (struct lw_scaling){.options = *options};
-    struct lw_scaling_run run = {.x = x, .cancel = cancel};
-    enum lw_status status = measure(&run, err);
-    if (lw_scaling_run_stopped(&run)) {
+    enum lw_status status = lw_measure_row_open(&x->base, &x->options.base, cancel, err);
+    if (status == LW_OK) status = measure(x, command, err);
+    if (*cancel) {
         if (!x->repeats_done) x->shortfall = "interrupted";
         status = LW_OK; /* whatever the signal did to a side */
     }
@@ -286,6 +314,6 @@ void lw_scaling_finish(struct lw_scaling *x) {
     for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
         for (uint32_t eye = 0; eye < LW_SCALING_EYES; eye++) lw_reference_finish(&x->reference[p][eye]);
     lw_views_destroy(x->views);
-    lw_scene_densities_finish(&x->densities);
+    lw_measure_row_finish(&x->base);
     *x = (struct lw_scaling){0};
 }

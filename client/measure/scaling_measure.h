@@ -13,9 +13,9 @@
 
 #include "client/measure/figures/reference.h"
 #include "client/measure/figures/scaling_figures.h"
+#include "client/measure/measure_row.h"
 #include "client/measure/scaling_options.h"
 #include "client/measure/sides/renderer.h"
-#include "client/measure/sides/scene_densities.h"
 
 #define LW_SCALING_POINTS_MAX  64u /* settings tried per side */
 #define LW_SCALING_TARGETS_MAX 4u
@@ -73,8 +73,8 @@ struct lw_scaling_real {
 };
 
 struct lw_scaling {
+    struct lw_measure_row base;
     struct lw_scaling_options options;
-    struct lw_scene_densities densities;
     struct lw_views *views;
     bool still; /* neither scene nor views move */
     uint32_t stride, lattice_width, lattice_height;
@@ -106,11 +106,13 @@ struct lw_scaling {
     const char *shortfall; /* why there are no figures for counts of users; NULL: there are */
 };
 
-/** Measures. After an interruption or an error, what was measured before stays readable. Progress goes to
- * stderr.
- * cancel: becomes non-zero when a signal asks to stop.
- * Errors: the scene's; LW_BAD_DATA for a motion that it cannot make; a side's. Interruption is no error. */
-LW_MUST_CHECK enum lw_status lw_scaling_measure(const struct lw_scaling_options *options,
+/** Measures, or goes on with the folder's tables. After an interruption or an error, earlier figures stay
+ * readable. Progress goes to stderr.
+ * command  noted for the report
+ * cancel   becomes true when a signal asks to stop
+ * Errors   those of the row and its scene; LW_BAD_DATA for a motion that it cannot make; a side's.
+ *          Interruption is no error */
+LW_MUST_CHECK enum lw_status lw_scaling_measure(const struct lw_scaling_options *options, const char *command,
                                                 const _Atomic bool *cancel, struct lw_scaling *out_scaling,
                                                 struct lw_error *err);
 void lw_scaling_finish(struct lw_scaling *scaling);

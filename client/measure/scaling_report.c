@@ -2,43 +2,17 @@
 
 #include "client/measure/gnuplot.h"
 #include "client/measure/report_text.h"
-#include "common/log.h"
+#include "client/measure/scaling_run.h"
 
-#include <errno.h>
 #include <jansson.h>
 #include <math.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <sys/utsname.h>
-#include <time.h>
-#include <unistd.h>
 
 #define LAG_TIMES 3.0 /* the error asked for: at least so much must light be off that is late */
 
-/* ---- files ---- */
-
-enum lw_status lw_scaling_report_prepare(const char *folder, struct lw_error *err) {
-    static const char note[] = "Being measured.\n";
-    if (mkdir(folder, 0777) < 0 && errno != EEXIST)
-        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot make the folder: %s", folder,
-                              strerror(errno));
-    /* a file tells what permissions do not: of a folder such as /proc one learns it in the end otherwise */
-    return lw_report_text_write(folder, "report.md", note, strlen(note), err);
-}
-
 /* ---- words ---- */
-
-static void describe_setting(const struct lw_scaling_side *side, const struct lw_setting *s, char *out,
-                             size_t size) {
-    if (side->traces)
-        snprintf(out, size, "%u path%s per pixel", s->samples, s->samples > 1 ? "s" : "");
-    else
-        snprintf(out, size, "density ×%g, %u + %u samples, target error %g", s->density, s->direct_samples,
-                 s->indirect_samples, s->target_error);
-}
 
 static void print_figure(FILE *f, const struct lw_scaling_figure *figure) {
     if (!isfinite(figure->mean))
@@ -49,18 +23,10 @@ static void print_figure(FILE *f, const struct lw_scaling_figure *figure) {
         fprintf(f, "%.3g", figure->mean);
 }
 
-static void read_processor(char *out, size_t size) {
-    char line[256];
-    FILE *f = fopen("/proc/cpuinfo", "re");
-    snprintf(out, size, "unknown processor");
-    while (f && fgets(line, sizeof line, f)) {
-        char *colon = strchr(line, ':');
-        if (strncmp(line, "model name", 10) != 0 || !colon) continue;
-        line[strcspn(line, "\n")] = 0;
-        snprintf(out, size, "%s", colon + 2);
-        break;
-    }
-    if (f) fclose(f);
+/* A note of the folder. */
+static const char *get(const struct lw_scaling *x, const char *key) {
+    const char *value = lw_measure_store_get(&x->base.store, key);
+    return value ? value : "?";
 }
 
 static double mean_noise(const struct lw_scaling *x) {
@@ -152,7 +118,7 @@ static json_t *json_side(const struct lw_scaling_side *side) {
     return json_pack("{s:s, s:o}", "name", side->name, "points", points);
 }
 
-static enum lw_status write_json(const struct lw_scaling *x, const char *command, struct lw_error *err) {
+static enum lw_status write_json(const struct lw_scaling *x, struct lw_error *err) {
     json_t *counts = json_array(), *targets = json_array();
     for (uint32_t c = 0; c < x->count_done; c++) {
         json_t *paths = json_array(), *shared = json_array();
@@ -173,13 +139,13 @@ static enum lw_status write_json(const struct lw_scaling *x, const char *command
     json_t *root = json_pack(
         "{s:s, s:s, s:s, s:I, s:s, s:s, s:i, s:i, s:i, s:f, s:o, s:f, s:s?, s:o, s:o, s:o, s:o, s:o, s:o, "
         "s:o, s:o}",
-        "command", command, "scene", x->options.base.scene.path, "version", LW_VERSION, "triangles",
-        (json_int_t)x->densities.triangles, "motion", lw_scene_motion_name(x->options.base.motion), "views",
-        x->views ? lw_views_about(x->views) : "", "width", (int)x->options.base.width, "height",
+        "command", get(x, "command"), "scene", x->options.base.scene.path, "version", LW_VERSION, "triangles",
+        (json_int_t)x->base.densities.triangles, "motion", lw_scene_motion_name(x->options.base.motion),
+        "views", x->views ? lw_views_about(x->views) : "", "width", (int)x->options.base.width, "height",
         (int)x->options.base.height, "bounces", (int)x->options.base.bounces, "reference_noise",
         x->eyes ? mean_noise(x) : 0.0, "relmse_of_light_a_second_late",
         isfinite(x->lag_error) ? json_real(x->lag_error) : json_null(), "texels_per_metre",
-        x->densities.texels_per_metre, "shortfall", x->shortfall, "targets", targets, "paths",
+        x->base.densities.texels_per_metre, "shortfall", x->shortfall, "targets", targets, "paths",
         json_side(&x->side[LW_SCALING_PATHS]), "shared", json_side(&x->side[LW_SCALING_SHARED]), "users",
         counts, "ratio_first", json_figure(&x->first_ratio), "marginal", json_figure(&x->marginal),
         "ratio_first_whole_scene", x->whole_done ? json_real(x->whole_ratio) : json_null(), "crossover_users",
@@ -196,23 +162,17 @@ static enum lw_status write_json(const struct lw_scaling *x, const char *command
 
 /* ---- the report ---- */
 
-static void print_head(const struct lw_scaling *x, FILE *f, const char *command) {
-    char processor[200], day[32];
-    read_processor(processor, sizeof processor);
-    time_t now = time(NULL);
-    struct tm utc;
-    strftime(day, sizeof day, "%Y-%m-%d", gmtime_r(&now, &utc));
-    fprintf(f, "# Scaling run: %s\n\n    %s\n\n", x->options.base.scene.path, command);
-    fprintf(f, "%s, %ld processors, %s, lightwell " LW_VERSION ".\n\n", processor,
-            sysconf(_SC_NPROCESSORS_ONLN), day);
+static void print_head(const struct lw_scaling *x, FILE *f) {
+    fprintf(f, "# Scaling run: %s\n\n    %s\n\n", x->options.base.scene.path, get(x, "command"));
+    fprintf(f, "%s, %s.\n\n", get(x, "machine"), get(x, "day"));
     fprintf(f, "%llu triangles, %.3g lightmap texels per metre at density ×1, %u indirect bounces. ",
-            (unsigned long long)x->densities.triangles, x->densities.texels_per_metre,
+            (unsigned long long)x->base.densities.triangles, x->base.densities.texels_per_metre,
             x->options.base.bounces);
     fprintf(f, "Motion: %s", lw_scene_motion_name(x->options.base.motion));
-    if (x->densities.report.light)
-        fprintf(f, "; light \"%s\" was set moving, since none did", x->densities.report.light);
-    if (x->densities.report.object)
-        fprintf(f, "; object \"%s\" was set moving, since none did", x->densities.report.object);
+    if (x->base.densities.report.light)
+        fprintf(f, "; light \"%s\" was set moving, since none did", x->base.densities.report.light);
+    if (x->base.densities.report.object)
+        fprintf(f, "; object \"%s\" was set moving, since none did", x->base.densities.report.object);
     fprintf(f, ". Views: %s, spread %g, %u × %u pixels.\n\n", x->views ? lw_views_about(x->views) : "none",
             x->options.spread, x->options.base.width, x->options.base.height);
     fprintf(
@@ -281,7 +241,7 @@ static void print_result(const struct lw_scaling *x, FILE *f) {
     if (!x->repeats_done) return;
     char setting[2][160];
     for (int s = 0; s < LW_SCALING_SIDES; s++)
-        describe_setting(&x->side[s], &x->chosen[s], setting[s], sizeof setting[s]);
+        lw_scaling_run_describe(&x->side[s], &x->chosen[s], setting[s], sizeof setting[s]);
     fprintf(f, "## Result\n\n");
     if (x->options.fixed_samples)
         fprintf(f, "At given settings: ");
@@ -388,7 +348,8 @@ static void print_targets(const struct lw_scaling *x, FILE *f) {
             int best = x->target[t].best[s];
             char setting[160] = "not reached";
             if (best >= 0) {
-                describe_setting(&x->side[s], &x->side[s].point[best].setting, setting, sizeof setting);
+                lw_scaling_run_describe(&x->side[s], &x->side[s].point[best].setting, setting,
+                                        sizeof setting);
                 cost[s] = lw_cost_total(&x->side[s].point[best].cost);
             }
             fprintf(f, " %s |", setting);
@@ -412,7 +373,7 @@ static void print_targets(const struct lw_scaling *x, FILE *f) {
         for (uint32_t i = 0; i < x->side[s].point_count; i++) {
             const struct lw_scaling_point *p = &x->side[s].point[i];
             char setting[160];
-            describe_setting(&x->side[s], &p->setting, setting, sizeof setting);
+            lw_scaling_run_describe(&x->side[s], &p->setting, setting, sizeof setting);
             fprintf(f, "| %s | %s | %.4g | %.4g | ", x->side[s].name, setting, p->error,
                     lw_cost_total(&p->cost));
             double equal = s == LW_SCALING_SHARED
@@ -443,12 +404,12 @@ static void print_notes(const struct lw_scaling *x, FILE *f) {
             x->eyes, LW_SCALING_SHOWN_MAX, LW_SCALING_SHOWN_MAX);
 }
 
-static enum lw_status write_markdown(const struct lw_scaling *x, const char *command, struct lw_error *err) {
+static enum lw_status write_markdown(const struct lw_scaling *x, struct lw_error *err) {
     struct lw_report_text text;
     enum lw_status status = lw_report_text_begin(&text, "report.md", err);
     if (status != LW_OK) return status;
     if (x->eyes) {
-        print_head(x, text.stream, command);
+        print_head(x, text.stream);
         print_result(x, text.stream);
         print_stages(x, text.stream);
         print_real(x, text.stream);
@@ -486,14 +447,23 @@ static enum lw_status write_plots(const struct lw_scaling *x, struct lw_error *e
     return lw_report_text_save(&text, x->options.base.folder, err);
 }
 
-enum lw_status lw_scaling_report_write(const struct lw_scaling *x, const char *command,
-                                       struct lw_error *err) {
+enum lw_status lw_scaling_report_write(const struct lw_scaling *x, struct lw_error *err) {
     enum lw_status status = write_users_csv(x, err);
     if (status == LW_OK) status = write_points_csv(x, err);
-    if (status == LW_OK) status = write_json(x, command, err);
-    if (status == LW_OK) status = write_markdown(x, command, err);
+    if (status == LW_OK) status = write_json(x, err);
+    if (status == LW_OK) status = write_markdown(x, err);
     if (status == LW_OK) status = write_plots(x, err);
     if (status == LW_OK && x->side[LW_SCALING_PATHS].point_count)
         lw_gnuplot_run(x->options.base.folder, "scaling.gp");
     return status;
+}
+
+void lw_scaling_report_print(const struct lw_scaling *x) {
+    printf("report: %s/report.md\n", x->options.base.folder);
+    if (x->shortfall) printf("no figures for counts of users: %s\n", x->shortfall);
+    if (!x->repeats_done) return;
+    printf("r(%u) = %.4g +- %.2g\n", x->count[0].users, x->first_ratio.mean, x->first_ratio.half);
+    if (x->options.user_counts < 2) return;
+    printf("m = %.4g +- %.2g\n", x->marginal.mean, x->marginal.half);
+    printf("crossover at %.4g +- %.2g users\n", x->crossover.mean, x->crossover.half);
 }

@@ -12,6 +12,6 @@
  * lower target error. It goes on until the hardest target is reached or a rung gains nothing, then to the
  * next density, up to twice the default.
  * Errors: the sides'. */
-LW_MUST_CHECK enum lw_status lw_scaling_search(struct lw_scaling_run *run, struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_scaling_search(struct lw_scaling *x, struct lw_error *err);
 
 #endif

@@ -1,6 +1,7 @@
 #include "client/measure/scaling_users.h"
 
 #include "common/log.h"
+#include "common/progress.h"
 
 #include <stdlib.h>
 
@@ -56,8 +57,9 @@ static double foresee(struct lw_scaling *x) {
 /* One sequence with users who come in steps. */
 struct user_steps {
     uint32_t repeat, users;
-    bool whole;     /* all of the scene is lit: for whom does not matter */
-    uint64_t frame; /* the last one */
+    bool whole;        /* all of the scene is lit: for whom does not matter */
+    uint64_t frame;    /* the last one */
+    double warm_cpu_s; /* of the solve, in the frames before the first that count */
     struct lw_scaling_errors errors;
     struct lw_progress *progress; /* of the whole run, in microseconds of CPU time as they were foreseen */
     double frame_s;               /* so foreseen */
@@ -83,21 +85,21 @@ static uint32_t choose_shown(const struct lw_scaling *x, const struct user_steps
 }
 
 /* Steps `frames` frames with the users that are there. *out_cost: per frame. */
-static enum lw_status measure_frames(struct lw_scaling_run *run, struct lw_renderer *renderer,
+static enum lw_status measure_frames(struct lw_scaling *x, struct lw_renderer *renderer,
                                      struct user_steps *steps, uint64_t frames, struct lw_cost *out_cost,
                                      struct lw_error *err) {
     enum lw_status status = LW_OK;
     struct lw_cost sum = {0};
-    for (uint64_t i = 0; i < frames && status == LW_OK && !lw_scaling_run_stopped(run); i++) {
+    for (uint64_t i = 0; i < frames && status == LW_OK; i++) {
         uint32_t shown[LW_SCALING_SHOWN_MAX];
         steps->frame++;
-        uint32_t count = choose_shown(run->x, steps, shown);
-        status = renderer->ops->step(renderer, steps->frame, shown, count, &sum, err);
+        uint32_t count = choose_shown(x, steps, shown);
+        status = lw_measure_row_check(&x->base, err);
+        if (status == LW_OK) status = renderer->ops->step(renderer, steps->frame, shown, count, &sum, err);
         lw_progress_step(steps->progress, (uint64_t)(1e6 * steps->frame_s));
-        int picture = lw_scaling_run_picture(run->x, steps->frame);
+        int picture = lw_scaling_run_picture(x, steps->frame);
         if (status == LW_OK && picture >= 0)
-            status =
-                lw_scaling_run_judge(run->x, renderer, (uint32_t)picture, shown, count, &steps->errors, err);
+            status = lw_scaling_run_judge(x, renderer, (uint32_t)picture, shown, count, &steps->errors, err);
     }
     *out_cost = (struct lw_cost){0};
     lw_cost_add(out_cost, &sum, 1.0 / (double)frames);
@@ -121,85 +123,103 @@ static void spread_start(const struct lw_scaling *x, bool first, struct lw_cost 
 }
 
 /* One more count of users; its cost as a frame's. */
-static enum lw_status measure_count(struct lw_scaling_run *run, struct lw_renderer *renderer,
+static enum lw_status measure_count(struct lw_scaling *x, struct lw_renderer *renderer,
                                     struct user_steps *steps, uint32_t c, struct lw_cost *start,
                                     struct lw_cost *out_cost, struct lw_error *err) {
-    struct lw_scaling *x = run->x;
     steps->users = x->count[c].users;
     steps->frame_s = foresee_frame(x, steps->users);
     enum lw_status status = renderer->ops->set_users(renderer, steps->users, err);
     if (status == LW_OK)
-        status = measure_frames(run, renderer, steps, c == 0 ? x->warm_frames : SETTLE_FRAMES,
+        status = measure_frames(x, renderer, steps, c == 0 ? x->warm_frames : SETTLE_FRAMES,
                                 c == 0 ? start : out_cost, err);
-    if (c == 0 && steps->whole == x->options.whole)
-        x->warm_cpu_s = start->cpu_s[LW_STAGE_SOLVE] * (double)x->warm_frames;
+    if (c == 0) steps->warm_cpu_s = start->cpu_s[LW_STAGE_SOLVE] * (double)x->warm_frames;
     if (status == LW_OK)
-        status = measure_frames(run, renderer, steps, c == 0 ? x->frames : COUNT_FRAMES, out_cost, err);
+        status = measure_frames(x, renderer, steps, c == 0 ? x->frames : COUNT_FRAMES, out_cost, err);
     if (status == LW_OK && x->options.base.motion == LW_SCENE_MOTION_STATIC)
         spread_start(x, c == 0, start, out_cost);
     return status;
 }
 
-static enum lw_status measure_counts(struct lw_scaling_run *run, struct user_steps *steps, uint32_t counts,
-                                     struct lw_cost *out_cost, struct lw_error *err) {
-    struct lw_renderer *renderer = run->x->side[LW_SCALING_SHARED].renderer;
+static enum lw_status measure_counts(struct lw_scaling *x, struct user_steps *steps, uint32_t counts,
+                                     const struct lw_measure_unit *unit, struct lw_scaling_record *record,
+                                     struct lw_error *err) {
+    struct lw_renderer *renderer = x->side[LW_SCALING_SHARED].renderer;
     struct lw_cost start = {0};
     enum lw_status status = LW_OK;
-    for (uint32_t c = 0; c < counts && status == LW_OK && !lw_scaling_run_stopped(run); c++) {
-        out_cost[c] = (struct lw_cost){0};
-        status = measure_count(run, renderer, steps, c, &start, &out_cost[c], err);
-        if (status == LW_OK)
-            lw_log(LW_LOG_INFO, "shared cache, %u user%s: %.4g CPU s per frame", steps->users,
-                   steps->users > 1 ? "s" : "", lw_cost_total(&out_cost[c]));
+    for (uint32_t c = 0; c < counts && status == LW_OK; c++) {
+        struct lw_cost cost = {0};
+        status = measure_count(x, renderer, steps, c, &start, &cost, err);
+        if (status != LW_OK) break;
+        lw_scaling_run_enter(record, unit, steps->users, c + 1 < counts ? LW_MEASURE_SOME : LW_MEASURE_ALL,
+                             &cost);
+        lw_log(LW_LOG_INFO, "shared cache, %u user%s: %.4g CPU s per frame", steps->users,
+               steps->users > 1 ? "s" : "", lw_cost_total(&cost));
     }
     return status;
 }
 
-/* All counts of users; whole: the first one alone, with all of the scene lit. */
-static enum lw_status measure_shared(struct lw_scaling_run *run, struct lw_progress *progress,
-                                     uint32_t repeat, uint32_t seed, bool whole, struct lw_error *err) {
-    struct lw_scaling *x = run->x;
+/* All counts of users, or the first one alone, from the tables or measured. */
+static enum lw_status find_counts(struct lw_scaling *x, struct lw_progress *progress, uint32_t repeat,
+                                  const struct lw_setting *setting, uint32_t counts,
+                                  struct lw_scaling_record *record, struct lw_error *err) {
     struct lw_renderer *renderer = x->side[LW_SCALING_SHARED].renderer;
-    struct lw_setting setting = x->chosen[LW_SCALING_SHARED];
-    struct lw_cost cost[LW_SCALING_COUNTS_MAX];
-    struct user_steps steps = {.repeat = repeat, .whole = setting.whole || whole, .progress = progress};
-    const uint32_t counts = whole ? 1 : x->options.user_counts;
-    setting.whole |= whole;
-    enum lw_status status = renderer->ops->start(renderer, &setting, false, seed, err);
-    if (status == LW_OK) status = measure_counts(run, &steps, counts, cost, err);
+    const struct lw_measure_unit unit =
+        lw_scaling_run_unit(x, &x->side[LW_SCALING_SHARED], setting, repeat + 1);
+    struct user_steps steps = {.repeat = repeat, .whole = setting->whole, .progress = progress};
+    if (lw_scaling_run_load(x, &unit, record)) return LW_OK;
+    *record = (struct lw_scaling_record){.line_count = 0};
+    enum lw_status status =
+        renderer->ops->start(renderer, setting, false, x->options.base.seed + unit.repeat, err);
+    if (status == LW_OK) status = measure_counts(x, &steps, counts, &unit, record, err);
     renderer->ops->stop(renderer);
-    if (status != LW_OK || lw_scaling_run_stopped(run)) return status;
-    const struct lw_scaling_point *opponent = chosen_point(x, LW_SCALING_PATHS);
+    if (status != LW_OK) return status;
+    record->errors = steps.errors;
+    record->line[counts - 1].extra[LW_MEASURE_EXTRA_WARM_CPU] = steps.warm_cpu_s;
+    return lw_scaling_run_save(x, record, err);
+}
+
+static enum lw_status measure_shared(struct lw_scaling *x, struct lw_progress *progress, uint32_t repeat,
+                                     struct lw_error *err) {
+    struct lw_scaling_record record;
+    enum lw_status status =
+        find_counts(x, progress, repeat, &x->chosen[LW_SCALING_SHARED], x->options.user_counts, &record, err);
+    if (status != LW_OK) return status;
     struct lw_scaling_point *ours = chosen_point(x, LW_SCALING_SHARED);
-    const double error = lw_scaling_figures_error(&steps.errors, &steps.errors);
-    const double paths_error = lw_scaling_figures_error(&opponent->errors, &steps.errors);
-    if (whole) {
-        x->whole_ratio = lw_cost_total(&cost[0]) / x->count[0].cost_s[LW_SCALING_PATHS][repeat];
-        x->whole_error = error;
-        x->whole_paths_error = paths_error;
-        x->whole_done = true;
-        return LW_OK;
+    if (ours->later) ours->errors = record.errors;
+    x->shared_error[repeat] = lw_scaling_figures_error(&record.errors, &record.errors);
+    x->paths_error[repeat] =
+        lw_scaling_figures_error(&chosen_point(x, LW_SCALING_PATHS)->errors, &record.errors);
+    for (uint32_t c = 0; c < record.line_count; c++) {
+        x->count[c].shared[repeat] = lw_measure_store_cost(&record.line[c]);
+        x->count[c].cost_s[LW_SCALING_SHARED][repeat] = lw_measure_store_total(&record.line[c]);
     }
-    if (ours->later) ours->errors = steps.errors;
-    x->shared_error[repeat] = error;
-    x->paths_error[repeat] = paths_error;
-    for (uint32_t c = 0; c < counts; c++) {
-        x->count[c].shared[repeat] = cost[c];
-        x->count[c].cost_s[LW_SCALING_SHARED][repeat] = lw_cost_total(&cost[c]);
-    }
+    x->warm_cpu_s = record.line[record.line_count - 1].extra[LW_MEASURE_EXTRA_WARM_CPU];
+    return LW_OK;
+}
+
+/* The first count with all of the scene lit, after the first repeat. */
+static enum lw_status measure_whole(struct lw_scaling *x, struct lw_progress *progress,
+                                    struct lw_error *err) {
+    struct lw_scaling_record record;
+    struct lw_setting setting = x->chosen[LW_SCALING_SHARED];
+    setting.whole = true;
+    enum lw_status status = find_counts(x, progress, 0, &setting, 1, &record, err);
+    if (status != LW_OK) return status;
+    x->whole_ratio = lw_measure_store_total(&record.line[0]) / x->count[0].cost_s[LW_SCALING_PATHS][0];
+    x->whole_error = lw_scaling_figures_error(&record.errors, &record.errors);
+    x->whole_paths_error =
+        lw_scaling_figures_error(&chosen_point(x, LW_SCALING_PATHS)->errors, &record.errors);
+    x->whole_done = true;
     return LW_OK;
 }
 
 /* ---- path tracers ---- */
 
-static enum lw_status measure_paths(struct lw_scaling_run *run, struct lw_progress *progress,
-                                    enum lw_scaling_side_id s, uint32_t repeat, uint32_t seed,
-                                    struct lw_error *err) {
-    struct lw_scaling *x = run->x;
+static enum lw_status measure_paths(struct lw_scaling *x, struct lw_progress *progress,
+                                    enum lw_scaling_side_id s, uint32_t repeat, struct lw_error *err) {
     double per_eye_s[LW_SCALING_EYES] = {0}, sum_s = 0;
-    enum lw_status status = lw_scaling_run_trace(run, x->side[s].renderer, &x->chosen[s],
-                                                 repeat % LW_SCALING_PICTURES, seed, per_eye_s, err);
-    if (status != LW_OK || lw_scaling_run_stopped(run)) return status;
+    enum lw_status status = lw_scaling_run_trace(x, &x->side[s], &x->chosen[s], repeat + 1, per_eye_s, err);
+    if (status != LW_OK) return status;
     for (uint32_t eye = 0; eye < x->eyes; eye++) sum_s += per_eye_s[eye];
     for (uint32_t c = 0; c < x->options.user_counts; c++) {
         const uint32_t users = x->count[c].users;
@@ -249,18 +269,16 @@ static void conclude(struct lw_scaling *x) {
 }
 
 /* One repeat. After the first one the whole scene is lit once as well. */
-static enum lw_status measure_repeat(struct lw_scaling_run *run, struct lw_progress *progress, uint32_t i,
+static enum lw_status measure_repeat(struct lw_scaling *x, struct lw_progress *progress, uint32_t i,
                                      struct lw_error *err) {
-    struct lw_scaling *x = run->x;
-    const uint32_t seed = x->options.base.seed + 1 + i; /* not that by which the settings were chosen */
     enum lw_status status = LW_OK;
-    for (int s = 0; s < LW_SCALING_SIDES && status == LW_OK && !lw_scaling_run_stopped(run); s++)
-        status = x->side[s].traces ? measure_paths(run, progress, (enum lw_scaling_side_id)s, i, seed, err)
-                                   : measure_shared(run, progress, i, seed, false, err);
-    if (status != LW_OK || lw_scaling_run_stopped(run)) return status;
+    for (int s = 0; s < LW_SCALING_SIDES && status == LW_OK; s++)
+        status = x->side[s].traces ? measure_paths(x, progress, (enum lw_scaling_side_id)s, i, err)
+                                   : measure_shared(x, progress, i, err);
+    if (status != LW_OK) return status;
     x->repeats_done = i + 1; /* also if the run with the whole scene fails */
     const bool looks = x->options.look_whole && !x->side[LW_SCALING_SHARED].traces;
-    return looks && i == 0 ? measure_shared(run, progress, i, seed, true, err) : LW_OK;
+    return looks && i == 0 ? measure_whole(x, progress, err) : LW_OK;
 }
 
 /* The shared side's only point, where it was left to the repeats. */
@@ -271,8 +289,7 @@ static void fill_point(struct lw_scaling *x, struct lw_scaling_point *point) {
     x->chosen_error[LW_SCALING_SHARED] = point->error;
 }
 
-enum lw_status lw_scaling_users(struct lw_scaling_run *run, struct lw_error *err) {
-    struct lw_scaling *x = run->x;
+enum lw_status lw_scaling_users(struct lw_scaling *x, struct lw_error *err) {
     for (int s = 0; s < LW_SCALING_SIDES; s++) {
         const int best = x->target[0].best[s];
         if (best < 0) {
@@ -288,9 +305,9 @@ enum lw_status lw_scaling_users(struct lw_scaling_run *run, struct lw_error *err
     enum lw_status status = LW_OK;
     struct lw_progress progress;
     lw_progress_init(&progress, "counting users", (uint64_t)(1e6 * foresee(x)));
-    for (uint32_t i = 0; i < x->options.base.repeats && status == LW_OK && !lw_scaling_run_stopped(run); i++)
-        status = measure_repeat(run, &progress, i, err);
-    lw_scaling_run_end(run, status, &progress);
+    for (uint32_t i = 0; i < x->options.base.repeats && status == LW_OK; i++)
+        status = measure_repeat(x, &progress, i, err);
+    lw_progress_end(&progress, status == LW_OK);
     if (!x->repeats_done) return status;
     conclude(x);
     struct lw_scaling_point *point = chosen_point(x, LW_SCALING_SHARED);

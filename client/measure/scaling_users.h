@@ -9,6 +9,6 @@
  * has other random numbers and begins with another user. Where a side reached no setting it sets the
  * shortfall.
  * Errors: the sides'. */
-LW_MUST_CHECK enum lw_status lw_scaling_users(struct lw_scaling_run *run, struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_scaling_users(struct lw_scaling *x, struct lw_error *err);
 
 #endif

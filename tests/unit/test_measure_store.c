@@ -50,6 +50,47 @@ static const char *make_row(const char *name) {
     return folder;
 }
 
+/* Lines of counts of users stand before the line that ends a unit; the last repeat is the 20th's. */
+static void counts_of_users_are_there_again(void **state) {
+    (void)state;
+    const char *folder = lw_support_temporary("counts");
+    const struct lw_measure_unit u = unit("cache", LW_MEASURE_REPEATS_MAX - 1);
+    struct lw_measure_expense expense[2] = {lw_measure_store_expense(&u, 1, LW_MEASURE_SOME),
+                                            lw_measure_store_expense(&u, 256, LW_MEASURE_ALL)};
+    struct lw_measure_store store;
+    struct lw_error err = {0};
+    expense[1].extra[LW_MEASURE_EXTRA_RAYS] = 7;
+    expense[1].cpu_s[LW_STAGE_SEND] = 0.25;
+    open_store(&store, folder);
+    lw_support_ok(lw_measure_store_append(&store, NULL, 0, expense, 2, &err), &err);
+    lw_measure_store_finish(&store);
+    open_store(&store, folder);
+    assert_true(lw_measure_store_has(&store, &u));
+    assert_int_equal(store.expense_count, 2);
+    assert_true(store.expense[0].view == LW_MEASURE_SOME && store.expense[0].users == 1);
+    assert_true(store.expense[1].view == LW_MEASURE_ALL && store.expense[1].users == 256);
+    const struct lw_cost cost = lw_measure_store_cost(&store.expense[1]);
+    assert_true(cost.cpu_s[LW_STAGE_SEND] == 0.25 && cost.rays == 7 && cost.bytes == 0);
+    lw_measure_store_finish(&store);
+}
+
+static void settings_have_names(void **state) {
+    (void)state;
+    char name[LW_MEASURE_NAME_SIZE];
+    lw_measure_store_setting(&(struct lw_setting){.samples = 1}, false, name);
+    assert_string_equal(name, "1 path");
+    lw_measure_store_setting(&(struct lw_setting){.samples = 20}, false, name);
+    assert_string_equal(name, "20 paths");
+    const struct lw_setting setting = {.density = 0.25,
+                                       .direct_samples = 16,
+                                       .indirect_samples = 32,
+                                       .target_error = 0.02,
+                                       .by_gl = true,
+                                       .whole = true};
+    lw_measure_store_setting(&setting, true, name);
+    assert_string_equal(name, "x0.25 16+32 rest 0.02 tiles gl whole");
+}
+
 static void path_of(const char *folder, const char *name, char out[300]) {
     snprintf(out, 300, "%s/%s", folder, name);
 }
@@ -277,6 +318,8 @@ int main(void) {
         cmocka_unit_test(a_row_without_notes_is_refused_once_it_holds_figures),
         cmocka_unit_test(a_list_has_whole_entries),
         cmocka_unit_test(what_was_measured_is_there_again),
+        cmocka_unit_test(counts_of_users_are_there_again),
+        cmocka_unit_test(settings_have_names),
         cmocka_unit_test(a_unit_that_was_cut_off_is_measured_again),
         cmocka_unit_test(other_tables_are_refused_by_line),
         cmocka_unit_test(a_full_disk_takes_nothing_away),

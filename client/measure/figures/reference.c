@@ -41,6 +41,18 @@ enum lw_status lw_reference_init(struct lw_reference *reference, const struct lw
     return LW_OK;
 }
 
+enum lw_status lw_reference_init_real(struct lw_reference *reference, struct lw_path_world *world,
+                                      const struct lw_renderer_desc *side,
+                                      const struct lw_real_picture *picture, uint32_t samples, uint32_t seed,
+                                      struct lw_error *err) {
+    const struct lw_camera_view camera =
+        side->cameras.at(side->cameras.context, picture->user, picture->view_frame);
+    enum lw_status status = lw_path_world_set_time(world, picture->time_s, err);
+    if (status != LW_OK) return status;
+    return lw_reference_init(reference, world, &camera, side->width / side->stride,
+                             side->height / side->stride, samples, seed, err);
+}
+
 void lw_reference_finish(struct lw_reference *reference) {
     free(reference->half[0]);
     free(reference->half[1]);

@@ -13,6 +13,7 @@
 #define LW_CLIENT_MEASURE_FIGURES_REFERENCE_H
 
 #include "client/measure/sides/path_world.h"
+#include "client/measure/sides/real_run.h"
 
 struct lw_reference {
     uint32_t width, height; /* of the lattice */
@@ -27,6 +28,13 @@ LW_MUST_CHECK enum lw_status lw_reference_init(struct lw_reference *reference,
                                                const struct lw_camera_view *camera, uint32_t width,
                                                uint32_t height, uint32_t samples, uint32_t seed,
                                                struct lw_error *err);
+/** Traces the reference of a picture by the wall clock: at the moment at which it was ready, from its
+ * camera. The world goes to that moment. Errors: LW_NO_MEMORY, LW_INTERNAL. */
+LW_MUST_CHECK enum lw_status lw_reference_init_real(struct lw_reference *reference,
+                                                    struct lw_path_world *world,
+                                                    const struct lw_renderer_desc *side,
+                                                    const struct lw_real_picture *picture, uint32_t samples,
+                                                    uint32_t seed, struct lw_error *err);
 /** A zeroed reference is fine. */
 void lw_reference_finish(struct lw_reference *reference);
 

@@ -2,12 +2,15 @@
 
 #include "common/clock.h"
 #include "common/folders.h"
+#include "common/log.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <sys/resource.h>
+
+#define TEXELS_MAX 8e6 /* the server takes some 600 bytes for each */
 
 /* CPU seconds of this process and of those that it has waited for: the importer's. */
 static double all_cpu_s(void) {
@@ -111,6 +114,13 @@ enum lw_status lw_scene_densities_find(struct lw_scene_densities *d, double dens
     lw_scene_destroy(scene);
     if (status == LW_OK) *out_path = d->package[d->package_count - 1].path;
     return status;
+}
+
+bool lw_scene_densities_fits(const struct lw_scene_densities *d, double density) {
+    const double texels = d->texels * density * density;
+    if (density <= 1 || texels <= TEXELS_MAX) return true;
+    lw_log(LW_LOG_WARNING, "density x%g is not tried: %.3g million texels", density, 1e-6 * texels);
+    return false;
 }
 
 double lw_scene_densities_build_cpu_s(const struct lw_scene_densities *d, double density) {

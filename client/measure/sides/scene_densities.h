@@ -42,6 +42,9 @@ void lw_scene_densities_finish(struct lw_scene_densities *densities);
 LW_MUST_CHECK enum lw_status lw_scene_densities_find(struct lw_scene_densities *densities, double density,
                                                      const char **out_path, struct lw_error *err);
 
+/** Whether the lightmap at a density is one that a server can hold; warns where it is not. */
+bool lw_scene_densities_fits(const struct lw_scene_densities *densities, double density);
+
 /** CPU seconds that the package of a density took; NAN: it was not made. */
 double lw_scene_densities_build_cpu_s(const struct lw_scene_densities *densities, double density);
 
