@@ -51,13 +51,6 @@ static void print_interval(FILE *f, const struct lw_bootstrap_interval *i) {
         fprintf(f, "%.3g (%.3g to %.3g)", i->value, i->low, i->high);
 }
 
-static void print_number(FILE *f, double x, double scale) {
-    if (isnan(x))
-        fprintf(f, " – |");
-    else
-        fprintf(f, " %.3g |", x * scale);
-}
-
 static const char *coin_word(enum lw_measure_coin coin) {
     return coin == LW_MEASURE_COIN_FLIP ? "FLIP" : "relMSE";
 }
@@ -243,9 +236,8 @@ static void print_errors(const struct report *r) {
     fprintf(r->f, "## Error\n\n| renderer | CPU s a frame, one user |");
     for (int c = 0; c < LW_MEASURE_COIN_COUNT; c++)
         fprintf(r->f, " %s |", lw_measure_coin_name((enum lw_measure_coin)c));
-    fprintf(r->f, " lag, s |\n|---|---|");
-    for (int c = 0; c <= LW_MEASURE_COIN_COUNT; c++) fprintf(r->f, "---|");
-    fprintf(r->f, "\n");
+    fprintf(r->f, " lag, s |");
+    lw_report_text_rule(r->f, LW_MEASURE_COIN_COUNT + 3);
     for (uint32_t i = 0; i < r->a.point_count; i++) {
         const struct lw_crossover_point *p = &r->a.point[i];
         fprintf(r->f, "| %s, %s | ", p->renderer, p->setting);
@@ -255,7 +247,7 @@ static void print_errors(const struct report *r) {
             print_interval(r->f, &p->mean[c]);
         }
         fprintf(r->f, " |");
-        print_number(r->f, p->all.extra[LW_MEASURE_EXTRA_LAG], 1);
+        lw_report_text_number(r->f, p->all.extra[LW_MEASURE_EXTRA_LAG]);
         fprintf(r->f, "\n");
     }
     fprintf(r->f, "\n");
@@ -276,9 +268,8 @@ static void print_costs(const struct report *r) {
             "## Cost\n\nCPU ms a frame of 1/30 s, all threads and processes; with all twelve users where two "
             "figures stand, the second.\n\n| renderer |");
     for (int s = 0; s < LW_STAGE_COUNT; s++) fprintf(r->f, " %s |", lw_stage_name((enum lw_stage)s));
-    fprintf(r->f, " all | wall ms | Mrays | Mbit/s a user | server MB | client MB |\n|---|");
-    for (int s = 0; s < LW_STAGE_COUNT + 6; s++) fprintf(r->f, "---|");
-    fprintf(r->f, "\n");
+    fprintf(r->f, " all | wall ms | Mrays | Mbit/s a user | server MB | client MB |");
+    lw_report_text_rule(r->f, LW_STAGE_COUNT + 7);
     for (uint32_t i = 0; i < r->a.point_count; i++) {
         const struct lw_crossover_point *p = &r->a.point[i];
         const double users = p->all.users ? p->all.users : 1;
@@ -293,11 +284,11 @@ static void print_costs(const struct report *r) {
             else
                 fprintf(r->f, " %.3g |", 1e3 * one);
         }
-        print_number(r->f, p->one.extra[LW_MEASURE_EXTRA_WALL], 1e3);
-        print_number(r->f, p->one.extra[LW_MEASURE_EXTRA_RAYS], 1e-6);
-        print_number(r->f, p->all.extra[LW_MEASURE_EXTRA_BYTES], 8e-6 * LW_VIEWS_HZ / users);
-        print_number(r->f, p->all.extra[LW_MEASURE_EXTRA_SERVER_MEMORY], 1e-6);
-        print_number(r->f, p->all.extra[LW_MEASURE_EXTRA_USER_MEMORY], 1e-6 / users);
+        lw_report_text_number(r->f, p->one.extra[LW_MEASURE_EXTRA_WALL] * 1e3);
+        lw_report_text_number(r->f, p->one.extra[LW_MEASURE_EXTRA_RAYS] * 1e-6);
+        lw_report_text_number(r->f, p->all.extra[LW_MEASURE_EXTRA_BYTES] * (8e-6 * LW_VIEWS_HZ / users));
+        lw_report_text_number(r->f, p->all.extra[LW_MEASURE_EXTRA_SERVER_MEMORY] * 1e-6);
+        lw_report_text_number(r->f, p->all.extra[LW_MEASURE_EXTRA_USER_MEMORY] * (1e-6 / users));
         fprintf(r->f, "\n");
     }
     fprintf(r->f,
@@ -312,18 +303,16 @@ static void print_sessions(const struct report *r) {
             "and import, the server's set-up, what its first frames cost beyond later ones, a client's rays. "
             "Opponents: their rays' structure.\n\n| renderer | start, CPU s |");
     for (size_t s = 0; s < COUNT(sessions_s); s++) fprintf(r->f, " %g s, 1 user | 12 users |", sessions_s[s]);
-    fprintf(r->f, "\n|---|---|");
-    for (size_t s = 0; s < 2 * COUNT(sessions_s); s++) fprintf(r->f, "---|");
-    fprintf(r->f, "\n");
+    lw_report_text_rule(r->f, 2 + 2 * COUNT(sessions_s));
     for (uint32_t i = 0; i < r->a.point_count; i++) {
         const struct lw_crossover_point *p = &r->a.point[i];
         const double start_s = (lw_crossover_analysis_session(p, 1, 1) - p->cost_s.value) *
                                LW_VIEWS_HZ; /* as if it lasted a second */
         fprintf(r->f, "| %s, %s |", p->renderer, p->setting);
-        print_number(r->f, start_s, 1);
+        lw_report_text_number(r->f, start_s);
         for (size_t s = 0; s < COUNT(sessions_s); s++) {
-            print_number(r->f, lw_crossover_analysis_session(p, sessions_s[s], 1), 1);
-            print_number(r->f, lw_crossover_analysis_session(p, sessions_s[s], LW_MEASURE_VIEWS), 1);
+            lw_report_text_number(r->f, lw_crossover_analysis_session(p, sessions_s[s], 1));
+            lw_report_text_number(r->f, lw_crossover_analysis_session(p, sessions_s[s], LW_MEASURE_VIEWS));
         }
         fprintf(r->f, "\n");
     }
@@ -391,13 +380,11 @@ static void print_by_frame(const struct report *r) {
     fprintf(r->f, "## After the step\n\nrelMSE by frame, the first being the one in which the lamp is "
                   "off.\n\n| renderer |");
     for (uint32_t k = 0; k < count; k++) fprintf(r->f, " %u |", frame[k] - frame[0] + 1);
-    fprintf(r->f, "\n|---|");
-    for (uint32_t k = 0; k < count; k++) fprintf(r->f, "---|");
-    fprintf(r->f, "\n");
+    lw_report_text_rule(r->f, 1 + count);
     for (uint32_t i = 0; i < r->a.point_count; i++) {
         const struct lw_crossover_point *p = &r->a.point[i];
         fprintf(r->f, "| %s, %s |", p->renderer, p->setting);
-        for (uint32_t k = 0; k < count; k++) print_number(r->f, mean_at(r, p, frame[k], UINT32_MAX), 1);
+        for (uint32_t k = 0; k < count; k++) lw_report_text_number(r->f, mean_at(r, p, frame[k], UINT32_MAX));
         fprintf(r->f, "\n");
     }
     fprintf(r->f, "\n");
@@ -409,9 +396,8 @@ static void print_by_view(const struct report *r) {
             "late.\n\n| view |");
     for (uint32_t i = 0; i < r->a.point_count; i++)
         fprintf(r->f, " %s, %s |", r->a.point[i].renderer, r->a.point[i].setting);
-    fprintf(r->f, " late |\n|---|---|");
-    for (uint32_t i = 0; i < r->a.point_count; i++) fprintf(r->f, "---|");
-    fprintf(r->f, "\n");
+    fprintf(r->f, " late |");
+    lw_report_text_rule(r->f, 2 + r->a.point_count);
     for (uint32_t v = 0; v < LW_MEASURE_VIEWS; v++) {
         double late = (double)NAN;
         for (size_t i = 0; i < r->store->late_count; i++)
@@ -419,8 +405,8 @@ static void print_by_view(const struct report *r) {
                 late = r->store->late[i].relmse;
         fprintf(r->f, "| %u |", v);
         for (uint32_t i = 0; i < r->a.point_count; i++)
-            print_number(r->f, mean_at(r, &r->a.point[i], UINT32_MAX, v), 1);
-        print_number(r->f, late, 1);
+            lw_report_text_number(r->f, mean_at(r, &r->a.point[i], UINT32_MAX, v));
+        lw_report_text_number(r->f, late);
         fprintf(r->f, "\n");
     }
     fprintf(r->f, "\n");
@@ -552,18 +538,16 @@ static void print_plot(FILE *f, const struct report *r, enum lw_measure_coin coi
         while (k < count && strcmp(seen[k], r->a.point[i].renderer) != 0) k++;
         if (k == count) seen[count++] = r->a.point[i].renderer;
     }
-    fprintf(f,
-            "set ylabel '%s'\nset terminal pngcairo size 640,480 font 'sans,11'\nset output '%s.png'\nplot ",
-            plot[coin].axis, plot[coin].file);
+    fprintf(f, "set ylabel '%s'\n", plot[coin].axis);
+    lw_gnuplot_begin(f, plot[coin].file, 640, 480);
+    fprintf(f, "plot ");
     for (uint32_t k = 0; k < count; k++)
         fprintf(f,
                 "%s'curves.csv' skip 1 using (strcol(1) eq '%s' ? $3 : NaN):%d:%d:%d with yerrorbars pt 7 "
                 "title '%s'",
                 k ? ", " : "", seen[k], column, column + 1, column + 2, seen[k]);
-    fprintf(f,
-            "\nset terminal svg size 640,480 background 'white' font 'sans,14'\nset output '%s.svg'\nreplot\n"
-            "unset output\n",
-            plot[coin].file);
+    fprintf(f, "\n");
+    lw_gnuplot_end(f, plot[coin].file, 640, 480);
 }
 
 static enum lw_status write_plots(struct report *r, struct lw_error *err) {

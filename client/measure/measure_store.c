@@ -152,26 +152,15 @@ static enum lw_status load(struct table *t, struct lw_error *err) {
     char path[PATH_SIZE];
     struct stat about;
     path_of(t->store, t->name, path);
-    const int file = open(path, O_RDONLY | O_CLOEXEC);
-    if (file < 0 && errno == ENOENT) return LW_OK;
-    if (file < 0) return lw_status_fail(err, LW_NO_INPUT, "%s: %s", path, strerror(errno));
-    enum lw_status status = LW_OK;
-    size_t size = 0;
-    if (fstat(file, &about) < 0) status = lw_status_fail(err, LW_IO, "%s: %s", path, strerror(errno));
-    if (status == LW_OK && !(t->bytes = malloc((size_t)about.st_size + 1)))
-        status = lw_status_fail(err, LW_NO_MEMORY, "no memory for %s", path);
-    while (status == LW_OK && size < (size_t)about.st_size) {
-        const ssize_t got = read(file, t->bytes + size, (size_t)about.st_size - size);
-        if (got < 0 && errno == EINTR) continue;
-        if (got < 0) status = lw_status_fail(err, LW_IO, "%s: %s", path, strerror(errno));
-        if (got <= 0) break;
-        size += (size_t)got;
-    }
-    close(file);
-    if (status != LW_OK) return status;
-    t->bytes[size] = 0;
-    t->at = t->bytes;
-    return LW_OK;
+    FILE *f = fopen(path, "re");
+    if (!f && errno == ENOENT) return LW_OK;
+    if (!f) return lw_status_fail(err, LW_NO_INPUT, "%s: %s", path, strerror(errno));
+    const size_t size = fstat(fileno(f), &about) == 0 ? (size_t)about.st_size : 0;
+    t->at = t->bytes = calloc(size + 1, 1);
+    const bool good = t->bytes && fread(t->bytes, 1, size, f) <= size && !ferror(f);
+    fclose(f);
+    if (!t->bytes) return lw_status_fail(err, LW_NO_MEMORY, "no memory for %s", path);
+    return good ? LW_OK : lw_status_fail(err, LW_IO, "%s: cannot read", path);
 }
 
 /* The next line, without its end; false: there is none. A line without an end was torn off. */
@@ -257,121 +246,89 @@ static bool grow_into(void **array, size_t count, size_t size) {
     return grown != NULL;
 }
 
-static bool read_sample(const struct table *t, struct lw_measure_sample *out) {
-    if (t->field_count != 5 + LW_MEASURE_COIN_COUNT) return false;
-    bool good = read_unit(t->field, &out->unit) && read_count(t->field[3], &out->view) &&
-                read_count(t->field[4], &out->frame) && out->view < LW_MEASURE_VIEWS;
-    for (uint32_t c = 0; good && c < LW_MEASURE_COIN_COUNT; c++)
-        good = read_number(t->field[5 + c], &out->coin[c]);
-    return good;
+/* Each takes a line into the store. LW_BAD_DATA: it is none of the table; LW_NO_MEMORY. */
+
+static enum lw_status take_sample(struct lw_measure_store *s, char *const *field, uint32_t count) {
+    struct lw_measure_sample x;
+    bool good = count == 5 + LW_MEASURE_COIN_COUNT && read_unit(field, &x.unit) &&
+                read_count(field[3], &x.view) && read_count(field[4], &x.frame) && x.view < LW_MEASURE_VIEWS;
+    for (uint32_t c = 0; good && c < LW_MEASURE_COIN_COUNT; c++) good = read_number(field[5 + c], &x.coin[c]);
+    if (!good) return LW_BAD_DATA;
+    return PUSH(s->sample, s->sample_count, x) ? LW_OK : LW_NO_MEMORY;
 }
 
-static bool read_expense(const struct table *t, struct lw_measure_expense *out) {
-    if (t->field_count != 7 + LW_STAGE_COUNT + LW_MEASURE_EXTRA_COUNT) return false;
-    bool good = read_unit(t->field, &out->unit) && read_count(t->field[3], &out->users) &&
-                read_count(t->field[5], &out->frames) && read_count(t->field[6], &out->samples);
-    if (strcmp(t->field[4], "all") == 0 || strcmp(t->field[4], "some") == 0)
-        out->view = *t->field[4] == 'a' ? LW_MEASURE_ALL : LW_MEASURE_SOME;
-    else
-        good = good && read_count(t->field[4], &out->view) && out->view < LW_MEASURE_VIEWS;
-    for (uint32_t s = 0; good && s < LW_STAGE_COUNT; s++) {
-        good = read_number(t->field[7 + s], &out->cpu_s[s]) && !isnan(out->cpu_s[s]);
-    }
-    for (uint32_t x = 0; good && x < LW_MEASURE_EXTRA_COUNT; x++)
-        good = read_number(t->field[7 + LW_STAGE_COUNT + x], &out->extra[x]);
-    return good;
+static bool read_view(const char *text, uint32_t *out) {
+    const bool all = strcmp(text, "all") == 0, some = strcmp(text, "some") == 0;
+    if (!all && !some) return read_count(text, out) && *out < LW_MEASURE_VIEWS;
+    *out = all ? LW_MEASURE_ALL : LW_MEASURE_SOME;
+    return true;
 }
 
-static enum lw_status read_samples(struct lw_measure_store *s, bool *out_torn, struct lw_error *err) {
-    struct table t = {.store = s, .name = SAMPLES};
-    char *line;
-    enum lw_status status = load(&t, err);
-    if (status == LW_OK) status = skip_head(&t, print_samples_head, err);
-    while (status == LW_OK && next_line(&t, &line)) {
-        struct lw_measure_sample sample;
-        split(&t, line, FIELDS);
-        if (!read_sample(&t, &sample))
-            status = bad_line(&t, "not a sample", err);
-        else if (!PUSH(s->sample, s->sample_count, sample))
-            status = lw_status_fail(err, LW_NO_MEMORY, "no memory for " SAMPLES);
-    }
-    *out_torn |= t.torn;
-    free(t.bytes);
-    return status;
+static enum lw_status take_expense(struct lw_measure_store *s, char *const *field, uint32_t count) {
+    struct lw_measure_expense x;
+    bool good = count == 7 + LW_STAGE_COUNT + LW_MEASURE_EXTRA_COUNT && read_unit(field, &x.unit) &&
+                read_count(field[3], &x.users) && read_view(field[4], &x.view) &&
+                read_count(field[5], &x.frames) && read_count(field[6], &x.samples);
+    for (uint32_t i = 0; good && i < LW_STAGE_COUNT; i++)
+        good = read_number(field[7 + i], &x.cpu_s[i]) && !isnan(x.cpu_s[i]);
+    for (uint32_t i = 0; good && i < LW_MEASURE_EXTRA_COUNT; i++)
+        good = read_number(field[7 + LW_STAGE_COUNT + i], &x.extra[i]);
+    if (!good) return LW_BAD_DATA;
+    return PUSH(s->expense, s->expense_count, x) ? LW_OK : LW_NO_MEMORY;
 }
 
-static enum lw_status read_costs(struct lw_measure_store *s, bool *out_torn, struct lw_error *err) {
-    struct table t = {.store = s, .name = COSTS};
-    char *line;
-    enum lw_status status = load(&t, err);
-    if (status == LW_OK) status = skip_head(&t, print_costs_head, err);
-    while (status == LW_OK && next_line(&t, &line)) {
-        struct lw_measure_expense expense;
-        split(&t, line, FIELDS);
-        if (!read_expense(&t, &expense))
-            status = bad_line(&t, "not a cost", err);
-        else if (!PUSH(s->expense, s->expense_count, expense))
-            status = lw_status_fail(err, LW_NO_MEMORY, "no memory for " COSTS);
-    }
-    *out_torn |= t.torn;
-    free(t.bytes);
-    return status;
+static enum lw_status take_late(struct lw_measure_store *s, char *const *field, uint32_t count) {
+    struct lw_measure_late x;
+    if (count != 4 || !read_count(field[0], &x.view) || x.view >= LW_MEASURE_VIEWS ||
+        !read_count(field[1], &x.frame) || !read_count(field[2], &x.late) ||
+        !read_number(field[3], &x.relmse))
+        return LW_BAD_DATA;
+    return PUSH(s->late, s->late_count, x) ? LW_OK : LW_NO_MEMORY;
+}
+
+static enum lw_status take_note(struct lw_measure_store *s, char *const *field, uint32_t count) {
+    struct lw_measure_note x;
+    if (count != 2 || strlen(field[0]) >= sizeof x.key) return LW_BAD_DATA;
+    snprintf(x.key, sizeof x.key, "%s", field[0]);
+    snprintf(x.value, sizeof x.value, "%s", field[1]);
+    return PUSH(s->note, s->note_count, x) ? LW_OK : LW_NO_MEMORY;
+}
+
+static enum lw_status take_failure(struct lw_measure_store *s, char *const *field, uint32_t count) {
+    struct lw_measure_failure x;
+    if (count != 4 || !read_unit(field, &x.unit)) return LW_BAD_DATA;
+    snprintf(x.text, sizeof x.text, "%s", field[3]);
+    return PUSH(s->failure, s->failure_count, x) ? LW_OK : LW_NO_MEMORY;
 }
 
 static void print_late_head(FILE *f) { fprintf(f, "view,frame,late,relmse\n"); }
 
-static enum lw_status read_late(struct lw_measure_store *s, struct lw_error *err) {
-    struct table t = {.store = s, .name = LATE};
-    char *line;
-    enum lw_status status = load(&t, err);
-    if (status == LW_OK) status = skip_head(&t, print_late_head, err);
-    while (status == LW_OK && next_line(&t, &line)) {
-        struct lw_measure_late late;
-        split(&t, line, FIELDS);
-        if (t.field_count != 4 || !read_count(t.field[0], &late.view) || late.view >= LW_MEASURE_VIEWS ||
-            !read_count(t.field[1], &late.frame) || !read_count(t.field[2], &late.late) ||
-            !read_number(t.field[3], &late.relmse))
-            status = bad_line(&t, "not an error of late light", err);
-        else if (!PUSH(s->late, s->late_count, late))
-            status = lw_status_fail(err, LW_NO_MEMORY, "no memory for " LATE);
-    }
-    free(t.bytes);
-    return status;
-}
+static const struct kind {
+    const char *name, *fault;   /* file name; text for a bad line */
+    void (*print_head)(FILE *); /* NULL: it has none */
+    uint32_t fields;            /* the last one takes the rest of the line */
+    enum lw_status (*take)(struct lw_measure_store *s, char *const *field, uint32_t count);
+} kinds[] = {{SAMPLES, "not a sample", print_samples_head, FIELDS, take_sample},
+             {COSTS, "not a cost", print_costs_head, FIELDS, take_expense},
+             {LATE, "not an error of late light", print_late_head, FIELDS, take_late},
+             {ROW, "not KEY,VALUE", NULL, 2, take_note},
+             {FAILURES, "not a failure", NULL, 4, take_failure}};
 
-static enum lw_status read_row(struct lw_measure_store *s, struct lw_error *err) {
-    struct table t = {.store = s, .name = ROW};
+static enum lw_status read_table(struct lw_measure_store *s, const struct kind *kind, bool *out_torn,
+                                 struct lw_error *err) {
+    struct table t = {.store = s, .name = kind->name};
     char *line;
     enum lw_status status = load(&t, err);
+    if (status == LW_OK && kind->print_head) status = skip_head(&t, kind->print_head, err);
     while (status == LW_OK && next_line(&t, &line)) {
-        struct lw_measure_note note = {.key = ""};
-        split(&t, line, 2);
-        if (t.field_count != 2 || strlen(t.field[0]) >= sizeof note.key)
-            status = bad_line(&t, "not KEY,VALUE", err);
-        if (status != LW_OK) break;
-        snprintf(note.key, sizeof note.key, "%s", t.field[0]);
-        snprintf(note.value, sizeof note.value, "%s", t.field[1]);
-        if (!PUSH(s->note, s->note_count, note))
-            status = lw_status_fail(err, LW_NO_MEMORY, "no memory for " ROW);
+        split(&t, line, kind->fields);
+        status = kind->take(s, t.field, t.field_count);
+        if (status == LW_BAD_DATA)
+            status = bad_line(&t, kind->fault, err);
+        else if (status != LW_OK)
+            status = lw_status_fail(err, status, "no memory for %s", t.name);
     }
-    free(t.bytes);
-    return status;
-}
-
-static enum lw_status read_failures(struct lw_measure_store *s, struct lw_error *err) {
-    struct table t = {.store = s, .name = FAILURES};
-    char *line;
-    enum lw_status status = load(&t, err);
-    while (status == LW_OK && next_line(&t, &line)) {
-        struct lw_measure_failure failure = {.text = ""};
-        split(&t, line, 4);
-        if (t.field_count != 4 || !read_unit(t.field, &failure.unit))
-            status = bad_line(&t, "not a failure", err);
-        if (status != LW_OK) break;
-        snprintf(failure.text, sizeof failure.text, "%s", t.field[3]);
-        if (!PUSH(s->failure, s->failure_count, failure))
-            status = lw_status_fail(err, LW_NO_MEMORY, "no memory for " FAILURES);
-    }
+    *out_torn |= t.torn;
     free(t.bytes);
     return status;
 }
@@ -451,11 +408,8 @@ enum lw_status lw_measure_store_open(struct lw_measure_store *s, const char *fol
     if (read_only && stat(folder, &about) < 0)
         return lw_status_fail(err, LW_NO_INPUT, "%s: %s", folder, strerror(errno));
     enum lw_status status = read_only ? LW_OK : lw_folders_make(folder, err);
-    if (status == LW_OK) status = read_samples(s, &torn, err);
-    if (status == LW_OK) status = read_costs(s, &torn, err);
-    if (status == LW_OK) status = read_late(s, err);
-    if (status == LW_OK) status = read_row(s, err);
-    if (status == LW_OK) status = read_failures(s, err);
+    for (size_t i = 0; status == LW_OK && i < sizeof kinds / sizeof *kinds; i++)
+        status = read_table(s, &kinds[i], &torn, err);
     if (status != LW_OK) return status;
     const bool dropped = drop_incomplete(s);
     if (read_only) return LW_OK;

@@ -307,7 +307,7 @@ static void print_stages(const struct lw_scaling *x, FILE *f) {
     fprintf(f, "## Where the shared side's time goes\n\nCPU ms per frame.\n\n| stage |");
     for (int i = 0; i < columns; i++)
         fprintf(f, " %u user%s |", column[i]->users, column[i]->users > 1 ? "s" : "");
-    fprintf(f, columns > 1 ? "\n|---|---|---|\n" : "\n|---|---|\n");
+    lw_report_text_rule(f, 1 + (uint32_t)columns);
     for (int s = 0; s < LW_STAGE_COUNT; s++) {
         if (!(x->count[0].cost.cpu_s[s] > 0 || last->cost.cpu_s[s] > 0)) continue;
         fprintf(f, "| %s |", lw_stage_name((enum lw_stage)s));
@@ -353,15 +353,10 @@ static void print_targets(const struct lw_scaling *x, FILE *f) {
                 cost[s] = lw_cost_total(&x->side[s].point[best].cost);
             }
             fprintf(f, " %s |", setting);
-            if (isfinite(cost[s]))
-                fprintf(f, " %.3g |", cost[s]);
-            else
-                fprintf(f, " – |");
+            lw_report_text_number(f, cost[s]);
         }
-        if (isfinite(cost[0]) && isfinite(cost[1]))
-            fprintf(f, " %.3g |\n", cost[1] / cost[0]);
-        else
-            fprintf(f, " – |\n");
+        lw_report_text_number(f, cost[1] / cost[0]);
+        fprintf(f, "\n");
     }
     fprintf(f, "\n![Error over CPU time](error.png)\n\nAll settings that were tried. Beside the shared "
                "side's: the error of a path "
@@ -422,10 +417,9 @@ static enum lw_status write_markdown(const struct lw_scaling *x, struct lw_error
 /* ---- plots ---- */
 
 static void plot_both(FILE *f, const char *name, const char *commands) {
-    fprintf(f,
-            "set terminal svg size 720,480 background 'white' font 'sans,14'\nset output '%s.svg'\n%s"
-            "set terminal pngcairo size 720,480 font 'sans,11'\nset output '%s.png'\nreplot\nunset output\n",
-            name, commands, name);
+    lw_gnuplot_begin(f, name, 720, 480);
+    fprintf(f, "%s", commands);
+    lw_gnuplot_end(f, name, 720, 480);
 }
 
 static enum lw_status write_plots(const struct lw_scaling *x, struct lw_error *err) {

@@ -114,7 +114,7 @@ struct lw_cost lw_scaling_run_of_one(const struct lw_cost *cost, double users) {
     return one;
 }
 
-/* Who is shown: all in a picture's frame and where pictures build on each other, else one in turn. */
+/* Shows all eyes in a picture's frame and where pictures build on each other, else one in turn. */
 static uint32_t choose_shown(const struct lw_scaling *x, const struct lw_renderer *renderer, uint64_t frame,
                              uint32_t *out_shown) {
     for (uint32_t i = 0; i < x->eyes; i++) out_shown[i] = i;
@@ -226,7 +226,7 @@ static enum lw_status trace_each(struct lw_scaling *x, struct lw_renderer *rende
     return status;
 }
 
-/* Of a few samples, or along the line through two counts of them. */
+/* Traces few samples. The cost of many lies on the line through two counts. */
 static enum lw_status trace_samples(struct lw_scaling *x, struct lw_renderer *renderer, uint32_t samples,
                                     uint32_t repeat, double *out_per_eye_s, struct lw_error *err) {
     if (samples <= MORE) return trace_each(x, renderer, samples, repeat, out_per_eye_s, err);
