@@ -49,6 +49,8 @@ static enum lw_status with_report(enum lw_status status, enum lw_status written,
 static enum lw_status report_only(const char *folder, struct lw_error *err) {
     struct lw_measure_store store;
     enum lw_status status = lw_measure_store_open(&store, folder, true, err);
+    if (status == LW_OK && lw_measure_store_get(&store, "users"))
+        status = lw_status_fail(err, LW_USAGE, "%s holds a run of lightwell-load scaling", folder);
     if (status == LW_OK) status = lw_crossover_report_write(&store, err);
     lw_measure_store_finish(&store);
     return status;
@@ -60,7 +62,7 @@ static enum lw_status run_crossover(const struct lw_crossover_options *options, 
     struct lw_error report_err = {0};
     enum lw_status status = lw_crossover_row_open(&row, options, command, &signalled, err);
     if (status == LW_OK) status = lw_crossover_run(&row, err);
-    if (row.base.store.expense_count) {
+    if (row.base.store.expense_count && status != LW_USAGE) { /* which says that the folder is another's */
         const enum lw_status written = lw_crossover_report_write(&row.base.store, &report_err);
         status = with_report(status, written, &report_err, err);
     } else if (status == LW_BAD_DATA) { /* of the scene: the same command would fail again */

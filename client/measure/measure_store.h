@@ -22,7 +22,7 @@
 #define LW_MEASURE_REPEATS_MAX 21u              /* repeats from 0 on: 20, and the search of a scaling run */
 #define LW_MEASURE_ALL         UINT32_MAX       /* view: all of them, each by a user */
 #define LW_MEASURE_SOME        (UINT32_MAX - 1) /* view: as many as there are users; does not end a unit */
-#define LW_MEASURE_NAME_SIZE   40u
+#define LW_MEASURE_NAME_SIZE   64u
 #define LW_MEASURE_NOTE_SIZE   2048u
 
 /* tag, column, what it is */

@@ -236,7 +236,7 @@ static enum lw_status run_by_the_clock(struct lw_scaling *x, struct lw_error *er
     struct lw_scaling_real *r = &x->real;
     char key[LW_MEASURE_NAME_SIZE], setting[LW_MEASURE_NAME_SIZE];
     lw_measure_store_setting(&x->chosen[LW_SCALING_SHARED], true, setting);
-    snprintf(key, sizeof key, "clock %.33s", setting);
+    snprintf(key, sizeof key, "clock %.57s", setting);
     const char *before = lw_measure_store_get(&x->base.store, key);
     enum lw_status status = LW_OK;
     if (!before || sscanf(before, "%lf,%lf,%lf,%lf,%lf,%lf", &r->frames_hz, &r->views_hz, &r->server_cpu_s,

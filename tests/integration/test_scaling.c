@@ -75,6 +75,15 @@ static void measures_reports_and_goes_on(void **state) {
     said = lw_process_err(&process);
     assert_non_null(strstr(said, "holds a row whose users is 1,2,4, not 1,2"));
     free(said);
+
+    /* nor does a row of the crossover take the folder, or its report */
+    snprintf(arguments, sizeof arguments, "crossover --report-only -o %s", folder);
+    lw_process_refuses("lightwell-load", arguments, 64, "holds a run of lightwell-load scaling", LIMIT_S);
+    snprintf(arguments, sizeof arguments, "crossover builtin:cornell --size 64x32 -o %s", folder);
+    lw_process_refuses("lightwell-load", arguments, 64, "choose another folder", LIMIT_S);
+    report = lw_support_read_text(folder, "report.md");
+    assert_non_null(strstr(report, "# Scaling run"));
+    free(report);
 }
 
 /* The harness against itself: with the same path tracer on both sides nobody wins. CPU time of so little
