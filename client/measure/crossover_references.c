@@ -355,16 +355,12 @@ static enum lw_status expose(struct lw_crossover_references *t, struct lw_error 
 double lw_crossover_references_late_error(const struct lw_crossover_references *t, uint32_t late,
                                           uint32_t view) {
     const struct lw_crossover_reference *l = &t->late[late][view], *now = &t->now[0][view];
-    const double epsilon = FLOOR_SHARE * t->mean_square;
-    double sum = 0;
-    size_t counted = 0;
-    for (size_t i = 0; i < 3 * pixel_count(t); i++) {
-        if (l->left_out[i / 3]) continue;
-        const double a = (double)now->half[0][i], b = (double)now->half[1][i], mean = 0.5 * (a + b);
-        sum += ((double)l->half[0][i] - a) * ((double)l->half[1][i] - b) / (mean * mean + epsilon);
-        counted++;
-    }
-    return counted ? sum / (double)counted : (double)NAN;
+    const struct lw_view_error_reference all = {.width = t->side,
+                                                .height = LW_CROSSOVER_CROPS * t->side,
+                                                .half = {now->half[0], now->half[1]},
+                                                .left_out = l->left_out};
+    return lw_view_error_relmse(&all, (const float *[]){l->half[0], l->half[1]},
+                                FLOOR_SHARE * t->mean_square);
 }
 
 /* ---- the whole ---- */

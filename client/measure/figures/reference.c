@@ -1,5 +1,8 @@
 #include "client/measure/figures/reference.h"
 
+#include "client/measure/figures/view_error.h"
+
+#include <math.h>
 #include <stdlib.h>
 
 #define FLOOR_SHARE 0.01 /* of the mean square of the reference */
@@ -59,16 +62,18 @@ void lw_reference_finish(struct lw_reference *reference) {
     *reference = (struct lw_reference){0};
 }
 
+static struct lw_view_error_reference part_of(const struct lw_reference *reference, const uint8_t *left_out) {
+    return (struct lw_view_error_reference){.width = reference->width,
+                                            .height = reference->height,
+                                            .half = {reference->half[0], reference->half[1]},
+                                            .left_out = left_out};
+}
+
 double lw_reference_error(const struct lw_reference *reference, const float *rgb) {
+    const struct lw_view_error_reference all = part_of(reference, NULL);
     const double floor = floor_of(reference);
-    double sum = 0;
-    if (!(floor > 0)) return 0; /* black: whatever is seen is the emission of nothing */
-    for (size_t i = 0; i < value_count(reference); i++) {
-        double x = (double)rgb[i];
-        sum += (x - (double)reference->half[0][i]) * (x - (double)reference->half[1][i]) /
-               (at(reference, i) * at(reference, i) + floor);
-    }
-    return sum / (double)value_count(reference);
+    /* a black reference shows the emission of nothing: any picture of it is right */
+    return floor > 0 ? lw_view_error_relmse(&all, (const float *[]){rgb, rgb}, floor) : 0;
 }
 
 bool lw_reference_is_dark(const struct lw_reference *reference, double mean_square) {
@@ -97,21 +102,17 @@ enum lw_status lw_reference_look(const struct lw_path_world *world, const struct
     return LW_OK;
 }
 
-/* The mean of (x - t)^2, relative, over pixels of the same object; (a - x)(b - x) by halves of both leaves
- * all noise out. */
+/* By halves of both, which leaves all noise out. left_out: room for a flag a pixel. */
 static double lag_error(const struct lw_reference *reference, const struct lw_path_film *late,
-                        const uint32_t *now, const uint32_t *then) {
-    const double floor = floor_of(reference), scale = 2.0 / late->samples;
-    double sum = 0;
-    size_t count = 0;
-    for (size_t i = 0; i < value_count(reference); i++) {
-        if (now[i / 3] == LW_TRACE_MISS || now[i / 3] != then[i / 3]) continue;
-        sum += (scale * (double)late->half[0][i] - (double)reference->half[0][i]) *
-               (scale * (double)late->half[1][i] - (double)reference->half[1][i]) /
-               (at(reference, i) * at(reference, i) + floor);
-        count++;
-    }
-    return count && floor > 0 ? sum / (double)count : 0;
+                        const uint32_t *now, const uint32_t *then, uint8_t *left_out) {
+    const struct lw_view_error_reference same = part_of(reference, left_out);
+    const float scale = 2.0f / (float)late->samples;
+    for (size_t i = 0; i < value_count(reference); i++) late->half[0][i] *= scale, late->half[1][i] *= scale;
+    for (size_t i = 0; i < value_count(reference) / 3; i++)
+        left_out[i] = now[i] == LW_TRACE_MISS || now[i] != then[i];
+    const double error =
+        lw_view_error_relmse(&same, (const float *[]){late->half[0], late->half[1]}, floor_of(reference));
+    return isfinite(error) ? error : 0;
 }
 
 enum lw_status lw_reference_lag_error(const struct lw_reference *reference, const uint32_t *object,
@@ -119,14 +120,15 @@ enum lw_status lw_reference_lag_error(const struct lw_reference *reference, cons
                                       uint32_t samples, uint32_t seed, double *out_error,
                                       struct lw_error *err) {
     struct lw_path_film film = {0};
-    uint32_t *then = malloc((size_t)reference->width * reference->height * sizeof *then);
+    const size_t pixels = value_count(reference) / 3;
+    uint32_t *then = malloc(pixels * (sizeof *then + 1)); /* and a flag each */
     enum lw_status status = then ? lw_path_film_init(&film, reference->width, reference->height, err)
                                  : lw_status_fail(err, LW_NO_MEMORY, "no memory for a view");
     if (status == LW_OK)
         status = lw_reference_look(world, camera, reference->width, reference->height, then, err);
     if (status == LW_OK) {
         lw_path_world_render(world, &(struct lw_path_view){.camera = *camera, .seed = seed}, samples, &film);
-        *out_error = lag_error(reference, &film, object, then);
+        *out_error = lag_error(reference, &film, object, then, (uint8_t *)(then + pixels));
     }
     lw_path_film_finish(&film);
     free(then);

@@ -52,6 +52,21 @@ static double relative(double product, double reference, double epsilon) {
     return product > 0 ? (double)INFINITY : 0;
 }
 
+double lw_view_error_relmse(const struct lw_view_error_reference *reference, const float *const picture[2],
+                            double epsilon) {
+    double sum = 0;
+    size_t count = 0;
+    for (size_t p = 0; p < pixels_of(reference); p++) {
+        if (!counts(reference, p)) continue;
+        for (size_t i = 3 * p; i < 3 * p + 3; i++, count++) {
+            double product = 1;
+            for (int h = 0; h < 2; h++) product *= seen(picture[h], i) - half_of(reference, h, i);
+            sum += relative(product, mean_of(reference, i), epsilon);
+        }
+    }
+    return count ? sum / (double)count : (double)NAN;
+}
+
 /* ---- one picture ---- */
 
 /* How a display shows light. */

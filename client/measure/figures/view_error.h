@@ -51,6 +51,12 @@ struct lw_view_error_reference {
     const uint8_t *left_out;
 };
 
+/** relMSE alone, of a picture with halves of its own: the mean of (x0 - a)(x1 - b) / (t^2 + epsilon).
+ * picture  two halves x0, x1; twice the same for a picture without noise of a reference's kind
+ * Returns  NAN where no pixel counts */
+double lw_view_error_relmse(const struct lw_view_error_reference *reference, const float *const picture[2],
+                            double epsilon);
+
 /** Sums over views and frames. Fields are inside. */
 struct lw_view_error_sum {
     struct lw_view_error_desc desc;
