@@ -1,129 +1,51 @@
 #include "client/measure/sides/daemon_child.h"
 
+#include "client/view/local_server.h"
 #include "common/clock.h"
-#include "common/folders.h"
-#include "common/program_path.h"
 
 #include <errno.h>
 #include <fcntl.h>
-#include <limits.h>
 #include <poll.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/prctl.h>
-#include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
 
 #define LINE_MAX_BYTES 4096u
 #define PATIENCE_S     600u /* for a frame, and for the solver's set-up before the first */
 #define START_S        30u
-#define STOP_NS        5000000000ull
 #define POLL_MS        50
 
 struct lw_daemon_child {
-    pid_t pid;
+    struct lw_local_server local;
     int to, from; /* its stdin and stdout */
     uint16_t port;
     char line[LINE_MAX_BYTES];
     size_t line_size;
-    char port_file[PATH_MAX];
 };
 
 /* ---- starting ---- */
 
-/* Its port comes by a file of its own. */
-static enum lw_status make_port_file(struct lw_daemon_child *c, struct lw_error *err) {
-    snprintf(c->port_file, sizeof c->port_file, "%s/lightwell-port-XXXXXX", lw_folders_temporary());
-    int file = mkstemp(c->port_file);
-    if (file < 0) {
-        c->port_file[0] = 0;
-        return lw_status_fail(err, LW_CANNOT_CREATE, "cannot create a temporary file: %s", strerror(errno));
-    }
-    close(file);
-    return LW_OK;
+static void add_options(struct lw_local_server *l, const struct lw_daemon_child_desc *desc) {
+    lw_local_server_option(l, "--cache", ""); /* figures do not depend on earlier runs */
+    lw_local_server_option(l, "--clock", desc->real_clock ? "real" : "manual");
+    lw_local_server_option(l, "--first-light", "whole"); /* no start is measured */
+    lw_local_server_option(l, "--light", desc->seen ? "seen" : "whole");
+    lw_local_server_option(l, "--denoise", desc->denoise ? "on" : "off");
+    lw_local_server_number(l, "--bounces", desc->bounces);
+    lw_local_server_number(l, "--direct-samples", desc->direct_samples);
+    lw_local_server_number(l, "--indirect-samples", desc->indirect_samples);
+    lw_local_server_number(l, "--seed", desc->seed);
+    lw_local_server_number(l, "--error", desc->target_error);
+    /* reports wait to be read: for those who step alone */
+    if (!desc->real_clock) lw_local_server_option(l, "--json", NULL);
+    if (desc->solver) lw_local_server_option(l, "--solver", desc->solver);
+    if (desc->threads) lw_local_server_number(l, "--threads", desc->threads);
 }
 
-/* In the child; what fails goes to `failure`. Only what signal handlers may call: other threads may hold any
- * lock. */
-static _Noreturn void become(const char *program, char *const *arguments, int in, int out, int failure,
-                             pid_t parent) {
-    setpgid(0, 0); /* Ctrl-C is for our parent, who ends us when what is measured has been kept */
-    prctl(PR_SET_PDEATHSIG, SIGTERM);  /* whatever ends it, if only SIGKILL */
-    if (getppid() != parent) _exit(1); /* it ended before */
-    /* what we say on stderr is for those who look for why we ended; sessions that come and go are not */
-    const int null = open("/dev/null", O_WRONLY | O_CLOEXEC);
-    if (null >= 0 && dup2(in, STDIN_FILENO) >= 0 && dup2(out, STDOUT_FILENO) >= 0 &&
-        dup2(null, STDERR_FILENO) >= 0)
-        execvp(program, arguments);
-    const int error = errno;
-    (void)!write(failure, &error, sizeof error);
-    _exit(1);
-}
-
-/* posix_spawn() cannot bind the child's life to ours. Returns errno, 0: it runs. The signal comes when the
- * thread that calls this ends. */
-static int fork_and_exec(struct lw_daemon_child *c, const char *program, const char *const *arguments, int in,
-                         int out) {
-    int failure[2], error = 0;
-    if (pipe2(failure, O_CLOEXEC) < 0) return errno;
-    const pid_t parent = getpid(), pid = fork();
-    if (pid == 0) become(program, (char *const *)arguments, in, out, failure[1], parent);
-    if (pid < 0) error = errno;
-    close(failure[1]);
-    while (pid > 0 && read(failure[0], &error, sizeof error) < 0 && errno == EINTR) continue;
-    close(failure[0]);
-    if (pid > 0 && error) waitpid(pid, NULL, 0);
-    c->pid = error ? 0 : pid;
-    return error;
-}
-
-static enum lw_status spawn(struct lw_daemon_child *c, const struct lw_daemon_child_desc *desc,
-                            struct lw_error *err) {
-    char program[PATH_MAX], text[8][64];
-    lw_program_path("lightwelld", program, sizeof program);
-    snprintf(text[0], sizeof text[0], "%u", desc->bounces);
-    snprintf(text[1], sizeof text[1], "%u", desc->direct_samples);
-    snprintf(text[2], sizeof text[2], "%u", desc->indirect_samples);
-    snprintf(text[3], sizeof text[3], "%u", desc->seed);
-    snprintf(text[4], sizeof text[4], "%.9g", desc->target_error);
-    snprintf(text[5], sizeof text[5], "%u", desc->threads);
-    const char *arguments[40] = {program,
-                                 desc->package,
-                                 "--listen",
-                                 "127.0.0.1:0",
-                                 "--http",
-                                 "none",
-                                 "--cache",
-                                 "", /* what it measures does not hang on earlier runs */
-                                 "--port-file",
-                                 c->port_file,
-                                 "--clock",
-                                 desc->real_clock ? "real" : "manual",
-                                 "--first-light",
-                                 "whole", /* what it measures is not a start */
-                                 "--light",
-                                 desc->seen ? "seen" : "whole",
-                                 "--denoise",
-                                 desc->denoise ? "on" : "off",
-                                 "--bounces",
-                                 text[0],
-                                 "--direct-samples",
-                                 text[1],
-                                 "--indirect-samples",
-                                 text[2],
-                                 "--seed",
-                                 text[3],
-                                 "--error",
-                                 text[4]};
-    size_t count = 0;
-    while (arguments[count]) count++;
-    if (!desc->real_clock)
-        arguments[count++] = "--json"; /* reports wait to be read: for those who step alone */
-    if (desc->solver) arguments[count++] = "--solver", arguments[count++] = desc->solver;
-    if (desc->threads) arguments[count++] = "--threads", arguments[count++] = text[5];
+static enum lw_status spawn(struct lw_daemon_child *c, struct lw_error *err) {
     int in[2], out[2];
     if (pipe2(in, O_CLOEXEC) < 0)
         return lw_status_fail(err, LW_OS, "cannot make a pipe: %s", strerror(errno));
@@ -131,30 +53,22 @@ static enum lw_status spawn(struct lw_daemon_child *c, const struct lw_daemon_ch
         close(in[0]), close(in[1]);
         return lw_status_fail(err, LW_OS, "cannot make a pipe: %s", strerror(errno));
     }
-    const int failed = fork_and_exec(c, program, arguments, in[0], out[1]);
+    /* our own stderr is for our own words; sessions that come and go are none */
+    const int null = open("/dev/null", O_WRONLY | O_CLOEXEC);
+    const enum lw_status status = lw_local_server_start(&c->local, in[0], out[1], null, err);
+    if (null >= 0) close(null);
     close(in[0]);
     close(out[1]);
     c->to = in[1];
     c->from = out[0];
-    return failed ? lw_status_fail(err, LW_OS, "cannot start %.300s: %s", program, strerror(failed)) : LW_OK;
-}
-
-static bool has_ended(struct lw_daemon_child *c) {
-    if (c->pid && waitpid(c->pid, NULL, WNOHANG) == c->pid) c->pid = 0;
-    return c->pid == 0;
+    return status;
 }
 
 static enum lw_status await_port(struct lw_daemon_child *c, struct lw_error *err) {
     for (uint64_t end_ns = lw_clock_ns() + START_S * 1000000000ull; lw_clock_ns() < end_ns;) {
-        FILE *file = fopen(c->port_file, "re");
-        unsigned port = 0;
-        if (file) {
-            if (fscanf(file, "%u", &port) != 1) port = 0;
-            fclose(file);
-        }
-        c->port = (uint16_t)port;
-        if (port) return LW_OK;
-        if (has_ended(c)) return lw_status_fail(err, LW_OS, "lightwelld ended before it served");
+        if ((c->port = lw_local_server_port(&c->local))) return LW_OK;
+        if (lw_local_server_has_ended(&c->local))
+            return lw_status_fail(err, LW_OS, "lightwelld ended before it served");
         nanosleep(&(struct timespec){.tv_nsec = POLL_MS * 1000000l}, NULL);
     }
     return lw_status_fail(err, LW_TIMED_OUT, "lightwelld does not serve after %u s", START_S);
@@ -166,8 +80,11 @@ enum lw_status lw_daemon_child_start(const struct lw_daemon_child_desc *desc,
     if (!c) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a server");
     c->to = c->from = -1;
     signal(SIGPIPE, SIG_IGN); /* a server that is gone is told by the write's error */
-    enum lw_status status = make_port_file(c, err);
-    if (status == LW_OK) status = spawn(c, desc, err);
+    enum lw_status status = lw_local_server_init(&c->local, desc->package, err);
+    if (status == LW_OK) {
+        add_options(&c->local, desc);
+        status = spawn(c, err);
+    }
     if (status == LW_OK) status = await_port(c, err);
     if (status == LW_OK)
         *out_child = c;
@@ -246,15 +163,15 @@ enum lw_status lw_daemon_child_step(struct lw_daemon_child *c, struct lw_daemon_
 
 double lw_daemon_child_cpu_s(const struct lw_daemon_child *c) {
     clockid_t clock;
-    if (!c->pid || clock_getcpuclockid(c->pid, &clock) != 0) return 0;
+    if (!c->local.pid || clock_getcpuclockid(c->local.pid, &clock) != 0) return 0;
     return 1e-9 * (double)lw_clock_read_ns(clock);
 }
 
 uint64_t lw_daemon_child_memory_bytes(const struct lw_daemon_child *c) {
     char path[64], line[256];
     unsigned long long kilobytes = 0;
-    snprintf(path, sizeof path, "/proc/%ld/status", (long)c->pid);
-    FILE *f = c->pid ? fopen(path, "re") : NULL;
+    snprintf(path, sizeof path, "/proc/%ld/status", (long)c->local.pid);
+    FILE *f = c->local.pid ? fopen(path, "re") : NULL;
     while (f && fgets(line, sizeof line, f))
         if (sscanf(line, "VmHWM: %llu kB", &kilobytes) == 1) break;
     if (f) fclose(f);
@@ -266,16 +183,7 @@ uint64_t lw_daemon_child_memory_bytes(const struct lw_daemon_child *c) {
 void lw_daemon_child_stop(struct lw_daemon_child *c) {
     if (!c) return;
     if (c->to >= 0) close(c->to); /* the end of its stdin ends it; so does the signal, under the real clock */
-    if (c->pid) kill(c->pid, SIGTERM);
-    for (uint64_t end_ns = lw_clock_ns() + STOP_NS; !has_ended(c);) {
-        if (lw_clock_ns() > end_ns) {
-            kill(c->pid, SIGKILL);
-            waitpid(c->pid, NULL, 0);
-            break;
-        }
-        nanosleep(&(struct timespec){.tv_nsec = POLL_MS * 100000l}, NULL);
-    }
+    lw_local_server_finish(&c->local);
     if (c->from >= 0) close(c->from);
-    if (c->port_file[0]) unlink(c->port_file);
     free(c);
 }
