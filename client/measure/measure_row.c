@@ -13,40 +13,38 @@
 
 enum lw_status lw_measure_row_note(struct lw_measure_row *row, struct lw_error *err, const char *key,
                                    const char *format, ...) {
-    struct lw_measure_note note;
+    char value[LW_MEASURE_NOTE_SIZE];
     va_list arguments;
     va_start(arguments, format);
-    vsnprintf(note.value, sizeof note.value, format, arguments);
+    vsnprintf(value, sizeof value, format, arguments);
     va_end(arguments);
-    return lw_measure_store_set(&row->store, key, note.value, err);
+    return lw_measure_store_set(&row->store, key, value, err);
 }
 
 /* ---- what later runs must share ---- */
 
-static enum lw_status bind(struct lw_measure_row *row, const char *key, const char *format, va_list arguments,
-                           struct lw_error *err) {
-    struct lw_measure_note note;
-    vsnprintf(note.value, sizeof note.value, format, arguments);
-    lw_status_one_line(note.value);
+static enum lw_status bind(struct lw_measure_row *row, const char *key, char *value, struct lw_error *err) {
+    lw_status_one_line(value);
     const char *before = lw_measure_store_get(&row->store, key);
     /* figures without a note of it may belong to another row */
     if (!before && row->store.expense_count)
         return lw_status_fail(err, LW_USAGE,
                               "%s holds a row that does not note its %s, here %s: choose another folder",
-                              row->store.folder, key, note.value);
-    if (before && strcmp(before, note.value) != 0)
+                              row->store.folder, key, value);
+    if (before && strcmp(before, value) != 0)
         return lw_status_fail(err, LW_USAGE, "%s holds a row whose %s is %s, not %s: choose another folder",
-                              row->store.folder, key, before, note.value);
-    return lw_measure_store_set(&row->store, key, note.value, err);
+                              row->store.folder, key, before, value);
+    return lw_measure_store_set(&row->store, key, value, err);
 }
 
 enum lw_status lw_measure_row_bind(struct lw_measure_row *row, struct lw_error *err, const char *key,
                                    const char *format, ...) {
+    char value[LW_MEASURE_NOTE_SIZE];
     va_list arguments;
     va_start(arguments, format);
-    const enum lw_status status = bind(row, key, format, arguments, err);
+    vsnprintf(value, sizeof value, format, arguments);
     va_end(arguments);
-    return status;
+    return bind(row, key, value, err);
 }
 
 /* Binds properties in turn, until one fails. */
@@ -58,10 +56,12 @@ struct binder {
 
 static void bind_next(struct binder *b, const char *key, const char *format, ...) LW_PRINTF(3, 4);
 static void bind_next(struct binder *b, const char *key, const char *format, ...) {
+    char value[LW_MEASURE_NOTE_SIZE];
     va_list arguments;
     va_start(arguments, format);
-    if (b->status == LW_OK) b->status = bind(b->row, key, format, arguments, b->err);
+    vsnprintf(value, sizeof value, format, arguments);
     va_end(arguments);
+    if (b->status == LW_OK) b->status = bind(b->row, key, value, b->err);
 }
 
 static void bind_number(struct binder *b, const char *key, bool given, double value, const char *otherwise) {
