@@ -6,7 +6,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 # Lines of prose that may have such a pattern (scripts/prose.pl). The number may fall; it does not rise.
-prose_limit=1759
+prose_limit=1757
 
 # prose_of OPTIONS FILE...: comments and documents but reports that a program has written; no FILE: all
 prose_of() {
@@ -112,9 +112,6 @@ if [ -n "$found" ]; then complain "rooms need each other:"$'\n'"$found"; fi
 parts='client/lib/draws client/lib/client
 client/lib/live_tiles client/lib/live
 client/lib/replica client/lib/client
-client/measure/scaling_measure client/measure/scaling_run
-client/measure/scaling_search client/measure/scaling_run
-client/measure/scaling_users client/measure/scaling_run
 common/light/light_kernels common/light/lights
 common/lightmap/lightmap_check common/lightmap/lightmap
 common/lightmap/lightmap_merge common/lightmap/lightmap_chart

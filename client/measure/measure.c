@@ -2,6 +2,7 @@
 
 #include "client/measure/crossover_report.h"
 #include "client/measure/crossover_run.h"
+#include "client/measure/scaling_measure.h"
 #include "client/measure/scaling_report.h"
 #include "common/interrupt.h"
 #include "common/log.h"

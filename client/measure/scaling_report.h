@@ -3,7 +3,7 @@
 #ifndef LW_CLIENT_MEASURE_SCALING_REPORT_H
 #define LW_CLIENT_MEASURE_SCALING_REPORT_H
 
-#include "client/measure/scaling_measure.h"
+#include "client/measure/scaling.h"
 
 /** Writes the files. Without gnuplot there are no plots; that is logged and no error.
  * Errors: LW_CANNOT_CREATE, LW_IO naming the file; LW_NO_MEMORY. */

@@ -7,7 +7,7 @@
 #ifndef LW_CLIENT_MEASURE_SCALING_RUN_H
 #define LW_CLIENT_MEASURE_SCALING_RUN_H
 
-#include "client/measure/scaling_measure.h"
+#include "client/measure/scaling.h"
 
 /** What a unit holds. */
 struct lw_scaling_record {
