@@ -63,11 +63,11 @@ struct lw_daemon {
     _Atomic bool lit;               /* the solver has had a frame */
     struct lw_waiting first_light;  /* how far that is */
     _Atomic uint64_t solver_due_ns; /* when the solver must have made progress; UINT64_MAX: it rests */
-    _Atomic uint64_t frame_count;   /* that were solved */
+    _Atomic uint64_t frame_count;   /* frames solved */
     struct lw_error solver_error;   /* read after the thread is joined */
     bool told_stall, stops;         /* [loop] */
     struct lw_daemon_metrics metrics;
-    const char *isa; /* of the rays' kernels */
+    const char *isa; /* instruction set of the rays' kernels */
     uint64_t started_ns, rays_total;
     uint64_t first; /* number of the first frame: 1, or after the frames of the saved light */
     struct {        /* until there is light */
@@ -80,12 +80,12 @@ struct lw_daemon {
     bool owes_channel;  /* nor for a channel that somebody takes */
     bool is_looked_at;  /* by some client */
     uint64_t interest;  /* the number of the list of interest that the solver has (lw_server_interest) */
-    uint64_t published_interest; /* that of the newest snapshot */
+    uint64_t published_interest; /* the newest snapshot's */
     bool is_coarse;              /* tiles are of a coarse scene (coarse_first.h) */
     bool prepares;               /* all of the scene is solved, though nobody looks */
     uint64_t prepared_ns;        /* wall time for which it was */
     uint32_t channels;           /* that are shown and published: bit for each (tile_channels.h) */
-    uint32_t channels_kept;      /* those of the saved light */
+    uint32_t channels_kept;      /* channels of the saved light */
     uint64_t taken_ns[LW_TILE_CHANNELS_MAX]; /* when somebody last took it */
 };
 

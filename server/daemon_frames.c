@@ -29,7 +29,7 @@ static bool should_stop(const struct lw_daemon *d) { return d->stopping || *d->s
 
 struct frame_cost {
     uint64_t wall_ns, solve_cpu_ns, publish_cpu_ns;
-    size_t changes; /* of the scene, made by updates */
+    size_t changes; /* changes of the scene by updates */
 };
 
 /* CPU time of the solver's thread and its workers: of the process, less the loop. */
