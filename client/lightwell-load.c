@@ -1,9 +1,8 @@
 /* lightwell-load.c: a load test of a server; what its light costs beside opponents (crossover); and from
  * how many users on sharing is cheaper (scaling). */
-#include "client/crossover/crossover.h"
 #include "client/load/load_options.h"
 #include "client/load/load_test.h"
-#include "client/scaling/scaling.h"
+#include "client/measure/measure.h"
 #include "common/log.h"
 
 #include <stdlib.h>
@@ -27,7 +26,7 @@ static int run_load_test(int argc, char **argv) {
 
 int main(int argc, char **argv) {
     lw_log_init("lightwell-load", LW_LOG_INFO);
-    if (argc > 1 && strcmp(argv[1], "crossover") == 0) return lw_crossover_command(argc - 1, argv + 1);
-    if (argc > 1 && strcmp(argv[1], "scaling") == 0) return lw_scaling_command(argc - 1, argv + 1);
+    if (argc > 1 && strcmp(argv[1], "crossover") == 0) return lw_measure_crossover(argc - 1, argv + 1);
+    if (argc > 1 && strcmp(argv[1], "scaling") == 0) return lw_measure_scaling(argc - 1, argv + 1);
     return run_load_test(argc, argv);
 }

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 const char *lw_folders_temporary(void) {
@@ -30,6 +31,14 @@ void lw_folders_remove_temporary(const char *path) {
         unlinkat(dirfd(folder), entry->d_name, 0);
     if (folder) closedir(folder);
     rmdir(path);
+}
+
+enum lw_status lw_folders_make(const char *path, struct lw_error *err) {
+    struct stat about;
+    int failed = mkdir(path, 0777) < 0 ? errno : 0;
+    if (failed == EEXIST) failed = stat(path, &about) < 0 ? errno : S_ISDIR(about.st_mode) ? 0 : ENOTDIR;
+    if (!failed) return LW_OK;
+    return lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot make the folder: %s", path, strerror(failed));
 }
 
 bool lw_folders_cache(char *out_path, size_t capacity) {

@@ -1,4 +1,4 @@
-/* folders.h: default folders: temporary files and caches.
+/* folders.h: folders that are made, and default ones: temporary files and caches.
  * Flow:    environment -> [folders] -> paths
  * Threads: [any], as long as none changes the environment. */
 #ifndef LW_COMMON_FOLDERS_H
@@ -15,6 +15,10 @@ LW_MUST_CHECK enum lw_status lw_folders_make_temporary(char *out_path, size_t ca
 
 /** Removes it and the files in it, as far as that can be done; folders in it stay. path "": none was made. */
 void lw_folders_remove_temporary(const char *path);
+
+/** Makes a folder, or leaves it as it is where it is there.
+ * Errors: LW_CANNOT_CREATE naming it: where it shall be in none, or a file has its name. */
+LW_MUST_CHECK enum lw_status lw_folders_make(const char *path, struct lw_error *err);
 
 /** The folder of caches: $XDG_CACHE_HOME/lightwell, or ~/.cache/lightwell where that is not set or not
  * absolute (XDG Base Directory Specification). It need not exist. Returns false, and "", without a home

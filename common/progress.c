@@ -177,3 +177,10 @@ void lw_progress_stop(struct lw_progress *p) {
         lw_log(LW_LOG_INFO, "%s: stopped at %" PRIu64 " after %s", p->stage, done, time);
     }
 }
+
+void lw_progress_end(struct lw_progress *p, bool done) {
+    if (done)
+        lw_progress_finish(p);
+    else
+        lw_progress_stop(p);
+}

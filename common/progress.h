@@ -46,5 +46,7 @@ void lw_progress_set(struct lw_progress *p, uint64_t done);
 void lw_progress_finish(struct lw_progress *p);
 /** Ends a stage whose work is not done; shows how far it came, and how long that took. */
 void lw_progress_stop(struct lw_progress *p);
+/** Ends it in one of the two ways. */
+void lw_progress_end(struct lw_progress *p, bool done);
 
 #endif

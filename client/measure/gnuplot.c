@@ -9,6 +9,17 @@
 
 extern char **environ;
 
+void lw_gnuplot_begin(FILE *f, const char *name, unsigned width, unsigned height) {
+    fprintf(f, "set terminal pngcairo size %u,%u font 'sans,11'\nset output '%s.png'\n", width, height, name);
+}
+
+void lw_gnuplot_end(FILE *f, const char *name, unsigned width, unsigned height) {
+    fprintf(f,
+            "set terminal svg size %u,%u background 'white' font 'sans,14'\nset output '%s.svg'\nreplot\n"
+            "unset output\n",
+            width, height, name);
+}
+
 void lw_gnuplot_run(const char *folder, const char *script) {
     const char *const arguments[] = {"gnuplot", script, NULL};
     posix_spawn_file_actions_t actions;

@@ -2,6 +2,7 @@
 
 #include "common/atomic_file.h"
 
+#include <math.h>
 #include <stdlib.h>
 
 enum lw_status lw_report_text_begin(struct lw_report_text *text, const char *name, struct lw_error *err) {
@@ -29,4 +30,17 @@ enum lw_status lw_report_text_write(const char *folder, const char *name, const 
     char path[4096];
     snprintf(path, sizeof path, "%s/%s", folder, name);
     return lw_atomic_file_save(path, bytes, size, err);
+}
+
+void lw_report_text_rule(FILE *f, uint32_t columns) {
+    fprintf(f, "\n|");
+    for (uint32_t c = 0; c < columns; c++) fprintf(f, "---|");
+    fprintf(f, "\n");
+}
+
+void lw_report_text_number(FILE *f, double x) {
+    if (isfinite(x))
+        fprintf(f, " %.3g |", x);
+    else
+        fprintf(f, " – |");
 }

@@ -7,6 +7,7 @@
 #include "common/status.h"
 
 #include <stddef.h>
+#include <stdint.h>
 #include <stdio.h>
 
 struct lw_report_text {
@@ -27,6 +28,11 @@ LW_MUST_CHECK enum lw_status lw_report_text_end(struct lw_report_text *text, str
  * lw_report_text_end() and lw_report_text_write(). */
 LW_MUST_CHECK enum lw_status lw_report_text_save(struct lw_report_text *text, const char *folder,
                                                  struct lw_error *err);
+
+/** Ends the head of a table with its rule. */
+void lw_report_text_rule(FILE *stream, uint32_t columns);
+/** Writes a cell of a table and its end: the number, or a dash where it is not known. */
+void lw_report_text_number(FILE *stream, double x);
 
 /** Replaces a file of a folder in one step. Errors: LW_CANNOT_CREATE, LW_IO. */
 LW_MUST_CHECK enum lw_status lw_report_text_write(const char *folder, const char *name, const char *bytes,

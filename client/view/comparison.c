@@ -1,6 +1,6 @@
 #include "client/view/comparison.h"
 
-#include "client/view/path_trace.h"
+#include "client/paths/path_trace.h"
 #include "common/colour.h"
 
 #include <math.h>

@@ -1,9 +1,9 @@
 #include "client/view/compose.h"
 
+#include "client/camera/place.h"
 #include "client/view/ambient.h"
 #include "client/view/direct_pixels.h"
 #include "client/view/gloss_maps.h"
-#include "client/view/place.h"
 #include "common/colour.h"
 #include "common/lightmap/lightmap.h"
 #include "common/scene/environment.h"

@@ -6,8 +6,8 @@
 #ifndef LW_CLIENT_VIEW_COMPOSE_H
 #define LW_CLIENT_VIEW_COMPOSE_H
 
+#include "client/camera/camera.h"
 #include "client/lib/client.h"
-#include "client/view/camera.h"
 #include "client/view/show.h"
 #include "common/light/client_lights.h"
 #include "common/tile/atlas.h"

@@ -1,5 +1,6 @@
 #include "client/view/view_options.h"
 
+#include "client/paths/camera_default.h"
 #include "client/view/antialias.h"
 #include "common/options.h"
 

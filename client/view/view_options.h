@@ -3,9 +3,9 @@
 #ifndef LW_CLIENT_VIEW_VIEW_OPTIONS_H
 #define LW_CLIENT_VIEW_VIEW_OPTIONS_H
 
+#include "client/camera/camera.h"
 #include "client/lib/access.h"
-#include "client/view/camera.h"
-#include "client/view/path_trace.h"
+#include "client/paths/path_trace.h"
 #include "client/view/show.h"
 #include "client/view/tonemap.h"
 #include "common/open/scene_open.h"

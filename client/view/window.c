@@ -2,6 +2,7 @@
 
 #include "client/gl/gl_view.h"
 #include "client/lib/package_cache.h"
+#include "client/paths/camera_default.h"
 #include "client/view/comparison.h"
 #include "client/view/overlay.h"
 #include "client/view/own_server.h"

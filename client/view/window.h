@@ -5,8 +5,8 @@
 #ifndef LW_CLIENT_VIEW_WINDOW_H
 #define LW_CLIENT_VIEW_WINDOW_H
 
+#include "client/camera/steering.h"
 #include "client/view/comparison.h"
-#include "client/view/steering.h"
 #include "client/view/view_options.h"
 
 /** Shows a window until the user closes it. Survives the server: it keeps the last picture and looks for it

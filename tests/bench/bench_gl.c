@@ -19,6 +19,7 @@
  * that of the same without, the pictures in turn. */
 #include "client/gl/gl_offscreen.h"
 #include "client/gl/gl_renderer.h"
+#include "client/paths/camera_default.h"
 #include "common/clock.h"
 #include "tests/bench/bench_setup.h"
 

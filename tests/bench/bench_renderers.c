@@ -10,7 +10,7 @@
  * with all that it does, over those of bare rays through the same pixels, 16 neighbours at a time. Bounce
  * rays are not parallel, so that 1 cannot be reached. With -o DIR also the pictures: of each renderer, and
  * the reference. */
-#include "client/view/path_renderer.h"
+#include "client/paths/path_renderer.h"
 #include "client/view/tonemap.h"
 #include "common/clock.h"
 #include "common/image/image.h"

@@ -27,7 +27,7 @@
  * truth by cells, and the number of texels under half.
  * --passes prints what one pass of radiosity costs: the CPU time of a frame of one bounce without that of a
  * frame of none, rays of it, and the errors of the light after one bounce. */
-#include "client/view/path_trace.h"
+#include "client/paths/path_trace.h"
 #include "common/clock.h"
 #include "common/colour.h"
 #include "server/solve/geometry.h"

@@ -6,7 +6,7 @@
  *
  * The scene is solved as lightwelld does by default, --hz frames for a second of the scene. For each frame
  * three things are kept: the publisher's snapshot, the camera, and the view of somebody who walks through the
- * scene (client/measure/views.h), composed from the light before it is encoded. Then the snapshots are
+ * scene (client/measure/sides/views.h), composed from the light before it is encoded. Then the snapshots are
  * handed, at their times, to the server that ships, and a client on loopback says what its view needs, as
  * viewers do, and composes what it has when the next frame is due: once for each of --links, the server's
  * limit in Mbit/s (0: none). Time runs --slow times slower there, and the limit is that much lower, so that
@@ -25,7 +25,7 @@
  *   link     of what the client has, for each of --links: tiles that have not arrived, or that it did not ask
  *   for */
 #include "client/lib/replica.h"
-#include "client/measure/views.h"
+#include "client/measure/sides/views.h"
 #include "client/view/attention.h"
 #include "client/view/compose.h"
 #include "client/view/drawn_lights.h"

@@ -10,6 +10,7 @@
  * with all bounces. */
 #include "client/gl/gl_offscreen.h"
 #include "client/gl/gl_view.h"
+#include "client/paths/camera_default.h"
 #include "client/view/seeker.h"
 #include "client/view/stage.h"
 #include "common/clock.h"

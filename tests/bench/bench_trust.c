@@ -12,7 +12,7 @@
  * --list adds every region and every object that does not obey, those first that move the picture's mean
  * most. With
  * -o DIR also the pictures: the solve on the left, the path tracer on the right. */
-#include "client/view/path_trace.h"
+#include "client/paths/path_trace.h"
 #include "client/view/tonemap.h"
 #include "common/clock.h"
 #include "common/image/image.h"

@@ -1,5 +1,6 @@
 #include "tests/bench/bench_view.h"
 
+#include "client/paths/camera_default.h"
 #include "server/publish/publisher.h"
 
 #include <stdlib.h>

@@ -5,7 +5,7 @@
 #ifndef LW_TESTS_BENCH_VIEW_H
 #define LW_TESTS_BENCH_VIEW_H
 
-#include "client/view/camera.h"
+#include "client/camera/camera.h"
 #include "client/view/compose.h"
 #include "server/publish/levels.h"
 #include "server/solve/solver.h"

@@ -9,8 +9,8 @@
  * the same object both times and do not shine; eps is 1 % of the mean square of these pixels, in the view or
  * in all views. With few samples noise in the divisor makes it too large: take off what --motion static has.
  * With -o DIR a picture of each view. */
-#include "client/measure/fixed_views.h"
-#include "client/measure/reference.h"
+#include "client/measure/figures/reference.h"
+#include "client/measure/sides/fixed_views.h"
 #include "client/view/tonemap.h"
 #include "common/image/image.h"
 #include "common/scene/scene_motion.h"

@@ -14,8 +14,8 @@
 
 #include "tests/support/process.h"
 
+#include "client/camera/camera.h"
 #include "client/lib/client.h"
-#include "client/view/camera.h"
 
 #include <jansson.h>
 

@@ -1,7 +1,7 @@
 /* The lightwelld that lightwell-load starts ends with it, whatever ends that. */
 #include "tests/support/process.h"
 
-#include "client/measure/daemon_child.h"
+#include "client/measure/sides/daemon_child.h"
 #include "common/clock.h"
 
 #include <errno.h>

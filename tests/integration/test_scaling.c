@@ -27,7 +27,7 @@ static double number_after(const char *text, const char *key) {
     return atof(at + strlen(key));
 }
 
-static void measures_and_reports(void **state) {
+static void measures_reports_and_goes_on(void **state) {
     (void)state;
     struct lw_process process;
     char arguments[500];
@@ -37,8 +37,8 @@ static void measures_and_reports(void **state) {
     char *said = lw_process_err(&process), *result = lw_process_out(&process);
     if (code != 0) fail_msg("%s", said);
     const double ratio = number_after(result, "r(1) = "), marginal = number_after(result, "m = ");
-    assert_true(ratio > 0 && isfinite(ratio) && marginal > 0 && isfinite(marginal));
-    free(result);
+    /* frames of so little work are noisy: one more user may seem to cost nothing */
+    assert_true(ratio > 0 && isfinite(ratio) && isfinite(marginal));
     free(said);
 
     char *report = lw_support_read_text(folder, "report.md");
@@ -59,6 +59,33 @@ static void measures_and_reports(void **state) {
     assert_non_null(strstr(json, "\"crossover_users\""));
     free(json);
     lw_process_left_nothing();
+
+    /* nothing is measured again, and the result is the same, but for the digits that tables leave out */
+    lw_process_expect(&process, run(arguments, &process), 0);
+    char *again = lw_process_out(&process);
+    said = lw_process_err(&process);
+    assert_true(fabs(number_after(again, "r(1) = ") - ratio) <= 2e-3 * ratio);
+    assert_true(fabs(number_after(again, "m = ") - marginal) <= 2e-3 * fabs(marginal));
+    assert_null(strstr(said, "shared cache, 1 user"));
+    free(said);
+    free(again);
+    free(result);
+
+    /* other users do not mix with these */
+    snprintf(arguments, sizeof arguments, SMALLEST "--users 1,2 --repeats 2 -o %s", folder);
+    lw_process_expect(&process, run(arguments, &process), 64);
+    said = lw_process_err(&process);
+    assert_non_null(strstr(said, "holds a row whose users is 1,2,4, not 1,2"));
+    free(said);
+
+    /* nor does a row of the crossover take the folder, or its report */
+    snprintf(arguments, sizeof arguments, "crossover --report-only -o %s", folder);
+    lw_process_refuses("lightwell-load", arguments, 64, "holds a run of lightwell-load scaling", LIMIT_S);
+    snprintf(arguments, sizeof arguments, "crossover builtin:cornell --size 64x32 -o %s", folder);
+    lw_process_refuses("lightwell-load", arguments, 64, "choose another folder", LIMIT_S);
+    report = lw_support_read_text(folder, "report.md");
+    assert_non_null(strstr(report, "# Scaling run"));
+    free(report);
 }
 
 /* The harness against itself: with the same path tracer on both sides nobody wins. CPU time of so little
@@ -188,8 +215,8 @@ static void fails_with_one_line(void **state) {
         int code;
     } bad[] = {
         {"builtin:cornell", "/proc/nowhere", "cannot make the folder", 73},
-        {"builtin:cornell", "/proc", "/proc/report.md", 73},
-        {"builtin:cornell", "/dev/null", "/dev/null/report.md", 73},
+        {"builtin:cornell", "/proc", "/proc/samples.csv", 73},
+        {"builtin:cornell", "/dev/null", "/dev/null: cannot make the folder", 73},
         {"builtin:nothing", NULL, "builtin:nothing", 66},
         {"builtin:cornell --users 0", NULL, "--users", 64},
     };
@@ -208,7 +235,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test_teardown(equals_are_equal, lw_process_teardown),
     };
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_teardown(measures_and_reports, lw_process_teardown),
+        cmocka_unit_test_teardown(measures_reports_and_goes_on, lw_process_teardown),
         cmocka_unit_test_teardown(settings_may_be_given_and_plots_missing, lw_process_teardown),
         cmocka_unit_test_teardown(an_interruption_keeps_what_is_there, lw_process_teardown),
         cmocka_unit_test_teardown(fails_with_one_line, lw_process_teardown),

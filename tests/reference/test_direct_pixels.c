@@ -2,8 +2,8 @@
  * lights. */
 #include "tests/support/support.h"
 
+#include "client/paths/path_trace.h"
 #include "client/view/compose.h"
-#include "client/view/path_trace.h"
 #include "common/builtin/builtin.h"
 #include "common/lightmap/lightmap.h"
 

@@ -1,7 +1,7 @@
 /* The denoiser against converged paths: a camera moves and turns through a scene whose
  * objects move, one path per pixel. */
-#include "client/measure/path_world.h"
-#include "client/view/svgf.h"
+#include "client/measure/sides/path_world.h"
+#include "client/paths/svgf.h"
 #include "common/builtin/builtin.h"
 #include "tests/support/support.h"
 

@@ -1,10 +1,10 @@
 /* Tiles of finer levels by OpenGL: the picture and the needed tiles against the composer's, and the pool. */
 #include "tests/support/support.h"
 
+#include "client/camera/camera.h"
 #include "client/gl/gl_fine_tiles.h"
 #include "client/gl/gl_offscreen.h"
 #include "client/gl/gl_renderer.h"
-#include "client/view/camera.h"
 
 #include <epoxy/gl.h>
 #include <stdlib.h>

@@ -1,11 +1,11 @@
 /* The picture by OpenGL against the composer's, from the same light. */
 #include "tests/support/process.h"
 
+#include "client/camera/camera.h"
 #include "client/gl/gl_offscreen.h"
 #include "client/gl/gl_renderer.h"
 #include "client/gl/gl_rgb9e5.h"
 #include "client/view/antialias.h"
-#include "client/view/camera.h"
 #include "client/view/tonemap.h"
 #include "common/image/flip.h"
 #include "common/open/scene_open.h"

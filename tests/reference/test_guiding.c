@@ -1,6 +1,6 @@
 /* Guided paths against paths that are not: the same light in the mean, and less noise where light comes by
  * few ways. Tolerances come from the spread over seeds. */
-#include "client/measure/path_world.h"
+#include "client/measure/sides/path_world.h"
 #include "common/builtin/builtin.h"
 #include "common/random.h"
 #include "common/sanitizer.h"

@@ -1,6 +1,6 @@
 /* The path tracer on surfaces with a finish, against closed forms. Tolerances come from the spread over
  * seeds. */
-#include "client/measure/path_world.h"
+#include "client/measure/sides/path_world.h"
 #include "common/builtin/builtin.h"
 #include "common/random.h"
 #include "common/shading/tangent.h"

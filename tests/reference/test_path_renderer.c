@@ -1,8 +1,8 @@
 /* The path renderers against converged paths: a camera moves and turns through a scene, one path per pixel
  * and frame. */
-#include "client/measure/path_world.h"
-#include "client/view/path_renderer.h"
-#include "client/view/svgf.h"
+#include "client/measure/sides/path_world.h"
+#include "client/paths/path_renderer.h"
+#include "client/paths/svgf.h"
 #include "common/builtin/builtin.h"
 #include "tests/support/support.h"
 

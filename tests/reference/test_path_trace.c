@@ -1,6 +1,6 @@
 /* The path tracer against closed forms. Tolerances come from the spread over seeds: pixels of a picture share
  * random numbers, pictures of different seeds do not. */
-#include "client/measure/path_world.h"
+#include "client/measure/sides/path_world.h"
 #include "common/builtin/builtin.h"
 #include "common/colour.h"
 #include "tests/reference/effort.h"

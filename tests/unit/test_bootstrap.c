@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/crossover/bootstrap.h"
+#include "client/measure/figures/bootstrap.h"
 #include "common/random.h"
 
 #include <math.h>

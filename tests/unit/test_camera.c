@@ -1,6 +1,7 @@
 #include "tests/support/support.h"
 
-#include "client/view/camera.h"
+#include "client/camera/camera.h"
+#include "client/paths/camera_default.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
-#include "client/crossover/crossover_options.h"
-#include "client/crossover/crossover_references.h"
+#include "client/measure/crossover_options.h"
+#include "client/measure/crossover_references.h"
 
 #include <math.h>
 
@@ -21,9 +21,9 @@ static void defaults_are_the_quick_form(void **state) {
     assert_int_equal(o.opponent_count, 2);
     assert_int_equal(o.opponent[0], LW_PATH_RENDERER_SVGF);
     assert_int_equal(o.opponent[1], LW_PATH_RENDERER_SVGF_QUARTER);
-    assert_int_equal(o.motion, LW_SCENE_MOTION_LAMP_WALK);
-    assert_int_equal(o.repeats, 2);
-    assert_true(o.width == 640 && o.height == 360);
+    assert_int_equal(o.base.motion, LW_SCENE_MOTION_LAMP_WALK);
+    assert_int_equal(o.base.repeats, 2);
+    assert_true(o.base.width == 640 && o.base.height == 360);
     assert_true(o.density_count == 4 && o.density[0] == 0.25 && o.density[3] == 2);
     assert_true(isinf(o.minutes_max) && !o.report_only);
     assert_true(o.pixels && !o.tiles && o.by_rays && !o.by_gl);
@@ -42,13 +42,13 @@ static void values(void **state) {
     lw_support_ok(parse("--densities", "0.5", &o, &err), &err);
     assert_true(o.density_count == 1 && o.density[0] == 0.5);
     lw_support_ok(parse("--motion", "carry", &o, &err), &err);
-    assert_int_equal(o.motion, LW_SCENE_MOTION_CARRY);
+    assert_int_equal(o.base.motion, LW_SCENE_MOTION_CARRY);
     lw_support_ok(parse("--renderer", "gl", &o, &err), &err);
     assert_true(!o.by_rays && o.by_gl);
     lw_support_ok(parse("--renderer", "both", &o, &err), &err);
     assert_true(o.by_rays && o.by_gl);
     lw_support_ok(parse("--truth-samples", "9", &o, &err), &err);
-    assert_int_equal(o.reference_samples, 16);
+    assert_int_equal(o.base.reference_samples, 16);
 }
 
 static void bad_values_are_named(void **state) {
@@ -110,16 +110,18 @@ static void crops_fit_into_pictures_of_all_sizes(void **state) {
         struct lw_crossover_options o;
         struct lw_error err = {0};
         lw_support_ok(parse("--size", sizes[i], &o, &err), &err);
-        const uint32_t side = lw_crossover_references_side(o.width, o.height);
+        const uint32_t side = lw_crossover_references_side(o.base.width, o.base.height);
         assert_true(side >= 16 && side <= 96 && side % 16 == 0);
-        for (uint32_t view = 0; view < LW_CROSSOVER_VIEWS; view++) {
-            const struct lw_crossover_crop left = lw_crossover_references_crop(o.width, o.height, view, 0),
-                                           right = lw_crossover_references_crop(o.width, o.height, view, 1);
+        for (uint32_t view = 0; view < LW_MEASURE_VIEWS; view++) {
+            const struct lw_crossover_crop left = lw_crossover_references_crop(o.base.width, o.base.height,
+                                                                               view, 0),
+                                           right = lw_crossover_references_crop(o.base.width, o.base.height,
+                                                                                view, 1);
             assert_true(left.x % 16 == 0 && left.y % 16 == 0 && right.x % 16 == 0 && right.y % 16 == 0);
-            assert_true(left.x < o.width && left.x + side <= right.x);
-            assert_true(right.x < o.width && right.x + side <= o.width);
-            assert_true(left.y < o.height && left.y + side <= o.height);
-            assert_true(right.y < o.height && right.y + side <= o.height);
+            assert_true(left.x < o.base.width && left.x + side <= right.x);
+            assert_true(right.x < o.base.width && right.x + side <= o.base.width);
+            assert_true(left.y < o.base.height && left.y + side <= o.base.height);
+            assert_true(right.y < o.base.height && right.y + side <= o.base.height);
         }
     }
     assert_int_equal(lw_crossover_references_side(640, 360), 96);

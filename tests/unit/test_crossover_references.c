@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/crossover/crossover_references.h"
+#include "client/measure/crossover_references.h"
 #include "common/builtin/builtin.h"
 #include "common/trace/trace.h"
 
@@ -21,11 +21,11 @@ static _Atomic bool never;
 
 static void trace(struct lw_crossover_references *references, const struct lw_scene *scene) {
     static const uint32_t judged[] = {FIRST, FIRST + 1};
-    const struct lw_crossover_options options = {.scene = {.path = "builtin:cornell"},
-                                                 .width = 128,
-                                                 .height = 72,
-                                                 .bounces = 1,
-                                                 .reference_samples = 8};
+    const struct lw_measure_options options = {.scene = {.path = "builtin:cornell"},
+                                               .width = 128,
+                                               .height = 72,
+                                               .bounces = 1,
+                                               .reference_samples = 8};
     const char *folder = lw_support_temporary("references");
     assert_int_equal(mkdir(folder, 0777), 0);
     struct lw_error err = {0};
@@ -54,7 +54,7 @@ static void what_shines_does_not_count(void **state) {
     const size_t pixels = (size_t)LW_CROSSOVER_CROPS * t.side * t.side;
     uint32_t shining = 0, bright = 0;
     double squares = 0, brightest = 0;
-    for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++) {
+    for (uint32_t v = 0; v < LW_MEASURE_VIEWS; v++) {
         const struct lw_crossover_reference *now = &t.now[0][v], *late = &t.late[0][v];
         for (size_t i = 0; i < pixels; i++) {
             const double red = 0.5 * ((double)now->half[0][3 * i] + (double)now->half[1][3 * i]);

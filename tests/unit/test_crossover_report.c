@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
-#include "client/crossover/crossover_analysis.h"
-#include "client/crossover/crossover_report.h"
+#include "client/measure/crossover_analysis.h"
+#include "client/measure/crossover_report.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -10,84 +10,83 @@
 
 #define REPEATS 2u
 
-static void put(struct lw_crossover_store *store, const char *renderer, const char *setting, uint32_t repeat,
+static void put(struct lw_measure_store *store, const char *renderer, const char *setting, uint32_t repeat,
                 double error, double alone_s, double all_s) {
-    struct lw_crossover_sample sample[LW_CROSSOVER_VIEWS];
-    struct lw_crossover_expense expense[LW_CROSSOVER_VIEWS + 1];
-    struct lw_crossover_unit unit = {.repeat = repeat};
+    struct lw_measure_sample sample[LW_MEASURE_VIEWS];
+    struct lw_measure_expense expense[LW_MEASURE_VIEWS + 1];
+    struct lw_measure_unit unit = {.repeat = repeat};
     struct lw_error err = {0};
     const bool is_cache = strcmp(renderer, "cache") == 0;
     snprintf(unit.renderer, sizeof unit.renderer, "%s", renderer);
     snprintf(unit.setting, sizeof unit.setting, "%s", setting);
-    for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++) {
+    for (uint32_t v = 0; v < LW_MEASURE_VIEWS; v++) {
         const double brighter = 1 + 0.1 * v; /* views differ by the same for all renderers */
-        sample[v] = (struct lw_crossover_sample){
+        sample[v] = (struct lw_measure_sample){
             .unit = unit,
             .view = v,
             .frame = 61,
             .coin = {error * brighter, 2 * error, error / 2, 5 * error * brighter, (double)NAN}};
-        expense[v] = lw_crossover_store_expense(&unit, 1, v);
+        expense[v] = lw_measure_store_expense(&unit, 1, v);
         expense[v].frames = 8;
         expense[v].cpu_s[is_cache ? LW_STAGE_SOLVE : LW_STAGE_TRACE] = alone_s * brighter;
     }
     /* every third view of the cache is seen alone */
     uint32_t count = 0;
-    for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++)
+    for (uint32_t v = 0; v < LW_MEASURE_VIEWS; v++)
         if (!isnan(alone_s) && (!is_cache || v % 3 == 0)) expense[count++] = expense[v];
-    expense[count] = lw_crossover_store_expense(&unit, is_cache ? LW_CROSSOVER_VIEWS : 1, LW_CROSSOVER_ALL);
-    expense[count].samples = LW_CROSSOVER_VIEWS;
+    expense[count] = lw_measure_store_expense(&unit, is_cache ? LW_MEASURE_VIEWS : 1, LW_MEASURE_ALL);
+    expense[count].samples = LW_MEASURE_VIEWS;
     expense[count].cpu_s[is_cache ? LW_STAGE_SOLVE : LW_STAGE_TRACE] = all_s;
-    expense[count].extra[LW_CROSSOVER_EXTRA_START_CPU] = is_cache ? 6 : 0.5;
-    lw_support_ok(lw_crossover_store_append(store, sample, LW_CROSSOVER_VIEWS, expense, count + 1, &err),
-                  &err);
+    expense[count].extra[LW_MEASURE_EXTRA_START_CPU] = is_cache ? 6 : 0.5;
+    lw_support_ok(lw_measure_store_append(store, sample, LW_MEASURE_VIEWS, expense, count + 1, &err), &err);
 }
 
 /* A row by hand: the cache's denser setting reaches svgf's error, none that of svgf-quarter. */
 static const char *make_row(const char *name, double late) {
     const char *folder = lw_support_temporary(name);
-    struct lw_crossover_store store;
-    struct lw_crossover_late line = {.view = 0, .frame = 61, .late = 30, .relmse = late};
+    struct lw_measure_store store;
+    struct lw_measure_late line = {.view = 0, .frame = 61, .late = 30, .relmse = late};
     struct lw_error err = {0};
-    lw_support_ok(lw_crossover_store_open(&store, folder, false, &err), &err);
-    lw_support_ok(lw_crossover_store_set(&store, "scene", "builtin:hand", &err), &err);
-    lw_support_ok(lw_crossover_store_set(&store, "motion", "lamp-walk", &err), &err);
-    lw_support_ok(lw_crossover_store_set(&store, "dark views", "2 5", &err), &err);
-    lw_support_ok(lw_crossover_store_set_late(&store, &line, 1, &err), &err);
+    lw_support_ok(lw_measure_store_open(&store, folder, false, &err), &err);
+    lw_support_ok(lw_measure_store_set(&store, "scene", "builtin:hand", &err), &err);
+    lw_support_ok(lw_measure_store_set(&store, "motion", "lamp-walk", &err), &err);
+    lw_support_ok(lw_measure_store_set(&store, "dark views", "2 5", &err), &err);
+    lw_support_ok(lw_measure_store_set_late(&store, &line, 1, &err), &err);
     for (uint32_t r = 0; r < REPEATS; r++) {
         put(&store, "svgf", "1 path", r, 0.04, 2, 0);
         put(&store, "svgf-quarter", "1 path", r, 0.01, 1, 0);
         put(&store, "cache", "x0.5 1+1 rest 0.2", r, 0.08, 0.2, 0.75);
         put(&store, "cache", "x1 1+1 rest 0.2", r, 0.03, 1, 3.2);
     }
-    const struct lw_crossover_unit failed = {"cache", "x2 1+1 rest 0.2", 0};
-    lw_support_ok(lw_crossover_store_fail(&store, &failed, "lightwelld has ended", &err), &err);
-    lw_crossover_store_finish(&store);
+    const struct lw_measure_unit failed = {"cache", "x2 1+1 rest 0.2", 0};
+    lw_support_ok(lw_measure_store_fail(&store, &failed, "lightwelld has ended", &err), &err);
+    lw_measure_store_finish(&store);
     return folder;
 }
 
 static void ratios_are_those_of_the_tables(void **state) {
     (void)state;
     const char *folder = make_row("hand", 1);
-    struct lw_crossover_store store;
+    struct lw_measure_store store;
     struct lw_crossover_analysis a;
     struct lw_error err = {0};
-    lw_support_ok(lw_crossover_store_open(&store, folder, true, &err), &err);
+    lw_support_ok(lw_measure_store_open(&store, folder, true, &err), &err);
     lw_support_ok(lw_crossover_analysis_init(&a, &store, &err), &err);
     assert_int_equal(a.point_count, 4);
     assert_true(a.late_error == 1);
     const struct lw_crossover_point *svgf = lw_crossover_analysis_find(&a, "svgf", NULL),
                                     *quarter = lw_crossover_analysis_find(&a, "svgf-quarter", NULL);
-    const double error = svgf->mean[LW_CROSSOVER_COIN_RELMSE].value;
+    const double error = svgf->mean[LW_MEASURE_COIN_RELMSE].value;
     assert_true(fabs(error - 0.04 * 1.55) < 1e-9);
     const struct lw_crossover_point *cache =
-        lw_crossover_analysis_cheapest(&a, LW_CROSSOVER_COIN_RELMSE, error);
+        lw_crossover_analysis_cheapest(&a, LW_MEASURE_COIN_RELMSE, error);
     assert_non_null(cache);
     assert_string_equal(cache->setting, "x1 1+1 rest 0.2");
-    assert_null(lw_crossover_analysis_cheapest(&a, LW_CROSSOVER_COIN_RELMSE,
-                                               quarter->mean[LW_CROSSOVER_COIN_RELMSE].value));
+    assert_null(lw_crossover_analysis_cheapest(&a, LW_MEASURE_COIN_RELMSE,
+                                               quarter->mean[LW_MEASURE_COIN_RELMSE].value));
     /* paired: views cost both sides the same share more, so that nothing is left to chance */
     const struct lw_crossover_ratio ratio =
-        lw_crossover_analysis_compare(cache, svgf, LW_CROSSOVER_COIN_RELMSE);
+        lw_crossover_analysis_compare(cache, svgf, LW_MEASURE_COIN_RELMSE);
     assert_true(fabs(ratio.r1.value - 0.5) < 1e-9 && fabs(ratio.r1.low - 0.5) < 1e-9 &&
                 fabs(ratio.r1.high - 0.5) < 1e-9);
     assert_true(fabs(ratio.error.value - 0.75) < 1e-9 && fabs(ratio.error.high - 0.75) < 1e-9);
@@ -98,21 +97,21 @@ static void ratios_are_those_of_the_tables(void **state) {
     assert_true(fabs(lw_crossover_analysis_session(cache, 60, 1) - (1.45 + 6.0 / 1800)) < 1e-9);
     assert_true(fabs(lw_crossover_analysis_session(cache, 60, 12) - (3.2 + 6.0 / 1800) / 12) < 1e-9);
     assert_true(fabs(lw_crossover_analysis_session(svgf, 10, 12) - (3.1 + 0.5 / 300)) < 1e-9);
-    const double at = lw_crossover_analysis_crossing(&a, LW_CROSSOVER_COIN_RELMSE, error);
+    const double at = lw_crossover_analysis_crossing(&a, LW_MEASURE_COIN_RELMSE, error);
     /* from (0.29 s, 0.124) to (1.45 s, 0.0465), as far as 0.062 */
     assert_true(fabs(at - 0.29 * pow(5, log(2) / log(8.0 / 3))) < 1e-9);
     lw_crossover_analysis_finish(&a);
-    lw_crossover_store_finish(&store);
+    lw_measure_store_finish(&store);
 }
 
 static char *report_of(const char *folder) {
-    struct lw_crossover_store store;
+    struct lw_measure_store store;
     struct lw_error err = {0};
     char path[300];
     size_t size;
-    lw_support_ok(lw_crossover_store_open(&store, folder, true, &err), &err);
+    lw_support_ok(lw_measure_store_open(&store, folder, true, &err), &err);
     lw_support_ok(lw_crossover_report_write(&store, &err), &err);
-    lw_crossover_store_finish(&store);
+    lw_measure_store_finish(&store);
     snprintf(path, sizeof path, "%s/report.md", folder);
     return (char *)lw_support_read_file(path, &size);
 }
@@ -141,11 +140,11 @@ static void first_lines_say_the_opponents_own_error(void **state) {
 static void a_step_has_no_ratios(void **state) {
     (void)state;
     const char *folder = make_row("step", 1);
-    struct lw_crossover_store store;
+    struct lw_measure_store store;
     struct lw_error err = {0};
-    lw_support_ok(lw_crossover_store_open(&store, folder, false, &err), &err);
-    lw_support_ok(lw_crossover_store_set(&store, "motion", "lamp-switch", &err), &err);
-    lw_crossover_store_finish(&store);
+    lw_support_ok(lw_measure_store_open(&store, folder, false, &err), &err);
+    lw_support_ok(lw_measure_store_set(&store, "motion", "lamp-switch", &err), &err);
+    lw_measure_store_finish(&store);
     char *report = report_of(folder);
     assert_says(report,
                 "* at the error of svgf, relMSE 0.062: r(1) = –, m = – (x1 1+1 rest 0.2, relMSE 0.0465)");
@@ -172,32 +171,32 @@ static void a_row_that_does_not_test_motion_is_void(void **state) {
 /* Nobody was alone with it. */
 static void a_setting_without_a_cost_is_not_the_cheapest(void **state) {
     (void)state;
-    struct lw_crossover_store store;
+    struct lw_measure_store store;
     struct lw_crossover_analysis a;
     struct lw_error err = {0};
-    lw_support_ok(lw_crossover_store_open(&store, lw_support_temporary("costless"), false, &err), &err);
+    lw_support_ok(lw_measure_store_open(&store, lw_support_temporary("costless"), false, &err), &err);
     put(&store, "cache", "x0.5 1+1 rest 0.2", 0, 0.01, (double)NAN, 3);
     put(&store, "cache", "x1 1+1 rest 0.2", 0, 0.02, 1, 3.2);
     put(&store, "raw", "1 path", 0, 0.01, (double)NAN, 0);
     lw_support_ok(lw_crossover_analysis_init(&a, &store, &err), &err);
     assert_int_equal(a.point_count, 3);
-    const struct lw_crossover_point *cache = lw_crossover_analysis_cheapest(&a, LW_CROSSOVER_COIN_RELMSE, 1);
+    const struct lw_crossover_point *cache = lw_crossover_analysis_cheapest(&a, LW_MEASURE_COIN_RELMSE, 1);
     assert_non_null(cache);
     assert_string_equal(cache->setting, "x1 1+1 rest 0.2");
-    assert_null(lw_crossover_analysis_opponent(&a, LW_CROSSOVER_COIN_RELMSE, 1));
+    assert_null(lw_crossover_analysis_opponent(&a, LW_MEASURE_COIN_RELMSE, 1));
     lw_crossover_analysis_finish(&a);
-    lw_crossover_store_finish(&store);
+    lw_measure_store_finish(&store);
 }
 
 static void settings_beyond_the_limit_are_left_out(void **state) {
     (void)state;
-    struct lw_crossover_store store;
+    struct lw_measure_store store;
     struct lw_crossover_analysis a;
     struct lw_error err = {0};
     const char *folder = lw_support_temporary("many");
-    lw_support_ok(lw_crossover_store_open(&store, folder, false, &err), &err);
+    lw_support_ok(lw_measure_store_open(&store, folder, false, &err), &err);
     for (uint32_t i = 0; i < LW_CROSSOVER_POINTS_MAX + 2; i++) {
-        char setting[LW_CROSSOVER_NAME_SIZE];
+        char setting[LW_MEASURE_NAME_SIZE];
         snprintf(setting, sizeof setting, "%u paths", i + 1);
         put(&store, "raw", setting, 0, 1.0 / (i + 1), i + 1, 0);
     }
@@ -208,7 +207,7 @@ static void settings_beyond_the_limit_are_left_out(void **state) {
     assert_true(fabs(last->cost_s.value - 64 * 1.55) < 1e-9);
     assert_null(lw_crossover_analysis_find(&a, "raw", "65 paths"));
     lw_crossover_analysis_finish(&a);
-    lw_crossover_store_finish(&store);
+    lw_measure_store_finish(&store);
     free(report_of(folder));
 }
 
@@ -237,15 +236,15 @@ static void curves_and_plots_are_of_all_measures(void **state) {
 static void the_wall_clock_is_a_table(void **state) {
     (void)state;
     const char *folder = make_row("clock", 1);
-    struct lw_crossover_store store;
+    struct lw_measure_store store;
     struct lw_error err = {0};
     char *report = report_of(folder);
     assert_null(strstr(report, "wall clock"));
     free(report);
-    lw_support_ok(lw_crossover_store_open(&store, folder, false, &err), &err);
-    lw_support_ok(lw_crossover_store_set(&store, "clock svgf 1 path", "1.5,0.8,0.25,9", &err), &err);
-    lw_support_ok(lw_crossover_store_set(&store, "clock cache x1 1+1 rest 0.2", "8,0.2,nan,0", &err), &err);
-    lw_crossover_store_finish(&store);
+    lw_support_ok(lw_measure_store_open(&store, folder, false, &err), &err);
+    lw_support_ok(lw_measure_store_set(&store, "clock svgf 1 path", "1.5,0.8,0.25,9", &err), &err);
+    lw_support_ok(lw_measure_store_set(&store, "clock cache x1 1+1 rest 0.2", "8,0.2,nan,0", &err), &err);
+    lw_measure_store_finish(&store);
     report = report_of(folder);
     assert_says(report, "## By the wall clock");
     assert_says(report, "| svgf, 1 path | 1.5 | 0.8 | 0.25 | 9 |");
@@ -256,13 +255,13 @@ static void the_wall_clock_is_a_table(void **state) {
 static void a_row_that_cannot_be_measured_says_why(void **state) {
     (void)state;
     const char *folder = lw_support_temporary("refused");
-    struct lw_crossover_store store;
+    struct lw_measure_store store;
     struct lw_error err = {0};
-    lw_support_ok(lw_crossover_store_open(&store, folder, false, &err), &err);
-    lw_support_ok(lw_crossover_store_set(&store, "scene", "builtin:hand", &err), &err);
-    lw_support_ok(lw_crossover_store_set(&store, "motion", "sun-swing", &err), &err);
+    lw_support_ok(lw_measure_store_open(&store, folder, false, &err), &err);
+    lw_support_ok(lw_measure_store_set(&store, "scene", "builtin:hand", &err), &err);
+    lw_support_ok(lw_measure_store_set(&store, "motion", "sun-swing", &err), &err);
     lw_support_ok(lw_crossover_report_refuse(&store, "it has no sun", &err), &err);
-    lw_crossover_store_finish(&store);
+    lw_measure_store_finish(&store);
     char *report = lw_support_read_text(folder, "report.md");
     assert_string_equal(report, "# Crossover: builtin:hand, sun-swing\n\n**Not measured:** it has no sun\n");
     free(report);
@@ -270,11 +269,11 @@ static void a_row_that_cannot_be_measured_says_why(void **state) {
 
 static void nothing_measured_is_said(void **state) {
     (void)state;
-    struct lw_crossover_store store;
+    struct lw_measure_store store;
     struct lw_error err = {0};
-    lw_support_ok(lw_crossover_store_open(&store, lw_support_temporary("nothing"), false, &err), &err);
+    lw_support_ok(lw_measure_store_open(&store, lw_support_temporary("nothing"), false, &err), &err);
     lw_support_fails(lw_crossover_report_write(&store, &err), LW_BAD_DATA, &err, "nothing is measured");
-    lw_crossover_store_finish(&store);
+    lw_measure_store_finish(&store);
 }
 
 int main(void) {

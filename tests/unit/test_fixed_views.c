@@ -1,8 +1,8 @@
 #include "tests/support/support.h"
 
-#include "client/measure/fixed_views.h"
-#include "client/measure/path_world.h"
-#include "client/measure/views.h"
+#include "client/measure/sides/fixed_views.h"
+#include "client/measure/sides/path_world.h"
+#include "client/measure/sides/views.h"
 #include "common/builtin/builtin.h"
 #include "common/open/scene_open.h"
 #include "common/scene/scene_motion.h"

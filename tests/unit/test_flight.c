@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/view/flight.h"
+#include "client/camera/flight.h"
 #include "client/view/pace.h"
 
 #include <math.h>

@@ -32,6 +32,18 @@ static void temporary_folders_are_where_the_user_wants_them(void **state) {
     assert_string_equal(lw_folders_temporary(), "/tmp");
 }
 
+static void a_folder_is_made_once(void **state) {
+    (void)state;
+    struct lw_error err = {0};
+    const char *folder = lw_support_temporary("made");
+    lw_support_ok(lw_folders_make(folder, &err), &err);
+    lw_support_ok(lw_folders_make(folder, &err), &err);
+    lw_support_fails(lw_folders_make("/dev/null", &err), LW_CANNOT_CREATE, &err,
+                     "/dev/null: cannot make the folder: Not a directory");
+    err = (struct lw_error){0};
+    lw_support_fails(lw_folders_make("/nonexistent/folder", &err), LW_CANNOT_CREATE, &err, "/nonexistent");
+}
+
 static void a_temporary_folder_that_cannot_be_made_is_told(void **state) {
     (void)state;
     char path[PATH_MAX] = "before", small[20];
@@ -68,6 +80,7 @@ static void caches_are_where_the_desktop_keeps_them(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_folder_is_made_once),
         cmocka_unit_test(temporary_folders_are_where_the_user_wants_them),
         cmocka_unit_test(a_temporary_folder_that_cannot_be_made_is_told),
         cmocka_unit_test(caches_are_where_the_desktop_keeps_them),

@@ -1,5 +1,5 @@
 /* First hits of scenes with known answers. */
-#include "client/view/gbuffer.h"
+#include "client/paths/gbuffer.h"
 #include "tests/reference/room.h"
 
 #include <stdlib.h>

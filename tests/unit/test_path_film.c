@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/view/path_film.h"
+#include "client/paths/path_film.h"
 
 #include <math.h>
 

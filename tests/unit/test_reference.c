@@ -1,6 +1,7 @@
 #include "tests/support/support.h"
 
-#include "client/measure/reference.h"
+#include "client/measure/figures/reference.h"
+#include "client/measure/sides/lattice.h"
 #include "common/builtin/builtin.h"
 #include "common/random.h"
 
@@ -11,18 +12,18 @@ enum { WIDTH = 256, HEIGHT = 128, VALUES = 3 * WIDTH * HEIGHT };
 
 static void strides(void **state) {
     (void)state;
-    assert_int_equal(lw_reference_stride(1280, 720), 5);
-    assert_int_equal(lw_reference_stride(1920, 1080), 5);
-    assert_int_equal(lw_reference_stride(1344, 756), 7);
-    assert_int_equal(lw_reference_stride(1024, 768), 1);
-    assert_int_equal(lw_reference_stride(33, 63), 3);
+    assert_int_equal(lw_lattice_stride(1280, 720), 5);
+    assert_int_equal(lw_lattice_stride(1920, 1080), 5);
+    assert_int_equal(lw_lattice_stride(1344, 756), 7);
+    assert_int_equal(lw_lattice_stride(1024, 768), 1);
+    assert_int_equal(lw_lattice_stride(33, 63), 3);
 }
 
 static void the_lattice_is_in_the_middle_of_its_squares(void **state) {
     (void)state;
     float whole[3 * 9 * 6], lattice[3 * 3 * 2];
     for (int i = 0; i < 9 * 6; i++) whole[3 * i] = whole[3 * i + 1] = whole[3 * i + 2] = (float)i;
-    lw_reference_pick(whole, 9, 6, 3, lattice);
+    lw_lattice_pick(whole, 9, 6, 3, lattice);
     static const float expected[] = {10, 13, 16, 37, 40, 43};
     for (int i = 0; i < 6; i++)
         assert_true(lattice[3 * i] == expected[i] && lattice[3 * i + 2] == expected[i]);

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/scaling/scaling_figures.h"
+#include "client/measure/figures/scaling_figures.h"
 
 #include <math.h>
 

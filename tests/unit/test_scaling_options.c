@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/scaling/scaling_options.h"
+#include "client/measure/scaling_options.h"
 
 static enum lw_status parse(const char *option, const char *value, struct lw_scaling_options *o,
                             struct lw_error *err) {
@@ -17,9 +17,9 @@ static void defaults(void **state) {
     lw_support_ok(parse(NULL, NULL, &o, &err), &err);
     assert_int_equal(o.user_counts, 9);
     assert_int_equal(o.users[8], 256);
-    assert_int_equal(o.width, 1280);
-    assert_int_equal(o.height, 720);
-    assert_int_equal(o.motion, LW_SCENE_MOTION_LIGHT);
+    assert_int_equal(o.base.width, 1280);
+    assert_int_equal(o.base.height, 720);
+    assert_int_equal(o.base.motion, LW_SCENE_MOTION_LIGHT);
     assert_true(o.error == 0.1 && o.match_samples == 0);
 }
 
@@ -42,7 +42,7 @@ static void values(void **state) {
     lw_support_ok(parse("--users", "3", &o, &err), &err);
     assert_true(o.user_counts == 1 && o.users[0] == 3);
     lw_support_ok(parse("--truth-samples", "7", &o, &err), &err);
-    assert_int_equal(o.reference_samples, 8);
+    assert_int_equal(o.base.reference_samples, 8);
 }
 
 static void bad_values_are_named(void **state) {

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/view/steering.h"
+#include "client/camera/steering.h"
 
 #include <math.h>
 

@@ -1,7 +1,7 @@
 /* The filter on pictures that are made by hand: a painted wall straight ahead. */
 #include "tests/support/support.h"
 
-#include "client/view/svgf.h"
+#include "client/paths/svgf.h"
 #include "common/random.h"
 
 #include <math.h>

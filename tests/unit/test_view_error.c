@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
-#include "client/measure/reference.h"
-#include "client/measure/view_error.h"
+#include "client/measure/figures/reference.h"
+#include "client/measure/figures/view_error.h"
 #include "common/image/flip.h"
 #include "common/random.h"
 

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/measure/views.h"
+#include "client/measure/sides/views.h"
 #include "common/builtin/builtin.h"
 
 struct place {

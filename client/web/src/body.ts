@@ -1,5 +1,5 @@
 // body.ts: the box of nearly all triangles, without the ground that goes on to the horizon: what a view of a
-// scene without a camera shows; as find_body() of client/view/camera_default.c.
+// scene without a camera shows; as find_body() of client/paths/camera_default.c.
 import type { Vec3 } from './camera.ts';
 import type { Box } from './lights.ts';
 import { NONE, type Scene } from './package.ts';

@@ -1,4 +1,4 @@
-// camera.ts: a view and how a person moves it. Upright, as client/view/flight.h.
+// camera.ts: a view and how a person moves it. Upright, as client/camera/flight.h.
 
 export type Vec3 = [number, number, number];
 
@@ -79,7 +79,7 @@ const FILL = 0.94; // of the picture, by a box that is framed
 const FRAME_FOV_Y = (35 / 180) * Math.PI;
 
 /** The whole of a box, from outside and a little above, from as near as it fits into the picture; as frame()
- * of client/view/camera_default.c. A corner at x to the right and z towards the eye is in the picture if
+ * of client/paths/camera_default.c. A corner at x to the right and z towards the eye is in the picture if
  * |x - x0| <= slope (distance - z): that bounds distance + x0 / slope and distance - x0 / slope from
  * below. */
 export function frameBox(low: Vec3, high: Vec3, aspect: number): View {
