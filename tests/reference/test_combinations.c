@@ -17,12 +17,14 @@ static const char *const ids[] = {LW_CHOICES(NAME)};
 static const char *const refused[] = {
     "RADIOSITY SERVED",
     "RADIOSITY GROUPS",
+    "RADIOSITY DIRECTIONAL",
     "RADIOSITY TRACING_RANGE",
     "RADIOSITY BUDGET",
     "RADIOSITY VPL_TERMS",
     "RADIOSITY DRAWN_SURFACES",
     "VPL SERVED",
     "VPL GROUPS",
+    "VPL DIRECTIONAL",
     "VPL TRACING_RANGE",
     "VPL BUDGET",
     "VPL UNDERSAMPLE",
@@ -136,6 +138,7 @@ static struct lw_solver_desc desc_of(const struct start *s, uint32_t choices) {
         .indirect_samples = 1,
         .target_error = 0.5f,
         .threads = 1,
+        .directions = (choices & LW_CHOICE_DIRECTIONAL) != 0,
         .tracing_range_m = choices & LW_CHOICE_TRACING_RANGE ? 1 : INFINITY,
         .light_groups = choices & LW_CHOICE_GROUPS ? &s->groups : NULL,
         .client_lights = choices & LW_CHOICE_DRAWN_SURFACES ? &s->surfaces
@@ -166,7 +169,7 @@ static void start(const struct start *s, uint32_t choices) {
     struct lw_publisher_stats published;
     struct lw_error err = {0};
     const bool splits = choices & (LW_CHOICE_SPLIT | LW_CHOICE_DRAWN_SURFACES);
-    const uint32_t channels = entry->channels & ~(splits ? 0 : 1u << LW_LIGHT_FORM_SPLIT);
+    const uint32_t channels = entry->channels & lw_tile_channels_held(splits, desc.directions);
     lw_support_ok(lw_combinations_check(entry->choice | lw_combinations_of(&desc), &err), &err);
     lw_support_ok(entry->create(&desc, &s->pose, &solver, &err), &err);
     solver->ops->show(solver, channels);
