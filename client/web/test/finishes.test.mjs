@@ -265,7 +265,7 @@ void main() {
   const around = (e) => `${HOSTILE}
 void main() {
   Seen s = hostile();
-  value = vec4(everywhere(s, ${e}), 0);
+  value = vec4(everywhere(s, ${e}, 1.0, 1.0), 0);
 }`;
   // as much as a white sky gives: nothing sends back more. The gloss' own many bounces are not counted
   check(await floatsOf(around(`vec3(${Math.PI})`)), 'of a white sky', 1.02);
@@ -286,7 +286,7 @@ gpuTest('a white metal in an even light sends back all of it', async (floatsOf) 
 void main() {
   vec2 at = (floor(gl_FragCoord.xy) + 0.5) / 64.0;
   vec3 z = vec3(0, 0, 1), v = vec3(sqrt(1.0 - at.x * at.x), 0, at.x);
-  value = vec4(everywhere(see(lobesOf(vec3(1), 1.0, at.y, 1.0, vec3(0.04)), v, z, z), vec3(${Math.PI})), 1);
+  value = vec4(everywhere(see(lobesOf(vec3(1), 1.0, at.y, 1.0, vec3(0.04)), v, z, z), vec3(${Math.PI}), 1.0, 1.0), 1);
 }`,
     64,
   );

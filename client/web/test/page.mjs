@@ -155,6 +155,7 @@ export async function checkUploads(page, taker, take) {
       const batch = {
         id: new Uint32Array(count),
         noiseLevel: new Uint8Array(count),
+        directions: [],
         texels: new Uint32Array(count * size),
       };
       const first = { batch, at: 0, texel: 0 };

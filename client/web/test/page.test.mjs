@@ -157,12 +157,14 @@ const finerPage = (daemon) => async (page) => {
           return ((15 << 27) | (b << 18) | (g << 9) | r) >>> 0;
         }),
       );
-      const batch = { id: ids, noiseLevel: new Uint8Array(ids.length), texels: Uint32Array.from(texels) };
+      const noiseLevel = new Uint8Array(ids.length);
+      const batch = { id: ids, noiseLevel, texels: Uint32Array.from(texels), directions: [] };
       renderer.takeTiles(batch, 0, 0, Infinity);
       lightwell.dirty = true;
     };
     globalThis.withdraw = (ids) => {
-      const batch = { id: ids, noiseLevel: new Uint8Array(ids.length).fill(255), texels: new Uint32Array(0) };
+      const noiseLevel = new Uint8Array(ids.length).fill(255);
+      const batch = { id: ids, noiseLevel, texels: new Uint32Array(0), directions: [] };
       renderer.takeTiles(batch, 0, 0, Infinity);
       lightwell.dirty = true;
     };
