@@ -1,6 +1,6 @@
 /* Frames and tiles from any server, for a replica of a small scene with a spare. The input is one thing
- * after another: a byte that says what (a frame, a tile, a new run of the server, the light's form), two for
- * the length, a message's body. */
+ * after another: a byte that says what (a frame, a tile, a new run of the server, the channels), two for the
+ * length, a message's body. */
 #include "tests/support/support.h"
 
 #include "client/lib/replica.h"
@@ -34,7 +34,8 @@ static void check_light(const struct lw_replica *r) {
         for (uint32_t l = 0; l < map->atlas[o].level_count; l++) {
             const struct lw_client_level level = lw_replica_get_level(r, o, l);
             for (size_t i = 0; i < 3 * (size_t)level.width * level.height; i++)
-                require(level.rgb[i] >= 0 && isfinite(level.rgb[i]));
+                require(level.rgb[i] >= 0 && isfinite(level.rgb[i]) &&
+                        (!level.direction || isfinite(level.direction[i])));
         }
     }
     for (uint32_t t = 0; t < map->tile_count; t++) /* a tile of another run has no version of this one */
@@ -76,7 +77,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
             lw_replica_begin_run(r);
         } else if (kind == 3) {
             const enum lw_light_form form = length & 1 ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL;
-            if (lw_replica_set_channels(r, lw_light_form_bit(form), NULL) != LW_OK) abort();
+            uint32_t channels = lw_light_form_bit(form);
+            if (length & 2) channels |= lw_tile_channel_bit(LW_TILE_CHANNEL_DIRECTION + form);
+            if (lw_replica_set_channels(r, channels, NULL) != LW_OK) abort();
         } else {
             break;
         }
