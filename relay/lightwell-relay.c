@@ -209,6 +209,7 @@ static enum lw_status create_server(struct program *p, const struct lw_relay_sce
         .target_error = scene->told.target_error,
         .noise_shown = scene->told.noise_shown,
         .features = scene->told.features,
+        .channels = scene->told.has_directions ? 1u << LW_TILE_CHANNEL_DIRECTION : 0,
         .client_lights = scene->told.client_lights,
         .client_lights_size = scene->told.client_lights_size,
         .client_materials = scene->told.client_materials,

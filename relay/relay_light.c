@@ -274,6 +274,11 @@ uint64_t lw_relay_light_frame_for_clients(const struct lw_relay_light *light, ui
     return frame && frame <= FRAME_MAX ? frame + light->before : frame;
 }
 
+/* Servers leave out directions of objects that look the same without them: no tile of them is waited for. */
+static bool is_awaited(const struct lw_relay_light *light, const struct feed *feed) {
+    return !lw_tile_channel_at((uint32_t)(feed - light->feed))->moment;
+}
+
 /* What a channel needs, with its first FRAME. */
 static enum lw_status make_room(const struct lw_relay_light *light, struct feed *feed) {
     if (!feed->has_pose) {
@@ -282,7 +287,7 @@ static enum lw_status make_room(const struct lw_relay_light *light, struct feed 
     }
     if (feed->tile) return LW_OK;
     if (!(feed->tile = calloc((size_t)light->map.tile_count + 1, sizeof *feed->tile))) return LW_NO_MEMORY;
-    for (uint32_t t = 0; t < light->map.plain_count; t++)
+    for (uint32_t t = 0; is_awaited(light, feed) && t < light->map.plain_count; t++)
         feed->coarsest_missing += is_coarsest(&light->map, t);
     return LW_OK;
 }
@@ -417,7 +422,8 @@ static enum lw_status store(struct lw_relay_light *light, uint32_t channel, uint
         return status == LW_NO_MEMORY ? lw_status_fail(err, status, "message TILE: out of memory")
                                       : bad_tile(err, t, "the payload is damaged");
     }
-    if (!known->version && id < light->map.plain_count && is_coarsest(&light->map, id)) {
+    if (!known->version && id < light->map.plain_count && is_coarsest(&light->map, id) &&
+        is_awaited(light, feed)) {
         LW_INVARIANT(feed->coarsest_missing > 0);
         feed->coarsest_missing--;
     }

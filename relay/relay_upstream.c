@@ -17,7 +17,7 @@
 #define HOLDS_AT_ONCE 1024u /* half of what a message may have: it fits into an outbox */
 #define UPDATES_MAX   1024u /* without an answer */
 /* A session for light offers these besides. */
-#define FEATURES_OF_LIGHT (LW_FEATURE_MATERIALS | LW_FEATURE_FINER | LW_FEATURE_TREE)
+#define FEATURES_OF_LIGHT (LW_FEATURE_MATERIALS | LW_FEATURE_FINER | LW_FEATURE_TREE | LW_FEATURE_DIRECTION)
 
 struct lw_relay_upstream {
     struct lw_link link;
@@ -30,7 +30,8 @@ struct lw_relay_upstream {
     struct lw_relay_told told;
     uint64_t features, package_compressed_size;
     uint64_t relays[LW_MESSAGE_RELAYS_MAX];
-    uint32_t relay_count, retry_after_ms, channel;
+    uint32_t relay_count, retry_after_ms;
+    uint32_t channel, channels; /* the form of light that comes; that, and its directions: a bit for each */
     struct lw_download download, finish_download;
     struct lw_relay_scene scene; /* in the making; its light is the one below */
     struct lw_relay_light *light;
@@ -56,8 +57,9 @@ static bool are_same_bits(const uint8_t *a, size_t a_size, const uint8_t *b, siz
 bool lw_relay_told_same_scene(const struct lw_relay_told *a, const struct lw_relay_told *b) {
     return is_same_hash(&a->package_hash, &b->package_hash) && a->package_size == b->package_size &&
            is_same_hash(&a->finish_hash, &b->finish_hash) && a->finish_size == b->finish_size &&
-           a->features == b->features && a->finer == b->finer && a->bounces == b->bounces &&
-           a->target_error == b->target_error && a->noise_shown == b->noise_shown &&
+           a->features == b->features && a->has_directions == b->has_directions && a->finer == b->finer &&
+           a->bounces == b->bounces && a->target_error == b->target_error &&
+           a->noise_shown == b->noise_shown &&
            (!a->has_draws || !b->has_draws ||
             (are_same_bits(a->client_lights, a->client_lights_size, b->client_lights,
                            b->client_lights_size) &&
@@ -112,6 +114,10 @@ static void keep_parts(const struct lw_relay_upstream *up, const struct lw_downl
             lw_package_cache_warn_unkept(NULL, err.text);
 }
 
+static void begin_channels(const struct lw_relay_upstream *up) {
+    LW_TILE_CHANNELS_EACH (channel, up->channels) lw_relay_light_begin(up->light, channel);
+}
+
 static enum lw_status take_package(struct lw_relay_upstream *up, uint8_t *package, size_t size,
                                    struct lw_error *err) {
     up->scene.package = package;
@@ -119,7 +125,7 @@ static enum lw_status take_package(struct lw_relay_upstream *up, uint8_t *packag
     enum lw_status status = lw_relay_light_create(package, size, up->told.finer, &up->light, err);
     if (status != LW_OK) return status;
     up->owns_light = true;
-    lw_relay_light_begin(up->light, up->channel);
+    begin_channels(up);
     if (up->feed) lw_nats_feed_set_map(up->feed, lw_relay_light_map(up->light));
     return LW_OK;
 }
@@ -168,7 +174,8 @@ static enum lw_status note_told(struct lw_relay_upstream *up, const struct lw_me
                                    .noise_shown = w->noise_shown,
                                    .features = w->features & LW_FEATURE_DCT,
                                    .finer = w->features & LW_FEATURE_FINER ? w->finer : 0,
-                                   .has_draws = w->features & LW_FEATURE_DRAWS};
+                                   .has_draws = w->features & LW_FEATURE_DRAWS,
+                                   .has_directions = w->features & LW_FEATURE_DIRECTION};
     if (!told->has_draws) return LW_OK;
     told->client_lights_size = w->client_lights_size;
     told->client_materials_size = w->client_materials_size;
@@ -202,6 +209,7 @@ static enum lw_status handle_welcome(struct lw_relay_upstream *up, const struct 
     if (status != LW_OK) return status;
     up->features = w->features;
     up->channel = w->features & LW_FEATURE_DRAWS ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL;
+    up->channels = lw_tile_channels_for(w->features, UINT32_MAX);
     up->package_compressed_size = w->package_compressed_size;
     up->told.run = w->run;
     if (up->control && !(w->features & LW_FEATURE_CONTROL))
@@ -258,10 +266,19 @@ static enum lw_status handle_light(struct lw_relay_upstream *up, const struct lw
     if (!up->light || !up->has_asked) return out_of_order(err, m->type);
     if (up->waiting) lw_waiting_raise(up->waiting, LW_WAITING_READY, 1, 1);
     if (m->type == LW_MESSAGE_FRAME && m->frame.run) up->told.run = m->frame.run;
-    if (m->type == LW_MESSAGE_FRAME) return lw_relay_light_take_frame(up->light, up->channel, &m->frame, err);
-    up->tiles += m->type == LW_MESSAGE_TILE;
-    if (m->type == LW_MESSAGE_TILE) return lw_relay_light_take_tile(up->light, up->channel, &m->tile, err);
-    return lw_relay_light_take_settled(up->light, up->channel, m->settled.frame, err);
+    if (m->type == LW_MESSAGE_TILE) {
+        const uint32_t layer = m->tile.layer;
+        const bool is_other = layer < LW_TILE_CHANNELS_MAX && up->channels >> layer & 1;
+        up->tiles++;
+        return lw_relay_light_take_tile(up->light, is_other ? layer : up->channel, &m->tile, err);
+    }
+    enum lw_status status = LW_OK;
+    LW_TILE_CHANNELS_EACH (channel, up->channels)
+        if (status == LW_OK)
+            status = m->type == LW_MESSAGE_FRAME
+                         ? lw_relay_light_take_frame(up->light, channel, &m->frame, err)
+                         : lw_relay_light_take_settled(up->light, channel, m->settled.frame, err);
+    return status;
 }
 
 static void handle_waiting(const struct lw_relay_upstream *up, const struct lw_message_waiting *waiting) {
@@ -375,7 +392,8 @@ static enum lw_status tell_interest(struct lw_relay_upstream *up, struct lw_erro
                                                     .tile = up->interest_tile,
                                                     .tile_count = now->count}};
     enum lw_status status = lw_link_send(&up->link, &message, err);
-    if (status == LW_OK && up->light) lw_relay_light_ask(up->light, up->channel, now->tile, now->count);
+    LW_TILE_CHANNELS_EACH (channel, up->channels)
+        if (status == LW_OK && up->light) lw_relay_light_ask(up->light, channel, now->tile, now->count);
     if (status == LW_OK && lw_interest_tell(&up->interest, now_ns) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     up->is_untold = false;
@@ -441,7 +459,7 @@ enum lw_status lw_relay_upstream_resume(struct lw_relay_upstream *up, struct lw_
     LW_INVARIANT(!up->control && !up->has_asked && !up->light);
     up->light = light;
     up->has_finishes = true;
-    lw_relay_light_begin(light, up->channel);
+    begin_channels(up);
     if (up->feed) lw_nats_feed_set_map(up->feed, lw_relay_light_map(light));
     lw_download_finish(&up->download);
     lw_download_finish(&up->finish_download);
@@ -596,7 +614,8 @@ enum lw_status lw_relay_upstream_create(const struct lw_relay_upstream_desc *des
 void lw_relay_upstream_destroy(struct lw_relay_upstream *up) {
     if (!up) return;
     lw_nats_feed_destroy(up->feed); /* it uses the light's map */
-    if (up->light) lw_relay_light_end(up->light, up->channel);
+    LW_TILE_CHANNELS_EACH (channel, up->channels)
+        if (up->light) lw_relay_light_end(up->light, channel);
     if (up->owns_light) lw_relay_light_destroy(up->light);
     free(up->scene.package);
     free(up->scene.finishes);

@@ -35,7 +35,8 @@ struct lw_relay_told {
     uint32_t finer;                     /* levels that are finer than level 0 */
     uint32_t bounces;
     float target_error, noise_shown;
-    bool has_draws; /* the bits below were told; those of a session that did not ask are not */
+    bool has_draws;      /* the bits below were told; those of a session that did not ask are not */
+    bool has_directions; /* tiles of where its light comes from */
     uint8_t *client_lights, *client_materials;
     size_t client_lights_size, client_materials_size;
 };

@@ -77,6 +77,46 @@ static void forms_of_light_come_apart(void **state) {
     lw_relays_expect_same();
 }
 
+static bool directions_are_the_same(void) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[0]);
+    uint32_t tiles = 0;
+    if (!lw_relays_all_same()) return false;
+    for (uint32_t t = 0; t < map->tile_count; t++) {
+        const uint64_t version = lw_client_get_tile(lw_relays_client[0], (lw_tile_id){t}).direction_version;
+        if (version != lw_client_get_tile(lw_relays_client[1], (lw_tile_id){t}).direction_version)
+            return false;
+        tiles += version > 0;
+    }
+    return tiles > 4;
+}
+
+/* Directions of light come through two relays as the daemon sends them; some objects have none. */
+static void directions_come_through(void **state) {
+    (void)state;
+    const struct lw_client_desc desc = {.draws_direct = true, .channel_features = LW_TILE_CHANNELS_DIRECTION};
+    char upstream[64];
+    for (int some = 0; some < 2; some++) {
+        lw_process_serve(&server, some ? "builtin:atrium --freeze 0 --texels-per-metre 1.5 --clock step "
+                                         "--light whole --error 0.5 --http none"
+                                       : LW_RELAYS_CORNELL " --directional on");
+        for (int i = 0; i < 2; i++) {
+            snprintf(upstream, sizeof upstream, "127.0.0.1:%u", i ? relay[0].port : server.port);
+            lw_relays_start(&relay[i], upstream, "");
+        }
+        lw_relays_join_with(0, server.port, desc);
+        lw_relays_join_with(1, relay[1].port, desc);
+        lw_relays_wait(directions_are_the_same);
+        const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[0]);
+        for (uint32_t o = 0; o < map->object_count; o++) {
+            const struct lw_client_level own = lw_client_get_level(lw_relays_client[0], o, 0),
+                                         far = lw_client_get_level(lw_relays_client[1], o, 0);
+            if (own.width) assert_true(own.direction && far.direction);
+            if (own.width) assert_memory_equal(own.direction, far.direction, 12ul * own.width * own.height);
+        }
+        lw_relays_end();
+    }
+}
+
 static uint64_t frame_before;
 static bool first_has_gone_on(void) { return lw_relays_stats(0).frame >= frame_before; }
 
@@ -497,6 +537,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(clients_of_relays_get_the_same, end_all),
         cmocka_unit_test_teardown(forms_of_light_come_apart, end_all),
+        cmocka_unit_test_teardown(directions_come_through, end_all),
         cmocka_unit_test_teardown(a_link_that_breaks_costs_no_session, end_all),
         cmocka_unit_test_teardown(a_client_goes_from_one_to_another, end_all),
         cmocka_unit_test_teardown(a_client_goes_where_it_was_told, end_all),
