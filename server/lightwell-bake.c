@@ -29,14 +29,15 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define PROGRAM          "lightwell-bake"
-#define DEFAULT_ERROR    0.02
-#define DEFAULT_BOUNCES  4
-#define DEFAULT_INTERVAL 180
-#define STATE_NAME       ".lightwell-bake-state"
-#define MANIFEST_NAME    "index.json"
-#define NOISIEST_SHOWN   3
-#define BOTH_SIDES_SHARE 0.1 /* of an object's double-sided area: from here on it is named */
+#define PROGRAM           "lightwell-bake"
+#define DEFAULT_ERROR     0.02
+#define DEFAULT_BOUNCES   4
+#define DEFAULT_INTERVAL  180
+#define STATE_NAME        ".lightwell-bake-state"
+#define DIRECTIONS_FOLDER "directions"
+#define MANIFEST_NAME     "index.json"
+#define NOISIEST_SHOWN    3
+#define BOTH_SIDES_SHARE  0.1 /* of an object's double-sided area: from here on it is named */
 
 struct settings {
     struct lw_scene_open scene;
@@ -46,7 +47,7 @@ struct settings {
     double error, subdivide, vpl_near, time_s, limit_s, interval_s;
     struct lw_probe_options probes;
     bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, denoise, restart, indirect_only,
-        keep_visibility;
+        keep_visibility, directional;
     int convention, sides, undersample;
     int64_t window, directions, vpl_lights, vpl_sets;
 };
@@ -112,6 +113,7 @@ static struct lw_solver_desc solver_desc(const struct settings *s) {
                                    .indirect_samples = 1,
                                    .target_error = s->samples ? -1 : (float)s->error,
                                    .frames_max = (uint32_t)s->samples,
+                                   .directions = s->directional,
                                    .threads = (unsigned)s->scene.threads,
                                    .finishing = &signalled,
                                    .seed = (uint32_t)s->seed};
@@ -209,6 +211,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "what a texel means: irradiance E (default); radiosity: albedo x E; three: E; godot: E/pi; "
          "babylon: albedo/pi x E",
          LW_OPTION_CHOICE, &s->convention, 0, 0, NULL},
+        {"directional", NULL,
+         "also write where light comes from, for normal maps and gloss: a vector a texel, in "
+         "DIR/" DIRECTIONS_FOLDER " (docs/baking.md)",
+         LW_OPTION_FLAG, &s->directional, 0, 0, NULL},
         {"float", NULL, "32-bit EXRs (default: 16-bit, but where that would lose light)", LW_OPTION_FLAG,
          &s->as_float, 0, 0, NULL},
         {"gltf-out", "FILE.glb", "also write the scene with lightmap coordinates and maps on its materials",
@@ -280,6 +286,15 @@ static enum lw_status prepare_places(struct baker *b, struct lw_error *err) {
     if (access(s->output, W_OK | X_OK) != 0)
         return lw_status_fail(err, LW_CANNOT_CREATE, "-o %s: %s", s->output, strerror(errno));
     if (!(b->state_path = join(s->output, STATE_NAME))) return out_of_memory(err);
+    if (s->directional) {
+        char *folder = join(s->output, DIRECTIONS_FOLDER);
+        if (!folder) return out_of_memory(err);
+        const bool made = mkdir(folder, 0777) == 0 || errno == EEXIST;
+        free(folder);
+        if (!made)
+            return lw_status_fail(err, LW_CANNOT_CREATE, "-o %s: %s: %s", s->output, DIRECTIONS_FOLDER,
+                                  strerror(errno));
+    }
     if (!s->gltf_out) return LW_OK;
     enum lw_status status = lw_atomic_file_check(s->gltf_out, err);
     if (status != LW_OK) lw_status_context(err, "--gltf-out");
@@ -347,11 +362,12 @@ static enum lw_status make_key(struct baker *b, struct lw_error *err) {
     length += snprintf(
         text + length, sizeof text - (size_t)length,
         " " LW_VERSION " solver %s bounces %lld seed %lld range %a cell %a probes %d %a time %a "
-        "denoise %d undersample %d window %lld directions %lld kept %d subdivide %a vpl %lld %lld %a",
+        "denoise %d undersample %d window %lld directions %lld kept %d subdivide %a vpl %lld %lld %a "
+        "directional %d",
         s->entry->name, (long long)s->bounces, (long long)s->seed, s->probes.tracing_range_m,
         s->probes.cell_size_m, s->probes.form, s->probes.probe_spacing_m, s->time_s, s->denoise,
         s->undersample, (long long)s->window, (long long)s->directions, s->keep_visibility || s->visibility,
-        s->subdivide, (long long)s->vpl_lights, (long long)s->vpl_sets, s->vpl_near);
+        s->subdivide, (long long)s->vpl_lights, (long long)s->vpl_sets, s->vpl_near, s->directional);
     if (b->left_out_names) { /* which ones: no text is long enough for all names */
         lw_package_hash((const uint8_t *)b->left_out_names, strlen(b->left_out_names), &hash);
         length += snprintf(text + length, sizeof text - (size_t)length, " left out ");
@@ -434,7 +450,9 @@ static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
     desc.client_lights = &b->left_out;
     enum lw_status status = lw_solvers_create(s->entry->name, &desc, &b->pose, &b->solver, err);
     if (status != LW_OK) return status;
-    b->solver->ops->show(b->solver, lw_light_form_bit(b->form));
+    uint32_t channels = lw_light_form_bit(b->form);
+    if (s->directional) channels |= lw_tile_channel_bit(LW_TILE_CHANNEL_DIRECTION + b->form);
+    b->solver->ops->show(b->solver, channels);
     b->bake.solver = b->solver;
     b->bake.atlas_map = &b->atlas_map;
     b->bake.pose = &b->pose;
@@ -519,6 +537,35 @@ static enum lw_status write_exr(struct baker *b, const struct lw_map *map, bool 
     return status;
 }
 
+/* Of where the light of an object comes from: one vector a texel. */
+static enum lw_status write_directions(struct baker *b, uint32_t object, const char *name,
+                                       struct lw_error *err) {
+    struct lw_map map;
+    enum lw_status status =
+        lw_map_build_directions(&map, b->scene, &b->atlas_map, b->solver, b->form, object, err);
+    if (status != LW_OK) return status;
+    const struct lw_image_attribute attribute[] = {{"units", "1"},
+                                                   {"quantity", "cosine moment over irradiance"},
+                                                   {"axes", "world, as glTF has them: y up"},
+                                                   {"software", "lightwell " LW_VERSION},
+                                                   {"object", b->scene->object[object].name}};
+    char *path = join(b->settings.output, name);
+    status = path ? lw_image_write_exr_with(
+                        path,
+                        &(struct lw_image_exr){.pixel = map.rgba,
+                                               .width = map.width,
+                                               .height = map.height,
+                                               .channels = 4,
+                                               .half = !b->settings.as_float,
+                                               .attribute = attribute,
+                                               .attribute_count = sizeof attribute / sizeof *attribute},
+                        err)
+                  : out_of_memory(err);
+    free(path);
+    lw_map_finish(&map);
+    return status;
+}
+
 /* The map as MOZ_lightmap wants it, irradiance whatever the convention of the EXRs. */
 static enum lw_status add_to_glb(struct baker *b, const struct lw_map *map,
                                  const struct lw_sides_shown *shown, struct lw_error *err) {
@@ -553,11 +600,15 @@ static enum lw_status write_map(struct baker *b, uint32_t object, struct lw_erro
     b->maps_as_float += !map.fits_half;
     note_noise(b, &map);
     status = write_exr(b, &map, half, err);
+    char *directions = b->settings.directional ? join(DIRECTIONS_FOLDER, b->names.file[object]) : NULL;
+    if (status == LW_OK && b->settings.directional)
+        status = directions ? write_directions(b, object, directions, err) : out_of_memory(err);
     if (status == LW_OK) status = lw_sides_choose(&b->sides, &map, &shown, err);
     note_sides(b, &map, &shown);
-    if (status == LW_OK &&
-        lw_manifest_add(&b->manifest, b->scene, &map, &shown, b->names.file[object], half) != LW_OK)
+    if (status == LW_OK && lw_manifest_add(&b->manifest, b->scene, &map, &shown, b->names.file[object],
+                                           directions, half) != LW_OK)
         status = out_of_memory(err);
+    free(directions);
     if (status == LW_OK && b->settings.gltf_out) status = add_to_glb(b, &map, &shown, err);
     lw_sides_release(&shown);
     lw_map_finish(&map);

@@ -61,7 +61,7 @@ void lw_manifest_finish(struct lw_manifest *manifest) {
 
 enum lw_status lw_manifest_add(struct lw_manifest *manifest, const struct lw_scene *scene,
                                const struct lw_map *map, const struct lw_sides_shown *shown, const char *file,
-                               bool half) {
+                               const char *directions, bool half) {
     const struct lw_object *object = &scene->object[map->object];
     json_t *entry =
         json_pack("{s:I, s:o, s:o, s:o, s:s, s:I, s:I, s:s, s:I, s:I, s:I, s:f, s:f, s:f, s:s, s:f}",
@@ -73,6 +73,10 @@ enum lw_status lw_manifest_add(struct lw_manifest *manifest, const struct lw_sce
                   "samples", (json_int_t)map->samples, "error", (double)map->error, "error_worst",
                   (double)map->error_worst, "largest", (double)map->largest, "side", lw_sides_name(shown),
                   "both_sides", shown->total_m2 > 0 ? shown->both_m2 / shown->total_m2 : 0);
+    if (entry && directions && json_object_set_new(entry, "directions", json_string(directions)) != 0) {
+        json_decref(entry);
+        return LW_NO_MEMORY;
+    }
     return entry && json_array_append_new(manifest->maps, entry) == 0 ? LW_OK : LW_NO_MEMORY;
 }
 

@@ -34,10 +34,10 @@ LW_MUST_CHECK enum lw_status lw_manifest_init(struct lw_manifest *manifest,
 void lw_manifest_finish(struct lw_manifest *manifest);
 
 /** Adds a map. file: its name in the folder; shown: the sides that the .glb shows, or would.
- * Errors: LW_NO_MEMORY. */
+ * directions: name of the map of directions; NULL: there is none. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_manifest_add(struct lw_manifest *manifest, const struct lw_scene *scene,
                                              const struct lw_map *map, const struct lw_sides_shown *shown,
-                                             const char *file, bool half);
+                                             const char *file, const char *directions, bool half);
 
 /** Errors: LW_CANNOT_CREATE, LW_IO naming the path; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_manifest_write(const struct lw_manifest *manifest, const char *path,

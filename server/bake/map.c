@@ -1,5 +1,6 @@
 #include "server/bake/map.h"
 
+#include "common/colour.h"
 #include "common/random.h"
 #include "server/publish/levels.h"
 
@@ -29,13 +30,20 @@ double lw_map_half_loss(const float *value, size_t count) {
 
 /* ---- from the solver's tiles ---- */
 
+/* What a map holds: the light of a form by a convention, or, without one, a channel as it is. */
+struct content {
+    uint32_t channel;
+    const struct lw_convention *convention;
+};
+
 /* A tile's light by the convention, in `plane`, in place of its irradiance. */
-static void convert_tile(struct lw_solver_tile *tile, enum lw_light_form form,
-                         const struct lw_convention *convention, float plane[3][LW_TILE_TEXELS_MAX]) {
-    const float **e = tile->shown[form];
+static void convert_tile(struct lw_solver_tile *tile, const struct content *content,
+                         float plane[3][LW_TILE_TEXELS_MAX]) {
+    const float **e = tile->shown[content->channel];
+    if (!content->convention) return;
     for (uint32_t i = 0; i < tile->width * tile->height; i++) {
         const struct lw_vec3 texel =
-            lw_convention_texel(convention, lw_vec3(e[0][i], e[1][i], e[2][i]),
+            lw_convention_texel(content->convention, lw_vec3(e[0][i], e[1][i], e[2][i]),
                                 lw_vec3(tile->albedo[0][i], tile->albedo[1][i], tile->albedo[2][i]));
         plane[0][i] = texel.x;
         plane[1][i] = texel.y;
@@ -45,8 +53,8 @@ static void convert_tile(struct lw_solver_tile *tile, enum lw_light_form form,
 }
 
 static void load_tiles(struct lw_map *map, struct lw_levels *levels, const struct lw_atlas_map *atlas_map,
-                       const struct lw_solver *solver, enum lw_light_form form,
-                       const struct lw_convention *convention, float plane[3][LW_TILE_TEXELS_MAX]) {
+                       const struct lw_solver *solver, const struct content *content,
+                       float plane[3][LW_TILE_TEXELS_MAX]) {
     double squares = 0;
     map->samples = UINT32_MAX;
     const struct lw_atlas_level *level = &atlas_map->atlas[map->object].level[0];
@@ -54,7 +62,7 @@ static void load_tiles(struct lw_map *map, struct lw_levels *levels, const struc
         const lw_tile_id id = {atlas_map->first_tile[map->object] + level->first_tile + t};
         struct lw_solver_tile tile;
         solver->ops->read_tile(solver, id, &tile);
-        convert_tile(&tile, form, convention, plane);
+        convert_tile(&tile, content, plane);
         lw_levels_load_tile(levels, &atlas_map->place[id.v], &tile);
         uint32_t covered = 0;
         for (uint32_t i = 0; i < tile.width * tile.height; i++) covered += tile.covered[i] != 0;
@@ -108,23 +116,22 @@ static bool is_finite(const struct lw_map *map) {
     return true;
 }
 
-enum lw_status lw_map_build(struct lw_map *map, const struct lw_scene *scene,
+static enum lw_status build(struct lw_map *map, const struct lw_scene *scene,
                             const struct lw_atlas_map *atlas_map, const struct lw_solver *solver,
-                            enum lw_light_form form, uint32_t object, const struct lw_convention *convention,
-                            struct lw_error *err) {
+                            uint32_t object, const struct content *content, struct lw_error *err) {
     const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
     struct lw_levels levels;
     *map = (struct lw_map){.object = object,
                            .width = mesh->atlas_width,
                            .height = mesh->atlas_height,
                            .back_offset = mesh->back_offset};
-    if (lw_levels_init(&levels, form, &atlas_map->atlas[object]) != LW_OK)
+    if (lw_levels_init(&levels, content->channel, &atlas_map->atlas[object]) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "the map of object %u", object);
     float(*plane)[LW_TILE_TEXELS_MAX] = malloc(3 * sizeof *plane);
     map->rgba = calloc((size_t)map->width * map->height, 4 * sizeof *map->rgba);
     bool ok = plane && map->rgba;
     if (ok) {
-        load_tiles(map, &levels, atlas_map, solver, form, convention, plane);
+        load_tiles(map, &levels, atlas_map, solver, content, plane);
         lw_levels_build(&levels);
         fill_map(map, &levels);
         ok = measure(map);
@@ -138,6 +145,38 @@ enum lw_status lw_map_build(struct lw_map *map, const struct lw_scene *scene,
         status = lw_status_fail(err, LW_INTERNAL, "the light on object \"%.100s\" is not finite",
                                 scene->object[object].name);
     if (status != LW_OK) lw_map_finish(map);
+    return status;
+}
+
+enum lw_status lw_map_build(struct lw_map *map, const struct lw_scene *scene,
+                            const struct lw_atlas_map *atlas_map, const struct lw_solver *solver,
+                            enum lw_light_form form, uint32_t object, const struct lw_convention *convention,
+                            struct lw_error *err) {
+    const struct content content = {form, convention};
+    return build(map, scene, atlas_map, solver, object, &content, err);
+}
+
+static void divide_by_light(struct lw_map *map, const struct lw_map *light) {
+    for (size_t i = 0; i < (size_t)map->width * map->height; i++) {
+        const float *e = light->rgba + 4 * i, luminance = lw_colour_luminance(lw_vec3(e[0], e[1], e[2]));
+        for (size_t k = 0; k < 3; k++) {
+            float *value = &map->rgba[4 * i + k];
+            *value = luminance > 0 ? fminf(fmaxf(*value / fmaxf(luminance, 1e-30f), -1), 1) : 0;
+        }
+    }
+}
+
+enum lw_status lw_map_build_directions(struct lw_map *map, const struct lw_scene *scene,
+                                       const struct lw_atlas_map *atlas_map, const struct lw_solver *solver,
+                                       enum lw_light_form form, uint32_t object, struct lw_error *err) {
+    struct lw_map light;
+    enum lw_status status = lw_map_build(&light, scene, atlas_map, solver, form, object,
+                                         lw_convention_get(LW_CONVENTION_IRRADIANCE), err);
+    if (status != LW_OK) return status;
+    const struct content moment = {LW_TILE_CHANNEL_DIRECTION + form, NULL};
+    status = build(map, scene, atlas_map, solver, object, &moment, err);
+    if (status == LW_OK) divide_by_light(map, &light);
+    lw_map_finish(&light);
     return status;
 }
 

@@ -99,7 +99,7 @@ struct picture {
 };
 
 /* As an engine's sampler does it: v = 0 is the upper edge of row 0. */
-static double sample(const struct picture *picture, float u, float v) {
+static double sample(const struct picture *picture, float u, float v, size_t channel) {
     const float x = u * (float)picture->width - 0.5f, y = v * (float)picture->height - 0.5f;
     const int x0 = (int)floorf(x), y0 = (int)floorf(y);
     double sum = 0;
@@ -108,15 +108,18 @@ static double sample(const struct picture *picture, float u, float v) {
             const int cx = x0 + i < 0 ? 0 : x0 + i, cy = y0 + j < 0 ? 0 : y0 + j;
             const float wx = i ? x - (float)x0 : 1 - (x - (float)x0),
                         wy = j ? y - (float)y0 : 1 - (y - (float)y0);
-            sum += (double)(wx * wy * picture->rgba[((size_t)cy * picture->width + (size_t)cx) * 4]);
+            sum +=
+                (double)(wx * wy * picture->rgba[((size_t)cy * picture->width + (size_t)cx) * 4 + channel]);
         }
     return sum;
 }
 
-/* Points all over an object, their lightmap coordinates from the .glb, their light from the EXR: `factor`
- * times that of as many lamps, and of a sky of that radiance. */
-static void check_object(const struct lw_scene *scene, const struct lw_pose *pose, uint32_t o,
-                         const char *exr, double factor, double lamps, double sky) {
+/* A point of an object, its lightmap coordinates from the .glb. */
+typedef void point_fn(void *user, const struct picture *picture, struct lw_vec3 p, float u, float v);
+
+/* Calls back at points all over an object. exr: its map */
+static void each_point(const struct lw_scene *scene, const struct lw_pose *pose, uint32_t o, const char *exr,
+                       point_fn *fn, void *user) {
     const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
     struct picture picture;
     struct lw_error err = {0};
@@ -134,16 +137,41 @@ static void check_object(const struct lw_scene *scene, const struct lw_pose *pos
                     u += mesh->uv[1][n].x * w[k];
                     v += mesh->uv[1][n].y * w[k];
                 }
-                p = lw_affine_point(&pose->object_to_world[o], p);
-                const double want = (lamps * irradiance_at(p) + M_PI * sky) * factor,
-                             got = sample(&picture, u, v);
-                /* half a thousandth by 16 bits, the rest by bilinear interpolation over 2 cm; a texel is the
-                 * mean over its area, which eight places of it stand for, so the samples are a multiple of
-                 * eight */
-                if (!(fabs(got / want - 1) < 0.003))
-                    fail_msg("%s at (%g, %g): %g instead of %g", exr, (double)p.x, (double)p.z, got, want);
+                fn(user, &picture, lw_affine_point(&pose->object_to_world[o], p), u, v);
             }
     free(picture.rgba);
+}
+
+/* Light: `factor` times that of as many lamps, and of a sky of that radiance. */
+struct light {
+    double factor, lamps, sky;
+};
+
+/* Half a thousandth by 16 bits, the rest by bilinear interpolation over 2 cm; a texel is the mean over its
+ * area, which eight places of it stand for, so the samples are a multiple of eight. */
+static void check_light(void *user, const struct picture *picture, struct lw_vec3 p, float u, float v) {
+    const struct light *light = user;
+    const double want = (light->lamps * irradiance_at(p) + M_PI * light->sky) * light->factor,
+                 got = sample(picture, u, v, 0);
+    if (!(fabs(got / want - 1) < 0.003))
+        fail_msg("at (%g, %g): %g instead of %g", (double)p.x, (double)p.z, got, want);
+}
+
+static void check_object(const struct lw_scene *scene, const struct lw_pose *pose, uint32_t o,
+                         const char *exr, double factor, double lamps, double sky) {
+    struct light light = {factor, lamps, sky};
+    each_point(scene, pose, o, exr, check_light, &light);
+}
+
+/* All light comes from the lamp. */
+static void check_direction(void *user, const struct picture *picture, struct lw_vec3 p, float u, float v) {
+    const struct lw_vec3 lamp = {LAMP_X, LAMP_Y, LAMP_Z}, want = lw_vec3_normalize(lw_vec3_sub(lamp, p)),
+                         got = {(float)sample(picture, u, v, 0), (float)sample(picture, u, v, 1),
+                                (float)sample(picture, u, v, 2)};
+    (void)user;
+    if (!(lw_vec3_length(lw_vec3_sub(got, want)) < 0.01f))
+        fail_msg("at (%g, %g): %g, %g, %g instead of %g, %g, %g", (double)p.x, (double)p.z, (double)got.x,
+                 (double)got.y, (double)got.z, (double)want.x, (double)want.y, (double)want.z);
 }
 
 static void maps_hold_the_light_where_the_glb_says(void **state) {
@@ -497,6 +525,28 @@ static void virtual_lights_bake_the_same_light(void **state) {
 
 /* ---- refusals ---- */
 
+static void directions_point_at_the_lamp(void **state) {
+    (void)state;
+    const char *squares = save_squares();
+    char out[256], glb[256];
+    snprintf(out, sizeof out, "%s", lw_support_temporary("directional"));
+    snprintf(glb, sizeof glb, "%s", lw_support_temporary("directional.glb"));
+    assert_int_equal(bake("%s -o %s --samples 16 --bounces 0 --directional --gltf-out %s", squares, out, glb),
+                     0);
+    struct lw_scene *scene;
+    struct lw_pose pose;
+    struct lw_error err = {0};
+    lw_support_ok(lw_gltf_load(glb, 0, &scene, &err), &err);
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    each_point(scene, &pose, 0, in(out, "directions/square_0.exr"), check_direction, NULL);
+    each_point(scene, &pose, 1, in(out, "directions/square_1.exr"), check_direction, NULL);
+    lw_pose_finish(&pose);
+    lw_scene_destroy(scene);
+    json_t *index = read_index(out), *map = json_array_get(json_object_get(index, "maps"), 1);
+    assert_string_equal(json_string_value(json_object_get(map, "directions")), "directions/square_1.exr");
+    json_decref(index);
+}
+
 static void wrong_use_is_refused(void **state) {
     (void)state;
     char arguments[512];
@@ -513,6 +563,7 @@ static void wrong_use_is_refused(void **state) {
     bake_fails(64, "called \"moon\"", "builtin:cornell -o x --indirect-only --client-lights moon");
     bake_fails(64, "for \"radiosity\"", "builtin:cornell -o x --undersample mip");
     bake_fails(64, "--tracing-range", "builtin:cornell -o x --solver radiosity --tracing-range 1");
+    bake_fails(64, "--directional", "builtin:cornell -o x --solver radiosity --directional");
     bake_fails(64, "needs --undersample", "builtin:cornell -o x --solver radiosity --window 2");
     bake_fails(64, "--directions does not work with --undersample",
                "builtin:cornell -o x --solver radiosity --directions 64 --undersample mip");
@@ -584,6 +635,7 @@ int main(void) {
         T(limits_end_a_bake_with_what_is_there),
         T(radiosity_bakes_the_same_light),
         T(virtual_lights_bake_the_same_light),
+        T(directions_point_at_the_lamp),
         T(wrong_use_is_refused),
         T(a_scene_without_light_is_refused),
         T(a_full_disk_is_told),
