@@ -4,6 +4,7 @@
 
 #include "common/clock.h"
 #include "common/invariant.h"
+#include "common/tile/tile_channels.h"
 
 #include <errno.h>
 #include <poll.h>
@@ -222,6 +223,7 @@ static enum lw_status open_client(struct lw_live *live, const struct lw_live_des
         .control = desc->flags & LW_LIVE_CONTROL,
         .draws_direct = desc->flags & LW_LIVE_DRAWS_DIRECT,
         .materials = desc->flags & LW_LIVE_MATERIALS,
+        .channel_features = desc->flags & LW_LIVE_DIRECTIONS ? LW_TILE_CHANNELS_DIRECTION : 0,
         .finer = desc->finer_slots ? LW_ATLAS_FINER_MAX : 0,
         .rate_limit_bytes_hz = desc->rate_limit_bytes_per_s,
         .budget_ns = has_thread ? HOLD_NS : 1000ull * (desc->budget_us ? desc->budget_us : BUDGET_DEFAULT_US),
@@ -250,7 +252,8 @@ enum lw_live_status lw_live_open(const struct lw_live_desc *desc, struct lw_live
                                  struct lw_live_error *err) {
     struct lw_live_desc d = {0};
     const uint32_t flags = LW_LIVE_THREAD | LW_LIVE_WANTS_NOTHING | LW_LIVE_DRAWS_DIRECT | LW_LIVE_CONTROL |
-                           LW_LIVE_AS_IT_IS | LW_LIVE_TLS | LW_LIVE_TLS_INSECURE | LW_LIVE_MATERIALS;
+                           LW_LIVE_AS_IT_IS | LW_LIVE_TLS | LW_LIVE_TLS_INSECURE | LW_LIVE_MATERIALS |
+                           LW_LIVE_DIRECTIONS;
     if (!out_live) return lw_live_fail(err, LW_LIVE_USAGE, "out_live is NULL");
     if (!lw_live_read_struct(&d, sizeof d, desc) && !read_former_desc(&d, desc))
         return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_desc: struct_size is not sizeof desc");

@@ -44,16 +44,21 @@ static lw_tile_id find(const struct lw_live_slots *slots, const struct lw_tile_p
     return lw_atlas_map_find(slots->tiles->map, p->object, p->level, p->x + (part & 1), p->y + (part >> 1));
 }
 
+/* Grows with what a tile holds. */
+static uint64_t changes_of(const struct lw_live_tiles *tiles, lw_tile_id id) {
+    const struct lw_client_tile known = lw_client_get_tile(tiles->client, id);
+    return known.version + known.direction_version;
+}
+
 /* What the texels of a part are of: those of its tile, or where that is not there of level 0 below it. */
 static uint64_t version_of(const struct lw_live_slots *slots, const struct lw_tile_place *p, uint32_t part) {
     const struct lw_live_tiles *tiles = slots->tiles;
     const lw_tile_id id = find(slots, p, part);
-    if (id.v != UINT32_MAX && lw_live_tiles_reads_fine(tiles, id))
-        return 2 * lw_client_get_tile(tiles->client, id).version + 1;
+    if (id.v != UINT32_MAX && lw_live_tiles_reads_fine(tiles, id)) return 2 * changes_of(tiles, id) + 1;
     const uint32_t k = lw_atlas_finer(p->level);
     const lw_tile_id below =
         lw_atlas_map_find(tiles->map, p->object, 0, (p->x + (part & 1)) >> k, (p->y + (part >> 1)) >> k);
-    return below.v != UINT32_MAX ? 2 * lw_client_get_tile(tiles->client, below).version : 0;
+    return below.v != UINT32_MAX ? 2 * changes_of(tiles, below) : 0;
 }
 
 /* A share that turns moves from the next call on: nobody has drawn since the last call. */

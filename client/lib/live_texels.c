@@ -10,7 +10,7 @@
 
 /* Where the texels of a tile come from. */
 struct source {
-    struct lw_client_level level;
+    struct lw_client_level level;             /* rgb: of the quantity that is read */
     uint32_t left, top;                       /* first texel of level.rgb */
     unsigned up;                              /* levels above the tile's own */
     float min_x, max_x, min_y, max_y;         /* centres that may be read: where something has arrived */
@@ -64,8 +64,9 @@ static bool find_fine_source(const struct lw_live_tiles *tiles, const struct lw_
                                .height = rest(at->height, tile_y)};
     *out = own;
     if (tile.v != UINT32_MAX && lw_live_tiles_reads_fine(tiles, tile)) {
-        out->level = (struct lw_client_level){own.width, own.height,
-                                              lw_client_get_tile(tiles->client, tile).rgb, NULL};
+        out->level =
+            (struct lw_client_level){own.width, own.height, lw_client_get_tile(tiles->client, tile).rgb,
+                                     lw_client_get_tile(tiles->client, tile).direction};
         out->left = own.first_x;
         out->top = own.first_y;
         return true;
@@ -78,6 +79,18 @@ static bool find_fine_source(const struct lw_live_tiles *tiles, const struct lw_
     out->height = own.height;
     out->up += k;
     return any;
+}
+
+/* The source of the texels of a rectangle that lie in a tile. false: nothing has arrived. */
+static bool find(const struct lw_live_tiles *tiles, const struct lw_live_rect *rect, uint32_t tile_x,
+                 uint32_t tile_y, bool directions, struct source *out) {
+    const bool any =
+        lw_atlas_finer(rect->level)
+            ? find_fine_source(tiles, rect, tile_x, tile_y, out)
+            : find_source(tiles, lw_atlas_map_find(tiles->map, rect->object, rect->level, tile_x, tile_y),
+                          out);
+    if (directions) out->level.rgb = out->level.direction;
+    return any && out->level.rgb;
 }
 
 static float clamp(float f, float low, float high) { return f < low ? low : f > high ? high : f; }
@@ -105,6 +118,7 @@ static const float *read_row(const struct source *s, uint32_t x, uint32_t y, uin
 
 struct target {
     enum lw_texel_format format;
+    bool directions;
     float scale;
     uint8_t *dst;
     size_t texel_size, row_size;
@@ -113,11 +127,7 @@ struct target {
 static void read_tile(const struct lw_live_tiles *tiles, const struct lw_live_rect *rect, uint32_t tile_x,
                       uint32_t tile_y, const struct target *to) {
     struct source s = {0};
-    const bool any =
-        lw_atlas_finer(rect->level)
-            ? find_fine_source(tiles, rect, tile_x, tile_y, &s)
-            : find_source(tiles, lw_atlas_map_find(tiles->map, rect->object, rect->level, tile_x, tile_y),
-                          &s);
+    const bool any = find(tiles, rect, tile_x, tile_y, to->directions, &s);
     const uint32_t x = s.first_x > rect->x ? s.first_x : rect->x,
                    y = s.first_y > rect->y ? s.first_y : rect->y;
     const uint32_t tile_end_x = s.first_x + s.width, rect_end_x = rect->x + rect->width,
@@ -126,10 +136,14 @@ static void read_tile(const struct lw_live_tiles *tiles, const struct lw_live_re
                    end_y = tile_end_y < rect_end_y ? tile_end_y : rect_end_y;
     float row[3 * LW_TILE_SIDE] = {0};
     LW_INVARIANT(x < end_x && end_x - x <= LW_TILE_SIDE && y < end_y); /* the rectangle meets the tile */
-    for (uint32_t j = y; j < end_y; j++)
-        lw_texel_format_write(to->format, to->scale, any ? read_row(&s, x, j, end_x - x, row) : row,
-                              end_x - x,
-                              to->dst + (j - rect->y) * to->row_size + (x - rect->x) * to->texel_size);
+    for (uint32_t j = y; j < end_y; j++) {
+        const float *texels = any ? read_row(&s, x, j, end_x - x, row) : row;
+        uint8_t *dst = to->dst + (j - rect->y) * to->row_size + (x - rect->x) * to->texel_size;
+        if (to->directions)
+            lw_texel_format_write_vectors(to->format, texels, end_x - x, dst);
+        else
+            lw_texel_format_write(to->format, to->scale, texels, end_x - x, dst);
+    }
 }
 
 _Static_assert((int)LW_LIVE_RGB9E5 == LW_TEXEL_FORMAT_RGB9E5 &&
@@ -139,12 +153,26 @@ _Static_assert((int)LW_LIVE_RGB9E5 == LW_TEXEL_FORMAT_RGB9E5 &&
                    LW_LIVE_WANT_MAX == LW_CLIENT_INTEREST_MAX && LW_LIVE_FINER == LW_ATLAS_FINER,
                "ours and the public ones are the same numbers");
 
-static enum lw_live_status check_target(const struct lw_live_rect *rect, const struct lw_live_texels *t,
-                                        struct target *out, struct lw_live_error *err) {
+static enum lw_live_status check_quantity(const struct lw_live *live, const struct lw_live_texels *t,
+                                          struct lw_live_error *err) {
+    if (t->quantity == LW_LIVE_IRRADIANCE || t->quantity == LW_LIVE_IRRADIANCE_OVER_PI) return LW_LIVE_OK;
+    if (t->quantity != LW_LIVE_DIRECTION)
+        return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_texels: quantity %d", (int)t->quantity);
+    if (!(live->flags & LW_LIVE_DIRECTIONS))
+        return lw_live_fail(err, LW_LIVE_USAGE,
+                            "lw_live_texels: LW_LIVE_DIRECTION goes with LW_LIVE_DIRECTIONS alone");
+    if (t->format == LW_LIVE_RGB9E5)
+        return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_texels: LW_LIVE_RGB9E5 has no sign for directions");
+    return LW_LIVE_OK;
+}
+
+static enum lw_live_status check_target(const struct lw_live *live, const struct lw_live_rect *rect,
+                                        const struct lw_live_texels *t, struct target *out,
+                                        struct lw_live_error *err) {
     const size_t texel = lw_texel_format_size((enum lw_texel_format)t->format);
     if (!texel) return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_texels: format %d", (int)t->format);
-    if (t->quantity != LW_LIVE_IRRADIANCE && t->quantity != LW_LIVE_IRRADIANCE_OVER_PI)
-        return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_texels: quantity %d", (int)t->quantity);
+    const enum lw_live_status quantity = check_quantity(live, t, err);
+    if (quantity != LW_LIVE_OK) return quantity;
     if (!(t->scale >= 0) || !isfinite(t->scale))
         return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_texels: scale is not a finite number >= 0");
     const size_t least = rect->width * texel, row = t->row_size ? t->row_size : least;
@@ -157,6 +185,7 @@ static enum lw_live_status check_target(const struct lw_live_rect *rect, const s
         return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_texels: dst of %zu bytes for %u rows of %zu",
                             t->dst_size, rect->height, row);
     *out = (struct target){.format = (enum lw_texel_format)t->format,
+                           .directions = t->quantity == LW_LIVE_DIRECTION,
                            .scale = (t->scale > 0 ? t->scale : 1) *
                                     (t->quantity == LW_LIVE_IRRADIANCE_OVER_PI ? 1 / LW_PI : 1),
                            .dst = t->dst,
@@ -174,13 +203,13 @@ static enum lw_live_status check_rect(const struct lw_live *live, const struct l
 enum lw_live_status lw_live_read(const struct lw_live *live, const struct lw_live_rect *rect,
                                  const struct lw_live_texels *texels, struct lw_live_error *err) {
     struct lw_live_texels t;
-    struct target to;
+    struct target to = {0};
     if (!live || !rect) return lw_live_fail(err, LW_LIVE_USAGE, "live or rect is NULL");
     if (!lw_live_read_struct(&t, sizeof t, texels))
         return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_texels: struct_size is not sizeof *texels");
     lw_live_lock(live);
     enum lw_live_status result = check_rect(live, rect, err);
-    if (result == LW_LIVE_OK) result = check_target(rect, &t, &to, err);
+    if (result == LW_LIVE_OK) result = check_target(live, rect, &t, &to, err);
     if (result == LW_LIVE_OK && rect->width && rect->height)
         for (uint32_t y = rect->y / LW_TILE_SIDE; y <= (rect->y + rect->height - 1) / LW_TILE_SIDE; y++)
             for (uint32_t x = rect->x / LW_TILE_SIDE; x <= (rect->x + rect->width - 1) / LW_TILE_SIDE; x++)

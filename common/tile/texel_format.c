@@ -1,5 +1,8 @@
 #include "common/tile/texel_format.h"
 
+#include "common/invariant.h"
+
+#include <math.h>
 #include <string.h>
 
 #define EXPONENT_BIAS 15
@@ -86,6 +89,28 @@ void lw_texel_format_write(enum lw_texel_format format, float scale, const float
             const float texel[4] = {clamp(rgb[0] * scale, 3.4028235e38f),
                                     clamp(rgb[1] * scale, 3.4028235e38f),
                                     clamp(rgb[2] * scale, 3.4028235e38f), 1};
+            memcpy(out, texel, size);
+        }
+    }
+}
+
+static float cut(float f) { return f > 0 ? fminf(f, 1) : f < 0 ? fmaxf(f, -1) : 0; }
+
+static uint16_t signed_half(float f) {
+    return (uint16_t)(lw_texel_format_half(fabsf(f)) | (f < 0 ? 0x8000u : 0));
+}
+
+void lw_texel_format_write_vectors(enum lw_texel_format format, const float *xyz, size_t count, void *dst) {
+    uint8_t *out = dst;
+    const size_t size = lw_texel_format_size(format);
+    LW_INVARIANT(format != LW_TEXEL_FORMAT_RGB9E5);
+    for (size_t i = 0; i < count; i++, xyz += 3, out += size) {
+        const float texel[4] = {cut(xyz[0]), cut(xyz[1]), cut(xyz[2]), 1};
+        if (format == LW_TEXEL_FORMAT_RGBA16F) {
+            const uint16_t half[4] = {signed_half(texel[0]), signed_half(texel[1]), signed_half(texel[2]),
+                                      HALF_ONE};
+            memcpy(out, half, sizeof half);
+        } else {
             memcpy(out, texel, size);
         }
     }

@@ -1,4 +1,4 @@
-/* texel_format.h: irradiance in the formats that GPUs sample.
+/* texel_format.h: irradiance, and vectors beside it, in the formats that GPUs sample.
  * Threads: pure functions, [any]. */
 #ifndef LW_COMMON_TEXEL_FORMAT_H
 #define LW_COMMON_TEXEL_FORMAT_H
@@ -26,6 +26,10 @@ size_t lw_texel_format_size(enum lw_texel_format format);
  * dst     count * lw_texel_format_size() bytes, at any address */
 void lw_texel_format_write(enum lw_texel_format format, float scale, const float *rgb, size_t count,
                            void *dst);
+
+/** The same of vectors, each number from -1 to 1: what lies beyond is cut, what is no number becomes 0.
+ * format  any but RGB9E5, which has no sign */
+void lw_texel_format_write_vectors(enum lw_texel_format format, const float *xyz, size_t count, void *dst);
 
 /** The nearest half of a number, ties to even. */
 uint16_t lw_texel_format_half(float number);

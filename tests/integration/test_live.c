@@ -475,6 +475,82 @@ static void test_coarse_light_stands_in(void **state) {
     assert_true(lit > tiles / 2);
 }
 
+/* The mean of directions over level 0 of an object, all of whose texels are as they came. */
+static struct lw_vec3 mean_direction(const char *name) {
+    const uint32_t object = lw_live_find(live, LW_LIVE_KIND_OBJECT, name, 0);
+    const struct lw_client_level own = lw_client_get_level(live->client, object, 0);
+    const size_t count = (size_t)own.width * own.height;
+    struct lw_live_rect level;
+    struct lw_vec3 sum = lw_vec3(0, 0, 0);
+    float *xyz = calloc(count, 3 * sizeof *xyz);
+    assert_true(count && xyz && own.direction);
+    ok(lw_live_get_level(live, object, 0, &level, &err));
+    ok(lw_live_read(live, &level,
+                    &(struct lw_live_texels){.struct_size = sizeof(struct lw_live_texels),
+                                             .format = LW_LIVE_RGB32F,
+                                             .quantity = LW_LIVE_DIRECTION,
+                                             .dst = xyz,
+                                             .dst_size = count * 3 * sizeof *xyz},
+                    &err));
+    for (size_t i = 0; i < 3 * count; i++) assert_true(xyz[i] == fminf(fmaxf(own.direction[i], -1), 1));
+    for (size_t i = 0; i < count; i++)
+        sum = lw_vec3_add(sum, lw_vec3(xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]));
+    free(xyz);
+    return lw_vec3_scale(sum, 1 / (float)count);
+}
+
+static bool has_directions(void) {
+    for (uint32_t t = 0; t < live->tiles.map->tile_count; t++)
+        if (!lw_client_get_tile(live->client, (lw_tile_id){t}).direction_version) return false;
+    return true;
+}
+
+/* The lamp under the ceiling lights the floor from above, and the left wall from above and from its right. */
+static void test_directions_of_light(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, RESTS "--directional on");
+    open_live(daemon.port, LW_LIVE_DIRECTIONS | LW_LIVE_AS_IT_IS);
+    const uint64_t end_ns = lw_clock_ns() + LIMIT_NS;
+    while (!has_directions()) {
+        assert_true(lw_clock_ns() < end_ns);
+        ok(lw_live_poll(live, 20, &err));
+    }
+    const struct lw_vec3 on_floor = mean_direction("floor"), on_wall = mean_direction("left wall"),
+                         on_ceiling = mean_direction("ceiling");
+    assert_true(on_floor.y > 0.6f && on_floor.y <= 1 && fabsf(on_floor.x) < 0.2f);
+    assert_true(on_wall.x > 0.5f && on_wall.x <= 1 && on_wall.y > 0.1f);
+    assert_true(on_ceiling.y < -0.4f && on_ceiling.y >= -1);
+    uint8_t texel[16];
+    struct lw_live_texels texels = {.struct_size = sizeof texels,
+                                    .format = LW_LIVE_RGB9E5,
+                                    .quantity = LW_LIVE_DIRECTION,
+                                    .dst = texel,
+                                    .dst_size = sizeof texel};
+    const struct lw_live_rect rect = {.width = 1, .height = 1};
+    fails(lw_live_read(live, &rect, &texels, &err), LW_LIVE_USAGE, "no sign");
+    lw_live_close(live);
+    open_live(daemon.port, 0);
+    texels.format = LW_LIVE_RGBA32F;
+    fails(lw_live_read(live, &rect, &texels, &err), LW_LIVE_USAGE, "LW_LIVE_DIRECTIONS alone");
+}
+
+/* A server without directions gives none; light is there all the same. */
+static void test_no_directions_of_light(void **state) {
+    (void)state;
+    open_live(still_daemon()->port, LW_LIVE_DIRECTIONS);
+    float xyz[4] = {9, 9, 9, 9}, rgb[3];
+    ok(lw_live_read(live, &(struct lw_live_rect){.width = 1, .height = 1},
+                    &(struct lw_live_texels){.struct_size = sizeof(struct lw_live_texels),
+                                             .format = LW_LIVE_RGBA32F,
+                                             .quantity = LW_LIVE_DIRECTION,
+                                             .dst = xyz,
+                                             .dst_size = sizeof xyz},
+                    &err));
+    assert_true(xyz[0] == 0 && xyz[1] == 0 && xyz[2] == 0 && xyz[3] == 1);
+    ok(lw_live_sample(live, 0, (float[]){1, 1}, rgb, &err));
+}
+
 /* From the eye of the main camera to what it sees. */
 static void test_a_ray_finds_light(void **state) {
     (void)state;
@@ -759,6 +835,7 @@ int main(void) {
         cmocka_unit_test_teardown(test_refuses, end_session),
         cmocka_unit_test_teardown(test_names_and_things, end_session),
         cmocka_unit_test_teardown(test_coarse_light_stands_in, end_session),
+        cmocka_unit_test_teardown(test_no_directions_of_light, end_session),
         cmocka_unit_test_teardown(test_a_ray_finds_light, end_session),
         cmocka_unit_test_teardown(test_views_want_what_they_show, end_all),
         cmocka_unit_test_teardown(test_waits_for_the_first_light, end_all),
@@ -768,6 +845,7 @@ int main(void) {
         cmocka_unit_test_teardown(test_dirty_of_one_object, end_all),
         cmocka_unit_test_teardown(test_frames_allocate_nothing, end_all),
         cmocka_unit_test_teardown(test_finishes, end_all),
+        cmocka_unit_test_teardown(test_directions_of_light, end_all),
         cmocka_unit_test_teardown(test_thread_comes_back, end_all),
         cmocka_unit_test_teardown(test_closes_while_connecting, end_all),
         cmocka_unit_test_teardown(test_changes_the_scene, end_all),

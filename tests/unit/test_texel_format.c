@@ -78,11 +78,31 @@ static void test_all_formats(void **state) {
     assert_int_equal(lw_texel_format_size(LW_TEXEL_FORMAT_COUNT), 0);
 }
 
+static void test_vectors(void **state) {
+    (void)state;
+    const float xyz[6] = {-0.5f, 1e-4f, 0.75f, -2, INFINITY, NAN}, want[6] = {-0.5f, 1e-4f, 0.75f, -1, 1, 0};
+    uint16_t half[8];
+    float three[6], four[8];
+    lw_texel_format_write_vectors(LW_TEXEL_FORMAT_RGBA16F, xyz, 2, half);
+    lw_texel_format_write_vectors(LW_TEXEL_FORMAT_RGB32F, xyz, 2, three);
+    lw_texel_format_write_vectors(LW_TEXEL_FORMAT_RGBA32F, xyz, 2, four);
+    for (int t = 0; t < 2; t++)
+        for (int i = 0; i < 3; i++) {
+            const float expected = want[3 * t + i];
+            const uint16_t h = half[4 * t + i];
+            assert_true(three[3 * t + i] == expected && four[4 * t + i] == expected);
+            assert_int_equal(h >> 15, expected < 0);
+            assert_true(fabsf(from_half(h & 0x7fff) - fabsf(expected)) <= 0x1p-12f);
+        }
+    assert_true(four[3] == 1 && four[7] == 1 && half[3] == 0x3c00 && half[7] == 0x3c00);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_halves),
         cmocka_unit_test(test_rgb9e5),
         cmocka_unit_test(test_all_formats),
+        cmocka_unit_test(test_vectors),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -100,6 +100,7 @@ struct lw_live;
 #define LW_LIVE_TLS           32u  /**< By TLS 1.3; the server's certificate must be for `host`. */
 #define LW_LIVE_TLS_INSECURE  64u  /**< By TLS with anybody who answers. For tests. */
 #define LW_LIVE_MATERIALS     128u /**< You want finishes of materials: enum lw_live_finishes. */
+#define LW_LIVE_DIRECTIONS    256u /**< You want to know where light comes from: LW_LIVE_DIRECTION. */
 
 /** How to open a session. */
 struct lw_live_desc {
@@ -477,8 +478,13 @@ enum lw_live_format {
 };
 /** What a texel says. */
 enum lw_live_quantity {
-    LW_LIVE_IRRADIANCE = 0,        /**< E, W/m^2: radiance is albedo / pi x E. */
-    LW_LIVE_IRRADIANCE_OVER_PI = 1 /**< E / pi: radiance is albedo times it. */
+    LW_LIVE_IRRADIANCE = 0,         /**< E, W/m^2: radiance is albedo / pi x E. */
+    LW_LIVE_IRRADIANCE_OVER_PI = 1, /**< E / pi: radiance is albedo times it. */
+    /** Where the light of E comes from, with LW_LIVE_DIRECTIONS: r, x, y and z, world space, 1 long at most.
+     * docs/baking.md, "Directions", makes E of a bumped normal of it. 0: not known, E is all there is. So it
+     * is until it arrives, and where the server has none: of objects that look the same without, or of all.
+     * Not in LW_LIVE_RGB9E5, which has no sign. scale is not used. */
+    LW_LIVE_DIRECTION = 2
 };
 /** Where lw_live_read() writes, and how. */
 struct lw_live_texels {
