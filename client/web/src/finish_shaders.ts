@@ -2,6 +2,7 @@
 // share; and what that is read from, which the GPU computes once.
 // After: Karis 2013 (the split sum), Turquin 2019 (what facets scatter many times), Walter et al. 2007.
 
+import { DIRECTED } from './direction_shader.ts';
 import { FINISH_TEXELS } from './geometry.ts';
 import { HEAD } from './shader_head.ts';
 
@@ -150,30 +151,7 @@ vec3 mirroredLight(Seen s, vec3 e) {
 vec3 everywhere(Seen s, vec3 e, float factor, float gain) {
   return e * s.lobes.diffuse * (factor * s.under / ${PI}) + mirroredLight(s, e) * (gain * s.mirrored);
 }
-
-// common/light/direction_form.h: factor, gain
-vec2 directed(Seen s, vec3 r) {
-  vec3 n = s.plain;
-  float long2 = dot(r, r), w = 0.0;
-  if (long2 > 1.5) return vec2(1); // not known
-  r *= inversesqrt(max(long2, 1.0));
-  vec3 u = r + (max(-dot(r, n), 0.0) - 2.0 / 3.0) * n, d = n;
-  float rise = 1.2 * dot(u, n), found = min(rise + sqrt(rise * rise + 1.8 * dot(u, u)), 1.0);
-  if (long2 > 4e-4 && found > 0.02) {
-    w = found;
-    d = normalize(u / w + 2.0 / 3.0 * n);
-  }
-  vec2 along = vec2(dot(d, n), dot(d, s.n));
-  float wide = 0.5 - 0.5 * w;
-  vec2 lobe = (1.0 - wide) * max(along, 0.0) + wide * 0.5 * (1.0 + along);
-  float factor = 1.0 + wide * dot(n, s.n - n) + w * (lobe.y - lobe.x) / max(lobe.x, 0.05);
-  float sharp = 2.0 + 12.0 * w / (1.02 - w), q = 0.5 / (s.alpha * s.alpha), k = sharp * q / (sharp + q);
-  float t = 2.0 / (2.0 + sharp), cosine = max((1.0 - t) * along.x + 0.25 * t * (1.0 + along.x), 0.05);
-  float ahead = min(dot(reflect(-s.v, s.n), d), 1.0) - 1.0;
-  float gain = k * exp(k * ahead) / (2.0 * cosine * (1.0 - exp(-2.0 * k)));
-  return clamp(vec2(factor, 1.0 - w + w * gain), vec2(0), vec2(4, 8));
-}
-`;
+${DIRECTED}`;
 
 /** A surface's own finish, where the fragment is. */
 export const FINISH = `

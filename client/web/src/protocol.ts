@@ -25,8 +25,14 @@ export type ToWorker =
   | { kind: 'token'; token: string } // 64 hexadecimal digits; before connect, or in answer to 'token'
   | { kind: 'dim'; lamp: number; factor: number }
   // draws: suns, points and spots of the server's; clusters: and small emissive meshes
-  // finer: three's page reads finer levels
-  | { kind: 'connect'; url: string; draws: boolean; clusters: boolean; wasm?: Wasm; finer?: boolean }
+  | {
+      kind: 'connect';
+      url: string;
+      draws: boolean;
+      clusters: boolean;
+      wasm?: Wasm;
+      extras?: bigint; // three's page: features that it asks for beside these
+    }
   | { kind: 'interest'; ids: Uint32Array<ArrayBuffer> }
   | { kind: 'taken'; count: number }
   | { kind: 'pause'; paused: boolean }

@@ -552,7 +552,8 @@ void main() {
 #endif
   }
 #ifdef FINISH
-  vec2 by = directed(seen, direction * 2.0 - 1.0);
+  vec3 ahead = reflect(-seen.v, seen.n);
+  vec2 by = directed(direction * 2.0 - 1.0, seen.plain, seen.n, ahead, seen.alpha);
   vec3 leaving = occlusion * everywhere(seen, e, by.x, by.y) + emission;
 #ifdef DIRECT
   leaving += directLight(seen) * ${1 / Math.PI};

@@ -58,7 +58,7 @@ class Link {
     private readonly drawsMaterials: boolean,
     private readonly tiles: Tiles,
     private readonly store: Store,
-    private readonly finer: boolean,
+    private readonly extras: bigint,
   ) {
     this.servers = new Servers(url);
     setInterval(() => this.guard(() => this.tick()), TICK_MS);
@@ -90,9 +90,7 @@ class Link {
         this.kept,
         this.tiles,
         this.hostOf(socket),
-        (this.draws ? Feature.DRAWS : 0n) |
-          (FOR_THREE && !this.finer ? 0n : Feature.FINER) |
-          (FOR_THREE ? 0n : Feature.DIRECTION),
+        (this.draws ? Feature.DRAWS : 0n) | this.extras,
         performance.now(),
       );
       this.session.pause(this.paused);
@@ -354,21 +352,21 @@ async function open(
   draws: boolean,
   clusters: boolean,
   wasm = beside,
-  finer = false,
+  extras = Feature.FINER | Feature.DIRECTION,
 ): Promise<Link> {
   zstdFrom(() => bytesOf(wasm.zstd));
   const [tiles, store] = await Promise.all([
     bytesOf(wasm.tiles).then((bytes) => Tiles.create(bytes)),
     Store.open(),
   ]);
-  return new Link(url, draws, clusters, tiles, store, finer);
+  return new Link(url, draws, clusters, tiles, store, extras);
 }
 
 self.onmessage = (event: MessageEvent<ToWorker>) => {
   const message = event.data;
   if (message.kind === 'token') setToken(message.token);
   if (message.kind === 'connect') {
-    link = open(message.url, message.draws, message.clusters, message.wasm, message.finer);
+    link = open(message.url, message.draws, message.clusters, message.wasm, message.extras);
     link.catch((error: Error) =>
       post({ kind: 'state', text: error.message, final: true, ...(FOR_THREE && { end: 'failed' }) }),
     );

@@ -216,8 +216,9 @@ test('three: a sun, and a lamp that moves as the server moves it', { skip: missi
   });
 });
 
-test('three: what is smooth is as the page has it', { skip: missing || false }, async () => {
-  await serve({ smooth: true }, [], async ({ origin, daemon, address }) => {
+/** Pages of other renderers and versions against the server's own. directional: auto or off. */
+function showSmooth(directional, variants) {
+  return serve({ smooth: true }, ['--directional', directional], async ({ origin, daemon, address }) => {
     const size = { width: WIDTH, height: HEIGHT };
     const wanted = await withPage(size, async (page) => {
       const view = '1.5,1.7,2.2:-0.2,1,-1:60';
@@ -228,7 +229,7 @@ test('three: what is smooth is as the page has it', { skip: missing || false }, 
         return last >= frame && settled === frames && surveys > 8 && !missing && finishes > 0;
       };
       await until(page, 'its light, and what is smooth', isLit, { given: daemon.frames(FRAMES) });
-      await savePicture(page, pictureName('room', 'smooth-page'));
+      await savePicture(page, pictureName('room', `smooth-${directional}-page`));
       const light = await pixels(page);
       const floor = 3 * ((HEIGHT - 5) * WIDTH + WIDTH / 2);
       const shown = [];
@@ -254,15 +255,20 @@ test('three: what is smooth is as the page has it', { skip: missing || false }, 
         renderer.render(scene, camera);
         return renderer.domElement.toDataURL();
       });
-      const what = `smooth-${three}-${renderer}`;
+      const what = `smooth-${directional}-${three}-${renderer}`;
       const name = pictureName('room', what);
       if (name) writeFileSync(name, Buffer.from(picture.slice(picture.indexOf(',') + 1), 'base64'));
       // r160 has another approximation of the lobes' table
       const flip = three === 'three-160' ? 0.04 : 0.03;
       compareWith(wanted, await pixelsOf(page, picture), what, { difference: 2, flip });
     };
-    const variants = [NEWEST, { three: 'three', renderer: 'nodes' }];
-    if (process.env.LW_LONG) variants.push({ three: 'three-160', renderer: 'webgl' });
     for (const variant of variants) await withPage(size, (page) => look(page, variant), PAGE);
   });
+}
+
+test('three: what is smooth is as the page has it', { skip: missing || false }, async () => {
+  const oldest = process.env.LW_LONG ? [{ three: 'three-160', renderer: 'webgl' }] : [];
+  await showSmooth('auto', [NEWEST, ...oldest]);
+  // WebGPURenderer reads no directions
+  await showSmooth('off', [{ three: 'three', renderer: 'nodes' }]);
 });

@@ -48,9 +48,12 @@ export const RGB9E5 = {
 };
 
 /** null: of a mesh without a lightmap. */
-export function lightmapOf(shape: MeshShape): Lightmap | null {
-  const { atlasWidth: width, atlasHeight: height } = shape;
-  if (!width || !height) return null;
+export function lightmapOf({ atlasWidth, atlasHeight }: MeshShape): Lightmap | null {
+  return atlasWidth && atlasHeight ? emptyMap(atlasWidth, atlasHeight) : null;
+}
+
+/** Texels of 0. */
+export function emptyMap(width: number, height: number): Lightmap {
   const texels = new Uint32Array(width * height);
   const texture = new THREE.DataTexture(texels, width, height);
   Object.assign(texture, RGB9E5);

@@ -15,13 +15,13 @@ import { AtlasMap } from '../src/atlas.ts';
 import type { SceneData } from '../src/geometry.ts';
 import { LightKind } from '../src/package.ts';
 import type { FromWorker, ToWorker } from '../src/protocol.ts';
-import { GONE, type TileBatch } from '../src/replica.ts';
+import { type DirectionTile, GONE, type TileBatch } from '../src/replica.ts';
 import { READY, waitingText } from '../src/waiting.ts';
-import { INTEREST_MAX, type Frame } from '../src/wire.ts';
+import { Feature, type Frame, INTEREST_MAX } from '../src/wire.ts';
 import { FinePool, SLOTS_MAX } from './fine_pool.ts';
 import { Follower } from './follow.ts';
 import { Gather } from './gather.ts';
-import { type AnyRenderer, isWebGL, takeTile, upload } from './lightmaps.ts';
+import { type AnyRenderer, emptyMap, isWebGL, takeTile, upload } from './lightmaps.ts';
 import { startWorker } from './start.ts';
 import { Survey } from './survey.ts';
 import { Changes, hideLights, type Placed, placeObjects } from './swap.ts';
@@ -42,6 +42,9 @@ export interface AttachOptions {
   /** How many tiles of finer levels there is room for, 64 x 64 texels each, up to 1024: lightmaps are up to
    * 16 times finer where the camera is near. With WebGLRenderer alone. Default 0: none. */
   finerSlots?: number;
+  /** Ask where light comes from: normal maps show in it, and gloss shows which side it comes from. With
+   * WebGLRenderer alone. Default true. */
+  directions?: boolean;
   /** Folder that holds worker.js, lightwell_tiles.wasm and zstd.wasm of this package, for a bundler that does
    * not find them. Default: beside lightwell.js. lightwell-three/inline needs none. */
   assets?: string | URL;
@@ -198,8 +201,9 @@ export class Lightwell {
     };
     attached.set(root, url);
     if (options.token) this.tell({ kind: 'token', token: options.token });
-    const [draws, finer] = [options.keyLights ?? true, !!options.finerSlots];
-    this.tell({ kind: 'connect', url, draws, clusters: false, wasm, finer });
+    const extras =
+      (options.finerSlots ? Feature.FINER : 0n) | ((options.directions ?? true) ? Feature.DIRECTION : 0n);
+    this.tell({ kind: 'connect', url, draws: options.keyLights ?? true, clusters: false, wasm, extras });
     this.watch();
   }
 
@@ -393,13 +397,14 @@ export class Lightwell {
   // ---- the scene ----
 
   /** A server that was started again may light another one. */
-  private takeScene({ data, draws, clientLights, finer }: Extract<FromWorker, { kind: 'scene' }>): void {
+  private takeScene(message: Extract<FromWorker, { kind: 'scene' }>): void {
+    const { data, draws, clientLights, finer, directed } = message;
     this.clear();
     const map = (this.map = new AtlasMap(data.meshes, data.objectMesh, finer));
     const pool = map.finer ? new FinePool(map, this.options.finerSlots!) : null;
     if (pool) this.changes.add(() => pool.dispose());
     this.pool = pool;
-    this.placed = placeObjects(data, this.root, this.changes, this.missing, pool);
+    this.placed = placeObjects(data, this.root, this.changes, this.missing, pool, directed);
     this.survey = pool && new Survey(map, this.placed, pool);
     for (const placed of this.placed) {
       if (!placed) continue;
@@ -555,7 +560,13 @@ export class Lightwell {
     const first = this.queue[0]!;
     const { batch } = first;
     const from = first.at;
+    const isDone = () => first.at === batch.id.length && !batch.directions.length;
     do {
+      if (first.at === batch.id.length) {
+        const directions = batch.directions.shift();
+        if (directions) this.takeDirections(directions);
+        continue;
+      }
       const id = batch.id[first.at]!;
       const noiseLevel = batch.noiseLevel[first.at]!;
       const place = this.map!.place(id);
@@ -572,10 +583,25 @@ export class Lightwell {
       }
       first.texel += size;
       first.at++;
-    } while (first.at < batch.id.length && performance.now() < untilMs);
-    if (first.at === batch.id.length) this.queue.shift();
+    } while (!isDone() && performance.now() < untilMs);
+    if (isDone()) this.queue.shift();
     this.follower.lightChanged();
     this.tell({ kind: 'taken', count: first.at - from });
+  }
+
+  /** Of finer levels level 0 is read. */
+  private takeDirections({ id, texels }: DirectionTile): void {
+    if (id >= this.map!.plainCount) return;
+    const place = this.map!.place(id);
+    const { directions, lightmap } = this.placed[place.object] ?? {};
+    if (!directions || !lightmap) return;
+    if (!directions.map) {
+      const { texture } = (directions.map = emptyMap(lightmap.width, lightmap.height));
+      this.changes.add(() => texture.dispose());
+      directions.uniforms.lightwellDirections.value = texture;
+    }
+    takeTile(directions.map, place, texels);
+    upload(directions.map, place, this.renderer);
   }
 
   /** All tiles of objects in view, of the level whose texels are as large as pixels. */

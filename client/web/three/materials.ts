@@ -5,9 +5,17 @@
 // Against lightwell-view's picture of the tests' room FLIP is 0.058 so, and 0.010 with that share left in.
 import * as THREE from 'three';
 
+import { DIRECTED } from '../src/direction_shader.ts';
 import { FINER_SHADER, type FinerUniforms } from './fine_pool.ts';
 
 type Shader = THREE.WebGLProgramParametersWithUniforms;
+
+/** The uniforms of the materials of an object, for where the light of its lightmap comes from. */
+export interface DirectionUniforms {
+  lightwellDirections: { value: THREE.Texture }; // of the lightmap's size; 1 x 1: not known
+  lightwellRoot: { value: THREE.Matrix4 }; // of the server's world
+}
+
 /** As far as it is used; of the shading language in which WebGPURenderer has its materials. */
 interface Node {
   r: Node;
@@ -52,6 +60,12 @@ iblIrradiance = irradiance;
 irradiance = vec3( 0.0 );
 #endif
 `;
+/** MIRRORED's light, by where it comes from. */
+const DIRECTED_MIRROR = `#ifdef LIGHTWELL_BY
+radiance *= lightwellBy.y;
+iblIrradiance += ( lightwellBy.x - 1.0 ) * lightMapIrradiance;
+#endif
+`;
 /** three dims what is mirrored by an ambient occlusion map only with an environment map. */
 const OCCLUDED = `
 #if defined( USE_AOMAP ) && ! defined( USE_ENVMAP )
@@ -72,20 +86,42 @@ function inherited<K extends string>(material: object, name: K): (...given: unkn
   return (Object.getPrototypeOf(material) as Record<K, (...given: unknown[]) => unknown>)[name]!;
 }
 
+/** Whether a material shows which side light comes from. */
+export function readsDirections(material: THREE.Material): boolean {
+  const { normalMap, bumpMap } = material as Partial<THREE.MeshStandardMaterial>;
+  return !!normalMap || !!bumpMap || isSmooth(material);
+}
+
 /** three's lines that read a lightmap, with finer levels over it. */
-const finerMaps = () =>
-  THREE.ShaderChunk.lights_fragment_maps.replace(
-    'lightMapTexel.rgb *',
-    'lightwellFinest( lightMapTexel.rgb, vLightMapUv ) *',
+const finerMaps = (lines: string) =>
+  lines.replace('lightMapTexel.rgb *', 'lightwellFinest( lightMapTexel.rgb, vLightMapUv ) *');
+
+// r is of the server's world, normals are of the camera's space
+const DIRECTED_SHADER = `
+uniform highp sampler2D lightwellDirections;
+uniform mat4 lightwellRoot;
+${DIRECTED.replace(' directed(', ' lightwellDirected(')}`;
+
+/** The same with factor and gain of light that comes from somewhere. */
+const directedMaps = (lines: string, smooth: boolean) =>
+  lines.replace(
+    'irradiance += lightMapIrradiance;',
+    `#define LIGHTWELL_BY
+vec3 lightwellFrom = texture2D( lightwellDirections, vLightMapUv ).rgb * 2.0 - 1.0;
+lightwellFrom = mat3( lightwellRoot ) * lightwellFrom / length( lightwellRoot[ 0 ].xyz );
+vec2 lightwellBy = lightwellDirected( mat3( viewMatrix ) * lightwellFrom, nonPerturbedNormal, normal,
+  reflect( - geometryViewDir, normal ), ${smooth ? 'material.roughness * material.roughness' : '1.0'} );
+irradiance += lightMapIrradiance${smooth ? '' : ' * lightwellBy.x'};`,
   );
 
 /** A copy of a material that shows lightmaps and probes as the server does. probe: the copy gets its light,
- * too. finer: its lightmap has finer levels, with WebGLRenderer. Own hooks of the original (onBeforeCompile)
+ * too. finer, directions: of its lightmap, with WebGLRenderer. Own hooks of the original (onBeforeCompile)
  * go on. */
 export function withServersLight(
   original: THREE.Material,
   probe: THREE.LightProbe | null,
   finer: FinerUniforms | null = null,
+  directions: DirectionUniforms | null = null,
 ): THREE.Material {
   const material = original.clone();
   const smooth = isSmooth(original);
@@ -96,14 +132,18 @@ export function withServersLight(
     const chunk = THREE.ShaderChunk.lights_physical_pars_fragment.replaceAll(LOBE, '');
     shader.fragmentShader = smooth
       ? fragmentShader
-          .replace('#include <lights_fragment_end>', `${MIRRORED}$&`)
+          .replace('#include <lights_fragment_end>', `${MIRRORED}${directions ? DIRECTED_MIRROR : ''}$&`)
           .replace('#include <aomap_fragment>', `$&${OCCLUDED}`)
       : fragmentShader.replace('#include <lights_physical_pars_fragment>', () => chunk);
-    if (finer) {
-      Object.assign(shader.uniforms, finer);
+    if (finer || directions) {
+      Object.assign(shader.uniforms, finer, directions);
+      let lines = THREE.ShaderChunk.lights_fragment_maps;
+      if (finer) lines = finerMaps(lines);
+      if (directions) lines = directedMaps(lines, smooth);
+      const functions = `${finer ? FINER_SHADER : ''}${directions ? DIRECTED_SHADER : ''}`;
       shader.fragmentShader = shader.fragmentShader
-        .replace('#include <lightmap_pars_fragment>', `$&\n${FINER_SHADER}`)
-        .replace('#include <lights_fragment_maps>', finerMaps);
+        .replace('#include <lightmap_pars_fragment>', `$&\n${functions}`)
+        .replace('#include <lights_fragment_maps>', () => lines);
     }
     if (!probe) return;
     shader.uniforms.lightwellProbe = { value: probe.sh.coefficients };
@@ -116,7 +156,7 @@ export function withServersLight(
       );
   };
   // WebGLRenderer and WebGPURenderer keep programs by this. Nodes hold their probe, uniforms do not.
-  const parts = [probe && 'probe', smooth && 'smooth', finer && 'finer'];
+  const parts = [probe && 'probe', smooth && 'smooth', finer && 'finer', directions && 'directed'];
   const kind = `lightwell ${before ?? ''} ${parts.filter(Boolean).join(' ')}`;
   const uuid = probe?.uuid ?? '';
   material.customProgramCacheKey = function (this: NodeMaterial) {

@@ -6,8 +6,8 @@ import * as THREE from 'three';
 import { MATERIAL_TEXELS, type MeshShape, type SceneData } from '../src/geometry.ts';
 import { LightKind } from '../src/package.ts';
 import type { FinePool, FinerUniforms } from './fine_pool.ts';
-import { CHANNEL, lightmapOf, type Lightmap } from './lightmaps.ts';
-import { materialsOf, withServersLight } from './materials.ts';
+import { CHANNEL, emptyMap, lightmapOf, type Lightmap } from './lightmaps.ts';
+import { type DirectionUniforms, materialsOf, readsDirections, withServersLight } from './materials.ts';
 
 const COLOUR_EPS = 1e-3; // of a light's colours, relative
 
@@ -16,8 +16,15 @@ export interface Placed {
   mesh: THREE.Mesh;
   materials: { material: THREE.Material; index: number }[]; // of the mesh; index: of the server's
   lightmap: Lightmap | null;
+  directions: Directions | null; // null: none of its materials reads them
   sphere: THREE.Sphere; // object space
   texels: number; // of level 0 to a unit of length
+}
+
+/** Where the light of an object's lightmap comes from. */
+export interface Directions {
+  uniforms: DirectionUniforms;
+  map: Lightmap | null; // by half and a half more, 0: not known; null: none has come
 }
 
 /** What has been done to a scene, to be undone from the last to the first. */
@@ -51,13 +58,14 @@ export function nameOf(node: THREE.Object3D): string {
 }
 
 /** By object; null: the scene has no node of that name, which `missing` gets. pool: of tiles of finer levels;
- * null: there are none. */
+ * null: there are none. directed: tiles say where their light comes from. */
 export function placeObjects(
   data: SceneData,
   root: THREE.Object3D,
   changes: Changes,
   missing: string[],
   pool: FinePool | null,
+  directed: boolean,
 ): (Placed | null)[] {
   const nodes = new Map<string, THREE.Object3D>();
   root.traverse((node) => {
@@ -66,6 +74,8 @@ export function placeObjects(
   });
   const names = new Set(data.objectName);
   const geometries = new Map<number, THREE.BufferGeometry>();
+  const unknown = directed ? emptyMap(1, 1).texture : null;
+  if (unknown) changes.add(() => unknown.dispose());
   return Array.from(data.objectMesh, (index, object) => {
     const node = nodes.get(data.objectName[object]!);
     if (!node) {
@@ -79,7 +89,11 @@ export function placeObjects(
       changes.add(() => geometry.dispose());
     }
     const finer = pool?.uniformsOf(object) ?? null;
-    return place(node, geometries.get(index)!, data, shape, names, changes, finer);
+    const directions = unknown && {
+      lightwellDirections: { value: unknown },
+      lightwellRoot: { value: root.matrixWorld },
+    };
+    return place(node, geometries.get(index)!, data, shape, names, changes, finer, directions);
   });
 }
 
@@ -171,21 +185,26 @@ function place(
   names: Set<string>,
   changes: Changes,
   finer: FinerUniforms | null,
+  directions: DirectionUniforms | null,
 ): Placed {
   const indices = geometry.userData.materials as number[];
   const own = ownMeshes(node, names, new Set(indices.map((index) => data.materialName[index]!)));
   const originals = own.flatMap(materialsOf);
   const lightmap = lightmapOf(shape);
   if (lightmap) changes.add(() => lightmap.texture.dispose());
+  let areRead = false;
   const materials = indices.map((index) => {
     const name = data.materialName[index]!;
     const original = originals.find((material) => material.name === name) ?? originals[0];
     const unlit = isUnlit(data, index);
     const none = unlit ? new THREE.MeshBasicMaterial() : new THREE.MeshStandardMaterial();
+    const directed = !unlit && lightmap && original && readsDirections(original) ? directions : null;
+    if (directed) areRead = true;
     const material = withServersLight(
       original ?? none,
       null,
       unlit ? null : finer,
+      directed,
     ) as THREE.MeshStandardMaterial;
     material.lightMap = unlit ? null : (lightmap?.texture ?? null);
     material.lightMapIntensity = data.lightUnit;
@@ -214,7 +233,14 @@ function place(
     changes.add(() => mesh.removeFromParent());
   }
   const sphere = new THREE.Sphere(new THREE.Vector3(...shape.centre), shape.radius);
-  return { mesh, materials, lightmap, sphere, texels: density(data, shape) };
+  return {
+    mesh,
+    materials,
+    lightmap,
+    directions: areRead ? { uniforms: directions!, map: null } : null,
+    sphere,
+    texels: density(data, shape),
+  };
 }
 
 /** Texels of level 0 to a unit of length, in the mean. */
