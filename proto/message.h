@@ -4,9 +4,9 @@
  * Threads: pure functions, [any].
  *
  * Encoding gives one whole framed message (header and body), so that its bytes can be shared among sessions.
- * Decoding takes bytes from anyone: LW_PROTOCOL names message and field; numbers are finite,
- * counts are within the limits below; pointers in a decoded struct point into the lw_message,
- * which lw_message_finish() frees. */
+ * Decoding takes bytes from anyone: LW_PROTOCOL names message and field. Decoded numbers are finite, and
+ * counts are within the limits below. Pointers in a decoded struct point into the lw_message, which
+ * lw_message_finish() frees. */
 #ifndef LW_PROTO_MESSAGE_H
 #define LW_PROTO_MESSAGE_H
 
@@ -25,11 +25,11 @@
 #define LW_MESSAGE_LIGHTS_MAX           8192u
 #define LW_MESSAGE_VISIBLE_MAX          8192u /* objects hidden, and as many shown */
 #define LW_MESSAGE_MATERIALS_MAX        4096u
-#define LW_MESSAGE_CHANGES_MAX          1024u /* of an update */
+#define LW_MESSAGE_CHANGES_MAX          1024u /* in an update */
 #define LW_MESSAGE_INTEREST_MAX         4096u
 #define LW_MESSAGE_HOLDS_MAX            2048u
-#define LW_MESSAGE_PARTS_MAX            (LW_SCENE_TEXTURES_MAX + 2u) /* of a package */
-#define LW_MESSAGE_FINISH_PARTS_MAX     8192u      /* of a finish package: both lists fit into a welcome */
+#define LW_MESSAGE_PARTS_MAX            (LW_SCENE_TEXTURES_MAX + 2u) /* in a package */
+#define LW_MESSAGE_FINISH_PARTS_MAX     8192u      /* in a finish package: both lists fit into a welcome */
 #define LW_MESSAGE_CHUNK_MAX            (1u << 18) /* bytes of package data */
 #define LW_MESSAGE_PAYLOAD_MAX          (1u << 18) /* bytes of a tile */
 #define LW_MESSAGE_REPORT_MAX           (1u << 18) /* bytes of a report */
@@ -37,11 +37,11 @@
 #define LW_MESSAGE_RELAYS_MAX           16u                          /* between a server and a client */
 #define LW_MESSAGE_SERVERS_MAX          1024u                        /* bytes of a list of servers */
 #define LW_MESSAGE_CLIENT_LIGHTS_MAX    (LW_SCENE_LIGHTS_MAX / 8)    /* bytes: a bit for each */
-#define LW_MESSAGE_CLIENT_MATERIALS_MAX (LW_SCENE_MATERIALS_MAX / 8) /* likewise */
+#define LW_MESSAGE_CLIENT_MATERIALS_MAX (LW_SCENE_MATERIALS_MAX / 8) /* bytes */
 /* largest code; those not named below are refusals all the same */
 #define LW_MESSAGE_REFUSAL_MAX       65535u
 #define LW_MESSAGE_RETRY_AFTER_MAX   3600000u /* ms */
-#define LW_MESSAGE_WAITING_STAGE_MAX 65535u   /* those that are not named are stages all the same */
+#define LW_MESSAGE_WAITING_STAGE_MAX 65535u   /* stages without a name are stages all the same */
 #define LW_MESSAGE_FIELDS_MAX        64u      /* protobuf fields of a body, a packed list counting as one */
 /* Zstd's bound for a package. */
 #define LW_MESSAGE_COMPRESSED_MAX (LW_PACKAGE_SIZE_MAX + (LW_PACKAGE_SIZE_MAX >> 8))
@@ -66,8 +66,8 @@
 struct lw_message_hello {
     uint32_t version;             /* LW_WIRE_VERSION */
     uint64_t features;            /* LW_FEATURE_* */
-    const char *name;             /* of the client program, for the operator's log */
-    uint64_t rate_limit_bytes_hz; /* that it wants at most; 0: no limit */
+    const char *name;             /* the client program's, for the operator's log */
+    uint64_t rate_limit_bytes_hz; /* it wants no more; 0: no limit */
     const uint8_t *token;         /* LW_TOKEN_SIZE bytes; NULL: none */
     uint64_t relay;               /* number of the relay that says it; 0: it is none */
 };
@@ -77,34 +77,34 @@ struct lw_message_package {
     struct lw_package_hash hash;
     uint64_t size;                                    /* bytes of the package */
     uint64_t compressed_size;                         /* bytes of its zstd form, which the chunks carry */
-    const uint64_t *part_size, *part_compressed_size; /* of each part; they add up to those of the package */
+    const uint64_t *part_size, *part_compressed_size; /* per part; they add up to the package's */
     const struct lw_package_hash *part_hash;
-    size_t part_count; /* 0: the package is one part, of which nothing more is told */
+    size_t part_count; /* 0: the package is one part, as above */
 };
 
 struct lw_message_welcome {
     uint32_t version;
     uint64_t features, session;
-    const char *name; /* of the server program and its version */
+    const char *name; /* the server program's, and its version */
     struct lw_package_hash package_hash;
     uint64_t package_size;            /* bytes of the package */
     uint64_t package_compressed_size; /* bytes of its zstd form, which the chunks carry */
     uint32_t bounces;                 /* indirect bounces that a complete tile has */
     float target_error;               /* relative standard error below which a tile counts as converged */
-    float noise_shown; /* share of a tile's error that a filter leaves in its texels; 0: not told */
-    uint64_t run;      /* of the server: versions and frames compare within it; 0: not told */
-    const uint64_t *part_size, *part_compressed_size; /* of each part; they add up to those of the package */
+    float noise_shown; /* share of a tile's error that a filter leaves in its texels; 0: not known */
+    uint64_t run;      /* the server's: versions and frames compare within it; 0: not known */
+    const uint64_t *part_size, *part_compressed_size; /* per part; they add up to the package's */
     const struct lw_package_hash *part_hash;
-    size_t part_count; /* 0: the package is one part, of which nothing more is told */
-    /* Whose direct light the client draws: a bit for each light and material, the low ones of each byte
-     * first; bytes that are missing count as 0. */
+    size_t part_count; /* 0: the package is one part, as above */
+    /* The client draws the direct light of these: a bit for each light and material, the low ones of each
+     * byte first; missing bytes count as 0. */
     const uint8_t *client_lights, *client_materials;
     size_t client_lights_size, client_materials_size;
     uint32_t finer;                   /* levels finer than level 0 (atlas.h); 0: none, or not asked for */
     struct lw_message_package finish; /* with parts; size 0: there is none, or it was not asked for */
     const uint64_t *relays; /* for relays: numbers of those that the light comes through, the nearest first */
     size_t relay_count;
-    const char *servers; /* where else the light is: addresses, apart by commas; NULL: not told */
+    const char *servers; /* where else the light is: addresses, apart by commas; NULL: not known */
 };
 
 /* Values are forever. */
@@ -124,7 +124,7 @@ enum lw_refusal {
 struct lw_message_refusal {
     enum lw_refusal code;
     const char *text;        /* one line for people */
-    uint32_t retry_after_ms; /* when to come back; 0: not told */
+    uint32_t retry_after_ms; /* when to come back; 0: not known */
 };
 
 struct lw_message_package_request {
@@ -165,17 +165,17 @@ struct lw_message_material {
 
 struct lw_message_frame {
     uint64_t frame;        /* from 1; grows */
-    double time_s;         /* of the scene */
+    double time_s;         /* scene time */
     uint64_t solve_ns;     /* from the moment simulated to the moment published */
     uint64_t rays_total;   /* traced since the daemon started */
     uint64_t tiles_solved; /* in this frame */
     float sky[3];
-    /* Those that changed since the frame before; all, in the first. */
+    /* Transforms and lights that changed since the frame before; all, in the first. */
     const struct lw_message_transform *transform;
     size_t transform_count;
     const struct lw_message_light *light;
     size_t light_count;
-    uint64_t server_cpu_ns; /* of the server's process since it started; 0: not told */
+    uint64_t server_cpu_ns; /* CPU time of the server's process since it started; 0: not known */
     const uint32_t *hidden; /* objects that are now */
     const uint32_t *shown;  /* objects that are now not hidden */
     size_t hidden_count, shown_count;
@@ -188,7 +188,7 @@ struct lw_message_frame {
 struct lw_message_tile {
     uint32_t object, level, tile;
     uint64_t version; /* the frame that encoded it; grows per tile */
-    uint32_t layer;   /* of lw_tile_channels(); others are reserved */
+    uint32_t layer;   /* a number of lw_tile_channels(); others are reserved */
     uint32_t codec;   /* LW_TILE_CODEC_* */
     float scale;
     uint32_t bounces; /* indirect bounces that it holds */
@@ -208,7 +208,7 @@ struct lw_message_settled {
 
 struct lw_message_update {
     uint64_t request; /* the client's number for it */
-    /* Values may be anything: the answer says what is wrong with them. */
+    /* Values may be anything: the answer names the wrong one. */
     const struct lw_scene_change *change;
     size_t change_count;
 };
@@ -244,7 +244,7 @@ enum lw_ask {
 struct lw_message_ask {
     uint64_t request;         /* comes back in the report */
     uint32_t what;            /* enum lw_ask; others are answered by a code */
-    uint32_t return_after_ms; /* DRAIN: what clients are told; 0: the server's own */
+    uint32_t return_after_ms; /* DRAIN: what clients get; 0: the server's own */
 };
 
 enum lw_report_code { LW_REPORT_DONE = 0, LW_REPORT_UNKNOWN = 1 };
@@ -259,7 +259,7 @@ struct lw_message_report {
 struct lw_message_waiting {
     uint32_t stage; /* enum lw_waiting_stage, not UNKNOWN, or one of a newer server; at most
                        LW_MESSAGE_WAITING_STAGE_MAX */
-    float share;    /* of it that is done, 0 to 1 */
+    float share;    /* how much of it is done, 0 to 1 */
 };
 
 struct lw_message {
@@ -295,7 +295,7 @@ struct lw_message {
 struct lw_message_memory {
     uint8_t *block;
     size_t size, used, asked; /* bytes; asked: by the present message */
-    size_t budget;            /* that a message may ask for; 0: any */
+    size_t budget;            /* a message may ask for no more; 0: any */
 };
 void lw_message_memory_finish(struct lw_message_memory *memory);
 
@@ -328,8 +328,8 @@ LW_MUST_CHECK enum lw_status lw_message_decode(struct lw_framing_header header, 
  * Errors: LW_PROTOCOL, also where size is not the message's; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_message_decode_whole(const uint8_t *bytes, size_t size,
                                                      struct lw_message *out_message);
-/** The same with memory that is used again; NULL: as lw_message_decode(). Of one memory a message is alive at
- * a time: finish it before the next is decoded. One that asks for more than the budget is LW_PROTOCOL. */
+/** The same with memory that is used again; NULL: as lw_message_decode(). A memory has one message at a time:
+ * finish it before the next is decoded. A message that asks for more than the budget is LW_PROTOCOL. */
 LW_MUST_CHECK enum lw_status lw_message_decode_with(struct lw_framing_header header, const uint8_t *body,
                                                     struct lw_message_memory *memory,
                                                     struct lw_message *out_message, struct lw_error *err);

@@ -53,7 +53,7 @@ struct lw_client_desc {
     const char *name;               /* for the operator's log; NULL: "liblightwell" */
     unsigned timeout_ms;            /* for connect and for the server's answer; 0: 5000 */
     /* For a process with many sessions of one server: a client that has its scene and outlives this one. If
-     * the server has the same scene, that one is shared and not downloaded. NULL: none. */
+     * the server has the same scene, it is shared and not downloaded. NULL: none. */
     const struct lw_client *scene_of;
     /* A folder for scene packages, by their hashes. A package that is in it is not downloaded; a downloaded
      * one is written to it if possible. Over 1 GiB the least recently used files are removed. NULL: none. */
@@ -62,11 +62,11 @@ struct lw_client_desc {
     bool control;       /* it may call lw_client_update() */
     bool operate;       /* it may call lw_client_ask(); it gets no scene */
     /* It wants the finishes of materials, which come after its first light (lw_client_finishes()). Means
-     * nothing with scene_of: a shared scene keeps the finishes that it had then. */
+     * nothing with scene_of: a shared scene keeps the finishes of the moment when it was shared. */
     bool materials;
     bool draws_direct; /* it draws the direct light that lw_client_draws() lists: levels come without it */
     uint32_t finer;    /* how many levels finer than level 0 it wants to read, at most */
-    uint64_t channel_features;    /* that ask for channels beside irradiance (tile_channels.h); 0: none */
+    uint64_t channel_features;    /* bits that ask for more channels (tile_channels.h); 0: irradiance alone */
     uint64_t rate_limit_bytes_hz; /* the most that the server sends; 0: all that the link takes */
     uint64_t budget_ns;           /* lw_client_poll() takes no further message in after this; 0: 20 ms */
     struct lw_client_watch watch;
@@ -82,14 +82,14 @@ void lw_client_destroy(struct lw_client *client);
 
 /** Connects again after lw_client_poll() has failed. The client keeps its scene, its light and its interest
  * set.
- *   same run of the server   sends what has changed since; a package that was cut short goes on from there
+ *   same run of the server   sends tiles that changed since, and the rest of a package that was cut short
  *   a new run                sends all its light again; the old light stays until that comes
  *   other client lights      (lw_client_draws()): tiles are dropped and come again
  * Versions of tiles go on growing; numbers of frames (lw_client_stats) start again with the server. Updates
- * without an answer get none, and may have been made or not.
+ * without an answer get none: nobody says whether they were made.
  *
  * Wait lw_client_backoff_ms() before each attempt; may be called until it succeeds. Attempts go in turn to
- * the server that it was with, to those that this one told it of, and to desc.host.
+ * its last server, to the servers that this one named, and to desc.host.
  * Errors: as lw_client_create(); LW_BAD_DATA if there is another scene now (lw_client_found_other_scene()):
  * for that one forget this one first, or create another client. */
 LW_MUST_CHECK enum lw_status lw_client_reconnect(struct lw_client *client, struct lw_error *err);
@@ -98,7 +98,7 @@ LW_MUST_CHECK enum lw_status lw_client_reconnect(struct lw_client *client, struc
 bool lw_client_found_other_scene(const struct lw_client *client);
 
 /** Drops scene, light, interest set and answers, after lw_client_reconnect() has failed: the next one takes
- * up whatever scene there is, which watch.scene() is told of. */
+ * up whatever scene there is, and calls watch.scene(). */
 void lw_client_forget_scene(struct lw_client *client);
 
 /** How long to wait before an attempt to connect again, in ms. The time is random, so that not all clients of
@@ -115,7 +115,7 @@ uint32_t lw_client_retry_after_ms(const struct lw_client *client);
 /** Waits up to timeout_ms for something to arrive (0: does not wait), then takes in all that is there
  * (bounded per call).
  * Errors: LW_CLOSED when the server ended the session (text says why), LW_PROTOCOL, LW_NO_MEMORY. After an
- * error only lw_client_reconnect() and lw_client_destroy() may follow; what was received stays readable. */
+ * error only lw_client_reconnect() and lw_client_destroy() may follow; scene and light stay readable. */
 LW_MUST_CHECK enum lw_status lw_client_poll(struct lw_client *client, unsigned timeout_ms,
                                             struct lw_error *err);
 
@@ -178,8 +178,8 @@ struct lw_client_light lw_client_get_light(const struct lw_client *client, uint3
  * Errors: none; a material that is not there gives zeros. */
 struct lw_vec3 lw_client_own_emission(const struct lw_client *client, uint32_t material);
 
-/** Whose direct light is the client's to draw: 1 for each light and each material of the scene whose
- * emission it is. */
+/** The client draws the direct light of these: 1 for each such light, and for each material of the scene with
+ * such emission. */
 struct lw_client_draws {
     uint32_t light_count, material_count; /* as in the scene */
     const uint8_t *light, *material;
@@ -222,7 +222,7 @@ const float *lw_client_get_texels(const struct lw_client *client, uint32_t slot,
  * tile    in any order; copied. One of a finer level has an id (atlas.h), and loses it, and its light, some
  * time after
  *         it is listed no more. count 0: no tiles. More than LW_CLIENT_INTEREST_MAX different tiles:
- *         everything, which costs the server a whole solve. Coarser levels of what is far keep the list
+ *         everything, which costs the server a whole solve. Coarser levels of far objects keep the list
  *         short.
  * Errors  LW_USAGE before the scene is there (but for count 0), or for a tile that it does not have;
  *         LW_NO_MEMORY */
@@ -230,7 +230,7 @@ LW_MUST_CHECK enum lw_status lw_client_want(struct lw_client *client, const lw_t
 /** The interest set is every tile, as in a new client. */
 void lw_client_want_everything(struct lw_client *client);
 
-#define LW_CLIENT_CHANGES_MAX 1024u /* of one update */
+#define LW_CLIENT_CHANGES_MAX 1024u /* in one update */
 #define LW_CLIENT_UPDATES_MAX 1024u /* sent, with an answer that was not taken yet */
 
 /** Whether the server takes updates from this client: desc.control was set, and its token, or
@@ -238,8 +238,8 @@ void lw_client_want_everything(struct lw_client *client);
 bool lw_client_may_update(const struct lw_client *client);
 
 /** Changes the scene, for everybody: all of these changes in one frame, or none. They are made in the order
- * given, after all updates that the server got before. Of two changes to the same thing the later one counts.
- * The changes last until the server ends. scene_change.h says what may change and within which limits. The
+ * given, after all updates that the server got before. The later of two changes to the same thing counts.
+ * The changes last until the server ends. scene_change.h has their kinds and limits. The
  * server checks every number; lw_client_next_answer() gives its answer.
  *
  * change       copied; count up to LW_CLIENT_CHANGES_MAX, and 0 is fine: it asks for the next frame's number
@@ -273,7 +273,7 @@ bool lw_client_next_answer(struct lw_client *client, struct lw_client_answer *ou
 bool lw_client_may_ask(const struct lw_client *client);
 
 /** Asks as an operator (enum lw_ask of proto/message.h); lw_client_take_report() gives the answer.
- * return_after_ms  of LW_ASK_DRAIN: what other clients are told; 0: the server's own
+ * return_after_ms  with LW_ASK_DRAIN: what other clients get; 0: the server's own
  * Errors: LW_NOT_ALLOWED: see lw_client_may_ask(); LW_CLOSED. */
 LW_MUST_CHECK enum lw_status lw_client_ask(struct lw_client *client, uint32_t what, uint32_t return_after_ms,
                                            struct lw_error *err);
@@ -287,7 +287,7 @@ bool lw_client_take_report(struct lw_client *client, uint32_t *out_code, char **
  * share  of the stage that is done, 0 to 1 */
 struct lw_waiting_state lw_client_waiting(const struct lw_client *client);
 
-/** What is known of one tile. */
+/** One tile, as the client has it. */
 struct lw_client_tile {
     /* 0: not here yet. Grows; compare it with the last one you uploaded to see whether the tile has
      * changed. */
@@ -295,8 +295,8 @@ struct lw_client_tile {
     uint32_t bounces;    /* indirect bounces in it */
     float error;         /* relative standard error */
     uint64_t arrived_ns; /* lw_clock_ns() when this version came */
-    /* Of a tile of a finer level: its irradiance, W/m^2, width*height*3 of its place, row by row; such tiles
-     * are in no level of an atlas. Else NULL. */
+    /* A finer level's tile has its irradiance here, W/m^2, width*height*3 of its place, row by row, for it is
+     * in no level of an atlas. Else NULL. */
     const float *rgb;
     const float *direction;     /* the same of lw_client_level.direction; NULL: not here */
     uint64_t direction_version; /* as version, of where its light comes from, at any level; 0: not here */
@@ -309,25 +309,25 @@ struct lw_client_stats {
     uint64_t settled_frame;        /* newest frame of which all tiles have arrived */
     double time_s;                 /* scene time of that frame */
     uint64_t frames, tiles, bytes; /* received */
-    /* of the scene package and of the finish package, as they travel; 0: not told, or there is none */
+    /* compressed bytes of the scene package and of the finish package; 0: not known, or there is none */
     uint64_t package_bytes, finish_bytes;
     uint64_t rays_total;    /* the server's, as of that frame */
-    uint64_t server_cpu_ns; /* likewise: CPU time of its process since it started; 0: not told */
+    uint64_t server_cpu_ns; /* CPU time of the server's process since it started; 0: not known */
     uint64_t decode_ns;     /* spent on decoding tiles */
-    /* lw_clock_ns() when connect was called; when the package was complete; when every object's coarsest
-     * level was there. 0: not yet. */
+    /* lw_clock_ns() of the call to connect, of the complete package, and of the first light, every object's
+     * coarsest level. 0: not yet. */
     uint64_t connected_ns, package_ns, first_ns;
     uint64_t finishes_ns; /* lw_clock_ns() when the scene got its finishes; 0: not yet */
     /* How old the newest frame's light is now: its solve time plus the time since it arrived. The network's
      * delay is not in it. It grows until the next frame. A server whose light has converged sends no frames:
      * where nothing moves and every tile's error is at most target_error, the light is current at any age. */
     uint64_t light_age_ns;
-    uint32_t bounces;   /* that a complete tile has */
+    uint32_t bounces;   /* in a complete tile */
     float target_error; /* below which a tile counts as converged */
     /* about what share of a tile's error is left in its texels after the server's filter */
     float noise_shown;
     float sky[3];
-    uint64_t changed_frame; /* the last one that said something of materials or of what is hidden; 0: none */
+    uint64_t changed_frame; /* the last one that changed materials or hidden objects; 0: none */
 };
 void lw_client_get_stats(const struct lw_client *client, struct lw_client_stats *out_stats);
 

@@ -37,8 +37,8 @@ struct lw_session_shared {
     struct lw_session_package {
         struct lw_session_chunk {
             struct lw_blob *blob; /* the message */
-            uint64_t end;         /* of its data, in the compressed package */
-            uint32_t part;        /* of the package */
+            uint64_t end;         /* where its data ends in the compressed package */
+            uint32_t part;        /* its part of the package */
         } * chunk;
         uint32_t chunk_count;
     } package, finishes;                     /* finishes: without a chunk there are none */
@@ -48,29 +48,29 @@ struct lw_session_shared {
     struct lw_interest_union interest_union; /* by all sessions that are streamed to */
     struct lw_fine_names fine;               /* ids of tiles that sessions list */
     const struct lw_scene *scene;            /* what updates are checked against; NULL: there are none */
-    struct lw_scene_roster roster;           /* of it, after all updates so far */
+    struct lw_scene_roster roster;           /* the scene's, after all updates so far */
     struct lw_updates updates;               /* of all sessions */
-    bool is_relay;                           /* it passes light on, and updates: */
+    bool is_relay;                           /* it forwards light, and updates: */
     struct lw_passed_updates passed;
-    uint64_t relays[LW_MESSAGE_RELAYS_MAX]; /* of a relay: its number, and those of the relays above */
+    uint64_t relays[LW_MESSAGE_RELAYS_MAX]; /* a relay's own, then of the relays above */
     uint32_t relay_count;
     struct lw_relay_tree tree;            /* the relays below, as they report themselves */
     uint32_t reporting_count;             /* sessions of such */
-    const struct lw_waiting *first_light; /* how far it is; NULL: nobody is told */
+    const struct lw_waiting *first_light; /* how far it is; NULL: nobody hears of it */
     uint64_t epoch; /* counts ticks and snapshots seen: in each, a session may change its mind once */
     struct lw_snapshot *snapshot; /* newest; NULL before the first */
     uint64_t generation;          /* counts the snapshots that the loop has seen */
     /* By channel (tile_channels.h); zeroed where it is not served. */
     struct lw_session_channel {
         uint32_t number;
-        uint32_t session_count;       /* that are streamed to */
+        uint32_t session_count;       /* sessions that get its tiles */
         struct lw_snapshot *snapshot; /* newest that has this channel; NULL before the first */
         uint64_t generation;          /* counts those */
         uint32_t *changed;            /* tile ids, by priority, that it changed against the one before */
         uint32_t changed_count;
         struct lw_transcoder *transcoder; /* NULL: tiles are of a codec that has no deltas */
         bool has_coarse;                  /* narrow links get tiles in wider steps: it makes those */
-        struct lw_deltas deltas;          /* that lead to that snapshot */
+        struct lw_deltas deltas;          /* from the snapshot before to this one */
         struct lw_priority priority;
     } channel[LW_TILE_CHANNELS_MAX];
     uint32_t channels_served;        /* bit for each */
@@ -86,25 +86,25 @@ struct lw_session_shared {
     struct lw_session *first; /* all connections */
     struct lw_session_queue {
         struct lw_session *first, *last;
-    } due[2]; /* those of them that have a turn coming, in order: who asked, and the others */
-    struct lw_session_queue paced;   /* those whose rate limit lets nothing more through for now */
-    struct lw_session_queue waiting; /* those who have nothing to send before the transcoder has answered */
+    } due[2]; /* sessions that have a turn coming, in order: the first queue asked for it */
+    struct lw_session_queue paced;   /* sessions at their rate limit */
+    struct lw_session_queue waiting; /* sessions that wait for the transcoder's answer */
     struct lw_session_inbox {
         struct lw_session *first, *last;
-    } unread, slowed; /* those with messages that came and had no turn; those whose messages have to wait */
-    uint32_t place_count;       /* those that have one, until they are closed */
-    uint32_t control_count;     /* of these: who may control, by a token */
-    uint32_t turned_away_count; /* those that got none */
-    uint64_t number;            /* of the last session */
+    } unread, slowed;     /* sessions with messages that had no turn; sessions whose messages have to wait */
+    uint32_t place_count; /* sessions that have one, until they are closed */
+    uint32_t control_count;     /* sessions of these that may control, by a token */
+    uint32_t turned_away_count; /* connections that got none */
+    uint64_t number;            /* the last session's */
     uv_mutex_t stats_mutex;
     struct lw_server_stats stats; /* guarded by stats_mutex */
-    uint32_t retry_after_ms;      /* told with LW_REFUSAL_SHUTDOWN */
+    uint32_t retry_after_ms;      /* goes with LW_REFUSAL_SHUTDOWN */
     const char *web_servers;      /* for the welcome of pages, in the place of its servers; NULL: none */
     uint32_t sessions_max;
-    uint32_t address_sessions_max;                /* of one address; 0: lw_address_places_share() */
-    struct lw_address_places places, turned_away; /* of connections that have one, and that got none */
+    uint32_t address_sessions_max;                /* for one address; 0: lw_address_places_share() */
+    struct lw_address_places places, turned_away; /* connections that have one; that got none */
     struct lw_address_rates connecting;
-    struct lw_message_memory parse; /* of the message that is handled */
+    struct lw_message_memory parse; /* for the message that is handled */
     struct lw_tokens *tokens;       /* NULL: nobody needs one */
     struct lw_peer_log log;
     /* Answers an operator; text: malloc'ed, at most LW_MESSAGE_REPORT_MAX bytes, or NULL. */
@@ -130,11 +130,11 @@ struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_s
                                    const struct lw_session_peer *peer);
 
 /* What a transport tells of its link; of bytes that have come it tells session_handlers.h. */
-/** What has come beside messages: frames of a WebSocket (LW_MESSAGE_RATES_FRAMES), or bytes that the link
- * took for itself (_OVERHEAD). Where that is too much the peer is not read for a time: it keeps the rest. */
+/** Counts bytes beside messages: frames of a WebSocket (LW_MESSAGE_RATES_FRAMES), or bytes that the link took
+ * for itself (_OVERHEAD). Where they are too many the peer is not read for a time: it keeps the rest. */
 void lw_session_count_other(struct lw_session *session, enum lw_message_rates_kind kind, size_t count);
 /** The link has taken what write() left over, or result is libuv's error.
- * was_full  the link took no more for a time; not told by one that takes everything later */
+ * was_full  the link took no more for a time; a link that takes everything later does not say it */
 void lw_session_written(struct lw_session *session, int result, bool was_full);
 /** The peer has ended the link, or result is libuv's error. */
 void lw_session_lost(struct lw_session *session, int result);

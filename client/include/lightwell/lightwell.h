@@ -8,14 +8,14 @@
  *     struct lw_live_error err;
  *     if (lw_live_open(&desc, &live, &err) != LW_LIVE_OK) die(err.text);
  *     every frame: lw_live_poll(live, 0, &err), then lw_live_take_dirty() and
- *     lw_live_read() for what has changed
+ *     lw_live_read() for texels that changed
  *
  * For C11 and C++11, and later ones. Units: metres, W/m^2, W/(m^2 sr), linear sRGB; right-handed, +Y up.
  * Matrices that are "row-major 3x4" transform columns: p' = m[.][0..2] p + m[.][3].
  *
  * Structs: one that begins with struct_size is told apart by it: set it to sizeof before the call. Later
- * versions add fields at the end; a library that is newer or older than the program reads and writes what
- * both know. What is zero in a struct that you fill is the default.
+ * versions add fields at the end; a library that is newer or older than the program reads and writes the
+ * fields that both know. A field of 0 in a struct that you fill is the default.
  *
  * Errors: each function that can fail returns a status and puts one line for people into *err, which may be
  * NULL; its outputs stay as they were. LW_LIVE_USAGE is for a call that is wrong in itself: a NULL, a
@@ -65,13 +65,13 @@ enum lw_live_status {
     LW_LIVE_NO_MEMORY = 6,   /**< Out of memory. */
     LW_LIVE_SYSTEM = 7,      /**< The operating system refused something. */
     LW_LIVE_TIMED_OUT = 8,   /**< The server is silent. */
-    LW_LIVE_PROTOCOL = 9,    /**< What is there is no lightwelld, or of another version, or sends nonsense. */
+    LW_LIVE_PROTOCOL = 9,    /**< The peer is no lightwelld, or of another version, or sends nonsense. */
     LW_LIVE_CLOSED = 10,     /**< The session is over. */
     LW_LIVE_NOT_READY = 11,  /**< The scene has not arrived yet. */
     LW_LIVE_NOT_ALLOWED =
         12, /**< The server takes no such token, or wants one; or by TLS it is not believed. */
-    /** The server lights another scene now, and the one before is forgotten: its indices and pointers, and
-     * what was wanted of it. The other one comes with the next calls of lw_live_poll(), or of
+    /** The server lights another scene now. The scene before is forgotten: its indices and pointers, and
+     * your interest in it. The new scene comes with the next calls of lw_live_poll(), or of
      * lw_live_reconnect(). */
     LW_LIVE_OTHER_SCENE = 13
 };
@@ -112,7 +112,7 @@ struct lw_live_desc {
     uint32_t timeout_ms;      /**< For connecting and for the server's welcome; 0: 5000. */
     uint32_t budget_us;       /**< lw_live_poll() takes nothing more in after this; 0: 2000. */
     const char *cache_folder; /**< Keeps scene packages, so that none is downloaded twice; NULL: none. */
-    uint64_t rate_limit_bytes_per_s; /**< That the server may send; 0: what the link takes. */
+    uint64_t rate_limit_bytes_per_s; /**< The server sends no more; 0: all that the link takes. */
     /* so far in 0.1.0 */
     const char *token; /**< 64 hexadecimal digits; NULL: none. Copied. */
     const char
@@ -132,20 +132,20 @@ lw_live_open(const struct lw_live_desc *desc, struct lw_live **out_live, struct 
  * be connecting: up to timeout_ms. NULL is fine. */
 LW_LIVE_API void lw_live_close(struct lw_live *live);
 
-/** Takes in what has arrived, for budget_us at most; what is left comes with the next call. Waits up to
- * timeout_ms if nothing is there. The call in which the scene is complete reads it, which takes longer: the
+/** Takes in messages, for budget_us at most; the next call takes the rest. Waits up to timeout_ms if there
+ * are none. The call in which the scene is complete reads it, which takes longer: the
  * atrium's 0.13 s. For every frame.
  *
  * With LW_LIVE_THREAD the thread does that: the call waits up to timeout_ms until it has taken in something
  * since the call before, and tells whether the session is alive.
- * Errors: LW_LIVE_CLOSED, LW_LIVE_TIMED_OUT, LW_LIVE_PROTOCOL, LW_LIVE_SYSTEM, LW_LIVE_NO_MEMORY; what has
- * arrived stays readable, and lw_live_reconnect() goes on. With LW_LIVE_THREAD only what connecting again
+ * Errors: LW_LIVE_CLOSED, LW_LIVE_TIMED_OUT, LW_LIVE_PROTOCOL, LW_LIVE_SYSTEM, LW_LIVE_NO_MEMORY. Scene and
+ * light stay readable, and lw_live_reconnect() goes on. With LW_LIVE_THREAD only what connecting again
  * cannot mend, and LW_LIVE_OTHER_SCENE, once: then go on polling, as after lw_live_open(). */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_poll(struct lw_live *live, uint32_t timeout_ms,
                                                            struct lw_live_error *err);
 
 /** Connects again after lw_live_poll() has failed. Scene, light and interest stay; a server that still runs
- * sends what has changed since. Wait lw_live_backoff_ms() before each attempt.
+ * sends the tiles that changed since. Wait lw_live_backoff_ms() before each attempt.
  * Errors: as lw_live_open(); LW_LIVE_OTHER_SCENE, once: call it again; LW_LIVE_USAGE with LW_LIVE_THREAD,
  * which does it by itself. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_reconnect(struct lw_live *live,
@@ -177,13 +177,13 @@ struct lw_live_stats {
     uint64_t frame;         /**< The newest frame heard of. */
     uint64_t settled_frame; /**< The newest frame of which all wanted tiles have arrived. */
     double time_s;          /**< Scene time of the newest frame. */
-    uint64_t changed_frame; /**< The last frame that changed a material, the sky or what is hidden. */
+    uint64_t changed_frame; /**< The last frame that changed a material, the sky or a hidden object. */
     uint64_t session;       /**< Counts connections, from 1 on: is_client_light may differ after it grew. */
     uint64_t tiles;         /**< Received. */
     uint64_t bytes;         /**< Received. */
     uint64_t decode_ns;     /**< Spent on decoding tiles. */
     uint64_t light_age_ns;  /**< Solve time of the newest frame, plus the time since it arrived. */
-    uint32_t dirty_tiles;   /**< That lw_live_take_dirty() would give. */
+    uint32_t dirty_tiles;   /**< Tiles that lw_live_take_dirty() would give. */
     uint32_t bounces;       /**< Indirect bounces of a complete tile. */
     float target_error;     /**< Relative standard error below which a tile counts as converged. */
     enum lw_live_finishes finishes; /**< When it changes to THERE, ask for meshes and materials again. */
@@ -223,7 +223,7 @@ struct lw_live_scene {
     uint32_t texture_count;        /**< Textures. */
     uint32_t light_count;          /**< Punctual lights. */
     uint32_t camera_count;         /**< Cameras. */
-    float duration_s;              /**< Of the animation, which loops; 0: none. */
+    float duration_s;              /**< The animation's length; it loops. 0: there is none. */
     float sky[3];                  /**< W/(m^2 sr) from everywhere outside, as of the newest frame. */
     uint32_t environment_width;    /**< Texels; 0: no environment. */
     uint32_t environment_height;   /**< Texels. */
@@ -335,14 +335,15 @@ struct lw_live_material {
     struct lw_live_texture_use base_colour_texture; /**< A factor. */
     struct lw_live_texture_use emission_texture;    /**< A factor. */
     enum lw_live_alpha alpha;                       /**< What alpha means. */
-    float alpha_cutoff;                             /**< Of LW_LIVE_ALPHA_MASK. */
+    float alpha_cutoff;                             /**< With LW_LIVE_ALPHA_MASK. */
     int is_double_sided;                            /**< It reflects and shines on both sides. */
     int is_client_light; /**< The direct light of its triangles is yours to draw: it is in no texel. */
     int is_unlit;        /**< Seen as base_colour, W/(m^2 sr), in place of base_colour / pi * E. */
     float tint[3];       /**< LW_LIVE_ALPHA_BLEND: 1 - alpha of light passes, times this; 1 is no colour. */
     /** 0: matt and even, or finishes are not there yet. Else what follows is metallic-roughness of glTF 2.0
      * with KHR_materials_specular and KHR_materials_ior, textures that follow are those of
-     * lw_live_get_finish_texture(), and base_colour is that of the metal, or of what is under the gloss. */
+     * lw_live_get_finish_texture(), and base_colour is the colour of the metal, or of the layer under the
+     * gloss. */
     int has_finish;
     float metalness;                              /**< 0..1; times B of surface_texture. */
     float roughness;                              /**< 0..1; times G of surface_texture. */
@@ -353,7 +354,7 @@ struct lw_live_material {
     float ior;                                    /**< From 1 on. */
     float occlusion;                              /**< 0..1: of E, 1 + occlusion (R - 1) arrives. */
     struct lw_live_texture_use occlusion_texture; /**< LW_LIVE_CONTENT_SURFACE. */
-    float normal_scale;                           /**< Of x and y of the map; any sign. */
+    float normal_scale;                           /**< A factor of the map's x and y, of any sign. */
     struct lw_live_texture_use normal_texture;    /**< LW_LIVE_CONTENT_NORMAL. */
 };
 /** A material as it is now. For every frame. */
@@ -458,8 +459,8 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_level(const struct lw_
                                                                 struct lw_live_error *err);
 
 /** Takes rectangles whose texels have changed since they were last taken, oldest first;
- * neighbours come as one. What is not taken stays for the next call, so that you decide how much
- * a frame uploads. Finer levels are left to lw_live_take_slots(). For every frame.
+ * neighbours come as one. The rest stays for the next call, so that you decide how much a frame
+ * uploads. Finer levels are left to lw_live_take_slots(). For every frame.
  *
  * object      of this one alone, or LW_LIVE_NONE: of all
  * level       of this one alone, or LW_LIVE_NONE: of all
@@ -489,7 +490,7 @@ enum lw_live_quantity {
 /** Where lw_live_read() writes, and how. */
 struct lw_live_texels {
     size_t struct_size;             /**< sizeof(struct lw_live_texels) */
-    enum lw_live_format format;     /**< Of a texel. */
+    enum lw_live_format format;     /**< A texel's format. */
     enum lw_live_quantity quantity; /**< What it says. */
     float scale;                    /**< Multiplies each value, for scenes beyond the format; 0: 1. */
     void *dst;                      /**< Row 0 of the rectangle first. */
@@ -500,10 +501,11 @@ struct lw_live_texels {
  *
  * Where nothing has arrived at that level the texels are interpolated from the finest coarser one that is
  * there, and where a tile is still noisy from level 1 or 2, whose texels are means: a texture is whole
- * from the first level on. What changes so is dirty like what arrives. With LW_LIVE_AS_IT_IS texels are as
- * they came, and 0 where none did. A finer level without a tile there is read from level 0, interpolated,
- * with and without the flag. Errors: LW_LIVE_USAGE for a rectangle beyond its level or a dst_size that is
- *         too small; LW_LIVE_UNAVAILABLE as lw_live_get_level(); LW_LIVE_NOT_READY. */
+ * from the first level on. Texels that change so are dirty like texels that arrive. With LW_LIVE_AS_IT_IS
+ * texels are as they came, and 0 where none did. A finer level without a tile there is read from level 0,
+ * interpolated, with and without the flag.
+ * Errors: LW_LIVE_USAGE for a rectangle beyond its level or a dst_size that is too small;
+ *         LW_LIVE_UNAVAILABLE as lw_live_get_level(); LW_LIVE_NOT_READY. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_read(const struct lw_live *live,
                                                            const struct lw_live_rect *rect,
                                                            const struct lw_live_texels *texels,
@@ -521,12 +523,12 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_sample(const struct lw_liv
 struct lw_live_hit {
     size_t struct_size;   /**< sizeof(struct lw_live_hit) */
     uint32_t object;      /**< Index; LW_LIVE_NONE: it meets nothing. */
-    uint32_t triangle;    /**< Of the object's mesh. */
+    uint32_t triangle;    /**< Triangle of the object's mesh. */
     float distance;       /**< In lengths of the direction. */
     float position_ws[3]; /**< m */
     float lightmap_uv[2]; /**< For lw_live_sample(): of the side that the ray meets, if it has light. */
 };
-/** Follows a ray to the nearest triangle of what is drawn, whatever its alpha. It looks at every
+/** Follows a ray to the nearest triangle of the drawn objects, whatever its alpha. It looks at every
  * triangle of each object whose box the ray meets: for a few points, not for pictures.
  * origin_ws, direction_ws: 3 each; m.
  * Errors: LW_LIVE_USAGE for numbers that are not finite, or no direction; LW_LIVE_NOT_READY. */
@@ -542,13 +544,12 @@ struct lw_live_view {
     size_t struct_size; /**< sizeof(struct lw_live_view) */
     float view_projection
         [16];        /**< World to clip space, column by column: clip = M (x, y, z, 1). Any depth range. */
-    uint32_t width;  /**< Of the picture, pixels. */
-    uint32_t height; /**< Of the picture, pixels. */
+    uint32_t width;  /**< The picture's width, pixels. */
+    uint32_t height; /**< The picture's height, pixels. */
 };
-/** Wants what lies in these views, some around them, and what did in the last two seconds, each at the level
- * that a texture look-up reads there. Where that is more than LW_LIVE_WANT_MAX tiles, all are wanted
- * coarser. It knows the frustum alone: what is behind a wall counts. Until the next call of
- * lw_live_want_*(). For every frame.
+/** Wants the tiles in these views, some around them, and those of the last two seconds' views, each at the
+ * level that a texture look-up reads there. Beyond LW_LIVE_WANT_MAX tiles all are wanted coarser. It knows
+ * the frustum alone: tiles behind a wall count. Until the next call of lw_live_want_*(). For every frame.
  *
  * With finer_slots it also wants tiles of finer levels, where texels of level 0 are larger than four pixels
  * and light changes within a texel. Opaque surfaces hide such tiles. They are at most
