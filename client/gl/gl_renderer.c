@@ -19,13 +19,13 @@
 
 #define METERED      128u  /* pixels a side: enough for a log average */
 #define SURVEY_SHARE 4u    /* a survey has one pixel for this many, each way */
-#define NEAR_SHARE   1e-6f /* of the scene's diagonal: what is nearer to the eye is not seen */
+#define NEAR_SHARE   1e-6f /* nearest visible distance from the eye, over the scene's diagonal */
 #define NEAR_COARSE  1e-4f /* the same, where depth is not stored upside down */
 #define TAPS         16    /* as of the shaders */
 #define FAINT        2e-3f /* share of the mean light from which on a lamp is drawn on an object */
 #define HALF_MAX     65504.0f
-#define LOBE_STEPS   128 /* of the table of lobes, by angle and by roughness: the nearest one is read */
-#define OBJECT_WORDS 16u /* of an object on the GPU: three rows of a transform, its atlas */
+#define LOBE_STEPS   128 /* steps of the table of lobes, by angle and by roughness: the nearest is read */
+#define OBJECT_WORDS 16u /* an object on the GPU: three rows of a transform, its atlas */
 
 /* What a batch's program is made of. */
 enum variant {
@@ -97,7 +97,7 @@ struct draw {
     bool mirrored, settled;
     bool fine;                   /* tiles of finer levels of one of them are there */
     struct lw_gl_lights_box box; /* of all of them */
-    float distance;              /* of the nearest part of any, from the eye */
+    float distance;              /* from the eye to the nearest part of any */
 };
 
 struct lw_gl_renderer {
@@ -108,7 +108,7 @@ struct lw_gl_renderer {
     struct lw_gl_lights_box bounds; /* of all that has ever been shown */
     struct lw_gl_lights_box *moved; /* scratch */
     struct lw_gl_target picture, survey, metered;
-    struct program *program; /* those made so far; the first one is none */
+    struct program *program; /* programs made so far; the first one is none */
     uint32_t program_count;
     uint16_t *made; /* per variant: its program, or 0 */
     struct lw_ambient
@@ -123,16 +123,17 @@ struct lw_gl_renderer {
     GLuint tile_colours, tile_colour_buffer; /* made when a chart of tiles is first drawn */
     float *tile_colour;                      /* scratch: 4 floats a tile */
     struct object *object;
-    uint32_t *by_mesh;    /* objects in the order of their meshes */
-    uint32_t *first_of;   /* per mesh, and one more: in by_mesh */
-    uint32_t *instance;   /* of the view at hand */
-    struct draw *draw;    /* likewise */
-    struct draw *blended; /* likewise: an instance each */
+    uint32_t *by_mesh;  /* objects in the order of their meshes */
+    uint32_t *first_of; /* per mesh, and one more: in by_mesh */
+    /* for the view at hand: */
+    uint32_t *instance;
+    struct draw *draw;
+    struct draw *blended; /* an instance each */
     uint32_t draw_count, blended_count, instance_count;
     bool *blends; /* per mesh: a batch of it is BLEND */
     const struct lw_pose *pose;
     struct lw_vec3 sky_radiance;
-    uint32_t *tiles; /* of a survey, as read */
+    uint32_t *tiles; /* a survey's, as read */
     size_t tiles_room;
     struct lw_gl_renderer_figures figures;
 };
@@ -308,7 +309,7 @@ static bool allocate(struct lw_gl_renderer *r) {
     r->by_mesh = calloc(objects, sizeof *r->by_mesh);
     r->first_of = calloc(meshes + 1, sizeof *r->first_of);
     r->instance = calloc(objects, sizeof *r->instance);
-    r->draw = calloc(2 * meshes, sizeof *r->draw); /* of each mesh, mirrored and not */
+    r->draw = calloc(2 * meshes, sizeof *r->draw); /* per mesh: mirrored and not */
     r->blended = calloc(objects, sizeof *r->blended);
     r->blends = calloc(meshes, sizeof *r->blends);
     r->moved = calloc(2 * objects, sizeof *r->moved);
@@ -457,7 +458,7 @@ static enum lw_status take_finishes(struct lw_gl_renderer *r, struct lw_error *e
     return status;
 }
 
-/* ---- what has changed ---- */
+/* ---- changes ---- */
 
 static void find_box(const struct lw_gl_mesh *mesh, struct object *object) {
     struct lw_vec3 low = {INFINITY, INFINITY, INFINITY}, high = {-INFINITY, -INFINITY, -INFINITY};
@@ -534,14 +535,14 @@ enum lw_status lw_gl_renderer_take(struct lw_gl_renderer *r, const struct lw_com
 
 struct view {
     struct lw_vec3 eye, forward, right, up;
-    float half_width, half_height; /* of the picture at depth 1; orthographic: 0, its sky is one point */
+    float half_width, half_height; /* the picture's at depth 1; orthographic: 0, its sky is one point */
     bool parallel;                 /* orthographic */
-    float shift_x, shift_y;        /* of the picture, in its own units: -1 to 1 from side to side */
-    struct lw_vec3 side[4];        /* normals of the sides of what is seen, inward */
+    float shift_x, shift_y;        /* in the picture's units: -1 to 1 from side to side */
+    struct lw_vec3 side[4];        /* normals of the frustum's sides, inward */
     float beyond[4];               /* how far they are from the eye, outward */
     float clip[16];                /* columns */
     float finer;
-    float reach, noise; /* of a shadow map; of a picture */
+    float reach, noise; /* for a shadow map; for a picture */
     enum lw_show show;
     unsigned variant;
 };
@@ -639,7 +640,7 @@ static int near_first(const void *a, const void *b) {
 
 static int far_first(const void *a, const void *b) { return near_first(b, a); }
 
-/* How far the middle of an object is, for the order of what is blended. */
+/* How far the middle of an object is, for the order of blending. */
 static float middle_distance(const struct view *v, const struct object *object) {
     const struct lw_vec3 middle = lw_vec3_scale(lw_vec3_add(object->low, object->high), 0.5f);
     const struct lw_vec3 away = lw_vec3_sub(middle, v->eye);
@@ -714,7 +715,7 @@ static bool is_at_base(const struct lw_material *m, const struct lw_texture_use 
             memcmp(base->transform, use->transform, sizeof base->transform) == 0);
 }
 
-/* Of a material with a finish. maps: as it is on the GPU */
+/* The variant for a material with a finish. maps: as it is on the GPU */
 static unsigned finish_variant(const struct lw_mesh *mesh, const struct lw_material *m,
                                const struct lw_gl_maps *maps) {
     const struct lw_finish *f = m->finish;
@@ -791,7 +792,7 @@ static void set_material(const struct lw_gl_renderer *r, const struct program *p
     }
 }
 
-/* What is behind shows through by 1 - alpha, by a colour of its own where the material has a tint. */
+/* The background shows through by 1 - alpha, by a colour of its own where the material has a tint. */
 static void set_tint(const struct lw_material *m) {
     const bool tints = lw_material_tints(m);
     const float passes = 1 - m->base_colour[3];

@@ -37,22 +37,22 @@ struct lw_client {
     struct lw_client_watch watch;
     bool watch_has_scene, told_damage;
     struct lw_link link;
-    struct lw_message_memory memory; /* of the message that is being taken */
-    /* Of the INTEREST that is being sent: LW_CLIENT_INTEREST_MAX tiles, and what encoding them takes. */
+    struct lw_message_memory memory; /* for the message that is being taken */
+    /* The INTEREST that is being sent: LW_CLIENT_INTEREST_MAX tiles, and memory to encode them. */
     struct lw_message_interest_tile *interest_tile;
     uint32_t *interest_scratch;
     bool welcomed;
     struct lw_download download;        /* until the replica is there */
-    struct lw_download finish_download; /* of finishes, while they come */
+    struct lw_download finish_download; /* for finishes, while they come */
     enum lw_client_finishes finishes;
     bool finish_asked;                  /* since the last WELCOME */
-    struct lw_package_hash finish_hash; /* of those that are there */
+    struct lw_package_hash finish_hash; /* the present finishes' */
     struct lw_replica *replica;         /* NULL before the package is complete */
     const struct lw_client *scene_of;
     bool found_other_scene; /* the last attempt to connect again did */
     struct lw_package_hash package_hash;
     uint64_t package_compressed_size;
-    uint64_t run;  /* of the server */
+    uint64_t run;  /* the server's */
     bool may_hold; /* we may say what we have */
     struct lw_draws draws;
     struct lw_interest interest;
@@ -103,7 +103,7 @@ static enum lw_status take_up_scene(struct lw_client *c, const struct lw_message
     return LW_OK;
 }
 
-/* From the folder of packages; NULL: it is not there, or not as it should be, which is told once. */
+/* From the folder of packages; NULL: it is not there, or damaged, which is logged once. */
 static uint8_t *read_cached(struct lw_client *c, enum lw_package_cache_kind kind,
                             const struct lw_package_hash *hash, uint64_t size) {
     uint8_t *bytes;
@@ -121,7 +121,7 @@ static uint8_t *find_part(void *client, const struct lw_package_hash *hash, uint
 }
 
 /* Where it cannot be kept it is downloaded again: no harm. A package of several parts is kept as these, and
- * nothing of it twice. What has failed once would fail for each part. */
+ * nothing of it twice. A failure of one part would be one of each. */
 static void keep_parts(const struct lw_client *c, const struct lw_download *d,
                        enum lw_package_cache_kind kind) {
     uint64_t begin = 0;
@@ -271,7 +271,7 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
     if (status == LW_OK) status = find_scene(c, welcome, same_run, err);
     if (status == LW_OK) status = begin_finishes(c, welcome, same_run, err);
     if (status != LW_OK) return status;
-    if (c->replica) lw_download_finish(&c->download); /* of a session before: it was found elsewhere */
+    if (c->replica) lw_download_finish(&c->download); /* a former session's: it was found elsewhere */
     status = c->replica ? begin_light(c, err) : begin_download(c, welcome, same_run, err);
     if (status == LW_OK && lw_servers_found(&c->servers, welcome->servers) != LW_OK)
         status = lw_status_fail(err, LW_NO_MEMORY, "out of memory");
@@ -450,8 +450,8 @@ static enum lw_status take_one(struct lw_client *c, bool *out_taken, struct lw_e
     return status;
 }
 
-/* Handles what has been read until a time (lw_clock_ns), but one message at least. Before the welcome it
- * stops there: what follows belongs to lw_client_poll(). */
+/* Handles messages that were read until a time (lw_clock_ns), but one at least. Before the welcome it stops
+ * there: further messages belong to lw_client_poll(). */
 static enum lw_status take_buffered(struct lw_client *c, uint64_t end_ns, bool *out_any,
                                     struct lw_error *err) {
     const bool was_welcomed = c->welcomed;
@@ -467,7 +467,7 @@ static enum lw_status take_buffered(struct lw_client *c, uint64_t end_ns, bool *
     return LW_OK;
 }
 
-/* Reads and handles what is there, within the bounds of one call. */
+/* Reads and handles messages, within the bounds of one call. */
 static enum lw_status take_all(struct lw_client *c, uint64_t end_ns, struct lw_error *err) {
     const uint64_t end_bytes = c->link.bytes_received + POLL_BYTES_MAX;
     const bool was_welcomed = c->welcomed;
@@ -493,8 +493,8 @@ static enum lw_status take_all(struct lw_client *c, uint64_t end_ns, struct lw_e
 _Static_assert(LW_CLIENT_INTEREST_MAX == LW_MESSAGE_INTEREST_MAX, "a list fits into a message");
 _Static_assert(LW_LINK_OUTBOX_SIZE > 12 * LW_MESSAGE_INTEREST_MAX + 64, "and the message into the outbox");
 
-/* Drops tiles of finer levels that are in neither list, now or told: the server tells of them no more, so
- * that they would show old light. */
+/* Drops tiles of finer levels that are in neither list, ours or the sent one: the server sends them no
+ * more, so that they would show old light. */
 static void drop_unlisted(struct lw_client *c) {
     const struct lw_atlas_map *map = lw_replica_atlas_map(c->replica);
     for (uint32_t t = map->plain_count; t < map->tile_count; t++)
@@ -646,7 +646,7 @@ static enum lw_status send_first(struct lw_client *c, const struct lw_message *m
     return status;
 }
 
-/* What is missing of it; with a scene, its end: there is nothing to send. */
+/* Asks for its missing part; with a scene for its end: there is nothing to send. */
 static enum lw_status ask_for_package(struct lw_client *c, struct lw_error *err) {
     struct lw_message request = {.type = LW_MESSAGE_PACKAGE_REQUEST,
                                  .package_request.offset = c->package_compressed_size};
@@ -680,9 +680,9 @@ static enum lw_status ask_for_finishes(struct lw_client *c, struct lw_error *err
     return status;
 }
 
-#define HOLDS_AT_ONCE 1024u /* leaves room in the outbox for what must not be dropped */
+#define HOLDS_AT_ONCE 1024u /* leaves room in the outbox for messages that must not be dropped */
 
-/* Tells the server which tiles it need not send. Where the link is busy some are not told: they come
+/* Sends the list of tiles that the server need not send. Where the link is busy some are left out: they come
  * again. */
 static enum lw_status tell_held(struct lw_client *c, struct lw_error *err) {
     if (!c->replica || !c->may_hold) return LW_OK;
@@ -779,7 +779,7 @@ enum lw_status lw_client_reconnect(struct lw_client *c, struct lw_error *err) {
     const bool is_told = lw_servers_is_told(&c->servers);
     const uint64_t run = c->run;
     enum lw_status status = connect_and_greet(c, err);
-    /* one that its server has told of, but it lights something else: others are tried */
+    /* its server has named this one, but it lights something else: others are tried */
     if (is_told && c->found_other_scene) {
         c->found_other_scene = false;
         c->run = run;
@@ -919,7 +919,7 @@ enum lw_status lw_client_poll(struct lw_client *c, unsigned timeout_ms, struct l
 
 int lw_client_descriptor(const struct lw_client *c) { return c->link.socket; }
 
-/* ---- what is known ---- */
+/* ---- scene, light, figures ---- */
 
 const struct lw_scene *lw_client_scene(const struct lw_client *c) {
     return c->replica ? lw_replica_scene(c->replica) : NULL;

@@ -58,15 +58,14 @@ struct packet {
     struct lw_ray16 rays;
     struct lw_vec3 radiance[LW_TRACE_WIDTH];
     struct lw_vec3
-        reflects[LW_TRACE_WIDTH]; /* of the layer at hand: radiance that the eye sees, over E there */
+        reflects[LW_TRACE_WIDTH]; /* radiance that the eye sees of the layer at hand, over E there */
     struct lw_vec3 mirrors[LW_TRACE_WIDTH]; /* the same, over what the gloss mirrors; with a finish */
     float base[LW_TRACE_WIDTH];             /* E there, luminance */
     float transmittance[LW_TRACE_WIDTH];
     struct lw_vec3 tint[LW_TRACE_WIDTH]; /* on top of that */
     const struct lw_camera_plane *plane;
     bool listed; /* its pixels are from anywhere */
-    /* of the layer that reflects most of the tiles' light to the eye: its luminance there, the tile it is
-     * from */
+    /* the layer that reflects most of the tiles' light to the eye: its luminance there, and its tile */
     float reflected[LW_TRACE_WIDTH];
     uint32_t tile[LW_TRACE_WIDTH];
 };
@@ -105,7 +104,7 @@ struct lw_compose {
     uint64_t *shown; /* per tile: how much of the last render's light is its; PIXEL_LIGHT a pixel */
     float *survey;   /* its pixels, which nobody sees */
 
-    uint64_t pixel_count; /* of the last render */
+    uint64_t pixel_count; /* in the last render */
     bool surveys;         /* a survey shows nothing */
 
     struct lw_direct_pixels *direct; /* NULL: all light is in the tiles */
@@ -121,7 +120,7 @@ struct lw_compose {
     bool has_directions; /* some light has a direction */
     struct lw_vec3 sky;
     struct lw_vec3 stand_in; /* irradiance where nothing at all has arrived */
-    float mean;              /* irradiance of what has arrived, luminance; 0: nothing */
+    float mean;              /* irradiance of all light so far, luminance; 0: there is none */
 };
 
 static struct lw_client_level client_level(const void *context, uint32_t object, uint32_t level) {
@@ -263,7 +262,7 @@ static bool is_light(struct lw_vec3 c) {
     return c.x >= 0 && c.y >= 0 && c.z >= 0 && c.x < INFINITY && c.y < INFINITY && c.z < INFINITY;
 }
 
-/* The average of what has arrived of the objects' coarsest levels; before anything has, light that shows a
+/* The average over the objects' coarsest levels that have arrived; before the first, light that shows a
  * surface as its albedo. */
 static struct lw_vec3 average_irradiance(const struct lw_compose *compose, bool *out_known) {
     double sum[3] = {0}, count = 0;
@@ -342,7 +341,7 @@ static void begin(struct lw_compose *compose, const struct lw_compose_source *so
 /* The texels that a bilinear lookup reads, how it weighs them, and the tiles that hold them. */
 struct footprint {
     struct lw_bilinear x, y;
-    uint32_t tile[4];    /* of a finer level that has no id: UINT32_MAX */
+    uint32_t tile[4];    /* UINT32_MAX: a tile of a finer level that has no id */
     unsigned tile_count; /* 1 where all are in one tile, else 4: the same id more than once in most cases */
 };
 
@@ -516,14 +515,14 @@ struct patch {
     struct lw_facet facet;
     struct lw_vec3 normal; /* world space; twice the triangle's area long */
     float grazing;         /* COSINE_MIN of that */
-    float texels;          /* of level 0 on twice the triangle */
+    float texels;          /* texels of level 0 on twice the triangle */
     int coarsest;          /* no coarser level serves */
     /* with direct light or finishes: */
     bool flat;                /* all normals are the face's */
     struct lw_vec3 corner[3]; /* world space, m; with direct light alone, as the next but one */
     struct lw_vec3 face;      /* unit normal */
-    float largest_m;          /* of lw_trace_lift() */
-    /* of a surface that is shaded by a finish: */
+    float largest_m;          /* for lw_trace_lift() */
+    /* a surface that is shaded by a finish has these: */
     bool sound;  /* the mean of the corners' normals is on the face's side wherever it is */
     bool simple; /* gloss_maps.h reads its base colour, and nothing else of it varies */
     bool bumpy;
@@ -666,14 +665,14 @@ struct look {
     const struct object *object;
     float weight[3];
     struct lw_texture_quad texels;
-    struct lw_vec2 uv;          /* of the lightmap */
+    struct lw_vec2 uv;          /* lightmap's */
     int finest;                 /* level that serves */
-    int level;                  /* that is asked for */
-    struct footprint footprint; /* in the latter */
+    int level;                  /* asked for */
+    struct footprint footprint; /* in the level asked for */
 };
 
-/* Whether what a look-up of level 0 reads is even: a finer level would show the same. What is noisy, or has
- * not come yet, may be. */
+/* Whether a look-up of level 0 reads even light: a finer level would show the same. Noisy texels, and tiles
+ * that have not come yet, count as even. */
 static bool is_even(const struct lw_compose *compose, const struct level *level, const struct footprint *f) {
     if (level->rgb == NULL || compose->noise_level[f->tile[0]]) return true;
     for (unsigned i = 0; i < f->tile_count; i++)
@@ -798,7 +797,7 @@ static struct lw_vec3 leaving(const struct lw_compose *compose, const struct loo
     }
 }
 
-/* What is seen behind all surfaces. */
+/* The sky behind all surfaces. */
 static struct lw_vec3 behind(const struct lw_compose *compose, struct lw_vec3 direction) {
     if (lw_show_is_chart(compose->show)) return grey(LW_SHOW_BEHIND);
     if (compose->show == LW_SHOW_INDIRECT || compose->show == LW_SHOW_IRRADIANCE) return grey(0);
@@ -843,14 +842,14 @@ struct finished {
     float e[3][LW_TRACE_WIDTH], direction[3][LW_TRACE_WIDTH];
     struct lw_gloss_corner mean[LW_TRACE_WIDTH];
     uint16_t lanes;
-    uint16_t exact;                              /* those whose normals are not those of the mean */
+    uint16_t exact;                              /* lanes whose normals differ from the mean's */
     struct lw_place_point point[LW_TRACE_WIDTH]; /* from here on of those lanes alone */
     struct lw_vec3 base[LW_TRACE_WIDTH];         /* where the patch is not simple */
     struct lw_gloss_seen16 seen;
-    struct lw_vec3 factor[LW_TRACE_WIDTH]; /* of what leaves: how much of it the eye sees */
+    struct lw_vec3 factor[LW_TRACE_WIDTH]; /* how much of the leaving light the eye sees */
     float weight[LW_TRACE_WIDTH];          /* the same without colour */
     struct lw_vec3 emission[LW_TRACE_WIDTH];
-    int level[LW_TRACE_WIDTH]; /* that e is read at */
+    int level[LW_TRACE_WIDTH]; /* e is read at it */
 };
 
 static void set_lane(float (*to)[LW_TRACE_WIDTH], unsigned i, struct lw_vec3 v) {
@@ -1242,7 +1241,7 @@ static void begin_direct(struct lw_compose *compose, uint32_t sample) {
     lw_direct_pixels_begin(compose->direct, compose->pose, compose->mean, sample);
 }
 
-/* Of the last picture. */
+/* Shadow rays of the last picture. */
 static uint64_t count_shadow_rays(const struct lw_compose *compose) {
     uint64_t rays = 0;
     for (int i = 0; i < compose->threads; i++) rays += compose->worker[i].tile->rays;
@@ -1359,7 +1358,7 @@ void lw_compose_note(struct lw_compose *compose, const uint8_t *needed, const ui
     compose->pixel_count = pixel_count;
 }
 
-/* What is to be seen of a tile's error: the share that the server's filter leaves, in texels that are means
+/* The visible part of a tile's error: the share that the server's filter leaves, in texels that are means
  * of finer ones where views read it coarser. */
 static double shown_error(const struct lw_compose *compose, const struct lw_compose_source *source,
                           uint32_t t, float error) {

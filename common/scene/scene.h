@@ -26,8 +26,8 @@
 #define LW_SCENE_CAMERAS_MAX      (1u << 16)
 #define LW_SCENE_CHANNELS_MAX     (1u << 20)
 #define LW_SCENE_TRIANGLES_MAX    (1u << 28) /* of all meshes together; of all objects together */
-#define LW_SCENE_VERTICES_MAX     (1u << 28) /* likewise */
-#define LW_SCENE_TEXELS_MAX       (1u << 28) /* of the atlases of all objects together */
+#define LW_SCENE_VERTICES_MAX     (1u << 28) /* in all meshes together; in all objects together */
+#define LW_SCENE_TEXELS_MAX       (1u << 28) /* in the atlases of all objects together */
 #define LW_SCENE_ATLAS_SIDE_MAX   16384u     /* texels */
 #define LW_SCENE_COORDINATE_MAX   1e9f       /* m; positions, transforms and key values, either sign */
 /* emission, intensity and sky, in their units; other factors too */
@@ -79,18 +79,18 @@ struct lw_finish {
     float specular_colour[3];               /* >= 0; times R, G, B of the texture */
     struct lw_texture_use specular_texture; /* LW_CONTENT_COLOUR */
     float ior;                              /* >= 1 */
-    /* Of light that comes from everywhere, tiles and sky, 1 + strength (R - 1) arrives. */
+    /* A share 1 + strength (R - 1) of light from everywhere, tiles and sky, arrives. */
     float occlusion; /* [0, 1]: strength */
     struct lw_texture_use occlusion_texture;
-    float normal_scale;                   /* of x and y; any finite number */
+    float normal_scale;                   /* a factor of x and y; any finite number */
     struct lw_texture_use normal_texture; /* LW_CONTENT_NORMAL */
 };
 
 /** Diffuse reflection base_colour/pi, plus emission. A single-sided surface reflects and emits from its
- * front. With a finish it also mirrors, and base_colour is that of the metal or of what is under the gloss.
+ * front. With a finish it also mirrors, and base_colour is the metal's, or that of the layer under the gloss.
  *
  * An unlit surface is seen as its base colour, 1 W/(m^2 sr) for 1, whatever light falls on it. It reflects
- * nothing, and what is seen of it is no light to others. */
+ * nothing, and lights nothing. */
 struct lw_material {
     const char *name;
     float base_colour[4]; /* albedo and alpha; times texture and vertex colour */
@@ -117,7 +117,7 @@ struct lw_mesh {
     const struct lw_vec4 *colour;   /* vertex colour times alpha, linear; or NULL for white */
     const uint32_t (*triangle)[3];  /* vertex indices */
     const uint32_t *material;       /* per triangle */
-    /* Of normal maps: 3 per triangle, of its corners (tangent.h); or NULL: no material has one */
+    /* For normal maps: 3 per triangle, one a corner (tangent.h); or NULL: no material has one */
     const uint16_t *tangent;
 
     /* Lightmap (common/lightmap/lightmap.h). Atlas coordinates are in texels: texel (i, j) has its centre at
@@ -172,7 +172,7 @@ struct lw_camera {
     const char *name;
     uint32_t node;  /* looks along -Z, up is +Y */
     float fov_y;    /* radians; of an orthographic camera for those who know none */
-    float height_m; /* of what an orthographic camera sees; 0: a perspective one */
+    float height_m; /* height of an orthographic camera's view; 0: a perspective one */
 };
 
 /* The last two are of lights. */
@@ -213,11 +213,11 @@ struct lw_scene {
     struct lw_object *object;
     struct lw_light *light;
     struct lw_camera *camera;
-    struct lw_channel *channel;       /* of nodes */
-    struct lw_channel *light_channel; /* of lights */
+    struct lw_channel *channel;       /* moves nodes */
+    struct lw_channel *light_channel; /* changes lights */
     uint32_t mesh_count, material_count, texture_count, node_count, object_count, light_count, camera_count,
         channel_count, light_channel_count, finish_texture_count;
-    float duration_s; /* of the animation, which loops; 0: none */
+    float duration_s; /* the animation's; it loops. 0: there is none */
     float sky[3];     /* W/(m^2 sr) from everywhere outside; the environment's comes on top */
     struct lw_environment environment;
     void *storage; /* owns every array above; see lw_scene_destroy() */
@@ -320,7 +320,7 @@ struct lw_surface {
     struct lw_vec3 albedo;
     struct lw_vec3 base;        /* the base colour there, in [0, 1] */
     float alpha;                /* in [0, 1]: 1 for OPAQUE; 1 or 0 for MASK, by alpha_cutoff */
-    struct lw_vec3 emission;    /* W/(m^2 sr); unlit: what is seen, and is no light */
+    struct lw_vec3 emission;    /* W/(m^2 sr); unlit: its looks, and no light */
     struct lw_vec2 lightmap_uv; /* texels; of the front */
     const struct lw_material *material;
 };
@@ -339,8 +339,8 @@ struct lw_facet {
     struct lw_vec3 albedo, base;
     float alpha;
     struct lw_vec3 emission;
-    struct lw_vec2 lightmap_uv[3]; /* of the corners */
-    struct lw_vec2 uv[3];          /* of the base colour's texture */
+    struct lw_vec2 lightmap_uv[3]; /* per corner */
+    struct lw_vec2 uv[3];          /* for the base colour's texture */
 };
 void lw_scene_facet(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle,
                     struct lw_facet *out);
@@ -353,7 +353,7 @@ static inline struct lw_vec2 lw_scene_facet_mean(const struct lw_vec2 corner[3],
     return mean;
 }
 
-/** The four texels that a bilinear look-up mixes, a row after the other. */
+/** The four texels that a bilinear look-up mixes, row by row. */
 struct lw_texture_quad {
     const uint8_t *at[4]; /* the first one NULL: there is no texture */
     float x, y;           /* how far from the first to the second; from the first row to the second */
@@ -378,7 +378,7 @@ struct lw_vec4 lw_scene_specular_texel(const struct lw_scene *scene, const struc
 /** How a point of a surface scatters light. */
 struct lw_finish_point {
     struct lw_lobes lobes;
-    float occlusion;        /* of light from everywhere, what arrives: [0, 1] */
+    float occlusion;        /* share of light from everywhere that arrives: [0, 1] */
     bool bumpy;             /* there is a normal map here */
     struct lw_vec3 bump;    /* its normal, in tangent space, unit, z > 0 */
     struct lw_vec4 tangent; /* object space, unit, not quite at right angles; glTF's w */

@@ -18,8 +18,8 @@
 #define SCALE_MIN            0x1p-60f
 #define LIGHT_MAX            0x1p100f
 #define RICE_K_MAX           16u
-#define GRID_LENGTH_K        4u      /* of the length of a list of means, which nothing predicts */
-#define MEAN_OFF_MAX         0x1p-12 /* of a scale */
+#define GRID_LENGTH_K        4u      /* for the length of a list of means, which nothing predicts */
+#define MEAN_OFF_MAX         0x1p-12 /* in scales */
 #define GAIN_MAX             127.0   /* 2^(127/512): a factor of 1.19 */
 #define FINER_Q              8u      /* half the step */
 #define MEAN_COEFFICIENT_MAX ((1 << LW_TILE_BITS_RAW) - 1)
@@ -33,13 +33,13 @@
  * by their ratio. */
 #define MEAN_IN_SCALES 32.0f
 
-/* Coefficients are rounded down from a bit over the half: zeros are cheap, and what is dropped is mostly
+/* Coefficients are rounded down from a bit over the half: zeros are cheap, and the lost part is mostly
  * noise. More than this costs in contrast: with 0.38 errors at borders of charts grew by half for 8 % of the
  * bits. */
 #define ROUND_AC   0.44f
 #define ROUND_MEAN 0.5f
 
-/* Of three planes of light, if it is not said. */
+/* Three planes of light, if it is not said. */
 LW_WIDE_INLINE uint32_t planes_of(const struct lw_tile_channel *channel) {
     return channel ? channel->planes : 3;
 }
@@ -110,9 +110,9 @@ LW_WIDE_INLINE row16 log2_of(row16 x) {
     return __builtin_convertvector((bits >> 23) - 127, row16) + 2.88539008f * z * series;
 }
 
-/* Of the nearest number within 0 and VALUE_MAX, to 4e-6 of the value: the exponential series around the
- * nearest whole number. Floats >= 0 are in the order of their bits; compilers take comparisons of vectors
- * wider than registers apart. */
+/* 2 to the power of the nearest number within 0 and VALUE_MAX, to 4e-6 of the value: the exponential series
+ * around the nearest whole number. Floats >= 0 are in the order of their bits; compilers take comparisons of
+ * vectors wider than registers apart. */
 LW_WIDE_INLINE row16 exp2_of(row16 x) {
     whole16 below = (whole16)x;
     below = (below & ~(below >> 31)) - VALUE_MAX_BITS;
@@ -123,8 +123,8 @@ LW_WIDE_INLINE row16 exp2_of(row16 x) {
     return power * (row16)((whole + 127) << 23);
 }
 
-/* In place, from E as planes: three logarithms as one of brightness and two of colour. What is off by some
- * amount in a plane is off by about the same in the logarithms. */
+/* In place, from E as planes: three logarithms as one of brightness and two of colour. An error in a plane
+ * is one of about the same size in the logarithms. */
 LW_WIDE static void take_logarithms(struct lw_tile_dct *dct, uint32_t height, float inverse_scale) {
     for (uint32_t i = 0; i < height * STRIDE; i += 2 * SIDE) {
         const row16 r = log2_of(1 + load16(dct->light[0] + i) * inverse_scale);
@@ -147,7 +147,7 @@ LW_WIDE_INLINE void light_at(const struct lw_tile_dct *dct, uint32_t i, const fl
     light[2] = (exp2_of(luma - green - orange) - 1) * scale[2];
 }
 
-/* Sums over what is covered, of the light that planes hold. */
+/* Sums of the light that planes hold, over covered texels. */
 LW_WIDE static void sum_light(const struct lw_tile_dct *dct, uint32_t height, float scale,
                               double out_sum[3]) {
     out_sum[0] = out_sum[1] = out_sum[2] = 0;
@@ -319,14 +319,14 @@ size_t lw_tile_dct_history_size(const struct lw_tile_channel *channel, uint32_t 
 
 /* ---- the means' coefficients as bits ---- */
 
-/* Of a number that is likely as large as the two before it: bits of a third of them. */
+/* Rice parameter of a number that is likely as large as the two before it: bits of a third of their sum. */
 LW_WIDE_INLINE unsigned rice_k(uint32_t a, uint32_t b) {
     const unsigned k = 31u - (unsigned)__builtin_clz((a + b) / 3 << 1 | 1);
     return k < RICE_K_MAX ? k : RICE_K_MAX;
 }
 
-/* `coefficient` by rows: how many up to the last that is not 0, then those, the last one first; after two
- * zeros, how many more there are. */
+/* `coefficient` by rows: how many up to the last that is not 0, then these, the last one first; after two
+ * zeros, how many more zeros there are. */
 LW_WIDE_INLINE void put_means(struct lw_tile_bits_writer *w, const int32_t *coefficient, const uint8_t *scan,
                               uint32_t count, unsigned run_k) {
     while (count && !coefficient[scan[count - 1]]) count--;
@@ -463,8 +463,8 @@ static bool get_coefficients(struct lw_tile_dct *dct, uint32_t planes, uint32_t 
     return lw_tile_bits_is_at_end(&r, rest_size > rest_free ? 7 : 8 * rest_free);
 }
 
-/* What is kept of a tile and dct->change, and their sum back; its means into grid. False if a sum does not
- * fit. */
+/* Adds dct->change to the kept coefficients of a tile; its means go into grid. False if a sum does not fit.
+ * */
 LW_WIDE static bool add_change(const struct lw_tile_dct *dct, uint32_t planes, const uint8_t *length,
                                uint32_t width, uint32_t height, int16_t *kept,
                                int32_t grid[PLANES][BLOCK_TEXELS]) {
@@ -538,7 +538,7 @@ bool lw_tile_dct_decode(struct lw_tile_dct *dct, const struct lw_tile_channel *c
 
 /* ---- encoding ---- */
 
-/* The power of two over a share of the mean, or what is dark; 1 for a black tile. */
+/* The power of two over a share of the mean, or over dark; 1 for a black tile. */
 static float choose_scale(double mean, float dark) {
     if (!(mean > 0)) return 1;
     int exponent;
@@ -548,8 +548,8 @@ static float choose_scale(double mean, float dark) {
 
 LW_WIDE_INLINE int32_t sum8(whole8 x) { return x[0] + x[1] + x[2] + x[3] + x[4] + x[5] + x[6] + x[7]; }
 
-/* Into planes, with what is no number as 0; counts that, and the covered texels. Rows are filled up: no rests
- * of another tile. */
+/* Copies light into planes, values that are no numbers as 0; counts these, and the covered texels. Rows are
+ * filled up: no rests of another tile. */
 LW_WIDE static uint32_t take_light(struct lw_tile_dct *dct, const float *rgb, const uint8_t *covered,
                                    uint32_t width, uint32_t height, uint32_t *out_saturated) {
     whole8 saturated = {0}, count = {0};
@@ -583,8 +583,8 @@ LW_WIDE static uint32_t take_light(struct lw_tile_dct *dct, const float *rgb, co
     return (uint32_t)sum8(count);
 }
 
-/* Likewise, of values that are coded by their difference; *out_largest: their largest size where something is
- * covered. */
+/* The same for values that are coded by their difference; *out_largest: their largest size in covered texels.
+ * */
 static uint32_t take_plain(struct lw_tile_dct *dct, const struct lw_tile_dct_source *source,
                            float *out_largest, uint32_t *out_saturated) {
     uint32_t count = 0;
@@ -626,7 +626,7 @@ LW_WIDE_INLINE float add_up(row8 row) {
     return row[0] + row[1] + row[2] + row[3] + row[4] + row[5] + row[6] + row[7];
 }
 
-/* Over what is covered. */
+/* The sum of covered texels. */
 LW_WIDE static double sum_of(const struct lw_tile_dct *dct, const float *plane, uint32_t height) {
     double sum = 0;
     for (uint32_t y = 0; y < height; y++) {
@@ -744,7 +744,7 @@ LW_WIDE static bool find_change(struct lw_tile_dct *dct, uint32_t planes, const 
     return !any;
 }
 
-/* A mean of logarithms is under the logarithm of the mean, so what was noise has become darker. One factor
+/* A mean of logarithms is under the logarithm of the mean, so noise has become darker. One factor
  * per channel makes up for it. False if no gain does, and the mean is off by more than black. */
 static bool choose_gain(double was, double is, double black, uint8_t *out_gain) {
     *out_gain = 0;

@@ -15,13 +15,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Of the other layers' light, what counts for one's errors once nothing moves: what gives less than this
- * share of the light at a place is all but invisible there, even alone. */
+/* Share of the other layers' light that counts for a layer's errors once nothing moves: a layer with less
+ * than this share of the light at a place is all but invisible there, even alone. */
 #define STILL_SHARE (1.0f / 64)
 /* Weights below this count as this where one layer's light is measured against another's. */
 #define WEIGHT_MIN (1.0f / 16)
-/* Weights of a layer's lights that agree to this are one. Above the other, a layer was solved
- * too dark for what it is now. */
+/* Weights of a layer's lights that agree to WEIGHT_SAME are one. Above WEIGHT_MAX a layer was solved too dark
+ * for its lights as they are. */
 #define WEIGHT_SAME 1e-5f
 #define WEIGHT_MAX  1e6f
 
@@ -37,13 +37,13 @@ enum measure { MEASURE_OWN, MEASURE_ALL };
 
 struct layer {
     struct lw_solver *solver;
-    struct lw_scene scene; /* the one that is lit, but for emission and sky: those of this layer */
-    struct lw_pose pose;   /* likewise */
+    struct lw_scene scene; /* the scene, with emission and sky of this layer alone */
+    struct lw_pose pose;   /* with this layer's lights alone */
     struct light *light;
     uint32_t light_count;
     float environment[3]; /* stands for the sky's picture, a light that never changes */
-    float weight[3];      /* by which what is solved is summed */
-    enum measure measure; /* of the last frame */
+    float weight[3];      /* a factor of its solved light in the sum */
+    enum measure measure; /* the last frame's */
     bool begun;           /* it has had a frame */
     bool ran;             /* the last one */
 };
@@ -61,8 +61,8 @@ struct layers {
     bool onset;
     uint32_t yield_frames; /* frames in a row in which a layer has waited for another */
     bool shows_all;        /* a form is new: the next frame shows everything */
-    bool sums;             /* what is shown is in the planes below; else it is the one layer's own */
-    uint32_t channels;     /* that are shown (tile_channels.h) */
+    bool sums;             /* shown light is in the planes below; else it is the one layer's own */
+    uint32_t channels;     /* shown ones (tile_channels.h) */
     float *direct[3], *indirect[3];
     /* By channel and plane; NULL: not one that layers hold. */
     float *shown[LW_TILE_CHANNELS_MAX][LW_TILE_CHANNEL_PLANES_MAX];
@@ -119,7 +119,7 @@ static bool weigh(const struct layer *layer, float out_weight[3]) {
     return all;
 }
 
-/* What is solved from now on: lights as they are. One alone shines in every channel, so that
+/* Solves lights as they are from now on. One alone shines in every channel, so that
  * it may take any colour later. */
 static void solve_as_it_is(struct layer *layer) {
     uint32_t shining = 0;
@@ -253,7 +253,7 @@ static bool sum_channel(const struct layers *s, lw_tile_id id, uint32_t channel)
     return other;
 }
 
-/* Sums a tile; returns whether what is shown of it is another than before. */
+/* Sums a tile; returns whether it shows another light than before. */
 static bool sum_tile(const struct layers *s, lw_tile_id id) {
     bool other = false;
     for (int c = 0; c < 3; c++) {
@@ -289,7 +289,8 @@ static uint32_t sum_tiles(struct layers *s, uint64_t frame, bool all) {
     return shown;
 }
 
-/* Of what is shown: a layer's standard error is relative to its own light and what counts beside it. */
+/* The error of shown light: a layer's standard error is relative to its own light and the light that counts
+ * beside it. */
 static float error_of(const struct layers *s, lw_tile_id id) {
     const struct lw_solve_tile *tile[LW_LIGHT_GROUPS_MAX];
     double mean = 0, square = 0;
@@ -322,8 +323,8 @@ static float error_of(const struct layers *s, lw_tile_id id) {
 
 /* ---- frames ---- */
 
-/* other: of another layer, the same texels, whose sums may end a little below none. Of several parts, that
- * which the next judgement chooses counts (estimates.h); until then the darkest. */
+/* other: the same texels of another layer, whose sums may end a little below none. Where it has several
+ * parts, the part counts that the next judgement chooses (estimates.h); until then the darkest. */
 static void add_beside(struct lw_solve_block *block, const struct lw_solve_block *other, float weight) {
     if (block->parts.count == 1) {
         block->other_luminance += weight * fmaxf((float)other->luminance, 0) / (float)other->covered_count;
@@ -411,8 +412,7 @@ static bool take(struct layers *s, const struct lw_pose *pose) {
     return reweighed;
 }
 
-/* What is shown without sums, the first layer's light: a sum is compared with it to see whether it is
- * another. */
+/* Shows the first layer's light, without sums: a sum is compared with it to see whether it is another. */
 static void show_first(struct layers *s) {
     const struct lw_tiles *tiles = tiles_of(s->layer);
     const size_t size = s->geometry.texels.capacity * sizeof(float);
@@ -443,8 +443,8 @@ static enum lw_status begin_sums(struct layers *s, struct lw_error *err) {
 #define YIELDS_SHARE 0.25
 /* While lights of the other have moved and not all of the interest set is verified: next to nothing. */
 #define YIELDS_SHARE_LEAST 1e-3
-/* Frames after the first in which there was no time for all that had changed may take this many budgets: to
- * filter, weld and encode what is shown takes half as long as a budget. */
+/* When a first frame had no time for all changes, later ones may take this many budgets: to filter, weld and
+ * encode shown tiles takes half as long as a budget. */
 #define HURRY_SHARE 2.0
 /* And the first frame of a movement this share: something of it is to be seen soon. */
 #define BEGIN_SHARE 0.5
@@ -552,7 +552,7 @@ static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
     return LW_OK;
 }
 
-/* Of a tile of a finer level: of all layers that run, and in the sums since it was made. */
+/* Whether a tile of a finer level has light of all layers that run, and in the sums since it was made. */
 static bool has_light(const void *user, lw_tile_id id) {
     const struct layers *s = user;
     for (uint32_t k = 0; k < s->count; k++) {

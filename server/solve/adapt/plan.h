@@ -1,5 +1,5 @@
 /* plan.h: what a frame verifies, corrects, solves and shows: four lists of tiles, with a reason for each.
- * Flow:    facts of tiles, what has moved, a budget, memory of earlier plans -> [plan] -> lists -> frame
+ * Flow:    facts of tiles, movements, a budget, memory of earlier plans -> [plan] -> lists -> frame
  * Threads: pure functions of their arguments, [any]. No ray, no clock, no light; nothing is written but the
  *          plan and its memory.
  *
@@ -12,7 +12,7 @@
  * all tiles of interest have converged. A tile that was never solved is solved once in any case: rays must
  * not hit a place without light.
  *
- * Rounds. What is to be solved makes a round. A frame takes of it what its budget has room for, and a round
+ * Rounds. All tiles to solve make a round. A frame takes as many of them as its budget allows, and a round
  * is shown together at its end, filtered and welded once. Invalidated blocks are solved before all else,
  * those of the highest priority first, and shown at once. Without a budget a round is a frame.
  *
@@ -75,7 +75,7 @@ struct lw_plan_tile {
     bool unverified; /* since something moved last */
     bool hidden;     /* as the last plan saw it */
     uint8_t work;    /* enum lw_tile_work, in this frame */
-    bool shows;      /* what was solved is to be seen in this frame, not merely read by other tiles */
+    bool shows;      /* its light is visible in this frame, not merely read by other tiles */
 };
 
 /* What a plan remembers. */
@@ -85,13 +85,13 @@ struct lw_plan_memory {
 
     /* -- the round -- */
     uint32_t round;        /* counts them; periods and ages are measured in it */
-    uint32_t frames;       /* of the round under way, so far */
+    uint32_t frames;       /* so far, in the round under way */
     bool ended;            /* the next frame begins another */
-    bool watched;          /* some tile of interest had not converged as it began */
+    bool watched;          /* some tile of interest was not converged as it began */
     uint32_t interest;     /* tiles of interest, as it began */
     uint32_t contributing; /* tiles that contribute, as it began */
     bool deferred;         /* it has ended and was not shown: somebody waits for the end of the frame */
-    bool released;         /* what was deferred is shown in this frame: it is not deferred twice */
+    bool released;         /* this frame shows the deferred tiles: they are not deferred twice */
 
     /* -- after a movement -- */
     uint32_t rereads;          /* frames that are yet to read the light along all ray hits again */
@@ -104,11 +104,11 @@ struct lw_plan_memory {
 
     /* -- while lights keep moving -- */
     uint32_t swept; /* tiles up to which the interest set has been corrected; 0: no sweep is under way */
-    uint32_t sweep_moves; /* of lights, as the sweep began */
+    uint32_t sweep_moves; /* movements of lights, as the sweep began */
     bool sweep_ended;     /* in this frame */
 };
 
-/* What has moved (motion.h). */
+/* Movements (motion.h). */
 struct lw_plan_moves {
     uint32_t moves, began, light_moves;
     bool shone;
@@ -140,12 +140,12 @@ struct lw_plan_list {
 
 struct lw_plan {
     struct lw_plan_list verify, correct, solve, show;
-    uint32_t capacity; /* of each, in tiles */
-    /* Entries of verify that are verified in any case; the others if those have found no change. */
+    uint32_t capacity; /* each list's, in tiles */
+    /* Entries of verify that are verified in any case; the rest if these have found no change. */
     uint32_t verify_sure;
-    uint64_t verify_work[2]; /* of those; of the others */
+    uint64_t verify_work[2]; /* for the sure entries; for the rest */
     uint64_t correct_work;
-    struct lw_gradient_round round; /* what is asked of a block */
+    struct lw_gradient_round round; /* tests that a block gets */
     bool changing;                  /* light that others read may be changing in this frame */
     struct lw_plan_order {
         float rank;
@@ -170,7 +170,7 @@ void lw_plan_note_move(struct lw_plan_memory *memory);
 /** Goes on where a checkpoint was saved, of a scene that has not changed since. */
 void lw_plan_resume(struct lw_plan_memory *memory);
 
-/** Tiles were judged again: what had rested may not have. */
+/** Tiles were judged again: converged ones may be so no more. */
 void lw_plan_review(struct lw_plan_memory *memory);
 
 /** What a frame asks of its blocks, which says how much work that is (lw_gradient_work()). */
@@ -191,7 +191,7 @@ struct lw_plan_found {
 void lw_plan_note_verified(struct lw_plan_memory *memory, const struct lw_plan_input *in,
                            const struct lw_plan *plan, const struct lw_plan_found *found);
 
-/** Plans solve, and which tiles show what is solved. At least one tile is solved, if any waits for which
+/** Plans solve, and which tiles show their new light. At least one tile is solved, if any waits for which
  * there is room at all. */
 void lw_plan_light(struct lw_plan_memory *memory, const struct lw_plan_input *in, struct lw_plan *plan);
 
