@@ -95,7 +95,7 @@ static double form_radiance(const struct place *p, struct lw_vec3 m) {
 
 /* The same of the moments of radiance that a linear radiance with the same E and D has. */
 static double form_linear_radiance(const struct place *p, struct lw_vec3 m) {
-    const double pi = LW_PI, r[3] = {p->moment[0] / p->e, p->moment[1] / p->e, p->moment[2] / p->e};
+    const double pi = (double)LW_PI, r[3] = {p->moment[0] / p->e, p->moment[1] / p->e, p->moment[2] / p->e};
     /* pi A + 2pi/3 B = 1; 2pi/3 A + pi/2 B = r_n */
     const double det = pi * pi / 2 - 4 * pi * pi / 9, a = (pi / 2 - 2 * pi / 3 * r[2]) / det,
                  b = (pi * r[2] - 2 * pi / 3) / det;
