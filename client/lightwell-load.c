@@ -1,5 +1,5 @@
-/* lightwell-load.c: a load test of a server; what its light costs beside opponents (crossover); and from
- * how many users on sharing is cheaper (scaling). */
+/* lightwell-load.c: a load test of a server, the cost of its light beside opponents (crossover), and the
+ * number of users from which on sharing is cheaper (scaling). */
 #include "client/load/load_options.h"
 #include "client/load/load_test.h"
 #include "client/measure/measure.h"

@@ -12,7 +12,7 @@
 #include <unistd.h>
 
 #define NAME_ATTEMPTS 100u
-#define PART_BYTES    ((size_t)4 << 20) /* of one write(): between two, `stop` is heard */
+#define PART_BYTES    ((size_t)4 << 20) /* one write() at most: `stop` is read between two */
 
 static enum lw_status fail(const struct lw_atomic_file *file, enum lw_status status, int error,
                            struct lw_error *err) {
@@ -77,7 +77,7 @@ static int open_temporary(struct lw_atomic_file *file, const struct stat *old) {
         file->fd = open(name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, old ? old->st_mode & 0777 : 0666);
         if (file->fd >= 0 && lock(file->fd)) {
             file->temporary_path = name;
-            /* what may fail: only root gives files away, and some file systems have no modes */
+            /* either may fail: only root gives files away, and some file systems have no modes */
             if (old && (fchown(file->fd, old->st_uid, old->st_gid) | fchmod(file->fd, old->st_mode & 0777)))
                 errno = 0;
             return 0;

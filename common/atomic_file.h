@@ -48,7 +48,7 @@ LW_MUST_CHECK enum lw_status lw_atomic_file_commit(struct lw_atomic_file *file, 
 LW_MUST_CHECK enum lw_status lw_atomic_file_save(const char *path, const void *bytes, size_t size,
                                                  struct lw_error *err);
 
-/** Removes what was written and ends `file`; harmless after commit and on {.fd = -1}. */
+/** Removes the unfinished file and ends `file`; harmless after commit and on {.fd = -1}. */
 void lw_atomic_file_abandon(struct lw_atomic_file *file);
 
 /** Removes the temporary files that writers of this path left when they were killed; those of writers that

@@ -14,7 +14,7 @@
 char *lw_cache_folder_path(const char *folder, const uint8_t hash[LW_CACHE_FOLDER_HASH_SIZE],
                            const char *suffix);
 
-/** Makes all folders above a file, as far as that can be done: opening the file says what is wrong with them.
+/** Makes all folders above a file, as far as possible: opening the file reports a fault in them.
  * path: as it was afterwards */
 void lw_cache_folder_make_above(char *path);
 
@@ -24,7 +24,7 @@ void lw_cache_folder_touch(const char *path);
 /** Removes the least recently used files until the rest keep to bytes_max. Files whose names are no hash with
  * one of the suffixes stay, and do not count.
  * suffix  ends with NULL
- * newest  path of one in the folder that has just been written: it stays, and so does what is newer */
+ * newest  path of a file of the folder, just written: it and newer files stay */
 void lw_cache_folder_prune(const char *folder, const char *const *suffix, uint64_t bytes_max,
                            const char *newest);
 

@@ -7,7 +7,7 @@
 #include <unistd.h>
 #include <xxhash.h>
 
-#define CHUNK_BYTES ((size_t)1 << 20) /* that are still in the processor's cache when they are written */
+#define CHUNK_BYTES ((size_t)1 << 20) /* they are still in the processor's cache when they are written */
 
 enum lw_status lw_checked_file_write_begin(struct lw_checked_file_writer *writer, const char *path,
                                            struct lw_error *err) {

@@ -20,7 +20,7 @@ static void temporary_folder(char *dst, size_t size) {
     snprintf(dst, size, "/tmp/lightwell-%u", (unsigned)geteuid());
 }
 
-/* Of this user, and nobody else may write into it. */
+/* Whether this user owns it, and nobody else may write into it. */
 static bool is_own(const char *folder) {
     struct stat info;
     return lstat(folder, &info) == 0 && S_ISDIR(info.st_mode) && info.st_uid == geteuid() &&

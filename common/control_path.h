@@ -8,7 +8,7 @@
 
 #include <stdint.h>
 
-#define LW_CONTROL_PATH_SIZE 108u /* of a socket's path, terminator included: sockaddr_un */
+#define LW_CONTROL_PATH_SIZE 108u /* a socket's path, terminator included: sockaddr_un */
 
 /** Where a server of this process is to make it, in a folder that is there afterwards and in which only this
  * user can make files: $RUNTIME_DIRECTORY (systemd's), $XDG_RUNTIME_DIR/lightwell, /run/lightwell for root,

@@ -13,7 +13,7 @@
 /* O_NONBLOCK: a scene may name a FIFO, whose open() would wait forever */
 #define OPEN_FLAGS    (O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY)
 #define ATTEMPTS      8   /* while somebody moves folders about, the kernel cannot tell where ".." leads */
-#define NAME_SIZE_MAX 256 /* of one part of a path, with its NUL */
+#define NAME_SIZE_MAX 256 /* one part of a path, with its NUL */
 
 static enum lw_status read_open_file(int file, uint64_t size_max, bool whole, uint8_t **out_bytes,
                                      size_t *out_size, struct lw_error *err) {

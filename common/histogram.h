@@ -7,7 +7,7 @@
 
 #include <stdint.h>
 
-#define LW_HISTOGRAM_PARTS   64u /* of a power of two: a bucket is at most 1/64 of its values wide */
+#define LW_HISTOGRAM_PARTS   64u /* for each power of two: a bucket is at most 1/64 of its values wide */
 #define LW_HISTOGRAM_BUCKETS (LW_HISTOGRAM_PARTS * 59u)
 
 /** Zero-initialise. Values below 128 have buckets of their own; 64 bits fit. */

@@ -25,7 +25,7 @@ void lw_log_init(const char *program, enum lw_log_level level) {
 
 void lw_log_set_level(enum lw_log_level level) { most_talkative = level; }
 
-/* isatty(), by what may be called in a signal's handler. */
+/* isatty(), by calls that a signal's handler may make. */
 static bool is_terminal(void) {
     struct termios settings;
     return tcgetattr(STDERR_FILENO, &settings) == 0;

@@ -35,7 +35,7 @@ void lw_log_set_level(enum lw_log_level level);
 /** What lines look like from now on; LW_LOG_TEXT before. Call once, before other threads start. */
 void lw_log_set_format(enum lw_log_format format);
 
-/** What was chosen: for programs that are started. Never LW_LOG_AUTO. */
+/** The chosen format and level, for programs that are started. Never LW_LOG_AUTO. */
 enum lw_log_format lw_log_get_format(void);
 enum lw_log_level lw_log_get_level(void);
 const char *lw_log_level_name(enum lw_log_level level);

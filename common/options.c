@@ -477,7 +477,7 @@ enum lw_status lw_options_address_or(const char *text, uint16_t port_default, ch
     if (colon && (!bracket || colon > bracket)) {
         port = colon + 1;
         host_length = (size_t)(colon - text);
-        if (!host_length && *port) { /* of this machine, as PORT alone */
+        if (!host_length && *port) { /* on this machine, as PORT alone */
             host = LW_OPTIONS_HOST;
             host_length = strlen(host);
         }

@@ -22,7 +22,7 @@ struct lw_option {
     /* One sentence; says the default. NULL: for our own programs, so --help and hints leave it out. */
     const char *help;
     enum lw_option_kind kind;
-    void *value;     /* of the kind's type; holds the default before parsing */
+    void *value;     /* has the kind's type; holds the default before parsing */
     double min, max; /* numbers only: min < max; both may be infinite for REAL and RGB */
     bool *given;     /* may be NULL: set when the option occurs */
 };
@@ -37,10 +37,10 @@ struct lw_options {
     size_t positional_min, positional_max;
 };
 
-/** Parses a command line. Options and positionals may mix; "--" ends options; --name=value and --name value
+/** Parses a command line. Options and positionals may mix. "--" ends options. --name=value and --name value
  * both work.
  * --help and --version print to stdout and set *out_done: the program then ends with exit code 0.
- * Short names take -o VALUE and -oVALUE. Of an option given twice the last counts.
+ * Short names take -o VALUE and -oVALUE. An option's last value counts.
  * Errors: LW_USAGE, naming the option and what it accepts; LW_IO where help cannot be written. Values and
  * positionals met before the error are already set. out_positional_count may be NULL. */
 LW_MUST_CHECK enum lw_status lw_options_parse(const struct lw_options *options, int argc, char **argv,

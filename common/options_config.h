@@ -50,12 +50,12 @@ void lw_options_config_finish(struct lw_options_config *config);
 /** A copy of a text that lives as long: for a value that comes from another table. NULL: out of memory. */
 const char *lw_options_config_keep(struct lw_options_config *config, const char *text);
 
-/** Names the keys by which two texts of lw_options_config_print() of one table differ, one after the other.
+/** Names, one a call, the keys by which two texts of lw_options_config_print() of one table differ.
  * *at: 0 at first. NULL: no more. name: at least LW_OPTIONS_CONFIG_NAME_MAX bytes; returned. */
 const char *lw_options_config_difference(const char *before, const char *after, size_t *at, char *name);
 
-/** Writes all that the options are, in the form of the file, to be free()d; what is as by default for want of
- * a value is a comment. NULL: out of memory. */
+/** Writes all options in the form of the file, to be free()d. An option at its default for want of a value is
+ * a comment. NULL: out of memory. */
 char *lw_options_config_print(const struct lw_options_config *config, const struct lw_options *options);
 
 #endif

@@ -129,7 +129,7 @@ static void show_when_due(struct lw_progress *p, uint64_t done) {
     bool bar = lw_log_is_drawn();
     /* another thread may have read the clock later and shown since: then shown > now */
     if (shown && (shown > now || now - shown < (bar ? BAR_EVERY_NS : LINE_EVERY_NS))) return;
-    /* of several threads that find it due, one shows */
+    /* several threads may find it due: one shows */
     if (!atomic_compare_exchange_strong_explicit(&p->shown_ns, &shown, now, memory_order_relaxed,
                                                  memory_order_relaxed))
         return;

@@ -20,10 +20,10 @@ struct lw_progress {
     /* What the stage itself thinks is left, in place of what its steps say; infinite: it cannot say.
      * NAN, as lw_progress_init() makes it: its steps say it. */
     double left_s;
-    /* What steps are called ("tiles") of a stage that foretells what is left: they are told where it cannot.
+    /* The name of steps ("tiles") in a stage that predicts its time left: steps are shown where it cannot.
      * NULL, as lw_progress_init() makes it: they are nothing that says how far it is. */
     const char *unit;
-    double limit_s; /* the stage ends then, whatever is left; 0, as lw_progress_init() makes it: never */
+    double limit_s; /* the stage ends then, done or not; 0, as lw_progress_init() makes it: never */
     /* May be NULL; lw_progress_init() makes it so. While it is false the stage shows nothing: nobody waits
      * for its end. */
     const _Atomic bool *wanted;

@@ -47,7 +47,7 @@ static inline void lw_sampling_point(uint32_t block_seed, uint32_t sample, uint3
 
 /** The point of one of a set's 16 texels, out of lw_sampling_point(): in the same of 8 x 8 cells, in which
  * the texels' points are a net. Rays then still run close to one another, but a block tries 16 times as many
- * directions: what is small and bright (a window) is no more met by all of a block or by none. The samples of
+ * directions: a small bright thing (a window) is no more met by all of a block or by none. The samples of
  * one texel stay a (0,2)-sequence. lane: 0..15; 0 keeps the point. */
 static inline void lw_sampling_spread(const float point[2], uint32_t lane, float out[2]) {
     const uint32_t net[2] = {lw_random_reverse_bits(lane), lw_random_reverse_bits(lw_random_pascal(lane))};

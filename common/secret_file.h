@@ -10,7 +10,7 @@
 
 #include <stdint.h>
 
-/** Who may be able to read the file. */
+/** The users that may be able to read the file. */
 enum lw_secret_file_readers {
     LW_SECRET_FILE_OWNER, /* its owner alone */
     LW_SECRET_FILE_GROUP, /* its group, too: keys of many servers are kept so */
@@ -18,7 +18,7 @@ enum lw_secret_file_readers {
 };
 
 /** Reads a whole regular file. *out_bytes is for lw_secret_file_free(); a NUL follows its last byte.
- * path  as above; also in the text of errors
+ * path  as above. It is also in the text of errors
  * Errors: LW_NO_INPUT; LW_BAD_DATA: others can read it, is too large, is no file, or no such credential;
  *         LW_IO, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_secret_file_read(const char *path, enum lw_secret_file_readers readers,

@@ -39,7 +39,7 @@ bool lw_token_parse(const char *text, size_t size, struct lw_token *out_token) {
     return true;
 }
 
-/* Of the first line that says something: its last word. */
+/* Finds the last word of the first line that says something. */
 static bool find(const char *text, size_t size, struct lw_token *out_token) {
     for (size_t at = 0; at < size;) {
         const char *line = text + at, *end = memchr(line, '\n', size - at);

@@ -5,7 +5,7 @@
 #include <stdio.h>
 
 #define HUNDREDTHS  100u
-#define STAGE_SHIFT 8 /* of the word: the stage, above hundredths of it */
+#define STAGE_SHIFT 8 /* in the word: the stage, above hundredths of it */
 
 const char *lw_waiting_text(uint32_t stage) {
     switch (stage) {

@@ -32,25 +32,25 @@ void lw_waiting_line(uint32_t stage, float share, char out[LW_WAITING_LINE_SIZE]
 
 struct lw_waiting_state {
     enum lw_waiting_stage stage;
-    float share; /* of the stage, 0 to 1, in whole hundredths: 1 when all of it is done */
+    float share; /* the stage's, 0 to 1, in whole hundredths: 1 when all of it is done */
 };
 
-/** What is done so far. It only grows: a later stage follows an earlier one, a larger share a smaller one.
+/** The progress so far. It only grows: a later stage follows an earlier one, a larger share a smaller one.
  * Zeroed to begin with. */
 struct lw_waiting {
     _Atomic uint32_t word;
     uint32_t part, parts; /* lw_waiting_set_part() */
 };
 
-/** Says that `done` of `total` steps of a stage are done; total 0: nobody knows how many there are. Whatever
- * is less than what was said before changes nothing. waiting may be NULL. [any] */
+/** Says that `done` of `total` steps of a stage are done; total 0: nobody knows how many there are. Less
+ * progress than before changes nothing. waiting may be NULL. [any] */
 void lw_waiting_raise(struct lw_waiting *waiting, enum lw_waiting_stage stage, uint64_t done, uint64_t total);
 
 /** Shares of LW_WAITING_FIRST_LIGHT are those of part `part` of `parts` from now on. No thread may raise it
  * meanwhile. waiting may be NULL. */
 void lw_waiting_set_part(struct lw_waiting *waiting, uint32_t part, uint32_t parts);
 
-/** What is done so far. [any] */
+/** The progress so far. [any] */
 struct lw_waiting_state lw_waiting_read(const struct lw_waiting *waiting);
 
 #endif

@@ -61,7 +61,7 @@ static enum lw_status invalid(struct lw_error *err, const char *field, const cha
     return lw_status_fail(err, LW_PROTOCOL, "%s %s", field, must);
 }
 
-/* A limit is told from its constant. verb, unit: "has" 4096 " entries", "is" 64 " bytes" */
+/* The text takes the limit from its constant. verb, unit: "has" 4096 " entries", "is" 64 " bytes" */
 static enum lw_status over(struct lw_error *err, const char *field, const char *verb, unsigned limit,
                            const char *unit) {
     return lw_status_fail(err, LW_PROTOCOL, "%s %s over %u%s", field, verb, limit, unit);
@@ -75,7 +75,7 @@ static const uint32_t format_characters[][2] = {
     {0x2060, 0x206f},   {0xfeff, 0xfeff},   {0xfff9, 0xfffb},   {0x110bd, 0x110bd}, {0x110cd, 0x110cd},
     {0x13430, 0x1343f}, {0x1bca0, 0x1bca3}, {0x1d173, 0x1d17a}, {0xe0000, 0xe007f}};
 
-/* Of a well-formed character. */
+/* For a well-formed character. */
 static bool is_format(const unsigned char *s, size_t length) {
     uint32_t point = length == 1 ? s[0] : s[0] & (0x7fu >> length);
     for (size_t i = 1; i < length; i++) point = point << 6 | (s[i] & 0x3f);

@@ -44,9 +44,9 @@ struct settings {
 struct program {
     struct settings settings;
     struct lw_relay *relay;
-    struct lw_server *server; /* of the scene that there is */
+    struct lw_server *server; /* for the scene that there is */
     struct lw_server_sockets sockets;
-    bool hands_over, stops, told; /* told: where it serves */
+    bool hands_over, stops, told; /* the last: it has reported where it serves */
     double started_s;
 };
 
@@ -298,7 +298,7 @@ int main(int argc, char **argv) {
     (void)lw_folders_cache(p->settings.default_cache, sizeof p->settings.default_cache);
     p->settings.cache = p->settings.default_cache;
     enum lw_status status = parse(&p->settings, argc, argv, &done, &err);
-    if (status == LW_OK) { /* a mistake in the options is told as text */
+    if (status == LW_OK) { /* a mistake in the options is reported as text */
         lw_log_init("lightwell-relay", (enum lw_log_level)p->settings.log_level);
         lw_log_set_format((enum lw_log_format)p->settings.log_format);
     }

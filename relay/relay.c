@@ -76,10 +76,10 @@ struct lw_relay {
     uint64_t told_lost_at_ns;
 
     /* The thread's. */
-    struct lw_relay_upstream *feed[LW_TILE_CHANNELS_MAX]; /* of `scene` */
+    struct lw_relay_upstream *feed[LW_TILE_CHANNELS_MAX]; /* for `scene` */
     uint64_t feed_run[LW_TILE_CHANNELS_MAX];              /* last run that each session named */
-    struct lw_relay_upstream *newcomer;                   /* of another one, which is coming, or is next */
-    uint32_t main_channel;                                /* of the first session of the scene */
+    struct lw_relay_upstream *newcomer;                   /* for another scene, which is coming, or is next */
+    uint32_t main_channel;                                /* the channel of the scene's first session */
     uint64_t taken_ns[LW_TILE_CHANNELS_MAX];              /* when a client last took it */
     uint32_t at, tries; /* the upstream that is tried; since the last success */
     unsigned rounds;
@@ -540,7 +540,7 @@ static void take_newcomer(struct lw_relay *r) {
     }
     const struct lw_relay_light *light = lw_relay_upstream_light(r->newcomer);
     if (r->has_next || !light || !lw_relay_upstream_has_finishes(r->newcomer)) return;
-    /* who has light keeps it until there is other light */
+    /* a relay with light keeps it until there is other light */
     if (r->has_scene && !lw_relay_light_has_first(light, lw_relay_upstream_channel(r->newcomer))) return;
     lw_relay_upstream_give(r->newcomer, &r->next);
     r->has_next = true;

@@ -2,8 +2,8 @@
  * it, passes light down and interest and updates up.
  * Flow:    servers above -> relay_upstream -> relay_light -> [relay] -> lw_server_publish() -> clients
  *          clients -> lw_server_take_interest(), _take_passed() -> [relay] -> relay_upstream -> server above
- * Threads: a thread of its own; what is here is for main(), but lw_relay_wake() and lw_relay_get_stats()
- *          [any].
+ * Threads: a thread of its own. These functions are for main(), but lw_relay_wake() and lw_relay_get_stats()
+ *          are [any].
  *
  * A server is of one scene and one run of the server above. When these change, the thread takes the new scene
  * in, and asks the server to end in favour of another one:
@@ -19,11 +19,11 @@
 #include "server/serve/server.h"
 
 #define LW_RELAY_UPSTREAMS_MAX 16u
-/* Tiles of a frame wait for the rest of it for so long, then they are passed on. */
+/* Tiles of a frame wait for the rest of it for so long, then they are forwarded. */
 #define LW_RELAY_HOLD_MS 20u
 /* A channel that no client takes any more is kept for so long: clients come back. */
 #define LW_RELAY_CHANNEL_LINGERS_MS 10000u
-#define LW_RELAY_CONTROLS_MAX       64u /* tokens whose updates are passed on at once */
+#define LW_RELAY_CONTROLS_MAX       64u /* tokens whose updates are forwarded at once */
 
 struct lw_relay_address {
     char host[256]; /* or unix:PATH, or an address of NATS (nats_wire.h) */
@@ -34,7 +34,7 @@ struct lw_relay_desc {
     const struct lw_relay_address *upstream; /* copied; tried in turn */
     uint32_t upstream_count;                 /* 1 to LW_RELAY_UPSTREAMS_MAX */
     const struct lw_access *access; /* copied: for light, and for updates of sessions without token */
-    const char *cache_folder;       /* of packages; outlives the relay. NULL: none */
+    const char *cache_folder;       /* for packages; outlives the relay. NULL: none */
     unsigned timeout_ms;            /* for connecting; 0: 5000 */
 };
 
@@ -44,8 +44,8 @@ struct lw_relay_stats {
     uint64_t connects, failures, bytes_received, tiles_received, snapshots, interest_tiles, updates_passed,
         cpu_ns;
     bool wants_everything, has_light;
-    uint64_t frame;    /* of the last snapshot */
-    char address[300]; /* of the server above, the last one that there was */
+    uint64_t frame;    /* the last snapshot's */
+    char address[300]; /* names the server above, the last one that there was */
 };
 
 struct lw_relay;

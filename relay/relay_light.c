@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define SCALE_MAX 0x1p60f /* of codec 4 */
+#define SCALE_MAX 0x1p60f /* for codec 4 */
 /* Frames between the beginnings of runs that are joined: no run comes to the frames of the next. */
 #define RUN_FRAMES (UINT64_C(1) << 32)
 #define FRAME_MAX  (UINT64_MAX / 4) /* versions are twice as large */
@@ -21,11 +21,11 @@ struct tile {
     uint64_t version; /* 0: none */
     uint32_t codec;
     struct lw_blob *whole;
-    uint64_t base; /* that `delta` builds on */
+    uint64_t base; /* the version that `delta` builds on */
     struct lw_blob *delta;
     uint64_t published; /* the version that a snapshot had last; 0: none */
     struct lw_blob *published_whole;
-    /* Of finer levels alone. */
+    /* For finer levels alone: */
     uint64_t above;   /* the version that the server above calls it by; 0: no delta builds on it */
     bool is_in_doubt; /* the server above has not sent it, and may not have it */
 };
@@ -34,7 +34,7 @@ struct tile {
 struct feed {
     bool is_open, follows; /* follows: more parts of the frame may come */
     uint64_t frame, settled;
-    struct lw_message_frame header; /* of that frame, without lists */
+    struct lw_message_frame header; /* the frame's, without lists */
     struct lw_pose pose;
     bool has_pose;
     struct tile *tile; /* by tile id; NULL before the first session */
@@ -51,12 +51,12 @@ struct lw_relay_light {
     uint64_t run;            /* run named in snapshots; 0: none */
     uint64_t before;         /* frames before the first of this run; a multiple of RUN_FRAMES */
     bool changed, completed; /* since the last snapshot: anything came; a SETTLED came */
-    uint64_t frame;          /* of the last snapshot; 0: there was none */
-    uint64_t previous_frame; /* of the one of an earlier frame */
-    double time_s;           /* of the last snapshot */
+    uint64_t frame;          /* the last snapshot's; 0: there was none */
+    uint64_t previous_frame; /* the last snapshot's with an earlier frame */
+    double time_s;           /* the last snapshot's */
     struct lw_pose pose;     /* as of the last snapshot */
     bool has_pose;
-    struct lw_blob *frame_delta, *frame_full, *settled; /* of the last snapshot */
+    struct lw_blob *frame_delta, *frame_full, *settled; /* the last snapshot's */
     uint8_t *payload;                                   /* lw_tile_codec_bound() */
     float texels[LW_TILE_TEXELS_MAX * LW_TILE_CHANNEL_PLANES_MAX];
 };
@@ -385,7 +385,7 @@ static enum lw_status read_whole(const struct lw_blob *blob, struct lw_message *
     return status;
 }
 
-/* What the tile is, for who has no version of it. */
+/* The whole tile, for clients without a version of it. */
 static enum lw_status make_whole(struct lw_relay_light *light, const struct lw_tile_channel *channel,
                                  const struct tile *known, const struct lw_message_tile *t,
                                  const struct lw_tile_place *place, struct lw_blob **out_blob) {
@@ -470,7 +470,7 @@ static enum lw_status take_fine(struct lw_relay_light *light, uint32_t channel,
     if (!lw_tile_codec_is_known(t->codec)) return bad_tile(err, t, "its codec is unknown");
     if (t->base ? t->base != known->above || known->codec != LW_TILE_CODEC_DCT || t->codec != known->codec
                 : t->version <= known->above)
-        return LW_OK; /* it builds on what is not here, or is not newer */
+        return LW_OK; /* its base is not here, or it is not newer */
     struct lw_message_tile own = *counted;
     if (known->is_in_doubt && !t->base && known->version == known->published && is_published(known, &own)) {
         known->above = t->version;
@@ -611,7 +611,7 @@ static enum lw_status make_messages(struct lw_relay_light *light, const struct f
     return LW_OK;
 }
 
-/* Of a tile whose newest version was in no snapshot yet. */
+/* For a tile whose newest version was in no snapshot yet. */
 static void publish_tile(struct lw_relay_light *light, uint32_t channel, uint32_t id, struct tile *tile) {
     if (tile->published_whole && tile->base != tile->published) {
         keep_blob(&tile->delta, /* over several versions */

@@ -64,7 +64,7 @@ static enum lw_status write_all(const struct lw_relay_stats *relay,
     return lw_exposition_end(&e, &out_page->text, &out_page->size);
 }
 
-/* Light stays while there is no server above, and its age is told. */
+/* Light stays while there is no server above, and its age is reported. */
 static bool ready_page(const struct lw_relay_stats *relay, const struct lw_relay_metrics_state *state,
                        struct lw_server_page *out_page) {
     char line[LW_WAITING_LINE_SIZE], text[LW_WAITING_LINE_SIZE + 64];

@@ -8,7 +8,7 @@
 #include "relay/relay.h"
 
 struct lw_relay_metrics_state {
-    double started_s; /* of the Unix epoch */
+    double started_s; /* since the Unix epoch */
     bool is_stopping;
     struct lw_waiting_state first_light;
 };

@@ -37,7 +37,7 @@ struct lw_relay_upstream {
     struct lw_relay_light *light;
     bool has_finishes;
     struct lw_interest interest;
-    bool is_untold;                                 /* it may have changed since it was told */
+    bool is_untold;                                 /* it may have changed since it was sent */
     struct lw_message_interest_tile *interest_tile; /* LW_MESSAGE_INTEREST_MAX; made when first needed */
     uint64_t acked, tiles;
     uint32_t unanswered;
@@ -83,7 +83,7 @@ void lw_relay_scene_finish(struct lw_relay_scene *scene) {
 
 /* ---- packages ---- */
 
-/* From the folder of packages; NULL: it is not there, or not as it should be, which is told once. */
+/* From the folder of packages; NULL: it is not there, or not as it should be, which is reported once. */
 static uint8_t *read_cached(struct lw_relay_upstream *up, enum lw_package_cache_kind kind,
                             const struct lw_package_hash *hash, uint64_t size) {
     uint8_t *bytes = NULL;
@@ -101,7 +101,7 @@ static uint8_t *find_part(void *upstream, const struct lw_package_hash *hash, ui
     return read_cached(upstream, LW_PACKAGE_CACHE_PART, hash, size);
 }
 
-/* What has failed once would fail for each part. */
+/* A write that has failed once would fail for each part. */
 static void keep_parts(const struct lw_relay_upstream *up, const struct lw_download *d,
                        enum lw_package_cache_kind kind) {
     uint64_t begin = 0;
@@ -319,7 +319,7 @@ static enum lw_status handle_message(struct lw_relay_upstream *up, const struct 
     }
 }
 
-/* What has been read. Before the welcome it stops there. */
+/* Takes the messages that were read. Before the welcome it stops there. */
 static enum lw_status take_read(struct lw_relay_upstream *up, struct lw_error *err) {
     const bool was_welcomed = up->welcomed;
     while (up->welcomed == was_welcomed) {
@@ -328,7 +328,7 @@ static enum lw_status take_read(struct lw_relay_upstream *up, struct lw_error *e
         const uint8_t *body;
         enum lw_status status = lw_link_take(&up->link, &header, &body, err);
         if (status != LW_OK || !body) return status;
-        if (!lw_message_name(header.type)) continue; /* of a newer server */
+        if (!lw_message_name(header.type)) continue; /* from a newer server */
         status = lw_message_decode_with(header, body, &up->memory, &message, err);
         if (status != LW_OK) return status;
         status = handle_message(up, &message, err);
@@ -338,7 +338,7 @@ static enum lw_status take_read(struct lw_relay_upstream *up, struct lw_error *e
     return LW_OK;
 }
 
-/* Reads once and takes what is there. A refusal may be the last message: it counts before the link's end. */
+/* Reads once and takes all that came. A refusal may be the last message: it counts before the link's end. */
 static enum lw_status receive(struct lw_relay_upstream *up, struct lw_error *err) {
     struct lw_error cause = {0}, link_cause = {0};
     size_t size;
@@ -400,7 +400,7 @@ static enum lw_status tell_interest(struct lw_relay_upstream *up, struct lw_erro
     return status;
 }
 
-/* Requests what is missing of a package. download NULL: nothing is, and the request begins the stream of
+/* Requests the missing parts of a package. download NULL: none is, and the request begins the stream of
  * light. */
 static enum lw_status ask(struct lw_relay_upstream *up, enum lw_message_type type,
                           const struct lw_download *download, struct lw_error *err) {
@@ -473,7 +473,7 @@ enum lw_status lw_relay_upstream_resume(struct lw_relay_upstream *up, struct lw_
 static enum lw_status ask_for_finishes(struct lw_relay_upstream *up, struct lw_error *err) {
     struct lw_download *d = &up->finish_download;
     if (up->has_finishes || up->finish_asked || !up->light) return LW_OK;
-    if (up->cache_folder && d->zstd) { /* what is on disk need not wait for light */
+    if (up->cache_folder && d->zstd) { /* parts on disk need not wait for light */
         lw_download_find_held(d, find_part, up);
         enum lw_status status = lw_download_begin(d, err);
         if (status != LW_OK) return status;

@@ -23,7 +23,7 @@ struct lw_relay_upstream_desc {
     bool control;                 /* it passes updates on, and takes no light */
     bool has_light;               /* it has such light already: that of a server that is gone is no use */
     bool draws;                   /* it wants light without that of client lights, if the server has it */
-    const char *cache_folder;     /* of packages; outlives it. NULL: none */
+    const char *cache_folder;     /* for packages; outlives it. NULL: none */
 };
 
 /** What a WELCOME says of the light, without the session's own things. */
@@ -35,7 +35,7 @@ struct lw_relay_told {
     uint32_t finer;                     /* levels that are finer than level 0 */
     uint32_t bounces;
     float target_error, noise_shown;
-    bool has_draws;      /* the bits below were told; those of a session that did not ask are not */
+    bool has_draws;      /* the bits below are known; not so if the session did not ask */
     bool has_directions; /* tiles of where its light comes from */
     uint8_t *client_lights, *client_materials;
     size_t client_lights_size, client_materials_size;
@@ -59,7 +59,7 @@ bool lw_relay_upstream_is_current(const struct lw_relay_upstream *upstream);
 const uint64_t *lw_relay_upstream_relays(const struct lw_relay_upstream *upstream, uint32_t *out_count);
 const char *lw_relay_upstream_address(const struct lw_relay_upstream *upstream);
 uint64_t lw_relay_upstream_bytes(const struct lw_relay_upstream *upstream); /* received */
-uint64_t lw_relay_upstream_tiles(const struct lw_relay_upstream *upstream); /* likewise */
+uint64_t lw_relay_upstream_tiles(const struct lw_relay_upstream *upstream); /* received */
 /** When to come back, as its REFUSAL said, ms; 0: it did not. */
 uint32_t lw_relay_upstream_retry_after_ms(const struct lw_relay_upstream *upstream);
 
@@ -77,7 +77,7 @@ struct lw_relay_light *lw_relay_upstream_light(const struct lw_relay_upstream *u
 /** Whether finishes are there, or there are none. They are asked for once there is light. */
 bool lw_relay_upstream_has_finishes(const struct lw_relay_upstream *upstream);
 
-/** A scene, with what clients are to be told of it. */
+/** A scene, with its description for clients. */
 struct lw_relay_scene {
     struct lw_relay_told told;
     uint8_t *package, *finishes; /* finishes: NULL: none */
@@ -88,8 +88,8 @@ void lw_relay_scene_finish(struct lw_relay_scene *scene);
 /** Hands its scene over, complete; it goes on with its light. */
 void lw_relay_upstream_give(struct lw_relay_upstream *upstream, struct lw_relay_scene *out_scene);
 
-/** The tiles that clients want. Told to the server when it is time; over LW_MESSAGE_INTEREST_MAX tiles:
- * everything. Errors: LW_NO_MEMORY. */
+/** The tiles that clients want. They are sent to the server when it is time; over LW_MESSAGE_INTEREST_MAX
+ * tiles: everything. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_relay_upstream_want(struct lw_relay_upstream *upstream, bool everything,
                                                     const uint32_t *tile, uint32_t count);
 
@@ -112,7 +112,8 @@ void lw_relay_upstream_set_waiting(struct lw_relay_upstream *upstream, struct lw
 bool lw_relay_upstream_is_waiting(const struct lw_relay_upstream *upstream);
 /** For poll(): its descriptor and events. */
 int lw_relay_upstream_descriptor(const struct lw_relay_upstream *upstream, short *out_events);
-/** Takes what is there, without waiting, and says what is due; to be called at least every LW_LINK_PING_S.
+/** Takes all that came, without waiting, and sends all that is due; to be called at least every
+ * LW_LINK_PING_S.
  * Errors: LW_CLOSED, LW_TIMED_OUT, LW_PROTOCOL, LW_BAD_DATA, LW_NO_MEMORY; then it is to be destroyed. */
 LW_MUST_CHECK enum lw_status lw_relay_upstream_take(struct lw_relay_upstream *upstream, struct lw_error *err);
 

@@ -7,7 +7,7 @@
 #include "common/status.h"
 
 #define LW_COST_REPORT_MAX       16u        /* renderers and settings; further ones are left out */
-#define LW_COST_REPORT_BYTES_MAX (1u << 20) /* of the file */
+#define LW_COST_REPORT_BYTES_MAX (1u << 20) /* bytes of the file */
 
 /** CPU seconds per frame and user of each that is no cache, as they stand in the file. */
 struct lw_cost_report {

@@ -78,7 +78,7 @@ static enum lw_status name_tiles(struct lw_daemon *d, struct lw_error *err) {
 
 enum lw_status lw_daemon_read_scene(struct lw_daemon *d, struct lw_error *err) {
     const struct lw_daemon_settings *s = &d->settings;
-    d->scene_stamp = lw_file_stamp(s->scene.path); /* before it is read: what changes meanwhile is seen */
+    d->scene_stamp = lw_file_stamp(s->scene.path); /* before it is read: a change meanwhile is seen */
     d->environment_stamp = lw_file_stamp(s->scene.environment);
     enum lw_status status = lw_scene_open(&s->scene, &d->scene, err);
     if (status != LW_OK) return status;

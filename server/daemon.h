@@ -40,7 +40,7 @@ struct lw_daemon {
     struct lw_file_stamp scene_stamp, environment_stamp;
     struct lw_daemon_succession succession;
     struct lw_scene *scene;
-    struct lw_scene_state state; /* of it, by updates: what is lit */
+    struct lw_scene_state state; /* the scene as updates left it: this is lit */
     uint8_t *package;
     size_t package_size;
     uint8_t *finishes; /* finish package; NULL: all is matt */
@@ -84,7 +84,7 @@ struct lw_daemon {
     bool is_coarse;              /* tiles are of a coarse scene (coarse_first.h) */
     bool prepares;               /* all of the scene is solved, though nobody looks */
     uint64_t prepared_ns;        /* wall time for which it was */
-    uint32_t channels;           /* that are shown and published: bit for each (tile_channels.h) */
+    uint32_t channels;           /* channels shown and published: bit for each (tile_channels.h) */
     uint32_t channels_kept;      /* channels of the saved light */
     uint64_t taken_ns[LW_TILE_CHANNELS_MAX]; /* when somebody last took it */
 };

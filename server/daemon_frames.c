@@ -160,7 +160,7 @@ static enum lw_status prepare(struct lw_daemon *d, uint64_t frame, struct lw_err
 }
 
 /* The channels that clients take, and those that they took within CHANNEL_LINGERS_NS. Without clients, they
- * stay. Time is that of the scene's clock, since they decide what is solved, and runs must be
+ * stay. Time is the scene's clock's, since the channels decide the work, and runs must be
  * repeatable. */
 static uint32_t choose_channels(struct lw_daemon *d, uint64_t frame) {
     const uint32_t taken = lw_server_channels_taken(d->server);
@@ -241,7 +241,7 @@ static enum lw_status publish_frame(struct lw_daemon *d, uint64_t frame, uint64_
     return LW_OK;
 }
 
-/* Whether the first light is held back, to be better soon. Who has changed the scene does not wait. */
+/* Whether the first light is held back, to be better soon. A change of the scene does not wait. */
 static bool is_too_young(struct lw_daemon *d, uint64_t frame, const struct lw_solver_stats *solve,
                          size_t updates) {
     const struct lw_daemon_settings *s = &d->settings;

@@ -28,8 +28,8 @@ struct lw_daemon_metrics_sums {
     struct lw_durations frame, pass[LW_DAEMON_METRICS_PASS_COUNT];
     uint64_t rays_shadow, rays_bounce, rays_probe, texels_solved, tiles_encoded, bytes_encoded, saturated,
         changes, solve_cpu_ns, publish_cpu_ns, newest_frame, saves_failed;
-    uint32_t tiles, tiles_converged, tiles_interest, tiles_fine, tiles_fine_wanted; /* of the last frame */
-    uint64_t memory_bytes;             /* of solver and publisher */
+    uint32_t tiles, tiles_converged, tiles_interest, tiles_fine, tiles_fine_wanted; /* in the last frame */
+    uint64_t memory_bytes;             /* for solver and publisher */
     double lit_after_s, whole_after_s; /* first light after the start; 0: none yet */
 };
 
@@ -37,8 +37,8 @@ struct lw_daemon_metrics {
     pthread_mutex_t mutex;
     struct lw_daemon_metrics_sums sums; /* guarded */
     const char *isa, *solver;           /* outlive it */
-    struct lw_cost_report renderers;    /* what users would run instead; none: nothing is told */
-    double started_s;                   /* of the Unix epoch */
+    struct lw_cost_report renderers;    /* what users would run instead; none: nothing is reported */
+    double started_s;                   /* since the Unix epoch */
 };
 
 /** What one frame was. */

@@ -31,9 +31,9 @@ struct lw_daemon_settings {
     struct lw_nats_wire_address nats_address;
     const char *plan_log;
     const char *crossover_report;
-    struct lw_cost_report renderers; /* of that report */
+    struct lw_cost_report renderers; /* from that report */
     const char *keep, *cache, *spares, *light_groups, *client_lights, *solver;
-    const struct lw_solvers_entry *entry; /* of that name */
+    const struct lw_solvers_entry *entry; /* the solver's */
     int64_t bounces, direct_samples, indirect_samples, seed, frames, detail;
     int64_t detail_mb; /* -1: a share of the machine's */
     struct lw_probe_options probes;

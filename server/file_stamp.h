@@ -11,7 +11,7 @@ struct lw_file_stamp {
     uint64_t device, number, size_bytes, modified_ns;
 };
 
-/** Of the file at path, through links; NULL: all zero. */
+/** The stamp of the file at path, through links; NULL: all zero. */
 struct lw_file_stamp lw_file_stamp(const char *path);
 bool lw_file_stamp_equal(const struct lw_file_stamp *a, const struct lw_file_stamp *b);
 

@@ -37,12 +37,12 @@
 #define DIRECTIONS_FOLDER "directions"
 #define MANIFEST_NAME     "index.json"
 #define NOISIEST_SHOWN    3
-#define BOTH_SIDES_SHARE  0.1 /* of an object's double-sided area: from here on it is named */
+#define BOTH_SIDES_SHARE  0.1 /* share of an object's double-sided area: from here on it is named */
 
 struct settings {
     struct lw_scene_open scene;
     const char *output, *gltf_out, *client_lights, *solver, *visibility;
-    const struct lw_solvers_entry *entry; /* of that name */
+    const struct lw_solvers_entry *entry; /* the solver's */
     int64_t samples, bounces, seed;
     double error, subdivide, vpl_near, time_s, limit_s, interval_s;
     struct lw_probe_options probes;
@@ -58,9 +58,9 @@ struct baker {
     struct lw_scene *scene;
     struct lw_atlas_map atlas_map;
     struct lw_pose pose;
-    struct lw_client_lights left_out; /* whose direct light the maps lack; zeroed: nobody's */
+    struct lw_client_lights left_out; /* the maps lack their direct light; zeroed: nobody's */
     char *left_out_names;             /* NULL likewise; apart by commas */
-    enum lw_light_form form;          /* of the maps */
+    enum lw_light_form form;          /* the maps' */
     struct lw_solver *solver;
     struct lw_bake_desc bake;
     struct lw_bake_result result;
@@ -465,7 +465,7 @@ static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
     return LW_OK;
 }
 
-/* It cannot say how far it is: it is told when it begins, and how long it took. */
+/* It cannot say how far it is: lines say when it begins, and how long it took. */
 static enum lw_status filter(struct baker *b, struct lw_error *err) {
     struct lw_progress progress;
     lw_log(LW_LOG_INFO, "filtering the maps");
@@ -537,7 +537,7 @@ static enum lw_status write_exr(struct baker *b, const struct lw_map *map, bool 
     return status;
 }
 
-/* Of where the light of an object comes from: one vector a texel. */
+/* Writes the directions of an object's light: one vector a texel. */
 static enum lw_status write_directions(struct baker *b, uint32_t object, const char *name,
                                        struct lw_error *err) {
     struct lw_map map;

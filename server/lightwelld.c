@@ -257,14 +257,14 @@ int main(int argc, char **argv) {
     lw_daemon_init(d, argc, argv, &signalled);
     d->hooks = hooks_of(d);
     enum lw_status status = lw_daemon_settings_parse(&d->settings, argc, argv, &done, &err);
-    if (status == LW_OK) { /* a mistake in the options is told as text */
+    if (status == LW_OK) { /* a mistake in the options is reported as text */
         lw_log_init("lightwelld", (enum lw_log_level)d->settings.log_level);
         lw_log_set_format((enum lw_log_format)d->settings.log_format);
     }
     if (status == LW_OK && !done) status = lw_trace_check_isa(&d->isa, &err); /* before anybody is served */
     if (status == LW_OK && !done) {
         lw_interrupt_watch(on_early_signal, NULL);
-        /* Until the loop watches for it: who asks to read again what is being read must not end us. A
+        /* Until the loop watches for it: a request to read again while we read must not end us. A
          * terminal that closes still does. */
         if (!isatty(STDERR_FILENO)) signal(SIGHUP, SIG_IGN);
         lw_daemon_metrics_init(&d->metrics, d->isa, d->settings.entry->name);

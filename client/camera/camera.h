@@ -13,7 +13,7 @@
 struct lw_camera_view {
     struct lw_vec3 position, right, up, forward;
     float fov_y;    /* radians, in (0, pi) */
-    float height_m; /* orthographic: of what is seen; 0: a pinhole camera */
+    float height_m; /* orthographic: of the seen area; 0: a pinhole camera */
 };
 
 /** A camera at a place that looks at another, upright (+Y) unless it looks straight up or down. */
@@ -40,7 +40,7 @@ LW_MUST_CHECK enum lw_status lw_camera_find(const struct lw_scene *scene, const 
 
 /** The picture plane at depth 1: what a ray takes, worked out once per picture. */
 struct lw_camera_plane {
-    struct lw_vec3 middle, right, up;  /* direction of the middle; one pixel to the right; one pixel up */
+    struct lw_vec3 middle, right, up;  /* direction of the middle, one pixel to the right, one pixel up */
     struct lw_vec3 eye, across, along; /* origin, likewise */
     float half_width, half_height;     /* pixels */
     float pixel;                       /* side of a pixel */

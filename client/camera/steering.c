@@ -2,11 +2,11 @@
 
 #include <math.h>
 
-#define KNEE          0.35f /* of the eye's height: higher steps are walls */
-#define ROOM          0.15f /* of the eye's height, that a walker keeps from walls */
-#define EYE_SHARE     0.4f  /* of the scene's height, at most */
+#define KNEE          0.35f /* over the eye's height: higher steps are walls */
+#define ROOM          0.15f /* over the eye's height: a walker's distance from walls */
+#define EYE_SHARE     0.4f  /* over the scene's height, at most */
 #define STAND_RATE_HZ 8.0f
-#define STOOD         1e-3f /* of the eye's height */
+#define STOOD         1e-3f /* over the eye's height */
 #define ORBIT_RATE    1.0f  /* radians/s by keys */
 #define ZOOM_RATE     1.0f  /* octaves/s by keys */
 #define NOTCH         0.25f /* octaves of speed or distance */
@@ -50,7 +50,7 @@ static void zoom(struct lw_steering *s, float octaves) {
     const float wanted = s->distance_m * exp2f(octaves);
     lw_flight_advance(&s->flight, s->distance_m - wanted);
     s->distance_m = wanted;
-    s->flight.height_m *= exp2f(octaves); /* what is nearer is no larger in an orthographic view */
+    s->flight.height_m *= exp2f(octaves); /* nearer things are no larger in an orthographic view */
 }
 
 void lw_steering_wheel(struct lw_steering *s, float notches) {

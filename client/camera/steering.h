@@ -1,5 +1,5 @@
-/* steering.h: the three ways to move through a scene: fly; walk, upright on what is below; orbit about what
- * the middle of the picture shows.
+/* steering.h: the three ways to move through a scene: to fly, to walk upright on the ground, and to
+ * orbit about the point in the middle of the picture.
  * Flow:    keys and mouse -> [steering: flight, and rays of the scene] -> camera view
  * Threads: one thread at a time. */
 #ifndef LW_CLIENT_CAMERA_STEERING_H
@@ -43,7 +43,7 @@ void lw_steering_turn(struct lw_steering *steering, float right, float up);
 void lw_steering_wheel(struct lw_steering *steering, float notches);
 
 /** Moves by keys for some seconds, each of right, up, forward -1..1 (more: faster). A walker stays on the
- * ground, climbs what is below his knee, and stops at walls. Returns whether the view is another. */
+ * ground, climbs steps below his knee, and stops at walls. Returns whether the view is another. */
 bool lw_steering_move(struct lw_steering *steering, const struct lw_trace *trace, float right, float up,
                       float forward, float seconds);
 

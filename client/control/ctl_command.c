@@ -141,7 +141,7 @@ static enum lw_status set_values(const struct call *c, enum lw_scene_change_kind
 
 /* ---- objects ---- */
 
-/* Of a mesh's box, as an object of it stands. */
+/* The middle of a mesh's box, as an object of it stands. */
 static struct lw_vec3 middle_of_mesh(const struct lw_mesh *mesh, const struct lw_affine *object_to_world) {
     struct lw_vec3 low = mesh->position[0], high = low;
     for (uint32_t i = 1; i < mesh->vertex_count; i++) {
@@ -275,7 +275,7 @@ static enum lw_status set_vector(const struct call *c, enum lw_scene_change_kind
 
 /* What shines: of a light its intensity, of a material its emission. */
 struct shine {
-    enum lw_scene_change_kind kind; /* that changes it */
+    enum lw_scene_change_kind kind; /* the one that changes it */
     struct lw_vec3 *now, own;       /* own: as the scene has it */
 };
 
@@ -329,7 +329,7 @@ static enum lw_status change_light(const struct call *c, const char *right) {
     return misused(c, right);
 }
 
-/* Its albedo stays as it is, whatever is done to its light. */
+/* A change of its light leaves its albedo as it is. */
 static enum lw_status change_emission(const struct call *c, const char *right) {
     const char *what = c->word[1];
     struct lw_ctl_emission *emission = &c->state->emission[c->change->target];

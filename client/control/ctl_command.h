@@ -41,7 +41,7 @@ enum lw_status lw_ctl_command_fail_unknown(const char *word, struct lw_error *er
 const char *lw_ctl_command_help(void);
 
 /** Reads a command. Only the server checks ranges and the like.
- * Errors: LW_USAGE, in one line that names what is wrong and what is right. */
+ * Errors: LW_USAGE, in one line that names the mistake and the right form. */
 LW_MUST_CHECK enum lw_status lw_ctl_command_parse(struct lw_ctl_command_state *state, const char *const *word,
                                                   size_t count, struct lw_scene_change *out_change,
                                                   struct lw_error *err);

@@ -34,7 +34,7 @@ double lw_ctl_figures_get(const struct lw_ctl_figures *figures, const char *name
 /** A table of several lines, ended by '\n'. */
 void lw_ctl_figures_table(const struct lw_ctl_figures *figures, char *dst, size_t dst_size);
 
-/** One line of what has happened between two readings, a second apart or so; without '\n'. */
+/** One line of the changes between two readings, a second apart or so; without '\n'. */
 void lw_ctl_figures_line(const struct lw_ctl_figures *before, const struct lw_ctl_figures *now, char *dst,
                          size_t dst_size);
 

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #define NEAR_MAX   5u  /* names that an error lists */
-#define LENGTH_MAX 64u /* of names between which a distance is looked for */
+#define LENGTH_MAX 64u /* characters of a name; a longer one has no distance */
 
 static const char *const one[] = {[LW_SCENE_CHANGE_OF_SCENE] = "scene",
                                   [LW_SCENE_CHANGE_OF_OBJECT] = "object",
@@ -58,7 +58,7 @@ unsigned lw_ctl_names_distance(const char *a, const char *b) {
     return row[nb];
 }
 
-/* How far a name is from what was asked for; 1 for one that contains it. */
+/* How far a name is from the text that was asked for; 1 for one that contains it. */
 static unsigned apart(const char *name, const char *text) {
     if (*text && strcasestr(name, text)) return 1;
     return lw_ctl_names_distance(name, text);
@@ -108,7 +108,7 @@ static uint32_t insert(struct near *best, uint32_t count, struct near next) {
     return count;
 }
 
-/* What is near, or all there is if that is little. */
+/* Lists the near names, or all names if they are few. */
 static enum lw_status fail_unknown(const struct among *a, const char *text, struct lw_error *err) {
     const unsigned far = 2 + (unsigned)strlen(text) / 3;
     struct near best[NEAR_MAX];

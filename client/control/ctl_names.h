@@ -21,7 +21,7 @@ LW_MUST_CHECK enum lw_status lw_ctl_names_find_shining(const struct lw_scene *sc
                                                        const char *text, enum lw_scene_change_of *out_of,
                                                        uint32_t *out_index, struct lw_error *err);
 
-/** The number of edits from one to the other: characters inserted, removed, replaced (Levenshtein 1965).
+/** The number of edits from a to b: characters inserted, removed, replaced (Levenshtein 1965).
  * UINT32_MAX: one is too long. */
 unsigned lw_ctl_names_distance(const char *a, const char *b);
 

@@ -30,7 +30,7 @@ struct ctl {
     char default_cache_folder[PATH_MAX];
     double timeout_s;
     uint64_t deadline_ns;
-    const char **word; /* of the commands, "--" between them */
+    const char **word; /* the commands', "--" between them */
     size_t word_count;
     struct lw_client *client;
     struct lw_ctl_command_state state;
@@ -175,7 +175,7 @@ static bool is_spare(const struct ctl *c, uint32_t object) {
     return lw_client_object_state(c->client, object) == LW_CLIENT_OBJECT_SPARE;
 }
 
-/* Of a mesh: those that are there, and those that may be added. */
+/* A mesh's objects that are there, and the spares that may be added. */
 struct count {
     uint32_t objects, spares;
 };

@@ -17,10 +17,10 @@ enum { SELF, RIGHT, BELOW, CORNER, PARTS };
 
 struct lw_gl_fine_slot {
     uint32_t tile; /* id; NONE: the slot is free */
-    uint64_t name; /* of the tile: the id may go to another one */
+    uint64_t name; /* the tile's: the id may go to another tile */
     uint32_t object;
-    uint64_t version[PARTS]; /* that the slot holds; 0: not there */
-    float share;             /* of the tile that is seen */
+    uint64_t version[PARTS]; /* the slot's; 0: not there */
+    float share;             /* how much of the tile is seen */
     bool leaves;             /* the share falls */
 };
 
@@ -164,8 +164,8 @@ static bool upload(struct lw_gl_fine_tiles *fine, const struct lw_compose_source
 struct call {
     struct lw_gl_fine_tiles *fine;
     const struct lw_gl_fine_tiles_take *take;
-    float step;          /* of shares */
-    uint32_t tiles_left; /* that it may upload */
+    float step;          /* by which shares move */
+    uint32_t tiles_left; /* uploads that are still allowed */
     uint32_t oldest;     /* the slot whose tile was wanted least recently; NONE: not known */
     bool changed;
 };
@@ -285,7 +285,7 @@ static float step_since(uint64_t then_ns, uint64_t now_ns) {
     return now_ns && past_ns < LW_GL_FINE_TILES_FADE ? (float)past_ns / (float)LW_GL_FINE_TILES_FADE : 1;
 }
 
-/* What is seen is all of one scale. */
+/* All tiles that are seen have one scale. */
 static void rescale(struct call *c) {
     c->fine->scale = c->take->scale;
     c->tiles_left = UINT32_MAX;

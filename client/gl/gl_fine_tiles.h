@@ -39,7 +39,7 @@ struct lw_gl_fine_tiles {
     uint16_t *word;    /* per id of finer levels, as in the table */
     uint32_t survey;   /* number of the last one */
     uint32_t *texels;  /* scratch: of one slot */
-    float scale;       /* of what the pool holds */
+    float scale;       /* the pool holds E times this */
     uint64_t moved_ns; /* when shares were last moved on */
     uint32_t used;     /* slots */
     uint32_t waiting;  /* slots that the last call had no time to fill, or whose tiles fade */
@@ -68,7 +68,7 @@ void lw_gl_fine_tiles_add_directions(struct lw_gl_fine_tiles *fine);
 /** A zeroed one is fine. */
 void lw_gl_fine_tiles_finish(struct lw_gl_fine_tiles *fine);
 
-/** Takes over what has arrived, what was withdrawn and what has lost its id, and moves fades on. Returns
+/** Takes over tiles that have arrived, were withdrawn or have lost their id, and moves fades on. Returns
  * whether a word has changed. */
 bool lw_gl_fine_tiles_take(struct lw_gl_fine_tiles *fine, const struct lw_gl_fine_tiles_take *take);
 

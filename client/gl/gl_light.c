@@ -331,7 +331,7 @@ static void upload_words(const struct lw_gl_light *light) {
                     light->word);
 }
 
-/* The average of what has arrived of the objects' coarsest levels. */
+/* The average of the objects' coarsest levels, as far as they have arrived. */
 static void take_average(struct lw_gl_light *light, const struct lw_compose_source *source) {
     double sum[3] = {0}, count = 0;
     for (uint32_t o = 0; o < light->map->object_count; o++) {
@@ -398,7 +398,7 @@ static void sort_waiting(struct lw_gl_light *light, uint32_t count) {
     for (uint32_t i = 0; i < count; i++) light->queue[i] &= (1u << 28) - 1;
 }
 
-/* Takes over what is of no finer level; returns how many tiles it has uploaded. */
+/* Takes over all tiles but those of finer levels; returns how many it has uploaded. */
 static uint32_t take_plain(struct lw_gl_light *light, const struct lw_compose_source *source,
                            uint32_t *tiles_max, bool *out_changed) {
     const bool first = light->scale == 0;

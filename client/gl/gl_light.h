@@ -7,7 +7,7 @@
  * table; coarser ones, which stand in for those until they arrive, have places of their own.
  *
  * Which level a point is read at is the composer's rule (client/view/compose.h). The part of it that depends
- * on what has arrived and on how noisy it is is worked out here, a word for each tile: a point asks the tile
+ * on the arrived tiles and on their noise is worked out here, a word for each tile: a point asks the tile
  * of the level that its pixel needs, and reads the level that the word names. */
 #ifndef LW_CLIENT_GL_LIGHT_H
 #define LW_CLIENT_GL_LIGHT_H
@@ -30,22 +30,22 @@ struct lw_gl_light {
     GLuint directions;    /* the same of GL_RGB10_A2: where light comes from (gl_rgb10.h); 0: not known */
     GLuint levels, tiles; /* GL_TEXTURE_BUFFER: a GL_RGBA32UI for each level, a GL_R16UI for each tile */
     GLuint level_buffer, tile_buffer;
-    uint32_t side, layers;   /* of the pages */
+    uint32_t side, layers;   /* the pages' */
     uint32_t *first_level;   /* per object: where its level 0 is in `levels`; finer ones are before it */
     float scale;             /* what a page holds is E times this, a power of two */
     struct lw_vec3 stand_in; /* E where nothing has arrived */
-    float mean;              /* of E that has arrived, luminance; 0: nothing */
+    float mean;              /* luminance of the E that has arrived; 0: nothing */
     uint32_t waiting;        /* tiles that have arrived and are not in the pages yet; and as of `fine` */
     uint64_t uploaded;       /* tiles, so far */
     struct lw_gl_fine_tiles fine;
 
     struct lw_gl_light_rect *rect; /* per level, as in `levels` */
     uint64_t *version;    /* per tile, but of finer levels: lw_gl_fine_tiles_version() in the pages */
-    uint8_t *noise_level; /* likewise */
+    uint8_t *noise_level; /* per tile, but of finer levels */
     bool *settled;  /* per object: all of it is there and of noise level 0, so that these words say nothing */
     uint16_t *word; /* per tile */
     uint32_t *queue;  /* tiles to upload */
-    uint32_t *texels; /* of one tile and its border */
+    uint32_t *texels; /* scratch: one tile and its border */
 };
 
 /** Makes room for all light of a scene. map must outlive it. Zeroed on failure.
@@ -56,7 +56,7 @@ LW_MUST_CHECK enum lw_status lw_gl_light_init(struct lw_gl_light *light, const s
 /** A zeroed one is fine. */
 void lw_gl_light_finish(struct lw_gl_light *light);
 
-/** Takes over what has arrived, coarse levels first.
+/** Takes over arrived tiles, coarse levels first.
  * tiles_max   to upload at most; the rest waits for the next call. 0: all
  * now_ns      as of lw_gl_fine_tiles_take() */
 void lw_gl_light_take(struct lw_gl_light *light, const struct lw_compose_source *source, uint32_t tiles_max,

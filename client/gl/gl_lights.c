@@ -7,11 +7,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define TEXELS     9u /* of a light in the table */
+#define TEXELS     9u /* per light in the table */
 #define MAP_VALUES ((LW_EMITTER_CLUSTERS_MAP + 1) * (LW_EMITTER_CLUSTERS_MAP + 1))
 #define CASCADE    4.0f  /* how much wider one is than the one before */
-#define SNAP       0.25f /* of a cascade's half width: steps in which its middle moves */
-#define NEAR_SHARE 1e-3f /* of the scene's diagonal: what is nearer to a point or spot casts no shadow */
+#define SNAP       0.25f /* over a cascade's half width: steps in which its middle moves */
+#define NEAR_SHARE 1e-3f /* over the scene's diagonal: nothing nearer to a point or spot casts a shadow */
 #define DISC_SHARE 0.6f  /* the radius of a disc that looks like an emitter, of that of the ball around it */
 #define SUN_MAPS   (LW_GL_LIGHTS_SUNS * LW_GL_LIGHTS_CASCADES)
 
@@ -19,12 +19,12 @@ enum kind { KIND_SUN, KIND_POINT, KIND_SPOT, KIND_CLUSTER };
 
 struct lw_gl_light_source {
     enum kind kind;
-    uint32_t index; /* of the scene's light, or of the cluster */
+    uint32_t index; /* the scene's light, or the cluster */
     struct lw_vec3 position, direction, colour;
     float intensity; /* luminance, the most in any direction, W/sr; a sun's W/m^2 */
     float radius_m, reach_m;
     bool moved;    /* since its maps were drawn */
-    uint32_t slot; /* of its maps; UINT32_MAX: it has none */
+    uint32_t slot; /* its maps'; UINT32_MAX: it has none */
     float score;
 };
 
@@ -121,7 +121,7 @@ void lw_gl_lights_finish(struct lw_gl_lights *l) {
     *l = (struct lw_gl_lights){0};
 }
 
-/* ---- what has changed ---- */
+/* ---- changes ---- */
 
 static bool materials_differ(const struct lw_gl_lights *l) {
     for (uint32_t m = 0; m < l->scene->material_count; m++)
@@ -198,7 +198,7 @@ static int best_first(const void *a, const void *b, void *of) {
     return x < y ? -1 : 1;
 }
 
-/* Those that give most at the eye, or before it. */
+/* The lamps that give most at the eye, or before it. */
 static void choose_lamps(struct lw_gl_lights *l, struct lw_vec3 eye, struct lw_vec3 forward, float size_m) {
     uint32_t *order = malloc((l->source_count + 1ul) * sizeof *order), count = 0;
     if (order == NULL) return;

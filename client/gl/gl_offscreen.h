@@ -11,10 +11,10 @@ struct lw_gl_offscreen;
 
 /** Makes a context of OpenGL 3.3 core or later and makes it current. Without a GPU Mesa's software renderer
  * serves.
- * Errors: LW_UNAVAILABLE saying what is missing; LW_NO_MEMORY. */
+ * Errors: LW_UNAVAILABLE, naming the missing part; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_gl_offscreen_create(struct lw_gl_offscreen **out_offscreen,
                                                     struct lw_error *err);
-/** NULL is fine. What was made in the context must be gone by then. */
+/** NULL is fine. Objects made in the context must be gone by then. */
 void lw_gl_offscreen_destroy(struct lw_gl_offscreen *offscreen);
 
 #endif

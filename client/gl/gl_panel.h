@@ -1,4 +1,4 @@
-/* gl_panel.h: a rectangle of pixels, laid over what is drawn: the text of the viewer's window.
+/* gl_panel.h: a rectangle of pixels, laid over the drawn picture: the text of the viewer's window.
  * Threads: that of the context. */
 #ifndef LW_CLIENT_GL_PANEL_H
 #define LW_CLIENT_GL_PANEL_H

@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-#define COMPLAINT 400 /* characters of a driver's log that are told */
+#define COMPLAINT 400 /* characters of a driver's log that are reported */
 
 static enum lw_status fail(const char *what, char *log, struct lw_error *err) {
     log[strcspn(log, "\n")] = '\0';

@@ -6,8 +6,8 @@
  *
  * What it draws is the composer's picture (client/view/compose.h), whose rays are the reference, but that
  * BLEND surfaces are blended by the distance of their instances' boxes, farthest first, each in the order of
- * its triangles, and that shadows are those of maps. Of many lights that it is to draw it takes
- * LW_GL_LIGHTS_MAX, those that give most where the eye is. */
+ * its triangles, and that shadows come from maps. It draws LW_GL_LIGHTS_MAX lights at most, those that give
+ * most where the eye is. */
 #ifndef LW_CLIENT_GL_RENDERER_H
 #define LW_CLIENT_GL_RENDERER_H
 
@@ -23,7 +23,7 @@ struct lw_gl_renderer_desc {
     /* For files: pictures of 32-bit floats, textures read as the composer does, who averages many samples.
      * Else 16 bits, and textures are filtered. */
     bool exact;
-    /* As of lw_compose_desc. What lies in the way of the drawn lights is found by shadow maps; trace, at the
+    /* As of lw_compose_desc. Shadow maps find the obstacles of the client-drawn lights; trace, at the
      * pose of each picture, alone knows what stands close to an emitter. NULL: none; then trace and pose are
      * not read. */
     const struct lw_client_lights *drawn;
@@ -39,7 +39,7 @@ LW_MUST_CHECK enum lw_status lw_gl_renderer_create(const struct lw_gl_renderer_d
 /** NULL is fine. */
 void lw_gl_renderer_destroy(struct lw_gl_renderer *renderer);
 
-/** Takes over what has arrived and where things are, for the pictures from now on.
+/** Takes over arrived light and where things are, for the pictures from now on.
  * pose            as of lw_compose_render(); must stay as long as it is drawn
  * tiles_max       of light to upload at most, the rest waits; 0: all
  * now_ns          by any clock: tiles of finer levels fade in and out by it. 0: nothing fades
@@ -52,7 +52,7 @@ LW_MUST_CHECK enum lw_status lw_gl_renderer_take(struct lw_gl_renderer *renderer
                                                  struct lw_error *err);
 
 /** Draws a view into the renderer's own memory.
- * samples   of a pixel: those of MSAA, 1 or as the driver takes; with 1 the view's offset counts
+ * samples   of MSAA per pixel, 1 or as the driver takes. With 1 the view's offset counts.
  * Errors: LW_NO_MEMORY; LW_UNAVAILABLE, also for a picture that is larger than the GPU takes. */
 LW_MUST_CHECK enum lw_status lw_gl_renderer_draw(struct lw_gl_renderer *renderer,
                                                  const struct lw_compose_view *view, unsigned samples,
@@ -94,8 +94,8 @@ const char *lw_gl_renderer_name(const struct lw_gl_renderer *renderer);
 
 /** What the last picture took. */
 struct lw_gl_renderer_figures {
-    uint32_t draw_calls, objects; /* of the last picture */
-    uint32_t fine_tiles;          /* of finer levels that pictures may read now */
+    uint32_t draw_calls, objects; /* in the last picture */
+    uint32_t fine_tiles;          /* tiles of finer levels that pictures may read now */
     uint64_t tiles_uploaded;      /* so far */
     uint64_t maps_drawn;          /* so far: shadow maps */
 };

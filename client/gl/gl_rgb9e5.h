@@ -5,8 +5,8 @@
 
 #include <stdint.h>
 
-/** Linear RGB times `scale` to GL_UNSIGNED_INT_5_9_9_9_REV, nearest. What is negative or NaN is 0, what is
- * too large the largest. */
+/** Linear RGB times `scale` to GL_UNSIGNED_INT_5_9_9_9_REV, nearest. Negative values and NaN become 0,
+ * too large ones the largest. */
 uint32_t lw_gl_rgb9e5_pack(const float rgb[3], float scale);
 
 #endif

@@ -140,11 +140,11 @@ static int by_key(const void *a, const void *b) {
 }
 
 struct lists {
-    uint64_t *key;   /* of the triangles of the largest mesh */
-    uint8_t *level;  /* likewise: the coarsest one */
+    uint64_t *key;   /* per triangle of the largest mesh */
+    uint8_t *level;  /* per triangle: its coarsest one */
     uint32_t *index; /* of all triangles, batch by batch */
     uint32_t *small; /* a bit for each of them */
-    uint32_t count;  /* of indices so far */
+    uint32_t count;  /* indices so far */
 };
 
 static struct lw_gl_batch *add_batch(struct lw_gl_scene *s, uint32_t material, uint32_t level,

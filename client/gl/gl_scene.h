@@ -19,14 +19,14 @@ enum lw_gl_attribute {
     LW_GL_UV0,
     LW_GL_UV1,
     LW_GL_COLOUR,
-    LW_GL_TANGENT, /* of normal maps; w: as glTF's */
+    LW_GL_TANGENT, /* for normal maps; w: as glTF's */
     LW_GL_ATTRIBUTES
 };
 
 struct lw_gl_batch {
     uint32_t material;
     uint32_t coarsest;     /* level of the lightmap, as of lw_lightmap_coarsest() */
-    uint32_t first, count; /* of indices, within all */
+    uint32_t first, count; /* indices, within all */
 };
 
 struct lw_gl_mesh {
@@ -46,7 +46,7 @@ struct lw_gl_maps {
     bool shared;     /* another material's */
     bool occludes;   /* the last channel is occlusion */
     bool metal;      /* it is metalness */
-    float metalness; /* of the whole map, where it is not */
+    float metalness; /* the whole map's, where it is not */
 };
 
 struct lw_gl_scene {

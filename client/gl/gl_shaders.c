@@ -115,7 +115,7 @@ const char lw_gl_shaders_scene_fragment[] =
     "uniform sampler2D u_base, u_glow;\n"
     "uniform vec3 u_stand_in;\n"
     "uniform float u_unlit;\n"
-    "uniform vec4 u_parallel;\n" /* of an orthographic view: where it looks, and 1 */
+    "uniform vec4 u_parallel;\n" /* for an orthographic view: where it looks, and 1 */
     "in vec3 v_position;\n"
     "vec3 ray() { return u_parallel.w > 0.5 ? u_parallel.xyz : v_position; }\n"
     "#ifdef LIGHTMAP\n"
@@ -500,7 +500,7 @@ const char lw_gl_shaders_scene_fragment[] =
     "}\n"
     "\n"
     "float stretch(float cosine, float a2) { return sqrt(a2 + (1.0 - a2) * cosine * cosine); }\n"
-    /* radiance that is mirrored of E; to: unit; wide: half the lamp's radius over its distance */
+    /* Radiance that is mirrored of E. to: unit. wide: half the lamp's radius over its distance. */
     "vec3 lobe(vec3 to, float wide) {\n"
     "    float a2 = min(f_alpha * f_alpha + f_spread + wide * wide, 1.0);\n"
     "    float come = clamp(dot(f_normal, to), 1e-3, 1.0);\n"
@@ -559,7 +559,7 @@ const char lw_gl_shaders_scene_fragment[] =
     "        if (blocker > dot(slope, o) + bias + 0.02 * wide) { sum += blocker; count += 1.0; }\n"
     "    }\n"
     "    wide = clamp(spread * sum / max(count, 1.0), 0.75 * texel, wide);\n"
-    "    float seen = 0.0;\n" /* of a lane that sees all or nothing no tap is taken */
+    "    float seen = 0.0;\n" /* a lane that sees all or nothing takes no tap */
     "    int taps = seek == 0 || count == 0.0 || count == float(SOUGHT) ? 0 : TAPS;\n"
     "    for (int i = 0; i < taps; i++) {\n"
     "        vec2 o = wide * (turn * u_tap[i]);\n"
@@ -705,7 +705,7 @@ const char lw_gl_shaders_scene_fragment[] =
     "#endif\n"
     "#ifdef SHADOW\n"
     "    if (dot(v_position, v_position) < u_reach * u_reach) discard;\n"
-    "#ifdef BLEND\n" /* that share of the texels, in no pattern, lets light pass */
+    "#ifdef BLEND\n" /* the transparent share of texels, in no pattern, lets light pass */
     "    if (colour.a <= fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(0.06711056, 0.00583715))))) "
     "discard;\n"
     "#endif\n"
@@ -737,7 +737,7 @@ const char lw_gl_shaders_scene_fragment[] =
     "    vec3 arriving = vec3(0.0), drawn = vec3(0.0);\n"
     "#endif\n"
     "#ifdef FEEDBACK\n"
-    "#ifdef BLEND\n" /* as a screen door, so that what is behind is seen, too */
+    "#ifdef BLEND\n" /* as a screen door, so that things behind are seen, too */
     "    ivec2 door = ivec2(gl_FragCoord.xy) & 3;\n"
     "    if (colour.a * 16.0 <= float((5 * door.x + 10 * door.y + 7 * (door.x & door.y)) & 15)) discard;\n"
     "#endif\n"

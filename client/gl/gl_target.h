@@ -8,11 +8,11 @@
 #include <epoxy/gl.h>
 
 struct lw_gl_target {
-    GLenum format; /* of the texture */
+    GLenum format; /* the texture's */
     uint32_t width, height;
     unsigned samples;                         /* 1: no MSAA */
-    GLuint texture, frame;                    /* what is read */
-    GLuint colour_buffer, depth_buffer, many; /* what is drawn to with MSAA is `many` */
+    GLuint texture, frame;                    /* to read from */
+    GLuint colour_buffer, depth_buffer, many; /* with MSAA, `many` is drawn to */
 };
 
 /** Makes it so large, if it is not. A zeroed one with a format is fine.

@@ -9,7 +9,7 @@
 
 struct lw_gl_view {
     struct lw_gl_renderer *renderer; /* NULL: there is none */
-    uint8_t *needed;                 /* of a survey */
+    uint8_t *needed;                 /* per tile, of a survey */
     uint64_t *shown;
 };
 

@@ -82,9 +82,9 @@ void lw_client_destroy(struct lw_client *client);
 
 /** Connects again after lw_client_poll() has failed. The client keeps its scene, its light and its interest
  * set.
- *   same run of the server   sends tiles that changed since, and the rest of a package that was cut short
- *   a new run                sends all its light again; the old light stays until that comes
- *   other client lights      (lw_client_draws()): tiles are dropped and come again
+ *   same run of the server   sends tiles that changed since, and the rest of a package that was cut short.
+ *   a new run                sends all its light again; the old light stays until that comes.
+ *   other client lights      (lw_client_draws()): tiles are dropped and come again.
  * Versions of tiles go on growing; numbers of frames (lw_client_stats) start again with the server. Updates
  * without an answer get none: nobody says whether they were made.
  *

@@ -163,7 +163,7 @@ enum lw_status lw_download_add(struct lw_download *d, const struct lw_message_pa
         return lw_status_fail(err, LW_PROTOCOL, "%s: more than the %" PRIu64 " bytes promised", d->what,
                               d->compressed_size);
     const struct lw_download_part *part = &d->part[d->parts_done];
-    LW_INVARIANT(!part->held); /* what is held is taken, and never asked for */
+    LW_INVARIANT(!part->held); /* held parts are taken, and never asked for */
     d->received += chunk->size;
     bool ended;
     enum lw_status status = decompress(d, chunk->data, chunk->size, &ended, err);

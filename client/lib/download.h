@@ -8,7 +8,7 @@
 
 struct lw_download {
     void *zstd;
-    uint8_t *bytes;        /* of the package, so far */
+    uint8_t *bytes;        /* the package's, so far */
     size_t size, capacity; /* capacity grows with bytes that came, not with a size that was announced */
     uint64_t received;     /* compressed bytes, of parts that are held too */
     uint64_t package_size, compressed_size;
@@ -46,7 +46,7 @@ LW_MUST_CHECK enum lw_status lw_download_add(struct lw_download *download,
                                              const struct lw_message_package_chunk *chunk,
                                              struct lw_error *err);
 
-/** Takes what is held without a chunk: to be called before the first. Errors: as of lw_download_add(). */
+/** Takes held parts without a chunk: to be called before the first chunk. Errors: as of lw_download_add(). */
 LW_MUST_CHECK enum lw_status lw_download_begin(struct lw_download *download, struct lw_error *err);
 
 /** Whether `bytes` is the whole package, checked. */

@@ -11,14 +11,14 @@
 struct lw_draws {
     bool taken_up;                      /* the server took the feature up: tiles lack that light */
     bool has_scene;                     /* `of` holds */
-    uint8_t *bits;                      /* of lights, then of materials, as in the WELCOME */
+    uint8_t *bits;                      /* the lights', then the materials', as in the WELCOME */
     size_t lights_size, materials_size; /* bytes */
     uint8_t *flags;                     /* what `of` points to */
     struct lw_client_draws of;
 };
 
 /** Begins a session; what the one before said is over. offered: the HELLO offered LW_FEATURE_DRAWS.
- * Errors: LW_PROTOCOL if the server takes up what was not offered; LW_NO_MEMORY. */
+ * Errors: LW_PROTOCOL if the server takes up a feature that was not offered; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_draws_begin(struct lw_draws *draws, const struct lw_message_welcome *welcome,
                                             bool offered, struct lw_error *err);
 /** The scene is there. Errors: LW_PROTOCOL for a light or material that it does not have; LW_NO_MEMORY. */

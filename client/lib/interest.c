@@ -21,7 +21,7 @@ void lw_interest_forget(struct lw_interest *interest) {
     interest->told_ns = 0;
 }
 
-/* Tiles: as many as a list that is told has at most, so that it never grows while a view moves. */
+/* Tiles: as many as a list that is sent has at most, so that it never grows while a view moves. */
 #define ROOM_MIN 4096u
 
 static bool make_room(struct lw_interest_list *list, size_t count) {
@@ -102,7 +102,7 @@ bool lw_interest_is_due(const struct lw_interest *interest, uint64_t now_ns) {
     if (now->everything || told->everything) return now->everything != told->everything;
     if (count_lacking(now, told)) return true;
     LW_INVARIANT(told->count >= now->count);
-    const uint32_t shed = told->count - now->count; /* now has nothing that told lacks */
+    const uint32_t shed = told->count - now->count; /* the server knows all tiles of the set */
     return shed && (shed >= (told->count + LW_INTEREST_SHED_ONE - 1) / LW_INTEREST_SHED_ONE ||
                     since_ns >= LW_INTEREST_SHED_NS);
 }

@@ -22,7 +22,7 @@
 
 #define INPUT_SIZE (256u << 10) /* bytes in one read */
 #define SEALED_MORE                                                                                          \
-    (2u * LW_TLS_STREAM_RECORD) /* that TLS may have kept of the read before, and one to ask into */
+    (2u * LW_TLS_STREAM_RECORD) /* TLS may have kept one record of the read before; one to ask into */
 #define SECOND_NS 1000000000ull
 
 /* Milliseconds until a deadline, rounded up so that waiting does not spin, and 0 once it has passed. */
@@ -143,7 +143,7 @@ static int send_sealed(struct lw_link *link) {
     return 0;
 }
 
-/* Opens what has come; all of it goes into link->input, whose first *size bytes are in use. */
+/* Opens the input that has come; all of it goes into link->input, whose first *size bytes are in use. */
 static enum lw_status unseal(struct lw_link *link, size_t *size, struct lw_error *err) {
     for (size_t got = 1; got;) {
         enum lw_status status = lw_tls_stream_read(
@@ -248,7 +248,7 @@ static enum lw_status closed(const struct lw_link *link, const char *why, struct
     return lw_status_fail(err, LW_CLOSED, "%s closed the connection: %s", link->address, why);
 }
 
-/* What goes to TLS counts as sent: it can be no less than all of it. */
+/* Bytes that go to TLS count as sent: it takes no less than all of them. */
 static enum lw_status flush_by_tls(struct lw_link *link, struct lw_error *err) {
     int failure = send_sealed(link);
     if (!failure && link->outbox_size) {

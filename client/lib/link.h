@@ -18,15 +18,15 @@
 struct lw_link {
     int socket;
     char address[LW_LINK_ADDRESS_SIZE]; /* HOST:PORT, for people */
-    uint8_t *input;                     /* what was read last */
+    uint8_t *input;                     /* bytes that were read last */
     struct lw_message_reader reader;    /* to it that is lent */
     uint8_t outbox[LW_LINK_OUTBOX_SIZE];
     size_t outbox_size;
     struct lw_tls_stream *tls;   /* NULL: it is plain */
-    struct lw_tls_output sealed; /* by TLS, of what was in the outbox */
+    struct lw_tls_output sealed; /* the outbox's bytes, by TLS */
     size_t sealed_sent;
-    uint8_t *sealed_input; /* what was read last, before TLS */
-    int first_byte;        /* of that, of all; negative: nothing came */
+    uint8_t *sealed_input; /* bytes that were read last, before TLS */
+    int first_byte;        /* of all sealed input; negative: nothing came */
     uint64_t bytes_received;
     uint64_t heard_ns, pinged_ns, looked_ns;
 };

@@ -109,7 +109,7 @@ static bool wait_for(void *context, int descriptor, bool for_writing, uint64_t d
 
 /* ---- another scene ---- */
 
-/* With the lock. What it has been told of the scene that is over is over, too. */
+/* With the lock. Everything known of the scene that is over is over, too. */
 static void forget_scene(struct lw_live *live) {
     live->scene = NULL;
     live->other_scene = false;
@@ -393,7 +393,7 @@ enum lw_live_waiting lw_live_get_waiting(const struct lw_live *live, float *out_
 
 const char *lw_live_waiting_text(enum lw_live_waiting waiting) { return lw_waiting_text((uint32_t)waiting); }
 
-/* ---- what is wanted ---- */
+/* ---- wanted views and rectangles ---- */
 
 enum lw_live_status lw_live_want_views(struct lw_live *live, const struct lw_live_view *view, size_t count,
                                        struct lw_live_error *err) {
@@ -559,7 +559,7 @@ _Static_assert((int)LW_LIVE_CHANGE_OBJECT_TRANSFORM == LW_SCENE_CHANGE_OBJECT_TR
                    (int)LW_LIVE_CHANGE_OBJECT_REMOVE == LW_SCENE_CHANGE_OBJECT_REMOVE,
                "numbers of changes are for ever");
 
-/* How many values a kind has; of an unknown one, none: the server says what is wrong with it. */
+/* How many values a kind has. An unknown one has none: the server names the mistake. */
 static uint32_t value_count(enum lw_live_change_kind kind) {
 #define X(name, number, of, values)                                                                          \
     if ((int)kind == number) return values;

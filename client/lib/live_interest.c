@@ -232,7 +232,7 @@ static void list(struct lw_live_interest *interest, lw_tile_id tile, uint32_t *c
     interest->list[(*count)++] = tile;
 }
 
-/* What is in the picture, `coarser` levels above what it reads. */
+/* The tiles of the picture, `coarser` levels above the level that it reads. */
 static uint32_t list_picture(struct lw_live_interest *interest, uint32_t coarser) {
     const struct lw_atlas_map *map = interest->map;
     uint32_t count = 0;

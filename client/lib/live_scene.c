@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* ---- what is needed from each getter ---- */
+/* ---- checks of each getter ---- */
 
 static enum lw_live_status no_scene(struct lw_live_error *err) {
     return lw_live_fail(err, LW_LIVE_NOT_READY, "the scene has not arrived yet");

@@ -34,7 +34,7 @@ struct lw_live {
     atomic_bool stops;
     uint64_t taken, told;   /* times that something was taken in; as of the last lw_live_poll() */
     enum lw_status ended;   /* why the thread has ended */
-    struct lw_error reason; /* likewise */
+    struct lw_error reason; /* the same, in words */
     bool other_scene;       /* the server lights one; the thread waits until the caller knows */
 
     /* once the scene is there */

@@ -14,7 +14,7 @@ struct source {
     uint32_t left, top;                       /* first texel of level.rgb */
     unsigned up;                              /* levels above the tile's own */
     float min_x, max_x, min_y, max_y;         /* centres that may be read: where something has arrived */
-    uint32_t first_x, first_y, width, height; /* of the tile, texels of its own level */
+    uint32_t first_x, first_y, width, height; /* the tile's, in texels of its own level */
 };
 
 /* Whether a tile beside another has arrived. */

@@ -70,7 +70,7 @@ static void mark_one(struct lw_live_tiles *tiles, lw_tile_id tile) {
     LW_INVARIANT(tiles->ring_count <= tiles->map->tile_count && tiles->dirty_count <= tiles->ring_count);
 }
 
-/* Of what lies below a tile, what is read from the level that has changed. */
+/* Marks the tiles below a tile that are read from the level that has changed. */
 static void mark_finer(struct lw_live_tiles *tiles, const struct lw_tile_place *p, uint32_t changed) {
     if (p->level == 0) return;
     for (uint32_t i = 0; i < 4; i++) {

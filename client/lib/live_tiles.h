@@ -12,7 +12,7 @@ struct lw_live_tiles {
     const struct lw_atlas_map *map;
     bool as_it_is, reads_finer;
     uint8_t *state;   /* per tile: DIRTY, QUEUED */
-    lw_tile_id *ring; /* those that are queued, oldest first: some may have been taken otherwise */
+    lw_tile_id *ring; /* queued tiles, oldest first; tiles taken otherwise are no longer DIRTY */
     uint32_t ring_first, ring_count, dirty_count;
 };
 

@@ -2,7 +2,7 @@
  * twice.
  * Flow:    WELCOME's hashes -> [package_cache] -> package, or parts of it; a complete download ->
  *          [package_cache]
- * Threads: pure functions, [any]; processes may share a folder: files appear whole. */
+ * Threads: pure functions, [any]. Processes may share a folder: files appear whole. */
 #ifndef LIGHTWELL_PACKAGE_CACHE_H
 #define LIGHTWELL_PACKAGE_CACHE_H
 

@@ -12,7 +12,7 @@
 /* The tiles of a channel. */
 struct slot {
     bool is_there;
-    uint32_t number; /* of the channel */
+    uint32_t number; /* the channel's */
     const struct lw_tile_channel *is;
     float *texels;               /* all levels of all objects, one after another */
     float **fine;                /* per id of a finer level: texels of its tile; NULL: none */
@@ -36,7 +36,7 @@ struct lw_replica {
     bool *unlit;             /* by object: since it was a spare, its coarsest level has not come */
     lw_replica_watch *watch; /* NULL: nobody */
     void *watch_context;
-    uint64_t version_base, version_max; /* what is added to versions of this run; the largest so far */
+    uint64_t version_base, version_max; /* added to versions of this run; the largest so far */
     uint32_t coarsest_missing;          /* tiles of irradiance of coarsest levels that have not arrived */
     float decoded[LW_TILE_TEXELS_MAX * LW_TILE_CHANNEL_PLANES_MAX];
 };
@@ -194,7 +194,7 @@ enum lw_status lw_replica_read_finishes(struct lw_replica *r, const uint8_t *pac
     const size_t materials = scene->material_count, meshes = scene->mesh_count;
     LW_INVARIANT(!r->beside);
     drop_finished(r);
-    *finished = *scene; /* its storage too: what is read lives as long as the scene */
+    *finished = *scene; /* its storage too: finishes live as long as the scene */
     finished->material = malloc((materials + 1) * sizeof *finished->material);
     finished->mesh = malloc((meshes + 1) * sizeof *finished->mesh);
     enum lw_status status = LW_OK;
@@ -339,7 +339,7 @@ static void copy_into_level(struct lw_replica *r, const struct slot *slot,
                planes * place->width * sizeof(float));
 }
 
-/* Takes over what was decoded. Errors: LW_NO_MEMORY, of tiles of finer levels. */
+/* Takes over the decoded tile. Errors: LW_NO_MEMORY, for tiles of finer levels. */
 static enum lw_status keep_decoded(struct lw_replica *r, const struct slot *slot, lw_tile_id id) {
     const struct lw_tile_place *place = &r->map.place[id.v];
     LW_INVARIANT_DEAR(are_values(slot->is, r->decoded, slot->is->planes * place->width * place->height));
@@ -348,7 +348,7 @@ static enum lw_status keep_decoded(struct lw_replica *r, const struct slot *slot
     return LW_OK;
 }
 
-/* Irradiance is of another form: what is there would be missing some light, or have it twice. */
+/* Irradiance is of another form: the old values would lack some light, or have it twice. */
 static void drop_light(struct lw_replica *r, struct slot *slot) {
     memset(r->decoded, 0, sizeof r->decoded);
     for (uint32_t t = 0; t < r->map.tile_count; t++) {
@@ -418,7 +418,7 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
     if (!lw_atlas_map_has_tile(&r->map, t->object, t->level, t->tile))
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: there is no object %u, level %u, tile %u",
                               t->object, t->level, t->tile);
-    if (id.v == UINT32_MAX) return LW_OK; /* of a finer level, and not wanted any more */
+    if (id.v == UINT32_MAX) return LW_OK; /* a tile of a finer level that is not wanted any more */
     if (t->version > UINT64_MAX - r->version_base)
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: versions have come to their end");
     const uint64_t version = r->version_base + t->version;
@@ -441,7 +441,7 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
     if (!lw_tile_codec_is_known(t->codec))
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: codec %u is unknown", t->codec);
     const bool builds_on = r->version_base + t->base == known->version && slot->has_coefficients[id.v];
-    /* it was dropped since the server sent this; once the server hears what is wanted now, it sends a whole
+    /* it was dropped since the server sent this; once the server has the current INTEREST, it sends a whole
      * one */
     if (t->base && !builds_on && lw_atlas_finer(t->level)) return LW_OK;
     if (t->base && !builds_on)

@@ -8,7 +8,7 @@
 #include "common/scene/pose.h"
 #include "proto/message.h"
 
-#define LW_REPLICA_BYTES_MAX  (8ull << 30) /* of a channel's atlases; a scene that needs more is refused */
+#define LW_REPLICA_BYTES_MAX  (8ull << 30) /* for a channel's atlases; a scene that needs more is refused */
 #define LW_REPLICA_FINE_MAX   2048u /* tiles of finer levels that have ids; some 75 KB each once they come */
 #define LW_REPLICA_IRRADIANCE 0u    /* slots (tile_channels.h) */
 #define LW_REPLICA_DIRECTION  1u
@@ -67,7 +67,7 @@ LW_MUST_CHECK enum lw_status lw_replica_read_finishes(struct lw_replica *replica
                                                       size_t size, struct lw_error *err);
 /** Whether the scene is another replica's. */
 bool lw_replica_is_beside(const struct lw_replica *replica);
-/** Gives the scene what was read. */
+/** Gives the scene the finishes that were read. */
 void lw_replica_show_finishes(struct lw_replica *replica);
 
 /** Whether every object's coarsest level is there. */

@@ -43,7 +43,7 @@ enum lw_status lw_servers_found(struct lw_servers *s, const char *told) {
     return LW_OK;
 }
 
-/* The address of this number among those that were told; false: it is none. */
+/* The announced address of this number; false: it is none. */
 static bool read_told(const struct lw_servers *s, uint32_t number, char host[HOST_SIZE], uint16_t *out_port) {
     char text[HOST_SIZE + 8];
     const char *at = s->told;
@@ -64,7 +64,7 @@ static uint32_t count_told(const struct lw_servers *s) {
     return count;
 }
 
-/* 0: it was last with; up to `told`: told; then: it was given. */
+/* 0: its last server; 1 to count_told(): the announced ones, then the given one. */
 static uint32_t turn_of(const struct lw_servers *s, uint32_t tries) { return tries % (count_told(s) + 2); }
 
 enum lw_status lw_servers_next(struct lw_servers *s) {

@@ -1,5 +1,5 @@
-/* servers.h: where a client finds its light: at the server that it was with, at those that this one told it
- * of, and at the one that it was given.
+/* servers.h: where a client finds its light: at its last server, at the servers that this one announced,
+ * and at the one that it was given.
  * Flow:    WELCOME -> [servers] -> the address of the next attempt
  * Threads: one thread at a time. */
 #ifndef LIGHTWELL_SERVERS_H
@@ -10,7 +10,7 @@
 #include <stdint.h>
 
 struct lw_servers {
-    char *host; /* of the next attempt, or of the session that there is */
+    char *host; /* the next attempt's, or the session's */
     uint16_t port;
     char *first_host, *last_host; /* given; that it was with */
     uint16_t first_port, last_port;
@@ -22,16 +22,16 @@ struct lw_servers {
 LW_MUST_CHECK enum lw_status lw_servers_init(struct lw_servers *servers, const char *host, uint16_t port);
 void lw_servers_finish(struct lw_servers *servers);
 
-/** A server has welcomed us, and tells of others; told: NULL: of none. Errors: LW_NO_MEMORY; then it is as if
- * it had told of none. */
+/** A server has welcomed us, and announces others, or none: NULL. Errors: LW_NO_MEMORY; then it is as if it
+ * announced none. */
 LW_MUST_CHECK enum lw_status lw_servers_found(struct lw_servers *servers, const char *told);
 
-/** Sets the address of the next attempt: the server that it was last with, then those that were told, then
- * the one that was given, and again. What is no address is left out, and so is a Unix socket that was told.
+/** Sets the address of the next attempt: its last server, then the announced ones, then the given one, and
+ * again. Bad addresses are left out, and so are announced Unix sockets.
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_servers_next(struct lw_servers *servers);
 
-/** Whether it is one that a server told of: if another scene is lit there, it is none of ours. */
+/** Whether the address is one that a server announced: if another scene is lit there, it is none of ours. */
 bool lw_servers_is_told(const struct lw_servers *servers);
 
 #endif

@@ -23,7 +23,7 @@ LW_MUST_CHECK enum lw_status lw_tls_trust_create(const struct lw_tls_trust_desc 
 void lw_tls_trust_unref(struct ssl_ctx_st *trust);
 
 /** Puts into words why a handshake failed, with what to do.
- * cause       as lw_tls_stream_read() told it
+ * cause       as lw_tls_stream_read() gave it
  * first_byte  of what the server sent; negative: nothing came */
 enum lw_status lw_tls_trust_explain(struct lw_error *err, const char *address, const struct lw_error *cause,
                                     int first_byte);

@@ -15,7 +15,7 @@ struct lw_frame_clock_entry {
     uint64_t frame;
     uint64_t heard_ns;      /* lw_clock_ns() */
     uint64_t solve_ns;      /* from the moment simulated to the moment published, as the server says */
-    uint64_t server_cpu_ns; /* of the server's process since it started, as it says; 0: it does not */
+    uint64_t server_cpu_ns; /* the server process's since it started, as it says; 0: not known */
 };
 
 struct lw_frame_clock {

@@ -8,7 +8,7 @@
 
 #include <stdbool.h>
 
-/* What can go wrong: name in JSON, text for people. */
+/* Faults: name in JSON, text for people. */
 #define LW_LOAD_FAULT_MAP(X)                                                                                 \
     X(CONNECT, "connect", "could not connect")                                                               \
     X(REFUSED, "refused", "were refused")                                                                    \
@@ -36,14 +36,14 @@ enum lw_load_fault {
 struct lw_load_figures {
     bool measuring;
     uint64_t asked;         /* sessions that began to connect */
-    uint64_t welcomed;      /* of them */
-    uint64_t refused, lost; /* that ended before or after their welcome, not by our wish */
-    uint64_t followed;      /* that decoded and added up their light, deltas included */
+    uint64_t welcomed;      /* sessions that got a WELCOME */
+    uint64_t refused, lost; /* sessions that ended before or after their WELCOME, not by our wish */
+    uint64_t followed;      /* sessions that decoded and added up their light, deltas included */
     uint64_t left;          /* by churn */
     uint64_t broken;        /* sessions whose users reconnected, or tried to */
     uint64_t returned;      /* welcomed once more */
     uint64_t stopped;       /* never-readers that stopped reading */
-    uint64_t dropped;       /* of them: those that the server closed */
+    uint64_t dropped;       /* stopped sessions that the server closed */
     uint64_t fault[LW_LOAD_FAULT_COUNT];
     char first_fault[LW_LOAD_FAULT_COUNT][160]; /* the first of each kind, in detail; "" if there was none */
 
@@ -53,7 +53,7 @@ struct lw_load_figures {
     struct lw_histogram download;   /* from connect to the whole package, if every session downloads */
     struct lw_histogram first_view; /* from connect to every tile that was asked for */
     struct lw_histogram next_view;  /* from another INTEREST to the same */
-    /* of users that reconnected: every tile asked for, after the first WELCOME of this run of the server */
+    /* users that reconnected: every tile asked for, after the first WELCOME of this run of the server */
     struct lw_histogram served;
     struct lw_histogram drop; /* from the last read of a never-reader until it found itself dropped */
     /* measured: a tile's arrival after the first FRAME of its version to anyone */

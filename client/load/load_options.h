@@ -11,13 +11,13 @@
 
 enum lw_load_path {
     LW_LOAD_EVERYTHING, /* no INTEREST: every tile of the scene */
-    LW_LOAD_WALK,       /* what is seen from a path through the scene */
-    LW_LOAD_STILL,      /* what is seen from one place, a different one for each user */
-    LW_LOAD_TELEPORT    /* what is seen from a place that changes at once now and then */
+    LW_LOAD_WALK,       /* tiles in view from a path through the scene */
+    LW_LOAD_STILL,      /* tiles in view from one place, a different one for each user */
+    LW_LOAD_TELEPORT    /* tiles in view from a place that jumps now and then */
 };
 
 enum lw_load_reader {
-    LW_LOAD_FAST, /* reads whatever is there */
+    LW_LOAD_FAST, /* reads all that has arrived */
     LW_LOAD_SLOW, /* reads at a rate */
     LW_LOAD_NEVER /* stops reading when the first frame has come */
 };
@@ -31,7 +31,7 @@ struct lw_load_options {
     double ramp_hz; /* users that connect per second */
     enum lw_load_path path;
     enum lw_load_reader reader;
-    double slow_bytes_hz; /* of LW_LOAD_SLOW: bytes per second */
+    double slow_bytes_hz; /* LW_LOAD_SLOW's rate: bytes per second */
     uint32_t odd_readers; /* users with that reader; the others read fast */
     double churn_hz;      /* users that leave, and are replaced, per second */
     bool reconnect;       /* users reconnect when they lose the connection */

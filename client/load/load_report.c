@@ -266,7 +266,7 @@ enum lw_status lw_load_report_print(const struct lw_load_options *options,
     return LW_OK;
 }
 
-/* ---- what was to hold ---- */
+/* ---- limits ---- */
 
 /* A time that nobody measured does not hold: a test that saw nothing has shown nothing. */
 static bool check_time(const char *option, const struct lw_histogram *h, double max_ms) {

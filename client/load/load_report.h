@@ -7,7 +7,7 @@
 #include "client/load/load_figures.h"
 #include "client/load/load_options.h"
 
-#define LW_LOAD_SATURATED_CPU    0.9 /* of a core, which is all that one loop can use */
+#define LW_LOAD_SATURATED_CPU    0.9 /* over one core, the most that one loop can use */
 #define LW_LOAD_SATURATED_LAG_MS 20.0
 
 /* name in JSON, text for people */
@@ -26,10 +26,10 @@ enum lw_load_end {
 
 struct lw_load_report {
     enum lw_load_end end;
-    double run_s, measured_s; /* the whole run; of it, what was measured */
+    double run_s, measured_s; /* the whole run; its measured part */
     double user_s;            /* integral over the measured time of the number of users that get frames */
-    uint32_t users_at_end;    /* that got frames */
-    uint32_t tile_count;      /* of the scene */
+    uint32_t users_at_end;    /* users that still got frames */
+    uint32_t tile_count;      /* the scene's */
     uint64_t package_bytes, package_compressed_bytes,
         download_ns;                        /* the first download; all others are compared with it */
     uint64_t bytes, tiles, frames, settled; /* measured, received */

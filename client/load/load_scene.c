@@ -16,7 +16,7 @@ struct scout {
     struct lw_download download;
     bool welcomed;
     struct lw_load_scene *scene;
-    size_t capacity; /* of scene->compressed, if that is kept */
+    size_t capacity; /* scene->compressed's, if that is kept */
     bool keep;
 };
 

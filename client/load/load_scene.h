@@ -11,9 +11,9 @@
 #include <sys/socket.h>
 
 struct lw_load_scene {
-    struct sockaddr_storage address; /* that answered */
+    struct sockaddr_storage address; /* the address that answered */
     struct ssl_ctx_st *trust;        /* by TLS: whom users believe; NULL: they connect in plain */
-    struct lw_package_hash hash;     /* of the package */
+    struct lw_package_hash hash;     /* the package's */
     uint64_t package_size, compressed_size;
     uint8_t *compressed; /* the package as it came; NULL if it was not to be kept */
     uint32_t object_count, light_count;
@@ -26,7 +26,7 @@ struct lw_load_scene {
  * access            with which token, and whether by TLS
  * keep_compressed   keep the package's bytes, to compare what others get
  * with_model        find out where tiles are
- * out_scene         must not be moved afterwards; all zero on failure
+ * out_scene         must not be moved afterwards; all zero on failure.
  * Errors: LW_NO_HOST; LW_UNAVAILABLE naming the address ("is lightwelld running?"); LW_TIMED_OUT;
  *         LW_PROTOCOL for a peer that is no lightwelld or breaks the protocol; LW_CLOSED; LW_BAD_DATA;
  *         LW_NO_MEMORY; LW_NOT_ALLOWED: it takes no such token. */

@@ -18,9 +18,9 @@
     (64u << 10) /* bytes that may wait before messages are dropped that a later one makes up for */
 #define GOODBYE_NS     (2 * SECOND_NS) /* from our end of the link to closing without the server's */
 #define LOOK_NS        (SECOND_NS / 2) /* from one look around to the next */
-#define STAY_S         2.0             /* of a teleporting user in a place */
-#define ALLOWANCE_S    0.2             /* of a slow reader's rate: the most that it reads at once */
-#define RATE_MIN_SHARE 0.5             /* of the measured time, or a second: a shorter stay has no rate */
+#define STAY_S         2.0             /* a teleporting user's stay in a place */
+#define ALLOWANCE_S    0.2             /* most that a slow reader reads at once, in seconds of its rate */
+#define RATE_MIN_SHARE 0.5 /* a stay shorter than this share of the measured time, or 1 s, has no rate */
 
 enum state {
     CONNECTING,
@@ -28,7 +28,7 @@ enum state {
     LOADING,  /* was welcomed; no FRAME yet */
     STREAMING,
     STOPPED, /* a never-reader after its first FRAME */
-    LEAVING, /* has said goodbye: what comes is dropped */
+    LEAVING, /* has said goodbye: received data is dropped */
     CLOSED   /* waits for libuv */
 };
 
@@ -44,14 +44,14 @@ struct lw_load_session {
     enum state state;
     uint64_t began_ns, welcomed_ns, heard_ns, pinged_ns;
     uint32_t retry_after_ms; /* as the last REFUSAL said */
-    uint64_t run;            /* of the server, which `known` is about */
+    uint64_t run;            /* the server's run that `known` is about */
     bool returns;            /* it was here before... */
     uint64_t broke_ns;       /* ...until then */
     unsigned attempt;
     uint64_t quiet_ns; /* STOPPED or LEAVING since */
 
     struct lw_tls_stream *tls; /* NULL: it is plain */
-    int first_byte;            /* of what the server sent; negative: nothing came */
+    int first_byte;            /* the first byte that the server sent; negative: none came */
     struct lw_message_reader input;
     double allowance; /* bytes that a slow reader may read now */
     uint64_t allowed_ns;
@@ -69,10 +69,10 @@ struct lw_load_session {
     uint32_t missing; /* wanted tiles that it has no version of */
     bool has_view;    /* it had every wanted tile at some time */
     uint64_t view_since_ns, looked_ns;
-    struct lw_package_hash chosen; /* of the tiles in the last INTEREST */
+    struct lw_package_hash chosen; /* hash of the tiles in the last INTEREST */
 };
 
-/* What may be open at the same time as ours: no mistake of the other side. */
+/* Whether our side has ended it. A message that still arrives is no mistake of the server's. */
 static bool is_over(const struct lw_load_session *s) { return s->state >= LEAVING; }
 
 bool lw_load_session_is_streaming(const struct lw_load_session *s) { return s->state == STREAMING; }
@@ -119,7 +119,7 @@ static void link_session(struct lw_load_session *s) {
     shared->session_count++;
 }
 
-/* reset: the peer learns of it at once, and loses what is on its way. */
+/* reset: the peer learns of it at once, and loses data on its way. */
 static void close_session(struct lw_load_session *s, bool reset) {
     if (s->state == CLOSED) return;
     set_over(s, CLOSED);
@@ -332,8 +332,8 @@ static void complete_view(struct lw_load_session *s, uint64_t now_ns) {
     s->has_view = true;
 }
 
-/* Replaces what is wanted; the time until it is there counts from the request, or from one before it that was
- * not met. */
+/* Replaces the wanted tiles. The time until all are there counts from the request, or from one before it that
+ * was not met. */
 static void want(struct lw_load_session *s, uint32_t count, uint64_t now_ns) {
     const uint32_t words = s->shared->scene->map.tile_count / 64 + 1;
     bool had_all = s->has_view && s->missing == 0;
@@ -535,7 +535,7 @@ static void note_good_tile(struct lw_load_session *s, const struct lw_tile_findi
     if (!finding->before && is_wanted && --s->missing == 0) complete_view(s, now_ns);
 }
 
-/* Of a tile. The two that a client ignores do not end the session. */
+/* Notes the fault of a tile. A client ignores two of the faults: they do not end the session. */
 static void note_bad_tile(struct lw_load_session *s, const struct lw_message_tile *t,
                           enum lw_tile_verdict verdict) {
     char where[96];
@@ -695,7 +695,7 @@ static void fail_tls(struct lw_load_session *s, const struct lw_error *cause) {
     fail(s, LW_LOAD_FAULT_CONNECT, "%s", err.text);
 }
 
-/* Opens what has come, and hands it on. */
+/* Decrypts received bytes, and hands the plain ones on. */
 static void receive_by_tls(struct lw_load_session *s, const uint8_t *data, size_t size, uint64_t now_ns) {
     struct lw_error cause = {0};
     enum lw_status status;
@@ -774,7 +774,7 @@ static enum lw_status allocate(struct lw_load_session *s) {
         lw_tls_stream_create(s->shared->scene->trust, s->shared->options->host, &s->tls) != LW_OK)
         return LW_NO_MEMORY;
     const size_t held_bytes = lw_tile_held_bytes_max(&s->shared->scene->map);
-    /* of who comes back with versions, but without the light of them, nothing can be followed */
+    /* a user who returns has versions without their light: such a session cannot be followed */
     if (!s->known && s->number % LW_LOAD_FOLLOWED_ONE_IN == 1 &&
         (!s->shared->held_bytes || s->shared->held_bytes + held_bytes <= LW_LOAD_FOLLOWED_BYTES)) {
         if (lw_tile_held_create(&s->shared->scene->map, &s->held) != LW_OK) return LW_NO_MEMORY;
@@ -793,7 +793,7 @@ static enum lw_status cannot_start(struct lw_load_shared *shared, int result) {
     return result == UV_ENOMEM ? LW_NO_MEMORY : LW_OS;
 }
 
-/* before: what is left of the user's last session, whose memory it takes over; NULL: there was none. */
+/* before: the rest of the user's last session, whose memory it takes over; NULL: there was none. */
 static enum lw_status start(struct lw_load_shared *shared, uint32_t number, enum lw_load_reader reader,
                             struct lw_load_return *before) {
     const struct sockaddr *address = (const struct sockaddr *)&shared->scene->address;

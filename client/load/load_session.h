@@ -23,7 +23,7 @@
 
 struct lw_load_session;
 
-/** A user whose connection broke and who will reconnect. */
+/** A user that will reconnect after its connection broke. */
 struct lw_load_return {
     struct lw_load_return *next;
     uint32_t number;
@@ -31,7 +31,7 @@ struct lw_load_return {
     unsigned attempt;  /* how often that has failed */
     uint64_t due_ns;   /* when to try */
     uint64_t broke_ns; /* when the connection did */
-    uint64_t run;      /* of the server, of which it has... */
+    uint64_t run;      /* the server's run, of which it has... */
     uint64_t *known;   /* ...these versions, one per tile */
 };
 
@@ -47,11 +47,11 @@ struct lw_load_shared {
     uint32_t run_count;
     bool other_scene;                 /* a user met one: there is nothing more to measure */
     struct lw_load_return *returning; /* in no order */
-    size_t held_bytes;                /* that followed sessions may take */
+    size_t held_bytes;                /* memory that followed sessions may take */
     struct lw_load_figures *figures;
     struct lw_load_session *first;        /* all that have not ended, also those that have said goodbye */
-    uint32_t live_count;                  /* of them: those that have not said goodbye */
-    uint32_t session_count;               /* whose handles are not closed yet */
+    uint32_t live_count;                  /* sessions that have not said goodbye */
+    uint32_t session_count;               /* sessions with handles that are not closed yet */
     uint64_t measured_from_ns;            /* while figures->measuring */
     uint8_t read_buffer[256u << 10];      /* libuv hands a read over before it starts the next */
     uint8_t record[LW_TLS_STREAM_RECORD]; /* what TLS reads, in plain */

@@ -17,7 +17,7 @@
 #define TICK_MS 50u
 #define LAG_MS  10u
 #define SHOW_MS 1000u
-/* that we need besides one per user: the loop's own, files, sessions that are about to close */
+/* file descriptors needed besides one per user: the loop's own, files, sessions that are about to close */
 #define DESCRIPTORS 64u
 
 /* Totals at a moment; the measured time lies between two of them. */
@@ -36,8 +36,8 @@ struct load_test {
     struct lw_load_report *report;
     uint64_t began_ns, ticked_ns, lagged_ns;
     uint32_t begun;   /* users of the ramp that have begun to connect */
-    uint32_t number;  /* of the last session */
-    uint64_t churned; /* users that were told to leave */
+    uint32_t number;  /* the last session's */
+    uint64_t churned; /* users that were made to leave */
     bool over;
     struct totals from;
     struct totals shown; /* at the last line of progress */
@@ -283,8 +283,7 @@ static void stop_loop(struct load_test *s) {
         next = lw_load_session_next(u);
         lw_load_session_close(u);
     }
-    uv_walk(&s->loop, close_handle,
-            NULL); /* sessions are closing already: what is left are timers and signals */
+    uv_walk(&s->loop, close_handle, NULL); /* sessions are closing already: timers and signals are left */
     uv_run(&s->loop, UV_RUN_DEFAULT);
     int result = uv_loop_close(&s->loop);
     (void)result;

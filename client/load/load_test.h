@@ -8,7 +8,7 @@
 
 /** Runs until the time is over, the server is gone, or SIGINT or SIGTERM comes. A second signal ends the
  * program.
- * What was measured by then is in the report; the caller frees it with free().
+ * The report has all figures measured by then; the caller frees it with free().
  * Errors: LW_NO_HOST, LW_UNAVAILABLE, LW_TIMED_OUT, LW_PROTOCOL where there is no server to load; LW_OS,
  *         naming the limit on open files where that is too low; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_load_test_run(const struct lw_load_options *options,

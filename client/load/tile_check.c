@@ -23,7 +23,7 @@ struct lw_tile_check {
     struct lw_tile_codec *codec;
     struct seen (*seen)[LW_TILE_CHECK_VERSIONS]; /* per tile */
     struct seen (
-        *light)[LW_TILE_CHECK_VERSIONS]; /* likewise: versions and texels of the sessions that are followed */
+        *light)[LW_TILE_CHECK_VERSIONS]; /* per tile: versions and texels of the sessions that are followed */
     struct lw_tile_dct_coefficients coefficients;
     float decoded[LW_TILE_TEXELS_MAX * CHANNELS];
 };
@@ -99,8 +99,8 @@ static enum lw_status decode(struct lw_tile_check *check, const struct lw_messag
     return LW_OK;
 }
 
-/* What was remembered of this version, or the slot of the oldest one, to be replaced: a version in flight to
- * a slow session may be older than all that are remembered, and then takes nobody's place. */
+/* The slot of this version, else the oldest slot, to be replaced; NULL: none. A version in flight to a slow
+ * session may be older than all remembered ones, and then replaces none. */
 static struct seen *find_slot(struct seen slot[LW_TILE_CHECK_VERSIONS], uint64_t version, uint64_t base) {
     struct seen *oldest = &slot[0];
     for (uint32_t i = 0; i < LW_TILE_CHECK_VERSIONS; i++) {

@@ -2,9 +2,9 @@
  * Flow:    TILE of any session -> [tile_check] -> verdict
  * Threads: one thread at a time.
  *
- * The server encodes a tile once for all sessions, so the checker decodes it once. Of each tile it
- * remembers the last few versions by a hash of the decoded bytes. Other bytes under the same version are a
- * fault, in any session. A few sessions are followed as clients: their deltas are added to the light that
+ * The server encodes a tile once for all sessions, so the checker decodes it once. It remembers the last
+ * few versions of each tile by a hash of the decoded bytes. Other bytes under the same version are a fault,
+ * in any session. A few sessions are followed as clients: their deltas are added to the light that
  * they hold. Other light under the same version is a fault too, whether it came whole or as a delta. */
 #ifndef LW_CLIENT_LOAD_TILE_CHECK_H
 #define LW_CLIENT_LOAD_TILE_CHECK_H
@@ -16,12 +16,12 @@
 
 enum lw_tile_verdict {
     LW_TILE_GOOD,
-    LW_TILE_IGNORED,   /* of a layer that clients ignore */
+    LW_TILE_IGNORED,   /* its layer is one that clients ignore */
     LW_TILE_NOWHERE,   /* there is no such place in the scene */
     LW_TILE_BACKWARDS, /* its version is not above the one that the session had: a client ignores it */
     /* codec unknown, builds on what the session does not have, or its payload does not decode */
     LW_TILE_DAMAGED,
-    LW_TILE_DIFFERENT /* of a version that came with other bytes, or other light, before */
+    LW_TILE_DIFFERENT /* its version came before with other bytes, or other light */
 };
 
 struct lw_tile_finding {
@@ -50,7 +50,7 @@ void lw_tile_check_destroy(struct lw_tile_check *check);
 
 /** Judges a tile.
  * known  the session's version of each tile of the map, 0 for none; updated if the verdict is GOOD
- * held   the session's light, if it is followed; else NULL
+ * held   the session's light, if it is followed; else NULL.
  * Errors: LW_NO_MEMORY; then there is no verdict. */
 LW_MUST_CHECK enum lw_status lw_tile_check_take(struct lw_tile_check *check,
                                                 const struct lw_message_tile *tile, uint64_t *known,

@@ -6,14 +6,14 @@
 #include <assert.h>
 #include <stdlib.h>
 
-#define CONE_COS     0.76f /* of the half angle to the corner of a 60 degree, 4:3 picture: 40 degrees */
+#define CONE_COS     0.76f /* 40 degrees: the half angle to the corner of a 60 degree, 4:3 picture */
 #define CONE_SIN     0.65f
 #define PIXEL        (1.0472f / 720) /* radians */
 #define PIXEL_MAX    64.0f           /* coarser pixels change nothing any more that is worth another round */
 #define EYE_HEIGHT_M 1.7f
 #define WALK_M_S     1.4f
 #define WALK_SHARE_S 0.05f /* in small scenes: of the longest side, per second */
-#define MARGIN       0.1f  /* of the bounds, kept free on all sides */
+#define MARGIN       0.1f  /* share of the bounds that is kept free on all sides */
 #define LEG_MIN_S    0.5
 
 struct box {
@@ -170,7 +170,7 @@ void lw_viewer_model_destroy(struct lw_viewer_model *in) {
     free(in);
 }
 
-/* ---- what is seen ---- */
+/* ---- tiles in view ---- */
 
 static bool is_seen(const struct box *box, const struct lw_viewer_model_eye *eye) {
     if (!(box->min.x <= box->max.x)) return false; /* no surface */

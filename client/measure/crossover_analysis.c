@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define SEED 20u /* of draws */
+#define SEED 20u /* for the bootstrap's draws */
 
 /* ---- gathering ---- */
 
@@ -103,7 +103,7 @@ static enum lw_status gather(struct lw_crossover_analysis *a, const struct lw_me
 
 /* ---- figures ---- */
 
-/* The mean of what is known, and how much of it is. */
+/* The weighted mean of the known values; NAN: none is known. */
 static double weighted(const double *value, const double *weight, uint32_t count) {
     double sum = 0, of = 0;
     for (uint32_t i = 0; i < count; i++)

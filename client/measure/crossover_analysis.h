@@ -20,7 +20,7 @@
 struct lw_crossover_point {
     char renderer[LW_MEASURE_NAME_SIZE], setting[LW_MEASURE_NAME_SIZE];
     bool is_cache;
-    uint32_t repeats; /* of the row */
+    uint32_t repeats; /* the row's */
     uint8_t there[LW_MEASURE_VIEWS * LW_MEASURE_REPEATS_MAX];
     double error[LW_MEASURE_COIN_COUNT][LW_MEASURE_VIEWS * LW_MEASURE_REPEATS_MAX]; /* NAN: none */
     double alone_s[LW_MEASURE_VIEWS * LW_MEASURE_REPEATS_MAX]; /* CPU s a frame, one user; NAN: none */

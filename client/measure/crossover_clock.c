@@ -22,7 +22,7 @@
 struct clock {
     struct lw_crossover_row *row;
     const struct lw_crossover_plan *plan;
-    struct lw_path_world world; /* of the references */
+    struct lw_path_world world; /* the references' */
     struct lw_crossover_clock sum;
     uint32_t runs;
 };

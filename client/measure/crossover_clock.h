@@ -3,7 +3,7 @@
  * Threads: main() only.
  *
  * Under the manual clock a frame lasts 1/30 s of scene time, however long it takes. Here scene time is the
- * wall's, so that who is slow shows an old picture. One user sees some of the views alone, one after the
+ * wall's, so that a slow side shows an old picture. One user sees some of the views alone, one after the
  * other, on all cores; the server and that user share them. Pictures are judged against light of the moment
  * at which they were ready, with the camera of the moment at which they were begun. */
 #ifndef LW_CLIENT_MEASURE_CROSSOVER_CLOCK_H

@@ -13,9 +13,9 @@
 struct lw_crossover_plan {
     struct lw_measure_unit unit;
     bool is_cache;
-    enum lw_path_renderer_kind kind; /* of a path renderer */
+    enum lw_path_renderer_kind kind; /* a path renderer's */
     struct lw_setting setting;
-    uint32_t density, rung; /* of the cache: index of its density, index of its sample counts */
+    uint32_t density, rung; /* the cache's: index of its density, index of its sample counts */
 };
 
 /** Lists all plans: path renderers, then the cache by growing density. Notes in the row which densities have

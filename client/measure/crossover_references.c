@@ -19,7 +19,7 @@
 #define DARK_SHARE  1e-4
 #define FLOOR_SHARE 0.01
 #define KEY_SIZE    512u
-#define PLACES      0x5eedu /* of the crops; part of what is fixed before anything runs */
+#define PLACES      0x5eedu /* seed of the crops' places; fixed before anything runs */
 
 /* ---- crops ---- */
 
@@ -135,7 +135,7 @@ static enum lw_status save(const struct lw_crossover_references *t, const char *
 
 /* ---- tracing ---- */
 
-/* What is made for the first reference that no file holds. */
+/* Made for the first reference that no file holds. */
 struct tracing {
     const struct lw_crossover_references_desc *desc;
     const struct lw_crossover_references *references;
@@ -283,8 +283,8 @@ static enum lw_status mask_late(struct lw_crossover_references *t, struct lw_err
     return LW_OK;
 }
 
-/* Of pixels that do not shine. A lamp is a thousand times brighter than what it lights: with it in sight,
- * 1 % of the mean square is so much that errors count nowhere but in the sun. */
+/* Mean square over pixels that do not shine. A lamp is a thousand times brighter than what it lights: with it
+ * in sight, 1 % of the mean square is so much that errors count nowhere but in the sun. */
 static double mean_square_of(const struct lw_crossover_references *t,
                              const struct lw_crossover_reference *const *of, uint32_t count) {
     double sum = 0;
@@ -302,9 +302,8 @@ static double mean_square_of(const struct lw_crossover_references *t,
     return pixels ? sum / (3 * (double)pixels) : 0;
 }
 
-/* Of some views, in the judged frames or a second before them, whichever is brighter: where a lamp goes off
- * there may be next to nothing to see in the frames that are judged, and errors are those of what was
- * seen. */
+/* Mean square of some views, in the judged frames or a second before them, whichever is brighter. Where a
+ * lamp goes off, the judged frames may show next to nothing, and errors come from the light before. */
 static double brightness_of(const struct lw_crossover_references *t, uint32_t first_view, uint32_t views,
                             bool *out_before) {
     const struct lw_crossover_reference *now[LW_CROSSOVER_JUDGED_MAX * LW_MEASURE_VIEWS],

@@ -25,7 +25,7 @@ struct lw_crossover_crop {
     uint32_t x, y; /* pixels; multiples of 16 */
 };
 
-/** One view at one moment; the crops one below the other. */
+/** One view at one moment; its crops lie in a column. */
 struct lw_crossover_reference {
     float *half[2]; /* means; crops * side * side * 3 */
     /* crops * side * side: as lw_reference_look(); LW_TRACE_MISS where it or a neighbour shines */
@@ -34,15 +34,15 @@ struct lw_crossover_reference {
 };
 
 struct lw_crossover_references {
-    uint32_t side; /* of a crop; a multiple of 16 */
+    uint32_t side; /* a crop's; a multiple of 16 */
     struct lw_crossover_crop crop[LW_MEASURE_VIEWS][LW_CROSSOVER_CROPS];
     uint32_t judged[LW_CROSSOVER_JUDGED_MAX], judged_count; /* frames, growing */
     struct lw_crossover_reference now[LW_CROSSOVER_JUDGED_MAX][LW_MEASURE_VIEWS];
-    /* of judged[0]; oldest first */
+    /* for judged[0]; oldest first */
     struct lw_crossover_reference late[LW_CROSSOVER_LATES][LW_MEASURE_VIEWS];
     bool dark[LW_MEASURE_VIEWS];
     uint32_t dark_count;
-    /* of all judged references, or of those a second before if that is more; of pixels that do not shine */
+    /* over all judged references, or the ones a second before if that is more; pixels that do not shine */
     double mean_square;
     float stops; /* exposure at which they are shown */
 };
@@ -52,7 +52,7 @@ struct lw_crossover_references_desc {
     const struct lw_scene *scene;
     const char *content; /* tells scenes apart, their light and lightmaps too; goes into the files' heads */
     struct lw_renderer_cameras cameras;
-    const char *folder; /* of the row: files go to its folder "reference" */
+    const char *folder; /* the row's: files go to its folder "reference" */
     const uint32_t *judged;
     uint32_t judged_count;
     const _Atomic bool *cancel;

@@ -439,7 +439,7 @@ static void print_not_measured(const struct report *r) {
 
 /* ---- pictures ---- */
 
-/* Of the settings that cost no more than an opponent the one with the least error; else the cheapest. */
+/* The setting with the least error, among all that cost no more than an opponent; else the cheapest. */
 static const struct lw_crossover_point *at_equal_cost(const struct report *r,
                                                       const struct lw_crossover_point *opponent) {
     const struct lw_crossover_point *best = NULL, *least = NULL;

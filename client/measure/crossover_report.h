@@ -12,8 +12,7 @@
 LW_MUST_CHECK enum lw_status lw_crossover_report_write(const struct lw_measure_store *store,
                                                        struct lw_error *err);
 
-/** Writes a report that says why the row cannot be measured: a scene without what should move, views of
- * black.
+/** Writes a report that says why the row cannot be measured: a scene without the motion, black views.
  * Errors: LW_IO, LW_CANNOT_CREATE, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_crossover_report_refuse(const struct lw_measure_store *store, const char *why,
                                                         struct lw_error *err);

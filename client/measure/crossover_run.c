@@ -9,7 +9,7 @@
 
 struct run {
     struct lw_crossover_row *row;
-    uint64_t end_ns; /* of lw_clock_ns(): no unit begins later; UINT64_MAX: no limit */
+    uint64_t end_ns; /* by lw_clock_ns(): no unit begins later; UINT64_MAX: no limit */
     uint32_t units_missing;
 };
 

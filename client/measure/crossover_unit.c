@@ -29,7 +29,7 @@ struct lw_crossover_job {
     const struct lw_crossover_plan *plan;
     struct lw_renderer *renderer;
     float *rgb;                     /* a whole picture */
-    float *crops[LW_MEASURE_VIEWS]; /* of the last judged frame */
+    float *crops[LW_MEASURE_VIEWS]; /* the last judged frame's */
     float *first;                   /* of all views in the first judged frame; repeat 0 alone */
     uint8_t *clip[CLIP_FRAMES];
     uint32_t clip_count;
@@ -308,8 +308,7 @@ static enum lw_status serve_all(struct lw_crossover_job *j, struct spent *spent,
         uint32_t shown[LW_MEASURE_VIEWS], count = 1;
         const int index = judged_index(j, frame);
         if (frame == j->row->window) *out_warm_cpu_s = server_cpu_s(j) - began_cpu_s;
-        shown[0] =
-            frame % LW_MEASURE_VIEWS; /* also where nothing is judged: who is shown says what he sees */
+        shown[0] = frame % LW_MEASURE_VIEWS; /* without judging too: the shown user sends his interest */
         for (uint32_t v = 0; index >= 0 && v < LW_MEASURE_VIEWS; v++) shown[v] = v, count = LW_MEASURE_VIEWS;
         status = step(j, frame, shown, count, frame >= j->row->window ? spent : NULL, err);
         for (uint32_t v = 0; status == LW_OK && index >= 0 && v < LW_MEASURE_VIEWS; v++) {
@@ -334,7 +333,7 @@ static enum lw_status film_clip(struct lw_crossover_job *j, uint32_t *frame, str
     return status;
 }
 
-/* One user sees some views of this repeat alone, one after the other. */
+/* One user sees some views of this repeat alone, one after another. */
 static enum lw_status serve_alone(struct lw_crossover_job *j, uint32_t *frame, struct lw_error *err) {
     const uint32_t alone = options_of(j)->alone, turn = j->plan->unit.repeat * alone;
     enum lw_status status = LW_OK;

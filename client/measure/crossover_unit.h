@@ -2,7 +2,7 @@
  * Flow:    renderer, references -> [crossover_unit] -> samples, costs, pictures
  * Threads: main() only.
  *
- * Path renderers draw the frames that their histories need, one user after the other. The cache is one server
+ * Path renderers draw the frames that their histories need, one user after another. The cache is one server
  * with twelve clients, one a view, from frame 1 on. After the judged frames all clients but one leave, and
  * that one views some of the views alone. */
 #ifndef LW_CLIENT_MEASURE_CROSSOVER_UNIT_H

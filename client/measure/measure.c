@@ -66,7 +66,7 @@ static enum lw_status run_crossover(const struct lw_crossover_options *options, 
     if (row.base.store.expense_count && status != LW_USAGE) { /* which says that the folder is another's */
         const enum lw_status written = lw_crossover_report_write(&row.base.store, &report_err);
         status = with_report(status, written, &report_err, err);
-    } else if (status == LW_BAD_DATA) { /* of the scene: the same command would fail again */
+    } else if (status == LW_BAD_DATA) { /* the scene's fault: the same command would fail again */
         if (lw_crossover_report_refuse(&row.base.store, err->text, &report_err) != LW_OK)
             lw_log(LW_LOG_WARNING, "%s", report_err.text);
     }
@@ -97,7 +97,7 @@ int lw_measure_crossover(int argc, char **argv) {
 
 static enum lw_status run_scaling(const struct lw_scaling_options *options, const char *command,
                                   struct lw_error *err) {
-    static struct lw_scaling scaling; /* likewise */
+    static struct lw_scaling scaling; /* too large for the stack */
     enum lw_status status = lw_scaling_measure(options, command, &signalled, &scaling, err);
     if (scaling.side[LW_SCALING_PATHS].point_count || status == LW_OK) {
         struct lw_error report_err = {0};

@@ -14,7 +14,7 @@
 struct lw_measure_row {
     const struct lw_measure_options *options;
     const _Atomic bool *cancel;
-    uint64_t began_ns; /* of lw_clock_ns() */
+    uint64_t began_ns; /* by lw_clock_ns() */
     struct lw_measure_store store;
     struct lw_scene_densities densities;
     char content[33]; /* the hash of its first package, in hexadecimal digits */

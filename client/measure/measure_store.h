@@ -11,7 +11,7 @@
  *     costs.csv     renderer,setting,repeat,users,view, CPU seconds per frame of all these users by stage,
  *                   and more; view: a number, `some` (counts of users, in scaling runs) or `all`
  *     late.csv      view,frame,late,relmse: the error of the reference of N frames earlier
- *     row.csv       key,value: what was measured, and notes for the report
+ *     row.csv       key,value: the row's options, and notes for the report
  *     failures.csv  renderer,setting,repeat,text */
 #ifndef LW_CLIENT_MEASURE_MEASURE_STORE_H
 #define LW_CLIENT_MEASURE_MEASURE_STORE_H

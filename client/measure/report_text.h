@@ -12,7 +12,7 @@
 
 struct lw_report_text {
     FILE *stream;
-    const char *name; /* of the file, for errors as well */
+    const char *name; /* the file's, for errors as well */
     char *bytes;      /* valid after lw_report_text_end() */
     size_t size;
 };

@@ -27,7 +27,7 @@ enum lw_scaling_side_id { LW_SCALING_PATHS, LW_SCALING_SHARED, LW_SCALING_SIDES 
 struct lw_scaling_point {
     struct lw_setting setting;
     double error;                    /* relMSE, mean over pictures and users */
-    struct lw_scaling_errors errors; /* of each */
+    struct lw_scaling_errors errors; /* relMSE of each picture and eye */
     struct lw_cost cost;             /* per frame, for one user */
     bool later;                      /* error and cost come from the repeats, and are not known before */
 };
@@ -38,7 +38,7 @@ struct lw_scaling_side {
     bool traces; /* a path tracer: cost is linear in samples and users */
     struct lw_scaling_point point[LW_SCALING_POINTS_MAX];
     uint32_t point_count;
-    /* of a path tracer: CPU seconds per user and frame = fixed_s + samples * per_sample_s */
+    /* for a path tracer: CPU seconds per user and frame = fixed_s + samples * per_sample_s */
     double fixed_s, per_sample_s;
 };
 
@@ -53,7 +53,7 @@ struct lw_scaling_count {
     uint32_t users;
     double cost_s[LW_SCALING_SIDES][LW_SCALING_REPEATS_MAX];
     struct lw_cost shared[LW_SCALING_REPEATS_MAX]; /* by stage */
-    struct lw_cost cost;                           /* of the shared side, mean over repeats */
+    struct lw_cost cost;                           /* the shared side's, mean over repeats */
     struct lw_scaling_figure ratio;                /* shared over paths */
 };
 
@@ -92,11 +92,11 @@ struct lw_scaling {
     /* with the first count of users; and the chosen path tracer's, for the same views */
     double shared_error[LW_SCALING_REPEATS_MAX], paths_error[LW_SCALING_REPEATS_MAX];
     struct lw_scaling_count count[LW_SCALING_COUNTS_MAX];
-    double warm_cpu_s; /* of the solve, in the frames of a repeat that are not measured */
+    double warm_cpu_s; /* the solve's, in the frames of a repeat that are not measured */
     uint32_t count_done, repeats_done;
     struct lw_scaling_figure first_ratio; /* r(1), or of the first count */
     bool whole_done;
-    double whole_ratio, whole_error, whole_paths_error; /* of the first count, with all of the scene lit */
+    double whole_ratio, whole_error, whole_paths_error; /* for the first count, with all of the scene lit */
     struct lw_scaling_figure marginal;                  /* m: one more user over one more path tracer */
     struct lw_scaling_figure crossover; /* number of users above which sharing is cheaper; INFINITY: none */
     struct lw_scaling_real real;

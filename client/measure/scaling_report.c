@@ -224,7 +224,7 @@ static void print_spread(const struct lw_scaling *x, FILE *f) {
     fprintf(f, ".");
 }
 
-/* Of the repeats, whose views differ: the shared side's errors, and the path tracer's for the same views. */
+/* Errors of the repeats, whose views differ: the shared side's, and the path tracer's for the same views. */
 static void print_errors(const struct lw_scaling *x, FILE *f) {
     if (x->side[LW_SCALING_SHARED].traces || !isfinite(x->shared_error[0])) return;
     fprintf(f, " In the repeats");

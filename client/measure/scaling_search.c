@@ -5,13 +5,13 @@
 #include <math.h>
 
 #define SAMPLES_MAX 256u /* per pixel and frame, of the path tracer; with more a picture takes minutes */
-#define GAIN_MIN    0.9  /* of the error before: what a rung, or a density, must at least bring */
+#define GAIN_MIN    0.9  /* a rung, or a density, must bring the error below this share of the one before */
 #define HOPELESS    4    /* times the error: what samples alone have never made up for */
 #define PROBE       4u   /* samples of the second of two points on the line of a path tracer's cost */
 
 static const double curve[] = {0.5, 0.1, 0.02};
 static const double densities[] = {0.25, 0.5, 1, 2, 4}; /* a trial costs four times the one before */
-/* Of samples; below the first, of as few samples in lightmaps that converge at a higher error. */
+/* Sample counts. The first rung has those of the second, in lightmaps that converge at a higher error. */
 static const struct {
     uint32_t direct, indirect;
     double target_error;

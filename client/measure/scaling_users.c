@@ -32,7 +32,7 @@ static double foresee_frame(struct lw_scaling *x, uint32_t users) {
     return sum_s;
 }
 
-/* Likewise, of the path tracers of a repeat. */
+/* CPU seconds of a repeat's path tracers; 0 where the shared side's cost is not known before. */
 static double foresee_paths(struct lw_scaling *x) {
     const struct lw_scaling_side *paths = &x->side[LW_SCALING_PATHS];
     return chosen_point(x, LW_SCALING_SHARED)->later
@@ -59,9 +59,9 @@ struct user_steps {
     uint32_t repeat, users;
     bool whole;        /* all of the scene is lit: for whom does not matter */
     uint64_t frame;    /* the last one */
-    double warm_cpu_s; /* of the solve, in the frames before the first that count */
+    double warm_cpu_s; /* the solve's, in the frames before the first that count */
     struct lw_scaling_errors errors;
-    struct lw_progress *progress; /* of the whole run, in microseconds of CPU time as they were foreseen */
+    struct lw_progress *progress; /* the whole run's, in microseconds of CPU time as foreseen */
     double frame_s;               /* so foreseen */
 };
 

@@ -13,16 +13,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define FILL        0.94f /* of the picture, by a box that is framed from outside */
+#define FILL        0.94f /* share of the picture that a box fills, framed from outside */
 #define FOV_OUTSIDE (35.0f / 180.0f * LW_PI)
 #define FOV_INSIDE  (50.0f / 180.0f * LW_PI)
 
-#define PIXELS  512u /* of a picture that is judged, at most */
+#define PIXELS  512u /* a judged picture's, at most */
 #define PATHS   2u   /* per pixel */
 #define BOUNCES 2u
 #define UNLIT   0.1f  /* what counts of a part without light */
-#define DIM     0.25f /* of the picture's typical luminance: a part as dark as this is half lit */
-#define NEAR    0.05f /* of the box's diagonal: a surface as near as this counts half */
+#define DIM     0.25f /* over the picture's typical luminance: a part as dark as this is half lit */
+#define NEAR    0.05f /* over the box's diagonal: a surface as near as this counts half */
 
 #define TURNS        12u /* directions around the box, at each height */
 #define HEIGHTS      5u
@@ -34,7 +34,7 @@
 #define CANDIDATES_MAX (2 * HEIGHTS * TURNS + LOOKS)
 
 #define SAMPLES 1024u /* triangles that stand for all */
-#define STRAY   0.02f /* of their corners are left out at each end of an axis */
+#define STRAY   0.02f /* share of their corners that is left out at each end of an axis */
 #define MARGIN  0.1f  /* added at each end for that */
 
 struct box {
@@ -43,7 +43,7 @@ struct box {
 
 struct candidate {
     struct lw_camera_view view;
-    const struct box *box; /* that it is to show */
+    const struct box *box; /* the box that it is to show */
     float prior, merit;
 };
 
@@ -52,7 +52,7 @@ struct judge {
     const struct lw_pose *pose;
     const struct lw_trace *trace;
     float aspect;
-    uint32_t width, height; /* of the pictures that are judged */
+    uint32_t width, height; /* the judged pictures' */
     struct lw_lights lights;
     struct lw_path_trace *tracer;
     struct lw_path_film film;
@@ -151,7 +151,7 @@ static float merit_of(struct judge *j, const struct candidate *c, bool light) {
                                                     .pattern = LW_PATH_PATTERN_INTERLEAVED},
                              PATHS, &j->film, NULL);
         lw_path_film_resolve(&j->film, j->rgb);
-        for (uint32_t i = 0; i < count; i++) /* of roots: a lamp in the picture must not rule it */
+        for (uint32_t i = 0; i < count; i++) /* mean of roots: a lamp in the picture must not rule it */
             dim += sqrtf(luminance(j->rgb + 3 * seen[i].pixel)) / (float)count;
         dim *= DIM * dim;
     }
@@ -218,8 +218,8 @@ static void consider_outside(struct judge *j, const struct box *box) {
 
 /* ---- from inside ---- */
 
-/* How far one sees from a point, at most far_m; 0 where what is met does not show. Returns the share of
- * directions in which something is seen. */
+/* Distances to the surfaces around a point, at most far_m; 0 where a surface does not show. Returns the share
+ * of directions in which something is seen. */
 static float free_distances(const struct judge *j, struct lw_vec3 from, const struct lw_vec3 *dir,
                             float far_m, float *out) {
     unsigned seen = 0;

@@ -94,8 +94,8 @@ static void begin(struct lw_gbuffer *g, const struct lw_pose *pose, const struct
 struct pixel {
     struct lw_vec3 albedo, emission;
     float transmittance;
-    struct lw_vec3 tint; /* of what comes through the layers so far */
-    float weight;        /* of the layer below: how much of its own reflection reaches the eye */
+    struct lw_vec3 tint; /* tint of the light through the layers so far */
+    float weight;        /* the weight of the layer below: how much of its own reflection reaches the eye */
     uint32_t object;
     float depth, slope[2], apart;
     struct lw_vec3 normal, before, origin;

@@ -23,7 +23,7 @@ struct lw_gbuffer_planes {
     /* LW_TRACE_MISS: no surface, or none that reflects; then only albedo and emission count */
     uint32_t *object;
     float *depth; /* inverse, 1/m, along the camera's forward; 0 where nothing is met */
-    /* of that inverse on the tangent plane, per pixel to the right and down: exact for flat surfaces */
+    /* slope of that inverse on the tangent plane, per pixel to the right and down: exact for flat surfaces */
     float *slope[2];
     /* how many pixels' breadth off the tangent plane a point is, per 1/m off its inverse depth; m */
     float *apart;
@@ -42,13 +42,13 @@ static inline struct lw_vec3 lw_gbuffer_load3(float *const plane[3], size_t at) 
 /** Which pixels of a picture there are: every step-th, both ways, from (x, y) on. step 0: all of them. */
 struct lw_gbuffer_lattice {
     uint32_t step, x, y;
-    uint32_t width, height; /* of the picture */
+    uint32_t width, height; /* the picture's */
 };
 
 struct lw_gbuffer {
     uint32_t width, height;
     struct lw_gbuffer_lattice lattice;
-    struct lw_camera_view camera; /* of the last render */
+    struct lw_camera_view camera; /* the last render's */
     bool still;                   /* nothing has changed since the render before: camera, objects, lights */
     struct lw_gbuffer_planes plane;
     uint8_t
@@ -64,13 +64,13 @@ struct lw_gbuffer {
         struct lw_affine before;
         bool moved;
     } * place;                    /* per object */
-    struct lw_light_state *light; /* of the last render */
-    float *memory;                /* of the planes of floats */
+    struct lw_light_state *light; /* the last render's */
+    float *memory;                /* holds the planes of floats */
 };
 
 struct lw_gbuffer_desc {
     const struct lw_scene *scene;
-    const struct lw_trace *trace; /* of the same scene, at the pose of each render */
+    const struct lw_trace *trace; /* the same scene's, at the pose of each render */
     uint32_t width, height;       /* pixels */
     unsigned threads;             /* 0: all */
 };

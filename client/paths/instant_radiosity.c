@@ -10,7 +10,7 @@
 
 #define LANES  LW_TRACE_WIDTH
 #define SIDE   4u            /* pixels that share the lights of a set, each way */
-#define KINDS  (SIDE * SIDE) /* of pixels: each has lights of its own */
+#define KINDS  (SIDE * SIDE) /* kinds of pixels: each has lights of its own */
 #define SQUARE (4u * SIDE)   /* pixels; the side of what has a packet of each kind */
 
 _Static_assert(SQUARE / SIDE * (SQUARE / SIDE) == LANES, "a packet is all pixels of a kind in a square");
@@ -26,14 +26,14 @@ struct lw_instant_radiosity {
     int threads;
     float near_m; /* 0: not known yet */
     struct lw_shot_lights lights;
-    uint32_t set;  /* of this frame */
+    uint32_t set;  /* this frame's */
     float *raw[3]; /* E of a pixel by its lights of the set, times KINDS */
-    float *memory; /* of raw */
+    float *memory; /* holds raw */
     /* What pixels keep of the frame before, and of this one. */
     struct kept {
         struct lw_reprojection_surface *surface;
         uint32_t *has; /* a bit for each set whose light is there */
-        float *e;      /* of each pixel: of each set: three */
+        float *e;      /* three per set, per pixel */
     } past, next;
     struct lw_reprojection before;
     bool started;

@@ -31,8 +31,8 @@ struct lw_instant_radiosity_terms {
 
 struct lw_instant_radiosity_desc {
     const struct lw_scene *scene;
-    const struct lw_trace *trace;   /* of the same scene, at the pose of each frame */
-    const struct lw_lights *lights; /* likewise */
+    const struct lw_trace *trace;   /* the same scene's, at the pose of each frame */
+    const struct lw_lights *lights; /* the same scene's, at that pose */
     uint32_t width, height;         /* pixels */
     uint32_t bounces;
     unsigned threads; /* 0: all */
@@ -56,7 +56,7 @@ void lw_instant_radiosity_destroy(struct lw_instant_radiosity *instant);
 uint64_t lw_instant_radiosity_shade(struct lw_instant_radiosity *instant, const struct lw_gbuffer *gbuffer,
                                     const struct lw_pose *pose, uint32_t seed, uint32_t number);
 
-/** Filters what was shaded, and adds albedo/pi E of all sets to a picture.
+/** Filters the shaded light, and adds albedo/pi E of all sets to a picture.
  * rgb  width * height * 3 floats, W/(m^2 sr) */
 void lw_instant_radiosity_add(struct lw_instant_radiosity *instant, const struct lw_gbuffer *gbuffer,
                               float *rgb);

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define FLOOR_SHARE 0.01 /* of the mean square, under which a square counts as that much */
+#define FLOOR_SHARE 0.01 /* share of the mean square that is added to each square */
 
 static size_t value_count(const struct lw_path_film *film) { return (size_t)film->width * film->height * 3; }
 

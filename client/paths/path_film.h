@@ -2,8 +2,8 @@
  * Flow:    path_trace -> [path_film] -> linear radiance, and its estimated error
  * Threads: one thread at a time; path_trace writes disjoint pixels from several.
  *
- * Even samples go to one half, odd ones to the other, each from a sequence of its own. So the difference of
- * the halves tells the error of their mean without bias, which the spread of the samples of one
+ * Even samples go to the first half, odd ones to the second, each from a sequence of its own. So the
+ * difference of the halves tells the error of their mean without bias, which the spread of the samples of one
  * low-discrepancy sequence cannot. */
 #ifndef LW_CLIENT_PATHS_PATH_FILM_H
 #define LW_CLIENT_PATHS_PATH_FILM_H
@@ -16,7 +16,7 @@
 
 struct lw_path_film {
     uint32_t width, height;
-    uint32_t samples; /* of each pixel, both halves together */
+    uint32_t samples; /* per pixel, both halves together */
     float *half[2];   /* sums of radiance, width * height * 3 each; row 0 on top */
 };
 

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 
 #define CLAMP_MEANS                                                                                          \
-    10.0f /* of the picture's mean luminance: what a path brings from beyond its first hit, at most */
+    10.0f /* over the picture's mean luminance: the most that a path brings from beyond its first hit */
 #define GLANCE_SIDE 64u /* pixels of the picture whose mean counts before there is another */
 #define STEP        2u  /* every STEP-th pixel of a quarter */
 
@@ -23,11 +23,11 @@ struct lw_path_renderer {
         struct lw_gbuffer gbuffer;
         struct lw_path_film film;
         struct lw_svgf *svgf;
-        float *radiance; /* of its pixels */
+        float *radiance; /* its pixels' */
         uint32_t turn;   /* which pixel of each square it has */
         float *rgb;      /* of all pixels */
     } quarter;
-    struct lw_instant_radiosity *instant; /* of VPL */
+    struct lw_instant_radiosity *instant; /* for VPL */
     float mean; /* luminance of the last picture; 0: there is none, or it was black */
 };
 

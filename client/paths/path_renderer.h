@@ -39,12 +39,12 @@ bool lw_path_renderer_remembers(enum lw_path_renderer_kind kind);
 struct lw_path_renderer_desc {
     enum lw_path_renderer_kind kind;
     const struct lw_scene *scene;
-    const struct lw_trace *trace;       /* of the same scene, at the pose of each frame */
-    const struct lw_path_trace *tracer; /* likewise */
-    const struct lw_lights *lights;     /* likewise; of VPL */
+    const struct lw_trace *trace;       /* the same scene's, at the pose of each frame */
+    const struct lw_path_trace *tracer; /* the same scene's, at that pose */
+    const struct lw_lights *lights;     /* the same scene's, at that pose; for VPL */
     uint32_t width, height;             /* pixels */
-    uint32_t bounces;                   /* of indirect light */
-    unsigned threads;                   /* 0: all; of filters. Those of paths are the tracer's */
+    uint32_t bounces;                   /* orders of indirect light */
+    unsigned threads;                   /* 0: all; for filters. Paths have the tracer's threads */
     struct lw_instant_radiosity_terms vpl;
 };
 
@@ -59,17 +59,17 @@ void lw_path_renderer_destroy(struct lw_path_renderer *renderer);
 struct lw_path_frame {
     const struct lw_pose *pose;
     struct lw_camera_view camera;
-    uint32_t samples; /* paths per pixel that this frame adds; SVGF_QUARTER: for a quarter of the pixels; VPL:
+    uint32_t samples; /* paths per pixel that this frame adds. SVGF_QUARTER: for a quarter of the pixels. VPL:
                          * of light of lamps */
     uint32_t seed;    /* for renderers with a history: the same in all frames */
-    uint32_t number;  /* of the frame, from 0 */
+    uint32_t number;  /* the frame's, from 0 */
     bool still;       /* nothing has moved since the last frame: renderers without a history add up samples */
 };
 
 /** CPU seconds of a frame, all threads, and the rays that it took. */
 struct lw_path_frame_cost {
     double trace_s, filter_s;
-    uint64_t rays; /* of first hits, towards lights and of bounces; a first hit that is shared counts once */
+    uint64_t rays; /* to first hits, towards lights and of bounces; a first hit that is shared counts once */
 };
 
 /** Renders a frame.

@@ -36,15 +36,15 @@ struct job {
     struct lw_path_film *film;
     struct {
         uint32_t left, top, right, bottom;
-    } part; /* of the whole picture: what the film holds. Paths know their pixels by the whole picture */
+    } part; /* the film's part of the whole picture. Paths know their pixels by the whole picture */
 };
 
 /* The paths of a square of 4 x 4 pixels. They share all random numbers: from equal normals they bounce in
  * parallel, and all look for the same lamp, so that packets of them run through the same boxes. That
  * correlates the noise of these pixels, and does not change the error of any one.
  *
- * Paths per CPU second, as multiples of the first line (one thread, 640 x 360, direct light and 2 bounces;
- * Cornell 320 x 320, 3 bounces; the coherent flag where it helps):
+ * Paths per CPU second, as multiples of the first line. One thread; 640 x 360, direct light and 2 bounces,
+ * but Cornell 320 x 320 and 3 bounces. The coherent flag is set where it helps:
  *                                                              Cornell  atrium  Sponza
  *   every path its own numbers, packets of 4 x 4 pixels           1       1       1
  *   the same, 1,024 paths sorted by normal and place              0.96    1.05    0.98
@@ -59,24 +59,24 @@ struct job {
  * flag on rays to lamps of paths with own numbers, which is faster for them: 0.96, 0.91 and 0.97 for sorted
  * paths, 1.71, 1.28 and 1.32 for one square. */
 struct bundle {
-    uint32_t seed, index; /* of the sequences that the paths share */
-    uint32_t set, sample; /* of those of sampling.h */
+    uint32_t seed, index; /* for the sequences that the paths share */
+    uint32_t set, sample; /* for the sequences of sampling.h */
     uint32_t salt;
     unsigned going; /* paths that go on from a surface: order[0 .. going - 1] */
     bool guided;    /* the next bounce rays are drawn by aims */
     uint16_t order[BUNDLE + LANES];
-    struct lw_guide_aim aim[BUNDLE]; /* of paths that go on, where the view has a guide */
+    struct lw_guide_aim aim[BUNDLE]; /* for paths that go on, where the view has a guide */
     struct path {
         struct lw_vec3 origin;     /* on that surface, lifted off it */
         struct lw_vec3 normal;     /* shading normal, on the side that the path came from */
         struct lw_vec3 throughput; /* the albedo of an even surface included */
         struct lw_vec3 radiance;   /* gathered so far */
-        struct lw_vec3 near;       /* of it: by its first hit; with a clamp */
+        struct lw_vec3 near;       /* the part of it from its first hit; with a clamp */
         /* For the guide: the surface's albedo towards the eye, luminance that it shines, and that it reflects
          * of lamps. */
         struct lw_vec3 albedo;
         float shone, reflected;
-        uint32_t place; /* of the guide, that the ray to here was drawn by; LW_GUIDE_NOWHERE: none */
+        uint32_t place; /* the guide's place that the ray to here was drawn by; LW_GUIDE_NOWHERE: none */
         uint32_t x, y;  /* pixel */
         bool glossy; /* the surface reflects as `gloss` has it; else evenly, its albedo in the throughput */
     } path[BUNDLE];
@@ -165,8 +165,8 @@ static void surface_at(const struct job *job, const struct lw_hit16 *hits, unsig
                      hits->v[i], out);
 }
 
-/* Rays from the eye. Of the BLEND surfaces along one of them the path chooses one, or what is behind them
- * all, by how much each gives to what compose.h blends front to back. */
+/* Traces rays from the eye. The path chooses one of the BLEND surfaces along its ray, or what lies behind
+ * them all, by how much each gives to the colour that compose.h blends front to back. */
 static void look16(const struct job *job, struct bundle *b, uint16_t first, unsigned lanes,
                    struct lw_path_count *count) {
     const struct lw_path_view *view = job->view;

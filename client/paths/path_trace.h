@@ -53,7 +53,7 @@ enum lw_path_pattern {
 
 struct lw_path_trace_desc {
     const struct lw_scene *scene;
-    const struct lw_trace *trace; /* of the same scene, at the pose of each render */
+    const struct lw_trace *trace; /* the same scene's, at the pose of each render */
     const struct lw_lights *lights;
     const struct lw_pose *pose;
     unsigned threads; /* 0: all */
@@ -80,9 +80,9 @@ struct lw_path_crop {
 struct lw_path_view {
     struct lw_camera_view camera;
     struct lw_path_crop crop;
-    uint32_t bounces; /* of indirect light; up to LW_PATH_TRACE_BOUNCES_MAX */
+    uint32_t bounces; /* orders of indirect light; up to LW_PATH_TRACE_BOUNCES_MAX */
     uint32_t seed;
-    uint32_t first_sample; /* of the sequences: to go on where an earlier picture of the same seed ended */
+    uint32_t first_sample; /* in the sequences: to go on where an earlier picture of the same seed ended */
     enum lw_path_pixel pixel;
     enum lw_path_method method;
     enum lw_path_pattern pattern;
@@ -99,9 +99,10 @@ struct lw_path_view {
      * traced only for pixels that show several surfaces, or one that is not even (gbuffer.h), and for those
      * that share random numbers with them. A pixel is then its centre. NULL: none. */
     const struct lw_gbuffer *first_hits;
-    /* Bounce rays but the last follow it where no mirror throws them, and it is told what they find; a render
-     * draws them all by what it had learned before. Between renders lw_guide_learn() takes what it was told:
-     * then the samples of later ones depend on where it was called. NULL: cosine-weighted rays alone. */
+    /* Bounce rays but the last follow the guide where no mirror throws them, and report to it what they find.
+     * A render draws them all by what the guide learned before. Between renders lw_guide_learn() takes the
+     * reports: then the samples of later renders depend on where it was called. NULL: cosine-weighted rays
+     * alone. */
     struct lw_guide *guide;
     const _Atomic bool *cancel; /* may be NULL; once true, a render ends within some milliseconds */
 };

@@ -9,7 +9,7 @@
 
 /* How much brighter a light may grow with its lamp: near to it there would be more of them. */
 #define GROWTH_MAX 2.0f
-/* Of the cosines of shading and true normal. */
+/* Largest quotient of the cosines of shading and true normal. */
 #define SLANT_MAX 4.0f
 
 /* What a pair of random numbers is for. */
@@ -78,7 +78,7 @@ static bool sees(struct flight *f, const struct lw_shot_light *light, struct lw_
     return !hidden;
 }
 
-/* What a first light gets from its lamp now, but for what is in between. */
+/* E that a first light gets from its lamp now, but for surfaces in between. */
 static struct lw_vec3 e_of(const struct lw_shot_lights *lights, const struct lw_shot_light *light,
                            struct lw_light_sample *out_sample) {
     *out_sample = lw_lamp_rays_sight(&lights->lamps, &light->lamp, load(light->position));

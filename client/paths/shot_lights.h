@@ -18,30 +18,30 @@
 struct lw_shot_light {
     float position[3], normal[3], flux_w[3]; /* world space; what it sends into its hemisphere */
     uint32_t object, shots;                  /* times that it was shot: where its random numbers go on */
-    float share[3];                          /* of what arrives: albedo, and how its normals slant */
+    float share[3]; /* share of the arriving flux: albedo, and how its normals slant */
     /* first of a path */
     struct lw_lamp_place lamp;
-    float area_m2; /* that it stands for */
+    float area_m2; /* area that it stands for */
     float bright;  /* luminance of E when it was shot */
     float e[3];    /* W/m^2 */
 };
 
 struct lw_shot_lights_desc {
     const struct lw_scene *scene;
-    const struct lw_trace *trace;   /* of the same scene, at the pose of each step */
-    const struct lw_lights *lights; /* likewise */
+    const struct lw_trace *trace;   /* the same scene's, at the pose of each step */
+    const struct lw_lights *lights; /* the same scene's, at that pose */
     uint32_t lights_max, bounces, sets;
 };
 
 struct lw_shot_lights {
     struct lw_shot_lights_desc desc;
     struct lw_virtual_paths paths;
-    struct lw_shot_light *light; /* of each */
+    struct lw_shot_light *light; /* by lw_virtual_paths_light() */
     struct lw_lamp_rays lamps;
     struct lw_place *place; /* per object */
-    struct lw_pose pose;    /* of the last step */
+    struct lw_pose pose;    /* the last step's */
     float largest_m;        /* largest coordinate of the scene */
-    uint32_t seed, salt;    /* of the step */
+    uint32_t seed, salt;    /* the step's */
 };
 
 /** What desc points to outlives it. Errors: LW_NO_MEMORY; finish it then. */

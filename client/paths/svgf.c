@@ -21,8 +21,8 @@
 #define LEVELS       5u
 #define SIGMA_LIGHT  3.0f   /* standard errors of luminance */
 #define SIGMA_PLANE  1.0f   /* pixels' breadth off the tangent plane */
-#define NORMAL_POWER 128.0f /* of the cosine between normals */
-#define ALBEDO_MIN   1e-3f  /* of a channel that tells light from reflection */
+#define NORMAL_POWER 128.0f /* power of the cosine between normals */
+#define ALBEDO_MIN   1e-3f  /* least albedo of a channel that tells light from reflection */
 
 /* A history is shortened where the mean of the last few frames has left that of all of them, in standard
  * errors of the difference over 5 x 5 pixels, SPREAD_STEP apart: from the first on a little, from the second
@@ -39,7 +39,7 @@
 #define ROUNDING_SHARE 1e-4f
 #define WEIGHT_MIN     1e-30f
 
-#define STRANGE_WEIGHT 1e-4f /* of light of another surface, for a pixel that has no better */
+#define STRANGE_WEIGHT 1e-4f /* weight of light of another surface, for a pixel that has no better */
 
 #define CHUNK 256u /* pixels of a row whose sums stay in the first-level cache */
 
@@ -270,7 +270,7 @@ static void shorten_row(const struct job *job, uint32_t y) {
     }
 }
 
-/* ---- variance of what has just come into view ---- */
+/* ---- variance of pixels that have just come into view ---- */
 
 /* Weight of one pixel's light for another, in three parts that add up in the exponent: e^-x, cut off to reach
  * 0 at 4. */
@@ -508,8 +508,8 @@ void lw_svgf_filter(struct lw_svgf *svgf, const struct lw_gbuffer *gbuffer, cons
 /* ---- to all pixels of a picture of which every few were filtered ---- */
 
 /* How well a pixel of the lattice knows the light of one of the picture, beside how near it is. (dx, dy):
- * from it to that one, in pixels of the lattice. Something is left where it lies on another surface: where
- * all do, the nearest serve. */
+ * from the lattice's pixel to the picture's, in pixels of the lattice. A little is left on another surface:
+ * where all four are on others, the nearest serve. */
 static float kinship(const struct lw_gbuffer_planes *thin, size_t q, const struct lw_gbuffer_planes *full,
                      size_t p, float dx, float dy) {
     const float off = full->depth[p] - thin->depth[q] - thin->slope[0][q] * dx - thin->slope[1][q] * dy;

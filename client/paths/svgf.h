@@ -10,7 +10,7 @@
  * LW_PATH_PIXEL_CENTRE, LW_PATH_PATTERN_INTERLEAVED, one seed, and first_sample = frame * samples. Each
  * frame:
  *
- *     lw_path_trace_render(tracer, &view, samples, &film, NULL);  and lw_path_film_resolve()
+ *     lw_path_trace_render(tracer, &view, samples, &film, NULL), then lw_path_film_resolve()
  *     lw_gbuffer_render(&gbuffer, pose, &view.camera);
  *     lw_svgf_filter(svgf, &gbuffer, radiance, out_rgb); */
 #ifndef LW_CLIENT_PATHS_SVGF_H
@@ -38,9 +38,9 @@ void lw_svgf_reset(struct lw_svgf *svgf);
 /** Filters one frame. What the frame before left is found by gbuffer->plane.before and that frame's camera.
  *
  * gbuffer   of this frame, of the same size
- * radiance  width * height * 3 floats, W/(m^2 sr), of paths through the centres of pixels; what is not finite
- *           counts as black
- * out_rgb   as much; finite, not negative; may be `radiance`
+ * radiance  width * height * 3 floats, W/(m^2 sr), of paths through the centres of pixels; values that
+ *           are not finite count as black
+ * out_rgb   as many floats, finite and not negative; may be `radiance`
  * Cost      no allocation */
 void lw_svgf_filter(struct lw_svgf *svgf, const struct lw_gbuffer *gbuffer, const float *radiance,
                     float *out_rgb);

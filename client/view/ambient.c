@@ -7,7 +7,7 @@
 #include <string.h>
 
 #define SIDE   LW_AMBIENT_SIDE
-#define VALUES (3ul * SIDE * SIDE) /* of a map */
+#define VALUES (3ul * SIDE * SIDE) /* per map */
 
 /* The environment as a few even patches. */
 #define COARSE_ROWS 32u

@@ -1,7 +1,7 @@
 /* ambient.h: the environment as rough mirrors and matt surfaces see it, in small maps.
  * Flow:    environment -> [ambient] -> gloss (composer), gl_renderer
  * Threads: init and finish by one thread; the rest [any] in between.
- * After:   Karis 2013 (the split sum: light along the mirrored direction, apart from what is mirrored of it).
+ * After:   Karis 2013 (the split sum: light along the mirrored direction, apart from its mirrored share).
  *
  * A map holds the octahedron: values at the steps, edges included. One for each of LW_AMBIENT_LEVELS
  * roughnesses 0 to 1, and a last one of what arrives at a matt surface, E/pi by its normal. They are means of
@@ -13,7 +13,7 @@
 
 #define LW_AMBIENT_STEPS  32u /* along a map's side */
 #define LW_AMBIENT_SIDE   (LW_AMBIENT_STEPS + 1)
-#define LW_AMBIENT_LEVELS 6u /* of roughness */
+#define LW_AMBIENT_LEVELS 6u /* roughnesses */
 #define LW_AMBIENT_MAPS   (LW_AMBIENT_LEVELS + 1)
 
 struct lw_ambient {

@@ -9,7 +9,7 @@
 
 /* Neighbours contrast if they differ by more than this share of their sum, */
 #define CONTRAST 0.2f
-/* to which this share of the picture's mean is added: what is dark is hardly seen. */
+/* to which this share of the picture's mean is added: dark pixels are hardly seen. */
 #define DARK_SHARE 0.05f
 
 enum lw_status lw_antialias_reserve(struct lw_antialias *a, size_t pixel_count, struct lw_error *err) {
@@ -48,7 +48,7 @@ static float inverse(uint32_t index) {
 }
 
 void lw_antialias_offset(uint32_t index, uint32_t count, float *out_x, float *out_y) {
-    /* The inverses of 0 to count - 1 have a mean below 1/2: all are moved by what is missing. */
+    /* The inverses of 0 to count - 1 have a mean below 1/2: all are moved by the difference. */
     double mean = 0;
     for (uint32_t i = 0; i < count; i++) mean += (double)inverse(i);
     *out_x = ((float)index + 0.5f) / (float)count - 0.5f;

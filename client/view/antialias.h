@@ -22,8 +22,8 @@
 /** Memory for pictures of one size, kept from one to the next. */
 struct lw_antialias {
     size_t capacity;    /* pixels */
-    float *sample;      /* of each pixel, or of those at edges */
-    uint32_t *edge;     /* which those are */
+    float *sample;      /* each pixel's, or each edge pixel's */
+    uint32_t *edge;     /* indices of the edge pixels */
     size_t edge_count;  /* in the last picture; those that contrast with a neighbour */
     uint32_t *row_edge; /* how many there are in each band of rows */
 };

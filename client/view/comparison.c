@@ -27,7 +27,7 @@ struct lw_comparison {
     pthread_cond_t wake;
     _Atomic bool cancel;
 
-    /* under the lock: what is asked for */
+    /* under the lock: the picture that is asked for */
     bool quit, asked;
     struct world *next; /* NULL: the one at hand still holds */
     struct lw_path_view view;
@@ -37,7 +37,7 @@ struct lw_comparison {
     float *shared;
     uint32_t shared_width, shared_height, shared_samples;
     double shared_error;
-    uint64_t number; /* of the picture */
+    uint64_t number; /* the picture's */
 
     /* the owner's */
     float *taken;
@@ -218,7 +218,7 @@ static bool same_view(const struct lw_camera_view *a, const struct lw_camera_vie
     return memcmp(a, b, sizeof *a) == 0;
 }
 
-/* Room for pictures of another size; what was there is gone. */
+/* Room for pictures of another size, in place of the old ones. */
 static enum lw_status make_room(struct lw_comparison *c, uint32_t width, uint32_t height,
                                 struct lw_error *err) {
     const size_t size = sizeof *c->shared * 3 * width * height;
@@ -294,7 +294,7 @@ bool lw_comparison_take(struct lw_comparison *c, struct lw_comparison_picture *o
     return other;
 }
 
-/* ---- what is shown ---- */
+/* ---- the shown picture ---- */
 
 static uint32_t argb_of(const uint8_t rgb[3]) {
     return 0xff000000u | (uint32_t)rgb[0] << 16 | (uint32_t)rgb[1] << 8 | rgb[2];

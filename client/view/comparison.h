@@ -18,7 +18,7 @@ LW_MUST_CHECK enum lw_status lw_comparison_create(unsigned threads, struct lw_co
 /** NULL is fine. Must be destroyed before the scene of its stage is. */
 void lw_comparison_destroy(struct lw_comparison *comparison);
 
-/** Says what is to be traced; begins again where that differs from before.
+/** Sets the picture to trace; begins again where it differs from the last one.
  * changed   something in the scene is not as in the last call
  * width, height   of the traced picture, from 1 on
  * Errors: LW_NO_MEMORY; what the thread had no memory for. */
@@ -27,7 +27,7 @@ LW_MUST_CHECK enum lw_status lw_comparison_follow(struct lw_comparison *comparis
                                                   const struct lw_camera_view *camera, uint32_t width,
                                                   uint32_t height, bool changed, struct lw_error *err);
 
-/** What has been traced so far. */
+/** The traced picture so far. */
 struct lw_comparison_picture {
     const float *rgb; /* width * height * 3, W/(m^2 sr); until the next call of lw_comparison_take() */
     uint32_t width, height, samples; /* samples 0: nothing yet, and rgb is NULL */

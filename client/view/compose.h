@@ -1,6 +1,6 @@
 /* compose.h: the picture: one primary ray per pixel, albedo/pi * irradiance + emission at what it meets.
- * Flow:    replica (levels, tiles), trace, pose, camera -> [compose] -> linear radiance; tiles that the view
- *          needs direct_pixels adds the direct light of the lights that the client draws
+ * Flow:    replica (levels, tiles), trace, pose, camera -> [compose] -> linear radiance, needed tiles.
+ *          direct_pixels adds the direct light of the lights that the client draws.
  * Threads: one thread at a time per lw_compose; renders on several threads inside. Same inputs, same bytes,
  *          at any number of threads. */
 #ifndef LW_CLIENT_VIEW_COMPOSE_H
@@ -21,8 +21,8 @@ struct lw_compose_source {
     struct lw_client_level (*level)(const void *context, uint32_t object, uint32_t level);
     struct lw_client_tile (*tile)(const void *context, lw_tile_id tile);
     struct lw_vec3 sky; /* W/(m^2 sr): seen by a ray that meets nothing; the scene's environment is added */
-    uint32_t bounces;   /* of a complete tile */
-    float target_error; /* of a converged one */
+    uint32_t bounces;   /* a complete tile's */
+    float target_error; /* a converged tile's */
     /* Share of a tile's error that is left in its texels. Noisy tiles are read at a coarser level. */
     float noise_shown;
 };
@@ -33,12 +33,12 @@ struct lw_compose_source lw_compose_source_of(const struct lw_client *client);
 struct lw_compose_desc {
     const struct lw_scene *scene;
     const struct lw_atlas_map *map;
-    const struct lw_trace *trace; /* of the same scene; at the pose of each render */
+    const struct lw_trace *trace; /* the same scene's; at the pose of each render */
     unsigned threads;             /* 0: all */
     bool unfiltered;              /* reads noisy tiles, too, at the level that a pixel needs */
     /* Lights whose direct light is computed at the pixels, since tiles lack it (direct_pixels.h). NULL: none.
      * Its arrays must outlive the composer, the struct need not. pose: the scene's, read at creation; only
-     * with drawn lights. */
+     * with client-drawn lights. */
     const struct lw_client_lights *drawn;
     const struct lw_pose *pose;
 };
@@ -65,22 +65,22 @@ struct lw_compose_view {
 /** How well the light that arrived serves a view. */
 struct lw_compose_report {
     uint32_t tiles_needed;
-    uint32_t tiles_missing;    /* of those: not there at all, nor level 0 below a finer one */
+    uint32_t tiles_missing;    /* needed, and not there at all, nor level 0 below a finer tile */
     uint32_t tiles_unfinished; /* there, with fewer bounces than a complete tile has */
     uint32_t tiles_noisy;      /* there, with more error than the target */
-    float max_error;           /* of the needed tiles that are there */
+    float max_error;           /* largest of the needed tiles that are there */
     /* Relative; the mean over the pixels of what the filter leaves of their tiles' errors, weighted by the
      * tile's share of the pixel's light; 1 where the tile is missing. */
     float shown_error;
     bool complete;        /* nothing missing or unfinished */
     bool good;            /* complete, and shown_error is at most LW_COMPOSE_GOOD_ERROR; or converged */
     bool converged;       /* complete, and nothing noisy */
-    uint64_t shadow_rays; /* towards drawn lights; of a render alone */
+    uint64_t shadow_rays; /* towards client-drawn lights; by a render alone */
 };
 
 /** Renders a view.
  *
- * pose      object_to_world is read; with drawn lights, also the lights and what is hidden
+ * pose      object_to_world is read; with client-drawn lights, also the lights and the hidden objects
  * out_rgb   width * height * 3 floats, row 0 on top: W/(m^2 sr) per linear-sRGB channel, finite
  * Errors    none: where light has not arrived, coarser light stands in, then the scene's average */
 void lw_compose_render(struct lw_compose *compose, const struct lw_compose_source *source,

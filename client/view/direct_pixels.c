@@ -15,14 +15,14 @@
 #define SIDE   (4u * LW_DIRECT_PIXELS_SIDE) /* pixels of a tile */
 #define KEPT   LW_DIRECT_PIXELS_LIGHTS_MAX
 
-/* Shadow rays of a pixel: the first; SOME where its neighbours' first ones differ; SAMPLES where even those
- * do, in a penumbra that is too narrow for a mean over neighbours. */
+/* A pixel takes one shadow ray. It takes FEW or SOME where its neighbours' rays differ, and SAMPLES in a
+ * penumbra that is too narrow for a mean over neighbours. */
 #define FEW     2u
 #define SOME    4u
 #define SAMPLES 8u
-/* Of the light at hand over all that a pixel has by then: from which on a pixel has rays of its own, and
- * SAMPLES of them. */
-#define SHARE_FAINT 0.005f /* from which on 2 x 2 pixels have one */
+/* Shares of the light at hand in all light that a pixel has by then. From SHARE_SEEN on a pixel has rays of
+ * its own, from SHARE_NOISY on up to SAMPLES of them. */
+#define SHARE_FAINT 0.005f /* from here on 2 x 2 pixels have one ray */
 #define SHARE_SEEN  0.02f
 #define SHARE_NOISY 0.06f
 /* A block counts as one point for lights that are farther than this many of its radii. */
@@ -47,8 +47,8 @@ struct candidates {
     float *x, *y, *z; /* m */
     float *radius_m;
     float *intensity; /* luminance, W/sr, the most in any direction; suns: W/m^2 */
-    float *axis_x, *axis_y, *axis_z, *cos_reach, *sin_reach; /* of a spot; cos_reach -1: all around */
-    uint32_t *index;                                         /* of the scene's light or of the cluster */
+    float *axis_x, *axis_y, *axis_z, *cos_reach, *sin_reach; /* a spot's; cos_reach -1: all around */
+    uint32_t *index;                                         /* the scene's light or the cluster */
     uint8_t *kind;
 };
 
@@ -64,8 +64,8 @@ struct lw_direct_pixels {
     bool ready; /* lights and clusters are there */
     bool fresh; /* the latter have not been placed yet */
     struct candidates candidates;
-    float *memory;           /* of the candidates' numbers */
-    uint32_t capacity;       /* of the candidates */
+    float *memory;           /* holds the candidates' numbers */
+    uint32_t capacity;       /* in candidates */
     struct lw_affine *place; /* per object: where its emitters were at the last picture */
     bool *hidden;
     struct box *box;      /* per mesh, object space */
@@ -311,7 +311,7 @@ void lw_direct_pixels_begin(struct lw_direct_pixels *d, const struct lw_pose *po
 
 struct chosen {
     uint32_t candidate;
-    float bound; /* of its E within the tile */
+    float bound; /* upper bound of its E within the tile */
 };
 
 /* Blocks of a tile, each as one point. */
@@ -333,13 +333,13 @@ struct outlook {
 
 /* Pixels of a tile are numbered block by block: 16 block + lane. */
 struct lw_direct_work {
-    float e[BLOCKS][LANES];  /* of the light at hand, without shadows; times its colour */
+    float e[BLOCKS][LANES];  /* E of the light at hand without shadows, over its colour */
     uint16_t facing[BLOCKS]; /* bit i: e > 0 */
     /* bit i: e is at least SHARE_FAINT, SHARE_SEEN, SHARE_NOISY of all */
     uint16_t faint[BLOCKS], seen[BLOCKS], noisy[BLOCKS];
-    /* of the light at hand, of blocks with a finish: what pixels mirror of e, lw_gloss_lamp16() */
+    /* blocks with a finish: what pixels mirror of the light at hand's e, lw_gloss_lamp16() */
     float dv[BLOCKS][LANES], rim[BLOCKS][LANES];
-    uint16_t reached[BLOCKS];                           /* likewise: bit i: e > 0 */
+    uint16_t reached[BLOCKS];                           /* blocks with a finish: bit i: e > 0 */
     uint16_t flat[BLOCKS];                              /* bit i: pixel i belongs to a quad on one surface */
     bool finished;                                      /* some pixels of the tile have a finish */
     bool whole[BLOCKS];                                 /* the block lies on one flat piece of surface */
@@ -353,12 +353,12 @@ struct lw_direct_work {
     uint32_t shared[BLOCKS];              /* the number of the job that has filled it */
     uint32_t jobs;
     struct lw_ray16 rays;
-    uint16_t pixel[LANES]; /* of those */
+    uint16_t pixel[LANES]; /* the rays' pixels */
     uint32_t waiting;
     struct summary summary;
-    struct outlook outlook[KEPT]; /* of work->order */
+    struct outlook outlook[KEPT]; /* as in work->order */
     float weak[3][BLOCKS];        /* E of weak lights, W/m^2 */
-    float *bound;                 /* of each candidate */
+    float *bound;                 /* per candidate */
     struct chosen *order;
     uint32_t bound_capacity;
 };
@@ -441,7 +441,7 @@ static int by_bound(const void *left, const void *right) {
 
 /* The lights that may count, those first that may give most; behind the first KEPT those that share a ray. */
 struct choice {
-    uint32_t kept, count; /* of work->order; those from kept on share */
+    uint32_t kept, count; /* lengths in work->order; lights from `kept` on share a ray */
     float rest;           /* sum of their bounds */
 };
 
@@ -636,7 +636,7 @@ struct job {
     bool wide;       /* shadow rays of a pixel may differ */
     bool far;        /* the tile is small, seen from the light */
     bool finished;   /* some of its pixels have a finish */
-    uint32_t number; /* of this job among those of the tile's memory */
+    uint32_t number; /* this job's number in the tile's memory */
 };
 
 /* Notes what a pixel's ray has found. */
@@ -1138,8 +1138,8 @@ LW_WIDE static uint32_t part_blocks(const struct outlook *restrict outlook, cons
     return any;
 }
 
-/* A block that mirrors more of a light than its share of e is not weak there. Returns the bits of what is
- * left. */
+/* A block that mirrors more of a light than its share of e is not weak there. Returns the bits
+ * that are left. */
 static uint32_t part_finished(const struct job *job, const struct outlook *outlook, uint32_t any,
                               struct parts *out) {
     const struct lw_direct_work *w = job->work;
@@ -1300,7 +1300,7 @@ static void add_light(const struct lw_direct_pixels *d, struct lw_direct_tile *t
     const float luminance = lw_colour_luminance(colour);
     struct parts parts;
     bool full = false;
-    for (uint32_t b = 0; w->finished && b < BLOCKS; b++) /* first: they say what is weak */
+    for (uint32_t b = 0; w->finished && b < BLOCKS; b++) /* first: they say which blocks are weak */
         if (tile->block[b].finished) w->reached[b] = light_block(d, candidate, w, &tile->block[b], b);
     const uint32_t any = part_light(&job, outlook, &parts);
     for (uint32_t b = 0; (any & 2u) && b < BLOCKS; b++) {

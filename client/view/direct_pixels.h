@@ -1,5 +1,5 @@
-/* direct_pixels.h: the direct light of the drawn lights at the points that pixels see, with the fewest shadow
- * rays that show no noise.
+/* direct_pixels.h: the direct light of the client-drawn lights at the points that pixels see, with the fewest
+ * shadow rays that show no noise.
  * Flow:    points of a screen tile, lights at the pose -> [direct_pixels] -> E of each point -> compose
  * Threads: create, set_pose and begin by one thread; light [any], with a tile for each worker. Same inputs,
  * same bytes.
@@ -36,7 +36,7 @@ struct lw_direct_pixels;
 
 struct lw_direct_pixels_desc {
     const struct lw_scene *scene;
-    const struct lw_trace *trace; /* of the same scene, at the pose of each picture */
+    const struct lw_trace *trace; /* the same scene's, at the pose of each picture */
     const struct lw_client_lights *drawn;
     int threads; /* for work on the picture as a whole */
 };
@@ -50,8 +50,8 @@ void lw_direct_pixels_destroy(struct lw_direct_pixels *direct);
 
 /** Gets ready for a picture: takes over lights, objects and emissive materials as they are now.
  * pose    must stay until the picture is done
- * white   mean irradiance of what is seen, luminance, W/m^2: light of less than a thousandth of that may be
- *         left out
+ * white   mean irradiance of the seen surfaces, luminance, W/m^2: light of less than a thousandth of that
+ *         may be left out
  * sample  index among the pictures that are averaged; each has random numbers of its own
  * If memory lacks after materials have changed, it draws no emitters. */
 void lw_direct_pixels_begin(struct lw_direct_pixels *direct, const struct lw_pose *pose, float white,
@@ -64,17 +64,17 @@ struct lw_direct_block {
     float base[LW_TRACE_WIDTH];
     float e[3][LW_TRACE_WIDTH]; /* W/m^2; written where active, else 0 */
     uint16_t active;
-    /* Those with a finish: e is by their bumped normals, mirrored is added to the radiance that they send to
-     * the eye. Shadow rays go by the plain ones. */
+    /* Points with a finish: e is by their bumped normals, mirrored is added to the radiance that they send to
+     * the eye. Shadow rays go by the plain normals. */
     uint16_t finished;
-    struct lw_gloss_seen16 seen;       /* of them */
+    struct lw_gloss_seen16 seen;       /* the points of `finished` */
     float mirrored[3][LW_TRACE_WIDTH]; /* W/(m^2 sr); like e */
 };
 
 /** A screen tile of up to 8 x 8 blocks, row by row, and a worker's scratch memory. */
 struct lw_direct_tile {
     struct lw_direct_block block[LW_DIRECT_PIXELS_BLOCKS];
-    uint32_t x, y; /* of its first pixel: of the random numbers */
+    uint32_t x, y; /* its first pixel's, for the random numbers */
     bool listed;   /* its pixels are from anywhere: none has neighbours */
     uint64_t rays; /* shadow rays: added to */
     struct lw_direct_work *work;

@@ -12,7 +12,8 @@
 LW_MUST_CHECK enum lw_status lw_drawn_lights_init(struct lw_client_lights *drawn,
                                                   const struct lw_client *client);
 
-/** Moves the drawn lights of a pose to where the newest frame has them; whether that changes any. */
+/** Moves the client-drawn lights of a pose to where the newest frame has them. Returns whether
+ * any changes. */
 bool lw_drawn_lights_follow(const struct lw_client_lights *drawn, const struct lw_client *client,
                             struct lw_pose *pose);
 

@@ -354,7 +354,7 @@ static void spread_points(const struct lw_emitter_clusters *clusters, struct lw_
                                                       lw_vec3(0, 0, 0), lw_light_by_area(at[0], at[1]));
         }
     }
-    for (; n < POINTS; n++) { /* of one that does not shine, and past the end by rounding */
+    for (; n < POINTS; n++) { /* for a cluster that does not shine, and past the end by rounding */
         cluster->point[n] = n ? cluster->point[n - 1] : cluster->centre;
         cluster->normal[n] = n ? cluster->normal[n - 1] : lw_vec3(0, 0, 1);
     }
@@ -507,8 +507,8 @@ LW_WIDE_INLINE float far_m2(const struct lw_emitter_cluster *cluster) {
     return m * m > 1e-12f ? m * m : 1e-12f;
 }
 
-/* Where sixteen directions lie in the map: whole steps, below the last, and what is beyond them; and what is
- * left of E but the intensity. A loop by itself: with the reads in it, it is no vectors. */
+/* Where sixteen directions lie in the map: whole steps, below the last, and the fractions beyond
+ * them; and E over the intensity. A loop by itself: with the reads in it, it is no vectors. */
 LW_WIDE static void aim_map(struct lw_vec3 centre, const struct lw_points16 *restrict at, float *restrict u,
                             float *restrict v, int *restrict cell, float *restrict scale) {
     for (int i = 0; i < LANES; i++) {
@@ -618,7 +618,7 @@ void lw_emitter_clusters_light16(const struct lw_emitter_cluster *cluster, const
     clean(out);
 }
 
-/* A side of a facet that faces the point, by power, from the chosen one on. What is left of u is even in
+/* A side of a facet that faces the point, by power, from the chosen one on. The rest of u is even in
  * [0, 1). */
 static const struct lw_emitter_side *pick_side(const struct lw_emitter_clusters *clusters,
                                                const struct lw_emitter_facet *facet, struct lw_vec3 point,

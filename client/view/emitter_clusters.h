@@ -26,16 +26,16 @@ struct lw_emitter_facet {
     struct lw_vec3 centre, normal; /* world space */
     float power;                   /* luminance x area, W/sr */
     float soft_m2;                 /* area / pi */
-    uint32_t first, count;         /* of its sides */
-    struct lw_vec2 corner[3];      /* of its part of a single side, in that one's barycentrics */
+    uint32_t first, count;         /* its sides */
+    struct lw_vec2 corner[3];      /* its part of a single side, in that side's barycentrics */
 };
 
 struct lw_emitter_cluster {
-    struct lw_vec3 centre; /* of a ball around it, world space, m */
+    struct lw_vec3 centre; /* the centre of a ball around it, world space, m */
     float radius_m;
-    struct lw_vec3 colour; /* of unit luminance */
+    struct lw_vec3 colour; /* unit luminance */
     float intensity;       /* the most in any direction, luminance, W/sr; 0: it does not shine */
-    uint32_t first, count; /* of its sides */
+    uint32_t first, count; /* its sides */
     uint32_t facet_count;
     struct lw_emitter_facet facet[LW_EMITTER_CLUSTERS_FACETS_MAX];
     struct lw_vec3 point[LW_EMITTER_CLUSTERS_POINTS],

@@ -13,7 +13,7 @@
 #define GRAZING      1e-4f /* the smallest cosine of an eye */
 #define GRAZING_IN   1e-3f /* the same of light: lamps have a size */
 #define SPREAD_MAX   0.18f
-#define SPREAD_ALONE 0.01f /* of pixels without neighbours: a lamp's lobe of alpha 0.1 */
+#define SPREAD_ALONE 0.01f /* for pixels without neighbours: a lamp's lobe of alpha 0.1 */
 #define BUMP_MAX     1e4f  /* slope */
 #define SHORT2       1e-12f
 
@@ -98,7 +98,7 @@ LW_WIDE static void bend_all(const struct lw_gloss16 *restrict g, struct lw_glos
     }
 }
 
-/* Of an entry of the packed table. */
+/* The two shares of an entry of the packed table. */
 LW_WIDE_INLINE float share_a(uint32_t entry) { return (float)(int)(entry & 0xffffu) * (1.0f / 65535); }
 LW_WIDE_INLINE float share_b(uint32_t entry) { return (float)(int)(entry >> 16) * (1.0f / 65535); }
 

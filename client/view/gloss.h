@@ -41,8 +41,8 @@ struct lw_gloss16 {
     float occlusion[LW_GLOSS_WIDTH], normal_scale[LW_GLOSS_WIDTH]; /* strengths of their maps */
     struct lw_gloss_texels16 surface, shade, bump; /* metalness and roughness; occlusion; normals */
     float plain[3][LW_GLOSS_WIDTH]; /* shading normals without bumps, unit, on the side that is seen */
-    /* where u of the normal map points, any length; 1, or -1 where v points the other way; -1 where the back
-     * is seen */
+    /* tangent: where u of the normal map points, any length. turn: 1, or -1 where v points the other way.
+     * side: -1 where the back is seen */
     float tangent[3][LW_GLOSS_WIDTH], turn[LW_GLOSS_WIDTH], side[LW_GLOSS_WIDTH];
     float to_eye[3][LW_GLOSS_WIDTH]; /* any length but 0 */
     uint16_t quads;                  /* lanes that are pixels of a quad of 4 x 4 pixels, all of one surface */
@@ -54,8 +54,7 @@ struct lw_gloss_seen16 {
         64) float normal[3][LW_GLOSS_WIDTH]; /* with its bump: the eye and what it mirrors lie above it */
     float eye[3][LW_GLOSS_WIDTH];            /* unit */
     float cosine[LW_GLOSS_WIDTH], alpha[LW_GLOSS_WIDTH];
-    float
-        spread[LW_GLOSS_WIDTH]; /* of normals within the pixel, alpha^2: wider lobes of lamps in its place */
+    float spread[LW_GLOSS_WIDTH]; /* the normals' within the pixel, alpha^2; widens the lobes of lamps */
     float roughness[LW_GLOSS_WIDTH], metalness[LW_GLOSS_WIDTH], open[LW_GLOSS_WIDTH]; /* 1: not occluded */
     float diffuse[3][LW_GLOSS_WIDTH];                        /* with what the gloss leaves of it */
     float mirror[3][LW_GLOSS_WIDTH], rim[3][LW_GLOSS_WIDTH]; /* F boost = mirror + rim (1 - cos)^5 */

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #define WIDTH    LW_GLOSS_WIDTH
-#define MAPS     5 /* of a material */
+#define MAPS     5 /* a material's */
 #define SHORT2   1e-30f
 #define IS_IN(i) (lanes >> (i)&1u)
 
@@ -99,7 +99,7 @@ struct found {
     struct places16 place;
 };
 
-/* Those that a material has been found to have. */
+/* The maps that a material has been found to have. */
 struct finds {
     struct found map[MAPS];
     unsigned count;
@@ -182,7 +182,7 @@ static void take_map(struct finds *finds, const struct lw_scene *scene, const st
     fetch(texture, find(finds, texture, use, uv), lanes, out);
 }
 
-/* Of a specular texture, whose texels are colours. */
+/* Takes a specular texture, whose texels are colours. */
 static void take_specular(struct finds *finds, const struct lw_scene *scene, const struct lw_finish *finish,
                           const struct lw_gloss_uv16 *uv, uint16_t lanes, struct lw_gloss16 *g) {
     const struct lw_texture *texture = &scene->finish_texture[finish->specular_texture.texture];

@@ -21,7 +21,7 @@
 
 #define POLL_MS            50u
 #define CONNECT_TIMEOUT_MS 5000u
-#define MOVES_NS           10000000000u /* what has not moved for so long stands still */
+#define MOVES_NS           10000000000u /* things that have not moved for so long stand still */
 
 static _Atomic bool stop;
 
@@ -51,10 +51,10 @@ struct headless {
     struct lw_settling settling;
     bool settled;                       /* things move, and the error that is shown falls no more */
     uint64_t moved_ns;                  /* when something moved last; 0: never */
-    double time_s;                      /* of the scene, then */
+    double time_s;                      /* the scene's time then */
     struct lw_client_stats stats;       /* as of the picture */
     struct lw_waiting_state server;     /* before its first light */
-    struct lw_progress server_progress; /* of that stage */
+    struct lw_progress server_progress; /* within the stage of `server` */
     bool stopped;                       /* by a signal, before the wait was over */
     bool late;                          /* the wait took too long, but there is light */
     float *rgb;
@@ -182,7 +182,7 @@ static enum lw_status finish_picture(struct headless *h, struct lw_error *out_er
         return LW_OK;
     }
     struct lw_compose_source source = lw_compose_source_of(h->stage.client);
-    struct lw_compose_report report; /* what is told stays that of the picture that served the wait */
+    struct lw_compose_report report; /* the reported figures are of the picture that served the wait */
     uint64_t start_ns = lw_clock_ns();
     lw_antialias_render(&h->antialias, h->stage.compose, &source, &h->stage.pose, &h->view, samples, h->rgb,
                         &report);

@@ -9,10 +9,9 @@
 /** Connects, waits as the options say, renders, writes. The first SIGINT or SIGTERM ends the wait
  * (interrupt.h): the picture that there is by then is written, if any light of it has come; before that it
  * ends the program at once.
- * out_stopped  whether a signal ended the wait
- * Errors       LW_CANNOT_CREATE before anything else is done; the client's; LW_TIMED_OUT saying what was
- *              missing; LW_USAGE for an
- *              unknown camera; the image writer's */
+ * out_stopped  whether a signal ended the wait.
+ * Errors: LW_CANNOT_CREATE before anything else is done; the client's; LW_TIMED_OUT, naming the missing part;
+ * LW_USAGE for an unknown camera; the image writer's. */
 LW_MUST_CHECK enum lw_status lw_headless_run(const struct lw_view_options *options, bool *out_stopped,
                                              struct lw_error *err);
 

@@ -17,7 +17,7 @@
 struct lw_local_server {
     pid_t pid; /* 0: it does not run */
     char program[PATH_MAX], port_file[PATH_MAX];
-    const char *word[LW_LOCAL_SERVER_WORDS_MAX]; /* of its command line */
+    const char *word[LW_LOCAL_SERVER_WORDS_MAX]; /* its command line's */
     char number[LW_LOCAL_SERVER_NUMBERS_MAX][64];
     unsigned words, numbers;
 };

@@ -5,7 +5,7 @@
 
 _Static_assert(LW_WAITING_LINE_SIZE <= LW_OVERLAY_LINE_SIZE, "what is waited for fits into a line");
 
-#define ERROR_TOLD 0.26f /* the largest that is told: 1 % */
+#define ERROR_TOLD 0.26f /* the largest that is shown: 1 % */
 
 const char *const lw_overlay_keys[LW_OVERLAY_KEYS] = {
     "click       look around with the mouse",
@@ -34,7 +34,7 @@ static unsigned percent_there(const struct lw_compose_report *r) {
     return percent(lacking < r->tiles_needed ? 1 - (double)lacking / (double)r->tiles_needed : 0);
 }
 
-/* Of the samples that a good picture takes: the error of a mean falls by the root of their number. */
+/* The share of a good picture's samples: the error of a mean falls by the root of their number. */
 static unsigned percent_good(const struct lw_compose_report *r) {
     const double share = (double)LW_COMPOSE_GOOD_ERROR / (double)r->shown_error;
     return percent(share * share);

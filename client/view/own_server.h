@@ -14,7 +14,7 @@ struct lw_own_server;
 /** Starts a server for a scene on a free port of 127.0.0.1. What it says goes to our stderr. A scene without
  * a light gets a plain sky. It ends when the calling thread does, however that comes about; Ctrl-C is not for
  * it.
- * open    the scene and how it is opened; must outlive the server
+ * open    the scene and how it is opened. It must outlive the server.
  * Errors: LW_NO_INPUT for a file that is not there; LW_OS if lightwelld, beside this program or in PATH, does
  * not start; LW_CANNOT_CREATE; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_own_server_start(const struct lw_scene_open *open,

@@ -5,7 +5,7 @@
 
 #include <stdint.h>
 
-/* of rendering, while something moves: leaves time for the rest of a frame at 20 frames/s */
+/* for rendering, while something moves: leaves time for the rest of a frame at 20 frames/s */
 #define LW_PACE_FRAME_MS 40.0
 #define LW_PACE_SIDE_MIN 64u /* pixels */
 

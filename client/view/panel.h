@@ -16,7 +16,7 @@ struct lw_panel {
     uint32_t *pixel; /* 0xAARRGGBB */
     size_t capacity;
     int scale;         /* pixels of the window for one of a letter; at least 1 */
-    int width, height; /* of what was drawn last, pixels */
+    int width, height; /* the last drawing's, pixels */
 };
 
 void lw_panel_finish(struct lw_panel *panel);

@@ -44,7 +44,7 @@ struct command {
     struct lw_path_film film;
     float *undo; /* half of the film, as it was before a sample */
     struct lw_path_count count;
-    double error; /* of the film */
+    double error; /* the film's */
     bool stopped; /* by a signal, before there was enough */
     uint64_t wall_ns, cpu_ns;
 };

@@ -13,12 +13,12 @@
 
 struct lw_picture {
     uint32_t width_max, height_max;
-    uint32_t width, height; /* of what is in it now; 0: nothing */
+    uint32_t width, height; /* the current picture's; 0: there is none */
     unsigned samples;       /* in it */
-    float *sum;             /* of the samples */
+    float *sum;             /* the samples' sum */
     float *sample;
     struct lw_antialias antialias;
-    unsigned edge_samples; /* of the pixels at edges, beside `samples`, in the first one */
+    unsigned edge_samples; /* more samples of the pixels at edges, in the first one */
     uint64_t edge_ns;      /* what they took in the last render */
     uint32_t *rgba;        /* bytes R, G, B, 255; width * height */
     struct lw_compose_report report;
@@ -34,7 +34,7 @@ void lw_picture_init(struct lw_picture *picture, enum lw_tonemap_curve curve, bo
                      unsigned threads);
 void lw_picture_finish(struct lw_picture *picture);
 
-/** Makes room for a window's pixels; what was in the picture is gone. Errors: LW_NO_MEMORY; the picture then
+/** Makes room for a window's pixels; the old picture is gone. Errors: LW_NO_MEMORY; the picture then
  * stays. */
 LW_MUST_CHECK enum lw_status lw_picture_resize(struct lw_picture *picture, uint32_t width, uint32_t height,
                                                struct lw_error *err);

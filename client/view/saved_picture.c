@@ -7,7 +7,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#define NAMES_MAX 100 /* of one second */
+#define NAMES_MAX 100 /* for one second */
 
 static bool is_taken(const char *name) {
     char path[LW_SAVED_PICTURE_NAME_SIZE + 8];

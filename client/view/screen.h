@@ -17,18 +17,18 @@ struct lw_screen {
     SDL_Renderer *renderer; /* without OpenGL, as the next two */
     SDL_Texture *picture;   /* as large as the window; a smaller picture fills its corner */
     SDL_Texture *panel;
-    int panel_width, panel_height; /* of the largest panel so far */
-    void (*lost)(void *context);   /* of lw_screen_watch() */
+    int panel_width, panel_height; /* the largest panel's so far */
+    void (*lost)(void *context);   /* as lw_screen_watch() has set it */
     void *lost_context;
-    int x_socket; /* of its X server; valid if lost is not NULL */
+    int x_socket; /* its X server's; valid if lost is not NULL */
 };
 
 /** Opens a window. Zeroed on failure.
  * gl   by OpenGL 3.3
- * Errors: LW_UNAVAILABLE saying what is missing. */
+ * Errors: LW_UNAVAILABLE, naming the missing part. */
 LW_MUST_CHECK enum lw_status lw_screen_open(struct lw_screen *screen, const char *title, int width,
                                             int height, bool gl, struct lw_error *err);
-/** A zeroed one is fine. What was made in its context must be gone by then. */
+/** A zeroed one is fine. Objects made in its context must be gone by then. */
 void lw_screen_close(struct lw_screen *screen);
 
 /** Calls somebody when the X server has gone, before the program ends with exit code 69: Xlib does not go on
@@ -54,11 +54,11 @@ void lw_screen_take(struct lw_screen *screen, const uint32_t *rgba, uint32_t wid
 /** Fills the window with that part of the last one. */
 void lw_screen_show(struct lw_screen *screen, uint32_t width, uint32_t height);
 
-/** Lays a panel of 0xAARRGGBB pixels over what is there. */
+/** Lays a panel of 0xAARRGGBB pixels over the window's picture. */
 void lw_screen_draw_panel(struct lw_screen *screen, const uint32_t *argb, int width, int height, int x,
                           int y);
 
-/** Shows what has been drawn. */
+/** Shows everything drawn so far. */
 void lw_screen_present(struct lw_screen *screen);
 
 #endif

@@ -44,7 +44,7 @@ static inline bool lw_show_is_of_tiles(enum lw_show show) {
 /** Whether it is a chart of the surfaces themselves, which need no light. */
 static inline bool lw_show_is_of_finish(enum lw_show show) { return show >= LW_SHOW_NORMALS; }
 
-/* Colours of charts where a surface has no lightmap, and of what is behind all surfaces. */
+/* Colours of charts where a surface has no lightmap, and behind all surfaces. */
 #define LW_SHOW_UNLIT  0.2f
 #define LW_SHOW_BEHIND 0.02f
 /* Texels are dark and bright in turn. */
@@ -62,7 +62,7 @@ static inline struct lw_vec3 lw_show_normal_colour(struct lw_vec3 n) {
     return lw_vec3(0.5f + 0.5f * n.x, 0.5f + 0.5f * n.y, 0.5f + 0.5f * n.z);
 }
 
-/** What is known of tiles. */
+/** The tiles as the client has them. */
 struct lw_show_tiles {
     uint32_t count;
     const void *context;

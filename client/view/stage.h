@@ -16,11 +16,11 @@ struct lw_stage {
     struct lw_pose pose;
     struct lw_trace *trace;
     struct lw_compose *compose;
-    struct lw_client_lights drawn; /* whose direct light the composer draws, if the client asked for that */
-    uint64_t changed_frame;        /* of the materials that the last picture had */
+    struct lw_client_lights drawn; /* the composer draws their direct light, if the client asked for that */
+    uint64_t changed_frame;        /* lw_client_stats.changed_frame as of the last picture */
     struct lw_attention attention;
     uint64_t looked_ns;          /* when the interest set was last listed */
-    struct lw_vec3 *tile_colour; /* of the chart that is shown; NULL: there was none */
+    struct lw_vec3 *tile_colour; /* the shown chart's; NULL: there was none */
 };
 
 /** Builds a stage for a client whose scene is there. The client must outlive it. Zeroed on failure.

@@ -1,7 +1,7 @@
 /* tonemap.h: linear radiance to 8-bit sRGB.
  * Flow:    compose -> [tonemap] -> PNG or window
  * Threads: lw_tonemap_init by one thread, then [any].
- * After:   Reinhard et al. 2002 (global operator, log-average key); Narkowicz 2015 (fitted ACES curve);
+ * After:   Reinhard and others 2002 (global operator, log-average key); Narkowicz 2015 (fitted ACES curve);
  *          IEC 61966-2-1 (encoding). */
 #ifndef LW_CLIENT_VIEW_TONEMAP_H
 #define LW_CLIENT_VIEW_TONEMAP_H
@@ -42,8 +42,8 @@ struct lw_vec3 lw_tonemap_apply(enum lw_tonemap_curve curve, struct lw_vec3 expo
  * picture. */
 float lw_tonemap_auto_stops(const float *rgb, size_t pixel_count);
 
-/** Encodes pixels: 3 floats each in, pixel_bytes (3, or 4 with an opaque fourth) each out. What is not finite
- * is shown as black or white. */
+/** Encodes pixels: 3 floats each in, pixel_bytes (3, or 4 with an opaque fourth) each out. Values that are
+ * not finite are shown as black or white. */
 void lw_tonemap_encode(const struct lw_tonemap *tonemap, const float *rgb, size_t pixel_count,
                        unsigned pixel_bytes, uint8_t *out_srgb);
 

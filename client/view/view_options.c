@@ -20,8 +20,8 @@ struct raw {
     bool samples_given;
 };
 
-/* Options of one of the three ways to run: in a window, --headless, --path-trace; what is not named here is
- * of --path-trace alone. */
+/* Options of one of the three ways to run: in a window, --headless, --path-trace. Options that are not named
+ * here are of --path-trace alone. */
 static const char *const of_every_way[] = {"camera",  "camera-name", "size",    "tonemap", "exposure",
                                            "threads", "show",        "version", NULL};
 static const char *const of_a_server[] = {"headless", "wait", "timeout", "cache", "samples-per-pixel", NULL};

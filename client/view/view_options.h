@@ -19,7 +19,7 @@
 enum lw_view_wait {
     LW_VIEW_WAIT_FIRST,     /* every object's coarsest light is there */
     LW_VIEW_WAIT_COMPLETE,  /* every tile that the view needs is there with all bounces */
-    LW_VIEW_WAIT_GOOD,      /* and little of their error is to be seen, or it falls no more (settling.h) */
+    LW_VIEW_WAIT_GOOD,      /* and little of their error is to be seen, or it falls no more (lw_settling) */
     LW_VIEW_WAIT_CONVERGED, /* and all of their errors are below the server's target */
     LW_VIEW_WAIT_SECONDS    /* so long after connecting, and the first light is there */
 };
@@ -35,7 +35,7 @@ enum lw_view_format { LW_VIEW_NO_FILE, LW_VIEW_EXR, LW_VIEW_PNG };
 
 #define LW_VIEW_DIRECT_CHOICES "auto|tiles"
 
-/* What draws: OpenGL in a window where there is one, rays else; or what is asked for. */
+/* The renderer: OpenGL in a window where there is one, rays else; or the one that is asked for. */
 enum lw_view_renderer { LW_VIEW_RENDERER_AUTO, LW_VIEW_RENDERER_GL, LW_VIEW_RENDERER_CPU };
 #define LW_VIEW_RENDERER_CHOICES "auto|gl|cpu" /* in the order of enum lw_view_renderer */
 
@@ -52,13 +52,13 @@ struct lw_view_path {
     enum lw_path_pixel pixel;
     enum lw_path_part part;
     enum lw_view_guide guide;
-    double time_s; /* of the scene's animation */
+    double time_s; /* time in the scene's animation */
 };
 
 struct lw_view_options {
     const char
         *scene; /* to light by a server of our own; NULL: there is one, at host and port. Points into argv */
-    struct lw_scene_open own; /* of scene, if that is not NULL */
+    struct lw_scene_open own; /* how to open `scene`, if it is not NULL */
     char host[256];
     struct lw_access access;
     uint16_t port; /* 0 with a scene, until its server listens */
@@ -68,8 +68,8 @@ struct lw_view_options {
     const char *camera_name;      /* NULL: none; points into argv */
     uint32_t width, height;
     enum lw_view_wait wait;
-    double wait_s;              /* of LW_VIEW_WAIT_SECONDS */
-    uint32_t samples_per_pixel; /* of --headless; 1: what its centre sees */
+    double wait_s;              /* for LW_VIEW_WAIT_SECONDS */
+    uint32_t samples_per_pixel; /* for --headless; 1: what its centre sees */
     const char *out;            /* NULL: none; points into argv */
     enum lw_view_format format;
     enum lw_tonemap_curve curve;
@@ -77,7 +77,7 @@ struct lw_view_options {
     float stops;      /* unless auto_exposure */
     unsigned threads; /* 0: all */
     double timeout_s;
-    const char *cache_folder; /* of scene packages; NULL: none; points into argv */
+    const char *cache_folder; /* for scene packages, or NULL; points into argv */
     enum lw_view_renderer renderer;
     enum lw_show show; /* in place of all light; of --path-trace, too, which knows the first three */
     bool draws_direct; /* the direct light of the server's client lights is drawn here */

@@ -28,14 +28,14 @@
 #define IDLE_WAIT_MS      8
 #define REST_AFTER_NS     200000000u /* without motion: then the picture sharpens */
 #define FIGURES_EVERY_NS  500000000u
-#define KEYS_SHOWN_NS     20000000000u /* of the first picture, unless somebody presses a key before */
+#define KEYS_SHOWN_NS     20000000000u /* after the first picture, unless somebody presses a key before */
 #define NOTICE_SHOWN_NS   4000000000u
 #define RADIANS_PER_PIXEL 0.0025f
 #define FAST              4.0f
 #define TILES_A_PICTURE                                                                                      \
-    32u /* that OpenGL takes over at most: with what a poll takes in under 4 ms (bench_take) */
+    32u /* OpenGL takes over no more: with the work of a poll that is under 4 ms (bench_take) */
 #define MSAA            4u
-#define SAVED_SAMPLES   16u /* of a pixel of a picture that is saved */
+#define SAVED_SAMPLES   16u /* per pixel of a saved picture */
 #define SURVEY_EVERY_NS 250000000u
 #define STEP_S_MAX      0.1f /* a hitch must not throw the camera across the room */
 #define STOPS_A_KEY     0.25f
@@ -51,7 +51,7 @@ struct figures {
     double pictures_per_s, kbit_per_s;
 };
 
-/* What is shown of a path tracer's picture of the same view. */
+/* How a path tracer's picture of the same view is shown. */
 enum compare { COMPARE_NONE, COMPARE_SIDE_BY_SIDE, COMPARE_DIFFERENCE, COMPARES };
 
 struct lw_window {
@@ -63,11 +63,11 @@ struct lw_window {
 
     struct lw_own_server *server; /* NULL: somebody else's */
     uint64_t importing_ns;        /* since when it imports its scene; 0: it does not */
-    struct lw_client *client;     /* whose light is shown; may have lost its server */
+    struct lw_client *client;     /* its light is shown; it may have lost its server */
     bool lost;
     struct lw_stage stage;
     bool staged;
-    struct lw_gl_view gl;       /* of the stage, if the screen is OpenGL's */
+    struct lw_gl_view gl;       /* the stage's, if the screen is OpenGL's */
     uint64_t surveyed_ns;       /* when it was last asked what the view needs */
     bool unsurveyed;            /* the picture is newer */
     uint32_t waiting;           /* tiles that it has not taken over yet, or that fade */
@@ -76,7 +76,7 @@ struct lw_window {
 
     struct lw_steering steering;
     struct lw_camera_view start;
-    float size_m; /* of the scene */
+    float size_m; /* the scene's */
     uint32_t next_camera;
     bool captured, hide_figures, quit, full_screen;
     bool held[SDL_NUM_SCANCODES]; /* keys */
@@ -87,17 +87,17 @@ struct lw_window {
     char says[160];
 
     enum compare compare;
-    struct lw_comparison *comparison; /* of the stage; NULL: nothing is compared */
+    struct lw_comparison *comparison; /* the stage's; NULL: nothing is compared */
     struct lw_comparison_picture traced;
-    bool scene_changed;               /* since the path tracer was told */
-    float wipe;                       /* of the window's width: where the traced picture begins */
+    bool scene_changed;               /* since the last lw_comparison_follow() */
+    float wipe;                       /* where the traced picture begins, over the window's width */
     uint32_t *over;                   /* pixels over the picture */
     float *light;                     /* the picture that is compared */
-    uint32_t over_width, over_height; /* of the window, that there is room for */
+    uint32_t over_width, over_height; /* window size that there is room for */
 
     struct lw_picture picture;
     struct lw_pace pace;
-    bool stale;  /* the picture is not of what is there now */
+    bool stale;  /* the picture is not up to date */
     bool redraw; /* the overlay is not */
     bool busy;   /* the last step had something to do */
     uint64_t moved_ns, stepped_ns, coloured_ns, pictures;
@@ -213,7 +213,7 @@ static enum lw_status leave_gl(struct lw_window *w, struct lw_error *err) {
     return status == LW_OK ? resize(w, err) : status;
 }
 
-/* Shows the incoming client in place of what is shown. */
+/* Shows the incoming client in place of the current one. */
 static enum lw_status stage_incoming(struct lw_window *w, struct lw_error *err) {
     const bool first = !w->staged;
     const bool other = first || memcmp(lw_client_package_hash(w->client), lw_client_package_hash(w->incoming),
@@ -722,7 +722,7 @@ static bool renew_picture(struct lw_window *w, float seconds) {
     if (!lw_picture_adapt(&w->picture, seconds) && !render) return false;
     lw_picture_develop(&w->picture);
     lw_screen_take(&w->screen, w->picture.rgba, w->picture.width, w->picture.height);
-    if (render) /* edges take what is left: they do not count */
+    if (render) /* edges take the remaining time: they do not count */
         lw_pace_note(&w->pace, (uint64_t)width * height, lw_clock_ns() - start_ns - w->picture.edge_ns);
     return true;
 }

@@ -45,7 +45,7 @@ struct lw_window_state {
     bool compares;
     struct lw_comparison_picture traced; /* beside it */
     float wipe;                          /* where that begins, 0..1 of the width */
-    uint32_t width, height;              /* of the window, pixels */
+    uint32_t width, height;              /* the window's, pixels */
     int text_scale;
 };
 struct lw_window_state lw_window_state(const struct lw_window *window);

@@ -6,7 +6,7 @@
  * is in its back wall. */
 #define HALF_X   2.0f
 #define HEIGHT   2.5f
-#define DEPTH    4.0f /* of each room, from the wall between them */
+#define DEPTH    4.0f /* each room's, from the wall between them */
 #define WALL_M   0.1f
 #define DOOR_X   0.5f /* half its width */
 #define DOOR_Y   2.0f

@@ -85,8 +85,8 @@ static struct palette mix_palette(struct lw_builtin_stage *stage) {
 /* Without a relief a surface is smooth but for its roughness. */
 #define SMOOTH LW_BUILTIN_RELIEF_COUNT
 
-/** The finish of a material. Its roughness is times the relief's; specular and ior are of a dielectric's
- * gloss; scale is the normal map's. */
+/** The finish of a material. Its roughness is times the relief's. specular and ior belong to a dielectric's
+ * gloss. scale is the normal map's. */
 struct polish {
     uint32_t material;
     enum lw_builtin_relief_kind relief;
@@ -345,7 +345,7 @@ static uint32_t build_lamp(struct lw_builtin_stage *stage, struct lw_builtin_mes
     return finish_at(stage, mesh, name, position);
 }
 
-/* ---- what moves ---- */
+/* ---- animation ---- */
 
 /** A closed smooth path, centre + amplitude * sin(turns * 2 pi t / LOOP_S + phase) per axis, as cubic keys:
  * Hermite tangents are the derivative, so the loop closes with its speed. */

@@ -68,7 +68,7 @@ static void chimney(struct lw_builtin_mesh *mesh, const struct lw_affine *there,
     }
 }
 
-/** A window in the roof; the foot of its front is at the placement's origin, which lies on the slope; it
+/** A window in the roof. The foot of its front is at the placement's origin, which lies on the slope. It
  * reaches `deep` metres back. */
 static void dormer(struct lw_builtin_mesh *mesh, const struct lw_affine *there,
                    const struct lw_builtin_facade *facade, float x, float y, float z, float deep, bool lit) {
@@ -119,7 +119,7 @@ static struct lw_builtin_facade street_front(const struct lw_builtin_house_style
                                       .lit = 0.06f};
 }
 
-/** What is left of a front towards the court. */
+/** A facade towards the court: a front with windows, shutters and a door alone. */
 static struct lw_builtin_facade court_front(struct lw_builtin_facade facade) {
     facade.ground = LW_FACADE_GROUND_WINDOWS;
     facade.features &= (unsigned)LW_FACADE_SHUTTERS;

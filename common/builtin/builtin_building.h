@@ -14,7 +14,7 @@
 /** How a house looks: its paints, what its windows have, how high it is. */
 struct lw_builtin_house_style {
     const struct lw_builtin_facade_paints *paints;
-    uint32_t storeys, bays; /* of a row house; corner houses have bays to the same measure */
+    uint32_t storeys, bays; /* a row house's; corner houses have bays to the same measure */
     enum lw_builtin_ground ground;
     unsigned features; /* LW_FACADE_... of street fronts */
     bool turret;       /* corner houses: on the corner */

@@ -343,12 +343,12 @@ static void put_rim(struct lw_builtin_stage *stage, const struct kit *kit, uint3
     }
 }
 
-/* ---- what moves ---- */
+/* ---- animation ---- */
 
 /** A square with round corners about a block, clockwise seen from above. */
 struct round {
     float x, y, z;      /* its middle; the height */
-    float half, radius; /* of the square; of its corners */
+    float half, radius; /* the square's; its corners' */
     float start;        /* share of the way around at which it begins */
     uint32_t turns;     /* per loop of the animation */
 };

@@ -10,7 +10,7 @@
 /** A material and how its texture is laid: by lw_builtin_mesh_use(). */
 struct lw_builtin_paint {
     uint32_t material;
-    float metres; /* of one repeat */
+    float metres; /* one repeat's */
 };
 /** Paints the next parts by their place in object space, or along their own rows and columns. */
 void lw_builtin_facade_use(struct lw_builtin_mesh *mesh, struct lw_builtin_paint paint);
@@ -42,7 +42,7 @@ struct lw_builtin_facade {
     float window_m[2];               /* width and height of the windows above the ground floor */
     enum lw_builtin_ground ground;
     unsigned features; /* LW_FACADE_SHUTTERS... */
-    uint32_t seed;     /* of what is left to chance: which windows are lit */
+    uint32_t seed;     /* for random choices, such as the lit windows */
     float lit;         /* share of the windows */
 };
 void lw_builtin_facade_build(struct lw_builtin_mesh *mesh, const struct lw_builtin_facade *facade);

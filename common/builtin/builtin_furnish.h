@@ -25,7 +25,7 @@ void lw_builtin_furnish_soil(struct lw_builtin_mesh *mesh, float height);
  * from the rail's axis from `clear_below` metres below the rail on. One sheet. */
 struct lw_builtin_cloth {
     float width, behind, front, clear, clear_below;
-    float phase; /* of its folds */
+    float phase; /* its folds' */
 };
 void lw_builtin_furnish_cloth(struct lw_builtin_mesh *mesh, const struct lw_builtin_cloth *cloth);
 

@@ -3,13 +3,13 @@
 #define ARCH_RADIUS  1.15f
 #define ARCH_STEPS   32u
 #define IMPOST_HALF  0.37f /* what an arcade needs under its springing: half a bay less the arch's radius */
-#define MOULD_WIDTH  0.24f /* of an archivolt, from the arch's edge */
+#define MOULD_WIDTH  0.24f /* an archivolt's, from the arch's edge */
 #define VAULT_RISE   1.40f
 #define VAULT_STEPS  16u
 #define RIB_HALF     0.18f
 #define CEILING_Y    9.30f
 #define DADO_Y       1.15f
-#define PIECE_M      1.5f /* of the long sides */
+#define PIECE_M      1.5f /* the long sides' */
 #define COUNT(array) ((uint32_t)(sizeof(array) / sizeof *(array)))
 
 static const struct lw_vec3 unscaled = {1, 1, 1};
@@ -36,7 +36,7 @@ static uint32_t round_to(struct lw_vec2 *profile, uint32_t count, struct lw_vec2
 void lw_builtin_house_column(struct lw_builtin_mesh *mesh, float height, float radius) {
     struct lw_vec2 p[64];
     uint32_t n = 0;
-    float r = radius, top = height - 1.15f * r; /* of the shaft */
+    float r = radius, top = height - 1.15f * r; /* the shaft's */
     /* Attic base: torus, scotia, torus */
     p[n++] = (struct lw_vec2){1.30f * r, 0.26f * r};
     n = round_to(p, n, (struct lw_vec2){1.30f * r, 0.52f * r}, 0.45f, 6);

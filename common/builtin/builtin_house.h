@@ -1,6 +1,7 @@
 /* builtin_house.h: the architecture of the atrium: a court of 24 x 12 m between two storeys of round arches
- * on columns, with a gallery behind them. The ground floor is at 0; the middle of the court is the origin;
- * long sides run along X. Every function adds one part to a mesh, with the mesh's material and texture state.
+ * on columns, with a gallery behind them. The ground floor is at 0. The middle of the court is the origin.
+ * Its long sides run along X. Every function adds one part to a mesh, with the mesh's material and texture
+ * state.
  * Threads: one mesh, one thread. */
 #ifndef LW_COMMON_BUILTIN_HOUSE_H
 #define LW_COMMON_BUILTIN_HOUSE_H
@@ -47,7 +48,7 @@ void lw_builtin_house_ribs(struct lw_builtin_mesh *mesh);
 /** Timber ceiling of the upper gallery: boards and beams. */
 void lw_builtin_house_timber(struct lw_builtin_mesh *mesh);
 
-/** Walls of the galleries from the dado up; the dado; the pilasters. No outside: backs stop light. */
+/** Walls of the galleries from the dado up, the dado and the pilasters. No outside: backs stop light. */
 void lw_builtin_house_walls(struct lw_builtin_mesh *mesh);
 void lw_builtin_house_dado(struct lw_builtin_mesh *mesh, float floor_y);
 void lw_builtin_house_pilasters(struct lw_builtin_mesh *mesh);

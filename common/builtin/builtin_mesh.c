@@ -249,7 +249,7 @@ void lw_builtin_mesh_patch(struct lw_builtin_mesh *mesh, const struct lw_vec3 *p
         find_edges(&p, mesh->crease_cos);
         for (uint32_t r = 0; r + 1 < rows; r++)
             for (uint32_t c = 0; c + 1 < columns; c++) {
-                index_quad(mesh, &p, r, c); /* of a hole too: no two adjoin, so its corners are all used */
+                index_quad(mesh, &p, r, c); /* for a hole too: no two adjoin, so its corners are all used */
                 if ((flags & LW_BUILTIN_HOLES) && (r & c & 1)) continue;
                 const uint32_t *i = &p.index[4 * (r * (columns - 1) + c)];
                 emit(mesh, &p, i[0], i[1], i[3]);

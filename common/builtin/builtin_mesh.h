@@ -17,7 +17,7 @@ enum lw_builtin_uv {
 
 struct lw_builtin_mesh {
     /* state that the next part is built with; set freely */
-    struct lw_affine placement; /* of points given; may mirror, must not shear */
+    struct lw_affine placement; /* for the points given; may mirror, must not shear */
     uint32_t material;
     enum lw_builtin_uv uv_mode;
     struct lw_vec2 uv_offset; /* metres */
@@ -25,7 +25,7 @@ struct lw_builtin_mesh {
     float crease_cos;         /* a fold whose normals' cosine is below this is an edge */
 
     bool failed;
-    /* what has been built */
+    /* the mesh so far */
     struct lw_vec3 *position, *normal;
     struct lw_vec2 *uv;
     uint32_t (*triangle)[3];

@@ -66,7 +66,7 @@ void lw_builtin_stage_quad(struct lw_builtin_stage *stage, const char *name, uin
 void lw_builtin_stage_sun(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 direction,
                           struct lw_vec3 irradiance, float angular_diameter);
 
-/** Point and spot lights, at a point of their parent's space; intensity: W/sr, of the spot on its axis;
+/** Point and spot lights, at a point of their parent's space. intensity: W/sr, the spot's on its axis.
  * cones: half angles, radians. */
 void lw_builtin_stage_point(struct lw_builtin_stage *stage, const char *name, uint32_t parent,
                             struct lw_vec3 position, struct lw_vec3 intensity);

@@ -93,7 +93,7 @@ void lw_builtin_street_tile(struct lw_builtin_mesh *mesh, const struct lw_builti
                                           {-0.23f, -0.02f}};
     lw_builtin_facade_use_along(mesh, paints->kerb);
     lw_builtin_mesh_sweep(mesh, kerb, COUNT(kerb), frames, KERB_POINTS, LW_BUILTIN_CLOSED_COLUMNS);
-    for (uint32_t i = 0; i < KERB_POINTS; i++) { /* the pavement goes on under what is built at the front */
+    for (uint32_t i = 0; i < KERB_POINTS; i++) { /* the pavement goes on under the parts at the front */
         const float inside = LW_STREET_FRONT - 0.5f;
         const struct lw_vec3 p = lw_vec3_mad(line[i], out[i], -0.22f);
         points[i] = lw_vec3(p.x, 0, p.z);
@@ -329,7 +329,7 @@ static void stall(struct lw_builtin_mesh *mesh, const struct lw_builtin_street_p
     }
     box(mesh, -half, 0.82f, 0.1f, half, 0.88f, deep + 0.15f);
     box(mesh, -half, 0.1f, deep, half, 0.82f, deep + 0.06f);
-    for (uint32_t i = 0; i < 5; i++) { /* crates, with what is sold in them */
+    for (uint32_t i = 0; i < 5; i++) { /* crates, with goods in them */
         float x = -1.3f + 0.55f * (float)i;
         lw_builtin_facade_use(mesh, paints->wood);
         box(mesh, x, 0.88f, 0.35f, x + 0.45f, 1.05f, 0.95f);

@@ -1,4 +1,4 @@
-/* builtin_street.h: what is between the buildings of the city: paving, street lamps, trees, furniture of
+/* builtin_street.h: the space between the buildings of the city: paving, street lamps, trees, furniture of
  * streets and squares, carriages, the wall around it all.
  * A block's tile is LW_STREET_PITCH square, its middle at the origin: pavement (y = 0) around the block, and
  * half of the carriageways beyond it. Every function adds one thing to a mesh and leaves its placement as it

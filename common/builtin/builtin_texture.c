@@ -7,7 +7,7 @@
 /** A point of a relief. */
 struct grain {
     float height_mm, roughness;
-    float open; /* how much of what comes from everywhere reaches it, in [0, 1] */
+    float open; /* share of the light from everywhere that reaches it, in [0, 1] */
 };
 
 /* ---- noise and shapes ---- */
@@ -257,7 +257,7 @@ static struct lw_vec4 leaf(float u, float v) {
     return (struct lw_vec4){c.x, c.y, c.z, inside ? 1.0f : 0.0f};
 }
 
-/** Where the amphora is painted, without what has worn off: 0 or 1. */
+/** The amphora's paint before any wear: 0 or 1. */
 static float pottery_paint(float u, float v) {
     float paint = 0;
     if (v < 0.10f)
@@ -361,7 +361,7 @@ static struct grain ashlar_relief(float u, float v) {
     return (struct grain){6.0f * grain - 1.6f * pits - 4.5f * joint, 1, 1.0f - 0.5f * joint};
 }
 
-/** Sawn and rubbed, not polished: it is dull where hands and weather have been. */
+/** Sawn and rubbed, not polished: hands and weather have dulled it in places. */
 static struct grain marble_relief(float u, float v) {
     float worn = smooth(0.40f, 0.70f, fractal(u, v, 5, 4, 621));
     return (struct grain){2.4f * fractal(u, v, 8, 4, 623), 0.30f + 0.22f * worn, 1};
@@ -397,7 +397,7 @@ static struct grain tiles_relief(float u, float v) {
 
 static struct grain wood_relief(float u, float v) {
     float across = fraction(u * 4.0f), edge = fminf(across, 1 - across) / 4.0f;
-    float sway = 3.0f * noise(u * 8.0f, v * 8.0f, 8, 657); /* of fibres that run along v */
+    float sway = 3.0f * noise(u * 8.0f, v * 8.0f, 8, 657); /* the fibres', which run along v */
     float fibre = noise(u * 128.0f + sway, 0, 128, 659);
     return EVEN(0.7f * fibre + 4.0f * smooth(0.001f, 0.008f, edge));
 }

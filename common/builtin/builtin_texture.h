@@ -22,7 +22,7 @@
     X(FROND, frond, 256, 1024)    /* root at v = 0; masked */                                                \
     X(LEAF, leaf, 256, 256)       /* root at v = 0; masked */                                                \
     X(POTTERY, pottery, 512, 512) /* painted bands along u */                                                \
-    /* of the city alone */                                                                                  \
+    /* for the city alone */                                                                                 \
     X(SETTS, setts, 256, 256)   /* 12 x 16 paving stones */                                                  \
     X(PAVING, paving, 256, 256) /* 3 x 4 slabs */                                                            \
     X(BRICK, bricks, 256, 256)  /* 4 x 14 bricks */                                                          \
@@ -46,7 +46,7 @@ uint32_t lw_builtin_texture_add(struct lw_builtin_stage *stage, enum lw_builtin_
  * heights, roughness and how open a point lies */
 #define LW_BUILTIN_RELIEF_MAP(X)                                                                             \
     X(PLASTER, plaster, 256, 256, 4.0f, true)                                                                \
-    X(ASHLAR, ashlar, 512, 512, 1.5f, false) /* of the same blocks as the texture, and so on */              \
+    X(ASHLAR, ashlar, 512, 512, 1.5f, false) /* the texture's blocks; the others likewise */                 \
     X(MARBLE, marble, 256, 256, 2.4f, false)                                                                 \
     X(INLAY, inlay, 512, 512, 2.0f, false)                                                                   \
     X(MEANDER, meander, 512, 128, 2.48f, false)                                                              \

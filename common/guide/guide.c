@@ -8,14 +8,14 @@
 #include <string.h>
 
 #define CELLS         (LW_GUIDE_SIDE * LW_GUIDE_SIDE * LW_GUIDE_SIDE)
-#define SOLID_ANGLE   (4 * LW_PI / LW_GUIDE_SECTORS) /* of a sector */
-#define NOTE_BITS     36                             /* of one note: 2^28 of them fit a sum */
+#define SOLID_ANGLE   (4 * LW_PI / LW_GUIDE_SECTORS) /* a sector's */
+#define NOTE_BITS     36                             /* one note's: 2^28 of them fit a sum */
 #define HEADROOM_BITS 12                             /* above the brightest note of the pass before */
 #define UNIT_FIRST    0x1p-20f                       /* W/(m^2 sr), while no brightest note is known */
 #define VISITS_MAX    65535.0f                       /* by then alpha has long taken over */
 #define TAKEN_MAX     0x1p24f                        /* floats count no further */
 
-/* What a sector is told: one cache line has four. */
+/* The notes of a sector: one cache line has four. */
 struct note {
     _Atomic uint64_t sum;
     _Atomic uint32_t count;
@@ -32,7 +32,7 @@ struct lw_guide {
     /* per cell */
     _Atomic uint8_t *noted; /* in this pass */
     float *taken;           /* notes ever taken */
-    float unit;             /* of the sums */
+    float unit;             /* the sums' */
     _Atomic uint32_t peak;  /* bits of the brightest note of this pass: they sort like their floats */
 };
 
@@ -167,8 +167,8 @@ static struct lw_vec3 by_cosine(struct lw_vec3 normal, float u, float v) {
                        radius * sinf(angle));
 }
 
-/* Of `count` weights that sum to total, the one that `at` (in [0, 1)) falls on; *out_rest: where in it. Never
- * one of weight 0, unless all are. */
+/* Number of the weight that `at` (in [0, 1)) falls on, among `count` that sum to total. *out_rest: where in
+ * it. Never a weight of 0, unless all are 0. */
 static uint32_t choose(const float *weight, uint32_t count, float total, float at, float *out_rest) {
     float left = at * total;
     uint32_t last = 0;

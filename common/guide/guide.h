@@ -1,5 +1,5 @@
 /* guide.h: from where light comes, learned place by place, and directions of bounce rays that follow it.
- * Flow:    [aim_at] -> sample, density -> paths -> [note] ; between passes of paths: [learn]
+ * Flow:    [aim_at] -> sample, density -> paths -> [note]. Between passes of paths: [learn]
  * Threads: create, learn and destroy by one thread while nobody else is here; the rest [any] in between.
  * After:   Dahm and Keller 2017 (learning light transport the reinforced way, expected Sarsa); Veach 1997
  *          (one-sample mixtures).
@@ -49,7 +49,7 @@ void lw_guide_destroy(struct lw_guide *guide);
 
 /** The distribution at one point of a surface. */
 struct lw_guide_aim {
-    const float *q; /* of the cell; NULL: nothing is known there */
+    const float *q; /* the cell's; NULL: nothing is known there */
     struct lw_vec3 normal;
     uint32_t cell;
     float beta;
@@ -79,7 +79,7 @@ float lw_guide_density(const struct lw_guide_aim *aim, struct lw_vec3 normal_ws,
  * known. */
 float lw_guide_reflected(const struct lw_guide_aim *aim);
 
-/** Notes the luminance that a ray has found, W/(m^2 sr); what is not finite or below 0 counts as 0. Any
+/** Notes the luminance that a ray has found, W/(m^2 sr). Below 0 or not finite it counts as 0. Any
  * thread, in any order. place: of the sample that the ray was drawn by. */
 void lw_guide_note(struct lw_guide *guide, uint32_t place, float luminance);
 

@@ -54,7 +54,7 @@ static enum lw_status put_frame_control(struct movie *m, struct lw_error *err) {
     put32(control + 4, m->width);
     put32(control + 8, m->height);
     control[20] = (uint8_t)(m->frame_ms >> 8), control[21] = (uint8_t)m->frame_ms;
-    control[22] = 1000 >> 8, control[23] = 1000 & 255; /* of a second */
+    control[22] = 1000 >> 8, control[23] = 1000 & 255; /* thousandths of a second */
     return put_chunk(m->file, "fcTL", control, sizeof control, NULL, 0, err);
 }
 

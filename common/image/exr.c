@@ -163,8 +163,8 @@ enum lw_status lw_image_write_exr_with(const char *path, const struct lw_image_e
 struct reader {
     struct stream *stream;
     exr_context_t context;
-    exr_attr_box2i_t window, display; /* where there is data, and what is shown */
-    uint32_t width, height;           /* of the data */
+    exr_attr_box2i_t window, display; /* the pixels with data; the pixels shown */
+    uint32_t width, height;           /* the data's */
     unsigned channels;                /* 3: R, G, B; 4: A too, where the file has it */
     float *pixel;
     /* A apart: OpenEXR 3.1.5 mixes up the channels of four halves that it turns into one run of floats */
@@ -295,7 +295,7 @@ static enum lw_status read_pixels(struct reader *reader) {
     return check(reader->stream, result, LW_BAD_DATA, "read");
 }
 
-/* The part of one row of what is shown for which there is data. y: of the display window, from 0. */
+/* The part of one shown row that has data. y: in the display window, from 0. */
 static void place_row(const struct reader *reader, int64_t y, uint32_t width, float *out) {
     const int64_t left = (int64_t)reader->window.min.x - reader->display.min.x,
                   row = y + reader->display.min.y - reader->window.min.y;
@@ -340,7 +340,7 @@ static enum lw_status read_exr(const char *path, unsigned channels, float **out_
     initializer.max_image_width = initializer.max_image_height = LW_IMAGE_SIDE_MAX;
     initializer.max_tile_width = initializer.max_tile_height = LW_IMAGE_SIDE_MAX;
     initializer.flags =
-        EXR_CONTEXT_FLAG_DISABLE_CHUNK_RECONSTRUCTION; /* damage is told, not guessed around */
+        EXR_CONTEXT_FLAG_DISABLE_CHUNK_RECONSTRUCTION; /* damage is reported, not guessed around */
     exr_result_t result = exr_start_read(&reader.context, path, &initializer);
     enum lw_status status =
         check(&stream, result, result == EXR_ERR_FILE_ACCESS ? LW_NO_INPUT : LW_BAD_DATA, "read");

@@ -56,7 +56,7 @@ static uint32_t list_corners(const struct lw_scene *scene, const struct lw_pose 
 }
 
 /* Joins triangles that share a corner, and clears drawn[] of the materials that have a large piece. corner:
- * as listed; sorted: the same, by place; parent: one for each triangle; piece: likewise. */
+ * as listed. sorted: the same corners, by place. parent, piece: one for each triangle. */
 static void judge_pieces(const struct corner *corner, const struct corner *sorted, uint32_t count,
                          uint32_t *parent, struct piece *piece, uint8_t *drawn) {
     const uint32_t triangles = count / 3;

@@ -43,7 +43,8 @@ static inline bool lw_client_lights_any(const struct lw_client_lights *client) {
     return client && client->drawn_lights + client->drawn_materials > 0;
 }
 
-/** Those that clients draw (drawn) or the server keeps, for lw_lights_init_part(). client outlives it. */
+/** The lights that clients draw (drawn) or the server keeps: for lw_lights_init_part().
+ * client outlives it. */
 static inline struct lw_lights_part lw_client_lights_part(const struct lw_client_lights *client, bool drawn) {
     return (struct lw_lights_part){
         .light = client->light, .material = client->material, .value = drawn, .sky = !drawn};

@@ -135,7 +135,7 @@ static void sample_near_group(const struct lw_direct16 *d, uint32_t group, float
     }
 }
 
-/* The groups that light a packet. Of those that are far one light is chosen for all of it. */
+/* The groups that light a packet. A far group has one light chosen for all of it. */
 struct cut {
     struct lw_light_choice far[LW_LIGHTS_EXACT_MAX], near[LW_LIGHTS_EXACT_MAX];
     uint32_t far_count, near_count;
@@ -149,7 +149,7 @@ static void cut_tree(const struct lw_direct16 *d, uint32_t index, struct cut *cu
     const uint32_t count = lw_lights_split(lights, &region, group);
     cut->far_count = cut->near_count = 0;
     for (uint32_t g = 0; g < count; g++) {
-        float pick[2]; /* of a sequence of the group's own: most groups stay over the frames */
+        float pick[2]; /* from a sequence of the group's own: most groups stay over the frames */
         lw_sampling_point(lw_random_hash2(seed, group[g]), index, d->set, pick);
         const bool far = lw_light_tree_is_far(&lights->tree, group[g], &region);
         *(far ? &cut->far[cut->far_count++] : &cut->near[cut->near_count++]) =

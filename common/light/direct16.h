@@ -24,8 +24,8 @@ struct lw_direct16 {
     const struct lw_points16 *points;
     uint16_t active;
     bool coherent;                     /* rays from neighbours to one light run (nearly) parallel */
-    uint32_t seed, object, block, set; /* of the random numbers; set: 0 to 15 */
-    uint32_t salt;                     /* of the shadow rays (trace.h) */
+    uint32_t seed, object, block, set; /* for the random numbers; set: 0 to 15 */
+    uint32_t salt;                     /* for the shadow rays (trace.h) */
     float (*e)[LW_TRACE_WIDTH];        /* three rows, W/m^2: added to */
     /* Its cosine moment, the integral of L cos w by luminance: three rows, added to. NULL: not wanted. */
     float (*moment)[LW_TRACE_WIDTH];

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #define LANES LW_TRACE_WIDTH
-/* Of a ray's length: the end lies off its surface as the start does, and this only keeps rounding out. */
+/* Share of a ray's length: its end lies off the surface as its start does. This only keeps rounding out. */
 #define RAY_SHARE (1 - 0x1p-20f)
 
 LW_WIDE void lw_form16_weigh(const struct lw_points16 *restrict at, const float position[restrict 3],

@@ -13,7 +13,7 @@
 #include "common/trace/trace.h"
 
 /** Weights of the flux of a disc of area_m2, 0 for a point. near_m2: r^2 counts as this at least; 0: as it
- * is. 0 where one is behind the other. */
+ * is. 0 where the disc is behind the point, or the point behind the disc. */
 void lw_form16_weigh(const struct lw_points16 *points, const float position[3], const float normal[3],
                      float area_m2, float near_m2, float out[LW_TRACE_WIDTH]);
 

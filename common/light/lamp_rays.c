@@ -48,7 +48,7 @@ static const struct lw_light *scene_light(const struct lw_lamp_rays *lamps, uint
     return &lamps->lights->scene->light[light];
 }
 
-/* Of the directions that a point or spot shines to, sr. */
+/* A point's or spot's directions, sr. */
 static float solid_angle(const struct lw_light *light) {
     const float sine = sinf(0.5f * light->outer_cone);
     return 4 * LW_PI * (light->kind == LW_LIGHT_SPOT ? sine * sine : 1);

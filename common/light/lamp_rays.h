@@ -1,6 +1,6 @@
 /* lamp_rays.h: rays that leave lamps, as their light does.
- * Flow:    lights, pose -> [lamp_rays] -> rays with their share of the light; what a point gets from the
- *          place on the lamp where one began
+ * Flow:    lights, pose -> [lamp_rays] -> rays with their share of the light, and a point's light from the
+ *          place on the lamp where a ray began
  * Threads: init and set_pose by one thread; the others [any] in between.
  *
  *   point, spot       even over the directions of the sphere or cone; flux I / p

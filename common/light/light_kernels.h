@@ -16,19 +16,19 @@ LW_WIDE_INLINE float lw_light_smaller(float a, float b) { return a < b ? a : b; 
 
 /* ---- choosing ---- */
 
-/* Cosines are rounded; what is this near to the edge of a cone counts as within. */
+/* Cosines are rounded: a direction this near to the edge of a cone counts as within. */
 #define LW_LIGHT_COSINE_SLACK 2e-3f
 #define LW_LIGHT_BELOW_ONE    0x1.fffffep-1f
 
 /* What a choice reads of a node: a line of memory. */
 struct lw_light_node {
-    struct lw_vec3 centre; /* of the ball around its box */
+    struct lw_vec3 centre; /* the centre of the ball around its box */
     float radius, power;
     struct lw_vec3 axis;
     float cos_spread, sin_spread, cos_reach;
     bool dims;      /* by the cosine at the light; a cone narrower than a half space, a spot's, does not */
-    uint32_t right; /* of an inner node; the left child is the next node */
-    uint32_t light; /* of a leaf; UINT32_MAX: an inner node */
+    uint32_t right; /* an inner node's; the left child is the next node */
+    uint32_t light; /* a leaf's; UINT32_MAX: an inner node */
     uint32_t parent;
 };
 _Static_assert(sizeof(struct lw_light_node) <= 64, "a line");
@@ -81,7 +81,7 @@ LW_WIDE_INLINE float lw_light_importance(const struct lw_light_node *node, struc
 }
 
 /* From an inner node, number `index` of its tree, to one of its children, which promise left and right;
- * UINT32_MAX: neither can give anything. What is left of the pick is even in [0, 1) again. */
+ * UINT32_MAX: neither can give anything. The rest of the pick is even in [0, 1) again. */
 static inline uint32_t lw_light_go_down(const struct lw_light_node *node, uint32_t index, float left,
                                         float right, float *pick, float *probability) {
     if (!(left + right > 0)) return UINT32_MAX;
@@ -144,7 +144,7 @@ static inline float lw_light_sine2_of_half(float angle) {
     return sine * sine;
 }
 
-/* Of a spot; sine2 of half its outer angle. Points are spots whose edge is out of reach. */
+/* A spot's; sine2 of half its outer angle. Points are spots whose edge is out of reach. */
 struct lw_light_cone {
     float outer, inverse;
 };

@@ -5,7 +5,7 @@
 #include <assert.h>
 #include <stdlib.h>
 
-/* Angles, rad, are rounded; what is this near to the edge of a cone counts as within. */
+/* Angles, rad, are rounded: a direction this near to the edge of a cone counts as within. */
 #define SLACK 1e-3f
 
 static float angle(struct lw_vec3 a, struct lw_vec3 b) {
@@ -163,7 +163,7 @@ struct split {
     const struct lw_light_tree *tree;
     struct lw_light_place place;
     uint32_t count, *group;
-    float promise[LW_LIGHT_TREE_GROUPS_MAX]; /* of groups that can be split; 0 of others */
+    float promise[LW_LIGHT_TREE_GROUPS_MAX]; /* 0: a group of one light, which cannot be split */
 };
 
 static void put_node(struct split *s, uint32_t at, uint32_t node, float promise) {

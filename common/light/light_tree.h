@@ -12,7 +12,7 @@
 
 #include <stdint.h>
 
-#define LW_LIGHT_TREE_GROUPS_MAX 64u /* that lw_light_tree_split() can tell apart */
+#define LW_LIGHT_TREE_GROUPS_MAX 64u /* the most groups of lw_light_tree_split() */
 
 /** Bounds of a light, or of a group of lights. */
 struct lw_light_bounds {
@@ -24,8 +24,8 @@ struct lw_light_bounds {
 
 struct lw_light_tree {
     struct lw_light_node *node;     /* 2 count - 1, parents before their children */
-    struct lw_light_bounds *bounds; /* of each node */
-    uint32_t *leaf;                 /* of each light */
+    struct lw_light_bounds *bounds; /* per node */
+    uint32_t *leaf;                 /* per light */
     uint32_t count;
 };
 
@@ -43,7 +43,7 @@ void lw_light_tree_refit(struct lw_light_tree *tree, const struct lw_light_bound
 /** A part of a surface: points within a ball, with normals within a cone. */
 struct lw_light_region {
     struct lw_vec3 centre_ws, normal_ws; /* unit: the cone's axis */
-    float radius_m, cos_spread;          /* of the cone: 1 where all normals are the axis */
+    float radius_m, cos_spread;          /* the cone's: 1 where all normals are the axis */
 };
 
 /** Splits a group (0: all) into at most `most` smaller ones for a region. The group with the largest bound is

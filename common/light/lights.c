@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define HIDDEN_SHARE 0.02f /* of a textured emitter's full emission, in its choice */
+#define HIDDEN_SHARE 0.02f /* share of a textured emitter's full emission, in its choice */
 /* An emitter is sampled by solid angle where distance^2 to its middle is under NEAR_EDGES2 times its longest
  * edge squared. Farther away it is sampled by area: there 1/d^2 differs over it by a factor of 5 at most, and
  * sampling by area costs a fifth of the time. */
@@ -364,7 +364,7 @@ struct choice {
 };
 
 /* What an emitter may give to a point of a surface: power / distance^2, less where it faces away, a tenth at
- * least: its middle says little about its rim. 0 where either faces away from the other. */
+ * least: its middle says little about its rim. 0 where emitter or surface faces away. */
 static float emitter_weight(const struct lw_emitter *e, struct lw_vec3 point, struct lw_vec3 normal) {
     struct lw_vec3 a = lw_vec3_sub(e->corner, point);
     float height = -lw_vec3_dot(a, e->normal), above = lw_vec3_dot(a, normal);
@@ -417,7 +417,7 @@ static void weigh(const struct lw_lights *lights, struct lw_vec3 point, struct l
         c->probability[k] = e[k] > 0 ? KIND_SHARE + (1 - shares) * (e[k] / sum) : 0;
 }
 
-/* What is left of a choice's number: uniform in [0, 1) again. */
+/* The rest of a choice's number: uniform in [0, 1) again. */
 static float rest_of(float pick, float low, float probability) {
     return fminf((pick - low) / probability, 0x1.fffffep-1f);
 }

@@ -30,7 +30,7 @@ struct lw_emitter {
 /** Which lights take part; the others count as dark. Zeroed: all. */
 struct lw_lights_part {
     const uint8_t *light, *material; /* an entry for each of the scene's; they outlive the lights */
-    uint8_t value;                   /* those whose entry is this take part */
+    uint8_t value;                   /* lights and materials with this entry take part */
     bool sky;                        /* so do sky and environment */
 };
 
@@ -40,7 +40,7 @@ struct lw_lights {
     struct lw_emitter *emitter;
     uint32_t emitter_count;
     struct lw_vec3 *radiance;              /* mean of each emitter, W/(m^2 sr) */
-    float *luminance;                      /* of each emitter, for the choice among them */
+    float *luminance;                      /* per emitter, for the choice among them */
     uint32_t shining_count;                /* at this pose: emitters that have power */
     const struct lw_light_state *punctual; /* the pose's; scene->light_count */
     uint32_t *first_emitter; /* per object, and one more: emitters are sorted by object, triangle */
@@ -51,7 +51,7 @@ struct lw_lights {
     struct lw_light_bounds *bounds;
     struct lw_environment_importance environment;
     float sky_luminance; /* mean of sky and environment over the sphere, W/(m^2 sr) */
-    float bright_share; /* of the sky's samples: those that go where the environment stands out of its mean */
+    float bright_share;  /* share of the sky's samples that go where the environment stands out of its mean */
 };
 
 /** All lights of a scene. Errors: LW_NO_MEMORY. */
@@ -72,7 +72,7 @@ LW_MUST_CHECK enum lw_status lw_lights_set_materials(struct lw_lights *lights, c
 /** Moves the lights to a pose; hidden ones emit nothing. The pose must live until the next call. */
 void lw_lights_set_pose(struct lw_lights *lights, const struct lw_pose *pose);
 
-/** Whether the light itself is another from one pose to the other, or comes from elsewhere. */
+/** Whether two poses differ in the light itself or in where it comes from. */
 bool lw_lights_differ(const struct lw_lights *lights, const struct lw_pose *was, const struct lw_pose *is);
 
 /** Light from one direction, ready for one shadow ray. */

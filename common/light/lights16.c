@@ -42,7 +42,7 @@ LW_WIDE uint16_t lw_light_sample16_lit(const struct lw_light_sample16 *s) {
 
 /* ---- choosing ---- */
 
-/* Points that have come to a node of the tree, and what is left of their choice. */
+/* Points that have come to a node of the tree, and the rest of their choice. */
 struct choice {
     float pick[LANES], probability[LANES];
 };
@@ -112,7 +112,7 @@ void lw_light_tree_choose16(const struct lw_light_tree *tree, uint32_t group,
     }
 }
 
-#define CHOICES 4u /* that go down the tree together */
+#define CHOICES 4u /* they go down the tree together */
 #define NODES   8u /* their children */
 
 struct nodes {

@@ -5,8 +5,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* Of the radius of a disc as large as the share of all surfaces that the first light of a path stands for:
- * between what has the least error in Cornell's box, a half, and in Sponza, a seventh
+/* Share of the radius of a disc as large as the share of all surfaces that the first light of a path stands
+ * for: between the shares of least error in Cornell's box, a half, and in Sponza, a seventh
  * (docs/lab/solvers.md). */
 #define NEAR_SHARE 0.35f
 

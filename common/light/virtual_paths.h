@@ -5,8 +5,8 @@
  *          turn).
  *
  * A path has one light a bounce; light b of path p is number p x bounces + b. When something has moved, its
- * owner says for each light whether its parent, a lamp or the light before, still sees it. Who is lost takes
- * its children with it, and is shot again, a bounded number a frame. Those that are not lost take turns. */
+ * owner says for each light whether its parent, a lamp or the light before, still sees it. A lost light takes
+ * its children with it, and is shot again, a bounded number a frame. Lights that are not lost take turns. */
 #ifndef LW_COMMON_VIRTUAL_PATHS_H
 #define LW_COMMON_VIRTUAL_PATHS_H
 
@@ -78,8 +78,8 @@ void lw_virtual_paths_check(struct lw_virtual_paths *paths, const struct lw_virt
 /** Whether whole paths are lost. */
 bool lw_virtual_paths_lack(const struct lw_virtual_paths *paths);
 
-/** Shoots: all of them the first time; then those that are lost, and, if it rotates, those whose turn it is;
- * `most` lights in all. */
+/** Shoots all lights the first time. Then it shoots the lost ones and, if it rotates, the lights whose turn
+ * it is: at most `most` in all. */
 void lw_virtual_paths_shoot(struct lw_virtual_paths *paths, const struct lw_virtual_paths_rays *rays,
                             bool rotates, uint32_t most);
 

@@ -18,7 +18,7 @@
 /* Density is sought twice more after the first guess: covered texels are nearly, not quite, its square. */
 #define DENSITY_ROUNDS 3
 
-/* A density below this share of what is wanted is told: counting ends within a few percent. */
+/* A density below this share of the wanted one is reported: counting ends within a few percent. */
 #define BOUNDED_UNDER 0.97
 
 /* Steps of bisection for a mesh that does not fit: its density is within a percent of the best. */
@@ -38,7 +38,7 @@
 struct job {
     const struct lw_mesh *mesh;
     uint32_t mesh_index, object_count;
-    double metres_per_unit; /* of its largest object */
+    double metres_per_unit; /* its largest object's */
     double area_os;         /* square units */
     double edges_os;        /* units (lightmap_things.h); 0 where they do not matter */
     double asked;           /* texels per metre as a multiple of the scene's, by name */
@@ -323,7 +323,7 @@ static enum lw_status lay_out_all(struct drive *drive, double texels_per_metre, 
     return LW_OK;
 }
 
-/* Of one object, m^2; with its backs; as much as has its texels at the scene's density. */
+/* The surface, m^2, that has one object's texels at the scene's density; with its backs. */
 static double surface(const struct job *job) {
     const double side = job->metres_per_unit * job->asked;
     return job->area_os * side * side * (job->has_back ? 2 : 1);
@@ -387,7 +387,7 @@ static double size_of_things(const struct drive *drive) {
     return edges > 0 ? 2 * area / edges : 0;
 }
 
-/* What is wanted where nothing is asked for, texels per metre. Edges are measured where they can matter. */
+/* The wanted density where none is asked for, texels per metre. Edges are measured where they can matter. */
 static enum lw_status default_density(struct drive *drive, double *out_density) {
     const double area = total_surface(drive), most = drive->texels_max;
     *out_density = LW_LIGHTMAP_DENSITY_DEFAULT;
@@ -402,7 +402,7 @@ static enum lw_status default_density(struct drive *drive, double *out_density) 
     return status;
 }
 
-/* What is wanted, and what bounds it. */
+/* The wanted density, and its bound. */
 static enum lw_status choose_density(struct drive *drive, const struct lw_lightmap_desc *desc,
                                      struct lw_error *err) {
     const bool given = desc->texels_per_metre > 0;

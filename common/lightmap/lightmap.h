@@ -18,13 +18,12 @@
 
 #define LW_LIGHTMAP_BLOCK     4u /* texels; chart rectangles are aligned to it */
 #define LW_LIGHTMAP_GUTTER    2u /* texels */
-#define LW_LIGHTMAP_LEVEL_MAX 2u /* whose texels are as large as a block */
+#define LW_LIGHTMAP_LEVEL_MAX 2u /* its texels are as large as a block */
 
-/* What may be asked for on a command line; scenes of any unit, from micrometres to kilometres, need the whole
- * range. */
+/* Limits for a command line. Scenes of any unit, from micrometres to kilometres, need the whole range. */
 #define LW_LIGHTMAP_DENSITY_MIN 1e-6 /* texels per metre */
 #define LW_LIGHTMAP_DENSITY_MAX 1e6
-#define LW_LIGHTMAP_SIDE_MIN    16u /* of atlas_side_max, texels */
+#define LW_LIGHTMAP_SIDE_MIN    16u /* for atlas_side_max, texels */
 
 /* Defaults; plain numbers, so that help texts print them. Reasons: docs/lab/density.md. */
 #define LW_LIGHTMAP_DENSITY_DEFAULT 5       /* texels per metre */
@@ -83,7 +82,7 @@ struct lw_lightmap_report {
     bool capped;                    /* atlas_side_max lowered its density */
     bool bounded;                   /* the number of texels did, to under density_wanted */
     float density_wanted;           /* texels per metre */
-    uint32_t texels_max;            /* of the scene; 0: no bound */
+    uint32_t texels_max;            /* the scene's; 0: no bound */
 };
 
 /** Builds lightmap UVs for every mesh that an object uses: from UV set 1 where it is fit, else by unwrapping.
@@ -103,7 +102,7 @@ LW_MUST_CHECK enum lw_status lw_lightmap_coarsest(const struct lw_mesh *mesh, ui
 uint64_t lw_lightmap_overlaps(const struct lw_mesh *mesh);
 
 /** Counts texels that bilinear lookups of two places read which lie more than four texels apart in space (0,
- * or nearly, for a correct layout): light of one place would show at the other. For tests. */
+ * or nearly, for a correct layout): light of either place would show at both. For tests. */
 uint64_t lw_lightmap_mixed(const struct lw_mesh *mesh);
 
 #endif

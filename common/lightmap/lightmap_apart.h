@@ -3,7 +3,7 @@
  * Threads: one belongs to one thread.
  *
  * A bilinear lookup reads texels up to one texel away. Where an arm of a chart comes near another without
- * touching it, the two would read the same texels, and light of one place would show at the other. */
+ * touching it, the two would read the same texels, and light of either place would show at both. */
 #ifndef LW_COMMON_LIGHTMAP_APART_H
 #define LW_COMMON_LIGHTMAP_APART_H
 

@@ -35,7 +35,7 @@ struct grower {
     enum lw_status status;
     uint32_t *head, *head_chart;  /* per welded position: its first point, if head_chart is the chart */
     uint32_t *next;               /* per point: the same position, cut */
-    struct lw_lightmap_heap heap; /* of edges of the chart, to be unfolded over */
+    struct lw_lightmap_heap heap; /* edges of the chart, to be unfolded over */
 };
 
 static uint32_t weld_of(const struct grower *g, uint32_t t, uint32_t corner) {

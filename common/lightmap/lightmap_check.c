@@ -299,7 +299,7 @@ static struct polygon part_within(const struct polygon *whole, bool along_y, flo
 typedef void visit_read(void *context, uint32_t triangle, size_t texel, const struct polygon *part);
 
 /* Visits every texel whose centre a triangle comes nearer to than a texel, both axes alike, with the part of
- * it that does: those are the texels that bilinear lookups of its points read. */
+ * it that does. Bilinear lookups of its points read these texels. */
 static void visit_reads(const struct lw_lightmap_map *map, uint32_t t, visit_read *each, void *context) {
     struct polygon whole = {.count = 3};
     struct lw_vec2 low = {INFINITY, INFINITY}, high = {-INFINITY, -INFINITY};
@@ -378,7 +378,7 @@ enum lw_status lw_lightmap_check_mixed(const struct lw_lightmap_map *map, uint64
 
 /* ---- levels ---- */
 
-/* Whose light is in the texels of a level. */
+/* The pieces whose light the texels of a level have. */
 struct mixture {
     const uint32_t *piece; /* per triangle */
     uint32_t *owner;       /* per texel: its piece; LW_SCENE_NONE: nobody's; MIXED: of several */

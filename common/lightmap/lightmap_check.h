@@ -11,7 +11,7 @@ struct lw_lightmap_map {
     const struct lw_mesh *mesh;       /* positions, materials */
     const uint32_t (*triangle)[3];    /* indices into uv */
     const struct lw_vec2 *uv;         /* texels */
-    uint32_t uv_count, width, height; /* of the front */
+    uint32_t uv_count, width, height; /* the front's */
 };
 
 /** Texels whose square overlaps a triangle. back: NULL, or per triangle whether its back counts too.

@@ -7,7 +7,7 @@
 #include "common/scene/scene.h"
 #include "common/status.h"
 
-/* Of texels per metre; 8 a side are 64 times the texels. */
+/* Multiples of texels per metre; 8 a side are 64 times the texels. */
 #define LW_LIGHTMAP_FACTOR_MIN (1.0 / 64)
 #define LW_LIGHTMAP_FACTOR_MAX 8.0
 

@@ -33,7 +33,7 @@ struct merger {
     struct lw_lightmap_heap heap;  /* border edges of the chart that takes others in */
     struct hull *hull;             /* per chart */
     struct lw_vec2 *arena;         /* all hulls */
-    float length_most;             /* of a merged chart */
+    float length_most;             /* a merged chart's */
     float *cost, *length, *area;   /* per chart */
     uint32_t *first, *last, *next; /* triangles of a chart, as a list: per chart, per chart, per triangle */
     uint32_t *tried_by;            /* per chart: the chart that tried it last */
@@ -41,7 +41,7 @@ struct merger {
     uint32_t *moved;                   /* per point: the chart that moved it here, lest it move twice */
     struct lw_vec2 *outline, *scratch; /* hull of the taker; room to work */
     uint32_t outline_count;
-    uint64_t looks; /* that are left */
+    uint64_t looks; /* how many are left */
 };
 
 /* Turn, shift and slight change of size that lay one chart beside another. */

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 
 /* Small shapes come in great numbers and few sizes: the search for the next of a size starts where the last
- * ended, for what was full then is full now. Of larger shapes only full rectangles are alike enough for
+ * ended, for a full place stays full. Among larger shapes only full rectangles are alike enough for
  * that. */
 #define SIZES 17
 /* Up to this size holes are not worth a search, which would cost the square of a hundred thousand leaves. */
@@ -19,7 +19,7 @@ struct place {
 struct mosaic {
     uint32_t width, height, stride; /* stride: words per row, one more than needed */
     uint64_t *row;
-    uint64_t *looks; /* that are left */
+    uint64_t *looks; /* how many are left */
 };
 
 /* Bits [from, to) of a row. */
@@ -96,7 +96,7 @@ static bool is_rectangle(const struct lw_lightmap_stone *s) {
     return true;
 }
 
-/* Whether what was full for one such shape is full for the next of its size. */
+/* Whether a place that is full for one such shape is full for the next of its size. */
 static bool is_of_few_sizes(const struct lw_lightmap_stone *s) {
     return s->width < SIZES && s->height < SIZES &&
            ((s->width <= TINY && s->height <= TINY) || is_rectangle(s));
@@ -159,8 +159,8 @@ enum lw_status lw_lightmap_mosaic_pack(struct lw_lightmap_stone *const *stone, u
 #define SQUARE 4u
 #define TILE   4u
 
-/* Room for shapes that are to lie near where they want to, as a multiple of their area: at first; what more,
- * if it is too little; and when to give up. */
+/* Room for shapes that are to lie near where they want to, as a multiple of their area: at first, the
+ * factor if it is too little, and the limit. */
 #define NEAR_ROOM     1.08
 #define NEAR_MORE     1.06
 #define NEAR_ROOM_MAX 4.0

@@ -24,7 +24,7 @@ void lw_lightmap_mosaic_mark(struct lw_lightmap_stone *stone, const struct lw_ve
                              float reach);
 
 /** Places shapes in the order given, each at the first free place in rows from below.
- * out_width, out_height  what is used
+ * out_width, out_height  the part that is used
  * looks                  positions that may be looked at, and are left: the search takes time, too
  * out_fits               false: height_max was not enough, a shape is wider than width, or no looks are left
  * Errors: LW_NO_MEMORY. */

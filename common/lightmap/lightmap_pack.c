@@ -40,14 +40,14 @@
 #define LOOKS_MORE (1u << 26)
 
 static const float SKYLINE_WIDTHS[] = {0.62f, 0.75f, 0.87f, 1.0f,
-                                       1.15f, 1.33f, 1.6f}; /* of the square's side */
+                                       1.15f, 1.33f, 1.6f}; /* shares of the square's side */
 static const float MOSAIC_WIDTHS[] = {0.7f, 0.85f, 1.0f, 1.1f, 1.2f, 1.35f};
 
 /* Blocks of a tile of the atlas. Charts that fill more than one together, and are small beside it in the
  * mean, are packed by where they are in space; others into the smallest atlas. */
 #define TILE_BLOCKS 256u
 
-/* What is packed: a chart, or a rectangle of slivers. */
+/* One thing to pack: a chart, or a rectangle of slivers. */
 struct item {
     struct lw_lightmap_stone stone; /* first: sorted by pointers to it */
     uint32_t first, count;          /* in member */
@@ -70,7 +70,7 @@ struct packer {
     struct place *best; /* per item, in blocks */
     uint32_t best_width, best_height;
     bool found;
-    uint64_t looks; /* that are left */
+    uint64_t looks; /* how many are left */
 };
 
 struct place {

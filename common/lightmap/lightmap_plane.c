@@ -38,7 +38,7 @@ struct entry {
 
 struct lw_lightmap_plane {
     uint32_t round, count, entry_count, levels, bucket_mask;
-    uint64_t comparisons; /* that are left */
+    uint64_t comparisons; /* how many are left */
     struct placed *placed;
     struct entry *entry;
     struct bucket *bucket;

@@ -11,10 +11,10 @@
 #define SIDE 128.0f
 #define FILL 0.4f
 
-/* Texels of one rectangle. Large ones nest rings in rings, small ones hold what is near in space. */
+/* Texels of one rectangle. Large ones nest rings in rings, small ones hold neighbours in space. */
 #define GROUP_AREA 4096.0f
 
-static const float WIDTHS[] = {0.8f, 1.0f, 1.3f}; /* of the square's side */
+static const float WIDTHS[] = {0.8f, 1.0f, 1.3f}; /* shares of the square's side */
 
 bool lw_lightmap_sliver_is(const struct lw_lightmap_slot *slot, float scale) {
     float width = slot->box.size.x * scale, height = slot->box.size.y * scale;

@@ -15,8 +15,8 @@ struct lw_lightmap_slot {
     struct lw_vec2 origin, scale;
     uint32_t x, y, width, height; /* rectangle around it, in texels; whole blocks, except for slivers */
     uint32_t gutter;              /* inside the rectangle; 0 for slivers */
-    float area;                   /* of the chart, in units of the box */
-    struct lw_vec3 centre;        /* of the chart in space, in its own units */
+    float area;                   /* the chart's, in units of the box */
+    struct lw_vec3 centre;        /* the chart's in space, in its own units */
     struct lw_vec3 normal;        /* mean of the chart */
 };
 

@@ -18,7 +18,7 @@
 #define GAIN 0.7f
 
 struct segment {
-    uint32_t start, end; /* of order */
+    uint32_t start, end; /* indices into order */
 };
 
 struct splitter {

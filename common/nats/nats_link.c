@@ -14,7 +14,7 @@
 #define WRITE_LIMIT_MS    5000
 #define PING_MS           5000
 #define PINGS_OUT         2
-#define BYTES_MAX         (64u << 20) /* of waiting messages */
+#define BYTES_MAX         (64u << 20) /* for waiting messages */
 #define RECONNECT_BYTES   1           /* without a server messages are lost, by design */
 
 /* Callbacks of libnats come in threads of its own, as late as they please: each subscription, and the

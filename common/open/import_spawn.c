@@ -243,6 +243,6 @@ enum lw_status lw_import_spawn(const struct lw_import_spawn_desc *desc, struct l
     if (status == LW_OK) status = finish(&importer, err);
     if (status == LW_OK) status = lw_package_load(importer.package, out_scene, err);
     if (importer.failure_fd >= 0) close(importer.failure_fd);
-    lw_folders_remove_temporary(importer.folder); /* with what a killed importer had begun to write */
+    lw_folders_remove_temporary(importer.folder); /* with the unfinished files of a killed importer */
     return status;
 }

@@ -36,7 +36,7 @@ struct lw_import_spawn_desc {
     const char *scene;       /* a .lwscene, any file that lightwell-import reads, or "builtin:NAME" */
     const char *environment; /* an equirectangular EXR for the scene; NULL: the scene's own, or none */
     double texels_per_metre; /* 0: the importer's default */
-    const char *density_of;  /* of some objects, as multiples (lightmap_density.h); NULL: none */
+    const char *density_of;  /* for some objects, as multiples (lightmap_density.h); NULL: none */
     uint32_t texels_max;     /* 0: the importer's default */
     uint32_t atlas_side_max; /* texels; 0: the importer's default */
     unsigned threads;        /* 0: all */
@@ -52,7 +52,7 @@ struct lw_import_spawn_desc {
 
 /** Loads a scene package directly, if it is to have no other environment, or has lightwell-import make one in
  * a temporary folder that is gone afterwards. The importer's warnings and progress go to our stderr; its
- * failure is returned, not shown, so that it is told once.
+ * failure is returned, not shown, so that it is reported once.
  * Errors: the importer's own (LW_BAD_DATA, LW_NO_INPUT, LW_NO_MEMORY, ...); LW_CLOSED if it was cancelled,
  * or stopped by SIGINT or SIGTERM; LW_OS if it cannot be started; LW_INTERNAL if it crashed. */
 LW_MUST_CHECK enum lw_status lw_import_spawn(const struct lw_import_spawn_desc *desc,

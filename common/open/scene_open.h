@@ -18,7 +18,7 @@
 struct lw_scene_open {
     const char *path;        /* .lwscene, any format that lightwell-import reads, or "builtin:NAME" */
     double texels_per_metre; /* 0: the importer's default */
-    const char *density_of;  /* of some objects, as multiples (lightmap_density.h); or NULL */
+    const char *density_of;  /* for some objects, as multiples (lightmap_density.h); or NULL */
     int64_t texels_max;      /* 0: the importer's default */
     int64_t atlas_side_max;  /* texels; 0: the importer's default */
     int64_t threads;         /* 0: all */

@@ -1,6 +1,6 @@
 /* environment.h: radiance of a scene's environment by direction, and importance sampling of bright
  * directions.
- * Flow:    scene -> radiance along a ray that leaves; scene -> [importance] -> bright directions
+ * Flow:    scene -> radiance along a ray that leaves. scene -> [importance] -> bright directions
  * Threads: importance is built by one thread; everything else [any].
  * After: Karlik et al., MIS Compensation, 2019: the density leaves out what the other technique samples
  * well. */

@@ -87,7 +87,7 @@ static void finish_record(struct lw_records *c, struct finish_of *of) {
     lw_record_texture_use(c, &f->normal_texture);
 }
 
-/* Bytes of a texel: R, G, B, A; x and y of a normal; R, G, B of a surface. */
+/* Bytes of a texel: R, G, B, A of a colour, x and y of a normal, or R, G, B of a surface. */
 static uint32_t planes_of(uint8_t content) {
     return content == LW_CONTENT_COLOUR ? 4 : content == LW_CONTENT_NORMAL ? 2 : 3;
 }
@@ -287,7 +287,7 @@ static enum lw_status give(const struct content *content, struct lw_error *err) 
     return status;
 }
 
-/* Of the scene's storage: finishes live as long as it does. */
+/* Allocates in the scene's storage: finishes live as long as it does. */
 static bool allocate(struct content *content, const struct lw_records *c) {
     struct lw_scene *scene = content->scene;
     content->finish_count = (uint32_t)c->section[SECTION_FINISHES].count;
@@ -326,7 +326,7 @@ enum lw_status lw_finish_package_read(const uint8_t *bytes, size_t size, struct 
 
 /* ---- parts ---- */
 
-/* Of a texture's record. */
+/* Offsets in a texture's record. */
 #define TEXTURE_WIDTH   8u
 #define TEXTURE_HEIGHT  12u
 #define TEXTURE_CONTENT 16u

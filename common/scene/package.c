@@ -53,7 +53,7 @@
 
 /* Version 1 ends with the pixels, version 2 has an environment, in version 3 pixels are filtered, version 4
  * says who draws lights. For clients each scene is written in one of them, so that there is one way to say
- * it: where the file says who draws a light in version 4, else with textures in version 3. Those of before
+ * it: where the file says who draws a light in version 4, else with textures in version 3. Earlier ones
  * are read as well. Version 5, for files, is version 4 for every scene, and has a checksum. Version 6, with a
  * checksum too, is for files and clients: for scenes with what no earlier one can say. Version 7, for files,
  * has the finishes of a scene (finish_package.h) besides; clients get these apart. */
@@ -420,7 +420,7 @@ static enum lw_status read_table(struct lw_records *c, uint8_t *bytes, size_t si
     return LW_OK;
 }
 
-/* The records' counts are backed by bytes of the file by now, so what is allocated is at most a few times its
+/* The records' counts are backed by bytes of the file by now, so the allocation is at most a few times its
  * size. */
 static bool allocate_records(struct lw_scene *scene, const struct lw_records *c) {
 #define ALLOCATE(id, elements, element_count)                                                                \
@@ -509,7 +509,7 @@ enum lw_status lw_package_read(const uint8_t *bytes, size_t size, struct lw_scen
     return status;
 }
 
-/* Of a texture's record. */
+/* Offsets in a texture's record. */
 #define TEXTURE_WIDTH  8u
 #define TEXTURE_HEIGHT 12u
 #define TEXTURE_PIXELS 16u

@@ -11,9 +11,9 @@
 
 /* The newest version: it holds everything, and a checksum. Files have the oldest of 5, 6 and 7, each with a
  * checksum, that can hold the scene: 7 where it has finishes (finish_package.h), which clients get apart.
- * Clients get a scene in the oldest version that can: 1; 2 with an environment; 3 with textures; 4 where it
- * says who draws a light; 6 with what is unlit or has a tint, with orthographic cameras, with lights that are
- * animated. */
+ * Clients get a scene in the oldest version that can hold it: 1, 2 with an environment, 3 with textures, 4
+ * where it says whether clients draw a light, and 6 with unlit or tinted materials, orthographic cameras or
+ * animated lights. */
 #define LW_PACKAGE_VERSION  7u
 #define LW_PACKAGE_SIZE_MAX (4ull << 30) /* bytes */
 

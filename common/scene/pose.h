@@ -46,7 +46,7 @@ void lw_pose_evaluate(struct lw_pose *pose, const struct lw_scene *scene, double
 /** Copies src to dst; both are of the same scene. */
 void lw_pose_copy(struct lw_pose *dst, const struct lw_pose *src, const struct lw_scene *scene);
 
-/* What may differ between two moments. */
+/* The parts that may differ between two moments. */
 enum lw_pose_change {
     LW_POSE_OBJECTS = 1, /* where they are, whether hidden */
     LW_POSE_LIGHTS = 2,

@@ -50,7 +50,7 @@ struct lw_records {
     uint8_t *at; /* in the record */
     unsigned record_section;
     uint32_t record;
-    enum lw_status status; /* of the first failure; later fields are then read as zero */
+    enum lw_status status; /* the first failure's; later fields are then read as zero */
     struct lw_error *err;
 };
 

@@ -75,7 +75,7 @@ static struct chunk *find_room(struct storage *storage, size_t bytes) {
 enum lw_status lw_scene_init_variant(struct lw_scene *variant, const struct lw_scene *original) {
     const size_t count = original->material_count;
     *variant = *original;
-    variant->storage = NULL; /* of the original alone */
+    variant->storage = NULL; /* the original's alone */
     variant->material = malloc((count + 1) * sizeof *variant->material);
     if (!variant->material) return LW_NO_MEMORY;
     if (count) memcpy(variant->material, original->material, count * sizeof *variant->material);

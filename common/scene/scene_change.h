@@ -12,7 +12,7 @@
 #define LW_SCENE_CHANGE_SCALE_MAX    1e6f
 /* Determinant of a transform whose axes are made unit, either sign. */
 #define LW_SCENE_CHANGE_VOLUME_MIN 1e-6f
-#define LW_SCENE_CHANGE_RATE_MAX   1000.0f /* of the clock, either sign */
+#define LW_SCENE_CHANGE_RATE_MAX   1000.0f /* the clock's, either sign */
 
 /* The kind of target of a change. */
 enum lw_scene_change_of {
@@ -52,7 +52,7 @@ enum lw_scene_change_kind {
 #undef X
 };
 
-/* Of two changes to the same thing the later one counts. */
+/* The later of two changes to the same thing counts. */
 struct lw_scene_change {
     uint32_t kind;        /* enum lw_scene_change_kind */
     uint32_t target;      /* number of the object, light, material or mesh in the scene; else 0 */
@@ -91,8 +91,8 @@ const char *lw_scene_change_text(uint32_t code);
 uint32_t lw_scene_change_targets(const struct lw_scene *scene, enum lw_scene_change_of of);
 
 /** Whether a change of a scene is valid, without regard to earlier changes. Which objects are in the scene
- * depends on those: scene_roster.h checks it. Returns LW_SCENE_CHANGE_OK, or why not, with LW_BAD_DATA and
- * one line of under 200 bytes of ASCII in *err. */
+ * depends on earlier changes: scene_roster.h checks it. Returns LW_SCENE_CHANGE_OK, or why not, with
+ * LW_BAD_DATA and one line of under 200 bytes of ASCII in *err. */
 enum lw_scene_change_code lw_scene_change_check(const struct lw_scene *scene,
                                                 const struct lw_scene_change *change, struct lw_error *err);
 

@@ -7,8 +7,8 @@
 
 #define LOOP_S 4.0f
 #define KEYS   32u /* per turn: the chords of a circle are within 0.5 % of it */
-/* Of the scene's longest side: a light's circle, and the smallest to which it shrinks to keep away from
- * surfaces. */
+/* Shares of the scene's longest side: a light's circle, and the smallest to which it shrinks to keep away
+ * from surfaces. */
 #define CIRCLE_SHARE       0.05f
 #define CIRCLE_SHARE_LEAST 0.005f
 /* A circle's distance to a surface is at least its radius over this: close to a point light, light has no
@@ -16,14 +16,14 @@
 #define CIRCLE_NEAREST 10.0f
 #define SWING          (5.0f * LW_PI / 180)
 #define OBJECT_SHARE   0.5f
-/* Of the motions that replace the scene's own. */
+/* For the motions that replace the scene's own. */
 #define ROW_S        16.0f /* to and fro */
 #define ROW_LEAST_S  12.0f /* an animation shorter than this would turn its mover round too early */
 #define CARRY_SIDE_M 3.0f
 #define WAY_MARGIN_M 0.3f
 #define WAYS         16u
 #define SHRUNK       1e-3f
-#define FAR_AWAY     1000.0f /* of the scene's longest side */
+#define FAR_AWAY     1000.0f /* times the scene's longest side */
 
 enum { CARRIES_LIGHT = 1, CARRIES_OBJECT = 2, CARRIES_CAMERA = 4 };
 
@@ -499,7 +499,7 @@ static uint32_t rounds_of(const struct lw_scene *scene) {
     return (uint32_t)fmaxf(1, roundf(scene->duration_s / ROW_S));
 }
 
-/* The topmost animated node above one: what is carried takes along all that hangs there. */
+/* The topmost animated node above one: a mover takes along all that hangs there. */
 static uint32_t root_of(const struct lw_scene *scene, const struct lw_pose *was, uint32_t node) {
     uint32_t root = LW_SCENE_NONE;
     for (; node_moves(was, node); node = scene->node[node].parent) root = node;

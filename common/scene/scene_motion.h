@@ -20,7 +20,8 @@ enum lw_scene_motion {
     LW_SCENE_MOTION_COUNT
 };
 
-/* Of the last four. Movers turn round at 0 s and every 7 to 11 s after: speed is constant from 0 to 7 s. */
+/* For the last four motions. Movers turn round at 0 s and every 7 to 11 s after: speed is constant from 0 to
+ * 7 s. */
 #define LW_SCENE_MOTION_WALK_M_S    1.5f
 #define LW_SCENE_MOTION_CARRY_M_S   1.0f
 #define LW_SCENE_MOTION_SWING_DEG_S 6.0f
@@ -32,14 +33,14 @@ const char *lw_scene_motion_name(enum lw_scene_motion motion);
 /* In the order of the enum. */
 #define LW_SCENE_MOTION_CHOICES "static|light|object|all|lamp-walk|sun-swing|lamp-switch|carry"
 
-/** What was done, for people. */
+/** The outcome, for people. */
 struct lw_scene_motion_report {
     uint32_t kept, dropped; /* channels */
     const char *light;  /* name of the light or lamp that was set moving because none did; NULL: none was */
-    const char *object; /* likewise of the object */
-    /* Of the last four motions, else 0: */
-    float speed_m_s;   /* of the lamp or object, from 0 to 7 s */
-    float speed_deg_s; /* of the sun's direction, likewise */
+    const char *object; /* the object's; NULL: none was set moving */
+    /* For the last four motions, else 0: */
+    float speed_m_s;   /* the lamp's or object's, from 0 to 7 s */
+    float speed_deg_s; /* the sun's direction's, from 0 to 7 s */
     float switch_m; /* a lamp that has no surface goes off by being so far away; else its surface shrinks */
     struct lw_vec3 from_ws, to_ws; /* m: between which lamp or object move */
 };
@@ -54,13 +55,13 @@ struct lw_scene_motion_report {
  *    turns about its vertical axis.
  * The last four motions drop all animation but cameras'. Its length becomes 16 s where no camera moves or it
  * is below 12 s. Their mover:
- *  - lamp-walk: the lamp of lw_scene_motion_find_way(), along that way;
- *  - sun-swing: the strongest directional light; its direction turns on a great circle, sideways, by 24
- *    degrees to either side of where it is;
+ *  - lamp-walk: the lamp of lw_scene_motion_find_way(), along that way.
+ *  - sun-swing: the strongest directional light. Its direction turns on a great circle, sideways, by 24
+ *    degrees to either side of where it is.
  *  - lamp-switch: the same lamp, in the middle of that way. Intensities cannot be animated: an emissive
- *    object shrinks to a thousandth of its size about its middle, so to a millionth of its light; a point or
+ *    object shrinks to a thousandth of its size about its middle, so to a millionth of its light. A point or
  *    spot light is put a thousand times the scene's longest side away. Both from one moment to the next. So
- *    a renderer is told of a mover, not of a lamp that is dimmed;
+ *    a renderer gets a mover, not a lamp that is dimmed.
  *  - carry: the object of lw_scene_motion_find_way(), along that way.
  * Errors: LW_BAD_DATA where nothing of the scene can; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_motion_set(struct lw_scene *scene, enum lw_scene_motion motion,
@@ -69,8 +70,8 @@ LW_MUST_CHECK enum lw_status lw_scene_motion_set(struct lw_scene *scene, enum lw
 
 /** A straight way to and fro, of constant speed. */
 struct lw_scene_motion_way {
-    uint32_t light, object;        /* what goes along it: one of them, the other is LW_SCENE_NONE */
-    struct lw_vec3 from_ws, to_ws; /* of its middle; m */
+    uint32_t light, object;        /* the mover; one of them is LW_SCENE_NONE */
+    struct lw_vec3 from_ws, to_ws; /* its middle's; m */
     float speed_m_s;
 };
 

@@ -15,7 +15,7 @@ struct lw_scene_roster {
     uint32_t *object;        /* per place */
     uint32_t *first;         /* per mesh, and one more: its first place */
     uint64_t *spare, *saved; /* a bit per place */
-    size_t words;            /* of each */
+    size_t words;            /* in each of them */
 };
 
 /** The scene as it begins, which outlives the roster. Errors: LW_NO_MEMORY. */
@@ -24,8 +24,8 @@ LW_MUST_CHECK enum lw_status lw_scene_roster_init(struct lw_scene_roster *roster
 /** A zeroed roster is fine. */
 void lw_scene_roster_finish(struct lw_scene_roster *roster);
 
-/** Takes over a change that lw_scene_change_check() has passed. *out_object: of an OBJECT_ADD the spare that
- * now stands there, the first of its mesh; of others about an object that object; else it is left alone.
+/** Takes over a change that lw_scene_change_check() has passed. *out_object: for an OBJECT_ADD the spare that
+ * now stands there, the first of its mesh. For another change of an object it is this object. Else it stays.
  * Returns LW_SCENE_CHANGE_OK; NO_SPARE or ABSENT, with LW_BAD_DATA and one line in *err: then nothing has
  * changed. */
 enum lw_scene_change_code lw_scene_roster_take(struct lw_scene_roster *roster,

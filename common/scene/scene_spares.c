@@ -16,7 +16,7 @@ static bool read_number(const char *text, const char *end, uint32_t max, uint32_
     return true;
 }
 
-/* Meshes of one name share what is said of it. Returns how many there are. */
+/* Meshes of one name share its entry. Returns how many there are. */
 static uint32_t set_named(const struct lw_scene *scene, const char *name, size_t length, uint32_t count,
                           uint32_t *wanted) {
     uint32_t found = 0, number;

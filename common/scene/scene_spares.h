@@ -9,11 +9,11 @@
 
 #include "common/scene/scene.h"
 
-#define LW_SCENE_SPARES_MAX 65536u /* of a mesh */
+#define LW_SCENE_SPARES_MAX 65536u /* per mesh */
 
-/** Adds spares to a scene, behind its objects, mesh by mesh. Those of a mesh are called by its name, "#" and
+/** Adds spares to a scene, behind its objects, mesh by mesh. A mesh's spares are called by its name, "#" and
  * a number from 1.
- * text    "vase=4,chair=2": 4 spares of mesh vase, 2 of chair; "#3=2": 2 of mesh number 3; "1": one of every
+ * text    "vase=4,chair=2": 4 spares of mesh vase, 2 of chair. "#3=2": 2 of mesh number 3. "1": one of every
  *         mesh. For the same mesh the last entry counts: "1,hall=0" is one of every mesh except hall
  * Errors: LW_USAGE naming what of the text is wrong; LW_BAD_DATA if the scene grows past a limit;
  * LW_NO_MEMORY. The scene is as before. */

@@ -55,7 +55,7 @@ static void anchor(struct lw_scene_state *state, double wall_s) {
     state->anchor_s = wall_s;
 }
 
-/* dynamic stays: what was built without it is not built again */
+/* dynamic stays: a structure built without the object is not built again */
 static void restore_object(struct lw_scene_state_object *object) {
     object->placed = object->added;
     object->object_to_world = object->home;
@@ -86,7 +86,7 @@ static void reset(struct lw_scene_state *state, double wall_s) {
 void lw_scene_state_change(struct lw_scene_state *state, const struct lw_scene_change *c, double wall_s) {
     assert(lw_scene_change_check(state->original, c, NULL) == LW_SCENE_CHANGE_OK);
     const float *v = c->value;
-    uint32_t number = state->scene.object_count; /* one more of each is allocated, for what is about others */
+    uint32_t number = state->scene.object_count; /* one more of each is allocated, for other changes */
     const enum lw_scene_change_code code = lw_scene_roster_take(&state->roster, c, &number, NULL);
     assert(code == LW_SCENE_CHANGE_OK);
     (void)code;

@@ -8,7 +8,7 @@
 /* Exporters round; a length this far from 1 is not rounding. */
 #define UNIT_TOLERANCE 0.01f
 
-/* Of one channel. Blue has the least share of luminance, 0.0722: all of it in blue is 13.9. */
+/* One channel's. Blue has the least share of luminance, 0.0722: all of it in blue is 13.9. */
 #define TINT_MAX 14.0f
 
 /* Names come from outside and their messages end on a terminal: no control characters, bounded length. */
@@ -86,7 +86,7 @@ static size_t find_not_finite(const float *x, size_t count) {
     return count;
 }
 
-/* Of `count` elements of `width` floats each. */
+/* Checks `count` elements of `width` floats each. */
 static enum lw_status check_finite(const struct element *e, const char *field, const void *array,
                                    size_t count, size_t width) {
     size_t i = find_not_finite(array, count * width);

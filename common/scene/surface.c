@@ -189,7 +189,7 @@ static struct lw_vec4 finish_texel(const struct lw_scene *scene, const struct lw
 
 static float blend(float a, float b, float t) { return a + t * (b - a); }
 
-/* Of a surface of that base colour. */
+/* The lobes of a surface of this base colour. */
 static struct lw_lobes lobes_of(const struct lw_scene *scene, const struct lw_mesh *mesh,
                                 const struct lw_finish *finish, const struct corners *corners,
                                 struct lw_vec3 base) {

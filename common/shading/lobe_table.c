@@ -6,13 +6,13 @@
 #include <pthread.h>
 
 #define SIDE    LW_LOBE_TABLE_SIDE
-#define SAMPLES 1024u /* of an entry: 0.1 % off at most */
+#define SAMPLES 1024u /* for an entry: 0.1 % off at most */
 
 static struct lw_lobe_share table[SIDE][SIDE], mean[SIDE]; /* rows: roughness */
 static uint32_t packed[SIDE][SIDE];
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 
-/* By visible normals: what is left to weigh is F and the light's own masking. */
+/* By visible normals: F and the light's own masking are left to weigh. */
 static struct lw_lobe_share integrate(float cosine, float alpha) {
     const struct lw_vec3 to_eye = lw_vec3(sqrtf(1 - cosine * cosine), 0, cosine);
     double a = 0, b = 0;

@@ -18,7 +18,7 @@ struct lw_lobe_share {
     float a, b;
 };
 
-/** Of light along a direction. cosine: with the normal, in [0, 1]; roughness in [0, 1]. */
+/** The share for light along a direction. cosine: with the normal, in [0, 1]; roughness in [0, 1]. */
 struct lw_lobe_share lw_lobe_table_at(float cosine, float roughness);
 /** The mean over all directions, weighted by their cosines. */
 struct lw_lobe_share lw_lobe_table_mean(float roughness);

@@ -6,9 +6,9 @@
  *     + D V F                                                 facets, once: microfacets.h
  *     + (1 - E(o)) (1 - E(i)) / (pi (1 - E)) Fm               facets, many times
  *
- * E(x) is what white facets send back once of light along x, E its mean (lobe_table.h); G that of the gloss,
- * many times included; Fm = F^2 E / (1 - F (1 - E)), F the mean of Fresnel's reflectance. So f is reciprocal,
- * and a white surface of any roughness sends back all light.
+ * E(x) is the share of light along x that white facets send back once, E its mean (lobe_table.h). G is the
+ * gloss's share, many times included. Fm = F^2 E / (1 - F (1 - E)), F the mean of Fresnel's reflectance. So f
+ * is reciprocal, and a white surface of any roughness sends back all light.
  *
  * After: Kulla and Conty 2017 (facets, many times; the diffuse lobe); Turquin 2019 (lw_lobes_shade()).
  *
@@ -34,17 +34,17 @@ static inline struct lw_lobes lw_lobes_matt(struct lw_vec3 albedo) {
 
 static inline bool lw_lobes_mirror(const struct lw_lobes *lobes) { return lobes->f90 > 0; }
 
-/** The surface as an eye sees it: what does not depend on the light. */
+/** The surface as an eye sees it, without all that depends on the light. */
 struct lw_lobes_seen {
     struct lw_lobes lobes;
     struct lw_vec3 to_eye; /* unit */
     float alpha;
-    struct lw_vec3 diffuse; /* of f: all factors but that of the light's direction */
-    struct lw_vec3 many;    /* likewise */
+    struct lw_vec3 diffuse; /* in f: all factors but the light direction's */
+    struct lw_vec3 many;    /* in f: all factors but the light direction's */
     float of_gloss;         /* Fm of the gloss */
     /* Albedo towards the eye by lobes: mirrored once, and the rest, which goes everywhere */
     struct lw_vec3 mirrored, spread;
-    float mirror_share; /* of bounce rays, those that are drawn as a mirror's */
+    float mirror_share; /* share of bounce rays that are drawn as a mirror's */
 };
 /** to_eye: unit; below the surface it counts as grazing. */
 struct lw_lobes_seen lw_lobes_see(const struct lw_lobes *lobes, struct lw_vec3 to_eye);
@@ -62,7 +62,7 @@ float lw_lobes_pdf(const struct lw_lobes_seen *seen, struct lw_vec3 to_light);
  * cosine / pi: pick >= seen->mirror_share. */
 float lw_lobes_pdf_with(const struct lw_lobes_seen *seen, struct lw_vec3 to_light, float spread);
 
-/** Towards the eye, what is reflected of light from everywhere. */
+/** The share of light from everywhere that is reflected towards the eye. */
 static inline struct lw_vec3 lw_lobes_seen_albedo(const struct lw_lobes_seen *seen) {
     return lw_vec3_add(seen->mirrored, seen->spread);
 }

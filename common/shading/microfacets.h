@@ -38,7 +38,7 @@ static inline float lw_microfacets_visibility(float to_eye, float to_light, floa
                    to_eye * lw_microfacets_stretch(to_light, alpha));
 }
 
-/** Of facets that the eye sees, how many the light reaches. */
+/** Share of the facets seen by the eye that the light reaches. */
 static inline float lw_microfacets_seen_again(float to_eye, float to_light, float alpha) {
     return to_light * (lw_microfacets_stretch(to_eye, alpha) + to_eye) /
            (to_light * lw_microfacets_stretch(to_eye, alpha) +

@@ -19,7 +19,7 @@
 /* Smoothed normals may turn away from the eye at an outline: there ng counts as seen under this cosine. */
 #define LW_SHADING_BEND_SEEN_MIN 1e-3f
 
-/** n: the bumped normal; ng: that of the surface without its bumps; v: to the eye. All unit. Unit. */
+/** n: the bumped normal. ng: the surface's normal without its bumps. v: to the eye. All unit. Unit. */
 static inline struct lw_vec3 lw_shading_bend(struct lw_vec3 n, struct lw_vec3 ng, struct lw_vec3 v) {
     float seen = lw_vec3_dot(ng, v);
     if (seen < LW_SHADING_BEND_SEEN_MIN) {

@@ -12,7 +12,7 @@ uint16_t lw_tangent_encode(struct lw_vec3 normal, struct lw_vec3 tangent, bool m
 
 #define QUARTER 8192 /* steps */
 
-/* Of an angle in steps. By Taylor's series about the nearest quarter turn, 3e-7 off at most: a decoder runs
+/* steps: the angle. By Taylor's series about the nearest quarter turn, 3e-7 off at most: a decoder runs
  * for every triangle that a picture meets. */
 static void find_sine_and_cosine(int steps, float *out_sine, float *out_cosine) {
     const int quarters = (steps + QUARTER / 2) / QUARTER;

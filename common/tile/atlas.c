@@ -66,7 +66,7 @@ static struct lw_tile_place place_of(const struct lw_atlas_level *level, uint32_
                                   .height = height < LW_TILE_SIDE ? height : LW_TILE_SIDE};
 }
 
-/* Of an id that is free: of no object's level 0. */
+/* The place of a free id: in no object's level 0. */
 static const struct lw_tile_place nowhere = {.level = LW_ATLAS_FINER + 1};
 
 static void place_tiles(const struct lw_atlas_map *map, uint32_t object) {
@@ -205,7 +205,7 @@ lw_tile_id lw_atlas_map_claim_name(const struct lw_atlas_map *map, uint64_t name
         else
             high = middle;
     }
-    /* those without tiles have the same first name as the next: the last of them has it */
+    /* objects without tiles have the first name of the next object: the last of all these has it */
     const struct lw_atlas *atlas = &map->atlas[low];
     const uint32_t tile = (uint32_t)(name - map->first_finer[low]);
     uint32_t k = atlas->finer_count;

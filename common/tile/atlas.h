@@ -39,7 +39,7 @@ static inline unsigned lw_atlas_noise_level_min(float error, float noise_shown) 
     return noise <= LW_ATLAS_MIDDLE_NOISE ? 0 : noise > LW_ATLAS_COARSE_NOISE ? 2 : 1;
 }
 
-/** A tile of the whole scene: objects in order, levels from 0 on, rows, columns. The ids behind those are
+/** A tile of the whole scene: objects in order, levels from 0 on, rows, columns. The ids behind them are
  * given to tiles of finer levels while they are in use (fine_ids.h). */
 typedef struct {
     uint32_t v;
@@ -48,7 +48,7 @@ typedef struct {
 struct lw_atlas_level {
     uint32_t width, height; /* texels */
     uint32_t tiles_x, tiles_y;
-    uint32_t first_tile; /* of those of the object, or of the names of its finer levels */
+    uint32_t first_tile; /* among the object's, or among the names of its finer levels */
 };
 
 struct lw_atlas {

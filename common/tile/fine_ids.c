@@ -7,7 +7,7 @@
 
 struct entry {
     uint64_t name;
-    uint32_t next; /* of its bucket, or of the free ones */
+    uint32_t next; /* in its bucket, or among the free ones */
     bool is_claimed;
 };
 
@@ -61,7 +61,7 @@ uint32_t lw_fine_ids_find(const struct lw_fine_ids *ids, uint64_t name) {
     return id;
 }
 
-/* Of a name that has no id. An entry is whole before its bucket leads to it: finding needs no lock. */
+/* The id for a name that has none. An entry is whole before its bucket leads to it: finding needs no lock. */
 static uint32_t take_free(struct lw_fine_ids *ids, uint64_t name, const struct lw_tile_place *place) {
     const uint32_t id = ids->first_free, b = bucket_of(ids, name);
     if (!ids->free_count) return LW_FINE_IDS_NONE;

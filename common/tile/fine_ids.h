@@ -36,7 +36,7 @@ void lw_fine_ids_destroy(struct lw_fine_ids *ids);
 
 /** The id of a name; NONE: it has none. */
 uint32_t lw_fine_ids_find(const struct lw_fine_ids *ids, uint64_t name);
-/** Likewise, but gives it a free one: that which was released first. NONE: there is none. */
+/** The id of a name; without one it gets the free id that was released first. NONE: no id is free. */
 uint32_t lw_fine_ids_claim(struct lw_fine_ids *ids, uint64_t name, const struct lw_tile_place *place);
 /** Frees an id that is claimed. */
 void lw_fine_ids_release(struct lw_fine_ids *ids, uint32_t id);

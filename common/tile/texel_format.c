@@ -62,7 +62,7 @@ static uint32_t rgb9e5(const float rgb[3], float scale) {
     }
     int exponent = (int)(bits_of(largest) >> 23) - 127 + 1 + EXPONENT_BIAS;
     if (exponent < 0) exponent = 0;
-    float steps = power(EXPONENT_BIAS + MANTISSA_BITS - exponent); /* of the shared exponent, in one */
+    float steps = power(EXPONENT_BIAS + MANTISSA_BITS - exponent); /* the shared exponent's, in one */
     if ((uint32_t)(largest * steps + 0.5f) == 1u << MANTISSA_BITS) {
         exponent++; /* at most 31: the largest value of all needs no rounding up */
         steps *= 0.5f;

@@ -17,17 +17,17 @@ enum lw_texel_format {
 #define LW_TEXEL_FORMAT_RGB9E5_MAX  65408.0f
 #define LW_TEXEL_FORMAT_RGBA16F_MAX 65504.0f
 
-/** Bytes of a texel; 0 for what is no format. */
+/** Bytes of a texel; 0: no such format. */
 size_t lw_texel_format_size(enum lw_texel_format format);
 
-/** Writes `count` texels of 3 floats, each times `scale`, to the nearest value of the format; what is more
- * than the format holds becomes its largest, what is negative or no number 0.
+/** Writes `count` texels of 3 floats, each times `scale`, to the nearest value of the format. A value
+ * above the format's largest becomes its largest, a negative one or NaN becomes 0.
  * format  one of the above
  * dst     count * lw_texel_format_size() bytes, at any address */
 void lw_texel_format_write(enum lw_texel_format format, float scale, const float *rgb, size_t count,
                            void *dst);
 
-/** The same of vectors, each number from -1 to 1: what lies beyond is cut, what is no number becomes 0.
+/** The same of vectors, each number from -1 to 1: a number beyond is cut, NaN becomes 0.
  * format  any but RGB9E5, which has no sign */
 void lw_texel_format_write_vectors(enum lw_texel_format format, const float *xyz, size_t count, void *dst);
 

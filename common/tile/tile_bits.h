@@ -63,7 +63,7 @@ static inline void lw_tile_bits_put_rice(struct lw_tile_bits_writer *w, uint32_t
 /* Past the end it reads zeros and counts on; lw_tile_bits_is_at_end() tells. */
 struct lw_tile_bits_reader {
     const uint8_t *at, *end;
-    uint64_t held;  /* bits above `count` are zero, or a part of what comes */
+    uint64_t held;  /* bits above `count` are zero, or a part of the next bytes */
     unsigned count; /* in held */
     size_t missing; /* bytes read past the end */
 };

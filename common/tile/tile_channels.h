@@ -33,7 +33,7 @@ struct lw_tile_channel {
     uint32_t planes;
     bool is_signed; /* values may be below 0; only with LW_TILE_CODING_PLAIN */
     enum lw_tile_coding coding;
-    float step; /* of the lossy codec, times that of all light */
+    float step; /* the lossy codec's, as a multiple of all light's */
     bool kept;  /* the saved light has it */
     /* A session whose features, masked by `asked`, are `asks` gets this channel (LW_FEATURE_*). */
     uint64_t asked, asks;
@@ -78,7 +78,7 @@ static inline uint32_t lw_tile_channels_held(bool parts, bool directions) {
     return held;
 }
 
-/** Of a set of channels, those that a session with these features gets. */
+/** The served channels that a session with these features gets. */
 static inline uint32_t lw_tile_channels_for(uint64_t features, uint32_t served) {
     const struct lw_tile_channels *all = lw_tile_channels();
     uint32_t channels = 0;

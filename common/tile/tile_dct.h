@@ -57,7 +57,7 @@ struct lw_tile_dct_coefficients {
 /** What an encoder keeps of a tile from one payload to the next; zero: nothing yet. */
 struct lw_tile_dct_history {
     float scale; /* 0: there is nothing to build on */
-    uint32_t q;  /* of the step */
+    uint32_t q;  /* the step's */
     struct lw_tile_dct_coefficients coefficients;
 };
 
@@ -70,14 +70,14 @@ size_t lw_tile_dct_history_size(const struct lw_tile_channel *channel, uint32_t 
 /** Texels to be encoded, and how.
  * rgb        width * height, at most LW_TILE_SIDE each, of a float per plane
  * covered    per texel, 0: the decoded value may be anything; NULL: every texel counts
- * step       of every coefficient, in log2(1 + E/scale); none is off by more than 0.56 of it
- *            (LW_TILE_DCT_HOLD if it builds on a history), so neither is any plane in the root mean square;
- *            all three together make R, G and B differ by 0.3 to 0.5 of it, root mean square. Taken down to
+ * step       of every coefficient, in log2(1 + E/scale). None is off by more than 0.56 of it
+ *            (LW_TILE_DCT_HOLD if it builds on a history), so neither is any plane in the root mean square.
+ *            All three together make R, G and B differ by 0.3 to 0.5 of it, root mean square. Taken down to
  *            a power of 2^(1/8) within the range above, further where the mean asks for it; with a history,
  *            up or down to its step where that is near
  * dark       W/m^2: light this dark looks black beside the scene's white. The scale is no smaller, so what
- *            is darker is coded by its difference and not by its ratio; 0: the tile's own mean alone says
- *            what is dark
+ *            is darker is coded by its difference and not by its ratio; 0: the tile's own mean alone sets
+ *            the scale
  * channel    of which planes, coding and sign are read; NULL: three planes of light. Plain values are coded
  *            by their difference: a step is of a power of two over the largest one; `dark` means nothing */
 struct lw_tile_dct_source {
@@ -93,7 +93,7 @@ struct lw_tile_dct_source {
 
 struct lw_tile_dct_coded {
     size_t size, delta_size; /* delta_size 0: there is none */
-    float scale;             /* of both */
+    float scale;             /* both codings' */
     uint32_t saturated; /* values that were not finite, negative without a sign (taken for 0), or too large */
 };
 

@@ -24,7 +24,7 @@
 #define CLASSES           15u
 /* More than a group of lists takes that runs past the end: of each coefficient two words. */
 #define SLACK      (PLACES * LANES * 4)
-#define TABLE_LAST 15u /* of a list's last coefficient, which is not 0 */
+#define TABLE_LAST 15u /* for a list's last coefficient, which is not 0 */
 
 _Static_assert(1u << SLOT_BITS == LW_TILE_RANS_SLOTS, "slots are the low bits of a state");
 
@@ -96,7 +96,7 @@ static enum lw_tile_rans_isa best_isa(void) {
     return LW_TILE_RANS_SCALAR;
 }
 
-/* Of a token with the raw bits of a coefficient or length: put_symbol() tells. */
+/* A token's symbol, with the raw bits of a coefficient or length: see put_symbol(). */
 static uint32_t symbol_of(uint32_t first, uint32_t share, uint32_t raw, uint32_t raw_bits) {
     return first | raw << SLOT_BITS | share << 16 | raw_bits << 26;
 }
@@ -168,7 +168,7 @@ struct block {
     uint32_t length;
 };
 
-/* Of a tile: its blocks that have a list of coefficients, the longest first. */
+/* A tile's blocks that have a list of coefficients, the longest first. */
 struct lists {
     struct block *list[LW_TILE_RANS_BLOCKS];
     uint32_t count, lanes;
@@ -178,7 +178,7 @@ LW_WIDE_INLINE uint32_t blocks(uint32_t texels) { return (texels + SIDE - 1) / S
 
 LW_WIDE_INLINE uint32_t at_most(uint32_t x, uint32_t most) { return x < most ? x : most; }
 
-/* The lengths of the blocks to the left and above; where there is one only, that twice; in the corner 0. */
+/* The lengths of the blocks to the left and above. A lone neighbour counts twice. In the corner: 0. */
 LW_WIDE_INLINE uint32_t lengths_near(const uint8_t *length, uint32_t bx, uint32_t by) {
     const uint8_t *at = length + by * GRID + bx;
     const uint32_t left = bx ? at[-1] : by ? at[-(int)GRID] : 0, above = by ? at[-(int)GRID] : left;
@@ -511,7 +511,7 @@ bool lw_tile_rans_get(struct lw_tile_rans *rans, uint32_t planes, const uint8_t 
     if (r.state[0] < STATE_LOW ||
         !get_lists(rans, planes, end, width, height, coefficient, length, &r, &lanes))
         return false;
-    uint8_t *rest = rans->bytes + (r.at - rans->bytes) - 2 * lanes; /* what is before it has been read */
+    uint8_t *rest = rans->bytes + (r.at - rans->bytes) - 2 * lanes; /* all before it has been read */
     for (uint32_t lane = 0; lane < lanes; lane++) {
         if (r.state[lane] >> 16 != 1) return false;
         rest[2 * lane] = (uint8_t)r.state[lane];
@@ -529,7 +529,7 @@ bool lw_tile_rans_get(struct lw_tile_rans *rans, uint32_t planes, const uint8_t 
 struct writer {
     uint32_t *symbol;
     uint16_t *far;
-    uint8_t *active, *far_count; /* of each step */
+    uint8_t *active, *far_count; /* per step */
 };
 
 LW_WIDE_INLINE bool is_any(short16 x) {

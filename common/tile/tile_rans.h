@@ -26,7 +26,7 @@
 /* The largest coefficient, of either sign. */
 #define LW_TILE_RANS_COEFFICIENT_MAX 32767
 
-/* Of the coefficients alone: 32 bits each, at most; lengths; states. */
+/* Bytes for coefficients alone: 32 bits each, at most; lengths; states. */
 #define LW_TILE_RANS_BOUND                                                                                   \
     (LW_TILE_CHANNEL_PLANES_MAX * LW_TILE_TEXELS_MAX * 4 + LW_TILE_RANS_BLOCKS * 2 + LW_TILE_RANS_LANES * 4)
 
@@ -43,18 +43,18 @@ struct lw_tile_rans {
     /* The encoder's: of coefficients by size, of lengths; slots, share, raw bits and how many. */
     uint32_t coefficient_symbol[LW_TILE_RANS_TABLES][LW_TILE_RANS_FAR + 1];
     uint32_t length_symbol[LW_TILE_RANS_TABLES][LW_TILE_RANS_PLACES];
-    uint64_t reciprocal[LW_TILE_RANS_SLOTS];    /* of shares, times 2^42, rounded up */
-    int16_t rank[LW_TILE_RANS_PLACES];          /* of places in a whole block's scan, from 0 */
+    uint64_t reciprocal[LW_TILE_RANS_SLOTS];    /* for shares, times 2^42, rounded up */
+    int16_t rank[LW_TILE_RANS_PLACES];          /* for places in a whole block's scan, from 0 */
     uint32_t near_table[4][LW_TILE_RANS_LANES]; /* by diagonal, and class of the sum of sizes */
     uint8_t class_of_sum[5 * LW_TILE_RANS_NEAR_MAX + 1],
-        diagonal[LW_TILE_RANS_PLACES]; /* of place in the list */
+        diagonal[LW_TILE_RANS_PLACES]; /* per place in the list */
     uint8_t length_table[2 * LW_TILE_RANS_PLACES];
     uint8_t neighbour[LW_TILE_RANS_PLACES][5]; /* places in the list; LW_TILE_RANS_PLACES - 1: none */
     /* Per place in the list and lane: sizes as far as they count next to others, and coefficients. The last
      * row of sizes stays 0. */
     _Alignas(64) uint8_t size[LW_TILE_RANS_PLACES][LW_TILE_RANS_LANES];
     _Alignas(64) int16_t row[LW_TILE_RANS_PLACES][LW_TILE_RANS_LANES];
-    uint8_t spread[256][8]; /* of eight lanes, some of which take a word: the number of each one's word */
+    uint8_t spread[256][8]; /* per mask of the eight lanes that take a word: each lane's word */
     enum lw_tile_rans_isa isa;
     uint32_t
         symbol[LW_TILE_CHANNEL_PLANES_MAX * LW_TILE_TEXELS_MAX + LW_TILE_RANS_BLOCKS]; /* the encoder's */

@@ -12,7 +12,7 @@
 
 #define OUTPUT_MIN (16u << 10)
 
-/* Speed of AES-128-GCM on processors with its instructions is twice that of what comes after it. */
+/* On processors with its instructions AES-128-GCM is twice as fast as the ciphers after it. */
 static const char ciphers[] = "TLS_AES_128_GCM_SHA256:TLS_CHACHA20_POLY1305_SHA256:TLS_AES_256_GCM_SHA384";
 
 struct lw_tls_stream {
@@ -20,7 +20,7 @@ struct lw_tls_stream {
     BIO_METHOD *method;
     const uint8_t *lent;
     size_t lent_size;
-    struct lw_tls_output *output; /* of the call under way */
+    struct lw_tls_output *output; /* for the call under way */
     bool no_memory;
     bool failed;
 };
@@ -89,7 +89,7 @@ static long control(BIO *bio, int command, long number, void *pointer) {
     return command == BIO_CTRL_FLUSH; /* there is nothing to flush */
 }
 
-/* BIO_free() of SSL_free() must not touch what is not its own. */
+/* BIO_free() of SSL_free() must not touch memory of others. */
 static int on_bio_freed(BIO *bio) {
     (void)bio;
     return 1;
@@ -166,7 +166,7 @@ bool lw_tls_stream_is_ready(const struct lw_tls_stream *s) { return SSL_is_init_
 /* ---- bytes ---- */
 
 void lw_tls_stream_lend(struct lw_tls_stream *s, const uint8_t *bytes, size_t size) {
-    LW_INVARIANT(!s->lent_size || s->failed); /* what was lent before is read, or of no use */
+    LW_INVARIANT(!s->lent_size || s->failed); /* the bytes lent before are read, or of no use */
     s->lent = bytes;
     s->lent_size = size;
 }

@@ -49,13 +49,13 @@ void lw_tls_stream_destroy(struct lw_tls_stream *stream);
 /** Whether the handshake is done: before that nothing may be written. */
 bool lw_tls_stream_is_ready(const struct lw_tls_stream *stream);
 
-/** Lends bytes that came by the link: they are read by the calls that follow, and must stay until those have
- * said that nothing is left. */
+/** Lends bytes that came by the link. The calls that follow read them. They must stay until a call has said
+ * that nothing is left. */
 void lw_tls_stream_lend(struct lw_tls_stream *stream, const uint8_t *bytes, size_t size);
 
 /** Shakes hands, then reads what the peer says. A client begins with a call before anything came.
- * *out_size  0: nothing is left
- * Errors: LW_CLOSED: the peer has ended what it says; LW_NOT_ALLOWED: one end does not trust the other;
+ * *out_size  0: nothing is left.
+ * Errors: LW_CLOSED: the peer has ended its stream; LW_NOT_ALLOWED: one end does not trust its peer;
  *         LW_PROTOCOL: what came is no TLS 1.3; LW_NO_MEMORY. The output may still tell the peer why. */
 LW_MUST_CHECK enum lw_status lw_tls_stream_read(struct lw_tls_stream *stream, uint8_t *dst,
                                                 size_t dst_capacity, size_t *out_size,

@@ -364,7 +364,7 @@ static struct rebuild *rebuild_start(struct lw_trace *trace) {
     return NULL;
 }
 
-/* Waits for what is being built, and takes it. */
+/* Waits for the rebuild in progress, and takes it. */
 static enum lw_status take_rebuild(struct lw_trace *trace) {
     struct rebuild *rebuild = trace->rebuild;
     if (!rebuild) return LW_OK;
@@ -388,7 +388,7 @@ static enum lw_status free_objects(struct lw_trace *trace, const struct lw_pose 
     const uint32_t before = trace->mover_count, objects = trace->scene->object_count;
     enum lw_status status = LW_OK;
     for (uint32_t object = 0; object < objects && status == LW_OK; object++)
-        if (becomes_mover(trace, pose, object)) status = take_rebuild(trace); /* of those before */
+        if (becomes_mover(trace, pose, object)) status = take_rebuild(trace); /* for earlier movers */
     for (uint32_t object = 0; object < objects && status == LW_OK; object++) {
         if (!becomes_mover(trace, pose, object)) continue;
         struct mover *mover = &trace->mover[trace->mover_count];
@@ -495,7 +495,7 @@ enum lw_status lw_trace_settle(struct lw_trace *trace, bool wait, struct lw_erro
 }
 
 /* The end of a ray that meets nothing. Where packets of sixteen are not native, Embree 3.13 never reads
- * `valid`: it traces each lane whose ray ends at its beginning or later, and stops at what is no ray
+ * `valid`: it traces each lane whose ray ends at its beginning or later, and stops at an invalid one
  * (filterSOA of its kernels/bvh/bvh_intersector_stream_filters.cpp, which fills packets up with such rays
  * itself). */
 #define EMPTY_FAR (-INFINITY)
@@ -560,7 +560,7 @@ LW_WIDE static bool reach_movers(const struct lw_trace *trace, const struct RTCR
     return any != 0;
 }
 
-/* Of an object that moves: its normal is still in its own space. */
+/* For an object that moves: its normal is still in its own space. */
 static bool mover_from_behind(const struct mover *mover, const struct RTCRayHit16 *rh, int i) {
     float nx = rh->hit.Ng_x[i], ny = rh->hit.Ng_y[i], nz = rh->hit.Ng_z[i];
     const float(*f)[3] = mover->facing;

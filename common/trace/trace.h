@@ -52,7 +52,7 @@ static inline void lw_trace_set_ray(struct lw_ray16 *rays, uint32_t lane, struct
  * on no ray hits the triangle it starts on, at any angle: measured for static and moving triangles of 1 mm to
  * 1 km, up to 1 km from the origin. With 2, one ray in 10^5 does; with 1, one in 300. */
 #define LW_TRACE_LIFT (6.0f * 0x1p-23f)
-/** Of the way to a point on a surface, what has to be free: the surface itself would be in the way. */
+/** Share of the way to a point on a surface that has to be free: the surface itself would be in the way. */
 #define LW_TRACE_SHORT 0.9999f
 
 /** Lifts a point off its surface by more than rounding can move a hit.
@@ -69,7 +69,7 @@ struct lw_hit16 {
     _Alignas(64) float t[16];
     float u[16], v[16];    /* barycentrics of the 2nd and 3rd vertex */
     uint32_t object[16];   /* LW_TRACE_MISS: nothing hit, the other fields are undefined */
-    uint32_t triangle[16]; /* of the object's mesh */
+    uint32_t triangle[16]; /* in the object's mesh */
     uint8_t back[16];      /* 1: met from behind (by winding, mirroring accounted for) */
 };
 
@@ -89,8 +89,8 @@ LW_MUST_CHECK enum lw_status lw_trace_create(const struct lw_scene *scene, const
 void lw_trace_destroy(struct lw_trace *trace);
 
 /** Applies transforms and visibility of a pose. An object that has become dynamic moves to the second scene,
- * and the first scene is built again. Of an object that is neither dynamic nor animated, transform and
- * visibility are ignored.
+ * and the first scene is built again. Transform and visibility of an object that is neither dynamic nor
+ * animated are ignored.
  * Errors: LW_NO_MEMORY; LW_INTERNAL with Embree's message; then only lw_trace_destroy() may follow. */
 LW_MUST_CHECK enum lw_status lw_trace_set_pose(struct lw_trace *trace, const struct lw_pose *pose,
                                                struct lw_error *err);

@@ -12,7 +12,7 @@
 #define CHUNK 128u
 
 struct packet {
-    struct RTCRayHit16 rays; /* of an occlusion query the rays alone; 64-byte aligned */
+    struct RTCRayHit16 rays; /* for an occlusion query the rays alone; 64-byte aligned */
     _Alignas(64) int valid[16];
     struct lw_trace_context context;
     RTCScene scene;

@@ -14,9 +14,9 @@ struct lw_bake_desc {
     uint32_t samples;         /* the target, as the solver's frames_max; 0: the error decides */
     float error;              /* its target_error */
     double limit_s;           /* stop after this time; 0: no limit */
-    const char *state_path;   /* of the checkpoint; NULL: none */
+    const char *state_path;   /* the checkpoint's; NULL: none */
     double state_interval_s;  /* 0: at the end only */
-    uint8_t key[16];          /* of the checkpoint */
+    uint8_t key[16];          /* the checkpoint's */
     const _Atomic bool *stop; /* may be NULL; once true, the frame under way is the last */
 };
 

@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-#define WINDOW   (1.0 / 3) /* of the time so far */
+#define WINDOW   (1.0 / 3) /* share of the time so far */
 #define WINDOW_S 60.0
 
 /* Every other point goes; the first stays. */

@@ -2,7 +2,7 @@
  * Flow:    (time, work left) -> [forecast] -> seconds left -> progress
  * Threads: one.
  *
- * What is left of a bake is an estimate by errors that are estimates themselves: it may grow, and the last
+ * The work left of a bake is an estimate by errors that are estimates themselves: it may grow, and the last
  * tiles take longer than the first. So the rate is that at which it has fallen lately: over the last third
  * of the time, and a minute at most. */
 #ifndef LW_BAKE_FORECAST_H
@@ -19,7 +19,7 @@ struct lw_forecast {
     } point[LW_FORECAST_POINTS];
 };
 
-/** Notes what is left now, in any unit. Returns the seconds that are left: infinite while nothing has
+/** Notes the work left now, in any unit. Returns the seconds that are left: infinite while it has not
  * fallen. */
 double lw_forecast_note(struct lw_forecast *forecast, double time_s, double left);
 

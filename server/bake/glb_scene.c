@@ -216,7 +216,7 @@ static int compare_corners(const void *a, const void *b) {
                   sizeof(struct lw_vec3));
 }
 
-/* Of each vertex the mean direction of the normals at its position, or zero: vertices that lie on each other
+/* Per vertex, the mean direction of the normals at its position, or zero: vertices that lie on each other
  * move alike, so that faces which meet at an edge do not part there. */
 static struct lw_vec3 *shared_normals(const struct lw_mesh *mesh) {
     const uint32_t n = mesh->vertex_count;

@@ -1,7 +1,7 @@
 /* glb_scene.h: a lit scene as a .glb that engines load: geometry with lightmap coordinates, materials that
  * name their maps.
  * Flow:    scene, each object's map -> [glb_scene] -> .glb
- * Threads: main() only. What is in the file and how to use it: docs/baking.md.
+ * Threads: main() only. Contents of the file and how to use it: docs/baking.md.
  *
  * Each object gets materials of its own, since each has a map of its own; vertices are shared by the objects
  * of a mesh. */
@@ -14,8 +14,8 @@
 
 struct lw_glb_scene_desc {
     const struct lw_scene *scene;
-    const struct lw_convention *convention; /* of the EXRs */
-    const char *map_folder;                 /* of the EXRs, relative to the .glb: "" or "maps/" */
+    const struct lw_convention *convention; /* for the EXRs */
+    const char *map_folder;                 /* the EXRs', relative to the .glb: "" or "maps/" */
     bool split_sides; /* double-sided triangles twice, single-sided, so that each side shows its own light */
     bool with_lights; /* keeps the punctual lights, whose light the maps hold already */
     /* per light, 1: kept in any case, because the maps lack its direct light; NULL: none */

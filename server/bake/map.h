@@ -19,7 +19,7 @@ struct lw_map {
     uint32_t covered;     /* texels with A = 1 */
     uint32_t samples;     /* least number of samples of each kind, over covered texels */
     float error;          /* relative standard error: root mean square over the tiles, by covered texels */
-    float error_worst;    /* that of the noisiest tile */
+    float error_worst;    /* the noisiest tile's */
     float largest;        /* of all channels */
     bool fits_half;       /* see LW_MAP_HALF_LOSS_MAX; also: nothing beyond 65504 */
 };

@@ -9,7 +9,7 @@
 
 /* Names that are taken, compared without case, each with the number that its next twin should try. */
 struct slot {
-    const char *name; /* NULL: free; lower case; ours to free */
+    const char *name; /* in lower case, ours to free; NULL: a free slot */
     uint32_t next;
 };
 struct taken {

@@ -1,7 +1,7 @@
 /* map_names.h: file names for the objects' maps, safe on every file system.
  *
- * The rule: of an object's name, letters and digits of ASCII, '.', '_' and '-' are kept; each run of anything
- * else becomes one '_'; dots and dashes at the beginning are dropped; what is longer than 100 bytes is cut. A
+ * The rule: of an object's name, letters and digits of ASCII, '.', '_' and '-' are kept. Each run of anything
+ * else becomes one '_'. Dots and dashes at the beginning are dropped, and names are cut at 100 bytes. A
  * name that is then empty is "object", and one that Windows keeps for a device gets a '_' behind it. Where
  * two objects would get the same name (upper and lower case count as the same), the later one gets "-2", "-3"
  * and so on. Then comes ".exr". So a file never lies outside the folder, is never hidden, and no two objects

@@ -19,7 +19,7 @@ enum lw_sides_choice { LW_SIDES_AUTO, LW_SIDES_FRONT, LW_SIDES_BACK };
 #define LW_SIDES_RAYS        (1u << 18) /* from all cameras together */
 #define LW_SIDES_CAMERAS_MAX 64u        /* more are left out */
 #define LW_SIDES_HITS_MIN    8u         /* on a chart: fewer are chance, and its light decides */
-#define LW_SIDES_SHARE_MIN   0.1 /* of hits, or light against the other side's: from here on a side matters */
+#define LW_SIDES_SHARE_MIN   0.1 /* share of the other side's hits, or light: from it on a side matters */
 #define LW_SIDES_COUNTED_MAX (1ull << 26) /* triangles of objects with backs; beyond: light alone decides */
 
 struct lw_sides {
@@ -35,12 +35,12 @@ LW_MUST_CHECK enum lw_status lw_sides_init(struct lw_sides *sides, const struct 
                                            struct lw_error *err);
 void lw_sides_finish(struct lw_sides *sides);
 
-/* Of one object. */
+/* The sides that one object shows. */
 struct lw_sides_shown {
     uint8_t *back;   /* per vertex of its mesh, 1: its chart shows the back; NULL: all show the front */
     double back_m2;  /* area that does, in the mesh's own lengths */
     double both_m2;  /* area of charts of which the other side matters too */
-    double total_m2; /* of charts that have a back */
+    double total_m2; /* area of charts that have a back */
 };
 
 /** Chooses for the object of a map. *out is zero for one without backs. Errors: LW_NO_MEMORY. */

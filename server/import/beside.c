@@ -11,7 +11,7 @@
 /* Where exporters and people put textures. "": beside the scene. */
 static const char *const subfolders[] = {"", "textures", "texture", "tex", "maps", "images", "materials"};
 
-#define ENTRIES_MAX 100000 /* of a folder, compared without regard to case */
+#define ENTRIES_MAX 100000 /* entries of a folder, compared without regard to case */
 
 static bool is_file(const char *path) {
     struct stat info;
@@ -34,7 +34,7 @@ static bool mend_case(char *path, char *name, bool folder_wanted) {
     unsigned seen = 0;
     for (struct dirent *entry; !found && folder && seen < ENTRIES_MAX && (entry = readdir(folder)); seen++) {
         if (strcasecmp(entry->d_name, name) != 0) continue;
-        memcpy(name, entry->d_name, strlen(name)); /* of the same length */
+        memcpy(name, entry->d_name, strlen(name)); /* it has the same length */
         found = folder_wanted ? is_folder(path) : is_file(path);
     }
     if (folder) closedir(folder);

@@ -56,7 +56,7 @@ static void close_strays(const int kept[LW_CAGE_KEPT_MAX]) {
     }
 }
 
-/* Soft and hard, so that nothing raises it again. What is lower stays. */
+/* Sets the soft and the hard limit, so that nothing raises it again. A lower limit stays. */
 static void limit(int resource, rlim_t most) {
     struct rlimit now;
     if (getrlimit(resource, &now) != 0) return;
@@ -66,7 +66,7 @@ static void limit(int resource, rlim_t most) {
 }
 
 static void set_limits(const struct lw_cage_desc *desc) {
-    signal(SIGXFSZ, SIG_IGN); /* so that a file that grows too long is told as a full disk is */
+    signal(SIGXFSZ, SIG_IGN); /* so that a file that grows too long is reported as a full disk is */
     limit(RLIMIT_FSIZE, desc->file_bytes);
     limit(RLIMIT_NOFILE, DESCRIPTORS_MAX);
     limit(RLIMIT_CORE, 0);
@@ -212,8 +212,8 @@ static void give_up_privileges(const struct lw_cage_desc *desc, bool bounded) {
 #define ARCHITECTURE AUDIT_ARCH_AARCH64
 #endif
 
-/* What computing, reading and writing take, of the C library, OpenMP and the decoders. What is missing here
- * fails with ENOSYS, as on an older kernel, for which libraries have a way round. */
+/* The calls for computing, reading and writing, by the C library, OpenMP and the decoders. A call that is not
+ * here fails with ENOSYS, as on an older kernel, for which libraries have a way round. */
 static const int calls[] = {
     SYS_read,
     SYS_write,

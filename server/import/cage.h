@@ -3,7 +3,7 @@
  * Flow:    arguments -> [cage] -> scene, read and written inside
  * Threads: main() only, before it starts others: they inherit the cage.
  *
- * Each part is there or not, by the kernel; what is missing is returned, to be told once. */
+ * Each part is there or not, by the kernel; missing parts are returned, to be reported once. */
 #ifndef LW_IMPORT_CAGE_H
 #define LW_IMPORT_CAGE_H
 
@@ -19,7 +19,7 @@ struct lw_cage_desc {
     const char *output;         /* may be written: files of its folder, or a device or pipe */
     int kept[LW_CAGE_KEPT_MAX]; /* descriptors beside the first three; 0: none */
     bool owner;                 /* as root: become the user whose the output's folder is */
-    uint64_t memory_bytes;      /* of address space; 0: as it is */
+    uint64_t memory_bytes;      /* address space; 0: as it is */
     uint64_t file_bytes;        /* largest file to write */
 };
 
@@ -29,8 +29,8 @@ enum lw_cage_part {
     LW_CAGE_CALLS = 2, /* seccomp: no socket, no program, no process, no signal to others, no ptrace */
 };
 
-/** Enters the cage, for good. Closes descriptors; makes limits of memory, files, descriptors and core dumps
- * hard; wipes the environment; gives up privileges, and as root all capabilities but those to read and write
+/** Enters the cage, for good. Closes descriptors. Makes limits of memory, files, descriptors and core dumps
+ * hard. Wipes the environment. Gives up privileges, and as root all capabilities but those to read and write
  * files. Builds with a sanitizer or for coverage, which read and write files of their own, get neither of the
  * parts. Returns the parts that are missing, of enum lw_cage_part. */
 unsigned lw_cage_enter(const struct lw_cage_desc *desc);

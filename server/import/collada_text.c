@@ -18,7 +18,7 @@ struct span {
     const char *from, *to;
 };
 
-/* An element: from its first tag on, what is within, up to behind its last. */
+/* An element: `all` from its first tag up to behind its last, `inner` between the two. */
 struct element {
     struct span all, inner;
     bool is_empty; /* <spot/> */
@@ -155,7 +155,7 @@ static const struct {
     {"spot", write_spot}, {"perspective", write_perspective}, {"orthographic", write_orthographic}};
 
 /* Writes a camera's first tag as far as its attributes: Assimp reads no camera that has no name. Returns
- * what comes behind that; NULL: out of memory. */
+ * the text behind that; NULL: out of memory. */
 static const char *write_camera(struct writer *writer, struct span rest, const char *end) {
     const char *attributes = rest.from + strlen("<camera");
     const bool is_named = find((struct span){attributes, end}, "name") != NULL;
@@ -163,7 +163,7 @@ static const char *write_camera(struct writer *writer, struct span rest, const c
     return good ? attributes : NULL;
 }
 
-/* Writes what is at rest.from, a '<', and returns what comes behind it; NULL: out of memory. */
+/* Writes the piece at rest.from, a '<', and returns the text behind it; NULL: out of memory. */
 static const char *write_place(struct writer *writer, struct span rest) {
     const char *end;
     for (size_t i = 0; i < MENDED; i++) {

@@ -10,7 +10,7 @@
 
 #include <stdint.h>
 
-/** *out_text is malloc'ed. What is no XML stays as it is. Errors: LW_NO_MEMORY. */
+/** *out_text is malloc'ed. Text that is no XML stays as it is. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_collada_text_mend(const uint8_t *bytes, size_t size, uint8_t **out_text,
                                                   size_t *out_size, struct lw_error *err);
 

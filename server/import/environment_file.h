@@ -10,10 +10,10 @@
 #define LW_ENVIRONMENT_FILE_HALF_MAX 65504.0f
 
 /** Reads R, G, B of an EXR as radiance, W/(m^2 sr); row 0 is up, the middle of the picture is +X (struct
- * lw_environment). Texels that are no light are told in one warning: NaN and below 0 become 0, infinite ones
- * LW_ENVIRONMENT_FILE_HALF_MAX. A picture with a side past LW_SCENE_ENVIRONMENT_SIDE_MAX is box-filtered
- * down, by solid angle: the light it sends is kept. Errors: LW_NO_INPUT, LW_BAD_DATA (no EXR, no R, G and
- * B), LW_NO_MEMORY, each naming the file. */
+ * lw_environment). Texels that are no light are reported in one warning: NaN and below 0 become 0, infinite
+ * ones LW_ENVIRONMENT_FILE_HALF_MAX. A picture with a side past LW_SCENE_ENVIRONMENT_SIDE_MAX is box-filtered
+ * down, by solid angle: the light it sends is kept. Errors: LW_NO_INPUT, LW_BAD_DATA (no EXR, no R, G and B),
+ * LW_NO_MEMORY, each naming the file. */
 LW_MUST_CHECK enum lw_status lw_environment_file_load(struct lw_scene *scene, const char *path,
                                                       struct lw_error *err);
 

@@ -20,7 +20,7 @@ struct box {
     struct lw_vec3 low, high;
 };
 
-/* A place and what is nearest to it. */
+/* A place and the distance to the nearest surface. */
 struct place {
     struct lw_vec3 at;
     uint32_t own; /* object that the place belongs to, and that does not count; LW_SCENE_NONE: none */
@@ -116,7 +116,7 @@ static void add(struct finding *finding, const char *name, const struct place *p
     }
 }
 
-/* Of irradiance below a lamp from where rays start: (d / (d - lift))^2 - 1. */
+/* Relative error of irradiance below a lamp, by where rays start: (d / (d - lift))^2 - 1. */
 static float error_of(const struct place *place) {
     const float d = place->distance_m, lift_m = LW_TRACE_LIFT * largest_of(place->at);
     const float ratio = d / fmaxf(d - lift_m, 0.1f * d + 1e-9f);

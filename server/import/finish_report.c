@@ -2,7 +2,7 @@
 
 #include "common/log.h"
 
-/* Bytes of a texel in a package: x and y of normals; R, G, B of surfaces; all of colours. */
+/* Bytes of a texel in a package: normals have x and y, surfaces R, G, B, colours all four. */
 static unsigned texel_bytes(uint8_t content) {
     return content == LW_CONTENT_NORMAL ? 2 : content == LW_CONTENT_SURFACE ? 3 : 4;
 }

@@ -6,9 +6,9 @@
 #include "common/scene/scene.h"
 
 struct lw_finish_report {
-    uint32_t materials;                   /* that have a finish */
+    uint32_t materials;                   /* materials that have a finish */
     uint32_t normal_maps, other_maps;     /* textures of finishes */
-    uint64_t normal_texels, other_texels; /* of them */
+    uint64_t normal_texels, other_texels; /* these maps' */
     uint64_t tangents;                    /* corners that have one */
     uint64_t normal_bytes, other_bytes;   /* in the package (finish_package.h): with tangents; the rest */
 };

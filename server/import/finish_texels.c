@@ -6,7 +6,7 @@
 /* Lengths of normals, squared, in units of (2 byte - 255): 255 is 1. */
 #define UNIT      65025
 #define SHORT     (UNIT / 100) /* a tenth: no direction */
-#define ROUNDING  512          /* of x and y that lie flat */
+#define ROUNDING  512          /* slack for x and y that lie flat */
 #define SLACK_MIN (UNIT * 94 / 100)
 #define SLACK_MAX (UNIT * 106 / 100) /* within 3 % it is rounding: the file's bytes stay */
 

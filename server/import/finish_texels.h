@@ -14,7 +14,7 @@ bool lw_finish_texels_opaque(const uint8_t *rgba, size_t texels);
 void lw_finish_texels_cover(uint8_t *rgba, size_t texels);
 
 /** A normal map of a file becomes LW_CONTENT_NORMAL, in place: normals are made unit. Where z is negative it
- * follows from x and y; what is of no length, or black, becomes even. Returns the number of both. */
+ * follows from x and y; a texel of no length, or black, becomes even. Returns the number of both. */
 size_t lw_finish_texels_normal(uint8_t *rgba, size_t texels);
 
 /** Whether a picture holds normals, not heights: it is blue, and in its mean even. */

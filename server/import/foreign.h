@@ -1,5 +1,5 @@
-/* foreign.h: reads OBJ, PLY, FBX, Collada and STL through Assimp into a scene. What is kept of each format,
- * and by which conventions: docs/importing_other.md.
+/* foreign.h: reads OBJ, PLY, FBX, Collada and STL through Assimp into a scene. The kept parts of each
+ * format, and the conventions: docs/importing_other.md.
  * Flow:    file -> [Assimp, guarded] -> [foreign_*] -> scene -> lightmap UVs -> package
  * Threads: one import at a time: Assimp's last error and our guard are the process's.
  * Runs in lightwell-import only, like every reader of outside files. Assimp opens no file itself. */
@@ -22,7 +22,7 @@ struct lw_foreign_desc {
     enum lw_foreign_sides sides;
     double read_seconds;     /* processor time that Assimp may take; 0: by the size of the file */
     uint64_t picture_texels; /* of all pictures together at most; 0: LW_IMAGE_FILE_TEXELS */
-    bool matt;               /* no finishes: what is said of gloss and relief is not read */
+    bool matt;               /* no finishes: gloss and relief are not read */
     int failure_fd;          /* where the guard says why it ended the process; 0: stderr */
 };
 

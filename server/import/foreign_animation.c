@@ -14,7 +14,7 @@ struct conversion {
     const struct lw_foreign_nodes *nodes;
     uint8_t *claimed; /* per node of the scene */
     uint64_t key_total;
-    double ticks_per_second, first; /* of the animation: seconds are (tick - first) / ticks_per_second */
+    double ticks_per_second, first; /* the animation's: seconds are (tick - first) / ticks_per_second */
 };
 
 /* The keys of one property, behind one interface. */
@@ -46,7 +46,7 @@ static bool normalise(float q[4]) {
     return true;
 }
 
-/* The node's own place, as what can be animated. */
+/* The node's own place, as parts that can be animated. */
 static void take_apart(struct conversion *conversion, struct lw_node *node) {
     const float(*m)[4] = node->matrix.m;
     struct aiMatrix4x4 matrix = {m[0][0], m[0][1], m[0][2], m[0][3], m[1][0], m[1][1], m[1][2], m[1][3],

@@ -14,14 +14,14 @@
 struct lw_foreign_files {
     struct aiFileIO io; /* first: Assimp hands it back to our callbacks */
     enum lw_scene_format format;
-    const char *path;       /* of the scene */
-    char *folder;           /* of the scene */
-    char name[300];         /* what Assimp is told the scene is called: its base name with the right ending */
-    uint8_t *bytes;         /* of the scene, as foreign_text.h leaves them */
+    const char *path;       /* the scene's */
+    char *folder;           /* the scene's */
+    char name[300];         /* the scene's name for Assimp: its base name with the right ending */
+    uint8_t *bytes;         /* the scene's, as foreign_text.h leaves them */
     size_t size, file_size; /* file_size: before that */
-    struct lw_obj_text obj; /* of an OBJ; its text is moved to the bytes */
+    struct lw_obj_text obj; /* an OBJ's; its text is moved to the bytes */
     struct lw_obj_materials materials;
-    bool has_material; /* a PLY or STL names a colour for what has none */
+    bool has_material; /* a PLY or STL names a colour for surfaces without a material */
 };
 
 /** Reads the scene file. finish() also after failure.

@@ -82,7 +82,7 @@ static enum lw_status find(struct reader *r, const struct lw_foreign_map *map, u
 }
 
 /* The picture that is made under a key, of that size. *out_rgba NULL: it was there. *out LW_SCENE_NONE: there
- * is no room for it, which is told. */
+ * is no room for it, which is reported. */
 static enum lw_status make(struct reader *r, const char *key, uint32_t width, uint32_t height, uint32_t *out,
                            uint8_t **out_rgba, struct lw_error *err) {
     struct lw_foreign_picture *made = lw_foreign_pictures_find(r->pictures, key);

@@ -47,8 +47,8 @@ struct lw_foreign_import {
 
 void lw_foreign_import_warn(struct lw_foreign_import *import, enum lw_foreign_warning warning);
 
-/** A name of the file as UTF-8, owned by the scene: what is no UTF-8 is taken as Latin-1, which old exporters
- * write. NULL when out of memory. */
+/** A name of the file as UTF-8, owned by the scene: text that is no UTF-8 is taken as Latin-1, which old
+ * exporters write. NULL when out of memory. */
 const char *lw_foreign_import_text(struct lw_foreign_import *import, const struct aiString *text);
 
 #endif

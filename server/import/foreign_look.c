@@ -68,8 +68,8 @@ static bool read_colour(const struct aiMaterial *ai, const char *key, unsigned t
     return out->has_colour[which] = true;
 }
 
-/* What has no material Assimp paints white in PLY and STL, and of a grey of its own in FBX: there its
- * material has a name and that colour alone. */
+/* Assimp paints surfaces without a material white in PLY and STL, and in a grey of its own in FBX: there
+ * their material has a name and that colour alone. */
 static bool is_bare(const struct lw_foreign_import *import, const struct aiMaterial *ai, const char *name) {
     switch (import->desc->format) {
     case LW_SCENE_FORMAT_PLY:
@@ -92,8 +92,8 @@ static bool read_number(const struct aiMaterial *ai, const char *key, unsigned t
     return aiGetMaterialFloatArray(ai, key, type, index, out, NULL) == aiReturn_SUCCESS;
 }
 
-/* Of the exponent of an FBX Assimp makes a roughness, 1 - sqrt(exponent) / 10. Exporters write an exponent on
- * everything, so that it is no gloss. */
+/* From the exponent of an FBX Assimp makes a roughness, 1 - sqrt(exponent) / 10. Exporters write an exponent
+ * on everything, so that it is no gloss. */
 static bool is_of_exponent(const struct lw_foreign_look *look) {
     return look->exponent >= 0 && fabsf(look->roughness - (1 - sqrtf(look->exponent) / 10)) < 1e-5f;
 }

@@ -12,17 +12,17 @@ enum lw_foreign_colour { LW_FOREIGN_DIFFUSE, LW_FOREIGN_SPECULAR, LW_FOREIGN_EMI
 struct lw_foreign_map {
     bool there;
     struct aiString path;
-    const char *folder; /* that the path counts from, from the scene's on; "": the scene's */
+    const char *folder; /* the path's base, from the scene's folder on; "": that folder */
     unsigned uv_set;
     uint8_t wrap_s, wrap_t;
     float transform[6];
     float base, gain; /* values of the picture are base + gain x */
-    char channel;     /* of an opacity map: r, g, b, m (the alpha), l (the brightness); 0: not said */
+    char channel;     /* an opacity map's: r, g, b, m (the alpha), l (the brightness); 0: not said */
 };
 
 struct lw_foreign_look {
     struct aiString name;
-    bool is_default; /* of what has no material */
+    bool is_default; /* for surfaces without a material */
     bool stated_two_sided;
     bool has_colour[LW_FOREIGN_COLOURS];
     float colour[LW_FOREIGN_COLOURS][3]; /* as the file has them */
@@ -31,7 +31,7 @@ struct lw_foreign_look {
 
     bool has_metalness, has_roughness;
     float metalness, roughness; /* as the file has them */
-    float exponent;             /* of Phong's highlight; below 0: not said */
+    float exponent;             /* for Phong's highlight; below 0: not said */
     struct lw_foreign_map metalness_map, roughness_map, occlusion_map, relief_map;
     float relief;   /* factor of the heights, or of the slopes of normals */
     bool is_normal; /* the relief map: of normals; else its picture tells */

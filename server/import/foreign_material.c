@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Albedo of what has none. Assimp puts the same where FBX and Collada name no diffuse colour. */
+/* Albedo where a file names none. Assimp puts the same where FBX and Collada name no diffuse colour. */
 #define GREY 0.6f
 
 enum { VARIANTS = 4 }; /* one- or two-sided, own colour or white */
@@ -295,7 +295,7 @@ enum lw_status lw_foreign_materials_get(struct lw_foreign_materials *materials, 
     struct lw_foreign_converted *converted = &materials->converted[index];
     if (!converted->done && convert(materials, index, converted, err)) return err->status;
     bool two_sided = is_two_sided(materials, converted, surface.closed);
-    /* vertex colours are the colour of what has no material; the default grey would darken them */
+    /* vertex colours are the colour of surfaces without a material; the default grey would darken them */
     bool white = surface.coloured && converted->is_default && !is_white(converted->material.base_colour);
     uint32_t *variant = &converted->variant[2 * white + two_sided];
     if (*variant == LW_SCENE_NONE) {

@@ -6,7 +6,7 @@
 #define FOV_MIN 1e-3f
 #define FOV_MAX 3.1f
 
-/* Of an FBX camera that says nothing Assimp makes one of a degree; FBX means this (radians). */
+/* An FBX camera without an angle: Assimp makes it one degree; FBX means FBX_FOV (radians). */
 #define FBX_UNSAID 0.017453292f
 #define FBX_FOV    0.43833938f
 

@@ -15,7 +15,7 @@
 /* An opacity map with less than this share of texels between nearly 0 and nearly 1 cuts out; else it
  * blends. */
 #define BLEND_SHARE   0.25
-#define NEARLY_OPAQUE 229 /* of 255 */
+#define NEARLY_OPAQUE 229 /* opacity out of 255 */
 #define NEARLY_CLEAR  26
 
 #define WARNINGS_MAX 20 /* lines about single pictures */

@@ -30,8 +30,8 @@ void lw_foreign_pictures_finish(struct lw_foreign_pictures *pictures);
 /** A path behind its last slash. */
 const char *lw_foreign_pictures_base_name(const char *path);
 
-/** The picture of a map. *out_index: into the pictures, which may move. One that cannot be read is told, and
- * marked so. Errors: LW_NO_MEMORY. */
+/** The picture of a map. *out_index: into the pictures, which may move. One that cannot be read is reported,
+ * and marked so. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_foreign_pictures_get(struct lw_foreign_pictures *pictures,
                                                      const struct lw_foreign_map *map, uint32_t *out_index,
                                                      struct lw_error *err);

@@ -7,7 +7,7 @@
 
 #include "server/import/foreign_files.h"
 
-/** Replaces the bytes of the scene, and reads the material libraries of an OBJ. Warns of what is not read.
+/** Replaces the bytes of the scene, and reads the material libraries of an OBJ. Warns of skipped parts.
  * Errors: LW_BAD_DATA naming the line; LW_NO_MEMORY; their text does not name the file. */
 LW_MUST_CHECK enum lw_status lw_foreign_text_mend(struct lw_foreign_files *files, struct lw_error *err);
 

@@ -6,7 +6,7 @@
 
 #include "server/import/gltf_document.h"
 
-#define LW_GLTF_ELEMENTS_MAX (1u << 31) /* of one accessor */
+#define LW_GLTF_ELEMENTS_MAX (1u << 31) /* elements of one accessor */
 /* Elements of an accessor without a bufferView (all zero except sparse ones). */
 #define LW_GLTF_UNBACKED_MAX (1u << 20)
 

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* What moves a path of a node or a light already: index of its animation + 1, or 0. */
+/* The animation that moves a path of a node or a light already: its index + 1, or 0. */
 struct claims {
     uint32_t animation[LW_CHANNEL_FACTOR + 1]; /* per enum lw_channel_path */
 };
@@ -247,7 +247,7 @@ static enum lw_status add_channel(struct conversion *conversion, const json_t *o
     return LW_OK;
 }
 
-/* Of a light whose colour or intensity alone is animated, the other one: a channel of one key. */
+/* Gives a light whose colour or intensity alone is animated the missing one: a channel of one key. */
 static enum lw_status complete_light(struct conversion *conversion, uint32_t light, struct lw_error *err) {
     const uint32_t *claimed = conversion->light_claims[light].animation;
     const bool colours = claimed[LW_CHANNEL_INTENSITY], factors = claimed[LW_CHANNEL_FACTOR];

@@ -44,14 +44,14 @@ static const char *const supported_extensions[] = {
     "MSFT_lod",
 };
 
-/* What is ignored also where it is required: without it a surface has the same light, or nearly. */
+/* Extensions ignored even where required: without them a surface has the same light, or nearly. */
 static const char *const harmless_extensions[] = {
     "KHR_materials_anisotropy", "KHR_materials_clearcoat",   "KHR_materials_diffuse_transmission",
     "KHR_materials_dispersion", "KHR_materials_iridescence", "KHR_materials_sheen",
     "KHR_materials_variants",   "KHR_materials_volume",      "KHR_xmp_json_ld",
 };
 
-#define EXTENSIONS_TOLD_MAX 10 /* that are ignored, by name */
+#define EXTENSIONS_TOLD_MAX 10 /* ignored ones in a warning, by name */
 
 void lw_gltf_document_warn(struct lw_gltf_document *document, enum lw_gltf_warning warning) {
     if (document->warned & 1u << warning) return;

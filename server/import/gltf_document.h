@@ -75,7 +75,7 @@ struct lw_gltf_buffer_view {
 };
 
 struct lw_gltf_document {
-    const char *name; /* of the file, for messages */
+    const char *name; /* the file's, for messages */
     char *folder;     /* NULL: the document may name no file */
     json_t *root;
     const json_t *list[LW_GLTF_LIST_COUNT]; /* arrays of objects, or NULL */
@@ -84,7 +84,7 @@ struct lw_gltf_document {
     struct lw_gltf_bytes *buffer; /* one per buffer; data is NULL if views of it are compressed elsewhere */
     uint8_t **buffer_storage;     /* what of them we allocated */
     struct lw_gltf_buffer_view *view;
-    uint8_t **view_storage; /* of views that were compressed */
+    uint8_t **view_storage; /* compressed views' */
     bool *moves_skin;       /* per node: its place is part of a skin's; NULL before nodes are read */
     uint32_t *light_of;     /* per scene light: its light of KHR_lights_punctual; NULL likewise */
     bool quantized;         /* KHR_mesh_quantization is in use */

@@ -10,14 +10,14 @@
 #include <string.h>
 
 #define IOR_DEFAULT 1.5f
-#define F0_DEFAULT  0.04f /* of that */
+#define F0_DEFAULT  0.04f /* f0 for IOR_DEFAULT */
 #define IOR_MIRROR  1e6f  /* for 0, which KHR_materials_ior has for "f0 is 1" */
 #define IOR_MAX     1e6f
 
 struct reader {
     struct lw_gltf_finishes *finishes;
     struct lw_gltf_textures *textures;
-    const char *name; /* of the material */
+    const char *name; /* the material's */
     struct lw_finish finish;
 };
 
@@ -94,7 +94,7 @@ static enum lw_status add_made(struct lw_gltf_finishes *finishes, const struct l
     return LW_OK;
 }
 
-/* Texels for one. *out NULL: there is no room, which is told. */
+/* Texels for one texture. *out NULL: there is no room, which is reported. */
 static enum lw_status make_texels(struct reader *r, uint32_t width, uint32_t height, uint8_t **out,
                                   struct lw_error *err) {
     *out = NULL;
@@ -118,7 +118,7 @@ static enum lw_status read_ior(struct reader *r, const json_t *extension, struct
     return LW_OK;
 }
 
-/* The specular textures of a material: A of the one, R, G, B of the other. */
+/* The specular textures of a material: A of `strength`, R, G, B of `colour`. */
 struct pair {
     struct lw_gltf_texture_info strength, colour;
     struct lw_texture strength_texture, colour_texture; /* rgba NULL: none, or unreadable */

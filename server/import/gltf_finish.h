@@ -9,9 +9,9 @@
 
 /** A texture of finishes that was made of two pictures, or of one and a factor. */
 struct lw_gltf_made {
-    uint32_t texture[2]; /* of the document */
+    uint32_t texture[2]; /* the document's */
     float factor;
-    uint32_t made[2]; /* of the scene */
+    uint32_t made[2]; /* the scene's */
 };
 
 struct lw_gltf_finishes {

@@ -14,7 +14,7 @@ struct cube {
     float rotation[4]; /* unit; of the cube in the world */
 };
 
-/* Where a face looks, and what is up in its picture. */
+/* Where a face looks, and the upward direction of its picture. */
 static const struct lw_vec3 ahead[FACES] = {{1, 0, 0},  {-1, 0, 0}, {0, 1, 0},
                                             {0, -1, 0}, {0, 0, 1},  {0, 0, -1}};
 static const struct lw_vec3 upward[FACES] = {{0, 1, 0}, {0, 1, 0}, {0, 0, -1},

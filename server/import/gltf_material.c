@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define FINISH_TEXTURES 4 /* of one material at most */
+#define FINISH_TEXTURES 4 /* one material's at most */
 
 enum lw_status lw_gltf_materials_init(struct lw_gltf_materials *materials, struct lw_gltf_document *document,
                                       struct lw_scene *scene, bool matt, struct lw_error *err) {
@@ -66,7 +66,7 @@ static enum lw_status read_base_colour(struct lw_gltf_materials *materials, cons
     }
     for (int c = 0; c < 4; c++) {
         if (out->base_colour[c] <= 1) continue;
-        out->base_colour[c] = 1; /* a surface that reflects more than it receives would never settle */
+        out->base_colour[c] = 1; /* a surface that reflects more than it receives would never converge */
         *out_bright = true;
     }
     for (int c = 0; unreadable && c < 3; c++) out->base_colour[c] *= LW_IMAGE_FILE_STAND_IN_ALBEDO;

@@ -16,7 +16,7 @@ enum { MODE_TRIANGLES = 4, MODE_STRIP = 5, MODE_FAN = 6 };
 /* A primitive with its accessors open; count 0: absent. */
 struct primitive {
     struct lw_gltf_accessor position, normal, uv[2], colour, tangent, indices;
-    uint32_t material; /* of the scene */
+    uint32_t material; /* the scene's */
     uint64_t mode;
     uint32_t corner_count; /* indices, or vertices if there are none */
     const json_t *draco;   /* KHR_draco_mesh_compression, or NULL */
@@ -191,7 +191,7 @@ static enum lw_status read_position(const struct primitive *p, uint32_t i, struc
 
 static float clamp_unit(float v) { return v < 0 ? 0 : v > 1 ? 1 : v; }
 
-/* Those of a shape that is moved are made again, where it has gone. What is no tangent is told of later. */
+/* A moved shape's tangent is none: it is made again at the new place. Wrong tangents are reported later. */
 static struct lw_vec4 read_tangent(const struct primitive *p, uint32_t i) {
     float t[4];
     if (!p->tangent.count || p->shape.skin || p->shape.morph_count) return (struct lw_vec4){0, 0, 0, 0};

@@ -2,7 +2,7 @@
  * Flow:    buffer -> [gltf_meshopt] -> bytes of a buffer view -> accessors
  * Threads: [any].
  * libmeshoptimizer 0.18 is safe for untrusted streams: at worst its numbers are wrong, and accessors check
- * those. It asserts what it is called with, which is checked here. */
+ * them. It asserts its arguments, which are checked here. */
 #ifndef LW_IMPORT_GLTF_MESHOPT_H
 #define LW_IMPORT_GLTF_MESHOPT_H
 
@@ -10,7 +10,7 @@
 
 /** Decodes the stream that an extension object of a buffer view describes.
  * data         data_size bytes: the stream
- * size         bytes of the view: what comes out
+ * size         bytes of the view: the output
  * out_storage  malloc'ed, size bytes
  * out_stride   of its elements, or 0 for indices, which are tightly packed
  * Errors: LW_BAD_DATA that starts with the field; LW_NO_MEMORY. */

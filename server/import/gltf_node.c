@@ -110,7 +110,7 @@ static enum lw_status read_roots(struct conversion *conversion, uint32_t scene, 
     return LW_OK;
 }
 
-/* The default scene; the first if none is named; every root if there is no scene at all. */
+/* Roots of the default scene, or of the first if none is named, or every root if there is no scene. */
 static enum lw_status find_roots(struct conversion *conversion, struct lw_error *err) {
     const struct lw_gltf_document *document = conversion->document;
     uint32_t scene = 0;
@@ -142,9 +142,9 @@ static void queue_descendants(struct conversion *conversion) {
     }
 }
 
-/* ---- what is not shown ---- */
+/* ---- visibility ---- */
 
-/* KHR_node_visibility: a node that is not visible hides what is below it. */
+/* KHR_node_visibility: a node that is not visible hides the nodes below it. */
 static enum lw_status read_visibility(const json_t *object, bool *out, struct lw_error *err) {
     const json_t *extension = NULL;
     if (lw_gltf_json_extension(object, "KHR_node_visibility", &extension, err)) return err->status;
@@ -265,7 +265,7 @@ static enum lw_status add_skinned(struct conversion *conversion, uint32_t mesh, 
     return lw_scene_add_object(scene, mesh, scene->node_count++, err);
 }
 
-/* The joints of skins and what is above them: their animation is told. */
+/* Marks the joints of skins and the nodes above them: their animation is reported. */
 static void mark_joints(struct conversion *conversion, const struct lw_gltf_skin *skin) {
     for (uint32_t i = 0; i < skin->joint_count; i++)
         for (uint32_t node = skin->joint[i]; node != LW_SCENE_NONE && !conversion->document->moves_skin[node];

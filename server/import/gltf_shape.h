@@ -1,4 +1,4 @@
-/* gltf_shape.h: what moves the vertices of a primitive before they are lit: morph targets by their weights,
+/* gltf_shape.h: moves the vertices of a primitive before they are lit: morph targets by their weights,
  * then a skin in its rest pose. Neither is animated.
  * Threads: [any]; a shape belongs to one primitive. After: glTF 2.0, 3.7.2.2 and 3.7.3. */
 #ifndef LW_IMPORT_GLTF_SHAPE_H
@@ -9,7 +9,7 @@
 
 /* How one node shows a mesh; zero: as the mesh itself says. */
 struct lw_gltf_look {
-    const json_t *weights; /* of the node; NULL: those of the mesh count */
+    const json_t *weights; /* the node's; NULL: the mesh's count */
     const struct lw_gltf_skin *skin;
 };
 
@@ -22,13 +22,13 @@ struct lw_gltf_morph {
 #define LW_GLTF_SHAPE_SETS 2
 
 struct lw_gltf_shape {
-    struct lw_gltf_morph *morph; /* those whose weight is not 0 */
+    struct lw_gltf_morph *morph; /* targets whose weight is not 0 */
     size_t morph_count;
     const struct lw_gltf_skin *skin; /* or NULL */
     struct lw_gltf_accessor joints[LW_GLTF_SHAPE_SETS], weights[LW_GLTF_SHAPE_SETS];
 };
 
-/** Opens what moves a primitive of `count` vertices. finish() also after failure.
+/** Opens the targets and the skin of a primitive of `count` vertices. finish() also after failure.
  * mesh  whose `weights` count where the node has none
  * Errors: LW_BAD_DATA, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_gltf_shape_init(struct lw_gltf_shape *shape,

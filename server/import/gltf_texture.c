@@ -86,7 +86,7 @@ static enum lw_status read_image(struct lw_gltf_textures *textures, uint32_t ind
 }
 
 /* A picture that is not there, is none or lies outside of the scene's folder spoils one material, not the
- * scene: it is told and something stands in. Wrong JSON is an error of the document. */
+ * scene: it is reported and something stands in. Wrong JSON is an error of the document. */
 static enum lw_status give_up_image(struct lw_gltf_textures *textures, uint32_t index, struct lw_error *err) {
     if (err->status != LW_BAD_DATA && err->status != LW_NO_INPUT) return err->status;
     lw_log(LW_LOG_WARNING,

@@ -8,7 +8,7 @@
 #include "server/import/gltf_document.h"
 #include "server/import/tally.h"
 
-#define LW_GLTF_CONTENTS 3 /* of enum lw_content */
+#define LW_GLTF_CONTENTS 3 /* values of enum lw_content */
 
 struct lw_gltf_image_slot {
     const uint8_t *texel[LW_GLTF_CONTENTS]; /* in the scene; NULL: not decoded yet */
@@ -18,7 +18,7 @@ struct lw_gltf_image_slot {
 
 /** A texture as a material names it. */
 struct lw_gltf_texture_info {
-    uint32_t texture; /* of the document; LW_SCENE_NONE: none, or one on a UV set that is not read */
+    uint32_t texture; /* the document's; LW_SCENE_NONE: none, or one on a UV set that is not read */
     struct lw_texture_use place; /* its texture is LW_SCENE_NONE */
 };
 
@@ -39,7 +39,7 @@ LW_MUST_CHECK enum lw_status lw_gltf_textures_init(struct lw_gltf_textures *text
                                                    uint64_t finish_textures, struct lw_error *err);
 void lw_gltf_textures_finish(struct lw_gltf_textures *textures);
 
-/** An image as one content. *out is `unreadable` if that has been told instead.
+/** An image as one content. *out is `unreadable` if a warning says so.
  * Errors: LW_BAD_DATA: wrong JSON; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_gltf_textures_image(struct lw_gltf_textures *textures, uint32_t index,
                                                     enum lw_content content,
@@ -52,7 +52,7 @@ LW_MUST_CHECK enum lw_status lw_gltf_textures_info(struct lw_gltf_textures *text
                                                    struct lw_error *err);
 
 /** How a texture of the document is sampled: its wraps and name. *out_image: LW_SCENE_NONE: there is none
- * that is read, which has been told. */
+ * that is read, and a warning says so. */
 LW_MUST_CHECK enum lw_status lw_gltf_textures_sampler(struct lw_gltf_textures *textures, uint32_t index,
                                                       struct lw_texture *out, uint32_t *out_image,
                                                       struct lw_error *err);

@@ -10,7 +10,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
-#define STACK_SIZE 65536 /* of the handler: an overflow of the stack is one of the crashes */
+#define STACK_SIZE 65536 /* the handler's: an overflow of the stack is one of the crashes */
 
 #define GRACE_S 10 /* from the soft limit of all, which ends with a line, to the hard one */
 
@@ -24,7 +24,7 @@ static struct {
     char line[LINE_COUNT][LW_ERROR_TEXT_SIZE];
     size_t length[LINE_COUNT];
     int fd;
-    int memory_fd;        /* of /proc/self/statm; 0: not open */
+    int memory_fd;        /* /proc/self/statm; 0: not open */
     bool reader_is_bound; /* the next SIGXCPU is for the reader, not for the process */
     struct sigaction before[WATCHED_COUNT];
     struct rlimit processor_before, memory_before;

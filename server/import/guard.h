@@ -13,7 +13,7 @@ struct lw_guard_desc {
     const char *reader; /* e.g. "the FBX reader" */
     int failure_fd;     /* where the line goes; 0: stderr, behind the program's name */
     double processor_s; /* processor time of this process from now on; 0: no limit */
-    /* address space on top of what is in use; 0: no limit. A smaller limit of the process stays. */
+    /* address space on top of the current use; 0: no limit. A smaller limit of the process stays. */
     uint64_t memory_bytes;
 };
 

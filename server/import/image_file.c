@@ -17,8 +17,8 @@
 /* A progressive JPEG of a few kilobytes may ask for thousands of passes over a large picture. */
 #define JPEG_SCANS_MAX 200
 
-/* One image on its way through a library that reports failure by a jump. What must survive the jump lives
- * here. */
+/* One image on its way through a library that reports failure by a jump. Values that must survive the jump
+ * live here. */
 struct decoder {
     jmp_buf failed;
     char reason[JMSG_LENGTH_MAX];
@@ -56,8 +56,7 @@ static bool make_rows(struct decoder *decoder) {
     return true;
 }
 
-/* glTF 2.0, 3.8.4.1: gamma and colour space chunks are ignored, which is what libpng does unless told
- * otherwise. */
+/* glTF 2.0, 3.8.4.1: gamma and colour space chunks are ignored, as libpng does by default. */
 static void read_png(struct decoder *decoder, png_structp png, png_infop info) {
     png_set_read_fn(png, decoder, png_reads);
     png_set_user_limits(png, LW_SCENE_TEXTURE_SIDE_MAX, LW_SCENE_TEXTURE_SIDE_MAX);

@@ -38,7 +38,7 @@
 #define TICK_MS      100
 #define THREADS_MAX  1024
 #define NAME_COLUMNS 28
-#define TABLE_ROWS   40 /* that a terminal gets unasked */
+#define TABLE_ROWS   40 /* rows that a terminal gets unasked */
 #define SCALE_MIN    1e-6
 #define SCALE_MAX    1e6
 
@@ -286,7 +286,7 @@ static enum lw_status read_scene(const struct arguments *arguments, struct lw_sc
                                                               : read_file(arguments, &scene, err);
     stage_end(&stage);
     if (status) return status;
-    if (arguments->materials == LW_IMPORT_SPAWN_MATT) lw_scene_drop_finishes(scene); /* of a package, too */
+    if (arguments->materials == LW_IMPORT_SPAWN_MATT) lw_scene_drop_finishes(scene); /* a package's, too */
     float s = (float)arguments->scale;
     const struct lw_affine place = {{{s, 0, 0, 0}, {0, s, 0, 0}, {0, 0, s, 0}}};
     for (uint32_t i = 0; i < scene->camera_count; i++) scene->camera[i].height_m *= s;
@@ -337,7 +337,7 @@ static volatile sig_atomic_t stopped_by; /* the signal; 0: none */
 
 static void stop(int number) { stopped_by = number; }
 
-/* A signal ends the program, as ever, but not before what is half written has been removed. */
+/* A signal ends the program, as ever, but not before it has removed a half-written file. */
 static enum lw_status write_package(const struct arguments *arguments, const struct lw_scene *scene,
                                     struct lw_error *err) {
     static const int signals[] = {SIGINT, SIGTERM, SIGHUP};
@@ -360,7 +360,7 @@ static enum lw_status write_package(const struct arguments *arguments, const str
     return status;
 }
 
-/* One mistyped name must not cost a scene: what is read is not written over. A package may be: that is how an
+/* One mistyped name must not cost a scene: an input is not written over. A package may be: that is how an
  * old one gets a checksum. */
 static enum lw_status check_output(const struct arguments *arguments, struct lw_error *err) {
     const char *const inputs[] = {arguments->scene, arguments->environment};
@@ -380,7 +380,7 @@ static enum lw_status check_output(const struct arguments *arguments, struct lw_
 struct totals {
     uint64_t triangles, texels, texels_covered;
     double area;     /* m^2 */
-    double coverage; /* of the objects' atlases, weighted by area */
+    double coverage; /* mean over the objects' atlases, weighted by area */
     double stretch;  /* rms, weighted likewise */
 };
 

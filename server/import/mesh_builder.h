@@ -16,7 +16,7 @@ struct lw_mesh_builder_vertex {
 };
 
 struct lw_mesh_builder {
-    struct lw_mesh_builder_vertex *vertex; /* of the mesh being built */
+    struct lw_mesh_builder_vertex *vertex; /* the current mesh's */
     uint32_t (*triangle)[3];
     uint32_t *material; /* per triangle */
     uint32_t vertex_count, triangle_count;
@@ -33,7 +33,7 @@ void lw_mesh_builder_finish(struct lw_mesh_builder *builder);
 /** Forgets the mesh before. */
 void lw_mesh_builder_begin(struct lw_mesh_builder *builder);
 
-/** Makes room for `count` elements of `size` bytes, keeping what is there; false when out of memory. */
+/** Makes room for `count` elements of `size` bytes, keeping the present ones; false when out of memory. */
 LW_MUST_CHECK bool lw_mesh_builder_reserve(void **array, size_t *capacity, size_t count, size_t size);
 
 /** Unit normal of a triangle by its winding. False if it has no area: its height is below 1e-7 of its longest

@@ -5,7 +5,7 @@
 
 #include "server/import/mesh_builder.h"
 
-/** A connected piece of surface is closed if every edge is passed as often in one direction as in the other.
+/** A connected piece of surface is closed if every edge is passed equally often in both directions.
  * Vertices at the same place are one.
  * out_closed  one byte per triangle of the builder: 0 or 1
  * Errors: LW_NO_MEMORY. Cost: sorts the edges. */

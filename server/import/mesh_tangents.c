@@ -9,12 +9,12 @@
 
 #define NONE           UINT32_MAX
 #define TABLE_SIZE_MIN 1024u
-#define W_SLACK        0.1f /* of the file's w, which may be a byte */
+#define W_SLACK        0.1f /* for the file's w, which may be a byte */
 
 /* What corners must have alike to share a tangent. All members have 4 bytes: equal bytes are equal keys. */
 struct key {
     struct lw_vec3 position, normal;
-    struct lw_vec2 uv; /* of the normal map, v up */
+    struct lw_vec2 uv; /* the normal map's, v up */
     uint32_t material;
 };
 

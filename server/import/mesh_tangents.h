@@ -17,7 +17,7 @@
 #include "common/scene/scene.h"
 
 /** Sets mesh->tangent; NULL where no triangle needs it.
- * given    per vertex, of the file: x, y, z and w, which is 1 or -1; w 0: none. NULL: none has. What is no
+ * given    per vertex, of the file: x, y, z and w, which is 1 or -1; w 0: none. NULL: none has. A wrong
  *          tangent gets w 0
  * out_bad  grows by the vertices whose given tangent is none: not finite, of no length, along the normal, or
  *          of another w. The rule's stands in

@@ -13,7 +13,7 @@
 struct reader {
     struct lw_mtl_file *mtl;
     struct lw_text_lines lines;
-    struct lw_mtl_material *material; /* that the lines are of; NULL: none, or one that does not count */
+    struct lw_mtl_material *material; /* the lines' material; NULL: none, or one that does not count */
     bool opacity_is_d;                /* d was there: Tr does not count */
 };
 
@@ -121,7 +121,7 @@ static bool is_word(const char *at, const char *word) {
     return length == strlen(word) && strncasecmp(at, word, length) == 0;
 }
 
-/* At most `most` numbers. What is behind them is a path, or the next option. */
+/* At most `most` numbers. A path follows, or the next option. */
 static int option_numbers(struct options *options, float *out, int most) {
     int count = 0;
     for (; count < most && *options->at; count++) {
@@ -328,7 +328,7 @@ static void read_number(struct reader *reader, const struct statement *statement
 
 /* ---- the rest ---- */
 
-/* What has no use here, and every exporter writes. */
+/* Statements without use here, which every exporter writes. */
 static void read_unused(struct reader *reader, const struct statement *statement) {
     float ignored;
     if (read_numbers(reader, &ignored, 1) < 1)

@@ -38,7 +38,7 @@ struct lw_mtl_material {
 };
 
 struct lw_mtl_file {
-    struct lw_name_table name; /* of the materials */
+    struct lw_name_table name; /* the materials' */
     struct lw_mtl_material *material;
     size_t capacity;
     struct lw_skipped skipped;

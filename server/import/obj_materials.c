@@ -14,7 +14,7 @@
 
 struct lw_obj_materials_library {
     char *path;   /* from the scene's folder on */
-    char *folder; /* of it; "": the scene's */
+    char *folder; /* the path's; "": the scene's */
     struct lw_mtl_file file;
 };
 
@@ -22,7 +22,7 @@ struct loading {
     struct lw_obj_materials *materials;
     const struct lw_obj_materials_desc *desc;
     struct lw_tally lost; /* libraries that are not there */
-    uint32_t name_count;  /* that were looked for */
+    uint32_t name_count;  /* names looked for */
     bool is_full;
 };
 
@@ -87,7 +87,7 @@ static bool has_room(struct loading *loading) {
     return !is_full;
 }
 
-/* *out_found: there is such a file, or it is one too many, which is told. */
+/* *out_found: there is such a file, or it is one too many, which is reported. */
 static enum lw_status load_named(struct loading *loading, const char *name, bool *out_found,
                                  struct lw_error *err) {
     char *path = NULL;

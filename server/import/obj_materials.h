@@ -14,14 +14,14 @@
 
 /** Where the libraries are looked for (beside.h). */
 struct lw_obj_materials_desc {
-    const char *path;   /* of the scene, for warnings */
-    const char *folder; /* of the scene */
+    const char *path;   /* the scene's, for warnings */
+    const char *folder; /* the scene's */
     const char *name;   /* base name of the scene */
 };
 
 struct lw_obj_materials_use {
     const struct lw_mtl_material *material; /* NULL: no library has it */
-    const char *folder;                     /* of its library, from the scene's on; "": the scene's */
+    const char *folder;                     /* its library's, from the scene's on; "": the scene's */
 };
 
 struct lw_obj_materials_library;

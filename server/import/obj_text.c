@@ -11,7 +11,7 @@
 
 #define LIBRARIES_MAX 1000u /* statements */
 
-enum { POSITION, UV, NORMAL, KINDS }; /* of vertices, in the order in which a corner names them */
+enum { POSITION, UV, NORMAL, KINDS }; /* kinds of vertices, in the order in which a corner names them */
 static const char *const kind_names[KINDS] = {"v", "vt", "vn"};
 
 struct reader {
@@ -22,7 +22,7 @@ struct reader {
     uint64_t highest[KINDS];
     unsigned highest_line[KINDS];
     uint64_t face_count;
-    unsigned unknown_line; /* of the first statement, if it is none of OBJ's */
+    unsigned unknown_line; /* the first statement's, if it is none of OBJ's */
     char unknown[LW_TEXT_LINES_KEYWORD_SIZE];
     bool smooth, known;
     uint64_t coloured_count; /* vertices with a colour */
@@ -97,7 +97,7 @@ static void name_extra_numbers(struct reader *reader, int count, double fourth) 
     if (count == 4 && fourth == 0) skip(reader, "v", "its weight is 0 and not read");
 }
 
-/* Three numbers; a fourth alone is a weight, which divides; three more are a colour. */
+/* Three numbers. A fourth alone is a weight, which divides. Three more are a colour. */
 static enum lw_status read_position(struct reader *reader, struct lw_error *err) {
     static char white[] = "1";
     char *word[6] = {0};
@@ -249,7 +249,7 @@ static enum lw_status read_smoothing(struct reader *reader, struct lw_error *err
     return LW_OK;
 }
 
-/* ---- what is not read ---- */
+/* ---- unread statements ---- */
 
 static const struct {
     const char *keyword, *why;

@@ -17,7 +17,7 @@ struct lw_obj_text_library {
 struct lw_obj_text {
     char *text; /* for Assimp: "usemtl N" is material N of the names below */
     size_t size, capacity;
-    struct lw_name_table material; /* that the file uses */
+    struct lw_name_table material; /* materials that the file uses */
     struct lw_obj_text_library *library;
     uint32_t library_count;
     size_t library_capacity;

@@ -12,7 +12,7 @@
 
 #define LINE_SIZE 4096 /* characters of a line; longer ones are cut */
 
-/* Of a binary file Assimp steps over elements that it knows and ignores. Others it leaves where they are,
+/* In a binary file Assimp steps over elements that it knows and ignores. Others it leaves where they are,
  * and reads their bytes as those of the next. */
 #define SKIPPED_ELEMENT "edge"
 
@@ -171,7 +171,7 @@ static enum lw_status read_element(struct reader *reader, struct lw_error *err) 
                                                       : OTHER;
     if (reader->element == MATERIAL) reader->header->has_material = true;
     if (reader->element != OTHER) return write(reader, err, "element %s %s\n", name, count);
-    /* of a strip of triangles Assimp keeps the last */
+    /* Assimp keeps the last triangle of a strip */
     skip(reader, name, strcmp(name, "tristrips") == 0 ? "strips are not read: export faces" : "is not read");
     return write(reader, err, "element " SKIPPED_ELEMENT " %s\n", count);
 }

@@ -108,7 +108,7 @@ static enum lw_status tell(const struct start *start, enum lw_scene_format *out,
         *out = (enum lw_scene_format)f;
         if (!ends_with(start->path, formats[f].ending) && !ends_with(start->path, formats[f].other)) continue;
         if (*out == LW_SCENE_FORMAT_GLTF || fits(start, *out))
-            return LW_OK; /* its reader says what is wrong */
+            return LW_OK; /* its reader reports the mistake */
         return lw_status_fail(err, LW_BAD_DATA, "has the name of a %s file but does not begin like one",
                               formats[f].name);
     }

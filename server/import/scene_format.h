@@ -5,7 +5,7 @@
 
 #include "common/status.h"
 
-/* name, what people call it, file name endings (first: the one that readers are told) */
+/* name, what people call it, file name endings (first: the one that Assimp gets) */
 #define LW_SCENE_FORMAT_MAP(X)                                                                               \
     X(GLTF, "glTF", ".gltf", ".glb")                                                                         \
     X(OBJ, "OBJ", ".obj", ".obj")                                                                            \

@@ -7,13 +7,13 @@
 
 #include <stdint.h>
 
-#define LW_SKIPPED_KINDS 10 /* lines of one file; what is past them is counted */
+#define LW_SKIPPED_KINDS 10 /* lines of one file; further kinds are counted */
 
 struct lw_skipped {
     struct {
         char what[48]; /* cut where it is longer */
         const char *why;
-        unsigned line; /* of the first */
+        unsigned line; /* the first one's */
         uint64_t count;
     } kind[LW_SKIPPED_KINDS];
     unsigned kind_count;

@@ -78,7 +78,7 @@ struct lw_nats_publisher {
     uint64_t alive_ns, keep_ns; /* when the next is due */
     uint64_t retry_ns;          /* 0: nothing is to be tried again */
     uint64_t asked_ns;          /* when JetStream was last asked to keep something */
-    uint8_t *payload;           /* of the current message */
+    uint8_t *payload;           /* the current message's */
     size_t payload_capacity;
     uint64_t *bits; /* one for each tile */
 };

@@ -10,7 +10,7 @@ struct pose_change {
     struct lw_message_transform *transform;
     struct lw_message_light *light;
     struct lw_message_material *material;
-    uint32_t *hidden, *shown; /* of hidden ones, spares come first */
+    uint32_t *hidden, *shown; /* objects; hidden spares come first */
     size_t transform_count, light_count, material_count, hidden_count, spare_count, shown_count;
 };
 

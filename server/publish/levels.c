@@ -126,7 +126,7 @@ LW_WIDE_INLINE void fill_texel(uint32_t planes, struct lw_levels_image *image, u
 /* Which of `count` texels from (x, y) on are empty and have neighbours of earlier rounds; false: none. */
 LW_WIDE static bool find_rim(const struct lw_levels_image *image, uint32_t x, uint32_t y, uint32_t count,
                              uint8_t round, uint8_t out[RUN]) {
-    uint8_t near[RUN + 2] = {0}; /* of the column before it, above, below or in the row */
+    uint8_t near[RUN + 2] = {0}; /* per column from x - 1 on: it has one above, below or in the row */
     const uint32_t first = x ? 0 : 1, end = x + count < image->width ? count + 2 : count + 1;
     for (uint32_t v = y ? y - 1 : 0; v <= y + 1 && v < image->height; v++) {
         const uint8_t *covered = image->covered + (size_t)v * image->width + x - 1 + first;
@@ -278,7 +278,7 @@ void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_p
     }
 }
 
-#define BIN_SHIFT 21u /* of a float's bits: eight of the exponent and two below them stay */
+#define BIN_SHIFT 21u /* leaves, of a float's bits, eight of the exponent and two below them */
 
 void lw_levels_count_value(uint64_t bin[LW_LEVELS_BINS], float value, uint64_t weight) {
     uint32_t bits;

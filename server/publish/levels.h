@@ -34,7 +34,7 @@ LW_MUST_CHECK enum lw_status lw_levels_init(struct lw_levels *levels, uint32_t c
                                             const struct lw_atlas *atlas);
 void lw_levels_finish(struct lw_levels *levels);
 
-/** Copies what is shown of one level-0 tile into level 0. Load all of them before the first build. */
+/** Copies the shown light of one level-0 tile into level 0. Load all of them before the first build. */
 void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *place,
                          const struct lw_solver_tile *tile);
 /** Call after the changed tiles are loaded: fills gutters and builds the coarser texels that depend on

@@ -46,8 +46,8 @@ struct lw_snapshot *lw_light_store_recall(struct lw_light_store *store, const st
 uint64_t lw_light_store_resume(struct lw_light_store *store, const struct lw_atlas_map *atlas_map,
                                struct lw_solver *solver);
 
-/** After each frame. snapshot: what it published, or NULL; solved: there are new sums; changed: the scene
- * has. */
+/** After each frame. snapshot: the published one, or NULL. solved: there are new sums. changed: the scene
+ * has changed. */
 void lw_light_store_note(struct lw_light_store *store, struct lw_snapshot *snapshot, bool solved,
                          bool changed);
 

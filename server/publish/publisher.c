@@ -11,11 +11,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* What was last sent of one tile. */
+/* One tile, as it was last sent. */
 struct sent_tile {
     uint64_t version; /* 0: never */
     float error;
-    float change; /* that it brought */
+    float change; /* by the last version */
     float *value; /* width * height * planes; allocated with the tile's first version */
     struct lw_blob *blob;
     struct lw_blob *delta; /* the same as a delta on version `base`; NULL: none */
@@ -313,7 +313,7 @@ static float find_ratio(const float *now, const float *then, size_t count, float
     return (float)sqrt(sum / (double)count);
 }
 
-/* Of plain values: root mean square of the difference over that of `now`. */
+/* Root mean square of the difference of plain values, over the root mean square of `now`. */
 static float find_difference(const float *now, const float *then, size_t count, float *out_mean) {
     double square = 0, sum = 0;
     for (size_t i = 0; i < count; i++) {
@@ -396,7 +396,7 @@ static enum lw_status send_tile(const struct lw_publisher *p, struct worker *wor
                                                            .error = error},
                                  &coded, &blob, &delta);
     if (status != LW_OK) {
-        /* The history may be ahead of what was sent: no delta may build on that. What was sent goes, too: a
+        /* The history may be ahead of the sent values: no delta may build on it. The sent blobs go, too: a
          * snapshot may follow in which this tile is held back. */
         lw_blob_unref(sent->blob);
         lw_blob_unref(sent->delta);
@@ -428,7 +428,7 @@ static bool is_of_another_class(const struct lw_publisher *p, float error, float
                lw_atlas_noise_level_min(sent_error, p->desc.noise_shown);
 }
 
-/* By how much the worker's values differ from what was sent. Sets *out_visible to how much of that is seen:
+/* By how much the worker's values differ from the sent ones. Sets *out_visible to the visible part of it:
  * large relative changes of dark light hardly are. */
 static float find_change(const struct channel *channel, const struct worker *worker,
                          const struct sent_tile *sent, const struct lw_tile_place *place,

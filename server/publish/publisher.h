@@ -36,7 +36,7 @@ static inline float lw_publisher_step(float error, float noise_shown, uint32_t l
 /* White is the E that 99 % of the values of coarse texels are below. Light below LW_PUBLISHER_DARK_SHARE of
  * white looks black beside it: the lossy codec keeps its difference, not its ratio. The share is a fifth of
  * the hundredth that coding losses are measured against. White is of all light in every channel of light,
- * since clients add drawn light to a tile's light. */
+ * since clients add client-drawn light to a tile's light. */
 #define LW_PUBLISHER_WHITE_QUANTILE 0.99
 #define LW_PUBLISHER_DARK_SHARE     (1 / 512.0f)
 
@@ -48,7 +48,7 @@ struct lw_publisher_desc {
     /* share of a tile's error that the solver's filter leaves in the shown light; 0: no filter, as 1 */
     float noise_shown;
     uint32_t codec;    /* LW_TILE_CODEC_HALF_ZSTD or LW_TILE_CODEC_DCT */
-    float step_widest; /* the latter's; 0: LW_PUBLISHER_STEP_WIDEST */
+    float step_widest; /* for LW_TILE_CODEC_DCT; 0: LW_PUBLISHER_STEP_WIDEST */
     /* Per object: its tiles have the channels with `moment`; outlives the publisher. NULL: all do. */
     const bool *directional;
     unsigned threads; /* 0: all */
@@ -56,7 +56,7 @@ struct lw_publisher_desc {
 
 struct lw_publisher_stats {
     uint64_t tiles_encoded;
-    uint64_t bytes_encoded; /* of this frame, for a client that has the previous tiles */
+    uint64_t bytes_encoded; /* in this frame, for a client that has the previous tiles */
     uint64_t split_tiles_encoded, split_bytes_encoded; /* the part of LW_LIGHT_FORM_SPLIT */
     uint64_t levels_ns, encode_ns;
     uint64_t saturated; /* values that did not fit the tile codec's range, so far */
@@ -76,7 +76,7 @@ void lw_publisher_destroy(struct lw_publisher *publisher);
 LW_MUST_CHECK enum lw_status lw_publisher_set_channels(struct lw_publisher *publisher, uint32_t channels);
 
 /** Error of a tile of any level, as it is sent: the largest of the level-0 tiles below it. out_bounces: the
- * least number of bounces of those; may be NULL. [any] while no frame is solved. */
+ * least number of bounces of these tiles; may be NULL. [any] while no frame is solved. */
 float lw_publisher_error(const struct lw_atlas_map *map, const struct lw_solver *solver, lw_tile_id id,
                          uint32_t *out_bounces);
 

@@ -50,7 +50,7 @@ enum lw_status lw_saved_light_save(const char *path, const uint8_t key[LW_SAVED_
 
 struct reader {
     const struct lw_atlas_map *map;
-    float error_min; /* of every tile */
+    float error_min; /* every tile's */
     struct lw_snapshot *snapshot;
 };
 

@@ -47,14 +47,13 @@ struct lw_snapshot {
     struct lw_blob *frame_delta;
     /* LW_MESSAGE_FRAME with every transform and light, for a session that joins or has skipped frames */
     struct lw_blob *frame_full;
-    struct lw_blob *settled; /* LW_MESSAGE_SETTLED; NULL: sessions are not told */
+    struct lw_blob *settled; /* LW_MESSAGE_SETTLED; NULL: sessions get none */
     uint64_t previous_frame; /* the frame that frame_delta builds on */
     uint32_t channels;       /* bit per channel (tile_channels.h): those of which it has the tiles */
-    uint32_t
-        unsettled; /* channels of which tiles of this frame are still to come: `settled` is not for them */
+    uint32_t unsettled;      /* channels with tiles of this frame still to come: SETTLED is not for them */
     uint32_t tile_count;
     struct lw_snapshot_tile *tile[LW_TILE_CHANNELS_MAX]; /* by channel, by lw_tile_id; NULL: not of it */
-    /* The number of the newest list of interest that the solver had taken (lw_server_interest); 0: none. */
+    /* The number of the newest list of interest that the solver knew (lw_server_interest); 0: none. */
     uint64_t interest;
     bool *holds_fine; /* by the ids of finer levels: the solver has the tile, lit or not; NULL: it has none */
 };

@@ -16,7 +16,7 @@ struct lw_address {
     bool is_loopback; /* 127.0.0.0/8, ::1, and the former as ::ffff:127.0.0.0/104 */
 };
 
-/** All zero for what is no IP address. */
+/** All zero if address is no IP address. */
 struct lw_address lw_address_of(const struct sockaddr *address);
 bool lw_address_equals(const struct lw_address *a, const struct lw_address *b);
 /** For tables; seed: by chance, so that nobody can choose addresses that collide. */

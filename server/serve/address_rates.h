@@ -9,7 +9,7 @@
 
 #define LW_ADDRESS_RATES_SLOTS 4096u
 
-/** Zero but for seed has counted nothing. Of addresses that share a slot the last one is remembered. */
+/** Zero but for seed has counted nothing. Addresses may share a slot: it remembers the last one. */
 struct lw_address_rates {
     uint64_t seed;
     struct lw_address_rates_slot {

@@ -6,7 +6,7 @@
 #include <string.h>
 #include <strings.h>
 
-#define WEIGHT_MAX 1000 /* of q=1: three decimals at most */
+#define WEIGHT_MAX 1000 /* for q=1: three decimals at most */
 #define UNSAID     (-1)
 
 /* RFC 9110, 5.6.2 */

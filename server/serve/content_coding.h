@@ -13,7 +13,7 @@ enum lw_content_coding {
     LW_CONTENT_CODING_NONE /* the client accepts nothing of what there is */
 };
 
-#define LW_CONTENT_CODING_COUNT      LW_CONTENT_CODING_IDENTITY /* that files have besides themselves */
+#define LW_CONTENT_CODING_COUNT      LW_CONTENT_CODING_IDENTITY /* codings beside the file itself */
 #define LW_CONTENT_CODING_ACCEPT_MAX 512u /* characters of a header that is looked at, terminator included */
 
 /** Name in Content-Encoding: "br", "gzip"; NULL for the others. */

@@ -15,7 +15,7 @@
 LW_MUST_CHECK enum lw_status lw_control_socket_bind(uv_pipe_t *pipe, const char *path, uint16_t port,
                                                     struct lw_error *err);
 
-/** Who is at the other end of a connection: may_control is set for this process's user and root. */
+/** The peer at the other end of a connection. may_control is set for this process's user and root. */
 struct lw_session_peer lw_control_socket_peer(int descriptor);
 
 #endif

@@ -21,14 +21,14 @@ struct lw_deltas {
     struct lw_transcoder *transcoder; /* NULL: there are only those that snapshots bring */
     struct lw_deltas_of_tile {
         uint64_t version;      /* the newest; 0: none */
-        struct lw_blob *whole; /* of it */
+        struct lw_blob *whole; /* the newest version's */
         uint32_t life;         /* counts lw_deltas_forget(): answers to earlier questions mean nothing */
         uint64_t asked,
-            known; /* of coarse forms: the last ones that the transcoder was asked for, and has answered */
+            known; /* coarse forms: the last version that the transcoder was asked for, and has answered */
         uint32_t count;
         struct lw_delta_base {
             uint64_t version;
-            struct lw_blob *whole; /* of it */
+            struct lw_blob *whole; /* this version's */
             struct lw_blob *delta; /* to the next of these, from the last one to the newest */
             struct lw_blob *jump;  /* to the newest; NULL: not made, or of no use */
             bool is_asked, is_known;
@@ -39,11 +39,11 @@ struct lw_deltas {
 enum lw_deltas_way {
     LW_DELTAS_WHOLE = 0,
     LW_DELTAS_DELTA,
-    LW_DELTAS_WAIT /* the transcoder is asked, and will say what is shortest */
+    LW_DELTAS_WAIT /* the transcoder is asked, and will say which way is shortest */
 };
 
 struct lw_delta {
-    uint64_t version;     /* that it leads to */
+    uint64_t version;     /* the delta leads to it */
     struct lw_blob *blob; /* as it is in `deltas` */
 };
 
@@ -52,7 +52,7 @@ LW_MUST_CHECK enum lw_status lw_deltas_init(struct lw_deltas *deltas, uint32_t t
                                             struct lw_transcoder *transcoder);
 void lw_deltas_finish(struct lw_deltas *deltas);
 
-/** A tile's new version, with its delta or without one. What does not lead there is forgotten. */
+/** A tile's new version, with its delta or without one. Versions without a way there are forgotten. */
 void lw_deltas_add(struct lw_deltas *deltas, uint32_t tile, const struct lw_snapshot_tile *version);
 
 /** What there was of a tile is over: its id may be another tile's next, with smaller versions. */

@@ -1,5 +1,5 @@
 /* durations.h: how long things took, counted in buckets that never change, for
- * what is asked for now and then.
+ * readers that ask now and then.
  * Threads: one thread at a time. */
 #ifndef LW_SERVE_DURATIONS_H
 #define LW_SERVE_DURATIONS_H

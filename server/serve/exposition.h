@@ -38,7 +38,7 @@ void lw_exposition_counter(struct lw_exposition *exposition, const char *name, d
                            const char *help);
 void lw_exposition_gauge(struct lw_exposition *exposition, const char *name, double value, const char *help);
 
-/** A label's value: backslash, quote and newline are escaped; what does not fit is cut off. */
+/** A label's value: backslash, quote and newline are escaped; text that does not fit is cut off. */
 void lw_exposition_escape(char *dst, size_t size, const char *text);
 
 #endif

@@ -13,7 +13,7 @@
 struct lw_fine_names {
     const struct lw_atlas_map *map;
     struct lw_fine_name {
-        uint32_t lists; /* of sessions, that have it */
+        uint32_t lists; /* sessions' lists that have it */
         uint64_t
             idle_since; /* the number of the last list of interest that may name it, if none has it now */
     } * name;           /* per id of a finer level; NULL: there are none */

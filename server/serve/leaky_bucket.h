@@ -9,7 +9,7 @@
 
 /** Zero is empty. */
 struct lw_leaky_bucket {
-    double filled; /* by what was done, less what time has made good */
+    double filled; /* times counted, less those that time has made good */
     uint64_t as_of_ns;
 };
 

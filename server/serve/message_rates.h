@@ -2,9 +2,9 @@
  * Flow:    message -> [message_rates] -> go on reading, or wait; waited for long: refuse
  * Threads: one thread at a time.
  *
- * A bucket for each kind holds what may be said at once and fills by its rate. A message that finds less than
- * itself in its bucket is still taken; the peer's next ones wait until each bucket has what comes in in
- * LW_MESSAGE_RATES_PAUSE_MS: to stop and to go on costs as much as some messages. */
+ * A bucket for each kind holds the messages that may be said at once and fills by its rate. A message that
+ * finds less than itself in its bucket is still taken; the peer's next ones wait until each bucket has filled
+ * for LW_MESSAGE_RATES_PAUSE_MS: to stop and to go on costs as much as some messages. */
 #ifndef LW_SERVE_MESSAGE_RATES_H
 #define LW_SERVE_MESSAGE_RATES_H
 
@@ -18,9 +18,9 @@
     X(ACK, 1200, 1200) /* a FRAME each: as many as a server may make */                                      \
     X(UPDATE, 4000, 8000)                                                                                    \
     X(ASK, 20, 60)                                                                                           \
-    X(HOLDS, 50, 512)         /* of a million tiles */                                                       \
+    X(HOLDS, 50, 512)         /* at once: for a million tiles */                                             \
     X(BYTES, 524288, 1048576) /* of all but HOLDS: ten of the longest INTEREST */                            \
-    X(FRAMES, 100, 1000)      /* of a WebSocket, beyond one for each message */                              \
+    X(FRAMES, 100, 1000)      /* WebSocket frames, beyond one for each message */                            \
     X(OVERHEAD, 4096,                                                                                        \
       32768) /* bytes that the link had for itself, beyond LW_MESSAGE_RATES_ENVELOPE for each */
 
@@ -42,7 +42,7 @@ struct lw_message_rates {
 /* Bytes in which a message may come: the header of a frame of a WebSocket and a record of TLS. */
 #define LW_MESSAGE_RATES_ENVELOPE 40
 
-/* Times the bytes, frames and overhead, for who moves a thousand objects thirty times a second. */
+/* Times the bytes, frames and overhead, for a peer that moves a thousand objects thirty times a second. */
 #define LW_MESSAGE_RATES_TRUST 8
 
 void lw_message_rates_init(struct lw_message_rates *rates, uint64_t now_ns);
@@ -56,7 +56,7 @@ bool lw_message_rates_count(struct lw_message_rates *rates, struct lw_framing_he
 /** From now on there is no more at once than this, until it has filled again. */
 void lw_message_rates_bound(struct lw_message_rates *rates, enum lw_message_rates_kind kind, double at_once);
 
-/** Counts what is no message: frames, or bytes of overhead. Returns the same. */
+/** Counts frames, or bytes of overhead. Returns the same. */
 bool lw_message_rates_count_other(struct lw_message_rates *rates, enum lw_message_rates_kind kind,
                                   double count, uint64_t now_ns);
 

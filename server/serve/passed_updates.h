@@ -1,4 +1,4 @@
-/* passed_updates.h: updates that a relay passes on to the server above, and the answers that come back.
+/* passed_updates.h: updates that a relay forwards to the server above, and the answers that come back.
  * Flow:    session -> [waiting] -> the relay's link -> server above -> [answered] -> session, once the frame
  *          is here
  * Threads: lw_passed_updates_take(), _answer() and _lose() [any], everything else [loop]; a mutex inside,
@@ -12,13 +12,13 @@
 #include <uv.h>
 
 #define LW_PASSED_UPDATES_MAX         1024u        /* without an answer */
-#define LW_PASSED_UPDATES_CHANGES_MAX (128u << 10) /* of those together that were not taken: 7.5 MiB */
+#define LW_PASSED_UPDATES_CHANGES_MAX (128u << 10) /* not taken yet, over all updates: 7.5 MiB */
 
 struct lw_session;
 
 /** An update on its way up. */
 struct lw_passed_update {
-    uint64_t number; /* of it here */
+    uint64_t number; /* the update's, here */
     bool has_token;
     struct lw_token token; /* the session's */
     struct lw_scene_change *change;
@@ -29,7 +29,7 @@ struct lw_passed_updates {
     uv_mutex_t mutex;                      /* guards what follows */
     struct lw_passed_updates_entry *entry; /* in the order in which they came */
     size_t entry_count, entry_capacity, change_count;
-    uint64_t number;      /* of the last one */
+    uint64_t number;      /* the last update's */
     _Atomic bool waiting; /* some were not taken; [any] may read it */
 };
 
@@ -57,7 +57,7 @@ struct lw_passed_updates_done {
     struct lw_session *session; /* who waits for the answer */
     bool is_lost;
     struct lw_message_updated answer; /* unless it is lost; its request is the session's */
-    void *storage;                    /* of the answer; the caller frees it */
+    void *storage;                    /* the answer's; the caller frees it */
 };
 /** The next one that its session may hear of: refusals at once, success with the frame that shows it, in the
  * order in which the updates came. frame: the newest here; 0: none. false: there is none. [loop] */

@@ -13,16 +13,16 @@
 #define LW_PEER_LOG_HZ     2u  /* and then a second */
 #define LW_PEER_LOG_ALL_HZ 50u /* lines of all addresses a second; ten times as many at once */
 #define LW_PEER_LOG_SLOTS  256u
-#define LW_PEER_LOG_TELL_S 10u /* how often is told what was left out */
+#define LW_PEER_LOG_TELL_S 10u /* between two reports of left out lines */
 
 /** Zero but for seed has said nothing. */
 struct lw_peer_log {
     uint64_t seed;
     uint64_t told_ns;
     struct lw_peer_log_slot {
-        struct lw_leaky_bucket bucket; /* of lines */
+        struct lw_leaky_bucket bucket; /* counts lines */
         uint64_t left_out;
-        char address[64]; /* of the last line left out: addresses may share a slot */
+        char address[64]; /* the last left out line's: addresses may share a slot */
     } slot[LW_PEER_LOG_SLOTS];
     struct lw_leaky_bucket all; /* of all lines */
 };
@@ -31,7 +31,7 @@ struct lw_peer_log {
 bool lw_peer_log_allows(struct lw_peer_log *log, const struct lw_address *address, const char *address_text,
                         uint64_t now_ns);
 
-/** Says what was left out, every LW_PEER_LOG_TELL_S. Call now and then. */
+/** Reports left out lines, every LW_PEER_LOG_TELL_S. Call now and then. */
 void lw_peer_log_tell(struct lw_peer_log *log, uint64_t now_ns);
 
 /** Quotes a name that a peer has chosen, so that it cannot look like ours: "name", with \"

@@ -27,9 +27,9 @@
 struct lw_priority {
     const struct lw_atlas_map *atlas_map;
     struct lw_priority_tile {
-        uint32_t count; /* of versions so far; the last few are in the ring */
+        uint32_t count; /* versions so far; the last few are in the ring */
         uint64_t version[LW_PRIORITY_KEPT];
-        float square[LW_PRIORITY_KEPT]; /* of the change to that version */
+        float square[LW_PRIORITY_KEPT]; /* square of the change to the version */
     } * tile;
     /* For lists that are being put in order. */
     uint32_t *listed;

@@ -29,8 +29,8 @@ static struct lw_blob *next_ping(struct lw_session *s) {
     return lw_blob_from_message(&message, &blob) == LW_OK ? blob : NULL; /* then it is not answered either */
 }
 
-/* Why there is no light for the peer yet, at most once a look; that there is, to who was told anything else.
- * A session that has light from the start is told nothing. */
+/* Reports why there is no light for the peer yet, at most once a look, and then that there is light. A
+ * session that has light from the start gets no report. */
 static struct lw_blob *next_waiting(struct lw_session *s) {
     if (!s->shared->first_light || s->state != LW_SESSION_STREAMING || s->told.stage == LW_WAITING_READY)
         return NULL;
@@ -56,7 +56,7 @@ static bool holds_part(const struct lw_session_sending *sending, uint32_t part) 
     return sending->held && sending->held[part / 8] >> (part % 8) & 1;
 }
 
-/* What comes next is a chunk that the peer asked for, or the end. */
+/* The next chunk is one that the peer asked for, or the end. */
 static void skip_held(struct lw_session_sending *sending) {
     while (sending->next < sending->of->chunk_count &&
            holds_part(sending, sending->of->chunk[sending->next].part))
@@ -139,7 +139,7 @@ static void count_tile(struct lw_session *s, const struct lw_blob *tile) {
     if (!s->has_first_light && ++s->first_sent >= s->shared->first_tiles) s->has_first_light = true;
 }
 
-/* Whether the rate limit lets light through, or the package: what may be large and can wait. */
+/* Whether the rate limit lets light through, or the package: both may be large and can wait. */
 static bool is_allowed(struct lw_session *s) {
     if (s->rate_limit_bytes_hz && s->allowance <= 0) s->is_paced = s->link_was_full = true;
     return !s->is_paced;

@@ -42,7 +42,7 @@ static enum lw_status check_exposure(const struct lw_serve_options *o, struct lw
     return status;
 }
 
-/* Of an install tree, or of the build. "": there is none. */
+/* Finds it in an install tree, or in the build. "": there is none. */
 static void find_web_root(char *dst, size_t size) {
     static const char *const beside[] = {"../share/lightwell/web", "../web"};
     *dst = '\0';

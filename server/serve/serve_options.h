@@ -14,7 +14,7 @@
 struct lw_serve_options {
     const char *listen, *listen_unix; /* listen_unix: NULL: by TCP */
     const char *port_file, *http, *http_port_file, *http_hosts, *http_origins, *web_root;
-    const char *servers; /* that WELCOME names; NULL: none */
+    const char *servers; /* servers that WELCOME names; NULL: none */
     const char *metrics, *metrics_port_file, *tokens, *control_socket, *tls_certificate, *tls_key;
     int64_t address_sessions; /* 0: the server's default */
     double link_rate, return_s;

@@ -29,7 +29,7 @@
 #define TICK_MS            (1000u / LW_SERVER_LOOKS_HZ)
 #define LAG_MS             20u
 #define END_MS             5000u    /* for handles to close */
-#define TURN_NS            4000000u /* of sending, before the loop looks at what else has come */
+#define TURN_NS            4000000u /* time of sending before the loop looks at other events */
 #define COMPRESSION_LEVEL  3
 #define ADDRESS_SIZE       300u
 #define DESCRIPTORS_SPARED 8u /* the highest, of which a server takes one */
@@ -59,7 +59,7 @@ struct lw_server {
     uv_tcp_t listener, http_listener, metrics_listener;
     uv_pipe_t control_listener;
     uv_tcp_t spare; /* for a connection that nothing else could take */
-    uv_poll_t top;  /* of the highest descriptor (reserve_descriptors()) */
+    uv_poll_t top;  /* on the highest descriptor (reserve_descriptors()) */
     int top_fd;     /* 0: none */
     uv_async_t wake;
     uv_prepare_t prepare; /* before the loop waits */
@@ -71,13 +71,13 @@ struct lw_server {
     uint64_t lagged_ns;     /* when lag last came */
     uint64_t ticked_ns;     /* when tick last came */
     uint64_t window_ns;     /* when the window began that loop_lag and shared.ack belong to */
-    uint32_t told_channels; /* that sessions took when hooks.news was last called */
+    uint32_t told_channels; /* channels that sessions took when hooks.news was last called */
     struct lw_histogram loop_lag;
     struct lw_durations lag_all; /* the same since the start */
     uv_signal_t interrupt, terminate, hangup;
     bool has_terminal; /* its log goes to one */
     char *tokens_path;
-    char *control_path; /* that is still to be made */
+    char *control_path; /* path of a socket still to be made */
     bool is_unix_only;
     bool stopping, signalled;
     uint16_t port, http_port, metrics_port;
@@ -106,7 +106,7 @@ struct lw_server {
 
 /* One of them on its way into messages. */
 struct packing {
-    enum lw_message_type type; /* of its chunks */
+    enum lw_message_type type; /* its chunks' */
     struct lw_session_package *to;
     struct lw_message_package *told; /* its lists are allocated */
     uint32_t capacity;               /* chunks */
@@ -213,7 +213,7 @@ static enum lw_status compress_package(struct lw_session_shared *shared, const u
     w->package_hash = told.hash;
     w->package_size = told.size;
     w->package_compressed_size = told.compressed_size;
-    if (status != LW_OK || count == 1) { /* of one part nothing more is told */
+    if (status != LW_OK || count == 1) { /* a package of one part: nothing more is announced */
         free_parts(&told);
         return status;
     }
@@ -252,8 +252,8 @@ static void free_chunks(struct lw_session_package *package) {
 
 /* ---- the order of tiles ---- */
 
-/* Levels count from fine to coarse and objects differ in their number of levels: what goes first is each
- * object's coarsest level, then each one's next finer, down to level 0. Finer levels come last. */
+/* Levels count from fine to coarse and objects differ in their number of levels: each object's
+ * coarsest level goes first, then each one's next finer, down to level 0. Finer levels come last. */
 static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_order,
                                  uint32_t *out_coarsest) {
     uint32_t *order = malloc((map->tile_count ? map->tile_count : 1) * sizeof *order), filled = 0;
@@ -311,7 +311,7 @@ static void adopt_channel(const struct lw_server *server, struct lw_session_chan
     channel->generation++;
 }
 
-/* Those that the snapshot shows. */
+/* Answers the updates that the snapshot shows. */
 static void answer_updates(struct lw_session_shared *shared) {
     struct lw_updates_entry entry;
     while (lw_updates_next(&shared->updates, shared->snapshot->frame, &entry)) {
@@ -324,7 +324,7 @@ static void answer_updates(struct lw_session_shared *shared) {
     }
 }
 
-/* Of a relay: those that the server above has answered. */
+/* A relay: forwards the answers of the server above. */
 static void answer_passed(struct lw_session_shared *shared) {
     struct lw_passed_updates_done done;
     const uint64_t frame = shared->snapshot ? shared->snapshot->frame : 0;
@@ -485,7 +485,7 @@ static void keep_busy(struct lw_server *server) {
         uv_idle_stop(&server->busy);
 }
 
-/* Wakes the thread of a relay when its clients have another interest, updates to pass on, or other
+/* Wakes the thread of a relay when its clients have another interest, updates to forward, or other
  * channels. */
 static void tell_news(struct lw_server *server) {
     const uint32_t channels = server->shared.channels_taken;
@@ -546,7 +546,7 @@ static void on_session_closed(void *context) {
 }
 
 /* signalled: without a watcher the next signal has its default effect: a user who cannot wait signals twice.
- * Else watchers stay until the end: who goes away ends our input, and then sends a signal. */
+ * Else watchers stay until the end: a caller that goes away ends our input, and then sends a signal. */
 static void begin_stop(struct lw_server *server, bool signalled) {
     server->signalled |= signalled;
     if (signalled) {
@@ -712,8 +712,8 @@ static void add_lag(struct lw_server *server, uint64_t late_ns) {
     lw_durations_add(&server->lag_all, late_ns);
 }
 
-/* What came at any moment while the loop was away had to wait for its return: a long absence counts as often
- * as it would have been looked for. */
+/* Events that came while the loop was away had to wait for its return: a long absence counts once for each
+ * look that it covered. */
 static void on_lag(uv_timer_t *handle) {
     struct lw_server *server = handle->data;
     const uint64_t now_ns = lw_clock_ns(), interval_ns = LAG_MS * 1000000u,
@@ -747,7 +747,7 @@ static bool make_page(void *context, const char *path, struct lw_server_page *ou
     return true;
 }
 
-/* What is asked over the control socket. */
+/* Answers a question over the control socket. */
 static enum lw_report_code on_ask(void *context, const struct lw_message_ask *ask, char **out_text,
                                   size_t *out_size) {
     struct lw_server *server = context;
@@ -1458,7 +1458,7 @@ void lw_server_destroy(struct lw_server *server) {
         close_handles(server);
         if (!run_to_the_end(&server->loop)) {
             lw_log(LW_LOG_WARNING, "some connection did not close: its memory stays");
-            return; /* what is left of it stands in the loop, and so in here */
+            return; /* the rest of it stands in the loop, and so in here */
         }
         lw_web_server_destroy(server->web);
         lw_web_server_destroy(server->metrics_web);

@@ -82,11 +82,11 @@ struct lw_server_desc {
     /* Progress of the first light, for waiting sessions; outlives the server. NULL: sessions hear none. */
     const struct lw_waiting *first_light;
     /* The scene that updates are checked against, immutable. NULL: no session of a solver's server may send
-     * updates; those of a relay are passed on unchecked. */
+     * updates; a relay's updates are forwarded unchecked. */
     const struct lw_scene *scene;
-    /* Of a relay: its number, and those of the relays that its light comes through, the nearest first. Then
-     * versions and frames are those of another server: no tile gets a form in wider steps, and a client may
-     * hold a newer one. 0: it is none. */
+    /* A relay's: its number, and the numbers of the relays that its light comes through, the nearest first.
+     * Then versions and frames are those of another server: no tile gets a form in wider steps, and a client
+     * may hold a newer one. 0: it is none. */
     uint64_t relay;
     const uint64_t *relays_above; /* copied */
     uint32_t relays_above_count;  /* under LW_MESSAGE_RELAYS_MAX */
@@ -136,10 +136,10 @@ void lw_server_publish(struct lw_server *server, struct lw_snapshot *snapshot);
 /** The union of all sessions' interest. */
 struct lw_server_interest {
     bool everything; /* a session wants every tile; `levels` is NULL then */
-    uint64_t number; /* of this list, from 1 on: snapshots say which one the solver had (snapshot.h) */
+    uint64_t number; /* this list's, from 1 on: snapshots say which one the solver had (snapshot.h) */
     uint8_t *levels; /* per lw_tile_id (lw_interest_union_levels()); the caller frees it. NULL: a relay's */
-    /* A relay's: the tiles that a session lists, by lw_tile_id. Those of finer levels come last, in the order
-     * of fine_turns.h. The caller frees it. */
+    /* A relay's: the tiles that a session lists, by lw_tile_id. Tiles of finer levels come last, in the
+     * order of fine_turns.h. The caller frees it. */
     uint32_t *tile;
     uint32_t tile_count;
 };
@@ -166,8 +166,8 @@ bool lw_server_take_passed(struct lw_server *server, struct lw_passed_update *ou
  * false: there is no memory. [any] */
 bool lw_server_answer_passed(struct lw_server *server, uint64_t number,
                              const struct lw_message_updated *answer);
-/** No answer will come, and the update may have been made: its session is ended, as if its link had broken.
- * [any] */
+/** No answer will come, and the server above may have made the update: its session is ended, as by a broken
+ * link. [any] */
 void lw_server_lose_passed(struct lw_server *server, uint64_t number);
 /** The light comes through other relays now. Sessions of relays are ended; they come back and hear of it.
  * [any] */

@@ -17,7 +17,7 @@
 #define LW_SERVER_CONNECTIONS_REFILL_S 20u
 #define LW_SERVER_PARSE_MAX            (8u << 20) /* bytes of memory to read one message of a peer */
 
-/* Of one peer in one turn of the loop, before others get theirs: */
+/* Limits of one peer in one turn of the loop, before others get theirs: */
 #define LW_SERVER_TURN_READ        (16u << 10) /* bytes */
 #define LW_SERVER_TURN_MESSAGES    256u
 #define LW_SERVER_TURN_FRAMES_READ (2u << 10) /* bytes of a WebSocket, in which there may be 340 frames */
@@ -35,12 +35,12 @@
 #define LW_SERVER_HELLO_TIMEOUT_S   10u /* without a HELLO */
 #define LW_SERVER_PACKAGE_TIMEOUT_S 60u /* without a request for the package, unless it controls */
 #define LW_SERVER_STALL_TIMEOUT_S   15u /* in which it takes no byte, though bytes wait */
-/* What may be on its way from a peer that is refused: dropped at once, the rest by its rates. */
+/* Bytes and frames on their way from a peer that is refused: dropped at once, the rest by its rates. */
 #define LW_SERVER_DROPPED_MAX        (64u << 10) /* bytes */
 #define LW_SERVER_DROPPED_FRAMES_MAX 64u
 #define LW_SERVER_LINGER_S           1u  /* from its refusal to the close, unless it was slow to read */
-#define LW_SERVER_EXCESS_TIMEOUT_S   10u /* of saying too much (message_rates.h) */
-#define LW_SERVER_SILENCE_S          60u /* of saying nothing; it is pinged after half of it */
+#define LW_SERVER_EXCESS_TIMEOUT_S   10u /* during which it says too much (message_rates.h) */
+#define LW_SERVER_SILENCE_S          60u /* during which it says nothing; it is pinged after half of it */
 
 /* Bytes that wait per session before tiles are held back. The newest state of a tile is chosen when there is
  * room, so a slow reader skips versions. */
@@ -50,7 +50,7 @@
 #define LW_SERVER_BURST_MS    100u  /* a session under a rate limit may have this much of it at once */
 
 #define LW_SERVER_RELAY_MS   200u /* when clients come back to a server that is followed by another at once */
-#define LW_SERVER_WINDOW_S   5u   /* over which delays are told */
+#define LW_SERVER_WINDOW_S   5u   /* over which delays are reported */
 #define LW_SERVER_LOOKS_HZ   4u   /* looks at time limits and at what waits */
 #define LW_SERVER_WAITING_MS 200u /* between two WAITING of a session that waits for the first light */
 

@@ -6,7 +6,7 @@
 
 /** A page of the monitoring port. */
 struct lw_server_page {
-    unsigned status;  /* of HTTP */
+    unsigned status;  /* HTTP status */
     const char *type; /* Content-Type; outlives the server */
     char *text;       /* the server free()s it */
     size_t size;      /* bytes */

@@ -60,7 +60,7 @@ bool lw_session_is_crowded(const struct lw_session_shared *shared) {
            shared->sessions_max - lw_session_kept_places(shared);
 }
 
-/* A place lasts until the link is closed: who is refused and lingers has one still. Without one there is
+/* A place lasts until the link is closed: a refused peer that lingers has one still. Without one there is
  * room to say so for a few. false: there is not even that. */
 static bool take_place(struct lw_session *s) {
     struct lw_session_shared *shared = s->shared;
@@ -219,7 +219,7 @@ void lw_session_written(struct lw_session *s, int result, bool was_full) {
 }
 
 void lw_session_refuse(struct lw_session *s, enum lw_refusal code, const char *format, ...) {
-    if (code == LW_REFUSAL_SHUTDOWN) s->linger_ns = LINGER_NS; /* of who is leaving, too */
+    if (code == LW_REFUSAL_SHUTDOWN) s->linger_ns = LINGER_NS; /* also for a leaving session */
     if (s->state == LW_SESSION_LEAVING || s->state == LW_SESSION_CLOSED) return;
     char *text = s->refusal_text;
     va_list args;
@@ -257,7 +257,7 @@ void lw_session_lacks_memory(struct lw_session *s) {
 void lw_session_close_lacking(struct lw_session *s) {
     static const char why[] = "out of memory";
     if (s->state == LW_SESSION_CLOSED) return;
-    if (!s->welcomed) lw_session_tell(s, "closed: %s", why); /* else that it left is told */
+    if (!s->welcomed) lw_session_tell(s, "closed: %s", why); /* else a line says that it left */
     lw_session_close(s, why);
 }
 
@@ -313,7 +313,7 @@ void lw_session_answer(struct lw_session *s, const struct lw_message_updated *an
     lw_session_queue_answer(s, &(struct lw_message){.type = LW_MESSAGE_UPDATED, .updated = *answer});
 }
 
-/* The peer is told at its turn. */
+/* The peer hears of it at its turn. */
 static void look_at_first_light(struct lw_session *s, uint64_t now_ns) {
     if (!s->shared->first_light || s->state != LW_SESSION_STREAMING || s->told.stage == LW_WAITING_READY)
         return;

@@ -8,7 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Who draws direct light gets the rest; all others get all of it, and are not told who would draw what. */
+/* A client that draws direct light gets the rest; all others get all light, and no list of client-drawn
+ * lights. */
 static void choose_channels(struct lw_session *s, const struct lw_message_hello *hello,
                             struct lw_message_welcome *welcome) {
     const uint32_t served = s->shared->channels_served;
@@ -173,7 +174,7 @@ static void handle_holds(struct lw_session *s, const struct lw_message_holds *ho
     }
 }
 
-/* A request for a package, of which a welcome told; false: it makes no sense, and the peer is refused. */
+/* A request for a package that a welcome announced; false: it makes no sense, and the peer is refused. */
 static bool check_request(struct lw_session *s, const char *name, const struct lw_message_package *package,
                           const struct lw_message_package_request *request) {
     if (request->offset > package->compressed_size) {
@@ -311,7 +312,7 @@ static void handle_ack(struct lw_session *s, uint64_t frame) {
     LW_INVARIANT(s->frame_acked < frame);
     const bool first = s->frame_acked == 0;
     s->frame_acked = frame;
-    if (first) return; /* that frame may have been there long before the session was */
+    if (first) return; /* the frame may be much older than the session */
     for (uint64_t back = 0; back < LW_SESSION_RECENT && back < shared->generation; back++) {
         const struct lw_session_recent *recent =
             &shared->recent[(shared->generation - back) % LW_SESSION_RECENT];
@@ -398,7 +399,7 @@ static void handle_message(struct lw_session *s, const struct lw_message *m) {
     case LW_MESSAGE_ACK:
         handle_ack(s, m->ack.frame);
         break;
-    case LW_MESSAGE_PONG: /* that it was heard is all that counts */
+    case LW_MESSAGE_PONG: /* hearing the peer is all that counts */
         break;
     default:
         lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "message %s: not one that a client sends",
@@ -433,7 +434,7 @@ static bool takes_more(const struct lw_session *s) {
     return s->state < LW_SESSION_LEAVING && !s->lacks_memory;
 }
 
-/* Handles what is there, as far as others do not have to wait for it and the peer keeps to its rates. */
+/* Handles the messages at hand, as far as others do not have to wait and the peer keeps to its rates. */
 void lw_session_handlers_take(struct lw_session *s) {
     unsigned count = 0;
     bool more = true;
@@ -455,7 +456,7 @@ void lw_session_handlers_take(struct lw_session *s) {
     }
 }
 
-/* With what was kept before: while a session is in an inbox a link may still hand over what it had read. */
+/* Adds to bytes kept before: while a session is in an inbox a link may still hand over bytes that it read. */
 void lw_session_handlers_receive(struct lw_session *s, const uint8_t *bytes, size_t size) {
     if (s->state == LW_SESSION_LEAVING) lw_session_count_other(s, LW_MESSAGE_RATES_BYTES, size);
     if (!takes_more(s)) return;

@@ -9,7 +9,7 @@
 /** Bytes have come. */
 void lw_session_handlers_receive(struct lw_session *session, const uint8_t *bytes, size_t size);
 
-/** Handles what has come and waits, within a turn's messages and the peer's rates. The rest waits in an
+/** Handles waiting messages, within a turn's messages and the peer's rates. The rest waits in an
  * inbox. */
 void lw_session_handlers_take(struct lw_session *session);
 

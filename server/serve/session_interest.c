@@ -25,7 +25,7 @@ static void mark(struct lw_session *s) {
         lw_session_interest_test_and_set(listed_bits, listed);
         /* above a tile that has its bit all have theirs */
         if (lw_session_interest_test_and_set(s->interest_bits, listed) || !s->interest.stand_ins) continue;
-        /* of a tile of a finer level, those from level 0 on */
+        /* a finer level's tile: tiles above it from level 0 on */
         const uint32_t finer = lw_atlas_finer(place->level), first = finer ? 0 : place->level + 1;
         for (uint32_t l = first; l < map->atlas[place->object].level_count; l++) {
             const uint32_t up = l + finer - (finer ? 0 : place->level);

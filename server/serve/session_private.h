@@ -2,7 +2,7 @@
  *
  *   turns.c             which session has its turn, and takes it
  *   session_handlers.c  handles what the peer says
- *   send_queue.c        what is sent next, in batches, within the rate limit
+ *   send_queue.c        the next messages, in batches, within the rate limit
  *   tile_stream.c       the tiles of the newest snapshot that the session lacks
  *   session.c           begins, ends, answers, keeps time limits
  *   session_interest.c  what the session wants, and what all want
@@ -41,7 +41,7 @@ struct lw_session_interest {
 struct lw_session_take {
     struct lw_session_channel *channel;
     uint64_t *sent;      /* per tile: the version sent; NULL before that matters */
-    uint64_t generation; /* of the snapshot that the walk below goes over */
+    uint64_t generation; /* the snapshot's that the walk below goes over */
     /* What the walk goes over: tiles that it lacks, by priority. NULL: it had all of the snapshot before, and
      * the walk goes over what this one changed. */
     uint32_t *lacked;
@@ -77,7 +77,7 @@ struct lw_session {
     uint64_t since_ns;                      /* connected; in LW_SESSION_LEAVING: refused */
     uint64_t linger_ns;                     /* from a refusal to the close */
     struct lw_message_reader input;
-    struct lw_message_rates rates;  /* of what it says */
+    struct lw_message_rates rates;  /* for its messages */
     struct lw_session_inbox *inbox; /* in which it is: then nothing is read; NULL: in none */
     struct lw_session *previous_unread, *next_unread;
     uint64_t looked_ns; /* when the tick last came */
@@ -102,7 +102,7 @@ struct lw_session {
     } package, finishes;
     bool has_materials;               /* may ask for finishes */
     bool has_finer;                   /* may ask for tiles of finer levels */
-    bool reads_runs;                  /* of relays alone: the session reads the run of FRAMEs */
+    bool reads_runs;                  /* relays alone: the session reads the run of FRAMEs */
     bool reports;                     /* a relay that says which relays are below it */
     struct lw_relay_tree_node *below; /* as it reported last, itself first; NULL: nothing yet */
     uint32_t below_count;
@@ -110,11 +110,11 @@ struct lw_session {
     uint64_t first_sent;  /* tiles, until then */
     int64_t tiles_before; /* bytes of tiles that go before the next FINISH_CHUNK */
     uint64_t frame_sent, frame_acked;
-    bool settled_due;                             /* of the one sent */
+    bool settled_due;                             /* SETTLED of the frame sent */
     struct lw_session_interest interest, waiting; /* what holds; what came since, if has_waiting */
     bool has_waiting;
-    uint64_t interest_epoch; /* of the server, when interest was last taken up */
-    /* Bit per tile: to be sent; then a bit per tile again: those that are not stand-ins. NULL: everything. */
+    uint64_t interest_epoch; /* the server's, when interest was last taken up */
+    /* Bit per tile: to be sent; then a bit per tile again: it is no stand-in. NULL: everything. */
     uint64_t *interest_bits;
     struct lw_session_take take[LW_TILE_CHANNELS_MAX]; /* what it gets, by the channels' numbers */
     uint32_t take_count;
@@ -124,12 +124,12 @@ struct lw_session {
     uint64_t rate_limit_bytes_hz; /* 0: none */
     double allowance;             /* bytes that it may be sent now; below 0: it has had too much */
     uint64_t allowed_ns;          /* as of then */
-    bool is_paced;                /* something would have been sent but for that */
+    bool is_paced;                /* the rate limit holds something back */
 
     bool is_writing;     /* the link has not taken all yet */
     uint64_t writing;    /* bytes of that */
     uint64_t given;      /* bytes handed to the link so far */
-    uint64_t taken_last; /* of these the peer's, at the last look at progress */
+    uint64_t taken_last; /* bytes of `given` that the peer has, at the last look at progress */
     uint64_t progress_ns;
 };
 
@@ -206,15 +206,15 @@ void lw_session_queues_dequeue(struct lw_session *s);
 /** Into an inbox, at its end: nothing is read meanwhile. The link keeps what it has, and so does the peer. */
 void lw_session_queues_enter_inbox(struct lw_session *s, struct lw_session_inbox *inbox);
 void lw_session_queues_leave_inbox(struct lw_session *s);
-/** Out of the inbox that it is in, if any: what comes is read again. */
+/** Out of the inbox that it is in, if any: the session is read again. */
 void lw_session_queues_read_on(struct lw_session *s);
 
 /* ---- tile_stream.c ---- */
 
 /** Whether there is a snapshot for the session. */
 bool lw_tile_stream_has_light(const struct lw_session *s);
-/** References to what is to be sent next, in this order. NULL: nothing, or (tiles, with s->waits) what the
- * transcoder makes. */
+/** References to the next blobs to send, in this order. NULL: nothing, or (tiles, with s->waits) a blob that
+ * the transcoder makes. */
 struct lw_blob *lw_tile_stream_next_frame(struct lw_session *s);
 struct lw_blob *lw_tile_stream_next_tile(struct lw_session *s);
 struct lw_blob *lw_tile_stream_next_settled(struct lw_session *s);

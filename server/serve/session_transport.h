@@ -26,7 +26,7 @@ struct lw_session_transport {
         /** The system may take all that waits and one more message: nothing newer will stand in for it.
          * It goes on sending that after the close. */
         void (*push)(struct lw_session_transport *link);
-        /** Says that nothing more follows what was written; why is for links that can tell.
+        /** Says that nothing more follows the bytes written; code and text are for links that can send them.
          * Returns 0 or libuv's error. */
         int (*end)(struct lw_session_transport *link, enum lw_refusal code, const char *text);
         /** At once, whatever waits to be written. */
@@ -39,7 +39,7 @@ struct lw_session_transport {
     } * ops;
 };
 
-/** Who is at the other end. */
+/** The peer at the other end. */
 struct lw_session_peer {
     struct lw_address at;
     char address[64]; /* for people, with the port */

@@ -52,12 +52,12 @@ struct link {
     struct lw_session *session; /* NULL: it never got one */
     struct lw_tcp_transport_shared *shared;
     struct pending_write *pending;
-    uint64_t turn; /* of the loop, in which it was last read */
+    uint64_t turn; /* the loop's turn in which it was last read */
     bool is_new;   /* nothing has come */
     enum tls tls;
     struct lw_tls_stream *stream;
     struct lw_blob *held; /* what the session said before TLS was ready */
-    uint64_t overhead;    /* bytes of TLS that were no messages, told so far; */
+    uint64_t overhead;    /* bytes of TLS that were no messages, counted so far; */
     uint64_t sealed;      /* all but messages that came: a record that is half there will be one */
 };
 
@@ -137,8 +137,8 @@ static struct lw_tls_output *output_of(struct link *link) {
     return output;
 }
 
-/* Sends what the link has not taken yet of what TLS has made. of_session: which is told when the link has
- * taken the rest. Returns how many bytes the link took at once, or libuv's error. */
+/* Sends what the link has not taken yet of what TLS has made. of_session: lw_session_written() follows when
+ * the link has taken the rest. Returns how many bytes the link took at once, or libuv's error. */
 static int send_output(struct link *link, bool of_session) {
     struct lw_tls_output *output = &link->shared->output;
     const size_t size = output->size;
@@ -189,7 +189,7 @@ static enum lw_status encrypt(struct link *link, struct lw_blob *const *blob, ui
                            : status;
 }
 
-/* As write_blobs(): what the link took of the records, told in bytes of the blobs. */
+/* As write_blobs(). Returns what the link took of the records, in bytes of the blobs. */
 static int write_by_tls(struct link *link, struct lw_blob *const *blob, uint32_t count, size_t bytes) {
     const struct lw_tls_output *output = output_of(link);
     const enum lw_status status = encrypt(link, blob, count);
@@ -276,7 +276,7 @@ static void waiting(const struct lw_session_transport *transport, size_t *out_ou
 
 /* ---- reading ---- */
 
-/* What was held may go now. */
+/* Sends the held message. */
 static void let_go(struct link *link) {
     struct lw_blob *blob = link->held;
     LW_INVARIANT(link->tls != TLS_EXPECTS && link->tls != TLS_SHAKES_HANDS); /* else it is held again */
@@ -314,7 +314,7 @@ static void count_overhead(struct link *link) {
     lw_session_count_other(link->session, LW_MESSAGE_RATES_OVERHEAD, more);
 }
 
-/* Decrypts what came, and hands it on. A session that is refused or closed meanwhile is told nothing more. */
+/* Decrypts what came, and hands it on. A session that is refused or closed meanwhile gets nothing more. */
 static void receive_by_tls(struct link *link, const uint8_t *bytes, size_t size) {
     struct lw_tcp_transport_shared *shared = link->shared;
     const bool shakes_hands = link->tls == TLS_SHAKES_HANDS;
@@ -406,7 +406,7 @@ static void on_read(uv_stream_t *stream, ssize_t size, const uv_buf_t *buffer) {
 static void read_on(struct lw_session_transport *transport, bool on) {
     uv_stream_t *stream = &link_of(transport)->on.stream;
     if (on)
-        (void)uv_read_start(stream, on_alloc, on_read); /* fails for what is closing alone */
+        (void)uv_read_start(stream, on_alloc, on_read); /* fails for a closing stream alone */
     else
         uv_read_stop(stream);
 }

@@ -14,7 +14,7 @@
 struct lw_tcp_transport_shared {
     struct lw_session_shared *sessions;
     struct lw_tls_context *tls;               /* NULL: all of it is plain */
-    uint64_t turn;                            /* of the loop; counted by the owner */
+    uint64_t turn;                            /* the loop's; counted by the owner */
     uint8_t read_buffer[LW_SERVER_TURN_READ]; /* libuv hands a read over before it starts the next */
     uint8_t record[LW_TLS_STREAM_RECORD];     /* what TLS reads or writes, in plain */
     struct lw_tls_output output;              /* what it made: empty between calls */
@@ -28,7 +28,7 @@ LW_MUST_CHECK enum lw_status lw_tcp_transport_accept(struct lw_tcp_transport_sha
 
 /* For any transport that is on a socket. */
 
-/** Who is at the other end. May control by a token alone. */
+/** The peer at the other end. May control by a token alone. */
 struct lw_session_peer lw_tcp_transport_peer(int socket);
 /** What a connected socket that carries light should be set to. */
 void lw_tcp_transport_set_options(int socket);

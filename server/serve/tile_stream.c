@@ -53,7 +53,7 @@ static void walk_lacked(struct lw_session *s, struct lw_session_take *t) {
     struct lw_priority *priority = &t->channel->priority;
     end_walk(t);
     lw_priority_list_begin(priority);
-    for (uint32_t i = 0; i < lw_session_tiles(s); i++) { /* those of finer levels come last */
+    for (uint32_t i = 0; i < lw_session_tiles(s); i++) { /* tiles of finer levels come last */
         const uint32_t id = shared->order[i];
         if (!lacks(s, t, id)) continue;
         lw_priority_list(
@@ -155,7 +155,8 @@ static struct lw_blob *next_tile_of_walk(struct lw_session *s, struct lw_session
     return NULL;
 }
 
-/* A narrow session that has all goes on with what is finer, until that is all, or there is a new snapshot. */
+/* A narrow session that has all coarse tiles goes on with finer ones, until it has all, or a new snapshot
+ * comes. */
 static struct lw_blob *next_tile_of(struct lw_session *s, struct lw_session_take *t) {
     struct lw_blob *blob = next_tile_of_walk(s, t);
     if (blob || s->waits || !t->is_narrow) return blob;

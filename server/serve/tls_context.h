@@ -17,7 +17,7 @@ struct lw_tls_context_desc {
     const char *key;         /* which its owner and its group alone may read */
 };
 
-/** Errors: LW_NO_INPUT, LW_BAD_DATA, LW_IO, LW_NO_MEMORY: each names the file and what is wrong with it. */
+/** Errors: LW_NO_INPUT, LW_BAD_DATA, LW_IO, LW_NO_MEMORY: each names the file and the mistake in it. */
 LW_MUST_CHECK enum lw_status lw_tls_context_create(const struct lw_tls_context_desc *desc,
                                                    struct lw_tls_context **out_context, struct lw_error *err);
 /** NULL is fine. */

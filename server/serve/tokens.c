@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A word of a line, and what comes after it. */
+/* A word of a line. Moves *at behind it. */
 static size_t take_word(const char **at, const char *end, const char **out_word) {
     const char *p = *at;
     while (p < end && (*p == ' ' || *p == '\t' || *p == '\r')) p++;

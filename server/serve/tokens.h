@@ -1,4 +1,4 @@
-/* tokens.h: who may look, and who may change the scene: the tokens that a server takes.
+/* tokens.h: the tokens that a server takes: for looking, and for changing the scene.
  * Flow:    file -> [tokens]; HELLO's token -> [tokens] -> role
  * Threads: a table is immutable; [any].
  *

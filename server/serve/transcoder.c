@@ -19,8 +19,8 @@ struct lw_transcoder {
     float value[LW_TILE_TEXELS_MAX * LW_TILE_CHANNEL_PLANES_MAX];
     struct coarse {
         struct lw_tile_dct_history *history; /* NULL: none was made */
-        uint64_t version;                    /* that was last made; 0: nothing builds on it */
-        struct lw_tile_place place;          /* of the tile that the history is of, */
+        uint64_t version;                    /* the last one made; 0: nothing builds on it */
+        struct lw_tile_place place;          /* the history's tile's, */
         uint32_t life;                       /* and its life (struct lw_transcoder_job) */
     } * coarse;                              /* by tile id */
 
@@ -29,7 +29,7 @@ struct lw_transcoder {
     uint64_t asked, done, collected; /* jobs so far: each at its number modulo LW_TRANSCODER_JOBS_MAX */
     bool stops;
     struct lw_transcoder_job job[LW_TRANSCODER_JOBS_MAX];
-    struct lw_transcoder_result made[LW_TRANSCODER_JOBS_MAX]; /* of those that are done */
+    struct lw_transcoder_result made[LW_TRANSCODER_JOBS_MAX]; /* results of done jobs */
 };
 
 static enum lw_status read_tile(const struct lw_blob *blob, struct lw_message *out_message) {
@@ -102,7 +102,7 @@ static enum lw_status encode_coarse(struct lw_transcoder *r, struct coarse *coar
         if (!coarse->history) return LW_NO_MEMORY;
         memset(coarse->history, 0, size);
     }
-    /* What is not covered is as smooth as it was made, and counts like the rest. */
+    /* Texels that are not covered are as smooth as they were made, and count like the rest. */
     return lw_tile_codec_encode_dct(r->codec,
                                     &(struct lw_tile_dct_source){r->value, NULL, place->width, place->height,
                                                                  coarse_step(tile->payload[1]),

@@ -14,19 +14,19 @@
 #include "common/tile/tile_codec.h"
 #include "server/publish/snapshot.h"
 
-#define LW_TRANSCODER_JOBS_MAX 256u /* that are asked for and not collected */
+#define LW_TRANSCODER_JOBS_MAX 256u /* asked for and not collected */
 
 /* Steps of coarse tiles are 2^(LW_TRANSCODER_COARSER_Q / 8) times those of the tile: two fifths of the bytes,
  * and a view that is off by 4 to 6 % (docs/lab/streaming.md). */
 #define LW_TRANSCODER_COARSER_Q 16u
 
-/** What is asked for: how version `version` of a tile differs from version `base`; or the coarse form of a
- * tile, to be called `version`. The coarse forms of a tile are asked for in the order of their versions. */
+/** A request: how version `version` of a tile differs from version `base`, or the coarse form of a tile, to
+ * be called `version`. The coarse forms of a tile are asked for in the order of their versions. */
 struct lw_transcoder_job {
     uint32_t tile;              /* lw_tile_id */
-    struct lw_tile_place place; /* of it, set by lw_transcoder_ask(): the id may go to another tile later */
+    struct lw_tile_place place; /* the tile's, by lw_transcoder_ask(): its id may go to another tile later */
     bool coarse;                /* it is a coarse form, or between two of these */
-    uint32_t life;              /* another one for the same id: nothing builds on what was made before */
+    uint32_t life;              /* another one for the same id: nothing builds on earlier results */
     uint64_t base, version;
     /* LW_MESSAGE_TILE of version base, no delta; NULL: `to` is a tile of which a coarse form is wanted. */
     struct lw_blob *from;
@@ -41,7 +41,7 @@ struct lw_transcoder_result {
     uint32_t life;
     uint64_t base, version; /* base: 0 of a coarse form */
     struct lw_blob *blob;
-    /* Of a coarse form: what it differs by from version delta_base, the coarse form before. */
+    /* For a coarse form: its difference from version delta_base, the coarse form before. */
     struct lw_blob *delta;
     uint64_t delta_base;
 };
@@ -55,7 +55,7 @@ LW_MUST_CHECK enum lw_status lw_transcoder_create(const struct lw_tile_channel *
                                                   const struct lw_atlas_map *atlas_map,
                                                   void (*wake)(void *context), void *context,
                                                   struct lw_transcoder **out_recoder);
-/** Ends its thread; what was asked for is dropped. */
+/** Ends its thread; open requests are dropped. */
 void lw_transcoder_destroy(struct lw_transcoder *transcoder);
 
 /** How the tile `to` differs from `from`, its version `base`: LW_MESSAGE_TILE, the caller's to unref.

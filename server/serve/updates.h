@@ -11,14 +11,14 @@
 #include <stdatomic.h>
 #include <uv.h>
 
-#define LW_UPDATES_MAX         1024u        /* that may wait for a frame */
-#define LW_UPDATES_CHANGES_MAX (128u << 10) /* of them all together: 7.5 MiB */
+#define LW_UPDATES_MAX         1024u        /* updates that may wait for a frame */
+#define LW_UPDATES_CHANGES_MAX (128u << 10) /* changes of all together: 7.5 MiB */
 
 struct lw_session;
 
 struct lw_updates {
     uv_mutex_t mutex;               /* guards what follows */
-    struct lw_scene_change *change; /* of those that wait, in order */
+    struct lw_scene_change *change; /* the waiting updates', in order */
     size_t change_count, change_capacity;
     struct lw_updates_entry *entry; /* in order: first those that were taken, then those that wait */
     size_t taken_count, entry_count, entry_capacity;

@@ -2,8 +2,8 @@
  * Flow:    folder -> [web_files] -> path, coding -> bytes -> web_server
  * Threads: built once; after that immutable, [any].
  *
- * A path is looked up in a list of what was found, so that none leads out of the folder. Links and names that
- * begin with a dot are left out.
+ * A path is looked up in a list of the files found, so that none leads out of the folder. Links and names
+ * that begin with a dot are left out.
  *
  * A file NAME.br or NAME.gz beside NAME is NAME in that coding. One that is older than NAME, to the second,
  * or not smaller is no coding of it. */
@@ -18,7 +18,7 @@
 
 #define LW_WEB_FILES_MAX       1000u
 #define LW_WEB_FILES_BYTES_MAX (64u << 20) /* of all of them */
-#define LW_WEB_FILES_DEPTH_MAX 8u          /* of folders */
+#define LW_WEB_FILES_DEPTH_MAX 8u          /* nested folders */
 
 struct lw_web_files {
     struct lw_web_file {

@@ -17,8 +17,8 @@
 #include <unistd.h>
 
 #define ENDPOINT     "/ws"
-#define HEADERS_SIZE 4096u       /* of an answer */
-#define PIECE        (64u << 10) /* of its body, written at once */
+#define HEADERS_SIZE 4096u       /* bytes of an answer's headers */
+#define PIECE        (64u << 10) /* bytes of its body, written at once */
 #define ROOM         LWS_PRE + PIECE
 
 /* lws_http_get_uri_and_method() */
@@ -30,15 +30,15 @@ struct lw_web_server {
     struct lws_protocols protocols[3];
     struct lw_web_files files;
     struct lw_tls_context *tls;             /* NULL: it speaks plain */
-    struct ssl_ctx_st *ssl;                 /* of libwebsockets, while there is a vhost; follows tls */
+    struct ssl_ctx_st *ssl;                 /* libwebsockets' own, while there is a vhost; follows tls */
     char *host, *hosts, *origins, *servers; /* servers: apart by blanks, as in a policy */
     bool (*page)(void *context, const char *path, struct lw_server_page *out_page);
     void *page_context;
     bool wants_token;
     struct lw_ws_transport_shared sockets;
-    uint32_t connection_count;       /* that are no sessions */
-    struct lw_address_places places; /* of these */
-    uint8_t room[ROOM];              /* what is being written: libwebsockets keeps what is left of it */
+    uint32_t connection_count;       /* without sessions */
+    struct lw_address_places places; /* these connections' */
+    uint8_t room[ROOM];              /* for the current write: libwebsockets keeps the unwritten rest */
 };
 
 /* One peer: requests, one after another, or a session. */
@@ -46,7 +46,7 @@ struct connection {
     struct lw_web_server *server;
     struct lw_address at;
     struct lw_ws_transport *socket; /* it is a WebSocket */
-    const uint8_t *body;            /* of the answer: what is left of it */
+    const uint8_t *body;            /* the unwritten rest of the answer */
     size_t body_size;
     char *made; /* a page that was made for this one */
     char host[LW_HTTP_ORIGIN_MAX];
@@ -94,7 +94,7 @@ static bool add_common(struct lws *wsi, uint8_t **at, uint8_t *end) {
            add_header(wsi, at, end, "cross-origin-resource-policy:", "same-origin");
 }
 
-/* What is said of a file besides. */
+/* Further headers about a file. */
 struct about {
     const char *tag;    /* NULL: the answer is made for this request */
     const char *coding; /* NULL: none */
@@ -390,7 +390,7 @@ static int on_http(struct lws *wsi, enum lws_callback_reasons reason, void *user
         return refuse_haste(wsi, c);
     case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE:
         return handle_upgrade(wsi, c, in);
-    case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: /* of a WebSocket that asked for no protocol of ours */
+    case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: /* a WebSocket asked for no protocol of ours */
     case LWS_CALLBACK_HTTP_BODY:
         return -1;
     case LWS_CALLBACK_WSI_DESTROY:
@@ -514,7 +514,7 @@ static enum lw_status start(struct lw_web_server *server, uv_loop_t *loop, struc
                              ? LWS_SERVER_OPTION_DO_SSL_GLOBAL_INIT | LWS_SERVER_OPTION_CREATE_VHOST_SSL_CTX |
                                    LWS_SERVER_OPTION_ALLOW_NON_SSL_ON_SSL_PORT |
                                    LWS_SERVER_OPTION_ALLOW_HTTP_ON_HTTPS_LISTENER
-                             : 0; /* plain HTTP is answered, with what is wrong: refuse_plain() */
+                             : 0; /* plain HTTP gets an answer that names the mistake: refuse_plain() */
     const struct lws_context_creation_info info = {
         .port = CONTEXT_PORT_NO_LISTEN_SERVER,
         .protocols = server->protocols,

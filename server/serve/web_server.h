@@ -2,7 +2,7 @@
  * Flow:    listener -> [web_server] -> web_files, or ws_transport -> session
  * Threads: everything here is [loop], but for what it reads at the start.
  *
- * libwebsockets does HTTP on the server's own loop; this says what is answered. Limits are
+ * libwebsockets does HTTP on the server's own loop; this makes the answers. Limits are
  * those of docs/access.md. */
 #ifndef LW_SERVE_WEB_SERVER_H
 #define LW_SERVE_WEB_SERVER_H
@@ -10,10 +10,10 @@
 #include "server/serve/server_page.h"
 #include "server/serve/session.h"
 
-#define LW_WEB_SERVER_CONNECTIONS_MAX 1024u /* that are no sessions (yet) */
+#define LW_WEB_SERVER_CONNECTIONS_MAX 1024u /* connections without a session (yet) */
 #define LW_WEB_SERVER_HEADER_MAX      8192u /* bytes of a request's headers */
 #define LW_WEB_SERVER_REQUEST_S       10u   /* for a request to come, and between two */
-#define LW_WEB_SERVER_REQUESTS_HZ     20u   /* of one connection */
+#define LW_WEB_SERVER_REQUESTS_HZ     20u   /* from one connection */
 #define LW_WEB_SERVER_REQUESTS_BURST  40u
 #define LW_WEB_SERVER_SLOWED_S        1u  /* from one more than that to the 429 */
 #define LW_WEB_SERVER_ANSWER_S        20u /* for each 64 kB of an answer to be taken */
@@ -23,7 +23,7 @@ struct lw_web_server_desc {
     struct lw_session_shared *sessions;
     struct lw_tls_context *tls; /* HTTPS alone, by that; NULL: HTTP. Outlives it */
     const char *root;           /* folder of the client's files */
-    const char *host;           /* that it listens on: a Host may name it */
+    const char *host;           /* it listens on this host: a Host may name it */
     const char *hosts;          /* further names that a Host may have, by commas; NULL: none */
     const char *origins;        /* further Origins that may open a WebSocket, by commas; NULL: none */
     const char *servers; /* WebSockets of other servers that our page may open, by commas; NULL: none */

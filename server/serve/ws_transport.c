@@ -14,15 +14,15 @@ struct lw_ws_transport {
     struct lws *wsi;
     struct lw_ws_transport_shared *shared;
     struct lw_session *session;
-    struct lw_blob *blob
-        [LW_SESSION_TRANSPORT_BLOBS]; /* from first on not written yet; of that one, `written` bytes are */
+    /* unwritten from `first` on, but for `written` bytes of it */
+    struct lw_blob *blob[LW_SESSION_TRANSPORT_BLOBS];
     uint32_t first, blob_count;
     size_t written, waiting;
     uint64_t received;  /* bytes of messages */
     uint64_t came_last; /* to the socket */
-    uint64_t overhead;  /* of these, told so far */
+    uint64_t overhead;  /* bytes of `came_last` that were no messages, counted so far */
     bool was_full;
-    bool in_event; /* of this WebSocket: its return value closes it, nothing else may */
+    bool in_event; /* an event of this WebSocket runs: its return value closes it, nothing else may */
     bool closing;  /* the session wants it to */
     bool lost;     /* nothing can be written any more */
 };
@@ -36,7 +36,7 @@ static struct lw_ws_transport *link_of(struct lw_session_transport *transport) {
 static int write_blobs(struct lw_session_transport *transport, struct lw_blob *const *blob, uint32_t count) {
     struct lw_ws_transport *link = link_of(transport);
     LW_INVARIANT(link->first == link->blob_count && count <= LW_SESSION_TRANSPORT_BLOBS);
-    LW_INVARIANT(!link->waiting); /* the session is told before it writes again */
+    LW_INVARIANT(!link->waiting); /* the session hears of it before it writes again */
     memcpy(link->blob, blob, count * sizeof(struct lw_blob *));
     link->first = 0;
     link->blob_count = count;
@@ -88,8 +88,8 @@ static void waiting(const struct lw_session_transport *transport, size_t *out_ou
     *out_socket = link->lost ? 0 : lw_tcp_transport_socket_waiting(lws_get_socket_fd(link->wsi));
 }
 
-/* libwebsockets answers pings by itself, and tells of neither them nor of headers: what the socket got and
- * was no message. What has not been read yet may be one. */
+/* Bytes that the socket got and that were no message: libwebsockets answers pings by itself, and reports
+ * neither them nor headers. Unread bytes may be a message. */
 static size_t overhead(struct lw_session_transport *transport) {
     struct lw_ws_transport *link = link_of(transport);
     if (link->lost) return 0;

@@ -21,7 +21,7 @@ struct lw_ws_transport_shared {
     struct lw_session_shared *sessions;
     uint8_t
         message[LWS_PRE +
-                LW_WS_TRANSPORT_MESSAGE]; /* what is being written: libwebsockets keeps what is left of it */
+                LW_WS_TRANSPORT_MESSAGE]; /* for the current write: libwebsockets keeps the unwritten rest */
 };
 
 struct lw_ws_transport;
@@ -30,7 +30,8 @@ struct lw_ws_transport;
  * too many wait for their close. */
 struct lw_ws_transport *lw_ws_transport_open(struct lw_ws_transport_shared *shared, struct lws *wsi);
 
-/* Events of libwebsockets. What is not 0 is for its callback to return: the WebSocket is to be closed. */
+/* Events of libwebsockets. A result other than 0 is for its callback to return: the WebSocket is to be
+ * closed. */
 /** Bytes of a message have come. */
 int lw_ws_transport_receive(struct lw_ws_transport *link, const void *bytes, size_t size);
 int lw_ws_transport_writeable(struct lw_ws_transport *link);

@@ -11,8 +11,8 @@
 #include <math.h>
 #include <string.h>
 
-/* Of running means of rates: light changes seldom, and verification in bursts. Under this share of a budget
- * what is not verified takes most of the time. */
+/* Lengths of the running means of rates: light changes seldom, and verification comes in bursts. Below
+ * 1 / VERIFY_RATE_SHARE of a budget, work besides verification takes most of the time. */
 #define SOLVE_RATE_FRAMES  10
 #define VERIFY_RATE_FRAMES 2
 #define VERIFY_RATE_SHARE  8
@@ -77,7 +77,7 @@ static struct lw_budget budget_of(const struct lw_cell_solver *s) {
     return budget;
 }
 
-/* Whether this rank carries out what is planned for a tile. */
+/* Whether this rank carries out the plan for a tile. */
 static bool owns(const struct lw_cell_solver *s, lw_tile_id id) {
     return lw_tiles_at(&s->tiles, id)->owner == lw_ranks_self(s->desc.ranks);
 }
@@ -121,7 +121,7 @@ static enum lw_status place(struct frame *f, struct lw_error *err) {
     if (lw_cell_data_parts_drawn(s)) lw_lights_set_pose(&s->drawn, &s->pose);
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
     lw_reflectors_place(&s->reflectors, &s->tiles);
-    if (s->view_due || s->pose_due & LW_POSE_DYNAMIC) s->listing = 0; /* rays to what is gone would lie */
+    if (s->view_due || s->pose_due & LW_POSE_DYNAMIC) s->listing = 0; /* rays to gone objects would lie */
     LW_INVARIANT(s->texel_changes == s->geometry->changes);
     s->pose_due = 0;
     s->view_due = false;
@@ -162,7 +162,7 @@ static enum lw_status take_pose(struct frame *f, struct lw_error *err) {
     s->motion.frames_since_move++;
     enum lw_status status = lw_geometry_rest(s->geometry, f->number, err);
     if (status != LW_OK) return status;
-    /* What comes to rest parts light that has gone through it so far. */
+    /* An object that comes to rest parts light that has gone through it so far. */
     if (take_texels(s) && !moved) note_motion(s, &s->pose, false);
     if (!moved) return LW_OK;
     if (s->forgetful && (status = recall(f, err)) != LW_OK) return status;
@@ -296,7 +296,7 @@ static void plan_verify(struct frame *f) {
     lw_plan_log_stage(s->plan_log, LW_PLAN_STAGE_VERIFY, &in, &s->plan);
 }
 
-/* Of the frame's budget, the share that verification has taken. */
+/* The share of the frame's budget that verification has taken. */
 static double spent_share(const struct frame *f) {
     const struct lw_budget *budget = &f->correct.budget;
     if (!budget->limited) return 0;
@@ -471,7 +471,7 @@ static void finish_tile(void *user, uint32_t item, struct lw_work_report *report
     lw_estimates_finish_tile(&f->transport, tile);
 }
 
-/* Of what was solved in this frame, or before and not shown. */
+/* Shows the blocks of a tile that were solved in this frame, or before and not shown. */
 static void show_tile(void *user, uint32_t item, struct lw_work_report *report) {
     const struct frame *f = user;
     const struct lw_cell_solver *s = f->s;

@@ -27,7 +27,7 @@ LW_MUST_CHECK enum lw_status lw_cell_layer_create(struct lw_geometry *geometry,
                                                   const struct lw_pose *pose, struct lw_solver **out_solver,
                                                   struct lw_error *err);
 
-/** Its blocks and sums, between two frames. Of these, `beside` of blocks may be written. */
+/** Its blocks and sums, between two frames. Only `beside` of blocks may be written. */
 struct lw_tiles *lw_cell_layer_tiles(struct lw_solver *solver);
 
 /** What a layer gets of a frame, if frames have a budget. */

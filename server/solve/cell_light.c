@@ -8,7 +8,7 @@
 
 #include <math.h>
 
-/* Of the time that rays and sums take, the share that listing reflectors may. */
+/* Listing reflectors may take this share of the time that rays and sums take. */
 #define LISTING_SHARE 0.05
 /* Texels of a scene that listing looks at in the time in which one is solved. */
 #define LISTING_TEXELS 256u
@@ -22,7 +22,7 @@ void lw_cell_light_charge(struct lw_cell_light *light, uint64_t *field_ns) {
 /* ---- reflectors ---- */
 
 /* Rays are traced again to those of the last frame that solved something. A block that it left alone may find
- * another list than its own, and by that some noise in what has changed. */
+ * another list than its own, and so some noise in its changes. */
 enum lw_status lw_cell_light_list_reflectors(struct lw_cell_solver *s, struct lw_error *err) {
     if (!s->desc.bounces) return LW_OK;
     enum lw_status status = lw_reflectors_update(&s->reflectors, &s->tiles, &s->pose);
@@ -50,7 +50,7 @@ static uint32_t probe_history_max(const struct lw_cell_solver *s) {
     return s->motion.moves ? LW_CELL_LAYER_HISTORY_PROBES - 1 + s->motion.frames_since_move / 2 : UINT32_MAX;
 }
 
-/* While what is remembered of the time before a movement may still show. */
+/* While remembered light from before a movement may still show. */
 static bool is_fading(const struct lw_cell_solver *s) {
     return s->motion.moves && s->motion.frames_since_move < LW_CELL_LAYER_FADE_FRAMES;
 }

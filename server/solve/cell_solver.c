@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Of the above, what a checkpoint keeps. */
+/* State of a solver that a checkpoint keeps. */
 struct remembered {
     uint32_t frames, frames_since_move, moves;
     uint32_t judges_split; /* errors are those of the split form */
@@ -73,7 +73,7 @@ static void show_channels(struct lw_solver *solver, uint32_t channels) {
     if (lw_shown_choose(&s->shown, channels)) lw_cell_layer_review(solver);
 }
 
-/* From the sums, whatever the frames have made of what is shown; and welded again. */
+/* Filters all blocks again from the sums, whatever they show, and welds them. */
 static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
     struct lw_cell_solver *s = (struct lw_cell_solver *)solver;
     const uint64_t last = lw_tiles_last_solved(&s->tiles);

@@ -22,7 +22,7 @@ struct builder {
     struct lw_solver_desc desc;
     struct lw_saved_texels saved;
     char *saved_folder;
-    struct lw_scene scene; /* of the whole solver; follows the desc's scene once the solver is there */
+    struct lw_scene scene; /* the whole solver's; follows the desc's scene once the solver is there */
     struct lw_pose pose;
     struct lw_solver *solver;
     struct lw_error err;
@@ -168,7 +168,7 @@ static void add_rays(struct lw_solver_stats *stats, const struct lw_solver_stats
     stats->rays_probe += other->rays_probe;
 }
 
-/* A frame of the whole solver alone. Coarse tiles do not follow what moves, and have no channel that was not
+/* A frame of the whole solver alone. Coarse tiles do not follow movement, and have no channel that was not
  * shown when the coarse solver ended. */
 static enum lw_status late_frame(struct coarse_first *s, const struct lw_pose *pose, uint64_t number,
                                  struct lw_solver_stats *out_stats, struct lw_error *err) {
@@ -205,7 +205,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     return LW_OK;
 }
 
-/* ---- what is passed on ---- */
+/* ---- forwarded calls ---- */
 
 static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *interest, struct lw_error *err) {
     struct coarse_first *s = (struct coarse_first *)solver;

@@ -130,7 +130,7 @@ static struct below list_below(const struct lw_atlas_map *coarse_map, uint32_t o
 /* ---- interpolation ---- */
 
 struct weights {
-    float weight[4]; /* of `at`, the texel to its right, and the two below those */
+    float weight[4]; /* weights of `at`, the texel to its right, and the two below */
     uint32_t at;
 };
 
@@ -151,7 +151,7 @@ static struct weights weigh(const struct patch *patch, uint32_t chart, float x, 
 
 /* A coarse texel, and what of the tile lies in it. */
 struct block {
-    uint32_t own;           /* of the patch */
+    uint32_t own;           /* the coarse texel, within the patch */
     uint32_t x, y;          /* its first texel, of the tile */
     uint32_t width, height; /* in texels of the tile */
     struct weights weights[SIDE * SIDE];

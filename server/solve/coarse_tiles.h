@@ -27,8 +27,8 @@ LW_MUST_CHECK enum lw_status lw_coarse_tiles_init(struct lw_coarse_tiles *tiles,
 /** A zeroed one is fine. */
 void lw_coarse_tiles_finish(struct lw_coarse_tiles *tiles);
 
-/** Interpolates what has changed since the last update.
- * solver    of the coarse scene, between two frames
+/** Interpolates the light that has changed since the last update.
+ * solver    the coarse scene's, between two frames
  * channels  that it shows
  * Errors    LW_NO_MEMORY: some tiles have their light of before */
 LW_MUST_CHECK enum lw_status lw_coarse_tiles_update(struct lw_coarse_tiles *tiles,

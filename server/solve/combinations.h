@@ -3,8 +3,8 @@
  * Flow:    options, struct lw_solver_desc -> a set of choices -> [combinations] -> a start, or one line
  * Threads: pure functions, [any].
  *
- * The table in combinations.c lists what does not work together. Every other pair does; the test starts
- * them. */
+ * The table in combinations.c lists the pairs that do not work together. Every other pair does; the test
+ * starts them. */
 #ifndef LW_SOLVE_COMBINATIONS_H
 #define LW_SOLVE_COMBINATIONS_H
 

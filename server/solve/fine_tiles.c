@@ -247,7 +247,7 @@ void lw_fine_tiles_fill(const struct lw_fine_tiles *fine, struct lw_tiles *tiles
     for (uint32_t k = 0; k < fine->slots && fine->used; k++) {
         if (!fine->tile[k].used) continue;
         struct lw_solve_tile *tile = lw_tiles_at(tiles, fine->tile[k].id);
-        /* a tile of gutters alone is never solved: what they are filled from may have been */
+        /* a tile of gutters alone is never solved: their sources may be newly solved */
         if (!tile->covered_count) tile->light.solved_frame = frame;
         if (tile->light.solved_frame != frame) continue;
         LW_TILE_CHANNELS_EACH (channel, channels)

@@ -26,7 +26,7 @@ struct lw_fine_tile {
     lw_tile_id id;
     uint64_t made, looked_at; /* frames: in which it was made; the last one in which it was wanted */
     struct lw_fine_texels texels;
-    uint8_t *pair; /* of the filter */
+    uint8_t *pair; /* the filter's */
 };
 
 /** A layer of light. */
@@ -50,7 +50,7 @@ struct lw_fine_tiles {
     lw_tile_id *wanted;                   /* coarser levels first, each by id */
     uint32_t wanted_count, granted_count; /* granted are the first ones, as many as there are slots */
     lw_tile_id *shown;                    /* scratch of lw_fine_tiles_list() */
-    uint64_t frame;                       /* of the last update */
+    uint64_t frame;                       /* the last update's */
     bool told;                            /* a line has said that there is not room for all that are wanted */
     int threads;
 };

@@ -19,9 +19,9 @@ struct lw_light_groups {
     uint8_t sky;       /* the sky's, and the environment's */
 };
 
-/** names: groups apart by ';', lights of one by ',': those, materials and "sky", by name; "none": there is
- * but one group. NULL: as the scene's animation has it. What is not named is in the first group; where
- * nothing of that shines, in that of the first ones named.
+/** names: groups apart by ';', and lights, materials and "sky" of a group, by name, apart by ','. "none":
+ * there is but one group. NULL: as the scene's animation has it. Anything not named is in the first group;
+ * if none of it shines, it is in the group of the first names.
  * Errors: LW_USAGE naming what the scene does not have, or more than
  *         LW_LIGHT_GROUPS_MAX - 1; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_light_groups_init(struct lw_light_groups *groups,

@@ -5,8 +5,8 @@
  * lights has a cell solver of its own, over one geometry, in which its lights shine as they once did. The
  * layers are summed with the weights that make the lights as solved the lights as they are.
  *
- * To dim, to recolour or to switch a group is another weight: no ray. Only what is no multiple of what
- * was solved is solved again (one lamp of several in a group; a channel that was dark). A group that
+ * To dim, to recolour or to switch a group is another weight: no ray. Only light that is no multiple of the
+ * solved light is solved again (one lamp of several in a group; a channel that was dark). A group that
  * is switched off costs nothing. Light that moves does not disturb light that stands: that stays
  * converged while the other is solved.
  *

@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Of lw_lights_part: no material's value. */
+/* For struct lw_lights_part: no material's value. */
 #define NO_MATERIAL 2u
 
 static bool parts_drawn(const struct lw_patch_solver *s) {

@@ -1,6 +1,6 @@
 /* patch_solver.h: what solvers have in common whose frame lights all texels, as patches: the order of a
- * frame, means over frames, what is shown, the state. How light gets from texel to texel is a method's.
- * Flow:    scene, pose -> [direct light -> method: bounces -> means -> what is shown] -> tiles -> publish
+ * frame, means over frames, the shown light, the state. How light gets from texel to texel is a method's.
+ * Flow:    scene, pose -> [direct light -> method: bounces -> means -> shown light] -> tiles -> publish
  * Threads: those of solver.h.
  *
  * A frame is an estimate of all light. Frames are averaged. Another pose begins another mean. Such solvers
@@ -14,14 +14,14 @@
 #include "server/solve/solver.h"
 #include "server/solve/state/checkpoint.h"
 
-#define LW_PATCH_SOLVER_PARTS_MAX 4u /* of a method */
+#define LW_PATCH_SOLVER_PARTS_MAX 4u /* parts of a method, at most */
 
 struct lw_patch_solver;
 
 /** What is a solver's own. */
 struct lw_patch_solver_method {
     const char *name;
-    uint32_t direct_samples; /* of the direct pass in a frame */
+    uint32_t direct_samples; /* samples of the direct pass in a frame */
     uint32_t frames_min;     /* before an error counts as known */
     /** Whether emissive surfaces enter by bounces() alone: the direct pass samples none of them then.
      * NULL: they never do. */
@@ -56,11 +56,11 @@ struct lw_patch_solver {
     struct lw_cells cells;
     /* One order of bounces: all of them together. Its radiance is a method's to use. */
     struct lw_tiles tiles;
-    uint32_t texel_changes; /* of the geometry, that the tiles know */
+    uint32_t texel_changes; /* the geometry's changes that the tiles know */
     struct lw_shown shown;
     /* emitters: all lights, for their surfaces; lights, drawn: what the direct pass samples. */
     struct lw_lights emitters, lights, drawn;
-    uint8_t *no_light, *no_material; /* of a scene without client lights; of every material: one value */
+    uint8_t *no_light, *no_material; /* for a scene without client lights; one value for every material */
     struct lw_patches patches;
     float *frame_direct[3], *frame_drawn[3], *arrived[3]; /* E of this frame; of the pass under way */
     struct lw_pose pose;

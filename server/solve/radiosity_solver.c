@@ -20,7 +20,7 @@ struct radiosity_solver {
     struct lw_patch_solver patch;
     struct lw_shooters shooters;
     struct lw_radiosity_directions directions;
-    struct lw_pair_visibility visibility; /* of patches and shooters as they were placed last */
+    struct lw_pair_visibility visibility; /* for patches and shooters as they were placed last */
     uint8_t visibility_key[16];
     bool visibility_saved;
 };

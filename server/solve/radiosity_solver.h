@@ -6,7 +6,7 @@
  * A frame is a whole solution. Points, spots, suns and sky enter by the direct pass. Emissive texels shoot.
  * Each bounce is a pass of all patches over all shooters (radiosity_pass.h). Frames are averaged: each has
  * another place on every texel and other random numbers. It knows no interest, no light groups and no
- * tracing range. Of client lights it leaves out those that are not surfaces. */
+ * tracing range. It leaves out client lights that are not surfaces. */
 #ifndef LW_SOLVE_RADIOSITY_SOLVER_H
 #define LW_SOLVE_RADIOSITY_SOLVER_H
 

@@ -90,18 +90,18 @@ static inline double lw_solver_desc_budget(const struct lw_solver_desc *desc) {
 
 /** Work and cost of one frame. Times are wall time of the calling thread. */
 struct lw_solver_stats {
-    uint64_t rays_shadow, rays_bounce, rays_probe; /* of this frame */
+    uint64_t rays_shadow, rays_bounce, rays_probe; /* in this frame */
     uint64_t pose_ns, direct_ns, probe_ns, scatter_ns, denoise_ns, weld_ns;
     uint64_t change_ns; /* verification */
     uint64_t texels_solved;
     double texels_left; /* estimate: texels times frames until all have converged */
     /* Level-0 tiles: */
-    uint32_t tiles_solved, tiles_converged, tiles; /* in this frame; so far; in all */
-    uint32_t tiles_interest;                       /* of interest, with surface */
+    uint32_t tiles_solved, tiles_converged, tiles; /* in this frame, so far, in all */
+    uint32_t tiles_interest;                       /* tiles of interest, with surface */
     uint32_t tiles_contributing; /* contributors, with surface: solved for the light that they send */
-    uint32_t tiles_shown;        /* whose shown planes have changed */
-    uint32_t tiles_fine;         /* of finer levels that are there */
-    uint32_t tiles_fine_wanted;  /* of these levels, that are of interest */
+    uint32_t tiles_shown;        /* tiles with changed shown planes */
+    uint32_t tiles_fine;         /* existing tiles of finer levels */
+    uint32_t tiles_fine_wanted;  /* tiles of interest of finer levels */
     bool moved;                  /* the pose differs from that of the frame before */
     bool coarse;                 /* tiles are of a coarse scene (coarse_first.h) */
 };
@@ -116,7 +116,7 @@ struct lw_solver_tile {
     const float *albedo[3]; /* mean over each texel; of finer levels NULL */
     const uint8_t *covered; /* 1: the texel has surface */
     const uint8_t *filled;  /* 1: gutter with light and albedo of its chart; NULL: there is none */
-    /* The chart that covers a texel, or reads it in bilinear look-ups (surface/texels.h); NULL: not told. */
+    /* The chart that covers a texel, or reads it in bilinear look-ups (surface/texels.h); NULL: not known. */
     const uint32_t *chart;
     uint32_t width, height;
     uint32_t bounces;      /* number of indirect bounces in its light */

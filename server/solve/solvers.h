@@ -13,7 +13,7 @@ struct lw_solvers_entry {
     /* One line for people. */
     const char *about;
     uint32_t choice;   /* LW_CHOICE_* (combinations.h) */
-    uint32_t channels; /* that it shows: bit for each (tile_channels.h) */
+    uint32_t channels; /* channels that it shows: bit for each (tile_channels.h) */
     /** Whether it can do what a desc asks for, as far as that is set; scene and atlas_map may be NULL yet.
      * Errors: LW_USAGE naming what it cannot. */
     enum lw_status (*check)(const struct lw_solver_desc *desc, struct lw_error *err);

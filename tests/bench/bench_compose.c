@@ -9,7 +9,7 @@
  *            else
  *   rays     the same in the structure of this row, as the view traces them
  *   compose  the whole picture; its rate over that of raw: compose_over_raw
- *   drawn    the whole picture with the direct light of client lights (common/light/client_lights.h); its
+ *   drawn    the whole picture with the direct light of client lights (common/light/client_lights.h). Its
  *            time over that of compose: drawn_over_compose
  *   directed the whole picture with directions of light (common/light/direction_form.h); its time over that
  *            of compose: directed_over_compose

@@ -211,7 +211,7 @@ static void a_client_goes_where_it_was_told(void **state) {
     assert_int_equal(lw_relays_stats(1).tiles, tiles);
     lw_process_refuses("lightwell-relay", "127.0.0.1 --servers a:1,b", 64, "--servers", LW_PROCESS_LIMIT_S);
     lw_process_refuses("lightwelld", "builtin:cornell --servers :7780", 64, "--servers", LW_PROCESS_LIMIT_S);
-    /* those for pages become a part of a header */
+    /* servers for pages become a part of a header */
     static const char *const no_web_servers[] = {"ws://",           "ws://:1/ws",     "wss://a:0/ws",
                                                  "ws://a:65536/ws", "ws://a:+1/ws",   "ws://[::1]:1/ws",
                                                  "ws://a/ws?x",     "wss://a/ws;img", "wss://a:1x"};

@@ -291,8 +291,8 @@ static void test_another_channel_ends_coarse_light(void **state) {
     lw_pose_finish(&pose);
 }
 
-/* A wall gets another colour, and an object another place, while the whole solver is built; what is of
- * interest is said before it is there. */
+/* A wall gets another colour, and an object another place, while the whole solver is built. The interest
+ * set is given before it is there. */
 static void test_changes_meanwhile(void **state) {
     (void)state;
     const struct room room = room_with_two_lamps();

@@ -39,7 +39,7 @@ static void expect_fresh(const struct lw_texels *texels, const struct lw_pose *p
     lw_texels_finish(&fresh);
 }
 
-/* The floor under the two blocks of the Cornell box comes to light as they go, one after the other. */
+/* The floor under the two blocks of the Cornell box comes to light as they go, one by one. */
 static void what_was_buried_comes_to_light(void **state) {
     (void)state;
     struct lw_scene *scene;
@@ -50,7 +50,7 @@ static void what_was_buried_comes_to_light(void **state) {
     lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
     const uint32_t floor = object_named(scene, "floor"), tall = object_named(scene, "tall block"),
                    small = object_named(scene, "short block");
-    /* slabs: only what is close above a texel buries it */
+    /* slabs: only a surface close above a texel buries it */
     scene->node[scene->object[tall].node].scale[1] = scene->node[scene->object[small].node].scale[1] = 0.01f;
     lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = 20}, NULL, &err),
                   &err);

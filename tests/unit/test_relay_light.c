@@ -465,7 +465,7 @@ static void finer_tiles_come_and_go(void **state) {
     assert_int_equal(lw_relay_light_news(light), LW_RELAY_LIGHT_SOME);
     take_tile(FULL, source[id.v].whole);
     expect_fine(id, 0, 0, false);
-    /* it is another tile's now, and that one has a smaller version */
+    /* it is another tile's now, which has a smaller version */
     lw_atlas_map_release(map, id);
     while (claim(2).v != id.v) lw_atlas_map_release(map, claim(2));
     source[id.v] = (struct source){0};

@@ -26,7 +26,7 @@ typedef double lw_bootstrap_statistic(const void *context, const double *weight)
 
 struct lw_bootstrap_interval {
     double value;     /* of all cells, once each; NAN: unknown */
-    double low, high; /* of 95 %; equal to value where a single cell is there */
+    double low, high; /* the 95 % interval; equal to value where a single cell is there */
 };
 
 /** Same arguments, same figures. Without memory for the draws, low and high are NAN. */

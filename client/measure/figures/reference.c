@@ -5,8 +5,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-#define FLOOR_SHARE 0.01 /* of the mean square of the reference */
-#define DARK_SHARE  1e-4 /* of the views' mean square: a hundredth of their brightness */
+#define FLOOR_SHARE 0.01 /* relMSE's floor, over the reference's mean square */
+#define DARK_SHARE  1e-4 /* over the views' mean square: a hundredth of their brightness */
 
 static size_t value_count(const struct lw_reference *reference) {
     return (size_t)reference->width * reference->height * 3;

@@ -16,9 +16,9 @@
 #include "client/measure/sides/real_run.h"
 
 struct lw_reference {
-    uint32_t width, height; /* of the lattice */
+    uint32_t width, height; /* the lattice's */
     float *half[2];         /* means; width * height * 3 */
-    double mean_square;     /* of its values */
+    double mean_square;     /* mean over its values */
     double noise;           /* relMSE of the mean of both halves, estimated */
 };
 

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Standard errors by which light must change from other moments to the last one, for a lag to be told. 4 x 4
+/* Standard errors by which light must change from other moments to the last one, for a lag to be known. 4 x 4
  * pixels of a reference share random numbers (path_trace.h), so that a standard error over pixels is not what
  * it seems: light that stands still came to 0.9 and 3.8 of them (Cornell box, 64 and 16 paths a pixel). */
 #define CHANGE_SIGMA 6.0
@@ -77,7 +77,8 @@ static void show(const struct lw_view_error_desc *desc, const float light[3], fl
     out_rgb[0] = c.x, out_rgb[1] = c.y, out_rgb[2] = c.z;
 }
 
-/* What is left out is black on both sides: FLIP's filters bring no difference from there to neighbours. */
+/* Pixels that are left out are black on both sides: FLIP's filters bring no difference from there to
+ * neighbours. */
 static enum lw_status add_flip(struct lw_view_error_sum *sum, const struct lw_view_error_reference *reference,
                                const float *picture, struct lw_error *err) {
     const size_t count = pixels_of(reference);
@@ -271,7 +272,7 @@ static void find_lag(const struct lw_view_error_sum *sum, struct lw_view_error *
     const uint32_t last = sum->moment_count - 1;
     const double count = (double)sum->lag_count;
     double least = (double)INFINITY, age = 0;
-    for (uint32_t m = last; m-- > 0;) { /* of equal fits the latest */
+    for (uint32_t m = last; m-- > 0;) { /* the latest wins among equal fits */
         double share;
         const double fit = least_of_mix(sum->fit[m], sum->fit_of_neighbours[m], sum->fit[m + 1], &share);
         if (!(fit < least)) continue;

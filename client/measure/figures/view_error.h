@@ -82,9 +82,9 @@ struct lw_view_error {
     double flip;
     double flicker;
     double lag_s;          /* NAN also where light hardly changes: no age fits better than another */
-    double lag_relmse;     /* of the best fit */
-    double lag_relmse_now; /* of the last moment */
-    uint64_t pixel_count;  /* that relmse and flip are of */
+    double lag_relmse;     /* at the best fit */
+    double lag_relmse_now; /* at the last moment */
+    uint64_t pixel_count;  /* pixels that relmse and flip cover */
     uint64_t not_finite;   /* values of pictures that are no numbers; they count as black */
 };
 
@@ -110,7 +110,7 @@ void lw_view_error_add_step(struct lw_view_error_sum *sum, const struct lw_view_
 /** Adds a picture's fit to the light of several moments: lag.
  *
  * moment        references of the picture's camera, the oldest first, moment_distance_s apart, the last one
- *               of the picture's own moment; all of one size; pixels that any leaves out do not count
+ *               of the picture's own moment. All have one size. Pixels that any leaves out do not count
  * moment_count  2 to LW_VIEW_ERROR_MOMENTS_MAX; the same in all calls of a sum */
 void lw_view_error_add_lag(struct lw_view_error_sum *sum, const struct lw_view_error_reference *moment,
                            uint32_t moment_count, const float *picture);
@@ -120,7 +120,7 @@ LW_MUST_CHECK enum lw_status lw_view_error_append(struct lw_view_error_sum *sum,
                                                   const struct lw_view_error_sum *other,
                                                   struct lw_error *err);
 
-/** The figures. Reorders what is inside; more may be added afterwards. */
+/** The figures. Reorders the sum's pixels; more may be added afterwards. */
 struct lw_view_error lw_view_error_of(struct lw_view_error_sum *sum);
 
 #endif

@@ -8,16 +8,16 @@
 #include <time.h>
 
 #define FRAME_S 60u        /* for the tiles of a frame that is published */
-#define TELL_NS 150000000u /* until a server knows what is wanted: 100 ms, and its way */
+#define TELL_NS 150000000u /* until a server knows a client's interest: 100 ms, and its way */
 
 struct cache_renderer {
     struct lw_renderer base;
     struct lw_renderer_desc desc;
     struct lw_daemon_child *daemon;
-    struct lw_daemon_report report; /* of the last step */
-    double server_cpu_s;            /* of its process, at the end of the last step */
+    struct lw_daemon_report report; /* the last step's */
+    double server_cpu_s;            /* the server process's, at the end of the last step */
     struct lw_viewers viewers;
-    float **rgb; /* of the shown users; whole pictures */
+    float **rgb; /* a whole picture for each shown user */
     uint32_t rgb_count;
 };
 
@@ -81,13 +81,12 @@ static enum lw_status set_users(struct lw_renderer *renderer, uint32_t users, st
     return status;
 }
 
-/* All clients take in what was published, each in its turn; what one thread spends on it is what they
- * spend. */
+/* All clients take in the published frame, one after another. One thread does it: its CPU time is theirs. */
 static enum lw_status receive(struct cache_renderer *c, struct lw_cost *cost, struct lw_error *err) {
     for (uint32_t user = 0; user < c->viewers.count; user++) {
         const struct lw_client_stats before = lw_viewers_stats(&c->viewers, user);
         const uint64_t cpu_ns = lw_clock_thread_cpu_ns(), end_ns = lw_clock_ns() + FRAME_S * 1000000000ull;
-        /* once in any case: where nothing has come, there is what is wanted to be told */
+        /* once in any case: without a new frame the client still has its interest to send */
         enum lw_status status = lw_client_poll(c->viewers.user[user].client, 0, err);
         if (status != LW_OK) return status;
         while (lw_viewers_stats(&c->viewers, user).settled_frame < c->report.published) {
@@ -120,7 +119,7 @@ static enum lw_status need_pictures(struct cache_renderer *c, uint32_t count, st
 
 static uint64_t scene_ns(uint64_t frame) { return frame * 1000000000ull / LW_VIEWS_HZ; }
 
-/* Whose eye a client is: that of the one who is shown by him, or his own. */
+/* The user with whose eye a client sees: the shown user that the client serves, else its own user. */
 static uint32_t eye_of(const struct cache_renderer *c, uint32_t user, const uint32_t *shown,
                        uint32_t shown_count) {
     for (uint32_t i = 0; i < shown_count; i++)

@@ -79,7 +79,7 @@ enum lw_status lw_daemon_child_start(const struct lw_daemon_child_desc *desc,
     struct lw_daemon_child *c = calloc(1, sizeof *c);
     if (!c) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a server");
     c->to = c->from = -1;
-    signal(SIGPIPE, SIG_IGN); /* a server that is gone is told by the write's error */
+    signal(SIGPIPE, SIG_IGN); /* a server that is gone shows by the write's error */
     enum lw_status status = lw_local_server_init(&c->local, desc->package, err);
     if (status == LW_OK) {
         add_options(&c->local, desc);

@@ -23,7 +23,7 @@ struct lw_daemon_child_desc {
 struct lw_daemon_report {
     uint64_t frame, published; /* published: the newest frame that sessions get */
     double solve_cpu_s, publish_cpu_s;
-    double loop_cpu_s; /* of the network's thread, since the start */
+    double loop_cpu_s; /* the network thread's, since the start */
     double rays;
     uint32_t tiles_solved, tiles;
     uint64_t texels_solved;

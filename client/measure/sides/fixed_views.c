@@ -12,12 +12,12 @@
 #define SEED        20u
 #define FOV_DEG     60.0f
 #define EYE_M       1.6f
-#define EYE_SHARE   0.4f  /* of a box that is lower than a room */
-#define NEAR_WAY_M  4.0f  /* of a point of interest, level: where candidates stand */
+#define EYE_SHARE   0.4f  /* eye height over the box's, where the box is lower than a room */
+#define NEAR_WAY_M  4.0f  /* candidates stand at most as far from a point of interest, level */
 #define LOOK_WAY_M  12.0f /* as far off are points at which they look */
 #define LOOK_ASIDE  (25.0f * LW_PI / 180)
 #define ALL_OVER    6u  /* one of as many stands anywhere */
-#define POINTS      16u /* of the lamp's way, and of each mover's */
+#define POINTS      16u /* on the lamp's way, and on each mover's */
 #define POINTS_MAX  512u
 #define FIRST_S     2.0 /* when the scene's movers count */
 #define LAST_S      6.0
@@ -29,7 +29,7 @@
 #define PITCH       (14.0f * LW_PI / 180)
 #define CLEARANCE_M 0.35f
 #define DRIFT_M     0.3f
-#define DRIFT_SHARE 0.02f /* of the box's longest side */
+#define DRIFT_SHARE 0.02f /* over the box's longest side */
 #define DRIFT_S     4.0f
 #define BIN         8u
 #define CANDIDATES  (BIN * LW_FIXED_VIEWS_COUNT)
@@ -38,7 +38,7 @@
 #define HEIGHT      54u
 #define SAMPLES     16u
 #define BOUNCES     2u
-#define DARK_SHARE  0.01f /* of the median's luminance: as good as black */
+#define DARK_SHARE  0.01f /* over the median's luminance: as good as black */
 #define BOX_SLACK   0.1f  /* a mover may stand elsewhere */
 #define PACKETS     9u    /* rays of a first look, by sixteen */
 
@@ -53,7 +53,7 @@ struct search {
     struct lw_vec3 low, high;
     /* Points of interest: the lamp's way, then where the scene's own movers are. */
     struct lw_vec3 point[POINTS_MAX];
-    float radius[POINTS_MAX]; /* m, level; of what is there */
+    float radius[POINTS_MAX]; /* m, level; the mover's; 0 on the lamp's way */
     uint32_t points, of_way;
     float eye_m, unit; /* what a metre is worth in a scene that is smaller than a room */
     float drift_m;
@@ -190,7 +190,7 @@ static struct look look_around(const struct search *s, const struct lw_camera_vi
     return (struct look){(float)sky / count, (float)close / count};
 }
 
-/* How far one sees; INFINITY: into the sky. Sets whether what is met is a floor. */
+/* Distance to the first surface; INFINITY: the sky. Sets whether that surface is a floor. */
 static float distance(const struct search *s, struct lw_vec3 from, struct lw_vec3 direction,
                       bool *out_floor) {
     struct lw_ray16 rays = {.salt = 0};
@@ -207,7 +207,7 @@ static float distance(const struct search *s, struct lw_vec3 from, struct lw_vec
     return hits.t[0];
 }
 
-/* Whether what moves would stand in the way. */
+/* Whether the lamp or a mover would stand in the way. */
 static bool is_in_way(const struct search *s, struct lw_vec3 p) {
     for (uint32_t i = 0; i < s->points; i++)
         if (lw_vec3_length(lw_vec3_sub(p, s->point[i])) < WAY_M * s->unit + s->radius[i]) return true;
@@ -282,7 +282,7 @@ static bool find_candidate(const struct search *s, uint32_t try, struct candidat
     return true;
 }
 
-/* Of the lamp's way, and of what the scene's own animation moves. */
+/* Finds points on the lamp's way, and at objects that the scene's own animation moves. */
 static enum lw_status find_points(struct search *s) {
     struct lw_scene_motion_way way;
     if (lw_scene_motion_find_way(s->scene, LW_SCENE_MOTION_LAMP_WALK, &way, NULL) == LW_OK)
@@ -328,7 +328,7 @@ static int by_luminance(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Of each bin the one that stands the farthest from those taken before; of the first the middle one. */
+/* Takes the middle candidate of the first bin, then of each bin the farthest from all taken before. */
 static void take(struct lw_fixed_views *views, const struct candidate *c, uint32_t count) {
     for (uint32_t k = 0; k < LW_FIXED_VIEWS_COUNT; k++) {
         const uint32_t first = k * count / LW_FIXED_VIEWS_COUNT,
@@ -350,7 +350,7 @@ static void take(struct lw_fixed_views *views, const struct candidate *c, uint32
     }
 }
 
-/* Leaves out what is as good as black; c is sorted. Returns how many are left, which then come first. */
+/* Leaves out candidates as good as black; c is sorted. Returns how many are left, which then come first. */
 static uint32_t drop_black(struct candidate *c, uint32_t count) {
     uint32_t black = 0;
     while (black < count && !(c[black].luminance > DARK_SHARE * c[count / 2].luminance)) black++;

@@ -10,7 +10,7 @@
  * third is sky.
  *
  * A path tracer renders 96 candidates, 96 x 54 pixels, 16 paths each. They are sorted by mean luminance
- * into twelve bins. Of each bin the rule takes the candidate that is the farthest from those taken before.
+ * into twelve bins. From each bin the rule takes the candidate that is the farthest from those taken before.
  * The seed is fixed.
  *
  * The tables of builtin:atrium, builtin:city and Sponza began as views of that rule. Views that showed

@@ -20,7 +20,7 @@ struct per_user_renderer {
     struct lw_path_world world;
     struct lw_setting setting;
     bool lattice;
-    uint32_t seed, users, width, height; /* of the pictures */
+    uint32_t seed, users, width, height; /* width and height of a picture */
     /* for each of the shown users */
     struct screen {
         struct lw_path_renderer *renderer;

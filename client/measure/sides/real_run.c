@@ -21,7 +21,7 @@ struct real_run {
     double age_sum_s;
 };
 
-/* All clients take in what is there, without waiting. */
+/* All clients take in the data that has arrived, without waiting. */
 static enum lw_status poll_all(struct real_run *r, struct lw_error *err) {
     if (r->desc->cancel && *r->desc->cancel) return lw_status_fail(err, LW_CLOSED, "interrupted");
     for (uint32_t user = 0; user < r->viewers.count; user++) {
@@ -84,7 +84,7 @@ static float *keep(struct lw_real_run *run, const struct lw_real_picture *pictur
     return lattice;
 }
 
-/* Whether a picture is to be kept: they are spread over what is measured. */
+/* Whether a picture is to be kept: kept ones are spread over the measured time. */
 static bool is_due(const struct lw_real_run *run, double passed_s, double seconds) {
     return run->picture_count < LW_REAL_RUN_PICTURES &&
            passed_s >= seconds * (2 * run->picture_count + 1) / (2 * LW_REAL_RUN_PICTURES);
@@ -120,7 +120,7 @@ static enum lw_status warm(struct real_run *r, struct lw_error *err) {
     const double cpu_s = lw_daemon_child_cpu_s(r->daemon) + r->desc->warm_cpu_s;
     for (uint64_t end_ns = lw_clock_ns() + (uint64_t)(1e9 * r->desc->warm_s);
          status == LW_OK && lw_clock_ns() < end_ns && lw_daemon_child_cpu_s(r->daemon) < cpu_s;) {
-        struct lw_real_picture ignored; /* looking is part of it: what is wanted follows from what is seen */
+        struct lw_real_picture ignored; /* looking is part of it: the interest follows from the view */
         status = see(r, (uint32_t)(r->views % r->viewers.count), &ignored, err);
     }
     r->views = 0;
@@ -158,7 +158,7 @@ static void await_frame(uint64_t began_ns, double first_s, uint64_t frame) {
     if (!(left_s > 0)) return;
     const struct timespec pause = {.tv_sec = (time_t)left_s,
                                    .tv_nsec = (long)(1e9 * (left_s - floor(left_s)))};
-    nanosleep(&pause, NULL); /* woken early, the frame is shown that much too soon */
+    nanosleep(&pause, NULL); /* if a signal ends it early, the frame is shown that much too soon */
 }
 
 static enum lw_status follow(const struct lw_real_run_desc *d, struct lw_renderer *renderer,

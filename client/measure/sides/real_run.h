@@ -22,7 +22,7 @@ struct lw_real_run_desc {
      * light there is. With 3 s of it many texels had one sample, and fireflies among them made 60 to 80 % of
      * the error (an object turning in the atrium). */
     double warm_cpu_s;
-    uint32_t users; /* of the cache */
+    uint32_t users; /* the cache's */
     /* a path renderer, for one user */
     enum lw_path_renderer_kind kind;
     uint32_t user;
@@ -32,7 +32,7 @@ struct lw_real_run_desc {
 
 struct lw_real_picture {
     double time_s;       /* scene time when it was ready to be seen */
-    uint64_t view_frame; /* whose camera it was composed with */
+    uint64_t view_frame; /* the frame of the camera that it was composed with */
     uint32_t user;
     double light_age_s;
     float *lattice; /* width / stride x height / stride, 3 floats each */
@@ -41,7 +41,7 @@ struct lw_real_picture {
 struct lw_real_run {
     struct lw_real_picture picture[LW_REAL_RUN_PICTURES];
     uint32_t picture_count;
-    double frames_hz;    /* of the server; 0: there is none */
+    double frames_hz;    /* the server's; 0: there is none */
     double views_hz;     /* composed, of all users together */
     double server_cpu_s; /* per second; 0: there is none */
     double light_age_s;  /* mean over pictures composed */

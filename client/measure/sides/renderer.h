@@ -34,7 +34,7 @@ bool lw_stage_is_per_user(enum lw_stage stage);
 /** CPU seconds of all threads and processes of a side. */
 struct lw_cost {
     double cpu_s[LW_STAGE_COUNT];
-    double rays, bytes; /* of the solve; received by all users */
+    double rays, bytes; /* rays of the solve; bytes received by all users */
 };
 void lw_cost_add(struct lw_cost *sum, const struct lw_cost *cost, double times);
 double lw_cost_total(const struct lw_cost *cost);

@@ -55,7 +55,7 @@ static enum lw_status open_scene(const struct lw_scene_densities *d, double dens
     struct lw_scene_open open = d->open;
     if (density != 1) {
         open.texels_per_metre = density * d->texels_per_metre;
-        open.texels_max = 0; /* of density 1 */
+        open.texels_max = 0; /* the limit is for density 1 */
     }
     struct lw_scene *scene;
     enum lw_status status = lw_scene_open(&open, &scene, err);

@@ -16,8 +16,8 @@ struct lw_scene_densities {
     enum lw_scene_motion motion;
     struct lw_scene *scene; /* at density 1: the default's, or that of --texels-per-metre */
     struct lw_scene_motion_report report;
-    double texels_per_metre; /* of that, over the scene's area */
-    double texels;           /* of that, that surface covers */
+    double texels_per_metre; /* at density 1, over the scene's area */
+    double texels;           /* at density 1, covered by surface */
     uint64_t triangles;      /* of all objects */
     char folder[PATH_MAX];   /* temporary; "": there is none */
     struct lw_scene_package {

@@ -163,7 +163,7 @@ enum lw_status lw_viewers_look(struct lw_viewers *a, uint32_t user, const struct
     if (a->wants_everything || (u->looked_ns && now_ns < u->looked_ns + LW_VIEWERS_LOOK_NS)) return LW_OK;
     const struct lw_compose_source source = lw_compose_source_of(u->client);
     const struct lw_compose_view view = {.camera = *camera, .width = a->width, .height = a->height};
-    /* what was needed last may have been another user's: the survey finds all of this one's */
+    /* the survey before may be another user's: this one finds all that this user needs */
     lw_compose_survey(a->compose, &source, &a->pose, &view);
     lw_attention_list(&u->attention, lw_compose_around(a->compose), lw_compose_around(a->compose), now_ns);
     u->looked_ns = now_ns;

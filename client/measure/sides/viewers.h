@@ -14,7 +14,7 @@
 #define LW_VIEWERS_LOOK_NS 100000000u /* between two updates of a client's interest */
 
 struct lw_viewers {
-    uint16_t port; /* of 127.0.0.1 */
+    uint16_t port; /* on 127.0.0.1 */
     uint32_t width, height;
     unsigned threads;
     bool wants_everything; /* clients send no interest */
@@ -30,13 +30,13 @@ struct lw_viewers {
     } * user;
     uint32_t count, capacity;
 
-    /* of the first client's scene */
+    /* for the first client's scene: */
     const struct lw_scene *scene;
     struct lw_pose pose;
     struct lw_trace *trace;
     struct lw_compose *compose;
     struct lw_client_lights drawn;
-    struct lw_gl_offscreen *offscreen; /* of draws_by_gl */
+    struct lw_gl_offscreen *offscreen; /* for draws_by_gl */
 };
 
 /** Starts without users. Finish it in any case. */
@@ -53,7 +53,7 @@ LW_MUST_CHECK enum lw_status lw_viewers_set_count(struct lw_viewers *viewers, ui
 
 struct lw_client_stats lw_viewers_stats(const struct lw_viewers *viewers, uint32_t user);
 
-/** Moves objects and drawn lights to the server's newest pose, read from the first client.
+/** Moves objects and client-drawn lights to the server's newest pose, read from the first client.
  * Errors: LW_NO_MEMORY, LW_INTERNAL. */
 LW_MUST_CHECK enum lw_status lw_viewers_follow(struct lw_viewers *viewers, struct lw_error *err);
 

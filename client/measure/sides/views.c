@@ -10,15 +10,15 @@
 
 #define WALK_M_S     1.4f
 #define EYE_HEIGHT_M 1.7f
-#define WALK_S_MAX   120u /* of path that is kept */
+#define WALK_S_MAX   120u /* longest path that is kept */
 #define LOOK_ASIDE   (35.0f * LW_PI / 180)
 #define LOOK_S       6.0f
 #define GROUP_FRAMES 60.0f /* from the first to the last of walkers who go together */
 #define FOV_Y        (60.0f * LW_PI / 180)
 #define PROBES       32u
 #define TRIES        4096u
-#define CLEARANCE    0.01f /* of the box's diagonal: nearer to a surface is no place to look from */
-#define GROUP_SHARE  0.1f  /* of the box: where all stand together */
+#define CLEARANCE    0.01f /* over the box's diagonal: nearer to a surface is no place to look from */
+#define GROUP_SHARE  0.1f  /* share of the box where all stand together */
 
 struct lw_views {
     struct lw_views_desc desc;
@@ -62,7 +62,7 @@ static enum lw_status stroll(struct lw_views *v, const struct lw_pose *pose) {
     float diagonal_m = lw_vec3_length(lw_vec3_sub(high, low));
     const float level = lw_vec3_length(ahead), slope = start.forward.y / fmaxf(level, 1e-3f);
     ahead = level > 1e-3f ? lw_vec3_normalize(ahead) : lw_vec3(0, 0, -1);
-    /* neither past what is in sight nor into what stands in the way */
+    /* neither past the surface in sight nor into one that stands in the way */
     const float sight_m = level * free_distance(v->desc.trace, start.position, start.forward),
                 way_m = free_distance(v->desc.trace, start.position, ahead);
     float length_m = 0.5f * fminf(fminf(sight_m, way_m), diagonal_m);
@@ -79,7 +79,7 @@ static enum lw_status stroll(struct lw_views *v, const struct lw_pose *pose) {
         float yaw = LOOK_ASIDE * sinf((float)looks * phase);
         struct lw_vec3 aside = lw_vec3_cross(ahead, lw_vec3(0, 1, 0));
         struct lw_vec3 look = lw_vec3_mad(lw_vec3_scale(ahead, cosf(yaw)), aside, sinf(yaw));
-        look.y = slope; /* of a view from outside and above */
+        look.y = slope; /* a view from outside and above keeps its slope */
         v->path[f] = lw_camera_look_at(at, lw_vec3_add(at, look), start.fov_y);
     }
     v->path_frames = frames;
@@ -98,7 +98,7 @@ static enum lw_status walk(struct lw_views *v, struct lw_pose *pose) {
 
 /* ---- standing ---- */
 
-/* Of the rays that meet something few meet its back. */
+/* Whether nothing is nearer than clearance_m, and few of the rays that meet a surface meet its back. */
 bool lw_views_is_free(const struct lw_trace *trace, struct lw_vec3 at, float clearance_m, uint32_t seed) {
     uint32_t met = 0, backs = 0;
     for (uint32_t first = 0; first < PROBES; first += LW_TRACE_WIDTH) {

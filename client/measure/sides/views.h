@@ -21,7 +21,7 @@ enum lw_views_kind {
 
 struct lw_views_desc {
     const struct lw_scene *scene; /* with its cameras' animation */
-    const struct lw_trace *trace; /* of the scene at time 0 */
+    const struct lw_trace *trace; /* the scene's, at time 0 */
     enum lw_views_kind kind;
     uint32_t users; /* > 0 */
     /* Distance of users: 0: together (walkers within two seconds of each other); 1: over the whole path or

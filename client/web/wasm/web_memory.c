@@ -13,7 +13,7 @@
 /* Ahead of what callers get. */
 struct block {
     _Alignas(UNIT) size_t units; /* with this one */
-    struct block *next;          /* of a free one */
+    struct block *next;          /* only in a free block */
 };
 _Static_assert(sizeof(struct block) == UNIT, "units are counted in blocks");
 

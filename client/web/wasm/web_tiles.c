@@ -2,7 +2,7 @@
  * takes them, the hash that names scene packages, the filter of pixels, and the levels at which triangles
  * read their own light.
  * Flow:    payload of a TILE -> [web_tiles] -> texels in RGB9E5 -> texture
- * Threads: one instance of the module per thread; it has no other state than what is static here.
+ * Threads: one instance of the module per thread; it has no other state than the static variables here.
  * After:   EXT_texture_shared_exponent, for RGB9E5. */
 #include "common/lightmap/lightmap_check.h"
 #include "common/scene/pixel_filter.h"
@@ -39,7 +39,7 @@ __attribute__((used)) int __rem_pio2_large(double *x, double *y, int e0, int nx,
 
 static struct lw_tile_dct dct;
 static float values[VALUES_MAX];
-static struct lw_tile_channel channel; /* of what is decoded */
+static struct lw_tile_channel channel; /* the decoded tile's */
 static uint32_t packed[LW_TILE_TEXELS_MAX];
 static XXH3_state_t hash;
 
@@ -120,7 +120,7 @@ static float power_of_two(int exponent) {
     return power;
 }
 
-/* Channels are finite and >= 0. What does not fit is the largest that does. */
+/* Channels are finite and >= 0. Too large values become the largest that fits. */
 static uint32_t pack(float r, float g, float b) {
     r = fminf(r, SHARED_MAX), g = fminf(g, SHARED_MAX), b = fminf(b, SHARED_MAX);
     const float largest = fmaxf(r, fmaxf(g, b));

@@ -48,7 +48,7 @@ static inline uint64_t lw_budget_whole(double work) {
     return work < 1 ? 1 : work < 1e18 ? (uint64_t)work : (uint64_t)1e18;
 }
 
-/** As many units as those. units > 0 */
+/** A budget of `units` units. units > 0 */
 static inline struct lw_budget lw_budget_of_units(double units) {
     const uint64_t work = lw_budget_whole(units * LW_BUDGET_UNIT);
     return (struct lw_budget){.limited = true, .solve = work, .verify = work};

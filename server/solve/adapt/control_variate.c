@@ -6,8 +6,8 @@
 #include <math.h>
 
 #define LANES LW_TRACE_WIDTH
-/* Of the variance of what a surface has found, what counts against believing it: noise is averaged by
- * those who look, change is not. */
+/* The share of the variance of a surface's findings that counts against believing them: viewers average
+ * noise, but not change. */
 #define NOISE_COUNTS 0.125f
 /* The standard error of indirect light is this share of its correction: few rays may all have missed the same
  * bright spot. And by this share of the variance of what a surface has found: that is noise, of what its rays
@@ -15,8 +15,9 @@
  * for as long as light was taken to be changing: docs/lab/dynamic.md.) */
 #define ERROR_MIN   0.25f
 #define ERROR_NOISE 0.3f
-/* Shares of a block's light: less is not corrected; nor is less than this of a converged block's error; less
- * is not shown for its own sake. */
+/* Shares of a block's light. A change below TAKEN_MIN is not corrected. In a converged block, a change below
+ * TAKEN_OF_TARGET of its error is not corrected either. A change below SHOWN_MIN is not shown for its own
+ * sake. */
 #define TAKEN_MIN       2e-3f
 #define TAKEN_OF_TARGET 0.25f
 #define SHOWN_MIN       2e-2f
@@ -33,8 +34,8 @@ static float luminance(float r, float g, float b) { return lw_colour_luminance(l
 
 /* ---- direct light ---- */
 
-/* Square by square, what is left of the differences of one channel when the plane that
- * fits them best is taken off. */
+/* The sum of squares that remains of one channel's differences when the plane that fits them best is taken
+ * off. */
 static float roughness(const struct lw_solve_tile *tile, const struct lw_ray_launch *launch,
                        const struct lw_vec3 off[LANES], uint32_t lanes, int channel) {
     const float n = (float)lanes;
@@ -56,15 +57,15 @@ static float roughness(const struct lw_solve_tile *tile, const struct lw_ray_lau
     return fmaxf(dd - along_x * xd - along_y * yd, 0) * n / (n - 3);
 }
 
-/* What was once `then` is `now`: light that comes is added; of light that goes, the mean loses the same share
- * as the sample, so that its noise becomes less with it. */
+/* The mean after its sample has changed from `then` to `now`. Light that comes is added. For light that goes,
+ * the mean loses the same share as the sample, so that its noise becomes less with it. */
 static float changed(float mean, float then, float now) {
     if (now >= then || !(then > 0)) return fmaxf(mean + now - then, 0);
     return mean * fmaxf(now, 0) / then;
 }
 
-/* Of one channel: what is drawn and what is not change each by itself. *out_served: by how much the latter
- * is brighter. Returns the same of both. */
+/* Corrects one channel: client-drawn light and all other light change each by itself. *out_served: by how
+ * much the other light is brighter. Returns by how much all light is. */
 static float add_channel(struct lw_tiles *tiles, uint32_t texel, int c, float off, float off_drawn,
                          float *out_served) {
     float *estimate = &tiles->estimate[LW_TILES_ESTIMATE_DIRECT][c][texel], *mean = &tiles->direct[c][texel];
@@ -178,8 +179,8 @@ static struct tile_change change_of(const struct lw_solve_tile *tile) {
                                 .share = among > 0 ? (float)fmin(1, variance / among) : 1};
 }
 
-/* What changes may be missed by samples that are as noisy as the block's are, but is not more than the
- * tile has changed elsewhere. */
+/* The mean square of the change that samples as noisy as the block's may miss. It is not more than the tile
+ * has changed elsewhere. */
 static float may_be_missed(const struct lw_solve_block *block, const struct tile_change *whole) {
     const float noise = block->noise[LW_TILES_DIRECT];
     return noise < 0 ? whole->square
@@ -205,9 +206,9 @@ void lw_control_variate_note_error(struct lw_solve_tile *tile) {
     }
 }
 
-/* ---- indirect light: what is known ---- */
+/* ---- indirect light: findings ---- */
 
-/* What those packets of a surface have found that were told, by the regions of the block. */
+/* Findings of a surface's packets that were verified since the last call, by the regions of the block. */
 struct finding {
     struct lw_vec3 sum[LW_CHANGE_ORDERS][LW_REGIONS];
     float square[LW_REGIONS];
@@ -236,7 +237,7 @@ struct mean {
     uint32_t lanes;
 };
 
-/* Of the regions from `first` to before `end`. */
+/* The mean over the regions from `first` to before `end`. */
 static struct mean mean_of(const struct finding *f, uint32_t first, uint32_t end) {
     struct mean m = {.lanes = 0};
     float square = 0;
@@ -262,8 +263,8 @@ static struct mean mean_of(const struct finding *f, uint32_t first, uint32_t end
     for (uint32_t part_ = 0, from = 0, to; part_ < (block)->parts.count && (to = (block)->parts.end[part_]); \
          from = to, part_++)
 
-/* Weighted mean square by which the surfaces of a tile have changed, less what is noise, and what that may be
- * by chance (a standard deviation, if nothing has changed). */
+/* Weighted mean square by which the surfaces of a tile have changed, less the part that is noise, and less a
+ * standard deviation that chance gives if nothing has changed. */
 static float spread_of(const struct lw_solve_tile *tile) {
     double square = 0, chance = 0, lanes = 0;
     LW_TILES_EACH_BLOCK (tile, block) {
@@ -283,7 +284,7 @@ static float spread_of(const struct lw_solve_tile *tile) {
     return lanes > 0 ? (float)fmax((square - sqrt(chance)) / lanes, 0) : 0;
 }
 
-/* ---- indirect light: what is done ---- */
+/* ---- indirect light: correction ---- */
 
 /* W/m^2 to be added to the mean of a surface's texels in each region of a part of the block. */
 struct shift {
@@ -291,7 +292,7 @@ struct shift {
     struct lw_vec3 of[LW_CHANGE_ORDERS][LW_REGIONS];
 };
 
-/* Returns what is believed of what a surface has found, 0 to 1. spread: of its tile; weight: of its part. */
+/* Returns the believed share of a surface's findings, 0 to 1. spread: its tile's; weight: its part's. */
 static float choose_shift(const struct finding *f, const struct mean *whole, float spread, float weight,
                           struct shift *out) {
     const float believed = spread / (spread + NOISE_COUNTS * weight * weight * whole->error);
@@ -308,7 +309,7 @@ static float choose_shift(const struct finding *f, const struct mean *whole, flo
     return believed;
 }
 
-/* What packets have found is less by what has been taken over. */
+/* Takes the correction that was taken over off the findings of the packets. */
 static void take_from(struct lw_solve_block *block, uint32_t first, const struct shift *shift) {
     EACH_PACKET(block, first, set) {
         struct lw_change_packet *packet = &block->change.packet[set];

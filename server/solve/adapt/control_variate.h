@@ -18,16 +18,16 @@
  *             as the surfaces of its tile changed by more than their standard errors (empirical Bayes, Efron
  *             and Morris 1975)
  *
- * Estimates are corrected with the means that they entered, so that what was
- * taken over is not found again. */
+ * Estimates are corrected with the means that they entered, so that a correction
+ * is not found again. */
 #ifndef LW_ADAPT_CONTROL_VARIATE_H
 #define LW_ADAPT_CONTROL_VARIATE_H
 
 #include "server/solve/transport/ray_launch.h"
 
-/** Adds to the direct light of the texels of packet `set` what it was found to differ by, W/m^2, a lane
- * each; off_drawn: of that, what client lights give; NULL: there are none. What the packet has found is then
- * the square of its standard error. */
+/** Adds to the direct light of the texels of packet `set` the difference that was found, W/m^2, a lane each.
+ * off_drawn: the part of it that client lights give; NULL: there are none. The packet's finding is then the
+ * square of its standard error. */
 void lw_control_variate_direct(struct lw_tiles *tiles, const struct lw_solve_tile *tile,
                                struct lw_solve_block *block, uint32_t set, const struct lw_ray_launch *launch,
                                const struct lw_vec3 off[LW_TRACE_WIDTH], const struct lw_vec3 *off_drawn);
@@ -37,8 +37,8 @@ void lw_control_variate_direct(struct lw_tiles *tiles, const struct lw_solve_til
 void lw_control_variate_note_error(struct lw_solve_tile *tile);
 
 /** Adds to the indirect light of a tile the differences that its packets found since the last
- * call (change.told), and takes them off what the packets hold. Less than matters at target_error
- * is left. estimates: those of the last solve stay in use, and are corrected as well. Returns
+ * call, and takes them off the packets' sums. A difference too small to matter at target_error
+ * stays. estimates: the estimates of the last solve stay in use, and are corrected as well. Returns
  * whether there was anything. */
 bool lw_control_variate_indirect(struct lw_tiles *tiles, struct lw_solve_tile *tile, float target_error,
                                  bool estimates);

@@ -19,7 +19,8 @@ static inline bool lw_converged_is(const struct lw_converged *converged, const s
            (converged->frames_max && block->sample_count >= converged->frames_max);
 }
 
-/** The same of a block that this frame has not solved: what has no texels or is hidden needs none. */
+/** The same of a block that this frame has not solved. A block without texels, or of a hidden tile,
+ * counts as converged. */
 static inline bool lw_converged_may(const struct lw_converged *converged, const struct lw_solve_tile *tile,
                                     const struct lw_solve_block *block) {
     return block->covered_count == 0 || tile->hidden || lw_converged_is(converged, block);

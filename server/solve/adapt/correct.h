@@ -1,5 +1,5 @@
 /* correct.h: one tile's comparison with what its light is now, and its correction.
- * Flow:    lists of the plan -> [correct] -> blocks corrected and invalidated; what was found -> next plan
+ * Flow:    lists of the plan -> [correct] -> blocks corrected and invalidated; findings -> next plan
  * Threads: each call works on one tile. [any worker] */
 #ifndef LW_ADAPT_CORRECT_H
 #define LW_ADAPT_CORRECT_H
@@ -12,10 +12,10 @@ struct lw_correct {
     const struct lw_transport *passes;
     struct lw_converged converged;
     struct lw_budget budget;
-    bool filtered; /* what is shown is (denoise.h) */
+    bool filtered; /* shown light is filtered (denoise.h) */
 };
 
-/* What was found of a tile. */
+/* One tile's findings. */
 struct lw_correct_found {
     struct lw_ray_count rays;
     bool direct;      /* its direct light was corrected */
@@ -23,7 +23,8 @@ struct lw_correct_found {
     bool invalidated; /* a block is */
 };
 
-/** Verifies what the round asks of a tile's blocks; corrects and invalidates them by what is found. */
+/** Verifies the packets of a tile's blocks that the round asks for; corrects and invalidates the blocks by
+ * the findings. */
 struct lw_correct_found lw_correct_round(const struct lw_correct *correct,
                                          const struct lw_gradient_round *round, struct lw_solve_tile *tile);
 
@@ -32,7 +33,7 @@ struct lw_correct_found lw_correct_round(const struct lw_correct *correct,
 struct lw_correct_found lw_correct_all(const struct lw_correct *correct, uint32_t moves,
                                        struct lw_solve_tile *tile);
 
-/** Begins the solve of a tile's due blocks: their means forget what is out of date. */
+/** Begins the solve of a tile's due blocks: their means forget stale light. */
 struct lw_correct_found lw_correct_due(const struct lw_correct *correct, uint32_t moves,
                                        struct lw_solve_tile *tile);
 

@@ -9,11 +9,11 @@
 /* This many samples without light count as an error of 1; a full tile converges
  * after some 25 frames at 0.02. */
 #define DARK_SAMPLES 2000.0
-/* What is known of a block's noise holds while its light is within this factor of what it was. */
+/* A noise estimate of a block holds while the block's light is within this factor of its former light. */
 #define LIKE 4.0
-/* Of a block's estimated noise, what each frame brings. */
+/* Each frame's share in a block's estimated noise. */
 #define NOISE_WEIGHT 0.125f
-/* Of the tile's light, what a darker room is measured against at least. */
+/* A darker room is measured against at least this share of the tile's light. */
 #define DARKEST 1e-4f
 
 /* What the last solve had of one part of a texel's light. */
@@ -33,7 +33,7 @@ static void note_luminance(float *mean, float *spread, float x, float weight) {
     LW_INVARIANT_DEAR(!(*spread < 0));
 }
 
-/* Of the frames' estimates. */
+/* Updates mean and spread of the frames' estimates. */
 static void note_estimate(struct lw_tiles *tiles, uint32_t texel, float weight) {
     const struct lw_vec3 e =
         lw_vec3_add(estimate_at(tiles, LW_TILES_DIRECT, texel), estimate_at(tiles, LW_TILES_INDIRECT, texel));
@@ -44,9 +44,9 @@ static void note_estimate(struct lw_tiles *tiles, uint32_t texel, float weight) 
                    weight);
 }
 
-/* What has seen no light yet: what light it may have missed falls with the samples that found none,
- * as 1/N. A scene that casts no light on it at all is found dark as soon as one that hides its
- * light behind a pinhole could be. */
+/* The error of a block that has seen no light yet: the light that it may have missed falls as 1/N with the
+ * samples that found none. A scene that casts no light on it at all is found dark as soon as one that hides
+ * its light behind a pinhole could be. */
 static float error_of_darkness(double samples) { return (float)fmin(1.0, DARK_SAMPLES / fmax(1, samples)); }
 
 /* What an estimate is off the mean that it has entered with weight 1/m is (m-1)/m of what it is off the
@@ -106,7 +106,7 @@ struct tile_light {
     double variance[LW_TILE_BLOCKS * LW_TILE_BLOCKS][LW_REGIONS];
 };
 
-/* Of a tile with several rooms. Sets the luminance of its blocks' parts. */
+/* Measures a tile with several rooms: sets the luminance of its blocks' parts. */
 static void measure_rooms(const struct lw_tiles *tiles, const struct lw_solve_tile *tile,
                           struct tile_light *light) {
     double sum[LW_TILE_BLOCKS * LW_TILE_BLOCKS][LW_REGIONS] = {{0}};
@@ -142,7 +142,7 @@ static double light_around(const struct lw_solve_tile *tile, const struct tile_l
                : light->mean;
 }
 
-/* Of several parts that with the least light, but some, stands for the block: elsewhere a W/m^2 counts as
+/* The part with the least light, but some, stands for the block: elsewhere a W/m^2 counts as
  * much less as there is more light. Returns the block's light without other layers'. */
 static double weigh_parts(const struct lw_solve_tile *tile, struct lw_solve_block *block,
                           const struct tile_light *tile_light) {

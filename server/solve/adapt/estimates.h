@@ -1,4 +1,4 @@
-/* estimates.h: what is known of a tile's light: the noise of its estimates, its error.
+/* estimates.h: the noise of a tile's estimates, and the error of its light.
  * Flow:    sums and estimates of a frame -> [estimates] -> error of blocks and tile -> converged.h, schedule
  * Threads: each call works on one tile. [any worker] */
 #ifndef LW_ADAPT_ESTIMATES_H
@@ -8,7 +8,7 @@
 
 /** Sets the errors of a tile and its blocks. A block's noise is measured against its own light or the
  * tile's, whichever is more, so that a dark corner of a lit tile need not be known better than the others;
- * and what comes from elsewhere. */
+ * light from other layers counts too. */
 void lw_estimates_judge(const struct lw_transport *transport, struct lw_solve_tile *tile);
 
 /** After the last bounce: sums the orders, updates the noise estimates, judges. */

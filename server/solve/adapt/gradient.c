@@ -7,9 +7,9 @@
 #include <math.h>
 #include <string.h>
 
-/* Of the noise's variance, what counts against light that is out of date. Noise is each texel's own: pixels,
+/* The share of the noise's variance that counts against stale light. Noise is each texel's own: pixels,
  * and far more a filter, average it over many; light is out of date over many at once, most so where it is
- * indirect. Of what the filter leaves, these bring a change through in a quarter of the frames for a tenth
+ * indirect. After the filter, these shares bring a change through in a quarter of the frames for a tenth
  * more error while a lamp walks (docs/lab/dynamic.md). */
 static const float counted[2][LW_TILES_PARTS] = {
     [false] = {[LW_TILES_DIRECT] = 1.0f / 4, [LW_TILES_INDIRECT] = 1.0f / 16},
@@ -29,15 +29,15 @@ static const float counted[2][LW_TILES_PARTS] = {
 /* And less than this does not count under a budget: the noise of a packet would invalidate half of all
  * blocks. Their turns will find it. */
 #define LIMITED_ERROR_MIN 0.06f
-/* Of drift: what one solve brings; of its mean square, what its mean is more than by chance (4 standard
- * errors); solves after a movement in which it counts. */
+/* Drift: one solve's weight; the share of its mean square beyond which its mean is no chance (4 standard
+ * errors). It counts in this many solves after a movement. */
 #define DRIFT_WEIGHT 0.0625f
 #define DRIFT_SHARE  0.6f
 #define DRIFT_SOLVES 64u
 /* A block that did not contribute for this many rounds is verified as at an onset. */
 #define ROUNDS_MAX 16u
 
-/* What changes on one surface says nothing of another. At an onset one packet is verified for this many of a
+/* A change on one surface says nothing of another. At an onset one packet is verified for this many of a
  * block's surfaces, and at most WITNESSES_MAX. */
 #define SURFACES_EACH 2u
 #define WITNESSES_MAX 4u
@@ -49,8 +49,8 @@ static uint32_t witnesses_of(const struct lw_solve_block *block) {
     return count < WITNESSES_MAX ? count : WITNESSES_MAX;
 }
 
-/* Takes `count` packets. Those of a surface follow each other: if they are far apart in their row,
- * they are of different ones. */
+/* Takes `count` packets. The packets of a surface follow each other: packets far apart in their row are of
+ * different surfaces. */
 static uint16_t take_turn(struct lw_solve_block *block, uint32_t count) {
     LW_INVARIANT(count > 0 && count <= block->packet_count);
     const uint32_t turns = block->packet_count / count;
@@ -172,10 +172,10 @@ struct off {
 };
 
 /* What rays end on has noise too, and new noise whenever it is solved: texels differ each in its own way,
- * where light that changes does so for many. Of the sums, the share that chance does not explain: the squares
- * of the regions' means, less those of their standard errors. (Without that, noise that was taken for change
- * shortened memories, which made noise: indirect light of the atrium never converged after a movement. Twice
- * the errors overlooks changes.) */
+ * where changing light changes for many. Returns the share of the sums that chance does not explain: the
+ * squares of the regions' means, less the squares of their standard errors. (Without that, noise that was
+ * taken for change shortened memories, which made noise: indirect light of the atrium never converged after a
+ * movement. Twice the errors overlooks changes.) */
 static float share_known(const struct off *sum, const float square[LW_REGIONS],
                          const uint32_t lanes[LW_REGIONS]) {
     float means = 0, errors = 0;
@@ -224,7 +224,7 @@ static float mean_over(const struct lw_vec3 region[LW_REGIONS]) {
     return sqrtf(square / LW_REGIONS);
 }
 
-/* Of indirect light: what it is off, and may be off besides. */
+/* By how much indirect light is off, with its standard error. */
 static float off_indirect(const struct lw_solve_block *block, const struct lw_vec3 region[LW_REGIONS]) {
     return hypotf(mean_over(region), block->change.standard_error);
 }
@@ -251,12 +251,12 @@ static bool rereads(const struct lw_change_block *change) {
     return change->verify == LW_CHANGE_VERIFIED_RAYS || change->verify == LW_CHANGE_VERIFIED_ALL;
 }
 
-/* What this frame has found is not added to what was found before. */
+/* This frame's findings are not added to earlier ones. */
 static bool stands_alone(const struct lw_change_block *change) {
     return change->verify == LW_CHANGE_VERIFIED_ONSET || rereads(change);
 }
 
-/* Packets whose mean stands for the block: what begins to move is not told by what was found before. */
+/* Packets whose mean stands for the block: earlier findings know nothing of a movement that begins. */
 static uint16_t witnesses(const struct lw_solve_block *block) {
     return stands_alone(&block->change) ? block->change.verified : lw_change_all_packets(block);
 }
@@ -332,7 +332,7 @@ static float room_for(const struct lw_solve_block *block, int part, float stalen
         counted[filtered][part] * noise * block->reference_luminance * block->reference_luminance, staleness);
 }
 
-/* What is known of all regions together follows that which counts most more. */
+/* Values of all regions together are scaled by the largest factor. */
 void lw_gradient_reweigh(struct lw_solve_block *block, const float factor[LW_REGIONS]) {
     struct lw_change_block *change = &block->change;
     float most = 1;
@@ -369,7 +369,7 @@ static float take_drift(struct lw_change_drift *drift) {
     return off;
 }
 
-/* Adds what estimates have been off their means to what those are known to be out of date. */
+/* Raises the staleness of the means to the drift of their estimates. */
 static void add_drift(struct lw_change_block *change, struct off *off) {
     for (uint32_t r = 0; r < LW_REGIONS; r++) {
         const float direct = take_drift(&change->drift[LW_TILES_DIRECT][r]),

@@ -3,14 +3,14 @@
  *          [judge] -> which blocks are invalidated, what their means forget
  * Threads: a block's change is read and written by the one worker that has its tile.
  *
- * The samples of a block's last solve are taken again with the same random numbers, and compared with what
- * they were (temporal gradients, Schied et al. 2018). Only what has changed differs, so the difference has
- * none of the noise of the estimates. Where something has moved since, rays are traced again. Elsewhere the
- * light that arrives along the ray hits is read again, which costs no ray: so a change follows the bounces.
- * Tiles that are neither of interest nor contribute are not verified.
+ * The samples of a block's last solve are taken again with the same random numbers, and compared with
+ * their former values (temporal gradients, Schied et al. 2018). Only changed light differs, so the difference
+ * has none of the noise of the estimates. Where something has moved since, rays are traced again. Elsewhere
+ * the light that arrives along the ray hits is read again, which costs no ray: so a change follows the
+ * bounces. Tiles that are neither of interest nor contribute are not verified.
  *
  *   situation of a block                         packets that are verified
- *   something begins to move                     one, or up to four of a block with several surfaces; all
+ *   something begins to move                     one, or up to four of a block with several surfaces. All
  *                                                where these found a difference (under a budget: only before
  *                                                it is solved, and if the difference was small)
  *   lights begin to move, or have since it       all, about direct light; without a budget along the ray
@@ -21,8 +21,8 @@
  *   not converged                                one before each solve while something moves; all, along the
  *                                                ray hits, while light changes
  *
- * The means are corrected by what is found (control_variate.h). What follows here is about what that leaves,
- * and about its standard error. A block is invalidated when that adds up to more than its target error.
+ * The means are corrected by the findings (control_variate.h). The rest of this file is about the remaining
+ * staleness and its standard error. A block is invalidated when they add up to more than its target error.
  *
  * The verified packets may lie on another surface than the change, and miss it. So a block that
  * is solved after a movement also compares its estimates with its means: where they stay off to
@@ -39,14 +39,13 @@
 #include "server/solve/adapt/budget.h"
 #include "server/solve/state/tiles.h"
 
-/* What is verified of all blocks in a frame. */
+/* One frame's verification, for all blocks. */
 struct lw_gradient_round {
-    uint32_t moves, began,
-        light_moves; /* of the scene, so far; when it last began to move; when its lights last did */
-    uint32_t tick;   /* counts the rounds (plan.h) */
-    bool turn;       /* a round begins */
-    bool active;     /* light elsewhere may be changing */
-    bool spreads; /* it has changed in the last frames: what follows from that is not to wait for its turn */
+    uint32_t moves, began, light_moves; /* as in struct lw_motion */
+    uint32_t tick;                      /* counts the rounds (plan.h) */
+    bool turn;                          /* a round begins */
+    bool active;                        /* light elsewhere may be changing */
+    bool spreads; /* it has changed in the last frames: its consequences are not to wait for their turn */
     struct lw_budget budget;
 };
 
@@ -67,8 +66,8 @@ static inline uint64_t lw_gradient_work_all(const struct lw_solve_block *block) 
 /** Chooses all packets, about direct light and along the ray hits. Returns whether there are any. */
 bool lw_gradient_choose_all(struct lw_solve_block *block, uint32_t moves);
 
-/** After lw_verify_compare() of those: chooses the packets that are verified besides, before
- * lw_gradient_invalidate(). These are all, if the first ones found so much that the block may have to be
+/** After lw_verify_compare() of the chosen packets: chooses more packets to verify, before
+ * lw_gradient_invalidate(). It chooses all, if the first ones found so much that the block may have to be
  * invalidated, but not so much that it must. Under a budget none at an onset, where one packet is enough.
  * Returns whether there are any. */
 bool lw_gradient_choose_more(struct lw_solve_block *block, float target_error,
@@ -85,8 +84,8 @@ static inline bool lw_gradient_is_strong(const struct lw_change_block *change) {
     return change->strength >= LW_GRADIENT_STRONG;
 }
 
-/** A W/m^2 of a region counts `factor` times what it did (lw_solve_block.weight): so does what is known of
- * its staleness. */
+/** A W/m^2 of a region counts `factor` times as much as before (lw_solve_block.weight), and so does its
+ * known staleness. */
 void lw_gradient_reweigh(struct lw_solve_block *block, const float factor[LW_REGIONS]);
 
 /** Notes what the estimates of a solve are off their means, in the mean over the texels of a region;
@@ -105,9 +104,9 @@ void lw_gradient_invalidate(struct lw_solve_block *block, float target_error, co
 bool lw_gradient_choose_due(struct lw_solve_block *block, uint32_t moves);
 
 /** Begins a due block's frame: cuts its means to their staleness, forgets what its packets have found, and
- * sets the weight of its next estimate of direct light. filtered: what is shown is (denoise.h), so that noise
- * matters less, and means of changed light stand for fewer frames. At an onset a block that has changed much
- * is invalidated again, with half the strength, since its new light has hardly any samples. */
+ * sets the weight of its next estimate of direct light. filtered: shown light is filtered (denoise.h), so
+ * that noise matters less, and means of changed light stand for fewer frames. At an onset a block that has
+ * changed much is invalidated again, with half the strength, since its new light has hardly any samples. */
 void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered,
                               const struct lw_budget *budget);
 

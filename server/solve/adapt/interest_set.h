@@ -30,8 +30,8 @@ void lw_interest_set_init(struct lw_interest_set *interest, uint32_t ids);
 void lw_interest_set_finish(struct lw_interest_set *interest);
 size_t lw_interest_set_memory_bytes(const struct lw_interest_set *interest);
 
-/** Takes the interest set. level: per lw_tile_id, as above; entries of coarser levels than 0 are not read;
- * NULL: everything. Errors: LW_NO_MEMORY; the interest is then as before. */
+/** Takes the interest set. level: per lw_tile_id, as above; NULL: everything. Entries of coarser levels than
+ * 0 are not read. Errors: LW_NO_MEMORY; the interest is then as before. */
 LW_MUST_CHECK enum lw_status lw_interest_set_replace(struct lw_interest_set *interest, const uint8_t *level);
 
 /** 0: nobody looks at the tile; else 1 + the finest level. */
@@ -45,11 +45,11 @@ static inline float lw_interest_set_importance(const struct lw_interest_set *int
                                                                               : interest->importance[id.v];
 }
 
-/** Forgets what is known of a tile's importance. */
+/** Forgets a tile's importance. */
 void lw_interest_set_forget(struct lw_interest_set *interest, lw_tile_id id);
 
-/** Whether a tile is of interest, or lights what is. all_contribute: rays end where texels cannot be counted
- * (at probes), so that every tile may. */
+/** Whether a tile is of interest, or lights a tile of interest. all_contribute: rays end where texels cannot
+ * be counted (at probes), so that every tile may. */
 bool lw_interest_set_contributes(const struct lw_interest_set *interest, const struct lw_solve_tile *tile,
                                  bool all_contribute);
 

@@ -1,4 +1,4 @@
-/* motion.h: what has moved, how often, and where.
+/* motion.h: the objects that moved, how often, and where.
  * Flow:    poses of two frames -> [motion] -> distances of tiles, the plan's questions
  * Threads: [solver] */
 #ifndef LW_ADAPT_MOTION_H
@@ -9,11 +9,11 @@
 
 /* A movement after this many frames without one is an onset. */
 #define LW_MOTION_STILL_FRAMES 4u
-/* Of places on what has moved; more would only order better. */
+/* Places on moved objects, at most; more would only order better. */
 #define LW_MOTION_PLACES_MAX 32u
 
 struct lw_motion {
-    /* Frames in which something had moved; of these, the last onset; the last in which lights did. */
+    /* Frames in which something moved, so far; the count at the last onset, and when lights last moved. */
     uint32_t moves, began, light_moves;
     uint32_t frames_since_move;
     bool shone; /* at the last onset lights moved, or changed */

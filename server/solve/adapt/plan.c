@@ -8,8 +8,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* Of a budget: what verification takes in any case; what it takes where it has found no change so far; what
- * correction takes while lights keep moving; what is left for solving at least. */
+/* Shares of a budget. Verification takes VERIFY_SHARE in any case, and SEARCH_SHARE while it has found no
+ * change. Correction takes SWEEP_SHARE while lights keep moving. At least SOLVE_SHARE is left for solving. */
 #define VERIFY_SHARE 0.5
 #define SEARCH_SHARE 1.0
 #define SWEEP_SHARE  0.5
@@ -19,7 +19,7 @@
 /* The share of a tile's importance that its own ray hits get: less with every bounce, as albedos. */
 #define PASSED_ON  0.5f
 #define WEIGHT_MAX UINT16_MAX
-/* Of the coarsest levels of interest; coarser ones are solved as often as these. */
+/* Log2 of the longest period of levels of interest; coarser levels are solved as often. */
 #define PERIOD_LOG_MAX 3u
 /* Mean square of the share of light that has changed: for as many texels it is the most to see. */
 #define MOST 0.25f
@@ -117,8 +117,8 @@ static int compare_orders(const void *a, const void *b) {
                               : (x->slot > y->slot) - (x->slot < y->slot);
 }
 
-/* Interest before its contributors, near to what has moved before far from it; as tiles stand where all may
- * be verified, or none has to be. */
+/* Orders tiles of interest before their contributors, and tiles near a movement before tiles far from it. The
+ * order stays where all may be verified, or none has to be. */
 static void order_tiles(const struct lw_plan_memory *memory, const struct lw_plan_input *in,
                         struct lw_plan_order *order) {
     bool any = false;
@@ -132,8 +132,8 @@ static void order_tiles(const struct lw_plan_memory *memory, const struct lw_pla
     if (any) qsort(order, in->count, sizeof *order, compare_orders);
 }
 
-/* Those whose work, with that of all unverified ones before them, lies above `more` and up to `most`; and the
- * first in any case. first: also tiles that are not unverified. Returns the work. */
+/* Lists the tiles whose work, with the work of all unverified tiles before them, lies above `more` and up to
+ * `most`, and the first tile in any case. first: also tiles that are not unverified. Returns the work. */
 static uint64_t list_unverified(const struct lw_plan_memory *memory, const struct lw_plan_input *in,
                                 struct lw_plan *plan, double more, double most, bool first) {
     uint64_t sum = 0, work = 0;
@@ -153,7 +153,7 @@ static uint64_t list_unverified(const struct lw_plan_memory *memory, const struc
 }
 
 /* At an onset of light direct light changes everywhere: all packets are verified about it, and it need not be
- * solved. Else there should be time to solve what is found. */
+ * solved. Else there should be time to solve the changes found. */
 static void plan_verify(const struct lw_plan_memory *memory, const struct lw_plan_input *in,
                         struct lw_plan *plan) {
     const bool verifies_all = in->budget.onset && in->moves.shone;
@@ -240,7 +240,7 @@ static bool is_turn(const struct lw_plan_memory *memory, lw_tile_id id, uint32_t
 }
 
 /* A contributor is seen in coarse levels alone, which may be old. It is shown in one of LW_PLAN_PERIOD_MAX
- * frames, all of an object at once, so that what is welded together shows together. */
+ * frames, all of an object at once, so that welded tiles show together. */
 static bool shows_contributors(const struct lw_plan_memory *memory, uint32_t object) {
     return ((memory->round + lw_random_hash(object)) & (LW_PLAN_PERIOD_MAX - 1)) == 0;
 }
@@ -256,8 +256,7 @@ static bool is_watched(const struct lw_plan_input *in) {
     return false;
 }
 
-/* Of a tile that is to be solved: rounds until it is solved again; 0: it neither is of interest nor
- * contributes. */
+/* Rounds until a tile that is to be solved is solved again; 0: it neither is of interest nor contributes. */
 static uint32_t period_of(const struct lw_plan_memory *memory, const struct lw_plan_input *in,
                           const struct lw_plan_fact *fact) {
     if (in->everything) return 1;
@@ -307,7 +306,7 @@ static enum lw_plan_reason reason_of(const struct lw_plan_fact *fact) {
 
 /* Texels that a frame solves, about. */
 struct room {
-    uint64_t changed; /* of invalidated blocks */
+    uint64_t changed; /* in invalidated blocks */
     uint64_t all;     /* with what else waits */
 };
 
@@ -322,8 +321,8 @@ static struct room room_of(const struct lw_plan_memory *memory, const struct lw_
     return (struct room){in->budget.yields ? 0 : texels, waits ? 0 : texels};
 }
 
-/* Of tiles that wait, takes those of a reason, up to `texels` texels. Of invalidated tiles it takes their
- * invalidated blocks alone, if time is short. */
+/* Takes the waiting tiles of a reason, up to `texels` texels. It takes the invalidated blocks alone of
+ * invalidated tiles, if time is short. */
 static void take(struct lw_plan_memory *memory, const struct lw_plan_input *in, struct lw_plan *plan,
                  enum lw_plan_reason reason, uint64_t texels, uint64_t *taken) {
     const bool part = reason < LW_PLAN_STALE && texels != UINT64_MAX;
@@ -343,7 +342,7 @@ static void take(struct lw_plan_memory *memory, const struct lw_plan_input *in, 
     LW_INVARIANT(plan->solve.count <= in->count);
 }
 
-/* What is left of the round, and how much of what has changed. */
+/* Notes whether the round has ended, and how strong the changes are that remain. */
 static void note_left(struct lw_plan_memory *memory, const struct lw_plan_input *in) {
     memory->ended = true;
     memory->changed_left = memory->changed_solves = 0;
@@ -359,7 +358,7 @@ static void note_left(struct lw_plan_memory *memory, const struct lw_plan_input 
     }
 }
 
-/* Which tiles show what is solved. Once all has converged, all may be seen. */
+/* Chooses the tiles that show their solved light. Once all has converged, all may be seen. */
 static void choose_shown(struct lw_plan_memory *memory, const struct lw_plan_input *in, bool solves) {
     const bool whole = memory->ended || (memory->deferred && !memory->changed_solves);
     memory->released = memory->deferred && whole;

@@ -133,7 +133,7 @@ struct replay {
     struct lw_plan_fact *fact;
     struct lw_plan_memory memory;
     struct lw_plan plan;
-    struct lw_plan_input in;                /* of the last stage; of verify, until found */
+    struct lw_plan_input in;                /* the last stage's; verify's, until found */
     const struct lw_plan_list *expected[2]; /* what the lines `plan` behind a stage are to say */
     uint32_t at;                            /* entries of these that were met */
 };
@@ -186,7 +186,7 @@ static bool read_input(struct replay *r, const char *text) {
     return true;
 }
 
-/* Of a list: how many entries each reason has; of the frame that is asked for, the entries. */
+/* Prints how many entries of a list each reason has, and the entries for the frame that is asked for. */
 static void tell(const struct replay *r, const char *name, const struct lw_plan_list *list) {
     uint32_t count[LW_PLAN_REASON_COUNT] = {0};
     if (!r->told || !list->count || (r->only && r->only != r->frame)) return;

@@ -21,13 +21,13 @@ enum lw_ranks_moment {
 struct lw_ranks_exchange {
     enum lw_ranks_moment moment;
     struct lw_tiles *tiles; /* this rank's */
-    const lw_tile_id *tile; /* that some rank has changed: to be sent by their owner, taken by the others */
+    const lw_tile_id *tile; /* changed by some rank: their owners send them, the others take them */
     uint32_t tile_count;
     uint32_t bounce;     /* LW_RANKS_RADIATED */
     bool *found;         /* LW_RANKS_VERIFIED: two flags, each true if it is in any rank; else NULL */
     bool *corrected;     /* with it: per lw_tile_id of the list, sent and taken as the tile is */
     uint32_t *count;     /* LW_RANKS_COUNTED: to be summed; else NULL */
-    uint32_t count_size; /* of those */
+    uint32_t count_size; /* entries of count */
 };
 
 struct lw_ranks {

@@ -152,7 +152,7 @@ static struct lw_vec3 change_at(const struct lw_transport *t, uint32_t texel) {
     return reflected->weight > 0 ? lw_vec3_mad(sum, change_of(t, reflected->texel), reflected->weight) : sum;
 }
 
-/* weight: of the mean that is out of date by what is found. */
+/* weight: of the mean that is stale by the change found. */
 static void note_arrival(const struct lw_transport *t, const struct lw_solve_tile *tile,
                          struct lw_solve_block *block, float weight) {
     LW_INVARIANT(weight >= 0 && weight < 1);

@@ -24,7 +24,7 @@ struct lw_work {
     int threads;
     const _Atomic bool *cancel; /* may be NULL; once true, tiles are left out */
     struct lw_work_report *reports;
-    uint32_t items; /* that a list may have */
+    uint32_t items; /* a list's, at most */
 };
 
 enum lw_work_kind {

@@ -10,8 +10,8 @@
 
 /* Luminance may differ by this many standard deviations of the difference before texels stop to exchange. */
 #define SIGMAS 4.0f
-/* SPLIT has no edges of drawn light: where few frames say what the noise is, they may as well say too
- * little of it. By 1 + this / frames more, most of its error after one to four frames goes
+/* SPLIT has no edges of client-drawn light: few frames measure its noise badly, and may find too little of
+ * it. By 1 + this / frames more, most of its error after one to four frames goes
  * (docs/lab/denoise.md). */
 #define SPLIT_WIDER 2.0f
 /* Normals: cos^NORMAL_POWER, as in Schied et al. 2017. */
@@ -246,8 +246,8 @@ void lw_denoise_pairs_finish(struct lw_denoise_pairs *pairs) {
 
 struct lw_denoise_planes {
     float at[2][LW_DENOISE_PLANES][ROWS * STRIDE];
-    float weight[DIRECTIONS][ROWS * STRIDE]; /* of a pass: what a texel exchanges with its neighbour */
-    float (*more[2])[ROWS * STRIDE];         /* of planes that follow */
+    float weight[DIRECTIONS][ROWS * STRIDE]; /* in a pass: what a texel exchanges with its neighbour */
+    float (*more[2])[ROWS * STRIDE];         /* planes that follow */
 };
 
 /* Where a pass reads or writes. */
@@ -273,7 +273,7 @@ struct tap {
     ptrdiff_t pair,
         /* Weight of the texel and the neighbour, relative to the texel's in job->pair; as far away there. */
         pair_offset;
-    float kernel; /* of a weight of 1/255 */
+    float kernel; /* per 1/255 of a weight */
 };
 
 static void list_taps(const struct job *job, uint32_t pass, struct tap out_tap[DIRECTIONS]) {
@@ -601,7 +601,7 @@ static void filter(const struct job *job, uint32_t channels, struct lw_denoise_p
     for (uint32_t p = 0; p < LW_DENOISE_PLANES; p++) in.p[p] = planes->at[0][p], out.p[p] = planes->at[1][p];
     struct follower follower[FOLLOWERS_MAX];
     const uint32_t followers = list_followers(job->form, channels, follower);
-    uint32_t from = 0; /* of planes->more */
+    uint32_t from = 0; /* index into planes->more */
     struct tap tap[DIRECTIONS];
     list_taps(job, 0, tap);
     uint32_t around = LW_DENOISE_REACH - 1;

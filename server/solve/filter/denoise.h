@@ -1,5 +1,6 @@
-/* denoise.h: an edge-aware filter over what is shown: noise goes, light stays.
- * Flow:    texels -> [pairs]; each frame: tiles (light, variance) that it shows -> [denoise] ->
+/* denoise.h: an edge-aware filter over shown light: noise goes, light stays.
+ * Flow:    texels -> [pairs]
+ *          each frame: tiles (light, variance) that it shows -> [denoise] ->
  *          tiles->shown, channel by channel
  * Threads: [solver], parallel inside; the same bytes at any thread count.
  * After:   Dammertz et al. 2010 (a-trous wavelets), Schied et al. 2017 (edges of
@@ -18,9 +19,9 @@
  * No pair exchanges across a wall (texels.h).
  *
  * The part that is geometry is found once per mesh, that of walls once per object. Both serve any number of
- * solves over the same texels. A tile of a finer level is filtered by itself. What is shown of a block is a
- * function of its sums and of those LW_DENOISE_REACH around it. So a frame filters the blocks that it shows
- * and those beside them. The picture does not depend on the frames in which the sums came about. */
+ * solves over the same texels. A tile of a finer level is filtered by itself. A block's shown light is a
+ * function of its sums and of the sums LW_DENOISE_REACH around it. So a frame filters the blocks that it
+ * shows and those beside them. The picture does not depend on the frames in which the sums came about. */
 #ifndef LW_FILTER_DENOISE_H
 #define LW_FILTER_DENOISE_H
 
@@ -29,12 +30,12 @@
 #define LW_DENOISE_PASSES 3u /* steps of 1, 2 and 4 texels: 15 x 15 texels in all */
 /* texels: those seven, and two more whose light the variance is taken from */
 #define LW_DENOISE_REACH  9u
-#define LW_DENOISE_PLANES 5u /* of a form of light: r, g, b, luminance, its variance */
+#define LW_DENOISE_PLANES 5u /* planes of a form of light: r, g, b, luminance, its variance */
 
 /** How far texels may exchange light, for their surfaces' sake and for the walls that stand between them. */
 struct lw_denoise_pairs {
     const struct lw_scene *scene;   /* outlives it */
-    const struct lw_texels *texels; /* likewise */
+    const struct lw_texels *texels; /* outlives it */
     uint8_t *
         *of_mesh; /* per mesh: weights of the pairs of all passes and directions, or NULL: it has no texels */
     uint8_t **pair;    /* per object: those of its mesh, or a copy without the pairs that walls part */
@@ -60,8 +61,8 @@ size_t lw_denoise_pairs_memory_bytes(const struct lw_denoise_pairs *pairs);
 /** What the filter of one solve needs beside its tiles. */
 struct lw_denoise {
     const struct lw_denoise_pairs *pairs; /* outlives it */
-    const struct lw_atlas_map *map;       /* likewise */
-    struct lw_tiles *tiles;               /* likewise; of the texels that the pairs are of */
+    const struct lw_atlas_map *map;       /* outlives it */
+    struct lw_tiles *tiles;               /* outlives it; over the texels of the pairs */
     uint8_t *marked;                      /* per block: this frame filters it */
     struct lw_denoise_planes *planes;     /* per worker */
     uint32_t followers;                   /* planes at most that follow one form */

@@ -5,24 +5,24 @@
 /* Texels beyond a seam to the centre of a gutter: two, and what the seam lies off their grid. */
 #define REACH 2.5f
 #define SLACK 0.5f /* texels that a gutter may lie past a seam's end */
-#define LEAST 0.5f /* of a look-up's weight that covered texels of the other side must have */
+#define LEAST 0.5f /* share of a look-up's weight that covered texels of the other side must have */
 
 struct lw_seam_gutter {
-    uint32_t texel;   /* of the global numbering */
+    uint32_t texel;   /* in the global numbering */
     float distance;   /* from the seam, texels */
-    uint32_t from[4]; /* likewise: covered texels of the other side */
+    uint32_t from[4]; /* covered texels of the other side, in the global numbering */
     float weight[4];
 };
 
 struct lw_seam_copy {
-    uint32_t texel, from; /* of the global numbering */
+    uint32_t texel, from; /* in the global numbering */
 };
 
 /* One side of a seam. */
 struct bank {
     const struct lw_mesh_texels *mesh;
     const uint8_t *covered;
-    uint32_t first;                     /* of the object's texels */
+    uint32_t first;                     /* the object's first texel */
     struct lw_vec2 from, along, inward; /* unit vectors: along the seam; into the chart */
     float length;
 };
@@ -160,7 +160,7 @@ static int by_texel(const void *a, const void *b) {
     return (x->from[0] > y->from[0]) - (x->from[0] < y->from[0]);
 }
 
-/* Those that take the light of a texel of their own chart, in the order of its block. */
+/* Lists the gutters that take the light of a texel of their own chart, in the order of its block. */
 static bool list_copies(const struct lw_texels *texels, const struct lw_tiles *tiles, const uint8_t *taken,
                         struct lw_seam_gutters *out) {
     uint32_t *first = out->first_copy = calloc((size_t)tiles->block_count + 2, sizeof *first);
@@ -194,7 +194,7 @@ static bool list_gutters(const struct lw_scene *scene, const struct lw_texels *t
             !list(texels, &bank[1], &bank[0], welded, gutters))
             return false;
     }
-    /* of several seams, the nearest */
+    /* the nearest of several seams counts */
     if (gutters->count) qsort(gutters->gutter, gutters->count, sizeof *gutters->gutter, by_texel);
     size_t kept = 0;
     for (size_t i = 0; i < gutters->count; i++) {

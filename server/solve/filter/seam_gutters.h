@@ -1,9 +1,10 @@
 /* seam_gutters.h: what lies around charts: beyond a seam the light of the surface that goes
  * on there, else the chart's own.
- * Flow:    seam_edges, texels -> [find]; each frame: welded light -> [fill] -> tiles' light -> publish
+ * Flow:    seam_edges, texels -> [find]
+ *          each frame: welded light -> [fill] -> tiles' light -> publish
  * Threads: find by one; fill by one caller, workers inside.
  *
- * A look-up of level 0 reads one texel beyond a chart, which the weld has made to fit (seams.h). Those of
+ * A look-up of level 0 reads one texel beyond a chart, which the weld has made to fit (seams.h). Look-ups of
  * levels 1 and 2 reach farther: their texels are means over gutters too. So a gutter that no look-up of level
  * 0 reads, up to two texels beyond a seam, takes what a bilinear look-up reads on the other side, as far from
  * the seam. All others take the light of the texel that stands for them (texels.h). */
@@ -34,7 +35,7 @@ void lw_seam_gutters_finish(struct lw_seam_gutters *gutters);
 /** Bytes held. */
 size_t lw_seam_gutters_memory_bytes(const struct lw_seam_gutters *gutters);
 
-/** Fills them, in the given channels, from what is shown of covered texels in the blocks shown in frame
+/** Fills them, in the given channels, from the shown light of covered texels in the blocks shown in frame
  * `frame`, which the solved_frame of their tiles becomes. */
 void lw_seam_gutters_fill(const struct lw_seam_gutters *gutters, struct lw_tiles *tiles, uint64_t frame,
                           uint32_t channels, int threads);

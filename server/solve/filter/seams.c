@@ -9,21 +9,21 @@
 
 /* Points per texel of a seam's length, in the atlas where it is longer. */
 #define POINTS_PER_TEXEL 3.0f
-#define POINTS_MAX       4096.0f /* of one edge */
+#define POINTS_MAX       4096.0f /* on one edge */
 /* How readily a gutter's texel moves, against a covered one's: nobody sees it but through
  * the look-ups that are welded. */
 #define GUTTER_EASE 4.0f
 /* 16 frames: 12 leave 6.2 % of the atrium's points over 1 %, 13 5.4 %, 20 3 %; but more of them level light:
  * 20 take 1 % of the balustrade's. */
 #define ITERATIONS 13
-#define DONE       1e-10 /* of the light's square: below, steps only add up rounding */
-/* Of a correction, what the next frame goes on from. What is let go comes back where the rows need it; where
- * they can only be had by levelling light along a seam or over a chain of slivers, the light wins back a
- * part. Kept in full, 40 frames of builtin:atrium bring 96 % of points within 1 %, but its upper columns fall
- * from 0.959 of the path tracer's to 0.933; so, 92 % and 0.940. */
+#define DONE       1e-10 /* over the light's square: below, steps only add up rounding */
+/* The share of a correction that the next frame goes on from. The rest comes back where the rows need it;
+ * where they can only be had by levelling light along a seam or over a chain of slivers, the light wins back
+ * a part. Kept in full, 40 frames of builtin:atrium bring 96 % of points within 1 %, but its upper columns
+ * fall from 0.959 of the path tracer's to 0.933; so, 92 % and 0.940. */
 #define KEPT 0.9f
-/* What is shown of a covered texel is at least this share of its own light, and gutters are not negative. The
- * correction itself is free: bounds within the iteration kept 20 % of the points apart. */
+/* The shown light of a covered texel is at least this share of its own light, and gutters are not negative.
+ * The correction itself is free: bounds within the iteration kept 20 % of the points apart. */
 #define LEAST 0.1f
 /* Rows that a bound has pulled apart are brought together again, as far as may be, in this many rounds. 16
  * frames of Sponza, 12 iterations: 6 leave the sides of a seam 0.50 % apart in the mean, 32 0.36 %. */
@@ -38,7 +38,7 @@ struct lw_seams_row {
     float weight[8];
 };
 struct lw_seams_member {
-    uint32_t texel;  /* of the global numbering */
+    uint32_t texel;  /* in the global numbering */
     float root_ease; /* square root of how readily it moves */
 };
 /* A gutter's value before it is welded: the sum of weight x light of covered members. */
@@ -109,7 +109,7 @@ struct source {
     float weight;
 };
 
-/* Of the covered texels that stand for a gutter, those that touch it, or else the
+/* The covered texels that stand for a gutter: the ones that touch it, or else the
  * farther ones; the nearer the more. */
 static uint32_t find_sources(const struct builder *b, uint32_t object, uint32_t x, uint32_t y,
                              struct source out[GUESSES]) {
@@ -191,7 +191,7 @@ static void add_row(struct builder *b, const struct lw_seam_edge *edge, const st
     for (int i = 0; i < 8; i++) {
         const struct look_up *l = &look_up[i / 4];
         const float weight = l->weight[i % 4];
-        /* what is not read repeats the first texel that is, at no weight */
+        /* a texel that is not read repeats the first read one, at no weight */
         row.weight[i] = i < 4 ? weight : -weight;
         row.member[i] =
             weight > 0 ? row_member(b, edge->object[i / 4], l->x[i % 4], l->y[i % 4]) : LW_TEXEL_NONE;
@@ -568,7 +568,7 @@ static inline void project_bounded(const struct lw_seams_row *row, rgb *x, const
 }
 
 /* Takes what the component shows to where light may be, and, where that changes it, on between there and the
- * rows alternately: projections onto convex sets. What moves is what lies near a bound; where none is met,
+ * rows alternately: projections onto convex sets. Only texels near a bound move; where none is met,
  * the correction stays the smallest. */
 static void bound(const struct job *job) {
     rgb *x = (rgb *)job->light->welded, *least = (rgb *)job->light->scratch[0];
@@ -648,8 +648,8 @@ static void weld_channel(const struct lw_seams *s, struct lw_seams_light *light,
     light->fresh = false;
 }
 
-/* What is shown is noted at the end: a channel's welding reads what the filter has shown, not what another's
- * has. */
+/* Shown blocks are noted at the end: a channel's welding reads what the filter has shown, not what another
+ * channel's welding has. */
 void lw_seams_weld(const struct lw_seams *s, struct lw_seams_welds *welds, uint32_t channels,
                    struct lw_tiles *tiles, uint64_t frame, int threads) {
     struct lw_seams_light *last = NULL;

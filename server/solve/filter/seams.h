@@ -1,7 +1,8 @@
 /* seams.h: makes the light on both sides of a lightmap's seams agree.
- * Flow:    seam_edges -> [seams: rows, components]; each frame: tiles' light ->
+ * Flow:    seam_edges -> [seams: rows, components]
+ *          each frame: tiles' light ->
  *          [weld] -> tiles' light -> publish
- * Threads: init by one; weld by one caller, workers inside; same bytes at any number of them.
+ * Threads: init by one, weld by one caller with workers inside; same bytes at any number of them.
  *
  * Charts sample a surface at points of their own, and what a bilinear look-up reads on a border is
  * half gutter. So the two sides of a seam differ by what the light varies over half a texel. At some
@@ -9,7 +10,7 @@
  * over the texels that they touch.
  *
  * Of all corrections that fulfil the rows the smallest is taken, in the least squares sense; a gutter
- * counts less than a covered texel. Kaczmarz's projections (1937), row by row, tend to it; conjugate
+ * counts less than a covered texel. Kaczmarz's projections (1937), row by row, tend to it. Conjugate
  * gradients hasten them (Bjorck and Elfving 1979; Iwanicki 2013 solves the like for a baker). A
  * correction moves both sides towards each other by the same amount, so that the mean of the light stays.
  * A tenth of it is let go each time.
@@ -23,7 +24,7 @@
 #include "server/solve/filter/seam_gutters.h"
 #include "server/solve/state/checkpoint.h"
 
-#define LW_SEAMS_ROWS_MAX (1u << 22) /* 64 bytes each; what is beyond stays unwelded */
+#define LW_SEAMS_ROWS_MAX (1u << 22) /* 64 bytes each; rows beyond stay unwelded */
 
 /** The linear system of a scene's seams: rows, and the texels (members) that they read. */
 struct lw_seams {

@@ -1,5 +1,5 @@
 /* pair_visibility.h: which patches see which shooters, a bit a pair, once they have been traced.
- * Flow:    radiosity_pass -> [pair_visibility] -> later passes; file -> bakes with other lights
+ * Flow:    radiosity_pass -> [pair_visibility] -> later passes, file -> bakes with other lights
  * Threads: a row belongs to one packet's worker; else one thread.
  * After:   Kahl 2023 (bits by pair).
  *

@@ -114,7 +114,7 @@ struct deal {
     struct lw_patches *patches;
     const struct lw_lights *lights;
     uint32_t emitter; /* index, or LW_TEXEL_NONE */
-    float area_m2;    /* of a spot */
+    float area_m2;    /* each spot's */
 };
 
 static void deal_spot(void *user, uint32_t texel, struct lw_vec2 b) {

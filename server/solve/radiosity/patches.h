@@ -15,7 +15,7 @@
 
 struct lw_patches_packet {
     struct lw_points16 at; /* world space, off the surface by what rounding moves (sample_points.h) */
-    uint32_t texel[LW_TRACE_WIDTH]; /* of the global numbering; lanes that are not active repeat the first */
+    uint32_t texel[LW_TRACE_WIDTH]; /* in the global numbering; lanes that are not active repeat the first */
     uint16_t active;
     bool coherent; /* normals agree: rays about them run nearly parallel */
 };

@@ -15,7 +15,7 @@
 
 #define RELAXATIONS 8
 
-/* What is nearest to a point. */
+/* Sum over the places nearest to a point. */
 struct cell {
     float x, y;
     uint32_t count;
@@ -23,8 +23,8 @@ struct cell {
 
 static float place_of(uint32_t i) { return ((float)i + 0.5f) * (2.0f / GRID) - 1; }
 
-/* Each point goes to the middle of what is nearest to it (Lloyd 1982): circles alone leave the rim thin, and
- * the mean cosine 5 % too high. */
+/* Each point goes to the middle of the places nearest to it (Lloyd 1982): circles alone leave the rim thin,
+ * and the mean cosine 5 % too high. */
 static void relax(struct lw_radiosity_directions *directions, struct cell *cell) {
     for (uint32_t n = 0; n < directions->count; n++) cell[n] = (struct cell){0};
     for (uint32_t i = 0; i < GRID * GRID; i++) {

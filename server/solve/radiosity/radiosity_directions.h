@@ -7,8 +7,8 @@
  *
  * The directions are cosine-weighted: points on the unit disc, raised to the hemisphere. Each point lies in
  * the middle of the largest circle that those before it leave empty; then all are moved to the middle of
- * what is nearest to them. All texels share them: there is no noise, but what is small and bright is met by
- * some texels and missed by others. Rays are traced again for each bounce. */
+ * the places nearest to them. All texels share them: there is no noise, but some texels meet a small bright
+ * surface and others miss it. Rays are traced again for each bounce. */
 #ifndef LW_RADIOSITY_RADIOSITY_DIRECTIONS_H
 #define LW_RADIOSITY_RADIOSITY_DIRECTIONS_H
 

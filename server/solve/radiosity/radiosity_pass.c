@@ -19,7 +19,7 @@ static bool shines(const struct lw_shooter *shooter) {
 struct flight {
     const struct lw_radiosity_pass *pass;
     const struct lw_patches_packet *packet;
-    uint16_t *known; /* of visibility: its row; or NULL */
+    uint16_t *known; /* its row of visibility, or NULL */
     struct lw_ray16 rays;
     struct sum sum;
     uint64_t count;

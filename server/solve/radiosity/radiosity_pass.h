@@ -6,7 +6,7 @@
  *
  *   E_i = sum over j of flux_j V_ij cos_i cos_j / (pi r^2 + A_j)
  *
- * One ray a pair, from one lifted place to the other, and so short at both ends. The area in the denominator
+ * One ray a pair, between two lifted places, and so short at both ends. The area in the denominator
  * makes of a shooter a disc: without it neighbours in a corner, less than their size apart, would get more
  * than the shooter has. Sixteen patches meet a shooter in one packet of rays. Pairs of which one is behind
  * the other take no ray. */
@@ -18,7 +18,7 @@
 
 struct lw_radiosity_pass {
     const struct lw_patches *patches;
-    const struct lw_shooters *shooters; /* those without flux cost nothing */
+    const struct lw_shooters *shooters; /* shooters without flux cost nothing */
     const struct lw_trace *trace;
     uint32_t salt;
     float near_m2; /* r^2 counts as this at least: points (virtual_lights.h) instead of discs. 0: as it is */

@@ -45,7 +45,7 @@ size_t lw_shooters_memory_bytes(const struct lw_shooters *shooters) {
     return shooters->capacity * (sizeof *shooters->shooter + sizeof *shooters->member);
 }
 
-/* Of a window's texels one, with the probability of its area. */
+/* One of a window's texels, with the probability of its area. */
 static uint32_t draw(const struct lw_shooters *shooters, const struct lw_shooter *s, uint32_t random) {
     const float *area = shooters->patches->area_m2;
     float left = lw_random_unit(random) * s->area_m2;
@@ -55,7 +55,7 @@ static uint32_t draw(const struct lw_shooters *shooters, const struct lw_shooter
 }
 
 /* The mean place, raised along the mean normal until it is under none of its members: as far off the surface
- * as those are, or it would be in its own shadow. */
+ * as they are, or it would be in its own shadow. */
 static void place_mean(const struct lw_shooters *shooters, struct lw_shooter *s) {
     const struct lw_patches *patches = shooters->patches;
     const uint32_t *member = shooters->member + s->first;

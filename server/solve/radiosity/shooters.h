@@ -34,7 +34,7 @@ struct lw_shooters {
     uint32_t count, capacity;
     uint32_t *member; /* texels, shooter by shooter */
     enum lw_undersample undersample;
-    uint32_t side; /* of a window, texels */
+    uint32_t side; /* a window's, texels */
 };
 
 /** side: 0: 1/128 of the side of a square that holds all patches. Both outlive the shooters.

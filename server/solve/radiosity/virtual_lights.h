@@ -8,9 +8,9 @@
  * reflects: albedo x E x area, E being its direct light. Draws are stratified over all patches, and each set
  * is. Its parent is a lamp: the place on a lamp that a sample of all lamps finds from there. The next lies
  * where a cosine-weighted ray from its parent ends, and has the parent's flux times the albedo there.
- * When something has moved, a shadow ray to the parent decides whether a light stays. Who is lost takes its
- * children with it, sends nothing, and is shot again, a bounded number a frame. Who stays follows its texel's
- * light: flux = albedo x E x area / (P p), p as it was drawn. */
+ * When something has moved, a shadow ray to the parent decides whether a light stays. A lost light takes its
+ * children with it, sends nothing, and is shot again, a bounded number a frame. A light that stays follows
+ * its texel's light: flux = albedo x E x area / (P p), p as it was drawn. */
 #ifndef LW_RADIOSITY_VIRTUAL_LIGHTS_H
 #define LW_RADIOSITY_VIRTUAL_LIGHTS_H
 
@@ -28,7 +28,7 @@ struct lw_virtual_light {
 struct lw_virtual_lights {
     const struct lw_patches *patches;
     struct lw_virtual_paths paths;
-    struct lw_shooter *shooter; /* of each light; area 0 */
+    struct lw_shooter *shooter; /* per light; area 0 */
     struct lw_virtual_light *light;
     double *sum; /* per packet of patches and one more: light reflected by those before */
 };
@@ -52,7 +52,7 @@ struct lw_virtual_lights_shot {
     float largest_m;      /* largest coordinate of the scene */
     uint32_t seed, salt;
     bool checks;   /* something has moved: whose parent is hidden is lost */
-    bool rotates;  /* those that are not lost take turns, too */
+    bool rotates;  /* lights that are not lost take turns, too */
     uint32_t most; /* shot at most, unless none has been yet */
 };
 

@@ -14,7 +14,7 @@
 
 struct lw_cells {
     struct lw_vec3 minimum_ws, maximum_ws; /* the scene's box, a little enlarged */
-    struct lw_vec3 size_m; /* of one cell; cubes but for rounding, an axis of no extent has one cell */
+    struct lw_vec3 size_m; /* one cell's; cubes but for rounding, an axis of no extent has one cell */
     uint32_t count[3];
 };
 

@@ -10,8 +10,8 @@ enum { LW_CHANGE_FIRST, LW_CHANGE_LATER, LW_CHANGE_ORDERS };
 /* The gradients of a packet's texels; E in W/m^2, weighted by lw_solve_block.weight. */
 struct lw_change_packet {
     float direct_square; /* sum of squared differences of direct light, in the colour that differs most */
-    /* Corrections of direct light since the block was solved (control_variate.h): their mean; the sum of
-     * squares that a plane over the block leaves; the sum of squared standard errors. */
+    /* Corrections of direct light since the block was solved (control_variate.h): their mean, the sum of
+     * squares that a plane over the block leaves, and the sum of squared standard errors. */
     struct lw_vec3 direct;
     float direct_rough, direct_error;
     struct lw_vec3 indirect[LW_CHANGE_ORDERS][LW_REGIONS]; /* sum of differences */
@@ -45,7 +45,7 @@ struct lw_change_block {
     struct lw_change_packet packet[LW_PACKETS_MAX]; /* last comparison since the block was solved, or 0 */
     /* Sets of packets, one bit each: */
     uint16_t compare;               /* verified in this frame */
-    uint16_t retrace;               /* of these: with new rays */
+    uint16_t retrace;               /* verified in this frame with new rays */
     uint16_t direct;                /* direct light verified in this frame */
     uint16_t verified;              /* verified since the block was solved or a movement began */
     uint16_t told;                  /* verified since the control variate last took gradients over */

@@ -37,12 +37,12 @@ struct block_record {
 };
 _Static_assert(sizeof(struct block_record) == 128, "no padding, which would have any value");
 
-/* ---- what is in it ---- */
+/* ---- contents ---- */
 
 #define PLANES_MAX                                                                                           \
     (3 * (3 + LW_TILES_BOUNCES_MAX) + 2 * LW_TILE_CHANNELS_MAX * LW_TILE_CHANNEL_PLANES_MAX + 9 + 4)
 
-/* The planes that the next frame reads. Those that it writes first (radiance, estimate) are left out. */
+/* The planes that the next frame reads. Planes that it writes first (radiance, estimate) are left out. */
 static uint32_t list_planes(const struct lw_tiles *tiles, float *out_plane[PLANES_MAX]) {
     uint32_t n = 0;
     for (int c = 0; c < 3; c++) {

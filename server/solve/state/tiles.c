@@ -17,7 +17,8 @@ struct plane {
 #define PLANES_MAX                                                                                           \
     (3 * (LW_TILES_BOUNCES_MAX + LW_TILES_ESTIMATES + 2) + CHANNEL_PLANES_MAX + LW_TILES_BOUNCES_MAX + 2)
 
-/* Of a set of channels: what is shown of them, and what no form of light has. Returns n, and as many more. */
+/* Lists the planes of a set of channels: the shown ones, and the sums that no form of light has. Returns n
+ * and their number. */
 static uint32_t list_channels(struct lw_tiles *tiles, uint32_t channels, uint32_t n,
                               struct plane out[PLANES_MAX]) {
     LW_TILE_CHANNELS_EACH (channel, channels)
@@ -29,7 +30,7 @@ static uint32_t list_channels(struct lw_tiles *tiles, uint32_t channels, uint32_
     return n;
 }
 
-/* Of light, of its bounces and of its noise. */
+/* Lists the planes of light, of its bounces and of its noise. */
 static uint32_t list_planes(struct lw_tiles *tiles, struct plane out[PLANES_MAX]) {
     uint32_t n = 0;
     for (int c = 0; c < 3; c++) {
@@ -44,7 +45,7 @@ static uint32_t list_planes(struct lw_tiles *tiles, struct plane out[PLANES_MAX]
     return list_channels(tiles, lw_tile_channels_held(false, false), n, out);
 }
 
-/* Of what client lights give. */
+/* Lists the planes of the light that client lights give. */
 static uint32_t list_drawn(struct lw_tiles *tiles, struct plane out[PLANES_MAX]) {
     uint32_t n = 0;
     for (int c = 0; c < 3; c++) {
@@ -225,7 +226,7 @@ static void deal_blocks(const struct lw_tiles *tiles, struct lw_solve_tile *tile
         }
 }
 
-/* Of a block: which sample points its texels have, and which texels it covers. */
+/* A hash over the sample points of a block's texels, and over the texels that it covers. */
 static uint32_t hash_points(const struct lw_tiles *tiles, const struct lw_solve_tile *tile, uint32_t column,
                             uint32_t row) {
     uint32_t hash = 0;
@@ -248,7 +249,7 @@ static void hash_blocks(const struct lw_tiles *tiles, const struct lw_solve_tile
 
 static uint32_t blocks_along(uint32_t texels) { return (texels + LW_TILE_BLOCK - 1) / LW_TILE_BLOCK; }
 
-/* Of a tile whose texels are known: its blocks, without light. */
+/* Begins the blocks of a tile whose texels are known, without light. */
 static void begin_tile(struct lw_tiles *tiles, struct lw_solve_tile *tile) {
     for (uint32_t i = 0; i < tile->width * tile->height; i++)
         tiles->block_of_texel[tile->first + i] =

@@ -62,8 +62,8 @@ struct lw_solve_block {
     /* Sum over texels: squared deviation of one frame's weighted luminance from the running mean. */
     double variance;
     double luminance; /* sum over texels of the luminance of E */
-    /* The luminance that errors are relative to: the largest mean of block, room and tile (regions.h). Of
-     * several parts, the darkest. other_luminance: what other layers add to it (light_layers.h). */
+    /* The luminance that errors are relative to: the largest mean of block, room and tile (regions.h). The
+     * darkest of several parts stands. other_luminance: what other layers add to it (light_layers.h). */
     float reference_luminance, other_luminance;
     float traced_luminance;      /* reference_luminance when its bounce rays were last traced */
     float noise[LW_TILES_PARTS]; /* relative variance of one frame's estimate of a texel; < 0: unknown */
@@ -121,8 +121,8 @@ struct lw_solve_tile {
 
 struct lw_tiles {
     uint32_t count, id_count, bounces, texel_count; /* id_count: number of lw_tile_ids in the scene */
-    /* Of level 0 alone are texel_count, block_count and level0_count. Texels, blocks and tiles of finer
-     * levels have what lies behind them in the arrays, up to the capacities. */
+    /* texel_count, block_count and level0_count are for level 0 alone. Texels, blocks and tiles of finer
+     * levels lie behind them in the arrays, up to the capacities. */
     uint32_t level0_count, capacity, texel_capacity, block_capacity;
     struct lw_solve_tile *tile;   /* sorted by cell: the order of solving */
     uint32_t *slot_of_id;         /* lw_tile_id -> index into tile, or UINT32_MAX: it is not solved as such */

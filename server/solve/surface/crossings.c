@@ -17,7 +17,7 @@
 /* Shares of the sky that places out of doors see at least, and more than those in a room. */
 #define SKY_OUTSIDE 0.2f
 #define SKY_MORE    0.1f
-#define SKY_PACKETS 2 /* of rays, for each texel near a cut; its neighbours' count as well */
+#define SKY_PACKETS 2 /* packets of rays for each texel near a cut; its neighbours' count as well */
 /* Regions of this size may be one of a room and one out of doors, or cut a strip off. Thin bars, which cross
  * each other all over a chair, are smaller. */
 #define REGION 32
@@ -40,7 +40,7 @@ enum {
 struct region {
     uint32_t texels, beside;  /* beside cuts */
     uint32_t met;             /* the texels of the largest region that it may yield to, across its cuts */
-    uint32_t cuts, to_behind; /* how often cuts part it from others; of these, from what is behind */
+    uint32_t cuts, to_behind; /* how often cuts part it from others, and from surfaces behind */
 };
 
 /* One object, its texels by their index within the mesh. */
@@ -56,12 +56,12 @@ struct part {
     const uint8_t *usable;
     const bool *sought;    /* per block, row by row; NULL: all are */
     uint32_t blocks_x;     /* blocks of a row */
-    uint32_t first, end;   /* of its texels those that may be on a side with such: whole rows of tiles */
+    uint32_t first, end;   /* its texels that may be on a side with sought ones: whole rows of tiles */
     uint32_t row, end_row; /* the same as rows of texels */
-    struct lw_vec3 *place; /* of each texel, object space: the middle of its usable points */
+    struct lw_vec3 *place; /* per texel, object space: the middle of its usable points */
     float *height_m;       /* above each texel, at which cuts are looked for */
-    uint16_t *flags;       /* of the above */
-    /* Of NEAR texels: rays that see the sky, go far, all; then sums over a texel and its neighbours. */
+    uint16_t *flags;       /* per texel: flags as above */
+    /* Per NEAR texel: rays that see the sky, rays that go far, all; then sums over it and its neighbours. */
     struct sight {
         uint16_t sky, far, all;
     } * own, *sight;
@@ -334,7 +334,7 @@ static void meet(struct part *p, uint32_t i, uint32_t j, bool cut) {
 }
 
 /* Few of a strip's texels are not beside a cut: those at the ends, whose neighbour lies inside a pillar.
- * To what is behind nobody yields: a ledge before a wall that is only modelled from outside has its own
+ * No texel yields to a surface behind: a ledge before a wall that is only modelled from outside has its own
  * light. */
 static bool is_strip(const struct region *region) {
     return region->texels - region->beside <= region->texels / 4 && region->met >= REGION &&
@@ -370,8 +370,8 @@ static const int ring_x[RING] = {1, 1, 0, -1, -1, -1, 0, 1}, ring_y[RING] = {0, 
 /* A run of covered texels around an uncovered one that nothing parts. */
 struct run {
     struct sight sight;
-    uint32_t nearest; /* of its texels */
-    float square;     /* of that one's distance, object space */
+    uint32_t nearest; /* its nearest texel */
+    float square;     /* square of the nearest texel's distance, object space */
 };
 
 /* Whether the texel at place k of the circle about (x, y) is covered, and of the same chart. */
@@ -425,7 +425,7 @@ static uint32_t list_runs(struct part *p, uint32_t x, uint32_t y, struct run out
     return count;
 }
 
-/* Of two runs, the one in whose place a texel between them is shown: the room's, where the other is out of
+/* The one of two runs in whose place a texel between them is shown: the room's, where its rival is out of
  * doors; else the nearer one. */
 static const struct run *better_of(const struct run *a, const struct run *b) {
     const float sky_a = sky_of(&a->sight), sky_b = sky_of(&b->sight);
@@ -469,7 +469,7 @@ static void note_walls(struct part *p, uint8_t *walls) {
         }
 }
 
-/* Tells the sides: wherever a wall comes or goes, what is far from it may be joined or parted. */
+/* Numbers the sides: wherever a wall comes or goes, texels far from it may be joined or parted. */
 static void note_sides(struct part *p, const uint8_t *walls, uint32_t *side) {
     for (uint32_t i = 0; i < p->mesh->texel_count; i++) p->parent[i] = i;
     for (uint32_t y = 0; y < p->mesh->height; y++)
@@ -526,7 +526,7 @@ static void set_rows(struct part *p) {
     p->end = end < tiles_y ? lw_texels_tile_start(p->mesh, 0, end) : p->mesh->texel_count;
 }
 
-/* Where the texels are, and what is known of those that are not sought. */
+/* Sets the places of the texels, and the state of texels that are not sought. */
 static void begin(struct part *p, const struct lw_texels *texels, uint32_t object, uint8_t *out_before) {
     const uint8_t *walls = texels->walls + texels->first[object];
     for (uint32_t i = p->first; i < p->end; i++) {

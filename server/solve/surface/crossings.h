@@ -9,8 +9,8 @@
  * A look-up beside a cut reads texels of both sides, so that light would leak over it, by up to a texel.
  * Some texels yield: they count as uncovered, and show the light of the other side.
  *
- * strip         three quarters of what a cut parts lie beside cuts; what is on the other side has at least
- *               32 texels, and twice as many, and is not, for the most part, behind
+ * strip         three quarters of the texels that a cut parts lie beside cuts; the region on the other side
+ *               has at least 32 texels, and twice as many, and is not, for the most part, behind
  * cavity        another surface lies less than an eighth of a texel above the texel, and not above its
  *               neighbour
  * out of doors  it and its neighbours see at least a fifth of the sky, a tenth more of it than those beyond
@@ -36,10 +36,10 @@
 /* So near above a texel, of its sides, that what lies between is seen by nobody. */
 #define LW_CROSSINGS_CLOSE 0.125f
 
-/** Takes the texels of an object that yield out of covered; their usable points stay in the mask. Those that
+/** Takes the texels of an object that yield out of covered; their usable points stay in the mask. Texels that
  * yielded before are decided again. Sets the sides and walls, and links the sources. The object stands.
- * blocks     per block of its level 0, row by row: whether its texels are asked about. Those of other blocks
- *            stay as they are, but for their sides. NULL: all
+ * blocks     per block of its level 0, row by row: whether its texels are asked about. Texels of other
+ *            blocks stay as they are, but for their sides. NULL: all
  * out_count  grows by how many yield
  * Errors     LW_NO_MEMORY */
 LW_MUST_CHECK enum lw_status lw_crossings_find(struct lw_texels *texels, const struct lw_pose *pose,

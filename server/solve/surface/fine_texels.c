@@ -82,7 +82,7 @@ static struct span span_of(const struct cells *cells, const struct lw_mesh *mesh
         low = (struct lw_vec2){fminf(low.x, uv.x), fminf(low.y, y)};
         high = (struct lw_vec2){fmaxf(high.x, uv.x), fmaxf(high.y, y)};
     }
-    /* look-ups read a texel beyond what is covered */
+    /* look-ups read a texel beyond covered ones */
     return (struct span){cell_at(low.x - 1, cells->columns), cell_at(low.y - 1, cells->rows),
                          cell_at(high.x + 1, cells->columns), cell_at(high.y + 1, cells->rows)};
 }
@@ -133,11 +133,11 @@ enum lw_status lw_fine_texels_prepare(struct lw_fine_texels_maker *maker, uint32
 
 struct window {
     uint32_t object, finer;
-    uint32_t x, y, width, height;   /* of the finer level; its first texel is (x, y) */
-    uint32_t inner_x, inner_y;      /* of the tile, within the window */
+    uint32_t x, y, width, height;   /* in texels of the finer level; (x, y): its first texel */
+    uint32_t inner_x, inner_y;      /* the tile's first texel, within the window */
     struct lw_mesh mesh;            /* the triangles that lie there, in its coordinates */
     void *storage[6];               /* the mesh's arrays */
-    struct lw_mesh_texels texels;   /* of that mesh */
+    struct lw_mesh_texels texels;   /* the mesh's */
     struct lw_mesh_texels *of_mesh; /* per mesh of the scene: where lw_texels has them */
     uint8_t *covered, *usable, *filled, *walls;
     uint32_t *side, *source;

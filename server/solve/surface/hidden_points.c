@@ -32,18 +32,18 @@ struct texel {
     const struct point *pivot; /* NULL: the texel's own position */
     uint8_t together;          /* mask of its points: the most that one of them sees along the surface */
     bool suspect, rim, torn;
-    bool by_solid; /* what is near one of its points may be the inside of a solid */
+    bool by_solid; /* a face near one of its points may be the inside of a solid */
 };
 
 struct point {
     struct lw_vec3 origin, face; /* world space; the face's normal is unit */
     float lift_m;
-    uint16_t texel; /* of the crowd */
+    uint16_t texel; /* index within the crowd */
     uint8_t number;
-    /* masks of directions: looked in; in which a back is met; in which nothing is near (reach_of_solids) */
+    /* masks of directions: looked in, with a back met, with nothing near (reach_of_solids) */
     uint8_t looked, back, clear;
     bool covered;      /* something is close above it */
-    uint8_t free_rays; /* of those that look for solids: which leave none */
+    uint8_t free_rays; /* rays looking for solids that leave none */
 };
 
 /* Texels of one object and their points, in the order of their numbers: neighbours look the same way. */
@@ -207,8 +207,8 @@ static uint16_t may_be_inside(struct packet *p, uint32_t r) {
 }
 
 /* By how many the faces that a ray leaves solids by outnumber those by which it enters some: 1 from inside
- * a closed one, whatever else is in it; 0 from outside, and 1 or -1 from beside a sheet. What may let
- * light through does not count. */
+ * a closed solid, with any contents; 0 from outside, and 1 or -1 from beside a sheet. Faces that may let
+ * light through do not count. */
 static void count_exits(struct packet *p, uint16_t active, int out_exits[LW_TRACE_WIDTH]) {
     for (uint32_t k = 0; k < CROSSINGS_MAX && active; k++) {
         trace(p, 0, active);
@@ -225,7 +225,7 @@ static void count_exits(struct packet *p, uint16_t active, int out_exits[LW_TRAC
     }
 }
 
-/* Points inside solids, by generalized winding numbers (Jacobson et al. 2013) of what is near: these bear
+/* Points inside solids, by generalized winding numbers (Jacobson et al. 2013) of faces near by: these bear
  * holes and solids that overlap, and tell a sample point under a sheet, from which the way down leads in,
  * or nowhere, from one in a box. So backs of double-sided surfaces bury, too. What lights the inside of
  * such a solid is nobody's to see. Rays up come first: most leave by no face at all, and of some that is
@@ -279,7 +279,7 @@ static uint16_t is_joined(struct packet *p, uint32_t unused) {
     return p->active & (uint16_t)~lanes_where(p, is_cut_off);
 }
 
-/* Those whose ray something that stands still stops. */
+/* Returns the lanes whose ray a standing object stops. */
 static uint16_t find_parted(struct packet *p, unsigned flags) {
     trace(p, flags, p->active);
     return lanes_where(p, is_parting);
@@ -296,7 +296,7 @@ static uint16_t is_open(struct packet *p, uint32_t unused) {
     return points & (uint16_t)~find_parted(p, LW_TRACE_COHERENT);
 }
 
-/* Somewhat above the surface, so that a bulge does not part itself, but not above what is close. */
+/* Somewhat above the surface, so that a bulge does not part itself, but not above close surfaces. */
 static struct lw_vec3 raised(const struct crowd *c, const struct point *point) {
     return lw_vec3_mad(point->origin, point->face, LOOK_ALONG * c->size_m);
 }
@@ -429,7 +429,7 @@ static void take_out_inside(struct crowd *c, struct list *list) {
     take_out(c, list);
 }
 
-/* By now two rays or more say what is near. */
+/* Takes out points inside solids, once two rays or more have looked for near faces. */
 static void take_out_enclosed(struct crowd *c, struct list *list) {
     list_points(c, list, UINT8_MAX, true);
     uint32_t kept = 0;
@@ -490,8 +490,8 @@ static void find_together(struct crowd *c, struct list *list) {
 
 /* Where another surface runs through a texel, such as a wall that stands on a floor, light on its far side is
  * not for those who look at this one: keeps the sample points on the side of the texel's own position, or
- * those before the face that shows this one its back, as water does to what is under it. Of these, and where
- * the own position is inside the wall, those of the side that has most. */
+ * the points before the face that shows this surface its back, as water does to a floor under it. In that
+ * case, and where the own position is inside the wall, keeps the points of the side that has most. */
 static void keep_one_side(struct crowd *c, struct list *list) {
     list_points(c, list, UINT8_MAX, true);
     sift(c, list, is_parted, 0);

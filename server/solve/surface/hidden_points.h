@@ -3,7 +3,7 @@
  * Threads: [any], each with texels of its own.
  *
  * Hundreds of texels are asked about at once: most of their points stand free, and a ray or two says so.
- * Those that are left after each ray move together, so that packets stay full. */
+ * The points that are left after each ray move together, so that packets stay full. */
 #ifndef LW_SURFACE_HIDDEN_POINTS_H
 #define LW_SURFACE_HIDDEN_POINTS_H
 
@@ -11,7 +11,7 @@
 #include "common/trace/trace.h"
 #include "server/solve/surface/texels.h"
 
-#define LW_HIDDEN_POINTS_TEXELS 512u /* of a call, at most */
+#define LW_HIDDEN_POINTS_TEXELS 512u /* in a call, at most */
 #define LW_HIDDEN_POINTS_RAYS   8u   /* directions that are looked in */
 /* Texels beside a wall that its back may darken: a look-up at level 2 reads as far. */
 #define LW_HIDDEN_POINTS_RIM 4.0f
@@ -23,7 +23,7 @@ struct lw_hidden_points_search {
     const struct lw_texels *texels;
     const struct lw_pose *pose;
     const struct lw_trace *trace;
-    float near_m; /* backs that are farther away hide only what is beside a wall */
+    float near_m; /* backs that are farther away hide only points beside a wall */
     float far_m;  /* beyond all of the scene */
 };
 

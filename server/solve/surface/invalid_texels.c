@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define NEAR 0.1f /* of the scene's longest side: how far backs hide what is not beside a wall */
+#define NEAR 0.1f /* how far backs hide points not beside a wall, over the scene's longest side */
 /* Texels of an object that one thread searches: an object may have half of the scene. */
 #define PART (8 * LW_HIDDEN_POINTS_TEXELS)
 
@@ -27,8 +27,8 @@ struct boxes {
 struct search {
     struct lw_texels *texels;
     struct lw_hidden_points_search points;
-    /* Where objects stood that do so no longer, and where others stand now; of a first look none. Of those
-     * that stood, the ones that had done so from the first look: they may have hidden what is far away. */
+    /* Boxes of objects that stand no longer, and of objects that stand now; in a first look none. first:
+     * boxes in left of objects that stood from the first look: they may have hidden points far away. */
     struct boxes left, come, first;
 };
 
@@ -70,13 +70,13 @@ static bool is_near(const struct boxes *boxes, float margin, const struct box *w
     return false;
 }
 
-/* So near what comes or goes, points may be hidden by it, texels parted by it. */
+/* An object that comes or goes may hide points, and part texels, within this distance. */
 static float reach_of(float size_m) {
     return 2 * LW_HIDDEN_POINTS_CLEAR * size_m + LW_HIDDEN_POINTS_RIM * size_m;
 }
 
-/* Whether what is no longer there may have been met from one of the texel's sample points: rays from
- * its middle stand for theirs. */
+/* Whether rays from one of the texel's sample points may have met an object that is gone: rays from its
+ * middle stand for theirs. */
 static bool may_be_freed(const struct search *s, uint32_t object, float size_m, uint32_t i) {
     const struct lw_mesh_texels *mesh = &s->texels->mesh[s->texels->scene->object[object].mesh];
     const struct lw_affine *to_world = &s->points.pose->object_to_world[object];
@@ -134,7 +134,7 @@ static uint64_t find_in_part(const struct search *s, uint32_t object, uint32_t f
     return gone;
 }
 
-/* What is asked again of an object: its texels of some blocks, and of these some from the beginning. */
+/* The texels of an object that are tested again: in some blocks, and some of them from the beginning. */
 struct again {
     bool *block;      /* per block of level 0, row by row */
     uint8_t *texel;   /* per texel */
@@ -161,7 +161,7 @@ static bool again_init(struct again *again, const struct lw_mesh_texels *mesh, c
     return false;
 }
 
-/* Chooses the texels near what has come or gone, and those that it may have hidden. */
+/* Chooses the texels near objects that have come or gone, and texels that these may have hidden. */
 static void choose_again(const struct search *s, uint32_t object, struct again *again) {
     const struct lw_mesh_texels *mesh = &s->texels->mesh[s->texels->scene->object[object].mesh];
     const uint8_t *usable = s->texels->usable + s->texels->first[object];
@@ -186,7 +186,7 @@ static void choose_again(const struct search *s, uint32_t object, struct again *
         }
 }
 
-/* Tests texels of an object from the beginning. which: those, or NULL: all. */
+/* Tests texels of an object from the beginning. which: 1: this texel; NULL: all. */
 static void find_again(const struct search *s, uint32_t object, const uint8_t *which) {
     const struct lw_mesh_texels *mesh = &s->texels->mesh[s->texels->scene->object[object].mesh];
     uint8_t *covered = s->texels->covered + s->texels->first[object],

@@ -17,7 +17,7 @@
 
 /** What a search has found. */
 struct lw_invalid_texels_found {
-    const struct lw_texels *texels; /* whose `stands` says what stood */
+    const struct lw_texels *texels; /* their `stands` marks the objects that stood */
     const struct lw_pose *pose;     /* at which they were searched */
     uint64_t count;                 /* texels that are gone */
 };
@@ -40,8 +40,8 @@ struct lw_hidden_points_search lw_invalid_texels_points(const struct lw_texels *
                                                         const struct lw_trace *trace);
 
 /** After other objects have come to stand, or stand elsewhere: texels are tested again near where these stood
- * and where they stand, and wherever what is gone may have hidden points. An object that stands no longer has
- * all of its texels. texels->changes tells which objects have others.
+ * and where they stand, and wherever an object that is gone may have hidden points. An object that stands no
+ * longer has all of its texels. texels->changes tells which objects have others.
  * before, stood  the pose of the last test, and what stood then
  * out_others     whether any object covers other texels, or stands elsewhere
  * Errors         LW_NO_MEMORY

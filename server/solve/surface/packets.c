@@ -90,7 +90,7 @@ static uint32_t split(struct member *member, uint32_t count, float spacing, stru
         for (int a = axis + 1, end = axis + 3; a < end; a++)
             if (e.size[a] > e.size[axis]) axis = a;
         qsort_r(member, count, sizeof *member, compare_along, &axis);
-        const uint32_t first = (count / 2 + LANES / 2) / LANES * LANES; /* of 17 or more: at least 16 */
+        const uint32_t first = (count / 2 + LANES / 2) / LANES * LANES; /* at least 16, if count >= 17 */
         LW_INVARIANT(first > 0 && first < count);
         packets += split(member, first, spacing, out + packets);
         member += first;

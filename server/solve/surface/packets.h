@@ -1,5 +1,5 @@
 /* packets.h: which texels of a block trace their rays together.
- * Flow:    texels of a mesh, what is covered -> [packets] -> passes
+ * Flow:    texels of a mesh, covered -> [packets] -> passes
  * Threads: pure function, [any].
  *
  * The sixteen texels of a packet share each direction, about normals of their own. Their rays are the more
@@ -16,14 +16,14 @@
 #include "common/trace/trace.h"
 #include "server/solve/surface/regions.h"
 
-/* Of a block of 16 x 16 texels. */
+/* Packets in a block of 16 x 16 texels. */
 #define LW_PACKETS_MAX (LW_TILE_BLOCK * LW_TILE_BLOCK / LW_TRACE_WIDTH)
 
 struct lw_packet {
-    uint8_t count;                 /* of its lanes, from the first */
+    uint8_t count;                 /* lanes in use, from the first */
     uint8_t group;                 /* packets of its group, which follow each other */
     uint8_t texel[LW_TRACE_WIDTH]; /* within the block: 16 y + x */
-    uint8_t lanes[LW_REGIONS];     /* of its lanes, those in each region (regions.h) */
+    uint8_t lanes[LW_REGIONS];     /* its lanes in each region (regions.h) */
 };
 
 /** Where the texel of a lane lies, from the block's first texel, `corner`, on; stride: from one row to the

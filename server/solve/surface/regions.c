@@ -40,7 +40,7 @@ static uint32_t end_of_side(const struct member *member, uint32_t end_of_chart, 
     return end;
 }
 
-/* Of charts that are cut or wide; members are sorted. */
+/* Lists the sides of charts that are cut or wide; members are sorted. */
 static uint32_t list_sides(const struct member *member, uint32_t count, struct side *out) {
     uint32_t sides = 0;
     for (uint32_t i = 0, end; i < count; i = end) {
@@ -83,7 +83,7 @@ uint32_t lw_rooms_find(const struct lw_mesh_texels *mesh, uint32_t first, uint32
 /* Texels of one room in a block. */
 struct group {
     uint32_t room, count;
-    uint32_t left, above; /* of its texels, in the first half of the block's columns, rows */
+    uint32_t left, above; /* its texels in the first half of the block's columns, rows */
     uint32_t first, regions;
     bool by_rows; /* how two regions share it */
 };

@@ -1,13 +1,13 @@
 /* regions.h: rooms of a tile, and which texels of a block are corrected together.
  * Flow:    sides of texels -> [rooms] -> what light errors are measured against
- *          rooms of texels -> [regions] -> packets; what changes, and is corrected, by regions
+ *          rooms of texels -> [regions] -> packets; change and correction by regions
  * Threads: pure functions, [any].
  *
  * Each side of a chart (texels.h) within a tile is a room by itself: a wall's faces share a tile, and one
  * looks at the sun. Small charts that no wall cuts are one room together.
  *
  * Indirect light may change in one corner of a block and not in another: its regions are the quarters of
- * 8 x 8 texels. What changes in one room says nothing of another, however near. So a block with several rooms
+ * 8 x 8 texels. A change in one room says nothing of another, however near. So a block with several rooms
  * has regions by rooms: the largest rooms have one each, and a second one while there are regions left.
  * Regions of a room belong to one part; quarters are all of one. */
 #ifndef LW_SURFACE_REGIONS_H

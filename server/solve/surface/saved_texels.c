@@ -11,7 +11,7 @@
 
 _Static_assert(LW_SAVED_TEXELS_KEY_SIZE == LW_CACHE_FOLDER_HASH_SIZE, "files are named by it");
 
-#define FASTEST 1           /* of zstd's levels: planes are mostly runs */
+#define FASTEST 1           /* a level of zstd: planes are mostly runs */
 #define NOBODY  0x80000000u /* in the plane of sources: LW_TEXEL_NONE */
 
 static const struct lw_checked_file_kind kind = {{'l', 'w', 't', 'e', 'x', 'e', 'l', '\n'},
@@ -25,7 +25,7 @@ struct header {
     struct lw_checked_file_kind kind;
     uint32_t texel_count;
     uint8_t key[LW_SAVED_TEXELS_KEY_SIZE];
-    uint64_t hash; /* of what the texels are found from */
+    uint64_t hash; /* over the inputs that the texels are found from */
     uint64_t gone;
     uint64_t size[PLANES]; /* compressed */
 };

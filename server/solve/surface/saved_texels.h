@@ -38,7 +38,7 @@ LW_MUST_CHECK enum lw_status lw_saved_texels_load(const struct lw_saved_texels *
                                                   const bool *stands, const struct lw_trace *trace,
                                                   uint64_t *out_count, struct lw_error *err);
 
-/** Saves what was found; the file appears whole or not at all. Makes the folder, and removes what was used
+/** Saves the findings; the file appears whole or not at all. Makes the folder, and removes the files used
  * longest ago beyond LW_SAVED_TEXELS_BYTES_MAX.
  * Errors: LW_CANNOT_CREATE, LW_IO naming the path; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_saved_texels_save(const struct lw_saved_texels *saved,

@@ -10,7 +10,7 @@
 #define SAME_PLACE 1e-3f
 /* Edges that more sides share than this are no surface that goes on. */
 #define SIDES_MAX 8u
-/* At most this many ends of others count along one side; what is beyond is no seam. */
+/* At most this many ends of others count along one side; any more make no seam. */
 #define ENDS_MAX 4096u
 /* Ends that a leaf of their tree holds. */
 #define LEAF 8u
@@ -172,7 +172,7 @@ static struct lw_vec3 inward(const struct lw_scene *scene, const struct lw_pose 
     return lw_vec3_normalize(lw_vec3_mad(third, along, -lw_vec3_dot(third, along)));
 }
 
-/* Whether the surface goes on smoothly from one side to the other. */
+/* Whether the surface goes on smoothly across the two sides. */
 static bool goes_on(const struct lw_scene *scene, const struct lw_pose *pose, const struct stretch *a,
                     const struct stretch *b) {
     for (int end = 0; end < 2; end++)
@@ -242,7 +242,7 @@ static bool match(const struct lw_scene *scene, struct sides *sides, struct side
 struct end {
     struct lw_vec3 at;
     uint32_t side, object;
-    uint32_t only; /* of the middle of a range: the object of all its ends; LW_SCENE_NONE: several */
+    uint32_t only; /* if it is the middle of a range: the object of all its ends; LW_SCENE_NONE: several */
 };
 
 static float coordinate(struct lw_vec3 p, int axis) { return axis == 0 ? p.x : axis == 1 ? p.y : p.z; }
@@ -295,7 +295,7 @@ static uint32_t sort_ends(struct end *end, size_t count, int axis) {
     return end[middle].only = only;
 }
 
-/* What is looked for: ends within `reach` of a segment. */
+/* A search for ends within `reach` of a segment. */
 struct segment {
     struct lw_vec3 from, along; /* to - from */
     float reach, length2;
@@ -318,7 +318,7 @@ static void search(struct segment *s, const struct end *end, size_t count, int a
         if (middle->only == s->skip && s->skip != LW_SCENE_NONE) return;
         const float from = coordinate(s->from, axis), along = coordinate(s->along, axis),
                     at = coordinate(middle->at, axis);
-        /* of the segment, what smaller ends reach, and what larger ones do */
+        /* the stretch of the segment that smaller ends reach, and the larger ends' */
         float lo_small = lo, hi_small = hi, lo_large = lo, hi_large = hi;
         const float leave = (at + s->reach - from) / along, enter = (at - s->reach - from) / along;
         if (along > 0) {
@@ -376,8 +376,8 @@ static bool push_pair(struct pairs *pairs, uint32_t a, uint32_t b) {
     return true;
 }
 
-/* Lists pairs of open sides that run along one another: of two that overlap, at least one
- * end of one lies on the other. */
+/* Lists pairs of open sides that run along one another: if two sides overlap, at least one
+ * end of either lies on its partner. */
 static bool list_pairs(const struct lw_scene *scene, const struct lw_pose *pose, const struct sides *open,
                        struct pairs *out, float *out_reach) {
     float largest = 0;

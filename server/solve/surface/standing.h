@@ -3,9 +3,9 @@
  * Threads: one at a time; between two calls [any] may read.
  *
  * An object that never moves stands. One that clients move stands, too, once it has been put somewhere: at
- * once where it had been at rest before, else after LW_STANDING_FRAMES frames at rest. While it is moved on
- * and on it does not, for what it parts would change in every frame. What is hidden does not stand, nor what
- * the scene's own animation moves. */
+ * once if it was at rest before, else after LW_STANDING_FRAMES frames at rest. While it is moved on
+ * and on it does not, for the texels that it parts would change in every frame. A hidden object does not
+ * stand, nor one that the scene's own animation moves. */
 #ifndef LW_SURFACE_STANDING_H
 #define LW_SURFACE_STANDING_H
 
@@ -23,7 +23,7 @@ struct lw_standing {
 };
 #define LW_STANDING_NEVER UINT64_MAX
 
-/** Whatever is to be seen stands. Errors: LW_NO_MEMORY. */
+/** All objects that may stand do so from the first. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_standing_init(struct lw_standing *standing, const struct lw_scene *scene,
                                               const struct lw_pose *pose);
 /** A zeroed one is fine. */

@@ -17,11 +17,11 @@
 struct claim {
     uint32_t triangle; /* LW_TEXEL_NONE: nobody */
     float u, v;        /* barycentrics of the sample */
-    float area;        /* of the claiming triangle inside the texel, texels^2; 2 if it holds the centre */
+    float area;        /* the claiming triangle's inside the texel, texels^2; 2 if it holds the centre */
     float area_sum;    /* of all triangles inside the texel */
-    /* Of that triangle; else the chart whose look-ups read the texel; LW_TEXEL_NONE: nobody's. */
+    /* The claiming triangle's; else the chart whose look-ups read the texel; LW_TEXEL_NONE: nobody's. */
     uint32_t chart;
-    float read_area; /* of the reading triangle within a texel of the centre, texels^2 */
+    float read_area; /* the reading triangle's within a texel of the centre, texels^2 */
     bool back;
     /* The first spots that lie on the chart, ascending, and the triangle that
      * holds each; SPOT_BACK: its back */
@@ -49,7 +49,7 @@ struct raster {
     const struct lw_mesh *mesh;
     struct lw_mesh_texels *texels;
     struct claim *claim; /* per texel */
-    uint32_t *parent;    /* of charts that are joined: twice as many as vertices */
+    uint32_t *parent;    /* joins charts: twice as many as vertices */
     struct points spots, albedo_points;
     bool has_albedo; /* it is asked for */
 };
@@ -156,7 +156,7 @@ static uint32_t floor_clamped(float x, uint32_t limit) {
 static void claim_spots(const struct raster *r, struct claim *c, const struct lw_vec2 corner[3], uint32_t x,
                         uint32_t y, uint32_t triangle, bool back) {
     const uint32_t last = LW_SAMPLE_POINTS_MAX - 1;
-    uint32_t k = 0; /* of those that are held, how many come before */
+    uint32_t k = 0; /* held spots that come before */
     uint64_t inside = inside_of(corner, x, y, &r->spots, LW_SAMPLE_POINTS_SPOTS);
     for (; inside; inside &= inside - 1) {
         const uint32_t number = (uint32_t)__builtin_ctzll(inside);
@@ -180,7 +180,7 @@ static void add_albedo_at(const struct raster *r, struct claim *c, uint32_t tria
     c->albedo_points++;
 }
 
-/* Adds the albedo of the points of a texel that a triangle holds; on the edge of two, each has it. Those
+/* Adds the albedo of the points of a texel that a triangle holds; on the edge of two, each has it. Points
  * beyond the chart do not count: a picture's next band may begin there. */
 static void add_albedo(const struct raster *r, struct claim *c, const struct lw_vec2 corner[3], uint32_t x,
                        uint32_t y, uint32_t triangle) {

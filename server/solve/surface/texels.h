@@ -1,6 +1,7 @@
 /* texels.h: where the light is computed: position, normals, albedo and sample points
  * of every texel of every atlas.
- * Flow:    scene with lightmap UVs -> [texels] -> passes; hit -> [texels] -> index of the texel that was hit
+ * Flow:    scene with lightmap UVs -> [texels] -> passes
+ *          hit -> [texels] -> index of the texel that was hit
  * Threads: built once; then [any].
  *
  * Texels lie tile by tile (level 0), row by row within a tile, so that a tile is one run of memory. Geometry
@@ -39,7 +40,7 @@ struct lw_mesh_texels {
     float *geometric[3]; /* normal of the triangle, object space, unit, on the side that this texel lights */
     float *albedo[3];    /* mean over the texel; a gutter has that of the texel that stands for it */
     uint8_t *covered;    /* 1: the texel's square overlaps a triangle */
-    /* That covers the texel, or else reads it in bilinear look-ups; LW_TEXEL_NONE: none does. */
+    /* The chart that covers the texel, or else reads it in bilinear look-ups; LW_TEXEL_NONE: none. */
     uint32_t *chart;
     struct lw_sample_points sample_points; /* where on the texel its rays start */
     struct lw_triangle_uv *triangle;
@@ -51,8 +52,8 @@ struct lw_texels {
     struct lw_mesh_texels *mesh; /* per mesh */
     float (*base_colour)[3];     /* per material: the factor that is in albedo */
     uint32_t *first;             /* per object: its first texel in the global numbering */
-    uint32_t count;              /* of the global numbering, all objects */
-    uint32_t capacity; /* of the arrays per texel: behind those of all objects lie those of fine tiles */
+    uint32_t count;              /* texels in the global numbering, all objects */
+    uint32_t capacity;           /* texels in the arrays per texel: fine tiles lie behind all objects */
     /* Per texel of the global numbering: has surface, light can reach it (invalid_texels.h), and it does not
      * yield to its neighbours (crossings.h). */
     uint8_t *covered;
@@ -74,7 +75,7 @@ struct lw_texels {
 
 /** Rasterises every mesh that an object uses.
  * cancel   may be NULL; once true, it ends within a mesh
- * waiting  may be NULL; hears how far it is
+ * waiting  may be NULL; hears of the progress.
  * Errors: LW_NO_MEMORY; LW_BAD_DATA for more than 2^30 texels in all; LW_CLOSED, with *err as it was:
  * cancelled. */
 LW_MUST_CHECK enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *scene,
@@ -109,11 +110,11 @@ void lw_texels_forget_walls(struct lw_texels *texels, uint32_t object);
  * position may lie beyond what cuts it. local: within the object */
 struct lw_vec3 lw_texels_place(const struct lw_texels *texels, uint32_t object, uint32_t local);
 
-/** Sets every texel's source, and what is filled, from what is covered now. */
+/** Sets source and filled of every texel from covered. */
 void lw_texels_link(struct lw_texels *texels, int threads);
-/** Likewise, for one object. */
+/** The same for one object. */
 void lw_texels_link_object(struct lw_texels *texels, uint32_t object);
-/** Likewise, for one of its blocks of level 0. x, y: its first texel */
+/** The same for one of its blocks of level 0. x, y: its first texel */
 void lw_texels_link_block(struct lw_texels *texels, uint32_t object, uint32_t x, uint32_t y);
 
 /** How many tiles, and blocks, that many texels of a row are. */

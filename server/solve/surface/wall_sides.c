@@ -19,7 +19,7 @@ struct reader {
 struct candidate {
     uint32_t texel; /* within the object */
     struct lw_vec3 place;
-    float square; /* of the distance from the ray's end, m^2 */
+    float square; /* squared distance from the ray's end, m^2 */
 };
 
 static const struct lw_mesh_texels *mesh_of(const struct lw_texels *texels, uint32_t object) {

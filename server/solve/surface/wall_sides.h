@@ -21,8 +21,8 @@ struct lw_wall_sides {
 /** Puts the texels to read in the place of those on whose squares rays end; global indices.
  * active  lanes that have met something
  * rays    as they were traced; directions of any length
- * texel   on whose square each lane ends, or LW_TEXEL_NONE; afterwards what it reads, or LW_TEXEL_NONE where
- *         no texel of its side is near
+ * texel   on whose square each lane ends, or LW_TEXEL_NONE. Afterwards the texel that it reads, or
+ *         LW_TEXEL_NONE if no texel of its side is near
  * Cost: nothing where no wall is near; else a ray, and sixteen more where that meets something. */
 void lw_wall_sides_read16(const struct lw_wall_sides *sides, uint16_t active, const struct lw_ray16 *rays,
                           const struct lw_hit16 *hits, uint32_t texel[LW_TRACE_WIDTH]);

@@ -19,8 +19,8 @@
 /* Texels ahead of the current one whose ray hits are prefetched. */
 #define GATHER_AHEAD 12u
 /* One rare bright sample among few makes a texel shine like a lamp, and what lies close by reads that again
- * and again while the mean forgets it. So a texel of n frames sends on by itself at most RARE + n times what
- * its block has in the mean. What is more the whole block sends: light stays. */
+ * and again while the mean forgets it. So a texel of n frames sends on by itself at most RARE + n times
+ * its block's mean. The whole block sends the rest: light stays. */
 #define RARE        2.0f
 #define RARE_MEAN   4.0f
 #define RARE_FRAMES 64u /* from here on each sends what it has */
@@ -50,7 +50,7 @@ struct flight {
     struct lw_ray16 rays;
     struct lw_hit16 hits;
     uint32_t texel[LANES], hit[LANES];
-    uint32_t sample; /* of the frame */
+    uint32_t sample; /* number within the frame */
     uint16_t active;
     unsigned flags;
 };
@@ -83,7 +83,7 @@ static bool ask_probes(const struct lw_transport *t, const struct lw_ray16 *rays
                        uint32_t random, uint32_t *out_hit) {
     const struct lw_vec3 d = lw_vec3(rays->dir_x[lane], rays->dir_y[lane], rays->dir_z[lane]);
     const struct lw_vec3 point = lw_vec3_mad(origin_of(rays, lane), d, rays->t_far[lane]);
-    /* Outside the box there is nothing but what has moved there: a ray that costs next to nothing. */
+    /* Outside the box there is only objects that have moved there: a ray that costs next to nothing. */
     if (!lw_cells_contain(&t->probes->grid, point)) return false;
     *out_hit = lw_probes_ask(t->probes, point, d, random);
     return *out_hit != LW_PROBES_UNSEEN;
@@ -224,7 +224,7 @@ static uint16_t read_reflector(const struct lw_transport *t, uint32_t object, ui
     uint16_t reads = 0;
     for (uint32_t lane = 0; lane < LANES; lane++) {
         ends.object[lane] = object;
-        ends.t[lane] = 1; /* of the way there */
+        ends.t[lane] = 1; /* the whole way there */
         texel[lane] = found[lane].texel;
     }
     lw_wall_sides_read16(&sides, seen, rays, &ends, texel);
@@ -432,7 +432,7 @@ static struct lw_vec3 reflected(const struct senders *senders, uint32_t texel, u
         1 / LW_PI);
 }
 
-/* Of what a texel reflects, the share that it sends on by itself. */
+/* The share of its reflected light that a texel sends on by itself. */
 static float share_alone(const struct sending *sending, float luminance) {
     return luminance > sending->most ? sending->most / luminance : 1;
 }

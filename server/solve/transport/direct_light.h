@@ -7,7 +7,7 @@
 #include "server/solve/transport/ray_launch.h"
 #include "server/solve/transport/transport.h"
 
-/** Of E, W/m^2, of each lane. */
+/** Parts of the E of each lane, W/m^2. */
 struct lw_direct_light {
     float all[3][LW_TRACE_WIDTH], drawn[3][LW_TRACE_WIDTH]; /* drawn: what client lights give of it */
     /* Cosine moments of all other light and of that of client lights; 0 where tiles hold none. */

@@ -24,8 +24,8 @@ static bool mean_of(const float *sums, uint32_t side, const uint32_t low[2], con
     return sum[0] > 0;
 }
 
-/* The mean of each cell of a bordered square; of one that no ray has met yet, of the nearest ring of cells
- * around it that rays have met; `all` where there is none. */
+/* The mean of each cell of a bordered square. A cell that no ray has met yet takes the mean of the nearest
+ * ring of cells that rays have met, or `all` if there is none. */
 static void settle_square(const float *sums, uint32_t side, const float all[3], float *map) {
     for (uint32_t y = 1; y <= side; y++)
         for (uint32_t x = 1; x <= side; x++) {

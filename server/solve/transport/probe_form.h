@@ -1,5 +1,5 @@
 /* probe_form.h: how a probe keeps the radiance that arrives at it: the forms behind one interface.
- * Flow:    rays of a frame -> [add] -> running mean of sums (probes.c) -> [settle] -> map -> [read]
+ * Flow:    rays of a frame -> [add] -> running mean of sums (probes.c) -> [make map] -> map -> [read]
  * Threads: pure functions on the caller's memory, [any].
  *
  *   octahedral  means over the cells of a 16 x 16 octahedral map, read bilinearly: sharp to some 11 degrees
@@ -22,13 +22,13 @@ struct lw_probe_form_ops {
     /** Adds one ray of a set that is uniform over the sphere. sum: sum_floats, 0 to
      * begin with. radiance: 3 floats. */
     void (*add)(float *sum, struct lw_vec3 direction, const float *radiance);
-    /** Makes what is read from the mean over all rays of what add() added. */
+    /** Makes the map that read() reads. mean: of the sums of add(), over all rays */
     void (*settle)(const float *mean, float *map);
     /** Radiance from a direction of unit length; finite and never negative. */
     struct lw_vec3 (*read)(const float *map, struct lw_vec3 direction);
 };
 
-#define LW_PROBE_FORM_FLOATS_MAX 1944u /* of sum_floats */
+#define LW_PROBE_FORM_FLOATS_MAX 1944u /* the largest sum_floats */
 
 const struct lw_probe_form_ops *lw_probe_form(enum lw_probe_form_kind kind);
 

@@ -45,7 +45,7 @@
  * may have hit what hides it. */
 #define WAY_BEHIND_MAX 0.1f
 /* Nor from an edge, where the nearest and the farthest in the cells that a read blends differ by more
- * than this factor: light beyond the edge would be handed to what is before it, and to the sky. Without
+ * than this factor: light beyond the edge would be handed to surfaces before it, and to the sky. Without
  * the two, Sponza under its sun gets 3 % too much light at a range of a tenth of its length, its darkest
  * places many times theirs; with this alone 0.4 %, with both 0.1 %. At a factor of 2 it is 0.7 %, for
  * half as many answers again. */
@@ -372,7 +372,7 @@ static uint32_t pick(const struct lw_cells *grid, struct lw_vec3 point, uint32_t
     for (int axis = 0; axis < 3; axis++) {
         const float last = (float)(grid->count[axis] - 1);
         float s = (position[axis] - minimum[axis]) / size[axis] - 0.5f;
-        s = s > 0 ? s < last ? s : last : 0; /* beyond the outermost probes: those; NaN: 0 */
+        s = s > 0 ? s < last ? s : last : 0; /* beyond the outermost probes: the last; NaN: 0 */
         const uint32_t below = (uint32_t)s;
         const float unit = (float)(random >> axis * 10 & 1023u) * (1 / 1024.0f);
         index += (below + (unit < s - (float)below)) * stride;

@@ -1,5 +1,6 @@
 /* probes.h: radiance that arrives at points in mid-air, for bounce rays that reach the tracing range.
- * Flow:    pose -> [place: out of geometry, what each probe sees] ; rays -> [gather] ;
+ * Flow:    pose -> [place: out of geometry, what each probe sees]
+ *          rays -> [gather]
  *          radiance (bounce k-1) -> [project] -> [radiance] for bounce k
  *          in between: end of a ray -> [choose] -> which probe, in which direction
  * Threads: init, place, gather and project [solver], parallel inside; choose and radiance [any] in between.
@@ -57,9 +58,9 @@ struct lw_probes {
     struct lw_vec3 (*box_os)[2];  /* per mesh: bounds */
     struct lw_affine *placed_for; /* per object: where it was when the probes were placed */
     bool *hidden_for;             /* per object: whether it was hidden then */
-    /* [probe][octahedral cell][5]: mean of distance and of its square, both cut off at depth_max_m;
-     * mean distance to what is seen, or to the scene's box; reciprocals of the least and of the
-     * greatest distance, 0 for the sky. */
+    /* [probe][octahedral cell][5]: mean of distance and of its square, both cut off at depth_max_m.
+     * Then the mean distance to seen surfaces, or to the scene's box. Then reciprocals of the least and of
+     * the greatest distance, 0 for the sky. */
     float *depth;
     float depth_max_m;
     struct lw_probe_ray *ray; /* [probe][LW_PROBES_RAYS] */

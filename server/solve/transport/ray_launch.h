@@ -12,15 +12,15 @@
 /** A packet (packets.h) and the numbers that it draws (sampling.h). */
 struct lw_ray_launch {
     uint32_t texel[LW_TRACE_WIDTH]; /* within the tile; lanes that are not active repeat the first */
-    uint32_t point[LW_TRACE_WIDTH]; /* of sample_points.point: where their rays start */
+    uint32_t point[LW_TRACE_WIDTH]; /* index into sample_points.point: where their rays start */
     uint16_t active;
     uint32_t block, set;
-    uint32_t frames; /* that the block has seen */
+    uint32_t frames; /* frames that the block has seen */
 };
 
 /** Where the rays of a packet start. */
 struct lw_ray_launch_site {
-    struct lw_sample_points_frame frame; /* of the tile's object */
+    struct lw_sample_points_frame frame; /* the frame of the tile's object */
     struct lw_sample_points_lanes lanes; /* in world space; lanes that are not active repeat one that is */
     bool coherent;                       /* normals agree so far that rays about them run parallel enough */
 };

@@ -12,8 +12,8 @@
  *   E_k += V L_{k-1}(y) cos cos' / (d^2 p(y))      y: a point on it; p: density over the area of them all
  *
  * Where a ray starts and what it meets says which of the two counts, so that no path does twice. Bounce rays
- * have what is close, since 1 / d^2 has no bound; what lies beyond the tracing range, which probes know; and
- * triangles that are not opaque. */
+ * count for close hits, since 1 / d^2 has no bound, for places beyond the tracing range, which probes know,
+ * and for triangles that are not opaque. */
 #ifndef LW_TRANSPORT_REFLECTORS_H
 #define LW_TRANSPORT_REFLECTORS_H
 
@@ -23,18 +23,18 @@
 
 struct lw_reflector {
     uint32_t object, count;
-    uint32_t *triangle; /* those that are opaque, of its mesh */
+    uint32_t *triangle; /* opaque triangles of its mesh */
     float *upto;        /* running sums of their area times radiance, W/sr: by what they are picked */
-    float *radiance;    /* that each is picked by, W/(m^2 sr) */
-    uint32_t capacity;  /* of these three */
+    float *radiance;    /* radiance that each is picked by, W/(m^2 sr) */
+    uint32_t capacity;  /* entries of these three */
     struct lw_vec3 centre_ws;
     float radius_m;
 };
 
 struct lw_reflectors {
     const struct lw_scene *scene;                    /* outlives it */
-    const struct lw_texels *texels;                  /* likewise */
-    float radius_max_m;                              /* of an object that may be one */
+    const struct lw_texels *texels;                  /* outlives it */
+    float radius_max_m;                              /* largest radius of an object that may be one */
     bool *is_bright;                                 /* per object: it has a texel that may be worth it */
     uint8_t *of_object;                              /* index into list, or LW_REFLECTORS_MAX */
     struct lw_reflector list[LW_REFLECTORS_MAX + 1]; /* the last: not listed yet */
@@ -73,7 +73,7 @@ const struct lw_reflector *lw_reflectors_pick(const struct lw_reflectors *reflec
 
 struct lw_reflector_point {
     struct lw_vec3 position_ws, normal_ws; /* unit, by winding */
-    uint32_t triangle;                     /* of the mesh; u, v: weights of its 2nd and 3rd vertex */
+    uint32_t triangle;                     /* within the mesh; u, v: weights of its 2nd and 3rd vertex */
     float u, v;
     float area_m2; /* 1 / density over the reflector's area */
 };

@@ -4,13 +4,13 @@
  * Threads: each call works on one tile. Tiles are independent within a pass, passes
  *          are barriers apart. [any worker]
  *
- * Estimators (E: irradiance, N: samples, p: probability density; all means are unbiased):
- *   punctual light     E += V E_normal cos              one shadow ray each; many of them: see below
+ * Estimators (E: irradiance, N: samples, p: probability density). All means are unbiased:
+ *   punctual light     E += V E_normal cos              one shadow ray each (many of them: see below)
  *   emissive triangle  E += (1/N) sum V L cos / p       p: probability of the triangle in its group, over its
  *                                                       solid angle; far: times d^2 / (its area cos')
  *   sky, environment   E += (1/N) sum V L cos / p       p = (1 - a) cos/pi + a p_bright: cosine-weighted, and
- *                                                       where it stands out; a constant sky has a = 0
- *   bounce k           E_k += (pi/N) sum L_{k-1}(hit)   cosine-weighted directions; and, of reflectors,
+ *                                                       where it stands out. A constant sky has a = 0
+ *   bounce k           E_k += (pi/N) sum L_{k-1}(hit)   cosine-weighted directions, and for reflectors
  *                      E_k += V L_{k-1}(y) cos cos' / (d^2 p(y))   (reflectors.h)
  *
  * Many points and spots are split with the emitters into groups. One light of each group stands for all of
@@ -38,7 +38,7 @@ struct lw_transport {
     const struct lw_pose *pose;
     const struct lw_trace *trace;
     const struct lw_lights *lights; /* without the client lights */
-    const struct lw_lights *drawn;  /* those; NULL: there are none, and lights are all */
+    const struct lw_lights *drawn;  /* client lights; NULL: there are none, and lights are all */
     const struct lw_texels *texels;
     const struct lw_probes *probes; /* NULL: the tracing range is infinite */
     struct lw_tiles *tiles;
@@ -48,7 +48,7 @@ struct lw_transport {
     struct lw_reflected *reflected;         /* one per texel of the global numbering */
     uint32_t direct_samples, indirect_samples, seed;
     float tracing_range_m;
-    /* of converged blocks. */
+    /* The largest error of converged blocks. */
     float target_error;
 };
 
