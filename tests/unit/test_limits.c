@@ -129,7 +129,7 @@ static void add_places(void) {
         number(lw_address_places_share(&own, LW_SERVER_SESSIONS_MAX)));
     const unsigned refill_s = LW_SERVER_CONNECTIONS_REFILL_S;
     add("new connections of one address", "unit/test_session:test_connecting_too_often",
-        "%s at once, %u a second; of the own machine %s, %u; at least %u, %u",
+        "%s at once, %u a second. From the own machine: %s, %u. At least %u, %u",
         number(lw_address_places_share(&other, LW_SERVER_SESSIONS_MAX)),
         lw_address_places_share(&other, LW_SERVER_SESSIONS_MAX) / refill_s,
         number(lw_address_places_share(&own, LW_SERVER_SESSIONS_MAX)),
@@ -330,15 +330,17 @@ static void test_wire_format(void **state) {
         A_SECOND(INTEREST), A_SECOND(PING), A_SECOND(PONG), A_SECOND(ACK), A_SECOND(UPDATE), A_SECOND(ASK),
         A_SECOND(HOLDS), size(rate[LW_MESSAGE_RATES_BYTES].rate_hz));
     expect_sentence(text,
-                    "%s frames of a WebSocket more than messages or %s that WebSocket and TLS take for "
-                    "themselves, but for %u bytes a message",
+                    "%s frames of a WebSocket more than messages, and %s that WebSocket and TLS take for "
+                    "themselves beyond %u bytes a message",
                     A_SECOND(FRAMES), size(rate[LW_MESSAGE_RATES_OVERHEAD].rate_hz),
                     LW_MESSAGE_RATES_ENVELOPE);
-    expect_sentence(text, "sends REFUSAL RATE to who goes on for %u s", LW_SERVER_EXCESS_TIMEOUT_S);
-    expect_sentence(text,
-                    "has not heard a byte for %u s, and sends REFUSAL TIMEOUT after %u s. So it does %u s",
-                    LW_SERVER_SILENCE_S / 2, LW_SERVER_SILENCE_S, LW_SERVER_PACKAGE_TIMEOUT_S);
-    expect_sentence(text, "who has taken no byte for %u s although", LW_SERVER_STALL_TIMEOUT_S);
+    expect_sentence(text, "sends REFUSAL RATE to a client that goes on for %u s", LW_SERVER_EXCESS_TIMEOUT_S);
+    expect_sentence(
+        text,
+        "has not heard a byte for %u s, and sends REFUSAL TIMEOUT after %u s. It does so, too, to a "
+        "client that has sent no PACKAGE_REQUEST %u s after connecting",
+        LW_SERVER_SILENCE_S / 2, LW_SERVER_SILENCE_S, LW_SERVER_PACKAGE_TIMEOUT_S);
+    expect_sentence(text, "has taken no byte for %u s although", LW_SERVER_STALL_TIMEOUT_S);
     expect_sentence(
         text, "%s sessions, %s of one address", number(LW_SERVER_SESSIONS_MAX),
         number(lw_address_places_share(&(struct lw_address){{0}, false}, LW_SERVER_SESSIONS_MAX)));
