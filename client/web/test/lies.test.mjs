@@ -2,7 +2,7 @@
 import assert from 'node:assert/strict';
 import test from 'node:test';
 
-import { load, wasm } from './load.mjs';
+import { load, quietHost, wasm } from './load.mjs';
 
 const { AtlasMap, ClosedError, DrawsTooMuch, layOut, LimitError, nothingKept, ProtocolError, ...rest } =
   await load('atlas', 'failure', 'pages', 'replica', 'session', 'tiles', 'wire');
@@ -39,10 +39,7 @@ function stored(bytes) {
 
 async function hearWith(features, ...parts) {
   const host = {
-    send() {},
-    find: () => Promise.resolve(null),
-    keep() {},
-    progress() {},
+    ...quietHost,
     scene() {},
     frame() {},
     tiles() {},

@@ -39,3 +39,11 @@ export async function load(...names) {
 export function wasm() {
   return readFileSync(join(web, 'lightwell_tiles.wasm'));
 }
+
+/** What a session needs of a page that has nothing and hears nothing. */
+export const quietHost = {
+  send() {},
+  find: () => Promise.resolve(null),
+  keep() {},
+  progress() {},
+};

@@ -11,7 +11,7 @@ import { brotliDecompressSync } from 'node:zlib';
 import WebSocket from 'ws';
 
 import { hasDaemon, LIMIT_MS, startDaemon, within } from './daemon.mjs';
-import { load, web, wasm } from './load.mjs';
+import { load, quietHost, wasm, web } from './load.mjs';
 import { HOST, hasProgram, startProxy } from './proxy.mjs';
 
 const { serverAddress, Session, Tiles, nothingKept } = await load('address', 'session', 'tiles');
@@ -46,10 +46,8 @@ async function receive(port) {
     socket.once('close', (code) => reject(new Error(`closed: ${code}`)));
     let session;
     const host = {
+      ...quietHost,
       send: (bytes) => socket.send(bytes),
-      find: () => Promise.resolve(null),
-      keep() {},
-      progress() {},
       scene: (replica) => resolve(replica.scene),
     };
     socket.once('open', () => (session = new Session(nothingKept(), tiles, host, 0n, 0)));

@@ -4,7 +4,7 @@ import { readFileSync } from 'node:fs';
 import { join } from 'node:path';
 import test from 'node:test';
 
-import { load, root, wasm } from './load.mjs';
+import { load, quietHost, root, wasm } from './load.mjs';
 
 const { ClosedError, nothingKept, Servers, Session, Tiles } = await load('servers', 'session', 'tiles');
 
@@ -52,10 +52,7 @@ test('what is no address is left out, and by TLS what has none', () => {
 async function hear(kept, named) {
   const heard = [];
   const host = {
-    send() {},
-    find: () => Promise.resolve(null),
-    keep() {},
-    progress() {},
+    ...quietHost,
     named,
     servers: (servers) => heard.push(servers),
   };

@@ -4,7 +4,7 @@ import { readFileSync } from 'node:fs';
 import { join } from 'node:path';
 import test from 'node:test';
 
-import { load, root, wasm } from './load.mjs';
+import { load, quietHost, root, wasm } from './load.mjs';
 
 const { lightingText, READY, Session, Tiles, nothingKept, waitingText } = await load('session', 'tiles', 'waiting');
 const golden = (name) => new Uint8Array(readFileSync(join(root, 'tests/golden/v1', name)));
@@ -27,10 +27,7 @@ test('words for people', () => {
 async function hear(...names) {
   const heard = [];
   const host = {
-    send() {},
-    find: () => Promise.resolve(null),
-    keep() {},
-    progress() {},
+    ...quietHost,
     waiting: (waiting) => heard.push([waiting.stage, waiting.share]),
   };
   const session = new Session(nothingKept(), await Tiles.create(wasm()), host, 0n, 0);
