@@ -14,7 +14,7 @@ static const struct lw_tile_channels table = {
                                 .asks = 0,
                                 .follows = LW_LIGHT_FORM_FULL},
         /* Clients add light without a coding error: the view's error is that of tiles with all light,
-                 * for a quarter of the bytes less than with the same steps (docs/lab/codec.md). */
+         * for a quarter of the bytes less than with the same steps (docs/lab/codec.md). */
         [LW_LIGHT_FORM_SPLIT] = {.name = "irradiance-split",
                                  .unit = "W/m^2",
                                  .meaning = "the same without the direct light that clients draw",
