@@ -477,22 +477,32 @@ static void finer_tiles_come_and_go(void **state) {
     expect_fine(id, 4, LW_TILE_CODEC_DCT, true);
 }
 
+static const uint32_t two_tiles[2] = {0, 1};
+
+/* Light of frame 5, and two finer tiles of a version, both listed. */
+static void begin_with_two(lw_tile_id id[2], uint64_t version) {
+    lw_relay_light_begin(light, FULL);
+    take_all(FULL, 5);
+    (void)list(1, two_tiles, 2, true);
+    for (uint32_t i = 0; i < 2; i++) {
+        id[i] = claim(i);
+        encode(id[i].v, version);
+        take_tile(FULL, source[id[i].v].whole);
+    }
+    take_settled(FULL, 5);
+}
+
 /* The server above forgets them when a session ends. A tile that does not come again is withdrawn, and may
  * return. */
 static void finer_tiles_of_a_session_that_ended_are_in_doubt(void **state) {
     (void)state;
-    static const uint32_t tile[2] = {0, 1};
-    lw_relay_light_begin(light, FULL);
-    take_all(FULL, 5);
-    (void)list(1, tile, 2, true);
-    const lw_tile_id id[2] = {claim(0), claim(1)};
-    for (int i = 0; i < 2; i++) encode(id[i].v, 6), take_tile(FULL, source[id[i].v].whole);
-    take_settled(FULL, 5);
+    lw_tile_id id[2];
+    begin_with_two(id, 6);
     expect_fine(id[0], 6, LW_TILE_CODEC_DCT, true);
     lw_relay_light_end(light, FULL);
     expect_fine(id[0], 6, LW_TILE_CODEC_DCT, true); /* light stays */
     lw_relay_light_begin(light, FULL);
-    (void)list(2, tile, 2, true);
+    (void)list(2, two_tiles, 2, true);
     take_frame(FULL, 5);
     take_tile(FULL, source[id[0].v].whole);
     encode(id[1].v, 8);
@@ -522,22 +532,17 @@ static void finer_tiles_of_a_session_that_ended_are_in_doubt(void **state) {
  * dropped comes under its version. */
 static void finer_tiles_give_way(void **state) {
     (void)state;
-    static const uint32_t tile[2] = {0, 1};
-    lw_relay_light_begin(light, FULL);
-    take_all(FULL, 5);
-    (void)list(1, tile, 2, true);
-    const lw_tile_id id[2] = {claim(0), claim(1)};
-    for (int i = 0; i < 2; i++) encode(id[i].v, 10), take_tile(FULL, source[id[i].v].whole);
-    take_settled(FULL, 5);
+    lw_tile_id id[2];
+    begin_with_two(id, 10);
     expect_fine(id[1], 10, LW_TILE_CODEC_DCT, true);
     take_frame(FULL, 6);
     lw_relay_light_ask(light, FULL, id, 1);
     take_settled(FULL, 6);
     expect_fine(id[0], 10, LW_TILE_CODEC_DCT, true);
     expect_fine(id[1], 11, LW_TILE_CODEC_NONE, true);
-    assert_true(list(2, tile, 0, true)); /* nobody asks for the second */
+    assert_true(list(2, two_tiles, 0, true)); /* nobody asks for the second */
     expect_fine(id[0], 0, 0, false);
-    (void)list(3, tile, 1, true);
+    (void)list(3, two_tiles, 1, true);
     take_tile(FULL, source[id[0].v].whole);
     expect_fine(id[0], 10, LW_TILE_CODEC_DCT, true);
 }
