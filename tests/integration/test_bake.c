@@ -157,6 +157,13 @@ static void check_light(void *user, const struct picture *picture, struct lw_vec
         fail_msg("at (%g, %g): %g instead of %g", (double)p.x, (double)p.z, got, want);
 }
 
+/* The scene that a bake has written, where it stands. */
+static void load_glb(const char *path, struct lw_scene **out_scene, struct lw_pose *pose) {
+    struct lw_error err = {0};
+    lw_support_ok(lw_gltf_load(path, 0, out_scene, &err), &err);
+    lw_support_ok(lw_pose_init(pose, *out_scene), NULL);
+}
+
 static void check_object(const struct lw_scene *scene, const struct lw_pose *pose, uint32_t o,
                          const char *exr, double factor, double lamps, double sky) {
     struct light light = {factor, lamps, sky};
@@ -195,9 +202,7 @@ static void maps_hold_the_light_where_the_glb_says(void **state) {
             0);
         struct lw_scene *scene;
         struct lw_pose pose;
-        struct lw_error err = {0};
-        lw_support_ok(lw_gltf_load(glb, 0, &scene, &err), &err);
-        lw_support_ok(lw_pose_init(&pose, scene), NULL);
+        load_glb(glb, &scene, &pose);
         assert_int_equal(scene->object_count, 2);
         check_object(scene, &pose, 0, in(out, "square_0.exr"), cases[i].factor, 1, 0);
         check_object(scene, &pose, 1, in(out, "square_1.exr"), cases[i].factor, 1, 0);
@@ -234,9 +239,7 @@ static void indirect_only_leaves_the_lamp_to_the_engine(void **state) {
                          0);
         struct lw_scene *scene;
         struct lw_pose pose;
-        struct lw_error err = {0};
-        lw_support_ok(lw_gltf_load(glb, 0, &scene, &err), &err);
-        lw_support_ok(lw_pose_init(&pose, scene), NULL);
+        load_glb(glb, &scene, &pose);
         check_object(scene, &pose, 0, in(out, "square_0.exr"), cases[i].factor, 0, 0.2);
         check_object(scene, &pose, 1, in(out, "square_1.exr"), cases[i].factor, 0, 0.2);
         assert_int_equal(scene->light_count, 1);
@@ -523,8 +526,6 @@ static void virtual_lights_bake_the_same_light(void **state) {
     bakes_the_same_light("vpl", "--samples 64 --vpl-sets 4 --vpl-near 0.02");
 }
 
-/* ---- refusals ---- */
-
 static void directions_point_at_the_lamp(void **state) {
     (void)state;
     const char *squares = save_squares();
@@ -535,9 +536,7 @@ static void directions_point_at_the_lamp(void **state) {
                      0);
     struct lw_scene *scene;
     struct lw_pose pose;
-    struct lw_error err = {0};
-    lw_support_ok(lw_gltf_load(glb, 0, &scene, &err), &err);
-    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    load_glb(glb, &scene, &pose);
     each_point(scene, &pose, 0, in(out, "directions/square_0.exr"), check_direction, NULL);
     each_point(scene, &pose, 1, in(out, "directions/square_1.exr"), check_direction, NULL);
     lw_pose_finish(&pose);
@@ -546,6 +545,8 @@ static void directions_point_at_the_lamp(void **state) {
     assert_string_equal(json_string_value(json_object_get(map, "directions")), "directions/square_1.exr");
     json_decref(index);
 }
+
+/* ---- refusals ---- */
 
 static void wrong_use_is_refused(void **state) {
     (void)state;
