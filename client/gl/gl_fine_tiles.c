@@ -113,7 +113,7 @@ static void find_parts(const struct lw_gl_fine_tiles *fine, const struct lw_comp
 }
 
 static void versions_of(const struct part part[PARTS], uint64_t out[PARTS]) {
-    for (uint32_t i = 0; i < PARTS; i++) out[i] = lw_gl_fine_tiles_version(&part[i].is);
+    for (uint32_t i = 0; i < PARTS; i++) out[i] = lw_client_tile_changes(&part[i].is);
 }
 
 /* Packs a tile and its border. Where a neighbour lacks, the edge stands in for it in look-ups between the

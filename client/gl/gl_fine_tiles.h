@@ -72,11 +72,6 @@ void lw_gl_fine_tiles_finish(struct lw_gl_fine_tiles *fine);
  * whether a word has changed. */
 bool lw_gl_fine_tiles_take(struct lw_gl_fine_tiles *fine, const struct lw_gl_fine_tiles_take *take);
 
-/** What tells whether a tile's light, or where that comes from, has changed; 0: it is not there. */
-static inline uint64_t lw_gl_fine_tiles_version(const struct lw_client_tile *tile) {
-    return tile->version ? tile->version + tile->direction_version : 0;
-}
-
 /** A survey begins: what it finds is wanted more than what former ones found. */
 void lw_gl_fine_tiles_survey(struct lw_gl_fine_tiles *fine);
 /** A survey has found a tile, of any level. */

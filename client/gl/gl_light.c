@@ -384,7 +384,7 @@ static uint32_t list_waiting(struct lw_gl_light *light, const struct lw_compose_
             light->unfiltered ? 0 : (uint8_t)lw_atlas_noise_level_min(tile.error, source->noise_shown);
         *out_changed |= noise_level != light->noise_level[t];
         light->noise_level[t] = noise_level;
-        if (lw_gl_fine_tiles_version(&tile) != light->version[t] && tile.version != 0)
+        if (lw_client_tile_changes(&tile) != light->version[t] && tile.version != 0)
             light->queue[count++] = t;
     }
     return count;
@@ -423,7 +423,7 @@ static uint32_t take_plain(struct lw_gl_light *light, const struct lw_compose_so
         const uint32_t t = light->queue[i];
         const struct lw_client_tile tile = source->tile(source->context, (lw_tile_id){t});
         if (!upload(light, source, t)) continue;
-        light->version[t] = lw_gl_fine_tiles_version(&tile);
+        light->version[t] = lw_client_tile_changes(&tile);
         light->uploaded++;
     }
     find_words(light);

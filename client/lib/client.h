@@ -301,6 +301,10 @@ struct lw_client_tile {
     const float *direction;     /* the same of lw_client_level.direction; NULL: not here */
     uint64_t direction_version; /* as version, of where its light comes from, at any level; 0: not here */
 };
+/** Grows when the tile's light, or where that comes from, changes; 0: it is not there. */
+static inline uint64_t lw_client_tile_changes(const struct lw_client_tile *tile) {
+    return tile->version ? tile->version + tile->direction_version : 0;
+}
 struct lw_client_tile lw_client_get_tile(const struct lw_client *client, lw_tile_id tile);
 
 /** Counters and clocks. */

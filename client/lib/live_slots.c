@@ -44,10 +44,9 @@ static lw_tile_id find(const struct lw_live_slots *slots, const struct lw_tile_p
     return lw_atlas_map_find(slots->tiles->map, p->object, p->level, p->x + (part & 1), p->y + (part >> 1));
 }
 
-/* Grows with what a tile holds. */
 static uint64_t changes_of(const struct lw_live_tiles *tiles, lw_tile_id id) {
     const struct lw_client_tile known = lw_client_get_tile(tiles->client, id);
-    return known.version + known.direction_version;
+    return lw_client_tile_changes(&known);
 }
 
 /* What the texels of a part are of: those of its tile, or where that is not there of level 0 below it. */
