@@ -83,7 +83,7 @@ static bool ask_probes(const struct lw_transport *t, const struct lw_ray16 *rays
                        uint32_t random, uint32_t *out_hit) {
     const struct lw_vec3 d = lw_vec3(rays->dir_x[lane], rays->dir_y[lane], rays->dir_z[lane]);
     const struct lw_vec3 point = lw_vec3_mad(origin_of(rays, lane), d, rays->t_far[lane]);
-    /* Outside the box there is only objects that have moved there: a ray that costs next to nothing. */
+    /* Outside the box there are only objects that have moved there: a ray that costs next to nothing. */
     if (!lw_cells_contain(&t->probes->grid, point)) return false;
     *out_hit = lw_probes_ask(t->probes, point, d, random);
     return *out_hit != LW_PROBES_UNSEEN;
