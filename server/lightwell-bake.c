@@ -538,17 +538,17 @@ static enum lw_status write_exr(struct baker *b, const struct lw_map *map, bool 
 }
 
 /* Writes the directions of an object's light: one vector a texel. */
-static enum lw_status write_directions(struct baker *b, uint32_t object, const char *name,
+static enum lw_status write_directions(struct baker *b, const struct lw_map *irradiance, const char *name,
                                        struct lw_error *err) {
     struct lw_map map;
     enum lw_status status =
-        lw_map_build_directions(&map, b->scene, &b->atlas_map, b->solver, b->form, object, err);
+        lw_map_build_directions(&map, b->scene, &b->atlas_map, b->solver, b->form, irradiance, err);
     if (status != LW_OK) return status;
     const struct lw_image_attribute attribute[] = {{"units", "1"},
                                                    {"quantity", "cosine moment over irradiance"},
                                                    {"axes", "world, as glTF has them: y up"},
                                                    {"software", "lightwell " LW_VERSION},
-                                                   {"object", b->scene->object[object].name}};
+                                                   {"object", b->scene->object[map.object].name}};
     char *path = join(b->settings.output, name);
     status = path ? lw_image_write_exr_with(
                         path,
@@ -567,22 +567,14 @@ static enum lw_status write_directions(struct baker *b, uint32_t object, const c
 }
 
 /* The map as MOZ_lightmap wants it, irradiance whatever the convention of the EXRs. */
-static enum lw_status add_to_glb(struct baker *b, const struct lw_map *map,
+static enum lw_status add_to_glb(struct baker *b, const struct lw_map *map, const struct lw_map *irradiance,
                                  const struct lw_sides_shown *shown, struct lw_error *err) {
-    struct lw_map irradiance = {0};
     uint8_t *rgb;
     float scale;
-    enum lw_status status = lw_map_build(&irradiance, b->scene, &b->atlas_map, b->solver, b->form,
-                                         map->object, lw_convention_get(LW_CONVENTION_IRRADIANCE), err);
-    if (status != LW_OK) return status;
-    status = lw_map_to_8_bit(&irradiance, &rgb, &scale);
-    if (status == LW_OK) {
-        lw_glb_scene_add(&b->glb, map, shown, b->names.file[map->object], rgb, scale);
-        free(rgb);
-    } else
-        lw_status_fail(err, status, "out of memory");
-    lw_map_finish(&irradiance);
-    return status;
+    if (lw_map_to_8_bit(irradiance, &rgb, &scale) != LW_OK) return out_of_memory(err);
+    lw_glb_scene_add(&b->glb, map, shown, b->names.file[map->object], rgb, scale);
+    free(rgb);
+    return LW_OK;
 }
 
 static void note_sides(struct baker *b, const struct lw_map *map, const struct lw_sides_shown *shown) {
@@ -591,7 +583,7 @@ static void note_sides(struct baker *b, const struct lw_map *map, const struct l
 }
 
 static enum lw_status write_map(struct baker *b, uint32_t object, struct lw_error *err) {
-    struct lw_map map;
+    struct lw_map map, irradiance = {0};
     struct lw_sides_shown shown = {0};
     enum lw_status status =
         lw_map_build(&map, b->scene, &b->atlas_map, b->solver, b->form, object, b->convention, err);
@@ -600,17 +592,21 @@ static enum lw_status write_map(struct baker *b, uint32_t object, struct lw_erro
     b->maps_as_float += !map.fits_half;
     note_noise(b, &map);
     status = write_exr(b, &map, half, err);
+    if (status == LW_OK && (b->settings.directional || b->settings.gltf_out))
+        status = lw_map_build(&irradiance, b->scene, &b->atlas_map, b->solver, b->form, object,
+                              lw_convention_get(LW_CONVENTION_IRRADIANCE), err);
     char *directions = b->settings.directional ? join(DIRECTIONS_FOLDER, b->names.file[object]) : NULL;
     if (status == LW_OK && b->settings.directional)
-        status = directions ? write_directions(b, object, directions, err) : out_of_memory(err);
+        status = directions ? write_directions(b, &irradiance, directions, err) : out_of_memory(err);
     if (status == LW_OK) status = lw_sides_choose(&b->sides, &map, &shown, err);
     note_sides(b, &map, &shown);
     if (status == LW_OK && lw_manifest_add(&b->manifest, b->scene, &map, &shown, b->names.file[object],
                                            directions, half) != LW_OK)
         status = out_of_memory(err);
     free(directions);
-    if (status == LW_OK && b->settings.gltf_out) status = add_to_glb(b, &map, &shown, err);
+    if (status == LW_OK && b->settings.gltf_out) status = add_to_glb(b, &map, &irradiance, &shown, err);
     lw_sides_release(&shown);
+    lw_map_finish(&irradiance);
     lw_map_finish(&map);
     return status;
 }

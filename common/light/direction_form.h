@@ -27,6 +27,7 @@
 #ifndef LW_COMMON_DIRECTION_FORM_H
 #define LW_COMMON_DIRECTION_FORM_H
 
+#include "common/colour.h"
 #include "common/vec.h"
 
 #define LW_DIRECTION_FACTOR_MAX 4.0f
@@ -35,6 +36,15 @@
 #define LW_DIRECTION_EVEN (2.0f / 3)
 /* A shorter r says nothing: it counts as even. */
 #define LW_DIRECTION_SHORT 0.02f
+
+/** r of a texel: the cosine moment over the luminance of its light; 0 where there is no light. */
+static inline struct lw_vec3 lw_direction_of(const float moment[3], const float light[3]) {
+    const float luminance = lw_colour_luminance(lw_vec3(light[0], light[1], light[2]));
+    float r[3] = {0};
+    for (int k = 0; luminance > 0 && k < 3; k++)
+        r[k] = fminf(fmaxf(moment[k] / fmaxf(luminance, 1e-30f), -1), 1);
+    return lw_vec3(r[0], r[1], r[2]);
+}
 
 /** The source in light that is otherwise even. */
 struct lw_direction_source {

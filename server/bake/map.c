@@ -1,6 +1,6 @@
 #include "server/bake/map.h"
 
-#include "common/colour.h"
+#include "common/light/direction_form.h"
 #include "common/random.h"
 #include "server/publish/levels.h"
 
@@ -158,25 +158,19 @@ enum lw_status lw_map_build(struct lw_map *map, const struct lw_scene *scene,
 
 static void divide_by_light(struct lw_map *map, const struct lw_map *light) {
     for (size_t i = 0; i < (size_t)map->width * map->height; i++) {
-        const float *e = light->rgba + 4 * i, luminance = lw_colour_luminance(lw_vec3(e[0], e[1], e[2]));
-        for (size_t k = 0; k < 3; k++) {
-            float *value = &map->rgba[4 * i + k];
-            *value = luminance > 0 ? fminf(fmaxf(*value / fmaxf(luminance, 1e-30f), -1), 1) : 0;
-        }
+        float *moment = map->rgba + 4 * i;
+        const struct lw_vec3 r = lw_direction_of(moment, light->rgba + 4 * i);
+        moment[0] = r.x, moment[1] = r.y, moment[2] = r.z;
     }
 }
 
 enum lw_status lw_map_build_directions(struct lw_map *map, const struct lw_scene *scene,
                                        const struct lw_atlas_map *atlas_map, const struct lw_solver *solver,
-                                       enum lw_light_form form, uint32_t object, struct lw_error *err) {
-    struct lw_map light;
-    enum lw_status status = lw_map_build(&light, scene, atlas_map, solver, form, object,
-                                         lw_convention_get(LW_CONVENTION_IRRADIANCE), err);
-    if (status != LW_OK) return status;
+                                       enum lw_light_form form, const struct lw_map *irradiance,
+                                       struct lw_error *err) {
     const struct content moment = {LW_TILE_CHANNEL_DIRECTION + form, NULL};
-    status = build(map, scene, atlas_map, solver, object, &moment, err);
-    if (status == LW_OK) divide_by_light(map, &light);
-    lw_map_finish(&light);
+    enum lw_status status = build(map, scene, atlas_map, solver, irradiance->object, &moment, err);
+    if (status == LW_OK) divide_by_light(map, irradiance);
     return status;
 }
 

@@ -33,13 +33,13 @@ LW_MUST_CHECK enum lw_status lw_map_build(struct lw_map *map, const struct lw_sc
                                           struct lw_error *err);
 void lw_map_finish(struct lw_map *map);
 
-/** Builds the map of where the light of an object comes from: x, y and z, world space, of the cosine moment
- * over the irradiance (common/light/direction_form.h); 0 where there is no light. The solver shows the form's
- * moment, too. Alpha and errors are those of the light. Errors: as lw_map_build(). */
+/** Builds the map of where the light of an object comes from: x, y and z of lw_direction_of(), world space
+ * (common/light/direction_form.h). The solver shows the form's moment, too. Alpha is the light's.
+ * irradiance: the object's, of this form. Errors: as lw_map_build(). */
 LW_MUST_CHECK enum lw_status lw_map_build_directions(struct lw_map *map, const struct lw_scene *scene,
                                                      const struct lw_atlas_map *atlas_map,
                                                      const struct lw_solver *solver, enum lw_light_form form,
-                                                     uint32_t object, struct lw_error *err);
+                                                     const struct lw_map *irradiance, struct lw_error *err);
 
 /** A map in 8 bits a channel: texel / 255 * scale is the light, linear. Largest values are cut off: 0.1 % of
  * the surface at most is brighter than `scale`. Rounding is dithered, so that dark gradients do not turn

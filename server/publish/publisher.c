@@ -1,8 +1,8 @@
 #include "server/publish/publisher.h"
 
 #include "common/clock.h"
-#include "common/colour.h"
 #include "common/invariant.h"
+#include "common/light/direction_form.h"
 #include "common/tile/tile_codec.h"
 #include "server/publish/frame_message.h"
 #include "server/publish/levels.h"
@@ -451,16 +451,12 @@ static bool has_channel(const struct lw_publisher *p, const struct channel *chan
     return !channel->is->moment || !p->desc.directional || p->desc.directional[object];
 }
 
-/* A moment over the luminance of its light, worker->light: what lights dim alike stays as it is. */
+/* Turns moments into directions (lw_direction_of()), which stay when all lights are dimmed alike. */
 static void divide_by_light(struct worker *worker, const struct lw_tile_place *place) {
     for (uint32_t i = 0; i < place->width * place->height; i++) {
-        const float *light = worker->light + 3 * i,
-                    luminance = lw_colour_luminance(lw_vec3(light[0], light[1], light[2]));
         float *moment = worker->value + 3 * i;
-        for (int k = 0; k < 3; k++) {
-            const float share = moment[k] / fmaxf(luminance, 1e-30f);
-            moment[k] = luminance > 0 ? fminf(fmaxf(share, -1), 1) : 0;
-        }
+        const struct lw_vec3 r = lw_direction_of(moment, worker->light + 3 * i);
+        moment[0] = r.x, moment[1] = r.y, moment[2] = r.z;
     }
 }
 
