@@ -40,17 +40,17 @@ static uint32_t count_slots(const struct lw_atlas_map *map, uint32_t slots_max) 
     return count;
 }
 
-static GLuint make_pool(uint32_t slots, GLint kept, GLenum format, GLenum type) {
+static GLuint make_pool(uint32_t slots, const struct lw_gl_texels *texels) {
     GLuint pool;
     lw_gl_texture_smooth(GL_TEXTURE_2D_ARRAY, &pool);
-    glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, kept, (GLsizei)SIDE, (GLsizei)SIDE, (GLsizei)slots, 0, format, type,
-                 NULL);
+    glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, texels->kept, (GLsizei)SIDE, (GLsizei)SIDE, (GLsizei)slots, 0,
+                 texels->format, texels->type, NULL);
     return pool;
 }
 
 void lw_gl_fine_tiles_add_directions(struct lw_gl_fine_tiles *fine) {
     if (!fine->pool) return;
-    fine->directions = make_pool(fine->slot_count, GL_RGB10_A2, GL_RGBA, GL_UNSIGNED_INT_2_10_10_10_REV);
+    fine->directions = make_pool(fine->slot_count, &lw_gl_texels_directions);
     for (uint32_t i = 0; i < fine->slot_count; i++)
         memset(fine->slot[i].version, 0, sizeof fine->slot[i].version);
 }
@@ -73,7 +73,7 @@ enum lw_status lw_gl_fine_tiles_init(struct lw_gl_fine_tiles *fine, const struct
     if (status == LW_OK) {
         fine->slot_count = count;
         for (uint32_t i = 0; i < count; i++) fine->slot[i].tile = NONE;
-        fine->pool = make_pool(count, GL_RGB9_E5, GL_RGB, GL_UNSIGNED_INT_5_9_9_9_REV);
+        fine->pool = make_pool(count, &lw_gl_texels_light);
         status = lw_gl_program_check("lightmaps of finer levels", err);
     }
     if (status != LW_OK) lw_gl_fine_tiles_finish(fine);
@@ -148,11 +148,11 @@ static bool upload(struct lw_gl_fine_tiles *fine, const struct lw_compose_source
     if (!part[SELF].is.version) return false;
     versions_of(part, fine->slot[slot].version);
     for (int k = 0; k < (fine->directions ? 2 : 1); k++) {
+        const struct lw_gl_texels *texels = k ? &lw_gl_texels_directions : &lw_gl_texels_light;
         pack(fine, p, part, k == 1);
         glBindTexture(GL_TEXTURE_2D_ARRAY, k ? fine->directions : fine->pool);
         glTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, 0, 0, (GLint)slot, (GLsizei)p->width + 1,
-                        (GLsizei)p->height + 1, 1, k ? GL_RGBA : GL_RGB,
-                        k ? GL_UNSIGNED_INT_2_10_10_10_REV : GL_UNSIGNED_INT_5_9_9_9_REV, fine->texels);
+                        (GLsizei)p->height + 1, 1, texels->format, texels->type, fine->texels);
     }
     fine->uploaded++;
     return true;

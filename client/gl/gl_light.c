@@ -125,14 +125,15 @@ static enum lw_status make_words(struct lw_gl_light *light, struct lw_error *err
     return LW_OK;
 }
 
-static GLuint make_pages(const struct lw_gl_light *light, GLint kept, GLenum format, GLenum type) {
+static GLuint make_pages(const struct lw_gl_light *light, const struct lw_gl_texels *texels) {
     GLuint pages;
     lw_gl_texture_smooth(GL_TEXTURE_2D_ARRAY, &pages);
     glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_NEAREST);
     glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAX_LEVEL, LW_ATLAS_READ_MAX);
     for (GLint mip = 0; mip <= (GLint)LW_ATLAS_READ_MAX; mip++)
-        glTexImage3D(GL_TEXTURE_2D_ARRAY, mip, kept, (GLsizei)(light->side >> mip),
-                     (GLsizei)(light->side >> mip), (GLsizei)light->layers, 0, format, type, NULL);
+        glTexImage3D(GL_TEXTURE_2D_ARRAY, mip, texels->kept, (GLsizei)(light->side >> mip),
+                     (GLsizei)(light->side >> mip), (GLsizei)light->layers, 0, texels->format, texels->type,
+                     NULL);
     return pages;
 }
 
@@ -162,7 +163,7 @@ static enum lw_status make_textures(struct lw_gl_light *light, uint32_t count, s
     free(table);
     const enum lw_status status = make_words(light, err);
     if (status != LW_OK) return status;
-    light->pages = make_pages(light, GL_RGB9_E5, GL_RGB, GL_UNSIGNED_INT_5_9_9_9_REV);
+    light->pages = make_pages(light, &lw_gl_texels_light);
     return lw_gl_program_check("the scene's lightmaps", err);
 }
 
@@ -268,12 +269,12 @@ static bool upload(struct lw_gl_light *light, const struct lw_compose_source *so
     const struct part part = {x - (x > 0), y - (y > 0), right + (right < r->width),
                               bottom + (bottom < r->height)};
     for (int k = 0; k < (light->directions && level.direction ? 2 : 1); k++) {
+        const struct lw_gl_texels *texels = k ? &lw_gl_texels_directions : &lw_gl_texels_light;
         pack_tile(light, tile, k ? level.direction : level.rgb, level.width, &part, k == 1);
         glBindTexture(GL_TEXTURE_2D_ARRAY, k ? light->directions : light->pages);
         glTexSubImage3D(GL_TEXTURE_2D_ARRAY, (GLint)r->mip, (GLint)(r->x + part.left),
                         (GLint)(r->y + part.top), (GLint)r->layer, (GLsizei)(part.right - part.left),
-                        (GLsizei)(part.bottom - part.top), 1, k ? GL_RGBA : GL_RGB,
-                        k ? GL_UNSIGNED_INT_2_10_10_10_REV : GL_UNSIGNED_INT_5_9_9_9_REV, light->texels);
+                        (GLsizei)(part.bottom - part.top), 1, texels->format, texels->type, light->texels);
     }
     return true;
 }
@@ -291,7 +292,7 @@ static void take_directions(struct lw_gl_light *light, const struct lw_compose_s
     if (light->directions || !has_directions(light, source)) return;
     glGetIntegerv(GL_MAX_TEXTURE_IMAGE_UNITS, &units_max);
     if (units_max < (GLint)LW_GL_FINE_TILES_UNITS) return; /* indirect light then looks as without them */
-    light->directions = make_pages(light, GL_RGB10_A2, GL_RGBA, GL_UNSIGNED_INT_2_10_10_10_REV);
+    light->directions = make_pages(light, &lw_gl_texels_directions);
     lw_gl_fine_tiles_add_directions(&light->fine);
     memset(light->version, 0, light->map->plain_count * sizeof *light->version);
 }

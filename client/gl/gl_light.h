@@ -40,8 +40,8 @@ struct lw_gl_light {
     struct lw_gl_fine_tiles fine;
 
     struct lw_gl_light_rect *rect; /* per level, as in `levels` */
-    uint64_t *version;    /* per tile, but of finer levels: lw_client_tile_changes() in the pages */
-    uint8_t *noise_level; /* per tile, but of finer levels */
+    uint64_t *version;             /* per tile, but of finer levels: lw_client_tile_changes() in the pages */
+    uint8_t *noise_level;          /* per tile, but of finer levels */
     bool *settled;  /* per object: all of it is there and of noise level 0, so that these words say nothing */
     uint16_t *word; /* per tile */
     uint32_t *queue;  /* tiles to upload */

@@ -18,4 +18,13 @@ void lw_gl_texture_table(GLenum format, size_t size_bytes, const void *data, GLu
  * `kind`, GL_TEXTURE_2D or GL_TEXTURE_2D_ARRAY; the caller gives it texels. */
 void lw_gl_texture_smooth(GLenum kind, GLuint *out_texture);
 
+/** How a texture keeps texels, and how they are handed over. */
+struct lw_gl_texels {
+    GLint kept;
+    GLenum format, type;
+};
+static const struct lw_gl_texels lw_gl_texels_light = {GL_RGB9_E5, GL_RGB, GL_UNSIGNED_INT_5_9_9_9_REV};
+static const struct lw_gl_texels lw_gl_texels_directions = {GL_RGB10_A2, GL_RGBA,
+                                                            GL_UNSIGNED_INT_2_10_10_10_REV};
+
 #endif
