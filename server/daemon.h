@@ -20,7 +20,7 @@
 #include <stdatomic.h>
 #include <time.h>
 
-/* A thread that prepares what follows at SIGHUP. */
+/* A thread that prepares the next scene at SIGHUP. */
 struct lw_daemon_succession {
     pthread_t thread;
     bool runs;           /* it is to be joined */

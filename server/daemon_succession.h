@@ -10,8 +10,8 @@
 
 #include "server/daemon.h"
 
-/** Begins to prepare what follows; a hook of the server. context: a struct lw_daemon. A failure is a line of
- * the log, and leaves the daemon as it is. */
+/** Begins to prepare the next scene; a hook of the server. context: a struct lw_daemon. A failure is a line
+ * of the log, and leaves the daemon as it is. */
 void lw_daemon_succession_reload(void *context);
 
 /** Returns the daemon that follows one that has served; NULL: none does.

@@ -62,7 +62,7 @@ struct lw_measure_sample {
     double coin[LW_MEASURE_COIN_COUNT]; /* NAN: not known */
 };
 
-/* What else a line of costs holds: column, what it is */
+/* Further columns of a line of costs: name, meaning */
 #define LW_MEASURE_EXTRA_MAP(X)                                                                              \
     X(WALL, "wall_s", "wall seconds per frame")                                                              \
     X(RAYS, "rays", "rays per frame")                                                                        \

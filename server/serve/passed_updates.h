@@ -26,7 +26,7 @@ struct lw_passed_update {
 };
 
 struct lw_passed_updates {
-    uv_mutex_t mutex;                      /* guards what follows */
+    uv_mutex_t mutex;                      /* guards the fields below */
     struct lw_passed_updates_entry *entry; /* in the order in which they came */
     size_t entry_count, entry_capacity, change_count;
     uint64_t number;      /* the last update's */

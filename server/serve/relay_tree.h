@@ -23,7 +23,7 @@ struct lw_session;
 
 /** What the sessions of relays have reported, together. */
 struct lw_relay_tree {
-    uv_mutex_t mutex; /* guards what follows; held for a copy only */
+    uv_mutex_t mutex; /* guards the fields below; held for a copy only */
     struct lw_relay_tree_node *node;
     uint32_t count;
 };

@@ -161,7 +161,7 @@ void lw_session_tell(const struct lw_session *s, const char *format, ...) LW_PRI
 /** A relay says which relays are below it. Errors: LW_PROTOCOL. */
 LW_MUST_CHECK enum lw_status
 lw_session_relays_report(struct lw_session *s, const struct lw_message_report *report, struct lw_error *err);
-/** The session is no more, and what it reported. */
+/** The session has ended: its report is dropped. */
 void lw_session_relays_leave(struct lw_session *s);
 
 /* ---- session_interest.c ---- */

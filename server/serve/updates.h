@@ -17,7 +17,7 @@
 struct lw_session;
 
 struct lw_updates {
-    uv_mutex_t mutex;               /* guards what follows */
+    uv_mutex_t mutex;               /* guards the fields below */
     struct lw_scene_change *change; /* the waiting updates', in order */
     size_t change_count, change_capacity;
     struct lw_updates_entry *entry; /* in order: first those that were taken, then those that wait */

@@ -254,7 +254,7 @@ static void test_follows_a_lamp(void **state) {
     end(&before);
 }
 
-/* ---- what it leaves alone ---- */
+/* ---- light stays as it is ---- */
 
 static void test_light_is_the_same_without(void **state) {
     (void)state;

@@ -589,7 +589,7 @@ export class Lightwell {
     this.tell({ kind: 'taken', count: first.at - from });
   }
 
-  /** Of finer levels level 0 is read. */
+  /** Finer levels read the directions of level 0. */
   private takeDirections({ id, texels }: DirectionTile): void {
     if (id >= this.map!.plainCount) return;
     const place = this.map!.place(id);
