@@ -14,6 +14,7 @@
 #include "common/scene/package.h"
 #include "common/wait_policy.h"
 #include "server/bake/bake.h"
+#include "server/bake/bake_memory.h"
 #include "server/bake/glb_scene.h"
 #include "server/bake/manifest.h"
 #include "server/bake/map_names.h"
@@ -34,6 +35,7 @@
 #define DEFAULT_BOUNCES   4
 #define DEFAULT_INTERVAL  180
 #define STATE_NAME        ".lightwell-bake-state"
+#define TILES_NAME        ".lightwell-bake-tiles"
 #define DIRECTIONS_FOLDER "directions"
 #define MANIFEST_NAME     "index.json"
 #define NOISIEST_SHOWN    3
@@ -49,7 +51,7 @@ struct settings {
     bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, denoise, restart, indirect_only,
         keep_visibility, directional;
     int convention, sides, undersample;
-    int64_t window, directions, vpl_lights, vpl_sets;
+    int64_t window, directions, vpl_lights, vpl_sets, memory_mb;
 };
 
 struct baker {
@@ -67,7 +69,8 @@ struct baker {
     struct lw_map_names names;
     struct lw_manifest manifest;
     struct lw_glb_scene glb;
-    char *state_path, *map_folder;
+    char *state_path, *tiles_path, *map_folder;
+    bool by_tile; /* texels at once would take too much memory */
     uint32_t maps_as_float;
     struct lw_sides sides;
     uint32_t one_sided_count; /* maps of which one side is shown though both matter */
@@ -238,6 +241,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          0.1, 1e9, NULL},
         {"restart", NULL, "do not go on with an unfinished bake in DIR; start again", LW_OPTION_FLAG,
          &s->restart, 0, 0, NULL},
+        {"memory", "MB",
+         "memory for texels and their light, at most (default: three quarters of the machine's); where they "
+         "need more, tiles are lit one after another",
+         LW_OPTION_INT, &s->memory_mb, 1, 1 << 24, NULL},
         {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
         LW_PROBE_OPTIONS(&s->probes),
         LW_SCENE_OPEN_OPTIONS(&s->scene),
@@ -285,7 +292,9 @@ static enum lw_status prepare_places(struct baker *b, struct lw_error *err) {
         return lw_status_fail(err, LW_CANNOT_CREATE, "-o %s: is not a folder", s->output);
     if (access(s->output, W_OK | X_OK) != 0)
         return lw_status_fail(err, LW_CANNOT_CREATE, "-o %s: %s", s->output, strerror(errno));
-    if (!(b->state_path = join(s->output, STATE_NAME))) return out_of_memory(err);
+    b->state_path = join(s->output, STATE_NAME);
+    b->tiles_path = join(s->output, TILES_NAME);
+    if (!b->state_path || !b->tiles_path) return out_of_memory(err);
     if (s->directional) {
         char *folder = join(s->output, DIRECTIONS_FOLDER);
         if (!folder) return out_of_memory(err);
@@ -363,11 +372,11 @@ static enum lw_status make_key(struct baker *b, struct lw_error *err) {
         text + length, sizeof text - (size_t)length,
         " " LW_VERSION " solver %s bounces %lld seed %lld range %a cell %a probes %d %a time %a "
         "denoise %d undersample %d window %lld directions %lld kept %d subdivide %a vpl %lld %lld %a "
-        "directional %d",
+        "directional %d by tile %d",
         s->entry->name, (long long)s->bounces, (long long)s->seed, s->probes.tracing_range_m,
         s->probes.cell_size_m, s->probes.form, s->probes.probe_spacing_m, s->time_s, s->denoise,
         s->undersample, (long long)s->window, (long long)s->directions, s->keep_visibility || s->visibility,
-        s->subdivide, (long long)s->vpl_lights, (long long)s->vpl_sets, s->vpl_near, s->directional);
+        s->subdivide, (long long)s->vpl_lights, (long long)s->vpl_sets, s->vpl_near, s->directional, b->by_tile);
     if (b->left_out_names) { /* which ones: no text is long enough for all names */
         lw_package_hash((const uint8_t *)b->left_out_names, strlen(b->left_out_names), &hash);
         length += snprintf(text + length, sizeof text - (size_t)length, " left out ");
@@ -426,6 +435,14 @@ static enum lw_status choose_left_out(struct baker *b, struct lw_error *err) {
     return fclose(out) == 0 ? LW_OK : out_of_memory(err);
 }
 
+static struct lw_solver_desc solver_desc_of(const struct baker *b) {
+    struct lw_solver_desc desc = solver_desc(&b->settings);
+    desc.scene = b->scene;
+    desc.atlas_map = &b->atlas_map;
+    desc.client_lights = &b->left_out;
+    return desc;
+}
+
 static enum lw_status read_scene(struct baker *b, struct lw_error *err) {
     enum lw_status status = lw_scene_open(&b->settings.scene, &b->scene, err);
     lw_interrupt_enter(&preparing);
@@ -437,32 +454,47 @@ static enum lw_status read_scene(struct baker *b, struct lw_error *err) {
     if ((status = lw_pose_init(&b->pose, b->scene)) != LW_OK) return lw_status_fail(err, status, "poses");
     lw_pose_evaluate(&b->pose, b->scene, b->settings.time_s);
     if ((status = choose_left_out(b, err)) != LW_OK) return status;
+    const struct lw_solver_desc desc = solver_desc_of(b);
+    status = lw_bake_memory_choose(b->settings.entry, &desc, (uint64_t)b->settings.memory_mb * 1000000,
+                                   &b->by_tile, err);
+    if (status != LW_OK) return status;
     if ((status = make_key(b, err)) != LW_OK) return status;
     if ((status = lw_map_names_init(&b->names, b->scene)) != LW_OK) return out_of_memory(err);
     return LW_OK;
 }
 
-static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
+static enum lw_status create_solver(struct baker *b, struct lw_error *err) {
     const struct settings *s = &b->settings;
-    struct lw_solver_desc desc = solver_desc(s);
-    desc.scene = b->scene;
-    desc.atlas_map = &b->atlas_map;
-    desc.client_lights = &b->left_out;
-    enum lw_status status = lw_solvers_create(s->entry->name, &desc, &b->pose, &b->solver, err);
-    if (status != LW_OK) return status;
+    struct lw_solver_desc desc = solver_desc_of(b);
     uint32_t channels = lw_light_form_bit(b->form);
     if (s->directional) channels |= lw_tile_channel_bit(LW_TILE_CHANNEL_DIRECTION + b->form);
-    b->solver->ops->show(b->solver, channels);
-    b->bake.solver = b->solver;
+    if (b->by_tile) {
+        struct lw_tile_by_tile_desc how = {
+            .path = b->tiles_path, .channels = channels, .has_albedo = b->convention->times_albedo};
+        memcpy(how.key, b->bake.key, sizeof how.key);
+        desc.denoise = s->denoise;
+        return lw_tile_by_tile_create(s->entry, &desc, &b->pose, &how, &b->solver, err);
+    }
+    enum lw_status status = s->entry->create(&desc, &b->pose, &b->solver, err);
+    if (status == LW_OK) b->solver->ops->show(b->solver, channels);
+    return status;
+}
+
+static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
+    const struct settings *s = &b->settings;
     b->bake.atlas_map = &b->atlas_map;
     b->bake.pose = &b->pose;
     b->bake.samples = (uint32_t)s->samples;
     b->bake.error = (float)s->error;
     b->bake.limit_s = s->limit_s;
     b->bake.state_path = b->state_path;
+    b->bake.tiles_path = b->tiles_path;
     b->bake.state_interval_s = s->interval_s;
     b->bake.stop = &signalled;
-    return LW_OK;
+    if (s->restart) lw_bake_forget(&b->bake);
+    enum lw_status status = create_solver(b, err);
+    b->bake.solver = b->solver;
+    return status;
 }
 
 /* It cannot say how far it is: lines say when it begins, and how long it took. */
@@ -477,7 +509,6 @@ static enum lw_status filter(struct baker *b, struct lw_error *err) {
 
 static enum lw_status solve(struct baker *b, struct lw_error *err) {
     uint64_t frames;
-    if (b->settings.restart) lw_bake_forget(&b->bake);
     enum lw_status status = lw_bake_resume(&b->bake, &frames, err);
     if (status != LW_OK) {
         lw_status_context(err, "cannot go on with an unfinished bake (--restart starts again)");
@@ -487,7 +518,7 @@ static enum lw_status solve(struct baker *b, struct lw_error *err) {
     lw_interrupt_enter(&lighting);
     status = lw_bake_run(&b->bake, frames, &b->result, err);
     lw_interrupt_enter(&writing);
-    if (status == LW_OK && b->settings.denoise) status = filter(b, err);
+    if (status == LW_OK && b->settings.denoise && !b->by_tile) status = filter(b, err);
     return status;
 }
 
@@ -719,6 +750,7 @@ static void finish(struct baker *b) {
     lw_scene_destroy(b->scene);
     free(b->map_folder);
     free(b->state_path);
+    free(b->tiles_path);
 }
 
 int main(int argc, char **argv) {

@@ -85,4 +85,5 @@ enum lw_status lw_bake_run(const struct lw_bake_desc *desc, uint64_t frames,
 
 void lw_bake_forget(const struct lw_bake_desc *desc) {
     if (desc->state_path) unlink(desc->state_path);
+    if (desc->tiles_path) unlink(desc->tiles_path);
 }

@@ -15,6 +15,7 @@ struct lw_bake_desc {
     float error;              /* its target_error */
     double limit_s;           /* stop after this time; 0: no limit */
     const char *state_path;   /* the checkpoint's; NULL: none */
+    const char *tiles_path;   /* the finished tiles' (tile_by_tile.h); NULL: none */
     double state_interval_s;  /* 0: at the end only */
     uint8_t key[16];          /* the checkpoint's */
     const _Atomic bool *stop; /* may be NULL; once true, the frame under way is the last */
@@ -38,7 +39,7 @@ LW_MUST_CHECK enum lw_status lw_bake_resume(const struct lw_bake_desc *desc, uin
 LW_MUST_CHECK enum lw_status lw_bake_run(const struct lw_bake_desc *desc, uint64_t frames,
                                          struct lw_bake_result *out_result, struct lw_error *err);
 
-/** Removes the checkpoint when it is no longer needed. */
+/** Removes the checkpoint, and the finished tiles, when they are no longer needed. */
 void lw_bake_forget(const struct lw_bake_desc *desc);
 
 #endif

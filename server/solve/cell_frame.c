@@ -515,11 +515,14 @@ static enum lw_status show(struct frame *f, struct lw_error *err) {
     f->stats.tiles_shown = lw_work_run(&s->work, s->tiles.count, LW_WORK_CHEAP, NULL, show_tile, f).tiles;
     s->shown.all = false;
     f->light.began_ns = lw_clock_ns();
-    if (!f->stats.tiles_shown) return LW_OK;
+    if (!f->stats.tiles_shown) {
+        lw_fine_tiles_fill(&s->geometry->fine, &s->tiles, f->number, false, s->shown.channels);
+        return LW_OK;
+    }
     lw_shown_filter(&s->shown, f->number);
     lw_cell_light_charge(&f->light, &f->stats.denoise_ns);
     enum lw_status status = lw_shown_weld(&s->shown, f->number, err);
-    lw_fine_tiles_fill(&s->geometry->fine, &s->tiles, f->number, s->shown.channels);
+    lw_fine_tiles_fill(&s->geometry->fine, &s->tiles, f->number, true, s->shown.channels);
     lw_cell_light_charge(&f->light, &f->stats.weld_ns);
     return status;
 }

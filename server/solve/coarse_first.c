@@ -46,21 +46,12 @@ struct coarse_first {
     uint8_t *interest; /* for the whole solver; NULL: everything */
 };
 
-static uint64_t count_texels(const struct lw_scene *scene) {
-    uint64_t texels = 0;
-    for (uint32_t o = 0; o < scene->object_count; o++) {
-        const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
-        texels += (uint64_t)mesh->atlas_width * mesh->atlas_height;
-    }
-    return texels;
-}
-
 bool lw_coarse_first_pays(const struct lw_scene *scene) {
-    return count_texels(scene) >= LW_COARSE_FIRST_TEXELS_MIN;
+    return lw_coarse_scene_count_texels(scene) >= LW_COARSE_FIRST_TEXELS_MIN;
 }
 
 static uint32_t coarse_frames(const struct lw_scene *scene) {
-    const uint64_t frames = COARSE_SAMPLES / (count_texels(scene) + 1);
+    const uint64_t frames = COARSE_SAMPLES / (lw_coarse_scene_count_texels(scene) + 1);
     return frames < LW_COARSE_FIRST_ALONE ? LW_COARSE_FIRST_ALONE
            : frames > COARSE_FRAMES_MAX   ? COARSE_FRAMES_MAX
                                           : (uint32_t)frames;

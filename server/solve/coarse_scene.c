@@ -48,6 +48,15 @@ void lw_coarse_scene_finish(struct lw_coarse_scene *coarse) {
     *coarse = (struct lw_coarse_scene){.mesh = NULL};
 }
 
+uint64_t lw_coarse_scene_count_texels(const struct lw_scene *scene) {
+    uint64_t texels = 0;
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
+        texels += (uint64_t)mesh->atlas_width * mesh->atlas_height;
+    }
+    return texels;
+}
+
 void lw_coarse_scene_follow(struct lw_scene *variant, const struct lw_scene *scene) {
     LW_INVARIANT(variant->material_count == scene->material_count && variant->material != scene->material);
     if (scene->material_count)

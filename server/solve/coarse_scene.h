@@ -25,6 +25,9 @@ LW_MUST_CHECK enum lw_status lw_coarse_scene_init(struct lw_coarse_scene *coarse
 /** A zeroed one is fine. */
 void lw_coarse_scene_finish(struct lw_coarse_scene *coarse);
 
+/** Texels of all objects' lightmaps, with surface or without. */
+uint64_t lw_coarse_scene_count_texels(const struct lw_scene *scene);
+
 /** Copies materials and sky, which updates change. variant: of `scene`, or of a scene like it */
 void lw_coarse_scene_follow(struct lw_scene *variant, const struct lw_scene *scene);
 

@@ -252,12 +252,16 @@ static bool update_tile(struct lw_coarse_tiles *tiles, const struct lw_solver *s
     return true;
 }
 
-enum lw_status lw_coarse_tiles_update(struct lw_coarse_tiles *tiles, const struct lw_solver *solver,
-                                      uint32_t channels) {
-    int failures = 0;
+static void set_channels(struct lw_coarse_tiles *tiles, uint32_t channels) {
     if (channels != tiles->channels)
         for (uint32_t id = 0; id < tiles->map->plain_count; id++) forget(&tiles->tile[id]);
     tiles->channels = channels;
+}
+
+enum lw_status lw_coarse_tiles_update(struct lw_coarse_tiles *tiles, const struct lw_solver *solver,
+                                      uint32_t channels) {
+    int failures = 0;
+    set_channels(tiles, channels);
 #pragma omp parallel num_threads(tiles->threads) reduction(+ : failures)
     {
         struct patch *patch = malloc(sizeof *patch);
@@ -267,6 +271,16 @@ enum lw_status lw_coarse_tiles_update(struct lw_coarse_tiles *tiles, const struc
         free(patch);
     }
     return failures ? LW_NO_MEMORY : LW_OK;
+}
+
+enum lw_status lw_coarse_tiles_update_one(struct lw_coarse_tiles *tiles, const struct lw_solver *solver,
+                                          uint32_t channels, lw_tile_id id) {
+    struct patch *patch = malloc(sizeof *patch);
+    LW_INVARIANT(is_used(tiles, id.v));
+    set_channels(tiles, channels);
+    const bool done = patch && update_tile(tiles, solver, id.v, patch);
+    free(patch);
+    return done ? LW_OK : LW_NO_MEMORY;
 }
 
 void lw_coarse_tiles_read(const struct lw_coarse_tiles *tiles, lw_tile_id id,

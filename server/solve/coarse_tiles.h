@@ -34,6 +34,11 @@ void lw_coarse_tiles_finish(struct lw_coarse_tiles *tiles);
 LW_MUST_CHECK enum lw_status lw_coarse_tiles_update(struct lw_coarse_tiles *tiles,
                                                     const struct lw_solver *solver, uint32_t channels);
 
+/** The same for one tile. Errors: as that. */
+LW_MUST_CHECK enum lw_status lw_coarse_tiles_update_one(struct lw_coarse_tiles *tiles,
+                                                        const struct lw_solver *solver, uint32_t channels,
+                                                        lw_tile_id id);
+
 /** Reads a tile of level 0, as lw_solver_ops.read_tile(), after the first update. `direct` is all light, and
  * `indirect` is black; there is no albedo. The error is LW_ATLAS_COARSE_ERROR. */
 void lw_coarse_tiles_read(const struct lw_coarse_tiles *tiles, lw_tile_id id,

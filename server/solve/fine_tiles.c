@@ -16,16 +16,18 @@
 #define ERROR_BELOW  0.05f
 
 enum lw_status lw_fine_tiles_init(struct lw_fine_tiles *fine, struct lw_texels *texels,
-                                  const struct lw_atlas_map *map, int threads) {
+                                  const struct lw_atlas_map *map, bool for_maps, int threads) {
     *fine = (struct lw_fine_tiles){.texels = texels,
                                    .map = map,
                                    .slots = (texels->capacity - texels->count) / LW_TILE_TEXELS_MAX,
+                                   .for_maps = for_maps,
                                    .threads = threads};
     if (!fine->slots || !map->finer_count) return LW_OK;
     fine->tile = calloc(fine->slots, sizeof *fine->tile);
     fine->shown = malloc(fine->slots * sizeof *fine->shown);
-    if (!fine->tile || !fine->shown) return LW_NO_MEMORY;
-    return lw_fine_texels_maker_create(texels, &fine->maker);
+    fine->fresh = malloc(fine->slots * sizeof(struct lw_fine_tile *));
+    if (!fine->tile || !fine->shown || !fine->fresh) return LW_NO_MEMORY;
+    return lw_fine_texels_maker_create(texels, for_maps, &fine->maker);
 }
 
 void lw_fine_tiles_add_layer(struct lw_fine_tiles *fine, const struct lw_fine_tiles_layer *layer) {
@@ -41,6 +43,7 @@ void lw_fine_tiles_finish(struct lw_fine_tiles *fine) {
     lw_fine_texels_maker_destroy(fine->maker);
     free(fine->tile);
     free(fine->shown);
+    free(fine->fresh);
     free(fine->wanted);
     *fine = (struct lw_fine_tiles){0};
 }
@@ -52,7 +55,8 @@ size_t lw_fine_tiles_memory_bytes(const struct lw_fine_tiles *fine) {
     for (uint32_t k = 0; k < fine->slots; k++) {
         const struct lw_mesh_texels *mesh = &fine->tile[k].texels.mesh;
         if (!fine->tile[k].used) continue;
-        bytes += mesh->texel_count * (9 * sizeof(float) + sizeof *mesh->chart + 3 * sizeof(float)) +
+        bytes += mesh->texel_count * ((mesh->albedo[0] ? 12 : 9) * sizeof(float) + sizeof *mesh->chart +
+                                      3 * sizeof(float)) +
                  mesh->sample_points.first[mesh->texel_count] * sizeof *mesh->sample_points.point;
     }
     return bytes;
@@ -182,6 +186,7 @@ static bool review(struct lw_fine_tiles *fine, uint64_t frame) {
 /* Whether the light of level 0 below a tile is good enough to go on with detail, in any layer. */
 static bool is_due(const struct lw_fine_tiles *fine, lw_tile_id id) {
     const lw_tile_id below = lw_atlas_map_below(fine->map, id);
+    if (fine->for_maps) return true;
     EACH_LAYER(fine, layer) {
         const struct lw_solve_tile *tile = lw_tiles_at(layer->tiles, below);
         if (!tile->covered_count) return true;
@@ -191,15 +196,16 @@ static bool is_due(const struct lw_fine_tiles *fine, lw_tile_id id) {
 }
 
 /* Finds slots for the next tiles that are granted. Returns how many. */
-static uint32_t choose(struct lw_fine_tiles *fine, uint64_t frame, struct lw_fine_tile *out[MAKE_MAX]) {
+static uint32_t choose(struct lw_fine_tiles *fine, uint64_t frame) {
+    const uint32_t most = fine->for_maps ? fine->slots : MAKE_MAX;
     uint32_t count = 0;
-    for (uint32_t i = 0; i < fine->granted_count && count < MAKE_MAX; i++) {
+    for (uint32_t i = 0; i < fine->granted_count && count < most; i++) {
         const lw_tile_id id = fine->wanted[i];
         if (is_there(fine, id) || !is_due(fine, id)) continue;
         struct lw_fine_tile *tile = find_slot(fine, frame);
         if (tile->used) drop(fine, tile);
         *tile = (struct lw_fine_tile){.used = true, .id = id, .made = frame, .looked_at = frame};
-        out[count++] = tile;
+        fine->fresh[count++] = tile;
         fine->used++;
     }
     return count;
@@ -216,11 +222,11 @@ static void tell_if_full(struct lw_fine_tiles *fine) {
 
 enum lw_status lw_fine_tiles_update(struct lw_fine_tiles *fine, const struct lw_pose *pose,
                                     const struct lw_trace *trace, uint64_t frame) {
-    struct lw_fine_tile *fresh[MAKE_MAX];
     if (!fine->maker || fine->frame == frame) return LW_OK;
     fine->frame = frame;
     bool changed = review(fine, frame);
-    const uint32_t count = choose(fine, frame, fresh);
+    const uint32_t count = choose(fine, frame);
+    struct lw_fine_tile *const *fresh = fine->fresh;
     struct lw_hidden_points_search points = {.texels = NULL};
     int failures = 0;
     if (count) points = lw_invalid_texels_points(fine->texels, pose, trace);
@@ -242,13 +248,13 @@ static void fill_plane(const struct lw_texels *texels, const struct lw_solve_til
         if (texels->filled[i]) plane[i] = plane[texels->source[i]];
 }
 
-void lw_fine_tiles_fill(const struct lw_fine_tiles *fine, struct lw_tiles *tiles, uint64_t frame,
+void lw_fine_tiles_fill(const struct lw_fine_tiles *fine, struct lw_tiles *tiles, uint64_t frame, bool any,
                         uint32_t channels) {
     for (uint32_t k = 0; k < fine->slots && fine->used; k++) {
         if (!fine->tile[k].used) continue;
         struct lw_solve_tile *tile = lw_tiles_at(tiles, fine->tile[k].id);
         /* a tile of gutters alone is never solved: their sources may be newly solved */
-        if (!tile->covered_count) tile->light.solved_frame = frame;
+        if (!tile->covered_count && (any || !tile->light.solved_frame)) tile->light.solved_frame = frame;
         if (tile->light.solved_frame != frame) continue;
         LW_TILE_CHANNELS_EACH (channel, channels)
             for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)

@@ -11,7 +11,7 @@
  * longest. Where more are wanted than there is room for, the finest levels are left out, for all who look: a
  * tile of a coarser level takes the room of a finer one. A tile whose object's texels have
  * changed is made again. All this follows from the interest of each frame alone: the same interest gives the
- * same bytes.
+ * same bytes. Tiles for maps of a bake are made at once, as many as there is room for, and have albedo.
  *
  * All layers of light have the same ones. */
 #ifndef LW_SOLVE_FINE_TILES_H
@@ -50,14 +50,16 @@ struct lw_fine_tiles {
     lw_tile_id *wanted;                   /* coarser levels first, each by id */
     uint32_t wanted_count, granted_count; /* granted are the first ones, as many as there are slots */
     lw_tile_id *shown;                    /* scratch of lw_fine_tiles_list() */
+    struct lw_fine_tile **fresh;          /* scratch of lw_fine_tiles_update() */
     uint64_t frame;                       /* the last update's */
+    bool for_maps;
     bool told;                            /* a line has said that there is not room for all that are wanted */
     int threads;
 };
 
-/** Errors: LW_NO_MEMORY; finish it then. */
+/** for_maps: of solver.h. Errors: LW_NO_MEMORY; finish it then. */
 LW_MUST_CHECK enum lw_status lw_fine_tiles_init(struct lw_fine_tiles *fine, struct lw_texels *texels,
-                                                const struct lw_atlas_map *map, int threads);
+                                                const struct lw_atlas_map *map, bool for_maps, int threads);
 /** Before the first update: a layer's tiles, which outlive the last one. */
 void lw_fine_tiles_add_layer(struct lw_fine_tiles *fine, const struct lw_fine_tiles_layer *layer);
 /** A zeroed one is fine. */
@@ -71,8 +73,9 @@ LW_MUST_CHECK enum lw_status lw_fine_tiles_want(struct lw_fine_tiles *fine, cons
 LW_MUST_CHECK enum lw_status lw_fine_tiles_update(struct lw_fine_tiles *fine, const struct lw_pose *pose,
                                                   const struct lw_trace *trace, uint64_t frame);
 
-/** Fills the gutters of a layer's tiles that frame `frame` has shown. */
-void lw_fine_tiles_fill(const struct lw_fine_tiles *fine, struct lw_tiles *tiles, uint64_t frame,
+/** Fills the gutters of a layer's tiles that frame `frame` has shown. any: it has shown some tile: tiles of
+ * gutters alone are filled again, then. */
+void lw_fine_tiles_fill(const struct lw_fine_tiles *fine, struct lw_tiles *tiles, uint64_t frame, bool any,
                         uint32_t channels);
 
 /** Lists the tiles that have light, by id; until the next call. Returns how many. */

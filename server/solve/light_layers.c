@@ -587,6 +587,7 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
     for (uint32_t k = 1; k < s->count; k++) {
         const uint32_t frames = tile_of(&s->layer[k], id)->light.sample_count;
         if (runs(s, &s->layer[k]) && frames < out_tile->sample_count) out_tile->sample_count = frames;
+        out_tile->converged &= tile_of(&s->layer[k], id)->light.state == LW_BLOCK_CONVERGED;
     }
     out_tile->error = tile_of(s->layer, id)->covered_count ? error_of(s, id) : 0;
     out_tile->solved_frame = s->solved_frame[id.v];
@@ -710,7 +711,8 @@ static enum lw_status build(struct layers *s, const struct lw_pose *pose, struct
     enum lw_status status = lw_pose_init(&s->pose, s->desc.scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
     lw_pose_copy(&s->pose, pose, s->desc.scene);
-    const struct lw_geometry_terms terms = {s->desc.saved_texels, s->desc.fine_tiles, s->desc.atlas_map};
+    const struct lw_geometry_terms terms = {s->desc.saved_texels, s->desc.fine_tiles, s->desc.fine_for_maps,
+                                            s->desc.atlas_map};
     status = lw_geometry_init(&s->geometry, s->desc.scene, &s->pose, &terms, s->threads, s->desc.cancel,
                               s->desc.waiting, err);
     bool plain = s->groups.count == 1;

@@ -75,11 +75,12 @@ void lw_shown_read_tile(const struct lw_shown *s, lw_tile_id id, uint32_t bounce
                                         .bounces = bounces,
                                         .sample_count = tile->light.sample_count,
                                         .error = tile->covered_count ? tile->light.error : 0,
-                                        .solved_frame = tile->light.solved_frame};
+                                        .solved_frame = tile->light.solved_frame,
+                                        .converged = tile->light.state == LW_BLOCK_CONVERGED};
     for (int c = 0; c < 3; c++) {
         out_tile->direct[c] = tiles->direct[c] + tile->first;
         out_tile->indirect[c] = tiles->indirect[c] + tile->first;
-        out_tile->albedo[c] = tile->fine_pair ? NULL : tile->mesh->albedo[c] + tile->local;
+        out_tile->albedo[c] = tile->mesh->albedo[c] ? tile->mesh->albedo[c] + tile->local : NULL;
     }
     LW_TILE_CHANNELS_EACH (channel, s->channels | LW_LIGHT_FORMS_FULL)
         for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)

@@ -63,8 +63,10 @@ struct lw_solver_desc {
      * creation alone. NULL: nowhere. */
     const struct lw_saved_texels *saved_texels;
     /* Tiles of finer levels (atlas.h) that the cell solver may hold at once; each takes some 1 MB. 0: it
-     * solves level 0 alone, as other solvers and ranks do. */
+     * solves level 0 alone, as other solvers and ranks do. fine_for_maps: they are made in the frame after
+     * somebody asks for them, not some at a time once level 0 is smooth, and have albedo. */
     uint32_t fine_tiles;
+    bool fine_for_maps;
     /* May be NULL. Once true, frame() returns LW_CLOSED within a tile, creation within a mesh. */
     const _Atomic bool *cancel;
     const _Atomic bool *finishing; /* may be NULL; once true, frames log their progress */
@@ -113,7 +115,7 @@ struct lw_solver_tile {
     /* Shown planes by channel (tile_channels.h): the sums, filtered and welded as the desc says. NULL: the
      * channel is not shown (show()). */
     const float *shown[LW_TILE_CHANNELS_MAX][LW_TILE_CHANNEL_PLANES_MAX];
-    const float *albedo[3]; /* mean over each texel; of finer levels NULL */
+    const float *albedo[3]; /* mean over each texel; of finer levels NULL, unless they are for maps */
     const uint8_t *covered; /* 1: the texel has surface */
     const uint8_t *filled;  /* 1: gutter with light and albedo of its chart; NULL: there is none */
     /* The chart that covers a texel, or reads it in bilinear look-ups (surface/texels.h); NULL: not known. */
@@ -123,6 +125,7 @@ struct lw_solver_tile {
     uint32_t sample_count; /* number of frames in its means */
     float error;           /* estimated relative standard error, always relative to all light */
     uint64_t solved_frame; /* last frame that changed its shown planes; 0: none */
+    bool converged;        /* it needs no frame until its light changes */
 };
 
 /** Whether any texel has surface. */

@@ -548,12 +548,67 @@ static void directions_point_at_the_lamp(void **state) {
 
 /* ---- refusals ---- */
 
+/* Some 0.6 M texels: 230 MB at once. */
+#define LARGE "builtin:cornell --texels-per-metre 150 --threads 2 --bounces 2 --samples 4"
+
+static void tile_by_tile_it_is_the_same_light(void **state) {
+    (void)state;
+    char at_once[256], by_tile[256];
+    snprintf(at_once, sizeof at_once, "%s", lw_support_temporary("at-once"));
+    snprintf(by_tile, sizeof by_tile, "%s", lw_support_temporary("by-tile"));
+    assert_int_equal(bake(LARGE " -o %s --convention radiosity", at_once), 0);
+    char *said = lw_process_err(&process);
+    assert_null(strstr(said, "tile by tile"));
+    free(said);
+    assert_int_equal(bake(LARGE " -o %s --convention radiosity --memory 150", by_tile), 0);
+    said = lw_process_err(&process);
+    assert_non_null(strstr(said, "now tile by tile"));
+    free(said);
+    expect_finite(by_tile);
+    assert_int_not_equal(access(in(by_tile, ".lightwell-bake-tiles"), F_OK), 0);
+    for (size_t i = 0; i < sizeof cornell_maps / sizeof *cornell_maps; i++) {
+        double mean, other, square;
+        compare_maps(cornell_maps[i], by_tile, at_once, &mean, &square);
+        compare_maps(cornell_maps[i], at_once, by_tile, &other, &square);
+        /* rays end on coarse texels: more light gets over the lamp, to a tenth of the ceiling */
+        const double tolerance = strcmp(cornell_maps[i], "ceiling.exr") == 0 ? 0.05 : 0.005;
+        if (fabs(mean - other) > tolerance * other || square > 0.05 * other * other)
+            fail_msg("%s: %g tile by tile, %g at once; mean square %g", cornell_maps[i], mean, other, square);
+    }
+}
+
+/* Killed in the middle, it goes on with the tiles that are finished. */
+static void killed_tile_by_tile_it_goes_on(void **state) {
+    (void)state;
+    char whole[256], parts[256], arguments[512];
+    snprintf(whole, sizeof whole, "%s", lw_support_temporary("whole-tiles"));
+    snprintf(parts, sizeof parts, "%s", lw_support_temporary("part-tiles"));
+    snprintf(arguments, sizeof arguments, LARGE " --memory 150 --denoise --checkpoint 0.1 -o %s", parts);
+    lw_process_start(&process, "lightwell-bake", arguments);
+    lw_process_await_text(&process, "now tile by tile");
+    struct stat st = {.st_size = 0};
+    while (stat(in(parts, ".lightwell-bake-tiles"), &st) == 0 && st.st_size < 1000000) lw_process_sleep_ms(5);
+    assert_int_equal(lw_process_stop(&process, SIGKILL, LIMIT_S), -SIGKILL);
+    assert_int_equal(bake("%s", arguments), 0);
+    char *said = lw_process_err(&process);
+    assert_non_null(strstr(said, "going on after"));
+    free(said);
+    assert_int_equal(bake(LARGE " --memory 150 --denoise -o %s", whole), 0);
+    for (size_t i = 0; i < sizeof cornell_maps / sizeof *cornell_maps; i++) { /* but for rounding */
+        double mean, square;
+        compare_maps(cornell_maps[i], parts, whole, &mean, &square);
+        assert_true(square <= 1e-6 * mean * mean);
+    }
+}
+
 static void wrong_use_is_refused(void **state) {
     (void)state;
     char arguments[512];
     const char *squares = save_squares();
     lw_support_write_file(lw_support_temporary("a-file"), "", 0);
     bake_fails(64, "-o DIR", "builtin:cornell");
+    bake_fails(71, "over 1 (--memory)", "builtin:cornell -o x --memory 1");
+    bake_fails(71, "cells lights them tile by tile", "builtin:cornell -o x --solver radiosity --memory 1");
     bake_fails(64, "--samples and --error", "builtin:cornell -o x --samples 4 --error 0.1");
     bake_fails(64, "--convention", "builtin:cornell -o x --convention unity");
     bake_fails(64, ".glb", "builtin:cornell -o x --gltf-out room.gltf");
@@ -637,6 +692,8 @@ int main(void) {
         T(radiosity_bakes_the_same_light),
         T(virtual_lights_bake_the_same_light),
         T(directions_point_at_the_lamp),
+        T(tile_by_tile_it_is_the_same_light),
+        T(killed_tile_by_tile_it_goes_on),
         T(wrong_use_is_refused),
         T(a_scene_without_light_is_refused),
         T(a_full_disk_is_told),

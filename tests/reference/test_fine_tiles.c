@@ -94,6 +94,7 @@ static void expect_same_texels(const struct lw_fine_texels *fine, const struct l
         for (int c = 0; c < 3; c++) {
             assert_true(fabsf(fine->mesh.position[c][i] - mesh->position[c][j]) < 1e-4f);
             assert_true(fabsf(fine->mesh.normal[c][i] - mesh->normal[c][j]) < 1e-3f);
+            assert_true(fabsf(fine->mesh.albedo[c][i] - mesh->albedo[c][j]) < 1e-3f);
         }
         assert_int_equal(lw_sample_points_all(&fine->mesh.sample_points, i),
                          lw_sample_points_all(&mesh->sample_points, j));
@@ -111,7 +112,7 @@ static void texels_are_those_of_a_finer_atlas(void **state) {
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
     lw_support_ok(lw_texels_init(&texels, scene, 1, NULL, NULL, NULL), NULL);
     lw_support_ok(lw_texels_init(&all, magnified, 1, NULL, NULL, NULL), NULL);
-    lw_support_ok(lw_fine_texels_maker_create(&texels, &maker), NULL);
+    lw_support_ok(lw_fine_texels_maker_create(&texels, true, &maker), NULL);
     uint32_t tiles = 0;
     const struct lw_hidden_points_search points = {.pose = &pose}; /* nothing is known to stand */
     for (uint32_t id = 0; id < map.tile_count; id++) {

@@ -595,6 +595,14 @@ static void load_plane(const struct job *job, const struct follower *of, float *
     }
 }
 
+/* Above the mesh nobody exchanges anything. No row of it is weighed, and a vector of pairs may reach beyond its
+ * row's end. */
+static void forget_weights_above(const struct job *job, struct lw_denoise_planes *planes) {
+    const uint32_t rows = job->y < LW_DENOISE_REACH ? LW_DENOISE_REACH - job->y : 0;
+    for (int k = 0; k < DIRECTIONS; k++)
+        memset(planes->weight[k], 0, rows * STRIDE * sizeof *planes->weight[k]);
+}
+
 static void filter(const struct job *job, uint32_t channels, struct lw_denoise_planes *planes) {
     const struct lw_tiles *tiles = job->denoise->tiles;
     struct planes in, out;
@@ -606,6 +614,7 @@ static void filter(const struct job *job, uint32_t channels, struct lw_denoise_p
     list_taps(job, 0, tap);
     uint32_t around = LW_DENOISE_REACH - 1;
     float *const indirect = out.p[Y]; /* until the first pass */
+    forget_weights_above(job, planes);
     if (load_rows(job, &in, indirect)) {
         EACH_ROW (job, around, y)
             guess_row(row_at(job, y, around), &in, indirect, widening_of(job->form, 1), tap);

@@ -105,17 +105,20 @@ enum lw_status lw_tiles_hold_moments(struct lw_tiles *tiles) {
     return allocate(tiles, plane, list_moments(tiles, plane)) ? LW_OK : LW_NO_MEMORY;
 }
 
-size_t lw_tiles_memory_bytes(const struct lw_tiles *tiles) {
-    struct lw_tiles copy = *tiles; /* the lists hold places to write to */
+size_t lw_tiles_texel_bytes(uint32_t bounces, bool parts, bool moments) {
+    float part;
+    struct lw_tiles tiles = {.bounces = bounces, .drawn = {parts ? &part : NULL}};
     struct plane plane[PLANES_MAX];
     size_t floats = 0;
-    for (uint32_t i = 0, n = list_planes(&copy, plane); i < n; i++) floats += plane[i].floats;
-    for (uint32_t i = 0, n = list_drawn(&copy, plane); tiles->drawn[0] && i < n; i++)
-        floats += plane[i].floats;
-    for (uint32_t i = 0, n = list_moments(&copy, plane); tiles->moment[0][0] && i < n; i++)
-        floats += plane[i].floats;
-    return tiles->texel_capacity *
-               (floats * sizeof(float) + sizeof *tiles->block_of_texel + sizeof *tiles->region_of_texel) +
+    for (uint32_t i = 0, n = list_planes(&tiles, plane); i < n; i++) floats += plane[i].floats;
+    for (uint32_t i = 0, n = list_drawn(&tiles, plane); parts && i < n; i++) floats += plane[i].floats;
+    for (uint32_t i = 0, n = list_moments(&tiles, plane); moments && i < n; i++) floats += plane[i].floats;
+    return floats * sizeof(float) + sizeof *tiles.block_of_texel + sizeof *tiles.region_of_texel;
+}
+
+size_t lw_tiles_memory_bytes(const struct lw_tiles *tiles) {
+    return tiles->texel_capacity * lw_tiles_texel_bytes(tiles->bounces, tiles->drawn[0] != NULL,
+                                                        tiles->moment[0][0] != NULL) +
            tiles->capacity * sizeof *tiles->tile + tiles->id_count * sizeof *tiles->slot_of_id +
            tiles->block_capacity * (sizeof *tiles->block + LW_PACKETS_MAX * sizeof *tiles->packet +
                                     tiles->bounces * LW_REGIONS * sizeof *tiles->radiance_change[0]);

@@ -193,6 +193,10 @@ bool lw_tiles_judge_channels(struct lw_tiles *tiles, uint32_t channels, int thre
 /** Sums the variance of all blocks again, from judged_spread. */
 void lw_tiles_sum_variance(struct lw_tiles *tiles, int threads);
 
+/** Bytes that the planes of a texel take; parts, moments: after lw_tiles_part_drawn(),
+ * lw_tiles_hold_moments(). */
+size_t lw_tiles_texel_bytes(uint32_t bounces, bool parts, bool moments);
+
 /** Bytes held. */
 size_t lw_tiles_memory_bytes(const struct lw_tiles *tiles);
 

@@ -23,13 +23,15 @@ struct lw_fine_texels_maker {
     const struct lw_texels *texels;
     struct cells *cells; /* per mesh */
     uint32_t *zero;      /* per object: texels of a window begin at 0 */
+    bool has_albedo;
 };
 
-enum lw_status lw_fine_texels_maker_create(const struct lw_texels *texels,
+enum lw_status lw_fine_texels_maker_create(const struct lw_texels *texels, bool has_albedo,
                                            struct lw_fine_texels_maker **out_maker) {
     struct lw_fine_texels_maker *maker = calloc(1, sizeof *maker);
     if (!maker) return LW_NO_MEMORY;
     maker->texels = texels;
+    maker->has_albedo = has_albedo;
     maker->cells = calloc(texels->scene->mesh_count + 1ul, sizeof *maker->cells);
     maker->zero = calloc(texels->scene->object_count + 1ul, sizeof *maker->zero);
     if (!maker->cells || !maker->zero) {
@@ -253,7 +255,7 @@ static bool rasterise(struct window *w, const struct lw_fine_texels_maker *maker
                                         .back_offset = scene->mesh[m].back_offset << w->finer};
     const bool ok = list && triangle && material && vertex &&
                     copy_triangles(w, &scene->mesh[m], list, count, triangle, material, vertex) &&
-                    lw_texels_rasterise(&w->texels, scene, &w->mesh);
+                    lw_texels_rasterise(&w->texels, scene, &w->mesh, maker->has_albedo);
     for (size_t i = 0; i < sizeof w->storage / sizeof *w->storage; i++) free(w->storage[i]);
     free(list);
     free(triangle);
@@ -384,7 +386,8 @@ static void begin(const struct lw_fine_texels_maker *maker, struct window *w) {
 
 /* ---- the tile ---- */
 
-static bool fine_allocate(struct lw_fine_texels *fine, uint32_t width, uint32_t height, size_t points) {
+static bool fine_allocate(struct lw_fine_texels *fine, uint32_t width, uint32_t height, size_t points,
+                          bool has_albedo) {
     const size_t count = (size_t)width * height;
     struct lw_mesh_texels *mesh = &fine->mesh;
     bool ok = true;
@@ -394,6 +397,7 @@ static bool fine_allocate(struct lw_fine_texels *fine, uint32_t width, uint32_t 
         ok &= (mesh->position[c] = malloc(count * sizeof(float))) != NULL;
         ok &= (mesh->normal[c] = malloc(count * sizeof(float))) != NULL;
         ok &= (mesh->geometric[c] = malloc(count * sizeof(float))) != NULL;
+        if (has_albedo) ok &= (mesh->albedo[c] = malloc(count * sizeof(float))) != NULL;
     }
     ok &= (mesh->covered = malloc(count)) != NULL;
     ok &= (mesh->chart = malloc(count * sizeof *mesh->chart)) != NULL;
@@ -436,6 +440,7 @@ static void copy_texel(struct lw_mesh_texels *to, uint32_t i, const struct lw_me
         to->position[c][i] = from->position[c][j];
         to->normal[c][i] = from->normal[c][j];
         to->geometric[c][i] = from->geometric[c][j];
+        if (from->albedo[c]) to->albedo[c][i] = from->albedo[c][j];
     }
     to->covered[i] = from->covered[j];
     to->chart[i] = from->chart[j];
@@ -456,7 +461,7 @@ static uint32_t inner_of(const struct window *w, const struct lw_fine_texels *fi
 /* Takes the tile out of its window. */
 static bool cut_out(const struct window *w, const struct lw_tile_place *place, struct lw_fine_texels *out) {
     if (!fine_allocate(out, place->width, place->height,
-                       w->texels.sample_points.first[w->texels.texel_count]))
+                       w->texels.sample_points.first[w->texels.texel_count], w->texels.albedo[0] != NULL))
         return false;
     out->mesh.texel_m = w->texels.texel_m;
     for (uint32_t i = 0; i < out->mesh.texel_count; i++) {

@@ -12,7 +12,7 @@
 
 /** The texels of one tile, row by row. */
 struct lw_fine_texels {
-    struct lw_mesh_texels mesh; /* an atlas of the tile's size; without triangles and albedo */
+    struct lw_mesh_texels mesh; /* an atlas of the tile's size; without triangles */
     /* The fields of lw_texels of the same names, for these texels. A source is a texel of the tile, or
      * LW_TEXEL_NONE. */
     uint8_t *covered, *usable, *filled, *walls;
@@ -21,8 +21,9 @@ struct lw_fine_texels {
 
 struct lw_fine_texels_maker;
 
-/** texels: outlive it. Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_fine_texels_maker_create(const struct lw_texels *texels,
+/** texels: outlive it. has_albedo: texels have their albedo, which takes as long again.
+ * Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_fine_texels_maker_create(const struct lw_texels *texels, bool has_albedo,
                                                          struct lw_fine_texels_maker **out_maker);
 /** NULL is fine. */
 void lw_fine_texels_maker_destroy(struct lw_fine_texels_maker *maker);

@@ -505,8 +505,8 @@ static void list_points(struct raster *r) {
     }
 }
 
-static bool rasterise(struct lw_mesh_texels *texels, const struct lw_scene *scene, const struct lw_mesh *mesh,
-                      bool has_albedo) {
+bool lw_texels_rasterise(struct lw_mesh_texels *texels, const struct lw_scene *scene,
+                         const struct lw_mesh *mesh, bool has_albedo) {
     struct claim *claim = malloc((size_t)texels->texel_count * sizeof *claim);
     uint32_t *parent = malloc((2 * (size_t)mesh->vertex_count + 1) * sizeof *parent);
     if (!claim || !parent || !allocate(texels, has_albedo)) {
@@ -536,15 +536,10 @@ static bool rasterise(struct lw_mesh_texels *texels, const struct lw_scene *scen
     return ok;
 }
 
-bool lw_texels_rasterise(struct lw_mesh_texels *texels, const struct lw_scene *scene,
-                         const struct lw_mesh *mesh) {
-    return rasterise(texels, scene, mesh, false);
-}
-
 static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *scene,
                        const struct lw_mesh *mesh) {
     texels->triangle = calloc(mesh->triangle_count + 1ul, sizeof *texels->triangle);
-    if (!texels->triangle || !rasterise(texels, scene, mesh, true)) return false;
+    if (!texels->triangle || !lw_texels_rasterise(texels, scene, mesh, true)) return false;
     list_triangles(texels, scene, mesh);
     return true;
 }

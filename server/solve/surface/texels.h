@@ -88,11 +88,10 @@ void lw_texels_finish(struct lw_texels *texels);
 LW_MUST_CHECK enum lw_status lw_texels_reserve(struct lw_texels *texels, uint32_t more);
 
 /** Rasterises part of a mesh: coordinates, atlas size and back_offset of `mesh` are those of the part, and
- * triangles may reach beyond it. texels: width to back_offset are set. There is no list of triangles, and no
- * albedo.
+ * triangles may reach beyond it. texels: width to back_offset are set. There is no list of triangles.
  * Returns false without memory. lw_texels_finish_mesh() frees it in any case. */
 LW_MUST_CHECK bool lw_texels_rasterise(struct lw_mesh_texels *texels, const struct lw_scene *scene,
-                                       const struct lw_mesh *mesh);
+                                       const struct lw_mesh *mesh, bool has_albedo);
 void lw_texels_finish_mesh(struct lw_mesh_texels *mesh);
 
 /** Bytes held. */
