@@ -318,7 +318,7 @@ static enum lw_status load_kept(struct lw_nats_feed *feed) {
             jsMsgMetaData_Destroy(meta);
             count++;
         }
-    natsSubscription_Destroy(subscription);
+    lw_nats_link_unsubscribe(feed->link, subscription);
     const enum lw_status status = send_kept(feed, tile, count);
     for (size_t i = 0; i < count; i++) natsMsg_Destroy(tile[i]);
     free(tile);
@@ -377,11 +377,11 @@ static enum lw_status hear(struct lw_nats_feed *feed, const struct lw_message_in
         if (is_set(feed->wanted, t) && !feed->level[t]) status = hear_level(feed, t);
     for (uint32_t t = 0; status == LW_OK && t < map->plain_count; t++)
         if (feed->level[t] && !is_set(feed->wanted, t)) {
-            lw_nats_link_unsubscribe(feed->level[t]);
+            lw_nats_link_unsubscribe(feed->link, feed->level[t]);
             feed->level[t] = NULL;
         }
     if (status == LW_OK && !everything && feed->all) {
-        lw_nats_link_unsubscribe(feed->all);
+        lw_nats_link_unsubscribe(feed->link, feed->all);
         feed->all = NULL;
     }
     return status == LW_NO_MEMORY ? status : LW_OK; /* without NATS: again when it is there */
@@ -824,9 +824,10 @@ static enum lw_status listen_first(struct lw_nats_feed *feed, struct lw_error *e
 
 static void free_feed(struct lw_nats_feed *feed) {
     natsSubscription *const each[] = {feed->frames, feed->alive, feed->answers, feed->all};
-    for (size_t i = 0; i < sizeof each / sizeof *each; i++) lw_nats_link_unsubscribe(each[i]);
+    lw_nats_link_close(feed->link);
+    for (size_t i = 0; i < sizeof each / sizeof *each; i++) lw_nats_link_unsubscribe(feed->link, each[i]);
     for (uint32_t t = 0; feed->level && t < feed->map->plain_count; t++)
-        lw_nats_link_unsubscribe(feed->level[t]);
+        lw_nats_link_unsubscribe(feed->link, feed->level[t]);
     jsCtx_Destroy(feed->jetstream);
     lw_nats_link_destroy(feed->link);
     if (feed->welcome.type) lw_message_finish(&feed->welcome);

@@ -30,10 +30,22 @@ struct inbox {
     void *owned;
 };
 
+/* A subscription that has ended. Up to libnats 3.6.0 the thread that reads finds the subscription of a
+ * message and then uses it without a reference of its own. If it is freed meanwhile, that thread waits for a
+ * mutex that is no more, for ever, and who closes the connection waits for that thread. */
+struct ended {
+    natsSubscription *subscription;
+    uint64_t read; /* messages that were read when it ended: the last of them may be its own */
+};
+
 struct lw_nats_link {
     struct inbox *inbox;
     natsConnection *connection;
+    natsStatistics *statistics;
     int64_t payload_max;
+    bool is_closed;
+    struct ended *ended; /* not freed yet */
+    size_t ended_count, ended_capacity;
 };
 
 static void unref(struct inbox *inbox) {
@@ -176,7 +188,8 @@ enum lw_status lw_nats_link_create(const struct lw_nats_link_desc *desc, struct 
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     }
     link->inbox = inbox;
-    natsStatus status = natsOptions_Create(&options);
+    natsStatus status = natsStatistics_Create(&link->statistics);
+    if (status == NATS_OK) status = natsOptions_Create(&options);
     if (status == NATS_OK) status = set_options(options, desc, inbox);
     inbox->references++; /* the connection's, until on_closed() */
     if (status == NATS_OK) status = natsConnection_Connect(&link->connection, options);
@@ -184,6 +197,7 @@ enum lw_status lw_nats_link_create(const struct lw_nats_link_desc *desc, struct 
     if (status != NATS_OK) {
         unref(inbox);
         unref(inbox);
+        natsStatistics_Destroy(link->statistics);
         free(link);
         return connect_failure(desc, status, err);
     }
@@ -192,14 +206,33 @@ enum lw_status lw_nats_link_create(const struct lw_nats_link_desc *desc, struct 
     return LW_OK;
 }
 
-void lw_nats_link_destroy(struct lw_nats_link *link) {
+/* They are in the order in which they ended. */
+static void free_ended(struct lw_nats_link *link, uint64_t read) {
+    size_t freed = 0;
+    while (freed < link->ended_count && link->ended[freed].read < read)
+        natsSubscription_Destroy(link->ended[freed++].subscription);
+    if (!freed) return;
+    link->ended_count -= freed;
+    memmove(link->ended, link->ended + freed, link->ended_count * sizeof *link->ended);
+}
+
+void lw_nats_link_close(struct lw_nats_link *link) {
     if (!link) return;
     pthread_mutex_lock(&link->inbox->mutex);
     link->inbox->is_closed = true;
     pthread_mutex_unlock(&link->inbox->mutex);
-    natsConnection_Close(link->connection);
+    natsConnection_Close(link->connection); /* waits for the thread that reads */
+    link->is_closed = true;
+}
+
+void lw_nats_link_destroy(struct lw_nats_link *link) {
+    if (!link) return;
+    lw_nats_link_close(link);
+    free_ended(link, UINT64_MAX);
     natsConnection_Destroy(link->connection);
+    natsStatistics_Destroy(link->statistics);
     unref(link->inbox);
+    free(link->ended);
     free(link);
 }
 
@@ -224,14 +257,45 @@ enum lw_status lw_nats_link_subscribe(struct lw_nats_link *link, const char *sub
     if (status != NATS_OK) return status == NATS_NO_MEMORY ? LW_NO_MEMORY : LW_UNAVAILABLE;
     link->inbox->references++;
     if (natsSubscription_SetOnCompleteCB(subscription, on_complete, link->inbox) != NATS_OK) {
-        natsSubscription_Destroy(subscription); /* the reference stays: it may be in use for a while */
+        lw_nats_link_unsubscribe(link, subscription); /* the reference stays: it may be in use for a while */
         return LW_UNAVAILABLE;
     }
     *out_subscription = subscription;
     return LW_OK;
 }
 
-void lw_nats_link_unsubscribe(natsSubscription *subscription) { natsSubscription_Destroy(subscription); }
+/* The thread that reads counts a message when it looks for its subscription. */
+static uint64_t count_read(const struct lw_nats_link *link) {
+    uint64_t messages = 0;
+    natsStatus status = natsConnection_GetStats(link->connection, link->statistics);
+    if (status == NATS_OK)
+        status = natsStatistics_GetCounts(link->statistics, &messages, NULL, NULL, NULL, NULL);
+    LW_INVARIANT(status == NATS_OK);
+    return messages;
+}
+
+static bool has_room_for_ended(struct lw_nats_link *link) {
+    if (link->ended_count < link->ended_capacity) return true;
+    const size_t capacity = link->ended_capacity ? 2 * link->ended_capacity : 16;
+    struct ended *grown = realloc(link->ended, capacity * sizeof *grown);
+    if (!grown) return false;
+    link->ended = grown;
+    link->ended_capacity = capacity;
+    return true;
+}
+
+void lw_nats_link_unsubscribe(struct lw_nats_link *link, natsSubscription *subscription) {
+    if (!subscription) return;
+    if (link->is_closed) { /* nothing reads any more */
+        natsSubscription_Destroy(subscription);
+        return;
+    }
+    (void)natsSubscription_Unsubscribe(subscription);
+    const uint64_t read = count_read(link);
+    free_ended(link, read);
+    if (has_room_for_ended(link)) /* else it is never freed */
+        link->ended[link->ended_count++] = (struct ended){subscription, read};
+}
 
 bool lw_nats_link_publish(struct lw_nats_link *link, const char *subject, const void *bytes, size_t size) {
     if ((int64_t)size > link->payload_max || !lw_nats_link_is_connected(link)) return false;

@@ -26,7 +26,10 @@ struct lw_nats_link_desc {
 /** Errors: LW_UNAVAILABLE, LW_TIMED_OUT, LW_NOT_ALLOWED, LW_OS, LW_NO_MEMORY, naming the server. */
 LW_MUST_CHECK enum lw_status lw_nats_link_create(const struct lw_nats_link_desc *desc,
                                                  struct lw_nats_link **out_link, struct lw_error *err);
-void lw_nats_link_destroy(struct lw_nats_link *link);
+/** No message comes any more, and nothing can be published: to be called before a context of JetStream on the
+ * link is destroyed, whose subscription lw_nats_link_unsubscribe() cannot reach. NULL is fine. */
+void lw_nats_link_close(struct lw_nats_link *link);
+void lw_nats_link_destroy(struct lw_nats_link *link); /* NULL is fine */
 
 /** For JetStream, and for requests. */
 natsConnection *lw_nats_link_connection(const struct lw_nats_link *link);
@@ -35,7 +38,9 @@ bool lw_nats_link_is_connected(const struct lw_nats_link *link);
 /** Errors: LW_UNAVAILABLE, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_nats_link_subscribe(struct lw_nats_link *link, const char *subject,
                                                     natsSubscription **out_subscription);
-void lw_nats_link_unsubscribe(natsSubscription *subscription); /* NULL is fine */
+/** Also for a subscription that was made on lw_nats_link_connection(): natsSubscription_Destroy() is not safe
+ * while a message may come. NULL is fine. */
+void lw_nats_link_unsubscribe(struct lw_nats_link *link, natsSubscription *subscription);
 
 /** Frees malloc'ed memory, one piece, once no callback of the link's subscriptions can run any more: for what
  * callbacks of JetStream use. To be called at most once. */

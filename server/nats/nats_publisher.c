@@ -735,9 +735,10 @@ void lw_nats_publisher_destroy(struct lw_nats_publisher *p) {
         pthread_join(p->thread, NULL);
     }
     if (!p->link) free(p->acks);
-    jsCtx_Destroy(p->jetstream); /* first: the ends of subscriptions come after its last callback */
+    lw_nats_link_close(p->link); /* the ends of subscriptions come after the last answer of JetStream */
+    jsCtx_Destroy(p->jetstream);
     for (size_t i = 0; i < sizeof p->subscription / sizeof *p->subscription; i++)
-        lw_nats_link_unsubscribe(p->subscription[i]);
+        lw_nats_link_unsubscribe(p->link, p->subscription[i]);
     lw_nats_link_destroy(p->link);
     for (uint32_t i = 0; i < p->want_count; i++) free(p->want[i].tile);
     for (uint32_t f = 0; f < FORMS; f++) {

@@ -78,11 +78,36 @@ bool lw_relays_is_at_rest(int i) {
     return true;
 }
 
-void lw_relays_wait(bool (*is_so)(void)) {
+/* The last figures of other names, the newest first: what a wait in vain has seen. */
+static struct figure {
+    const char *name; /* NULL: none */
+    double value;
+} last_figure[4];
+
+static void note_figure(const char *name, double value) {
+    const size_t most = sizeof last_figure / sizeof *last_figure;
+    size_t at = 0;
+    while (at < most - 1 && last_figure[at].name && strcmp(last_figure[at].name, name) != 0) at++;
+    memmove(last_figure + 1, last_figure, at * sizeof *last_figure);
+    last_figure[0] = (struct figure){name, value};
+}
+
+static void fail_wait(const char *name) {
+    char figures[400] = "";
+    for (size_t i = 0; i < sizeof last_figure / sizeof *last_figure && last_figure[i].name; i++) {
+        const size_t length = strlen(figures);
+        snprintf(figures + length, sizeof figures - length, ", %s %g", last_figure[i].name,
+                 last_figure[i].value);
+    }
+    fail_msg("%s() did not come within %u s%s", name, LW_PROCESS_LIMIT_S, figures);
+}
+
+void lw_relays_wait_for(bool (*is_so)(void), const char *name) {
     const uint64_t end_ns = lw_clock_ns() + LW_PROCESS_LIMIT_S * 1000000000ull;
+    memset(last_figure, 0, sizeof last_figure);
     while (!is_so()) {
         lw_relays_poll();
-        if (lw_clock_ns() > end_ns) fail_msg("it did not come within %u s", LW_PROCESS_LIMIT_S);
+        if (lw_clock_ns() > end_ns) fail_wait(name);
     }
 }
 
@@ -180,5 +205,6 @@ double lw_relays_figure(const struct lw_process *process, const char *name) {
     assert_true(code == LW_REPORT_DONE && at);
     const double value = atof(at + strlen(line));
     free(text);
+    note_figure(name, value);
     return value;
 }

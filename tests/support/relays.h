@@ -28,8 +28,10 @@ void lw_relays_reconnect(int i);
 /** Ends the test if a session has ended. */
 void lw_relays_poll(void);
 struct lw_client_stats lw_relays_stats(int i);
-/** Polls until it is so. */
-void lw_relays_wait(bool (*is_so)(void));
+/** Polls until it is so. Else the test ends with the name of the condition and the last figures that were
+ * read. */
+#define lw_relays_wait(is_so) lw_relays_wait_for(is_so, #is_so)
+void lw_relays_wait_for(bool (*is_so)(void), const char *name);
 
 /** The client has every tile of visible objects, converged, and the server has nothing left to send. */
 bool lw_relays_is_at_rest(int i);
@@ -44,7 +46,7 @@ void lw_relays_expect_same_texels(void);
 /** Makes a change and waits for the answer; its frame. */
 uint64_t lw_relays_update(int i, const struct lw_scene_change *change, struct lw_client_answer *out_answer);
 
-/** A figure of a server, as its operator reads it. */
+/** A figure of a server, as its operator reads it; the name outlives the test. */
 double lw_relays_figure(const struct lw_process *process, const char *name);
 
 #endif
