@@ -376,7 +376,8 @@ static enum lw_status make_key(struct baker *b, struct lw_error *err) {
         s->entry->name, (long long)s->bounces, (long long)s->seed, s->probes.tracing_range_m,
         s->probes.cell_size_m, s->probes.form, s->probes.probe_spacing_m, s->time_s, s->denoise,
         s->undersample, (long long)s->window, (long long)s->directions, s->keep_visibility || s->visibility,
-        s->subdivide, (long long)s->vpl_lights, (long long)s->vpl_sets, s->vpl_near, s->directional, b->by_tile);
+        s->subdivide, (long long)s->vpl_lights, (long long)s->vpl_sets, s->vpl_near, s->directional,
+        b->by_tile);
     if (b->left_out_names) { /* which ones: no text is long enough for all names */
         lw_package_hash((const uint8_t *)b->left_out_names, strlen(b->left_out_names), &hash);
         length += snprintf(text + length, sizeof text - (size_t)length, " left out ");

@@ -4,6 +4,7 @@
 #include "client/view/ambient.h"
 #include "client/view/direct_pixels.h"
 #include "client/view/gloss_maps.h"
+#include "client/view/mirror.h"
 #include "common/colour.h"
 #include "common/lightmap/lightmap.h"
 #include "common/scene/environment.h"
@@ -28,6 +29,8 @@ _Static_assert(LISTED == LW_DIRECT_PIXELS_BLOCKS * LW_TRACE_WIDTH, "or for as ma
 
 /* A share of light that no 8-bit picture shows. */
 #define TRANSMITTANCE_MIN 1e-4f
+/* A mirror that shows less of what it sees is not worth a ray. */
+#define MIRROR_MIN 2e-3f
 /* Seen at a grazing angle a pixel covers a long strip; past this its level would only blur. */
 #define COSINE_MIN 0.05f
 
@@ -53,6 +56,15 @@ struct object {
     bool has_fine; /* a tile of a finer level is here */
 };
 
+/* What pixels mirror by a ray. */
+struct mirrored {
+    uint16_t lanes;
+    struct lw_vec3 origin[LW_TRACE_WIDTH], direction[LW_TRACE_WIDTH];
+    struct lw_vec3 tint[LW_TRACE_WIDTH]; /* of its radiance the eye sees that much */
+    float width_m[LW_TRACE_WIDTH];       /* of what the ray stands for, where it begins */
+    float slope[LW_TRACE_WIDTH];         /* and how much more there is of it a metre */
+};
+
 /* Sixteen pixels on their way through the layers in front of them. */
 struct packet {
     struct lw_ray16 rays;
@@ -65,6 +77,8 @@ struct packet {
     struct lw_vec3 tint[LW_TRACE_WIDTH]; /* on top of that */
     const struct lw_camera_plane *plane;
     bool listed; /* its pixels are from anywhere */
+    struct mirrored mirrored;
+    bool is_mirrored; /* its rays are those that another one mirrors; width_m and slope are its own */
     /* the layer that reflects most of the tiles' light to the eye: its luminance there, and its tile */
     float reflected[LW_TRACE_WIDTH];
     uint32_t tile[LW_TRACE_WIDTH];
@@ -80,6 +94,7 @@ struct places {
 /* A thread's memory where direct light is worked out: of one screen tile, or as many pixels of a list. */
 struct worker {
     struct lw_direct_tile *tile;
+    struct packet second[LW_DIRECT_PIXELS_BLOCKS]; /* what the packets mirror */
     struct places at[LW_DIRECT_PIXELS_BLOCKS];
     struct packet packet[LW_DIRECT_PIXELS_BLOCKS];
     uint16_t going[LW_DIRECT_PIXELS_BLOCKS];
@@ -108,6 +123,7 @@ struct lw_compose {
     bool surveys;         /* a survey shows nothing */
 
     struct lw_direct_pixels *direct; /* NULL: all light is in the tiles */
+    const uint8_t *drawn_material;   /* per material: 1: its light is drawn; with direct alone */
     struct lw_place *place;          /* per object; with direct or finishes alone */
     struct worker *worker;           /* per thread; with direct alone */
     struct lw_ambient ambient;       /* with finishes alone */
@@ -117,6 +133,7 @@ struct lw_compose {
     const struct lw_vec3 *tile_colour;
     const struct lw_pose *pose;
     bool finishes;       /* pixels of finished surfaces are worked out by their finish */
+    bool mirrors;        /* and smooth ones mirror the room */
     bool has_directions; /* some light has a direction */
     struct lw_vec3 sky;
     struct lw_vec3 stand_in; /* irradiance where nothing at all has arrived */
@@ -185,6 +202,7 @@ static bool init_direct(struct lw_compose *compose, const struct lw_compose_desc
     memset(compose->worker, 0, (size_t)compose->threads * sizeof *compose->worker);
     for (int i = 0; i < compose->threads; i++)
         if (lw_direct_tile_create(&compose->worker[i].tile) != LW_OK) return false;
+    compose->drawn_material = desc->drawn->material;
     return lw_direct_pixels_create(&(struct lw_direct_pixels_desc){.scene = desc->scene,
                                                                    .trace = desc->trace,
                                                                    .drawn = desc->drawn,
@@ -620,7 +638,7 @@ static void find_patch(const struct lw_compose *compose, uint32_t o, uint32_t tr
     out->texels = fabsf(lw_vec2_twice_area(uv[0], uv[1], uv[2]));
     out->coarsest =
         compose->coarsest[m] && lw_vec3_length(normal_os) > 1e-30f ? compose->coarsest[m][triangle] : 0;
-    if (compose->direct) place_patch(compose, o, mesh, normal_os, out);
+    if (compose->direct || compose->mirrors) place_patch(compose, o, mesh, normal_os, out);
     if (shades_finish(compose, out->facet.material)) finish_patch(compose, o, mesh, normal_os, out);
 }
 
@@ -683,6 +701,12 @@ static bool is_even(const struct lw_compose *compose, const struct level *level,
     return lw_fine_choice_is_even(luminance);
 }
 
+/* What a ray stands for where it meets a surface: a pixel, or the lobe of a mirror. */
+static float width_at(const struct packet *p, unsigned i, float t) {
+    return p->is_mirrored ? p->mirrored.width_m[i] + p->mirrored.slope[i] * t
+                          : lw_camera_pixel_at(p->plane, t);
+}
+
 /* Finds out what a hit is to be shaded from, and starts to fetch it. */
 static void look_at(const struct lw_compose *compose, struct patches *patches, const struct packet *p,
                     const struct lw_hit16 *hits, unsigned i, struct look *out) {
@@ -703,7 +727,8 @@ static void look_at(const struct lw_compose *compose, struct patches *patches, c
     out->uv = lw_scene_facet_mean(facet->lightmap_uv, out->weight);
     if (hits->back[i]) out->uv.y += (float)facet->mesh->back_offset;
     const struct lw_vec3 dir = lw_vec3(p->rays.dir_x[i], p->rays.dir_y[i], p->rays.dir_z[i]);
-    const int level = level_for(patch, object->finer_count, dir, lw_camera_pixel_at(p->plane, hits->t[i]));
+    const int level =
+        level_for(patch, p->is_mirrored ? 0 : object->finer_count, dir, width_at(p, i, hits->t[i]));
     out->finest = level < object->level_count ? level : object->level_count - 1;
     out->level = out->finest;
     if (out->level < 0 && patch->texels >= LW_FINE_CHOICE_TEXELS) {
@@ -849,7 +874,8 @@ struct finished {
     struct lw_vec3 factor[LW_TRACE_WIDTH]; /* how much of the leaving light the eye sees */
     float weight[LW_TRACE_WIDTH];          /* the same without colour */
     struct lw_vec3 emission[LW_TRACE_WIDTH];
-    int level[LW_TRACE_WIDTH]; /* e is read at it */
+    int level[LW_TRACE_WIDTH];     /* e is read at it */
+    float width_m[LW_TRACE_WIDTH]; /* what the ray stands for there */
 };
 
 static void set_lane(float (*to)[LW_TRACE_WIDTH], unsigned i, struct lw_vec3 v) {
@@ -869,11 +895,13 @@ static void take_finish(struct lw_compose *compose, const struct packet *p, cons
     f->lanes |= (uint16_t)(1u << i);
     f->mean[i] = lw_gloss_maps_mean(patch->finish, look->weight);
     f->side[i] = hits->back[i] ? -1 : 1;
-    if (compose->direct)
+    const bool placed = compose->direct || compose->mirrors;
+    if (placed)
         f->point[i] = point_of(compose, look, hits, i);
     else if (!patch->sound)
         f->point[i].normal = facing_of(compose, look, hits, i);
-    if (compose->direct || !patch->sound) f->exact |= (uint16_t)(1u << i);
+    f->width_m[i] = width_at(p, i, hits->t[i]);
+    if (placed || !patch->sound) f->exact |= (uint16_t)(1u << i);
     f->base[i] = surface->base;
     f->weight[i] = weight;
     f->factor[i] = lw_vec3_scale(p->tint[i], weight);
@@ -944,16 +972,49 @@ static uint16_t find_quads(const struct look look[LW_TRACE_WIDTH], uint16_t lane
     return quads;
 }
 
+static void fill(float value, float out[16]) {
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) out[i] = value;
+}
+
+/* Chooses lanes that mirror by a ray. out_kept: for lw_gloss_ambient16(). A lane has one ray: the first
+ * layer's. */
+static void choose_mirrors(const struct lw_compose *compose, struct packet *p, const struct finished *f,
+                           float out_kept[LW_TRACE_WIDTH]) {
+    const struct lw_gloss_seen16 *seen = &f->seen;
+    fill(1, out_kept);
+    if (!compose->mirrors || p->is_mirrored) return;
+    for (uint32_t left = f->lanes & ~p->mirrored.lanes; left; left &= left - 1) {
+        const unsigned i = (unsigned)__builtin_ctz(left);
+        const float share = lw_mirror_share(seen->roughness[i]);
+        const struct lw_vec3 of = lw_vec3(seen->mirrored[0][i], seen->mirrored[1][i], seen->mirrored[2][i]),
+                             tint = lw_vec3_scale(lw_vec3_mul(f->factor[i], of), share);
+        if (!(lw_colour_luminance(tint) > MIRROR_MIN)) continue;
+        const struct lw_vec3 normal = lw_vec3(seen->normal[0][i], seen->normal[1][i], seen->normal[2][i]),
+                             eye = lw_vec3(seen->eye[0][i], seen->eye[1][i], seen->eye[2][i]);
+        p->mirrored.origin[i] = f->point[i].origin;
+        const float alpha2 = seen->alpha[i] * seen->alpha[i] + seen->spread[i];
+        p->mirrored.direction[i] = lw_mirror_direction(
+            normal, eye, alpha2, lw_vec3(p->rays.dir_x[i], p->rays.dir_y[i], p->rays.dir_z[i]));
+        p->mirrored.tint[i] = tint;
+        p->mirrored.width_m[i] = f->width_m[i];
+        p->mirrored.slope[i] = p->plane->pixel + lw_mirror_slope(alpha2);
+        p->mirrored.lanes |= (uint16_t)(1u << i);
+        out_kept[i] = 1 - share;
+    }
+}
+
 /* Shades the lanes that shade() has left. */
 static void shade_finished(const struct lw_compose *compose, struct packet *p,
                            const struct look look[LW_TRACE_WIDTH], struct finished *f) {
     const struct lw_gloss_sky sky = {compose->sky, &compose->ambient};
-    float out[3][LW_TRACE_WIDTH];
+    float out[3][LW_TRACE_WIDTH], kept[LW_TRACE_WIDTH];
     read_finishes(compose, p, look, f);
     f->gloss.quads = p->listed ? 0 : find_quads(look, f->lanes);
     lw_gloss_see16(&f->gloss, &f->seen);
+    choose_mirrors(compose, p, f, kept);
     lw_gloss_ambient16(&f->gloss, &f->seen, f->lanes, &sky, (const float(*)[LW_TRACE_WIDTH])f->e,
-                       compose->has_directions ? (const float(*)[LW_TRACE_WIDTH])f->direction : NULL, out);
+                       compose->has_directions ? (const float(*)[LW_TRACE_WIDTH])f->direction : NULL, kept,
+                       out);
     for (uint32_t left = f->lanes; left; left &= left - 1) {
         const unsigned i = (unsigned)__builtin_ctz(left);
         const struct lw_vec3 reflected = lw_vec3(out[0][i], out[1][i], out[2][i]),
@@ -991,10 +1052,13 @@ static bool shade(struct lw_compose *compose, struct packet *p, const struct loo
     const struct lw_facet *facet = &look->patch->facet;
     struct lw_surface surface = {
         .albedo = facet->albedo, .base = facet->base, .emission = facet->emission, .alpha = facet->alpha};
+    const bool is_lamp = p->is_mirrored && compose->drawn_material &&
+                         compose->drawn_material[facet->material - compose->scene->material];
     const bool finished = shades_finish(compose, facet->material);
     if (facet->varies && !(finished && look->patch->simple))
         (finished ? lw_scene_facet_base : lw_scene_facet_colour)(compose->scene, facet, look->weight,
                                                                  &look->texels, &surface);
+    if (is_lamp) surface.emission = lw_vec3(0, 0, 0); /* its highlight is drawn */
     float alpha = 1.0f;
     if (facet->material->alpha_mode == LW_ALPHA_BLEND && !last) alpha = surface.alpha;
     if (alpha > 0 && finished) {
@@ -1028,10 +1092,6 @@ static void aim_axis(float middle, float right, float up, const float across[16]
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) out[i] = middle + right * across[i] + up * upward[i];
 }
 
-static void fill(float value, float out[16]) {
-    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) out[i] = value;
-}
-
 static void aim(struct packet *p, const struct lw_compose_view *view, const struct lw_camera_plane *plane,
                 const struct places *at) {
     float across[LW_TRACE_WIDTH], upward[LW_TRACE_WIDTH];
@@ -1052,6 +1112,8 @@ static void aim(struct packet *p, const struct lw_compose_view *view, const stru
     p->rays.salt = 0;
     p->plane = plane;
     p->listed = at->listed;
+    p->mirrored.lanes = 0;
+    p->is_mirrored = false;
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) p->radiance[i] = lw_vec3(0, 0, 0);
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) p->tint[i] = lw_vec3(1, 1, 1);
 }
@@ -1080,7 +1142,8 @@ static uint16_t meet(struct lw_compose *compose, struct packet *p, uint16_t goin
                      struct finished *f) {
     uint16_t go_on = 0;
     f->lanes = 0;
-    lw_trace_closest16(compose->trace, LW_TRACE_VIEW | LW_TRACE_COHERENT, going, &p->rays, hits);
+    lw_trace_closest16(compose->trace, LW_TRACE_VIEW | (p->is_mirrored ? 0 : LW_TRACE_COHERENT), going,
+                       &p->rays, hits);
     patches->packet++;
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++)
         if (going >> i & 1u) look_at(compose, patches, p, hits, i, &look[i]);
@@ -1090,17 +1153,53 @@ static uint16_t meet(struct lw_compose *compose, struct packet *p, uint16_t goin
     return go_on;
 }
 
+/* The packet of the rays that another one mirrors. */
+static void aim_mirrored(const struct packet *p, struct packet *out) {
+    const struct mirrored *m = &p->mirrored;
+    fill(0, out->rays.t_near), fill(INFINITY, out->rays.t_far), fill(1, out->transmittance);
+    fill(0, out->reflected);
+    out->rays.salt = 1;
+    out->plane = p->plane;
+    out->listed = out->is_mirrored = true;
+    out->mirrored = *m;
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
+        const bool goes = m->lanes >> i & 1u;
+        const struct lw_vec3 from = goes ? m->origin[i] : lw_vec3(0, 0, 0),
+                             to = goes ? m->direction[i] : lw_vec3(0, 0, 1);
+        out->rays.org_x[i] = from.x, out->rays.org_y[i] = from.y, out->rays.org_z[i] = from.z;
+        out->rays.dir_x[i] = to.x, out->rays.dir_y[i] = to.y, out->rays.dir_z[i] = to.z;
+        out->radiance[i] = lw_vec3(0, 0, 0);
+        out->tint[i] = goes ? m->tint[i] : lw_vec3(0, 0, 0);
+    }
+}
+
+static void add_mirrored(struct packet *p, const struct packet *second) {
+    for (uint32_t left = p->mirrored.lanes; left; left &= left - 1) {
+        const unsigned i = (unsigned)__builtin_ctz(left);
+        p->radiance[i] = lw_vec3_add(p->radiance[i], second->radiance[i]);
+    }
+}
+
+static void render_layers(struct lw_compose *compose, uint16_t going, struct patches *patches,
+                          struct packet *p) {
+    struct look look[LW_TRACE_WIDTH];
+    struct lw_hit16 hits;
+    struct finished finished;
+    for (unsigned layer = 1; going && layer <= LW_COMPOSE_LAYERS_MAX; layer++)
+        going = meet(compose, p, going, layer == LW_COMPOSE_LAYERS_MAX, patches, look, &hits, &finished);
+}
+
 /* All that a packet sees, of light that tiles hold. */
 static void render_packet(struct lw_compose *compose, const struct lw_compose_view *view,
                           const struct lw_camera_plane *plane, const struct places *at,
                           struct patches *patches, struct packet *p) {
-    struct look look[LW_TRACE_WIDTH];
-    struct lw_hit16 hits;
-    struct finished finished;
-    uint16_t going = at->active;
+    struct packet second;
     aim(p, view, plane, at);
-    for (unsigned layer = 1; going && layer <= LW_COMPOSE_LAYERS_MAX; layer++)
-        going = meet(compose, p, going, layer == LW_COMPOSE_LAYERS_MAX, patches, look, &hits, &finished);
+    render_layers(compose, at->active, patches, p);
+    if (!p->mirrored.lanes) return;
+    aim_mirrored(p, &second);
+    render_layers(compose, p->mirrored.lanes, patches, &second);
+    add_mirrored(p, &second);
 }
 
 static void place_block(const struct lw_compose_view *view, uint32_t x, uint32_t y, struct places *out) {
@@ -1165,18 +1264,12 @@ static void add_direct(struct packet *p, const struct lw_direct_block *block) {
     }
 }
 
-/* The packets at w->at with direct light, layer by layer. */
-static void render_lit(struct lw_compose *compose, const struct lw_compose_view *view,
-                       const struct lw_camera_plane *plane, struct patches *patches, struct worker *w) {
+/* Packets with direct light, layer by layer. w->going: the rays of each that go */
+static void light_layers(struct lw_compose *compose, struct patches *patches, struct worker *w,
+                         struct packet *packet) {
     struct look look[LW_TRACE_WIDTH];
     struct finished finished;
-    bool any = false;
-    for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) {
-        w->going[b] = w->at[b].active;
-        if (!w->going[b]) continue;
-        aim(&w->packet[b], view, plane, &w->at[b]);
-        any = true;
-    }
+    bool any = true;
     for (unsigned layer = 1; any && layer <= LW_COMPOSE_LAYERS_MAX; layer++) {
         any = false;
         for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) {
@@ -1184,14 +1277,40 @@ static void render_lit(struct lw_compose *compose, const struct lw_compose_view 
             w->tile->block[b].active = w->tile->block[b].finished = 0;
             if (!w->going[b]) continue;
             const uint16_t met = w->going[b];
-            w->going[b] = meet(compose, &w->packet[b], met, layer == LW_COMPOSE_LAYERS_MAX, patches, look,
-                               &hits, &finished);
-            note_points(compose, &w->packet[b], met, look, &hits, &finished, &w->tile->block[b]);
+            w->going[b] = meet(compose, &packet[b], met, layer == LW_COMPOSE_LAYERS_MAX, patches, look, &hits,
+                               &finished);
+            note_points(compose, &packet[b], met, look, &hits, &finished, &w->tile->block[b]);
             any |= w->going[b] != 0;
         }
         lw_direct_pixels_light(compose->direct, w->tile);
-        for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) add_direct(&w->packet[b], &w->tile->block[b]);
+        for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) add_direct(&packet[b], &w->tile->block[b]);
     }
+}
+
+/* The packets at w->at with direct light, and what they mirror. */
+static void render_lit(struct lw_compose *compose, const struct lw_compose_view *view,
+                       const struct lw_camera_plane *plane, struct patches *patches, struct worker *w) {
+    bool any = false;
+    for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) {
+        w->going[b] = w->at[b].active;
+        w->packet[b].mirrored.lanes = 0;
+        if (!w->going[b]) continue;
+        aim(&w->packet[b], view, plane, &w->at[b]);
+        any = true;
+    }
+    if (any) light_layers(compose, patches, w, w->packet);
+    if (!compose->mirrors) return;
+    any = false;
+    for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) {
+        w->going[b] = w->packet[b].mirrored.lanes;
+        if (!w->going[b]) continue;
+        aim_mirrored(&w->packet[b], &w->second[b]);
+        any = true;
+    }
+    if (!any) return;
+    w->tile->listed = true;
+    light_layers(compose, patches, w, w->second);
+    for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) add_mirrored(&w->packet[b], &w->second[b]);
 }
 
 static void render_lit_tile(struct lw_compose *compose, const struct lw_compose_view *view,
@@ -1254,6 +1373,7 @@ void lw_compose_render(struct lw_compose *compose, const struct lw_compose_sourc
     compose->show = view->show;
     compose->tile_colour = view->tile_colour;
     begin(compose, source, pose);
+    compose->mirrors = view->mirrors && compose->finishes && view->show == LW_SHOW_ALL;
     memset(compose->shown, 0, compose->map->tile_count * sizeof *compose->shown);
     compose->pixel_count = (uint64_t)view->width * view->height;
     if (compose->direct) begin_direct(compose, view->sample);

@@ -256,7 +256,8 @@ static void add_lane(float (*to)[WIDTH], unsigned i, struct lw_vec3 v) {
 
 void lw_gloss_ambient16(const struct lw_gloss16 *gloss, const struct lw_gloss_seen16 *seen, uint16_t lanes,
                         const struct lw_gloss_sky *sky, const float e[3][LW_GLOSS_WIDTH],
-                        const float (*direction)[LW_GLOSS_WIDTH], float out[3][LW_GLOSS_WIDTH]) {
+                        const float (*direction)[LW_GLOSS_WIDTH], const float *kept,
+                        float out[3][LW_GLOSS_WIDTH]) {
     float open[3][WIDTH], mirrored[3][WIDTH], factor[WIDTH], gain[WIDTH];
     const float even[3] = {sky->sky.x, sky->sky.y, sky->sky.z};
     for (unsigned c = 0; c < 3; c++)
@@ -270,6 +271,7 @@ void lw_gloss_ambient16(const struct lw_gloss16 *gloss, const struct lw_gloss_se
     }
     for (unsigned i = 0; i < WIDTH; i++) factor[i] = gain[i] = 1;
     if (direction) lw_gloss_direct16(gloss, seen, direction, factor, gain);
+    for (unsigned i = 0; kept && i < WIDTH; i++) gain[i] *= kept[i];
     ambient_all(seen, e, (const float(*)[WIDTH])open, (const float(*)[WIDTH])mirrored, factor, gain, out);
 }
 

@@ -70,10 +70,12 @@ struct lw_gloss_sky {
 /** Radiance that points send to the eye of light from everywhere, W/(m^2 sr).
  * lanes  that are asked for
  * e      at plain normals, W/m^2, not negative
- * direction  its cosine moment over its luminance (direction_form.h), any value; NULL: not known */
+ * direction  its cosine moment over its luminance (direction_form.h), any value; NULL: not known
+ * kept       how much of what they mirror is in it: the rest comes by a ray (mirror.h); NULL: all */
 void lw_gloss_ambient16(const struct lw_gloss16 *gloss, const struct lw_gloss_seen16 *seen, uint16_t lanes,
                         const struct lw_gloss_sky *sky, const float e[3][LW_GLOSS_WIDTH],
-                        const float (*direction)[LW_GLOSS_WIDTH], float out[3][LW_GLOSS_WIDTH]);
+                        const float (*direction)[LW_GLOSS_WIDTH], const float *kept,
+                        float out[3][LW_GLOSS_WIDTH]);
 
 /** The factor and the gain of direction_form.h: of E at the bumped normal, and of radiance along the mirrored
  * direction. For any `direction`. */

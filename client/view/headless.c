@@ -402,6 +402,7 @@ enum lw_status lw_headless_run(const struct lw_view_options *options, bool *out_
     status = connect_to_server(&h, err);
     if (status == LW_OK) status = receive_scene(&h, err);
     if (status == LW_OK) status = lw_stage_init(&h.stage, h.client, options->threads, err);
+    h.stage.mirrors = options->mirrors;
     if (status == LW_OK) status = lw_stage_follow(&h.stage, &moved, err);
     if (status == LW_OK) status = start_gl(&h, err);
     if (status == LW_OK) /* an unknown camera is said before the wait */

@@ -118,6 +118,7 @@ enum lw_status lw_stage_look(struct lw_stage *stage, const struct lw_camera_view
 enum lw_status lw_stage_show(struct lw_stage *stage, enum lw_show show, struct lw_compose_view *view,
                              struct lw_error *err) {
     view->show = show;
+    view->mirrors = stage->mirrors;
     view->tile_colour = NULL;
     if (!lw_show_is_of_tiles(show)) return LW_OK;
     const uint32_t count = lw_client_atlas_map(stage->client)->tile_count;

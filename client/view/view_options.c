@@ -16,7 +16,7 @@ struct raw {
     struct lw_access_options access;
     const char *address, *camera, *size, *wait, *exposure;
     int64_t samples, bounces, seed, samples_per_pixel;
-    int curve, pixel, guide, show, direct, renderer;
+    int curve, pixel, guide, show, direct, renderer, mirrors;
     bool samples_given;
 };
 
@@ -25,7 +25,7 @@ struct raw {
 static const char *const of_every_way[] = {"camera",  "camera-name", "size",    "tonemap", "exposure",
                                            "threads", "show",        "version", NULL};
 static const char *const of_a_server[] = {"headless", "wait", "timeout", "cache", "samples-per-pixel", NULL};
-static const char *const of_viewers[] = {"direct", "renderer",     "token-file", "tls",
+static const char *const of_viewers[] = {"direct", "renderer",     "mirrors", "token-file", "tls",
                                          "ca",     "tls-insecure", NULL}; /* --headless and the window */
 static const char *const of_scenes[] = {
     "texels-per-metre", "density-of",  "max-texels", "atlas-max", "sky", "import-seconds",
@@ -180,6 +180,8 @@ static enum lw_status interpret(const struct raw *raw, struct lw_view_options *o
     out->show = (enum lw_show)raw->show;
     out->path.part = (enum lw_path_part)raw->show; /* the same, as far as paths know them */
     out->renderer = (enum lw_view_renderer)raw->renderer;
+    out->mirrors =
+        raw->mirrors == LW_VIEW_MIRRORS_ON || (raw->mirrors == LW_VIEW_MIRRORS_AUTO && out->headless);
     out->draws_direct = raw->direct == 0;
     out->curve = (enum lw_tonemap_curve)raw->curve;
     return status == LW_OK ? check_together(out, raw, err) : status;
@@ -258,6 +260,12 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
                  "(default): gl in a window where there is a GPU, cpu else.",
          .kind = LW_OPTION_CHOICE,
          .value = &raw.renderer},
+        {.name = "mirrors",
+         .argument = LW_VIEW_MIRRORS_CHOICES,
+         .help = "Smooth surfaces mirror the room, by rays, with --renderer cpu: auto (default): with "
+                 "--headless; on, off. Pictures of polished floors take up to three times as long.",
+         .kind = LW_OPTION_CHOICE,
+         .value = &raw.mirrors},
         {.name = "out",
          .argument = "FILE",
          .help = "FILE.exr: linear radiance, 32-bit float. FILE.png: tone mapped.",

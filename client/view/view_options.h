@@ -39,6 +39,10 @@ enum lw_view_format { LW_VIEW_NO_FILE, LW_VIEW_EXR, LW_VIEW_PNG };
 enum lw_view_renderer { LW_VIEW_RENDERER_AUTO, LW_VIEW_RENDERER_GL, LW_VIEW_RENDERER_CPU };
 #define LW_VIEW_RENDERER_CHOICES "auto|gl|cpu" /* in the order of enum lw_view_renderer */
 
+/* Whether smooth surfaces mirror the room where rays draw (mirror.h); auto: in pictures of --headless. */
+enum lw_view_mirrors { LW_VIEW_MIRRORS_AUTO, LW_VIEW_MIRRORS_ON, LW_VIEW_MIRRORS_OFF };
+#define LW_VIEW_MIRRORS_CHOICES "auto|on|off" /* in the order of enum lw_view_mirrors */
+
 /* What bounce rays of --path-trace follow. */
 enum lw_view_guide { LW_VIEW_GUIDE_OFF, LW_VIEW_GUIDE_LEARNED };
 #define LW_VIEW_GUIDE_CHOICES "off|learned" /* in the order of enum lw_view_guide */
@@ -79,6 +83,7 @@ struct lw_view_options {
     double timeout_s;
     const char *cache_folder; /* for scene packages, or NULL; points into argv */
     enum lw_view_renderer renderer;
+    bool mirrors;      /* of every view (compose.h) */
     enum lw_show show; /* in place of all light; of --path-trace, too, which knows the first three */
     bool draws_direct; /* the direct light of the server's client lights is drawn here */
     struct lw_view_path path;

@@ -229,6 +229,7 @@ static enum lw_status stage_incoming(struct lw_window *w, struct lw_error *err) 
     }
     stop_comparing(w); /* it looks at that scene; the next picture begins again */
     lw_gl_view_finish(&w->gl);
+    stage.mirrors = w->options->mirrors;
     lw_stage_finish(&w->stage);
     lw_client_destroy(w->client);
     w->stage = stage;

@@ -26,7 +26,7 @@ enum lw_status lw_bake_memory_choose(const struct lw_solvers_entry *entry, const
                               "%.2g M texels need %.0f MB%s, over %.0f (--memory): --texels-per-metre gives "
                               "fewer",
                               texels, mb(least), by_tile < whole ? " even tile by tile" : "", mb(memory));
-    lw_log(LW_LOG_INFO, "%.2g M texels at once would take %.0f MB: tile by tile it is %.0f (--memory)", texels,
-           mb(whole), mb(by_tile));
+    lw_log(LW_LOG_INFO, "%.2g M texels at once would take %.0f MB: tile by tile it is %.0f (--memory)",
+           texels, mb(whole), mb(by_tile));
     return LW_OK;
 }

@@ -180,9 +180,9 @@ static enum lw_status end_tiles(struct tile_by_tile *s, uint32_t *out_count, str
 
 /* Texels times frames of tiles that nobody has begun: as many frames as those took that are finished. */
 static double work_left(const struct tile_by_tile *s, double frames) {
-    const double each = s->aim_frames            ? (double)s->aim_frames
-                        : s->frames_sum > 0      ? s->frames_sum / fmax(1, s->file.count)
-                                                 : fmax(frames, LW_SOLVER_FRAMES_MIN);
+    const double each = s->aim_frames       ? (double)s->aim_frames
+                        : s->frames_sum > 0 ? s->frames_sum / fmax(1, s->file.count)
+                                            : fmax(frames, LW_SOLVER_FRAMES_MIN);
     return each * LW_TILE_TEXELS_MAX * (double)(s->total - s->done - s->lit_count);
 }
 
@@ -389,8 +389,8 @@ static enum lw_status build(struct tile_by_tile *s, const struct lw_solvers_entr
     if (status == LW_OK) status = make_room(s, threads);
     if (status != LW_OK) return lw_status_fail(err, status, "a coarse scene");
     for (uint32_t id = 0; id < s->map->plain_count; id++) s->total += s->map->place[id].level == 0;
-    status = lw_tile_file_open(&s->file, s->how.path, s->how.key, s->map->plain_count, count_planes(&s->how),
-                               err);
+    status =
+        lw_tile_file_open(&s->file, s->how.path, s->how.key, s->map->plain_count, count_planes(&s->how), err);
     if (status != LW_OK) return status;
     struct lw_solver_desc inner = *desc;
     inner.scene = &s->coarse_scene.scene;

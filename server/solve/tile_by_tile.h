@@ -21,10 +21,10 @@
 #define LW_TILE_BY_TILE_AT_ONCE 64u
 
 struct lw_tile_by_tile_desc {
-    const char *path;   /* the file's */
-    uint8_t key[16];    /* of lw_solver_ops.save() */
-    uint32_t channels;  /* shown ones: the file holds these alone */
-    bool has_albedo;    /* the file holds albedo, too */
+    const char *path;  /* the file's */
+    uint8_t key[16];   /* of lw_solver_ops.save() */
+    uint32_t channels; /* shown ones: the file holds these alone */
+    bool has_albedo;   /* the file holds albedo, too */
 };
 
 /** Bytes of memory that a solve of a scene takes, roughly, beside the rays' structure: of all texels at once,

@@ -946,6 +946,80 @@ static void test_offset(void **state) {
     world_finish(&w);
 }
 
+/* ---- mirrors ---- */
+
+/* Squares of a white metal, lit from both sides: object o's back has o's light. */
+static void metal_squares(struct world *w, unsigned count, float roughness) {
+    struct lw_scene *scene = squares(count, 64, true);
+    struct lw_finish *finish = lw_scene_alloc(scene, 1, sizeof *finish);
+    assert_non_null(finish);
+    const struct lw_texture_use none = {.texture = LW_SCENE_NONE};
+    *finish = (struct lw_finish){.metalness = 1,
+                                 .roughness = roughness,
+                                 .surface_texture = none,
+                                 .specular = 1,
+                                 .specular_colour = {1, 1, 1},
+                                 .specular_texture = none,
+                                 .ior = 1.5f,
+                                 .occlusion_texture = none,
+                                 .normal_scale = 1,
+                                 .normal_texture = none};
+    for (int c = 0; c < 4; c++) scene->material[0].base_colour[c] = 1;
+    scene->material[0].finish = finish;
+    stack(scene);
+    world_init(w, scene);
+    w->source.sky = lw_vec3(0, 0, 0);
+    for (uint32_t o = 0; o < count; o++) fill_constant(w, o, 1 + 2 * (float)o);
+}
+
+/* The floor mirrors what is over it, in place of its own light, the more the smoother it is. */
+static void test_mirrors(void **state) {
+    (void)state;
+    static const struct {
+        float roughness, share;
+    } cases[] = {{0, 1}, {0.2f, 1}, {0.325f, 0.5f}, {0.4f, 0}, {0.8f, 0}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct world w;
+        float rgb[WIDTH * HEIGHT * 3];
+        metal_squares(&w, 2, cases[i].roughness);
+        struct lw_compose_view view = look(0, 0.5f, 0, 0, 0, 0, 40);
+        render(&w, &view, rgb);
+        for (size_t p = 0; p < WIDTH * HEIGHT * 3; p++) assert_near(rgb[p], 1 / LW_PI, 0.02f);
+        view.mirrors = true;
+        render(&w, &view, rgb);
+        for (size_t p = 0; p < WIDTH * HEIGHT * 3; p++)
+            assert_near(rgb[p], (1 + 2 * cases[i].share) / LW_PI, 0.02f);
+        view.show = LW_SHOW_IRRADIANCE;
+        render(&w, &view, rgb);
+        for (size_t p = 0; p < WIDTH * HEIGHT * 3; p++) assert_near(rgb[p], 1 / LW_PI, 0.02f);
+        world_finish(&w);
+    }
+}
+
+/* A mirror that nothing is over shows the sky; the tiles that it shows are needed. */
+static void test_mirrors_of_what_is_there(void **state) {
+    (void)state;
+    struct world w;
+    float rgb[WIDTH * HEIGHT * 3];
+    metal_squares(&w, 1, 0.1f);
+    w.source.sky = lw_vec3(0.5f, 0.5f, 0.5f);
+    struct lw_compose_view view = look(0, 0.5f, 0, 0, 0, 0, 40);
+    view.mirrors = true;
+    render(&w, &view, rgb);
+    for (size_t p = 0; p < WIDTH * HEIGHT * 3; p++) assert_near(rgb[p], 0.5f, 0.02f);
+    world_finish(&w);
+    metal_squares(&w, 2, 0.1f);
+    for (unsigned with = 0; with < 2; with++) {
+        uint32_t above = 0;
+        view.mirrors = with;
+        render(&w, &view, rgb);
+        for (uint32_t t = 0; t < w.map.tile_count; t++)
+            above += w.map.place[t].object == 1 && lw_compose_needed(w.compose)[t];
+        assert_int_equal(above > 0, with);
+    }
+    world_finish(&w);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_constant),
@@ -974,6 +1048,8 @@ int main(void) {
         cmocka_unit_test(test_finer_levels_are_asked_for_and_read),
         cmocka_unit_test(test_finer_tiles_side_by_side),
         cmocka_unit_test(test_same_bytes_at_any_thread_count),
+        cmocka_unit_test(test_mirrors),
+        cmocka_unit_test(test_mirrors_of_what_is_there),
         cmocka_unit_test(test_offset),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -57,7 +57,7 @@ static struct lw_vec3 ambient(const struct lw_gloss16 *g, const struct lw_gloss_
                               const struct lw_gloss_sky *sky, struct lw_vec3 e) {
     float all[3][WIDTH], out[3][WIDTH];
     for (unsigned k = 0; k < WIDTH; k++) set(all, k, e);
-    lw_gloss_ambient16(g, seen, (uint16_t)(1u << i), sky, (const float(*)[WIDTH])all, NULL, out);
+    lw_gloss_ambient16(g, seen, (uint16_t)(1u << i), sky, (const float(*)[WIDTH])all, NULL, NULL, out);
     return lw_vec3(out[0][i], out[1][i], out[2][i]);
 }
 
@@ -550,9 +550,9 @@ static void test_without_direction(void **state) {
         set(e, i, lw_vec3(3, 2, (float)i));
     }
     lw_gloss_see16(&g, &seen);
-    lw_gloss_ambient16(&g, &seen, 0xffff, &sky, (const float(*)[WIDTH])e, NULL, out[0]);
+    lw_gloss_ambient16(&g, &seen, 0xffff, &sky, (const float(*)[WIDTH])e, NULL, NULL, out[0]);
     lw_gloss_ambient16(&g, &seen, 0xffff, &sky, (const float(*)[WIDTH])e, (const float(*)[WIDTH])direction,
-                       out[1]);
+                       NULL, out[1]);
     assert_memory_equal(out[0], out[1], sizeof out[0]);
 }
 

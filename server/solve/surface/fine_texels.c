@@ -460,8 +460,8 @@ static uint32_t inner_of(const struct window *w, const struct lw_fine_texels *fi
 
 /* Takes the tile out of its window. */
 static bool cut_out(const struct window *w, const struct lw_tile_place *place, struct lw_fine_texels *out) {
-    if (!fine_allocate(out, place->width, place->height,
-                       w->texels.sample_points.first[w->texels.texel_count], w->texels.albedo[0] != NULL))
+    if (!fine_allocate(out, place->width, place->height, w->texels.sample_points.first[w->texels.texel_count],
+                       w->texels.albedo[0] != NULL))
         return false;
     out->mesh.texel_m = w->texels.texel_m;
     for (uint32_t i = 0; i < out->mesh.texel_count; i++) {
