@@ -60,8 +60,8 @@ struct object {
 struct mirrored {
     uint16_t lanes;
     struct lw_vec3 origin[LW_TRACE_WIDTH], direction[LW_TRACE_WIDTH];
-    struct lw_vec3 tint[LW_TRACE_WIDTH]; /* of its radiance the eye sees that much */
-    float width_m[LW_TRACE_WIDTH];       /* of what the ray stands for, where it begins */
+    struct lw_vec3 tint[LW_TRACE_WIDTH]; /* share of the ray's radiance that the eye sees */
+    float width_m[LW_TRACE_WIDTH];       /* width of the lobe where the ray begins */
     float slope[LW_TRACE_WIDTH];         /* and how much more there is of it a metre */
 };
 

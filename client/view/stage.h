@@ -21,7 +21,7 @@ struct lw_stage {
     struct lw_attention attention;
     uint64_t looked_ns;          /* when the interest set was last listed */
     struct lw_vec3 *tile_colour; /* the shown chart's; NULL: there was none */
-    bool mirrors;                /* of every view (compose.h); the caller's choice */
+    bool mirrors;                /* views have mirrors (compose.h): the caller chooses */
 };
 
 /** Builds a stage for a client whose scene is there. The client must outlive it. Zeroed on failure.

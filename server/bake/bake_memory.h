@@ -10,7 +10,7 @@
  * so in a line.
  * desc          of the solver of all texels, with the scene
  * memory_bytes  0: three quarters of the machine's
- * Errors        LW_NO_MEMORY naming what is needed: even tile by tile is too much, or `entry` lights no tiles
+ * Errors        LW_NO_MEMORY with the MB needed: tile by tile is too much, too, or `entry` lights no tiles
  *               one after another */
 LW_MUST_CHECK enum lw_status lw_bake_memory_choose(const struct lw_solvers_entry *entry,
                                                    const struct lw_solver_desc *desc, uint64_t memory_bytes,

@@ -23,8 +23,8 @@ static const float black[LW_TILE_TEXELS_MAX];
 
 /* A tile that is being lit. */
 struct lit {
-    uint32_t tile;   /* of the caller's map */
-    lw_tile_id fine; /* of the coarse scene's */
+    uint32_t tile;   /* id in the caller's map */
+    lw_tile_id fine; /* id in the coarse scene's map */
 };
 
 struct tile_by_tile {
@@ -41,7 +41,7 @@ struct tile_by_tile {
     struct lit lit[LW_TILE_BY_TILE_AT_ONCE];
     uint32_t lit_count;
     uint32_t next, done, total; /* tiles of level 0: the next one to look at; finished; all */
-    double frames_sum;          /* of finished tiles */
+    double frames_sum;          /* frames of all finished tiles */
     uint8_t *interest;          /* per id of fine_map */
     lw_tile_id released[ROOM];  /* ids whose tiles the solver may still hold */
     uint32_t released_count;
@@ -217,7 +217,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     return status;
 }
 
-/* ---- what is read ---- */
+/* ---- reading ---- */
 
 static void read_kept(const struct tile_by_tile *s, lw_tile_id id, struct lw_solver_tile *out_tile) {
     const struct lw_tile_place *place = &s->map->place[id.v];

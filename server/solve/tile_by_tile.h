@@ -3,15 +3,15 @@
  * Flow:    coarse scene (coarse_scene.h) -> cell solver -> [tile_by_tile] -> tile_file -> maps
  * Threads: those of solver.h.
  *
- *     frames:  | the coarse scene, until it has converged | its tiles of level LW_ATLAS_FINER + 2, some at a time
+ *     frames:  | the coarse scene, until it has converged | its tiles of the finer level 2, some at a time
  *     file:    |                                          | each of them, once it has converged
  *
  * Such a tile has the texels of a tile of level 0 of the scene itself (fine_tiles.h). Its rays end on the
  * coarse scene. Until it is in the file it reads as coarse light, interpolated (coarse_tiles.h). Nothing is
  * welded between tiles, and the filter filters each by itself.
  *
- * A later run with the same file and key goes on: finished tiles are not lit again. Those that were being lit
- * begin again, with the same samples. */
+ * A later run with the same file and key goes on: finished tiles are not lit again. Unfinished ones begin
+ * again, with the same samples. */
 #ifndef LW_SOLVE_TILE_BY_TILE_H
 #define LW_SOLVE_TILE_BY_TILE_H
 
@@ -22,7 +22,7 @@
 
 struct lw_tile_by_tile_desc {
     const char *path;  /* the file's */
-    uint8_t key[16];   /* of lw_solver_ops.save() */
+    uint8_t key[16];   /* as for lw_solver_ops.save() */
     uint32_t channels; /* shown ones: the file holds these alone */
     bool has_albedo;   /* the file holds albedo, too */
 };

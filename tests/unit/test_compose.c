@@ -972,7 +972,7 @@ static void metal_squares(struct world *w, unsigned count, float roughness) {
     for (uint32_t o = 0; o < count; o++) fill_constant(w, o, 1 + 2 * (float)o);
 }
 
-/* The floor mirrors what is over it, in place of its own light, the more the smoother it is. */
+/* The floor mirrors the square over it. The smoother it is, the less of its own light is left. */
 static void test_mirrors(void **state) {
     (void)state;
     static const struct {

@@ -595,8 +595,8 @@ static void load_plane(const struct job *job, const struct follower *of, float *
     }
 }
 
-/* Above the mesh nobody exchanges anything. No row of it is weighed, and a vector of pairs may reach beyond its
- * row's end. */
+/* Nothing is exchanged above the mesh: no pair is weighed there. But a vector of pairs may reach beyond the
+ * end of its row, so that the weights are read. */
 static void forget_weights_above(const struct job *job, struct lw_denoise_planes *planes) {
     const uint32_t rows = job->y < LW_DENOISE_REACH ? LW_DENOISE_REACH - job->y : 0;
     for (int k = 0; k < DIRECTIONS; k++)

@@ -39,7 +39,7 @@ struct lw_tile_file {
 LW_MUST_CHECK enum lw_status lw_tile_file_open(struct lw_tile_file *file, const char *path,
                                                const uint8_t key[LW_TILE_FILE_KEY_SIZE], uint32_t tiles,
                                                uint32_t planes, struct lw_error *err);
-/** Of one that lw_tile_file_open() has opened, or a zeroed one. The file stays. */
+/** A zeroed one is fine. The file stays. */
 void lw_tile_file_close(struct lw_tile_file *file);
 
 /** Writes a tile. Errors: LW_IO naming the path. */
