@@ -36,6 +36,7 @@ struct lw_geometry {
     uint32_t seams_found;          /* times that they have been */
     bool seams_outdated;
     struct lw_geometry_search *search; /* for others, or NULL */
+    struct lw_geometry_edges *edges;   /* of the first seams, while a thread looks for them, or NULL */
     struct lw_pose pose;               /* at which they are */
     int threads;
 };
