@@ -10,6 +10,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* All hits of one ray, the closest first. */
+#define FOUND_MAX 32u
+struct found {
+    uint32_t count; /* more than FOUND_MAX: there are more */
+    struct lw_trace_met met[FOUND_MAX];
+};
+
 /* What a filter needs to know of the geometry that a ray has met. */
 struct geometry {
     const struct lw_scene *scene;
@@ -157,10 +164,9 @@ static void filter(const struct RTCFilterFunctionNArguments *args) {
     }
 }
 
-/* In front of all that is farther. Of hits at one distance the first one that Embree finds comes first, as for
- * the closest hit. */
-static void insert(struct lw_trace_found *found, struct lw_trace_met met) {
-    if (found->count++ >= LW_TRACE_FOUND_MAX) return;
+/* Inserts a hit in front of farther ones. Hits at one distance keep the order in which Embree finds them. */
+static void insert(struct found *found, struct lw_trace_met met) {
+    if (found->count++ >= FOUND_MAX) return;
     uint32_t at = found->count - 1;
     for (; at > 0 && found->met[at - 1].t > met.t; at--) found->met[at] = found->met[at - 1];
     found->met[at] = met;
@@ -742,7 +748,7 @@ void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t a
 
 /* Notes all hits of a packet. */
 static void find_all(const struct lw_trace *trace, uint16_t active, const struct lw_ray16 *rays,
-                     struct lw_trace_found found[16]) {
+                     struct found found[16]) {
     _Alignas(64) int valid[16];
     _Alignas(64) struct RTCRay16 ray;
     struct lw_trace_context context;
@@ -765,7 +771,7 @@ static bool is_plain_back(const struct lw_trace *trace, const struct lw_trace_me
 
 /* A front in the same place as a back, from `first` on, as prefer_fronts() has it. */
 static const struct lw_trace_met *front_or(const struct lw_trace *trace, const struct lw_ray16 *rays, int i,
-                                           const struct lw_trace_found *found, uint32_t first) {
+                                           const struct found *found, uint32_t first) {
     const struct lw_trace_met *met = &found->met[first];
     if (!is_plain_back(trace, met)) return met;
     const float end = met->t + uncertainty_at(rays, i, met->t);
@@ -775,7 +781,7 @@ static const struct lw_trace_met *front_or(const struct lw_trace *trace, const s
 }
 
 static void pick(const struct lw_trace *trace, const struct lw_ray16 *rays, int i, float gap,
-                 const struct lw_trace_found *found, struct lw_trace_through *out) {
+                 const struct found *found, struct lw_trace_through *out) {
     float near = rays->t_near[i];
     out->count = 0;
     for (uint32_t k = 0; k < found->count && out->count < LW_TRACE_THROUGH_MAX; k++) {
@@ -786,7 +792,7 @@ static void pick(const struct lw_trace *trace, const struct lw_ray16 *rays, int 
     }
 }
 
-/* One hit after the other, for rays that meet more than are noted. */
+/* Traces from hit to hit: for rays with more than FOUND_MAX hits. */
 static void step_through(const struct lw_trace *trace, uint16_t active, const struct lw_ray16 *rays,
                          const float gap[16], struct lw_trace_through out[16]) {
     struct lw_ray16 rest = *rays;
@@ -810,12 +816,12 @@ static void step_through(const struct lw_trace *trace, uint16_t active, const st
 
 void lw_trace_through16(const struct lw_trace *trace, uint16_t active, const struct lw_ray16 *rays,
                         const float gap[16], struct lw_trace_through out[16]) {
-    struct lw_trace_found found[16];
+    struct found found[16];
     uint16_t more = 0;
     find_all(trace, active, rays, found);
     for (int i = 0; i < 16; i++) {
         if (!(active >> i & 1)) continue;
-        if (found[i].count > LW_TRACE_FOUND_MAX)
+        if (found[i].count > FOUND_MAX)
             more |= (uint16_t)(1u << i);
         else
             pick(trace, rays, i, gap[i], &found[i], &out[i]);

@@ -128,8 +128,8 @@ void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t a
                         const struct lw_ray16 *rays, struct lw_hit16 *out_hits);
 
 /** The first LW_TRACE_THROUGH_MAX hits of each active ray: the closest one of light, then the closest one
- * that lies `gap` or more behind that, and so on, for less than as many calls of lw_trace_closest16(). A front
- * that BLEND lets a ray pass takes no place of a back behind it.
+ * that lies `gap` or more behind that, and so on. It costs less than as many calls of lw_trace_closest16().
+ * A front that BLEND lets a ray pass takes no place of a back behind it.
  * gap   per ray, in units of t
  * out   per ray; of rays that are not active nothing is written */
 void lw_trace_through16(const struct lw_trace *trace, uint16_t active, const struct lw_ray16 *rays,

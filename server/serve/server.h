@@ -128,8 +128,8 @@ uint16_t lw_server_http_port(const struct lw_server *server);
 uint16_t lw_server_metrics_port(const struct lw_server *server);
 /** Serves until lw_server_stop(), SIGINT or SIGTERM; a second signal has its default effect. With
  * hooks.reload SIGHUP calls it, but stops a server whose terminal has gone. SIGPIPE is ignored from here on,
- * in the whole process. Call from one thread, once; that thread is the loop. Errors: LW_OS; LW_NO_MEMORY for the
- * packages. */
+ * in the whole process. Call from one thread, once; that thread is the loop.
+ * Errors: LW_OS; LW_NO_MEMORY, for the packages. */
 LW_MUST_CHECK enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err);
 /** Hands a snapshot over and takes a reference to it. A newer snapshot replaces one that the loop has not
  * taken yet. [any] */

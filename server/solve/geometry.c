@@ -133,8 +133,8 @@ static struct lw_geometry_edges *edges_start(const struct lw_geometry *geometry)
     return NULL;
 }
 
-/* Builds the rays' structure and places texels. Neither reads the other. The search for seams' edges begins
- * meanwhile: it takes one thread as long as the structure. */
+/* Builds the rays' structure and places texels at the same time. The search for the edges of seams begins as
+ * well: it takes one thread about as long as the structure. */
 static enum lw_status place(struct lw_geometry *geometry, const _Atomic bool *cancel,
                             struct lw_waiting *waiting, struct lw_error *err) {
     struct structure structure = {.scene = geometry->scene, .pose = &geometry->pose};

@@ -264,7 +264,7 @@ static void test_movers_are_met_as_in_a_flat_scene(void **state) {
     }
 }
 
-/* The same by one closest hit after the other. */
+/* What lw_trace_through16() finds, by closest hits. */
 static void step(const struct lw_trace *trace, uint16_t active, struct lw_ray16 rays, const float gap[16],
                  struct lw_trace_through out[16]) {
     struct lw_hit16 hits;
