@@ -18,8 +18,8 @@
 /* A channel that no client takes any more is published for this long, since clients come back after a
  * broken link. */
 #define CHANNEL_LINGERS_NS 10000000000u
-/* A picture of one sample for each texel is blotched. So the first one that is shown has this many, or as
- * many as there are so long after the first. */
+/* A picture of one sample for each texel is blotched. So the first shown picture has this many samples, or as
+ * many as frames end within so long after the first frame. */
 #define FIRST_ROUNDS 3
 #define FIRST_NS     500000000u
 
@@ -248,7 +248,8 @@ static bool is_too_young(struct lw_daemon *d, uint64_t frame, const struct lw_so
     const bool goes_on = s->light != LW_DAEMON_LIGHT_SEEN || d->is_looked_at || s->prepare_s > 0;
     return s->clock == LW_DAEMON_CLOCK_REAL && !d->lit && !d->channels_kept && !updates && goes_on &&
            solve->tiles_solved && d->young.rounds < FIRST_ROUNDS &&
-           frame - d->first + 1 != (uint64_t)s->frames && lw_clock_ns() - d->young.lit_ns < FIRST_NS;
+           frame - d->first + 1 != (uint64_t)s->frames &&
+           lw_clock_ns() + d->young.frame_ns - d->young.lit_ns < FIRST_NS;
 }
 
 static void note_young(struct lw_daemon *d, const struct lw_solver_stats *solve, uint64_t began_ns) {

@@ -267,14 +267,25 @@ bool lw_pose_equal(const struct lw_pose *a, const struct lw_pose *b, const struc
     return lw_pose_difference(a, b, scene) == 0;
 }
 
+/* By comparisons, which take one instruction each: fminf() and fmaxf() are calls. */
+static void widen(float *low, float *high, float at) {
+    *low = at < *low ? at : *low;
+    *high = at > *high ? at : *high;
+}
+
 void lw_pose_object_bounds(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object,
                            struct lw_vec3 *min, struct lw_vec3 *max) {
     const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
+    const struct lw_affine to_world = pose->object_to_world[object];
+    struct lw_vec3 low = *min, high = *max;
     for (uint32_t i = 0; i < mesh->vertex_count; i++) {
-        const struct lw_vec3 p = lw_affine_point(&pose->object_to_world[object], mesh->position[i]);
-        *min = lw_vec3_min(*min, p);
-        *max = lw_vec3_max(*max, p);
+        const struct lw_vec3 p = lw_affine_point(&to_world, mesh->position[i]);
+        widen(&low.x, &high.x, p.x);
+        widen(&low.y, &high.y, p.y);
+        widen(&low.z, &high.z, p.z);
     }
+    *min = low;
+    *max = high;
 }
 
 bool lw_pose_bounds(const struct lw_pose *pose, const struct lw_scene *scene, struct lw_vec3 *out_min,

@@ -10,6 +10,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* All hits of one ray, the closest first. */
+#define FOUND_MAX 32u
+struct found {
+    uint32_t count; /* more than FOUND_MAX: there are more */
+    struct lw_trace_met met[FOUND_MAX];
+};
+
 /* What a filter needs to know of the geometry that a ray has met. */
 struct geometry {
     const struct lw_scene *scene;
@@ -84,6 +91,7 @@ enum {
     RAY_DIR_Y,
     RAY_DIR_Z,
     RAY_LANE, /* Embree's time, which nothing here moves by: the lane, in sixteenths */
+    RAY_FAR,
     RAY_SALT = 10
 };
 enum { HIT_NG_X, HIT_NG_Y, HIT_NG_Z, HIT_U, HIT_V, HIT_TRIANGLE };
@@ -156,12 +164,41 @@ static void filter(const struct RTCFilterFunctionNArguments *args) {
     }
 }
 
+/* Inserts a hit in front of farther ones. Hits at one distance keep the order in which Embree finds them. */
+static void insert(struct found *found, struct lw_trace_met met) {
+    if (found->count++ >= FOUND_MAX) return;
+    uint32_t at = found->count - 1;
+    for (; at > 0 && found->met[at - 1].t > met.t; at--) found->met[at] = found->met[at - 1];
+    found->met[at] = met;
+}
+
+/* Notes a hit and lets the ray pass. Embree calls it after the geometry's own filter. */
+static void note_hits(const struct RTCFilterFunctionNArguments *args) {
+    const struct geometry *g = args->geometryUserPtr;
+    const struct lw_trace_context *context = (const struct lw_trace_context *)args->context;
+    const unsigned n = args->N;
+    for (unsigned i = 0; i < n; i++) {
+        if (args->valid[i] != -1) continue;
+        args->valid[i] = 0;
+        if (context->left && context->left[g->object]) continue;
+        float facing = 0;
+        for (unsigned c = 0; c < 3; c++)
+            facing += lane(args->ray, RAY_DIR_X + c, n, i) * lane(args->hit, HIT_NG_X + c, n, i);
+        insert(&context->found[(unsigned)(16 * lane(args->ray, RAY_LANE, n, i))],
+               (struct lw_trace_met){.t = lane(args->ray, RAY_FAR, n, i),
+                                     .object = g->object,
+                                     .triangle = lane_word(args->hit, HIT_TRIANGLE, n, i),
+                                     .back = (facing > 0) != g->mirrored});
+    }
+}
+
 /* every_hit: whether backs are left out on geometry without alpha, too. */
 static void init_context(struct lw_trace_context *context, const bool *left, unsigned flags, bool every_hit) {
     rtcInitIntersectContext(&context->rtc);
     context->flags = flags;
     context->left = left;
     context->tint = NULL;
+    context->found = NULL;
     if (flags & LW_TRACE_COHERENT) context->rtc.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
     if (every_hit || left) context->rtc.filter = filter;
 }
@@ -641,12 +678,22 @@ static void take_hit(struct RTCRayHit16 *to, const struct RTCRayHit16 *from, int
     to->hit.geomID[i] = from->hit.geomID[i];
 }
 
-/* What rounding may put between two hits of one place, in t. */
+/* What rounding may put between two hits of one place, in t, from `largest` and the ray's length on. */
+static float uncertainty_of(float largest, float length2, float t) {
+    return LW_TRACE_LIFT * (largest / sqrtf(length2) + t);
+}
+
 static float uncertainty(const struct RTCRay16 *ray, int i) {
-    const float length = sqrtf(ray->dir_x[i] * ray->dir_x[i] + ray->dir_y[i] * ray->dir_y[i] +
-                               ray->dir_z[i] * ray->dir_z[i]),
-                largest = fmaxf(fabsf(ray->org_x[i]), fmaxf(fabsf(ray->org_y[i]), fabsf(ray->org_z[i])));
-    return LW_TRACE_LIFT * (largest / length + ray->tfar[i]);
+    return uncertainty_of(fmaxf(fabsf(ray->org_x[i]), fmaxf(fabsf(ray->org_y[i]), fabsf(ray->org_z[i]))),
+                          ray->dir_x[i] * ray->dir_x[i] + ray->dir_y[i] * ray->dir_y[i] +
+                              ray->dir_z[i] * ray->dir_z[i],
+                          ray->tfar[i]);
+}
+
+static float uncertainty_at(const struct lw_ray16 *ray, int i, float t) {
+    return uncertainty_of(
+        fmaxf(fabsf(ray->org_x[i]), fmaxf(fabsf(ray->org_y[i]), fabsf(ray->org_z[i]))),
+        ray->dir_x[i] * ray->dir_x[i] + ray->dir_y[i] * ray->dir_y[i] + ray->dir_z[i] * ray->dir_z[i], t);
 }
 
 /* Two single-sided faces in one place that look opposite ways are a wall that is lit on both sides. Which of
@@ -697,6 +744,89 @@ void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t a
     memcpy(out_hits->triangle, rh.hit.primID, sizeof out_hits->triangle);
     memcpy(out_hits->object, rh.hit.geomID,
            sizeof out_hits->object); /* geometries are attached by object index */
+}
+
+/* Notes all hits of a packet. */
+static void find_all(const struct lw_trace *trace, uint16_t active, const struct lw_ray16 *rays,
+                     struct found found[16]) {
+    _Alignas(64) int valid[16];
+    _Alignas(64) struct RTCRay16 ray;
+    struct lw_trace_context context;
+    for (int i = 0; i < 16; i++) found[i].count = 0;
+    load_valid(valid, active);
+    load_rays(&ray, rays, active);
+    init_context(&context, left_of(trace), LW_TRACE_LIGHT, false);
+    context.rtc.filter = note_hits;
+    context.found = found;
+    rtcOccluded16(valid, trace->fixed, &context.rtc, &ray);
+    if (!trace->moving || !reach_movers(trace, &ray, valid)) return;
+    context.left = NULL;
+    empty_rest(valid, ray.tfar);
+    rtcOccluded16(valid, trace->moving, &context.rtc, &ray);
+}
+
+static bool is_plain_back(const struct lw_trace *trace, const struct lw_trace_met *met) {
+    return met->back && !material_of(&trace->geometry[met->object], met->triangle)->double_sided;
+}
+
+/* A front in the same place as a back, from `first` on, as prefer_fronts() has it. */
+static const struct lw_trace_met *front_or(const struct lw_trace *trace, const struct lw_ray16 *rays, int i,
+                                           const struct found *found, uint32_t first) {
+    const struct lw_trace_met *met = &found->met[first];
+    if (!is_plain_back(trace, met)) return met;
+    const float end = met->t + uncertainty_at(rays, i, met->t);
+    for (uint32_t k = first + 1; k < found->count && found->met[k].t <= end; k++)
+        if (!is_plain_back(trace, &found->met[k])) return &found->met[k];
+    return met;
+}
+
+static void pick(const struct lw_trace *trace, const struct lw_ray16 *rays, int i, float gap,
+                 const struct found *found, struct lw_trace_through *out) {
+    float near = rays->t_near[i];
+    out->count = 0;
+    for (uint32_t k = 0; k < found->count && out->count < LW_TRACE_THROUGH_MAX; k++) {
+        if (found->met[k].t < near) continue;
+        const struct lw_trace_met *met = front_or(trace, rays, i, found, k);
+        out->met[out->count++] = *met;
+        near = met->t + gap;
+    }
+}
+
+/* Traces from hit to hit: for rays with more than FOUND_MAX hits. */
+static void step_through(const struct lw_trace *trace, uint16_t active, const struct lw_ray16 *rays,
+                         const float gap[16], struct lw_trace_through out[16]) {
+    struct lw_ray16 rest = *rays;
+    struct lw_hit16 hits;
+    for (int i = 0; i < 16; i++)
+        if (active >> i & 1) out[i].count = 0;
+    for (uint32_t k = 0; k < LW_TRACE_THROUGH_MAX && active; k++) {
+        lw_trace_closest16(trace, LW_TRACE_LIGHT, active, &rest, &hits);
+        for (int i = 0; i < 16; i++) {
+            if (!(active >> i & 1)) continue;
+            if (hits.object[i] == LW_TRACE_MISS) {
+                active &= (uint16_t) ~(1u << i);
+                continue;
+            }
+            out[i].met[out[i].count++] =
+                (struct lw_trace_met){hits.t[i], hits.object[i], hits.triangle[i], hits.back[i] != 0};
+            rest.t_near[i] = hits.t[i] + gap[i];
+        }
+    }
+}
+
+void lw_trace_through16(const struct lw_trace *trace, uint16_t active, const struct lw_ray16 *rays,
+                        const float gap[16], struct lw_trace_through out[16]) {
+    struct found found[16];
+    uint16_t more = 0;
+    find_all(trace, active, rays, found);
+    for (int i = 0; i < 16; i++) {
+        if (!(active >> i & 1)) continue;
+        if (found[i].count > FOUND_MAX)
+            more |= (uint16_t)(1u << i);
+        else
+            pick(trace, rays, i, gap[i], &found[i], &out[i]);
+    }
+    if (more) step_through(trace, more, rays, gap, out);
 }
 
 /* Bit i set: valid ray i has met something. */

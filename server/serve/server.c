@@ -53,6 +53,16 @@ struct outside {
     size_t tile_count;
 };
 
+/* A thread that compresses the packages while others begin their work. What it makes is read once
+ * await_packages() has ended. */
+struct packer {
+    uv_thread_t thread;
+    bool runs;
+    enum lw_status status;
+    const uint8_t *package, *finishes;
+    size_t package_size, finishes_size;
+};
+
 struct lw_server {
     uv_loop_t loop;
     struct door door[DOORS];
@@ -87,6 +97,7 @@ struct lw_server {
     struct outside outside;            /* as it counts */
     struct lw_web_server *web;         /* NULL: there is no HTTP */
     struct lw_web_server *metrics_web; /* NULL: there is no monitoring */
+    struct packer packer;
 
     uv_mutex_t mutex;                   /* guards what follows; held for an assignment only */
     struct lw_snapshot *latest;         /* handed over, not yet seen by the loop */
@@ -1224,8 +1235,29 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     if (status == LW_OK) status = init_channels(server, desc);
     if (status == LW_OK && shared->scene) status = lw_scene_roster_init(&shared->roster, shared->scene);
     shared->order = server->order;
-    if (status == LW_OK) status = compress_package(shared, desc->package, desc->package_size);
-    return status == LW_OK ? compress_finishes(shared, desc->finishes, desc->finishes_size) : status;
+    return status;
+}
+
+static void compress_packages(void *user) {
+    struct lw_server *server = user;
+    struct packer *p = &server->packer;
+    p->status = compress_package(&server->shared, p->package, p->package_size);
+    if (p->status == LW_OK) p->status = compress_finishes(&server->shared, p->finishes, p->finishes_size);
+}
+
+static void start_packer(struct lw_server *server, const struct lw_server_desc *desc) {
+    server->packer = (struct packer){.package = desc->package,
+                                     .package_size = desc->package_size,
+                                     .finishes = desc->finishes,
+                                     .finishes_size = desc->finishes_size};
+    server->packer.runs = uv_thread_create(&server->packer.thread, compress_packages, server) == 0;
+    if (!server->packer.runs) compress_packages(server);
+}
+
+static enum lw_status await_packages(struct lw_server *server) {
+    if (server->packer.runs) uv_thread_join(&server->packer.thread);
+    server->packer.runs = false;
+    return server->packer.status;
 }
 
 /* One that follows another watches before that one ends: its watchers would leave a gap. */
@@ -1278,14 +1310,15 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
     if (status == LW_OK) status = start_http(server, desc, err);
     if (status == LW_OK) status = start_metrics(server, desc, err);
     if (status == LW_OK && (status = init_shared(server, desc)) != LW_OK)
-        lw_status_fail(err, status, "cannot prepare the scene package for clients: %s",
-                       lw_status_text(status));
+        lw_status_fail(err, status, "cannot create the server: %s", lw_status_text(status));
     if (status == LW_OK && desc->sockets) status = watch_signals(server, err);
-    if (status == LW_OK)
-        *out_server = server;
-    else
+    if (status != LW_OK) {
         lw_server_destroy(server);
-    return status;
+        return status;
+    }
+    start_packer(server, desc); /* last: nothing else is written meanwhile */
+    *out_server = server;
+    return LW_OK;
 no_passed:
     lw_updates_finish(&server->shared.updates);
 no_updates:
@@ -1306,7 +1339,11 @@ bool lw_server_was_signalled(const struct lw_server *server) { return server->si
 enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err) {
     lw_slices_ask_for_short();
     signal(SIGPIPE, SIG_IGN); /* libuv writes to closed sockets without asking for silence */
-    enum lw_status status = watch_signals(server, err);
+    enum lw_status status = await_packages(server);
+    if (status != LW_OK)
+        return lw_status_fail(err, status, "cannot prepare the scene package for clients: %s",
+                              lw_status_text(status));
+    status = watch_signals(server, err);
     if (status != LW_OK) return status;
     struct lw_error cause = {0};
     if (server->control_path && (status = start_control(server, server->control_path, &cause)) != LW_OK) {
@@ -1362,8 +1399,10 @@ static struct lw_blob **ref_chunks(const struct lw_session_package *package) {
     return chunk;
 }
 
-enum lw_status lw_server_get_scene(const struct lw_server *server, struct lw_server_scene *out_scene) {
+enum lw_status lw_server_get_scene(struct lw_server *server, struct lw_server_scene *out_scene) {
     const struct lw_session_shared *shared = &server->shared;
+    enum lw_status status = await_packages(server);
+    if (status != LW_OK) return status;
     struct lw_server_scene scene = {.run = shared->welcome.run};
     struct lw_message message = {.type = LW_MESSAGE_WELCOME, .welcome = shared->welcome};
     struct lw_message_welcome *w = &message.welcome;
@@ -1371,7 +1410,7 @@ enum lw_status lw_server_get_scene(const struct lw_server *server, struct lw_ser
     w->servers = NULL; /* each has a list of its own */
     w->features |= LW_FEATURE_RESUME | (w->finish.size ? LW_FEATURE_MATERIALS : 0) |
                    (shared->channels_served >> LW_LIGHT_FORM_SPLIT & 1 ? LW_FEATURE_DRAWS : 0);
-    enum lw_status status = lw_blob_from_message(&message, &scene.welcome);
+    status = lw_blob_from_message(&message, &scene.welcome);
     if (status != LW_OK) return status;
     scene.chunk = ref_chunks(&shared->package);
     scene.finish_chunk = ref_chunks(&shared->finishes);
@@ -1447,6 +1486,7 @@ static bool run_to_the_end(uv_loop_t *loop) {
 void lw_server_destroy(struct lw_server *server) {
     if (!server) return;
     struct lw_session_shared *shared = &server->shared;
+    (void)await_packages(server);
     for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++) {
         lw_transcoder_destroy(shared->channel[f].transcoder); /* it wakes the loop, which goes now */
         shared->channel[f].transcoder = shared->channel[f].deltas.transcoder = NULL;

@@ -105,7 +105,7 @@ struct lw_server_desc {
 
 struct lw_server;
 
-/** Compresses the packages, binds and listens; nothing is served before lw_server_run().
+/** Binds and listens; nothing is served before lw_server_run(). A thread begins to compress the packages.
  * Errors: LW_UNAVAILABLE naming the address in use and what to do; LW_NO_HOST; LW_OS; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_server_create(const struct lw_server_desc *desc,
                                               struct lw_server **out_server, struct lw_error *err);
@@ -128,7 +128,8 @@ uint16_t lw_server_http_port(const struct lw_server *server);
 uint16_t lw_server_metrics_port(const struct lw_server *server);
 /** Serves until lw_server_stop(), SIGINT or SIGTERM; a second signal has its default effect. With
  * hooks.reload SIGHUP calls it, but stops a server whose terminal has gone. SIGPIPE is ignored from here on,
- * in the whole process. Call from one thread, once; that thread is the loop. Errors: LW_OS. */
+ * in the whole process. Call from one thread, once; that thread is the loop.
+ * Errors: LW_OS; LW_NO_MEMORY, for the packages. */
 LW_MUST_CHECK enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err);
 /** Hands a snapshot over and takes a reference to it. A newer snapshot replaces one that the loop has not
  * taken yet. [any] */
@@ -184,9 +185,9 @@ struct lw_server_scene {
     uint32_t chunk_count, finish_chunk_count;
     uint64_t run;
 };
-/** lw_server_scene_finish() frees it. [any] Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_server_get_scene(const struct lw_server *server,
-                                                 struct lw_server_scene *out_scene);
+/** lw_server_scene_finish() frees it. Waits until the packages are compressed. From the thread that calls
+ * lw_server_run(), before that; afterwards [any]. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_server_get_scene(struct lw_server *server, struct lw_server_scene *out_scene);
 void lw_server_scene_finish(struct lw_server_scene *scene);
 
 /** For a solver's server: the interest of clients without a session here. It counts as one session's.

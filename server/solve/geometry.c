@@ -9,6 +9,40 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Work in a thread of its own. */
+struct beside {
+    pthread_t thread;
+    bool runs;
+};
+
+static bool beside_start(struct beside *beside, void *(*work)(void *), void *argument) {
+    return beside->runs = pthread_create(&beside->thread, NULL, work, argument) == 0;
+}
+
+static void beside_end(struct beside *beside) {
+    if (beside->runs) pthread_join(beside->thread, NULL);
+    beside->runs = false;
+}
+
+/* The rays' structure, which one thread builds. */
+struct structure {
+    struct beside beside;
+    const struct lw_scene *scene;
+    const struct lw_pose *pose;
+    struct lw_trace *trace;
+    enum lw_status status;
+    struct lw_error err;
+};
+
+/* A search for the edges of the first seams. It reads nothing of the geometry, so others may build that. */
+struct lw_geometry_edges {
+    struct beside beside;
+    const struct lw_scene *scene;
+    struct lw_pose pose;
+    struct lw_seam_edges found;
+    enum lw_status status;
+};
+
 /* A search for seams. Its texels and objects do not change while it lasts. */
 struct lw_geometry_search {
     pthread_t thread;
@@ -67,6 +101,58 @@ static enum lw_status init_fine(struct lw_geometry *geometry, const struct lw_ge
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%u tiles of finer levels", tiles);
 }
 
+static void *build_structure(void *argument) {
+    struct structure *s = argument;
+    s->status = lw_trace_create(s->scene, s->pose, &s->trace, &s->err);
+    return NULL;
+}
+
+static void *find_edges(void *argument) {
+    struct lw_geometry_edges *edges = argument;
+    edges->status = lw_seam_edges_find(edges->scene, &edges->pose, &edges->found);
+    return NULL;
+}
+
+static void edges_destroy(struct lw_geometry_edges *edges) {
+    if (!edges) return;
+    beside_end(&edges->beside);
+    lw_seam_edges_finish(&edges->found);
+    lw_pose_finish(&edges->pose);
+    free(edges);
+}
+
+/* NULL: there is no memory, or no thread. */
+static struct lw_geometry_edges *edges_start(const struct lw_geometry *geometry) {
+    struct lw_geometry_edges *edges = calloc(1, sizeof *edges);
+    if (!edges) return NULL;
+    edges->scene = geometry->scene;
+    if (lw_pose_init(&edges->pose, geometry->scene) == LW_OK) {
+        lw_pose_copy(&edges->pose, &geometry->pose, geometry->scene);
+        if (beside_start(&edges->beside, find_edges, edges)) return edges;
+    }
+    edges_destroy(edges);
+    return NULL;
+}
+
+/* Builds the rays' structure and places texels at the same time. The search for the edges of seams begins as
+ * well: it takes one thread about as long as the structure. */
+static enum lw_status place(struct lw_geometry *geometry, const _Atomic bool *cancel,
+                            struct lw_waiting *waiting, struct lw_error *err) {
+    struct structure structure = {.scene = geometry->scene, .pose = &geometry->pose};
+    const bool alone = geometry->threads == 1;
+    if (!alone) geometry->edges = edges_start(geometry);
+    if (alone || !beside_start(&structure.beside, build_structure, &structure)) build_structure(&structure);
+    enum lw_status status = structure.beside.runs || structure.status == LW_OK
+                                ? lw_texels_init(&geometry->texels, geometry->scene,
+                                                 (unsigned)geometry->threads, cancel, waiting, err)
+                                : LW_OK;
+    beside_end(&structure.beside);
+    geometry->trace = structure.trace;
+    if (status != LW_OK || structure.status == LW_OK) return status;
+    if (err && err->status == LW_OK) *err = structure.err;
+    return structure.status;
+}
+
 enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_scene *scene,
                                 const struct lw_pose *pose, const struct lw_geometry_terms *terms,
                                 int threads, const _Atomic bool *cancel, struct lw_waiting *waiting,
@@ -75,9 +161,7 @@ enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_sc
     enum lw_status status = lw_pose_init(&geometry->pose, scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
     lw_pose_copy(&geometry->pose, pose, scene);
-    if ((status = lw_trace_create(scene, &geometry->pose, &geometry->trace, err)) != LW_OK) return status;
-    status = lw_texels_init(&geometry->texels, scene, (unsigned)threads, cancel, waiting, err);
-    if (status != LW_OK) return status;
+    if ((status = place(geometry, cancel, waiting, err)) != LW_OK) return status;
     const struct lw_geometry_terms at_once = {.saved = NULL};
     if ((status = lw_standing_init(&geometry->standing, scene, pose)) == LW_OK)
         status = find_invalid(geometry, terms ? terms : &at_once, cancel, waiting);
@@ -88,8 +172,12 @@ enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_sc
 
 static void *search_in_thread(void *argument) {
     struct lw_geometry_search *search = argument;
-    search->status =
-        lw_seams_init(&search->seams, search->scene, &search->pose, search->texels, search->tiles);
+    struct lw_seam_edges edges;
+    search->status = lw_seam_edges_find(search->scene, &search->pose, &edges);
+    if (search->status == LW_OK) {
+        search->status = lw_seams_init(&search->seams, search->scene, &edges, search->texels, search->tiles);
+        lw_seam_edges_finish(&edges);
+    }
     search->ended = true;
     return NULL;
 }
@@ -136,8 +224,28 @@ static enum lw_status end_search(struct lw_geometry *geometry, bool keep) {
     return status;
 }
 
+static void forget_edges(struct lw_geometry *geometry) {
+    edges_destroy(geometry->edges);
+    geometry->edges = NULL;
+}
+
+/* The edges of seams, by the search that has begun, or found now. The caller finishes them. */
+static enum lw_status take_edges(struct lw_geometry *geometry, struct lw_seam_edges *out_edges) {
+    struct lw_geometry_edges *edges = geometry->edges;
+    if (!edges) return lw_seam_edges_find(geometry->scene, &geometry->pose, out_edges);
+    beside_end(&edges->beside);
+    const enum lw_status status = edges->status;
+    if (status == LW_OK) {
+        *out_edges = edges->found;
+        edges->found = (struct lw_seam_edges){0};
+    }
+    forget_edges(geometry);
+    return status;
+}
+
 void lw_geometry_finish(struct lw_geometry *geometry) {
     (void)end_search(geometry, false);
+    forget_edges(geometry);
     lw_seams_finish(&geometry->seams);
     lw_denoise_pairs_finish(&geometry->pairs);
     lw_fine_tiles_finish(&geometry->fine);
@@ -188,6 +296,7 @@ enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct l
     enum lw_status status = LW_OK;
     if (moved & LW_POSE_DYNAMIC) {
         (void)end_search(geometry, false);
+        forget_edges(geometry);
         geometry->seams_outdated = true;
     }
     if (moved & (LW_POSE_OBJECTS | LW_POSE_DYNAMIC))
@@ -214,8 +323,12 @@ enum lw_status lw_geometry_find_seams(struct lw_geometry *geometry, const struct
     }
     if (!none && !geometry->seams_outdated) return LW_OK;
     if (later && !none && (geometry->search = search_start(geometry, tiles))) return LW_OK;
+    struct lw_seam_edges edges;
     struct lw_seams seams;
-    enum lw_status status = lw_seams_init(&seams, geometry->scene, &geometry->pose, &geometry->texels, tiles);
+    enum lw_status status = take_edges(geometry, &edges);
+    if (status != LW_OK) return status;
+    status = lw_seams_init(&seams, geometry->scene, &edges, &geometry->texels, tiles);
+    lw_seam_edges_finish(&edges);
     if (status == LW_OK) take_seams(geometry, &seams);
     return status;
 }

@@ -1,7 +1,8 @@
 /* geometry.h: what all light of a scene shares: the rays' structure, the texels,
  * pairs for a filter, and seams.
  * Flow:    scene, pose -> [geometry] -> cell_solver, one for each layer of light (light_layers.h)
- * Threads: one caller at a time, workers inside; between two calls [any] may read. */
+ * Threads: one caller at a time, workers inside; between two calls [any] may read. Searches for seams have a
+ *          thread of their own. */
 #ifndef LW_SOLVE_GEOMETRY_H
 #define LW_SOLVE_GEOMETRY_H
 
@@ -37,6 +38,7 @@ struct lw_geometry {
     uint32_t seams_found;          /* times that they have been */
     bool seams_outdated;
     struct lw_geometry_search *search; /* for others, or NULL */
+    struct lw_geometry_edges *edges;   /* a search for the edges of the first seams, or NULL */
     struct lw_pose pose;               /* at which they are */
     int threads;
 };

@@ -264,6 +264,76 @@ static void test_movers_are_met_as_in_a_flat_scene(void **state) {
     }
 }
 
+/* What lw_trace_through16() finds, by closest hits. */
+static void step(const struct lw_trace *trace, uint16_t active, struct lw_ray16 rays, const float gap[16],
+                 struct lw_trace_through out[16]) {
+    struct lw_hit16 hits;
+    for (int i = 0; i < LW_TRACE_WIDTH; i++) out[i].count = 0;
+    for (uint32_t k = 0; k < LW_TRACE_THROUGH_MAX; k++) {
+        lw_trace_closest16(trace, LW_TRACE_LIGHT, active, &rays, &hits);
+        for (int i = 0; i < LW_TRACE_WIDTH; i++) {
+            if (hits.object[i] == LW_TRACE_MISS) active &= (uint16_t) ~(1u << i);
+            if (!(active >> i & 1)) continue;
+            out[i].met[out[i].count++] =
+                (struct lw_trace_met){hits.t[i], hits.object[i], hits.triangle[i], hits.back[i] != 0};
+            rays.t_near[i] = hits.t[i] + gap[i];
+        }
+    }
+}
+
+/* Some squares move, some lie back to back or let rays pass, and some lie in a pile that no list of hits
+ * holds. */
+static void test_rays_meet_the_same_at_once_as_step_by_step(void **state) {
+    (void)state;
+    enum { HEAP = 60, PILE = 40 };
+    uint32_t r = 1;
+    for (int n = 0; n < 6; n++) {
+        struct fixture f;
+        struct lw_error err = {0};
+        struct lw_scene *scene = lw_support_squares(HEAP + PILE, 4);
+        scene->material[0].double_sided = n & 1;
+        if (n & 2) scene->material[0].alpha_mode = LW_ALPHA_BLEND, scene->material[0].base_colour[3] = 0.5f;
+        f.scene = scene;
+        lw_support_ok(lw_pose_init(&f.pose, scene), NULL);
+        for (uint32_t o = 0; o < HEAP; o++) {
+            f.pose.node_moves[scene->object[o].node] = n > 3 && o % 4 < 2;
+            struct lw_affine *place = &f.pose.object_to_world[o];
+            *place = random_place(&r);
+            if (o % 2 == 0 || n & 2) continue;
+            *place = place[-1]; /* turned over, in the place of the one before */
+            for (int row = 0; row < 3; row++) place->m[row][1] *= -1, place->m[row][2] *= -1;
+        }
+        for (uint32_t o = HEAP; o < HEAP + PILE; o++)
+            f.pose.object_to_world[o] =
+                (struct lw_affine){{{9, 0, 0, 0}, {0, 9, 0, 20 + 0.1f * (float)o}, {0, 0, 9, 0}}};
+        lw_support_ok(lw_trace_create(scene, &f.pose, &f.trace, &err), &err);
+        uint32_t met = 0, apart = 0, many = 0;
+        for (int packet = 0; packet < 400; packet++) {
+            struct lw_ray16 rays;
+            struct lw_trace_through here[LW_TRACE_WIDTH], there[LW_TRACE_WIDTH];
+            const uint16_t active = packet & 4 ? 0xffff : 0x5b71;
+            float gap[LW_TRACE_WIDTH];
+            random_packet(&r, packet & 1, &rays);
+            for (int i = 0; i < LW_TRACE_WIDTH; i++) gap[i] = i % 4 ? 1e-4f : 0.7f;
+            lw_trace_through16(f.trace, active, &rays, gap, here);
+            step(f.trace, active, rays, gap, there);
+            for (int i = 0; i < LW_TRACE_WIDTH; i++) {
+                if (!(active >> i & 1)) continue;
+                bool same = here[i].count == there[i].count;
+                for (uint32_t k = 0; same && k < here[i].count; k++)
+                    same = here[i].met[k].t == there[i].met[k].t &&
+                           (n & 1 || here[i].met[k].back == there[i].met[k].back); /* else it is chance */
+                apart += !same;
+                met += there[i].count;
+                many += there[i].count == LW_TRACE_THROUGH_MAX;
+            }
+        }
+        assert_true(met > 3000 && many > 30);
+        assert_true(apart * 1000 <= met); /* rays that graze an edge, or meet two squares at one distance */
+        stop(&f);
+    }
+}
+
 /* Packets in which some rays meet a back first: the view sees the surface behind it, and the other rays are
  * left alone. */
 static void test_views_look_through_backs(void **state) {
@@ -476,6 +546,7 @@ int main(void) {
         cmocka_unit_test(test_still_objects_become_movers),
         cmocka_unit_test(test_hidden_from_the_beginning),
         cmocka_unit_test(test_movers_are_met_as_in_a_flat_scene),
+        cmocka_unit_test(test_rays_meet_the_same_at_once_as_step_by_step),
         cmocka_unit_test(test_views_look_through_backs),
         cmocka_unit_test(test_lanes_that_are_not_active_meet_nothing),
         cmocka_unit_test(test_the_environment_chooses_the_instruction_set),

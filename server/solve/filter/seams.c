@@ -322,16 +322,14 @@ static bool build(struct builder *b, const struct lw_seam_edges *edges) {
     return status == LW_OK;
 }
 
-enum lw_status lw_seams_init(struct lw_seams *seams, const struct lw_scene *scene, const struct lw_pose *pose,
-                             const struct lw_texels *texels, const struct lw_tiles *tiles) {
+enum lw_status lw_seams_init(struct lw_seams *seams, const struct lw_scene *scene,
+                             const struct lw_seam_edges *edges, const struct lw_texels *texels,
+                             const struct lw_tiles *tiles) {
     *seams = (struct lw_seams){0};
-    struct lw_seam_edges edges;
-    if (lw_seam_edges_find(scene, pose, &edges) != LW_OK) return LW_NO_MEMORY;
     struct builder b = {.scene = scene, .texels = texels, .tiles = tiles, .seams = seams};
-    const bool ok = build(&b, &edges);
+    const bool ok = build(&b, edges);
     free(b.member_of);
     free(b.parent);
-    lw_seam_edges_finish(&edges);
     if (ok) return LW_OK;
     lw_seams_finish(seams);
     return LW_NO_MEMORY;

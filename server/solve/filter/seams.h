@@ -54,9 +54,12 @@ struct lw_seams_welds {
     struct lw_seams_light of[LW_TILE_CHANNELS_MAX];
 };
 
-/** Finds the seams of a scene. tiles: any over these texels. Errors: LW_NO_MEMORY. */
+/** Makes the seams of a scene.
+ * edges  of the scene (seam_edges.h)
+ * tiles  any over these texels
+ * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_seams_init(struct lw_seams *seams, const struct lw_scene *scene,
-                                           const struct lw_pose *pose, const struct lw_texels *texels,
+                                           const struct lw_seam_edges *edges, const struct lw_texels *texels,
                                            const struct lw_tiles *tiles);
 void lw_seams_finish(struct lw_seams *seams);
 

@@ -14,7 +14,6 @@
 /* Inside a solid whose faces are double-sided, rays both ways leave it, all but three of these: tubes and
  * boxes may be open at an end. */
 #define ENCLOSED_RAYS 13
-#define CROSSINGS_MAX 12
 /* Closer to another surface than this many times the lift, a sample point may find itself
  * on the surface's other side. */
 #define TOUCHING 8
@@ -209,20 +208,17 @@ static uint16_t may_be_inside(struct packet *p, uint32_t r) {
 /* By how many the faces that a ray leaves solids by outnumber those by which it enters some: 1 from inside
  * a closed solid, with any contents; 0 from outside, and 1 or -1 from beside a sheet. Faces that may let
  * light through do not count. */
-static void count_exits(struct packet *p, uint16_t active, int out_exits[LW_TRACE_WIDTH]) {
-    for (uint32_t k = 0; k < CROSSINGS_MAX && active; k++) {
-        trace(p, 0, active);
-        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
-            if (!(active >> lane & 1)) continue;
-            if (!is_met(p, lane)) {
-                active &= (uint16_t) ~(1u << lane);
-                continue;
-            }
-            if (stands_still(p, lane) && material_of(p, lane)->alpha_mode == LW_ALPHA_OPAQUE)
-                out_exits[lane] += p->hits.back[lane] ? 1 : -1;
-            p->rays.t_near[lane] = p->hits.t[lane] + 4 * p->point[lane]->lift_m;
-        }
+static int count_exits(const struct crowd *c, const struct lw_trace_through *through) {
+    const struct lw_scene *scene = c->search->texels->scene;
+    int exits = 0;
+    for (uint32_t k = 0; k < through->count; k++) {
+        const struct lw_trace_met *met = &through->met[k];
+        const struct lw_mesh *mesh = &scene->mesh[scene->object[met->object].mesh];
+        if (c->search->texels->stands[met->object] &&
+            scene->material[mesh->material[met->triangle]].alpha_mode == LW_ALPHA_OPAQUE)
+            exits += met->back ? 1 : -1;
     }
+    return exits;
 }
 
 /* Points inside solids, by generalized winding numbers (Jacobson et al. 2013) of faces near by: these bear
@@ -233,17 +229,21 @@ static void count_exits(struct packet *p, uint16_t active, int out_exits[LW_TRAC
 static uint16_t may_be_enclosed(struct packet *p, uint32_t r) {
     const float reach_m = reach_of_solids(p->crowd);
     const struct lw_vec3 local = lw_vec3_scale(lw_hidden_points_direction(r % RAYS), r < RAYS ? 1 : -1);
+    struct lw_trace_through through[LW_TRACE_WIDTH];
     uint16_t enclosed = p->active, active = 0;
-    int exits[LW_TRACE_WIDTH] = {0};
+    float gap[LW_TRACE_WIDTH];
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
         if (!is_active(p, lane) || (r < RAYS && p->point[lane]->clear >> r & 1)) continue;
         active |= (uint16_t)(1u << lane);
         lw_trace_set_ray(&p->rays, lane, p->point[lane]->origin,
                          lw_direction_about(p->point[lane]->face, local), reach_m);
+        gap[lane] = 4 * p->point[lane]->lift_m;
     }
-    count_exits(p, active, exits);
+    if (!active) return enclosed;
+    lw_trace_through16(p->crowd->search->trace, active, &p->rays, gap, through);
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
-        if (active >> lane & 1 && exits[lane] < 1 && ++p->point[lane]->free_rays > 2 * RAYS - ENCLOSED_RAYS)
+        if (active >> lane & 1 && count_exits(p->crowd, &through[lane]) < 1 &&
+            ++p->point[lane]->free_rays > 2 * RAYS - ENCLOSED_RAYS)
             enclosed &= (uint16_t) ~(1u << lane);
     return enclosed;
 }
