@@ -36,6 +36,7 @@ struct lw_cell_solver {
     bool has_probes;
     uint32_t *ray_hit;       /* desc.indirect_samples words a texel (transport.h) */
     uint16_t *ray_direction; /* the same; NULL: without directions */
+    uint16_t *ray_gloss;     /* the same; NULL: without directions, or without finishes */
     struct lw_reflectors reflectors;
     struct lw_reflected *reflected;
     /* Cost of the last listing of reflectors; of rays and sums since then. Wall time in ns, or work units

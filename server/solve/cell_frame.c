@@ -58,6 +58,7 @@ struct lw_transport lw_cell_frame_transport(struct lw_cell_solver *s) {
                                  .tiles = &s->tiles,
                                  .ray_hit = s->ray_hit,
                                  .ray_direction = s->ray_direction,
+                                 .ray_gloss = s->ray_gloss,
                                  .reflectors = &s->reflectors,
                                  .reflected = s->reflected,
                                  .direct_samples = s->desc.direct_samples,

@@ -1,5 +1,5 @@
 /* What surfaces with a finish send back in the solve: all that their lobes send back of light from
- * everywhere, evenly. */
+ * everywhere, evenly; and, where it is known whence direct light comes, that light by their lobes. */
 #include "tests/reference/effort.h"
 #include "tests/reference/room.h"
 
@@ -141,6 +141,83 @@ static void test_furnaces(void **state) {
     expect_furnace(1, 1, 0.6f, 1);
 }
 
+/* ---- which way it is sent ---- */
+
+#define ELEVATION 0.35f /* of the sun, rad */
+#define SUN       100.0f
+#define GLOSSY    0.5f /* roughness */
+
+/* A varnished floor, and a black wall at its end that faces the sun. */
+static struct lw_scene *floor_and_wall(void) {
+    struct room room = {.texels_per_metre = 12};
+    room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(0, 0, 3), lw_vec3(3, 0, 0), 0.3f, 0);
+    room_quad(&room, lw_vec3(3, 0, 0), lw_vec3(0, 0, 3), lw_vec3(0, 1, 0), 0, 0);
+    room.light[0] = (struct lw_light){.kind = LW_LIGHT_DIRECTIONAL, .intensity = {SUN, SUN, SUN}};
+    room.light_count = 1;
+    struct lw_scene *scene = room_scene(&room);
+    struct lw_node *node = &scene->node[room.quad_count];
+    const float half = sqrtf(0.5f); /* -Z is turned to (cos, -sin, 0) */
+    const float rotation[4] = {-sinf(ELEVATION) * half, -cosf(ELEVATION) * half, 0, half};
+    memcpy(node->rotation, rotation, sizeof rotation);
+    add_finish(scene, 0, 0, GLOSSY);
+    return scene;
+}
+
+struct of_wall {
+    double got, want;
+    unsigned texels;
+};
+
+/* What the floor sends to a point of the wall: midpoints of squares. */
+static double from_floor(struct lw_vec3 p) {
+    const struct lw_lobes lobes = {.diffuse = lw_vec3(0.3f, 0.3f, 0.3f),
+                                   .f0 = lw_vec3(0.04f, 0.04f, 0.04f),
+                                   .f90 = 1,
+                                   .gloss0 = 0.04f,
+                                   .gloss90 = 1,
+                                   .roughness = GLOSSY};
+    const struct lw_vec3 sun = lw_vec3(-cosf(ELEVATION), 0, sinf(ELEVATION)); /* the normal is +z */
+    const int side = 120;
+    double e = 0;
+    for (int i = 0; i < side * side; i++) {
+        const float step = 3.0f / (float)side;
+        const struct lw_vec3 way = lw_vec3(p.x - ((float)(i % side) + 0.5f) * step,
+                                           p.z - ((float)(i / side) + 0.5f) * step, p.y);
+        const float square = lw_vec3_dot(way, way);
+        const struct lw_vec3 out = lw_vec3_scale(way, 1 / sqrtf(square));
+        const struct lw_lobes_seen seen = lw_lobes_see(&lobes, out);
+        e += (double)(SUN * lw_lobes_reflect(&seen, sun).x * out.z * out.x / square * step * step);
+    }
+    return e;
+}
+
+static void compare_with_floor(void *user, struct lw_vec3 p, double area, double direct, double indirect) {
+    struct of_wall *wall = user;
+    (void)area, (void)direct;
+    if (p.y < 0.2f || wall->texels++ % 5) return;
+    wall->got += indirect;
+    wall->want += from_floor(p);
+}
+
+static void test_gloss_sends_the_suns_light_one_way(void **state) {
+    (void)state;
+    double ratio[2];
+    for (unsigned directed = 0; directed < 2; directed++) {
+        struct room_solution s;
+        struct of_wall wall = {0};
+        room_solve_scene(
+            &s, floor_and_wall(), 12,
+            (struct lw_solver_desc){.bounces = 1, .indirect_samples = 8, .directions = directed}, 48 * effort);
+        room_each_texel(&s, 1, compare_with_floor, &wall);
+        assert_true(wall.texels > 300);
+        ratio[directed] = wall.got / wall.want;
+        room_finish(&s);
+    }
+    print_message("solve over integral: %.3f, evenly %.3f\n", ratio[1], ratio[0]);
+    expect_near(ratio[1], 1, noise(0.02));
+    assert_true(fabs(ratio[0] - 1) > 0.15); /* it matters here */
+}
+
 int main(int argc, char **argv) {
     (void)argv;
     set_effort(argc);
@@ -148,6 +225,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test(test_texels_have_what_all_lobes_send_back),
         cmocka_unit_test(test_a_changed_colour_passes_the_gloss),
         cmocka_unit_test(test_furnaces),
+        cmocka_unit_test(test_gloss_sends_the_suns_light_one_way),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -6,6 +6,7 @@
 #include "common/sampling.h"
 #include "common/wide.h"
 #include "server/solve/surface/wall_sides.h"
+#include "server/solve/transport/hit_gloss.h"
 #include "server/solve/transport/ray_hit.h"
 
 #include <math.h>
@@ -149,6 +150,12 @@ static void note_hits(const struct lw_transport *t, struct flight *f) {
     for (uint32_t lane = 0; lane < LANES; lane++)
         if (f->active >> lane & 1)
             t->ray_hit[(size_t)f->texel[lane] * t->indirect_samples + f->sample] = f->hit[lane];
+    for (uint32_t lane = 0; t->ray_gloss && lane < LANES; lane++)
+        if (f->active >> lane & 1)
+            t->ray_gloss[(size_t)f->texel[lane] * t->indirect_samples + f->sample] =
+                f->hit[lane] & LW_RAY_HIT_PROBE
+                    ? LW_HIT_GLOSS_ONE
+                    : lw_hit_gloss(t, &f->rays, &f->hits, lane, f->texel[lane], f->hit[lane]);
     for (uint32_t lane = 0; t->ray_direction && lane < LANES; lane++)
         if (f->active >> lane & 1)
             t->ray_direction[(size_t)f->texel[lane] * t->indirect_samples + f->sample] =
@@ -332,11 +339,18 @@ static struct lw_vec3 radiance_at(const struct lw_transport *t, uint32_t hit, ui
     return lw_vec3(l[0], l[1], l[2]);
 }
 
+/* What a texel's ray brings of a bounce. The first one knows which way glossy surfaces send it. */
+static struct lw_vec3 along(const struct lw_transport *t, size_t ray, uint32_t bounce) {
+    const struct lw_vec3 even = radiance_at(t, t->ray_hit[ray], bounce);
+    if (bounce > 1 || !t->ray_gloss) return even;
+    return lw_vec3_scale(even, (float)t->ray_gloss[ray] * (1.0f / LW_HIT_GLOSS_ONE));
+}
+
 struct lw_vec3 lw_bounces_at(const struct lw_transport *t, uint32_t texel, uint32_t bounce) {
     const uint32_t n = t->indirect_samples;
-    const uint32_t *hit = t->ray_hit + (size_t)texel * n;
+    const size_t first = (size_t)texel * n;
     struct lw_vec3 sum = {0};
-    for (uint32_t s = 0; s < n; s++) sum = lw_vec3_add(sum, radiance_at(t, hit[s], bounce));
+    for (uint32_t s = 0; s < n; s++) sum = lw_vec3_add(sum, along(t, first + s, bounce));
     const struct lw_reflected *reflected = &t->reflected[texel];
     sum = lw_vec3_scale(sum, LW_PI / (float)n);
     if (!(reflected->weight > 0)) return sum;
@@ -350,7 +364,7 @@ static struct lw_vec3 moment_at(const struct lw_transport *t, uint32_t texel, ui
     struct lw_vec3 sum = {0};
     for (uint32_t s = 0; s < n; s++)
         sum = lw_vec3_mad(sum, lw_ray_direction_unpack(t->ray_direction[first + s]),
-                          lw_colour_luminance(radiance_at(t, t->ray_hit[first + s], bounce)));
+                          lw_colour_luminance(along(t, first + s, bounce)));
     const struct lw_reflected *reflected = &t->reflected[texel];
     sum = lw_vec3_scale(sum, LW_PI / (float)n);
     if (!(reflected->weight > 0)) return sum;

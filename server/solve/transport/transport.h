@@ -44,6 +44,7 @@ struct lw_transport {
     struct lw_tiles *tiles;
     uint32_t *ray_hit;       /* indirect_samples words per texel of the global numbering (ray_hit.h) */
     uint16_t *ray_direction; /* the same, their directions (ray_hit.h); NULL: tiles hold no moments */
+    uint16_t *ray_gloss;     /* the same, their factors (hit_gloss.h); NULL: light is sent on evenly */
     const struct lw_reflectors *reflectors; /* NULL where no bounce ray is traced or read */
     struct lw_reflected *reflected;         /* one per texel of the global numbering */
     uint32_t direct_samples, indirect_samples, seed;
