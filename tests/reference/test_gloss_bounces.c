@@ -143,7 +143,7 @@ static void test_furnaces(void **state) {
 
 /* ---- which way it is sent ---- */
 
-#define ELEVATION 0.35f /* of the sun, rad */
+#define ELEVATION 0.35f /* rad; how high the sun stands */
 #define SUN       100.0f
 #define GLOSSY    0.5f /* roughness */
 
@@ -181,8 +181,8 @@ static double from_floor(struct lw_vec3 p) {
     double e = 0;
     for (int i = 0; i < side * side; i++) {
         const float step = 3.0f / (float)side;
-        const struct lw_vec3 way = lw_vec3(p.x - ((float)(i % side) + 0.5f) * step,
-                                           p.z - ((float)(i / side) + 0.5f) * step, p.y);
+        const struct lw_vec3 way =
+            lw_vec3(p.x - ((float)(i % side) + 0.5f) * step, p.z - ((float)(i / side) + 0.5f) * step, p.y);
         const float square = lw_vec3_dot(way, way);
         const struct lw_vec3 out = lw_vec3_scale(way, 1 / sqrtf(square));
         const struct lw_lobes_seen seen = lw_lobes_see(&lobes, out);
@@ -205,9 +205,9 @@ static void test_gloss_sends_the_suns_light_one_way(void **state) {
     for (unsigned directed = 0; directed < 2; directed++) {
         struct room_solution s;
         struct of_wall wall = {0};
-        room_solve_scene(
-            &s, floor_and_wall(), 12,
-            (struct lw_solver_desc){.bounces = 1, .indirect_samples = 8, .directions = directed}, 48 * effort);
+        room_solve_scene(&s, floor_and_wall(), 12,
+                         (struct lw_solver_desc){.bounces = 1, .indirect_samples = 8, .directions = directed},
+                         48 * effort);
         room_each_texel(&s, 1, compare_with_floor, &wall);
         assert_true(wall.texels > 300);
         ratio[directed] = wall.got / wall.want;

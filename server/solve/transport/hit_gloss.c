@@ -6,7 +6,7 @@
 #include <math.h>
 
 #define HIT_GLOSS_ROUGHNESS 0.5f
-#define FACTOR_MAX          60.0f /* of what a uint16_t holds */
+#define FACTOR_MAX          60.0f /* a uint16_t holds little more */
 #define EVEN                0.2f  /* light of which less has a direction has none */
 #define GRAZING             0.02f /* cosines below it have no lobe to speak of */
 #define WEAK                0.01f /* share of all light where the ray began */

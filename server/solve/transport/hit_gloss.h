@@ -3,13 +3,13 @@
  * Threads: pure functions, [any worker].
  *
  * Texels send light on evenly, L = albedo/pi E. Where E is the sun's, a glossy wall sends most of it to one
- * side, and a floor beside the wall is lit by that. The moment V of direct light (direction_form.h) says where
- * the light comes from, l = V/|V|, and how much of it, c = |V|/E. So the first bounce reads
+ * side, and a floor beside the wall is lit by that. The moment V of direct light (direction_form.h) says
+ * where the light comes from, l = V/|V|, and how much of it, c = |V|/E. So the first bounce reads
  *
  *   L = albedo/pi E ((1 - c) + c pi f(l, o) / albedo)      f: lobes.h; o: towards the ray's origin
  *
- * and later ones read even light. Lobes are at least as wide as those of roughness HIT_GLOSS_ROUGHNESS: sharper
- * ones would be found by one ray in thousands (path space regularization: Kaplanyan and Dachsbacher 2013). */
+ * and later ones read even light. Sharp lobes count as those of roughness HIT_GLOSS_ROUGHNESS: one ray in
+ * thousands would find them (path space regularization: Kaplanyan and Dachsbacher 2013). */
 #ifndef LW_TRANSPORT_HIT_GLOSS_H
 #define LW_TRANSPORT_HIT_GLOSS_H
 
