@@ -34,6 +34,28 @@ static void test_defaults(void **state) {
     assert_null(o.path.open.path);
 }
 
+/* Saved pictures have mirrors unless they are not wanted, a window the other way round. */
+static void test_mirrors(void **state) {
+    (void)state;
+    static const struct {
+        const char *line;
+        bool mirrors;
+    } cases[] = {{"", false},
+                 {"--mirrors on", true},
+                 {"--headless --json", true},
+                 {"--headless --json --mirrors auto", true},
+                 {"--headless --json --mirrors off", false}};
+    struct lw_view_options o;
+    struct lw_error err;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        lw_support_ok(parse(cases[i].line, &o, &err), &err);
+        assert_int_equal(o.mirrors, cases[i].mirrors);
+    }
+    lw_support_fails(parse("--mirrors some", &o, &err), LW_USAGE, &err, "--mirrors");
+    lw_support_fails(parse("--path-trace builtin:cornell --json --mirrors on", &o, &err), LW_USAGE, &err,
+                     "--mirrors");
+}
+
 /* A window takes it, and --headless; what asks no server does not. */
 static void test_renderer(void **state) {
     (void)state;
@@ -276,6 +298,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_defaults),
         cmocka_unit_test(test_renderer),
+        cmocka_unit_test(test_mirrors),
         cmocka_unit_test(test_direct),
         cmocka_unit_test(test_addresses),
         cmocka_unit_test(test_a_scene_is_no_server),
