@@ -21,14 +21,26 @@ while [ -z "$port" ] && read -r -t $limit line <&"${daemon[0]}"; do
 done
 [ -n "$port" ] || { cat "$folder/log"; exit 1; }
 
+# next_line SECONDS: reads a line of the client into `line`, false if none is whole by then. What has come of one is kept.
+part=
+next_line() {
+    if read -r -t "$1" line <&"$told"; then
+        line=$part$line part=
+        return 0
+    fi
+    part+=$line
+    return 1
+}
+
 # Light at a point, three times different. A frame that changes nothing there says nothing: then the next one.
 light_at_a_point() {
     local line lines=0
+    part=
     exec {told}< <(exec timeout $limit "$1" "$port" 0 1 0)
     local client=$!
     while [ $lines -lt 4 ]; do
         echo >&"$frames"
-        if read -r -t 1 line <&"$told"; then
+        if next_line 1; then
             echo "$line"
             lines=$((lines + 1))
         else
@@ -51,13 +63,15 @@ lit_picture() {
 # Tiles of finer levels come, are shown and go, while frames are made.
 finer_tiles() {
     local line
+    part=
     exec {told}< <(exec timeout $limit "$1" "$port" 2)
     local client=$!
     while kill -0 $client 2>/dev/null; do
         printf '\n\n\n\n' >&"$frames"
-        while read -r -t 0.05 line <&"$told"; do echo "$line"; done
+        while next_line 0.05; do echo "$line"; done
     done
-    cat <&"$told" # its last lines
+    printf '%s' "$part" # and its last lines
+    cat <&"$told"
     exec {told}<&-
 }
 
