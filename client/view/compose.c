@@ -638,8 +638,9 @@ static void find_patch(const struct lw_compose *compose, uint32_t o, uint32_t tr
     out->texels = fabsf(lw_vec2_twice_area(uv[0], uv[1], uv[2]));
     out->coarsest =
         compose->coarsest[m] && lw_vec3_length(normal_os) > 1e-30f ? compose->coarsest[m][triangle] : 0;
-    if (compose->direct || compose->mirrors) place_patch(compose, o, mesh, normal_os, out);
-    if (shades_finish(compose, out->facet.material)) finish_patch(compose, o, mesh, normal_os, out);
+    const bool finished = shades_finish(compose, out->facet.material);
+    if (compose->direct || (compose->mirrors && finished)) place_patch(compose, o, mesh, normal_os, out);
+    if (finished) finish_patch(compose, o, mesh, normal_os, out);
 }
 
 /* The level of which a texel is as large as the pixel where its ray meets the surface, or smaller; of finer
@@ -878,6 +879,10 @@ struct finished {
     float width_m[LW_TRACE_WIDTH]; /* what the ray stands for there */
 };
 
+static struct lw_vec3 lane(const float (*from)[LW_TRACE_WIDTH], unsigned i) {
+    return lw_vec3(from[0][i], from[1][i], from[2][i]);
+}
+
 static void set_lane(float (*to)[LW_TRACE_WIDTH], unsigned i, struct lw_vec3 v) {
     to[0][i] = v.x, to[1][i] = v.y, to[2][i] = v.z;
 }
@@ -953,8 +958,7 @@ static void read_finishes(const struct lw_compose *compose, const struct packet 
 
 /* A chart of a lane's finish. */
 static struct lw_vec3 finish_chart(const struct lw_compose *compose, const struct finished *f, unsigned i) {
-    const float(*n)[LW_TRACE_WIDTH] = f->seen.normal;
-    if (compose->show == LW_SHOW_NORMALS) return lw_show_normal_colour(lw_vec3(n[0][i], n[1][i], n[2][i]));
+    if (compose->show == LW_SHOW_NORMALS) return lw_show_normal_colour(lane(f->seen.normal, i));
     return grey(compose->show == LW_SHOW_ROUGHNESS ? f->seen.roughness[i] : f->seen.metalness[i]);
 }
 
@@ -986,11 +990,10 @@ static void choose_mirrors(const struct lw_compose *compose, struct packet *p, c
     for (uint32_t left = f->lanes & ~p->mirrored.lanes; left; left &= left - 1) {
         const unsigned i = (unsigned)__builtin_ctz(left);
         const float share = lw_mirror_share(seen->roughness[i]);
-        const struct lw_vec3 of = lw_vec3(seen->mirrored[0][i], seen->mirrored[1][i], seen->mirrored[2][i]),
+        const struct lw_vec3 of = lane(seen->mirrored, i),
                              tint = lw_vec3_scale(lw_vec3_mul(f->factor[i], of), share);
         if (!(lw_colour_luminance(tint) > MIRROR_MIN)) continue;
-        const struct lw_vec3 normal = lw_vec3(seen->normal[0][i], seen->normal[1][i], seen->normal[2][i]),
-                             eye = lw_vec3(seen->eye[0][i], seen->eye[1][i], seen->eye[2][i]);
+        const struct lw_vec3 normal = lane(seen->normal, i), eye = lane(seen->eye, i);
         p->mirrored.origin[i] = f->point[i].origin;
         const float alpha2 = seen->alpha[i] * seen->alpha[i] + seen->spread[i];
         p->mirrored.direction[i] = lw_mirror_direction(
@@ -1017,10 +1020,9 @@ static void shade_finished(const struct lw_compose *compose, struct packet *p,
                        out);
     for (uint32_t left = f->lanes; left; left &= left - 1) {
         const unsigned i = (unsigned)__builtin_ctz(left);
-        const struct lw_vec3 reflected = lw_vec3(out[0][i], out[1][i], out[2][i]),
-                             e = lw_vec3(f->e[0][i], f->e[1][i], f->e[2][i]);
-        struct lw_vec3 reflects =
-            lw_vec3(f->seen.diffuse[0][i], f->seen.diffuse[1][i], f->seen.diffuse[2][i]);
+        const struct lw_vec3 reflected = lane((const float(*)[LW_TRACE_WIDTH])out, i),
+                             e = lane((const float(*)[LW_TRACE_WIDTH])f->e, i);
+        struct lw_vec3 reflects = lane((const float(*)[LW_TRACE_WIDTH])f->seen.diffuse, i);
         const struct lw_vec3 shown =
             lw_show_is_of_finish(compose->show)
                 ? finish_chart(compose, f, i)
@@ -1052,13 +1054,13 @@ static bool shade(struct lw_compose *compose, struct packet *p, const struct loo
     const struct lw_facet *facet = &look->patch->facet;
     struct lw_surface surface = {
         .albedo = facet->albedo, .base = facet->base, .emission = facet->emission, .alpha = facet->alpha};
-    const bool is_lamp = p->is_mirrored && compose->drawn_material &&
-                         compose->drawn_material[facet->material - compose->scene->material];
     const bool finished = shades_finish(compose, facet->material);
     if (facet->varies && !(finished && look->patch->simple))
         (finished ? lw_scene_facet_base : lw_scene_facet_colour)(compose->scene, facet, look->weight,
                                                                  &look->texels, &surface);
-    if (is_lamp) surface.emission = lw_vec3(0, 0, 0); /* its highlight is drawn */
+    if (p->is_mirrored && compose->drawn_material &&
+        compose->drawn_material[facet->material - compose->scene->material])
+        surface.emission = lw_vec3(0, 0, 0); /* the lamp's highlight is drawn */
     float alpha = 1.0f;
     if (facet->material->alpha_mode == LW_ALPHA_BLEND && !last) alpha = surface.alpha;
     if (alpha > 0 && finished) {
@@ -1255,11 +1257,10 @@ static void note_points(const struct lw_compose *compose, const struct packet *p
 static void add_direct(struct packet *p, const struct lw_direct_block *block) {
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
         if (!(block->active >> i & 1u)) continue;
-        const struct lw_vec3 e = lw_vec3(block->e[0][i], block->e[1][i], block->e[2][i]);
+        const struct lw_vec3 e = lane(block->e, i);
         p->radiance[i] = lw_vec3_add(p->radiance[i], lw_vec3_mul(p->reflects[i], e));
         if (!(block->finished >> i & 1u)) continue;
-        const struct lw_vec3 mirrored =
-            lw_vec3(block->mirrored[0][i], block->mirrored[1][i], block->mirrored[2][i]);
+        const struct lw_vec3 mirrored = lane(block->mirrored, i);
         p->radiance[i] = lw_vec3_add(p->radiance[i], lw_vec3_mul(p->mirrors[i], mirrored));
     }
 }

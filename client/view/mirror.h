@@ -28,8 +28,8 @@ static inline float lw_mirror_share(float roughness) {
                                  (LW_MIRROR_ROUGHNESS_MAX - LW_MIRROR_ROUGHNESS_RAY)));
 }
 
-/** How much wider a metre of ray makes what it stands for: a third of the lobe, whose facets turn a ray by
- * twice their angle. alpha2: alpha^2 with the spread of normals */
+/** The width of a third of the lobe at a metre: facets turn a ray by twice their angle.
+ * alpha2: alpha^2 with the spread of normals */
 static inline float lw_mirror_slope(float alpha2) { return 0.6f * sqrtf(alpha2); }
 
 /** The direction, unit, in which a surface with that normal mirrors the eye.

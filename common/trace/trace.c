@@ -678,22 +678,9 @@ static void take_hit(struct RTCRayHit16 *to, const struct RTCRayHit16 *from, int
     to->hit.geomID[i] = from->hit.geomID[i];
 }
 
-/* What rounding may put between two hits of one place, in t, from `largest` and the ray's length on. */
-static float uncertainty_of(float largest, float length2, float t) {
-    return LW_TRACE_LIFT * (largest / sqrtf(length2) + t);
-}
-
-static float uncertainty(const struct RTCRay16 *ray, int i) {
-    return uncertainty_of(fmaxf(fabsf(ray->org_x[i]), fmaxf(fabsf(ray->org_y[i]), fabsf(ray->org_z[i]))),
-                          ray->dir_x[i] * ray->dir_x[i] + ray->dir_y[i] * ray->dir_y[i] +
-                              ray->dir_z[i] * ray->dir_z[i],
-                          ray->tfar[i]);
-}
-
-static float uncertainty_at(const struct lw_ray16 *ray, int i, float t) {
-    return uncertainty_of(
-        fmaxf(fabsf(ray->org_x[i]), fmaxf(fabsf(ray->org_y[i]), fabsf(ray->org_z[i]))),
-        ray->dir_x[i] * ray->dir_x[i] + ray->dir_y[i] * ray->dir_y[i] + ray->dir_z[i] * ray->dir_z[i], t);
+/* What rounding may put between two hits of one place, in t. */
+static float uncertainty(struct lw_vec3 origin, struct lw_vec3 direction, float t) {
+    return LW_TRACE_LIFT * (lw_vec3_max_abs(origin) / lw_vec3_length(direction) + t);
 }
 
 /* Two single-sided faces in one place that look opposite ways are a wall that is lit on both sides. Which of
@@ -706,7 +693,9 @@ static void prefer_fronts(const struct lw_trace *trace, struct RTCRayHit16 *rh, 
     for (int i = 0; i < 16; i++) {
         again[i] = 0;
         if (!meets_plain_back(trace, rh, back, i)) continue;
-        const float off = uncertainty(&rh->ray, i);
+        const struct RTCRay16 *ray = &rh->ray;
+        const float off = uncertainty(lw_vec3(ray->org_x[i], ray->org_y[i], ray->org_z[i]),
+                                      lw_vec3(ray->dir_x[i], ray->dir_y[i], ray->dir_z[i]), ray->tfar[i]);
         again[i] = -1;
         any = true;
         front.ray.tnear[i] = fmaxf(rh->ray.tnear[i], rh->ray.tfar[i] - off);
@@ -774,7 +763,8 @@ static const struct lw_trace_met *front_or(const struct lw_trace *trace, const s
                                            const struct found *found, uint32_t first) {
     const struct lw_trace_met *met = &found->met[first];
     if (!is_plain_back(trace, met)) return met;
-    const float end = met->t + uncertainty_at(rays, i, met->t);
+    const float end = met->t + uncertainty(lw_vec3(rays->org_x[i], rays->org_y[i], rays->org_z[i]),
+                                           lw_vec3(rays->dir_x[i], rays->dir_y[i], rays->dir_z[i]), met->t);
     for (uint32_t k = first + 1; k < found->count && found->met[k].t <= end; k++)
         if (!is_plain_back(trace, &found->met[k])) return &found->met[k];
     return met;

@@ -302,13 +302,11 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
     s->has_probes = isfinite(s->desc.tracing_range_m) && s->desc.bounces > 0;
     if (s->has_probes && (status = place_probes(s, lo, hi)) != LW_OK)
         return lw_status_fail(err, status, "probes");
-    s->ray_hit = calloc((size_t)texels->capacity * s->desc.indirect_samples + 1, sizeof *s->ray_hit);
-    if (s->desc.directions)
-        s->ray_direction =
-            calloc((size_t)texels->capacity * s->desc.indirect_samples + 1, sizeof *s->ray_direction);
+    const size_t rays = (size_t)texels->capacity * s->desc.indirect_samples + 1;
     const bool glossy = s->desc.directions && lw_scene_has_finishes(scene);
-    if (glossy)
-        s->ray_gloss = calloc((size_t)texels->capacity * s->desc.indirect_samples + 1, sizeof *s->ray_gloss);
+    s->ray_hit = calloc(rays, sizeof *s->ray_hit);
+    if (s->desc.directions) s->ray_direction = calloc(rays, sizeof *s->ray_direction);
+    if (glossy) s->ray_gloss = calloc(rays, sizeof *s->ray_gloss);
     s->reflected = calloc((size_t)texels->capacity + 1, sizeof *s->reflected);
     s->due = malloc(((size_t)s->tiles.capacity + 1) * sizeof *s->due);
     s->exchanged = malloc(((size_t)s->tiles.capacity + 1) * sizeof *s->exchanged);

@@ -45,7 +45,7 @@ struct lw_geometry_edges {
 
 /* A search for seams. Its texels and objects do not change while it lasts. */
 struct lw_geometry_search {
-    pthread_t thread;
+    struct beside beside;
     const struct lw_scene *scene;
     const struct lw_texels *texels;
     const struct lw_tiles *tiles;
@@ -198,7 +198,7 @@ static struct lw_geometry_search *search_start(const struct lw_geometry *geometr
         .scene = geometry->scene, .texels = &geometry->texels, .tiles = tiles, .ended = false};
     if (lw_pose_init(&search->pose, geometry->scene) == LW_OK) {
         lw_pose_copy(&search->pose, &geometry->pose, geometry->scene);
-        if (pthread_create(&search->thread, NULL, search_in_thread, search) == 0) return search;
+        if (beside_start(&search->beside, search_in_thread, search)) return search;
     }
     search_destroy(search);
     return NULL;
@@ -218,7 +218,7 @@ static enum lw_status end_search(struct lw_geometry *geometry, bool keep) {
     enum lw_status status = LW_OK;
     if (!search) return LW_OK;
     geometry->search = NULL;
-    pthread_join(search->thread, NULL);
+    beside_end(&search->beside);
     if (keep && (status = search->status) == LW_OK) take_seams(geometry, &search->seams);
     search_destroy(search);
     return status;

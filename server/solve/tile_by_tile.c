@@ -41,7 +41,8 @@ struct tile_by_tile {
     struct lit lit[LW_TILE_BY_TILE_AT_ONCE];
     uint32_t lit_count;
     uint32_t next, done, total; /* tiles of level 0: the next one to look at; finished; all */
-    double frames_sum;          /* frames of all finished tiles */
+    uint32_t finished;          /* tiles that this run has finished */
+    double frames_sum;          /* their frames */
     uint8_t *interest;          /* per id of fine_map */
     lw_tile_id released[ROOM];  /* ids whose tiles the solver may still hold */
     uint32_t released_count;
@@ -96,20 +97,26 @@ static bool is_kept(struct tile_by_tile *s, uint32_t id) {
     return false;
 }
 
+/* Reads the coarse tile below a tile of the caller's map. Returns the coarse texel below its first one. */
+static uint32_t read_below(const struct tile_by_tile *s, const struct lw_tile_place *place,
+                           struct lw_solver_tile *out_tile) {
+    const uint32_t side = LW_TILE_SIDE / LW_COARSE_SCENE_SIDE, x = place->x * side, y = place->y * side;
+    s->solver->ops->read_tile(
+        s->solver, lw_atlas_map_find(&s->fine_map, place->object, 0, x / LW_TILE_SIDE, y / LW_TILE_SIDE),
+        out_tile);
+    return y % LW_TILE_SIDE * out_tile->width + x % LW_TILE_SIDE;
+}
+
 /* ---- which tiles are lit ---- */
 
 /* Whether light falls on something where a tile of the caller's map lies. */
 static bool has_surface(const struct tile_by_tile *s, const struct lw_tile_place *place) {
-    const uint32_t side = LW_TILE_SIDE / LW_COARSE_SCENE_SIDE, x0 = place->x * side, y0 = place->y * side,
-                   columns = place->width / LW_COARSE_SCENE_SIDE, rows = place->height / LW_COARSE_SCENE_SIDE;
-    struct lw_solver_tile tile;
-    s->solver->ops->read_tile(
-        s->solver, lw_atlas_map_find(&s->fine_map, place->object, 0, x0 / LW_TILE_SIDE, y0 / LW_TILE_SIDE),
-        &tile);
-    for (uint32_t y = 0; y < rows; y++)
-        for (uint32_t x = 0; x < columns; x++) {
-            const uint32_t i = (y0 % LW_TILE_SIDE + y) * tile.width + x0 % LW_TILE_SIDE + x;
-            if (tile.covered[i] || tile.filled[i]) return true;
+    struct lw_solver_tile below;
+    const uint32_t first = read_below(s, place, &below);
+    for (uint32_t y = 0; y < place->height / LW_COARSE_SCENE_SIDE; y++)
+        for (uint32_t x = 0; x < place->width / LW_COARSE_SCENE_SIDE; x++) {
+            const uint32_t i = first + y * below.width + x;
+            if (below.covered[i] || below.filled[i]) return true;
         }
     return false;
 }
@@ -169,6 +176,7 @@ static enum lw_status end_tiles(struct tile_by_tile *s, uint32_t *out_count, str
         s->interest[lit.fine.v] = 0;
         s->released[s->released_count++] = lit.fine;
         s->frames_sum += tile.sample_count;
+        s->finished++;
         ++*out_count;
     }
     s->lit_count = left;
@@ -181,7 +189,7 @@ static enum lw_status end_tiles(struct tile_by_tile *s, uint32_t *out_count, str
 /* Texels times frames of tiles that nobody has begun: as many frames as those took that are finished. */
 static double work_left(const struct tile_by_tile *s, double frames) {
     const double each = s->aim_frames       ? (double)s->aim_frames
-                        : s->frames_sum > 0 ? s->frames_sum / fmax(1, s->file.count)
+                        : s->frames_sum > 0 ? s->frames_sum / s->finished
                                             : fmax(frames, LW_SOLVER_FRAMES_MIN);
     return each * LW_TILE_TEXELS_MAX * (double)(s->total - s->done - s->lit_count);
 }
@@ -244,17 +252,14 @@ static void read_kept(const struct tile_by_tile *s, lw_tile_id id, struct lw_sol
 /* The albedo of the coarse texels. */
 static void take_albedo(struct tile_by_tile *s, const struct lw_tile_place *place,
                         struct lw_solver_tile *tile) {
-    const uint32_t side = LW_TILE_SIDE / LW_COARSE_SCENE_SIDE, x0 = place->x * side, y0 = place->y * side;
     struct lw_solver_tile below;
-    s->solver->ops->read_tile(
-        s->solver, lw_atlas_map_find(&s->fine_map, place->object, 0, x0 / LW_TILE_SIDE, y0 / LW_TILE_SIDE),
-        &below);
+    const uint32_t first = read_below(s, place, &below);
     for (uint32_t c = 0; c < 3; c++) {
         float *plane = s->albedo + c * LW_TILE_TEXELS_MAX;
         for (uint32_t i = 0; i < tile->width * tile->height; i++) {
-            const uint32_t x = x0 % LW_TILE_SIDE + i % tile->width / LW_COARSE_SCENE_SIDE,
-                           y = y0 % LW_TILE_SIDE + i / tile->width / LW_COARSE_SCENE_SIDE;
-            plane[i] = below.albedo[c][y * below.width + x];
+            const uint32_t x = i % tile->width / LW_COARSE_SCENE_SIDE,
+                           y = i / tile->width / LW_COARSE_SCENE_SIDE;
+            plane[i] = below.albedo[c][first + y * below.width + x];
         }
         tile->albedo[c] = plane;
     }

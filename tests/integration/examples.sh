@@ -21,7 +21,8 @@ while [ -z "$port" ] && read -r -t $limit line <&"${daemon[0]}"; do
 done
 [ -n "$port" ] || { cat "$folder/log"; exit 1; }
 
-# next_line SECONDS: reads a line of the client into `line`, false if none is whole by then. What has come of one is kept.
+# next_line SECONDS: reads a line of the client into `line`; false if none is whole by then. The part that has
+# come is kept.
 part=
 next_line() {
     if read -r -t "$1" line <&"$told"; then

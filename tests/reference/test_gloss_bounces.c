@@ -1,5 +1,5 @@
 /* What surfaces with a finish send back in the solve: all that their lobes send back of light from
- * everywhere, evenly; and, where it is known whence direct light comes, that light by their lobes. */
+ * everywhere, evenly. Where tiles know the direction of direct light, lobes send that light on. */
 #include "tests/reference/effort.h"
 #include "tests/reference/room.h"
 
@@ -10,24 +10,6 @@
 
 static struct lw_texture_use use_of(uint32_t texture) {
     return (struct lw_texture_use){.texture = texture, .transform = {1, 0, 0, 0, 1, 0}};
-}
-
-static struct lw_finish *add_finish(struct lw_scene *scene, uint32_t material, float metalness,
-                                    float roughness) {
-    struct lw_finish *finish = lw_scene_alloc(scene, 1, sizeof *finish);
-    assert_non_null(finish);
-    *finish = (struct lw_finish){.metalness = metalness,
-                                 .roughness = roughness,
-                                 .surface_texture = use_of(LW_SCENE_NONE),
-                                 .specular = 1,
-                                 .specular_colour = {1, 1, 1},
-                                 .specular_texture = use_of(LW_SCENE_NONE),
-                                 .ior = 1.5f,
-                                 .occlusion_texture = use_of(LW_SCENE_NONE),
-                                 .normal_scale = 1,
-                                 .normal_texture = use_of(LW_SCENE_NONE)};
-    scene->material[material].finish = finish;
-    return finish;
 }
 
 /* Metal where u < 0.5, rough to one half everywhere. */
@@ -84,9 +66,9 @@ static void test_texels_have_what_all_lobes_send_back(void **state) {
     (void)state;
     const struct room room = box(0.6f, 1);
     struct lw_scene *scene = room_scene(&room);
-    add_finish(scene, 0, 1, 0.25f);
-    add_finish(scene, 1, 0, 0.25f);
-    add_finish(scene, 2, 1, 1)->surface_texture = use_of(half_of_metal(scene));
+    lw_support_finish(scene, 0, 1, 0.25f);
+    lw_support_finish(scene, 1, 0, 0.25f);
+    lw_support_finish(scene, 2, 1, 1)->surface_texture = use_of(half_of_metal(scene));
     struct room_solution s;
     room_solve_scene(&s, scene, room.texels_per_metre, (struct lw_solver_desc){.bounces = 1}, 1);
     expect_near((double)albedo_at(&s, 0, 0.5f, 0.5f), (double)metal_albedo(0.6f, 0.25f), 1e-5);
@@ -103,8 +85,8 @@ static void test_a_changed_colour_passes_the_gloss(void **state) {
     (void)state;
     const struct room room = box(0.6f, 1);
     struct lw_scene *scene = room_scene(&room);
-    add_finish(scene, 0, 1, 0.25f);
-    add_finish(scene, 1, 0, 0.25f);
+    lw_support_finish(scene, 0, 1, 0.25f);
+    lw_support_finish(scene, 1, 0, 0.25f);
     struct room_solution s;
     struct lw_error err = {0};
     room_solve_scene(&s, scene, room.texels_per_metre, (struct lw_solver_desc){.bounces = 1}, 1);
@@ -123,7 +105,7 @@ static void expect_furnace(float base, float metalness, float roughness, float r
     const uint32_t bounces = 3;
     const struct room room = box(base, 1.5f);
     struct lw_scene *scene = room_scene(&room);
-    for (uint32_t m = 0; m < 6; m++) add_finish(scene, m, metalness, roughness);
+    for (uint32_t m = 0; m < 6; m++) lw_support_finish(scene, m, metalness, roughness);
     struct room_solution s;
     double want = 0, mean = 0;
     room_solve_scene(&s, scene, room.texels_per_metre,
@@ -159,7 +141,7 @@ static struct lw_scene *floor_and_wall(void) {
     const float half = sqrtf(0.5f); /* -Z is turned to (cos, -sin, 0) */
     const float rotation[4] = {-sinf(ELEVATION) * half, -cosf(ELEVATION) * half, 0, half};
     memcpy(node->rotation, rotation, sizeof rotation);
-    add_finish(scene, 0, 0, GLOSSY);
+    lw_support_finish(scene, 0, 0, GLOSSY);
     return scene;
 }
 

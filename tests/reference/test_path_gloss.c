@@ -64,24 +64,6 @@ static struct mean mean_of(const struct set *set, struct lw_path_view view, uint
 
 /* ---- surfaces ---- */
 
-static struct lw_finish *polish(struct lw_scene *scene, uint32_t material, float metalness, float roughness) {
-    const struct lw_texture_use none = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}};
-    struct lw_finish *finish = lw_scene_alloc(scene, 1, sizeof *finish);
-    assert_non_null(finish);
-    *finish = (struct lw_finish){.metalness = metalness,
-                                 .roughness = roughness,
-                                 .surface_texture = none,
-                                 .specular = 1,
-                                 .specular_colour = {1, 1, 1},
-                                 .specular_texture = none,
-                                 .ior = 1.5f,
-                                 .occlusion_texture = none,
-                                 .normal_scale = 1,
-                                 .normal_texture = none};
-    scene->material[material].finish = finish;
-    return finish;
-}
-
 /* Gives a quad a map of 8 x 8 texels of noise, anywhere from flat to as steep as a map can be. */
 static void bump(struct lw_scene *scene, uint32_t quad, struct lw_finish *finish) {
     enum { SIDE = 8 };
@@ -125,7 +107,7 @@ static void white_floors_send_back_all_light(void **state) {
         for (int metal = 0; metal < 2; metal++) {
             struct set set;
             struct lw_scene *scene = floor_under_sky(1);
-            polish(scene, 0, (float)metal, roughness[r]);
+            lw_support_finish(scene, 0, (float)metal, roughness[r]);
             set_up(&set, scene);
             for (size_t k = 0; k < sizeof sine / sizeof *sine; k++) {
                 const struct mean got = mean_of(&set, view_at(sine[k]), 16, 16 * effort);
@@ -153,7 +135,7 @@ static void a_mirror_shows_the_panels_image(void **state) {
         room_quad(&room, lw_vec3(-0.5f, 0.3f, -1), lw_vec3(1, 0, 0), lw_vec3(0, 0.6f, 0), 0, 3);
         struct set set;
         struct lw_scene *scene = room_scene(&room);
-        polish(scene, 0, 1, 0);
+        lw_support_finish(scene, 0, 1, 0);
         set_up(&set, scene);
         struct lw_path_view view = {
             .camera = lw_camera_look_at(lw_vec3(0, 1, 1.5f), lw_vec3(0, 0, 0), 0.9f),
@@ -216,7 +198,7 @@ static void methods_agree_on_glossy_surfaces(void **state) {
     struct lw_error err = {0};
     lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
     scene->sky[0] = 0.1f;
-    for (uint32_t m = 0; m < scene->material_count; m++) polish(scene, m, m % 3 ? 0 : 1, 0.5f);
+    for (uint32_t m = 0; m < scene->material_count; m++) lw_support_finish(scene, m, m % 3 ? 0 : 1, 0.5f);
     struct set set;
     set_up(&set, scene);
     const struct lw_path_view plain = {.camera = lw_camera_of_scene(scene, &set.world.pose, 0), .bounces = 2};
@@ -253,7 +235,7 @@ static void bumps_have_no_fringes_and_add_no_light(void **state) {
         for (int r = 0; r < 3; r++) {
             struct set set;
             struct lw_scene *scene = floor_under_sky(1);
-            bump(scene, 0, polish(scene, 0, (float)metal, roughness[r]));
+            bump(scene, 0, lw_support_finish(scene, 0, (float)metal, roughness[r]));
             set_up(&set, scene);
             for (int k = 0; k < 3; k++) {
                 struct lw_path_view view = view_at(sine[k]);
@@ -282,7 +264,7 @@ static void flat_maps_change_nothing(void **state) {
     for (int mapped = 0; mapped < 2; mapped++) {
         struct set set;
         struct lw_scene *scene = floor_under_sky(0.5f);
-        struct lw_finish *finish = polish(scene, 0, 0, 0.4f);
+        struct lw_finish *finish = lw_support_finish(scene, 0, 0, 0.4f);
         if (mapped) {
             bump(scene, 0, finish);
             finish->normal_scale = 0;
@@ -313,7 +295,7 @@ static float any_step(uint32_t s, uint32_t use) { return (float)(lw_random_hash2
 static void shading_is_never_negative_and_no_nan(void **state) {
     (void)state;
     struct lw_scene *scene = floor_under_sky(1);
-    struct lw_finish *finish = polish(scene, 0, 0, 0);
+    struct lw_finish *finish = lw_support_finish(scene, 0, 0, 0);
     bump(scene, 0, finish);
     const struct lw_affine stretched = {{{-3, 0, 1, 0}, {0, 0.2f, 0, 1}, {0, 0.1f, 1, 0}}};
     const struct lw_place place = lw_place_of(&stretched);
@@ -356,7 +338,7 @@ static void first_hits_know_the_finish(void **state) {
     struct set set;
     struct lw_error err = {0};
     struct lw_scene *scene = floor_under_sky(0.6f);
-    bump(scene, 0, polish(scene, 0, 0, 0.3f));
+    bump(scene, 0, lw_support_finish(scene, 0, 0, 0.3f));
     scene->finish_texture_count = 1;
     set_up(&set, scene);
     struct lw_path_view view = view_at(0.3f);

@@ -112,6 +112,25 @@ void lw_support_write_file(const char *path, const void *bytes, size_t size) {
     if (!file || fwrite(bytes, 1, size, file) != size || fclose(file)) fail_msg("cannot write %s", path);
 }
 
+struct lw_finish *lw_support_finish(struct lw_scene *scene, uint32_t material, float metalness,
+                                    float roughness) {
+    const struct lw_texture_use none = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}};
+    struct lw_finish *finish = lw_scene_alloc(scene, 1, sizeof *finish);
+    assert_non_null(finish);
+    *finish = (struct lw_finish){.metalness = metalness,
+                                 .roughness = roughness,
+                                 .surface_texture = none,
+                                 .specular = 1,
+                                 .specular_colour = {1, 1, 1},
+                                 .specular_texture = none,
+                                 .ior = 1.5f,
+                                 .occlusion_texture = none,
+                                 .normal_scale = 1,
+                                 .normal_texture = none};
+    scene->material[material].finish = finish;
+    return finish;
+}
+
 struct lw_scene *lw_support_squares(unsigned count, float side_m) {
     struct lw_scene *scene;
     lw_support_ok(lw_scene_create(&scene), NULL);

@@ -22,6 +22,9 @@ void lw_support_fails(enum lw_status status, enum lw_status expected, const stru
 /** A scene of `count` objects, each a square of side_m metres facing +Y at height 0, 2*side_m apart along X,
  * albedo 0.5, with a point light of 10 W/sr at (0, 2, 0). No lightmap UVs. */
 struct lw_scene *lw_support_squares(unsigned count, float side_m);
+/** Gives a material a finish without textures, of ior 1.5; the scene has it. */
+struct lw_finish *lw_support_finish(struct lw_scene *scene, uint32_t material, float metalness,
+                                    float roughness);
 
 /** A small valid scene that has everything a scene can have: two meshes (one with every array, double-sided
  * triangles and an atlas with backs), three textures, every alpha mode, wrap mode, kind of light, path and

@@ -951,21 +951,8 @@ static void test_offset(void **state) {
 /* Squares of a white metal, lit from both sides: object o's back has o's light. */
 static void metal_squares(struct world *w, unsigned count, float roughness) {
     struct lw_scene *scene = squares(count, 64, true);
-    struct lw_finish *finish = lw_scene_alloc(scene, 1, sizeof *finish);
-    assert_non_null(finish);
-    const struct lw_texture_use none = {.texture = LW_SCENE_NONE};
-    *finish = (struct lw_finish){.metalness = 1,
-                                 .roughness = roughness,
-                                 .surface_texture = none,
-                                 .specular = 1,
-                                 .specular_colour = {1, 1, 1},
-                                 .specular_texture = none,
-                                 .ior = 1.5f,
-                                 .occlusion_texture = none,
-                                 .normal_scale = 1,
-                                 .normal_texture = none};
+    lw_support_finish(scene, 0, 1, roughness);
     for (int c = 0; c < 4; c++) scene->material[0].base_colour[c] = 1;
-    scene->material[0].finish = finish;
     stack(scene);
     world_init(w, scene);
     w->source.sky = lw_vec3(0, 0, 0);

@@ -88,7 +88,8 @@ class Row {
   }
 
   headless(column, daemon, renderer) {
-    const options = ['--headless', '--wait', 'complete', '--timeout', '1800', '--renderer', renderer, '--mirrors', 'off'];
+    const options = ['--headless', '--wait', 'complete', '--timeout', '1800', '--renderer', renderer,
+      '--mirrors', 'off'];
     this.view(this.part(column, 'exr'), `127.0.0.1:${daemon.port}`, ...options);
   }
 

@@ -134,8 +134,8 @@ export async function savePicture(page, name) {
 export async function reference(page, daemon, size, options, keepAs = '') {
   const folder = mkdtempSync(join(tmpdir(), 'lightwell-web-'));
   const png = join(folder, 'view.png');
-  const args = [`127.0.0.1:${daemon.port}`, '--headless', '--wait', 'complete', '--size', size, '--mirrors', 'off',
-    '--out', png];
+  const args = [`127.0.0.1:${daemon.port}`, '--headless', '--wait', 'complete', '--size', size,
+    '--mirrors', 'off', '--out', png];
   try {
     execFileSync(join(bin, 'lightwell-view'), [...args, ...options], { stdio: 'pipe', timeout: LIMIT_MS });
     if (keepAs) writeFileSync(keepAs, readFileSync(png));

@@ -18,7 +18,7 @@ struct lw_tile_file_tile {
     uint32_t texels; /* width * height */
     uint32_t sample_count, bounces;
     float error;
-    /* What it was solved for: frames, or where they are 0 an error. */
+    /* The aim of its solve: a number of frames, or, where that is 0, an error. */
     uint32_t aim_frames;
     float aim_error;
     uint8_t covered[LW_TILE_TEXELS_MAX], filled[LW_TILE_TEXELS_MAX];

@@ -49,9 +49,10 @@ static float factor_of(const struct lw_transport *t, const struct lw_ray16 *rays
     const struct lw_material *material = &scene->material[mesh->material[triangle]];
     if (!material->finish || material->unlit) return 1;
     const float e = lw_colour_luminance(lw_texels_vector(t->tiles->direct, texel));
+    if (!(e > 0)) return 1;
     const struct lw_vec3 v = moment_of(t->tiles, texel);
     const float length = lw_vec3_length(v), share = fminf(1, length / e);
-    if (!(e > 0) || !(share > EVEN)) return 1;
+    if (!(share > EVEN)) return 1;
     const struct lw_vec3 out = lw_vec3_normalize(
                              lw_vec3(-rays->dir_x[lane], -rays->dir_y[lane], -rays->dir_z[lane])),
                          in = lw_vec3_scale(v, 1 / length);
