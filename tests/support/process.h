@@ -18,6 +18,7 @@ struct lw_process {
     char out[128], err[128];
     char port_file[128]; /* lw_process_serve() only */
     uint16_t port;       /* lw_process_serve() only */
+    const char *host;    /* the test's to set: where it listens; NULL: 127.0.0.1 */
     int in;              /* lw_process_serve_by_hand() only, until its end */
 };
 

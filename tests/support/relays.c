@@ -42,7 +42,7 @@ void lw_relays_start(struct lw_process *process, const char *upstream, const cha
 
 void lw_relays_join_with(int i, uint16_t port, struct lw_client_desc desc) {
     struct lw_error err = {0};
-    desc.host = "127.0.0.1";
+    if (!desc.host) desc.host = "127.0.0.1";
     desc.port = port;
     desc.name = "test";
     desc.timeout_ms = LW_PROCESS_LIMIT_S * 1000;
@@ -115,6 +115,20 @@ bool lw_relays_all_rest(void) {
     for (int i = 0; i < LW_RELAYS_CLIENTS; i++)
         if (lw_relays_client[i] && !lw_relays_is_at_rest(i)) return false;
     return true;
+}
+
+static const struct lw_process *resting;
+static bool daemon_is_converged(void) {
+    const double tiles = lw_relays_figure(resting, "lightwell_tiles");
+    return tiles && lw_relays_figure(resting, "lightwell_converged_tiles") == tiles;
+}
+
+void lw_relays_rest(const struct lw_process *daemon) {
+    resting = daemon;
+    lw_relays_wait(daemon_is_converged);
+    lw_relays_poll(); /* the last FRAME had been sent when the figure was read */
+    lw_relays_wait(lw_relays_all_rest);
+    lw_relays_expect_same();
 }
 
 /* Runs that a relay joins are 2^32 frames apart, and versions are twice the frames. */
@@ -192,8 +206,10 @@ double lw_relays_figure(const struct lw_process *process, const char *name) {
     struct lw_error err = {0};
     uint32_t code;
     char *text;
-    const struct lw_client_desc desc = {
-        .host = "127.0.0.1", .port = process->port, .operate = true, .timeout_ms = LW_PROCESS_LIMIT_S * 1000};
+    const struct lw_client_desc desc = {.host = process->host ? process->host : "127.0.0.1",
+                                        .port = process->port,
+                                        .operate = true,
+                                        .timeout_ms = LW_PROCESS_LIMIT_S * 1000};
     lw_support_ok(lw_client_create(&desc, &operator_, &err), &err);
     lw_support_ok(lw_client_ask(operator_, LW_ASK_STATS, 0, &err), &err);
     while (!lw_client_take_report(operator_, &code, &text))
