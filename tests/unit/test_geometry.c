@@ -118,7 +118,7 @@ static void blocks_take_what_is_covered_now(void **state) {
     (void)state;
     struct floor floor;
     set_up(&floor);
-    const struct lw_solve_tile *tile = &floor.tiles.tile[0];
+    struct lw_solve_tile *tile = &floor.tiles.tile[0];
     uint32_t *changes = &floor.geometry.texels.changes[tile->object];
     struct lw_solve_block *block = &tile->block[0];
     uint8_t *covered = floor.geometry.texels.covered + tile->first;
@@ -126,10 +126,12 @@ static void blocks_take_what_is_covered_now(void **state) {
     while (!covered[one]) one++;
     const uint32_t other = one + 1, all = block->covered_count;
     assert_true(covered[other] && all > 2 && block->packet_count > 0);
+    tile->change.invalidated_count = tile->covered_count; /* something has moved, and all waits for a frame */
     covered[one] = 0;
     ++*changes;
     lw_tiles_recount(&floor.tiles, 1);
     assert_int_equal(block->covered_count, all - 1);
+    assert_int_equal(tile->change.invalidated_count, tile->covered_count);
     block->direct.sample_count = 5;
     ++*changes;
     lw_tiles_recount(&floor.tiles, 1); /* they are the same */

@@ -398,6 +398,8 @@ static void recount_tile(const struct lw_tiles *tiles, struct lw_solve_tile *til
     memcpy(region, tiles->region_of_texel + tile->first, tile->width * tile->height);
     LW_TILES_EACH_BLOCK (tile, block) hash[block - tile->block] = block->points_hash;
     bound_tile(tile, tiles->covered);
+    if (tile->change.invalidated_count > tile->covered_count)
+        tile->change.invalidated_count = tile->covered_count;
     deal_blocks(tiles, tile);
     hash_blocks(tiles, tile);
     LW_TILES_EACH_BLOCK (tile, block) {
