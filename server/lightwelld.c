@@ -175,8 +175,8 @@ static enum lw_status serve(struct lw_daemon *d, struct lw_error *err) {
     if (status == LW_OK && d->solver_error.status != LW_OK) {
         *err = d->solver_error;
         status = err->status;
-        explain_memory(d, err);
     }
+    if (status != LW_OK) explain_memory(d, err);
     if (!d->succession.relays) lw_serve_options_remove_ports(&s->serve);
     return status;
 }
