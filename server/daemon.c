@@ -7,6 +7,7 @@
 #include "common/scene/scene_spares.h"
 #include "common/tile/tile_codec.h"
 #include "server/solve/coarse_first.h"
+#include "server/solve/sparse_solver.h"
 #include "server/solve/surface/saved_texels.h"
 
 #include <errno.h>
@@ -47,33 +48,23 @@ static enum lw_status choose_directional(struct lw_daemon *d, struct lw_error *e
     return LW_OK;
 }
 
-/* What a tile of a finer level takes, with its share of the publisher's; and of each layer of light. */
-#define FINE_TILE_BYTES  (128u << 10)
-#define FINE_LAYER_BYTES (1u << 20)
-
-#define FINE_MEMORY_SHARE 32
-#define FINE_MEMORY_MAX   (768ull << 20)
-
-static uint32_t fine_tiles(const struct lw_daemon *d) {
-    const struct lw_daemon_settings *s = &d->settings;
-    const uint64_t machine = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE),
-                   share = machine / FINE_MEMORY_SHARE < FINE_MEMORY_MAX ? machine / FINE_MEMORY_SHARE
-                                                                         : FINE_MEMORY_MAX,
-                   bytes = s->detail_mb < 0 ? share : (uint64_t)s->detail_mb << 20;
-    const bool is_followed =
-        s->light == LW_DAEMON_LIGHT_SEEN && s->detail; /* else nobody asks the solver for tiles */
-    return is_followed ? (uint32_t)(bytes / (FINE_TILE_BYTES + d->light_groups.count * FINE_LAYER_BYTES)) : 0;
-}
-
 /* How many tiles of finer levels may be listed by clients, or held, at a time. Every session that reads such
  * remembers what it has of each. */
 #define FINE_IDS_MIN 4096u
 
 static enum lw_status name_tiles(struct lw_daemon *d, struct lw_error *err) {
-    const uint32_t tiles = fine_tiles(d), ids = 2 * tiles > FINE_IDS_MIN ? 2 * tiles : FINE_IDS_MIN;
-    const enum lw_status status = lw_atlas_map_init_finer(
-        &d->atlas_map, d->scene, tiles ? (uint32_t)d->settings.detail : 0, tiles ? ids : 0);
+    const uint32_t tiles = d->memory.fine_tiles, ids = 2 * tiles > FINE_IDS_MIN ? 2 * tiles : FINE_IDS_MIN;
+    const uint32_t finer = tiles ? (uint32_t)d->settings.detail : 0;
+    const enum lw_status status = lw_atlas_map_init_finer(&d->atlas_map, d->scene, finer, finer ? ids : 0);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "tiles");
+}
+
+static enum lw_status choose_memory(struct lw_daemon *d, struct lw_error *err) {
+    const struct lw_solver_desc desc = {.scene = d->scene,
+                                        .client_lights = &d->client_lights,
+                                        .bounces = (uint32_t)d->settings.bounces,
+                                        .directions = d->has_directions};
+    return lw_daemon_memory_choose(&d->settings, &desc, d->light_groups.count, &d->memory, err);
 }
 
 enum lw_status lw_daemon_read_scene(struct lw_daemon *d, struct lw_error *err) {
@@ -100,9 +91,10 @@ enum lw_status lw_daemon_read_scene(struct lw_daemon *d, struct lw_error *err) {
         lw_status_context(err, "--light-groups");
         return status;
     }
-    if ((status = name_tiles(d, err)) != LW_OK) return status;
     status = choose_client_lights(d, err);
-    return status == LW_OK ? choose_directional(d, err) : status;
+    if (status == LW_OK) status = choose_directional(d, err);
+    if (status == LW_OK) status = choose_memory(d, err);
+    return status == LW_OK ? name_tiles(d, err) : status;
 }
 
 /* Share of a tile's noise that the solver's filter leaves. */
@@ -174,14 +166,15 @@ enum lw_status lw_daemon_set_up_solver(struct lw_daemon *d, struct lw_error *err
             s->clock == LW_DAEMON_CLOCK_REAL && isfinite(s->frame_budget_ms) ? s->frame_budget_ms * 1e-3 : 0,
         .plan_log = s->plan_log,
         .frame_budget_units = isfinite(s->frame_budget_units) ? s->frame_budget_units : 0,
-        .fine_tiles = fine_tiles(d),
+        .fine_tiles = d->memory.fine_tiles,
         .saved_texels = *s->cache ? &saved : NULL,
         .cancel = &d->cancel,
         .waiting = &d->first_light,
         .awaited = s->clock == LW_DAEMON_CLOCK_REAL ? lw_server_updates_wait(d->server) : NULL};
-    enum lw_status status = is_coarse_first(d)
-                                ? lw_coarse_first_create(s->entry, &desc, &d->pose, &d->solver, err)
-                                : s->entry->create(&desc, &d->pose, &d->solver, err);
+    enum lw_status status =
+        d->memory.is_sparse  ? lw_sparse_solver_create(s->entry, &desc, &d->pose, &d->solver, err)
+        : is_coarse_first(d) ? lw_coarse_first_create(s->entry, &desc, &d->pose, &d->solver, err)
+                             : s->entry->create(&desc, &d->pose, &d->solver, err);
     if (status != LW_OK) return status;
     if (s->light == LW_DAEMON_LIGHT_SEEN) { /* by nobody, to begin with */
         status = lw_daemon_solve_nothing(d, err);

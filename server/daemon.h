@@ -8,6 +8,7 @@
 #include "common/light/client_lights.h"
 #include "common/scene/scene_state.h"
 #include "common/waiting.h"
+#include "server/daemon_memory.h"
 #include "server/daemon_metrics.h"
 #include "server/daemon_settings.h"
 #include "server/file_stamp.h"
@@ -52,6 +53,7 @@ struct lw_daemon {
     uint8_t *light_bits, *material_bits; /* the same for the WELCOME */
     bool *directional;                   /* per object: its tiles say where light comes from */
     bool has_directions;                 /* some object's do */
+    struct lw_daemon_memory memory;
     struct lw_solver *solver;
     struct lw_publisher *publisher;
     struct lw_server *server;

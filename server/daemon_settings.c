@@ -133,9 +133,11 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
          "4; "
          "default 4)",
          LW_OPTION_INT, &s->detail, 0, LW_ATLAS_FINER_MAX, NULL},
-        {"detail-memory", "MB",
-         "memory for what is finer, at most (default: 1/32 of the machine's, up to 768)", LW_OPTION_INT,
-         &s->detail_mb, -1, 1 << 20, NULL},
+        {"memory", "MB",
+         "memory for light, at most. Where the lightmaps of all of the scene fit, the rest is for what is "
+         "finer; else only what clients look at is as dense as asked for (default: 1/16 of the machine's, "
+         "with up to 805 for what is finer)",
+         LW_OPTION_INT, &s->memory_mb, 1, 1 << 24, NULL},
         {"plan-log", "FILE",
          "write there what each frame verifies, solves and shows, and why; for reports of faults. It grows "
          "by "
@@ -230,7 +232,6 @@ void lw_daemon_settings_init(struct lw_daemon_settings *s, const _Atomic bool *c
         .serve = LW_SERVE_OPTIONS_DEFAULTS,
         .bounces = 2,
         .detail = LW_ATLAS_FINER_MAX,
-        .detail_mb = -1,
         .probes = {.tracing_range_m = (double)INFINITY},
         .direct_samples = 1,
         .indirect_samples = 2,

@@ -35,7 +35,7 @@ struct lw_daemon_settings {
     const char *keep, *cache, *spares, *light_groups, *client_lights, *solver;
     const struct lw_solvers_entry *entry; /* the solver's */
     int64_t bounces, direct_samples, indirect_samples, seed, frames, detail;
-    int64_t detail_mb; /* -1: a share of the machine's */
+    int64_t memory_mb; /* 0: a share of the machine's */
     struct lw_probe_options probes;
     int denoise;
     double frame_rate, frame_budget_ms, frame_budget_units, freeze_s, error, tile_step, stall_s, prepare_s;

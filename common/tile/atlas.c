@@ -34,7 +34,7 @@ void lw_atlas_init(struct lw_atlas *atlas, uint32_t width, uint32_t height) {
 }
 
 void lw_atlas_refine(struct lw_atlas *atlas, uint32_t count) {
-    LW_INVARIANT(atlas->level_count > 0 && count <= LW_ATLAS_FINER_MAX);
+    LW_INVARIANT(atlas->level_count > 0 && count <= LW_ATLAS_FINER_ALL);
     while (atlas->finer_count < count) {
         struct lw_atlas_level *level = &atlas->finer[atlas->finer_count++];
         const uint32_t w = atlas->level[0].width << atlas->finer_count,
@@ -99,7 +99,7 @@ static void name_finer(struct lw_atlas_map *map, uint32_t finer) {
 enum lw_status lw_atlas_map_init_finer(struct lw_atlas_map *map, const struct lw_scene *scene, uint32_t finer,
                                        uint32_t room) {
     const size_t count = scene->object_count ? scene->object_count : 1;
-    LW_INVARIANT(finer <= LW_ATLAS_FINER_MAX && !finer == !room);
+    LW_INVARIANT(finer <= LW_ATLAS_FINER_ALL && !finer == !room);
     *map = (struct lw_atlas_map){.object_count = scene->object_count, .finer_count = finer};
     map->atlas = calloc(count, sizeof *map->atlas);
     map->first_tile = calloc(count, sizeof *map->first_tile);

@@ -19,7 +19,9 @@
 #define LW_ATLAS_COARSEST   16u /* texels */
 #define LW_ATLAS_LEVELS_MAX 12u
 #define LW_ATLAS_FINER      64u /* finer levels are numbered from the next number on, on the wire as well */
-#define LW_ATLAS_FINER_MAX  4u
+#define LW_ATLAS_FINER_MAX                                                                                   \
+    4u /* of a scene, on the wire; a coarse scene has LW_ATLAS_FINER_ALL (coarse_scene.h) */
+#define LW_ATLAS_FINER_ALL 6u
 
 /* The coarsest level that is free of mixed charts; coarser levels are placeholders until finer ones arrive
  * (common/lightmap/lightmap.h). */
@@ -55,7 +57,7 @@ struct lw_atlas {
     uint32_t level_count, tile_count;
     struct lw_atlas_level level[LW_ATLAS_LEVELS_MAX];
     uint32_t finer_count, finer_tile_count;
-    struct lw_atlas_level finer[LW_ATLAS_FINER_MAX]; /* finer[k - 1] is level LW_ATLAS_FINER + k */
+    struct lw_atlas_level finer[LW_ATLAS_FINER_ALL]; /* finer[k - 1] is level LW_ATLAS_FINER + k */
 };
 
 /** How many times finer than level 0 a level is, as a power of two; 0: it is not finer. */
@@ -99,7 +101,7 @@ const struct lw_atlas_level *lw_atlas_level(const struct lw_atlas *atlas, uint32
 
 /** Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_atlas_map_init(struct lw_atlas_map *map, const struct lw_scene *scene);
-/** The same with finer levels, at most LW_ATLAS_FINER_MAX. room: how many of their tiles may have ids at a
+/** The same with finer levels, at most LW_ATLAS_FINER_ALL. room: how many of their tiles may have ids at a
  * time, above 0. Errors: LW_NO_MEMORY, also for too many tiles. */
 LW_MUST_CHECK enum lw_status lw_atlas_map_init_finer(struct lw_atlas_map *map, const struct lw_scene *scene,
                                                      uint32_t finer, uint32_t room);

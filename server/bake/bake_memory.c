@@ -2,16 +2,14 @@
 
 #include "common/log.h"
 #include "server/solve/coarse_scene.h"
-
-#include <unistd.h>
+#include "server/solve/memory_forecast.h"
 
 static double mb(uint64_t bytes) { return (double)bytes * 1e-6; }
 
 enum lw_status lw_bake_memory_choose(const struct lw_solvers_entry *entry, const struct lw_solver_desc *desc,
                                      uint64_t memory_bytes, bool *out_by_tile, struct lw_error *err) {
-    const uint64_t machine = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE),
-                   memory = memory_bytes ? memory_bytes : machine / 4 * 3,
-                   whole = lw_tile_by_tile_forecast_whole(desc), by_tile = lw_tile_by_tile_forecast(desc),
+    const uint64_t memory = memory_bytes ? memory_bytes : lw_memory_forecast_machine() / 4 * 3,
+                   whole = lw_memory_forecast_whole(desc), by_tile = lw_tile_by_tile_forecast(desc),
                    least = by_tile < whole ? by_tile : whole;
     const double texels = (double)lw_coarse_scene_count_texels(desc->scene) * 1e-6;
     *out_by_tile = whole > memory;

@@ -143,7 +143,7 @@ static enum lw_status coarse_frame(struct coarse_first *s, const struct lw_pose 
     lw_coarse_scene_follow(&s->coarse_scene.scene, s->scene);
     enum lw_status status = s->coarse->ops->frame(s->coarse, pose, frame, out_stats, err);
     if (status != LW_OK) return status;
-    status = lw_coarse_tiles_update(&s->tiles, s->coarse, s->channels);
+    status = lw_coarse_tiles_update(&s->tiles, s->coarse, s->channels, NULL);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "tiles of the first light");
 }
 
@@ -220,7 +220,7 @@ static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
     struct coarse_first *s = (struct coarse_first *)solver;
     if (!s->coarse) return s->whole->ops->filter(s->whole, err);
     enum lw_status status = s->coarse->ops->filter(s->coarse, err);
-    return status == LW_OK ? lw_coarse_tiles_update(&s->tiles, s->coarse, s->channels) : status;
+    return status == LW_OK ? lw_coarse_tiles_update(&s->tiles, s->coarse, s->channels, NULL) : status;
 }
 
 static uint32_t list_fine(const struct lw_solver *solver, const lw_tile_id **out_tile) {

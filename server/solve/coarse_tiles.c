@@ -239,6 +239,7 @@ static bool update_tile(struct lw_coarse_tiles *tiles, const struct lw_solver *s
     }
     if (tile->plane && solved_frame <= tile->solved_frame) return true;
     if (!allocate(tile, place, count_planes(tiles->channels))) return false;
+    memset(patch->plane, 0, count_planes(tiles->channels) * sizeof *patch->plane); /* weights of 0 read it */
     memset(patch->covered, 0, sizeof patch->covered);
     memset(patch->lit, 0, sizeof patch->lit);
     tile->sample_count = UINT32_MAX;
@@ -259,7 +260,7 @@ static void set_channels(struct lw_coarse_tiles *tiles, uint32_t channels) {
 }
 
 enum lw_status lw_coarse_tiles_update(struct lw_coarse_tiles *tiles, const struct lw_solver *solver,
-                                      uint32_t channels) {
+                                      uint32_t channels, const uint8_t *skipped) {
     int failures = 0;
     set_channels(tiles, channels);
 #pragma omp parallel num_threads(tiles->threads) reduction(+ : failures)
@@ -267,7 +268,8 @@ enum lw_status lw_coarse_tiles_update(struct lw_coarse_tiles *tiles, const struc
         struct patch *patch = malloc(sizeof *patch);
 #pragma omp for schedule(dynamic, 4)
         for (uint32_t id = 0; id < tiles->map->plain_count; id++)
-            if (is_used(tiles, id)) failures += !patch || !update_tile(tiles, solver, id, patch);
+            if (is_used(tiles, id) && !(skipped && skipped[id]))
+                failures += !patch || !update_tile(tiles, solver, id, patch);
         free(patch);
     }
     return failures ? LW_NO_MEMORY : LW_OK;

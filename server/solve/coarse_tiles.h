@@ -30,9 +30,11 @@ void lw_coarse_tiles_finish(struct lw_coarse_tiles *tiles);
 /** Interpolates the light that has changed since the last update.
  * solver    the coarse scene's, between two frames
  * channels  that it shows
+ * skipped   per id: whether the tile is left out, since nobody reads it; NULL: none is
  * Errors    LW_NO_MEMORY: some tiles have their light of before */
 LW_MUST_CHECK enum lw_status lw_coarse_tiles_update(struct lw_coarse_tiles *tiles,
-                                                    const struct lw_solver *solver, uint32_t channels);
+                                                    const struct lw_solver *solver, uint32_t channels,
+                                                    const uint8_t *skipped);
 
 /** The same for one tile. Errors: as that. */
 LW_MUST_CHECK enum lw_status lw_coarse_tiles_update_one(struct lw_coarse_tiles *tiles,

@@ -216,7 +216,7 @@ static void tell_if_full(struct lw_fine_tiles *fine) {
     fine->told = true;
     lw_log(LW_LOG_WARNING,
            "there is no room for all detail that is asked for: for %u of %u tiles, coarser levels first "
-           "(--detail-memory)",
+           "(--memory)",
            fine->granted_count, fine->wanted_count);
 }
 

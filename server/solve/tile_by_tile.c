@@ -1,11 +1,10 @@
 #include "server/solve/tile_by_tile.h"
 
 #include "common/invariant.h"
-#include "common/light/client_lights.h"
 #include "common/log.h"
 #include "server/solve/coarse_tiles.h"
+#include "server/solve/memory_forecast.h"
 #include "server/solve/state/tile_file.h"
-#include "server/solve/state/tiles.h"
 
 #include <math.h>
 #include <omp.h>
@@ -15,9 +14,6 @@
 #define LEVEL (LW_ATLAS_FINER + LW_COARSE_SCENE_SHIFT)
 /* A tile that gives its room to another keeps its id for that frame. */
 #define ROOM (2 * LW_TILE_BY_TILE_AT_ONCE)
-/* Bytes of a texel beside the planes of its light: places, sample points, rays, pairs of the filter, the
- * reflectors' light; as measured (docs/lab/big_scenes.md). */
-#define TEXEL_BYTES 200u
 
 static const float black[LW_TILE_TEXELS_MAX];
 
@@ -359,19 +355,9 @@ static const struct lw_solver_ops ops = {.name = "tile by tile",
                                          .memory_bytes = memory_bytes,
                                          .destroy = destroy};
 
-static uint64_t texel_bytes(const struct lw_solver_desc *desc) {
-    const bool parts = lw_client_lights_any(desc->client_lights);
-    return lw_tiles_texel_bytes(desc->bounces, parts, desc->directions) + TEXEL_BYTES;
-}
-
-uint64_t lw_tile_by_tile_forecast_whole(const struct lw_solver_desc *desc) {
-    return lw_coarse_scene_count_texels(desc->scene) * texel_bytes(desc);
-}
-
 uint64_t lw_tile_by_tile_forecast(const struct lw_solver_desc *desc) {
-    const uint64_t coarse =
-        lw_coarse_scene_count_texels(desc->scene) / (LW_COARSE_SCENE_SIDE * LW_COARSE_SCENE_SIDE);
-    return (coarse + LW_TILE_BY_TILE_AT_ONCE * LW_TILE_TEXELS_MAX) * texel_bytes(desc);
+    return lw_memory_forecast_coarse(desc) +
+           (uint64_t)LW_TILE_BY_TILE_AT_ONCE * LW_TILE_TEXELS_MAX * lw_memory_forecast_texel(desc);
 }
 
 /* ---- creation ---- */

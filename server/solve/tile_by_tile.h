@@ -27,9 +27,7 @@ struct lw_tile_by_tile_desc {
     bool has_albedo;   /* the file holds albedo, too */
 };
 
-/** Bytes of memory that a solve of a scene takes, roughly, beside the rays' structure: of all texels at once,
- * and tile by tile. desc: with the scene */
-uint64_t lw_tile_by_tile_forecast_whole(const struct lw_solver_desc *desc);
+/** Bytes of memory that it takes, roughly, beside the rays' structure. desc: with the scene */
 uint64_t lw_tile_by_tile_forecast(const struct lw_solver_desc *desc);
 
 /** Builds the solver of the coarse scene. It knows no interest. Filtered tiles are filtered as they are lit.

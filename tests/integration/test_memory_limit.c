@@ -1,8 +1,10 @@
-/* The real lightwelld where memory runs out: it says so, how much it had, and what to set. */
+/* The real lightwelld where memory runs out, or where light may not take all that it would: it says so, how
+ * much it had, and what to set. */
 #include "tests/support/process.h"
 
 #include "common/sanitizer.h"
 
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -47,7 +49,41 @@ static void test_out_of_memory(void **state) {
     assert_int_equal(advised, sizeof limits_mb / sizeof *limits_mb);
 }
 
+#define DENSE "builtin:cornell --texels-per-metre 140 --http none --log-format text"
+
+static void serve_with(unsigned mb, bool is_sparse) {
+    struct lw_process daemon;
+    char line[300];
+    snprintf(line, sizeof line, DENSE " --memory %u", mb);
+    lw_process_serve(&daemon, line);
+    char *said = lw_process_err(&daemon);
+    if ((strstr(said, "where nobody looks it is a quarter as dense") != NULL) != is_sparse)
+        fail_msg("--memory %u: %s", mb, said);
+    free(said);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+}
+
+/* A refusal names the least with which there is light, and with that there is. With all that the light takes
+ * it is whole. */
+static void a_budget_is_kept_or_refused(void **state) {
+    (void)state;
+    const unsigned least = lw_process_needed_mb(DENSE), whole = lw_process_needed_mb(DENSE " --light whole");
+    assert_true(least > 1 && least < whole);
+    serve_with(least + 1, true);
+    serve_with(whole + 1, false);
+    struct lw_process daemon;
+    char line[300];
+    snprintf(line, sizeof line, DENSE " --listen 127.0.0.1:0 --light whole --memory %u", least + 1);
+    lw_process_start(&daemon, "lightwelld", line);
+    assert_int_equal(lw_process_finish(&daemon, LIMIT_S), 71);
+    char *said = lw_process_err(&daemon);
+    assert_non_null(strstr(said, "--light seen needs less"));
+    free(said);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test_teardown(test_out_of_memory, lw_process_teardown)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(test_out_of_memory, lw_process_teardown),
+        cmocka_unit_test_teardown(a_budget_is_kept_or_refused, lw_process_teardown)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -130,7 +130,10 @@ static void finer_tiles_outlive_the_relay_above(void **state) {
 static void a_greedy_client_harms_nobody(void **state) {
     (void)state;
     static lw_tile_id all[LW_SESSION_FINE_MAX];
-    start("--texels-per-metre 36 --detail-memory 8");
+    char options[64];
+    snprintf(options, sizeof options, "--texels-per-metre 36 --memory %u",
+             lw_process_needed_mb(SCENE " --texels-per-metre 36") + 8); /* 8 MB for finer levels */
+    start(options);
     join(0, relay[1].port);
     join(1, relay[1].port);
     join(2, relay[1].port);

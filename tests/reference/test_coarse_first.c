@@ -107,7 +107,7 @@ static void test_blocks_keep_their_mean(void **state) {
     desc.atlas_map = &coarse.map;
     lw_support_ok(lw_solvers_create(NULL, &desc, &s.pose, &solver, &err), &err);
     lw_support_ok(solver->ops->frame(solver, &s.pose, 1, &stats, &err), &err);
-    lw_support_ok(lw_coarse_tiles_update(&tiles, solver, 1u << LW_LIGHT_FORM_FULL), NULL);
+    lw_support_ok(lw_coarse_tiles_update(&tiles, solver, 1u << LW_LIGHT_FORM_FULL, NULL), NULL);
     for (uint32_t id = 0; id < s.map.plain_count; id++) {
         const struct lw_tile_place *place = &s.map.place[id];
         struct lw_solver_tile tile, below;

@@ -319,6 +319,21 @@ void lw_process_refuses(const char *program, const char *arguments, int expected
     free(said);
 }
 
+unsigned lw_process_needed_mb(const char *arguments) {
+    static const char need[] = "texels need ";
+    struct lw_process process;
+    char line[600];
+    snprintf(line, sizeof line, "%s --listen 127.0.0.1:0 --log-format text --memory 1", arguments);
+    lw_process_start(&process, "lightwelld", line);
+    const int code = lw_process_finish(&process, LW_PROCESS_LIMIT_S);
+    char *said = lw_process_err(&process);
+    const char *at = strstr(said, need);
+    if (code != 71 || !at || !strstr(said, "over 1 (--memory)")) fail_msg("%d: %s", code, said);
+    const unsigned mb = (unsigned)atoi(at + strlen(need));
+    free(said);
+    return mb;
+}
+
 void lw_process_left_nothing(void) {
     DIR *folder = opendir(lw_support_temporary("tmp"));
     assert_non_null(folder);

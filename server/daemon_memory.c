@@ -1,0 +1,95 @@
+#include "server/daemon_memory.h"
+
+#include "common/log.h"
+#include "common/tile/atlas.h"
+#include "server/solve/coarse_scene.h"
+#include "server/solve/memory_forecast.h"
+
+/* Where no --memory is given. */
+#define SHARE        16             /* the machine's memory over the default */
+#define FINE_DEFAULT (768ull << 20) /* bytes of finer tiles, at most */
+
+/* What such a tile takes, with its share of the publisher's; and of each layer of light. */
+#define FINE_TILE_BYTES  (128ull << 10)
+#define FINE_LAYER_BYTES (1ull << 20)
+#define FINE_TILES_MAX   4096u /* a session remembers what it has of each */
+
+/* Where level 0 is sparse: bytes of one of its texels that clients may read, of any light: as coarse light, and
+ * as it was sent. */
+#define READ_BYTES 64u
+/* With fewer tiles a single view would not have what it looks at. */
+#define SPARSE_TILES_MIN 64u
+
+static double mb(uint64_t bytes) { return (double)bytes * 1e-6; }
+
+static uint32_t count_fine(uint64_t bytes, uint64_t tile_bytes) {
+    const uint64_t count = bytes / tile_bytes;
+    return count < FINE_TILES_MAX ? (uint32_t)count : FINE_TILES_MAX;
+}
+
+/* What a scene takes. */
+struct need {
+    double texels_m;    /* millions */
+    uint64_t whole;     /* bytes of the light of all texels */
+    uint64_t sparse;    /* bytes of the light of the coarse scene, and of what clients read of it */
+    uint64_t least;     /* the least with which there is light */
+    uint64_t fine_tile; /* bytes of a tile of a finer level */
+};
+
+static struct need find_need(const struct lw_solver_desc *desc, uint32_t layers) {
+    const uint64_t texels = lw_coarse_scene_count_texels(desc->scene);
+    struct need need = {.texels_m = (double)texels * 1e-6,
+                        .whole = lw_memory_forecast_whole(desc),
+                        .sparse = lw_memory_forecast_coarse(desc) + texels * READ_BYTES,
+                        .fine_tile = FINE_TILE_BYTES + layers * FINE_LAYER_BYTES};
+    need.least = need.sparse + SPARSE_TILES_MIN * need.fine_tile;
+    if (need.least > need.whole) need.least = need.whole;
+    return need;
+}
+
+/* The light of all texels does not fit. */
+static enum lw_status check_sparse(const struct lw_daemon_settings *s, const struct need *need,
+                                   uint64_t memory, struct lw_error *err) {
+    const char *set = !(s->entry->choice & LW_CHOICE_CELLS) ? "--solver cells"
+                      : s->light != LW_DAEMON_LIGHT_SEEN    ? "--light seen"
+                                                            : NULL;
+    if (set && need->least < need->whole)
+        return lw_status_fail(err, LW_NO_MEMORY,
+                              "%.2g M texels need %.0f MB for their light, over %.0f (--memory): %s needs "
+                              "less, and --texels-per-metre gives fewer",
+                              need->texels_m, mb(need->whole), mb(memory), set);
+    if (need->least > memory)
+        return lw_status_fail(err, LW_NO_MEMORY,
+                              "%.2g M texels need %.0f MB for their light%s, over %.0f (--memory): "
+                              "--texels-per-metre gives fewer",
+                              need->texels_m, mb(need->least),
+                              need->least < need->whole ? " even where it is coarse" : "", mb(memory));
+    return LW_OK;
+}
+
+enum lw_status lw_daemon_memory_choose(const struct lw_daemon_settings *settings,
+                                       const struct lw_solver_desc *desc, uint32_t layers,
+                                       struct lw_daemon_memory *out_memory, struct lw_error *err) {
+    const bool is_default = settings->memory_mb == 0;
+    const uint64_t memory =
+        is_default ? lw_memory_forecast_machine() / SHARE : (uint64_t)settings->memory_mb * 1000000;
+    const struct need need = find_need(desc, layers);
+    const bool fits = need.whole <= memory;
+    if (!fits) {
+        const enum lw_status status = check_sparse(settings, &need, memory, err);
+        if (status != LW_OK) return status;
+    }
+    const uint64_t left = memory - (fits ? need.whole : need.sparse),
+                   fine = is_default && left > FINE_DEFAULT ? FINE_DEFAULT : left;
+    /* else nobody asks for tiles */
+    const bool is_followed = settings->light == LW_DAEMON_LIGHT_SEEN && (!fits || settings->detail);
+    *out_memory = (struct lw_daemon_memory){!fits, is_followed ? count_fine(fine, need.fine_tile) : 0};
+    if (!fits)
+        lw_log(LW_LOG_INFO,
+               "the light of %.2g M texels would take %.0f MB: where nobody looks it is a quarter as dense, "
+               "and takes %.0f (--memory)",
+               need.texels_m, mb(need.whole), mb(need.sparse + out_memory->fine_tiles * need.fine_tile));
+    else if (is_followed && !out_memory->fine_tiles)
+        lw_log(LW_LOG_WARNING, "%.0f MB leave no room for finer lightmaps (--memory)", mb(memory));
+    return LW_OK;
+}
