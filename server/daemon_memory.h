@@ -1,6 +1,6 @@
 /* daemon_memory.h: how much light a daemon holds at a time, by --memory.
  * Flow:    scene, settings -> [daemon_memory] -> the choice of a solver, its tiles of finer levels
- * Threads: main() and the thread that reads a scene anew; one call after another. */
+ * Threads: [any]; one call after another. */
 #ifndef LW_DAEMON_MEMORY_H
 #define LW_DAEMON_MEMORY_H
 
