@@ -10,7 +10,7 @@
  * structure. desc: read are client_lights, bounces and directions */
 uint64_t lw_memory_forecast_texel(const struct lw_solver_desc *desc);
 
-/** The same for all texels of a scene, and for those of its coarse scene (coarse_scene.h). desc: also scene */
+/** The same for all texels of a scene, and of its coarse scene (coarse_scene.h). desc: also scene */
 uint64_t lw_memory_forecast_whole(const struct lw_solver_desc *desc);
 uint64_t lw_memory_forecast_coarse(const struct lw_solver_desc *desc);
 

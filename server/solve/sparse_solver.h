@@ -1,6 +1,6 @@
 /* sparse_solver.h: a live solver for scenes whose lightmaps do not fit into memory: it holds a coarse scene
  * (coarse_scene.h), and level 0 and finer levels where somebody looks.
- * Flow:    coarse scene -> solver with finer levels -> [sparse_solver] -> tiles of level 0 and finer -> publish
+ * Flow:    coarse scene -> solver with finer levels -> [sparse_solver] -> tiles -> publish
  * Threads: those of solver.h.
  *
  *     the scene:         level 2 and coarser | level 0, 1      | finer by 2^k

@@ -1,5 +1,5 @@
-/* Level 0 where somebody looks, and a coarse scene beside: light is that of the whole density there, and tiles
- * come and go as interest does. */
+/* Level 0 where somebody looks, and a coarse scene beside: light is that of the whole density there. Tiles come
+ * and go as interest does. */
 #include "tests/reference/room.h"
 
 #include "common/lightmap/lightmap.h"
@@ -126,7 +126,7 @@ static void what_is_looked_at_is_lit_as_densely_as_asked_for(void **state) {
     room_finish(&whole);
 }
 
-/* Nobody looks at the walls: they are coarse, and light the floor. Who wants level 2 reads the coarse scene. */
+/* Nobody looks at the walls: they are coarse, and light the floor. So is level 2 of it. */
 static void the_rest_is_coarse(void **state) {
     (void)state;
     struct room_solution s;
@@ -212,8 +212,7 @@ static void finer_levels_are_there(void **state) {
     room_finish(&s);
 }
 
-/* The same interest and frames give the same bytes at any thread count, and so does a solve that goes on from a
- * file. */
+/* The same interest and frames give the same bytes at any thread count. */
 static void bytes_are_the_same(void **state) {
     (void)state;
     struct room_solution s[2];
