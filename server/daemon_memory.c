@@ -14,7 +14,7 @@
 #define FINE_LAYER_BYTES (1ull << 20)
 #define FINE_TILES_MAX   4096u /* a session remembers what it has of each */
 
-/* Where level 0 is sparse: bytes for each of its texels: its coarse light, and what was sent of it. */
+/* Where level 0 is sparse, each of its texels takes bytes: as coarse light, and as it was sent. */
 #define READ_BYTES 64u
 /* With fewer tiles a single view would not have what it looks at. */
 #define SPARSE_TILES_MIN 64u

@@ -20,7 +20,7 @@
 #define LW_ATLAS_LEVELS_MAX 12u
 #define LW_ATLAS_FINER      64u /* finer levels are numbered from the next number on, on the wire as well */
 #define LW_ATLAS_FINER_MAX  4u  /* finer levels that a scene may have */
-#define LW_ATLAS_FINER_ALL  6u /* and its coarse scene (coarse_scene.h) */
+#define LW_ATLAS_FINER_ALL  6u  /* finer levels of its coarse scene */
 
 /* The coarsest level that is free of mixed charts; coarser levels are placeholders until finer ones arrive
  * (common/lightmap/lightmap.h). */

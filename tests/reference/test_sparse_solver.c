@@ -1,5 +1,5 @@
-/* Level 0 where somebody looks, and a coarse scene beside: light is that of the whole density there. Tiles come
- * and go as interest does. */
+/* Level 0 where somebody looks, and a coarse scene beside: light is that of the whole density there. Tiles
+ * come and go as interest does. */
 #include "tests/reference/room.h"
 
 #include "common/lightmap/lightmap.h"
