@@ -5,9 +5,11 @@
 #include "server/solve/coarse_scene.h"
 #include "server/solve/memory_forecast.h"
 
-/* Where no --memory is given. */
-#define SHARE        16             /* the machine's memory over the default */
-#define FINE_DEFAULT (768ull << 20) /* bytes of finer tiles, at most */
+/* Where no --memory is given: a quarter of the machine's up to SMALL_MAX, or a 16th where that is more. */
+#define SMALL_SHARE  4
+#define SMALL_MAX    (2ull << 30)
+#define LARGE_SHARE  16
+#define FINE_DEFAULT (768ull << 20) /* for finer tiles there are at most as many bytes */
 
 /* What such a tile takes, with its share of the publisher's; and of each layer of light. */
 #define FINE_TILE_BYTES  (128ull << 10)
@@ -46,17 +48,22 @@ static struct need find_need(const struct lw_solver_desc *desc, uint32_t layers)
     return need;
 }
 
-/* The light of all texels does not fit. */
-static enum lw_status check_sparse(const struct lw_daemon_settings *s, const struct need *need,
-                                   uint64_t memory, struct lw_error *err) {
-    const char *set = !(s->entry->choice & LW_CHOICE_CELLS) ? "--solver cells"
-                      : s->light != LW_DAEMON_LIGHT_SEEN    ? "--light seen"
-                                                            : NULL;
-    if (set && need->least < need->whole)
+/* The option without which all of the light has to be whole; NULL: it need not. */
+static const char *find_hindrance(const struct lw_daemon_settings *s, const struct need *need) {
+    if (need->least == need->whole) return NULL;
+    if (!(s->entry->choice & LW_CHOICE_CELLS)) return "--solver cells";
+    return s->light == LW_DAEMON_LIGHT_SEEN ? NULL : "--light seen";
+}
+
+/* Whether a budget that somebody has given is enough. */
+static enum lw_status check_budget(const struct need *need, const char *hindrance, uint64_t memory,
+                                   struct lw_error *err) {
+    if (need->whole <= memory) return LW_OK;
+    if (hindrance)
         return lw_status_fail(err, LW_NO_MEMORY,
                               "%.2g M texels need %.0f MB for their light, over %.0f (--memory): %s needs "
                               "less, and --texels-per-metre gives fewer",
-                              need->texels_m, mb(need->whole), mb(memory), set);
+                              need->texels_m, mb(need->whole), mb(memory), hindrance);
     if (need->least > memory)
         return lw_status_fail(err, LW_NO_MEMORY,
                               "%.2g M texels need %.0f MB for their light%s, over %.0f (--memory): "
@@ -66,18 +73,25 @@ static enum lw_status check_sparse(const struct lw_daemon_settings *s, const str
     return LW_OK;
 }
 
+/* The default refuses nothing. */
+static uint64_t default_budget(const struct need *need, const char *hindrance) {
+    const uint64_t machine = lw_memory_forecast_machine(), large = machine / LARGE_SHARE,
+                   small = machine / SMALL_SHARE < SMALL_MAX ? machine / SMALL_SHARE : SMALL_MAX,
+                   share = large > small ? large : small, least = hindrance ? need->whole : need->least;
+    return share > least ? share : least;
+}
+
 enum lw_status lw_daemon_memory_choose(const struct lw_daemon_settings *settings,
                                        const struct lw_solver_desc *desc, uint32_t layers,
                                        struct lw_daemon_memory *out_memory, struct lw_error *err) {
     const bool is_default = settings->memory_mb == 0;
-    const uint64_t memory =
-        is_default ? lw_memory_forecast_machine() / SHARE : (uint64_t)settings->memory_mb * 1000000;
     const struct need need = find_need(desc, layers);
+    const char *hindrance = find_hindrance(settings, &need);
+    const uint64_t memory =
+        is_default ? default_budget(&need, hindrance) : (uint64_t)settings->memory_mb * 1000000;
+    const enum lw_status status = check_budget(&need, hindrance, memory, err);
+    if (status != LW_OK) return status;
     const bool fits = need.whole <= memory;
-    if (!fits) {
-        const enum lw_status status = check_sparse(settings, &need, memory, err);
-        if (status != LW_OK) return status;
-    }
     const uint64_t left = memory - (fits ? need.whole : need.sparse),
                    fine = is_default && left > FINE_DEFAULT ? FINE_DEFAULT : left;
     /* else nobody asks for tiles */
