@@ -201,6 +201,7 @@ static enum lw_status join_nats(struct lw_daemon *d, bool follows, struct lw_err
                                          .map = &d->atlas_map,
                                          .object_count = d->scene->object_count,
                                          .light_count = d->scene->light_count,
+                                         .channels = scene.channels,
                                          .run = scene.run,
                                          .welcome = scene.welcome,
                                          .chunk = scene.chunk,

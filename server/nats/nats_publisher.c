@@ -24,12 +24,10 @@
 #define FORMS         ((uint32_t)LW_LIGHT_FORM_COUNT)
 #define PATIENCE_MS   5000 /* for an answer of JetStream's API */
 
-static_assert(LW_LIGHT_FORM_COUNT == 2, "subjects have a number for each form of light");
-
-/* What a relay wants of one form of light. */
+/* What a relay wants of one form of light, and of the channels that follow it. */
 struct want {
     uint64_t relay, heard_ns;
-    uint32_t form;
+    uint32_t form, channels;
     bool everything;
     uint32_t *tile;
     size_t tile_count;
@@ -37,8 +35,11 @@ struct want {
 
 struct form {
     struct lw_snapshot *now; /* the last one that has this form; NULL: none yet */
-    uint64_t *kept;          /* by tile: the version in JetStream; 0: none */
     uint64_t kept_frame;
+};
+
+struct channel {
+    uint64_t *kept;   /* by tile: the version in JetStream; 0: none. NULL: nothing was kept */
     uint32_t keep_at; /* the next tile to look at; plain_count: all were */
 };
 
@@ -71,6 +72,8 @@ struct lw_nats_publisher {
     natsSubscription *subscription[4];
     uint32_t epoch;
     struct form form[FORMS];
+    struct channel channel[LW_TILE_CHANNELS_MAX];
+    uint32_t served; /* channels that the light has: a bit for each */
     struct want want[LW_NATS_PUBLISHER_RELAYS_MAX];
     uint32_t want_count;
     bool wants_changed, told_relays, stands_down, is_announced, told_keep;
@@ -82,6 +85,35 @@ struct lw_nats_publisher {
     size_t payload_capacity;
     uint64_t *bits; /* one for each tile */
 };
+
+/* ---- channels ---- */
+
+static uint32_t form_of(uint32_t channel) { return lw_tile_channel_at(channel)->follows; }
+
+/* A form of light, and the served channels that follow it. */
+static uint32_t family_of(const struct lw_nats_publisher *p, uint32_t form) {
+    uint32_t family = 0;
+    LW_TILE_CHANNELS_EACH (c, p->served)
+        if (form_of(c) == form) family |= lw_tile_channel_bit(c);
+    return family;
+}
+
+/* The newest snapshot of a channel's form, if it has the channel; NULL: there are no such tiles now. */
+static const struct lw_snapshot *now_of(const struct lw_nats_publisher *p, uint32_t channel) {
+    const struct lw_snapshot *now = p->form[form_of(channel)].now;
+    return now && lw_snapshot_has(now, channel) ? now : NULL;
+}
+
+/* Whether tiles of a channel are still to be looked at for JetStream. */
+static bool is_to_keep(const struct lw_nats_publisher *p, uint32_t channel) {
+    return now_of(p, channel) && p->channel[channel].keep_at < p->map->plain_count;
+}
+
+/* Whether all wanted tiles of a form's channels are there: SETTLED may follow them. */
+static bool is_settled(const struct lw_nats_publisher *p, const struct lw_snapshot *snapshot, uint32_t form) {
+    const uint32_t wanted = p->channels & family_of(p, form);
+    return snapshot->settled && !(wanted & ~snapshot->channels) && !(snapshot->unsettled & wanted);
+}
 
 /* ---- payloads ---- */
 
@@ -184,10 +216,11 @@ static enum lw_status keep_surely(struct lw_nats_publisher *p, const struct lw_b
 }
 
 static void forget_kept(struct lw_nats_publisher *p) {
-    for (uint32_t f = 0; f < FORMS; f++) {
-        memset(p->form[f].kept, 0, p->map->plain_count * sizeof *p->form[f].kept);
-        p->form[f].kept_frame = 0;
-        p->form[f].keep_at = p->map->plain_count;
+    const uint32_t tiles = p->map->plain_count;
+    for (uint32_t f = 0; f < FORMS; f++) p->form[f].kept_frame = 0;
+    LW_TILE_CHANNELS_EACH (c, p->served) {
+        if (p->channel[c].kept) memset(p->channel[c].kept, 0, tiles * sizeof *p->channel[c].kept);
+        p->channel[c].keep_at = tiles;
     }
 }
 
@@ -237,27 +270,42 @@ static bool keep(struct lw_nats_publisher *p, const struct lw_blob *messages, co
     return done;
 }
 
+/* Returns whether JetStream takes more. */
+static bool keep_tiles(struct lw_nats_publisher *p, uint32_t c) {
+    const struct lw_snapshot *now = now_of(p, c);
+    struct channel *channel = &p->channel[c];
+    char subject[LW_NATS_WIRE_SUBJECT_SIZE];
+    if (!channel->kept) channel->kept = calloc((size_t)p->map->plain_count + 1, sizeof *channel->kept);
+    for (uint32_t n = 0; channel->kept && n < KEEP_AT_ONCE && channel->keep_at < p->map->plain_count;
+         channel->keep_at++) {
+        const uint32_t t = channel->keep_at;
+        const struct lw_snapshot_tile *tile = &now->tile[c][t];
+        const struct lw_tile_place *place = &p->map->place[t];
+        if (!tile->version || tile->version == channel->kept[t]) continue;
+        lw_nats_wire_subject(subject, p->address.scene, "kept.%u.%u.%u.%u", c, place->object, place->level,
+                             lw_atlas_map_number(p->map, (lw_tile_id){t}));
+        if (!keep(p, tile->blob, subject)) return false;
+        channel->kept[t] = tile->version;
+        n++;
+    }
+    return true;
+}
+
 /* The FRAME goes first: no tile is of a later frame than it says. */
 static void keep_form(struct lw_nats_publisher *p, uint32_t f) {
     struct form *form = &p->form[f];
+    const uint32_t family = family_of(p, f);
     char subject[LW_NATS_WIRE_SUBJECT_SIZE];
-    if (!form->now || form->keep_at >= p->map->plain_count) return;
+    bool takes_more = true, is_due = false;
+    LW_TILE_CHANNELS_EACH (c, family) is_due |= is_to_keep(p, c);
+    if (!is_due) return;
     if (form->kept_frame != form->now->frame) {
         lw_nats_wire_subject(subject, p->address.scene, "kept.%u.frame", f);
         if (!keep(p, form->now->frame_full, subject)) return;
         form->kept_frame = form->now->frame;
     }
-    for (uint32_t n = 0; n < KEEP_AT_ONCE && form->keep_at < p->map->plain_count; form->keep_at++) {
-        const uint32_t t = form->keep_at;
-        const struct lw_snapshot_tile *tile = &form->now->tile[f][t];
-        const struct lw_tile_place *place = &p->map->place[t];
-        if (!tile->version || tile->version == form->kept[t]) continue;
-        lw_nats_wire_subject(subject, p->address.scene, "kept.%u.%u.%u.%u", f, place->object, place->level,
-                             lw_atlas_map_number(p->map, (lw_tile_id){t}));
-        if (!keep(p, tile->blob, subject)) return;
-        form->kept[t] = tile->version;
-        n++;
-    }
+    LW_TILE_CHANNELS_EACH (c, family)
+        if (takes_more && is_to_keep(p, c)) takes_more = keep_tiles(p, c);
 }
 
 static void retry_keeping(struct lw_nats_publisher *p, const char *why) {
@@ -273,8 +321,8 @@ static void retry_keeping(struct lw_nats_publisher *p, const char *why) {
 /* All of it has been kept since the last failure. */
 static void note_kept(struct lw_nats_publisher *p) {
     if (!p->told_keep || p->acks->waiting) return;
-    for (uint32_t f = 0; f < FORMS; f++)
-        if (p->form[f].now && (!p->form[f].kept_frame || p->form[f].keep_at < p->map->plain_count)) return;
+    LW_TILE_CHANNELS_EACH (c, p->served)
+        if (now_of(p, c) && (!p->form[form_of(c)].kept_frame || is_to_keep(p, c))) return;
     lw_log(LW_LOG_INFO, "%s: light is kept there again", p->address.name);
     p->told_keep = false;
 }
@@ -292,7 +340,7 @@ static void look_after_kept(struct lw_nats_publisher *p, uint64_t now_ns) {
     if (acks->waiting && now_ns - p->asked_ns > KEEP_ANSWER_S * 1000 * MS_NS) acks->waiting = 0; /* lost */
     if (!p->is_announced) return;
     if (now_ns >= p->keep_ns) {
-        for (uint32_t f = 0; f < FORMS; f++) p->form[f].keep_at = 0;
+        for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) p->channel[c].keep_at = 0;
         p->keep_ns = now_ns + LW_NATS_PUBLISHER_KEEP_MS * MS_NS;
     }
     for (uint32_t f = 0; f < FORMS; f++) keep_form(p, f);
@@ -300,21 +348,17 @@ static void look_after_kept(struct lw_nats_publisher *p, uint64_t now_ns) {
 
 /* ---- light ---- */
 
-static void publish_tiles(struct lw_nats_publisher *p, uint32_t f, const struct lw_snapshot *snapshot) {
-    const struct lw_snapshot *before = p->form[f].now;
+static void publish_tiles(struct lw_nats_publisher *p, uint32_t c, const struct lw_snapshot *snapshot) {
+    const struct lw_snapshot *before = now_of(p, c);
     char subject[LW_NATS_WIRE_SUBJECT_SIZE];
     for (uint32_t t = 0; t < p->map->plain_count; t++) {
-        const struct lw_snapshot_tile *tile = &snapshot->tile[f][t];
-        const uint64_t had = before ? before->tile[f][t].version : 0;
+        const struct lw_snapshot_tile *tile = &snapshot->tile[c][t];
+        const uint64_t had = before ? before->tile[c][t].version : 0;
         if (tile->version <= had) continue;
-        lw_nats_wire_subject(subject, p->address.scene, "live.%u.%u.%u", f, p->map->place[t].object,
+        lw_nats_wire_subject(subject, p->address.scene, "live.%u.%u.%u", c, p->map->place[t].object,
                              p->map->place[t].level);
         publish_to(p, subject, had && tile->delta && tile->base == had ? tile->delta : tile->blob);
     }
-}
-
-static bool is_settled(const struct lw_snapshot *snapshot, uint32_t f) {
-    return snapshot->settled && !(snapshot->unsettled >> f & 1);
 }
 
 /* What nobody wants is not published; who wants it later asks for what it lacks. */
@@ -330,8 +374,9 @@ static void publish_form(struct lw_nats_publisher *p, uint32_t f, struct lw_snap
                        last && snapshot->frame_delta && snapshot->previous_frame == last
                            ? snapshot->frame_delta
                            : snapshot->frame_full);
-        publish_tiles(p, f, snapshot);
-        if (is_settled(snapshot, f)) publish_to(p, subject, snapshot->settled);
+        const uint32_t wanted = p->channels & family_of(p, f) & snapshot->channels;
+        LW_TILE_CHANNELS_EACH (c, wanted) publish_tiles(p, c, snapshot);
+        if (is_settled(p, snapshot, f)) publish_to(p, subject, snapshot->settled);
     }
     lw_snapshot_unref(form->now);
     form->now = lw_snapshot_ref(snapshot);
@@ -353,12 +398,12 @@ static void take_snapshot(struct lw_nats_publisher *p) {
  * it asks: later live messages build on the answer. An empty payload ends it. */
 static enum lw_status answer_sync(struct lw_nats_publisher *p, struct lw_nats_wire_reader *reader,
                                   const char *reply) {
-    const uint8_t *form_byte = lw_nats_wire_read_bytes(reader, 1);
-    if (!form_byte || *form_byte >= FORMS) return LW_PROTOCOL;
-    const uint32_t f = *form_byte;
-    const struct lw_snapshot *now = p->form[f].now;
+    const uint8_t *channel_byte = lw_nats_wire_read_bytes(reader, 1);
+    if (!channel_byte || *channel_byte >= lw_tile_channels()->count) return LW_PROTOCOL;
+    const uint32_t c = *channel_byte, f = form_of(c);
+    const struct lw_snapshot *now = now_of(p, c);
     enum lw_status status = LW_OK;
-    if (now) publish_to(p, reply, now->frame_full);
+    if (p->form[f].now) publish_to(p, reply, p->form[f].now->frame_full);
     while (status == LW_OK && reader->left) {
         struct lw_message message;
         const uint8_t *raw;
@@ -371,12 +416,12 @@ static enum lw_status answer_sync(struct lw_nats_publisher *p, struct lw_nats_wi
             if (lw_atlas_finer(held->level)) continue;
             const uint32_t id = lw_atlas_map_find_tile(p->map, held->object, held->level, held->tile).v;
             if (id >= p->map->plain_count) continue;
-            const struct lw_snapshot_tile *tile = &now->tile[f][id];
+            const struct lw_snapshot_tile *tile = &now->tile[c][id];
             if (tile->version && tile->version != held->version) publish_to(p, reply, tile->blob);
         }
         lw_message_finish(&message);
     }
-    publish_to(p, reply, now && is_settled(now, f) ? now->settled : NULL);
+    publish_to(p, reply, now && is_settled(p, now, f) ? now->settled : NULL);
     return status;
 }
 
@@ -422,7 +467,8 @@ static enum lw_status take_want(struct lw_nats_publisher *p, struct lw_nats_wire
     size_t size, tile_count;
     uint32_t *tile;
     uint64_t relay;
-    if (!head || head[8] >= FORMS) return LW_PROTOCOL;
+    const uint32_t form = head ? lw_nats_wire_form(head[8]) : UINT32_MAX;
+    if (form == UINT32_MAX) return LW_PROTOCOL;
     memcpy(&relay, head, sizeof relay); /* a name: any order of bytes does */
     enum lw_status status = lw_nats_wire_read(reader, &message, &raw, &size);
     if (status != LW_OK || !raw) return status == LW_OK ? LW_PROTOCOL : status;
@@ -432,15 +478,17 @@ static enum lw_status take_want(struct lw_nats_publisher *p, struct lw_nats_wire
     const bool everything = message.type == LW_MESSAGE_INTEREST && message.interest.everything;
     lw_message_finish(&message);
     if (status != LW_OK) return status;
-    struct want *want = find_want(p, relay, head[8]);
+    struct want *want = find_want(p, relay, form);
     if (!want) {
         free(tile);
         return LW_OK;
     }
     want->heard_ns = lw_clock_ns();
-    p->wants_changed |= want->everything != everything || want->tile_count != tile_count ||
+    p->wants_changed |= want->everything != everything || want->channels != head[8] ||
+                        want->tile_count != tile_count ||
                         (tile_count && memcmp(want->tile, tile, tile_count * sizeof *tile) != 0);
     free(want->tile);
+    want->channels = head[8];
     want->everything = everything;
     want->tile = tile;
     want->tile_count = tile_count;
@@ -469,7 +517,7 @@ static void tell_wants(struct lw_nats_publisher *p) {
     if (!tile) return; /* later */
     memset(p->bits, 0, (p->map->plain_count / 64 + 1) * sizeof *p->bits);
     for (uint32_t i = 0; i < p->want_count; i++) {
-        wants.channels |= 1u << p->want[i].form;
+        wants.channels |= p->want[i].channels & p->served;
         wants.everything |= p->want[i].everything;
         for (size_t k = 0; k < p->want[i].tile_count; k++) {
             const uint32_t id = p->want[i].tile[k];
@@ -576,8 +624,8 @@ static void take_events(struct lw_nats_publisher *p) {
 }
 
 static int time_left(const struct lw_nats_publisher *p, uint64_t now_ns) {
-    for (uint32_t f = 0; f < FORMS && lw_nats_link_is_connected(p->link); f++)
-        if (p->is_announced && p->form[f].now && p->form[f].keep_at < p->map->plain_count)
+    LW_TILE_CHANNELS_EACH (c, p->served)
+        if (p->is_announced && is_to_keep(p, c) && lw_nats_link_is_connected(p->link))
             return p->acks->waiting >= KEEP_WAITING ? 10 : 0;
     return p->alive_ns > now_ns ? (int)((p->alive_ns - now_ns) / MS_NS) + 1 : 0;
 }
@@ -674,13 +722,7 @@ static enum lw_status make_room(struct lw_nats_publisher *p, const struct lw_nat
     p->finish_chunk_count = p->finish_chunk ? desc->finish_chunk_count : 0;
     p->bits = calloc(p->map->plain_count / 64 + 1, sizeof *p->bits);
     p->acks = calloc(1, sizeof *p->acks);
-    bool done = p->chunk && p->finish_chunk && p->bits && p->acks;
-    for (uint32_t f = 0; f < FORMS; f++) {
-        p->form[f].kept = calloc((size_t)p->map->plain_count + 1, sizeof *p->form[f].kept);
-        p->form[f].keep_at = p->map->plain_count;
-        done &= p->form[f].kept != NULL;
-    }
-    return done ? LW_OK : LW_NO_MEMORY;
+    return p->chunk && p->finish_chunk && p->bits && p->acks ? LW_OK : LW_NO_MEMORY;
 }
 
 enum lw_status lw_nats_publisher_create(const struct lw_nats_publisher_desc *desc,
@@ -693,6 +735,7 @@ enum lw_status lw_nats_publisher_create(const struct lw_nats_publisher_desc *des
     p->address = *desc->address;
     p->map = desc->map;
     p->run = desc->run;
+    p->served = desc->channels;
     p->wants = desc->wants;
     p->context = desc->context;
     p->stats.is_connected = true;
@@ -741,10 +784,8 @@ void lw_nats_publisher_destroy(struct lw_nats_publisher *p) {
         lw_nats_link_unsubscribe(p->link, p->subscription[i]);
     lw_nats_link_destroy(p->link);
     for (uint32_t i = 0; i < p->want_count; i++) free(p->want[i].tile);
-    for (uint32_t f = 0; f < FORMS; f++) {
-        lw_snapshot_unref(p->form[f].now);
-        free(p->form[f].kept);
-    }
+    for (uint32_t f = 0; f < FORMS; f++) lw_snapshot_unref(p->form[f].now);
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) free(p->channel[c].kept);
     lw_snapshot_unref(p->latest);
     lw_blob_unref(p->welcome);
     unref_all(p->chunk, p->chunk_count);

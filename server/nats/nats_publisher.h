@@ -18,7 +18,7 @@
 
 /** What relays want, all of them together. */
 struct lw_nats_publisher_wants {
-    uint32_t channels;    /* a bit for each form of light */
+    uint32_t channels;    /* a bit for each: forms of light, and where it comes from */
     bool everything;      /* then there is no list */
     const uint32_t *tile; /* ids, each once */
     size_t tile_count;
@@ -28,6 +28,7 @@ struct lw_nats_publisher_desc {
     const struct lw_nats_wire_address *address; /* copied */
     const struct lw_atlas_map *map;             /* outlives it; tiles of finer levels are not published */
     uint32_t object_count, light_count;
+    uint32_t channels; /* a bit for each channel that the light may have (tile_channels.h) */
     uint64_t run;
     /* The welcome and the chunks of the packages, as sessions get them; copied references. */
     struct lw_blob *welcome, *const *chunk, *const *finish_chunk;

@@ -1403,13 +1403,13 @@ enum lw_status lw_server_get_scene(struct lw_server *server, struct lw_server_sc
     const struct lw_session_shared *shared = &server->shared;
     enum lw_status status = await_packages(server);
     if (status != LW_OK) return status;
-    struct lw_server_scene scene = {.run = shared->welcome.run};
+    struct lw_server_scene scene = {.run = shared->welcome.run, .channels = shared->channels_served};
     struct lw_message message = {.type = LW_MESSAGE_WELCOME, .welcome = shared->welcome};
     struct lw_message_welcome *w = &message.welcome;
     w->session = 1;
     w->servers = NULL; /* each has a list of its own */
     w->features |= LW_FEATURE_RESUME | (w->finish.size ? LW_FEATURE_MATERIALS : 0) |
-                   (shared->channels_served >> LW_LIGHT_FORM_SPLIT & 1 ? LW_FEATURE_DRAWS : 0);
+                   lw_tile_channels_features(shared->channels_served);
     status = lw_blob_from_message(&message, &scene.welcome);
     if (status != LW_OK) return status;
     scene.chunk = ref_chunks(&shared->package);

@@ -183,6 +183,7 @@ struct lw_server_scene {
     struct lw_blob *welcome;                /* with every feature that there is */
     struct lw_blob **chunk, **finish_chunk; /* messages, in order */
     uint32_t chunk_count, finish_chunk_count;
+    uint32_t channels; /* a bit for each channel that a session may ask for */
     uint64_t run;
 };
 /** lw_server_scene_finish() frees it. Waits until the packages are compressed. From the thread that calls

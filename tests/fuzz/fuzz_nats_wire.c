@@ -27,6 +27,12 @@ static void read_address(const uint8_t *data, size_t size) {
     free(text);
 }
 
+/* What the byte of a `want` says. */
+static void read_channels(uint8_t channels) {
+    const uint32_t form = lw_nats_wire_form(channels);
+    require(form == UINT32_MAX || (form < LW_LIGHT_FORM_COUNT && channels >> form & 1));
+}
+
 static void read_payload(const uint8_t *data, size_t size) {
     struct lw_nats_wire_prefix prefix;
     struct lw_nats_wire_reader reader;
@@ -51,6 +57,7 @@ static void read_payload(const uint8_t *data, size_t size) {
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     if (!size) return 0;
+    read_channels(*data);
     (*data & 1 ? read_address : read_payload)(data + 1, size - 1);
     return 0;
 }

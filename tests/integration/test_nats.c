@@ -217,6 +217,79 @@ static void what_is_kept_serves_newcomers(void **state) {
     assert_true(first_has_light());
 }
 
+/* ---- where light comes from ---- */
+
+/* Tiles of a channel that JetStream has. */
+static uint32_t count_kept(uint32_t channel) {
+    char subject[LW_NATS_WIRE_SUBJECT_SIZE];
+    natsConnection *connection = NULL;
+    jsCtx *jetstream = NULL;
+    jsStreamInfo *info = NULL;
+    jsOptions options;
+    jsErrCode code = 0;
+    jsOptions_Init(&options);
+    lw_nats_wire_subject(subject, "room", "kept.%u.*.*.*", channel);
+    options.Stream.Info.SubjectsFilter = subject;
+    assert_int_equal(natsConnection_ConnectTo(&connection, address("")), NATS_OK);
+    assert_int_equal(natsConnection_JetStream(&jetstream, connection, NULL), NATS_OK);
+    assert_int_equal(js_GetStreamInfo(&info, jetstream, "lightwell-room", &options, &code), NATS_OK);
+    const uint32_t count = info->State.Subjects ? (uint32_t)info->State.Subjects->Count : 0;
+    jsStreamInfo_Destroy(info);
+    jsCtx_Destroy(jetstream);
+    natsConnection_Destroy(connection);
+    return count;
+}
+
+static uint32_t count_directions(int i) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[i]);
+    uint32_t count = 0;
+    for (uint32_t t = 0; map && t < map->plain_count; t++)
+        count += lw_client_get_tile(lw_relays_client[i], (lw_tile_id){t}).direction_version > 0;
+    return count;
+}
+
+static uint32_t directions_due;
+static bool directions_are_kept(void) {
+    return count_kept(LW_TILE_CHANNEL_DIRECTION_SPLIT) >= directions_due;
+}
+static bool third_has_settled(void) { return lw_relays_stats(2).settled_frame > 0; }
+static bool first_has_directions(void) { return count_directions(0) >= directions_due; }
+
+/* Clients get directions as from the daemon. A relay that joins without a daemon finds them in NATS. */
+static void directions_come_through(void **state) {
+    (void)state;
+    const struct lw_client_desc desc = {.draws_direct = true, .channel_features = LW_TILE_CHANNELS_DIRECTION};
+    start_nats(true, 0);
+    for (int some = 0; some < 2; some++) {
+        serve(some ? "builtin:atrium --freeze 0 --texels-per-metre 1.5 --clock step --light whole "
+                     "--error 0.5 --http none"
+                   : LW_RELAYS_CORNELL " --directional on");
+        lw_relays_start(&relay[0], address("room"), "");
+        lw_relays_join_with(0, server.port, desc);
+        lw_relays_join_with(1, relay[0].port, desc);
+        lw_relays_expect_same_directions();
+        lw_relays_join(2, relay[0].port); /* all light, without directions */
+        lw_relays_wait(third_has_settled);
+        assert_int_equal(count_directions(2), 0);
+        directions_due = count_directions(0);
+        lw_relays_wait(directions_are_kept);
+        for (int i = 0; i < 3; i++) {
+            lw_client_destroy(lw_relays_client[i]);
+            lw_relays_client[i] = NULL;
+        }
+        kill_it(&server);
+        kill_it(&relay[0]);
+        lw_relays_start(&relay[0], address("room"), "");
+        lw_relays_join_with(0, relay[0].port, desc);
+        lw_relays_wait(first_has_directions);
+        lw_client_destroy(lw_relays_client[0]);
+        lw_relays_client[0] = NULL;
+        kill_it(&relay[0]);
+    }
+}
+
+/* ---- interest ---- */
+
 /* By the relay's session of the client's form alone: the one that the relay began with is forgotten. */
 static bool is_wanted(void) {
     return lw_relays_figure(&server, "lightwell_interest_tiles") >= 8 &&
@@ -482,6 +555,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(each_part_dies_in_turn, end_all),
         cmocka_unit_test_teardown(what_is_kept_serves_newcomers, end_all),
+        cmocka_unit_test_teardown(directions_come_through, end_all),
         cmocka_unit_test_teardown(interest_goes_up, end_all),
         cmocka_unit_test_teardown(bad_starts_end_with_a_line, end_all),
         cmocka_unit_test_teardown(a_full_jetstream_is_told, end_all),

@@ -38,7 +38,7 @@ void lw_relays_wait_for(bool (*is_so)(void), const char *name);
 bool lw_relays_is_at_rest(int i);
 bool lw_relays_all_rest(void);
 /** Waits until a daemon's light is converged, so that no frame of its own follows, and every client has it:
- * client 0 is the daemon's own. The texels that clients see may be as good as asked for some frames before. */
+ * client 0 is the daemon's own. The texels that clients see may be as good as asked some frames before. */
 void lw_relays_rest(const struct lw_process *daemon);
 /** Every client has every tile in the version of the first, and the same frame; a run that a relay has joined
  * to another counts as itself. */
@@ -46,6 +46,9 @@ bool lw_relays_all_same(void);
 /** Ends the test unless it comes to that, and all see the same. */
 void lw_relays_expect_same(void);
 void lw_relays_expect_same_texels(void);
+/** Waits until clients 0 and 1 have the same light, and directions in the same versions, of more than a few
+ * tiles. Ends the test unless the texels of these are the same. */
+void lw_relays_expect_same_directions(void);
 
 /** Makes a change and waits for the answer; its frame. */
 uint64_t lw_relays_update(int i, const struct lw_scene_change *change, struct lw_client_answer *out_answer);
