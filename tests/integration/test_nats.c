@@ -1,5 +1,6 @@
 /* The real lightwelld, nats-server and lightwell-relay: light through NATS, light kept there, and parts
  * that die. */
+#include "tests/support/nats_case.h"
 #include "tests/support/relays.h"
 
 #include "common/nats/nats_link.h"
@@ -7,7 +8,6 @@
 
 #include <arpa/inet.h>
 #include <errno.h>
-#include <ftw.h>
 #include <netinet/in.h>
 #include <poll.h>
 #include <signal.h>
@@ -16,70 +16,28 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
-#include <sys/stat.h>
 #include <unistd.h>
-
-#ifndef LW_NATS_SERVER
-#define LW_NATS_SERVER ""
-#endif
 
 #define RELAYS 3
 #define TILES  "lightwell_upstream_received_tiles_total"
 
-static struct lw_process server, nats, relay[RELAYS];
-static uint16_t nats_port;
-static char store[200]; /* folder of JetStream's files */
-
-static int remove_file(const char *path, const struct stat *about, int kind, struct FTW *walk) {
-    (void)about, (void)kind, (void)walk;
-    return remove(path);
-}
+static struct lw_process server, relay[RELAYS];
+static struct lw_nats_case nats;
 
 static int end_all(void **state) {
     (void)state;
     lw_relays_end();
-    (void)nftw(store, remove_file, 16, FTW_DEPTH | FTW_PHYS);
+    lw_nats_case_finish(&nats);
     memset(relay, 0, sizeof relay);
     return 0;
 }
 
-/* A port of 127.0.0.1 that nobody has: nats-server has to come back at it. */
-static uint16_t free_port(void) {
-    struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-    socklen_t size = sizeof address;
-    const int descriptor = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    assert_int_equal(bind(descriptor, (struct sockaddr *)&address, size), 0);
-    assert_int_equal(getsockname(descriptor, (struct sockaddr *)&address, &size), 0);
-    close(descriptor);
-    return ntohs(address.sin_port);
-}
-
-/* options: "-js", or none; limit: of JetStream's files, bytes; 0: none */
-static void run_nats(bool jetstream, unsigned limit) {
-    char arguments[500], config[128];
-    const char *path = lw_support_temporary("nats.conf");
-    const int length = limit ? snprintf(config, sizeof config,
-                                        "jetstream { max_file_store: %u, max_memory_store: 1M }\n", limit)
-                             : 0;
-    lw_support_write_file(path, config, (size_t)length);
-    snprintf(arguments, sizeof arguments, "-a 127.0.0.1 -p %u -sd %s -c %s%s", nats_port, store, path,
-             jetstream ? " -js" : "");
-    lw_process_start(&nats, LW_NATS_SERVER, arguments);
-    lw_process_await_text(&nats, "Server is ready");
-}
-
+/* limit: of JetStream's files, bytes; 0: none */
 static void start_nats(bool jetstream, unsigned limit) {
-    if (!*LW_NATS_SERVER) skip();
-    nats_port = free_port();
-    snprintf(store, sizeof store, "%s", lw_support_temporary("jetstream"));
-    run_nats(jetstream, limit);
+    lw_nats_case_start(&nats, &(struct lw_nats_case_desc){.no_jetstream = !jetstream, .limit = limit});
 }
 
-static const char *address(const char *scene) {
-    static char text[64];
-    snprintf(text, sizeof text, "nats://127.0.0.1:%u/%s", nats_port, scene);
-    return text;
-}
+static const char *address(const char *scene) { return lw_nats_case_address(&nats, scene); }
 
 static void serve(const char *options) {
     char arguments[500];
@@ -144,7 +102,7 @@ static void each_part_dies_in_turn(void **state) {
     assert_non_null(strstr(answer.text, "do not go through NATS"));
     change(&show_5);
     /* NATS: the daemon serves on, relays keep their light, and have the rest once it is back */
-    kill_it(&nats);
+    lw_nats_case_kill(&nats);
     lw_process_await_text(&server, "is gone: its relays get no light");
     frame_due = lw_relays_update(0, &hide_5, &answer);
     assert_int_equal(answer.code, LW_SCENE_CHANGE_OK);
@@ -153,7 +111,7 @@ static void each_part_dies_in_turn(void **state) {
         assert_true(lw_relays_stats(i).frame < frame_due);
         assert_false(lw_client_object_hidden(lw_relays_client[i], 5));
     }
-    run_nats(true, 0);
+    start_nats(true, 0);
     lw_process_await_text(&server, "is there again");
     lw_relays_wait(all_went_on);
     lw_relays_expect_same();
@@ -322,9 +280,9 @@ static void bad_starts_end_with_a_line(void **state) {
     snprintf(arguments, sizeof arguments, LW_RELAYS_CORNELL " --listen 127.0.0.1:0 --nats %s",
              address("room"));
     lw_process_refuses("lightwelld", arguments, 69, "has no JetStream: start it with", LW_PROCESS_LIMIT_S);
-    kill_it(&nats);
+    lw_nats_case_kill(&nats);
     lw_process_refuses("lightwelld", arguments, 69, "is nats-server running?", LW_PROCESS_LIMIT_S);
-    run_nats(true, 0);
+    start_nats(true, 0);
     serve(LW_RELAYS_CORNELL);
     lw_process_refuses("lightwelld", arguments, 69, "another lightwelld publishes", LW_PROCESS_LIMIT_S);
     struct lw_process other = {.port = 0};
@@ -347,9 +305,9 @@ static void a_full_jetstream_is_told(void **state) {
     snprintf(arguments, sizeof arguments, LW_RELAYS_CORNELL " --listen 127.0.0.1:0 --nats %s",
              address("room"));
     lw_process_refuses("lightwelld", arguments, 69, "JetStream is full", LW_PROCESS_LIMIT_S);
-    kill_it(&nats);
-    (void)nftw(store, remove_file, 16, FTW_DEPTH | FTW_PHYS);
-    run_nats(false, 5000);
+    lw_nats_case_kill(&nats);
+    lw_nats_case_finish(&nats);
+    start_nats(false, 5000);
     serve(LW_RELAYS_CORNELL);
     lw_process_await_text(&server, "JetStream is full: relays that join find older light there");
     lw_relays_start(&relay[0], address("room"), "");
@@ -375,7 +333,7 @@ static void say(const void *bytes, size_t size) {
 static void become_stranger(void) {
     static const char hello[] = "CONNECT {\"verbose\":false,\"pedantic\":false,\"echo\":false}\r\n";
     struct sockaddr_in to = {
-        .sin_family = AF_INET, .sin_port = htons(nats_port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+        .sin_family = AF_INET, .sin_port = htons(nats.port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
     stranger = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
     assert_int_equal(connect(stranger, (struct sockaddr *)&to, sizeof to), 0);
     say(hello, strlen(hello));
@@ -463,9 +421,11 @@ static uint64_t run_of_kept(void) {
  * the same. */
 static void bytes_of_anybody_harm_nothing(void **state) {
     (void)state;
-    static const char *const rest[] = {"want",           "sync",         "who",         "live.0.frame",
-                                       "live.0.0.0",     "live.0.1.0",   "live.1.0.0",  "live.0.4000000000.9",
-                                       "live.0.frame.x", "kept.0.0.0.0", "kept.0.frame"};
+    static const char *const rest[] = {
+        "want",           "sync",         "who",          "live.0.frame",
+        "live.0.0.0",     "live.0.1.0",   "live.1.0.0",   "live.0.4000000000.9",
+        "live.0.frame.x", "kept.0.0.0.0", "kept.0.frame", "live.2.0.0",
+        "fine.0.0.65",    "fine.2.0.66",  "kept.2.0.0.0"};
     start_nats(true, 0);
     serve(LW_RELAYS_CORNELL);
     lw_relays_start(&relay[0], address("room"), "");
@@ -548,10 +508,7 @@ static void a_subscription_ends_in_a_message(void **state) {
 }
 
 int main(void) {
-    if (!*LW_NATS_SERVER) {
-        puts("skipped: there is no nats-server (scripts/deps.sh)");
-        return 0;
-    }
+    if (!lw_nats_case_is_possible()) return 0;
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(each_part_dies_in_turn, end_all),
         cmocka_unit_test_teardown(what_is_kept_serves_newcomers, end_all),
