@@ -14,6 +14,7 @@
  * scenes may have. */
 #define LW_NATS_WIRE_TILES_MAX   16384u
 #define LW_NATS_WIRE_OBJECTS_MAX LW_MESSAGE_TRANSFORMS_MAX /* and lights */
+#define LW_NATS_WIRE_FINE_MAX    1024u                     /* tiles of finer levels in a `want` */
 #define LW_NATS_WIRE_CHUNKS_MAX  65536u                    /* in a package */
 #define LW_NATS_WIRE_ALIVE_MS    1000u                     /* a publisher says so often that it is there */
 #define LW_NATS_WIRE_WANT_MS     1500u                     /* a relay says so often what it wants */

@@ -4,6 +4,7 @@
 #include "common/invariant.h"
 #include "common/nats/nats_link.h"
 #include "proto/message_reader.h"
+#include "relay/nats_fine.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -45,6 +46,7 @@ struct lw_nats_feed {
     struct lw_message_reader reader;
     uint8_t input[INPUT_SIZE];
     bool greets, asked; /* HELLO, PACKAGE_REQUEST have come */
+    bool has_finer;     /* the session reads finer levels, and there are some */
     bool streams;       /* light is sent */
     uint32_t form;
     uint32_t channel[LW_TILE_CHANNELS_MAX], channel_count; /* the form, and those that follow it */
@@ -62,6 +64,8 @@ struct lw_nats_feed {
     natsSubscription *frames, *alive, *answers, *all[LW_TILE_CHANNELS_MAX];
     natsSubscription **level;               /* by the id of the first tile of an object's level */
     uint64_t *wanted;                       /* bit by the first tile of an object's level */
+    struct lw_nats_fine *fine, *next_fine;  /* listed tiles of finer levels, and the next list */
+    natsSubscription **fine_level;          /* by channel, object and finer level; see fine_level_of() */
     char answer[LW_NATS_WIRE_SUBJECT_SIZE]; /* "SUBJECT." of answers */
     unsigned sync_number;
     bool syncs, lacks_any;
@@ -70,9 +74,17 @@ struct lw_nats_feed {
 
 /* ---- ids of tiles ---- */
 
+/* Numbers of a channel's tiles: ids of the map, then places of the tiles of finer levels that are listed. */
+static uint32_t tile_room(const struct lw_nats_feed *feed) {
+    return feed->map->plain_count + (feed->fine ? LW_NATS_WIRE_FINE_MAX : 0);
+}
+static uint32_t tile_count(const struct lw_nats_feed *feed) {
+    return feed->map->plain_count + (feed->fine ? feed->fine->count : 0);
+}
+
 /* Ids: the tiles of the first channel, then those of the next one. */
 static uint32_t id_of(const struct lw_nats_feed *feed, uint32_t nth, uint32_t tile) {
-    return nth * feed->map->plain_count + tile;
+    return nth * tile_room(feed) + tile;
 }
 static uint32_t id_count(const struct lw_nats_feed *feed) { return id_of(feed, feed->channel_count, 0); }
 static size_t words_of(const struct lw_nats_feed *feed) { return id_count(feed) / 64 + 1; }
@@ -86,6 +98,18 @@ static uint32_t nth_of(const struct lw_nats_feed *feed, uint32_t channel) {
 
 static bool is_set(const uint64_t *bits, uint32_t id) { return bits[id / 64] >> id % 64 & 1; }
 static void set_bit(uint64_t *bits, uint32_t id) { bits[id / 64] |= 1ull << id % 64; }
+
+static void clear_bit(uint64_t *bits, uint32_t id) { bits[id / 64] &= ~(1ull << id % 64); }
+
+/* The number of a tile that is named as on the wire. UINT32_MAX: no such tile, or a finer one not listed. */
+static uint32_t find_tile(const struct lw_nats_feed *feed, uint32_t object, uint32_t level, uint32_t tile) {
+    const struct lw_atlas_map *map = feed->map;
+    if (!lw_atlas_finer(level)) return lw_atlas_map_find_tile(map, object, level, tile).v;
+    const uint64_t name = lw_atlas_map_name_tile(map, object, level, tile);
+    if (!feed->fine || name == UINT64_MAX) return UINT32_MAX;
+    const uint32_t place = lw_nats_fine_find(feed->fine, name);
+    return place == LW_NATS_FINE_NONE ? UINT32_MAX : map->plain_count + place;
+}
 
 static uint32_t first_of(const struct lw_atlas_map *map, uint32_t tile) {
     return lw_atlas_map_first(map, map->place[tile].object, map->place[tile].level);
@@ -236,6 +260,8 @@ static void lack_heard(struct lw_nats_feed *feed) {
     for (uint32_t n = 0; n < feed->channel_count; n++)
         for (uint32_t t = 0; t < feed->map->plain_count; t++)
             if (is_heard(feed, n, t)) lack(feed, id_of(feed, n, t));
+    for (uint32_t n = 0; n < feed->channel_count; n++)
+        for (uint32_t t = feed->map->plain_count; t < tile_count(feed); t++) lack(feed, id_of(feed, n, t));
     feed->lacks_any = true; /* the FRAME at least */
 }
 
@@ -247,11 +273,8 @@ static void lack_all(struct lw_nats_feed *feed) {
 /* A tile whole, or one that builds on what the session has; else it is asked for. */
 static enum lw_status send_tile(struct lw_nats_feed *feed, const struct lw_message_tile *t,
                                 const uint8_t *raw, size_t size) {
-    const struct lw_atlas_map *map = feed->map;
-    if (lw_atlas_finer(t->level)) return LW_OK;
-    const uint32_t nth = nth_of(feed, t->layer),
-                   tile = lw_atlas_map_find_tile(map, t->object, t->level, t->tile).v;
-    if (tile >= map->plain_count || nth == feed->channel_count) return LW_OK; /* none of ours */
+    const uint32_t nth = nth_of(feed, t->layer), tile = find_tile(feed, t->object, t->level, t->tile);
+    if (tile == UINT32_MAX || nth == feed->channel_count) return LW_OK; /* none of ours */
     const uint32_t id = id_of(feed, nth, tile);
     if (t->version <= feed->known[id]) return LW_OK;
     if (t->version / 2 + t->version % 2 > feed->frame || (t->base && t->base != feed->known[id])) {
@@ -414,6 +437,82 @@ static enum lw_status hear_channel(struct lw_nats_feed *feed, uint32_t nth, bool
     return status;
 }
 
+/* ---- finer levels ---- */
+
+static size_t fine_level_count(const struct lw_nats_feed *feed) {
+    return feed->fine ? (size_t)feed->channel_count * feed->map->object_count * LW_ATLAS_FINER_MAX : 0;
+}
+
+static natsSubscription **fine_level_of(struct lw_nats_feed *feed, uint32_t nth, uint32_t object,
+                                        uint32_t level) {
+    return &feed->fine_level[((size_t)nth * feed->map->object_count + object) * LW_ATLAS_FINER_MAX +
+                             lw_atlas_finer(level) - 1];
+}
+
+/* Moves versions and requests of listed tiles to their new places. Newly listed tiles are lacking. */
+static void move_fine(struct lw_nats_feed *feed, uint32_t nth, uint64_t *known, uint8_t *flags) {
+    const uint32_t first = id_of(feed, nth, feed->map->plain_count);
+    for (uint32_t i = 0; i < feed->next_fine->count; i++) {
+        const uint32_t was = lw_nats_fine_find(feed->fine, feed->next_fine->tile[i].name);
+        const bool is_new = was == LW_NATS_FINE_NONE;
+        known[i] = is_new ? 0 : feed->known[first + was];
+        flags[i] =
+            is_new ? 1 : (uint8_t)(is_set(feed->lacks, first + was) | is_set(feed->listed, first + was) << 1);
+    }
+    for (uint32_t i = 0; i < LW_NATS_WIRE_FINE_MAX; i++) {
+        const bool is_listed = i < feed->next_fine->count;
+        feed->known[first + i] = is_listed ? known[i] : 0;
+        clear_bit(feed->lacks, first + i);
+        clear_bit(feed->listed, first + i);
+        if (is_listed && flags[i] & 1) lack(feed, first + i);
+        if (is_listed && flags[i] & 2) set_bit(feed->listed, first + i);
+    }
+}
+
+/* Subscribes to levels with a listed tile. */
+static enum lw_status hear_fine(struct lw_nats_feed *feed, uint32_t nth) {
+    char subject[LW_NATS_WIRE_SUBJECT_SIZE];
+    enum lw_status status = LW_OK;
+    for (uint32_t i = 0; status == LW_OK && i < feed->next_fine->count; i++) {
+        const struct lw_nats_fine_tile *t = &feed->next_fine->tile[i];
+        natsSubscription **level = fine_level_of(feed, nth, t->object, t->level);
+        if (*level) continue;
+        lw_nats_wire_subject(subject, feed->address.scene, "fine.%u.%u.%u", feed->channel[nth], t->object,
+                             t->level);
+        status = lw_nats_link_subscribe(feed->link, subject, level);
+    }
+    return status;
+}
+
+/* Ends subscriptions to levels without a listed tile. Names are in the order of objects and levels. */
+static void leave_fine(struct lw_nats_feed *feed, uint32_t nth) {
+    const struct lw_nats_fine *fine = feed->fine;
+    uint32_t at = 0;
+    for (uint32_t o = 0; o < feed->map->object_count; o++)
+        for (uint32_t k = 1; k <= LW_ATLAS_FINER_MAX; k++) {
+            const uint32_t level = LW_ATLAS_FINER + k, from = at;
+            while (at < fine->count && fine->tile[at].object == o && fine->tile[at].level == level) at++;
+            if (at == from) leave(feed, fine_level_of(feed, nth, o, level));
+        }
+    LW_INVARIANT(at == fine->count);
+}
+
+/* interest: NULL: no tile of finer levels is listed */
+static enum lw_status list_fine(struct lw_nats_feed *feed, const struct lw_message_interest *interest) {
+    uint64_t known[LW_NATS_WIRE_FINE_MAX];
+    uint8_t flags[LW_NATS_WIRE_FINE_MAX];
+    enum lw_status status = LW_OK;
+    if (!feed->fine) return LW_OK;
+    lw_nats_fine_list(feed->next_fine, feed->map, interest);
+    for (uint32_t n = 0; status == LW_OK && n < feed->channel_count; n++) status = hear_fine(feed, n);
+    for (uint32_t n = 0; n < feed->channel_count; n++) move_fine(feed, n, known, flags);
+    struct lw_nats_fine *before = feed->fine;
+    feed->fine = feed->next_fine;
+    feed->next_fine = before;
+    for (uint32_t n = 0; n < feed->channel_count; n++) leave_fine(feed, n);
+    return status;
+}
+
 static enum lw_status hear(struct lw_nats_feed *feed, const struct lw_message_interest *interest) {
     const bool everything = !interest || interest->everything;
     enum lw_status status = LW_OK;
@@ -421,6 +520,7 @@ static enum lw_status hear(struct lw_nats_feed *feed, const struct lw_message_in
     if (!everything) list_levels(feed, interest);
     for (uint32_t n = 0; status == LW_OK && n < feed->channel_count; n++)
         status = hear_channel(feed, n, everything);
+    if (status == LW_OK) status = list_fine(feed, everything ? NULL : interest);
     return status == LW_NO_MEMORY ? status : LW_OK; /* without NATS: again when it is there */
 }
 
@@ -473,7 +573,7 @@ static void say_want(struct lw_nats_feed *feed, uint64_t now_ns) {
 }
 
 static bool lacks_of(const struct lw_nats_feed *feed, uint32_t nth) {
-    for (uint32_t t = 0; t < feed->map->plain_count; t++)
+    for (uint32_t t = 0; t < tile_count(feed); t++)
         if (is_set(feed->lacks, id_of(feed, nth, t))) return true;
     return false;
 }
@@ -484,19 +584,28 @@ static bool lacks_tiles(const struct lw_nats_feed *feed) {
     return false;
 }
 
+/* As on the wire, without a version. */
+static struct lw_message_held name_tile(const struct lw_nats_feed *feed, uint32_t tile) {
+    const struct lw_atlas_map *map = feed->map;
+    if (tile >= map->plain_count) {
+        const struct lw_nats_fine_tile *t = &feed->fine->tile[tile - map->plain_count];
+        return (struct lw_message_held){t->object, t->level, t->tile, 0};
+    }
+    const struct lw_tile_place *p = &map->place[tile];
+    return (struct lw_message_held){p->object, p->level, lw_atlas_map_number(map, (lw_tile_id){tile}), 0};
+}
+
 /* Moves lacking tiles of a channel to the asked ones, and lists them. *from: where to look on. */
 static size_t list_lacking(struct lw_nats_feed *feed, uint32_t nth, struct lw_message_held *held,
                            uint32_t *from) {
-    const struct lw_atlas_map *map = feed->map;
     size_t count = 0;
-    for (; *from < map->plain_count && count < LW_MESSAGE_HOLDS_MAX; ++*from) {
+    for (; *from < tile_count(feed) && count < LW_MESSAGE_HOLDS_MAX; ++*from) {
         const uint32_t id = id_of(feed, nth, *from);
-        const struct lw_tile_place *p = &map->place[*from];
         if (!is_set(feed->lacks, id)) continue;
-        held[count++] = (struct lw_message_held){
-            p->object, p->level, lw_atlas_map_number(map, (lw_tile_id){*from}), feed->known[id]};
+        held[count] = name_tile(feed, *from);
+        held[count++].version = feed->known[id];
         set_bit(feed->listed, id);
-        feed->lacks[id / 64] &= ~(1ull << id % 64);
+        clear_bit(feed->lacks, id);
     }
     return count;
 }
@@ -645,7 +754,9 @@ static enum lw_status take_hello(struct lw_nats_feed *feed, const struct lw_mess
     struct lw_message answer = feed->welcome;
     struct lw_message_welcome *w = &answer.welcome;
     if (feed->greets) return LW_PROTOCOL;
-    w->features &= hello->features & ~LW_FEATURE_FINER; /* NATS has no tiles of finer levels */
+    w->features &= hello->features;
+    if (!(w->features & LW_FEATURE_FINER)) w->finer = 0;
+    feed->has_finer = w->finer > 0;
     if (!(w->features & LW_FEATURE_MATERIALS)) w->finish = (struct lw_message_package){0};
     if (!(w->features & LW_FEATURE_DRAWS)) {
         w->client_lights = w->client_materials = NULL;
@@ -678,6 +789,12 @@ static enum lw_status make_room(struct lw_nats_feed *feed) {
     const struct lw_atlas_map *map = feed->map;
     if (!map || feed->known) return LW_OK;
     LW_INVARIANT(feed->channel_count > 0);
+    if (feed->has_finer) { /* first: ids are counted by it */
+        feed->fine = calloc(1, sizeof *feed->fine);
+        feed->next_fine = calloc(1, sizeof *feed->next_fine);
+        feed->fine_level = calloc(fine_level_count(feed) + 1, sizeof(natsSubscription *));
+        if (!feed->fine || !feed->next_fine || !feed->fine_level) return LW_NO_MEMORY;
+    }
     feed->known = calloc((size_t)id_count(feed) + 1, sizeof *feed->known);
     feed->lacks = calloc(words_of(feed), sizeof *feed->lacks);
     feed->listed = calloc(words_of(feed), sizeof *feed->listed);
@@ -899,6 +1016,8 @@ static void free_feed(struct lw_nats_feed *feed) {
     for (uint32_t n = 0; n < feed->channel_count; n++) lw_nats_link_unsubscribe(feed->link, feed->all[n]);
     for (uint32_t i = 0; feed->level && i < id_count(feed); i++)
         lw_nats_link_unsubscribe(feed->link, feed->level[i]);
+    for (size_t i = 0; feed->fine_level && i < fine_level_count(feed); i++)
+        lw_nats_link_unsubscribe(feed->link, feed->fine_level[i]);
     jsCtx_Destroy(feed->jetstream);
     lw_nats_link_destroy(feed->link);
     if (feed->welcome.type) lw_message_finish(&feed->welcome);
@@ -911,6 +1030,9 @@ static void free_feed(struct lw_nats_feed *feed) {
     free(feed->listed);
     free(feed->wanted);
     free(feed->level);
+    free(feed->fine_level);
+    free(feed->fine);
+    free(feed->next_fine);
     free(feed);
 }
 
