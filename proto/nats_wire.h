@@ -23,6 +23,8 @@
 /** nats://[USER:PASSWORD@]HOST:PORT[/SCENE], or tls:// in its place. */
 struct lw_nats_wire_address {
     char url[300];  /* for libnats: without the scene */
+    char host[256]; /* name or number of its machine: that of a certificate */
+    bool tls;
     char name[400]; /* for people: without the password */
     char scene[LW_NATS_WIRE_SCENE_MAX + 1];
 };

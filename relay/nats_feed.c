@@ -1046,13 +1046,15 @@ enum lw_status lw_nats_feed_create(const struct lw_nats_feed_desc *desc, struct 
     feed->socket = -1;
     feed->lacks_frame = true;
     feed->reader.body_max = LW_FRAMING_CLIENT_BODY_MAX;
-    enum lw_status status =
-        lw_nats_link_create(&(struct lw_nats_link_desc){.url = feed->address.url,
-                                                        .name = feed->address.name,
-                                                        .client = "lightwell-relay " LW_VERSION,
-                                                        .timeout_ms = desc->timeout_ms,
-                                                        .queue_max = QUEUE_MAX},
-                            &feed->link, err);
+    enum lw_status status = lw_nats_link_create(
+        &(struct lw_nats_link_desc){.url = feed->address.url,
+                                    .name = feed->address.name,
+                                    .tls_host = feed->address.tls ? feed->address.host : NULL,
+                                    .trust = desc->trust,
+                                    .client = "lightwell-relay " LW_VERSION,
+                                    .timeout_ms = desc->timeout_ms,
+                                    .queue_max = QUEUE_MAX},
+        &feed->link, err);
     if (status == LW_OK) status = listen_first(feed, err);
     if (status == LW_OK) status = find_light(feed, desc, err);
     if (status == LW_OK && (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, pair) != 0 ||

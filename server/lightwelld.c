@@ -204,6 +204,7 @@ static enum lw_status join_nats(struct lw_daemon *d, bool follows, struct lw_err
     if (status != LW_OK) return lw_status_fail(err, status, "out of memory");
     status = lw_nats_publisher_create(
         &(struct lw_nats_publisher_desc){.address = &s->nats_address,
+                                         .trust = s->nats_trust,
                                          .map = &d->atlas_map,
                                          .object_count = d->scene->object_count,
                                          .light_count = d->scene->light_count,

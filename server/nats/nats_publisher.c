@@ -857,12 +857,15 @@ enum lw_status lw_nats_publisher_create(const struct lw_nats_publisher_desc *des
     status = make_room(p, desc);
     if (status != LW_OK) lw_status_fail(err, status, "out of memory");
     if (status == LW_OK)
-        status = lw_nats_link_create(&(struct lw_nats_link_desc){.url = p->address.url,
-                                                                 .name = p->address.name,
-                                                                 .client = "lightwelld " LW_VERSION,
-                                                                 .timeout_ms = CONNECT_MS,
-                                                                 .queue_max = QUEUE_MAX},
-                                     &p->link, err);
+        status = lw_nats_link_create(
+            &(struct lw_nats_link_desc){.url = p->address.url,
+                                        .name = p->address.name,
+                                        .tls_host = p->address.tls ? p->address.host : NULL,
+                                        .trust = desc->trust,
+                                        .client = "lightwelld " LW_VERSION,
+                                        .timeout_ms = CONNECT_MS,
+                                        .queue_max = QUEUE_MAX},
+            &p->link, err);
     if (status == LW_OK) lw_nats_link_own(p->link, p->acks);
     if (status == LW_OK) status = look_for_other(p, err);
     if (status == LW_OK) status = listen(p, err);

@@ -19,6 +19,7 @@ static void read_address(const uint8_t *data, size_t size) {
     text[size] = '\0';
     if (lw_nats_wire_address(text, &address, NULL) == LW_OK) {
         require(lw_nats_wire_is_address(text) && lw_nats_wire_is_address(address.url));
+        require(*address.host && strstr(text, address.host) && !strpbrk(address.host, "/ ]"));
         require(strlen(address.scene) - 1 < LW_NATS_WIRE_SCENE_MAX && !strpbrk(address.scene, ".*> /"));
         require(!strchr(address.name, '@') || strchr(strchr(text, '@') + 1, '@'));
         lw_nats_wire_subject(subject, address.scene, "kept.%u.%u.%u.%u", 1u, UINT32_MAX, UINT32_MAX,

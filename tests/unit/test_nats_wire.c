@@ -13,7 +13,13 @@ static void addresses(void **state) {
     assert_string_equal(a.url, "nats://10.0.0.3:4222");
     assert_string_equal(a.name, "nats://10.0.0.3:4222/atrium");
     assert_string_equal(a.scene, "atrium");
+    assert_string_equal(a.host, "10.0.0.3");
+    assert_false(a.tls);
+    lw_support_ok(lw_nats_wire_address("tls://user:secret@[2001:db8::1]:4222/a", &a, NULL), NULL);
+    assert_string_equal(a.host, "2001:db8::1");
+    assert_true(a.tls);
     lw_support_ok(lw_nats_wire_address("tls://host", &a, NULL), NULL);
+    assert_string_equal(a.host, "host");
     assert_string_equal(a.url, "tls://host");
     assert_string_equal(a.scene, "scene");
     lw_support_ok(lw_nats_wire_address("nats://host/", &a, NULL), NULL);
@@ -29,7 +35,9 @@ static void addresses(void **state) {
     longest[strlen(longest)] = 'a'; /* one more */
     static const char *const bad[] = {"nats://",         "nats:///a",         "host:4222/a",
                                       "nats://host/a.b", "nats://host/*",     "nats://host/a/b",
-                                      "nats://h ost",    "nats://host,other", "nats://user:sec/ret@host/a"};
+                                      "nats://h ost",    "nats://host,other", "nats://user:sec/ret@host/a",
+                                      "nats://:4222/a",  "nats://user@/a",    "tls://[::1:4222/a",
+                                      "tls://[]:1/a"};
     for (size_t i = 0; i <= sizeof bad / sizeof *bad; i++) {
         struct lw_error err = {0};
         lw_support_fails(lw_nats_wire_address(i ? bad[i - 1] : longest, &a, &err), LW_USAGE, &err, "address");
