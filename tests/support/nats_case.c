@@ -42,10 +42,13 @@ void lw_nats_case_start(struct lw_nats_case *nats, const struct lw_nats_case_des
         snprintf(nats->folder, sizeof nats->folder, "%s", lw_support_temporary("jetstream"));
     }
     lw_support_write_file(path, config, (size_t)length);
-    snprintf(arguments, sizeof arguments, "-a %s -p %u -sd %s -c %s%s %s",
+    const int before = desc->space ? snprintf(arguments, sizeof arguments, "ip netns exec %s %s ",
+                                              desc->space, LW_NATS_SERVER)
+                                   : 0;
+    snprintf(arguments + before, sizeof arguments - (size_t)before, "-a %s -p %u -sd %s -c %s%s %s",
              desc->host ? desc->host : "127.0.0.1", nats->port, nats->folder, path,
              desc->no_jetstream ? "" : " -js", desc->options ? desc->options : "");
-    lw_process_start(&nats->process, LW_NATS_SERVER, arguments);
+    lw_process_start(&nats->process, desc->space ? "/usr/bin/env" : LW_NATS_SERVER, arguments);
     lw_process_await_text(&nats->process, "Server is ready");
 }
 

@@ -15,6 +15,7 @@ struct lw_nats_case_desc {
     unsigned limit;      /* bytes of JetStream's files; 0: none */
     const char *options; /* further ones of nats-server; NULL: none */
     const char *host;    /* where it listens; NULL: 127.0.0.1 */
+    const char *space;   /* the network namespace that it runs in (net_space.h); NULL: the test's */
 };
 
 /** Whether there is a nats-server; else it says on stdout that the test is skipped. */
