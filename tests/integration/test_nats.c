@@ -146,37 +146,6 @@ static bool first_relay_is_lost(void) {
     return lw_relays_figure(&relay[0], "lightwell_upstream_lost_seconds") > 0;
 }
 
-/* A relay that joins when the daemon is gone has the light that is kept, and says that it is old. Relays of
- * both forms of light. */
-static void what_is_kept_serves_newcomers(void **state) {
-    (void)state;
-    start_nats(true, 0);
-    serve(LW_RELAYS_CORNELL);
-    lw_relays_start(&relay[1], address("room"), "");
-    lw_relays_join_with(0, server.port, (struct lw_client_desc){.draws_direct = true});
-    lw_relays_join_with(1, relay[1].port, (struct lw_client_desc){.draws_direct = true});
-    lw_relays_expect_same();
-    assert_non_null(lw_client_draws(lw_relays_client[1]));
-    lw_relays_join(2, relay[1].port);
-    lw_relays_wait(lw_relays_all_rest);
-    assert_null(lw_client_draws(lw_relays_client[2]));
-    /* until all of it is kept: as many whole tiles as there are, of each form, and their FRAMEs */
-    const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[0]);
-    const double all = 2.0 * (map->plain_count + 1);
-    while (lw_relays_figure(&server, "lightwell_nats_kept_messages_total") < all) lw_relays_poll();
-    lw_client_destroy(lw_relays_client[0]);
-    lw_relays_client[0] = NULL;
-    kill_it(&server);
-    lw_relays_start(&relay[0], address("room"), "");
-    lw_relays_join(0, relay[0].port);
-    lw_relays_wait(first_has_light);
-    while (!first_relay_is_lost()) lw_relays_poll();
-    lw_process_await_text(&relay[0], "no lightwelld publishes there now");
-    assert_true(first_has_light());
-}
-
-/* ---- where light comes from ---- */
-
 /* Tiles of a channel that JetStream has. */
 static uint32_t count_kept(uint32_t channel) {
     char subject[LW_NATS_WIRE_SUBJECT_SIZE];
@@ -197,6 +166,39 @@ static uint32_t count_kept(uint32_t channel) {
     natsConnection_Destroy(connection);
     return count;
 }
+
+/* A relay that joins when the daemon is gone has the light that is kept, and says that it is old. Relays of
+ * both forms of light. */
+static void what_is_kept_serves_newcomers(void **state) {
+    (void)state;
+    start_nats(true, 0);
+    serve(LW_RELAYS_CORNELL);
+    lw_relays_start(&relay[1], address("room"), "");
+    lw_relays_join_with(0, server.port, (struct lw_client_desc){.draws_direct = true});
+    lw_relays_join_with(1, relay[1].port, (struct lw_client_desc){.draws_direct = true});
+    lw_relays_expect_same();
+    assert_non_null(lw_client_draws(lw_relays_client[1]));
+    lw_relays_join(2, relay[1].port);
+    lw_relays_wait(lw_relays_all_rest);
+    assert_null(lw_client_draws(lw_relays_client[2]));
+    /* until all of it is kept: as many whole tiles as there are, of each form, and their FRAMEs */
+    const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[0]);
+    const double all = 2.0 * (map->plain_count + 1);
+    while (lw_relays_figure(&server, "lightwell_nats_kept_messages_total") < all) lw_relays_poll();
+    assert_int_equal(count_kept(LW_TILE_CHANNEL_DIRECTION), 0); /* the scene looks the same without them */
+    assert_int_equal(count_kept(LW_TILE_CHANNEL_DIRECTION_SPLIT), 0);
+    lw_client_destroy(lw_relays_client[0]);
+    lw_relays_client[0] = NULL;
+    kill_it(&server);
+    lw_relays_start(&relay[0], address("room"), "");
+    lw_relays_join(0, relay[0].port);
+    lw_relays_wait(first_has_light);
+    while (!first_relay_is_lost()) lw_relays_poll();
+    lw_process_await_text(&relay[0], "no lightwelld publishes there now");
+    assert_true(first_has_light());
+}
+
+/* ---- where light comes from ---- */
 
 static uint32_t count_directions(int i) {
     const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[i]);

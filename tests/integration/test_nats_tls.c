@@ -52,7 +52,8 @@ static bool second_has_the_frame(void) {
     return lw_relays_stats(0).frame && lw_relays_stats(1).frame >= lw_relays_stats(0).frame;
 }
 
-/* A daemon believes one certificate, a relay anybody or the same one. NATS comes back. */
+/* A daemon believes one certificate, a relay the system's issuers, anybody or that certificate. NATS comes
+ * back. */
 static void light_comes_by_tls(void **state) {
     (void)state;
     char options[300];
@@ -62,14 +63,19 @@ static void light_comes_by_tls(void **state) {
     start_nats(true);
     snprintf(options, sizeof options, "--ca %s", certificate);
     serve(options);
-    lw_relays_start(&relay, address("localhost"), "--tls-insecure");
+    setenv("SSL_CERT_FILE", certificate, 1); /* the issuers that the system believes */
+    lw_relays_start(&relay, address("localhost"), "");
+    unsetenv("SSL_CERT_FILE");
     lw_relays_join_with(0, server.port, (struct lw_client_desc){.control = true});
     lw_relays_join(1, relay.port);
     lw_relays_expect_same();
-    assert_int_equal(lw_process_stop(&relay, SIGTERM, LW_PROCESS_LIMIT_S), 0);
-    lw_relays_start(&relay, address("localhost"), options);
-    lw_relays_reconnect(1);
-    lw_relays_expect_same();
+    for (size_t i = 0; i < 2; i++) {
+        snprintf(options, sizeof options, "%s%s", i ? "--tls --ca " : "--tls-insecure", i ? certificate : "");
+        assert_int_equal(lw_process_stop(&relay, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+        lw_relays_start(&relay, address("localhost"), options);
+        lw_relays_reconnect(1);
+        lw_relays_expect_same();
+    }
     lw_nats_case_kill(&nats);
     lw_process_await_text(&server, "is gone: its relays get no light");
     start_nats(true);
