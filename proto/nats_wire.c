@@ -26,9 +26,20 @@ static bool is_scene(const char *name) {
     return length && length <= LW_NATS_WIRE_SCENE_MAX && strspn(name, letters) == length;
 }
 
+/* at: behind a user and a password. Returns whether there is a host that fits. */
+static bool read_host(const char *at, char *dst, size_t size) {
+    const bool is_number = *at == '['; /* an address of IPv6 */
+    if (is_number) at++;
+    const size_t length = strcspn(at, is_number ? "]" : ":/");
+    if (!length || length >= size || (is_number && at[length] != ']')) return false;
+    memcpy(dst, at, length);
+    dst[length] = '\0';
+    return true;
+}
+
 enum lw_status lw_nats_wire_address(const char *text, struct lw_nats_wire_address *out_address,
                                     struct lw_error *err) {
-    struct lw_nats_wire_address address;
+    struct lw_nats_wire_address address = {.tls = strncmp(text, "tls:", 4) == 0};
     const char *host = after_scheme(text);
     if (!host || !*host || *host == '/' || strlen(text) >= sizeof address.url || strpbrk(text, " ,\t\n"))
         return lw_status_fail(err, LW_USAGE, "address is not nats://HOST:PORT or nats://HOST:PORT/SCENE");
@@ -44,6 +55,8 @@ enum lw_status lw_nats_wire_address(const char *text, struct lw_nats_wire_addres
     snprintf(address.url, sizeof address.url, "%.*s", length, text);
     strcpy(address.scene, scene);
     const char *shown = at ? at + 1 : host;
+    if (!read_host(shown, address.host, sizeof address.host))
+        return lw_status_fail(err, LW_USAGE, "address has no host: it is not nats://HOST:PORT");
     snprintf(address.name, sizeof address.name, "%.*s%.*s/%s", (int)(host - text), text,
              length - (int)(shown - text), shown, scene);
     *out_address = address;
@@ -57,6 +70,17 @@ void lw_nats_wire_subject(char dst[LW_NATS_WIRE_SUBJECT_SIZE], const char *scene
     const int more = vsnprintf(dst + length, LW_NATS_WIRE_SUBJECT_SIZE - (size_t)length, rest, arguments);
     va_end(arguments);
     LW_INVARIANT(length > 0 && more > 0 && (unsigned)(length + more) < LW_NATS_WIRE_SUBJECT_SIZE);
+}
+
+uint32_t lw_nats_wire_form(uint32_t channels) {
+    uint32_t form = UINT32_MAX;
+    if (!channels || channels >> lw_tile_channels()->count) return UINT32_MAX;
+    LW_TILE_CHANNELS_EACH (c, channels) {
+        const uint32_t follows = lw_tile_channel_at(c)->follows;
+        if (form != UINT32_MAX && follows != form) return UINT32_MAX;
+        form = follows;
+    }
+    return channels & lw_tile_channel_bit(form) ? form : UINT32_MAX;
 }
 
 /* ---- payloads ---- */

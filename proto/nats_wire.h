@@ -10,9 +10,11 @@
 #define LW_NATS_WIRE_SCENE_MAX    64u /* bytes of a scene's name */
 #define LW_NATS_WIRE_SUBJECT_SIZE 160u
 #define LW_NATS_WIRE_PREFIX_SIZE  16u
-/* Subjects are kept for each tile, and a FRAME is one message of NATS: what scenes may have. */
+/* Subjects are kept for each tile of each channel (tile_channels.h), and a FRAME is one message of NATS: what
+ * scenes may have. */
 #define LW_NATS_WIRE_TILES_MAX   16384u
 #define LW_NATS_WIRE_OBJECTS_MAX LW_MESSAGE_TRANSFORMS_MAX /* and lights */
+#define LW_NATS_WIRE_FINE_MAX    1024u                     /* tiles of finer levels in a `want` */
 #define LW_NATS_WIRE_CHUNKS_MAX  65536u                    /* in a package */
 #define LW_NATS_WIRE_ALIVE_MS    1000u                     /* a publisher says so often that it is there */
 #define LW_NATS_WIRE_WANT_MS     1500u                     /* a relay says so often what it wants */
@@ -21,6 +23,8 @@
 /** nats://[USER:PASSWORD@]HOST:PORT[/SCENE], or tls:// in its place. */
 struct lw_nats_wire_address {
     char url[300];  /* for libnats: without the scene */
+    char host[256]; /* name or number of its machine: that of a certificate */
+    bool tls;
     char name[400]; /* for people: without the password */
     char scene[LW_NATS_WIRE_SCENE_MAX + 1];
 };
@@ -33,6 +37,10 @@ LW_MUST_CHECK enum lw_status lw_nats_wire_address(const char *text, struct lw_na
 /** "lightwell.SCENE." and the rest, as a format says. */
 void lw_nats_wire_subject(char dst[LW_NATS_WIRE_SUBJECT_SIZE], const char *scene, const char *rest, ...)
     __attribute__((format(printf, 3, 4)));
+
+/** The form of light of a set of channels, a bit for each, as `want` has it: one form, and channels that
+ * follow it. UINT32_MAX: it is no such set. */
+uint32_t lw_nats_wire_form(uint32_t channels);
 
 /** What a payload begins with. */
 struct lw_nats_wire_prefix {

@@ -89,6 +89,22 @@ static enum lw_status parse_upstreams(struct settings *s, struct lw_error *err) 
     return LW_OK;
 }
 
+/* Who asks for TLS gets none of it by an address of NATS in plain. */
+static enum lw_status check_plain(const struct settings *s, struct lw_error *err) {
+    struct lw_nats_wire_address nats;
+    for (uint32_t i = 0; s->access.tls.wanted && i < s->address_count; i++) {
+        if (!lw_nats_wire_is_address(s->address[i].host)) continue;
+        enum lw_status status = lw_nats_wire_address(s->address[i].host, &nats, err);
+        if (status != LW_OK) return status;
+        if (!nats.tls)
+            return lw_status_fail(
+                err, LW_USAGE,
+                "UPSTREAM: %s is in plain, and --tls, --ca and --tls-insecure are for TLS: write tls://",
+                nats.name);
+    }
+    return LW_OK;
+}
+
 static enum lw_status print_config(const struct settings *s, const struct lw_options *options,
                                    struct lw_error *err) {
     char *text = lw_options_config_print(&s->config, options);
@@ -116,7 +132,8 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         .synopsis = "UPSTREAM[,UPSTREAM...] [OPTIONS]",
         .about = "Passes on the light of a lightwelld, or of another relay, to clients of its own. It solves "
                  "nothing, and clients notice no difference.\n"
-                 "UPSTREAM is HOST[:PORT], unix:PATH or nats://HOST:PORT[/SCENE]. Of several, the next one "
+                 "UPSTREAM is HOST[:PORT], unix:PATH, nats://HOST:PORT[/SCENE] or tls://HOST:PORT[/SCENE], "
+                 "which is NATS by TLS. Of several, the next one "
                  "is tried when one is gone; "
                  "clients keep their light meanwhile.",
         .table = table,
@@ -134,6 +151,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
     status = parse_upstreams(s, err);
     if (status == LW_OK) status = lw_serve_options_check(&s->serve, err);
     if (status == LW_OK) status = lw_access_read(&s->access_options, &s->access, err);
+    if (status == LW_OK) status = check_plain(s, err);
     if (status != LW_OK) return status;
     *out_done = s->config.check || s->config.print;
     if (s->config.check) lw_log(LW_LOG_INFO, "the options are good");

@@ -4,6 +4,7 @@
 #include "common/invariant.h"
 #include "common/nats/nats_link.h"
 #include "proto/message_reader.h"
+#include "relay/nats_fine.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -45,40 +46,77 @@ struct lw_nats_feed {
     struct lw_message_reader reader;
     uint8_t input[INPUT_SIZE];
     bool greets, asked; /* HELLO, PACKAGE_REQUEST have come */
+    bool has_finer;     /* the session reads finer levels, and there are some */
     bool streams;       /* light is sent */
     uint32_t form;
-    _Atomic bool is_alive; /* lightwelld is there */
-    uint64_t heard_ns;     /* last sign of lightwelld; of the session while lightwelld is gone */
-    uint64_t want_ns;      /* when the next `want` is due; 0: now */
-    uint8_t *interest;     /* the last INTEREST, as it came; NULL: none: everything is wanted */
+    uint32_t channel[LW_TILE_CHANNELS_MAX], channel_count; /* the form, and those that follow it */
+    _Atomic bool is_alive;                                 /* lightwelld is there */
+    uint64_t heard_ns; /* last sign of lightwelld; of the session while lightwelld is gone */
+    uint64_t want_ns;  /* when the next `want` is due; 0: now */
+    uint8_t *interest; /* the last INTEREST, as it came; NULL: none: everything is wanted */
     size_t interest_size;
     uint32_t epoch;
     bool has_epoch;
     uint64_t frame;           /* the last one that was sent */
     bool lacks_frame;         /* what came since is lost: a whole FRAME has to come first */
-    uint64_t *known;          /* by tile: the version that the session has */
-    uint64_t *lacks, *listed; /* bit by tile: to be asked for; asked for now */
-    natsSubscription *frames, *alive, *answers, *all;
-    natsSubscription **level;               /* by the first tile of an object's level */
-    uint64_t *wanted;                       /* bit by the same */
+    uint64_t *known;          /* by id (id_of()): the version that the session has */
+    uint64_t *lacks, *listed; /* bit by id: to be asked for; asked for now */
+    natsSubscription *frames, *alive, *answers, *all[LW_TILE_CHANNELS_MAX];
+    natsSubscription **level;               /* by the id of the first tile of an object's level */
+    uint64_t *wanted;                       /* bit by the first tile of an object's level */
+    struct lw_nats_fine *fine, *next_fine;  /* listed tiles of finer levels, and the next list */
+    natsSubscription **fine_level;          /* by channel, object and finer level; see fine_level_of() */
     char answer[LW_NATS_WIRE_SUBJECT_SIZE]; /* "SUBJECT." of answers */
     unsigned sync_number;
     bool syncs, lacks_any;
     uint64_t sync_ns, check_ns; /* when it was asked; when all is to be asked for, to be sure */
 };
 
-/* ---- bits ---- */
+/* ---- ids of tiles ---- */
+
+/* Numbers of a channel's tiles: ids of the map, then places of the tiles of finer levels that are listed. */
+static uint32_t tile_room(const struct lw_nats_feed *feed) {
+    return feed->map->plain_count + (feed->fine ? LW_NATS_WIRE_FINE_MAX : 0);
+}
+static uint32_t tile_count(const struct lw_nats_feed *feed) {
+    return feed->map->plain_count + (feed->fine ? feed->fine->count : 0);
+}
+
+/* Ids: the tiles of the first channel, then those of the next one. */
+static uint32_t id_of(const struct lw_nats_feed *feed, uint32_t nth, uint32_t tile) {
+    return nth * tile_room(feed) + tile;
+}
+static uint32_t id_count(const struct lw_nats_feed *feed) { return id_of(feed, feed->channel_count, 0); }
+static size_t words_of(const struct lw_nats_feed *feed) { return id_count(feed) / 64 + 1; }
+
+/* Which of the session's channels it is; channel_count: none of them. */
+static uint32_t nth_of(const struct lw_nats_feed *feed, uint32_t channel) {
+    uint32_t nth = 0;
+    while (nth < feed->channel_count && feed->channel[nth] != channel) nth++;
+    return nth;
+}
 
 static bool is_set(const uint64_t *bits, uint32_t id) { return bits[id / 64] >> id % 64 & 1; }
 static void set_bit(uint64_t *bits, uint32_t id) { bits[id / 64] |= 1ull << id % 64; }
-static size_t words_of(const struct lw_atlas_map *map) { return map->plain_count / 64 + 1; }
 
-static uint32_t first_of(const struct lw_atlas_map *map, uint32_t id) {
-    return lw_atlas_map_first(map, map->place[id].object, map->place[id].level);
+static void clear_bit(uint64_t *bits, uint32_t id) { bits[id / 64] &= ~(1ull << id % 64); }
+
+/* The number of a tile that is named as on the wire. UINT32_MAX: no such tile, or a finer one not listed. */
+static uint32_t find_tile(const struct lw_nats_feed *feed, uint32_t object, uint32_t level, uint32_t tile) {
+    const struct lw_atlas_map *map = feed->map;
+    if (!lw_atlas_finer(level)) return lw_atlas_map_find_tile(map, object, level, tile).v;
+    const uint64_t name = lw_atlas_map_name_tile(map, object, level, tile);
+    if (!feed->fine || name == UINT64_MAX) return UINT32_MAX;
+    const uint32_t place = lw_nats_fine_find(feed->fine, name);
+    return place == LW_NATS_FINE_NONE ? UINT32_MAX : map->plain_count + place;
 }
 
-static bool is_heard(const struct lw_nats_feed *feed, const struct lw_atlas_map *map, uint32_t id) {
-    return feed->all || feed->level[first_of(map, id)];
+static uint32_t first_of(const struct lw_atlas_map *map, uint32_t tile) {
+    return lw_atlas_map_first(map, map->place[tile].object, map->place[tile].level);
+}
+
+static bool is_heard(const struct lw_nats_feed *feed, uint32_t nth, uint32_t tile) {
+    return feed->all[nth] || feed->level[id_of(feed, nth, first_of(feed->map, tile))];
 }
 
 /* ---- to the session ---- */
@@ -218,21 +256,26 @@ static void lack(struct lw_nats_feed *feed, uint32_t id) {
     feed->lacks_any = true;
 }
 
-static void lack_all(struct lw_nats_feed *feed) {
-    const struct lw_atlas_map *map = feed->map;
-    feed->lacks_frame = true;
-    for (uint32_t t = 0; t < map->plain_count; t++)
-        if (is_heard(feed, map, t)) lack(feed, t);
+static void lack_heard(struct lw_nats_feed *feed) {
+    for (uint32_t n = 0; n < feed->channel_count; n++)
+        for (uint32_t t = 0; t < feed->map->plain_count; t++)
+            if (is_heard(feed, n, t)) lack(feed, id_of(feed, n, t));
+    for (uint32_t n = 0; n < feed->channel_count; n++)
+        for (uint32_t t = feed->map->plain_count; t < tile_count(feed); t++) lack(feed, id_of(feed, n, t));
     feed->lacks_any = true; /* the FRAME at least */
+}
+
+static void lack_all(struct lw_nats_feed *feed) {
+    feed->lacks_frame = true;
+    lack_heard(feed);
 }
 
 /* A tile whole, or one that builds on what the session has; else it is asked for. */
 static enum lw_status send_tile(struct lw_nats_feed *feed, const struct lw_message_tile *t,
                                 const uint8_t *raw, size_t size) {
-    const struct lw_atlas_map *map = feed->map;
-    if (lw_atlas_finer(t->level)) return LW_OK;
-    const uint32_t id = lw_atlas_map_find_tile(map, t->object, t->level, t->tile).v;
-    if (id >= map->plain_count || t->layer != feed->form) return LW_OK; /* none of ours */
+    const uint32_t nth = nth_of(feed, t->layer), tile = find_tile(feed, t->object, t->level, t->tile);
+    if (tile == UINT32_MAX || nth == feed->channel_count) return LW_OK; /* none of ours */
+    const uint32_t id = id_of(feed, nth, tile);
     if (t->version <= feed->known[id]) return LW_OK;
     if (t->version / 2 + t->version % 2 > feed->frame || (t->base && t->base != feed->known[id])) {
         lack(feed, id);
@@ -295,30 +338,39 @@ static enum lw_status send_kept(struct lw_nats_feed *feed, natsMsg **tile, size_
     return status;
 }
 
-static enum lw_status load_kept(struct lw_nats_feed *feed) {
+/* Reads the kept tiles of a channel behind the first `count`, which are there; returns how many are then. */
+static size_t read_kept(struct lw_nats_feed *feed, uint32_t channel, natsMsg **tile, size_t count) {
     char subject[LW_NATS_WIRE_SUBJECT_SIZE], stream[LW_NATS_WIRE_SUBJECT_SIZE];
     natsSubscription *subscription = NULL;
-    natsMsg **tile = calloc(LW_NATS_WIRE_TILES_MAX, sizeof(natsMsg *));
-    size_t count = 0;
     jsSubOptions options;
-    if (!tile) return LW_NO_MEMORY;
+    const size_t first = count;
     jsSubOptions_Init(&options);
     stream_name(feed, stream);
     options.Stream = stream;
     options.Ordered = true;
     options.Config.DeliverPolicy = js_DeliverLastPerSubject;
-    lw_nats_wire_subject(subject, feed->address.scene, "kept.%u.*.*.*", feed->form);
+    lw_nats_wire_subject(subject, feed->address.scene, "kept.%u.*.*.*", channel);
     if (js_SubscribeSync(&subscription, feed->jetstream, subject, NULL, &options, NULL) == NATS_OK)
-        for (uint64_t left = 1; left && count < LW_NATS_WIRE_TILES_MAX && !feed->stopping;) {
+        for (uint64_t left = 1; left && count - first < LW_NATS_WIRE_TILES_MAX && !feed->stopping;) {
             jsMsgMetaData *meta = NULL;
-            if (natsSubscription_NextMsg(&tile[count], subscription, count ? API_MS : FIRST_KEPT_MS) !=
-                NATS_OK)
+            if (natsSubscription_NextMsg(&tile[count], subscription,
+                                         count > first ? API_MS : FIRST_KEPT_MS) != NATS_OK)
                 break;
             left = natsMsg_GetMetaData(&meta, tile[count]) == NATS_OK ? meta->NumPending : 0;
             jsMsgMetaData_Destroy(meta);
             count++;
         }
     lw_nats_link_unsubscribe(feed->link, subscription);
+    return count;
+}
+
+/* Irradiance first: without it there is nothing else. */
+static enum lw_status load_kept(struct lw_nats_feed *feed) {
+    natsMsg **tile = calloc((size_t)feed->channel_count * LW_NATS_WIRE_TILES_MAX, sizeof(natsMsg *));
+    size_t count = 0;
+    if (!tile) return LW_NO_MEMORY;
+    for (uint32_t n = 0; n < feed->channel_count && (!n || count); n++)
+        count = read_kept(feed, feed->channel[n], tile, count);
     const enum lw_status status = send_kept(feed, tile, count);
     for (size_t i = 0; i < count; i++) natsMsg_Destroy(tile[i]);
     free(tile);
@@ -334,7 +386,6 @@ static void want_level(const struct lw_nats_feed *feed, uint32_t object, uint32_
 /* Listed levels, coarser ones above them, and the coarsest of every object. */
 static void list_levels(const struct lw_nats_feed *feed, const struct lw_message_interest *interest) {
     const struct lw_atlas_map *map = feed->map;
-    memset(feed->wanted, 0, words_of(map) * sizeof *feed->wanted);
     for (uint32_t o = 0; o < map->object_count; o++)
         if (map->atlas[o].level_count) want_level(feed, o, map->atlas[o].level_count - 1);
     for (size_t i = 0; i < interest->tile_count; i++) {
@@ -345,45 +396,131 @@ static void list_levels(const struct lw_nats_feed *feed, const struct lw_message
     }
 }
 
-static enum lw_status hear_level(struct lw_nats_feed *feed, uint32_t first) {
+static enum lw_status hear_level(struct lw_nats_feed *feed, uint32_t nth, uint32_t first) {
     const struct lw_atlas_map *map = feed->map;
     const uint32_t object = map->place[first].object, level = map->place[first].level;
     char subject[LW_NATS_WIRE_SUBJECT_SIZE];
-    lw_nats_wire_subject(subject, feed->address.scene, "live.%u.%u.%u", feed->form, object, level);
-    const enum lw_status status = lw_nats_link_subscribe(feed->link, subject, &feed->level[first]);
+    lw_nats_wire_subject(subject, feed->address.scene, "live.%u.%u.%u", feed->channel[nth], object, level);
+    const enum lw_status status =
+        lw_nats_link_subscribe(feed->link, subject, &feed->level[id_of(feed, nth, first)]);
     if (status != LW_OK) return status;
-    for (uint32_t t = first; !feed->all && t < map->plain_count && first_of(map, t) == first; t++)
-        lack(feed, t);
+    for (uint32_t t = first; !feed->all[nth] && t < map->plain_count && first_of(map, t) == first; t++)
+        lack(feed, id_of(feed, nth, t));
     return LW_OK;
 }
 
-/* One subscription for all, or one for each level of each object that is wanted. */
+static enum lw_status hear_all(struct lw_nats_feed *feed, uint32_t nth) {
+    char subject[LW_NATS_WIRE_SUBJECT_SIZE];
+    if (feed->all[nth]) return LW_OK;
+    for (uint32_t t = 0; t < feed->map->plain_count; t++)
+        if (!is_heard(feed, nth, t)) lack(feed, id_of(feed, nth, t));
+    lw_nats_wire_subject(subject, feed->address.scene, "live.%u.*.*", feed->channel[nth]);
+    return lw_nats_link_subscribe(feed->link, subject, &feed->all[nth]);
+}
+
+static void leave(struct lw_nats_feed *feed, natsSubscription **subscription) {
+    lw_nats_link_unsubscribe(feed->link, *subscription);
+    *subscription = NULL;
+}
+
+/* One subscription for all, or one for each wanted level of each object. Subscriptions to levels that nobody
+ * wants any more end last. */
+static enum lw_status hear_channel(struct lw_nats_feed *feed, uint32_t nth, bool everything) {
+    const uint32_t tiles = feed->map->plain_count;
+    natsSubscription **level = feed->level + id_of(feed, nth, 0);
+    enum lw_status status = everything ? hear_all(feed, nth) : LW_OK;
+    for (uint32_t t = 0; status == LW_OK && t < tiles; t++)
+        if (is_set(feed->wanted, t) && !level[t]) status = hear_level(feed, nth, t);
+    for (uint32_t t = 0; status == LW_OK && t < tiles; t++)
+        if (level[t] && !is_set(feed->wanted, t)) leave(feed, &level[t]);
+    if (status == LW_OK && !everything) leave(feed, &feed->all[nth]);
+    return status;
+}
+
+/* ---- finer levels ---- */
+
+static size_t fine_level_count(const struct lw_nats_feed *feed) {
+    return feed->fine ? (size_t)feed->channel_count * feed->map->object_count * LW_ATLAS_FINER_MAX : 0;
+}
+
+static natsSubscription **fine_level_of(struct lw_nats_feed *feed, uint32_t nth, uint32_t object,
+                                        uint32_t level) {
+    return &feed->fine_level[((size_t)nth * feed->map->object_count + object) * LW_ATLAS_FINER_MAX +
+                             lw_atlas_finer(level) - 1];
+}
+
+/* Moves versions and requests of listed tiles to their new places. Newly listed tiles are lacking. */
+static void move_fine(struct lw_nats_feed *feed, uint32_t nth, uint64_t *known, uint8_t *flags) {
+    const uint32_t first = id_of(feed, nth, feed->map->plain_count);
+    for (uint32_t i = 0; i < feed->next_fine->count; i++) {
+        const uint32_t was = lw_nats_fine_find(feed->fine, feed->next_fine->tile[i].name);
+        const bool is_new = was == LW_NATS_FINE_NONE;
+        known[i] = is_new ? 0 : feed->known[first + was];
+        flags[i] =
+            is_new ? 1 : (uint8_t)(is_set(feed->lacks, first + was) | is_set(feed->listed, first + was) << 1);
+    }
+    for (uint32_t i = 0; i < LW_NATS_WIRE_FINE_MAX; i++) {
+        const bool is_listed = i < feed->next_fine->count;
+        feed->known[first + i] = is_listed ? known[i] : 0;
+        clear_bit(feed->lacks, first + i);
+        clear_bit(feed->listed, first + i);
+        if (is_listed && flags[i] & 1) lack(feed, first + i);
+        if (is_listed && flags[i] & 2) set_bit(feed->listed, first + i);
+    }
+}
+
+/* Subscribes to levels with a listed tile. */
+static enum lw_status hear_fine(struct lw_nats_feed *feed, uint32_t nth) {
+    char subject[LW_NATS_WIRE_SUBJECT_SIZE];
+    enum lw_status status = LW_OK;
+    for (uint32_t i = 0; status == LW_OK && i < feed->next_fine->count; i++) {
+        const struct lw_nats_fine_tile *t = &feed->next_fine->tile[i];
+        natsSubscription **level = fine_level_of(feed, nth, t->object, t->level);
+        if (*level) continue;
+        lw_nats_wire_subject(subject, feed->address.scene, "fine.%u.%u.%u", feed->channel[nth], t->object,
+                             t->level);
+        status = lw_nats_link_subscribe(feed->link, subject, level);
+    }
+    return status;
+}
+
+/* Ends subscriptions to levels without a listed tile. Names are in the order of objects and levels. */
+static void leave_fine(struct lw_nats_feed *feed, uint32_t nth) {
+    const struct lw_nats_fine *fine = feed->fine;
+    uint32_t at = 0;
+    for (uint32_t o = 0; o < feed->map->object_count; o++)
+        for (uint32_t k = 1; k <= LW_ATLAS_FINER_MAX; k++) {
+            const uint32_t level = LW_ATLAS_FINER + k, from = at;
+            while (at < fine->count && fine->tile[at].object == o && fine->tile[at].level == level) at++;
+            if (at == from) leave(feed, fine_level_of(feed, nth, o, level));
+        }
+    LW_INVARIANT(at == fine->count);
+}
+
+/* interest: NULL: no tile of finer levels is listed */
+static enum lw_status list_fine(struct lw_nats_feed *feed, const struct lw_message_interest *interest) {
+    uint64_t known[LW_NATS_WIRE_FINE_MAX];
+    uint8_t flags[LW_NATS_WIRE_FINE_MAX];
+    enum lw_status status = LW_OK;
+    if (!feed->fine) return LW_OK;
+    lw_nats_fine_list(feed->next_fine, feed->map, interest);
+    for (uint32_t n = 0; status == LW_OK && n < feed->channel_count; n++) status = hear_fine(feed, n);
+    for (uint32_t n = 0; n < feed->channel_count; n++) move_fine(feed, n, known, flags);
+    struct lw_nats_fine *before = feed->fine;
+    feed->fine = feed->next_fine;
+    feed->next_fine = before;
+    for (uint32_t n = 0; n < feed->channel_count; n++) leave_fine(feed, n);
+    return status;
+}
+
 static enum lw_status hear(struct lw_nats_feed *feed, const struct lw_message_interest *interest) {
-    const struct lw_atlas_map *map = feed->map;
     const bool everything = !interest || interest->everything;
     enum lw_status status = LW_OK;
-    if (everything && !feed->all) {
-        char subject[LW_NATS_WIRE_SUBJECT_SIZE];
-        for (uint32_t t = 0; t < map->plain_count; t++)
-            if (!is_heard(feed, map, t)) lack(feed, t);
-        lw_nats_wire_subject(subject, feed->address.scene, "live.%u.*.*", feed->form);
-        status = lw_nats_link_subscribe(feed->link, subject, &feed->all);
-    }
-    if (everything)
-        memset(feed->wanted, 0, words_of(map) * sizeof *feed->wanted);
-    else
-        list_levels(feed, interest);
-    for (uint32_t t = 0; status == LW_OK && t < map->plain_count; t++)
-        if (is_set(feed->wanted, t) && !feed->level[t]) status = hear_level(feed, t);
-    for (uint32_t t = 0; status == LW_OK && t < map->plain_count; t++)
-        if (feed->level[t] && !is_set(feed->wanted, t)) {
-            lw_nats_link_unsubscribe(feed->link, feed->level[t]);
-            feed->level[t] = NULL;
-        }
-    if (status == LW_OK && !everything && feed->all) {
-        lw_nats_link_unsubscribe(feed->link, feed->all);
-        feed->all = NULL;
-    }
+    memset(feed->wanted, 0, (feed->map->plain_count / 64 + 1) * sizeof *feed->wanted);
+    if (!everything) list_levels(feed, interest);
+    for (uint32_t n = 0; status == LW_OK && n < feed->channel_count; n++)
+        status = hear_channel(feed, n, everything);
+    if (status == LW_OK) status = list_fine(feed, everything ? NULL : interest);
     return status == LW_NO_MEMORY ? status : LW_OK; /* without NATS: again when it is there */
 }
 
@@ -424,7 +561,9 @@ static void say_want(struct lw_nats_feed *feed, uint64_t now_ns) {
     uint8_t *bytes = malloc(9 + size);
     if (bytes) {
         memcpy(bytes, &feed->relay, 8);
-        bytes[8] = (uint8_t)feed->form;
+        bytes[8] = 0;
+        for (uint32_t n = 0; n < feed->channel_count; n++)
+            bytes[8] |= (uint8_t)lw_tile_channel_bit(feed->channel[n]);
         memcpy(bytes + 9, feed->interest ? feed->interest : made, size);
         publish(feed, "want", NULL, bytes, 9 + size);
     }
@@ -433,34 +572,69 @@ static void say_want(struct lw_nats_feed *feed, uint64_t now_ns) {
     feed->want_ns = now_ns + LW_NATS_WIRE_WANT_MS * MS_NS;
 }
 
-/* Asks for the tiles that it lacks, as many as a message holds. */
-static void ask(struct lw_nats_feed *feed, uint64_t now_ns) {
+static bool lacks_of(const struct lw_nats_feed *feed, uint32_t nth) {
+    for (uint32_t t = 0; t < tile_count(feed); t++)
+        if (is_set(feed->lacks, id_of(feed, nth, t))) return true;
+    return false;
+}
+
+static bool lacks_tiles(const struct lw_nats_feed *feed) {
+    for (size_t i = 0; i < words_of(feed); i++)
+        if (feed->lacks[i]) return true;
+    return false;
+}
+
+/* As on the wire, without a version. */
+static struct lw_message_held name_tile(const struct lw_nats_feed *feed, uint32_t tile) {
     const struct lw_atlas_map *map = feed->map;
+    if (tile >= map->plain_count) {
+        const struct lw_nats_fine_tile *t = &feed->fine->tile[tile - map->plain_count];
+        return (struct lw_message_held){t->object, t->level, t->tile, 0};
+    }
+    const struct lw_tile_place *p = &map->place[tile];
+    return (struct lw_message_held){p->object, p->level, lw_atlas_map_number(map, (lw_tile_id){tile}), 0};
+}
+
+/* Moves lacking tiles of a channel to the asked ones, and lists them. *from: where to look on. */
+static size_t list_lacking(struct lw_nats_feed *feed, uint32_t nth, struct lw_message_held *held,
+                           uint32_t *from) {
+    size_t count = 0;
+    for (; *from < tile_count(feed) && count < LW_MESSAGE_HOLDS_MAX; ++*from) {
+        const uint32_t id = id_of(feed, nth, *from);
+        if (!is_set(feed->lacks, id)) continue;
+        held[count] = name_tile(feed, *from);
+        held[count++].version = feed->known[id];
+        set_bit(feed->listed, id);
+        clear_bit(feed->lacks, id);
+    }
+    return count;
+}
+
+/* Writes what a request asks for, as much as it holds; its size. */
+static size_t write_request(struct lw_nats_feed *feed, struct lw_message_held *held, uint8_t *bytes) {
+    size_t size = 1, written = 0;
+    uint32_t nth = 0, from = 0;
+    while (nth + 1 < feed->channel_count && !lacks_of(feed, nth)) nth++;
+    bytes[0] = (uint8_t)feed->channel[nth];
+    for (bool is_full = false; !is_full;) {
+        const size_t count = list_lacking(feed, nth, held, &from);
+        const struct lw_message message = {.type = LW_MESSAGE_HOLDS, .holds = {held, count}};
+        if (!count) break;
+        if (lw_message_encode(&message, bytes + size, SYNC_SIZE_MAX - size, &written) == LW_OK)
+            size += written;
+        is_full = size + lw_message_size(&message) > SYNC_SIZE_MAX;
+    }
+    return size;
+}
+
+/* Asks for tiles of one channel that it lacks, as many as a message holds. */
+static void ask(struct lw_nats_feed *feed, uint64_t now_ns) {
     struct lw_message_held *held = malloc(LW_MESSAGE_HOLDS_MAX * sizeof *held);
     uint8_t *bytes = malloc(SYNC_SIZE_MAX);
     char reply[LW_NATS_WIRE_SUBJECT_SIZE + 16];
-    size_t size = 1, count = 0;
-    bool is_full = false;
     if (held && bytes) {
-        bytes[0] = (uint8_t)feed->form;
-        feed->lacks_any = false;
-        for (uint32_t t = 0; t < map->plain_count; t++) {
-            const struct lw_tile_place *p = &map->place[t];
-            if (is_set(feed->lacks, t) && is_full) feed->lacks_any = true;
-            if (is_set(feed->lacks, t) && !is_full) {
-                held[count++] = (struct lw_message_held){
-                    p->object, p->level, lw_atlas_map_number(map, (lw_tile_id){t}), feed->known[t]};
-                set_bit(feed->listed, t);
-                feed->lacks[t / 64] &= ~(1ull << t % 64);
-            }
-            if (!count || (count < LW_MESSAGE_HOLDS_MAX && t + 1 < map->plain_count)) continue;
-            const struct lw_message message = {.type = LW_MESSAGE_HOLDS, .holds = {held, count}};
-            size_t written = 0;
-            if (lw_message_encode(&message, bytes + size, SYNC_SIZE_MAX - size, &written) == LW_OK)
-                size += written;
-            count = 0;
-            is_full = size + lw_message_size(&message) > SYNC_SIZE_MAX;
-        }
+        const size_t size = write_request(feed, held, bytes);
+        feed->lacks_any = lacks_tiles(feed);
         snprintf(reply, sizeof reply, "%s.%u", feed->answer, ++feed->sync_number);
         publish(feed, "sync", reply, bytes, size);
     }
@@ -472,7 +646,7 @@ static void ask(struct lw_nats_feed *feed, uint64_t now_ns) {
 
 /* Ends a request; without an answer its tiles are requested again. */
 static void end_sync(struct lw_nats_feed *feed, bool done) {
-    for (size_t i = 0; i < words_of(feed->map); i++) {
+    for (size_t i = 0; i < words_of(feed); i++) {
         if (!done) feed->lacks[i] |= feed->listed[i];
         feed->lacks_any |= feed->lacks[i] != 0;
         feed->listed[i] = 0;
@@ -484,9 +658,7 @@ static void end_sync(struct lw_nats_feed *feed, bool done) {
 static void ask_if_due(struct lw_nats_feed *feed, uint64_t now_ns) {
     if (feed->syncs && now_ns - feed->sync_ns > SYNC_MS * MS_NS) end_sync(feed, false);
     if (!feed->syncs && now_ns >= feed->check_ns) { /* in case a message got lost unnoticed */
-        for (uint32_t t = 0; t < feed->map->plain_count; t++)
-            if (is_heard(feed, feed->map, t)) lack(feed, t);
-        feed->lacks_any = true;
+        lack_heard(feed);
         feed->check_ns = now_ns + CHECK_MS * MS_NS;
     }
     if (!feed->syncs && feed->lacks_any && now_ns - feed->sync_ns >= SYNC_AGAIN_MS * MS_NS) ask(feed, now_ns);
@@ -581,13 +753,20 @@ static enum lw_status take_events(struct lw_nats_feed *feed) {
 static enum lw_status take_hello(struct lw_nats_feed *feed, const struct lw_message_hello *hello) {
     struct lw_message answer = feed->welcome;
     struct lw_message_welcome *w = &answer.welcome;
-    w->features &= hello->features & ~LW_FEATURE_FINER; /* NATS has no tiles of finer levels */
+    if (feed->greets) return LW_PROTOCOL;
+    w->features &= hello->features;
+    if (!(w->features & LW_FEATURE_FINER)) w->finer = 0;
+    feed->has_finer = w->finer > 0;
     if (!(w->features & LW_FEATURE_MATERIALS)) w->finish = (struct lw_message_package){0};
     if (!(w->features & LW_FEATURE_DRAWS)) {
         w->client_lights = w->client_materials = NULL;
         w->client_lights_size = w->client_materials_size = 0;
     }
     feed->form = w->features & LW_FEATURE_DRAWS ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL;
+    feed->channel_count = 0;
+    const uint32_t channels = lw_tile_channels_for(w->features, UINT32_MAX);
+    LW_TILE_CHANNELS_EACH (c, channels) feed->channel[feed->channel_count++] = c;
+    LW_INVARIANT(feed->channel_count && feed->channel[0] == feed->form);
     w->session = 1;
     feed->greets = true;
     return send_message(feed, &answer);
@@ -609,14 +788,22 @@ static enum lw_status take_interest(struct lw_nats_feed *feed, struct lw_framing
 static enum lw_status make_room(struct lw_nats_feed *feed) {
     const struct lw_atlas_map *map = feed->map;
     if (!map || feed->known) return LW_OK;
-    feed->known = calloc((size_t)map->plain_count + 1, sizeof *feed->known);
-    feed->lacks = calloc(words_of(map), sizeof *feed->lacks);
-    feed->listed = calloc(words_of(map), sizeof *feed->listed);
-    feed->wanted = calloc(words_of(map), sizeof *feed->wanted);
-    feed->level = calloc((size_t)map->plain_count + 1, sizeof(natsSubscription *));
+    LW_INVARIANT(feed->channel_count > 0);
+    if (feed->has_finer) { /* first: ids are counted by it */
+        feed->fine = calloc(1, sizeof *feed->fine);
+        feed->next_fine = calloc(1, sizeof *feed->next_fine);
+        feed->fine_level = calloc(fine_level_count(feed) + 1, sizeof(natsSubscription *));
+        if (!feed->fine || !feed->next_fine || !feed->fine_level) return LW_NO_MEMORY;
+    }
+    feed->known = calloc((size_t)id_count(feed) + 1, sizeof *feed->known);
+    feed->lacks = calloc(words_of(feed), sizeof *feed->lacks);
+    feed->listed = calloc(words_of(feed), sizeof *feed->listed);
+    feed->wanted = calloc(map->plain_count / 64 + 1, sizeof *feed->wanted);
+    feed->level = calloc((size_t)id_count(feed) + 1, sizeof(natsSubscription *));
     return feed->known && feed->lacks && feed->listed && feed->wanted && feed->level ? LW_OK : LW_NO_MEMORY;
 }
 
+/* HOLDS is of irradiance. */
 static enum lw_status take_holds(struct lw_nats_feed *feed, const struct lw_message_holds *holds) {
     const struct lw_atlas_map *map = feed->map;
     const enum lw_status status = make_room(feed);
@@ -625,7 +812,7 @@ static enum lw_status take_holds(struct lw_nats_feed *feed, const struct lw_mess
         const struct lw_message_held *h = &holds->tile[i];
         if (lw_atlas_finer(h->level)) continue;
         const uint32_t id = lw_atlas_map_find_tile(map, h->object, h->level, h->tile).v;
-        if (id < map->plain_count) feed->known[id] = h->version;
+        if (id < map->plain_count) feed->known[id_of(feed, 0, id)] = h->version;
     }
     return LW_OK;
 }
@@ -823,11 +1010,14 @@ static enum lw_status listen_first(struct lw_nats_feed *feed, struct lw_error *e
 }
 
 static void free_feed(struct lw_nats_feed *feed) {
-    natsSubscription *const each[] = {feed->frames, feed->alive, feed->answers, feed->all};
+    natsSubscription *const each[] = {feed->frames, feed->alive, feed->answers};
     lw_nats_link_close(feed->link);
     for (size_t i = 0; i < sizeof each / sizeof *each; i++) lw_nats_link_unsubscribe(feed->link, each[i]);
-    for (uint32_t t = 0; feed->level && t < feed->map->plain_count; t++)
-        lw_nats_link_unsubscribe(feed->link, feed->level[t]);
+    for (uint32_t n = 0; n < feed->channel_count; n++) lw_nats_link_unsubscribe(feed->link, feed->all[n]);
+    for (uint32_t i = 0; feed->level && i < id_count(feed); i++)
+        lw_nats_link_unsubscribe(feed->link, feed->level[i]);
+    for (size_t i = 0; feed->fine_level && i < fine_level_count(feed); i++)
+        lw_nats_link_unsubscribe(feed->link, feed->fine_level[i]);
     jsCtx_Destroy(feed->jetstream);
     lw_nats_link_destroy(feed->link);
     if (feed->welcome.type) lw_message_finish(&feed->welcome);
@@ -840,6 +1030,9 @@ static void free_feed(struct lw_nats_feed *feed) {
     free(feed->listed);
     free(feed->wanted);
     free(feed->level);
+    free(feed->fine_level);
+    free(feed->fine);
+    free(feed->next_fine);
     free(feed);
 }
 
@@ -853,13 +1046,15 @@ enum lw_status lw_nats_feed_create(const struct lw_nats_feed_desc *desc, struct 
     feed->socket = -1;
     feed->lacks_frame = true;
     feed->reader.body_max = LW_FRAMING_CLIENT_BODY_MAX;
-    enum lw_status status =
-        lw_nats_link_create(&(struct lw_nats_link_desc){.url = feed->address.url,
-                                                        .name = feed->address.name,
-                                                        .client = "lightwell-relay " LW_VERSION,
-                                                        .timeout_ms = desc->timeout_ms,
-                                                        .queue_max = QUEUE_MAX},
-                            &feed->link, err);
+    enum lw_status status = lw_nats_link_create(
+        &(struct lw_nats_link_desc){.url = feed->address.url,
+                                    .name = feed->address.name,
+                                    .tls_host = feed->address.tls ? feed->address.host : NULL,
+                                    .trust = desc->trust,
+                                    .client = "lightwell-relay " LW_VERSION,
+                                    .timeout_ms = desc->timeout_ms,
+                                    .queue_max = QUEUE_MAX},
+        &feed->link, err);
     if (status == LW_OK) status = listen_first(feed, err);
     if (status == LW_OK) status = find_light(feed, desc, err);
     if (status == LW_OK && (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, pair) != 0 ||

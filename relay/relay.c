@@ -267,6 +267,7 @@ static void connect_feed(struct lw_relay *r, bool draws) {
                                                 .port = r->upstream[r->at].port,
                                                 .token = r->access.has_token ? &r->access.token : NULL,
                                                 .trust = r->trust,
+                                                .nats_trust = &r->access.tls,
                                                 .timeout_ms = r->timeout_ms,
                                                 .relay = r->number,
                                                 .has_light = r->has_scene &&
@@ -466,6 +467,7 @@ static void connect_control(struct lw_relay *r, struct control *c) {
                                                          : own        ? &r->access.token
                                                                       : NULL,
                                                 .trust = r->trust,
+                                                .nats_trust = &r->access.tls,
                                                 .timeout_ms = r->timeout_ms,
                                                 .relay = r->number,
                                                 .control = true};

@@ -16,14 +16,15 @@ struct lw_relay_upstream;
 struct lw_relay_upstream_desc {
     const char *host; /* or unix:PATH, or an address of NATS (nats_wire.h) */
     uint16_t port;
-    const struct lw_token *token; /* NULL: none */
-    struct ssl_ctx_st *trust;     /* NULL: in plain */
-    unsigned timeout_ms;          /* for connecting, and for the welcome */
-    uint64_t relay;               /* number of this relay */
-    bool control;                 /* it passes updates on, and takes no light */
-    bool has_light;               /* it has such light already: that of a server that is gone is no use */
-    bool draws;                   /* it wants light without that of client lights, if the server has it */
-    const char *cache_folder;     /* for packages; outlives it. NULL: none */
+    const struct lw_token *token;               /* NULL: none */
+    struct ssl_ctx_st *trust;                   /* NULL: in plain */
+    const struct lw_tls_trust_desc *nats_trust; /* whom to believe at an address of NATS by TLS */
+    unsigned timeout_ms;                        /* for connecting, and for the welcome */
+    uint64_t relay;                             /* number of this relay */
+    bool control;                               /* it passes updates on, and takes no light */
+    bool has_light;           /* it has such light already: that of a server that is gone is no use */
+    bool draws;               /* it wants light without that of client lights, if the server has it */
+    const char *cache_folder; /* for packages; outlives it. NULL: none */
 };
 
 /** What a WELCOME says of the light, without the session's own things. */

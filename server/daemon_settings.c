@@ -29,6 +29,8 @@ static const char *const fixed_keys[] = {"listen",
                                          "metrics-port-file",
                                          "control-socket",
                                          "nats",
+                                         "ca",
+                                         "tls-insecure",
                                          "keep",
                                          "clock",
                                          "json",
@@ -59,6 +61,11 @@ static enum lw_status check(struct lw_daemon_settings *s, struct lw_error *err) 
     if (status == LW_OK && s->nats &&
         (status = lw_nats_wire_address(s->nats, &s->nats_address, err)) != LW_OK)
         lw_status_context(err, "--nats");
+    if (status == LW_OK && s->nats_trust.ca && s->nats_trust.trusts_all)
+        return lw_status_fail(err, LW_USAGE, "--ca and --tls-insecure exclude each other");
+    if (status == LW_OK && (s->nats_trust.ca || s->nats_trust.trusts_all) && !s->nats_address.tls)
+        return lw_status_fail(err, LW_USAGE, "%s is for --nats tls://HOST:PORT",
+                              s->nats_trust.ca ? "--ca" : "--tls-insecure");
     if (status != LW_OK || !s->crossover_report) return status;
     if ((status = lw_cost_report_read(s->crossover_report, &s->renderers, err)) != LW_OK)
         lw_status_context(err, "--crossover-report");
@@ -98,8 +105,18 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
         LW_SERVE_OPTIONS(&s->serve),
         {"nats", "nats://HOST:PORT[/SCENE]",
          "also publish the light there, under the name SCENE (default \"scene\"), for lightwell-relay; the "
-         "nats-server needs JetStream (default: none)",
+         "nats-server needs JetStream. tls:// in place of nats:// is by TLS (default: none)",
          LW_OPTION_STRING, &s->nats, 0, 0, NULL},
+        {"ca", "FILE",
+         "with --nats tls://...: a file with the certificate, in PEM, of the nats-server to believe, or of "
+         "its "
+         "issuer (default: the issuers that the system believes)",
+         LW_OPTION_STRING, &s->nats_trust.ca, 0, 0, NULL},
+        {"tls-insecure", NULL,
+         "with --nats tls://...: believe anybody who answers: whom it goes through can read and change all "
+         "of "
+         "it. For tests",
+         LW_OPTION_FLAG, &s->nats_trust.trusts_all, 0, 0, NULL},
         LW_OPTIONS_CONFIG(&s->config),
         {"crossover-report", "FOLDER",
          "a folder that lightwell-load crossover has written, for the cost meter of /metrics: what renderers "

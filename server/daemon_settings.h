@@ -4,6 +4,7 @@
 #ifndef LW_SERVER_DAEMON_SETTINGS_H
 #define LW_SERVER_DAEMON_SETTINGS_H
 
+#include "common/nats/nats_trust.h"
 #include "common/open/scene_open.h"
 #include "common/options_config.h"
 #include "proto/nats_wire.h"
@@ -29,6 +30,7 @@ struct lw_daemon_settings {
     struct lw_serve_options serve;
     const char *nats; /* NULL: none */
     struct lw_nats_wire_address nats_address;
+    struct lw_nats_trust nats_trust;
     const char *plan_log;
     const char *crossover_report;
     struct lw_cost_report renderers; /* from that report */

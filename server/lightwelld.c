@@ -184,7 +184,13 @@ static enum lw_status serve(struct lw_daemon *d, struct lw_error *err) {
 /* In the publisher's thread. */
 static void on_relays_want(void *context, const struct lw_nats_publisher_wants *wants) {
     const struct lw_daemon *d = context;
-    if (!lw_server_set_outside(d->server, wants->channels, wants->everything, wants->tile, wants->tile_count))
+    const struct lw_server_outside outside = {.channels = wants->channels,
+                                              .everything = wants->everything,
+                                              .tile = wants->tile,
+                                              .tile_count = wants->tile_count,
+                                              .fine = wants->fine,
+                                              .fine_count = wants->fine_count};
+    if (!lw_server_set_outside(d->server, &outside))
         lw_log(LW_LOG_WARNING, "out of memory for what relays want: they get what was wanted before");
 }
 
@@ -198,9 +204,11 @@ static enum lw_status join_nats(struct lw_daemon *d, bool follows, struct lw_err
     if (status != LW_OK) return lw_status_fail(err, status, "out of memory");
     status = lw_nats_publisher_create(
         &(struct lw_nats_publisher_desc){.address = &s->nats_address,
+                                         .trust = s->nats_trust,
                                          .map = &d->atlas_map,
                                          .object_count = d->scene->object_count,
                                          .light_count = d->scene->light_count,
+                                         .channels = scene.channels,
                                          .run = scene.run,
                                          .welcome = scene.welcome,
                                          .chunk = scene.chunk,

@@ -166,12 +166,59 @@ static natsStatus set_options(natsOptions *options, const struct lw_nats_link_de
     return NATS_OK;
 }
 
+/* Errors: as lw_nats_link_create(). */
+static enum lw_status set_tls(natsOptions *options, const struct lw_nats_link_desc *desc,
+                              struct lw_error *err) {
+    const struct lw_nats_trust *trust = &desc->trust;
+    if (!desc->tls_host) return LW_OK;
+    if (trust->ca && access(trust->ca, R_OK) != 0)
+        return lw_status_fail(err, errno == ENOENT ? LW_NO_INPUT : LW_IO, "--ca: %s: %s", trust->ca,
+                              strerror(errno));
+    natsStatus status = natsOptions_SetSecure(options, true);
+    if (status == NATS_OK && trust->trusts_all) status = natsOptions_SkipServerVerification(options, true);
+    if (status == NATS_OK && !trust->trusts_all) /* what libnats checks without it depends on its version */
+        status = natsOptions_SetExpectedHostname(options, desc->tls_host);
+    if (status == NATS_OK && trust->ca &&
+        natsOptions_LoadCATrustedCertificates(options, trust->ca) != NATS_OK)
+        return lw_status_fail(err, LW_BAD_DATA, "--ca: %s holds no certificate in PEM, or a broken one",
+                              trust->ca);
+    return status == NATS_OK ? LW_OK : lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+}
+
+/* What libnats says of a failure, without the place in its source. */
+static const char *last_error(natsStatus status) {
+    natsStatus last = NATS_OK;
+    const char *text = nats_GetLastError(&last);
+    if (last != status || !text || !*text) return natsStatus_GetText(status);
+    const char *place_end = *text == '(' ? strstr(text, "): ") : NULL;
+    return place_end ? place_end + 3 : text;
+}
+
+/* The part of TLS in a failure; LW_OK: it has none. libnats tries TLS with a server that wants it. */
+static enum lw_status tls_failure(const struct lw_nats_link_desc *desc, natsStatus status,
+                                  struct lw_error *err) {
+    const bool is_refused = status == NATS_SSL_ERROR;
+    if (status == NATS_SECURE_CONNECTION_REQUIRED || (is_refused && !desc->tls_host))
+        return lw_status_fail(err, LW_PROTOCOL, "%s speaks TLS alone: write tls:// in place of nats://",
+                              desc->name);
+    if (status == NATS_SECURE_CONNECTION_WANTED)
+        return lw_status_fail(err, LW_PROTOCOL, "%s does not speak TLS: write nats:// in place of tls://",
+                              desc->name);
+    if (!is_refused) return LW_OK;
+    return lw_status_fail(
+        err, LW_NOT_ALLOWED,
+        "%s is not trusted: %s: --ca FILE names the certificate to believe, or its issuer's; "
+        "it must be for %s",
+        desc->name, last_error(status), desc->tls_host);
+}
+
 static enum lw_status connect_failure(const struct lw_nats_link_desc *desc, natsStatus status,
                                       struct lw_error *err) {
+    const enum lw_status by_tls = tls_failure(desc, status, err);
+    if (by_tls != LW_OK) return by_tls;
     const enum lw_status ours = status == NATS_NO_MEMORY                ? LW_NO_MEMORY
                                 : status == NATS_TIMEOUT                ? LW_TIMED_OUT
                                 : status == NATS_CONNECTION_AUTH_FAILED ? LW_NOT_ALLOWED
-                                : status == NATS_SSL_ERROR              ? LW_NOT_ALLOWED
                                                                         : LW_UNAVAILABLE;
     return lw_status_fail(err, ours, "cannot connect to %s: %s: is nats-server running?", desc->name,
                           natsStatus_GetText(status));
@@ -188,18 +235,20 @@ enum lw_status lw_nats_link_create(const struct lw_nats_link_desc *desc, struct 
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     }
     link->inbox = inbox;
+    enum lw_status tls = LW_OK;
     natsStatus status = natsStatistics_Create(&link->statistics);
     if (status == NATS_OK) status = natsOptions_Create(&options);
     if (status == NATS_OK) status = set_options(options, desc, inbox);
+    if (status == NATS_OK) tls = set_tls(options, desc, err);
     inbox->references++; /* the connection's, until on_closed() */
-    if (status == NATS_OK) status = natsConnection_Connect(&link->connection, options);
+    if (status == NATS_OK && tls == LW_OK) status = natsConnection_Connect(&link->connection, options);
     natsOptions_Destroy(options);
-    if (status != NATS_OK) {
+    if (status != NATS_OK || tls != LW_OK) {
         unref(inbox);
         unref(inbox);
         natsStatistics_Destroy(link->statistics);
         free(link);
-        return connect_failure(desc, status, err);
+        return tls == LW_OK ? connect_failure(desc, status, err) : tls;
     }
     link->payload_max = natsConnection_GetMaxPayload(link->connection);
     *out_link = link;

@@ -7,6 +7,7 @@
 #ifndef LW_NATS_NATS_LINK_H
 #define LW_NATS_NATS_LINK_H
 
+#include "common/nats/nats_trust.h"
 #include "common/status.h"
 
 #include <nats/nats.h>
@@ -16,14 +17,18 @@
 struct lw_nats_link;
 
 struct lw_nats_link_desc {
-    const char *url;  /* nats://... or tls://...; may hold a password */
-    const char *name; /* the server's name for people; outlives the link */
+    const char *url;            /* nats://... or tls://...; may hold a password */
+    const char *tls_host;       /* by TLS, with a server of this name or number; NULL: in plain */
+    struct lw_nats_trust trust; /* for tls_host */
+    const char *name;           /* the server's name for people; outlives the link */
     const char *client;
     unsigned timeout_ms;
     uint32_t queue_max; /* messages, and 64 MiB; further ones are dropped, which LW_NATS_LINK_DROPPED tells */
 };
 
-/** Errors: LW_UNAVAILABLE, LW_TIMED_OUT, LW_NOT_ALLOWED, LW_OS, LW_NO_MEMORY, naming the server. */
+/** Errors: LW_UNAVAILABLE, LW_TIMED_OUT, LW_NOT_ALLOWED (also: a certificate that is not believed),
+ * LW_PROTOCOL (one end speaks TLS, the other one does not), LW_OS, LW_NO_MEMORY, naming the server.
+ * LW_NO_INPUT, LW_BAD_DATA: the file of trust.ca, by its option. */
 LW_MUST_CHECK enum lw_status lw_nats_link_create(const struct lw_nats_link_desc *desc,
                                                  struct lw_nats_link **out_link, struct lw_error *err);
 /** No message comes any more, and nothing can be published: to be called before a context of JetStream on the

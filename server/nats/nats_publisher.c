@@ -4,6 +4,9 @@
 #include "common/invariant.h"
 #include "common/log.h"
 #include "common/nats/nats_link.h"
+#include "common/tile/tile_codec.h"
+#include "server/nats/fine_index.h"
+#include "server/nats/fine_wishes.h"
 
 #include <assert.h>
 #include <poll.h>
@@ -24,22 +27,26 @@
 #define FORMS         ((uint32_t)LW_LIGHT_FORM_COUNT)
 #define PATIENCE_MS   5000 /* for an answer of JetStream's API */
 
-static_assert(LW_LIGHT_FORM_COUNT == 2, "subjects have a number for each form of light");
-
-/* What a relay wants of one form of light. */
+/* What a relay wants of one form of light, and of the channels that follow it. */
 struct want {
     uint64_t relay, heard_ns;
-    uint32_t form;
+    uint32_t form, channels;
     bool everything;
     uint32_t *tile;
     size_t tile_count;
+    uint64_t *fine; /* names of tiles of finer levels */
+    size_t fine_count;
 };
 
 struct form {
     struct lw_snapshot *now; /* the last one that has this form; NULL: none yet */
-    uint64_t *kept;          /* by tile: the version in JetStream; 0: none */
     uint64_t kept_frame;
+};
+
+struct channel {
+    uint64_t *kept;   /* by tile: the version in JetStream; 0: none. NULL: nothing was kept */
     uint32_t keep_at; /* the next tile to look at; plain_count: all were */
+    struct lw_fine_index fine;
 };
 
 struct lw_nats_publisher {
@@ -71,6 +78,8 @@ struct lw_nats_publisher {
     natsSubscription *subscription[4];
     uint32_t epoch;
     struct form form[FORMS];
+    struct channel channel[LW_TILE_CHANNELS_MAX];
+    uint32_t served; /* channels that the light has: a bit for each */
     struct want want[LW_NATS_PUBLISHER_RELAYS_MAX];
     uint32_t want_count;
     bool wants_changed, told_relays, stands_down, is_announced, told_keep;
@@ -80,8 +89,39 @@ struct lw_nats_publisher {
     uint64_t asked_ns;          /* when JetStream was last asked to keep something */
     uint8_t *payload;           /* the current message's */
     size_t payload_capacity;
-    uint64_t *bits; /* one for each tile */
+    uint64_t *bits; /* one for each tile of no finer level */
+    struct lw_fine_wishes wishes;
+    uint64_t fine[LW_NATS_PUBLISHER_FINE_MAX]; /* what they come to */
 };
+
+/* ---- channels ---- */
+
+static uint32_t form_of(uint32_t channel) { return lw_tile_channel_at(channel)->follows; }
+
+/* A form of light, and the served channels that follow it. */
+static uint32_t family_of(const struct lw_nats_publisher *p, uint32_t form) {
+    uint32_t family = 0;
+    LW_TILE_CHANNELS_EACH (c, p->served)
+        if (form_of(c) == form) family |= lw_tile_channel_bit(c);
+    return family;
+}
+
+/* The newest snapshot of a channel's form, if it has the channel; NULL: there are no such tiles now. */
+static const struct lw_snapshot *now_of(const struct lw_nats_publisher *p, uint32_t channel) {
+    const struct lw_snapshot *now = p->form[form_of(channel)].now;
+    return now && lw_snapshot_has(now, channel) ? now : NULL;
+}
+
+/* Whether tiles of a channel are still to be looked at for JetStream. */
+static bool is_to_keep(const struct lw_nats_publisher *p, uint32_t channel) {
+    return now_of(p, channel) && p->channel[channel].keep_at < p->map->plain_count;
+}
+
+/* Whether all wanted tiles of a form's channels are there: SETTLED may follow them. */
+static bool is_settled(const struct lw_nats_publisher *p, const struct lw_snapshot *snapshot, uint32_t form) {
+    const uint32_t wanted = p->channels & family_of(p, form);
+    return snapshot->settled && !(wanted & ~snapshot->channels) && !(snapshot->unsettled & wanted);
+}
 
 /* ---- payloads ---- */
 
@@ -184,10 +224,11 @@ static enum lw_status keep_surely(struct lw_nats_publisher *p, const struct lw_b
 }
 
 static void forget_kept(struct lw_nats_publisher *p) {
-    for (uint32_t f = 0; f < FORMS; f++) {
-        memset(p->form[f].kept, 0, p->map->plain_count * sizeof *p->form[f].kept);
-        p->form[f].kept_frame = 0;
-        p->form[f].keep_at = p->map->plain_count;
+    const uint32_t tiles = p->map->plain_count;
+    for (uint32_t f = 0; f < FORMS; f++) p->form[f].kept_frame = 0;
+    LW_TILE_CHANNELS_EACH (c, p->served) {
+        if (p->channel[c].kept) memset(p->channel[c].kept, 0, tiles * sizeof *p->channel[c].kept);
+        p->channel[c].keep_at = tiles;
     }
 }
 
@@ -237,27 +278,42 @@ static bool keep(struct lw_nats_publisher *p, const struct lw_blob *messages, co
     return done;
 }
 
+/* Returns whether JetStream takes more. */
+static bool keep_tiles(struct lw_nats_publisher *p, uint32_t c) {
+    const struct lw_snapshot *now = now_of(p, c);
+    struct channel *channel = &p->channel[c];
+    char subject[LW_NATS_WIRE_SUBJECT_SIZE];
+    if (!channel->kept) channel->kept = calloc((size_t)p->map->plain_count + 1, sizeof *channel->kept);
+    for (uint32_t n = 0; channel->kept && n < KEEP_AT_ONCE && channel->keep_at < p->map->plain_count;
+         channel->keep_at++) {
+        const uint32_t t = channel->keep_at;
+        const struct lw_snapshot_tile *tile = &now->tile[c][t];
+        const struct lw_tile_place *place = &p->map->place[t];
+        if (!tile->version || tile->version == channel->kept[t]) continue;
+        lw_nats_wire_subject(subject, p->address.scene, "kept.%u.%u.%u.%u", c, place->object, place->level,
+                             lw_atlas_map_number(p->map, (lw_tile_id){t}));
+        if (!keep(p, tile->blob, subject)) return false;
+        channel->kept[t] = tile->version;
+        n++;
+    }
+    return true;
+}
+
 /* The FRAME goes first: no tile is of a later frame than it says. */
 static void keep_form(struct lw_nats_publisher *p, uint32_t f) {
     struct form *form = &p->form[f];
+    const uint32_t family = family_of(p, f);
     char subject[LW_NATS_WIRE_SUBJECT_SIZE];
-    if (!form->now || form->keep_at >= p->map->plain_count) return;
+    bool takes_more = true, is_due = false;
+    LW_TILE_CHANNELS_EACH (c, family) is_due |= is_to_keep(p, c);
+    if (!is_due) return;
     if (form->kept_frame != form->now->frame) {
         lw_nats_wire_subject(subject, p->address.scene, "kept.%u.frame", f);
         if (!keep(p, form->now->frame_full, subject)) return;
         form->kept_frame = form->now->frame;
     }
-    for (uint32_t n = 0; n < KEEP_AT_ONCE && form->keep_at < p->map->plain_count; form->keep_at++) {
-        const uint32_t t = form->keep_at;
-        const struct lw_snapshot_tile *tile = &form->now->tile[f][t];
-        const struct lw_tile_place *place = &p->map->place[t];
-        if (!tile->version || tile->version == form->kept[t]) continue;
-        lw_nats_wire_subject(subject, p->address.scene, "kept.%u.%u.%u.%u", f, place->object, place->level,
-                             lw_atlas_map_number(p->map, (lw_tile_id){t}));
-        if (!keep(p, tile->blob, subject)) return;
-        form->kept[t] = tile->version;
-        n++;
-    }
+    LW_TILE_CHANNELS_EACH (c, family)
+        if (takes_more && is_to_keep(p, c)) takes_more = keep_tiles(p, c);
 }
 
 static void retry_keeping(struct lw_nats_publisher *p, const char *why) {
@@ -273,8 +329,8 @@ static void retry_keeping(struct lw_nats_publisher *p, const char *why) {
 /* All of it has been kept since the last failure. */
 static void note_kept(struct lw_nats_publisher *p) {
     if (!p->told_keep || p->acks->waiting) return;
-    for (uint32_t f = 0; f < FORMS; f++)
-        if (p->form[f].now && (!p->form[f].kept_frame || p->form[f].keep_at < p->map->plain_count)) return;
+    LW_TILE_CHANNELS_EACH (c, p->served)
+        if (now_of(p, c) && (!p->form[form_of(c)].kept_frame || is_to_keep(p, c))) return;
     lw_log(LW_LOG_INFO, "%s: light is kept there again", p->address.name);
     p->told_keep = false;
 }
@@ -292,7 +348,7 @@ static void look_after_kept(struct lw_nats_publisher *p, uint64_t now_ns) {
     if (acks->waiting && now_ns - p->asked_ns > KEEP_ANSWER_S * 1000 * MS_NS) acks->waiting = 0; /* lost */
     if (!p->is_announced) return;
     if (now_ns >= p->keep_ns) {
-        for (uint32_t f = 0; f < FORMS; f++) p->form[f].keep_at = 0;
+        for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) p->channel[c].keep_at = 0;
         p->keep_ns = now_ns + LW_NATS_PUBLISHER_KEEP_MS * MS_NS;
     }
     for (uint32_t f = 0; f < FORMS; f++) keep_form(p, f);
@@ -300,21 +356,43 @@ static void look_after_kept(struct lw_nats_publisher *p, uint64_t now_ns) {
 
 /* ---- light ---- */
 
-static void publish_tiles(struct lw_nats_publisher *p, uint32_t f, const struct lw_snapshot *snapshot) {
-    const struct lw_snapshot *before = p->form[f].now;
+/* The change since a version that relays have, or the whole tile. had: 0: they have no version. */
+static const struct lw_blob *newest_for(const struct lw_snapshot_tile *tile, uint64_t had) {
+    return had && tile->delta && tile->base == had ? tile->delta : tile->blob;
+}
+
+static void publish_tiles(struct lw_nats_publisher *p, uint32_t c, const struct lw_snapshot *snapshot) {
+    const struct lw_snapshot *before = now_of(p, c);
     char subject[LW_NATS_WIRE_SUBJECT_SIZE];
     for (uint32_t t = 0; t < p->map->plain_count; t++) {
-        const struct lw_snapshot_tile *tile = &snapshot->tile[f][t];
-        const uint64_t had = before ? before->tile[f][t].version : 0;
+        const struct lw_snapshot_tile *tile = &snapshot->tile[c][t];
+        const uint64_t had = before ? before->tile[c][t].version : 0;
         if (tile->version <= had) continue;
-        lw_nats_wire_subject(subject, p->address.scene, "live.%u.%u.%u", f, p->map->place[t].object,
+        lw_nats_wire_subject(subject, p->address.scene, "live.%u.%u.%u", c, p->map->place[t].object,
                              p->map->place[t].level);
-        publish_to(p, subject, had && tile->delta && tile->base == had ? tile->delta : tile->blob);
+        publish_to(p, subject, newest_for(tile, had));
     }
 }
 
-static bool is_settled(const struct lw_snapshot *snapshot, uint32_t f) {
-    return snapshot->settled && !(snapshot->unsettled >> f & 1);
+static void publish_fine(struct lw_nats_publisher *p, uint32_t c, const struct lw_snapshot *snapshot) {
+    const struct lw_fine_index *fine = &p->channel[c].fine;
+    char subject[LW_NATS_WIRE_SUBJECT_SIZE];
+    for (uint32_t i = 0; fine->tile && i < lw_atlas_map_room(p->map); i++) {
+        const struct lw_snapshot_tile *tile = &snapshot->tile[c][p->map->plain_count + i];
+        if (tile->version <= fine->tile[i].had || fine->tile[i].name == UINT64_MAX) continue;
+        lw_nats_wire_subject(subject, p->address.scene, "fine.%u.%u.%u", c, fine->tile[i].object,
+                             fine->tile[i].level);
+        publish_to(p, subject, newest_for(tile, fine->tile[i].had));
+    }
+}
+
+/* Where there is no memory relays get tiles of finer levels later. */
+static void follow_fine(struct lw_nats_publisher *p, uint32_t f, const struct lw_snapshot *snapshot) {
+    const uint32_t family = family_of(p, f) & snapshot->channels;
+    LW_TILE_CHANNELS_EACH (c, family)
+        if (lw_fine_index_follow(&p->channel[c].fine, c, now_of(p, c), snapshot) != LW_OK)
+            lw_log(LW_LOG_WARNING, "%s: out of memory for finer levels: relays get them later",
+                   p->address.name);
 }
 
 /* What nobody wants is not published; who wants it later asks for what it lacks. */
@@ -322,6 +400,7 @@ static void publish_form(struct lw_nats_publisher *p, uint32_t f, struct lw_snap
     struct form *form = &p->form[f];
     char subject[LW_NATS_WIRE_SUBJECT_SIZE];
     if (!lw_snapshot_has(snapshot, f)) return;
+    follow_fine(p, f, snapshot);
     if (p->channels >> f & 1) {
         const uint64_t last = form->now ? form->now->frame : 0;
         lw_nats_wire_subject(subject, p->address.scene, "live.%u.frame", f);
@@ -330,8 +409,12 @@ static void publish_form(struct lw_nats_publisher *p, uint32_t f, struct lw_snap
                        last && snapshot->frame_delta && snapshot->previous_frame == last
                            ? snapshot->frame_delta
                            : snapshot->frame_full);
-        publish_tiles(p, f, snapshot);
-        if (is_settled(snapshot, f)) publish_to(p, subject, snapshot->settled);
+        const uint32_t wanted = p->channels & family_of(p, f) & snapshot->channels;
+        LW_TILE_CHANNELS_EACH (c, wanted) {
+            publish_tiles(p, c, snapshot);
+            publish_fine(p, c, snapshot);
+        }
+        if (is_settled(p, snapshot, f)) publish_to(p, subject, snapshot->settled);
     }
     lw_snapshot_unref(form->now);
     form->now = lw_snapshot_ref(snapshot);
@@ -349,16 +432,54 @@ static void take_snapshot(struct lw_nats_publisher *p) {
 
 /* ---- what relays ask ---- */
 
+/* The relay has a tile that is no longer there: it withdraws it. */
+static void publish_withdrawal(struct lw_nats_publisher *p, const char *reply, uint32_t c, uint64_t frame,
+                               const struct lw_message_held *held) {
+    static const uint8_t nothing = 0;
+    const struct lw_message message = {.type = LW_MESSAGE_TILE,
+                                       .tile = {.object = held->object,
+                                                .level = held->level,
+                                                .tile = held->tile,
+                                                .version = lw_snapshot_version(frame),
+                                                .layer = c,
+                                                .codec = LW_TILE_CODEC_NONE,
+                                                .scale = 1,
+                                                .payload = &nothing,
+                                                .payload_size = sizeof nothing}};
+    struct lw_blob *blob;
+    if (!held->version || held->version >= message.tile.version) return;
+    if (lw_blob_from_message(&message, &blob) != LW_OK) return; /* it asks again */
+    publish_to(p, reply, blob);
+    lw_blob_unref(blob);
+}
+
+static void answer_held(struct lw_nats_publisher *p, const char *reply, uint32_t c,
+                        const struct lw_snapshot *now, const struct lw_message_held *held) {
+    const bool is_fine = lw_atlas_finer(held->level);
+    uint32_t id = UINT32_MAX;
+    if (!is_fine)
+        id = lw_atlas_map_find_tile(p->map, held->object, held->level, held->tile).v;
+    else {
+        const uint64_t name = lw_atlas_map_name_tile(p->map, held->object, held->level, held->tile);
+        if (name == UINT64_MAX) return;
+        id = lw_fine_index_find(&p->channel[c].fine, name);
+        if (id == LW_FINE_INDEX_NONE) publish_withdrawal(p, reply, c, now->frame, held);
+    }
+    if (id == UINT32_MAX) return;
+    const struct lw_snapshot_tile *tile = &now->tile[c][id];
+    if (tile->version && tile->version != held->version) publish_to(p, reply, tile->blob);
+}
+
 /* The tiles that are listed, and are not as the relay holds them, whole. A relay has subscribed before
  * it asks: later live messages build on the answer. An empty payload ends it. */
 static enum lw_status answer_sync(struct lw_nats_publisher *p, struct lw_nats_wire_reader *reader,
                                   const char *reply) {
-    const uint8_t *form_byte = lw_nats_wire_read_bytes(reader, 1);
-    if (!form_byte || *form_byte >= FORMS) return LW_PROTOCOL;
-    const uint32_t f = *form_byte;
-    const struct lw_snapshot *now = p->form[f].now;
+    const uint8_t *channel_byte = lw_nats_wire_read_bytes(reader, 1);
+    if (!channel_byte || *channel_byte >= lw_tile_channels()->count) return LW_PROTOCOL;
+    const uint32_t c = *channel_byte, f = form_of(c);
+    const struct lw_snapshot *now = now_of(p, c);
     enum lw_status status = LW_OK;
-    if (now) publish_to(p, reply, now->frame_full);
+    if (p->form[f].now) publish_to(p, reply, p->form[f].now->frame_full);
     while (status == LW_OK && reader->left) {
         struct lw_message message;
         const uint8_t *raw;
@@ -366,17 +487,11 @@ static enum lw_status answer_sync(struct lw_nats_publisher *p, struct lw_nats_wi
         status = lw_nats_wire_read(reader, &message, &raw, &size);
         if (status != LW_OK) break;
         if (message.type != LW_MESSAGE_HOLDS) status = LW_PROTOCOL;
-        for (size_t i = 0; status == LW_OK && now && i < message.holds.tile_count; i++) {
-            const struct lw_message_held *held = &message.holds.tile[i];
-            if (lw_atlas_finer(held->level)) continue;
-            const uint32_t id = lw_atlas_map_find_tile(p->map, held->object, held->level, held->tile).v;
-            if (id >= p->map->plain_count) continue;
-            const struct lw_snapshot_tile *tile = &now->tile[f][id];
-            if (tile->version && tile->version != held->version) publish_to(p, reply, tile->blob);
-        }
+        for (size_t i = 0; status == LW_OK && now && i < message.holds.tile_count; i++)
+            answer_held(p, reply, c, now, &message.holds.tile[i]);
         lw_message_finish(&message);
     }
-    publish_to(p, reply, now && is_settled(now, f) ? now->settled : NULL);
+    publish_to(p, reply, now && is_settled(p, now, f) ? now->settled : NULL);
     return status;
 }
 
@@ -395,55 +510,85 @@ static struct want *find_want(struct lw_nats_publisher *p, uint64_t relay, uint3
     return &p->want[p->want_count++];
 }
 
-/* Tiles that exist, by id, each once. */
-static enum lw_status list_wanted(const struct lw_nats_publisher *p,
-                                  const struct lw_message_interest *interest, uint32_t **out_tile,
-                                  size_t *out_count) {
-    uint32_t *tile = malloc((interest->tile_count + 1) * sizeof *tile);
-    size_t filled = 0;
-    if (!tile) return LW_NO_MEMORY;
-    memset(p->bits, 0, (p->map->plain_count / 64 + 1) * sizeof *p->bits);
-    for (size_t i = 0; i < interest->tile_count; i++) {
-        const struct lw_message_interest_tile *t = &interest->tile[i];
-        if (lw_atlas_finer(t->level)) continue;
-        const uint32_t id = lw_atlas_map_find_tile(p->map, t->object, t->level, t->tile).v;
-        if (id >= p->map->plain_count || p->bits[id / 64] >> id % 64 & 1) continue;
-        p->bits[id / 64] |= 1ull << id % 64;
-        tile[filled++] = id;
+static void free_wanted(struct want *want) {
+    free(want->tile);
+    free(want->fine);
+    want->tile = NULL;
+    want->fine = NULL;
+    want->tile_count = want->fine_count = 0;
+}
+
+/* Tiles that exist, each once: by id, and those of finer levels by name, the first ones of the list. Their
+ * names are wanted once each by lw_fine_wishes_take(). */
+static void list_tile(const struct lw_nats_publisher *p, const struct lw_message_interest_tile *t,
+                      struct want *want) {
+    if (lw_atlas_finer(t->level)) {
+        const uint64_t name = lw_atlas_map_name_tile(p->map, t->object, t->level, t->tile);
+        if (name != UINT64_MAX && want->fine_count < LW_NATS_WIRE_FINE_MAX)
+            want->fine[want->fine_count++] = name;
+        return;
     }
-    *out_tile = tile;
-    *out_count = filled;
+    const uint32_t id = lw_atlas_map_find_tile(p->map, t->object, t->level, t->tile).v;
+    if (id >= p->map->plain_count || p->bits[id / 64] >> id % 64 & 1) return;
+    p->bits[id / 64] |= 1ull << id % 64;
+    want->tile[want->tile_count++] = id;
+}
+
+static enum lw_status list_wanted(const struct lw_nats_publisher *p,
+                                  const struct lw_message_interest *interest, struct want *out_want) {
+    struct want want = {.everything = interest->everything,
+                        .tile = malloc((interest->tile_count + 1) * sizeof *want.tile),
+                        .fine = malloc(LW_NATS_WIRE_FINE_MAX * sizeof *want.fine)};
+    if (!want.tile || !want.fine) {
+        free_wanted(&want);
+        return LW_NO_MEMORY;
+    }
+    memset(p->bits, 0, (p->map->plain_count / 64 + 1) * sizeof *p->bits);
+    for (size_t i = 0; i < interest->tile_count; i++) list_tile(p, &interest->tile[i], &want);
+    *out_want = want;
+    return LW_OK;
+}
+
+static bool is_same_want(const struct want *a, const struct want *b) {
+    return a->everything == b->everything && a->channels == b->channels && a->tile_count == b->tile_count &&
+           a->fine_count == b->fine_count &&
+           (!a->tile_count || memcmp(a->tile, b->tile, a->tile_count * sizeof *a->tile) == 0) &&
+           (!a->fine_count || memcmp(a->fine, b->fine, a->fine_count * sizeof *a->fine) == 0);
+}
+
+static enum lw_status read_want(const struct lw_nats_publisher *p, struct lw_nats_wire_reader *reader,
+                                struct want *out_want) {
+    const uint8_t *head = lw_nats_wire_read_bytes(reader, 9), *raw;
+    const uint32_t form = head ? lw_nats_wire_form(head[8]) : UINT32_MAX;
+    struct lw_message message;
+    size_t size;
+    if (form == UINT32_MAX) return LW_PROTOCOL;
+    enum lw_status status = lw_nats_wire_read(reader, &message, &raw, &size);
+    if (status != LW_OK || !raw) return status == LW_OK ? LW_PROTOCOL : status;
+    status = message.type == LW_MESSAGE_INTEREST && !reader->left
+                 ? list_wanted(p, &message.interest, out_want)
+                 : LW_PROTOCOL;
+    lw_message_finish(&message);
+    if (status != LW_OK) return status;
+    memcpy(&out_want->relay, head, sizeof out_want->relay); /* a name: any order of bytes does */
+    out_want->heard_ns = lw_clock_ns();
+    out_want->form = form;
+    out_want->channels = head[8];
     return LW_OK;
 }
 
 static enum lw_status take_want(struct lw_nats_publisher *p, struct lw_nats_wire_reader *reader) {
-    const uint8_t *head = lw_nats_wire_read_bytes(reader, 9), *raw;
-    struct lw_message message;
-    size_t size, tile_count;
-    uint32_t *tile;
-    uint64_t relay;
-    if (!head || head[8] >= FORMS) return LW_PROTOCOL;
-    memcpy(&relay, head, sizeof relay); /* a name: any order of bytes does */
-    enum lw_status status = lw_nats_wire_read(reader, &message, &raw, &size);
-    if (status != LW_OK || !raw) return status == LW_OK ? LW_PROTOCOL : status;
-    status = message.type == LW_MESSAGE_INTEREST && !reader->left
-                 ? list_wanted(p, &message.interest, &tile, &tile_count)
-                 : LW_PROTOCOL;
-    const bool everything = message.type == LW_MESSAGE_INTEREST && message.interest.everything;
-    lw_message_finish(&message);
+    struct want next;
+    const enum lw_status status = read_want(p, reader, &next);
     if (status != LW_OK) return status;
-    struct want *want = find_want(p, relay, head[8]);
+    struct want *want = find_want(p, next.relay, next.form);
     if (!want) {
-        free(tile);
+        free_wanted(&next);
         return LW_OK;
     }
-    want->heard_ns = lw_clock_ns();
-    p->wants_changed |= want->everything != everything || want->tile_count != tile_count ||
-                        (tile_count && memcmp(want->tile, tile, tile_count * sizeof *tile) != 0);
-    free(want->tile);
-    want->everything = everything;
-    want->tile = tile;
-    want->tile_count = tile_count;
+    p->wants_changed |= !is_same_want(want, &next);
+    free_wanted(want);
+    *want = next;
     return LW_OK;
 }
 
@@ -453,33 +598,49 @@ static void forget_silent(struct lw_nats_publisher *p, uint64_t now_ns) {
             i++;
             continue;
         }
-        free(p->want[i].tile);
+        free_wanted(&p->want[i]);
         p->want[i] = p->want[--p->want_count];
         p->wants_changed = true;
         p->told_relays = false;
     }
 }
 
-static void tell_wants(struct lw_nats_publisher *p) {
-    struct lw_nats_publisher_wants wants = {0};
-    size_t most = 0;
-    if (!p->wants_changed) return;
-    for (uint32_t i = 0; i < p->want_count; i++) most += p->want[i].tile_count;
-    uint32_t *tile = malloc((most + 1) * sizeof *tile);
-    if (!tile) return; /* later */
+/* All plain tiles that relays want, each once. tile: room for them; returns how many there are. */
+static size_t join_tiles(struct lw_nats_publisher *p, uint32_t *tile) {
+    size_t count = 0;
     memset(p->bits, 0, (p->map->plain_count / 64 + 1) * sizeof *p->bits);
-    for (uint32_t i = 0; i < p->want_count; i++) {
-        wants.channels |= 1u << p->want[i].form;
-        wants.everything |= p->want[i].everything;
-        for (size_t k = 0; k < p->want[i].tile_count; k++) {
-            const uint32_t id = p->want[i].tile[k];
+    for (const struct want *w = p->want; w < p->want + p->want_count; w++)
+        for (size_t k = 0; k < w->tile_count; k++) {
+            const uint32_t id = w->tile[k];
             if (p->bits[id / 64] >> id % 64 & 1) continue;
             p->bits[id / 64] |= 1ull << id % 64;
-            tile[wants.tile_count++] = id;
+            tile[count++] = id;
         }
+    return count;
+}
+
+/* The same of finer levels, as many as there are places. */
+static size_t join_fine(struct lw_nats_publisher *p) {
+    for (const struct want *w = p->want; w < p->want + p->want_count; w++)
+        if (lw_fine_wishes_add(&p->wishes, w->fine, w->fine_count) != LW_OK)
+            lw_log(LW_LOG_WARNING, "%s: out of memory for finer levels that a relay wants", p->address.name);
+    return lw_fine_wishes_take(&p->wishes, p->fine, LW_NATS_PUBLISHER_FINE_MAX);
+}
+
+static void tell_wants(struct lw_nats_publisher *p) {
+    struct lw_nats_publisher_wants wants = {.fine = p->fine};
+    size_t most = 0;
+    if (!p->wants_changed) return;
+    for (uint32_t i = 0; i < p->want_count; i++) {
+        wants.channels |= p->want[i].channels & p->served;
+        wants.everything |= p->want[i].everything;
+        most += p->want[i].tile_count;
     }
-    if (wants.everything) wants.tile_count = 0;
+    uint32_t *tile = malloc((most + 1) * sizeof *tile);
+    if (!tile) return; /* later */
     wants.tile = tile;
+    wants.tile_count = wants.everything ? 0 : join_tiles(p, tile);
+    wants.fine_count = wants.everything ? 0 : join_fine(p);
     p->channels = wants.channels;
     p->wants_changed = false;
     pthread_mutex_lock(&p->mutex);
@@ -496,7 +657,7 @@ static void hear_other(struct lw_nats_publisher *p, uint64_t run) {
            "%s: another lightwelld publishes there: this one does no longer; give it another name",
            p->address.name);
     p->stands_down = true;
-    for (uint32_t i = 0; i < p->want_count; i++) free(p->want[i].tile);
+    for (uint32_t i = 0; i < p->want_count; i++) free_wanted(&p->want[i]);
     p->want_count = 0;
     p->wants_changed = true;
     tell_wants(p);
@@ -576,8 +737,8 @@ static void take_events(struct lw_nats_publisher *p) {
 }
 
 static int time_left(const struct lw_nats_publisher *p, uint64_t now_ns) {
-    for (uint32_t f = 0; f < FORMS && lw_nats_link_is_connected(p->link); f++)
-        if (p->is_announced && p->form[f].now && p->form[f].keep_at < p->map->plain_count)
+    LW_TILE_CHANNELS_EACH (c, p->served)
+        if (p->is_announced && is_to_keep(p, c) && lw_nats_link_is_connected(p->link))
             return p->acks->waiting >= KEEP_WAITING ? 10 : 0;
     return p->alive_ns > now_ns ? (int)((p->alive_ns - now_ns) / MS_NS) + 1 : 0;
 }
@@ -674,13 +835,7 @@ static enum lw_status make_room(struct lw_nats_publisher *p, const struct lw_nat
     p->finish_chunk_count = p->finish_chunk ? desc->finish_chunk_count : 0;
     p->bits = calloc(p->map->plain_count / 64 + 1, sizeof *p->bits);
     p->acks = calloc(1, sizeof *p->acks);
-    bool done = p->chunk && p->finish_chunk && p->bits && p->acks;
-    for (uint32_t f = 0; f < FORMS; f++) {
-        p->form[f].kept = calloc((size_t)p->map->plain_count + 1, sizeof *p->form[f].kept);
-        p->form[f].keep_at = p->map->plain_count;
-        done &= p->form[f].kept != NULL;
-    }
-    return done ? LW_OK : LW_NO_MEMORY;
+    return p->chunk && p->finish_chunk && p->bits && p->acks ? LW_OK : LW_NO_MEMORY;
 }
 
 enum lw_status lw_nats_publisher_create(const struct lw_nats_publisher_desc *desc,
@@ -693,6 +848,8 @@ enum lw_status lw_nats_publisher_create(const struct lw_nats_publisher_desc *des
     p->address = *desc->address;
     p->map = desc->map;
     p->run = desc->run;
+    p->served = desc->channels;
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) lw_fine_index_init(&p->channel[c].fine, p->map);
     p->wants = desc->wants;
     p->context = desc->context;
     p->stats.is_connected = true;
@@ -700,12 +857,15 @@ enum lw_status lw_nats_publisher_create(const struct lw_nats_publisher_desc *des
     status = make_room(p, desc);
     if (status != LW_OK) lw_status_fail(err, status, "out of memory");
     if (status == LW_OK)
-        status = lw_nats_link_create(&(struct lw_nats_link_desc){.url = p->address.url,
-                                                                 .name = p->address.name,
-                                                                 .client = "lightwelld " LW_VERSION,
-                                                                 .timeout_ms = CONNECT_MS,
-                                                                 .queue_max = QUEUE_MAX},
-                                     &p->link, err);
+        status = lw_nats_link_create(
+            &(struct lw_nats_link_desc){.url = p->address.url,
+                                        .name = p->address.name,
+                                        .tls_host = p->address.tls ? p->address.host : NULL,
+                                        .trust = desc->trust,
+                                        .client = "lightwelld " LW_VERSION,
+                                        .timeout_ms = CONNECT_MS,
+                                        .queue_max = QUEUE_MAX},
+            &p->link, err);
     if (status == LW_OK) lw_nats_link_own(p->link, p->acks);
     if (status == LW_OK) status = look_for_other(p, err);
     if (status == LW_OK) status = listen(p, err);
@@ -740,10 +900,12 @@ void lw_nats_publisher_destroy(struct lw_nats_publisher *p) {
     for (size_t i = 0; i < sizeof p->subscription / sizeof *p->subscription; i++)
         lw_nats_link_unsubscribe(p->link, p->subscription[i]);
     lw_nats_link_destroy(p->link);
-    for (uint32_t i = 0; i < p->want_count; i++) free(p->want[i].tile);
-    for (uint32_t f = 0; f < FORMS; f++) {
-        lw_snapshot_unref(p->form[f].now);
-        free(p->form[f].kept);
+    for (uint32_t i = 0; i < p->want_count; i++) free_wanted(&p->want[i]);
+    lw_fine_wishes_finish(&p->wishes);
+    for (uint32_t f = 0; f < FORMS; f++) lw_snapshot_unref(p->form[f].now);
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) {
+        lw_fine_index_finish(&p->channel[c].fine);
+        free(p->channel[c].kept);
     }
     lw_snapshot_unref(p->latest);
     lw_blob_unref(p->welcome);

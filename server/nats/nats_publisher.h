@@ -10,24 +10,30 @@
 #ifndef LW_NATS_NATS_PUBLISHER_H
 #define LW_NATS_NATS_PUBLISHER_H
 
+#include "common/nats/nats_trust.h"
 #include "proto/nats_wire.h"
 #include "server/publish/snapshot.h"
 
 #define LW_NATS_PUBLISHER_KEEP_MS    5000u /* the newest whole of a tile that changes is kept so often */
 #define LW_NATS_PUBLISHER_RELAYS_MAX 256u  /* relays at a time; each form of light counts */
+#define LW_NATS_PUBLISHER_FINE_MAX   2048u /* tiles of finer levels that the solver is asked for */
 
 /** What relays want, all of them together. */
 struct lw_nats_publisher_wants {
-    uint32_t channels;    /* a bit for each form of light */
+    uint32_t channels;    /* a bit for each: forms of light, and where it comes from */
     bool everything;      /* then there is no list */
-    const uint32_t *tile; /* ids, each once */
+    const uint32_t *tile; /* ids of no finer level, each once */
     size_t tile_count;
+    const uint64_t *fine; /* names of tiles of finer levels (atlas.h), each once */
+    size_t fine_count;
 };
 
 struct lw_nats_publisher_desc {
     const struct lw_nats_wire_address *address; /* copied */
-    const struct lw_atlas_map *map;             /* outlives it; tiles of finer levels are not published */
+    struct lw_nats_trust trust;                 /* for an address of TLS */
+    const struct lw_atlas_map *map;             /* outlives it */
     uint32_t object_count, light_count;
+    uint32_t channels; /* a bit for each channel that the light may have (tile_channels.h) */
     uint64_t run;
     /* The welcome and the chunks of the packages, as sessions get them; copied references. */
     struct lw_blob *welcome, *const *chunk, *const *finish_chunk;

@@ -49,8 +49,10 @@ struct door {
 struct outside {
     uint32_t channels; /* bit for each; 0: nobody is there */
     bool everything;
-    uint32_t *tile;
+    uint32_t *tile; /* room for all of them */
     size_t tile_count;
+    uint64_t *fine; /* names of tiles of finer levels that have no place in `tile` yet */
+    size_t fine_count;
 };
 
 /* A thread that compresses the packages while others begin their work. What it makes is read once
@@ -610,7 +612,20 @@ static void count_outside(struct lw_session_shared *shared, const struct outside
     }
 }
 
+/* Gives ids to the tiles of finer levels; those that get none are left out. */
+static void name_fine(struct lw_session_shared *shared, struct outside *outside) {
+    for (size_t i = 0; i < outside->fine_count; i++) {
+        const uint32_t id = lw_atlas_map_claim_name(shared->atlas_map, outside->fine[i]).v;
+        if (id != UINT32_MAX) outside->tile[outside->tile_count++] = id;
+    }
+    free(outside->fine);
+    outside->fine = NULL;
+    outside->fine_count = 0;
+    lw_fine_names_add(&shared->fine, outside->tile, (uint32_t)outside->tile_count);
+}
+
 static void take_outside(struct lw_server *server) {
+    struct lw_session_shared *shared = &server->shared;
     uv_mutex_lock(&server->mutex);
     const bool has_next = server->has_next_outside;
     struct outside next = server->next_outside;
@@ -618,10 +633,13 @@ static void take_outside(struct lw_server *server) {
     server->next_outside = (struct outside){0};
     uv_mutex_unlock(&server->mutex);
     if (!has_next) return;
-    next.channels &= server->shared.channels_served;
+    next.channels &= shared->channels_served;
     /* in this order, so that a tile of both is never without interest */
-    count_outside(&server->shared, &next, true);
-    count_outside(&server->shared, &server->outside, false);
+    name_fine(shared, &next);
+    count_outside(shared, &next, true);
+    count_outside(shared, &server->outside, false);
+    shared->interest_union.changed |=
+        lw_fine_names_remove(&shared->fine, server->outside.tile, (uint32_t)server->outside.tile_count);
     free(server->outside.tile);
     server->outside = next;
 }
@@ -1374,20 +1392,32 @@ void lw_server_publish(struct lw_server *server, struct lw_snapshot *snapshot) {
     uv_async_send(&server->wake);
 }
 
-bool lw_server_set_outside(struct lw_server *server, uint32_t channels, bool everything, const uint32_t *tile,
-                           size_t tile_count) {
-    struct outside next = {.channels = channels, .everything = everything};
-    if (!everything && tile_count) {
-        if (!(next.tile = malloc(tile_count * sizeof *next.tile))) return false;
-        memcpy(next.tile, tile, tile_count * sizeof *next.tile);
-        next.tile_count = tile_count;
+static void free_outside(struct outside *outside) {
+    free(outside->tile);
+    free(outside->fine);
+    *outside = (struct outside){0};
+}
+
+bool lw_server_set_outside(struct lw_server *server, const struct lw_server_outside *outside) {
+    struct outside next = {.channels = outside->channels, .everything = outside->everything};
+    if (!outside->everything) {
+        next.tile_count = outside->tile_count;
+        next.fine_count = outside->fine_count;
+        next.tile = malloc((next.tile_count + next.fine_count + 1) * sizeof *next.tile);
+        next.fine = malloc((next.fine_count + 1) * sizeof *next.fine);
+        if (!next.tile || !next.fine) {
+            free_outside(&next);
+            return false;
+        }
+        if (next.tile_count) memcpy(next.tile, outside->tile, next.tile_count * sizeof *next.tile);
+        if (next.fine_count) memcpy(next.fine, outside->fine, next.fine_count * sizeof *next.fine);
     }
     uv_mutex_lock(&server->mutex);
-    uint32_t *unseen = server->next_outside.tile;
+    struct outside unseen = server->next_outside;
     server->next_outside = next;
     server->has_next_outside = true;
     uv_mutex_unlock(&server->mutex);
-    free(unseen);
+    free_outside(&unseen);
     uv_async_send(&server->wake);
     return true;
 }
@@ -1403,13 +1433,15 @@ enum lw_status lw_server_get_scene(struct lw_server *server, struct lw_server_sc
     const struct lw_session_shared *shared = &server->shared;
     enum lw_status status = await_packages(server);
     if (status != LW_OK) return status;
-    struct lw_server_scene scene = {.run = shared->welcome.run};
+    struct lw_server_scene scene = {.run = shared->welcome.run, .channels = shared->channels_served};
     struct lw_message message = {.type = LW_MESSAGE_WELCOME, .welcome = shared->welcome};
     struct lw_message_welcome *w = &message.welcome;
     w->session = 1;
     w->servers = NULL; /* each has a list of its own */
     w->features |= LW_FEATURE_RESUME | (w->finish.size ? LW_FEATURE_MATERIALS : 0) |
-                   (shared->channels_served >> LW_LIGHT_FORM_SPLIT & 1 ? LW_FEATURE_DRAWS : 0);
+                   lw_tile_channels_features(shared->channels_served);
+    w->finer = shared->atlas_map->finer_count;
+    if (w->finer) w->features |= LW_FEATURE_FINER;
     status = lw_blob_from_message(&message, &scene.welcome);
     if (status != LW_OK) return status;
     scene.chunk = ref_chunks(&shared->package);
@@ -1516,8 +1548,8 @@ void lw_server_destroy(struct lw_server *server) {
     free(shared->listed);
     free(server->order);
     free_interest(&server->interest);
-    free(server->outside.tile);
-    free(server->next_outside.tile);
+    free_outside(&server->outside);
+    free_outside(&server->next_outside);
     lw_interest_union_finish(&shared->interest_union);
     lw_relay_tree_finish(&shared->tree);
     lw_fine_names_finish(&shared->fine);

@@ -183,6 +183,7 @@ struct lw_server_scene {
     struct lw_blob *welcome;                /* with every feature that there is */
     struct lw_blob **chunk, **finish_chunk; /* messages, in order */
     uint32_t chunk_count, finish_chunk_count;
+    uint32_t channels; /* a bit for each channel that a session may ask for */
     uint64_t run;
 };
 /** lw_server_scene_finish() frees it. Waits until the packages are compressed. From the thread that calls
@@ -190,12 +191,19 @@ struct lw_server_scene {
 LW_MUST_CHECK enum lw_status lw_server_get_scene(struct lw_server *server, struct lw_server_scene *out_scene);
 void lw_server_scene_finish(struct lw_server_scene *scene);
 
-/** For a solver's server: the interest of clients without a session here. It counts as one session's.
- * channels: a bit for each that is wanted; 0: there is nobody. tile: ids of no finer level, each once;
- * copied.
+/** Interest of clients without a session here. */
+struct lw_server_outside {
+    uint32_t channels;    /* a bit for each that is wanted; 0: there is nobody */
+    bool everything;      /* then the lists do not count */
+    const uint32_t *tile; /* ids of no finer level, each once */
+    size_t tile_count;
+    const uint64_t *fine; /* names of tiles of finer levels, under map->fine_names, each once */
+    size_t fine_count;
+};
+/** For a solver's server: this counts as the interest of one session, instead of the outside interest before.
+ * Tiles of finer levels for which there is no id are left out. outside: copied.
  * Returns false where there is no memory: then it stays as it was. [any] */
-bool lw_server_set_outside(struct lw_server *server, uint32_t channels, bool everything, const uint32_t *tile,
-                           size_t tile_count);
+bool lw_server_set_outside(struct lw_server *server, const struct lw_server_outside *outside);
 
 /** Asks the loop to refuse new sessions, say goodbye and return from lw_server_run(). [any], and from signal
  * handlers by way of the loop's own SIGINT/SIGTERM watchers, which lw_server_run() installs. */

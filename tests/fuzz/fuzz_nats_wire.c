@@ -19,12 +19,19 @@ static void read_address(const uint8_t *data, size_t size) {
     text[size] = '\0';
     if (lw_nats_wire_address(text, &address, NULL) == LW_OK) {
         require(lw_nats_wire_is_address(text) && lw_nats_wire_is_address(address.url));
+        require(*address.host && strstr(text, address.host) && !strpbrk(address.host, "/ ]"));
         require(strlen(address.scene) - 1 < LW_NATS_WIRE_SCENE_MAX && !strpbrk(address.scene, ".*> /"));
         require(!strchr(address.name, '@') || strchr(strchr(text, '@') + 1, '@'));
         lw_nats_wire_subject(subject, address.scene, "kept.%u.%u.%u.%u", 1u, UINT32_MAX, UINT32_MAX,
                              UINT32_MAX);
     }
     free(text);
+}
+
+/* What the byte of a `want` says. */
+static void read_channels(uint8_t channels) {
+    const uint32_t form = lw_nats_wire_form(channels);
+    require(form == UINT32_MAX || (form < LW_LIGHT_FORM_COUNT && channels >> form & 1));
 }
 
 static void read_payload(const uint8_t *data, size_t size) {
@@ -51,6 +58,7 @@ static void read_payload(const uint8_t *data, size_t size) {
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     if (!size) return 0;
+    read_channels(*data);
     (*data & 1 ? read_address : read_payload)(data + 1, size - 1);
     return 0;
 }

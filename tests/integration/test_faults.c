@@ -1,6 +1,7 @@
 /* Faults, and what the documents promise of each: the real programs, killed, stopped, cut off, without
  * memory, disk or the right time. docs/lab/reliability.md has them as a table. */
 #include "tests/support/certificate.h"
+#include "tests/support/net_space.h"
 #include "tests/support/process.h"
 #include "tests/support/web_peer.h"
 
@@ -798,39 +799,11 @@ static void a_saturated_machine_is_slow_not_broken(void **state) {
 
 /* ---- links ---- */
 
-/* Names and addresses of this process, so that tests may run beside each other. */
-static char space[32], cable[16], far_end[16], here[24], there[24];
-
-static void choose_names(void) {
-    const unsigned n = (unsigned)getpid() % 16384; /* number in 10.213.0.0/16, four addresses each */
-    snprintf(space, sizeof space, "lw_faults_%d", (int)getpid());
-    snprintf(cable, sizeof cable, "lwf%d", (int)getpid());
-    snprintf(far_end, sizeof far_end, "lwg%d", (int)getpid());
-    snprintf(here, sizeof here, "10.213.%u.%u", n / 64, n % 64 * 4 + 1);
-    snprintf(there, sizeof there, "10.213.%u.%u", n / 64, n % 64 * 4 + 2);
-}
-
-/* Runs it with these names: $S, $C, $F, $H, $T. */
-static bool runs_well(const char *command) {
-    const char *const name[] = {"S", space, "C", cable, "F", far_end, "H", here, "T", there};
-    for (size_t i = 0; i < sizeof name / sizeof *name; i += 2) setenv(name[i], name[i + 1], 1);
-    return system(command) == 0;
-}
+static struct lw_net_space space; /* a cable goes to a client there */
 
 static int remove_space(void **state) {
-    (void)runs_well("ip netns del $S 2>/dev/null; ip link del $C 2>/dev/null");
+    lw_net_space_remove(&space);
     return kill_all(state);
-}
-
-/* A network namespace of our own, at the other end of a cable. */
-static bool make_space(void) {
-    if (geteuid() != 0) return false;
-    choose_names();
-    (void)runs_well("ip netns del $S 2>/dev/null; ip link del $C 2>/dev/null");
-    return runs_well("ip netns add $S 2>/dev/null") &&
-           runs_well("ip link add $C type veth peer name $F netns $S 2>/dev/null") &&
-           runs_well("ip addr add $H/30 dev $C && ip link set $C up") &&
-           runs_well("ip -n $S addr add $T/30 dev $F && ip -n $S link set $F up");
 }
 
 /* In that namespace: a client that writes a byte for each frame, L where it lost the session, R where it has
@@ -840,9 +813,9 @@ static _Noreturn void be_a_client_there(uint16_t port, int out) {
     struct lw_client_stats stats;
     uint64_t frame = 0;
     const struct lw_client_desc desc = {
-        .host = here, .port = port, .name = "there", .timeout_ms = LIMIT_S * 1000};
+        .host = space.cable[0].here, .port = port, .name = "there", .timeout_ms = LIMIT_S * 1000};
     char path[64];
-    snprintf(path, sizeof path, "/run/netns/%s", space);
+    snprintf(path, sizeof path, "/run/netns/%s", space.name);
     const int descriptor = open(path, O_RDONLY | O_CLOEXEC);
     if (descriptor < 0 || setns(descriptor, CLONE_NEWNET) != 0 || lw_client_create(&desc, &client, NULL))
         _exit(1);
@@ -878,17 +851,14 @@ static bool hears(int in, char wanted, unsigned limit_ms, unsigned *losses) {
 static void a_link_that_was_down(void **state) {
     (void)state;
     static const unsigned down_s[] = {2, 30, 300};
-    if (!make_space()) {
-        print_message("skipped: needs root, ip(8) and network namespaces\n");
-        skip();
-    }
+    if (!lw_net_space_make(&space, 1)) skip();
     struct lw_process daemon;
     int ends[2];
     char arguments[256];
     snprintf(arguments, sizeof arguments,
              "builtin:cornell --texels-per-metre 4 --light whole --error 1e-6 --frame-rate 20 "
              "--listen %s:0 --insecure --http none --json",
-             here);
+             space.cable[0].here);
     lw_process_serve(&daemon, arguments);
     assert_int_equal(pipe2(ends, O_CLOEXEC), 0);
     const unsigned before = descriptors_of(daemon.pid);
@@ -898,14 +868,14 @@ static void a_link_that_was_down(void **state) {
     for (size_t i = 0; i < (is_long ? 3u : 1u); i++) {
         unsigned losses = 0;
         assert_true(hears(ends[0], 'f', LIMIT_S * 1000, &losses));
-        assert_true(runs_well("ip -n $S link set $F down"));
+        lw_net_space_plug(&space, 0, false);
         losses = 0;
         if (is_long)
             (void)hears(ends[0], 0, down_s[i] * 1000, &losses);
         else
             lw_process_await_frames(&daemon, 10);                     /* none gets through */
         if (down_s[i] > 60) wait_for_descriptors(daemon.pid, before); /* the server does not keep it */
-        assert_true(runs_well("ip -n $S link set $F up"));
+        lw_net_space_plug(&space, 0, true);
         const uint64_t up_ns = lw_clock_ns();
         for (unsigned frames = 0; frames < 12; frames++) /* more than the link holds */
             assert_true(hears(ends[0], 'f', LIMIT_S * 1000, &losses));
@@ -914,7 +884,7 @@ static void a_link_that_was_down(void **state) {
         if (down_s[i] < 15) assert_int_equal(losses, 0);
     }
     /* half open: the peer is gone, and no packet says so */
-    if (is_long) assert_true(runs_well("ip -n $S link set $F down"));
+    if (is_long) lw_net_space_plug(&space, 0, false);
     assert_int_equal(kill(client, SIGKILL), 0);
     assert_int_equal(waitpid(client, NULL, 0), client);
     const uint64_t gone_ns = lw_clock_ns();

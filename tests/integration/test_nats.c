@@ -1,5 +1,6 @@
 /* The real lightwelld, nats-server and lightwell-relay: light through NATS, light kept there, and parts
  * that die. */
+#include "tests/support/nats_case.h"
 #include "tests/support/relays.h"
 
 #include "common/nats/nats_link.h"
@@ -7,7 +8,6 @@
 
 #include <arpa/inet.h>
 #include <errno.h>
-#include <ftw.h>
 #include <netinet/in.h>
 #include <poll.h>
 #include <signal.h>
@@ -16,70 +16,28 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
-#include <sys/stat.h>
 #include <unistd.h>
-
-#ifndef LW_NATS_SERVER
-#define LW_NATS_SERVER ""
-#endif
 
 #define RELAYS 3
 #define TILES  "lightwell_upstream_received_tiles_total"
 
-static struct lw_process server, nats, relay[RELAYS];
-static uint16_t nats_port;
-static char store[200]; /* folder of JetStream's files */
-
-static int remove_file(const char *path, const struct stat *about, int kind, struct FTW *walk) {
-    (void)about, (void)kind, (void)walk;
-    return remove(path);
-}
+static struct lw_process server, relay[RELAYS];
+static struct lw_nats_case nats;
 
 static int end_all(void **state) {
     (void)state;
     lw_relays_end();
-    (void)nftw(store, remove_file, 16, FTW_DEPTH | FTW_PHYS);
+    lw_nats_case_finish(&nats);
     memset(relay, 0, sizeof relay);
     return 0;
 }
 
-/* A port of 127.0.0.1 that nobody has: nats-server has to come back at it. */
-static uint16_t free_port(void) {
-    struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-    socklen_t size = sizeof address;
-    const int descriptor = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    assert_int_equal(bind(descriptor, (struct sockaddr *)&address, size), 0);
-    assert_int_equal(getsockname(descriptor, (struct sockaddr *)&address, &size), 0);
-    close(descriptor);
-    return ntohs(address.sin_port);
-}
-
-/* options: "-js", or none; limit: of JetStream's files, bytes; 0: none */
-static void run_nats(bool jetstream, unsigned limit) {
-    char arguments[500], config[128];
-    const char *path = lw_support_temporary("nats.conf");
-    const int length = limit ? snprintf(config, sizeof config,
-                                        "jetstream { max_file_store: %u, max_memory_store: 1M }\n", limit)
-                             : 0;
-    lw_support_write_file(path, config, (size_t)length);
-    snprintf(arguments, sizeof arguments, "-a 127.0.0.1 -p %u -sd %s -c %s%s", nats_port, store, path,
-             jetstream ? " -js" : "");
-    lw_process_start(&nats, LW_NATS_SERVER, arguments);
-    lw_process_await_text(&nats, "Server is ready");
-}
-
+/* limit: of JetStream's files, bytes; 0: none */
 static void start_nats(bool jetstream, unsigned limit) {
-    if (!*LW_NATS_SERVER) skip();
-    nats_port = free_port();
-    snprintf(store, sizeof store, "%s", lw_support_temporary("jetstream"));
-    run_nats(jetstream, limit);
+    lw_nats_case_start(&nats, &(struct lw_nats_case_desc){.no_jetstream = !jetstream, .limit = limit});
 }
 
-static const char *address(const char *scene) {
-    static char text[64];
-    snprintf(text, sizeof text, "nats://127.0.0.1:%u/%s", nats_port, scene);
-    return text;
-}
+static const char *address(const char *scene) { return lw_nats_case_address(&nats, scene); }
 
 static void serve(const char *options) {
     char arguments[500];
@@ -144,7 +102,7 @@ static void each_part_dies_in_turn(void **state) {
     assert_non_null(strstr(answer.text, "do not go through NATS"));
     change(&show_5);
     /* NATS: the daemon serves on, relays keep their light, and have the rest once it is back */
-    kill_it(&nats);
+    lw_nats_case_kill(&nats);
     lw_process_await_text(&server, "is gone: its relays get no light");
     frame_due = lw_relays_update(0, &hide_5, &answer);
     assert_int_equal(answer.code, LW_SCENE_CHANGE_OK);
@@ -153,7 +111,7 @@ static void each_part_dies_in_turn(void **state) {
         assert_true(lw_relays_stats(i).frame < frame_due);
         assert_false(lw_client_object_hidden(lw_relays_client[i], 5));
     }
-    run_nats(true, 0);
+    start_nats(true, 0);
     lw_process_await_text(&server, "is there again");
     lw_relays_wait(all_went_on);
     lw_relays_expect_same();
@@ -188,6 +146,27 @@ static bool first_relay_is_lost(void) {
     return lw_relays_figure(&relay[0], "lightwell_upstream_lost_seconds") > 0;
 }
 
+/* Tiles of a channel that JetStream has. */
+static uint32_t count_kept(uint32_t channel) {
+    char subject[LW_NATS_WIRE_SUBJECT_SIZE];
+    natsConnection *connection = NULL;
+    jsCtx *jetstream = NULL;
+    jsStreamInfo *info = NULL;
+    jsOptions options;
+    jsErrCode code = 0;
+    jsOptions_Init(&options);
+    lw_nats_wire_subject(subject, "room", "kept.%u.*.*.*", channel);
+    options.Stream.Info.SubjectsFilter = subject;
+    assert_int_equal(natsConnection_ConnectTo(&connection, address("")), NATS_OK);
+    assert_int_equal(natsConnection_JetStream(&jetstream, connection, NULL), NATS_OK);
+    assert_int_equal(js_GetStreamInfo(&info, jetstream, "lightwell-room", &options, &code), NATS_OK);
+    const uint32_t count = info->State.Subjects ? (uint32_t)info->State.Subjects->Count : 0;
+    jsStreamInfo_Destroy(info);
+    jsCtx_Destroy(jetstream);
+    natsConnection_Destroy(connection);
+    return count;
+}
+
 /* A relay that joins when the daemon is gone has the light that is kept, and says that it is old. Relays of
  * both forms of light. */
 static void what_is_kept_serves_newcomers(void **state) {
@@ -206,6 +185,8 @@ static void what_is_kept_serves_newcomers(void **state) {
     const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[0]);
     const double all = 2.0 * (map->plain_count + 1);
     while (lw_relays_figure(&server, "lightwell_nats_kept_messages_total") < all) lw_relays_poll();
+    assert_int_equal(count_kept(LW_TILE_CHANNEL_DIRECTION), 0); /* the scene looks the same without them */
+    assert_int_equal(count_kept(LW_TILE_CHANNEL_DIRECTION_SPLIT), 0);
     lw_client_destroy(lw_relays_client[0]);
     lw_relays_client[0] = NULL;
     kill_it(&server);
@@ -216,6 +197,58 @@ static void what_is_kept_serves_newcomers(void **state) {
     lw_process_await_text(&relay[0], "no lightwelld publishes there now");
     assert_true(first_has_light());
 }
+
+/* ---- where light comes from ---- */
+
+static uint32_t count_directions(int i) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[i]);
+    uint32_t count = 0;
+    for (uint32_t t = 0; map && t < map->plain_count; t++)
+        count += lw_client_get_tile(lw_relays_client[i], (lw_tile_id){t}).direction_version > 0;
+    return count;
+}
+
+static uint32_t directions_due;
+static bool directions_are_kept(void) {
+    return count_kept(LW_TILE_CHANNEL_DIRECTION_SPLIT) >= directions_due;
+}
+static bool third_has_settled(void) { return lw_relays_stats(2).settled_frame > 0; }
+static bool first_has_directions(void) { return count_directions(0) >= directions_due; }
+
+/* Clients get directions as from the daemon. A relay that joins without a daemon finds them in NATS. */
+static void directions_come_through(void **state) {
+    (void)state;
+    const struct lw_client_desc desc = {.draws_direct = true, .channel_features = LW_TILE_CHANNELS_DIRECTION};
+    start_nats(true, 0);
+    for (int some = 0; some < 2; some++) {
+        serve(some ? "builtin:atrium --freeze 0 --texels-per-metre 1.5 --clock step --light whole "
+                     "--error 0.5 --http none"
+                   : LW_RELAYS_CORNELL " --directional on");
+        lw_relays_start(&relay[0], address("room"), "");
+        lw_relays_join_with(0, server.port, desc);
+        lw_relays_join_with(1, relay[0].port, desc);
+        lw_relays_expect_same_directions();
+        lw_relays_join(2, relay[0].port); /* all light, without directions */
+        lw_relays_wait(third_has_settled);
+        assert_int_equal(count_directions(2), 0);
+        directions_due = count_directions(0);
+        lw_relays_wait(directions_are_kept);
+        for (int i = 0; i < 3; i++) {
+            lw_client_destroy(lw_relays_client[i]);
+            lw_relays_client[i] = NULL;
+        }
+        kill_it(&server);
+        kill_it(&relay[0]);
+        lw_relays_start(&relay[0], address("room"), "");
+        lw_relays_join_with(0, relay[0].port, desc);
+        lw_relays_wait(first_has_directions);
+        lw_client_destroy(lw_relays_client[0]);
+        lw_relays_client[0] = NULL;
+        kill_it(&relay[0]);
+    }
+}
+
+/* ---- interest ---- */
 
 /* By the relay's session of the client's form alone: the one that the relay began with is forgotten. */
 static bool is_wanted(void) {
@@ -249,9 +282,9 @@ static void bad_starts_end_with_a_line(void **state) {
     snprintf(arguments, sizeof arguments, LW_RELAYS_CORNELL " --listen 127.0.0.1:0 --nats %s",
              address("room"));
     lw_process_refuses("lightwelld", arguments, 69, "has no JetStream: start it with", LW_PROCESS_LIMIT_S);
-    kill_it(&nats);
+    lw_nats_case_kill(&nats);
     lw_process_refuses("lightwelld", arguments, 69, "is nats-server running?", LW_PROCESS_LIMIT_S);
-    run_nats(true, 0);
+    start_nats(true, 0);
     serve(LW_RELAYS_CORNELL);
     lw_process_refuses("lightwelld", arguments, 69, "another lightwelld publishes", LW_PROCESS_LIMIT_S);
     struct lw_process other = {.port = 0};
@@ -274,9 +307,9 @@ static void a_full_jetstream_is_told(void **state) {
     snprintf(arguments, sizeof arguments, LW_RELAYS_CORNELL " --listen 127.0.0.1:0 --nats %s",
              address("room"));
     lw_process_refuses("lightwelld", arguments, 69, "JetStream is full", LW_PROCESS_LIMIT_S);
-    kill_it(&nats);
-    (void)nftw(store, remove_file, 16, FTW_DEPTH | FTW_PHYS);
-    run_nats(false, 5000);
+    lw_nats_case_kill(&nats);
+    lw_nats_case_finish(&nats);
+    start_nats(false, 5000);
     serve(LW_RELAYS_CORNELL);
     lw_process_await_text(&server, "JetStream is full: relays that join find older light there");
     lw_relays_start(&relay[0], address("room"), "");
@@ -302,7 +335,7 @@ static void say(const void *bytes, size_t size) {
 static void become_stranger(void) {
     static const char hello[] = "CONNECT {\"verbose\":false,\"pedantic\":false,\"echo\":false}\r\n";
     struct sockaddr_in to = {
-        .sin_family = AF_INET, .sin_port = htons(nats_port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+        .sin_family = AF_INET, .sin_port = htons(nats.port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
     stranger = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
     assert_int_equal(connect(stranger, (struct sockaddr *)&to, sizeof to), 0);
     say(hello, strlen(hello));
@@ -390,9 +423,11 @@ static uint64_t run_of_kept(void) {
  * the same. */
 static void bytes_of_anybody_harm_nothing(void **state) {
     (void)state;
-    static const char *const rest[] = {"want",           "sync",         "who",         "live.0.frame",
-                                       "live.0.0.0",     "live.0.1.0",   "live.1.0.0",  "live.0.4000000000.9",
-                                       "live.0.frame.x", "kept.0.0.0.0", "kept.0.frame"};
+    static const char *const rest[] = {
+        "want",           "sync",         "who",          "live.0.frame",
+        "live.0.0.0",     "live.0.1.0",   "live.1.0.0",   "live.0.4000000000.9",
+        "live.0.frame.x", "kept.0.0.0.0", "kept.0.frame", "live.2.0.0",
+        "fine.0.0.65",    "fine.2.0.66",  "kept.2.0.0.0"};
     start_nats(true, 0);
     serve(LW_RELAYS_CORNELL);
     lw_relays_start(&relay[0], address("room"), "");
@@ -475,13 +510,11 @@ static void a_subscription_ends_in_a_message(void **state) {
 }
 
 int main(void) {
-    if (!*LW_NATS_SERVER) {
-        puts("skipped: there is no nats-server (scripts/deps.sh)");
-        return 0;
-    }
+    if (!lw_nats_case_is_possible()) return 0;
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(each_part_dies_in_turn, end_all),
         cmocka_unit_test_teardown(what_is_kept_serves_newcomers, end_all),
+        cmocka_unit_test_teardown(directions_come_through, end_all),
         cmocka_unit_test_teardown(interest_goes_up, end_all),
         cmocka_unit_test_teardown(bad_starts_end_with_a_line, end_all),
         cmocka_unit_test_teardown(a_full_jetstream_is_told, end_all),

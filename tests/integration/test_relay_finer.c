@@ -1,4 +1,6 @@
-/* Tiles of finer levels through two relays in a row: whole programs, and clients at the daemon and behind. */
+/* Tiles of finer levels through two relays in a row: whole programs, and clients at the daemon and behind.
+ * The first relay has its light from the daemon, or through NATS. */
+#include "tests/support/nats_case.h"
 #include "tests/support/relays.h"
 
 #include "common/clock.h"
@@ -14,10 +16,20 @@
     "--client-lights none --http none"
 
 static struct lw_process server, relay[2];
+static struct lw_nats_case nats;
+static bool through_nats;
+
+static int choose_nats(void **state) {
+    (void)state;
+    through_nats = true;
+    return 0;
+}
 
 static int end_all(void **state) {
     (void)state;
     lw_relays_end();
+    lw_nats_case_finish(&nats);
+    through_nats = false;
     relay[0] = relay[1] = server = (struct lw_process){.port = 0};
     return 0;
 }
@@ -70,12 +82,20 @@ static bool first_is_same(void) { return is_same(0); }
 static bool has_second(void) { return has_fine(1, 1); }
 static bool has_first(void) { return has_fine(1, 0); }
 
-static void start(const char *options) {
-    char upstream[64], line[300];
-    snprintf(line, sizeof line, SCENE " %s", options);
-    lw_process_serve(&server, line);
+static void start_first_relay(void) {
+    char upstream[64];
     snprintf(upstream, sizeof upstream, "127.0.0.1:%u", server.port);
-    lw_relays_start(&relay[0], upstream, "");
+    lw_relays_start(&relay[0], through_nats ? lw_nats_case_address(&nats, "room") : upstream, "");
+}
+
+static void start(const char *options) {
+    char upstream[64], line[400];
+    if (through_nats && !lw_nats_case_is_possible()) skip();
+    if (through_nats) lw_nats_case_start(&nats, &(struct lw_nats_case_desc){.host = NULL});
+    snprintf(line, sizeof line, SCENE " %s %s %s", options, through_nats ? "--nats" : "",
+             through_nats ? lw_nats_case_address(&nats, "room") : "");
+    lw_process_serve(&server, line);
+    start_first_relay();
     snprintf(upstream, sizeof upstream, "127.0.0.1:%u", relay[0].port);
     lw_relays_start(&relay[1], upstream, "");
 }
@@ -110,7 +130,6 @@ static void finer_tiles_come_through_two_relays(void **state) {
 /* The relay above dies, and starts again: sessions stay, and so do finer tiles, or they come again. */
 static void finer_tiles_outlive_the_relay_above(void **state) {
     (void)state;
-    char upstream[64];
     start("--texels-per-metre 20");
     join(0, server.port);
     join(1, relay[1].port);
@@ -120,8 +139,7 @@ static void finer_tiles_outlive_the_relay_above(void **state) {
     lw_relays_wait(are_same);
     assert_int_equal(lw_process_stop(&relay[0], SIGKILL, LW_PROCESS_LIMIT_S), -SIGKILL);
     lw_process_await_text(&relay[1], "clients keep the light");
-    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", server.port);
-    lw_relays_start(&relay[0], upstream, "");
+    start_first_relay();
     lw_process_await_text(&relay[1], "is there: light goes on");
     lw_relays_wait(are_same);
 }
@@ -160,8 +178,43 @@ static void a_greedy_client_harms_nobody(void **state) {
     lw_relays_wait(has_second);
 }
 
+/* The daemon lights tiles that it hears of through NATS alone. What its own client changes while NATS is gone
+ * comes once NATS is back, and nothing of before stays. */
+static void finer_tiles_outlive_nats(void **state) {
+    (void)state;
+    struct lw_client_answer answer;
+    start("--texels-per-metre 20");
+    join(1, relay[1].port);
+    lw_relays_wait(have_scenes);
+    want(1, 2);
+    lw_relays_wait(has_first);
+    lw_relays_wait(has_second);
+    lw_relays_join_with(
+        0, server.port,
+        (struct lw_client_desc){.finer = LW_ATLAS_FINER_MAX, .wants_nothing = true, .control = true});
+    lw_relays_wait(have_scenes);
+    want(0, 2);
+    lw_relays_wait(are_same);
+    lw_nats_case_kill(&nats);
+    lw_process_await_text(&server, "is gone: its relays get no light");
+    const struct lw_scene_change hide = {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 5};
+    lw_relays_update(0, &hide, &answer);
+    assert_int_equal(answer.code, LW_SCENE_CHANGE_OK);
+    assert_false(are_same());
+    lw_nats_case_start(&nats, &(struct lw_nats_case_desc){.host = NULL});
+    lw_process_await_text(&server, "is there again");
+    lw_relays_wait(are_same);
+}
+
+#define THROUGH_NATS(test)                                                                                   \
+    { #test "_through_nats", test, choose_nats, end_all, NULL }
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        THROUGH_NATS(finer_tiles_come_through_two_relays),
+        THROUGH_NATS(finer_tiles_outlive_the_relay_above),
+        THROUGH_NATS(a_greedy_client_harms_nobody),
+        THROUGH_NATS(finer_tiles_outlive_nats),
         cmocka_unit_test_teardown(finer_tiles_come_through_two_relays, end_all),
         cmocka_unit_test_teardown(finer_tiles_outlive_the_relay_above, end_all),
         cmocka_unit_test_teardown(a_greedy_client_harms_nobody, end_all),

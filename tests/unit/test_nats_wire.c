@@ -13,7 +13,13 @@ static void addresses(void **state) {
     assert_string_equal(a.url, "nats://10.0.0.3:4222");
     assert_string_equal(a.name, "nats://10.0.0.3:4222/atrium");
     assert_string_equal(a.scene, "atrium");
+    assert_string_equal(a.host, "10.0.0.3");
+    assert_false(a.tls);
+    lw_support_ok(lw_nats_wire_address("tls://user:secret@[2001:db8::1]:4222/a", &a, NULL), NULL);
+    assert_string_equal(a.host, "2001:db8::1");
+    assert_true(a.tls);
     lw_support_ok(lw_nats_wire_address("tls://host", &a, NULL), NULL);
+    assert_string_equal(a.host, "host");
     assert_string_equal(a.url, "tls://host");
     assert_string_equal(a.scene, "scene");
     lw_support_ok(lw_nats_wire_address("nats://host/", &a, NULL), NULL);
@@ -29,7 +35,9 @@ static void addresses(void **state) {
     longest[strlen(longest)] = 'a'; /* one more */
     static const char *const bad[] = {"nats://",         "nats:///a",         "host:4222/a",
                                       "nats://host/a.b", "nats://host/*",     "nats://host/a/b",
-                                      "nats://h ost",    "nats://host,other", "nats://user:sec/ret@host/a"};
+                                      "nats://h ost",    "nats://host,other", "nats://user:sec/ret@host/a",
+                                      "nats://:4222/a",  "nats://user@/a",    "tls://[::1:4222/a",
+                                      "tls://[]:1/a"};
     for (size_t i = 0; i <= sizeof bad / sizeof *bad; i++) {
         struct lw_error err = {0};
         lw_support_fails(lw_nats_wire_address(i ? bad[i - 1] : longest, &a, &err), LW_USAGE, &err, "address");
@@ -43,6 +51,27 @@ static void subjects(void **state) {
     assert_string_equal(subject, "lightwell.atrium.live.0.7.2");
     memset(scene, 'a', LW_NATS_WIRE_SCENE_MAX);
     lw_nats_wire_subject(subject, scene, "kept.%u.%u.%u.%u", UINT32_MAX, UINT32_MAX, UINT32_MAX, UINT32_MAX);
+}
+
+/* One form of light, and channels that follow it; nothing else. */
+static void forms_of_channels(void **state) {
+    (void)state;
+    const uint32_t full = 1u << LW_LIGHT_FORM_FULL, split = 1u << LW_LIGHT_FORM_SPLIT,
+                   direction = 1u << LW_TILE_CHANNEL_DIRECTION,
+                   direction_split = 1u << LW_TILE_CHANNEL_DIRECTION_SPLIT;
+    assert_int_equal(lw_nats_wire_form(full), LW_LIGHT_FORM_FULL);
+    assert_int_equal(lw_nats_wire_form(split), LW_LIGHT_FORM_SPLIT);
+    assert_int_equal(lw_nats_wire_form(full | direction), LW_LIGHT_FORM_FULL);
+    assert_int_equal(lw_nats_wire_form(split | direction_split), LW_LIGHT_FORM_SPLIT);
+    const uint32_t bad[] = {0,
+                            direction,
+                            full | split,
+                            full | direction_split,
+                            split | direction | direction_split,
+                            full | 1u << lw_tile_channels()->count,
+                            UINT32_MAX};
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
+        assert_int_equal(lw_nats_wire_form(bad[i]), UINT32_MAX);
 }
 
 /* A prefix and two messages; cut off at each byte it gives a status. */
@@ -93,6 +122,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(addresses),
         cmocka_unit_test(subjects),
+        cmocka_unit_test(forms_of_channels),
         cmocka_unit_test(payloads),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
