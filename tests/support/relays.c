@@ -177,6 +177,31 @@ void lw_relays_expect_same(void) {
         }
 }
 
+static bool directions_are_the_same(void) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[0]);
+    uint32_t tiles = 0;
+    if (!lw_relays_all_same()) return false;
+    for (uint32_t t = 0; t < map->tile_count; t++) {
+        const uint64_t version = lw_client_get_tile(lw_relays_client[0], (lw_tile_id){t}).direction_version;
+        if (version != lw_client_get_tile(lw_relays_client[1], (lw_tile_id){t}).direction_version)
+            return false;
+        tiles += version > 0;
+    }
+    return tiles > 4;
+}
+
+void lw_relays_expect_same_directions(void) {
+    lw_relays_wait(directions_are_the_same);
+    const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[0]);
+    for (uint32_t o = 0; o < map->object_count; o++) {
+        const struct lw_client_level own = lw_client_get_level(lw_relays_client[0], o, 0),
+                                     far = lw_client_get_level(lw_relays_client[1], o, 0);
+        if (!own.width) continue;
+        assert_true(own.direction && far.direction);
+        assert_memory_equal(own.direction, far.direction, 12ul * own.width * own.height);
+    }
+}
+
 uint64_t lw_relays_update(int i, const struct lw_scene_change *change, struct lw_client_answer *out_answer) {
     struct lw_error err = {0};
     uint64_t request;

@@ -46,6 +46,9 @@ bool lw_relays_all_same(void);
 /** Ends the test unless it comes to that, and all see the same. */
 void lw_relays_expect_same(void);
 void lw_relays_expect_same_texels(void);
+/** Waits until clients 0 and 1 have the same light, and directions in the same versions, of more than a few
+ * tiles. Ends the test unless the texels of these are the same. */
+void lw_relays_expect_same_directions(void);
 
 /** Makes a change and waits for the answer; its frame. */
 uint64_t lw_relays_update(int i, const struct lw_scene_change *change, struct lw_client_answer *out_answer);
