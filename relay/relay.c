@@ -6,7 +6,7 @@
 #include "common/invariant.h"
 #include "common/log.h"
 #include "proto/nats_wire.h"
-#include "server/serve/server_limits.h"
+#include "server/serve/admission/server_limits.h"
 
 #include <errno.h>
 #include <poll.h>

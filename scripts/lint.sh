@@ -68,6 +68,12 @@ forbid server/solve/radiosity "server/solve/(adapt|filter)/|$own" 'radiosity kno
 forbid server/solve/filter "server/solve/(transport|adapt)/|$own" 'filters know sums alone'
 forbid server/publish 'server/serve/' 'publish knows no sessions'
 forbid server/serve '(embree|common/trace/)' 'serve traces no rays'
+# Rooms of serving: { admission, metrics, tiles } <- sessions <- transports <- web <- the server.
+own='server/serve/[a-z_]+\.h'
+for room in admission metrics tiles; do forbid server/serve/$room "server/serve/(sessions|transports|web)/|$own" "$room knows no sessions"; done
+forbid server/serve/sessions "server/serve/(transports|web)/|$own" 'a session does not know its link'
+forbid server/serve/transports "server/serve/web/|$own" 'transports know no HTTP server'
+forbid server/serve/web "$own" 'web does not know the server'
 for folder in common proto client relay tests server/solve server/publish server/serve; do forbid "$folder" 'assimp/' 'only server/import uses Assimp'; done
 forbid client/gl '(SDL|client/view/(window|screen|headless))' 'the GL renderer knows no window'
 for folder in common/image common/light common/scene common/tile proto server client relay tests; do forbid "$folder" 'embree' 'only common/trace uses Embree'; done
@@ -121,8 +127,8 @@ common/lightmap/lightmap_split common/lightmap/lightmap_chart
 common/options_manual common/options
 server/import/foreign_import server/import/foreign
 server/import/gltf_meshopt server/import/gltf_document
-server/serve/session_private server/serve/session
-server/serve/turns server/serve/session'
+server/serve/sessions/session_private server/serve/sessions/session
+server/serve/sessions/turns server/serve/sessions/session'
 found=$(inclusions '*.[ch]' | sed 's/\.[ch]\b//g' | awk '$1 != $2' | grep -vxF "$parts" | circle || true)
 if [ -n "$found" ]; then complain "modules include each other; a part that needs its whole is listed in scripts/lint.sh:"$'\n'"$found"; fi
 

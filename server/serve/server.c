@@ -4,12 +4,12 @@
 #include "common/invariant.h"
 #include "common/log.h"
 #include "common/slices.h"
-#include "server/serve/control_socket.h"
-#include "server/serve/fine_turns.h"
-#include "server/serve/session.h"
-#include "server/serve/tcp_transport.h"
-#include "server/serve/turns.h"
-#include "server/serve/web_server.h"
+#include "server/serve/sessions/fine_turns.h"
+#include "server/serve/sessions/session.h"
+#include "server/serve/sessions/turns.h"
+#include "server/serve/transports/control_socket.h"
+#include "server/serve/transports/tcp_transport.h"
+#include "server/serve/web/web_server.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -126,7 +126,7 @@ static bool daemon_is_converged(void) {
 void lw_relays_rest(const struct lw_process *daemon) {
     resting = daemon;
     lw_relays_wait(daemon_is_converged);
-    lw_relays_poll(); /* the last FRAME had been sent when the figure was read */
+    lw_relays_poll(); /* the figure was read after the last FRAME was sent */
     lw_relays_wait(lw_relays_all_rest);
     lw_relays_expect_same();
 }

@@ -38,10 +38,11 @@ void lw_relays_wait_for(bool (*is_so)(void), const char *name);
 bool lw_relays_is_at_rest(int i);
 bool lw_relays_all_rest(void);
 /** Waits until a daemon's light is converged, so that no frame of its own follows, and every client has it:
- * client 0 is the daemon's own. The texels that clients see may be as good as asked for some frames before. */
+ * client 0 is the daemon's own. The texels that clients see may be as good as asked for some frames
+ * before. */
 void lw_relays_rest(const struct lw_process *daemon);
-/** Every client has every tile in the version of the first, and the same frame; a run that a relay has joined
- * to another counts as itself. */
+/** Every client has every tile in the version of the first, and the same frame; a run that a relay has
+ * joined to another counts as itself. */
 bool lw_relays_all_same(void);
 /** Ends the test unless it comes to that, and all see the same. */
 void lw_relays_expect_same(void);
