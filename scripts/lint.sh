@@ -52,6 +52,11 @@ forbid client/lib 'client/(camera|paths|view|measure|load|control)/' 'the client
 forbid client/camera 'client/(lib|paths|view|gl|measure|load|control)/' 'a camera draws nothing'
 forbid client/paths 'client/(lib|view|gl|measure|load|control)/' 'paths know no cache'
 forbid client/view 'client/(measure|load|control)/' 'the viewer measures nothing'
+# Rooms of the viewer: shading <- lights <- compose <- view <- { window, client/gl }.
+own='client/view/[a-z_]+\.h'
+forbid client/view/shading "client/(lib|gl|view/(lights|compose|window))/|$own" 'shading knows no client'
+forbid client/view/lights "client/(gl|view/(compose|window))/|$own" 'lights know no picture'
+forbid client/view/compose "client/(gl|view/window)/|$own" 'the composer knows no window'
 forbid client/measure 'client/(load|control)/' 'measuring knows no other command'
 forbid client/measure/sides 'client/measure/([a-z_]+\.h|figures/)' 'sides judge nothing'
 forbid client/measure/figures 'client/measure/[a-z_]+\.h' 'figures know no command'
@@ -75,7 +80,7 @@ forbid server/serve/sessions "server/serve/(transports|web)/|$own" 'a session do
 forbid server/serve/transports "server/serve/web/|$own" 'transports know no HTTP server'
 forbid server/serve/web "$own" 'web does not know the server'
 for folder in common proto client relay tests server/solve server/publish server/serve; do forbid "$folder" 'assimp/' 'only server/import uses Assimp'; done
-forbid client/gl '(SDL|client/view/(window|screen|headless))' 'the GL renderer knows no window'
+forbid client/gl '(SDL|client/view/(window/|headless|path_command))' 'the GL renderer knows no window'
 for folder in common/image common/light common/scene common/tile proto server client relay tests; do forbid "$folder" 'embree' 'only common/trace uses Embree'; done
 
 twins=$(find common proto server client relay -name '*.c' -printf '%f\n' | sort | uniq -d)

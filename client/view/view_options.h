@@ -6,7 +6,7 @@
 #include "client/camera/camera.h"
 #include "client/lib/access.h"
 #include "client/paths/path_trace.h"
-#include "client/view/show.h"
+#include "client/view/compose/show.h"
 #include "client/view/tonemap.h"
 #include "common/open/scene_open.h"
 #include "common/status.h"

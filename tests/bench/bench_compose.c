@@ -17,7 +17,7 @@
  * With -o DIR the pictures as EXR, for bench_compare; with --dark no light is in their texels, so that the
  * ones with client lights are what "lightwell-view --path-trace --show direct" shows. */
 #include "client/paths/path_trace.h"
-#include "client/view/compose.h"
+#include "client/view/compose/compose.h"
 #include "common/clock.h"
 #include "common/image/image.h"
 #include "common/random.h"

@@ -26,9 +26,9 @@
  *   for */
 #include "client/lib/replica.h"
 #include "client/measure/sides/views.h"
-#include "client/view/attention.h"
-#include "client/view/compose.h"
-#include "client/view/drawn_lights.h"
+#include "client/view/compose/attention.h"
+#include "client/view/compose/compose.h"
+#include "client/view/lights/drawn_lights.h"
 #include "common/clock.h"
 #include "common/folders.h"
 #include "common/scene/package.h"

@@ -11,8 +11,8 @@
 #include "client/gl/gl_offscreen.h"
 #include "client/gl/gl_view.h"
 #include "client/paths/camera_default.h"
-#include "client/view/seeker.h"
-#include "client/view/stage.h"
+#include "client/view/compose/stage.h"
+#include "client/view/window/seeker.h"
 #include "common/clock.h"
 #include "tests/bench/bench_setup.h"
 

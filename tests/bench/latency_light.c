@@ -1,6 +1,6 @@
 #include "tests/bench/latency_light.h"
 
-#include "client/view/stage.h"
+#include "client/view/compose/stage.h"
 #include "common/checked_file.h"
 #include "common/clock.h"
 #include "common/log.h"
