@@ -8,7 +8,7 @@
  * three.js' MikkTSpace. Tangents of the file do not count. */
 #include "common/shading/tangent.h"
 #include "common/status.h"
-#include "server/import/mesh_tangents.h"
+#include "server/import/mesh/mesh_tangents.h"
 #include "tests/bench/bench_setup.h"
 
 #include <stdio.h>
