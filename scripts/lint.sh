@@ -129,6 +129,7 @@ if [ -n "$found" ]; then complain "rooms need each other:"$'\n'"$found"; fi
 parts='client/lib/draws client/lib/client
 client/lib/live_tiles client/lib/live
 client/lib/replica client/lib/client
+client/view/compose/compose_private client/view/compose/compose
 common/light/light_kernels common/light/lights
 common/lightmap/lightmap_check common/lightmap/lightmap
 common/lightmap/lightmap_merge common/lightmap/lightmap_chart
