@@ -507,7 +507,7 @@ static void run_rows(struct bench *b) {
            1e-6 * (double)stats.loop_lag_p99_ns, 1e-6 * (double)stats.loop_lag_max_ns);
 }
 
-static void run(struct bench *b) {
+static void measure(struct bench *b) {
     make_blobs(b);
     b->client = calloc((size_t)b->clients, sizeof *b->client);
     b->epoll = epoll_create1(EPOLL_CLOEXEC);
@@ -524,39 +524,33 @@ static void run(struct bench *b) {
     lw_atlas_map_finish(&b->map);
     lw_scene_destroy(b->scene);
 }
-static enum lw_status run_once(void *context, const char *none, struct lw_error *err) {
+static enum lw_status run(void *context, const char *none, struct lw_error *err) {
     (void)none, (void)err;
     struct rlimit limit;
     if (getrlimit(RLIMIT_NOFILE, &limit) == 0) {
         limit.rlim_cur = limit.rlim_max; /* two for each client */
         (void)setrlimit(RLIMIT_NOFILE, &limit);
     }
-    run(context);
+    measure(context);
     return LW_OK;
 }
 
 int main(int argc, char **argv) {
     struct bench b = {.clients = 1000, .payload = 1300, .tiles = 256, .seconds = 6};
     const struct lw_option table[] = {
-        {"clients", "N", "sessions (default 1000)", LW_OPTION_INT, &b.clients, 1, 9000, NULL},
+        BENCH_INT("clients", "sessions (default 1000)", &b.clients, 1, 9000),
         {"payload", "BYTES",
          "of a tile (default 1300, as the lossy codec makes them; the lossless one: 13000)", LW_OPTION_INT,
          &b.payload, 1, LW_MESSAGE_PAYLOAD_MAX, NULL},
-        {"tiles", "N", "of level 0; with the coarser ones a third more (default 256)", LW_OPTION_INT,
-         &b.tiles, 1, 4096, NULL},
-        {"never", "N", "clients more that never read, in every other round: tell what that costs the others",
-         LW_OPTION_INT, &b.never, 0, 9000, NULL},
+        BENCH_INT("tiles", "of level 0; with the coarser ones a third more (default 256)", &b.tiles, 1, 4096),
+        BENCH_INT("never",
+                  "clients more that never read, in every other round: tell what that costs the others",
+                  &b.never, 0, 9000),
         {"tls", NULL, "a row more: by TLS", LW_OPTION_FLAG, &b.by_tls, 0, 0, NULL},
         {"seconds", "S", "of each row or round (default 6: delays are told every 5)", LW_OPTION_REAL,
          &b.seconds, 0.01, 3600, NULL},
     };
-    return bench_main(&(struct bench_program){.name = "bench_fanout",
-                                              .about = "What it costs to hand snapshots to many sessions.",
-                                              .operand = "",
-                                              .table = table,
-                                              .count = sizeof table / sizeof table[0],
-                                              .runs_once = true,
-                                              .context = &b,
-                                              .run = run_once},
-                      argc, argv);
+    return BENCH_MAIN(argc, argv, table, .name = "bench_fanout",
+                      .about = "What it costs to hand snapshots to many sessions.", .operand = "",
+                      .context = &b, .runs_once = true);
 }

@@ -629,7 +629,7 @@ int main(int argc, char **argv) {
     static struct settings s = {
         .frames = 60, .width = 1280, .height = 720, .hz = 10, .slow = 4, .links = "0,3,1"};
     const struct lw_option table[] = {
-        {"frames", "N", "frames that are solved (default 60)", LW_OPTION_INT, &s.frames, 3, 10000, NULL},
+        BENCH_INT("frames", "frames that are solved (default 60)", &s.frames, 3, 10000),
         {"hz", "HZ", "of them for a second of the scene (default 10)", LW_OPTION_REAL, &s.hz, 0.1, 60, NULL},
         {"motion", "own|light", "what moves: as the scene says (default), or lamps alone", LW_OPTION_CHOICE,
          &s.motion, 0, 0, NULL},
@@ -644,13 +644,7 @@ int main(int argc, char **argv) {
         {"step-widest", "STEP", "of the codec, log2 (default: the publisher's)", LW_OPTION_REAL,
          &s.step_widest, 0, 2, NULL},
         {"csv", "FILE", "also write each frame there", LW_OPTION_STRING, &s.csv_path, 0, 0, NULL}};
-    return bench_main(
-        &(struct bench_program){.name = "bench_stream",
-                                .about = "What a walking client's view costs and how far it is off.",
-                                .table = table,
-                                .count = sizeof table / sizeof table[0],
-                                .open = &s.open,
-                                .context = &s,
-                                .run = run},
-        argc, argv);
+    return BENCH_MAIN(argc, argv, table, .name = "bench_stream",
+                      .about = "What a walking client's view costs and how far it is off.", .open = &s.open,
+                      .context = &s);
 }
