@@ -6,7 +6,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 # Lines of prose that may have such a pattern (scripts/prose.pl). The number may fall; it does not rise.
-prose_limit=19
+prose_limit=18
 
 # prose_of OPTIONS FILE...: comments and documents but reports that a program has written; no FILE: all
 prose_of() {

@@ -19,7 +19,7 @@
 enum lw_view_wait {
     LW_VIEW_WAIT_FIRST,     /* every object's coarsest light is there */
     LW_VIEW_WAIT_COMPLETE,  /* every tile that the view needs is there with all bounces */
-    LW_VIEW_WAIT_GOOD,      /* and little of their error is to be seen, or it falls no more (lw_settling) */
+    LW_VIEW_WAIT_GOOD,      /* and little of their error is to be seen, or it falls no more (lw_plateau) */
     LW_VIEW_WAIT_CONVERGED, /* and all of their errors are below the server's target */
     LW_VIEW_WAIT_SECONDS    /* so long after connecting, and the first light is there */
 };
