@@ -35,10 +35,10 @@
 #define DESCRIPTORS_SPARED 8u /* the highest, of which a server takes one */
 #define DESCRIPTORS_MAX    65536u
 
-#define DOORS 4
+#define ENDPOINTS 4
 
 /* Where connections come in. */
-struct door {
+struct endpoint {
     uv_stream_t *listener;
     struct lw_web_server **web; /* NULL: they are sessions by themselves */
     unsigned taken, most;       /* in a turn */
@@ -65,7 +65,7 @@ struct packer {
 
 struct lw_server {
     uv_loop_t loop;
-    struct door door[DOORS];
+    struct endpoint endpoint[ENDPOINTS];
     uv_tcp_t listener, http_listener, metrics_listener;
     uv_pipe_t control_listener;
     uv_tcp_t spare; /* for a connection that nothing else could take */
@@ -489,7 +489,7 @@ static void on_busy(uv_idle_t *handle) { (void)handle; }
 /* Sessions are due, or connections are held, when the loop would wait: it must not. */
 static void keep_busy(struct lw_server *server) {
     bool any = lw_turns_any_due(&server->shared);
-    for (int d = 0; d < DOORS; d++) any |= server->door[d].is_held;
+    for (int d = 0; d < ENDPOINTS; d++) any |= server->endpoint[d].is_held;
     if (any)
         uv_idle_start(&server->busy, on_busy);
     else
@@ -498,7 +498,7 @@ static void keep_busy(struct lw_server *server) {
 
 /* Wakes the thread of a relay when its clients have another interest, updates to forward, or other
  * channels. */
-static void tell_news(struct lw_server *server) {
+static void wake_relay(struct lw_server *server) {
     const uint32_t channels = server->shared.channels_taken;
     if (!server->hooks.news) return;
     uv_mutex_lock(&server->mutex);
@@ -511,7 +511,7 @@ static void tell_news(struct lw_server *server) {
 
 static void on_prepare(uv_prepare_t *handle) {
     hand_over_interest(handle->data);
-    tell_news(handle->data);
+    wake_relay(handle->data);
     keep_busy(handle->data);
 }
 
@@ -535,7 +535,7 @@ static void stop_when_empty(struct lw_server *server) {
 }
 
 /* What adds up since the start, for lw_server_get_stats(). */
-static void tell_sums(struct lw_server *server, uint64_t now_ns) {
+static void publish_sums(struct lw_server *server, uint64_t now_ns) {
     struct lw_session_shared *shared = &server->shared;
     LW_INVARIANT(now_ns >= server->ticked_ns);
     uv_mutex_lock(&shared->stats_mutex);
@@ -549,7 +549,7 @@ static void tell_sums(struct lw_server *server, uint64_t now_ns) {
 static void on_session_closed(void *context) {
     struct lw_server *server = context;
     if (!server->shared.first) {
-        tell_sums(server, lw_clock_ns());
+        publish_sums(server, lw_clock_ns());
         uv_timer_stop(&server->tick);
         uv_timer_stop(&server->lag);
     }
@@ -690,7 +690,7 @@ static void on_tick(uv_timer_t *handle) {
     uint64_t now_ns = lw_clock_ns();
     shared->epoch++;
     lw_peer_log_tell(&shared->log, now_ns);
-    tell_sums(server, now_ns);
+    publish_sums(server, now_ns);
     for (struct lw_session *s = shared->first, *next; s; s = next) {
         next = lw_session_next(s);
         lw_session_tick(s, now_ns, &waiting);
@@ -789,26 +789,26 @@ static void on_session_opened(void *context) {
 }
 
 /* Anybody may cause any number of these. */
-static void tell_not_accepted(struct lw_server *server, const char *why) {
+static void log_not_accepted(struct lw_server *server, const char *why) {
     static const struct lw_address nobody = {.bytes = {0}};
     if (lw_peer_log_allows(&server->shared.log, &nobody, "connections that were not accepted", lw_clock_ns()))
         lw_log(LW_LOG_WARNING, "cannot accept a connection: %s", why);
 }
 
-static void drop_connection(struct lw_server *server, struct door *door);
+static void drop_connection(struct lw_server *server, struct endpoint *endpoint);
 
 static void on_spare_closed(uv_handle_t *handle) {
     struct lw_server *server = handle->data;
     if (uv_is_closing((uv_handle_t *)&server->wake)) return; /* all of them are */
     (void)uv_tcp_init(&server->loop, &server->spare);        /* took no memory the first time, either */
-    for (int d = 0; d < DOORS; d++) drop_connection(server, &server->door[d]);
+    for (int d = 0; d < ENDPOINTS; d++) drop_connection(server, &server->endpoint[d]);
 }
 
 /* libuv tells of no further connection before the last one was taken. Where there was no memory for it, it is
  * taken to be closed; another one beside it waits until the spare handle is closed. */
-static void drop_connection(struct lw_server *server, struct door *door) {
-    if (!door->is_held && !uv_is_closing((uv_handle_t *)&server->spare) &&
-        uv_accept(door->listener, (uv_stream_t *)&server->spare) == 0)
+static void drop_connection(struct lw_server *server, struct endpoint *endpoint) {
+    if (!endpoint->is_held && !uv_is_closing((uv_handle_t *)&server->spare) &&
+        uv_accept(endpoint->listener, (uv_stream_t *)&server->spare) == 0)
         uv_close((uv_handle_t *)&server->spare, on_spare_closed);
 }
 
@@ -817,54 +817,54 @@ static const char *why_not(enum lw_status status) {
                                     : lw_status_text(status);
 }
 
-static void take_connection(struct lw_server *server, struct door *door) {
-    const enum lw_status status = door->web ? lw_web_server_accept(*door->web, door->listener)
-                                            : lw_tcp_transport_accept(&server->tcp, door->listener);
-    if (status != LW_OK) tell_not_accepted(server, why_not(status));
-    drop_connection(server, door);
+static void take_connection(struct lw_server *server, struct endpoint *endpoint) {
+    const enum lw_status status = endpoint->web ? lw_web_server_accept(*endpoint->web, endpoint->listener)
+                                                : lw_tcp_transport_accept(&server->tcp, endpoint->listener);
+    if (status != LW_OK) log_not_accepted(server, why_not(status));
+    drop_connection(server, endpoint);
 }
 
 /* One that is not taken in this turn keeps libuv from looking for more. */
 static void on_connection(uv_stream_t *listener, int result) {
     struct lw_server *server = listener->data;
-    struct door *door = server->door;
-    while (door->listener != listener) door++;
-    LW_INVARIANT_DEAR(!door->is_held || result < 0); /* libuv waits until the one before is taken */
+    struct endpoint *endpoint = server->endpoint;
+    while (endpoint->listener != listener) endpoint++;
+    LW_INVARIANT_DEAR(!endpoint->is_held || result < 0); /* libuv waits until the one before is taken */
     if (result < 0)
-        tell_not_accepted(server, uv_strerror(result));
-    else if (door->taken == door->most)
-        door->is_held = true;
+        log_not_accepted(server, uv_strerror(result));
+    else if (endpoint->taken == endpoint->most)
+        endpoint->is_held = true;
     else {
-        LW_INVARIANT(door->taken < door->most);
-        door->taken++;
-        take_connection(server, door);
+        LW_INVARIANT(endpoint->taken < endpoint->most);
+        endpoint->taken++;
+        take_connection(server, endpoint);
     }
 }
 
 static void take_held(struct lw_server *server) {
-    for (struct door *door = server->door; door < server->door + DOORS; door++) {
-        door->taken = door->is_held;
-        if (!door->is_held) continue;
-        door->is_held = false;
-        if (!uv_is_closing((uv_handle_t *)door->listener)) take_connection(server, door);
+    for (struct endpoint *endpoint = server->endpoint; endpoint < server->endpoint + ENDPOINTS; endpoint++) {
+        endpoint->taken = endpoint->is_held;
+        if (!endpoint->is_held) continue;
+        endpoint->is_held = false;
+        if (!uv_is_closing((uv_handle_t *)endpoint->listener)) take_connection(server, endpoint);
     }
 }
 
-static void init_doors(struct lw_server *server) {
+static void init_endpoints(struct lw_server *server) {
     const unsigned most = LW_SERVER_TURN_CONNECTIONS,
                    by_https = server->tcp.tls ? LW_SERVER_TURN_HTTPS_CONNECTIONS : most;
-    const struct door doors[DOORS] = {
+    const struct endpoint endpoints[ENDPOINTS] = {
         {.listener = (uv_stream_t *)&server->listener, .most = most},
         {.listener = (uv_stream_t *)&server->control_listener, .most = most},
         {.listener = (uv_stream_t *)&server->http_listener, .web = &server->web, .most = by_https},
         {.listener = (uv_stream_t *)&server->metrics_listener, .web = &server->metrics_web, .most = by_https},
     };
-    memcpy(server->door, doors, sizeof doors);
+    memcpy(server->endpoint, endpoints, sizeof endpoints);
 }
 
 /* ---- files that are read again ---- */
 
-static void tell_certificate(const struct lw_server *server) {
+static void log_certificate(const struct lw_server *server) {
     char about[256];
     lw_tls_context_about(server->tcp.tls, about, sizeof about);
     lw_log(LW_LOG_INFO, "TLS: %s", about);
@@ -874,7 +874,7 @@ static void reload_certificate(struct lw_server *server) {
     struct lw_error err = {0};
     if (!server->tcp.tls) return;
     if (lw_tls_context_reload(server->tcp.tls, &err) == LW_OK)
-        tell_certificate(server);
+        log_certificate(server);
     else
         lw_log(LW_LOG_ERROR, "the certificate stays as it was: %s", err.text);
 }
@@ -909,7 +909,7 @@ static enum lw_status read_certificate(struct lw_server *server, const struct lw
     if (status != LW_OK)
         lw_status_context(err, "--tls-certificate, --tls-key");
     else
-        tell_certificate(server);
+        log_certificate(server);
     return status;
 }
 
@@ -1296,7 +1296,7 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
     enum lw_status status = init_handles(server, err);
     if (status == LW_OK) status = read_tokens(server, desc, err);
     if (status == LW_OK) status = read_certificate(server, desc, err);
-    init_doors(server);
+    init_endpoints(server);
     if (status == LW_OK && !desc->is_unix_only)
         status = start_listening(&server->listener, desc->sockets ? &desc->sockets->listen : NULL,
                                  desc->host ? desc->host : "127.0.0.1", desc->port, "--listen", &server->port,

@@ -378,8 +378,8 @@ static enum lw_status open_client(const struct job *job, uint16_t port, struct c
     return status == LW_OK ? lw_attention_init(&c->attention, job->map.tile_count) : status;
 }
 
-static enum lw_status look(const struct job *job, struct client *c, const struct lw_compose_view *view,
-                           uint64_t frame) {
+static enum lw_status set_interest(const struct job *job, struct client *c,
+                                   const struct lw_compose_view *view, uint64_t frame) {
     const struct lw_compose_source source = lw_compose_source_of(c->link);
     lw_compose_survey(c->compose, &source, &c->pose, view);
     lw_attention_list(&c->attention, lw_compose_around(c->compose), lw_compose_around(c->compose),
@@ -425,7 +425,7 @@ static enum lw_status replay(const struct job *job, struct lw_server *server, st
         late += now_ns > due_ns + step_ns / 4;
         due_ns = (now_ns > due_ns ? now_ns : due_ns) + step_ns;
         lw_server_publish(server, job->moment[f].snapshot);
-        status = look(job, c, &view, f + 1);
+        status = set_interest(job, c, &view, f + 1);
         if (status == LW_OK) status = poll_until(c, due_ns, err);
         if (status == LW_OK) status = compose(job, c, &view, err);
         if (status != LW_OK) break;
@@ -452,7 +452,7 @@ static void *serve(void *context) {
     return NULL;
 }
 
-static void tell(const struct job *job, double link, const struct figures *f) {
+static void print_link(const struct job *job, double link, const struct figures *f) {
     const struct settings *s = job->settings;
     const uint32_t second = (uint32_t)ceil(s->hz), frames = (uint32_t)s->frames;
     double mbit = 0, peak = 0, error = 0, of_link = 0, worst = 0, joined = (double)NAN;
@@ -504,7 +504,7 @@ static enum lw_status run_link(struct job *job, double link, bool quiet, struct 
     if (pthread_create(&thread, NULL, serve, server) != 0) return lw_status_fail(err, LW_OS, "a thread");
     status = open_client(job, lw_server_port(server), &client, err);
     if (status == LW_OK && !quiet) status = replay(job, server, &client, &figures, err);
-    if (status == LW_OK && !quiet) tell(job, link, &figures);
+    if (status == LW_OK && !quiet) print_link(job, link, &figures);
     lw_server_stop(server);
     pthread_join(thread, NULL);
     close_client(&client);
@@ -553,7 +553,7 @@ static enum lw_status prepare(struct job *job, struct lw_error *err) {
     return status;
 }
 
-static void tell_steps(const struct job *job) {
+static void print_steps(const struct job *job) {
     const struct settings *s = job->settings;
     const uint32_t second = (uint32_t)ceil(s->hz), frames = (uint32_t)s->frames;
     double off[STEPS] = {0};
@@ -577,7 +577,7 @@ static enum lw_status light_all(struct job *job, struct lw_error *err) {
     for (uint64_t f = 1; status == LW_OK && f <= (uint64_t)job->settings->frames; f++)
         status = light_frame(job, &light, f, err);
     close_light(&light);
-    if (status == LW_OK) tell_steps(job);
+    if (status == LW_OK) print_steps(job);
     return status;
 }
 

@@ -206,7 +206,7 @@ static enum lw_status look_at_view(struct scene *s, uint32_t i, struct lw_error 
     return status;
 }
 
-static enum lw_status look(struct scene *s, struct lw_error *err) {
+static enum lw_status print_views(struct scene *s, struct lw_error *err) {
     const struct settings *o = s->settings;
     struct lw_scene_motion_report report;
     enum lw_status status = lw_scene_motion_set(s->scene, (enum lw_scene_motion)o->motion, &report, err);
@@ -231,7 +231,7 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     if (status != LW_OK) return status;
     status = o->pick ? lw_fixed_views_pick(&s.views, s.scene, (unsigned)o->open.threads, err)
                      : lw_fixed_views_init(&s.views, s.scene, (unsigned)o->open.threads, err);
-    if (status == LW_OK) status = look(&s, err);
+    if (status == LW_OK) status = print_views(&s, err);
     lw_path_world_finish(&s.world);
     lw_scene_destroy(s.scene);
     return status;

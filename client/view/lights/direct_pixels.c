@@ -140,7 +140,7 @@ static void mark_close(struct lw_direct_pixels *d, uint32_t object, const struct
 }
 
 /* Notes where objects are, and places the clusters again for which that matters. */
-static void follow(struct lw_direct_pixels *d, const struct lw_pose *pose, bool all) {
+static void update_places(struct lw_direct_pixels *d, const struct lw_pose *pose, bool all) {
     bool moved = all;
     for (uint32_t i = 0; i < d->clusters.count; i++) d->dirty[i] = all;
     for (uint32_t o = 0; o < d->desc.scene->object_count; o++) {
@@ -301,7 +301,7 @@ void lw_direct_pixels_begin(struct lw_direct_pixels *d, const struct lw_pose *po
                 lw_sampling_point(lw_random_hash2(d->seed, v), k, i, d->point[v][k][i]);
     if (materials_differ(d) || !d->ready) build(d, pose);
     if (!d->ready) return;
-    follow(d, pose, d->fresh);
+    update_places(d, pose, d->fresh);
     d->fresh = false;
     d->lights.punctual = pose->light;
     list_candidates(d, pose);
@@ -640,7 +640,7 @@ struct job {
 };
 
 /* Notes what a pixel's ray has found. */
-static void note(struct lw_direct_work *w, uint32_t pixel, bool lit) {
+static void note_shadow_ray(struct lw_direct_work *w, uint32_t pixel, bool lit) {
     const uint32_t bit = 1u << column_of(pixel);
     w->lit[pixel] += lit;
     w->state[pixel / LANES] |= lit ? LIT : DARK;
@@ -653,7 +653,7 @@ static void flush(struct job *job) {
     const uint16_t active = (uint16_t)((1u << w->waiting) - 1u);
     const uint16_t occluded =
         lw_trace_occluded16(job->direct->desc.trace, LW_TRACE_COHERENT, active, &w->rays);
-    for (uint32_t i = 0; i < w->waiting; i++) note(w, w->pixel[i], !(occluded >> i & 1u));
+    for (uint32_t i = 0; i < w->waiting; i++) note_shadow_ray(w, w->pixel[i], !(occluded >> i & 1u));
     job->tile->rays += w->waiting;
     w->waiting = 0;
 }
@@ -696,7 +696,7 @@ static void shoot(struct job *job, uint32_t pixel, uint32_t k) {
         if (!lw_emitter_clusters_aim(&d->clusters, &d->clusters.cluster[index], share_of(job, block, origin),
                                      origin, lw_vec3(p->nx[lane], p->ny[lane], p->nz[lane]), point[0],
                                      point[1], &way, &end)) {
-            note(w, pixel, false);
+            note_shadow_ray(w, pixel, false);
             return;
         }
         break;

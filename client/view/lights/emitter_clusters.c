@@ -53,7 +53,7 @@ static uint32_t root_of(uint32_t *parent, uint32_t i) {
     return i;
 }
 
-static void join(uint32_t *parent, uint32_t a, uint32_t b) {
+static void unite(uint32_t *parent, uint32_t a, uint32_t b) {
     a = root_of(parent, a), b = root_of(parent, b);
     if (a < b)
         parent[b] = a;
@@ -82,7 +82,7 @@ static void join_neighbours(struct search *s, size_t corners) {
     qsort(s->corner, corners, sizeof *s->corner, by_place);
     for (size_t i = 1; i < corners; i++)
         if (is_one_place(&s->corner[i - 1], &s->corner[i]))
-            join(s->parent, s->corner[i - 1].emitter, s->corner[i].emitter);
+            unite(s->parent, s->corner[i - 1].emitter, s->corner[i].emitter);
 }
 
 /* Triangles that touch. */
@@ -257,7 +257,7 @@ static void quarter_all(struct lw_emitter_cluster *cluster) {
 }
 
 /* Its share of a side that it is only a part of. */
-static float part_of(const struct lw_emitter_facet *facet) {
+static float part_area(const struct lw_emitter_facet *facet) {
     const struct lw_vec2 *c = facet->corner;
     return fabsf(lw_vec2_twice_area(c[0], c[1], c[2]));
 }
@@ -269,7 +269,7 @@ static struct lw_vec2 within_part(const struct lw_emitter_facet *facet, struct l
 }
 
 static void place_facet(struct lw_emitter_clusters *clusters, struct lw_emitter_facet *facet) {
-    const float part = part_of(facet);
+    const float part = part_area(facet);
     const struct lw_vec2 middle = within_part(facet, (struct lw_vec2){1.0f / 3, 1.0f / 3});
     struct lw_vec3 centre = {0}, normal = {0};
     float power = 0, area = 0;

@@ -475,7 +475,7 @@ static void set_wipe(struct lw_window *w, int x) {
     if (w->compare == COMPARE_SIDE_BY_SIDE) w->redraw = true;
 }
 
-static void hold(struct lw_window *w, SDL_Scancode key, bool down) {
+static void set_key_held(struct lw_window *w, SDL_Scancode key, bool down) {
     if ((unsigned)key < SDL_NUM_SCANCODES) w->held[key] = down;
 }
 
@@ -489,10 +489,10 @@ static enum lw_status take_events(struct lw_window *w, int wait_ms, struct lw_er
             w->quit = true;
             break;
         case SDL_KEYUP:
-            hold(w, event.key.keysym.scancode, false);
+            set_key_held(w, event.key.keysym.scancode, false);
             break;
         case SDL_KEYDOWN:
-            hold(w, event.key.keysym.scancode, true);
+            set_key_held(w, event.key.keysym.scancode, true);
             if (!event.key.repeat) press(w, event.key.keysym.sym, (event.key.keysym.mod & KMOD_SHIFT) != 0);
             break;
         case SDL_MOUSEBUTTONDOWN:

@@ -247,8 +247,8 @@ static enum lw_status choose_materials(struct lw_foreign_meshes *meshes, const u
     return LW_OK;
 }
 
-static enum lw_status finish(struct lw_foreign_meshes *meshes, const struct aiString *name,
-                             struct lw_mesh *out, struct lw_error *err) {
+static enum lw_status end_mesh(struct lw_foreign_meshes *meshes, const struct aiString *name,
+                               struct lw_mesh *out, struct lw_error *err) {
     uint8_t *closed = malloc(meshes->builder.triangle_count + 1ul);
     if (!closed) return lw_status_fail(err, LW_NO_MEMORY, "out of memory for triangles");
     if (!lw_mesh_sides_find(&meshes->builder, closed, err)) (void)choose_materials(meshes, closed, err);
@@ -277,6 +277,6 @@ enum lw_status lw_foreign_meshes_convert(struct lw_foreign_meshes *meshes, const
     if (meshes->builder.triangle_count == 0) return LW_OK;
     const struct aiString *name = &ai->mMeshes[index[0]]->mName;
     if (meshes->is_bright) lw_tally_add(&meshes->bright, name->data);
-    if (finish(meshes, name, out, err)) name_mesh(ai, index[0], err);
+    if (end_mesh(meshes, name, out, err)) name_mesh(ai, index[0], err);
     return err->status;
 }

@@ -70,8 +70,8 @@ static enum lw_status load(struct lw_gltf_bytes bytes, const char *name, const c
 }
 
 /* Ends a load: the error starts with the file's name. */
-static enum lw_status finish(enum lw_status status, const char *name, const struct lw_error *own,
-                             struct lw_error *err) {
+static enum lw_status name_error(enum lw_status status, const char *name, const struct lw_error *own,
+                                 struct lw_error *err) {
     if (status == LW_OK) return LW_OK;
     struct lw_error named = *own;
     lw_status_context(&named, "%s", name);
@@ -83,7 +83,7 @@ enum lw_status lw_gltf_load_bytes(const uint8_t *bytes, size_t size, const char 
                                   struct lw_error *err) {
     struct lw_error own = {0};
     enum lw_status status = load((struct lw_gltf_bytes){bytes, size}, name, NULL, options, out_scene, &own);
-    return finish(status, name, &own, err);
+    return name_error(status, name, &own, err);
 }
 
 enum lw_status lw_gltf_load_memory(const uint8_t *bytes, size_t size, const char *name,
@@ -110,5 +110,5 @@ enum lw_status lw_gltf_load(const char *path, const struct lw_gltf_options *opti
     if (status == LW_OK) status = load(bytes, path, folder, options, out_scene, &own);
     free(storage);
     free(folder);
-    return finish(status, path, &own, err);
+    return name_error(status, path, &own, err);
 }

@@ -32,7 +32,7 @@ void lw_gltf_finishes_finish(struct lw_gltf_finishes *finishes) {
 
 /* ---- numbers ---- */
 
-static void tell(struct lw_tally *tally, const struct reader *r, const char *key, float value) {
+static void add_to_tally(struct lw_tally *tally, const struct reader *r, const char *key, float value) {
     char name[80];
     snprintf(name, sizeof name, "%.30s: %.24s %g", r->name, key, (double)value);
     lw_tally_add(tally, name);
@@ -40,7 +40,7 @@ static void tell(struct lw_tally *tally, const struct reader *r, const char *key
 
 static float within(struct reader *r, const char *key, float value, float high) {
     if (value >= 0 && value <= high) return value;
-    tell(&r->finishes->out_of_range, r, key, value);
+    add_to_tally(&r->finishes->out_of_range, r, key, value);
     return value < 0 ? 0 : high;
 }
 
@@ -113,7 +113,7 @@ static enum lw_status read_ior(struct reader *r, const json_t *extension, struct
         lw_status_context(err, "KHR_materials_ior");
         return err->status;
     }
-    if (said < 1 && said != 0) tell(&r->finishes->low_ior, r, "ior", said);
+    if (said < 1 && said != 0) add_to_tally(&r->finishes->low_ior, r, "ior", said);
     *ior = said < 0 ? IOR_DEFAULT : said == 0 ? IOR_MIRROR : fminf(said < 1 ? 1 / said : said, IOR_MAX);
     return LW_OK;
 }

@@ -131,7 +131,7 @@ static bool load_texel(const struct tga *tga, const uint8_t *at, uint8_t out[4])
 }
 
 /* Texel number `index` in the order of the file. */
-static uint8_t *place(const struct tga *tga, uint64_t index, uint8_t *rgba) {
+static uint8_t *texel_at(const struct tga *tga, uint64_t index, uint8_t *rgba) {
     uint64_t x = index % tga->width, y = index / tga->width;
     if (tga->from_right) x = tga->width - 1 - x;
     if (!tga->from_top) y = tga->height - 1 - y;
@@ -154,7 +154,7 @@ static enum lw_status decode(struct tga *tga, uint8_t *rgba, struct lw_error *er
         if ((tga->size - tga->at) / tga->texel_bytes < read) return fail_short(err);
         for (uint64_t i = 0; i < count; i++) {
             const uint8_t *at = tga->bytes + tga->at + (repeat ? 0 : i * tga->texel_bytes);
-            if (!load_texel(tga, at, place(tga, done + i, rgba)))
+            if (!load_texel(tga, at, texel_at(tga, done + i, rgba)))
                 return lw_status_fail(err, LW_BAD_DATA, "texel %llu is past its palette",
                                       (unsigned long long)(done + i));
         }

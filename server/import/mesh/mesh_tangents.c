@@ -95,7 +95,7 @@ static enum lw_status init(struct rule *r, const struct lw_scene *scene, const s
     return LW_OK;
 }
 
-static void finish(struct rule *r) {
+static void free_rule(struct rule *r) {
     free(r->recent_key);
     free(r->recent_material);
     free(r->table);
@@ -133,7 +133,7 @@ static uint32_t *slot_of(const struct rule *r, const struct key *key) {
     return &r->table[slot];
 }
 
-static enum lw_status grow(struct rule *r, struct lw_error *err) {
+static enum lw_status grow_keys(struct rule *r, struct lw_error *err) {
     const uint32_t capacity = r->key_capacity ? 2 * r->key_capacity : TABLE_SIZE_MIN / 2;
     struct key *key = reallocarray(r->key, capacity, sizeof *key);
     if (!key) return no_memory(err);
@@ -154,7 +154,7 @@ static enum lw_status find_point(struct rule *r, uint32_t vertex, uint32_t trian
     const uint32_t material = r->mesh->material[triangle];
     if (r->recent_material[vertex] != material) {
         const struct key key = key_of(r, vertex, triangle);
-        if (r->key_count == r->key_capacity && grow(r, err)) return err->status;
+        if (r->key_count == r->key_capacity && grow_keys(r, err)) return err->status;
         uint32_t *slot = slot_of(r, &key);
         if (*slot == NONE) {
             *slot = r->key_count;
@@ -327,7 +327,7 @@ static enum lw_status compute(const struct lw_scene *scene, const struct lw_mesh
         measure_faces(&rule);
         fill_groups(&rule, out);
     }
-    finish(&rule);
+    free_rule(&rule);
     return err->status;
 }
 

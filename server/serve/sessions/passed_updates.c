@@ -43,7 +43,7 @@ static bool grow(struct lw_passed_updates *u) {
     return true;
 }
 
-static void drop(struct lw_passed_updates *u, struct lw_passed_updates_entry *e) {
+static void drop_entry(struct lw_passed_updates *u, struct lw_passed_updates_entry *e) {
     LW_INVARIANT(e >= u->entry && e < u->entry + u->entry_count);
     free(e->up.change);
     if (!e->is_taken) u->change_count -= e->up.change_count;
@@ -171,7 +171,7 @@ bool lw_passed_updates_next(struct lw_passed_updates *u, uint64_t frame,
             *out_done = (struct lw_passed_updates_done){.session = e->session, .is_lost = true};
         }
         free(e->added);
-        drop(u, e);
+        drop_entry(u, e);
     }
     uv_mutex_unlock(&u->mutex);
     return any;

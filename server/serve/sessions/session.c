@@ -83,7 +83,7 @@ static bool take_place(struct lw_session *s) {
     return s->has_place || s->is_turned_away;
 }
 
-static void give_place(struct lw_session *s) {
+static void give_place_back(struct lw_session *s) {
     struct lw_session_shared *shared = s->shared;
     if (s->has_place) lw_address_places_give(&shared->places, &s->peer.at);
     if (s->is_turned_away) lw_address_places_give(&shared->turned_away, &s->peer.at);
@@ -188,7 +188,7 @@ void lw_session_close(struct lw_session *s, const char *reason) {
     if (s->state == LW_SESSION_CLOSED) return;
     if (s->welcomed) lw_session_tell(s, "left: %s", reason);
     end_service(s);
-    give_place(s);
+    give_place_back(s);
     lw_session_queues_dequeue(s);
     lw_session_queues_leave_inbox(s);
     s->state = LW_SESSION_CLOSED;

@@ -29,7 +29,7 @@ static void forget_jumps(struct lw_deltas_of_tile *of) {
     }
 }
 
-static void forget(struct lw_deltas_of_tile *of, uint32_t count) {
+static void drop_oldest(struct lw_deltas_of_tile *of, uint32_t count) {
     LW_INVARIANT(count <= of->count && of->count <= LW_DELTAS_KEPT);
     for (uint32_t i = 0; i < count; i++) {
         lw_blob_unref(of->base[i].whole);
@@ -40,17 +40,17 @@ static void forget(struct lw_deltas_of_tile *of, uint32_t count) {
     memmove(of->base, of->base + count, of->count * sizeof of->base[0]);
 }
 
-static void finish(struct lw_deltas_of_tile *tile, uint32_t tile_count) {
+static void free_tiles(struct lw_deltas_of_tile *tile, uint32_t tile_count) {
     for (uint32_t t = 0; tile && t < tile_count; t++) {
-        forget(&tile[t], tile[t].count);
+        drop_oldest(&tile[t], tile[t].count);
         lw_blob_unref(tile[t].whole);
     }
     free(tile);
 }
 
 void lw_deltas_finish(struct lw_deltas *deltas) {
-    finish(deltas->tile, deltas->tile_count);
-    finish(deltas->coarse, deltas->tile_count);
+    free_tiles(deltas->tile, deltas->tile_count);
+    free_tiles(deltas->coarse, deltas->tile_count);
     *deltas = (struct lw_deltas){0};
 }
 
@@ -67,9 +67,9 @@ static void add(struct lw_deltas_of_tile *of, uint64_t version, struct lw_blob *
     LW_INVARIANT(version > of->version);
     forget_jumps(of);
     if (!goes_on)
-        forget(of, of->count);
+        drop_oldest(of, of->count);
     else if (of->count == LW_DELTAS_KEPT)
-        forget(of, 1);
+        drop_oldest(of, 1);
     if (goes_on)
         of->base[of->count++] =
             (struct lw_delta_base){.version = of->version, .whole = of->whole, .delta = lw_blob_ref(delta)};
@@ -86,7 +86,7 @@ void lw_deltas_add(struct lw_deltas *deltas, uint32_t tile, const struct lw_snap
 }
 
 static void begin_life(struct lw_deltas_of_tile *of) {
-    forget(of, of->count);
+    drop_oldest(of, of->count);
     lw_blob_unref(of->whole);
     *of = (struct lw_deltas_of_tile){.life = of->life + 1};
 }

@@ -206,7 +206,7 @@ static int write_by_tls(struct link *link, struct lw_blob *const *blob, uint32_t
 }
 
 /* Before the handshake is done a session says one thing: that it is refused. */
-static int hold(struct link *link, struct lw_blob *const *blob, uint32_t count) {
+static int hold_refusal(struct link *link, struct lw_blob *const *blob, uint32_t count) {
     LW_INVARIANT(count == 1 && !link->held);
     (void)count;
     link->held = blob[0];
@@ -224,7 +224,7 @@ static int write_blobs(struct lw_session_transport *transport, struct lw_blob *c
         bytes += blob[i]->size;
     }
     if (link->tls == TLS_READY) return write_by_tls(link, blob, count, bytes);
-    if (link->tls == TLS_EXPECTS || link->tls == TLS_SHAKES_HANDS) return hold(link, blob, count);
+    if (link->tls == TLS_EXPECTS || link->tls == TLS_SHAKES_HANDS) return hold_refusal(link, blob, count);
     if (link->tls == TLS_FAILED) {
         unref_all(blob, count);
         return (int)bytes;
@@ -277,7 +277,7 @@ static void waiting(const struct lw_session_transport *transport, size_t *out_ou
 /* ---- reading ---- */
 
 /* Sends the held message. */
-static void let_go(struct link *link) {
+static void send_held(struct link *link) {
     struct lw_blob *blob = link->held;
     LW_INVARIANT(link->tls != TLS_EXPECTS && link->tls != TLS_SHAKES_HANDS); /* else it is held again */
     link->held = NULL;
@@ -293,7 +293,7 @@ static void refuse_plain(struct link *link) {
     link->tls = TLS_NONE;
     lw_tls_stream_destroy(link->stream);
     link->stream = NULL;
-    let_go(link);
+    send_held(link);
     lw_session_refuse(link->session, LW_REFUSAL_PROTOCOL, "this server speaks TLS alone: connect with --tls");
 }
 
@@ -303,7 +303,7 @@ static void fail_tls(struct link *link, enum lw_status status, const char *why) 
         return;
     }
     link->tls = TLS_FAILED;
-    let_go(link);
+    send_held(link);
     lw_session_refuse(link->session, LW_REFUSAL_PROTOCOL, "TLS: %s", why);
 }
 
@@ -342,7 +342,7 @@ static void receive_by_tls(struct link *link, const uint8_t *bytes, size_t size)
     if (shakes_hands) shared->handshakes_ns += lw_clock_ns() - began_ns;
     if (status == LW_OK && shakes_hands && lw_tls_stream_is_ready(link->stream)) {
         link->tls = TLS_READY;
-        let_go(link);
+        send_held(link);
     }
     if (status != LW_OK)
         fail_tls(link, status, err.text);

@@ -122,7 +122,7 @@ static enum lw_status read_identity(const struct lw_tls_context_desc *desc, stru
 /* ---- contexts ---- */
 
 /* The certificate or the key may be of a kind that OpenSSL does not take: 512 bits of RSA. */
-static enum lw_status show(const struct identity *identity, SSL_CTX *ssl) {
+static enum lw_status use_identity(const struct identity *identity, SSL_CTX *ssl) {
     const int done =
         SSL_CTX_use_cert_and_key(ssl, identity->certificate, identity->key, identity->issuers, 1);
     ERR_clear_error();
@@ -132,7 +132,7 @@ static enum lw_status show(const struct identity *identity, SSL_CTX *ssl) {
 static enum lw_status try_out(const struct lw_tls_context_desc *desc, const struct identity *identity,
                               struct lw_error *err) {
     SSL_CTX *ssl = SSL_CTX_new(TLS_server_method());
-    enum lw_status status = ssl ? show(identity, ssl) : LW_NO_MEMORY;
+    enum lw_status status = ssl ? use_identity(identity, ssl) : LW_NO_MEMORY;
     SSL_CTX_free(ssl);
     if (status == LW_BAD_DATA)
         return lw_status_fail(err, status, "the key %s is too weak, or of a kind that TLS 1.3 has not",
@@ -150,7 +150,7 @@ enum lw_status lw_tls_context_create(const struct lw_tls_context_desc *desc,
     if (status == LW_OK) {
         context->ssl = SSL_CTX_new(TLS_server_method());
         status = context->ssl ? lw_tls_stream_set_up(context->ssl) : LW_NO_MEMORY;
-        if (status == LW_OK) status = show(&context->identity, context->ssl);
+        if (status == LW_OK) status = use_identity(&context->identity, context->ssl);
         if (status != LW_OK) lw_status_fail(err, status, "out of memory for TLS");
     }
     if (status == LW_OK)
@@ -172,9 +172,10 @@ enum lw_status lw_tls_context_reload(struct lw_tls_context *context, struct lw_e
     enum lw_status status = read_identity(&context->desc, &identity, err);
     if (status != LW_OK) return status;
     if ((status = try_out(&context->desc, &identity, err)) == LW_OK) {
-        status = show(&identity, context->ssl);
+        status = use_identity(&identity, context->ssl);
         for (unsigned i = 0; i < FOLLOWERS_MAX; i++)
-            if (context->follower[i] && status == LW_OK) status = show(&identity, context->follower[i]);
+            if (context->follower[i] && status == LW_OK)
+                status = use_identity(&identity, context->follower[i]);
         if (status != LW_OK) lw_status_fail(err, status, "out of memory for TLS");
     }
     if (status != LW_OK) {
@@ -196,7 +197,7 @@ enum lw_status lw_tls_context_lead(struct lw_tls_context *context, struct ssl_ct
         LW_INVARIANT(context->follower[at] != follower); /* else one place would be given back of two */
     if (at == FOLLOWERS_MAX) return LW_INTERNAL;
     enum lw_status status = lw_tls_stream_set_up(follower);
-    if (status == LW_OK) status = show(&context->identity, follower);
+    if (status == LW_OK) status = use_identity(&context->identity, follower);
     if (status == LW_OK) context->follower[at] = follower;
     return status;
 }

@@ -354,22 +354,22 @@ static bool take_place(struct lw_web_server *server, const struct lw_address *at
     return true;
 }
 
-static void give_place(struct lw_web_server *server, const struct lw_address *at) {
+static void give_place_back(struct lw_web_server *server, const struct lw_address *at) {
     lw_address_places_give(&server->places, at);
     LW_INVARIANT(server->connection_count > 0);
     server->connection_count--;
 }
 
-static void forget(struct lws *wsi, struct connection *c) {
+static void free_connection(struct lws *wsi, struct connection *c) {
     lws_set_opaque_user_data(wsi, NULL);
-    if (!c->socket) give_place(c->server, &c->at);
+    if (!c->socket) give_place_back(c->server, &c->at);
     lw_ws_transport_destroy(c->socket);
     free(c->made);
     free(c);
 }
 
 /* libwebsockets has made an SSL_CTX. */
-static int follow(struct lw_web_server *server, struct ssl_ctx_st *ssl) {
+static int set_identity(struct lw_web_server *server, struct ssl_ctx_st *ssl) {
     if (!server->tls || lw_tls_context_lead(server->tls, ssl) != LW_OK) return 1;
     server->ssl = ssl;
     return 0;
@@ -378,7 +378,7 @@ static int follow(struct lw_web_server *server, struct ssl_ctx_st *ssl) {
 static int on_http(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t size) {
     (void)size;
     if (reason == LWS_CALLBACK_OPENSSL_LOAD_EXTRA_SERVER_VERIFY_CERTS)
-        return follow(lws_context_user(lws_get_context(wsi)), user);
+        return set_identity(lws_context_user(lws_get_context(wsi)), user);
     struct connection *c = wsi ? connection_of(wsi) : NULL;
     if (!c) return 0;
     switch (reason) {
@@ -394,7 +394,7 @@ static int on_http(struct lws *wsi, enum lws_callback_reasons reason, void *user
     case LWS_CALLBACK_HTTP_BODY:
         return -1;
     case LWS_CALLBACK_WSI_DESTROY:
-        forget(wsi, c);
+        free_connection(wsi, c);
         return 0;
     default:
         return 0;
@@ -405,7 +405,7 @@ static int open_socket(struct lws *wsi, struct connection *c) {
     LW_INVARIANT(!c->socket); /* it is opened once: its place is given back here */
     c->socket = lw_ws_transport_open(&c->server->sockets, wsi);
     if (!c->socket) return -1;
-    give_place(c->server, &c->at); /* it has one of a session now */
+    give_place_back(c->server, &c->at); /* it has one of a session now */
     return 0;
 }
 
@@ -433,7 +433,7 @@ static int on_socket(struct lws *wsi, enum lws_callback_reasons reason, void *us
         if (c->socket) lw_ws_transport_lost(c->socket);
         return 0;
     case LWS_CALLBACK_WSI_DESTROY:
-        forget(wsi, c);
+        free_connection(wsi, c);
         return 0;
     default:
         return 0;
@@ -461,7 +461,7 @@ static enum lw_status take_descriptor(struct lw_web_server *server, uv_stream_t 
             lw_session_may_connect(server->sockets.sessions, out_at) && take_place(server, out_at);
         *out_descriptor = may ? fcntl(accepted, F_DUPFD_CLOEXEC, 0) : -1;
         status = !may ? LW_UNAVAILABLE : *out_descriptor < 0 ? LW_OS : LW_OK;
-        if (may && status != LW_OK) give_place(server, out_at);
+        if (may && status != LW_OK) give_place_back(server, out_at);
     }
     uv_close((uv_handle_t *)tcp, on_handle_closed);
     return status;
@@ -474,7 +474,7 @@ enum lw_status lw_web_server_accept(struct lw_web_server *server, uv_stream_t *l
     if (status != LW_OK) return status;
     struct connection *c = calloc(1, sizeof *c);
     if (!c) {
-        give_place(server, &at);
+        give_place_back(server, &at);
         close(descriptor);
         return LW_NO_MEMORY;
     }
@@ -482,7 +482,7 @@ enum lw_status lw_web_server_accept(struct lw_web_server *server, uv_stream_t *l
     c->at = at;
     struct lws *wsi = lws_adopt_socket_vhost(server->vhost, descriptor);
     if (!wsi) { /* libwebsockets has closed it */
-        give_place(server, &c->at);
+        give_place_back(server, &c->at);
         free(c);
         return LW_OS;
     }
