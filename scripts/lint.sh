@@ -139,6 +139,7 @@ common/lightmap/lightmap_split common/lightmap/lightmap_chart
 common/options_manual common/options
 server/import/foreign/foreign_import server/import/foreign/foreign
 server/import/gltf/gltf_meshopt server/import/gltf/gltf_document
+server/serve/server_private server/serve/server
 server/serve/sessions/session_private server/serve/sessions/session
 server/serve/sessions/turns server/serve/sessions/session'
 found=$(inclusions '*.[ch]' | sed 's/\.[ch]\b//g' | awk '$1 != $2' | grep -vxF "$parts" | circle || true)
