@@ -145,6 +145,13 @@ server/serve/sessions/turns server/serve/sessions/session'
 found=$(inclusions '*.[ch]' | sed 's/\.[ch]\b//g' | awk '$1 != $2' | grep -vxF "$parts" | circle || true)
 if [ -n "$found" ]; then complain "modules include each other; a part that needs its whole is listed in scripts/lint.sh:"$'\n'"$found"; fi
 
+# A folder with more modules than a reader takes in at a glance holds more than one trade.
+modules_max=25
+crowded=$(git ls-files {common,proto,server,client,relay}/'*.c' | while read -r file; do
+    if [ -e "${file%.c}.h" ]; then dirname "$file"; fi
+done | sort | uniq -c | awk -v most=$modules_max '$1 > most { print "    " $2 ": " $1 }')
+if [ -n "$crowded" ]; then complain "folders with over $modules_max modules want rooms:"$'\n'"$crowded"; fi
+
 # The first line of a header names the header.
 found=$(git ls-files '*.h' | while read -r header; do
     head -1 "$header" | grep -qE "^/\*\*?( @file)? ${header##*/}\b" || echo "    $header"
